@@ -5,7 +5,7 @@ HUM = '''"""An effect."""
 from dataclasses import dataclass
 from typing import ClassVar
 
-from hubodo.effects.base import Chain, Effect, parameter
+from hubodo.effects.base import Effect, SensorChain, parameter
 
 
 @dataclass(frozen=True)
@@ -16,6 +16,6 @@ class Hum(Effect):
     meaning: ClassVar[str] = "the gyro hums"
     k: float = parameter("rad/s", 0.01)
 
-    def offset(self, chain: Chain) -> None:
+    def add_offsets(self, chain: SensorChain) -> None:
         chain.gyro[2] += self.k
 '''

@@ -72,7 +72,7 @@ def drive(folder: Path) -> Recording:
     """A loop of two nodes with the reference and the truth; its model.toml is in the folder."""
     (folder / "model.toml").write_text(MODEL, "utf-8")
     model = read_model(folder / "model.toml")
-    inputs = loop_drive(np.random.default_rng(3), rest=5.0, moving=SECONDS - 6.0)
+    inputs = loop_drive(np.random.default_rng(3), rest_time=5.0, driving_time=SECONDS - 6.0)
     return experiments.simulate(model, Experiment("loop", inputs), RATE, 50.0, 3)
 
 

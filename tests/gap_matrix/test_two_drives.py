@@ -56,7 +56,7 @@ def test_the_verb_compares_two_logs(tmp_path):
     logs = ("--before", tmp_path / "a", "--after", tmp_path / "b", "-o", tmp_path / "out")
     code, out, err = verb(tmp_path / "a" / "model.toml", *logs)
     assert code == 0, err
-    assert "the wheel has another radius than the model says (all nodes)" in out
+    assert "the wheel radius differs from the model (all nodes)" in out
     told = json.loads((tmp_path / "out" / "change.json").read_text("utf-8"))
     error = told["changes"][0]["parameters"]["error"]
     assert abs(error["change"]["value"] - worn.parameters["error"]) < 3.0 * error["change"]["sigma"]

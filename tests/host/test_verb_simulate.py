@@ -14,8 +14,8 @@ from hubodo.earth import EARTH_RATE
 from hubodo.log.csv_folder import read_folder
 from hubodo.log.recording_reader import read_recording
 from hubodo.log.recording_writer import write_recording
-from hubodo.model.bench import Handled, Programme
-from hubodo.model.inputs import Earth
+from hubodo.model.bench import Handled, TurntableProgramme
+from hubodo.model.inputs import EarthRotation
 from hubodo.recording import Recording, Table
 
 G = 9.80665
@@ -262,7 +262,7 @@ def test_a_number_in_the_place_of_an_input_is_driven(tmp_path):
 
 
 def test_a_table_stands_and_turns_by_its_programme():
-    inputs, report = Programme((0.0, np.pi), 5.0, 2.0).table(21.0, Earth(0.5))
+    inputs, report = TurntableProgramme((0.0, np.pi), 5.0, 2.0).inputs_and_record(21.0, EarthRotation(0.5))
     np.testing.assert_allclose(
         inputs.yaw_rate.integral(np.array([4.9, 7.0, 11.9, 14.0])), [0, np.pi, np.pi, 0], atol=1e-6
     )
@@ -276,7 +276,9 @@ def test_a_table_stands_and_turns_by_its_programme():
 
 def test_a_node_carried_by_hand_turns_as_its_attitudes_say():
     """Against attitudes differentiated numerically."""
-    made = Handled(Rotation.random(4, rng=np.random.default_rng(1)), rest=1.0, turn=2.0, latitude=0.8)
+    made = PoseSequence(
+        Rotation.random(4, rng=np.random.default_rng(1)), rest_time=1.0, turn_time=2.0, latitude=0.8
+    )
     assert made.duration == 10.0
     h = 1e-5
 

@@ -116,7 +116,8 @@ def test_the_report_lies_beside_the_page_and_it_warns_as_info_does(demo):
 
 def test_a_second_ride_is_the_first_bit_by_bit(tmp_path):
     scenario = replace(
-        make_scenario(SEED, MOVING), drive=loop_drive(np.random.default_rng(1), rest=1.0, moving=1.0)
+        make_scenario(SEED, MOVING),
+        drive=loop_drive(np.random.default_rng(1), rest_time=1.0, driving_time=1.0),
     )
     logs = []
     for name in ("one", "the_other"):

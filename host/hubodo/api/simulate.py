@@ -12,8 +12,8 @@ from hubodo.api.log import LoadedLog
 from hubodo.calibration.calibrated_model import add_calibration_to_model
 from hubodo.calibration.file import Calibration
 from hubodo.model import experiments
-from hubodo.model.bench import Programme
-from hubodo.model.inputs import Earth
+from hubodo.model.bench import TurntableProgramme
+from hubodo.model.inputs import EarthRotation
 from hubodo.model.model_file import Model
 
 
@@ -63,25 +63,27 @@ def simulate(
         InputError: no such drive, too short a time for poses, a model without nodes.
     """
     known, notes = _with_errors(given_model(model), calibration)
-    experiment = experiments.experiment_of(
+    experiment = experiments.make_experiment(
         drive,
         known,
         duration,
         seed,
         earth=_earth(latitude_deg, azimuth_deg),
-        programme=Programme(tuple(map(math.radians, angles_deg)), stop, turn),
+        programme=TurntableProgramme(tuple(map(math.radians, angles_deg)), stop, turn),
         temperature=temperature,
         settle=settle,
         supply=supply,
     )
     drawn = experiments.simulate(known, experiment, rate, reference_rate, seed)
-    drawn = replace(experiments.simulated(drawn, drive, known, seed), warnings=notes)
+    drawn = replace(experiments.with_simulation_metadata(drawn, drive, known, seed), warnings=notes)
     return LoadedLog(Path(f"simulated-{drive}"), drawn, known.vehicle)
 
 
-def _earth(latitude_deg: float | None, azimuth_deg: float) -> Earth | None:
+def _earth(latitude_deg: float | None, azimuth_deg: float) -> EarthRotation | None:
     """What turns under a bench."""
-    return None if latitude_deg is None else Earth(math.radians(latitude_deg), math.radians(azimuth_deg))
+    return (
+        None if latitude_deg is None else EarthRotation(math.radians(latitude_deg), math.radians(azimuth_deg))
+    )
 
 
 def _with_errors(model: Model, calibration: StrPath | Calibration | None) -> tuple[Model, tuple[str, ...]]:

@@ -28,9 +28,9 @@ from hubodo.calibration.file import (
     find_node_serial,
 )
 from hubodo.calibration.triad import triad_matrix
-from hubodo.effects import BY_NAME, Chain, Effect, effect_of
-from hubodo.effects.base import REFERENCE_CELSIUS, REFERENCE_VOLTS, Follows
-from hubodo.effects.triad import Sensor, times
+from hubodo.effects import BY_NAME, Effect, SensorChain, effect_of
+from hubodo.effects.base import REFERENCE_CELSIUS, REFERENCE_VOLTS, Dependency
+from hubodo.effects.triad import Sensor, multiply
 from hubodo.errors import CalibrationError
 from hubodo.recording import Event, Table
 
@@ -52,16 +52,16 @@ class SampleCorrection:
     @staticmethod
     def from_calibration(node: NodeCalibration) -> SampleCorrection:
         """The correction of a node. Raises CalibrationError for numbers that no sensor has."""
-        effects = tuple(it for it in build_effects(node.effects) if it.undone and not _is_zero(it))
+        effects = tuple(it for it in build_effects(node.effects) if it.is_invertible and not _is_zero(it))
         for effect in effects:
-            why = effect.irreversible()
+            why = effect.why_irreversible()
             if why:
                 raise CalibrationError(f"the calibration's {effect.name} {why}; calibrate this node anew")
         return SampleCorrection(effects, _invert_triad(effects, "gyro"), _invert_triad(effects, "accel"))
 
-    def depends_on(self, condition: Follows) -> bool:
+    def depends_on(self, condition: Dependency) -> bool:
         """Whether something that is undone depends on the age, the temperature, or the supply."""
-        return any(effect.follows == condition for effect in self.effects)
+        return any(effect.depends_on == condition for effect in self.effects)
 
     def apply(
         self,
@@ -80,26 +80,26 @@ class SampleCorrection:
         count = len(gyro)
         t = np.zeros(count) if age is None else np.maximum(age, 0.0)
         temperatures = np.broadcast_to(REFERENCE_CELSIUS if temperature is None else temperature, (count,))
-        chain = Chain(t, np.asarray(temperatures, np.float64), *np.zeros((5, 3, count)))
+        chain = SensorChain(t, np.asarray(temperatures, np.float64), *np.zeros((5, 3, count)))
         chain.supply = REFERENCE_VOLTS if supply is None else supply
-        chain.force = times(self.accel_inverse, accel.T - self._additive_errors(chain).accel)
-        chain.rate = times(self.gyro_inverse, gyro.T - self._additive_errors(chain).gyro)
+        chain.force = multiply(self.accel_inverse, accel.T - self._additive_errors(chain).accel)
+        chain.rate = multiply(self.gyro_inverse, gyro.T - self._additive_errors(chain).gyro)
         for effect in self.effects:
-            chain.rate = effect.straighten(chain.rate, self.gyro_inverse)
+            chain.rate = effect.remove_nonlinearity(chain.rate, self.gyro_inverse)
         for effect in self.effects:
-            effect.unmount(chain)
+            effect.rotate_out_of_node(chain)
         return _preserve_clipping(gyro, chain.rate.T, GYRO_CLIPPING_LIMIT), _preserve_clipping(
             accel, chain.force.T, ACCEL_CLIPPING_LIMIT
         )
 
-    def _additive_errors(self, chain: Chain) -> Chain:
+    def _additive_errors(self, chain: SensorChain) -> SensorChain:
         """A chain whose gyro and accel are what the effects add to a reading.
 
         The reading is of its time, temperature, supply and force.
         """
         errors = replace(chain, gyro=np.zeros_like(chain.gyro), accel=np.zeros_like(chain.accel))
         for effect in self.effects:
-            effect.offset(errors)
+            effect.add_offsets(errors)
         return errors
 
 
@@ -144,7 +144,7 @@ def apply_calibration(
         age = time_since_power_on(table.t, starts, t_zero_ns)
         temperature, supply = _fill_unknown(table, "temperature"), _fill_unknown(table, "supply")
         for quantity, known_values in (("temperature", temperature), ("supply", supply)):
-            affected = [effect.name for effect in correction.effects if effect.follows == quantity]
+            affected = [effect.name for effect in correction.effects if effect.depends_on == quantity]
             if affected and known_values is None:
                 names = " and ".join(affected)
                 warnings.append(
@@ -165,7 +165,7 @@ def apply_calibration(
         summaries[name] = {
             "serial": node.serial,
             "applied": [
-                it.name for it in reversed(BY_NAME.values()) if it.undone and it.name in node.effects
+                it.name for it in reversed(BY_NAME.values()) if it.is_invertible and it.name in node.effects
             ],
             "power_on": (starts[0][1] - t_zero_ns) * 1e-9 if starts else None,
         }
@@ -181,7 +181,7 @@ def zero_applied_effects(calibration: Calibration) -> Calibration:
         name: replace(
             node,
             effects={
-                effect: _zero_values(effect, what) if effect_of(effect).undone else what
+                effect: _zero_values(effect, what) if effect_of(effect).is_invertible else what
                 for effect, what in node.effects.items()
             },
         )

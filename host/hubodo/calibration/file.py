@@ -31,7 +31,7 @@ from hubodo.atomic_files import write_atomically
 from hubodo.effects import Effect, effect_of, in_order
 from hubodo.effects.base import Level
 from hubodo.errors import CalibrationError, ConfigError
-from hubodo.model.effect_tables import check_value, effect_heading, effect_tables
+from hubodo.model.effect_tables import check_value, effect_heading, read_effect_tables
 from hubodo.toml_file import (
     as_table,
     check_known_keys,
@@ -108,7 +108,7 @@ def build_effects(calibrated: Mapping[str, CalibratedEffect]) -> list[Effect]:
         kind = effect_of(name)
         values = {parameter: effect.value(parameter) for parameter in kind.parameters()}
         for parameter, value in values.items() if effect.parameters else ():
-            problem = kind.problem(parameter, value)
+            problem = kind.invalid_reason(parameter, value)
             if problem:
                 raise CalibrationError(
                     f"the calibration's {name} {parameter} = {value:g}: {problem} ({kind.unit(parameter)}); "
@@ -215,7 +215,7 @@ def _read_effects(
     table: Mapping[str, Any], where: str, refused_levels: Mapping[Level, str]
 ) -> Iterator[tuple[str, CalibratedEffect]]:
     provenance_keys = [item.name for item in fields(_Provenance)]
-    for kind, values, place in effect_tables(table, where, refused_levels):
+    for kind, values, place in read_effect_tables(table, where, refused_levels):
         check_known_keys(values, (*provenance_keys, *kind.parameters()), place)
         parameters = {
             name: _read_quantity(kind, name, values[name], f"{place} {name}")

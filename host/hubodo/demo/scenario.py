@@ -11,9 +11,9 @@ from hubodo.effects.gyro import GyroBias
 from hubodo.effects.vehicle import TrackWidth
 from hubodo.effects.wheel import WheelRadius
 from hubodo.emulator.node_motion import NodeMotion, Scatter
-from hubodo.model.drive import loop_drive, path
-from hubodo.model.forward import NodeStart
-from hubodo.model.inputs import Inputs
+from hubodo.model.drive import integrate_path, loop_drive
+from hubodo.model.forward import NodeInitialState
+from hubodo.model.inputs import MotionInputs
 from hubodo.recording import Table
 from hubodo.vehicle import NodeMount, Side
 
@@ -58,7 +58,7 @@ class Scenario:
     """A seeded demo: the drive and the specimens on both wheels."""
 
     seed: int
-    drive: Inputs
+    drive: MotionInputs
     parts: dict[Side, WheelUnit]
 
     def riders(self) -> dict[str, Rider]:
@@ -66,25 +66,25 @@ class Scenario:
         return {side: self._rider(side, part) for side, part in self.parts.items()}
 
     def _rider(self, side: Side, part: WheelUnit) -> Rider:
-        mount, start = NodeMount(side, "left"), NodeStart(part.start_angle)
+        mount, start = NodeMount(side, "left"), NodeInitialState(part.start_angle)
         motion = NodeMotion(self.drive, mount, WHEEL_RADIUS, TRACK_WIDTH, part.effects, start, SETTLE)
         return Rider(motion, Scatter(_NOISE), part.odr_error, part.clock_ppm)
 
     def length(self) -> float:
         """Length of the true path, m."""
-        _, x, y, _ = path(self.drive)
+        _, x, y, _ = integrate_path(self.drive)
         return float(np.sum(np.hypot(np.diff(x), np.diff(y))))
 
     def truth(self, t_start: float) -> Table:
         """The true path, with the drive beginning at `t_start` s."""
-        t, x, y, heading = path(self.drive)
+        t, x, y, heading = integrate_path(self.drive)
         return Table({"t": t + t_start, "x": x, "y": y, "heading": heading, "speed": self.drive.speed(t)})
 
 
 def make_scenario(seed: int, moving: float) -> Scenario:
     """A demo drawn from a seed; `moving` s of drive between two rests."""
     rng = np.random.default_rng(seed)
-    drive = loop_drive(rng, rest=8.0, moving=moving)
+    drive = loop_drive(rng, rest_time=8.0, driving_time=moving)
     sizes = (
         TrackWidth(float(rng.normal(0.0, _TRACK_ERROR))),
         WheelRadius(float(rng.normal(0.0, _RADIUS_ERROR))),

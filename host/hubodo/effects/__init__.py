@@ -1,9 +1,9 @@
-"""The 28 effects, in the order of the chain; a new one is one class and one line here, or a file outside."""
+"""The effects in the order of the sensor chain. A new effect is one class, and one line in `EFFECTS`."""
 
 from collections.abc import Iterable
 
 from hubodo.effects.accel import AccelBias, AccelNonorthogonality, AccelSaturation, AccelScaleFactor
-from hubodo.effects.base import Chain, Effect, Geometry, Noise
+from hubodo.effects.base import Effect, Geometry, Noise, SensorChain
 from hubodo.effects.empirical import empirical
 from hubodo.effects.gyro import (
     GyroBias,
@@ -58,34 +58,34 @@ BY_NAME: dict[str, type[Effect]] = {effect.name: effect for effect in EFFECTS}
 
 
 def effect_of(name: str) -> type[Effect]:
-    """The effect of a name, empirical ones among them. ValueError where there is none."""
+    """Return the class of an effect by name, also an empirical one; raise ValueError if there is none."""
     if name in BY_NAME:
         return BY_NAME[name]
     return empirical(name)
 
 
 def in_order(effects: Iterable[Effect]) -> list[Effect]:
-    """Effects in the order of the chain, those from outside and empirical ones last."""
-    place = {effect: k for k, effect in enumerate(EFFECTS)}
-    return sorted(effects, key=lambda effect: place.get(type(effect), len(place)))
+    """Return effects in the order of the sensor chain; user-defined and empirical effects come last."""
+    order = {effect: k for k, effect in enumerate(EFFECTS)}
+    return sorted(effects, key=lambda effect: order.get(type(effect), len(order)))
 
 
-def told_apart(one: str, other: str) -> str:
-    """The manoeuvre that tells two effects apart that a drive may not; "" where neither says one."""
-    for name, beside in ((one, other), (other, one)):
-        if name in BY_NAME and beside in BY_NAME[name].alike:
-            return BY_NAME[name].alike[beside]
+def distinguishing_manoeuvre(first: str, second: str) -> str:
+    """Return the manoeuvre that distinguishes two confusable effects; "" if neither class lists the other."""
+    for name, confusable in ((first, second), (second, first)):
+        if name in BY_NAME and confusable in BY_NAME[name].confusable_with:
+            return BY_NAME[name].confusable_with[confusable]
     return ""
 
 
 __all__ = [
     "BY_NAME",
     "EFFECTS",
-    "Chain",
     "Effect",
     "Geometry",
     "Noise",
+    "SensorChain",
+    "distinguishing_manoeuvre",
     "effect_of",
     "in_order",
-    "told_apart",
 ]

@@ -1,4 +1,4 @@
-"""Effects of the accelerometer triad: offset, scale, cross-axis, limits."""
+"""Effects of the accelerometer triad: bias, scale, cross-axis and range."""
 
 import math
 from collections.abc import Mapping
@@ -7,65 +7,69 @@ from typing import ClassVar
 
 import numpy as np
 
-from hubodo.effects.base import Chain, Effect, Estimate, Shows, parameter
+from hubodo.effects.base import Effect, OdometryPrior, SensorChain, Visibility, parameter
 from hubodo.effects.triad import CrossAxis, ScaleFactor, Sensor
 
-_OFFSET = "zero-g tolerance of the MPU-6050, 50 mg"
-_ACROSS = Estimate(0.4, 1e-3, f"{_OFFSET}; walk: vibration and temperature, 6 mg in an hour")
-_ALONG = Estimate(0.4, 1e-2, f"{_OFFSET}; walk: ten times that across, for the banking of roads")
-_LEAK = Estimate(
+_ZERO_G_ORIGIN = "zero-g tolerance of the MPU-6050, 50 mg"
+_ACCEL_BIAS_ACROSS_PRIOR = OdometryPrior(
+    0.4, 1e-3, f"{_ZERO_G_ORIGIN}; random walk: vibration and temperature, 6 mg in an hour"
+)
+_ACCEL_BIAS_ALONG_PRIOR = OdometryPrior(
+    0.4, 1e-2, f"{_ZERO_G_ORIGIN}; random walk: ten times that across the axle, for banked roads"
+)
+_CROSS_AXIS_PRIOR = OdometryPrior(
     0.03,
     1e-6,
-    "cross-axis sensitivity of the MPU-6050, 2 %, and a board not square in its case; walk: it is fixed",
+    "cross-axis sensitivity of the MPU-6050, 2 %, and a board tilted in its case; random walk: none, fixed",
 )
 
 
 @dataclass(frozen=True)
 class AccelBias(Effect):
-    """A constant offset."""
+    """The accelerometer has a constant bias."""
 
     name: ClassVar[str] = "accel_bias"
-    undone: ClassVar[bool] = True
+    is_invertible: ClassVar[bool] = True
     meaning: ClassVar[str] = "the accelerometer reads an offset"
-    x: float = parameter("m/s²", 0.1, estimate=_ACROSS)
-    y: float = parameter("m/s²", 0.1, turned=True, estimate=_ACROSS)
-    z: float = parameter("m/s²", 0.1, turned=True, estimate=_ALONG)
+    x: float = parameter("m/s²", 0.1, odometry_prior=_ACCEL_BIAS_ACROSS_PRIOR)
+    y: float = parameter("m/s²", 0.1, flips_with_facing=True, odometry_prior=_ACCEL_BIAS_ACROSS_PRIOR)
+    z: float = parameter("m/s²", 0.1, flips_with_facing=True, odometry_prior=_ACCEL_BIAS_ALONG_PRIOR)
 
-    def offset(self, chain: Chain) -> None:
+    def add_offsets(self, chain: SensorChain) -> None:
         chain.accel += np.array([[self.x], [self.y], [self.z]])
 
 
 @dataclass(frozen=True)
 class AccelScaleFactor(ScaleFactor):
-    """Reads (1 + e) times the specific force, each axis its own e."""
+    """Each accelerometer axis reads (1 + e) times the specific force, with its own scale error e."""
 
     name: ClassVar[str] = "accel_scale_factor"
     sensor: ClassVar[Sensor] = "accel"
-    meaning: ClassVar[str] = "the accelerometer reads too much or too little, in proportion"
-    alike: ClassVar[Mapping[str, str]] = {
+    meaning: ClassVar[str] = "the accelerometer has a scale error"
+    confusable_with: ClassVar[Mapping[str, str]] = {
         "accel_nonorthogonality": "accelerate and turn hard, both ways",
     }
 
 
 @dataclass(frozen=True)
 class AccelNonorthogonality(CrossAxis):
-    """Cross-axis terms of the accelerometer after Avrutov."""
+    """The accelerometer axes are not orthogonal: six cross-axis terms after Avrutov."""
 
     name: ClassVar[str] = "accel_nonorthogonality"
     sensor: ClassVar[Sensor] = "accel"
-    meaning: ClassVar[str] = "the axes of the accelerometer are not square"
-    zy: float = parameter("rad", 0.01, turned=True, estimate=_LEAK)
-    zx: float = parameter("rad", 0.01, estimate=_LEAK)
+    meaning: ClassVar[str] = "the axes of the accelerometer are not orthogonal"
+    zy: float = parameter("rad", 0.01, flips_with_facing=True, odometry_prior=_CROSS_AXIS_PRIOR)
+    zx: float = parameter("rad", 0.01, odometry_prior=_CROSS_AXIS_PRIOR)
 
 
 @dataclass(frozen=True)
 class AccelSaturation(Effect):
-    """Nothing beyond ± limit is read; without a limit (infinity) everything is."""
+    """Accelerometer readings are clipped at ± limit; an infinite limit clips nothing."""
 
     name: ClassVar[str] = "accel_saturation"
-    shows: ClassVar[Shows] = "scatter"
-    meaning: ClassVar[str] = "the accelerometer cannot read forces beyond a limit"
+    visible_in: ClassVar[Visibility] = "scatter"
+    meaning: ClassVar[str] = "the accelerometer saturates"
     limit: float = parameter("m/s²", 30.0, positive=True, default=math.inf)
 
-    def clip(self, chain: Chain) -> None:
+    def clip_readings(self, chain: SensorChain) -> None:
         np.clip(chain.accel, -self.limit, self.limit, out=chain.accel)

@@ -1,4 +1,8 @@
-"""What every effect is: parameters with a unit and a usual size, a level, and one method at its stage."""
+"""Base class of all effects, and the data that effects read and change.
+
+An effect is one way in which a measured wheel differs from an ideal one. It is a frozen dataclass whose
+fields are its parameters, and it overrides the method of the stage of the sensor chain at which it enters.
+"""
 
 from __future__ import annotations
 
@@ -13,25 +17,34 @@ from hubodo.arrays import Array
 from hubodo.vehicle import Facing, Side, facing_sign
 
 Level = Literal["vehicle", "wheel", "node"]
-Shows = Literal["mean", "scatter"]
-Follows = Literal["age", "temperature", "supply"]
+Visibility = Literal["mean", "scatter"]
+Dependency = Literal["age", "temperature", "supply"]
 
 REFERENCE_CELSIUS = 25.0
-"""Temperature at which nothing that follows the temperature adds anything."""
+"""Temperature in °C at which effects of temperature are zero."""
 
 REFERENCE_VOLTS = 3.7
-"""Supply at which nothing that follows the supply adds anything."""
+"""Supply voltage in V at which effects of the supply are zero."""
 
-_LARGEST = 1e12
-"""In the unit of any parameter: beyond it nothing was meant, and its square may be infinite."""
+_MAX_PARAMETER_MAGNITUDE = 1e12
+"""Bound on any parameter in its own unit: no real value is larger, and its square stays finite."""
 
 
 @dataclass(frozen=True, slots=True)
 class Geometry:
-    """Vehicle and wheel as a node sees them, before the sensor. SI; angles in rad.
+    """Geometry of the vehicle and of one wheel, as seen by a node; SI units, angles in rad.
 
-    growth: s²/rad². slip: s²/m. eccentricity: (A cos phase, A sin phase). lever_arm: (3,) m, node axes.
-    aside: m, how far left of the middle of the vehicle the speed is measured.
+    Attributes
+    ----------
+    side : side of the wheel; None for a node on the body.
+    radius, track_width : m.
+    camber : rad, positive when the wheel top leans inwards.
+    grade : rad, positive uphill.
+    tyre_growth : s²/rad², k in R (1 + k spin²).
+    wheel_slip : s²/m, k in spin = v_w / R (1 + k v_w').
+    eccentricity : (A cos p, A sin p), with amplitude A relative to the radius and phase p.
+    lever_arm : (3,) m, from the axle to the sensing point in node axes.
+    reference_y : m, y coordinate in the body at which the speed input was measured.
     """
 
     side: Side | None
@@ -39,37 +52,45 @@ class Geometry:
     track_width: float
     camber: float = 0.0
     grade: float = 0.0
-    growth: float = 0.0
-    slip: float = 0.0
+    tyre_growth: float = 0.0
+    wheel_slip: float = 0.0
     eccentricity: tuple[float, float] = (0.0, 0.0)
     lever_arm: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    aside: float = 0.0
+    reference_y: float = 0.0
 
 
-_AROUND = (
+_MOTION_FIELDS = (
     "supply",
     "angle",
     "spin",
-    "spin_beside",
+    "opposite_spin",
     "speed",
     "acceleration",
     "yaw_rate",
     "yaw_acceleration",
     "heading",
 )
-"""What a chain has one of for each sample, or one for all."""
+"""Fields of a `SensorChain` that hold one value per sample, or one value for all samples."""
 
 
 @dataclass(slots=True)
-class Chain:
-    """What travels down the sensor chain of one node, N samples; arrays of three are (3, N).
+class SensorChain:
+    """Signals of one node on their way through the sensor chain, for N samples.
 
-    t: s since power-on, or since the log began where that is not known. temperature: °C. rate, force: true
-    angular rate and specific force at the sensor, after mounting (and low-pass). rate_derivative: of `rate`.
-    gyro, accel: what is read. facing: +1 where the z axis points left, else -1. angle rad, spin rad/s: of the
-    wheel, spin_beside rad/s: of the one on the other side, zero off them; speed m/s, acceleration m/s²,
-    yaw_rate rad/s, yaw_acceleration rad/s², heading rad from the log's start: of the vehicle; zero where
-    nobody needs them. supply: V. terms: what was worked out of all this.
+    Attributes
+    ----------
+    t : (N,) s since power-on, or since the start of the log where power-on is unknown.
+    temperature : (N,) °C, of the sensor.
+    rate, force : (3, N) true angular rate in rad/s and specific force in m/s² at the sensor, in node axes.
+    rate_derivative : (3, N) rad/s², time derivative of `rate`.
+    gyro, accel : (3, N) readings in rad/s and m/s², which the effects change.
+    angle, spin : rad and rad/s, of the node's wheel; 0 for a node on the body.
+    opposite_spin : rad/s, spin of the wheel on the other side.
+    speed, acceleration : m/s and m/s², of the vehicle.
+    yaw_rate, yaw_acceleration, heading : rad/s, rad/s² and rad from the start of the log, of the vehicle.
+    facing : +1 where the z axis of the node points left, else -1.
+    supply : V.
+    terms : columns of empirical terms that were already evaluated for these samples, by expression.
     """
 
     t: Array
@@ -84,47 +105,51 @@ class Chain:
     acceleration: Array | float = 0.0
     yaw_rate: Array | float = 0.0
     facing: float = 1.0
-    spin_beside: Array | float = 0.0
+    opposite_spin: Array | float = 0.0
     speed: Array | float = 0.0
     yaw_acceleration: Array | float = 0.0
     heading: Array | float = 0.0
     supply: Array | float = REFERENCE_VOLTS
     terms: dict[str, list[Array]] = field(default_factory=dict)
 
-    def part(self, samples: slice) -> Chain:
-        """Of some samples."""
-        made = replace(self, t=self.t[samples], temperature=self.temperature[samples], terms={})
+    def select(self, samples: slice) -> SensorChain:
+        """Return the chain of a slice of the samples."""
+        selected = replace(self, t=self.t[samples], temperature=self.temperature[samples], terms={})
         for name in ("rate", "rate_derivative", "force", "gyro", "accel"):
-            setattr(made, name, getattr(self, name)[:, samples])
-        for name in _AROUND:
+            setattr(selected, name, getattr(self, name)[:, samples])
+        for name in _MOTION_FIELDS:
             value = getattr(self, name)
-            setattr(made, name, value[samples] if isinstance(value, np.ndarray) else value)
-        return made
+            setattr(selected, name, value[samples] if isinstance(value, np.ndarray) else value)
+        return selected
 
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """1 sigma of one sample: gyro rad/s, accel m/s²."""
+    """White sensor noise, 1σ of one sample: `gyro` in rad/s, `accel` in m/s²."""
 
     gyro: float
     accel: float
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
-    """How the odometry believes a parameter before it has seen data, and how the parameter moves.
+class OdometryPrior:
+    """Prior and process noise of a parameter that the odometry estimates online.
 
-    prior: 1 sigma before the first sample, in the parameter's unit. walk: how far it wanders at random, per
-    square root of a second. origin: where the numbers come from. shown_by: what to do so that a drive shows
-    it. forgets: s, the time constant of a process that stays within `prior` (Gauss-Markov of first order);
-    its walk is prior sqrt(2 / forgets).
+    Attributes
+    ----------
+    sigma : 1σ before the first sample, in the unit of the parameter.
+    random_walk : 1σ of the random walk after one second, in the unit of the parameter per √s.
+    origin : source of both numbers.
+    manoeuvre : instruction to the driver that makes the parameter observable.
+    correlation_time : s, time constant T of a first-order Gauss-Markov process with standard deviation
+        `sigma`; its `random_walk` is sigma √(2 / T). Infinite for a pure random walk.
     """
 
-    prior: float
-    walk: float
+    sigma: float
+    random_walk: float
     origin: str
-    shown_by: str = ""
-    forgets: float = math.inf
+    manoeuvre: str = ""
+    correlation_time: float = math.inf
 
 
 def parameter(
@@ -133,210 +158,232 @@ def parameter(
     *,
     positive: bool = False,
     default: float = 0.0,
-    within: float = math.inf,
-    turned: bool = False,
+    max_magnitude: float = math.inf,
+    flips_with_facing: bool = False,
     fitted: bool = True,
-    estimate: Estimate | None = None,
+    odometry_prior: OdometryPrior | None = None,
 ) -> Any:
-    """A field of an effect.
+    """Declare a parameter of an effect, as a field of its dataclass.
 
-    scale: the size that would not surprise anybody. positive: whether it must be. within: the magnitude
-    beyond which it means nothing. turned: whether its sign changes on a node that faces right, whose y and z
-    axes are those of a node facing left negated: so does what has an odd number of indices y and z. fitted:
-    whether a fit to a drive moves it. estimate: for what the odometry estimates while it drives.
+    Parameters
+    ----------
+    unit : unit as text; "1" for a ratio.
+    scale : 1σ of the prior that `hubodo gap` uses, in that unit.
+    positive : True if negative values are invalid.
+    default : value that makes the effect absent.
+    max_magnitude : largest valid magnitude.
+    flips_with_facing : True if the parameter changes sign on a node that faces right. The y and z axes of
+        such a node are negated, and so is a parameter with an odd number of indices y and z.
+    fitted : False if a fit to a drive must not move the parameter.
+    odometry_prior : prior of a parameter that the odometry estimates online.
     """
-    about = {"unit": unit, "scale": scale, "positive": positive, "within": within}
-    about |= {"turned": turned, "fitted": fitted, "estimate": estimate}
-    return field(default=default, metadata=about)
+    metadata = {"unit": unit, "scale": scale, "positive": positive, "max_magnitude": max_magnitude}
+    metadata |= {"flips_with_facing": flips_with_facing, "fitted": fitted, "odometry_prior": odometry_prior}
+    return field(default=default, metadata=metadata)
 
 
 @dataclass(frozen=True)
 class Effect:
-    """One way in which a measured wheel differs from an ideal one; its fields are its parameters.
+    """Base class of effects; a subclass declares its parameters and overrides the method of one stage.
 
-    name: as in the model file. meaning: what it is to somebody who has the vehicle before him. level: what
-    has one, the vehicle, each wheel or each node. shows: in the mean of the channels, or only in how they
-    scatter. follows: what beside the motion it needs to be known. undone: whether a calibration takes it out
-    of samples; its stage is inverted then. remembers: whether what it makes of a sample hangs on others, too,
-    as what a filter answers: without it a long log is worked out some samples at a time. proportional:
-    whether what it adds to a reading is in proportion to its coordinates. of_reference: whether it is of a
-    speed that no node measured. alike:
-    effect that a drive may not tell from this one -> the manoeuvre that does; it stands in one of the two.
+    Attributes
+    ----------
+    name : name in model files and results.
+    meaning : cause in plain words, for a reader who has the vehicle in front of them.
+    level : owner of the parameters: the vehicle, each wheel or each node.
+    visible_in : "mean" if the effect moves the channels, "scatter" if it only changes their noise or clips
+        them.
+    depends_on : record that the effect needs besides the motion.
+    is_invertible : True if a calibration removes the effect from samples.
+    has_memory : True if a reading depends on earlier samples, as with a filter. Without memory a long log is
+        evaluated in blocks.
+    is_linear : True if the change of a reading is proportional to the coordinates.
+    affects_reference : True if the effect concerns the speed reference rather than a node.
+    confusable_with : name of an effect that a drive may not distinguish from this one -> manoeuvre that does.
+        Each pair is listed in one of its two classes.
     """
 
     name: ClassVar[str]
     meaning: ClassVar[str]
     level: ClassVar[Level] = "node"
-    shows: ClassVar[Shows] = "mean"
-    follows: ClassVar[Follows | None] = None
-    undone: ClassVar[bool] = False
-    remembers: ClassVar[bool] = False
-    proportional: ClassVar[bool] = False
-    of_reference: ClassVar[bool] = False
-    alike: ClassVar[Mapping[str, str]] = {}
+    visible_in: ClassVar[Visibility] = "mean"
+    depends_on: ClassVar[Dependency | None] = None
+    is_invertible: ClassVar[bool] = False
+    has_memory: ClassVar[bool] = False
+    is_linear: ClassVar[bool] = False
+    affects_reference: ClassVar[bool] = False
+    confusable_with: ClassVar[Mapping[str, str]] = {}
 
     @classmethod
     def parameters(cls) -> tuple[str, ...]:
-        return _names(cls, fitted=False)
+        """Return the names of all parameters."""
+        return _parameter_names(cls, fitted=False)
 
     @classmethod
-    def fitted(cls) -> tuple[str, ...]:
-        """The parameters that a fit to a drive moves."""
-        return _names(cls, fitted=True)
+    def fitted_parameters(cls) -> tuple[str, ...]:
+        """Return the names of the parameters that a fit to a drive moves."""
+        return _parameter_names(cls, fitted=True)
 
     @classmethod
     def unit(cls, parameter: str) -> str:
-        return str(cls._about(parameter)["unit"])
+        """Return the unit of a parameter as text."""
+        return str(cls._metadata(parameter)["unit"])
 
     @classmethod
     def scale(cls, parameter: str) -> float:
-        return float(cls._about(parameter)["scale"])
+        """Return the 1σ prior of a parameter in its unit."""
+        return float(cls._metadata(parameter)["scale"])
 
     @classmethod
     def default(cls, parameter: str) -> float:
-        """What a parameter is where nothing says it: zero, or else what makes the effect absent."""
+        """Return the value of a parameter that is not given; it makes the effect absent."""
         return float(cls.__dataclass_fields__[parameter].default)  # type: ignore[arg-type]
 
     @classmethod
-    def sign(cls, parameter: str, facing: Facing) -> float:
-        """-1 where a node facing right has the negated value of one facing left, else +1.
+    def facing_sign_of(cls, parameter: str, facing: Facing) -> float:
+        """Return -1 where a node facing right has the negated value of a node facing left, else +1.
 
-        The side of the vehicle changes no sign: what belongs to a node is in its own axes, what belongs to a
-        wheel is the same on either (camber is positive inwards).
+        The side of the vehicle changes no sign: parameters of a node are stated in its own axes, and those of
+        a wheel are the same on both sides (camber is positive inwards).
         """
-        return facing_sign(facing) if cls._about(parameter)["turned"] else 1.0
+        return facing_sign(facing) if cls._metadata(parameter)["flips_with_facing"] else 1.0
 
     @classmethod
-    def estimate(cls, parameter: str) -> Estimate | None:
-        """What the odometry believes of a parameter beforehand; None where it does not estimate it."""
-        found: Estimate | None = cls._about(parameter)["estimate"]
-        return found
+    def odometry_prior(cls, parameter: str) -> OdometryPrior | None:
+        """Return the prior of the odometry; None for a parameter that it does not estimate."""
+        prior: OdometryPrior | None = cls._metadata(parameter)["odometry_prior"]
+        return prior
 
     @classmethod
-    def problem(cls, parameter: str, value: float) -> str:
-        """What is wrong with a value of a parameter, in words; "" where nothing is."""
-        about = cls._about(parameter)
+    def invalid_reason(cls, parameter: str, value: float) -> str:
+        """Return why a value of a parameter is invalid; "" if it is valid."""
+        metadata = cls._metadata(parameter)
         if not math.isfinite(value):
             return "must be a finite number"
-        # Where zero is the default it means that the effect is absent; elsewhere it means nothing.
-        if about["positive"] and (value < 0.0 or (value == 0.0 and cls.default(parameter) != 0.0)):
+        # Zero is valid where it is the default and makes the effect absent.
+        if metadata["positive"] and (value < 0.0 or (value == 0.0 and cls.default(parameter) != 0.0)):
             return "must be above 0"
-        within = min(about["within"], _LARGEST)
-        if abs(value) > within:
-            return f"must lie within ±{within:g}"
+        bound = min(metadata["max_magnitude"], _MAX_PARAMETER_MAGNITUDE)
+        if abs(value) > bound:
+            return f"must lie within ±{bound:g}"
         return ""
 
     @classmethod
-    def _about(cls, parameter: str) -> Mapping[str, Any]:
+    def _metadata(cls, parameter: str) -> Mapping[str, Any]:
         return cls.__dataclass_fields__[parameter].metadata
 
     def values(self) -> dict[str, float]:
+        """Return all parameters by name."""
         return {name: getattr(self, name) for name in self.parameters()}
 
-    def spread(self, noise: Noise) -> tuple[float, float]:
-        """Variance that it adds to a sample of each gyro and accelerometer axis, (rad/s)² and (m/s²)²."""
+    def added_variance(self, noise: Noise) -> tuple[float, float]:
+        """Return the variance added to a sample of each gyro and each accel axis, (rad/s)² and (m/s²)²."""
         return 0.0, 0.0
 
-    def drift(self) -> float:
-        """How fast each gyro axis wanders at random, (rad/s)² per second."""
+    def random_walk_variance_rate(self) -> float:
+        """Return the growth of the variance of each gyro bias, (rad/s)² per second."""
         return 0.0
 
-    def in_words(self) -> str:
-        """What it is, with its size, where that says more to people than `meaning` and numbers; else ""."""
+    def describe(self) -> str:
+        """Return a sentence with the size of the effect; "" where `meaning` and the numbers suffice."""
         return ""
 
-    # How a fit moves it. The coordinates are the fitted parameters, unless an effect has better ones.
+    # Coordinates of a fit: the fitted parameters, unless a subclass defines better-conditioned ones.
 
     @classmethod
-    def seeds(cls) -> tuple[Self, ...]:
-        """Where a fit may begin: absent, once for each value of what it cannot start from zero."""
+    def initial_guesses(cls) -> tuple[Self, ...]:
+        """Return starting points of a fit: the absent effect, once per guess of a nonlinear parameter."""
         return (cls(),)
 
     @classmethod
     def coordinate_scales(cls) -> Array:
-        """(k,) usual size of each coordinate; steps of numerical derivatives are 1e-3 of them."""
-        return np.array([cls.scale(name) for name in cls.fitted()])
+        """Return the (k,) prior 1σ of the coordinates; numerical derivatives use steps of 1e-3 of them."""
+        return np.array([cls.scale(name) for name in cls.fitted_parameters()])
 
     def coordinates(self) -> Array:
-        """(k,) where it stands, in coordinates in which the channels are smooth."""
-        return np.array([getattr(self, name) for name in self.fitted()])
+        """Return the (k,) coordinates, in which the channels are smooth functions."""
+        return np.array([getattr(self, name) for name in self.fitted_parameters()])
 
-    def at(self, coordinates: Array) -> Self:
-        """The effect at other coordinates, (k,)."""
-        return replace(self, **dict(zip(self.fitted(), map(float, coordinates), strict=True)))
+    def with_coordinates(self, coordinates: Array) -> Self:
+        """Return the effect at other coordinates, (k,)."""
+        return replace(self, **dict(zip(self.fitted_parameters(), map(float, coordinates), strict=True)))
 
-    def surprise(self) -> float:
-        """-ln of how likely its parameters are beforehand, beside the usual, where sizes do not say it."""
+    def neg_log_prior(self) -> float:
+        """Return -ln of the prior probability of the parameters, beyond their Gaussian scale priors."""
         return 0.0
 
-    def is_possible(self) -> bool:
-        """Whether every parameter is finite and within what means anything."""
+    def is_valid(self) -> bool:
+        """Return True if every parameter is finite and within its largest magnitude."""
         return all(
-            math.isfinite(value) and abs(value) <= self._about(name)["within"]
+            math.isfinite(value) and abs(value) <= self._metadata(name)["max_magnitude"]
             for name, value in self.values().items()
         )
 
-    # The stages of the chain, in order. An effect overrides the one where it enters.
+    # Stages of the sensor chain, in order. An effect overrides the stage at which it enters.
 
     def true_time(self, t: Array) -> Array:
-        """Time at which the samples stamped t, (N,) s since the log began, were taken."""
+        """Return the sampling times of samples stamped t, (N,) s since the start of the log."""
         return t
 
-    def shape(self, geometry: Geometry) -> Geometry:
-        """The geometry with this effect in it."""
+    def adjust_geometry(self, geometry: Geometry) -> Geometry:
+        """Return the geometry with this effect."""
         return geometry
 
-    def mount(self, chain: Chain) -> None:
-        """Turn what reaches the sensor."""
+    def rotate_into_node(self, chain: SensorChain) -> None:
+        """Rotate rate and force from the nominal axes into the axes of the node."""
 
-    def low_pass(self, chain: Chain) -> None:
-        """Delay what the gyro answers to."""
+    def low_pass_rate(self, chain: SensorChain) -> None:
+        """Low-pass filter the rate ahead of the gyro."""
 
-    def respond(self, chain: Chain) -> None:
-        """Scale, cross-axis and curvature: adds to gyro or accel what rate or force make."""
+    def add_scale_errors(self, chain: SensorChain) -> None:
+        """Add scale, cross-axis and cubic errors of rate or force to the readings."""
 
-    def offset(self, chain: Chain) -> None:
-        """Add to gyro or accel what is there without input."""
+    def add_offsets(self, chain: SensorChain) -> None:
+        """Add offsets that are not proportional to the measured quantity to the readings."""
 
-    def wander(self, chain: Chain, rng: np.random.Generator) -> None:
-        """Add offsets drawn at random."""
+    def add_random_walk(self, chain: SensorChain, rng: np.random.Generator) -> None:
+        """Add a random walk to the readings."""
 
-    def scatter(self, chain: Chain, noise: Noise, rng: np.random.Generator) -> None:
-        """Add what comes after the white noise."""
+    def add_outliers(self, chain: SensorChain, noise: Noise, rng: np.random.Generator) -> None:
+        """Add errors that follow the white noise to the readings."""
 
-    def clip(self, chain: Chain) -> None:
-        """Clip gyro or accel."""
+    def clip_readings(self, chain: SensorChain) -> None:
+        """Clip the readings at the range of the sensor."""
 
-    def digitize(self, chain: Chain) -> None:
-        """Round gyro or accel."""
+    def quantize_readings(self, chain: SensorChain) -> None:
+        """Round the readings to multiples of the resolution."""
 
-    def repeat(self, chain: Chain, rng: np.random.Generator) -> None:
+    def repeat_samples(self, chain: SensorChain, rng: np.random.Generator) -> None:
         """Replace samples by their predecessors."""
 
-    # The stages backwards, of effects that are `undone`. What `offset` adds is taken off; the matrices of
-    # a triad (`LinearEffect`) are inverted together; the rest is here.
+    # Inverse stages of invertible effects. A calibration subtracts what `add_offsets` adds and inverts the
+    # matrices of a triad (`LinearEffect`) together; the methods below invert the other stages.
 
-    def irreversible(self) -> str:
-        """Why its numbers cannot be undone, in words; "" where they can."""
+    def why_irreversible(self) -> str:
+        """Return why the parameters cannot be inverted; "" if they can."""
         return ""
 
-    def straighten(self, rate: Array, inverse: Array) -> Array:
-        """Undo what `respond` adds to the gyro beyond proportion.
+    def remove_nonlinearity(self, rate: Array, inverse: Array) -> Array:
+        """Return the rate without the nonlinear part of `add_scale_errors`.
 
-        rate: (3, N) that the inverse of the gyro's matrix, (3, 3), makes of its reading.
+        Parameters
+        ----------
+        rate : (3, N) rad/s, reading of the gyro times the inverse of its matrix.
+        inverse : (3, 3), inverse of the gyro's matrix.
         """
         return rate
 
-    def unmount(self, chain: Chain) -> None:
-        """Turn back what `mount` turned."""
+    def rotate_out_of_node(self, chain: SensorChain) -> None:
+        """Invert `rotate_into_node`."""
 
 
-_NAMES: dict[tuple[type[Effect], bool], tuple[str, ...]] = {}
+_PARAMETER_NAMES: dict[tuple[type[Effect], bool], tuple[str, ...]] = {}
 
 
-def _names(kind: type[Effect], fitted: bool) -> tuple[str, ...]:
-    """Of the parameters of an effect, or of those that a fit moves."""
+def _parameter_names(kind: type[Effect], fitted: bool) -> tuple[str, ...]:
+    """Return the names of all parameters of an effect, or of the fitted ones; the result is cached."""
     key = kind, fitted
-    if key not in _NAMES:
-        _NAMES[key] = tuple(item.name for item in fields(kind) if item.metadata["fitted"] or not fitted)
-    return _NAMES[key]
+    if key not in _PARAMETER_NAMES:
+        names = tuple(item.name for item in fields(kind) if item.metadata["fitted"] or not fitted)
+        _PARAMETER_NAMES[key] = names
+    return _PARAMETER_NAMES[key]

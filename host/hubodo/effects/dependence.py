@@ -1,19 +1,18 @@
-"""What an effect may depend on that takes more than a word: functions of a chain, (N,) each."""
+"""Derived quantities that effects may depend on: functions of a sensor chain, (N,) each."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.base import Chain
+from hubodo.effects.base import SensorChain
 
-# (m/s)²: at a crawl a path may bend as it likes, and no steering follows.
-_CRAWL = 0.25
+_CURVATURE_SPEED2 = 0.25  # (m/s)², c below: keeps the curvature finite near standstill
 
 
-def temperature_rate(chain: Chain) -> Array:
-    """°C per second, as smooth as the thermometer asks for."""
-    # Half a second of loading that only this needs: every command that knows effects would wait for it.
+def temperature_rate(chain: SensorChain) -> Array:
+    """Return the derivative of the temperature, °C/s, smoothed as the noise of the thermometer requires."""
+    # Imported here: it takes 0.5 s, and every command that knows effects would wait for it.
     from hubodo.smoothing_spline import fit_smoothing_spline
 
     edges = np.unique(np.searchsorted(chain.t, np.arange(chain.t[0], chain.t[-1], 0.5)))
@@ -24,15 +23,18 @@ def temperature_rate(chain: Chain) -> Array:
     return fit_smoothing_spline(middle, np.add.reduceat(chain.temperature, edges) / count)(chain.t, 1)
 
 
-def steering_rate(chain: Chain) -> Array:
-    """1/(m s): how fast the curvature of the path changes, d/dt (r v / (v² + c)), nothing at rest."""
+def steering_rate(chain: SensorChain) -> Array:
+    """Return the rate of change of the path curvature, 1/(m s): d/dt (r v / (v² + c)), zero at standstill.
+
+    v: speed, m/s. r: yaw rate, rad/s. c: `_CURVATURE_SPEED2`.
+    """
     v, r = np.asarray(chain.speed), np.asarray(chain.yaw_rate)
-    slower = v**2 + _CRAWL
-    turned = (chain.yaw_acceleration * v + r * chain.acceleration) / slower
-    return np.asarray(turned - 2.0 * r * v**2 * chain.acceleration / slower**2)
+    denominator = v**2 + _CURVATURE_SPEED2
+    numerator_rate = chain.yaw_acceleration * v + r * chain.acceleration
+    return np.asarray(numerator_rate / denominator - 2.0 * r * v**2 * chain.acceleration / denominator**2)
 
 
 def pulse(angle: Array | float, width: float) -> Array:
-    """A bell of height 1 and `width` rad, one sigma, once per turn where the angle, rad, is zero."""
-    off = (np.asarray(angle) + np.pi) % (2.0 * np.pi) - np.pi
-    return np.asarray(np.exp(-0.5 * (off / width) ** 2))
+    """Return a Gaussian pulse of height 1 and 1σ width `width`, once per turn at angle 0; both in rad."""
+    wrapped = (np.asarray(angle) + np.pi) % (2.0 * np.pi) - np.pi
+    return np.asarray(np.exp(-0.5 * (wrapped / width) ** 2))

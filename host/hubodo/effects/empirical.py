@@ -1,7 +1,7 @@
-"""Effects that have no name: a term of a library added to some channels of a node.
+"""Empirical effects: a term of a library, added to channels of a node with fitted amplitudes.
 
-`empirical:gz ~ spin^2*cos(2*theta)` adds to gz what its amplitudes make of the term. The label holds all that
-is fixed, the fields are the amplitudes; a periodic term has two of them, for cosine and sine.
+`empirical:gz ~ spin^2*cos(2*theta)` adds that term to gz. The name fixes channels and term; the parameters
+are the amplitudes. A periodic term has two amplitudes, for cosine and sine.
 """
 
 from __future__ import annotations
@@ -16,150 +16,171 @@ from typing import ClassVar
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.base import Chain, Effect, parameter
+from hubodo.effects.base import Effect, SensorChain, parameter
 from hubodo.effects.dependence import temperature_rate
 
 PREFIX = "empirical:"
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 HARMONICS = 6
-_GYRO_SCALE, _ACCEL_SCALE = 0.01, 0.1
+"""Number of wheel harmonics in the term `harmonics(theta)`."""
+_GYRO_AMPLITUDE_SCALE, _ACCEL_AMPLITUDE_SCALE = (
+    0.01,
+    0.1,
+)  # rad/s and m/s², 1σ of an amplitude per unit of its term
 
 
-def _full(chain: Chain, value: Array | float) -> Array:
+def _per_sample(chain: SensorChain, value: Array | float) -> Array:
+    """Return a value, or one value per sample, as (N,)."""
     return np.broadcast_to(np.asarray(value, float), chain.t.shape)
 
 
-FACTORS: dict[str, Callable[[Chain], Array]] = {
+FACTORS: dict[str, Callable[[SensorChain], Array]] = {
     "1": lambda chain: np.ones_like(chain.t),
     "t": lambda chain: chain.t,
-    "spin": lambda chain: _full(chain, chain.spin),
-    "spin^2": lambda chain: _full(chain, chain.spin) ** 2,
-    "abs(spin)": lambda chain: np.abs(_full(chain, chain.spin)),
-    "speed": lambda chain: _full(chain, chain.speed),
-    "speed^2": lambda chain: _full(chain, chain.speed) ** 2,
-    "acceleration": lambda chain: _full(chain, chain.acceleration),
-    "sign(acceleration)": lambda chain: np.tanh(_full(chain, chain.acceleration) / 0.05),
-    "yaw_rate": lambda chain: _full(chain, chain.yaw_rate),
-    "abs(yaw_rate)": lambda chain: np.abs(_full(chain, chain.yaw_rate)),
+    "spin": lambda chain: _per_sample(chain, chain.spin),
+    "spin^2": lambda chain: _per_sample(chain, chain.spin) ** 2,
+    "abs(spin)": lambda chain: np.abs(_per_sample(chain, chain.spin)),
+    "speed": lambda chain: _per_sample(chain, chain.speed),
+    "speed^2": lambda chain: _per_sample(chain, chain.speed) ** 2,
+    "acceleration": lambda chain: _per_sample(chain, chain.acceleration),
+    "sign(acceleration)": lambda chain: np.tanh(_per_sample(chain, chain.acceleration) / 0.05),
+    "yaw_rate": lambda chain: _per_sample(chain, chain.yaw_rate),
+    "abs(yaw_rate)": lambda chain: np.abs(_per_sample(chain, chain.yaw_rate)),
     "temperature": lambda chain: chain.temperature - 25.0,
     "temperature_rate": temperature_rate,
     "fx*fy": lambda chain: chain.force[0] * chain.force[1],
     "fx*fz": lambda chain: chain.force[0] * chain.force[2],
     "fy*fz": lambda chain: chain.force[1] * chain.force[2],
 }
-_HARMONIC = re.compile(r"cos\((\d+)\*theta\)")
-_TONE = re.compile(r"cos\(2\*pi\*([0-9.]+)\*t\)")
-_STEP = re.compile(r"step\(t-([0-9.]+)\)")
+_HARMONIC_PATTERN = re.compile(r"cos\((\d+)\*theta\)")
+_TONE_PATTERN = re.compile(r"cos\(2\*pi\*([0-9.]+)\*t\)")
+_STEP_PATTERN = re.compile(r"step\(t-([0-9.]+)\)")
 ALL_HARMONICS = "harmonics(theta)"
 
 
-def columns(expression: str, chain: Chain) -> list[Array]:
-    """The columns, (N,) each, that a term stands for: one; two where periodic; all harmonics: thirteen.
+def columns(expression: str, chain: SensorChain) -> list[Array]:
+    """Evaluate a term of the library.
 
-    Raises ValueError for an expression that is not of the library.
+    Parameters
+    ----------
+    expression : product of factors, such as "spin^2*cos(2*theta)".
+    chain : signals of N samples.
+
+    Returns
+    -------
+    list of (N,) arrays
+        One column; two for a periodic term; 2 `HARMONICS` for "harmonics(theta)".
+
+    Raises
+    ------
+    ValueError
+        If a factor is not in the library.
     """
     real, periodic = np.ones_like(chain.t), [np.ones_like(chain.t)]
     for factor in _split(expression):
         if factor in FACTORS:
             real = real * FACTORS[factor](chain)
-        elif match := _HARMONIC.fullmatch(factor):
-            angle = int(match[1]) * _full(chain, chain.angle)
+        elif match := _HARMONIC_PATTERN.fullmatch(factor):
+            angle = int(match[1]) * _per_sample(chain, chain.angle)
             periodic = [np.cos(angle), np.sin(angle)]
-        elif match := _TONE.fullmatch(factor):
+        elif match := _TONE_PATTERN.fullmatch(factor):
             angle = 2.0 * math.pi * float(match[1]) * chain.t
             periodic = [np.cos(angle), np.sin(angle)]
-        elif match := _STEP.fullmatch(factor):
+        elif match := _STEP_PATTERN.fullmatch(factor):
             real = real * (chain.t >= float(match[1]))
         elif factor == ALL_HARMONICS:
-            once = turn = np.exp(1j * _full(chain, chain.angle))
-            periodic = [turn.real.copy(), turn.imag.copy()]
+            fundamental = harmonic = np.exp(1j * _per_sample(chain, chain.angle))
+            periodic = [harmonic.real.copy(), harmonic.imag.copy()]
             while len(periodic) < 2 * HARMONICS:
-                turn = turn * once
-                periodic += [turn.real.copy(), turn.imag.copy()]
+                harmonic = harmonic * fundamental
+                periodic += [harmonic.real.copy(), harmonic.imag.copy()]
         else:
             raise ValueError(
-                f"no such term: {factor!r}; known are {', '.join(FACTORS)}, cos(2*theta), step(t-10)"
+                f"unknown term {factor!r}; known terms: {', '.join(FACTORS)}, cos(2*theta), step(t-10)"
             )
     for wave in periodic:
-        # Of a long log they are large: no second copy.
+        # In place: the columns of a long log are large.
         wave *= real
     return periodic
 
 
 def _split(expression: str) -> list[str]:
-    """Factors at the stars that stand outside brackets; products of forces are one factor."""
+    """Split an expression at its stars outside brackets; a product of two forces is one factor."""
     factors, depth, start = [], 0, 0
-    for k, sign in enumerate(expression):
-        depth += (sign == "(") - (sign == ")")
-        if sign == "*" and depth == 0:
+    for k, letter in enumerate(expression):
+        depth += (letter == "(") - (letter == ")")
+        if letter == "*" and depth == 0:
             factors.append(expression[start:k])
             start = k + 1
     factors.append(expression[start:])
-    joined: list[str] = []
+    merged: list[str] = []
     for factor in factors:
-        if joined and f"{joined[-1]}*{factor}" in FACTORS:
-            joined[-1] = f"{joined[-1]}*{factor}"
+        if merged and f"{merged[-1]}*{factor}" in FACTORS:
+            merged[-1] = f"{merged[-1]}*{factor}"
         else:
-            joined.append(factor)
-    return joined
+            merged.append(factor)
+    return merged
 
 
 def _suffixes(expression: str) -> list[str]:
-    """One for each column of a term, as its fields end."""
+    """Return one suffix of a parameter name for each column of a term."""
     factors = _split(expression)
     if ALL_HARMONICS in factors:
-        return [f"_{turn}{k}" for k in range(1, HARMONICS + 1) for turn in ("cos", "sin")]
+        return [f"_{wave}{k}" for k in range(1, HARMONICS + 1) for wave in ("cos", "sin")]
     return ["_cos", "_sin"] if any("cos(" in factor for factor in factors) else [""]
 
 
 class _Empirical(Effect):
-    proportional: ClassVar[bool] = True
+    """Base class of empirical effects."""
+
+    is_linear: ClassVar[bool] = True
     expression = "1"
     channels: tuple[str, ...] = ()
 
-    def offset(self, chain: Chain) -> None:
-        """Add the term to its channels."""
-        made = chain.terms.get(self.expression) or columns(self.expression, chain)
-        chain.terms[self.expression] = made
-        values = iter(self.values().values())
+    def add_offsets(self, chain: SensorChain) -> None:
+        """Add the term, times its amplitudes, to its channels."""
+        term = chain.terms.get(self.expression) or columns(self.expression, chain)
+        chain.terms[self.expression] = term
+        amplitudes = iter(self.values().values())
         for channel in self.channels:
             row = CHANNELS.index(channel)
-            target = chain.gyro[row] if row < 3 else chain.accel[row - 3]
-            for column in made:
-                amplitude = next(values)
+            reading = chain.gyro[row] if row < 3 else chain.accel[row - 3]
+            for column in term:
+                amplitude = next(amplitudes)
                 if amplitude:
-                    target += amplitude * column
+                    reading += amplitude * column
 
 
 @lru_cache(maxsize=256)
 def empirical(name: str) -> type[Effect]:
-    """The effect of a name such as `empirical:gx,gy ~ temperature_rate`.
+    """Return the class of an empirical effect by name, such as `empirical:gx,gy ~ temperature_rate`.
 
-    Raises ValueError for a name without channels or with a term that is not of the library.
+    Raise ValueError for a name without channels or with a term that is not in the library.
     """
-    channels, mark, expression = name.removeprefix(PREFIX).partition(" ~ ")
-    rows = tuple(channels.split(","))
-    if not name.startswith(PREFIX) or not mark or any(row not in CHANNELS for row in rows):
+    listed, separator, expression = name.removeprefix(PREFIX).partition(" ~ ")
+    channels = tuple(listed.split(","))
+    if not name.startswith(PREFIX) or not separator or any(it not in CHANNELS for it in channels):
         raise ValueError(f"{name!r}: write empirical:CHANNEL ~ TERM with a channel of {', '.join(CHANNELS)}")
     suffixes = _suffixes(expression)
-    items = []
-    for row in rows:
-        unit, scale = ("rad/s", _GYRO_SCALE) if row.startswith("g") else ("m/s²", _ACCEL_SCALE)
-        per = f"{unit} per unit of the term"
-        items += [(f"{row}{suffix}", float, parameter(per, scale)) for suffix in suffixes]
-    made = make_dataclass(
+    amplitudes = []
+    for channel in channels:
+        is_gyro = channel.startswith("g")
+        unit = f"{'rad/s' if is_gyro else 'm/s²'} per unit of the term"
+        scale = _GYRO_AMPLITUDE_SCALE if is_gyro else _ACCEL_AMPLITUDE_SCALE
+        amplitudes += [(f"{channel}{suffix}", float, parameter(unit, scale)) for suffix in suffixes]
+    kind = make_dataclass(
         "Empirical",
-        items,
+        amplitudes,
         bases=(_Empirical,),
         frozen=True,
         namespace={
             "name": name,
             "expression": expression,
-            "channels": rows,
-            "remembers": "temperature_rate" in _split(expression),
+            "channels": channels,
+            "has_memory": "temperature_rate" in _split(expression),
         },
     )
-    nothing = np.zeros(2)
+    # Evaluated once, so that an unknown term is refused here.
     zero = np.zeros((3, 2))
-    columns(expression, Chain(np.arange(2.0), nothing, zero, zero, zero, zero, zero))
-    return made
+    columns(expression, SensorChain(np.arange(2.0), zero[0], zero, zero, zero, zero, zero))
+    return kind

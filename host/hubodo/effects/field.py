@@ -1,4 +1,4 @@
-"""Effects that the field knows and the list lacks: candidates only where somebody asks for them."""
+"""Effects known in the literature that are candidates of `hubodo gap` only on request."""
 
 from __future__ import annotations
 
@@ -14,32 +14,31 @@ from hubodo.earth import STANDARD_GRAVITY
 from hubodo.effects.base import (
     REFERENCE_CELSIUS,
     REFERENCE_VOLTS,
-    Chain,
+    Dependency,
     Effect,
-    Follows,
     Geometry,
     Level,
+    SensorChain,
     parameter,
 )
 from hubodo.effects.dependence import steering_rate
 
-# m/s²: the torque turns round within so much of acceleration.
-_TURNS_ROUND = 0.05
+_TORQUE_REVERSAL_ACCEL = 0.05  # m/s², width of the transition between the two ends of the play
 
 
 @dataclass(frozen=True)
 class WheelSteering(Effect):
-    """The wheel steers by arm r v / (v² + 1/4), and its node turns with it about the vertical."""
+    """The wheel steers by the angle arm r v / (v² + 1/4), with yaw rate r and speed v in SI units."""
 
     name: ClassVar[str] = "wheel_steering"
     level: ClassVar[Level] = "wheel"
-    meaning: ClassVar[str] = "the wheel is steered by the bend of the path"
-    alike: ClassVar[Mapping[str, str]] = {
-        "gyro_scale_factor": "begin and end turns briskly: steering shows only then"
+    meaning: ClassVar[str] = "the wheel steers with the curvature of the path"
+    confusable_with: ClassVar[Mapping[str, str]] = {
+        "gyro_scale_factor": "begin and end turns briskly: steering shows only there"
     }
     arm: float = parameter("m", 0.3)
 
-    def offset(self, chain: Chain) -> None:
+    def add_offsets(self, chain: SensorChain) -> None:
         rate = self.arm * steering_rate(chain)
         chain.gyro[0] += np.cos(chain.angle) * rate
         chain.gyro[1] -= chain.facing * np.sin(chain.angle) * rate
@@ -47,109 +46,109 @@ class WheelSteering(Effect):
 
 @dataclass(frozen=True)
 class AxlePlay(Effect):
-    """The node tips to the other end of its play, a rotation vector across the axle, with the torque."""
+    """The node tilts by a rotation vector across the axle, with a sign that follows the torque."""
 
     name: ClassVar[str] = "axle_play"
     level: ClassVar[Level] = "wheel"
     meaning: ClassVar[str] = "the axle or the node's mount has play"
-    alike: ClassVar[Mapping[str, str]] = {
-        "wheel_slip": "accelerate and brake by little and by much: play is the same for both",
+    confusable_with: ClassVar[Mapping[str, str]] = {
+        "wheel_slip": "accelerate and brake gently and hard: play is the same for both",
     }
     x: float = parameter("rad", 0.005)
-    y: float = parameter("rad", 0.005, turned=True)
+    y: float = parameter("rad", 0.005, flips_with_facing=True)
 
-    def offset(self, chain: Chain) -> None:
-        tip = np.array([self.x, self.y, 0.0])
-        end = np.tanh(np.asarray(chain.acceleration) / _TURNS_ROUND)
-        chain.gyro -= end * np.cross(tip, chain.rate, axisb=0).T
-        chain.accel -= end * np.cross(tip, chain.force, axisb=0).T
+    def add_offsets(self, chain: SensorChain) -> None:
+        tilt = np.array([self.x, self.y, 0.0])
+        side = np.tanh(np.asarray(chain.acceleration) / _TORQUE_REVERSAL_ACCEL)
+        chain.gyro -= side * np.cross(tilt, chain.rate, axisb=0).T
+        chain.accel -= side * np.cross(tilt, chain.force, axisb=0).T
 
 
 @dataclass(frozen=True)
 class AccelRectification(Effect):
-    """k v² more on each axis: shaking, which grows with the speed, shifts the zero as its square."""
+    """Vibration rectification: each accelerometer axis reads k v² more, with speed v."""
 
     name: ClassVar[str] = "accel_rectification"
     meaning: ClassVar[str] = "vibration shifts the accelerometer's zero"
-    alike: ClassVar[Mapping[str, str]] = {
-        "lever_arm": "drive a smooth floor and a rough one: only shaking changes",
+    confusable_with: ClassVar[Mapping[str, str]] = {
+        "lever_arm": "drive on a smooth floor and on a rough one: only vibration changes",
     }
     x: float = parameter("(m/s²)/(m²/s²)", 0.01)
-    y: float = parameter("(m/s²)/(m²/s²)", 0.01, turned=True)
-    z: float = parameter("(m/s²)/(m²/s²)", 0.01, turned=True)
+    y: float = parameter("(m/s²)/(m²/s²)", 0.01, flips_with_facing=True)
+    z: float = parameter("(m/s²)/(m²/s²)", 0.01, flips_with_facing=True)
 
-    def offset(self, chain: Chain) -> None:
+    def add_offsets(self, chain: SensorChain) -> None:
         chain.accel += np.array([[self.x], [self.y], [self.z]]) * np.asarray(chain.speed) ** 2
 
 
 @dataclass(frozen=True)
 class AccelTemperature(Effect):
-    """An offset in proportion to the temperature above 25 °C."""
+    """The accelerometer bias is proportional to the temperature difference from 25 °C."""
 
     name: ClassVar[str] = "accel_temperature"
-    follows: ClassVar[Follows | None] = "temperature"
-    undone: ClassVar[bool] = True
+    depends_on: ClassVar[Dependency | None] = "temperature"
+    is_invertible: ClassVar[bool] = True
     meaning: ClassVar[str] = "the accelerometer's offset follows the temperature"
-    alike: ClassVar[Mapping[str, str]] = {
-        "accel_bias": "let the temperature change by some degrees",
+    confusable_with: ClassVar[Mapping[str, str]] = {
+        "accel_bias": "let the temperature change by several degrees",
     }
     x: float = parameter("(m/s²)/°C", 0.01)
-    y: float = parameter("(m/s²)/°C", 0.01, turned=True)
-    z: float = parameter("(m/s²)/°C", 0.01, turned=True)
+    y: float = parameter("(m/s²)/°C", 0.01, flips_with_facing=True)
+    z: float = parameter("(m/s²)/°C", 0.01, flips_with_facing=True)
 
-    def offset(self, chain: Chain) -> None:
+    def add_offsets(self, chain: SensorChain) -> None:
         chain.accel += np.array([[self.x], [self.y], [self.z]]) * (chain.temperature - REFERENCE_CELSIUS)
 
 
 @dataclass(frozen=True)
 class GyroSupply(Effect):
-    """An offset in proportion to the supply voltage above 3.7 V."""
+    """The gyro bias is proportional to the difference of the supply voltage from 3.7 V."""
 
     name: ClassVar[str] = "gyro_supply"
-    follows: ClassVar[Follows | None] = "supply"
-    undone: ClassVar[bool] = True
+    depends_on: ClassVar[Dependency | None] = "supply"
+    is_invertible: ClassVar[bool] = True
     meaning: ClassVar[str] = "the gyro's offset follows the supply voltage"
-    alike: ClassVar[Mapping[str, str]] = {
-        "gyro_bias": "let the battery run down a little, or feed the node from two supplies",
-        "gyro_temperature": "feed the node from two supplies while its temperature stays",
+    confusable_with: ClassVar[Mapping[str, str]] = {
+        "gyro_bias": "let the battery discharge a little, or power the node from two supplies",
+        "gyro_temperature": "power the node from two supplies at the same temperature",
     }
     x: float = parameter("(rad/s)/V", 0.01)
-    y: float = parameter("(rad/s)/V", 0.01, turned=True)
-    z: float = parameter("(rad/s)/V", 0.01, turned=True)
+    y: float = parameter("(rad/s)/V", 0.01, flips_with_facing=True)
+    z: float = parameter("(rad/s)/V", 0.01, flips_with_facing=True)
 
-    def offset(self, chain: Chain) -> None:
+    def add_offsets(self, chain: SensorChain) -> None:
         chain.gyro += np.array([[self.x], [self.y], [self.z]]) * (chain.supply - REFERENCE_VOLTS)
 
 
 @dataclass(frozen=True)
 class RoadBank(Effect):
-    """The road leans at a constant angle: the left side is higher where it is positive."""
+    """The road is banked at a constant angle, positive where the left side is higher."""
 
     name: ClassVar[str] = "road_bank"
     level: ClassVar[Level] = "vehicle"
     meaning: ClassVar[str] = "the road is banked"
-    alike: ClassVar[Mapping[str, str]] = {
+    confusable_with: ClassVar[Mapping[str, str]] = {
         "accel_bias": "drive the same road in both directions",
     }
-    angle: float = parameter("rad", 0.03, within=1.5)
+    angle: float = parameter("rad", 0.03, max_magnitude=1.5)
 
-    def offset(self, chain: Chain) -> None:
-        aside = STANDARD_GRAVITY * math.sin(self.angle)
-        less = STANDARD_GRAVITY * (math.cos(self.angle) - 1.0)
-        chain.accel[0] += np.cos(chain.angle) * less
-        chain.accel[1] -= chain.facing * np.sin(chain.angle) * less
-        chain.accel[2] += chain.facing * aside
+    def add_offsets(self, chain: SensorChain) -> None:
+        lateral = STANDARD_GRAVITY * math.sin(self.angle)
+        vertical_change = STANDARD_GRAVITY * (math.cos(self.angle) - 1.0)
+        chain.accel[0] += np.cos(chain.angle) * vertical_change
+        chain.accel[1] -= chain.facing * np.sin(chain.angle) * vertical_change
+        chain.accel[2] += chain.facing * lateral
 
 
 @dataclass(frozen=True)
 class ReferenceLatency(Effect):
-    """The reference tells at t what was true at t - delay; every node is early beside it."""
+    """The reference is late: it reports at t the state at t - delay."""
 
     name: ClassVar[str] = "reference_latency"
     level: ClassVar[Level] = "vehicle"
     meaning: ClassVar[str] = "the reference is late"
-    alike: ClassVar[Mapping[str, str]] = {
-        "time_offset": "no drive: nothing tells which clock is right",
+    confusable_with: ClassVar[Mapping[str, str]] = {
+        "time_offset": "none: a drive cannot show which clock is correct",
     }
     delay: float = parameter("s", 0.05)
 
@@ -159,23 +158,28 @@ class ReferenceLatency(Effect):
 
 @dataclass(frozen=True)
 class ReferenceArm(Effect):
-    """The reference's antenna sits this far left of the vehicle's middle: its speed is v - r arm."""
+    """The antenna of the reference is off-centre to the left by `arm`: it measures v - r arm.
+
+    v, r: speed in m/s and yaw rate in rad/s of the vehicle.
+    """
 
     name: ClassVar[str] = "reference_arm"
-    of_reference: ClassVar[bool] = True
+    affects_reference: ClassVar[bool] = True
     level: ClassVar[Level] = "vehicle"
-    meaning: ClassVar[str] = "the reference's antenna is not in the middle of the vehicle"
-    alike: ClassVar[Mapping[str, str]] = {
-        "track_width": "have a node on a wheel of each side: an arm speeds up both in the same turn",
+    meaning: ClassVar[str] = "the antenna of the reference is not on the centre line of the vehicle"
+    confusable_with: ClassVar[Mapping[str, str]] = {
+        "track_width": "put a node on a wheel of each side: in a turn an arm has the same sign for both",
     }
     arm: float = parameter("m", 0.2)
 
-    def shape(self, geometry: Geometry) -> Geometry:
-        return replace(geometry, aside=geometry.aside + self.arm)
+    def adjust_geometry(self, geometry: Geometry) -> Geometry:
+        return replace(geometry, reference_y=geometry.reference_y + self.arm)
 
-    def in_words(self) -> str:
+    def describe(self) -> str:
         side = "left" if self.arm > 0.0 else "right"
-        return f"the reference's antenna sits {abs(self.arm):.2g} m {side} of the middle of the vehicle"
+        return (
+            f"the antenna of the reference is {abs(self.arm):.2g} m {side} of the centre line of the vehicle"
+        )
 
 
 FIELD: tuple[type[Effect], ...] = (

@@ -1,4 +1,4 @@
-"""Effects of the gyro triad: lag, scale, cross-axis, curvature, offsets, limits."""
+"""Effects of the gyro triad: lag, scale, cross-axis, cubic, offsets, random walk, range and resolution."""
 
 from __future__ import annotations
 
@@ -11,53 +11,64 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.effects.base import REFERENCE_CELSIUS, Chain, Effect, Estimate, Follows, Noise, Shows, parameter
+from hubodo.effects.base import (
+    REFERENCE_CELSIUS,
+    Dependency,
+    Effect,
+    Noise,
+    OdometryPrior,
+    SensorChain,
+    Visibility,
+    parameter,
+)
 from hubodo.effects.one_pole import one_pole
-from hubodo.effects.triad import XYZ, CrossAxis, ScaleFactor, Sensor, times
+from hubodo.effects.triad import XYZ, CrossAxis, ScaleFactor, Sensor, multiply
 
-_FASTEST = 36.0
-"""rad/s, a little beyond the widest range of the gyros, 2000 deg/s."""
-_NEWTON_STEPS = 6
-_PER_FORCE = "(rad/s)/(m/s²)"
-_TWO_SPEEDS = "drive slowly and fast for as long each"
-_TURN = "drive on: the wheel must turn many times"
-_CURVES = "drive curves: turns that add up to well over 180 degrees, to both sides"
-_STAND = "stand still for ten seconds, and drive at several speeds"
-_SPIN_SCALE = Estimate(
-    0.015, 2e-6, "half of what the MPU-6050 may be off, 3 %; walk: temperature, 0.012 % in an hour", _TURN
+_MAX_GYRO_RATE = 36.0  # rad/s, just beyond the widest range of the gyros, 2000 deg/s
+_CUBIC_NEWTON_STEPS = 6  # converge to rounding errors for every cubic term that `why_irreversible` accepts
+_G_SENSITIVITY_UNIT = "(rad/s)/(m/s²)"
+_TWO_SPEEDS_ADVICE = "drive slowly and fast for the same time each"
+_TURN_WHEEL_ADVICE = "drive on: the wheel must turn many multiply"
+_CURVES_ADVICE = "drive curves: turns that add up to well over 180 degrees, to both sides"
+_STANDSTILL_ADVICE = "stand still for ten seconds, and drive at several speeds"
+_SPIN_SCALE_PRIOR = OdometryPrior(
+    0.015,
+    2e-6,
+    "half of the MPU-6050's scale tolerance, 3 %; random walk: temperature, 0.012 % in an hour",
+    _TURN_WHEEL_ADVICE,
 )
-# Turns of the vehicle pass from x to y and back as the wheel turns: a drive shows the mean of both scales.
-_YAW_SCALE = Estimate(
-    0.0075, 2e-6, "of the mean of x and y, 1 % each; walk: temperature, 0.012 % in an hour", _CURVES
+# The yaw rate alternates between x and y as the wheel turns: a drive shows the mean of both scales.
+_YAW_SCALE_PRIOR = OdometryPrior(
+    0.0075, 2e-6, "mean of x and y, 1 % each; random walk: temperature, 0.012 % in an hour", _CURVES_ADVICE
 )
-_BIAS_ORIGIN = (
-    "a third of the MPU-6050's zero-rate tolerance, 20 deg/s; walk: temperature, 0.3 deg/s in an hour"
+_ZERO_RATE_ORIGIN = (
+    "a third of the MPU-6050's zero-rate tolerance, 20 deg/s; random walk: temperature, 0.3 deg/s in an hour"
 )
-_BIAS_ACROSS = Estimate(0.1, 1e-4, _BIAS_ORIGIN, _TURN)
-_BIAS_ALONG = Estimate(0.1, 1e-4, _BIAS_ORIGIN, _STAND)
-# Gravity turns with the wheel, so what it makes in x and y is a yaw rate of g (xx + yy) / 2.
-_FROM_GRAVITY = Estimate(
+_GYRO_BIAS_ACROSS_PRIOR = OdometryPrior(0.1, 1e-4, _ZERO_RATE_ORIGIN, _TURN_WHEEL_ADVICE)
+_GYRO_BIAS_ALONG_PRIOR = OdometryPrior(0.1, 1e-4, _ZERO_RATE_ORIGIN, _STANDSTILL_ADVICE)
+# Gravity rotates in node axes, so the sensitivities xx and yy appear as a yaw rate of g (xx + yy) / 2.
+_G_SENSITIVITY_PRIOR = OdometryPrior(
     1.2e-4 / STANDARD_GRAVITY,
     1e-6 / STANDARD_GRAVITY,
-    "of the mean of xx and yy, 0.01 deg/s per g each, a tenth of the MPU-6050's limit; walk: it is fixed",
+    "mean of xx and yy, 0.01 deg/s per g each, a tenth of the MPU-6050's limit; random walk: none, fixed",
 )
 
 
 @dataclass(frozen=True)
 class GyroLag(Effect):
-    """A low-pass of one pole in the gyro."""
+    """The gyro low-passes the rate with one pole."""
 
     name: ClassVar[str] = "gyro_lag"
-    remembers: ClassVar[bool] = True
-    meaning: ClassVar[str] = "the gyro answers late"
-    alike: ClassVar[Mapping[str, str]] = {
-        "time_offset": "change speed briskly: the accelerometer is late only with the clock",
-        "wheel_slip": "change speed briskly, and turn: only a lag shows across the axle",
+    has_memory: ClassVar[bool] = True
+    meaning: ClassVar[str] = "the gyro lags behind the motion"
+    confusable_with: ClassVar[Mapping[str, str]] = {
+        "time_offset": "change speed briskly: only a time offset delays the accelerometer too",
+        "wheel_slip": "change speed briskly, and turn: only a lag delays gx and gy",
     }
     time_constant: float = parameter("s", 0.005, positive=True)
 
-    def low_pass(self, chain: Chain) -> None:
-        # A negative lag means nothing in the world, but a fit that starts at zero needs the slope there.
+    def low_pass_rate(self, chain: SensorChain) -> None:
+        # A negative lag is not physical, but a fit that starts at zero needs the derivative there.
         if self.time_constant > 1e-5:
             chain.rate = one_pole(chain.t, chain.rate, chain.rate_derivative, self.time_constant)
         else:
@@ -66,51 +77,52 @@ class GyroLag(Effect):
 
 @dataclass(frozen=True)
 class GyroScaleFactor(ScaleFactor):
-    """Reads (1 + e) times the rate, each axis its own e."""
+    """Each gyro axis reads (1 + e) multiply the rate, with its own scale error e."""
 
     name: ClassVar[str] = "gyro_scale_factor"
     sensor: ClassVar[Sensor] = "gyro"
-    meaning: ClassVar[str] = "the gyro reads too much or too little, in proportion"
-    alike: ClassVar[Mapping[str, str]] = {
-        "tyre_growth": _TWO_SPEEDS,
-        "gyro_cubic": _TWO_SPEEDS,
-        "clock_skew": "change speed briskly: a skew is late at every change",
+    meaning: ClassVar[str] = "the gyro has a scale error"
+    confusable_with: ClassVar[Mapping[str, str]] = {
+        "tyre_growth": _TWO_SPEEDS_ADVICE,
+        "gyro_cubic": _TWO_SPEEDS_ADVICE,
+        "clock_skew": "change speed briskly: a clock skew delays every change",
     }
-    x: float = parameter("1", 0.01, estimate=_YAW_SCALE)
-    y: float = parameter("1", 0.01, estimate=_YAW_SCALE)
-    z: float = parameter("1", 0.01, estimate=_SPIN_SCALE)
+    x: float = parameter("1", 0.01, odometry_prior=_YAW_SCALE_PRIOR)
+    y: float = parameter("1", 0.01, odometry_prior=_YAW_SCALE_PRIOR)
+    z: float = parameter("1", 0.01, odometry_prior=_SPIN_SCALE_PRIOR)
 
 
 @dataclass(frozen=True)
 class GyroNonorthogonality(CrossAxis):
-    """Cross-axis terms of the gyro after Avrutov."""
+    """The gyro axes are not orthogonal: six cross-axis terms after Avrutov."""
 
     name: ClassVar[str] = "gyro_nonorthogonality"
     sensor: ClassVar[Sensor] = "gyro"
-    meaning: ClassVar[str] = "the axes of the gyro are not square"
+    meaning: ClassVar[str] = "the axes of the gyro are not orthogonal"
 
 
 @dataclass(frozen=True)
 class GyroCubic(Effect):
-    """The z gyro reads c ω³ more."""
+    """The z gyro has a cubic error: it reads c ω³ more, with rate ω and c = `z`."""
 
     name: ClassVar[str] = "gyro_cubic"
-    undone: ClassVar[bool] = True
-    meaning: ClassVar[str] = "the gyro bends at high rates"
+    is_invertible: ClassVar[bool] = True
+    meaning: ClassVar[str] = "the gyro is nonlinear at high rates"
     z: float = parameter("1/(rad/s)²", 1e-5)
 
-    def respond(self, chain: Chain) -> None:
+    def add_scale_errors(self, chain: SensorChain) -> None:
         chain.gyro[2] += self.z * chain.rate[2] ** 3
 
-    def irreversible(self) -> str:
-        if abs(3.0 * self.z * _FASTEST**2) > 0.5:
-            return f"z = {self.z:g} would turn the scale around within the range of the gyro"
+    def why_irreversible(self) -> str:
+        if abs(3.0 * self.z * _MAX_GYRO_RATE**2) > 0.5:
+            return f"z = {self.z:g} makes the reading ambiguous within the range of the gyro"
         return ""
 
-    def straighten(self, rate: Array, inverse: Array) -> Array:
-        # w = rate - inverse[:, 2] c w_z³; its z row alone is a cubic for w_z, by Newton's steps.
+    def remove_nonlinearity(self, rate: Array, inverse: Array) -> Array:
+        # w = rate - inverse[:, 2] c w_z³; the z row alone is a cubic equation for w_z, solved by Newton's
+        # method.
         spin, cubic = rate[2], inverse[2, 2] * self.z
-        for _ in range(_NEWTON_STEPS):
+        for _ in range(_CUBIC_NEWTON_STEPS):
             spin = spin - (spin + cubic * (spin * spin * spin) - rate[2]) / (
                 1.0 + 3.0 * cubic * (spin * spin)
             )
@@ -119,123 +131,124 @@ class GyroCubic(Effect):
 
 @dataclass(frozen=True)
 class GyroBias(Effect):
-    """A constant offset."""
+    """The gyro has a constant bias."""
 
     name: ClassVar[str] = "gyro_bias"
-    undone: ClassVar[bool] = True
+    is_invertible: ClassVar[bool] = True
     meaning: ClassVar[str] = "the gyro reads an offset"
-    x: float = parameter("rad/s", 0.01, estimate=_BIAS_ACROSS)
-    y: float = parameter("rad/s", 0.01, turned=True, estimate=_BIAS_ACROSS)
-    z: float = parameter("rad/s", 0.01, turned=True, estimate=_BIAS_ALONG)
+    x: float = parameter("rad/s", 0.01, odometry_prior=_GYRO_BIAS_ACROSS_PRIOR)
+    y: float = parameter("rad/s", 0.01, flips_with_facing=True, odometry_prior=_GYRO_BIAS_ACROSS_PRIOR)
+    z: float = parameter("rad/s", 0.01, flips_with_facing=True, odometry_prior=_GYRO_BIAS_ALONG_PRIOR)
 
-    def offset(self, chain: Chain) -> None:
+    def add_offsets(self, chain: SensorChain) -> None:
         chain.gyro += np.array([[self.x], [self.y], [self.z]])
 
 
 @dataclass(frozen=True)
 class GyroTemperature(Effect):
-    """An offset in proportion to the temperature above 25 °C."""
+    """The gyro bias is proportional to the temperature difference from 25 °C."""
 
     name: ClassVar[str] = "gyro_temperature"
-    follows: ClassVar[Follows | None] = "temperature"
-    undone: ClassVar[bool] = True
+    depends_on: ClassVar[Dependency | None] = "temperature"
+    is_invertible: ClassVar[bool] = True
     meaning: ClassVar[str] = "the gyro's offset follows the temperature"
-    alike: ClassVar[Mapping[str, str]] = {
-        "gyro_bias": "let the temperature change by some degrees",
+    confusable_with: ClassVar[Mapping[str, str]] = {
+        "gyro_bias": "let the temperature change by several degrees",
     }
     x: float = parameter("rad/s/°C", 1e-3)
-    y: float = parameter("rad/s/°C", 1e-3, turned=True)
-    z: float = parameter("rad/s/°C", 1e-3, turned=True)
+    y: float = parameter("rad/s/°C", 1e-3, flips_with_facing=True)
+    z: float = parameter("rad/s/°C", 1e-3, flips_with_facing=True)
 
-    def offset(self, chain: Chain) -> None:
+    def add_offsets(self, chain: SensorChain) -> None:
         chain.gyro += np.array([[self.x], [self.y], [self.z]]) * (chain.temperature - REFERENCE_CELSIUS)
 
 
 @dataclass(frozen=True)
 class GyroGSensitivity(Effect):
-    """How the gyros answer the true specific force.
+    """The gyros respond to the true specific force f.
 
-    x, y, z: the z gyro along x, y, z. xx to yz: the x and y gyros, xy how the x gyro answers f_y; a bench
-    calibration knows them, a drive shows little of them, so no fit to a drive moves them.
+    `x`, `y`, `z`: sensitivity of the z gyro to f_x, f_y, f_z. `xx` to `yz`: those of the x and y gyros, `xy`
+    being the response of the x gyro to f_y. A bench calibration determines them; a drive hardly does, so they
+    are not fitted to a drive.
     """
 
     name: ClassVar[str] = "gyro_g_sensitivity"
-    undone: ClassVar[bool] = True
-    meaning: ClassVar[str] = "the gyro feels acceleration"
-    alike: ClassVar[Mapping[str, str]] = {
+    is_invertible: ClassVar[bool] = True
+    meaning: ClassVar[str] = "the gyro responds to acceleration"
+    confusable_with: ClassVar[Mapping[str, str]] = {
         "wheel_eccentricity": (
             "drive at two speeds: eccentricity grows with spin and shows in the accelerometer"
         ),
         "gyro_bias": "turn at speed: the force across the wheel changes, a bias does not",
     }
-    x: float = parameter(_PER_FORCE, 1e-3, turned=True)
-    y: float = parameter(_PER_FORCE, 1e-3)
-    z: float = parameter(_PER_FORCE, 1e-3)
-    xx: float = parameter(_PER_FORCE, 1e-3, fitted=False, estimate=_FROM_GRAVITY)
-    xy: float = parameter(_PER_FORCE, 1e-3, fitted=False, turned=True)
-    xz: float = parameter(_PER_FORCE, 1e-3, fitted=False, turned=True)
-    yx: float = parameter(_PER_FORCE, 1e-3, fitted=False, turned=True)
-    yy: float = parameter(_PER_FORCE, 1e-3, fitted=False, estimate=_FROM_GRAVITY)
-    yz: float = parameter(_PER_FORCE, 1e-3, fitted=False)
+    x: float = parameter(_G_SENSITIVITY_UNIT, 1e-3, flips_with_facing=True)
+    y: float = parameter(_G_SENSITIVITY_UNIT, 1e-3)
+    z: float = parameter(_G_SENSITIVITY_UNIT, 1e-3)
+    xx: float = parameter(_G_SENSITIVITY_UNIT, 1e-3, fitted=False, odometry_prior=_G_SENSITIVITY_PRIOR)
+    xy: float = parameter(_G_SENSITIVITY_UNIT, 1e-3, fitted=False, flips_with_facing=True)
+    xz: float = parameter(_G_SENSITIVITY_UNIT, 1e-3, fitted=False, flips_with_facing=True)
+    yx: float = parameter(_G_SENSITIVITY_UNIT, 1e-3, fitted=False, flips_with_facing=True)
+    yy: float = parameter(_G_SENSITIVITY_UNIT, 1e-3, fitted=False, odometry_prior=_G_SENSITIVITY_PRIOR)
+    yz: float = parameter(_G_SENSITIVITY_UNIT, 1e-3, fitted=False)
 
     rows: ClassVar[tuple[tuple[str, str, str], ...]] = (("xx", "xy", "xz"), ("yx", "yy", "yz"), XYZ)
-    """Parameters by gyro and axis of the force."""
+    """Names of the parameters: one row per gyro, one column per axis of the force."""
 
     def matrix(self) -> Array:
-        """(3, 3), row = gyro."""
+        """Return the (3, 3) sensitivities, one row per gyro, (rad/s)/(m/s²)."""
         return np.array([[getattr(self, name) for name in row] for row in self.rows])
 
-    def offset(self, chain: Chain) -> None:
-        chain.gyro += times(self.matrix(), chain.force)
+    def add_offsets(self, chain: SensorChain) -> None:
+        chain.gyro += multiply(self.matrix(), chain.force)
 
 
 @dataclass(frozen=True)
 class GyroRateRandomWalk(Effect):
-    """Each axis drifts by k per square root of a second."""
+    """The bias of each gyro axis is a random walk of k per square root of a second."""
 
     name: ClassVar[str] = "gyro_rate_random_walk"
-    shows: ClassVar[Shows] = "scatter"
-    meaning: ClassVar[str] = "the gyro's offset wanders at random"
-    alike: ClassVar[Mapping[str, str]] = {
-        "gyro_warmup": "record longer, and again from a cold start: a walk does not repeat itself",
-        "gyro_bias": "record longer: a walk leaves where it was",
-        "gyro_temperature": "let the temperature go up and come back",
+    visible_in: ClassVar[Visibility] = "scatter"
+    meaning: ClassVar[str] = "the gyro's offset drifts at random"
+    confusable_with: ClassVar[Mapping[str, str]] = {
+        "gyro_warmup": "record longer, and again from a cold start: a random walk does not repeat",
+        "gyro_bias": "record longer: a random walk drifts away, a bias does not",
+        "gyro_temperature": "let the temperature rise and fall again",
     }
     k: float = parameter("rad/s/√s", 5e-4, positive=True)
 
-    def drift(self) -> float:
+    def random_walk_variance_rate(self) -> float:
         return self.k**2
 
-    def wander(self, chain: Chain, rng: np.random.Generator) -> None:
+    def add_random_walk(self, chain: SensorChain, rng: np.random.Generator) -> None:
         steps = np.sqrt(np.diff(chain.t, prepend=chain.t[:1]).clip(0.0))
         chain.gyro += np.cumsum(self.k * steps * rng.standard_normal(chain.gyro.shape), axis=1)
 
 
 @dataclass(frozen=True)
 class GyroSaturation(Effect):
-    """Nothing beyond ± limit is read; without a limit (infinity) everything is."""
+    """Gyro readings are clipped at ± limit; an infinite limit clips nothing."""
 
     name: ClassVar[str] = "gyro_saturation"
-    shows: ClassVar[Shows] = "scatter"
-    meaning: ClassVar[str] = "the gyro cannot read rates beyond a limit"
+    visible_in: ClassVar[Visibility] = "scatter"
+    meaning: ClassVar[str] = "the gyro saturates"
     limit: float = parameter("rad/s", 20.0, positive=True, default=math.inf)
 
-    def clip(self, chain: Chain) -> None:
+    def clip_readings(self, chain: SensorChain) -> None:
         np.clip(chain.gyro, -self.limit, self.limit, out=chain.gyro)
 
 
 @dataclass(frozen=True)
 class GyroQuantization(Effect):
-    """Rounded to whole steps."""
+    """Gyro readings are rounded to multiples of a step."""
 
     name: ClassVar[str] = "gyro_quantization"
-    shows: ClassVar[Shows] = "scatter"
-    meaning: ClassVar[str] = "the gyro reads in coarse steps"
+    visible_in: ClassVar[Visibility] = "scatter"
+    meaning: ClassVar[str] = "the gyro has a coarse resolution"
     step: float = parameter("rad/s", 0.01, positive=True)
 
-    def spread(self, noise: Noise) -> tuple[float, float]:
+    def added_variance(self, noise: Noise) -> tuple[float, float]:
         return self.step**2 / 12.0, 0.0
 
-    def digitize(self, chain: Chain) -> None:
+    def quantize_readings(self, chain: SensorChain) -> None:
         if self.step > 0.0:
             chain.gyro = np.round(chain.gyro / self.step) * self.step

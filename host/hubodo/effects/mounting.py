@@ -1,4 +1,4 @@
-"""Effects of how the node sits on the hub: turned, and off the axle."""
+"""Effects of the mounting of a node on the hub: misalignment and lever arm."""
 
 import math
 from collections.abc import Mapping
@@ -9,72 +9,75 @@ from typing import ClassVar
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.base import Chain, Effect, Estimate, Geometry, parameter
-from hubodo.effects.triad import times
+from hubodo.effects.base import Effect, Geometry, OdometryPrior, SensorChain, parameter
+from hubodo.effects.triad import multiply
 
-_SQUARE = "drive at two speeds: a lever arm grows with the square of the spin"
-_TILT = Estimate(
+_TWO_SPEEDS_ARM_ADVICE = "drive at two speeds: a lever arm grows with the square of the spin"
+_TILT_PRIOR = OdometryPrior(
     0.03,
     1e-6,
-    "two degrees of a mounting by hand; walk: it is fixed",
-    "drive on: the wheel must turn many times",
+    "two degrees for mounting by hand; random walk: none, fixed",
+    "drive on: the wheel must turn many multiply",
 )
-_ARM = Estimate(
-    0.1, 1e-6, "a node anywhere on the hub; walk: it is fixed", "drive faster, or brake and accelerate"
+_LEVER_ARM_PRIOR = OdometryPrior(
+    0.1, 1e-6, "any position on the hub; random walk: none, fixed", "drive faster, or brake and accelerate"
 )
 
 
 @dataclass(frozen=True)
 class NodeMisalignment(Effect):
-    """The node is turned by a rotation vector against its nominal axes: a vector v reads R(x, y, z)ᵀ v."""
+    """The node is rotated against its nominal axes: a vector v is measured as R(x, y, z)ᵀ v.
+
+    R is the matrix of the rotation vector (x, y, z).
+    """
 
     name: ClassVar[str] = "node_misalignment"
-    undone: ClassVar[bool] = True
+    is_invertible: ClassVar[bool] = True
     meaning: ClassVar[str] = "the node is not mounted straight"
-    alike: ClassVar[Mapping[str, str]] = {
-        "gyro_nonorthogonality": "drive slowly: a turned node turns its accelerometer too",
-        "accel_nonorthogonality": "drive fast: a turned node leaks spin into gx and gy",
+    confusable_with: ClassVar[Mapping[str, str]] = {
+        "gyro_nonorthogonality": "drive slowly: a misaligned node rotates its accelerometer too",
+        "accel_nonorthogonality": "drive fast: a misaligned node shows spin in gx and gy",
         "wheel_camber": "turn both ways at speed: camber shows in gz",
     }
-    x: float = parameter("rad", 0.02, estimate=_TILT)
-    y: float = parameter("rad", 0.02, turned=True, estimate=_TILT)
-    z: float = parameter("rad", 0.02, turned=True)
+    x: float = parameter("rad", 0.02, odometry_prior=_TILT_PRIOR)
+    y: float = parameter("rad", 0.02, flips_with_facing=True, odometry_prior=_TILT_PRIOR)
+    z: float = parameter("rad", 0.02, flips_with_facing=True)
 
     @cached_property
     def rotation(self) -> Array:
-        """R(x, y, z), (3, 3)."""
-        # A tenth of a second of loading that only a simulated node needs.
+        """Rotation matrix R(x, y, z), (3, 3)."""
+        # Imported here: it takes 0.1 s, and only simulated nodes need it.
         from scipy.spatial.transform import Rotation
 
         return np.asarray(Rotation.from_rotvec([self.x, self.y, self.z]).as_matrix())
 
-    def mount(self, chain: Chain) -> None:
-        turned = self.rotation.T
+    def rotate_into_node(self, chain: SensorChain) -> None:
+        node_from_nominal = self.rotation.T
         for name in ("rate", "rate_derivative", "force"):
-            setattr(chain, name, turned @ getattr(chain, name))
+            setattr(chain, name, node_from_nominal @ getattr(chain, name))
 
-    def unmount(self, chain: Chain) -> None:
+    def rotate_out_of_node(self, chain: SensorChain) -> None:
         for name in ("rate", "rate_derivative", "force"):
-            setattr(chain, name, times(self.rotation, getattr(chain, name)))
+            setattr(chain, name, multiply(self.rotation, getattr(chain, name)))
 
 
 @dataclass(frozen=True)
 class LeverArm(Effect):
-    """From the axle to the sensing point, in node axes before `node_misalignment` turns them."""
+    """The sensing point is off the axle by a vector in nominal node axes, before `node_misalignment`."""
 
     name: ClassVar[str] = "lever_arm"
-    meaning: ClassVar[str] = "the sensor does not sit on the axle"
-    alike: ClassVar[Mapping[str, str]] = {
-        "accel_bias": _SQUARE,
-        "accel_scale_factor": _SQUARE,
+    meaning: ClassVar[str] = "the sensor is off the axle"
+    confusable_with: ClassVar[Mapping[str, str]] = {
+        "accel_bias": _TWO_SPEEDS_ARM_ADVICE,
+        "accel_scale_factor": _TWO_SPEEDS_ARM_ADVICE,
     }
-    x: float = parameter("m", 0.01, estimate=_ARM)
-    y: float = parameter("m", 0.01, turned=True, estimate=_ARM)
-    z: float = parameter("m", 0.01, turned=True)
+    x: float = parameter("m", 0.01, odometry_prior=_LEVER_ARM_PRIOR)
+    y: float = parameter("m", 0.01, flips_with_facing=True, odometry_prior=_LEVER_ARM_PRIOR)
+    z: float = parameter("m", 0.01, flips_with_facing=True)
 
-    def in_words(self) -> str:
+    def describe(self) -> str:
         return f"the IMU sits {math.hypot(self.x, self.y):.2g} m off the hub"
 
-    def shape(self, geometry: Geometry) -> Geometry:
-        a, b, c = geometry.lever_arm
-        return replace(geometry, lever_arm=(a + self.x, b + self.y, c + self.z))
+    def adjust_geometry(self, geometry: Geometry) -> Geometry:
+        x, y, z = geometry.lever_arm
+        return replace(geometry, lever_arm=(x + self.x, y + self.y, z + self.z))

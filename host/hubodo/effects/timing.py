@@ -1,4 +1,4 @@
-"""Effects of time stamps and of transport: late, skewed, repeated, wild samples."""
+"""Effects of time stamps and transport: delay, clock skew, repeated samples and outliers."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.base import Chain, Effect, Estimate, Noise, Shows, parameter
+from hubodo.effects.base import Effect, Noise, OdometryPrior, SensorChain, Visibility, parameter
 
 
 @dataclass(frozen=True)
@@ -19,8 +19,10 @@ class TimeOffset(Effect):
     delay: float = parameter(
         "s",
         0.01,
-        estimate=Estimate(
-            0.01, 5e-5, "two nodes on one host's clock; walk: its estimate of each, 3 ms in an hour"
+        odometry_prior=OdometryPrior(
+            0.01,
+            5e-5,
+            "two nodes on one host's clock; random walk: error of the clock estimates, 3 ms in an hour",
         ),
     )
 
@@ -30,14 +32,14 @@ class TimeOffset(Effect):
 
 @dataclass(frozen=True)
 class ClockSkew(Effect):
-    """A sample taken at t is stamped t (1 + ppm 1e-6), both from the log's start."""
+    """A sample taken at t is stamped t (1 + ppm 1e-6), with t from the start of the log."""
 
     name: ClassVar[str] = "clock_skew"
     meaning: ClassVar[str] = "the node's clock runs fast or slow"
-    alike: ClassVar[Mapping[str, str]] = {
-        "time_offset": "record longer: a skew grows with time",
+    confusable_with: ClassVar[Mapping[str, str]] = {
+        "time_offset": "record longer: the effect of a clock skew grows with time",
     }
-    ppm: float = parameter("1e-6", 100.0, within=5e5)
+    ppm: float = parameter("1e-6", 100.0, max_magnitude=5e5)
 
     def true_time(self, t: Array) -> Array:
         return t / (1.0 + 1e-6 * self.ppm)
@@ -45,17 +47,17 @@ class ClockSkew(Effect):
 
 @dataclass(frozen=True)
 class SampleRepeat(Effect):
-    """With this probability a sample is sent with the values of the one before."""
+    """A sample repeats the values of its predecessor with a given probability."""
 
     name: ClassVar[str] = "sample_repeat"
-    shows: ClassVar[Shows] = "scatter"
+    visible_in: ClassVar[Visibility] = "scatter"
     meaning: ClassVar[str] = "stale samples are sent again"
-    alike: ClassVar[Mapping[str, str]] = {
-        "outliers": "look for samples that are equal to the one before: only repeats have them",
+    confusable_with: ClassVar[Mapping[str, str]] = {
+        "outliers": "search for samples that equal their predecessor: only repeats produce them",
     }
-    probability: float = parameter("1", 0.01, positive=True, within=1.0)
+    probability: float = parameter("1", 0.01, positive=True, max_magnitude=1.0)
 
-    def repeat(self, chain: Chain, rng: np.random.Generator) -> None:
+    def repeat_samples(self, chain: SensorChain, rng: np.random.Generator) -> None:
         fresh = rng.random(len(chain.t)) >= self.probability
         fresh[:1] = True
         source = np.maximum.accumulate(np.where(fresh, np.arange(len(fresh)), 0))
@@ -64,19 +66,19 @@ class SampleRepeat(Effect):
 
 @dataclass(frozen=True)
 class Outliers(Effect):
-    """With this probability a reading has a further error, of so many times the noise."""
+    """A reading has an additional error of `sigma` times the noise with a given probability."""
 
     name: ClassVar[str] = "outliers"
-    shows: ClassVar[Shows] = "scatter"
-    meaning: ClassVar[str] = "single readings are wild"
-    probability: float = parameter("1", 0.01, positive=True, within=1.0)
+    visible_in: ClassVar[Visibility] = "scatter"
+    meaning: ClassVar[str] = "single readings are outliers"
+    probability: float = parameter("1", 0.01, positive=True, max_magnitude=1.0)
     sigma: float = parameter("noise", 10.0, positive=True)
 
-    def spread(self, noise: Noise) -> tuple[float, float]:
-        share = self.probability * self.sigma**2
-        return share * noise.gyro**2, share * noise.accel**2
+    def added_variance(self, noise: Noise) -> tuple[float, float]:
+        variance_ratio = self.probability * self.sigma**2
+        return variance_ratio * noise.gyro**2, variance_ratio * noise.accel**2
 
-    def scatter(self, chain: Chain, noise: Noise, rng: np.random.Generator) -> None:
-        for reading, one in ((chain.gyro, noise.gyro), (chain.accel, noise.accel)):
-            hit = rng.random(reading.shape) < self.probability
-            reading += hit * self.sigma * one * rng.standard_normal(reading.shape)
+    def add_outliers(self, chain: SensorChain, noise: Noise, rng: np.random.Generator) -> None:
+        for reading, sigma in ((chain.gyro, noise.gyro), (chain.accel, noise.accel)):
+            is_outlier = rng.random(reading.shape) < self.probability
+            reading += is_outlier * self.sigma * sigma * rng.standard_normal(reading.shape)

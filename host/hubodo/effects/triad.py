@@ -1,4 +1,4 @@
-"""What gyro and accelerometer have alike: the cross-axis terms of a triad."""
+"""Linear errors of a sensor triad: scale factors and cross-axis terms of gyro and accelerometer."""
 
 from __future__ import annotations
 
@@ -9,30 +9,30 @@ from typing import ClassVar, Literal, Self
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.base import Chain, Effect, parameter
+from hubodo.effects.base import Effect, SensorChain, parameter
 
 Sensor = Literal["gyro", "accel"]
 XYZ = ("x", "y", "z")
 
 
-def times(matrix: Array, vectors: Array) -> Array:
-    """matrix @ vectors, (3, N), as plain products and sums: the same bits for any N."""
+def multiply(matrix: Array, vectors: Array) -> Array:
+    """Return matrix @ vectors, (3, N), by elementwise products and sums: bit-identical for any N."""
     x, y, z = vectors
     return np.asarray(matrix[:, :1] * x + matrix[:, 1:2] * y + matrix[:, 2:] * z)
 
 
 @dataclass(frozen=True)
 class LinearEffect(Effect):
-    """What is read beyond what there is, in proportion to it. sensor: which triad reads it."""
+    """An error that is a linear function of the measured vector; `sensor` names the triad."""
 
-    undone: ClassVar[bool] = True
+    is_invertible: ClassVar[bool] = True
     sensor: ClassVar[Sensor]
 
     def matrix(self) -> Array:
-        """(3, 3), to be added to the identity."""
+        """Return the (3, 3) error matrix: the triad measures (I + matrix) times the true vector."""
         raise NotImplementedError
 
-    def respond(self, chain: Chain) -> None:
+    def add_scale_errors(self, chain: SensorChain) -> None:
         if self.sensor == "gyro":
             chain.gyro += self.matrix() @ chain.rate
         else:
@@ -41,7 +41,7 @@ class LinearEffect(Effect):
 
 @dataclass(frozen=True)
 class CrossAxis(LinearEffect):
-    """Six small angles after Avrutov, eq. 1; xz is how much of y the x axis reads, and so on."""
+    """Six small cross-axis angles, after Avrutov, eq. 1: the x axis reads xz times y, and so on."""
 
     places: ClassVar[Mapping[str, tuple[int, int, float]]] = {
         "xz": (0, 1, 1.0),
@@ -51,36 +51,36 @@ class CrossAxis(LinearEffect):
         "zy": (2, 0, 1.0),
         "zx": (2, 1, -1.0),
     }
-    """Row, column and sign of each angle: rows [0, δxz, -δxy], [-δyz, 0, δyx], [δzy, -δzx, 0]."""
+    """Row, column and sign of each angle in the matrix [0, δxz, -δxy], [-δyz, 0, δyx], [δzy, -δzx, 0]."""
 
-    xz: float = parameter("rad", 0.01, turned=True)
-    xy: float = parameter("rad", 0.01, turned=True)
-    yz: float = parameter("rad", 0.01, turned=True)
+    xz: float = parameter("rad", 0.01, flips_with_facing=True)
+    xy: float = parameter("rad", 0.01, flips_with_facing=True)
+    yz: float = parameter("rad", 0.01, flips_with_facing=True)
     yx: float = parameter("rad", 0.01)
-    zy: float = parameter("rad", 0.01, turned=True)
+    zy: float = parameter("rad", 0.01, flips_with_facing=True)
     zx: float = parameter("rad", 0.01)
 
     def matrix(self) -> Array:
-        """N, (3, 3)."""
-        made = np.zeros((3, 3))
+        """Return the (3, 3) matrix of the angles, with a zero diagonal."""
+        matrix = np.zeros((3, 3))
         for name, (row, column, sign) in self.places.items():
-            made[row, column] = sign * getattr(self, name)
-        return made
+            matrix[row, column] = sign * getattr(self, name)
+        return matrix
 
     @classmethod
     def of_matrix(cls, matrix: Array) -> Self:
-        """The angles in a matrix, (3, 3); its diagonal does not count."""
+        """Return the angles in a (3, 3) matrix; its diagonal is ignored."""
         return cls(**{name: sign * float(matrix[i, j]) for name, (i, j, sign) in cls.places.items()})
 
 
 @dataclass(frozen=True)
 class ScaleFactor(LinearEffect):
-    """(1 + e) times what is there, each axis its own e."""
+    """Each axis reads (1 + e) times the true value, with its own scale error e."""
 
     x: float = parameter("1", 0.01)
     y: float = parameter("1", 0.01)
     z: float = parameter("1", 0.01)
 
     def matrix(self) -> Array:
-        """diag(e), (3, 3)."""
+        """Return diag(e), (3, 3)."""
         return np.diag([self.x, self.y, self.z])

@@ -1,4 +1,4 @@
-"""Effects of the vehicle and its road: track width, grade."""
+"""Effects of the vehicle and the road: track width and grade."""
 
 import math
 from collections.abc import Mapping
@@ -6,53 +6,54 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.effects.base import Effect, Estimate, Geometry, Level, parameter
+from hubodo.effects.base import Effect, Geometry, Level, OdometryPrior, parameter
 
-_TRACK = Estimate(
+_TRACK_WIDTH_PRIOR = OdometryPrior(
     0.03,
     0.0,
-    "a tape measure on a wide tyre that runs on an edge, as a real car showed; walk: it is fixed",
+    "tape measure on a wide tyre that runs on its edge, as seen on a real car; random walk: none, fixed",
     "drive curves: turns that add up to well over 180 degrees, to both sides",
 )
-_SLOPE = 0.15 / STANDARD_GRAVITY
-_ROAD = Estimate(
-    _SLOPE,
-    _SLOPE * math.sqrt(2.0 / 10.0),
-    "1.5 % of grade that changes over ten seconds of driving",
-    forgets=10.0,
+_ROAD_GRADE_SIGMA = 0.15 / STANDARD_GRAVITY  # rad, a grade of 1.5 %
+_ROAD_GRADE_TIME = 10.0  # s, correlation time of the grade while driving
+_ROAD_GRADE_PRIOR = OdometryPrior(
+    _ROAD_GRADE_SIGMA,
+    _ROAD_GRADE_SIGMA * math.sqrt(2.0 / _ROAD_GRADE_TIME),
+    "a grade of 1.5 % with a correlation time of ten seconds",
+    correlation_time=_ROAD_GRADE_TIME,
 )
 
 
 @dataclass(frozen=True)
 class TrackWidth(Effect):
-    """The contacts are b (1 + error) apart."""
+    """The track width is b (1 + error), with nominal width b."""
 
     name: ClassVar[str] = "track_width"
     level: ClassVar[Level] = "vehicle"
-    meaning: ClassVar[str] = "the wheels are not as far apart as the model says"
-    alike: ClassVar[Mapping[str, str]] = {
+    meaning: ClassVar[str] = "the track width differs from the model"
+    confusable_with: ClassVar[Mapping[str, str]] = {
         "wheel_camber": "turn both ways at speed: camber shows in az, gx and gy",
-        "wheel_radius": "drive straight for as long as in turns",
-        "gyro_scale_factor": "turn both ways: a scale error shows in straights too",
+        "wheel_radius": "drive straight for as long as you turn",
+        "gyro_scale_factor": "turn both ways: a scale error shows on straights too",
     }
-    error: float = parameter("1", 0.02, within=0.9, estimate=_TRACK)
+    error: float = parameter("1", 0.02, max_magnitude=0.9, odometry_prior=_TRACK_WIDTH_PRIOR)
 
-    def shape(self, geometry: Geometry) -> Geometry:
+    def adjust_geometry(self, geometry: Geometry) -> Geometry:
         return replace(geometry, track_width=geometry.track_width * (1.0 + self.error))
 
 
 @dataclass(frozen=True)
 class RoadGrade(Effect):
-    """The road climbs at a constant angle."""
+    """The road climbs at a constant angle, positive uphill."""
 
     name: ClassVar[str] = "road_grade"
     level: ClassVar[Level] = "vehicle"
     meaning: ClassVar[str] = "the road is not level"
-    alike: ClassVar[Mapping[str, str]] = dict.fromkeys(
+    confusable_with: ClassVar[Mapping[str, str]] = dict.fromkeys(
         ("gyro_nonorthogonality", "accel_nonorthogonality", "accel_bias", "node_misalignment"),
         "drive the same road in both directions",
     )
-    angle: float = parameter("rad", 0.03, within=1.5, estimate=_ROAD)
+    angle: float = parameter("rad", 0.03, max_magnitude=1.5, odometry_prior=_ROAD_GRADE_PRIOR)
 
-    def shape(self, geometry: Geometry) -> Geometry:
+    def adjust_geometry(self, geometry: Geometry) -> Geometry:
         return replace(geometry, grade=geometry.grade + self.angle)

@@ -1,4 +1,4 @@
-"""The bias of a gyro that warms up: the effect, and the models that are fitted to one axis at rest."""
+"""Warm-up of the gyro bias: the effect, and the models that are fitted to one axis at standstill."""
 
 from __future__ import annotations
 
@@ -10,41 +10,42 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.base import REFERENCE_CELSIUS, Chain, Effect, Follows, parameter
+from hubodo.effects.base import REFERENCE_CELSIUS, Dependency, Effect, SensorChain, parameter
 
 
-def warmed(age: Array, time_constant: float) -> Array:
-    """1 - e^(-age / T), (N,): how much of a warm-up has passed after so many s, T in s."""
+def warmup_fraction(age: Array, time_constant: float) -> Array:
+    """Return the completed fraction of a warm-up, 1 - e^(-age / T), (N,); age and time constant T in s."""
     return np.asarray(-np.expm1(-age / time_constant))
 
 
 @dataclass(frozen=True)
 class GyroWarmup(Effect):
-    """C1 (1 - e^(-t/T)) with t since power-on, and where a bench record shows it a second one beside it.
+    """The gyro bias settles exponentially after power-on: C1 (1 - e^(-t/T)), with time t since power-on.
 
-    Coordinates: C1 of each axis and ln T, so that T stays positive. A drive does not tell two exponentials
-    apart, so no fit to one moves the second, which is absent where its time constant is 0.
+    A bench record may show a second exponential; a drive cannot separate the two, so only the first is fitted
+    to a drive. The second one is absent where its time constant is 0. The coordinates of a fit are C1 of each
+    axis and ln T, which keeps T positive.
     """
 
     name: ClassVar[str] = "gyro_warmup"
-    follows: ClassVar[Follows | None] = "age"
-    undone: ClassVar[bool] = True
+    depends_on: ClassVar[Dependency | None] = "age"
+    is_invertible: ClassVar[bool] = True
     meaning: ClassVar[str] = "the gyro's offset settles after power-on"
-    alike: ClassVar[Mapping[str, str]] = {
+    confusable_with: ClassVar[Mapping[str, str]] = {
         "gyro_temperature": "record from power-on with the temperature going up and down",
         "gyro_bias": "record from power-on, several times as long as the warm-up takes",
     }
     x: float = parameter("rad/s", 0.01)
-    y: float = parameter("rad/s", 0.01, turned=True)
-    z: float = parameter("rad/s", 0.01, turned=True)
+    y: float = parameter("rad/s", 0.01, flips_with_facing=True)
+    z: float = parameter("rad/s", 0.01, flips_with_facing=True)
     time_constant: float = parameter("s", 60.0, positive=True, default=60.0)
     x_second: float = parameter("rad/s", 0.01, fitted=False)
-    y_second: float = parameter("rad/s", 0.01, turned=True, fitted=False)
-    z_second: float = parameter("rad/s", 0.01, turned=True, fitted=False)
+    y_second: float = parameter("rad/s", 0.01, flips_with_facing=True, fitted=False)
+    z_second: float = parameter("rad/s", 0.01, flips_with_facing=True, fitted=False)
     time_constant_second: float = parameter("s", 600.0, positive=True, fitted=False)
 
     @classmethod
-    def seeds(cls) -> tuple[GyroWarmup, ...]:
+    def initial_guesses(cls) -> tuple[GyroWarmup, ...]:
         return tuple(cls(time_constant=t) for t in (8.0, 25.0, 80.0, 250.0, 1000.0))
 
     @classmethod
@@ -54,50 +55,54 @@ class GyroWarmup(Effect):
     def coordinates(self) -> Array:
         return np.array([self.x, self.y, self.z, math.log(self.time_constant)])
 
-    def at(self, coordinates: Array) -> GyroWarmup:
+    def with_coordinates(self, coordinates: Array) -> GyroWarmup:
         x, y, z, log_t = map(float, coordinates)
         constant = math.exp(min(max(log_t, math.log(2.0)), math.log(1e5)))
         return replace(self, x=x, y=y, z=z, time_constant=constant)
 
-    def surprise(self) -> float:
-        """A minute is usual, a factor of three is not rare; else a warm-up could pass for a bias or a ramp.
+    def neg_log_prior(self) -> float:
+        """Return -ln of the two-sided tail probability of the time constant under a log-normal prior.
 
-        The chance of one that is at least as unusual.
+        Median one minute, 1σ a factor of three. Without it a warm-up would fit any bias or ramp.
         """
-        off = abs(math.log(self.time_constant / 60.0)) / math.log(3.0)
-        return -math.log(max(math.erfc(off / math.sqrt(2.0)), 1e-300))
+        sigmas = abs(math.log(self.time_constant / 60.0)) / math.log(3.0)
+        return -math.log(max(math.erfc(sigmas / math.sqrt(2.0)), 1e-300))
 
-    def offset(self, chain: Chain) -> None:
-        chain.gyro += np.array([[self.x], [self.y], [self.z]]) * warmed(chain.t, self.time_constant)
+    def add_offsets(self, chain: SensorChain) -> None:
+        chain.gyro += np.array([[self.x], [self.y], [self.z]]) * warmup_fraction(chain.t, self.time_constant)
         if self.time_constant_second > 0.0:
             second = np.array([[self.x_second], [self.y_second], [self.z_second]])
-            chain.gyro += second * warmed(chain.t, self.time_constant_second)
+            chain.gyro += second * warmup_fraction(chain.t, self.time_constant_second)
 
-    def irreversible(self) -> str:
+    def why_irreversible(self) -> str:
         if self.time_constant_second == 0.0 and any((self.x_second, self.y_second, self.z_second)):
-            return "has a second exponential without time_constant_second"
+            return "has a second exponential but no time_constant_second"
         return ""
 
 
-Kind = Literal["exponential", "two exponentials", "exponential and temperature", "temperature"]
+WarmupKind = Literal["exponential", "two exponentials", "exponential and temperature", "temperature"]
 
-PARAMETERS: dict[Kind, tuple[str, ...]] = {
+WARMUP_PARAMETERS: dict[WarmupKind, tuple[str, ...]] = {
     "exponential": ("c2", "c1", "time_constant"),
     "two exponentials": ("c2", "c1", "time_constant", "c1_second", "time_constant_second"),
     "exponential and temperature": ("c2", "c1", "time_constant", "temperature_coefficient"),
     "temperature": ("c2", "temperature_coefficient"),
 }
-"""Parameters of each model in the order of the fit."""
+"""Parameters of each warm-up model, in the order of the fit."""
 
 
 @dataclass(frozen=True)
 class WarmupModel:
-    """Bias = c2 + c1 (1 - e^(-t/T)) [+ c1' (1 - e^(-t/T'))] [+ k (temperature - 25 C)].
+    """Gyro bias during warm-up: c2 + c1 (1 - e^(-t/T)) [+ c1' (1 - e^(-t/T'))] [+ k (temperature - 25 °C)].
 
-    The first exponential is eq. (1) of Barshan and Durrant-Whyte.
+    The first exponential is eq. (1) of Barshan and Durrant-Whyte; t is the time since power-on.
 
-    c1, c2, c1_second: rad/s; time_constant, time_constant_second: s; temperature_coefficient: rad/s per
-    degree C.
+    Attributes
+    ----------
+    c2 : rad/s, bias at power-on.
+    c1, time_constant : rad/s and s, amplitude and T of the first exponential.
+    c1_second, time_constant_second : rad/s and s, amplitude c1' and T' of the second exponential.
+    temperature_coefficient : (rad/s)/°C, k.
     """
 
     c2: float
@@ -108,12 +113,15 @@ class WarmupModel:
     temperature_coefficient: float = 0.0
 
     def bias(self, t: Array, temperature: Array | None = None) -> Array:
-        """(N,) rad/s at t (N,) s since power-on. Raises ValueError when a needed temperature is not given."""
-        made = self.c2 + self.c1 * warmed(t, self.time_constant)
+        """Return the bias in rad/s, (N,), at t (N,) s since power-on.
+
+        temperature: (N,) °C. Raise ValueError if the model needs a temperature and none is given.
+        """
+        bias = self.c2 + self.c1 * warmup_fraction(t, self.time_constant)
         if self.c1_second:
-            made += self.c1_second * warmed(t, self.time_constant_second)
+            bias += self.c1_second * warmup_fraction(t, self.time_constant_second)
         if self.temperature_coefficient:
             if temperature is None:
                 raise ValueError("this warm-up model needs the temperature")
-            made += self.temperature_coefficient * (temperature - REFERENCE_CELSIUS)
-        return made
+            bias += self.temperature_coefficient * (temperature - REFERENCE_CELSIUS)
+        return bias

@@ -1,4 +1,7 @@
-"""Effects of a wheel: radius, growth with spin, slip, eccentricity, camber."""
+"""Effects of a wheel: radius, tyre growth, slip, eccentricity and camber.
+
+R is the nominal wheel radius, theta' the spin and v_w the speed of the wheel contact over the ground.
+"""
 
 from __future__ import annotations
 
@@ -10,82 +13,83 @@ from typing import ClassVar
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.base import Effect, Estimate, Geometry, Level, parameter
+from hubodo.effects.base import Effect, Geometry, Level, OdometryPrior, parameter
 
-_COUNT = "drive long and fast: gravity turning in ax and ay counts revolutions"
-_TWO_SPEEDS = "drive slowly and fast for as long each"
-_RADIUS = Estimate(
+_COUNT_TURNS_ADVICE = "drive long and fast: gravity in ax and ay counts the turns of the wheel"
+_RADIUS_PRIOR = OdometryPrior(
     0.004,
     2e-5,
-    "a tape measure around the tyre; walk: pressure and load, 1 mm/m in an hour",
+    "tape measure around the tyre; random walk: pressure and load, 1 mm/m in an hour",
     "drive farther, or with better positions",
 )
-_CAMBER = Estimate(0.05, 1e-5, "three degrees, beyond what is built; walk: suspension and load")
+_CAMBER_PRIOR = OdometryPrior(
+    0.05, 1e-5, "three degrees beyond the design value; random walk: suspension and load"
+)
 
 
 @dataclass(frozen=True)
 class WheelRadius(Effect):
-    """R (1 + error)."""
+    """The wheel radius is R (1 + error)."""
 
     name: ClassVar[str] = "wheel_radius"
     level: ClassVar[Level] = "wheel"
-    meaning: ClassVar[str] = "the wheel has another radius than the model says"
-    alike: ClassVar[Mapping[str, str]] = {
-        "gyro_scale_factor": _COUNT,
-        "tyre_growth": _TWO_SPEEDS,
-        "clock_skew": "change speed now and then: a skew is late at every change",
+    meaning: ClassVar[str] = "the wheel radius differs from the model"
+    confusable_with: ClassVar[Mapping[str, str]] = {
+        "gyro_scale_factor": _COUNT_TURNS_ADVICE,
+        "tyre_growth": "drive slowly and fast for the same time each",
+        "clock_skew": "change speed now and then: a clock skew delays every change",
     }
-    error: float = parameter("1", 0.01, within=0.9, estimate=_RADIUS)
+    error: float = parameter("1", 0.01, max_magnitude=0.9, odometry_prior=_RADIUS_PRIOR)
 
-    def shape(self, geometry: Geometry) -> Geometry:
+    def adjust_geometry(self, geometry: Geometry) -> Geometry:
         return replace(geometry, radius=geometry.radius * (1.0 + self.error))
 
 
 @dataclass(frozen=True)
 class TyreGrowth(Effect):
-    """R (1 + k theta'²): the tyre grows with its spin."""
+    """The tyre grows with its spin: the radius is R (1 + k theta'²)."""
 
     name: ClassVar[str] = "tyre_growth"
-    remembers: ClassVar[bool] = True
+    has_memory: ClassVar[bool] = True
     level: ClassVar[Level] = "wheel"
     meaning: ClassVar[str] = "the tyre grows with its spin"
-    alike: ClassVar[Mapping[str, str]] = {
-        "gyro_cubic": _COUNT,
+    confusable_with: ClassVar[Mapping[str, str]] = {
+        "gyro_cubic": _COUNT_TURNS_ADVICE,
     }
     k: float = parameter("s²/rad²", 2e-5)
 
-    def shape(self, geometry: Geometry) -> Geometry:
-        return replace(geometry, growth=geometry.growth + self.k)
+    def adjust_geometry(self, geometry: Geometry) -> Geometry:
+        return replace(geometry, tyre_growth=geometry.tyre_growth + self.k)
 
 
 @dataclass(frozen=True)
 class WheelSlip(Effect):
-    """theta' = v_w / R (1 + k v_w'): the wheel turns faster than it rolls while it pulls."""
+    """The wheel slips under drive and brake torque: theta' = v_w / R (1 + k v_w')."""
 
     name: ClassVar[str] = "wheel_slip"
-    remembers: ClassVar[bool] = True
+    has_memory: ClassVar[bool] = True
     level: ClassVar[Level] = "wheel"
-    meaning: ClassVar[str] = "the wheel slips when it pulls or brakes"
-    alike: ClassVar[Mapping[str, str]] = {
-        "time_offset": "accelerate at different speeds, and turn while at it",
+    meaning: ClassVar[str] = "the wheel slips under drive and brake torque"
+    confusable_with: ClassVar[Mapping[str, str]] = {
+        "time_offset": "accelerate at different speeds, on straights and in turns",
     }
     k: float = parameter("s²/m", 0.01)
 
-    def shape(self, geometry: Geometry) -> Geometry:
-        return replace(geometry, slip=geometry.slip + self.k)
+    def adjust_geometry(self, geometry: Geometry) -> Geometry:
+        return replace(geometry, wheel_slip=geometry.wheel_slip + self.k)
 
 
 @dataclass(frozen=True)
 class WheelEccentricity(Effect):
-    """theta' = v_w / (R (1 + amplitude cos(theta - phase))).
+    """The axle is off the wheel centre: theta' = v_w / (R (1 + amplitude cos(theta - phase))).
 
-    Its coordinates are amplitude cos(phase) and amplitude sin(phase): the phase of nothing is not defined.
+    The coordinates of a fit are amplitude cos(phase) and amplitude sin(phase), which stay defined at zero.
     """
 
     name: ClassVar[str] = "wheel_eccentricity"
     level: ClassVar[Level] = "wheel"
-    meaning: ClassVar[str] = "the wheel does not turn about its centre"
-    amplitude: float = parameter("1", 0.01, within=0.9)
+    meaning: ClassVar[str] = "the axle is not at the centre of the wheel"
+    amplitude: float = parameter("1", 0.01, max_magnitude=0.9)
     phase: float = parameter("rad", 2.0)
 
     @classmethod
@@ -95,27 +99,27 @@ class WheelEccentricity(Effect):
     def coordinates(self) -> Array:
         return self.amplitude * np.array([math.cos(self.phase), math.sin(self.phase)])
 
-    def at(self, coordinates: Array) -> WheelEccentricity:
+    def with_coordinates(self, coordinates: Array) -> WheelEccentricity:
         c, s = map(float, coordinates)
         return WheelEccentricity(math.hypot(c, s), math.atan2(s, c))
 
-    def shape(self, geometry: Geometry) -> Geometry:
+    def adjust_geometry(self, geometry: Geometry) -> Geometry:
         c, s = self.coordinates()
-        before = geometry.eccentricity
-        return replace(geometry, eccentricity=(before[0] + float(c), before[1] + float(s)))
+        c0, s0 = geometry.eccentricity
+        return replace(geometry, eccentricity=(c0 + float(c), s0 + float(s)))
 
 
 @dataclass(frozen=True)
 class WheelCamber(Effect):
-    """The wheel top leans inwards by this angle."""
+    """The wheel top leans inwards by an angle."""
 
     name: ClassVar[str] = "wheel_camber"
     level: ClassVar[Level] = "wheel"
     meaning: ClassVar[str] = "the wheel leans"
-    alike: ClassVar[Mapping[str, str]] = {
+    confusable_with: ClassVar[Mapping[str, str]] = {
         "accel_bias": "turn both ways at speed: camber shows in gz, a bias does not",
     }
-    angle: float = parameter("rad", 0.05, within=1.5, estimate=_CAMBER)
+    angle: float = parameter("rad", 0.05, max_magnitude=1.5, odometry_prior=_CAMBER_PRIOR)
 
-    def shape(self, geometry: Geometry) -> Geometry:
+    def adjust_geometry(self, geometry: Geometry) -> Geometry:
         return replace(geometry, camber=geometry.camber + self.angle)

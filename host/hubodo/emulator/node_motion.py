@@ -10,10 +10,10 @@ from scipy.interpolate import BSpline, make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from hubodo.arrays import Array
-from hubodo.effects import Chain, Effect, Noise
-from hubodo.model.forward import NodeForward, NodeStart, transmit
+from hubodo.effects import Effect, Noise, SensorChain
+from hubodo.model.forward import NodeInitialState, NodeModel, add_noise_and_limits
 from hubodo.model.frames import node_from_body
-from hubodo.model.inputs import Inputs
+from hubodo.model.inputs import MotionInputs
 from hubodo.vehicle import NodeMount
 
 # Earth's field where a drive takes place: horizontal part northwards (x at the start), the rest down.
@@ -30,12 +30,12 @@ class NodeMotion:
     vehicle rests as it stood. seed: of what wanders. Implements `hubodo.emulator.motion.Motion`.
     """
 
-    inputs: Inputs
+    inputs: MotionInputs
     mount: NodeMount
     wheel_radius: float
     track_width: float
     effects: tuple[Effect, ...] = ()
-    start: NodeStart = field(default_factory=NodeStart)
+    start: NodeInitialState = field(default_factory=NodeInitialState)
     delay: float = 0.0
     seed: int = 0
 
@@ -69,14 +69,14 @@ class NodeMotion:
             felt = np.einsum("nij,nj->ni", turn, felt)
         chain = _chain(t, np.zeros((len(t), 3)), felt)
         for effect in self.effects:
-            effect.mount(chain)
+            effect.rotate_into_node(chain)
         return np.asarray(chain.force.T)
 
     def _at(self, t: Array, felt: BSpline) -> Array:
         return np.asarray(felt(np.clip(t, 0.0, felt.t[-1])))
 
-    def _forward(self, t: Array) -> NodeForward:
-        return NodeForward(
+    def _forward(self, t: Array) -> NodeModel:
+        return NodeModel(
             self.inputs, t, self.mount, self.wheel_radius, self.track_width, power_on=-self.delay
         )
 
@@ -86,7 +86,7 @@ class NodeMotion:
         count = max(8, int(np.ceil(self.duration / _STEP)) + 1)
         chip: Array = np.linspace(0.0, (count - 1) * _STEP, count)
         forward = self._forward(chip - self.delay)
-        reading = forward.felt(self.effects, self.start, np.random.default_rng(self.seed))
+        reading = forward.draw_noise_free(self.effects, self.start, np.random.default_rng(self.seed))
         angle = np.zeros(len(chip)) if reading.rolling is None else reading.rolling.angle
         columns = [*reading.gyro, *reading.accel, angle, reading.body.heading]
         return make_interp_spline(chip, np.stack(columns, axis=1), 3)
@@ -105,10 +105,10 @@ class Scatter:
     def __call__(self, t: Array, gyro: Array, accel: Array, rng: np.random.Generator) -> tuple[Array, Array]:
         """The motion as it is sent; t: (n,) s, gyro: (n, 3) rad/s, accel: (n, 3) m/s²."""
         chain = _chain(t, gyro, accel)
-        transmit(chain, self.effects, self.noise, rng)
+        add_noise_and_limits(chain, self.effects, self.noise, rng)
         return chain.gyro.T, chain.accel.T
 
 
-def _chain(t: Array, gyro: Array, accel: Array) -> Chain:
+def _chain(t: Array, gyro: Array, accel: Array) -> SensorChain:
     rate, force = np.ascontiguousarray(gyro.T), np.ascontiguousarray(accel.T)
-    return Chain(t, np.full(len(t), 25.0), rate, np.zeros_like(rate), force, rate.copy(), force.copy())
+    return SensorChain(t, np.full(len(t), 25.0), rate, np.zeros_like(rate), force, rate.copy(), force.copy())

@@ -7,7 +7,7 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.fuse.projection import local_frame
-from hubodo.model.inputs import Inputs, Trace
+from hubodo.model.inputs import MotionInputs, Trace
 from hubodo.recording import Recording, Table
 from hubodo.smoothing_spline import fit_interpolating_spline, fit_smoothing_spline
 from hubodo.time_gaps import check_time_gaps
@@ -20,20 +20,20 @@ _CRAWL = 0.2
 """m/s; at less than this a course says little about where the vehicle points, so the turn fades out."""
 
 
-def drive_from_reference(recording: Recording, where: str) -> Inputs:
+def drive_from_reference(recording: Recording, where: str) -> MotionInputs:
     """Speed and yaw rate of reference.csv without their noise, begun at 0 s.
 
     Raises InputError when the log has none, or fewer than 20 rows.
     """
     table = _enough(recording.reference, "reference", where)
     t = table.t - table.t[0]
-    inputs = Inputs(fit_smoothing_spline(t, table["speed"]), fit_smoothing_spline(t, table["yaw_rate"]))
+    inputs = MotionInputs(fit_smoothing_spline(t, table["speed"]), fit_smoothing_spline(t, table["yaw_rate"]))
     if "temperature" in table:
-        inputs = Inputs(inputs.speed, inputs.yaw_rate, Trace(t, table["temperature"]))
+        inputs = MotionInputs(inputs.speed, inputs.yaw_rate, Trace(t, table["temperature"]))
     return inputs
 
 
-def drive_from_fixes(recording: Recording, where: str) -> Inputs:
+def drive_from_fixes(recording: Recording, where: str) -> MotionInputs:
     """Speed and yaw rate along a smooth curve through the fixes of gnss.csv, begun at 0 s.
 
     Raises InputError when the log has none, or fewer than 20 that are a place on Earth.
@@ -51,7 +51,7 @@ def drive_from_fixes(recording: Recording, where: str) -> Inputs:
     vx, vy = x(at, 1), y(at, 1)
     speed = np.hypot(vx, vy)
     yaw_rate = (vx * y(at, 2) - vy * x(at, 2)) / (speed**2 + _CRAWL**2)
-    return Inputs(fit_interpolating_spline(at, speed), fit_interpolating_spline(at, yaw_rate))
+    return MotionInputs(fit_interpolating_spline(at, speed), fit_interpolating_spline(at, yaw_rate))
 
 
 def _enough(table: Table | None, name: str, where: str) -> Table:

@@ -69,7 +69,7 @@ def told(finding: Finding, model: Model) -> str:
     node = None if finding.scope in (ALL, VEHICLE) else finding.scope
     effect = next(it.effect for it in model.effects if (it.effect.name, it.node) == (finding.effect, node))
     place = {ALL: "all nodes", VEHICLE: "the vehicle"}.get(finding.scope, finding.scope)
-    words = effect.in_words()
+    words = effect.describe()
     if not words:
         values = ", ".join(f"{name} {handy(it)}" for name, it in finding.parameters.items())
         words = f"{effect.meaning} ({values})"

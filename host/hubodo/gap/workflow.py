@@ -21,7 +21,7 @@ from hubodo.gap.state.terms import ALL, VEHICLE, ModelTerm
 from hubodo.gap.tell.finding import finding
 from hubodo.gap.tell.remaining import remaining
 from hubodo.gap.tell.result import BeforeAfter, GapResult, Verdict, by_channel
-from hubodo.model.model_file import Model, Scoped
+from hubodo.model.model_file import Model, ScopedEffect
 from hubodo.recording import Recording
 
 # A gap so much larger than that of noise alone is not explained, whatever was found.
@@ -136,5 +136,7 @@ def _trained(point: Point, held: Split) -> float:
 
 
 def _with(model: Model, terms: Sequence[ModelTerm]) -> Model:
-    scoped = [Scoped(term.effect, None if term.scope in (ALL, VEHICLE) else term.scope) for term in terms]
+    scoped = [
+        ScopedEffect(term.effect, None if term.scope in (ALL, VEHICLE) else term.scope) for term in terms
+    ]
     return replace(model, effects=()).with_effects(*scoped)

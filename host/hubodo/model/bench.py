@@ -1,4 +1,4 @@
-"""What is done with nodes on a bench: turned on a table from stop to stop, carried from pose to pose."""
+"""Motion of nodes on a bench: a turntable with stops, and a sequence of hand-held poses."""
 
 from __future__ import annotations
 
@@ -11,15 +11,19 @@ from scipy.spatial.transform import Rotation
 
 from hubodo.arrays import Array
 from hubodo.earth import EARTH_RATE, STANDARD_GRAVITY
-from hubodo.model.inputs import Earth, Inputs
+from hubodo.model.inputs import EarthRotation, MotionInputs
 from hubodo.smoothing_spline import constant_spline, fit_interpolating_spline
 
-_STEP, _REPORT = 0.01, 0.1
+_TABLE_STEP = 0.01  # s, sampling of the motion of a turntable
+_TABLE_REPORT_STEP = 0.1  # s, sampling of the record of its angle
 
 
-def eased(share: Array) -> tuple[Array, Array, Array]:
-    """From 0 to 1 as share, (N,), does, but at rest at both ends: value, first and second derivative."""
-    s = np.clip(share, 0.0, 1.0)
+def ease(progress: Array) -> tuple[Array, Array, Array]:
+    """Return a quintic smooth step of `progress`, (N,), from 0 to 1, with its first and second derivative.
+
+    Both derivatives are zero at both ends.
+    """
+    s = np.clip(progress, 0.0, 1.0)
     return (
         s**3 * (10.0 + s * (6.0 * s - 15.0)),
         30.0 * s**2 * (1.0 - s) ** 2,
@@ -28,72 +32,78 @@ def eased(share: Array) -> tuple[Array, Array, Array]:
 
 
 @dataclass(frozen=True)
-class Programme:
-    """Stops of `stop` s with turns of `turn` s between; angles: rad, begun anew when they are through."""
+class TurntableProgramme:
+    """A cyclic turntable programme: stops of `stop_time` s at `angles` in rad, turns of `turn_time` s."""
 
     angles: tuple[float, ...]
-    stop: float
-    turn: float
+    stop_time: float
+    turn_time: float
 
-    def table(self, duration: float, earth: Earth | None = None) -> tuple[Inputs, Array]:
-        """A turntable that follows it for `duration` s.
+    def inputs_and_record(
+        self, duration: float, earth: EarthRotation | None = None
+    ) -> tuple[MotionInputs, Array]:
+        """Return the motion of a turntable that follows the programme for `duration` s, and its record.
 
-        Gives the inputs of a vehicle that turns on the spot, and what the table reports ten times a second,
-        (N, 3): t s, angle rad, and 1 while it moves, else 0.
+        The motion is that of a vehicle turning on the spot. The record is (N, 3) at 10 Hz: t in s, angle in
+        rad, and 1 while the table moves, else 0.
         """
-        t = np.linspace(0.0, duration, max(8, round(duration / _STEP) + 1))
-        number, share = self._place(t)
+        t = np.linspace(0.0, duration, max(8, round(duration / _TABLE_STEP) + 1))
+        stop, progress = self._stop_and_progress(t)
         angles = np.array(self.angles)
-        leap = angles[(number + 1) % len(angles)] - angles[number % len(angles)]
-        turning = fit_interpolating_spline(t, leap * eased(share)[1] / self.turn)
-        at: Array = np.arange(0.0, duration, _REPORT)
-        angle = angles[0] + turning.integral(at)
-        moving = (self._place(at)[1] > -1e-9).astype(np.float64)
-        inputs = Inputs(constant_spline(0.0, 0.0, duration), turning, earth=earth)
-        return inputs, np.stack([at, angle, moving], axis=1)
+        step = angles[(stop + 1) % len(angles)] - angles[stop % len(angles)]
+        yaw_rate = fit_interpolating_spline(t, step * ease(progress)[1] / self.turn_time)
+        report_t: Array = np.arange(0.0, duration, _TABLE_REPORT_STEP)
+        angle = angles[0] + yaw_rate.integral(report_t)
+        moving = (self._stop_and_progress(report_t)[1] > -1e-9).astype(np.float64)
+        inputs = MotionInputs(constant_spline(0.0, 0.0, duration), yaw_rate, earth=earth)
+        return inputs, np.stack([report_t, angle, moving], axis=1)
 
-    def _place(self, t: Array) -> tuple[NDArray[np.int64], Array]:
-        """Which stop it is, and how much of the turn after it is done (negative while it stands)."""
-        period = self.stop + self.turn
+    def _stop_and_progress(self, t: Array) -> tuple[NDArray[np.int64], Array]:
+        """Return the number of the stop, and the progress of the turn after it (negative during the stop)."""
+        period = self.stop_time + self.turn_time
         number = np.floor(t / period + 1e-9).astype(np.int64)
-        return number, (t - number * period - self.stop) / self.turn
+        return number, (t - number * period - self.stop_time) / self.turn_time
 
 
 @dataclass(frozen=True)
-class Handled:
-    """A node carried from rest to rest, each turn about one axis fixed in it; a `forward.Carried`.
+class PoseSequence:
+    """A node held still in one attitude after another; a `forward.CarriedMotion`.
 
-    attitudes: (P,) node to world (x east, y north, z up). rest, turn: s. latitude: rad; with it the Earth
-    turns.
+    Attributes
+    ----------
+    attitudes : (P,) rotations from the node to the world (x east, y north, z up). Each turn between two of
+        them is about one axis fixed in the node.
+    rest_time, turn_time : s, at standstill in each pose and for each turn.
+    latitude : rad; if given, the rate includes the rotation of the Earth.
     """
 
     attitudes: Rotation
-    rest: float = 6.0
-    turn: float = 2.5
+    rest_time: float = 6.0
+    turn_time: float = 2.5
     latitude: float | None = None
 
     @property
     def duration(self) -> float:
-        """s, from the first rest to the last."""
-        return len(self.attitudes) * (self.rest + self.turn) - self.turn
+        """Duration in s, from the first pose to the last."""
+        return len(self.attitudes) * (self.rest_time + self.turn_time) - self.turn_time
 
     @cached_property
-    def _turns(self) -> Array:
-        """(P, 3) rotation vector of each turn in the node, zero after the last pose."""
+    def _rotation_vectors(self) -> Array:
+        """(P, 3) rotation vector of each turn in node axes, zero after the last pose."""
         between = (self.attitudes[:-1].inv() * self.attitudes[1:]).as_rotvec()
         return np.concatenate([between, np.zeros((1, 3))])
 
     def __call__(self, t: Array) -> tuple[Array, Array, Array]:
-        """Angular rate, its derivative and specific force in node axes, (3, N), at t, (N,) s."""
-        period = self.rest + self.turn
+        """Return angular rate, its derivative and specific force in node axes, (3, N), at t, (N,) s."""
+        period = self.rest_time + self.turn_time
         number = np.clip(np.floor(t / period).astype(np.int64), 0, len(self.attitudes) - 1)
-        share, speed, pull = eased((t - number * period - self.rest) / self.turn)
-        by = self._turns[number]
-        world = (self.attitudes[number] * Rotation.from_rotvec(share[:, None] * by)).inv()
-        rate = speed[:, None] / self.turn * by
-        slope = pull[:, None] / self.turn**2 * by
+        angle, speed, acceleration = ease((t - number * period - self.rest_time) / self.turn_time)
+        rotation = self._rotation_vectors[number]
+        world = (self.attitudes[number] * Rotation.from_rotvec(angle[:, None] * rotation)).inv()
+        rate = speed[:, None] / self.turn_time * rotation
+        rate_derivative = acceleration[:, None] / self.turn_time**2 * rotation
         if self.latitude is not None:
             earth = world.apply(EARTH_RATE * np.array([0.0, np.cos(self.latitude), np.sin(self.latitude)]))
-            slope = slope - np.cross(rate, earth)
+            rate_derivative = rate_derivative - np.cross(rate, earth)
             rate = rate + earth
-        return rate.T, slope.T, world.apply([0.0, 0.0, STANDARD_GRAVITY]).T
+        return rate.T, rate_derivative.T, world.apply([0.0, 0.0, STANDARD_GRAVITY]).T

@@ -1,4 +1,4 @@
-"""The forward model of one node: what it reads, from what the vehicle does and the effects that are there."""
+"""Forward model of one node: its readings, from the motion of the vehicle and the effects."""
 
 from __future__ import annotations
 
@@ -8,286 +8,326 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.base import Chain, Effect, Geometry, Noise
-from hubodo.model.inputs import Body, Inputs, MotionCorrection
-from hubodo.model.motion_felt import off_axle, on_body, on_wheel
-from hubodo.model.rolling import Rolling, roll
+from hubodo.effects.base import Effect, Geometry, Noise, SensorChain
+from hubodo.model.inputs import BodyMotion, MotionCorrection, MotionInputs
+from hubodo.model.node_motion import lever_arm_force, motion_on_body, motion_on_wheel
+from hubodo.model.rolling import WheelRotation, wheel_rotation
 from hubodo.vehicle import NodeMount, facing_sign, side_sign
 
-_KEPT = 3
-# Samples that are worked out together where what is true of each hangs on its own time alone.
-_AT_ONCE = 8192
+_CACHED_BODIES = 3  # motions of the vehicle that are kept, by time stamps
+# Samples evaluated at once by effects without memory; their arrays stay in the cache of the processor.
+_BLOCK_SAMPLES = 8192
 
-Carried = Callable[[Array], tuple[Array, Array, Array]]
-"""At t, (N,) s: angular rate rad/s, its derivative and specific force m/s² in node axes, (3, N) each."""
+CarriedMotion = Callable[[Array], tuple[Array, Array, Array]]
+"""Function of t, (N,) s, that returns angular rate in rad/s, its derivative and specific force in m/s², (3,
+N) each in node axes."""
 
 
 @dataclass(frozen=True, slots=True)
-class NodeStart:
-    """What is true of a node besides effects.
+class NodeInitialState:
+    """Initial state of a node.
 
-    angle: rad, its wheel at the log's start. attitude: rad, rotation vector of a node on the body against
-    its axes.
+    wheel_angle: rad, at the start of the log. attitude: rad, rotation vector of a node on the body against
+    the body axes.
     """
 
-    angle: float = 0.0
+    wheel_angle: float = 0.0
     attitude: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
-    """What a node reads, (3, N) each: gyro rad/s, accel m/s²; and how its wheel turned, None on the body."""
+class NodeReading:
+    """Readings of a node: `gyro` in rad/s and `accel` in m/s², (3, N) each, with the motion behind them.
+
+    rolling: rotation of the wheel; None on the body. body: motion of the vehicle.
+    """
 
     gyro: Array
     accel: Array
-    rolling: Rolling | None
-    body: Body
+    rolling: WheelRotation | None
+    body: BodyMotion
 
-    def part(self, samples: slice) -> Reading:
-        """Of some of the samples."""
-        rolling = None if self.rolling is None else self.rolling.part(samples)
-        return Reading(self.gyro[:, samples], self.accel[:, samples], rolling, self.body.part(samples))
+    def select(self, samples: slice) -> NodeReading:
+        """Return the readings of a slice of the samples."""
+        rolling = None if self.rolling is None else self.rolling.select(samples)
+        return NodeReading(self.gyro[:, samples], self.accel[:, samples], rolling, self.body.select(samples))
 
 
 @dataclass(frozen=True, slots=True)
-class Moved:
-    """How the middle of a node's wheel moves, or a node elsewhere: from (body, geometry, start, phase).
+class TrueMotion:
+    """True motion of a node without lever arm, cached with the arguments that determine it.
 
-    geometry: without the lever arm. rate rad/s, its derivative `slope` rad/s² and specific force m/s², (3, N)
-    each in node axes.
+    rate in rad/s, rate_derivative in rad/s² and specific force in m/s² are (3, N) in node axes; `geometry`
+    has no lever arm.
     """
 
-    body: Body
+    body: BodyMotion
     geometry: Geometry
-    start: NodeStart
-    phase: Array | float
-    rolling: Rolling | None
+    start: NodeInitialState
+    angle_error: Array | float
+    rolling: WheelRotation | None
     rate: Array
-    slope: Array
+    rate_derivative: Array
     force: Array
 
 
 @dataclass
-class NodeForward:
-    """Evaluates one node at its own time stamps, again and again.
+class NodeModel:
+    """Forward model of one node at its time stamps, with caches for repeated evaluation.
 
-    inputs: of the vehicle. t: (N,) s since the log began, the stamps. mount: where the node sits.
-    wheel_radius, track_width: nominal, m. power_on: s, when the node was switched on. carried: what moves
-    the node where it is neither on a wheel nor on the vehicle.
+    Attributes
+    ----------
+    inputs : motion of the vehicle.
+    t : (N,) s since the start of the log, time stamps.
+    mount : wheel and orientation of the node.
+    wheel_radius, track_width : m, nominal.
+    power_on : s since the start of the log, time at which the node was switched on.
+    carried_motion : motion of a node that is neither on a wheel nor on the vehicle.
     """
 
-    inputs: Inputs
+    inputs: MotionInputs
     t: Array
     mount: NodeMount
     wheel_radius: float
     track_width: float
     power_on: float = 0.0
-    carried: Carried | None = None
-    _bodies: dict[int, Body] = field(default_factory=dict, repr=False)
-    _corrected: tuple[MotionCorrection, Body, Body] | None = field(default=None, repr=False)
-    _moves: dict[bool, Moved] = field(default_factory=dict, repr=False)
+    carried_motion: CarriedMotion | None = None
+    _cached_bodies: dict[int, BodyMotion] = field(default_factory=dict, repr=False)
+    _cached_correction: tuple[MotionCorrection, BodyMotion, BodyMotion] | None = field(
+        default=None, repr=False
+    )
+    _cached_motion: dict[bool, TrueMotion] = field(default_factory=dict, repr=False)
 
-    def mean(
+    def mean_reading(
         self,
         effects: Iterable[Effect],
-        start: NodeStart,
-        phase: Array | float = 0.0,
+        start: NodeInitialState,
+        angle_error: Array | float = 0.0,
         correction: MotionCorrection | None = None,
-        late: Array | float = 0.0,
-    ) -> Reading:
-        """The reading without anything random.
+        stamp_delay: Array | float = 0.0,
+    ) -> NodeReading:
+        """Return the readings without noise.
 
-        phase: (N,) rad beside the wheel angle, see `roll`. late: (N,) s, by how much the stamps are.
+        Parameters
+        ----------
+        effects : effects of the node.
+        start : initial state.
+        angle_error : (N,) rad, added to the wheel angle, see `wheel_rotation`.
+        correction : correction of the motion of the vehicle.
+        stamp_delay : (N,) s, delay of the time stamps.
         """
         effects = list(effects)
-        if len(self.t) > 2 * _AT_ONCE and not any(effect.remembers for effect in effects):
-            return self._in_parts(effects, start, phase, correction, late)
-        chain, rolling, body = self._sensed(effects, start, phase, correction, late)
+        if len(self.t) > 2 * _BLOCK_SAMPLES and not any(effect.has_memory for effect in effects):
+            return self._mean_in_blocks(effects, start, angle_error, correction, stamp_delay)
+        chain, rolling, body = self._measure(effects, start, angle_error, correction, stamp_delay)
         for effect in effects:
-            effect.clip(chain)
-        return Reading(chain.gyro, chain.accel, rolling, body)
+            effect.clip_readings(chain)
+        return NodeReading(chain.gyro, chain.accel, rolling, body)
 
-    def _in_parts(
+    def _mean_in_blocks(
         self,
         effects: list[Effect],
-        start: NodeStart,
-        phase: Array | float,
+        start: NodeInitialState,
+        angle_error: Array | float,
         correction: MotionCorrection | None,
-        late: Array | float,
-    ) -> Reading:
-        """As `mean`, some samples after the others: what is made of them stays in the processor's cache."""
-        body = self._body(effects, late, correction)
+        stamp_delay: Array | float,
+    ) -> NodeReading:
+        """Return the same as `mean_reading`, evaluated in blocks of samples."""
+        body = self._corrected_body(effects, stamp_delay, correction)
         gyro, accel = np.empty((2, 3, len(self.t)))
         angles = np.empty((3, len(self.t)))
-        for first in range(0, len(self.t), _AT_ONCE):
-            at = slice(first, first + _AT_ONCE)
-            own = self.part(at).mean(effects, start, _of(phase, at), correction, _of(late, at))
-            gyro[:, at], accel[:, at] = own.gyro, own.accel
-            if own.rolling is not None:
-                angles[:, at] = own.rolling.angle, own.rolling.spin, own.rolling.spin_acceleration
-        return Reading(gyro, accel, None if self.mount.side is None else Rolling(*angles), body)
+        for first in range(0, len(self.t), _BLOCK_SAMPLES):
+            block = slice(first, first + _BLOCK_SAMPLES)
+            reading = self.select(block).mean_reading(
+                effects, start, _select(angle_error, block), correction, _select(stamp_delay, block)
+            )
+            gyro[:, block], accel[:, block] = reading.gyro, reading.accel
+            if reading.rolling is not None:
+                angles[:, block] = (
+                    reading.rolling.angle,
+                    reading.rolling.spin,
+                    reading.rolling.spin_acceleration,
+                )
+        return NodeReading(gyro, accel, None if self.mount.side is None else WheelRotation(*angles), body)
 
-    def sample(
-        self, effects: Iterable[Effect], start: NodeStart, noise: Noise, rng: np.random.Generator
-    ) -> Reading:
-        """One draw of what the node would send."""
+    def draw_reading(
+        self, effects: Iterable[Effect], start: NodeInitialState, noise: Noise, rng: np.random.Generator
+    ) -> NodeReading:
+        """Return one random draw of the readings that the node sends."""
         effects = list(effects)
-        chain, rolling, body = self._wandering(effects, start, rng)
-        transmit(chain, effects, noise, rng)
-        return Reading(chain.gyro, chain.accel, rolling, body)
+        chain, rolling, body = self._with_random_walk(effects, start, rng)
+        add_noise_and_limits(chain, effects, noise, rng)
+        return NodeReading(chain.gyro, chain.accel, rolling, body)
 
-    def felt(self, effects: Iterable[Effect], start: NodeStart, rng: np.random.Generator) -> Reading:
-        """One draw of what the sensor feels, before its noise and limits."""
-        chain, rolling, body = self._wandering(list(effects), start, rng)
-        return Reading(chain.gyro, chain.accel, rolling, body)
+    def draw_noise_free(
+        self, effects: Iterable[Effect], start: NodeInitialState, rng: np.random.Generator
+    ) -> NodeReading:
+        """Return one random draw of the readings before white noise, range and resolution."""
+        chain, rolling, body = self._with_random_walk(list(effects), start, rng)
+        return NodeReading(chain.gyro, chain.accel, rolling, body)
 
-    def part(self, samples: slice) -> NodeForward:
-        """The same of some of the stamps; what was worked out of the inputs is not worked out again."""
-        bodies = {key: body.part(samples) for key, body in self._bodies.items()}
+    def select(self, samples: slice) -> NodeModel:
+        """Return the model at a slice of the time stamps; cached motions are kept."""
+        bodies = {key: body.select(samples) for key, body in self._cached_bodies.items()}
         known = {hash(body.t.tobytes()): body for body in bodies.values()}
-        corrected = self._corrected
+        corrected = self._cached_correction
         if corrected is not None:
-            by, before, after = corrected
-            key = next((key for key, body in self._bodies.items() if body is before), None)
-            corrected = None if key is None else (by, bodies[key], after.part(samples))
-        return replace(self, t=self.t[samples], _bodies=known, _corrected=corrected, _moves={})
+            applied, before, after = corrected
+            key = next((key for key, body in self._cached_bodies.items() if body is before), None)
+            corrected = None if key is None else (applied, bodies[key], after.select(samples))
+        return replace(
+            self, t=self.t[samples], _cached_bodies=known, _cached_correction=corrected, _cached_motion={}
+        )
 
-    def forget(self) -> None:
-        """How the node moved the last time goes: for all of a long log it takes much memory."""
-        self._moves.clear()
+    def clear_motion_cache(self) -> None:
+        """Clear the cached motion of the node, which is large for a long log."""
+        self._cached_motion.clear()
 
     def geometry(self, effects: Iterable[Effect]) -> Geometry:
-        """Vehicle and wheel with the effects in them."""
+        """Return the geometry of vehicle and wheel with the effects."""
         geometry = Geometry(self.mount.side, self.wheel_radius, self.track_width)
         for effect in effects:
-            geometry = effect.shape(geometry)
+            geometry = effect.adjust_geometry(geometry)
         return geometry
 
-    def place(self, chain: Chain, body: Body, rolling: Rolling | None) -> None:
-        """Tell a chain how its wheel and the vehicle move, and what feeds the node."""
+    def set_motion(self, chain: SensorChain, body: BodyMotion, rolling: WheelRotation | None) -> None:
+        """Set the motion of vehicle and wheel, and the supply, in a sensor chain."""
         chain.speed, chain.acceleration, chain.heading = body.speed, body.acceleration, body.heading
         chain.yaw_rate, chain.yaw_acceleration = body.yaw_rate, body.yaw_acceleration
         chain.supply, chain.facing = body.supply, facing_sign(self.mount.facing or "left")
         if rolling is not None:
             chain.angle, chain.spin = rolling.angle, rolling.spin
-            apart = side_sign(self.mount.side or "left") * self.track_width / self.wheel_radius
-            chain.spin_beside = rolling.spin + apart * body.yaw_rate
+            spin_per_yaw_rate = side_sign(self.mount.side or "left") * self.track_width / self.wheel_radius
+            chain.opposite_spin = rolling.spin + spin_per_yaw_rate * body.yaw_rate
 
-    def _wandering(
-        self, effects: list[Effect], start: NodeStart, rng: np.random.Generator
-    ) -> tuple[Chain, Rolling | None, Body]:
-        chain, rolling, body = self._sensed(effects, start, 0.0)
+    def _with_random_walk(
+        self, effects: list[Effect], start: NodeInitialState, rng: np.random.Generator
+    ) -> tuple[SensorChain, WheelRotation | None, BodyMotion]:
+        """Return the chain with one draw of the random walks, before white noise."""
+        chain, rolling, body = self._measure(effects, start, 0.0)
         for effect in effects:
-            effect.wander(chain, rng)
+            effect.add_random_walk(chain, rng)
         return chain, rolling, body
 
-    def _sensed(
+    def _measure(
         self,
         effects: list[Effect],
-        start: NodeStart,
-        phase: Array | float,
+        start: NodeInitialState,
+        angle_error: Array | float,
         correction: MotionCorrection | None = None,
-        late: Array | float = 0.0,
-    ) -> tuple[Chain, Rolling | None, Body]:
-        chain, moved = self.reached(effects, start, phase, correction, late)
+        stamp_delay: Array | float = 0.0,
+    ) -> tuple[SensorChain, WheelRotation | None, BodyMotion]:
+        """Return the chain with noise-free, unlimited readings."""
+        chain, motion = self.true_signals(effects, start, angle_error, correction, stamp_delay)
         chain.gyro, chain.accel = chain.rate.copy(), chain.force.copy()
         for effect in effects:
-            effect.respond(chain)
+            effect.add_scale_errors(chain)
         for effect in effects:
-            effect.offset(chain)
-        return chain, moved.rolling, moved.body
+            effect.add_offsets(chain)
+        return chain, motion.rolling, motion.body
 
-    def reached(
+    def true_signals(
         self,
         effects: list[Effect],
-        start: NodeStart,
-        phase: Array | float = 0.0,
+        start: NodeInitialState,
+        angle_error: Array | float = 0.0,
         correction: MotionCorrection | None = None,
-        late: Array | float = 0.0,
-    ) -> tuple[Chain, Moved]:
-        """What reaches the sensor, before it answers; and how the node moves."""
-        body, geometry = self._body(effects, late, correction), self.geometry(effects)
-        moved = self._moved(body, replace(geometry, lever_arm=(0.0, 0.0, 0.0)), start, phase, correction)
-        rolling, rate, force = moved.rolling, moved.rate, moved.force
+        stamp_delay: Array | float = 0.0,
+    ) -> tuple[SensorChain, TrueMotion]:
+        """Return the chain with true rate and force at the sensor, and the motion of the node."""
+        body, geometry = self._corrected_body(effects, stamp_delay, correction), self.geometry(effects)
+        motion = self._node_motion(
+            body, replace(geometry, lever_arm=(0.0, 0.0, 0.0)), start, angle_error, correction
+        )
+        rolling, rate, force = motion.rolling, motion.rate, motion.force
         if any(geometry.lever_arm):
-            force = force + off_axle(rate, moved.slope, geometry.lever_arm)
-        chain = Chain(body.t - self.power_on, body.temperature, rate, moved.slope, force, rate, force)
-        self.place(chain, body, rolling)
+            force = force + lever_arm_force(rate, motion.rate_derivative, geometry.lever_arm)
+        chain = SensorChain(
+            body.t - self.power_on, body.temperature, rate, motion.rate_derivative, force, rate, force
+        )
+        self.set_motion(chain, body, rolling)
         for effect in effects:
-            effect.mount(chain)
+            effect.rotate_into_node(chain)
         for effect in effects:
-            effect.low_pass(chain)
-        return chain, moved
+            effect.low_pass_rate(chain)
+        return chain, motion
 
-    def _moved(
+    def _node_motion(
         self,
-        body: Body,
+        body: BodyMotion,
         geometry: Geometry,
-        start: NodeStart,
-        phase: Array | float,
+        start: NodeInitialState,
+        angle_error: Array | float,
         correction: MotionCorrection | None,
-    ) -> Moved:
-        """How the node moves; the same again is not computed again, as most effects change nothing of it.
+    ) -> TrueMotion:
+        """Return the motion of the node, cached: most effects leave it unchanged.
 
-        With a correction and without are kept apart: where gyros measured the speed both come in turns.
+        Motions with and without a correction are cached separately, because fits alternate between them.
         """
-        last = self._moves.get(correction is not None)
+        last = self._cached_motion.get(correction is not None)
         if (
             last
-            and (last.body is body and last.phase is phase)
+            and (last.body is body and last.angle_error is angle_error)
             and (last.geometry, last.start) == (geometry, start)
         ):
             return last
         rolling = None
-        if self.carried is not None:
-            rate, slope, force = self.carried(body.t)
+        if self.carried_motion is not None:
+            rate, rate_derivative, force = self.carried_motion(body.t)
         elif geometry.side is None:
-            rate, slope, force = on_body(body, geometry, start.attitude, self.inputs.earth)
+            rate, rate_derivative, force = motion_on_body(body, geometry, start.attitude, self.inputs.earth)
         else:
-            rolling = roll(body, geometry, start.angle, phase)
-            rate, slope, force = on_wheel(body, rolling, geometry, facing_sign(self.mount.facing or "left"))
-        made = Moved(body, geometry, start, phase, rolling, rate, slope, force)
-        self._moves[correction is not None] = made
-        return made
+            rolling = wheel_rotation(body, geometry, start.wheel_angle, angle_error)
+            rate, rate_derivative, force = motion_on_wheel(
+                body, rolling, geometry, facing_sign(self.mount.facing or "left")
+            )
+        motion = TrueMotion(body, geometry, start, angle_error, rolling, rate, rate_derivative, force)
+        self._cached_motion[correction is not None] = motion
+        return motion
 
-    def _body(self, effects: list[Effect], late: Array | float, correction: MotionCorrection | None) -> Body:
-        """The vehicle at the true times of the samples, corrected; what comes again is not computed again."""
-        body = self._uncorrected(effects, late)
+    def _corrected_body(
+        self, effects: list[Effect], stamp_delay: Array | float, correction: MotionCorrection | None
+    ) -> BodyMotion:
+        """Return the corrected motion of the vehicle at the true sampling times, cached."""
+        body = self._body(effects, stamp_delay)
         if correction is None:
             return body
-        last = self._corrected
+        last = self._cached_correction
         if last is None or last[0] is not correction or last[1] is not body:
-            last = self._corrected = correction, body, correction.apply(body)
+            last = self._cached_correction = correction, body, correction.apply(body)
         return last[2]
 
-    def _uncorrected(self, effects: list[Effect], late: Array | float) -> Body:
-        t = self.t - late if np.any(late) else self.t
+    def _body(self, effects: list[Effect], stamp_delay: Array | float) -> BodyMotion:
+        """Return the motion of the vehicle at the true sampling times, cached."""
+        t = self.t - stamp_delay if np.any(stamp_delay) else self.t
         for effect in effects:
             t = effect.true_time(t)
         key = hash(t.tobytes())
-        made = self._bodies.get(key)
-        if made is None:
-            while len(self._bodies) >= _KEPT:
-                self._bodies.pop(next(iter(self._bodies)))
-            made = self._bodies[key] = self.inputs.at(t)
-        return made
+        body = self._cached_bodies.get(key)
+        if body is None:
+            while len(self._cached_bodies) >= _CACHED_BODIES:
+                self._cached_bodies.pop(next(iter(self._cached_bodies)))
+            body = self._cached_bodies[key] = self.inputs.at(t)
+        return body
 
 
-def _of(value: Array | float, samples: slice) -> Array | float:
-    """Of some samples; one value for all stays."""
+def _select(value: Array | float, samples: slice) -> Array | float:
+    """Return the values of a slice of samples; a scalar stays as it is."""
     return value[samples] if isinstance(value, np.ndarray) and value.size > 1 else value
 
 
-def transmit(chain: Chain, effects: Iterable[Effect], noise: Noise, rng: np.random.Generator) -> None:
-    """From what the sensor feels to what is sent: noise, wild samples, limits, steps, repeats."""
+def add_noise_and_limits(
+    chain: SensorChain, effects: Iterable[Effect], noise: Noise, rng: np.random.Generator
+) -> None:
+    """Apply white noise, outliers, clipping, quantization and repeated samples to the readings of a chain."""
     effects = list(effects)
     chain.gyro += noise.gyro * rng.standard_normal(chain.gyro.shape)
     chain.accel += noise.accel * rng.standard_normal(chain.accel.shape)
     for effect in effects:
-        effect.scatter(chain, noise, rng)
+        effect.add_outliers(chain, noise, rng)
     for effect in effects:
-        effect.clip(chain)
+        effect.clip_readings(chain)
     for effect in effects:
-        effect.digitize(chain)
+        effect.quantize_readings(chain)
     for effect in effects:
-        effect.repeat(chain, rng)
+        effect.repeat_samples(chain, rng)

@@ -1,4 +1,4 @@
-"""Frames of a wheel node: hub axes with camber, and the rotation from the body to the turning node."""
+"""Frames of a wheel node: hub axes with camber, and the rotation from the body to the node."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from hubodo.vehicle import Facing, Side, facing_sign, side_sign
 
 
 def hub_axes(side: Side, camber: float) -> tuple[Array, Array, Array]:
-    """Hub up u, forward f and axle-to-the-left a of a wheel, each (3,) in body axes.
+    """Return the hub axes of a wheel, up u, forward f and axle to the left a, (3,) each in body axes.
 
     camber: rad, positive when the wheel tops lean inwards.
     """
@@ -17,7 +17,7 @@ def hub_axes(side: Side, camber: float) -> tuple[Array, Array, Array]:
 
 
 def node_from_body(theta: Array, side: Side, facing: Facing, camber: float = 0.0) -> Array:
-    """Rotations C_sb, (N, 3, 3), that turn body components into node components.
+    """Return the rotations C_sb, (N, 3, 3), from body components to node components.
 
     theta: (N,) rad, wheel angle, growing when rolling forwards.
     x_s = cos(theta) u + sin(theta) f, y_s = cos(theta) f - sin(theta) u, z_s = a; a node facing right has

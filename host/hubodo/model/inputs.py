@@ -1,4 +1,4 @@
-"""What drives the forward model, as functions of time: speed, yaw rate, and what surrounds its nodes."""
+"""Inputs of the forward model as functions of time: speed, yaw rate, temperature and supply."""
 
 from __future__ import annotations
 
@@ -15,11 +15,15 @@ from hubodo.smoothing_spline import SmoothingSpline
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
-    """Motion of the body origin at N times, each (N,).
+class BodyMotion:
+    """Motion of the body origin and environment of the nodes at N times, (N,) each.
 
-    speed m/s, acceleration m/s², jerk m/s³, distance m from the log's start; yaw_rate rad/s,
-    yaw_acceleration rad/s², yaw_jerk rad/s³, heading rad from the log's start; temperature °C; supply V.
+    Attributes
+    ----------
+    t : s since the start of the log.
+    speed, acceleration, jerk, distance : m/s, m/s², m/s³, and m from the start of the log.
+    yaw_rate, yaw_acceleration, yaw_jerk, heading : rad/s, rad/s², rad/s³, and rad from the start of the log.
+    temperature, supply : °C and V.
     """
 
     t: Array
@@ -34,115 +38,123 @@ class Body:
     temperature: Array
     supply: Array
 
-    def part(self, samples: slice) -> Body:
-        """Of some of the times."""
-        return Body(*(getattr(self, one.name)[samples] for one in fields(self)))
+    def select(self, samples: slice) -> BodyMotion:
+        """Return the motion at a slice of the times."""
+        return BodyMotion(*(getattr(self, it.name)[samples] for it in fields(self)))
 
 
 @dataclass(frozen=True, slots=True)
-class Earth:
-    """The Earth turns under a bench.
+class EarthRotation:
+    """Rotation of the Earth under a bench.
 
-    latitude: rad. azimuth: rad, of the body's x axis at heading 0, clockwise from north.
+    latitude: rad. azimuth: rad, of the x axis of the body at heading 0, clockwise from north.
     """
 
     latitude: float
     azimuth: float = 0.0
 
-    def rate(self, heading: Array, yaw_rate: Array) -> tuple[Array, Array]:
-        """Its angular rate in body axes and the derivative of that, (3, N) each."""
-        across, up = EARTH_RATE * np.cos(self.latitude), EARTH_RATE * np.sin(self.latitude)
-        north = self.azimuth - heading
+    def rate_and_derivative(self, heading: Array, yaw_rate: Array) -> tuple[Array, Array]:
+        """Return the angular rate of the Earth in body axes and its derivative, (3, N) each."""
+        horizontal, vertical = EARTH_RATE * np.cos(self.latitude), EARTH_RATE * np.sin(self.latitude)
+        azimuth = self.azimuth - heading
         zero = np.zeros_like(heading)
-        rate = np.stack([across * np.cos(north), across * np.sin(north), zero + up])
+        rate = np.stack([horizontal * np.cos(azimuth), horizontal * np.sin(azimuth), zero + vertical])
         return rate, np.stack([yaw_rate * rate[1], -yaw_rate * rate[0], zero])
 
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """What is told now and then: values at times t, s since the log began, (M,) each."""
+    """A slowly varying record: values at times t, in s since the start of the log, (M,) each."""
 
     t: Array
     values: Array
 
     def at(self, t: Array) -> Array:
-        """(N,) at other times; before the first and after the last as there."""
+        """Return the values interpolated at t, (N,); the first and last value are held outside the record."""
         if len(self.t) == 1:
             return np.broadcast_to(self.values, t.shape)
         return np.interp(t, self.t, self.values)
 
     @staticmethod
-    def steady(value: float) -> Trace:
-        """The same at all times."""
+    def constant(value: float) -> Trace:
+        """Return a record with one value at all times."""
         return Trace(np.zeros(1), np.full(1, value))
 
 
-_ROOM = Trace.steady(REFERENCE_CELSIUS)
-_BATTERY = Trace.steady(REFERENCE_VOLTS)
+_REFERENCE_TEMPERATURE = Trace.constant(REFERENCE_CELSIUS)
+_REFERENCE_SUPPLY = Trace.constant(REFERENCE_VOLTS)
 
 
 @dataclass(frozen=True)
-class Inputs:
-    """speed: m/s and yaw_rate: rad/s of the body origin. temperature: °C and supply: V, of the nodes.
+class MotionInputs:
+    """Inputs of the forward model.
 
-    earth: only for nodes on the body, where an experiment is long and still enough to see it.
+    Attributes
+    ----------
+    speed, yaw_rate : m/s and rad/s of the body origin.
+    temperature, supply : °C and V, of the nodes.
+    earth : rotation of the Earth; only for nodes on the body, in experiments that can resolve it.
     """
 
     speed: SmoothingSpline
     yaw_rate: SmoothingSpline
-    temperature: Trace = _ROOM
-    supply: Trace = _BATTERY
-    earth: Earth | None = None
+    temperature: Trace = _REFERENCE_TEMPERATURE
+    supply: Trace = _REFERENCE_SUPPLY
+    earth: EarthRotation | None = None
 
-    def at(self, t: Array) -> Body:
-        """Everything at times t, (N,) s since the log began."""
-        around = self.temperature.at(t), self.supply.at(t)
-        return Body(t, *self.speed.evaluate(t), *self.yaw_rate.evaluate(t), *around)
+    def at(self, t: Array) -> BodyMotion:
+        """Return motion and environment at times t, (N,) s since the start of the log."""
+        environment = self.temperature.at(t), self.supply.at(t)
+        return BodyMotion(t, *self.speed.evaluate(t), *self.yaw_rate.evaluate(t), *environment)
 
 
 class MotionCorrection(Protocol):
-    """What changes the motion that the inputs give."""
+    """A correction of the motion given by the inputs."""
 
-    def apply(self, body: Body) -> Body: ...
+    def apply(self, body: BodyMotion) -> BodyMotion:
+        """Return the corrected motion."""
 
 
 @dataclass(frozen=True, slots=True)
-class Later:
-    """Stamps that are late by so many s, few enough that the motion bends little meanwhile.
+class DelayedMotion:
+    """A delay of the time stamps, in s, small enough for a first-order expansion of the motion.
 
-    before: what is applied first.
+    inner: correction that is applied first.
     """
 
-    by: float
-    before: MotionCorrection | None = None
+    delay: float
+    inner: MotionCorrection | None = None
 
-    def apply(self, body: Body) -> Body:
-        """The body where it was `by` before."""
-        if self.before is not None:
-            body = self.before.apply(body)
+    def apply(self, body: BodyMotion) -> BodyMotion:
+        """Return the motion `delay` earlier."""
+        if self.inner is not None:
+            body = self.inner.apply(body)
         return replace(
             body,
-            speed=body.speed - self.by * body.acceleration,
-            acceleration=body.acceleration - self.by * body.jerk,
-            distance=body.distance - self.by * body.speed,
-            yaw_rate=body.yaw_rate - self.by * body.yaw_acceleration,
-            yaw_acceleration=body.yaw_acceleration - self.by * body.yaw_jerk,
-            heading=body.heading - self.by * body.yaw_rate,
+            speed=body.speed - self.delay * body.acceleration,
+            acceleration=body.acceleration - self.delay * body.jerk,
+            distance=body.distance - self.delay * body.speed,
+            yaw_rate=body.yaw_rate - self.delay * body.yaw_acceleration,
+            yaw_acceleration=body.yaw_acceleration - self.delay * body.yaw_jerk,
+            heading=body.heading - self.delay * body.yaw_rate,
         )
 
 
 @dataclass(frozen=True, slots=True)
-class Driven:
-    """A little more speed, m/s, and acceleration, m/s², at all times alike. before: what is applied first."""
+class ExtraSpeed:
+    """A constant increase of speed, in m/s, and of acceleration, in m/s².
+
+    inner: correction that is applied first.
+    """
 
     speed: float = 0.0
     acceleration: float = 0.0
-    before: MotionCorrection | None = None
+    inner: MotionCorrection | None = None
 
-    def apply(self, body: Body) -> Body:
-        """The body driven so; the way that it has gone stays what it is."""
-        if self.before is not None:
-            body = self.before.apply(body)
+    def apply(self, body: BodyMotion) -> BodyMotion:
+        """Return the motion with the increase; the distance is unchanged."""
+        if self.inner is not None:
+            body = self.inner.apply(body)
         return replace(
             body, speed=body.speed + self.speed, acceleration=body.acceleration + self.acceleration
         )
@@ -150,36 +162,36 @@ class Driven:
 
 @dataclass(frozen=True)
 class SpeedCorrection:
-    """What is to be added to a speed input that was itself measured: m/s at times t, s, (M,) each."""
+    """A correction of a measured speed input: `speed` in m/s to be added at times t in s, (M,) each."""
 
     t: Array
     speed: Array
 
     @cached_property
     def acceleration(self) -> Array:
-        """(M,) m/s² that go with it."""
+        """Derivative of the speed correction, (M,) m/s²."""
         return np.asarray(np.gradient(self.speed, self.t))
 
     @cached_property
     def distance(self) -> Array:
-        """(M,) m that come of it."""
+        """Integral of the speed correction, (M,) m."""
         step = np.diff(self.t)
         return np.concatenate([[0.0], np.cumsum(0.5 * step * (self.speed[1:] + self.speed[:-1]))])
 
     def at(self, t: Array) -> tuple[Array, Array, Array]:
-        """Speed, acceleration and distance at other times, (N,) each."""
-        made = self.speed, self.acceleration, self.distance
+        """Return speed, acceleration and distance of the correction at times t, (N,) each."""
+        columns = self.speed, self.acceleration, self.distance
         first = int(np.searchsorted(self.t, t[0]))
         if np.array_equal(t, self.t[first : first + len(t)]):
-            speed, acceleration, distance = (one[first : first + len(t)] for one in made)
+            speed, acceleration, distance = (it[first : first + len(t)] for it in columns)
             return speed, acceleration, distance
-        # Values far from these times have no say, and would be looked through.
+        # Limited to the neighbourhood of t: np.interp would search all of a long correction.
         near = slice(max(first - 1, 0), int(np.searchsorted(self.t, t[-1], side="right")) + 1)
-        speed, acceleration, distance = (np.interp(t, self.t[near], one[near]) for one in made)
+        speed, acceleration, distance = (np.interp(t, self.t[near], it[near]) for it in columns)
         return speed, acceleration, distance
 
-    def apply(self, body: Body) -> Body:
-        """The body with the speed corrected, and all that follows from it."""
+    def apply(self, body: BodyMotion) -> BodyMotion:
+        """Return the motion with corrected speed, acceleration and distance."""
         speed, acceleration, distance = self.at(body.t)
         return replace(
             body,

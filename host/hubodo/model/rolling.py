@@ -1,4 +1,4 @@
-"""How a wheel turns: its angle, spin and spin acceleration from the motion of the vehicle."""
+"""Rolling of a wheel: angle, spin and spin acceleration from the motion of the vehicle."""
 
 from __future__ import annotations
 
@@ -8,63 +8,81 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.effects.base import Geometry
-from hubodo.model.inputs import Body
+from hubodo.model.inputs import BodyMotion
 from hubodo.vehicle import side_sign
 
 
 @dataclass(frozen=True, slots=True)
-class Rolling:
-    """angle rad, spin rad/s, spin_acceleration rad/s² of a wheel, each (N,)."""
+class WheelRotation:
+    """Rotation of a wheel: angle in rad, spin in rad/s and spin_acceleration in rad/s², (N,) each."""
 
     angle: Array
     spin: Array
     spin_acceleration: Array
 
-    def part(self, samples: slice) -> Rolling:
-        """Of some of the times."""
-        return Rolling(self.angle[samples], self.spin[samples], self.spin_acceleration[samples])
+    def select(self, samples: slice) -> WheelRotation:
+        """Return the rotation at a slice of the times."""
+        return WheelRotation(self.angle[samples], self.spin[samples], self.spin_acceleration[samples])
 
 
-def roll(body: Body, geometry: Geometry, start: float, phase: Array | float = 0.0) -> Rolling:
-    """The wheel rolls over the ground: theta' = v_w / (R (1 + k theta'²)(1 + A cos(theta - p))) (1 + s v_w').
+def wheel_rotation(
+    body: BodyMotion, geometry: Geometry, initial_angle: float, angle_error: Array | float = 0.0
+) -> WheelRotation:
+    """Return the rotation of a wheel that rolls with slip, growth and eccentricity.
 
-    start: rad at the log's start. phase: (N,) rad, added to the angle, not to its rates: what the wheel
-    turned that the inputs do not know. v_w = v - r y_w, y_w from where v is measured.
+    theta' (1 + k theta'²) (1 + A cos(theta - p)) = v_w / R (1 + s v_w'), with contact speed v_w = v - r y_w,
+    radius R, tyre growth k, slip s, eccentricity A at phase p, speed v, yaw rate r, and y_w the distance of
+    the wheel to the left of the point where v is measured.
+
+    Parameters
+    ----------
+    body : motion of the vehicle at N times.
+    geometry : geometry of vehicle and wheel.
+    initial_angle : rad, at the start of the log.
+    angle_error : (N,) rad, added to the angle but not to its derivatives: rotation that the inputs missed.
     """
     if geometry.side is None:
-        raise ValueError("a node on the body has no wheel to roll")
-    y = side_sign(geometry.side) * geometry.track_width / 2.0 - geometry.aside
+        raise ValueError("a node on the body has no wheel")
+    y = side_sign(geometry.side) * geometry.track_width / 2.0 - geometry.reference_y
     speed = body.speed - body.yaw_rate * y
     acceleration = body.acceleration - body.yaw_acceleration * y
-    angle = (body.distance - body.heading * y) / geometry.radius + start + phase
+    angle = (body.distance - body.heading * y) / geometry.radius + initial_angle + angle_error
     spin, spin_acceleration = speed / geometry.radius, acceleration / geometry.radius
-    if geometry.slip:
-        angle = angle + 0.5 * geometry.slip / geometry.radius * (speed**2 - speed[0] ** 2)
-        spin_acceleration = spin_acceleration + geometry.slip / geometry.radius * (
+    if geometry.wheel_slip:
+        angle = angle + 0.5 * geometry.wheel_slip / geometry.radius * (speed**2 - speed[0] ** 2)
+        spin_acceleration = spin_acceleration + geometry.wheel_slip / geometry.radius * (
             acceleration**2 + speed * (body.jerk - body.yaw_jerk * y)
         )
-        spin = spin * (1.0 + geometry.slip * acceleration)
-    if geometry.growth or any(geometry.eccentricity):
-        return _uneven(body.t, geometry, start, Rolling(angle, spin, spin_acceleration))
-    return Rolling(angle, spin, spin_acceleration)
+        spin = spin * (1.0 + geometry.wheel_slip * acceleration)
+    if geometry.tyre_growth or any(geometry.eccentricity):
+        return _with_growth_and_eccentricity(
+            body.t, geometry, initial_angle, WheelRotation(angle, spin, spin_acceleration)
+        )
+    return WheelRotation(angle, spin, spin_acceleration)
 
 
-def _uneven(t: Array, geometry: Geometry, start: float, even: Rolling) -> Rolling:
-    """A wheel off its centre that grows: spin (1 + k spin²) (1 + A cos(theta - p)) is its spin without both.
+def _with_growth_and_eccentricity(
+    t: Array, geometry: Geometry, start: float, ideal: WheelRotation
+) -> WheelRotation:
+    """Return the rotation with tyre growth k and eccentricity, from the rotation without both.
 
-    theta + A sin(theta - p) is the arc it unrolls; growth takes from that arc.
+    spin (1 + k spin²) (1 + A cos(theta - p)) equals the spin without both. theta + A sin(theta - p) is the
+    unrolled arc divided by the radius; growth shortens that arc.
     """
-    k, (c, s) = geometry.growth, geometry.eccentricity
-    arc = even.angle + c * np.sin(start) - s * np.cos(start)
-    lost: Array | float = 0.0
-    # Each corrects the other's cause by the product of two small numbers: three rounds are plenty.
+    k, (c, s) = geometry.tyre_growth, geometry.eccentricity
+    arc = ideal.angle + c * np.sin(start) - s * np.cos(start)
+    arc_loss: Array | float = 0.0
+    # Fixed-point iteration: each round gains a factor of the product of both small coefficients.
     for _ in range(3 if k and any((c, s)) else 1 if k else 0):
-        lost = _lost(t, k, even, _turned(k, c, s, arc - lost, even))
-    return _turned(k, c, s, arc - lost, even)
+        arc_loss = _arc_lost_to_growth(t, k, ideal, _unrolled(k, c, s, arc - arc_loss, ideal))
+    return _unrolled(k, c, s, arc - arc_loss, ideal)
 
 
-def _turned(k: float, c: float, s: float, arc: Array, even: Rolling) -> Rolling:
-    """The wheel when it has unrolled `arc`, (N,) rad."""
+def _unrolled(k: float, c: float, s: float, arc: Array, ideal: WheelRotation) -> WheelRotation:
+    """Return the rotation of the wheel at an unrolled arc, (N,) rad.
+
+    ideal: rotation without growth k and eccentricity (c, s).
+    """
     theta = arc
     for _ in range(6 if c or s else 0):
         cos, sin = np.cos(theta), np.sin(theta)
@@ -74,22 +92,25 @@ def _turned(k: float, c: float, s: float, arc: Array, even: Rolling) -> Rolling:
             break
     cos, sin = np.cos(theta), np.sin(theta)
     radius, radius_slope = 1.0 + c * cos + s * sin, s * cos - c * sin
-    spin = centred = even.spin / radius
+    spin = centred_spin = ideal.spin / radius
     for _ in range(4 if k else 0):
-        spin = spin - (spin + k * spin**3 - centred) / (1.0 + 3.0 * k * spin**2)
+        spin = spin - (spin + k * spin**3 - centred_spin) / (1.0 + 3.0 * k * spin**2)
     growth = 1.0 + k * spin**2
-    acceleration = (even.spin_acceleration - growth * radius_slope * spin**2) / (
+    acceleration = (ideal.spin_acceleration - growth * radius_slope * spin**2) / (
         (growth + 2.0 * k * spin**2) * radius
     )
-    return Rolling(theta, spin, acceleration)
+    return WheelRotation(theta, spin, acceleration)
 
 
-def _lost(t: Array, k: float, even: Rolling, turned: Rolling) -> Array:
-    """(N,) rad of arc that a growing wheel has fallen behind; Hermite's rule, exact for cubics between t."""
-    growth = 1.0 + k * turned.spin**2
-    rate = even.spin - even.spin / growth
-    slope = even.spin_acceleration - even.spin_acceleration / growth
-    slope = slope + even.spin * 2.0 * k * turned.spin * turned.spin_acceleration / growth**2
+def _arc_lost_to_growth(t: Array, k: float, ideal: WheelRotation, rolling: WheelRotation) -> Array:
+    """Return the arc by which a growing wheel lags behind, (N,) rad.
+
+    Integrated by Hermite's rule, exact for cubics between the times t.
+    """
+    growth = 1.0 + k * rolling.spin**2
+    rate = ideal.spin - ideal.spin / growth
+    slope = ideal.spin_acceleration - ideal.spin_acceleration / growth
+    slope = slope + ideal.spin * 2.0 * k * rolling.spin * rolling.spin_acceleration / growth**2
     step = np.diff(t)
-    part = 0.5 * step * (rate[1:] + rate[:-1]) + step**2 / 12.0 * (slope[:-1] - slope[1:])
-    return np.concatenate([[0.0], np.cumsum(part)])
+    increment = 0.5 * step * (rate[1:] + rate[:-1]) + step**2 / 12.0 * (slope[:-1] - slope[1:])
+    return np.concatenate([[0.0], np.cumsum(increment)])

@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from hubodo.arrays import Array
-from hubodo.effects import told_apart
+from hubodo.effects import distinguishing_manoeuvre
 from hubodo.gap.tell.result import GapResult
 from hubodo.report.gap_figures import Channel, channel_words, envelope
 from hubodo.report.page import COLOURS
@@ -90,7 +90,7 @@ def wanted_drives(result: GapResult) -> list[tuple[str, tuple[Stretch, ...]]]:
     made: dict[str, tuple[Stretch, ...]] = {}
     for finding in result.found:
         for other in finding.inseparable_from:
-            words = told_apart(finding.effect, other)
+            words = distinguishing_manoeuvre(finding.effect, other)
             if words:
                 made[f"{finding.effect} or {other}: {words}"] = stretches_of(words)
     return list(made.items())

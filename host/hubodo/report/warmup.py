@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from hubodo.effects.warmup import PARAMETERS
+from hubodo.effects.warmup import WARMUP_PARAMETERS
 from hubodo.report.drawing import drawing
 from hubodo.report.page import Grid, Section
 from hubodo.report.warmup_figure import warmup_figure
@@ -39,7 +39,7 @@ def warmup_lead(report: WarmupReport) -> str:
 def parameter_rows(judged: Judged, sigmas: Mapping[str, float] | None = None) -> list[tuple[str, str, str]]:
     """Name, value with sigma in SI, and in degrees or minutes; sigmas: in place of those of the fit."""
     rows = []
-    for name in PARAMETERS[judged.fit.kind]:
+    for name in WARMUP_PARAMETERS[judged.fit.kind]:
         value, sigma = judged.fit.values[name], (sigmas or judged.fit.sigma)[name]
         if name.startswith("time_constant"):
             rows.append((name, f"{value:.5g} ± {sigma:.2g} s", f"{value / 60:.4g} ± {sigma / 60:.2g} min"))

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table as TextTable
 
 from hubodo.effects import BY_NAME
-from hubodo.effects.loaded import free_name
+from hubodo.effects.loaded import name_problem
 from hubodo.errors import InputError
 from hubodo.gap.judge.journal import Journal, fingerprint
 from hubodo.gap.judge.round import EMPIRICAL, Say
@@ -192,7 +192,7 @@ def run(args: argparse.Namespace) -> GapReport | ChangeReport:
     register_effects(args)
     if args.before is not None or args.after is not None:
         return compare_logs(args)
-    objection = "" if args.scaffold is None else free_name(args.scaffold)
+    objection = "" if args.scaffold is None else name_problem(args.scaffold)
     if objection:
         raise InputError(f"--scaffold {args.scaffold}: {objection}")
     for option in ("accept", "reject", "explain"):

@@ -32,9 +32,9 @@ from hubodo.log.number_recording import InputFormat
 from hubodo.log.recording_reader import read_recording
 from hubodo.log.recording_writer import write_recording
 from hubodo.model import experiments
-from hubodo.model.bench import Programme
+from hubodo.model.bench import TurntableProgramme
 from hubodo.model.experiments import Experiment
-from hubodo.model.inputs import Earth, Inputs
+from hubodo.model.inputs import EarthRotation, MotionInputs
 from hubodo.model.model_file import Model, model_toml, read_model
 from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
@@ -247,13 +247,13 @@ def run(args: argparse.Namespace) -> SimulationResult:
             rate = 200.0 if args.rate is None else args.rate
             recording = experiments.simulate(model, experiment, rate, args.reference_rate, args.seed)
             virtual = None
-        recording = experiments.simulated(recording, args.drive, model, args.seed)
+        recording = experiments.with_simulation_metadata(recording, args.drive, model, args.seed)
         if args.output.suffix == ".mcap":
             write_recording(recording, args.output, vehicle=model.vehicle, progress=show)
         else:
             write_folder(recording, args.output, progress=show)
     distance = None
-    if experiment.drives:
+    if experiment.has_path:
         t = np.arange(0.0, experiment.duration, 0.01)
         distance = float(np.sum(np.abs(experiment.inputs.speed(t))) * 0.01)
     return SimulationResult(
@@ -310,21 +310,21 @@ def _check_arguments(args: argparse.Namespace, model: Model) -> None:
 
 def _experiment(args: argparse.Namespace, model: Model) -> Experiment:
     latitude = args.latitude_deg
-    return experiments.experiment_of(
+    return experiments.make_experiment(
         args.drive,
         model,
         args.duration,
         args.seed,
         driven=None if args.source is None else _inputs_from_log(args, model.vehicle),
-        earth=None if latitude is None else Earth(math.radians(latitude), math.radians(args.azimuth_deg)),
-        programme=Programme(tuple(map(math.radians, args.angles_deg)), args.stop, args.turn),
+        earth=None if latitude is None else EarthRotation(math.radians(latitude), math.radians(args.azimuth_deg)),
+        programme=TurntableProgramme(tuple(map(math.radians, args.angles_deg)), args.stop, args.turn),
         temperature=args.temperature or (),
         settle=args.settle,
         supply=args.supply or (),
     )
 
 
-def _inputs_from_log(args: argparse.Namespace, vehicle: Vehicle) -> Inputs:
+def _inputs_from_log(args: argparse.Namespace, vehicle: Vehicle) -> MotionInputs:
     """Return the inputs of a drive that follows the log of --from."""
     needed = ("reference",) if args.drive == "reference" else ("gnss",)
     recording = read_log(
@@ -343,7 +343,7 @@ def _record_virtual_nodes(
     riders = {}
     for name, mount in vehicle.nodes.items():
         effects = experiments.node_effects(model, name, experiment)
-        start = experiments.start_of(model, name, experiment, args.seed)
+        start = experiments.initial_state(model, name, experiment, args.seed)
         motion = NodeMotion(
             experiment.inputs,
             mount,
@@ -373,7 +373,7 @@ def _record_virtual_nodes(
     recording = dataclasses.replace(
         recorded,
         reference=_shift_time(reference, drive_start),
-        truth=_shift_time(experiments.truth(experiment), drive_start) if experiment.drives else None,
+        truth=_shift_time(experiments.truth(experiment), drive_start) if experiment.has_path else None,
     )
     return recording, result.nodes
 

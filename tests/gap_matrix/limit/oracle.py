@@ -198,7 +198,7 @@ def _begin(effect: Effect) -> HubodoEffect:
     """The effect of the product where it is absent; what says what it is like is known."""
     if effect.name == "gyro_warmup":
         return GyroWarmup(time_constant=effect.parameters["time_constant"])
-    return BY_NAME[effect.name].seeds()[0]
+    return BY_NAME[effect.name].initial_guesses()[0]
 
 
 def _along(factors: Array, told: Callable[[float], tuple[float, str]]) -> tuple[Array, str]:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hubodo.effects.base import Chain
+from hubodo.effects.base import SensorChain
 from hubodo.effects.dependence import pulse, steering_rate, temperature_rate
 
 T = np.linspace(2.0, 42.0, 4001)
@@ -11,7 +11,7 @@ T = np.linspace(2.0, 42.0, 4001)
 
 def chain(t=T, temperature=None, **around):
     warm = np.full(len(t), 25.0) if temperature is None else temperature
-    return Chain(t, warm, *np.zeros((5, 3, len(t))), **around)
+    return SensorChain(t, warm, *np.zeros((5, 3, len(t))), **around)
 
 
 def test_the_rate_of_a_temperature_is_its_derivative_without_the_thermometers_steps():
@@ -62,10 +62,10 @@ def test_a_part_of_a_chain_has_those_samples_of_all_that_it_has():
         for name in ("rate", "rate_derivative", "force", "gyro", "accel")
     }
     around = {"angle": T + 1.0, "speed": T + 2.0, "yaw_rate": 0.3, "facing": -1.0, "supply": T + 3.0}
-    whole = Chain(T, T + 4.0, **arrays, **around)
+    whole = SensorChain(T, T + 4.0, **arrays, **around)
     whole.terms["known"] = [T]
     some = slice(10, 400, 3)
-    part = whole.part(some)
+    part = whole.select(some)
     for name, value in arrays.items():
         np.testing.assert_array_equal(getattr(part, name), value[:, some])
     for name in ("t", "temperature", "angle", "speed", "supply"):

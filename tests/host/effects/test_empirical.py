@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hubodo.effects.base import Chain
+from hubodo.effects.base import SensorChain
 from hubodo.effects.empirical import ALL_HARMONICS, CHANNELS, FACTORS, empirical
 
 SEED = 20260
@@ -20,7 +20,7 @@ def make_chain(seed=SEED):
         return mean + size * np.sin(rng.uniform(0.2, 2.0) * T + rng.uniform(0.0, 6.0))
 
     gyro, force = (np.stack([wave(0.0, 1.0) for _ in range(3)]) for _ in range(2))
-    return Chain(
+    return SensorChain(
         t=T,
         temperature=31.0 + 6.0 * np.sin(0.11 * T),
         rate=gyro,
@@ -62,7 +62,7 @@ def read_as_arithmetic(expression, chain):
 
 def added(name, values, chain):
     kind = empirical(name)
-    kind(**values).offset(chain)
+    kind(**values).add_offsets(chain)
     return np.vstack([chain.gyro, chain.accel])
 
 

@@ -8,7 +8,7 @@ import pytest
 from gap_matrix import beyond, cases, recording
 from gap_runs import gap
 from hubodo.effects import BY_NAME, EFFECTS
-from hubodo.effects.base import Chain
+from hubodo.effects.base import SensorChain
 from hubodo.effects.field import FIELD
 from hubodo.effects.loaded import use_effects
 
@@ -27,7 +27,7 @@ def the_list_as_it_was():
 def chain(facing=1.0):
     rng = np.random.default_rng(SEED)
     rate, force = rng.standard_normal((2, 3, len(T)))
-    made = Chain(T, 25.0 + 0.3 * T, rate, 0.0 * rate, force, np.zeros_like(rate), np.zeros_like(force))
+    made = SensorChain(T, 25.0 + 0.3 * T, rate, 0.0 * rate, force, np.zeros_like(rate), np.zeros_like(force))
     made.facing, made.angle, made.spin = facing, 5.0 * T, np.full(len(T), 5.0)
     made.speed, made.acceleration = 2.0 + np.sin(0.5 * T), 0.5 * np.cos(0.5 * T)
     made.yaw_rate, made.yaw_acceleration = 0.4 * np.sin(0.3 * T), 0.12 * np.cos(0.3 * T)
@@ -37,7 +37,7 @@ def chain(facing=1.0):
 def added(name, facing=1.0, **values):
     kind = next(kind for kind in FIELD if kind.name == name)
     made = chain(facing)
-    kind(**values).offset(made)
+    kind(**values).add_offsets(made)
     return made.gyro, made.accel
 
 
@@ -76,13 +76,13 @@ def test_the_supply_above_3_7_volts_shifts_the_gyro():
     kind = next(kind for kind in FIELD if kind.name == "gyro_supply")
     made = chain()
     made.supply = 4.1 - 0.035 * T
-    kind(x=0.02, y=-0.01, z=0.03).offset(made)
+    kind(x=0.02, y=-0.01, z=0.03).add_offsets(made)
     # At 4.1 V 0.4 V too much, at 3.4 V 0.3 V too little: 8, -4, 12 mrad/s and -6, 3, -9 mrad/s.
     np.testing.assert_allclose(made.gyro[:, 0], [0.008, -0.004, 0.012], atol=1e-15)
     np.testing.assert_allclose(made.gyro[:, -1], [-0.006, 0.003, -0.009], atol=1e-15)
     assert not made.accel.any()
     unknown = chain()
-    kind(x=0.02).offset(unknown)
+    kind(x=0.02).add_offsets(unknown)
     assert not unknown.gyro.any()
 
 
@@ -110,8 +110,8 @@ def test_they_are_there_on_request_only():
 
 @pytest.mark.parametrize("kind", FIELD, ids=lambda kind: kind.name)
 def test_each_says_what_it_may_pass_for_and_what_tells_them_apart(kind):
-    assert kind.alike
-    assert all(other in BY_NAME and way for other, way in kind.alike.items())
+    assert kind.confusable_with
+    assert all(other in BY_NAME and way for other, way in kind.confusable_with.items())
     assert kind.meaning
 
 

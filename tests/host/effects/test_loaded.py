@@ -6,7 +6,7 @@ import pytest
 
 from example_effect import HUM
 from hubodo.effects import BY_NAME, EFFECTS, loaded
-from hubodo.effects.loaded import free_name, read_effects, use_effects
+from hubodo.effects.loaded import name_problem, read_effects, use_effects
 from hubodo.errors import ConfigError
 
 
@@ -52,15 +52,15 @@ def test_an_installed_package_offers_effects(tmp_path, monkeypatch):
         (
             'name: ClassVar[str] = "hum"',
             'name: ClassVar[str] = "gyro_bias"',
-            "there is an effect of that name",
+            "an effect of that name exists",
         ),
-        ('name: ClassVar[str] = "hum"', 'name: ClassVar[str] = "Hum!"', "small letters"),
+        ('name: ClassVar[str] = "hum"', 'name: ClassVar[str] = "Hum!"', "lower-case letters"),
         ('    meaning: ClassVar[str] = "the gyro hums"\n', "", "meaning missing"),
         ("chain.gyro[2]", "chain.gyroscope[2]", "gyroscope"),
         ("import dataclass", "import dataclas", "cannot be run: ImportError"),
         ("class Hum(Effect)", "class Hum(Effect", "SyntaxError"),
         ("(Effect):", "():", "defines no effect"),
-        ('    k: float = parameter("rad/s", 0.01)\n', "", "parameter(unit, usual size)"),
+        ('    k: float = parameter("rad/s", 0.01)\n', "", "parameter(unit, scale)"),
     ],
 )
 def test_what_is_wrong_with_a_file_is_said(tmp_path, old, new, says):
@@ -80,5 +80,5 @@ def test_a_file_that_is_not_there_or_no_python_is_said(tmp_path):
 
 
 def test_names_that_are_free():
-    assert free_name("bent_axle") == ""
-    assert free_name("Bent Axle") and free_name("gyro_bias") and free_name("")
+    assert name_problem("bent_axle") == ""
+    assert name_problem("Bent Axle") and name_problem("gyro_bias") and name_problem("")

@@ -14,13 +14,13 @@ from hubodo.effects.wheel import TyreGrowth, WheelCamber, WheelEccentricity, Whe
 from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.motion import Motion
 from hubodo.emulator.node_motion import NodeMotion, Scatter
-from hubodo.model.drive import Leg, loop_drive, path, random_drive, scripted
-from hubodo.model.forward import NodeForward, NodeStart
-from hubodo.model.inputs import Inputs
+from hubodo.model.drive import Leg, integrate_path, loop_drive, random_drive, scripted_drive
+from hubodo.model.forward import NodeInitialState, NodeModel
+from hubodo.model.inputs import MotionInputs
 from hubodo.smoothing_spline import constant_spline
 from hubodo.vehicle import NodeMount
 
-LEGS = scripted([Leg(1.0, 0.0), Leg(3.0, 1.5, 0.7), Leg(2.0, 2.5, -0.5), Leg(1.0, 0.0)])
+LEGS = scripted_drive([Leg(1.0, 0.0), Leg(3.0, 1.5, 0.7), Leg(2.0, 2.5, -0.5), Leg(1.0, 0.0)])
 EFFECTS_HIDDEN = (
     TyreGrowth(2e-4),
     WheelSlip(0.05),
@@ -35,14 +35,16 @@ EFFECTS_HIDDEN = (
 
 
 def motion(effects=EFFECTS_HIDDEN, **some):
-    return NodeMotion(LEGS, NodeMount("left", "left"), 0.3, 0.9, effects, NodeStart(0.5), delay=1.5, **some)
+    return NodeMotion(
+        LEGS, NodeMount("left", "left"), 0.3, 0.9, effects, NodeInitialState(0.5), delay=1.5, **some
+    )
 
 
 def test_the_chip_feels_what_the_forward_model_reads():
     t = np.sort(np.random.default_rng(0).uniform(0.0, 8.5, 300))
     fine = np.union1d(np.arange(-1.5, 7.0, 0.001), t - 1.5)
-    whole = NodeForward(LEGS, fine, NodeMount("left", "left"), 0.3, 0.9, power_on=-1.5)
-    reading = whole.mean(EFFECTS_HIDDEN, NodeStart(0.5))
+    whole = NodeModel(LEGS, fine, NodeMount("left", "left"), 0.3, 0.9, power_on=-1.5)
+    reading = whole.mean_reading(EFFECTS_HIDDEN, NodeInitialState(0.5))
     at = np.searchsorted(fine, t - 1.5)
     felt = motion()
     np.testing.assert_allclose(felt.angular_rate(t), reading.gyro[:, at].T, rtol=0, atol=1e-6)
@@ -63,7 +65,7 @@ def test_it_is_a_function_of_time_in_any_order_and_in_another_process():
 def test_a_random_walk_in_the_chip_has_the_spread_of_the_model():
     ends = []
     for seed in range(200):
-        still = Inputs(constant_spline(0.0, 0.0, 1.0), constant_spline(0.0, 0.0, 1.0))
+        still = MotionInputs(constant_spline(0.0, 0.0, 1.0), constant_spline(0.0, 0.0, 1.0))
         walk = NodeMotion(still, NodeMount(), 0.3, 0.9, (GyroRateRandomWalk(0.02),), seed=seed)
         ends.append(walk.angular_rate(np.array([1.0]))[0])
     assert np.std(ends) == pytest.approx(0.02, rel=0.1)
@@ -97,8 +99,8 @@ def test_a_chip_without_effects_and_one_with_effects_of_nothing_feel_the_same():
 
 
 def test_the_path_of_a_constant_turn_is_a_circle():
-    inputs = Inputs(constant_spline(2.0, 0.0, 10.0), constant_spline(0.5, 0.0, 10.0))
-    t, x, y, heading = path(inputs)
+    inputs = MotionInputs(constant_spline(2.0, 0.0, 10.0), constant_spline(0.5, 0.0, 10.0))
+    t, x, y, heading = integrate_path(inputs)
     np.testing.assert_allclose(heading, 0.5 * t, atol=1e-12)
     np.testing.assert_allclose(x, 4.0 * np.sin(0.5 * t), atol=1e-9)
     np.testing.assert_allclose(y, 4.0 * (1 - np.cos(0.5 * t)), atol=1e-9)
@@ -107,7 +109,7 @@ def test_the_path_of_a_constant_turn_is_a_circle():
 @pytest.mark.parametrize("seed", range(5))
 def test_drives_begin_and_end_at_rest_and_a_random_one_turns_both_ways(seed):
     rng = np.random.default_rng(seed)
-    for drive, length in ((loop_drive(rng, moving=20.0), 32.0), (random_drive(rng, 90.0), 90.0)):
+    for drive, length in ((loop_drive(rng, driving_time=20.0), 32.0), (random_drive(rng, 90.0), 90.0)):
         t = np.arange(0.0, length, 0.01)
         assert drive.speed.end == pytest.approx(length, abs=0.02)
         for value in (drive.speed(t), drive.yaw_rate(t)):
@@ -119,4 +121,4 @@ def test_drives_begin_and_end_at_rest_and_a_random_one_turns_both_ways(seed):
 def test_a_drive_of_nothing_is_refused():
     for legs in ([], [Leg(0.0, 1.0)]):
         with pytest.raises(ValueError, match="positive duration"):
-            scripted(legs)
+            scripted_drive(legs)

@@ -194,10 +194,10 @@ def test_a_mean_of_two_parameters_has_one_sign_and_one_belief() -> None:
     for entry in WHEEL_ENTRIES:
         for parameter in entry.parameters:
             assert entry.effect_class is not None
-            assert entry.effect_class.estimate(parameter) == entry.effect_class.estimate(
+            assert entry.effect_class.odometry_prior(parameter) == entry.effect_class.odometry_prior(
                 entry.parameters[0]
             ), entry
-            assert entry.effect_class.sign(parameter, "right") == entry.effect_class.sign(
+            assert entry.effect_class.facing_sign_of(parameter, "right") == entry.effect_class.facing_sign_of(
                 entry.parameters[0], "right"
             ), entry
     assert GYRO_SCALE_ACROSS.parameters == ("x", "y")

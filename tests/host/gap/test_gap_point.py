@@ -14,7 +14,7 @@ from hubodo.gap.process_noise.tracking import own_weights, track_wheel_phase
 from hubodo.gap.state.state import stacked
 from hubodo.gap.state.terms import ALL, ModelTerm
 from hubodo.log.csv_folder import read_folder
-from hubodo.model.forward import NodeForward
+from hubodo.model.forward import NodeModel
 from hubodo.model.model_file import read_model
 
 
@@ -28,13 +28,13 @@ def point(nothing):
 @pytest.fixture
 def evaluations(monkeypatch):
     """A list that grows by one with each evaluation of the forward model."""
-    seen, mean = [], NodeForward.mean
+    seen, mean = [], NodeModel.mean_reading
 
     def counted(self, *arguments):
         seen.append(self)
         return mean(self, *arguments)
 
-    monkeypatch.setattr(NodeForward, "mean", counted)
+    monkeypatch.setattr(NodeModel, "mean", counted)
     return seen
 
 

@@ -12,5 +12,5 @@ WEIGHTS = [shape.weight for shape in shapes()]
 def test_a_formula_that_looks_beyond_its_own_sample_says_that_it_remembers(weight):
     shape = next(shape for shape in shapes() if shape.weight == weight)
     made = [Summand(shape, (CHANNELS[2],))]
-    assert as_class("odd_one", made).remembers == ("temperature_rate" in weight)
-    assert ("remembers: ClassVar[bool] = True" in source("odd_one", made)) == ("temperature_rate" in weight)
+    assert as_class("odd_one", made).has_memory == ("temperature_rate" in weight)
+    assert ("has_memory: ClassVar[bool] = True" in source("odd_one", made)) == ("temperature_rate" in weight)

@@ -20,7 +20,7 @@ STEP = 1e-6
 """Of a usual size, one way: what is bent shows as much of its bend."""
 OTHER = 1e-3
 """Of the largest answer of a column: by that much two ways of differentiating may differ."""
-IN_MEAN = [effect for effect in EFFECTS if effect.shows == "mean"]
+IN_MEAN = [effect for effect in EFFECTS if effect.visible_in == "mean"]
 UNNAMED = empirical("empirical:gz,ax ~ harmonics(theta)")
 
 
@@ -66,9 +66,9 @@ def assert_columns_are_those_evaluated_anew(at, directions):
 
 @pytest.mark.parametrize("there", [*IN_MEAN, UNNAMED], ids=lambda effect: effect.name)
 def test_columns_are_those_of_the_model_evaluated_anew_beside_each_effect(state, there):
-    seed = there.seeds()[0]
+    seed = there.initial_guesses()[0]
     size = seed.coordinates() + 0.5 * there.coordinate_scales()
-    at = state.with_term(ModelTerm(seed.at(size), VEHICLE if there.level == "vehicle" else ALL))
+    at = state.with_term(ModelTerm(seed.with_coordinates(size), VEHICLE if there.level == "vehicle" else ALL))
     directions = all_directions(at)[:: 1 if there.name == "lever_arm" else 7]
     own = at.effects["left"][there]
     node = "" if there.level == "vehicle" else "left"
@@ -92,8 +92,10 @@ def test_what_one_gyro_measured_otherwise_is_felt_by_the_other_node(state):
 @pytest.mark.parametrize("there", ["gyro_lag", "tyre_growth", "lever_arm"])
 def test_columns_of_a_part_are_a_part_of_the_columns(state, there):
     """Also where what a node reads hangs on how it moved before."""
-    seed = BY_NAME[there].seeds()[0]
-    at = state.with_term(ModelTerm(seed.at(seed.coordinates() + 0.5 * seed.coordinate_scales()), ALL))
+    seed = BY_NAME[there].initial_guesses()[0]
+    at = state.with_term(
+        ModelTerm(seed.with_coordinates(seed.coordinates() + 0.5 * seed.coordinate_scales()), ALL)
+    )
     directions = all_directions(at)
     whole, made = columns(at, directions), Directions(at, directions)
     samples = {

@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hubodo.earth import EARTH_RATE, STANDARD_GRAVITY
-from hubodo.model.bench import Handled, Programme
-from hubodo.model.inputs import Earth
+from hubodo.model.bench import PoseSequence, TurntableProgramme
+from hubodo.model.inputs import EarthRotation
 
 ANGLES, STOP, TURN = (0.7, 2.0, -1.0), 4.0, 2.0
 
@@ -22,8 +22,8 @@ def wanted_angle(t):
 
 
 def test_a_table_goes_through_its_stops_again_and_again_and_reports_where_it_is():
-    earth = Earth(0.8, 0.3)
-    inputs, table = Programme(ANGLES, STOP, TURN).table(25.0, earth)
+    earth = EarthRotation(0.8, 0.3)
+    inputs, table = TurntableProgramme(ANGLES, STOP, TURN).inputs_and_record(25.0, earth)
     t, angle, moving = table.T
     assert t == pytest.approx(np.arange(250) / 10.0)
     assert angle == pytest.approx([wanted_angle(x) for x in t], abs=1e-6)
@@ -38,7 +38,7 @@ def test_a_table_goes_through_its_stops_again_and_again_and_reports_where_it_is(
 
 
 def test_a_table_may_be_looked_at_for_a_moment():
-    inputs, table = Programme(ANGLES, STOP, TURN).table(0.03)
+    inputs, table = TurntableProgramme(ANGLES, STOP, TURN).inputs_and_record(0.03)
     assert table.tolist() == [[0.0, 0.7, 0.0]]
     assert inputs.earth is None and not inputs.yaw_rate(np.array([0.0, 0.03])).any()
 
@@ -51,7 +51,7 @@ T = np.linspace(0.0, 4 * (REST + ROUND) + 2.0, 12001)
 @pytest.fixture(scope="module")
 def carried():
     """(without, with the Earth): rate, slope and force at T."""
-    return [Handled(POSES, REST, ROUND, latitude)(T) for latitude in (None, LATITUDE)]
+    return [PoseSequence(POSES, REST, ROUND, latitude)(T) for latitude in (None, LATITUDE)]
 
 
 def resting(margin=0.0):
@@ -62,7 +62,7 @@ def resting(margin=0.0):
 
 
 def test_it_takes_the_time_of_all_rests_and_of_the_turns_between():
-    assert Handled(POSES, REST, ROUND).duration == 4 * REST + 3 * ROUND
+    assert PoseSequence(POSES, REST, ROUND).duration == 4 * REST + 3 * ROUND
 
 
 @pytest.mark.parametrize("earth", [0, 1])

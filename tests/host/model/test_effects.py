@@ -10,12 +10,12 @@ import pytest
 
 from hubodo.calibration.apply import SampleCorrection
 from hubodo.calibration.file import CalibratedEffect, NodeCalibration, Quantity
-from hubodo.effects import EFFECTS, Noise, told_apart
-from hubodo.effects.base import Chain
+from hubodo.effects import EFFECTS, Noise, distinguishing_manoeuvre
+from hubodo.effects.base import SensorChain
 from hubodo.effects.gyro import GyroQuantization, GyroRateRandomWalk
 from hubodo.effects.timing import Outliers
-from hubodo.model.forward import NodeForward, NodeStart
-from hubodo.model.inputs import Body, Inputs, SpeedCorrection, Trace
+from hubodo.model.forward import NodeInitialState, NodeModel
+from hubodo.model.inputs import BodyMotion, MotionInputs, SpeedCorrection, Trace
 from hubodo.smoothing_spline import fit_interpolating_spline
 from hubodo.vehicle import NodeMount
 
@@ -26,13 +26,13 @@ NEGATED = np.array([[1.0], [-1.0], [-1.0]])
 def reads(effects, facing, side="left", yaw=1.0):
     """(gyro, accel), (3, N) each, of one node in the mean."""
     t = np.arange(0.0, 8.005, 0.01)
-    inputs = Inputs(
+    inputs = MotionInputs(
         fit_interpolating_spline(t, 1.5 + np.sin(0.7 * t)),
         fit_interpolating_spline(t, yaw * 0.6 * np.cos(0.9 * t)),
         Trace(np.array([0.0, 8.0]), np.array([20.0, 45.0])),
     )
-    node = NodeForward(inputs, t[100:-100], NodeMount(side, facing), 0.31, 0.92)
-    reading = node.mean(list(effects), NodeStart(0.3))
+    node = NodeModel(inputs, t[100:-100], NodeMount(side, facing), 0.31, 0.92)
+    reading = node.mean_reading(list(effects), NodeInitialState(0.3))
     return reading.gyro, reading.accel
 
 
@@ -45,7 +45,9 @@ def sized(kind):
 
 def facing_right(effect):
     kind = type(effect)
-    return kind(**{name: kind.sign(name, "right") * value for name, value in effect.values().items()})
+    return kind(
+        **{name: kind.facing_sign_of(name, "right") * value for name, value in effect.values().items()}
+    )
 
 
 @pytest.mark.parametrize("kind", EFFECTS, ids=lambda kind: kind.name)
@@ -54,7 +56,7 @@ def test_a_node_facing_right_with_turned_signs_reads_the_same_with_y_and_z_negat
     left, right = reads([effect], "left"), reads([facing_right(effect)], "right")
     for one, other in zip(left, right, strict=True):
         np.testing.assert_allclose(NEGATED * other, one, rtol=0, atol=1e-9)
-    assert all(kind.sign(name, "left") == 1.0 for name in kind.parameters())
+    assert all(kind.facing_sign_of(name, "left") == 1.0 for name in kind.parameters())
 
 
 @pytest.mark.parametrize("kind", EFFECTS, ids=lambda kind: kind.name)
@@ -63,7 +65,7 @@ def test_each_sign_is_needed(kind):
     plain = facing_right(sized(kind))
     before = np.concatenate(reads([plain], "right"))
     for name, value in plain.values().items():
-        if kind.shows == "scatter" or name in ("time_constant", "amplitude", "phase"):
+        if kind.visible_in == "scatter" or name in ("time_constant", "amplitude", "phase"):
             continue
         other = kind(**(plain.values() | {name: -value}))
         assert np.abs(np.concatenate(reads([other], "right")) - before).max() > 1e-4, name
@@ -86,9 +88,7 @@ def test_what_belongs_to_wheel_or_vehicle_is_the_same_in_the_mirror(kind):
 def shaken(effects, power_on=-30.0):
     """(true gyro, true accel), (read gyro, read accel), age, temperature of a node that is shaken by hand."""
     t = np.arange(0.0, 8.0, 0.01)
-    still = Inputs(
-        fit_interpolating_spline(t, 0.0 * t), fit_interpolating_spline(t, 0.0 * t), Trace(t, 20.0 + 3.0 * t)
-    )
+    still = MotionInputs(fit_interpolating_spline(t, 0.0 * t), fit_interpolating_spline(t, 0.0 * t), Trace(t, 20.0 + 3.0 * t))
 
     def carried(at):
         rate = np.stack([3.0 * np.sin(at), 20.0 * np.cos(0.7 * at), 25.0 * np.sin(1.3 * at)])
@@ -96,8 +96,8 @@ def shaken(effects, power_on=-30.0):
         force = np.stack([5.0 * np.cos(at), 9.8 * np.sin(0.3 * at), 30.0 * np.cos(2.0 * at)])
         return rate, slope, force
 
-    node = NodeForward(still, t, NodeMount(), 0.31, 0.92, power_on, carried)
-    read = node.mean(effects, NodeStart())
+    node = NodeModel(still, t, NodeMount(), 0.31, 0.92, power_on, carried)
+    read = node.mean_reading(effects, NodeInitialState())
     rate, _, force = carried(t)
     return (rate, force), (read.gyro, read.accel), t - power_on, 20.0 + 3.0 * t
 
@@ -110,7 +110,7 @@ def correction(effects):
     return SampleCorrection.from_calibration(NodeCalibration(found))
 
 
-@pytest.mark.parametrize("kind", [k for k in EFFECTS if k.undone], ids=lambda kind: kind.name)
+@pytest.mark.parametrize("kind", [k for k in EFFECTS if k.is_invertible], ids=lambda kind: kind.name)
 def test_forward_and_back_is_the_identity(kind):
     true, read, age, warm = shaken([sized(kind)])
     assert max(np.abs(r - w).max() for r, w in zip(read, true, strict=True)) > 1e-3
@@ -120,14 +120,14 @@ def test_forward_and_back_is_the_identity(kind):
 
 
 def test_forward_and_back_is_the_identity_of_all_together():
-    effects = [sized(kind) for kind in EFFECTS if kind.undone]
+    effects = [sized(kind) for kind in EFFECTS if kind.is_invertible]
     true, read, age, warm = shaken(effects)
     back = correction(effects).apply(read[0].T, read[1].T, age=age, temperature=warm)
     for made, wanted in zip(back, true, strict=True):
         np.testing.assert_allclose(made.T, wanted, rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize("kind", [k for k in EFFECTS if not k.undone], ids=lambda kind: kind.name)
+@pytest.mark.parametrize("kind", [k for k in EFFECTS if not k.is_invertible], ids=lambda kind: kind.name)
 def test_what_is_not_undone_stays_as_it_was_read(kind):
     """It is no error of the sensor, or nobody can take it back: what is read then is what was read."""
     made = {name: 3.0 * kind.scale(name) for name in kind.parameters()}
@@ -143,20 +143,22 @@ def test_a_walk_wanders_as_fast_as_it_says():
     seed, step, ahead = 5, 0.01, 50
     t = np.arange(0.0, 400.0, step)
     walk = GyroRateRandomWalk(3e-3)
-    still = Inputs(fit_interpolating_spline(t, 0.0 * t), fit_interpolating_spline(t, 0.0 * t))
-    made = NodeForward(still, t, NodeMount(), 0.31, 0.92).felt(
-        [walk], NodeStart(), np.random.default_rng(seed)
+    still = MotionInputs(fit_interpolating_spline(t, 0.0 * t), fit_interpolating_spline(t, 0.0 * t))
+    made = NodeModel(still, t, NodeMount(), 0.31, 0.92).draw_noise_free(
+        [walk], NodeInitialState(), np.random.default_rng(seed)
     )
     gone = made.gyro[:, ahead::ahead] - made.gyro[:, :-ahead:ahead]
     # 2400 increments: their variance is known to 3 %.
-    assert np.mean(gone**2) == pytest.approx(walk.drift() * ahead * step, rel=0.12), f"seed {seed}"
+    assert np.mean(gone**2) == pytest.approx(walk.random_walk_variance_rate() * ahead * step, rel=0.12), (
+        f"seed {seed}"
+    )
 
 
 def test_a_corrected_speed_moves_the_place_and_pulls():
     """0.3 + 0.02 t m/s more: 0.3 t + 0.01 t² m farther and 0.02 m/s² more, by hand."""
     t = np.arange(0.0, 10.5, 0.5)
     zero = np.zeros(len(t))
-    still = Body(t, *[zero] * 10)
+    still = BodyMotion(t, *[zero] * 10)
     made = SpeedCorrection(t, 0.3 + 0.02 * t).apply(still)
     np.testing.assert_allclose(made.speed, 0.3 + 0.02 * t, atol=1e-15)
     np.testing.assert_allclose(made.distance, 0.3 * t + 0.01 * t**2, atol=1e-12)
@@ -172,10 +174,10 @@ def test_the_tables_of_the_readme_are_those_of_the_classes():
 
 def test_what_the_odometry_believes_is_positive_and_a_process_keeps_its_size():
     found = {
-        (kind.name, name): kind.estimate(name)
+        (kind.name, name): kind.odometry_prior(name)
         for kind in EFFECTS
         for name in kind.parameters()
-        if kind.estimate(name) is not None
+        if kind.odometry_prior(name) is not None
     }
     assert {f"{effect}.{name}" for effect, name in found} == {
         *(f"gyro_scale_factor.{axis}" for axis in "xyz"),
@@ -188,17 +190,17 @@ def test_what_the_odometry_believes_is_positive_and_a_process_keeps_its_size():
         "time_offset.delay",
     }
     for place, one in found.items():
-        assert one.prior > 0.0 and one.walk >= 0.0 and one.origin, place
-        if math.isfinite(one.forgets):
+        assert one.sigma > 0.0 and one.random_walk >= 0.0 and one.origin, place
+        if math.isfinite(one.correlation_time):
             # Gauss-Markov: what it forgets in a second is what the walk brings.
-            assert one.walk**2 == pytest.approx(2.0 / one.forgets * one.prior**2), place
+            assert one.random_walk**2 == pytest.approx(2.0 / one.correlation_time * one.sigma**2), place
 
 
 def test_g_sensitivity_has_nine_parameters_of_which_a_drive_moves_three():
     kind = next(kind for kind in EFFECTS if kind.name == "gyro_g_sensitivity")
     bench = kind(xy=2e-3, yz=1e-3)
-    assert kind.fitted() == ("x", "y", "z") and len(bench.coordinates()) == 3
-    moved = bench.at(np.array([1e-4, 2e-4, 3e-4]))
+    assert kind.fitted_parameters() == ("x", "y", "z") and len(bench.coordinates()) == 3
+    moved = bench.with_coordinates(np.array([1e-4, 2e-4, 3e-4]))
     assert (moved.x, moved.y, moved.z, moved.xy, moved.yz) == (1e-4, 2e-4, 3e-4, 2e-3, 1e-3)
     plain_gyro, plain_force = reads([], "left")
     added = reads([bench], "left")[0] - plain_gyro
@@ -208,10 +210,14 @@ def test_g_sensitivity_has_nine_parameters_of_which_a_drive_moves_three():
 
 
 def test_what_tells_two_effects_apart_does_not_depend_on_which_is_named_first():
-    words = "drive long and fast: gravity turning in ax and ay counts revolutions"
-    assert told_apart("gyro_scale_factor", "wheel_radius") == words
-    assert told_apart("wheel_radius", "gyro_scale_factor") == words
-    assert told_apart("wheel_radius", "outliers") == told_apart("empirical:gz ~ spin", "wheel_radius") == ""
+    words = "drive long and fast: gravity in ax and ay counts the turns of the wheel"
+    assert distinguishing_manoeuvre("gyro_scale_factor", "wheel_radius") == words
+    assert distinguishing_manoeuvre("wheel_radius", "gyro_scale_factor") == words
+    assert (
+        distinguishing_manoeuvre("wheel_radius", "outliers")
+        == distinguishing_manoeuvre("empirical:gz ~ spin", "wheel_radius")
+        == ""
+    )
 
 
 def test_what_an_effect_says_that_it_spreads_samples_by_is_what_it_does():
@@ -219,13 +225,13 @@ def test_what_an_effect_says_that_it_spreads_samples_by_is_what_it_does():
     rng, count = np.random.default_rng(8), 400_000
     noise, step = Noise(0.004, 0.05), 0.02
     rate = rng.uniform(-3.0, 3.0, (3, count))
-    chain = Chain(np.arange(count) * 0.01, np.full(count, 25.0), *np.zeros((5, 3, count)))
+    chain = SensorChain(np.arange(count) * 0.01, np.full(count, 25.0), *np.zeros((5, 3, count)))
     chain.gyro = rate.copy()
     rounded = GyroQuantization(step=step)
-    rounded.digitize(chain)
-    assert rounded.spread(noise) == (pytest.approx(np.var(chain.gyro - rate), rel=0.01), 0.0)
+    rounded.quantize_readings(chain)
+    assert rounded.added_variance(noise) == (pytest.approx(np.var(chain.gyro - rate), rel=0.01), 0.0)
     chain.gyro = np.zeros((3, count))
     wild = Outliers(probability=0.05, sigma=10.0)
-    wild.scatter(chain, noise, rng)
+    wild.add_outliers(chain, noise, rng)
     found = np.var(chain.gyro), np.var(chain.accel)
-    assert wild.spread(noise) == pytest.approx(found, rel=0.05)
+    assert wild.added_variance(noise) == pytest.approx(found, rel=0.05)

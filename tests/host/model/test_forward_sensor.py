@@ -27,8 +27,8 @@ from hubodo.effects.gyro import (
 from hubodo.effects.mounting import NodeMisalignment
 from hubodo.effects.timing import ClockSkew, Outliers, SampleRepeat, TimeOffset
 from hubodo.effects.warmup import GyroWarmup
-from hubodo.model.forward import NodeForward, NodeStart
-from hubodo.model.inputs import Inputs, Trace
+from hubodo.model.forward import NodeInitialState, NodeModel
+from hubodo.model.inputs import MotionInputs, Trace
 from hubodo.smoothing_spline import fit_interpolating_spline
 from hubodo.vehicle import NodeMount
 
@@ -38,7 +38,7 @@ END = 8.0
 
 def drive():
     t = np.arange(0.0, END + 0.005, 0.01)
-    return Inputs(
+    return MotionInputs(
         fit_interpolating_spline(t, 1.5 + np.sin(0.7 * t)),
         fit_interpolating_spline(t, 0.6 * np.cos(0.9 * t)),
         Trace(np.array([0.0, END]), np.array([20.0, 45.0])),
@@ -47,17 +47,19 @@ def drive():
 
 def forward(t=None, power_on=0.0):
     t = np.arange(0.0, END, 0.005) if t is None else t
-    return NodeForward(drive(), t, NodeMount("left", "left"), 0.31, 0.92, power_on)
+    return NodeModel(drive(), t, NodeMount("left", "left"), 0.31, 0.92, power_on)
 
 
 def felt(effects=(), t=None, power_on=0.0):
     """(gyro, accel), (3, N) each, without anything random."""
-    reading = forward(t, power_on).mean(list(effects), NodeStart(0.3))
+    reading = forward(t, power_on).mean_reading(list(effects), NodeInitialState(0.3))
     return reading.gyro, reading.accel
 
 
 def sent(effects, seed=1, noise=QUIET, t=None):
-    reading = forward(t).sample(list(effects), NodeStart(0.3), noise, np.random.default_rng(seed))
+    reading = forward(t).draw_reading(
+        list(effects), NodeInitialState(0.3), noise, np.random.default_rng(seed)
+    )
     return reading.gyro, reading.accel
 
 
@@ -132,8 +134,8 @@ def test_the_lag_of_the_gyro_is_the_solution_of_its_differential_equation():
     t = np.arange(0.0, END, 0.005)
     rate, _ = felt()
     gyro, _ = felt([GyroLag(0.03)])
-    fine = NodeForward(drive(), np.arange(0.0, END, 0.0005), NodeMount("left", "left"), 0.31, 0.92)
-    true = fine.mean([], NodeStart(0.3)).gyro
+    fine = NodeModel(drive(), np.arange(0.0, END, 0.0005), NodeMount("left", "left"), 0.31, 0.92)
+    true = fine.mean_reading([], NodeInitialState(0.3)).gyro
     signal = make_interp_spline(fine.t, true.T, 5)
     found = solve_ivp(
         lambda x, y: (signal(x) - y) / 0.03,
@@ -230,7 +232,7 @@ def test_each_effect_changes_what_is_sent_and_nothing_else_is_needed_for_it(kind
     noise = Noise(0.01, 0.1)
     plain, with_it = sent([], 3, noise), sent([sized(kind.name, **some)], 3, noise)
     assert any(not np.array_equal(a, b) for a, b in zip(plain, with_it, strict=True))
-    assert kind.shows == "scatter" or any(
+    assert kind.visible_in == "scatter" or any(
         not np.array_equal(a, b) for a, b in zip(felt(), felt([sized(kind.name)]), strict=True)
     )
 
@@ -288,7 +290,7 @@ def test_all_effects_of_the_sensor_together_act_in_the_order_of_the_chain(seed):
     effects: list[Effect] = [BY_NAME[name](**values[name]) for name in SENSOR]
     t = np.sort(rng.uniform(0.0, END, 30))
     rate, force = felt(t=t)
-    made = forward(t).sample(effects, NodeStart(0.3), QUIET, rng)
+    made = forward(t).draw_reading(effects, NodeInitialState(0.3), QUIET, rng)
     for i in range(len(t)):
         gyro, accel = slow_chain(values, rate[:, i], force[:, i], t[i], 20.0 + 25.0 * t[i] / END)
         # A value that lies halfway between two steps may round either way.
@@ -312,10 +314,10 @@ def test_effects_are_applied_by_stage_whatever_order_they_are_given_in():
 @pytest.mark.parametrize("kind", EFFECTS)
 def test_coordinates_and_back_give_the_same_effect(kind):
     effect = sized(kind.name)
-    back = effect.at(effect.coordinates())
+    back = effect.with_coordinates(effect.coordinates())
     assert back.values() == pytest.approx(effect.values())
     assert len(kind.coordinate_scales()) == len(effect.coordinates())
-    assert all(isinstance(seed, kind) for seed in kind.seeds())
+    assert all(isinstance(seed, kind) for seed in kind.initial_guesses())
 
 
 def test_warm_up_starts_at_power_on():
@@ -328,8 +330,8 @@ def test_warm_up_starts_at_power_on():
 
 
 def test_a_node_off_the_wheels_goes_through_the_same_chain():
-    bench = NodeForward(drive(), np.linspace(0.0, 5.0, 50), NodeMount(), 0.31, 0.92)
-    plain, biased = (bench.mean(effects, NodeStart()) for effects in ([], [GyroBias(z=0.1)]))
+    bench = NodeModel(drive(), np.linspace(0.0, 5.0, 50), NodeMount(), 0.31, 0.92)
+    plain, biased = (bench.mean_reading(effects, NodeInitialState()) for effects in ([], [GyroBias(z=0.1)]))
     np.testing.assert_allclose(
         biased.gyro - plain.gyro, [[0.0]] * 2 + [[0.1]] + np.zeros((3, 50)), atol=1e-15
     )

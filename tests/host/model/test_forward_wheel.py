@@ -16,9 +16,9 @@ from scipy.optimize import brentq
 from hubodo.effects.mounting import LeverArm
 from hubodo.effects.vehicle import RoadGrade, TrackWidth
 from hubodo.effects.wheel import TyreGrowth, WheelCamber, WheelEccentricity, WheelRadius, WheelSlip
-from hubodo.model.forward import NodeForward, NodeStart
+from hubodo.model.forward import NodeInitialState, NodeModel
 from hubodo.model.frames import node_from_body
-from hubodo.model.inputs import Earth, Inputs
+from hubodo.model.inputs import EarthRotation, MotionInputs
 from hubodo.smoothing_spline import constant_spline, fit_interpolating_spline
 from hubodo.vehicle import NodeMount
 
@@ -47,7 +47,7 @@ def yaw_slope(t):
 def driven():
     """The same drive as the model takes it."""
     t = np.arange(0.0, END + 0.2, 0.01)
-    return Inputs(fit_interpolating_spline(t, speed(t)), fit_interpolating_spline(t, yaw(t)))
+    return MotionInputs(fit_interpolating_spline(t, speed(t)), fit_interpolating_spline(t, yaw(t)))
 
 
 class RigidWheel:
@@ -112,8 +112,8 @@ class RigidWheel:
 
 def model_reads(side, facing, effects, start, times, inputs=None):
     t = np.union1d(np.arange(0.0, END, 0.005), times)
-    forward = NodeForward(inputs or driven(), t, NodeMount(side, facing), R, B)
-    reading = forward.mean(effects, NodeStart(start))
+    forward = NodeModel(inputs or driven(), t, NodeMount(side, facing), R, B)
+    reading = forward.mean_reading(effects, NodeInitialState(start))
     at = np.searchsorted(t, times)
     return reading.gyro[:, at].T, reading.accel[:, at].T, reading.rolling.angle[at]
 
@@ -150,9 +150,9 @@ def test_rate_and_force_are_the_derivatives_of_a_rigid_wheel_in_space(effects, s
 
 def steady(v=0.0, r=0.0, angle=0.0, effects=(), side="left", facing="left", radius=0.3, track=1.0):
     """(gyro (3,), accel (3,)) of a wheel that does the same for ever, at angle `angle`."""
-    inputs = Inputs(constant_spline(v, 0.0, 1.0), constant_spline(r, 0.0, 1.0))
-    forward = NodeForward(inputs, np.zeros(1), NodeMount(side, facing), radius, track)
-    reading = forward.mean(effects, NodeStart(angle))
+    inputs = MotionInputs(constant_spline(v, 0.0, 1.0), constant_spline(r, 0.0, 1.0))
+    forward = NodeModel(inputs, np.zeros(1), NodeMount(side, facing), radius, track)
+    reading = forward.mean_reading(effects, NodeInitialState(angle))
     return reading.gyro[:, 0], reading.accel[:, 0]
 
 
@@ -199,17 +199,17 @@ def test_a_climb_tips_gravity_forward():
     """By hand, 30 degrees: half of g along x of the body; a node at wheel angle 0 has x up and y forward."""
     climb = [RoadGrade(np.deg2rad(30))]
     np.testing.assert_allclose(steady(effects=climb)[1], [G * np.sqrt(3) / 2, G / 2, 0], atol=1e-12)
-    still = Inputs(constant_spline(0.0, 0.0, 1.0), constant_spline(0.0, 0.0, 1.0))
-    body = NodeForward(still, np.zeros(1), NodeMount(), R, B).mean(climb, NodeStart())
+    still = MotionInputs(constant_spline(0.0, 0.0, 1.0), constant_spline(0.0, 0.0, 1.0))
+    body = NodeModel(still, np.zeros(1), NodeMount(), R, B).mean_reading(climb, NodeInitialState())
     np.testing.assert_allclose(body.accel[:, 0], [G / 2, 0, G * np.sqrt(3) / 2])
 
 
 def test_a_wheel_that_is_off_its_centre_turns_unevenly_within_a_turn_and_evenly_over_turns():
     """By hand: 1 rad/s over 1 + A cos(theta - p): slowest where the radius is largest."""
-    inputs = Inputs(constant_spline(0.3, 0.0, 20.0), constant_spline(0.0, 0.0, 20.0))
+    inputs = MotionInputs(constant_spline(0.3, 0.0, 20.0), constant_spline(0.0, 0.0, 20.0))
     t = np.linspace(0.0, 4 * np.pi, 801)
-    forward = NodeForward(inputs, t, NodeMount("left", "left"), 0.3, 1.0)
-    reading = forward.mean([WheelEccentricity(0.1, 1.0)], NodeStart(1.0))
+    forward = NodeModel(inputs, t, NodeMount("left", "left"), 0.3, 1.0)
+    reading = forward.mean_reading([WheelEccentricity(0.1, 1.0)], NodeInitialState(1.0))
     assert reading.gyro[2, 0] == pytest.approx(1 / 1.1)
     assert reading.gyro[2].max() == pytest.approx(1 / 0.9, rel=1e-4)
     assert reading.rolling.angle[-1] == pytest.approx(1.0 + 4 * np.pi, abs=1e-9)
@@ -217,13 +217,16 @@ def test_a_wheel_that_is_off_its_centre_turns_unevenly_within_a_turn_and_evenly_
 
 def test_a_node_on_the_body_feels_what_a_car_feels():
     """By hand: 2 m/s round a circle of 4 m: 1 m/s² to the left, and the lever arm 0.4 m forward 0.1 to it."""
-    inputs = Inputs(constant_spline(2.0, 0.0, 1.0), constant_spline(0.5, 0.0, 1.0))
-    forward = NodeForward(inputs, np.zeros(1), NodeMount(), R, B)
-    plain, off = forward.mean([], NodeStart()), forward.mean([LeverArm(x=0.4)], NodeStart())
+    inputs = MotionInputs(constant_spline(2.0, 0.0, 1.0), constant_spline(0.5, 0.0, 1.0))
+    forward = NodeModel(inputs, np.zeros(1), NodeMount(), R, B)
+    plain, off = (
+        forward.mean_reading([], NodeInitialState()),
+        forward.mean_reading([LeverArm(x=0.4)], NodeInitialState()),
+    )
     np.testing.assert_allclose(plain.gyro[:, 0], [0, 0, 0.5])
     np.testing.assert_allclose(plain.accel[:, 0], [0, 1.0, G])
     np.testing.assert_allclose(off.accel[:, 0], [-0.1, 1.0, G], atol=1e-12)
-    turned = forward.mean([], NodeStart(attitude=(0, 0, np.pi / 2)))
+    turned = forward.mean_reading([], NodeInitialState(attitude=(0, 0, np.pi / 2)))
     np.testing.assert_allclose(turned.accel[:, 0], [1.0, 0, G], atol=1e-12)
 
 
@@ -231,19 +234,19 @@ def test_the_earth_turns_under_a_bench_about_its_own_axis():
     """By hand in east, north, up: Earth rate lies north and up; body x at azimuth A - heading from north."""
     latitude, azimuth = 0.8, 0.6
     t = np.linspace(0.0, 4.0, 401)
-    inputs = Inputs(
-        constant_spline(0.0, 0.0, 4.0), fit_interpolating_spline(t, yaw(t)), earth=Earth(latitude, azimuth)
-    )
-    forward = NodeForward(inputs, t, NodeMount(), R, B)
+    inputs = MotionInputs(constant_spline(0.0, 0.0, 4.0), fit_interpolating_spline(t, yaw(t)), earth=EarthRotation(latitude, azimuth))
+    forward = NodeModel(inputs, t, NodeMount(), R, B)
     still = replace(inputs, earth=None)
-    plain = NodeForward(still, t, NodeMount(), R, B).mean([], NodeStart()).gyro
+    plain = NodeModel(still, t, NodeMount(), R, B).mean_reading([], NodeInitialState()).gyro
     world = 7.2921159e-5 * np.array([0.0, np.cos(latitude), np.sin(latitude)])
     course = np.pi / 2 - azimuth + inputs.yaw_rate.integral(t)
     ahead = np.stack([np.cos(course), np.sin(course), 0 * t])
     left = np.stack([-np.sin(course), np.cos(course), 0 * t])
     expected = np.stack([world @ ahead, world @ left, 0 * t + world[2]])
-    np.testing.assert_allclose(forward.mean([], NodeStart()).gyro - plain, expected, rtol=0, atol=1e-15)
-    rate, slope = inputs.earth.rate(inputs.yaw_rate.integral(t), inputs.yaw_rate(t))
+    np.testing.assert_allclose(
+        forward.mean_reading([], NodeInitialState()).gyro - plain, expected, rtol=0, atol=1e-15
+    )
+    rate, slope = inputs.earth.rate_and_derivative(inputs.yaw_rate.integral(t), inputs.yaw_rate(t))
     np.testing.assert_allclose(slope[:, 1:-1], np.gradient(rate, t, axis=1)[:, 1:-1], rtol=0, atol=1e-8)
 
 
@@ -264,12 +267,11 @@ def test_a_mirrored_drive_on_the_other_wheel_reads_mirrored(v, a, r, start, camb
     arm = (0.01, 0.02, 0.03)
     readings = []
     for side, sign in (("left", 1.0), ("right", -1.0)):
-        inputs = Inputs(
-            fit_interpolating_spline(t, v + a * t + 0.2 * t**2),
-            fit_interpolating_spline(t, sign * (r - 0.3 * t)),
-        )
+        inputs = MotionInputs(fit_interpolating_spline(t, v + a * t + 0.2 * t**2), fit_interpolating_spline(t, sign * (r - 0.3 * t)))
         effects = [*LEVEL, WheelCamber(camber), LeverArm(arm[0], arm[1], sign * arm[2])]
-        readings.append(NodeForward(inputs, t, NodeMount(side, "left"), R, B).mean(effects, NodeStart(start)))
+        readings.append(
+            NodeModel(inputs, t, NodeMount(side, "left"), R, B).mean_reading(effects, NodeInitialState(start))
+        )
     one, two = readings
     np.testing.assert_allclose(two.accel, one.accel * [[1], [1], [-1]], atol=1e-8)
     np.testing.assert_allclose(two.gyro, one.gyro * [[-1], [-1], [1]], atol=1e-8)
@@ -281,12 +283,9 @@ def test_the_same_drive_at_another_time_reads_the_same(start, later, side):
     grid = np.linspace(0.0, 2.0, 201)
     readings = []
     for begin in (0.0, later):
-        inputs = Inputs(
-            fit_interpolating_spline(grid + begin, speed(grid)),
-            fit_interpolating_spline(grid + begin, yaw(grid)),
-        )
-        forward = NodeForward(inputs, grid + begin, NodeMount(side, "right"), R, B)
-        readings.append(forward.mean(TOGETHER, NodeStart(start)))
+        inputs = MotionInputs(fit_interpolating_spline(grid + begin, speed(grid)), fit_interpolating_spline(grid + begin, yaw(grid)))
+        forward = NodeModel(inputs, grid + begin, NodeMount(side, "right"), R, B)
+        readings.append(forward.mean_reading(TOGETHER, NodeInitialState(start)))
     np.testing.assert_allclose(readings[1].gyro, readings[0].gyro, atol=1e-6)
     np.testing.assert_allclose(readings[1].accel, readings[0].accel, atol=1e-5)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hubodo.model.inputs import Body, Driven, Later, SpeedCorrection
+from hubodo.model.inputs import BodyMotion, DelayedMotion, ExtraSpeed, SpeedCorrection
 
 T = np.linspace(0.0, 6.0, 301)
 
@@ -11,7 +11,7 @@ T = np.linspace(0.0, 6.0, 301)
 def swaying(t):
     """v = 1.2 + 0.4 sin 0.9 t, r = 0.3 cos 0.7 t, with their integrals and derivatives."""
     v, r = 0.9 * t, 0.7 * t
-    return Body(
+    return BodyMotion(
         t=t,
         speed=1.2 + 0.4 * np.sin(v),
         acceleration=0.36 * np.cos(v),
@@ -36,7 +36,7 @@ def moved(body, by):
 @pytest.mark.parametrize("by", [0.01, -0.01])
 def test_stamps_that_are_late_see_what_was_before(by):
     """To the square of so short a time."""
-    late, before = Later(by).apply(swaying(T)), swaying(T - by)
+    late, before = DelayedMotion(by).apply(swaying(T)), swaying(T - by)
     for name in MOTION:
         off = np.abs(getattr(late, name) - getattr(before, name)).max()
         change = np.abs(getattr(swaying(T), name) - getattr(before, name)).max()
@@ -46,20 +46,22 @@ def test_stamps_that_are_late_see_what_was_before(by):
 
 def test_what_is_driven_besides_adds_to_speed_and_acceleration_alone():
     body = swaying(T)
-    made = Driven(0.3, -0.2).apply(body)
+    made = ExtraSpeed(0.3, -0.2).apply(body)
     for name, value in moved(body, {"speed": 0.3, "acceleration": -0.2}).items():
         np.testing.assert_allclose(getattr(made, name), value, rtol=1e-12)
 
 
 def test_what_is_before_another_change_is_applied_first():
     body = swaying(T)
-    pushed = Driven(0.3, -0.2)
-    for last in (Later(0.5, pushed), Driven(0.1, 0.05, pushed)):
-        plain = type(last)(*([0.5] if isinstance(last, Later) else [0.1, 0.05]))
+    pushed = ExtraSpeed(0.3, -0.2)
+    for last in (DelayedMotion(0.5, pushed), ExtraSpeed(0.1, 0.05, pushed)):
+        plain = type(last)(*([0.5] if isinstance(last, DelayedMotion) else [0.1, 0.05]))
         one, two = last.apply(body), plain.apply(pushed.apply(body))
         for name in MOTION:
             np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
-    assert not np.allclose(Later(0.5, pushed).apply(body).distance, Later(0.5).apply(body).distance)
+    assert not np.allclose(
+        DelayedMotion(0.5, pushed).apply(body).distance, DelayedMotion(0.5).apply(body).distance
+    )
 
 
 UNEVEN = np.cumsum(np.random.default_rng(4).uniform(0.01, 0.03, 400))

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from hubodo.effects import BY_NAME, EFFECTS
-from hubodo.model.forward import NodeForward, NodeStart
-from hubodo.model.inputs import Inputs, Trace
+from hubodo.model.forward import NodeInitialState, NodeModel
+from hubodo.model.inputs import MotionInputs, Trace
 from hubodo.smoothing_spline import fit_interpolating_spline
 from hubodo.vehicle import NodeMount
 
@@ -39,9 +39,9 @@ class Drive:
     def forward(self):
         t = np.arange(0.0, 40.005, 0.01)
         speed, yaw, warm = (f(t) + 0.0 * t for f in (self.speed, self.yaw, self.temperature))
-        inputs = Inputs(fit_interpolating_spline(t, speed), fit_interpolating_spline(t, yaw), Trace(t, warm))
+        inputs = MotionInputs(fit_interpolating_spline(t, speed), fit_interpolating_spline(t, yaw), Trace(t, warm))
         mount = NodeMount() if self.body else NodeMount("left", "left")
-        return NodeForward(inputs, np.arange(0.5, 39.5, 0.02), mount, 0.31, 0.92, -self.powered)
+        return NodeModel(inputs, np.arange(0.5, 39.5, 0.02), mount, 0.31, 0.92, -self.powered)
 
 
 def halves(t):
@@ -130,17 +130,17 @@ def changes(drive, name):
     Besides, what a turn of the wheel at the start does.
     """
     forward, kind = drive.forward(), BY_NAME[name]
-    at = min(kind.seeds(), key=lambda seed: abs(seed.values().get("time_constant", 25.0) - 25.0))
+    at = min(kind.initial_guesses(), key=lambda seed: abs(seed.values().get("time_constant", 25.0) - 25.0))
 
     def reads(effects, start=0.3):
-        made = forward.mean(effects, NodeStart(start))
+        made = forward.mean_reading(effects, NodeInitialState(start))
         return np.concatenate([made.gyro, made.accel]) / NOISE
 
     columns = []
     for k, scale in enumerate(kind.coordinate_scales()):
         step = np.zeros(len(at.coordinates()))
         step[k] = 1e-3 * scale
-        ahead, behind = (reads([at.at(at.coordinates() + sign * step)]) for sign in (1, -1))
+        ahead, behind = (reads([at.with_coordinates(at.coordinates() + sign * step)]) for sign in (1, -1))
         columns.append((ahead - behind) / 2e-3)
     signs = drive.grades if name == "road_grade" else (1.0,) * len(drive.grades)
     turned = (reads([], 0.3 + 1e-4) - reads([], 0.3 - 1e-4)) / 2e-4
@@ -180,8 +180,8 @@ def test_every_look_alike_that_shows_in_the_mean_is_tried_here():
     declared = {
         f"{kind.name} {other}"
         for kind in EFFECTS
-        for other in kind.alike
-        if kind.shows == "mean" and BY_NAME[other].shows == "mean"
+        for other in kind.confusable_with
+        if kind.visible_in == "mean" and BY_NAME[other].visible_in == "mean"
     }
     assert declared == set(PAIRS)
 

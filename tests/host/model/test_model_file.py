@@ -14,9 +14,9 @@ from hubodo.effects.vehicle import TrackWidth
 from hubodo.effects.wheel import WheelRadius
 from hubodo.errors import ConfigError
 from hubodo.model.model_file import (
-    InputNames,
+    InputSources,
     Model,
-    Scoped,
+    ScopedEffect,
     model_toml,
     read_model,
     split_input,
@@ -62,12 +62,12 @@ def written(folder, text):
 def test_a_model_file_is_read_with_units_as_they_stand(tmp_path):
     model = read_model(written(tmp_path, TEXT))
     assert model.noise == Noise(0.004, 0.05)
-    assert model.inputs == InputNames("reference.speed", "reference.yaw_rate", 0.0005, 0.0002, 0.002)
+    assert model.inputs == InputSources("reference.speed", "reference.yaw_rate", 0.0005, 0.0002, 0.002)
     assert model.vehicle == load_vehicle(tmp_path / "model.toml")
     assert model.effects == (
-        Scoped(WheelRadius(0.01)),
-        Scoped(GyroBias(z=0.002)),
-        Scoped(WheelRadius(0.001), "left"),
+        ScopedEffect(WheelRadius(0.01)),
+        ScopedEffect(GyroBias(z=0.002)),
+        ScopedEffect(WheelRadius(0.001), "left"),
     )
 
 
@@ -80,7 +80,7 @@ def test_a_nodes_own_effect_replaces_that_of_all_and_nodes_off_the_wheels_have_n
 
 def test_inputs_are_the_exact_reference_where_the_file_says_nothing(tmp_path):
     model = read_model(written(tmp_path, TEXT.split("[inputs]")[0]))
-    assert model.inputs == InputNames("reference.speed", "reference.yaw_rate", 0.0, 0.0)
+    assert model.inputs == InputSources("reference.speed", "reference.yaw_rate", 0.0, 0.0)
 
 
 @pytest.mark.parametrize("name", ["nodes", "nodes.left.gz", "left.gz", "nodes.box.gz", "frame.gz", 0.0, 2])
@@ -159,7 +159,7 @@ def numbers_for(kind):
     values = {}
     for name in kind.parameters():
         about = kind.__dataclass_fields__[name].metadata
-        high = min(about["within"], 1e6)
+        high = min(about["max_magnitude"], 1e6)
         low = 1e-12 if about["positive"] else -high
         values[name] = st.floats(low, high)
     return st.builds(kind, **values)
@@ -178,10 +178,10 @@ def models(draw):
         if kind.level != "vehicle":
             places += [n for n, m in nodes.items() if m.side or kind.level != "wheel"]
         for place in draw(st.lists(st.sampled_from(places), max_size=1)):
-            effects.append(Scoped(draw(numbers_for(kind)), place))
+            effects.append(ScopedEffect(draw(numbers_for(kind)), place))
     speed = st.one_of(st.floats(-10, 10), st.sampled_from(["nodes", "reference.speed"]))
     noise = st.floats(0, 1)
-    inputs = InputNames(draw(speed), draw(speed), draw(noise), draw(noise))
+    inputs = InputSources(draw(speed), draw(speed), draw(noise), draw(noise))
     antenna = draw(st.one_of(st.none(), st.tuples(st.floats(-9, 9), st.floats(-9, 9))))
     vehicle = Vehicle(draw(positive), draw(positive), nodes, antenna)
     return Model(
@@ -191,7 +191,7 @@ def models(draw):
 
 def _with(kind):
     values = {name: kind.scale(name) / 3 for name in kind.parameters()}
-    return Model(Vehicle(0.3, 0.9), Noise(0.01, 0.1), effects=(Scoped(kind(**values)),))
+    return Model(Vehicle(0.3, 0.9), Noise(0.01, 0.1), effects=(ScopedEffect(kind(**values)),))
 
 
 @settings(max_examples=25)
@@ -214,7 +214,9 @@ def test_each_effect_reads_back_equal(tmp_path, kind):
 def test_units_and_comments_stand_beside_what_they_are_about():
     vehicle = Vehicle(0.3, 0.9, {"left": NodeMount("left", "left")})
     model = Model(
-        vehicle, Noise(0.01, 0.1), effects=(Scoped(WheelRadius(0.02), "left"), Scoped(AccelBias(x=1.0)))
+        vehicle,
+        Noise(0.01, 0.1),
+        effects=(ScopedEffect(WheelRadius(0.02), "left"), ScopedEffect(AccelBias(x=1.0))),
     )
     lines = model_toml(model, {("wheel_radius", "left"): "found first"}).splitlines()
     at = lines.index("[nodes.left.effects.wheel_radius]")
@@ -224,7 +226,7 @@ def test_units_and_comments_stand_beside_what_they_are_about():
 
 
 def test_a_value_that_could_not_be_read_is_not_written(tmp_path):
-    model = Model(Vehicle(0.3, 0.9), Noise(0.01, 0.1), effects=(Scoped(GyroSaturation()),))
+    model = Model(Vehicle(0.3, 0.9), Noise(0.01, 0.1), effects=(ScopedEffect(GyroSaturation()),))
     with pytest.raises(ValueError, match="gyro_saturation limit = inf"):
         write_model(model, tmp_path / "m.toml")
     assert not Path(tmp_path / "m.toml").exists()
@@ -233,9 +235,9 @@ def test_a_value_that_could_not_be_read_is_not_written(tmp_path):
 def test_a_model_cannot_hold_an_effect_where_it_does_not_belong():
     vehicle = Vehicle(0.3, 0.9, {"left": NodeMount("left", "left")})
     for effects in (
-        (Scoped(TrackWidth(0.1), "left"),),
-        (Scoped(WheelRadius(0.1), "rigth"),),
-        (Scoped(WheelRadius(0.1)), Scoped(WheelRadius(0.2))),
+        (ScopedEffect(TrackWidth(0.1), "left"),),
+        (ScopedEffect(WheelRadius(0.1), "rigth"),),
+        (ScopedEffect(WheelRadius(0.1)), ScopedEffect(WheelRadius(0.2))),
     ):
         with pytest.raises(ValueError, match=r"wheel_radius|track_width"):
             Model(vehicle, Noise(1.0, 1.0), effects=effects)
@@ -244,10 +246,12 @@ def test_a_model_cannot_hold_an_effect_where_it_does_not_belong():
 def test_an_added_effect_replaces_its_like_in_the_same_place_only():
     vehicle = Vehicle(0.3, 0.9, {"left": NodeMount("left", "left")})
     model = Model(
-        vehicle, Noise(1.0, 1.0), effects=(Scoped(WheelRadius(0.1)), Scoped(WheelRadius(0.2), "left"))
+        vehicle,
+        Noise(1.0, 1.0),
+        effects=(ScopedEffect(WheelRadius(0.1)), ScopedEffect(WheelRadius(0.2), "left")),
     )
-    assert model.with_effects(Scoped(WheelRadius(0.3), "left")).effects == (
-        Scoped(WheelRadius(0.1)),
-        Scoped(WheelRadius(0.3), "left"),
+    assert model.with_effects(ScopedEffect(WheelRadius(0.3), "left")).effects == (
+        ScopedEffect(WheelRadius(0.1)),
+        ScopedEffect(WheelRadius(0.3), "left"),
     )
     assert math.isclose(model.effects_of("left")[0].error, 0.2)

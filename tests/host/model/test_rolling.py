@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from hubodo.effects.base import Geometry
-from hubodo.model.inputs import Body
-from hubodo.model.rolling import roll
+from hubodo.model.inputs import BodyMotion
+from hubodo.model.rolling import wheel_rotation
 
 RADIUS, TRACK = 0.3, 0.6
 T = np.linspace(0.0, 6.0, 6001)
@@ -14,7 +14,7 @@ T = np.linspace(0.0, 6.0, 6001)
 def swaying():
     """v = 1.2 + 0.4 sin 0.9 t, r = 0.3 cos 0.7 t, with their integrals and derivatives."""
     v, r = 0.9 * T, 0.7 * T
-    return Body(
+    return BodyMotion(
         t=T,
         speed=1.2 + 0.4 * np.sin(v),
         acceleration=0.36 * np.cos(v),
@@ -37,7 +37,7 @@ def test_a_wheel_off_its_centre_turns_slower_where_its_radius_is_larger(side, si
     centre = (amplitude * np.cos(phase), amplitude * np.sin(phase))
     if phase == 0.5 * np.pi:
         centre = (0.0, amplitude)
-    rolling = roll(body, Geometry(side, RADIUS, TRACK, eccentricity=centre), start=0.4)
+    rolling = wheel_rotation(body, Geometry(side, RADIUS, TRACK, eccentricity=centre), initial_angle=0.4)
     speed = body.speed - body.yaw_rate * sign * TRACK / 2
     expected = speed / (RADIUS * (1.0 + amplitude * np.cos(rolling.angle - phase)))
     assert rolling.angle[0] == pytest.approx(0.4)

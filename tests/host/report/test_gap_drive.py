@@ -9,7 +9,7 @@ from hubodo.effects import EFFECTS
 from hubodo.gap.tell.limits import NEVER_APART
 from hubodo.report.gap_drive import _MOVES, drive_figure, stretches_of
 
-WAYS = sorted({way for effect in EFFECTS for way in effect.alike.values()})
+WAYS = sorted({way for effect in EFFECTS for way in effect.confusable_with.values()})
 
 
 @pytest.mark.parametrize("words", WAYS)

@@ -49,7 +49,7 @@ def drawn(seed):
 
 
 def test_every_effect_that_is_undone_is_drawn_here():
-    assert set(SIZES) == {kind.name for kind in EFFECTS if kind.undone}
+    assert set(SIZES) == {kind.name for kind in EFFECTS if kind.is_invertible}
 
 
 def true_motion(seed, count=50):

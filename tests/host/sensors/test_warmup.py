@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import approx_fprime, curve_fit
 
 from generators import start_gyro as start
-from hubodo.effects.warmup import PARAMETERS, WarmupModel
+from hubodo.effects.warmup import WARMUP_PARAMETERS, WarmupModel
 from hubodo.errors import InputError
 from hubodo.sensors.at_rest import TemperatureStep
 from hubodo.sensors.warmup.characterise import characterise_warmup
@@ -32,11 +32,11 @@ def test_the_fit_is_that_of_scipys_curve_fit_from_the_true_start():
     assert list(ours.sigma.values()) == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-3)
 
 
-@pytest.mark.parametrize("kind", PARAMETERS)
+@pytest.mark.parametrize("kind", WARMUP_PARAMETERS)
 def test_the_jacobian_is_the_numerical_derivative(kind):
     t = np.linspace(0.0, 5000.0, 7)
     temperature = 25 + np.sin(t)
-    names = PARAMETERS[kind]
+    names = WARMUP_PARAMETERS[kind]
     at = np.array(
         [np.log(700.0 * (k + 1)) if n.startswith("time") else 0.3 + 0.1 * k for k, n in enumerate(names)]
     )

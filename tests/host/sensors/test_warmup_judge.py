@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hubodo.effects.warmup import PARAMETERS
+from hubodo.effects.warmup import WARMUP_PARAMETERS
 from hubodo.sensors.even_grid import EvenGrid
 from hubodo.sensors.warmup import judge as room
 from hubodo.sensors.warmup.judge import Judged, judge, next_model, verdict
@@ -96,7 +96,7 @@ def offer(monkeypatch):
         by_kind = {model.fit.kind: model for model in models}
 
         def fit_warmup(times, means, kind, grades):
-            assert kind in PARAMETERS
+            assert kind in WARMUP_PARAMETERS
             asked[kind] = [grades]
             return by_kind[kind].fit if kind in by_kind else judged(kind, 1e9).fit
 

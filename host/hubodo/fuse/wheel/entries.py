@@ -64,13 +64,13 @@ class Entry:
 
     def sign(self, facing: Facing) -> float:
         """Return -1.0 if a node facing right has the negated parameter of one facing left, else 1.0."""
-        return 1.0 if self.effect_class is None else self.effect_class.sign(self.parameters[0], facing)
+        return 1.0 if self.effect_class is None else self.effect_class.facing_sign_of(self.parameters[0], facing)
 
     @property
     def excitation(self) -> str:
         """Return the manoeuvre that makes this entry observable; empty if none is known."""
-        estimate = None if self.effect_class is None else self.effect_class.estimate(self.parameters[0])
-        return "" if estimate is None else estimate.shown_by
+        estimate = None if self.effect_class is None else self.effect_class.odometry_prior(self.parameters[0])
+        return "" if estimate is None else estimate.manoeuvre
 
     @property
     def is_learnable(self) -> bool:
@@ -82,11 +82,13 @@ def _effect_entry(
     scope: Scope, effect: type[Effect], *parameters: str, factor: float = 1.0, alone: bool = True
 ) -> Entry:
     """Build an entry with the prior, random walk and correlation time declared by its effect."""
-    estimate = effect.estimate(parameters[0])
+    estimate = effect.odometry_prior(parameters[0])
     assert estimate is not None, f"{effect.name}.{parameters[0]} is not estimated"
-    prior, walk = estimate.prior * factor, estimate.walk * factor
+    prior, walk = estimate.sigma * factor, estimate.random_walk * factor
     named = " ".join(parameters)
-    return Entry(scope, effect.name, named, prior, walk, effect, parameters, factor, alone, estimate.forgets)
+    return Entry(
+        scope, effect.name, named, prior, walk, effect, parameters, factor, alone, estimate.correlation_time
+    )
 
 
 X = Entry("vehicle", "motion", "x", 0.0, 0.0)

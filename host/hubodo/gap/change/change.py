@@ -22,7 +22,7 @@ from hubodo.gap.state.terms import ALL, VEHICLE, ModelTerm
 from hubodo.gap.tell.finding import fitted_values
 from hubodo.gap.tell.result import Finding, Value
 from hubodo.gap.workflow import find_gap
-from hubodo.model.model_file import Model, Scoped
+from hubodo.model.model_file import Model, ScopedEffect
 from hubodo.recording import Recording
 
 # A change is named when chance makes one as large in less than one of a hundred pairs of logs.
@@ -132,12 +132,12 @@ def _named(model: Model) -> Model:
     return replace(model, effects=tuple(it for it in model.effects if not it.effect.name.startswith(PREFIX)))
 
 
-def _scoped(found: Finding, model: Model) -> Scoped:
+def _scoped(found: Finding, model: Model) -> ScopedEffect:
     node = None if found.scope in (ALL, VEHICLE) else found.scope
     return next(it for it in model.effects if (it.effect.name, it.node) == (found.effect, node))
 
 
-def _terms(free: Sequence[Scoped]) -> list[ModelTerm]:
+def _terms(free: Sequence[ScopedEffect]) -> list[ModelTerm]:
     """Free terms; of two for one place the last."""
     made = {}
     for item in free:
@@ -147,7 +147,7 @@ def _terms(free: Sequence[Scoped]) -> list[ModelTerm]:
     return list(made.values())
 
 
-def _fitted(problem: Problem, free: Sequence[Scoped]) -> Refit:
+def _fitted(problem: Problem, free: Sequence[ScopedEffect]) -> Refit:
     """A log with these free, beside what the model file has."""
     terms = _terms(free)
     begin = initial_state(problem)
@@ -155,7 +155,7 @@ def _fitted(problem: Problem, free: Sequence[Scoped]) -> Refit:
     return refit_with_weights(begin.with_terms([*(it for it in begin.terms if it.key not in keys), *terms]))
 
 
-def _alike(problems: Sequence[Problem], found: Sequence[Scoped]) -> tuple[Point, Point]:
+def _alike(problems: Sequence[Problem], found: Sequence[ScopedEffect]) -> tuple[Point, Point]:
     """Both logs with the same values, the mean of both fits, each weighed as when it is fitted itself."""
     fits = [_fitted(problem, found) for problem in problems]
     same = {term.key: _mean(term, fits) for term in fits[0].free}
@@ -203,6 +203,7 @@ def _covariance(fit: Refit, place: slice) -> np.ndarray[Any, np.dtype[np.float64
 
 def _model_of(model: Model, fit: Refit) -> Model:
     scoped = [
-        Scoped(term.effect, None if term.scope in (ALL, VEHICLE) else term.scope) for term in fit.state.terms
+        ScopedEffect(term.effect, None if term.scope in (ALL, VEHICLE) else term.scope)
+        for term in fit.state.terms
     ]
     return replace(model, effects=()).with_effects(*scoped)

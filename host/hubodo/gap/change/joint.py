@@ -47,7 +47,7 @@ def compare(before: Point, after: Point) -> Comparison:
     directions = all_directions(before.state)
     logs = [_settled(linearise(before, directions)), _settled(linearise(after, all_directions(after.state)))]
     options = candidates(before.problem, directions)
-    known = {term.key for term in before.state.terms if term.effect.shows == "mean"}
+    known = {term.key for term in before.state.terms if term.effect.visible_in == "mean"}
     common = [it.basis for it in options if it.term.key in known]
     made, tests, columns = [], [], list[Array]()
     for candidate in options:

@@ -29,7 +29,7 @@ from hubodo.gap.screen.null_distribution import NullDistribution
 from hubodo.gap.screen.screening import Screened
 from hubodo.gap.state.state import State
 from hubodo.gap.state.terms import ModelTerm
-from hubodo.model.forward import NodeStart
+from hubodo.model.forward import NodeInitialState
 from hubodo.model.model_file import Model, model_toml
 from hubodo.recording import Recording
 
@@ -149,7 +149,7 @@ def _packed_rival(rival: Rival) -> dict[str, Any]:
 def _packed_state(state: State) -> dict[str, Any]:
     return {
         "terms": [_packed_term(term) for term in state.terms],
-        "starts": {name: [start.angle, list(start.attitude)] for name, start in state.starts.items()},
+        "starts": {name: [start.wheel_angle, list(start.attitude)] for name, start in state.starts.items()},
         "paths": {name: _text(path) for name, path in state.paths.items()},
         "late": {name: _text(late) for name, late in state.late.items()},
     }
@@ -187,7 +187,7 @@ def _state(kept: Mapping[str, Any], point: Point) -> State:
     return State(
         point.problem,
         tuple(_term(term) for term in kept["terms"]),
-        {name: NodeStart(angle, (x, y, z)) for name, (angle, (x, y, z)) in kept["starts"].items()},
+        {name: NodeInitialState(angle, (x, y, z)) for name, (angle, (x, y, z)) in kept["starts"].items()},
         {name: _array(path) for name, path in kept["paths"].items()},
         {name: _array(late) for name, late in kept["late"].items()},
     )

@@ -143,7 +143,7 @@ class _Doubts:
             without = names.without(term)
             final = refit_with_weights(without.with_terms([*without.terms, best.term]))
             return names.replaced_by(final, {best.label: made})
-        if best.term.effect.drift() <= 0.0:
+        if best.term.effect.random_walk_variance_rate() <= 0.0:
             return None
         several = _together(made, best, {*self.reject, term.effect.name, EMPIRICAL}, self.watch)
         return None if several is None else names.replaced_by(*several)

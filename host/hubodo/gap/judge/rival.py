@@ -54,7 +54,7 @@ def named_rival(before: Refit, screened: Screened, made: Refit, tempering: float
     """An effect that was screened and refitted."""
     term = next(term for term in made.free if term.key == screened.candidate.term.key)
     gain = _believed(gain_over(before, made), screened.gain)
-    evidence = _evidence(screened, made.information(term), gain, tempering) - term.effect.surprise()
+    evidence = _evidence(screened, made.information(term), gain, tempering) - term.effect.neg_log_prior()
     return Rival(term, gain, evidence, 0.0, made.point.bare().state)
 
 

@@ -185,7 +185,7 @@ def _scattered(before: Refit, reject: Collection[str]) -> tuple[list[Proposal], 
     """What shows in scatter; and those that wander, refitted."""
     residuals = list(before.point.mean_residuals.values())
     proposals = [it for one_look in LOOKS for it in one_look(residuals) if it.term.effect.name not in reject]
-    wander = [it for it in proposals if it.term.effect.drift() > 0.0]
+    wander = [it for it in proposals if it.term.effect.random_walk_variance_rate() > 0.0]
     return proposals, {it.term.key: _with(before, it, rounds=0) for it in wander}
 
 

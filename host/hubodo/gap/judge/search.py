@@ -16,7 +16,7 @@ from hubodo.gap.process_noise.residual import gap
 from hubodo.gap.refit.refit import Refit, refit_with_weights
 from hubodo.gap.state.state import State
 from hubodo.gap.state.terms import ModelTerm
-from hubodo.model.forward import NodeStart
+from hubodo.model.forward import NodeInitialState
 
 # Effects that are added at most, a round each: a bound on the time.
 _MOST = 8
@@ -145,15 +145,15 @@ def initial_state(problem: Problem) -> State:
     return State(problem, tuple(terms), starts)
 
 
-def _attitude(node: NodeData) -> NodeStart:
+def _attitude(node: NodeData) -> NodeInitialState:
     up = np.median(node.y[3:], axis=1)
     size = float(np.linalg.norm(up))
     if size < 1.0:
-        return NodeStart()
+        return NodeInitialState()
     z = up / size
     # The node reads R^T z: the smallest turn that does it.
     axis = np.cross(z, [0.0, 0.0, 1.0])
     sine = float(np.linalg.norm(axis))
     angle = float(np.arctan2(sine, z[2]))
     turn = axis / sine * angle if sine > 1e-9 else np.array([angle, 0.0, 0.0])
-    return NodeStart(attitude=(float(turn[0]), float(turn[1]), float(turn[2])))
+    return NodeInitialState(attitude=(float(turn[0]), float(turn[1]), float(turn[2])))

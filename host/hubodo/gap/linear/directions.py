@@ -53,7 +53,7 @@ def moved(terms: Sequence[ModelTerm], step: Sequence[Array]) -> list[ModelTerm]:
     for term, by in zip(terms, step, strict=True):
         for _ in range(_SHORTER):
             there = term.at(term.effect.coordinates() + by * term.effect.coordinate_scales())
-            if there.effect.is_possible():
+            if there.effect.is_valid():
                 break
             by = 0.5 * by
         else:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.effects import Effect, in_order
-from hubodo.effects.base import Chain
+from hubodo.effects.base import SensorChain
 from hubodo.gap.linear.added import Added
 from hubodo.gap.linear.shared_speed import SharedSpeed, SpeedAnswers
 from hubodo.gap.problem.problem import NodeData
@@ -45,7 +45,7 @@ class Direction:
         """The effect, `by` scales further."""
         coordinates = self.effect.coordinates().copy()
         coordinates[self.coordinate] += by * self.scale
-        return self.effect.at(coordinates)
+        return self.effect.with_coordinates(coordinates)
 
 
 class Directions:
@@ -83,7 +83,7 @@ class Directions:
                 move, at_once = moves[node.name], state.at_once(node.name)
                 if more and not at_once:
                     made = move.anew(effects[node.name], more)
-                elif node.name in own and (there.remembers or not (at_once or move.adds(there))):
+                elif node.name in own and (there.has_memory or not (at_once or move.adds(there))):
                     made = move.change(effects[node.name], there)
                 else:
                     continue
@@ -94,7 +94,7 @@ class Directions:
         felt, kept, inside = self.at[node.name], self._kept[node.name], samples[node.name]
         made = np.zeros((len(felt), *node.y.shape), np.float32)
         chain = self._chains.get(node.name)
-        moves = _Moves(state, node, chain and chain.part(inside))
+        moves = _Moves(state, node, chain and chain.select(inside))
         answers = SpeedAnswers(state, node) if self._more and state.at_once(node.name) else None
         for into, k in zip(made, felt, strict=True):
             direction, more = self._directions[k], self._more.get(k)
@@ -111,7 +111,7 @@ class Directions:
 class _Moves:
     """How one node answers another effect, from where a state stands, per scale."""
 
-    def __init__(self, state: State, node: NodeData, chain: Chain | None = None) -> None:
+    def __init__(self, state: State, node: NodeData, chain: SensorChain | None = None) -> None:
         """chain: what reaches the sensor, where that hangs on what was before."""
         self._state, self._node, self._chain = state, node, chain
 

@@ -13,7 +13,7 @@ from hubodo.gap.linear.added import Added
 from hubodo.gap.problem.problem import NodeData
 from hubodo.gap.state.measured_speed import joined, measuring_chain
 from hubodo.gap.state.state import Effects, State, stacked
-from hubodo.model.inputs import Driven, MotionCorrection, SpeedCorrection
+from hubodo.model.inputs import ExtraSpeed, MotionCorrection, SpeedCorrection
 
 # m/s and m/s²: what is differentiated is as smooth as the motion, and nothing large is in it.
 _DRIVEN = 1e-5
@@ -66,7 +66,7 @@ class SpeedAnswers:
             return (stacked(reading) - base) / _DRIVEN
 
         # (6, N) each: change of the channels per m/s of speed, m/s² of acceleration, m of distance.
-        answers = [slope(Driven(speed=_DRIVEN, before=given)), slope(Driven(0.0, _DRIVEN, given))]
+        answers = [slope(ExtraSpeed(speed=_DRIVEN, inner=given)), slope(ExtraSpeed(0.0, _DRIVEN, given))]
         if node.on_wheel:
             # The way that a wheel has gone is how far it is round.
             radius = node.forward.geometry(state.effects[node.name].values()).radius

@@ -9,7 +9,7 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.effects import Noise
 from hubodo.errors import InputError
-from hubodo.model.model_file import InputNames, Model
+from hubodo.model.model_file import InputSources, Model
 from hubodo.recording import Recording, Table
 from hubodo.smoothing_spline import fit_smoothing_spline
 from hubodo.vehicle import Vehicle
@@ -41,13 +41,13 @@ def assumed_model(recording: Recording, vehicle: Vehicle, where: str = "log") ->
     return Model(vehicle, noise, _inputs(recording, vehicle, where))
 
 
-def _inputs(recording: Recording, vehicle: Vehicle, where: str) -> InputNames:
+def _inputs(recording: Recording, vehicle: Vehicle, where: str) -> InputSources:
     table = recording.reference
     if table is not None and len(table) >= 10 and "speed" in table and "yaw_rate" in table:
         noises = (
             _rounded(fit_smoothing_spline(table.t, table[name]).noise) for name in ("speed", "yaw_rate")
         )
-        return InputNames("reference.speed", "reference.yaw_rate", *noises)
+        return InputSources("reference.speed", "reference.yaw_rate", *noises)
     sides = {m.side: name for name, m in vehicle.nodes.items() if m.side and name in recording.nodes}
     if not sides:
         raise InputError(f"{where}: has neither a reference nor a node on a wheel: nothing tells the speed")
@@ -55,7 +55,7 @@ def _inputs(recording: Recording, vehicle: Vehicle, where: str) -> InputNames:
     bodies = [name for name, m in vehicle.nodes.items() if m.side is None and name in recording.nodes]
     upright = (name for name in bodies if _upright(recording.nodes[name]))
     body = next(upright, None)
-    return InputNames(speed, "nodes" if body is None else f"nodes.{body}.gz")
+    return InputSources(speed, "nodes" if body is None else f"nodes.{body}.gz")
 
 
 def _rounded(sigma: float) -> float:

@@ -12,8 +12,8 @@ from hubodo.errors import InputError
 from hubodo.gap.problem.log_inputs import input_noises, log_temperature, read_inputs, trace
 from hubodo.gap.problem.plausible import check
 from hubodo.gap.problem.problem import CHANNELS, NodeData, Problem
-from hubodo.model.forward import NodeForward
-from hubodo.model.inputs import Inputs
+from hubodo.model.forward import NodeModel
+from hubodo.model.inputs import MotionInputs
 from hubodo.model.model_file import Model
 from hubodo.recording import NODE_OPTIONAL_COLUMNS, Recording, Table
 from hubodo.smoothing_spline import constant_spline
@@ -60,7 +60,7 @@ def build(recording: Recording, model: Model, where: str = "log") -> Problem:
         )
     speed = read.speed or constant_spline(float(model.inputs.speed), first, last)
     yaw_rate = read.yaw_rate or constant_spline(float(model.inputs.yaw_rate), first, last)
-    inputs = Inputs(speed, yaw_rate, log_temperature(recording, names, origin))
+    inputs = MotionInputs(speed, yaw_rate, log_temperature(recording, names, origin))
     nodes = _nodes(tables, model, inputs, (origin, first, last), warnings)
     if not any(node.used.any() for node in nodes):
         raise InputError(f"{where}: no channel of any node changes; nothing was measured")
@@ -85,7 +85,7 @@ def build(recording: Recording, model: Model, where: str = "log") -> Problem:
 def _nodes(
     tables: Mapping[str, Table],
     model: Model,
-    inputs: Inputs,
+    inputs: MotionInputs,
     span: tuple[float, float, float],
     warnings: list[str],
 ) -> tuple[NodeData, ...]:
@@ -111,7 +111,7 @@ def _nodes(
             )
         warm, supply = (trace(table, column, origin) for column in NODE_OPTIONAL_COLUMNS)
         own = replace(inputs, temperature=warm or inputs.temperature, supply=supply or inputs.supply)
-        forward = NodeForward(own, t, mount, model.vehicle.wheel_radius, model.vehicle.track_width)
+        forward = NodeModel(own, t, mount, model.vehicle.wheel_radius, model.vehicle.track_width)
         limits = (pile_up(y[:3]), pile_up(y[3:]))
         nodes.append(NodeData(name, mount, t, y, used, limits, forward))
     return tuple(nodes)

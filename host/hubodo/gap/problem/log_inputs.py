@@ -198,7 +198,7 @@ def log_temperature(recording: Recording, names: Iterable[str], origin: float) -
     """°C of the first table that has them; 25 °C where none has."""
     tables: list[Table | None] = [recording.reference, *(recording.nodes[name] for name in names)]
     found = (trace(table, "temperature", origin) for table in tables if table is not None)
-    return next((one for one in found if one is not None), Trace.steady(REFERENCE_CELSIUS))
+    return next((one for one in found if one is not None), Trace.constant(REFERENCE_CELSIUS))
 
 
 def trace(table: Table, column: str, origin: float) -> Trace | None:

@@ -11,8 +11,8 @@ from hubodo.effects import BY_NAME
 from hubodo.errors import InputError
 from hubodo.gap.problem.problem import NodeData
 from hubodo.log.units import explain_suspect_units
-from hubodo.model.forward import NodeStart
-from hubodo.model.inputs import Inputs
+from hubodo.model.forward import NodeInitialState
+from hubodo.model.inputs import MotionInputs
 from hubodo.vehicle import facing_sign
 
 # No effect of a real wheel or sensor does what these say.
@@ -21,7 +21,9 @@ _WRONG_UNIT = 3.0
 _ROLLS, _TURNS, _WARMS, _FALLS = 0.05, 0.02, 0.3, 0.03
 
 
-def check(nodes: Sequence[NodeData], inputs: Inputs, measured_by: Sequence[str], where: str) -> list[str]:
+def check(
+    nodes: Sequence[NodeData], inputs: MotionInputs, measured_by: Sequence[str], where: str
+) -> list[str]:
     """What a log cannot show, one line each.
 
     Raises InputError when signs, sides or units of the log are not those of the model, or the inputs are of
@@ -90,7 +92,7 @@ def _check_sides(nodes: Sequence[NodeData], where: str) -> None:
 
 def _spins(node: NodeData) -> tuple[Array, Array]:
     """(N,) rad/s, forwards: what the inputs make of a wheel's spin, and what its gyro reads."""
-    rolling = node.forward.mean((), NodeStart()).rolling
+    rolling = node.forward.mean_reading((), NodeInitialState()).rolling
     assert rolling is not None
     return rolling.spin, facing_sign(node.mount.facing or "left") * node.y[2]
 
@@ -101,7 +103,7 @@ def _correlation(a: Array, b: Array) -> float:
     return float(a @ b) / max(sizes, 1e-300)
 
 
-def _unseen(nodes: Sequence[NodeData], inputs: Inputs) -> list[str]:
+def _unseen(nodes: Sequence[NodeData], inputs: MotionInputs) -> list[str]:
     body = inputs.at(nodes[0].t)
     lines = []
     if np.abs(body.speed).max() < _ROLLS:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.arrays import Array
-from hubodo.model.forward import NodeForward
-from hubodo.model.inputs import Inputs
+from hubodo.model.forward import NodeModel
+from hubodo.model.inputs import MotionInputs
 from hubodo.model.model_file import Model
 from hubodo.vehicle import NodeMount
 
@@ -36,7 +36,7 @@ class NodeData:
     y: Array
     used: NDArray[np.bool_]
     limits: tuple[float, float]
-    forward: NodeForward
+    forward: NodeModel
 
     @cached_property
     def clipped(self) -> NDArray[np.bool_]:
@@ -62,7 +62,7 @@ class NodeData:
 
     def part(self, samples: slice) -> NodeData:
         """Some of its samples."""
-        return replace(self, t=self.t[samples], y=self.y[:, samples], forward=self.forward.part(samples))
+        return replace(self, t=self.t[samples], y=self.y[:, samples], forward=self.forward.select(samples))
 
     def decimated(self) -> NodeData:
         """Every k-th sample of it, at 100 to 200 Hz; itself where it is not faster."""
@@ -71,7 +71,7 @@ class NodeData:
             return self
         t = np.ascontiguousarray(self.t[::every])
         was = self.forward
-        forward = NodeForward(was.inputs, t, self.mount, was.wheel_radius, was.track_width, was.power_on)
+        forward = NodeModel(was.inputs, t, self.mount, was.wheel_radius, was.track_width, was.power_on)
         return replace(self, t=t, y=np.ascontiguousarray(self.y[:, ::every]), forward=forward)
 
 
@@ -86,7 +86,7 @@ class Problem:
 
     model: Model
     nodes: tuple[NodeData, ...]
-    inputs: Inputs
+    inputs: MotionInputs
     speed_noise: float
     yaw_rate_noise: float
     speed_period: float

@@ -50,7 +50,7 @@ def process_noise(state: State, wheel_walks: Mapping[str, float]) -> list[Wander
             made.append(Wandering(Walk(wheel_walks[node.name]), "wheel", node.name))
         if state.problem.model.inputs.clock_sigma > 0.0:
             made.append(Wandering(clock_walk(state.problem), "clock", node.name))
-        drift = sum(effect.drift() for effect in state.effects[node.name].values())
+        drift = sum(effect.random_walk_variance_rate() for effect in state.effects[node.name].values())
         if drift > 0.0:
             walk = Walk(drift, drift * WINDOW)
             made += [Wandering(walk, row, node.name) for row in ("gx", "gy", "gz")]

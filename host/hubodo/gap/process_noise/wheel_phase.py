@@ -11,7 +11,7 @@ from hubodo.arrays import Array
 from hubodo.gap.problem.problem import NodeData
 from hubodo.gap.process_noise.walk import UNKNOWN, scores
 from hubodo.gap.process_noise.walk import smoothed as walk_smoothed
-from hubodo.model.forward import Reading
+from hubodo.model.forward import NodeReading
 from hubodo.vehicle import facing_sign
 
 WINDOW = 0.5
@@ -34,7 +34,7 @@ def windows(t: Array, width: float = WINDOW) -> NDArray[np.intp]:
     return np.unique(np.append(edges, len(t)))
 
 
-def follow(node: NodeData, reading: Reading, path: Array | None, accel_noise: float) -> WindowPhases:
+def follow(node: NodeData, reading: NodeReading, path: Array | None, accel_noise: float) -> WindowPhases:
     """How far the wheel is ahead of the model's angle, in each window.
 
     reading: predicted with the wheel further by path, (N,) rad, than the model has it.

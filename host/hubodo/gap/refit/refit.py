@@ -16,7 +16,7 @@ from hubodo.gap.process_noise.tracking import own_weights, track_wheel_phase
 from hubodo.gap.process_noise.weights import weights_of
 from hubodo.gap.state.state import ATTITUDE_SCALE, State
 from hubodo.gap.state.terms import ModelTerm
-from hubodo.model.forward import NodeStart
+from hubodo.model.forward import NodeInitialState
 
 _ROUNDS = 6
 # Scales that one step may move a coordinate: beyond that nothing is linear.
@@ -192,5 +192,5 @@ def _stepped(made: Refit, step: Array) -> State:
     bodies = [node for node in made.state.problem.nodes if not node.on_wheel]
     for node, turn in zip(bodies, step[count:].reshape(-1, 3), strict=True):
         new = np.array(made.state.start(node).attitude) + np.clip(turn, -4.0, 4.0) * ATTITUDE_SCALE
-        starts[node.name] = NodeStart(attitude=(float(new[0]), float(new[1]), float(new[2])))
+        starts[node.name] = NodeInitialState(attitude=(float(new[0]), float(new[1]), float(new[2])))
     return replace(made.state, terms=terms, starts=starts)

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.base import Chain
+from hubodo.effects.base import SensorChain
 from hubodo.effects.dependence import pulse, steering_rate, temperature_rate
 
 HELPERS = {"pulse": pulse, "steering_rate": steering_rate, "temperature_rate": temperature_rate}
@@ -43,7 +43,7 @@ class Shape:
     places: tuple[ShapePlace, ...] = ()
     shared: bool = True
 
-    def columns(self, chain: Chain) -> Array:
+    def columns(self, chain: SensorChain) -> Array:
         """(k, N): what a unit of each amplitude adds."""
         known = {
             "np": np,
@@ -112,7 +112,7 @@ _WEIGHTS = {
     "chain.spin": ("rad/s", "in proportion to the spin"),
     "np.abs(chain.spin)": ("rad/s", "with the spin, either way alike"),
     "chain.spin**2": ("rad²/s²", "with the square of the spin"),
-    "chain.spin_beside": ("rad/s", "with the spin of the wheel on the other side"),
+    "chain.opposite_spin": ("rad/s", "with the spin of the wheel on the other side"),
     "chain.speed": ("m/s", "in proportion to the speed"),
     "chain.speed**2": ("m²/s²", "with the square of the speed"),
     "chain.acceleration": ("m/s²", "while the speed changes"),

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.arrays import Array
-from hubodo.effects.base import Chain
+from hubodo.effects.base import SensorChain
 from hubodo.effects.dependence import pulse
 from hubodo.gap.problem.problem import NodeData
 from hubodo.gap.process_noise.point import Point
@@ -55,7 +55,7 @@ class _View:
     """
 
     node: NodeData
-    chain: Chain
+    chain: SensorChain
     target: Target
     along: Array
     square: Array

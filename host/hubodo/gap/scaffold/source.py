@@ -43,7 +43,7 @@ def source(name: str, summands: Sequence[Summand], seen: SeenIn | None = None) -
     imports = ["from dataclasses import dataclass", *(["from pathlib import Path"] if seen else [])]
     imports += ["from typing import ClassVar", "", "import numpy as np", ""]
     imports += ["from hubodo.arrays import Array"] if any("Array" in line for line in body) else []
-    imports += ["from hubodo.effects.base import Chain, Effect, Level, parameter"]
+    imports += ["from hubodo.effects.base import Effect, Level, SensorChain, parameter"]
     if helpers:
         imports.append(f"from hubodo.effects.dependence import {', '.join(helpers)}")
     lines = [*_head(name, seen), "", "from __future__ import annotations", "", *imports]
@@ -54,7 +54,7 @@ def source(name: str, summands: Sequence[Summand], seen: SeenIn | None = None) -
     lines += textwrap.indent(_formula(named), "    ").splitlines()
     lines += ["", f'    name: ClassVar[str] = "{name}"', f'    level: ClassVar[Level] = "{level}"']
     lines += [f'    meaning: ClassVar[str] = "{name.replace("_", " ")}"']
-    lines += ["    remembers: ClassVar[bool] = True"] if set(helpers) & set(REMEMBERING) else []
+    lines += ["    has_memory: ClassVar[bool] = True"] if set(helpers) & set(REMEMBERING) else []
     lines += body
     if seen:
         lines += ["", "", *_test(name, seen)]
@@ -145,7 +145,7 @@ def _fields(named: Sequence[_Named], seen: SeenIn | None) -> list[str]:
             unit = f"{target.unit} per {one.shape.per}" if one.shape.per else target.unit
             for key, _ in one.amplitudes[target.name]:
                 scale = usual.get(key) or _SCALES[target.unit]
-                turned = ", turned=True" if target.turned else ""
+                turned = ", flips_with_facing=True" if target.turned else ""
                 lines.append(f'    {key}: float = parameter("{unit}", {scale:.2g}{turned})')
         for key, place in one.places.items():
             more = "" if place.fitted else ", fitted=False"
@@ -172,7 +172,7 @@ def _offset(named: Sequence[_Named]) -> list[str]:
             for row, by in target.rows:
                 sign, by = ("-=", by[1:]) if by.startswith("-") else ("+=", by)
                 lines.append(f"        {_channel(row)} {sign} {by} * {target.name}")
-    return ["", "    def offset(self, chain: Chain) -> None:", *lines] if lines else []
+    return ["", "    def add_offsets(self, chain: SensorChain) -> None:", *lines] if lines else []
 
 
 def _true_time(named: Sequence[_Named]) -> list[str]:

@@ -33,14 +33,14 @@ def all_directions(state: State) -> list[Direction]:
     """Every direction of every effect that shows in the mean, from where it stands or from its seeds."""
     nodes, made = state.problem.nodes, []
     for effect in BY_NAME.values():
-        if effect.shows != "mean" or (effect.of_reference and state.problem.sources):
+        if effect.visible_in != "mean" or (effect.affects_reference and state.problem.sources):
             continue
         for scope in scopes(effect, nodes):
             if scope == ALL:
                 continue
             node = "" if scope == VEHICLE else scope
             at = state.effects[node or nodes[0].name].get(effect)
-            for seed in (at,) if at is not None else effect.seeds():
+            for seed in (at,) if at is not None else effect.initial_guesses():
                 made += [Direction(seed, node, k) for k in range(len(seed.coordinates()))]
     return made
 

@@ -15,13 +15,13 @@ from scipy.fft import next_fast_len
 from scipy.optimize import minimize_scalar
 
 from hubodo.arrays import Array
-from hubodo.effects.base import Chain
+from hubodo.effects.base import SensorChain
 from hubodo.effects.empirical import ALL_HARMONICS, FACTORS, PREFIX, columns, empirical
 from hubodo.gap.problem.problem import CHANNELS, NodeData
 from hubodo.gap.process_noise.point import Point
 from hubodo.gap.process_noise.window_sums import winsorised
 from hubodo.gap.state.terms import ModelTerm
-from hubodo.model.forward import Reading
+from hubodo.model.forward import NodeReading
 
 _PERIODIC = [f"cos({k}*theta)" for k in range(1, 7)] + [
     "spin^2*cos(1*theta)",
@@ -81,17 +81,17 @@ def block_edges(t: Array) -> NDArray[np.intp]:
     return np.unique(np.searchsorted(t, np.arange(t[0], t[-1], _BLOCK)))
 
 
-def scene(node: NodeData, reading: Reading) -> Chain:
+def scene(node: NodeData, reading: NodeReading) -> SensorChain:
     """What terms are made of: the model's own wheel angle, spin, forces and the vehicle's motion."""
     body, rolling = reading.body, reading.rolling
     zero = np.zeros((3, len(node.t)))
-    chain = Chain(body.t, body.temperature, zero, zero, reading.accel, zero, zero)
-    node.forward.place(chain, body, rolling)
+    chain = SensorChain(body.t, body.temperature, zero, zero, reading.accel, zero, zero)
+    node.forward.set_motion(chain, body, rolling)
     return chain
 
 
 def _tried(
-    node: NodeData, chain: Chain, expression: str, z: Array, weight: Array, edges: NDArray[np.intp]
+    node: NodeData, chain: SensorChain, expression: str, z: Array, weight: Array, edges: NDArray[np.intp]
 ) -> Structure | None:
     """The term on those channels of the node where it pays. edges: first samples of blocks."""
     made = np.stack(columns(expression, chain))

@@ -9,9 +9,9 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.effects import Effect
-from hubodo.effects.base import Chain
+from hubodo.effects.base import SensorChain
 from hubodo.gap.problem.problem import NodeData
-from hubodo.model.forward import NodeStart
+from hubodo.model.forward import NodeInitialState
 from hubodo.vehicle import facing_sign
 
 
@@ -28,8 +28,8 @@ def speed_error(node: NodeData, effects: Mapping[type[Effect], Effect], alone: b
 
     alone: no gyro on another wheel measured it, too.
     """
-    there = [effect for effect in effects.values() if effect.shows == "mean"]
-    reading = node.forward.mean(there, NodeStart())
+    there = [effect for effect in effects.values() if effect.visible_in == "mean"]
+    reading = node.forward.mean_reading(there, NodeInitialState())
     rolling, body = reading.rolling, reading.body
     assert rolling is not None
     nominal, side = node.forward.wheel_radius, 1.0 if node.mount.side == "left" else -1.0
@@ -43,10 +43,10 @@ def speed_error(node: NodeData, effects: Mapping[type[Effect], Effect], alone: b
     return SpeedError(wrong + body.yaw_rate * y if alone else wrong, -facing * radius)
 
 
-def measuring_chain(node: NodeData, effects: Mapping[type[Effect], Effect]) -> Chain:
+def measuring_chain(node: NodeData, effects: Mapping[type[Effect], Effect]) -> SensorChain:
     """What reaches the sensor of a node that measures the speed, the motion as it was measured."""
-    there = [effect for effect in effects.values() if effect.shows == "mean"]
-    return node.forward.reached(there, NodeStart())[0]
+    there = [effect for effect in effects.values() if effect.visible_in == "mean"]
+    return node.forward.true_signals(there, NodeInitialState())[0]
 
 
 def joined(sources: Sequence[NodeData], errors: Mapping[str, Array]) -> Array:

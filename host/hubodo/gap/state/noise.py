@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from hubodo.arrays import Array
 from hubodo.effects import Effect
 from hubodo.gap.problem.problem import NodeData, Problem
-from hubodo.model.forward import NodeStart, Reading
+from hubodo.model.forward import NodeInitialState, NodeReading
 from hubodo.smoothing_spline import SmoothingSpline
 from hubodo.vehicle import facing_sign, side_sign
 
@@ -57,7 +57,7 @@ class ChannelNoise:
         return ChannelNoise(levels, group, self.fresh)
 
 
-def channel_noise(problem: Problem, node: NodeData, reading: Reading, residual: Array) -> ChannelNoise:
+def channel_noise(problem: Problem, node: NodeData, reading: NodeReading, residual: Array) -> ChannelNoise:
     """Noise of a node's channels from their residual, (6, N)."""
     fresh = np.concatenate([[True], (np.diff(node.y, axis=1) != 0.0).any(axis=0)])
     spin = np.zeros(len(node.t)) if reading.rolling is None else np.abs(reading.rolling.spin)
@@ -96,7 +96,7 @@ class InputAnswers:
     yaw_rate: Array
 
 
-def input_answers(node: NodeData, reading: Reading, start: NodeStart) -> InputAnswers:
+def input_answers(node: NodeData, reading: NodeReading, start: NodeInitialState) -> InputAnswers:
     """What an error of the inputs does to a node; effects change that little and are left out."""
     body, rolling = reading.body, reading.rolling
     speed, acceleration, yaw_rate = (np.zeros_like(node.y) for _ in range(3))
@@ -120,7 +120,7 @@ def sensor_noise(problem: Problem, effects: Iterable[Effect] = ()) -> Array:
     noise = problem.model.noise
     gyro, accel = noise.gyro**2, noise.accel**2
     for effect in effects:
-        more = effect.spread(noise)
+        more = effect.added_variance(noise)
         gyro, accel = gyro + more[0], accel + more[1]
     return np.asarray(np.sqrt(np.array([gyro] * 3 + [accel] * 3))[:, None])
 

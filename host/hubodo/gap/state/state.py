@@ -10,13 +10,13 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.effects import Effect
-from hubodo.effects.base import Chain
+from hubodo.effects.base import SensorChain
 from hubodo.gap.problem.problem import NodeData, Problem
 from hubodo.gap.state.measured_speed import SpeedError, joined, speed_error
 from hubodo.gap.state.noise import InputAnswers, input_answers
 from hubodo.gap.state.terms import ModelTerm, effects_on
-from hubodo.model.forward import NodeStart, Reading
-from hubodo.model.inputs import Later, MotionCorrection, SpeedCorrection
+from hubodo.model.forward import NodeInitialState, NodeReading
+from hubodo.model.inputs import DelayedMotion, MotionCorrection, SpeedCorrection
 
 # rad, or of ATTITUDE_SCALE: half of a central difference; its cube is below the rounding of a log.
 _STEP = 1e-3
@@ -40,7 +40,7 @@ class State:
 
     problem: Problem
     terms: tuple[ModelTerm, ...] = ()
-    starts: Mapping[str, NodeStart] = field(default_factory=dict)
+    starts: Mapping[str, NodeInitialState] = field(default_factory=dict)
     paths: Mapping[str, Array] = field(default_factory=dict)
     late: Mapping[str, Array] = field(default_factory=dict)
 
@@ -65,7 +65,7 @@ class State:
         )
         known = made.__dict__
         known["effects"], known["correction"] = self.effects, self.correction
-        known["readings"] = {name: one.part(samples[name]) for name, one in self.readings.items()}
+        known["readings"] = {name: one.select(samples[name]) for name, one in self.readings.items()}
         known["phase_columns"] = _cut(self.phase_columns, samples)
         if self.problem.model.inputs.clock_sigma > 0.0:
             known["late_columns"] = _cut(self.late_columns, samples)
@@ -73,10 +73,10 @@ class State:
 
     def at_once(self, name: str) -> bool:
         """Whether a node answers at any time only what is true at that time."""
-        return not any(kind.remembers for kind in self.effects[name])
+        return not any(kind.has_memory for kind in self.effects[name])
 
-    def start(self, node: NodeData) -> NodeStart:
-        return self.starts.get(node.name, NodeStart())
+    def start(self, node: NodeData) -> NodeInitialState:
+        return self.starts.get(node.name, NodeInitialState())
 
     @cached_property
     def effects(self) -> Effects:
@@ -110,7 +110,7 @@ class State:
         }
 
     @cached_property
-    def readings(self) -> Mapping[str, Reading]:
+    def readings(self) -> Mapping[str, NodeReading]:
         """What each node should have read."""
         made = {}
         for node in self.problem.nodes:
@@ -149,7 +149,7 @@ class State:
         for node in self.problem.nodes:
             own = self.effects[node.name].values()
             late, early = (
-                stacked(self.reading(node, own, Later(by, self.correction)))
+                stacked(self.reading(node, own, DelayedMotion(by, self.correction)))
                 for by in (_LATE_STEP, -_LATE_STEP)
             )
             made[node.name] = (late - early) / (2.0 * _LATE_STEP)
@@ -162,28 +162,28 @@ class State:
 
     def reading(
         self, node: NodeData, effects: Iterable[Effect], correction: MotionCorrection | None = None
-    ) -> Reading:
+    ) -> NodeReading:
         """What one node should have read, (3, N) each, with these effects in place of its own."""
         path, late = self.paths.get(node.name, 0.0), self.late.get(node.name, 0.0)
-        return node.forward.mean(effects, self.start(node), path, correction, late)
+        return node.forward.mean_reading(effects, self.start(node), path, correction, late)
 
-    def reached(self, node: NodeData) -> Chain:
+    def reached(self, node: NodeData) -> SensorChain:
         """What reaches the sensor of a node, before it answers."""
         path, late = self.paths.get(node.name, 0.0), self.late.get(node.name, 0.0)
         own = list(self.effects[node.name].values())
-        return node.forward.reached(own, self.start(node), path, self.correction, late)[0]
+        return node.forward.true_signals(own, self.start(node), path, self.correction, late)[0]
 
     def _evaluated(self, node: NodeData) -> None:
         """What is worked out of all samples at once takes much memory, and is not asked for again."""
         if not self.at_once(node.name):
-            node.forward.forget()
+            node.forward.clear_motion_cache()
 
     def _further(self, name: str, path: Array, by: float) -> State:
         return replace(self, paths={**self.paths, name: path + by})
 
     def _turned(self, node: NodeData, axis: Array, by: float) -> State:
         x, y, z = (np.array(self.start(node).attitude) + by * axis).tolist()
-        return replace(self, starts={**self.starts, node.name: NodeStart(attitude=(x, y, z))})
+        return replace(self, starts={**self.starts, node.name: NodeInitialState(attitude=(x, y, z))})
 
     def _slope(self, node: NodeData, at: Callable[[float], State]) -> Array:
         """(6, N): change of the channels of a node along `at`, per unit; its effects stay what they are."""
@@ -196,6 +196,6 @@ def _cut(columns: Mapping[str, Array], samples: Mapping[str, slice]) -> dict[str
     return {name: column[:, samples[name]] for name, column in columns.items()}
 
 
-def stacked(reading: Reading) -> Array:
+def stacked(reading: NodeReading) -> Array:
     """(6, N): gyro over accel."""
     return np.concatenate([reading.gyro, reading.accel])

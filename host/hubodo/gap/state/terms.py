@@ -31,7 +31,7 @@ class ModelTerm:
     @property
     def moves(self) -> bool:
         """Whether a fit of the channels moves it: what shows only in scatter has a fit of its own."""
-        return self.fitted and self.effect.shows == "mean"
+        return self.fitted and self.effect.visible_in == "mean"
 
     @property
     def words(self) -> str:
@@ -39,7 +39,7 @@ class ModelTerm:
         return f"{self.effect.name} ({self.scope})"
 
     def at(self, coordinates: Array) -> ModelTerm:
-        return replace(self, effect=self.effect.at(coordinates))
+        return replace(self, effect=self.effect.with_coordinates(coordinates))
 
     def on(self, node: NodeData) -> bool:
         """Whether it acts on that node."""

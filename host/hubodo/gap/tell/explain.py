@@ -90,7 +90,7 @@ def _summary(result: GapResult, name: str, rows: list[Row], rejected: bool) -> s
                     f"{probability(finding.confidence)}"
                 )
     if not rows:
-        if BY_NAME[name].shows == "scatter":
+        if BY_NAME[name].visible_in == "scatter":
             return f"{name} was looked for in how the samples scatter; there is no sign of it"
         return f"{name} could not be tested: this log has no node that it could act on"
     refitted = [row for row in rows if row.probability is not None]

@@ -107,14 +107,14 @@ def _parameters(term: ModelTerm, final: Refit, own: Rival | None) -> dict[str, V
     return {
         name: Value(value, sigmas.get(name), effect.unit(name))
         for name, value in effect.values().items()
-        if name in effect.fitted()
+        if name in effect.fitted_parameters()
     }
 
 
 def fitted_values(term: ModelTerm, final: Refit) -> dict[str, Value]:
     """Values with sigmas of the fit, carried from its coordinates to the parameters."""
     effect = term.effect
-    values = {name: value for name, value in effect.values().items() if name in effect.fitted()}
+    values = {name: value for name, value in effect.values().items() if name in effect.fitted_parameters()}
     place = final.place(term)
     scales = effect.coordinate_scales()
     robust, plain = final.robust[place, place], final.covariance[place, place]
@@ -124,7 +124,7 @@ def fitted_values(term: ModelTerm, final: Refit) -> dict[str, Value]:
         further, back = effect.coordinates().copy(), effect.coordinates().copy()
         further[k] += 1e-4 * scale
         back[k] -= 1e-4 * scale
-        ahead, behind = effect.at(further).values(), effect.at(back).values()
+        ahead, behind = effect.with_coordinates(further).values(), effect.with_coordinates(back).values()
         jacobian[:, k] = [(ahead[name] - behind[name]) / (2e-4 * scale) for name in values]
     frozen = np.flatnonzero(np.diag(plain) <= 0.0)
     if len(frozen) and len(frozen) < len(scales):

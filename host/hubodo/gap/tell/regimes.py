@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from hubodo.arrays import Array
 from hubodo.gap.problem.problem import NodeData
 from hubodo.gap.process_noise.wheel_phase import follow, on_samples, windows
-from hubodo.model.forward import NodeStart
+from hubodo.model.forward import NodeInitialState
 
 _SECOND = 1.0
 # A regressor of more columns has to explain more than chance gives them, and clearly more than a plainer one.
@@ -55,7 +55,7 @@ class Regime:
 
 def course(node: NodeData) -> Course:
     """The course of a node: from the inputs, the angle of its wheel from where gravity points."""
-    reading = node.forward.mean((), NodeStart())
+    reading = node.forward.mean_reading((), NodeInitialState())
     body, rolling = reading.body, reading.rolling
     angle = None
     if rolling is not None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects import told_apart
+from hubodo.effects import distinguishing_manoeuvre
 from hubodo.gap.problem.problem import CHANNELS, NodeData
 from hubodo.gap.process_noise.residual import Residual
 from hubodo.gap.tell.regimes import Regimes, course, when
@@ -19,7 +19,7 @@ _ANY = "vary speed, turns and temperature more, for longer"
 
 def manoeuvre(name: str, alike: Sequence[str]) -> str:
     """What would tell an effect from those that this log cannot tell it from."""
-    ways = ((other, told_apart(name, other) or _ANY) for other in alike)
+    ways = ((other, distinguishing_manoeuvre(name, other) or _ANY) for other in alike)
     return "; ".join(f"to tell it from {other}, {way}" for other, way in ways)
 
 

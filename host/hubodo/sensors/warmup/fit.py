@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from hubodo.effects.base import REFERENCE_CELSIUS
-from hubodo.effects.warmup import PARAMETERS, Kind, WarmupModel, warmed
+from hubodo.effects.warmup import WARMUP_PARAMETERS, WarmupKind, WarmupModel, warmup_fraction
 from hubodo.sensors.warmup.whiteness import ljung_box
 
 FloatArray = NDArray[np.float64]
@@ -32,7 +32,7 @@ class WarmupFit:
     to that for a white residual, 1 where the residual is white.
     """
 
-    kind: Kind
+    kind: WarmupKind
     model: WarmupModel
     values: dict[str, float]
     sigma: dict[str, float]
@@ -55,7 +55,7 @@ class WarmupFit:
 
     def spread(self, t: FloatArray, temperature: FloatArray | None = None) -> FloatArray:
         """1 sigma, (M,) rad/s, of its bias at t (M,) s, by its parameters alone: as if its form were true."""
-        names = PARAMETERS[self.kind]
+        names = WARMUP_PARAMETERS[self.kind]
         at = [math.log(v) if n.startswith("time_constant") else v for n, v in self.values.items()]
         slope = _jacobian(t, names, np.array(at), temperature)
         for k, name in enumerate(names):
@@ -65,7 +65,7 @@ class WarmupFit:
 
 
 def fit_warmup(
-    t: FloatArray, values: FloatArray, kind: Kind = "exponential", temperature: FloatArray | None = None
+    t: FloatArray, values: FloatArray, kind: WarmupKind = "exponential", temperature: FloatArray | None = None
 ) -> WarmupFit:
     """Least squares of `kind` to values (N,) rad/s at t (N,) s since power-on; temperature: (N,) degrees C.
 
@@ -75,7 +75,7 @@ def fit_warmup(
     widened by what a random walk does to the parameters, of the size that the increments of the residual
     show.
     """
-    names = PARAMETERS[kind]
+    names = WARMUP_PARAMETERS[kind]
     constants = _start(t, values, kind, temperature)
     basis = _basis(t, constants, kind, temperature)
     linear = np.asarray(np.linalg.lstsq(basis, values, rcond=None)[0], np.float64)
@@ -127,10 +127,10 @@ def fit_warmup(
 
 
 def _start(
-    t: FloatArray, values: FloatArray, kind: Kind, temperature: FloatArray | None
+    t: FloatArray, values: FloatArray, kind: WarmupKind, temperature: FloatArray | None
 ) -> tuple[float, ...]:
     """Time constants of the best point of the grid."""
-    number = sum(name.startswith("time_constant") for name in PARAMETERS[kind])
+    number = sum(name.startswith("time_constant") for name in WARMUP_PARAMETERS[kind])
     span = float(t[-1] - t[0])
     grid = np.geomspace(max(2.0 * span / len(t), span / 300.0), 10.0 * span, 24 if number == 1 else 16)
     # A few hundred means are as good for a start as all points.
@@ -148,11 +148,11 @@ def _start(
 
 
 def _basis(
-    t: FloatArray, constants: tuple[float, ...], kind: Kind, temperature: FloatArray | None
+    t: FloatArray, constants: tuple[float, ...], kind: WarmupKind, temperature: FloatArray | None
 ) -> FloatArray:
     """(N, L) what the linear parameters multiply: the constant, each exponential, the temperature."""
-    columns = [np.ones_like(t), *(warmed(t, constant) for constant in constants)]
-    if "temperature_coefficient" in PARAMETERS[kind]:
+    columns = [np.ones_like(t), *(warmup_fraction(t, constant) for constant in constants)]
+    if "temperature_coefficient" in WARMUP_PARAMETERS[kind]:
         if temperature is None:
             raise ValueError(f"model {kind!r} needs the temperature")
         columns.append(temperature - REFERENCE_CELSIUS)
@@ -188,7 +188,7 @@ def _jacobian(
             columns.append(temperature - REFERENCE_CELSIUS)
         elif name.startswith("c1"):
             constant = getattr(model, name.replace("c1", "time_constant"))
-            columns.append(warmed(t, constant))
+            columns.append(warmup_fraction(t, constant))
         else:
             constant, c1 = getattr(model, name), getattr(model, name.replace("time_constant", "c1"))
             columns.append(-c1 * (t / constant) * np.exp(-t / constant))

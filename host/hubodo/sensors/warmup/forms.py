@@ -26,7 +26,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
 from hubodo.effects.base import REFERENCE_CELSIUS
-from hubodo.effects.warmup import warmed
+from hubodo.effects.warmup import warmup_fraction
 
 FloatArray = NDArray[np.float64]
 Factor = tuple[FloatArray, bool]
@@ -101,7 +101,7 @@ class FittedForm:
 
     def columns(self, t: FloatArray, temperature: FloatArray | None) -> FloatArray:
         """(M, P) what each parameter multiplies at ages (M,) s, temperature (M,) degrees C."""
-        made = [np.ones_like(t), *(warmed(t, constant) for constant in self.constants)]
+        made = [np.ones_like(t), *(warmup_fraction(t, constant) for constant in self.constants)]
         for c1, constant in zip(self.slopes, self.constants, strict=False):
             made.append(-c1 * t / constant * np.exp(-t / constant))
         if temperature is not None:

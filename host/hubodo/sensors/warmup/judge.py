@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.effects.warmup import PARAMETERS, Kind
+from hubodo.effects.warmup import WARMUP_PARAMETERS, WarmupKind
 from hubodo.sensors.even_grid import EvenGrid
 from hubodo.sensors.warmup.fit import WarmupFit, fit_warmup
 from hubodo.sensors.warmup.whiteness import AutocorrelationTest, LjungBox, autocorrelation_test, ljung_box
@@ -59,14 +59,14 @@ def next_model(
     age: float,
 ) -> Judged | None:
     """The next model by the same test: the first white one, else the least coloured one if clearly better."""
-    kinds: list[Kind] = ["two exponentials"]
+    kinds: list[WarmupKind] = ["two exponentials"]
     filled = None
     if grades is not None and temperature is not None and float(np.ptp(grades)) > _TEMPERATURE_SPAN:
         kinds = ["temperature", "exponential and temperature", *kinds]
         filled = np.interp(record.start + np.arange(len(record.values)) * record.dt, t, temperature)
     judged = []
     for kind in kinds:
-        warm = "temperature_coefficient" in PARAMETERS[kind]
+        warm = "temperature_coefficient" in WARMUP_PARAMETERS[kind]
         fit = fit_warmup(times, means, kind, grades if warm else None)
         # What the record does not determine is no model, however well it fits.
         if fit.determined and fit.bic < first.fit.bic - 10.0:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.calibration.file import CalibratedEffect, Quantity
-from hubodo.effects.warmup import PARAMETERS, warmed
+from hubodo.effects.warmup import WARMUP_PARAMETERS, warmup_fraction
 from hubodo.errors import InputError
 from hubodo.sensors.even_grid import EvenGrid
 from hubodo.sensors.warmup.choice import Choice, choose
@@ -80,7 +80,7 @@ class WarmupReport:
             return made
         slow = max(constants, key=lambda name: constants[name])
         later = end + HORIZON_S * np.linspace(0.0, 1.0, 7)
-        grown = np.maximum(warmed(later, fit.values[slow]), 0.3)
+        grown = np.maximum(warmup_fraction(later, fit.values[slow]), 0.3)
         beyond = float(np.sqrt(np.max(self._form_variance(later) / grown**2)))
         name = slow.replace("time_constant", "c1")
         made[name] = math.hypot(made[name], beyond)
@@ -160,7 +160,7 @@ class WarmupReport:
         sigma = self.sigma or fit.sigma
         single = self.accepted is not None and "c1" in fit.values and "c1_second" not in fit.values
         made: dict[str, Any] = {}
-        for name in PARAMETERS["exponential"]:
+        for name in WARMUP_PARAMETERS["exponential"]:
             given = single or name == "c2"
             made[name] = {
                 "value": fit.values[name] if given else None,
@@ -217,6 +217,6 @@ def _model(judged: Judged) -> dict[str, Any]:
     fit = judged.fit
     parameters = {
         name: {"value": fit.values[name], "sigma": fit.sigma[name], "unit": _UNITS.get(name, "rad/s")}
-        for name in PARAMETERS[fit.kind]
+        for name in WARMUP_PARAMETERS[fit.kind]
     }
     return {"kind": fit.kind, "parameters": parameters, "white": judged.white, "whiteness": _tests(judged)}
