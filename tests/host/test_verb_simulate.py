@@ -14,7 +14,7 @@ from hubodo.earth import EARTH_RATE
 from hubodo.log.csv_folder import read_folder
 from hubodo.log.recording_reader import read_recording
 from hubodo.log.recording_writer import write_recording
-from hubodo.model.bench import Handled, TurntableProgramme
+from hubodo.model.bench import PoseSequence, TurntableProgramme
 from hubodo.model.inputs import EarthRotation
 from hubodo.recording import Recording, Table
 

@@ -88,7 +88,9 @@ def test_what_belongs_to_wheel_or_vehicle_is_the_same_in_the_mirror(kind):
 def shaken(effects, power_on=-30.0):
     """(true gyro, true accel), (read gyro, read accel), age, temperature of a node that is shaken by hand."""
     t = np.arange(0.0, 8.0, 0.01)
-    still = MotionInputs(fit_interpolating_spline(t, 0.0 * t), fit_interpolating_spline(t, 0.0 * t), Trace(t, 20.0 + 3.0 * t))
+    still = MotionInputs(
+        fit_interpolating_spline(t, 0.0 * t), fit_interpolating_spline(t, 0.0 * t), Trace(t, 20.0 + 3.0 * t)
+    )
 
     def carried(at):
         rate = np.stack([3.0 * np.sin(at), 20.0 * np.cos(0.7 * at), 25.0 * np.sin(1.3 * at)])

@@ -234,7 +234,11 @@ def test_the_earth_turns_under_a_bench_about_its_own_axis():
     """By hand in east, north, up: Earth rate lies north and up; body x at azimuth A - heading from north."""
     latitude, azimuth = 0.8, 0.6
     t = np.linspace(0.0, 4.0, 401)
-    inputs = MotionInputs(constant_spline(0.0, 0.0, 4.0), fit_interpolating_spline(t, yaw(t)), earth=EarthRotation(latitude, azimuth))
+    inputs = MotionInputs(
+        constant_spline(0.0, 0.0, 4.0),
+        fit_interpolating_spline(t, yaw(t)),
+        earth=EarthRotation(latitude, azimuth),
+    )
     forward = NodeModel(inputs, t, NodeMount(), R, B)
     still = replace(inputs, earth=None)
     plain = NodeModel(still, t, NodeMount(), R, B).mean_reading([], NodeInitialState()).gyro
@@ -267,7 +271,10 @@ def test_a_mirrored_drive_on_the_other_wheel_reads_mirrored(v, a, r, start, camb
     arm = (0.01, 0.02, 0.03)
     readings = []
     for side, sign in (("left", 1.0), ("right", -1.0)):
-        inputs = MotionInputs(fit_interpolating_spline(t, v + a * t + 0.2 * t**2), fit_interpolating_spline(t, sign * (r - 0.3 * t)))
+        inputs = MotionInputs(
+            fit_interpolating_spline(t, v + a * t + 0.2 * t**2),
+            fit_interpolating_spline(t, sign * (r - 0.3 * t)),
+        )
         effects = [*LEVEL, WheelCamber(camber), LeverArm(arm[0], arm[1], sign * arm[2])]
         readings.append(
             NodeModel(inputs, t, NodeMount(side, "left"), R, B).mean_reading(effects, NodeInitialState(start))
@@ -283,7 +290,10 @@ def test_the_same_drive_at_another_time_reads_the_same(start, later, side):
     grid = np.linspace(0.0, 2.0, 201)
     readings = []
     for begin in (0.0, later):
-        inputs = MotionInputs(fit_interpolating_spline(grid + begin, speed(grid)), fit_interpolating_spline(grid + begin, yaw(grid)))
+        inputs = MotionInputs(
+            fit_interpolating_spline(grid + begin, speed(grid)),
+            fit_interpolating_spline(grid + begin, yaw(grid)),
+        )
         forward = NodeModel(inputs, grid + begin, NodeMount(side, "right"), R, B)
         readings.append(forward.mean_reading(TOGETHER, NodeInitialState(start)))
     np.testing.assert_allclose(readings[1].gyro, readings[0].gyro, atol=1e-6)

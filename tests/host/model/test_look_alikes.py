@@ -39,7 +39,9 @@ class Drive:
     def forward(self):
         t = np.arange(0.0, 40.005, 0.01)
         speed, yaw, warm = (f(t) + 0.0 * t for f in (self.speed, self.yaw, self.temperature))
-        inputs = MotionInputs(fit_interpolating_spline(t, speed), fit_interpolating_spline(t, yaw), Trace(t, warm))
+        inputs = MotionInputs(
+            fit_interpolating_spline(t, speed), fit_interpolating_spline(t, yaw), Trace(t, warm)
+        )
         mount = NodeMount() if self.body else NodeMount("left", "left")
         return NodeModel(inputs, np.arange(0.5, 39.5, 0.02), mount, 0.31, 0.92, -self.powered)
 
