@@ -316,7 +316,9 @@ def _experiment(args: argparse.Namespace, model: Model) -> Experiment:
         args.duration,
         args.seed,
         driven=None if args.source is None else _inputs_from_log(args, model.vehicle),
-        earth=None if latitude is None else EarthRotation(math.radians(latitude), math.radians(args.azimuth_deg)),
+        earth=None
+        if latitude is None
+        else EarthRotation(math.radians(latitude), math.radians(args.azimuth_deg)),
         programme=TurntableProgramme(tuple(map(math.radians, args.angles_deg)), args.stop, args.turn),
         temperature=args.temperature or (),
         settle=args.settle,
@@ -369,11 +371,11 @@ def _record_virtual_nodes(
         )
         recorded = read_recording(result.log)
     drive_start = (result.start_ns - recorded.t_zero_ns) * 1e-9
-    reference = experiments.reference(model, experiment, args.reference_rate, args.seed)
+    reference = experiments.simulate_reference(model, experiment, args.reference_rate, args.seed)
     recording = dataclasses.replace(
         recorded,
         reference=_shift_time(reference, drive_start),
-        truth=_shift_time(experiments.truth(experiment), drive_start) if experiment.has_path else None,
+        truth=_shift_time(experiments.true_path(experiment), drive_start) if experiment.has_path else None,
     )
     return recording, result.nodes
 

@@ -64,7 +64,9 @@ class Entry:
 
     def sign(self, facing: Facing) -> float:
         """Return -1.0 if a node facing right has the negated parameter of one facing left, else 1.0."""
-        return 1.0 if self.effect_class is None else self.effect_class.facing_sign_of(self.parameters[0], facing)
+        return (
+            1.0 if self.effect_class is None else self.effect_class.facing_sign_of(self.parameters[0], facing)
+        )
 
     @property
     def excitation(self) -> str:
