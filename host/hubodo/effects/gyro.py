@@ -24,7 +24,7 @@ from hubodo.effects.base import (
 from hubodo.effects.one_pole import one_pole
 from hubodo.effects.triad import XYZ, CrossAxis, ScaleFactor, Sensor, multiply
 
-_MAX_GYRO_RATE = 36.0  # rad/s, just beyond the widest range of the gyros, 2000 deg/s
+_CUBIC_RATE_RANGE = 36.0  # rad/s, just beyond the widest range of the gyros, 2000 deg/s
 _CUBIC_NEWTON_STEPS = 6  # converge to rounding errors for every cubic term that `why_irreversible` accepts
 _G_SENSITIVITY_UNIT = "(rad/s)/(m/s²)"
 _TWO_SPEEDS_ADVICE = "drive slowly and fast for the same time each"
@@ -114,7 +114,7 @@ class GyroCubic(Effect):
         chain.gyro[2] += self.z * chain.rate[2] ** 3
 
     def why_irreversible(self) -> str:
-        if abs(3.0 * self.z * _MAX_GYRO_RATE**2) > 0.5:
+        if abs(3.0 * self.z * _CUBIC_RATE_RANGE**2) > 0.5:
             return f"z = {self.z:g} makes the reading ambiguous within the range of the gyro"
         return ""
 
