@@ -21,7 +21,7 @@ from hubodo.fuse.wheel.calibration.alignment import align_heading
 from hubodo.fuse.wheel.calibration.calibrate import (
     WheelCalibration,
     WheelPriors,
-    _Drive,
+    _CalibrationDrive,
     calibrate_wheels,
 )
 from hubodo.fuse.wheel.calibration.held_out import ErrorSummary, HeldOutErrors, measure_held_out_errors
@@ -187,7 +187,7 @@ def test_a_calibration_that_does_not_help_is_not_made(monkeypatch: pytest.Monkey
     monkeypatch.setattr(module, lambda *_: HeldOutErrors(ErrorSummary(0.1, 0.2), ErrorSummary(0.15, 0.25), 4))
     with pytest.raises(
         CalibrationError,
-        match=r"no better \(0.100 m from .* 0.150 m after; rms 0.200 m, 0.250 m\).*nothing is written",
+        match=r"not improve the held-out segments \(0.100 m from .* 0.150 m after; rms 0.200 m, 0.250 m\).*nothing is written",
     ):
         calibrate_wheels(config(drive), tables(drive), _exact(drive, 79))
 
@@ -306,8 +306,8 @@ def test_the_size_of_what_changes_slowly_is_the_largest_that_is_not_unlikely(
         sizes.append(slow)
         return SimpleNamespace(cost=80.0 + steep * (np.log2(slow / 0.03) - likeliest) ** 2)
 
-    drive = object.__new__(_Drive)
-    drive.told, drive.tell = Positions(*np.zeros((4, 1))), told  # type: ignore[method-assign, assignment]
+    drive = object.__new__(_CalibrationDrive)
+    drive.told, drive.run_aided = Positions(*np.zeros((4, 1))), told  # type: ignore[method-assign, assignment]
     found = drive.largest_slow_error()
     assert found == pytest.approx(0.03 * 2.0 ** (likeliest + np.sqrt(6.0 / steep)), rel=1e-6)
     assert len(set(sizes)) == len(sizes)
@@ -315,9 +315,9 @@ def test_the_size_of_what_changes_slowly_is_the_largest_that_is_not_unlikely(
 
 @pytest.mark.parametrize(("slope", "size"), [(1.0, 0.03), (-1.0, 0.03 * 2.0**10)])
 def test_where_no_size_is_likeliest_it_is_the_last_one_that_is_looked_at(slope: float, size: float) -> None:
-    drive = object.__new__(_Drive)
+    drive = object.__new__(_CalibrationDrive)
     drive.told = Positions(*np.zeros((4, 1)))
-    drive.tell = lambda _, slow: SimpleNamespace(cost=slope * np.log(slow))  # type: ignore[method-assign, assignment, return-value]
+    drive.run_aided = lambda _, slow: SimpleNamespace(cost=slope * np.log(slow))  # type: ignore[method-assign, assignment, return-value]
     assert drive.largest_slow_error() == pytest.approx(size)
 
 

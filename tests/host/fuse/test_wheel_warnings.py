@@ -17,10 +17,10 @@ from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.track import (
     WheelReport,
     WheelRun,
-    _mirrored,
-    _path,
-    _without_what_contradicts,
-    _without_what_jumped,
+    _mirrored_covariance,
+    _path_length,
+    _rerun_single_wheel,
+    _rerun_without_clock_jump,
     track_from_poses,
 )
 from hubodo.recording import Table
@@ -74,7 +74,7 @@ def test_a_rest_is_expected_in_the_first_three_seconds(still: list[float], words
         ({"missing_windows": 6}, {"missing_windows": 5}, "not heard for 0.6 s of 100.0 s"),
         ({"missing_windows": 26, "silent": 20}, {"missing_windows": 25, "silent": 20}, "not heard for 2.6 s"),
         ({"missing_windows": 1000}, {"missing_windows": 0}, "the track comes from the other wheel alone"),
-        ({"angle_losses": 2}, {"angle_losses": 0}, "found anew (2 times)"),
+        ({"angle_losses": 2}, {"angle_losses": 0}, "reinitialised (2 times)"),
         ({"refused": 3}, {"refused": 0}, "3 samples left out"),
         ({"turned_angle": 0.99 * TURN}, {"turned_angle": 1.01 * TURN}, "turned only 0.99 times"),
         ({"net_angle": -40.1}, {"net_angle": -39.9}, "rolled backwards"),
@@ -132,7 +132,7 @@ def test_poses_are_collected_column_by_column() -> None:
 def test_a_way_is_what_was_rolled_and_over_a_silence_the_chord() -> None:
     track = poses(4, [0.1, 0.2, 5.0, 5.1])
     chord = math.hypot(track.x[2] - track.x[1], track.y[2] - track.y[1])
-    assert _path(track) == pytest.approx(0.1 * np.abs(track.speed[[0, 1, 3]]).sum() + chord)
+    assert _path_length(track) == pytest.approx(0.1 * np.abs(track.speed[[0, 1, 3]]).sum() + chord)
 
 
 def test_a_track_that_may_be_its_mirror_image_may_be_twice_as_far_off() -> None:
@@ -140,7 +140,7 @@ def test_a_track_that_may_be_its_mirror_image_may_be_twice_as_far_off() -> None:
     track = poses(3)
     off = np.column_stack([track.x, track.y, np.zeros(3), track.speed, np.zeros(3)])
     expected = [p + np.outer(2.0 * d, 2.0 * d) for p, d in zip(track.covariance, off, strict=True)]
-    assert _mirrored(track) == pytest.approx(np.array(expected))
+    assert _mirrored_covariance(track) == pytest.approx(np.array(expected))
 
 
 CONFIG = WheelConfig(0.2, 0.6, {"left": WheelNode("left", "left"), "right": WheelNode("right", "left")})
@@ -194,7 +194,7 @@ def test_a_clock_jumped_where_the_wheels_agree_but_for_what_came_after_a_gap_of_
         asked.append(told)
         return ran(earlier, then_alone)
 
-    found = _without_what_jumped(nodes, ran(slips, alone).filter, again)
+    found = _rerun_without_clock_jump(nodes, ran(slips, alone).filter, again)
     assert (found is not None) == jumped
     for told in asked:
         assert told[name].t[-1] == pytest.approx(4.0)
@@ -212,7 +212,7 @@ def test_a_gap_of_both_and_no_gap_are_no_clock() -> None:
         {"left": table(4.0), "right": table(4.0)},
         {"left": table(4.0)},
     ):
-        assert _without_what_jumped(nodes, ran(100).filter, lambda _: pytest.fail("ran again")) is None
+        assert _rerun_without_clock_jump(nodes, ran(100).filter, lambda _: pytest.fail("ran again")) is None
 
 
 @pytest.mark.parametrize(
@@ -237,7 +237,7 @@ def test_of_two_wheels_that_are_no_axle_one_is_run_by_itself(
         return ran(yaw_rate={"left": -0.3, "right": 0.2}[name])
 
     made = ran(0, alone, other_wheel_steers=steering, sides_swapped=exchanged).filter
-    found = _without_what_contradicts({}, made, again)
+    found = _rerun_single_wheel({}, made, again)
     assert found is not None and sides == runs
     line = found.report.warnings[0]
     assert line.startswith("what it is") and line.endswith(f"the track comes from {kept} alone")
@@ -246,4 +246,4 @@ def test_of_two_wheels_that_are_no_axle_one_is_run_by_itself(
 
 
 def test_an_axle_is_run_as_it_is() -> None:
-    assert _without_what_contradicts({}, ran(50).filter, lambda *_: pytest.fail("ran again")) is None
+    assert _rerun_single_wheel({}, ran(50).filter, lambda *_: pytest.fail("ran again")) is None

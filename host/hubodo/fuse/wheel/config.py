@@ -14,7 +14,7 @@ from hubodo.fuse.wheel.entries import VEHICLE_ENTRIES, WHEEL_ENTRIES, Entry
 from hubodo.fuse.wheel.motion_state import StandstillLimits
 from hubodo.vehicle import Facing, Side, Vehicle
 
-_OF_ANOTHER_DAY = {GyroBias.name: 0.005, WheelRadius.name: 0.001}
+_MIN_CALIBRATION_SIGMA = {GyroBias.name: 0.005, WheelRadius.name: 0.001}
 """Smallest 1 sigma of a calibrated parameter on another drive.
 
 gyro_bias: rad/s; 0.3 deg/s is the drift of an LSM6DS33 over six degrees Celsius (0.05 deg/s/K, data sheet).
@@ -127,8 +127,10 @@ def wheel_config(
     fixed = {name: mount for name, mount in mounted.items() if not mount.steered}
     for name, mount in (fixed or dict(list(mounted.items())[:1])).items():
         if mount.side is not None and mount.facing is not None:
-            found = calibration.nodes.get(name) if calibration else None
-            known = priors_from_calibration(WHEEL_ENTRIES, found.effects if found else {}, mount.facing)
+            parameters = calibration.nodes.get(name) if calibration else None
+            known = priors_from_calibration(
+                WHEEL_ENTRIES, parameters.effects if parameters else {}, mount.facing
+            )
             limits = ranges[name].limits if ranges and name in ranges else {}
             nodes[name] = WheelNode(mount.side, mount.facing, known, steered=mount.steered, **limits)
     known = priors_from_calibration(VEHICLE_ENTRIES, calibration.vehicle if calibration else {}, "left")
@@ -147,16 +149,16 @@ def priors_from_calibration(
     """
     known = {}
     for entry in entries:
-        found = effects[entry.effect].parameters if entry.effect in effects else {}
+        parameters = effects[entry.effect].parameters if entry.effect in effects else {}
         if (
             entry.effect_class is None
             or not entry.is_single_effect
-            or not set(entry.parameters) <= set(found)
+            or not set(entry.parameters) <= set(parameters)
         ):
             continue
         share = entry.factor / len(entry.parameters)
-        value = sum(found[name].value for name in entry.parameters) * share
-        sigma = sum(found[name].sigma for name in entry.parameters) * share
-        least = _OF_ANOTHER_DAY.get(entry.effect, 0.0)
+        value = sum(parameters[name].value for name in entry.parameters) * share
+        sigma = sum(parameters[name].sigma for name in entry.parameters) * share
+        least = _MIN_CALIBRATION_SIGMA.get(entry.effect, 0.0)
         known[entry] = Quantity(entry.sign(facing) * value, max(sigma, least))
     return known

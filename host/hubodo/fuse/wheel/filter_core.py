@@ -64,7 +64,7 @@ class FilterCore(StateVector):
         self._shortening = HeadingErrorInflation()
         self.prediction = MotionPrediction(begin.columns, WindowNoise(config.noise, config.radius))
         self.inertial_speed = False
-        self._update = MeasurementUpdate(config, begin.columns, pushed=told is None)
+        self._update = MeasurementUpdate(config, begin.columns, wants_residuals=told is None)
         self._motion = MotionModel(config, begin)
         self._over_silence = OutageModel(config, begin)
         self._timeless = False

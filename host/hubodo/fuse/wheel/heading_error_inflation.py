@@ -10,15 +10,15 @@ import numpy as np
 from hubodo.arrays import Array
 
 
-def relative_shortening(variance: float) -> float:
+def shortening_ratio(variance: float) -> float:
     """Return the rms relative shortening of a path whose heading error d has a variance, rad².
 
     √E(1 - cos d)² for normal d; √(3/4) times the variance if that is small. First-order propagation only
     moves the path sideways.
     """
-    square = 1.5 - 2.0 * math.exp(-0.5 * variance) + 0.5 * math.exp(-2.0 * variance)
+    mean_square = 1.5 - 2.0 * math.exp(-0.5 * variance) + 0.5 * math.exp(-2.0 * variance)
     # Rounding makes the square negative below a microradian.
-    return math.sqrt(max(square, 0.0))
+    return math.sqrt(max(mean_square, 0.0))
 
 
 @dataclass
@@ -32,15 +32,15 @@ class HeadingErrorInflation:
 
     x: float = 0.0
     y: float = 0.0
-    _last: tuple[float, float] = (0.0, 0.0)
+    _last_position: tuple[float, float] = (0.0, 0.0)
 
     def advance(self, x: float, y: float, variance: float) -> None:
         """Add the segment up to x, y (m) with a heading variance, rad²."""
-        share = relative_shortening(variance)
-        before_x, before_y = self._last
-        self.x += share * (x - before_x)
-        self.y += share * (y - before_y)
-        self._last = x, y
+        relative = shortening_ratio(variance)
+        before_x, before_y = self._last_position
+        self.x += relative * (x - before_x)
+        self.y += relative * (y - before_y)
+        self._last_position = x, y
 
     @property
     def covariance(self) -> Array:

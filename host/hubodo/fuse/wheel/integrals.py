@@ -19,7 +19,7 @@ MISSING = CZ + 1
 """Row of the time without samples. Behind it are gz and both parts of gx + i gy at the edges."""
 SAMPLE_ROWS = (GZ, GX, GY, AX, AY, CF)
 """Rows that `WindowSamples` are built from."""
-_TURNING, _TURNING_TOO = (WR, ER, FR, SR, QR), (WI, EI, FI, SI, QI)
+_ROTATED_REAL_ROWS, _ROTATED_IMAGINARY_ROWS = (WR, ER, FR, SR, QR), (WI, EI, FI, SI, QI)
 """Real and imaginary parts of the rotated terms."""
 
 
@@ -41,26 +41,26 @@ def integrands(gyro: Array, accel: Array, angle: Array, sign: float, limits: tup
     rows[GG], rows[ZZ] = gx * gx + gy * gy + gz * gz, az * az
     rows[SR], rows[SI] = gz * cos, gz * sin
     rows[QR], rows[QI] = gz * rows[SR], gz * rows[SI]
-    clipped, beyond = np.abs(gyro) >= limits[0], np.abs(accel) >= limits[1]
+    clipped, force_clipped = np.abs(gyro) >= limits[0], np.abs(accel) >= limits[1]
     rows[CS], rows[CA] = clipped[:, 2], clipped[:, 0] | clipped[:, 1]
-    rows[CF], rows[CZ] = beyond[:, 0] | beyond[:, 1], beyond[:, 2]
+    rows[CF], rows[CZ] = force_clipped[:, 0] | force_clipped[:, 1], force_clipped[:, 2]
     return rows
 
 
-def differences(first: int, at: Array) -> list[Window]:
+def differences(first: int, edge_values: Array) -> list[Window]:
     """Return the windows from number `first` on between consecutive edges.
 
     edge_rows: (CZ + 5, N) integrals, time without samples, gz and gx + i gy at the edges.
     """
-    d = at[:, 1:] - at[:, :-1]
+    d = edge_values[:, 1:] - edge_values[:, :-1]
     count = d.shape[1]
     if not count:
         return []
-    middle = 0.5 * (at[GZ, 1:] + at[GZ, :-1])
-    rate_start, rate_end = at[MISSING + 1, :-1], at[MISSING + 1, 1:]
-    at_edge = at[-2] + 1j * at[-1]
-    back = np.exp(-1j * middle)
-    turned = _turned(d, *cosine_and_sine(middle))
+    middle = 0.5 * (edge_values[GZ, 1:] + edge_values[GZ, :-1])
+    rate_start, rate_end = edge_values[MISSING + 1, :-1], edge_values[MISSING + 1, 1:]
+    across_at_edge = edge_values[-2] + 1j * edge_values[-1]
+    rotation_back = np.exp(-1j * middle)
+    rotated = _rotate_back(d, *cosine_and_sine(middle))
     change = ((rate_end - rate_start) / WINDOW_S).tolist()
     mean = d / WINDOW_S
     gyro_variance = mean[GG] - (mean[GX] ** 2 + mean[GY] ** 2 + mean[GZ] ** 2)
@@ -70,9 +70,9 @@ def differences(first: int, at: Array) -> list[Window]:
         "spin": d[GZ].tolist(),
         "rate_start": rate_start.tolist(),
         "rate_end": rate_end.tolist(),
-        "across": turned[WR],
-        "carrier": turned[ER],
-        "force": turned[FR],
+        "across": rotated[WR],
+        "carrier": rotated[ER],
+        "force": rotated[FR],
         "axial": d[AZ].tolist(),
         "raw_across": _complex(d[GX], d[GY]),
         "raw_force": _complex(d[AX], d[AY]),
@@ -84,23 +84,23 @@ def differences(first: int, at: Array) -> list[Window]:
         "axial_clipped": mean[CZ].tolist(),
         "missing": mean[MISSING].tolist(),
         "clock_angle": middle.tolist(),
-        "across_change": ((at_edge[1:] - at_edge[:-1]) * back).tolist(),
-        "swing": turned[SR],
+        "across_change": ((across_at_edge[1:] - across_at_edge[:-1]) * rotation_back).tolist(),
+        "swing": rotated[SR],
         "samples": [None] * count,
-        "lever": [1j * a * c - q for a, c, q in zip(change, turned[ER], turned[QR], strict=True)],
+        "lever": [1j * a * c - q for a, c, q in zip(change, rotated[ER], rotated[QR], strict=True)],
     }
     rows = zip(*(columns[name] for name in Window._fields), strict=True)
     return [Window._make(row) for row in rows]
 
 
-def _turned(d: Array, cos: Array, sin: Array) -> dict[int, list[complex]]:
+def _rotate_back(d: Array, cos: Array, sin: Array) -> dict[int, list[complex]]:
     """Return the rotated pairs of rows times e^(-i middle), keyed by their first row.
 
     So angles count from the middle of the window.
     """
-    real, imaginary = d[_TURNING, :], d[_TURNING_TOO, :]
+    real, imaginary = d[_ROTATED_REAL_ROWS, :], d[_ROTATED_IMAGINARY_ROWS, :]
     pairs = _complex(real * cos + imaginary * sin, imaginary * cos - real * sin)
-    return dict(zip(_TURNING, pairs, strict=True))
+    return dict(zip(_ROTATED_REAL_ROWS, pairs, strict=True))
 
 
 def _complex(real: Array, imaginary: Array) -> list[Any]:

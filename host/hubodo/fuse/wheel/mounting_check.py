@@ -1,4 +1,4 @@
-"""What two wheels tell about each other: rows that disagree, slip, and nodes mounted the wrong way round."""
+"""Checks between two wheels: outlier rows, wrong mounting, steered wheels, track width."""
 
 from __future__ import annotations
 
@@ -12,77 +12,79 @@ from hubodo.arrays import Array
 from hubodo.fuse.wheel.window import WINDOW_S
 
 GATE_SIGMA = 3.0
-"""Sigma beyond which a row loses weight: of honest ones, one in 370 does."""
+"""Innovations beyond it lose weight; one in 370 Gaussian ones does."""
 
 BOTH_WHEELS = 0.0
-"""Verdict of `Agreement`: both wheels are to be distrusted."""
+"""Verdict of `MountingCheck`: both wheels are distrusted."""
 
-_MOVES = 0.1
-"""m/s below which a wheel says nothing about its mounting: a tenth of walking pace. Estimated."""
+_MIN_CHECK_SPEED = 0.1
+"""m/s, a tenth of walking pace; slower wheels say nothing about their mounting. Estimated."""
 
-_ENOUGH, _SURE = 10, 3000
-"""Windows: a second for a verdict, so that one bump makes none.
-
-Five minutes until all is taken to be as declared. Estimated.
+_MIN_VERDICT_WINDOWS, _MAX_CHECK_WINDOWS = 10, 3000
+"""Windows before a verdict, 1 s, so that one bump causes none; windows after which the mounting counts as
+confirmed, 5 min. Estimated.
 """
 
-_FITS, _SAME = 0.2, 0.02
-"""rad/s: rms by which a mounting may miss the yaw rate of the gyros and still explain it.
-
-And how well the right one is sure to meet it, 1 % of brisk turns. Estimated.
+_MAX_YAW_RMS, _YAW_RMS_FLOOR = 0.2, 0.02
+"""rad/s, rms yaw-rate residual up to which a mounting explains the gyros; and 1 % of brisk turns, the
+residual of a correct mounting. Estimated.
 """
 
-_STEERS, _LONG, _CLEAR = (0.03, 0.1), 20, 0.5
-"""rad/s, and a share of the yaw rate, rms by which two nodes on one axle may feel another yaw.
+_STEERING_YAW_RMS, _MIN_STEERING_WINDOWS, _MIN_STEERING_SHARE = (0.03, 0.1), 20, 0.5
+"""Yaw-rate difference of two nodes on one axle: rms in rad/s, and as a share of the yaw rate; windows before
+it is judged (2 s); share of its square by which one wheel must turn more than the other to be named.
 
-On real drives they do so by 0.005 rad/s (a car) and 0.03 at 0.6 rad/s (a wheelchair). Windows, two seconds,
-before that is judged. By which share of the squares of that difference one wheel has to turn more than the
-other before it is named: it does by all of them in the long run, as what one wheel turns beyond the vehicle
-does not go along with the vehicle's own turning, but for where it began. Estimated.
+On real drives nodes on one axle differ by 0.005 rad/s (a car) and 0.03 at 0.6 rad/s (a wheelchair). A
+steered wheel turns more than the vehicle in the long run, because its own steering is not correlated with
+the vehicle's turning. Estimated.
 """
 
-_APART, _TURNED = (0.04, 0.2), 3.0
-"""The same for the yaw that the wheels' speeds make and the one that the gyros feel; rad of turning it takes.
-Tapes are wrong by a tenth at most. Estimated."""
-
-_SIZES = 0.05
-"""Half of the share by which one wheel may seem to roll farther in a turn than the other: tapes, and gyros
-that nobody calibrated, differ by a few hundredths. Wheels of two axles differ by what they steer.
-Estimated."""
-
-_AT_MOST = 4.0
-"""Times that difference, which a window counts for at most: a wheel that slips for seconds is no other axle.
-Estimated."""
-
-_WORSE = 6.0
-"""How many times the squares of the declared mounting must be those of another one.
-
-Two and a half times its rms. Estimated; a curve soon makes it hundreds.
+_AXLE_YAW_RMS, _MIN_TURNED_ANGLE = (0.04, 0.2), 3.0
+"""The same for the yaw rate from the wheels' speeds against the gyros: rms in rad/s, and share; rad turned
+before it is judged. Tape measures are off by a tenth at most. Estimated.
 """
 
-_TAPE, _TOLD = 0.005, 0.01
-"""Fractions, 1 sigma: a track measured with care; how well a drive must show it before that is asked.
+_MAX_SIZE_RATIO = 0.05
+"""Half of the relative difference of the two wheels' rolling radii up to which they belong to one axle.
+Tapes and uncalibrated gyros differ by a few hundredths; wheels of two axles differ by their steering.
+Estimated.
+"""
 
-A tape between the tyres' middles; turns of half a circle show so much. Estimated.
+_MAX_WINDOW_SIGMA = 4.0
+"""Largest contribution of one window, in units of the tolerance: seconds of slip are no other axle.
+Estimated.
+"""
+
+_MIN_SQUARES_RATIO = 6.0
+"""Ratio of the squared residuals of the declared mounting to those of another one, 2.5 times its rms.
+Estimated; one curve makes it hundreds.
+"""
+
+_CAREFUL_TAPE_SIGMA, _MAX_DRIVE_SIGMA = 0.005, 0.01
+"""Relative 1 sigma of a carefully measured track width (between the tyre centres), and the 1 sigma that a
+drive must reach before that hypothesis is tested: half-circle turns do. Estimated.
 """
 
 
 def track_width_test(error: float, variance: float, prior: float) -> float | None:
-    """The variance with which a drive's track error is to be told that it is zero; None: not (yet).
+    """Return the variance of a pseudo-measurement "track width error = 0"; None: not (yet) accepted.
 
-    Was the track measured with care, sigma `_TAPE`, or just anyhow, sigma `prior`? Care has to be more likely
-    by a third, given the track that the turns show: a wrong word bends every turn, one
-    that is not heard costs little. error, variance: of the track by now, a fraction, with the wide prior in
-    it.
+    Likelihood ratio of a carefully measured track, 1 sigma `_CAREFUL_TAPE_SIGMA`, against 1 sigma `prior`.
+    The careful hypothesis must be more likely by e^(1/2): a wrong acceptance distorts every turn, a missed
+    one costs little. error, variance: relative track width error as estimated now, with the wide prior
+    included. Returns inf if rejected for good.
     """
-    shown = 1.0 / (1.0 / variance - 1.0 / prior**2) if variance < prior**2 else math.inf
-    if shown > _TOLD**2:
+    drive_variance = 1.0 / (1.0 / variance - 1.0 / prior**2) if variance < prior**2 else math.inf
+    if drive_variance > _MAX_DRIVE_SIGMA**2:
         return None
-    seen = error * shown / variance
-    careful, loose = shown + _TAPE**2, shown + prior**2
-    if seen * seen * (1.0 / careful - 1.0 / loose) > math.log(loose / careful) - 0.5:
+    drive_error = error * drive_variance / variance
+    careful_variance, prior_variance = drive_variance + _CAREFUL_TAPE_SIGMA**2, drive_variance + prior**2
+    if (
+        drive_error * drive_error * (1.0 / careful_variance - 1.0 / prior_variance)
+        > math.log(prior_variance / careful_variance) - 0.5
+    ):
         return math.inf
-    return _TAPE**2
+    return _CAREFUL_TAPE_SIGMA**2
 
 
 def inflate_outlier_variances(
@@ -92,39 +94,52 @@ def inflate_outlier_variances(
     variances: Array,
     compared: Sequence[tuple[int, int]] | None,
 ) -> tuple[Array, int | None]:
-    """Variances under which no row stands out by more than three sigma, and the wheel found slipping, if any.
+    """Return variances under which no innovation exceeds 3 sigma, and the index of a slipping wheel, if any.
 
-    white: innovations, each given the rows before it, in units of `sigma`; residuals: as they are.
-    compared: where all rows of two wheels are there, those of yaw and rolling of each. Of two yaw rates that
-    disagree both lose weight alike; of two wheels that roll apart the one that has left the speed which the
-    accelerometers carried over: it slips.
+    whitened: innovations given the rows before them, in units of `sigma`; residuals: unwhitened. compared:
+    rows of yaw and rolling of two wheels if all rows are present. If two yaw rates disagree, both lose
+    weight. If two wheels roll apart, the one farther from the predicted speed is the slipping one.
     """
-    out = np.abs(white) > GATE_SIGMA
-    if not out.any():
+    is_outlier = np.abs(white) > GATE_SIGMA
+    if not is_outlier.any():
         return variances, None
-    extra = np.where(out, (white * white / GATE_SIGMA**2 - 1.0) * sigma * sigma, 0.0)
-    slipping = None
+    extra = np.where(is_outlier, (white * white / GATE_SIGMA**2 - 1.0) * sigma * sigma, 0.0)
+    outlier_wheel = None
     if compared is not None:
         (first_yaw, first), (second_yaw, second) = compared
         extra[first_yaw] = max(extra[first_yaw], extra[second_yaw])
-        if out[second]:
-            slipping = 0 if abs(residuals[first]) > abs(residuals[second]) else 1
-            slipped = compared[slipping][1]
+        if is_outlier[second]:
+            outlier_wheel = 0 if abs(residuals[first]) > abs(residuals[second]) else 1
+            outlier_row = compared[outlier_wheel][1]
             extra[second] = 0.0
-            extra[slipped] += residuals[slipped] ** 2
-    return variances + extra, slipping
+            extra[outlier_row] += residuals[outlier_row] ** 2
+    return variances + extra, outlier_wheel
 
 
 @dataclass
 class MountingCheck:
-    """Is the yaw that the wheels' difference makes the yaw that their gyros feel, or another mounting's?
+    """Test which mounting of two nodes explains the yaw rate of their gyros.
 
-    The gyros across the axle feel the same yaw whichever way a node faces; the wheels' speeds change sign
-    with the facing and change places with the side. A wheel that steers turns its node besides: it feels the
-    yaw of the vehicle and its own, more than the other at every pace of turning. track: m. alone: the side,
-    +1 or -1, of the wheel that may still be used after a verdict, 0.0 for neither. exchanged: whether that
-    one sits on the other side; steering: whether the
-    other one may steer. sizes: of twice the speed over the track, its squares, and what is off times it.
+    The gyros across the axle measure the same yaw rate whichever way a node faces; the wheels' speeds change
+    sign with the facing and are exchanged with the side. A node on a steered wheel also measures the
+    steering rate.
+
+    Attributes
+    ----------
+    track_width : m.
+    residual_squares : (rad/s)² sums for: as declared; left node reversed; right node reversed; both reversed
+    or sides exchanged.
+    wheel_distances : m, of the left and the right wheel.
+    yaw_rate_squares : (rad/s)² sums of the left and right gyro, and of their difference.
+    size_regression : sums for the size ratio: squares of twice the speed over the track, and its product
+    with the residual.
+    axle_misfit : (rad/s)², excess of the residual over the tolerance.
+    turned_angle : rad.
+    count : windows.
+    verdict : sentence for the user, empty if there is none.
+    usable_side : side, +1 or -1, of the wheel that remains usable after a verdict; 0.0 for neither.
+    sides_swapped : True if that wheel is on the other side.
+    other_wheel_steers : True if the other wheel may be steered.
     """
 
     track_width: float
@@ -142,16 +157,16 @@ class MountingCheck:
 
     @property
     def is_undecided(self) -> bool:
-        """Whether more windows are wanted: no verdict yet, and not yet sure that all is as declared."""
-        return not self.verdict and self.count < _SURE
+        """Return True while more windows are needed."""
+        return not self.verdict and self.count < _MAX_CHECK_WINDOWS
 
     def add(self, yaws: tuple[float, float], left: float, right: float) -> float | None:
-        """One window: yaw rates that the gyros of the left and the right wheel feel, rad/s, speeds, m/s.
+        """Add a window: yaw rates of the left and the right gyro, rad/s, and wheel speeds, m/s.
 
-        Returns once, when the two wheels are not the axle that was declared: the side to distrust, +1 or -1,
-        or BOTH.
+        Return the side to distrust, +1 or -1, or BOTH_WHEELS, once, when the two wheels are not the declared
+        axle.
         """
-        if max(abs(left), abs(right)) < _MOVES:
+        if max(abs(left), abs(right)) < _MIN_CHECK_SPEED:
             return None
         yaw_rate = 0.5 * (yaws[0] + yaws[1])
         self.wheel_distances[0] += left * WINDOW_S
@@ -159,46 +174,57 @@ class MountingCheck:
         self.turned_angle += abs(yaw_rate) * WINDOW_S
         self.count += 1
         first, second = yaws
-        felt, squares = self.yaw_rate_squares, self.yaw_residual_squares
-        felt[0] += first * first
-        felt[1] += second * second
-        felt[2] += (first - second) ** 2
-        # As declared; the left node the other way round; the right one; both, or the sides exchanged.
-        declared, turned = (right - left) / self.track_width, (right + left) / self.track_width
-        off = (yaw_rate - declared) ** 2
-        squares[0] += off
-        squares[1] += (yaw_rate - turned) ** 2
-        squares[2] += (yaw_rate + turned) ** 2
-        squares[3] += (yaw_rate + declared) ** 2
-        self._compare_sizes(yaw_rate - declared, turned, 0.5 * (first * first + second * second))
-        if self.count < _ENOUGH:
+        yaw_squares, residual_squares = self.yaw_rate_squares, self.yaw_residual_squares
+        yaw_squares[0] += first * first
+        yaw_squares[1] += second * second
+        yaw_squares[2] += (first - second) ** 2
+        # As declared; left node reversed; right node reversed; both reversed or sides exchanged.
+        declared, turned_rate = (right - left) / self.track_width, (right + left) / self.track_width
+        residual = (yaw_rate - declared) ** 2
+        residual_squares[0] += residual
+        residual_squares[1] += (yaw_rate - turned_rate) ** 2
+        residual_squares[2] += (yaw_rate + turned_rate) ** 2
+        residual_squares[3] += (yaw_rate + declared) ** 2
+        self._compare_sizes(yaw_rate - declared, turned_rate, 0.5 * (first * first + second * second))
+        if self.count < _MIN_VERDICT_WINDOWS:
             return None
-        blamed = self._steering() if self.count >= _LONG else None
-        if blamed is None:
-            blamed = self._mounting()
-        if blamed is None and self.turned_angle > _TURNED:
-            blamed = self._apart()
-        return blamed
+        distrusted_side = self._check_steering() if self.count >= _MIN_STEERING_WINDOWS else None
+        if distrusted_side is None:
+            distrusted_side = self._check_mounting()
+        if distrusted_side is None and self.turned_angle > _MIN_TURNED_ANGLE:
+            distrusted_side = self._check_axle()
+        return distrusted_side
 
-    def _compare_sizes(self, off: float, turned: float, squared: float) -> None:
-        """Sums up by how much the yaw of the wheels' speeds is off, rad/s, but for wheels of unequal size.
+    def _compare_sizes(self, residual: float, turned_rate: float, yaw_rate_square: float) -> None:
+        """Accumulate the yaw-rate residual of the wheels' speeds, less that of unequal wheels.
 
-        turned: 1/s times twice the speed over the track; squared: (rad/s)² of the yaw rate.
+        residual: rad/s; turned_rate: 1/s times twice the speed over the track; yaw_rate_square: (rad/s)².
         """
-        allowed = _APART[0] ** 2 + _APART[1] ** 2 * squared
-        sizes = self.size_regression
-        if off * off < _AT_MOST**2 * (allowed + (_SIZES * turned) ** 2):
-            sizes[0] += turned * turned
-            sizes[1] += turned * off
-        unequal = max(-_SIZES, min(_SIZES, sizes[1] / sizes[0])) if sizes[0] > 0.0 else 0.0
-        self.axle_misfit += min((off - unequal * turned) ** 2, _AT_MOST**2 * allowed) - allowed
+        tolerance = _AXLE_YAW_RMS[0] ** 2 + _AXLE_YAW_RMS[1] ** 2 * yaw_rate_square
+        regression = self.size_regression
+        if residual * residual < _MAX_WINDOW_SIGMA**2 * (tolerance + (_MAX_SIZE_RATIO * turned_rate) ** 2):
+            regression[0] += turned_rate * turned_rate
+            regression[1] += turned_rate * residual
+        size_ratio = (
+            max(-_MAX_SIZE_RATIO, min(_MAX_SIZE_RATIO, regression[1] / regression[0]))
+            if regression[0] > 0.0
+            else 0.0
+        )
+        self.axle_misfit += (
+            min((residual - size_ratio * turned_rate) ** 2, _MAX_WINDOW_SIGMA**2 * tolerance) - tolerance
+        )
 
-    def _steering(self) -> float | None:
-        """Two yaws that differ: the wheel that turns more is the one that steers."""
-        more, apart = abs(self.yaw_rate_squares[0] - self.yaw_rate_squares[1]), self.yaw_rate_squares[2]
-        if apart < _STEERS[0] ** 2 * self.count + _STEERS[1] ** 2 * min(self.yaw_rate_squares[:2]):
+    def _check_steering(self) -> float | None:
+        """Return the side of the wheel that turns more, if the two yaw rates differ: it is steered."""
+        difference, difference_square = (
+            abs(self.yaw_rate_squares[0] - self.yaw_rate_squares[1]),
+            self.yaw_rate_squares[2],
+        )
+        if difference_square < _STEERING_YAW_RMS[0] ** 2 * self.count + _STEERING_YAW_RMS[1] ** 2 * min(
+            self.yaw_rate_squares[:2]
+        ):
             return None
-        if more < _CLEAR * apart:
+        if difference < _MIN_STEERING_SHARE * difference_square:
             return None
         side = 1.0 if self.yaw_rate_squares[0] > self.yaw_rate_squares[1] else -1.0
         self.usable_side, self.other_wheel_steers = -side, True
@@ -208,8 +234,8 @@ class MountingCheck:
         )
         return side
 
-    def _apart(self) -> float | None:
-        """Speeds that make another yaw than the gyros feel: the two wheels are not one axle of that track."""
+    def _check_axle(self) -> float | None:
+        """Return a side if the wheel speeds do not belong to one axle of the declared width."""
         if self.axle_misfit < 0.0:
             return None
         self.usable_side, self.other_wheel_steers = 1.0, True
@@ -219,26 +245,26 @@ class MountingCheck:
         )
         return -1.0
 
-    def _mounting(self) -> float | None:
-        """Another mounting that explains the yaw much better."""
-        best = self.yaw_residual_squares.index(min(self.yaw_residual_squares))
-        fits = self.yaw_residual_squares[best] < _FITS**2 * self.count
+    def _check_mounting(self) -> float | None:
+        """Return the side to distrust if another mounting explains the yaw rate much better."""
+        best_mounting = self.yaw_residual_squares.index(min(self.yaw_residual_squares))
+        is_explained = self.yaw_residual_squares[best_mounting] < _MAX_YAW_RMS**2 * self.count
         if (
-            best == 0
-            or not fits
+            best_mounting == 0
+            or not is_explained
             or self.yaw_residual_squares[0]
-            < _WORSE * (self.yaw_residual_squares[best] + _SAME**2 * self.count)
+            < _MIN_SQUARES_RATIO * (self.yaw_residual_squares[best_mounting] + _YAW_RMS_FLOOR**2 * self.count)
         ):
             return None
-        if best == 3:
+        if best_mounting == 3:
             if max(self.wheel_distances) < 0.0:
                 self.verdict = "both nodes are mounted the other way round: change both facings"
                 return BOTH_WHEELS
             self.verdict = "the sides of the two nodes are exchanged: swap side in the vehicle file"
             self.usable_side, self.sides_swapped = 1.0, True
             return BOTH_WHEELS
-        backwards = 0 if self.wheel_distances[0] < self.wheel_distances[1] else 1
-        name = ("left", "right")[backwards]
+        reversed_wheel = 0 if self.wheel_distances[0] < self.wheel_distances[1] else 1
+        name = ("left", "right")[reversed_wheel]
         self.verdict = f"the node on the {name} wheel is mounted the other way round: change its facing"
-        self.usable_side = (-1.0, 1.0)[backwards]
+        self.usable_side = (-1.0, 1.0)[reversed_wheel]
         return -self.usable_side

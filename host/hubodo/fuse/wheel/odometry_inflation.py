@@ -17,10 +17,10 @@ def odometry_inflation(track: WheelTrack) -> Array:
     """
     dt = np.diff(track.t)
     course = 0.5 * (track.heading[:-1] + track.heading[1:])
-    went = np.diff(track.x) + 1j * np.diff(track.y)
-    taken_back = np.abs(went - track.speed[1:] * dt * np.exp(1j * course)) ** 2
-    grown = np.maximum(0.0, np.diff(track.covariance[:, 0, 0] + track.covariance[:, 1, 1]))
+    displacement = np.diff(track.x) + 1j * np.diff(track.y)
+    correction = np.abs(displacement - track.speed[1:] * dt * np.exp(1j * course)) ** 2
+    variance_growth = np.maximum(0.0, np.diff(track.covariance[:, 0, 0] + track.covariance[:, 1, 1]))
     # Over an outage the distance is not that at the speed of its end.
-    return np.where(dt < 1.5 * WINDOW_S, taken_back, 0.0) + np.where(
-        track.inertial_speed[1:] > 0.0, grown, 0.0
+    return np.where(dt < 1.5 * WINDOW_S, correction, 0.0) + np.where(
+        track.inertial_speed[1:] > 0.0, variance_growth, 0.0
     )

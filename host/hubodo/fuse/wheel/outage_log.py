@@ -12,20 +12,20 @@ from hubodo.fuse.wheel.measurement_update import WheelWindows
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.window import WINDOW_S
 
-_SOON = 20
+_CONFIRMATION_WINDOWS = 20
 """Windows after an outage in which standstill may be confirmed: one second for detection, one for a late
 second wheel.
 """
 
-_SAME = 0.1
+_MAX_GRAVITY_TURN = 0.1
 """rad of change in the direction of gravity in a wheel that did not roll: 15 mm on a radius of 0.15 m, by
 which a tyre creeps and a vehicle settles. Estimated.
 """
 
-_NUDGED = 0.01
+_STATIONARY_HEADING_SIGMA = 0.01
 """rad, 1 sigma, rotation of a vehicle whose wheels did not roll. Estimated."""
 
-_KEPT = 100
+_MAX_LISTED_OUTAGES = 100
 """Outages that are listed one by one."""
 
 
@@ -50,14 +50,14 @@ class OutageLog:
     seconds: float = 0.0
     may_have_been_stationary: bool = False
     _forces: list[complex] = field(default_factory=list)
-    _turned: float = 0.0
+    _heading_variance: float = 0.0
     _windows: int = 0
 
     def add_outage(
         self,
         begin: float,
         end: float,
-        turned: float,
+        heading_variance: float,
         forces: Sequence[complex] | None,
     ) -> None:
         """Add an outage from start to end, s.
@@ -67,14 +67,14 @@ class OutageLog:
         """
         self.count += 1
         self.seconds += end - begin
-        if len(self.listed) < _KEPT:
+        if len(self.listed) < _MAX_LISTED_OUTAGES:
             self.listed.append(WheelOutage(begin, end))
-        self._turned = turned
+        self._heading_variance = heading_variance
         self.may_have_been_stationary, self._windows = forces is not None, 0
         self._forces = list(forces or ())
 
     def check_standstill(
-        self, p: Array, at: Mapping[Entry, int], pairs: WheelWindows, stillness: MotionState
+        self, p: Array, columns: Mapping[Entry, int], pairs: WheelWindows, motion_state: MotionState
     ) -> None:
         """Process a window after an outage before which the vehicle stood still; p: covariance, in place.
 
@@ -82,32 +82,36 @@ class OutageLog:
         heading variance of the outage is uncorrelated with all states and is removed again.
         """
         self._windows += 1
-        if stillness is MotionState.STANDSTILL:
+        if motion_state is MotionState.STANDSTILL:
             self.may_have_been_stationary = False
             forces = zip(self._forces, (wheel.standstill.force for wheel, _ in pairs), strict=True)
-            both = [(was, now) for was, now in forces if was != 0j and now != 0j]
-            if both and all(abs(cmath.phase(now * was.conjugate())) < _SAME for was, now in both):
-                place = at[HEADING]
-                p[place, place] += _NUDGED**2 - self._turned
+            received = [(before, after) for before, after in forces if before != 0j and after != 0j]
+            if received and all(
+                abs(cmath.phase(after * before.conjugate())) < _MAX_GRAVITY_TURN for before, after in received
+            ):
+                column = columns[HEADING]
+                p[column, column] += _STATIONARY_HEADING_SIGMA**2 - self._heading_variance
                 if self.count == len(self.listed):
                     self.listed[-1] = replace(self.listed[-1], was_stationary=True)
-        elif self._windows >= _SOON:
+        elif self._windows >= _CONFIRMATION_WINDOWS:
             self.may_have_been_stationary = False
 
     def list_warnings(self, names: str) -> list[str]:
         """Return one line for each listed outage; names: of the nodes."""
-        found = []
-        for silence in self.listed:
-            gone = silence.end - silence.start
-            text = f"{names}: not heard from t = {silence.start:.1f} to {silence.end:.1f} s ({gone:.1f} s): "
-            if silence.was_stationary:
+        lines = []
+        for outage in self.listed:
+            duration = outage.end - outage.start
+            text = (
+                f"{names}: not heard from t = {outage.start:.1f} to {outage.end:.1f} s ({duration:.1f} s): "
+            )
+            if outage.was_stationary:
                 text += "it stood before and after as if never moved, so its heading is kept; "
             else:
                 text += "where it went is not known; "
-            found.append(text + "position as far as a vehicle can go, sigmas grow there")
+            lines.append(text + "position as far as a vehicle can go, sigmas grow there")
         if self.count > len(self.listed):
-            found.append(f"{names}: not heard {self.count - len(self.listed)} more times")
-        return found
+            lines.append(f"{names}: not heard {self.count - len(self.listed)} more times")
+        return lines
 
     @property
     def windows(self) -> int:

@@ -22,26 +22,26 @@ from hubodo.fuse.wheel.entries import HEADING, RATE_BEYOND_RANGE, SPEED, WHEEL_A
 from hubodo.fuse.wheel.state import InitialState
 from hubodo.fuse.wheel.window import WINDOW_S
 
-_SPEED, _FASTER, _SPEED_TIME = 2.0, 1.5, 16.0
+_SPEED_SIGMA, _SPEED_SIGMA_FACTOR, _SPEED_TIME_S = 2.0, 1.5, 16.0
 """Stationary sigma V of the speed: 2 m/s, a brisk walk, or 1.5 times the maximum speed so far. T_v: 16 s.
 
 A walking vehicle is so expected to change its speed by 0.7 m/s within the first second. Estimated.
 """
 
-_YAW_RATE, _SIDEWAYS, _YAW_TIME = 0.35, 2.0, 2.0
+_YAW_RATE_SIGMA, _LATERAL_ACCELERATION, _YAW_TIME_S = 0.35, 2.0, 2.0
 """Stationary sigma R of the yaw rate: 0.35 rad/s, a walker's bend, or 2 m/s² of lateral acceleration at V.
 T_r: 2 s. Estimated.
 """
 
-_LONG = 60.0
+_TRANSIENT_S = 60.0
 """s after which the start is forgotten and position variance grows linearly: many times T_v and T_r."""
 
 UNIFORM_ANGLE_SIGMA = math.pi / math.sqrt(3.0)
 """rad, standard deviation of the uniform distribution over all directions."""
 
-_HERE, _SHARE = np.polynomial.legendre.leggauss(24)
-_NODES, _WEIGHTS = 0.5 * (_HERE + 1.0), 0.5 * _SHARE
-_ORDER = (X, Y, HEADING, SPEED, YAW_RATE)
+_LEGENDRE_NODES, _LEGENDRE_WEIGHTS = np.polynomial.legendre.leggauss(24)
+_QUADRATURE_NODES, _QUADRATURE_WEIGHTS = 0.5 * (_LEGENDRE_NODES + 1.0), 0.5 * _LEGENDRE_WEIGHTS
+_POSE_ORDER = (X, Y, HEADING, SPEED, YAW_RATE)
 
 
 class Agility(NamedTuple):
@@ -51,17 +51,17 @@ class Agility(NamedTuple):
     yaw_rate: float
 
 
-def vehicle_agility(fastest: float) -> Agility:
+def vehicle_agility(max_speed: float) -> Agility:
     """Return the agility of a vehicle that has reached `max_speed`, m/s."""
-    speed = max(_SPEED, _FASTER * fastest)
-    return Agility(speed, min(_YAW_RATE, _SIDEWAYS / speed))
+    speed = max(_SPEED_SIGMA, _SPEED_SIGMA_FACTOR * max_speed)
+    return Agility(speed, min(_YAW_RATE_SIGMA, _LATERAL_ACCELERATION / speed))
 
 
-def free_motion_variances(able: Agility) -> tuple[float, float]:
+def free_motion_variances(agility: Agility) -> tuple[float, float]:
     """Return the growth of variance per window of an unmeasured speed, (m/s)², and yaw rate, (rad/s)²."""
     return (
-        2.0 * able.speed**2 * WINDOW_S / _SPEED_TIME,
-        2.0 * able.yaw_rate**2 * WINDOW_S / _YAW_TIME,
+        2.0 * agility.speed**2 * WINDOW_S / _SPEED_TIME_S,
+        2.0 * agility.yaw_rate**2 * WINDOW_S / _YAW_TIME_S,
     )
 
 
@@ -86,158 +86,168 @@ class FreeMotion(NamedTuple):
     noise: Array
 
 
-def predict_free_motion(speed: float, yaw_rate: float, seconds: float, able: Agility) -> FreeMotion:
+def predict_free_motion(speed: float, yaw_rate: float, seconds: float, agility: Agility) -> FreeMotion:
     """Return the motion over `seconds` of a vehicle at `speed`, m/s, and `yaw_rate`, rad/s."""
-    t = min(seconds, _LONG)
-    s, weight = t * _NODES, t * _WEIGHTS
-    keep, turning = np.exp(-s / _SPEED_TIME), np.exp(-s / _YAW_TIME)
-    keep_end, turning_end = math.exp(-t / _SPEED_TIME), math.exp(-t / _YAW_TIME)
-    turned = _YAW_TIME * (1.0 - turning)
-    swing = _heading_covariance(s[:, None], s[None, :], able)
-    spread = swing.diagonal()
-    toward = np.exp(1j * yaw_rate * turned - 0.5 * spread)
-    by_speed = complex(np.sum(weight * keep * toward))
-    bend = 1j * speed * weight * keep * toward
-    by_yaw_rate = complex(np.sum(bend * turned))
+    t = min(seconds, _TRANSIENT_S)
+    s, weight = t * _QUADRATURE_NODES, t * _QUADRATURE_WEIGHTS
+    speed_share, yaw_share = np.exp(-s / _SPEED_TIME_S), np.exp(-s / _YAW_TIME_S)
+    final_speed_share, final_yaw_share = math.exp(-t / _SPEED_TIME_S), math.exp(-t / _YAW_TIME_S)
+    mean_turn = _YAW_TIME_S * (1.0 - yaw_share)
+    heading_covariance = _heading_covariance(s[:, None], s[None, :], agility)
+    heading_variance = heading_covariance.diagonal()
+    mean_direction = np.exp(1j * yaw_rate * mean_turn - 0.5 * heading_variance)
+    by_speed = complex(np.sum(weight * speed_share * mean_direction))
+    by_turn = 1j * speed * weight * speed_share * mean_direction
+    by_yaw_rate = complex(np.sum(by_turn * mean_turn))
     noise = np.zeros((5, 5))
-    noise[:2, :2] = _way_covariance(s, weight, speed, toward, swing, able)
-    noise[:2, :2] += np.eye(2) * _steady_growth(able) * (seconds - t)
+    noise[:2, :2] = _path_covariance(s, weight, speed, mean_direction, heading_covariance, agility)
+    noise[:2, :2] += np.eye(2) * _asymptotic_growth(agility) * (seconds - t)
     # Covariances of heading, speed and yaw rate at the end with the displacement.
-    fade = able.yaw_rate**2 * _YAW_TIME * (turning_end / turning - 2.0 * turning_end + turning_end * turning)
-    pace = able.speed**2 * keep_end * (1.0 / keep - keep)
-    for place, common in enumerate(
+    yaw_turn_covariance = (
+        agility.yaw_rate**2
+        * _YAW_TIME_S
+        * (final_yaw_share / yaw_share - 2.0 * final_yaw_share + final_yaw_share * yaw_share)
+    )
+    speed_covariance = agility.speed**2 * final_speed_share * (1.0 / speed_share - speed_share)
+    for index, covariance in enumerate(
         (
-            np.sum(bend * _heading_covariance(s, np.full_like(s, t), able)),
-            np.sum(weight * pace * toward),
-            np.sum(bend * fade),
+            np.sum(by_turn * _heading_covariance(s, np.full_like(s, t), agility)),
+            np.sum(weight * speed_covariance * mean_direction),
+            np.sum(by_turn * yaw_turn_covariance),
         ),
         2,
     ):
-        noise[:2, place] = noise[place, :2] = common.real, common.imag
+        noise[:2, index] = noise[index, :2] = covariance.real, covariance.imag
     last = np.array([seconds])
-    noise[2, 2] = float(_heading_covariance(last, last, able)[0])
-    noise[3, 3] = able.speed**2 * (1.0 - keep_end**2)
-    noise[4, 4] = able.yaw_rate**2 * (1.0 - turning_end**2)
-    noise[2, 4] = noise[4, 2] = able.yaw_rate**2 * _YAW_TIME * (1.0 - turning_end) ** 2
-    known = min(1.0, UNIFORM_ANGLE_SIGMA / math.sqrt(noise[2, 2]))
-    noise[2, :] *= known
-    noise[:, 2] *= known
+    noise[2, 2] = float(_heading_covariance(last, last, agility)[0])
+    noise[3, 3] = agility.speed**2 * (1.0 - final_speed_share**2)
+    noise[4, 4] = agility.yaw_rate**2 * (1.0 - final_yaw_share**2)
+    noise[2, 4] = noise[4, 2] = agility.yaw_rate**2 * _YAW_TIME_S * (1.0 - final_yaw_share) ** 2
+    scale_to_uniform = min(1.0, UNIFORM_ANGLE_SIGMA / math.sqrt(noise[2, 2]))
+    noise[2, :] *= scale_to_uniform
+    noise[:, 2] *= scale_to_uniform
     return FreeMotion(
         speed * by_speed,
         by_speed,
         by_yaw_rate,
-        _YAW_TIME * (1.0 - turning_end),
-        keep_end,
-        turning_end,
+        _YAW_TIME_S * (1.0 - final_yaw_share),
+        final_speed_share,
+        final_yaw_share,
         noise,
     )
 
 
-def _heading_covariance(s: Array, u: Array, able: Agility) -> Array:
+def _heading_covariance(s: Array, u: Array, agility: Agility) -> Array:
     """Return the covariance of the headings at times s and u (s), rad².
 
     The heading is an integrated Ornstein-Uhlenbeck process that starts at zero.
     """
-    scale = (able.yaw_rate * _YAW_TIME) ** 2
-    late, early = np.exp(-s / _YAW_TIME), np.exp(-u / _YAW_TIME)
-    apart = np.exp(-np.abs(s - u) / _YAW_TIME)
-    found: Array = scale * (
-        2.0 * np.minimum(s, u) / _YAW_TIME - 2.0 + 2.0 * (late + early) - apart - late * early
+    scale = (agility.yaw_rate * _YAW_TIME_S) ** 2
+    decay_s, decay_u = np.exp(-s / _YAW_TIME_S), np.exp(-u / _YAW_TIME_S)
+    decay_between = np.exp(-np.abs(s - u) / _YAW_TIME_S)
+    headings_covariance: Array = scale * (
+        2.0 * np.minimum(s, u) / _YAW_TIME_S
+        - 2.0
+        + 2.0 * (decay_s + decay_u)
+        - decay_between
+        - decay_s * decay_u
     )
-    return found
+    return headings_covariance
 
 
-def _way_covariance(
-    s: Array, weight: Array, speed: float, toward: Array, swing: Array, able: Agility
+def _path_covariance(
+    s: Array, weight: Array, speed: float, mean_direction: Array, heading_covariance: Array, agility: Agility
 ) -> Array:
     """Return the covariance of the displacement, (2, 2) m².
 
     It is E v_s v_u e^(iθ_s) e^(∓iθ_u), integrated over all pairs of times.
     """
-    keep = np.exp(-s / _SPEED_TIME)
-    both = keep[:, None] * keep[None, :]
-    pace = able.speed**2 * (np.exp(-np.abs(s[:, None] - s[None, :]) / _SPEED_TIME) - both)
-    pace += speed * speed * both
-    pace *= weight[:, None] * weight[None, :]
-    mean = complex(np.sum(weight * speed * keep * toward))
-    along = toward[:, None] * np.conj(toward)[None, :] * np.exp(swing)
-    across = toward[:, None] * toward[None, :] * np.exp(-swing)
-    square, twice = complex(np.sum(pace * along)).real, complex(np.sum(pace * across))
+    speed_share = np.exp(-s / _SPEED_TIME_S)
+    mean_product = speed_share[:, None] * speed_share[None, :]
+    speed_covariance = agility.speed**2 * (
+        np.exp(-np.abs(s[:, None] - s[None, :]) / _SPEED_TIME_S) - mean_product
+    )
+    speed_covariance += speed * speed * mean_product
+    speed_covariance *= weight[:, None] * weight[None, :]
+    mean = complex(np.sum(weight * speed * speed_share * mean_direction))
+    along = mean_direction[:, None] * np.conj(mean_direction)[None, :] * np.exp(heading_covariance)
+    across = mean_direction[:, None] * mean_direction[None, :] * np.exp(-heading_covariance)
+    square, twice = complex(np.sum(speed_covariance * along)).real, complex(np.sum(speed_covariance * across))
     xx, yy = 0.5 * (square + twice.real), 0.5 * (square - twice.real)
     xy = 0.5 * twice.imag - mean.real * mean.imag
     return np.array([[xx - mean.real**2, xy], [xy, yy - mean.imag**2]])
 
 
-def _steady_growth(able: Agility) -> float:
+def _asymptotic_growth(agility: Agility) -> float:
     """Return the asymptotic growth of the position variance in each direction, m²/s.
 
     Green-Kubo: the integral of the autocorrelation of v e^(iθ).
     """
-    s = _LONG * _NODES**2
-    weight = 2.0 * _LONG * _NODES * _WEIGHTS
-    ratio = s / _YAW_TIME
-    turned = (able.yaw_rate * _YAW_TIME) ** 2 * (ratio - 1.0 + np.exp(-ratio))
-    return float(np.sum(weight * able.speed**2 * np.exp(-s / _SPEED_TIME - turned)))
+    s = _TRANSIENT_S * _QUADRATURE_NODES**2
+    weight = 2.0 * _TRANSIENT_S * _QUADRATURE_NODES * _QUADRATURE_WEIGHTS
+    ratio = s / _YAW_TIME_S
+    mean_turn = (agility.yaw_rate * _YAW_TIME_S) ** 2 * (ratio - 1.0 + np.exp(-ratio))
+    return float(np.sum(weight * agility.speed**2 * np.exp(-s / _SPEED_TIME_S - mean_turn)))
 
 
 class OutageModel:
     """Propagation of states and covariance over an outage of any length in one step."""
 
-    def __init__(self, config: WheelConfig, begin: InitialState) -> None:
-        columns = begin.columns
+    def __init__(self, config: WheelConfig, initial: InitialState) -> None:
+        columns = initial.columns
         self._at = columns.vehicle
-        self._walk = begin.walk.copy()
-        self._most = np.full(columns.size, np.inf)
-        self._fading: list[tuple[int, float, float]] = []
+        self._walk = initial.walk.copy()
+        self._max_variance = np.full(columns.size, np.inf)
+        self._gauss_markov: list[tuple[int, float, float]] = []
         self._wheels = [(at[WHEEL_ANGLE], at[RATE_BEYOND_RANGE]) for at in columns.wheels]
         for at in columns.wheels:
-            for entry, place in at.items():
+            for entry, index in at.items():
                 # The variance of a random walk is bounded by its prior however long the outage is.
-                self._most[place] = max(entry.prior**2, begin.p[place, place])
-        for entry, place in columns.vehicle.items():
+                self._max_variance[index] = max(entry.prior**2, initial.p[index, index])
+        for entry, index in columns.vehicle.items():
             if math.isfinite(entry.correlation_time):
-                self._fading.append((place, entry.correlation_time, begin.p[place, place]))
+                self._gauss_markov.append((index, entry.correlation_time, initial.p[index, index]))
 
     def advance(
-        self, x: list[float], p: Array, seconds: float, able: Agility, stands: bool
+        self, x: list[float], p: Array, seconds: float, agility: Agility, is_stationary: bool
     ) -> tuple[Array, float]:
         """Propagate x and p in place to the end of an outage of `seconds`.
 
         is_stationary: True if the vehicle stood still before it. Return the transition (n, n) and the
         heading variance added, rad².
         """
-        at = [self._at[entry] for entry in _ORDER]
-        if stands:
+        at = [self._at[entry] for entry in _POSE_ORDER]
+        if is_stationary:
             x[at[3]] = x[at[4]] = 0.0
-        made = predict_free_motion(x[at[3]], x[at[4]], seconds, able)
-        ahead = complex(math.cos(x[at[2]]), math.sin(x[at[2]]))
+        motion = predict_free_motion(x[at[3]], x[at[4]], seconds, agility)
+        direction = complex(math.cos(x[at[2]]), math.sin(x[at[2]]))
         transition = np.eye(len(x))
         for column, change in (
-            (at[2], 1j * made.path * ahead),
-            (at[3], made.by_speed * ahead),
-            (at[4], made.by_yaw_rate * ahead),
+            (at[2], 1j * motion.path * direction),
+            (at[3], motion.by_speed * direction),
+            (at[4], motion.by_yaw_rate * direction),
         ):
             transition[at[0], column], transition[at[1], column] = change.real, change.imag
-        transition[at[2], at[4]] = made.turn
-        transition[at[3], at[3]], transition[at[4], at[4]] = made.speed, made.yaw_rate
-        for place, forgets, _ in self._fading:
-            transition[place, place] = math.exp(-seconds / forgets)
+        transition[at[2], at[4]] = motion.turn
+        transition[at[3], at[3]], transition[at[4], at[4]] = motion.speed, motion.yaw_rate
+        for index, correlation_time_s, _ in self._gauss_markov:
+            transition[index, index] = math.exp(-seconds / correlation_time_s)
         for angle, excess in self._wheels:
             transition[angle, angle] = transition[excess, excess] = 0.0
-        way = made.path * ahead
-        x[at[2]] += made.turn * x[at[4]]
-        x[at[0]] += way.real
-        x[at[1]] += way.imag
-        x[at[3]] *= made.speed
-        x[at[4]] *= made.yaw_rate
-        for place, _, _ in self._fading:
-            x[place] *= transition[place, place]
+        displacement = motion.path * direction
+        x[at[2]] += motion.turn * x[at[4]]
+        x[at[0]] += displacement.real
+        x[at[1]] += displacement.imag
+        x[at[3]] *= motion.speed
+        x[at[4]] *= motion.yaw_rate
+        for index, _, _ in self._gauss_markov:
+            x[index] *= transition[index, index]
         for angle, excess in self._wheels:
             x[angle] = x[excess] = 0.0
-        turn = np.eye(5)
-        turn[:2, :2] = [[ahead.real, -ahead.imag], [ahead.imag, ahead.real]]
-        noise = turn @ made.noise @ turn.T
-        if stands:
+        rotation = np.eye(5)
+        rotation[:2, :2] = [[direction.real, -direction.imag], [direction.imag, direction.real]]
+        noise = rotation @ motion.noise @ rotation.T
+        if is_stationary:
             # Whether the vehicle has turned may show later: uncorrelated, so that it can be removed again.
             noise = np.diag(noise.diagonal())
         self._spread(p, transition, seconds)
@@ -247,9 +257,9 @@ class OutageModel:
     def _spread(self, p: Array, transition: Array, seconds: float) -> None:
         p[:] = transition @ p @ transition.T
         diagonal = p.ravel()[:: len(p) + 1]
-        room = np.maximum(self._most - diagonal, 0.0)
+        room = np.maximum(self._max_variance - diagonal, 0.0)
         diagonal += np.minimum(self._walk * seconds, room)
-        for place, forgets, steady in self._fading:
-            diagonal[place] += steady * (1.0 - math.exp(-2.0 * seconds / forgets))
+        for index, correlation_time_s, stationary_variance in self._gauss_markov:
+            diagonal[index] += stationary_variance * (1.0 - math.exp(-2.0 * seconds / correlation_time_s))
         for angle, _ in self._wheels:
             diagonal[angle] = UNIFORM_ANGLE_SIGMA**2

@@ -22,7 +22,7 @@ pauses. At walking pace the curvature of the wheel's rate is not visible in grav
 LONGEST_STEP = 0.08
 """s between samples; longer is a gap. The slowest rate of an LSM6DS33 is 13 Hz, 0.077 s."""
 
-_PORTION = 4096
+_SAMPLES_PER_BLOCK = 4096
 """Samples per block, so that its intermediate arrays fit into the processor's cache."""
 
 
@@ -55,10 +55,10 @@ class WindowBuilder:
     _time: list[float] = field(default_factory=list)
     _rows: list[_Row] = field(default_factory=list)
     _newest: float | None = None
-    _ahead: tuple[float, _Row] | None = None
-    _last: tuple[Array, Array, Array] | None = None
-    _at_edge: Array | None = None
-    _kept_rows: tuple[Array, Array] | None = None
+    _pending_sample: tuple[float, _Row] | None = None
+    _last_integrals: tuple[Array, Array, Array] | None = None
+    _edge_values: Array | None = None
+    _sample_rows: tuple[Array, Array] | None = None
 
     @property
     def newest(self) -> float | None:
@@ -74,18 +74,18 @@ class WindowBuilder:
         row = (*gyro, *accel)
         if self._newest is None or 0.0 < t - self._newest <= LONGEST_BRIDGE:
             # The pending sample that jumped ahead has no successor.
-            self.refused += self._ahead is not None
-            self._ahead = None
-            return self._take(t, row)
+            self.refused += self._pending_sample is not None
+            self._pending_sample = None
+            return self._append_sample(t, row)
         if t <= self._newest:
             self.refused += 1
             return []
-        if self._ahead is not None and 0.0 < t - self._ahead[0] <= LONGEST_BRIDGE:
-            ahead, self._ahead = self._ahead, None
-            self._pause()
-            return [*self._take(*ahead), *self._take(t, row)]
-        self.refused += self._ahead is not None
-        self._ahead = t, row
+        if self._pending_sample is not None and 0.0 < t - self._pending_sample[0] <= LONGEST_BRIDGE:
+            pending, self._pending_sample = self._pending_sample, None
+            self._restart()
+            return [*self._append_sample(*pending), *self._append_sample(t, row)]
+        self.refused += self._pending_sample is not None
+        self._pending_sample = t, row
         return []
 
     def add_many(self, t: Array, gyro: Array, accel: Array) -> list[Window]:
@@ -94,74 +94,79 @@ class WindowBuilder:
         t: (N,) s, gyro: (N, 3) rad/s, accel: (N, 3) m/s², all finite.
         """
         windows: list[Window] = []
-        done, count = 0, len(t)
-        while done < count:
-            run = self._unbroken(t[done:])
-            if run:
-                part = slice(done, done + run)
-                windows += self._take_many(t[part], gyro[part], accel[part])
-                done += run
+        position, count = 0, len(t)
+        while position < count:
+            n_unbroken = self._count_unbroken(t[position:])
+            if n_unbroken:
+                block = slice(position, position + n_unbroken)
+                windows += self._append_samples(t[block], gyro[block], accel[block])
+                position += n_unbroken
             # Samples after a gap take the path of single samples.
-            while done < count and not self._follows(float(t[done])):
-                windows += self.add(float(t[done]), tuple(gyro[done].tolist()), tuple(accel[done].tolist()))
-                done += 1
+            while position < count and not self._is_continuous(float(t[position])):
+                windows += self.add(
+                    float(t[position]), tuple(gyro[position].tolist()), tuple(accel[position].tolist())
+                )
+                position += 1
         return windows
 
-    def _follows(self, t: float) -> bool:
+    def _is_continuous(self, t: float) -> bool:
         """Return True if a sample at `t` continues the record and no other sample is pending."""
-        going_on = self._newest is None or 0.0 < t - self._newest <= LONGEST_BRIDGE
-        return going_on and self._ahead is None
+        is_continuous = self._newest is None or 0.0 < t - self._newest <= LONGEST_BRIDGE
+        return is_continuous and self._pending_sample is None
 
-    def _unbroken(self, t: Array) -> int:
+    def _count_unbroken(self, t: Array) -> int:
         """Return the number of leading samples without a gap."""
-        if not self._follows(float(t[0])):
+        if not self._is_continuous(float(t[0])):
             return 0
         steps = np.diff(t)
         broken = np.flatnonzero(~((steps > 0.0) & (steps <= LONGEST_BRIDGE)))
         return int(broken[0]) + 1 if len(broken) else len(t)
 
-    def _pause(self) -> None:
+    def _restart(self) -> None:
         """Restart the integrals; samples that do not fill a window are dropped."""
         self._time, self._rows = [], []
-        self._last = self._at_edge = None
+        self._last_integrals = self._edge_values = None
 
-    def _take(self, t: float, row: _Row) -> list[Window]:
+    def _append_sample(self, t: float, row: _Row) -> list[Window]:
         self._newest = t
         self._time.append(t)
         self._rows.append(row)
-        waits = self._last is not None and t < self.start + self._edge * WINDOW_S
-        if waits or (self._last is None and len(self._time) < 2):
+        is_incomplete = self._last_integrals is not None and t < self.start + self._edge * WINDOW_S
+        if is_incomplete or (self._last_integrals is None and len(self._time) < 2):
             return []
         rows = np.array(self._rows)
         time = np.array(self._time)
         self._time, self._rows = [], []
-        return self._close(time, rows[:, :3], rows[:, 3:])
+        return self._integrate(time, rows[:, :3], rows[:, 3:])
 
-    def _take_many(self, t: Array, gyro: Array, accel: Array) -> list[Window]:
+    def _append_samples(self, t: Array, gyro: Array, accel: Array) -> list[Window]:
         self._newest = float(t[-1])
         if self._time:
-            held = np.array(self._rows)
+            pending_rows = np.array(self._rows)
             t = np.concatenate([self._time, t])
-            gyro, accel = np.concatenate([held[:, :3], gyro]), np.concatenate([held[:, 3:], accel])
+            gyro, accel = (
+                np.concatenate([pending_rows[:, :3], gyro]),
+                np.concatenate([pending_rows[:, 3:], accel]),
+            )
             self._time, self._rows = [], []
-        if len(t) + (self._last is not None) < 2:
+        if len(t) + (self._last_integrals is not None) < 2:
             self._time, self._rows = t.tolist(), [(*g, *a) for g, a in zip(gyro, accel, strict=True)]
             return []
         windows = []
-        for first in range(0, len(t), _PORTION):
-            part = slice(first, first + _PORTION)
-            windows += self._close(t[part], gyro[part], accel[part])
+        for first in range(0, len(t), _SAMPLES_PER_BLOCK):
+            block = slice(first, first + _SAMPLES_PER_BLOCK)
+            windows += self._integrate(t[block], gyro[block], accel[block])
         return windows
 
-    def _close(self, t: Array, gyro: Array, accel: Array) -> list[Window]:
+    def _integrate(self, t: Array, gyro: Array, accel: Array) -> list[Window]:
         sign, limits = facing_sign(self.facing), (self.gyro_limit, self.accel_limit)
-        if self._last is None:
+        if self._last_integrals is None:
             self._edge = max(self._edge, int(np.ceil((t[0] - self.start) / WINDOW_S - 1e-9)))
             rows = integrands(gyro[:1], accel[:1], np.zeros(1), sign, limits)
-            self._last = (t[:1], rows, np.zeros((CZ + 2, 1)))
-            self._kept_rows = (t[:1], rows[list(SAMPLE_ROWS)])
+            self._last_integrals = (t[:1], rows, np.zeros((CZ + 2, 1)))
+            self._sample_rows = (t[:1], rows[list(SAMPLE_ROWS)])
             t, gyro, accel = t[1:], gyro[1:], accel[1:]
-        t_before, rows_before, totals_before = self._last
+        t_before, rows_before, totals_before = self._last_integrals
         t = np.concatenate([t_before, t])
         step = t[1:] - t[:-1]
         spin = np.concatenate([rows_before[GZ], sign * gyro[:, 2]])
@@ -173,8 +178,8 @@ class WindowBuilder:
         totals[:-1, 1:] = 0.5 * (rows[:, :-1] + rows[:, 1:]) * step
         totals[-1, 1:] = np.where(step > LONGEST_STEP, step, 0.0)
         np.cumsum(totals, axis=1, out=totals)
-        windows = self._with_samples(self._cut(t, rows, totals), t, rows)
-        self._last = (t[-1:].copy(), rows[:, -1:].copy(), totals[:, -1:].copy())
+        windows = self._with_samples(self._close_windows(t, rows, totals), t, rows)
+        self._last_integrals = (t[-1:].copy(), rows[:, -1:].copy(), totals[:, -1:].copy())
         return windows
 
     def _with_samples(self, windows: list[Window], t: Array, rows: Array) -> list[Window]:
@@ -182,40 +187,42 @@ class WindowBuilder:
 
         t, rows: from the last sample of the previous block on.
         """
-        assert self._kept_rows is not None
-        time = np.concatenate([self._kept_rows[0], t[1:]])
-        kept = np.concatenate([self._kept_rows[1], rows[SAMPLE_ROWS, 1:]], axis=1)
-        for place, window in enumerate(windows):
+        assert self._sample_rows is not None
+        time = np.concatenate([self._sample_rows[0], t[1:]])
+        sample_rows = np.concatenate([self._sample_rows[1], rows[SAMPLE_ROWS, 1:]], axis=1)
+        for index, window in enumerate(windows):
             if window.spin_clipped > 0.0:
-                begin = self.start + window.number * WINDOW_S
-                windows[place] = window._replace(samples=slice_samples(time, kept, begin, begin + WINDOW_S))
+                window_start = self.start + window.number * WINDOW_S
+                windows[index] = window._replace(
+                    samples=slice_samples(time, sample_rows, window_start, window_start + WINDOW_S)
+                )
         edge = self.start + (self._edge - 1) * WINDOW_S
         first = max(0, int(np.searchsorted(time, edge, side="right")) - 1) if windows else 0
-        self._kept_rows = (time[first:].copy(), kept[:, first:].copy())
+        self._sample_rows = (time[first:].copy(), sample_rows[:, first:].copy())
         return windows
 
-    def _cut(self, t: Array, rows: Array, totals: Array) -> list[Window]:
+    def _close_windows(self, t: Array, rows: Array, totals: Array) -> list[Window]:
         last = int(np.floor((t[-1] - self.start) / WINDOW_S + 1e-9))
         numbers = np.arange(self._edge, max(last, self._edge - 1) + 1)
         edges = self.start + numbers * WINDOW_S
-        inside = (edges <= t[-1]) & (edges >= t[0])
-        numbers, edges = numbers[inside], edges[inside]
+        is_covered = (edges <= t[-1]) & (edges >= t[0])
+        numbers, edges = numbers[is_covered], edges[is_covered]
         if not len(numbers):
             return []
         right = np.maximum(np.searchsorted(t, edges, side="left"), 1)
         left = right - 1
         step = t[right] - t[left]
-        share = (edges - t[left]) / step
+        fraction = (edges - t[left]) / step
         y0, y1 = rows[:, left], rows[:, right]
-        at = np.empty((CZ + 5, len(edges)))
-        at[: CZ + 1] = totals[:-1, left] + step * share * (y0 + 0.5 * share * (y1 - y0))
-        at[MISSING] = totals[-1, left] + share * (totals[-1, right] - totals[-1, left])
+        edge_values = np.empty((CZ + 5, len(edges)))
+        edge_values[: CZ + 1] = totals[:-1, left] + step * fraction * (y0 + 0.5 * fraction * (y1 - y0))
+        edge_values[MISSING] = totals[-1, left] + fraction * (totals[-1, right] - totals[-1, left])
         # Values at the edge, interpolated.
-        there = [GZ, WR, WI]
-        at[MISSING + 1 :] = y0[there] + share * (y1[there] - y0[there])
-        first = self._edge - (self._at_edge is not None)
+        rows_at_edge = [GZ, WR, WI]
+        edge_values[MISSING + 1 :] = y0[rows_at_edge] + fraction * (y1[rows_at_edge] - y0[rows_at_edge])
+        first = self._edge - (self._edge_values is not None)
         self._edge = int(numbers[-1]) + 1
-        if self._at_edge is not None:
-            at = np.concatenate([self._at_edge, at], axis=1)
-        self._at_edge = at[:, -1:].copy()
-        return differences(first, at)
+        if self._edge_values is not None:
+            edge_values = np.concatenate([self._edge_values, edge_values], axis=1)
+        self._edge_values = edge_values[:, -1:].copy()
+        return differences(first, edge_values)

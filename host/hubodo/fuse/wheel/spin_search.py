@@ -1,9 +1,9 @@
-"""Spin beyond the gyro about the axle: windows turned by the spin they are believed to have, and its search.
+"""Search for the spin of a wheel beyond the range of its gyro, from the rotation of gravity.
 
-What the gyro does not show, gravity does: in the accelerometers across the axle it turns backwards as fast as
-the wheel turns. A window's integrals (preintegration.py) are turned by the measured rate; where that is
-clipped they are made again from its samples, turned by the measured rate and the excess that the filter
-predicts, so that the derivatives of the measurements hold about the present states.
+Gravity rotates in the accelerometers across the axle as fast as the wheel turns, in the opposite sense. The
+integrals of a window (`preintegration.py`) are derotated by the measured rate. Where that is clipped they
+are recomputed from the samples, derotated by the measured rate plus the predicted rate beyond range, so that
+the measurements are linearised about the present states.
 """
 
 from __future__ import annotations
@@ -22,60 +22,64 @@ from hubodo.earth import STANDARD_GRAVITY
 from hubodo.fuse.wheel.measurements.steady import NodeFixedTerms
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 
-_FASTEST = 240.0
-"""rad/s of excess that is looked for, 8 times a gyro of 2000 deg/s."""
+_MAX_RATE_BEYOND = 240.0
+"""rad/s beyond range that is searched, 8 times a gyro of 2000 deg/s."""
 
-_HARDEST = 10.0
-"""m/s²; no tyre brakes or drives harder: gravity's grip on a dry road."""
+_MAX_ACCELERATION = 10.0
+"""m/s², acceleration limit of a tyre on a dry road, 1 g."""
 
-_GRAVITY = (0.6, 1.5)
-"""Share of gravity that what turns may have; what is outside is no gravity. Estimated."""
+_GRAVITY_SHARE_BOUNDS = (0.6, 1.5)
+"""Amplitude of the rotating force in units of gravity within which it is accepted as gravity. Estimated."""
 
-_FEWEST = 25
-"""Samples for a search, a quarter of a second at 104 Hz; fewer cannot tell gravity from the lever arm."""
+_MIN_SEARCH_SAMPLES = 25
+"""Samples for a search, a quarter of a second at 104 Hz; fewer do not separate gravity from the lever arm."""
 
-_SPAN = 4
-"""Windows that are followed together: braking is steady for 0.4 s, gravity turns by half a turn and more."""
+_TRACKED_WINDOWS = 4
+"""Windows tracked together: braking is constant for 0.4 s, in which gravity rotates by half a turn or more.
+"""
 
-_SOON = 3
-"""Windows after which a spin that was measured until then is followed; of fewer, spin and slope are not told
-apart. One that was searched for is better known than by these, and waits for all of `_SPAN`."""
+_FIRST_TRACKED_WINDOWS = 3
+"""Windows before tracking a spin that was measured until then; fewer do not separate rate from slope. A
+searched spin is known better than these windows tell and waits for `_TRACKED_WINDOWS`.
+"""
 
-_GRID = np.linspace(-1.0, 1.0, 9)
+_SEARCH_GRID = np.linspace(-1.0, 1.0, 9)
 
-_BELOW = 2.0
-"""rad/s by which the spin may seem to lie below what the gyro stands at: a few percent of scale, a bias, and
-what a search is off. A gyro that stands at its end feels no less than that. Estimated."""
+_RATE_TOLERANCE = 2.0
+"""rad/s by which a spin may lie below the saturation limit: a few percent of scale, bias and search error. A
+saturated gyro bounds the rate from below. Estimated.
+"""
 
-_SHAKES = 0.1
-"""s after which a wheel that bounces on its tyre does so otherwise: a cycle of 10 Hz, which goes round in the
-accelerometers as fast as a wheel at 20 m/s, and so hardly averages out. Estimated."""
+_VIBRATION_TIME_S = 0.1
+"""s of correlation of a wheel bouncing on its tyre: a cycle of 10 Hz, which rotates like a wheel at 20 m/s
+and so hardly averages out. Estimated.
+"""
 
-_NEAR = 8.0
-"""rad/s around the predicted excess that are looked at: half of what tells two spins apart in `_SPAN`."""
+_TRACKING_RANGE = 8.0
+"""rad/s around the predicted rate that is searched: half of the resolution of `_TRACKED_WINDOWS`."""
 
 
 def rederotate_window(window: Window, excess: float, slope: float = 0.0) -> Window:
-    """A window with its integrals turned by the measured rate and `excess`, rad/s at its middle.
+    """Return a window with its integrals derotated by the measured rate plus `excess`, rad/s at its middle.
 
-    slope: rad/s², by which the excess changes. `spin` stays what was measured.
+    slope: rad/s², change of the excess. `spin` stays as measured.
     """
     samples = window.samples
     if samples is None:
         return window
-    change = (window.rate_end - window.rate_start) / WINDOW_S + slope
+    rate_change = (window.rate_end - window.rate_start) / WINDOW_S + slope
     across = carrier = force = swing = lever = 0j
     for weight, time, rate, angle, w, f, _ in zip(*samples, strict=True):
         rate += excess + slope * time
-        # Both ends of the window lie as far from its middle in angle.
+        # Both ends of the window are equally far from its middle in angle.
         angle += excess * time + 0.5 * slope * (time * time - 0.25 * WINDOW_S * WINDOW_S)
-        turn = weight * cmath.exp(1j * angle)
-        across += turn * w
-        carrier += turn
-        force += turn * f
-        swing += turn * rate
-        # The same sum as that of the force: with few samples a turn it is not quite the integral.
-        lever += turn * complex(-rate * rate, change)
+        weighted_rotation = weight * cmath.exp(1j * angle)
+        across += weighted_rotation * w
+        carrier += weighted_rotation
+        force += weighted_rotation * f
+        swing += weighted_rotation * rate
+        # The same sum as for the force: with few samples a turn it differs from the integral.
+        lever += weighted_rotation * complex(-rate * rate, rate_change)
     return window._replace(
         across=across,
         carrier=carrier,
@@ -88,10 +92,13 @@ def rederotate_window(window: Window, excess: float, slope: float = 0.0) -> Wind
 
 
 class SpinEstimate(NamedTuple):
-    """What windows in a row show of a clipped spin.
+    """Spin found in consecutive clipped windows.
 
-    begin, end: rad, the wheel angle at the beginning of the first and the end of the last window. excess,
-    excess_end: rad/s, means in the first and the last window. steady: what does not turn meanwhile.
+    Attributes
+    ----------
+    start_angle, end_angle : rad, wheel angle at the start of the first and the end of the last window.
+    excess, excess_end : rad/s beyond range, means over the first and the last window.
+    steady : mean of the terms that are fixed in the node.
     """
 
     start_angle: float
@@ -102,38 +109,44 @@ class SpinEstimate(NamedTuple):
 
 
 def find_spin(windows: Sequence[Window], radius: float) -> SpinEstimate | None:
-    """The spin by which gravity turns in clipped windows; None where none stands out. radius: m."""
-    taken = _Samples.of(windows)
-    if taken is None:
+    """Return the spin at which gravity rotates in clipped windows; None if none is significant. radius: m."""
+    sample_set = _Samples.of(windows)
+    if sample_set is None:
         return None
     sign = math.copysign(1.0, sum(w.spin for w in windows))
-    hardest = _HARDEST / radius
-    rates, slopes = sign * np.arange(-_BELOW, _FASTEST, 1.0), np.linspace(-hardest, hardest, 21)
-    whole, taken = taken, taken.without(3)
-    found = taken.best(rates, slopes)
-    for finer in (0.25, 0.05):
-        around = np.arange(-5.0, 6.0) * finer
-        found = taken.best(found.excess + around, found.slope + 0.1 * hardest * around)
-    if not found.is_gravity:
+    max_slope = _MAX_ACCELERATION / radius
+    rates, slopes = (
+        sign * np.arange(-_RATE_TOLERANCE, _MAX_RATE_BEYOND, 1.0),
+        np.linspace(-max_slope, max_slope, 21),
+    )
+    all_samples, sample_set = sample_set, sample_set.without(3)
+    chirp = sample_set.best(rates, slopes)
+    for fine_step in (0.25, 0.05):
+        offsets = np.arange(-5.0, 6.0) * fine_step
+        chirp = sample_set.best(chirp.excess + offsets, chirp.slope + 0.1 * max_slope * offsets)
+    if not chirp.is_gravity:
         return None
     first, last = windows[0], windows[-1]
-    behind, ahead = first.number * WINDOW_S - taken.centre, (last.number + 1) * WINDOW_S - taken.centre
-    angle = -cmath.phase(found.amplitude) + math.atan2(radius * found.slope, STANDARD_GRAVITY)
+    start_time, end_time = (
+        first.number * WINDOW_S - sample_set.centre,
+        (last.number + 1) * WINDOW_S - sample_set.centre,
+    )
+    angle = -cmath.phase(chirp.amplitude) + math.atan2(radius * chirp.slope, STANDARD_GRAVITY)
 
     def theta(t: float, carrier: float) -> float:
-        return angle + carrier + found.excess * t + 0.5 * found.slope * t * t
+        return angle + carrier + chirp.excess * t + 0.5 * chirp.slope * t * t
 
     return SpinEstimate(
-        theta(behind, first.clock_angle - 0.5 * first.spin),
-        theta(ahead, last.clock_angle + 0.5 * last.spin),
-        found.excess + found.slope * (behind + 0.5 * WINDOW_S),
-        found.excess + found.slope * (ahead - 0.5 * WINDOW_S),
-        whole.steady(found, radius),
+        theta(start_time, first.clock_angle - 0.5 * first.spin),
+        theta(end_time, last.clock_angle + 0.5 * last.spin),
+        chirp.excess + chirp.slope * (start_time + 0.5 * WINDOW_S),
+        chirp.excess + chirp.slope * (end_time - 0.5 * WINDOW_S),
+        all_samples.steady(chirp, radius),
     )
 
 
 class _Chirp(NamedTuple):
-    """Amplitude, m/s², of what turns with an excess, rad/s, that changes by slope, rad/s²."""
+    """Amplitude, m/s², of a rotating force with a rate beyond range, rad/s, that changes by slope, rad/s²."""
 
     excess: float
     slope: float
@@ -141,13 +154,14 @@ class _Chirp(NamedTuple):
 
     @property
     def is_gravity(self) -> bool:
-        return _GRAVITY[0] < abs(self.amplitude) / STANDARD_GRAVITY < _GRAVITY[1]
+        return _GRAVITY_SHARE_BOUNDS[0] < abs(self.amplitude) / STANDARD_GRAVITY < _GRAVITY_SHARE_BOUNDS[1]
 
 
 class _Samples(NamedTuple):
-    """Samples of windows in a row.
+    """Samples of consecutive windows.
 
-    t: s from `centre`, (N,); carried: rad; rate, across: rad/s; force: m/s².
+    t: s from `centre`, (N,); carried: rad, measured carrier angle; rate, across: rad/s; force: m/s². basis:
+    (N, k) orthonormal polynomials already removed from the force.
     """
 
     t: Array
@@ -160,118 +174,132 @@ class _Samples(NamedTuple):
 
     @staticmethod
     def of(windows: Sequence[Window]) -> _Samples | None:
-        """Those of clipped windows, less those with a clipped force; None where too few are left."""
-        heard = [(w, w.samples) for w in windows if w.samples is not None and w.missing == 0.0]
-        felt = np.array([flag for _, samples in heard for flag in samples.force_in_range], bool)
-        if np.count_nonzero(felt) < _FEWEST:
+        """Return the samples of clipped windows without a clipped force; None if there are too few."""
+        clipped = [(w, w.samples) for w in windows if w.samples is not None and w.missing == 0.0]
+        is_valid = np.array([flag for _, samples in clipped for flag in samples.force_in_range], bool)
+        if np.count_nonzero(is_valid) < _MIN_SEARCH_SAMPLES:
             return None
-        centre = 0.5 * (heard[0][0].number + heard[-1][0].number + 1) * WINDOW_S
-        t = np.concatenate([np.array(s.time) + ((w.number + 0.5) * WINDOW_S - centre) for w, s in heard])
-        carried = np.concatenate([np.array(s.angle) + w.clock_angle for w, s in heard])
-        rate, across, force = (np.concatenate([s[row] for _, s in heard])[felt] for row in (2, 4, 5))
-        return _Samples(t[felt], carried[felt], rate, across, force, centre, np.empty(0))
+        centre = 0.5 * (clipped[0][0].number + clipped[-1][0].number + 1) * WINDOW_S
+        t = np.concatenate([np.array(s.time) + ((w.number + 0.5) * WINDOW_S - centre) for w, s in clipped])
+        carried = np.concatenate([np.array(s.angle) + w.clock_angle for w, s in clipped])
+        rate, across, force = (np.concatenate([s[row] for _, s in clipped])[is_valid] for row in (2, 4, 5))
+        return _Samples(t[is_valid], carried[is_valid], rate, across, force, centre, np.empty(0))
 
     def without(self, order: int) -> _Samples:
-        """Less what is a polynomial of time with so many coefficients: bias and lever arm."""
+        """Remove a polynomial of time with `order` coefficients, for bias and lever arm."""
         basis, _ = np.linalg.qr(self.t[:, None] ** np.arange(order))
         return self._replace(force=self.force - basis @ (basis.T @ self.force), basis=basis)
 
     def best(self, rates: Array, slopes: Array, sign: float = 0.0) -> _Chirp:
-        """What leaves least of the force, of all these rates and slopes.
+        """Return the chirp with the smallest residual among all these rates and slopes.
 
-        sign: of the limit at which the gyro stood all the time: what lies inside of it is no candidate, and
-        no gravity where nothing else is left; 0.0 where it did not. The force across the axle is
-        g e^(-i theta): the maximum-likelihood estimate of a complex chirp in white noise (Abatzoglou 1986).
+        sign: of the limit at which the gyro was saturated all the time; rates inside of it are no
+        candidates. 0.0 otherwise. The force across the axle is g e^(-iθ): maximum-likelihood estimate of a
+        complex chirp in white noise (Abatzoglou 1986).
         """
         t, count = self.t, len(self.t)
-        bent = np.exp(-1j * (self.carried + 0.5 * slopes[:, None] * t * t))
-        # The force has nothing of the basis in it: what a tone has, counts for its size alone.
-        against = np.column_stack([self.basis, self.force.conj()])
-        columns = (bent[:, :, None] * against).transpose(1, 0, 2).reshape(count, -1)
-        seen = np.exp(-1j * np.outer(rates, t)) @ columns
-        seen = seen.reshape(len(rates), len(slopes), against.shape[1])
-        size = np.maximum(count - np.sum(np.abs(seen[:, :, :-1]) ** 2, axis=2), 0.1 * count)
-        fit = seen[:, :, -1].conj() / size
-        reach = 0.5 * (t[-1] - t[0])
-        fit[sign * rates[:, None] - abs(sign) * reach * np.abs(slopes) < -_BELOW] = 0.0
-        power = np.abs(fit) ** 2 * size
+        derotation = np.exp(-1j * (self.carried + 0.5 * slopes[:, None] * t * t))
+        # The basis is already removed from the force, so the overlap of a tone with it only reduces its
+        # size.
+        projections = np.column_stack([self.basis, self.force.conj()])
+        columns = (derotation[:, :, None] * projections).transpose(1, 0, 2).reshape(count, -1)
+        projected = np.exp(-1j * np.outer(rates, t)) @ columns
+        projected = projected.reshape(len(rates), len(slopes), projections.shape[1])
+        residual_size = np.maximum(count - np.sum(np.abs(projected[:, :, :-1]) ** 2, axis=2), 0.1 * count)
+        fit = projected[:, :, -1].conj() / residual_size
+        half_duration = 0.5 * (t[-1] - t[0])
+        fit[sign * rates[:, None] - abs(sign) * half_duration * np.abs(slopes) < -_RATE_TOLERANCE] = 0.0
+        power = np.abs(fit) ** 2 * residual_size
         rate, slope = np.unravel_index(int(np.argmax(power)), power.shape)
         return _Chirp(float(rates[rate]), float(slopes[slope]), complex(fit[rate, slope]))
 
-    def steady(self, found: _Chirp, radius: float) -> NodeFixedTerms:
-        """What is left of force and rates when what goes round with the chirp is taken out; radius: m."""
-        t, spin = self.t, self.rate + found.excess + found.slope * self.t
-        turns = np.exp(-1j * (self.carried + found.excess * t + 0.5 * found.slope * t * t))
-        basis = np.column_stack([np.ones(len(t)), turns])
-        both = np.column_stack([self.force, self.across])
-        fit = np.linalg.lstsq(basis, both, rcond=None)[0]
-        left = 0.5 * np.mean(np.abs(both - basis @ fit) ** 2, axis=0) * _SHAKES / (t[-1] - t[0])
-        square = complex(-float(np.mean(spin * spin)), found.slope)
+    def steady(self, chirp: _Chirp, radius: float) -> NodeFixedTerms:
+        """Return the means of force and rates after removing what rotates with the chirp; radius: m."""
+        t, spin = self.t, self.rate + chirp.excess + chirp.slope * self.t
+        rotation = np.exp(-1j * (self.carried + chirp.excess * t + 0.5 * chirp.slope * t * t))
+        basis = np.column_stack([np.ones(len(t)), rotation])
+        signals = np.column_stack([self.force, self.across])
+        fit = np.linalg.lstsq(basis, signals, rcond=None)[0]
+        residual_variance = (
+            0.5 * np.mean(np.abs(signals - basis @ fit) ** 2, axis=0) * _VIBRATION_TIME_S / (t[-1] - t[0])
+        )
+        lever_factor = complex(-float(np.mean(spin * spin)), chirp.slope)
         force, rate = (complex(value) for value in fit[0])
         return NodeFixedTerms(
-            force, rate, float(left[0]), float(left[1]), float(np.mean(spin)), square, radius
+            force,
+            rate,
+            float(residual_variance[0]),
+            float(residual_variance[1]),
+            float(np.mean(spin)),
+            lever_factor,
+            radius,
         )
 
 
 @dataclass
 class SpinTracker:
-    """Follows the excess of one wheel from window to window.
+    """Tracks the rate beyond range of one wheel from window to window.
 
-    radius: m. excess: rad/s, mean over the newest window, slope: rad/s². seen: whether gravity showed it.
+    radius: m. excess: rad/s, mean over the newest window; slope: rad/s². is_observed: True if gravity showed
+    it.
     """
 
     radius: float
     excess: float = 0.0
     slope: float = 0.0
     is_observed: bool = False
-    _past: deque[Window] = field(default_factory=lambda: deque(maxlen=_SPAN))
-    _wait: int = _SOON
+    _windows: deque[Window] = field(default_factory=lambda: deque(maxlen=_TRACKED_WINDOWS))
+    _min_windows: int = _FIRST_TRACKED_WINDOWS
 
     def record_unclipped(self, window: Window) -> None:
-        """A window whose gyro shows the spin."""
-        self._past.clear()
-        self.excess, self.is_observed, self._wait = 0.0, False, _SOON
+        """Record a window whose gyro is in range."""
+        self._windows.clear()
+        self.excess, self.is_observed, self._min_windows = 0.0, False, _FIRST_TRACKED_WINDOWS
         self.slope = (window.rate_end - window.rate_start) / WINDOW_S
 
     @property
     def is_tracking(self) -> bool:
-        """Whether the newest window was clipped."""
-        return bool(self._past)
+        """Return True if the newest window was clipped."""
+        return bool(self._windows)
 
     def pause(self) -> None:
-        """A window that was not heard: what was found of the spin is kept."""
-        self._past.clear()
+        """Skip a window without samples; the last estimate is kept."""
+        self._windows.clear()
         self.is_observed = False
 
     def initialise(self, excess: float, slope: float) -> None:
-        """Found by a search; as of the window before the next."""
-        self.excess, self.slope, self._wait = excess, slope, _SPAN
+        """Start from a search, for the window before the next."""
+        self.excess, self.slope, self._min_windows = excess, slope, _TRACKED_WINDOWS
 
     def track_window(self, window: Window, arm: complex, bias: complex) -> None:
-        """A window that is clipped all the time; arm: m, bias: m/s², of the accelerometers across."""
+        """Process a window that is clipped all the time; arm: m, bias: m/s², of the accelerometers across."""
         self.excess += self.slope * WINDOW_S
-        self._past.append(window)
+        self._windows.append(window)
         self.is_observed = False
-        if len(self._past) < self._wait:
+        if len(self._windows) < self._min_windows:
             return
-        taken = _Samples.of(self._past)
-        if taken is None:
-            # Nobody drives harder and harder.
+        sample_set = _Samples.of(self._windows)
+        if sample_set is None:
+            # Accelerations do not grow without bound.
             self.slope *= 0.5
             return
-        newest = (window.number + 0.5) * WINDOW_S - taken.centre
-        hardest, sign = _HARDEST / self.radius, math.copysign(1.0, window.spin)
-        found = _Chirp(self.excess - self.slope * newest, self.slope, 0j)
-        for wide, finer in ((_NEAR, hardest), (2.0, 0.25 * hardest), (0.4, 0.05 * hardest)):
-            rate = taken.rate + found.excess + found.slope * taken.t
-            lever = arm * (1j * found.slope - rate * rate)
-            found = (
-                taken._replace(force=taken.force - bias - lever)
+        newest = (window.number + 0.5) * WINDOW_S - sample_set.centre
+        max_slope, sign = _MAX_ACCELERATION / self.radius, math.copysign(1.0, window.spin)
+        chirp = _Chirp(self.excess - self.slope * newest, self.slope, 0j)
+        for rate_range, fine_step in (
+            (_TRACKING_RANGE, max_slope),
+            (2.0, 0.25 * max_slope),
+            (0.4, 0.05 * max_slope),
+        ):
+            rate = sample_set.rate + chirp.excess + chirp.slope * sample_set.t
+            lever = arm * (1j * chirp.slope - rate * rate)
+            chirp = (
+                sample_set._replace(force=sample_set.force - bias - lever)
                 .without(2)
-                .best(found.excess + wide * _GRID, found.slope + finer * _GRID, sign)
+                .best(chirp.excess + rate_range * _SEARCH_GRID, chirp.slope + fine_step * _SEARCH_GRID, sign)
             )
-        if found.is_gravity:
-            self.is_observed, self.slope = True, found.slope
-            self.excess = found.excess + found.slope * newest
+        if chirp.is_gravity:
+            self.is_observed, self.slope = True, chirp.slope
+            self.excess = chirp.excess + chirp.slope * newest
         else:
             self.slope *= 0.5

@@ -8,7 +8,7 @@ from hubodo.fuse.wheel.window import WINDOW_S
 from hubodo.recording import Table
 from hubodo.time_gaps import check_time_gaps
 
-_LONGEST = 0.5
+_MAX_ROW_GAP_S = 0.5
 """s between rows; the record counts as interrupted over longer gaps. Estimated."""
 
 SurfaceSpeeds = dict[int, tuple[float, float]]
@@ -29,16 +29,21 @@ def average_surface_speeds(table: Table) -> SurfaceSpeeds:
         return {}
     edges = np.append(numbers, numbers[-1] + 1) * WINDOW_S
     step = np.diff(t)
-    hole = np.concatenate([[0.0], np.cumsum(np.where(step > _LONGEST, step, 0.0))])
-    sound = np.diff(np.interp(edges, t, hole)) == 0.0
+    gap_time = np.concatenate([[0.0], np.cumsum(np.where(step > _MAX_ROW_GAP_S, step, 0.0))])
+    is_complete = np.diff(np.interp(edges, t, gap_time)) == 0.0
     means = []
     for side in ("left", "right"):
         # Integral of the linear interpolation between rows.
-        way = np.concatenate([[0.0], np.cumsum(0.5 * (table[side][1:] + table[side][:-1]) * step)])
-        place = np.clip(np.searchsorted(t, edges) - 1, 0, len(step) - 1)
-        into = edges - t[place]
+        distance = np.concatenate([[0.0], np.cumsum(0.5 * (table[side][1:] + table[side][:-1]) * step)])
+        index = np.clip(np.searchsorted(t, edges) - 1, 0, len(step) - 1)
+        elapsed = edges - t[index]
         slope = np.diff(table[side]) / step
-        at = way[place] + into * (table[side][place] + 0.5 * into * slope[place])
-        means.append(np.diff(at) / WINDOW_S)
-    rows = zip(numbers[sound].tolist(), means[0][sound].tolist(), means[1][sound].tolist(), strict=True)
+        edge_distance = distance[index] + elapsed * (table[side][index] + 0.5 * elapsed * slope[index])
+        means.append(np.diff(edge_distance) / WINDOW_S)
+    rows = zip(
+        numbers[is_complete].tolist(),
+        means[0][is_complete].tolist(),
+        means[1][is_complete].tolist(),
+        strict=True,
+    )
     return {number: (left, right) for number, left, right in rows}

@@ -1,4 +1,4 @@
-"""A recording of wheel nodes to a track, with what was learnt on the way and what a user must know."""
+"""Wheel odometry of a recording: track, learnt parameters and warnings."""
 
 from __future__ import annotations
 
@@ -28,18 +28,24 @@ from hubodo.fuse.wheel.window import WINDOW_S
 from hubodo.recording import Table
 from hubodo.vehicle import side_sign
 
-_DISAGREE = 10
-"""Windows in which the wheels roll apart, a second of them, after which a clock is doubted. Estimated."""
+_CLOCK_JUMP_WINDOWS = 10
+"""Windows in which the wheels disagree, 1 s, after which a clock is doubted. Estimated."""
 
 
 @dataclass(frozen=True, eq=False)
 class WheelTrack:
-    """Poses of the body origin, each (N,).
+    """Poses of the body origin, arrays of length N.
 
-    t: s on the log's clock. x, y: m from the start; heading: rad, unwrapped. speed: m/s and yaw_rate: rad/s,
-    means of the tenth of a second that ends at t. covariance: (N, 5, 5) of x, y, heading, speed, yaw_rate.
-    still: 0 moving, 1 rocking, 2 at rest. nis, degrees: of each step. carrying: 1 where no wheel told the
-    speed.
+    Attributes
+    ----------
+    t : s on the log's clock.
+    x, y : m from the start.
+    heading : rad, unwrapped.
+    speed, yaw_rate : m/s and rad/s, means over the window that ends at t.
+    covariance : (N, 5, 5) of x, y, heading, speed, yaw_rate.
+    motion_state : values of `MotionState`.
+    nis, dof : normalised innovation squared of each step and its degrees of freedom.
+    inertial_speed : 1 where only accelerometers measured the speed.
     """
 
     t: Array
@@ -55,7 +61,7 @@ class WheelTrack:
     inertial_speed: Array
 
     def to_track(self) -> Track:
-        """The same as the common track: sigmas instead of covariances."""
+        """Return the common track type, with sigmas instead of covariances."""
         sigma = np.sqrt(np.maximum(np.einsum("nii->in", self.covariance), 0.0))
         x, y, heading = sigma[:3]
         return Track(self.t, self.x, self.y, self.heading, self.speed, x, y, heading, self.yaw_rate)
@@ -63,14 +69,20 @@ class WheelTrack:
 
 @dataclass(frozen=True)
 class WheelReport:
-    """What the filter learnt.
+    """Parameters learnt from a drive, and what happened in it.
 
-    distance: m along the track. duration: s. end: s, of the last pose. method: in words. vehicle, and nodes
-    by name: effect -> parameter -> value and sigma, as a calibration file has them, nodes in their own axes;
-    what one wheel cannot show is not there. What the filter knows as a mean of two parameters, each has.
-    counts: by node, windows in which it slipped, clipped, was not heard; samples refused. slips: by node, the
-    times in which its wheel spun by itself. warnings: one line each, of everything else. silences: when no
-    wheel was heard, s, and whether the vehicle stood.
+    Attributes
+    ----------
+    distance : m along the track.
+    duration, end : s; end is the time of the last pose.
+    method : sentence.
+    vehicle, nodes : effect -> parameter -> value and sigma as in a calibration file, nodes by name and in
+    their own axes. Entries that one wheel cannot observe are left out; a mean of two parameters is listed
+    for both.
+    counts : by node, windows slipping, clipped and missing, samples refused.
+    slips : by node, the periods in which its wheel slipped.
+    warnings : one line each, except for slips.
+    outages : periods without any wheel, s, and whether the vehicle was stationary.
     """
 
     distance: float
@@ -85,13 +97,13 @@ class WheelReport:
     outages: tuple[WheelOutage, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
-        """For fuse.json."""
+        """Return the entries of fuse.json."""
         return {
             "distance": self.distance,
             "duration": self.duration,
             "method": self.method,
-            "vehicle": _plain(self.vehicle),
-            "nodes": {name: _plain(effects) for name, effects in self.nodes.items()},
+            "vehicle": _quantities_json(self.vehicle),
+            "nodes": {name: _quantities_json(effects) for name, effects in self.nodes.items()},
             "counts": {name: dict(value) for name, value in self.counts.items()},
             "silences": [
                 {"begin": outage.start, "end": outage.end, "stood": outage.was_stationary}
@@ -99,197 +111,224 @@ class WheelReport:
             ],
             "slips": [
                 {"node": name, "from": slip.begin, "to": min(slip.end, self.end), "speed": slip.speed}
-                for name, slips in self.slips.items()
-                for slip in slips
+                for name, outlier_windows in self.slips.items()
+                for slip in outlier_windows
             ],
             "warnings": [
-                *(f"{name}: {slip.description}" for name, slips in self.slips.items() for slip in slips),
+                *(
+                    f"{name}: {slip.description}"
+                    for name, outlier_windows in self.slips.items()
+                    for slip in outlier_windows
+                ),
                 *self.warnings,
             ],
         }
 
 
-def _plain(effects: Mapping[str, Mapping[str, Quantity]]) -> dict[str, dict[str, dict[str, float]]]:
-    return {name: {key: asdict(item) for key, item in found.items()} for name, found in effects.items()}
+def _quantities_json(effects: Mapping[str, Mapping[str, Quantity]]) -> dict[str, dict[str, dict[str, float]]]:
+    return {name: {key: asdict(item) for key, item in result.items()} for name, result in effects.items()}
 
 
 @dataclass(frozen=True, eq=False)
 class WheelRun:
-    """A whole recording, filtered."""
+    """Result of a filter run over a recording."""
 
     track: WheelTrack
     report: WheelReport
     filter: WheelFilter = field(repr=False)
 
     def with_warning(self, line: str) -> WheelRun:
-        """The same, with one more warning, before the others."""
+        """Return the same result with one more warning in front."""
         return replace(self, report=replace(self.report, warnings=(line, *self.report.warnings)))
 
 
 def run_wheel_filter(
     config: WheelConfig, nodes: Mapping[str, Table], lag: float = 0.0, speeds: SurfaceSpeeds | None = None
 ) -> WheelRun:
-    """Track of the nodes in `config` that `nodes` holds, columns t, gx, gy, gz, ax, ay, az.
+    """Run the wheel filter over the nodes in `config` that `nodes` holds (t, gx, gy, gz, ax, ay, az).
 
-    lag: s of what came after a pose that it is made from, too; inf: the whole log. The time it takes grows
-    with a finite lag; one as long as the log is the same as inf, up to rounding. speeds: of another odometer,
-    where the config has an encoder. Raises ValueError when there is not one window: less than a fifth of a
-    second of samples.
+    lag: s of later samples used for each pose; inf smooths over the whole log. The cost grows with a finite
+    lag; one as long as the log equals inf up to rounding. speeds: surface speeds of another odometer, if the
+    config is encoder-aided. Raise ValueError if there is no complete window: less than a fifth of a second
+    of samples.
     """
-    made = WheelFilter(config, speeds)
+    wheel_filter = WheelFilter(config, speeds)
     if lag > 0.0:
-        made.recorded_steps = []
+        wheel_filter.recorded_steps = []
     blocks = {
         name: (nodes[name].t, nodes[name].gyro, nodes[name].accel) for name in config.nodes if name in nodes
     }
-    poses = [*made.handle_many(blocks).poses, *made.finish().poses]
+    poses = [*wheel_filter.handle_many(blocks).poses, *wheel_filter.finish().poses]
     if not poses:
         raise ValueError("the nodes have less than a fifth of a second of samples: nothing to filter")
 
-    def again(nodes: Mapping[str, Table], config: WheelConfig = config) -> WheelRun:
+    def rerun(nodes: Mapping[str, Table], config: WheelConfig = config) -> WheelRun:
         return run_wheel_filter(config, nodes, lag, speeds)
 
-    alone = _without_what_jumped(nodes, made, again) or _without_what_contradicts(nodes, made, again)
-    if alone is not None:
-        return alone
-    steps = made.recorded_steps or []
+    corrected_run = _rerun_without_clock_jump(nodes, wheel_filter, rerun) or _rerun_single_wheel(
+        nodes, wheel_filter, rerun
+    )
+    if corrected_run is not None:
+        return corrected_run
+    steps = wheel_filter.recorded_steps or []
     if lag >= len(steps) * WINDOW_S > 0.0:
-        poses = smoother.smooth_whole_log(config, steps, ALIGNMENT_WINDOWS, made.core.slip_schedule)
+        poses = smoother.smooth_whole_log(config, steps, ALIGNMENT_WINDOWS, wheel_filter.core.slip_schedule)
     elif lag > 0.0:
         ahead = math.ceil(lag / WINDOW_S - 1e-9)
-        poses = smooth_with_lag(config, steps, ALIGNMENT_WINDOWS, ahead, made.core.slip_schedule)
+        poses = smooth_with_lag(config, steps, ALIGNMENT_WINDOWS, ahead, wheel_filter.core.slip_schedule)
     track = track_from_poses(poses)
-    if len(made.core.wheels) == 1 and rolled_mostly_backwards(made.core.wheels[0]):
-        track = replace(track, covariance=_mirrored(track))
-    return WheelRun(track, build_report(made, track, lag), made)
+    if len(wheel_filter.core.wheels) == 1 and rolled_mostly_backwards(wheel_filter.core.wheels[0]):
+        track = replace(track, covariance=_mirrored_covariance(track))
+    return WheelRun(track, build_report(wheel_filter, track, lag), wheel_filter)
 
 
-def _without_what_jumped(
-    nodes: Mapping[str, Table], made: WheelFilter, again: Callable[..., WheelRun]
+def _rerun_without_clock_jump(
+    nodes: Mapping[str, Table], wheel_filter: WheelFilter, rerun: Callable[..., WheelRun]
 ) -> WheelRun | None:
-    """The run without what came after a gap in one node alone, when since then the wheels disagree.
+    """Return a run without what follows a gap in one node alone, if the wheels disagree since then.
 
-    Then its clock jumped against the other's, by what cannot be told. None where all is well: samples lost in
-    between leave wheels that agree.
+    In that case its clock jumped by an unknown amount. Return None if all is well: after lost samples the
+    wheels still agree.
     """
-    slips = sum(wheel.outlier_windows for wheel in made.core.wheels)
-    gaps = find_own_gaps([nodes[name] for name in made.config.nodes if name in nodes])
-    contradict = made.core.mounting_check.usable_side != 0.0
-    if (slips < _DISAGREE and not contradict) or len(gaps) != 2 or all(gaps) or not any(gaps):
+    outlier_windows = sum(wheel.outlier_windows for wheel in wheel_filter.core.wheels)
+    gaps = find_own_gaps([nodes[name] for name in wheel_filter.config.nodes if name in nodes])
+    is_contradicted = wheel_filter.core.mounting_check.usable_side != 0.0
+    if (
+        (outlier_windows < _CLOCK_JUMP_WINDOWS and not is_contradicted)
+        or len(gaps) != 2
+        or all(gaps)
+        or not any(gaps)
+    ):
         return None
-    name, t = next((name, gap[0]) for name, gap in zip(made.config.nodes, gaps, strict=True) if gap)
+    name, t = next((name, gap[0]) for name, gap in zip(wheel_filter.config.nodes, gaps, strict=True) if gap)
     table = nodes[name]
     before = Table({key: column[table.t <= t] for key, column in table.columns.items()})
-    found = again({**nodes, name: before})
-    earlier = sum(wheel.outlier_windows for wheel in found.filter.core.wheels)
-    agreed = contradict and found.filter.core.mounting_check.usable_side == 0.0
-    if slips - earlier < _DISAGREE + earlier and not agreed:
+    result = rerun({**nodes, name: before})
+    outliers_before = sum(wheel.outlier_windows for wheel in result.filter.core.wheels)
+    is_resolved = is_contradicted and result.filter.core.mounting_check.usable_side == 0.0
+    if outlier_windows - outliers_before < _CLOCK_JUMP_WINDOWS + outliers_before and not is_resolved:
         return None
-    return found.with_warning(
+    return result.with_warning(
         f"{name}: its clock jumped at t = {t:.1f} s; what came then is left out, sigmas grow there"
     )
 
 
-def _without_what_contradicts(
-    nodes: Mapping[str, Table], made: WheelFilter, again: Callable[..., WheelRun]
+def _rerun_single_wheel(
+    nodes: Mapping[str, Table], wheel_filter: WheelFilter, rerun: Callable[..., WheelRun]
 ) -> WheelRun | None:
-    """The run of one wheel, from its start, where the two are not an axle; None where they are."""
-    agreement, wheels = made.core.mounting_check, made.core.wheels
-    if not agreement.usable_side:
+    """Return the run of one wheel if the two are not an axle; None if they are."""
+    check, wheels = wheel_filter.core.mounting_check, wheel_filter.core.wheels
+    if not check.usable_side:
         return None
     runs = {
-        wheel.name: again(
-            nodes, replace(made.config, nodes={wheel.name: _moved(wheel.node, agreement.sides_swapped)})
+        wheel.name: rerun(
+            nodes, replace(wheel_filter.config, nodes={wheel.name: _on_side(wheel.node, check.sides_swapped)})
         )
         for wheel in wheels
-        if agreement.other_wheel_steers or side_sign(wheel.node.side) == agreement.usable_side
+        if check.other_wheel_steers or side_sign(wheel.node.side) == check.usable_side
     }
-    # Each by itself feels its own yaw rate; what a wheel steers comes on top of the vehicle's turning.
+    # Each measures its own yaw rate; a steered wheel adds its steering to the vehicle's turning.
     name = min(runs, key=lambda one: float(np.sum(runs[one].track.yaw_rate ** 2)))
-    more = "".join(f"; {one} turns more than {name}" for one in runs if one != name)
-    return runs[name].with_warning(f"{agreement.verdict}{more}; the track comes from {name} alone")
+    comparison = "".join(f"; {one} turns more than {name}" for one in runs if one != name)
+    return runs[name].with_warning(f"{check.verdict}{comparison}; the track comes from {name} alone")
 
 
-def _moved(node: WheelNode, exchanged: bool) -> WheelNode:
-    """The node, on the other side where the two are exchanged."""
-    if not exchanged:
+def _on_side(node: WheelNode, sides_swapped: bool) -> WheelNode:
+    """Return the node, on the other side if the two are exchanged."""
+    if not sides_swapped:
         return node
     return replace(node, side="right" if node.side == "left" else "left")
 
 
-def _mirrored(track: WheelTrack) -> Array:
-    """(N, 5, 5): what the track does not know when it may as well be its own mirror image.
+def _mirrored_covariance(track: WheelTrack) -> Array:
+    """Return the covariance (N, 5, 5) of a track that may as well be its own mirror image.
 
-    Had the node the other facing, the vehicle would drive forwards with the same headings: every place is
-    that of the start less the way to it.
+    With the other facing, the vehicle would drive forwards with the same headings: every position would be
+    the start minus its displacement.
     """
-    away = np.zeros((len(track.t), 5))
-    away[:, 0], away[:, 1], away[:, 3] = 2.0 * track.x, 2.0 * track.y, 2.0 * track.speed
-    return np.asarray(track.covariance + away[:, :, None] * away[:, None, :])
+    mirror_offset = np.zeros((len(track.t), 5))
+    mirror_offset[:, 0], mirror_offset[:, 1], mirror_offset[:, 3] = (
+        2.0 * track.x,
+        2.0 * track.y,
+        2.0 * track.speed,
+    )
+    return np.asarray(track.covariance + mirror_offset[:, :, None] * mirror_offset[:, None, :])
 
 
 def track_from_poses(poses: Sequence[Pose]) -> WheelTrack:
-    """Poses as arrays."""
-    plain = np.array([pose[:6] for pose in poses], np.float64)
-    t, x, y, heading, speed, yaw_rate = (np.ascontiguousarray(column) for column in plain.T)
+    """Return the poses as arrays."""
+    pose_columns = np.array([pose[:6] for pose in poses], np.float64)
+    t, x, y, heading, speed, yaw_rate = (np.ascontiguousarray(column) for column in pose_columns.T)
     covariance = np.array([pose.covariance for pose in poses])
-    still = np.array([pose.motion_state for pose in poses], np.float64)
+    motion_states = np.array([pose.motion_state for pose in poses], np.float64)
     nis = np.array([pose.nis for pose in poses])
-    degrees = np.array([pose.dof for pose in poses], np.float64)
-    carrying = np.array([pose.inertial_speed for pose in poses], np.float64)
-    return WheelTrack(t, x, y, heading, speed, yaw_rate, covariance, still, nis, degrees, carrying)
+    dofs = np.array([pose.dof for pose in poses], np.float64)
+    inertial = np.array([pose.inertial_speed for pose in poses], np.float64)
+    return WheelTrack(t, x, y, heading, speed, yaw_rate, covariance, motion_states, nis, dofs, inertial)
 
 
-def build_report(made: WheelFilter, track: WheelTrack, lag: float = 0.0) -> WheelReport:
-    """What a filter knows after its last pose; lag: as for `run`."""
-    wheels = made.core.wheels
+def build_report(wheel_filter: WheelFilter, track: WheelTrack, lag: float = 0.0) -> WheelReport:
+    """Return what a filter knows after its last pose; lag: as for `run_wheel_filter`."""
+    wheels = wheel_filter.core.wheels
     names = " and ".join(wheel.name for wheel in wheels)
-    how = "filtered, each pose from the past alone"
+    causality = "filtered, each pose from the past alone"
     if lag > 0.0:
         ahead = f"what came up to {lag:g} s after it" if math.isfinite(lag) else "the whole log"
-        how = f"smoothed, each pose from {ahead}: not causal"
-    seen = [entry for entry in VEHICLE_ENTRIES if len(wheels) == 2 or entry not in OBSERVABLE_WITH_TWO_WHEELS]
-    vehicle = _quantities(made, None, seen)
-    nodes = {wheel.name: _quantities(made, wheel, WHEEL_ENTRIES) for wheel in wheels}
+        causality = f"smoothed, each pose from {ahead}: not causal"
+    observable = [
+        entry for entry in VEHICLE_ENTRIES if len(wheels) == 2 or entry not in OBSERVABLE_WITH_TWO_WHEELS
+    ]
+    vehicle = _quantities(wheel_filter, None, observable)
+    nodes = {wheel.name: _quantities(wheel_filter, wheel, WHEEL_ENTRIES) for wheel in wheels}
     counts = {
         wheel.name: {
-            "windows_slipping": wheel.outlier_windows + made.core.slip_schedule.count_windows(index),
+            "windows_slipping": wheel.outlier_windows + wheel_filter.core.slip_schedule.count_windows(index),
             "windows_clipped": wheel.clipped_windows,
             "windows_unheard": wheel.missing_windows,
-            "samples_refused": made.refused[wheel.name],
+            "samples_refused": wheel_filter.refused[wheel.name],
         }
         for index, wheel in enumerate(wheels)
     }
-    slips = {wheel.name: tuple(wheel.slip_detector.slips) for wheel in wheels if wheel.slip_detector.slips}
+    outlier_windows = {
+        wheel.name: tuple(wheel.slip_detector.slips) for wheel in wheels if wheel.slip_detector.slips
+    }
     duration, end = float(track.t[-1] - track.t[0]) + WINDOW_S, float(track.t[-1])
-    warned = tuple(list_warnings(made, track.motion_state))
-    silences = tuple(made.core.outages.listed)
-    told = " with the surface speeds of another odometer" if made.config.encoder_aided else ""
-    method = f"wheel filter on {names}{told}, {how}"
-    return WheelReport(_path(track), duration, end, method, vehicle, nodes, counts, slips, warned, silences)
+    warning_lines = tuple(list_warnings(wheel_filter, track.motion_state))
+    silences = tuple(wheel_filter.core.outages.listed)
+    encoder_note = " with the surface speeds of another odometer" if wheel_filter.config.encoder_aided else ""
+    method = f"wheel filter on {names}{encoder_note}, {causality}"
+    return WheelReport(
+        _path_length(track),
+        duration,
+        end,
+        method,
+        vehicle,
+        nodes,
+        counts,
+        outlier_windows,
+        warning_lines,
+        silences,
+    )
 
 
-def _path(track: WheelTrack) -> float:
-    """m along the track, backwards too; over a silence the chord."""
+def _path_length(track: WheelTrack) -> float:
+    """Return the length of the track, m, backwards too; the chord across an outage."""
     chord = np.hypot(np.diff(track.x), np.diff(track.y))
-    rolled = np.abs(track.speed) * WINDOW_S
-    silent = np.diff(track.t) > 1.5 * WINDOW_S
-    return float(rolled[0] + np.sum(np.where(silent, chord, rolled[1:])))
+    rolled_distance = np.abs(track.speed) * WINDOW_S
+    is_outage = np.diff(track.t) > 1.5 * WINDOW_S
+    return float(rolled_distance[0] + np.sum(np.where(is_outage, chord, rolled_distance[1:])))
 
 
 def _quantities(
-    made: WheelFilter, wheel: Wheel | None, entries: Sequence[Entry]
+    wheel_filter: WheelFilter, wheel: Wheel | None, entries: Sequence[Entry]
 ) -> dict[str, dict[str, Quantity]]:
-    """Effect -> parameter -> value and sigma of the entries that a drive can teach.
-
-    They are in the node's own axes.
-    """
-    found: dict[str, dict[str, Quantity]] = {}
+    """Return effect -> parameter -> value and sigma of the learnable entries, in the node's own axes."""
+    result: dict[str, dict[str, Quantity]] = {}
     for entry in entries:
         if entry.is_learnable:
-            quantity = made.core.estimate(None if wheel is None else wheel.name, entry)
-            share = (1.0 if wheel is None else entry.sign(wheel.node.facing)) / entry.factor
+            quantity = wheel_filter.core.estimate(None if wheel is None else wheel.name, entry)
+            factor = (1.0 if wheel is None else entry.sign(wheel.node.facing)) / entry.factor
             for parameter in entry.parameters:
-                same = Quantity(quantity.value * share, quantity.sigma * abs(share))
-                found.setdefault(entry.effect, {})[parameter] = same
-    return found
+                scaled = Quantity(quantity.value * factor, quantity.sigma * abs(factor))
+                result.setdefault(entry.effect, {})[parameter] = scaled
+    return result

@@ -12,7 +12,7 @@ WINDOW_S = 0.1
 At 2000 deg/s half a turn; an error of 1 % in spin rotates the ends of a window by 2 mrad/(rad/s).
 """
 
-_ALL = 1.0 - 1e-9
+_FULL_SHARE = 1.0 - 1e-9
 """Share of a window from which on all of it is clipped, but for rounding."""
 
 
@@ -70,7 +70,7 @@ class Window(NamedTuple):
     @property
     def all_clipped(self) -> bool:
         """Return True if gz was saturated all the time, so that its scale and bias are not observable."""
-        return self.spin_clipped > _ALL
+        return self.spin_clipped > _FULL_SHARE
 
 
 EMPTY_WINDOW = Window(missing=1.0)

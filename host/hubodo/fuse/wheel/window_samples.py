@@ -32,28 +32,30 @@ class WindowSamples(NamedTuple):
     force_in_range: tuple[bool, ...]
 
 
-def slice_samples(t: Array, rows: Array, begin: float, end: float) -> WindowSamples:
+def slice_samples(t: Array, rows: Array, start: float, end: float) -> WindowSamples:
     """Return the samples between two times, s; rows (6, N): gz, gx, gy, ax, ay, force clipped (0 or 1)."""
-    first = max(0, int(np.searchsorted(t, begin, side="right")) - 1)
+    first = max(0, int(np.searchsorted(t, start, side="right")) - 1)
     last = min(len(t), int(np.searchsorted(t, end, side="left")) + 1)
     t, rows = t[first:last], rows[:, first:last]
     step = np.diff(t)
-    left = np.clip((begin - t[:-1]) / step, 0.0, 1.0)
-    right = np.clip((end - t[:-1]) / step, 0.0, 1.0)
-    towards = 0.5 * (right * right - left * left)
+    first_share = np.clip((start - t[:-1]) / step, 0.0, 1.0)
+    last_share = np.clip((end - t[:-1]) / step, 0.0, 1.0)
+    second_weight = 0.5 * (last_share * last_share - first_share * first_share)
     weight = np.zeros(len(t))
-    weight[:-1] += step * (right - left - towards)
-    weight[1:] += step * towards
+    weight[:-1] += step * (last_share - first_share - second_weight)
+    weight[1:] += step * second_weight
     rate = rows[0]
     angle = np.concatenate([[0.0], np.cumsum(0.5 * (rate[:-1] + rate[1:]) * step)])
-    angle -= 0.5 * (_angle_at(begin, t, rate, angle) + _angle_at(end, t, rate, angle))
-    time = t - 0.5 * (begin + end)
+    angle -= 0.5 * (_angle_at(start, t, rate, angle) + _angle_at(end, t, rate, angle))
+    time = t - 0.5 * (start + end)
     across, force = rows[1] + 1j * rows[2], rows[3] + 1j * rows[4]
     columns = (weight, time, rate, angle, across, force, rows[5] == 0.0)
     return WindowSamples(*(tuple(column.tolist()) for column in columns))
 
 
 def _angle_at(time: float, t: Array, rate: Array, angle: Array) -> float:
-    place = min(max(int(np.searchsorted(t, time, side="right")) - 1, 0), len(t) - 2)
-    step, since = t[place + 1] - t[place], time - t[place]
-    return float(angle[place] + since * (rate[place] + 0.5 * since / step * (rate[place + 1] - rate[place])))
+    index = min(max(int(np.searchsorted(t, time, side="right")) - 1, 0), len(t) - 2)
+    step, elapsed = t[index + 1] - t[index], time - t[index]
+    return float(
+        angle[index] + elapsed * (rate[index] + 0.5 * elapsed / step * (rate[index + 1] - rate[index]))
+    )

@@ -1,1 +1,1 @@
-"""What a drive with known positions tells about wheels, track and nodes."""
+"""Calibration of wheels, track width and nodes from a drive with known positions."""

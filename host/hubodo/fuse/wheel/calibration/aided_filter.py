@@ -1,4 +1,4 @@
-"""The wheel filter again, told where it was."""
+"""Wheel filter aided by positions."""
 
 from __future__ import annotations
 
@@ -20,26 +20,25 @@ from hubodo.fuse.wheel.records import StepInput
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 from hubodo.fuse.wheel.window import WINDOW_S
 
-_SPEED_SHARE = 0.02
-"""Of the speed, by which the way from the end of a window back to a position within it is off. Estimated."""
+_SPEED_ERROR_SHARE = 0.02
+"""Relative error of the distance from a position within a window to the end of the window. Estimated."""
 
-_GATE = 16.0
-"""Squared innovations, of two numbers, beyond which a position has jumped: 1 in 3000 honest ones."""
+_JUMP_NIS = 16.0
+"""Normalised innovation squared of two components beyond which a position has jumped: 1 in 3000."""
 
 
-_UNSEEN, _LONG = 1.0, 5.0
-"""m by which positions may have jumped where none was told for so many seconds. Estimated."""
+_GAP_JUMP_SIGMA, _MIN_JUMP_GAP_S = 1.0, 5.0
+"""m by which positions may jump across a gap of at least this many seconds. Estimated."""
 
-_RARE = 2.0 * math.log(1e4)
-"""What a jump costs: one in ten thousand positions is believed to jump. Estimated."""
+_JUMP_COST = 2.0 * math.log(1e4)
+"""Cost of a jump in -2 log likelihood: one position in ten thousand is expected to jump. Estimated."""
 
 
 @dataclass(frozen=True)
 class AidedRun:
-    """A filter after its drive.
+    """A filter after its aided drive.
 
-    cost: minus twice the logarithm of the likelihood of the positions; used: how many there were; jumps: how
-    often they jumped.
+    cost: -2 log likelihood of the positions; n_used, n_jumps: positions used, and jumps among them.
     """
 
     core: FilterCore
@@ -51,71 +50,78 @@ class AidedRun:
 def run_aided_filter(
     config: WheelConfig,
     steps: Sequence[StepInput],
-    told: Positions,
-    random: Array,
-    slow: float,
+    positions: Positions,
+    white_sigma: Array,
+    slow_sigma: float,
     origin: complex,
     slips: SlipSchedule,
 ) -> AidedRun:
-    """Runs the steps with each position worked in at the end of its window.
+    """Run the steps and update with each position at the end of its window.
 
-    random: (M,) m, 1 sigma of what is random in each position; slow: m, 1 sigma of what changes slowly.
-    origin: x + iy, m, where the first step begins, but for the antenna. slips: which wheels spin by
-    themselves, by number of the window.
+    white_sigma: (M,) m of each position; slow_sigma: m of the slowly varying error. origin: x + iy, m, start
+    of the first step, without the antenna. slips: slip schedule of the plain run.
     """
     core = FilterCore(
-        replace(config, position_aided=True, priors={**config.priors, **_around(told, slow)}), slips
+        replace(
+            config, position_aided=True, priors={**config.priors, **_aiding_priors(positions, slow_sigma)}
+        ),
+        slips,
     )
-    ends = _at_their_windows(steps, told)
+    positions_of_step = _assign_to_steps(steps, positions)
     for entry, value in ((X, origin.real), (Y, origin.imag)):
-        place = core.columns.vehicle[entry]
-        core.x[place], core.p[place, place] = value, (slow + ANTENNA_X.prior + float(random[0])) ** 2
+        column = core.columns.vehicle[entry]
+        core.x[column], core.p[column, column] = (
+            value,
+            (slow_sigma + ANTENNA_X.prior + float(white_sigma[0])) ** 2,
+        )
     core.align([step.windows for step in steps if not step.realign])
-    cost, used, jumps = 0.0, 0, 0
+    cost, count, jump_count = 0.0, 0, 0
     for number, step in enumerate(steps):
         pose = core.step(step, ALIGNMENT_WINDOWS)
-        for index in ends.get(number, ()):
-            late = pose.t - float(told.t[index])
-            way, half = pose.speed * late, pose.heading - 0.5 * pose.yaw_rate * late
-            off = math.hypot(float(random[index]), _SPEED_SHARE * way)
+        for index in positions_of_step.get(number, ()):
+            delay = pose.t - float(positions.t[index])
+            distance, mid_heading = pose.speed * delay, pose.heading - 0.5 * pose.yaw_rate * delay
+            position_sigma = math.hypot(float(white_sigma[index]), _SPEED_ERROR_SHARE * distance)
             at = Position(
-                float(told.x[index]) + way * math.cos(half), float(told.y[index]) + way * math.sin(half), off
+                float(positions.x[index]) + distance * math.cos(mid_heading),
+                float(positions.y[index]) + distance * math.sin(mid_heading),
+                position_sigma,
             )
-            if used and told.t[index] - told.t[index - 1] > _LONG:
-                _loosen(core, _UNSEEN)
+            if count and positions.t[index] - positions.t[index - 1] > _MIN_JUMP_GAP_S:
+                _reset_slow_error(core, _GAP_JUMP_SIGMA)
             innovation = core.position_innovation(at)
-            if innovation.nis > _GATE and used:
-                jumps += 1
-                _loosen(core, float(np.hypot(*innovation.z)))
+            if innovation.nis > _JUMP_NIS and count:
+                jump_count += 1
+                _reset_slow_error(core, float(np.hypot(*innovation.z)))
                 innovation = core.position_innovation(at)
-                cost += _RARE
+                cost += _JUMP_COST
             cost += innovation.cost
             core.update_with_position(innovation)
-            used += 1
-    return AidedRun(core, cost, used, jumps)
+            count += 1
+    return AidedRun(core, cost, count, jump_count)
 
 
-def _around(told: Positions, slow: float) -> dict[Entry, Quantity]:
-    known = {entry: Quantity(0.0, slow) for entry in (POSITION_ERROR_X, POSITION_ERROR_Y)}
-    if told.antenna is not None:
-        x, y, sigma = told.antenna
+def _aiding_priors(positions: Positions, slow_sigma: float) -> dict[Entry, Quantity]:
+    known = {entry: Quantity(0.0, slow_sigma) for entry in (POSITION_ERROR_X, POSITION_ERROR_Y)}
+    if positions.antenna is not None:
+        x, y, sigma = positions.antenna
         known |= {ANTENNA_X: Quantity(x, sigma), ANTENNA_Y: Quantity(y, sigma)}
     return known
 
 
-def _at_their_windows(steps: Sequence[StepInput], told: Positions) -> dict[int, list[int]]:
-    """Which positions are worked in after which step: that in whose window they lie, if a wheel was heard."""
-    ends = np.array([(step.number + 1) * WINDOW_S for step in steps])
-    places = np.searchsorted(ends, told.t)
-    found: dict[int, list[int]] = {}
-    for index, place in enumerate(places.tolist()):
-        if place < len(steps) and steps[place].windows:
-            found.setdefault(place, []).append(index)
-    return found
+def _assign_to_steps(steps: Sequence[StepInput], positions: Positions) -> dict[int, list[int]]:
+    """Return, by step, the positions that lie in its window; positions in outages are left out."""
+    positions_of_step = np.array([(step.number + 1) * WINDOW_S for step in steps])
+    step_indices = np.searchsorted(positions_of_step, positions.t)
+    assigned: dict[int, list[int]] = {}
+    for index, column in enumerate(step_indices.tolist()):
+        if column < len(steps) and steps[column].windows:
+            assigned.setdefault(column, []).append(index)
+    return assigned
 
 
-def _loosen(core: FilterCore, size: float) -> None:
-    """A position that jumped has a new slow error: as far from the old one as it jumped."""
+def _reset_slow_error(core: FilterCore, size: float) -> None:
+    """Inflate the slowly varying error of positions that jumped by `size`, m."""
     for entry in (POSITION_ERROR_X, POSITION_ERROR_Y):
-        place = core.columns.vehicle[entry]
-        core.p[place, place] += size * size
+        column = core.columns.vehicle[entry]
+        core.p[column, column] += size * size

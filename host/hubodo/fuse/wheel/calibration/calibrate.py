@@ -1,4 +1,4 @@
-"""What a drive with known positions tells about wheels and nodes: the wheel filter, told where it was."""
+"""Calibration of wheels and nodes: the wheel filter aided by known positions."""
 
 from __future__ import annotations
 
@@ -33,25 +33,30 @@ from hubodo.fuse.wheel.records import Pose, StepInput
 from hubodo.fuse.wheel.track import WheelTrack, build_report, track_from_poses
 from hubodo.recording import Table
 
-_SLOW, _SIZES, _FIRST_GUESS = 0.03, 11, 3
-"""m; the smallest size of what changes slowly in positions; how many that double are looked at; the first."""
+_MIN_SLOW_SIGMA, _N_SLOW_SIGMAS, _FIRST_SLOW_INDEX = 0.03, 11, 3
+"""m, smallest size of the slowly varying position error; number of sizes tried, each double the last; index
+of the first one tried.
+"""
 
-_UNLIKELY = 6.0
-"""By how much minus twice a log likelihood is above its best where something is unlikely: 1 in 70."""
+_LIKELIHOOD_DROP = 6.0
+"""Increase of -2 log likelihood above its minimum at which a size is rejected (1 in 70)."""
 
-_SECONDS = 1.0
-"""s; of positions that come more often one in so many is used: their errors hardly change meanwhile."""
+_POSITION_INTERVAL_S = 1.0
+"""s; more frequent positions are thinned out, because their errors hardly change meanwhile."""
 
-_HEADING_SIGMA = 0.2
-"""rad; how far the heading may be off that the first metres of the positions show. Estimated."""
+_START_HEADING_SIGMA = 0.2
+"""rad, 1 sigma of the heading from the first metres of the positions. Estimated."""
 
 
 @dataclass(frozen=True)
 class WheelPriors:
-    """What is believed before a drive, 1 sigma, as fractions.
+    """Prior 1 sigma before a calibration drive, as fractions.
 
-    radius: a tape measure around a tyre that is loaded. track: between the middles of two tyres. scale: of a
-    gyro, by the data sheets of MEMS gyros.
+    Attributes
+    ----------
+    radius : tape measure around a loaded tyre.
+    track : tape measure between the tyre centres.
+    scale : gyro scale factor, MEMS data sheets.
     """
 
     radius: float = 0.02
@@ -61,13 +66,19 @@ class WheelPriors:
 
 @dataclass(frozen=True)
 class WheelCalibration:
-    """What a drive with known positions told.
+    """Result of a calibration drive.
 
-    nodes: name -> effect -> parameter -> value and sigma, names of the model file, node's own axes.
-    vehicle: the same. unseen: what the drive did not show, one line each, with what would. antenna: x and y
-    in the vehicle, m. rms: m between the positions and the track that the filter made before it was told
-    them. held_out: on stretches that were left out. random, slow: m, 1 sigma of the positions' errors, as
-    they show it. fixes: how many were used; jumps: how many jumped. warnings: as of the filter.
+    Attributes
+    ----------
+    nodes : name -> effect -> parameter -> value and sigma, names of the model file, node axes.
+    vehicle : effect -> parameter -> value and sigma.
+    not_observable : one line for each parameter the drive did not determine, and which manoeuvre would.
+    antenna : x and y on the vehicle, m.
+    rms : m, between the positions and the track before calibration.
+    held_out : errors on held-out segments.
+    white_sigma, slow_sigma : m, 1 sigma of the positions' errors, as estimated.
+    n_positions, n_jumps : positions used, and jumps of the positions.
+    warnings : of the filter.
     """
 
     nodes: Mapping[str, Mapping[str, Mapping[str, Quantity]]]
@@ -83,38 +94,44 @@ class WheelCalibration:
     warnings: tuple[str, ...]
 
     def effects(self, name: str, **provenance: object) -> dict[str, CalibratedEffect]:
-        """The effects of one node for a calibration file; provenance: further fields of CalibratedEffect."""
+        """Return the effects of one node for a calibration file.
+
+        Provenance: other fields of CalibratedEffect.
+        """
         return _effects(self.nodes[name], provenance)
 
     def vehicle_effects(self, **provenance: object) -> dict[str, CalibratedEffect]:
-        """Those of the vehicle."""
+        """Return the effects of the vehicle for a calibration file."""
         return _effects(self.vehicle, provenance)
 
 
 def calibrate_wheels(
     config: WheelConfig, nodes: Mapping[str, Table], positions: Positions, priors: WheelPriors | None = None
 ) -> WheelCalibration:
-    """Runs the filter with wide priors over the log and tells it the positions.
+    """Run the filter with wide priors over the log, aided by the positions.
 
-    A parameter counts as seen where its sigma fell below half of what was believed before. The scale of the
-    two gyros across the axle is seen as their mean only; x and y both carry it.
+    A parameter counts as determined if its sigma fell below half of its prior. Only the mean scale of the
+    two gyros across the axle is observable; x and y both get it.
 
-    Raises CalibrationError: fewer than ten positions in the time of the nodes, a drive shorter than 10 m, a
-    value that cannot be, or a calibration that makes stretches worse that were left out.
+    Raise CalibrationError: fewer than ten positions in the time of the nodes, a drive shorter than 10 m, an
+    implausible value, or a calibration that does not improve held-out segments.
     """
-    drive = _Drive(config, nodes, positions, priors or WheelPriors())
+    drive = _CalibrationDrive(config, nodes, positions, priors or WheelPriors())
     slow = drive.largest_slow_error()
-    done = drive.tell(drive.told, slow)
-    antenna = (done.core.estimate(None, ANTENNA_X), done.core.estimate(None, ANTENNA_Y))
+    aided = drive.run_aided(drive.told, slow)
+    antenna = (aided.core.estimate(None, ANTENNA_X), aided.core.estimate(None, ANTENNA_Y))
     track = drive.track
-    found = drive.findings(done.core)
-    judged = measure_held_out_errors(
-        drive.told, track, lambda told, until: drive.fitted(told, until, slow), _values(antenna)
+    found = drive.findings(aided.core)
+    held_out_errors = measure_held_out_errors(
+        drive.told,
+        track,
+        lambda positions_used, until: drive.fitted(positions_used, until, slow),
+        _values(antenna),
     )
-    if not judged.is_improved:
+    if not held_out_errors.is_improved:
         raise CalibrationError(
-            f"calibrated on the rest, stretches that were left out are no better ({judged.description}); "
-            "drive farther, with turns to both sides; nothing is written"
+            "calibration does not improve the held-out segments "
+            f"({held_out_errors.description}); drive farther, with turns to both sides; nothing is written"
         )
     return WheelCalibration(
         found.nodes,
@@ -122,103 +139,113 @@ def calibrate_wheels(
         tuple(found.not_observable),
         antenna,
         drive.rms,
-        judged,
+        held_out_errors,
         float(np.median(drive.random)),
         slow,
-        done.n_used,
-        done.n_jumps,
+        aided.n_used,
+        aided.n_jumps,
         drive.warnings,
     )
 
 
-class _Drive:
-    """A log and its positions, boiled down to what every filter over it needs."""
+class _CalibrationDrive:
+    """A log with its positions, prepared for repeated filter runs."""
 
     def __init__(
         self, config: WheelConfig, nodes: Mapping[str, Table], positions: Positions, priors: WheelPriors
     ) -> None:
-        mine = {name: node for name, node in config.nodes.items() if name in nodes}
-        if not mine:
+        used_nodes = {name: node for name, node in config.nodes.items() if name in nodes}
+        if not used_nodes:
             raise CalibrationError(
                 "none of the vehicle's wheel nodes is in the log; check the names in [nodes]"
             )
-        config = replace(config, nodes=mine)
-        blocks = {name: (nodes[name].t, nodes[name].gyro, nodes[name].accel) for name in mine}
-        first = WheelFilter(config)
-        first.recorded_steps = []
-        poses = [*first.handle_many(blocks).poses, *first.finish().poses]
-        told = positions.select((positions.t >= poses[0].t) & (positions.t <= poses[-1].t)) if poses else None
-        if told is None or len(told) < 10:
-            count = 0 if told is None else len(told)
+        config = replace(config, nodes=used_nodes)
+        blocks = {name: (nodes[name].t, nodes[name].gyro, nodes[name].accel) for name in used_nodes}
+        plain_filter = WheelFilter(config)
+        plain_filter.recorded_steps = []
+        poses = [*plain_filter.handle_many(blocks).poses, *plain_filter.finish().poses]
+        positions_used = (
+            positions.select((positions.t >= poses[0].t) & (positions.t <= poses[-1].t)) if poses else None
+        )
+        if positions_used is None or len(positions_used) < 10:
+            count = 0 if positions_used is None else len(positions_used)
             raise CalibrationError(f"{count} positions in the time of the nodes; at least ten are needed")
-        self.steps: Sequence[StepInput] = first.recorded_steps
-        # Told where it is, a filter cannot go back to where a slip began: they are those of the drive itself.
-        self.slips = first.core.slip_schedule
+        self.steps: Sequence[StepInput] = plain_filter.recorded_steps
+        # A position-aided filter cannot roll back to the start of a slip: use the schedule of the plain run.
+        self.slips = plain_filter.core.slip_schedule
         self.track = track_from_poses(poses)
-        self.warnings = build_report(first, self.track).warnings
-        check_axes(self.track, told)
-        heading = align_heading(self.track, told)
-        ours = rotated_track_at(self.track, told, heading)
-        error = told.x + 1j * told.y - ours
+        self.warnings = build_report(plain_filter, self.track).warnings
+        check_axes(self.track, positions_used)
+        heading = align_heading(self.track, positions_used)
+        track_points = rotated_track_at(self.track, positions_used, heading)
+        error = positions_used.x + 1j * positions_used.y - track_points
         self._origin = complex(error[0])
         self.rms = float(np.sqrt(np.mean(np.abs(error - error.mean()) ** 2)))
-        random = estimate_white_sigma(told, ours.real, ours.imag)
-        # Positions that come often are thinned out; all of them show what is random.
-        self.told = told.thin_out(_SECONDS)
-        self.random = np.interp(self.told.t, told.t, random)
+        random = estimate_white_sigma(positions_used, track_points.real, track_points.imag)
+        # All positions determine the white error; frequent ones are thinned out for the filter.
+        self.told = positions_used.thin_out(_POSITION_INTERVAL_S)
+        self.random = np.interp(self.told.t, positions_used.t, random)
         self._plain = config
         self._wide = replace(
-            _known(config, *_of_priors(mine, priors)), start_heading=heading, heading_sigma=_HEADING_SIGMA
+            _with_priors(config, *_wide_priors(used_nodes, priors)),
+            start_heading=heading,
+            heading_sigma=_START_HEADING_SIGMA,
         )
         self.before = FilterCore(self._wide)
 
-    def tell(self, told: Positions, slow: float) -> AidedRun:
-        """The filter with wide priors, told positions."""
-        random = np.interp(told.t, self.told.t, self.random)
-        return run_aided_filter(self._wide, self.steps, told, random, slow, self._origin, self.slips)
+    def run_aided(self, positions_used: Positions, slow: float) -> AidedRun:
+        """Run the filter with wide priors, aided by positions."""
+        random = np.interp(positions_used.t, self.told.t, self.random)
+        return run_aided_filter(
+            self._wide, self.steps, positions_used, random, slow, self._origin, self.slips
+        )
 
     def largest_slow_error(self) -> float:
-        """The largest size of the slow error, m, under which the positions are not unlikely.
+        """Return the largest plausible size of the slowly varying error, m.
 
-        From a parabola through the likelihood of the likeliest size, its half and its double.
+        From a parabola through -2 log likelihood at the most likely size, its half and its double.
         """
-        made: dict[int, float] = {}
+        costs: dict[int, float] = {}
 
-        def cost(place: int) -> float:
-            if place not in made:
-                made[place] = self.tell(self.told, _SLOW * 2.0**place).cost
-            return made[place]
+        def cost(index: int) -> float:
+            if index not in costs:
+                costs[index] = self.run_aided(self.told, _MIN_SLOW_SIGMA * 2.0**index).cost
+            return costs[index]
 
-        best = _FIRST_GUESS
-        while 0 < best < _SIZES - 1:
+        best = _FIRST_SLOW_INDEX
+        while 0 < best < _N_SLOW_SIGMAS - 1:
             step = min((-1, 0, 1), key=lambda step: cost(best + step))
             if step == 0:
                 break
             best += step
         else:
-            return _SLOW * 2.0**best
-        bend = cost(best - 1) - 2.0 * cost(best) + cost(best + 1)
-        lowest = 0.5 * (cost(best - 1) - cost(best + 1)) / bend
-        return float(_SLOW * 2.0 ** (best + lowest + math.sqrt(2.0 * _UNLIKELY / bend)))
+            return _MIN_SLOW_SIGMA * 2.0**best
+        curvature = cost(best - 1) - 2.0 * cost(best) + cost(best + 1)
+        minimum = 0.5 * (cost(best - 1) - cost(best + 1)) / curvature
+        return float(
+            _MIN_SLOW_SIGMA * 2.0 ** (best + minimum + math.sqrt(2.0 * _LIKELIHOOD_DROP / curvature))
+        )
 
     def findings(self, core: FilterCore) -> LearntParameters:
-        """What a filter that was told positions knows better than before."""
-        way = np.abs(np.diff(self.track.x + 1j * self.track.y))
-        return extract_parameters(core, self.before, float(np.ptp(self.track.heading)), float(np.sum(way)))
+        """Return the parameters that a position-aided filter knows better than before."""
+        step_lengths = np.abs(np.diff(self.track.x + 1j * self.track.y))
+        return extract_parameters(
+            core, self.before, float(np.ptp(self.track.heading)), float(np.sum(step_lengths))
+        )
 
-    def fitted(self, told: Positions, until: float, slow: float) -> tuple[WheelTrack, Antenna]:
-        """The track of a filter that was calibrated on these positions, and is not told any; its antenna.
+    def fitted(self, positions_used: Positions, until: float, slow: float) -> tuple[WheelTrack, Antenna]:
+        """Return track and antenna of a plain filter that was calibrated on these positions.
 
-        until: s, as far as the track is asked for.
+        until: s, end of the track.
         """
-        core = self.tell(told, slow).core
+        core = self.run_aided(positions_used, slow).core
         found = self.findings(core)
         nodes = {
             name: priors_from_calibration(WHEEL_ENTRIES, _effects(found.nodes[name], {}), node.facing)
             for name, node in self._plain.nodes.items()
         }
         vehicle = priors_from_calibration(VEHICLE_ENTRIES, _effects(found.vehicle, {}), "left")
-        learnt = FilterCore(_known(self._plain, nodes, vehicle), self.slips)
+        learnt = FilterCore(_with_priors(self._plain, nodes, vehicle), self.slips)
         learnt.align([step.windows for step in self.steps if not step.realign])
         poses: list[Pose] = []
         for step in self.steps:
@@ -229,7 +256,7 @@ class _Drive:
         return track_from_poses(poses), _values(antenna)
 
 
-def _of_priors(
+def _wide_priors(
     nodes: Mapping[str, WheelNode], priors: WheelPriors
 ) -> tuple[dict[str, dict[Entry, Quantity]], dict[Entry, Quantity]]:
     wheel = {
@@ -240,10 +267,10 @@ def _of_priors(
     return dict.fromkeys(nodes, wheel), {TRACK_WIDTH: Quantity(0.0, priors.track)}
 
 
-def _known(
+def _with_priors(
     config: WheelConfig, nodes: Mapping[str, Mapping[Entry, Quantity]], vehicle: Mapping[Entry, Quantity]
 ) -> WheelConfig:
-    """The config with other priors."""
+    """Return the config with other priors."""
     wheels = {
         name: replace(node, priors={**node.priors, **nodes[name]}) for name, node in config.nodes.items()
     }

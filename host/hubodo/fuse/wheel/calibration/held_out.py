@@ -1,4 +1,4 @@
-"""Does a calibration make stretches better that it was not made from?"""
+"""Cross-validation of a calibration on held-out segments of the drive."""
 
 from __future__ import annotations
 
@@ -12,18 +12,19 @@ from hubodo.fuse.wheel.calibration.alignment import position_errors
 from hubodo.fuse.wheel.calibration.positions import Positions
 from hubodo.fuse.wheel.track import WheelTrack
 
-_STRETCHES = 4
-"""Parts of a drive that are left out in turn; fewer teach too little, more hardly drift. Estimated."""
+_HELD_OUT_SEGMENTS = 4
+"""Segments held out in turn; with fewer the rest teaches too little, with more they hardly drift. Estimated.
+"""
 
-_LEAST = 20.0
-"""m of a stretch in which odometry drifts by more than positions are off. Estimated."""
+_MIN_SEGMENT_LENGTH = 20.0
+"""m of a segment in which odometry drifts by more than the position error. Estimated."""
 
 Antenna = tuple[float, float]
 
 
 @dataclass(frozen=True)
 class ErrorSummary:
-    """Of a track from positions, m: the median, in which one bad stretch does not count, and the rms."""
+    """Distances of a track from positions, m: median (robust to one bad segment) and rms."""
 
     median: float
     rms: float
@@ -31,10 +32,9 @@ class ErrorSummary:
 
 @dataclass(frozen=True)
 class HeldOutErrors:
-    """How far stretches are from their positions before, and after calibration from the others.
+    """Errors on held-out segments before and after calibration on the others.
 
-    Each stretch is laid on its positions. stretches: how many there were; 0 where the drive is too short to
-    be divided.
+    Each segment is aligned with its positions. stretches: number of segments; 0 if the drive is too short.
     """
 
     before: ErrorSummary
@@ -43,13 +43,13 @@ class HeldOutErrors:
 
     @property
     def is_improved(self) -> bool:
-        """Whether calibration made them better by either measure, or nothing can be said."""
+        """Return True if calibration reduced the median or the rms, or if there are no segments."""
         better = self.after.median < self.before.median or self.after.rms < self.before.rms
         return self.stretches == 0 or better
 
     @property
     def description(self) -> str:
-        """In figures."""
+        """Return the figures as text."""
         before, after = self.before, self.after
         return (
             f"{before.median:.3f} m from their positions before, {after.median:.3f} m after; "
@@ -58,30 +58,32 @@ class HeldOutErrors:
 
 
 def measure_held_out_errors(
-    told: Positions,
+    positions: Positions,
     plain: WheelTrack,
     fitted: Callable[[Positions, float], tuple[WheelTrack, Antenna]],
     antenna: Antenna,
 ) -> HeldOutErrors:
-    """Judged on each of four stretches in turn.
+    """Return the errors on each of four segments, calibrated on the other three.
 
-    plain: the track without a calibration; fitted: the track, until a time, s, at least, of a filter
-    calibrated on other positions, which it was not told, and its antenna; antenna: m, for the plain track.
+    plain: track without calibration; fitted: returns track (until a time, s) and antenna of a filter
+    calibrated on other positions; antenna: m, for the plain track.
     """
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(told.x), np.diff(told.y)))])
-    if way[-1] < _STRETCHES * _LEAST or len(told) < 10 * _STRETCHES:
+    distance = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(positions.x), np.diff(positions.y)))])
+    if distance[-1] < _HELD_OUT_SEGMENTS * _MIN_SEGMENT_LENGTH or len(positions) < 10 * _HELD_OUT_SEGMENTS:
         return HeldOutErrors(ErrorSummary(0.0, 0.0), ErrorSummary(0.0, 0.0), 0)
-    part = np.minimum((way / way[-1] * _STRETCHES).astype(int), _STRETCHES - 1)
+    segment_index = np.minimum(
+        (distance / distance[-1] * _HELD_OUT_SEGMENTS).astype(int), _HELD_OUT_SEGMENTS - 1
+    )
     before: list[Array] = []
     after: list[Array] = []
-    for number in range(_STRETCHES):
-        left_out = told.select(part == number)
-        track, its_antenna = fitted(told.select(part != number), float(left_out.t[-1]))
-        before.append(position_errors(plain, left_out, antenna))
-        after.append(position_errors(track, left_out, its_antenna))
-    return HeldOutErrors(_distances(before), _distances(after), _STRETCHES)
+    for number in range(_HELD_OUT_SEGMENTS):
+        segment = positions.select(segment_index == number)
+        track, fitted_antenna = fitted(positions.select(segment_index != number), float(segment.t[-1]))
+        before.append(position_errors(plain, segment, antenna))
+        after.append(position_errors(track, segment, fitted_antenna))
+    return HeldOutErrors(_summarise(before), _summarise(after), _HELD_OUT_SEGMENTS)
 
 
-def _distances(errors: list[Array]) -> ErrorSummary:
-    every = np.concatenate(errors)
-    return ErrorSummary(float(np.median(every)), float(np.sqrt(np.mean(every**2))))
+def _summarise(errors: list[Array]) -> ErrorSummary:
+    errors_m = np.concatenate(errors)
+    return ErrorSummary(float(np.median(errors_m)), float(np.sqrt(np.mean(errors_m**2))))

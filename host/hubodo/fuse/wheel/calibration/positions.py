@@ -1,4 +1,4 @@
-"""Positions that somebody else tells, and how far they are off: at random, and slowly."""
+"""Positions from another source, and the size of their white error."""
 
 from __future__ import annotations
 
@@ -10,19 +10,23 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 
-_LEAST = 0.01
-"""m; what is random in the best of positions: RTK and a phase centre that is not a point."""
+_MIN_POSITION_SIGMA = 0.01
+"""m, white error of the best positions: RTK and a phase centre that is not a point."""
 
-_OF_SECOND_DIFFERENCES = 0.6745 * np.sqrt(6.0)
-"""Median size of the second differences of white noise, in units of its sigma."""
+_SECOND_DIFFERENCE_MEDIAN = 0.6745 * np.sqrt(6.0)
+"""Median absolute second difference of white noise, in units of its sigma."""
 
 
 @dataclass(frozen=True, eq=False)
 class Positions:
-    """Where a point of the vehicle was, in axes that neither turn nor move.
+    """Positions of a point of the vehicle in fixed axes.
 
-    t: (M,) s on the log's clock, increasing. x, y: (M,) m. sigma: (M,) m, 1 sigma of each as their source
-    declares it. antenna: m forward and left of the body origin, 1 sigma of both; None where it is not known.
+    Attributes
+    ----------
+    t : (M,) s on the log's clock, increasing.
+    x, y : (M,) m.
+    sigma : (M,) m, 1 sigma declared by their source.
+    antenna : m forward and left of the body origin, and 1 sigma of both; None if unknown.
     """
 
     t: Array
@@ -34,23 +38,27 @@ class Positions:
     def __len__(self) -> int:
         return len(self.t)
 
-    def select(self, chosen: NDArray[Any]) -> Positions:
-        """Those of a mask or of indices, (M,)."""
-        return Positions(self.t[chosen], self.x[chosen], self.y[chosen], self.sigma[chosen], self.antenna)
+    def select(self, selection: NDArray[Any]) -> Positions:
+        """Return the positions of a mask or of indices, (M,)."""
+        return Positions(
+            self.t[selection], self.x[selection], self.y[selection], self.sigma[selection], self.antenna
+        )
 
     def thin_out(self, seconds: float) -> Positions:
-        """One of every so many seconds: what is neighbouring says little that is new."""
+        """Return the first position in each interval of `seconds`."""
         return self.select(np.unique(np.floor(self.t / seconds), return_index=True)[1])
 
 
-def estimate_white_sigma(told: Positions, x: Array, y: Array) -> Array:
-    """1 sigma of what is random in positions, (M,) m, no more than what is declared and no less than 1 cm.
+def estimate_white_sigma(positions: Positions, x: Array, y: Array) -> Array:
+    """Return 1 sigma of the white error of positions, (M,) m, between 1 cm and the declared sigma.
 
-    x, y: (M,) m, a track at the same times, that is off by what changes slowly. Second differences of the
-    error show what is left from one position to the next; half of them may be wild.
+    x, y: (M,) m, track at the same times, whose error varies slowly. The median of the second differences of
+    the error is robust to half of them being outliers.
     """
-    if len(told) < 10:
-        return np.maximum(told.sigma, _LEAST)
-    bends = np.abs(np.concatenate([np.diff(told.x - x, 2), np.diff(told.y - y, 2)]))
-    seen = float(np.median(bends)) / _OF_SECOND_DIFFERENCES
-    return np.asarray(np.clip(seen, _LEAST, np.maximum(told.sigma, _LEAST)))
+    if len(positions) < 10:
+        return np.maximum(positions.sigma, _MIN_POSITION_SIGMA)
+    second_differences = np.abs(np.concatenate([np.diff(positions.x - x, 2), np.diff(positions.y - y, 2)]))
+    white_sigma = float(np.median(second_differences)) / _SECOND_DIFFERENCE_MEDIAN
+    return np.asarray(
+        np.clip(white_sigma, _MIN_POSITION_SIGMA, np.maximum(positions.sigma, _MIN_POSITION_SIGMA))
+    )

@@ -1,4 +1,4 @@
-"""The measurements of the wheel filter, one file each; a new one is a file and a line here."""
+"""The measurements of the wheel filter, one module each; a new one is a module and a line here."""
 
 from typing import Protocol
 
@@ -9,27 +9,29 @@ from hubodo.fuse.wheel.window import Window
 
 
 class Measurement(Protocol):
-    """What the file of a measurement holds that is taken from every window of every wheel."""
+    """Interface of a measurement module that is evaluated for every window of every wheel."""
 
     @property
     def STATES(self) -> tuple[Entry, ...]:
-        """The entries that it sees, in the order of the derivatives."""
+        """Return the entries it depends on, in the order of its derivatives."""
 
     def usable(self, window: Window) -> bool:
-        """Whether a window that clipped says anything of it."""
+        """Return True if a window with saturated channels is still usable."""
 
     def measure(self, w: LinearisedWindow, noise: WindowNoise) -> Row:
-        """Residual, variance and derivatives by entry."""
+        """Return residual, variance and derivatives by entry."""
 
 
 PER_WHEEL: tuple[Measurement, ...] = (yaw, roll, forward, sideways)
-"""Taken from each wheel by itself."""
+"""Measurements of each wheel by itself."""
 
 BETWEEN_WHEELS: tuple[Measurement, ...] = (rolling,)
-"""By these wheels are compared: their rows stand behind all others, so that they are judged given those."""
+"""Measurements by which wheels are compared. Their rows come last, so that they are whitened given all
+others.
+"""
 
 VALID_WHEN_ROLLING: tuple[Measurement, ...] = (forward, sideways, rolling)
-"""Those that take the wheel to roll as the vehicle moves."""
+"""Measurements that assume rolling without slip."""
 
 MEASUREMENTS = PER_WHEEL + BETWEEN_WHEELS
 

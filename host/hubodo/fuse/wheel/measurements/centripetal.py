@@ -1,9 +1,10 @@
-"""Centripetal: the force towards the axle shows a spin that is beyond the gyro about it.
+"""Centripetal force: measures a spin beyond the range of the gyro about the axle.
 
-    int f . rho/|rho| = (g along rho + a along rho - w² |rho|) T
+    ∫ f · rho/|rho| = (g along rho + a along rho - w² |rho|) T
 
-The specific force of the model's README along the lever arm rho: gravity is taken out with the wheel angle,
-a is the bias of the accelerometers, w the rate about the axle. Along the arm the force of spin-up vanishes.
+Specific force (README of the model) along the lever arm rho: gravity is removed with the wheel angle, a is
+the bias of the accelerometers, w the rate about the axle, T the length of the window. The force of spin-up
+is perpendicular to the arm.
 """
 
 from __future__ import annotations
@@ -28,37 +29,36 @@ from hubodo.fuse.wheel.window import WINDOW_S
 STATES = (WHEEL_ANGLE, RATE_BEYOND_RANGE, LEVER_ARM_X, LEVER_ARM_Y, ACCEL_BIAS_X, ACCEL_BIAS_Y)
 
 UNCORRECTED_STATES = (GYRO_SCALE_Z, GYRO_BIAS_Z, CAMBER, YAW_RATE)
-"""Entries that move the residual but are not corrected by it.
+"""Entries that the residual depends on but that it does not correct.
 
-Next to EXCESS, which is free while the gyro is clipped, what it could say of them is lost.
+Beside RATE_BEYOND_RANGE, which is free while the gyro is clipped, it holds no information about them.
 """
 
-_SHORTEST = 2e-3
-"""m; on a shorter arm 30 rad/s make less than 2 m/s²: no more than bias and vibration."""
+_MIN_ARM_LENGTH = 2e-3
+"""m; on a shorter arm 30 rad/s cause less than 2 m/s², the size of bias and vibration."""
 
 
 def measure(w: LinearisedWindow, noise: WheelNoise) -> Row | None:
-    """Residual in m/s; None where the arm is too short to feel the spin.
+    """Return residual (m/s), variance and derivatives; None if the arm is too short.
 
-    Variance: 1 m/s² for what the accelerometers' scale and the bumps of a fast drive make of a force of many
-    g (estimated), and vibration.
+    Variance: (1 m/s²)² for accelerometer scale and bumps at a force of many g (estimated), and vibration.
     """
     x, at = w.x, w.columns
     arm = complex(x[at[LEVER_ARM_X]], x[at[LEVER_ARM_Y]])
     length = abs(arm)
-    if length < _SHORTEST:
+    if length < _MIN_ARM_LENGTH:
         return None
     unit = arm / length
     along, rate = unit.conjugate(), w.axle_rate
     gravity = STANDARD_GRAVITY * w.camber_cos * w.rotation.conjugate() * w.window.carrier.conjugate()
     steady = gravity + complex(x[at[ACCEL_BIAS_X]], x[at[ACCEL_BIAS_Y]]) * WINDOW_S
-    felt = w.window.raw_force - steady
-    # The direction of the arm counts in what is left across it.
-    across = (felt * along).imag / length
+    arm_force = w.window.raw_force - steady
+    # The direction of the arm matters for the residual perpendicular to it.
+    across = (arm_force * along).imag / length
     spin = 2.0 * rate * length * WINDOW_S
     by_angle = (-1j * gravity * along).real
     return (
-        (felt * along).real + rate * rate * length * WINDOW_S,
+        (arm_force * along).real + rate * rate * length * WINDOW_S,
         (1.0 + noise.vibration_share**2 * w.window.axial_variance) * WINDOW_S**2,
         {
             WHEEL_ANGLE: by_angle,

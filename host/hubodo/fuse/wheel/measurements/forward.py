@@ -1,12 +1,13 @@
-"""Forward: the specific force along the vehicle is what the wheel's acceleration and the road make.
+"""Forward force: the specific force along the vehicle equals wheel acceleration plus slope.
 
-    Im[(F - a E - rho L) e^(i theta_m)] = R (w_1 - w_0) + n T
+    Im[(F - a E - rho L) e^(iθ_m)] = R (w_1 - w_0) + n T
 
-The specific force of the model's README along forward, summed up over the window: F = int (ax + i ay) e^(ic),
-E = int e^(ic), c the angle since the middle, a the bias of the accelerometers, w_0 and w_1 the rate about the
-axle at the edges, n the force of a slope. The force on a lever arm rho is (i w' - w²) rho, which turned is
-the derivative of i w e^(ic) rho: L is the difference of that between the edges, so that centripetal and
-tangential terms leave together. The hub moves at R w, with or without camber.
+Specific force (README of the model) along forward, integrated over the window of length T: F = ∫ (ax + i ay)
+e^(ic), E = ∫ e^(ic), c the angle since the middle, θ_m the wheel angle at the middle, a the bias of the
+accelerometers, R the wheel radius, w_0 and w_1 the rate about the axle at the edges, n the force of a slope.
+The force on a lever arm rho is (i w' - w²) rho; rotated, it is the derivative of i w e^(ic) rho. So L is the
+difference of that between the edges and contains centripetal and tangential terms. The hub moves at R w,
+with or without camber.
 """
 
 from hubodo.earth import STANDARD_GRAVITY
@@ -36,28 +37,28 @@ STATES = (
     *(LEVER_ARM_X, LEVER_ARM_Y, ACCEL_BIAS_X, ACCEL_BIAS_Y, CAMBER),
 )
 
-_CLIPPED_PUSH = (2.0 * STANDARD_GRAVITY / 10.0 * WINDOW_S) ** 2
-"""(m/s)²; where gz is clipped the change of the wheel's rate is not known: 2 m/s² hard driving, estimated."""
+_CLIPPED_FORCE_VARIANCE = (2.0 * STANDARD_GRAVITY / 10.0 * WINDOW_S) ** 2
+"""(m/s)²; with a clipped gz the change of the wheel rate is unknown: 2 m/s², hard driving. Estimated."""
 
 
 def usable(window: Window) -> bool:
-    """Not where an accelerometer across the axle stood at its limit."""
+    """Return False if an accelerometer across the axle was saturated."""
     return window.force_clipped == 0.0
 
 
 def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
-    """Residual in m/s.
+    """Return residual (m/s), variance and derivatives.
 
-    Variance: white noise of the accelerometers; at rest, how still a wheel stands; while driving, vibration
-    and the forward force that the wheel's own acceleration does not show.
+    Variance: accelerometer white noise; at standstill, residual motion; while driving, vibration and forward
+    force that is not explained by the wheel's acceleration.
     """
     window = w.window
     variance = noise.accel + STANDSTILL_FORCE_VARIANCE
     if not w.is_stationary:
-        push = noise.forward_force if window.spin_clipped == 0.0 else _CLIPPED_PUSH
-        variance = noise.accel + noise.vibration * window.axial_variance + push
+        force_variance = noise.forward_force if window.spin_clipped == 0.0 else _CLIPPED_FORCE_VARIANCE
+        variance = noise.accel + noise.vibration * window.axial_variance + force_variance
     force, lever, carrier = w.force, w.lever, w.carrier
-    # A faster wheel is further by half a window in its middle.
+    # A faster wheel is half a window further at the middle.
     by_rate = force.real * (0.5 * WINDOW_S)
     return (
         force.imag - w.geometry.radius * w.axle_rate_change - w.x[w.columns[SLOPE]] * WINDOW_S,

@@ -1,10 +1,9 @@
-"""Position: where a point of the vehicle was, told by somebody else.
+"""Position of the antenna, from a truth or a GNSS receiver, in the axes of the track.
 
     z = p + R(heading) a - d v (cos heading, sin heading) + e
 
-A point of the truth or of a GNSS receiver in the axes of the track, as `calibrate wheels` has them: p is the
-body origin, a the antenna on the vehicle, d how much later the time stamps of the positions are, v the speed,
-and e the part of the error that changes slowly.
+p is the body origin, a the antenna on the vehicle, d the delay of the position time stamps, v the speed, e
+the slowly varying error. R(heading) is the rotation by the heading.
 """
 
 import math
@@ -25,21 +24,21 @@ from hubodo.fuse.wheel.entries import (
 )
 from hubodo.fuse.wheel.measurements.shared import Row
 
-_BOTH = (HEADING, SPEED, ANTENNA_X, ANTENNA_Y, POSITION_DELAY)
-STATES = (X, POSITION_ERROR_X, *_BOTH, Y, POSITION_ERROR_Y, *_BOTH)
+_SHARED_STATES = (HEADING, SPEED, ANTENNA_X, ANTENNA_Y, POSITION_DELAY)
+STATES = (X, POSITION_ERROR_X, *_SHARED_STATES, Y, POSITION_ERROR_Y, *_SHARED_STATES)
 
 
 class Position(NamedTuple):
-    """x, y: m; sigma: m, 1 sigma in each direction of what is random from one position to the next."""
+    """A measured position: x, y in m; sigma: m, 1 sigma of the white error in each direction."""
 
     x: float
     y: float
     sigma: float
 
 
-def measure(x: list[float], at: Mapping[Entry, int], told: Position) -> tuple[Row, Row]:
-    """Residuals in m. Variance: of what is random in the position."""
-    variance = told.sigma**2
+def measure(x: list[float], at: Mapping[Entry, int], position: Position) -> tuple[Row, Row]:
+    """Return the rows of x and y: residuals (m), variances of the white error, derivatives."""
+    variance = position.sigma**2
     sin, cos = math.sin(x[at[HEADING]]), math.cos(x[at[HEADING]])
     delay, speed = x[at[POSITION_DELAY]], x[at[SPEED]]
     forward, left = x[at[ANTENNA_X]] - delay * speed, x[at[ANTENNA_Y]]
@@ -48,13 +47,13 @@ def measure(x: list[float], at: Mapping[Entry, int], told: Position) -> tuple[Ro
     by_north = (east, -delay * sin, sin, cos, -speed * sin)
     return (
         (
-            told.x - x[at[X]] - east - x[at[POSITION_ERROR_X]],
+            position.x - x[at[X]] - east - x[at[POSITION_ERROR_X]],
             variance,
-            {X: 1.0, POSITION_ERROR_X: 1.0, **dict(zip(_BOTH, by_east, strict=True))},
+            {X: 1.0, POSITION_ERROR_X: 1.0, **dict(zip(_SHARED_STATES, by_east, strict=True))},
         ),
         (
-            told.y - x[at[Y]] - north - x[at[POSITION_ERROR_Y]],
+            position.y - x[at[Y]] - north - x[at[POSITION_ERROR_Y]],
             variance,
-            {Y: 1.0, POSITION_ERROR_Y: 1.0, **dict(zip(_BOTH, by_north, strict=True))},
+            {Y: 1.0, POSITION_ERROR_Y: 1.0, **dict(zip(_SHARED_STATES, by_north, strict=True))},
         ),
     )

@@ -1,10 +1,10 @@
-"""Roll: the rates across the axle, turned by the wheel angle, have nothing along the vehicle's forward axis.
+"""Roll rate: rates across the axle, rotated by the wheel angle, vanish along the forward axis.
 
-    Im[(W - b E - tau G) e^(i theta_m)] = d Im E_2 cos(camber) (r + g)
+    Im[(W - b E - tau G) e^(iθ_m)] = d Im E_2 cos(camber) (r + g)
 
-The forward component of the angular rate of the model's README, summed up over the window; symbols as in
-yaw.py. On a body that only yaws it is zero, which holds the wheel angle and the tilt of the spin axis; what
-gyros of unequal scale make of the yaw turns up in it.
+Forward component of the angular rate (README of the model), integrated over the window; symbols as in
+`yaw.py`. It is zero for a body that only yaws, which determines the wheel angle and the tilt of the spin
+axis. Gyros of unequal scale project the yaw rate into it.
 """
 
 from hubodo.fuse.wheel.entries import (
@@ -30,31 +30,30 @@ STATES = (
 
 
 def usable(window: Window) -> bool:
-    """Not where the gyros across the axle stood at their limit."""
+    """Return False if a gyro across the axle was saturated."""
     return window.across_clipped == 0.0
 
 
 def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
-    """Residual in rad.
+    """Return residual (rad), variance and derivatives.
 
-    Variance: white noise of the gyros; while driving, what vibration adds to them and the vehicle's own
-    rolling about its forward axis.
+    Variance: gyro white noise; while driving, vibration and the vehicle's own roll rate.
     """
     variance = max(noise.gyro, w.gyro_noise)
     if not w.is_stationary:
         variance += noise.axle_flex * w.window.axial_variance + noise.roll_rate
-    level, uneven = (
+    level_yaw_rate, scale_difference = (
         w.camber_cos * (w.yaw_rate + w.geometry.ground_rate),
         w.x[w.columns[GYRO_SCALE_DIFFERENCE]],
     )
-    by_angle = 2.0 * uneven * level * w.double_carrier.real - w.across.real
-    # A faster wheel is further by half a window in its middle.
+    by_angle = 2.0 * scale_difference * level_yaw_rate * w.double_carrier.real - w.across.real
+    # A faster wheel is half a window further at the middle.
     by_rate = -by_angle * (0.5 * WINDOW_S)
     return (
-        w.across.imag - uneven * level * w.double_carrier.imag,
+        w.across.imag - scale_difference * level_yaw_rate * w.double_carrier.imag,
         variance,
         {
-            YAW_RATE: uneven * w.camber_cos * w.double_carrier.imag - by_rate * w.rate_by_yaw_rate,
+            YAW_RATE: scale_difference * w.camber_cos * w.double_carrier.imag - by_rate * w.rate_by_yaw_rate,
             WHEEL_ANGLE: by_angle,
             GYRO_SCALE_Z: -by_rate * w.rate_by_scale,
             GYRO_BIAS_Z: -by_rate * w.rate_by_bias,
@@ -64,7 +63,7 @@ def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
             MISALIGNMENT_Y: -w.swing.imag,
             MISALIGNMENT_X: w.swing.real,
             CAMBER: -by_rate * w.rate_by_camber
-            - uneven * w.camber_sin * (w.yaw_rate + w.geometry.ground_rate) * w.double_carrier.imag,
-            GYRO_SCALE_DIFFERENCE: level * w.double_carrier.imag,
+            - scale_difference * w.camber_sin * (w.yaw_rate + w.geometry.ground_rate) * w.double_carrier.imag,
+            GYRO_SCALE_DIFFERENCE: level_yaw_rate * w.double_carrier.imag,
         },
     )

@@ -1,17 +1,17 @@
-"""What several measurements take from one window of a wheel, worked out once under the present states.
+"""Terms of one window of a wheel that several measurements use, evaluated at the present states.
 
-Complex numbers are x + iy of node axes; turned by e^(i theta), theta the wheel angle, their real part points
-up and their imaginary part forward (frames: the model's README). The node is taken to face left.
+Complex numbers are x + iy of node axes; rotated by e^(iθ), θ the wheel angle, their real part points up and
+their imaginary part forward (frames: README of the model). The node is transformed to face left.
 
-    p = (int gz / T - b_z) / (1 + k) + u - lambda r sin(camber)        the mean rate at which the wheel rolls
-    theta_m = theta + p T / 2                                          its angle at the middle of the window
+    p = (∫ gz / T - b_z) / (1 + k) + u - lambda r sin(camber)        mean rolling rate
+    θ_m = θ + p T / 2                                                wheel angle at the middle of the window
 
-T is the window, lambda +1 on the left wheel and -1 on the right one, r the yaw rate, k and b_z scale and bias
-of the gyro about the axle, u what it did not see because it was clipped, zero otherwise. Where it was clipped
-all the time p = int gz / T + u - lambda r sin(camber): a limit has neither scale nor bias.
+T is the length of the window, lambda +1 on the left wheel and -1 on the right one, r the yaw rate, k and b_z
+scale error and bias of the gyro about the axle, u its rate beyond range, zero while it is not clipped. If it
+was clipped all the time, p = ∫ gz / T + u - lambda r sin(camber): a limit has neither scale nor bias.
 
-A measurement's residual is measured minus expected; its derivatives are those of what is expected less what
-is measured, by the entries of the state, in the order of its STATES.
+The residual of a measurement is measured minus expected. Its derivatives are those of expected minus
+measured by the entries of the state, in the order of its STATES.
 """
 
 from __future__ import annotations
@@ -48,11 +48,15 @@ Row = tuple[float, float, dict[Entry, float]]
 
 @dataclass(frozen=True, slots=True)
 class WheelGeometry:
-    """How a wheel stands on the vehicle.
+    """Position of a wheel on the vehicle.
 
-    side: +1 left, -1 right. radius: m. contact: y of the contact in the body, m. clocked: +1 where the entry
-    TIME_OFFSET, in s, is the lateness of this node's time stamps, else 0. ground_rate: rad/s by which the
-    ground turns about up with the Earth.
+    Attributes
+    ----------
+    side : +1 left, -1 right.
+    radius : m.
+    contact_y : m, lateral position of the contact in the body.
+    delay_factor : 1 if the entry TIME_OFFSET (s) is the delay of this node's time stamps, else 0.
+    ground_rate : rad/s, rotation of the ground about the vertical with the Earth.
     """
 
     side: float
@@ -63,12 +67,16 @@ class WheelGeometry:
 
 
 class WindowNoise:
-    """Variances of what a window's integrals hold by chance, from the densities and sizes of `WheelNoise`.
+    """Variances of the integrals of one window, from the densities of `WheelNoise`.
 
-    gyro: (rad)², accel: (m/s)², white noise summed up over the window. roll: (rad)², the vehicle rolling
-    about its forward axis. flex: (rad)² per (m/s²)² of vibration along the axle. push: (m/s)², forward force
-    that the wheel does not show. sway: (m/s)², sideways. vibration: (m/s)² per (m/s²)² of it. road: m²
-    s/rad, unevenness per rate of the wheel.
+    Attributes
+    ----------
+    gyro, accel : rad² and (m/s)², white noise.
+    roll_rate : rad², roll of the vehicle about its forward axis.
+    axle_flex : rad² per (m/s²)² of vibration along the axle.
+    forward_force, lateral_force : (m/s)², unmodelled specific force.
+    vibration : (m/s)² per (m/s²)².
+    road_roughness : m² s/rad, per rate of the wheel.
     """
 
     __slots__ = (
@@ -97,13 +105,14 @@ class WindowNoise:
 
 
 STANDSTILL_FORCE_VARIANCE = (0.02 * WINDOW_S) ** 2
-"""(m/s)²; force that a wheel at rest still feels, 0.02 m/s² 1 sigma: somebody sits, the ground gives.
-Estimated."""
+"""(m/s)²; 0.02 m/s² (1 sigma) of specific force on a stationary wheel: passengers move, the ground gives.
+Estimated.
+"""
 
-_HARDLY = 1e-6
-"""rad; a wheel that turns by less turns nothing within a window."""
+_MIN_WINDOW_ANGLE = 1e-6
+"""rad; the double-angle integral of a wheel that turns less is that of a stationary one."""
 
-_SEEN = (
+_LINEARISED_ENTRIES = (
     *(YAW_RATE, WHEEL_ANGLE, GYRO_SCALE_Z, GYRO_BIAS_Z, RATE_BEYOND_RANGE, CAMBER),
     *(GYRO_BIAS_X, GYRO_BIAS_Y, MISALIGNMENT_X, MISALIGNMENT_Y),
     *(ACCEL_BIAS_X, ACCEL_BIAS_Y, LEVER_ARM_X, LEVER_ARM_Y),
@@ -111,17 +120,25 @@ _SEEN = (
 
 
 class LinearisedWindow:
-    """One window of one wheel under the present states; `look` fills it anew for each window.
+    """One window of one wheel evaluated at the present states; `linearise` refills it for each window.
 
-    window: the integrals; resting: whether the vehicle stands still; gyro_noise: (rad)², what the
-    last rest showed to be random in an angle of a window. x: states of the filter; at: the column
-    of each entry of this wheel and the vehicle. yaw_rate: rad/s. sin, cos: of the camber. about_axle: rad/s
-    that the gyro about the axle feels; rate: rad/s at which the wheel rolls, and its derivatives by scale
-    and bias of that gyro, camber and yaw rate (by EXCESS it is 1). Turned by e^(i theta_m): turn itself;
-    carrier, swing, lever of the window; across, rad, and force, m/s, with the node's errors taken out.
-    change: rad/s by which the gyro about the axle changes over the window. twice: s, the integral of one that
-    turns twice as fast. yaw_change: rad/s by which the yaw rate changes over the window, yaw_bend: rad/s by
-    which it changes more than over the window before; numbers that are set once, by `see_change`.
+    Attributes
+    ----------
+    window : the integrals.
+    is_stationary : True if the vehicle stands still.
+    gyro_noise : rad², noise of the angle of a window, as measured at the last standstill.
+    x, columns : states, and the columns of this wheel's and the vehicle's entries.
+    yaw_rate : rad/s.
+    camber_sin, camber_cos : of the camber angle.
+    axle_rate : rad/s, rate about the axle relative to the vehicle's axes.
+    rolling_rate : rad/s, rate at which the wheel rolls; rate_by_...: its derivatives (by RATE_BEYOND_RANGE:
+    1).
+    rotation : e^(iθ_m); carrier, swing, lever: terms of the window times it.
+    across, force : rad and m/s, derotated, corrected for the node's errors.
+    axle_rate_change : rad/s, change of the rate about the axle over the window.
+    double_carrier : s, integral of e^(2iθ).
+    yaw_change : rad/s, change of the yaw rate over the window; yaw_change_step: its change since the window
+    before. Both are set by `update_yaw_change`, once for each window.
     """
 
     __slots__ = (
@@ -151,33 +168,32 @@ class LinearisedWindow:
     def __init__(self, geometry: WheelGeometry, at: Mapping[Entry, int]) -> None:
         self.geometry, self.columns = geometry, at
         self.yaw_change = self.yaw_change_step = 0.0
-        self._pick = itemgetter(*(at[entry] for entry in _SEEN))
+        self._pick = itemgetter(*(at[entry] for entry in _LINEARISED_ENTRIES))
 
     def linearise(self, x: list[float], window: Window, resting: bool, gyro_noise: float = 0.0) -> None:
-        """Everything above for the states x and a window. gyro_noise: (rad/s)², see RestDetector."""
+        """Evaluate a window at the states x; gyro_noise: (rad/s)², see `StandstillDetector`."""
         self.gyro_noise = gyro_noise * (WINDOW_S * WINDOW_S)
         r, angle, k, b, excess, camber, *errors = self._pick(x)
         bias_x, bias_y, tilt_x, tilt_y, force_x, force_y, arm_x, arm_y = errors
         self.x, self.window, self.is_stationary, self.yaw_rate = x, window, resting, r
         self.camber_sin, self.camber_cos = sin, cos = math.sin(camber), math.cos(camber)
-        side, stretch = self.geometry.side, 1.0 + k
+        side, scale_factor = self.geometry.side, 1.0 + k
         if window.all_clipped:
-            seen, self.rate_by_scale, self.rate_by_bias = window.spin / WINDOW_S, 0.0, 0.0
+            gyro_rate, self.rate_by_scale, self.rate_by_bias = window.spin / WINDOW_S, 0.0, 0.0
         else:
-            seen = (window.spin / WINDOW_S - b) / stretch
-            self.rate_by_scale, self.rate_by_bias = -seen / stretch, -1.0 / stretch
-        self.axle_rate = seen + excess
+            gyro_rate = (window.spin / WINDOW_S - b) / scale_factor
+            self.rate_by_scale, self.rate_by_bias = -gyro_rate / scale_factor, -1.0 / scale_factor
+        self.axle_rate = gyro_rate + excess
         self.rolling_rate = self.axle_rate - side * r * sin
         self.rate_by_camber, self.rate_by_yaw_rate = -side * r * cos, -side * sin
         self.rotation = turn = cmath.exp(1j * (angle + self.rolling_rate * (0.5 * WINDOW_S)))
         spin = window.spin
         self.double_carrier = (
-            turn * turn * (WINDOW_S if abs(spin) < _HARDLY else WINDOW_S * math.sin(spin) / spin)
+            turn * turn * (WINDOW_S if abs(spin) < _MIN_WINDOW_ANGLE else WINDOW_S * math.sin(spin) / spin)
         )
         self.carrier, self.swing = carrier, swing = window.carrier * turn, window.swing * turn
         self.lever = lever = window.lever * turn
-        # A node turned by the small vector m reads Omega - m x Omega: gx gains -m_y, gy gains m_x of the
-        # spin.
+        # A node rotated by the small vector m reads Ω - m x Ω: gx gains -m_y, gy gains m_x of the spin.
         self.across = (
             window.across * turn - complex(bias_x, bias_y) * carrier - complex(-tilt_y, tilt_x) * swing
         )
@@ -185,7 +201,7 @@ class LinearisedWindow:
         self.axle_rate_change = window.rate_end - window.rate_start
 
     def update_yaw_change(self) -> None:
-        """How the yaw rate changes over the window: what the gyros across the axle show at its edges."""
+        """Measure the change of the yaw rate over the window from the rates across the axle at its edges."""
         x, at, window = self.x, self.columns, self.window
         half = cmath.exp(0.5j * window.spin)
         tilt = complex(-x[at[MISALIGNMENT_Y]], x[at[MISALIGNMENT_X]])

@@ -1,12 +1,13 @@
-"""Sideways: the specific force along the axle is what gravity on a leaning wheel and the curve make.
+"""Sideways force: the specific force along the axle equals camber, curve and lever-arm terms.
 
-    int (az - l_x ax + l_y ay) = (lambda g sin(camber) + cos(camber) r R w + a_z) T + 2 w rho . int (rx, ry)
+    ∫ (az - l_x ax + l_y ay) = (lambda g sin(camber) + cos(camber) r R w + a_z) T + 2 w rho · ∫ (rx, ry)
 
-The specific force of the model's README along the axle, summed up over the window: w is the rate about the
-axle, r R w the centripetal acceleration of the hub in a curve, the last term that of the lever arm rho, which
-the spin carries round within the yawing body; (rx, ry) are gx and gy less their bias and the spin that a tilt
-lets in, which turns with the node and so makes no such force. l_x and l_y are how much of the forces across
-leaks into the axial accelerometer (accel_nonorthogonality zy and zx), a_z its bias.
+Specific force (README of the model) along the axle, integrated over the window of length T: lambda is +1 on
+the left and -1 on the right, g gravity, R the radius, w the rate about the axle, r the yaw rate, r R w the
+centripetal acceleration of the hub, a_z the bias. The last term is the Coriolis force on the lever arm rho;
+(rx, ry) are gx and gy less bias and the spin leaked by a tilt, which is fixed in the node and causes no such
+force. l_x and l_y are the shares of the forces across the axle in the axial accelerometer
+(accel_nonorthogonality zy and zx).
 """
 
 from hubodo.earth import STANDARD_GRAVITY
@@ -42,15 +43,14 @@ STATES = (
 
 
 def usable(window: Window) -> bool:
-    """Not where an accelerometer stood at its limit: those across leak into the one along the axle."""
+    """Return False if an accelerometer was saturated: those across leak into the one along the axle."""
     return window.force_clipped == 0.0 and window.axial_clipped == 0.0
 
 
 def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
-    """Residual in m/s.
+    """Return residual (m/s), variance and derivatives.
 
-    Variance: white noise of the accelerometer; at rest, how still a wheel stands; while driving, vibration
-    and the swaying of the vehicle.
+    Variance: accelerometer white noise; at standstill, residual motion; while driving, vibration and sway.
     """
     x, at, window = w.x, w.columns, w.window
     variance = noise.accel + STANDSTILL_FORCE_VARIANCE
@@ -58,7 +58,7 @@ def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
         variance = noise.accel + noise.vibration * window.axial_variance + noise.lateral_force
     r, radius, about_axle = w.yaw_rate, w.geometry.radius, w.axle_rate
     leak = window.raw_force
-    # What the vehicle's turning alone makes in the gyros across the axle: less their bias and the spin.
+    # Rates across the axle caused by the vehicle's turning alone, less bias and leaked spin.
     spin, tilt = (
         window.spin / WINDOW_S + x[at[RATE_BEYOND_RANGE]],
         complex(-x[at[MISALIGNMENT_Y]], x[at[MISALIGNMENT_X]]),

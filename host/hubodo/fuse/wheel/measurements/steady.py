@@ -1,11 +1,11 @@
-"""Steady: what turns with the node, while a clipped spin is searched for, shows its lever arm and its tilt.
+"""Node-fixed terms: force and rate that do not rotate during a spin search give arm and tilt.
 
     f = a + (i w' - w²) rho        q = b + tau w
 
-Specific force and rates across the axle of the model's README, complex numbers as in shared.py, less what
-goes round in them with gravity and the vehicle's turning: a and b are the biases, rho the lever arm, tau the
-tilt that lets the spin w in. A drive that begins clipped has seen no slow spin: turned by an angle that is a
-third of a radian off, tens of m/s² on an arm would be taken for others.
+Specific force f and rate q across the axle (README of the model), complex numbers as in `shared.py`, after
+removing what rotates with gravity and the yaw rate: a and b are the biases, rho the lever arm, w the spin,
+tau the tilt by which the spin leaks into q. A drive that starts clipped has no slow spin to learn them from,
+and with an angle error of a third of a radian tens of m/s² on the arm would be attributed to other states.
 """
 
 from __future__ import annotations
@@ -32,20 +32,26 @@ STATES = (
 )
 
 N_ROWS = 4
-"""Force and rate, x and y of each: each is worked in about what the one before has left."""
+"""Force x and y, rate x and y; each row is linearised after the update with the one before."""
 
-_SPIN = 0.15
-"""m/s by which a wheel may be off the speed that gravity shows: vehicles brake unevenly. Estimated."""
+_SPEED_ERROR_SIGMA = 0.15
+"""m/s, error of the speed from the rotation of gravity: vehicles brake unevenly. Estimated."""
 
-_FORCE, _RATE = 0.3, 0.02
-"""m/s² and rad/s, 1 sigma of what else does not turn for a second: bumps; turns that begin. Estimated."""
+_FORCE_SIGMA, _RATE_SIGMA = 0.3, 0.02
+"""m/s² and rad/s, 1 sigma of other terms that do not rotate for a second: bumps and starting turns.
+Estimated.
+"""
 
 
 class NodeFixedTerms(NamedTuple):
-    """What does not go round, means of samples: force, m/s²; rate, rad/s; x + iy of node axes.
+    """Means over samples of the terms fixed in the node: force, m/s², and rate, rad/s, x + iy.
 
-    force_variance, rate_variance: of each part, of what shakes. spin: rad/s, w; square: (rad/s)²,
-    i w' - w². radius: m.
+    Attributes
+    ----------
+    force_variance, rate_variance : of each component, from vibration.
+    spin : rad/s, w.
+    lever_factor : (rad/s)², i w' - w².
+    radius : m.
     """
 
     force: complex
@@ -57,19 +63,30 @@ class NodeFixedTerms(NamedTuple):
     radius: float
 
 
-def measure(x: list[float], at: Mapping[Entry, int], seen: NodeFixedTerms) -> tuple[Row, Row, Row, Row]:
-    """Residuals in m/s² and rad/s. Variance: of what a spin that is off makes of them, and what is left."""
+def measure(x: list[float], at: Mapping[Entry, int], terms: NodeFixedTerms) -> tuple[Row, Row, Row, Row]:
+    """Return four rows: force x, y (m/s²) and rate x, y (rad/s).
+
+    Variance: effect of a spin error, and the residual noise.
+    """
     arm = complex(x[at[LEVER_ARM_X]], x[at[LEVER_ARM_Y]])
     tilt = complex(-x[at[MISALIGNMENT_Y]], x[at[MISALIGNMENT_X]])
-    force = seen.force - complex(x[at[ACCEL_BIAS_X]], x[at[ACCEL_BIAS_Y]]) - arm * seen.lever_factor
-    rate = seen.rate - complex(x[at[GYRO_BIAS_X]], x[at[GYRO_BIAS_Y]]) - tilt * seen.spin
-    share = (_SPIN / (seen.radius * seen.spin)) ** 2
-    of_force = _FORCE**2 + seen.force_variance + 4.0 * share * abs(seen.force) ** 2
-    of_rate = _RATE**2 + seen.rate_variance + share * abs(seen.rate) ** 2
-    by_arm = seen.lever_factor
+    force = terms.force - complex(x[at[ACCEL_BIAS_X]], x[at[ACCEL_BIAS_Y]]) - arm * terms.lever_factor
+    rate = terms.rate - complex(x[at[GYRO_BIAS_X]], x[at[GYRO_BIAS_Y]]) - tilt * terms.spin
+    share = (_SPEED_ERROR_SIGMA / (terms.radius * terms.spin)) ** 2
+    force_variance_total = _FORCE_SIGMA**2 + terms.force_variance + 4.0 * share * abs(terms.force) ** 2
+    rate_variance_total = _RATE_SIGMA**2 + terms.rate_variance + share * abs(terms.rate) ** 2
+    by_arm = terms.lever_factor
     return (
-        (force.real, of_force, {ACCEL_BIAS_X: 1.0, LEVER_ARM_X: by_arm.real, LEVER_ARM_Y: -by_arm.imag}),
-        (force.imag, of_force, {ACCEL_BIAS_Y: 1.0, LEVER_ARM_X: by_arm.imag, LEVER_ARM_Y: by_arm.real}),
-        (rate.real, of_rate, {GYRO_BIAS_X: 1.0, MISALIGNMENT_Y: -seen.spin}),
-        (rate.imag, of_rate, {GYRO_BIAS_Y: 1.0, MISALIGNMENT_X: seen.spin}),
+        (
+            force.real,
+            force_variance_total,
+            {ACCEL_BIAS_X: 1.0, LEVER_ARM_X: by_arm.real, LEVER_ARM_Y: -by_arm.imag},
+        ),
+        (
+            force.imag,
+            force_variance_total,
+            {ACCEL_BIAS_Y: 1.0, LEVER_ARM_X: by_arm.imag, LEVER_ARM_Y: by_arm.real},
+        ),
+        (rate.real, rate_variance_total, {GYRO_BIAS_X: 1.0, MISALIGNMENT_Y: -terms.spin}),
+        (rate.imag, rate_variance_total, {GYRO_BIAS_Y: 1.0, MISALIGNMENT_X: terms.spin}),
     )

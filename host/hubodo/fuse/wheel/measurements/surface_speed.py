@@ -1,9 +1,9 @@
-"""Surface speed: what another odometer, an encoder, says that a wheel's surface moves at.
+"""Surface speed: the speed of a wheel's surface reported by another odometer, an encoder.
 
     s = (1 + k) (v - r y)
 
-Contact speed of the model's README, as in rolling.py; k is the error of the encoder's own scale: the radius
-that somebody told it. It is taken for the body's wheels, whether a node sits on them or not.
+Contact speed (README of the model), symbols as in `rolling.py`; k is the scale error of the encoder, from
+the radius it was configured with. It applies to the declared wheels, with or without a node.
 """
 
 from __future__ import annotations
@@ -15,21 +15,24 @@ from hubodo.fuse.wheel.measurements.shared import Row
 
 STATES = (SPEED, YAW_RATE, TRACK_WIDTH, ENCODER_LEFT, ENCODER_RIGHT)
 
-_NOISE = 0.02
-"""m/s, 1 sigma in a mean over a window: a few ticks of a coarse encoder. Estimated."""
+_SURFACE_SPEED_SIGMA = 0.02
+"""m/s, 1 sigma of a mean over a window: a few ticks of a coarse encoder. Estimated."""
 
-_SHARE = 0.01
-"""Of the speed, 1 sigma, what a wheel slips and bounces from window to window. Estimated."""
+_SURFACE_SPEED_SHARE = 0.01
+"""Share of the speed, 1 sigma of slip and bounce from window to window. Estimated."""
 
 
 def measure(x: list[float], at: Mapping[Entry, int], side: float, contact: float, speed: float) -> Row:
-    """Residual in m/s. side: +1 left, -1 right; contact: m, y of the contact; speed: m/s, as told."""
+    """Return residual (m/s), variance and derivatives.
+
+    side: +1 left, -1 right; contact: m, lateral position of the contact; speed: m/s, as reported.
+    """
     entry = ENCODER_LEFT if side > 0.0 else ENCODER_RIGHT
     scale, y = 1.0 + x[at[entry]], contact * (1.0 + x[at[TRACK_WIDTH]])
     rate = x[at[YAW_RATE]]
-    rolled = x[at[SPEED]] - rate * y
+    contact_speed = x[at[SPEED]] - rate * y
     return (
-        speed - scale * rolled,
-        _NOISE**2 + (_SHARE * speed) ** 2,
-        {SPEED: scale, YAW_RATE: -scale * y, TRACK_WIDTH: -scale * rate * contact, entry: rolled},
+        speed - scale * contact_speed,
+        _SURFACE_SPEED_SIGMA**2 + (_SURFACE_SPEED_SHARE * speed) ** 2,
+        {SPEED: scale, YAW_RATE: -scale * y, TRACK_WIDTH: -scale * rate * contact, entry: contact_speed},
     )

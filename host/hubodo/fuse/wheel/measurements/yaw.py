@@ -1,13 +1,14 @@
-"""Yaw: the rates across the axle, turned upright by the wheel angle, show how fast the vehicle turns.
+"""Yaw rate: rates across the axle, rotated upright by the wheel angle.
 
-    Re[(W - b E - tau G) e^(i theta_m)] = ((1 + s) T + d Re E_2) cos(camber) (r + g) + b_r T - d_t r' T
+    Re[(W - b E - tau G) e^(iθ_m)] = ((1 + s) T + d Re E_2) cos(camber) (r + g) + b_r T - d_t r' T
 
-The angular rate of the model's README (rigid wheel, Omega = theta' a + r z) along hub up, summed up over the
-window: W = int (gx + i gy) e^(ic), E = int e^(ic), G = int gz e^(ic), c the angle since the middle. b is the
-bias of the gyros across the axle, s their scale, d half of what x has more of it than y, which turns twice as
-fast as the wheel: E_2 = e^(2i theta_m) int e^(2ic). Time stamps that are late by d_t show the yaw rate of d_t
-before: r' is its change. tau the tilt that lets the spin into them, b_r the constant
-yaw rate that gravity makes in a gyro that feels it, g the rate at which the ground turns with the Earth.
+Angular rate (README of the model: rigid wheel, Ω = θ' a + r z) along hub up, integrated over the window of
+length T: W = ∫ (gx + i gy) e^(ic), E = ∫ e^(ic), G = ∫ gz e^(ic), c the angle since the middle, θ_m the
+wheel angle at the middle. b is the bias of the gyros across the axle, tau the tilt by which the spin leaks
+into them, s their scale error, d half of the difference of the scale errors of x and y, which rotates twice
+as fast as the wheel: E_2 = e^(2iθ_m) ∫ e^(2ic). r is the yaw rate, g the rotation of the ground with the
+Earth, b_r the constant yaw rate caused by g-sensitivity. Time stamps late by d_t show the yaw rate of d_t
+earlier; r' is its derivative.
 """
 
 from hubodo.fuse.wheel.entries import (
@@ -46,39 +47,39 @@ STATES = (
 
 
 def usable(window: Window) -> bool:
-    """Not where the gyros across the axle stood at their limit."""
+    """Return False if a gyro across the axle was saturated."""
     return window.across_clipped == 0.0
 
 
 def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
-    """Residual in rad.
+    """Return residual (rad), variance and derivatives.
 
-    Variance: white noise of the gyros; while driving, what vibration adds to them, and the second order of
-    the lateness, half of its square times the change of r'.
+    Variance: gyro white noise; while driving, vibration and the second-order term of the delay, half of its
+    square times the change of r'.
     """
     x, at, r = w.x, w.columns, w.yaw_rate + w.geometry.ground_rate
-    level, uneven = w.camber_cos * r, x[at[GYRO_SCALE_DIFFERENCE]]
-    # By each rad/s of yaw, s.
-    scale = (1.0 + x[at[GYRO_SCALE_ACROSS]]) * WINDOW_S + uneven * w.double_carrier.real
-    # Where the spin is searched for, an angle that is off changes the yaw rate as well.
-    late = w.geometry.delay_factor * w.yaw_change if w.window.spin_clipped == 0.0 else 0.0
-    residual = w.across.real - scale * level - x[at[YAW_RATE_FROM_GRAVITY]] * WINDOW_S
-    residual += x[at[TIME_OFFSET]] * late
+    level_yaw_rate, scale_difference = w.camber_cos * r, x[at[GYRO_SCALE_DIFFERENCE]]
+    # Derivative by the yaw rate, s.
+    scale = (1.0 + x[at[GYRO_SCALE_ACROSS]]) * WINDOW_S + scale_difference * w.double_carrier.real
+    # During a spin search an angle error changes the yaw rate as well.
+    yaw_change = w.geometry.delay_factor * w.yaw_change if w.window.spin_clipped == 0.0 else 0.0
+    residual = w.across.real - scale * level_yaw_rate - x[at[YAW_RATE_FROM_GRAVITY]] * WINDOW_S
+    residual += x[at[TIME_OFFSET]] * yaw_change
     variance = max(noise.gyro, w.gyro_noise)
     if not w.is_stationary:
         variance += noise.axle_flex * w.window.axial_variance
         variance += (
             0.5 * x[at[TIME_OFFSET]] ** 2 * w.geometry.delay_factor * w.yaw_change_step / WINDOW_S
         ) ** 2
-    # A faster wheel is further by half a window in its middle.
-    by_angle = w.across.imag - 2.0 * uneven * level * w.double_carrier.imag
+    # A faster wheel is half a window further at the middle.
+    by_angle = w.across.imag - 2.0 * scale_difference * level_yaw_rate * w.double_carrier.imag
     by_rate = -by_angle * (0.5 * WINDOW_S)
     return (
         residual,
         variance,
         {
             YAW_RATE: scale * w.camber_cos - by_rate * w.rate_by_yaw_rate,
-            TIME_OFFSET: -late,
+            TIME_OFFSET: -yaw_change,
             WHEEL_ANGLE: by_angle,
             GYRO_SCALE_Z: -by_rate * w.rate_by_scale,
             GYRO_BIAS_Z: -by_rate * w.rate_by_bias,
@@ -88,8 +89,8 @@ def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
             MISALIGNMENT_Y: -w.swing.real,
             MISALIGNMENT_X: -w.swing.imag,
             CAMBER: -by_rate * w.rate_by_camber - scale * w.camber_sin * r,
-            GYRO_SCALE_ACROSS: level * WINDOW_S,
-            GYRO_SCALE_DIFFERENCE: level * w.double_carrier.real,
+            GYRO_SCALE_ACROSS: level_yaw_rate * WINDOW_S,
+            GYRO_SCALE_DIFFERENCE: level_yaw_rate * w.double_carrier.real,
             YAW_RATE_FROM_GRAVITY: WINDOW_S,
         },
     )

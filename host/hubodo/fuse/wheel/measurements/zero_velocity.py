@@ -1,8 +1,8 @@
-"""Zero velocity: a vehicle that stands still has neither speed nor yaw rate.
+"""Zero velocity: a stationary vehicle has neither speed nor yaw rate.
 
     v = 0,  r = 0
 
-The zero-velocity update of inertial navigation (Foxlin 2005): how still a vehicle is, its wheels tell.
+Zero-velocity update of inertial navigation (Foxlin 2005).
 """
 
 from collections.abc import Mapping
@@ -13,17 +13,17 @@ from hubodo.fuse.wheel.motion_state import MotionState
 
 STATES = (SPEED, YAW_RATE)
 
-_SIGMAS = {MotionState.STANDSTILL: (1e-3, 1e-4), MotionState.ROCKING: (0.03, 0.03)}
+_ZERO_VELOCITY_SIGMA = {MotionState.STANDSTILL: (1e-3, 1e-4), MotionState.ROCKING: (0.03, 0.03)}
 """1 sigma of speed, m/s, and yaw rate, rad/s.
 
-At rest: 0.1 mm and 0.6 mrad in a window, below what a gyro shows; rocked by hand: 3 cm back and forth within
-a second. Estimated.
+Standstill: 0.1 mm and 0.01 mrad in a window, below the resolution of a gyro; rocking by hand: 3 cm to and
+fro within a second. Estimated.
 """
 
 
-def measure(x: list[float], at: Mapping[Entry, int], stillness: MotionState) -> tuple[Row, Row]:
-    """Residuals in m/s and rad/s. Variance: how far a vehicle moves that is still or rocked about a place."""
-    speed, yaw_rate = _SIGMAS[stillness]
+def measure(x: list[float], at: Mapping[Entry, int], motion_state: MotionState) -> tuple[Row, Row]:
+    """Return the rows of speed (m/s) and yaw rate (rad/s) for a vehicle at standstill or rocking."""
+    speed, yaw_rate = _ZERO_VELOCITY_SIGMA[motion_state]
     return (
         (-x[at[SPEED]], speed * speed, {SPEED: 1.0}),
         (-x[at[YAW_RATE]], yaw_rate * yaw_rate, {YAW_RATE: 1.0}),
