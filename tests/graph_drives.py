@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from generators import gnss_drives
-from hubodo.fuse.graph.build import build
+from hubodo.fuse.graph.build import build_graph
 from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.factors.heading import Headings
-from hubodo.fuse.graph.fixes import Fixes, usable_fixes
+from hubodo.fuse.graph.fixes import Fixes, localise_fixes
 from hubodo.fuse.track import Track
 
 
@@ -28,10 +28,10 @@ def small_drive(rng, fixes=40, config=None):
         np.interp(t, path.t, path.y) + rng.normal(0, 1, fixes),
     )
     config = config or GraphConfig(antenna=(0.4, -0.2))
-    local = usable_fixes(Fixes(t, *gnss_drives.geodetic(e, n, 47.0, 8.0)), path.t[0], path.t[-1], 1.0, True)
+    local = localise_fixes(Fixes(t, *gnss_drives.geodetic(e, n, 47.0, 8.0)), path.t[0], path.t[-1], 1.0, True)
     ht = np.arange(1.0, 18.0, 1.3)
     headings = Headings(ht, np.interp(ht, path.t, path.heading) + 0.05 * rng.standard_normal(len(ht)))
-    return build(path, [local, headings], config)
+    return build_graph(path, [local, headings], config)
 
 
 def numeric(function, at, step=1e-6):

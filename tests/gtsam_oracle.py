@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 import wanted
-from hubodo.fuse.graph.factors.constants import COUNT
+from hubodo.fuse.graph.factors.constants import N_CONSTANTS
 
 CONSTANTS_KEY = 1 << 60
 """Key of the vector of constants; poses are numbered from 0."""
@@ -44,8 +44,8 @@ def gtsam_graph(gtsam, graph):
     """A NonlinearFactorGraph of all factors."""
     made = gtsam.NonlinearFactorGraph()
     for factors in graph.factors:
-        for i, state in enumerate(factors.state.tolist()):
-            made.add(_factor(gtsam, factors.row(i), state))
+        for i, state in enumerate(factors.pose_index.tolist()):
+            made.add(_factor(gtsam, factors.select_factor(i), state))
     return made
 
 
@@ -75,20 +75,24 @@ def _factor(gtsam, row, state):
     GTSAM's increments of a pose are along the pose's own axes, ours along the world's, so the derivatives by
     x and y are turned.
     """
-    probe = row.linear(np.zeros((2, 3)), np.zeros(COUNT))
-    keys = [state] if probe.by_next is None else [state, state + 1]
+    probe = row.linearise(np.zeros((2, 3)), np.zeros(N_CONSTANTS))
+    keys = [state] if probe.next_pose_jacobian is None else [state, state + 1]
 
     def evaluate(factor, values, jacobians):
         poses = _poses(values, keys)
         if len(poses) == 2:
             # Two headings on both sides of GTSAM's cut at half a turn are brought together.
             poses[1, 2] += 2.0 * np.pi * np.round((poses[0, 2] - poses[1, 2]) / (2.0 * np.pi))
-        item = row.linear(poses, values.atVector(CONSTANTS_KEY))
+        item = row.linearise(poses, values.atVector(CONSTANTS_KEY))
         if jacobians is not None:
-            blocks = [item.by_state[0]] if item.by_next is None else [item.by_state[0], item.by_next[0]]
+            blocks = (
+                [item.pose_jacobian[0]]
+                if item.next_pose_jacobian is None
+                else [item.pose_jacobian[0], item.next_pose_jacobian[0]]
+            )
             for index, (block, pose) in enumerate(zip(blocks, poses, strict=True)):
                 jacobians[index] = np.asfortranarray(block @ _turn(pose[2]))
-            jacobians[len(keys)] = np.asfortranarray(item.by_constants[0])
+            jacobians[len(keys)] = np.asfortranarray(item.constants_jacobian[0])
         return np.asarray(item.residual[0])
 
     noise = _noise(gtsam, row.loss, probe.residual.shape[1])
@@ -105,7 +109,7 @@ def _noise(gtsam, loss, rows):
         return gtsam.noiseModel.Robust.Create(estimators.Huber.Create(float(np.sqrt(loss.limit))), unit)
     bounded = estimators.Custom.Create(
         lambda norm: float(loss.weight(np.array(norm * norm))),
-        lambda norm: float(loss.costs(np.array(norm * norm))),
+        lambda norm: float(loss.cost(np.array(norm * norm))),
         reweight=estimators.Base.ReweightScheme.Block,
         name="bounded",
     )

@@ -21,11 +21,11 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 from accuracy.car import SETS, drives, truth_of, with_nodes  # noqa: E402
 from generators import gnss_drives  # noqa: E402
-from hubodo.fuse.graph.graph import Fixes, GraphConfig, fuse_graph  # noqa: E402
+from hubodo.fuse.graph.batch import Fixes, GraphConfig, fuse_graph  # noqa: E402
 from hubodo.fuse.track import Track  # noqa: E402
 from hubodo.fuse.wheel.config import wheel_config  # noqa: E402
 from hubodo.fuse.wheel.track import run_wheel_filter  # noqa: E402
-from hubodo.fuse.wheels import graph_constants  # noqa: E402
+from hubodo.fuse.wheel_odometry import graph_constant_sigmas  # noqa: E402
 
 SIGMA, RATE_HZ, OUTAGE = 5.0, 5.0, 60.0
 ORIGIN = (47.37, 8.54)
@@ -45,7 +45,7 @@ def paths(sets=SETS):
                 made = run_wheel_filter(wheel_config(with_nodes(names), list(names)), log.nodes)
                 track = made.track
                 path = Track(track.t, track.x, track.y, track.heading)
-                found[name, names] = (path, graph_constants(made), truth_of(log))
+                found[name, names] = (path, graph_constant_sigmas(made), truth_of(log))
     return found
 
 
@@ -71,7 +71,7 @@ def one(path, constants, truth, seed, outage, estimated=True):
     gone = begin + rng.uniform(0.3, 0.5) * (end - begin)
     keep = (t < gone) | (t > gone + outage)
     fixes = Fixes(t[keep], *gnss_drives.geodetic(east[keep], north[keep], *ORIGIN))
-    config = GraphConfig(constants=constants, honest=estimated)
+    config = GraphConfig(constants=constants, inflate_sigmas=estimated)
     found = fuse_graph(path, fixes, None, config)
     ox, oy = found.frame.to_local(*gnss_drives.geodetic(np.zeros(1), np.zeros(1), *ORIGIN))
     track = found.track

@@ -25,11 +25,11 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators import gnss_drives, wheel_drives
-from hubodo.fuse.graph.graph import Fixes, GraphConfig, fuse_graph
+from hubodo.fuse.graph.batch import Fixes, GraphConfig, fuse_graph
 from hubodo.fuse.track import Track
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.track import run_wheel_filter
-from hubodo.fuse.wheels import graph_constants
+from hubodo.fuse.wheel_odometry import graph_constant_sigmas
 from hubodo.recording import Table
 
 SIGMA, RATE_HZ, OUTAGE = 5.0, 5.0, 60.0
@@ -47,7 +47,7 @@ def odometry(drive, names):
     }
     found = run_wheel_filter(config, nodes)
     track = found.track
-    return Track(track.t, track.x, track.y, track.heading), graph_constants(found)
+    return Track(track.t, track.x, track.y, track.heading), graph_constant_sigmas(found)
 
 
 def off(track, frame, drive):

@@ -36,9 +36,9 @@ def one(seed, faulty):
     count, began = len(fixes), time.process_time()
     graph, errors = LiveGraph(), []
     for t, *pose in zip(drive.odo_t, drive.odo_x, drive.odo_y, drive.odo_heading, strict=True):
-        graph.odometry(t, *pose)
+        graph.add_odometry(t, *pose)
         while fixes and fixes[0][0] + LATE <= t:
-            graph.fix(*fixes.pop(0), SIGMA)
+            graph.add_fix(*fixes.pop(0), SIGMA)
         state = graph.state()
         if state is not None:
             ox, oy = state.frame.to_local(*gnss_drives.geodetic(0.0, 0.0, *drive.origin))

@@ -27,7 +27,7 @@ import wanted
 from accuracy import car
 from generators import gnss_drives, slip_drives, wheel_drives
 from generators.wheel_drives import Plan, WheelDrive
-from hubodo.fuse.fused import fuse_recording
+from hubodo.fuse.fusion import fuse_recording
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode, wheel_config
 from hubodo.fuse.wheel.track import WheelRun, run_wheel_filter
 from hubodo.log.csv_folder import read_folder

@@ -22,9 +22,9 @@ from told import tell
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators import gnss_drives
-from hubodo.fuse.graph.graph import Fixes, fuse_graph
+from hubodo.fuse.graph.batch import Fixes, fuse_graph
 from hubodo.fuse.graph.live import LiveGraph, LiveLimits
-from hubodo.fuse.projection import local_frame
+from hubodo.fuse.projection import make_local_frame
 from hubodo.fuse.track import Track
 
 SEED, SIGMA = 54, 5.0
@@ -53,13 +53,13 @@ def ours(drive):
     x, y = found.frame.to_local(*gnss_drives.geodetic(zero, zero, *drive.origin))
     tx, ty, _ = drive.truth(found.track.t)
     error = np.sqrt(np.mean((found.track.x - x - tx) ** 2 + (found.track.y - y - ty) ** 2))
-    return wall, cpu, error, len(found.state_t)
+    return wall, cpu, error, len(found.pose_t)
 
 
 def peer(drive):
     import gtsam
 
-    frame = local_frame(*drive.origin)
+    frame = make_local_frame(*drive.origin)
     fx, fy = frame.to_local(drive.fix_latitude_deg, drive.fix_longitude_deg)
     step = np.diff(drive.odo_x + 1j * drive.odo_y) * np.exp(-1j * drive.odo_heading[:-1])
     turn = np.diff(drive.odo_heading)
@@ -102,9 +102,9 @@ def live(drive):
         if t > LIVE:
             break
         begin = time.process_time()
-        graph.odometry(t, *pose)
+        graph.add_odometry(t, *pose)
         while drive.fix_t[place] <= t:
-            graph.fix(
+            graph.add_fix(
                 drive.fix_t[place], drive.fix_latitude_deg[place], drive.fix_longitude_deg[place], SIGMA
             )
             place += 1

@@ -47,22 +47,22 @@ _SAME: dict[tuple[str, str, str], str] = {
         "0.25 -> 1.25",
     ): "it is taken modulo n: n further is the same fix",
     (
-        "host/hubodo/fuse/odometry.py",
+        "host/hubodo/fuse/differential_odometry.py",
         "self._p = [[0.0] * 3 for _ in range(3)]",
         "3 -> 4",
     ): "a row or column beyond the third is never looked at",
     (
-        "host/hubodo/fuse/odometry.py",
+        "host/hubodo/fuse/differential_odometry.py",
         "self._j = [[0.0] * 6 for _ in range(3)]",
         "6 -> 7",
     ): "a column beyond the sixth is never looked at",
     (
-        "host/hubodo/fuse/warm_heading.py",
+        "host/hubodo/fuse/heading_filter.py",
         "count = math.ceil(math.log(_LONGEST_S / _SHORTEST_S, _RATIO))",
         "/ -> *",
     ): "the shortest is 1 s",
     (
-        "host/hubodo/fuse/warm_heading.py",
+        "host/hubodo/fuse/heading_filter.py",
         "constants = _SHORTEST_S * _RATIO ** np.arange(count if noise.bias_instability else 0)",
         "0 -> 1",
     ): "a flicker without size, in which nothing ever is",

@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from generators import start_day, start_gyro
 from hubodo.cli import main as hubodo
 from hubodo.effects.warmup import WarmupModel
-from hubodo.fuse.warm_heading import BiasNoise
+from hubodo.fuse.heading_filter import BiasNoise
 from hubodo.log.csv_folder import write_folder
 from hubodo.recording import Recording, Table
 from hubodo.sensors.heading.standstill import angle_random_walk, given_rests

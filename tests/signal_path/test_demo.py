@@ -90,7 +90,7 @@ def test_both_nodes_came_through_whole(demo):
 
 
 def test_a_track_outside_its_own_sigmas_is_an_error_and_no_page(demo, rides, tmp_path, monkeypatch, capsys):
-    fuse = verb.wheel_odometry
+    fuse = verb.compute_wheel_odometry
 
     def bent(*words, **more):
         """As if the odometry were 5 % longer and knew nothing of it."""

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from hubodo.api.sensor import AllanResult, WarmupResult
     from hubodo.api.track import FusedTrack
     from hubodo.calibration.file import Calibration
-    from hubodo.fuse.wheels import Method
+    from hubodo.fuse.wheel_odometry import Method
     from hubodo.model.model_file import Model
     from hubodo.vehicle import Vehicle
 
@@ -145,7 +145,7 @@ class LoadedLog:
         """
         from hubodo.api.given import given_calibration, given_vehicle
         from hubodo.api.track import fused_track
-        from hubodo.fuse.fused import fuse_recording
+        from hubodo.fuse.fusion import fuse_recording
 
         lag = math.inf if smooth == "full" else float(smooth)
         if not lag >= 0.0:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from hubodo.api.given import StrPath
 from hubodo.api.plot import Plot
-from hubodo.fuse.fused import Fused, check_free, track_table, write_fused
+from hubodo.fuse.fusion import FusedRecording, check_no_results, track_to_table, write_results
 from hubodo.fuse.track import Score, Track
 from hubodo.html_table import html_lines, html_table
 from hubodo.recording import Table
@@ -38,7 +38,7 @@ class FusedTrack(Track):
         truth: the table of that name in the log, or None.
     """
 
-    fused: Fused = field(kw_only=True)
+    fused: FusedRecording = field(kw_only=True)
     truth: Table | None = field(default=None, kw_only=True)
 
     @property
@@ -57,7 +57,7 @@ class FusedTrack(Track):
 
     def frame(self) -> pd.DataFrame:
         """The columns of track.csv, with `t` as the index. Raises InputError without pandas."""
-        return track_table(self).frame()
+        return track_to_table(self).frame()
 
     def plot(self) -> Plot:
         """The path, over the truth where the log has one."""
@@ -73,19 +73,19 @@ class FusedTrack(Track):
         """
         target = Path(folder)
         if not force:
-            check_free(target)
-        write_fused(self.fused, target)
+            check_no_results(target)
+        write_results(self.fused, target)
         return target
 
     def __repr__(self) -> str:
-        facts = dict(self.fused.facts())
+        facts = dict(self.fused.summary_rows())
         off = f", final error {facts['final error']}" if "final error" in facts else ""
         return f"FusedTrack({len(self.t)} poses, {facts['duration']}, {facts['distance']}{off})"
 
     def _repr_html_(self) -> str:
-        return html_table(("", ""), self.fused.facts()) + html_lines(self.warnings)
+        return html_table(("", ""), self.fused.summary_rows()) + html_lines(self.warnings)
 
 
-def fused_track(fused: Fused, truth: Table | None) -> FusedTrack:
+def fused_track(fused: FusedRecording, truth: Table | None) -> FusedTrack:
     """The arrays of a result, with the result."""
     return FusedTrack(**vars(fused.track), fused=fused, truth=truth)

@@ -11,7 +11,7 @@ from hubodo.recording import Recording, Table
 from hubowire.messages import FilterState
 
 
-def with_node_biases(
+def add_node_biases(
     calibration: Calibration | None, recording: Recording, names: Iterable[str]
 ) -> tuple[Calibration | None, tuple[str, ...]]:
     """The calibration with the last bias that each node told of itself, and the nodes for which it did.
@@ -26,14 +26,14 @@ def with_node_biases(
         table = recording.bias_filters.get(name)
         if table is None or (known is not None and "gyro_bias" in known.effects):
             continue
-        effect = _last_bias(table)
+        effect = _read_last_bias(table)
         if effect is not None:
             calibration = (calibration or Calibration()).with_node(name, {"gyro_bias": effect})
             used.append(name)
     return calibration, tuple(used)
 
 
-def _last_bias(table: Table) -> CalibratedEffect | None:
+def _read_last_bias(table: Table) -> CalibratedEffect | None:
     tracking = table["state"] == FilterState.TRACKING
     if not tracking.any():
         return None

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from pyproj import Proj
     from pyproj.database import CRSInfo
 
-FARTHEST = 300_000.0
+MAX_DISTANCE_FROM_ORIGIN = 300_000.0
 """m from the origin; beyond it a zone of 6 degrees is left so far that fixes are taken as false."""
 _UPS_NORTH, _UPS_SOUTH = 32661, 32761
-_NORTH_END, _SOUTH_END = 84.0, -80.0
+_UTM_NORTH_LIMIT, _UTM_SOUTH_LIMIT = 84.0, -80.0
 """Degrees of latitude at which UTM ends and UPS begins."""
-_WIDENED = (
+_WIDE_ZONES = (
     (56.0, 64.0, 3.0, 12.0, 9.0),
     (72.0, 84.0, 0.0, 9.0, 3.0),
     (72.0, 84.0, 9.0, 21.0, 15.0),
@@ -55,7 +55,7 @@ class LocalFrame:
 
     def to_local(self, latitude_deg: Array, longitude_deg: Array) -> tuple[Array, Array]:
         """x east, y north of the origin, m, each (N,); infinite where the grid does not reach."""
-        easting, northing = _grid(self.epsg)(longitude_deg, latitude_deg)
+        easting, northing = _load_projection(self.epsg)(longitude_deg, latitude_deg)
         turned = (np.asarray(easting) - self.easting) + 1j * (np.asarray(northing) - self.northing)
         turned = turned * np.exp(-1j * self.convergence) / self.scale
         return turned.real, turned.imag
@@ -63,13 +63,13 @@ class LocalFrame:
     def to_geodetic(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Latitude and longitude in degrees, each (N,); the inverse of `to_local`."""
         turned = (np.asarray(x) + 1j * np.asarray(y)) * np.exp(1j * self.convergence) * self.scale
-        longitude, latitude = _grid(self.epsg)(
+        longitude, latitude = _load_projection(self.epsg)(
             turned.real + self.easting, turned.imag + self.northing, inverse=True
         )
         return np.asarray(latitude), np.asarray(longitude)
 
 
-def local_frame(latitude_deg: float, longitude_deg: float) -> LocalFrame:
+def make_local_frame(latitude_deg: float, longitude_deg: float) -> LocalFrame:
     """The frame at a point, in the UTM zone in which the point lies; a drive keeps to one.
 
     Raises InputError when the point is not on Earth.
@@ -78,9 +78,9 @@ def local_frame(latitude_deg: float, longitude_deg: float) -> LocalFrame:
         raise InputError(
             f"latitude {latitude_deg}, longitude {longitude_deg} degrees is no place on Earth; correct it"
         )
-    longitude_deg = _within_a_turn(longitude_deg)
-    epsg = epsg_of(latitude_deg, longitude_deg)
-    grid = _grid(epsg)
+    longitude_deg = _wrap_longitude(longitude_deg)
+    epsg = find_epsg(latitude_deg, longitude_deg)
+    grid = _load_projection(epsg)
     easting, northing = grid(longitude_deg, latitude_deg)
     factors = grid.get_factors(longitude_deg, latitude_deg)
     return LocalFrame(
@@ -94,20 +94,20 @@ def local_frame(latitude_deg: float, longitude_deg: float) -> LocalFrame:
     )
 
 
-def epsg_of(latitude_deg: float, longitude_deg: float) -> int:
+def find_epsg(latitude_deg: float, longitude_deg: float) -> int:
     """EPSG number of a point's UTM zone, with the wide zones of Norway and Svalbard; UPS at the poles."""
-    if latitude_deg >= _NORTH_END:
+    if latitude_deg >= _UTM_NORTH_LIMIT:
         return _UPS_NORTH
-    if latitude_deg < _SOUTH_END:
+    if latitude_deg < _UTM_SOUTH_LIMIT:
         return _UPS_SOUTH
-    longitude_deg = _within_a_turn(longitude_deg)
-    for south, north, west, east, meridian in _WIDENED:
+    longitude_deg = _wrap_longitude(longitude_deg)
+    for south, north, west, east, meridian in _WIDE_ZONES:
         if south <= latitude_deg < north and west <= longitude_deg < east:
             longitude_deg = meridian
             break
     areas = [
         (area.south, area.west, int(zone.code))
-        for zone in _zones()
+        for zone in _query_zones()
         if (area := zone.area_of_use) is not None
         and area.south <= latitude_deg <= area.north
         and area.west <= longitude_deg <= area.east
@@ -116,19 +116,19 @@ def epsg_of(latitude_deg: float, longitude_deg: float) -> int:
     return max(areas)[-1]
 
 
-def _within_a_turn(longitude_deg: float) -> float:
+def _wrap_longitude(longitude_deg: float) -> float:
     return (longitude_deg + 180.0) % 360.0 - 180.0
 
 
 @cache
-def _zones() -> list[CRSInfo]:
+def _query_zones() -> list[CRSInfo]:
     from pyproj.database import query_utm_crs_info
 
     return query_utm_crs_info(datum_name="WGS 84")
 
 
 @cache
-def _grid(epsg: int) -> Proj:
+def _load_projection(epsg: int) -> Proj:
     from pyproj import Proj
 
     return Proj(f"EPSG:{epsg}")

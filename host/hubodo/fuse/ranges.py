@@ -15,29 +15,29 @@ from hubodo.fuse.wheel.node_screening import find_runs
 from hubodo.recording import Table
 from hubodo.vehicle import NodeMount
 
-USUAL = {"gyro": math.radians(2000.0), "accel": 16.0 * STANDARD_GRAVITY}
+DEFAULT_RANGES = {"gyro": math.radians(2000.0), "accel": 16.0 * STANDARD_GRAVITY}
 """rad/s and m/s²; the ranges of the firmware, where nothing tells them."""
 
-_SMALLEST = {"gyro": math.radians(120.0), "accel": 1.9 * STANDARD_GRAVITY}
+_MIN_RANGES = {"gyro": math.radians(120.0), "accel": 1.9 * STANDARD_GRAVITY}
 """rad/s and m/s²; below them no pile is looked for: no inertial sensor ends before 125 deg/s or 2 g."""
 
-_JUST_BELOW, _CORRECTED = 0.995, 0.97
+_CLIPPING_FRACTION, _CORRECTED_CLIPPING_FRACTION = 0.995, 0.97
 """Share of the range from which on a sample counts as clipped.
 
 Half a percent for the steps of its words; three where the samples are corrected by a calibration, which moves
 the limit by scale and bias. What is taken as clipped without need is only known less well.
 """
 
-_BEYOND = 1.01
+_RANGE_TOLERANCE_RATIO = 1.01
 """Share of a range that samples must reach to show that it is not where they end."""
 
-_PILE, _RUN, _QUIET = 10, 4, 0.2
+_MIN_CLIPPED_SAMPLES, _MIN_CLIPPED_RUN, _MAX_REPEAT_FRACTION = 10, 4, 0.2
 """Samples at the very end of all, so many of them in a row, that make a pile, where of the other samples at
 most this share repeats the one before: a channel without noise repeats itself anywhere. Estimated."""
 
 
 @dataclass(frozen=True, slots=True)
-class Range:
+class SensorRange:
     """value: rad/s or m/s²; source: in words."""
 
     value: float
@@ -48,15 +48,15 @@ class Range:
 class NodeRanges:
     """Where a node's samples end. warnings: where what was told is not what the samples show."""
 
-    gyro: Range
-    accel: Range
+    gyro: SensorRange
+    accel: SensorRange
     corrected: bool = False
     warnings: tuple[str, ...] = ()
 
     @property
-    def limits(self) -> dict[str, float]:
+    def clipping_limits(self) -> dict[str, float]:
         """From which on samples count as clipped, by the names of `WheelNode`."""
-        share = _CORRECTED if self.corrected else _JUST_BELOW
+        share = _CORRECTED_CLIPPING_FRACTION if self.corrected else _CLIPPING_FRACTION
         return {"gyro_limit": share * self.gyro.value, "accel_limit": share * self.accel.value}
 
     def as_json(self) -> dict[str, Any]:
@@ -64,8 +64,8 @@ class NodeRanges:
         return {"gyro_range": asdict(self.gyro), "accel_range": asdict(self.accel)}
 
 
-def node_ranges(
-    mount: NodeMount, told: Mapping[str, str], samples: Table | None = None, *, corrected: bool = False
+def determine_ranges(
+    mount: NodeMount, metadata: Mapping[str, str], samples: Table | None = None, *, corrected: bool = False
 ) -> NodeRanges:
     """The vehicle file goes before what the node told of itself, and both before the usual ranges.
 
@@ -77,49 +77,51 @@ def node_ranges(
         ("gyro", mount.gyro_range, "gyro_range_dps", math.radians(1.0)),
         ("accel", mount.accel_range, "accel_range_g", STANDARD_GRAVITY),
     ):
-        declared = _told(given, told.get(key, ""), unit) or Range(USUAL[kind], "the usual one")
+        declared = _declared_range(given, metadata.get(key, ""), unit) or SensorRange(
+            DEFAULT_RANGES[kind], "the usual one"
+        )
         if samples is not None and len(samples):
             values = samples.gyro if kind == "gyro" else samples.accel
-            found[kind], said = _seen(kind, np.abs(values), declared)
-            if said and (given or told.get(key)):
+            found[kind], said = _check_against_samples(kind, np.abs(values), declared)
+            if said and (given or metadata.get(key)):
                 warnings.append(said)
         else:
             found[kind] = declared
     return NodeRanges(found["gyro"], found["accel"], corrected, tuple(warnings))
 
 
-def of_node(metadata: Mapping[str, str], name: str) -> dict[str, str]:
+def node_metadata(metadata: Mapping[str, str], name: str) -> dict[str, str]:
     """What a log's metadata holds of a node."""
     prefix = f"node.{name}."
     return {key.removeprefix(prefix): text for key, text in metadata.items() if key.startswith(prefix)}
 
 
-def _told(given: float | None, text: str, unit: float) -> Range | None:
+def _declared_range(given: float | None, text: str, unit: float) -> SensorRange | None:
     if given is not None:
-        return Range(given, "vehicle file")
+        return SensorRange(given, "vehicle file")
     try:
         value = float(text) * unit
     except ValueError:
         return None
-    return Range(value, "told by the node") if math.isfinite(value) and value > 0.0 else None
+    return SensorRange(value, "told by the node") if math.isfinite(value) and value > 0.0 else None
 
 
-def _seen(kind: str, size: Array, declared: Range) -> tuple[Range, str]:
+def _check_against_samples(kind: str, size: Array, declared: SensorRange) -> tuple[SensorRange, str]:
     """The range that samples (N, 3), without sign, show where they show one, and what to say then."""
     unit = "rad/s" if kind == "gyro" else "m/s²"
     largest = max(size[np.isfinite(size)].tolist(), default=0.0)
-    end = _pile(size, kind)
+    end = _find_clipping_level(size, kind)
     told = f"{declared.value:.4g} {unit} ({declared.source})"
-    if end is not None and not 1.0 / _BEYOND < end / declared.value < _BEYOND:
+    if end is not None and not 1.0 / _RANGE_TOLERANCE_RATIO < end / declared.value < _RANGE_TOLERANCE_RATIO:
         said = f"{kind} samples stand at {end:.4g}, not at {told}: taken as clipped there"
-        return Range(end, "seen: samples stand at it"), said
-    if end is None and largest > _BEYOND * declared.value:
+        return SensorRange(end, "seen: samples stand at it"), said
+    if end is None and largest > _RANGE_TOLERANCE_RATIO * declared.value:
         said = f"{kind} samples reach {largest:.4g}, beyond {told}: none is taken as clipped"
-        return Range(_BEYOND * largest, "seen: samples go up to it"), said
+        return SensorRange(_RANGE_TOLERANCE_RATIO * largest, "seen: samples go up to it"), said
     return declared, ""
 
 
-def _pile(size: Array, kind: str) -> float | None:
+def _find_clipping_level(size: Array, kind: str) -> float | None:
     """Where samples of a channel stand at their end, None where none does.
 
     Words of two's complement end one step further on the negative side.
@@ -127,13 +129,14 @@ def _pile(size: Array, kind: str) -> float | None:
     ends = []
     for channel in size.T:
         top = max(channel[np.isfinite(channel)].tolist(), default=0.0)
-        if top < _SMALLEST[kind]:
+        if top < _MIN_RANGES[kind]:
             continue
         at_end = channel >= top * (1.0 - 1e-4)
         same = np.append(False, channel[1:] == channel[:-1])
         others = ~at_end & np.append(False, ~at_end[:-1])
         repeats = np.count_nonzero(same & others) / (1 + np.count_nonzero(others))
         longest = max((last - first + 1 for first, last in find_runs(at_end)), default=0)
-        if np.count_nonzero(at_end) >= _PILE and longest >= _RUN and repeats < _QUIET:
+        enough = np.count_nonzero(at_end) >= _MIN_CLIPPED_SAMPLES and longest >= _MIN_CLIPPED_RUN
+        if enough and repeats < _MAX_REPEAT_FRACTION:
             ends.append(top)
     return min(ends) if ends else None

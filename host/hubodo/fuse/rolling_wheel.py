@@ -15,23 +15,23 @@ from hubodo.vehicle import Facing, Side, facing_sign
 _MAX_KNOTS = 1 << 17
 """Points kept of a wheel whose partner is silent: twenty minutes at 104 Hz, some 20 MB."""
 
-_HALF_NS = 250_000_000
+_HALF_BLOCK_NS = 250_000_000
 """ns of each half of a block that is judged: half a second, the shortest rest worth having. Estimated."""
 
-_BIAS_WALK = 2e-5
+_BIAS_RANDOM_WALK = 2e-5
 """rad/s per square root of a second: a bias moves by 0.07 deg/s in an hour of steady temperature.
 Estimated."""
 
-_REST_SPREAD, _REST_LIMIT = 0.02, 0.35
+_MAX_STANDSTILL_SPREAD, _MAX_STANDSTILL_RATE = 0.02, 0.35
 """rad/s at rest: spread, far above the noise of a sample; and bias, twice a bad part's zero-rate level."""
 
-_REST_TURN = 0.005
+_MAX_STANDSTILL_TURN = 0.005
 """rad that gravity may turn by between the halves of a block: 20 mrad/s, 3 mm/s on a wheel of 0.15 m."""
 
-_BIAS_FLOOR = 2e-4
+_MIN_BIAS_SIGMA = 2e-4
 """rad/s that a mean over a rest is off however long it is: bias instability, 40 deg/h. Estimated."""
 
-_REST_SAMPLES = 10
+_MIN_BLOCK_SAMPLES = 10
 """Samples below which a block tells nothing."""
 
 
@@ -88,15 +88,15 @@ class RollingWheel:
         self.knots: deque[tuple[int, float, float]] = deque()
         self.bias = spec.gyro_bias
         self.bias_sigma = spec.gyro_bias_sigma
-        self.ready = not bias_at_rest  # a first look has told whether it rests
-        self.newest = 0
+        self.is_initialised = not bias_at_rest  # a first look has told whether it rests
+        self.newest_t_ns = 0
         self._sign = facing_sign(spec.facing)
         self._radius = spec.radius
         self._noise = noise
         self._rate = 0.0
-        self._rest = RestBlocks() if bias_at_rest else None
+        self._standstill = StandstillDetector() if bias_at_rest else None
 
-    def add(self, samples: WheelSamples) -> int:
+    def add_samples(self, samples: WheelSamples) -> int:
         """Integrates samples; returns how many were late."""
         late = 0
         noise, radius = self._noise, self._radius
@@ -120,15 +120,15 @@ class RollingWheel:
                 self.knots.append((t_ns, distance + ds, variance))
             else:
                 self.knots.append((t_ns, 0.0, 0.0))
-            self._rate, self.newest = rate, t_ns
-            if self._rest is not None and self._rest.add(t_ns, rate, ax, ay):
-                self._look(self._rest)
+            self._rate, self.newest_t_ns = rate, t_ns
+            if self._standstill is not None and self._standstill.add_sample(t_ns, rate, ax, ay):
+                self._update_bias(self._standstill)
         if len(self.knots) > _MAX_KNOTS:
             # The other wheel has been silent for minutes: the shape in between is lost to it anyway.
             self.knots = deque([*list(self.knots)[:-1:2], self.knots[-1]])
         return late
 
-    def at(self, t_ns: int) -> tuple[float, float]:
+    def distance_at(self, t_ns: int) -> tuple[float, float]:
         """Distance and variance at a time between the oldest and newest knot; older knots are let go."""
         knots = self.knots
         while len(knots) > 1 and knots[1][0] <= t_ns:
@@ -140,46 +140,48 @@ class RollingWheel:
         share = (t_ns - t0) / (t1 - t0)
         return s0 + share * (s1 - s0), v0 + share * (v1 - v0)
 
-    def _look(self, rest: RestBlocks) -> None:
+    def _update_bias(self, rest: StandstillDetector) -> None:
         """A block of samples has been judged: a resting wheel shows its gyro's bias."""
-        if rest.resting:
+        if rest.is_stationary:
             variance = self.bias_sigma**2
             gain = variance / (variance + rest.variance)
             change = gain * (rest.mean - self.bias)
             self.bias += change
-            self.bias_sigma = math.sqrt((1 - gain) * variance + _BIAS_WALK**2 * 2 * _HALF_NS * 1e-9)
-            if not self.ready:
+            self.bias_sigma = math.sqrt(
+                (1 - gain) * variance + _BIAS_RANDOM_WALK**2 * 2 * _HALF_BLOCK_NS * 1e-9
+            )
+            if not self.is_initialised:
                 start = self.knots[0][0]
                 slope = self._radius * self._sign * change * 1e-9
                 self.knots = deque((t, s - slope * (t - start), v) for t, s, v in self.knots)
-        self.ready = True
+        self.is_initialised = True
 
 
-class RestBlocks:
+class StandstillDetector:
     """Blocks of half a second: the wheel rests where its gyro is steady and gravity does not turn."""
 
     def __init__(self) -> None:
-        self.resting = False
+        self.is_stationary = False
         self.mean = self.variance = 0.0
         self._end_ns: int | None = None
-        self._half = [0.0] * 5
-        self._first: list[float] | None = None
+        self._half_block = [0.0] * 5
+        self._previous_half_block: list[float] | None = None
 
-    def add(self, t_ns: int, rate: float, ax: float, ay: float) -> bool:
+    def add_sample(self, t_ns: int, rate: float, ax: float, ay: float) -> bool:
         """One sample; True when a block has just been judged."""
         judged = False
         if self._end_ns is None:
-            self._end_ns = t_ns + _HALF_NS
+            self._end_ns = t_ns + _HALF_BLOCK_NS
         elif t_ns >= self._end_ns:
-            self._end_ns = t_ns + _HALF_NS
-            judged = self._first is not None
-            if self._first is not None:
-                self._judge(self._first, self._half)
-                self._first = None
+            self._end_ns = t_ns + _HALF_BLOCK_NS
+            judged = self._previous_half_block is not None
+            if self._previous_half_block is not None:
+                self._evaluate_block(self._previous_half_block, self._half_block)
+                self._previous_half_block = None
             else:
-                self._first = self._half
-            self._half = [0.0] * 5
-        half = self._half
+                self._previous_half_block = self._half_block
+            self._half_block = [0.0] * 5
+        half = self._half_block
         half[0] += 1
         half[1] += rate
         half[2] += rate * rate
@@ -187,7 +189,7 @@ class RestBlocks:
         half[4] += ay
         return judged
 
-    def _judge(self, one: list[float], two: list[float]) -> None:
+    def _evaluate_block(self, one: list[float], two: list[float]) -> None:
         n = one[0] + two[0]
         self.mean = (one[1] + two[1]) / n
         spread = max((one[2] + two[2]) / n - self.mean**2, 0.0)
@@ -195,6 +197,10 @@ class RestBlocks:
             math.hypot(one[3] / one[0] - two[3] / two[0], one[4] / one[0] - two[4] / two[0])
             / STANDARD_GRAVITY
         )
-        steady = spread < _REST_SPREAD**2 and abs(self.mean) < _REST_LIMIT and turn < _REST_TURN
-        self.resting = steady and n >= _REST_SAMPLES
-        self.variance = spread / n + _BIAS_FLOOR**2
+        steady = (
+            spread < _MAX_STANDSTILL_SPREAD**2
+            and abs(self.mean) < _MAX_STANDSTILL_RATE
+            and turn < _MAX_STANDSTILL_TURN
+        )
+        self.is_stationary = steady and n >= _MIN_BLOCK_SAMPLES
+        self.variance = spread / n + _MIN_BIAS_SIGMA**2

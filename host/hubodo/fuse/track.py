@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.odometry import OdometryState
+from hubodo.fuse.differential_odometry import OdometryState
 
 
 def _empty() -> Array:
@@ -64,7 +64,7 @@ class Score:
     heading_rms: float | None
 
 
-def from_states(states: Sequence[OdometryState], heading: float = 0.0) -> Track:
+def track_from_states(states: Sequence[OdometryState], heading: float = 0.0) -> Track:
     """The track of odometry states, turned so that it begins at `heading`, rad.
 
     Raises ValueError when there are no states.
@@ -82,7 +82,7 @@ def from_states(states: Sequence[OdometryState], heading: float = 0.0) -> Track:
     return Track(t, x, y, odometry_heading + heading, speed, sigma_x, sigma_y, sigma_heading, yaw_rate)
 
 
-def score(track: Track, t: Array, x: Array, y: Array, heading: Array | None) -> Score | None:
+def score_track(track: Track, t: Array, x: Array, y: Array, heading: Array | None) -> Score | None:
     """How far a track is from the truth (t, x, y, heading, each (M,)) over their common time.
 
     Both begin at the same point: the truth is shifted, never turned. None without common time.
@@ -107,14 +107,14 @@ def score(track: Track, t: Array, x: Array, y: Array, heading: Array | None) -> 
     return Score(final, rms, maximum, percent(final), percent(rms), percent(maximum), turn_rms)
 
 
-def error_words(error: float, percent: float | None, of: str = "") -> str:
+def format_error(error: float, percent: float | None, suffix: str = "") -> str:
     """Return an error in m and in % of the path; of: words behind the per cent sign."""
-    share = "the vehicle does not move" if percent is None else f"{percent:.2f} %{of}"
+    share = "the vehicle does not move" if percent is None else f"{percent:.2f} %{suffix}"
     return f"{error:.3f} m, {share}"
 
 
 @dataclass(frozen=True, slots=True)
-class Outage:
+class GnssOutage:
     """A time without fixes.
 
     start, end: s, of the fixes before and after. distance: m driven in it. sigma: m, 1 sigma of the
@@ -131,22 +131,22 @@ class Outage:
     worst: float | None
 
 
-def outages(
-    track: Track, fix_t: Array, truth: tuple[Array, Array, Array] | None = None, longest: float = 10.0
-) -> tuple[Outage, ...]:
+def find_gnss_outages(
+    track: Track, fix_t: Array, truth: tuple[Array, Array, Array] | None = None, min_duration: float = 10.0
+) -> tuple[GnssOutage, ...]:
     """Outages of more than `longest` seconds within a track.
 
     fix_t: (M,) s, fixes that counted. truth: t (s), x, y (m, (K,)) in axes of the track; it is shifted onto
     the track by the mean of both where there are fixes, never turned.
     """
-    gaps = np.flatnonzero(np.diff(fix_t) > longest)
+    gaps = np.flatnonzero(np.diff(fix_t) > min_duration)
     dx = dy = None
     if truth is not None:
         dx = track.x - np.interp(track.t, truth[0], truth[1])
         dy = track.y - np.interp(track.t, truth[0], truth[2])
         known = (track.t >= truth[0][0]) & (track.t <= truth[0][-1])
         after = np.clip(np.searchsorted(fix_t, track.t), 1, len(fix_t) - 1)
-        covered = known & (fix_t[after] - fix_t[after - 1] <= longest)
+        covered = known & (fix_t[after] - fix_t[after - 1] <= min_duration)
         covered = covered if covered.any() else known
         if covered.any():
             dx, dy = dx - dx[covered].mean(), dy - dy[covered].mean()
@@ -163,5 +163,5 @@ def outages(
             off = np.hypot(dx[inside], dy[inside])
             error, worst = float(off[-1]), float(off.max())
             percent = 100.0 * error / distance if distance > 0.0 else None
-        found.append(Outage(start, end, distance, sigma, error, percent, worst))
+        found.append(GnssOutage(start, end, distance, sigma, error, percent, worst))
     return tuple(found)

@@ -12,8 +12,8 @@ import numpy as np
 from hubodo.calibration.apply import AppliedCalibration, apply_calibration
 from hubodo.calibration.file import Calibration, find_node_serial
 from hubodo.errors import InputError
-from hubodo.fuse.track import error_words, score
-from hubodo.fuse.wheels import WheelOdometry, wheel_odometry
+from hubodo.fuse.track import format_error, score_track
+from hubodo.fuse.wheel_odometry import WheelOdometry, compute_wheel_odometry
 from hubodo.log.summary import Summary
 from hubodo.recording import Recording
 from hubodo.report.bias_filter import bias_filter_section
@@ -261,11 +261,11 @@ def _drive(
     nodes = recording if applied is None else _with_nodes(recording, applied)
     left = None if applied is None else applied.remaining
     try:
-        made = wheel_odometry(nodes, vehicle, log=name, calibration=left)
+        made = compute_wheel_odometry(nodes, vehicle, log=name, calibration=left)
     except InputError as error:
         missing.append(f"drive: {error}")
         return []
-    learnt = made.learnt
+    learnt = made.details
     facts.append(f"drive of {float(learnt['distance']):.2f} m by {made.method}")
     if float(learnt["distance"]) < 1.0:
         missing.append("drive: the wheels hardly turned; the path says nothing")
@@ -274,12 +274,12 @@ def _drive(
     found = None
     truth = recording.truth
     if truth is not None:
-        found = score(made.track, truth.t, truth["x"], truth["y"], truth.columns.get("heading"))
+        found = score_track(made.track, truth.t, truth["x"], truth["y"], truth.columns.get("heading"))
     if found is None:
         missing.append("drive: its error, because the log holds no truth")
     else:
         facts.append(
-            f"error at the end {error_words(found.final_error, found.final_percent, ' of the path')}"
+            f"error at the end {format_error(found.final_error, found.final_percent, ' of the path')}"
         )
     return [Section("Drive", text, [grid], [_path(made, recording), _speed(made)])]
 

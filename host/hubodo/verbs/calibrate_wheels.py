@@ -21,13 +21,13 @@ from hubodo.calibration.file import (
     write_calibration,
 )
 from hubodo.errors import InputError
-from hubodo.fuse.projection import local_frame
+from hubodo.fuse.projection import make_local_frame
 from hubodo.fuse.wheel.calibration.calibrate import WheelCalibration, WheelPriors, calibrate_wheels
 from hubodo.fuse.wheel.calibration.learnt_parameters import quantities_as_json
 from hubodo.fuse.wheel.calibration.positions import Positions
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.node_times import check_times
-from hubodo.fuse.wheels import located, log_ranges
+from hubodo.fuse.wheel_odometry import add_latitude, determine_log_ranges
 from hubodo.log.any_log import read_log
 from hubodo.log.roles import NODES_ROLE
 from hubodo.log.units import check_units
@@ -150,7 +150,9 @@ def run(args: argparse.Namespace) -> WheelCalibrationResult:
     try:
         present = [name for name in vehicle.nodes if name in recording.nodes]
         config = wheel_config(
-            located(vehicle, recording), present, ranges=log_ranges(recording, vehicle, present)
+            add_latitude(vehicle, recording),
+            present,
+            ranges=determine_log_ranges(recording, vehicle, present),
         )
     except ValueError as error:
         raise InputError(f"{args.log}: {error}; name the nodes in the vehicle file as in the log") from None
@@ -180,7 +182,7 @@ def _positions(recording: Recording, vehicle: Vehicle, log: str) -> tuple[str, P
     if truth is not None:
         t, x, y, sigma = truth.t, truth["x"], truth["y"], np.full(len(truth), TRUTH_SIGMA)
     elif gnss is not None and len(gnss) > 0:
-        frame = local_frame(float(gnss["latitude_deg"][0]), float(gnss["longitude_deg"][0]))
+        frame = make_local_frame(float(gnss["latitude_deg"][0]), float(gnss["longitude_deg"][0]))
         x, y = frame.to_local(gnss["latitude_deg"], gnss["longitude_deg"])
         t, sigma = gnss.t, gnss["sigma"] if "sigma" in gnss else np.full(len(gnss), GNSS_SIGMA)
     else:

@@ -28,9 +28,9 @@ from hubodo.demo.scenario import VEHICLE_TOML, WHEEL_RADIUS, make_scenario
 from hubodo.emulator.interpreters.interpreter import Kind
 from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
 from hubodo.errors import HubodoError
-from hubodo.fuse.fused import score_against_truth
-from hubodo.fuse.track import Score, error_words
-from hubodo.fuse.wheels import WheelOdometry, wheel_odometry
+from hubodo.fuse.fusion import score_against_truth
+from hubodo.fuse.track import Score, format_error
+from hubodo.fuse.wheel_odometry import WheelOdometry, compute_wheel_odometry
 from hubodo.log.recording_reader import read_recording
 from hubodo.log.summary import Summary, summarise
 from hubodo.recording import Recording, Table
@@ -89,9 +89,9 @@ class DemoResult:
         score = self.score
         return {
             "firmware ran on": INTERPRETERS[self.interpreter],
-            "length of the path": f"{self.fused.learnt['distance']:.2f} m (truth {self.true_length:.2f} m)",
-            "final error": error_words(score.final_error, score.final_percent, " of the path"),
-            "largest error": error_words(score.maximum_error, score.maximum_percent),
+            "length of the path": f"{self.fused.details['distance']:.2f} m (truth {self.true_length:.2f} m)",
+            "final error": format_error(score.final_error, score.final_percent, " of the path"),
+            "largest error": format_error(score.maximum_error, score.maximum_percent),
             "heading error, rms": "-"
             if score.heading_rms is None
             else f"{math.degrees(score.heading_rms):.2f}°",
@@ -139,7 +139,7 @@ class DemoResult:
             "recorded": self.ride.recorded,
             "fused": {
                 "method": self.fused.method,
-                **self.fused.learnt,
+                **self.fused.details,
                 "truth": dataclasses.asdict(self.score),
             },
         }
@@ -216,7 +216,7 @@ def run(args: argparse.Namespace) -> DemoResult:
     recording = read_recording(result.log)
     truth = scenario.truth((result.start_ns - recording.t_zero_ns) * 1e-9)
     recording = dataclasses.replace(recording, truth=truth)
-    fused = wheel_odometry(recording, load_vehicle(result.vehicle), log=str(result.log))
+    fused = compute_wheel_odometry(recording, load_vehicle(result.vehicle), log=str(result.log))
     score = score_against_truth(fused.track, recording)
     if score is None:
         raise HubodoError(f"{result.log}: the drive and its log do not overlap in time; run the demo again")
@@ -243,7 +243,7 @@ def _write_pages(demo: DemoResult, out: Path, recording: Recording, truth: Table
     lead = (
         f"{demo.true_length:.0f} m, driven by two virtual wheel nodes running the real firmware; "
         f"the final error of the fused track is "
-        f"{error_words(demo.score.final_error, demo.score.final_percent, ' of the path')}."
+        f"{format_error(demo.score.final_error, demo.score.final_percent, ' of the path')}."
     )
     facts = facts_grid(demo.headline_figures())
     write_atomically(

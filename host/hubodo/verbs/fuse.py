@@ -11,8 +11,8 @@ from rich.table import Table as TextTable
 
 from hubodo.calibration.file import hash_source, read_calibration
 from hubodo.errors import InputError
-from hubodo.fuse.fused import Fused, check_free, fuse_recording, write_fused
-from hubodo.fuse.wheels import METHODS
+from hubodo.fuse.fusion import FusedRecording, check_no_results, fuse_recording, write_results
+from hubodo.fuse.wheel_odometry import METHODS
 from hubodo.log.any_log import read_log
 from hubodo.log.roles import NODES_ROLE
 from hubodo.vehicle import load_vehicle
@@ -27,7 +27,7 @@ EXAMPLE = "hubodo fuse drive.mcap --vehicle vehicle.toml -o out/"
 class FusionResult:
     """A fused track, and the folder that it was written to."""
 
-    fused: Fused
+    fused: FusedRecording
     output: str
 
     def as_json(self) -> dict[str, Any]:
@@ -37,7 +37,7 @@ class FusionResult:
     def render(self, console: Console) -> None:
         """Print the main results, then the warnings."""
         table = TextTable(title=f"{self.fused.log} → {self.output}", show_header=False)
-        for label, value in self.fused.facts():
+        for label, value in self.fused.summary_rows():
             table.add_row(label, value)
         console.print(table)
         for text in self.fused.warnings:
@@ -94,7 +94,7 @@ def run(args: argparse.Namespace) -> FusionResult:
     vehicle = load_vehicle(args.vehicle)
     calibration = read_calibration(args.calibration) if args.calibration else None
     if not args.force:
-        check_free(args.output)
+        check_no_results(args.output)
     lag = _smoothing_lag(args.smooth)
     if lag > 0.0 and args.method != "filter":
         raise InputError("--smooth goes with --method filter")
@@ -115,7 +115,7 @@ def run(args: argparse.Namespace) -> FusionResult:
         graph=not args.no_graph,
         antenna=tuple(args.antenna) if args.antenna else None,
     )
-    write_fused(fused, args.output)
+    write_results(fused, args.output)
     return FusionResult(fused, str(args.output))
 
 

@@ -16,7 +16,7 @@ from hubodo.atomic_files import atomic_files, write_atomically
 from hubodo.calibration.file import CalibratedEffect, NodeCalibration, read_calibration
 from hubodo.calibration.triad import triad_from_effects
 from hubodo.errors import InputError
-from hubodo.fuse.warm_heading import BiasNoise
+from hubodo.fuse.heading_filter import BiasNoise
 from hubodo.log.csv_table import write_table
 from hubodo.log.units import check_node_units
 from hubodo.recording import Recording, Table

@@ -15,7 +15,7 @@ from hubodo.atomic_files import write_atomically
 from hubodo.calibration.apply import apply_calibration
 from hubodo.calibration.file import Calibration, read_calibration
 from hubodo.errors import InputError
-from hubodo.fuse.ranges import node_ranges, of_node
+from hubodo.fuse.ranges import determine_ranges, node_metadata
 from hubodo.log.any_log import read_log
 from hubodo.log.units import check_units
 from hubodo.progress import progress_line
@@ -346,8 +346,8 @@ def _axis_record(
     if table is None and len(args.log or args.resume) + (args.live is not None) > 1:
         raise InputError("several logs can be combined only if table.csv gives their angles")
     step = None if args.step_deg is None else math.radians(args.step_deg)
-    ranges = node_ranges(NodeMount(), of_node(recording.metadata, name), recording.nodes[name])
-    limit = ranges.limits["gyro_limit"]
+    ranges = determine_ranges(NodeMount(), node_metadata(recording.metadata, name), recording.nodes[name])
+    limit = ranges.clipping_limits["gyro_limit"]
     detection = FoundAngles(_scale_sigma(args, calibration, name), step, limit)
     return axis_record(node, axis, table, latitude, detection)
 

@@ -25,7 +25,7 @@ from hubodo.demo.ride import (
 from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
 from hubodo.emulator.node_motion import NodeMotion, Scatter
 from hubodo.errors import InputError
-from hubodo.fuse.drive_from_log import drive_from_fixes, drive_from_reference
+from hubodo.fuse.drive_from_log import estimate_drive_from_fixes, read_reference_drive
 from hubodo.log.any_log import read_log
 from hubodo.log.csv_folder import write_folder
 from hubodo.log.number_recording import InputFormat
@@ -332,7 +332,7 @@ def _inputs_from_log(args: argparse.Namespace, vehicle: Vehicle) -> MotionInputs
     recording = read_log(
         args.source, input_format=InputFormat(topic_selection=topic_choice(args, vehicle, needed))
     )
-    convert = drive_from_reference if args.drive == "reference" else drive_from_fixes
+    convert = read_reference_drive if args.drive == "reference" else estimate_drive_from_fixes
     return convert(recording, str(args.source))
 
 

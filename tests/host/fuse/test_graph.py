@@ -7,19 +7,19 @@ from scipy.stats import chi2
 from generators import gnss_drives
 from generators.gnss_drives import Errors
 from graph_drives import errors_of, fixes_of, make, path_of, rms
+from hubodo.fuse.graph.batch import GraphConfig, Headings, fuse_graph
 from hubodo.fuse.graph.factors.between import BetweenFactors
 from hubodo.fuse.graph.factors.constants import ConstantSigmas
 from hubodo.fuse.graph.factors.position import PositionFactors
-from hubodo.fuse.graph.graph import GraphConfig, Headings, fuse_graph
-from hubodo.fuse.graph.steps import StepNoise
-from hubodo.fuse.track import outages
+from hubodo.fuse.graph.odometry_steps import StepNoise
+from hubodo.fuse.track import find_gnss_outages
 
 PAPER = GraphConfig(
-    declared=False,
-    noise=StepNoise(share=0.1),
+    use_declared_sigmas=False,
+    noise=StepNoise(relative_error=0.1),
     constants=ConstantSigmas(0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-    honest=False,
-    search_delay=False,
+    inflate_sigmas=False,
+    estimate_delay=False,
 )
 """Shah et al. section IV.
 
@@ -66,7 +66,7 @@ def test_poses_and_constants_are_as_far_from_the_truth_as_their_covariance_says(
         result = fuse_graph(path_of(drive), fixes_of(drive))
         error = errors_of(drive, result)
         k = len(result.solution.poses) // 3 + seed
-        at = np.interp(result.state_t[k], result.track.t, np.arange(len(error)))
+        at = np.interp(result.pose_t[k], result.track.t, np.arange(len(error)))
         e = np.array([np.interp(at, np.arange(len(error)), column) for column in error.T])
         poses.append(e @ np.linalg.solve(result.solution.covariance[k], e))
         e = result.solution.constants[:4] - undone
@@ -124,14 +124,14 @@ def test_an_outage_of_a_minute_costs_less_than_a_percent_of_the_way_in_it():
     zero = np.zeros(1)
     ox, oy = result.frame.to_local(*gnss_drives.geodetic(zero, zero, *drive.origin))
     truth = (drive.t, drive.x + ox[0] + 7.0, drive.y + oy[0] - 3.0)
-    (gap,) = outages(result.track, result.fix_t, truth)
+    (gap,) = find_gnss_outages(result.track, result.fix_t, truth)
     assert gap.end - gap.start == pytest.approx(60.2, abs=0.3)
     assert gap.percent is not None
     assert gap.percent < 1.0
     rolled = np.cumsum(drive.speed) * 1e-3
     way = np.interp(gap.end, drive.t, rolled) - np.interp(gap.start, drive.t, rolled)
     assert gap.distance == pytest.approx(way, rel=0.02)
-    (untold,) = outages(result.track, result.fix_t)
+    (untold,) = find_gnss_outages(result.track, result.fix_t)
     assert untold.error is None
     assert untold.percent is None
 
@@ -187,7 +187,7 @@ def test_the_papers_settings_are_ten_percent_and_five_metres():
     assert rms(errors_of(drive, result)) < 1.0
     assert np.all(result.graph.find(PositionFactors).sigma == 5.0)
     steps = result.graph.find(BetweenFactors).steps
-    moved = np.abs(np.add.reduceat(steps.moves(np.zeros(6)), steps.first))
+    moved = np.abs(np.add.reduceat(steps.correct_displacements(np.zeros(6)), steps.first_step))
     assert np.allclose(steps.covariance[:, 0, 0], (0.1 * moved) ** 2 + 1e-6)
     assert all(abs(value.value) < 1e-6 for value in result.constants.values())
 

@@ -7,10 +7,10 @@ import pytest
 
 from graph_drives import small_drive
 from hubodo.fuse.graph import solver
-from hubodo.fuse.graph.factors.constants import COUNT
-from hubodo.fuse.graph.factors.factor import Linear
+from hubodo.fuse.graph.factors.constants import N_CONSTANTS
+from hubodo.fuse.graph.factors.factor import LinearisedFactors
 from hubodo.fuse.graph.factors.loss import QUADRATIC
-from hubodo.fuse.graph.solver import solve
+from hubodo.fuse.graph.solver import solve_graph
 
 
 @pytest.fixture(scope="module")
@@ -20,16 +20,16 @@ def drive():
 
 def dense(linear, n):
     """H and gradient over all poses and then the constants, each row times the root of its weight."""
-    size = 3 * n + COUNT
+    size = 3 * n + N_CONSTANTS
     h, slope = np.zeros((size, size)), np.zeros(size)
     for item, loss in linear:
-        weight = loss.weight(item.squares)
-        for k, state in enumerate(item.state):
+        weight = loss.weight(item.squared_norms)
+        for k, state in enumerate(item.pose_index):
             row = np.zeros((item.residual.shape[1], size))
-            row[:, 3 * state : 3 * state + 3] = item.by_state[k]
-            if item.by_next is not None:
-                row[:, 3 * state + 3 : 3 * state + 6] = item.by_next[k]
-            row[:, -COUNT:] = item.by_constants[k]
+            row[:, 3 * state : 3 * state + 3] = item.pose_jacobian[k]
+            if item.next_pose_jacobian is not None:
+                row[:, 3 * state + 3 : 3 * state + 6] = item.next_pose_jacobian[k]
+            row[:, -N_CONSTANTS:] = item.constants_jacobian[k]
             h += weight[k] * row.T @ row
             slope += weight[k] * row.T @ item.residual[k]
     return h, slope
@@ -37,27 +37,29 @@ def dense(linear, n):
 
 @pytest.mark.parametrize("damping", [0.0, 0.3, 10.0])
 def test_a_step_is_that_of_the_dense_equations_with_the_diagonal_grown(drive, damping):
-    n = len(drive.poses)
-    linear = drive.graph.linear(drive.poses, np.full(COUNT, 0.01))
+    n = len(drive.initial_poses)
+    linear = drive.graph.linearise(drive.initial_poses, np.full(N_CONSTANTS, 0.01))
     h, slope = dense(linear, n)
     expected = np.linalg.solve(h + damping * np.diag(np.diag(h)), -slope)
-    step, change = solver._step(linear, n, damping)
+    step, change = solver._solve_step(linear, n, damping)
     np.testing.assert_allclose(np.append(step.ravel(), change), expected, rtol=1e-5, atol=1e-7)
 
 
 def test_covariances_are_blocks_of_the_inverse_however_many_are_asked_for(drive):
-    found = solve(drive.graph, drive.poses, np.zeros(COUNT), "all")
-    h, _ = dense(drive.graph.linear(found.poses, found.constants), len(drive.poses))
+    found = solve_graph(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS), "all")
+    h, _ = dense(drive.graph.linearise(found.poses, found.constants), len(drive.initial_poses))
     inverse = np.linalg.inv(h)
-    for k in (0, 1, len(drive.poses) - 1):
+    for k in (0, 1, len(drive.initial_poses) - 1):
         own = slice(3 * k, 3 * k + 3)
         np.testing.assert_allclose(found.covariance[k], inverse[own, own], rtol=1e-4, atol=1e-9)
         np.testing.assert_allclose(found.start_covariance[k], inverse[own, :3], rtol=1e-4, atol=1e-9)
-    np.testing.assert_allclose(found.constants_covariance, inverse[-COUNT:, -COUNT:], rtol=1e-4, atol=1e-12)
-    few = solve(drive.graph, drive.poses, np.zeros(COUNT), "constants")
+    np.testing.assert_allclose(
+        found.constants_covariance, inverse[-N_CONSTANTS:, -N_CONSTANTS:], rtol=1e-4, atol=1e-12
+    )
+    few = solve_graph(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS), "constants")
     np.testing.assert_allclose(few.constants_covariance, found.constants_covariance, rtol=1e-6)
     assert len(few.covariance) == len(few.start_covariance) == 0
-    none = solve(drive.graph, drive.poses, np.zeros(COUNT))
+    none = solve_graph(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS))
     assert len(none.covariance) == len(none.constants_covariance) == 0
 
 
@@ -68,21 +70,21 @@ class OneNumber:
         self.residual, self.slope, self.beside = residual, slope, beside
         self.tried = []
 
-    def linear(self, poses, constants):
+    def linearise(self, poses, constants):
         x = float(poses[0, 0])
         self.tried.append(x)
-        rows = 3 + COUNT
+        rows = 3 + N_CONSTANTS
         residual, by_state, by_constants = np.zeros((1, rows + 1)), np.zeros((1, rows + 1, 3)), None
-        by_constants = np.zeros((1, rows + 1, COUNT))
+        by_constants = np.zeros((1, rows + 1, N_CONSTANTS))
         residual[0, 0], by_state[0, 0, 0] = self.residual(x), self.slope(x)
         by_state[0, 1, 1] = by_state[0, 2, 2] = 1.0
         residual[0, 1:3] = poses[0, 1:]
-        by_constants[0, 3:rows] = np.eye(COUNT)
+        by_constants[0, 3:rows] = np.eye(N_CONSTANTS)
         residual[0, 3:rows], residual[0, rows] = constants, self.beside
-        return [(Linear(np.zeros(1, np.intp), residual, by_state, None, by_constants), QUADRATIC)]
+        return [(LinearisedFactors(np.zeros(1, np.intp), residual, by_state, None, by_constants), QUADRATIC)]
 
     def solved(self, x):
-        return solve(self, np.array([[x, 0.0, 0.0]]), np.zeros(COUNT))
+        return solve_graph(self, np.array([[x, 0.0, 0.0]]), np.zeros(N_CONSTANTS))
 
 
 def test_a_step_that_fails_is_damped_ten_times_as_much_and_one_that_does_not_a_tenth():

@@ -9,13 +9,13 @@ from scipy.integrate import quad
 from generators import gnss_drives
 from graph_drives import numeric, wiggly_path
 from hubodo.fuse.graph.factors.between import BetweenFactors
-from hubodo.fuse.graph.factors.constants import COUNT
-from hubodo.fuse.graph.factors.factor import Factor
+from hubodo.fuse.graph.factors.constants import N_CONSTANTS
+from hubodo.fuse.graph.factors.factor import FactorGroup
 from hubodo.fuse.graph.factors.heading import HeadingFactors
 from hubodo.fuse.graph.factors.loss import Loss
 from hubodo.fuse.graph.factors.position import PositionFactors
-from hubodo.fuse.graph.factors.prior import ConstantsFactor, ForgottenFactor, StartFactor
-from hubodo.fuse.graph.steps import StepNoise, check_odometry, cut_path
+from hubodo.fuse.graph.factors.prior import ConstantsPriorFactors, MarginalPriorFactors, PosePriorFactors
+from hubodo.fuse.graph.odometry_steps import StepNoise, check_odometry, segment_odometry
 from hubodo.fuse.track import Track
 
 POSES = 9
@@ -25,7 +25,7 @@ def between(rng):
     path = wiggly_path(rng, 60)
     edges = np.sort(rng.choice(np.arange(1, 59), POSES - 2, replace=False))
     noise = StepNoise(*rng.uniform(0.002, 0.05, 4))
-    return BetweenFactors.of(cut_path(path, path.t[[0, *edges, 59]], noise).steps)
+    return BetweenFactors.from_steps(segment_odometry(path, path.t[[0, *edges, 59]], noise).steps)
 
 
 def some(rng, count=4):
@@ -43,22 +43,22 @@ FACTORS = {
         some(rng), rng.normal(0, 5, (4, 2)), sigmas(rng, 4), rng.normal(0, 2, (4, 2)), (0.4, -0.7)
     ),
     HeadingFactors: lambda rng: HeadingFactors(some(rng), rng.uniform(-9, 9, 4), sigmas(rng, 4)),
-    StartFactor: lambda rng: StartFactor(some(rng, 2), rng.normal(0, 3, (2, 3)), sigmas(rng, 2, 3)),
-    ConstantsFactor: lambda rng: ConstantsFactor(
-        some(rng, 1), rng.normal(0, 1, (1, COUNT)), sigmas(rng, 1, COUNT)
+    PosePriorFactors: lambda rng: PosePriorFactors(some(rng, 2), rng.normal(0, 3, (2, 3)), sigmas(rng, 2, 3)),
+    ConstantsPriorFactors: lambda rng: ConstantsPriorFactors(
+        some(rng, 1), rng.normal(0, 1, (1, N_CONSTANTS)), sigmas(rng, 1, N_CONSTANTS)
     ),
-    ForgottenFactor: lambda rng: ForgottenFactor(
+    MarginalPriorFactors: lambda rng: MarginalPriorFactors(
         some(rng, 1),
-        rng.normal(0, 3, (1, 3 + COUNT, 3 + COUNT)),
-        rng.normal(0, 1, (1, 3 + COUNT)),
-        rng.normal(0, 1, (1, 3 + COUNT)),
+        rng.normal(0, 3, (1, 3 + N_CONSTANTS, 3 + N_CONSTANTS)),
+        rng.normal(0, 1, (1, 3 + N_CONSTANTS)),
+        rng.normal(0, 1, (1, 3 + N_CONSTANTS)),
     ),
 }
 """Of each kind some factors at random, of sigmas that differ from row to row."""
 
 
 def test_no_kind_of_factor_is_left_out_here():
-    ours = {kind for kind in Factor.__subclasses__() if kind.__module__.startswith("hubodo.")}
+    ours = {kind for kind in FactorGroup.__subclasses__() if kind.__module__.startswith("hubodo.")}
     assert set(FACTORS) == ours
 
 
@@ -68,50 +68,50 @@ def test_every_derivative_is_that_of_the_residual(kind, seed):
     rng = np.random.default_rng([seed, 47])
     factors = FACTORS[kind](rng)
     poses = rng.normal(0, 1, (POSES, 3)) * [5.0, 5.0, 2.0]
-    constants = rng.normal(0, 1, COUNT) * [0.02, 0.02, 0.01, 0.01, 0.3, 0.1]
-    item = factors.linear(poses, constants)
+    constants = rng.normal(0, 1, N_CONSTANTS) * [0.02, 0.02, 0.01, 0.01, 0.3, 0.1]
+    item = factors.linearise(poses, constants)
     width = item.residual.shape[1]
 
     def residuals(z):
-        return factors.linear(z[: 3 * POSES].reshape(POSES, 3), z[3 * POSES :]).residual.ravel()
+        return factors.linearise(z[: 3 * POSES].reshape(POSES, 3), z[3 * POSES :]).residual.ravel()
 
     expected = numeric(residuals, np.append(poses.ravel(), constants))
     found = np.zeros_like(expected)
-    for i, k in enumerate(item.state):
+    for i, k in enumerate(item.pose_index):
         part = slice(i * width, (i + 1) * width)
-        found[part, 3 * k : 3 * k + 3] = item.by_state[i]
-        if item.by_next is not None:
-            found[part, 3 * k + 3 : 3 * k + 6] = item.by_next[i]
-        found[part, 3 * POSES :] = item.by_constants[i]
+        found[part, 3 * k : 3 * k + 3] = item.pose_jacobian[i]
+        if item.next_pose_jacobian is not None:
+            found[part, 3 * k + 3 : 3 * k + 6] = item.next_pose_jacobian[i]
+        found[part, 3 * POSES :] = item.constants_jacobian[i]
     assert np.max(np.abs(found - expected)) < 1e-6 * (1.0 + np.max(np.abs(expected)))
 
 
-@pytest.mark.parametrize("kind", [PositionFactors, HeadingFactors, StartFactor])
+@pytest.mark.parametrize("kind", [PositionFactors, HeadingFactors, PosePriorFactors])
 def test_a_residual_counts_in_its_own_sigma(kind):
     """Twice the sigma, half the residual, row by row: whitening against its definition."""
     rng = np.random.default_rng(48)
     factors = FACTORS[kind](rng)
-    poses, constants = rng.normal(0, 1, (POSES, 3)), rng.normal(0, 0.01, COUNT)
+    poses, constants = rng.normal(0, 1, (POSES, 3)), rng.normal(0, 0.01, N_CONSTANTS)
     plain = type(factors)(**{**vars(factors), "sigma": np.ones_like(factors.sigma)})
     own = factors.sigma[:, None] if factors.sigma.ndim == 1 else factors.sigma
-    expected = plain.linear(poses, constants).residual / own
-    assert np.allclose(factors.linear(poses, constants).residual, expected)
+    expected = plain.linearise(poses, constants).residual / own
+    assert np.allclose(factors.linearise(poses, constants).residual, expected)
 
 
 @pytest.mark.parametrize("kind", FACTORS)
 def test_parts_put_together_are_the_whole_and_a_row_is_one_of_it(kind):
     rng = np.random.default_rng(49)
     factors = FACTORS[kind](rng)
-    poses, constants = rng.normal(0, 1, (POSES, 3)), rng.normal(0, 0.01, COUNT)
-    whole = factors.linear(poses, constants)
+    poses, constants = rng.normal(0, 1, (POSES, 3)), rng.normal(0, 0.01, N_CONSTANTS)
+    whole = factors.linearise(poses, constants)
     for cut in range(POSES + 1):
-        again = factors.part(0, cut).joined(factors.part(cut, POSES), cut)
-        item = again.linear(poses, constants)
-        assert item.state.tolist() == whole.state.tolist()
+        again = factors.select_poses(0, cut).append(factors.select_poses(cut, POSES), cut)
+        item = again.linearise(poses, constants)
+        assert item.pose_index.tolist() == whole.pose_index.tolist()
         assert np.array_equal(item.residual, whole.residual)
-    for i, k in enumerate(whole.state):
-        alone = factors.row(i).linear(poses[k : k + 2], constants)
-        assert alone.state.tolist() == [0]
+    for i, k in enumerate(whole.pose_index):
+        alone = factors.select_factor(i).linearise(poses[k : k + 2], constants)
+        assert alone.pose_index.tolist() == [0]
         assert np.allclose(alone.residual[0], whole.residual[i], rtol=1e-12, atol=1e-12)
 
 
@@ -121,25 +121,25 @@ def test_the_cost_of_a_loss_is_the_integral_of_its_weight(loss):
         area, _ = quad(
             lambda u: 0.5 * float(loss.weight(np.array(u))), 0.0, s, points=[4.0, 12.0, 48.0], limit=200
         )
-        assert float(loss.costs(np.array(s))) == pytest.approx(area, rel=1e-6)
+        assert float(loss.cost(np.array(s))) == pytest.approx(area, rel=1e-6)
 
 
 def test_a_fix_far_off_pulls_not_at_all():
     loss = PositionFactors.loss
     assert loss.weight(np.array([9.0, 20.0**2])).tolist() == [1.0, 0.0]
     # For a first guess it does, and what is never refused keeps its loss.
-    assert loss.for_a_guess().weight(np.array(400.0)) == pytest.approx(0.1)
-    assert BetweenFactors.loss.for_a_guess() == BetweenFactors.loss
+    assert loss.for_initial_guess().weight(np.array(400.0)) == pytest.approx(0.1)
+    assert BetweenFactors.loss.for_initial_guess() == BetweenFactors.loss
 
 
 def test_steps_put_together_are_the_odometry_itself():
     rng = np.random.default_rng(8)
     path = wiggly_path(rng)
     state_t = np.concatenate([[path.t[0]], np.sort(rng.uniform(0.1, 19.0, 30)), [path.t[-1]]])
-    cut = cut_path(path, state_t, StepNoise())
-    item = BetweenFactors.of(cut.steps).linear(cut.pose, np.zeros(COUNT))
+    cut = segment_odometry(path, state_t, StepNoise())
+    item = BetweenFactors.from_steps(cut.steps).linearise(cut.odometry_pose, np.zeros(N_CONSTANTS))
     assert np.max(np.abs(item.residual)) < 1e-9
-    assert np.allclose(cut.pose[:, 0], np.interp(state_t, path.t, path.x))
+    assert np.allclose(cut.odometry_pose[:, 0], np.interp(state_t, path.t, path.x))
 
 
 def test_constants_bend_the_odometry_as_an_odometer_with_those_errors_would():
@@ -148,20 +148,20 @@ def test_constants_bend_the_odometry_as_an_odometer_with_those_errors_would():
     rng = np.random.default_rng(9)
     drive = gnss_drives.drive(rng, gnss_drives.loop(rng, length=60.0), errors)
     path = Track(drive.odo_t, drive.odo_x, drive.odo_y, drive.odo_heading)
-    cut = cut_path(path, np.array([path.t[0], path.t[-1]]), StepNoise())
+    cut = segment_odometry(path, np.array([path.t[0], path.t[-1]]), StepNoise())
     undo = np.array([1 / 1.01 - 1, 1 / 1.02 - 1, -2e-3 / 1.02, -5e-3 / 1.02 / 1.01, 0.0, 0.0])
-    moved = complex(cut.steps.moves(undo).sum()) * np.exp(1j * drive.heading[0])
+    moved = complex(cut.steps.correct_displacements(undo).sum()) * np.exp(1j * drive.heading[0])
     x, y, heading = drive.truth(path.t[-1])
     assert abs(moved - (x + 1j * y)) < 2e-3
-    assert float(cut.steps.turns(undo)[0]) == pytest.approx(heading - drive.heading[0], abs=1e-3)
+    assert float(cut.steps.correct_turns(undo)[0]) == pytest.approx(heading - drive.heading[0], abs=1e-3)
 
 
 def test_the_covariance_of_a_stretch_is_that_of_many_noisy_ones():
     rng = np.random.default_rng(10)
     path = wiggly_path(rng, 60)
-    noise = StepNoise(along=0.02, sideways=0.01, heading=0.02, heading_way=0.0)
+    noise = StepNoise(along=0.02, sideways=0.01, heading=0.02, heading_per_distance=0.0)
     ends = np.array([path.t[0], path.t[-1]])
-    expected = cut_path(path, ends, noise).steps.covariance[0]
+    expected = segment_odometry(path, ends, noise).steps.covariance[0]
     step = np.diff(path.x + 1j * path.y) * np.exp(-0.5j * (path.heading[1:] + path.heading[:-1]))
     turn = np.diff(path.heading)
     made = []
@@ -185,7 +185,7 @@ def test_finer_odometry_gives_the_same_covariance():
     fine_t = np.linspace(path.t[0], path.t[-1], 991)
     fine = Track(fine_t, *(np.interp(fine_t, path.t, v) for v in (path.x, path.y, path.heading)))
     ends = np.array([path.t[0], 4.05, path.t[-1]])
-    coarse, other = (cut_path(p, ends, StepNoise()).steps.covariance for p in (path, fine))
+    coarse, other = (segment_odometry(p, ends, StepNoise()).steps.covariance for p in (path, fine))
     assert np.allclose(coarse, other, rtol=0.02, atol=1e-9)
 
 
@@ -197,7 +197,9 @@ def test_a_step_that_a_pose_of_the_graph_cuts_gives_each_side_its_share_of_how_l
     """Straight on, so that it adds up: 1.5 steps and 2.5 of four, beside what wheels that roll leave open."""
     loose = replace(STRAIGHT, step_inflation=np.array([1.0, 2.0, 4.0, 8.0]))
     for times in ((1.0, 1.0, 1.0), (2.0, 3.0, 1.0)):
-        rolled, told = (cut_path(path, ENDS, StepNoise(times=times)).steps for path in (STRAIGHT, loose))
+        rolled, told = (
+            segment_odometry(path, ENDS, StepNoise(sigma_factors=times)).steps for path in (STRAIGHT, loose)
+        )
         beyond = told.covariance - rolled.covariance
         np.testing.assert_allclose(beyond[:, 0, 0], [2.0, 13.0])
         np.testing.assert_allclose(beyond[:, 1, 1], [2.0, 13.0])
@@ -209,20 +211,22 @@ def test_a_step_that_a_pose_of_the_graph_cuts_gives_each_side_its_share_of_how_l
 def test_an_odometry_that_is_known_to_a_share_is_known_to_that_share_of_each_stretch():
     """A tenth of 3 m and 5 m, and of a turn of 0.3 rad and 0.5 rad."""
     bent = replace(STRAIGHT, heading=0.4 * STRAIGHT.t)
-    steps = cut_path(bent, ENDS, StepNoise(share=0.1)).steps
+    steps = segment_odometry(bent, ENDS, StepNoise(relative_error=0.1)).steps
     length = 0.1 * np.array([3.0, 5.0])
     for axis, sigma in ((0, length), (1, length), (2, 0.1 * np.array([0.3, 0.5]))):
         np.testing.assert_allclose(np.sqrt(steps.covariance[:, axis, axis]), sigma, rtol=0.02)
     stands = replace(STRAIGHT, x=np.zeros(5))
-    for covariance in cut_path(stands, ENDS, StepNoise(share=0.1)).steps.covariance:
+    for covariance in segment_odometry(stands, ENDS, StepNoise(relative_error=0.1)).steps.covariance:
         assert np.linalg.eigvalsh(covariance).min() > 0.0
 
 
 def test_where_no_pose_is_for_long_speed_and_turn_may_have_wandered_between():
     """A Brownian bridge over T seconds has an integral of variance T³ / 12; beside it, way and time."""
     holes = Track(np.array([0.0, 0.1, 4.1]), np.array([0.0, 0.2, 3.2]), np.zeros(3), np.zeros(3))
-    noise = StepNoise(along=0.3, sideways=0.2, heading=0.02, heading_way=0.05, speed_walk=0.7, yaw_walk=0.4)
-    short, long = cut_path(holes, holes.t, noise).steps.covariance
+    noise = StepNoise(
+        along=0.3, sideways=0.2, heading=0.02, heading_per_distance=0.05, speed_walk=0.7, yaw_walk=0.4
+    )
+    short, long = segment_odometry(holes, holes.t, noise).steps.covariance
     for found, way, time, hole in ((short, 0.2, 0.1, 0.0), (long, 3.0, 4.0, 4.0**3 / 12.0)):
         turn = 0.02**2 * time + 0.05**2 * way + 0.4**2 * hole
         assert found[0, 0] == pytest.approx(0.3**2 * way + 0.7**2 * hole, rel=1e-6)

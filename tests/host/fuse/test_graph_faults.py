@@ -8,9 +8,9 @@ import pytest
 
 from graph_drives import errors_of, fixes_of, make, north, path_of, rms
 from hubodo.errors import InputError
-from hubodo.fuse.graph.fixes import scatter, without_jumps
-from hubodo.fuse.graph.graph import fuse_graph
-from hubodo.fuse.graph.review import error_growth
+from hubodo.fuse.graph.batch import fuse_graph
+from hubodo.fuse.graph.fixes import estimate_scatter, find_consistent_fixes
+from hubodo.fuse.graph.review import estimate_sigma_growth
 
 
 @pytest.mark.parametrize(
@@ -44,10 +44,10 @@ def test_sigmas_grow_by_the_root_of_how_many_fixes_are_alike(alike):
     """A mean of numbers of which each comes so many times over is as unsure as that of so many fewer."""
     rng = np.random.default_rng(3)
     errors = 0.8 * np.repeat(rng.standard_normal((6000 // alike, 2)), alike, axis=0)
-    item = SimpleNamespace(residual=errors, squares=np.zeros(len(errors)))
+    item = SimpleNamespace(residual=errors, squared_norms=np.zeros(len(errors)))
     loss = SimpleNamespace(weight=np.ones_like)
     factors = SimpleNamespace(linear=lambda poses, constants: item, loss=loss)
-    growth, why = error_growth(
+    growth, why = estimate_sigma_growth(
         SimpleNamespace(find=lambda kind: factors), SimpleNamespace(poses=None, constants=None), 1.0
     )
     assert growth == pytest.approx(alike**0.5, rel=0.03)
@@ -120,10 +120,10 @@ def test_screening_keeps_what_the_wheels_can_have_rolled():
     way = np.arange(100.0)
     place = way + 0j
     sigma = np.ones(100)
-    assert without_jumps(place, way, sigma).all()
+    assert find_consistent_fixes(place, way, sigma).all()
     jumped = place + np.where((way > 20) & (way < 30), 100j, 0)
-    assert np.array_equal(without_jumps(jumped, way, sigma), ~((way > 20) & (way < 30)))
+    assert np.array_equal(find_consistent_fixes(jumped, way, sigma), ~((way > 20) & (way < 30)))
     rng = np.random.default_rng(0)
     noise = rng.standard_normal(100) + 1j * rng.standard_normal(100)
-    assert scatter(0.01 * place + noise, 0.01 * way, sigma) == 1.0
-    assert scatter(0.01 * place + 3.0 * noise, 0.01 * way, sigma) == pytest.approx(3.0, rel=0.2)
+    assert estimate_scatter(0.01 * place + noise, 0.01 * way, sigma) == 1.0
+    assert estimate_scatter(0.01 * place + 3.0 * noise, 0.01 * way, sigma) == pytest.approx(3.0, rel=0.2)

@@ -5,10 +5,10 @@ import pytest
 from scipy.stats import chi2
 
 from generators import gnss_drives
-from hubodo.fuse.graph import beginning
-from hubodo.fuse.graph.graph import Fixes, fuse_graph
-from hubodo.fuse.graph.live import LiveGraph, LiveLimits, Reception
-from hubodo.fuse.graph.steps import StepNoise
+from hubodo.fuse.graph import initialisation
+from hubodo.fuse.graph.batch import Fixes, fuse_graph
+from hubodo.fuse.graph.live import LiveGraph, LiveLimits, SampleStatus
+from hubodo.fuse.graph.odometry_steps import StepNoise
 from hubodo.fuse.track import Track
 
 
@@ -22,11 +22,11 @@ def run(drive, fixes, late=0.15, seconds=None, limits=None, headings=(), since=0
     for i, t in enumerate(drive.odo_t):
         if seconds is not None and t > seconds:
             break
-        live.odometry(t, drive.odo_x[i], drive.odo_y[i], drive.odo_heading[i])
+        live.add_odometry(t, drive.odo_x[i], drive.odo_y[i], drive.odo_heading[i])
         while fixes and fixes[0][0] + late <= t:
-            live.fix(*fixes.pop(0))
+            live.add_fix(*fixes.pop(0))
         while headings and headings[0][0] + late <= t:
-            live.heading(*headings.pop(0))
+            live.add_heading(*headings.pop(0))
         state = live.state() if t >= since else None
         if state is not None:
             ox, oy = state.frame.to_local(*gnss_drives.geodetic(0.0, 0.0, *drive.origin))
@@ -64,12 +64,12 @@ def test_no_batch_is_solved_before_the_fixes_can_tell_the_heading_and_none_is_mi
         tries.append(path.t[-1])
         return fuse_graph(path, *rest)
 
-    monkeypatch.setattr(beginning, "fuse_graph", batch)
+    monkeypatch.setattr(initialisation, "fuse_graph", batch)
     first, tried = run(drive, fixes)[0][0], tries.copy()
     # It stands for five seconds, and a track of 3 m tells nothing beside fixes of 5 m.
     assert tried[0] > 7.0
     tries.clear()
-    monkeypatch.setattr(beginning, "_HOPELESS", np.inf)
+    monkeypatch.setattr(initialisation, "_MAX_SIGMA_RATIO_TO_START", np.inf)
     assert run(drive, fixes)[0][0] == first
     assert tries[-len(tried) :] == tried and len(tries) > len(tried)
 
@@ -84,7 +84,7 @@ def test_it_is_as_far_from_the_truth_as_its_covariance_says(lag):
     nees = []
     for seed in range(100, 108):
         drive, fixes = drive_and_fixes(seed, length=40.0, fix_hz=2.0)
-        limits = LiveLimits(lag=lag, retry=6.0)
+        limits = LiveLimits(lag=lag, retry_interval=6.0)
         _, error, covariance, _ = run(drive, fixes, limits=limits, since=drive.odo_t[-1])
         nees.append(error[-1] @ np.linalg.solve(covariance[-1], error[-1]))
     low, high = chi2.ppf([0.0005, 0.9995], 3 * len(nees)) / len(nees)
@@ -117,13 +117,15 @@ def test_what_is_random_in_the_newest_way_is_in_the_covariance_in_axes_of_the_ea
     drive, fixes = drive_and_fixes(1, length=40.0, fix_hz=2.0)
     live = LiveGraph()
     for t, x, y, heading in zip(drive.odo_t[:-30], drive.odo_x, drive.odo_y, drive.odo_heading, strict=False):
-        live.odometry(t, x, y, heading)
+        live.add_odometry(t, x, y, heading)
         while fixes and fixes[0][0] <= t:
-            live.fix(*fixes.pop(0))
-    live._underway.noise = StepNoise(along=0.2, sideways=0.1, heading=0.0, heading_way=0.0)
+            live.add_fix(*fixes.pop(0))
+    live._running.noise = StepNoise(along=0.2, sideways=0.1, heading=0.0, heading_per_distance=0.0)
     poses = []
     for ahead, way in ((0.01, 0.0), (0.02, 1.0)):
-        live.odometry(t + ahead, x + way * np.cos(heading), y + way * np.sin(heading), heading, 0.25 * way)
+        live.add_odometry(
+            t + ahead, x + way * np.cos(heading), y + way * np.sin(heading), heading, 0.25 * way
+        )
         poses.append(live.state())
     before, after = poses
     swing = np.eye(3)
@@ -146,14 +148,14 @@ def test_fixes_count_again_at_once_where_the_odometry_takes_back_what_it_had_wro
             back = 80.0 if t >= 30.0 else 0.0
             jumps = back > 0.0 and last == 0.0
             last = back
-            live.odometry(
+            live.add_odometry(
                 t, drive.odo_x[i] - back, drive.odo_y[i], drive.odo_heading[i], loose if jumps else 0.0
             )
             while waiting and waiting[0][0] + 0.15 <= t:
-                live.fix(*waiting.pop(0))
+                live.add_fix(*waiting.pop(0))
             if t > 33.0:
                 break
-        assert (live.state().fix_t > 32.0) == counts
+        assert (live.state().last_fix_t > 32.0) == counts
         assert any("refused" in line for line in live.warnings) != counts
 
 
@@ -170,7 +172,7 @@ def test_a_jump_and_an_outage_are_ridden_out_and_said():
 
 def test_fixes_refused_for_long_start_the_graph_anew():
     drive, fixes = drive_and_fixes(5, jump=(40.0, 1e9), fix_hz=3.0)
-    t, *_, live = run(drive, fixes, limits=LiveLimits(lost=20.0, look_back=15.0), since=50.0)
+    t, *_, live = run(drive, fixes, limits=LiveLimits(restart_after=20.0, start_history=15.0), since=50.0)
     assert any("starts anew" in text for text in live.warnings)
     # What it looks back at is there already.
     assert np.diff(t).max() < 1.0
@@ -200,11 +202,11 @@ def heading_of(drive, t):
 def test_what_cannot_be_used_is_refused_with_its_reason():
     drive, fixes = drive_and_fixes(4, fix_hz=2.0)
     *_, live = run(drive, fixes, seconds=60.0, since=np.inf)
-    assert live.fix(30.0, 47.0, 8.0) is Reception.LATE
-    assert live.fix(61.0, 95.0, 8.0) is Reception.IMPOSSIBLE
-    assert live.fix(61.0, 47.0, 361.0) is Reception.IMPOSSIBLE
-    assert live.fix(61.0, float("nan"), 8.0) is Reception.IMPOSSIBLE
-    assert live.heading(float("inf"), 0.0) is Reception.IMPOSSIBLE
-    assert live.odometry(10.0, 0.0, 0.0, 0.0) is Reception.LATE
-    assert LiveGraph().fix(0.0, 47.0, 8.0) is Reception.STARTING
+    assert live.add_fix(30.0, 47.0, 8.0) is SampleStatus.TOO_LATE
+    assert live.add_fix(61.0, 95.0, 8.0) is SampleStatus.INVALID
+    assert live.add_fix(61.0, 47.0, 361.0) is SampleStatus.INVALID
+    assert live.add_fix(61.0, float("nan"), 8.0) is SampleStatus.INVALID
+    assert live.add_heading(float("inf"), 0.0) is SampleStatus.INVALID
+    assert live.add_odometry(10.0, 0.0, 0.0, 0.0) is SampleStatus.TOO_LATE
+    assert LiveGraph().add_fix(0.0, 47.0, 8.0) is SampleStatus.INITIALISING
     assert LiveGraph().state() is None

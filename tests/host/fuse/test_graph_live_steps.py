@@ -10,10 +10,10 @@ from generators.gnss_drives import geodetic
 from hubodo.fuse.graph import live
 from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.factors.position import PositionFactors
-from hubodo.fuse.graph.live import LiveGraph, LiveLimits, Reception
+from hubodo.fuse.graph.live import LiveGraph, LiveLimits, SampleStatus
 
 START, SPEED, TURN = 0.6, 1.5, 0.2
-CONFIG = GraphConfig(start_heading=START, gnss_sigma=0.1, honest=False, search_delay=False)
+CONFIG = GraphConfig(start_heading=START, gnss_sigma=0.1, inflate_sigmas=False, estimate_delay=False)
 
 
 def pose(t):
@@ -27,21 +27,21 @@ class Drive:
 
     def __init__(self, limits=None, config=CONFIG):
         self.graph, self.t = LiveGraph(config, limits), 0.0
-        assert self.graph.odometry(0.0, *pose(0.0)) is Reception.STARTING
+        assert self.graph.add_odometry(0.0, *pose(0.0)) is SampleStatus.INITIALISING
 
     def go(self, until):
         """Ten poses a second; the times of the graph's poses after each."""
         received = []
         while self.t < until - 0.05:
             self.t = round(self.t + 0.1, 1)
-            received.append(self.graph.odometry(self.t, *pose(self.t)))
+            received.append(self.graph.add_odometry(self.t, *pose(self.t)))
         return received
 
     def fix(self, t, off=0.0):
         x, y, _ = pose(t)
         place = (x + 1j * y) * np.exp(1j * START) + off
         there = geodetic(np.array([place.real]), np.array([place.imag]), 47.0, 8.0)
-        return self.graph.fix(t, *(float(value[0]) for value in there))
+        return self.graph.add_fix(t, *(float(value[0]) for value in there))
 
     def along(self, *times, off=0.0):
         """Each fix just before the odometry gets there."""
@@ -53,7 +53,7 @@ class Drive:
 
     @property
     def window(self):
-        return self.graph._underway.window
+        return self.graph._running.window
 
     def said(self, words):
         return [line for line in self.graph.warnings if words in line]
@@ -69,10 +69,10 @@ def test_it_has_begun_when_three_fixes_are_there_and_it_tries():
     drive = Drive().along(1.0, 2.0, 3.0)
     assert drive.graph.state() is None
     received = drive.go(5.0)
-    assert received[0] is Reception.STARTING and received[-1] is Reception.TAKEN
+    assert received[0] is SampleStatus.INITIALISING and received[-1] is SampleStatus.ACCEPTED
     state = drive.graph.state()
     x, y, heading = pose(drive.t)
-    assert state.t == drive.t and state.fix_t == 3.0
+    assert state.t == drive.t and state.last_fix_t == 3.0
     assert state.heading == pytest.approx(START + heading, abs=0.01)
     # The frame stands at the middle fix.
     way = complex(x, y) - complex(*pose(2.0)[:2])
@@ -82,8 +82,10 @@ def test_it_has_begun_when_three_fixes_are_there_and_it_tries():
 @pytest.mark.parametrize("retry", [2.0, 0.7])
 def test_it_tries_each_so_many_seconds_from_the_second_pose_on(monkeypatch, retry):
     tries = []
-    monkeypatch.setattr(live, "begin", lambda path, samples, *_: tries.append((path.t[-1], len(samples))))
-    drive = Drive(LiveLimits(retry=retry, look_back=4.0))
+    monkeypatch.setattr(
+        live, "start_graph", lambda path, samples, *_: tries.append((path.t[-1], len(samples)))
+    )
+    drive = Drive(LiveLimits(retry_interval=retry, start_history=4.0))
     drive.along(1.0, 2.0, 3.0, 4.0, 5.0, 6.0).go(9.0)
     times = [t for t, _ in tries]
     assert times[0] == 0.1
@@ -91,74 +93,76 @@ def test_it_tries_each_so_many_seconds_from_the_second_pose_on(monkeypatch, retr
     # It looks at what was measured in the last four seconds, when it has been added.
     for t, count in tries:
         assert count == pytest.approx(sum(t - 4.1 <= fix <= t for fix in range(1, 7)), abs=1)
-    assert drive.graph._trail._poses[0][0] > drive.t - 4.2
+    assert drive.graph._odometry._poses[0][0] > drive.t - 4.2
 
 
 @pytest.mark.parametrize(("patience", "knot"), [(2.0, 1.0), (0.5, 1.0), (1.0, 0.4)])
 def test_without_fixes_it_goes_on_by_itself_as_late_as_one_may_come(patience, knot):
-    drive = Drive(LiveLimits(patience=patience), replace(CONFIG, knot=knot)).along(1.0, 2.0, 3.0, 4.0, 5.0)
+    drive = Drive(LiveLimits(max_fix_latency=patience), replace(CONFIG, max_pose_spacing=knot)).along(
+        1.0, 2.0, 3.0, 4.0, 5.0
+    )
     last = 5.0
     for t in np.arange(5.1, 12.0, 0.1):
         drive.go(t)
-        newest = drive.window.state_t[-1]
+        newest = drive.window.pose_t[-1]
         # As soon as it is a pose more than so late.
         assert drive.t - newest <= patience + knot + 1e-6
         assert newest - last < knot + 1e-6
         last = newest
     assert drive.t - last > patience - 0.1
-    assert np.diff(drive.window.state_t).max() < 1.5 * knot + 1e-6
+    assert np.diff(drive.window.pose_t).max() < 1.5 * knot + 1e-6
     state = drive.graph.state()
-    assert state.t == drive.t and state.fix_t == 5.0
+    assert state.t == drive.t and state.last_fix_t == 5.0
 
 
 def test_a_fix_long_after_the_last_pose_has_poses_on_the_way_to_it(underway):
     underway.go(7.4)
     underway.fix(7.4)
-    assert underway.window.state_t[-2:].tolist() == [6.0, 7.4]
+    assert underway.window.pose_t[-2:].tolist() == [6.0, 7.4]
     underway.go(8.9)
-    assert underway.fix(8.95) is Reception.TAKEN
+    assert underway.fix(8.95) is SampleStatus.ACCEPTED
     underway.go(9.0)
-    assert underway.window.state_t[-3:] == pytest.approx([7.4, 8.4, 8.95])
+    assert underway.window.pose_t[-3:] == pytest.approx([7.4, 8.4, 8.95])
 
 
 def test_it_keeps_the_poses_of_its_lag():
     drive = Drive(LiveLimits(lag=4.0)).along(*np.arange(1.0, 14.0))
-    state_t = drive.window.state_t
+    state_t = drive.window.pose_t
     assert state_t[-1] == 13.0 and state_t[0] == pytest.approx(9.0)
-    assert len(drive.graph._past) == 13
-    short = Drive(LiveLimits(lag=4.0, look_back=5.0)).along(*np.arange(1.0, 14.0))
-    assert [seen.t for seen in short.graph._past] == pytest.approx(np.arange(8.0, 14.0))
-    assert short.graph._trail._poses[0][0] == pytest.approx(8.0, abs=0.11)
+    assert len(drive.graph._history) == 13
+    short = Drive(LiveLimits(lag=4.0, start_history=5.0)).along(*np.arange(1.0, 14.0))
+    assert [seen.t for seen in short.graph._history] == pytest.approx(np.arange(8.0, 14.0))
+    assert short.graph._odometry._poses[0][0] == pytest.approx(8.0, abs=0.11)
 
 
 def test_a_fix_counts_until_the_graph_has_gone_past_its_time(underway):
-    assert underway.fix(6.0) is Reception.LATE
-    assert underway.fix(6.0 + 5e-7) is Reception.LATE
-    assert underway.fix(5.9) is Reception.LATE
+    assert underway.fix(6.0) is SampleStatus.TOO_LATE
+    assert underway.fix(6.0 + 5e-7) is SampleStatus.TOO_LATE
+    assert underway.fix(5.9) is SampleStatus.TOO_LATE
     underway.go(6.5)
-    assert underway.fix(6.3) is Reception.TAKEN
-    assert underway.window.state_t[-1] == 6.3
+    assert underway.fix(6.3) is SampleStatus.ACCEPTED
+    assert underway.window.pose_t[-1] == 6.3
 
 
 def test_fixes_that_come_before_the_odometry_wait_in_order_of_time(underway):
     for t in (6.45, 6.25, 6.65, 6.35):
-        assert underway.fix(t) is Reception.TAKEN
-    assert underway.window.state_t[-1] == 6.0
+        assert underway.fix(t) is SampleStatus.ACCEPTED
+    assert underway.window.pose_t[-1] == 6.0
     underway.go(6.5)
-    assert underway.window.state_t[-4:].tolist() == [6.0, 6.25, 6.35, 6.45]
+    assert underway.window.pose_t[-4:].tolist() == [6.0, 6.25, 6.35, 6.45]
     underway.go(6.7)
-    assert underway.window.state_t[-1] == 6.65
+    assert underway.window.pose_t[-1] == 6.65
 
 
 def test_of_two_fixes_of_one_time_the_first_counts(underway):
     def count():
         return len(underway.window.graph.find(PositionFactors).state)
 
-    before, poses = count(), len(underway.window.state_t)
+    before, poses = count(), len(underway.window.pose_t)
     underway.fix(6.25)
     underway.fix(6.25 + 5e-7, off=50.0)
     underway.go(6.4)
-    assert (count(), len(underway.window.state_t)) == (before + 1, poses + 1)
+    assert (count(), len(underway.window.pose_t)) == (before + 1, poses + 1)
     assert not underway.said("jumped")
     underway.fix(6.45)
     underway.fix(6.45 + 5e-6)
@@ -178,16 +182,16 @@ def test_fixes_that_jump_are_told_once_each_time(underway):
     underway.along(7.0, 8.0, off=100.0)
     (line,) = underway.said("jumped")
     assert "a fix at t = 7.0 s jumped; fixes after t = 6.0 s are refused" in line
-    assert underway.graph.state().fix_t == 6.0
+    assert underway.graph.state().last_fix_t == 6.0
     underway.along(9.0).along(10.0, 11.0, off=100.0)
     assert len(underway.said("jumped")) == 2
     assert len(underway.said("count again from t = 9.0")) == 1
 
 
 def test_after_long_enough_of_nothing_else_it_starts_anew_at_once():
-    drive = Drive(LiveLimits(lost=5.0, look_back=4.0)).along(*np.arange(1.0, 7.0))
+    drive = Drive(LiveLimits(restart_after=5.0, start_history=4.0)).along(*np.arange(1.0, 7.0))
     drive.along(*np.arange(7.0, 12.0), off=100.0)
-    assert not drive.said("starts anew") and drive.graph._underway is not None
+    assert not drive.said("starts anew") and drive.graph._running is not None
     drive.go(11.9)
     drive.fix(12.0, off=100.0)
     drive.go(12.0)
@@ -195,17 +199,17 @@ def test_after_long_enough_of_nothing_else_it_starts_anew_at_once():
     drive.go(12.3)
     # What it looks back at lies where the fixes are now.
     state = drive.graph.state()
-    assert state is not None and state.fix_t == 12.0
+    assert state is not None and state.last_fix_t == 12.0
 
 
 def test_what_is_no_number_is_impossible(underway):
     nan = float("nan")
-    assert underway.graph.odometry(9.0, nan, 0.0, 0.0) is Reception.IMPOSSIBLE
-    assert underway.graph.odometry(6.0, 0.0, 0.0, 0.0) is Reception.LATE
-    assert underway.graph.heading(9.0, nan) is Reception.IMPOSSIBLE
-    assert underway.graph.heading(nan, 0.1) is Reception.IMPOSSIBLE
-    assert underway.graph.heading(9.0, 0.1) is Reception.TAKEN
+    assert underway.graph.odometry(9.0, nan, 0.0, 0.0) is SampleStatus.INVALID
+    assert underway.graph.odometry(6.0, 0.0, 0.0, 0.0) is SampleStatus.TOO_LATE
+    assert underway.graph.heading(9.0, nan) is SampleStatus.INVALID
+    assert underway.graph.heading(nan, 0.1) is SampleStatus.INVALID
+    assert underway.graph.heading(9.0, 0.1) is SampleStatus.ACCEPTED
     for place in ((90.1, 8.0), (47.0, 360.1), (-90.1, 8.0), (47.0, -360.1)):
-        assert underway.graph.fix(9.0, *place) is Reception.IMPOSSIBLE
-    assert underway.graph.fix(nan, 47.0, 8.0) is Reception.IMPOSSIBLE
-    assert underway.graph.fix(9.1, 47.0, 8.0, 0.3) is Reception.TAKEN
+        assert underway.graph.fix(9.0, *place) is SampleStatus.INVALID
+    assert underway.graph.fix(nan, 47.0, 8.0) is SampleStatus.INVALID
+    assert underway.graph.fix(9.1, 47.0, 8.0, 0.3) is SampleStatus.ACCEPTED

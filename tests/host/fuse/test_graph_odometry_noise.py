@@ -10,14 +10,14 @@ import wanted
 from accuracy import car_gnss
 from graph_drives import errors_of, fixes_of, make, numeric, path_of, rms, small_drive
 from hubodo.fuse.graph import odometry_noise
+from hubodo.fuse.graph.batch import fuse_graph
 from hubodo.fuse.graph.config import GraphConfig
-from hubodo.fuse.graph.factor_graph import Graph
+from hubodo.fuse.graph.factor_graph import FactorGraph
 from hubodo.fuse.graph.factors.between import BetweenFactors
-from hubodo.fuse.graph.factors.constants import COUNT, GNSS_DELAY
+from hubodo.fuse.graph.factors.constants import GNSS_DELAY, N_CONSTANTS
 from hubodo.fuse.graph.factors.position import PositionFactors
-from hubodo.fuse.graph.graph import fuse_graph
-from hubodo.fuse.graph.solver import solve
-from hubodo.fuse.graph.steps import StepNoise
+from hubodo.fuse.graph.odometry_steps import StepNoise
+from hubodo.fuse.graph.solver import solve_graph
 from hubodo.fuse.track import Track
 
 
@@ -34,14 +34,14 @@ def noisier(path, rng, along, sideways, heading):
 
 
 def test_precise_fixes_tell_each_noise_apart():
-    base = StepNoise(heading=0.0, heading_way=2e-3)
+    base = StepNoise(heading=0.0, heading_per_distance=2e-3)
     wanted_noise = np.array([0.08, 0.02, 8e-3])
     found = []
     for seed in range(3):
         drive = make(seed, sigma=0.05)
         path = noisier(path_of(drive), np.random.default_rng([seed, 71]), *wanted_noise)
         noise = fuse_graph(path, fixes_of(drive, sigma=0.05), None, GraphConfig(noise=base)).noise
-        found.append(np.array(noise.times) * [base.along, base.sideways, base.heading_way])
+        found.append(np.array(noise.sigma_factors) * [base.along, base.sideways, base.heading_per_distance])
     # Of 250 m a variance of each metre's step is known to a tenth, less where noise of the fixes hides it.
     assert np.mean(found, axis=0) == pytest.approx(wanted_noise, rel=0.3)
 
@@ -50,7 +50,7 @@ def test_precise_fixes_tell_each_noise_apart():
 def test_the_stretches_that_are_looked_at_reach_from_the_first_fix_to_the_last(hours):
     t = np.arange(0.0, 3600.0 * hours, 2.0)
     good = np.arange(5, len(t) - 5)
-    found = odometry_noise._stretches(good, t)
+    found = odometry_noise._choose_sections(good, t)
     assert 3 <= len(found) <= 4
     assert found[0][0] == good[0] and found[-1][-1] == good[-1]
     middles = [np.mean(t[one]) for one in found]
@@ -61,12 +61,12 @@ def test_the_stretches_that_are_looked_at_reach_from_the_first_fix_to_the_last(h
 
 def test_a_fix_belongs_to_one_stretch_and_a_stretch_has_thirty():
     t = np.arange(0.0, 2000.0, 5.0)
-    whole = np.concatenate(odometry_noise._stretches(np.arange(len(t)), t))
+    whole = np.concatenate(odometry_noise._choose_sections(np.arange(len(t)), t))
     assert whole.tolist() == list(range(len(t)))
     for kept, count in ((30, 4), (29, 3)):
         # Of the second quarter so many fixes are good.
         good = np.delete(np.arange(len(t)), np.arange(100 + kept, 200))
-        assert len(odometry_noise._stretches(good, t)) == count
+        assert len(odometry_noise._choose_sections(good, t)) == count
 
 
 @pytest.fixture(scope="module")
@@ -78,21 +78,21 @@ def solved():
         replace(item, sigma=rng.uniform(0.5, 2.0, 100)) if isinstance(item, PositionFactors) else item
         for item in drive.graph.factors
     )
-    graph = Graph(tuple(made))
-    found = solve(graph, drive.poses, np.zeros(COUNT))
+    graph = FactorGraph(tuple(made))
+    found = solve_graph(graph, drive.initial_poses, np.zeros(N_CONSTANTS))
     # Constants far from none, but for a delay, by which the place of a fix would swing with the heading.
     constants = np.array([0.02, -0.03, 0.004, 0.002, 0.0, 0.05])
     assert GNSS_DELAY == 4
-    return graph, replace(found, constants=constants), drive.cut.state_t
+    return graph, replace(found, constants=constants), drive.odometry.pose_t
 
 
 def test_the_parts_are_what_noise_of_the_odometry_makes_of_the_places_of_fixes(solved):
     """Beside poses put together from the increments, each of them pushed a little forward, left and round."""
     graph, solution, state_t = solved
     between, fixes = graph.find(BetweenFactors), graph.find(PositionFactors)
-    rows, seen = (item.linear(solution.poses, solution.constants) for item in (between, fixes))
+    rows, seen = (item.linearise(solution.poses, solution.constants) for item in (between, fixes))
     chosen, prior = np.arange(10, 95), np.array([0.01, 0.02, 1e-3, 2e-3, 0.3, 0.4])
-    found = odometry_noise._components(chosen, seen, fixes.sigma, rows, between, solution, state_t, prior)
+    found = odometry_noise._model_section(chosen, seen, fixes.sigma, rows, between, solution, state_t, prior)
     state = fixes.state[chosen]
     first, last = int(state[0]), int(state[-1])
     steps = between.steps
@@ -133,15 +133,15 @@ def test_the_parts_are_what_noise_of_the_odometry_makes_of_the_places_of_fixes(s
             np.zeros(3),
         ),
     )
-    by_constants = by(COUNT, lambda v: (noise, constants + v, np.zeros(3)))
+    by_constants = by(N_CONSTANTS, lambda v: (noise, constants + v, np.zeros(3)))
     by_start = by(3, lambda v: (noise, constants, v))
     variances = np.einsum("kii->ki", steps.covariance[first:last])
-    for part, axis in zip(found.parts, range(3), strict=False):
+    for part, axis in zip(found.unit_covariances, range(3), strict=False):
         lever = pushed[:, axis::3] * np.sqrt(variances[:, axis])
         np.testing.assert_allclose(part, lever @ lever.T, rtol=1e-5, atol=1e-9 * np.abs(part).max())
     certain = by_constants * prior, by_start * [30.0, 30.0, 0.5]
     expected = sum(lever @ lever.T for lever in certain)
-    np.testing.assert_allclose(found.fixed, expected, rtol=1e-5, atol=1e-9 * expected.max())
+    np.testing.assert_allclose(found.start_covariance, expected, rtol=1e-5, atol=1e-9 * expected.max())
     measured = blocks(fixes.place[chosen] @ [1.0, 1j])
     alone = measured - means(noise, constants, np.zeros(3))
     alone += pushed @ noise[first:last].ravel() + by_constants @ constants
@@ -151,15 +151,15 @@ def test_the_parts_are_what_noise_of_the_odometry_makes_of_the_places_of_fixes(s
 def test_errors_of_fixes_are_white_and_of_a_twentieth_of_them_lasting(solved):
     graph, solution, state_t = solved
     between, fixes = graph.find(BetweenFactors), graph.find(PositionFactors)
-    rows, seen = (item.linear(solution.poses, solution.constants) for item in (between, fixes))
+    rows, seen = (item.linearise(solution.poses, solution.constants) for item in (between, fixes))
     chosen = np.arange(40)
-    found = odometry_noise._components(
-        chosen, seen, fixes.sigma, rows, between, solution, state_t, np.ones(COUNT)
+    found = odometry_noise._model_section(
+        chosen, seen, fixes.sigma, rows, between, solution, state_t, np.ones(N_CONSTANTS)
     )
     # Fewer than sixty: each is a mean of its own.
     sigma, t = fixes.sigma[:40], state_t[fixes.state[:40]]
-    assert found.parts[3] == pytest.approx(np.diag(np.tile(sigma**2, 2)))
-    for part, lasts in zip(found.parts[4:], (15.0, 150.0), strict=True):
+    assert found.unit_covariances[3] == pytest.approx(np.diag(np.tile(sigma**2, 2)))
+    for part, lasts in zip(found.unit_covariances[4:], (15.0, 150.0), strict=True):
         alike = (0.05 * np.median(sigma)) ** 2 * np.exp(-np.abs(np.subtract.outer(t, t)) / lasts)
         nothing = np.zeros_like(alike)
         assert part == pytest.approx(np.block([[alike, nothing], [nothing, alike]]))
@@ -168,25 +168,28 @@ def test_errors_of_fixes_are_white_and_of_a_twentieth_of_them_lasting(solved):
 def test_where_too_few_fixes_count_the_noise_stays_what_it_is(solved, monkeypatch):
     """Else it is the root of the variances that are likely."""
     logs = 2.0 * np.log([2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
-    monkeypatch.setattr(odometry_noise, "_most_likely", lambda seen: logs)
+    monkeypatch.setattr(odometry_noise, "_average_modes", lambda seen: logs)
     graph, solution, state_t = solved
     fixes = graph.find(PositionFactors)
     rest = tuple(factor for factor in graph.factors if factor is not fixes)
     for count, times in ((30, [2.0, 3.0, 4.0]), (29, [1.0, 1.0, 1.0])):
         place = fixes.place.copy()
         place[count:] += 1e3
-        some = Graph((*rest, replace(fixes, place=place)))
-        found = odometry_noise.odometry_noise(some, solution, state_t, np.ones(COUNT))
+        some = FactorGraph((*rest, replace(fixes, position=place)))
+        found = odometry_noise.estimate_noise_factors(some, solution, state_t, np.ones(N_CONSTANTS))
         assert found.tolist() == pytest.approx(times)
-    for without in (Graph(rest), Graph((fixes,))):
-        assert odometry_noise.odometry_noise(without, solution, state_t, np.ones(COUNT)).tolist() == [1.0] * 3
+    for without in (FactorGraph(rest), FactorGraph((fixes,))):
+        assert (
+            odometry_noise.estimate_noise_factors(without, solution, state_t, np.ones(N_CONSTANTS)).tolist()
+            == [1.0] * 3
+        )
 
 
 def alone(count, squares):
     """What says something of the noise along only: so many white numbers, of that sum of squares."""
     parts = np.zeros((6, count, count))
     parts[0] = np.eye(count)
-    return odometry_noise._Components(
+    return odometry_noise._SectionModel(
         np.full(count, np.sqrt(squares / count)), np.zeros((count, count)), parts
     )
 
@@ -200,13 +203,13 @@ def cost(log, count, squares):
 def test_noise_is_the_most_likely_of_what_is_seen_and_what_was_expected(logarithm):
     count, squares = 30, 30 * np.exp(logarithm)
     best = minimize_scalar(cost, args=(count, squares)).x
-    found = odometry_noise._most_likely([alone(count, squares)])
+    found = odometry_noise._average_modes([alone(count, squares)])
     assert found[0] == pytest.approx(best, abs=0.02)
     assert np.abs(found[1:]).max() < 0.1
     # Two stretches tell as much as one that is twice as long.
     best = minimize_scalar(cost, args=(2 * count, 2 * squares)).x
-    assert odometry_noise._most_likely([alone(count, squares)] * 2)[0] == pytest.approx(best, abs=0.02)
-    assert odometry_noise._most_likely([]).tolist() == [0.0] * 6
+    assert odometry_noise._average_modes([alone(count, squares)] * 2)[0] == pytest.approx(best, abs=0.02)
+    assert odometry_noise._average_modes([]).tolist() == [0.0] * 6
 
 
 def test_less_noise_than_expected_is_believed_where_it_is_two_sigma_likelier():
@@ -215,19 +218,21 @@ def test_less_noise_than_expected_is_believed_where_it_is_two_sigma_likelier():
 
     for wanted_gain, shrinks in ((1.8, False), (2.2, True)):
         squares = brentq(lambda s, by=wanted_gain: gain(s) - by, 0.1, 20.0)
-        assert (odometry_noise._most_likely([alone(20, squares)])[0] < -0.5) == shrinks
+        assert (odometry_noise._average_modes([alone(20, squares)])[0] < -0.5) == shrinks
 
 
 def test_the_posterior_falls_as_its_derivatives_say(monkeypatch):
     seen = []
-    likely = odometry_noise._most_likely
-    monkeypatch.setattr(odometry_noise, "_most_likely", lambda item: seen.append(item) or likely(item))
+    likely = odometry_noise._average_modes
+    monkeypatch.setattr(odometry_noise, "_average_modes", lambda item: seen.append(item) or likely(item))
     drive = make(4)
     fuse_graph(path_of(drive), fixes_of(drive))
     logs = np.array([1.0, -1.0, 2.0, 0.1, 3.0, -2.0])
-    _, slope = odometry_noise._cost(logs, seen[0])
+    _, slope = odometry_noise._negative_log_posterior(logs, seen[0])
     assert slope == pytest.approx(
-        numeric(lambda v: np.array([odometry_noise._cost(v, seen[0])[0]]), logs)[0], rel=1e-4, abs=1e-5
+        numeric(lambda v: np.array([odometry_noise._negative_log_posterior(v, seen[0])[0]]), logs)[0],
+        rel=1e-4,
+        abs=1e-5,
     )
 
 
@@ -236,7 +241,7 @@ def test_a_heading_that_strays_is_noticed_with_fixes_of_five_metres():
     for seed in range(4):
         drive = make(seed)
         path = noisier(path_of(drive), np.random.default_rng([seed, 72]), 0.0, 0.0, 0.02)
-        for told, config in ((honest, GraphConfig()), (bold, GraphConfig(honest=False))):
+        for told, config in ((honest, GraphConfig()), (bold, GraphConfig(inflate_sigmas=False))):
             result = fuse_graph(path, fixes_of(drive), None, config)
             error = errors_of(drive, result)
             sigma = np.column_stack([result.track.sigma_x, result.track.sigma_y])

@@ -5,7 +5,7 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from hubodo.fuse.track import Track, outages
+from hubodo.fuse.track import Track, find_gnss_outages
 
 T = np.arange(0.0, 100.5, 0.5)
 NONE = np.zeros(len(T))
@@ -21,14 +21,17 @@ FIXES = np.concatenate([np.arange(0.0, 21.0), np.arange(40.0, 61.0), [70.0], np.
 
 
 def test_an_outage_is_more_than_ten_seconds_without_a_fix():
-    assert [(gap.start, gap.end) for gap in outages(straight(), FIXES)] == [(20.0, 40.0), (70.0, 80.5)]
-    assert [gap.start for gap in outages(straight(), FIXES, longest=10.5)] == [20.0]
-    assert len(outages(straight(), FIXES, longest=0.9)) > 2
-    assert outages(straight(), FIXES[:1]) == ()
+    assert [(gap.start, gap.end) for gap in find_gnss_outages(straight(), FIXES)] == [
+        (20.0, 40.0),
+        (70.0, 80.5),
+    ]
+    assert [gap.start for gap in find_gnss_outages(straight(), FIXES, min_duration=10.5)] == [20.0]
+    assert len(find_gnss_outages(straight(), FIXES, min_duration=0.9)) > 2
+    assert find_gnss_outages(straight(), FIXES[:1]) == ()
 
 
 def test_without_truth_it_has_a_way_and_a_sigma():
-    first, second = outages(straight(), FIXES)
+    first, second = find_gnss_outages(straight(), FIXES)
     assert first.distance == pytest.approx(40.0) and second.distance == pytest.approx(21.0)
     assert first.sigma == pytest.approx(0.5 * 40.0) and second.sigma == pytest.approx(0.5 * 80.5)
     assert first.error is first.percent is first.worst is None
@@ -44,7 +47,7 @@ def astray():
 
 def test_truth_is_shifted_onto_the_track_where_there_are_fixes_and_what_is_left_is_its_error():
     truth = (T, 2.0 * T + 700.0, astray() - 300.0)
-    first, second = outages(straight(), FIXES, truth)
+    first, second = find_gnss_outages(straight(), FIXES, truth)
     # Fixes ten seconds apart cover the time between them: what is off there is none.
     assert (first.error, first.worst) == (pytest.approx(3.0), pytest.approx(5.0))
     assert first.percent == pytest.approx(100.0 * 3.0 / 40.0)
@@ -55,24 +58,24 @@ def test_truth_that_ends_early_says_nothing_of_what_comes_later():
     """Beyond its end it would stand still beside a track that goes on."""
     use = T <= 60.0
     truth = (T[use], 2.0 * T[use] + 700.0, astray()[use])
-    first, _ = outages(straight(), FIXES, truth)
+    first, _ = find_gnss_outages(straight(), FIXES, truth)
     assert (first.error, first.worst) == (pytest.approx(3.0), pytest.approx(5.0))
     late = T >= 50.0
     truth = (T[late], 2.0 * T[late] + 700.0, astray()[late])
-    *_, second = outages(straight(), FIXES, truth)
+    *_, second = find_gnss_outages(straight(), FIXES, truth)
     assert second.error == pytest.approx(1.0)
 
 
 def test_where_no_fix_is_near_truth_is_shifted_by_all_of_it():
     truth = (T, 2.0 * T + 700.0, NONE + 4.0)
-    (gap,) = outages(straight(), np.array([0.0, 100.0]), truth)
+    (gap,) = find_gnss_outages(straight(), np.array([0.0, 100.0]), truth)
     assert gap.error == pytest.approx(0.0) and gap.worst == pytest.approx(0.0)
-    (apart,) = outages(straight(), np.array([0.0, 100.0]), (T + 1e6, 2.0 * T, NONE))
+    (apart,) = find_gnss_outages(straight(), np.array([0.0, 100.0]), (T + 1e6, 2.0 * T, NONE))
     assert apart.error == pytest.approx(200.0)
 
 
 def test_a_vehicle_that_stood_has_no_percent_and_a_track_that_has_no_pose_there_no_outage():
-    (gap, _) = outages(straight(0.0), FIXES, (T, NONE, NONE))
+    (gap, _) = find_gnss_outages(straight(0.0), FIXES, (T, NONE, NONE))
     assert gap.distance == 0.0 and gap.error == 0.0 and gap.percent is None
     coarse = Track(*(getattr(straight(), one.name)[::50] for one in fields(Track)))
-    assert outages(coarse, FIXES) == ()
+    assert find_gnss_outages(coarse, FIXES) == ()

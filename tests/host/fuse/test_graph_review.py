@@ -5,11 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hubodo.fuse.graph.factor_graph import Graph
-from hubodo.fuse.graph.factors.constants import COUNT
-from hubodo.fuse.graph.factors.factor import stretches
+from hubodo.fuse.graph.factor_graph import FactorGraph
+from hubodo.fuse.graph.factors.constants import N_CONSTANTS
+from hubodo.fuse.graph.factors.factor import find_runs
 from hubodo.fuse.graph.factors.position import PositionFactors
-from hubodo.fuse.graph.review import error_growth, review
+from hubodo.fuse.graph.review import estimate_sigma_growth, review_solution
 
 
 def graph_of(off, sigma=1.0):
@@ -18,12 +18,12 @@ def graph_of(off, sigma=1.0):
     fixes = PositionFactors(np.arange(count), -np.asarray(off), np.full(count, sigma), np.zeros((count, 2)))
     solution = SimpleNamespace(
         poses=np.zeros((count, 3)),
-        constants=np.zeros(COUNT),
+        constants=np.zeros(N_CONSTANTS),
         covariance=np.zeros((count, 3, 3)),
         converged=True,
         iterations=7,
     )
-    return Graph((fixes,)), solution
+    return FactorGraph((fixes,)), solution
 
 
 def alternating(count, size):
@@ -46,7 +46,7 @@ def alternating(count, size):
 )
 def test_sigmas_grow_where_fixes_scatter_more_than_they_say_and_than_chance(count, size, growth, grown):
     graph, solution = graph_of(alternating(count, size), grown)
-    found, why = error_growth(graph, solution, grown)
+    found, why = estimate_sigma_growth(graph, solution, grown)
     if count < 30:
         assert (found, why) == (grown, [])
         return
@@ -57,7 +57,7 @@ def test_sigmas_grow_where_fixes_scatter_more_than_they_say_and_than_chance(coun
 
 def test_without_fixes_sigmas_stay_as_they_are():
     _, solution = graph_of(alternating(40, 2.0))
-    assert error_growth(Graph(()), solution, 1.3) == (1.3, [])
+    assert estimate_sigma_growth(FactorGraph(()), solution, 1.3) == (1.3, [])
 
 
 @pytest.mark.parametrize("alike", [2, 5, 10])
@@ -65,7 +65,7 @@ def test_fixes_that_are_alike_count_as_one(alike):
     """The autocorrelation of errors that stay for k fixes is a triangle: 1 + 2 sum is k."""
     rng = np.random.default_rng(6)
     off = np.repeat(rng.standard_normal((20_000 // alike, 2)), alike, axis=0)
-    found, why = error_growth(*graph_of(0.9 * off), 1.0)
+    found, why = estimate_sigma_growth(*graph_of(0.9 * off), 1.0)
     # What is below four sigma of chance is not summed up.
     assert found == pytest.approx(np.sqrt(alike), rel=0.05)
     assert f"{alike} count as one" in why[0]
@@ -74,21 +74,21 @@ def test_fixes_that_are_alike_count_as_one(alike):
 def test_a_mean_that_all_fixes_share_is_no_likeness():
     rng = np.random.default_rng(7)
     off = 0.7 * rng.standard_normal((2000, 2)) + [0.6, -0.4]
-    assert error_growth(*graph_of(off), 1.0) == (1.0, [])
+    assert estimate_sigma_growth(*graph_of(off), 1.0) == (1.0, [])
 
 
 def test_a_fix_that_hardly_counts_has_no_say():
     """Of five sigma and more."""
     off = alternating(400, 1.0)
     off[::10] *= 8.0
-    assert error_growth(*graph_of(off), 1.0)[0] == pytest.approx(1.0)
+    assert estimate_sigma_growth(*graph_of(off), 1.0)[0] == pytest.approx(1.0)
 
 
 def said(off, sigma=1.0, **changes):
     graph, solution = graph_of(off, sigma)
     known = changes.pop("known", True)
     vars(solution).update(changes)
-    return review(graph, solution, np.arange(len(off)) * 2.0, known)
+    return review_solution(graph, solution, np.arange(len(off)) * 2.0, known)
 
 
 def test_fixes_that_jumped_are_told_by_their_stretch():
@@ -118,7 +118,7 @@ def test_a_graph_that_has_not_settled_says_so():
 
 def test_a_stretch_bridges_two_sound_ones():
     def of(*flags):
-        return stretches(np.array(flags, bool))
+        return find_runs(np.array(flags, bool))
 
     assert of(0, 0, 0) == []
     assert of(0, 1, 0, 0, 1, 1, 0) == [(1, 5)]

@@ -5,7 +5,7 @@ from itertools import combinations, pairwise
 import numpy as np
 import pytest
 
-from hubodo.fuse.graph.fixes import scatter, without_jumps
+from hubodo.fuse.graph.fixes import estimate_scatter, find_consistent_fixes
 
 
 def reachable(place, way, sigma, a, b):
@@ -35,7 +35,7 @@ def test_the_runs_that_are_kept_are_the_most_that_can_be_reached_one_from_the_ot
     place = way + 1j * np.cumsum(jumps)
     most, runs = most_fixes(place, way, sigma)
     assert 3 <= runs <= 15, f"seed {seed}"
-    kept = without_jumps(place, way, sigma)
+    kept = find_consistent_fixes(place, way, sigma)
     assert kept.sum() == most
     chosen = np.flatnonzero(kept)
     assert all(reachable(place, way, sigma, a, b) for a, b in pairwise(chosen))
@@ -46,13 +46,13 @@ def test_a_change_parts_fixes_beyond_the_way_and_six_sigma(share, kept):
     way, sigma = np.array([0.0, 1.0, 2.0, 6.0, 7.0]), np.array([1.0, 1.0, 3.0, 4.0, 1.0])
     jump = share * (1.05 * 4.0 + 6.0 * 5.0)
     place = np.array([0.0, 1.0, 2.0, 2.0 + jump, 2.0 + jump + 1.0]) * np.exp(0.3j)
-    assert without_jumps(place, way, sigma).tolist() == [True] * 3 + [kept == 5] * 2
+    assert find_consistent_fixes(place, way, sigma).tolist() == [True] * 3 + [kept == 5] * 2
 
 
 def test_where_more_than_four_hundred_changes_jump_the_sigmas_are_false():
     for jumps, kept in ((400, 201), (401, 402)):
         place = 100.0 * (np.arange(jumps + 1) % 2) + 0j
-        assert without_jumps(place, np.zeros(jumps + 1), np.ones(jumps + 1)).sum() == kept
+        assert find_consistent_fixes(place, np.zeros(jumps + 1), np.ones(jumps + 1)).sum() == kept
 
 
 def test_fixes_scatter_by_the_median_of_their_changes_beyond_the_way():
@@ -62,7 +62,7 @@ def test_fixes_scatter_by_the_median_of_their_changes_beyond_the_way():
         change = size * np.sqrt(2.0 * np.log(2.0)) * 5.0
         way = 2.0 * np.arange(30.0)
         place = (change + 2.0) * np.arange(30.0) * np.exp(1.1j)
-        assert scatter(place, way, sigma) == pytest.approx(found, rel=1e-4)
-        assert scatter(place[:29], way[:29], sigma[:29]) == 1.0
+        assert estimate_scatter(place, way, sigma) == pytest.approx(found, rel=1e-4)
+        assert estimate_scatter(place[:29], way[:29], sigma[:29]) == 1.0
     # What the wheels rolled is none of it, however little moved.
-    assert scatter(np.zeros(30) + 0j, 50.0 * np.arange(30.0), sigma) == 1.0
+    assert estimate_scatter(np.zeros(30) + 0j, 50.0 * np.arange(30.0), sigma) == 1.0

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from hubodo.fuse.graph.build import _state_times
+from hubodo.fuse.graph.build import _choose_pose_times
 
 
 def test_poses_stand_at_the_ends_of_a_silence_and_at_marks_in_it_alone():
     day = 86_400.0
     path_t = np.concatenate([np.arange(0.0, 10.05, 0.1), day + np.arange(0.0, 10.05, 0.1)])
-    found = _state_times(path_t, np.array([3.3, 500.0, day + 4.4]), 1.0)
+    found = _choose_pose_times(path_t, np.array([3.3, 500.0, day + 4.4]), 1.0)
     inside = found[(found > 10.01) & (found < day - 0.01)]
     assert inside.tolist() == [500.0]
     assert np.abs(found - 10.0).min() < 1e-9 and np.abs(found - day).min() < 1e-9

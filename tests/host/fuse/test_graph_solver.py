@@ -10,22 +10,22 @@ from scipy.optimize import least_squares
 
 from graph_drives import numeric, small_drive, wiggly_path
 from gtsam_oracle import solve_with_gtsam
-from hubodo.fuse.graph.build import build
+from hubodo.fuse.graph.build import build_graph
 from hubodo.fuse.graph.chain import solve_chain
 from hubodo.fuse.graph.config import GraphConfig
-from hubodo.fuse.graph.factor_graph import Graph
-from hubodo.fuse.graph.factors.constants import COUNT
+from hubodo.fuse.graph.factor_graph import FactorGraph
+from hubodo.fuse.graph.factors.constants import N_CONSTANTS
 from hubodo.fuse.graph.factors.heading import HeadingFactors
 from hubodo.fuse.graph.factors.loss import QUADRATIC
 from hubodo.fuse.graph.factors.position import PositionFactors
-from hubodo.fuse.graph.factors.prior import StartFactor
-from hubodo.fuse.graph.solver import solve, solve_from_afar
+from hubodo.fuse.graph.factors.prior import PosePriorFactors
+from hubodo.fuse.graph.solver import solve_from_poor_guess, solve_graph
 
 
 def changed(graph, kind, **values):
     """The graph with other values in the factors of one kind."""
     made = (replace(item, **values) if isinstance(item, kind) else item for item in graph.factors)
-    return Graph(tuple(made))
+    return FactorGraph(tuple(made))
 
 
 @settings(max_examples=40)
@@ -73,18 +73,18 @@ def test_the_chain_keeps_its_digits_where_tenths_of_millimetres_meet_five_metres
 @pytest.mark.parametrize("seed", [4, 5])
 def test_the_optimum_and_its_covariance_are_those_of_scipy(seed):
     drive = small_drive(np.random.default_rng(seed))
-    graph, n = drive.graph.under(lambda factor: QUADRATIC), len(drive.poses)
+    graph, n = drive.graph.with_losses(lambda factor: QUADRATIC), len(drive.initial_poses)
 
     def residuals(z):
         poses, constants = z[: 3 * n].reshape(n, 3), z[3 * n :]
-        return np.concatenate([item.residual.ravel() for item, _ in graph.linear(poses, constants)])
+        return np.concatenate([item.residual.ravel() for item, _ in graph.linearise(poses, constants)])
 
-    scale = np.append(np.tile([1.0, 1.0, 0.1], n), GraphConfig().constants.array())
-    first = np.append(drive.poses.ravel(), np.zeros(COUNT))
+    scale = np.append(np.tile([1.0, 1.0, 0.1], n), GraphConfig().constants.to_array())
+    first = np.append(drive.initial_poses.ravel(), np.zeros(N_CONSTANTS))
     theirs = least_squares(
         residuals, first, jac="2-point", x_scale=scale, xtol=1e-15, ftol=1e-15, gtol=1e-12, max_nfev=60
     )
-    ours = solve(graph, drive.poses, np.zeros(COUNT), "all")
+    ours = solve_graph(graph, drive.initial_poses, np.zeros(N_CONSTANTS), "all")
     assert ours.converged
     assert ours.cost == pytest.approx(theirs.cost, rel=1e-8)
     # A numeric Jacobian leaves scipy some micrometres.
@@ -101,12 +101,12 @@ def test_the_optimum_and_its_covariance_are_those_of_scipy(seed):
 def test_gtsam_finds_the_same_optimum_with_robust_losses():
     rng = np.random.default_rng(6)
     drive = small_drive(rng, 60)
-    place = drive.graph.find(PositionFactors).place.copy()
+    place = drive.graph.find(PositionFactors).position.copy()
     place[20:24] += 30.0
-    graph = changed(drive.graph, PositionFactors, place=place)
-    ours = solve_from_afar(graph, drive.poses, np.zeros(COUNT))
+    graph = changed(drive.graph, PositionFactors, position=place)
+    ours = solve_from_poor_guess(graph, drive.initial_poses, np.zeros(N_CONSTANTS))
     shaken = ours.poses + rng.normal(0, 1, ours.poses.shape) * [0.2, 0.2, 0.02]
-    poses, constants, cost = solve_with_gtsam(graph, shaken, np.zeros(COUNT))
+    poses, constants, cost = solve_with_gtsam(graph, shaken, np.zeros(N_CONSTANTS))
     assert cost == pytest.approx(ours.cost, rel=1e-8)
     assert np.max(np.abs(poses - ours.poses)) < 1e-4
     assert np.max(np.abs(constants - ours.constants)) < 1e-5
@@ -114,21 +114,21 @@ def test_gtsam_finds_the_same_optimum_with_robust_losses():
 
 def test_turning_the_world_turns_the_solution():
     drive = small_drive(np.random.default_rng(12))
-    graph = drive.graph.under(lambda factor: QUADRATIC)
+    graph = drive.graph.with_losses(lambda factor: QUADRATIC)
     turn, c, s = 1.1, np.cos(1.1), np.sin(1.1)
     matrix = np.array([[c, -s], [s, c]])
-    mean = graph.find(StartFactor).mean[0]
-    turned = changed(graph, PositionFactors, place=graph.find(PositionFactors).place @ matrix.T)
+    mean = graph.find(PosePriorFactors).mean[0]
+    turned = changed(graph, PositionFactors, position=graph.find(PositionFactors).position @ matrix.T)
     turned = changed(turned, HeadingFactors, heading=graph.find(HeadingFactors).heading + turn)
-    turned = changed(turned, StartFactor, mean=np.append(matrix @ mean[:2], mean[2] + turn)[None])
-    first = solve(graph, drive.poses, np.zeros(COUNT))
-    poses = np.column_stack([drive.poses[:, :2] @ matrix.T, drive.poses[:, 2] + turn])
-    second = solve(turned, poses, np.zeros(COUNT))
+    turned = changed(turned, PosePriorFactors, mean=np.append(matrix @ mean[:2], mean[2] + turn)[None])
+    first = solve_graph(graph, drive.initial_poses, np.zeros(N_CONSTANTS))
+    poses = np.column_stack([drive.initial_poses[:, :2] @ matrix.T, drive.initial_poses[:, 2] + turn])
+    second = solve_graph(turned, poses, np.zeros(N_CONSTANTS))
     assert np.allclose(second.poses[:, :2], first.poses[:, :2] @ matrix.T, atol=1e-5)
     assert np.allclose(second.constants, first.constants, atol=1e-7)
 
 
 def test_a_graph_without_fixes_and_headings_is_the_odometry():
-    drive = build(wiggly_path(np.random.default_rng(13)), [], GraphConfig())
-    found = solve(drive.graph, drive.poses, np.zeros(COUNT))
-    assert np.allclose(found.poses, drive.cut.pose, atol=1e-9)
+    drive = build_graph(wiggly_path(np.random.default_rng(13)), [], GraphConfig())
+    found = solve_graph(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS))
+    assert np.allclose(found.poses, drive.odometry.odometry_pose, atol=1e-9)

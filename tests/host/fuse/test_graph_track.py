@@ -8,15 +8,15 @@ import pytest
 from generators import gnss_drives
 from graph_drives import wiggly_path
 from hubodo.errors import InputError
-from hubodo.fuse.graph.build import _start, _state_times, build
+from hubodo.fuse.graph.batch import fuse_graph
+from hubodo.fuse.graph.build import _choose_pose_times, _start_prior, build_graph
 from hubodo.fuse.graph.config import GraphConfig
-from hubodo.fuse.graph.factor_graph import Graph
-from hubodo.fuse.graph.factors.constants import COUNT, NAMES
+from hubodo.fuse.graph.factor_graph import FactorGraph
+from hubodo.fuse.graph.factors.constants import CONSTANT_NAMES, N_CONSTANTS
 from hubodo.fuse.graph.factors.position import PositionFactors
-from hubodo.fuse.graph.fixes import Fixes, usable_fixes
-from hubodo.fuse.graph.graph import fuse_graph
-from hubodo.fuse.graph.steps import StepNoise, cut_path
-from hubodo.fuse.graph.track import DriveGraph, track_of
+from hubodo.fuse.graph.fixes import Fixes, localise_fixes
+from hubodo.fuse.graph.odometry_steps import StepNoise, segment_odometry
+from hubodo.fuse.graph.result import DriveGraph, build_result
 from hubodo.fuse.track import Track
 
 
@@ -37,13 +37,13 @@ def test_the_first_guess_lies_on_the_fixes_however_far_off_and_turned_the_odomet
     way = (path.x + 1j * path.y) * np.exp(1j * turn)
     at = slice(0, None, 5)
     there = gnss_drives.geodetic(way.real[at], way.imag[at], 47.0, 8.0)
-    local = usable_fixes(Fixes(path.t[at], *there), path.t[0], path.t[-1], 0.1, True)
+    local = localise_fixes(Fixes(path.t[at], *there), path.t[0], path.t[-1], 0.1, True)
     off = Track(path.t, path.x + 300.0, path.y - 200.0, path.heading)
-    drive = build(off, [local], GraphConfig())
-    use = np.searchsorted(drive.cut.state_t, local.t)
-    assert drive.poses[use, 0] == pytest.approx(local.place.real, abs=0.1)
-    assert drive.poses[use, 1] == pytest.approx(local.place.imag, abs=0.1)
-    apart = drive.poses[use, 2] - path.heading[at] - turn
+    drive = build_graph(off, [local], GraphConfig())
+    use = np.searchsorted(drive.odometry.pose_t, local.t)
+    assert drive.initial_poses[use, 0] == pytest.approx(local.position.real, abs=0.1)
+    assert drive.initial_poses[use, 1] == pytest.approx(local.position.imag, abs=0.1)
+    apart = drive.initial_poses[use, 2] - path.heading[at] - turn
     assert np.abs(np.angle(np.exp(1j * apart))).max() < 0.02
 
 
@@ -60,12 +60,12 @@ def test_the_velocity_at_a_pose_is_that_of_the_two_steps_beside_it():
     """Steps at 1, 2, 3, 4 m/s; at either end the two that are nearest."""
     way = np.append(0.0, np.cumsum(np.arange(1.0, 5.0) * np.diff(UNEVEN)))
     path = Track(UNEVEN, way * np.cos(0.5), way * np.sin(0.5), np.full(5, 0.5))
-    whole = cut_path(path, UNEVEN[[0, 2, 4]], StepNoise()).velocity
+    whole = segment_odometry(path, UNEVEN[[0, 2, 4]], StepNoise()).velocity
     ends = [0.5 / 0.3, 1.3 / 0.5, 2.5 / 0.7]
     np.testing.assert_allclose(whole, np.column_stack([ends, np.zeros(3)]), atol=1e-12)
-    inside = cut_path(path, np.array([0.0, 0.2, 0.6, 1.0]), StepNoise()).velocity
+    inside = segment_odometry(path, np.array([0.0, 0.2, 0.6, 1.0]), StepNoise()).velocity
     np.testing.assert_allclose(inside[1], [2.0, 0.0], atol=1e-12)
-    alone = cut_path(path, np.array([0.65, 0.95]), StepNoise()).velocity
+    alone = segment_odometry(path, np.array([0.65, 0.95]), StepNoise()).velocity
     np.testing.assert_allclose(alone, [[4.0, 0.0]] * 2, atol=1e-12)
 
 
@@ -74,14 +74,14 @@ def test_a_cut_odometry_knows_its_heading_at_any_time_and_the_share_of_a_stretch
     t = np.arange(0.0, 20.0, 0.1)
     heading = 1.0 + 0.9 * t
     path = Track(t, np.sin(heading), -np.cos(heading), np.angle(np.exp(1j * heading)))
-    cut = cut_path(path, np.array([2.0, 5.03, 11.0, 17.5]), StepNoise())
+    cut = segment_odometry(path, np.array([2.0, 5.03, 11.0, 17.5]), StepNoise())
     asked = np.linspace(2.0, 17.5, 53)
     np.testing.assert_allclose(cut.heading_at(asked), 1.0 + 0.9 * asked, atol=1e-9)
-    np.testing.assert_allclose(cut.pose[:, 2], 1.0 + 0.9 * cut.state_t, atol=1e-9)
-    begin, end = cut.state_t[:-1][cut.stretch], cut.state_t[1:][cut.stretch]
-    np.testing.assert_allclose(cut.share, (cut.t - begin) / (end - begin))
-    np.testing.assert_allclose(cut.turn_end[:, 1], cut.t - begin, atol=1e-12)
-    np.testing.assert_allclose(cut.turn_end[:, 0], 0.9 * (cut.t - begin), atol=1e-9)
+    np.testing.assert_allclose(cut.odometry_pose[:, 2], 1.0 + 0.9 * cut.pose_t, atol=1e-9)
+    begin, end = cut.pose_t[:-1][cut.segment], cut.pose_t[1:][cut.segment]
+    np.testing.assert_allclose(cut.elapsed_fraction, (cut.step_end_t - begin) / (end - begin))
+    np.testing.assert_allclose(cut.since_segment_start[:, 1], cut.step_end_t - begin, atol=1e-12)
+    np.testing.assert_allclose(cut.since_segment_start[:, 0], 0.9 * (cut.step_end_t - begin), atol=1e-9)
 
 
 def solved(rng):
@@ -93,7 +93,7 @@ def solved(rng):
         constants=np.array([0.02, 0.0, 0.0, 0.0, 0.3, 0.0]),
         covariance=np.array([whole[k, :, k] for k in range(3)]),
         start_covariance=np.array([whole[k, :, 0] for k in range(3)]),
-        constants_covariance=np.diag(np.arange(1.0, 1.0 + COUNT) ** 2),
+        constants_covariance=np.diag(np.arange(1.0, 1.0 + N_CONSTANTS) ** 2),
     )
 
 
@@ -101,13 +101,13 @@ def test_between_its_poses_a_track_goes_as_the_odometry_does_and_what_lacks_is_s
     """Of an odometry that goes straight on evenly that is a line from pose to pose."""
     t = np.arange(0.0, 4.1, 0.25)
     path = Track(t, 1.1 * t, np.zeros(len(t)), np.zeros(len(t)))
-    cut = cut_path(path, np.array([0.0, 1.5, 4.0]), StepNoise())
+    cut = segment_odometry(path, np.array([0.0, 1.5, 4.0]), StepNoise())
     found = solved(np.random.default_rng(31))
     state, place = np.array([0, 2]), found.poses[[0, 2], :2] + [[0.0, 0.0], [20.0, 0.0]]
     fixes = PositionFactors(state, place, np.ones(2), np.zeros((2, 2)))
-    drive = DriveGraph(Graph((fixes,)), found.poses, cut, True)
-    made = track_of(path, drive, found, None, 1.5, StepNoise(), 0.7, ("said",))
-    x, y, heading = (np.interp(t, cut.state_t, column) for column in found.poses.T)
+    drive = DriveGraph(FactorGraph((fixes,)), found.poses, cut, True)
+    made = build_result(path, drive, found, None, 1.5, StepNoise(), 0.7, ("said",))
+    x, y, heading = (np.interp(t, cut.pose_t, column) for column in found.poses.T)
     np.testing.assert_allclose(made.track.x, x, atol=1e-12)
     np.testing.assert_allclose(made.track.y, y, atol=1e-12)
     np.testing.assert_allclose(made.track.heading, heading, atol=1e-12)
@@ -123,28 +123,28 @@ def test_between_its_poses_a_track_goes_as_the_odometry_does_and_what_lacks_is_s
         for sigma, column in zip(
             (track.sigma_x, track.sigma_y, track.sigma_heading), variance.T, strict=True
         ):
-            np.testing.assert_allclose(sigma, np.sqrt(np.interp(t, cut.state_t, np.maximum(column, 0.0))))
+            np.testing.assert_allclose(sigma, np.sqrt(np.interp(t, cut.pose_t, np.maximum(column, 0.0))))
     # A fix twenty sigma off counts nothing; the delay is what was found and what was undone before.
     np.testing.assert_allclose(made.fix_t, [-0.7, 3.3])
     assert made.fix_weight.tolist() == [1.0, 0.0]
-    values = {name: made.constants[name] for name in NAMES}
+    values = {name: made.constants[name] for name in CONSTANT_NAMES}
     assert values["gnss_delay"].value == pytest.approx(1.0)
     assert values["wheel_radius"].value == pytest.approx(0.02)
-    assert [values[name].sigma for name in NAMES] == pytest.approx(np.arange(1.0, 1.0 + COUNT))
+    assert [values[name].sigma for name in CONSTANT_NAMES] == pytest.approx(np.arange(1.0, 1.0 + N_CONSTANTS))
 
 
 def test_with_constants_an_even_turn_stays_even_and_the_track_goes_through_the_poses():
     t = np.arange(0.0, 4.1, 0.25)
     path = Track(t, 1.1 * t, np.zeros(len(t)), np.zeros(len(t)))
-    cut = cut_path(path, np.array([0.0, 1.5, 4.0]), StepNoise())
+    cut = segment_odometry(path, np.array([0.0, 1.5, 4.0]), StepNoise())
     found = solved(np.random.default_rng(33))
     found.constants = np.array([0.02, -0.03, 0.2, 0.1, 0.0, 0.0])
-    made = track_of(
-        path, DriveGraph(Graph(()), found.poses, cut, True), found, None, 1.0, StepNoise(), 0.0, ()
+    made = build_result(
+        path, DriveGraph(FactorGraph(()), found.poses, cut, True), found, None, 1.0, StepNoise(), 0.0, ()
     ).track
-    x, y, heading = (np.interp(t, cut.state_t, column) for column in found.poses.T)
+    x, y, heading = (np.interp(t, cut.pose_t, column) for column in found.poses.T)
     np.testing.assert_allclose(made.heading, heading, atol=1e-12)
-    at_poses = np.isin(t, cut.state_t)
+    at_poses = np.isin(t, cut.pose_t)
     np.testing.assert_allclose(made.x[at_poses], x[at_poses], atol=1e-12)
     np.testing.assert_allclose(made.y[at_poses], y[at_poses], atol=1e-12)
     # Between them it bends to the side to which it turns.
@@ -154,9 +154,9 @@ def test_with_constants_an_even_turn_stays_even_and_the_track_goes_through_the_p
 
 def test_without_fixes_a_track_says_of_none():
     path = Track(np.arange(3.0), np.arange(3.0), np.zeros(3), np.zeros(3))
-    cut, found = cut_path(path, np.arange(3.0), StepNoise()), solved(np.random.default_rng(32))
-    made = track_of(
-        path, DriveGraph(Graph(()), found.poses, cut, True), found, None, 1.0, StepNoise(), 0.0, ()
+    cut, found = segment_odometry(path, np.arange(3.0), StepNoise()), solved(np.random.default_rng(32))
+    made = build_result(
+        path, DriveGraph(FactorGraph(()), found.poses, cut, True), found, None, 1.0, StepNoise(), 0.0, ()
     )
     assert len(made.fix_t) == len(made.fix_weight) == 0
 
@@ -165,10 +165,10 @@ def test_without_fixes_a_track_says_of_none():
 def test_a_first_heading_that_is_known_is_meant_to_the_nearest_turn(turns):
     pose, config = np.array([5.0, 6.0, 0.4 + 2.0 * np.pi * turns]), GraphConfig(start_heading=-0.3)
     for on_map, place in ((True, 1e4), (False, 1e-3)):
-        mean, sigma = _start(pose, on_map, config)
+        mean, sigma = _start_prior(pose, on_map, config)
         np.testing.assert_allclose(mean, [[5.0, 6.0, -0.3 + 2.0 * np.pi * turns]], atol=1e-12)
         np.testing.assert_allclose(sigma, [[place, place, 0.02]])
-    mean, sigma = _start(pose, True, GraphConfig())
+    mean, sigma = _start_prior(pose, True, GraphConfig())
     # Of a heading that is not known all are alike.
     np.testing.assert_allclose(mean, pose[None])
     np.testing.assert_allclose(sigma, [[1e4, 1e4, np.pi / np.sqrt(3.0)]])
@@ -176,12 +176,12 @@ def test_a_first_heading_that_is_known_is_meant_to_the_nearest_turn(turns):
 
 def test_poses_stand_at_marks_and_ends_and_no_further_apart_than_they_may():
     path_t = np.arange(0.0, 10.05, 0.1)
-    made = _state_times(path_t, np.array([2.3, 2.9, 7.0]), 1.0)
+    made = _choose_pose_times(path_t, np.array([2.3, 2.9, 7.0]), 1.0)
     assert np.isin([0.0, 2.3, 2.9, 7.0, path_t[-1]], made).all()
     gaps = np.diff(made)
     assert len(made) == 1 + 3 + 1 + 5 + 3 and gaps.max() <= 1.0 + 1e-9
     # Each gap is cut evenly.
     np.testing.assert_allclose(gaps, np.repeat([2.3 / 3, 0.6, 4.1 / 5, 1.0], [3, 1, 5, 3]), atol=1e-9)
     silent = np.append(path_t, path_t + 30.0)
-    made = _state_times(silent, path_t[:0], 1.0)
+    made = _choose_pose_times(silent, path_t[:0], 1.0)
     assert np.isin([0.0, path_t[-1], 30.0, silent[-1]], made).all() and len(made) == 22

@@ -5,13 +5,13 @@ import pytest
 
 from graph_drives import numeric, small_drive
 from gtsam_oracle import covariances_of_gtsam, solve_with_gtsam
-from hubodo.fuse.graph.factor_graph import Graph
-from hubodo.fuse.graph.factors.constants import COUNT
+from hubodo.fuse.graph.factor_graph import FactorGraph
+from hubodo.fuse.graph.factors.constants import N_CONSTANTS
 from hubodo.fuse.graph.factors.loss import QUADRATIC
 from hubodo.fuse.graph.factors.position import PositionFactors
-from hubodo.fuse.graph.factors.prior import ConstantsFactor, ForgottenFactor, StartFactor
-from hubodo.fuse.graph.solver import solve
-from hubodo.fuse.graph.window import PoseWindow, without_first
+from hubodo.fuse.graph.factors.prior import ConstantsPriorFactors, MarginalPriorFactors, PosePriorFactors
+from hubodo.fuse.graph.solver import solve_graph
+from hubodo.fuse.graph.window import PoseWindow, marginalise_first_poses
 
 
 def weighted_dense(graph, poses, constants):
@@ -19,11 +19,11 @@ def weighted_dense(graph, poses, constants):
     n = len(poses)
 
     def residuals(z):
-        linear = graph.linear(z[: 3 * n].reshape(n, 3), z[3 * n :])
+        linear = graph.linearise(z[: 3 * n].reshape(n, 3), z[3 * n :])
         rows = [np.sqrt(w)[:, None] * item.residual for (item, _), w in zip(linear, weights, strict=True)]
         return np.concatenate([row.ravel() for row in rows])
 
-    weights = [loss.weight(item.squares) for item, loss in graph.linear(poses, constants)]
+    weights = [loss.weight(item.squared_norms) for item, loss in graph.linearise(poses, constants)]
     j = numeric(residuals, np.append(poses.ravel(), constants))
     return j.T @ j
 
@@ -36,8 +36,11 @@ def test_a_forgotten_pose_is_a_marginal_of_the_whole(count):
     """
     drive = small_drive(np.random.default_rng(31), 12)
     rng = np.random.default_rng(32)
-    poses, constants = drive.poses + rng.normal(0, 0.05, drive.poses.shape), rng.normal(0, 1e-3, COUNT)
-    small = without_first(drive.graph, poses, constants, count)
+    poses, constants = (
+        drive.initial_poses + rng.normal(0, 0.05, drive.initial_poses.shape),
+        rng.normal(0, 1e-3, N_CONSTANTS),
+    )
+    small = marginalise_first_poses(drive.graph, poses, constants, count)
     whole = np.linalg.inv(weighted_dense(drive.graph, poses, constants))
     left = np.linalg.inv(weighted_dense(small, poses[count:], constants))
     scale = np.sqrt(np.diag(left))
@@ -46,13 +49,13 @@ def test_a_forgotten_pose_is_a_marginal_of_the_whole(count):
 
 def test_what_is_left_has_the_optimum_of_the_whole():
     drive = small_drive(np.random.default_rng(33))
-    whole = solve(drive.graph, drive.poses, np.zeros(COUNT), "all")
-    small = without_first(drive.graph, whole.poses, whole.constants, 20)
+    whole = solve_graph(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS), "all")
+    small = marginalise_first_poses(drive.graph, whole.poses, whole.constants, 20)
     kinds = {type(factor) for factor in small.factors}
-    assert ForgottenFactor in kinds
-    assert not kinds & {StartFactor, ConstantsFactor}
+    assert MarginalPriorFactors in kinds
+    assert not kinds & {PosePriorFactors, ConstantsPriorFactors}
     shaken = whole.poses[20:] + np.random.default_rng(34).normal(0, 0.02, whole.poses[20:].shape)
-    again = solve(small, shaken, np.zeros(COUNT), "all")
+    again = solve_graph(small, shaken, np.zeros(N_CONSTANTS), "all")
     assert np.max(np.abs(again.poses - whole.poses[20:])) < 1e-4
     assert np.max(np.abs(again.constants - whole.constants)) < 1e-6
     assert np.allclose(again.covariance, whole.covariance[20:], rtol=1e-3, atol=1e-9)
@@ -62,29 +65,35 @@ def test_what_is_left_has_the_optimum_of_the_whole():
 def test_a_fix_forgotten_as_refused_stays_refused():
     drive = small_drive(np.random.default_rng(35), 40)
     positions = drive.graph.find(PositionFactors)
-    place = positions.place.copy()
+    place = positions.position.copy()
     place[2] += 40.0
     moved = type(positions)(
-        positions.state, place, positions.sigma, positions.velocity, positions.antenna, loss=positions.loss
+        positions.pose_index,
+        place,
+        positions.sigma,
+        positions.velocity,
+        positions.antenna,
+        loss=positions.loss,
     )
     rest = tuple(factor for factor in drive.graph.factors if factor is not positions)
-    lost = moved.part(0, int(moved.state[2])).joined(
-        moved.part(int(moved.state[2]) + 1, len(drive.poses)), int(moved.state[2]) + 1
+    lost = moved.select_poses(0, int(moved.pose_index[2])).append(
+        moved.select_poses(int(moved.pose_index[2]) + 1, len(drive.initial_poses)),
+        int(moved.pose_index[2]) + 1,
     )
-    whole = solve(Graph((moved, *rest)), drive.poses, np.zeros(COUNT))
-    with_it = without_first(Graph((moved, *rest)), whole.poses, whole.constants, 20)
-    without = without_first(Graph((lost, *rest)), whole.poses, whole.constants, 20)
-    first, second = (solve(graph, whole.poses[20:], whole.constants) for graph in (with_it, without))
+    whole = solve_graph(FactorGraph((moved, *rest)), drive.initial_poses, np.zeros(N_CONSTANTS))
+    with_it = marginalise_first_poses(FactorGraph((moved, *rest)), whole.poses, whole.constants, 20)
+    without = marginalise_first_poses(FactorGraph((lost, *rest)), whole.poses, whole.constants, 20)
+    first, second = (solve_graph(graph, whole.poses[20:], whole.constants) for graph in (with_it, without))
     assert np.allclose(first.poses, second.poses, atol=1e-6)
 
 
 def test_gtsam_has_the_same_optimum_and_marginals_of_a_graph_with_a_forgotten_past():
     drive = small_drive(np.random.default_rng(36), 30)
-    graph = drive.graph.under(lambda factor: QUADRATIC)
-    whole = solve(graph, drive.poses, np.zeros(COUNT))
-    small = without_first(graph, whole.poses, whole.constants, 15)
-    ours = solve(small, whole.poses[15:], whole.constants, "all")
-    poses, constants, cost = solve_with_gtsam(small, whole.poses[15:] + 0.01, np.zeros(COUNT))
+    graph = drive.graph.with_losses(lambda factor: QUADRATIC)
+    whole = solve_graph(graph, drive.initial_poses, np.zeros(N_CONSTANTS))
+    small = marginalise_first_poses(graph, whole.poses, whole.constants, 15)
+    ours = solve_graph(small, whole.poses[15:], whole.constants, "all")
+    poses, constants, cost = solve_with_gtsam(small, whole.poses[15:] + 0.01, np.zeros(N_CONSTANTS))
     assert cost == pytest.approx(ours.cost, rel=1e-6)
     assert np.max(np.abs(poses - ours.poses)) < 1e-4
     assert np.max(np.abs(constants - ours.constants)) < 1e-5
@@ -96,18 +105,18 @@ def test_gtsam_has_the_same_optimum_and_marginals_of_a_graph_with_a_forgotten_pa
 
 def test_a_window_keeps_two_poses_however_short_it_is():
     drive = small_drive(np.random.default_rng(37), 12)
-    found = solve(drive.graph, drive.poses, np.zeros(COUNT), "all")
+    found = solve_graph(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS), "all")
     window = PoseWindow(
         drive.graph,
-        drive.cut.state_t,
+        drive.odometry.pose_t,
         found.poses,
         found.constants,
         found.covariance[-1],
         found.constants_covariance,
     )
-    assert window.since(-1.0) is window
-    short = window.since(1e9)
-    assert short.state_t.tolist() == drive.cut.state_t[-2:].tolist()
-    again = short.solved()
+    assert window.without_poses_before(-1.0) is window
+    short = window.without_poses_before(1e9)
+    assert short.pose_t.tolist() == drive.odometry.pose_t[-2:].tolist()
+    again = short.with_solution()
     assert np.allclose(again.poses, found.poses[-2:], atol=1e-4)
     assert np.allclose(again.covariance, found.covariance[-1], rtol=1e-3, atol=1e-9)

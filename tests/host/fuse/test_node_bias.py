@@ -7,8 +7,8 @@ import pytest
 
 from generators import wheel_drives
 from hubodo.calibration.file import CalibratedEffect, Calibration, NodeCalibration, Quantity
-from hubodo.fuse.node_bias import with_node_biases
-from hubodo.fuse.wheels import wheel_odometry
+from hubodo.fuse.node_bias import add_node_biases
+from hubodo.fuse.wheel_odometry import compute_wheel_odometry
 from hubodo.recording import BIAS_FILTER_COLUMNS, Recording, Table
 from hubodo.vehicle import NodeMount, Vehicle
 
@@ -35,7 +35,7 @@ UNKNOWN = (1e-4, math.nan, 2e-4)
 
 def test_the_last_bias_that_was_known_is_taken_with_its_sigma():
     table = said((WAITING, NONE, NONE), (TRACKING, OLD, NONE), (TRACKING, NEW, UNKNOWN), (1.0, NONE, NONE))
-    made, used = with_node_biases(None, Recording({}, bias_filters={"left": table}), ("left", "right"))
+    made, used = add_node_biases(None, Recording({}, bias_filters={"left": table}), ("left", "right"))
     assert used == ("left",)
     told = made.nodes["left"].effects["gyro_bias"].parameters
     assert [told[axis].value for axis in "xyz"] == list(NEW)
@@ -47,7 +47,7 @@ def test_a_node_without_a_bias_and_one_whose_bias_is_calibrated_change_nothing()
         {"right": NodeCalibration({"gyro_bias": CalibratedEffect({"x": Quantity(0.5, 0.1)})})}
     )
     filters = {"left": said((WAITING, OLD, NONE)), "right": said((TRACKING, NEW, NONE))}
-    made, used = with_node_biases(known, Recording({}, bias_filters=filters), ("left", "right"))
+    made, used = add_node_biases(known, Recording({}, bias_filters=filters), ("left", "right"))
     assert (made, used) == (known, ())
 
 
@@ -56,7 +56,7 @@ def test_a_calibration_of_something_else_is_kept_beside_it():
         {"left": NodeCalibration({"wheel_radius": CalibratedEffect({"error": Quantity(0.01, 0.1)})})}
     )
     recording = Recording({}, bias_filters={"left": said((TRACKING, NEW, NONE))})
-    made, used = with_node_biases(known, recording, ("left",))
+    made, used = add_node_biases(known, recording, ("left",))
     assert used == ("left",) and set(made.nodes["left"].effects) == {"wheel_radius", "gyro_bias"}
 
 
@@ -79,8 +79,8 @@ def test_with_what_the_nodes_told_the_track_is_no_worse(rest):
         }
         for with_bias in (True, False):
             recording = Recording(nodes, bias_filters=told if with_bias else {})
-            made = wheel_odometry(recording, VEHICLE, log="drive")
-            assert made.learnt.get("bias_from_node") == (["left", "right"] if with_bias else None)
+            made = compute_wheel_odometry(recording, VEHICLE, log="drive")
+            assert made.details.get("bias_from_node") == (["left", "right"] if with_bias else None)
             x, y = (np.interp(drive.t, made.track.t, value) for value in (made.track.x, made.track.y))
             off = np.hypot(x - drive.x, y - drive.y)
             found[with_bias].append((off[-1], np.sqrt(np.mean(off**2))))

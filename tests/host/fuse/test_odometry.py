@@ -8,7 +8,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hubodo.fuse.odometry import DifferentialOdometry, OdometryConfig, SampleFate, integrate
+from hubodo.fuse.differential_odometry import (
+    DifferentialOdometry,
+    OdometryConfig,
+    SampleOutcome,
+    integrate_wheels,
+)
 from hubodo.fuse.rolling_wheel import OdometryNoise, WheelSamples, WheelSpec
 from hubodo.units import NS_PER_S
 
@@ -49,7 +54,7 @@ def pair(seconds, speed, yaw, **kwargs):
 
 def drive(cfg, *wheels):
     odometry = DifferentialOdometry(cfg)
-    states = [state for samples in wheels for state in odometry.handle(samples).states]
+    states = [state for samples in wheels for state in odometry.add_samples(samples).states]
     return states + list(odometry.finish())
 
 
@@ -131,19 +136,19 @@ def test_wheels_with_other_rates_and_phases_still_agree():
 def test_one_wheel_alone_waits_and_its_samples_are_not_forgotten():
     a, b = pair(2, lambda t: 1.0, lambda t: 0.0)
     odometry = DifferentialOdometry(config())
-    assert odometry.handle(a).fate is SampleFate.WAITING
+    assert odometry.add_samples(a).outcome is SampleOutcome.WAITING
     assert odometry.state() is None
-    handled = odometry.handle(b)
-    assert handled.fate is SampleFate.ADVANCED
+    handled = odometry.add_samples(b)
+    assert handled.outcome is SampleOutcome.ADVANCED
     assert handled.states[-1] == odometry.state()
 
 
 def test_samples_that_are_not_newer_are_left_out_and_said_to_be_late():
     a, b = pair(1, lambda t: 1.0, lambda t: 0.0)
     odometry = DifferentialOdometry(config())
-    odometry.handle(a)
-    assert odometry.handle(a).fate is SampleFate.LATE
-    assert odometry.handle(b).states[-1].x == pytest.approx(0.99, abs=0.02)
+    odometry.add_samples(a)
+    assert odometry.add_samples(a).outcome is SampleOutcome.LATE
+    assert odometry.add_samples(b).states[-1].x == pytest.approx(0.99, abs=0.02)
 
 
 def test_a_gap_is_bridged_on_the_chord_and_paid_for_in_variance():
@@ -168,8 +173,8 @@ def test_a_gyro_bias_is_learned_at_rest_and_taken_out_from_the_first_sample_on()
     odometry = DifferentialOdometry(config(bias_at_rest=True))
     last = None
     for x, y in zip(split(a, 8), split(b, 8), strict=True):
-        odometry.handle(x)
-        last = odometry.handle(y).states[-1:] or last
+        odometry.add_samples(x)
+        last = odometry.add_samples(y).states[-1:] or last
     biases = odometry.biases()
     assert biases["left"][0] == pytest.approx(0.05, abs=3 * biases["left"][1])
     assert biases["right"][0] == pytest.approx(-0.08, abs=3 * biases["right"][1])
@@ -182,8 +187,8 @@ def test_a_gyro_bias_is_learned_at_rest_and_taken_out_from_the_first_sample_on()
 def test_slow_rolling_is_not_mistaken_for_rest():
     a, b = pair(20, lambda t: 0.03, lambda t: 0.0)
     odometry = DifferentialOdometry(config(bias_at_rest=True))
-    odometry.handle(a)
-    odometry.handle(b)
+    odometry.add_samples(a)
+    odometry.add_samples(b)
     assert odometry.biases()["left"][0] == 0.0
     assert odometry.state().x == pytest.approx(0.6, abs=0.01)
 
@@ -206,7 +211,7 @@ def test_the_covariance_covers_many_noisy_drives():
             gyro = samples.gyro * scale + rng.normal(0, 0.002)
             gyro[:, 2] += rng.normal(0, 0.02, len(gyro))
             made.append(WheelSamples(side, samples.t_ns, gyro, samples.accel))
-        off = OdometryConfig(cfg.left, cfg.right, B * track, bias_at_rest=False, noise=noise)
+        off = OdometryConfig(cfg.left, cfg.right, B * track, estimate_bias=False, noise=noise)
         last = drive(off, *made)[-1]
         error = np.array([last.x - truth.x, last.y - truth.y, last.heading - truth.heading])
         total += float(error @ np.linalg.solve(np.array(truth.covariance), error))
@@ -281,12 +286,12 @@ def test_a_long_silence_of_one_wheel_does_not_fill_the_memory(monkeypatch):
         t = T0 + (k * 1000 + np.arange(1000, dtype=np.int64)) * 5_000_000
         gyro, accel = np.zeros((1000, 3)), np.zeros((1000, 3))
         gyro[:, 2] = 2.0
-        odometry.handle(WheelSamples("left", t, gyro, accel))
+        odometry.add_samples(WheelSamples("left", t, gyro, accel))
     assert len(odometry._wheels["left"].knots) <= (1 << 13) + 1000
     t = T0 + np.array([0, 15 * 1000 - 1], np.int64) * 5_000_000
     gyro = np.zeros((2, 3))
     gyro[:, 2] = 2.0
-    last = odometry.handle(WheelSamples("right", t, gyro, np.zeros((2, 3)))).states[-1]
+    last = odometry.add_samples(WheelSamples("right", t, gyro, np.zeros((2, 3)))).states[-1]
     assert last.distance == pytest.approx(2.0 * R * (last.t_ns - T0) / NS_PER_S)
 
 
@@ -294,5 +299,5 @@ def test_a_recording_is_integrated_as_if_it_came_live_however_long_it_is(monkeyp
     a, b = pair(12, lambda t: 1 + 0.1 * t, lambda t: 0.3 * math.sin(t))
     whole = drive(config(), a, b)
     monkeypatch.setattr("hubodo.fuse.rolling_wheel._MAX_KNOTS", 500)
-    assert integrate(config(), [a, b]) == whole
-    assert integrate(config(), []) == []
+    assert integrate_wheels(config(), [a, b]) == whole
+    assert integrate_wheels(config(), []) == []

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hubodo.errors import InputError
-from hubodo.fuse.projection import epsg_of, local_frame
+from hubodo.fuse.projection import find_epsg, make_local_frame
 
 WGS84 = pyproj.Geod(ellps="WGS84")
 CENTRED = pyproj.Transformer.from_crs("EPSG:4979", "EPSG:4978")
@@ -41,7 +41,7 @@ CENTRED = pyproj.Transformer.from_crs("EPSG:4979", "EPSG:4978")
     ],
 )
 def test_the_zone_is_that_of_the_grid_reference_system(latitude, longitude, epsg):
-    assert epsg_of(latitude, longitude) == epsg
+    assert find_epsg(latitude, longitude) == epsg
 
 
 @settings(max_examples=40, deadline=None)
@@ -52,7 +52,7 @@ def test_the_zone_is_that_of_the_grid_reference_system(latitude, longitude, epsg
     distance=st.floats(1.0, 2000.0),
 )
 def test_metres_and_bearings_are_those_of_the_geodesic(latitude, longitude, bearing, distance):
-    frame = local_frame(latitude, longitude)
+    frame = make_local_frame(latitude, longitude)
     lon, lat, _ = WGS84.fwd(longitude, latitude, bearing, distance)
     x, y = (float(v[0]) for v in frame.to_local(np.array([lat]), np.array([lon])))
     east, north = distance * np.sin(np.radians(bearing)), distance * np.cos(np.radians(bearing))
@@ -64,7 +64,7 @@ def test_metres_and_bearings_are_those_of_the_geodesic(latitude, longitude, bear
 def test_the_local_frame_agrees_with_earth_centred_coordinates_in_the_corner_of_a_zone():
     """Convergence is 2.6 degrees there: unturned, 250 m would be 11 m off."""
     latitude, longitude = 59.9, 11.95
-    frame = local_frame(latitude, longitude)
+    frame = make_local_frame(latitude, longitude)
     lat, lon = latitude + np.array([1e-4, 2e-3, -1.5e-3]), longitude + np.array([4e-3, -2e-3, 1e-3])
     there = np.array(CENTRED.transform(lat, lon, 0.0 * lat)).T - CENTRED.transform(latitude, longitude, 0.0)
     phi, lam = np.radians(latitude), np.radians(longitude)
@@ -76,7 +76,7 @@ def test_the_local_frame_agrees_with_earth_centred_coordinates_in_the_corner_of_
 
 
 def test_to_geodetic_is_the_inverse():
-    frame = local_frame(-33.9, 18.4)
+    frame = make_local_frame(-33.9, 18.4)
     x, y = np.array([0.0, 1234.5, -800.0]), np.array([10.0, -3.25, 900.0])
     back = frame.to_local(*frame.to_geodetic(x, y))
     assert np.allclose(back, (x, y), atol=1e-6)
@@ -84,7 +84,7 @@ def test_to_geodetic_is_the_inverse():
 
 @pytest.mark.parametrize("edge", [12.0, 179.9999, -180.0])
 def test_a_drive_over_the_border_of_a_zone_has_no_seam(edge):
-    frame = local_frame(47.0, edge)
+    frame = make_local_frame(47.0, edge)
     lon = edge + np.linspace(-0.01, 0.01, 201)
     x, y = frame.to_local(np.full(201, 47.0), (lon + 180.0) % 360.0 - 180.0)
     # Steps of 7.6 m; the scale of the grid changes by 1e-5 per km at its edge, a seam would be kilometres.
@@ -96,4 +96,4 @@ def test_a_drive_over_the_border_of_a_zone_has_no_seam(edge):
 @pytest.mark.parametrize("place", [(90.5, 0.0), (float("nan"), 0.0), (0.0, float("inf"))])
 def test_no_place_on_earth_is_refused(place):
     with pytest.raises(InputError, match="no place on Earth"):
-        local_frame(*place)
+        make_local_frame(*place)

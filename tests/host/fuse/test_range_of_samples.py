@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hubodo.fuse.ranges import USUAL, node_ranges
+from hubodo.fuse.ranges import DEFAULT_RANGES, determine_ranges
 from hubodo.recording import Table
 from hubodo.vehicle import NodeMount
 
@@ -27,7 +27,7 @@ def samples(kind, end, count=10, run=4, channel=2, repeats=0.0, largest=0.5):
 
 
 def seen(table, kind, told=TOLD):
-    found = node_ranges(NodeMount(), told, table)
+    found = determine_ranges(NodeMount(), told, table)
     return getattr(found, kind).value, len(found.warnings)
 
 
@@ -70,16 +70,16 @@ def test_samples_that_go_beyond_what_was_told_end_nowhere_that_they_show():
         assert seen(table, "gyro") == (pytest.approx(1.01 * share * 20.0 if said else 20.0), said)
     # Where nobody told a range nothing has to be said.
     assert seen(samples("gyro", 50.0, 1, 1), "gyro", {}) == (pytest.approx(50.5), 0)
-    assert seen(samples("gyro", 9.0, 1, 1), "gyro", {}) == (USUAL["gyro"], 0)
+    assert seen(samples("gyro", 9.0, 1, 1), "gyro", {}) == (DEFAULT_RANGES["gyro"], 0)
 
 
 @pytest.mark.parametrize("text", ["", "wide", "nan", "inf", "0", "-500"])
 def test_what_a_node_tells_that_is_no_range_is_not_heard(text):
-    found = node_ranges(NodeMount(), {"gyro_range_dps": text})
-    assert (found.gyro.value, found.gyro.source) == (USUAL["gyro"], "the usual one")
+    found = determine_ranges(NodeMount(), {"gyro_range_dps": text})
+    assert (found.gyro.value, found.gyro.source) == (DEFAULT_RANGES["gyro"], "the usual one")
 
 
 def test_what_counts_as_clipped_begins_just_below_and_further_below_where_samples_are_corrected():
     for corrected, share in ((False, 0.995), (True, 0.97)):
-        limits = node_ranges(NodeMount(), TOLD, corrected=corrected).limits
+        limits = determine_ranges(NodeMount(), TOLD, corrected=corrected).clipping_limits
         assert limits == pytest.approx({"gyro_limit": share * 20.0, "accel_limit": share * 40.0})

@@ -13,7 +13,7 @@ from generators.clipped_drives import CASES, clipped_drive
 from generators.wheel_drives import GRAVITY, drive, legs
 from hubodo.cli import main
 from hubodo.errors import ConfigError
-from hubodo.fuse.ranges import node_ranges, of_node
+from hubodo.fuse.ranges import determine_ranges, node_metadata
 from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import NodeMount, load_vehicle
@@ -44,9 +44,9 @@ def samples() -> dict[str, Table]:
 
 
 def test_the_vehicle_file_goes_before_the_node_and_the_node_before_the_usual() -> None:
-    usual = node_ranges(NodeMount("left", "left"), {})
-    told = node_ranges(NodeMount("left", "left"), TOLD)
-    given = node_ranges(NodeMount("left", "left", 20.0, 70.0), TOLD)
+    usual = determine_ranges(NodeMount("left", "left"), {})
+    told = determine_ranges(NodeMount("left", "left"), TOLD)
+    given = determine_ranges(NodeMount("left", "left", 20.0, 70.0), TOLD)
     assert (usual.gyro.value, usual.accel.value) == pytest.approx((math.radians(2000.0), 16.0 * GRAVITY))
     assert (told.gyro.value, told.accel.value) == pytest.approx((math.radians(500.0), 4.0 * GRAVITY))
     assert (given.gyro.value, given.accel.value) == (20.0, 70.0)
@@ -55,15 +55,15 @@ def test_the_vehicle_file_goes_before_the_node_and_the_node_before_the_usual() -
         "told by the node",
         "vehicle file",
     ]
-    assert 0.95 * 20.0 < given.limits["gyro_limit"] < 20.0
+    assert 0.95 * 20.0 < given.clipping_limits["gyro_limit"] < 20.0
 
 
 def test_a_pile_of_samples_shows_the_limit(samples: dict[str, Table]) -> None:
-    found = node_ranges(NodeMount(), {}, samples["left"])
+    found = determine_ranges(NodeMount(), {}, samples["left"])
     assert found.gyro.value == pytest.approx(math.radians(500.0), rel=1e-3)
     assert "seen" in found.gyro.source
     assert not found.warnings, "nobody told another one"
-    told = node_ranges(NodeMount(), {"gyro_range_dps": "2000"}, samples["left"])
+    told = determine_ranges(NodeMount(), {"gyro_range_dps": "2000"}, samples["left"])
     assert told.gyro.value == found.gyro.value
     assert "stand at" in told.warnings[0]
 
@@ -72,8 +72,8 @@ def test_no_pile_where_nothing_clips() -> None:
     rng = np.random.default_rng(SEED)
     made = drive(legs([(6.0, 0.0, 0.0), (10.0, 3.0, 0.1), (3.0, 0.0, 0.0)]), rng)
     for table in tables(made).values():
-        assert "usual" in node_ranges(NodeMount(), {}, table).gyro.source
-        wide = node_ranges(NodeMount(), {"gyro_range_dps": "500"}, table)
+        assert "usual" in determine_ranges(NodeMount(), {}, table).gyro.source
+        wide = determine_ranges(NodeMount(), {"gyro_range_dps": "500"}, table)
         assert wide.gyro.value > np.abs(table.gyro).max()
         assert "beyond" in wide.warnings[0]
 
@@ -100,7 +100,7 @@ def test_fuse_takes_the_range_and_says_whence(samples: dict[str, Table], tmp_pat
         name: Table({key: table[key][table.t < 34.0] for key in COLUMNS}) for name, table in samples.items()
     }
     told = {f"node.{name}.{key}": text for name in samples for key, text in TOLD.items()}
-    assert of_node(told, "left") == TOLD
+    assert node_metadata(told, "left") == TOLD
     for number, (imu, metadata, source) in enumerate(
         [("", told, "told by the node"), ("gyro_range = 8.72665", {}, "vehicle file"), ("", {}, "seen")]
     ):

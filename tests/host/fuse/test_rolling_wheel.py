@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from hubodo.fuse.odometry import DifferentialOdometry, OdometryConfig
-from hubodo.fuse.rolling_wheel import OdometryNoise, RestBlocks, RollingWheel, WheelSamples, WheelSpec
+from hubodo.fuse.differential_odometry import DifferentialOdometry, OdometryConfig
+from hubodo.fuse.rolling_wheel import OdometryNoise, RollingWheel, StandstillDetector, WheelSamples, WheelSpec
 
 S, G = 1_000_000_000, 9.80665
 R, B = 0.3, 0.9
@@ -38,39 +38,39 @@ def test_the_distance_is_the_integral_of_the_rate_and_its_variance_that_of_what_
         (OdometryNoise(0.0, 0.0, 0.0, 0.7), 0.7**2 * step**3 / 12.0),
     ):
         made = wheel(noise)
-        assert made.add(samples(t, rate)) == 0
+        assert made.add_samples(samples(t, rate)) == 0
         times, distances, variances = np.transpose(made.knots)
         assert times == pytest.approx(t * S, abs=1.0)
         assert distances == pytest.approx(np.append(0.0, np.cumsum(way)), abs=1e-8)
         assert variances == pytest.approx(np.append(0.0, np.cumsum(variance)), rel=1e-6, abs=1e-15)
     turned = wheel(facing="right", gyro_bias=0.1)
-    turned.add(samples(t, -rate + 0.1))
+    turned.add_samples(samples(t, -rate + 0.1))
     assert turned.knots[-1][1] == pytest.approx(np.sum(way))
 
 
 def test_between_knots_it_is_a_line_and_what_was_read_before_is_let_go():
     made = wheel(OdometryNoise(0.02, 0.0, 0.0, 0.0))
-    made.add(samples([0.0, 1.0, 3.0, 4.0], [2.0, 2.0, 4.0, 4.0]))
+    made.add_samples(samples([0.0, 1.0, 3.0, 4.0], [2.0, 2.0, 4.0, 4.0]))
     ways, variances = R * np.array([0.0, 2.0, 8.0, 12.0]), (R * 0.02) ** 2 * np.array([0.0, 1.0, 5.0, 6.0])
     for t in (0.0, 0.25, 1.0, 1.5, 3.0, 4.0):
         expected = [np.interp(t, [0.0, 1.0, 3.0, 4.0], column) for column in (ways, variances)]
-        assert made.at(round(t * S)) == pytest.approx(expected)
+        assert made.distance_at(round(t * S)) == pytest.approx(expected)
     assert [knot[0] for knot in made.knots] == [4 * S]
-    assert made.at(4 * S) == pytest.approx((ways[-1], variances[-1]))
+    assert made.distance_at(4 * S) == pytest.approx((ways[-1], variances[-1]))
 
 
 def test_samples_that_are_not_newer_are_counted_and_left_out():
     made = wheel()
-    assert made.add(samples([0.0, 1.0, 1.0, 0.5, 2.0], [1.0, 1.0, 50.0, 50.0, 1.0])) == 2
+    assert made.add_samples(samples([0.0, 1.0, 1.0, 0.5, 2.0], [1.0, 1.0, 50.0, 50.0, 1.0])) == 2
     assert made.knots[-1][:2] == (2 * S, pytest.approx(2.0 * R))
-    assert made.newest == 2 * S
+    assert made.newest_t_ns == 2 * S
 
 
 def test_of_too_many_knots_every_second_one_and_the_newest_stay(monkeypatch):
     monkeypatch.setattr("hubodo.fuse.rolling_wheel._MAX_KNOTS", 10)
     for count in (10, 11, 12):
         made = wheel()
-        made.add(samples(np.arange(float(count)), np.ones(count)))
+        made.add_samples(samples(np.arange(float(count)), np.ones(count)))
         kept = [knot[0] // S for knot in made.knots]
         assert kept == (list(range(count)) if count == 10 else sorted({*range(0, count - 1, 2), count - 1}))
 
@@ -78,7 +78,7 @@ def test_of_too_many_knots_every_second_one_and_the_newest_stay(monkeypatch):
 def rested(rate, seconds=0.6, hz=100.0, **options):
     made = wheel(bias_at_rest=True, **options)
     t = 5.0 + np.arange(0.0, seconds, 1.0 / hz)
-    made.add(samples(t, np.full(len(t), rate)))
+    made.add_samples(samples(t, np.full(len(t), rate)))
     return made
 
 
@@ -100,14 +100,14 @@ def test_a_rest_of_half_a_second_measures_the_bias_and_what_was_rolled_by_it_is_
 
 def test_it_is_ready_when_it_was_looked_at_whether_it_rests_or_not():
     for seconds, ready in ((0.49, False), (0.52, True)):
-        assert rested(0.01, seconds).ready == ready
+        assert rested(0.01, seconds).is_initialised == ready
     rolls = rested(1.0)
-    assert rolls.ready and rolls.bias == 0.0 and rolls.bias_sigma == 0.05
-    assert wheel().ready
+    assert rolls.is_initialised and rolls.bias == 0.0 and rolls.bias_sigma == 0.05
+    assert wheel().is_initialised
     # A later rest leaves what was rolled before as it was.
     made = wheel(bias_at_rest=True)
     t = np.arange(0.0, 1.05, 0.01)
-    made.add(samples(t, np.where(t < 0.5, 2.0, 0.01)))
+    made.add_samples(samples(t, np.where(t < 0.5, 2.0, 0.01)))
     assert made.bias == pytest.approx(0.01, rel=1e-3)
     half = next(knot[1] for knot in made.knots if knot[0] == round(0.49 * S))
     assert half == pytest.approx(R * 2.0 * 0.49)
@@ -115,10 +115,10 @@ def test_it_is_ready_when_it_was_looked_at_whether_it_rests_or_not():
 
 def judged(rate, turned=0.0, count=50):
     """Whether a block of two halves, of so many samples in half a second, is a rest."""
-    made = RestBlocks()
+    made = StandstillDetector()
     t = np.arange(count + 1) / count * 0.5
     told = [
-        made.add(round(at * S), float(r), G * math.cos(a), -G * math.sin(a))
+        made.add_sample(round(at * S), float(r), G * math.cos(a), -G * math.sin(a))
         for at, r, a in zip(t, *np.broadcast_arrays(rate, turned, t)[:2], strict=True)
     ]
     assert told == [False] * count + [True]
@@ -127,11 +127,11 @@ def judged(rate, turned=0.0, count=50):
 
 def test_a_wheel_rests_where_its_gyro_is_steady_and_gravity_stays():
     for rate, rests in ((0.349, True), (0.351, False), (-0.349, True), (-0.351, False)):
-        assert judged(rate).resting == rests
+        assert judged(rate).is_stationary == rests
     ripple = (-1.0) ** np.arange(51)
     for size, rests in ((0.0195, True), (0.0205, False)):
         made = judged(0.1 + size * ripple)
-        assert made.resting == rests
+        assert made.is_stationary == rests
         assert made.mean == pytest.approx(0.1, abs=1e-12)
         # Of 50 samples, and of a bias that is not steadier than that.
         assert made.variance == pytest.approx(size**2 / 50 + 2e-4**2)
@@ -139,16 +139,16 @@ def test_a_wheel_rests_where_its_gyro_is_steady_and_gravity_stays():
     for sign in (1.0, -1.0):
         for turned, rests in ((0.0049, True), (0.0051, False)):
             for place in (0.0, 1.3):
-                assert judged(0.1, place + sign * turned * second).resting == rests
+                assert judged(0.1, place + sign * turned * second).is_stationary == rests
     for count, rests in ((10, True), (8, False)):
-        assert judged(0.1, count=count).resting == rests
+        assert judged(0.1, count=count).is_stationary == rests
 
 
 def driven(wheels, noise, step):
     odometry = DifferentialOdometry(
         OdometryConfig(WheelSpec(R, "left", 0.0, 0.0), WheelSpec(R, "left", 0.0, 0.0), B, step, False, noise)
     )
-    return [state for one in wheels for state in odometry.handle(one).states]
+    return [state for one in wheels for state in odometry.add_samples(one).states]
 
 
 def test_what_is_random_in_each_step_goes_into_the_pose_as_differences_say():

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hubodo.fuse.odometry import OdometryState
-from hubodo.fuse.track import Track, from_states, score
+from hubodo.fuse.differential_odometry import OdometryState
+from hubodo.fuse.track import Track, score_track, track_from_states
 
 T = np.arange(0.0, 10.5, 0.5)
 NONE = np.zeros(len(T))
@@ -30,7 +30,7 @@ def test_a_track_that_begins_at_a_heading_is_turned_with_its_sigmas(heading):
         sigmas = [np.sqrt(axis @ covariance @ axis) for axis in (ahead, aside, np.array([0.0, 0.0, 1.0]))]
         way = complex(x, y) * np.exp(1j * heading)
         expected.append([1.5 * k, way.real, way.imag, course + heading, 0.7, *sigmas])
-    track = from_states(made, heading)
+    track = track_from_states(made, heading)
     found = [track.t, track.x, track.y, track.heading, track.speed]
     found += [track.sigma_x, track.sigma_y, track.sigma_heading]
     np.testing.assert_allclose(np.transpose(found), expected, atol=1e-12)
@@ -38,7 +38,7 @@ def test_a_track_that_begins_at_a_heading_is_turned_with_its_sigmas(heading):
 
 def test_without_states_there_is_no_track():
     with pytest.raises(ValueError, match="no time in common"):
-        from_states([])
+        track_from_states([])
 
 
 def straight(t=T):
@@ -49,7 +49,7 @@ def straight(t=T):
 def test_a_track_is_scored_where_both_begin_at_the_same_point():
     """It strays by 0.1 m a second to the left, and comes half of the way back at once."""
     stray = np.where(T < 9.9, 0.1 * T, 0.5)
-    found = score(straight(), T, 2.0 * T - 40.0, 7.0 - stray, None)
+    found = score_track(straight(), T, 2.0 * T - 40.0, 7.0 - stray, None)
     path = float(np.sum(np.hypot(np.diff(2.0 * T), np.diff(stray))))
     assert found.final_error == pytest.approx(0.5) and found.maximum_error == pytest.approx(0.95)
     assert found.rms_error == pytest.approx(np.sqrt(np.mean(stray**2)))
@@ -66,13 +66,13 @@ def test_a_track_is_scored_where_both_begin_at_the_same_point():
 def test_only_their_common_time_is_scored():
     off = 0.3 * np.clip(T - 4.0, 0.0, 2.0)
     part = (T >= 4.0) & (T <= 8.0)
-    found = score(straight(), T[part], 2.0 * T[part], off[part], None)
+    found = score_track(straight(), T[part], 2.0 * T[part], off[part], None)
     assert found.final_error == pytest.approx(0.6)
     assert found.rms_error == pytest.approx(np.sqrt(np.mean(off[part] ** 2)))
     short = straight(T[part])
-    assert score(short, T, 2.0 * T, NONE, None).final_error == pytest.approx(0.0)
-    assert score(short, T + 8.0, 2.0 * T, NONE, None) is None
-    assert score(short, T + 7.5, 2.0 * T, NONE, None) is not None
+    assert score_track(short, T, 2.0 * T, NONE, None).final_error == pytest.approx(0.0)
+    assert score_track(short, T + 8.0, 2.0 * T, NONE, None) is None
+    assert score_track(short, T + 7.5, 2.0 * T, NONE, None) is not None
 
 
 def test_headings_are_compared_to_the_nearest_turn():
@@ -82,12 +82,12 @@ def test_headings_are_compared_to_the_nearest_turn():
     for off, rms in ((0.2, 0.2), (-0.2, 0.2), (2.0 * np.pi + 0.1, 0.1), (3.0, 3.0)):
         told = np.angle(np.exp(1j * (course - off)))
         # Halfway between two of them, as well.
-        found = score(track, T, T, T, told)
+        found = score_track(track, T, T, T, told)
         assert found.heading_rms == pytest.approx(rms)
-        assert score(track, T[::2], T[::2], T[::2], told[::2]).heading_rms == pytest.approx(rms)
+        assert score_track(track, T[::2], T[::2], T[::2], told[::2]).heading_rms == pytest.approx(rms)
 
 
 def test_a_truth_that_stands_has_no_percent():
-    found = score(straight(), T, NONE, NONE, None)
+    found = score_track(straight(), T, NONE, NONE, None)
     assert found.final_error == pytest.approx(20.0)
     assert (found.final_percent, found.rms_percent, found.maximum_percent) == (None, None, None)

@@ -8,7 +8,7 @@ from filterpy.kalman import KalmanFilter
 
 from generators import start_gyro as start
 from hubodo.effects.warmup import WarmupModel
-from hubodo.fuse.warm_heading import BiasNoise, WarmHeading
+from hubodo.fuse.heading_filter import BiasNoise, HeadingFilter
 
 DEG = math.pi / 180.0
 MODEL = WarmupModel(start.C2 * DEG, start.C1 * DEG, start.T)
@@ -19,10 +19,10 @@ def driven(case, seeds):
     runs = [start.run(case, np.random.default_rng(seed)) for seed in seeds]
     output = np.array([made for _, made, _ in runs])
     noise = BiasNoise(start.NOISE * DEG * math.sqrt(start.DT))
-    ours = WarmHeading(MODEL, noise, age=start.AGES[case], shape=(len(runs),))
+    ours = HeadingFilter(MODEL, noise, age=start.AGES[case], shape=(len(runs),))
     heading = []
     for k, values in enumerate(output.T):
-        ours.handle(values * DEG, start.DT, at_rest=k < start.AVERAGED)
+        ours.update(values * DEG, start.DT, is_stationary=k < start.AVERAGED)
         heading.append(ours.state().heading)
     truth = np.cumsum([rate[start.AVERAGED :] for rate, _, _ in runs], axis=1) * start.DT
     moving = output[:, start.AVERAGED :] - output[:, : start.AVERAGED].mean(axis=1)[:, None]
@@ -55,7 +55,9 @@ def test_a_step_of_the_rate_leaves_no_peak():
 
 def test_it_is_filterpys_filter_of_two_states_in_rest_and_motion():
     noise, dt, walk = 0.01, 0.1, 0.001
-    ours = WarmHeading(WarmupModel(0.0), BiasNoise(noise * math.sqrt(dt), rate_random_walk=walk, offset=0.1))
+    ours = HeadingFilter(
+        WarmupModel(0.0), BiasNoise(noise * math.sqrt(dt), rate_random_walk=walk, offset=0.1)
+    )
     theirs = KalmanFilter(2, 1, dim_u=1)
     theirs.x, theirs.P = np.zeros((2, 1)), np.diag([0.0, 0.1**2])
     theirs.H, theirs.R = np.array([[0.0, 1.0]]), np.array([[noise**2]])
@@ -64,7 +66,7 @@ def test_it_is_filterpys_filter_of_two_states_in_rest_and_motion():
     rng = np.random.default_rng(5)
     for k in range(300):
         z, rest = rng.normal(0.02, noise), k % 100 < 60
-        ours.handle(z, dt, at_rest=rest)
+        ours.update(z, dt, is_stationary=rest)
         theirs.predict(F=np.eye(2), Q=walked)
         if rest:
             theirs.update(z)
@@ -79,7 +81,7 @@ def test_it_is_filterpys_filter_with_the_warm_ups_errors_and_flicker():
     model = WarmupModel(0.002, 0.02, 300.0, temperature_coefficient=1e-4)
     sigmas = {"c1": 0.004, "time_constant": 40.0, "temperature_coefficient": 3e-5}
     n, b, k_walk = 1e-3, 2e-3, 1e-5
-    ours = WarmHeading(model, BiasNoise(n, b, k_walk, 0.01, sigmas), age=20.0)
+    ours = HeadingFilter(model, BiasNoise(n, b, k_walk, 0.01, sigmas), age=20.0)
     # Time constants of 1, 5, 25, .. s up to 1e5 s, B^2 ln 5 / pi each.
     constants = 5.0 ** np.arange(8)
     count = 5 + len(constants)
@@ -91,7 +93,7 @@ def test_it_is_filterpys_filter_with_the_warm_ups_errors_and_flicker():
     for k in range(200):
         dt, warm = rng.uniform(0.5, 2.0), rng.uniform(20.0, 30.0)
         z, rest, doubt = rng.normal(0.02, 0.01), k % 100 < 40, 0.003 if k % 7 == 0 else 0.0
-        ours.handle(z, dt, at_rest=rest, temperature=warm, sigma=doubt)
+        ours.update(z, dt, is_stationary=rest, temperature=warm, sigma=doubt)
         t, age = age + 0.5 * dt, age + dt
         gone = math.exp(-t / 300.0)
         course = 0.002 + 0.02 * (1.0 - gone) + 1e-4 * (warm - 25.0)
@@ -122,12 +124,12 @@ def agree(ours, x, p, h, course=0.0):
 def test_many_runs_at_once_are_each_as_alone():
     noise = BiasNoise(1e-3, 1e-4, 1e-5)
     rates = np.random.default_rng(9).normal(0.1, 0.01, (50, 3))
-    together = WarmHeading(MODEL, noise, shape=(3,))
-    alone = [WarmHeading(MODEL, noise) for _ in range(3)]
+    together = HeadingFilter(MODEL, noise, shape=(3,))
+    alone = [HeadingFilter(MODEL, noise) for _ in range(3)]
     for k, row in enumerate(rates):
-        together.handle(row, 0.1, at_rest=k < 20)
+        together.update(row, 0.1, is_stationary=k < 20)
         for filter_, rate in zip(alone, row.tolist(), strict=True):
-            filter_.handle(rate, 0.1, at_rest=k < 20)
+            filter_.update(rate, 0.1, is_stationary=k < 20)
     ends = [filter_.state() for filter_ in alone]
     assert together.state().heading == pytest.approx([float(end.heading) for end in ends], rel=1e-12)
     assert together.state().bias == pytest.approx([float(end.bias) for end in ends], rel=1e-12)
@@ -136,16 +138,16 @@ def test_many_runs_at_once_are_each_as_alone():
 def test_a_standstill_after_the_drive_mends_the_heading_of_the_drive():
     """With a bias that walks, ten seconds of rest before and after tell more than those before alone."""
     noise = BiasNoise(1e-4, rate_random_walk=1e-3)
-    before, both = (WarmHeading(WarmupModel(0.0), noise) for _ in range(2))
+    before, both = (HeadingFilter(WarmupModel(0.0), noise) for _ in range(2))
     for filter_ in (before, both):
         for k in range(1100):
-            filter_.handle(0.0, 0.1, at_rest=k < 100)
+            filter_.update(0.0, 0.1, is_stationary=k < 100)
     for _ in range(100):
-        both.handle(0.0, 0.1, at_rest=True)
+        both.update(0.0, 0.1, is_stationary=True)
     # A bridge of a walk over T has a quarter of the variance of its integral: K^2 T^3 / 12 of K^2 T^3 / 3.
     assert both.state().sigma_heading / before.state().sigma_heading == pytest.approx(0.5, rel=0.02)
 
 
 def test_a_parameter_that_the_model_has_not_is_refused():
     with pytest.raises(ValueError, match="tau"):
-        WarmHeading(MODEL, BiasNoise(1e-3, warmup={"tau": 1.0})).handle(0.0, 0.1)
+        HeadingFilter(MODEL, BiasNoise(1e-3, warmup={"tau": 1.0})).update(0.0, 0.1)

@@ -7,7 +7,7 @@ from generators import wheel_drives
 from hubodo.errors import ConfigError
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.track import run_wheel_filter
-from hubodo.fuse.wheels import located
+from hubodo.fuse.wheel_odometry import add_latitude
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import NodeMount, Vehicle, parse_vehicle
 from wheel_runs import tables
@@ -38,9 +38,9 @@ def test_the_latitude_is_the_files_else_that_of_the_fixes():
     t = np.arange(5.0)
     fixes = Table({"t": t, "latitude_deg": np.full(5, 47.0), "longitude_deg": np.full(5, 8.0)})
     log = Recording(nodes={}, gnss=fixes)
-    assert located(Vehicle(0.1, 0.5), log).latitude_deg == 47.0
-    assert located(Vehicle(0.1, 0.5, latitude_deg=10.0), log).latitude_deg == 10.0
-    assert located(Vehicle(0.1, 0.5), Recording(nodes={})).latitude_deg is None
+    assert add_latitude(Vehicle(0.1, 0.5), log).latitude_deg == 47.0
+    assert add_latitude(Vehicle(0.1, 0.5, latitude_deg=10.0), log).latitude_deg == 10.0
+    assert add_latitude(Vehicle(0.1, 0.5), Recording(nodes={})).latitude_deg is None
 
 
 def test_a_latitude_beyond_the_poles_is_refused():

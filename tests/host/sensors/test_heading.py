@@ -12,7 +12,7 @@ from generators import start_gyro as start
 from generators.noise import gyro_noise
 from hubodo.cli import main
 from hubodo.effects.warmup import WarmupModel
-from hubodo.fuse.warm_heading import BiasNoise
+from hubodo.fuse.heading_filter import BiasNoise
 from hubodo.log.csv_folder import read_folder, write_folder
 from hubodo.log.csv_table import read_table
 from hubodo.recording import Recording, Table

@@ -7,21 +7,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.graph.factors.between import Complex
+from hubodo.fuse.graph.factors.between import ComplexArray
 
-_TRIALS = 64
+_N_FIX_PAIRS = 64
 """Pairs of fixes tried in a stretch.
 
 With half of all fixes false, one pair in four is of two sound ones, and all 64 fail in one stretch of 1e8.
 """
-_SURE = 0.1
+_MAX_TURN_SIGMA = 0.1
 """rad; 1 sigma of a stretch's turn: from there Gauss-Newton finds its way."""
-_INSIDE = 3.0
+_INLIER_SIGMAS = 3.0
 """Sigmas within which a fix agrees with a turn and shift."""
 
 
 @dataclass(frozen=True, eq=False)
-class Overlay:
+class Alignment:
     """The odometry laid onto the fixes, at each of them.
 
     heading: (n,) rad to add to the odometry's heading at each fix. place: (n,) complex, m: the place of each
@@ -29,12 +29,12 @@ class Overlay:
     heading.
     """
 
-    heading: Array
-    place: Complex
-    found: bool
+    turn: Array
+    position: ComplexArray
+    turn_observable: bool
 
 
-def align(odometry: Complex, fixes: Complex, sigma: Array) -> Overlay:
+def align_odometry(odometry: ComplexArray, fixes: ComplexArray, sigma: Array) -> Alignment:
     """Turn and shift of the odometry's places (n,) at the times of the fixes (n,), sigma (n,) m.
 
     Each stretch is as long as a turn known to 0.1 rad needs; in it the turn and shift that most fixes agree
@@ -46,11 +46,11 @@ def align(odometry: Complex, fixes: Complex, sigma: Array) -> Overlay:
     turns, weights, centres, middles, targets = [], [], [], [], []
     begin = 0
     while begin < n:
-        end = _end_of_stretch(odometry, sigma, begin)
+        end = _find_section_end(odometry, sigma, begin)
         if n - end < (end - begin) // 2:
             end = n
         o, g = odometry[begin:end], fixes[begin:end]
-        inside = _agreeing(o, g, sigma[begin:end])
+        inside = _find_inliers(o, g, sigma[begin:end])
         if np.count_nonzero(inside) >= 2:
             o, g, s = o[inside], g[inside], sigma[begin:end][inside]
             share = s**-2.0
@@ -67,34 +67,38 @@ def align(odometry: Complex, fixes: Complex, sigma: Array) -> Overlay:
     if not telling:
         middle = complex(np.median(fixes.real), np.median(fixes.imag))
         centre = complex(np.median(odometry.real), np.median(odometry.imag))
-        return Overlay(np.zeros(n), middle + odometry - centre, False)
+        return Alignment(np.zeros(n), middle + odometry - centre, False)
     known = np.unwrap([turns[index] for index in telling])
     heading = np.interp(np.arange(n), [centres[index] for index in telling], known)
     nearest = np.abs(np.arange(n)[:, None] - np.array(centres)[None, :]).argmin(axis=1)
     place = np.array(targets)[nearest] + np.exp(1j * heading) * (odometry - np.array(middles)[nearest])
-    return Overlay(heading, place, True)
+    return Alignment(heading, place, True)
 
 
-def _end_of_stretch(odometry: Complex, sigma: Array, begin: int) -> int:
+def _find_section_end(odometry: ComplexArray, sigma: Array, begin: int) -> int:
     """The first end at which the turn is known well enough, searched in growing steps."""
     n, count = len(odometry), 8
     while begin + count < n:
         o = odometry[begin : begin + count]
         information = np.sum(np.abs(o - o.mean()) ** 2 / sigma[begin : begin + count] ** 2)
-        if information > 1.0 / _SURE**2:
+        if information > 1.0 / _MAX_TURN_SIGMA**2:
             return begin + count
         count = int(count * 1.5)
     return n
 
 
-def _agreeing(o: Complex, g: Complex, sigma: Array) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+def _find_inliers(
+    o: ComplexArray, g: ComplexArray, sigma: Array
+) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     """Which fixes agree with the turn and shift that the most of them agree with."""
     n = len(o)
     if n < 3:
         return np.ones(n, np.bool_)
     # The golden section spreads pairs over the stretch without chance.
-    first = (np.arange(1, _TRIALS + 1) * 0.6180339887 % 1.0 * n).astype(np.intp)
-    second = (first + (0.25 + 0.5 * (np.arange(1, _TRIALS + 1) * 0.7548776662 % 1.0)) * n).astype(np.intp) % n
+    first = (np.arange(1, _N_FIX_PAIRS + 1) * 0.6180339887 % 1.0 * n).astype(np.intp)
+    second = (first + (0.25 + 0.5 * (np.arange(1, _N_FIX_PAIRS + 1) * 0.7548776662 % 1.0)) * n).astype(
+        np.intp
+    ) % n
     base, gap = o[second] - o[first], g[second] - g[first]
     turn = np.exp(1j * np.angle(gap * np.conj(base)))
     miss = np.abs(
@@ -102,12 +106,12 @@ def _agreeing(o: Complex, g: Complex, sigma: Array) -> np.ndarray[tuple[int], np
         + turn[:, None] * (o[None, :] - 0.5 * (o[first] + o[second])[:, None])
         - g[None, :]
     )
-    score = np.minimum((miss / sigma) ** 2, _INSIDE**2 * 2.0).sum(axis=1)
-    inside = miss[int(np.argmin(score))] < 2.0 * _INSIDE * sigma
+    score = np.minimum((miss / sigma) ** 2, _INLIER_SIGMAS**2 * 2.0).sum(axis=1)
+    inside = miss[int(np.argmin(score))] < 2.0 * _INLIER_SIGMAS * sigma
     for _ in range(3):
         if np.count_nonzero(inside) < 2:
             return np.ones(n, np.bool_)
         mean_o, mean_g = o[inside].mean(), g[inside].mean()
         turn_now = np.exp(1j * np.angle(np.sum(np.conj(o[inside] - mean_o) * (g[inside] - mean_g))))
-        inside = np.abs(mean_g + turn_now * (o - mean_o) - g) < 1.5 * _INSIDE * sigma
+        inside = np.abs(mean_g + turn_now * (o - mean_o) - g) < 1.5 * _INLIER_SIGMAS * sigma
     return np.asarray(inside) if np.count_nonzero(inside) >= 2 else np.ones(n, np.bool_)

@@ -12,7 +12,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 
-_DENSE = 4
+_MAX_DENSE_BLOCKS = 4
 """Blocks; so few are inverted at once, which takes no longer than one more level."""
 
 
@@ -37,8 +37,8 @@ def solve_chain(diagonal: Array, upper: Array, right: Array, covariance: bool = 
     numpy.linalg.LinAlgError when H is singular.
     """
     n = len(diagonal)
-    if n <= _DENSE:
-        return _dense(diagonal, upper, right)
+    if n <= _MAX_DENSE_BLOCKS:
+        return _solve_dense(diagonal, upper, right)
     odd = diagonal[1::2]
     left, after = upper[0::2], upper[1::2]
     count, inner = len(odd), len(after)
@@ -73,7 +73,7 @@ def solve_chain(diagonal: Array, upper: Array, right: Array, covariance: bool = 
     return ChainSolution(x, blocks, between)
 
 
-def _dense(diagonal: Array, upper: Array, right: Array) -> ChainSolution:
+def _solve_dense(diagonal: Array, upper: Array, right: Array) -> ChainSolution:
     n, b, m = right.shape
     whole = np.zeros((n, b, n, b))
     for k in range(n):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from hubodo.fuse.graph.factors.constants import ConstantSigmas
-from hubodo.fuse.graph.steps import StepNoise
+from hubodo.fuse.graph.odometry_steps import StepNoise
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,11 +23,11 @@ class GraphConfig:
     antenna: tuple[float, float] = (0.0, 0.0)
     gnss_sigma: float = 5.0
     heading_sigma: float = 0.09
-    declared: bool = True
+    use_declared_sigmas: bool = True
     noise: StepNoise = field(default_factory=StepNoise)
     constants: ConstantSigmas = field(default_factory=ConstantSigmas)
-    knot: float = 1.0
+    max_pose_spacing: float = 1.0
     start_heading: float | None = None
     start_heading_sigma: float = 0.02
-    honest: bool = True
-    search_delay: bool = True
+    inflate_sigmas: bool = True
+    estimate_delay: bool = True

@@ -7,49 +7,49 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from hubodo.arrays import Array
-from hubodo.fuse.graph.factors.factor import Factor, Linear
+from hubodo.fuse.graph.factors.factor import FactorGroup, LinearisedFactors
 from hubodo.fuse.graph.factors.loss import Loss
 
-Kind = TypeVar("Kind", bound=Factor)
+Kind = TypeVar("Kind", bound=FactorGroup)
 
 
 @dataclass(frozen=True, eq=False)
-class Graph:
+class FactorGraph:
     """All factors, each kind at most once."""
 
-    factors: tuple[Factor, ...]
+    factors: tuple[FactorGroup, ...]
 
-    def linear(self, poses: Array, constants: Array) -> list[tuple[Linear, Loss]]:
+    def linearise(self, poses: Array, constants: Array) -> list[tuple[LinearisedFactors, Loss]]:
         """Every kind about poses (n, 3) and constants (COUNT,)."""
-        return [(factor.linear(poses, constants), factor.loss) for factor in self.factors]
+        return [(factor.linearise(poses, constants), factor.loss) for factor in self.factors]
 
     def cost(self, poses: Array, constants: Array) -> float:
         """What the solution minimises: robust losses, half of the squares."""
-        return cost_of(self.linear(poses, constants))
+        return total_cost(self.linearise(poses, constants))
 
     def find(self, kind: type[Kind]) -> Kind | None:
         """The factors of a kind, None without any."""
         return next((factor for factor in self.factors if isinstance(factor, kind)), None)
 
-    def under(self, loss: Callable[[Factor], Loss]) -> Graph:
+    def with_losses(self, loss: Callable[[FactorGroup], Loss]) -> FactorGraph:
         """The same factors under other losses."""
-        return Graph(tuple(replace(factor, loss=loss(factor)) for factor in self.factors))
+        return FactorGraph(tuple(replace(factor, loss=loss(factor)) for factor in self.factors))
 
-    def part(self, begin: int, end: int) -> Graph:
+    def select_poses(self, begin: int, end: int) -> FactorGraph:
         """The factors tied to poses begin to end - 1, numbered from `begin` on."""
-        parts = (factor.part(begin, end) for factor in self.factors)
-        return Graph(tuple(part for part in parts if len(part.state) > 0))
+        parts = (factor.select_poses(begin, end) for factor in self.factors)
+        return FactorGraph(tuple(part for part in parts if len(part.pose_index) > 0))
 
-    def joined(self, later: Graph, by: int) -> Graph:
+    def append(self, later: FactorGraph, by: int) -> FactorGraph:
         """This graph and one that goes on from it: pose 0 there is number `by` here."""
-        made: dict[type[Factor], Factor] = {type(factor): factor for factor in self.factors}
+        made: dict[type[FactorGroup], FactorGroup] = {type(factor): factor for factor in self.factors}
         for factor in later.factors:
             own = made.get(type(factor))
-            shifted = replace(factor, state=factor.state + by)
-            made[type(factor)] = shifted if own is None else own.joined(factor, by)
-        return Graph(tuple(made.values()))
+            shifted = replace(factor, pose_index=factor.pose_index + by)
+            made[type(factor)] = shifted if own is None else own.append(factor, by)
+        return FactorGraph(tuple(made.values()))
 
 
-def cost_of(linear: list[tuple[Linear, Loss]]) -> float:
+def total_cost(linear: list[tuple[LinearisedFactors, Loss]]) -> float:
     """The cost of factors already evaluated."""
-    return sum(float(loss.costs(item.squares).sum()) for item, loss in linear)
+    return sum(float(loss.cost(item.squared_norms).sum()) for item, loss in linear)

@@ -11,30 +11,30 @@ from numpy.typing import NDArray
 from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.fuse.graph.config import GraphConfig
-from hubodo.fuse.graph.factors.between import Complex
-from hubodo.fuse.graph.factors.factor import stretches
+from hubodo.fuse.graph.factors.between import ComplexArray
+from hubodo.fuse.graph.factors.factor import find_runs
 from hubodo.fuse.graph.factors.position import PositionFactors
-from hubodo.fuse.graph.steps import CutPath
-from hubodo.fuse.projection import FARTHEST, LocalFrame, local_frame
+from hubodo.fuse.graph.odometry_steps import SegmentedOdometry
+from hubodo.fuse.projection import MAX_DISTANCE_FROM_ORIGIN, LocalFrame, make_local_frame
 from hubodo.fuse.track import Track
 
-_FINEST = 0.005
+_MIN_POSITION_SIGMA = 0.005
 """m; the centre of an antenna is no better known, whatever a receiver says."""
-_AWAY = 1e7
+_OFF_GRID_DISTANCE = 1e7
 """m; a fix beyond the grid is a quarter of the way round the Earth, for a loss to refuse."""
-_EDGE = 2.0
+_MAX_TIME_OVERHANG = 2.0
 """s; a receiver that runs a little longer than the wheels is nothing to speak of."""
-_SIGMAS = 6.0
+_JUMP_SIGMAS = 6.0
 """Of the change between two fixes: chance goes beyond in one of 6e7."""
-_STRETCH = 1.05
+_MAX_DISTANCE_RATIO = 1.05
 """Times the way that the wheels say they rolled: a radius by tape measure, and a tyre's growth."""
-_MOST_RUNS = 400
+_MAX_RUNS = 400
 """With more changes than that the sigmas are false, not the fixes; comparing all pairs would take long."""
 _RAYLEIGH_MEDIAN = 1.1774
 """sqrt(2 ln 2), the median length of a pair of unit normals."""
-_ENOUGH = 30
+_MIN_FIXES_FOR_SCATTER = 30
 """Fixes whose median change is known to an eighth."""
-_BEYOND_CHANCE = 1.3
+_MIN_SCATTER = 1.3
 """More than twice that eighth."""
 
 
@@ -60,40 +60,44 @@ class LocalFixes:
     reason why others are missing.
     """
 
-    row: NDArray[np.intp]
+    input_row: NDArray[np.intp]
     t: Array
-    place: Complex
+    position: ComplexArray
     sigma: Array
     frame: LocalFrame
     warnings: tuple[str, ...] = ()
 
     @property
-    def marks(self) -> Array:
+    def pose_times(self) -> Array:
         """A pose stands at each fix."""
         return self.t
 
-    def factors(self, cut: CutPath, config: GraphConfig) -> PositionFactors:
+    def build_factors(self, cut: SegmentedOdometry, config: GraphConfig) -> PositionFactors:
         """One for each fix; the times must be among those of the poses."""
-        state = np.searchsorted(cut.state_t, self.t)
-        place = np.column_stack([self.place.real, self.place.imag])
+        state = np.searchsorted(cut.pose_t, self.t)
+        place = np.column_stack([self.position.real, self.position.imag])
         return PositionFactors(state, place, self.sigma, cut.velocity[state], config.antenna)
 
-    def chosen(self, keep: NDArray[np.bool_]) -> LocalFixes:
+    def select(self, keep: NDArray[np.bool_]) -> LocalFixes:
         """Those with a flag that is set."""
-        own = (self.row[keep], self.t[keep], self.place[keep], self.sigma[keep])
+        own = (self.input_row[keep], self.t[keep], self.position[keep], self.sigma[keep])
         return LocalFixes(*own, self.frame, self.warnings)
 
 
-def one_fix(fix: Fixes, frame: LocalFrame, config: GraphConfig, growth: float) -> LocalFixes:
+def localise_fix(fix: Fixes, frame: LocalFrame, config: GraphConfig, sigma_growth: float) -> LocalFixes:
     """A fix as it comes, in a frame that stands. growth: times which its sigma is widened."""
     own = math.nan if fix.sigma is None else float(fix.sigma[0])
-    sigma = own if config.declared and math.isfinite(own) and own > 0.0 else config.gnss_sigma
+    sigma = own if config.use_declared_sigmas and math.isfinite(own) and own > 0.0 else config.gnss_sigma
     x, y = frame.to_local(fix.latitude_deg, fix.longitude_deg)
-    place = np.nan_to_num(x, posinf=_AWAY, neginf=-_AWAY) + 1j * np.nan_to_num(y, posinf=_AWAY, neginf=-_AWAY)
-    return LocalFixes(np.zeros(1, np.intp), fix.t, place, np.array([max(sigma, _FINEST) * growth]), frame)
+    place = np.nan_to_num(x, posinf=_OFF_GRID_DISTANCE, neginf=-_OFF_GRID_DISTANCE) + 1j * np.nan_to_num(
+        y, posinf=_OFF_GRID_DISTANCE, neginf=-_OFF_GRID_DISTANCE
+    )
+    return LocalFixes(
+        np.zeros(1, np.intp), fix.t, place, np.array([max(sigma, _MIN_POSITION_SIGMA) * sigma_growth]), frame
+    )
 
 
-def usable_fixes(fixes: Fixes, begin: float, end: float, sigma: float, declared: bool) -> LocalFixes:
+def localise_fixes(fixes: Fixes, begin: float, end: float, sigma: float, declared: bool) -> LocalFixes:
     """Fixes between two times, in a frame at their median.
 
     sigma: m, for fixes that do not say, or for all of them when `declared` is false. Raises InputError when
@@ -105,17 +109,17 @@ def usable_fixes(fixes: Fixes, begin: float, end: float, sigma: float, declared:
     latitude, longitude = np.asarray(fixes.latitude_deg), np.asarray(fixes.longitude_deg)
     # What is not finite is within no bound.
     on_earth = (np.abs(latitude) <= 90.0) & (np.abs(longitude) <= 360.0)
-    _say(
+    _add_warning(
         warnings,
         fixes,
         ~on_earth,
         "are no place on Earth (latitude beyond 90 or longitude beyond 360 degrees)",
     )
     in_time = (fixes.t >= begin) & (fixes.t <= end)
-    _say(
+    _add_warning(
         warnings,
         fixes,
-        on_earth & ((fixes.t < begin - _EDGE) | (fixes.t > end + _EDGE)),
+        on_earth & ((fixes.t < begin - _MAX_TIME_OVERHANG) | (fixes.t > end + _MAX_TIME_OVERHANG)),
         f"lie outside the odometry ({begin:.3f} to {end:.3f} s); if all do, the clocks differ",
     )
     keep = np.flatnonzero(on_earth & in_time)
@@ -124,21 +128,23 @@ def usable_fixes(fixes: Fixes, begin: float, end: float, sigma: float, declared:
         raise InputError(f"gnss: no usable fix: {why}; correct it or leave it out")
     first = longitude[keep[0]]
     around = (longitude[keep] - first + 180.0) % 360.0 - 180.0
-    frame = local_frame(float(np.median(latitude[keep])), float(first + np.median(around)))
+    frame = make_local_frame(float(np.median(latitude[keep])), float(first + np.median(around)))
     x, y = frame.to_local(latitude[keep], longitude[keep])
-    near = np.hypot(x, y) < FARTHEST
+    near = np.hypot(x, y) < MAX_DISTANCE_FROM_ORIGIN
     far = np.zeros(len(fixes.t), np.bool_)
     far[keep[~near]] = True
-    _say(warnings, fixes, far, f"lie more than {FARTHEST / 1000.0:.0f} km from the others")
+    _add_warning(
+        warnings, fixes, far, f"lie more than {MAX_DISTANCE_FROM_ORIGIN / 1000.0:.0f} km from the others"
+    )
     keep, x, y = keep[near], x[near], y[near]
     own = np.full(len(fixes.t), np.nan) if fixes.sigma is None or not declared else np.asarray(fixes.sigma)
     own = own[keep]
     known = np.isfinite(own) & (own > 0.0)
-    own = np.maximum(np.where(known, own, sigma), _FINEST)
+    own = np.maximum(np.where(known, own, sigma), _MIN_POSITION_SIGMA)
     return LocalFixes(keep, np.asarray(fixes.t)[keep], x + 1j * y, own, frame, tuple(warnings))
 
 
-def _say(warnings: list[str], fixes: Fixes, bad: NDArray[np.bool_], why: str) -> None:
+def _add_warning(warnings: list[str], fixes: Fixes, bad: NDArray[np.bool_], why: str) -> None:
     rows = np.flatnonzero(bad)
     if len(rows) > 0:
         warnings.append(
@@ -155,52 +161,52 @@ def screen_fixes(path: Track, local: LocalFixes) -> tuple[LocalFixes, float, lis
     rolled = np.append(0.0, np.cumsum(np.hypot(np.diff(path.x), np.diff(path.y))))
     way = np.interp(local.t, path.t, rolled)
     said = []
-    size = scatter(local.place, way, local.sigma)
+    size = estimate_scatter(local.position, way, local.sigma)
     if size > 1.0:
         local = replace(local, sigma=local.sigma * size)
         said.append(f"gnss: the fixes scatter {size:.1f} times as much as their sigma says; it was widened")
-    keep = without_jumps(local.place, way, local.sigma)
-    for first, last in stretches(~keep):
+    keep = find_consistent_fixes(local.position, way, local.sigma)
+    for first, last in find_runs(~keep):
         before = max(first - 1, 0) if first > 0 else last + 1
-        jump = float(np.abs(local.place[first] - local.place[before]))
+        jump = float(np.abs(local.position[first] - local.position[before]))
         said.append(
             f"gnss: {last - first + 1} fixes from t = {local.t[first]:.1f} to {local.t[last]:.1f} s "
             f"jumped, by {jump:.0f} m; left out"
         )
-    return local.chosen(keep), size, said
+    return local.select(keep), size, said
 
 
-def scatter(place: Complex, way: Array, sigma: Array) -> float:
+def estimate_scatter(place: ComplexArray, way: Array, sigma: Array) -> float:
     """How many times its sigma a fix is off, from the changes between successive fixes; at least 1.
 
     place: (M,) m; way: (M,) m rolled until then; sigma: (M,) m. The median length of a change of two white
     errors is 1.18 sqrt(2) sigma; the way in between is taken off. Less than 30 % beyond chance is left
     alone.
     """
-    if len(place) < _ENOUGH:
+    if len(place) < _MIN_FIXES_FOR_SCATTER:
         return 1.0
     free = np.maximum(np.abs(np.diff(place)) - np.diff(way), 0.0)
     size = float(np.median(free / np.hypot(sigma[1:], sigma[:-1]))) / _RAYLEIGH_MEDIAN
-    return size if size > _BEYOND_CHANCE else 1.0
+    return size if size > _MIN_SCATTER else 1.0
 
 
-def without_jumps(place: Complex, way: Array, sigma: Array) -> NDArray[np.bool_]:
+def find_consistent_fixes(place: ComplexArray, way: Array, sigma: Array) -> NDArray[np.bool_]:
     """Which of the fixes, (M,), to keep: the most that never move further than the wheels rolled.
 
     A change beyond the way and six sigma of both fixes parts runs of fixes. Of the sequences of runs in
     which each can be reached from the one before it, the one with the most fixes is kept.
     """
     n = len(place)
-    noise = _SIGMAS * np.hypot(sigma[1:], sigma[:-1])
-    cuts = np.flatnonzero(np.abs(np.diff(place)) > _STRETCH * np.diff(way) + noise) + 1
-    if len(cuts) == 0 or len(cuts) > _MOST_RUNS:
+    noise = _JUMP_SIGMAS * np.hypot(sigma[1:], sigma[:-1])
+    cuts = np.flatnonzero(np.abs(np.diff(place)) > _MAX_DISTANCE_RATIO * np.diff(way) + noise) + 1
+    if len(cuts) == 0 or len(cuts) > _MAX_RUNS:
         return np.ones(n, np.bool_)
     first, last = np.append(0, cuts), np.append(cuts, n) - 1
     size = last - first + 1
     best, before = size.astype(np.float64), np.full(len(first), -1)
     for run in range(1, len(first)):
-        reach = _STRETCH * (way[first[run]] - way[last[:run]])
-        reach = reach + _SIGMAS * np.hypot(sigma[first[run]], sigma[last[:run]])
+        reach = _MAX_DISTANCE_RATIO * (way[first[run]] - way[last[:run]])
+        reach = reach + _JUMP_SIGMAS * np.hypot(sigma[first[run]], sigma[last[:run]])
         near = np.abs(place[first[run]] - place[last[:run]]) <= reach
         total = np.where(near, best[:run], 0.0)
         chosen = int(np.argmax(total))

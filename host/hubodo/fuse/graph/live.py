@@ -12,33 +12,33 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
 from hubodo.errors import InputError
-from hubodo.fuse.graph.beginning import Underway, begin
 from hubodo.fuse.graph.config import GraphConfig
-from hubodo.fuse.graph.factor_graph import Graph
+from hubodo.fuse.graph.factor_graph import FactorGraph
 from hubodo.fuse.graph.factors.between import BetweenFactors
-from hubodo.fuse.graph.factors.constants import NAMES
-from hubodo.fuse.graph.factors.factor import Factor, Linear, SensorSamples
+from hubodo.fuse.graph.factors.constants import CONSTANT_NAMES
+from hubodo.fuse.graph.factors.factor import FactorGroup, LinearisedFactors, SensorSamples
 from hubodo.fuse.graph.factors.heading import Headings
-from hubodo.fuse.graph.fixes import Fixes, one_fix
-from hubodo.fuse.graph.steps import CutPath, Trail
+from hubodo.fuse.graph.fixes import Fixes, localise_fix
+from hubodo.fuse.graph.initialisation import RunningGraph, start_graph
+from hubodo.fuse.graph.odometry_steps import OdometryBuffer, SegmentedOdometry
 from hubodo.fuse.graph.window import PoseWindow
 from hubodo.fuse.projection import LocalFrame
 
-_SAME = 1e-6
+_SAME_TIME_TOLERANCE = 1e-6
 """s; measurements closer together than this are of one time."""
-_NOTICED = 2.0
+_MIN_REPORTED_GAP = 2.0
 """s without a fix that counts, after which the next one is worth a word."""
-_STRETCH = 1.5
+_MAX_SPACING_RATIO = 1.5
 """Knots; a stretch longer than this gets poses of its own."""
 
 
-class Reception(Enum):
+class SampleStatus(Enum):
     """What became of a measurement."""
 
-    TAKEN = "in the graph, or waiting for the odometry to reach its time"
-    STARTING = "kept until the fixes tell the heading"
-    LATE = "older than the newest pose of the graph; left out"
-    IMPOSSIBLE = "no place on Earth, or not finite; left out"
+    ACCEPTED = "in the graph, or waiting for the odometry to reach its time"
+    INITIALISING = "kept until the fixes tell the heading"
+    TOO_LATE = "older than the newest pose of the graph; left out"
+    INVALID = "no place on Earth, or not finite; left out"
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,11 +53,11 @@ class LiveLimits:
     """
 
     lag: float = 60.0
-    look_back: float = 120.0
-    retry: float = 2.0
-    heading: float = 0.15
-    patience: float = 2.0
-    lost: float = 60.0
+    start_history: float = 120.0
+    retry_interval: float = 2.0
+    max_heading_sigma: float = 0.15
+    max_fix_latency: float = 2.0
+    restart_after: float = 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,13 +73,13 @@ class LiveState:
     y: float
     heading: float
     covariance: Array
-    fix_t: float
+    last_fix_t: float
     constants: dict[str, Quantity]
     frame: LocalFrame
 
 
 @dataclass(frozen=True, slots=True)
-class _Seen:
+class _PendingSample:
     """A sample that waits for the odometry to reach its time."""
 
     t: float
@@ -96,191 +96,200 @@ class LiveGraph:
     def __init__(self, config: GraphConfig | None = None, limits: LiveLimits | None = None) -> None:
         self._config = config or GraphConfig()
         self._limits = limits or LiveLimits()
-        self._trail = Trail()
-        self._waiting: deque[_Seen] = deque()
-        self._past: deque[_Seen] = deque()
+        self._odometry = OdometryBuffer()
+        self._pending: deque[_PendingSample] = deque()
+        self._history: deque[_PendingSample] = deque()
         self._warnings: list[str] = []
-        self._next_try = -math.inf
-        self._underway: Underway | None = None
+        self._next_start_t = -math.inf
+        self._running: RunningGraph | None = None
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """One line for each thing worth knowing so far."""
         return tuple(self._warnings)
 
-    def odometry(self, t: float, x: float, y: float, heading: float, loose: float = 0.0) -> Reception:
+    def add_odometry(
+        self, t: float, x: float, y: float, heading: float, step_inflation: float = 0.0
+    ) -> SampleStatus:
         """A pose of the odometry; loose: m², of the way since the one before, as Track's."""
         if not all(math.isfinite(v) for v in (t, x, y, heading)):
-            return Reception.IMPOSSIBLE
-        if t <= self._trail.newest:
-            return Reception.LATE
-        self._trail.add((t, x, y, heading), loose)
-        if self._underway is None:
-            self._start(t)
+            return SampleStatus.INVALID
+        if t <= self._odometry.newest_t:
+            return SampleStatus.TOO_LATE
+        self._odometry.add_pose((t, x, y, heading), step_inflation)
+        if self._running is None:
+            self._try_start(t)
         else:
-            self._catch_up(self._underway, t)
-        oldest = t - self._limits.look_back
-        if self._underway is not None:
-            oldest = min(oldest, float(self._underway.window.state_t[-1]))
-        self._trail.forget(oldest)
-        while self._past and self._past[0].t < t - self._limits.look_back:
-            self._past.popleft()
-        return Reception.STARTING if self._underway is None else Reception.TAKEN
+            self._advance(self._running, t)
+        oldest = t - self._limits.start_history
+        if self._running is not None:
+            oldest = min(oldest, float(self._running.window.pose_t[-1]))
+        self._odometry.drop_before(oldest)
+        while self._history and self._history[0].t < t - self._limits.start_history:
+            self._history.popleft()
+        return SampleStatus.INITIALISING if self._running is None else SampleStatus.ACCEPTED
 
-    def fix(
+    def add_fix(
         self, t: float, latitude_deg: float, longitude_deg: float, sigma: float | None = None
-    ) -> Reception:
+    ) -> SampleStatus:
         """A GNSS fix; sigma: m, None where the receiver did not say."""
         finite = all(math.isfinite(v) for v in (t, latitude_deg, longitude_deg))
         if not finite or abs(latitude_deg) > 90.0 or abs(longitude_deg) > 360.0:
-            return Reception.IMPOSSIBLE
+            return SampleStatus.INVALID
         own = math.nan if sigma is None else sigma
-        return self._measured(t, Fixes(*(np.array([v]) for v in (t, latitude_deg, longitude_deg, own))))
+        return self._insert_sample(t, Fixes(*(np.array([v]) for v in (t, latitude_deg, longitude_deg, own))))
 
-    def heading(self, t: float, heading: float, sigma: float | None = None) -> Reception:
+    def add_heading(self, t: float, heading: float, sigma: float | None = None) -> SampleStatus:
         """A heading, rad anticlockwise from east."""
         if not (math.isfinite(t) and math.isfinite(heading)):
-            return Reception.IMPOSSIBLE
+            return SampleStatus.INVALID
         own = math.nan if sigma is None else sigma
-        return self._measured(t, Headings(*(np.array([v]) for v in (t, heading, own))))
+        return self._insert_sample(t, Headings(*(np.array([v]) for v in (t, heading, own))))
 
-    def measured(self, t: float, sample: SensorSamples) -> Reception:
+    def add_samples(self, t: float, sample: SensorSamples) -> SampleStatus:
         """One sample of any other kind, at time t."""
-        return self._measured(t, sample) if math.isfinite(t) else Reception.IMPOSSIBLE
+        return self._insert_sample(t, sample) if math.isfinite(t) else SampleStatus.INVALID
 
     def state(self) -> LiveState | None:
         """The newest pose: that of the graph, carried on by the odometry since."""
-        if self._underway is None:
+        if self._running is None:
             return None
-        window = self._underway.window
-        t, pose, covariance = float(window.state_t[-1]), window.poses[-1], window.covariance
-        if self._trail.newest > t:
-            pose, covariance = _carried(window, self._trail.cut(t, self._trail.newest, self._underway.noise))
-            t = self._trail.newest
+        window = self._running.window
+        t, pose, covariance = float(window.pose_t[-1]), window.poses[-1], window.covariance
+        if self._odometry.newest_t > t:
+            pose, covariance = _propagate(
+                window, self._odometry.segment_between(t, self._odometry.newest_t, self._running.noise)
+            )
+            t = self._odometry.newest_t
         sigmas = np.sqrt(np.maximum(np.diag(window.constants_covariance), 0.0))
         constants = {
             name: Quantity(float(value), float(sigma))
-            for name, value, sigma in zip(NAMES, window.constants, sigmas, strict=True)
+            for name, value, sigma in zip(CONSTANT_NAMES, window.constants, sigmas, strict=True)
         }
         x, y, heading = pose.tolist()
-        return LiveState(t, x, y, heading, covariance, self._underway.fix_t, constants, self._underway.frame)
+        return LiveState(
+            t, x, y, heading, covariance, self._running.last_fix_t, constants, self._running.frame
+        )
 
-    def _measured(self, t: float, sample: Fixes | SensorSamples) -> Reception:
-        if self._underway is not None and t <= self._underway.window.state_t[-1] + _SAME:
-            return Reception.LATE
-        place = len(self._waiting)
-        while place > 0 and self._waiting[place - 1].t > t:
+    def _insert_sample(self, t: float, sample: Fixes | SensorSamples) -> SampleStatus:
+        if self._running is not None and t <= self._running.window.pose_t[-1] + _SAME_TIME_TOLERANCE:
+            return SampleStatus.TOO_LATE
+        place = len(self._pending)
+        while place > 0 and self._pending[place - 1].t > t:
             place -= 1
-        self._waiting.insert(place, _Seen(t, sample))
-        if self._underway is None:
-            return Reception.STARTING
-        self._catch_up(self._underway, self._trail.newest)
-        return Reception.TAKEN
+        self._pending.insert(place, _PendingSample(t, sample))
+        if self._running is None:
+            return SampleStatus.INITIALISING
+        self._advance(self._running, self._odometry.newest_t)
+        return SampleStatus.ACCEPTED
 
-    def _start(self, t: float) -> None:
+    def _try_start(self, t: float) -> None:
         """Try a batch over what is there; take its factors if it tells the heading."""
-        while self._waiting and self._waiting[0].t <= t:
-            self._past.append(self._waiting.popleft())
-        if t < self._next_try or len(self._trail) < 2:
+        while self._pending and self._pending[0].t <= t:
+            self._history.append(self._pending.popleft())
+        if t < self._next_start_t or len(self._odometry) < 2:
             return
-        self._next_try = t + self._limits.retry
-        samples = [seen.sample for seen in self._past]
+        self._next_start_t = t + self._limits.retry_interval
+        samples = [seen.sample for seen in self._history]
         try:
-            found = begin(self._trail.path(-math.inf), samples, self._config, self._limits.heading)
+            found = start_graph(
+                self._odometry.track_since(-math.inf), samples, self._config, self._limits.max_heading_sigma
+            )
         except InputError as error:
             self._warnings.append(str(error))
             return
         if found is None:
             return
         self._warnings += found.warnings
-        found.window = found.window.since(float(found.window.state_t[-1]) - self._limits.lag)
-        self._underway = found
+        found.window = found.window.without_poses_before(float(found.window.pose_t[-1]) - self._limits.lag)
+        self._running = found
 
-    def _catch_up(self, underway: Underway, newest: float) -> None:
+    def _advance(self, underway: RunningGraph, newest: float) -> None:
         """The graph up to the newest odometry, and what waited for it."""
         try:
-            self._take_waiting(underway, newest)
+            self._process_pending(underway, newest)
         except InputError as error:
             self._warnings.append(f"{error}; the graph starts anew at {newest:.1f} s")
-            self._underway = None
+            self._running = None
 
-    def _take_waiting(self, underway: Underway, newest: float) -> None:
-        while self._waiting and self._waiting[0].t <= newest:
-            first = self._waiting[0].t
+    def _process_pending(self, underway: RunningGraph, newest: float) -> None:
+        while self._pending and self._pending[0].t <= newest:
+            first = self._pending[0].t
             together: dict[type[Fixes | SensorSamples], Fixes | SensorSamples] = {}
-            while self._waiting and self._waiting[0].t <= first + _SAME:
-                self._past.append(self._waiting.popleft())
-                together.setdefault(type(self._past[-1].sample), self._past[-1].sample)
-            t = self._past[-1].t
-            if t > underway.window.state_t[-1] + _SAME:
-                self._extend(underway, t, list(together.values()))
-            if self._underway is None:
+            while self._pending and self._pending[0].t <= first + _SAME_TIME_TOLERANCE:
+                self._history.append(self._pending.popleft())
+                together.setdefault(type(self._history[-1].sample), self._history[-1].sample)
+            t = self._history[-1].t
+            if t > underway.window.pose_t[-1] + _SAME_TIME_TOLERANCE:
+                self._add_pose(underway, t, list(together.values()))
+            if self._running is None:
                 return
         # Where nothing is measured the chain goes on by itself, late enough for what is still under way.
-        knot = self._config.knot
-        while newest - underway.window.state_t[-1] > self._limits.patience + knot:
-            self._extend(underway, float(underway.window.state_t[-1]) + knot, [])
+        knot = self._config.max_pose_spacing
+        while newest - underway.window.pose_t[-1] > self._limits.max_fix_latency + knot:
+            self._add_pose(underway, float(underway.window.pose_t[-1]) + knot, [])
 
-    def _extend(self, underway: Underway, t: float, samples: list[Fixes | SensorSamples]) -> None:
+    def _add_pose(self, underway: RunningGraph, t: float, samples: list[Fixes | SensorSamples]) -> None:
         """A pose at t with what was measured there, and the window solved and moved on."""
-        knot = self._config.knot
-        while t - underway.window.state_t[-1] > _STRETCH * knot:
-            self._extend(underway, float(underway.window.state_t[-1]) + knot, [])
+        knot = self._config.max_pose_spacing
+        while t - underway.window.pose_t[-1] > _MAX_SPACING_RATIO * knot:
+            self._add_pose(underway, float(underway.window.pose_t[-1]) + knot, [])
         window = underway.window
-        cut = self._trail.cut(float(window.state_t[-1]), t, underway.noise)
-        pose, covariance = _carried(window, cut)
-        factors: list[Factor] = [BetweenFactors.of(cut.steps)]
+        cut = self._odometry.segment_between(float(window.pose_t[-1]), t, underway.noise)
+        pose, covariance = _propagate(window, cut)
+        factors: list[FactorGroup] = [BetweenFactors.from_steps(cut.steps)]
         weight = None
         for sample in samples:
             if isinstance(sample, Fixes):
-                local = one_fix(sample, underway.frame, self._config, underway.growth)
-                fix = local.factors(cut, self._config)
-                item = fix.linear(np.stack([window.poses[-1], pose]), window.constants)
-                weight = float(fix.loss.weight(item.squares)[0])
+                local = localise_fix(sample, underway.frame, self._config, underway.sigma_growth)
+                fix = local.build_factors(cut, self._config)
+                item = fix.linearise(np.stack([window.poses[-1], pose]), window.constants)
+                weight = float(fix.loss.weight(item.squared_norms)[0])
                 if weight == 0.0:
                     # Beyond what a receiver errs by, but not beyond what the odometry may have.
-                    pose, nis = _met(pose, covariance, item)
+                    pose, nis = _update_with_fix(pose, covariance, item)
                     weight = float(fix.loss.weight(np.array([nis]))[0])
                 factors.append(fix)
-            elif (factor := sample.factors(cut, self._config)) is not None:
+            elif (factor := sample.build_factors(cut, self._config)) is not None:
                 factors.append(factor)
-        window = window.extended(Graph(tuple(factors)), t, pose)
-        underway.window = window.solved().since(t - self._limits.lag)
+        window = window.with_pose(FactorGraph(tuple(factors)), t, pose)
+        underway.window = window.with_solution().without_poses_before(t - self._limits.lag)
         if weight is not None:
-            self._watch(underway, t, weight)
+            self._monitor_fixes(underway, t, weight)
 
-    def _watch(self, underway: Underway, t: float, weight: float) -> None:
+    def _monitor_fixes(self, underway: RunningGraph, t: float, weight: float) -> None:
         """Fixes that are refused one after the other are worth a word, and at last a new start."""
         if weight > 0.0:
-            if t - underway.fix_t > _NOTICED:
+            if t - underway.last_fix_t > _MIN_REPORTED_GAP:
                 self._warnings.append(f"gnss: fixes count again from t = {t:.1f} s")
-            underway.fix_t = t
-        elif t - underway.fix_t > self._limits.lost:
+            underway.last_fix_t = t
+        elif t - underway.last_fix_t > self._limits.restart_after:
             self._warnings.append(
-                f"gnss: refused since t = {underway.fix_t:.1f} s; the graph starts anew at {t:.1f} s"
+                f"gnss: refused since t = {underway.last_fix_t:.1f} s; the graph starts anew at {t:.1f} s"
             )
-            self._underway, self._next_try = None, -math.inf
-        elif not self._warnings or f"after t = {underway.fix_t:.1f} s" not in self._warnings[-1]:
+            self._running, self._next_start_t = None, -math.inf
+        elif not self._warnings or f"after t = {underway.last_fix_t:.1f} s" not in self._warnings[-1]:
             self._warnings.append(
-                f"gnss: a fix at t = {t:.1f} s jumped; fixes after t = {underway.fix_t:.1f} s are refused"
+                f"gnss: a fix at t = {t:.1f} s jumped; "
+                f"fixes after t = {underway.last_fix_t:.1f} s are refused"
             )
 
 
-def _met(pose: Array, covariance: Array, fix: Linear) -> tuple[Array, float]:
+def _update_with_fix(pose: Array, covariance: Array, fix: LinearisedFactors) -> tuple[Array, float]:
     """The pose of an odometry of this covariance, (3, 3), with a fix; the squared innovation in sigmas."""
-    h, residual = fix.by_state[0], fix.residual[0]
+    h, residual = fix.pose_jacobian[0], fix.residual[0]
     innovation = h @ covariance @ h.T + np.eye(2)
     weighted = np.linalg.solve(innovation, residual)
     return pose - covariance @ h.T @ weighted, float(residual @ weighted)
 
 
-def _carried(window: PoseWindow, cut: CutPath) -> tuple[Array, Array]:
+def _propagate(window: PoseWindow, cut: SegmentedOdometry) -> tuple[Array, Array]:
     """The window's newest pose and its covariance at the end of a stretch of odometry."""
     pose, steps = window.poses[-1], cut.steps
-    moved = complex(steps.moves(window.constants).sum())
+    moved = complex(steps.correct_displacements(window.constants).sum())
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     east, north = cos * moved.real - sin * moved.imag, sin * moved.real + cos * moved.imag
     step = np.array([[1.0, 0.0, -north], [0.0, 1.0, east], [0.0, 0.0, 1.0]])
     turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     grown = step @ window.covariance @ step.T + turn @ steps.covariance[0] @ turn.T
-    return pose + np.array([east, north, float(steps.turns(window.constants)[0])]), grown
+    return pose + np.array([east, north, float(steps.correct_turns(window.constants)[0])]), grown

@@ -7,25 +7,27 @@ import math
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.graph.factor_graph import Graph
+from hubodo.fuse.graph.factor_graph import FactorGraph
 from hubodo.fuse.graph.factors.position import PositionFactors
 from hubodo.fuse.graph.solver import Solution
 
-COUNTS = 0.4
+MIN_USED_WEIGHT = 0.4
 """Weight below which a measurement is worth a word: that of a fix five sigma off."""
-_BLUNT_HEADING = 0.3
+_MAX_START_HEADING_SIGMA = 0.3
 """rad; 17 degrees, at which a track looks turned to the eye."""
-_FEWEST = 60
+_MIN_RESIDUALS = 60
 """Residuals, of both directions: 30 fixes, fewer say nothing about their own scatter."""
-_SURE = 4.0
+_GROWTH_SIGNIFICANCE_SIGMAS = 4.0
 """Sigmas of chance that an estimate of scatter or likeness must exceed."""
-_WORTH_IT = 1.1
+_MIN_SCATTER_GROWTH = 1.1
 """Times which fixes must scatter more than their sigma before it is widened: a tenth shows in no track."""
-_FEW_ALIKE = 1.2
+_MIN_FIXES_PER_ERROR = 1.2
 """Fixes that count as one before it is worth a word."""
 
 
-def error_growth(graph: Graph, solution: Solution, grown: float) -> tuple[float, list[str]]:
+def estimate_sigma_growth(
+    graph: FactorGraph, solution: Solution, applied_growth: float
+) -> tuple[float, list[str]]:
     """By which factor the fixes' sigma must grow to be honest, at least 1, and why.
 
     grown: the factor that the graph has already. Residuals of fixes in use that exceed their sigma say that
@@ -35,15 +37,15 @@ def error_growth(graph: Graph, solution: Solution, grown: float) -> tuple[float,
     """
     positions = graph.find(PositionFactors)
     if positions is None:
-        return grown, []
-    item = positions.linear(solution.poses, solution.constants)
-    use = item.residual[positions.loss.weight(item.squares) > COUNTS] * grown
+        return applied_growth, []
+    item = positions.linearise(solution.poses, solution.constants)
+    use = item.residual[positions.loss.weight(item.squared_norms) > MIN_USED_WEIGHT] * applied_growth
     n = 2 * len(use)
-    if n < _FEWEST:
-        return grown, []
+    if n < _MIN_RESIDUALS:
+        return applied_growth, []
     size = float(np.sqrt(np.mean(use**2)))
     growth, why = 1.0, []
-    if size > _WORTH_IT and size**2 > 1.0 + _SURE * math.sqrt(2.0 / n):
+    if size > _MIN_SCATTER_GROWTH and size**2 > 1.0 + _GROWTH_SIGNIFICANCE_SIGMAS * math.sqrt(2.0 / n):
         growth = size
         why.append(f"gnss: the fixes scatter {size:.1f} times as much as their sigma says; it was widened")
     shift = use - use.mean(axis=0)
@@ -51,11 +53,11 @@ def error_growth(graph: Graph, solution: Solution, grown: float) -> tuple[float,
     lasting, lag = 1.0, 1
     while lag < len(use) // 4:
         correlation = float(np.mean(shift[lag:] * shift[:-lag])) / variance
-        if correlation < _SURE / math.sqrt(n):
+        if correlation < _GROWTH_SIGNIFICANCE_SIGMAS / math.sqrt(n):
             break
         lasting += 2.0 * correlation
         lag += 1
-    if lasting > _FEW_ALIKE:
+    if lasting > _MIN_FIXES_PER_ERROR:
         growth *= math.sqrt(lasting)
         why.append(
             f"gnss: the errors of successive fixes are alike, {lasting:.0f} count as one; sigmas were widened"
@@ -63,15 +65,15 @@ def error_growth(graph: Graph, solution: Solution, grown: float) -> tuple[float,
     return growth, why
 
 
-def review(graph: Graph, solution: Solution, state_t: Array, heading_known: bool) -> list[str]:
+def review_solution(graph: FactorGraph, solution: Solution, pose_t: Array, heading_known: bool) -> list[str]:
     """One line for each thing in a solved graph (with covariance) that a user should know."""
     said: list[str] = []
     for factor in graph.factors:
-        item = factor.linear(solution.poses, solution.constants)
-        out = factor.loss.weight(item.squares) < COUNTS
-        said += factor.doubts(out, np.sqrt(item.squares), state_t)
+        item = factor.linearise(solution.poses, solution.constants)
+        out = factor.loss.weight(item.squared_norms) < MIN_USED_WEIGHT
+        said += factor.describe_outliers(out, np.sqrt(item.squared_norms), pose_t)
     blunt = math.sqrt(float(solution.covariance[0, 2, 2]))
-    if blunt > _BLUNT_HEADING:
+    if blunt > _MAX_START_HEADING_SIGMA:
         cause = "nothing measures it" if not heading_known else "the fixes are too few or too close together"
         said.append(f"heading: known to {math.degrees(min(blunt, math.pi)):.0f} degrees only: {cause}")
     if not solution.converged:

@@ -12,27 +12,27 @@ from numpy.typing import NDArray
 from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.fuse.graph.chain import solve_chain
-from hubodo.fuse.graph.factor_graph import Graph, cost_of
-from hubodo.fuse.graph.factors.constants import COUNT
-from hubodo.fuse.graph.factors.factor import Linear
+from hubodo.fuse.graph.factor_graph import FactorGraph, total_cost
+from hubodo.fuse.graph.factors.constants import N_CONSTANTS
+from hubodo.fuse.graph.factors.factor import LinearisedFactors
 from hubodo.fuse.graph.factors.loss import Loss
 
-_MOST = 60
+_MAX_SOLVER_STEPS = 60
 """Steps; a first guess that is any good takes five to ten."""
-_NEAR = np.array([1e-4, 1e-4, 1e-6])
+_STEP_TOLERANCE = np.array([1e-4, 1e-4, 1e-6])
 """m, m, rad: a step below a tenth of a millimetre changes nothing that anyone can measure."""
-_LEVEL = 1e-7
+_GRAPH_COST_TOLERANCE = 1e-7
 """Of the cost: an undamped step that gains less has arrived."""
-_SLACK = 1e-9
+_COST_ROUNDING = 1e-9
 """Of the cost, by which rounding may make a step at the optimum look uphill."""
-_FIRST_DAMPING, _STEEP = 1e-4, 1e9
+_MIN_DAMPING, _MAX_DAMPING = 1e-4, 1e9
 """Of the diagonal: the least damping that helps, and the most, beyond which no step is downhill."""
-_PORTION = 1024
+_FACTORS_PER_BLOCK = 1024
 """Factors multiplied at a time: what is made of them stays in the processor's cache."""
-POSE, CONSTANTS = slice(0, 3), slice(3, 3 + COUNT)
-RESIDUAL, NEXT = 3 + COUNT, slice(4 + COUNT, 7 + COUNT)
+POSE_COLUMNS, CONSTANTS_COLUMNS = slice(0, 3), slice(3, 3 + N_CONSTANTS)
+RESIDUAL_COLUMN, NEXT_POSE_COLUMNS = 3 + N_CONSTANTS, slice(4 + N_CONSTANTS, 7 + N_CONSTANTS)
 """Columns of a factor's rows as the solver lays them side by side."""
-COMMON = slice(CONSTANTS.start, RESIDUAL + 1)
+COMMON_COLUMNS = slice(CONSTANTS_COLUMNS.start, RESIDUAL_COLUMN + 1)
 """The columns that all poses share: the constants and the residual."""
 
 
@@ -55,8 +55,8 @@ class Solution:
     constants_covariance: Array
 
 
-def solve(
-    graph: Graph,
+def solve_graph(
+    graph: FactorGraph,
     poses: Array,
     constants: Array,
     covariance: Literal["none", "constants", "all"] = "none",
@@ -66,57 +66,57 @@ def solve(
     Damped (Levenberg) where a step fails. Raises InputError when the equations are singular, which a start
     factor on every drive rules out but for numbers beyond reason.
     """
-    damping, linear = 0.0, graph.linear(poses, constants)
-    cost = cost_of(linear)
+    damping, linear = 0.0, graph.linearise(poses, constants)
+    cost = total_cost(linear)
     converged, count = False, 0
-    while count < _MOST and not converged:
+    while count < _MAX_SOLVER_STEPS and not converged:
         count += 1
-        step, change = _step(linear, len(poses), damping)
+        step, change = _solve_step(linear, len(poses), damping)
         new_poses, new_constants = poses + step, constants + change
-        tried = graph.linear(new_poses, new_constants)
-        new_cost = cost_of(tried)
-        small = bool(np.all(np.abs(step) < _NEAR))
-        if new_cost <= cost * (1.0 + _SLACK) + _SLACK:
-            converged = small or (damping == 0.0 and cost - new_cost < _LEVEL * (1.0 + cost))
+        tried = graph.linearise(new_poses, new_constants)
+        new_cost = total_cost(tried)
+        small = bool(np.all(np.abs(step) < _STEP_TOLERANCE))
+        if new_cost <= cost * (1.0 + _COST_ROUNDING) + _COST_ROUNDING:
+            converged = small or (damping == 0.0 and cost - new_cost < _GRAPH_COST_TOLERANCE * (1.0 + cost))
             poses, constants, cost, linear = new_poses, new_constants, new_cost, tried
-            damping = 0.0 if damping < 0.01 * _FIRST_DAMPING else damping * 0.1
-        elif damping > _STEEP or small:
+            damping = 0.0 if damping < 0.01 * _MIN_DAMPING else damping * 0.1
+        elif damping > _MAX_DAMPING or small:
             converged = True
         else:
-            damping = max(damping * 10.0, _FIRST_DAMPING)
+            damping = max(damping * 10.0, _MIN_DAMPING)
     nothing = np.zeros((0, 3, 3))
-    made = Solution(poses, constants, cost, count, converged, nothing, nothing, np.zeros((0, COUNT)))
+    made = Solution(poses, constants, cost, count, converged, nothing, nothing, np.zeros((0, N_CONSTANTS)))
     if covariance == "none":
         return made
-    of_poses, with_start, of_constants = _covariances(linear, len(poses), covariance == "all")
+    of_poses, with_start, of_constants = _compute_covariances(linear, len(poses), covariance == "all")
     return replace(made, covariance=of_poses, start_covariance=with_start, constants_covariance=of_constants)
 
 
-def solve_from_afar(graph: Graph, poses: Array, constants: Array) -> Solution:
+def solve_from_poor_guess(graph: FactorGraph, poses: Array, constants: Array) -> Solution:
     """As `solve`, so that a poor guess is not kept.
 
     At first with losses under which a fix far off still pulls.
     """
-    first = solve(graph.under(lambda factor: factor.loss.for_a_guess()), poses, constants)
-    return solve(graph, first.poses, first.constants)
+    first = solve_graph(graph.with_losses(lambda factor: factor.loss.for_initial_guess()), poses, constants)
+    return solve_graph(graph, first.poses, first.constants)
 
 
-def weighted_rows(item: Linear, loss: Loss) -> Iterator[tuple[NDArray[np.intp], Array]]:
+def weighted_rows(item: LinearisedFactors, loss: Loss) -> Iterator[tuple[NDArray[np.intp], Array]]:
     """Poses (m,) and rows (m, r, columns) of a kind, portion by portion.
 
     Each row is times the root of what it weighs; NEXT is there only for factors of two poses.
     """
-    root = np.sqrt(loss.weight(item.squares))[:, None, None]
-    parts = [item.by_state, item.by_constants, item.residual[:, :, None]]
-    if item.by_next is not None:
-        parts.append(item.by_next)
-    for first in range(0, len(root), _PORTION):
-        part = slice(first, first + _PORTION)
-        yield item.state[part], np.concatenate([block[part] for block in parts], axis=2) * root[part]
+    root = np.sqrt(loss.weight(item.squared_norms))[:, None, None]
+    parts = [item.pose_jacobian, item.constants_jacobian, item.residual[:, :, None]]
+    if item.next_pose_jacobian is not None:
+        parts.append(item.next_pose_jacobian)
+    for first in range(0, len(root), _FACTORS_PER_BLOCK):
+        part = slice(first, first + _FACTORS_PER_BLOCK)
+        yield item.pose_index[part], np.concatenate([block[part] for block in parts], axis=2) * root[part]
 
 
 @dataclass
-class _Normal:
+class _NormalEquations:
     """H of the poses (diagonal, upper), its border with the constants, their own corner, and gradients."""
 
     diagonal: Array
@@ -127,40 +127,40 @@ class _Normal:
     corner_slope: Array
 
 
-def _normal(linear: list[tuple[Linear, Loss]], n: int) -> _Normal:
-    made = _Normal(
+def _assemble_equations(linear: list[tuple[LinearisedFactors, Loss]], n: int) -> _NormalEquations:
+    made = _NormalEquations(
         np.zeros((n, 3, 3)),
         np.zeros((n - 1, 3, 3)),
-        np.zeros((n, 3, COUNT)),
-        np.zeros((COUNT, COUNT)),
+        np.zeros((n, 3, N_CONSTANTS)),
+        np.zeros((N_CONSTANTS, N_CONSTANTS)),
         np.zeros((n, 3)),
-        np.zeros(COUNT),
+        np.zeros(N_CONSTANTS),
     )
     for item, loss in linear:
         for state, rows in weighted_rows(item, loss):
-            _add(made, state, rows)
+            _add_rows(made, state, rows)
     return made
 
 
-def _add(made: _Normal, state: NDArray[np.intp], rows: Array) -> None:
+def _add_rows(made: _NormalEquations, state: NDArray[np.intp], rows: Array) -> None:
     """Squares of rows (m, r, columns), weighted, onto the blocks of their poses."""
     square = rows.transpose(0, 2, 1) @ rows
-    k, after = _places(state)
-    made.diagonal[k] += square[:, POSE, POSE]
-    made.border[k] += square[:, POSE, CONSTANTS]
-    made.slope[k] += square[:, POSE, RESIDUAL]
-    common = rows[:, :, COMMON].reshape(-1, COUNT + 1)
+    k, after = _pose_slices(state)
+    made.diagonal[k] += square[:, POSE_COLUMNS, POSE_COLUMNS]
+    made.border[k] += square[:, POSE_COLUMNS, CONSTANTS_COLUMNS]
+    made.slope[k] += square[:, POSE_COLUMNS, RESIDUAL_COLUMN]
+    common = rows[:, :, COMMON_COLUMNS].reshape(-1, N_CONSTANTS + 1)
     corner = common.T @ common
-    made.corner += corner[:COUNT, :COUNT]
-    made.corner_slope += corner[:COUNT, COUNT]
-    if rows.shape[2] == NEXT.stop:
-        made.diagonal[after] += square[:, NEXT, NEXT]
-        made.upper[k] += square[:, POSE, NEXT]
-        made.border[after] += square[:, NEXT, CONSTANTS]
-        made.slope[after] += square[:, NEXT, RESIDUAL]
+    made.corner += corner[:N_CONSTANTS, :N_CONSTANTS]
+    made.corner_slope += corner[:N_CONSTANTS, N_CONSTANTS]
+    if rows.shape[2] == NEXT_POSE_COLUMNS.stop:
+        made.diagonal[after] += square[:, NEXT_POSE_COLUMNS, NEXT_POSE_COLUMNS]
+        made.upper[k] += square[:, POSE_COLUMNS, NEXT_POSE_COLUMNS]
+        made.border[after] += square[:, NEXT_POSE_COLUMNS, CONSTANTS_COLUMNS]
+        made.slope[after] += square[:, NEXT_POSE_COLUMNS, RESIDUAL_COLUMN]
 
 
-def _places(state: NDArray[np.intp]) -> tuple[NDArray[np.intp] | slice, NDArray[np.intp] | slice]:
+def _pose_slices(state: NDArray[np.intp]) -> tuple[NDArray[np.intp] | slice, NDArray[np.intp] | slice]:
     """The poses of factors and the ones after them.
 
     As slices, which numpy adds to in less time, where every pose of a stretch has a factor: states increase.
@@ -171,12 +171,12 @@ def _places(state: NDArray[np.intp]) -> tuple[NDArray[np.intp] | slice, NDArray[
     return state, state + 1
 
 
-def _step(linear: list[tuple[Linear, Loss]], n: int, damping: float) -> tuple[Array, Array]:
-    h = _normal(linear, n)
+def _solve_step(linear: list[tuple[LinearisedFactors, Loss]], n: int, damping: float) -> tuple[Array, Array]:
+    h = _assemble_equations(linear, n)
     if damping > 0.0:
         grow = damping * np.einsum("kii->ki", h.diagonal)
         np.einsum("kii->ki", h.diagonal)[...] += grow
-        h.corner[np.diag_indices(COUNT)] *= 1.0 + damping
+        h.corner[np.diag_indices(N_CONSTANTS)] *= 1.0 + damping
     right = np.concatenate([-h.slope[:, :, None], -h.border], axis=2)
     try:
         x = solve_chain(h.diagonal, h.upper, right).x
@@ -191,9 +191,11 @@ def _step(linear: list[tuple[Linear, Loss]], n: int, damping: float) -> tuple[Ar
     return bare + swing @ change, np.asarray(change)
 
 
-def _covariances(linear: list[tuple[Linear, Loss]], n: int, of_poses: bool) -> tuple[Array, Array, Array]:
+def _compute_covariances(
+    linear: list[tuple[LinearisedFactors, Loss]], n: int, of_poses: bool
+) -> tuple[Array, Array, Array]:
     """Blocks of the inverse of the bordered matrix: those of the chain, and what the constants add."""
-    h = _normal(linear, n)
+    h = _assemble_equations(linear, n)
     if not of_poses:
         swing = solve_chain(h.diagonal, h.upper, -h.border).x
         corner = h.corner + np.tensordot(h.border, swing, ((0, 1), (0, 1)))
@@ -202,7 +204,7 @@ def _covariances(linear: list[tuple[Linear, Loss]], n: int, of_poses: bool) -> t
     first = np.zeros((n, 3, 3))
     first[0] = np.eye(3)
     found = solve_chain(h.diagonal, h.upper, np.concatenate([-h.border, first], axis=2), covariance=True)
-    swing, from_start = found.x[:, :, :COUNT], found.x[:, :, COUNT:]
+    swing, from_start = found.x[:, :, :N_CONSTANTS], found.x[:, :, N_CONSTANTS:]
     constants = np.linalg.inv(h.corner + np.tensordot(h.border, swing, ((0, 1), (0, 1))))
     spread = swing @ constants
     return (

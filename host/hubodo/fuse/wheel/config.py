@@ -131,7 +131,7 @@ def wheel_config(
             known = priors_from_calibration(
                 WHEEL_ENTRIES, parameters.effects if parameters else {}, mount.facing
             )
-            limits = ranges[name].limits if ranges and name in ranges else {}
+            limits = ranges[name].clipping_limits if ranges and name in ranges else {}
             nodes[name] = WheelNode(mount.side, mount.facing, known, steered=mount.steered, **limits)
     known = priors_from_calibration(VEHICLE_ENTRIES, calibration.vehicle if calibration else {}, "left")
     ground_rate = 0.0 if vehicle.latitude_deg is None else vertical_earth_rate(vehicle.latitude_deg)

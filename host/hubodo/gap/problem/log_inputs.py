@@ -11,7 +11,7 @@ from hubodo.arrays import Array
 from hubodo.effects.base import REFERENCE_CELSIUS
 from hubodo.errors import InputError
 from hubodo.fuse.wheel.window import WINDOW_S
-from hubodo.fuse.wheels import wheel_odometry
+from hubodo.fuse.wheel_odometry import compute_wheel_odometry
 from hubodo.model.inputs import Trace
 from hubodo.model.model_file import Model, split_input
 from hubodo.recording import Recording, Table
@@ -145,7 +145,7 @@ def _across(
     recording: Recording, model: Model, origin: float, where: str
 ) -> tuple[SmoothingSpline, float, float]:
     """What the odometry makes of the gyros across the axles, from the whole log."""
-    odometry = wheel_odometry(recording, model.vehicle, log=where, lag=np.inf)
+    odometry = compute_wheel_odometry(recording, model.vehicle, log=where, lag=np.inf)
     if not odometry.nodes or len(odometry.track.t) < 11:
         raise InputError(f'{where}: yaw_rate = "nodes" needs a node on a wheel that has driven for a while')
     # Each is the mean of the window that ends there; the first pose, the start, ends none.

@@ -110,7 +110,7 @@ class Localizer:
     def fix(self, fix: FixSample) -> None:
         """A GNSS fix; those older than the newest pose of the graph are too late and left out."""
         t = float(to_seconds(np.array([fix.t_ns]), self._t_zero_ns)[0])
-        self._graph.fix(t, fix.latitude_deg, fix.longitude_deg, fix.sigma)
+        self._graph.add_fix(t, fix.latitude_deg, fix.longitude_deg, fix.sigma)
 
     def odometry(self, pose: Pose) -> Located | None:
         """A pose of the wheel filter, at the end of a window; None while the heading is not known."""
@@ -118,7 +118,7 @@ class Localizer:
             0.0 if self._pose is None else float(odometry_inflation(track_from_poses([self._pose, pose]))[0])
         )
         self._pose = pose
-        self._graph.odometry(pose.t, pose.x, pose.y, pose.heading, loose)
+        self._graph.add_odometry(pose.t, pose.x, pose.y, pose.heading, loose)
         state = self._graph.state()
         if state is None or state.t != pose.t:
             return None

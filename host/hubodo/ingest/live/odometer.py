@@ -19,7 +19,7 @@ from hubodo.arrays import Array
 from hubodo.calibration.apply import SampleCorrection, zero_applied_effects
 from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
-from hubodo.fuse.ranges import NodeRanges, node_ranges
+from hubodo.fuse.ranges import NodeRanges, determine_ranges
 from hubodo.fuse.wheel.config import WheelConfig, wheel_config
 from hubodo.fuse.wheel.drive_warnings import START_WINDOWS, list_warnings
 from hubodo.fuse.wheel.entries import GYRO_BIAS_X, GYRO_BIAS_Y, GYRO_BIAS_Z
@@ -116,7 +116,8 @@ class Odometer:
         known = {} if calibration is None else calibration.nodes
         self._corrections = {name: SampleCorrection.from_calibration(node) for name, node in known.items()}
         self._ranges: dict[str, NodeRanges] = {
-            name: node_ranges(mount, {}, corrected=name in known) for name, mount in vehicle.nodes.items()
+            name: determine_ranges(mount, {}, corrected=name in known)
+            for name, mount in vehicle.nodes.items()
         }
         self.wheels = frozenset(self._config(list(vehicle.nodes)).nodes)
         """Names of the nodes on wheels."""
@@ -174,7 +175,7 @@ class Odometer:
         """What a node says of itself, as the log keeps it: its ranges, if that comes before its odometry."""
         if node in self.wheels:
             mount = self._vehicle.nodes[node]
-            self._ranges[node] = node_ranges(mount, text, corrected=node in self._corrections)
+            self._ranges[node] = determine_ranges(mount, text, corrected=node in self._corrections)
 
     def handle(self, block: Block) -> list[OdometryRows]:
         """What a block of samples makes known, oldest first; blocks of nodes on no wheel are passed over."""

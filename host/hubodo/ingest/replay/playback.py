@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from hubodo.calibration.apply import check_serial, find_starts
 from hubodo.calibration.file import Calibration, find_node_serial
-from hubodo.fuse.ranges import of_node
+from hubodo.fuse.ranges import node_metadata
 from hubodo.ingest.live.localizer import FixSample, Localizer, Located, horizontal_sigma
 from hubodo.ingest.live.odometer import Block, Odometer, OdometryRows
 from hubodo.ingest.replay.setup import setup_of
@@ -67,7 +67,7 @@ class Playback:
                 self.vehicle, self.t_zero_ns, calibration=self.calibration, rate_hz=kept.rate_hz
             )
             for name in self._blocks.nodes:
-                self.odometer.told(name, of_node(metadata, name))
+                self.odometer.told(name, node_metadata(metadata, name))
 
     @property
     def has_fixes(self) -> bool:

@@ -15,7 +15,7 @@ from hubodo.calibration.file import CalibratedEffect
 from hubodo.calibration.triad import triad_from_effects
 from hubodo.effects.warmup import WarmupModel
 from hubodo.errors import InputError
-from hubodo.fuse.warm_heading import BiasNoise
+from hubodo.fuse.heading_filter import BiasNoise
 
 _MAX_LEAN, _WARN_LEAN = math.radians(30.0), math.radians(3.0)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hubodo.effects.warmup import WarmupModel
-from hubodo.fuse.warm_heading import BiasNoise
+from hubodo.fuse.heading_filter import BiasNoise
 from hubodo.sensors.heading.score import HeadingScore
 from hubodo.sensors.heading.track import HeadingTrack
 

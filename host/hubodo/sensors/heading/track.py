@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.effects.warmup import WarmupModel
-from hubodo.fuse.warm_heading import BiasNoise, WarmHeading
+from hubodo.fuse.heading_filter import BiasNoise, HeadingFilter
 from hubodo.sensors.heading.standstill import Spans
 
 _GAP_STEPS = 5.0
@@ -73,12 +73,12 @@ def heading_track(
     turned = _integral(t, axis.rate)
     lengths, turns = np.diff(t[edges]), np.diff(turned[edges])
     middle = None if axis.temperature is None else 0.5 * np.add(*_ends(axis.temperature, edges))
-    filter_ = WarmHeading(model, noise, age=age)
+    filter_ = HeadingFilter(model, noise, age=age)
     rows = [(0.0, 0.0, model.c2, noise.offset)]
     for k, (dt, turn, rest) in enumerate(zip(lengths.tolist(), turns.tolist(), at_rest, strict=True)):
         doubt = _within(axis, 0.5 * dt) if gap[edges[k]] and edges[k + 1] == edges[k] + 1 else 0.0
         grade = None if middle is None else float(middle[k])
-        filter_.handle(turn / dt, dt, at_rest=bool(rest), temperature=grade, sigma=doubt)
+        filter_.update(turn / dt, dt, is_stationary=bool(rest), temperature=grade, sigma=doubt)
         state = filter_.state()
         rows.append((float(state.heading), state.sigma_heading, float(state.bias), state.sigma_bias))
     heading, sigma, bias, sigma_bias = np.array(rows).T

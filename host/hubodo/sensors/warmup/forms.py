@@ -38,7 +38,7 @@ _EXPONENTIALS = {"none": 0, "exponential": 1, "two exponentials": 2, "relaxation
 _RATIO, _BEYOND = 2.0, 30.0
 """Of neighbouring time constants of a relaxation, and of the longest to the age of the record's end."""
 _FLICKER_RATIO, _FLICKER_S = 5.0, 1e5
-"""Flicker is made as in `fuse/warm_heading.py`: ratio of neighbouring time constants, and the longest."""
+"""Flicker is made as in `fuse/heading_filter.py`: ratio of neighbouring time constants, and the longest."""
 _WIDE, _USUAL, _LOG_T = 100.0, 3.0, 1.5
 """1 sigma beforehand, in scatters of the means: of c2 and k, of c1; and of ln T about half a record."""
 _LEAST, _MOST = math.log(1e-4), math.log(30.0)

@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.arrays import Array
-from hubodo.fuse.graph.factors.constants import COUNT, CURVATURE, WHEEL_RADIUS, YAW_RATE, YAW_SCALE
-from hubodo.fuse.graph.factors.factor import Factor, Flags, Linear, stretches
+from hubodo.fuse.graph.factors.constants import CURVATURE, N_CONSTANTS, WHEEL_RADIUS, YAW_RATE, YAW_SCALE
+from hubodo.fuse.graph.factors.factor import FactorGroup, Flags, LinearisedFactors, find_runs
 from hubodo.fuse.graph.factors.loss import Loss
 
-Complex = NDArray[np.complex128]
+ComplexArray = NDArray[np.complex128]
 
 
 @dataclass(frozen=True, eq=False)
-class Steps:
+class OdometrySteps:
     """Odometry steps that tile n - 1 stretches between n poses.
 
     first: (n - 1,) number of each stretch's first step. way: (S,) complex, m: each step's chord, forward +
@@ -26,60 +26,62 @@ class Steps:
     pose.
     """
 
-    first: NDArray[np.intp]
-    way: Complex
-    turn: Array
-    after: Array
-    rolled: Array
-    whole: Array
+    first_step: NDArray[np.intp]
+    chord: ComplexArray
+    mid_heading: Array
+    mid_time: Array
+    mid_distance: Array
+    totals: Array
     covariance: Array
 
-    def angles(self, constants: Array) -> Array:
+    def correct_headings(self, constants: Array) -> Array:
         """(S,) rad from the stretch's first heading to that at the middle of each step."""
         return np.asarray(
-            (1.0 + constants[YAW_SCALE]) * self.turn
-            + constants[YAW_RATE] * self.after
-            + constants[CURVATURE] * self.rolled
+            (1.0 + constants[YAW_SCALE]) * self.mid_heading
+            + constants[YAW_RATE] * self.mid_time
+            + constants[CURVATURE] * self.mid_distance
         )
 
-    def moves(self, constants: Array) -> Complex:
+    def correct_displacements(self, constants: Array) -> ComplexArray:
         """(S,) m, each step in axes of the stretch's first pose."""
-        return np.asarray((1.0 + constants[WHEEL_RADIUS]) * self.way * np.exp(1j * self.angles(constants)))
+        return np.asarray(
+            (1.0 + constants[WHEEL_RADIUS]) * self.chord * np.exp(1j * self.correct_headings(constants))
+        )
 
-    def turns(self, constants: Array) -> Array:
+    def correct_turns(self, constants: Array) -> Array:
         """(n - 1,) rad, heading from pose to pose."""
         lacks = constants[[YAW_SCALE, YAW_RATE, CURVATURE]]
-        return np.asarray(self.whole @ (np.array([1.0, 0.0, 0.0]) + lacks))
+        return np.asarray(self.totals @ (np.array([1.0, 0.0, 0.0]) + lacks))
 
-    def part(self, begin: int, end: int) -> Steps:
+    def select_segments(self, begin: int, end: int) -> OdometrySteps:
         """Stretches begin to end - 1."""
-        edges = np.append(self.first, len(self.way))
+        edges = np.append(self.first_step, len(self.chord))
         own = slice(edges[begin], edges[end])
-        return Steps(
-            self.first[begin:end] - edges[begin],
-            self.way[own],
-            self.turn[own],
-            self.after[own],
-            self.rolled[own],
-            self.whole[begin:end],
+        return OdometrySteps(
+            self.first_step[begin:end] - edges[begin],
+            self.chord[own],
+            self.mid_heading[own],
+            self.mid_time[own],
+            self.mid_distance[own],
+            self.totals[begin:end],
             self.covariance[begin:end],
         )
 
-    def joined(self, later: Steps) -> Steps:
+    def append(self, later: OdometrySteps) -> OdometrySteps:
         """These stretches and those that follow them."""
-        return Steps(
-            np.append(self.first, later.first + len(self.way)),
-            np.append(self.way, later.way),
-            np.append(self.turn, later.turn),
-            np.append(self.after, later.after),
-            np.append(self.rolled, later.rolled),
-            np.concatenate([self.whole, later.whole]),
+        return OdometrySteps(
+            np.append(self.first_step, later.first_step + len(self.chord)),
+            np.append(self.chord, later.chord),
+            np.append(self.mid_heading, later.mid_heading),
+            np.append(self.mid_time, later.mid_time),
+            np.append(self.mid_distance, later.mid_distance),
+            np.concatenate([self.totals, later.totals]),
             np.concatenate([self.covariance, later.covariance]),
         )
 
 
 @dataclass(frozen=True, eq=False)
-class BetweenFactors(Factor):
+class BetweenFactors(FactorGroup):
     """The odometry from pose to pose, with noise of Steps.covariance.
 
     R(h_k)' (p_{k+1} - p_k) = d(constants), h_{k+1} - h_k = turn(constants).
@@ -90,27 +92,27 @@ class BetweenFactors(Factor):
     and large: beyond five sigma of a stretch its pull grows no more.
     """
 
-    steps: Steps
-    whiten: Array
+    steps: OdometrySteps
+    whitening: Array
     loss: Loss = field(default=Loss("huber", 25.0), kw_only=True)
 
     @classmethod
-    def of(cls, steps: Steps) -> BetweenFactors:
+    def from_steps(cls, steps: OdometrySteps) -> BetweenFactors:
         """One factor for each stretch."""
-        return cls(np.arange(len(steps.first)), steps, _whitening(steps.covariance))
+        return cls(np.arange(len(steps.first_step)), steps, _whitening_matrices(steps.covariance))
 
-    def linear(self, poses: Array, constants: Array) -> Linear:
+    def linearise(self, poses: Array, constants: Array) -> LinearisedFactors:
         """About poses (n, 3) and constants (COUNT,)."""
         steps = self.steps
-        moves = steps.moves(constants)
-        moved = np.add.reduceat(moves, steps.first)
+        moves = steps.correct_displacements(constants)
+        moved = np.add.reduceat(moves, steps.first_step)
         spun = 1j * moves
         gap = np.diff(poses, axis=0)
         heading = poses[:-1, 2]
         cos, sin = np.cos(heading), np.sin(heading)
         forward, left = cos * gap[:, 0] + sin * gap[:, 1], cos * gap[:, 1] - sin * gap[:, 0]
         residual = np.column_stack(
-            [forward - moved.real, left - moved.imag, gap[:, 2] - steps.turns(constants)]
+            [forward - moved.real, left - moved.imag, gap[:, 2] - steps.correct_turns(constants)]
         )
 
         by_state = np.zeros((len(gap), 3, 3))
@@ -121,53 +123,53 @@ class BetweenFactors(Factor):
         by_next[:, :, 2] = 0.0
         by_state[:, 2, 2], by_next[:, 2, 2] = -1.0, 1.0
 
-        by_constants = np.zeros((len(gap), 3, COUNT))
+        by_constants = np.zeros((len(gap), 3, N_CONSTANTS))
         derivatives = {
             WHEEL_RADIUS: moved / (1.0 + constants[WHEEL_RADIUS]),
-            YAW_SCALE: np.add.reduceat(spun * steps.turn, steps.first),
-            YAW_RATE: np.add.reduceat(spun * steps.after, steps.first),
-            CURVATURE: np.add.reduceat(spun * steps.rolled, steps.first),
+            YAW_SCALE: np.add.reduceat(spun * steps.mid_heading, steps.first_step),
+            YAW_RATE: np.add.reduceat(spun * steps.mid_time, steps.first_step),
+            CURVATURE: np.add.reduceat(spun * steps.mid_distance, steps.first_step),
         }
         for constant, value in derivatives.items():
             by_constants[:, 0, constant], by_constants[:, 1, constant] = -value.real, -value.imag
         for column, constant in enumerate((YAW_SCALE, YAW_RATE, CURVATURE)):
-            by_constants[:, 2, constant] = -steps.whole[:, column]
-        w = self.whiten
-        return Linear(
-            self.state,
+            by_constants[:, 2, constant] = -steps.totals[:, column]
+        w = self.whitening
+        return LinearisedFactors(
+            self.pose_index,
             (w @ residual[:, :, None])[:, :, 0],
             w @ by_state,
             w @ by_next,
             w @ by_constants,
         )
 
-    def doubts(self, out: Flags, norm: Array, state_t: Array) -> list[str]:
+    def describe_outliers(self, out: Flags, norm: Array, pose_t: Array) -> list[str]:
         """Where the wheels rolled other than the vehicle moved."""
         return [
-            f"odometry: between t = {state_t[first]:.1f} and {state_t[last + 1]:.1f} s it does not agree "
+            f"odometry: between t = {pose_t[first]:.1f} and {pose_t[last + 1]:.1f} s it does not agree "
             "with what was measured from outside; slip or a carried vehicle"
-            for first, last in stretches(out)
+            for first, last in find_runs(out)
         ]
 
-    def joined(self, later: BetweenFactors, by: int) -> BetweenFactors:
+    def append(self, later: BetweenFactors, by: int) -> BetweenFactors:
         """These and the stretches that follow them; `by` is their number."""
-        whiten = np.concatenate([self.whiten, later.whiten])
+        whiten = np.concatenate([self.whitening, later.whitening])
         return replace(
             self,
-            state=np.append(self.state, later.state + by),
-            steps=self.steps.joined(later.steps),
-            whiten=whiten,
+            pose_index=np.append(self.pose_index, later.pose_index + by),
+            steps=self.steps.append(later.steps),
+            whitening=whiten,
         )
 
-    def _cut(self, first: int, last: int, begin: int) -> BetweenFactors:
+    def _slice_factors(self, first: int, last: int, begin: int) -> BetweenFactors:
         return replace(
             self,
-            state=self.state[first:last] - begin,
-            steps=self.steps.part(first, last),
-            whiten=self.whiten[first:last],
+            pose_index=self.pose_index[first:last] - begin,
+            steps=self.steps.select_segments(first, last),
+            whitening=self.whitening[first:last],
         )
 
 
-def _whitening(covariance: Array) -> Array:
+def _whitening_matrices(covariance: Array) -> Array:
     """(n, 3, 3) upper triangular W with W'W the inverse of each covariance."""
     return np.asarray(np.linalg.cholesky(np.linalg.inv(covariance)).transpose(0, 2, 1))

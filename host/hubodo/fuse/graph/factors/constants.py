@@ -35,16 +35,16 @@ class ConstantSigmas:
     gnss_delay: float = 0.05
     compass_offset: float = 0.03
 
-    def array(self) -> Array:
+    def to_array(self) -> Array:
         """(COUNT,) in the order of the numbers below."""
-        return np.array([getattr(self, name) for name in NAMES])
+        return np.array([getattr(self, name) for name in CONSTANT_NAMES])
 
 
-NAMES: tuple[str, ...] = tuple(item.name for item in fields(ConstantSigmas))
-COUNT = len(NAMES)
-WHEEL_RADIUS, YAW_SCALE, YAW_RATE, CURVATURE, GNSS_DELAY, COMPASS_OFFSET = range(COUNT)
+CONSTANT_NAMES: tuple[str, ...] = tuple(item.name for item in fields(ConstantSigmas))
+N_CONSTANTS = len(CONSTANT_NAMES)
+WHEEL_RADIUS, YAW_SCALE, YAW_RATE, CURVATURE, GNSS_DELAY, COMPASS_OFFSET = range(N_CONSTANTS)
 
-_LEAST = ConstantSigmas(wheel_radius=5e-4, yaw_scale=1e-3, yaw_rate=5e-5, curvature=1e-4)
+_MIN_SIGMAS = ConstantSigmas(wheel_radius=5e-4, yaw_scale=1e-3, yaw_rate=5e-5, curvature=1e-4)
 """What a tyre and a road change from hour to hour, whatever was measured before.
 
 The pressure of a tyre with 10 degrees of warmth, a gyro's scale with its temperature, 10 deg/h of bias, 0.005
@@ -52,7 +52,7 @@ The pressure of a tyre with 10 degrees of warmth, a gyro's scale with its temper
 """
 
 
-def of_wheel_speeds() -> ConstantSigmas:
+def sigmas_for_wheel_speeds() -> ConstantSigmas:
     """For headings from the difference of two wheel speeds.
 
     Radii apart by 0.1 % on a track of half a metre, 2 % of track.
@@ -60,7 +60,7 @@ def of_wheel_speeds() -> ConstantSigmas:
     return ConstantSigmas(wheel_radius=0.01, yaw_scale=0.02, yaw_rate=1e-3, curvature=2e-3)
 
 
-def of_wheel_filter(
+def sigmas_for_wheel_filter(
     radius: Sequence[float], yaw_scale: Sequence[float], yaw_rate: Sequence[float]
 ) -> ConstantSigmas:
     """For the track of the wheel filter, from the 1 sigma that it has of each wheel at its end.
@@ -70,8 +70,8 @@ def of_wheel_filter(
     """
     share = 1.0 / len(radius)
     return ConstantSigmas(
-        wheel_radius=max(share * math.hypot(*radius), _LEAST.wheel_radius),
-        yaw_scale=max(min(yaw_scale), _LEAST.yaw_scale),
-        yaw_rate=max(share * math.hypot(*yaw_rate), _LEAST.yaw_rate),
-        curvature=_LEAST.curvature,
+        wheel_radius=max(share * math.hypot(*radius), _MIN_SIGMAS.wheel_radius),
+        yaw_scale=max(min(yaw_scale), _MIN_SIGMAS.yaw_scale),
+        yaw_rate=max(share * math.hypot(*yaw_rate), _MIN_SIGMAS.yaw_rate),
+        curvature=_MIN_SIGMAS.curvature,
     )

@@ -15,35 +15,35 @@ from hubodo.fuse.graph.factors.loss import QUADRATIC, Loss
 
 if TYPE_CHECKING:  # both are built from factors
     from hubodo.fuse.graph.config import GraphConfig
-    from hubodo.fuse.graph.steps import CutPath
+    from hubodo.fuse.graph.odometry_steps import SegmentedOdometry
 
 Flags = NDArray[np.bool_]
 
-_BRIDGED = 3
+_MAX_RUN_GAP = 3
 """Numbers by which two flags may differ and still be of one stretch: two sound fixes in a jump are chance."""
 
 
-class Linear(NamedTuple):
+class LinearisedFactors(NamedTuple):
     """M factors of one kind, r rows each, about the present poses and constants, whitened.
 
     state: (M,) the pose each is tied to. residual: (M, r). by_state: (M, r, 3) derivatives by x, y, heading
     of that pose; by_next: the same by the pose after it, or None; by_constants: (M, r, COUNT).
     """
 
-    state: NDArray[np.intp]
+    pose_index: NDArray[np.intp]
     residual: Array
-    by_state: Array
-    by_next: Array | None
-    by_constants: Array
+    pose_jacobian: Array
+    next_pose_jacobian: Array | None
+    constants_jacobian: Array
 
     @property
-    def squares(self) -> Array:
+    def squared_norms(self) -> Array:
         """(M,) squared norm of each factor, in units of its variance."""
         return np.asarray(np.einsum("ij,ij->i", self.residual, self.residual))
 
 
 @dataclass(frozen=True, eq=False)
-class Factor(ABC):
+class FactorGroup(ABC):
     """M factors of one kind.
 
     state: (M,) numbers of their poses, increasing: at most one of a kind on a pose. Every array of a kind
@@ -51,50 +51,52 @@ class Factor(ABC):
     knowing the kind.
     """
 
-    state: NDArray[np.intp]
+    pose_index: NDArray[np.intp]
     loss: Loss = field(default=QUADRATIC, kw_only=True)
 
     @abstractmethod
-    def linear(self, poses: Array, constants: Array) -> Linear:
+    def linearise(self, poses: Array, constants: Array) -> LinearisedFactors:
         """About poses (n, 3) and constants (COUNT,)."""
 
-    def doubts(self, out: Flags, norm: Array, state_t: Array) -> list[str]:
+    def describe_outliers(self, out: Flags, norm: Array, pose_t: Array) -> list[str]:
         """One line for each thing to say of a solution.
 
-        out: (M,) which count little; norm: (M,) in sigma; state_t: (n,) s of all poses.
+        out: (M,) which count little; norm: (M,) in sigma; pose_t: (n,) s of all poses.
         """
         return []
 
-    def part(self, begin: int, end: int) -> Self:
+    def select_poses(self, begin: int, end: int) -> Self:
         """The factors tied to poses begin to end - 1; the poses are numbered from `begin` on."""
-        first, last = np.searchsorted(self.state, [begin, end])
-        return self._cut(int(first), int(last), begin)
+        first, last = np.searchsorted(self.pose_index, [begin, end])
+        return self._slice_factors(int(first), int(last), begin)
 
-    def row(self, i: int) -> Self:
+    def select_factor(self, i: int) -> Self:
         """Factor i alone, on pose 0."""
-        return self._cut(i, i + 1, int(self.state[i]))
+        return self._slice_factors(i, i + 1, int(self.pose_index[i]))
 
-    def joined(self, later: Self, by: int) -> Self:
+    def append(self, later: Self, by: int) -> Self:
         """These and those of a later part, whose pose 0 is number `by` here."""
-        arrays = self._arrays().items()
+        arrays = self._factor_arrays().items()
         own: dict[str, Any] = {name: np.concatenate([value, getattr(later, name)]) for name, value in arrays}
-        return replace(self, state=np.append(self.state, later.state + by), **own)
+        return replace(self, pose_index=np.append(self.pose_index, later.pose_index + by), **own)
 
-    def _cut(self, first: int, last: int, begin: int) -> Self:
-        own = {name: value[first:last] for name, value in self._arrays().items()}
-        return replace(self, state=self.state[first:last] - begin, **own)
+    def _slice_factors(self, first: int, last: int, begin: int) -> Self:
+        own = {name: value[first:last] for name, value in self._factor_arrays().items()}
+        return replace(self, pose_index=self.pose_index[first:last] - begin, **own)
 
-    def _arrays(self) -> dict[str, Any]:
+    def _factor_arrays(self) -> dict[str, Any]:
         values = {item.name: getattr(self, item.name) for item in fields(self)}
-        return {n: value for n, value in values.items() if n != "state" and isinstance(value, np.ndarray)}
+        return {
+            n: value for n, value in values.items() if n != "pose_index" and isinstance(value, np.ndarray)
+        }
 
 
-def stretches(flags: Flags) -> list[tuple[int, int]]:
+def find_runs(flags: Flags) -> list[tuple[int, int]]:
     """First and last number of each stretch of flags that are set, gaps of up to two bridged."""
     places = np.flatnonzero(flags)
     if len(places) == 0:
         return []
-    ends = np.flatnonzero(np.diff(places) > _BRIDGED)
+    ends = np.flatnonzero(np.diff(places) > _MAX_RUN_GAP)
     firsts, lasts = np.append(0, ends + 1), np.append(ends, len(places) - 1)
     return [(int(places[a]), int(places[b])) for a, b in zip(firsts, lasts, strict=True)]
 
@@ -103,12 +105,12 @@ class SensorSamples(Protocol):
     """N samples of one sensor, or one that just came."""
 
     @property
-    def marks(self) -> Array:
+    def pose_times(self) -> Array:
         """Times at which a pose must stand, s; none for what is carried to the nearest."""
         ...
 
-    def factors(self, cut: CutPath, config: GraphConfig) -> Factor | None:
-        """The factors of one kind that the samples make of the poses at cut.state_t; None without any.
+    def build_factors(self, cut: SegmentedOdometry, config: GraphConfig) -> FactorGroup | None:
+        """The factors of one kind that the samples make of the poses at cut.pose_t; None without any.
 
         At most one on each pose. Samples before the first pose or after the last are left out.
         """
@@ -118,7 +120,7 @@ class SensorSamples(Protocol):
 Samples = TypeVar("Samples")
 
 
-def gathered(samples: Sequence[Samples]) -> Samples:
+def concatenate_samples(samples: Sequence[Samples]) -> Samples:
     """Samples of one sensor put together. Each is a dataclass whose fields are all arrays."""
     kind: Any = type(samples[0])
     names = [item.name for item in fields(kind)]

@@ -9,7 +9,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 
-_GENTLE = 4.0
+_INITIAL_HUBER_LIMIT = 4.0
 """Variances: beyond two sigma a loss for a first guess grows like the norm."""
 
 
@@ -34,7 +34,7 @@ class Loss:
             return np.asarray(np.sqrt(self.limit / np.maximum(squares, self.limit)))
         return np.asarray((1.0 - np.clip((squares / self.limit - 1.0) / 3.0, 0.0, 1.0)) ** 2)
 
-    def costs(self, squares: Array) -> Array:
+    def cost(self, squares: Array) -> Array:
         """(M,) cost of each; its derivative by s is half the weight."""
         inside = 0.5 * np.minimum(squares, self.limit)
         if self.kind == "quadratic":
@@ -44,9 +44,9 @@ class Loss:
         left = 1.0 - np.clip((squares / self.limit - 1.0) / 3.0, 0.0, 1.0)
         return np.asarray(inside + 0.5 * self.limit * (1.0 - left**3))
 
-    def for_a_guess(self) -> Loss:
+    def for_initial_guess(self) -> Loss:
         """The loss under which what is far off still pulls, so that a poor guess is not kept."""
-        return Loss("huber", _GENTLE) if self.kind == "bounded" else self
+        return Loss("huber", _INITIAL_HUBER_LIMIT) if self.kind == "bounded" else self
 
 
 QUADRATIC = Loss("quadratic")

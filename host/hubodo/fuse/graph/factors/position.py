@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.graph.factors.constants import COUNT, GNSS_DELAY
-from hubodo.fuse.graph.factors.factor import Factor, Flags, Linear, stretches
+from hubodo.fuse.graph.factors.constants import GNSS_DELAY, N_CONSTANTS
+from hubodo.fuse.graph.factors.factor import FactorGroup, Flags, LinearisedFactors, find_runs
 from hubodo.fuse.graph.factors.loss import Loss
 
 
 @dataclass(frozen=True, eq=False)
-class PositionFactors(Factor):
+class PositionFactors(FactorGroup):
     """z = p + R(heading) (antenna + gnss_delay velocity) + noise.
 
     place: (M, 2) east and north, m. sigma: (M,) m of each direction. velocity: (M, 2) m/s of the body in its
@@ -21,34 +21,34 @@ class PositionFactors(Factor):
     sigma its pull fades.
     """
 
-    place: Array
+    position: Array
     sigma: Array
     velocity: Array
     antenna: tuple[float, float] = (0.0, 0.0)
     loss: Loss = field(default=Loss("bounded", 12.0), kw_only=True)
 
-    def linear(self, poses: Array, constants: Array) -> Linear:
+    def linearise(self, poses: Array, constants: Array) -> LinearisedFactors:
         """About poses (n, 3) and constants (COUNT,)."""
-        at = poses[self.state]
+        at = poses[self.pose_index]
         cos, sin = np.cos(at[:, 2]), np.sin(at[:, 2])
         vx, vy = self.velocity.T
         ax, ay = self.antenna[0] + constants[GNSS_DELAY] * vx, self.antenna[1] + constants[GNSS_DELAY] * vy
         east, north = cos * ax - sin * ay, sin * ax + cos * ay
         share = 1.0 / self.sigma
-        residual = (at[:, :2] + np.column_stack([east, north]) - self.place) * share[:, None]
+        residual = (at[:, :2] + np.column_stack([east, north]) - self.position) * share[:, None]
         by_state = np.zeros((len(at), 2, 3))
         by_state[:, 0, 0] = by_state[:, 1, 1] = share
         by_state[:, 0, 2], by_state[:, 1, 2] = -north * share, east * share
-        by_constants = np.zeros((len(at), 2, COUNT))
+        by_constants = np.zeros((len(at), 2, N_CONSTANTS))
         by_constants[:, 0, GNSS_DELAY] = (cos * vx - sin * vy) * share
         by_constants[:, 1, GNSS_DELAY] = (sin * vx + cos * vy) * share
-        return Linear(self.state, residual, by_state, None, by_constants)
+        return LinearisedFactors(self.pose_index, residual, by_state, None, by_constants)
 
-    def doubts(self, out: Flags, norm: Array, state_t: Array) -> list[str]:
+    def describe_outliers(self, out: Flags, norm: Array, pose_t: Array) -> list[str]:
         """Fixes that jumped, and one that is alone."""
-        t, far = state_t[self.state], norm * self.sigma
+        t, far = pose_t[self.pose_index], norm * self.sigma
         said = []
-        for first, last in stretches(out):
+        for first, last in find_runs(out):
             count = np.count_nonzero(out[first : last + 1])
             said.append(
                 f"gnss: {count} fixes from t = {t[first]:.1f} to {t[last]:.1f} s are off "

@@ -7,29 +7,31 @@ from dataclasses import dataclass
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.graph.factors.constants import COUNT
-from hubodo.fuse.graph.factors.factor import Factor, Linear
+from hubodo.fuse.graph.factors.constants import N_CONSTANTS
+from hubodo.fuse.graph.factors.factor import FactorGroup, LinearisedFactors
 
-_FIRMEST = 1e-9
+_MIN_CONSTANT_SIGMA = 1e-9
 """Least sigma of a constant: what is said to be known exactly is held, and the equations stay regular."""
 
 
 @dataclass(frozen=True, eq=False)
-class StartFactor(Factor):
+class PosePriorFactors(FactorGroup):
     """Priors of poses, x, y in m and heading in rad: mean and 1 sigma, (M, 3)."""
 
     mean: Array
     sigma: Array
 
-    def linear(self, poses: Array, constants: Array) -> Linear:
+    def linearise(self, poses: Array, constants: Array) -> LinearisedFactors:
         """Rows of three, on no constant."""
-        residual = (poses[self.state] - self.mean) / self.sigma
+        residual = (poses[self.pose_index] - self.mean) / self.sigma
         by_state = np.eye(3) / self.sigma[:, None, :]
-        return Linear(self.state, residual, by_state, None, np.zeros((len(residual), 3, COUNT)))
+        return LinearisedFactors(
+            self.pose_index, residual, by_state, None, np.zeros((len(residual), 3, N_CONSTANTS))
+        )
 
 
 @dataclass(frozen=True, eq=False)
-class ConstantsFactor(Factor):
+class ConstantsPriorFactors(FactorGroup):
     """Priors of the constants: mean and 1 sigma, (M, COUNT); a sigma of 0 holds a constant at its mean.
 
     Kept with a pose of the chain, but on none.
@@ -38,16 +40,18 @@ class ConstantsFactor(Factor):
     mean: Array
     sigma: Array
 
-    def linear(self, poses: Array, constants: Array) -> Linear:
+    def linearise(self, poses: Array, constants: Array) -> LinearisedFactors:
         """Rows of COUNT, on no pose."""
-        share = 1.0 / np.maximum(self.sigma, _FIRMEST)
-        by_constants = np.eye(COUNT) * share[:, None, :]
-        nothing = np.zeros((len(share), COUNT, 3))
-        return Linear(self.state, (constants - self.mean) * share, nothing, None, by_constants)
+        share = 1.0 / np.maximum(self.sigma, _MIN_CONSTANT_SIGMA)
+        by_constants = np.eye(N_CONSTANTS) * share[:, None, :]
+        nothing = np.zeros((len(share), N_CONSTANTS, 3))
+        return LinearisedFactors(
+            self.pose_index, (constants - self.mean) * share, nothing, None, by_constants
+        )
 
 
 @dataclass(frozen=True, eq=False)
-class ForgottenFactor(Factor):
+class MarginalPriorFactors(FactorGroup):
     """What measurements that are no longer kept said of a pose and of the constants, together.
 
     A Gaussian in square-root form, residual = offset + root ((pose, constants) - about).
@@ -56,12 +60,16 @@ class ForgottenFactor(Factor):
     (M, 3 + COUNT).
     """
 
-    root: Array
+    sqrt_information: Array
     offset: Array
-    about: Array
+    linearisation_point: Array
 
-    def linear(self, poses: Array, constants: Array) -> Linear:
+    def linearise(self, poses: Array, constants: Array) -> LinearisedFactors:
         """Rows of 3 + COUNT."""
-        at = np.column_stack([poses[self.state], np.tile(constants, (len(self.state), 1))])
-        residual = self.offset + (self.root @ (at - self.about)[:, :, None])[:, :, 0]
-        return Linear(self.state, residual, self.root[:, :, :3], None, self.root[:, :, 3:])
+        at = np.column_stack([poses[self.pose_index], np.tile(constants, (len(self.pose_index), 1))])
+        residual = (
+            self.offset + (self.sqrt_information @ (at - self.linearisation_point)[:, :, None])[:, :, 0]
+        )
+        return LinearisedFactors(
+            self.pose_index, residual, self.sqrt_information[:, :, :3], None, self.sqrt_information[:, :, 3:]
+        )

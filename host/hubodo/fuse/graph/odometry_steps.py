@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.errors import InputError
-from hubodo.fuse.graph.factors.between import Complex, Steps
+from hubodo.fuse.graph.factors.between import ComplexArray, OdometrySteps
 from hubodo.fuse.track import Track
 
 Pose = tuple[float, float, float, float]
@@ -49,15 +49,15 @@ class StepNoise:
     along: float = 0.04
     sideways: float = 0.04
     heading: float = 3e-4
-    heading_way: float = 5e-4
-    share: float = 0.0
+    heading_per_distance: float = 5e-4
+    relative_error: float = 0.0
     speed_walk: float = 1.0
     yaw_walk: float = 0.5
-    gap: float = 0.5
-    times: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    min_outage: float = 0.5
+    sigma_factors: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
-_FLOOR = np.diag([1e-8, 1e-8, 1e-10])
+_MIN_SEGMENT_COVARIANCE = np.diag([1e-8, 1e-8, 1e-10])
 """m² and rad² of a stretch.
 
 Below a tenth of a millimetre the equations lose more digits than the odometry has.
@@ -65,47 +65,51 @@ Below a tenth of a millimetre the equations lose more digits than the odometry h
 
 
 @dataclass(frozen=True, eq=False)
-class CutPath:
+class SegmentedOdometry:
     """An odometry cut at the times of the poses.
 
-    state_t: (n,) s. steps: the stretches. t: (S,) s at the end of each step, stretch: (S,) its number,
+    pose_t: (n,) s. steps: the stretches. t: (S,) s at the end of each step, stretch: (S,) its number,
     share: (S,) of the stretch's time that has passed then, turn_end: (S, 3) heading, s and m since the
     stretch's start, as Steps.whole. velocity: (n, 2) m/s of the body, forward and left. pose: (n, 3) of the
     odometry, heading unwrapped.
     """
 
-    state_t: Array
-    steps: Steps
-    t: Array
-    stretch: NDArray[np.intp]
-    share: Array
-    turn_end: Array
+    pose_t: Array
+    steps: OdometrySteps
+    step_end_t: Array
+    segment: NDArray[np.intp]
+    elapsed_fraction: Array
+    since_segment_start: Array
     velocity: Array
-    pose: Array
+    odometry_pose: Array
 
     def heading_at(self, t: Array) -> Array:
         """(N,) rad of the odometry at times within the poses', unwrapped."""
-        ends = self.pose[self.stretch, 2] + self.turn_end[:, 0]
-        return np.asarray(np.interp(t, np.append(self.state_t[0], self.t), np.append(self.pose[0, 2], ends)))
+        ends = self.odometry_pose[self.segment, 2] + self.since_segment_start[:, 0]
+        return np.asarray(
+            np.interp(
+                t, np.append(self.pose_t[0], self.step_end_t), np.append(self.odometry_pose[0, 2], ends)
+            )
+        )
 
 
-def cut_path(path: Track, state_t: Array, noise: StepNoise) -> CutPath:
-    """Cut at state_t (n,), increasing, within the odometry's time.
+def segment_odometry(path: Track, pose_t: Array, noise: StepNoise) -> SegmentedOdometry:
+    """Cut at pose_t (n,), increasing, within the odometry's time.
 
     Between its poses by linear interpolation (Shah et al. Fig. 5).
     """
-    inner = path.t[(path.t > state_t[0]) & (path.t < state_t[-1])]
-    t = np.union1d(inner, state_t)
+    inner = path.t[(path.t > pose_t[0]) & (path.t < pose_t[-1])]
+    t = np.union1d(inner, pose_t)
     heading = np.interp(t, path.t, np.unwrap(path.heading))
     place = np.interp(t, path.t, path.x) + 1j * np.interp(t, path.t, path.y)
-    at_state = np.searchsorted(t, state_t)
+    at_state = np.searchsorted(t, pose_t)
     first = at_state[:-1]
     counts = np.diff(at_state)
     stretch = np.repeat(np.arange(len(first)), counts)
     start = first[stretch]
 
     middle = 0.5 * (heading[:-1] + heading[1:])
-    way: Complex = np.diff(place) * np.exp(-1j * middle)
+    way: ComplexArray = np.diff(place) * np.exp(-1j * middle)
     distance = np.concatenate([[0.0], np.cumsum(way.real)])
     dt = np.diff(t)
     mid_t = 0.5 * (t[:-1] + t[1:]) - t[start]
@@ -115,8 +119,8 @@ def cut_path(path: Track, state_t: Array, noise: StepNoise) -> CutPath:
     turn = middle - heading[start]
     moves = way * np.exp(1j * turn)
     moved = np.add.reduceat(moves, first)
-    covariance = _covariance(path, noise, t, way, turn, moves, moved, first, stretch, whole)
-    steps = Steps(first, way, turn, mid_t, rolled, whole, covariance)
+    covariance = _segment_covariance(path, noise, t, way, turn, moves, moved, first, stretch, whole)
+    steps = OdometrySteps(first, way, turn, mid_t, rolled, whole, covariance)
 
     near = np.clip(at_state, 1, len(way) - 1)
     before = np.clip(near - 1, 0, len(way) - 1)
@@ -125,26 +129,26 @@ def cut_path(path: Track, state_t: Array, noise: StepNoise) -> CutPath:
     )
     pose = np.column_stack([place[at_state].real, place[at_state].imag, heading[at_state]])
     share = turn_end[:, 1] / whole[stretch, 1]
-    return CutPath(
-        state_t, steps, t[1:], stretch, share, turn_end, np.column_stack([velocity.real, velocity.imag]), pose
+    return SegmentedOdometry(
+        pose_t, steps, t[1:], stretch, share, turn_end, np.column_stack([velocity.real, velocity.imag]), pose
     )
 
 
-def _covariance(
+def _segment_covariance(
     path: Track,
     noise: StepNoise,
     t: Array,
-    way: Complex,
+    way: ComplexArray,
     turn: Array,
-    moves: Complex,
-    moved: Complex,
+    moves: ComplexArray,
+    moved: ComplexArray,
     first: NDArray[np.intp],
     stretch: NDArray[np.intp],
     whole: Array,
 ) -> Array:
     """Sum of J Q J' over the steps of a stretch: J turns a step's axes and swings what comes after it."""
-    if noise.share > 0.0:
-        length, turned = noise.share * np.abs(moved), noise.share * np.abs(whole[:, 0])
+    if noise.relative_error > 0.0:
+        length, turned = noise.relative_error * np.abs(moved), noise.relative_error * np.abs(whole[:, 0])
         made = np.zeros((len(first), 3, 3))
         made[:, 0, 0] = made[:, 1, 1] = length**2 + 1e-6
         made[:, 2, 2] = turned**2 + 1e-8
@@ -154,11 +158,11 @@ def _covariance(
     length = np.diff(path.t)[own]
     q = np.zeros((len(way), 3, 3))
     rolled = np.abs(way)
-    hole = np.where(length >= noise.gap, length**2 / 12.0 * dt, 0.0)
+    hole = np.where(length >= noise.min_outage, length**2 / 12.0 * dt, 0.0)
     q[:, 0, 0] = noise.along**2 * rolled + noise.speed_walk**2 * hole
     q[:, 1, 1] = noise.sideways**2 * rolled
-    q[:, 2, 2] = noise.heading**2 * dt + noise.heading_way**2 * rolled + noise.yaw_walk**2 * hole
-    q = q * np.outer(noise.times, noise.times)
+    q[:, 2, 2] = noise.heading**2 * dt + noise.heading_per_distance**2 * rolled + noise.yaw_walk**2 * hole
+    q = q * np.outer(noise.sigma_factors, noise.sigma_factors)
     if len(path.step_inflation):
         # What a drive's fixes say of wheels that roll is not said of wheels that do not.
         inflation = path.step_inflation[own] * dt / length
@@ -173,36 +177,36 @@ def _covariance(
     j[:, 0, 0] = j[:, 1, 1] = cos
     j[:, 0, 1], j[:, 1, 0] = -sin, sin
     j[:, 0, 2], j[:, 1, 2], j[:, 2, 2] = -rest.imag, rest.real, 1.0
-    return np.asarray(np.add.reduceat(j @ q @ j.transpose(0, 2, 1), first, axis=0) + _FLOOR)
+    return np.asarray(np.add.reduceat(j @ q @ j.transpose(0, 2, 1), first, axis=0) + _MIN_SEGMENT_COVARIANCE)
 
 
 @dataclass(slots=True)
-class Trail:
+class OdometryBuffer:
     """Poses by increasing time, and how loose the way to each is, as Track's, m²."""
 
     _poses: deque[Pose] = field(default_factory=deque)
-    _loose: deque[float] = field(default_factory=deque)
+    _inflation: deque[float] = field(default_factory=deque)
 
     def __len__(self) -> int:
         return len(self._poses)
 
     @property
-    def newest(self) -> float:
+    def newest_t(self) -> float:
         """s; -inf before the first pose."""
         return self._poses[-1][0] if self._poses else -np.inf
 
-    def add(self, pose: Pose, loose: float) -> None:
+    def add_pose(self, pose: Pose, loose: float) -> None:
         """One more pose."""
         self._poses.append(pose)
-        self._loose.append(loose)
+        self._inflation.append(loose)
 
-    def forget(self, before: float) -> None:
+    def drop_before(self, before: float) -> None:
         """Leaves out what is older, but for one pose before that time."""
         while len(self._poses) > 2 and self._poses[1][0] <= before:
             self._poses.popleft()
-            self._loose.popleft()
+            self._inflation.popleft()
 
-    def path(self, begin: float) -> Track:
+    def track_since(self, begin: float) -> Track:
         """The odometry since `begin`, with one pose before it."""
         count = 0
         for t, *_ in reversed(self._poses):
@@ -211,10 +215,10 @@ class Trail:
                 break
         first = len(self._poses) - count
         rows = np.array(list(itertools.islice(self._poses, first, None)))
-        loose = np.array(list(itertools.islice(self._loose, first + 1, None)))
+        loose = np.array(list(itertools.islice(self._inflation, first + 1, None)))
         t, x, y, heading = rows.T
         return Track(t, x, y, heading, step_inflation=loose)
 
-    def cut(self, begin: float, end: float, noise: StepNoise) -> CutPath:
+    def segment_between(self, begin: float, end: float, noise: StepNoise) -> SegmentedOdometry:
         """The stretch between two times."""
-        return cut_path(self.path(begin), np.array([begin, end]), noise)
+        return segment_odometry(self.track_since(begin), np.array([begin, end]), noise)

@@ -12,12 +12,16 @@ import numpy as np
 from hubodo.calibration.apply import apply_calibration
 from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
-from hubodo.fuse.graph.factors.constants import ConstantSigmas, of_wheel_filter, of_wheel_speeds
-from hubodo.fuse.node_bias import with_node_biases
-from hubodo.fuse.odometry import OdometryConfig, integrate
-from hubodo.fuse.ranges import NodeRanges, node_ranges, of_node
+from hubodo.fuse.differential_odometry import OdometryConfig, integrate_wheels
+from hubodo.fuse.graph.factors.constants import (
+    ConstantSigmas,
+    sigmas_for_wheel_filter,
+    sigmas_for_wheel_speeds,
+)
+from hubodo.fuse.node_bias import add_node_biases
+from hubodo.fuse.ranges import NodeRanges, determine_ranges, node_metadata
 from hubodo.fuse.rolling_wheel import WheelSamples, WheelSpec
-from hubodo.fuse.track import Track, from_states
+from hubodo.fuse.track import Track, track_from_states
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.entries import GYRO_SCALE_ACROSS, WHEEL_RADIUS, YAW_RATE_FROM_GRAVITY
 from hubodo.fuse.wheel.node_screening import screen_samples
@@ -31,7 +35,7 @@ from hubodo.vehicle import Side, Vehicle
 
 Method = Literal["filter", "differential"]
 METHODS: tuple[Method, ...] = ("filter", "differential")
-_FEW = 20
+_MIN_NODE_SAMPLES = 20
 """Samples, a fifth of a second: below that a node counts as not there."""
 SIDES: tuple[Side, Side] = ("left", "right")
 
@@ -47,12 +51,12 @@ class WheelOdometry:
     track: Track
     nodes: tuple[str, ...]
     method: str
-    learnt: Mapping[str, Any]
+    details: Mapping[str, Any]
     warnings: tuple[str, ...] = ()
-    constants: ConstantSigmas = field(default_factory=of_wheel_speeds)
+    constant_sigmas: ConstantSigmas = field(default_factory=sigmas_for_wheel_speeds)
 
 
-def wheel_nodes(
+def select_wheel_nodes(
     recording: Recording, vehicle: Vehicle, wanted: Sequence[str] | None, log: str
 ) -> tuple[str, ...]:
     """Names of the nodes that sit on wheels and are in the log, of `wanted` where it says which.
@@ -77,7 +81,7 @@ def wheel_nodes(
     return found
 
 
-def start_heading(recording: Recording, t: float) -> float | None:
+def read_start_heading(recording: Recording, t: float) -> float | None:
     """The heading of the truth or of the compass at time t, rad; None where the log has neither."""
     for table in (recording.truth, recording.heading):
         if table is not None and "heading" in table:
@@ -85,7 +89,7 @@ def start_heading(recording: Recording, t: float) -> float | None:
     return None
 
 
-def located(vehicle: Vehicle, recording: Recording) -> Vehicle:
+def add_latitude(vehicle: Vehicle, recording: Recording) -> Vehicle:
     """The vehicle where its log's fixes are, if its file does not say where it drives."""
     if vehicle.latitude_deg is not None or recording.gnss is None or not len(recording.gnss):
         return vehicle
@@ -93,7 +97,7 @@ def located(vehicle: Vehicle, recording: Recording) -> Vehicle:
     return replace(vehicle, latitude_deg=latitude_deg) if abs(latitude_deg) <= 90.0 else vehicle
 
 
-def wheel_odometry(
+def compute_wheel_odometry(
     recording: Recording,
     vehicle: Vehicle,
     *,
@@ -120,10 +124,10 @@ def wheel_odometry(
         and not nodes
         and not any(name in recording.nodes for name, mount in vehicle.nodes.items() if mount.side)
     ):
-        return _speeds(recording, vehicle, recording.wheels)
-    names = wheel_nodes(recording, vehicle, nodes, log)
+        return _run_on_wheel_speeds(recording, vehicle, recording.wheels)
+    names = select_wheel_nodes(recording, vehicle, nodes, log)
     check_times({name: recording.nodes[name] for name in names}, log)
-    ranges = log_ranges(recording, vehicle, names, corrected=calibration is not None)
+    ranges = determine_log_ranges(recording, vehicle, names, corrected=calibration is not None)
     applied = None
     if calibration is not None:
         applied = apply_calibration(
@@ -135,32 +139,32 @@ def wheel_odometry(
         )
         recording, calibration = replace(recording, nodes=applied.nodes), applied.remaining
     if method == "differential":
-        return _differential(recording, vehicle, names, log)
-    calibration, told_bias = with_node_biases(calibration, recording, names)
-    made = _filtered(recording, vehicle, names, log, calibration, ranges, lag, for_graph)
+        return _run_differential(recording, vehicle, names, log)
+    calibration, told_bias = add_node_biases(calibration, recording, names)
+    made = _run_wheel_filter(recording, vehicle, names, log, calibration, ranges, lag, for_graph)
     if told_bias:
-        made = replace(made, learnt={**made.learnt, "bias_from_node": list(told_bias)})
-    warnings = made.warnings + _missing(recording, vehicle, made.nodes, nodes)
+        made = replace(made, details={**made.details, "bias_from_node": list(told_bias)})
+    warnings = made.warnings + _missing_node_warnings(recording, vehicle, made.nodes, nodes)
     if applied is None:
         return replace(made, warnings=warnings)
-    learnt = {**made.learnt, "calibrated": dict(applied.summaries)} if applied.summaries else made.learnt
-    return replace(made, warnings=applied.warnings + warnings, learnt=learnt)
+    learnt = {**made.details, "calibrated": dict(applied.summaries)} if applied.summaries else made.details
+    return replace(made, warnings=applied.warnings + warnings, details=learnt)
 
 
-def log_ranges(
+def determine_log_ranges(
     recording: Recording, vehicle: Vehicle, names: Sequence[str], *, corrected: bool = False
 ) -> dict[str, NodeRanges]:
     """Where each node of a recording clips; corrected: whether its samples are yet to be calibrated."""
     told = recording.metadata
     return {
-        name: node_ranges(
-            vehicle.nodes[name], of_node(told, name), recording.nodes[name], corrected=corrected
+        name: determine_ranges(
+            vehicle.nodes[name], node_metadata(told, name), recording.nodes[name], corrected=corrected
         )
         for name in names
     }
 
 
-def _filtered(
+def _run_wheel_filter(
     recording: Recording,
     vehicle: Vehicle,
     names: tuple[str, ...],
@@ -172,13 +176,13 @@ def _filtered(
 ) -> WheelOdometry:
     """The wheel filter on nodes of a recording whose samples are calibrated."""
     used_nodes, screenings = screen_samples({name: recording.nodes[name] for name in names})
-    names = tuple(name for name in names if len(used_nodes[name]) > _FEW) or names
+    names = tuple(name for name in names if len(used_nodes[name]) > _MIN_NODE_SAMPLES) or names
     try:
         # The filter begins at the first edge of a window.
         first = min(table.t[0] for table in used_nodes.values() if len(table))
         first = math.ceil(first / WINDOW_S - 1e-9) * WINDOW_S
-        config = wheel_config(located(vehicle, recording), list(names), calibration, ranges)
-        config = replace(config, start_heading=start_heading(recording, first) or 0.0)
+        config = wheel_config(add_latitude(vehicle, recording), list(names), calibration, ranges)
+        config = replace(config, start_heading=read_start_heading(recording, first) or 0.0)
         speeds = None if recording.wheels is None else average_surface_speeds(recording.wheels)
         config = replace(config, encoder_aided=bool(speeds))
         result = run_wheel_filter(config, used_nodes, lag, speeds)
@@ -189,7 +193,9 @@ def _filtered(
     report = result.report.as_json()
     report["ranges"] = {name: ranges[name].as_json() for name in names}
     doubts = tuple(f"{name}: {line}" for name in names for line in ranges[name].warnings)
-    warnings = screenings + doubts + _steering(vehicle, names, config.nodes) + tuple(report.pop("warnings"))
+    warnings = (
+        screenings + doubts + _steering_warnings(vehicle, names, config.nodes) + tuple(report.pop("warnings"))
+    )
     names = tuple(config.nodes)
     track = _with_start_pose(result.track, config.start_heading, config.heading_sigma)
     return WheelOdometry(
@@ -198,18 +204,18 @@ def _filtered(
         report.pop("method"),
         report,
         warnings,
-        constants=graph_constants(result),
+        constant_sigmas=graph_constant_sigmas(result),
     )
 
 
-def graph_constants(found: WheelRun) -> ConstantSigmas:
+def graph_constant_sigmas(found: WheelRun) -> ConstantSigmas:
     """What the graph is to expect of a track of the wheel filter."""
     core = found.filter.core
     radius, scale, rate = (
         [core.estimate(wheel.name, entry).sigma for wheel in core.wheels]
         for entry in (WHEEL_RADIUS, GYRO_SCALE_ACROSS, YAW_RATE_FROM_GRAVITY)
     )
-    return of_wheel_filter(radius, scale, rate)
+    return sigmas_for_wheel_filter(radius, scale, rate)
 
 
 def _with_start_pose(filtered: WheelTrack, heading: float, sigma: float) -> Track:
@@ -230,7 +236,7 @@ def _with_start_pose(filtered: WheelTrack, heading: float, sigma: float) -> Trac
     return Track(**poses, step_inflation=np.append(0.0, odometry_inflation(filtered)))
 
 
-def _steering(vehicle: Vehicle, names: Sequence[str], used: Collection[str]) -> tuple[str, ...]:
+def _steering_warnings(vehicle: Vehicle, names: Sequence[str], used: Collection[str]) -> tuple[str, ...]:
     """What a user must know of wheels that steer."""
     heard = " and ".join(used)
     left_out = [f"{name}: steered; the track comes from {heard} alone" for name in names if name not in used]
@@ -242,7 +248,7 @@ def _steering(vehicle: Vehicle, names: Sequence[str], used: Collection[str]) -> 
     return (*left_out, *own)
 
 
-def _missing(
+def _missing_node_warnings(
     recording: Recording, vehicle: Vehicle, names: Sequence[str], wanted: Sequence[str] | None
 ) -> tuple[str, ...]:
     on_wheels = wanted or [name for name, mount in vehicle.nodes.items() if mount.side is not None]
@@ -255,23 +261,25 @@ def _missing(
     return tuple(f"{name}: {text}; the track comes from {heard} alone" for name, text in why.items())
 
 
-def _differential(recording: Recording, vehicle: Vehicle, names: Sequence[str], log: str) -> WheelOdometry:
+def _run_differential(
+    recording: Recording, vehicle: Vehicle, names: Sequence[str], log: str
+) -> WheelOdometry:
     by_side = {vehicle.nodes[name].side: name for name in names}
     if set(by_side) != set(SIDES):
         raise InputError(f"{log}: differential odometry needs a node on each wheel; the filter does not")
     spec = {
         side: WheelSpec(vehicle.wheel_radius, vehicle.nodes[by_side[side]].facing or "left") for side in SIDES
     }
-    samples = [_samples(side, recording.nodes[by_side[side]]) for side in SIDES]
-    states = integrate(OdometryConfig(spec["left"], spec["right"], vehicle.track_width), samples)
+    samples = [_wheel_samples(side, recording.nodes[by_side[side]]) for side in SIDES]
+    states = integrate_wheels(OdometryConfig(spec["left"], spec["right"], vehicle.track_width), samples)
     if not states:
         raise InputError(f"{log}: {' and '.join(names)} have no time in common; nothing to fuse")
-    track = from_states(states, start_heading(recording, states[0].t_ns * 1e-9) or 0.0)
+    track = track_from_states(states, read_start_heading(recording, states[0].t_ns * 1e-9) or 0.0)
     learnt = {"distance": states[-1].distance, "duration": float(track.t[-1] - track.t[0])}
     return WheelOdometry(track, tuple(names), "differential odometry", learnt)
 
 
-def _speeds(recording: Recording, vehicle: Vehicle, wheels: Table) -> WheelOdometry:
+def _run_on_wheel_speeds(recording: Recording, vehicle: Vehicle, wheels: Table) -> WheelOdometry:
     """Shah et al. eq. 16 on the surface speeds that another odometer measured."""
     radius = vehicle.wheel_radius
     spec = WheelSpec(radius, "left", 0.0, 0.0)
@@ -283,11 +291,11 @@ def _speeds(recording: Recording, vehicle: Vehicle, wheels: Table) -> WheelOdome
         gyro[:, 2] = wheels[side] / radius
         return WheelSamples(side, t_ns, gyro, still)
 
-    config = OdometryConfig(spec, spec, vehicle.track_width, bias_at_rest=False)
-    states = integrate(config, [spinning(side) for side in SIDES])
+    config = OdometryConfig(spec, spec, vehicle.track_width, estimate_bias=False)
+    states = integrate_wheels(config, [spinning(side) for side in SIDES])
     if not states:
         raise InputError(f"wheels.csv: {len(wheels)} rows are too few for a track")
-    track = from_states(states, start_heading(recording, states[0].t_ns * 1e-9) or 0.0)
+    track = track_from_states(states, read_start_heading(recording, states[0].t_ns * 1e-9) or 0.0)
     learnt = {"distance": states[-1].distance, "duration": float(track.t[-1] - track.t[0])}
     unused = [
         f"{name}: on no wheel of the vehicle file; the track comes from wheels.csv alone"
@@ -296,5 +304,5 @@ def _speeds(recording: Recording, vehicle: Vehicle, wheels: Table) -> WheelOdome
     return WheelOdometry(track, (), "differential odometry on wheel speeds", learnt, tuple(unused))
 
 
-def _samples(side: Side, table: Table) -> WheelSamples:
+def _wheel_samples(side: Side, table: Table) -> WheelSamples:
     return WheelSamples(side, np.round(table.t * 1e9).astype(np.int64), table.gyro, table.accel)

@@ -11,14 +11,14 @@ from typing import Any
 from hubodo.atomic_files import atomic_files
 from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
+from hubodo.fuse.graph.batch import fuse_graph
 from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.factors.heading import Headings
 from hubodo.fuse.graph.fixes import Fixes
-from hubodo.fuse.graph.graph import fuse_graph
-from hubodo.fuse.graph.review import COUNTS
-from hubodo.fuse.graph.track import GraphTrack
-from hubodo.fuse.track import Score, Track, error_words, outages, score
-from hubodo.fuse.wheels import Method, WheelOdometry, start_heading, wheel_odometry
+from hubodo.fuse.graph.result import GraphResult
+from hubodo.fuse.graph.review import MIN_USED_WEIGHT
+from hubodo.fuse.track import Score, Track, find_gnss_outages, format_error, score_track
+from hubodo.fuse.wheel_odometry import Method, WheelOdometry, compute_wheel_odometry, read_start_heading
 from hubodo.log.csv_table import write_table
 from hubodo.log.units import check_units
 from hubodo.recording import Recording, Table
@@ -29,11 +29,11 @@ TRACK_COLUMNS = ("t", "x", "y", "heading", "speed", "sigma_x", "sigma_y", "sigma
 _MAX_SIGMA_RATIO = 0.9
 """Of the prior's sigma: a constant whose sigma the drive has not reduced by a tenth is not reported."""
 
-FILES = ("track.csv", "fuse.json")
+RESULT_FILES = ("track.csv", "fuse.json")
 
 
 @dataclass(frozen=True, eq=False)
-class Fused:
+class FusedRecording:
     """What fusion made of a log; `score` only where the log has the truth, `learnt` as fuse.json has it.
 
     lag: s after a pose that the wheel filter made it from, too; inf: the whole log. calibration: file and
@@ -45,7 +45,7 @@ class Fused:
     methods: tuple[str, ...]
     lag: float
     nodes: tuple[str, ...]
-    learnt: Mapping[str, Any]
+    details: Mapping[str, Any]
     calibration: Mapping[str, str] | None
     score: Score | None
     warnings: tuple[str, ...]
@@ -57,10 +57,10 @@ class Fused:
             **({} if output is None else {"output": output}),
             "methods": list(self.methods),
             "wheel_nodes": list(self.nodes),
-            "smoothing": _smoothing(self.lag),
+            "smoothing": _describe_smoothing(self.lag),
             # The graph, too, looks at the whole log for each pose.
             "causal": self.lag == 0.0 and len(self.methods) == 1,
-            **self.learnt,
+            **self.details,
             "calibration": None if self.calibration is None else dict(self.calibration),
             "warnings": list(self.warnings),
         }
@@ -72,7 +72,7 @@ class Fused:
             }
         return made
 
-    def facts(self) -> list[tuple[str, str]]:
+    def summary_rows(self) -> list[tuple[str, str]]:
         """The result as rows of what and how much."""
         track = self.track
         last = f"{track.x[-1]:.3f}, {track.y[-1]:.3f} m, {math.degrees(track.heading[-1]):.2f}°"
@@ -80,16 +80,16 @@ class Fused:
         rows = [
             *(("method", method) for method in self.methods),
             ("duration", f"{track.t[-1] - track.t[0]:.2f} s"),
-            ("distance", f"{self.learnt['distance']:.3f} m"),
+            ("distance", f"{self.details['distance']:.3f} m"),
             ("end", last),
             ("1σ at the end", f"{sigma}, {math.degrees(track.sigma_heading[-1]):.2f}°"),
         ]
         if self.score is not None:
             found = self.score
             rows += [
-                ("final error", error_words(found.final_error, found.final_percent, " of path")),
-                ("rms error", error_words(found.rms_error, found.rms_percent)),
-                ("largest error", error_words(found.maximum_error, found.maximum_percent)),
+                ("final error", format_error(found.final_error, found.final_percent, " of path")),
+                ("rms error", format_error(found.rms_error, found.rms_percent)),
+                ("largest error", format_error(found.maximum_error, found.maximum_percent)),
             ]
             if found.heading_rms is not None:
                 rows.append(("heading rms", f"{math.degrees(found.heading_rms):.2f}°"))
@@ -108,7 +108,7 @@ def fuse_recording(
     lag: float = 0.0,
     graph: bool = True,
     antenna: tuple[float, float] | None = None,
-) -> Fused:
+) -> FusedRecording:
     """The track of a recording.
 
     calibration_from: its file and hash, for the account. graph: whether GNSS and headings of the log take
@@ -117,7 +117,7 @@ def fuse_recording(
     """
     check_units(recording, vehicle.nodes, log)
     graph = graph and (recording.gnss is not None or recording.heading is not None)
-    odometry = wheel_odometry(
+    odometry = compute_wheel_odometry(
         recording,
         vehicle,
         log=log,
@@ -128,15 +128,15 @@ def fuse_recording(
         for_graph=graph,
     )
     antenna = antenna or vehicle.antenna or (0.0, 0.0)
-    track, methods, learnt = odometry.track, [odometry.method], dict(odometry.learnt)
+    track, methods, learnt = odometry.track, [odometry.method], dict(odometry.details)
     warnings = recording.warnings + odometry.warnings
     if graph:
-        result = solve_graph(recording, odometry, antenna)
+        result = fuse_outside_sensors(recording, odometry, antenna)
         track = result.from_start
         methods.append(f"factor graph with {' and '.join(_outside_sensors(recording, result))}")
         learnt["graph"] = _graph_details(recording, odometry, result)
         warnings += result.warnings
-    return Fused(
+    return FusedRecording(
         log,
         track,
         tuple(methods),
@@ -149,9 +149,9 @@ def fuse_recording(
     )
 
 
-def solve_graph(
+def fuse_outside_sensors(
     recording: Recording, odometry: WheelOdometry, antenna: tuple[float, float] = (0.0, 0.0)
-) -> GraphTrack:
+) -> GraphResult:
     """Return the maximum a posteriori track of odometry with the fixes, the headings, or both of a recording.
 
     antenna: m forward and left of the body origin. Axes are east and north where there are fixes. Raises
@@ -163,23 +163,23 @@ def solve_graph(
         fixes = Fixes(gnss.t, gnss["latitude_deg"], gnss["longitude_deg"], gnss.columns.get("sigma"))
     if compass is not None:
         headings = Headings(compass.t, compass["heading"], compass.columns.get("sigma"))
-    config = GraphConfig(antenna=antenna, constants=odometry.constants)
-    heading = start_heading(recording, odometry.track.t[0])
+    config = GraphConfig(antenna=antenna, constants=odometry.constant_sigmas)
+    heading = read_start_heading(recording, odometry.track.t[0])
     # Fixes determine the heading themselves; the heading of a truth that stands still may be anything.
     if heading is not None and fixes is None:
         config = replace(config, start_heading=heading)
     return fuse_graph(odometry.track, fixes, headings, config)
 
 
-def _outside_sensors(recording: Recording, result: GraphTrack) -> list[str]:
+def _outside_sensors(recording: Recording, result: GraphResult) -> list[str]:
     """Return the sensors beside the wheels, as the method of a graph names them."""
     fixes = [] if recording.gnss is None else [f"{len(result.fix_t)} fixes"]
     return fixes if recording.heading is None else [*fixes, "headings"]
 
 
-def _graph_details(recording: Recording, odometry: WheelOdometry, result: GraphTrack) -> dict[str, Any]:
+def _graph_details(recording: Recording, odometry: WheelOdometry, result: GraphResult) -> dict[str, Any]:
     """Return the entry `graph` of fuse.json: the number of fixes, observed constants, GNSS outages."""
-    prior = asdict(odometry.constants)
+    prior = asdict(odometry.constant_sigmas)
     observed = {
         name: {"value": q.value, "sigma": q.sigma}
         for name, q in result.constants.items()
@@ -188,8 +188,8 @@ def _graph_details(recording: Recording, odometry: WheelOdometry, result: GraphT
     truth = None
     if recording.truth is not None:
         truth = (recording.truth.t, recording.truth["x"], recording.truth["y"])
-    used = result.fix_t[result.fix_weight > COUNTS]
-    gaps = outages(result.from_start, used, truth) if len(used) else ()
+    used = result.fix_t[result.fix_weight > MIN_USED_WEIGHT]
+    gaps = find_gnss_outages(result.from_start, used, truth) if len(used) else ()
     return {
         "fixes": len(result.fix_t),
         "constants": observed,
@@ -197,27 +197,27 @@ def _graph_details(recording: Recording, odometry: WheelOdometry, result: GraphT
     }
 
 
-def track_table(track: Track) -> Table:
+def track_to_table(track: Track) -> Table:
     """The columns of track.csv."""
     return Table({name: getattr(track, name) for name in TRACK_COLUMNS})
 
 
-def check_free(folder: Path) -> None:
+def check_no_results(folder: Path) -> None:
     """Raises InputError for a folder that holds a result already."""
-    taken = next((folder / name for name in FILES if (folder / name).exists()), None)
+    taken = next((folder / name for name in RESULT_FILES if (folder / name).exists()), None)
     if taken is not None:
         raise InputError(f"{taken}: exists; name another folder or say --force")
 
 
-def write_fused(fused: Fused, folder: Path) -> None:
+def write_results(fused: FusedRecording, folder: Path) -> None:
     """Both files, whole, in a folder that is made where it is missing."""
-    with atomic_files(*(folder / name for name in FILES), create_folder=True) as (track, told):
-        write_table(track, track_table(fused.track))
+    with atomic_files(*(folder / name for name in RESULT_FILES), create_folder=True) as (track, told):
+        write_table(track, track_to_table(fused.track))
         text = json_text(fused.as_json(str(folder)), indent=2)
         told.write_text(text + "\n", "utf-8")
 
 
-def _smoothing(lag: float) -> dict[str, Any]:
+def _describe_smoothing(lag: float) -> dict[str, Any]:
     if lag == 0.0:
         return {"kind": "none"}
     return {"kind": "fixed lag", "lag": lag} if math.isfinite(lag) else {"kind": "full"}
@@ -228,4 +228,4 @@ def score_against_truth(track: Track, recording: Recording) -> Score | None:
     truth = recording.truth
     if truth is None:
         return None
-    return score(track, truth.t, truth["x"], truth["y"], truth.columns.get("heading"))
+    return score_track(track, truth.t, truth["x"], truth["y"], truth.columns.get("heading"))

@@ -13,9 +13,9 @@ from hubodo.fuse.rolling_wheel import OdometryNoise, RollingWheel, WheelSamples,
 from hubodo.time_gaps import check_time_gaps
 from hubodo.vehicle import Side
 
-_PORTION_NS = 1_000_000_000
+_BATCH_NS = 1_000_000_000
 """Of each wheel that are handled in turn."""
-_LONGEST = 20_000.0
+_MAX_PAUSE = 20_000.0
 """s; over a pause poses go on as evenly as elsewhere, and more of them do not fit into memory."""
 
 
@@ -31,7 +31,7 @@ class OdometryConfig:
     right: WheelSpec
     track_width: float
     step_ns: int = 10_000_000
-    bias_at_rest: bool = True
+    estimate_bias: bool = True
     noise: OdometryNoise = field(default_factory=OdometryNoise)
 
 
@@ -55,7 +55,7 @@ class OdometryState:
     twist_covariance: tuple[tuple[float, float], ...]
 
 
-class SampleFate(Enum):
+class SampleOutcome(Enum):
     """What became of samples."""
 
     ADVANCED = "new poses"
@@ -67,7 +67,7 @@ class SampleFate(Enum):
 class OdometryOutput:
     """fate: what became of the samples; states: the poses that they made known, oldest first."""
 
-    fate: SampleFate
+    outcome: SampleOutcome
     states: tuple[OdometryState, ...]
 
 
@@ -85,26 +85,26 @@ class DifferentialOdometry:
         self._config = config
         noise = config.noise
         self._wheels: dict[Side, RollingWheel] = {
-            "left": RollingWheel(config.left, noise, config.bias_at_rest),
-            "right": RollingWheel(config.right, noise, config.bias_at_rest),
+            "left": RollingWheel(config.left, noise, config.estimate_bias),
+            "right": RollingWheel(config.right, noise, config.estimate_bias),
         }
         self._t_ns: int | None = None
-        self._at: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
+        self._last_distances: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
         self._x = self._y = self._heading = self._distance = 0.0
-        self._p = [[0.0] * 3 for _ in range(3)]
+        self._covariance = [[0.0] * 3 for _ in range(3)]
         # Pose against: radius of both, left, right, track; bias left, right.
-        self._j = [[0.0] * 6 for _ in range(3)]
+        self._jacobian = [[0.0] * 6 for _ in range(3)]
         self._bias_sigmas = [config.left.gyro_bias_sigma, config.right.gyro_bias_sigma]
         self._state: OdometryState | None = None
 
-    def handle(self, samples: WheelSamples) -> OdometryOutput:
+    def add_samples(self, samples: WheelSamples) -> OdometryOutput:
         """Takes samples of one wheel; wheels may come in any order and portions."""
         wheel = self._wheels[samples.side]
-        late = wheel.add(samples)
+        late = wheel.add_samples(samples)
         states = tuple(self._advance())
         if late:
-            return OdometryOutput(SampleFate.LATE, states)
-        return OdometryOutput(SampleFate.ADVANCED if states else SampleFate.WAITING, states)
+            return OdometryOutput(SampleOutcome.LATE, states)
+        return OdometryOutput(SampleOutcome.ADVANCED if states else SampleOutcome.WAITING, states)
 
     def state(self) -> OdometryState | None:
         """The newest pose, None before both wheels have moved time forward."""
@@ -117,33 +117,37 @@ class DifferentialOdometry:
     def finish(self) -> tuple[OdometryState, ...]:
         """No more samples will come: what waited for a first look at rest goes on without."""
         for wheel in self._wheels.values():
-            wheel.ready = True
+            wheel.is_initialised = True
         return tuple(self._advance())
 
     def _advance(self) -> list[OdometryState]:
         left, right = self._wheels["left"], self._wheels["right"]
-        if not (left.ready and right.ready and left.knots and right.knots):
+        if not (left.is_initialised and right.is_initialised and left.knots and right.knots):
             return []
         step = self._config.step_ns
         if self._t_ns is None:
             start = max(left.knots[0][0], right.knots[0][0])
             start = -(-start // step) * step
-            if start > min(left.newest, right.newest):
+            if start > min(left.newest_t_ns, right.newest_t_ns):
                 return []
             self._t_ns = start
-            self._at = (left.at(start), right.at(start))
-            self._state = self._make(start, 0.0, 0.0, 0.0, 0.0)
+            self._last_distances = (left.distance_at(start), right.distance_at(start))
+            self._state = self._make_state(start, 0.0, 0.0, 0.0, 0.0)
             states = [self._state]
         else:
             states = []
-        end = min(left.newest, right.newest)
+        end = min(left.newest_t_ns, right.newest_t_ns)
         while self._t_ns + step <= end:
             self._t_ns += step
-            states.append(self._step(self._t_ns, left.at(self._t_ns), right.at(self._t_ns)))
+            states.append(
+                self._integrate_step(self._t_ns, left.distance_at(self._t_ns), right.distance_at(self._t_ns))
+            )
         return states
 
-    def _step(self, t_ns: int, left: tuple[float, float], right: tuple[float, float]) -> OdometryState:
-        (before_l, before_r), self._at = self._at, (left, right)
+    def _integrate_step(
+        self, t_ns: int, left: tuple[float, float], right: tuple[float, float]
+    ) -> OdometryState:
+        (before_l, before_r), self._last_distances = self._last_distances, (left, right)
         dl, dr = left[0] - before_l[0], right[0] - before_r[0]
         vl, vr = left[1] - before_l[1], right[1] - before_r[1]
         b, dt = self._config.track_width, self._config.step_ns * 1e-9
@@ -154,9 +158,9 @@ class DifferentialOdometry:
         self._y += ds * sin
         self._heading += dtheta
         self._distance += abs(ds)
-        self._grow(ds, cos, sin, vl, vr)
+        self._propagate_covariance(ds, cos, sin, vl, vr)
         rl, rr = self._config.left.radius * dt, self._config.right.radius * dt
-        self._fold_biases()
+        self._absorb_old_bias_errors()
         per_parameter = (
             (ds, dtheta),
             (0.5 * dl, -dl / b),
@@ -165,18 +169,18 @@ class DifferentialOdometry:
             (0.5 * rl, -rl / b),
             (0.5 * rr, rr / b),
         )
-        jx, jy, jh = self._j
+        jx, jy, jh = self._jacobian
         for k, (d, turn) in enumerate(per_parameter):
             h = jh[k] + 0.5 * turn
             jx[k] += cos * d - ds * sin * h
             jy[k] += sin * d + ds * cos * h
             jh[k] += turn
-        self._state = self._make(t_ns, ds / dt, dtheta / dt, vl / dt**2, vr / dt**2)
+        self._state = self._make_state(t_ns, ds / dt, dtheta / dt, vl / dt**2, vr / dt**2)
         return self._state
 
-    def _grow(self, ds: float, cos: float, sin: float, vl: float, vr: float) -> None:
+    def _propagate_covariance(self, ds: float, cos: float, sin: float, vl: float, vr: float) -> None:
         """P = F P F' + Q of one step; Q is set up in the body's axes and turned by the heading halfway."""
-        b, p = self._config.track_width, self._p
+        b, p = self._config.track_width, self._covariance
         a, c = -ds * sin, ds * cos
         xx = p[0][0] + 2 * a * p[0][2] + a * a * p[2][2]
         xy = p[0][1] + a * p[1][2] + c * p[0][2] + a * c * p[2][2]
@@ -193,9 +197,9 @@ class DifferentialOdometry:
         xh += cos * fh - sin * sh
         yh += sin * fh + cos * sh
         hh += qh
-        self._p = [[xx, xy, xh], [xy, yy, yh], [xh, yh, hh]]
+        self._covariance = [[xx, xy, xh], [xy, yy, yh], [xh, yh, hh]]
 
-    def _fold_biases(self) -> None:
+    def _absorb_old_bias_errors(self) -> None:
         """A bias that has been measured anew has a new error: what the old one did becomes plain variance."""
         for k, side in ((4, "left"), (5, "right")):
             wheel = self._wheels["left" if side == "left" else "right"]
@@ -204,21 +208,21 @@ class DifferentialOdometry:
             variance = self._bias_sigmas[k - 4] ** 2
             for i in range(3):
                 for j in range(3):
-                    self._p[i][j] += self._j[i][k] * self._j[j][k] * variance
+                    self._covariance[i][j] += self._jacobian[i][k] * self._jacobian[j][k] * variance
             for i in range(3):
-                self._j[i][k] = 0.0
+                self._jacobian[i][k] = 0.0
             self._bias_sigmas[k - 4] = wheel.bias_sigma
 
-    def _make(self, t_ns: int, speed: float, yaw_rate: float, vl: float, vr: float) -> OdometryState:
+    def _make_state(self, t_ns: int, speed: float, yaw_rate: float, vl: float, vr: float) -> OdometryState:
         noise, b = self._config.noise, self._config.track_width
         each = noise.radius_each**2
         both, track = noise.radius**2, noise.track**2
         left, right = (s * s for s in self._bias_sigmas)
 
         def total(i: int, k: int) -> float:
-            u, v = self._j[i], self._j[k]
+            u, v = self._jacobian[i], self._jacobian[k]
             wheels = u[0] * v[0] * both + u[1] * v[1] * each + u[2] * v[2] * each + u[3] * v[3] * track
-            return self._p[i][k] + (wheels + u[4] * v[4] * left + u[5] * v[5] * right)
+            return self._covariance[i][k] + (wheels + u[4] * v[4] * left + u[5] * v[5] * right)
 
         xx, xy, xh, yy, yh, hh = (total(i, k) for i, k in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
         cross = 0.5 * (vr - vl) / b
@@ -235,24 +239,24 @@ class DifferentialOdometry:
         )
 
 
-def integrate(config: OdometryConfig, wheels: Sequence[WheelSamples]) -> list[OdometryState]:
+def integrate_wheels(config: OdometryConfig, wheels: Sequence[WheelSamples]) -> list[OdometryState]:
     """All poses of recorded wheels, the same as if the samples had come live. InputError for a wild time."""
     for wheel in wheels:
-        check_time_gaps(np.asarray(wheel.t_ns, np.float64) * 1e-9, f"{wheel.side} wheel", _LONGEST)
+        check_time_gaps(np.asarray(wheel.t_ns, np.float64) * 1e-9, f"{wheel.side} wheel", _MAX_PAUSE)
     odometry = DifferentialOdometry(config)
     states: list[OdometryState] = []
-    for part in _second_by_second(wheels):
-        states += odometry.handle(part).states
+    for part in _split_by_second(wheels):
+        states += odometry.add_samples(part).states
     return [*states, *odometry.finish()]
 
 
-def _second_by_second(wheels: Sequence[WheelSamples]) -> Iterator[WheelSamples]:
+def _split_by_second(wheels: Sequence[WheelSamples]) -> Iterator[WheelSamples]:
     """Portions of all wheels in turn, so that no wheel gets far ahead of the others."""
     starts = [int(wheel.t_ns[0]) for wheel in wheels if len(wheel.t_ns)]
     ends = [int(wheel.t_ns[-1]) for wheel in wheels if len(wheel.t_ns)]
     if not starts:
         return
-    edges = np.arange(min(starts), max(ends) + 2 * _PORTION_NS, _PORTION_NS, dtype=np.int64)
+    edges = np.arange(min(starts), max(ends) + 2 * _BATCH_NS, _BATCH_NS, dtype=np.int64)
     places = [np.searchsorted(wheel.t_ns, edges) for wheel in wheels]
     for k in range(len(edges) - 1):
         for wheel, place in zip(wheels, places, strict=True):
