@@ -84,17 +84,17 @@ class WheelSamples:
 class RollingWheel:
     """Distance rolled by one wheel, as knots (time, distance, variance) between which it is linear."""
 
-    def __init__(self, spec: WheelSpec, noise: OdometryNoise, bias_at_rest: bool) -> None:
+    def __init__(self, spec: WheelSpec, noise: OdometryNoise, estimate_bias: bool) -> None:
         self.knots: deque[tuple[int, float, float]] = deque()
         self.bias = spec.gyro_bias
         self.bias_sigma = spec.gyro_bias_sigma
-        self.is_initialised = not bias_at_rest  # a first look has told whether it rests
+        self.is_initialised = not estimate_bias  # a first look has told whether it rests
         self.newest_t_ns = 0
         self._sign = facing_sign(spec.facing)
         self._radius = spec.radius
         self._noise = noise
         self._rate = 0.0
-        self._standstill = StandstillDetector() if bias_at_rest else None
+        self._standstill = StandstillDetector() if estimate_bias else None
 
     def add_samples(self, samples: WheelSamples) -> int:
         """Integrates samples; returns how many were late."""

@@ -46,7 +46,7 @@ def test_sigmas_grow_by_the_root_of_how_many_fixes_are_alike(alike):
     errors = 0.8 * np.repeat(rng.standard_normal((6000 // alike, 2)), alike, axis=0)
     item = SimpleNamespace(residual=errors, squared_norms=np.zeros(len(errors)))
     loss = SimpleNamespace(weight=np.ones_like)
-    factors = SimpleNamespace(linear=lambda poses, constants: item, loss=loss)
+    factors = SimpleNamespace(linearise=lambda poses, constants: item, loss=loss)
     growth, why = estimate_sigma_growth(
         SimpleNamespace(find=lambda kind: factors), SimpleNamespace(poses=None, constants=None), 1.0
     )

@@ -156,7 +156,7 @@ def test_fixes_that_come_before_the_odometry_wait_in_order_of_time(underway):
 
 def test_of_two_fixes_of_one_time_the_first_counts(underway):
     def count():
-        return len(underway.window.graph.find(PositionFactors).state)
+        return len(underway.window.graph.find(PositionFactors).pose_index)
 
     before, poses = count(), len(underway.window.pose_t)
     underway.fix(6.25)
@@ -204,12 +204,12 @@ def test_after_long_enough_of_nothing_else_it_starts_anew_at_once():
 
 def test_what_is_no_number_is_impossible(underway):
     nan = float("nan")
-    assert underway.graph.odometry(9.0, nan, 0.0, 0.0) is SampleStatus.INVALID
-    assert underway.graph.odometry(6.0, 0.0, 0.0, 0.0) is SampleStatus.TOO_LATE
-    assert underway.graph.heading(9.0, nan) is SampleStatus.INVALID
-    assert underway.graph.heading(nan, 0.1) is SampleStatus.INVALID
-    assert underway.graph.heading(9.0, 0.1) is SampleStatus.ACCEPTED
+    assert underway.graph.add_odometry(9.0, nan, 0.0, 0.0) is SampleStatus.INVALID
+    assert underway.graph.add_odometry(6.0, 0.0, 0.0, 0.0) is SampleStatus.TOO_LATE
+    assert underway.graph.add_heading(9.0, nan) is SampleStatus.INVALID
+    assert underway.graph.add_heading(nan, 0.1) is SampleStatus.INVALID
+    assert underway.graph.add_heading(9.0, 0.1) is SampleStatus.ACCEPTED
     for place in ((90.1, 8.0), (47.0, 360.1), (-90.1, 8.0), (47.0, -360.1)):
-        assert underway.graph.fix(9.0, *place) is SampleStatus.INVALID
-    assert underway.graph.fix(nan, 47.0, 8.0) is SampleStatus.INVALID
-    assert underway.graph.fix(9.1, 47.0, 8.0, 0.3) is SampleStatus.ACCEPTED
+        assert underway.graph.add_fix(9.0, *place) is SampleStatus.INVALID
+    assert underway.graph.add_fix(nan, 47.0, 8.0) is SampleStatus.INVALID
+    assert underway.graph.add_fix(9.1, 47.0, 8.0, 0.3) is SampleStatus.ACCEPTED

@@ -26,7 +26,7 @@ G = 9.80665
 def config(**kwargs):
     left = WheelSpec(R, kwargs.pop("left_facing", "left"), *kwargs.pop("left_bias", ()))
     right = WheelSpec(R, kwargs.pop("right_facing", "left"), *kwargs.pop("right_bias", ()))
-    return OdometryConfig(left, right, B, **{"bias_at_rest": False, **kwargs})
+    return OdometryConfig(left, right, B, **{"estimate_bias": False, **kwargs})
 
 
 def wheel(side, seconds, rate, *, hz=200.0, facing="left", start=0.0, bias=0.0, noise=0.0, rng=None):
@@ -170,7 +170,7 @@ def test_a_gyro_bias_is_learned_at_rest_and_taken_out_from_the_first_sample_on()
 
     a = wheel("left", 13, lambda t: speed(t) / R, bias=0.05, noise=0.004, rng=rng)
     b = wheel("right", 13, lambda t: speed(t) / R, bias=-0.08, noise=0.004, rng=rng)
-    odometry = DifferentialOdometry(config(bias_at_rest=True))
+    odometry = DifferentialOdometry(config(estimate_bias=True))
     last = None
     for x, y in zip(split(a, 8), split(b, 8), strict=True):
         odometry.add_samples(x)
@@ -186,7 +186,7 @@ def test_a_gyro_bias_is_learned_at_rest_and_taken_out_from_the_first_sample_on()
 
 def test_slow_rolling_is_not_mistaken_for_rest():
     a, b = pair(20, lambda t: 0.03, lambda t: 0.0)
-    odometry = DifferentialOdometry(config(bias_at_rest=True))
+    odometry = DifferentialOdometry(config(estimate_bias=True))
     odometry.add_samples(a)
     odometry.add_samples(b)
     assert odometry.biases()["left"][0] == 0.0

@@ -22,8 +22,8 @@ def samples(t, rate, side="left", turned=0.0):
     return WheelSamples(side, np.round(np.asarray(t) * S).astype(np.int64), gyro, accel)
 
 
-def wheel(noise=NONE, bias_at_rest=False, facing="left", **spec):
-    return RollingWheel(WheelSpec(R, facing, **spec), noise, bias_at_rest)
+def wheel(noise=NONE, estimate_bias=False, facing="left", **spec):
+    return RollingWheel(WheelSpec(R, facing, **spec), noise, estimate_bias)
 
 
 def test_the_distance_is_the_integral_of_the_rate_and_its_variance_that_of_what_is_random():
@@ -76,7 +76,7 @@ def test_of_too_many_knots_every_second_one_and_the_newest_stay(monkeypatch):
 
 
 def rested(rate, seconds=0.6, hz=100.0, **options):
-    made = wheel(bias_at_rest=True, **options)
+    made = wheel(estimate_bias=True, **options)
     t = 5.0 + np.arange(0.0, seconds, 1.0 / hz)
     made.add_samples(samples(t, np.full(len(t), rate)))
     return made
@@ -105,7 +105,7 @@ def test_it_is_ready_when_it_was_looked_at_whether_it_rests_or_not():
     assert rolls.is_initialised and rolls.bias == 0.0 and rolls.bias_sigma == 0.05
     assert wheel().is_initialised
     # A later rest leaves what was rolled before as it was.
-    made = wheel(bias_at_rest=True)
+    made = wheel(estimate_bias=True)
     t = np.arange(0.0, 1.05, 0.01)
     made.add_samples(samples(t, np.where(t < 0.5, 2.0, 0.01)))
     assert made.bias == pytest.approx(0.01, rel=1e-3)
