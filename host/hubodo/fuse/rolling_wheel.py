@@ -94,7 +94,7 @@ class RollingWheel:
         self._radius = spec.radius
         self._noise = noise
         self._rate = 0.0
-        self._standstill = StandstillDetector() if estimate_bias else None
+        self._standstill = StandstillBlocks() if estimate_bias else None
 
     def add_samples(self, samples: WheelSamples) -> int:
         """Integrates samples; returns how many were late."""
@@ -140,7 +140,7 @@ class RollingWheel:
         share = (t_ns - t0) / (t1 - t0)
         return s0 + share * (s1 - s0), v0 + share * (v1 - v0)
 
-    def _update_bias(self, rest: StandstillDetector) -> None:
+    def _update_bias(self, rest: StandstillBlocks) -> None:
         """A block of samples has been judged: a resting wheel shows its gyro's bias."""
         if rest.is_stationary:
             variance = self.bias_sigma**2
@@ -157,7 +157,7 @@ class RollingWheel:
         self.is_initialised = True
 
 
-class StandstillDetector:
+class StandstillBlocks:
     """Blocks of half a second: the wheel rests where its gyro is steady and gravity does not turn."""
 
     def __init__(self) -> None:

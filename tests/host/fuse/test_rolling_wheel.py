@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hubodo.fuse.differential_odometry import DifferentialOdometry, OdometryConfig
-from hubodo.fuse.rolling_wheel import OdometryNoise, RollingWheel, StandstillDetector, WheelSamples, WheelSpec
+from hubodo.fuse.rolling_wheel import OdometryNoise, RollingWheel, StandstillBlocks, WheelSamples, WheelSpec
 
 S, G = 1_000_000_000, 9.80665
 R, B = 0.3, 0.9
@@ -115,7 +115,7 @@ def test_it_is_ready_when_it_was_looked_at_whether_it_rests_or_not():
 
 def judged(rate, turned=0.0, count=50):
     """Whether a block of two halves, of so many samples in half a second, is a rest."""
-    made = StandstillDetector()
+    made = StandstillBlocks()
     t = np.arange(count + 1) / count * 0.5
     told = [
         made.add_sample(round(at * S), float(r), G * math.cos(a), -G * math.sin(a))
