@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from hubodo.calibration.file import Calibration
     from hubodo.errors import CalibrationError, ConfigError, HubodoError, InputError, LogError
     from hubodo.fuse.track import Score
-    from hubodo.gap.tell.result import Finding
+    from hubodo.gap.explain.result import Finding
     from hubodo.model.model_file import Model
     from hubodo.recording import Event, Recording, Table
     from hubodo.sensors.allan.fit import NoiseTerm
@@ -44,7 +44,7 @@ _HOMES = {
     "hubodo.calibration.file": ("Calibration",),
     "hubodo.errors": ("CalibrationError", "ConfigError", "HubodoError", "InputError", "LogError"),
     "hubodo.fuse.track": ("Score",),
-    "hubodo.gap.tell.result": ("Finding",),
+    "hubodo.gap.explain.result": ("Finding",),
     "hubodo.model.model_file": ("Model",),
     "hubodo.recording": ("Event", "Recording", "Table"),
     "hubodo.sensors.allan.fit": ("NoiseTerm",),

@@ -30,11 +30,11 @@ from gap_matrix.dose import MEDIUM, Meter
 from gap_matrix.effects import Effect as HiddenEffect
 from gap_runs import CAR, WHEELCHAIR
 from hubodo.effects import BY_NAME
-from hubodo.gap.judge.search import initial_state
-from hubodo.gap.problem.build import build
+from hubodo.gap.judge.search import build_initial_state
+from hubodo.gap.problem.build import build_problem
 from hubodo.gap.state.terms import ALL, ModelTerm
 from hubodo.gap.watch import GapWatch
-from hubodo.gap.workflow import find_gap_in
+from hubodo.gap.workflow import find_problem_gap
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 from hubodo.recording import Table
@@ -70,9 +70,9 @@ def once(folder, model_file=None):
 
     log = read_folder(folder)
     mark("bring log and model together", 0.0)
-    problem = build(log, read_model(model_file or folder / "model.toml"))
+    problem = build_problem(log, read_model(model_file or folder / "model.toml"))
     del log  # As the verb does.
-    result = find_gap_in(problem, say=mark)
+    result = find_problem_gap(problem, report_progress=mark)
     mark("", 1.0)
     parts = {}
     for (words, begin), (_, end) in pairwise(marks):
@@ -82,7 +82,7 @@ def once(folder, model_file=None):
 
 def forward(folder):
     """Seconds of the fastest of many evaluations at the same delay, each with another radius, camber, arm."""
-    problem = build(read_folder(folder), read_model(folder / "model.toml"))
+    problem = build_problem(read_folder(folder), read_model(folder / "model.toml"))
     taken = []
     for k in range(EVALUATIONS):
         effects = [
@@ -91,9 +91,9 @@ def forward(folder):
             BY_NAME["lever_arm"](x=1e-4 * k, z=1e-3),
             BY_NAME["time_offset"](delay=1e-3),
         ]
-        state = initial_state(problem).with_terms([ModelTerm(effect, ALL) for effect in effects])
+        state = build_initial_state(problem).with_terms([ModelTerm(effect, ALL) for effect in effects])
         begin = time.perf_counter()
-        _ = state.readings
+        _ = state.predictions
         taken.append(time.perf_counter() - begin)
     return min(taken), sum(len(node.t) for node in problem.nodes)
 
@@ -186,7 +186,7 @@ def while_recording():
     watch, said, taken = GapWatch(vehicle), [], []
     for seconds in np.arange(EVERY, WATCHED + EVERY, EVERY):
         begin = time.process_time()
-        said += [(seconds, words) for words in watch.look(replace(log, nodes=_until(log.nodes, seconds)))]
+        said += [(seconds, words) for words in watch.find_new(replace(log, nodes=_until(log.nodes, seconds)))]
         taken.append(time.process_time() - begin)
     print(f"  while it is recorded (seed {SEED}): " + "; ".join(f"after {at:.0f} s {it}" for at, it in said))
     print(f"  a look: at most {max(taken):.1f} s of processor, {len(taken)} looks {sum(taken):.1f} s")

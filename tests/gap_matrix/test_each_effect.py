@@ -7,8 +7,8 @@ from gap_matrix import cases, effects, recording
 from gap_matrix.dose import STRONG, Meter
 from gap_matrix.make_case import make
 from hubodo.effects import BY_NAME
-from hubodo.gap.judge.search import SearchResult, Watch, initial_state, search
-from hubodo.gap.problem.build import build
+from hubodo.gap.judge.search import SearchObserver, SearchResult, build_initial_state, search_effects
+from hubodo.gap.problem.build import build_problem
 from hubodo.gap.workflow import find_gap
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
@@ -31,9 +31,9 @@ def first_named(folder):
     def stop(found: SearchResult) -> None:
         raise FoundOne(found)
 
-    problem = build(read_folder(folder), read_model(folder / "model.toml"))
+    problem = build_problem(read_folder(folder), read_model(folder / "model.toml"))
     try:
-        search(initial_state(problem), watch=Watch(reached=stop))
+        search_effects(build_initial_state(problem), observer=SearchObserver(on_effect_added=stop))
     except FoundOne as it:
         (term,) = it.args[0].final.state.terms
         return term.key

@@ -29,7 +29,7 @@ def test_a_knocked_sensor_is_named_and_by_how_much_it_moved(tmp_path):
 @pytest.mark.parametrize("seed", [SEED, SEED + 1])
 def test_what_is_alike_in_both_is_no_change(seed, tmp_path):
     result = null(seed, NULL_S, tmp_path, RATE_HZ)
-    assert not result.changed
+    assert not result.has_changed
     assert result.changes == ()
 
 

@@ -278,7 +278,7 @@ class LoadedLog:
         """
         from hubodo.api.given import given_model
         from hubodo.api.missing import MissingEffects, check_effects
-        from hubodo.gap.problem.assumed import assumed_model
+        from hubodo.gap.problem.assumed import assume_model
         from hubodo.gap.workflow import find_gap
         from hubodo.progress import progress_line
 
@@ -286,14 +286,19 @@ class LoadedLog:
         if model is not None:
             known = given_model(model)
         elif self.vehicle is not None:
-            known = assumed_model(self.recording, self.vehicle, str(self.path))
+            known = assume_model(self.recording, self.vehicle, str(self.path))
         else:
             raise InputError(f"{self.path}: carries no vehicle; name a model file")
         with progress_line() as show:
             result = find_gap(
-                self.recording, known, accept=accept, reject=reject, where=str(self.path), say=show
+                self.recording,
+                known,
+                accept=accept,
+                reject=reject,
+                log_name=str(self.path),
+                report_progress=show,
             )
-        if not result.finished:
+        if not result.is_finished:
             raise KeyboardInterrupt("the search was stopped before its end")
         given = Path(model).name if isinstance(model, str | os.PathLike) else "the model"
         return MissingEffects(result, self.path.name, given)

@@ -11,9 +11,9 @@ from hubodo.api.given import StrPath
 from hubodo.api.plot import Plot
 from hubodo.effects import BY_NAME
 from hubodo.errors import InputError
+from hubodo.gap.explain.result import Finding, GapResult
+from hubodo.gap.explain.summary import describe_verdict, format_probability, format_with_sigma, list_advice
 from hubodo.gap.judge.round import EMPIRICAL
-from hubodo.gap.tell.account import probability, verdict, what_to_do, with_sigma
-from hubodo.gap.tell.result import Finding, GapResult
 from hubodo.html_table import html_lines, html_table
 from hubodo.model.model_file import Model
 from hubodo.report.drawing import blank
@@ -102,16 +102,17 @@ class MissingEffects:
                 it.effect,
                 it.scope,
                 ", ".join(
-                    f"{name} {with_sigma(value.value, value.sigma)} {'' if value.unit == '1' else value.unit}"
+                    f"{name} {format_with_sigma(value.value, value.sigma)} "
+                    f"{'' if value.unit == '1' else value.unit}"
                     for name, value in it.parameters.items()
                 ),
-                probability(it.confidence),
+                format_probability(it.confidence),
                 f"{it.gap.before:.3f} → {it.gap.after:.3f}",
             )
             for it in self.found
         ]
         table = html_table(("effect", "of", "parameters", "confidence", "gap"), rows) if rows else ""
-        return html_lines((verdict(self.result),)) + table + html_lines(what_to_do(self.result))
+        return html_lines((describe_verdict(self.result),)) + table + html_lines(list_advice(self.result))
 
 
 def check_effects(accept: Iterable[str], reject: Iterable[str]) -> None:

@@ -10,7 +10,7 @@ from plotly.subplots import make_subplots
 
 from hubodo.arrays import Array
 from hubodo.effects import distinguishing_manoeuvre
-from hubodo.gap.tell.result import GapResult
+from hubodo.gap.explain.result import GapResult
 from hubodo.report.gap_figures import Channel, channel_words, envelope
 from hubodo.report.page import COLOURS
 
@@ -46,17 +46,17 @@ def slider_figure(result: GapResult, chosen: Sequence[Channel]) -> go.Figure:
     """
     chosen = chosen[:4]
     made = make_subplots(len(chosen), 1, shared_xaxes=True, vertical_spacing=0.1 / len(chosen))
-    for number, residuals in enumerate([result.steps[0], *result.steps]):
+    for number, residuals in enumerate([result.residual_steps[0], *result.residual_steps]):
         for place, (name, row) in enumerate(chosen, 1):
             residual = residuals[name]
             t, _, mean, _ = envelope(residual.node.t, residual.value[row])
             colour = COLOURS["truth"] if not number else COLOURS["left"]
             made.add_scatter(
                 x=t, y=mean, mode="lines", line={"width": 1.3, "color": colour}, showlegend=False,
-                visible=number in (0, len(result.steps)), row=place, col=1,
+                visible=number in (0, len(result.residual_steps)), row=place, col=1,
             )  # fmt: skip
             made.update_yaxes(title_text=channel_words((name, row)), row=place, col=1)
-    labels = ["as given", *(f"+ {it.effect}" for it in result.found)][: len(result.steps)]
+    labels = ["as given", *(f"+ {it.effect}" for it in result.found)][: len(result.residual_steps)]
     per = len(chosen)
     steps = [
         {

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from plotly.subplots import make_subplots
 
 from hubodo.arrays import Array
+from hubodo.gap.explain.regimes import Trajectory
+from hubodo.gap.explain.result import Finding, GapResult
+from hubodo.gap.explain.summary import format_probability
 from hubodo.gap.problem.problem import CHANNELS
 from hubodo.gap.process_noise.residual import Residual
-from hubodo.gap.tell.account import probability
-from hubodo.gap.tell.regimes import Course
-from hubodo.gap.tell.result import Finding, GapResult
 from hubodo.report.page import COLOURS, figure
 
 BEFORE, AFTER, NOISE = COLOURS["right"], COLOURS["left"], COLOURS["truth"]
@@ -66,13 +66,17 @@ def steps_figure(result: GapResult) -> go.Figure:
 def channels_that_matter(result: GapResult, most: int = 6) -> list[Channel]:
     """Where each effect changed the model most; where nothing was found, the channels that stand out most."""
     if not result.found:
-        rows = [(_rms(residual, row), name, row) for name, row, residual in _measured(result.steps[0])]
+        rows = [
+            (_rms(residual, row), name, row) for name, row, residual in _measured(result.residual_steps[0])
+        ]
         return [(name, row) for _, name, row in sorted(rows, reverse=True)[:4]]
     chosen: dict[Channel, None] = {}
-    for first, last in pairwise(result.steps):
+    for first, last in pairwise(result.residual_steps):
         rows = []
         for name, row, residual in _measured(first):
-            change = (last[name].predicted[row] - residual.predicted[row]) / residual.declared_of(row)
+            change = (last[name].predicted[row] - residual.predicted[row]) / residual.declared_channel_sigma(
+                row
+            )
             rows.append((float(np.linalg.norm(change)), name, row))
         rows.sort(reverse=True)
         chosen |= dict.fromkeys((name, row) for size, name, row in rows[:2] if size > 0.25 * rows[0][0])
@@ -108,14 +112,16 @@ def residual_figure(result: GapResult, chosen: Sequence[Channel]) -> go.Figure:
     return _dressed(made, 90 + 190 * len(chosen))
 
 
-def regime_figure(result: GapResult, chosen: Sequence[Channel], courses: Mapping[str, Course]) -> go.Figure:
+def regime_figure(
+    result: GapResult, chosen: Sequence[Channel], courses: Mapping[str, Trajectory]
+) -> go.Figure:
     """Means of the residual over what they vary with most: wheel angle, spin, turns, temperature, time."""
     columns = min(2, len(chosen))
     rows = (len(chosen) + 1) // 2
     made = make_subplots(rows, columns, vertical_spacing=0.5 / (1 + 1.5 * rows), horizontal_spacing=0.12)
     for place, (name, row) in enumerate(chosen):
         at = {"row": place // 2 + 1, "col": place % 2 + 1}
-        title, over = best_abscissa(result.steps[0][name], row, courses[name])
+        title, over = best_abscissa(result.residual_steps[0][name], row, courses[name])
         for label, residuals, colour in _both(result):
             x, mean, error = binned(over, residuals[name].value[row])
             made.add_scatter(
@@ -151,7 +157,7 @@ def evidence_figure(finding: Finding, most: int = 5) -> go.Figure:
         x=[100.0 * share for *_, share in rows],
         y=labels,
         orientation="h",
-        text=[f"{probability(share)}, gain {gain:.0f}" for _, _, gain, share in rows],
+        text=[f"{format_probability(share)}, gain {gain:.0f}" for _, _, gain, share in rows],
         textposition=["inside" if share > 0.5 else "outside" for *_, share in rows],
         marker={"color": [NOISE if k else AFTER for k in range(len(rows))]},
     )
@@ -187,7 +193,7 @@ def binned(over: Array, values: Array) -> tuple[Array, Array, Array]:
     return _short(np.bincount(cell, over, _CELLS)[kept] / count[kept]), _short(total), _short(error)
 
 
-def best_abscissa(residual: Residual, row: int, course: Course) -> tuple[str, Array]:
+def best_abscissa(residual: Residual, row: int, course: Trajectory) -> tuple[str, Array]:
     """Over which series the means of a residual vary most beyond their errors."""
     options: list[tuple[str, Array]] = []
     if course.angle is not None:
@@ -215,7 +221,7 @@ def stretches(residuals: Mapping[str, Residual]) -> tuple[Array, Array]:
     total, number = np.zeros(count), np.zeros(count)
     for residual in residuals.values():
         cell = np.clip(((residual.node.t - first) / _STRETCH).astype(int), 0, count - 1)
-        z = ((residual.value / residual.declared)[residual.node.used] ** 2).sum(axis=0)
+        z = ((residual.value / residual.declared_sigma)[residual.node.used] ** 2).sum(axis=0)
         total += np.bincount(cell, z, count)
         number += np.bincount(cell, minlength=count) * residual.node.used.sum()
     kept = number > 0
@@ -226,12 +232,12 @@ def stretches(residuals: Mapping[str, Residual]) -> tuple[Array, Array]:
 
 def _both(result: GapResult) -> list[tuple[str, Mapping[str, Residual], str]]:
     """Before and, where something was found, after."""
-    made = [("before", result.steps[0], BEFORE)]
-    return [*made, ("after", result.steps[-1], AFTER)] if result.found else made
+    made = [("before", result.residual_steps[0], BEFORE)]
+    return [*made, ("after", result.residual_steps[-1], AFTER)] if result.found else made
 
 
 def _rms(residual: Residual, row: int) -> float:
-    return float(np.sqrt(np.mean((residual.value[row] / residual.declared_of(row)) ** 2)))
+    return float(np.sqrt(np.mean((residual.value[row] / residual.declared_channel_sigma(row)) ** 2)))
 
 
 def _short(values: Sequence[float] | NDArray[Any]) -> Array:

@@ -9,8 +9,8 @@ from typing import Any
 
 from hubodo.atomic_files import atomic_files
 from hubodo.errors import InputError
-from hubodo.gap.tell.account import comments, verdict
-from hubodo.gap.tell.result import GapResult
+from hubodo.gap.explain.result import GapResult
+from hubodo.gap.explain.summary import describe_verdict, list_model_comments
 from hubodo.model.model_file import model_toml
 from hubodo.report.gap_page import gap_page
 from hubodo.safe_text import json_text
@@ -50,9 +50,9 @@ def gap_contents(result: GapResult, *, log: str, model: str) -> dict[str, str]:
     before, after = result.gap.before, result.gap.after
     head = [
         f"# {model} with what hubodo gap found in {log}: gap {before:.3f} → {after:.3f}.",
-        f"# {verdict(result)}",
+        f"# {describe_verdict(result)}",
     ]
-    written = "\n".join(head) + "\n\n" + model_toml(result.model, comments(result, log))
+    written = "\n".join(head) + "\n\n" + model_toml(result.model, list_model_comments(result, log))
     text = json_text(gap_json(result), indent=1, ascii_only=False)
     page = gap_page(result, log=log, model=model, written=written)
     return dict(zip(FILES, (text + "\n", written, page), strict=True))

@@ -7,21 +7,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hubodo.gap.problem.problem import CHANNELS
-from hubodo.gap.tell.account import (
-    handy,
-    missing_words,
-    probability,
-    runner_up_words,
-    shrunk,
-    sure,
-    verdict,
-    what_to_do,
-    with_sigma,
+from hubodo.gap.explain.indistinguishable import INDISTINGUISHABLE_CAUSES
+from hubodo.gap.explain.regimes import compute_trajectory
+from hubodo.gap.explain.result import BeforeAfter, Finding, GapResult
+from hubodo.gap.explain.summary import (
+    describe_confidence,
+    describe_effect,
+    describe_reduction,
+    describe_runner_up,
+    describe_verdict,
+    format_estimate,
+    format_probability,
+    format_with_sigma,
+    list_advice,
 )
-from hubodo.gap.tell.limits import NEVER_APART
-from hubodo.gap.tell.regimes import course
-from hubodo.gap.tell.result import BeforeAfter, Finding, GapResult
+from hubodo.gap.problem.problem import CHANNELS
 from hubodo.report.gap_drive import drive_figure, slider_figure, wanted_drives
 from hubodo.report.gap_figures import (
     Channel,
@@ -66,13 +66,13 @@ def gap_page(result: GapResult, *, log: str, model: str, written: str) -> str:
     log, model: names of what was compared. written: the text of the model with what was added.
     """
     chosen = channels_that_matter(result)
-    courses = {name: course(residual.node) for name, residual in result.steps[0].items()}
+    courses = {name: compute_trajectory(residual.node) for name, residual in result.residual_steps[0].items()}
     sections = [
         Section(
             "The gap, step by step",
             "The gap is the size of what the model cannot account for, in units of the noise that the model "
             "file declares: a perfect model has 1, or where the noise is not as declared, the dotted line. "
-            f"Held out, that is left out of the fit, were {result.held_out}.",
+            f"Held out, that is left out of the fit, were {result.held_out_kind}.",
             [_steps_table(result)] if result.found else [],
             [steps_figure(result)] if result.found else [],
         ),
@@ -102,7 +102,7 @@ def gap_page(result: GapResult, *, log: str, model: str, written: str) -> str:
             "What no drive can tell apart",
             "Two causes that move every channel alike stay one, however long the log is. A name on this page "
             "may be the other of its pair.",
-            [Grid(("this", "or this", "why"), NEVER_APART)],
+            [Grid(("this", "or this", "why"), INDISTINGUISHABLE_CAUSES)],
         ),
         Section(
             "The model that was written",
@@ -110,7 +110,7 @@ def gap_page(result: GapResult, *, log: str, model: str, written: str) -> str:
             listing=written,
         ),
     ]
-    return page(f"The gap between {model} and {log}", verdict(result), sections, _hero(result))
+    return page(f"The gap between {model} and {log}", describe_verdict(result), sections, _hero(result))
 
 
 def _step_by_step(result: GapResult, chosen: Sequence[Channel]) -> list[Section]:
@@ -144,7 +144,7 @@ def _hero(result: GapResult) -> str:
     ]
     parts.append(f'<div class="cards">{"".join(cards)}</div>')
     parts += [_missing(finding) for finding in result.found]
-    advice = "".join(f"<li>{html.escape(line)}</li>" for line in what_to_do(result))
+    advice = "".join(f"<li>{html.escape(line)}</li>" for line in list_advice(result))
     parts.append(f'<div class="card missing fine"><h3>What to do</h3><ul class="todo">{advice}</ul></div>')
     if result.warnings:
         lines = "".join(f"<li>{html.escape(line)}</li>" for line in result.warnings)
@@ -156,7 +156,7 @@ def _gap_card(title: str, size: BeforeAfter, floor: float | None) -> str:
     lowest = min(1.0 if floor is None else floor, size.after)
     excess = size.before**2 - lowest**2
     share = (size.before**2 - size.after**2) / excess if excess > 1e-9 else 0.0
-    words = shrunk(size.before, size.after, floor)
+    words = describe_reduction(size.before, size.after, floor)
     said = html.escape(words or "nothing beyond noise was explained")
     width = 100.0 * min(max(share, 0.0), 1.0)
     meter = f'<div class="meter"><i style="width:{width:.0f}%"></i></div>' if words else ""
@@ -175,30 +175,31 @@ def _figure(value: float) -> str:
 def _sure_card(result: GapResult) -> str:
     if not result.found:
         rounds = result.search.rounds
-        nothing = rounds[-1].nothing if rounds else 1.0
+        nothing = rounds[-1].null_probability if rounds else 1.0
         return (
-            f'<div class="card"><h3>How sure</h3><div class="big">{probability(nothing)}</div>'
+            f'<div class="card"><h3>How sure</h3><div class="big">{format_probability(nothing)}</div>'
             f"<p>that no known effect is missing</p></div>"
         )
     least = min(result.found, key=lambda finding: finding.confidence)
     others = " for each name" if len(result.found) > 1 else ""
     return (
-        f'<div class="card"><h3>How sure</h3><div class="big">{probability(least.confidence)}</div>'
-        f"<p>{'at least, ' if others else ''}{sure(least.confidence)}{others}</p>"
-        f'<p class="dim">{html.escape(runner_up_words(least))}</p></div>'
+        f'<div class="card"><h3>How sure</h3><div class="big">{format_probability(least.confidence)}</div>'
+        f"<p>{'at least, ' if others else ''}{describe_confidence(least.confidence)}{others}</p>"
+        f'<p class="dim">{html.escape(describe_runner_up(least))}</p></div>'
     )
 
 
 def _missing(finding: Finding) -> str:
-    values = ", ".join(f"{name} {handy(it)}" for name, it in finding.parameters.items())
+    values = ", ".join(f"{name} {format_estimate(it)}" for name, it in finding.parameters.items())
     alike = ""
     if finding.inseparable_from:
         alike = f"<p>This log cannot tell it from {html.escape(', '.join(finding.inseparable_from))}.</p>"
-    words = missing_words(finding)
+    words = describe_effect(finding)
     return (
         f'<div class="card missing"><b>{html.escape(words[:1].upper() + words[1:])}</b> '
         f"<code>{html.escape(finding.effect)}</code><p>{html.escape(values)}</p>"
-        f'<p class="dim">{html.escape(sure(finding.confidence))} ({probability(finding.confidence)}); '
+        f'<p class="dim">{html.escape(describe_confidence(finding.confidence))} '
+        f"({format_probability(finding.confidence)}); "
         f"seen in {html.escape(finding.where)}</p>{alike}</div>"
     )
 
@@ -207,7 +208,7 @@ def _steps_table(result: GapResult) -> Grid:
     rows = [("model as given", "", _figure(result.gap.before), _figure(result.held_out_gap.before), "")]
     for finding in result.found:
         values = ", ".join(
-            f"{name} {with_sigma(it.value, it.sigma)} {it.unit if it.unit != '1' else ''}".rstrip()
+            f"{name} {format_with_sigma(it.value, it.sigma)} {it.unit if it.unit != '1' else ''}".rstrip()
             for name, it in finding.parameters.items()
         )
         rows.append(
@@ -216,7 +217,7 @@ def _steps_table(result: GapResult) -> Grid:
                 values,
                 _figure(finding.gap.after),
                 _figure(finding.held_out_gap.after),
-                probability(finding.confidence),
+                format_probability(finding.confidence),
             )
         )
     return Grid(("model", "value ± 1 sigma", "gap", "held out", "confidence"), rows)
@@ -232,7 +233,7 @@ def _evidence(finding: Finding) -> Section:
 
 
 def _channel_table(result: GapResult) -> Grid:
-    first, last = result.steps[0], result.steps[-1]
+    first, last = result.residual_steps[0], result.residual_steps[-1]
     rows: list[tuple[str, ...]] = []
     for name, residual in first.items():
         for row in range(len(CHANNELS)):
@@ -240,9 +241,9 @@ def _channel_table(result: GapResult) -> Grid:
                 rows.append((f"{name}.{CHANNELS[row]}", "not measured", "", ""))
                 continue
             values = (
-                residual.value[row] / residual.declared_of(row),
-                last[name].value[row] / last[name].declared_of(row),
-                last[name].noise.of(row) / last[name].declared_of(row),
+                residual.value[row] / residual.declared_channel_sigma(row),
+                last[name].value[row] / last[name].declared_channel_sigma(row),
+                last[name].noise.channel_sigma(row) / last[name].declared_channel_sigma(row),
             )
             sizes = (f"{float(np.sqrt(np.mean(value**2))):.3f}" for value in values)
             rows.append((f"{name}.{CHANNELS[row]}", *sizes))

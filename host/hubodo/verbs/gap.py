@@ -14,24 +14,24 @@ from rich.table import Table as TextTable
 from hubodo.effects import BY_NAME
 from hubodo.effects.loaded import name_problem
 from hubodo.errors import InputError
-from hubodo.gap.judge.journal import Journal, fingerprint
-from hubodo.gap.judge.round import EMPIRICAL, Say
-from hubodo.gap.problem.assumed import assumed_model
-from hubodo.gap.problem.build import build
-from hubodo.gap.problem.problem import Problem
-from hubodo.gap.scaffold.scaffold import Scaffold, scaffold
-from hubodo.gap.tell.account import (
-    probability,
-    runner_up_words,
-    shrunk,
-    sure,
-    verdict,
-    what_to_do,
-    with_sigma,
+from hubodo.gap.explain.explanation import Explanation, explain_effect
+from hubodo.gap.explain.result import GapResult
+from hubodo.gap.explain.summary import (
+    describe_confidence,
+    describe_reduction,
+    describe_runner_up,
+    describe_verdict,
+    format_probability,
+    format_with_sigma,
+    list_advice,
 )
-from hubodo.gap.tell.explain import Explanation, explain
-from hubodo.gap.tell.result import GapResult
-from hubodo.gap.workflow import find_gap_in
+from hubodo.gap.judge.journal import Journal, compute_fingerprint
+from hubodo.gap.judge.round import EMPIRICAL, ReportProgress
+from hubodo.gap.problem.assumed import assume_model
+from hubodo.gap.problem.build import build_problem
+from hubodo.gap.problem.problem import Problem
+from hubodo.gap.scaffold.scaffold import Scaffold, build_scaffold
+from hubodo.gap.workflow import find_problem_gap
 from hubodo.log.any_log import read_log
 from hubodo.log.roles import NODES_ROLE
 from hubodo.model.model_file import Model, read_model
@@ -94,23 +94,25 @@ class GapReport:
         def print_line(text: str) -> None:
             console.print(text, highlight=False, markup=False, soft_wrap=True)
 
-        print_line(verdict(result))
+        print_line(describe_verdict(result))
         gap, held_out = result.gap, result.held_out_gap
         noise_floor = "" if gap.floor is None else f" (noise alone: {gap.floor:.3f})"
-        words = shrunk(gap.before, gap.after, gap.floor)
+        words = describe_reduction(gap.before, gap.after, gap.floor)
         print_line(f"gap {gap.before:.3f} → {gap.after:.3f}{noise_floor}{'; ' + words if words else ''}")
-        print_line(f"held out {held_out.before:.3f} → {held_out.after:.3f}; {result.held_out}")
+        print_line(f"held out {held_out.before:.3f} → {held_out.after:.3f}; {result.held_out_kind}")
         if result.found:
             console.print(_detected_effects_table(result))
         for finding in result.found:
             print_line(f"{finding.effect}: {finding.where}")
-            confidence = f"{sure(finding.confidence)} ({probability(finding.confidence)})"
-            print_line(f"  {confidence}; {runner_up_words(finding)}")
+            confidence = (
+                f"{describe_confidence(finding.confidence)} ({format_probability(finding.confidence)})"
+            )
+            print_line(f"  {confidence}; {describe_runner_up(finding)}")
             if finding.inseparable_from:
                 print_line(f"  not separable in this log from {', '.join(finding.inseparable_from)}")
         for residual in result.remaining:
             print_line(f"residual in {residual.channel}, {residual.where}: {residual.looks_like}")
-        for line in what_to_do(result):
+        for line in list_advice(result):
             print_line(f"→ {line}")
         for explanation in self.explanations:
             print_line(explanation.summary)
@@ -119,7 +121,7 @@ class GapReport:
         for line in result.warnings:
             print_line(f"warning: {line}")
         if self.scaffold is not None:
-            for line in self.scaffold.words():
+            for line in self.scaffold.describe():
                 print_line(line)
         elif self.scaffold_name is not None:
             print_line(
@@ -209,30 +211,32 @@ def run(args: argparse.Namespace) -> GapReport | ChangeReport:
     check_gap_folder(args.output, args.model)
     with progress_line() as show:
         problem, journal = _read_problem(args, show)
-        result = find_gap_in(problem, accept=args.accept, reject=args.reject, say=show, journal=journal)
+        result = find_problem_gap(
+            problem, accept=args.accept, reject=args.reject, report_progress=show, journal=journal
+        )
         new_effect = None
-        if args.scaffold is not None and result.finished:
+        if args.scaffold is not None and result.is_finished:
             show(f"searching a dependence for {args.scaffold}", 0.95)
-            new_effect = scaffold(result.search, args.scaffold, args.log)
+            new_effect = build_scaffold(result.search, args.scaffold, args.log)
         show("writing the report", 0.97)
         contents = gap_contents(result, log=args.log.name, model=args.model.name)
     if new_effect is not None:
-        contents[f"{new_effect.name}.py"] = new_effect.text
+        contents[f"{new_effect.name}.py"] = new_effect.source
     write_texts(args.output, contents)
-    if not result.finished:
+    if not result.is_finished:
         # The user pressed ctrl-C: exit as interrupted, now that the intermediate result is written.
         raise KeyboardInterrupt(f"{args.output} holds the intermediate result; --resume continues")
-    journal.forget()
+    journal.delete()
     return GapReport(
         result,
         str(args.output),
-        tuple(explain(result, name, name in args.reject) for name in dict.fromkeys(args.explain)),
+        tuple(explain_effect(result, name, name in args.reject) for name in dict.fromkeys(args.explain)),
         new_effect,
         args.scaffold,
     )
 
 
-def _read_problem(args: argparse.Namespace, show: Say) -> tuple[Problem, Journal]:
+def _read_problem(args: argparse.Namespace, show: ReportProgress) -> tuple[Problem, Journal]:
     """Return the estimation problem posed by log and model, and the journal of the search.
 
     The log is large; it is released when this function returns.
@@ -242,15 +246,17 @@ def _read_problem(args: argparse.Namespace, show: Say) -> tuple[Problem, Journal
     inputs = () if model is None else (model.inputs.speed, model.inputs.yaw_rate)
     needed = (NODES_ROLE, *("reference" for name in inputs if str(name).startswith("reference.")))
     recording = read_log(args.log, input_format=log_form(args, vehicle, needed=needed), progress=show)
-    model = model or assumed_model(recording, vehicle, str(args.log))
+    model = model or assume_model(recording, vehicle, str(args.log))
     journal = _journal(args, recording, model)
-    return build(recording, model, str(args.log)), journal
+    return build_problem(recording, model, str(args.log)), journal
 
 
 def _journal(args: argparse.Namespace, recording: Recording, model: Model) -> Journal:
     """Return the journal of the search, which is kept in the output folder until the search is finished."""
     sources = [path.read_text("utf-8") for path in args.effects]
-    key = fingerprint(recording, model, __version__, sorted(args.accept), sorted(args.reject), sources)
+    key = compute_fingerprint(
+        recording, model, __version__, sorted(args.accept), sorted(args.reject), sources
+    )
     return Journal(args.output / JOURNAL_FILE, key, args.resume)
 
 
@@ -266,14 +272,14 @@ def _detected_effects_table(result: GapResult) -> TextTable:
     table = TextTable("effect", "scope", "parameters", "confidence", "gap", "held out")
     for finding in result.found:
         values = "\n".join(
-            f"{name} {with_sigma(p.value, p.sigma)} {'' if p.unit == '1' else p.unit}".rstrip()
+            f"{name} {format_with_sigma(p.value, p.sigma)} {'' if p.unit == '1' else p.unit}".rstrip()
             for name, p in finding.parameters.items()
         )
         table.add_row(
             finding.effect,
             finding.scope,
             values,
-            probability(finding.confidence),
+            format_probability(finding.confidence),
             f"{finding.gap.before:.3f} → {finding.gap.after:.3f}",
             f"{finding.held_out_gap.before:.3f} → {finding.held_out_gap.after:.3f}",
         )
@@ -285,7 +291,7 @@ def _explain_table(explanation: Explanation) -> TextTable:
         "round", "scope", "gain", "ln Bayes factor", "probability", "beaten by", title=explanation.effect
     )
     for row in explanation.rows:
-        share = "not refitted" if row.probability is None else probability(row.probability)
+        share = "not refitted" if row.probability is None else format_probability(row.probability)
         table.add_row(
             str(row.round), row.scope, f"{row.gain:.1f}", f"{row.evidence:.1f}", share, row.beaten_by
         )

@@ -15,9 +15,9 @@ from hubodo.atomic_files import atomic_files
 from hubodo.effects import BY_NAME
 from hubodo.errors import InputError
 from hubodo.gap.change.change import Change, ChangeResult, find_change
-from hubodo.gap.problem.assumed import assumed_model
+from hubodo.gap.explain.summary import format_probability, format_with_sigma
+from hubodo.gap.problem.assumed import assume_model
 from hubodo.gap.state.terms import ALL, VEHICLE
-from hubodo.gap.tell.account import probability, with_sigma
 from hubodo.log.any_log import read_log
 from hubodo.log.roles import NODES_ROLE
 from hubodo.model.model_file import model_toml, read_model
@@ -64,7 +64,7 @@ class ChangeReport:
                     change.effect,
                     change.scope,
                     *("\n".join(lines) for lines in columns),
-                    probability(change.p_value),
+                    format_probability(change.p_value),
                 )
             console.print(table)
         for change in result.changes:
@@ -73,7 +73,7 @@ class ChangeReport:
                 print_line(
                     f"  {_DRIVE_DEPENDENT_EFFECTS[change.effect]}: not necessarily a change of the vehicle"
                 )
-        for name in result.unnamed:
+        for name in result.unnamed_terms:
             print_line(f"change that no known effect explains: {name}")
         for line in result.warnings:
             print_line(f"warning: {line}")
@@ -82,8 +82,10 @@ class ChangeReport:
 
 def change_verdict(result: ChangeResult) -> str:
     """Return the verdict on the comparison in one sentence."""
-    p_value = f"an unchanged vehicle gives such a difference in {probability(result.p_value)} of all pairs"
-    if not result.changed:
+    p_value = (
+        f"an unchanged vehicle gives such a difference in {format_probability(result.p_value)} of all pairs"
+    )
+    if not result.has_changed:
         return f"No significant change ({p_value})."
     if not result.changes:
         return f"Something has changed that no known effect explains ({p_value})."
@@ -97,7 +99,9 @@ def _effect_meaning(change: Change) -> str:
 
 
 def _parameter_cells(change: Change, name: str) -> tuple[str, str, str]:
-    before, after, difference = (f"{with_sigma(value.value, value.sigma)}" for value in change.values[name])
+    before, after, difference = (
+        f"{format_with_sigma(value.value, value.sigma)}" for value in change.values[name]
+    )
     unit = change.values[name][0].unit
     return f"{name} {before}", after, f"{difference} {'' if unit == '1' else unit}".rstrip()
 
@@ -141,10 +145,12 @@ def compare_logs(args: argparse.Namespace) -> ChangeReport:
         form = log_form(args, vehicle, needed=(NODES_ROLE,))
         logs = [read_log(path, input_format=form, progress=show) for path in (args.before, args.after)]
         # Both logs use the noise of the first: otherwise a sensor that has become noisier would go unnoticed.
-        model = model or assumed_model(logs[0], vehicle, str(args.before))
-        result = find_change(logs[0], logs[1], model, where=(str(args.before), str(args.after)), say=show)
+        model = model or assume_model(logs[0], vehicle, str(args.before))
+        result = find_change(
+            logs[0], logs[1], model, log_names=(str(args.before), str(args.after)), report_progress=show
+        )
     text = json_text(result.as_json(), indent=1, ascii_only=False)
-    models = (model_toml(result.before), model_toml(result.after))
+    models = (model_toml(result.model_before), model_toml(result.model_after))
     with atomic_files(*(args.output / name for name in CHANGE_FILES), create_folder=True) as parts:
         for part, content in zip(parts, (f"{text}\n", *models), strict=True):
             part.write_text(content, "utf-8", "backslashreplace")

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
-from hubodo.gap.judge.held_out import split
-from hubodo.gap.problem.build import build
+from hubodo.gap.judge.held_out import split_held_out
+from hubodo.gap.problem.build import build_problem
 from hubodo.gap.problem.problem import NodeData
-from hubodo.gap.process_noise.residual import gap
+from hubodo.gap.process_noise.residual import compute_gap
 from hubodo.gap.workflow import find_gap
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
@@ -27,18 +27,18 @@ def held_out(folder: Path) -> dict[str, float]:
     """The gap on what the workflow holds out, before and after, of the model that nothing was added to."""
     recording, model = read_folder(folder), read_model(folder / "model.toml")
     everything = _Everything()
-    residuals = find_gap(recording, model, reject=everything).steps[0]
-    inside = split(build(recording, model)).inside
-    before = gap(residuals, inside)
+    residuals = find_gap(recording, model, reject=everything).residual_steps[0]
+    inside = split_held_out(build_problem(recording, model)).masks
+    before = compute_gap(residuals, inside)
     for name, residual in residuals.items():
         columns = _columns(residual.node)
         fitted = ~inside[name]
-        scaled = residual.value / residual.declared
+        scaled = residual.value / residual.declared_sigma
         part = columns[fitted]
         normal = part.T @ part + RIDGE * len(part) * np.eye(part.shape[1])
         weight = np.linalg.solve(normal, part.T @ scaled[:, fitted].T)
-        residual.value[:] = (scaled - (columns @ weight).T) * residual.declared
-    return {"before": before, "after": gap(residuals, inside)}
+        residual.value[:] = (scaled - (columns @ weight).T) * residual.declared_sigma
+    return {"before": before, "after": compute_gap(residuals, inside)}
 
 
 class _Everything(frozenset[str]):

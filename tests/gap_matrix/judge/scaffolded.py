@@ -28,7 +28,7 @@ from gap_matrix import beyond, cases, recording
 from gap_matrix.make_case import make
 from hubodo.effects import BY_NAME
 from hubodo.effects.loaded import use_effects
-from hubodo.gap.scaffold.scaffold import Scaffold, scaffold
+from hubodo.gap.scaffold.scaffold import Scaffold, build_scaffold
 from hubodo.gap.workflow import find_gap
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
@@ -75,13 +75,13 @@ def hidden(
 def scaffolded(folder: Path, name: str) -> Scaffold | None:
     """What the log asks for under that name."""
     found = find_gap(read_folder(folder), read_model(folder / "model.toml"))
-    return scaffold(found.search, name, folder)
+    return build_scaffold(found.search, name, folder)
 
 
 def found_again(folder: Path, made: Scaffold) -> tuple[bool, float, float]:
     """Whether the next search gives that name first, and the gap before and after."""
     path = folder / f"{made.name}.py"
-    path.write_text(made.text, "utf-8")
+    path.write_text(made.source, "utf-8")
     use_effects([path])
     try:
         result = find_gap(read_folder(folder), read_model(folder / "model.toml"))
@@ -101,15 +101,16 @@ def tried(
         truth = hidden(case, name, seed, nats, seconds, rate_hz)
         made = scaffolded(case, name)
         score.runs += 1
-        if made is None or made.scope != truth.node or not set(made.values) <= set(truth.truth):
+        if made is None or made.scope != truth.node or not set(made.parameters) <= set(truth.truth):
             print(
-                f"  {name}, seed {seed}: {'nothing' if made is None else (made.scope, sorted(made.values))}"
+                f"  {name}, seed {seed}: "
+                f"{'nothing' if made is None else (made.scope, sorted(made.parameters))}"
             )
             return
         score.named += 1
         score.pulls += [
             (it.value - truth.truth[key]) / it.sigma
-            for key, it in made.values.items()
+            for key, it in made.parameters.items()
             if it.sigma is not None
         ]
         again, before, after = found_again(case, made)
@@ -126,7 +127,7 @@ def made_of_nothing(seed: int, seconds: float) -> list[str]:
             make(case, seed, [] if listed is None else [listed], "strong", duration=seconds)
             made = scaffolded(case, "nothing")
             if made is not None:
-                wrong.append(f"{listed or 'nothing'}, seed {seed}: {sorted(made.values)} ({made.scope})")
+                wrong.append(f"{listed or 'nothing'}, seed {seed}: {sorted(made.parameters)} ({made.scope})")
     return wrong
 
 

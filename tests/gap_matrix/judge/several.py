@@ -27,9 +27,9 @@ from gap_matrix.judge.resumed import Row, rows
 from gap_matrix.judge.tables import share
 from gap_matrix.judge.trial_rows import judged
 from gap_matrix.judge.trials import trial
-from hubodo.gap.judge.reconsider import beyond_chance, reconsider
-from hubodo.gap.judge.search import initial_state, search
-from hubodo.gap.problem.build import build
+from hubodo.gap.judge.reconsider import drop_chance_effects, reconsider_effects
+from hubodo.gap.judge.search import build_initial_state, search_effects
+from hubodo.gap.problem.build import build_problem
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 
@@ -41,10 +41,10 @@ Names = frozenset[tuple[str, str]]
 
 def named_from(folder: Path, first: str | None = None) -> Names:
     """What a search of a log ends with. first: a name that it has to begin with; it may leave again."""
-    problem = build(read_folder(folder), read_model(folder / "model.toml"))
-    found = search(initial_state(problem), [] if first is None else [first])
-    last, _ = beyond_chance(*reconsider(found))
-    return frozenset(term.key for term in last.final.state.terms if term.fitted)
+    problem = build_problem(read_folder(folder), read_model(folder / "model.toml"))
+    found = search_effects(build_initial_state(problem), [] if first is None else [first])
+    last, _ = drop_chance_effects(*reconsider_effects(found))
+    return frozenset(term.key for term in last.final.state.terms if term.is_fitted)
 
 
 def orders(seed: int, kind: str = "several", stranger: str = "accel_bias") -> dict[str, Names]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from gap_matrix.judge.resumed import Row
 from gap_matrix.judge.trials import Trial, trial
-from hubodo.gap.tell.result import Finding
+from hubodo.gap.explain.result import Finding
 from hubodo.gap.workflow import find_gap
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model

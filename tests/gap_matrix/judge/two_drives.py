@@ -117,10 +117,10 @@ def main() -> int:
             hits, right = 0, 0
             for seed in range(args.first, args.first + args.changes):
                 hidden, result = changed(name, seed, args.seconds, Path(folder) / f"{name}{seed}")
-                hits += result.changed
+                hits += result.has_changed
                 first = result.changes[0] if result.changes else None
                 right += first is not None and (first.effect, first.scope) == (hidden.name, hidden.scope)
-                if not result.changed or first is None or first.effect != name:
+                if not result.has_changed or first is None or first.effect != name:
                     told = [(it.effect, it.scope) for it in result.changes]
                     print(f"  {name} ({hidden.scope}), seed {seed}: p {result.p_value:.2g} {told}")
             print(f"{name}: changed {hits} of {args.changes}, named first {right}", flush=True)

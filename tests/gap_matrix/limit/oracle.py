@@ -29,13 +29,13 @@ from hubodo.effects import BY_NAME
 from hubodo.effects import Effect as HubodoEffect
 from hubodo.effects.empirical import PREFIX, empirical
 from hubodo.effects.warmup import GyroWarmup
-from hubodo.gap.judge.search import initial_state
-from hubodo.gap.linear.linearised import linearise
+from hubodo.gap.judge.search import build_initial_state
+from hubodo.gap.linear.linearisation import linearise
 from hubodo.gap.linear.sensitivity import Direction
-from hubodo.gap.problem.build import build
-from hubodo.gap.process_noise.point import Point
+from hubodo.gap.problem.build import build_problem
+from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.refit.refit import refit_with_weights
-from hubodo.gap.screen.candidates import all_directions, candidates
+from hubodo.gap.screen.candidates import list_candidates, list_directions
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 
@@ -110,20 +110,20 @@ def oracle(setup: Setup, names: Sequence[str] = tuple(KINDS)) -> dict[str, Power
     return powers
 
 
-def _nothing_hidden(setup: Setup) -> Point:
+def _nothing_hidden(setup: Setup) -> Evaluation:
     with tempfile.TemporaryDirectory(prefix="gap_limit_") as folder:
         recording.write(setup, [], Path(folder), {})
-        problem = build(read_folder(Path(folder)), read_model(Path(folder) / "model.toml"))
-    return refit_with_weights(initial_state(problem)).point
+        problem = build_problem(read_folder(Path(folder)), read_model(Path(folder) / "model.toml"))
+    return refit_with_weights(build_initial_state(problem)).evaluation
 
 
 class _Linear:
     """A drive as a linear model: what moves the mean, and the slow waves that walks are made of."""
 
-    def __init__(self, point: Point, hidden: Sequence[Effect], seed: int) -> None:
+    def __init__(self, point: Evaluation, hidden: Sequence[Effect], seed: int) -> None:
         nodes = [node.name for node in point.problem.nodes]
         self._begins = {effect.name: _begin(effect) for effect in hidden}
-        directions = all_directions(point.state)
+        directions = list_directions(point.state)
         for begin in self._begins.values():
             if isinstance(begin, GyroWarmup):
                 directions += [Direction(begin, node, k) for node in nodes for k in range(3)]
@@ -143,7 +143,7 @@ class _Linear:
             node: np.arange(first + k * each, first + (k + 1) * each) for k, node in enumerate(nodes)
         }
         self._waves["all"] = np.arange(first, len(directions))
-        self._means = [it for it in candidates(point.problem, directions) if it.name in KINDS]
+        self._means = [it for it in list_candidates(point.problem, directions) if it.name in KINDS]
         options = [Option(it.name, it.term.scope, it.basis, np.ones(it.basis.shape[1])) for it in self._means]
         options += [
             Option(WALK, scope, np.eye(len(directions))[:, at], self._wave_sigmas(TYPICAL_WALK, len(at)))

@@ -12,7 +12,7 @@ import numpy as np
 from gap_matrix import cases, effects, recording, sensor
 from gap_matrix.cases import Setup
 from gap_matrix.effects import KINDS, Effect, scaled
-from hubodo.gap.tell.result import GapResult
+from hubodo.gap.explain.result import GapResult
 from hubodo.gap.workflow import find_gap
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
@@ -57,7 +57,7 @@ def tried(setup: Setup, effect: Effect | None) -> dict[str, Any]:
     right = (head[0], head[1]) == (effect.name, effect.scope)
     first = result.search.rounds[0]
     screened = [it.gain for it in first.screened if it.candidate.term.key == (effect.name, effect.scope)]
-    own = first.rival((effect.name, effect.scope))
+    own = first.find_hypothesis((effect.name, effect.scope))
     return row | {
         "scope": effect.scope,
         "parameters": {key: float(value) for key, value in effect.parameters.items()},
@@ -68,9 +68,9 @@ def tried(setup: Setup, effect: Effect | None) -> dict[str, Any]:
         "rivals": [
             [it.term.effect.name, it.term.scope, round(it.gain, 2), round(it.evidence, 2),
              round(it.probability, 4)]
-            for it in first.rivals[:4]
+            for it in first.hypotheses[:4]
         ],
-        "nothing": round(first.nothing, 5),
+        "nothing": round(first.null_probability, 5),
     }  # fmt: skip
 
 

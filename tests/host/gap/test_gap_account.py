@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from hubodo.gap.tell.account import shrunk, what_to_do
-from hubodo.gap.tell.result import BeforeAfter, Finding
+from hubodo.gap.explain.result import BeforeAfter, Finding
+from hubodo.gap.explain.summary import describe_reduction, list_advice
 
 
 def advice(before, after, confidence):
@@ -24,9 +24,9 @@ def advice(before, after, confidence):
     )
     noise = SimpleNamespace(gyro=0.01, accel=0.2)
     result = SimpleNamespace(
-        found=[found], remaining=[], steps=[{}], model=SimpleNamespace(noise=noise), verdict="gap"
+        found=[found], remaining=[], residual_steps=[{}], model=SimpleNamespace(noise=noise), verdict="gap"
     )
-    return " ".join(what_to_do(result))
+    return " ".join(list_advice(result))
 
 
 @pytest.mark.parametrize(
@@ -49,8 +49,10 @@ def test_what_is_not_sure_is_to_be_recorded_longer(confidence, longer):
 )
 def test_what_is_not_all_of_it_is_not_called_all_of_it(share, words):
     """Of a gap of 3, three from the noise: what exceeds it is 3^2 - 1."""
-    assert shrunk(3.0, (9.0 - share * 8.0) ** 0.5, 1.0).startswith(f"{words} of what exceeded the noise")
+    assert describe_reduction(3.0, (9.0 - share * 8.0) ** 0.5, 1.0).startswith(
+        f"{words} of what exceeded the noise"
+    )
 
 
 def test_of_what_never_exceeded_the_noise_no_share_is_told():
-    assert shrunk(1.001, 1.0, 1.0) == shrunk(1.0, 1.0, None) == ""
+    assert describe_reduction(1.001, 1.0, 1.0) == describe_reduction(1.0, 1.0, None) == ""

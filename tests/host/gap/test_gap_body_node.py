@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hubodo.gap.judge.search import initial_state
-from hubodo.gap.linear import linearised
-from hubodo.gap.linear.linearised import linearise
+from hubodo.gap.judge.search import build_initial_state
+from hubodo.gap.linear import linearisation
+from hubodo.gap.linear.linearisation import linearise
 
 
 def test_only_nodes_on_the_body_begin_turned_so_that_gravity_is_where_they_feel_it():
@@ -18,7 +18,7 @@ def test_only_nodes_on_the_body_begin_turned_so_that_gravity_is_where_they_feel_
         for name in ("left", "frame")
     ]
     problem = SimpleNamespace(model=SimpleNamespace(effects=[]), nodes=nodes)
-    starts = initial_state(problem).starts
+    starts = build_initial_state(problem).starts
     assert set(starts) == {"frame"}
     assert starts["frame"].attitude == pytest.approx((tilt, 0.0, 0.0))
 
@@ -30,28 +30,28 @@ def test_the_attitude_of_each_is_free_beside_the_directions(monkeypatch):
     felt = {"left": [0], "frame": [1], "seat": []}
 
     class NoMotion:
-        at = felt
+        indices = felt
 
         def __init__(self, *_):
             pass
 
-        def of(self, node, *_):
+        def columns(self, node, *_):
             return np.zeros((len(felt[node.name]), 6, 4))
 
-    monkeypatch.setattr(linearised, "Directions", NoMotion)
+    monkeypatch.setattr(linearisation, "DirectionSensitivities", NoMotion)
     asked = {}
 
-    def innovations(columns, size):
-        asked.update(size=size, at={name: list(at) for name, at in columns.at.items()})
-        asked["shapes"] = {node.name: columns.of(node, state, {}).shape for node in nodes}
-        return SimpleNamespace(grams=None, raw=None, logs=0.0)
+    def innovations(columns, n_columns):
+        asked.update(size=n_columns, at={name: list(at) for name, at in columns.indices.items()})
+        asked["shapes"] = {node.name: columns.columns(node, state, {}).shape for node in nodes}
+        return SimpleNamespace(grams=None, raw_squares=None, log_determinant=0.0)
 
     problem = SimpleNamespace(nodes=nodes)
     state = SimpleNamespace(
-        attitude_columns=lambda node: np.ones((3, 6, 4)), problem=problem, at_once=lambda name: True
+        attitude_columns=lambda node: np.ones((3, 6, 4)), problem=problem, is_memoryless=lambda name: True
     )
-    point = SimpleNamespace(state=state, problem=problem, innovations=innovations)
+    point = SimpleNamespace(state=state, problem=problem, compute_innovations=innovations)
     made = linearise(point, directions)
-    assert (asked["size"], made.nuisances, made.always) == (8, 6, [2, 3, 4, 5, 6, 7])
+    assert (asked["size"], made.n_nuisances, made.nuisance_indices) == (8, 6, [2, 3, 4, 5, 6, 7])
     assert asked["at"] == {"left": [0], "frame": [1, 2, 3, 4], "seat": [5, 6, 7]}
     assert asked["shapes"] == {"left": (1, 6, 4), "frame": (4, 6, 4), "seat": (3, 6, 4)}

@@ -8,9 +8,9 @@ import pytest
 from gap_matrix.make_case import make
 from gap_runs import changed_model, gap
 from hubodo.effects import BY_NAME
-from hubodo.gap.judge.search import initial_state
-from hubodo.gap.problem.build import build
-from hubodo.gap.state.state import stacked
+from hubodo.gap.judge.search import build_initial_state
+from hubodo.gap.problem.build import build_problem
+from hubodo.gap.state.state import stack_channels
 from hubodo.log.csv_folder import read_folder, write_folder
 from hubodo.model.model_file import read_model
 from hubodo.recording import Recording, Table
@@ -62,10 +62,10 @@ def test_with_one_clock_for_all_the_delays_are_named(drive, tmp_path):
 def test_the_column_of_a_late_clock_is_the_slope_of_the_readings_in_time(drive, by):
     """Against the model with every stamp moved, to first order."""
     folder, _ = drive
-    problem = build(read_folder(folder / "case"), read_model(folder / "case" / "model.toml"))
-    node, state = problem.nodes[0], initial_state(problem)
-    moved = stacked(state.reading(node, [BY_NAME["time_offset"](delay=by)]))
-    plain = stacked(state.reading(node, []))
-    column = state.late_columns[node.name]
+    problem = build_problem(read_folder(folder / "case"), read_model(folder / "case" / "model.toml"))
+    node, state = problem.nodes[0], build_initial_state(problem)
+    moved = stack_channels(state.predict(node, [BY_NAME["time_offset"](delay=by)]))
+    plain = stack_channels(state.predict(node, []))
+    column = state.delay_columns[node.name]
     second_order = np.abs(moved - plain - by * column).max(axis=1)
     assert (second_order < 0.02 * np.abs(moved - plain).max(axis=1) * max(1.0, abs(by) / 1e-4)).all()

@@ -4,7 +4,7 @@ import numpy as np
 
 from gap_matrix import cases, effects, recording
 from gap_runs import gap
-from hubodo.gap.problem.build import build
+from hubodo.gap.problem.build import build_problem
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 
@@ -25,17 +25,17 @@ def sampled(folder, rate_hz):
 
 
 def problem_of(folder):
-    return build(read_folder(folder), read_model(folder / "model.toml"))
+    return build_problem(read_folder(folder), read_model(folder / "model.toml"))
 
 
 def test_every_fourth_sample_stays_and_the_inputs_are_left_whole(tmp_path):
     whole = problem_of(sampled(tmp_path, 400.0))
-    light = whole.decimated()
+    light = whole.decimate()
     for few, all_of_them in zip(light.nodes, whole.nodes, strict=True):
         assert (few.t == all_of_them.t[::4]).all()
         assert (few.y == all_of_them.y[:, ::4]).all()
         assert few.forward.inputs is all_of_them.forward.inputs
-    assert light.decimated() is None
+    assert light.decimate() is None
 
 
 def test_what_shows_in_the_mean_and_what_shows_from_sample_to_sample_are_both_found(tmp_path):

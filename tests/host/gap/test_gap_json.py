@@ -9,11 +9,11 @@ import pytest
 
 from gap_runs import gap
 from hubodo.effects import BY_NAME
-from hubodo.gap.tell.result import VERSION
+from hubodo.gap.explain.result import SCHEMA_VERSION
 
 
 def schema():
-    text = resources.files("hubodo.gap.tell").joinpath("gap.schema.json").read_text("utf-8")
+    text = resources.files("hubodo.gap.explain").joinpath("gap.schema.json").read_text("utf-8")
     return json.loads(text)
 
 
@@ -32,7 +32,7 @@ def check(result):
 
 def test_the_schema_is_one_and_of_this_version():
     jsonschema.Draft202012Validator.check_schema(schema())
-    assert schema()["properties"]["version"] == {"const": VERSION, "description": "of this form"}
+    assert schema()["properties"]["version"] == {"const": SCHEMA_VERSION, "description": "of this form"}
 
 
 def test_a_result_has_the_published_form(named):
@@ -58,7 +58,7 @@ def test_a_result_without_a_finding_has_it_too(nothing, tmp_path):
     "spoil",
     [
         lambda made: made.pop("version"),
-        lambda made: made.update(version=VERSION + 1),
+        lambda made: made.update(version=SCHEMA_VERSION + 1),
         lambda made: made.update(verdict="perhaps"),
         lambda made: made.update(beside=1),
         lambda made: made["gap"].pop("after"),

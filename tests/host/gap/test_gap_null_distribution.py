@@ -7,12 +7,12 @@ from scipy.stats import chi2
 from gap_matrix import cases
 from gap_matrix.make_case import make
 from gap_runs import gap
-from hubodo.gap.judge.search import initial_state
-from hubodo.gap.problem.build import build
-from hubodo.gap.process_noise.point import Point
-from hubodo.gap.process_noise.tracking import own_weights, track_wheel_phase
-from hubodo.gap.screen.null_distribution import ScoreTest, null_distribution, surprise
-from hubodo.gap.screen.screening import screen
+from hubodo.gap.judge.search import build_initial_state
+from hubodo.gap.problem.build import build_problem
+from hubodo.gap.process_noise.evaluation import Evaluation
+from hubodo.gap.process_noise.tracking import estimate_weights, track_wheel_phase
+from hubodo.gap.screen.null_distribution import ScoreTest, compute_surprise, draw_null_distribution
+from hubodo.gap.screen.screening import screen_candidates
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 
@@ -41,14 +41,14 @@ def test_p_values_of_noise_are_below_a_tenth_in_a_tenth_of_all_runs(common):
     below = 0
     for _ in range(RUNS):
         scores, tests = drawn(rng, common)
-        below += null_distribution(scores, tests).p_value(best(scores, tests), 2) < 0.1
+        below += draw_null_distribution(scores, tests).p_value(best(scores, tests), 2) < 0.1
     assert 0.04 * RUNS < below < 0.17 * RUNS  # 3.5 sigma of the binomial about 0.1
 
 
 def test_beyond_all_draws_chance_falls_off_as_the_best_of_many_independent_chances():
     """The best of six chi squares of two degrees of freedom is beyond 2 g with about 6 exp(-g)."""
     rng = np.random.default_rng(SEED)
-    made = null_distribution(*drawn(rng, 0.0), draws=4000)
+    made = draw_null_distribution(*drawn(rng, 0.0), draws=4000)
     for gain in (8.0, 14.0, 20.0):
         assert abs(np.log(made.p_value(gain, 2)) - np.log(6.0 * np.exp(-gain))) < 0.12 * gain
 
@@ -57,14 +57,14 @@ def test_beyond_all_draws_chance_falls_off_as_the_best_of_many_independent_chanc
 def test_a_surprise_grows_with_the_gain_also_where_its_chance_is_too_small_for_a_number(freedom):
     """Beside scipy's chi square, as far as that goes."""
     gains = np.array([0.0, 1.0, 250.0, 299.9, 300.1, 350.0, 1e7])
-    made = surprise(gains, freedom)
+    made = compute_surprise(gains, freedom)
     assert (np.diff(made) > 0.0).all()
     assert made[4] - made[3] == pytest.approx(0.2, abs=0.02)
     assert made[5] == pytest.approx(-chi2.logsf(700.0, freedom), abs=0.01)
 
 
 def test_without_any_candidate_noise_is_taken_for_independent():
-    made = null_distribution(np.zeros((BLOCKS, DIRECTIONS)), [])
+    made = draw_null_distribution(np.zeros((BLOCKS, DIRECTIONS)), [])
     assert made.p_value(10.0, 2) == pytest.approx(np.exp(-10.0))
 
 
@@ -73,12 +73,17 @@ def test_logs_with_nothing_hidden_have_p_values_that_are_not_small(tmp_path):
     smallest = []
     for seed in range(40, 50):
         make(tmp_path / str(seed), seed, [], duration=33.0, rate_hz=50.0)
-        problem = build(read_folder(tmp_path / str(seed)), read_model(tmp_path / str(seed) / "model.toml"))
-        state, _ = track_wheel_phase(initial_state(problem))
-        made = screen(Point(state, own_weights(state)))
+        problem = build_problem(
+            read_folder(tmp_path / str(seed)), read_model(tmp_path / str(seed) / "model.toml")
+        )
+        state, _ = track_wheel_phase(build_initial_state(problem))
+        made = screen_candidates(Evaluation(state, estimate_weights(state)))
         freedom = [np.count_nonzero(np.diag(it.information)) for it in made.candidates]
         smallest.append(
-            min(made.null.p_value(it.gain, k) for it, k in zip(made.candidates, freedom, strict=True))
+            min(
+                made.null_distribution.p_value(it.gain, k)
+                for it, k in zip(made.candidates, freedom, strict=True)
+            )
         )
     assert sorted(smallest)[3] > 0.05
     assert max(smallest) > 0.3

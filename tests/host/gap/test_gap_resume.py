@@ -12,7 +12,7 @@ from gap_matrix.make_case import make
 from gap_runs import Run, changed_model, gap
 from hubodo.cli import main
 from hubodo.gap.judge import journal
-from hubodo.gap.judge.round import look
+from hubodo.gap.judge.round import judge_round
 from hubodo.verbs import gap as verb
 
 SEED = 4
@@ -60,14 +60,14 @@ class Rounds(list):
         self.append(arguments)
         if len(self) == self.stop_at:
             raise KeyboardInterrupt
-        return look(*arguments)
+        return judge_round(*arguments)
 
 
 @pytest.fixture
 def rounds(monkeypatch):
     """Those of a run that nobody stops."""
     seen = Rounds()
-    monkeypatch.setattr(journal, "look", seen)
+    monkeypatch.setattr(journal, "judge_round", seen)
     return seen
 
 
@@ -81,7 +81,7 @@ def stopped(case, tmp_path_factory):
             seen = Rounds()
             seen.stop_at = stop_at
             with pytest.MonkeyPatch.context() as patch:
-                patch.setattr(journal, "look", seen)
+                patch.setattr(journal, "judge_round", seen)
                 kept = tmp_path_factory.mktemp("stopped") / "out"
                 made[stop_at] = gap(kept, case / "model.toml", case, *WORDS)
         if made[stop_at].folder.exists():
@@ -159,7 +159,7 @@ def test_a_comparison_of_two_logs_is_not_resumed(case, tmp_path):
 def test_without_a_search_to_go_on_with_resume_is_refused(case, tmp_path):
     refused = gap(tmp_path / "out", case / "model.toml", case, "--resume")
     assert (refused.code, refused.err.count("\n")) == (2, 1)
-    assert "no search was stopped there; leave out --resume" in refused.err
+    assert "contains no interrupted search; leave out --resume" in refused.err
     assert not refused.folder.exists()
 
 

@@ -9,16 +9,16 @@ from scipy.integrate import quad
 from scipy.stats import kstest, multivariate_normal, norm, poisson
 
 from hubodo.effects import BY_NAME
+from hubodo.gap.explain.unexplained import _list_noise
 from hubodo.gap.problem.problem import NodeData
 from hubodo.gap.process_noise.residual import Residual
-from hubodo.gap.scatter.base import unrounded
-from hubodo.gap.scatter.limits import look_for_limits
-from hubodo.gap.scatter.outliers import look_for_outliers, spiky_channels
-from hubodo.gap.scatter.quantization import lattice_step, look_for_quantization
-from hubodo.gap.scatter.random_walk import _refined, look_for_random_walk
-from hubodo.gap.scatter.repeats import look_for_repeats
-from hubodo.gap.state.noise import ChannelNoise, channel_noise
-from hubodo.gap.tell.remaining import _noise
+from hubodo.gap.scatter.base import remove_rounding
+from hubodo.gap.scatter.limits import detect_limits
+from hubodo.gap.scatter.outliers import detect_outliers, find_spiky_channels
+from hubodo.gap.scatter.quantization import detect_quantization, find_lattice_step
+from hubodo.gap.scatter.random_walk import _refine_peak, detect_random_walk
+from hubodo.gap.scatter.repeats import detect_repeats
+from hubodo.gap.state.noise import ChannelNoise, estimate_channel_noise
 from hubodo.vehicle import NodeMount
 
 SEEDS = (1, 2)
@@ -55,14 +55,14 @@ def test_nothing_is_proposed_where_noise_is_all_there_is(seed):
     clean, y = white(np.random.default_rng(seed))
     one = shown(y, clean)
     for look in (
-        look_for_limits,
-        look_for_outliers,
-        look_for_quantization,
-        look_for_random_walk,
-        look_for_repeats,
+        detect_limits,
+        detect_outliers,
+        detect_quantization,
+        detect_random_walk,
+        detect_repeats,
     ):
         assert look([one, replace(one, node=replace(one.node, name="right"))]) == [], look.__name__
-    assert spiky_channels(one) == []
+    assert find_spiky_channels(one) == []
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -78,7 +78,7 @@ def test_a_limit_gains_what_clipping_the_model_there_adds_to_the_log_density(see
     row, at = np.argwhere(beyond)[0]
     y[rows[0] + row, at] = 0.0
     limits = (limit, np.inf) if name == "gyro" else (np.inf, limit)
-    found = look_for_limits([shown(y, clean, limits=limits)])
+    found = detect_limits([shown(y, clean, limits=limits)])
     assert [(it.term.effect.name, it.term.scope) for it in found] == [(f"{name}_saturation", "left")]
     assert found[0].term.effect.limit == limit
 
@@ -95,7 +95,7 @@ def test_a_limit_gains_what_clipping_the_model_there_adds_to_the_log_density(see
 def test_a_limit_is_known_to_half_a_step_of_the_readings(step):
     clean, y = white(np.random.default_rng(1))
     y[:3] = np.clip(step * np.round(y[:3] / step), -5.5, 5.5)
-    (found,) = look_for_limits([shown(y, clean, limits=(5.5, np.inf))])
+    (found,) = detect_limits([shown(y, clean, limits=(5.5, np.inf))])
     assert found.sigmas["limit"] == pytest.approx(0.5 * step)
 
 
@@ -105,9 +105,9 @@ def test_limits_of_all_nodes_are_shared_only_where_they_are_one():
     for name, limit in (("left", 8.0), ("right", 8.0), ("third", 7.0)):
         clipped = np.concatenate([y[:3], np.clip(y[3:], -limit, limit)])
         made.append(shown(clipped, clean, name=name, limits=(np.inf, limit)))
-    both = look_for_limits(made[:2])
+    both = detect_limits(made[:2])
     assert only(both, "all").gain == pytest.approx(only(both, "left").gain + only(both, "right").gain)
-    assert [it.term.scope for it in look_for_limits(made)] == ["left", "right", "third"]
+    assert [it.term.scope for it in detect_limits(made)] == ["left", "right", "third"]
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -118,8 +118,8 @@ def test_coarse_steps_gain_the_density_with_the_variance_of_rounding_in_it(seed)
     y[:3] = step * np.round(y[:3] / step)
     y[0, ::100] += 10.0 * step
     one = shown(y, clean)
-    assert lattice_step(one) == pytest.approx(step, rel=1e-5)
-    found = look_for_quantization([one])
+    assert find_lattice_step(one) == pytest.approx(step, rel=1e-5)
+    found = detect_quantization([one])
     assert [it.term.effect.name for it in found] == ["gyro_quantization"]
     wide = np.sqrt(SIGMA[:3] ** 2 + step**2 / 12.0)
     off = one.value[:3]
@@ -137,7 +137,7 @@ def test_coarse_steps_get_no_more_credit_than_one_and_a_half_times_what_they_are
     narrow = norm(scale=SIGMA[0, 0])
     wide = norm(scale=np.hypot(SIGMA[0, 0], step / np.sqrt(12.0)))
     worth, _ = quad(lambda x: wide.pdf(x) * (wide.logpdf(x) - narrow.logpdf(x)), -0.2, 0.2)
-    found = look_for_quantization([shown(y, clean)])
+    found = detect_quantization([shown(y, clean)])
     assert found[0].gain == pytest.approx(1.5 * worth * 3 * y.shape[1], rel=1e-6)
 
 
@@ -148,7 +148,7 @@ def test_a_lattice_is_seen_in_a_log_in_which_one_axis_hardly_reads_anything_twic
     y[2] += np.linspace(0.0, 60.0, 400)
     y[:3] = step * np.round(y[:3] / step)
     assert len(np.unique(y[2])) > 350
-    assert lattice_step(shown(y, clean)) == pytest.approx(step, rel=1e-5)
+    assert find_lattice_step(shown(y, clean)) == pytest.approx(step, rel=1e-5)
 
 
 def test_noise_that_is_far_larger_than_rounding_is_none_of_its_making():
@@ -157,7 +157,7 @@ def test_noise_that_is_far_larger_than_rounding_is_none_of_its_making():
     y[:3] = step * np.round((y[:3] + 0.06 * np.random.default_rng(2).standard_normal(y[:3].shape)) / step)
     one = shown(y, clean)
     wide = np.concatenate([np.hypot(SIGMA[:3], 0.06), SIGMA[3:]])
-    assert look_for_quantization([replace(one, noise=replace(one.noise, levels=wide))]) == []
+    assert detect_quantization([replace(one, noise=replace(one.noise, group_sigmas=wide))]) == []
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -167,14 +167,14 @@ def test_a_step_of_a_coarse_lattice_is_no_wild_reading(seed):
     step = 3.0 * SIGMA[0, 0]
     y[:2] = SIGMA[0] * np.random.default_rng(seed).standard_normal((2, y.shape[1]))
     y[:3] = step * np.round(y[:3] / step)
-    assert look_for_outliers([shown(y, clean)]) == []
+    assert detect_outliers([shown(y, clean)]) == []
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_what_was_rounded_is_noise_again(seed):
     clean, y = white(np.random.default_rng(seed))
     y[2] = 0.04 * np.round(y[2] / 0.04)
-    z = unrounded(shown(y, clean), 2) / SIGMA[0]
+    z = remove_rounding(shown(y, clean), 2) / SIGMA[0]
     print(f"seed {seed}: {np.std(z):.3f}, kurtosis {np.mean(z**4) / np.mean(z**2) ** 2:.2f}")
     assert kstest(z, "norm").pvalue > 0.01
 
@@ -185,7 +185,7 @@ def test_one_step_of_the_zero_is_no_random_walk(seed):
     rng = np.random.default_rng(seed)
     clean, y = white(rng, 3000)
     y[:3, 1100:] += np.array([[0.004], [-0.006], [0.003]])
-    assert look_for_random_walk([shown(y, clean)]) == []
+    assert detect_random_walk([shown(y, clean)]) == []
 
 
 def repeated(rng, probability, step):
@@ -205,7 +205,7 @@ def test_repeats_gain_a_poisson_ratio_and_what_the_older_model_explains_of_them(
     step = 0.3 * SIGMA
     clean, y, fresh = repeated(np.random.default_rng(seed), 0.02, step)
     one = shown(y, clean, fresh=fresh)
-    found = look_for_repeats([one])
+    found = detect_repeats([one])
     count, seen = y.shape[1], int((~fresh).sum())
     assert found[0].term.effect.probability == pytest.approx(seen / count)
     # Two Gaussian draws in the same step of the lattice, in all six channels.
@@ -238,7 +238,7 @@ def test_outliers_gain_the_mixture_over_the_noise_alone_and_are_counted(seed):
     clean, y = white(rng, 4000)
     hit = rng.random(y.shape) < share
     one = shown(y + hit * sigma * SIGMA * rng.standard_normal(y.shape), clean)
-    found = look_for_outliers([one])
+    found = detect_outliers([one])
     assert [it.term.effect.name for it in found] == ["outliers"]
     values, sigmas = found[0].term.effect.values(), found[0].sigmas
     assert abs(values["probability"] - share) < 4.0 * sigmas["probability"] + 0.002
@@ -262,11 +262,11 @@ def test_of_one_wild_reading_nobody_knows_how_often_it_comes_or_how_wide_they_ar
     """
     clean, y = white(np.random.default_rng(seed), 400)
     y[4, 250] += 30.0 * SIGMA[4, 0]
-    (found,) = look_for_outliers([shown(y, clean)])
+    (found,) = detect_outliers([shown(y, clean)])
     values = found.term.effect.values()
     assert found.sigmas["probability"] == pytest.approx(values["probability"], rel=0.14)
     assert found.sigmas["sigma"] == pytest.approx(values["sigma"] / np.sqrt(2.0), rel=0.14)
-    assert "about 1 lonely" in found.where
+    assert "about 1 isolated" in found.where
 
 
 def test_wild_readings_of_one_channel_or_side_by_side_are_no_outliers():
@@ -276,12 +276,12 @@ def test_wild_readings_of_one_channel_or_side_by_side_are_no_outliers():
     spiky = y.copy()
     spiky[4] += 12.0 * SIGMA[4] * hit * rng.standard_normal(4000)
     one = shown(spiky, clean)
-    assert look_for_outliers([one]) == []
-    assert [row for row, _, _ in spiky_channels(one)] == [4]
+    assert detect_outliers([one]) == []
+    assert [row for row, _, _ in find_spiky_channels(one)] == [4]
     bursts = y.copy()
     for at in np.flatnonzero(hit[:-4]):
         bursts[:, at : at + 4] += 12.0 * SIGMA * rng.standard_normal((6, 1)) * [1.0, -1.0, 1.0, -1.0]
-    assert look_for_outliers([shown(bursts, clean)]) == []
+    assert detect_outliers([shown(bursts, clean)]) == []
 
 
 def walking(rng, k, count=3000):
@@ -298,9 +298,9 @@ def test_readings_that_are_sent_again_are_not_fresh_and_the_noise_is_that_of_the
     for at in np.flatnonzero(late):
         y[:, at] = y[:, at - 1]
     declared = SimpleNamespace(model=SimpleNamespace(noise=SimpleNamespace(gyro=1e-3, accel=1e-3)))
-    found = channel_noise(declared, shown(y, clean).node, SimpleNamespace(rolling=None), y - clean)
-    assert (found.fresh == ~late).all()
-    assert found.found.mean(axis=1) == pytest.approx(SIGMA[:, 0], rel=0.1)
+    found = estimate_channel_noise(declared, shown(y, clean).node, SimpleNamespace(rolling=None), y - clean)
+    assert (found.is_new == ~late).all()
+    assert found.sigma.mean(axis=1) == pytest.approx(SIGMA[:, 0], rel=0.1)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -309,19 +309,19 @@ def test_wild_readings_are_judged_by_the_scatter_around_them_whatever_noise_was_
     clean, y = white(rng)
     y[2, 30::60] += 20.0 * SIGMA[2]
     one = shown(y, clean)
-    wide = replace(one, noise=replace(one.noise, levels=3.0 * SIGMA))
-    ((row, count, size),) = spiky_channels(one)
+    wide = replace(one, noise=replace(one.noise, group_sigmas=3.0 * SIGMA))
+    ((row, count, size),) = find_spiky_channels(one)
     assert (row, count) == (2, 25)
     # Beside the middle of four neighbours, whose own variance is 0.3.
     assert size == pytest.approx(20.0 / np.sqrt(1.3), rel=0.1)
-    assert spiky_channels(wide) == [(row, count, pytest.approx(size))]
+    assert find_spiky_channels(wide) == [(row, count, pytest.approx(size))]
 
 
 @pytest.mark.parametrize(("times", "words"), [(1.0, ""), (1.1, ""), (3.0, "larger"), (0.3, "smaller")])
 def test_noise_is_worth_a_line_where_it_is_not_as_declared(times, words):
     clean, y = white(np.random.default_rng(1))
     one = shown(y, clean)
-    said = list(_noise({"left": replace(one, noise=replace(one.noise, levels=times * SIGMA))}))
+    said = list(_list_noise({"left": replace(one, noise=replace(one.noise, group_sigmas=times * SIGMA))}))
     assert len(said) == (6 if words else 0)
     assert all(f"noise {words} than declared" in line.looks_like for line in said)
     assert all(f"{times:.2f} times what the model says" in line.looks_like for line in said)
@@ -340,7 +340,7 @@ def test_a_random_walk_gains_the_density_of_window_means_with_its_covariance(see
     for part in parts:
         y[:3, part] += np.sqrt(of_inputs) * rng.standard_normal((3, 1))
     one = replace(shown(y, clean), input_variance=np.full(6, of_inputs))
-    found = look_for_random_walk([one])
+    found = detect_random_walk([one])
     assert [it.term.effect.name for it in found] == ["gyro_rate_random_walk"]
     assert abs(found[0].term.effect.k - k) < 4.0 * found[0].sigmas["k"]
     at = np.array([t[part].mean() for part in parts]) - t[parts[0]].mean()
@@ -366,7 +366,7 @@ def test_a_walk_far_above_the_noise_comes_back_as_large_as_it_is():
     ratios = []
     for seed in range(6):
         clean, y = walking(np.random.default_rng([seed, 3]), 0.02, 12_000)
-        (found,) = look_for_random_walk([shown(y, clean)])
+        (found,) = detect_random_walk([shown(y, clean)])
         ratios.append(found.term.effect.k / 0.02)
     print("seeds [0..5, 3]:", np.round(ratios, 3))
     assert abs(np.mean(ratios) - 1.0) < 3.0 * found.sigmas["k"] / 0.02 / np.sqrt(6)
@@ -375,27 +375,27 @@ def test_a_walk_far_above_the_noise_comes_back_as_large_as_it_is():
 def test_a_step_of_the_bias_is_no_random_walk():
     clean, y = white(np.random.default_rng(1), 3000)
     y[:3, 1500:] += 0.05
-    assert look_for_random_walk([shown(y, clean)]) == []
+    assert detect_random_walk([shown(y, clean)]) == []
 
 
 def test_what_the_model_has_already_is_not_proposed_again():
     rng = np.random.default_rng(1)
     clean, y = walking(rng, 0.003)
-    assert look_for_random_walk([shown(y, clean, effects=["gyro_rate_random_walk"])]) == []
+    assert detect_random_walk([shown(y, clean, effects=["gyro_rate_random_walk"])]) == []
     clean, y, fresh = repeated(rng, 0.02, 0.3 * SIGMA)
-    assert look_for_repeats([shown(y, clean, fresh=fresh, effects=["sample_repeat"])]) == []
+    assert detect_repeats([shown(y, clean, fresh=fresh, effects=["sample_repeat"])]) == []
     clean, y = white(rng)
     y = np.clip(0.04 * np.round(y / 0.04), -5.0, 5.0)
     known = ["gyro_quantization", "gyro_saturation", "accel_saturation"]
     one = shown(y, clean, limits=(5.0, 5.0), effects=known)
-    assert look_for_limits([one]) == look_for_quantization([one]) == []
+    assert detect_limits([one]) == detect_quantization([one]) == []
 
 
 @pytest.mark.parametrize("k", [0.011, 0.03, 0.2])
 def test_the_top_of_a_likelihood_between_the_steps_of_its_grid_is_found_with_its_width(k):
     """A Gaussian in ln k of 0.3: its top is at k, and 1 sigma of k is 0.3 k."""
     grid = np.geomspace(0.01, 0.3, 12)
-    found, sigma = _refined(-0.5 * (np.log(grid / k) / 0.3) ** 2, grid)
+    found, sigma = _refine_peak(-0.5 * (np.log(grid / k) / 0.3) ** 2, grid)
     assert found == pytest.approx(k, rel=1e-9)
     assert sigma == pytest.approx(0.3 * k, rel=1e-9)
 
@@ -403,4 +403,4 @@ def test_the_top_of_a_likelihood_between_the_steps_of_its_grid_is_found_with_its
 def test_a_likelihood_that_still_rises_at_the_end_of_its_grid_says_so():
     """No top, no width: the last step but one, as unsure as it is large."""
     grid = np.geomspace(0.01, 0.3, 12)
-    assert _refined(np.exp(grid / 0.3), grid) == (grid[-2], grid[-2])
+    assert _refine_peak(np.exp(grid / 0.3), grid) == (grid[-2], grid[-2])

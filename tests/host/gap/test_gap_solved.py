@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hubodo.gap.linear.linearised import solved
+from hubodo.gap.linear.linearisation import invert_information
 
 
 @given(st.integers(0, 10_000), st.integers(2, 6))
@@ -12,7 +12,7 @@ def test_what_is_seen_is_inverted_as_any_matrix_is(seed, size):
     rng = np.random.default_rng(seed)
     root = rng.standard_normal((size, 3 * size)) * 10.0 ** rng.uniform(-2, 2, size)[:, None]
     gram = root @ root.T
-    np.testing.assert_allclose(solved(gram, np.diag(gram)) @ gram, np.eye(size), atol=1e-6)
+    np.testing.assert_allclose(invert_information(gram, np.diag(gram)) @ gram, np.eye(size), atol=1e-6)
 
 
 @given(st.integers(0, 10_000))
@@ -23,7 +23,7 @@ def test_what_the_others_do_as_well_is_frozen_and_the_others_known_as_if_it_were
     for order in ([0, 1, 2], [2, 0, 1], [1, 2, 0]):
         made = np.stack([*columns, weak])[order]
         gram = made @ made.T
-        covariance = solved(gram, np.diag(gram))
+        covariance = invert_information(gram, np.diag(gram))
         frozen = order.index(2)
         assert not covariance[frozen].any()
         kept = [k for k in range(3) if k != frozen]
@@ -34,4 +34,4 @@ def test_what_the_others_do_as_well_is_frozen_and_the_others_known_as_if_it_were
 
 def test_what_only_rounding_left_of_a_large_column_is_frozen():
     gram = np.array([[2.0, 0.0], [0.0, 1e-3]])
-    assert np.diag(solved(gram, np.array([4.0, 1e4]))).tolist() == [0.5, 0.0]
+    assert np.diag(invert_information(gram, np.array([4.0, 1e4]))).tolist() == [0.5, 0.0]

@@ -11,7 +11,7 @@ import pytest
 from gap_matrix.make_case import make
 from gap_runs import Run
 from hubodo.cli import main
-from hubodo.gap.problem.assumed import assumed_model
+from hubodo.gap.problem.assumed import assume_model
 from hubodo.log.csv_folder import read_folder, write_folder
 from hubodo.model.model_file import read_model
 from hubodo.recording import Recording, Table
@@ -67,7 +67,7 @@ def test_two_wheels_without_any_reference_are_enough(tmp_path):
         tmp_path / "out", tmp_path / "wheels", vehicle_file(tmp_path / "case", tmp_path / "v.toml")
     )
     assert made.names == [("lever_arm", "left")]
-    assert "what the gyros across the axles read" in made.out
+    assert "from the gyro axes across the axles" in made.out
     hidden = json.loads((tmp_path / "case" / "hidden.json").read_text("utf-8"))["hidden"][0]["parameters"]
     for name, value in made.result["found"][0]["parameters"].items():
         assert abs(value["value"] - hidden[name]) < 3.0 * value["sigma"], name
@@ -84,10 +84,10 @@ def test_an_upright_node_on_the_body_tells_the_yaw_rate(nothing, tmp_path):
     with vehicle.open("a", encoding="utf-8") as file:
         file.write("\n[nodes.frame]\n")
     recording = Recording({**read.nodes, "frame": frame})
-    assert assumed_model(recording, load_vehicle(vehicle)).inputs.yaw_rate == "nodes.frame.gz"
+    assert assume_model(recording, load_vehicle(vehicle)).inputs.yaw_rate == "nodes.frame.gz"
     lying = Table({**frame.columns, "ay": frame["az"], "az": frame["ay"]})
     recording = Recording({**read.nodes, "frame": lying})
-    assert assumed_model(recording, load_vehicle(vehicle)).inputs.yaw_rate == "nodes"
+    assert assume_model(recording, load_vehicle(vehicle)).inputs.yaw_rate == "nodes"
 
 
 def test_a_log_that_says_no_speed_is_refused(nothing, tmp_path):

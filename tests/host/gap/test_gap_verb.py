@@ -9,7 +9,7 @@ import pytest
 from gap_matrix.make_case import make
 from gap_runs import gap
 from hubodo.effects import BY_NAME
-from hubodo.gap.tell.explain import explain
+from hubodo.gap.explain.explanation import explain_effect
 
 SEED = 3
 
@@ -80,11 +80,11 @@ def rival(name, scope="all", **values):
     """A candidate of a round, refitted or as the linear model saw it."""
     term = SimpleNamespace(effect=SimpleNamespace(name=name), scope=scope)
     made = {"gain": 20.0, "evidence": 9.0, "probability": 0.25, **values}
-    return SimpleNamespace(term=term, candidate=SimpleNamespace(term=term), label=f"{name} {scope}", **made)
+    return SimpleNamespace(term=term, candidate=SimpleNamespace(term=term), key=f"{name} {scope}", **made)
 
 
 def round_of(best, *rivals, screened=()):
-    return SimpleNamespace(best=best, rivals=rivals, screened=screened)
+    return SimpleNamespace(best=best, hypotheses=rivals, screened=screened)
 
 
 def why(*rounds, name="gyro_bias", found=(), model=("wheel_camber",), rejected=False):
@@ -92,7 +92,7 @@ def why(*rounds, name="gyro_bias", found=(), model=("wheel_camber",), rejected=F
     result = SimpleNamespace(
         search=SimpleNamespace(rounds=rounds), found=found, model=SimpleNamespace(effects=effects)
     )
-    return explain(result, name, rejected)
+    return explain_effect(result, name, rejected)
 
 
 CAMBER, BIAS = rival("wheel_camber", "right"), rival("gyro_bias")

@@ -4,12 +4,12 @@ import pytest
 
 import wanted
 from gap_runs import WHEELCHAIR
-from hubodo.gap.judge.round import look
-from hubodo.gap.judge.search import initial_state
-from hubodo.gap.problem.build import build
-from hubodo.gap.process_noise.point import Point
-from hubodo.gap.process_noise.residual import gap
-from hubodo.gap.process_noise.tracking import own_weights, track_wheel_phase
+from hubodo.gap.judge.round import judge_round
+from hubodo.gap.judge.search import build_initial_state
+from hubodo.gap.problem.build import build_problem
+from hubodo.gap.process_noise.evaluation import Evaluation
+from hubodo.gap.process_noise.residual import compute_gap
+from hubodo.gap.process_noise.tracking import estimate_weights, track_wheel_phase
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 from hubodo.recording import Recording, Table
@@ -27,19 +27,21 @@ def first_round(tmp_path_factory):
     }
     path = tmp_path_factory.mktemp("wheelchair") / "model.toml"
     path.write_text(WHEELCHAIR.format(track_width=0.92), "utf-8")
-    state, _ = track_wheel_phase(initial_state(build(Recording(thin), read_model(path))))
-    return look(Point(state, own_weights(state)))
+    state, _ = track_wheel_phase(build_initial_state(build_problem(Recording(thin), read_model(path))))
+    return judge_round(Evaluation(state, estimate_weights(state)))
 
 
 def test_the_wheels_of_a_sports_wheelchair_lean(first_round):
     """Such chairs are built with 15 to 20 degrees of camber; both wheels of one chair have the same."""
     made = first_round
     assert made.best is not None
-    assert made.best.label == ("wheel_camber", "all")
+    assert made.best.key == ("wheel_camber", "all")
     assert made.best.probability > 0.99
     assert 0.26 < made.best.term.effect.values()["angle"] < 0.36
 
 
 def test_with_that_the_gap_is_little_more_than_half(first_round):
-    before = first_round.before
-    assert gap(before.at(first_round.best.state).residuals) < 0.6 * gap(before.residuals)
+    before = first_round.evaluation
+    assert compute_gap(before.with_state(first_round.best.state).residuals) < 0.6 * compute_gap(
+        before.residuals
+    )

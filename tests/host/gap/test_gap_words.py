@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from hubodo.gap.tell.regimes import Course, Regimes, when
+from hubodo.gap.explain.regimes import Regimes, Trajectory, describe_interval
 
 T = np.arange(0.0, 100.0, 0.01)
 SPIN = 8.0 + 4.0 * np.sin(0.2 * T) + 2.0 * np.sin(0.71 * T + 1.0)
 ANGLE = np.cumsum(SPIN) * 0.01
 YAW = 0.5 * np.sin(0.13 * T) + 0.3 * np.sin(0.55 * T)
 WARM = 25.0 + 4.0 * np.sin(0.031 * T)
-COURSE = Course(
+COURSE = Trajectory(
     T,
     ANGLE,
     SPIN,
@@ -46,7 +46,7 @@ CASES = {
 
 @pytest.mark.parametrize("words", CASES)
 def test_a_change_is_told_by_what_made_it(words):
-    assert Regimes(COURSE).of(CASES[words]).words == words
+    assert Regimes(COURSE).find_regime(CASES[words]).words == words
 
 
 @pytest.mark.parametrize("words", CASES)
@@ -54,7 +54,7 @@ def test_it_is_told_below_the_noise_too(words):
     seed = 7
     noise = np.random.default_rng(seed).standard_normal(len(T))
     change = CASES[words] / np.sqrt(np.mean(CASES[words] ** 2))
-    assert Regimes(COURSE).of(0.5 * change + noise, 1.0).words == words, seed
+    assert Regimes(COURSE).find_regime(0.5 * change + noise, 1.0).words == words, seed
 
 
 @pytest.mark.parametrize(
@@ -66,17 +66,19 @@ def test_what_explains_little_is_one_among_others_and_what_explains_hardly_anyth
     seed = 9
     noise = np.random.default_rng(seed).standard_normal(len(T))
     change = CASES["with the temperature"] / np.sqrt(np.mean(CASES["with the temperature"] ** 2))
-    assert Regimes(COURSE).of(np.sqrt(share) * change + np.sqrt(1.0 - share) * noise).words == words, seed
+    assert (
+        Regimes(COURSE).find_regime(np.sqrt(share) * change + np.sqrt(1.0 - share) * noise).words == words
+    ), seed
 
 
 def test_noise_goes_with_nothing():
     seed = 8
     noise = np.random.default_rng(seed).standard_normal(len(T))
-    found = Regimes(COURSE).of(noise, 1.0)
+    found = Regimes(COURSE).find_regime(noise, 1.0)
     assert found.share < 0.3
     assert found.words.startswith("at no particular time") or "among others" in found.words, seed
 
 
 def test_a_short_stretch_is_named():
-    assert when(T, np.where((T > 20.0) & (T < 30.0), np.sin(T), 0.0)) == "between 20 and 30 s"
-    assert when(T, np.ones_like(T)) == ""
+    assert describe_interval(T, np.where((T > 20.0) & (T < 30.0), np.sin(T), 0.0)) == "between 20 and 30 s"
+    assert describe_interval(T, np.ones_like(T)) == ""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hubodo.effects import EFFECTS
-from hubodo.gap.tell.limits import NEVER_APART
+from hubodo.gap.explain.indistinguishable import INDISTINGUISHABLE_CAUSES
 from hubodo.report.gap_drive import _MOVES, drive_figure, stretches_of
 
 WAYS = sorted({way for effect in EFFECTS for way in effect.confusable_with.values()})
@@ -42,5 +42,5 @@ def test_no_word_of_a_manoeuvre_is_without_use():
 
 def test_the_readme_says_what_no_drive_can_tell_apart():
     readme = (Path(__file__).parents[3] / "host/hubodo/gap/README.md").read_text("utf-8")
-    for one, other, why in NEVER_APART:
+    for one, other, why in INDISTINGUISHABLE_CAUSES:
         assert f"| {one} | {other} | {why} |" in readme

@@ -10,23 +10,23 @@ import numpy as np
 
 from hubodo.effects.empirical import PREFIX
 from hubodo.errors import InputError
-from hubodo.gap.change.joint import compare
-from hubodo.gap.judge.round import Say
-from hubodo.gap.judge.search import initial_state
-from hubodo.gap.problem.build import build
+from hubodo.gap.change.score_test import compare_logs
+from hubodo.gap.explain.finding import estimate_parameters
+from hubodo.gap.explain.result import Estimate, Finding
+from hubodo.gap.judge.round import ReportProgress
+from hubodo.gap.judge.search import build_initial_state
+from hubodo.gap.problem.build import build_problem
 from hubodo.gap.problem.problem import Problem
-from hubodo.gap.process_noise.point import Point
+from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.refit.refit import Refit, refit_with_weights
 from hubodo.gap.screen.null_distribution import NullDistribution
 from hubodo.gap.state.terms import ALL, VEHICLE, ModelTerm
-from hubodo.gap.tell.finding import fitted_values
-from hubodo.gap.tell.result import Finding, Value
 from hubodo.gap.workflow import find_gap
 from hubodo.model.model_file import Model, ScopedEffect
 from hubodo.recording import Recording
 
 # A change is named when chance makes one as large in less than one of a hundred pairs of logs.
-CHANGED = 0.01
+CHANGE_P_VALUE = 0.01
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Change:
 
     effect: str
     scope: str
-    values: dict[str, tuple[Value, Value, Value]]
+    values: dict[str, tuple[Estimate, Estimate, Estimate]]
     p_value: float
     where: str
 
@@ -69,22 +69,22 @@ class ChangeResult:
 
     p_value: float
     changes: tuple[Change, ...]
-    unnamed: tuple[str, ...]
-    before: Model
-    after: Model
+    unnamed_terms: tuple[str, ...]
+    model_before: Model
+    model_after: Model
     warnings: tuple[str, ...]
 
     @property
-    def changed(self) -> bool:
-        return self.p_value < CHANGED
+    def has_changed(self) -> bool:
+        return self.p_value < CHANGE_P_VALUE
 
     def as_json(self) -> dict[str, Any]:
         """What `change.json` holds."""
         return {
-            "changed": self.changed,
+            "changed": self.has_changed,
             "p_value": self.p_value,
             "changes": [it.as_json() for it in self.changes],
-            "unnamed": list(self.unnamed),
+            "unnamed": list(self.unnamed_terms),
             "warnings": list(self.warnings),
         }
 
@@ -94,50 +94,61 @@ def find_change(
     after: Recording,
     model: Model,
     *,
-    where: tuple[str, str] = ("before", "after"),
-    say: Say = lambda words, share: None,
+    log_names: tuple[str, str] = ("before", "after"),
+    report_progress: ReportProgress = lambda words, share: None,
 ) -> ChangeResult:
     """What is another in the second log than in the first.
 
     Raises InputError when a log does not belong to the model, or the two have not the same nodes.
     """
-    problems = [build(log, model, name) for log, name in zip((before, after), where, strict=True)]
+    problems = [build_problem(log, model, name) for log, name in zip((before, after), log_names, strict=True)]
     names = [{node.name for node in problem.nodes} for problem in problems]
     if names[0] != names[1]:
         raise InputError(
-            f"{where[0]} has {', '.join(names[0])}, {where[1]} {', '.join(names[1])}: not the same nodes"
+            f"{log_names[0]} has {', '.join(names[0])}, {log_names[1]} has {', '.join(names[1])}: "
+            "compare logs with the same nodes"
         )
-    first = find_gap(before, model, where=where[0], say=lambda words, share: say(words, 0.45 * share))
-    was = _named(first.model)
-    second = find_gap(after, was, where=where[1], say=lambda words, share: say(words, 0.45 + 0.45 * share))
-    say("comparing", 0.92)
+    first = find_gap(
+        before,
+        model,
+        log_name=log_names[0],
+        report_progress=lambda words, share: report_progress(words, 0.45 * share),
+    )
+    was = _drop_unnamed(first.model)
+    second = find_gap(
+        after,
+        was,
+        log_name=log_names[1],
+        report_progress=lambda words, share: report_progress(words, 0.45 + 0.45 * share),
+    )
+    report_progress("comparing", 0.92)
     found = [item for item in was.effects if item not in model.effects]
-    p_value = compare(*_alike(problems, found)).p_value
+    p_value = compare_logs(*_with_common_values(problems, found)).p_value
     own = [it for it in second.found if not it.effect.startswith(PREFIX)]
     unnamed = tuple(it.effect for it in second.found if it.effect.startswith(PREFIX))
-    free = [*found, *(_scoped(it, second.model) for it in own)]
-    fits = [_fitted(problem, free) for problem in problems]
-    null = compare(fits[0].point, fits[1].point).null
-    made = [_change(it, fits, null) for it in own] if p_value < CHANGED else []
-    changes = tuple(it for it in made if it.p_value < CHANGED)
-    models = [_model_of(model, fit) for fit in fits]
+    free = [*found, *(_scoped_effect(it, second.model) for it in own)]
+    fits = [_fit_log(problem, free) for problem in problems]
+    null = compare_logs(fits[0].evaluation, fits[1].evaluation).null_distribution
+    made = [_build_change(it, fits, null) for it in own] if p_value < CHANGE_P_VALUE else []
+    changes = tuple(it for it in made if it.p_value < CHANGE_P_VALUE)
+    models = [_build_model(model, fit) for fit in fits]
     warnings = tuple(dict.fromkeys([*first.warnings, *second.warnings]))
     return ChangeResult(
-        p_value, changes, unnamed if p_value < CHANGED else (), models[0], models[1], warnings
+        p_value, changes, unnamed if p_value < CHANGE_P_VALUE else (), models[0], models[1], warnings
     )
 
 
-def _named(model: Model) -> Model:
+def _drop_unnamed(model: Model) -> Model:
     """Without terms that have no name."""
     return replace(model, effects=tuple(it for it in model.effects if not it.effect.name.startswith(PREFIX)))
 
 
-def _scoped(found: Finding, model: Model) -> ScopedEffect:
+def _scoped_effect(found: Finding, model: Model) -> ScopedEffect:
     node = None if found.scope in (ALL, VEHICLE) else found.scope
     return next(it for it in model.effects if (it.effect.name, it.node) == (found.effect, node))
 
 
-def _terms(free: Sequence[ScopedEffect]) -> list[ModelTerm]:
+def _free_terms(free: Sequence[ScopedEffect]) -> list[ModelTerm]:
     """Free terms; of two for one place the last."""
     made = {}
     for item in free:
@@ -147,40 +158,42 @@ def _terms(free: Sequence[ScopedEffect]) -> list[ModelTerm]:
     return list(made.values())
 
 
-def _fitted(problem: Problem, free: Sequence[ScopedEffect]) -> Refit:
+def _fit_log(problem: Problem, free: Sequence[ScopedEffect]) -> Refit:
     """A log with these free, beside what the model file has."""
-    terms = _terms(free)
-    begin = initial_state(problem)
+    terms = _free_terms(free)
+    begin = build_initial_state(problem)
     keys = {term.key for term in terms}
     return refit_with_weights(begin.with_terms([*(it for it in begin.terms if it.key not in keys), *terms]))
 
 
-def _alike(problems: Sequence[Problem], found: Sequence[ScopedEffect]) -> tuple[Point, Point]:
+def _with_common_values(
+    problems: Sequence[Problem], found: Sequence[ScopedEffect]
+) -> tuple[Evaluation, Evaluation]:
     """Both logs with the same values, the mean of both fits, each weighed as when it is fitted itself."""
-    fits = [_fitted(problem, found) for problem in problems]
-    same = {term.key: _mean(term, fits) for term in fits[0].free}
+    fits = [_fit_log(problem, found) for problem in problems]
+    same = {term.key: _average_term(term, fits) for term in fits[0].free_terms}
     states = [fit.state.with_terms([same.get(term.key, term) for term in fit.state.terms]) for fit in fits]
-    return fits[0].point.at(states[0]), fits[1].point.at(states[1])
+    return fits[0].evaluation.with_state(states[0]), fits[1].evaluation.with_state(states[1])
 
 
-def _mean(term: ModelTerm, fits: Sequence[Refit]) -> ModelTerm:
+def _average_term(term: ModelTerm, fits: Sequence[Refit]) -> ModelTerm:
     """A term with each coordinate where both fits together have it."""
     there, weights = [], []
     for fit in fits:
-        own = next(it for it in fit.free if it.key == term.key)
-        variance = np.diag(_covariance(fit, fit.place(own)))
+        own = next(it for it in fit.free_terms if it.key == term.key)
+        variance = np.diag(_larger_covariance(fit, fit.coordinate_slice(own)))
         there.append(own.effect.coordinates())
         weights.append(np.where(variance > 0.0, 1.0 / np.where(variance > 0.0, variance, 1.0), 1e-12))
-    return term.at(np.average(there, axis=0, weights=weights))
+    return term.with_coordinates(np.average(there, axis=0, weights=weights))
 
 
-def _change(found: Finding, fits: Sequence[Refit], null: NullDistribution) -> Change:
+def _build_change(found: Finding, fits: Sequence[Refit], null: NullDistribution) -> Change:
     """A name that the second log asks for beside the first one's model."""
     key = (found.effect, found.scope)
-    terms = [next(term for term in fit.free if term.key == key) for fit in fits]
-    values = [fitted_values(term, fit) for term, fit in zip(terms, fits, strict=True)]
-    places = [fit.place(term) for term, fit in zip(terms, fits, strict=True)]
-    covariance = sum(_covariance(fit, place) for fit, place in zip(fits, places, strict=True))
+    terms = [next(term for term in fit.free_terms if term.key == key) for fit in fits]
+    values = [estimate_parameters(term, fit) for term, fit in zip(terms, fits, strict=True)]
+    places = [fit.coordinate_slice(term) for term, fit in zip(terms, fits, strict=True)]
+    covariance = sum(_larger_covariance(fit, place) for fit, place in zip(fits, places, strict=True))
     apart = (terms[1].effect.coordinates() - terms[0].effect.coordinates()) / terms[
         0
     ].effect.coordinate_scales()
@@ -191,17 +204,17 @@ def _change(found: Finding, fits: Sequence[Refit], null: NullDistribution) -> Ch
     for name, old in values[0].items():
         new = values[1][name]
         sigma = None if old.sigma is None or new.sigma is None else float(np.hypot(old.sigma, new.sigma))
-        three[name] = (old, new, Value(new.value - old.value, sigma, old.unit))
+        three[name] = (old, new, Estimate(new.value - old.value, sigma, old.unit))
     return Change(found.effect, found.scope, three, null.p_value(gain, int(seen.sum())), found.where)
 
 
-def _covariance(fit: Refit, place: slice) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _larger_covariance(fit: Refit, place: slice) -> np.ndarray[Any, np.dtype[np.float64]]:
     """(k, k) in scales: the larger of what independent samples and the scatter of blocks say."""
-    robust, plain = fit.robust[place, place], fit.covariance[place, place]
+    robust, plain = fit.robust_covariance[place, place], fit.covariance[place, place]
     return robust if np.trace(robust) > np.trace(plain) else plain
 
 
-def _model_of(model: Model, fit: Refit) -> Model:
+def _build_model(model: Model, fit: Refit) -> Model:
     scoped = [
         ScopedEffect(term.effect, None if term.scope in (ALL, VEHICLE) else term.scope)
         for term in fit.state.terms

@@ -1,1 +1,1 @@
-"""The verdict on names: rounds of the search, second thoughts, what is held out."""
+"""Decision on effects: rounds of the search, reconsideration, held-out samples."""

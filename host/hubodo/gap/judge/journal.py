@@ -1,7 +1,7 @@
-"""The rounds of a search, kept in a file one by one: a search that was stopped goes on where it was.
+"""A journal of the rounds of a search, from which an interrupted search resumes.
 
-A search asks for the same rounds again when it begins again with the same log, model and options. Those that
-are kept are read, so that it ends as if it had never been stopped, bit for bit.
+A search restarted with the same log, model and options requests the same rounds. Stored rounds are read back,
+so that the result equals that of an uninterrupted search bit by bit.
 """
 
 from __future__ import annotations
@@ -20,188 +20,196 @@ from hubodo.atomic_files import write_atomically
 from hubodo.effects import BY_NAME
 from hubodo.effects.empirical import PREFIX, empirical
 from hubodo.errors import InputError
-from hubodo.gap.judge.rival import Rival
-from hubodo.gap.judge.round import Round, Say, look
-from hubodo.gap.process_noise.point import Point
+from hubodo.gap.judge.hypothesis import Hypothesis
+from hubodo.gap.judge.round import ReportProgress, Round, judge_round
+from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.scatter import Proposal
 from hubodo.gap.screen.candidates import Candidate
 from hubodo.gap.screen.null_distribution import NullDistribution
-from hubodo.gap.screen.screening import Screened
+from hubodo.gap.screen.screening import ScreenedCandidate
 from hubodo.gap.state.state import State
 from hubodo.gap.state.terms import ModelTerm
 from hubodo.model.forward import NodeInitialState
 from hubodo.model.model_file import Model, model_toml
 from hubodo.recording import Recording
 
-_VERSION = 2
+_JOURNAL_VERSION = 2
 
 
 class Journal:
-    """Rounds that were judged, in a file; without one it keeps nothing."""
+    """A file of judged rounds; without a path nothing is stored."""
 
-    def __init__(self, path: Path | None = None, what: str = "", resume: bool = False) -> None:
-        """what: fingerprint of all that the rounds hang on. resume: go on with what the file has.
+    def __init__(self, path: Path | None = None, search_fingerprint: str = "", resume: bool = False) -> None:
+        """Open a journal.
 
-        Raises InputError when there is nothing to go on with, or that of another search.
+        search_fingerprint: of everything that the rounds depend on
+        resume: continue with the rounds of the file
+
+        Raises InputError if there is no file to resume, or it belongs to another search.
         """
         self._path = path
-        self._kept: list[dict[str, Any]] = []
+        self._stored: list[dict[str, Any]] = []
         if path is None:
             return
-        head = {"version": _VERSION, "of": what}
+        head = {"version": _JOURNAL_VERSION, "of": search_fingerprint}
         self._head = "" if resume else json.dumps(head) + "\n"
         if resume:
-            self._kept = _read(path, head)
+            self._stored = _read(path, head)
 
-    def look(
+    def judge_round(
         self,
-        point: Point,
+        evaluation: Evaluation,
         reject: Collection[str] = (),
-        also: Collection[tuple[str, str]] = (),
-        say: Say = lambda words, share: None,
+        always_refit: Collection[tuple[str, str]] = (),
+        report_progress: ReportProgress = lambda words, share: None,
     ) -> Round:
-        """One round from a point, as `round.look`: read where it is kept, else judged and kept."""
-        asked = {"terms": [list(term.key) for term in point.state.terms], "reject": sorted(reject)}
-        if self._kept:
-            kept = self._kept.pop(0)
-            if kept["asked"] == asked:
-                return _round(kept["round"], point)
-            self._kept.clear()
-        made = look(point, reject, also, say)
-        self._keep({"asked": asked, "round": _packed(made)})
-        return made
+        """Judge a round as `round.judge_round`, or read it back if it is stored."""
+        request = {"terms": [list(term.key) for term in evaluation.state.terms], "reject": sorted(reject)}
+        if self._stored:
+            entry = self._stored.pop(0)
+            if entry["asked"] == request:
+                return _round_from_json(entry["round"], evaluation)
+            self._stored.clear()
+        judged = judge_round(evaluation, reject, always_refit, report_progress)
+        self._append({"asked": request, "round": _round_to_json(judged)})
+        return judged
 
-    def _keep(self, line: Mapping[str, Any]) -> None:
-        """Add a line; the first one begins the file, in a folder that is made where it does not exist."""
+    def _append(self, entry: Mapping[str, Any]) -> None:
+        """Append an entry; the first one creates the file and its folder."""
         if self._path is None:
             return
         self._path.parent.mkdir(parents=True, exist_ok=True)
         try:
             if self._head:
-                # Not through a link that stands there.
+                # Do not write through an existing link.
                 self._path.unlink(missing_ok=True)
             with self._path.open("x" if self._head else "a", encoding="utf-8") as file:
-                file.write(f"{self._head}{json.dumps(line)}\n")
+                file.write(f"{self._head}{json.dumps(entry)}\n")
         except OSError as error:
-            # Writing does not say what was written to; half a round is of no use.
+            # The error lacks the path; half a round is useless.
             self._path.unlink(missing_ok=True)
             raise OSError(error.errno, error.strerror, str(self._path)) from None
         self._head = ""
 
-    def forget(self) -> None:
-        """The search is finished: its rounds are needed no more."""
+    def delete(self) -> None:
+        """Delete the file of a finished search."""
         if self._path is not None:
             self._path.unlink(missing_ok=True)
 
 
-def fingerprint(recording: Recording, model: Model, *beside: Collection[str]) -> str:
-    """Of all that the rounds of a search hang on: the samples, the model, the effects that are known.
+def compute_fingerprint(recording: Recording, model: Model, *options: Collection[str]) -> str:
+    """Return a fingerprint of everything a search depends on: samples, model and known effects.
 
-    beside: options, the sources of further effects, and the version of the program.
+    options: options of the search, sources of additional effects, version of the program
     """
-    made = hashlib.sha256(repr((model_toml(model), beside, sorted(BY_NAME))).encode())
+    digest = hashlib.sha256(repr((model_toml(model), options, sorted(BY_NAME))).encode())
     for name, table in recording.files().items():
         for column in table:
-            made.update(f"{name}.{column}".encode())
-            made.update(np.ascontiguousarray(table[column]).tobytes())
-    return made.hexdigest()
+            digest.update(f"{name}.{column}".encode())
+            digest.update(np.ascontiguousarray(table[column]).tobytes())
+    return digest.hexdigest()
 
 
-def _read(path: Path, head: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """The rounds of a file that are whole; what follows the last of them is cut off."""
+def _read(path: Path, header: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the complete rounds of a file; an incomplete one at its end is cut off."""
     if not path.exists():
-        raise InputError(f"{path.parent}: no search was stopped there; leave out --resume")
-    whole = path.read_text("utf-8").rpartition("\n")[0]
+        raise InputError(f"{path.parent}: contains no interrupted search; leave out --resume")
+    complete = path.read_text("utf-8").rpartition("\n")[0]
     try:
-        first, *rounds = [json.loads(line) for line in whole.splitlines()]
+        first, *rounds = [json.loads(line) for line in complete.splitlines()]
     except ValueError:
         first, rounds = None, []
-    if first != head:
+    if first != header:
         raise InputError(
             f"{path}: is of another log, model, choice of options or version of hubodo; leave out --resume"
         )
-    write_atomically(path, whole + "\n")
+    write_atomically(path, complete + "\n")
     return rounds
 
 
-def _packed(made: Round) -> dict[str, Any]:
+def _round_to_json(judged: Round) -> dict[str, Any]:
     return {
-        "rivals": [_packed_rival(rival) for rival in made.rivals],
-        "nothing": made.nothing,
-        "screened": [[_packed_term(it.candidate.term), it.gain, it.evidence] for it in made.screened],
-        "null": _text(made.null.surprises),
-        "tempering": made.tempering,
+        "rivals": [_hypothesis_to_json(rival) for rival in judged.hypotheses],
+        "nothing": judged.null_probability,
+        "screened": [
+            [_term_to_json(candidate.candidate.term), candidate.gain, candidate.evidence]
+            for candidate in judged.screened
+        ],
+        "null": _array_to_text(judged.null_distribution.surprises),
+        "tempering": judged.tempering,
     }
 
 
-def _packed_rival(rival: Rival) -> dict[str, Any]:
-    proposal = rival.proposal
+def _hypothesis_to_json(hypothesis: Hypothesis) -> dict[str, Any]:
+    proposal = hypothesis.proposal
     return {
-        "term": _packed_term(rival.term),
-        "numbers": [rival.gain, rival.evidence, rival.probability],
-        "state": None if rival.state is None else _packed_state(rival.state),
+        "term": _term_to_json(hypothesis.term),
+        "numbers": [hypothesis.gain, hypothesis.evidence, hypothesis.probability],
+        "state": None if hypothesis.state is None else _state_to_json(hypothesis.state),
         "proposal": None
         if proposal is None
         else [proposal.gain, proposal.evidence, dict(proposal.sigmas), proposal.where],
     }
 
 
-def _packed_state(state: State) -> dict[str, Any]:
+def _state_to_json(state: State) -> dict[str, Any]:
     return {
-        "terms": [_packed_term(term) for term in state.terms],
+        "terms": [_term_to_json(term) for term in state.terms],
         "starts": {name: [start.wheel_angle, list(start.attitude)] for name, start in state.starts.items()},
-        "paths": {name: _text(path) for name, path in state.paths.items()},
-        "late": {name: _text(late) for name, late in state.late.items()},
+        "paths": {name: _array_to_text(path) for name, path in state.phase_offsets.items()},
+        "late": {name: _array_to_text(late) for name, late in state.stamp_delays.items()},
     }
 
 
-def _packed_term(term: ModelTerm) -> list[Any]:
-    return [term.effect.name, term.effect.values(), term.scope, term.fitted]
+def _term_to_json(term: ModelTerm) -> list[Any]:
+    return [term.effect.name, term.effect.values(), term.scope, term.is_fitted]
 
 
-def _round(kept: Mapping[str, Any], point: Point) -> Round:
+def _round_from_json(entry: Mapping[str, Any], point: Evaluation) -> Round:
     screened = []
-    for term, gain, evidence in kept["screened"]:
-        # What the others of its round were judged with went with them.
-        candidate = Candidate(_term(term), np.empty((0, 0)))
-        screened.append(Screened(candidate, gain, evidence, np.empty(0), np.empty((0, 0))))
-    rivals = tuple(_rival(rival, point) for rival in kept["rivals"])
-    null = NullDistribution(_array(kept["null"]))
-    return Round(point.bare(), rivals, kept["nothing"], tuple(screened), null, kept["tempering"])
+    for term, gain, evidence in entry["screened"]:
+        # Only name, gain and evidence of screened candidates are stored.
+        candidate = Candidate(_term_from_json(term), np.empty((0, 0)))
+        screened.append(ScreenedCandidate(candidate, gain, evidence, np.empty(0), np.empty((0, 0))))
+    hypotheses = tuple(_hypothesis_from_json(hypothesis, point) for hypothesis in entry["rivals"])
+    null = NullDistribution(_array_from_text(entry["null"]))
+    return Round(
+        point.without_cache(), hypotheses, entry["nothing"], tuple(screened), null, entry["tempering"]
+    )
 
 
-def _rival(kept: Mapping[str, Any], point: Point) -> Rival:
-    term, state, proposal = _term(kept["term"]), kept["state"], kept["proposal"]
-    gain, evidence, probability = kept["numbers"]
-    return Rival(
+def _hypothesis_from_json(entry: Mapping[str, Any], point: Evaluation) -> Hypothesis:
+    term, state, proposal = _term_from_json(entry["term"]), entry["state"], entry["proposal"]
+    gain, evidence, probability = entry["numbers"]
+    return Hypothesis(
         term,
         gain,
         evidence,
         probability,
-        None if state is None else _state(state, point),
+        None if state is None else _state_from_json(state, point),
         None if proposal is None else Proposal(term, *proposal),
     )
 
 
-def _state(kept: Mapping[str, Any], point: Point) -> State:
+def _state_from_json(entry: Mapping[str, Any], point: Evaluation) -> State:
     return State(
         point.problem,
-        tuple(_term(term) for term in kept["terms"]),
-        {name: NodeInitialState(angle, (x, y, z)) for name, (angle, (x, y, z)) in kept["starts"].items()},
-        {name: _array(path) for name, path in kept["paths"].items()},
-        {name: _array(late) for name, late in kept["late"].items()},
+        tuple(_term_from_json(term) for term in entry["terms"]),
+        {name: NodeInitialState(angle, (x, y, z)) for name, (angle, (x, y, z)) in entry["starts"].items()},
+        {name: _array_from_text(values) for name, values in entry["paths"].items()},
+        {name: _array_from_text(values) for name, values in entry["late"].items()},
     )
 
 
-def _term(kept: Sequence[Any]) -> ModelTerm:
-    name, values, scope, fitted = kept
-    kind = empirical(name) if name.startswith(PREFIX) else BY_NAME[name]
-    return ModelTerm(kind(**values), scope, fitted)
+def _term_from_json(entry: Sequence[Any]) -> ModelTerm:
+    name, values, scope, fitted = entry
+    effect_class = empirical(name) if name.startswith(PREFIX) else BY_NAME[name]
+    return ModelTerm(effect_class(**values), scope, fitted)
 
 
-def _text(values: Array) -> str:
+def _array_to_text(values: Array) -> str:
     return base64.b64encode(np.asarray(values, "<f8").tobytes()).decode("ascii")
 
 
-def _array(text: str) -> Array:
+def _array_from_text(text: str) -> Array:
     return np.frombuffer(base64.b64decode(text), "<f8").astype(float)

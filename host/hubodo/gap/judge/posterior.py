@@ -1,4 +1,4 @@
-"""How sure a name is: a posterior over the candidates, nothing, and something that is not listed."""
+"""Posterior over all candidates, the null hypothesis, and effects outside the list."""
 
 from __future__ import annotations
 
@@ -12,47 +12,59 @@ from scipy.special import logsumexp
 from hubodo.arrays import Array
 from hubodo.effects import BY_NAME
 from hubodo.effects.empirical import PREFIX
-from hubodo.gap.judge.rival import Rival
+from hubodo.gap.judge.hypothesis import Hypothesis
 
-# Prior: as likely as not that nothing is missing. What is missing is mostly in the list; a term of a library
-# that does no better than an effect with a name is that effect.
-NOTHING, UNLISTED = log(0.5), log(1e-6)
-_LISTED = log(0.5)
-# Where such a term does better by more than this, in ln likelihood, it is not that effect: then it is as
-# likely as that something is missing which is not in the list.
-NEAR, _MISSING_FROM_LIST = 3.0, log(0.05)
+# Prior: nothing is missing with probability 0.5. Missing effects are mostly in the list; a library term that
+# fits no better than a listed effect is that effect.
+LOG_PRIOR_NOTHING, LOG_PRIOR_UNNAMED = log(0.5), log(1e-6)
+_LOG_PRIOR_LISTED = log(0.5)
+# A library term whose gain is larger by more than this ln likelihood is not that effect: its prior is then
+# the probability that the list is incomplete.
+MAX_SIMILAR_GAIN, _LOG_PRIOR_LIST_INCOMPLETE = 3.0, log(0.05)
 
 
-def judged(rivals: Sequence[Rival]) -> tuple[tuple[Rival, ...], float]:
-    """The rivals with their probabilities, the most probable first, and that of nothing."""
-    names = [rival.term.effect.name for rival in rivals]
+def compute_posterior(hypotheses: Sequence[Hypothesis]) -> tuple[tuple[Hypothesis, ...], float]:
+    """Return the hypotheses by descending probability, and the probability of the null hypothesis."""
+    names = [hypothesis.term.effect.name for hypothesis in hypotheses]
     prior = [
-        UNLISTED if name.startswith(PREFIX) else one for name, one in zip(names, _priors(names), strict=True)
+        LOG_PRIOR_UNNAMED if name.startswith(PREFIX) else log_prior
+        for name, log_prior in zip(names, _log_priors(names), strict=True)
     ]
-    scores = {str(k): rival.evidence + prior[k] for k, rival in enumerate(rivals)}
-    share = _posterior({**scores, "nothing": NOTHING})
-    made = [replace(rival, probability=share[str(k)]) for k, rival in enumerate(rivals)]
-    return tuple(sorted(made, key=lambda it: -it.probability)), share["nothing"]
+    scores = {str(k): hypothesis.evidence + prior[k] for k, hypothesis in enumerate(hypotheses)}
+    probabilities = _normalise({**scores, "nothing": LOG_PRIOR_NOTHING})
+    judged = [
+        replace(hypothesis, probability=probabilities[str(k)]) for k, hypothesis in enumerate(hypotheses)
+    ]
+    return tuple(sorted(judged, key=lambda hypothesis: -hypothesis.probability)), probabilities["nothing"]
 
 
-def by_name(rivals: Sequence[Rival], own: Rival | None) -> dict[str, float]:
-    """The probability of each name, its scopes together, with doubt in the list where `own` fits worse."""
-    shares: dict[str, float] = {}
-    for rival in rivals:
-        name = rival.term.effect.name
-        better = own is not None and name.startswith(PREFIX) and rival.gain > own.gain + NEAR
-        doubt = exp(_MISSING_FROM_LIST - UNLISTED) if better and rival is not own else 1.0
-        shares[name] = shares.get(name, 0.0) + doubt * rival.probability
-    total = max(sum(shares.values()), 1.0)
-    return {name: share / total for name, share in shares.items()}
+def sum_by_name(hypotheses: Sequence[Hypothesis], own: Hypothesis | None) -> dict[str, float]:
+    """Return the probability of each effect, summed over its scopes.
+
+    An unnamed term that fits better than `own` counts with the prior of an incomplete list.
+    """
+    probabilities: dict[str, float] = {}
+    for hypothesis in hypotheses:
+        name = hypothesis.term.effect.name
+        is_better = (
+            own is not None and name.startswith(PREFIX) and hypothesis.gain > own.gain + MAX_SIMILAR_GAIN
+        )
+        prior_ratio = (
+            exp(_LOG_PRIOR_LIST_INCOMPLETE - LOG_PRIOR_UNNAMED)
+            if is_better and hypothesis is not own
+            else 1.0
+        )
+        probabilities[name] = probabilities.get(name, 0.0) + prior_ratio * hypothesis.probability
+    total = max(sum(probabilities.values()), 1.0)
+    return {name: share / total for name, share in probabilities.items()}
 
 
-def _priors(names: Sequence[str]) -> Array:
-    """(len(names),) ln prior of candidates: every effect alike, its scopes and seeds share."""
-    return np.array([_LISTED - log(len(BY_NAME)) - log(names.count(name)) for name in names])
+def _log_priors(names: Sequence[str]) -> Array:
+    """Return ln prior of candidates, (len(names),): equal for all effects, shared among scopes and seeds."""
+    return np.array([_LOG_PRIOR_LISTED - log(len(BY_NAME)) - log(names.count(name)) for name in names])
 
 
-def _posterior(scores: Mapping[str, float]) -> dict[str, float]:
-    """Probabilities from ln posteriors that are not normalised."""
+def _normalise(scores: Mapping[str, float]) -> dict[str, float]:
+    """Return probabilities from unnormalised ln posteriors."""
     values = np.array(list(scores.values()))
     return dict(zip(scores, np.exp(values - logsumexp(values)).tolist(), strict=True))

@@ -1,4 +1,4 @@
-"""Second thoughts: each name that was found is judged again beside all the others, and against chance."""
+"""Reconsideration: each effect that was added is judged again beside all others, and against chance."""
 
 from __future__ import annotations
 
@@ -8,196 +8,229 @@ from math import log
 
 from hubodo.effects import BY_NAME
 from hubodo.effects.empirical import PREFIX
-from hubodo.gap.judge.rival import Rival
-from hubodo.gap.judge.round import DECIDED, EMPIRICAL, Round
-from hubodo.gap.judge.search import SearchResult, Watch
-from hubodo.gap.refit.refit import Refit, gain_over, refit, refit_with_weights
+from hubodo.gap.judge.hypothesis import Hypothesis
+from hubodo.gap.judge.round import EMPIRICAL, MIN_ADD_PROBABILITY, Round
+from hubodo.gap.judge.search import SearchObserver, SearchResult
+from hubodo.gap.refit.refit import Refit, compute_gain, refit, refit_with_weights
 from hubodo.gap.state.state import State
 from hubodo.gap.state.terms import ModelTerm
 
-# Names replaced at most: two that take each other's place would go on for ever.
-_TIMES = 3
-# Of more names than so many only those are looked at again that were added on trial, that have lost half of
-# what they gained when they were found, that were found beside one that has left, or that are no names but
-# terms of a library: a turn costs a round for each.
-_MANY, _LEFT = 4, 0.5
-# Names at most that are tried together in the place of a walk.
-_DRIFTS = 3
-# Of the progress, where this begins, and what it is.
-_FROM, _SHARE = 0.75, 0.15
+# Replacements at most; two effects that replace each other would loop forever.
+_MAX_REPLACEMENTS = 3
+# With more effects than this, only those are reconsidered that were added provisionally, lost half of their
+# gain, were found beside an effect since removed, or are library terms: each costs one round.
+_MAX_FULL_RECONSIDERATION, _MIN_GAIN_SHARE = 4, 0.5
+# Effects at most that are tried together instead of a random walk.
+_MAX_WALK_REPLACEMENTS = 3
+# Start and share of this step in the reported progress.
+_RECONSIDER_PROGRESS_START, _RECONSIDER_PROGRESS_SHARE = 0.75, 0.15
 
-Rounds = Mapping[tuple[str, str], Round]
-"""By effect and scope, the round that judged it."""
+RoundsByKey = Mapping[tuple[str, str], Round]
+"""The round that judged each effect and scope."""
 
 
-def reconsider(
-    found: SearchResult,
+def reconsider_effects(
+    result: SearchResult,
     accept: Collection[str] = (),
     reject: Collection[str] = (),
-    watch: Watch | None = None,
-) -> tuple[SearchResult, Rounds]:
-    """Each effect that was found is taken out and looked for again beside all the others.
+    observer: SearchObserver | None = None,
+) -> tuple[SearchResult, RoundsByKey]:
+    """Remove each effect in turn and search again beside all the others.
 
-    What came in as a proxy for something that was found later leaves; what has a better rival is replaced.
-    accept: names that stay all the same, as sure as they are. reject: names not considered.
+    Effects that stood in for ones found later are dropped, and those with a better alternative replaced.
+
+    accept: effects that stay in any case
+    reject: effects not considered
     """
-    names = _Names(found.final, {made.best.label: made for made in found.rounds if made.best is not None})
-    keys = [term.key for term in names.terms]
-    if len(keys) == 1 and keys[0] in names.as_found and not found.decimated and not accept:
-        # Alone it was judged beside all the others already.
-        return found, {keys[0]: names.as_found[keys[0]]}
-    doubts = _Doubts(accept, reject, watch or Watch())
-    rounds, changed = doubts.turn(names)
-    while changed is not None:
-        names = changed
-        rounds, changed = doubts.turn(names)
-    for key, made in rounds.items():
-        if made.rival(key) is None and key[0] not in accept:
-            # Others of its kind took its place among the rivals: it counts as it was found.
-            rounds[key] = names.as_found.get(key, made)
-    return replace(found, final=names.final), rounds
+    effects = _EffectSet(
+        result.final, {judged.best.key: judged for judged in result.rounds if judged.best is not None}
+    )
+    keys = [term.key for term in effects.terms]
+    if len(keys) == 1 and keys[0] in effects.original_rounds and not result.used_decimation and not accept:
+        # A single effect was already judged beside all others.
+        return result, {keys[0]: effects.original_rounds[keys[0]]}
+    reconsideration = _Reconsideration(accept, reject, observer or SearchObserver())
+    rounds, revised = reconsideration.run_pass(effects)
+    while revised is not None:
+        effects = revised
+        rounds, revised = reconsideration.run_pass(effects)
+    for key, judged in rounds.items():
+        if judged.find_hypothesis(key) is None and key[0] not in accept:
+            # Similar hypotheses displaced it from the shortlist: its original round counts.
+            rounds[key] = effects.original_rounds.get(key, judged)
+    return replace(result, final=effects.final), rounds
 
 
 @dataclass(frozen=True)
-class _Names:
-    """The names as they stand. final: their fit. as_found: of each that was the best of a round, that round.
+class _EffectSet:
+    """The current set of effects.
 
-    replaced: how often others took the place of one.
+    final: fit of all effects
+    original_rounds: the round that found each effect
+    n_replaced: replacements so far
     """
 
     final: Refit
-    as_found: Rounds
-    replaced: int = 0
+    original_rounds: RoundsByKey
+    n_replaced: int = 0
 
     @property
     def terms(self) -> list[ModelTerm]:
-        return [term for term in self.final.state.terms if term.fitted]
+        return [term for term in self.final.state.terms if term.is_fitted]
 
     def without(self, term: ModelTerm) -> State:
-        """The model as it is, but for one name."""
-        return self.final.state.afresh([it for it in self.final.state.terms if it.key != term.key])
+        """Return the model without one effect."""
+        return self.final.state.untracked_with_terms(
+            [other for other in self.final.state.terms if other.key != term.key]
+        )
 
-    def replaced_by(self, final: Refit, more: Rounds) -> _Names:
-        """With others in the place of one: their fit, and the rounds in which they were found."""
-        return _Names(final, {**self.as_found, **more}, self.replaced + 1)
+    def replaced_by(self, final: Refit, rounds: RoundsByKey) -> _EffectSet:
+        """Return the set with one effect replaced: its fit, and the rounds that found the new effects."""
+        return _EffectSet(final, {**self.original_rounds, **rounds}, self.n_replaced + 1)
 
-    def settled(self) -> dict[tuple[str, str], Round]:
-        """The names that stay as they were when they were found, each with its round."""
-        if len(self.terms) <= _MANY:
+    def settled_rounds(self) -> dict[tuple[str, str], Round]:
+        """Return the original rounds of the effects that need no reconsideration."""
+        if len(self.terms) <= _MAX_FULL_RECONSIDERATION:
             return {}
-        return {term.key: self.as_found[term.key] for term in self.terms if self._as_good(term)}
+        return {term.key: self.original_rounds[term.key] for term in self.terms if self._is_settled(term)}
 
-    def _as_good(self, term: ModelTerm) -> bool:
-        """Whether a name is worth what it was, beside what it was found beside."""
-        made = self.as_found.get(term.key)
-        own = None if made is None else made.rival(term.key)
-        if made is None or own is None or not term.moves or term.effect.name.startswith(PREFIX):
+    def _is_settled(self, term: ModelTerm) -> bool:
+        """Return True if an effect retains its gain, and all effects present when it was found remain."""
+        original = self.original_rounds.get(term.key)
+        own = None if original is None else original.find_hypothesis(term.key)
+        if original is None or own is None or not term.is_refittable or term.effect.name.startswith(PREFIX):
             return False
-        if not {it.key for it in made.before.state.terms} <= {it.key for it in self.final.state.terms}:
-            # It was judged beside what is not there: what that one left to others was not what there is.
+        if not {it.key for it in original.evaluation.state.terms} <= {
+            it.key for it in self.final.state.terms
+        }:
+            # It was judged beside an effect that has been removed since.
             return False
-        left = gain_over(refit(self.final.point.at(self.without(term)), rounds=2), self.final)
-        return left > _LEFT * own.gain
+        gain = compute_gain(refit(self.final.evaluation.with_state(self.without(term)), rounds=2), self.final)
+        return gain > _MIN_GAIN_SHARE * own.gain
 
 
 @dataclass(frozen=True)
-class _Doubts:
-    """Looks at names again. accept, reject: see `reconsider`."""
+class _Reconsideration:
+    """Reconsideration of effects; `accept` and `reject` as in `reconsider_effects`."""
 
     accept: Collection[str]
     reject: Collection[str]
-    watch: Watch
+    observer: SearchObserver
 
-    def turn(self, names: _Names) -> tuple[dict[tuple[str, str], Round], _Names | None]:
-        """One name after the other, until one does not stay: their rounds, and the names then.
+    def run_pass(self, effects: _EffectSet) -> tuple[dict[tuple[str, str], Round], _EffectSet | None]:
+        """Reconsider one effect after the other until one changes; return their rounds and the new set.
 
-        None where all of them stay.
+        The new set is None if all effects stay.
         """
-        rounds = names.settled()
-        doubted = [term for term in names.terms if term.key not in rounds]
-        for k, term in enumerate(doubted):
-            part = (names.replaced + k / len(doubted)) / (_TIMES + 1)
-            self.watch.say(f"reconsidering {term.words}", _FROM + _SHARE * min(part, 1.0))
-            rounds[term.key] = made = self._look_for(term, names)
-            changed = self._judged(term, names, made)
-            if changed is not None:
-                return rounds, changed
+        rounds = effects.settled_rounds()
+        pending = [term for term in effects.terms if term.key not in rounds]
+        for k, term in enumerate(pending):
+            progress = (effects.n_replaced + k / len(pending)) / (_MAX_REPLACEMENTS + 1)
+            self.observer.report_progress(
+                f"reconsidering {term.label}",
+                _RECONSIDER_PROGRESS_START + _RECONSIDER_PROGRESS_SHARE * min(progress, 1.0),
+            )
+            rounds[term.key] = judged = self._judge_without(term, effects)
+            revised = self._revise(term, effects, judged)
+            if revised is not None:
+                return rounds, revised
         return rounds, None
 
-    def _look_for(self, term: ModelTerm, names: _Names) -> Round:
-        """What is missing where a name is not there."""
-        also = [term.key] if term.moves and term.effect.name in self.accept else []
-        return self.watch.journal.look(names.final.point.at(names.without(term)), self.reject, also)
+    def _judge_without(self, term: ModelTerm, effects: _EffectSet) -> Round:
+        """Judge a round for the model without one effect."""
+        always_refit = [term.key] if term.is_refittable and term.effect.name in self.accept else []
+        return self.observer.journal.judge_round(
+            effects.final.evaluation.with_state(effects.without(term)), self.reject, always_refit
+        )
 
-    def _judged(self, term: ModelTerm, names: _Names, made: Round) -> _Names | None:
-        """The names after a round without one of them; None where it stays."""
-        best = made.best
+    def _revise(self, term: ModelTerm, effects: _EffectSet, judged: Round) -> _EffectSet | None:
+        """Return the new set after a round without one effect; None if it stays."""
+        best = judged.best
         if term.effect.name in self.accept:
             return None
         if best is None:
-            return replace(names, final=refit_with_weights(names.without(term)))
-        if names.replaced == _TIMES:
-            # The round only says how sure the name is.
+            return replace(effects, final=refit_with_weights(effects.without(term)))
+        if effects.n_replaced == _MAX_REPLACEMENTS:
+            # The round only determines the probability of the effect.
             return None
-        if best.label != term.key:
-            without = names.without(term)
+        if best.key != term.key:
+            without = effects.without(term)
             final = refit_with_weights(without.with_terms([*without.terms, best.term]))
-            return names.replaced_by(final, {best.label: made})
+            return effects.replaced_by(final, {best.key: judged})
         if best.term.effect.random_walk_variance_rate() <= 0.0:
             return None
-        several = _together(made, best, {*self.reject, term.effect.name, EMPIRICAL}, self.watch)
-        return None if several is None else names.replaced_by(*several)
+        replacement = _replace_walk(judged, best, {*self.reject, term.effect.name, EMPIRICAL}, self.observer)
+        return None if replacement is None else effects.replaced_by(*replacement)
 
 
-def _together(made: Round, walk: Rival, reject: Collection[str], watch: Watch) -> tuple[Refit, Rounds] | None:
-    """Names that explain together what passed for a walk, where they are more probable than it; their rounds.
+def _replace_walk(
+    judged: Round, walk: Hypothesis, reject: Collection[str], observer: SearchObserver
+) -> tuple[Refit, RoundsByKey] | None:
+    """Return several effects that together are more probable than a random walk, with their rounds, or None.
 
-    A walk can pass for any slow drifts at once; of the names that make them each explains its own alone.
+    A walk can imitate several slow drifts at once, of which each effect explains only its own.
     """
     if walk.proposal is None:
         return None
-    current, rounds = _in_place_of_a_walk(made, reject, watch)
+    fit, rounds = _fit_without_walk(judged, reject, observer)
     if len(rounds) < 2:
-        # Each name alone was its rival before.
+        # Each effect alone was already compared with the walk.
         return None
-    chosen, cost = log(2.0 * len(BY_NAME)), 0.0
-    for further in rounds.values():
-        assert further.best is not None
-        cost += further.best.gain / further.tempering - further.best.evidence + chosen
-    before = refit(current.point.at(made.before.state))
-    walker = refit(before.point.at(before.state.with_term(walk.term)), rounds=0)
-    several = gain_over(before, current) / current.tempering - cost
-    alone = gain_over(before, walker) / current.tempering - (walk.proposal.gain - walk.proposal.evidence)
-    return (current, rounds) if several > alone - chosen else None
+    selection_cost, cost = log(2.0 * len(BY_NAME)), 0.0
+    for judged_further in rounds.values():
+        assert judged_further.best is not None
+        cost += (
+            judged_further.best.gain / judged_further.tempering
+            - judged_further.best.evidence
+            + selection_cost
+        )
+    before = refit(fit.evaluation.with_state(judged.evaluation.state))
+    walk_fit = refit(before.evaluation.with_state(before.state.with_term(walk.term)), rounds=0)
+    evidence_of_several = compute_gain(before, fit) / fit.tempering - cost
+    evidence_of_walk = compute_gain(before, walk_fit) / fit.tempering - (
+        walk.proposal.gain - walk.proposal.evidence
+    )
+    return (fit, rounds) if evidence_of_several > evidence_of_walk - selection_cost else None
 
 
-def _in_place_of_a_walk(made: Round, reject: Collection[str], watch: Watch) -> tuple[Refit, Rounds]:
-    """The fit of the names that are found, one after the other, where it was; and their rounds."""
-    current, rounds = refit(made.before), dict[tuple[str, str], Round]()
-    while len(rounds) < _DRIFTS:
-        further = watch.journal.look(current.point, reject)
-        best = further.best
+def _fit_without_walk(
+    judged: Round, reject: Collection[str], observer: SearchObserver
+) -> tuple[Refit, RoundsByKey]:
+    """Add up to three effects in place of the walk; return their fit and their rounds."""
+    fit, rounds = refit(judged.evaluation), dict[tuple[str, str], Round]()
+    while len(rounds) < _MAX_WALK_REPLACEMENTS:
+        judged_further = observer.journal.judge_round(fit.evaluation, reject)
+        best = judged_further.best
         if best is None or best.state is None:
             break
-        rounds[best.label] = further
-        current = refit_with_weights(best.state.with_term(best.term)).bare()
-    return current, rounds
+        rounds[best.key] = judged_further
+        fit = refit_with_weights(best.state.with_term(best.term)).without_cache()
+    return fit, rounds
 
 
-def beyond_chance(
-    found: SearchResult, rounds: Rounds, accept: Collection[str] = ()
-) -> tuple[SearchResult, Rounds]:
-    """Without what the best of all candidates would gain by chance, in what the finished model leaves.
+def drop_chance_effects(
+    result: SearchResult, rounds: RoundsByKey, accept: Collection[str] = ()
+) -> tuple[SearchResult, RoundsByKey]:
+    """Drop effects whose gain the best candidate would reach by chance.
 
-    Only of effects that show in the mean; accept: names that stay all the same.
+    The null distribution is that of the final model's residual. Applies to effects visible in the mean;
+    `accept`: effects that stay in any case.
     """
-    null = found.rounds[-1].null
+    null_distribution = result.rounds[-1].null_distribution
     by_chance = set()
-    for key, made in rounds.items():
-        own = made.rival(key)
-        if own is not None and own.state is not None and own.p_value(null) >= 1.0 - DECIDED:
+    for key, judged in rounds.items():
+        hypothesis = judged.find_hypothesis(key)
+        if (
+            hypothesis is not None
+            and hypothesis.state is not None
+            and hypothesis.p_value(null_distribution) >= 1.0 - MIN_ADD_PROBABILITY
+        ):
             by_chance.add(key)
-    kept = [it for it in found.final.state.terms if it.key not in by_chance or it.effect.name in accept]
-    if len(kept) == len(found.final.state.terms):
-        return found, rounds
-    return replace(found, final=refit_with_weights(found.final.state.afresh(kept))), rounds
+    remaining = [
+        term for term in result.final.state.terms if term.key not in by_chance or term.effect.name in accept
+    ]
+    if len(remaining) == len(result.final.state.terms):
+        return result, rounds
+    return replace(
+        result, final=refit_with_weights(result.final.state.untracked_with_terms(remaining))
+    ), rounds

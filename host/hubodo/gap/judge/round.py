@@ -1,4 +1,4 @@
-"""One round of the search: every effect in every scope screened, the best refitted, all judged together."""
+"""One round of the search: screen all candidates, refit the best, judge them together."""
 
 from __future__ import annotations
 
@@ -7,187 +7,231 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from hubodo.effects.empirical import PREFIX
-from hubodo.gap.judge.posterior import judged
-from hubodo.gap.judge.rival import Rival, named_rival, scattered_rival, unnamed_rival
-from hubodo.gap.process_noise.point import Point
+from hubodo.gap.judge.hypothesis import Hypothesis, judge_effect, judge_proposal, judge_unnamed_term
+from hubodo.gap.judge.posterior import compute_posterior
+from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.process_noise.tracking import track_wheel_phase
-from hubodo.gap.process_noise.weights import Weights, declared_walk
-from hubodo.gap.refit.refit import Refit, fit_from, fit_tracked, gain_over, look_from, refit
-from hubodo.gap.scatter import LOOKS, Proposal
+from hubodo.gap.process_noise.weights import Weights, declared_wheel_walk
+from hubodo.gap.refit.refit import Refit, begin_fit, compute_gain, continue_fit, fit_tracked, refit
+from hubodo.gap.scatter import SCATTER_DETECTORS, Proposal
 from hubodo.gap.screen.null_distribution import NullDistribution
-from hubodo.gap.screen.screening import Screened, screen
-from hubodo.gap.screen.unlisted import Structure, unlisted
+from hubodo.gap.screen.screening import ScreenedCandidate, screen_candidates
+from hubodo.gap.screen.unnamed_terms import UnnamedTerm, find_unnamed_terms
 
-# The name under which all terms without a name are rejected.
+# Name for `--reject` that excludes all unnamed terms.
 EMPIRICAL = "empirical"
-# All that follow are settings of the search, chosen; `make gap-matrix` judges them together.
-# Probability that anything is missing at all, from which on an effect is added.
-DECIDED = 0.99
-# Candidates that are refitted: the time of a round goes with their number.
-_REFITTED = 5
-# Of the deviance in units of its tempering: half of what the best gains, from which on the rest are hopeless.
-_FAR = 100.0
-# Ratio of a wheel's walk to the declared one, both rad²/s, from which on the wheel counts as lost; candidates
-# that are refitted beside, then.
-_LOST, _STRICT = 3.0, 3
-# Structures without a name that are fitted; the share of the best gain and the evidence, in ln Bayes factor,
-# that each has to promise.
-_STRUCTURES, _SHARE, _LEAST = 2, 0.25, 3.0
-# ln Bayes factor of independent samples from which on a name is added to see what comes after it.
-_HOPED = 20.0
-# Of the time of a round, what is behind it when all is screened, fitted, and weighed alike.
-_SCREENED, _FITTED, _BESIDE = 0.15, 0.6, 0.9
+# Settings of the search; chosen, and judged together by `make gap-matrix`.
+# Posterior probability that anything is missing, from which on an effect is added.
+MIN_ADD_PROBABILITY = 0.99
+# Candidates to refit; the duration of a round is proportional to it.
+_MAX_REFITS = 5
+# Half of the best gain, in deviance per tempering, from which on candidates with less are abandoned.
+_HOPELESS_DEVIANCE = 100.0
+# Ratio of a wheel's walk to the declared one, from which on its angle counts as lost; additional candidates
+# to refit in that case.
+_LOST_WHEEL_RATIO, _MAX_STRICT_REFITS = 3.0, 3
+# Unnamed terms to refit; share of the best gain, and evidence as ln Bayes factor, that each has to reach.
+_MAX_UNNAMED_REFITS, _MIN_UNNAMED_SHARE, _MIN_UNNAMED_EVIDENCE = 2, 0.25, 3.0
+# ln Bayes factor for independent samples, from which on an effect is added provisionally.
+_PROVISIONAL_EVIDENCE = 20.0
+# Progress of a round after screening, refits, and comparison under common weights.
+_PROGRESS_SCREENED, _PROGRESS_FITTED, _PROGRESS_COMPARED = 0.15, 0.6, 0.9
 
-Say = Callable[[str, float], None]
-"""Gets what is tried, in words, and the share of it all that is done."""
+ReportProgress = Callable[[str, float], None]
+"""Callback with the current activity, in words, and the completed share of the whole."""
 
 
 @dataclass(frozen=True)
 class Round:
-    """One round: where it began, its rivals, the most probable first, and the chance of nothing.
+    """A judged round.
 
-    Of the first alone it is kept how its refit ended: the search may go on from there.
-    screened: every candidate as the linear model saw it, the best first. null: what the best of them would
-    gain by chance. tempering: by which the gains were divided, for what is left that samples share.
+    evaluation: at the start of the round
+    hypotheses: the most probable first; only the first keeps its tracked wheels, from which the search may
+        continue
+    null_probability: posterior that nothing is missing
+    screened: every candidate as screened, the best first
+    null_distribution: of the largest gain
+    tempering: factor by which gains were divided to account for correlated residuals
     """
 
-    before: Point
-    rivals: tuple[Rival, ...]
-    nothing: float
-    screened: tuple[Screened, ...]
-    null: NullDistribution
+    evaluation: Evaluation
+    hypotheses: tuple[Hypothesis, ...]
+    null_probability: float
+    screened: tuple[ScreenedCandidate, ...]
+    null_distribution: NullDistribution
     tempering: float = 1.0
 
     @property
-    def best(self) -> Rival | None:
-        """The rival to be added; None where nothing is too likely."""
-        return self.rivals[0] if self.rivals and self.nothing < 1.0 - DECIDED else None
+    def best(self) -> Hypothesis | None:
+        """Return the hypothesis to add; None if nothing missing is too probable."""
+        return (
+            self.hypotheses[0]
+            if self.hypotheses and self.null_probability < 1.0 - MIN_ADD_PROBABILITY
+            else None
+        )
 
     @property
-    def hopeful(self) -> Rival | None:
-        """The rival that would be added if all that its fit leaves were noise; None where there is a best.
+    def provisional(self) -> Hypothesis | None:
+        """Return the hypothesis to add provisionally, or None.
 
-        Where several effects are missing, each fit leaves what the others make, and no gain is believed.
+        If several effects are missing, each fit leaves correlated residuals, and tempering hides every gain.
+        The hypothesis is the one that would be added if the residuals were white.
         """
-        if self.best is not None or not self.rivals:
+        if self.best is not None or not self.hypotheses:
             return None
-        first = self.rivals[0]
-        plain = first.evidence + first.gain * (1.0 - 1.0 / self.tempering)
-        named = not first.term.effect.name.startswith(PREFIX)
-        return first if named and first.evidence > 0.0 and plain > _HOPED else None
+        first = self.hypotheses[0]
+        untempered_evidence = first.evidence + first.gain * (1.0 - 1.0 / self.tempering)
+        is_named = not first.term.effect.name.startswith(PREFIX)
+        return (
+            first
+            if is_named and first.evidence > 0.0 and untempered_evidence > _PROVISIONAL_EVIDENCE
+            else None
+        )
 
-    def rival(self, label: tuple[str, str]) -> Rival | None:
-        """The rival of this effect and scope, where it was one."""
-        return next((rival for rival in self.rivals if rival.label == label), None)
+    def find_hypothesis(self, key: tuple[str, str]) -> Hypothesis | None:
+        """Return the hypothesis of this effect and scope, or None."""
+        return next((hypothesis for hypothesis in self.hypotheses if hypothesis.key == key), None)
 
 
-def look(
-    point: Point,
+def judge_round(
+    evaluation: Evaluation,
     reject: Collection[str] = (),
-    also: Collection[tuple[str, str]] = (),
-    say: Say = lambda words, share: None,
+    always_refit: Collection[tuple[str, str]] = (),
+    report_progress: ReportProgress = lambda words, share: None,
 ) -> Round:
-    """One round from a point.
+    """Judge one round from an evaluation.
 
-    reject: names that are not considered, `empirical` for all without a name. also: effects and scopes that
-    are judged however little they promise. say: gets what is tried, and the share of the round behind it.
+    reject: effects not considered; `empirical` for all unnamed terms
+    always_refit: effects and scopes refitted regardless of the screening
+    report_progress: callback with activity and completed share of the round
     """
-    say("every effect in every scope", 0.0)
-    before = refit(point.bare(), rounds=1)
-    strict = _strict(before, reject)
-    screening = screen(before.point)
-    screened = [it for it in screening.candidates if it.candidate.name not in reject]
-    worth = _worth_a_refit(screened, also, strict)
-    states = [before.state.with_term(it.candidate.term) for it in worth]
-    begun = [look_from(before.point.at(state), screening.linear) for state in states]
-    null = screening.null
+    report_progress("every effect in every scope", 0.0)
+    before = refit(evaluation.without_cache(), rounds=1)
+    strictly_screened = _screen_strictly(before, reject)
+    screening = screen_candidates(before.evaluation)
+    screened = [item for item in screening.candidates if item.candidate.name not in reject]
+    selected = _select_for_refit(screened, always_refit, strictly_screened)
+    states = [before.state.with_term(item.candidate.term) for item in selected]
+    initial_fits = [
+        begin_fit(before.evaluation.with_state(state), screening.linearisation) for state in states
+    ]
+    null = screening.null_distribution
     del screening  # Its matrices are large, and no longer needed.
     refits: list[Refit] = []
-    for k, (it, one) in enumerate(zip(worth, begun, strict=True)):
-        say(it.candidate.term.words, _SCREENED + (_FITTED - _SCREENED) * k / len(worth))
-        refits.append(fit_from(one, hopeless=_hopeless(before, refits)).bare())
-    say("the best beside each other", _FITTED)
+    for k, (item, initial_fit) in enumerate(zip(selected, initial_fits, strict=True)):
+        report_progress(
+            item.candidate.term.label,
+            _PROGRESS_SCREENED + (_PROGRESS_FITTED - _PROGRESS_SCREENED) * k / len(selected),
+        )
+        refits.append(continue_fit(initial_fit, max_deviance=_max_deviance(before, refits)).without_cache())
+    report_progress("comparing the best", _PROGRESS_FITTED)
     if refits:
-        tracked = [track_wheel_phase(it.bare().state) for it in refits]
-        weights = _strictest(before.point.weights, [walks for _, walks in tracked])
-        before = refit(Point(before.state, weights), rounds=0)
-        refits = [fit_tracked(Point(replace(state), weights), rounds=1).bare() for state, _ in tracked]
-    say("scatter, steps, limits, terms without a name", _BESIDE)
-    proposals, walkers = _scattered(before, reject)
-    best = max([gain_over(before, it) for it in [*refits, *walkers.values()]], default=0.0)
-    structures = [] if EMPIRICAL in reject else unlisted(before.point)
-    structures = [it for it in structures if it.evidence > max(_LEAST, _SHARE * best)][:_STRUCTURES]
-    terms = [_with(before, it, rounds=1) for it in structures]
-    everything = [*refits, *walkers.values(), *terms]
-    # The scores of the best fit say by how much correlation makes every gain look larger than it is.
-    tempering = min(everything, key=lambda it: it.deviance).tempering if everything else 1.0
-    rivals = [named_rival(before, it, made, tempering) for it, made in zip(worth, refits, strict=True)]
-    rivals += [scattered_rival(before, it, walkers.get(it.term.key), tempering) for it in proposals]
-    rivals += [unnamed_rival(before, it, made, tempering) for it, made in zip(structures, terms, strict=True)]
-    ordered, nothing = judged(rivals)
-    kept = (*ordered[:1], *(rival.bare() for rival in ordered[1:]))
-    return Round(before.point.bare(), kept, nothing, tuple(screened), null, tempering)
+        tracked = [track_wheel_phase(item.without_cache().state) for item in refits]
+        weights = _strictest_weights(before.evaluation.weights, [walks for _, walks in tracked])
+        before = refit(Evaluation(before.state, weights), rounds=0)
+        refits = [
+            fit_tracked(Evaluation(replace(state), weights), rounds=1).without_cache() for state, _ in tracked
+        ]
+    report_progress("scatter, steps, limits, unnamed terms", _PROGRESS_COMPARED)
+    proposals, walk_refits = _detect_scatter(before, reject)
+    best_gain = max([compute_gain(before, item) for item in [*refits, *walk_refits.values()]], default=0.0)
+    unnamed = [] if EMPIRICAL in reject else find_unnamed_terms(before.evaluation)
+    unnamed = [
+        item for item in unnamed if item.evidence > max(_MIN_UNNAMED_EVIDENCE, _MIN_UNNAMED_SHARE * best_gain)
+    ][:_MAX_UNNAMED_REFITS]
+    unnamed_refits = [_refit_with(before, item, rounds=1) for item in unnamed]
+    all_refits = [*refits, *walk_refits.values(), *unnamed_refits]
+    # The block scores of the best fit show by how much correlation inflates the gains.
+    tempering = min(all_refits, key=lambda item: item.deviance).tempering if all_refits else 1.0
+    hypotheses = [
+        judge_effect(before, item, fit, tempering) for item, fit in zip(selected, refits, strict=True)
+    ]
+    hypotheses += [
+        judge_proposal(before, item, walk_refits.get(item.term.key), tempering) for item in proposals
+    ]
+    hypotheses += [
+        judge_unnamed_term(before, item, fit, tempering)
+        for item, fit in zip(unnamed, unnamed_refits, strict=True)
+    ]
+    ordered, nothing = compute_posterior(hypotheses)
+    stored = (*ordered[:1], *(hypothesis.without_tracking() for hypothesis in ordered[1:]))
+    return Round(before.evaluation.without_cache(), stored, nothing, tuple(screened), null, tempering)
 
 
-def _hopeless(before: Refit, refits: Sequence[Refit]) -> float:
-    """Deviance beyond which a candidate is not fitted to the end: another gained more than twice as much."""
-    best = min([before, *refits], key=lambda it: it.deviance)
-    half = 0.5 * (before.deviance - best.deviance)
-    return before.deviance - half if half > _FAR * best.tempering else math.inf
+def _max_deviance(before: Refit, refits: Sequence[Refit]) -> float:
+    """Return the deviance above which a fit is abandoned: another gained more than twice as much."""
+    best = min([before, *refits], key=lambda fit: fit.deviance)
+    half_gain = 0.5 * (before.deviance - best.deviance)
+    return before.deviance - half_gain if half_gain > _HOPELESS_DEVIANCE * best.tempering else math.inf
 
 
-def _worth_a_refit(
-    screened: list[Screened], also: Collection[tuple[str, str]], strict: list[Screened]
-) -> list[Screened]:
-    """The best of the screening, those asked for, and what explains how a wheel turns that is lost."""
-    worth = _shortlist(screened, _REFITTED)
-    asked = [next(it for it in screened if it.candidate.term.key == key) for key in also]
-    for it in [*asked, *strict]:
-        if it.candidate.term.key not in [other.candidate.term.key for other in worth]:
-            worth.append(it)
-    return worth
+def _select_for_refit(
+    screened: list[ScreenedCandidate],
+    always_refit: Collection[tuple[str, str]],
+    strictly_screened: list[ScreenedCandidate],
+) -> list[ScreenedCandidate]:
+    """Return the best of the screening, the requested ones, and those that explain how a lost wheel turns."""
+    selected = _shortlist(screened, _MAX_REFITS)
+    requested = [next(item for item in screened if item.candidate.term.key == key) for key in always_refit]
+    for item in [*requested, *strictly_screened]:
+        if item.candidate.term.key not in [other.candidate.term.key for other in selected]:
+            selected.append(item)
+    return selected
 
 
-def _shortlist(screened: list[Screened], count: int) -> list[Screened]:
-    """The best few, none that is hopeless beside the best, and the best seed of each effect and scope."""
-    made: list[Screened] = []
+def _shortlist(screened: list[ScreenedCandidate], count: int) -> list[ScreenedCandidate]:
+    """Return the best few with positive evidence, with the best seed of each effect and scope."""
+    best: list[ScreenedCandidate] = []
     keys: set[tuple[str, str]] = set()
-    for it in screened:
-        if it.evidence < 0.0 or len(made) == count:
+    for item in screened:
+        if item.evidence < 0.0 or len(best) == count:
             break
-        if it.candidate.term.key not in keys:
-            keys.add(it.candidate.term.key)
-            made.append(it)
-    return made
+        if item.candidate.term.key not in keys:
+            keys.add(item.candidate.term.key)
+            best.append(item)
+    return best
 
 
-def _strict(before: Refit, reject: Collection[str]) -> list[Screened]:
-    """What explains how a wheel turns that is lost.
+def _screen_strictly(before: Refit, reject: Collection[str]) -> list[ScreenedCandidate]:
+    """Screen with the declared walks if a wheel is lost.
 
-    A wheel that turns another way than the model's passes for one that wanders, and what makes it turn so has
-    nothing to explain: it has where only the declared wandering is allowed.
+    A large walk absorbs a wrong wheel rotation, so that its cause would gain nothing.
     """
-    problem, weights = before.point.problem, before.point.weights
-    believed = {node.name: declared_walk(problem, node) for node in problem.nodes if node.on_wheel}
-    if all(weights.walks[name] <= _LOST * walk for name, walk in believed.items()):
+    problem, weights = before.evaluation.problem, before.evaluation.weights
+    declared_walks = {
+        node.name: declared_wheel_walk(problem, node) for node in problem.nodes if node.on_wheel
+    }
+    if all(weights.wheel_walks[name] <= _LOST_WHEEL_RATIO * walk for name, walk in declared_walks.items()):
         return []
-    strict = screen(replace(before.point, weights=replace(weights, walks=believed))).candidates
-    return _shortlist([it for it in strict if it.candidate.name not in reject], _STRICT)
+    screened = screen_candidates(
+        replace(before.evaluation, weights=replace(weights, wheel_walks=declared_walks))
+    ).candidates
+    return _shortlist([item for item in screened if item.candidate.name not in reject], _MAX_STRICT_REFITS)
 
 
-def _strictest(weights: Weights, walks: Sequence[Mapping[str, float]]) -> Weights:
-    """Weights for all candidates: wheels that wander as little as under the best of them."""
-    least = {node: min(walk, *(own[node] for own in walks)) for node, walk in weights.walks.items()}
-    return replace(weights, walks=least)
+def _strictest_weights(weights: Weights, walks: Sequence[Mapping[str, float]]) -> Weights:
+    """Return common weights for all candidates: the smallest walk of each wheel under any of them."""
+    smallest_walks = {
+        node: min(walk, *(other_walks[node] for other_walks in walks))
+        for node, walk in weights.wheel_walks.items()
+    }
+    return replace(weights, wheel_walks=smallest_walks)
 
 
-def _scattered(before: Refit, reject: Collection[str]) -> tuple[list[Proposal], dict[tuple[str, str], Refit]]:
-    """What shows in scatter; and those that wander, refitted."""
-    residuals = list(before.point.mean_residuals.values())
-    proposals = [it for one_look in LOOKS for it in one_look(residuals) if it.term.effect.name not in reject]
-    wander = [it for it in proposals if it.term.effect.random_walk_variance_rate() > 0.0]
-    return proposals, {it.term.key: _with(before, it, rounds=0) for it in wander}
+def _detect_scatter(
+    before: Refit, reject: Collection[str]
+) -> tuple[list[Proposal], dict[tuple[str, str], Refit]]:
+    """Return the proposals of all scatter detectors, and the refits of those that are random walks."""
+    residuals = list(before.evaluation.mean_residuals.values())
+    proposals = [
+        proposal
+        for detect in SCATTER_DETECTORS
+        for proposal in detect(residuals)
+        if proposal.term.effect.name not in reject
+    ]
+    walks = [proposal for proposal in proposals if proposal.term.effect.random_walk_variance_rate() > 0.0]
+    return proposals, {proposal.term.key: _refit_with(before, proposal, rounds=0) for proposal in walks}
 
 
-def _with(before: Refit, found: Proposal | Structure, rounds: int) -> Refit:
-    return refit(before.point.at(before.state.with_term(found.term)), rounds).bare()
+def _refit_with(before: Refit, item: Proposal | UnnamedTerm, rounds: int) -> Refit:
+    return refit(before.evaluation.with_state(before.state.with_term(item.term)), rounds).without_cache()

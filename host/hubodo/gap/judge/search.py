@@ -1,4 +1,4 @@
-"""The search: round after round, the effect that earns its place is added, until none does."""
+"""The search: rounds that add effects until none is significant."""
 
 from __future__ import annotations
 
@@ -10,150 +10,162 @@ import numpy as np
 
 from hubodo.effects import BY_NAME
 from hubodo.gap.judge.journal import Journal
-from hubodo.gap.judge.round import EMPIRICAL, Round, Say
+from hubodo.gap.judge.round import EMPIRICAL, ReportProgress, Round
 from hubodo.gap.problem.problem import NodeData, Problem
-from hubodo.gap.process_noise.residual import gap
+from hubodo.gap.process_noise.residual import compute_gap
 from hubodo.gap.refit.refit import Refit, refit_with_weights
 from hubodo.gap.state.state import State
 from hubodo.gap.state.terms import ModelTerm
 from hubodo.model.forward import NodeInitialState
 
-# Effects that are added at most, a round each: a bound on the time.
-_MOST = 8
-# Effects that are added on trial, as something else that is missing hides what they are worth.
-_HOPES = 3
-# What shows from one sample to the next needs every one.
-_FROM_ALL = ("sample_repeat",)
-# A fit may leave the gap this much larger: what is missing still may fit ill beside it.
-_NO_WORSE = 1.25
+# Effects added at most, one per round, which bounds the duration.
+_MAX_EFFECTS = 8
+# Effects added provisionally at most, while other missing effects hide their gain.
+_MAX_PROVISIONAL = 3
+# Effects between consecutive samples are not visible after decimation.
+_NEEDS_EVERY_SAMPLE = ("sample_repeat",)
+# Largest growth of the gap by adding an effect, as other missing effects may interfere.
+_MAX_GAP_GROWTH = 1.25
 
-# Of the progress, what the search is.
-_SHARE = 0.75
+# Share of the search in the reported progress.
+_SEARCH_PROGRESS_SHARE = 0.75
 
 
 @dataclass(frozen=True)
 class SearchResult:
     """All rounds of a search.
 
-    rounds: in order; each but the last added its best, or what it had hope for. final: the fit of all that
-    was added. decimated: whether the first rounds saw only some of the samples.
+    rounds: in order; each but the last added its best or provisional hypothesis
+    final: fit of all effects added
+    used_decimation: True if the first rounds used decimated samples
     """
 
     rounds: tuple[Round, ...]
     final: Refit
-    decimated: bool = False
+    used_decimation: bool = False
 
 
 @dataclass(frozen=True)
-class Watch:
-    """What is told of a search while it goes on.
+class SearchObserver:
+    """Callbacks of a running search.
 
-    journal: its rounds. say: what is tried, and the share of it all that is done. reached: what is found so
-    far, after each effect.
+    journal: stores its rounds
+    report_progress: called with the activity and the completed share of the whole
+    on_effect_added: called with the intermediate result after each effect
     """
 
     journal: Journal = field(default_factory=Journal)
-    say: Say = lambda words, share: None
-    reached: Callable[[SearchResult], None] = lambda found: None
+    report_progress: ReportProgress = lambda words, share: None
+    on_effect_added: Callable[[SearchResult], None] = lambda found: None
 
 
-def search(
+def search_effects(
     state: State,
     accept: Collection[str] = (),
     reject: Collection[str] = (),
-    watch: Watch | None = None,
+    observer: SearchObserver | None = None,
 ) -> SearchResult:
-    """Add effects until nothing earns its place.
+    """Add effects until none is significant.
 
-    accept: names that are added first, in the scope that fits best, whatever else there is. reject: names
-    that are not to be added. A log that is sampled faster than needed is searched with some of its samples
-    first, and with all of them for what is left.
+    accept: effects added first, in the best scope, in any case
+    reject: effects not considered
+
+    A log with a higher rate than needed is searched with decimated samples first, then with all samples.
     """
-    watch = watch or Watch()
-    light = state.problem.decimated()
-    if light is None:
-        return _search(state, accept, reject, watch)
-    first = _search(replace(state, problem=light), accept, {*reject, *_FROM_ALL}, watch)
-    second = _search(state.with_terms(first.final.state.terms), (), reject, watch, first.rounds[:-1])
-    return replace(second, decimated=True)
+    observer = observer or SearchObserver()
+    decimated = state.problem.decimate()
+    if decimated is None:
+        return _search_rounds(state, accept, reject, observer)
+    first = _search_rounds(
+        replace(state, problem=decimated), accept, {*reject, *_NEEDS_EVERY_SAMPLE}, observer
+    )
+    second = _search_rounds(
+        state.with_terms(first.final.state.terms), (), reject, observer, first.rounds[:-1]
+    )
+    return replace(second, used_decimation=True)
 
 
-def _search(
+def _search_rounds(
     state: State,
     accept: Collection[str],
     reject: Collection[str],
-    watch: Watch,
-    behind: tuple[Round, ...] = (),
+    observer: SearchObserver,
+    earlier_rounds: tuple[Round, ...] = (),
 ) -> SearchResult:
-    """behind: rounds that came before, of which the state has what they added."""
-    current = refit_with_weights(replace(state)).bare()
+    """Search from a state; `earlier_rounds` led to it."""
+    fit = refit_with_weights(replace(state)).without_cache()
     rounds: list[Round] = []
-    wanted = [name for name in accept if name not in {term.effect.name for term in state.terms}]
-    begun, hoped = sum(term.fitted for term in state.terms), 0
-    for number in range(begun, _MOST + 1):
-        others = {name for name in BY_NAME if name != wanted[0]} if wanted else set[str]()
-        made = watch.journal.look(
-            current.point,
-            {*reject, *others, *([EMPIRICAL] if wanted else [])},
-            say=partial(_in_round, watch.say, number),
+    pending_accepted = [name for name in accept if name not in {term.effect.name for term in state.terms}]
+    n_initial, n_provisional = sum(term.is_fitted for term in state.terms), 0
+    for number in range(n_initial, _MAX_EFFECTS + 1):
+        others = {name for name in BY_NAME if name != pending_accepted[0]} if pending_accepted else set[str]()
+        judged = observer.journal.judge_round(
+            fit.evaluation,
+            {*reject, *others, *([EMPIRICAL] if pending_accepted else [])},
+            report_progress=partial(_report_round, observer.report_progress, number),
         )
-        best = made.best
-        if wanted and best is None and made.rivals:
-            best = made.rivals[0]
-        rounds.append(made)
-        if wanted and best is None:
-            wanted.pop(0)
+        best = judged.best
+        if pending_accepted and best is None and judged.hypotheses:
+            best = judged.hypotheses[0]
+        rounds.append(judged)
+        if pending_accepted and best is None:
+            pending_accepted.pop(0)
             continue
-        asked, wanted = bool(wanted), wanted[1:]
-        if best is None and hoped < _HOPES:
-            # What it is worth is seen beside all that comes after it, or it leaves again.
-            best, hoped = made.hopeful, hoped + 1
-        if best is None or number == _MOST:
+        was_accepted, pending_accepted = bool(pending_accepted), pending_accepted[1:]
+        if best is None and n_provisional < _MAX_PROVISIONAL:
+            # Its gain becomes visible beside later effects; otherwise it is removed again.
+            best, n_provisional = judged.provisional, n_provisional + 1
+        if best is None or number == _MAX_EFFECTS:
             break
-        state = (best.state or current.state).with_term(best.term)
-        tried = refit_with_weights(replace(state)).bare()
-        if best.term.moves and not asked and _grown(current, tried):
-            # The wheel was lost on the way: what needs that is no explanation.
+        state = (best.state or fit.state).with_term(best.term)
+        attempt = refit_with_weights(replace(state)).without_cache()
+        if best.term.is_refittable and not was_accepted and _is_worse(fit, attempt):
+            # The fit lost track of the wheel, so the effect is no explanation.
             rounds.pop()
             reject = {*reject, best.term.effect.name}
             continue
-        current = tried
-        if made.best is None and not asked:
+        fit = attempt
+        if judged.best is None and not was_accepted:
             continue
-        watch.reached(SearchResult((*behind, *rounds), current))
-    return SearchResult((*behind, *rounds), current)
+        observer.on_effect_added(SearchResult((*earlier_rounds, *rounds), fit))
+    return SearchResult((*earlier_rounds, *rounds), fit)
 
 
-def _in_round(say: Say, number: int, words: str, share: float) -> None:
-    say(f"round {number + 1}: {words}", _SHARE * (number + share) / (_MOST + 1))
+def _report_round(report_progress: ReportProgress, number: int, words: str, share: float) -> None:
+    report_progress(
+        f"round {number + 1}: {words}", _SEARCH_PROGRESS_SHARE * (number + share) / (_MAX_EFFECTS + 1)
+    )
 
 
-def _grown(before: Refit, after: Refit) -> bool:
-    was = gap(replace(before.bare().point, weights=after.point.weights).residuals)
-    return gap(after.bare().point.residuals) > _NO_WORSE * was
+def _is_worse(before: Refit, after: Refit) -> bool:
+    gap_before = compute_gap(
+        replace(before.without_cache().evaluation, weights=after.evaluation.weights).residuals
+    )
+    return compute_gap(after.without_cache().evaluation.residuals) > _MAX_GAP_GROWTH * gap_before
 
 
-def initial_state(problem: Problem) -> State:
-    """The model file's own effects, given; nodes on the body turned so that gravity is where they feel it."""
+def build_initial_state(problem: Problem) -> State:
+    """Return the state of the model file's own effects, with nodes on the body aligned to gravity."""
     terms = []
     for item in problem.model.effects:
         level = item.effect.level
         terms.append(
-            ModelTerm(item.effect, item.node or ("vehicle" if level == "vehicle" else "all"), fitted=False)
+            ModelTerm(item.effect, item.node or ("vehicle" if level == "vehicle" else "all"), is_fitted=False)
         )
-    starts = {node.name: _attitude(node) for node in problem.nodes if not node.on_wheel}
+    starts = {node.name: _initial_attitude(node) for node in problem.nodes if not node.on_wheel}
     return State(problem, tuple(terms), starts)
 
 
-def _attitude(node: NodeData) -> NodeInitialState:
+def _initial_attitude(node: NodeData) -> NodeInitialState:
+    """Return the smallest rotation that aligns the median specific force of a node with the vertical."""
     up = np.median(node.y[3:], axis=1)
-    size = float(np.linalg.norm(up))
-    if size < 1.0:
+    norm = float(np.linalg.norm(up))
+    if norm < 1.0:
         return NodeInitialState()
-    z = up / size
-    # The node reads R^T z: the smallest turn that does it.
+    z = up / norm
+    # The node reads Rᵀ z.
     axis = np.cross(z, [0.0, 0.0, 1.0])
     sine = float(np.linalg.norm(axis))
     angle = float(np.arctan2(sine, z[2]))
-    turn = axis / sine * angle if sine > 1e-9 else np.array([angle, 0.0, 0.0])
-    return NodeInitialState(attitude=(float(turn[0]), float(turn[1]), float(turn[2])))
+    rotation = axis / sine * angle if sine > 1e-9 else np.array([angle, 0.0, 0.0])
+    return NodeInitialState(attitude=(float(rotation[0]), float(rotation[1]), float(rotation[2])))

@@ -1,1 +1,1 @@
-"""A model linearised about where it stands: how the channels answer every effect."""
+"""The model linearised about a state, along every parameter of every effect."""

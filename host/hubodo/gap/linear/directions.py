@@ -1,4 +1,4 @@
-"""Terms as directions: which coordinates of the model move together, and terms moved along them."""
+"""Directions of terms: coordinates of the model that move together, and terms moved along them."""
 
 from __future__ import annotations
 
@@ -11,52 +11,57 @@ from hubodo.gap.linear.sensitivity import Direction
 from hubodo.gap.problem.problem import Problem
 from hubodo.gap.state.terms import ALL, VEHICLE, ModelTerm
 
-# A step that leads beyond what is possible is halved so many times before it is given up.
-_SHORTER = 8
+# Halvings of a step to impossible parameters before it is rejected.
+_MAX_HALVINGS = 8
 
 
-def basis(count: int, parts: Sequence[Sequence[int]]) -> Array:
-    """(count, k): the k-th of each part moves together."""
-    made = np.zeros((count, len(parts[0])))
-    for part in parts:
-        made[list(part), range(len(part))] = 1.0
-    return made
+def build_basis(count: int, groups: Sequence[Sequence[int]]) -> Array:
+    """Return a basis, (count, k), whose k-th vector moves the k-th index of each group together."""
+    matrix = np.zeros((count, len(groups[0])))
+    for group in groups:
+        matrix[list(group), range(len(group))] = 1.0
+    return matrix
 
 
-def term_directions(problem: Problem, terms: Sequence[ModelTerm]) -> tuple[list[Direction], Array]:
-    """Directions that move given terms, and the basis (D, K) over the coordinates of all of them in order."""
+def directions_of_terms(problem: Problem, terms: Sequence[ModelTerm]) -> tuple[list[Direction], Array]:
+    """Return the directions of terms, and a basis, (D, K), over all their coordinates in order."""
     directions: list[Direction] = []
     blocks: list[tuple[list[list[int]], int]] = []
     for term in terms:
-        own = {t.scope for t in terms if t.key[0] == term.key[0]}
-        nodes = [""] if term.scope == VEHICLE else [n.name for n in problem.nodes if term.on(n)]
+        scopes = {t.scope for t in terms if t.key[0] == term.key[0]}
+        nodes = [""] if term.scope == VEHICLE else [n.name for n in problem.nodes if term.acts_on(n)]
         if term.scope == ALL:
-            nodes = [name for name in nodes if name not in own]
+            nodes = [name for name in nodes if name not in scopes]
         size = len(term.effect.coordinates())
-        parts = []
+        groups = []
         for node in nodes:
-            parts.append(list(range(len(directions), len(directions) + size)))
+            groups.append(list(range(len(directions), len(directions) + size)))
             directions += [Direction(term.effect, node, k) for k in range(size)]
-        blocks.append((parts, size))
-    made = np.zeros((len(directions), sum(size for _, size in blocks)))
-    at = 0
-    for parts, size in blocks:
-        for part in parts:
-            made[part, range(at, at + size)] = 1.0
-        at += size
-    return directions, made
+        blocks.append((groups, size))
+    matrix = np.zeros((len(directions), sum(size for _, size in blocks)))
+    column = 0
+    for groups, size in blocks:
+        for group in groups:
+            matrix[group, range(column, column + size)] = 1.0
+        column += size
+    return directions, matrix
 
 
-def moved(terms: Sequence[ModelTerm], step: Sequence[Array]) -> list[ModelTerm]:
-    """The terms, each moved by its step, (k,) in scales of its coordinates; less where that means nothing."""
-    made = []
-    for term, by in zip(terms, step, strict=True):
-        for _ in range(_SHORTER):
-            there = term.at(term.effect.coordinates() + by * term.effect.coordinate_scales())
-            if there.effect.is_valid():
+def move_terms(terms: Sequence[ModelTerm], steps: Sequence[Array]) -> list[ModelTerm]:
+    """Return the terms, each moved by its step, (k,) in scales of its coordinates.
+
+    A step to impossible parameters is shortened.
+    """
+    result = []
+    for term, step in zip(terms, steps, strict=True):
+        for _ in range(_MAX_HALVINGS):
+            candidate = term.with_coordinates(
+                term.effect.coordinates() + step * term.effect.coordinate_scales()
+            )
+            if candidate.effect.is_valid():
                 break
-            by = 0.5 * by
+            step = 0.5 * step
         else:
-            there = term
-        made.append(there)
-    return made
+            candidate = term
+        result.append(candidate)
+    return result

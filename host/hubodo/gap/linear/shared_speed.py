@@ -1,4 +1,4 @@
-"""The speed that gyros of some nodes measured, and how all nodes answer where it was measured otherwise."""
+"""Coupling of nodes by a speed that their gyros measured: an effect on one changes the readings of all."""
 
 from __future__ import annotations
 
@@ -9,70 +9,80 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.effects import Effect
-from hubodo.gap.linear.added import Added
+from hubodo.gap.linear.additive import AdditiveEffects
 from hubodo.gap.problem.problem import NodeData
-from hubodo.gap.state.measured_speed import joined, measuring_chain
-from hubodo.gap.state.state import Effects, State, stacked
+from hubodo.gap.state.measured_speed import average_speed_errors, build_measuring_chain
+from hubodo.gap.state.state import Effects, State, stack_channels
 from hubodo.model.inputs import ExtraSpeed, MotionCorrection, SpeedCorrection
 
-# m/s and m/s²: what is differentiated is as smooth as the motion, and nothing large is in it.
-_DRIVEN = 1e-5
+# m/s and m/s²; step of the finite difference.
+_SPEED_STEP = 1e-5
 
 
-class SharedSpeed:
-    """How the nodes answer, at a state, a speed that was measured otherwise."""
+class SpeedCoupling:
+    """Change of the speed correction of a state by effects on the measuring nodes."""
 
     def __init__(self, state: State) -> None:
         self._state = state
         self._added = {
-            node.name: Added(measuring_chain(node, state.effects[node.name]), state.effects[node.name])
-            for node in state.problem.sources
+            node.name: AdditiveEffects(
+                build_measuring_chain(node, state.effects[node.name]), state.effects[node.name]
+            )
+            for node in state.problem.speed_source_nodes
         }
 
-    def more(
-        self, effects: Effects, there: Effect, changed: Collection[str], by: float
+    def correction_slope(
+        self, effects: Effects, effect: Effect, changed: Collection[str], step: float
     ) -> SpeedCorrection | None:
-        """How the correction changes, per `by`, where nodes `changed` have an effect in place of their own.
+        """Return the change of the speed correction per `step` of an effect; None if it stays.
 
-        effects: all of all nodes, with it. None where it stays what it is.
+        effects: of all nodes, including the changed one
+        changed: names of the nodes with the changed effect
         """
-        given, sources = self._state.correction, self._state.problem.sources
-        moved = [node for node in sources if node.name in changed]
-        if given is None or not moved:
+        correction, sources = self._state.speed_correction, self._state.problem.speed_source_nodes
+        changed_sources = [node for node in sources if node.name in changed]
+        if correction is None or not changed_sources:
             return None
-        if all(self._added[node.name].does(type(there)) for node in moved):
-            speed = joined(sources, {node.name: self._read(node, there) for node in moved})
+        if all(self._added[node.name].is_additive(type(effect)) for node in changed_sources):
+            speed = average_speed_errors(
+                sources, {node.name: self._read(node, effect) for node in changed_sources}
+            )
         else:
-            made = self._state.corrected(effects, changed)
-            assert made is not None
-            speed = made.speed - given.speed
-        return SpeedCorrection(given.t, speed / by) if speed.any() else None
+            changed_correction = self._state.correct_speed(effects, changed)
+            assert changed_correction is not None
+            speed = changed_correction.speed - correction.speed
+        return SpeedCorrection(correction.t, speed / step) if speed.any() else None
 
-    def _read(self, node: NodeData, there: Effect) -> Array:
-        """(N,) m/s: change of a gyro's error by what an effect adds to its reading."""
-        rate = self._added[node.name].change(there)[2]
-        return np.asarray(self._state.speed_errors[node.name].per_rate * rate)
+    def _read(self, node: NodeData, effect: Effect) -> Array:
+        """Return the change of the measured speed's error, (N,) m/s, by an additive effect."""
+        rate = self._added[node.name].reading_change(effect)[2]
+        return np.asarray(self._state.speed_errors[node.name].correction_per_rate * rate)
 
 
-class SpeedAnswers:
-    """How one node that answers at once answers a little more of the speed that drives it."""
+class SpeedSensitivity:
+    """Sensitivity of a memoryless node to the speed that drives it."""
 
     def __init__(self, state: State, node: NodeData) -> None:
-        self._t = state.readings[node.name].body.t
-        base, given = stacked(state.readings[node.name]), state.correction
+        self._t = state.predictions[node.name].body.t
+        base, given = stack_channels(state.predictions[node.name]), state.speed_correction
 
-        def slope(by: MotionCorrection) -> Array:
-            reading = state.reading(node, state.effects[node.name].values(), by)
-            return (stacked(reading) - base) / _DRIVEN
+        def slope(correction: MotionCorrection) -> Array:
+            reading = state.predict(node, state.effects[node.name].values(), correction)
+            return (stack_channels(reading) - base) / _SPEED_STEP
 
-        # (6, N) each: change of the channels per m/s of speed, m/s² of acceleration, m of distance.
-        answers = [slope(ExtraSpeed(speed=_DRIVEN, inner=given)), slope(ExtraSpeed(0.0, _DRIVEN, given))]
+        # (6, N) each: change of the channels per m/s of speed, m/s² of acceleration and m of distance.
+        columns = [
+            slope(ExtraSpeed(speed=_SPEED_STEP, inner=given)),
+            slope(ExtraSpeed(0.0, _SPEED_STEP, given)),
+        ]
         if node.on_wheel:
-            # The way that a wheel has gone is how far it is round.
+            # The distance of a wheel is its angle times its radius.
             radius = node.forward.geometry(state.effects[node.name].values()).radius
-            answers.append(state.phase_columns[node.name] / radius)
-        self._answers = answers
+            columns.append(state.phase_columns[node.name] / radius)
+        self._answers = columns
 
-    def add(self, more: SpeedCorrection, into: NDArray[np.float32]) -> None:
-        """The change of the node's channels for a little more correction, to (6, N)."""
-        into += sum(answer * by for answer, by in zip(self._answers, more.at(self._t), strict=False))
+    def add(self, slope: SpeedCorrection, columns: NDArray[np.float32]) -> None:
+        """Add the node's change for a slope of the speed correction to `columns`, (6, N)."""
+        columns += sum(
+            column * value for column, value in zip(self._answers, slope.at(self._t), strict=False)
+        )

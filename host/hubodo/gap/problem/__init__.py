@@ -1,1 +1,1 @@
-"""What is to be explained: a log and a model brought together."""
+"""The problem to be solved: a log matched with a model."""

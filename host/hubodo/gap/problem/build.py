@@ -1,4 +1,4 @@
-"""From a log and a model to the problem they pose: nodes, inputs and the time that both have."""
+"""Build the problem from a log and a model: nodes, inputs and their common time span."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.errors import InputError
-from hubodo.gap.problem.log_inputs import input_noises, log_temperature, read_inputs, trace
-from hubodo.gap.problem.plausible import check
+from hubodo.gap.problem.log_inputs import estimate_input_noise, read_inputs, read_temperature, read_trace
+from hubodo.gap.problem.plausibility import check_plausibility
 from hubodo.gap.problem.problem import CHANNELS, NodeData, Problem
 from hubodo.model.forward import NodeModel
 from hubodo.model.inputs import MotionInputs
@@ -19,111 +19,116 @@ from hubodo.recording import NODE_OPTIONAL_COLUMNS, Recording, Table
 from hubodo.smoothing_spline import constant_spline
 from hubodo.time_gaps import check_time_gaps
 
-# s: shorter logs show too few turns and stops.
-SHORTEST = 20.0
-# A node with fewer samples is left out.
-_LEAST_SAMPLES = 100
-# So many equal largest readings are no chance.
-_PILED = 6
-_OWN_YAW = (
-    "the yaw rate is what the gyros across the axles read: an error that all of them share cannot be seen "
-    "or passes for one of the track width; a reference or a node on the body would show it"
+# s; shorter logs contain too few turns and stops.
+MIN_DURATION = 20.0
+# Nodes with fewer samples are ignored.
+MIN_NODE_SAMPLES = 100
+# Equal largest readings from which on they mark the limit of the sensor.
+_MIN_LIMIT_READINGS = 6
+_SHARED_YAW_WARNING = (
+    "the yaw rate comes from the gyro axes across the axles: an error common to all of them is not "
+    "observable or looks like a track width error; a reference or a node on the body would show it"
 )
 
 
-def build(recording: Recording, model: Model, where: str = "log") -> Problem:
-    """The problem that a recording poses to a model.
+def build_problem(recording: Recording, model: Model, log_name: str = "log") -> Problem:
+    """Match a recording with a model.
 
-    Raises InputError when the log lacks what the model needs, is shorter than 20 s, has no node of the model,
-    or cannot belong to it.
+    Raises InputError if the log lacks an input of the model, is shorter than 20 s, has no node of the model,
+    or is not plausible for the model.
     """
     names = [name for name in model.vehicle.nodes if len(recording.nodes.get(name, ()))]
     if not names:
         raise InputError(
-            f"{where}: has none of the model's nodes ({', '.join(model.vehicle.nodes) or 'it names none'}); "
-            f"the log has {', '.join(recording.nodes) or 'no node'}; name them alike in [nodes], "
-            "or say which topic is which with --topic"
+            f"{log_name}: has none of the model's nodes ({', '.join(model.vehicle.nodes) or 'none'}); "
+            f"the log has {', '.join(recording.nodes) or 'no node'}; use the same names in [nodes], "
+            "or assign topics with --topic"
         )
     for name, table in recording.files().items():
         if name in names or name == "reference":
-            check_time_gaps(table.t, f"{where}: {name}")
+            check_time_gaps(table.t, f"{log_name}: {name}")
     warnings = [f"{name}: not in the log" for name in model.vehicle.nodes if name not in names]
     origin = min(float(table.t[0]) for table in recording.files().values() if len(table))
-    read = read_inputs(recording, model, origin, where)
+    log_inputs = read_inputs(recording, model, origin, log_name)
     tables = {name: recording.nodes[name] for name in names}
-    first = max(read.first, min(float(table.t[0]) - origin for table in tables.values()))
-    last = min(read.last, max(float(table.t[-1]) - origin for table in tables.values()))
-    if last - first < SHORTEST:
+    first = max(log_inputs.first, min(float(table.t[0]) - origin for table in tables.values()))
+    last = min(log_inputs.last, max(float(table.t[-1]) - origin for table in tables.values()))
+    if last - first < MIN_DURATION:
         raise InputError(
-            f"{where}: nodes and inputs overlap for {max(last - first, 0.0):.1f} s; "
-            f"at least {SHORTEST:.0f} s are needed"
+            f"{log_name}: nodes and inputs overlap for {max(last - first, 0.0):.1f} s; "
+            f"at least {MIN_DURATION:.0f} s are needed"
         )
-    speed = read.speed or constant_spline(float(model.inputs.speed), first, last)
-    yaw_rate = read.yaw_rate or constant_spline(float(model.inputs.yaw_rate), first, last)
-    inputs = MotionInputs(speed, yaw_rate, log_temperature(recording, names, origin))
-    nodes = _nodes(tables, model, inputs, (origin, first, last), warnings)
+    speed = log_inputs.speed or constant_spline(float(model.inputs.speed), first, last)
+    yaw_rate = log_inputs.yaw_rate or constant_spline(float(model.inputs.yaw_rate), first, last)
+    inputs = MotionInputs(speed, yaw_rate, read_temperature(recording, names, origin))
+    nodes = _build_nodes(tables, model, inputs, (origin, first, last), warnings)
     if not any(node.used.any() for node in nodes):
-        raise InputError(f"{where}: no channel of any node changes; nothing was measured")
+        raise InputError(f"{log_name}: no channel of any node changes; nothing was measured")
     if model.inputs.yaw_rate == "nodes":
-        warnings.append(_OWN_YAW)
-    warnings += check(nodes, inputs, read.measured_by, where)
-    speed_noise, yaw_noise = input_noises(model, speed, yaw_rate, read.measured_by, warnings)
+        warnings.append(_SHARED_YAW_WARNING)
+    warnings += check_plausibility(nodes, inputs, log_inputs.speed_sources, log_name)
+    speed_noise, yaw_noise = estimate_input_noise(model, speed, yaw_rate, log_inputs.speed_sources, warnings)
     return Problem(
         model,
         nodes,
         inputs,
         speed_noise,
         yaw_noise,
-        read.speed_period,
-        read.yaw_rate_period,
+        log_inputs.speed_period,
+        log_inputs.yaw_rate_period,
         last - first,
-        read.measured_by,
+        log_inputs.speed_sources,
         tuple(warnings),
     )
 
 
-def _nodes(
+def _build_nodes(
     tables: Mapping[str, Table],
     model: Model,
     inputs: MotionInputs,
     span: tuple[float, float, float],
     warnings: list[str],
 ) -> tuple[NodeData, ...]:
-    """The nodes with enough samples. span: s, when the log began, and the first and last time after that."""
+    """Return the nodes with enough samples.
+
+    span: s, the start of the log, and the first and last time since then
+    """
     origin, first, last = span
     nodes = []
     for name, table in tables.items():
         inside = (table.t - origin >= first) & (table.t - origin <= last)
         t = np.ascontiguousarray(table.t[inside] - origin)
-        if len(t) < _LEAST_SAMPLES:
+        if len(t) < MIN_NODE_SAMPLES:
             warnings.append(f"{name}: only {len(t)} samples while the inputs last; left out")
             continue
-        y = np.stack([table[channel][inside] for channel in CHANNELS])
+        readings = np.stack([table[channel][inside] for channel in CHANNELS])
         mount = model.vehicle.nodes[name]
-        used = np.ptp(y, axis=1) > 0.0
-        still = [c for c, on in zip(CHANNELS, used, strict=True) if not on]
-        if still:
-            warnings.append(f"{name}: {', '.join(still)} never change; left out")
+        used = np.ptp(readings, axis=1) > 0.0
+        unchanging = [c for c, on in zip(CHANNELS, used, strict=True) if not on]
+        if unchanging:
+            warnings.append(f"{name}: {', '.join(unchanging)} never change; left out")
         if mount.side is not None and not used[3:5].all():
             used[[0, 1, 3, 4]] = False
             warnings.append(
                 f"{name}: without ax and ay its wheel's angle is unknown; gx and gy are left out too"
             )
-        warm, supply = (trace(table, column, origin) for column in NODE_OPTIONAL_COLUMNS)
-        own = replace(inputs, temperature=warm or inputs.temperature, supply=supply or inputs.supply)
-        forward = NodeModel(own, t, mount, model.vehicle.wheel_radius, model.vehicle.track_width)
-        limits = (pile_up(y[:3]), pile_up(y[3:]))
-        nodes.append(NodeData(name, mount, t, y, used, limits, forward))
+        temperature, supply = (read_trace(table, column, origin) for column in NODE_OPTIONAL_COLUMNS)
+        node_inputs = replace(
+            inputs, temperature=temperature or inputs.temperature, supply=supply or inputs.supply
+        )
+        forward = NodeModel(node_inputs, t, mount, model.vehicle.wheel_radius, model.vehicle.track_width)
+        saturation_limits = (find_saturation_limit(readings[:3]), find_saturation_limit(readings[3:]))
+        nodes.append(NodeData(name, mount, t, readings, used, saturation_limits, forward))
     return tuple(nodes)
 
 
-def pile_up(y: Array) -> float:
-    """The limit, beyond which a triad reads nothing, (3, N): where its largest readings are all the same.
+def find_saturation_limit(y: Array) -> float:
+    """Return the limit at which a triad, (3, N), saturates; infinity if it does not.
 
-    Infinity where they are not.
+    At a limit many of the largest magnitudes are equal.
     """
     values, counts = np.unique(np.abs(y), return_counts=True)
-    # Noise spreads the largest readings: without a limit, fewer fall on the last value than on those before.
-    if len(values) > 4 and counts[-1] >= _PILED and counts[-1] > 3 * counts[-4:-1].max():
+    # Without a limit, noise spreads the largest readings: fewer have the last value than those before it.
+    if len(values) > 4 and counts[-1] >= _MIN_LIMIT_READINGS and counts[-1] > 3 * counts[-4:-1].max():
         return float(values[-1])
     return np.inf

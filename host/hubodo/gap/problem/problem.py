@@ -1,4 +1,4 @@
-"""A log and a model brought together: what each node measured, and what drives the model of it."""
+"""The data of a search: readings of each node and the inputs that drive its model."""
 
 from __future__ import annotations
 
@@ -16,18 +16,20 @@ from hubodo.model.model_file import Model
 from hubodo.vehicle import NodeMount
 
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
-# Hz: wheels and vehicles do nothing faster that an effect would need to be told from another.
-_ENOUGH = 100.0
-# A step between readings that is no rounding of the file.
-_DIGIT = 1e-8
+# Hz; faster motion of wheels and vehicles does not help to distinguish effects.
+_MIN_DECIMATED_RATE_HZ = 100.0
+# Smaller steps between readings are rounding of the file, not the resolution of the sensor.
+MIN_LATTICE_STEP = 1e-8
 
 
 @dataclass(frozen=True)
 class NodeData:
-    """What one node measured. t: (N,) s since the log began. y: (6, N) gx gy gz rad/s, ax ay az m/s².
+    """Readings of one node.
 
-    used: (6,) which channels take part; a channel that never changes says nothing. limits: of gyro rad/s and
-    accelerometer m/s², beyond which nothing was read as it seems; infinity where nothing piles up.
+    t: (N,) s since the start of the log
+    y: (6, N) gx gy gz in rad/s, ax ay az in m/s²
+    used: (6,) channels that take part; a channel that never changes is excluded
+    saturation_limits: of gyro, rad/s, and accelerometer, m/s²; infinity if no readings pile up at a limit
     """
 
     name: str
@@ -35,13 +37,13 @@ class NodeData:
     t: Array
     y: Array
     used: NDArray[np.bool_]
-    limits: tuple[float, float]
+    saturation_limits: tuple[float, float]
     forward: NodeModel
 
     @cached_property
     def clipped(self) -> NDArray[np.bool_]:
-        """(6, N): readings at the limit of their sensor."""
-        limits = np.repeat(self.limits, 3)[:, None]
+        """Return a mask, (6, N), of the readings at the limit of their sensor."""
+        limits = np.repeat(self.saturation_limits, 3)[:, None]
         return np.asarray(np.abs(self.y) >= limits * (1.0 - 1e-9))
 
     @property
@@ -50,38 +52,39 @@ class NodeData:
 
     @cached_property
     def accel_scatter(self) -> float:
-        """m/s²: 1 sigma of white noise in ax and ay, from their second differences, whatever is declared."""
-        bent = np.diff(self.y[3:5], 2, axis=1)
-        return float(np.median(np.abs(bent)) / 0.6745 / np.sqrt(6.0))
+        """Return 1 sigma of white noise in ax and ay, m/s², estimated from second differences."""
+        differences = np.diff(self.y[3:5], 2, axis=1)
+        return float(np.median(np.abs(differences)) / 0.6745 / np.sqrt(6.0))
 
     @cached_property
-    def steps(self) -> Array:
-        """(6,): the smallest step between two readings of a channel; infinity where all are equal."""
+    def lattice_steps(self) -> Array:
+        """Return the smallest step between two readings of each channel, (6,); infinity if all are equal."""
         gaps = [np.diff(np.unique(np.round(row, 9))) for row in self.y]
-        return np.array([one[one > _DIGIT].min(initial=np.inf) for one in gaps])
+        return np.array([one[one > MIN_LATTICE_STEP].min(initial=np.inf) for one in gaps])
 
-    def part(self, samples: slice) -> NodeData:
-        """Some of its samples."""
+    def select(self, samples: slice) -> NodeData:
+        """Return a copy with some of the samples."""
         return replace(self, t=self.t[samples], y=self.y[:, samples], forward=self.forward.select(samples))
 
-    def decimated(self) -> NodeData:
-        """Every k-th sample of it, at 100 to 200 Hz; itself where it is not faster."""
-        every = int(1.0 / (_ENOUGH * float(np.median(np.diff(self.t)))) + 1e-6)
-        if every < 2:
+    def decimate(self) -> NodeData:
+        """Return a copy with every k-th sample, at 100 to 200 Hz; itself if it is not faster."""
+        stride = int(1.0 / (_MIN_DECIMATED_RATE_HZ * float(np.median(np.diff(self.t)))) + 1e-6)
+        if stride < 2:
             return self
-        t = np.ascontiguousarray(self.t[::every])
-        was = self.forward
-        forward = NodeModel(was.inputs, t, self.mount, was.wheel_radius, was.track_width, was.power_on)
-        return replace(self, t=t, y=np.ascontiguousarray(self.y[:, ::every]), forward=forward)
+        t = np.ascontiguousarray(self.t[::stride])
+        full = self.forward
+        forward = NodeModel(full.inputs, t, self.mount, full.wheel_radius, full.track_width, full.power_on)
+        return replace(self, t=t, y=np.ascontiguousarray(self.y[:, ::stride]), forward=forward)
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Everything a search for effects works on.
+    """Everything that a search for effects works on.
 
-    speed_noise m/s, yaw_rate_noise rad/s: 1 sigma of a sample of the inputs. speed_period, yaw_rate_period: s
-    between those. measured_by: nodes whose z gyro is the speed input, () when the log has a reference.
-    warnings: one line each.
+    speed_noise, yaw_rate_noise: m/s and rad/s, 1 sigma of one sample of the inputs
+    speed_period, yaw_rate_period: s between samples of the inputs
+    speed_sources: names of the nodes whose z gyro is the speed input; () with a reference
+    warnings: one line each
     """
 
     model: Model
@@ -92,24 +95,21 @@ class Problem:
     speed_period: float
     yaw_rate_period: float
     duration: float
-    measured_by: tuple[str, ...]
+    speed_sources: tuple[str, ...]
     warnings: tuple[str, ...]
 
     @cached_property
-    def sources(self) -> tuple[NodeData, ...]:
-        """The nodes whose gyros measured the speed."""
-        return tuple(node for node in self.nodes if node.name in self.measured_by and node.on_wheel)
+    def speed_source_nodes(self) -> tuple[NodeData, ...]:
+        """Return the nodes whose gyros measured the speed."""
+        return tuple(node for node in self.nodes if node.name in self.speed_sources and node.on_wheel)
 
-    def part(self, samples: Mapping[str, slice]) -> Problem:
-        """With some samples of each node."""
-        return replace(self, nodes=tuple(node.part(samples[node.name]) for node in self.nodes))
+    def select(self, samples: Mapping[str, slice]) -> Problem:
+        """Return a copy with some samples of each node."""
+        return replace(self, nodes=tuple(node.select(samples[node.name]) for node in self.nodes))
 
-    def decimated(self) -> Problem | None:
-        """The same with nodes at 100 to 200 Hz, to be searched first; None where none is faster.
-
-        The inputs are left whole.
-        """
-        nodes = tuple(node.decimated() for node in self.nodes)
-        if all(one is node for one, node in zip(nodes, self.nodes, strict=True)):
+    def decimate(self) -> Problem | None:
+        """Return a copy with nodes at 100 to 200 Hz and complete inputs; None if no node is faster."""
+        nodes = tuple(node.decimate() for node in self.nodes)
+        if all(decimated is node for decimated, node in zip(nodes, self.nodes, strict=True)):
             return None
         return replace(self, nodes=nodes)

@@ -1,1 +1,1 @@
-"""What wanders at random beside a model, and what is left of the data with that followed."""
+"""Process noise of a model and the residuals with that noise removed."""

@@ -1,9 +1,8 @@
-"""What the data say about every direction at once, with what wanders at random taken out window by window.
+"""Innovations of residuals and sensitivity columns, with process noise filtered out window by window.
 
-The angle of a wheel is a random walk beside what the inputs say (their noise, integrated); so may be a gyro's
-bias, or a clock. In each window such a walk is one number. A Kalman filter carries them on, for the residual
-and for all columns together, and what is left in each window is independent of the windows before it:
-quadratic forms that simply add up.
+The angle of a wheel is a random walk about the integrated inputs; so may be a gyro's bias or a clock. Each
+walk has one value per window. A Kalman filter propagates them for the residual and for all columns together.
+Its innovations are independent from window to window, so their quadratic forms add up (Kailath 1968).
 """
 
 from __future__ import annotations
@@ -16,167 +15,197 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv
 
 from hubodo.arrays import Array
-from hubodo.gap.process_noise.symmetric import Symmetric
-from hubodo.gap.process_noise.window_sums import UNKNOWN, Share, Sums, Walk, WindowSums
+from hubodo.gap.process_noise.symmetric import SymmetricStack
+from hubodo.gap.process_noise.window_sums import (
+    FREE_WALK_VARIANCE,
+    NodeSegment,
+    RandomWalk,
+    WindowProducts,
+    WindowSums,
+)
 
 
 @dataclass(frozen=True)
 class Innovations:
-    """What the filter left of residuals and columns, as sums.
+    """Sums of products of the innovations of residual and columns.
 
-    grams: of P+1 each, one for each `block` windows; the last row and column belong to the residual.
-    logs: logarithms that go with them: -½ (last element + logs) is the log-likelihood. raw: (P+1,)
-    squares of the columns before anything but a free walk was taken out, with those of the steps that
-    they ask of it. mean: (K, C) where each walk is beside its path as all windows show it; nothing when
-    only columns were asked for.
+    grams: (P+1, P+1) for each `block` windows; the last row and column belong to the residual
+    log_determinant: ln det of the innovation covariance; -½ (last element + log_determinant) is the
+        log-likelihood
+    raw_squares: (P+1,) squares of the columns before the bounded walks were filtered out, with the squares of
+        the free walks' steps
+    smoothed: (K, C) smoothed walks relative to their tracked values; empty unless requested
     """
 
-    grams: Symmetric
-    logs: float
-    raw: Array
-    mean: Array
+    grams: SymmetricStack
+    log_determinant: float
+    raw_squares: Array
+    smoothed: Array
 
 
 @dataclass(frozen=True)
-class _Step:
-    """The walks in one window: (C,) before it was seen, (C, C) its variance, and both after."""
+class _FilterStep:
+    """Predicted and updated walks of one window: means, (C,), and covariances, (C, C)."""
 
     expected: Array
-    wide: Array
+    expected_covariance: Array
     mean: Array
-    variance: Array
+    covariance: Array
 
 
-def innovations(
-    parts: Iterable[Iterable[Share]],
-    walks: Sequence[Walk],
-    paths: Array,
-    size: int,
+def filter_innovations(
+    segments: Iterable[Iterable[NodeSegment]],
+    walks: Sequence[RandomWalk],
+    tracked: Array,
+    n_columns: int,
     window: float,
     block: int,
     smooth: bool = False,
-    together: Array | float = 0.0,
+    step_covariance: Array | float = 0.0,
 ) -> Innovations:
-    """size: P columns in all. window: s. block: windows whose grams are added up. smooth: ask for `mean`.
+    """Filter the walks out of residuals and columns and return the innovations.
 
-    parts: of each stretch of time the shares of the nodes, whole blocks but in the last; each is asked for
-    when the one before it has been summed up: not all need be there at once. paths: (C, K) where each walk
-    was thought to be when residual and columns were taken. together: (C, C) covariance per second of the
-    steps of different walks, zero on the diagonal.
+    segments: for each segment of time an iterable of the nodes' data; whole blocks except in the last. Each
+        is requested after the previous one was summed, so that not all are in memory
+    tracked: (C, K) values of the walks about which residual and columns were computed
+    n_columns: P, columns in total
+    window: s
+    block: windows per gram
+    smooth: True to return `smoothed`
+    step_covariance: (C, C) covariance per second between the steps of different walks, zero on the diagonal
     """
-    nodes: list[WindowSums] = []
-    moves = np.diff(paths, axis=1, prepend=0.0)
-    start = np.array([walk.start for walk in walks])
-    moves[:, 0] = np.where(start >= UNKNOWN, 0.0, paths[:, 0])
-    filtered, first = _Filter(walks, size, window, smooth, together), 0
-    grams = Symmetric.room(-(-paths.shape[1] // block), size + 1)
-    for shares in parts:
+    window_sums: list[WindowSums] = []
+    tracked_steps = np.diff(tracked, axis=1, prepend=0.0)
+    start = np.array([walk.start_variance for walk in walks])
+    tracked_steps[:, 0] = np.where(start >= FREE_WALK_VARIANCE, 0.0, tracked[:, 0])
+    walk_filter, first = _WalkFilter(walks, n_columns, window, smooth, step_covariance), 0
+    grams = SymmetricStack.allocate(-(-tracked.shape[1] // block), n_columns + 1)
+    for shares in segments:
         summed = []
         for k, share in enumerate(shares):
-            if k == len(nodes):
-                nodes.append(WindowSums(share, walks, size, window, block))
-            summed.append((nodes[k], nodes[k].add(share)))
+            if k == len(window_sums):
+                window_sums.append(WindowSums(share, walks, n_columns, window, block))
+            summed.append((window_sums[k], window_sums[k].add(share)))
             del share
         windows = len(summed[0][1].cross)
-        made = _taken(filtered, summed, moves[:, first : first + windows], block, size + 1)
-        grams.put(first // block, made)
+        grams_of_segment = _segment_grams(
+            walk_filter, summed, tracked_steps[:, first : first + windows], block, n_columns + 1
+        )
+        grams.store(first // block, grams_of_segment)
         first += windows
-    raw = np.zeros(size + 1)
-    for node in nodes:
-        raw[node.at] += node.raw
-    white = np.array([walk.white for walk in walks], bool)
-    mean = _smoothed(filtered.steps, white, len(walks))
-    return Innovations(grams, filtered.logs, raw, mean)
+    raw_squares = np.zeros(n_columns + 1)
+    for node in window_sums:
+        raw_squares[node.column_indices] += node.raw_squares
+    is_white = np.array([walk.is_white for walk in walks], bool)
+    mean = _smooth(walk_filter.steps, is_white, len(walks))
+    return Innovations(grams, walk_filter.log_determinant, raw_squares, mean)
 
 
-def _taken(
-    filtered: _Filter, summed: Sequence[tuple[WindowSums, Sums]], moves: Array, block: int, size: int
+def _segment_grams(
+    walk_filter: _WalkFilter,
+    summed: Sequence[tuple[WindowSums, WindowProducts]],
+    tracked_steps: Array,
+    block: int,
+    size: int,
 ) -> Array:
-    """(B, P+1, P+1): the grams of one part. moves: (C, K) of the paths of the walks. size: P+1."""
-    count, windows = moves.shape
+    """Return the grams, (B, P+1, P+1), of one segment.
+
+    tracked_steps: (C, K), steps of the tracked values
+    size: P+1
+    """
+    count, windows = tracked_steps.shape
     grams = np.zeros((-(-windows // block), size, size))
     shift, cross = np.zeros((2, windows, count, size))
-    own = np.zeros((windows, count, count))
+    noise_gram = np.zeros((windows, count, count))
     for node, sums in summed:
-        feels = node.feels[:, None]
-        shift[:, node.feels[node.free][:, None], node.at[:-1]] += sums.shift
-        cross[:, feels, node.at] += sums.cross
-        own[:, feels, node.feels] += sums.own
-        grams[:, node.at[:, None], node.at] += sums.squares
-    # The residual was taken about the path: where that moves, the walk has to be paid for it.
-    shift[:, :, -1] += moves.T
-    return grams - filtered.take(cross, own, shift, block)
+        indices = node.noise_indices[:, None]
+        shift[:, node.noise_indices[node.free_walks][:, None], node.column_indices[:-1]] += sums.shift
+        cross[:, indices, node.column_indices] += sums.cross
+        noise_gram[:, indices, node.noise_indices] += sums.noise_gram
+        grams[:, node.column_indices[:, None], node.column_indices] += sums.column_grams
+    # The residual was computed about the tracked value: its steps count as steps of the walk.
+    shift[:, :, -1] += tracked_steps.T
+    return grams - walk_filter.update(cross, noise_gram, shift, block)
 
 
-class _Filter:
-    """The walks carried from window to window: (C, P+1), what they do for each column, and their variance."""
+class _WalkFilter:
+    """A Kalman filter of the walks, (C, P+1), for all columns and the residual together."""
 
     def __init__(
-        self, walks: Sequence[Walk], size: int, window: float, smooth: bool, together: Array | float
+        self,
+        walks: Sequence[RandomWalk],
+        size: int,
+        window: float,
+        smooth: bool,
+        step_covariance: Array | float,
     ) -> None:
-        white = np.array([walk.white for walk in walks], bool)
-        start, count = np.array([walk.start for walk in walks]), len(walks)
-        own = np.diag([0.0 if walk.white else walk.intensity for walk in walks])
-        self._growth = (own + together) * window
-        self._lasting, self._anew = np.outer(~white, ~white), np.diag(np.where(white, start, 0.0))
-        self._carried = np.where(white, 0.0, 1.0)[:, None]
-        self._known, self._variance = np.zeros((count, size + 1)), np.diag(start)
-        self._smooth, self._begun = smooth, False
-        self.logs, self.steps = 0.0, list[_Step]()
+        is_white = np.array([walk.is_white for walk in walks], bool)
+        start, count = np.array([walk.start_variance for walk in walks]), len(walks)
+        intensities = np.diag([0.0 if walk.is_white else walk.intensity for walk in walks])
+        self._growth = (intensities + step_covariance) * window
+        self._walk_mask, self._white_variance = (
+            np.outer(~is_white, ~is_white),
+            np.diag(np.where(is_white, start, 0.0)),
+        )
+        self._transition = np.where(is_white, 0.0, 1.0)[:, None]
+        self._estimate, self._variance = np.zeros((count, size + 1)), np.diag(start)
+        self._smooth, self._is_started = smooth, False
+        self.log_determinant, self.steps = 0.0, list[_FilterStep]()
 
-    def take(self, cross: Array, own: Array, shift: Array, block: int) -> Array:
-        """(B, P+1, P+1): what the walks do, to be taken out of the products of each `block` windows.
+    def update(self, cross: Array, noise_gram: Array, shift: Array, block: int) -> Array:
+        """Return the share of the walks, (B, P+1, P+1), in the products of each `block` windows.
 
-        cross: (K, C, P+1), own: (K, C, C), shift: (K, C, P+1), as in `WindowSums`, of all nodes together.
+        cross: (K, C, P+1), noise_gram: (K, C, C), shift: (K, C, P+1), as in `WindowProducts`, for all nodes
+            together
         """
         one = np.eye(len(self._variance))
-        left, right = np.empty((2, len(cross), 2, *self._known.shape))
+        left, right = np.empty((2, len(cross), 2, *self._estimate.shape))
         right[:, 0] = cross
-        spreads = np.empty_like(own)
-        after, variance = self._known, self._variance
-        seen = zip(cross, own, shift, spreads, left, right, strict=True)
-        for m, g, by, spread, (known, u), (_, to) in seen:
-            np.subtract(after, by, out=known)
-            known *= self._carried
-            if self._begun:
-                variance = (variance + self._growth) * self._lasting + self._anew
-            self._begun = True
-            np.subtract(m, g @ known, out=u)
+        spreads = np.empty_like(noise_gram)
+        after, variance = self._estimate, self._variance
+        seen = zip(cross, noise_gram, shift, spreads, left, right, strict=True)
+        for cross_product, g, step, spread, (predicted, u), (_, to) in seen:
+            np.subtract(after, step, out=predicted)
+            predicted *= self._transition
+            if self._is_started:
+                variance = (variance + self._growth) * self._walk_mask + self._white_variance
+            self._is_started = True
+            np.subtract(cross_product, g @ predicted, out=u)
             np.add(one, variance @ g, out=spread)
             gain = _solve(spread, variance)
-            after = np.add(known, gain @ u, out=to)
+            after = np.add(predicted, gain @ u, out=to)
             if self._smooth:
-                self.steps.append(_Step(known[:, -1].copy(), variance, after[:, -1].copy(), gain))
+                self.steps.append(_FilterStep(predicted[:, -1].copy(), variance, after[:, -1].copy(), gain))
             variance = gain
-        self._known, self._variance = after.copy(), variance
-        self.logs += float(np.linalg.slogdet(spreads)[1].sum())
-        # known' m + m' known - known' g known + u' gain u, with u = m - g known.
-        size, made = self._known.shape[1], []
+        self._estimate, self._variance = after.copy(), variance
+        self.log_determinant += float(np.linalg.slogdet(spreads)[1].sum())
+        # x' m + m' x - x' G x + u' A u with u = m - G x; x: prediction, A: updated covariance.
+        size, made = self._estimate.shape[1], []
         for at in range(0, len(cross), block):
             one = left[at : at + block].reshape(-1, size).T @ right[at : at + block].reshape(-1, size)
             made.append(0.5 * (one + one.T))
         return np.array(made)
 
 
-def _solve(matrix: Array, right: Array) -> Array:
-    """As `np.linalg.solve`, which for matrices as small as these takes four times as long."""
+def _solve(matrix: Array, right_side: Array) -> Array:
+    """Solve matrix · x = right like `np.linalg.solve`, four times faster for matrices as small as these."""
     if not len(matrix):
-        return right
-    _, _, made, info = dgesv(matrix, right)
+        return right_side
+    _, _, solution, info = dgesv(matrix, right_side)
     if info:
         raise np.linalg.LinAlgError("Singular matrix")
-    return np.asarray(made)
+    return np.asarray(solution)
 
 
-def _smoothed(steps: Sequence[_Step], white: NDArray[np.bool_], count: int) -> Array:
-    """(K, C): Rauch, Tung and Striebel's smoother (1965)."""
-    made = np.empty((len(steps), count))
+def _smooth(steps: Sequence[_FilterStep], is_white: NDArray[np.bool_], count: int) -> Array:
+    """Return the smoothed walks, (K, C), by Rauch, Tung and Striebel's smoother (1965)."""
+    means = np.empty((len(steps), count))
     for k in range(len(steps) - 1, -1, -1):
-        made[k] = steps[k].mean
+        means[k] = steps[k].mean
         if k + 1 < len(steps):
-            ahead = steps[k + 1]
-            size = np.sqrt(ahead.wide.diagonal())
-            lead = (made[k + 1] - ahead.expected) / size
-            lead = _solve(ahead.wide / (size[:, None] * size), lead) / size
-            made[k] += steps[k].variance @ np.where(white, 0.0, lead)
-    return made
+            later = steps[k + 1]
+            scale = np.sqrt(later.expected_covariance.diagonal())
+            correction = (means[k + 1] - later.expected) / scale
+            correction = _solve(later.expected_covariance / (scale[:, None] * scale), correction) / scale
+            means[k] += steps[k].covariance @ np.where(is_white, 0.0, correction)
+    return means

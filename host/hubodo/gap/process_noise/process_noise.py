@@ -1,4 +1,4 @@
-"""What wanders at random beside a model: angles of wheels, clocks, drift of gyros, noise of the inputs."""
+"""Process noise of a model: wheel angles, clocks, gyro drift and the noise of the inputs."""
 
 from __future__ import annotations
 
@@ -11,127 +11,136 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.gap.problem.problem import NodeData, Problem
-from hubodo.gap.process_noise.parts import window_of
-from hubodo.gap.process_noise.weights import shared_walk
-from hubodo.gap.process_noise.wheel_phase import WINDOW
-from hubodo.gap.process_noise.window_sums import Walk
+from hubodo.gap.process_noise.segments import window_indices
+from hubodo.gap.process_noise.weights import shared_wheel_walk
+from hubodo.gap.process_noise.wheel_phase import WINDOW_DURATION
+from hubodo.gap.process_noise.window_sums import RandomWalk
 from hubodo.gap.state.state import State
 from hubodo.vehicle import side_sign
 
-# s in which a clock that is corrected again and again wanders by as much as it is off.
-_CLOCK_WANDERS = 10.0
+# s in which a repeatedly corrected clock drifts by clock_sigma.
+_CLOCK_WALK_TIME = 10.0
 
-# What two wheels' steps have in common at most: no two roll quite alike. With less of their own, where one is
-# lost, its path would be judged more strictly than the arithmetic holds.
-_ALIKE = 0.9
+# Largest correlation between the steps of two wheels: no two roll identically, and a nearly singular
+# covariance would amplify rounding errors.
+_MAX_WALK_CORRELATION = 0.9
 
-What = Literal["speed", "speed slope", "yaw rate", "yaw rate slope", "wheel", "clock", "gx", "gy", "gz"]
+NoiseSource = Literal[
+    "speed", "speed slope", "yaw rate", "yaw rate slope", "wheel", "clock", "gx", "gy", "gz"
+]
 
 
 @dataclass(frozen=True)
-class Wandering:
-    """Something that wanders. node: where; "" where all nodes feel it alike."""
+class ProcessNoise:
+    """One source of process noise; node: its name, "" if the source acts on all nodes."""
 
-    walk: Walk
-    what: What
+    walk: RandomWalk
+    source: NoiseSource
     node: str = ""
 
-    def path(self, state: State) -> Array | float:
-        """(N,) of its node, where it was thought to be."""
-        followed = {"wheel": state.paths, "clock": state.late}.get(self.what, {})
-        return followed.get(self.node, 0.0)
+    def tracked_value(self, state: State) -> Array | float:
+        """Return the tracked value, (N,) at the samples of its node."""
+        tracked = {"wheel": state.phase_offsets, "clock": state.stamp_delays}.get(self.source, {})
+        return tracked.get(self.node, 0.0)
 
 
-def process_noise(state: State, wheel_walks: Mapping[str, float]) -> list[Wandering]:
-    """What wanders beside the model at a state. wheel_walks: rad²/s, of the angle of each wheel."""
-    made = list(_input_noise(state.problem))
+def list_process_noise(state: State, wheel_walks: Mapping[str, float]) -> list[ProcessNoise]:
+    """Return the process noise of a state; `wheel_walks`: rad²/s, intensity of each wheel's angle."""
+    noises = list(_list_input_noise(state.problem))
     for node in state.problem.nodes:
         if node.on_wheel:
-            made.append(Wandering(Walk(wheel_walks[node.name]), "wheel", node.name))
+            noises.append(ProcessNoise(RandomWalk(wheel_walks[node.name]), "wheel", node.name))
         if state.problem.model.inputs.clock_sigma > 0.0:
-            made.append(Wandering(clock_walk(state.problem), "clock", node.name))
+            noises.append(ProcessNoise(stamp_delay_walk(state.problem), "clock", node.name))
         drift = sum(effect.random_walk_variance_rate() for effect in state.effects[node.name].values())
         if drift > 0.0:
-            walk = Walk(drift, drift * WINDOW)
-            made += [Wandering(walk, row, node.name) for row in ("gx", "gy", "gz")]
-    return made
+            walk = RandomWalk(drift, drift * WINDOW_DURATION)
+            noises += [ProcessNoise(walk, row, node.name) for row in ("gx", "gy", "gz")]
+    return noises
 
 
-def shared_steps(problem: Problem, wanderings: Sequence[Wandering]) -> Array:
-    """(C, C) covariance per second of the steps of different wheels, which integrate the same inputs."""
-    made = np.zeros((len(wanderings), len(wanderings)))
+def shared_walk_covariance(problem: Problem, noises: Sequence[ProcessNoise]) -> Array:
+    """Return the covariance per second, (C, C), between wheels that integrate the same inputs."""
+    covariance = np.zeros((len(noises), len(noises)))
     nodes = {node.name: node for node in problem.nodes}
-    wheels = [(k, nodes[it.node]) for k, it in enumerate(wanderings) if it.what == "wheel"]
+    wheels = [(k, nodes[it.node]) for k, it in enumerate(noises) if it.source == "wheel"]
     for (k, one), (j, other) in permutations(wheels, 2):
-        made[k, j] = _ALIKE * shared_walk(problem, one, other)
-    return made
+        covariance[k, j] = _MAX_WALK_CORRELATION * shared_wheel_walk(problem, one, other)
+    return covariance
 
 
-def felt(wanderings: Sequence[Wandering], node: NodeData) -> list[int]:
-    """(C,) places of what one node feels."""
-    return [k for k, it in enumerate(wanderings) if it.node in ("", node.name)]
+def noise_indices(noises: Sequence[ProcessNoise], node: NodeData) -> list[int]:
+    """Return the indices, (C,), of the process noise that acts on one node."""
+    return [k for k, it in enumerate(noises) if it.node in ("", node.name)]
 
 
-def answers(state: State, node: NodeData, wanderings: Sequence[Wandering], begins: Array) -> Array:
-    """(C, 6, N): change of the channels of a node per unit of each that it feels.
+def compute_noise_columns(
+    state: State, node: NodeData, noises: Sequence[ProcessNoise], window_starts: Array
+) -> Array:
+    """Return the change of a node's channels, (C, 6, N), per unit of each process noise that acts on it.
 
-    begins: s, of the windows in which its samples are.
+    window_starts: s, of the windows that contain its samples
     """
-    places = felt(wanderings, node)
-    made = np.zeros((len(places), *node.y.shape))
-    of_inputs = _input_answers(state, node, begins) if any(not it.node for it in wanderings) else {}
-    for into, place in zip(made, places, strict=True):
-        what = wanderings[place].what
-        if what == "wheel":
-            into[:] = state.phase_columns[node.name]
-        elif what == "clock":
-            into[:] = state.late_columns[node.name]
-        elif what in of_inputs:
-            into[:] = of_inputs[what]
+    indices = noise_indices(noises, node)
+    columns = np.zeros((len(indices), *node.y.shape))
+    input_columns = (
+        _input_noise_columns(state, node, window_starts) if any(not it.node for it in noises) else {}
+    )
+    for column, index in zip(columns, indices, strict=True):
+        source = noises[index].source
+        if source == "wheel":
+            column[:] = state.phase_columns[node.name]
+        elif source == "clock":
+            column[:] = state.delay_columns[node.name]
+        elif source in input_columns:
+            column[:] = input_columns[source]
         else:
-            into[("gx", "gy", "gz").index(what)] = 1.0
-    return made
+            column[("gx", "gy", "gz").index(source)] = 1.0
+    return columns
 
 
-def clock_walk(problem: Problem) -> Walk:
-    """How late the stamps of a node are: off by clock_sigma at first, and slowly wandering by as much."""
+def stamp_delay_walk(problem: Problem) -> RandomWalk:
+    """Return the random walk of a stamp delay: clock_sigma at first, then a slow drift of that size."""
     variance = problem.model.inputs.clock_sigma**2
-    return Walk(variance / _CLOCK_WANDERS, variance)
+    return RandomWalk(variance / _CLOCK_WALK_TIME, variance)
 
 
-def window_variances(problem: Problem) -> tuple[float, float]:
-    """Of what the noise of the inputs leaves in a window's mean: (m/s)² and (rad/s)²."""
-    speed = problem.speed_noise**2 * min(1.0, problem.speed_period / WINDOW)
-    yaw_rate = problem.yaw_rate_noise**2 * min(1.0, problem.yaw_rate_period / WINDOW)
+def input_window_variances(problem: Problem) -> tuple[float, float]:
+    """Return the variances of a window's mean due to noise of the inputs: (m/s)² and (rad/s)²."""
+    speed = problem.speed_noise**2 * min(1.0, problem.speed_period / WINDOW_DURATION)
+    yaw_rate = problem.yaw_rate_noise**2 * min(1.0, problem.yaw_rate_period / WINDOW_DURATION)
     return speed, yaw_rate
 
 
-def _input_noise(problem: Problem) -> Iterator[Wandering]:
-    """The noise of the samples of the inputs, as it is left in the mean and in the slope of a window.
+def _list_input_noise(problem: Problem) -> Iterator[ProcessNoise]:
+    """Yield the noise of the inputs' samples as mean and slope of a window.
 
-    White noise of n samples leaves 1/n of its variance in their mean and 12/(n T²) in their slope; the same
-    for all nodes.
+    White noise of n samples leaves 1/n of its variance in their mean and 12/(n T²) in their slope, common to
+    all nodes.
     """
-    whats: tuple[tuple[What, What], ...] = (("speed", "speed slope"), ("yaw rate", "yaw rate slope"))
-    for variance, (level, slope) in zip(window_variances(problem), whats, strict=True):
+    sources: tuple[tuple[NoiseSource, NoiseSource], ...] = (
+        ("speed", "speed slope"),
+        ("yaw rate", "yaw rate slope"),
+    )
+    for variance, (level, slope) in zip(input_window_variances(problem), sources, strict=True):
         if variance > 0.0:
-            yield Wandering(Walk(0.0, variance, white=True), level)
-            yield Wandering(Walk(0.0, 12.0 * variance / WINDOW**2, white=True), slope)
+            yield ProcessNoise(RandomWalk(0.0, variance, is_white=True), level)
+            yield ProcessNoise(RandomWalk(0.0, 12.0 * variance / WINDOW_DURATION**2, is_white=True), slope)
 
 
-def _input_answers(state: State, node: NodeData, begins: Array) -> dict[What, Array]:
-    """(6, N) each: what a node answers to level and slope of the inputs' noise within a window.
+def _input_noise_columns(state: State, node: NodeData, window_starts: Array) -> dict[NoiseSource, Array]:
+    """Return the change of a node's channels, (6, N), per unit of mean and slope of each input's noise.
 
-    That turns a wheel within the window, too; how far from one window to the next is a walk.
+    The noise also turns the wheel within the window; its walk from window to window is modelled separately.
     """
-    own = state.input_answers(node)
-    at = node.t - (begins[window_of(begins, node.t)] + 0.5 * WINDOW)
-    bent = 0.5 * (at**2 - WINDOW**2 / 12.0)
+    sensitivity = state.input_sensitivity(node)
+    offset = node.t - (window_starts[window_indices(window_starts, node.t)] + 0.5 * WINDOW_DURATION)
+    quadratic = 0.5 * (offset**2 - WINDOW_DURATION**2 / 12.0)
     phase = state.phase_columns.get(node.name, np.zeros(1)) / node.forward.wheel_radius
     y = side_sign(node.mount.side or "left") * node.forward.track_width / 2.0
     return {
-        "speed": own.speed + at * phase,
-        "speed slope": at * own.speed + own.acceleration + bent * phase,
-        "yaw rate": own.yaw_rate - y * at * phase,
-        "yaw rate slope": at * own.yaw_rate - y * bent * phase,
+        "speed": sensitivity.speed + offset * phase,
+        "speed slope": offset * sensitivity.speed + sensitivity.acceleration + quadratic * phase,
+        "yaw rate": sensitivity.yaw_rate - y * offset * phase,
+        "yaw rate slope": offset * sensitivity.yaw_rate - y * quadratic * phase,
     }

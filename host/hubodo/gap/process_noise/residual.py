@@ -1,4 +1,4 @@
-"""What a node reads beyond a model, and how large that is: the gap, in units of the noise it declares."""
+"""Residuals of a node and the gap: their size in units of the declared noise."""
 
 from __future__ import annotations
 
@@ -14,18 +14,20 @@ from hubodo.effects import Effect
 from hubodo.gap.problem.problem import NodeData
 from hubodo.gap.state.noise import ChannelNoise
 
-Masks = Mapping[str, NDArray[np.bool_]]
-"""For each node (N,), which of its samples."""
+SampleMasks = Mapping[str, NDArray[np.bool_]]
+"""For each node a mask of its samples, (N,)."""
 
 
 @dataclass(frozen=True)
 class Residual:
-    """One node at one point of the search; (6, N) where nothing else is said.
+    """Residual of one node in one evaluation; arrays are (6, N) unless stated.
 
-    value: measured minus predicted, with what walks at random followed. sensor_sigma: (6, 1), 1 sigma that
-    the model file asks for, of the sensors; input_sigma: of the inputs. noise: as the channels show it.
-    input_variance: (6,) of what the inputs' noise leaves in a window's mean. effects: what the model gives
-    the node.
+    value: measured minus predicted, with random walks removed
+    sensor_sigma: (6, 1), declared 1 sigma of the sensors
+    noise: estimated noise of the channels
+    input_sigma: declared 1 sigma due to the inputs
+    input_variance: (6,) of a window's mean due to noise of the inputs
+    effects: of the node
     """
 
     node: NodeData
@@ -37,39 +39,38 @@ class Residual:
     effects: Mapping[type[Effect], Effect]
 
     @property
-    def declared(self) -> Array:
-        """1 sigma that the model file asks for, of sensors and inputs."""
+    def declared_sigma(self) -> Array:
+        """Return the declared 1 sigma of sensors and inputs together, (6, N)."""
         return np.asarray(np.hypot(self.sensor_sigma, self.input_sigma))
 
-    def declared_of(self, row: int | np.integer[Any]) -> Array:
-        """(N,): the same of one channel."""
+    def declared_channel_sigma(self, row: int | np.integer[Any]) -> Array:
+        """Return the declared 1 sigma of one channel, (N,)."""
         return np.asarray(np.hypot(self.sensor_sigma[row], self.input_sigma[row]))
 
     @property
     def predicted(self) -> Array:
-        """(6, N): what the model reads."""
+        """Return the predicted readings, (6, N)."""
         return self.node.y - self.value
 
 
-def gap(residuals: Mapping[str, Residual], inside: Masks | None = None) -> float:
-    """Root mean square of residual over declared noise, all channels measured; `inside`: samples."""
+def compute_gap(residuals: Mapping[str, Residual], masks: SampleMasks | None = None) -> float:
+    """Return the rms of residual over declared noise, over all channels and the samples of `masks`."""
     total, count = 0.0, 0
-    for name, one in residuals.items():
-        at = slice(None) if inside is None else inside[name]
-        for row in np.flatnonzero(one.node.used):
-            z = one.value[row, at] / one.declared_of(row)[at]
+    for name, residual in residuals.items():
+        selected = slice(None) if masks is None else masks[name]
+        for row in np.flatnonzero(residual.node.used):
+            z = residual.value[row, selected] / residual.declared_channel_sigma(row)[selected]
             total, count = total + float(z @ z), count + z.size
     return float(np.sqrt(total / count)) if count else float("nan")
 
 
-def floor(residuals: Mapping[str, Residual]) -> float:
-    """The gap that would be left if nothing but noise were.
-
-    That is the scatter from sample to sample, and that of the inputs as it is declared.
-    """
+def compute_gap_floor(residuals: Mapping[str, Residual]) -> float:
+    """Return the gap of noise alone: sample-to-sample scatter and declared noise of the inputs."""
     total, count = 0.0, 0
-    for one in residuals.values():
-        for row in np.flatnonzero(one.node.used):
-            spare = np.hypot(one.noise.of(row), one.input_sigma[row]) / one.declared_of(row)
-            total, count = total + float(spare @ spare), count + spare.size
+    for residual in residuals.values():
+        for row in np.flatnonzero(residual.node.used):
+            ratio = np.hypot(
+                residual.noise.channel_sigma(row), residual.input_sigma[row]
+            ) / residual.declared_channel_sigma(row)
+            total, count = total + float(ratio @ ratio), count + ratio.size
     return float(np.sqrt(total / count)) if count else float("nan")

@@ -1,4 +1,4 @@
-"""Symmetric matrices, one for each block of a log, kept by their halves: a long log has many."""
+"""A stack of symmetric matrices, one per block of a log, stored as triangles to save memory."""
 
 from __future__ import annotations
 
@@ -10,58 +10,62 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 
-# Matrices that are looked at whole at a time.
-_AT_ONCE = 64
+# Matrices unpacked at a time.
+_CHUNK_MATRICES = 64
 
 
 @dataclass(frozen=True)
-class Symmetric:
-    """size: S, of each matrix. halves: (B, S (S + 1) / 2), the rows of their upper triangles."""
+class SymmetricStack:
+    """A stack of B symmetric matrices.
+
+    size: S, rows of each matrix
+    triangles: (B, S (S + 1) / 2), rows of the upper triangles
+    """
 
     size: int
-    halves: Array
+    triangles: Array
 
     @staticmethod
-    def room(count: int, size: int) -> Symmetric:
-        """For so many matrices, none of them known."""
-        return Symmetric(size, np.empty((count, size * (size + 1) // 2)))
+    def allocate(count: int, size: int) -> SymmetricStack:
+        """Return an uninitialised stack."""
+        return SymmetricStack(size, np.empty((count, size * (size + 1) // 2)))
 
     def __len__(self) -> int:
-        return len(self.halves)
+        return len(self.triangles)
 
-    def put(self, first: int, whole: Array) -> None:
-        """From the first on, matrices that are known: (b, S, S)."""
+    def store(self, first: int, matrices: Array) -> None:
+        """Store matrices, (b, S, S), from index `first` on."""
         rows, columns = np.triu_indices(self.size)
-        self.halves[first : first + len(whole)] = whole[:, rows, columns]
+        self.triangles[first : first + len(matrices)] = matrices[:, rows, columns]
 
-    def whole(self) -> Array:
-        """(B, S, S)."""
-        return self._unfolded(self.halves)
+    def unpack(self) -> Array:
+        """Return all matrices, (B, S, S)."""
+        return self._unpack_triangles(self.triangles)
 
-    def total(self) -> Array:
-        """(S, S): the sum of all."""
-        return np.asarray(self._unfolded(self.halves.sum(axis=0)))
+    def sum(self) -> Array:
+        """Return the sum of all matrices, (S, S)."""
+        return np.asarray(self._unpack_triangles(self.triangles.sum(axis=0)))
 
-    def times(self, vector: Array) -> Array:
-        """(B, S): each times a vector."""
-        return np.concatenate([whole @ vector for whole in self._in_turn()])
+    def multiply(self, vector: Array) -> Array:
+        """Return each matrix times a vector, (B, S)."""
+        return np.concatenate([matrices @ vector for matrices in self._unpack_chunks()])
 
-    def of(self, kept: Sequence[int]) -> Symmetric:
-        """Of some rows and columns, in their order."""
-        rows, columns = np.triu_indices(len(kept))
-        chosen = self._places()[np.ix_(kept, kept)]
-        return Symmetric(len(kept), self.halves.take(chosen[rows, columns], axis=1))
+    def select(self, indices: Sequence[int]) -> SymmetricStack:
+        """Return the stack of some rows and columns, in their order."""
+        rows, columns = np.triu_indices(len(indices))
+        chosen = self._triangle_indices()[np.ix_(indices, indices)]
+        return SymmetricStack(len(indices), self.triangles.take(chosen[rows, columns], axis=1))
 
-    def _in_turn(self) -> Iterator[Array]:
-        for first in range(0, len(self), _AT_ONCE):
-            yield self._unfolded(self.halves[first : first + _AT_ONCE])
+    def _unpack_chunks(self) -> Iterator[Array]:
+        for first in range(0, len(self), _CHUNK_MATRICES):
+            yield self._unpack_triangles(self.triangles[first : first + _CHUNK_MATRICES])
 
-    def _unfolded(self, halves: Array) -> Array:
-        return halves.take(self._places(), axis=-1)
+    def _unpack_triangles(self, triangles: Array) -> Array:
+        return triangles.take(self._triangle_indices(), axis=-1)
 
-    def _places(self) -> NDArray[np.intp]:
-        """(S, S): where in a half each element stands."""
+    def _triangle_indices(self) -> NDArray[np.intp]:
+        """Return the position of each element in a triangle, (S, S)."""
         rows, columns = np.triu_indices(self.size)
-        made = np.empty((self.size, self.size), np.intp)
-        made[rows, columns] = made[columns, rows] = np.arange(len(rows))
-        return made
+        indices = np.empty((self.size, self.size), np.intp)
+        indices[rows, columns] = indices[columns, rows] = np.arange(len(rows))
+        return indices

@@ -1,4 +1,4 @@
-"""Wheels and clocks followed at a state: how far round each wheel is, how late the stamps of each node."""
+"""Tracking of wheel angles and stamp delays for a given state."""
 
 from __future__ import annotations
 
@@ -9,54 +9,59 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.gap.problem.problem import NodeData, Problem
-from hubodo.gap.process_noise.point import Point
-from hubodo.gap.process_noise.weights import Weights, declared_walk, declared_weights, weights_of
-from hubodo.gap.process_noise.wheel_phase import follow, on_samples, smoothed
+from hubodo.gap.process_noise.evaluation import Evaluation
+from hubodo.gap.process_noise.weights import (
+    Weights,
+    declared_weights,
+    declared_wheel_walk,
+    weights_from_residuals,
+)
+from hubodo.gap.process_noise.wheel_phase import estimate_phases, interpolate_phases, smooth_phases
 from hubodo.gap.state.state import State
 
-# A wheel followed about its own path is followed better; a third time changes nothing.
-_FOLLOWED = 2
+# Tracking about the first estimate is more accurate; a third pass changes nothing.
+_TRACKING_PASSES = 2
 
 
 def track_wheel_phase(state: State) -> tuple[State, dict[str, float]]:
-    """The state with the path of each wheel followed anew, and how much each path wanders, rad²/s.
+    """Track the phase offset of each wheel, and the stamp delays if clocks are declared to differ.
 
-    Clocks that are declared to differ are followed with them.
+    Returns the new state and the intensity of each wheel's walk, rad²/s.
     """
     problem = state.problem
-    walks = {node.name: declared_walk(problem, node) for node in problem.nodes if node.on_wheel}
-    for _ in range(_FOLLOWED):
-        if problem.model.inputs.clock_sigma > 0.0 and (state.paths or not walks):
-            state = replace(state, late=_follow_clocks(state, walks))
-        paths = dict(state.paths)
+    walks = {node.name: declared_wheel_walk(problem, node) for node in problem.nodes if node.on_wheel}
+    for _ in range(_TRACKING_PASSES):
+        if problem.model.inputs.clock_sigma > 0.0 and (state.phase_offsets or not walks):
+            state = replace(state, stamp_delays=_track_stamp_delays(state, walks))
+        offsets = dict(state.phase_offsets)
         for node in problem.nodes:
             if node.on_wheel:
                 sigma = _accel_noise(problem, node)
-                phases = follow(node, state.readings[node.name], paths.get(node.name), sigma)
-                path, walks[node.name] = smoothed(phases, declared_walk(problem, node))
-                paths[node.name] = on_samples(node, phases, path)
-        state = replace(state, paths=paths)
+                phases = estimate_phases(node, state.predictions[node.name], offsets.get(node.name), sigma)
+                offset, walks[node.name] = smooth_phases(phases, declared_wheel_walk(problem, node))
+                offsets[node.name] = interpolate_phases(node, phases, offset)
+        state = replace(state, phase_offsets=offsets)
     return state, walks
 
 
-def own_weights(state: State) -> Weights:
-    """Weights from the state's own residual and its wheels' own walks."""
-    return weights_of(*track_wheel_phase(state))
+def estimate_weights(state: State) -> Weights:
+    """Estimate weights from the state's own residual and the walks of its wheels."""
+    return weights_from_residuals(*track_wheel_phase(state))
 
 
 def _accel_noise(problem: Problem, node: NodeData) -> float:
-    """m/s²: as declared, or as the samples scatter where that is more."""
+    """Return 1 sigma of the accelerometer, m/s²: declared, or estimated if that is larger."""
     return max(problem.model.noise.accel, node.accel_scatter)
 
 
-def _follow_clocks(state: State, walks: Mapping[str, float]) -> dict[str, Array]:
-    """(N,) s for each node: how late its stamps are, as everything that was declared makes most likely.
-
-    walks: rad²/s, of the wheels.
-    """
-    late = {node.name: np.zeros(len(node.t)) + state.late.get(node.name, 0.0) for node in state.problem.nodes}
-    for it in Point(state, declared_weights(state.problem, walks)).wandered():
-        for wandering, _, mean in it.made:
-            if wandering.what == "clock":
-                late[it.node.name][it.samples] += mean
-    return late
+def _track_stamp_delays(state: State, walks: Mapping[str, float]) -> dict[str, Array]:
+    """Return the most likely stamp delay for each node, (N,) s; `walks`: rad²/s, of the wheels."""
+    delays = {
+        node.name: np.zeros(len(node.t)) + state.stamp_delays.get(node.name, 0.0)
+        for node in state.problem.nodes
+    }
+    for it in Evaluation(state, declared_weights(state.problem, walks)).estimate_process_noise():
+        for noise, _, mean in it.components:
+            if noise.source == "clock":
+                delays[it.node.name][it.samples] += mean
+    return delays

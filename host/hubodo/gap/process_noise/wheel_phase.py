@@ -1,4 +1,4 @@
-"""The angle of a wheel followed by gravity: how far the model's is off, window by window, then smooth."""
+"""Wheel angle from the direction of gravity: phase offset to the model per window, then smoothed."""
 
 from __future__ import annotations
 
@@ -9,97 +9,110 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.gap.problem.problem import NodeData
-from hubodo.gap.process_noise.walk import UNKNOWN, scores
-from hubodo.gap.process_noise.walk import smoothed as walk_smoothed
+from hubodo.gap.process_noise.walk_likelihood import DIFFUSE_VARIANCE, walk_log_likelihoods
+from hubodo.gap.process_noise.walk_likelihood import smooth_walk as walk_smoothed
 from hubodo.model.forward import NodeReading
 from hubodo.vehicle import facing_sign
 
-WINDOW = 0.5
-_UNWRAP_SPREAD = 0.05
-_CLEARLY = 4.0
+# s
+WINDOW_DURATION = 0.5
+# rad²; phases with more are not used for unwrapping.
+_MAX_UNWRAP_VARIANCE = 0.05
+# ln likelihood by which another walk has to beat the declared one.
+_MIN_WALK_GAIN = 4.0
 
 
 @dataclass(frozen=True)
 class WindowPhases:
-    """Middle of each window, s; how far the wheel is ahead of the model, rad, unwrapped; variance, rad²."""
+    """Phase offsets of a wheel per window.
+
+    t: s, centre of the window
+    phase: rad, measured minus modelled wheel angle, unwrapped
+    variance: rad²
+    """
 
     t: Array
     phase: Array
     variance: Array
 
 
-def windows(t: Array, width: float = WINDOW) -> NDArray[np.intp]:
-    """First sample of each window of `width` s, and the end: (K + 1,) indices; no window is empty."""
+def window_boundaries(t: Array, width: float = WINDOW_DURATION) -> NDArray[np.intp]:
+    """Return the first sample of each window of `width` s, and the end, (K + 1,); no window is empty."""
     edges = np.searchsorted(t, np.arange(t[0], t[-1], width))
     return np.unique(np.append(edges, len(t)))
 
 
-def follow(node: NodeData, reading: NodeReading, path: Array | None, accel_noise: float) -> WindowPhases:
-    """How far the wheel is ahead of the model's angle, in each window.
+def estimate_phases(
+    node: NodeData, reading: NodeReading, phase_offset: Array | None, accel_sigma: float
+) -> WindowPhases:
+    """Estimate by how much the wheel is ahead of the model's angle in each window.
 
-    reading: predicted with the wheel further by path, (N,) rad, than the model has it.
+    reading: predicted with `phase_offset`, (N,) rad, added to the wheel angle
+    accel_sigma: m/s²
 
-    In each window fx + i s fy = offset + e^(-i phase) times what the model predicts, by least squares: the
-    offset takes up lever arm, bias and the like, as far as they are expected to go at that spin.
+    Least squares of fx + i s fy = offset + e^(-i phase) · prediction in each window, s: facing sign. The
+    offset absorbs lever arm and bias, within what is usual at that spin.
     """
     facing = facing_sign(node.mount.facing or "left")
     measured = node.y[3] + 1j * facing * node.y[4]
     model = reading.accel[0] + 1j * facing * reading.accel[1]
     assert reading.rolling is not None
-    edges = windows(node.t)
+    edges = window_boundaries(node.t)
     total = np.diff(edges).astype(float)
 
     def summed(value: Array) -> Array:
         return np.asarray(np.add.reduceat(value, edges[:-1]))
 
     spin = np.sqrt(summed(reading.rolling.spin**2) / total)
-    # What may be there without being a turn: m/s².
-    allowed = 0.1 + 0.01 * spin**2
-    ridge = (accel_noise / allowed) ** 2
+    # Usual size of the offset, m/s².
+    usual_offset = 0.1 + 0.01 * spin**2
+    ridge = (accel_sigma / usual_offset) ** 2
     power, mean = summed(np.abs(model) ** 2), summed(model)
     cross, level = summed(measured * model.conj()), summed(measured)
     # Normal equations in (offset, factor), two by two, complex.
-    inner = power - np.abs(mean) ** 2 / (total + ridge)
-    factor = (cross - level * mean.conj() / (total + ridge)) / np.maximum(inner, 1e-9)
+    information = power - np.abs(mean) ** 2 / (total + ridge)
+    factor = (cross - level * mean.conj() / (total + ridge)) / np.maximum(information, 1e-9)
     phase = -np.angle(factor)
-    variance = accel_noise**2 / np.maximum(inner * np.maximum(np.abs(factor), 0.05) ** 2, 1e-9)
+    variance = accel_sigma**2 / np.maximum(information * np.maximum(np.abs(factor), 0.05) ** 2, 1e-9)
     middle = summed(node.t) / total
-    known = np.zeros(len(total)) if path is None else summed(path) / total
-    return WindowPhases(middle, known + _unwrapped(phase, variance), np.maximum(variance, 1e-8))
+    previous = np.zeros(len(total)) if phase_offset is None else summed(phase_offset) / total
+    return WindowPhases(middle, previous + _unwrap(phase, variance), np.maximum(variance, 1e-8))
 
 
-def _unwrapped(phase: Array, variance: Array) -> Array:
-    """Turns added so that neighbours agree with the trend of the windows before them."""
-    made = np.empty_like(phase)
+def _unwrap(phase: Array, variance: Array) -> Array:
+    """Unwrap phases to follow the trend of the preceding windows."""
+    unwrapped = np.empty_like(phase)
     slope, last, gap = 0.0, phase[0], 0
     for k, value in enumerate(phase):
         expected = last + slope * (gap + 1)
         value = expected + (value - expected + np.pi) % (2.0 * np.pi) - np.pi
-        if variance[k] > _UNWRAP_SPREAD:
-            made[k], gap = expected, gap + 1
+        if variance[k] > _MAX_UNWRAP_VARIANCE:
+            unwrapped[k], gap = expected, gap + 1
             continue
         if k:
             slope += 0.5 * ((value - last) / (gap + 1) - slope)
-        made[k], last, gap = value, value, 0
-    return made
+        unwrapped[k], last, gap = value, value, 0
+    return unwrapped
 
 
-def smoothed(phases: WindowPhases, walk: float) -> tuple[Array, float]:
-    """The path through the windows, (K,) rad, and the walk, rad²/s, that they ask for, at least `walk`.
+def smooth_phases(phases: WindowPhases, walk: float) -> tuple[Array, float]:
+    """Return the smoothed phase offset, (K,) rad, and the intensity of its walk, rad²/s.
 
-    The intensity is the one that makes the innovations most likely.
+    The intensity is the most likely one, at least `walk`.
     """
     steps = np.diff(phases.t)
     grid = walk * np.geomspace(1.0, 1e10, 21)
-    tried = scores(phases.phase, phases.variance, steps, grid, np.full_like(grid, UNKNOWN))
-    at = int(np.argmax(tried))
-    # The declared walk is believed unless another is clearly likelier.
-    if tried[at] <= tried[0] + _CLEARLY:
-        at = 0
-    likeliest = float(grid[at])
+    likelihoods = walk_log_likelihoods(
+        phases.phase, phases.variance, steps, grid, np.full_like(grid, DIFFUSE_VARIANCE)
+    )
+    best = int(np.argmax(likelihoods))
+    # The declared walk is kept unless another is clearly more likely.
+    if likelihoods[best] <= likelihoods[0] + _MIN_WALK_GAIN:
+        best = 0
+    likeliest = float(grid[best])
     return walk_smoothed(phases.phase, phases.variance, steps, likeliest), likeliest
 
 
-def on_samples(node: NodeData, phases: WindowPhases, path: Array) -> Array:
-    """The path between the windows' middles, (N,) rad."""
-    return np.interp(node.t, phases.t, path)
+def interpolate_phases(node: NodeData, phases: WindowPhases, offsets: Array) -> Array:
+    """Interpolate phase offsets between the centres of the windows, (N,) rad."""
+    return np.interp(node.t, phases.t, offsets)

@@ -1,4 +1,4 @@
-"""What one node read in each window, and its columns, as the sums that a filter of walks needs of them."""
+"""Products of the columns, residuals and noise columns of one node, summed per window for the walk filter."""
 
 from __future__ import annotations
 
@@ -10,162 +10,188 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 
-# Residuals beyond this many times the noise, and beyond what is usual in their channel, count as that much.
-_CLIP, _USUAL = 6.0, 8.0
-UNKNOWN = 1e2
-# What is left where a free walk does all that a column does is rounding: this share of its squares counts on.
-_ROUNDED = 1e-6
-# Numbers of one node that are looked at together: what is made of them stays in the processor's cache.
-_AT_ONCE = 1 << 18
+# Residuals are limited to the larger of this many sigma and this many times the median of their channel.
+_MIN_WINSOR_SIGMA, _WINSOR_MEDIANS = 6.0, 8.0
+FREE_WALK_VARIANCE = 1e2
+# Share of a column's squares that stays in `raw_squares` when a free walk absorbs all of it but rounding.
+_RAW_SQUARES_SHARE = 1e-6
+# Numbers of one node processed together, which fit into the processor's cache.
+_CHUNK_NUMBERS = 1 << 18
 
 
 @dataclass(frozen=True)
-class Walk:
-    """Something that wanders. intensity: unit² per second. start: variance at first.
+class RandomWalk:
+    """A process noise that is a random walk.
 
-    white: it begins anew in each window, and `start` is its variance there.
+    intensity: unit² per second
+    start_variance: variance at the start; from FREE_WALK_VARIANCE on the start is free
+    is_white: True for white noise with variance `start_variance` in each window
     """
 
     intensity: float
-    start: float = UNKNOWN
-    white: bool = False
+    start_variance: float = FREE_WALK_VARIANCE
+    is_white: bool = False
 
 
 @dataclass(frozen=True)
-class Share:
-    """What one node has to do with the columns and the walks, in a stretch of time.
+class NodeSegment:
+    """Data of one node in one segment of the log.
 
-    edges: (K+1,) its first sample in each window, and the end. columns: (P, 6, N). at: (P,) their places
-    among all columns. z: (6, N) residuals in sigma, wild ones pulled in. weight: (6, N), one over sigma, 0
-    for samples that do not count. answers: (C, 6, N), change of the channels per unit of each walk it feels.
-    feels: (C,) places of those.
+    edges: (K+1,) its first sample in each window, and the end
+    columns: (P, 6, N) sensitivities
+    column_indices: (P,) their positions among all columns
+    z: (6, N) residuals in sigma, winsorised
+    weight: (6, N), 1/sigma, 0 for excluded samples
+    noise_columns: (C, 6, N), change of the channels per unit of each walk that acts on the node
+    noise_indices: (C,) positions of these walks
     """
 
     edges: NDArray[np.intp]
     columns: NDArray[np.float32]
-    at: Sequence[int]
+    column_indices: Sequence[int]
     z: Array
     weight: Array
-    answers: Array
-    feels: Sequence[int]
+    noise_columns: Array
+    noise_indices: Sequence[int]
 
 
 @dataclass(frozen=True)
-class Sums:
-    """Of one stretch of time of one node.
+class WindowProducts:
+    """Products of one node, summed per window of one segment.
 
-    cross: (K, C, P+1), products of the answers to the walks with the columns; own: (K, C, C), with each
-    other. shift: (K, free, P), how far the columns moved with their `free` walks. squares: (B, P+1, P+1),
-    products of the columns, for each `block` windows.
+    cross: (K, C, P+1), noise columns times columns and residual
+    noise_gram: (K, C, C), noise columns times each other
+    shift: (K, free, P), steps of the free walks that were subtracted from the columns
+    column_grams: (B, P+1, P+1), products of columns and residual for each `block` windows
     """
 
     cross: Array
-    own: Array
+    noise_gram: Array
     shift: Array
-    squares: Array
+    column_grams: Array
 
 
 class WindowSums:
-    """What a filter needs of one node, in units of the noise; its columns and readings may go.
+    """Summed products of one node, segment by segment, in units of the noise.
 
-    feels: (C,) places of the walks it feels; free: which of these have no bounds. at: (P+1,) places of its
-    columns and the residual among all. raw: (P+1,) as in `Innovations`.
+    noise_indices: (C,) positions of the walks that act on it
+    free_walks: those of these whose start is free
+    column_indices: (P+1,) positions of its columns and the residual among all
+    raw_squares: (P+1,) as in `Innovations`
     """
 
-    def __init__(self, share: Share, walks: Sequence[Walk], size: int, window: float, block: int) -> None:
-        count = len(share.at) + 1
-        self.feels, self.at = np.array(share.feels, np.intp), np.array([*share.at, size])
-        self.free = [k for k, place in enumerate(share.feels) if walks[place].start >= UNKNOWN]
-        self.raw = np.zeros(count)
-        self._growth = np.array([walks[share.feels[k]].intensity * window for k in self.free])
-        # Where the free walks were when the last window ended.
-        self._stripped = np.zeros((len(self.free), count - 1))
+    def __init__(
+        self, segment: NodeSegment, walks: Sequence[RandomWalk], size: int, window: float, block: int
+    ) -> None:
+        count = len(segment.column_indices) + 1
+        self.noise_indices, self.column_indices = (
+            np.array(segment.noise_indices, np.intp),
+            np.array([*segment.column_indices, size]),
+        )
+        self.free_walks = [
+            k
+            for k, place in enumerate(segment.noise_indices)
+            if walks[place].start_variance >= FREE_WALK_VARIANCE
+        ]
+        self.raw_squares = np.zeros(count)
+        self._growth = np.array([walks[segment.noise_indices[k]].intensity * window for k in self.free_walks])
+        # Free walks at the end of the last window.
+        self._stripped = np.zeros((len(self.free_walks), count - 1))
         self._block, self._begun = block, False
 
-    def add(self, share: Share) -> Sums:
-        """The sums of the next stretch of time."""
-        windows, count, answers = len(share.edges) - 1, len(share.at) + 1, len(share.feels)
-        cross, own = np.zeros((windows, answers, count)), np.zeros((windows, answers, answers))
-        shift = np.zeros((windows, len(self.free), count - 1))
-        squares = np.zeros((-(-windows // self._block), count, count))
-        for inside, rows in self._portions(share, self._block):
-            whole = rows[:, :, : count - 1]
-            self.raw[:-1] += _ROUNDED * np.einsum("wnk,wnk->k", whole, whole)
-            for k, free in enumerate(self.free):
-                there = _there(whole, rows[:, :, count + free], self._stripped[k])
-                shift[inside, k] = np.diff(there, axis=0, prepend=self._stripped[k : k + 1])
-                self._stripped[k] = there[-1]
+    def add(self, segment: NodeSegment) -> WindowProducts:
+        """Return the sums of the next segment."""
+        windows, count, n_noises = (
+            len(segment.edges) - 1,
+            len(segment.column_indices) + 1,
+            len(segment.noise_indices),
+        )
+        cross, noise_gram = np.zeros((windows, n_noises, count)), np.zeros((windows, n_noises, n_noises))
+        shift = np.zeros((windows, len(self.free_walks), count - 1))
+        column_grams = np.zeros((-(-windows // self._block), count, count))
+        for chunk, rows in self._chunks(segment, self._block):
+            columns = rows[:, :, : count - 1]
+            self.raw_squares[:-1] += _RAW_SQUARES_SHARE * np.einsum("wnk,wnk->k", columns, columns)
+            for k, free in enumerate(self.free_walks):
+                removed = _remove_free_walk(columns, rows[:, :, count + free], self._stripped[k])
+                shift[chunk, k] = np.diff(removed, axis=0, prepend=self._stripped[k : k + 1])
+                self._stripped[k] = removed[-1]
             products = rows[:, :, count:].transpose(0, 2, 1) @ rows
-            cross[inside], own[inside] = products[:, :, :count], products[:, :, count:]
+            cross[chunk], noise_gram[chunk] = products[:, :, :count], products[:, :, count:]
             for first in range(0, len(rows), self._block):
                 part = rows[first : first + self._block].reshape(-1, rows.shape[2])[:, :count]
-                squares[(inside.start + first) // self._block] = part.T @ part
+                column_grams[(chunk.start + first) // self._block] = part.T @ part
         if not self._begun:
-            # Where a walk begins is free.
+            # The start of a free walk costs nothing.
             shift[0] = 0.0
         self._begun = True
-        self.raw += np.einsum("bkk->k", squares)
-        self.raw[:-1] += (shift**2 / self._growth[:, None]).sum(axis=(0, 1))
-        return Sums(cross, own, shift, squares)
+        self.raw_squares += np.einsum("bkk->k", column_grams)
+        self.raw_squares[:-1] += (shift**2 / self._growth[:, None]).sum(axis=(0, 1))
+        return WindowProducts(cross, noise_gram, shift, column_grams)
 
-    def _portions(self, share: Share, block: int) -> Iterator[tuple[slice, NDArray[np.float32]]]:
-        """Some windows at a time, and what stands in them, (W, 6 M, P+1+C); zeros where samples lack."""
-        counts = np.diff(share.edges)
-        windows, most = len(counts), int(counts.max(initial=1))
-        width = len(share.columns) + 1 + len(share.feels)
-        portion = block * max(1, _AT_ONCE // (6 * most * width * block))
-        for first in range(0, windows, portion):
-            inside = slice(first, min(first + portion, windows))
-            samples = slice(share.edges[inside.start], share.edges[inside.stop])
-            rows = _rows(share, samples)
-            if (counts[inside] != most).any():
-                there = np.arange(most) < counts[inside, None]
-                padded = np.zeros((*there.shape, *rows.shape[1:]), np.float32)
-                padded[there] = rows
+    def _chunks(self, segment: NodeSegment, block: int) -> Iterator[tuple[slice, NDArray[np.float32]]]:
+        """Yield some windows at a time with their rows, (W, 6 M, P+1+C), padded with zeros."""
+        counts = np.diff(segment.edges)
+        windows, longest = len(counts), int(counts.max(initial=1))
+        width = len(segment.columns) + 1 + len(segment.noise_indices)
+        chunk = block * max(1, _CHUNK_NUMBERS // (6 * longest * width * block))
+        for first in range(0, windows, chunk):
+            windows_of_chunk = slice(first, min(first + chunk, windows))
+            samples = slice(segment.edges[windows_of_chunk.start], segment.edges[windows_of_chunk.stop])
+            rows = _stack_rows(segment, samples)
+            if (counts[windows_of_chunk] != longest).any():
+                is_present = np.arange(longest) < counts[windows_of_chunk, None]
+                padded = np.zeros((*is_present.shape, *rows.shape[1:]), np.float32)
+                padded[is_present] = rows
                 rows = padded
-            yield inside, rows.reshape(inside.stop - inside.start, 6 * most, width)
+            yield (
+                windows_of_chunk,
+                rows.reshape(windows_of_chunk.stop - windows_of_chunk.start, 6 * longest, width),
+            )
 
 
-def _rows(share: Share, samples: slice) -> NDArray[np.float32]:
-    """(n, 6, P+1+C): columns, residual and answers of some samples, in units of the noise."""
-    weight, count = share.weight[:, samples], len(share.columns)
-    rows = np.empty((weight.shape[1], 6, count + 1 + len(share.feels)), np.float32)
-    rows[:, :, :count] = (share.columns[:, :, samples] * weight.astype(np.float32)).T
-    rows[:, :, count] = share.z[:, samples].T
-    rows[:, :, count + 1 :] = (share.answers[:, :, samples] * weight).T
+def _stack_rows(segment: NodeSegment, samples: slice) -> NDArray[np.float32]:
+    """Return columns, residual and noise columns of some samples, (n, 6, P+1+C), in units of the noise."""
+    weight, count = segment.weight[:, samples], len(segment.columns)
+    rows = np.empty((weight.shape[1], 6, count + 1 + len(segment.noise_indices)), np.float32)
+    rows[:, :, :count] = (segment.columns[:, :, samples] * weight.astype(np.float32)).T
+    rows[:, :, count] = segment.z[:, samples].T
+    rows[:, :, count + 1 :] = (segment.noise_columns[:, :, samples] * weight).T
     return rows
 
 
-def _there(columns: NDArray[np.float32], answer: NDArray[np.float32], before: Array) -> Array:
-    """Take out of the columns, (W, M, P), what a walk without bounds does for them; answer: (W, M) to it.
+def _remove_free_walk(
+    columns: NDArray[np.float32], noise_column: NDArray[np.float32], before: Array
+) -> Array:
+    """Subtract from the columns, (W, M, P), what a free walk with column `answer`, (W, M), explains of them.
 
-    Gives where that walk is in each window, (W, P): where nothing tells, as in the window before, `before` at
-    first. What a column turned a wheel by since the log began may be many turns: beside that, what tells it
-    from the walk would drown in rounding.
+    Return that walk in each window, (W, P); without data it keeps its previous value, `before` at first. A
+    column may turn the wheel by many turns over a log; subtracting that before forming products avoids
+    rounding errors.
     """
-    power = np.einsum("wm,wm->w", answer, answer).astype(float)
-    felt = power > 0.0
-    there = (answer[:, None, :] @ columns)[:, 0].astype(float)
-    there[felt] /= power[felt, None]
-    last = np.maximum.accumulate(np.where(felt, np.arange(len(felt)), -1))
-    there = np.where(last[:, None] >= 0, there[last], before)
-    columns -= answer[:, :, None] * there[:, None, :].astype(np.float32)
-    return there
+    power = np.einsum("wm,wm->w", noise_column, noise_column).astype(float)
+    is_observed = power > 0.0
+    walk = (noise_column[:, None, :] @ columns)[:, 0].astype(float)
+    walk[is_observed] /= power[is_observed, None]
+    last = np.maximum.accumulate(np.where(is_observed, np.arange(len(is_observed)), -1))
+    walk = np.where(last[:, None] >= 0, walk[last], before)
+    columns -= noise_column[:, :, None] * walk[:, None, :].astype(np.float32)
+    return walk
 
 
-def winsorised(z: Array) -> Array:
-    """(6, N) residuals in sigma; wild ones pulled in, so that no sample decides alone."""
-    bound = bounds(z)
+def winsorise(z: Array) -> Array:
+    """Limit residuals in sigma, (6, N), so that no single sample dominates."""
+    bound = winsor_limits(z)
     return np.clip(z, -bound, bound)
 
 
-def bounds(z: Array) -> Array:
-    """(6, 1) beyond which residuals in sigma, (6, N), are wild."""
-    return np.array([[_bound(np.abs(row))] for row in z])
+def winsor_limits(z: Array) -> Array:
+    """Return the limits of residuals in sigma, (6, 1), of z: (6, N)."""
+    return np.array([[_winsor_limit(np.abs(row))] for row in z])
 
 
-def _bound(size: Array) -> float:
-    # Where most are small their median, which takes long, would not be asked.
-    if 2 * np.count_nonzero(size <= _CLIP / _USUAL) > len(size):
-        return _CLIP
-    return max(_CLIP, _USUAL * float(np.median(size)))
+def _winsor_limit(size: Array) -> float:
+    # If most are small, the median, which is slow, cannot matter.
+    if 2 * np.count_nonzero(size <= _MIN_WINSOR_SIGMA / _WINSOR_MEDIANS) > len(size):
+        return _MIN_WINSOR_SIGMA
+    return max(_MIN_WINSOR_SIGMA, _WINSOR_MEDIANS * float(np.median(size)))

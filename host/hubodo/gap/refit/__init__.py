@@ -1,1 +1,1 @@
-"""The second look: the best candidates fitted in full."""
+"""Refit of the best candidates by Gauss-Newton."""

@@ -1,4 +1,4 @@
-"""Gauss-Newton: the free terms of a model fitted to all that was measured, the wheels' paths with them."""
+"""Gauss-Newton fit of the free terms of a model to all measurements, with tracked wheel angles."""
 
 from __future__ import annotations
 
@@ -9,188 +9,225 @@ import numpy as np
 from scipy.special import chdtri
 
 from hubodo.arrays import Array
-from hubodo.gap.linear.directions import moved, term_directions
-from hubodo.gap.linear.linearised import Linearised, linearise, solved
-from hubodo.gap.process_noise.point import Point
-from hubodo.gap.process_noise.tracking import own_weights, track_wheel_phase
-from hubodo.gap.process_noise.weights import weights_of
+from hubodo.gap.linear.directions import directions_of_terms, move_terms
+from hubodo.gap.linear.linearisation import Linearisation, invert_information, linearise
+from hubodo.gap.process_noise.evaluation import Evaluation
+from hubodo.gap.process_noise.tracking import estimate_weights, track_wheel_phase
+from hubodo.gap.process_noise.weights import weights_from_residuals
 from hubodo.gap.state.state import ATTITUDE_SCALE, State
 from hubodo.gap.state.terms import ModelTerm
 from hubodo.model.forward import NodeInitialState
 
-_ROUNDS = 6
-# Scales that one step may move a coordinate: beyond that nothing is linear.
-_LONGEST = 8.0
-# A step of so many sigma is as good as none; a deviance that grows by so much has not grown. Where what is
-# left is no noise, sigma is that of the scatter of the scores: a log that no model fits is not fitted to the
-# nat.
-_ARRIVED, _SLACK = 0.2, 3.0
-# Parts of a step that are tried; one is taken when it brings at least half of what it promised.
-_PARTS = (1.0, 0.3, 0.1)
-_KEPT = 0.5
-# Where a round leaves more than this of the step there was, and brings no likelihood, a fit goes in circles.
-_CIRCLES = 0.7
-# A scatter of the scores that is as likely as this, or likelier, is taken for chance: that is 1 sigma.
-_BY_CHANCE = 0.16
-# Rounds after which a fit that is hopeless ends.
-_TRIED = 2
-# Rounds in which weights and fit may come to agree.
-_AGREED = 5
+_MAX_ITERATIONS = 6
+# Largest step of a coordinate in scales; the model is not linear beyond that.
+_MAX_STEP_SCALES = 8.0
+# Step in sigma and increase of the deviance that count as none, both relative to the scatter of the block
+# scores: a log that no model fits is not fitted to the last nat.
+_CONVERGED_SIGMAS, _DEVIANCE_TOLERANCE = 0.2, 3.0
+# Fractions of a step to try; share of the promised gain from which on one is accepted.
+_STEP_FRACTIONS = (1.0, 0.3, 0.1)
+_MIN_PROMISED_SHARE = 0.5
+# A fit has stalled if an iteration gains no likelihood and leaves more than this share of the step.
+_STALLED_STEP_RATIO = 0.7
+# P-value (1 sigma, one-sided) above which excess scatter of the block scores is attributed to chance.
+_CHANCE_SCATTER_P_VALUE = 0.16
+# Iterations after which a fit above its maximum deviance is abandoned.
+_MIN_ITERATIONS = 2
+# Iterations for weights and fit to become consistent.
+_MAX_WEIGHT_UPDATES = 5
 
 
 @dataclass(frozen=True)
 class Refit:
-    """A refit: where it ended, and what it knows there.
+    """Result of a fit; K: coordinates of the free terms, in scales.
 
-    point: where the fit ended. free: the terms it moved. covariance: (K, K) of the free coordinates in
-    scales, as independent samples would have it. robust: the same from the scatter of the scores of blocks.
-    deviance: -2 ln likelihood, up to what is common to all refits with the same weights. score: (B, K), what
-    each block says about the coordinates. whole_covariance: with the nuisances. gram: the information about
-    all of them, and the residual's row.
+    evaluation: at the end of the fit
+    free_terms: the terms that were fitted
+    covariance: (K, K), for independent samples
+    robust_covariance: (K, K), from the scatter of the block scores
+    deviance: -2 ln likelihood, up to a constant common to all refits with the same weights
+    block_scores: (B, K), score of each block
+    full_covariance: of coordinates and nuisances
+    gram: information about coordinates and nuisances, and the row of the residual
     """
 
-    point: Point
-    free: tuple[ModelTerm, ...]
+    evaluation: Evaluation
+    free_terms: tuple[ModelTerm, ...]
     covariance: Array
-    robust: Array
+    robust_covariance: Array
     deviance: float
-    score: Array
-    whole_covariance: Array
+    block_scores: Array
+    full_covariance: Array
     gram: Array
 
     @property
     def state(self) -> State:
-        return self.point.state
+        return self.evaluation.state
 
     @property
     def step(self) -> Array:
-        """(K + nuisances,) in scales: from there to where a linear model is fitted."""
-        return np.asarray(self.whole_covariance @ self.gram[:-1, -1])
+        """Return the Gauss-Newton step of coordinates and nuisances, (K + nuisances,), in scales."""
+        return np.asarray(self.full_covariance @ self.gram[:-1, -1])
 
-    def bare(self) -> Refit:
-        """For keeping: see `Point.bare`."""
-        return replace(self, point=self.point.bare())
+    def without_cache(self) -> Refit:
+        """Return a copy without cached results; see `Evaluation.without_cache`."""
+        return replace(self, evaluation=self.evaluation.without_cache())
 
-    def place(self, term: ModelTerm) -> slice:
-        """Where the coordinates of a free term stand."""
-        at = 0
-        for other in self.free:
+    def coordinate_slice(self, term: ModelTerm) -> slice:
+        """Return the positions of the coordinates of a free term. Raises KeyError for another term."""
+        first = 0
+        for other in self.free_terms:
             size = len(other.effect.coordinates())
             if other.key == term.key:
-                return slice(at, at + size)
-            at += size
+                return slice(first, first + size)
+            first += size
         raise KeyError(term.key)
 
     def information(self, term: ModelTerm) -> Array:
-        """(k, k) about the coordinates of a free term, everything else fitted; zero for what is not seen."""
-        own = np.arange(len(self.whole_covariance))[self.place(term)]
-        rest = np.setdiff1d(np.arange(len(self.whole_covariance)), own)
-        rest = rest[np.diag(self.whole_covariance)[rest] > 0.0]
-        cross = self.gram[np.ix_(own, rest)]
-        inner = self.gram[np.ix_(rest, rest)]
-        made = self.gram[np.ix_(own, own)] - cross @ np.linalg.pinv(inner, hermitian=True) @ cross.T
-        seen = np.diag(self.whole_covariance)[own] > 0.0
-        return np.asarray(made * np.outer(seen, seen))
+        """Return the information about a free term's coordinates, (k, k), with everything else fitted.
+
+        Zero for unobservable coordinates.
+        """
+        indices = np.arange(len(self.full_covariance))[self.coordinate_slice(term)]
+        rest = np.setdiff1d(np.arange(len(self.full_covariance)), indices)
+        rest = rest[np.diag(self.full_covariance)[rest] > 0.0]
+        cross = self.gram[np.ix_(indices, rest)]
+        rest_information = self.gram[np.ix_(rest, rest)]
+        information = (
+            self.gram[np.ix_(indices, indices)]
+            - cross @ np.linalg.pinv(rest_information, hermitian=True) @ cross.T
+        )
+        is_observed = np.diag(self.full_covariance)[indices] > 0.0
+        return np.asarray(information * np.outer(is_observed, is_observed))
 
     @property
     def tempering(self) -> float:
-        """By how much the scatter of the scores exceeds what independent samples would give, at least 1.
+        """Return the ratio of the scatter of the block scores to that of independent samples, at least 1.
 
-        Few blocks scatter by themselves: what one in six of such logs would show by chance is taken off.
+        Few blocks scatter by chance; the excess that one in six such logs would show is deducted.
         """
-        seen = int(np.count_nonzero(np.diag(self.covariance)))
-        if not seen:
+        n_observed = int(np.count_nonzero(np.diag(self.covariance)))
+        if not n_observed:
             return 1.0
-        share = np.trace(self.score.T @ self.score @ self.covariance) / seen
-        freedom = seen * max(len(self.score) - 1.0, 1.0)
-        return max(1.0, float(share * freedom / chdtri(freedom, _BY_CHANCE)))
+        ratio = np.trace(self.block_scores.T @ self.block_scores @ self.covariance) / n_observed
+        degrees_of_freedom = n_observed * max(len(self.block_scores) - 1.0, 1.0)
+        return max(
+            1.0, float(ratio * degrees_of_freedom / chdtri(degrees_of_freedom, _CHANCE_SCATTER_P_VALUE))
+        )
 
 
-def gain_over(before: Refit, made: Refit) -> float:
-    """Of ln likelihood, from one fit to another with the same weights."""
-    return 0.5 * (before.deviance - made.deviance)
+def compute_gain(before: Refit, after: Refit) -> float:
+    """Return the gain of ln likelihood from one fit to another with the same weights."""
+    return 0.5 * (before.deviance - after.deviance)
 
 
-def refit(point: Point, rounds: int = _ROUNDS) -> Refit:
-    """All terms that are `fitted`, moved to where the data want them; the weights stay."""
-    return fit_tracked(point.at(track_wheel_phase(point.state)[0]), rounds)
+def refit(evaluation: Evaluation, rounds: int = _MAX_ITERATIONS) -> Refit:
+    """Fit all terms with `is_fitted`, starting with newly tracked wheels; the weights stay."""
+    return fit_tracked(evaluation.with_state(track_wheel_phase(evaluation.state)[0]), rounds)
 
 
-def fit_tracked(point: Point, rounds: int = _ROUNDS) -> Refit:
-    """As `refit`, from a state whose wheels have been tracked. rounds: 1 for the whole step, or none."""
-    return fit_from(look_from(point), rounds)
+def fit_tracked(evaluation: Evaluation, rounds: int = _MAX_ITERATIONS) -> Refit:
+    """Fit like `refit`, from a state with tracked wheels; `rounds` of 1 accepts only the full step."""
+    return continue_fit(begin_fit(evaluation), rounds)
 
 
-def fit_from(best: Refit, rounds: int = _ROUNDS, hopeless: float = math.inf) -> Refit:
-    """As `fit_tracked`, from a first look. hopeless: deviance beyond which only two rounds are tried."""
-    size = _sigmas(best)
-    for done in range(rounds):
-        tempering = best.tempering
-        slack = _SLACK * tempering
-        if size**2 < _ARRIVED**2 * tempering or (done >= _TRIED and best.deviance > hopeless):
+def continue_fit(start: Refit, rounds: int = _MAX_ITERATIONS, max_deviance: float = math.inf) -> Refit:
+    """Iterate a fit; one whose deviance stays above `max_deviance` ends after two iterations."""
+    step_size = _step_sigmas(start)
+    for iteration in range(rounds):
+        tempering = start.tempering
+        tolerance = _DEVIANCE_TOLERANCE * tempering
+        if step_size**2 < _CONVERGED_SIGMAS**2 * tempering or (
+            iteration >= _MIN_ITERATIONS and start.deviance > max_deviance
+        ):
             break
-        # The deviance counts the step already; when it grows, the step left the linear range.
-        for part in _PARTS if rounds > 1 else _PARTS[:1]:
-            further, _walks = track_wheel_phase(_stepped(best, part * best.step))
-            made = look_from(best.point.at(further))
-            if made.deviance < best.deviance + slack + _KEPT * size**2:
+        # The deviance already includes the step; if it grows, the step left the linear range.
+        for fraction in _STEP_FRACTIONS if rounds > 1 else _STEP_FRACTIONS[:1]:
+            state, _walks = track_wheel_phase(_apply_step(start, fraction * start.step))
+            attempt = begin_fit(start.evaluation.with_state(state))
+            if attempt.deviance < start.deviance + tolerance + _MIN_PROMISED_SHARE * step_size**2:
                 break
         else:
             break
-        before, was = best.deviance, size
-        best, size = made, _sigmas(made)
-        if best.deviance > before - slack and size > _CIRCLES * was:
+        previous_deviance, previous_size = start.deviance, step_size
+        start, step_size = attempt, _step_sigmas(attempt)
+        if start.deviance > previous_deviance - tolerance and step_size > _STALLED_STEP_RATIO * previous_size:
             break
-    return best
+    return start
 
 
-def _sigmas(made: Refit) -> float:
-    """How long its step is."""
-    step = made.step
-    return float(np.sqrt(step @ np.linalg.pinv(made.whole_covariance) @ step)) if len(step) else 0.0
+def _step_sigmas(fit: Refit) -> float:
+    """Return the length of the remaining step in sigma."""
+    step = fit.step
+    return float(np.sqrt(step @ np.linalg.pinv(fit.full_covariance) @ step)) if len(step) else 0.0
 
 
 def refit_with_weights(state: State) -> Refit:
-    """A fit and weights that agree with it: what moves a wheel rightly leaves it less to wander."""
+    """Fit and re-estimate the weights until both are consistent.
+
+    An explained rotation of a wheel reduces the walk that the wheel needs.
+    """
     tracked, _walks = track_wheel_phase(state)
-    made = fit_tracked(Point(tracked, own_weights(tracked)))
-    for _ in range(_AGREED):
-        tracked, walks = track_wheel_phase(made.state)
-        if all(walks[name] > 0.5 * walk for name, walk in made.point.weights.walks.items()):
+    fit = fit_tracked(Evaluation(tracked, estimate_weights(tracked)))
+    for _ in range(_MAX_WEIGHT_UPDATES):
+        tracked, walks = track_wheel_phase(fit.state)
+        if all(walks[name] > 0.5 * walk for name, walk in fit.evaluation.weights.wheel_walks.items()):
             break
-        made = fit_tracked(Point(tracked, weights_of(tracked, walks)))
-    return made
+        fit = fit_tracked(Evaluation(tracked, weights_from_residuals(tracked, walks)))
+    return fit
 
 
-def look_from(point: Point, known: Linearised | None = None) -> Refit:
-    """Everything at one point, before any step. known: linearised there, along more than its terms."""
-    free = [term for term in point.state.terms if term.moves]
-    directions, basis = term_directions(point.problem, free)
-    linear = linearise(point, directions) if known is None else known.along(directions)
-    whole = np.zeros((len(directions) + linear.nuisances + 1, basis.shape[1] + linear.nuisances + 1))
-    whole[: len(directions), : basis.shape[1]] = basis
-    rest = linear.nuisances + 1
-    whole[-rest:, -rest:] = np.eye(rest)
-    blocks = np.einsum("dk,bde,ef->bkf", whole, linear.blocks.whole(), whole, optimize=True)
+def begin_fit(evaluation: Evaluation, linearisation: Linearisation | None = None) -> Refit:
+    """Linearise a fit at one evaluation, before any step.
+
+    linearisation: if already computed, along the terms of the fit and possibly more
+    """
+    free_terms = [term for term in evaluation.state.terms if term.is_refittable]
+    directions, basis = directions_of_terms(evaluation.problem, free_terms)
+    linearised = (
+        linearise(evaluation, directions)
+        if linearisation is None
+        else linearisation.select_directions(directions)
+    )
+    transform = np.zeros(
+        (len(directions) + linearised.n_nuisances + 1, basis.shape[1] + linearised.n_nuisances + 1)
+    )
+    transform[: len(directions), : basis.shape[1]] = basis
+    rest = linearised.n_nuisances + 1
+    transform[-rest:, -rest:] = np.eye(rest)
+    blocks = np.einsum("dk,bde,ef->bkf", transform, linearised.block_grams.unpack(), transform, optimize=True)
     gram = blocks.sum(axis=0)
-    inverse = solved(gram[:-1, :-1], (whole.T**2 @ linear.raw)[:-1])
-    step = inverse @ gram[:-1, -1]
+    covariance = invert_information(gram[:-1, :-1], (transform.T**2 @ linearised.raw_squares)[:-1])
+    step = covariance @ gram[:-1, -1]
     score = blocks[:, :-1, -1] - blocks[:, :-1, :-1] @ step
-    robust = inverse @ (score.T @ score) @ inverse
-    deviance = float(gram[-1, -1] - gram[:-1, -1] @ step) + linear.logs
+    robust_covariance = covariance @ (score.T @ score) @ covariance
+    deviance = float(gram[-1, -1] - gram[:-1, -1] @ step) + linearised.log_determinant
     k = basis.shape[1]
-    return Refit(point, tuple(free), inverse[:k, :k], robust[:k, :k], deviance, score[:, :k], inverse, gram)
+    return Refit(
+        evaluation,
+        tuple(free_terms),
+        covariance[:k, :k],
+        robust_covariance[:k, :k],
+        deviance,
+        score[:, :k],
+        covariance,
+        gram,
+    )
 
 
-def _stepped(made: Refit, step: Array) -> State:
-    count = len(made.covariance)
-    own = step[:count] * min(1.0, _LONGEST / max(float(np.abs(step[:count]).max(initial=0.0)), 1e-9))
-    parts = [own[made.place(term)] for term in made.free]
-    fitted = iter(moved(made.free, parts))
-    terms = tuple(next(fitted) if term.moves else term for term in made.state.terms)
-    starts = dict(made.state.starts)
-    bodies = [node for node in made.state.problem.nodes if not node.on_wheel]
-    for node, turn in zip(bodies, step[count:].reshape(-1, 3), strict=True):
-        new = np.array(made.state.start(node).attitude) + np.clip(turn, -4.0, 4.0) * ATTITUDE_SCALE
-        starts[node.name] = NodeInitialState(attitude=(float(new[0]), float(new[1]), float(new[2])))
-    return replace(made.state, terms=terms, starts=starts)
+def _apply_step(fit: Refit, step: Array) -> State:
+    count = len(fit.covariance)
+    coordinate_step = step[:count] * min(
+        1.0, _MAX_STEP_SCALES / max(float(np.abs(step[:count]).max(initial=0.0)), 1e-9)
+    )
+    steps = [coordinate_step[fit.coordinate_slice(term)] for term in fit.free_terms]
+    moved = iter(move_terms(fit.free_terms, steps))
+    terms = tuple(next(moved) if term.is_refittable else term for term in fit.state.terms)
+    starts = dict(fit.state.starts)
+    bodies = [node for node in fit.state.problem.nodes if not node.on_wheel]
+    for node, rotation in zip(bodies, step[count:].reshape(-1, 3), strict=True):
+        attitude = np.array(fit.state.start_of(node).attitude) + np.clip(rotation, -4.0, 4.0) * ATTITUDE_SCALE
+        starts[node.name] = NodeInitialState(
+            attitude=(float(attitude[0]), float(attitude[1]), float(attitude[2]))
+        )
+    return replace(fit.state, terms=terms, starts=starts)

@@ -13,12 +13,12 @@ from hubodo.effects.base import SensorChain
 from hubodo.effects.dependence import pulse, steering_rate, temperature_rate
 
 HELPERS = {"pulse": pulse, "steering_rate": steering_rate, "temperature_rate": temperature_rate}
-REMEMBERING = ("temperature_rate",)
+HELPERS_WITH_MEMORY = ("temperature_rate",)
 """Those that make of a sample what hangs on others, too."""
 
 
 @dataclass(frozen=True)
-class ShapePlace:
+class ShapeParameter:
     """A parameter of a shape that is no amplitude: a frequency, a time, an angle. scale: its usual error."""
 
     name: str
@@ -37,28 +37,29 @@ class Shape:
     """
 
     weight: str
-    per: str
-    waves: tuple[tuple[str, str], ...]
-    words: str
-    places: tuple[ShapePlace, ...] = ()
-    shared: bool = True
+    weight_unit: str
+    amplitudes: tuple[tuple[str, str], ...]
+    description: str
+    parameters: tuple[ShapeParameter, ...] = ()
+    is_shareable: bool = True
 
     def columns(self, chain: SensorChain) -> Array:
         """(k, N): what a unit of each amplitude adds."""
         known = {
             "np": np,
             "chain": chain,
-            "self": SimpleNamespace(**{it.name: it.value for it in self.places}),
+            "self": SimpleNamespace(**{it.name: it.value for it in self.parameters}),
         }
         rows = [
-            np.asarray(_product(self.weight, wave, {**known, **HELPERS}), float) for _, wave in self.waves
+            np.asarray(_product(self.weight, wave, {**known, **HELPERS}), float)
+            for _, wave in self.amplitudes
         ]
         return np.stack([np.broadcast_to(row, chain.t.shape) for row in rows])
 
     @property
-    def of_wheel(self) -> bool:
+    def needs_wheel(self) -> bool:
         """Whether only a node on a wheel can have it."""
-        text = " ".join([self.weight, *(wave for _, wave in self.waves)])
+        text = " ".join([self.weight, *(wave for _, wave in self.amplitudes)])
         return "chain.angle" in text or "chain.spin" in text
 
 
@@ -77,37 +78,46 @@ class Target:
     name: str
     unit: str
     rows: tuple[tuple[int, str], ...]
-    turned: bool = False
-    on_wheel: bool = False
+    is_mirrored: bool = False
+    needs_wheel: bool = False
 
 
 RATE, FORCE = "rad/s", "m/s²"
 CHANNELS: tuple[Target, ...] = tuple(
-    Target(name, RATE if row < 3 else FORCE, ((row, "1.0"),), turned=name[1] != "x")
+    Target(name, RATE if row < 3 else FORCE, ((row, "1.0"),), is_mirrored=name[1] != "x")
     for row, name in enumerate(("gx", "gy", "gz", "ax", "ay", "az"))
 )
-WORLD: tuple[Target, ...] = (
+VEHICLE_AXES: tuple[Target, ...] = (
     Target(
-        "up", FORCE, ((3, "np.cos(chain.angle)"), (4, "-chain.facing * np.sin(chain.angle)")), on_wheel=True
+        "up",
+        FORCE,
+        ((3, "np.cos(chain.angle)"), (4, "-chain.facing * np.sin(chain.angle)")),
+        needs_wheel=True,
     ),
     Target(
         "forward",
         FORCE,
         ((3, "np.sin(chain.angle)"), (4, "chain.facing * np.cos(chain.angle)")),
-        on_wheel=True,
+        needs_wheel=True,
     ),
-    Target("left", FORCE, ((5, "chain.facing"),), on_wheel=True),
+    Target("left", FORCE, ((5, "chain.facing"),), needs_wheel=True),
     Target(
-        "yaw", RATE, ((0, "np.cos(chain.angle)"), (1, "-chain.facing * np.sin(chain.angle)")), on_wheel=True
+        "yaw",
+        RATE,
+        ((0, "np.cos(chain.angle)"), (1, "-chain.facing * np.sin(chain.angle)")),
+        needs_wheel=True,
     ),
     Target(
-        "roll", RATE, ((0, "np.sin(chain.angle)"), (1, "chain.facing * np.cos(chain.angle)")), on_wheel=True
+        "roll",
+        RATE,
+        ((0, "np.sin(chain.angle)"), (1, "chain.facing * np.cos(chain.angle)")),
+        needs_wheel=True,
     ),
 )
-STAMP = Target("delay", "s", ())
+TIME_STAMP = Target("delay", "s", ())
 
-_ONE = (("", "1.0"),)
-_WEIGHTS = {
+_CONSTANT_WAVE = (("", "1.0"),)
+_SHAPE_WEIGHTS = {
     "chain.t": ("s", "more and more with time"),
     "chain.spin": ("rad/s", "in proportion to the spin"),
     "np.abs(chain.spin)": ("rad/s", "with the spin, either way alike"),
@@ -127,49 +137,53 @@ _WEIGHTS = {
     "chain.force[0] * chain.force[2]": ("m²/s⁴", "with the product of the forces along x and z"),
     "chain.force[1] * chain.force[2]": ("m²/s⁴", "with the product of the forces along y and z"),
 }
-_TURNING = {
+_HARMONIC_WEIGHTS = {
     "1.0": ("", ""),
     "chain.spin": ("rad/s", ", in proportion to the spin"),
     "chain.spin**2": ("rad²/s²", ", with the square of the spin"),
     "chain.yaw_rate": ("rad/s", ", in turns"),
     "chain.acceleration": ("m/s²", ", while the speed changes"),
 }
-_TIMES = ("once", "twice", "three times", "four times", "five times", "six times")
+_HARMONIC_WORDS = ("once", "twice", "three times", "four times", "five times", "six times")
 
 
-def shapes() -> Iterator[Shape]:
+def list_shapes() -> Iterator[Shape]:
     """All that have no place to be looked for."""
-    for weight, (per, words) in _WEIGHTS.items():
-        yield Shape(weight, per, _ONE, words)
-    yield Shape("1.0", "", waves("chain.heading"), "once per turn of the vehicle: with where it heads")
-    for count, often in enumerate(_TIMES, 1):
+    for weight, (per, words) in _SHAPE_WEIGHTS.items():
+        yield Shape(weight, per, _CONSTANT_WAVE, words)
+    yield Shape(
+        "1.0", "", cosine_and_sine("chain.heading"), "once per turn of the vehicle: with where it heads"
+    )
+    for count, often in enumerate(_HARMONIC_WORDS, 1):
         angle = "chain.angle" if count == 1 else f"{count}.0 * chain.angle"
-        for weight, (per, words) in _TURNING.items():
+        for weight, (per, words) in _HARMONIC_WEIGHTS.items():
             # How far round a wheel was at first is its own: no other has the same cosine.
-            yield Shape(weight, per, waves(angle), f"{often} per revolution{words}", shared=False)
+            yield Shape(
+                weight, per, cosine_and_sine(angle), f"{often} per revolution{words}", is_shareable=False
+            )
 
 
-def waves(angle: str) -> tuple[tuple[str, str], ...]:
+def cosine_and_sine(angle: str) -> tuple[tuple[str, str], ...]:
     """Cosine and sine."""
     return (("_cos", f"np.cos({angle})"), ("_sin", f"np.sin({angle})"))
 
 
-def tone(frequency: float, duration: float) -> Shape:
+def build_tone(frequency: float, duration: float) -> Shape:
     """At a frequency, Hz, that a log of so many s shows to about a part of a cycle."""
-    place = ShapePlace("frequency", "Hz", frequency, 0.1 / duration)
+    place = ShapeParameter("frequency", "Hz", frequency, 0.1 / duration)
     angle = "2.0 * np.pi * self.frequency * chain.t"
-    return Shape("1.0", "", waves(angle), f"as a tone at {frequency:.4g} Hz", (place,))
+    return Shape("1.0", "", cosine_and_sine(angle), f"as a tone at {frequency:.4g} Hz", (place,))
 
 
-def step(at: float) -> Shape:
+def build_step(at: float) -> Shape:
     """From a time on, s."""
-    place = ShapePlace("since", "s", at, 1.0, fitted=False)
+    place = ShapeParameter("since", "s", at, 1.0, fitted=False)
     return Shape("1.0", "", (("", "(chain.t >= self.since)"),), f"from {at:.1f} s on", (place,))
 
 
-def bump(angle: float, width: float, weight: str) -> Shape:
+def build_bump(angle: float, width: float, weight: str) -> Shape:
     """Once per revolution, where the wheel's angle is so many rad."""
-    places = (ShapePlace("place", "rad", angle, 0.05), ShapePlace("width", "rad", width, 0.05))
-    per, words = _TURNING[weight]
+    places = (ShapeParameter("place", "rad", angle, 0.05), ShapeParameter("width", "rad", width, 0.05))
+    per, words = _HARMONIC_WEIGHTS[weight]
     text = (("", "pulse(chain.angle - self.place, self.width)"),)
-    return Shape(weight, per, text, f"in one place of every revolution{words}", places, shared=False)
+    return Shape(weight, per, text, f"in one place of every revolution{words}", places, is_shareable=False)

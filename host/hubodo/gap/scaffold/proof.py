@@ -7,10 +7,10 @@ from pathlib import Path
 
 from hubodo.effects import Effect
 from hubodo.effects.empirical import PREFIX
-from hubodo.gap.judge.held_out import split
-from hubodo.gap.judge.search import initial_state
-from hubodo.gap.problem.build import build
-from hubodo.gap.process_noise.residual import gap
+from hubodo.gap.judge.held_out import split_held_out
+from hubodo.gap.judge.search import build_initial_state
+from hubodo.gap.problem.build import build_problem
+from hubodo.gap.process_noise.residual import compute_gap
 from hubodo.gap.refit.refit import refit, refit_with_weights
 from hubodo.gap.state.terms import ModelTerm
 from hubodo.log.any_log import read_log
@@ -22,16 +22,16 @@ def held_out_gaps(log: Path, model: Path, effect: Effect, scope: str) -> tuple[f
 
     scope: a node, all or vehicle. Raises InputError, ConfigError or LogError where the files do not do.
     """
-    problem = build(read_log(log), read_model(model), str(log))
-    begin = initial_state(problem)
+    problem = build_problem(read_log(log), read_model(model), str(log))
+    begin = build_initial_state(problem)
     kept = [term for term in begin.terms if term.effect.name != effect.name]
     # Terms without a name stand for what has one now.
     begin = begin.with_terms([term for term in kept if not term.effect.name.startswith(PREFIX)])
-    final = refit_with_weights(begin.with_term(ModelTerm(effect, scope))).point
-    held = split(problem)
-    trained = replace(final, weights=held.without(final.weights))
+    final = refit_with_weights(begin.with_term(ModelTerm(effect, scope))).evaluation
+    held = split_held_out(problem)
+    trained = replace(final, weights=held.exclude_from(final.weights))
     without, with_it = (
-        gap(final.at(refit(trained.at(state), rounds=4).state).residuals, held.inside)
+        compute_gap(final.with_state(refit(trained.with_state(state), rounds=4).state).residuals, held.masks)
         for state in (begin, begin.with_term(ModelTerm(effect, scope)))
     )
     return without, with_it

@@ -13,28 +13,28 @@ from hubodo.arrays import Array
 from hubodo.effects.base import SensorChain
 from hubodo.effects.dependence import pulse
 from hubodo.gap.problem.problem import NodeData
-from hubodo.gap.process_noise.point import Point
-from hubodo.gap.process_noise.window_sums import winsorised
+from hubodo.gap.process_noise.evaluation import Evaluation
+from hubodo.gap.process_noise.window_sums import winsorise
 from hubodo.gap.scaffold.library import (
     CHANNELS,
     HELPERS,
-    STAMP,
-    WORLD,
+    TIME_STAMP,
+    VEHICLE_AXES,
     Shape,
     Target,
-    bump,
-    shapes,
-    step,
-    tone,
+    build_bump,
+    build_step,
+    build_tone,
+    list_shapes,
 )
-from hubodo.gap.screen.unlisted import block_edges, refined, scene
+from hubodo.gap.screen.unnamed_terms import block_edges, build_chain, refine_frequency
 from hubodo.gap.state.terms import ALL
 
 # Hz below which a tone is the drive itself.
-_SLOWEST = 0.2
+_MIN_SCAN_TONE_HZ = 0.2
 # Samples at either end where no step is looked for; sectors of a turn, and widths, rad, of a bump.
-_EDGE, _SECTORS, _WIDTHS = 50, 180, (0.08, 0.16, 0.32)
-_TRIADS = (("gx", "gy", "gz"), ("ax", "ay", "az"))
+_STEP_MARGIN_SAMPLES, _BUMP_SECTORS, _BUMP_WIDTHS = 50, 180, (0.08, 0.16, 0.32)
+_TRIAD_CHANNELS = (("gx", "gy", "gz"), ("ax", "ay", "az"))
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Dependence:
 
 
 @dataclass(frozen=True)
-class _View:
+class _TargetData:
     """One target of one node: along (N,) and square (N,) make scores and information of a column of it.
 
     edges: first samples of blocks.
@@ -62,56 +62,56 @@ class _View:
     edges: NDArray[np.intp]
 
 
-def scan(point: Point) -> list[Dependence]:
+def scan_dependences(point: Evaluation) -> list[Dependence]:
     """What pays for itself, the best first."""
-    views = [view for name in point.mean_residuals for view in _views(point, name)]
+    views = [view for name in point.mean_residuals for view in _list_target_data(point, name)]
     nodes = {view.node.name for view in views}
     made: list[Dependence] = []
-    for shape in shapes():
-        made += _tried(shape, [view for view in views if view.target is not STAMP], len(nodes))
+    for shape in list_shapes():
+        made += _try_shape(shape, [view for view in views if view.target is not TIME_STAMP], len(nodes))
     for view in views:
-        made += _placed(view)
+        made += _try_located_shapes(view)
     return sorted(made, key=lambda it: -it.evidence)
 
 
-def _views(point: Point, name: str) -> Iterator[_View]:
+def _list_target_data(point: Evaluation, name: str) -> Iterator[_TargetData]:
     residual = point.mean_residuals[name]
-    node, chain = residual.node, scene(residual.node, point.state.readings[name])
-    weight = np.where(residual.noise.fresh & ~node.clipped, 1.0 / residual.noise.found, 0.0)
+    node, chain = residual.node, build_chain(residual.node, point.state.predictions[name])
+    weight = np.where(residual.noise.is_new & ~node.clipped, 1.0 / residual.noise.sigma, 0.0)
     weight = weight * node.used[:, None]
     edges = block_edges(node.t)
-    z = winsorised((residual.value - point.of_inputs[name]) * weight)
-    for target in (*CHANNELS, *WORLD):
+    z = winsorise((residual.value - point.input_noise_residuals[name]) * weight)
+    for target in (*CHANNELS, *VEHICLE_AXES):
         rows = [row for row, _ in target.rows]
-        if (target.on_wheel and not node.on_wheel) or not node.used[rows].all():
+        if (target.needs_wheel and not node.on_wheel) or not node.used[rows].all():
             continue
         known = {"np": np, "chain": chain, **HELPERS}
         # Nothing but the library's own expressions is read.
         felt = (
             np.stack([np.broadcast_to(eval(by, known), node.t.shape) for _, by in target.rows]) * weight[rows]
         )
-        yield _View(node, chain, target, np.sum(felt * z[rows], axis=0), np.sum(felt**2, axis=0), edges)
-    felt = point.state.late_columns[name] * weight
-    yield _View(node, chain, STAMP, np.sum(felt * z, axis=0), np.sum(felt**2, axis=0), edges)
+        yield _TargetData(node, chain, target, np.sum(felt * z[rows], axis=0), np.sum(felt**2, axis=0), edges)
+    felt = point.state.delay_columns[name] * weight
+    yield _TargetData(node, chain, TIME_STAMP, np.sum(felt * z, axis=0), np.sum(felt**2, axis=0), edges)
 
 
-def _tried(shape: Shape, views: Sequence[_View], nodes: int) -> Iterator[Dependence]:
+def _try_shape(shape: Shape, views: Sequence[_TargetData], nodes: int) -> Iterator[Dependence]:
     """A shape on each target, on those of a triad where it pays, and on all nodes alike."""
-    by_target: dict[Target, list[tuple[_View, Array, Array]]] = {}
+    by_target: dict[Target, list[tuple[_TargetData, Array, Array]]] = {}
     paying: dict[tuple[str, int], list[tuple[Target, float]]] = {}
     of_node: dict[str, Array] = {}
     for view in views:
-        if shape.of_wheel and not view.node.on_wheel:
+        if shape.needs_wheel and not view.node.on_wheel:
             continue
         columns = of_node.get(view.node.name)
         if columns is None:
             columns = of_node[view.node.name] = shape.columns(view.chain)
-        score, inner, tempering = _sums(columns, view)
+        score, inner, tempering = _score_columns(columns, view)
         by_target.setdefault(view.target, []).append((view, score, inner))
-        evidence = _gain(score, inner) / tempering - _cost(shape, view)
+        evidence = _gain(score, inner) / tempering - _description_cost(shape, view)
         if evidence > 0.0:
             yield Dependence(shape, (view.target,), view.node.name, evidence)
-            for which, names in enumerate(_TRIADS):
+            for which, names in enumerate(_TRIAD_CHANNELS):
                 if view.target.name in names and view.target in CHANNELS:
                     paying.setdefault((view.node.name, which), []).append((view.target, evidence))
     for (node, _), found in paying.items():
@@ -120,14 +120,14 @@ def _tried(shape: Shape, views: Sequence[_View], nodes: int) -> Iterator[Depende
             yield Dependence(shape, tuple(target for target, _ in found), node, together)
     for target, parts in by_target.items():
         # What all nodes have alike is of the vehicle: along az they would differ where they face two ways.
-        if shape.shared and nodes > 1 and len(parts) == nodes and target.name != "az":
+        if shape.is_shareable and nodes > 1 and len(parts) == nodes and target.name != "az":
             score, inner = np.sum([part[1] for part in parts], 0), np.sum([part[2] for part in parts], 0)
-            evidence = _gain(score, inner) - _cost(shape, parts[0][0])
+            evidence = _gain(score, inner) - _description_cost(shape, parts[0][0])
             if evidence > 0.0:
                 yield Dependence(shape, (target,), ALL, evidence)
 
 
-def _sums(columns: Array, view: _View) -> tuple[Array, Array, float]:
+def _score_columns(columns: Array, view: _TargetData) -> tuple[Array, Array, float]:
     """Score, information, and by how much the scores of blocks scatter more than independent ones."""
     inner = (columns * view.square) @ columns.T
     along = columns * view.along
@@ -153,59 +153,63 @@ def _gain(score: Array, inner: Array) -> float:
     return 0.5 * float(score / size @ np.linalg.solve(scaled, score / size))
 
 
-def _cost(shape: Shape, view: _View) -> float:
+def _description_cost(shape: Shape, view: _TargetData) -> float:
     """Of its amplitudes and places, and of having been looked for."""
-    free = len(shape.waves) + len(shape.places)
+    free = len(shape.amplitudes) + len(shape.parameters)
     return 0.5 * free * log(len(view.node.t) / 4.0) + 5.0
 
 
-def _placed(view: _View) -> Iterator[Dependence]:
+def _try_located_shapes(view: _TargetData) -> Iterator[Dependence]:
     """Tone, step and bump where they fit this target best."""
     found: list[Shape] = []
-    if view.target is not STAMP:
-        found += _tone(view)
+    if view.target is not TIME_STAMP:
+        found += _find_tone(view)
         if view.node.on_wheel:
-            found += [_bump(view, weight) for weight in ("1.0", "chain.spin**2")]
+            found += [_find_bump(view, weight) for weight in ("1.0", "chain.spin**2")]
     for shape in found:
-        yield from (it for it in _tried(shape, [view], 0) if len(it.targets) == 1)
-    at, gain = _step(view)
-    evidence = gain - _cost(step(at), view)
+        yield from (it for it in _try_shape(shape, [view], 0) if len(it.targets) == 1)
+    at, gain = _find_step(view)
+    evidence = gain - _description_cost(build_step(at), view)
     if evidence > 0.0:
-        yield Dependence(step(at), (view.target,), view.node.name, evidence)
+        yield Dependence(build_step(at), (view.target,), view.node.name, evidence)
 
 
-def _tone(view: _View) -> Iterator[Shape]:
+def _find_tone(view: _TargetData) -> Iterator[Shape]:
     t, z = view.node.t, view.along / np.sqrt(max(float(np.mean(view.square)), 1e-300))
     grid = np.linspace(t[0], t[-1], len(t))
     power = np.abs(np.fft.rfft(np.interp(grid, t, z), 2 * len(t))) ** 2
     frequency = np.fft.rfftfreq(2 * len(t), float(grid[1] - grid[0]))
-    power[frequency < _SLOWEST] = 0.0
+    power[frequency < _MIN_SCAN_TONE_HZ] = 0.0
     duration = float(t[-1] - t[0])
-    yield tone(refined(t, z, float(frequency[int(np.argmax(power))]), 0.5 / duration), duration)
+    yield build_tone(
+        refine_frequency(t, z, float(frequency[int(np.argmax(power))]), 0.5 / duration), duration
+    )
 
 
-def _step(view: _View) -> tuple[float, float]:
+def _find_step(view: _TargetData) -> tuple[float, float]:
     """When, s, and the gain of another level from there on over one level for all."""
     before, weight = np.cumsum(view.along), np.cumsum(view.square)
-    inside = slice(_EDGE, -_EDGE)
+    inside = slice(_STEP_MARGIN_SAMPLES, -_STEP_MARGIN_SAMPLES)
     left, right = weight[inside], weight[-1] - weight[inside]
     gains = before[inside] ** 2 / np.maximum(left, 1e-300)
     gains = gains + (before[-1] - before[inside]) ** 2 / np.maximum(right, 1e-300)
     at = int(np.argmax(gains))
     gain = 0.5 * float(gains[at] - before[-1] ** 2 / max(float(weight[-1]), 1e-300))
-    return float(view.node.t[_EDGE + at + 1]), gain
+    return float(view.node.t[_STEP_MARGIN_SAMPLES + at + 1]), gain
 
 
-def _bump(view: _View, weight: str) -> Shape:
+def _find_bump(view: _TargetData, weight: str) -> Shape:
     """Scores and information in sectors of a turn, smoothed with each width, are those of every bump."""
     by = np.broadcast_to(eval(weight, {"chain": view.chain}), view.node.t.shape)
-    sector = (np.asarray(view.chain.angle) % (2.0 * np.pi) / (2.0 * np.pi) * _SECTORS).astype(int) % _SECTORS
-    score = np.bincount(sector, view.along * by, _SECTORS)
-    inner = np.bincount(sector, view.square * by**2, _SECTORS)
-    centre = (np.arange(_SECTORS) + 0.5) * 2.0 * np.pi / _SECTORS
-    best = (0.0, 0.0, _WIDTHS[0])
-    for width in _WIDTHS:
+    sector = (np.asarray(view.chain.angle) % (2.0 * np.pi) / (2.0 * np.pi) * _BUMP_SECTORS).astype(
+        int
+    ) % _BUMP_SECTORS
+    score = np.bincount(sector, view.along * by, _BUMP_SECTORS)
+    inner = np.bincount(sector, view.square * by**2, _BUMP_SECTORS)
+    centre = (np.arange(_BUMP_SECTORS) + 0.5) * 2.0 * np.pi / _BUMP_SECTORS
+    best = (0.0, 0.0, _BUMP_WIDTHS[0])
+    for width in _BUMP_WIDTHS:
         bell = pulse(centre[:, None] - centre, width)
         gains = (bell @ score) ** 2 / np.maximum(bell**2 @ inner, 1e-300)
         best = max(best, (float(gains.max()), float(centre[int(np.argmax(gains))]), width))
-    return bump(best[1], best[2], weight)
+    return build_bump(best[1], best[2], weight)

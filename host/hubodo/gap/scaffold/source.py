@@ -10,10 +10,17 @@ from pathlib import Path
 
 from hubodo.effects import Effect
 from hubodo.effects.loaded import run_effects
-from hubodo.gap.scaffold.library import HELPERS, REMEMBERING, STAMP, Shape, ShapePlace, Target
+from hubodo.gap.scaffold.library import (
+    HELPERS,
+    HELPERS_WITH_MEMORY,
+    TIME_STAMP,
+    Shape,
+    ShapeParameter,
+    Target,
+)
 
-_WIDE = 106
-_SCALES = {"rad/s": 0.01, "m/s²": 0.1, "s": 0.01}
+_MAX_LINE_LENGTH = 106
+_USUAL_SCALES = {"rad/s": 0.01, "m/s²": 0.1, "s": 0.01}
 
 
 @dataclass(frozen=True)
@@ -25,39 +32,39 @@ class Summand:
 
 
 @dataclass(frozen=True)
-class SeenIn:
+class Observation:
     """What a log showed of an effect, in words. values: of each parameter, with its sigma, by name."""
 
     log: Path
     scope: str
     where: str
     values: Mapping[str, str]
-    usual: Mapping[str, float]
+    usual_sizes: Mapping[str, float]
 
 
-def source(name: str, summands: Sequence[Summand], seen: SeenIn | None = None) -> str:
+def render_source(name: str, summands: Sequence[Summand], observation: Observation | None = None) -> str:
     """The text of the file. seen: None while it is being fitted."""
-    named = [_Named(summand, "" if not k else f"_{k + 1}") for k, summand in enumerate(summands)]
-    body = [*_fields(named, seen), *_offset(named), *_true_time(named)]
+    named = [_NamedSummand(summand, "" if not k else f"_{k + 1}") for k, summand in enumerate(summands)]
+    body = [*_render_fields(named, observation), *_render_offset(named), *_render_true_time(named)]
     helpers = [it for it in HELPERS if any(f"{it}(" in line for line in body)]
-    imports = ["from dataclasses import dataclass", *(["from pathlib import Path"] if seen else [])]
+    imports = ["from dataclasses import dataclass", *(["from pathlib import Path"] if observation else [])]
     imports += ["from typing import ClassVar", "", "import numpy as np", ""]
     imports += ["from hubodo.arrays import Array"] if any("Array" in line for line in body) else []
     imports += ["from hubodo.effects.base import Effect, Level, SensorChain, parameter"]
     if helpers:
         imports.append(f"from hubodo.effects.dependence import {', '.join(helpers)}")
-    lines = [*_head(name, seen), "", "from __future__ import annotations", "", *imports]
-    if seen:
-        lines += ["", f"LOG = Path({str(seen.log)!r})"]
+    lines = [*_render_head(name, observation), "", "from __future__ import annotations", "", *imports]
+    if observation:
+        lines += ["", f"LOG = Path({str(observation.log)!r})"]
     level = "wheel" if any(one.on_wheel for one in named) else "node"
     lines += ["", "", "@dataclass(frozen=True)", f"class {class_name(name)}(Effect):"]
-    lines += textwrap.indent(_formula(named), "    ").splitlines()
+    lines += textwrap.indent(_render_formula(named), "    ").splitlines()
     lines += ["", f'    name: ClassVar[str] = "{name}"', f'    level: ClassVar[Level] = "{level}"']
     lines += [f'    meaning: ClassVar[str] = "{name.replace("_", " ")}"']
-    lines += ["    has_memory: ClassVar[bool] = True"] if set(helpers) & set(REMEMBERING) else []
+    lines += ["    has_memory: ClassVar[bool] = True"] if set(helpers) & set(HELPERS_WITH_MEMORY) else []
     lines += body
-    if seen:
-        lines += ["", "", *_test(name, seen)]
+    if observation:
+        lines += ["", "", *_render_test(name, observation)]
     return "\n".join(lines) + "\n"
 
 
@@ -66,30 +73,32 @@ def class_name(name: str) -> str:
     return "".join(part.capitalize() for part in name.split("_"))
 
 
-def as_class(name: str, summands: Sequence[Summand]) -> type[Effect]:
+def compile_effect(name: str, summands: Sequence[Summand]) -> type[Effect]:
     """The effect that the file would define."""
-    return run_effects(source(name, summands), Path(f"{name}.py"))[0]
+    return run_effects(render_source(name, summands), Path(f"{name}.py"))[0]
 
 
-class _Named:
+class _NamedSummand:
     """A summand with the names that its parameters have in the class; end: what sets them apart."""
 
     def __init__(self, summand: Summand, end: str) -> None:
         self.shape, self.targets = summand.shape, summand.targets
-        self.places: dict[str, ShapePlace] = {f"{place.name}{end}": place for place in self.shape.places}
+        self.places: dict[str, ShapeParameter] = {
+            f"{place.name}{end}": place for place in self.shape.parameters
+        }
         self.amplitudes = {
-            target.name: [(f"{target.name}{suffix}{end}", wave) for suffix, wave in self.shape.waves]
+            target.name: [(f"{target.name}{suffix}{end}", wave) for suffix, wave in self.shape.amplitudes]
             for target in self.targets
         }
         self._end = end
 
     @property
     def on_wheel(self) -> bool:
-        return self.shape.of_wheel or any(target.on_wheel for target in self.targets)
+        return self.shape.needs_wheel or any(target.needs_wheel for target in self.targets)
 
     def text(self, expression: str) -> str:
         """An expression with this class's names for the places."""
-        for place in self.shape.places:
+        for place in self.shape.parameters:
             expression = re.sub(rf"self\.{place.name}\b", f"self.{place.name}{self._end}", expression)
         return expression
 
@@ -111,7 +120,7 @@ class _Named:
         return weight if simple else f"({weight})", " + ".join(parts)
 
 
-def _head(name: str, seen: SeenIn | None) -> list[str]:
+def _render_head(name: str, seen: Observation | None) -> list[str]:
     if seen is None:
         return [f'"""The effect `{name}`."""']
     values = "; ".join(f"{key} {value}" for key, value in seen.values.items())
@@ -122,30 +131,30 @@ def _head(name: str, seen: SeenIn | None) -> list[str]:
         f"There: {values}.",
         f"{use} {name}.py.",
     )
-    text = "\n\n".join(textwrap.fill(line, _WIDE) for line in words)
+    text = "\n\n".join(textwrap.fill(line, _MAX_LINE_LENGTH) for line in words)
     return [f'"""{text}', '"""']
 
 
-def _formula(named: Sequence[_Named]) -> str:
+def _render_formula(named: Sequence[_NamedSummand]) -> str:
     """A docstring: the sum that it adds, with plain names."""
     parts = []
     for one in named:
         for target in one.targets:
             value = re.sub(r"\b(self|chain|np)\.", "", one.value(target)).replace("**2", "²")
-            parts.append(f"{target.name} += {value}: {one.shape.words}.")
-    text = "\n".join(textwrap.fill(part, _WIDE - 4) for part in parts)
+            parts.append(f"{target.name} += {value}: {one.shape.description}.")
+    text = "\n".join(textwrap.fill(part, _MAX_LINE_LENGTH - 4) for part in parts)
     return f'"""{text}"""' if len(parts) == 1 and "\n" not in text else f'"""{text}\n"""'
 
 
-def _fields(named: Sequence[_Named], seen: SeenIn | None) -> list[str]:
+def _render_fields(named: Sequence[_NamedSummand], seen: Observation | None) -> list[str]:
     lines = []
-    usual = seen.usual if seen else {}
+    usual = seen.usual_sizes if seen else {}
     for one in named:
         for target in one.targets:
-            unit = f"{target.unit} per {one.shape.per}" if one.shape.per else target.unit
+            unit = f"{target.unit} per {one.shape.weight_unit}" if one.shape.weight_unit else target.unit
             for key, _ in one.amplitudes[target.name]:
-                scale = usual.get(key) or _SCALES[target.unit]
-                turned = ", flips_with_facing=True" if target.turned else ""
+                scale = usual.get(key) or _USUAL_SCALES[target.unit]
+                turned = ", flips_with_facing=True" if target.is_mirrored else ""
                 lines.append(f'    {key}: float = parameter("{unit}", {scale:.2g}{turned})')
         for key, place in one.places.items():
             more = "" if place.fitted else ", fitted=False"
@@ -156,11 +165,11 @@ def _fields(named: Sequence[_Named], seen: SeenIn | None) -> list[str]:
     return lines
 
 
-def _offset(named: Sequence[_Named]) -> list[str]:
+def _render_offset(named: Sequence[_NamedSummand]) -> list[str]:
     lines: list[str] = []
     for one in named:
         for target in one.targets:
-            if target is STAMP:
+            if target is TIME_STAMP:
                 continue
             weight, total = one.factors(target)
             lines.append(f"        {target.name} = {total}")
@@ -175,8 +184,8 @@ def _offset(named: Sequence[_Named]) -> list[str]:
     return ["", "    def add_offsets(self, chain: SensorChain) -> None:", *lines] if lines else []
 
 
-def _true_time(named: Sequence[_Named]) -> list[str]:
-    delays = [one.value(target) for one in named for target in one.targets if target is STAMP]
+def _render_true_time(named: Sequence[_NamedSummand]) -> list[str]:
+    delays = [one.value(target) for one in named for target in one.targets if target is TIME_STAMP]
     if not delays:
         return []
     total = " + ".join(delays).replace("chain.t", "t")
@@ -187,7 +196,7 @@ def _channel(row: int) -> str:
     return f"chain.gyro[{row}]" if row < 3 else f"chain.accel[{row - 3}]"
 
 
-def _test(name: str, seen: SeenIn) -> list[str]:
+def _render_test(name: str, seen: Observation) -> list[str]:
     return [
         "def test_the_log_shows_it_where_it_was_not_fitted() -> None:",
         "    from hubodo.gap.scaffold.proof import held_out_gaps",

@@ -1,4 +1,4 @@
-"""What a look at one kind of scatter returns, and the scopes in which it looks."""
+"""Proposals of the scatter detectors, and helpers that the detectors share."""
 
 from __future__ import annotations
 
@@ -16,9 +16,12 @@ from hubodo.gap.state.terms import ALL, ModelTerm
 
 @dataclass(frozen=True)
 class Proposal:
-    """An effect that would explain the scatter. gain: of the log-likelihood. evidence: ln Bayes factor.
+    """An effect that would explain the scatter.
 
-    sigmas: 1 sigma of its parameters. where: what shows it, in words.
+    gain: of the log-likelihood
+    evidence: ln Bayes factor
+    sigmas: 1 sigma of its parameters
+    where: the observation, in words
     """
 
     term: ModelTerm
@@ -28,37 +31,41 @@ class Proposal:
     where: str
 
 
-Look = Callable[[Sequence[Residual]], list[Proposal]]
-"""From what each node shows beside the mean to what may be missing there."""
+ScatterDetector = Callable[[Sequence[Residual]], list[Proposal]]
+"""A function from residuals about the mean of each node to proposed effects."""
 
 
-def single_cost(samples: float) -> float:
-    """Occam's factor of one parameter that so many samples fix: ½ ln(samples), as in BIC."""
+def parameter_cost(samples: float) -> float:
+    """Return the Occam factor of one parameter determined by `samples` samples: ½ ln(samples), as in BIC."""
     return 0.5 * log(max(samples, 3.0))
 
 
-def shared(residuals: Sequence[Residual]) -> list[tuple[str, list[Residual]]]:
-    """The scopes: each node, and all of them where there are several."""
-    single = [(one.node.name, [one]) for one in residuals]
-    return [*single, (ALL, list(residuals))] if len(residuals) > 1 else single
+def group_by_scope(residuals: Sequence[Residual]) -> list[tuple[str, list[Residual]]]:
+    """Return the scopes: each node, and all of them together if there are several."""
+    groups = [(one.node.name, [one]) for one in residuals]
+    return [*groups, (ALL, list(residuals))] if len(residuals) > 1 else groups
 
 
-# Sigmas beyond which what rounding does to a reading no longer matters.
-_FAR = 6.0
+# Sigmas beyond which rounding no longer changes the tail probability.
+_MAX_ROUNDING_SIGMA = 6.0
 
 
-def unrounded(residual: Residual, row: int) -> Array:
-    """(N,) residual of a channel, where its lattice is coarser than the noise as it was before the rounding.
+def remove_rounding(residual: Residual, row: int) -> Array:
+    """Return the residual of a channel, (N,), with coarse rounding undone.
 
-    A coarse lattice makes Gaussian noise none: some readings are a step off, all others are not. What was
-    rounded is drawn from all that would have been rounded so (randomised quantile residuals, Dunn and Smyth
-    1996), in the noise that the channel shows.
+    Gaussian noise on a coarse lattice is not Gaussian: most readings agree, some are one step off. Each
+    rounded residual is replaced by a draw from its rounding interval (randomised quantile residuals, Dunn and
+    Smyth 1996), scaled to the estimated noise.
     """
-    value, sigma, step = residual.value[row], residual.declared_of(row), float(residual.node.steps[row])
+    value, sigma, step = (
+        residual.value[row],
+        residual.declared_channel_sigma(row),
+        float(residual.node.lattice_steps[row]),
+    )
     if not np.isfinite(step) or step < np.median(sigma):
         return np.asarray(value)
     z = np.abs(value) / sigma
     low, high = ndtr(-z - 0.5 * step / sigma), ndtr(-z + 0.5 * step / sigma)
     drawn = low + (high - low) * np.random.default_rng(row).random(len(z))
-    made = np.where(z - 0.5 * step / sigma < _FAR, -ndtri(np.maximum(drawn, 1e-300)), z)
-    return np.asarray(np.sign(value) * made * residual.noise.of(row))
+    unrounded = np.where(z - 0.5 * step / sigma < _MAX_ROUNDING_SIGMA, -ndtri(np.maximum(drawn, 1e-300)), z)
+    return np.asarray(np.sign(value) * unrounded * residual.noise.channel_sigma(row))

@@ -1,4 +1,4 @@
-"""Outliers: lonely readings far from their neighbours, more than Gaussian noise makes."""
+"""Outliers: isolated readings far from their neighbours, more of them than Gaussian noise produces."""
 
 from __future__ import annotations
 
@@ -12,24 +12,26 @@ from scipy.special import chdtrc, logsumexp
 from hubodo.arrays import Array
 from hubodo.effects import BY_NAME
 from hubodo.gap.process_noise.residual import Residual
-from hubodo.gap.scatter.base import Proposal, shared, unrounded
+from hubodo.gap.scatter.base import Proposal, group_by_scope, remove_rounding
 from hubodo.gap.state.terms import ModelTerm
 
 NAME = "outliers"
-_SIGMAS = np.geomspace(2.5, 100.0, 40)
-_SHARES = np.geomspace(1e-5, 0.3, 40)
-# Gain of ln likelihood that makes spikes of one channel worth a word.
-_SPIKY = 15.0
-# Noise is not quite Gaussian, whatever else is missing.
-_RELUCTANCE = 2.0
-_FAR, _UNLIKELY = 5.0, 1e-5
+_OUTLIER_SIGMAS = np.geomspace(2.5, 100.0, 40)
+_OUTLIER_SHARES = np.geomspace(1e-5, 0.3, 40)
+# Gain of ln likelihood from which on spikes of one channel are reported.
+_MIN_SPIKE_GAIN = 15.0
+# Evidence deducted because sensor noise is never exactly Gaussian.
+_NON_GAUSSIAN_PENALTY = 2.0
+_OUTLYING_SIGMA, _MIN_UNIFORM_P_VALUE = 5.0, 1e-5
 
 
 @dataclass(frozen=True)
 class _Channel:
-    """row: of a channel in use. z: (n,) its fresh readings beside their neighbours, in their own sigma.
+    """Fresh readings of one channel in use.
 
-    sigma: that, in units of the noise that the channel shows.
+    row: of the channel
+    z: (n,) readings relative to their neighbours, in sigma
+    sigma: their 1 sigma, in units of the channel's estimated noise
     """
 
     row: int
@@ -38,116 +40,130 @@ class _Channel:
 
 
 @dataclass(frozen=True)
-class _Seen:
-    """What one node shows. tables: of each channel. count: of readings. chance: wild ones come anywhere."""
+class _NodeOutliers:
+    """Outlier statistics of one node.
 
-    tables: Sequence[Array]
+    gain_tables: of each channel
+    count: of readings
+    is_random: True if outliers come at random times and channels
+    """
+
+    gain_tables: Sequence[Array]
     count: int
-    chance: bool
+    is_random: bool
 
 
-def look_for_outliers(residuals: Sequence[Residual]) -> list[Proposal]:
-    """A mixture of the noise and of wider noise, against it alone: probability and sigma by likelihood."""
-    seen = {one.node.name: _seen(one) for one in residuals if BY_NAME[NAME] not in one.effects}
-    made = []
-    for scope, members in shared([one for one in residuals if one.node.name in seen]):
-        own = [seen[one.node.name] for one in members]
-        table = np.sum([part for one in own for part in one.tables], axis=0)
-        count = sum(one.count for one in own)
-        at = np.unravel_index(int(np.argmax(table)), table.shape)
-        gain = float(table[at])
-        if gain < 3.0 or not all(one.chance for one in own):
+def detect_outliers(residuals: Sequence[Residual]) -> list[Proposal]:
+    """Detect outliers by maximum likelihood of a mixture of the noise and a wider Gaussian."""
+    statistics = {
+        entry.node.name: _examine_node(entry) for entry in residuals if BY_NAME[NAME] not in entry.effects
+    }
+    proposals = []
+    for scope, members in group_by_scope([entry for entry in residuals if entry.node.name in statistics]):
+        members_statistics = [statistics[entry.node.name] for entry in members]
+        table = np.sum([part for entry in members_statistics for part in entry.gain_tables], axis=0)
+        count = sum(entry.count for entry in members_statistics)
+        best = np.unravel_index(int(np.argmax(table)), table.shape)
+        gain = float(table[best])
+        if gain < 3.0 or not all(entry.is_random for entry in members_statistics):
             continue
-        share, sigma = float(_SHARES[at[0]]), float(_SIGMAS[at[1]])
-        hits = max(share * count, 1.0)
+        share, sigma = float(_OUTLIER_SHARES[best[0]]), float(_OUTLIER_SIGMAS[best[1]])
+        expected_outliers = max(share * count, 1.0)
         term = ModelTerm(BY_NAME[NAME](probability=share, sigma=sigma), scope)  # type: ignore[call-arg]
-        sigmas = {"probability": share / np.sqrt(hits), "sigma": sigma / np.sqrt(2.0 * hits)}
-        where = f"about {hits:.0f} lonely readings, {sigma:.0f} times wider than the noise"
-        # Each share and each sigma of the grid is as likely beforehand.
-        evidence = float(logsumexp(table)) - log(table.size) - _RELUCTANCE
-        made.append(Proposal(term, gain, evidence, sigmas, where))
-    return made
+        sigmas = {
+            "probability": share / np.sqrt(expected_outliers),
+            "sigma": sigma / np.sqrt(2.0 * expected_outliers),
+        }
+        where = f"about {expected_outliers:.0f} isolated readings, {sigma:.0f} times wider than the noise"
+        # Uniform prior over the grid of shares and sigmas.
+        evidence = float(logsumexp(table)) - log(table.size) - _NON_GAUSSIAN_PENALTY
+        proposals.append(Proposal(term, gain, evidence, sigmas, where))
+    return proposals
 
 
-def spiky_channels(residual: Residual) -> list[tuple[int, int, float]]:
-    """Channels with wild readings of their own: row, how many, and how large in the middle of them."""
-    channels = _channels(residual)
-    if _everywhere(channels) and _lonely(channels):
+def find_spiky_channels(residual: Residual) -> list[tuple[int, int, float]]:
+    """Return channels with outliers of their own: row, number and median size in sigma."""
+    channels = _standardise_channels(residual)
+    if _are_uniform(channels) and _are_isolated(channels):
         return []
-    made = []
-    for one in channels:
-        if np.max(_table(residual, one)) > _SPIKY:
-            z = np.abs(one.z)
-            far = z[z > 6.0]
-            if len(far):
-                made.append((one.row, len(far), float(np.median(far))))
-    return made
+    spiky = []
+    for channel in channels:
+        if np.max(_gain_table(residual, channel)) > _MIN_SPIKE_GAIN:
+            z = np.abs(channel.z)
+            outliers = z[z > 6.0]
+            if len(outliers):
+                spiky.append((channel.row, len(outliers), float(np.median(outliers))))
+    return spiky
 
 
-def _seen(residual: Residual) -> _Seen:
-    channels = _channels(residual)
-    tables = [_table(residual, one) for one in channels]
-    return _Seen(tables, sum(len(one.z) for one in channels), _everywhere(channels) and _lonely(channels))
+def _examine_node(residual: Residual) -> _NodeOutliers:
+    channels = _standardise_channels(residual)
+    tables = [_gain_table(residual, one) for one in channels]
+    return _NodeOutliers(
+        tables, sum(len(one.z) for one in channels), _are_uniform(channels) and _are_isolated(channels)
+    )
 
 
-def _channels(residual: Residual) -> list[_Channel]:
-    """Each channel in use. A burst of misfit is no outlier: only what stands out from its own neighbours."""
-    made = []
+def _standardise_channels(residual: Residual) -> list[_Channel]:
+    """Return each channel in use relative to the median of its neighbours, which removes bursts of misfit."""
+    result = []
     for row in np.flatnonzero(residual.node.used).tolist():
-        ok = residual.noise.fresh & ~residual.node.clipped[row]
-        z = (unrounded(residual, row) / residual.noise.of(row))[ok]
-        z = z - _neighbourhood(z)
+        is_used = residual.noise.is_new & ~residual.node.clipped[row]
+        z = (remove_rounding(residual, row) / residual.noise.channel_sigma(row))[is_used]
+        z = z - _neighbour_median(z)
         sigma = max(float(np.median(np.abs(z))) / 0.6745, 1e-9)
-        made.append(_Channel(row, z / sigma, sigma))
-    return made
+        result.append(_Channel(row, z / sigma, sigma))
+    return result
 
 
-def _everywhere(channels: Sequence[_Channel]) -> bool:
-    """Whether all channels of a node are hit alike (G-test of the numbers of readings far out)."""
-    counts = np.array([int((np.abs(one.z) > _FAR).sum()) for one in channels])
+def _are_uniform(channels: Sequence[_Channel]) -> bool:
+    """Return True if outliers are equally frequent in all channels (G-test)."""
+    counts = np.array([int((np.abs(one.z) > _OUTLYING_SIGMA).sum()) for one in channels])
     total = int(counts.sum())
     if total < 8 or len(counts) < 2:
         return True
-    hit = counts[counts > 0]
-    statistic = 2.0 * float(np.sum(hit * np.log(hit * len(counts) / total)))
-    return bool(chdtrc(len(counts) - 1, max(statistic, 0.0)) > _UNLIKELY)
+    positive = counts[counts > 0]
+    statistic = 2.0 * float(np.sum(positive * np.log(positive * len(counts) / total)))
+    return bool(chdtrc(len(counts) - 1, max(statistic, 0.0)) > _MIN_UNIFORM_P_VALUE)
 
 
-def _lonely(channels: Sequence[_Channel]) -> bool:
-    """Whether wild readings come one by one: no more of them side by side than chance puts there."""
-    near, hits, total = 0, 0, 0
+def _are_isolated(channels: Sequence[_Channel]) -> bool:
+    """Return True if outliers come one by one: not more of them close together than expected by chance."""
+    close, hits, total = 0, 0, 0
     for one in channels:
-        far = np.abs(one.z) > 4.5
-        hits, total = hits + int(far.sum()), total + len(far)
-        near += int((far[2:] & far[:-2]).sum()) + int((far[3:] & far[:-3]).sum())
+        is_outlier = np.abs(one.z) > 4.5
+        hits, total = hits + int(is_outlier.sum()), total + len(is_outlier)
+        close += int((is_outlier[2:] & is_outlier[:-2]).sum()) + int((is_outlier[3:] & is_outlier[:-3]).sum())
     expected = 2.0 * hits * hits / max(total, 1)
-    return bool(near < 3.0 * expected + 4.0 * np.sqrt(expected) + 4.0)
+    return bool(close < 3.0 * expected + 4.0 * np.sqrt(expected) + 4.0)
 
 
-def _table(residual: Residual, one: _Channel) -> Array:
-    """(40, 40) gain of ln likelihood of a channel by share and sigma."""
+def _gain_table(residual: Residual, one: _Channel) -> Array:
+    """Return the gain of ln likelihood of a channel, (40, 40), by outlier share and sigma."""
     edges = np.concatenate([np.linspace(0.0, 6.0, 121), np.geomspace(6.2, 400.0, 100)])
-    filled, _ = np.histogram(np.minimum(np.abs(one.z), 399.0), edges)
+    counts, _ = np.histogram(np.minimum(np.abs(one.z), 399.0), edges)
     middle = 0.5 * (edges[1:] + edges[:-1])
-    filled, middle = filled[filled > 0], middle[filled > 0]
-    # The noise alone, as it is: its own scale is free.
-    own = np.linspace(0.9, 1.3, 21)[:, None]
-    alone = float(np.max(np.sum(filled * (-0.5 * (middle / own) ** 2 - np.log(own)), axis=1)))
-    # Beside neighbours with noise of their own, and beside noise that is not as declared.
-    declared = float(np.mean(residual.declared_of(one.row) / residual.noise.of(one.row)))
-    size = _SIGMAS * declared / one.sigma
-    total = np.zeros((len(_SHARES), len(_SIGMAS)))
-    wide = 1.0 / np.sqrt(1.0 + size**2)
+    counts, middle = counts[counts > 0], middle[counts > 0]
+    # Noise alone, with a free scale.
+    scales = np.linspace(0.9, 1.3, 21)[:, None]
+    noise_only = float(np.max(np.sum(counts * (-0.5 * (middle / scales) ** 2 - np.log(scales)), axis=1)))
+    # Differences include the neighbours' noise, and noise may differ from the declared one.
+    declared = float(
+        np.mean(residual.declared_channel_sigma(one.row) / residual.noise.channel_sigma(one.row))
+    )
+    relative_sigma = _OUTLIER_SIGMAS * declared / one.sigma
+    total = np.zeros((len(_OUTLIER_SHARES), len(_OUTLIER_SIGMAS)))
+    inverse_width = 1.0 / np.sqrt(1.0 + relative_sigma**2)
     narrow = np.exp(-0.5 * middle**2)
-    for j, share in enumerate(wide):
-        far = share * np.exp(-0.5 * (middle * share) ** 2)
-        mixed = (1.0 - _SHARES[:, None]) * narrow + _SHARES[:, None] * far
-        total[:, j] = np.log(np.maximum(mixed, 1e-300)) @ filled - alone
+    for j, share in enumerate(inverse_width):
+        wide_density = share * np.exp(-0.5 * (middle * share) ** 2)
+        mixed = (1.0 - _OUTLIER_SHARES[:, None]) * narrow + _OUTLIER_SHARES[:, None] * wide_density
+        total[:, j] = np.log(np.maximum(mixed, 1e-300)) @ counts - noise_only
     return total
 
 
-def _neighbourhood(z: Array) -> Array:
-    """The median of the two samples before and the two after each."""
+def _neighbour_median(z: Array) -> Array:
+    """Return the median of the two samples before and the two after each."""
     padded = np.pad(z, 2, mode="reflect")
     around = np.stack([padded[:-4], padded[1:-3], padded[3:-1], padded[4:]])
     around.sort(axis=0)

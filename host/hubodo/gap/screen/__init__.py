@@ -1,1 +1,1 @@
-"""The first look: what each candidate would gain if the model were linear."""
+"""Screening: the gain of every candidate in the linear model, by score tests."""

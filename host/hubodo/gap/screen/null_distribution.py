@@ -1,7 +1,7 @@
-"""What gains the best of all candidates would have by chance: signs of the scores of blocks drawn anew.
+"""Null distribution of the largest gain over all candidates, by a wild bootstrap (Wu 1986, Liu 1988).
 
-A wild bootstrap (Wu 1986, Liu 1988) under the model as it stands: each block of time keeps its scores, with
-what they have in common among candidates and within the block, and loses their sign.
+Scores of blocks of time get random signs under the current model. Correlation among candidates and within a
+block is preserved.
 """
 
 from __future__ import annotations
@@ -14,81 +14,84 @@ from scipy.special import chdtrc, gammaln
 
 from hubodo.arrays import Array
 
-# Draws: the hundredth part of them, where a name is decided, is known to half of itself.
-DRAWS, SEED = 400, 1
-# ln likelihood beyond which the chance of it is too small for floating point.
-_FAR = 300.0
+# Number of draws: a p-value of 1 %, where effects are decided, is known within half of itself.
+BOOTSTRAP_DRAWS, BOOTSTRAP_SEED = 400, 1
+# ln likelihood; beyond it the tail probability underflows.
+_MAX_EXACT_GAIN = 300.0
 
 
 @dataclass(frozen=True)
 class ScoreTest:
-    """One candidate's score test.
+    """The score test of one candidate.
 
-    basis: (D, k) directions of its coordinates. covariance: (k, k) of them, zero for what is not seen.
+    basis: (D, k) directions of its coordinates
+    covariance: (k, k) of the coordinates, zero for unobservable ones
     """
 
     basis: Array
     covariance: Array
 
     @property
-    def freedom(self) -> int:
+    def degrees_of_freedom(self) -> int:
         return int(np.count_nonzero(np.diag(self.covariance)))
 
 
 @dataclass(frozen=True)
 class NullDistribution:
-    """What chance brings.
+    """Distribution of the largest gain over all candidates if nothing is missing.
 
-    surprises: (DRAWS,) ascending, of the best of all candidates; see `surprise`. Empty where there was no
-    candidate: then noise is taken for independent.
+    surprises: (BOOTSTRAP_DRAWS,) ascending, as `compute_surprise`, of the best candidate. Empty without
+        candidates: noise is then assumed independent
     """
 
     surprises: Array
 
-    def p_value(self, gain: float, freedom: int) -> float:
-        """How often the best of all candidates gains as much by chance.
+    def p_value(self, gain: float, degrees_of_freedom: int) -> float:
+        """Return how often the best candidate gains as much by chance.
 
-        Beyond their median such surprises fall off exponentially (Gumbel 1958), so far beyond all draws, too.
+        Beyond their median the surprises have an exponential tail (Gumbel 1958), which extrapolates beyond
+        all draws.
         """
-        own = float(surprise(np.array(gain), freedom))
+        observed = float(compute_surprise(np.array(gain), degrees_of_freedom))
         if not len(self.surprises):
-            return float(np.exp(-own))
-        middle = float(np.median(self.surprises))
-        if own <= middle:
-            return float(np.mean(self.surprises >= own))
-        beyond = float(np.mean(self.surprises[self.surprises > middle] - middle))
-        return float(np.maximum(0.5 * np.exp((middle - own) / beyond), 1e-300))
+            return float(np.exp(-observed))
+        median = float(np.median(self.surprises))
+        if observed <= median:
+            return float(np.mean(self.surprises >= observed))
+        mean_excess = float(np.mean(self.surprises[self.surprises > median] - median))
+        return float(np.maximum(0.5 * np.exp((median - observed) / mean_excess), 1e-300))
 
 
-def surprise(gain: Array, freedom: int) -> Array:
-    """-ln of the chance that independent noise gains so much of ln likelihood with so many coordinates.
+def compute_surprise(gain: Array, degrees_of_freedom: int) -> Array:
+    """Return -ln of the probability that independent noise gains as much ln likelihood.
 
-    Of a chi square of twice the gain; far out, the first term of its incomplete gamma function (DLMF 8.11.2).
+    Twice the gain follows a chi-square distribution; far out, the first term of its incomplete gamma function
+    (DLMF 8.11.2) is used.
     """
-    half = 0.5 * max(freedom, 1)
+    half = 0.5 * max(degrees_of_freedom, 1)
     gain = np.asarray(gain, float)
     far = gain - (half - 1.0) * np.log(np.maximum(gain, 1.0)) + gammaln(half)
-    near = -np.log(chdtrc(2.0 * half, 2.0 * np.clip(gain, 0.0, _FAR)))
-    return np.asarray(np.where(gain < _FAR, near, far))
+    near = -np.log(chdtrc(2.0 * half, 2.0 * np.clip(gain, 0.0, _MAX_EXACT_GAIN)))
+    return np.asarray(np.where(gain < _MAX_EXACT_GAIN, near, far))
 
 
-def null_distribution(
-    scores: Array, tests: Sequence[ScoreTest], draws: int = DRAWS, seed: int = SEED
+def draw_null_distribution(
+    scores: Array, tests: Sequence[ScoreTest], draws: int = BOOTSTRAP_DRAWS, seed: int = BOOTSTRAP_SEED
 ) -> NullDistribution:
-    """What the best of all tests gains when the signs of blocks are drawn anew.
+    """Draw the largest gain of all tests under random signs of blocks.
 
-    scores: (B, D) of each block along each direction, everything fitted already taken out.
+    scores: (B, D) of each block along each direction, with everything fitted projected out
     """
-    tests = [test for test in tests if test.freedom]
+    tests = [test for test in tests if test.degrees_of_freedom]
     if not tests:
         return NullDistribution(np.empty(0))
     signs = np.random.default_rng(seed).choice([-1.0, 1.0], (draws, len(scores)))
     drawn = signs @ scores
-    # Of tests with as many coordinates, the one with the most gain is the most surprising.
+    # Among tests with equally many coordinates, the largest gain is the most surprising.
     gains: dict[int, Array] = {}
     for test in tests:
-        along = drawn[:, : len(test.basis)] @ test.basis
-        own = 0.5 * np.einsum("ri,ij,rj->r", along, test.covariance, along)
-        gains[test.freedom] = np.maximum(gains.get(test.freedom, 0.0), own)
-    best = np.max([surprise(gain, freedom) for freedom, gain in gains.items()], axis=0)
+        projected = drawn[:, : len(test.basis)] @ test.basis
+        test_gains = 0.5 * np.einsum("ri,ij,rj->r", projected, test.covariance, projected)
+        gains[test.degrees_of_freedom] = np.maximum(gains.get(test.degrees_of_freedom, 0.0), test_gains)
+    best = np.max([compute_surprise(gain, freedom) for freedom, gain in gains.items()], axis=0)
     return NullDistribution(np.sort(np.maximum(best, 0.0)))

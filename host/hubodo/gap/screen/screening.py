@@ -1,4 +1,4 @@
-"""Fast screening: what each candidate would gain if the model were linear, all from one linearisation."""
+"""Score tests of all candidates from one linearisation (Rao 1948)."""
 
 from __future__ import annotations
 
@@ -7,20 +7,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.gap.linear.directions import term_directions
-from hubodo.gap.linear.linearised import Linearised, linearise, solved
-from hubodo.gap.process_noise.point import Point
-from hubodo.gap.screen.candidates import Candidate, all_directions, candidates
-from hubodo.gap.screen.evidence import log_evidence
-from hubodo.gap.screen.null_distribution import NullDistribution, ScoreTest, null_distribution
+from hubodo.gap.linear.directions import directions_of_terms
+from hubodo.gap.linear.linearisation import Linearisation, invert_information, linearise
+from hubodo.gap.process_noise.evaluation import Evaluation
+from hubodo.gap.screen.candidates import Candidate, list_candidates, list_directions
+from hubodo.gap.screen.evidence import compute_log_evidence
+from hubodo.gap.screen.null_distribution import NullDistribution, ScoreTest, draw_null_distribution
 
 
 @dataclass(frozen=True)
-class Screened:
-    """What a candidate would bring, to first order.
+class ScreenedCandidate:
+    """A candidate with its first-order result.
 
-    gain: of the log-likelihood. evidence: ln Bayes factor. value: (k,) of its coordinates, in scales.
-    information: (k, k) about them where they begin, zero for what is not seen there.
+    gain: of the log-likelihood
+    evidence: ln Bayes factor
+    value: (k,) of its coordinates, in scales
+    information: (k, k) about them at their starting values, zero for unobservable ones
     """
 
     candidate: Candidate
@@ -32,57 +34,66 @@ class Screened:
 
 @dataclass(frozen=True)
 class Screening:
-    """candidates: the best first. null: what the best of them would gain by chance. linear: of both."""
+    """Results of a screening.
 
-    candidates: list[Screened]
-    null: NullDistribution
-    linear: Linearised
+    candidates: the best first
+    null_distribution: of the largest gain
+    linearisation: of all candidates
+    """
+
+    candidates: list[ScreenedCandidate]
+    null_distribution: NullDistribution
+    linearisation: Linearisation
 
 
-def screen(point: Point) -> Screening:
-    """Every candidate beside what the model has already."""
-    free = [term for term in point.state.terms if term.moves]
-    directions = all_directions(point.state)
-    own, basis = term_directions(point.problem, free)
-    linear = linearise(point, [*directions, *own])
-    gram = linear.gram
-    fitted = np.zeros((len(gram), basis.shape[1] + linear.nuisances))
-    fitted[len(directions) : len(directions) + len(own), : basis.shape[1]] = basis
-    fitted[linear.always, range(basis.shape[1], fitted.shape[1])] = 1.0
-    beside = _beside(gram, fitted)
-    scores = linear.blocks.times(beside[:, -1]) @ beside
-    gram = beside.T @ gram @ beside
-    fitted_keys = {term.key for term in free}
-    made, tests = [], []
-    for candidate in candidates(point.problem, directions):
+def screen_candidates(evaluation: Evaluation) -> Screening:
+    """Screen every candidate beside the terms of the current model."""
+    free_terms = [term for term in evaluation.state.terms if term.is_refittable]
+    directions = list_directions(evaluation.state)
+    term_directions, basis = directions_of_terms(evaluation.problem, free_terms)
+    linearisation = linearise(evaluation, [*directions, *term_directions])
+    gram = linearisation.gram
+    fitted_basis = np.zeros((len(gram), basis.shape[1] + linearisation.n_nuisances))
+    fitted_basis[len(directions) : len(directions) + len(term_directions), : basis.shape[1]] = basis
+    fitted_basis[linearisation.nuisance_indices, range(basis.shape[1], fitted_basis.shape[1])] = 1.0
+    projection = _project_out(gram, fitted_basis)
+    scores = linearisation.block_grams.multiply(projection[:, -1]) @ projection
+    gram = projection.T @ gram @ projection
+    fitted_keys = {term.key for term in free_terms}
+    screened, tests = [], []
+    for candidate in list_candidates(evaluation.problem, directions):
         if candidate.term.key in fitted_keys:
             continue
-        one, test = _judge(gram, linear.raw, candidate)
-        made.append(one)
+        result, test = _score_candidate(gram, linearisation.raw_squares, candidate)
+        screened.append(result)
         tests.append(test)
-    made.sort(key=lambda it: -it.evidence)
-    return Screening(made, null_distribution(scores, tests), linear)
+    screened.sort(key=lambda candidate_result: -candidate_result.evidence)
+    return Screening(screened, draw_null_distribution(scores, tests), linearisation)
 
 
-def _beside(gram: Array, fitted: Array) -> Array:
-    """(D, D) each column less what moves along the columns of `fitted`, (D, f), do for it."""
-    rows = fitted.T @ gram
-    values, vectors = np.linalg.eigh(rows @ fitted)
-    kept = values > 1e-6
-    half = vectors[:, kept] / np.sqrt(values[kept])
-    return np.asarray(np.eye(len(gram)) - fitted @ half @ (half.T @ rows))
+def _project_out(gram: Array, fitted_basis: Array) -> Array:
+    """Return a projection, (D, D), of each column orthogonal to the fitted columns, (D, f)."""
+    rows = fitted_basis.T @ gram
+    values, vectors = np.linalg.eigh(rows @ fitted_basis)
+    is_observed = values > 1e-6
+    whitened = vectors[:, is_observed] / np.sqrt(values[is_observed])
+    return np.asarray(np.eye(len(gram)) - fitted_basis @ whitened @ (whitened.T @ rows))
 
 
-def _judge(gram: Array, raw: Array, candidate: Candidate) -> tuple[Screened, ScoreTest]:
-    """A candidate's gain, in the coordinates that the data see, and its test."""
+def _score_candidate(
+    gram: Array, raw_squares: Array, candidate: Candidate
+) -> tuple[ScreenedCandidate, ScoreTest]:
+    """Return a candidate's gain in its observable coordinates, and its score test."""
     basis = candidate.basis
     count = len(basis)
     information = basis.T @ gram[:count, :count] @ basis
-    covariance = solved(information, basis.T**2 @ raw[:count])
+    covariance = invert_information(information, basis.T**2 @ raw_squares[:count])
     b = basis.T @ gram[:count, -1]
     value = covariance @ b
     gain = 0.5 * float(b @ value)
-    seen = np.diag(covariance) > 0.0
-    information = information * np.outer(seen, seen)
-    made = Screened(candidate, gain, log_evidence(gain, value, information), value, information)
-    return made, ScoreTest(basis, covariance)
+    is_observed = np.diag(covariance) > 0.0
+    information = information * np.outer(is_observed, is_observed)
+    result = ScreenedCandidate(
+        candidate, gain, compute_log_evidence(gain, value, information), value, information
+    )
+    return result, ScoreTest(basis, covariance)

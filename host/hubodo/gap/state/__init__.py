@@ -1,1 +1,1 @@
-"""A model as it stands in the search, and what it predicts."""
+"""A model state: its terms, the start of each node, and the readings it predicts."""

@@ -1,4 +1,4 @@
-"""A speed that gyros on wheels measured: how wrong it is for the errors that a model gives those."""
+"""Errors of a speed input measured by gyros on wheels, given the effects that the model assigns to them."""
 
 from __future__ import annotations
 
@@ -17,40 +17,49 @@ from hubodo.vehicle import facing_sign
 
 @dataclass(frozen=True)
 class SpeedError:
-    """Of one gyro: (N,) m/s to be added to what it measured, and the same per rad/s that it reads more."""
+    """Error of the speed measured by one gyro.
 
-    value: Array
-    per_rate: Array
-
-
-def speed_error(node: NodeData, effects: Mapping[type[Effect], Effect], alone: bool) -> SpeedError:
-    """The input took nominal radius times what the z gyro reads for the speed.
-
-    alone: no gyro on another wheel measured it, too.
+    correction: (N,) m/s to be added to the measured speed
+    correction_per_rate: (N,) m, its change per rad/s that the gyro reads more
     """
-    there = [effect for effect in effects.values() if effect.visible_in == "mean"]
-    reading = node.forward.mean_reading(there, NodeInitialState())
+
+    correction: Array
+    correction_per_rate: Array
+
+
+def compute_speed_error(
+    node: NodeData, effects: Mapping[type[Effect], Effect], is_only_source: bool
+) -> SpeedError:
+    """Return the error of the speed that a z gyro and the nominal radius give.
+
+    is_only_source: True if no gyro on another wheel contributes to the speed
+    """
+    mean_effects = [effect for effect in effects.values() if effect.visible_in == "mean"]
+    reading = node.forward.mean_reading(mean_effects, NodeInitialState())
     rolling, body = reading.rolling, reading.body
     assert rolling is not None
     nominal, side = node.forward.wheel_radius, 1.0 if node.mount.side == "left" else -1.0
     facing = facing_sign(node.mount.facing or "left")
     y = 0.5 * side * node.forward.track_width
-    beside = facing * reading.gyro[2] - rolling.spin
+    gyro_error = facing * reading.gyro[2] - rolling.spin
     contact = body.speed - body.yaw_rate * y
     turning = np.abs(rolling.spin) > 1e-2
     radius = np.where(turning, contact / np.where(turning, rolling.spin, 1.0), nominal)
-    wrong = (radius / nominal - 1.0) * contact - radius * beside
-    return SpeedError(wrong + body.yaw_rate * y if alone else wrong, -facing * radius)
+    error = (radius / nominal - 1.0) * contact - radius * gyro_error
+    return SpeedError(error + body.yaw_rate * y if is_only_source else error, -facing * radius)
 
 
-def measuring_chain(node: NodeData, effects: Mapping[type[Effect], Effect]) -> SensorChain:
-    """What reaches the sensor of a node that measures the speed, the motion as it was measured."""
-    there = [effect for effect in effects.values() if effect.visible_in == "mean"]
-    return node.forward.true_signals(there, NodeInitialState())[0]
+def build_measuring_chain(node: NodeData, effects: Mapping[type[Effect], Effect]) -> SensorChain:
+    """Return the input of a speed-measuring sensor for the motion as it was measured."""
+    mean_effects = [effect for effect in effects.values() if effect.visible_in == "mean"]
+    return node.forward.true_signals(mean_effects, NodeInitialState())[0]
 
 
-def joined(sources: Sequence[NodeData], errors: Mapping[str, Array]) -> Array:
-    """(N,) m/s: the mean of the gyros' errors, at the stamps of the first. errors: none for those without."""
+def average_speed_errors(sources: Sequence[NodeData], errors: Mapping[str, Array]) -> Array:
+    """Return the mean error of the gyros, (N,) m/s, at the stamps of the first.
+
+    errors: by node; a missing node counts as 0
+    """
     first = sources[0]
     total = np.zeros(len(first.t))
     for node in sources:

@@ -1,4 +1,4 @@
-"""The model as it stands: its terms, the start of each node, the path of each wheel; and what it predicts."""
+"""A model state and its predicted readings: terms, start of each node, phase offset of each wheel."""
 
 from __future__ import annotations
 
@@ -12,190 +12,208 @@ from hubodo.arrays import Array
 from hubodo.effects import Effect
 from hubodo.effects.base import SensorChain
 from hubodo.gap.problem.problem import NodeData, Problem
-from hubodo.gap.state.measured_speed import SpeedError, joined, speed_error
-from hubodo.gap.state.noise import InputAnswers, input_answers
-from hubodo.gap.state.terms import ModelTerm, effects_on
+from hubodo.gap.state.measured_speed import SpeedError, average_speed_errors, compute_speed_error
+from hubodo.gap.state.noise import InputSensitivity, compute_input_sensitivity
+from hubodo.gap.state.terms import ModelTerm, effects_on_node
 from hubodo.model.forward import NodeInitialState, NodeReading
 from hubodo.model.inputs import DelayedMotion, MotionCorrection, SpeedCorrection
 
-# rad, or of ATTITUDE_SCALE: half of a central difference; its cube is below the rounding of a log.
-_STEP = 1e-3
-# s: the same for the stamps.
-_LATE_STEP = 1e-4
-# rad: a turn of a node on the body that would not surprise anybody.
+# rad, or units of ATTITUDE_SCALE; half of a central difference. Its cube is below the rounding of a log.
+_ANGLE_STEP = 1e-3
+# s; half of a central difference for time stamps.
+_DELAY_STEP = 1e-4
+# rad; usual error of the attitude of a node on the body.
 ATTITUDE_SCALE = 0.05
 
 Effects = Mapping[str, Mapping[type[Effect], Effect]]
-"""What each node has, by its name and then by the kind of effect."""
+"""Effects of each node, by its name and then by the class of the effect."""
 
 
 @dataclass(frozen=True)
 class State:
-    """A model of a problem; what it predicts is worked out once, when it is asked for.
+    """A model of a problem; predictions are computed once, on first use.
 
-    terms: the effects. starts: wheel angle or attitude of each node. paths: for each wheel node (N,) rad, the
-    angle that the wheel turned and the model with its inputs does not know. late: for each node (N,) s, by
-    how much its stamps are late, where clocks are declared to differ.
+    terms: effects of the model
+    starts: initial wheel angle or attitude of each node
+    phase_offsets: for each wheel node (N,) rad, the tracked wheel angle minus the angle integrated from the
+        inputs
+    stamp_delays: for each node (N,) s, the delay of its time stamps, if clocks are declared to differ
     """
 
     problem: Problem
     terms: tuple[ModelTerm, ...] = ()
     starts: Mapping[str, NodeInitialState] = field(default_factory=dict)
-    paths: Mapping[str, Array] = field(default_factory=dict)
-    late: Mapping[str, Array] = field(default_factory=dict)
+    phase_offsets: Mapping[str, Array] = field(default_factory=dict)
+    stamp_delays: Mapping[str, Array] = field(default_factory=dict)
 
     def with_terms(self, terms: Sequence[ModelTerm]) -> State:
         return replace(self, terms=tuple(terms))
 
     def with_term(self, term: ModelTerm) -> State:
-        """With one term more; it takes the place of a given one of the same effect and scope."""
+        """Return a copy with one more term; it replaces a given one of the same effect and scope."""
         return self.with_terms([*(other for other in self.terms if other.key != term.key), term])
 
-    def afresh(self, terms: Sequence[ModelTerm]) -> State:
-        """With other terms, wheels and clocks not yet followed: where they went under these may mislead."""
-        return replace(self, terms=tuple(terms), paths={}, late={})
+    def untracked_with_terms(self, terms: Sequence[ModelTerm]) -> State:
+        """Return a copy with other terms and untracked wheels and clocks.
 
-    def part(self, samples: Mapping[str, slice]) -> State:
-        """Of some samples of each node; its readings and slopes are those of this state, cut."""
-        made = replace(
+        Values tracked under the old terms may mislead.
+        """
+        return replace(self, terms=tuple(terms), phase_offsets={}, stamp_delays={})
+
+    def select(self, samples: Mapping[str, slice]) -> State:
+        """Return a copy with some samples of each node; cached predictions are sliced."""
+        selected = replace(
             self,
-            problem=self.problem.part(samples),
-            paths={name: path[samples[name]] for name, path in self.paths.items()},
-            late={name: late[samples[name]] for name, late in self.late.items()},
+            problem=self.problem.select(samples),
+            phase_offsets={name: offset[samples[name]] for name, offset in self.phase_offsets.items()},
+            stamp_delays={name: delay[samples[name]] for name, delay in self.stamp_delays.items()},
         )
-        known = made.__dict__
-        known["effects"], known["correction"] = self.effects, self.correction
-        known["readings"] = {name: one.select(samples[name]) for name, one in self.readings.items()}
-        known["phase_columns"] = _cut(self.phase_columns, samples)
+        cache = selected.__dict__
+        cache["effects"], cache["speed_correction"] = self.effects, self.speed_correction
+        cache["predictions"] = {
+            name: reading.select(samples[name]) for name, reading in self.predictions.items()
+        }
+        cache["phase_columns"] = _slice_columns(self.phase_columns, samples)
         if self.problem.model.inputs.clock_sigma > 0.0:
-            known["late_columns"] = _cut(self.late_columns, samples)
-        return made
+            cache["delay_columns"] = _slice_columns(self.delay_columns, samples)
+        return selected
 
-    def at_once(self, name: str) -> bool:
-        """Whether a node answers at any time only what is true at that time."""
+    def is_memoryless(self, name: str) -> bool:
+        """Return True if the readings of a node depend on the present motion only."""
         return not any(kind.has_memory for kind in self.effects[name])
 
-    def start(self, node: NodeData) -> NodeInitialState:
+    def start_of(self, node: NodeData) -> NodeInitialState:
         return self.starts.get(node.name, NodeInitialState())
 
     @cached_property
     def effects(self) -> Effects:
-        """What each node has of the terms."""
-        return {node.name: effects_on(node, self.terms) for node in self.problem.nodes}
+        """Return the effects of each node."""
+        return {node.name: effects_on_node(node, self.terms) for node in self.problem.nodes}
 
     @cached_property
     def speed_errors(self) -> Mapping[str, SpeedError]:
-        """Of each node whose gyro measured the speed."""
-        return self._speed_errors(self.effects, [node.name for node in self.problem.sources])
+        """Return the speed error of each node whose gyro measured the speed."""
+        return self._speed_errors(self.effects, [node.name for node in self.problem.speed_source_nodes])
 
     @cached_property
-    def correction(self) -> SpeedCorrection | None:
-        """Of the speed input, where gyros measured it."""
-        return self.corrected(self.effects, ())
+    def speed_correction(self) -> SpeedCorrection | None:
+        """Return the correction of the speed input if gyros measured it."""
+        return self.correct_speed(self.effects, ())
 
-    def corrected(self, effects: Effects, changed: Collection[str]) -> SpeedCorrection | None:
-        """The same with other effects; changed: the names of the nodes that have others."""
-        sources = self.problem.sources
+    def correct_speed(self, effects: Effects, changed: Collection[str]) -> SpeedCorrection | None:
+        """Return the speed correction with other effects; `changed` names the nodes whose effects differ."""
+        sources = self.problem.speed_source_nodes
         if not sources:
             return None
         errors = {**self.speed_errors, **self._speed_errors(effects, changed)}
-        return SpeedCorrection(sources[0].t, joined(sources, {name: it.value for name, it in errors.items()}))
+        return SpeedCorrection(
+            sources[0].t, average_speed_errors(sources, {name: it.correction for name, it in errors.items()})
+        )
 
     def _speed_errors(self, effects: Effects, names: Collection[str]) -> dict[str, SpeedError]:
-        sources = self.problem.sources
+        sources = self.problem.speed_source_nodes
         return {
-            node.name: speed_error(node, effects[node.name], len(sources) == 1)
+            node.name: compute_speed_error(node, effects[node.name], len(sources) == 1)
             for node in sources
             if node.name in names
         }
 
     @cached_property
-    def readings(self) -> Mapping[str, NodeReading]:
-        """What each node should have read."""
-        made = {}
+    def predictions(self) -> Mapping[str, NodeReading]:
+        """Return the predicted readings of each node."""
+        predictions = {}
         for node in self.problem.nodes:
-            made[node.name] = self.reading(node, self.effects[node.name].values(), self.correction)
-            self._evaluated(node)
-        return made
+            predictions[node.name] = self.predict(
+                node, self.effects[node.name].values(), self.speed_correction
+            )
+            self._release_memory(node)
+        return predictions
 
     def residual(self, node: NodeData) -> Array:
-        """(6, N) of a node: measured minus predicted."""
-        return node.y - stacked(self.readings[node.name])
+        """Return measured minus predicted readings of a node, (6, N)."""
+        return node.y - stack_channels(self.predictions[node.name])
 
-    def input_answers(self, node: NodeData) -> InputAnswers:
-        """What an error of the inputs does to a node."""
-        return input_answers(node, self.readings[node.name], self.start(node))
+    def input_sensitivity(self, node: NodeData) -> InputSensitivity:
+        """Return the change of a node's readings for errors of the inputs."""
+        return compute_input_sensitivity(node, self.predictions[node.name], self.start_of(node))
 
     @cached_property
     def phase_columns(self) -> Mapping[str, Array]:
-        """For each node on a wheel (6, N) per rad: change of the channels when the wheel is further round."""
-        made = {}
+        """Return for each wheel node the change of its channels per rad of wheel angle, (6, N)."""
+        columns = {}
         for node in self.problem.nodes:
             if node.on_wheel:
-                path = self.paths.get(node.name, np.zeros(1))
-                made[node.name] = self._slope(node, partial(self._further, node.name, path))
-                self._evaluated(node)
-        return made
+                offset = self.phase_offsets.get(node.name, np.zeros(1))
+                columns[node.name] = self._differentiate(
+                    node, partial(self._advance_wheel, node.name, offset)
+                )
+                self._release_memory(node)
+        return columns
 
-    def forget_columns(self) -> None:
-        """Its slopes go, as they will not be asked for again: of a long log they take much memory."""
-        for name in ("phase_columns", "late_columns"):
+    def drop_columns(self) -> None:
+        """Discard cached derivatives that are no longer needed, which are large for a long log."""
+        for name in ("phase_columns", "delay_columns"):
             self.__dict__.pop(name, None)
 
     @cached_property
-    def late_columns(self) -> Mapping[str, Array]:
-        """(6, N) per s of each node: change of the channels when its stamps are later than they seem."""
-        made = {}
+    def delay_columns(self) -> Mapping[str, Array]:
+        """Return for each node the change of its channels per s of stamp delay, (6, N)."""
+        columns = {}
         for node in self.problem.nodes:
-            own = self.effects[node.name].values()
+            effects = self.effects[node.name].values()
             late, early = (
-                stacked(self.reading(node, own, DelayedMotion(by, self.correction)))
-                for by in (_LATE_STEP, -_LATE_STEP)
+                stack_channels(self.predict(node, effects, DelayedMotion(by, self.speed_correction)))
+                for by in (_DELAY_STEP, -_DELAY_STEP)
             )
-            made[node.name] = (late - early) / (2.0 * _LATE_STEP)
-        return made
+            columns[node.name] = (late - early) / (2.0 * _DELAY_STEP)
+        return columns
 
     def attitude_columns(self, node: NodeData) -> Array:
-        """(3, 6, N): change of the channels for turns of a node on the body by ATTITUDE_SCALE, each axis."""
+        """Return the change of a node's channels, (3, 6, N), per ATTITUDE_SCALE about each axis."""
         axes = np.eye(3) * ATTITUDE_SCALE
-        return np.stack([self._slope(node, partial(self._turned, node, axis)) for axis in axes])
+        return np.stack([self._differentiate(node, partial(self._rotate_node, node, axis)) for axis in axes])
 
-    def reading(
+    def predict(
         self, node: NodeData, effects: Iterable[Effect], correction: MotionCorrection | None = None
     ) -> NodeReading:
-        """What one node should have read, (3, N) each, with these effects in place of its own."""
-        path, late = self.paths.get(node.name, 0.0), self.late.get(node.name, 0.0)
-        return node.forward.mean_reading(effects, self.start(node), path, correction, late)
+        """Predict the readings of one node, (3, N) each, with these effects instead of its own."""
+        offset, delay = self.phase_offsets.get(node.name, 0.0), self.stamp_delays.get(node.name, 0.0)
+        return node.forward.mean_reading(effects, self.start_of(node), offset, correction, delay)
 
-    def reached(self, node: NodeData) -> SensorChain:
-        """What reaches the sensor of a node, before it answers."""
-        path, late = self.paths.get(node.name, 0.0), self.late.get(node.name, 0.0)
-        own = list(self.effects[node.name].values())
-        return node.forward.true_signals(own, self.start(node), path, self.correction, late)[0]
+    def sensor_chain(self, node: NodeData) -> SensorChain:
+        """Return the physical input of a node's sensor, before the sensor responds."""
+        offset, delay = self.phase_offsets.get(node.name, 0.0), self.stamp_delays.get(node.name, 0.0)
+        effects = list(self.effects[node.name].values())
+        return node.forward.true_signals(effects, self.start_of(node), offset, self.speed_correction, delay)[
+            0
+        ]
 
-    def _evaluated(self, node: NodeData) -> None:
-        """What is worked out of all samples at once takes much memory, and is not asked for again."""
-        if not self.at_once(node.name):
+    def _release_memory(self, node: NodeData) -> None:
+        """Discard the intermediate results of a node with memory, which span all samples."""
+        if not self.is_memoryless(node.name):
             node.forward.clear_motion_cache()
 
-    def _further(self, name: str, path: Array, by: float) -> State:
-        return replace(self, paths={**self.paths, name: path + by})
+    def _advance_wheel(self, name: str, phase_offset: Array, angle: float) -> State:
+        return replace(self, phase_offsets={**self.phase_offsets, name: phase_offset + angle})
 
-    def _turned(self, node: NodeData, axis: Array, by: float) -> State:
-        x, y, z = (np.array(self.start(node).attitude) + by * axis).tolist()
+    def _rotate_node(self, node: NodeData, axis: Array, angle: float) -> State:
+        x, y, z = (np.array(self.start_of(node).attitude) + angle * axis).tolist()
         return replace(self, starts={**self.starts, node.name: NodeInitialState(attitude=(x, y, z))})
 
-    def _slope(self, node: NodeData, at: Callable[[float], State]) -> Array:
-        """(6, N): change of the channels of a node along `at`, per unit; its effects stay what they are."""
-        own = self.effects[node.name].values()
-        ahead, behind = (stacked(at(by).reading(node, own, self.correction)) for by in (_STEP, -_STEP))
-        return (ahead - behind) / (2.0 * _STEP)
+    def _differentiate(self, node: NodeData, shifted: Callable[[float], State]) -> Array:
+        """Return the change of a node's channels, (6, N), per unit of the argument of `shifted`."""
+        effects = self.effects[node.name].values()
+        ahead, behind = (
+            stack_channels(shifted(by).predict(node, effects, self.speed_correction))
+            for by in (_ANGLE_STEP, -_ANGLE_STEP)
+        )
+        return (ahead - behind) / (2.0 * _ANGLE_STEP)
 
 
-def _cut(columns: Mapping[str, Array], samples: Mapping[str, slice]) -> dict[str, Array]:
+def _slice_columns(columns: Mapping[str, Array], samples: Mapping[str, slice]) -> dict[str, Array]:
     return {name: column[:, samples[name]] for name, column in columns.items()}
 
 
-def stacked(reading: NodeReading) -> Array:
-    """(6, N): gyro over accel."""
+def stack_channels(reading: NodeReading) -> Array:
+    """Stack gyro over accelerometer readings, (6, N)."""
     return np.concatenate([reading.gyro, reading.accel])

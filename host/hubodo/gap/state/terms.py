@@ -1,4 +1,4 @@
-"""The effects of a model under test, each with its scope, and what each node has of them."""
+"""Effects of a model under test, each with its scope."""
 
 from __future__ import annotations
 
@@ -15,51 +15,52 @@ VEHICLE = "vehicle"
 
 @dataclass(frozen=True)
 class ModelTerm:
-    """One effect in the model. scope: a node's name, `all` nodes, or the `vehicle`.
+    """One effect in the model.
 
-    fitted: found here, so that every later fit may move it; else it was given and stays.
+    scope: name of a node, `all` nodes, or the `vehicle`
+    is_fitted: True if the search added it and later fits may change it; False if the model file gave it
     """
 
     effect: Effect
     scope: str
-    fitted: bool = True
+    is_fitted: bool = True
 
     @property
     def key(self) -> tuple[str, str]:
         return self.effect.name, self.scope
 
     @property
-    def moves(self) -> bool:
-        """Whether a fit of the channels moves it: what shows only in scatter has a fit of its own."""
-        return self.fitted and self.effect.visible_in == "mean"
+    def is_refittable(self) -> bool:
+        """Return True if a fit of the channel means can change it."""
+        return self.is_fitted and self.effect.visible_in == "mean"
 
     @property
-    def words(self) -> str:
-        """As in `wheel_camber (left)`."""
+    def label(self) -> str:
+        """Return a label such as `wheel_camber (left)`."""
         return f"{self.effect.name} ({self.scope})"
 
-    def at(self, coordinates: Array) -> ModelTerm:
+    def with_coordinates(self, coordinates: Array) -> ModelTerm:
         return replace(self, effect=self.effect.with_coordinates(coordinates))
 
-    def on(self, node: NodeData) -> bool:
-        """Whether it acts on that node."""
+    def acts_on(self, node: NodeData) -> bool:
+        """Return True if it acts on that node."""
         if self.effect.level == "wheel" and not node.on_wheel:
             return False
         return self.scope in (ALL, VEHICLE, node.name)
 
 
-def effects_on(node: NodeData, terms: Iterable[ModelTerm]) -> dict[type[Effect], Effect]:
-    """What acts on a node, in the order of the chain; its own effect goes before one that all nodes have."""
+def effects_on_node(node: NodeData, terms: Iterable[ModelTerm]) -> dict[type[Effect], Effect]:
+    """Return the effects on a node in the order of the chain; its own replace those of all nodes."""
     chosen: dict[type[Effect], Effect] = {}
     for term in sorted(terms, key=lambda term: term.scope not in (ALL, VEHICLE)):
-        if term.on(node):
+        if term.acts_on(node):
             chosen[type(term.effect)] = term.effect
     return {type(effect): effect for effect in in_order(chosen.values())}
 
 
-def scopes(effect: type[Effect], nodes: Sequence[NodeData]) -> list[str]:
-    """The scopes in which an effect can be: the vehicle, or all nodes and each of them."""
+def list_scopes(effect: type[Effect], nodes: Sequence[NodeData]) -> list[str]:
+    """Return the possible scopes of an effect: the vehicle, or all nodes and each of them."""
     if effect.level == "vehicle":
         return [VEHICLE] if any(node.on_wheel for node in nodes) else []
-    able = [node.name for node in nodes if effect.level == "node" or node.on_wheel]
-    return [ALL, *able] if len(able) > 1 else able
+    names = [node.name for node in nodes if effect.level == "node" or node.on_wheel]
+    return [ALL, *names] if len(names) > 1 else names

@@ -7,57 +7,61 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hubodo.effects.empirical import PREFIX
-from hubodo.gap.judge.posterior import NEAR, by_name
-from hubodo.gap.judge.reconsider import Rounds
-from hubodo.gap.judge.rival import Rival
+from hubodo.gap.explain.descriptions import describe_manoeuvre, describe_where
+from hubodo.gap.explain.result import BeforeAfter, Estimate, Finding
+from hubodo.gap.judge.hypothesis import Hypothesis
+from hubodo.gap.judge.posterior import MAX_SIMILAR_GAIN, sum_by_name
+from hubodo.gap.judge.reconsider import RoundsByKey
 from hubodo.gap.judge.search import SearchResult
-from hubodo.gap.process_noise.residual import Residual, gap
+from hubodo.gap.process_noise.residual import Residual, compute_gap
 from hubodo.gap.refit.refit import Refit
 from hubodo.gap.state.terms import ALL, ModelTerm
-from hubodo.gap.tell.result import BeforeAfter, Finding, Value
-from hubodo.gap.tell.words import manoeuvre, where_words
 
 # A rival with more than this share of the probability cannot be told apart.
-_ALIKE = 0.05
+_MIN_INSEPARABLE_PROBABILITY = 0.05
 # Where the whole gain of ln likelihood is this faint, the prior alone would decide between rivals.
-_FAINT = 40.0
+_MIN_CLEAR_GAIN = 40.0
 # What was thought of a name beforehand may be wrong by this factor: where another fits as well, or the gain
 # is faint, names differ by that alone.
-_PRIOR = 3.0
+_PRIOR_UNCERTAINTY = 3.0
 # Confidence is no more than this where something fits better, or where structure without a name is near that
 # is larger by this factor: what the term of a library leaves of it could pass for an effect.
-_DOUBTED, _SHADOW = 0.8, 1.0
+_MAX_DOUBTED_CONFIDENCE, _MIN_UNNAMED_GAIN_RATIO = 0.8, 1.0
 
 
-def finding(
+def build_finding(
     term: ModelTerm,
-    found: SearchResult,
-    rounds: Rounds,
-    steps: Sequence[Mapping[str, Residual]],
-    outside: Sequence[float],
+    result: SearchResult,
+    rounds: RoundsByKey,
+    residuals: Sequence[Mapping[str, Residual]],
+    held_out_gaps: Sequence[float],
 ) -> Finding:
     """What is said of a term. steps, outside: residuals and held-out gap before and after it was added."""
     made, name = rounds.get(term.key), term.effect.name
-    rivals: Sequence[Rival] = () if made is None else made.rivals
-    own = None if made is None else made.rival(term.key)
-    shares = by_name(rivals, own)
+    rivals: Sequence[Hypothesis] = () if made is None else made.hypotheses
+    own = None if made is None else made.find_hypothesis(term.key)
+    shares = sum_by_name(rivals, own)
     gains = {it.term.effect.name: it.gain for it in reversed(rivals) if it.term.effect.name != name}
     behind = {other: own.gain - gain for other, gain in gains.items()} if own is not None else {}
-    doubted = _in_shadow(term, found, rounds)
-    confidence = _confidence(shares.get(name, 0.0), own, behind, doubted)
+    doubted = _is_overshadowed(term, result, rounds)
+    confidence = _limit_confidence(shares.get(name, 0.0), own, behind, doubted)
     others = sorted(((share, other) for other, share in shares.items() if other != name), reverse=True)
-    alike = tuple(other for share, other in others if share > _ALIKE or behind.get(other, np.inf) < NEAR)
+    alike = tuple(
+        other
+        for share, other in others
+        if share > _MIN_INSEPARABLE_PROBABILITY or behind.get(other, np.inf) < MAX_SIMILAR_GAIN
+    )
     words = own.proposal.where if own is not None and own.proposal is not None else ""
-    words = words or where_words(*steps)
+    words = words or describe_where(*residuals)
     if alike:
-        words += "; " + manoeuvre(name, alike)
+        words += "; " + describe_manoeuvre(name, alike)
     return Finding(
         name,
         term.scope,
-        _parameters(term, found.final, own),
-        BeforeAfter(gap(steps[0]), gap(steps[1])),
-        BeforeAfter(outside[0], outside[1]),
-        1.0 if own is None else own.p_value(found.rounds[-1].null),
+        _list_parameters(term, result.final, own),
+        BeforeAfter(compute_gap(residuals[0]), compute_gap(residuals[1])),
+        BeforeAfter(held_out_gaps[0], held_out_gaps[1]),
+        1.0 if own is None else own.p_value(result.rounds[-1].null_distribution),
         float(min(confidence, 1.0)),
         words,
         (others[0][1], float(others[0][0])) if others else None,
@@ -66,58 +70,60 @@ def finding(
     )
 
 
-def _confidence(share: float, own: Rival | None, behind: Mapping[str, float], in_shadow: bool) -> float:
+def _limit_confidence(
+    probability: float, own: Hypothesis | None, gains_below: Mapping[str, float], is_overshadowed: bool
+) -> float:
     """share: probability of the name in its round. behind: gain of each other name below its own."""
     # What fits better may only be thought less likely beforehand.
-    better = any(by < -NEAR for by in behind.values())
-    near = [other for other, by in behind.items() if by < NEAR]
-    faint = own is not None and own.gain < _FAINT
-    if better or in_shadow or (near and faint):
-        share = min(share, _DOUBTED)
+    better = any(by < -MAX_SIMILAR_GAIN for by in gains_below.values())
+    near = [other for other, by in gains_below.items() if by < MAX_SIMILAR_GAIN]
+    faint = own is not None and own.gain < _MIN_CLEAR_GAIN
+    if better or is_overshadowed or (near and faint):
+        probability = min(probability, _MAX_DOUBTED_CONFIDENCE)
     if faint or any(not other.startswith(PREFIX) for other in near):
-        share /= share + _PRIOR * (1.0 - share)
-    return share
+        probability /= probability + _PRIOR_UNCERTAINTY * (1.0 - probability)
+    return probability
 
 
-def _in_shadow(term: ModelTerm, found: SearchResult, rounds: Rounds) -> bool:
+def _is_overshadowed(term: ModelTerm, result: SearchResult, rounds: RoundsByKey) -> bool:
     """Whether structure without a name, on the same nodes, is larger than it."""
-    terms = [other for other in found.final.state.terms if other.fitted]
-    nodes = found.final.state.problem.nodes
+    terms = [other for other in result.final.state.terms if other.is_fitted]
+    nodes = result.final.state.problem.nodes
     near = [term.scope, *(node.name for node in nodes if term.scope == ALL)]
     return any(
         other.effect.name.startswith(PREFIX)
         and other.scope in near
-        and _gain_of(rounds, other) > _SHADOW * _gain_of(rounds, term)
+        and _gain_of(rounds, other) > _MIN_UNNAMED_GAIN_RATIO * _gain_of(rounds, term)
         for other in terms
     )
 
 
-def _gain_of(rounds: Rounds, term: ModelTerm) -> float:
+def _gain_of(rounds: RoundsByKey, term: ModelTerm) -> float:
     made = rounds.get(term.key)
-    own = None if made is None else made.rival(term.key)
+    own = None if made is None else made.find_hypothesis(term.key)
     return 0.0 if own is None else own.gain
 
 
-def _parameters(term: ModelTerm, final: Refit, own: Rival | None) -> dict[str, Value]:
+def _list_parameters(term: ModelTerm, final: Refit, own: Hypothesis | None) -> dict[str, Estimate]:
     """Values with sigmas: those of a look at scatter where one proposed it, else those of the fit."""
-    if term.moves:
-        return fitted_values(term, final)
+    if term.is_refittable:
+        return estimate_parameters(term, final)
     effect = term.effect
     sigmas = {} if own is None or own.proposal is None else own.proposal.sigmas
     return {
-        name: Value(value, sigmas.get(name), effect.unit(name))
+        name: Estimate(value, sigmas.get(name), effect.unit(name))
         for name, value in effect.values().items()
         if name in effect.fitted_parameters()
     }
 
 
-def fitted_values(term: ModelTerm, final: Refit) -> dict[str, Value]:
+def estimate_parameters(term: ModelTerm, fit: Refit) -> dict[str, Estimate]:
     """Values with sigmas of the fit, carried from its coordinates to the parameters."""
     effect = term.effect
     values = {name: value for name, value in effect.values().items() if name in effect.fitted_parameters()}
-    place = final.place(term)
+    place = fit.coordinate_slice(term)
     scales = effect.coordinate_scales()
-    robust, plain = final.robust[place, place], final.covariance[place, place]
+    robust, plain = fit.robust_covariance[place, place], fit.covariance[place, place]
     whole = (robust if np.trace(robust) > np.trace(plain) else plain) * np.outer(scales, scales)
     jacobian = np.empty((len(values), len(scales)))
     for k, scale in enumerate(scales):
@@ -130,11 +136,11 @@ def fitted_values(term: ModelTerm, final: Refit) -> dict[str, Value]:
     if len(frozen) and len(frozen) < len(scales):
         # What cannot be seen may still be there, as large as usual, and shifts what is seen.
         seen = np.setdiff1d(np.arange(len(scales)), frozen)
-        gram = final.gram[place, place]
+        gram = fit.gram[place, place]
         shift = np.linalg.pinv(gram[np.ix_(seen, seen)], hermitian=True) @ gram[np.ix_(seen, frozen)]
         whole[np.ix_(seen, seen)] += shift @ shift.T * np.outer(scales[seen], scales[seen])
     sigmas = np.sqrt(np.diag(jacobian @ whole @ jacobian.T))
     return {
-        name: Value(value, float(sigma) if sigma > 0.0 else None, effect.unit(name))
+        name: Estimate(value, float(sigma) if sigma > 0.0 else None, effect.unit(name))
         for (name, value), sigma in zip(values.items(), sigmas, strict=True)
     }

@@ -1,4 +1,4 @@
-"""A long log in stretches of time: what is made of one goes before the next is made."""
+"""Windows and segments of a long log, which are processed one after the other to save memory."""
 
 from __future__ import annotations
 
@@ -10,63 +10,64 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.gap.problem.problem import NodeData, Problem
-from hubodo.gap.process_noise.wheel_phase import WINDOW
+from hubodo.gap.process_noise.wheel_phase import WINDOW_DURATION
 
-# Windows over which scores are added up: longer than what is left of any correlation.
-BLOCK = 8
-# Blocks of windows in one part.
-_BLOCKS = 16
+# Windows per block of scores, longer than any remaining correlation.
+BLOCK_WINDOWS = 8
+# Blocks in one segment.
+_SEGMENT_BLOCKS = 16
 
 
 @dataclass(frozen=True)
-class Stretch:
-    """Some windows that follow each other, whole blocks of them but for the last part.
+class Segment:
+    """Consecutive windows of a log, in whole blocks except in the last segment.
 
-    begins: (K,) s, where each window does. samples: those of each node, at least one. edges: for each node
-    (K + 1,), its first sample in each window, and the end, counted within the part.
+    window_starts: (K,) s
+    samples: those of each node, at least one
+    edges: for each node (K + 1,), its first sample in each window and the end, counted within the segment
     """
 
-    begins: Array
+    window_starts: Array
     samples: Mapping[str, slice]
     edges: Mapping[str, NDArray[np.intp]]
 
 
-def parts(problem: Problem) -> list[Stretch]:
-    """All of a log, one part after the other."""
+def split_segments(problem: Problem) -> list[Segment]:
+    """Split a log into segments."""
     grid = window_grid(problem)
     edges = {node.name: window_edges(grid, node) for node in problem.nodes}
     cuts = [0]
-    for at in range(_BLOCKS * BLOCK, len(grid), _BLOCKS * BLOCK):
-        # A node that is silent for so long is looked at with what is before or behind.
+    for at in range(_SEGMENT_BLOCKS * BLOCK_WINDOWS, len(grid), _SEGMENT_BLOCKS * BLOCK_WINDOWS):
+        # A node without samples in this segment is processed together with a neighbouring segment.
         if all(own[cuts[-1]] < own[at] < own[-1] for own in edges.values()):
             cuts.append(at)
-    made = []
+    segments = []
     for first, end in zip(cuts, [*cuts[1:], len(grid)], strict=True):
         samples = {name: slice(int(own[first]), int(own[end])) for name, own in edges.items()}
         inside = {name: own[first : end + 1] - own[first] for name, own in edges.items()}
-        made.append(Stretch(grid[first:end], samples, inside))
-    return made
+        segments.append(Segment(grid[first:end], samples, inside))
+    return segments
 
 
 def window_grid(problem: Problem) -> Array:
-    """(K,) s, where each window begins."""
+    """Return the start of each window, (K,) s."""
     first = min(node.t[0] for node in problem.nodes)
     last = max(node.t[-1] for node in problem.nodes)
-    return np.arange(first, last, WINDOW)
+    return np.arange(first, last, WINDOW_DURATION)
 
 
 def window_edges(grid: Array, node: NodeData) -> NDArray[np.intp]:
-    """(K+1,) the first sample of a node in each window, and the end."""
+    """Return the first sample of a node in each window, and the end, (K+1,)."""
     return np.append(np.searchsorted(node.t, grid), len(node.t))
 
 
-def window_of(grid: Array, t: Array) -> NDArray[np.intp]:
-    """(N,): in which window of a grid each time is."""
+def window_indices(grid: Array, t: Array) -> NDArray[np.intp]:
+    """Return the window that contains each time, (N,)."""
     return np.clip(np.searchsorted(grid, t, side="right") - 1, 0, None)
 
 
 def window_means(value: Array, edges: NDArray[np.intp]) -> Array:
-    """(K,) mean in each window; where there are no samples, as before and after."""
+    """Return the mean in each window, (K,), interpolated over windows without samples."""
     count = np.diff(edges)
     total = np.diff(np.concatenate([[0.0], np.cumsum(value)])[edges])
     at = np.arange(len(count))

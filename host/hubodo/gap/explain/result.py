@@ -13,7 +13,7 @@ from hubodo.model.model_file import Model
 
 Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained"]
 # Of the form of gap.json, whose schema is gap.schema.json beside this file.
-VERSION = 1
+SCHEMA_VERSION = 1
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class BeforeAfter:
 
 
 @dataclass(frozen=True)
-class Value:
+class Estimate:
     """A parameter: value, 1 sigma (None where the data do not see it), unit."""
 
     value: float
@@ -48,7 +48,7 @@ class Finding:
 
     effect: str
     scope: str
-    parameters: Mapping[str, Value]
+    parameters: Mapping[str, Estimate]
     gap: BeforeAfter
     held_out_gap: BeforeAfter
     p_value: float
@@ -100,31 +100,31 @@ class GapResult:
     verdict: Verdict
     gap: BeforeAfter
     held_out_gap: BeforeAfter
-    held_out: str
+    held_out_kind: str
     found: tuple[Finding, ...]
     remaining: tuple[Unexplained, ...]
     warnings: tuple[str, ...]
     model: Model
     search: SearchResult
-    steps: tuple[Mapping[str, Residual], ...]
-    finished: bool = True
+    residual_steps: tuple[Mapping[str, Residual], ...]
+    is_finished: bool = True
 
     def as_json(self) -> dict[str, Any]:
         """`gap.json`, as its schema has it."""
         return {
-            "version": VERSION,
-            "finished": self.finished,
+            "version": SCHEMA_VERSION,
+            "finished": self.is_finished,
             "verdict": self.verdict,
             "gap": self.gap.as_json(),
             "held_out_gap": self.held_out_gap.as_json(),
-            "held_out": self.held_out,
+            "held_out": self.held_out_kind,
             "found": [finding.as_json() for finding in self.found],
             "remaining": [left.as_json() for left in self.remaining],
             "warnings": list(self.warnings),
         }
 
 
-def by_channel(finding: Finding) -> list[Finding]:
+def split_by_channel(finding: Finding) -> list[Finding]:
     """An empirical effect as one entry for each channel that it adds to, `empirical:left.gz ~ term`."""
     channels, _, term = finding.effect.removeprefix(PREFIX).partition(" ~ ")
     made = []

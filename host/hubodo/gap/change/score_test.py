@@ -13,10 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.gap.linear.linearised import Linearised, linearise, solved
-from hubodo.gap.process_noise.point import Point
-from hubodo.gap.screen.candidates import Candidate, all_directions, candidates
-from hubodo.gap.screen.null_distribution import NullDistribution, ScoreTest, null_distribution, surprise
+from hubodo.gap.linear.linearisation import Linearisation, invert_information, linearise
+from hubodo.gap.process_noise.evaluation import Evaluation
+from hubodo.gap.screen.candidates import Candidate, list_candidates, list_directions
+from hubodo.gap.screen.null_distribution import (
+    NullDistribution,
+    ScoreTest,
+    compute_surprise,
+    draw_null_distribution,
+)
 
 
 @dataclass(frozen=True)
@@ -25,7 +30,7 @@ class Difference:
 
     candidate: Candidate
     gain: float
-    freedom: int
+    degrees_of_freedom: int
 
 
 @dataclass(frozen=True)
@@ -33,26 +38,29 @@ class Comparison:
     """differences: the most surprising first. null: what the best of them gains by chance."""
 
     differences: tuple[Difference, ...]
-    null: NullDistribution
+    null_distribution: NullDistribution
 
     @property
     def p_value(self) -> float:
         """How often the logs differ as much as this where nothing has changed."""
         best = self.differences[0]
-        return self.null.p_value(best.gain, best.freedom)
+        return self.null_distribution.p_value(best.gain, best.degrees_of_freedom)
 
 
-def compare(before: Point, after: Point) -> Comparison:
+def compare_logs(evaluation_before: Evaluation, evaluation_after: Evaluation) -> Comparison:
     """Every candidate, from two points of one model with the same values; the logs have the same nodes."""
-    directions = all_directions(before.state)
-    logs = [_settled(linearise(before, directions)), _settled(linearise(after, all_directions(after.state)))]
-    options = candidates(before.problem, directions)
-    known = {term.key for term in before.state.terms if term.effect.visible_in == "mean"}
+    directions = list_directions(evaluation_before.state)
+    logs = [
+        _eliminate_nuisances(linearise(evaluation_before, directions)),
+        _eliminate_nuisances(linearise(evaluation_after, list_directions(evaluation_after.state))),
+    ]
+    options = list_candidates(evaluation_before.problem, directions)
+    known = {term.key for term in evaluation_before.state.terms if term.effect.visible_in == "mean"}
     common = [it.basis for it in options if it.term.key in known]
     made, tests, columns = [], [], list[Array]()
     for candidate in options:
         beside = common if candidate.term.key in known else [*common, candidate.basis]
-        gain, scores, covariance = _difference(logs, candidate.basis, np.hstack(beside))
+        gain, scores, covariance = _score_difference(logs, candidate.basis, np.hstack(beside))
         freedom = int(np.count_nonzero(np.diag(covariance)))
         if freedom:
             place = np.zeros((sum(it.shape[1] for it in columns) + scores.shape[1], scores.shape[1]))
@@ -60,12 +68,12 @@ def compare(before: Point, after: Point) -> Comparison:
             columns.append(scores)
             tests.append(ScoreTest(place, covariance))
             made.append(Difference(candidate, gain, freedom))
-    made.sort(key=lambda it: -float(surprise(np.array(it.gain), it.freedom)))
-    return Comparison(tuple(made), null_distribution(np.hstack(columns), tests))
+    made.sort(key=lambda it: -float(compute_surprise(np.array(it.gain), it.degrees_of_freedom)))
+    return Comparison(tuple(made), draw_null_distribution(np.hstack(columns), tests))
 
 
 @dataclass(frozen=True)
-class _Log:
+class _ReducedLog:
     """A linearised log without its nuisances. blocks: (B, D+1, D+1). raw: (D,)."""
 
     blocks: Array
@@ -76,23 +84,24 @@ class _Log:
         return np.asarray(self.blocks.sum(axis=0))
 
 
-def _settled(linear: Linearised) -> _Log:
+def _eliminate_nuisances(linear: Linearisation) -> _ReducedLog:
     """With the nuisances where the log wants them."""
     count = len(linear.directions)
     kept = [*range(count), len(linear.gram) - 1]
-    if not linear.nuisances:
-        return _Log(linear.blocks.whole(), linear.raw[:-1])
-    gram, free = linear.gram, linear.always
+    if not linear.n_nuisances:
+        return _ReducedLog(linear.block_grams.unpack(), linear.raw_squares[:-1])
+    gram, free = linear.gram, linear.nuisance_indices
     out = np.linalg.pinv(gram[np.ix_(free, free)], hermitian=True) @ gram[free]
     turn = np.eye(len(gram))
     turn[free] -= out
     turn = turn[:, kept]
-    return _Log(
-        np.einsum("dk,bde,ef->bkf", turn, linear.blocks.whole(), turn, optimize=True), linear.raw[:count]
+    return _ReducedLog(
+        np.einsum("dk,bde,ef->bkf", turn, linear.block_grams.unpack(), turn, optimize=True),
+        linear.raw_squares[:count],
     )
 
 
-def _difference(logs: Sequence[_Log], basis: Array, common: Array) -> tuple[float, Array, Array]:
+def _score_difference(logs: Sequence[_ReducedLog], basis: Array, common: Array) -> tuple[float, Array, Array]:
     """Gain, (B, k) scores of blocks and (k, k) covariance of the second value less the first.
 
     What is common moves along `common`, (D, p), in both; the difference by half of it, down in the first log
@@ -120,5 +129,5 @@ def _difference(logs: Sequence[_Log], basis: Array, common: Array) -> tuple[floa
         total += sign * basis.T @ gram[:-1, -1] - shared @ (common.T @ gram[:-1, -1])
         information += along.T @ gram[:-1, :-1] @ along
     raw = 0.25 * basis.T**2 @ np.sum([log.raw for log in logs], axis=0)
-    covariance = solved(information, raw)
+    covariance = invert_information(information, raw)
     return 0.5 * float(total @ covariance @ total), np.concatenate(blocks), covariance

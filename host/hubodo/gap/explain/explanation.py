@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from hubodo.effects import BY_NAME
+from hubodo.gap.explain.result import GapResult
+from hubodo.gap.explain.summary import format_probability
 from hubodo.gap.judge.round import Round
-from hubodo.gap.tell.account import probability
-from hubodo.gap.tell.result import GapResult
 
 
 @dataclass(frozen=True)
-class Row:
+class ExplanationRow:
     """One scope of the effect in one round.
 
     gain: of the log-likelihood; evidence: ln Bayes factor against nothing. probability: None where it was not
@@ -43,41 +43,47 @@ class Explanation:
 
     effect: str
     summary: str
-    rows: tuple[Row, ...]
+    rows: tuple[ExplanationRow, ...]
 
     def as_json(self) -> dict[str, Any]:
         return {"effect": self.effect, "summary": self.summary, "rows": [row.as_json() for row in self.rows]}
 
 
-def explain(result: GapResult, name: str, rejected: bool = False) -> Explanation:
+def explain_effect(result: GapResult, name: str, is_rejected: bool = False) -> Explanation:
     """Why the effect `name` is not in `found`, or why it is. rejected: it was not to be considered."""
-    rows = [row for number, made in enumerate(result.search.rounds, 1) for row in _rows(made, number, name)]
-    return Explanation(name, _summary(result, name, rows, rejected), tuple(rows))
+    rows = [
+        row for number, made in enumerate(result.search.rounds, 1) for row in _list_rows(made, number, name)
+    ]
+    return Explanation(name, _summarise(result, name, rows, is_rejected), tuple(rows))
 
 
-def _rows(made: Round, number: int, name: str) -> list[Row]:
+def _list_rows(made: Round, number: int, name: str) -> list[ExplanationRow]:
     best = made.best
     winner = "nothing earned its place" if best is None else f"{best.term.effect.name} ({best.term.scope})"
     rows, seen = [], set()
-    for rival in made.rivals:
+    for rival in made.hypotheses:
         if rival.term.effect.name == name:
             seen.add(rival.term.scope)
-            beaten = "" if best is not None and best.label == rival.label else winner
-            rows.append(Row(number, rival.term.scope, rival.gain, rival.evidence, rival.probability, beaten))
+            beaten = "" if best is not None and best.key == rival.key else winner
+            rows.append(
+                ExplanationRow(
+                    number, rival.term.scope, rival.gain, rival.evidence, rival.probability, beaten
+                )
+            )
     for it in made.screened:
         term = it.candidate.term
         # An effect with several seeds stands there more than once; its best comes first.
         if term.effect.name == name and term.scope not in seen:
             seen.add(term.scope)
-            rows.append(Row(number, term.scope, it.gain, it.evidence, None, winner))
+            rows.append(ExplanationRow(number, term.scope, it.gain, it.evidence, None, winner))
     return rows
 
 
-def _summary(result: GapResult, name: str, rows: list[Row], rejected: bool) -> str:
+def _summarise(result: GapResult, name: str, rows: list[ExplanationRow], is_rejected: bool) -> str:
     for finding in result.found:
         if finding.effect == name:
-            return f"{name} was found ({finding.scope}), probability {probability(finding.confidence)}"
-    if rejected:
+            return f"{name} was found ({finding.scope}), probability {format_probability(finding.confidence)}"
+    if is_rejected:
         return f"{name} was not considered: --reject {name}"
     if any(item.effect.name == name for item in result.model.effects):
         return f"{name} is in the model file already; its values there stay as they are"
@@ -86,8 +92,8 @@ def _summary(result: GapResult, name: str, rows: list[Row], rejected: bool) -> s
             if effect == name:
                 return (
                     f"{name} ({scope}) lost to {finding.effect} ({finding.scope}) when each name was "
-                    f"reconsidered: gain {gain:.1f}, probability {probability(share)} against "
-                    f"{probability(finding.confidence)}"
+                    f"reconsidered: gain {gain:.1f}, probability {format_probability(share)} against "
+                    f"{format_probability(finding.confidence)}"
                 )
     if not rows:
         if BY_NAME[name].visible_in == "scatter":
@@ -111,9 +117,9 @@ def _summary(result: GapResult, name: str, rows: list[Row], rejected: bool) -> s
     if best.beaten_by == "nothing earned its place":
         return (
             f"{name} ({best.scope}) gained {best.gain:.1f} in log-likelihood, too little to be more than "
-            f"chance: probability {probability(best.probability or 0.0)}"
+            f"chance: probability {format_probability(best.probability or 0.0)}"
         )
     return (
         f"{name} ({best.scope}) gained {best.gain:.1f} in log-likelihood in round {best.round} but "
-        f"{best.beaten_by} explained it better: probability {probability(best.probability or 0.0)}"
+        f"{best.beaten_by} explained it better: probability {format_probability(best.probability or 0.0)}"
     )

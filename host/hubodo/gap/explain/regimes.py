@@ -11,23 +11,23 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.gap.problem.problem import NodeData
-from hubodo.gap.process_noise.wheel_phase import follow, on_samples, windows
+from hubodo.gap.process_noise.wheel_phase import estimate_phases, interpolate_phases, window_boundaries
 from hubodo.model.forward import NodeInitialState
 
-_SECOND = 1.0
+_REGIME_WINDOW = 1.0
 # A regressor of more columns has to explain more than chance gives them, and clearly more than a plainer one.
-_CLEARLY, _ALSO = 0.02, 0.12
-_SETTLING = (4.0, 8.0, 15.0, 30.0, 60.0, 120.0)
+_MIN_SHARE_GAIN, _MIN_SECOND_SHARE = 0.02, 0.12
+_SETTLING_TIMES = (4.0, 8.0, 15.0, 30.0, 60.0, 120.0)
 # A tone stands this far above the mean of the spectrum, and is not slow enough to be the drive itself.
-_TONE, _SLOWEST = 30.0, 0.3
-_SAID = 0.3
+_MIN_TONE_RATIO, _MIN_REGIME_TONE_HZ = 30.0, 0.3
+_MIN_NAMED_SHARE = 0.3
 # What the best of all regressors takes from mere noise stays below this, in units of its variance.
-_CHANCE = 30.0
-_SETTLES = "as it settles after the start"
+_MAX_CHANCE_POWER = 30.0
+_SETTLING_WORDS = "as it settles after the start"
 
 
 @dataclass(frozen=True)
-class Course:
+class Trajectory:
     """How one node moved, (N,) each.
 
     angle: rad, spin: rad/s and its slope, of its wheel, None on the body. speed: m/s, acceleration: m/s²,
@@ -53,16 +53,16 @@ class Regime:
     share: float
 
 
-def course(node: NodeData) -> Course:
+def compute_trajectory(node: NodeData) -> Trajectory:
     """The course of a node: from the inputs, the angle of its wheel from where gravity points."""
     reading = node.forward.mean_reading((), NodeInitialState())
     body, rolling = reading.body, reading.rolling
     angle = None
     if rolling is not None:
-        phases = follow(node, reading, None, node.accel_scatter)
-        angle = rolling.angle + on_samples(node, phases, phases.phase)
+        phases = estimate_phases(node, reading, None, node.accel_scatter)
+        angle = rolling.angle + interpolate_phases(node, phases, phases.phase)
     zero = np.zeros_like(body.speed)
-    return Course(
+    return Trajectory(
         node.t,
         angle,
         zero if rolling is None else rolling.spin,
@@ -78,25 +78,25 @@ def course(node: NodeData) -> Course:
 class Regimes:
     """The regressors of one node, made once for all its channels."""
 
-    def __init__(self, moved: Course) -> None:
-        self.course = moved
+    def __init__(self, trajectory: Trajectory) -> None:
+        self.trajectory = trajectory
         self.entries: list[tuple[str, slice]] = []
         self.settling: list[tuple[str, slice]] = []
         columns: list[NDArray[np.float32]] = []
-        for words, parts in chain(_library(moved), _settled(moved)):
+        for words, parts in chain(_list_regressors(trajectory), _list_settling_regressors(trajectory)):
             sizes = [float(np.sqrt(np.mean(part**2))) for part in parts]
             if min(sizes) < 1e-9:
                 continue
-            entries = self.settling if words.startswith(_SETTLES) else self.entries
+            entries = self.settling if words.startswith(_SETTLING_WORDS) else self.entries
             entries.append((words, slice(len(columns), len(columns) + len(parts))))
             columns += [(part / size).astype(np.float32) for part, size in zip(parts, sizes, strict=True)]
-        self.columns = np.empty((len(columns), len(moved.t)), np.float32)
+        self.columns = np.empty((len(columns), len(trajectory.t)), np.float32)
         for k in reversed(range(len(columns))):
             # Of a long log they are large: what is copied goes at once.
             self.columns[k] = columns.pop()
         self.gram = (self.columns @ self.columns.T).astype(np.float64)
 
-    def of(self, series: Array, noise: Array | float = 0.0) -> Regime:
+    def find_regime(self, series: Array, noise: Array | float = 0.0) -> Regime:
         """What a series, (N,), goes with. noise: 1 sigma of white noise in it, 0 for a pure change."""
         series = np.asarray(series, np.float64)
         spread = float(np.mean(np.broadcast_to(np.square(noise), series.shape)))
@@ -108,40 +108,40 @@ class Regimes:
         cross = (self.columns @ series.astype(np.float32)).astype(np.float64)
         best, words, chosen = 0.0, "at no particular time", slice(0, 0)
         for name, place in self.entries:
-            share = self._share(cross, np.arange(place.start, place.stop), spread, power)
-            if share > best + _CLEARLY:
+            share = self._explained_share(cross, np.arange(place.start, place.stop), spread, power)
+            if share > best + _MIN_SHARE_GAIN:
                 best, words, chosen = share, name, place
-        name, share = self._settling(cross, spread, power)
+        name, share = self._find_settling(cross, spread, power)
         # A straight line in time is close to settling slowly: here a little is clear enough.
-        if share > best + 0.2 * _CLEARLY:
+        if share > best + 0.2 * _MIN_SHARE_GAIN:
             best, words, chosen = share, name, slice(0, 0)
-        for name, share in self._sudden(series, spread, power):
-            if share > best + 2.0 * _CLEARLY:
+        for name, share in self._find_events(series, spread, power):
+            if share > best + 2.0 * _MIN_SHARE_GAIN:
                 best, words, chosen = share, name, slice(0, 0)
         if chosen.stop and best < 0.85:
-            words, best = self._second(cross, chosen, spread, power, words, best)
-        if best * power < _CHANCE * spread:
+            words, best = self._add_second_regressor(cross, chosen, spread, power, words, best)
+        if best * power < _MAX_CHANCE_POWER * spread:
             return Regime("at no particular time", 0.0)
-        if best < _SAID:
+        if best < _MIN_NAMED_SHARE:
             words = f"{words}, among others" if best > 0.1 else "at no particular time"
         return Regime(words, min(best, 1.0))
 
-    def _share(self, cross: Array, members: Array, spread: float, power: float) -> float:
+    def _explained_share(self, cross: Array, members: Array, spread: float, power: float) -> float:
         inner = self.gram[np.ix_(members, members)]
         b = cross[members]
         explained = float(b @ np.linalg.solve(inner + 1e-9 * np.trace(inner) * np.eye(len(b)), b))
         return (explained - spread * len(b)) / power
 
-    def _settling(self, cross: Array, spread: float, power: float) -> tuple[str, float]:
+    def _find_settling(self, cross: Array, spread: float, power: float) -> tuple[str, float]:
         """The best of the times in which something settles after the start."""
         shares = [
-            (self._share(cross, np.arange(place.start, place.stop), spread, power), name)
+            (self._explained_share(cross, np.arange(place.start, place.stop), spread, power), name)
             for name, place in self.settling
         ]
         share, name = max(shares, default=(0.0, ""))
         return name, share
 
-    def _second(
+    def _add_second_regressor(
         self, cross: Array, chosen: slice, spread: float, power: float, words: str, best: float
     ) -> tuple[str, float]:
         first = np.arange(chosen.start, chosen.stop)
@@ -150,15 +150,15 @@ class Regimes:
             if place == chosen:
                 continue
             members = np.concatenate([first, np.arange(place.start, place.stop)])
-            share = self._share(cross, members, spread, power)
-            if share > more + _CLEARLY and share > best + _ALSO:
+            share = self._explained_share(cross, members, spread, power)
+            if share > more + _MIN_SHARE_GAIN and share > best + _MIN_SECOND_SHARE:
                 further, more = f"{words}, and {name}", share
         return further, more
 
-    def _sudden(self, series: Array, spread: float, power: float) -> Iterator[tuple[str, float]]:
+    def _find_events(self, series: Array, spread: float, power: float) -> Iterator[tuple[str, float]]:
         """A step, an interval, a tone."""
-        t = self.course.t
-        edges = windows(t, _SECOND)
+        t = self.trajectory.t
+        edges = window_boundaries(t, _REGIME_WINDOW)
         sums = np.add.reduceat(series, edges[:-1])
         before, count = np.cumsum(sums), edges[1:].astype(float)
         after, rest = before[-1] - before, count[-1] - count
@@ -176,18 +176,18 @@ class Regimes:
         even = np.interp(np.arange(t[0], t[-1], step), t, series - series.mean())
         if len(even) > 64:
             spectrum = np.abs(np.fft.rfft(even * np.hanning(len(even)))) ** 2
-            spectrum[: max(3, int(_SLOWEST * len(even) * step))] = 0.0
+            spectrum[: max(3, int(_MIN_REGIME_TONE_HZ * len(even) * step))] = 0.0
             peak = int(np.argmax(spectrum))
             near = spectrum[max(0, peak - 2) : peak + 3].sum()
-            if spectrum[peak] > _TONE * spectrum.mean():
+            if spectrum[peak] > _MIN_TONE_RATIO * spectrum.mean():
                 share = near / max(spectrum.sum(), 1e-300) * float(even @ even) / max(series @ series, 1e-300)
                 share = share * float(series @ series) / power
                 yield f"as a tone at {peak / (len(even) * step):.3g} Hz", share
 
 
-def when(t: Array, series: Array, noise: Array | float = 0.0) -> str:
+def describe_interval(t: Array, series: Array, noise: Array | float = 0.0) -> str:
     """The one stretch in which nearly all the power of a series lies, in words; "" where it is spread out."""
-    edges = windows(t, _SECOND)
+    edges = window_boundaries(t, _REGIME_WINDOW)
     spread = np.broadcast_to(np.square(noise), series.shape)
     power = np.maximum(np.add.reduceat(series**2 - spread, edges[:-1]), 0.0)
     total = np.concatenate([[0.0], np.cumsum(power)])
@@ -203,22 +203,22 @@ def when(t: Array, series: Array, noise: Array | float = 0.0) -> str:
     return f"between {t[edges[first]]:.0f} and {t[min(edges[last], len(t) - 1)]:.0f} s"
 
 
-def _library(moved: Course) -> Iterator[tuple[str, Sequence[Array]]]:
+def _list_regressors(trajectory: Trajectory) -> Iterator[tuple[str, Sequence[Array]]]:
     """Regressors with their names, the plainer ones first."""
-    one, age = np.ones_like(moved.t), moved.t - moved.t[0]
-    spin, slope, r = moved.spin, moved.spin_slope, moved.yaw_rate
+    one, age = np.ones_like(trajectory.t), trajectory.t - trajectory.t[0]
+    spin, slope, r = trajectory.spin, trajectory.spin_slope, trajectory.yaw_rate
     yield "all the time", [one]
     yield "in turns", [r]
     yield "in turns, to either side alike", [r**2]
-    yield "in turns at speed", [r * moved.speed]
-    yield "only while turns begin and end", [moved.yaw_acceleration]
-    if np.ptp(moved.temperature) > 0.2:
-        yield "with the temperature", [moved.temperature - 25.0]
+    yield "in turns at speed", [r * trajectory.speed]
+    yield "only while turns begin and end", [trajectory.yaw_acceleration]
+    if np.ptp(trajectory.temperature) > 0.2:
+        yield "with the temperature", [trajectory.temperature - 25.0]
     yield "more and more with time", [age]
-    if moved.angle is None:
-        yield "in proportion to the speed", [moved.speed]
-        yield "with the square of the speed", [moved.speed**2]
-        yield "only while the speed changes", [moved.acceleration]
+    if trajectory.angle is None:
+        yield "in proportion to the speed", [trajectory.speed]
+        yield "with the square of the speed", [trajectory.speed**2]
+        yield "only while the speed changes", [trajectory.acceleration]
     else:
         yield "in proportion to the spin", [spin]
         yield "with the square of the spin", [spin**2]
@@ -227,9 +227,9 @@ def _library(moved: Course) -> Iterator[tuple[str, Sequence[Array]]]:
         yield "while the spin rate changes, most at speed", [slope * spin]
         yield "while the spin rate changes, more and more with time", [slope * age]
         waves = {
-            "once": [np.cos(moved.angle), np.sin(moved.angle)],
-            "twice": [np.cos(2.0 * moved.angle), np.sin(2.0 * moved.angle)],
-            "three times": [np.cos(3.0 * moved.angle), np.sin(3.0 * moved.angle)],
+            "once": [np.cos(trajectory.angle), np.sin(trajectory.angle)],
+            "twice": [np.cos(2.0 * trajectory.angle), np.sin(2.0 * trajectory.angle)],
+            "three times": [np.cos(3.0 * trajectory.angle), np.sin(3.0 * trajectory.angle)],
         }
         with_what = [
             ("", one),
@@ -245,8 +245,8 @@ def _library(moved: Course) -> Iterator[tuple[str, Sequence[Array]]]:
                 yield f"{often} per revolution{words}", [by * part for part in wave]
 
 
-def _settled(moved: Course) -> Iterator[tuple[str, Sequence[Array]]]:
-    age = moved.t - moved.t[0]
-    for constant in _SETTLING:
+def _list_settling_regressors(trajectory: Trajectory) -> Iterator[tuple[str, Sequence[Array]]]:
+    age = trajectory.t - trajectory.t[0]
+    for constant in _SETTLING_TIMES:
         if constant < 2.0 * age[-1]:
-            yield f"{_SETTLES}, in some {constant:.0f} s", [1.0 - np.exp(-age / constant)]
+            yield f"{_SETTLING_WORDS}, in some {constant:.0f} s", [1.0 - np.exp(-age / constant)]

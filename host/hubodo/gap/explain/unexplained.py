@@ -7,33 +7,33 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from hubodo.effects import BY_NAME
+from hubodo.gap.explain.result import Unexplained
 from hubodo.gap.problem.problem import CHANNELS
-from hubodo.gap.process_noise.point import Point
+from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.process_noise.residual import Residual
-from hubodo.gap.scatter.outliers import spiky_channels
-from hubodo.gap.screen.unlisted import unlisted
-from hubodo.gap.tell.result import Unexplained
+from hubodo.gap.scatter.outliers import find_spiky_channels
+from hubodo.gap.screen.unnamed_terms import find_unnamed_terms
 
 # Ratio of the noise that is found to the declared one, or its inverse, that is worth a line.
-_NOISY = 1.15
+_MIN_NOISE_RATIO = 1.15
 # Evidence (ln) that makes structure worth a word though it was not added.
-_WORTH = 6.0
+_MIN_STRUCTURE_EVIDENCE = 6.0
 
 
-def remaining(final: Point, residuals: Mapping[str, Residual]) -> tuple[list[Unexplained], bool]:
+def list_unexplained(final: Evaluation, residuals: Mapping[str, Residual]) -> tuple[list[Unexplained], bool]:
     """What is left at the end of the search, and whether any of it is structure rather than noise."""
-    structure = [*_spikes(final), *_structures(final)]
-    return [*_noise(residuals), *structure], bool(structure)
+    structure = [*_list_spikes(final), *_list_structure(final)]
+    return [*_list_noise(residuals), *structure], bool(structure)
 
 
-def _noise(residuals: Mapping[str, Residual]) -> Iterator[Unexplained]:
+def _list_noise(residuals: Mapping[str, Residual]) -> Iterator[Unexplained]:
     for name, residual in residuals.items():
         for row in np.flatnonzero(residual.node.used):
-            found = residual.noise.of(row)
+            found = residual.noise.channel_sigma(row)
             # From sample to sample the noise of the inputs, which are smooth, is not seen.
-            sensor = np.sqrt(residual.declared_of(row) ** 2 - residual.input_sigma[row] ** 2)
+            sensor = np.sqrt(residual.declared_channel_sigma(row) ** 2 - residual.input_sigma[row] ** 2)
             ratio = float(np.sqrt(np.mean((found / sensor) ** 2)))
-            if 1.0 / _NOISY <= ratio <= _NOISY:
+            if 1.0 / _MIN_NOISE_RATIO <= ratio <= _MIN_NOISE_RATIO:
                 continue
             size = "larger" if ratio > 1.0 else "smaller"
             one = float(np.sqrt(np.mean(found**2)))
@@ -46,22 +46,22 @@ def _noise(residuals: Mapping[str, Residual]) -> Iterator[Unexplained]:
             )
 
 
-def _spikes(final: Point) -> Iterator[Unexplained]:
+def _list_spikes(final: Evaluation) -> Iterator[Unexplained]:
     for residual in final.mean_residuals.values():
         if BY_NAME["outliers"] in residual.effects:
             continue
-        for at, count, height in spiky_channels(residual):
+        for at, count, height in find_spiky_channels(residual):
             channel = f"{residual.node.name}.{CHANNELS[at]}"
             words = f"spikes, jumps of about {height:.0f} times the noise and back"
             yield Unexplained(channel, f"in {count} single samples", words)
 
 
-def _structures(final: Point) -> Iterator[Unexplained]:
+def _list_structure(final: Evaluation) -> Iterator[Unexplained]:
     told: set[str] = set()
-    for structure in unlisted(final):
-        if structure.evidence < _WORTH:
+    for structure in find_unnamed_terms(final):
+        if structure.evidence < _MIN_STRUCTURE_EVIDENCE:
             continue
-        for channel, gain in zip(structure.channels, structure.shares, strict=True):
+        for channel, gain in zip(structure.channels, structure.channel_gains, strict=True):
             name = f"{structure.term.scope}.{channel}"
             if name not in told:
                 told.add(name)

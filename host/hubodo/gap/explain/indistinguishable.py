@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-NEVER_APART: tuple[tuple[str, str, str], ...] = (
+INDISTINGUISHABLE_CAUSES: tuple[tuple[str, str, str], ...] = (
     (
         "a node turned about the axle",
         "the angle at which its wheel stood at first",

@@ -1,0 +1,51 @@
+"""Effects that only add to the readings: no new motion has to be computed for them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.effects import Effect
+from hubodo.effects.base import SensorChain
+
+_NON_ADDITIVE_STAGES = ("true_time", "adjust_geometry", "rotate_into_node", "low_pass_rate")
+
+
+class AdditiveEffects:
+    """Change of one node's readings by effects that only add to them."""
+
+    def __init__(self, chain: SensorChain, effects: Mapping[type[Effect], Effect]) -> None:
+        """Take the physical input of the sensor, `chain`, and the effects of the node."""
+        self._chain = chain
+        self._effects = effects
+        self._straight = not any(_overrides(kind, "clip_readings") for kind in effects)
+        self._present: dict[type[Effect], Array] = {}
+
+    def is_additive(self, kind: type[Effect]) -> bool:
+        """Return True if effects of this class only add, and no later stage of the chain is nonlinear."""
+        return self._straight and not any(_overrides(kind, stage) for stage in _NON_ADDITIVE_STAGES)
+
+    def reading_change(self, effect: Effect) -> Array:
+        """Return the change of the readings, (6, N), when an effect replaces the node's own of that class."""
+        kind, own = type(effect), self._effects.get(type(effect))
+        if kind.is_linear:
+            return self._added(
+                effect if own is None else effect.with_coordinates(effect.coordinates() - own.coordinates())
+            )
+        if kind not in self._present:
+            self._present[kind] = np.zeros((6, 1)) if own is None else self._added(own)
+        return self._added(effect) - self._present[kind]
+
+    def _added(self, effect: Effect) -> Array:
+        readings = np.zeros((6, len(self._chain.t)))
+        output = replace(self._chain, gyro=readings[:3], accel=readings[3:])
+        effect.add_scale_errors(output)
+        effect.add_offsets(output)
+        return readings
+
+
+def _overrides(kind: type[Effect], stage: str) -> bool:
+    return getattr(kind, stage) is not getattr(Effect, stage)
