@@ -112,9 +112,8 @@ def judge_round(
     screened = [item for item in screening.candidates if item.candidate.name not in reject]
     selected = _select_for_refit(screened, always_refit, strictly_screened)
     states = [before.state.with_term(item.candidate.term) for item in selected]
-    initial_fits = [
-        begin_fit(before.evaluation.with_state(state), screening.linearisation) for state in states
-    ]
+    evaluations = [before.evaluation.with_state(state) for state in states]
+    initial_fits = [begin_fit(one, screening.linearisation) for one in evaluations]
     null = screening.null_distribution
     del screening  # Its matrices are large, and no longer needed.
     refits: list[Refit] = []
@@ -126,19 +125,11 @@ def judge_round(
         refits.append(continue_fit(initial_fit, max_deviance=_max_deviance(before, refits)).without_cache())
     report_progress("comparing the best", _PROGRESS_FITTED)
     if refits:
-        tracked = [track_wheel_phase(item.without_cache().state) for item in refits]
-        weights = _strictest_weights(before.evaluation.weights, [walks for _, walks in tracked])
-        before = refit(Evaluation(before.state, weights), rounds=0)
-        refits = [
-            fit_tracked(Evaluation(replace(state), weights), rounds=1).without_cache() for state, _ in tracked
-        ]
+        before, refits = _refit_with_common_weights(before, refits)
     report_progress("scatter, steps, limits, unnamed terms", _PROGRESS_COMPARED)
     proposals, walk_refits = _detect_scatter(before, reject)
     best_gain = max([compute_gain(before, item) for item in [*refits, *walk_refits.values()]], default=0.0)
-    unnamed = [] if EMPIRICAL in reject else find_unnamed_terms(before.evaluation)
-    unnamed = [
-        item for item in unnamed if item.evidence > max(_MIN_UNNAMED_EVIDENCE, _MIN_UNNAMED_SHARE * best_gain)
-    ][:_MAX_UNNAMED_REFITS]
+    unnamed = [] if EMPIRICAL in reject else _select_unnamed_terms(before, best_gain)
     unnamed_refits = [_refit_with(before, item, rounds=1) for item in unnamed]
     all_refits = [*refits, *walk_refits.values(), *unnamed_refits]
     # The block scores of the best fit show by how much correlation inflates the gains.
@@ -156,6 +147,23 @@ def judge_round(
     ordered, nothing = compute_posterior(hypotheses)
     stored = (*ordered[:1], *(hypothesis.without_tracking() for hypothesis in ordered[1:]))
     return Round(before.evaluation.without_cache(), stored, nothing, tuple(screened), null, tempering)
+
+
+def _refit_with_common_weights(before: Refit, refits: Sequence[Refit]) -> tuple[Refit, list[Refit]]:
+    """Return the fits before and after under the same weights, so that their likelihoods are comparable."""
+    tracked = [track_wheel_phase(fit.without_cache().state) for fit in refits]
+    weights = _strictest_weights(before.evaluation.weights, [walks for _, walks in tracked])
+    common = [
+        fit_tracked(Evaluation(replace(state), weights), rounds=1).without_cache() for state, _ in tracked
+    ]
+    return refit(Evaluation(before.state, weights), rounds=0), common
+
+
+def _select_unnamed_terms(before: Refit, best_gain: float) -> list[UnnamedTerm]:
+    """Return the few unnamed terms with enough evidence beside the best gain."""
+    minimum = max(_MIN_UNNAMED_EVIDENCE, _MIN_UNNAMED_SHARE * best_gain)
+    terms = find_unnamed_terms(before.evaluation)
+    return [term for term in terms if term.evidence > minimum][:_MAX_UNNAMED_REFITS]
 
 
 def _max_deviance(before: Refit, refits: Sequence[Refit]) -> float:
