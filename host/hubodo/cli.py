@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from hubodo.errors import CalibrationError, ConfigError, HubodoError, InputError, LogError, WireMismatch
-from hubodo.ingest.stopping import exit_when_unread, one_line_on_ctrl_c
+from hubodo.ingest.stop_signals import exit_after_timeout, exit_on_ctrl_c
 from hubodo.log.input_limits import memory_limit
 from hubodo.safe_text import json_text, printable
 from hubodo.verbs import VERBS, load_verb
@@ -94,7 +94,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         complete_command(build_parser(typed_words()))
     try:
         words = [_normalise_option(word) for word in (sys.argv[1:] if argv is None else argv)]
-        with one_line_on_ctrl_c():
+        with exit_on_ctrl_c():
             args = build_parser(words).parse_args(words)
     except UsageError as error:
         _print_error(error.text, error.text, EXIT_REFUSED, as_json=_wants_json_log(words))
@@ -106,7 +106,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             result: Result | None = args.run(args)
         code = EXIT_FAILED if _reports_failure(result) else EXIT_OK
         if result is not None:
-            with exit_when_unread(getattr(result, "OUTPUT_DEADLINE", None), code):
+            with exit_after_timeout(getattr(result, "OUTPUT_DEADLINE", None), code):
                 _print_unless_closed(result, as_json=args.json)
         return code
     except BrokenPipeError:
@@ -187,9 +187,11 @@ def _print_error(
 ) -> None:
     """One line on stderr: the text, or an object with `line` for programs."""
     if as_json:
-        from hubodo.ingest.live.view import json_line
+        from hubodo.ingest.live.view import format_json_line
 
-        text = json_line(time.time_ns(), "error", "failed", line, {"exit_code": code, **(details or {})})
+        text = format_json_line(
+            time.time_ns(), "error", "failed", line, {"exit_code": code, **(details or {})}
+        )
     print(text, file=sys.stderr)
 
 

@@ -21,7 +21,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from hubodo.ingest.live.virtual_computer import Sent, VirtualComputer
+from hubodo.ingest.live.virtual_computer import SentBytes, VirtualComputer
 from hubowire import FINGERPRINT, Frame, FrameDecoder, Message, decode, encode, encode_frame
 from hubowire.messages import (
     Ack,
@@ -107,7 +107,7 @@ class FakeNode:
         self._folder = tempfile.TemporaryDirectory(prefix="hubodo-fake-")
         self._way = Path()
         self._virtual_ns = 0 if self.computer is None else self.computer.now_ns()
-        self._on_port: Sent = []
+        self._on_port: SentBytes = []
         self._boot()
         self.plug()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -191,7 +191,7 @@ class FakeNode:
                 select.select([self._master], [], [])
                 self._listen()
 
-    def sent(self) -> Sent:
+    def sent(self) -> SentBytes:
         sent, self._on_port = self._on_port, []
         return sent
 

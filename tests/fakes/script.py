@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from hubodo.ingest.live.virtual_computer import Sent, VirtualComputer
+from hubodo.ingest.live.virtual_computer import SentBytes, VirtualComputer
 from hubodo.units import NS_PER_S
 
 
@@ -24,5 +24,5 @@ class Script:
         while self._steps and self._steps[0][0] <= t_ns:
             self._steps.pop(0)[1]()
 
-    def sent(self) -> Sent:
+    def sent(self) -> SentBytes:
         return []

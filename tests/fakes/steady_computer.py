@@ -159,10 +159,10 @@ class SteadyComputer:
         t = node.ticks((self._now_ns - self._start_ns) / NS_PER_S + 0.0005)
         self._at(self._now_ns + 1_000_000, label, lambda: node.answers(data, t))
 
-    def news(self, seconds: float) -> Any:
+    def next_report(self, timeout_s: float) -> Any:
         if self._news:
             return self._news.popleft()
-        until = self._now_ns + int(seconds * NS_PER_S)
+        until = self._now_ns + int(timeout_s * NS_PER_S)
         if not self._due or self._due[0][0] > until:
             self._now_ns = until
             return None

@@ -7,7 +7,7 @@ import select
 import tty
 from collections.abc import Callable
 
-from hubodo.ingest.live.virtual_computer import Sent, VirtualComputer
+from hubodo.ingest.live.virtual_computer import SentBytes, VirtualComputer
 from hubodo.units import NS_PER_S
 
 
@@ -23,7 +23,7 @@ class Talker:
         self._computer, self._say, self._late_ns = computer, say, round(late * NS_PER_S)
         self._start_ns, self._period_ns = computer.now_ns(), round(period * NS_PER_S)
         self._due_ns = self._start_ns + self._period_ns
-        self._on_port: Sent = []
+        self._on_port: SentBytes = []
         self.heard: list[tuple[float, bytes]] = []
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
@@ -50,6 +50,6 @@ class Talker:
                 self._on_port.append((self._due_ns + self._late_ns, os.write(self._master, said)))
             self._due_ns += self._period_ns
 
-    def sent(self) -> Sent:
+    def sent(self) -> SentBytes:
         sent, self._on_port = self._on_port, []
         return sent

@@ -104,7 +104,7 @@ def test_silence_after_frames_is_no_stranger_and_another_baud_rate_is():
     for _ in range(10):
         line.says(node.batch() + b"\x05\x01")  # the next frame has begun
     line.waits(4.0)
-    assert line.link().foreign is None and line.recorder.verdict() is None
+    assert line.link().foreign is None and line.recorder.fatal_error() is None
     assert line.recorder.notices == []
     line.waits(2.0)
     assert ["no data for 5 s" in notice.text for notice in line.recorder.notices] == [True]

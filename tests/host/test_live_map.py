@@ -20,7 +20,7 @@ from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.localizer import FixSample, Localizer
 from hubodo.ingest.live.localizer_thread import LocalizerThread
 from hubodo.ingest.live.virtual_computer import VirtualComputer
-from hubodo.ingest.replay.playback import Playback, as_messages, recorded_messages
+from hubodo.ingest.replay.playback import Playback, recorded_messages, to_messages
 from hubodo.log import topics
 from hubodo.log.recording_reader import open_log, read_recording
 from in_process import hubodo
@@ -46,7 +46,7 @@ def ride(tmp_path_factory):
     drive, out = short_drive(SEED), folder / "ride.mcap"
     rng, computer, moving = np.random.default_rng(SEED), VirtualComputer(), threading.Event()
     Script(computer, (10.0, moving.set))
-    move = Localizer.fix
+    move = Localizer.add_fix
 
     def stands_still(localizer, fix):
         assert moving.wait(60), "the recorder waits for the graph"
@@ -62,7 +62,7 @@ def ride(tmp_path_factory):
         FakeNode(node_id=2, rows=raw_rows(drive, "right"), computer=computer) as right,
         fake_receiver(computer, place) as receiver,
     ):
-        patch.setattr(Localizer, "fix", stands_still)
+        patch.setattr(Localizer, "add_fix", stands_still)
         done = hubodo(
             "record", f"left={left.path}", f"right={right.path}", "--gnss", receiver.path,
             "--vehicle", folder / "vehicle.toml", "--duration", 11, "-o", out, "--json",
@@ -120,7 +120,7 @@ def test_the_log_alone_gives_odometry_and_map_again_to_the_last_bit(ride):
     out, result, _ = ride
     playback = Playback(out)
     recorded = recorded_messages(out)
-    assert as_messages(playback.publications(), playback.t_zero_ns) == recorded
+    assert to_messages(playback.publications(), playback.t_zero_ns) == recorded
     assert len(recorded[topics.ODOM_MAP]) == result["map"]["poses"]
     shown = json.loads(hubodo("play", out, "--speed", 0, "--json").out)["odometry"]
     assert shown["equal"] is True
@@ -154,7 +154,7 @@ def steps(seconds=40.0, heading=0.0, drift=0.0):
 def test_a_straight_way_has_the_heading_of_its_fixes():
     localizer, last = Localizer(0), None
     for item in steps(heading=0.7):
-        last = localizer.fix(item) or last if isinstance(item, FixSample) else localizer.odometry(item)
+        last = localizer.add_fix(item) or last if isinstance(item, FixSample) else localizer.add_pose(item)
     assert last.odom_heading[0] == pytest.approx(0.7, abs=0.03)
     assert localizer.warnings() == []
 
@@ -164,14 +164,14 @@ def test_the_thread_gives_the_bits_of_the_object_and_ends_with_its_input():
     thread = LocalizerThread(0, got.append, bulkheads=Bulkheads(time.time_ns))
     for number, item in enumerate(steps(20.0)):
         thread.put(item, number)
-        made = localizer.fix(item) if isinstance(item, FixSample) else localizer.odometry(item)
+        made = localizer.add_fix(item) if isinstance(item, FixSample) else localizer.add_pose(item)
         if made is not None:
             found.append((number, made))
     assert thread.close()
     assert len(got) == len(found) > 50
     for answer, (number, made) in zip(got, found, strict=True):
         assert answer.arrived_ns == number
-        assert pickle.dumps(answer.located) == pickle.dumps(made)
+        assert pickle.dumps(answer.pose) == pickle.dumps(made)
     assert not any(thread.name == "map" for thread in threading.enumerate())
 
 
@@ -186,7 +186,7 @@ def test_a_thread_that_is_stopped_leaves_what_it_was_given():
 
 
 def test_a_graph_that_fails_is_reported_and_replaced_by_one_in_the_same_map_frame(monkeypatch):
-    fix, left = Localizer.fix, [len(steps(20.0)) // 3]
+    fix, left = Localizer.add_fix, [len(steps(20.0)) // 3]
 
     def fails_once(self, sample):
         left[0] -= 1
@@ -194,16 +194,16 @@ def test_a_graph_that_fails_is_reported_and_replaced_by_one_in_the_same_map_fram
             raise ValueError("indeterminate system")
         fix(self, sample)
 
-    monkeypatch.setattr(Localizer, "fix", fails_once)
+    monkeypatch.setattr(Localizer, "add_fix", fails_once)
     minutes = itertools.count(step=60_000_000_000)  # so that no pause lasts until the next item
     got, bulkheads = [], Bulkheads(lambda: next(minutes))
     thread = LocalizerThread(0, got.append, bulkheads=bulkheads)
     for item in steps(60.0):
         thread.put(item, 0)
     assert thread.close()
-    assert bulkheads.counts() == {"map": 1}
-    assert "indeterminate system" in bulkheads.reports()[0].text
-    located = [answer.located for answer in got if answer.located is not None]
+    assert bulkheads.fault_counts() == {"map": 1}
+    assert "indeterminate system" in bulkheads.due_reports()[0].text
+    located = [answer.pose for answer in got if answer.pose is not None]
     assert len({item.origin_deg for item in located}) == 1
     assert located[-1].t_ns[0] > 59e9
     ahead = [item.position[0, 0] - item.t_ns[0] * 1e-9 for item in located]

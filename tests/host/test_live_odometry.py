@@ -19,11 +19,11 @@ from hubodo.calibration.file import (
 )
 from hubodo.errors import CalibrationError, InputError
 from hubodo.ingest.live.daemon import record
-from hubodo.ingest.live.latency import Latency
+from hubodo.ingest.live.latency import LatencyHistogram
 from hubodo.ingest.live.odometer import Block, Odometer
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
-from hubodo.ingest.replay.playback import Playback, as_messages, recorded_messages
+from hubodo.ingest.replay.playback import Playback, recorded_messages, to_messages
 from hubodo.log import topics
 from hubodo.log.recording_reader import open_log, read_recording
 from hubodo.vehicle import NodeMount, Vehicle
@@ -116,7 +116,7 @@ def test_the_log_alone_gives_the_recorded_odometry_again_to_the_last_bit(ride):
     """With an unplugged node and a restarted one, whose samples are held back for the clock, in it."""
     out, _, _ = ride
     playback = Playback(out)
-    assert as_messages(playback.motions(), playback.t_zero_ns) == recorded_messages(out)
+    assert to_messages(playback.odometry_rows(), playback.t_zero_ns) == recorded_messages(out)
     odometry = json.loads(hubodo("play", out, "--speed", 0, "--json").out)["odometry"]
     assert odometry["equal"] is True
     assert odometry["poses"] == odometry["recorded"] > 1500
@@ -139,7 +139,7 @@ def test_another_calibration_in_playback_gives_another_track(ride):
     scale = CalibratedEffect({"z": Quantity(0.05, 1e-4)})
     other = Calibration({"left": NodeCalibration({"gyro_scale_factor": scale})})
     playback = Playback(out, calibration=other)
-    assert as_messages(playback.motions(), playback.t_zero_ns) != recorded_messages(out)
+    assert to_messages(playback.odometry_rows(), playback.t_zero_ns) != recorded_messages(out)
     with pytest.raises(CalibrationError, match="bb02"):
         Playback(
             out, calibration=Calibration({"left": NodeCalibration({"gyro_scale_factor": scale}, "bb02")})
@@ -201,7 +201,7 @@ def test_a_wheel_that_is_heard_late_is_named_and_the_other_one_carries_on():
         odometer.handle(block)
     odometer.finish()
     assert odometer.nodes == ("left",)
-    assert any("right: first heard" in line for line in odometer.warnings(end=True))
+    assert any("right: first samples" in line for line in odometer.warnings(end=True))
     assert odometer.warnings(end=True) == []
 
 
@@ -211,8 +211,8 @@ def test_odometry_can_be_asked_for_at_a_lower_rate():
         whole.handle(block)
         thin.handle(block)
     assert whole.distance == thin.distance
-    assert whole.poses == pytest.approx(104 * 11, rel=0.15)
-    assert thin.poses == pytest.approx(20 * 10, rel=0.2)
+    assert whole.pose_count == pytest.approx(104 * 11, rel=0.15)
+    assert thin.pose_count == pytest.approx(20 * 10, rel=0.2)
 
 
 def test_a_vehicle_without_a_wheel_node_is_refused():
@@ -223,11 +223,11 @@ def test_a_vehicle_without_a_wheel_node_is_refused():
 def test_latency_quantiles_are_never_below_the_truth():
     rng = np.random.default_rng(8)
     values = rng.lognormal(14.0, 1.5, 5000).astype(int)
-    latency = Latency()
+    latency = LatencyHistogram()
     assert latency.as_json()["latency_p99"] is None
     for value in values.tolist():
         latency.add(value)
-    assert latency.worst == values.max() / 1e9
+    assert latency.maximum == values.max() / 1e9
     for share in (0.5, 0.99):
         true = np.sort(values)[int(np.ceil(share * len(values))) - 1] / 1e9
         assert true <= latency.quantile(share)

@@ -20,8 +20,8 @@ VEHICLE = Vehicle(CASE.radius, CASE.track, {"left": NodeMount("left", "left")})
 def test_the_way_is_whole_where_the_node_tells_its_range(told: dict[str, str], worst: float | None) -> None:
     drive = clipped_drive(CASE, SEED)
     node, odometer = drive.nodes["left"], Odometer(VEHICLE, 0, rate_hz=10.0)
-    odometer.told("left", told)
-    odometer.told("frame", told)
+    odometer.update_ranges("left", told)
+    odometer.update_ranges("frame", told)
     t_ns = np.round(node.t * 1e9).astype(np.int64)
     for first in range(0, len(t_ns), 26):
         part = slice(first, first + 26)

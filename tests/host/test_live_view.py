@@ -22,9 +22,9 @@ from rich.console import Console
 from fakes.fake_node import FakeNode
 from fakes.script import Script
 from hubodo.ingest.live import daemon
-from hubodo.ingest.live.live_table import draw
+from hubodo.ingest.live.live_table import draw_snapshot
 from hubodo.ingest.live.record_config import RecordConfig
-from hubodo.ingest.live.snapshot import LinkNow, LogNow, NodeNow, OdometryNow, Snapshot
+from hubodo.ingest.live.snapshot import LinkStatus, LogStatus, NodeStatus, OdometryStatus, Snapshot
 from hubodo.ingest.live.virtual_computer import VirtualComputer
 from hubodo.units import NS_PER_S
 from hubodo.vehicle import NodeMount, Vehicle
@@ -65,7 +65,7 @@ def test_a_terminal_shows_a_line_for_each_node_the_log_and_the_odometry_and_clea
         r"left +up +208\.\d +0 +26\.0 +3\.70 V +± 0\.\d\d ms +-\d+ ppm +\+0\.07 -0\.04 \+0\.01", left
     )
     assert re.search(r"● right +up +208\.\d", last)
-    assert re.search(r"log +\S*ride\.mcap   [\d.]+ kB   [\d.]+ [GT]B left on disk", last)
+    assert re.search(r"log +\S*ride\.mcap   [\d.]+ kB   [\d.]+ [GT]B free on disk", last)
     assert re.search(r"odometry +\d+\.\d m, -?\d+\.\d\d m/s", last)
     assert shown.count("\x1b[?25l") == shown.count("\x1b[?25h") == 1, "the cursor comes back"
     assert shown.rstrip().endswith("\x1b[2K"), "the table is gone"
@@ -81,11 +81,11 @@ def test_what_happens_scrolls_by_as_a_line_that_stays(tmp_path):
 
 
 def snapshot(seconds, nodes=(), size=10_000_000, free=40_000_000_000, file="ride.mcap", **more):
-    log = LogNow(
+    log = LogStatus(
         Path(file), size, size, 1000, more.get("trouble") is None, more.get("trouble"), 1, 0, free, free
     )
-    links = tuple(LinkNow(node.link, "/dev/ttyACM0", 1, 1, 7, 7, 0, None) for node in nodes)
-    odometry = OdometryNow(1.0, 2.0, 9.0, 1.2, 0.1, 0.05, 12.3, 100)
+    links = tuple(LinkStatus(node.link, "/dev/ttyACM0", 1, 1, 7, 7, 0, None) for node in nodes)
+    odometry = OdometryStatus(1.0, 2.0, 9.0, 1.2, 0.1, 0.05, 12.3, 100)
     return Snapshot(
         (100 + seconds) * NS_PER_S, 100 * NS_PER_S, log, links, nodes, (), odometry, (3.0, 4.0), None, {}
     )
@@ -93,7 +93,7 @@ def snapshot(seconds, nodes=(), size=10_000_000, free=40_000_000_000, file="ride
 
 def drawn(seen, width, colours=False):
     console = Console(file=io.StringIO(), width=width, force_terminal=colours)
-    console.print(draw(seen, width))
+    console.print(draw_snapshot(seen, width))
     return console.file.getvalue()
 
 
@@ -101,7 +101,7 @@ def drawn(seen, width, colours=False):
 def test_no_line_of_the_table_is_wider_than_the_terminal(width):
     bias, zero = tuple(np.radians([0.1, -0.2, 10.3])), (0.0, 0.0, 0.0)
     nodes = tuple(
-        NodeNow(
+        NodeStatus(
             name, f"ttyACM{at}", at, 1660.0, 12.0, 9, 1, 575_000, 12_345, 0, 0.0, -49.7e-6, 0.0005,
             25.31, 3.71, bias, zero, zero, None,
         )
@@ -119,7 +119,7 @@ def test_no_line_of_the_table_is_wider_than_the_terminal(width):
 
 def test_a_disk_that_is_about_to_be_full_is_shown_with_the_time_it_lasts():
     shown = drawn(snapshot(100, size=10_000_000, free=30_000_000), 100, colours=True)
-    assert re.search(r"\x1b\[31m[^\x1b]*30 MB left on disk, for 0:05:00", shown)
+    assert re.search(r"\x1b\[31m[^\x1b]*30 MB free on disk, enough for 0:05:00", shown)
     assert "NOT RECORDING" in drawn(snapshot(100, trouble="ride.mcap: disk full"), 100)
     assert "disk full" in drawn(snapshot(100, trouble="ride.mcap: disk full"), 100)
 

@@ -13,8 +13,8 @@ from fakes.fake_node import FakeNode
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
+from hubodo.ingest.replay.log_frames import raw_links, recorded_frames, synthesise_frames
 from hubodo.ingest.replay.pty_player import PtyPlayer
-from hubodo.ingest.replay.replay import made_frames, raw_links, recorded_frames
 from hubodo.log.recording_reader import open_log, read_recording
 from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
@@ -58,7 +58,7 @@ def test_a_recording_played_to_a_port_is_recorded_again_sample_for_sample(ride, 
     original = read_recording(ride).nodes["left"]
     result, again, player = replay(all_frames(ride), tmp_path / "again.mcap", seconds=6)
     table = again.nodes["left"]
-    assert player.unheard == 0
+    assert player.undelivered == 0
     np.testing.assert_array_equal(table.gyro, original.gyro)
     np.testing.assert_array_equal(table.accel, original.accel)
     # The distances of samples survive; the clock that answers stands on the same device times.
@@ -104,12 +104,12 @@ def imported(tmp_path, names=("left", "pole"), uneven=False):
 @pytest.mark.parametrize("uneven", [False, True])
 def test_an_import_is_played_within_half_a_step_and_the_stated_time_error(tmp_path, uneven):
     recording, _ = imported(tmp_path, uneven=uneven)
-    frames, quantisation = made_frames(recording, None, None)
+    frames, quantisation = synthesise_frames(recording, None, None)
     _, again, _ = replay(frames, tmp_path / "again.mcap", seconds=5)
     assert [q.node_id for q in quantisation] == [1, 4]
     for q, name in zip(quantisation, ("left", "node4"), strict=True):
         original, table = recording.nodes[q.node], again.nodes[name]
-        assert not q.temperature
+        assert not q.has_temperature
         assert np.abs(table.gyro - original.gyro).max() <= 0.5 * q.gyro_step * (1 + 1e-9)
         assert np.abs(table.accel - original.accel).max() <= 0.5 * q.accel_step * (1 + 1e-9)
         assert q.gyro_step < 2 * np.abs(original.gyro).max() / 32767

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from hubodo.ingest.live.record_config import TABLES, RecordConfig, load_record_config
+from hubodo.ingest.live.record_config import CONFIG_TABLES, RecordConfig, load_record_config
 from hubodo.service import rules, unit
 from hubodo.service.place import Place, out_of_reach
 from hubodo.settings_table import write_example_toml
@@ -186,7 +186,7 @@ def test_the_example_file_changes_nothing_and_uncommented_is_right_line_by_line(
 
 
 def test_every_setting_is_explained_and_every_table_of_the_file_has_settings():
-    assert tuple(SETTINGS) == TABLES
+    assert tuple(SETTINGS) == CONFIG_TABLES
     for shape in SETTINGS.values():
         assert all(item.metadata.get("says") for item in dataclasses.fields(shape))
     assert write_example_toml(SETTINGS, "head").startswith("# head\n")

@@ -24,7 +24,7 @@ import numpy as np
 from rich.console import Console
 
 from hubodo.ingest.live.daemon import record
-from hubodo.ingest.live.latency import Latency
+from hubodo.ingest.live.latency import LatencyHistogram
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.log.log_writer import LogWriter
 from hubowire.messages import ImuBatch
@@ -85,7 +85,7 @@ def run(count: int, seconds: float, rate: float, batch: int) -> dict[str, Any]:
     words = [sys.executable, str(HERE / "nodes.py"), str(count), str(rate), str(batch)]
     _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, 8192), hard))
-    late, stop = Latency(), threading.Event()
+    late, stop = LatencyHistogram(), threading.Event()
     written, kept_raw, period_ns = LogWriter.write_imu, LogWriter.write_raw_frame, round(1e9 / rate)
     kept: list[bool] = []
     # The first half second of a node waits for its clock.
@@ -127,7 +127,7 @@ def run(count: int, seconds: float, rate: float, batch: int) -> dict[str, Any]:
         "refused": said["refused"],
         "late_median": late.quantile(0.5),
         "late_p99": late.quantile(0.99),
-        "late_worst": late.worst,
+        "late_worst": late.maximum,
         "cpu": cpu / seconds,
         "memory": after.ru_maxrss / 1024,
     }

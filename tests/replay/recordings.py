@@ -23,7 +23,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import wanted
 from generators.fake_drive import RADIUS, TRACK, short_drive
 from hubodo.calibration.file import CalibratedEffect, Calibration, NodeCalibration, Quantity
-from hubodo.ingest.replay.playback import Playback, as_messages
+from hubodo.ingest.replay.playback import Playback, to_messages
 from hubodo.log.csv_folder import read_folder
 from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
@@ -129,7 +129,7 @@ def play(replay: Replay, folder: Path) -> dict[str, list[tuple[int, bytes]]]:
     log = folder / "replay.mcap"
     write_recording(replay.recording(), log)
     playback = Playback(log, vehicle=replay.vehicle, calibration=replay.calibration)
-    messages = as_messages(playback.motions(), playback.t_zero_ns)
+    messages = to_messages(playback.odometry_rows(), playback.t_zero_ns)
     state = playback.odometer.state
     messages["end"] = [
         (0, json.dumps([state.x, state.y, state.heading, playback.odometer.distance]).encode())

@@ -74,12 +74,12 @@ class LoadedLog:
         """The one given on opening, else the one that the log carries, None where there is neither."""
         if self._vehicle is not None or not self.path.exists():
             return self._vehicle
-        from hubodo.ingest.replay.setup import setup_of
+        from hubodo.ingest.replay.odometry_setup import read_odometry_setup
         from hubodo.log.any_log import open_source
         from hubodo.log.logfile import Log
 
         with open_source(self.path) as source:
-            return setup_of(source).vehicle if isinstance(source, Log) else None
+            return read_odometry_setup(source).vehicle if isinstance(source, Log) else None
 
     def __getitem__(self, name: str) -> Table:
         tables = self.recording.files()

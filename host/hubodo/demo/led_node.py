@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 from hubodo.emulator.virtual_node import VirtualNode
-from hubodo.ingest.live.virtual_computer import Sent, VirtualComputer
+from hubodo.ingest.live.virtual_computer import SentBytes, VirtualComputer
 
 
 class LedNode:
@@ -19,6 +19,6 @@ class LedNode:
         """See `Device`."""
         self._node.live_until((t_ns - self._zero_ns) * 1e-9, heard or 0)
 
-    def sent(self) -> Sent:
+    def sent(self) -> SentBytes:
         """See `Device`. Raises HubodoError: what the board died of."""
         return [(self._zero_ns + t_ns, count) for t_ns, count in self._node.lived()]

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from hubodo.errors import HubodoError
-from hubodo.ingest.replay.setup import setup_of
+from hubodo.ingest.replay.odometry_setup import read_odometry_setup
 from hubodo.log.any_log import open_source
 from hubodo.log.logfile import Log
 
@@ -25,7 +25,7 @@ def identity(log: Path, folder: str) -> dict[str, Any]:
         with open_source(log) as source:
             if source is not None and source.t_zero_ns is not None and source.t_zero_ns > _EARLIEST:
                 start = datetime.fromtimestamp(source.t_zero_ns / 1e9, UTC)
-            if isinstance(source, Log) and (kept := setup_of(source).vehicle) is not None:
+            if isinstance(source, Log) and (kept := read_odometry_setup(source).vehicle) is not None:
                 name = kept.name or folder
     except (HubodoError, OSError, ValueError, OverflowError):
         pass

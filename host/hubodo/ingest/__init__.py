@@ -1,1 +1,1 @@
-"""From bytes on a link to timed samples in a log."""
+"""Ingest: from bytes on a link to samples with host times in a log."""

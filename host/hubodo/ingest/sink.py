@@ -1,4 +1,4 @@
-"""Where a recorder writes: the part of the log's writer that ingest uses."""
+"""The interface of the log writer that ingest uses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hubodo.recording import Event
 
 
 class Sink(Protocol):
-    """Times are ns: publish = measured, log = received; shapes and units as in `LogWriter`."""
+    """A log writer. Times in ns: t_pub_ns: measurement; t_log_ns: reception; otherwise as `LogWriter`."""
 
     def write_imu(
         self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike

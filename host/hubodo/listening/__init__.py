@@ -1,1 +1,1 @@
-"""HTTP servers beside a recording: a bounded number of connections, in a thread of their own."""
+"""HTTP servers with bounded connections in threads of their own."""

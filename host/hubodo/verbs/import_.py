@@ -12,7 +12,7 @@ from rich.console import Console
 
 from hubodo.atomic_files import require_free_path
 from hubodo.errors import InputError
-from hubodo.ingest.replay.decode_again import DecodedAgain, decode_again
+from hubodo.ingest.replay.redecode import RedecodedLog, redecode_log
 from hubodo.log.any_log import find_mcap_file, is_hubodo_mcap, is_rosbag, read_log
 from hubodo.log.csv_folder import read_folder
 from hubodo.log.number_recording import IMU_CHANNELS, convert_to_si
@@ -77,7 +77,7 @@ class DecodeResult:
     """The outcome of decoding the raw frames of a log again."""
 
     source: str
-    summary: DecodedAgain
+    summary: RedecodedLog
 
     def as_json(self) -> dict[str, Any]:
         """Return the JSON result."""
@@ -145,7 +145,7 @@ def run(args: argparse.Namespace) -> ImportResult | DecodeResult:
         if args.repair:
             raise InputError("--repair drops rows of CSV files; repair a log with hubodo recover")
         with progress_line() as show:
-            return DecodeResult(str(args.source), decode_again(file, args.output, progress=show))
+            return DecodeResult(str(args.source), redecode_log(file, args.output, progress=show))
     with progress_line() as show:
         if args.source.is_dir() and not is_rosbag(args.source):
             recording = convert_to_si(read_folder(args.source, repair=args.repair, progress=show), form)

@@ -101,7 +101,7 @@ def record_live(
         if out is None:
             out = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="hubodo-north-"))) / "log.mcap"
         east = table_angle = None
-        stream = NodeStream(args.live, out, node=node, metadata=metadata, say=_print_line)
+        stream = NodeStream(args.live, out, node=node, metadata=metadata, on_notice=_print_line)
         try:
             with stream:
                 session = _Session(args, stream, table, calibration, previous)

@@ -14,9 +14,15 @@ from typing import Any
 from rich.console import Console
 
 from hubodo.errors import InputError
+from hubodo.ingest.replay.log_frames import (
+    Quantisation,
+    TimedFrame,
+    raw_links,
+    recorded_frames,
+    synthesise_frames,
+)
 from hubodo.ingest.replay.pty_player import PtyPlayer
-from hubodo.ingest.replay.replay import Quantisation, TimedFrame, made_frames, raw_links, recorded_frames
-from hubodo.ingest.stopping import stop_on_signals
+from hubodo.ingest.stop_signals import stop_on_signals
 from hubodo.log.any_log import open_as_mcap
 from hubodo.log.recording_reader import open_log, read_recording
 from hubodo.log.roles import NODES_ROLE
@@ -115,7 +121,7 @@ class PlayResult:
             "unheard": self.n_unread,
             "quantisation": [
                 {"node": q.node, "node_id": q.node_id, "gyro_step": q.gyro_step, "accel_step": q.accel_step}
-                | {"time_error": q.time_error, "temperature": q.temperature}
+                | {"time_error": q.time_error, "temperature": q.has_temperature}
                 for q in self.quantisation
             ],
             "odometry": None if self.odometry is None else self.odometry.as_json(),
@@ -189,7 +195,7 @@ def _play_to_pty(args: argparse.Namespace, stopped: Callable[[], bool]) -> PlayR
             wanted = [args.only] if args.only is not None else links
             frames = recorded_frames(log, wanted, t_zero_ns, args.start, args.end)
         else:
-            frames, rounding = made_frames(read_recording(args.log), args.start, args.end)
+            frames, rounding = synthesise_frames(read_recording(args.log), args.start, args.end)
             quantisation = tuple(rounding)
             for q in rounding:
                 _print_line(_quantisation_text(q))
@@ -198,12 +204,18 @@ def _play_to_pty(args: argparse.Namespace, stopped: Callable[[], bool]) -> PlayR
             _print_line(f"waiting for a reader: hubodo record {player.path} -o FILE.mcap")
             player.play(span.watch(frames), stopped, span.update)
             return PlayResult(
-                str(args.log), span.first, span.last, player.path, player.frames, player.unheard, quantisation
+                str(args.log),
+                span.first,
+                span.last,
+                player.path,
+                player.frames,
+                player.undelivered,
+                quantisation,
             )
 
 
 def _quantisation_text(q: Quantisation) -> str:
-    temperature = "" if q.temperature else "; no temperature in the log: 25 degC is sent"
+    temperature = "" if q.has_temperature else "; no temperature in the log: 25 degC is sent"
     return (
         f"{q.node} has no frames in the log; encoded as node {q.node_id} in steps of "
         f"{math.degrees(q.gyro_step):.2e} deg/s and {q.accel_step:.2e} m/s2, "

@@ -18,9 +18,9 @@ from rich.table import Table
 
 from hubodo.calibration.file import read_calibration
 from hubodo.errors import InputError
-from hubodo.ingest.live.localizer import Located
+from hubodo.ingest.live.localizer import MapPose
 from hubodo.ingest.live.odometer import OdometryRows
-from hubodo.ingest.replay.playback import Playback, as_messages, recorded_messages
+from hubodo.ingest.replay.playback import Playback, recorded_messages, to_messages
 from hubodo.log import topics
 from hubodo.log.recording_reader import open_log, read_recording
 from hubodo.recording import Recording
@@ -117,9 +117,9 @@ class _OdometryReplayer:
         vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
         calibration = None if args.calibration is None else read_calibration(args.calibration)
         self._playback = Playback(args.log, vehicle=vehicle, calibration=calibration)
-        self._pending: Iterator[OdometryRows | Located] = self._playback.publications()
-        self._next: OdometryRows | Located | None = next(self._pending, None)
-        self._done: list[OdometryRows | Located] = []
+        self._pending: Iterator[OdometryRows | MapPose] = self._playback.publications()
+        self._next: OdometryRows | MapPose | None = next(self._pending, None)
+        self._done: list[OdometryRows | MapPose] = []
 
     @property
     def is_available(self) -> bool:
@@ -154,7 +154,7 @@ class _OdometryReplayer:
         equal = None
         if is_complete and recorded is not None and not self._has_overrides:
             equal = self._is_equal_to_recorded()
-        located = sum(isinstance(rows, Located) for rows in self._done)
+        located = sum(isinstance(rows, MapPose) for rows in self._done)
         poses = sum(len(rows.t_ns) for rows in self._done) - located
         return OdometryReplay(odometer.nodes, poses, located, recorded, equal)
 
@@ -162,9 +162,9 @@ class _OdometryReplayer:
         recorded, done = recorded_messages(self._path), self._done
         if not recorded[topics.ODOM_MAP]:
             # The recorder did not use the fixes: compare without the map.
-            recorded = recorded_messages(self._path, on_map=False)
+            recorded = recorded_messages(self._path, include_map=False)
             done = [rows for rows in done if isinstance(rows, OdometryRows)]
-        return as_messages(done, self._playback.t_zero_ns) == recorded
+        return to_messages(done, self._playback.t_zero_ns) == recorded
 
 
 def _view(recording: Recording, replay: _OdometryReplayer, now: float, last: float) -> Table:

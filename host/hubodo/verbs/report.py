@@ -13,7 +13,7 @@ from hubodo.atomic_files import write_atomically
 from hubodo.calibration.file import read_calibration
 from hubodo.errors import InputError
 from hubodo.fuse.wheel.node_times import check_times
-from hubodo.ingest.replay.setup import Setup, setup_of
+from hubodo.ingest.replay.odometry_setup import OdometrySetup, read_odometry_setup
 from hubodo.log.any_log import open_source, read_log
 from hubodo.log.logfile import Log
 from hubodo.log.summary import summarise_source
@@ -104,12 +104,12 @@ def run(args: argparse.Namespace) -> ReportResult:
     with progress_line() as show:
         given_vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
         recording = read_log(args.log, input_format=log_form(args, given_vehicle, needed=()), progress=show)
-        summary, setup = None, Setup(None, None, None)
+        summary, setup = None, OdometrySetup(None, None, None)
         with open_source(args.log) as source:
             if source is not None:
                 summary = summarise_source(source)
             if isinstance(source, Log):
-                setup = setup_of(source)
+                setup = read_odometry_setup(source)
         vehicle = given_vehicle or setup.vehicle
         if vehicle is not None:
             on_wheels = [name for name, mount in vehicle.nodes.items() if mount.side is not None]

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from hubodo.errors import InputError
-from hubodo.ingest.stopping import stop_on_signals
+from hubodo.ingest.stop_signals import stop_on_signals
 from hubodo.listening.descriptors import raise_descriptor_limit
 from hubodo.verbs.web_options import add_access_arguments, web_config
 

@@ -22,7 +22,7 @@ from hubodo.errors import HubodoError, InputError
 from hubodo.recording import Event
 
 if TYPE_CHECKING:
-    from hubodo.ingest.live.snapshot import Snapshot, Watch
+    from hubodo.ingest.live.snapshot import Snapshot, SnapshotObserver
 
 # Shortest time between two analyses, and the largest share of the time spent on them.
 _MIN_PERIOD_S, _MAX_BUSY_SHARE = 4.0, 0.2
@@ -31,7 +31,9 @@ _NICENESS = 10
 
 
 @contextmanager
-def run_gap_watch(is_wanted: bool, output: Path, vehicle: Path | None) -> Iterator[Mapping[str, Watch]]:
+def run_gap_watch(
+    is_wanted: bool, output: Path, vehicle: Path | None
+) -> Iterator[Mapping[str, SnapshotObserver]]:
     """Yield a function for `record` to call each second, which returns new findings as events.
 
     output: log or folder of the recording. Raises InputError without a vehicle.

@@ -66,6 +66,6 @@ def _mark(text: str) -> Wish:
     line = " ".join(printable.split())[:_LONGEST_MARK] or "mark"
 
     def wish(recorder: Recorder) -> None:
-        recorder.mark(line)
+        recorder.add_mark(line)
 
     return wish

@@ -16,7 +16,7 @@ from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from hubodo.ingest.live.metrics_server import answer
+from hubodo.ingest.live.metrics_server import respond
 from hubodo.web.actions import Actions
 from hubodo.web.asked import NotServed, body_of, form_of, json_answer, json_of
 from hubodo.web.config import Site
@@ -177,7 +177,7 @@ class Pages:
     async def _machine(self, request: Request) -> Response:
         actions = self._actions
         newest, now_ns = (None, 0) if actions is None else (actions.newest, actions.now_ns())
-        status, kind, body = answer(request.url.path, newest, now_ns)
+        status, kind, body = respond(request.url.path, newest, now_ns)
         return Response(body, status, media_type=kind)
 
     async def _start_job(self, request: Request) -> Response:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hubodo.errors import InputError
-from hubodo.ingest.live.record_config import TABLES
+from hubodo.ingest.live.record_config import CONFIG_TABLES
 from hubodo.private_files import check_private, read_private
 from hubodo.settings_table import setting
 from hubodo.toml_file import check_known_keys, load_toml, read_table
@@ -69,7 +69,7 @@ class Site:
 def load_web_config(path: Path) -> WebConfig:
     """Read ``[web]`` of a hubodo.toml; paths in it are relative to the file. Raises ConfigError."""
     table = load_toml(path)
-    check_known_keys(table, TABLES, str(path))
+    check_known_keys(table, CONFIG_TABLES, str(path))
     config = read_table(table.get("web", {}), WebConfig, f"{path}: [web]")
     folder = path.parent.absolute()
 

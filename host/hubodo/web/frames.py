@@ -14,7 +14,7 @@ from typing import Any
 
 from hubodo.ingest.live.odometer import Odometer
 from hubodo.ingest.live.recorder import Recorder
-from hubodo.ingest.live.snapshot import NodeNow, Snapshot
+from hubodo.ingest.live.snapshot import NodeStatus, Snapshot
 from hubodo.ingest.node.bias_filter import filter_report_json
 from hubodo.ingest.node.session import NodeSession
 from hubodo.recording import Event
@@ -38,7 +38,7 @@ def motion_frame(recorder: Recorder, t: float, spins: Mapping[str, float]) -> Fr
             *(_sigma(p[0, 0] + p[1, 1], 3), _sigma(p[2, 2], 4)),
             round(odometer.distance, 2),
         ]
-    located = recorder.map.located
+    located = recorder.map.latest
     if located is not None:
         p = located.pose_covariance[0]
         x, y = located.position[0].tolist()
@@ -90,7 +90,9 @@ def slow_frame(recorder: Recorder, now: Snapshot) -> Frame:
     }
 
 
-def _node(now: NodeNow, session: NodeSession, bias: tuple[Sequence[float], Sequence[float]] | None) -> Frame:
+def _node(
+    now: NodeStatus, session: NodeSession, bias: tuple[Sequence[float], Sequence[float]] | None
+) -> Frame:
     clock, health = session.clock.estimate(), session.health
     return {
         "link": now.link,

@@ -13,7 +13,7 @@ from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from hubodo.listening.server_thread import admit
+from hubodo.listening.server_thread import admit_connection
 from hubodo.web.address import host_allowed, split_host
 from hubodo.web.config import Site
 from hubodo.web.guess_limiter import GuessLimiter, TooManyGuesses
@@ -67,7 +67,7 @@ class Guard:
         refusal = await self._refusal(scope)
         if refusal is None:
             if scope["path"] not in OPEN_PATHS:
-                admit(scope)
+                admit_connection(scope)
             await self._app(scope, receive, _with_headers(send))
         elif scope["type"] == "websocket":
             await receive()

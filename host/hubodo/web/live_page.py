@@ -126,7 +126,7 @@ class LivePage:
         self, recorder: Recorder, latitude_deg: float, longitude_deg: float, sigma: float | None
     ) -> Frame:
         """A fix on the map, or around the first fix; a new origin takes the old fixes away."""
-        located = recorder.map.located
+        located = recorder.map.latest
         origin = located.origin_deg if located is not None else self._origin or (latitude_deg, longitude_deg)
         fresh: Frame = {} if origin == self._origin else {"origin": list(origin)}
         self._origin = origin

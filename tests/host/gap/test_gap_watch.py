@@ -93,7 +93,7 @@ def test_a_finding_is_a_warning_for_programs(drives, monkeypatch):
     speaker = [sys.executable, "-c", "print('left: askew', flush=True); input()"]
     monkeypatch.setattr(watch_gap.subprocess, "Popen", lambda command, **options: start(speaker, **options))
     out = io.StringIO()
-    JsonView(out, lambda: 0, quiet=False).say(first_finding(drives))
+    JsonView(out, lambda: 0, quiet=False).show_notice(first_finding(drives))
     line = json.loads(out.getvalue())
     assert (line["level"], line["event"], line["text"]) == ("warning", "gap_seen", "left: askew")
 

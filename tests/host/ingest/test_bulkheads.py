@@ -21,7 +21,7 @@ from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.localizer import Localizer
 from hubodo.ingest.live.metrics import metrics_text
 from hubodo.ingest.live.metrics_server import MetricsServer
-from hubodo.ingest.live.notify import Notifier
+from hubodo.ingest.live.notify import ServiceNotifier
 from hubodo.ingest.live.odometer import Odometer
 from hubodo.ingest.live.output_thread import OutputThread
 from hubodo.ingest.live.record_config import RecordConfig
@@ -68,15 +68,15 @@ PARTS = {
     "ticks of a link": (LinkSession, "tick", of_left, "link left"),
     "odometry": (Odometer, "handle", always, "odometry"),
     "a receiver": (GnssSession, "handle_bytes", always, "receiver gnss"),
-    "the graph": (Localizer, "odometry", always, "map"),
+    "the graph": (Localizer, "add_pose", always, "map"),
     "a table or lines": (view.LineView, "show", always, "terminal"),
-    "what is shown at once": (view.LineView, "say", always, "terminal"),
-    "JSON lines": (view.JsonView, "_put", always, "terminal"),
+    "what is shown at once": (view.LineView, "show_notice", always, "terminal"),
+    "JSON lines": (view.JsonView, "_write_line", always, "terminal"),
     "the page": (LivePage, "poll", always, "page"),
     "what the page follows": (Ear, "hear", always, "page"),
     "the page's status": (LivePage, "show", always, "page"),
     "metrics": (MetricsServer, "show", always, "metrics"),
-    "the service manager": (Notifier, "show", always, "service manager"),
+    "the service manager": (ServiceNotifier, "show", always, "service manager"),
     "the status": (snapshot, "memory_in_use", always, "status"),
 }
 HURTS_LEFT = {"frames of a node", "ticks of a node", "bytes of a link", "ticks of a link"}
@@ -215,7 +215,7 @@ HANGING = (
 @pytest.mark.real_time
 @pytest.mark.parametrize(("kind", "fault"), HANGING)
 def test_a_part_that_hangs_at_every_call_costs_no_sample_of_the_others(tmp_path, monkeypatch, kind, fault):
-    monkeypatch.setattr(daemon, "Bulkheads", partial(Bulkheads, hang_s=0.3))
+    monkeypatch.setattr(daemon, "Bulkheads", partial(Bulkheads, hang_timeout_s=0.3))
     with ExitStack() as stack:
         nodes = drive_nodes(stack, None, rate_hz=416.0)
         part = injected(monkeypatch, kind, fault)
@@ -270,11 +270,11 @@ def test_a_fault_is_reported_at_once_and_then_every_ten_seconds_with_its_count()
     reports = []
     for _ in range(1000):
         assert not bulkheads.run("node left", raising, cause=b"\x02\x01abc")
-        reports += bulkheads.reports()
+        reports += bulkheads.due_reports()
         clock.now_ns += 25_000_000
-    reports += bulkheads.reports(final=True)
+    reports += bulkheads.due_reports(final=True)
     assert [event.data["new"] for event in reports] == [1, 400, 400, 199]
-    assert reports[-1].data["total"] == bulkheads.counts()["node left"] == 1000
+    assert reports[-1].data["total"] == bulkheads.fault_counts()["node left"] == 1000
     assert reports[0].data["cause"] == "0201616263"
 
 
@@ -306,19 +306,19 @@ def test_a_part_within_a_part_is_to_blame_alone():
         done.append("outer")
 
     assert bulkheads.run("node left", outer)
-    assert (done, bulkheads.counts()) == (["outer"], {"odometry": 1})
+    assert (done, bulkheads.fault_counts()) == (["outer"], {"odometry": 1})
 
 
 def test_the_log_is_never_interrupted():
-    bulkheads, ended = Bulkheads(time.time_ns, hang_s=0.1), []
+    bulkheads, ended = Bulkheads(time.time_ns, hang_timeout_s=0.1), []
 
     def writes():
-        with bulkheads.writing():
+        with bulkheads.protect_write():
             time.sleep(0.5)
             ended.append("written")
         time.sleep(3600)
 
-    with bulkheads.watching_for_hangs():
+    with bulkheads.watch_for_hangs():
         assert not bulkheads.run("node left", writes)
     assert ended == ["written"]
 
@@ -341,10 +341,10 @@ def test_an_output_thread_that_stalls_is_replaced_and_its_late_return_counts_for
     output = OutputThread("map", make_handler, bulkheads, replaceable=True)
     output.put("first")
     until_busy(output)
-    while not bulkheads.counts():
+    while not bulkheads.fault_counts():
         output._next_check = 0.0
         output.check_stall()
-    assert bulkheads.counts() == {"map": 1}
+    assert bulkheads.fault_counts() == {"map": 1}
     bulkheads._now_ns = lambda: 10**12
     output.put("second")
     assert output.close(60.0)
@@ -353,7 +353,7 @@ def test_an_output_thread_that_stalls_is_replaced_and_its_late_return_counts_for
 
 
 def until_busy(output):
-    while not output._busy:
+    while not output._is_busy:
         time.sleep(0.001)
 
 

@@ -224,7 +224,7 @@ def test_a_step_of_the_wall_clock_beyond_a_tenth_of_a_second_is_an_event_and_les
         computer.set_ns = round(set_s * NS_PER_S)
         steps += [event.data["step_s"] for event in clock.tick(computer.now_ns() + second * NS_PER_S)]
     assert steps == [0.2, -3.2]
-    assert clock.record == {"state": "unknown", "utc_minus_log_s": "-3.000"}
+    assert clock.metadata == {"state": "unknown", "utc_minus_log_s": "-3.000"}
 
 
 def test_a_process_that_is_interrupted_between_two_readings_has_seen_no_step():

@@ -20,8 +20,8 @@ def test_a_signal_whose_handler_outlasts_the_wait_does_not_make_it_endless():
     try:
         threading.Timer(0.05, signal.pthread_kill, (threading.get_ident(), signal.SIGUSR2)).start()
         while not handled:
-            assert computer.news(0.1) is None
-        assert computer.news(0.1) is None
+            assert computer.next_report(0.1) is None
+        assert computer.next_report(0.1) is None
     finally:
         rescue.cancel()
         signal.signal(signal.SIGUSR2, before)
@@ -29,9 +29,9 @@ def test_a_signal_whose_handler_outlasts_the_wait_does_not_make_it_endless():
 
 def test_news_come_in_order_and_wake_who_waits():
     computer = ThisComputer()
-    assert computer.news(0.0) is None and computer.news(0.01) is None
+    assert computer.next_report(0.0) is None and computer.next_report(0.01) is None
     threading.Timer(0.02, computer.put, (1,)).start()
-    assert computer.news(30.0) == 1
+    assert computer.next_report(30.0) == 1
     for k in range(5):
         computer.put(k)
-    assert [computer.news(30.0) for _ in range(5)] == list(range(5))
+    assert [computer.next_report(30.0) for _ in range(5)] == list(range(5))

@@ -14,8 +14,8 @@ from hubodo.errors import InputError, WireMismatch
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
-from hubodo.ingest.replay import decode_again as module
-from hubodo.ingest.replay.decode_again import decode_again
+from hubodo.ingest.replay import redecode as module
+from hubodo.ingest.replay.redecode import redecode_log
 from hubodo.log.log_writer import LogWriter
 from hubodo.log.recording_reader import open_log, read_recording
 
@@ -46,7 +46,7 @@ def test_a_recording_of_two_nodes_comes_out_the_same_to_the_bit(tmp_path):
         ports = (f"port_side={left.path}", right.path)
         config = RecordConfig(ports=ports, duration=3.0)
         result = record(config, out, metadata={"ports": " ".join(ports)}, computer=computer)
-    made = decode_again(out, again)
+    made = redecode_log(out, again)
     kinds = ("/imu", "/temperature", "/battery", "/bias_filter")
     before, after = messages(out, *kinds), messages(again, *kinds)
     told = {f"/{node}{kind}" for node in ("port_side", "right") for kind in kinds[:3]}
@@ -77,7 +77,7 @@ def test_unplugs_damage_and_a_restart_are_told_as_they_were_live(tmp_path):
     with FakeNode(node_id=1, rate_hz=416, batch=4, damage=0.002, seed=5, computer=computer) as node:
         config = RecordConfig(ports=("left=FAKE0001",), duration=4.6)
         record(config, out, lister=lambda: [Device(node.path, "FAKE0001")], computer=computer)
-    decode_again(out, again)
+    redecode_log(out, again)
     before, after = messages(out, "/imu", "/temperature"), messages(again, "/imu", "/temperature")
     assert before == after
     gaps = told(out, "gap", "reset", "started")
@@ -94,8 +94,8 @@ def test_portions_of_any_size_give_the_same(tmp_path, monkeypatch):
         record(RecordConfig(ports=(node.path,), duration=2.0), out, computer=computer)
     found = []
     for pieces in (7, 100, 100_000):
-        monkeypatch.setattr(module, "_PIECES", pieces)
-        decode_again(out, tmp_path / f"{pieces}.mcap")
+        monkeypatch.setattr(module, "_MAX_PENDING_PIECES", pieces)
+        redecode_log(out, tmp_path / f"{pieces}.mcap")
         found.append(messages(tmp_path / f"{pieces}.mcap", "/imu", "/temperature", "/bias_filter"))
     assert found[0] == found[1] == found[2] == messages(out, "/imu", "/temperature", "/bias_filter")
 
@@ -103,13 +103,13 @@ def test_portions_of_any_size_give_the_same(tmp_path, monkeypatch):
 def test_what_was_refused_then_is_decoded_by_a_host_of_its_version(tmp_path, monkeypatch):
     out, again, computer = tmp_path / "ride.mcap", tmp_path / "again.mcap", VirtualComputer()
     with FakeNode(fingerprint=0xDEADBEEF, computer=computer) as node, pytest.raises(WireMismatch):
-        computer.news(0.1)  # its first Hello is not heard: frames of samples come before the next
+        computer.next_report(0.1)  # its first Hello is not heard: frames of samples come before the next
         record(RecordConfig(ports=(node.path,), duration=2), out, computer=computer)
     with pytest.raises(WireMismatch, match="deadbeef"):
-        decode_again(out, again)
+        redecode_log(out, again)
     assert not again.exists()
     monkeypatch.setattr("hubodo.ingest.node.decoder.FINGERPRINT", 0xDEADBEEF)
-    decode_again(out, again)
+    redecode_log(out, again)
     left = read_recording(again).nodes["left"]
     assert len(left) > 0
     np.testing.assert_allclose(np.diff(left.t), 1 / 208, atol=1e-3)
@@ -128,6 +128,6 @@ def test_the_verb_decodes_again_and_refuses_what_holds_no_frames(tmp_path, capsy
     with LogWriter(bare) as log:
         log.write_imu("left", [1, 2], [1, 2], np.zeros((2, 3)), np.zeros((2, 3)))
     with pytest.raises(InputError, match="holds no raw frames"):
-        decode_again(bare, tmp_path / "c.mcap")
+        redecode_log(bare, tmp_path / "c.mcap")
     assert main(["import", str(bare), "-o", str(tmp_path / "c.mcap")]) == 2
     assert sorted(path.name for path in tmp_path.iterdir()) == ["again.mcap", "bare.mcap", "ride.mcap"]

@@ -11,7 +11,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from fakes.fake_node import FakeNode
 from hubodo.errors import InputError
 from hubodo.ingest.live.daemon import record
-from hubodo.ingest.live.metrics import health, metrics_text
+from hubodo.ingest.live.metrics import assess_health, metrics_text
 from hubodo.ingest.live.metrics_server import MetricsServer
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
@@ -64,16 +64,16 @@ def test_the_text_has_the_promised_names_and_the_recorders_numbers(told):
 
 def test_health_names_what_is_wrong_and_only_that(told):
     now = told[0][-1]
-    assert health(now)[0], health(now)[1]
-    hung = health(now, now.t_ns + 60 * 10**9)
-    assert hung == (False, "the recorder has not moved for 60 s")
+    assert assess_health(now)[0], assess_health(now)[1]
+    hung = assess_health(now, now.t_ns + 60 * 10**9)
+    assert hung == (False, "the recorder has made no progress for 60 s")
     full = replace(now, log=replace(now.log, recording=False, trouble="no space left"))
-    assert health(full) == (False, "nothing is recorded: no space left")
+    assert assess_health(full) == (False, "nothing is recorded: no space left")
     dead = replace(now, links=tuple(replace(link, where=None) for link in now.links))
-    assert health(dead) == (False, "down: left")
+    assert assess_health(dead) == (False, "down: left")
     half = replace(now, links=(*now.links, *dead.links))
-    assert health(half)[0]
-    assert health(half)[1].endswith("down: left")
+    assert assess_health(half)[0]
+    assert assess_health(half)[1].endswith("down: left")
     assert values(full)["hubodo_recording", None] == 0
 
 

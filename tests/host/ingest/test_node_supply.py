@@ -17,7 +17,7 @@ from hubodo.effects.field import GyroSupply
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
-from hubodo.ingest.replay.playback import Playback, as_messages, recorded_messages
+from hubodo.ingest.replay.playback import Playback, recorded_messages, to_messages
 from hubodo.log.any_log import read_log
 from hubodo.log.csv_folder import read_folder, write_folder
 from hubodo.log.recording_reader import open_log, read_recording
@@ -106,7 +106,7 @@ def test_live_odometry_takes_out_what_hangs_on_it_and_the_log_gives_the_same_aga
         config = RecordConfig(ports=(f"left={left.path}",), duration=8.0)
         record(config, path, vehicle=vehicle, calibration=calibration, computer=computer)
     again, without = (
-        as_messages(playback.motions(), playback.t_zero_ns)
+        to_messages(playback.odometry_rows(), playback.t_zero_ns)
         for playback in (Playback(path, vehicle=vehicle, calibration=one) for one in (calibration, None))
     )
     assert len(again["/odom"]) > 1000

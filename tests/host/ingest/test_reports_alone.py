@@ -19,8 +19,8 @@ class Stamped(Line):
     def __init__(self):
         super().__init__()
         self.sink.times = []
-        self.sink.battery = lambda node, t_pub_ns, *_: self.sink.times.append(int(t_pub_ns[0]))
-        self.sink.bias_filter = lambda node, t_pub_ns, *_: self.sink.times.append(int(t_pub_ns[0]))
+        self.sink.write_battery = lambda node, t_pub_ns, *_: self.sink.times.append(int(t_pub_ns[0]))
+        self.sink.write_bias_filter = lambda node, t_pub_ns, *_: self.sink.times.append(int(t_pub_ns[0]))
 
 
 def test_its_battery_is_stamped_when_it_was_received_not_in_1970():

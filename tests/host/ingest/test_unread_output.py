@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from fakes.fake_node import FakeNode
-from hubodo.ingest.live.patient_stream import PatientStream
+from hubodo.ingest.live.timeout_stream import TimeoutStream
 from hubodo.log.recording_reader import read_recording
 from waiting import until
 
@@ -77,10 +77,10 @@ def test_closed_standard_streams_are_no_place_for_the_log(tmp_path):
 
 def test_a_line_that_was_cut_off_is_completed_before_the_next():
     reading, writing = full_pipe()
-    stream = PatientStream(writing, patience_s=0.01)
+    stream = TimeoutStream(writing, timeout_s=0.01)
     os.set_blocking(reading, False)
     os.read(reading, 4096)
-    with pytest.raises(TimeoutError, match="nobody has read"):
+    with pytest.raises(TimeoutError, match="was not read"):
         stream.write("a" * 700 + "\n")
     with pytest.raises(TimeoutError):
         stream.write("dropped\n")

@@ -20,7 +20,7 @@ def opened(computer, path, label):
     link = computer.link(parse_port(str(path)), label, 115200, list_devices)
     link.open_now()
     link.start()
-    assert isinstance(computer.news(0.0), LinkUp)
+    assert isinstance(computer.next_report(0.0), LinkUp)
     return link
 
 
@@ -28,10 +28,10 @@ def test_time_passes_while_somebody_waits_and_by_no_more_than_that():
     computer = VirtualComputer()
     begin = computer.now_ns()
     time.sleep(0.01)
-    assert computer.news(0.0) is None and computer.now_ns() == begin
-    assert computer.news(0.25) is None and computer.now_ns() == begin + NS_PER_S // 4
+    assert computer.next_report(0.0) is None and computer.now_ns() == begin
+    assert computer.next_report(0.25) is None and computer.now_ns() == begin + NS_PER_S // 4
     computer.put("news")
-    assert computer.news(9.0) == "news" and computer.now_ns() == begin + NS_PER_S // 4
+    assert computer.next_report(9.0) == "news" and computer.now_ns() == begin + NS_PER_S // 4
 
 
 def test_what_devices_send_comes_in_the_order_and_with_the_time_of_its_sending():
@@ -44,7 +44,7 @@ def test_what_devices_send_comes_in_the_order_and_with_the_time_of_its_sending()
         links = [opened(computer, talker.path, name) for talker, name in ((seldom, "s"), (often, "o"))]
         came = []
         while computer.now_ns() < begin + NS_PER_S // 20:
-            came.append(computer.news(0.1))
+            came.append(computer.next_report(0.1))
         for link in links:
             link.stop()
     assert all(isinstance(chunk, Chunk) for chunk in came)
@@ -61,7 +61,7 @@ def test_a_cable_that_is_pulled_and_put_back_is_told_at_its_times(tmp_path):
         opened(computer, link, "left")
         told = []
         while computer.now_ns() < begin + NS_PER_S:
-            item = computer.news(0.1)
+            item = computer.next_report(0.1)
             told += (
                 [(type(item), (item.t_ns - begin) / NS_PER_S)] if isinstance(item, LinkUp | LinkLost) else []
             )

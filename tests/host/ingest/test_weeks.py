@@ -24,8 +24,8 @@ from fakes.script import Script
 from hubodo.ingest.link.link import Chunk, LinkUp
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.loop import Loop
-from hubodo.ingest.live.metrics import health
-from hubodo.ingest.live.notify import Notifier
+from hubodo.ingest.live.metrics import assess_health
+from hubodo.ingest.live.notify import ServiceNotifier
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.virtual_computer import VirtualComputer
@@ -191,20 +191,24 @@ def test_a_service_says_ready_alive_and_stopping_begins_a_log_on_hangup_and_ends
 
 def test_what_a_service_says_goes_where_the_manager_listens_and_nowhere_without_one(tmp_path):
     manager, now = Manager(tmp_path), [0.0]
-    notifier = Notifier({"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "3000000"}, lambda: now[0])
-    notifier.ready()
+    notifier = ServiceNotifier(
+        {"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "3000000"}, lambda: now[0]
+    )
+    notifier.notify_ready()
     for now[0] in np.arange(0.0, 6.0, 0.1).tolist():
-        notifier.alive()
+        notifier.feed_watchdog()
     assert manager.listen().count("WATCHDOG=1") == 6
-    Notifier({"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "1", "WATCHDOG_PID": "1"}).alive()
+    ServiceNotifier(
+        {"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "1", "WATCHDOG_PID": "1"}
+    ).feed_watchdog()
     assert manager.listen().count("WATCHDOG=1") == 6, "the watchdog of another process"
     manager.close()
     manager.path.unlink()
-    notifier.ready()
-    Notifier({}).ready()
+    notifier.notify_ready()
+    ServiceNotifier({}).notify_ready()
     abstract = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
     abstract.bind(f"\0hubodo-test-{os.getpid()}")
-    Notifier({"NOTIFY_SOCKET": f"@hubodo-test-{os.getpid()}"}).stopping()
+    ServiceNotifier({"NOTIFY_SOCKET": f"@hubodo-test-{os.getpid()}"}).notify_stopping()
     assert abstract.recv(100) == b"STOPPING=1"
     abstract.close()
 
@@ -249,8 +253,8 @@ def test_a_folder_that_goes_pauses_the_log_but_not_the_odometry_and_health_says_
         config, shown = RecordConfig(ports=(left.path, right.path), duration=12.0), io.StringIO()
         options = {"watch": {"test": seen.append}, "console": Console(file=shown, width=500)}
         result = record(config, folder / "a.mcap", vehicle=TROLLEY, computer=computer, **options)
-    assert [health(snapshot)[0] for snapshot in seen] == [True] * 4 + [False] * 8
-    assert "nothing is recorded" in health(seen[-1])[1]
+    assert [assess_health(snapshot)[0] for snapshot in seen] == [True] * 4 + [False] * 8
+    assert "nothing is recorded" in assess_health(seen[-1])[1]
     assert result.failed
     assert "folder does not exist" in result.trouble
     assert shown.getvalue().count("NOT RECORDING: ") == 1, "the line of every ten seconds"
@@ -299,9 +303,9 @@ def test_whatever_is_queued_at_the_end_goes_into_the_log_and_decoding_has_its_ti
 
     stopping = threading.Event()
     stopping.set()
-    links, events = dict.fromkeys(labels, Ended()), (stopping, threading.Event(), Notifier({}))
+    links, events = dict.fromkeys(labels, Ended()), (stopping, threading.Event(), ServiceNotifier({}))
     loop = Loop(links, computer, recorder, None, log, series, Silent(), Silent(), *events, now)
-    loop.run(None, judged=False)
+    loop.run(None, check_fatal=False)
     assert sum(link.frames for link in recorder.links.values()) < 200
     with open_log(out) as read:
         raw = [
@@ -324,7 +328,7 @@ def test_a_recorder_that_falls_far_behind_keeps_frames_raw_until_it_has_caught_u
     with FakeNode(computer=computer) as node:
         result = record(RecordConfig(ports=(node.path,), duration=6.0), out, computer=computer)
     warned = [event.text for event in read_recording(out).events if event.kind == "warning"]
-    assert [text.split(";")[0] for text in warned][:2] == ["30 s behind", "kept up again"]
+    assert [text.split(";")[0] for text in warned][:2] == ["30 s behind", "caught up"]
     assert 500 < result.nodes["left"]["samples"] < 900
     done = hubodo("import", out, "-o", tmp_path / "again.mcap")
     assert done.code == 0, done.err
@@ -334,13 +338,13 @@ def test_a_recorder_that_falls_far_behind_keeps_frames_raw_until_it_has_caught_u
 class Silent:
     """A view or a watcher to which nothing is said."""
 
-    def say(self, text): ...
+    def show_notice(self, text): ...
 
     def update(self, *_): ...
 
     def tick(self, now_ns): ...
 
-    def add(self, part, watch): ...
+    def add_observer(self, part, observer): ...
 
 
 def test_a_fresh_start_needs_no_room_where_it_may_wait(tmp_path):
@@ -372,11 +376,11 @@ def test_ctrl_c_while_modules_load_is_one_line_and_130(tmp_path):
         "import signal, sys, os\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a shell's background job ignores it
         "from hubodo import cli, verbs\n"
-        "real = cli.load\n"
+        "real = cli.load_verb\n"
         "def load(verb):\n"
         "    os.kill(os.getpid(), signal.SIGINT)\n"
         "    return real(verb)\n"
-        "cli.load = load\n"
+        "cli.load_verb = load\n"
         "sys.exit(cli.main(['record', '/dev/null', '-o', sys.argv[1]]))\n"
     )
     env = {**os.environ, "PYTHONPATH": f"{ROOT / 'host'}:{ROOT / 'protocol'}"}

@@ -14,7 +14,7 @@ import pytest
 import wanted
 from hubodo.ingest.live.metrics_server import MetricsServer
 from hubodo.listening import descriptors, listener
-from hubodo.listening.listener import ACCEPT_BATCH, GRACE_S, BoundedListener
+from hubodo.listening.listener import ADMISSION_TIMEOUT_S, MAX_ACCEPT_BATCH, BoundedListener
 from hubodo.web.address import Address
 from hubodo.web.app import make_app
 from hubodo.web.config import Site
@@ -184,10 +184,10 @@ def test_a_connection_that_was_not_admitted_in_time_is_shut_down(bounded):
     visitors = [visitor(), visitor()]
     held = accepted(made, visitors)
     made.admit(visitors[0].getsockname())
-    clock.now = GRACE_S - 1
+    clock.now = ADMISSION_TIMEOUT_S - 1
     made.expire()
     assert not any(map(ended, visitors))
-    clock.now = GRACE_S
+    clock.now = ADMISSION_TIMEOUT_S
     made.expire()
     assert [ended(one) for one in visitors] == [False, True]
     for connection in held:
@@ -226,6 +226,6 @@ def test_the_soft_limit_of_descriptors_is_raised_and_shared_out():
     assert {hard: (int(soft), int(share)) for hard, (soft, share) in limits.items()}.items() <= {
         256: (256, 32),
         2000: (2000, 128),
-        8000: (descriptors.WANTED, 128),
+        8000: (descriptors.WANTED_DESCRIPTORS, 128),
     }.items()
-    assert ACCEPT_BATCH + 128 < 1024 // 4, "two servers leave most of the usual 1024 to the recording"
+    assert MAX_ACCEPT_BATCH + 128 < 1024 // 4, "two servers leave most of the usual 1024 to the recording"

@@ -109,7 +109,7 @@ def test_a_client_is_told_of_every_topic_of_the_log_and_its_messages_decode(tmp_
         sink = tee_sink(log, live.attach(log, None, bulkheads), bulkheads)
         nmea = sink.add_channel("/gnss/nmea", "", "", b"", "nmea")
         write(sink, 0)
-        until(lambda: live.clients._channels and not live._thread.waiting)
+        until(lambda: live.clients._channels and not live._thread.waiting_count)
         client = stack.enter_context(Client(live.clients.port))
         while client.topics() != TOPICS:
             client.hear()

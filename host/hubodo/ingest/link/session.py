@@ -257,9 +257,9 @@ class LinkSession:
 
     def _close_sender(self, sender: str, t_ns: int) -> None:
         decoder = self._decoders.pop(sender)
-        for rest in decoder.split(b"\0"):
+        for incomplete in decoder.split(b"\0"):
             self.frames_cut += 1
-            self._sink.write_raw_frame(self._topic_of(sender) + DAMAGED_SUFFIX, t_ns, rest)
+            self._sink.write_raw_frame(self._topic_of(sender) + DAMAGED_SUFFIX, t_ns, incomplete)
         self._awaiting_delimiter.discard(sender)
 
     def _report_damage(self, now_ns: int) -> None:

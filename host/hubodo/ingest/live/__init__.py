@@ -1,1 +1,1 @@
-"""While it happens: recorder, odometry, position, status."""
+"""Live recording: recorder, odometry, map position, status."""

@@ -1,4 +1,4 @@
-"""The computer that records: its clock, its ports, and what they report until somebody takes it."""
+"""The recording computer: its clocks, its links and the queue of their reports."""
 
 from __future__ import annotations
 
@@ -14,104 +14,104 @@ from hubodo.ingest.live.host_clock import ClockState, clock_state
 
 
 class Link(Protocol):
-    """One port; what it does is told to the computer as `LinkNews`."""
+    """One port, which adds a `LinkReport` to the computer's queue for all that happens to it."""
 
     def open_now(self) -> None:
-        """Raises LinkError with the reason, in one line."""
+        """Open the port; raise LinkError with a one-line reason."""
         ...
 
     def start(self) -> None:
-        """Listens from now on; what is not open yet is waited for."""
+        """Start reading; a port that is not open yet is waited for."""
         ...
 
     def send(self, data: bytes, to: str = "") -> bool:
-        """Whether it went out."""
+        """Send bytes to the peer `to`; return True on success."""
         ...
 
     def request_stop(self) -> None:
-        """Begins to stop, without waiting."""
+        """Request the end of reading, without waiting."""
         ...
 
     def stop(self, timeout_s: float = ...) -> None:
-        """Closes it; a port that hangs is waited for that long."""
+        """Close the port; wait up to `timeout_s` for one that blocks."""
         ...
 
 
 class Computer(Protocol):
-    """All that a recording needs of the world outside."""
+    """Clocks, links and report queue of a recording computer, real or virtual."""
 
     def now_ns(self) -> int:
-        """Host time, ns since 1970; it never steps."""
+        """Return host time, ns since 1970; it never steps."""
         ...
 
     def wall_ns(self) -> int:
-        """The wall clock, ns since 1970; it steps when somebody sets it."""
+        """Return the wall clock, ns since 1970; it steps when it is set."""
         ...
 
     def clock_state(self) -> ClockState:
-        """What is known of the wall clock."""
+        """Return the synchronisation state of the wall clock."""
         ...
 
     def link(self, port: PortName, label: str, baud: int, lister: DeviceLister) -> Link:
-        """A port that is neither open nor started yet."""
+        """Return a link on a port, not opened or started."""
         ...
 
     def put(self, item: Any) -> None:
-        """Something to be told by `news`, after all that was put before; from any thread."""
+        """Append an item to the queue of `next_report`; from any thread."""
         ...
 
-    def news(self, seconds: float) -> Any:
-        """The next thing that was put, waited for up to so many seconds; None when nothing was."""
+    def next_report(self, timeout_s: float) -> Any:
+        """Return the next item, waiting up to `timeout_s` for it; None if there was none."""
         ...
 
 
 class ThisComputer:
-    """The one on which this runs; scale: see `steady_clock`."""
+    """The computer on which this process runs; scale: see `steady_clock`."""
 
     def __init__(self, scale: float = 1.0) -> None:
         self.now_ns = steady_clock(scale)
-        # In slowed time there is no wall clock to compare with.
+        # With slowed time there is no wall clock to compare with.
         self.wall_ns = time.time_ns if scale == 1.0 else self.now_ns
-        self._news: deque[Any] = deque()
+        self._reports: deque[Any] = deque()
         self._arrived = threading.Event()
 
     def clock_state(self) -> ClockState:
-        """See `Computer`."""
+        """Return the synchronisation state of the wall clock."""
         return clock_state(self.wall_ns())
 
     def link(self, port: PortName, label: str, baud: int, lister: DeviceLister) -> PortLink:
-        """See `Computer`."""
+        """Return a link on a port, not opened or started."""
         return PortLink(port, label, self, self.now_ns, baud=baud, lister=lister)
 
     def put(self, item: Any) -> None:
-        """See `Computer`."""
-        self._news.append(item)
+        """Append an item to the queue of `next_report`; from any thread."""
+        self._reports.append(item)
         self._arrived.set()
 
-    def news(self, seconds: float) -> Any:
-        """See `Computer`.
+    def next_report(self, timeout_s: float) -> Any:
+        """Return the next item, waiting up to `timeout_s` for it; None if there was none.
 
-        Not by `SimpleQueue.get`: when a signal comes and its handler outlasts the timeout, CPython 3.11 waits
-        there until the next item, which may never come.
+        `SimpleQueue.get` is not used: if a signal handler runs longer than the timeout, CPython 3.11 waits
+        there until the next item, which may never arrive.
         """
-        if not self._news and seconds:
+        if not self._reports and timeout_s:
             self._arrived.clear()
-            if not self._news:
-                self._arrived.wait(seconds)
-        return self._news.popleft() if self._news else None
+            if not self._reports:
+                self._arrived.wait(timeout_s)
+        return self._reports.popleft() if self._reports else None
 
 
 def steady_clock(scale: float = 1.0) -> Callable[[], int]:
-    """Host time in ns since 1970 that never steps: the wall clock now, and elapsed time from here on.
+    """Return a host clock, ns since 1970, that never steps: the present wall clock plus elapsed time.
 
-    Elapsed time counts while the computer is suspended, where the system has such a clock (Linux): nodes go
-    on meanwhile. With a scale, it passes that many times slower than the wall clock.
+    On Linux elapsed time includes suspension of the computer, during which nodes continue. With a scale the
+    clock runs that many times slower than the wall clock.
     """
     elapsed_ns = _time_since_boot_ns()
-    wall, begin = time.time_ns(), elapsed_ns()
+    wall_ns, start_ns = time.time_ns(), elapsed_ns()
     if scale == 1.0:
-        return lambda: wall + elapsed_ns() - begin
-    return lambda: wall + int((elapsed_ns() - begin) / scale)
+        return lambda: wall_ns + elapsed_ns() - start_ns
+    return lambda: wall_ns + int((elapsed_ns() - start_ns) / scale)
 
 
 def _time_since_boot_ns() -> Callable[[], int]:

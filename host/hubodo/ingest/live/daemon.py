@@ -1,4 +1,4 @@
-"""A recording from its settings to its result: ports, logs, recorder, view and metrics put together."""
+"""Set-up and run of a recording: links, logs, recorder, view and metrics, from settings to result."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.computer import Computer, Link, ThisComputer
 from hubodo.ingest.live.localizer_thread import LocalizerThread
 from hubodo.ingest.live.loop import Loop
-from hubodo.ingest.live.loop import stop as stop_links
+from hubodo.ingest.live.loop import stop_links as stop_links
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.recorder import Recorder
-from hubodo.ingest.live.snapshot import Audience, LogNow, Watch, Watched
-from hubodo.ingest.live.status import RecordResult, make_result
+from hubodo.ingest.live.snapshot import Audience, LogStatus, SnapshotObserver, SnapshotPublisher
+from hubodo.ingest.live.status import RecordResult, build_result
 from hubodo.ingest.live.tee_sink import tee_sink
-from hubodo.ingest.live.view import make_view
+from hubodo.ingest.live.view import create_view
 from hubodo.ingest.live.view_thread import ViewThread
 from hubodo.ingest.node.naming import unique_name
-from hubodo.ingest.stopping import stop_on_signals
+from hubodo.ingest.stop_signals import stop_on_signals
 from hubodo.log.log_series import LogSeries
 from hubodo.log.log_writer import LogWriter
 from hubodo.units import NS_PER_S
@@ -45,28 +45,28 @@ def record(
     stop: threading.Event | None = None,
     computer: Computer | None = None,
     console: Console | None = None,
-    watch: Mapping[str, Watch] | None = None,
+    watch: Mapping[str, SnapshotObserver] | None = None,
     audience: Audience | None = None,
 ) -> RecordResult:
-    """Records until SIGINT, SIGTERM, `stop` or the end of `config.duration`; the log is whole in each case.
+    """Record until SIGINT, SIGTERM, `stop` or the end of `config.duration`; the log is complete in each case.
 
-    computer: None: this one. console: where the user is told how it goes; None: stderr. watch: called with a
-    snapshot each second, in this thread; must return at once; audience: watches closely. Unless config.wait,
-    every port must open at the start; once open, a link may come and go. Raises InputError (a port cannot be
-    opened, `out` exists, only strangers on the links) and CalibrationError (of nodes with other serials),
-    which leave nothing behind, and WireMismatch (every node speaks another version), which leaves raw frames.
+    computer: None for this one. console: output for the user, None for stderr. watch: called with a snapshot
+    each second, in this thread; must return at once. audience: the live page, polled fifty times per second.
+    Unless `config.wait` is set, every port must open at the start; later a link may be reopened. Raises
+    InputError (a port cannot be opened, `out` exists, foreign data on all links) and CalibrationError (nodes
+    with other serials), which leave no log, and WireMismatch (nodes of another version), which leaves one.
     """
     computer = computer or ThisComputer(config.time_scale)
-    links, names, gnss = _links(config, computer, lister)
+    links, names, gnss = _create_links(config, computer, lister)
     with ExitStack() as stack:
         stack.callback(stop_links, links)
         _open_all({} if config.wait else links)
         now_ns, zero = computer.now_ns, computer.now_ns() // NS_PER_S * NS_PER_S
         series = LogSeries(out, config.rules(), now_ns, wait=config.wait)
-        stack.push(_nothing_left(series))
-        log = stack.enter_context(_log(config, series, zero, now_ns, metadata, attachments or {}, vehicle))
+        stack.push(_remove_refused_logs(series))
+        log = stack.enter_context(_open_log(config, series, zero, now_ns, metadata, attachments, vehicle))
         bulkheads = Bulkheads(now_ns)
-        localizer = _localizer(vehicle, zero, computer, bulkheads, stack) if gnss else None
+        localizer = _start_localizer(vehicle, zero, computer, bulkheads, stack) if gnss else None
         listeners = {} if audience is None else audience.attach(log, series, bulkheads)
         recorder = Recorder(
             names,
@@ -82,23 +82,23 @@ def record(
             localizer=localizer,
             bulkheads=bulkheads,
         )
-        view = stack.enter_context(ViewThread(make_view(config, now_ns, console), bulkheads))
-        watch = {**(watch or {}), "terminal": view.show}
-        watched = _watched(config, recorder, log, series, watch, audience, now_ns, stack)
-        again = threading.Event()
-        stopping = stack.enter_context(stop_on_signals(stop or threading.Event(), again))
-        loop = Loop(links, computer, recorder, localizer, log, series, view, watched, stopping, again)
-        verdict, duration = loop.run(config.duration, judged=not config.wait)
-        if verdict is not None:
-            raise verdict
+        view = stack.enter_context(ViewThread(create_view(config, now_ns, console), bulkheads))
+        observers = {**(watch or {}), "terminal": view.show}
+        publisher = _build_publisher(config, recorder, log, series, observers, audience, now_ns, stack)
+        rotate = threading.Event()
+        ending = stack.enter_context(stop_on_signals(stop or threading.Event(), rotate))
+        loop = Loop(links, computer, recorder, localizer, log, series, view, publisher, ending, rotate)
+        error, duration = loop.run(config.duration, check_fatal=not config.wait)
+        if error is not None:
+            raise error
     messages = log.message_count - series.unrecorded_messages
-    return make_result(recorder, series, duration=duration, messages=messages)
+    return build_result(recorder, series, duration=duration, messages=messages)
 
 
-def _localizer(
+def _start_localizer(
     vehicle: Vehicle | None, zero_ns: int, computer: Computer, bulkheads: Bulkheads, stack: ExitStack
 ) -> LocalizerThread | None:
-    """What puts odometry and fixes on the map; None without a vehicle, whose odometry there is."""
+    """Start the localizer; return None without a vehicle, because there is no odometry."""
     if vehicle is None:
         return None
     localizer = LocalizerThread(zero_ns, computer.put, vehicle.antenna, bulkheads=bulkheads)
@@ -106,30 +106,30 @@ def _localizer(
     return localizer
 
 
-def _log(
+def _open_log(
     config: RecordConfig,
     series: LogSeries,
     zero_ns: int,
     now_ns: Callable[[], int],
     metadata: Mapping[str, str] | None,
-    attachments: Mapping[str, bytes],
+    attachments: Mapping[str, bytes] | None,
     vehicle: Vehicle | None,
 ) -> LogWriter:
-    """What the recorder writes to; it goes into the series."""
+    """Return the log writer of the series, with attachments and static frames written."""
     log = LogWriter(
         series, metadata=metadata, t_zero_ns=zero_ns, compression=config.compression, clock=now_ns
     )
-    for name, data in attachments.items():
+    for name, data in (attachments or {}).items():
         log.add_attachment(name, "application/toml", data)
     if vehicle is not None:
         log.write_static_frames(now_ns(), vehicle)
     return log
 
 
-def _nothing_left(
+def _remove_refused_logs(
     series: LogSeries,
 ) -> Callable[[type[BaseException] | None, BaseException | None, TracebackType | None], None]:
-    """What takes the logs away when it turns out that they should never have begun."""
+    """Return an exit callback that deletes the logs after InputError or CalibrationError."""
 
     def end(kind: object, error: BaseException | None, trace: object) -> None:
         if isinstance(error, InputError | CalibrationError):
@@ -139,27 +139,27 @@ def _nothing_left(
     return end
 
 
-def _watched(
+def _build_publisher(
     config: RecordConfig,
     recorder: Recorder,
     log: LogWriter,
     series: LogSeries,
-    watch: dict[str, Watch],
+    observers: dict[str, SnapshotObserver],
     audience: Audience | None,
     now_ns: Callable[[], int],
     stack: ExitStack,
-) -> Watched:
-    """Who gets the snapshots: those who asked, and with `metrics` a server of them."""
+) -> SnapshotPublisher:
+    """Return the publisher of snapshots, with a metrics server if configured."""
     if config.metrics is not None:
         from hubodo.ingest.live.metrics_server import MetricsServer
 
-        watch["metrics"] = stack.enter_context(MetricsServer(config.metrics, now_ns)).show
-    return Watched(recorder, lambda: _log_now(log, series), watch, audience)
+        observers["metrics"] = stack.enter_context(MetricsServer(config.metrics, now_ns)).show
+    return SnapshotPublisher(recorder, lambda: _read_log_status(log, series), observers, audience)
 
 
-def _log_now(log: LogWriter, series: LogSeries) -> LogNow:
-    free, whole = series.disk_space.free_and_total() or (None, None)
-    return LogNow(
+def _read_log_status(log: LogWriter, series: LogSeries) -> LogStatus:
+    free, disk_size = series.disk_space.free_and_total() or (None, None)
+    return LogStatus(
         series.path,
         series.open_size,
         log.size,
@@ -169,11 +169,11 @@ def _log_now(log: LogWriter, series: LogSeries) -> LogNow:
         len(series.paths),
         series.messages_lost,
         free,
-        whole,
+        disk_size,
     )
 
 
-def _links(
+def _create_links(
     config: RecordConfig, computer: Computer, lister: DeviceLister
 ) -> tuple[dict[str, Link], dict[str, str | None], list[str]]:
     links: dict[str, Link] = {}
@@ -181,12 +181,12 @@ def _links(
     gnss = ["gnss"] if config.gnss is not None else []
     wanted = [(text, config.baud, False) for text in config.ports]
     wanted += [(config.gnss, config.gnss_baud, True)] if config.gnss is not None else []
-    seen: set[tuple[str, str]] = set()
+    used_ports: set[tuple[str, str]] = set()
     for text, baud, is_gnss in wanted:
         port = attach_keys(parse_port(text), config.key_path, insecure=config.insecure_udp)
-        if (port.kind, port.where) in seen:
-            raise InputError(f"port {text!r}: named twice; name each port once")
-        seen.add((port.kind, port.where))
+        if (port.kind, port.where) in used_ports:
+            raise InputError(f"port {text!r}: given twice; give each port once")
+        used_ports.add((port.kind, port.where))
         label = "gnss" if is_gnss else unique_name(port.label, {*links, "gnss"})
         links[label] = computer.link(port, label, baud, lister)
         if not is_gnss:
@@ -199,4 +199,4 @@ def _open_all(links: Mapping[str, Link]) -> None:
         try:
             link.open_now()
         except LinkError as error:
-            raise InputError(f"{error} (or --wait for it)") from None
+            raise InputError(f"{error} (or use --wait)") from None

@@ -1,4 +1,4 @@
-"""The recording computer's clocks: a wall clock that is unset or stepped, and stretches of standstill."""
+"""Monitoring of the recording computer's clocks: unset or stepped wall clock, suspension of the process."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from typing import Protocol
 from hubodo.recording import Event
 from hubodo.units import NS_PER_S
 
-EARLIEST_PLAUSIBLE_NS = 1_704_067_200 * NS_PER_S  # 2024-01-01; this software is younger
-STEP_NS = NS_PER_S // 10  # NTP corrects less than that little by little
-STANDSTILL_NS = 5 * NS_PER_S  # the longest turn of the loop on a busy computer is shorter
-_PERIOD_NS = NS_PER_S // 2
-_READ_TOGETHER_NS = NS_PER_S // 100  # between the two readings of a pair, else the process was interrupted
-_TIMESYNC = Path("/run/systemd/timesync")
+EARLIEST_PLAUSIBLE_NS = 1_704_067_200 * NS_PER_S  # 2024-01-01; this software is newer
+MIN_CLOCK_STEP_NS = NS_PER_S // 10  # NTP slews smaller corrections
+MIN_SUSPENSION_NS = 5 * NS_PER_S  # longer than any iteration of the loop on a busy computer
+_CHECK_PERIOD_NS = NS_PER_S // 2
+_MAX_READ_SPAN_NS = NS_PER_S // 100  # a longer pair of readings means that the process was interrupted
+_TIMESYNC_FOLDER = Path("/run/systemd/timesync")
 
 
 class ClockState(StrEnum):
-    """What is known of the wall clock."""
+    """Synchronisation state of the wall clock."""
 
     SYNCHRONISED = "synchronised"
     UNSYNCHRONISED = "unsynchronised"
@@ -28,8 +28,8 @@ class ClockState(StrEnum):
     UNKNOWN = "unknown"
 
 
-def clock_state(wall_ns: int, timesync: Path = _TIMESYNC) -> ClockState:
-    """Return what the time itself and systemd-timesyncd say of a wall clock; timesync: its folder."""
+def clock_state(wall_ns: int, timesync: Path = _TIMESYNC_FOLDER) -> ClockState:
+    """Return the state of a wall clock from its time and systemd-timesyncd; timesync: its folder."""
     if wall_ns < EARLIEST_PLAUSIBLE_NS:
         return ClockState.UNSET
     if not timesync.is_dir():
@@ -38,7 +38,7 @@ def clock_state(wall_ns: int, timesync: Path = _TIMESYNC) -> ClockState:
 
 
 class Clocks(Protocol):
-    """The part of a computer that is watched."""
+    """The clocks of a computer."""
 
     def now_ns(self) -> int: ...
 
@@ -48,10 +48,10 @@ class Clocks(Protocol):
 
 
 class HostClock:
-    """Notices what happens to a computer's clocks; the time axis of the log itself never steps.
+    """A monitor of the computer's clocks; the time axis of the log itself never steps.
 
-    The wall clock is compared with that axis: their difference changes only when somebody sets the clock. A
-    turn of the loop that lasts more than 5 s means that the process did not run.
+    The wall clock is compared with that axis: their difference changes only when the clock is set. An
+    iteration of the loop longer than 5 s means that the process did not run.
     """
 
     def __init__(self, computer: Clocks) -> None:
@@ -59,53 +59,53 @@ class HostClock:
         self._state = ClockState.UNKNOWN
         self._last_ns = computer.now_ns()
         self._next_ns = 0
-        self._began_ns = self._offset_ns = self._read_offset() or 0
+        self._initial_offset_ns = self._offset_ns = self._read_offset() or 0
 
     @property
-    def record(self) -> Mapping[str, str]:
-        """The metadata record `clock`; empty while nothing is known against the clock, nor for it."""
-        correction_ns = self._offset_ns - self._began_ns
+    def metadata(self) -> Mapping[str, str]:
+        """Metadata record `clock` of the log; empty while the state is unknown and no step occurred."""
+        correction_ns = self._offset_ns - self._initial_offset_ns
         if self._state == ClockState.UNKNOWN and not correction_ns:
             return {}
         return {"state": self._state.value, "utc_minus_log_s": f"{correction_ns / NS_PER_S:.3f}"}
 
     def tick(self, now_ns: int) -> Iterator[Event]:
-        """Yield what has happened since the last call; to be called in each turn of the loop."""
+        """Yield the events since the last call; to be called in each iteration of the loop."""
         last_ns, self._last_ns = self._last_ns, now_ns
-        if now_ns - last_ns > STANDSTILL_NS:
-            yield self._standstill(last_ns, now_ns)
+        if now_ns - last_ns > MIN_SUSPENSION_NS:
+            yield self._suspension_event(last_ns, now_ns)
         if now_ns < self._next_ns:
             return
-        self._next_ns = now_ns + _PERIOD_NS
+        self._next_ns = now_ns + _CHECK_PERIOD_NS
         offset_ns = self._read_offset()
-        if offset_ns is not None and abs(offset_ns - self._offset_ns) > STEP_NS:
+        if offset_ns is not None and abs(offset_ns - self._offset_ns) > MIN_CLOCK_STEP_NS:
             step_ns, self._offset_ns = offset_ns - self._offset_ns, offset_ns
-            yield self._step(now_ns, step_ns)
+            yield self._step_event(now_ns, step_ns)
         if self._state not in (ClockState.SYNCHRONISED, self._computer.clock_state()):
             self._state = self._computer.clock_state()
             yield self._state_event(now_ns)
 
     def _read_offset(self) -> int | None:
-        """Return the wall clock minus the log's axis; None where the process was interrupted meanwhile."""
+        """Return wall clock minus log time, ns; None if the process was interrupted between readings."""
         before_ns = self._computer.now_ns()
         wall_ns = self._computer.wall_ns()
         after_ns = self._computer.now_ns()
-        return wall_ns - before_ns if after_ns - before_ns < _READ_TOGETHER_NS else None
+        return wall_ns - before_ns if after_ns - before_ns < _MAX_READ_SPAN_NS else None
 
-    def _standstill(self, begin_ns: int, end_ns: int) -> Event:
-        seconds = (end_ns - begin_ns) / NS_PER_S
+    def _suspension_event(self, start_ns: int, end_ns: int) -> Event:
+        seconds = (end_ns - start_ns) / NS_PER_S
         text = (
             f"the recorder did not run for {seconds:.1f} s: the computer was suspended, or the process "
-            "stopped; what nodes sent meanwhile may be lost: see the gaps"
+            "stopped; data sent by nodes meanwhile may be lost: see the gaps"
         )
-        return Event(end_ns, "clock", "computer", text, {"standstill_s": seconds, "begin_ns": begin_ns})
+        return Event(end_ns, "clock", "computer", text, {"standstill_s": seconds, "begin_ns": start_ns})
 
-    def _step(self, now_ns: int, step_ns: int) -> Event:
-        step, correction = step_ns / NS_PER_S, (self._offset_ns - self._began_ns) / NS_PER_S
+    def _step_event(self, now_ns: int, step_ns: int) -> Event:
+        step, correction = step_ns / NS_PER_S, (self._offset_ns - self._initial_offset_ns) / NS_PER_S
         direction, sign = "forward" if step > 0 else "back", "+" if correction >= 0 else "-"
         text = (
-            f"the computer's clock was set {direction} by {abs(step):.3f} s; this log goes on without a "
-            f"step: UTC is its time {sign} {abs(correction):.3f} s"
+            f"the computer's clock was set {direction} by {abs(step):.3f} s; this log continues without a "
+            f"step: UTC is log time {sign} {abs(correction):.3f} s"
         )
         return Event(now_ns, "clock", "computer", text, {"step_s": step, "utc_minus_log_s": correction})
 

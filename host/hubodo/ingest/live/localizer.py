@@ -1,7 +1,7 @@
-"""Odometry and GNSS fixes to where the vehicle is on the map, live and in playback: ROS REP 105, map → odom.
+"""Localisation on the map from odometry and GNSS fixes, live and in playback (ROS REP 105, map → odom).
 
-What comes out depends on the poses and fixes and their order alone. A log, in which both stand in the order
-in which the recorder took them, gives the same bits again.
+The result depends only on the poses and fixes and their order. A log holds both in the order in which the
+recorder processed them, so playback reproduces the result bit by bit.
 """
 
 from __future__ import annotations
@@ -26,16 +26,13 @@ from hubodo.log import topics
 from hubodo.log.timebase import to_seconds
 from hubodo.units import NS_PER_S
 
-_STEP = 1.0
-"""m ahead of the vehicle at which a second point shows its heading in another frame."""
+_HEADING_BASELINE_M = 1.0
+"""Distance ahead of the vehicle of a second point that gives its heading in another frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class FixSample:
-    """A GNSS fix.
-
-    t_ns: on the host's clock. sigma: m of each horizontal direction, None where the receiver did not say.
-    """
+    """A GNSS fix; t_ns: host time; sigma: standard deviation of each horizontal axis, m, None if unknown."""
 
     t_ns: int
     latitude_deg: float
@@ -44,17 +41,22 @@ class FixSample:
 
 
 def horizontal_sigma(east: float, north: float) -> float:
-    """1 sigma, m, of variances in east and north, m²."""
+    """Return the standard deviation per horizontal axis, m, from variances in east and north, m²."""
     return math.sqrt(0.5 * (east + north))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Located:
-    """Where the vehicle is on the map.
+class MapPose:
+    """Pose of the vehicle on the map: x east, y north of the origin.
 
-    Rows of /odom_map, each (1, ...) in form as those of `OdometryRows`, and where /odom's own frame lies on
-    the map: odom_position (1, 2) m, odom_heading (1,) rad. x east, y north of origin_deg (latitude,
-    longitude).
+    Attributes
+    ----------
+    t_ns, position, heading, speed, yaw_rate, pose_covariance
+        One row of /odom_map, with the shapes (1, ...) of `OdometryRows`.
+    odom_position, odom_heading
+        Pose of the odom frame on the map: (1, 2) m and (1,) rad.
+    origin_deg
+        Latitude and longitude of the map's origin.
     """
 
     t_ns: NDArray[np.int64]
@@ -68,7 +70,7 @@ class Located:
     origin_deg: tuple[float, float]
 
     def write(self, sink: Sink, t_log_ns: int) -> None:
-        """On /odom_map and, as map → odom, on /tf."""
+        """Write the pose on /odom_map and the transform map → odom on /tf."""
         sink.write_odometry(
             self.t_ns,
             t_log_ns,
@@ -85,76 +87,76 @@ class Located:
         )
 
 
-Antenna = tuple[float, float]
+AntennaOffset = tuple[float, float]
 
 
 class Localizer:
-    """The factor graph over a window of the last minute, with a map frame that stays: that of its start."""
+    """A factor graph over the last minute, in the map frame of its start."""
 
-    def __init__(self, t_zero_ns: int, antenna: Antenna | None = None) -> None:
-        """t_zero_ns: host time of t = 0 of the poses. antenna: m forward and left of the body origin."""
+    def __init__(self, t_zero_ns: int, antenna: AntennaOffset | None = None) -> None:
+        """Start without a map; t_zero_ns: host time of t = 0; antenna: m forward, left of the body origin."""
         self._t_zero_ns = t_zero_ns
         self._antenna = antenna
         self._graph = LiveGraph(GraphConfig(antenna=antenna or (0.0, 0.0)))
         self._map: LocalFrame | None = None
-        self._said: set[str] = set()
-        self._heard = 0
+        self._reported_kinds: set[str] = set()
+        self._warnings_read = 0
         self._pose: Pose | None = None
 
     def successor(self) -> Localizer:
-        """Return a localizer without a past, in the same map frame."""
+        """Return a localizer without history, in the same map frame."""
         successor = Localizer(self._t_zero_ns, self._antenna)
-        successor._map, successor._said = self._map, set(self._said)
+        successor._map, successor._reported_kinds = self._map, set(self._reported_kinds)
         return successor
 
-    def fix(self, fix: FixSample) -> None:
-        """A GNSS fix; those older than the newest pose of the graph are too late and left out."""
+    def add_fix(self, fix: FixSample) -> None:
+        """Add a GNSS fix; a fix older than the newest pose of the graph is ignored."""
         t = float(to_seconds(np.array([fix.t_ns]), self._t_zero_ns)[0])
         self._graph.add_fix(t, fix.latitude_deg, fix.longitude_deg, fix.sigma)
 
-    def odometry(self, pose: Pose) -> Located | None:
-        """A pose of the wheel filter, at the end of a window; None while the heading is not known."""
-        loose = (
+    def add_pose(self, pose: Pose) -> MapPose | None:
+        """Add a pose of the wheel filter; return the pose on the map, None while the heading is unknown."""
+        inflation = (
             0.0 if self._pose is None else float(odometry_inflation(track_from_poses([self._pose, pose]))[0])
         )
         self._pose = pose
-        self._graph.add_odometry(pose.t, pose.x, pose.y, pose.heading, loose)
+        self._graph.add_odometry(pose.t, pose.x, pose.y, pose.heading, inflation)
         state = self._graph.state()
         if state is None or state.t != pose.t:
             return None
-        x, y, heading = self._on_map(state)
+        x, y, heading = self._to_map_frame(state)
         self._map = self._map or state.frame
-        turn = heading - pose.heading
-        moved = cmath.exp(1j * turn) * complex(pose.x, pose.y)
-        return Located(
+        rotation = heading - pose.heading
+        rotated = cmath.exp(1j * rotation) * complex(pose.x, pose.y)
+        return MapPose(
             np.array([self._t_zero_ns + round(pose.t * NS_PER_S)], np.int64),
             np.array([[x, y]]),
             np.array([heading]),
             np.array([pose.speed]),
             np.array([pose.yaw_rate]),
             state.covariance[None],
-            np.array([[x - moved.real, y - moved.imag]]),
-            np.array([math.remainder(turn, 2.0 * math.pi)]),
+            np.array([[x - rotated.real, y - rotated.imag]]),
+            np.array([math.remainder(rotation, 2.0 * math.pi)]),
             (self._map.latitude_deg, self._map.longitude_deg),
         )
 
     def warnings(self) -> list[str]:
-        """What a user must know and has not been told yet."""
-        new, self._heard = self._graph.warnings[self._heard :], len(self._graph.warnings)
+        """Return the warnings that were not reported yet."""
+        new, self._warnings_read = self._graph.warnings[self._warnings_read :], len(self._graph.warnings)
         lines = []
         for line in new:
-            # A start that fails is tried again every few seconds, for the same reason.
+            # An initialisation that fails is retried every few seconds with the same warning.
             kind = re.sub(r"\d+(\.\d+)?", "#", line) if "no usable fix" in line else line
-            if kind not in self._said:
-                self._said.add(kind)
+            if kind not in self._reported_kinds:
+                self._reported_kinds.add(kind)
                 lines.append(line)
         return lines
 
-    def _on_map(self, state: LiveState) -> tuple[float, float, float]:
-        """x, y, heading of a state, which after a new start of the graph stands in another frame."""
+    def _to_map_frame(self, state: LiveState) -> tuple[float, float, float]:
+        """Return x, y, heading on the map; after a reset of the graph its state is in another frame."""
         if self._map is None or state.frame == self._map:
             return state.x, state.y, state.heading
-        ahead = complex(state.x, state.y) + _STEP * cmath.exp(1j * state.heading)
+        ahead = complex(state.x, state.y) + _HEADING_BASELINE_M * cmath.exp(1j * state.heading)
         latitude, longitude = state.frame.to_geodetic(
             np.array([state.x, ahead.real]), np.array([state.y, ahead.imag])
         )

@@ -1,4 +1,4 @@
-"""The localizer on a thread of its own: odometry is published before the graph has seen it."""
+"""The localizer in a thread of its own, so that the factor graph does not delay odometry."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ from dataclasses import dataclass
 
 from hubodo.fuse.wheel.records import Pose
 from hubodo.ingest.live.bulkheads import Bulkheads
-from hubodo.ingest.live.localizer import Antenna, FixSample, Localizer, Located
+from hubodo.ingest.live.localizer import AntennaOffset, FixSample, Localizer, MapPose
 from hubodo.ingest.live.output_thread import OutputThread
 
-PART = "map"
-_CAPACITY = 50_000
-"""Poses and fixes that wait: more than an hour of them."""
-_PATIENCE_S = 20.0
-"""s; a minute of fixes that waited is through by then, even on a small computer."""
+MAP_PART = "map"
+_MAX_WAITING_ITEMS = 50_000
+"""Capacity of the queue: poses and fixes of more than an hour."""
+_CLOSE_TIMEOUT_S = 20.0
+"""Enough for a minute of queued fixes, even on a small computer."""
 
 
 @dataclass(frozen=True, slots=True)
-class Answer:
-    """What an item led to; arrived_ns: of the item."""
+class LocalizerOutput:
+    """Result for one pose or fix; arrived_ns: arrival time of that item."""
 
-    located: Located | None
+    pose: MapPose | None
     warnings: tuple[str, ...]
     arrived_ns: int
 
 
 class LocalizerThread:
-    """Takes poses and fixes in their order and calls `answer` with what becomes of them, on its thread.
+    """A thread that processes poses and fixes in order and calls `on_output` with each result.
 
     A graph that fails or hangs is replaced by a new one in the same map frame.
     """
@@ -35,38 +35,38 @@ class LocalizerThread:
     def __init__(
         self,
         t_zero_ns: int,
-        answer: Callable[[Answer], None],
-        antenna: Antenna | None = None,
+        on_output: Callable[[LocalizerOutput], None],
+        antenna: AntennaOffset | None = None,
         *,
         bulkheads: Bulkheads,
     ) -> None:
-        """t_zero_ns, antenna: as for `Localizer`."""
+        """Start the thread; t_zero_ns, antenna: as for `Localizer`."""
         self._localizer = Localizer(t_zero_ns, antenna)
         self._is_new = True
-        self._answer = answer
+        self._on_output = on_output
         self._thread: OutputThread[tuple[Pose | FixSample, int]] = OutputThread(
-            PART, self._start, bulkheads, capacity=_CAPACITY, replaceable=True
+            MAP_PART, self._start_handler, bulkheads, capacity=_MAX_WAITING_ITEMS, replaceable=True
         )
 
     @property
-    def waiting(self) -> int:
-        """Poses and fixes that wait."""
-        return self._thread.waiting
+    def waiting_count(self) -> int:
+        """Number of queued poses and fixes."""
+        return self._thread.waiting_count
 
     def put(self, item: Pose | FixSample, arrived_ns: int) -> None:
-        """Hand over the next pose or fix and the time at which it was known."""
+        """Queue a pose or fix with its arrival time."""
         self._thread.put((item, arrived_ns))
 
-    def close(self, patience_s: float = _PATIENCE_S) -> bool:
-        """Wait up to `patience_s` seconds for the answers to all that was put; return whether they came."""
-        return self._thread.close(patience_s, patience_s)
+    def close(self, timeout_s: float = _CLOSE_TIMEOUT_S) -> bool:
+        """Wait up to `timeout_s` for the queued items; return True if all were processed."""
+        return self._thread.close(timeout_s, timeout_s)
 
     def stop(self) -> None:
-        """End after the item at hand; what else was put is dropped."""
+        """End after the present item; drop the queue."""
         self._thread.stop()
 
-    def _start(self) -> Callable[[tuple[Pose | FixSample, int]], None]:
-        """Return the handler of the thread: of a graph of its own, which no abandoned thread touches."""
+    def _start_handler(self) -> Callable[[tuple[Pose | FixSample, int]], None]:
+        """Return the handler of the thread, with a graph that no abandoned thread uses."""
         if not self._is_new:
             self._localizer = self._localizer.successor()
         self._is_new = False
@@ -76,11 +76,11 @@ class LocalizerThread:
             given, arrived_ns = item
             located = None
             if isinstance(given, FixSample):
-                localizer.fix(given)
+                localizer.add_fix(given)
             else:
-                located = localizer.odometry(given)
+                located = localizer.add_pose(given)
             warnings = tuple(localizer.warnings())
             if localizer is self._localizer and (located is not None or warnings):
-                self._answer(Answer(located, warnings, arrived_ns))
+                self._on_output(LocalizerOutput(located, warnings, arrived_ns))
 
         return handle

@@ -1,4 +1,4 @@
-"""The loop of a recording: news to the recorder, ticks to what waits for the clock, and an end in time."""
+"""The main loop of a recording: reports to the recorder, periodic ticks, and a timely shutdown."""
 
 from __future__ import annotations
 
@@ -15,54 +15,54 @@ from hubodo.ingest.link.link import LinkReport
 from hubodo.ingest.live.bulkheads import PartHung
 from hubodo.ingest.live.computer import Computer, Link
 from hubodo.ingest.live.host_clock import HostClock
-from hubodo.ingest.live.localizer_thread import Answer, LocalizerThread
-from hubodo.ingest.live.notify import Notifier
+from hubodo.ingest.live.localizer_thread import LocalizerOutput, LocalizerThread
+from hubodo.ingest.live.notify import ServiceNotifier
 from hubodo.ingest.live.recorder import Recorder
-from hubodo.ingest.live.snapshot import Watched
+from hubodo.ingest.live.snapshot import SnapshotPublisher
 from hubodo.ingest.live.view import View
 from hubodo.log.log_series import LogSeries
 from hubodo.log.log_writer import LogWriter
 from hubodo.units import NS_PER_S
 
-_TICK_NS = NS_PER_S // 50
-_BATCH = 256
-_DECODE_S = 0.6
-"""How long what waits at the end is still decoded; together with ports, graph and disk two seconds."""
-_FAR_NS, _NEAR_NS = 10 * NS_PER_S, NS_PER_S
-"""What has waited so long is not decoded, which bounds the backlog, until what comes is near again."""
-_JOIN_S = 0.4
-_GRAPH_S = 0.3
-_UNREAD = "frames go into the log raw and are not decoded until that is made up; hubodo import decodes them"
+_TICK_INTERVAL_NS = NS_PER_S // 50
+_MAX_REPORTS_PER_TURN = 256
+_FINAL_DECODE_S = 0.6
+"""Time limit for decoding the queue at the end; with ports, graph and disk two seconds in total."""
+_MAX_DECODE_LAG_NS, _RESUME_DECODE_LAG_NS = 10 * NS_PER_S, NS_PER_S
+"""Items older than the first are logged raw, which bounds the backlog, until the lag is below the second."""
+_LINK_JOIN_S = 0.4
+_GRAPH_TIMEOUT_S = 0.3
+_RAW_ONLY_TEXT = "frames are logged raw, not decoded, until it has caught up; hubodo import decodes them"
 
-Verdict = InputError | WireMismatch | CalibrationError | None
+FatalError = InputError | WireMismatch | CalibrationError | None
 
 
 class _Backlog:
-    """News to the recorder: decoded while it keeps up, else raw into the log until it has."""
+    """Hands reports to the recorder: decoded while it keeps up, else logged raw until it has caught up."""
 
     def __init__(self, recorder: Recorder) -> None:
         self.now_ns = 0
         self._recorder = recorder
-        self._behind = False
+        self._is_behind = False
 
-    def take(self, item: LinkReport | Answer) -> None:
-        """The next of them."""
-        late_ns = 0 if isinstance(item, Answer) else self.now_ns - item.t_ns
-        if late_ns > (_NEAR_NS if self._behind else _FAR_NS):
-            if not self._behind:
-                self._recorder.warn("recorder", f"{late_ns / NS_PER_S:.0f} s behind; {_UNREAD}")
-            self._behind = True
-            self._recorder.keep(item)
+    def handle(self, item: LinkReport | LocalizerOutput) -> None:
+        """Handle the next report."""
+        lag_ns = 0 if isinstance(item, LocalizerOutput) else self.now_ns - item.t_ns
+        if lag_ns > (_RESUME_DECODE_LAG_NS if self._is_behind else _MAX_DECODE_LAG_NS):
+            if not self._is_behind:
+                self._recorder.warn("recorder", f"{lag_ns / NS_PER_S:.0f} s behind; {_RAW_ONLY_TEXT}")
+            self._is_behind = True
+            self._recorder.log_undecoded(item)
             return
-        if self._behind:
-            self._behind = False
-            self._recorder.warn("recorder", "kept up again; frames are decoded")
+        if self._is_behind:
+            self._is_behind = False
+            self._recorder.warn("recorder", "caught up; frames are decoded again")
         self._recorder.handle(item)
 
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """One recording. stopping: a wish to end it; again: for a new log. clock: s, of the end alone."""
+    """One recording; stop_requested, rotate_requested: end it, start a new log; clock: s, at shutdown."""
 
     links: Mapping[str, Link]
     computer: Computer
@@ -71,123 +71,123 @@ class Loop:
     log: LogWriter
     series: LogSeries
     view: View
-    watched: Watched
-    stopping: threading.Event
-    again: threading.Event
-    notifier: Notifier = field(default_factory=Notifier)
+    publisher: SnapshotPublisher
+    stop_requested: threading.Event
+    rotate_requested: threading.Event
+    notifier: ServiceNotifier = field(default_factory=ServiceNotifier)
     clock: Callable[[], float] = time.monotonic
 
-    def run(self, duration: float | None, *, judged: bool) -> tuple[Verdict, float]:
-        """From the start of the links to the last thing that came: why it ended, and how long it took, s.
+    def run(self, duration: float | None, *, check_fatal: bool) -> tuple[FatalError, float]:
+        """Record until the end; return the fatal error, if any, and the duration, s.
 
-        duration: s, None until `stopping`. judged: whether the recorder's verdict ends it.
+        duration: s, None until `stop_requested`. check_fatal: True if a fatal error of the recorder ends it.
         """
-        self.watched.add("service manager", self.notifier.show)
+        self.publisher.add_observer("service manager", self.notifier.show)
         for link in self.links.values():
             link.start()
         start_ns = self.computer.now_ns()
-        self.notifier.ready()
-        with _short_collections(), self.recorder.bulkheads.watching_for_hangs():
-            verdict = self._turn_until_the_end(duration, judged)
-            took = self._end(start_ns)
+        self.notifier.notify_ready()
+        with _freeze_garbage_collection(), self.recorder.bulkheads.watch_for_hangs():
+            verdict = self._run_until_stopped(duration, check_fatal)
+            duration_s = self._shut_down(start_ns)
         self.log.close()
-        self.say()
-        return verdict, took
+        self.show_notices()
+        return verdict, duration_s
 
-    def _turn_until_the_end(self, duration: float | None, judged: bool) -> Verdict:
+    def _run_until_stopped(self, duration: float | None, check_fatal: bool) -> FatalError:
         end_ns = None if duration is None else self.computer.now_ns() + int(duration * NS_PER_S)
         next_tick = 0
         backlog, host_clock = _Backlog(self.recorder), HostClock(self.computer)
-        while not self.stopping.is_set():
-            wait = _TICK_NS / NS_PER_S
-            for _ in range(_BATCH):
-                item = self.computer.news(wait)
+        while not self.stop_requested.is_set():
+            wait = _TICK_INTERVAL_NS / NS_PER_S
+            for _ in range(_MAX_REPORTS_PER_TURN):
+                item = self.computer.next_report(wait)
                 if item is None:
                     break
-                self._guarded(backlog.take, item)
+                self._call_guarded(backlog.handle, item)
                 wait = 0.0
             backlog.now_ns = now = self.computer.now_ns()
             if now < next_tick:
                 continue
-            next_tick = now + _TICK_NS
+            next_tick = now + _TICK_INTERVAL_NS
             self.recorder.bulkheads.run("clock", self._check_clock, host_clock, now)
-            self._guarded(self._tick, now)
-            verdict = self.recorder.verdict() if judged else None
+            self._call_guarded(self._tick, now)
+            verdict = self.recorder.fatal_error() if check_fatal else None
             if verdict is not None or (end_ns is not None and now >= end_ns):
                 return verdict
         return None
 
     def _check_clock(self, host_clock: HostClock, now_ns: int) -> None:
         for event in host_clock.tick(now_ns):
-            self.recorder.host_clock(event, host_clock.record)
+            self.recorder.handle_clock_event(event, host_clock.metadata)
 
-    def _guarded(self, action: Callable[[Any], None], argument: object) -> None:
-        """Call `action`; an interruption that met a part just as it returned ends this call alone."""
+    def _call_guarded(self, action: Callable[[Any], None], argument: object) -> None:
+        """Call `action`; an interruption raised just after a part returned ends only this call."""
         try:
             action(argument)
         except PartHung as error:
-            self.recorder.bulkheads.record("recorder", error, pausing=False)
+            self.recorder.bulkheads.record_fault("recorder", error, pausing=False)
 
     def _tick(self, now_ns: int) -> None:
-        self.notifier.alive()
+        self.notifier.feed_watchdog()
         self.recorder.tick(now_ns)
-        if self.again.is_set():
-            self.again.clear()
+        if self.rotate_requested.is_set():
+            self.rotate_requested.clear()
             self.log.flush()
             self.series.rotate()
         self.log.tick()
         self.series.tick(now_ns)
         if self.series.has_new_log():
-            self.recorder.tell_again()
+            self.recorder.repeat_state()
             self.log.repeat_static_frames(now_ns)
-        self.say()
-        self.watched.tick(now_ns)
+        self.show_notices()
+        self.publisher.tick(now_ns)
 
-    def say(self) -> None:
-        """What the recorder and its logs have to tell the user."""
+    def show_notices(self) -> None:
+        """Show the notices of the recorder and its logs to the user."""
         for notice in self.series.notices:
             if self.series.closed:
-                self.view.say(notice)
+                self.view.show_notice(notice)
             else:
                 self.recorder.warn("log", notice)
         self.series.notices.clear()
         for event in self.recorder.notices:
-            self.view.say(event)
+            self.view.show_notice(event)
         self.recorder.notices.clear()
 
-    def _end(self, start_ns: int) -> float:
-        self.notifier.stopping()
-        hurry = self.stopping.is_set()
+    def _shut_down(self, start_ns: int) -> float:
+        self.notifier.notify_stopping()
+        is_stopped = self.stop_requested.is_set()
         run = self.recorder.bulkheads.run
         for label, link in self.links.items():
             run(f"link {label}", link.request_stop)
-        join_until = self.clock() + _JOIN_S
+        join_until = self.clock() + _LINK_JOIN_S
         for label, link in self.links.items():
             run(f"link {label}", link.stop, max(join_until - self.clock(), 0.0))
-        self._handle_rest(hurry)
+        self._handle_remaining(is_stopped)
         duration = (self.computer.now_ns() - start_ns) / NS_PER_S
         self.recorder.close()
         if self.localizer is not None and not (
-            self.localizer.close(_GRAPH_S) if hurry else self.localizer.close()
+            self.localizer.close(_GRAPH_TIMEOUT_S) if is_stopped else self.localizer.close()
         ):
-            self.view.say(
-                "the graph was too slow to come to its end; the last seconds of map → odom are missing"
+            self.view.show_notice(
+                "the factor graph did not finish in time; the last seconds of map → odom are missing"
             )
-        self._handle_rest(hurry)
+        self._handle_remaining(is_stopped)
         return duration
 
-    def _handle_rest(self, hurry: bool) -> None:
-        """What waits: decoded, or kept raw when the time for that is over."""
-        until = self.clock() + _DECODE_S
-        while (item := self.computer.news(0.0)) is not None:
-            if hurry and self.clock() > until:
-                self.recorder.keep(item)
+    def _handle_remaining(self, is_stopped: bool) -> None:
+        """Decode the queued reports; log them raw once the time limit is exceeded."""
+        until = self.clock() + _FINAL_DECODE_S
+        while (item := self.computer.next_report(0.0)) is not None:
+            if is_stopped and self.clock() > until:
+                self.recorder.log_undecoded(item)
             else:
                 self.recorder.handle(item)
 
 
-def stop(links: Mapping[str, Link]) -> None:
-    """Gives the ports back, however far they have come."""
+def stop_links(links: Mapping[str, Link]) -> None:
+    """Stop all links and release their ports."""
     for link in links.values():
         link.request_stop()
     for link in links.values():
@@ -195,10 +195,10 @@ def stop(links: Mapping[str, Link]) -> None:
 
 
 @contextmanager
-def _short_collections() -> Iterator[None]:
-    """Keeps what is loaded by now out of garbage collection, which else stops the loop for 10 ms and more.
+def _freeze_garbage_collection() -> Iterator[None]:
+    """Exclude the objects loaded so far from garbage collection, which otherwise takes 10 ms or more.
 
-    What a program that records had taken out of it itself stays out of it afterwards.
+    Objects that the calling program had excluded itself stay excluded afterwards.
     """
     already = gc.get_freeze_count()
     gc.collect()

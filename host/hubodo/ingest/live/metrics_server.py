@@ -1,4 +1,4 @@
-"""`/metrics` and `/healthz` over HTTP, from a thread of their own, for a recording without the live page."""
+"""HTTP server of `/metrics` and `/healthz` in a thread of its own."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
 from hubodo.errors import InputError
-from hubodo.ingest.live.metrics import CONTENT_TYPE, health, metrics_text
+from hubodo.ingest.live.metrics import CONTENT_TYPE, assess_health, metrics_text
 from hubodo.ingest.live.snapshot import Snapshot
 from hubodo.listening.listener import BoundedListener
 from hubodo.listening.server_thread import ServerFaults, server_config, server_thread
 
 
 class MetricsServer:
-    """Serves the newest snapshot that it was given; a context manager.
+    """An HTTP server of the newest snapshot; a context manager.
 
-    address: HOST:PORT, port 0 for any that is free. now_ns: host time. Raises InputError where the address
-    is none or is taken.
+    address: HOST:PORT, port 0 for any free port. now_ns: host time. Raises InputError when the address is
+    invalid or in use.
     """
 
     def __init__(self, address: str, now_ns: Callable[[], int]) -> None:
@@ -37,21 +37,21 @@ class MetricsServer:
         except OSError as error:
             raise InputError(
                 f"metrics address {address}: {error.strerror or error}; choose another port, or close "
-                "the program that has it"
+                "the program that uses it"
             ) from None
 
     @property
     def port(self) -> int:
-        """The port on which it listens."""
+        """Port number on which the server listens."""
         return int(self._listener.getsockname()[1])
 
     def show(self, snapshot: Snapshot) -> None:
-        """Serve this snapshot from now on. Raises ServerEnded, once, where the server had to be restarted."""
+        """Serve this snapshot from now on; raise ServerEnded once if the server had to be restarted."""
         self._newest = snapshot
         self._faults.raise_next()
 
     def __enter__(self) -> Self:
-        config = server_config(self._answer, self._listener, ws="none", lifespan="off")
+        config = server_config(self._serve, self._listener, ws="none", lifespan="off")
         self._running.enter_context(server_thread(config, self._listener, "metrics", self._faults))
         return self
 
@@ -60,14 +60,14 @@ class MetricsServer:
     ) -> None:
         self._running.close()
 
-    async def _answer(self, scope: Scope, receive: Receive, send: Send) -> None:
-        # One answer for each connection: none of them has to be admitted, and none stays.
-        status, kind, body = answer(scope["path"], self._newest, self._now_ns())
+    async def _serve(self, scope: Scope, receive: Receive, send: Send) -> None:
+        # Each connection is closed after one response, so none has to be admitted.
+        status, kind, body = respond(scope["path"], self._newest, self._now_ns())
         headers = {"connection": "close"}
         await Response(body, status, headers, kind)(scope, receive, send)
 
 
-def answer(path: str, snapshot: Snapshot | None, now_ns: int) -> tuple[int, str, bytes]:
+def respond(path: str, snapshot: Snapshot | None, now_ns: int) -> tuple[int, str, bytes]:
     """Return the status, content type and body for a path."""
     text = "text/plain; charset=utf-8"
     if path not in ("/metrics", "/healthz"):
@@ -76,5 +76,5 @@ def answer(path: str, snapshot: Snapshot | None, now_ns: int) -> tuple[int, str,
         return 503, text, b"starting\n"
     if path == "/metrics":
         return 200, CONTENT_TYPE, metrics_text(snapshot)
-    ok, words = health(snapshot, now_ns)
+    ok, words = assess_health(snapshot, now_ns)
     return 200 if ok else 503, text, f"{words}\n".encode()

@@ -1,4 +1,4 @@
-"""One node's samples while they are recorded: for who moves something meanwhile and looks at what came."""
+"""Samples of one node during a recording, for procedures that move the node and evaluate its samples."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from hubodo.log.log_writer import LogWriter
 from hubodo.units import NS_PER_S
 from hubowire.budget import UART_BAUD
 
-_TICK_S = 0.02
-_SILENCE_S = 8.0
-"""A node that has said nothing for so long says nothing any more; a start with its clock takes two."""
+_QUEUE_TIMEOUT_S = 0.02
+_MAX_SILENCE_S = 8.0
+"""A node silent for this long is lost; a start with clock synchronisation takes two seconds."""
 
 
 @dataclass(frozen=True)
 class Samples:
-    """t: (N,) s since the log's start. gyro: (N, 3) rad/s; accel: (N, 3) m/s², node axes."""
+    """Samples of a node; t: (N,) s since the log's start; gyro, accel: (N, 3) rad/s, m/s², node axes."""
 
     t: Array
     gyro: Array
@@ -38,37 +38,37 @@ class Samples:
 
 
 @dataclass(frozen=True)
-class _TableRow:
+class _TurntableRow:
     t_ns: int
     angle: float
     moving: bool
 
 
-class _KeepingLog(LogWriter):
-    """A log that also keeps in memory what was measured, until it is asked for."""
+class _BufferingLog(LogWriter):
+    """A log that also queues the IMU samples it writes."""
 
     def __init__(
         self, path: Path, *, t_zero_ns: int, metadata: Mapping[str, str], clock: Callable[[], int]
     ) -> None:
         super().__init__(path, t_zero_ns=t_zero_ns, metadata=metadata, clock=clock)
-        self.kept: queue.SimpleQueue[tuple[str, Array, Array, Array]] = queue.SimpleQueue()
+        self.imu_blocks: queue.SimpleQueue[tuple[str, Array, Array, Array]] = queue.SimpleQueue()
         self._zero_ns = t_zero_ns
 
     def write_imu(
         self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike
     ) -> None:
-        """As a log, and kept."""
+        """Write the samples to the log and queue them."""
         super().write_imu(node, t_pub_ns, t_log_ns, gyro, accel)
         t = np.asarray((np.asarray(t_pub_ns, np.int64) - self._zero_ns) * 1e-9, np.float64)
-        self.kept.put((node, t, np.asarray(gyro, np.float64), np.asarray(accel, np.float64)))
+        self.imu_blocks.put((node, t, np.asarray(gyro, np.float64), np.asarray(accel, np.float64)))
 
 
 class NodeStream:
-    """Records the node on a port into a log from a thread of its own; a context manager.
+    """A recording of the node on a port, in a thread of its own; a context manager.
 
-    port: as `hubodo record` takes it. out: the log. node: its name, None for the only one on the port. say:
-    gets the lines that a user should see. computer: None, the one on which this runs. Raises InputError when
-    `out` exists or the port cannot be opened.
+    port: as for `hubodo record`. out: path of the log. node: its name, None for the only one on the port.
+    on_notice: called with each line for the user. computer: None for the computer of this process. Raises
+    InputError when `out` exists or the port cannot be opened.
     """
 
     def __init__(
@@ -79,13 +79,13 @@ class NodeStream:
         node: str | None = None,
         baud: int = UART_BAUD,
         metadata: Mapping[str, str] | None = None,
-        say: Callable[[str], None] = lambda line: None,
+        on_notice: Callable[[str], None] = lambda line: None,
         computer: Computer | None = None,
     ) -> None:
         if out.exists():
             raise InputError(f"{out}: exists already; choose another name, nothing is overwritten")
         self.node = node
-        self._say = say
+        self._on_notice = on_notice
         self._computer = computer or ThisComputer()
         self._zero_ns = self._computer.now_ns() // NS_PER_S * NS_PER_S
         name = attach_keys(parse_port(port), None, insecure=False)
@@ -96,7 +96,7 @@ class NodeStream:
         except LinkError as error:
             raise InputError(str(error)) from None
         clock = self._computer.now_ns
-        self._log = _KeepingLog(out, t_zero_ns=self._zero_ns, metadata=metadata or {}, clock=clock)
+        self._log = _BufferingLog(out, t_zero_ns=self._zero_ns, metadata=metadata or {}, clock=clock)
         self._recorder = Recorder(
             {name.label: name.name},
             self._log,
@@ -121,82 +121,82 @@ class NodeStream:
         self._link.stop()
         self._log.close()
         if isinstance(self._failure, InputError):
-            self._log.path.unlink()  # no node was there
+            self._log.path.unlink()  # no node was received
 
     def now(self) -> float:
-        """s since the log's start, on its clock."""
+        """Return the time since the log's start, s, on the host clock."""
         return (self._computer.now_ns() - self._zero_ns) * 1e-9
 
     @property
     def serial(self) -> str:
-        """Of the node, "" before it has said so."""
+        """Serial of the node; empty before its Hello."""
         nodes = list(self._recorder.nodes.values())
         hello = next((node.decoder.hello for node in nodes if node.name == self.node), None)
         return "" if hello is None else hello.serial.hex()
 
     def table(self, angle: float, *, moving: bool) -> None:
-        """A row of the log's turntable: its angle, rad, from now on."""
-        self._computer.put(_TableRow(self._computer.now_ns(), angle, moving))
+        """Log the present angle of the turntable, rad, and whether it is moving."""
+        self._computer.put(_TurntableRow(self._computer.now_ns(), angle, moving))
 
     def measure(self, duration: float) -> Samples:
-        """What is measured in the next `duration` s; returns once all of it has come.
+        """Return the samples of the next `duration` s once all of them were received.
 
-        Raises LinkError when the node falls silent, InputError when another than the one named speaks, and
-        whatever the recording failed with.
+        Raises LinkError when the node falls silent, InputError when the port carries another node than
+        requested, and any exception that ended the recording.
         """
-        begin = self.now()
+        start = self.now()
         parts: list[tuple[Array, Array, Array]] = []
-        heard = self.now()
-        while not parts or parts[-1][0][-1] < begin + duration:
+        last_received = self.now()
+        while not parts or parts[-1][0][-1] < start + duration:
             if self._failure is not None:
                 raise self._failure
             try:
-                node, *block = self._log.kept.get(timeout=_TICK_S)
+                node, *block = self._log.imu_blocks.get(timeout=_QUEUE_TIMEOUT_S)
             except queue.Empty:
-                if self.now() - heard > _SILENCE_S:
+                if self.now() - last_received > _MAX_SILENCE_S:
                     raise LinkError(
-                        f"{self._label}: no samples for {_SILENCE_S:.0f} s; is the node powered? "
-                        f"hubodo doctor says more"
+                        f"{self._label}: no samples for {_MAX_SILENCE_S:.0f} s; is the node powered? "
+                        f"run hubodo doctor"
                     ) from None
                 continue
-            heard = self.now()
+            last_received = self.now()
             if self.node is None:
                 self.node = node
             if node != self.node:
-                raise InputError(f"{self._label} carries node {node!r}, asked for {self.node!r}; see --node")
+                raise InputError(f"{self._label} carries node {node!r}, not {self.node!r}; see --node")
             t, gyro, accel = block
-            inside = (t >= begin) & (t < begin + duration)
-            if inside.any() or t[-1] >= begin + duration:
+            is_inside = (t >= start) & (t < start + duration)
+            if is_inside.any() or t[-1] >= start + duration:
                 parts.append((t, gyro, accel))
         t, gyro, accel = (np.concatenate(columns) for columns in zip(*parts, strict=True))
-        inside = (t >= begin) & (t < begin + duration)
-        return Samples(t[inside], gyro[inside], accel[inside])
+        is_inside = (t >= start) & (t < start + duration)
+        return Samples(t[is_inside], gyro[is_inside], accel[is_inside])
 
     def _run(self) -> None:
         try:
             while not self._stopping.is_set():
-                self._turn()
-            while (item := self._computer.news(0.0)) is not None:
-                self._take(item)
+                self._run_once()
+            while (item := self._computer.next_report(0.0)) is not None:
+                self._handle_item(item)
             self._recorder.close()
-        except Exception as error:  # noqa: BLE001 - raised where somebody waits for samples
+        except Exception as error:  # noqa: BLE001 - raised by `measure`
             self._failure = error
 
-    def _turn(self) -> None:
-        item = self._computer.news(_TICK_S)
+    def _run_once(self) -> None:
+        item = self._computer.next_report(_QUEUE_TIMEOUT_S)
         if item is not None:
-            self._take(item)
+            self._handle_item(item)
         self._recorder.tick(self._computer.now_ns())
         self._log.tick()
         for notice in self._recorder.notices:
-            self._say(notice.text)
+            self._on_notice(notice.text)
         self._recorder.notices.clear()
-        verdict: HubodoError | None = self._recorder.verdict()
+        verdict: HubodoError | None = self._recorder.fatal_error()
         if verdict is not None:
             raise verdict
 
-    def _take(self, item: LinkReport | _TableRow) -> None:
-        if isinstance(item, _TableRow):
+    def _handle_item(self, item: LinkReport | _TurntableRow) -> None:
+        if isinstance(item, _TurntableRow):
             row = {"angle": [item.angle], "moving": [float(item.moving)]}
             self._log.write_columns("table", [item.t_ns], item.t_ns, row)
         else:

@@ -1,7 +1,6 @@
-"""Tells the service manager how the recorder fares: a few words on the datagram socket that it names.
+"""Notifications of the service manager about the state of the recorder (sd_notify(3)).
 
-sd_notify(3): READY=1, STATUS=, WATCHDOG=1, RELOADING=1, STOPPING=1. Where $NOTIFY_SOCKET is not set, nothing
-is told.
+READY=1, STATUS=, WATCHDOG=1 and STOPPING=1 on the datagram socket $NOTIFY_SOCKET; nothing is sent without it.
 """
 
 from __future__ import annotations
@@ -11,12 +10,12 @@ import socket
 import time
 from collections.abc import Callable, Mapping
 
-from hubodo.ingest.live.metrics import health
+from hubodo.ingest.live.metrics import assess_health
 from hubodo.ingest.live.snapshot import Snapshot
 
 
-class Notifier:
-    """See the module. environment: None, that of the process. now: s, monotonic, for the watchdog."""
+class ServiceNotifier:
+    """A client of sd_notify(3); environment: None for that of the process; now: monotonic time, s."""
 
     def __init__(
         self, environment: Mapping[str, str] | None = None, now: Callable[[], float] = time.monotonic
@@ -25,35 +24,35 @@ class Notifier:
         name = known.get("NOTIFY_SOCKET", "")
         self._address = f"\0{name[1:]}" if name.startswith("@") else name
         self._now = now
-        self._next_alive = 0.0
-        self._period: float | None = None
+        self._next_watchdog = 0.0
+        self._watchdog_period: float | None = None
         if known.get("WATCHDOG_USEC", "").isdigit() and known.get("WATCHDOG_PID", _pid()) == _pid():
-            self._period = int(known["WATCHDOG_USEC"]) * 1e-6 / 3
+            self._watchdog_period = int(known["WATCHDOG_USEC"]) * 1e-6 / 3
 
-    def ready(self) -> None:
-        """The recorder listens."""
-        self._tell("READY=1")
+    def notify_ready(self) -> None:
+        """Notify that the recorder is ready."""
+        self._send("READY=1")
 
-    def stopping(self) -> None:
-        """The recorder ends."""
-        self._tell("STOPPING=1")
+    def notify_stopping(self) -> None:
+        """Notify that the recorder is stopping."""
+        self._send("STOPPING=1")
 
     def show(self, snapshot: Snapshot) -> None:
-        """The state in one line."""
-        ok, words = health(snapshot)
+        """Send the state in one line."""
+        ok, words = assess_health(snapshot)
         received = sum(node.samples for node in snapshot.nodes)
         lost = sum(node.samples_lost for node in snapshot.nodes)
         counts = f"{len(snapshot.nodes)} nodes, {received} samples, {lost} lost"
-        self._tell(f"STATUS={words if ok else f'NOT WELL: {words}'}; {counts}")
+        self._send(f"STATUS={words if ok else f'FAULT: {words}'}; {counts}")
 
-    def alive(self) -> None:
-        """Call often: says so three times as often as the watchdog asks for."""
-        if self._period is None or self._now() < self._next_alive:
+    def feed_watchdog(self) -> None:
+        """Feed the watchdog, three times per watchdog period; to be called often."""
+        if self._watchdog_period is None or self._now() < self._next_watchdog:
             return
-        self._next_alive = self._now() + self._period
-        self._tell("WATCHDOG=1")
+        self._next_watchdog = self._now() + self._watchdog_period
+        self._send("WATCHDOG=1")
 
-    def _tell(self, text: str) -> None:
+    def _send(self, text: str) -> None:
         if not self._address:
             return
         try:
@@ -61,7 +60,7 @@ class Notifier:
                 out.setblocking(False)
                 out.sendto(text.encode(), self._address)
         except OSError:
-            pass  # a manager that is busy or gone must not hold up a recording
+            pass  # a busy or missing service manager must not delay a recording
 
 
 def _pid() -> str:

@@ -1,7 +1,7 @@
-"""The wheel filter between samples as they come and the messages on /odom and /tf, live and in playback.
+"""Odometry by the wheel filter from blocks of samples to rows of /odom and /tf, live and in playback.
 
-What is published depends on the blocks of samples and their order alone: a log, whose blocks stand in the
-order in which the recorder took them, gives the same bits again.
+The result depends only on the blocks of samples and their order. A log holds the blocks in the order in which
+the recorder processed them, so playback reproduces the result bit by bit.
 """
 
 from __future__ import annotations
@@ -34,19 +34,19 @@ from hubodo.vehicle import Vehicle, facing_sign
 
 Vector = tuple[float, float, float]
 
-PATIENCE_NS = 3 * NS_PER_S
-"""How long after the first samples of one wheel the other is waited for."""
+MAX_WHEEL_WAIT_NS = 3 * NS_PER_S
+"""Maximum time to wait for the second wheel after the first samples of the first."""
 
-_JUDGED_AFTER = 10.0
-_LOOK_EVERY = 50
+_MIN_ADVICE_DISTANCE_M = 10.0
+_ADVICE_INTERVAL_WINDOWS = 50
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
-    """Samples of one node that came together.
+    """Samples of one node that were received together.
 
-    t_ns: (N,) measured, host clock. gyro: (N, 3) rad/s, accel: (N, 3) m/s², raw, node axes. temperature:
-    degrees C, supply: V, None without. power_on_ns: host clock, None where it is not known.
+    t_ns: (N,) host time of measurement. gyro: (N, 3) rad/s, accel: (N, 3) m/s², uncalibrated, node axes.
+    temperature: °C, supply: V, None if unknown. power_on_ns: host time of power-on, None if unknown.
     """
 
     node: str
@@ -60,10 +60,10 @@ class Block:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OdometryRows:
-    """Rows of /odom, each (N, ...).
+    """Rows of /odom.
 
-    t_ns; position (N, 2) m; heading rad; speed m/s; yaw_rate rad/s; pose_covariance (N, 3, 3) of x, y,
-    heading; twist_covariance (N, 2, 2) of speed, yaw rate.
+    t_ns: (N,) host time; position: (N, 2) m; heading: (N,) rad; speed: (N,) m/s; yaw_rate: (N,) rad/s;
+    pose_covariance: (N, 3, 3) of x, y, heading; twist_covariance: (N, 2, 2) of speed, yaw rate.
     """
 
     t_ns: NDArray[np.int64]
@@ -75,7 +75,7 @@ class OdometryRows:
     twist_covariance: Array
 
     def write(self, sink: Sink, t_log_ns: int) -> None:
-        """On /odom and /tf."""
+        """Write the rows on /odom and /tf."""
         sink.write_odometry(
             self.t_ns,
             t_log_ns,
@@ -90,11 +90,11 @@ class OdometryRows:
 
 
 class Odometer:
-    """Odometry of one wheel or two at the rate of their samples.
+    """Odometry from the nodes on one or two wheels, at the rate of their samples.
 
-    The filter begins when every wheel of the vehicle has been heard, or `PATIENCE_NS` after the first one
-    was; a wheel that comes later takes no part. The first second of samples yields no pose: the wheel angle
-    is being found.
+    The filter starts once samples of every wheel node were received, or `MAX_WHEEL_WAIT_NS` after the first;
+    a node received later is not used. The first second of samples yields no pose, because the wheel angle is
+    being initialised.
     """
 
     def __init__(
@@ -105,10 +105,11 @@ class Odometer:
         calibration: Calibration | None = None,
         rate_hz: float | None = None,
     ) -> None:
-        """t_zero_ns: host time of t = 0. rate_hz: poses a second at most, None: one for every sample.
+        """Start without samples.
 
-        Raises InputError when the vehicle has no node on a wheel, or two on one, CalibrationError when the
-        calibration cannot be that of a node.
+        t_zero_ns: host time of t = 0. rate_hz: maximum rate of poses, None for one per sample. Raises
+        InputError when the vehicle has no node on a wheel, or two on one wheel, CalibrationError for a
+        calibration that does not fit a node.
         """
         self._vehicle = vehicle
         self._t_zero_ns = t_zero_ns
@@ -119,122 +120,130 @@ class Odometer:
             name: determine_ranges(mount, {}, corrected=name in known)
             for name, mount in vehicle.nodes.items()
         }
-        self.wheels = frozenset(self._config(list(vehicle.nodes)).nodes)
+        self.wheel_nodes = frozenset(self._config(list(vehicle.nodes)).nodes)
         """Names of the nodes on wheels."""
         self._step_ns = 0 if rate_hz is None else round(NS_PER_S / rate_hz)
         self._waiting: deque[Block] = deque()
         self._filter: WheelFilter | None = None
         self._last_ns: int | None = None
         self._state: WheelState | None = None
-        self._still = bytearray()  # of the beginning alone: a drive may last for weeks
-        self._rested = False
-        self._windows = 0
+        self._initial_states = bytearray()  # of the beginning only: a drive may last for weeks
+        self._was_stationary = False
+        self._window_count = 0
         self._pose: Pose | None = None
-        self._said: set[str] = set()
-        self._slips_said: dict[str, int] = {}
-        self._looked = 0
-        self._late: set[str] = set()
+        self._reported_kinds: set[str] = set()
+        self._slips_reported: dict[str, int] = {}
+        self._advised_window = 0
+        self._late_nodes: set[str] = set()
         self._first_ns: dict[str, int] = {}
         self._newest_ns: dict[str, int] = {}
-        self._fresh: list[Pose] = []
-        self.poses = 0
-        """Rows published."""
+        self._new_poses: list[Pose] = []
+        self.pose_count = 0
+        """Number of published rows."""
         self.distance = 0.0
-        """m along the track; backwards counts too."""
+        """Distance along the track, m; driving backwards adds to it."""
 
     @property
     def state(self) -> WheelState | None:
-        """The newest published state."""
+        """Newest published state; None before the first."""
         return self._state
 
     @property
     def nodes(self) -> tuple[str, ...]:
-        """The nodes that the filter listens to; empty before it has begun."""
+        """Names of the nodes used by the filter; empty before its start."""
         return () if self._filter is None else tuple(self._filter.config.nodes)
 
     @property
     def vehicle(self) -> Vehicle:
-        """On whose wheels the nodes are."""
+        """Vehicle that carries the nodes."""
         return self._vehicle
 
     def biases(self) -> dict[str, tuple[Vector, Vector]]:
-        """What is left of each gyro's bias behind the calibration, and its 1 sigma: rad/s, node axes."""
-        found: dict[str, tuple[Vector, Vector]] = {}
+        """Return each node's residual gyro bias after calibration and its 1 sigma: rad/s, node axes."""
+        biases: dict[str, tuple[Vector, Vector]] = {}
         if self._filter is None:
-            return found
+            return biases
         core = self._filter.core
         for wheel in core.wheels:
             sign = facing_sign(wheel.node.facing)
             x, y, z = (wheel.columns[entry] for entry in (GYRO_BIAS_X, GYRO_BIAS_Y, GYRO_BIAS_Z))
-            sigmas = [math.sqrt(core.p[place, place]) for place in (x, y, z)]
+            sigmas = [math.sqrt(core.p[index, index]) for index in (x, y, z)]
             bias = (core.x[x], sign * core.x[y], sign * core.x[z])
-            found[wheel.name] = (bias, (sigmas[0], sigmas[1], sigmas[2]))
-        return found
+            biases[wheel.name] = (bias, (sigmas[0], sigmas[1], sigmas[2]))
+        return biases
 
-    def told(self, node: str, text: Mapping[str, str]) -> None:
-        """What a node says of itself, as the log keeps it: its ranges, if that comes before its odometry."""
-        if node in self.wheels:
+    def update_ranges(self, node: str, text: Mapping[str, str]) -> None:
+        """Update a node's measuring ranges from its Hello metadata; effective before the filter starts."""
+        if node in self.wheel_nodes:
             mount = self._vehicle.nodes[node]
             self._ranges[node] = determine_ranges(mount, text, corrected=node in self._corrections)
 
     def handle(self, block: Block) -> list[OdometryRows]:
-        """What a block of samples makes known, oldest first; blocks of nodes on no wheel are passed over."""
-        if block.node not in self.wheels or not len(block.t_ns):
+        """Process a block of samples and return new rows, oldest first; other nodes' blocks are ignored."""
+        if block.node not in self.wheel_nodes or not len(block.t_ns):
             return []
         if self._filter is not None:
-            return [made for made in [self._feed(self._filter, block)] if made is not None]
+            return [rows for rows in [self._filter_block(self._filter, block)] if rows is not None]
         self._waiting.append(block)
-        heard = {waiting.node for waiting in self._waiting}
-        if heard != self.wheels and block.t_ns[-1] - self._waiting[0].t_ns[0] < PATIENCE_NS:
+        received = {waiting.node for waiting in self._waiting}
+        if received != self.wheel_nodes and block.t_ns[-1] - self._waiting[0].t_ns[0] < MAX_WHEEL_WAIT_NS:
             return []
-        return self._begin()
+        return self._start_filter()
 
     def finish(self) -> list[OdometryRows]:
-        """No more samples come: what waited for the other wheel."""
-        made = self._begin() if self._filter is None and self._waiting else []
+        """Process the blocks that waited for the other wheel, finish the filter, and return the new rows."""
+        rows = self._start_filter() if self._filter is None and self._waiting else []
         if self._filter is not None:
-            self._account(self._filter.finish().poses)
-        return made
+            self._add_poses(self._filter.finish().poses)
+        return rows
 
-    def fresh(self) -> list[Pose]:
-        """The filter's poses at the ends of windows that have come since the last call."""
-        fresh, self._fresh = self._fresh, []
+    def take_poses(self) -> list[Pose]:
+        """Return the filter's poses at the ends of windows since the last call."""
+        fresh, self._new_poses = self._new_poses, []
         return fresh
 
     def warnings(self, *, end: bool = False) -> list[str]:
-        """What a user must know and has not been told yet.
+        """Return the warnings that were not reported yet.
 
-        A slip is told when it is over. All else is looked for every few seconds before the end, once the
-        vehicle has gone far enough to judge.
+        A slip is reported once it has ended; other warnings are evaluated every few seconds after the first
+        10 m, and at the end.
         """
-        if self._filter is None or not self._windows:
+        if self._filter is None or not self._window_count:
             return []
-        return [*self._slips(self._filter, end), *self._advice(self._filter, self._windows, end)]
+        return [
+            *self._slip_warnings(self._filter, end),
+            *self._advice_warnings(self._filter, self._window_count, end),
+        ]
 
-    def _slips(self, wheels: WheelFilter, end: bool) -> list[str]:
+    def _slip_warnings(self, wheels: WheelFilter, end: bool) -> list[str]:
         new = []
         for wheel in wheels.core.wheels:
-            for slip in wheel.slip_detector.slips[self._slips_said.get(wheel.name, 0) :]:
+            for slip in wheel.slip_detector.slips[self._slips_reported.get(wheel.name, 0) :]:
                 if end or slip.last is not None:
-                    self._slips_said[wheel.name] = self._slips_said.get(wheel.name, 0) + 1
+                    self._slips_reported[wheel.name] = self._slips_reported.get(wheel.name, 0) + 1
                     new.append(f"{wheel.name}: {slip.description}")
         return new
 
-    def _advice(self, wheels: WheelFilter, windows: int, end: bool) -> list[str]:
-        if not end and (self.distance < _JUDGED_AFTER or windows < self._looked + _LOOK_EVERY):
+    def _advice_warnings(self, wheels: WheelFilter, windows: int, end: bool) -> list[str]:
+        if not end and (
+            self.distance < _MIN_ADVICE_DISTANCE_M
+            or windows < self._advised_window + _ADVICE_INTERVAL_WINDOWS
+        ):
             return []
-        self._looked = windows
+        self._advised_window = windows
         lines = [
-            f"{name}: first heard more than {PATIENCE_NS // NS_PER_S} s after the other wheel; "
-            "it takes no part in the odometry"
-            for name in sorted(self._late)
+            f"{name}: first samples more than {MAX_WHEEL_WAIT_NS // NS_PER_S} s after the other wheel; "
+            "it is not used for the odometry"
+            for name in sorted(self._late_nodes)
         ]
         new = []
-        still = np.array([*self._still, *([MotionState.STANDSTILL] if self._rested else [])], np.float64)
+        still = np.array(
+            [*self._initial_states, *([MotionState.STANDSTILL] if self._was_stationary else [])], np.float64
+        )
         for line in [*lines, *list_warnings(wheels, still)]:
             kind = re.sub(r"\d+(\.\d+)?", "#", line)
-            if kind not in self._said:
-                self._said.add(kind)
+            if kind not in self._reported_kinds:
+                self._reported_kinds.add(kind)
                 new.append(line)
         return new
 
@@ -246,16 +255,16 @@ class Odometer:
                 f"odometry: {error}; give each wheel's node in the vehicle file a side and a facing"
             ) from None
 
-    def _begin(self) -> list[OdometryRows]:
+    def _start_filter(self) -> list[OdometryRows]:
         waiting, self._waiting = self._waiting, deque()
         config = self._config(sorted({block.node for block in waiting}))
         self._filter = WheelFilter(replace(config, start_heading=0.0))
-        made = [self._feed(self._filter, block) for block in waiting]
-        return [motion for motion in made if motion is not None]
+        rows = [self._filter_block(self._filter, block) for block in waiting]
+        return [motion for motion in rows if motion is not None]
 
-    def _feed(self, wheels: WheelFilter, block: Block) -> OdometryRows | None:
+    def _filter_block(self, wheels: WheelFilter, block: Block) -> OdometryRows | None:
         if block.node not in wheels.config.nodes:
-            self._late.add(block.node)
+            self._late_nodes.add(block.node)
             return None
         gyro, accel = block.gyro, block.accel
         correction = self._corrections.get(block.node)
@@ -267,50 +276,50 @@ class Odometer:
                 gyro, accel, age=age, temperature=block.temperature, supply=block.supply
             )
         times = to_seconds(block.t_ns, self._t_zero_ns).tolist()
-        # Between samples of the two wheels that fall close together one pose is enough.
+        # One pose is sufficient for samples of both wheels at nearly the same time.
         newest_ns = int(block.t_ns[-1])
         before_ns = int(block.t_ns[0]) if len(times) > 1 else self._newest_ns.get(block.node, newest_ns)
         self._newest_ns[block.node] = newest_ns
         period_ns = (newest_ns - before_ns) // max(len(times) - 1, 1)
-        apart_ns = max(self._step_ns, period_ns // 2, 1)
+        min_interval_ns = max(self._step_ns, period_ns // 2, 1)
         published: list[tuple[int, WheelState]] = []
         for t_ns, t, rate, force in zip(
             block.t_ns.tolist(), times, gyro.tolist(), accel.tolist(), strict=True
         ):
             handled = wheels.handle(WheelSample(block.node, t, tuple(rate), tuple(force)))
             if handled.poses:
-                self._account(handled.poses)
-            if self._last_ns is not None and t_ns - self._last_ns < apart_ns:
+                self._add_poses(handled.poses)
+            if self._last_ns is not None and t_ns - self._last_ns < min_interval_ns:
                 continue
             state = wheels.state()
-            # A newer state is that of the other wheel's sample: it has been published.
+            # A newer state belongs to a sample of the other wheel and was published already.
             if state is None or state.t > t:
                 continue
-            # While no wheel angle is known the state stays at the end of the last window.
+            # While the wheel angle is unknown, the state stays at the end of the last window.
             state_ns = t_ns - round((t - state.t) * NS_PER_S)
-            if self._last_ns is not None and state_ns - self._last_ns < apart_ns:
+            if self._last_ns is not None and state_ns - self._last_ns < min_interval_ns:
                 continue
             self._last_ns = state_ns
             published.append((state_ns, state))
-        return self._motion(published) if published else None
+        return self._build_rows(published) if published else None
 
-    def _account(self, poses: tuple[Pose, ...]) -> None:
-        self._fresh += poses
+    def _add_poses(self, poses: tuple[Pose, ...]) -> None:
+        self._new_poses += poses
         for pose in poses:
-            self._windows += 1
-            if len(self._still) < START_WINDOWS:
-                self._still.append(int(pose.motion_state))
-            self._rested |= pose.motion_state == MotionState.STANDSTILL
+            self._window_count += 1
+            if len(self._initial_states) < START_WINDOWS:
+                self._initial_states.append(int(pose.motion_state))
+            self._was_stationary |= pose.motion_state == MotionState.STANDSTILL
             before, self._pose = self._pose, pose
             if before is not None and pose.t - before.t > 1.5 * WINDOW_S:
                 self.distance += math.hypot(pose.x - before.x, pose.y - before.y)
             else:
                 self.distance += abs(pose.speed) * WINDOW_S
 
-    def _motion(self, rows: list[tuple[int, WheelState]]) -> OdometryRows:
+    def _build_rows(self, rows: list[tuple[int, WheelState]]) -> OdometryRows:
         states = [state for _, state in rows]
         self._state = states[-1]
-        self.poses += len(rows)
+        self.pose_count += len(rows)
         covariance = np.array([state.covariance for state in states])
         return OdometryRows(
             np.array([t_ns for t_ns, _ in rows], np.int64),

@@ -1,4 +1,4 @@
-"""An output of a recording on a thread of its own: what fails or hangs there costs that output alone."""
+"""A thread for one output of a recording, so that its faults and hangs affect no other part."""
 
 from __future__ import annotations
 
@@ -11,34 +11,34 @@ from typing import Generic, TypeVar
 
 from hubodo.ingest.live.bulkheads import Bulkheads
 
-STALL_S = 5.0
+STALL_TIMEOUT_S = 5.0
 _CHECKS_PER_STALL = 20
-_MIN_CHECK_S = STALL_S / _CHECKS_PER_STALL
-_IDLE_S = 0.5
+_MIN_CHECK_S = STALL_TIMEOUT_S / _CHECKS_PER_STALL
+_CLOSE_IDLE_S = 0.5
 
 T = TypeVar("T")
 
 
 class OutputStalled(Exception):
-    """The output has not returned from the item at hand."""
+    """Raised for an output whose handler does not return."""
 
 
 class OutputThread(Generic[T]):
-    """A bounded mailbox in front of a handler; the oldest items are dropped and counted when it is full.
+    """A bounded queue in front of a handler; when it is full, the oldest items are dropped and counted.
 
     Parameters
     ----------
     name
-        Of the part, in events and metrics.
+        Name of the part in events and metrics.
     make_handler
-        Returns what is called with each item; called again after a fault, so that the output restarts.
+        Returns the function called with each item; called again after a fault, which restarts the output.
     bulkheads
-        Keeps account of faults; a part that fails or stalls is suspended, its items are dropped meanwhile.
+        Counts faults; while a part is suspended after a fault or stall, its items are dropped.
     capacity
-        Items that wait at most.
+        Maximum number of queued items.
     replaceable
-        Whether a stalled thread is abandoned and another one started. Otherwise the output goes on when
-        the call at hand returns, as after a terminal that was stopped.
+        True if a stalled thread is abandoned and replaced. Otherwise the output continues when the present
+        call returns, as after a stopped terminal.
     """
 
     def __init__(
@@ -57,47 +57,47 @@ class OutputThread(Generic[T]):
         self._items: deque[T] = deque()
         self._capacity = capacity
         self._replaceable = replaceable
-        self._changed = threading.Condition()
-        self._closing = False
+        self._condition = threading.Condition()
+        self._is_closing = False
         self._generation = 0
         self._completed = 0
-        self._busy = False
-        self._seen, self._unchanged, self._next_check = -1, 0, 0.0
+        self._is_busy = False
+        self._last_completed, self._unchanged, self._next_check = -1, 0, 0.0
         self._thread = self._start()
-        bulkheads.watch(self)
+        bulkheads.watch_output(self)
 
     @property
-    def waiting(self) -> int:
-        """Items that wait."""
+    def waiting_count(self) -> int:
+        """Number of queued items."""
         return len(self._items)
 
     def put(self, item: T) -> None:
-        """Hand over an item; returns at once, whatever the output does."""
-        with self._changed:
-            if self._closing:
+        """Queue an item without blocking."""
+        with self._condition:
+            if self._is_closing:
                 return
             if len(self._items) >= self._capacity:
                 self._items.popleft()
                 self.dropped += 1
             self._items.append(item)
-            self._changed.notify_all()
+            self._condition.notify_all()
 
-    def close(self, idle_s: float = _IDLE_S, total_s: float = math.inf) -> bool:
-        """End the thread once the mailbox is empty.
+    def close(self, idle_s: float = _CLOSE_IDLE_S, total_s: float = math.inf) -> bool:
+        """End the thread once the queue is empty.
 
         Parameters
         ----------
         idle_s, total_s
-            Seconds after which it is given up: without an item completed, and in all.
+            Time limits: without a completed item, and in total.
 
         Returns
         -------
         bool
-            Whether all items were handled. A thread that hangs is abandoned.
+            True if all items were handled. A thread that hangs is abandoned.
         """
-        with self._changed:
-            self._closing = True
-            self._changed.notify_all()
+        with self._condition:
+            self._is_closing = True
+            self._condition.notify_all()
         end = time.monotonic() + total_s
         completed, idle_end = -1, 0.0
         while self._thread.is_alive():
@@ -111,23 +111,27 @@ class OutputThread(Generic[T]):
         return True
 
     def stop(self) -> None:
-        """End the thread after the item at hand; what waits is dropped."""
-        with self._changed:
-            self._closing = True
+        """End the thread after the present item; drop the queue."""
+        with self._condition:
+            self._is_closing = True
             self._items.clear()
-            self._changed.notify_all()
+            self._condition.notify_all()
 
     def check_stall(self) -> None:
-        """Report an item that takes longer than `STALL_S`, once; called by the watchdog of the bulkheads."""
+        """Report an item that takes longer than `STALL_TIMEOUT_S`, once; called by the watchdog."""
         now = time.monotonic()
         if now < self._next_check:
             return
         self._next_check = now + _MIN_CHECK_S
-        self._unchanged = self._unchanged + 1 if self._busy and self._completed == self._seen else 0
-        self._seen = self._completed
+        self._unchanged = (
+            self._unchanged + 1 if self._is_busy and self._completed == self._last_completed else 0
+        )
+        self._last_completed = self._completed
         if self._unchanged == _CHECKS_PER_STALL:
-            what = "another thread takes its place" if self._replaceable else "cut off until it does"
-            self._bulkheads.record(self.name, OutputStalled(f"no return within {STALL_S:g} s; {what}"))
+            consequence = "replaced by a new thread" if self._replaceable else "no output until it does"
+            self._bulkheads.record_fault(
+                self.name, OutputStalled(f"no return within {STALL_TIMEOUT_S:g} s; {consequence}")
+            )
             if self._replaceable:
                 self._abandon()
                 self._thread = self._start()
@@ -138,38 +142,38 @@ class OutputThread(Generic[T]):
         return thread
 
     def _abandon(self) -> None:
-        with self._changed:
+        with self._condition:
             self._generation += 1
-            self._busy = False
+            self._is_busy = False
 
     def _work(self, generation: int) -> None:
         handler: Callable[[T], object] | None = None
-        for item in self._taken(generation):
+        for item in self._next_items(generation):
             try:
                 if self._bulkheads.is_suspended(self.name):
                     self.dropped += 1
                     continue
                 handler = handler or self._make_handler()
                 handler(item)
-                self._bulkheads.succeeded(self.name)
-            except BaseException as error:  # noqa: BLE001 rich raises SystemExit when its reader is gone
+                self._bulkheads.end_suspension(self.name)
+            except BaseException as error:  # noqa: BLE001 rich raises SystemExit when its pipe is closed
                 handler = None
                 if generation == self._generation:
-                    self._bulkheads.record(self.name, error)
+                    self._bulkheads.record_fault(self.name, error)
             finally:
                 if generation == self._generation:
                     self._completed += 1
-                    self._busy = False
+                    self._is_busy = False
 
-    def _taken(self, generation: int) -> Iterator[T]:
-        """Yield items as they come, until this thread has nothing more to do."""
+    def _next_items(self, generation: int) -> Iterator[T]:
+        """Yield items until this thread is closed or replaced."""
         while True:
-            with self._changed:
-                self._changed.wait_for(
-                    lambda: bool(self._items) or self._closing or generation != self._generation
+            with self._condition:
+                self._condition.wait_for(
+                    lambda: bool(self._items) or self._is_closing or generation != self._generation
                 )
                 if not self._items or generation != self._generation:
                     return
                 item = self._items.popleft()
-                self._busy = True
+                self._is_busy = True
             yield item

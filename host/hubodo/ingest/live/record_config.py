@@ -1,4 +1,4 @@
-"""`[record]` of hubodo.toml: defaults of a recording, their meaning and their bounds."""
+"""Table `[record]` of hubodo.toml: settings of a recording with their meaning and bounds."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from hubodo.settings_table import check_bounds, setting
 from hubodo.toml_file import check_known_keys, load_toml, read_table
 from hubowire.budget import CONSOLE_BAUD, UART_BAUD
 
-TABLES = ("record", "web")
-"""Of hubodo.toml."""
+CONFIG_TABLES = ("record", "web")
+"""Tables of hubodo.toml."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordConfig:
-    """``[record]`` of hubodo.toml: defaults for `hubodo record`; the command line goes before them."""
+    """Table ``[record]`` of hubodo.toml: defaults of `hubodo record`, overridden by the command line."""
 
     ports: tuple[str, ...] = setting(
         (),
@@ -33,74 +33,79 @@ class RecordConfig:
         example="logs",
     )
     vehicle: str | None = setting(
-        None, "Geometry of the vehicle: switches live odometry on.", example="vehicle.toml"
+        None, "Geometry of the vehicle: enables live odometry.", example="vehicle.toml"
     )
     calibration: str | None = setting(
-        None, "Applied to what the odometry gets; the log keeps the raw samples.", example="calibration.toml"
+        None,
+        "Applied to the samples of the odometry; the log holds the raw samples.",
+        example="calibration.toml",
     )
     key_file: str | None = setting(
         None,
-        "Keys of nodes on UDP, as `hubodo flash --key-file` wrote it: nobody else is heard.",
+        "Keys of nodes on UDP, written by `hubodo flash --key-file`: datagrams without a key are refused.",
         example="keys.toml",
     )
     insecure_udp: bool = setting(
         False,
-        "UDP without keys from other machines too: anybody on the network can send samples.",
+        "Accept UDP without keys from other machines: anybody on the network can send samples.",
         example=True,
     )
-    gnss: str | None = setting(None, "Port of a GNSS receiver that speaks NMEA.", example="/dev/ttyUSB0")
-    gnss_baud: int = setting(9600, "Of the receiver's serial port.", above=0)
+    gnss: str | None = setting(None, "Port of a GNSS receiver with NMEA output.", example="/dev/ttyUSB0")
+    gnss_baud: int = setting(9600, "Baud rate of the receiver's serial port.", above=0)
     baud: int = setting(
         UART_BAUD,
-        f"Of the nodes' serial ports; {CONSOLE_BAUD} for an ESP32 on its USB converter; USB does not care.",
+        f"Baud rate of the nodes' serial ports; {CONSOLE_BAUD} for an ESP32 on its converter, any on USB.",
         above=0,
     )
     wait: bool = setting(
-        False, "Wait for ports that are not there yet, or busy, and for room on the disk.", example=True
+        False, "Wait for ports that are missing or busy, and for free disk space.", example=True
     )
     duration: float | None = setting(
-        None, "s; without it recording goes on until it is stopped.", example=3600.0, above=0
+        None, "s; without it the recording continues until it is stopped.", example=3600.0, above=0
     )
-    compression: Literal["zstd", "lz4", "none"] = setting("zstd", 'Of the log: "zstd", "lz4" or "none".')
+    compression: Literal["zstd", "lz4", "none"] = setting(
+        "zstd", 'Compression of the log: "zstd", "lz4" or "none".'
+    )
     odometry_rate_hz: float | None = setting(
-        None, "Poses a second at most, Hz; without it one for every sample.", example=50.0, above=0
+        None, "Maximum rate of poses, Hz; without it one per sample.", example=50.0, above=0
     )
-    clock_request_period: float = setting(1.0, "s between two questions for a node's clock.", above=0)
+    clock_request_period: float = setting(1.0, "s between two clock requests to a node.", above=0)
     time_scale: float = setting(
-        1.0, "For emulated nodes slower than real time: a second of the log takes so many seconds.", above=0
+        1.0, "For emulated nodes slower than real time: seconds of real time per second of the log.", above=0
     )
     rotate_after: float | None = setting(
-        None, "s after which another log begins; each is whole by itself.", example=3600.0, above=0
+        None, "s after which a new log is started; each log is complete in itself.", example=3600.0, above=0
     )
     rotate_at_mb: float | None = setting(
-        None, "Size at which another log begins, MB.", example=500.0, above=0
+        None, "Size at which a new log is started, MB.", example=500.0, above=0
     )
     disk_budget_mb: float | None = setting(
         None,
-        "For all logs of this name, MB: beyond it the oldest is removed. Without it none ever is.",
+        "Maximum size of all logs of this name, MB; the oldest is removed first. Without it none is removed.",
         example=20_000.0,
         above=0,
     )
     disk_reserve_mb: float = setting(
         20.0,
-        "Room that stays free on the disk, MB: recording pauses there, and goes on when there is room.",
+        "Space that stays free on the disk, MB: recording pauses below it, and resumes above it.",
         at_least=0,
     )
     metrics: str | None = setting(
-        None, "HOST:PORT that serves /metrics for Prometheus, and /healthz.", example="127.0.0.1:9464"
+        None, "HOST:PORT on which /metrics for Prometheus and /healthz are served.", example="127.0.0.1:9464"
     )
 
     quiet: bool = setting(False, "No live view; notices are still shown.", example=True)
     log_format: Literal["text", "json"] = setting(
-        "text", 'Of what is told meanwhile on stderr: "text", or "json", an object a line, for services.'
+        "text", 'Format of messages on stderr: "text", or "json", one object per line, for services.'
     )
 
     @property
     def key_path(self) -> Path | None:
+        """Path of the key file; None without one."""
         return None if self.key_file is None else Path(self.key_file)
 
     def rules(self) -> RotationRules:
-        """When the next log begins, and what the logs leave on the disk."""
+        """Return the rules for rotation of logs and disk space."""
 
         def size(mb: float | None) -> int | None:
             return None if mb is None else int(mb * BYTES_PER_MB)
@@ -114,11 +119,11 @@ class RecordConfig:
 
 
 def check_record_config(config: RecordConfig, where: Callable[[str], str]) -> None:
-    """Raises ConfigError where numbers are out of bounds or contradict each other; where: names one."""
+    """Raise ConfigError for settings out of bounds or in contradiction; where: name of a setting."""
     check_bounds(config, where)
     if config.disk_budget_mb is not None and config.rotate_after is None and config.rotate_at_mb is None:
         raise ConfigError(
-            f"{where('disk_budget_mb')} {config.disk_budget_mb:g}: only closed logs are removed, so give "
+            f"{where('disk_budget_mb')} {config.disk_budget_mb:g}: only closed logs are removed, so set "
             f"{where('rotate_at_mb')} or {where('rotate_after')} as well"
         )
     if config.disk_budget_mb is not None and config.disk_budget_mb < 2 * (config.rotate_at_mb or 0.0):
@@ -129,13 +134,13 @@ def check_record_config(config: RecordConfig, where: Callable[[str], str]) -> No
 
 
 def load_record_config(path: Path) -> RecordConfig:
-    """Reads hubodo.toml.
+    """Read hubodo.toml.
 
     Paths in it (output, vehicle, calibration, key_file) are relative to the file. Raises ConfigError at the
     first key that is unknown, of the wrong type or out of bounds.
     """
     table = load_toml(path)
-    check_known_keys(table, TABLES, str(path))
+    check_known_keys(table, CONFIG_TABLES, str(path))
     config = read_table(table.get("record", {}), RecordConfig, f"{path}: [record]")
     if config.key_file is not None:
         config = replace(config, key_file=str(path.parent / config.key_file))

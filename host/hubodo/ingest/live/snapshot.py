@@ -1,4 +1,4 @@
-"""How a recording fares at one moment: small, unchangeable, and free to be read from any thread."""
+"""Immutable snapshots of the state of a recording, and their publication once per second."""
 
 from __future__ import annotations
 
@@ -24,11 +24,12 @@ from hubodo.units import NS_PER_S
 
 
 @dataclass(frozen=True, slots=True)
-class LinkNow:
-    """A link. where: the device of today, None while it is down; counts are since the start.
+class LinkStatus:
+    """Status of a link; counters are totals since the start.
 
-    faults: unexpected exceptions of the port's driver. refused: datagrams that no key proved, and frames of
-    nodes beyond the limit. senders_evicted: that never identified themselves.
+    where: current device name, None while the link is down. faults: unexpected exceptions of the port's
+    driver. refused: datagrams without a valid key, and frames of nodes beyond the limit. senders_evicted:
+    senders dropped before identification.
     """
 
     label: str
@@ -45,11 +46,12 @@ class LinkNow:
 
 
 @dataclass(frozen=True, slots=True)
-class NodeNow:
-    """A node. rate: Hz over two seconds; clock_*: s, drift as a share, sigma None before anything is known.
+class NodeStatus:
+    """Status of a node.
 
-    age: s since its last frame. gyro, accel: (3,) means of its newest block, rad/s and m/s², node axes;
-    bias: (3,) rad/s by its own filter, None before it has one. temperature: °C. battery: V.
+    rate: Hz over two seconds. age: s since its last frame. clock_offset, clock_sigma: s; clock_drift:
+    dimensionless; sigma is None while unknown. gyro, accel: (3,) means of the newest block, rad/s and m/s²,
+    node axes. bias: (3,) rad/s by the node's own filter, None before its first. temperature: °C. battery: V.
     """
 
     name: str
@@ -74,8 +76,8 @@ class NodeNow:
 
 
 @dataclass(frozen=True, slots=True)
-class GnssNow:
-    """A receiver. latitude_deg, longitude_deg: of its last fix, None before one."""
+class GnssStatus:
+    """Status of a GNSS receiver; latitude_deg, longitude_deg: last fix, None before the first."""
 
     label: str
     fixes: int
@@ -85,8 +87,8 @@ class GnssNow:
 
 
 @dataclass(frozen=True, slots=True)
-class OdometryNow:
-    """Where the vehicle is: m, rad, m/s, rad/s; sigma: m along the worse direction; distance: m so far."""
+class OdometryStatus:
+    """Odometry: m, rad, m/s, rad/s; sigma: m along the major axis of the ellipse; distance: m since start."""
 
     x: float
     y: float
@@ -99,12 +101,13 @@ class OdometryNow:
 
 
 @dataclass(frozen=True, slots=True)
-class LogNow:
-    """The log. path: of the one that is open, else the last; size: its bytes; total: of all since the start.
+class LogStatus:
+    """Status of the log.
 
-    recording: whether what comes goes into it; trouble: why not, or what was wrong with a log that ended
-    early; logs: begun so far; messages_lost: that no log has; disk_free, disk_size: bytes, None where the
-    folder is not there.
+    path: the open log, else the last one; size: its bytes; total: bytes of all logs since the start.
+    recording: True while data is written; trouble: cause of an interruption, or of the early end of a log.
+    logs: number of logs started; messages_lost: messages contained in no log; disk_free, disk_size: bytes,
+    None while the folder is missing.
     """
 
     path: Path
@@ -121,102 +124,102 @@ class LogNow:
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """A recording. t_ns: host time of it; started_ns: of the start; memory: bytes in use by the process.
+    """Status of a recording at host time t_ns.
 
-    map: where the odometry puts the vehicle on the map, (x east, y north) m, with a graph and once known.
-    faults: exceptions and hangs of each part that has had any, since the start.
+    started_ns: host time of the start. memory: resident bytes of the process. map: position on the map,
+    (x east, y north) m, None while unknown. faults: number of exceptions and hangs by part.
     """
 
     t_ns: int
     started_ns: int
-    log: LogNow
-    links: tuple[LinkNow, ...]
-    nodes: tuple[NodeNow, ...]
-    gnss: tuple[GnssNow, ...]
-    odometry: OdometryNow | None
+    log: LogStatus
+    links: tuple[LinkStatus, ...]
+    nodes: tuple[NodeStatus, ...]
+    gnss: tuple[GnssStatus, ...]
+    odometry: OdometryStatus | None
     map: tuple[float, float] | None
     memory: int | None
     faults: Mapping[str, int]
 
     @property
     def seconds(self) -> float:
-        """Since the start, s."""
+        """Time since the start, s."""
         return (self.t_ns - self.started_ns) / NS_PER_S
 
 
-Watch = Callable[[Snapshot], Iterable[Event] | None]
-"""Called with each snapshot in the recorder's own thread; must return at once. Events go into the log."""
+SnapshotObserver = Callable[[Snapshot], Iterable[Event] | None]
+"""Called with each snapshot in the recorder's thread; must return at once. Returned events are logged."""
 
 
 class Audience(Protocol):
-    """Who watches closely. Called in the recorder's own thread, so it must not wait for anybody."""
+    """An observer with access to the recorder; called in the recorder's thread, so it must not block."""
 
     def attach(self, log: LogWriter, series: LogSeries, bulkheads: Bulkheads) -> Mapping[str, Listener]:
-        """Called once, before the start; return what listens to all that is written, by its part's name."""
+        """Return the listeners to all log records, by name of their part; called once before the start."""
         ...
 
     def poll(self, recorder: Recorder, now_ns: int) -> None:
-        """Called some fifty times a second."""
+        """Inspect the recorder; called about fifty times per second."""
         ...
 
     def show(self, snapshot: Snapshot) -> None:
-        """Called once a second."""
+        """Show a snapshot; called once per second."""
         ...
 
 
-class Watched:
-    """Shows a recorder once a second to those who want to know, each as a part of its own."""
+class SnapshotPublisher:
+    """Publishes a snapshot of the recorder once per second to observers, each behind its bulkhead."""
 
     def __init__(
         self,
         recorder: Recorder,
-        log: Callable[[], LogNow],
-        watch: Mapping[str, Watch],
+        log: Callable[[], LogStatus],
+        watch: Mapping[str, SnapshotObserver],
         audience: Audience | None = None,
     ) -> None:
-        """watch: by the name of the part."""
+        """Start with these observers, by name of their part."""
         self._recorder, self._log, self._audience = recorder, log, audience
-        self._watch = dict(watch)
+        self._observers = dict(watch)
         if audience is not None:
-            self._watch["page"] = audience.show
+            self._observers["page"] = audience.show
         self._started_ns = self._next_ns = 0
 
-    def add(self, part: str, watch: Watch) -> None:
-        """Another one who wants to know."""
-        self._watch[part] = watch
+    def add_observer(self, part: str, observer: SnapshotObserver) -> None:
+        """Add an observer."""
+        self._observers[part] = observer
 
     def tick(self, now_ns: int) -> None:
-        """Call often; the first call is the start."""
+        """Publish a snapshot if one is due; the first call marks the start."""
         run = self._recorder.bulkheads.run
         if self._audience is not None:
             run("page", self._audience.poll, self._recorder, now_ns, pausing=True)
-        if now_ns < self._next_ns or not self._watch:
+        if now_ns < self._next_ns or not self._observers:
             return
         self._started_ns = self._started_ns or now_ns
         self._next_ns = now_ns + NS_PER_S
-        run("status", self._show, now_ns)
+        run("status", self._publish_snapshot, now_ns)
 
-    def _show(self, now_ns: int) -> None:
+    def _publish_snapshot(self, now_ns: int) -> None:
         snapshot = take_snapshot(self._recorder, self._log(), self._started_ns, now_ns)
-        for part, watch in self._watch.items():
-            self._recorder.bulkheads.run(part, self._pass_on, watch, snapshot, pausing=True)
+        for part, watch in self._observers.items():
+            self._recorder.bulkheads.run(part, self._show_snapshot, watch, snapshot, pausing=True)
 
-    def _pass_on(self, watch: Watch, snapshot: Snapshot) -> None:
+    def _show_snapshot(self, watch: SnapshotObserver, snapshot: Snapshot) -> None:
         for event in watch(snapshot) or ():
-            self._recorder.report(event)
+            self._recorder.report_event(event)
 
 
-def take_snapshot(recorder: Recorder, log: LogNow, started_ns: int, now_ns: int) -> Snapshot:
-    """How it is now; to be called by the thread that feeds the recorder."""
-    located = recorder.map.located
+def take_snapshot(recorder: Recorder, log: LogStatus, started_ns: int, now_ns: int) -> Snapshot:
+    """Return the present status; to be called in the recorder's thread."""
+    located = recorder.map.latest
     return Snapshot(
         now_ns,
         started_ns,
         log,
-        tuple(_link(link) for link in recorder.links.values()),
-        tuple(_node(node, now_ns) for node in recorder.nodes.values()),
+        tuple(_link_status(link) for link in recorder.links.values()),
+        tuple(_node_status(node, now_ns) for node in recorder.nodes.values()),
         tuple(
-            GnssNow(
+            GnssStatus(
                 label,
                 session.decoder.counts.fixes,
                 session.decoder.counts.checksum_errors,
@@ -225,23 +228,23 @@ def take_snapshot(recorder: Recorder, log: LogNow, started_ns: int, now_ns: int)
             )
             for label, session in recorder.gnss.items()
         ),
-        _odometry(recorder),
+        _odometry_status(recorder),
         None if located is None else (float(located.position[0, 0]), float(located.position[0, 1])),
         memory_in_use(),
-        recorder.bulkheads.counts(),
+        recorder.bulkheads.fault_counts(),
     )
 
 
 def memory_in_use() -> int | None:
-    """Bytes that the process holds in memory; None where the system does not tell."""
+    """Return the resident memory of the process, bytes; None where the system does not report it."""
     try:
         return int(Path("/proc/self/statm").read_bytes().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except (OSError, ValueError, IndexError, AttributeError):
         return None
 
 
-def _link(link: LinkSession) -> LinkNow:
-    return LinkNow(
+def _link_status(link: LinkSession) -> LinkStatus:
+    return LinkStatus(
         link.label,
         link.where,
         link.frames,
@@ -256,9 +259,9 @@ def _link(link: LinkSession) -> LinkNow:
     )
 
 
-def _node(node: NodeSession, now_ns: int) -> NodeNow:
+def _node_status(node: NodeSession, now_ns: int) -> NodeStatus:
     counts, clock, health, newest = node.decoder.counts, node.clock.estimate(), node.health, node.newest_block
-    return NodeNow(
+    return NodeStatus(
         node.name,
         node.link,
         node.node_id,
@@ -275,25 +278,25 @@ def _node(node: NodeSession, now_ns: int) -> NodeNow:
         newest.temperature if newest is not None else None,
         health.battery_mv / 1000 if health is not None and health.battery_mv else None,
         node.filter_report.bias if node.filter_report is not None else None,
-        _mean(newest.gyro) if newest is not None else None,
-        _mean(newest.accel) if newest is not None else None,
+        _mean_vector(newest.gyro) if newest is not None else None,
+        _mean_vector(newest.accel) if newest is not None else None,
         node.decoder.mismatch_text,
     )
 
 
-def _mean(rows: NDArray[np.float64]) -> tuple[float, float, float]:
+def _mean_vector(rows: NDArray[np.float64]) -> tuple[float, float, float]:
     x, y, z = rows.mean(axis=0).tolist()
     return x, y, z
 
 
-def _odometry(recorder: Recorder) -> OdometryNow | None:
+def _odometry_status(recorder: Recorder) -> OdometryStatus | None:
     odometer = recorder.odometer
     state = odometer.state if odometer is not None else None
     if odometer is None or state is None:
         return None
     (xx, xy), (_, yy) = np.asarray(state.covariance)[:2, :2].tolist()
     worst = (xx + yy) / 2 + math.hypot((xx - yy) / 2, xy)
-    return OdometryNow(
+    return OdometryStatus(
         state.x,
         state.y,
         state.heading,
@@ -301,5 +304,5 @@ def _odometry(recorder: Recorder) -> OdometryNow | None:
         state.yaw_rate,
         math.sqrt(max(worst, 0.0)),
         odometer.distance,
-        odometer.poses,
+        odometer.pose_count,
     )

@@ -1,4 +1,4 @@
-"""What came of a recording: the result, in words and for programs."""
+"""Result of a recording as JSON and as text."""
 
 from __future__ import annotations
 
@@ -18,15 +18,26 @@ from hubodo.log.log_series import LogSeries
 
 @dataclass(frozen=True)
 class RecordResult:
-    """What a recording holds. Times in s, rates in Hz, sizes in bytes; keys of `as_json` are stable.
+    """Result of a recording. Times in s, rates in Hz, sizes in bytes; keys of `as_json` are stable.
 
-    file: the newest of `files`, the logs in their order, those that were removed to make room included.
-    messages_lost: that no log has, for want of room or because a log was deleted; removed: logs. faults: by
-    the part of the recorder that raised or hung.
+    Attributes
+    ----------
+    file
+        The newest of `files`.
+    files
+        All logs in order, including those removed to free disk space.
+    messages_lost
+        Messages contained in no log, for lack of disk space or because a log was deleted.
+    removed
+        Number of logs removed.
+    trouble
+        Cause of an interruption of the log; None without one.
+    faults
+        Number of exceptions and hangs by part of the recorder.
     """
 
     OUTPUT_DEADLINE: ClassVar[float] = 5.0
-    """Seconds after which the process ends although nobody reads the result."""
+    """Seconds after which the process exits although nobody reads the result."""
 
     file: str
     files: tuple[str, ...]
@@ -45,10 +56,11 @@ class RecordResult:
 
     @property
     def failed(self) -> bool:
-        """Whether something that came is in no log."""
+        """True if received data is contained in no log."""
         return self.messages_lost > 0 or self.trouble is not None
 
     def as_json(self) -> dict[str, Any]:
+        """Return the result with stable keys."""
         return {
             "file": self.file,
             "files": list(self.files),
@@ -67,13 +79,14 @@ class RecordResult:
         }
 
     def render(self, console: Console) -> None:
+        """Print the result as text and a table of nodes."""
         logs = self.file if len(self.files) < 2 else f"{len(self.files)} logs up to {self.file}"
         console.print(
             f"{logs}: {self.duration:.1f} s, {self.messages} messages, {self.size / 1e6:.2f} MB",
             highlight=False,
         )
         if self.removed:
-            console.print(f"{self.removed} logs removed to make room", highlight=False)
+            console.print(f"{self.removed} logs removed to free disk space", highlight=False)
         if self.failed:
             why = self.trouble or "see the warnings"
             console.print(f"NOT RECORDED: {self.messages_lost} messages ({why})", highlight=False)
@@ -104,44 +117,44 @@ class RecordResult:
         for label, gnss in self.gnss.items():
             console.print(
                 f"gnss {label}: {gnss['fixes']} fixes, {gnss['checksum_errors']} bad checksums, "
-                f"{gnss['unread']} sentences not understood",
+                f"{gnss['unread']} sentences not parsed",
                 highlight=False,
             )
         for part, count in self.faults.items():
             console.print(f"{part}: {count} faults, see the events of the log", highlight=False)
         if self.odometry is not None:
-            console.print(_odometry_words(self.odometry), highlight=False)
+            console.print(_describe_odometry(self.odometry), highlight=False)
         if self.map is not None:
-            console.print(_map_words(self.map), highlight=False)
+            console.print(_describe_map(self.map), highlight=False)
 
 
-def _odometry_words(odometry: dict[str, Any]) -> str:
+def _describe_odometry(odometry: dict[str, Any]) -> str:
     if not odometry["poses"]:
-        return "odometry: no pose; it takes a second of samples of a wheel of the vehicle file"
+        return "odometry: no pose; it requires one second of samples of a wheel node in the vehicle file"
     return (
         f"odometry from {' and '.join(odometry['nodes'])}: {odometry['poses']} poses, "
-        f"{odometry['distance']:.2f} m; {_latency_words(odometry)}"
+        f"{odometry['distance']:.2f} m; {_describe_latency(odometry)}"
     )
 
 
-def _map_words(found: dict[str, Any]) -> str:
-    if not found["poses"]:
-        return "map → odom: none; the fixes did not tell the heading, or came without odometry"
-    origin = f"latitude {found['latitude_deg']:.7f}, longitude {found['longitude_deg']:.7f} degrees"
+def _describe_map(fields: dict[str, Any]) -> str:
+    if not fields["poses"]:
+        return "map → odom: none; the heading was not observable from the fixes, or odometry was missing"
+    origin = f"latitude {fields['latitude_deg']:.7f}, longitude {fields['longitude_deg']:.7f} degrees"
     return (
-        f"map → odom from GNSS and odometry: {found['poses']} poses; "
-        f"last {found['x']:.2f}, {found['y']:.2f} m from {origin}, "
-        f"1 sigma {found['sigma']:.2f} m; {_latency_words(found)}"
+        f"map → odom from GNSS and odometry: {fields['poses']} poses; "
+        f"last {fields['x']:.2f}, {fields['y']:.2f} m from {origin}, "
+        f"1 sigma {fields['sigma']:.2f} m; {_describe_latency(fields)}"
     )
 
 
-def _latency_words(found: dict[str, Any]) -> str:
-    median, p99, worst = (found[f"latency_{key}"] * 1e3 for key in ("median", "p99", "worst"))
+def _describe_latency(fields: dict[str, Any]) -> str:
+    median, p99, worst = (fields[f"latency_{key}"] * 1e3 for key in ("median", "p99", "worst"))
     return f"latency {median:.2f} ms median, {p99:.2f} ms p99, {worst:.2f} ms worst"
 
 
-def make_result(recorder: Recorder, series: LogSeries, *, duration: float, messages: int) -> RecordResult:
-    """Sums up a recorder and its logs; messages: in them."""
+def build_result(recorder: Recorder, series: LogSeries, *, duration: float, messages: int) -> RecordResult:
+    """Return the result of a recorder and its logs; messages: number of messages in them."""
     nodes = {}
     for node in recorder.nodes.values():
         counts, health = node.decoder.counts, node.health
@@ -185,13 +198,13 @@ def make_result(recorder: Recorder, series: LogSeries, *, duration: float, messa
         nodes=nodes,
         links=links,
         gnss=gnss,
-        odometry=_odometry(recorder),
-        map=_map(recorder),
-        faults=recorder.bulkheads.counts(),
+        odometry=_odometry_json(recorder),
+        map=_map_json(recorder),
+        faults=recorder.bulkheads.fault_counts(),
     )
 
 
-def _odometry(recorder: Recorder) -> dict[str, Any] | None:
+def _odometry_json(recorder: Recorder) -> dict[str, Any] | None:
     odometer = recorder.odometer
     if odometer is None:
         return None
@@ -199,7 +212,7 @@ def _odometry(recorder: Recorder) -> dict[str, Any] | None:
     return {
         "method": "wheel filter",
         "nodes": list(odometer.nodes),
-        "poses": odometer.poses,
+        "poses": odometer.pose_count,
         "distance": odometer.distance,
         "x": state.x if state else 0.0,
         "y": state.y if state else 0.0,
@@ -208,15 +221,15 @@ def _odometry(recorder: Recorder) -> dict[str, Any] | None:
     }
 
 
-def _map(recorder: Recorder) -> dict[str, Any] | None:
+def _map_json(recorder: Recorder) -> dict[str, Any] | None:
     if not recorder.map.is_active:
         return None
-    located = recorder.map.located
-    found: dict[str, Any] = {"poses": recorder.map.poses, **recorder.map.latency.as_json()}
+    located = recorder.map.latest
+    fields: dict[str, Any] = {"poses": recorder.map.pose_count, **recorder.map.latency.as_json()}
     if located is not None:
         latitude, longitude = located.origin_deg
         x, y = located.position[0].tolist()
-        found |= {
+        fields |= {
             "latitude_deg": latitude,
             "longitude_deg": longitude,
             "x": x,
@@ -224,7 +237,7 @@ def _map(recorder: Recorder) -> dict[str, Any] | None:
             "heading": float(located.heading[0]),
             "sigma": math.sqrt(float(np.trace(located.pose_covariance[0, :2, :2]))),
         }
-    return found
+    return fields
 
 
 def _link_json(link: LinkSession) -> dict[str, Any]:

@@ -33,7 +33,7 @@ def _both(
     name: str, write: Callable[..., Any], listeners: Mapping[str, Listener], bulkheads: Bulkheads
 ) -> Callable[..., Any]:
     def method(*args: Any, **named: Any) -> Any:
-        with bulkheads.writing():
+        with bulkheads.protect_write():
             result = write(*args, **named)
         for part, listener in listeners.items():
             bulkheads.run(part, listener, name, args, named, result, pausing=True)

@@ -1,4 +1,4 @@
-"""The view of a recording on a thread of its own: a terminal that nobody reads holds nothing up."""
+"""The view of a recording in a thread of its own, so that a blocked terminal delays nothing."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from hubodo.ingest.live.snapshot import Snapshot
 from hubodo.ingest.live.view import View
 from hubodo.recording import Event
 
-PART = "terminal"
-_CAPACITY = 4096
-_CROWDED = 64
-"""Items that wait, beyond which no snapshot is added: lines that stay come first."""
+TERMINAL_PART = "terminal"
+_MAX_WAITING_LINES = 4096
+_MAX_WAITING_FOR_SNAPSHOT = 64
+"""Queue length beyond which snapshots are skipped, so that notices are not dropped for them."""
 
 
 class ViewThread:
-    """A `View` that passes everything on to another view."""
+    """A `View` that forwards all calls to another view in a thread."""
 
     def __init__(self, view: View, bulkheads: Bulkheads) -> None:
         self._view = view
-        self._reported = 0
+        self._dropped_reported = 0
         self._thread: OutputThread[Callable[[], object]] = OutputThread(
-            PART, lambda: lambda action: action(), bulkheads, capacity=_CAPACITY
+            TERMINAL_PART, lambda: lambda action: action(), bulkheads, capacity=_MAX_WAITING_LINES
         )
 
     def __enter__(self) -> Self:
@@ -38,18 +38,20 @@ class ViewThread:
         self._thread.put(lambda: self._view.__exit__(kind, error, trace))
         self._thread.close()
 
-    def say(self, notice: Event | str) -> None:
-        """See `View`."""
-        self._thread.put(lambda: self._say(notice))
+    def show_notice(self, notice: Event | str) -> None:
+        """Show one line permanently."""
+        self._thread.put(lambda: self._show_notice(notice))
 
     def show(self, snapshot: Snapshot) -> None:
-        """See `View`."""
-        if self._thread.waiting < _CROWDED:
+        """Show the present status; to be called about once per second."""
+        if self._thread.waiting_count < _MAX_WAITING_FOR_SNAPSHOT:
             self._thread.put(lambda: self._view.show(snapshot))
 
-    def _say(self, notice: Event | str) -> None:
+    def _show_notice(self, notice: Event | str) -> None:
         dropped = self._thread.dropped
-        if dropped > self._reported:
-            self._view.say(f"{dropped - self._reported} lines were dropped because nobody read them")
-            self._reported = dropped
-        self._view.say(notice)
+        if dropped > self._dropped_reported:
+            self._view.show_notice(
+                f"{dropped - self._dropped_reported} lines were dropped because the output was not read"
+            )
+            self._dropped_reported = dropped
+        self._view.show_notice(notice)

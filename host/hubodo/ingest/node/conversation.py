@@ -107,9 +107,9 @@ class Conversation:
             self._request_encoder = RequestEncoder(self.node_id)
         hellos: list[Hello] = []
 
-        def collect_hello(frame: Frame, said: AnyMessage) -> None:
-            if isinstance(said, Hello):
-                hellos.append(said)
+        def collect_hello(frame: Frame, reply: AnyMessage) -> None:
+            if isinstance(reply, Hello):
+                hellos.append(reply)
 
         for _ in range(_MAX_REQUEST_ATTEMPTS):
             self._send(GetHello())
@@ -130,13 +130,13 @@ class Conversation:
         answers: list[Ack | Nack] = []
         request_seqs: set[int] = set()
 
-        def collect_answer(frame: Frame, said: AnyMessage) -> None:
+        def collect_answer(frame: Frame, reply: AnyMessage) -> None:
             if (
-                isinstance(said, Ack | Nack)
-                and said.request == message.type_id
-                and said.request_seq in request_seqs
+                isinstance(reply, Ack | Nack)
+                and reply.request == message.type_id
+                and reply.request_seq in request_seqs
             ):
-                answers.append(said)
+                answers.append(reply)
 
         for _ in range(attempts):
             request_seqs.add(self._send(message))

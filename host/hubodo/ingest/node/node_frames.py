@@ -18,7 +18,7 @@ Times = NDArray[np.int64]
 ArrivalLookup = Callable[[Times], tuple[Times, Times]]
 """Map (n,) end offsets of frames to (n,) host times of arrival, ns, and (n,) damaged frames before them."""
 
-_HEADER = np.dtype(
+_BATCH_HEADER = np.dtype(
     [
         ("t_us", "<u4"),
         ("period_ns", "<u4"),
@@ -99,8 +99,8 @@ class NodeFrames:
     def batch_frame(self, k: int) -> Frame:
         """Return batch k as a frame."""
         batches = self.batches
-        head = np.zeros((), _HEADER)
-        for name in _HEADER.names or ():
+        head = np.zeros((), _BATCH_HEADER)
+        for name in _BATCH_HEADER.names or ():
             head[name] = getattr(batches, name)[k]
         rows = batches.rows[batches.first_rows[k] : batches.first_rows[k] + batches.count[k]]
         return Frame(ImuBatch.type_id, self.node, int(batches.seq[k]), head.tobytes() + rows.tobytes())
@@ -113,10 +113,12 @@ def group_by_node(groups: Iterable[FrameGroup], arrival: ArrivalLookup) -> dict[
     for group in groups:
         other_rows = np.arange(len(group.seq))
         node_others = others.setdefault(group.node, [])
-        if group.type_id == ImuBatch.type_id and group.payload.shape[1] >= _HEADER.itemsize:
+        if group.type_id == ImuBatch.type_id and group.payload.shape[1] >= _BATCH_HEADER.itemsize:
             # The last byte of the header is the number of samples.
-            count = group.payload[:, _HEADER.itemsize - 1].astype(np.int64)
-            is_valid = (count > 0) & (_HEADER.itemsize + count * _SAMPLE_BYTES <= group.payload.shape[1])
+            count = group.payload[:, _BATCH_HEADER.itemsize - 1].astype(np.int64)
+            is_valid = (count > 0) & (
+                _BATCH_HEADER.itemsize + count * _SAMPLE_BYTES <= group.payload.shape[1]
+            )
             if is_valid.any():
                 valid_group = group if is_valid.all() else group.select(np.flatnonzero(is_valid))
                 batches.setdefault(group.node, []).append(valid_group)
@@ -134,7 +136,7 @@ def group_by_node(groups: Iterable[FrameGroup], arrival: ArrivalLookup) -> dict[
 
 def _build_batches(groups: list[FrameGroup], arrival: ArrivalLookup) -> Batches:
     heads = [_read_headers(group) for group in groups]
-    head = np.concatenate(heads) if heads else np.empty(0, _HEADER)
+    head = np.concatenate(heads) if heads else np.empty(0, _BATCH_HEADER)
     end = np.concatenate([group.end_offset for group in groups]) if groups else np.empty(0, np.int64)
     numbers = np.concatenate([group.seq for group in groups]) if groups else np.empty(0, np.uint16)
     rows = [_read_samples(group, some["count"]) for group, some in zip(groups, heads, strict=True)]
@@ -153,7 +155,7 @@ def _build_batches(groups: list[FrameGroup], arrival: ArrivalLookup) -> Batches:
         first = np.cumsum(count) - count
         samples = samples[np.repeat(first_before_sort - first, count) + np.arange(len(samples))]
     t_ns, damaged = arrival(end)
-    columns = {name: head[name].astype(np.int64) for name in _HEADER.names or () if name != "count"}
+    columns = {name: head[name].astype(np.int64) for name in _BATCH_HEADER.names or () if name != "count"}
     seq = numbers.astype(np.int64)
     steps_us = np.diff(columns["t_us"], prepend=columns["t_us"][:1]) % TICK_PERIOD_US
     follows, spaced, missing = _classify_steps(seq, t_ns, count, steps_us, columns)
@@ -176,17 +178,19 @@ def _build_batches(groups: list[FrameGroup], arrival: ArrivalLookup) -> Batches:
 
 
 def _read_headers(group: FrameGroup) -> NDArray[np.void]:
-    return np.ascontiguousarray(group.payload[:, : _HEADER.itemsize]).view(_HEADER).reshape(-1)
+    return np.ascontiguousarray(group.payload[:, : _BATCH_HEADER.itemsize]).view(_BATCH_HEADER).reshape(-1)
 
 
 def _read_samples(group: FrameGroup, count: NDArray[np.uint8]) -> NDArray[np.int16]:
     """Return the samples (N, 6) of batches with equal payload length; their sample counts may differ."""
     shape = layout(ImuBatch)
     assert (
-        shape.rows is not None and shape.rows.size == _SAMPLE_BYTES and shape.fixed.size == _HEADER.itemsize
+        shape.rows is not None
+        and shape.rows.size == _SAMPLE_BYTES
+        and shape.fixed.size == _BATCH_HEADER.itemsize
     )
     max_count = int(count.max())
-    table = group.payload[:, _HEADER.itemsize : _HEADER.itemsize + max_count * _SAMPLE_BYTES]
+    table = group.payload[:, _BATCH_HEADER.itemsize : _BATCH_HEADER.itemsize + max_count * _SAMPLE_BYTES]
     rows = np.ascontiguousarray(table).view("<i2").reshape(-1, max_count, 6)
     if bool((count == max_count).all()):
         return rows.reshape(-1, 6)

@@ -50,8 +50,8 @@ class ImuRun:
         """Yield the blocks one by one."""
         edges = [*self.first_rows.tolist(), len(self.device_ns)]
         block_values = zip(self.temperature.tolist(), self.received_ns.tolist(), strict=True)
-        for (begin, end), (temperature, received_ns) in zip(pairwise(edges), block_values, strict=True):
-            rows = slice(begin, end)
+        for (start, end), (temperature, received_ns) in zip(pairwise(edges), block_values, strict=True):
+            rows = slice(start, end)
             yield ImuBlock(
                 self.device_ns[rows],
                 self.gyro[rows],

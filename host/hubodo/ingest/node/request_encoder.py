@@ -7,7 +7,7 @@ from functools import lru_cache
 from hubowire import ANY_NODE, Frame, Message, encode, encode_frame
 from hubowire.messages import GetHello, Reason
 
-_REASONS = {
+_REASON_TEXTS = {
     Reason.UNKNOWN_MESSAGE: "its firmware does not support the request; flash it with `hubodo flash`",
     Reason.BAD_VALUE: "invalid value",
     Reason.WHEEL_TURNS: "the wheel turns; hold it still, or choose a bias kind for a turning wheel",
@@ -16,13 +16,13 @@ _REASONS = {
     Reason.NOT_STORED: "the setting could not be written to its flash",
     Reason.WHEEL_RESTS: "the wheel is stationary; turn it, or choose a bias kind for a stationary wheel",
 }
-_CTRL_C = 0x03
+_CTRL_C_BYTE = 0x03
 _MAX_SEQUENCE_ATTEMPTS = 600
 
 
 def describe_reason(reason: int) -> str:
     """Return why a node refuses a request and what to do about it."""
-    known = _REASONS.get(Reason(reason)) if reason in set(Reason) else None
+    known = _REASON_TEXTS.get(Reason(reason)) if reason in set(Reason) else None
     return known or f"reason {reason}, unknown to this host"
 
 
@@ -34,7 +34,7 @@ class RequestEncoder:
     """
 
     def __init__(self, node_id: int) -> None:
-        self._to = node_id if node_id != _CTRL_C else ANY_NODE
+        self._to = node_id if node_id != _CTRL_C_BYTE else ANY_NODE
         self._seq = 0
 
     def encode_request(self, message: Message) -> tuple[int, bytes]:
@@ -43,7 +43,7 @@ class RequestEncoder:
         for _ in range(_MAX_SEQUENCE_ATTEMPTS):
             self._seq = (self._seq + 1) & 0xFFFF
             data = encode_frame(Frame(message.type_id, self._to, self._seq, payload))
-            if _CTRL_C not in data:
+            if _CTRL_C_BYTE not in data:
                 break
         return self._seq, b"\0" + data
 

@@ -15,7 +15,7 @@ from hubowire.messages import Hello, ImuBatch
 
 RAD_PER_NANO_DEG = math.pi / 180 * 1e-9
 _LAYOUT = layout(ImuBatch)
-_HEADER = _LAYOUT.fixed
+_HEADER_STRUCT = _LAYOUT.fixed
 assert _LAYOUT.rows is not None and _LAYOUT.rows.size == 12
 
 
@@ -33,12 +33,12 @@ class WireBatch(NamedTuple):
 
 def read_batch(payload: bytes) -> WireBatch | None:
     """Return the batch in a payload; None if the payload is too short."""
-    if len(payload) < _HEADER.size:
+    if len(payload) < _HEADER_STRUCT.size:
         return None
-    t_us, period_ns, first, temperature_raw, flags, count = _HEADER.unpack_from(payload)
-    if len(payload) < _HEADER.size + 12 * count:
+    t_us, period_ns, first, temperature_raw, flags, count = _HEADER_STRUCT.unpack_from(payload)
+    if len(payload) < _HEADER_STRUCT.size + 12 * count:
         return None
-    rows = np.frombuffer(payload, "<i2", 6 * count, _HEADER.size).reshape(count, 6)
+    rows = np.frombuffer(payload, "<i2", 6 * count, _HEADER_STRUCT.size).reshape(count, 6)
     return WireBatch(t_us, period_ns, first, temperature_raw, flags, count, rows)
 
 

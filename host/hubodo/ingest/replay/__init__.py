@@ -1,1 +1,1 @@
-"""A recording as it came: at its pace or through a port."""
+"""Replay of logs: playback of odometry, decoding of raw frames, and playing to a port."""

@@ -1,4 +1,4 @@
-"""SIGINT and SIGTERM as a wish to stop, so that files are closed and ports given back; SIGHUP for anew."""
+"""Signal handling of a recording: SIGINT and SIGTERM stop it, SIGHUP starts a new log."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from types import FrameType
 
 
 @contextmanager
-def one_line_on_ctrl_c() -> Iterator[None]:
-    """While modules load, ctrl-C is one line and exit code 130: an exception would come up inside of them."""
+def exit_on_ctrl_c() -> Iterator[None]:
+    """Exit with one line and code 130 on ctrl-C while modules are imported, instead of a traceback."""
     ours = threading.current_thread() is threading.main_thread()
     if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
         yield
@@ -30,15 +30,15 @@ def one_line_on_ctrl_c() -> Iterator[None]:
 
 
 @contextmanager
-def exit_when_unread(seconds: float | None, code: int) -> Iterator[None]:
-    """End the process with `code` when the block takes longer than `seconds`; None: however long it takes.
+def exit_after_timeout(timeout_s: float | None, code: int) -> Iterator[None]:
+    """Exit the process with `code` when the block takes longer than `timeout_s`; None: no limit.
 
-    For the last words of a recording: the log is closed, and a reader that hangs must not keep the ports.
+    Used for the final output of a recording: the log is closed, and a blocked reader must not keep the ports.
     """
-    if seconds is None:
+    if timeout_s is None:
         yield
         return
-    timer = threading.Timer(seconds, os._exit, (code,))
+    timer = threading.Timer(timeout_s, os._exit, (code,))
     timer.daemon = True
     timer.start()
     try:
@@ -49,36 +49,35 @@ def exit_when_unread(seconds: float | None, code: int) -> Iterator[None]:
 
 @contextmanager
 def stop_on_signals(
-    stopping: threading.Event, again: threading.Event | None = None
+    stop_requested: threading.Event, rotate_requested: threading.Event | None = None
 ) -> Iterator[threading.Event]:
-    """Sets `stopping` instead of ending the process, and with `again` that on SIGHUP, where there is one.
+    """Set `stop_requested` on SIGINT and SIGTERM, and `rotate_requested`, if given, on SIGHUP.
 
-    Once the terminal has gone, a SIGHUP is a wish to stop, or is ignored where it was before, as by nohup.
-
-    Only the main thread may ask for that; in another one this does nothing.
+    Once the controlling terminal is closed, SIGHUP requests a stop, or is ignored if it was ignored before,
+    as by nohup. Only the main thread can handle signals; in other threads this does nothing.
     """
     if threading.current_thread() is not threading.main_thread():
-        yield stopping
+        yield stop_requested
         return
 
     def end(number: int, frame: FrameType | None) -> None:
-        stopping.set()
+        stop_requested.set()
 
-    in_terminal, ignored = again is not None and _has_terminal(), _hangup_ignored()
+    in_terminal, ignored = rotate_requested is not None and _has_terminal(), _hangup_ignored()
 
     def hang_up(number: int, frame: FrameType | None) -> None:
-        assert again is not None
+        assert rotate_requested is not None
         if not in_terminal or _has_terminal():
-            again.set()
+            rotate_requested.set()
         elif not ignored:
-            stopping.set()
+            stop_requested.set()
 
     before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
     hangup = getattr(signal, "SIGHUP", None)
-    if again is not None and hangup is not None:
+    if rotate_requested is not None and hangup is not None:
         before[hangup] = signal.signal(hangup, hang_up)
     try:
-        yield stopping
+        yield stop_requested
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -1,4 +1,4 @@
-"""Frames out of a log: the recorded ones, or, for logs without any, frames made from the samples."""
+"""Frames of a log: recorded frames, or frames synthesised from samples where none were recorded."""
 
 from __future__ import annotations
 
@@ -23,19 +23,16 @@ from hubowire import FINGERPRINT, Frame, encode, encode_frame
 from hubowire.framing import FrameDecoder
 from hubowire.messages import NODE_IDS, Ack, Hello, ImuBatch, Nack, TimeReply
 
-_STEPS = 32767
+_MAX_RAW_VALUE = 32767
 _TEMPERATURE_LSB_UDEGC, _TEMPERATURE_OFFSET_UDEGC = 3_906, 25_000_000
-_MAX_BATCH = 16
-_TIME_TOLERANCE = 20e-6  # s: what a batch's even spacing may be off by; beyond, a new batch begins
-_ANSWERS = (Ack.type_id, Nack.type_id, TimeReply.type_id)
+_MAX_BATCH_SAMPLES = 16
+_MAX_SPACING_ERROR_S = 20e-6  # of evenly spaced times; a larger error starts a new batch
+_ANSWER_TYPES = (Ack.type_id, Nack.type_id, TimeReply.type_id)
 
 
 @dataclass(frozen=True, slots=True)
 class TimedFrame:
-    """Bytes as they go over the line, delimiter included, and when: s on the log's time scale.
-
-    frame: what is in them, None for damaged ones.
-    """
+    """Bytes of a frame with delimiter; t: s on the log's time scale; frame: None if damaged."""
 
     t: float
     data: bytes
@@ -44,10 +41,10 @@ class TimedFrame:
 
 @dataclass(frozen=True, slots=True)
 class Quantisation:
-    """What making frames from samples costs, for one node.
+    """Quantisation errors of frames synthesised for one node.
 
-    gyro_step: rad/s, accel_step: m/s2: values move by at most half a step. time_error: s, the largest.
-    temperature: whether there was one; if not, 25 degC is sent, because a frame always carries one.
+    gyro_step: rad/s, accel_step: m/s²: values change by at most half a step. time_error: maximum, s.
+    has_temperature: False if 25 °C is sent because the samples have no temperature.
     """
 
     node: str
@@ -55,11 +52,11 @@ class Quantisation:
     gyro_step: float
     accel_step: float
     time_error: float
-    temperature: bool
+    has_temperature: bool
 
 
 def raw_links(log: Log) -> list[str]:
-    """The links whose frames are in a log."""
+    """Return the labels of links with raw frames in a log."""
     log_topics = {stream.topic for stream in log.streams.values()}
     return sorted(
         {
@@ -73,10 +70,10 @@ def raw_links(log: Log) -> list[str]:
 def recorded_frames(
     log: Log, links: Iterable[str], t_zero_ns: int, start: float | None, end: float | None
 ) -> Iterator[TimedFrame]:
-    """The frames of links as they came, damaged ones too, by time of arrival.
+    """Yield the recorded frames of links, including damaged ones, by time of arrival.
 
-    Answers to questions of the host of that time are left out: today's host asks its own. Raises
-    InputError when two links carry one node id, as they cannot share a line.
+    Answers to requests of the recording host are omitted, because the present host sends its own. Raises
+    InputError when two links carry one node id, because they cannot share a line.
     """
     owners: dict[int, str] = {}
     wanted = [RAW_PREFIX + link + tail for link in links for tail in ("", "/damaged")]
@@ -86,7 +83,7 @@ def recorded_frames(
         data = decode_bytes_message(streams[message.channel].encoding, message.data)
         stuffed = data.rstrip(b"\0")
         frame = splitter.decode(stuffed) if stuffed else None
-        if frame is not None and frame.type_id in _ANSWERS:
+        if frame is not None and frame.type_id in _ANSWER_TYPES:
             continue
         if frame is not None:
             link = message.topic.removeprefix(RAW_PREFIX)
@@ -98,29 +95,31 @@ def recorded_frames(
         yield TimedFrame((message.log_time - t_zero_ns) * 1e-9, data, frame)
 
 
-def made_frames(
+def synthesise_frames(
     recording: Recording, start: float | None, end: float | None
 ) -> tuple[Iterator[TimedFrame], list[Quantisation]]:
-    """Frames that a node with steps as fine as 16 bits allow would have sent for the samples of a recording.
+    """Return frames synthesised from the samples of a recording, with the finest steps that 16 bits allow.
 
-    Raises InputError when there is no node in it.
+    Raises InputError when the recording has no node.
     """
     if not recording.nodes:
         raise InputError("the log holds neither frames nor nodes; there is nothing to play to a port")
-    ids = _ids(recording.nodes)
-    made = [_Maker(name, ids[name], table, start, end) for name, table in recording.nodes.items()]
-    frames = heapq.merge(*(maker.frames() for maker in made), key=attrgetter("t"))
-    return frames, [maker.quantisation for maker in made]
+    ids = _assign_ids(recording.nodes)
+    synthesisers = [
+        _FrameSynthesiser(name, ids[name], table, start, end) for name, table in recording.nodes.items()
+    ]
+    frames = heapq.merge(*(maker.frames() for maker in synthesisers), key=attrgetter("t"))
+    return frames, [maker.quantisation for maker in synthesisers]
 
 
-def _ids(names: Iterable[str]) -> dict[str, int]:
-    """left 1, right 2, frame 3, as everywhere; the others from 4 on, in order."""
+def _assign_ids(names: Iterable[str]) -> dict[str, int]:
+    """Return node ids: left 1, right 2, frame 3, others from 4 in order."""
     others = (number for number in itertools.count(1) if number not in NODE_IDS.values())
     return {name: NODE_IDS[name] if name in NODE_IDS else next(others) for name in names}
 
 
-class _Maker:
-    """The frames of one node."""
+class _FrameSynthesiser:
+    """Synthesises the frames of one node."""
 
     def __init__(self, name: str, node_id: int, table: Table, start: float | None, end: float | None) -> None:
         inside = np.ones(len(table), bool)
@@ -131,12 +130,12 @@ class _Maker:
         self._id = node_id
         self._t = table.t[inside]
         gyro, accel = table.gyro[inside], table.accel[inside]
-        gyro_ndps = max(1, math.ceil(_peak(gyro) / RAD_PER_NANO_DEG / _STEPS))
-        accel_ng = max(1, math.ceil(_peak(accel) / (1e-9 * STANDARD_GRAVITY) / _STEPS))
+        gyro_ndps = max(1, math.ceil(_peak(gyro) / RAD_PER_NANO_DEG / _MAX_RAW_VALUE))
+        accel_ng = max(1, math.ceil(_peak(accel) / (1e-9 * STANDARD_GRAVITY) / _MAX_RAW_VALUE))
         gyro_step, accel_step = gyro_ndps * RAD_PER_NANO_DEG, accel_ng * 1e-9 * STANDARD_GRAVITY
         self._raw = np.rint(np.hstack([gyro / gyro_step, accel / accel_step])).astype(np.int16)
-        self._temperature = _temperature(table, inside)
-        self._ends = _batches(self._t)
+        self._temperature = _quantise_temperature(table, inside)
+        self._ends = _split_batches(self._t)
         self._hello = Hello(
             FINGERPRINT,
             (0, 0, 0),
@@ -144,15 +143,15 @@ class _Maker:
             1,
             0,
             0,
-            round(1e3 * _rate(self._t)),
-            min(65535, math.ceil(gyro_ndps * 1e-9 * _STEPS)),
-            min(255, math.ceil(accel_ng * 1e-9 * _STEPS)),
+            round(1e3 * _mean_rate(self._t)),
+            min(65535, math.ceil(gyro_ndps * 1e-9 * _MAX_RAW_VALUE)),
+            min(255, math.ceil(accel_ng * 1e-9 * _MAX_RAW_VALUE)),
             gyro_ndps,
             accel_ng,
             _TEMPERATURE_LSB_UDEGC,
             _TEMPERATURE_OFFSET_UDEGC,
             0,
-            _MAX_BATCH,
+            _MAX_BATCH_SAMPLES,
             0,
             min(65534, math.ceil(1e6 * self._time_error())),
         )
@@ -161,10 +160,10 @@ class _Maker:
         )
 
     def frames(self) -> Iterator[TimedFrame]:
-        """Hello, then the batches, each when its last sample is there."""
+        """Yield a Hello, then the batches, each at the time of its last sample."""
         if not len(self._t):
             return
-        yield self._timed(float(self._t[0]), self._hello, 0)
+        yield self._build_frame(float(self._t[0]), self._hello, 0)
         first = 0
         for seq, end in enumerate(self._ends):
             rows = tuple(map(tuple, self._raw[first:end].tolist()))
@@ -172,16 +171,16 @@ class _Maker:
             batch = ImuBatch(
                 t_us % (1 << 30), period_ns, first & 0xFFFF, int(self._temperature[first]), 0, rows
             )
-            yield self._timed(float(self._t[end - 1]), batch, seq)
+            yield self._build_frame(float(self._t[end - 1]), batch, seq)
             first = end
 
     def _timing(self, first: int, end: int) -> tuple[int, int]:
         t_us = round((self._t[first] - self._t[0]) * 1e6)
         if end - first > 1:
             return t_us, round((self._t[end - 1] - self._t[first]) / (end - first - 1) * 1e9)
-        return t_us, round(1e9 / _rate(self._t))
+        return t_us, round(1e9 / _mean_rate(self._t))
 
-    def _timed(self, t: float, message: Hello | ImuBatch, seq: int) -> TimedFrame:
+    def _build_frame(self, t: float, message: Hello | ImuBatch, seq: int) -> TimedFrame:
         frame = Frame(message.type_id, self._id, seq & 0xFFFF, encode(message))
         return TimedFrame(t, encode_frame(frame), frame)
 
@@ -189,21 +188,21 @@ class _Maker:
         worst, first = 0.0, 0
         for end in self._ends:
             t_us, period_ns = self._timing(first, end)
-            told = self._t[0] + t_us * 1e-6 + period_ns * 1e-9 * np.arange(end - first)
-            worst = max(worst, float(np.abs(told - self._t[first:end]).max()))
+            batch_times = self._t[0] + t_us * 1e-6 + period_ns * 1e-9 * np.arange(end - first)
+            worst = max(worst, float(np.abs(batch_times - self._t[first:end]).max()))
             first = end
         return worst
 
 
-def _batches(t: NDArray[np.float64]) -> list[int]:
-    """Where batches end so that the times within each are even to the tolerance."""
+def _split_batches(t: NDArray[np.float64]) -> list[int]:
+    """Return the ends of batches whose sample times are evenly spaced within the tolerance."""
     ends, first = [], 0
     while first < len(t):
-        size = min(_MAX_BATCH, len(t) - first)
+        size = min(_MAX_BATCH_SAMPLES, len(t) - first)
         while size > 2:
             part = t[first : first + size]
             even = np.linspace(part[0], part[-1], size)
-            if float(np.abs(part - even).max()) <= _TIME_TOLERANCE:
+            if float(np.abs(part - even).max()) <= _MAX_SPACING_ERROR_S:
                 break
             size //= 2
         first += size
@@ -211,7 +210,7 @@ def _batches(t: NDArray[np.float64]) -> list[int]:
     return ends
 
 
-def _rate(t: NDArray[np.float64]) -> float:
+def _mean_rate(t: NDArray[np.float64]) -> float:
     return (len(t) - 1) / float(t[-1] - t[0]) if len(t) > 1 else 100.0
 
 
@@ -219,7 +218,7 @@ def _peak(values: NDArray[np.float64]) -> float:
     return float(np.abs(values).max()) if values.size else 0.0
 
 
-def _temperature(table: Table, inside: NDArray[np.bool_]) -> NDArray[np.int16]:
+def _quantise_temperature(table: Table, inside: NDArray[np.bool_]) -> NDArray[np.int16]:
     if "temperature" not in table:
         return np.zeros(int(inside.sum()), np.int16)
     steps = (table["temperature"][inside] * 1e6 - _TEMPERATURE_OFFSET_UDEGC) / _TEMPERATURE_LSB_UDEGC

@@ -1,4 +1,4 @@
-"""What the odometry of a log was made with, from what is kept in it; no odometry is loaded for that."""
+"""Vehicle, calibration and rate of the odometry in a log, read without importing the odometry."""
 
 from __future__ import annotations
 
@@ -14,19 +14,16 @@ from hubodo.vehicle import Vehicle, parse_vehicle
 
 
 @dataclass(frozen=True, eq=False)
-class Setup:
-    """What the odometry of a log was made with.
-
-    vehicle: None where the log does not tell. rate_hz: poses a second at most.
-    """
+class OdometrySetup:
+    """Settings of the odometry in a log; vehicle: None if unknown; rate_hz: maximum rate of poses."""
 
     vehicle: Vehicle | None
     calibration: Calibration | None
     rate_hz: float | None
 
 
-def setup_of(log: Log) -> Setup:
-    """Vehicle, calibration and rate that a log carries. Raises ConfigError when they make no sense."""
+def read_odometry_setup(log: Log) -> OdometrySetup:
+    """Return vehicle, calibration and rate stored in a log; raise ConfigError if they are invalid."""
     files = log.attachments
     vehicle = calibration = None
     if "vehicle.toml" in files:
@@ -42,5 +39,7 @@ def setup_of(log: Log) -> Setup:
     try:
         rate_hz = float(rate) if rate else None
     except ValueError:
-        raise ConfigError(f"{log.path}: odometry_rate_hz = {rate[:40]!r} in it is no number") from None
-    return Setup(vehicle, calibration, rate_hz if rate_hz is not None and 0.0 < rate_hz < math.inf else None)
+        raise ConfigError(f"{log.path}: odometry_rate_hz = {rate[:40]!r} is not a number") from None
+    return OdometrySetup(
+        vehicle, calibration, rate_hz if rate_hz is not None and 0.0 < rate_hz < math.inf else None
+    )
