@@ -1,4 +1,4 @@
-"""Which initialisation, estimator and warm-up the settings ask for; what is not chosen is not loaded."""
+"""Create bias initialiser, estimator and warm-up according to the settings; others are not loaded."""
 
 from time import ticks_ms
 
@@ -14,7 +14,7 @@ _LIMIT_Q18 = const((1 << 29) - 1)
 
 
 def estimator(s):
-    """A new estimator as the settings say, or None: begin, drift, update, rate_q8, bias_q12, saturations."""
+    """Return a new estimator or None. It has begin, drift, update, rate_q8, bias_q12, saturations."""
     if s["filter_kind"] == FILTER_KIND_KALMAN:
         from bias_filter import KalmanFilter
 
@@ -27,7 +27,7 @@ def estimator(s):
 
 
 def initialisation(s, clock):
-    """A new `BiasInitialiser` as the settings say. clock: has `period_ns`."""
+    """Return a new `BiasInitialiser`. clock: a SampleClock, for its `period_ns`."""
     kind = s["bias_kind"]
     if kind == BIAS_KIND_MEAN:
         from static_init import StaticInit
@@ -43,9 +43,10 @@ def initialisation(s, clock):
 
 
 def warm_up(s, chip, was_running):
-    """A new `WarmUp` for each exponential of the settings. was_running: the gyro ran before the processor.
+    """Return a new `WarmUp` for each exponential of the settings. was_running: before the processor started.
 
-    Its age is that of the ticks, which a reset starts anew: a gyro that ran through one is taken to be warm.
+    The time since power-on is that of the ticks, which a reset clears: a gyro that was running is taken to
+    be warm.
     """
     if not s["warmup_udps"]:
         return ()
@@ -61,12 +62,12 @@ def warm_up(s, chip, was_running):
 
 
 def known_bias_q18(s, axis, chip):
-    """The bias that the settings know, without warm-up; None when they do not."""
+    """Return the bias of the settings, without warm-up; None where they have none."""
     return steps_q18(s["bias_udps"][axis], chip) if s["bias_udps"] else None
 
 
 def steps_q18(udps, chip):
-    """1e-6 deg/s in 2^-18 gyro steps, held within +-2^29; by large integers, before anything samples."""
+    """Convert 1e-6 deg/s to 2^-18 gyro steps, clipped to +-2^29; allocates large integers."""
     if not udps:
         return 0
     steps = (udps * 524288000 // chip.gyro_lsb_ndps + 1) >> 1

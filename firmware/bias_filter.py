@@ -1,4 +1,4 @@
-"""Rate and bias of three gyro axes in integers: the steady-state Kalman filter of Shah et al., eq. 4-12.
+"""Rate and bias of three gyro axes in integers: steady-state Kalman filter of Shah et al., eq. 4-12.
 
 Per axis, with the sample z in gyro steps and the estimate x = [rate, bias]:
     r = z - rate - bias
@@ -11,15 +11,15 @@ Number formats (Qn: an integer counts 2^-n gyro steps; for gains 2^-n):
     r          Q4   clipped to +-(2^20 - 1)
     k1 g       Q20  0 .. 2^20 - 1
     k2 g       Q30  0 .. 2^20 - 1, so at most 1/1024
-    rate       Q4, and its rest Q24 in 0 .. 2^20 - 1
-    bias       Q14, and its rest Q34 in 0 .. 2^20 - 1, clipped to +-2^29
-The rests make both sums exact: no rounding error ever enters them. Only r is rounded, to 1/16 step. Rate
-and bias take the same r, so its roundings e act on their sum s as s += g lambda (z - s - e), which forgets
-them: s is off by at most 1/32 step (and 2^-14 from the rest cut off), bias by k2 / lambda and rate by
-k1 / lambda of that, for ever. Every intermediate is within +-2^30.
+    rate       Q4, its fraction Q24 in 0 .. 2^20 - 1
+    bias       Q14, its fraction Q34 in 0 .. 2^20 - 1, clipped to +-2^29
+The fractions ("rest") make both sums exact. Only r is rounded, to 1/16 step. Rate and bias take the same r,
+so a rounding e acts on their sum s as s += g lambda (z - s - e), which decays: s is off by at most 1/32 step
+(and 2^-14 from the truncated fraction), bias by k2 / lambda and rate by k1 / lambda of that, at all times.
+Every intermediate is within +-2^30.
 
-Rate and bias are seen only through their sum: the observability matrix has rank 1. `rate + bias` follows the
-gyro; how it is split rests on the bias at the start (`bias_choice.py`) and on the ratio k2 : k1.
+Only the sum of rate and bias is observable: the observability matrix has rank 1. `rate + bias` follows the
+gyro; its split depends on the initial bias (`bias_choice.py`) and on the ratio k2 : k1.
 """
 
 from array import array
@@ -27,7 +27,7 @@ from array import array
 from micropython import const
 
 GAIN_LIMIT = const(1 << 20)
-"""Both gains are below this."""
+"""Upper bound on both gains."""
 
 # State of one axis, array of int32.
 _RATE = const(0)
@@ -47,7 +47,7 @@ _BIAS_LIMIT = const(1 << 29)
 
 
 def kalman_plain(values, at, last, state):
-    """Filters values[at:last:6] into `state`; returns how often it clipped."""
+    """Filter values[at:last:6] into `state`; return the number of clipped values."""
     rate, rate_rest = state[_RATE], state[_RATE_REST]
     bias, bias_rest = state[_BIAS], state[_BIAS_REST]
     gain_rate, gain_bias = state[_GAIN_RATE], state[_GAIN_BIAS]
@@ -60,7 +60,7 @@ def kalman_plain(values, at, last, state):
         elif r < -_RESIDUAL_LIMIT:
             r = -_RESIDUAL_LIMIT
             clipped += 1
-        # r times a gain is 2^40: in two digits of r, carried by hand.
+        # r times a gain has 40 bits: multiplied in two digits of r with explicit carry.
         high = r >> 10
         low = r & _LOW_10
         product = gain_rate * high
@@ -98,27 +98,27 @@ except (ImportError, SyntaxError, ValueError, AttributeError, NameError):
 
 
 class KalmanFilter:
-    """The two-state filter with constant gains, three axes side by side."""
+    """The two-state filter with constant gains, on three axes."""
 
     def __init__(self, gain_rate_q20, gain_bias_q30):
         self.saturations = 0
         self._axes = tuple(array("i", (0, 0, 0, 0, gain_rate_q20, gain_bias_q30)) for _ in range(_AXES))
 
     def begin(self, axis, bias_q14):
-        """Sets an axis at rest with a bias, |bias| <= 2^28."""
+        """Reset an axis to rate zero with a bias, |bias| <= 2^28."""
         state = self._axes[axis]
         state[_RATE] = state[_RATE_REST] = state[_BIAS_REST] = 0
         state[_BIAS] = bias_q14
 
     def drift(self, axis, step_q18):
-        """The bias has moved by what the warm-up says, |step_q18| < 2^27: a known input of the bias state."""
+        """Add a step of the warm-up to the bias state, |step_q18| < 2^27."""
         state = self._axes[axis]
         rest = state[_BIAS_REST] + ((step_q18 & 15) << 16)
         state[_BIAS] += (step_q18 >> 4) + (rest >> 20)
         state[_BIAS_REST] = rest & _LOW_20
 
     def update(self, values, first, count):
-        """Takes `count` <= 255 samples, rows of six int16 from values[first], gyro in front."""
+        """Filter `count` <= 255 samples, rows of six int16 from values[first], gyro first."""
         last = first + _ROW * count
         for axis in range(_AXES):
             clipped = kalman(values, first + axis, last, self._axes[axis])  # type: ignore[arg-type]
@@ -126,10 +126,10 @@ class KalmanFilter:
                 self.saturations = (self.saturations + clipped) & 0xFFFF
 
     def rate_q8(self, axis):
-        """Angular rate, 1/256 gyro step. Only its sum with the bias is observable; see the module."""
+        """Return the angular rate, 1/256 gyro step. Only its sum with the bias is observable."""
         state = self._axes[axis]
         return (state[_RATE] << 4) + (state[_RATE_REST] >> 16)
 
     def bias_q12(self, axis):
-        """Bias, 1/4096 gyro step. Only its sum with the rate is observable; see the module."""
+        """Return the bias, 1/4096 gyro step. Only its sum with the rate is observable."""
         return self._axes[axis][_BIAS] >> 2

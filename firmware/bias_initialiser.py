@@ -1,23 +1,23 @@
-"""What every initialisation of the bias is: the bias at the start, and how it was found."""
+"""Base class of the bias initialisers, which estimate the gyro bias at the start."""
 
 from micropython import const
 from wire import FILTER_STATE_INITIALISING, FILTER_STATE_TRACKING, FILTER_STATE_WAITING
 
 LEAST_SAMPLES = const(2000)
-"""Behind an initialisation."""
+"""Least number of samples of an initialisation."""
 
 BIAS_DPS = const(30)
-"""No gyro that the node knows has more."""
+"""Bound on the bias of every supported gyro."""
 
 _AXES = const(3)
 
 
 class BiasInitialiser:
-    """The bias that filters begin with, and how it was found.
+    """Initial bias of the estimators, with its origin.
 
-    bias_q14: as it was found; `now_q14` has the warm-up since. samples: behind it, 0 when it comes from the
-    settings. refused: a Reason why the last attempt gave nothing (what was known before stays), or 0.
-    sigma_q12: 1 sigma of the bias, 0 when it is not known.
+    bias_q14: at the time of the estimate; `now_q14` adds the warm-up since. samples: used for it, 0 when it
+    comes from the settings. refused: the Reason why the last attempt failed (the previous bias stays), or 0.
+    sigma_q12: 1 sigma of the bias, 0 when unknown.
     """
 
     def __init__(self):
@@ -28,33 +28,33 @@ class BiasInitialiser:
         self.sigma_q12 = [0] * _AXES
         self.refused = 0
         self.moved_q18 = [0] * _AXES
-        """By the warm-up, since the bias was found."""
+        """Change by the warm-up since the estimate."""
         self._wanted = self._seen = 0
         self._before = FILTER_STATE_WAITING
 
     def adopt(self, other):
-        """Goes on from what another initialisation knows."""
+        """Take over the estimate of another initialiser."""
         self.state = other.state if other.state != FILTER_STATE_INITIALISING else other._before
         self.samples = other.samples
         self.bias_q14, self.moved_q18 = other.bias_q14, other.moved_q18
         self.variance_q8, self.sigma_q12 = other.variance_q8, other.sigma_q12
 
     def give(self, axis, bias_q14):
-        """A bias from the settings."""
+        """Set the bias of an axis from the settings."""
         self.bias_q14[axis] = bias_q14
         self.moved_q18[axis] = self.variance_q8[axis] = self.sigma_q12[axis] = self.samples = 0
         self.state = FILTER_STATE_TRACKING
 
     def drift(self, axis, step_q18):
-        """The bias has moved by what the warm-up says."""
+        """Add a step of the warm-up to the bias."""
         self.moved_q18[axis] += step_q18
 
     def now_q14(self, axis):
-        """The bias of this moment."""
+        """Return the present bias."""
         return self.bias_q14[axis] + (self.moved_q18[axis] >> 4)
 
     def gap(self):
-        """Samples are missing before the next."""
+        """Handle a gap before the next sample."""
 
     def _begin(self, samples):
         self._wanted, self._seen = samples, 0

@@ -1,4 +1,4 @@
-"""The board: bus, link, watchdog, battery, identity, on the pins of `pins.py` or as /config.json says."""
+"""The board: bus, link, watchdog, battery and identity, on the pins of `pins.py` or of /config.json."""
 
 import os
 import sys
@@ -17,7 +17,7 @@ _UART_BUFFER = const(512)
 
 
 class Hardware:
-    """The node's hardware, made from its settings."""
+    """The hardware of a node, opened according to its settings."""
 
     def __init__(self, settings):
         name = getattr(sys.implementation, "_machine", "")
@@ -35,11 +35,11 @@ class Hardware:
             self._battery = machine.ADC(machine.Pin(self.pins["battery"]))
         self._knows_volts = hasattr(self._battery, "read_uv")
         if self._knows_volts:
-            # An ESP32 measures to 0.95 V unless it is told.
+            # The full scale of an ESP32's ADC is 0.95 V unless attenuated.
             self._battery.atten(self._battery.ATTN_11DB)
 
     def battery_mv(self):
-        """Supply voltage, 0 when it is not measured."""
+        """Return the supply voltage, 0 where it is not measured."""
         if self._battery is None:
             return 0
         factor = self.pins["battery_factor"]
@@ -48,7 +48,7 @@ class Hardware:
         return self._battery.read_u16() * (3300 * factor) >> 16
 
     def start_watchdog(self):
-        """From here on `feed` must come at least every eight seconds; there is no way back but a reset."""
+        """Start the watchdog: `feed` must be called every 8 s from here on; only a reset stops it."""
         if self.settings["watchdog"]:
             self._watchdog = machine.WDT(timeout=_WATCHDOG_MS)
 
@@ -60,7 +60,7 @@ class Hardware:
         return self._watchdog is not None
 
     def free_bus(self):
-        """Nine clocks and a stop let go a chip that holds SDA; True when it is free then."""
+        """Release a chip that holds SDA by nine clocks and a stop; return True if the bus is free then."""
         sda = machine.Pin(self.pins["sda"], machine.Pin.OPEN_DRAIN, value=1)
         scl = machine.Pin(self.pins["scl"], machine.Pin.OPEN_DRAIN, value=1)
         for _ in range(9):
@@ -77,7 +77,7 @@ class Hardware:
         return free
 
     def open_link(self):
-        """The link that the settings name."""
+        """Return the link that the settings name."""
         import link
 
         kind = self.settings["link"]
@@ -124,13 +124,13 @@ class Hardware:
 
 
 def _identity(name, link):
-    """(Board, pins, ResetCause). What only the start needs is let go again: a node has little memory."""
+    """Return (Board, pins, ResetCause); modules needed at the start alone are unloaded to save memory."""
     from pins import WITH_RADIO, board_of
     from reset_cause import reset_cause
 
     kind, pins = board_of(name)
     if link == "udp" and kind in WITH_RADIO:
-        # The radio needs the pins of the battery.
+        # The radio uses the pin of the battery.
         pins["battery"] = -1
     cause = reset_cause(name)
     del sys.modules["pins"], sys.modules["reset_cause"]

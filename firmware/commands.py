@@ -1,4 +1,4 @@
-"""Answers to what the host asks."""
+"""Requests of the host and their answers."""
 
 import struct
 from time import ticks_us
@@ -56,14 +56,14 @@ _OF_FILTER = (
 
 
 class Commands:
-    """Carries out requests on `node`; each is answered exactly once."""
+    """Executes requests on `node`; each is answered exactly once."""
 
     def __init__(self, node):
         self._node = node
         self._bias_seq = -1
 
     def handle(self, frame, received_us):
-        """Answers the request in a FrameReader; one that is for another node is left alone."""
+        """Answer the request in a FrameReader; requests to other nodes are ignored."""
         node = self._node
         if frame.node != node.outbox.node_id and frame.node != _ANY_NODE:
             return
@@ -106,7 +106,7 @@ class Commands:
         outbox.post(NACK, NACK_SIZE)
 
     def bias_done(self, refused):
-        """The initialisation has ended, or is refused for a Reason: the answer that BiasInit waits for."""
+        """Answer the pending BiasInit: the initialisation has ended, or was refused for a Reason."""
         seq, self._bias_seq = self._bias_seq, -1
         if seq < 0:
             return
@@ -116,7 +116,7 @@ class Commands:
             self.ack(BIAS_INIT, seq)
 
     def bias_given_up(self):
-        """No samples come any more: BiasInit is answered with that."""
+        """Answer a pending BiasInit with NO_IMU, as sampling has stopped."""
         seq, self._bias_seq = self._bias_seq, -1
         if seq >= 0:
             self.nack(BIAS_INIT, seq, REASON_NO_IMU, self._node.parts.faults)
@@ -166,7 +166,7 @@ class Commands:
             node.make_filter()
 
     def _choices(self, key):
-        """The table that a value has to be in, or None."""
+        """Return the table of the chip that lists the allowed values of a ConfigKey, or None."""
         chip = self._node.parts.chip
         if chip is None:
             return None

@@ -1,4 +1,4 @@
-"""Native twins of inner loops, byte for byte; importing fails where a port has no native code."""
+"""Native versions of inner loops; the import fails where a port has no native code."""
 
 from array import array
 
@@ -10,7 +10,7 @@ _TABLE = array("H", CRC_TABLE)
 
 @micropython.viper
 def crc16(raw: ptr8, start: int, end: int) -> int:  # type: ignore[name-defined] # noqa: F821
-    """What framing.crc16_plain does."""
+    """Compute the same as framing.crc16_plain."""
     table = ptr16(_TABLE)  # type: ignore[name-defined] # noqa: F821
     crc: int = 0xFFFF
     i: int = start
@@ -22,10 +22,10 @@ def crc16(raw: ptr8, start: int, end: int) -> int:  # type: ignore[name-defined]
 
 @micropython.viper
 def seal(raw: ptr8, end: int) -> int:  # type: ignore[name-defined] # noqa: F821
-    """What framing.seal_plain does, in one pass over the frame: CRC and COBS side by side."""
+    """Compute the same as framing.seal_plain, CRC and COBS in one pass over the frame."""
     table = ptr16(_TABLE)  # type: ignore[name-defined] # noqa: F821
     crc: int = 0xFFFF
-    # framing.START, and framing.BODY behind it.
+    # framing.START, then framing.BODY.
     at: int = 1
     i: int = 2
     byte: int = 0
@@ -51,7 +51,7 @@ def seal(raw: ptr8, end: int) -> int:  # type: ignore[name-defined] # noqa: F821
 
 @micropython.viper
 def saturated(values: ptr16, at: int, last: int) -> int:  # type: ignore[name-defined] # noqa: F821
-    """What sampler.saturated_plain does."""
+    """Compute the same as sampler.saturated_plain."""
     value: int = 0
     while at < last:
         value = int(values[at])
@@ -63,7 +63,7 @@ def saturated(values: ptr16, at: int, last: int) -> int:  # type: ignore[name-de
 
 @micropython.viper
 def kalman(values: ptr16, at: int, last: int, state: ptr32) -> int:  # type: ignore[name-defined] # noqa: F821
-    """What bias_filter.kalman_plain does, to the same bits."""
+    """Compute the same as bias_filter.kalman_plain, bit by bit."""
     rate: int = state[0]
     rate_rest: int = state[1]
     bias: int = state[2]

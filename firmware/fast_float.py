@@ -1,11 +1,11 @@
-"""Native twins of small_float.py, bit for bit; importing fails where a port has no native code."""
+"""Native versions of the operations of small_float.py; the import fails without native code."""
 
 import micropython
 
 
 @micropython.viper
 def number(m: int, e: int) -> int:
-    """What small_float.number_plain does, to the same bits."""
+    """Compute the same as small_float.number_plain, bit by bit."""
     if m == 0:
         return 0
     size: int = m
@@ -38,7 +38,7 @@ def number(m: int, e: int) -> int:
 
 @micropython.viper
 def times(x: int, y: int) -> int:
-    """What small_float.times_plain does, to the same bits."""
+    """Compute the same as small_float.times_plain, bit by bit."""
     b: int = y >> 8
     m: int = (x >> 17) * b + ((((x >> 8) & 511) * b) >> 9)
     if m == 0:
@@ -62,7 +62,7 @@ def times(x: int, y: int) -> int:
 
 @micropython.viper
 def plus(x: int, y: int) -> int:
-    """What small_float.plus_plain does, to the same bits."""
+    """Compute the same as small_float.plus_plain, bit by bit."""
     if x == 0:
         return y
     if y == 0:
@@ -85,7 +85,7 @@ def plus(x: int, y: int) -> int:
 
 @micropython.viper
 def over(x: int, y: int) -> int:
-    """What small_float.over_plain does, to the same bits."""
+    """Compute the same as small_float.over_plain, bit by bit."""
     if x == 0:
         return 0
     a: int = x >> 8
@@ -112,7 +112,7 @@ def over(x: int, y: int) -> int:
 
 @micropython.viper
 def integer(x: int, q: int) -> int:
-    """What small_float.integer_plain does, to the same bits."""
+    """Compute the same as small_float.integer_plain, bit by bit."""
     m: int = x >> 8
     shift: int = (x & 255) - 128 + q
     if shift <= 0:

@@ -1,4 +1,4 @@
-"""Samples through the chip's FIFO: looked at when a batch is due, read in bursts, counted if it overflows."""
+"""Sampling through the chip's FIFO: polled when a batch is due, read in bursts, overflows counted."""
 
 from time import ticks_add, ticks_diff, ticks_us
 
@@ -11,31 +11,31 @@ _LOOK_WIRE_US = const(120)
 _TEMPERATURE_US = const(1000000)
 _FIRST_LOOKS = const(64)
 _LOOK_US = const(500)
-"""A look that took so much longer than the quickest, and half a period, is repeated."""
+"""A poll that took this much longer than the quickest one, and half a period, is repeated."""
 
 
 class FifoSamples:
-    """What `sampler` does with a chip whose samples wait in a FIFO."""
+    """Reads samples for `sampler` from a chip with a FIFO."""
 
     def __init__(self, sampler, chip):
         self._sampler = sampler
         self._chip = chip
         self._look = Look(ticks_us(), _LOOK_WIRE_US)
         self.left = 0
-        """Samples in the FIFO that the clock has counted already."""
+        """Samples in the FIFO that the sample clock has already counted."""
         self._late_us = self._tries = self._slack_us = 0
         self._realigned = chip.realigned
         self._begins = self._resume = self._torn = False
         self._temperature_us = ticks_us()
 
     def begin(self, now, resume):
-        """Samples count from the first turn on; resume: how many were lost before is counted by the clock."""
+        """Start with the next turn; resume: the sample clock counts what was lost before."""
         half_us = self._sampler.clock.period_us >> 1
         self._slack_us = half_us if half_us > _LOOK_US else _LOOK_US
         self._begins, self._resume = not resume, resume
 
     def turn(self, now):
-        """One look at the FIFO, and a burst when a batch is in it."""
+        """Poll the FIFO level once; read a burst when a full batch is in it."""
         sampler, chip, look = self._sampler, self._chip, self._look
         if self._begins:
             self._begins = False
@@ -71,7 +71,7 @@ class FifoSamples:
             sampler.due_us = look.due_us(aim_us)
 
     def _await_first(self):
-        """What came while everything was set up has no time; the next sample is looked for without pause."""
+        """Discard samples from before the start, of unknown time; poll for the next without pause."""
         chip, look, clock = self._chip, self._look, self._sampler.clock
         chip.fifo_flush()
         for _ in range(_FIRST_LOOKS):
@@ -85,24 +85,24 @@ class FifoSamples:
             self.left = level
 
     def _count(self, now, level):
-        """Tells the clock what the look showed; False when it was of no use, or the FIFO was emptied."""
+        """Update the sample clock with the poll; return False if it was ambiguous or the FIFO was flushed."""
         sampler, look = self._sampler, self._look
         clock = sampler.clock
         new = level - self.left
         lost = 0
         if self._chip.realigned != self._realigned:
-            # The torn sample had its time like any other.
+            # The torn sample counts as a lost one.
             self._realigned = self._chip.realigned
             lost = 1
         if new < 0:
-            # The chip was reset, or a misread took samples away: what still waits has no number.
+            # The chip was reset, or a failed read consumed samples: those in the FIFO have no index.
             self._empty(now, BATCH_FLAG_GAP_BEFORE)
             return False
         if self._resume:
             if level:
                 sure = not clock.locked or clock.sure(look.early_us, look.late_us, new + lost)
                 if not sure and self._tries < TRIES:
-                    # Another moment tells better how many went by.
+                    # Another moment tells unambiguously how many samples were lost.
                     self._tries += 1
                     self._realigned -= lost
                     sampler.due_us = ticks_add(now, clock.period_us >> 2)
@@ -112,7 +112,7 @@ class FifoSamples:
                 lost += clock.skipped(ticks_add(look.early_us, -(clock.period_us >> 1)), new + lost)
                 clock.interrupted(lost)
         elif new and self._skips(look.early_us, new + lost):
-            # Where among the waiting samples the hole is, nobody knows: their times are not known either.
+            # The position of the gap among the samples in the FIFO is unknown, hence their times too.
             self._empty(now, BATCH_FLAG_GAP_BEFORE)
             return False
         if lost:
@@ -124,17 +124,17 @@ class FifoSamples:
         return True
 
     def _burst(self, now, begun, level):
-        """Reads a batch; False when the FIFO overflowed meanwhile."""
+        """Read a batch; return False if the FIFO overflowed meanwhile."""
         sampler, chip = self._sampler, self._chip
         clock = sampler.clock
-        # A burst that fails takes an unknown number of words with it: all that waited is lost.
+        # A failed burst consumes an unknown number of words: all samples in the FIFO are lost.
         self._torn = True
         sampler.missed += level
         self.left = 0
         chip.fifo_read_into(sampler.slot.rows)
         self._torn = False
         if ticks_diff(ticks_us(), begun) > (chip.FIFO_SAMPLES - 1 - level) * clock.period_us:
-            # It has overflowed since the look: what was read may begin within a sample.
+            # It has overflowed since the poll: the burst may begin within a sample.
             sampler.overruns += 1
             self._empty(now, BATCH_FLAG_FIFO_OVERRUN | BATCH_FLAG_GAP_BEFORE)
             return False
@@ -148,9 +148,9 @@ class FifoSamples:
         return True
 
     def _skips(self, at_us, samples):
-        """Whether the chip took at least two samples fewer than its beat: they come too late at one stroke.
+        """Return True if the chip skipped at least two samples: they are overdue at one stroke.
 
-        A beat that becomes slower makes them late little by little, and is followed by the clock.
+        A sample rate that decreases makes them overdue gradually, which the sample clock follows.
         """
         clock = self._sampler.clock
         late, before = clock.late_us(at_us, samples), self._late_us
@@ -160,7 +160,7 @@ class FifoSamples:
         return late > 2 * period - quarter and late - before > period - quarter
 
     def _empty(self, now, flags):
-        """Starts the FIFO anew; how many samples that costs is counted by the clock when the next come."""
+        """Flush the FIFO; the sample clock counts the lost samples when the next ones arrive."""
         sampler = self._sampler
         self._chip.fifo_flush()
         sampler.missed += self.left

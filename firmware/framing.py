@@ -1,7 +1,7 @@
-"""Frames without allocation: CRC-16 by table, COBS in place, and the way back for requests.
+"""Framing without allocation: CRC-16 by table, COBS in place; decoding of requests.
 
-A frame is built where it is sent from: one spare byte for COBS, header, payload, CRC, delimiter.
-    raw[START] code, raw[BODY:] type, node, seq, raw[PAYLOAD:] payload, then CRC and a zero.
+A frame is built in the buffer that it is sent from: COBS code at raw[START], header (type, node, seq) at
+raw[BODY:], payload at raw[PAYLOAD:], then CRC and a zero as delimiter.
 """
 
 from micropython import const
@@ -11,13 +11,13 @@ START = const(1)
 BODY = const(2)
 PAYLOAD = const(6)
 SLOT_WORDS = const(126)
-"""int16 that hold the largest frame behind its unused first byte; the payload so lies on an even address."""
+"""int16 in a slot: the largest frame after one unused byte, which aligns the payload to an even address."""
 
 _ZERO = b"\0"
 
 
 def crc16_plain(raw, start, end):
-    """CRC-16/CCITT-FALSE of raw[start:end]."""
+    """Return the CRC-16/CCITT-FALSE of raw[start:end]."""
     table = CRC_TABLE
     high, low = CRC_INITIAL >> 8, CRC_INITIAL & 0xFF
     for i in range(start, end):
@@ -28,7 +28,7 @@ def crc16_plain(raw, start, end):
 
 
 def seal_plain(raw, end):
-    """Closes the frame whose header and payload stand in raw[BODY:end]; it is then raw[START:result]."""
+    """Seal the frame with header and payload in raw[BODY:end]; it is then raw[START:result]."""
     crc = crc16_plain(raw, BODY, end)
     raw[end] = crc & 0xFF
     raw[end + 1] = crc >> 8
@@ -52,9 +52,9 @@ except (ImportError, SyntaxError, ValueError, AttributeError, NameError):
 
 
 class FrameReader:
-    """Bytes from the host, one at a time, to frames; damage is counted.
+    """Decodes frames from the host byte by byte; damaged ones are counted.
 
-    After `feed` has returned True: `type_id`, `node`, `seq`, and the payload raw[PAYLOAD:PAYLOAD + size].
+    Valid after `feed` returned True: `type_id`, `node`, `seq`, and the payload raw[PAYLOAD:PAYLOAD + size].
     """
 
     def __init__(self):
@@ -65,7 +65,7 @@ class FrameReader:
         self._skipping = False
 
     def feed(self, byte):
-        """True when `byte` closed an undamaged frame."""
+        """Return True when `byte` completes an undamaged frame."""
         if byte:
             if self._end < START + MAX_FRAME - 1:
                 self.raw[self._end] = byte

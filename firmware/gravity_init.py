@@ -1,4 +1,4 @@
-"""Bias initialisation while driving: the wheel's own rate is that of gravity turning in the accelerometer."""
+"""Initial bias while driving: the reference rate is that of gravity rotating in the accelerometer."""
 
 from micropython import const
 from pseudo_init import PseudoInit, mean_q14, real
@@ -14,7 +14,7 @@ _G = 9.80665
 
 
 def angle(y, x):
-    """The direction of (x, y) in 2^-16 turns, -2^15 to 2^15, to 2e-4 rad; 0 for (0, 0). |x|, |y| < 2^16."""
+    """Return atan2(y, x) in 2^-16 turns, accurate to 2e-4 rad; 0 for (0, 0). |x|, |y| < 2^16."""
     a = x if x >= 0 else -x
     b = y if y >= 0 else -y
     if a < b:
@@ -23,7 +23,7 @@ def angle(y, x):
         t = (b << 13) // a
     else:
         return 0
-    # The arcus tangens on 0..1 by a polynomial of degree seven, its coefficients in 2^-16 turns.
+    # arctan on 0..1 by a polynomial of degree seven, coefficients in 2^-16 turns.
     s = t * t >> 13
     p = 1526 - (407 * s >> 13)
     p = (p * s >> 13) - 3350
@@ -37,16 +37,17 @@ def angle(y, x):
 
 
 class GravitySums:
-    """Means of gyro and of the rate of gravity's direction, with the same parabolic weights.
+    """Means of the gyro and of the rotation rate of gravity over an interval, with equal parabolic weights.
 
-    n: samples in a stretch, 32 to 1024. arm: (x, y) of the lever arm and `radius` as `take` uses them.
-    turns_q14: mean rate of the last stretch, 2^-16 turns a sample; turned: its angle, 2^-16 turns.
+    n: samples of an interval, 32 to 1024. arm_x, arm_y: lever arm, and `radius`, scaled as `take` needs them.
+    turns_q14: mean rate of the last interval, 2^-16 turns per sample; turned: its angle, 2^-16 turns.
 
-    With phi the angle about z, the force is e^(-i phi) (g + i radius w') - w^2 arm + i w' arm. The direction
-    of gravity is that of the force + w^2 arm, less radius w' / g; w' arm is left in it: it is small, and w'
-    comes from the gyro through a filter over eight samples.
-    The weights (k + 1)(n - 1 - k) of the n - 1 steps of phi make a sum that is the slope of a line fitted to
-    phi; a step is the mean of the rates at its two ends, which gives the gyro the weights of a pair of steps.
+    With phi the angle about z, w its rate and w' its derivative, the specific force in the plane of the
+    wheel is e^(-i phi) (g + i radius w') - w^2 arm + i w' arm. The direction of gravity is that of the force
+    plus w^2 arm, less radius w' / g; the small term w' arm is neglected, and w' comes from the gyro through
+    a filter over eight samples.
+    The weights (k + 1)(n - 1 - k) of the n - 1 steps of phi yield the slope of a line fitted to phi; a step
+    is the mean of the rates at its ends, so a gyro sample has the weights of its two steps.
     """
 
     def __init__(self, n, arm_x, arm_y, radius):
@@ -67,24 +68,24 @@ class GravitySums:
         self.restart()
 
     def restart(self):
-        """Forgets the open stretch."""
+        """Discard the sums of the open interval."""
         for i in range(4):
             self._high[i] = self._low[i] = 0
         self.count = self._weight = self._angle = self._phase = 0
 
     def gap(self):
-        """The speed before the next sample is not known."""
+        """Discard the open interval: the rate before the next sample is unknown."""
         self._known = False
         self.restart()
 
     def take(self, values, at):
-        """Takes a row; True when a stretch is full, its means there until the next row."""
+        """Add a row; return True when n are complete: the means are valid until the next row."""
         k = self.count
         spin = values[at + 2]
         if not self._known:
             self._smooth = spin << 4
             self._known = True
-        # Q4; where the rate grows evenly, eight times what it grows by in a sample.
+        # Q4; for constant w', eight times the change per sample.
         ahead = (spin << 4) - self._smooth
         self._smooth += ahead >> 3
         square = (spin >> 1) * (spin >> 1) >> 12
@@ -121,26 +122,26 @@ class GravitySums:
 
 
 class GravityInit(PseudoInit):
-    """`PseudoInit` with that rate.
+    """`PseudoInit` with the rotation rate of gravity.
 
-    A stretch that turns less than once is left out; a run without any is refused (WHEEL_RESTS).
+    Intervals of less than one turn are not used; a run without any other is refused (WHEEL_RESTS).
 
-    A scale error of the gyro looks like a bias that grows with the speed: `gyro_scale_ppm` must be right to
-    0.1 % for 0.3 deg/s at 300 deg/s.
+    A scale error of the gyro acts as a bias proportional to the rate: an error of 0.1 % in `gyro_scale_ppm`
+    at 300 deg/s is a bias of 0.3 deg/s.
     """
 
     def gather(self, s, gyro_lsb_ndps, accel_lsb_ng):
-        """(what gathers a stretch, variance of its mean over that of a sample); floats, as of `begin`."""
+        """Return (averager of an interval, variance of its mean over that of a sample); allocates."""
         n = max(s["bias_stretch"] or (1024 if s["rate_hz"] > 250 else 512), 32)
         step = gyro_lsb_ndps * 1e-9
         rate_hz = 1e9 / self.clock.period_ns
         x, y = s["arm_mm"] or (0, 0)
-        # Accelerometer steps for 2^14 gyro steps squared and one mm; in the sums they are Q12.
+        # Accelerometer steps per 2^14 gyro steps squared and mm; Q12 in the sums.
         arm = (step * _RAD) ** 2 * 0.001 / (accel_lsb_ng * 1e-9 * _G) * (1 << 26)
-        # 2^-16 turns for a gyro step a sample; in the sums Q4.
+        # 2^-16 turns per gyro step per sample; Q4 in the sums.
         radius = s["wheel_radius_mm"] * 0.001 / _G * rate_hz * step * _RAD / (2 * 180 * _RAD) * (1 << 20)
         sums = GravitySums(n, _clipped(x * arm), _clipped(y * arm), _clipped(radius))
-        # Gyro steps for 2^-16 turns a nanosecond, the scale error of the gyro included: 29 bits and a shift.
+        # Gyro steps per 2^-16 turns/ns with the scale error of the gyro: 29 bits and a shift.
         scale = 360.0e9 / 65536 / step * (1 + s["gyro_scale_ppm"] * 1e-6)
         self._shift = 0
         while scale >= 1 << 29:
@@ -155,7 +156,7 @@ class GravityInit(PseudoInit):
         return sums, 1.2 / n
 
     def measured(self, sums):
-        """Whether it turned at least once; then the rate that gravity turned with."""
+        """Return True after at least one turn; sets the rotation rate of gravity."""
         if -_TURN < sums.turned < _TURN:
             return False
         period_ns, shift = self.clock.period_ns, self._shift

@@ -1,4 +1,4 @@
-"""The byte streams to the host, and USB; what a stream does not take at once stays in the outbox."""
+"""Base class of the links to the host, and USB; what a stream does not accept stays in the outbox."""
 
 import select
 import sys
@@ -17,34 +17,34 @@ _SLICES = sys.implementation.name != "micropython"
 
 
 def _write(stream, raw, at, size):
-    """How many bytes of raw[at:at + size] the stream took, or None; MicroPython's streams need no slice."""
+    """Write raw[at:at + size]; return the number of bytes accepted, or None. MicroPython needs no slice."""
     if _SLICES:
         return stream.write(memoryview(raw)[at : at + size])
     return stream.write(raw, at, size)
 
 
 class Link:
-    """What every link does; a link adds how much of raw[at:at + size] it took, and the next byte or -1."""
+    """Base class of links. A subclass defines `_take`, bytes accepted, and `_byte`, the next byte or -1."""
 
     MOST = _WHOLE
-    """Bytes offered to the stream at once."""
+    """Largest number of bytes offered to the stream at once."""
     ON_CONSOLE = False
-    """Whether frames travel where the REPL is, so that ctrl-C must be an ordinary byte."""
+    """True if frames share the console with the REPL, so that ctrl-C must be an ordinary byte."""
 
     def __init__(self):
         self.reader = FrameReader()
         self._readable = None
-        """Of a stream that can be waited for: its poll for input; another is looked at every other ms."""
+        """Poll object of a stream that can be waited for; others are checked every 2 ms."""
 
     def wait(self, ms):
-        """Sleeps so long, or until a byte comes from the host."""
+        """Sleep for `ms`, or until a byte arrives from the host."""
         if self._readable is None:
             sleep_ms(ms if ms < _LOOK_MS else _LOOK_MS)
         else:
             self._readable(ms)
 
     def send(self, outbox):
-        """Offers waiting frames to the stream, some of them at most."""
+        """Offer frames of the queue to the stream, four per call at most."""
         turns = _SENDS_PER_TURN
         while outbox.count and turns:
             turns -= 1
@@ -63,7 +63,7 @@ class Link:
         raise NotImplementedError
 
     def receive(self):
-        """True when a frame from the host has come: it stands in `reader` until the next call."""
+        """Return True when a frame from the host is complete: it is in `reader` until the next call."""
         for _ in range(_READS_PER_TURN):
             byte = self._byte()
             if byte < 0:
@@ -73,22 +73,22 @@ class Link:
         return False
 
     def turn(self):
-        """Looks after the carrier of the link; may take its time when there is none."""
+        """Maintain the carrier of the link; may block when there is none."""
 
     def close(self):
-        """Gives the stream back."""
+        """Release the stream."""
 
 
 class UsbLink(Link):
     """USB CDC, shared with the REPL: ctrl-C is an ordinary byte until `close`.
 
-    The driver waits when more is written than fits, and drops after half a second: hence single bytes while
-    the host does not keep up, and whole frames again as it does.
+    The driver blocks when its buffer is full, and drops bytes after half a second: hence single bytes while
+    the host does not keep up, doubling to whole frames once it does.
     """
 
     ON_CONSOLE = True
     CHUNK = _WHOLE
-    """MOST of a host that keeps up."""
+    """MOST while the host keeps up."""
 
     def __init__(self):
         super().__init__()
@@ -118,7 +118,7 @@ class UsbLink(Link):
 
 
 def _poll(stream, event):
-    """Ready, without allocation, with `_ready`: MicroPython's ipoll where it is."""
+    """Return a poll method for `_ready`: MicroPython's ipoll, which does not allocate, where it exists."""
     poll = select.poll()
     poll.register(stream, event)
     return poll.ipoll if hasattr(poll, "ipoll") else poll.poll

@@ -1,21 +1,21 @@
-"""When a look at the chip showed what it showed: between two moments, as close as the processor was quick."""
+"""Time bounds of a poll of the chip: what it showed was true at a moment between the two."""
 
 from time import ticks_add, ticks_diff
 
 from micropython import const
 
 _STATUS_US = const(72)
-"""From the start of a transfer to its first byte, at 400 kHz: when the chip decides what it shows."""
+"""From the start of a transfer to its first byte at 400 kHz, when the chip latches what it returns."""
 TRIES = const(3)
-"""So many looks in a row may tell too little; a processor that is always so slow gets what it can see."""
+"""Ambiguous polls in a row that are repeated; a processor that is always slow then takes what it gets."""
 _LAG_US = const(1000)
-"""A way to a look that took longer was not the ordinary one."""
+"""A delay before a poll that took longer is an exception and does not count."""
 
 
 class Look:
-    """early_us, late_us: what the last look showed was so at some moment between them.
+    """Timing of polls. early_us, late_us: the last poll showed the state of a moment between them.
 
-    wire_us: what the transfer takes on the bus. slack_us: how much longer than the quickest it took.
+    wire_us: duration of the transfer on the bus. slack_us: excess over the quickest poll so far.
     """
 
     def __init__(self, now, wire_us):
@@ -27,13 +27,13 @@ class Look:
         self.early_us = self.late_us = now
 
     def due_us(self, at_us):
-        """When to set out for a look that shows what is so at `at_us`."""
+        """Return when to start a poll that shall show the state at `at_us`."""
         return ticks_add(at_us, -self._lead_us - self._lag_us)
 
     def took(self, out_us, begun_us, done_us):
-        """A look at the chip went on from `begun_us` to `done_us`; the way to it began at `out_us`.
+        """Record a poll from `begun_us` to `done_us` that was called at `out_us`.
 
-        What is not wire comes before it, the call and the way from address to data: nearly so on an RP2040.
+        Time beyond that on the wire is taken to come before it; on an RP2040 that holds nearly.
         """
         lag_us = ticks_diff(begun_us, out_us)
         if lag_us < _LAG_US:

@@ -1,12 +1,12 @@
-"""Runs the node after power-on: the first of SLOTS whose firmware loads.
+"""Run the node after power-on: the firmware in the first of SLOTS that loads.
 
-A host may send any byte meanwhile: ctrl-C is an ordinary one here. `hubodo flash` fills a slot beside the one
-that runs, and then puts this file with the new order in the place of the old one: that is the whole switch.
+The host may send any byte meanwhile, so ctrl-C does not interrupt. `hubodo flash` fills the slot that does
+not run, then replaces this file by one with the new order: that single step switches the firmware.
 """
 
 
 def quiet():
-    """Ctrl-C is an ordinary byte from here on; one that came just before is raised now, not in an import."""
+    """Make ctrl-C an ordinary byte; one received just before is raised here, not within an import."""
     from time import sleep_ms
 
     import micropython
@@ -15,7 +15,7 @@ def quiet():
     sleep_ms(1)
 
 
-# A ctrl-C that comes before `kbd_intr` costs one try, and a host sends at most one in a millisecond.
+# A ctrl-C before `kbd_intr` costs one attempt, and a host sends at most one per millisecond.
 try:
     try:
         quiet()
@@ -28,7 +28,7 @@ SLOTS = ("",)
 
 
 def load(slots):
-    """`main` of the firmware; where it does not load, of the next slot, with nothing kept of the first."""
+    """Return `main` of the first slot that loads; modules of a slot that does not are removed."""
     import sys
 
     known = tuple(sys.modules)

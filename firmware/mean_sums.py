@@ -1,4 +1,4 @@
-"""Plain means of the gyro over stretches of samples, for a wheel at rest or a table."""
+"""Mean of the gyro over a fixed number of samples, for a wheel at standstill or on a rate table."""
 
 from micropython import const
 from pseudo_init import mean_q14
@@ -7,7 +7,7 @@ _LOW_15 = const((1 << 15) - 1)
 
 
 class MeanSums:
-    """Plain means over n samples, 1 <= n <= 1024."""
+    """Means over n samples, 1 <= n <= 1024."""
 
     def __init__(self, n):
         self.n = n
@@ -16,14 +16,14 @@ class MeanSums:
         self._sum = [0, 0, 0]
 
     def gap(self):
-        """A mean bears it."""
+        """Ignore a gap: it does not bias a mean."""
 
     def restart(self):
-        """Forgets the open stretch."""
+        """Discard the sums of the open interval."""
         self.count = self._sum[0] = self._sum[1] = self._sum[2] = 0
 
     def take(self, values, at):
-        """Takes a row; True when a stretch is full, its means in `mean_q14` until the next row."""
+        """Add a row; return True when n are complete: `mean_q14` is valid until the next row."""
         total = self._sum
         total[0] += values[at]
         total[1] += values[at + 1]

@@ -1,4 +1,4 @@
-"""Where a host is by its name: numbers as they stand, else what a name server answers (RFC 1035)."""
+"""Resolve the name of the host without blocking, by DNS (RFC 1035) or multicast DNS (RFC 6762)."""
 
 import socket
 from time import ticks_diff, ticks_ms
@@ -12,11 +12,11 @@ if TYPE_CHECKING:
 _TYPE_A = const(1)
 _NAME_SERVER = const(53)
 _MULTICAST = ("224.0.0.251", 5353)
-"""Who knows names that end in .local (RFC 6762)."""
+"""Group address of multicast DNS, for names that end in .local."""
 
 
 class Name:
-    """The address behind `host`, for a station `wlan` that is joined."""
+    """Resolves `host` through the network that `wlan` has joined."""
 
     def __init__(self, wlan, host):
         self._wlan = wlan
@@ -25,7 +25,7 @@ class Name:
         self._query: Any = None
 
     def address(self):
-        """The address as text, or None while it is asked for: call it again, every second or so."""
+        """Return the address as text, None while the query is pending: call again every second or so."""
         if is_address(self._host):
             return self._host
         try:
@@ -45,7 +45,7 @@ class Name:
         return None
 
     def forget(self):
-        """Ends a question that is under way."""
+        """Cancel a pending query."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
@@ -57,18 +57,18 @@ class Name:
                 server = (self._wlan.ifconfig()[3], _NAME_SERVER)
             self._socket.sendto(self._query, server)
         except OSError:
-            # No network: again with the next call.
+            # No network: repeated with the next call.
             pass
 
 
 def is_address(host):
-    """Whether that is four numbers with dots."""
+    """Return True for a dotted IPv4 address."""
     parts = host.split(".")
     return len(parts) == 4 and all(part.isdigit() for part in parts)
 
 
 def question(host, number):
-    """A query for the IPv4 address of `host`."""
+    """Return a query for the IPv4 address of `host`."""
     query = bytearray((number >> 8, number & 0xFF, 1, 0, 0, 1, 0, 0, 0, 0, 0, 0))
     for label in host.split("."):
         query.append(len(label))
@@ -78,7 +78,7 @@ def question(host, number):
 
 
 def answer(reply, query):
-    """The first IPv4 address in a reply to that query; None when it is no such reply."""
+    """Return the first IPv4 address in a reply to that query, None if it is no such reply."""
     try:
         if reply[:2] != query[:2] or not reply[2] & 0x80:
             return None

@@ -1,4 +1,4 @@
-"""The node: its parts put together, its loop, and how it starts and ends."""
+"""The node: assembly of its parts, the main loop, start and shutdown."""
 
 import gc
 import os
@@ -49,7 +49,7 @@ _RESCUE_MS = const(3000)
 
 
 class Node:
-    """One node on one board. `turn` is a round of its loop; `leave` becomes a RebootMode when it must end."""
+    """One node on one board. `turn` runs the loop once; `leave` is set to a RebootMode when it must end."""
 
     def __init__(self, board, link):
         self.board = board
@@ -61,16 +61,16 @@ class Node:
         self.commands = Commands(self)
         self.leave = None
         self.rest: Any = None
-        """What samples slowly at rest, where the settings want that."""
+        """Reduces the sample rate at standstill, where the settings ask for that."""
         self.estimator: Any = None
         self.init: Any = None
-        """The bias at the start: a `bias_initialiser.BiasInitialiser`."""
+        """Estimates the bias at the start: a `bias_initialiser.BiasInitialiser`."""
         self.warm: Any = ()
         self._running = True
         self._next_index = self._lsb_ndps = 0
         self.worst_us = self._mag_waits = 0
         _, self._mag_words = shared(3)
-        # The first samples are looked at more closely than any: everything else comes after them.
+        # Sampling has the processor to itself for the first 0.2 s, when the sample clock locks.
         self._look_ms = ticks_add(ticks_ms(), _BEGIN_MS)
         self._hello_ms = self._health_ms = self._filter_ms = self._mag_ms = self._look_ms
         self.make_init()
@@ -78,7 +78,7 @@ class Node:
         self.start()
 
     def turn(self):
-        """One round: sample, send, listen, look after everything else."""
+        """Run the loop once: sample, send, receive, then the periodic duties."""
         now = ticks_us()
         if not self.parts.paused:
             try:
@@ -89,7 +89,7 @@ class Node:
             self.link.send(self.outbox)
         if self.link.receive():
             self.commands.handle(self.link.reader, ticks_us())
-            # At once: what an answer waits here, the host takes for the way.
+            # At once: the host takes a delay here for transmission time.
             self.link.send(self.outbox)
         ms = ticks_ms()
         if ticks_diff(ms, self._look_ms) >= 0:
@@ -102,7 +102,7 @@ class Node:
         self._idle(done)
 
     def start(self):
-        """Finds the parts, configures them and samples; `parts.chip` is None when there is no IMU."""
+        """Search for the chips, configure them and start sampling; without an IMU `parts.chip` is None."""
         self._running = True
         self.parts.find()
         if self.parts.chip is None:
@@ -112,30 +112,30 @@ class Node:
             self.parts.begin(False)
         gc.collect()
         self.free_heap = gc.mem_free()
-        """Measured here: it walks the heap, and from here on nothing is allocated."""
+        """bytes; measured here alone, as that walks the heap. Nothing is allocated from here on."""
         reports.hello(self)
 
     def stop(self):
-        """Ends sampling; the node goes on answering."""
+        """Stop sampling; requests are still answered."""
         self._running = False
         self.sampler.end()
         self.parts.chip = None
         self.commands.bias_given_up()
 
     def make_init(self):
-        """The initialisation that the settings ask for; it knows what the one before it has found."""
+        """Create the bias initialiser that the settings ask for; it inherits the present estimate."""
         before = self.init
         self.init = bias_choice.initialisation(self.settings, self.sampler.clock)
         if before is not None:
             self.init.adopt(before)
 
     def make_filter(self):
-        """The estimator that the settings ask for, at rest with the bias that is known."""
+        """Create the estimator that the settings ask for, with rate zero and the present bias."""
         self.estimator = bias_choice.estimator(self.settings)
         self._begin_filter()
 
     def farewell(self):
-        """Gives the link a little time to take what still waits."""
+        """Give the link up to 0.3 s to send the frames in the queue."""
         until = ticks_add(ticks_ms(), _FAREWELL_MS)
         while self.outbox.count and ticks_diff(until, ticks_ms()) > 0:
             self.link.send(self.outbox)
@@ -145,7 +145,7 @@ class Node:
     # The bias.
 
     def _use(self, values, first, count):
-        """What each batch goes through before it is sealed."""
+        """Pass a batch to bias initialiser, estimator and standstill detector before it is sealed."""
         init, estimator = self.init, self.estimator
         index = self.sampler.first_index
         if index != self._next_index:
@@ -166,7 +166,7 @@ class Node:
                 self.estimator.begin(axis, self.init.now_q14(axis))
 
     def _know_chip(self):
-        """What the settings say of the bias, in steps of the chip that is there; once for a size of step."""
+        """Convert the bias of the settings to steps of the chip; once per scale."""
         s, chip = self.settings, self.parts.chip
         if chip.gyro_lsb_ndps == self._lsb_ndps:
             return
@@ -181,14 +181,14 @@ class Node:
         self._begin_filter()
 
     def _drift(self, warm):
-        """A warm-up has moved the bias, of what runs and of what the next filter begins with."""
+        """Apply a step of a warm-up to the estimator and to the bias for the next one."""
         for axis in range(_AXES):
             step_q18 = warm.step_q18[axis]
             self.init.drift(axis, step_q18)
             if self.estimator is not None:
                 self.estimator.drift(axis, step_q18)
 
-    # Everything that is not a sample.
+    # Periodic duties.
 
     def _look_after(self, ms):
         self.board.feed()
@@ -241,7 +241,7 @@ class Node:
         self.outbox.post(MAG, MAG_SIZE)
 
     def _idle(self, now):
-        """Sleeps until shortly before something is due; the host is heard meanwhile."""
+        """Sleep until shortly before the next duty; bytes from the host end the sleep."""
         wait = 1000 * ticks_diff(self._look_ms, ticks_ms())
         if self.parts.chip is not None and not self.parts.paused:
             due = ticks_diff(self.sampler.due_us, now) - _MARGIN_US
@@ -253,10 +253,10 @@ class Node:
 
 
 def main():
-    """Runs the node until it is told to leave; then restarts the board, or gives back the REPL.
+    """Run the node until a request ends it; then restart the board or return to the REPL.
 
-    A watchdog cannot be stopped, and the REPL does not feed it: where one runs, the way to the REPL is a
-    restart that finds the file STAY_IN_REPL. Power that came back meanwhile is for running.
+    A watchdog cannot be stopped, and the REPL does not feed it: with a watchdog the REPL is reached by a
+    restart that finds the file STAY_IN_REPL. After power-on that file is removed and ignored.
     """
     try:
         os.remove(STAY_IN_REPL)
@@ -267,7 +267,7 @@ def main():
     board = Hardware(configuration.load())
     link = board.open_link()
     if not link.ON_CONSOLE:
-        # Frames do not come this way: whoever sends ctrl-C means it.
+        # No frames arrive on the console: a ctrl-C there is a user's.
         micropython.kbd_intr(_CTRL_C)
     try:
         mode = _run(board, link)
@@ -306,7 +306,7 @@ def _run(board, link):
 
 
 def _wait(board, ms):
-    """Leaves time for ctrl-C before a restart that may fail in the same way."""
+    """Wait, so that a user can press ctrl-C before a restart that may fail in the same way."""
     for _ in range(ms // 10):
         sleep_ms(10)
         board.feed()

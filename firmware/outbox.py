@@ -1,6 +1,6 @@
-"""Frames that wait for the link: a fixed number of slots, the oldest given up first, and counted.
+"""Send queue: a fixed number of slots; when it is full the oldest frame is dropped and counted.
 
-Slots are never copied: who fills one hands it in and gets an empty one back.
+Slots are never copied: whoever fills one passes it in and gets an empty one back.
 """
 
 import struct
@@ -13,18 +13,18 @@ from wire import HEADER_FORMAT, IMU_BATCH_MAX_ROWS, IMU_BATCH_SIZE, TIME_REPLY
 
 _BODY = const(2)
 FIRST_ROW = (PAYLOAD + IMU_BATCH_SIZE) // 2
-"""Where the samples of an ImuBatch begin, in int16 from the start of a slot."""
+"""Offset of the samples of an ImuBatch, in int16 from the start of a slot."""
 
 ROW = const(6)
 _TYPES = const(16)
-"""Types of message that a node sends are below this."""
+"""Bound on the message types that a node sends."""
 
 
 class Slot:
-    """Room for one frame.
+    """Buffer for one frame.
 
-    raw: the frame's bytes; values: the same memory as int16; rows: the bytes of the samples of a full batch,
-    only after `shape`; end: where the frame ends in raw, once sealed.
+    raw: its bytes; values: the same memory as int16; rows: the bytes of the samples of a full batch, only
+    after `shape`; end: end of the sealed frame in raw.
     """
 
     rows = None
@@ -34,13 +34,13 @@ class Slot:
         self.end = START
 
     def shape(self, batch):
-        """Fits `rows` to batches of that many samples."""
+        """Set the length of `rows` to a batch of `batch` samples."""
         first = 2 * FIRST_ROW
         self.rows = memoryview(self.raw)[first : first + 2 * ROW * batch]
 
 
 class Outbox:
-    """Ring of `depth` sealed frames."""
+    """A ring buffer of `depth` sealed frames."""
 
     def __init__(self, depth, node_id):
         self.node_id = node_id
@@ -48,8 +48,8 @@ class Outbox:
         self.high_water = 0
         self.count = 0
         self.sent = -START
-        """Bytes of the oldest frame that the link has taken; the first has a zero before it, which ends what
-        a restart has cut off."""
+        """Bytes of the oldest frame that are sent; negative at the start, as a zero goes before the first
+        frame, which delimits what a restart cut off."""
         self._depth = depth
         self._ring = [Slot() for _ in range(depth)]
         self._head = 0
@@ -57,21 +57,21 @@ class Outbox:
         self._note = Slot()
 
     def shape(self, batch):
-        """Fits every slot to batches of that many samples."""
+        """Set the length of `rows` of every slot to a batch of `batch` samples."""
         self._note.shape(batch)
         for slot in self._ring:
             slot.shape(batch)
 
     def note(self):
-        """The bytes to pack a small message into, from PAYLOAD on, for `post`."""
+        """Return the buffer to pack a small message into, from PAYLOAD on, for `post`."""
         return self._note.raw
 
     def post(self, type_id, payload_size):
-        """Queues what was packed into `note`."""
+        """Queue the message packed into `note`."""
         self._note = self.exchange(self._note, type_id, payload_size)
 
     def exchange(self, slot, type_id, payload_size):
-        """Queues a filled slot; returns an empty one in its place."""
+        """Seal and queue a filled slot; return an empty one in exchange."""
         seqs = self._seqs
         seq = seqs[type_id]
         seqs[type_id] = seq + 1 & 0xFFFF
@@ -80,7 +80,7 @@ class Outbox:
         return self.queue(slot)
 
     def queue(self, slot):
-        """Queues a sealed slot; returns an empty one in its place."""
+        """Queue a sealed slot; return an empty one in exchange."""
         ring, depth = self._ring, self._depth
         count = self.count
         if count == depth:
@@ -98,11 +98,11 @@ class Outbox:
         return free
 
     def oldest(self):
-        """The slot to send next, or None."""
+        """Return the slot to send next, or None."""
         return self._ring[self._head] if self.count else None
 
     def took(self, size):
-        """The link took `size` more bytes of the oldest frame."""
+        """Count `size` more bytes of the oldest frame as sent."""
         size += self.sent
         head = self._head
         if START + size < self._ring[head].end:
@@ -117,7 +117,7 @@ class Outbox:
         ring, head = self._ring, self._head
         after = (head + 1) % self._depth
         if self.sent > 0:
-            # Half of the oldest is on the wire already: it stays, the next one goes.
+            # Part of the oldest is on the wire already: drop the next one instead.
             ring[head], ring[after] = ring[after], ring[head]
         self._head = after
         self.count -= 1

@@ -1,4 +1,4 @@
-"""The chips on the bus: found, configured, lost and found again, and what is wrong with them."""
+"""The chips on the bus: search, configuration, supervision and recovery, with their faults."""
 
 import gc
 from time import ticks_add, ticks_diff, ticks_ms, ticks_us
@@ -45,16 +45,16 @@ _AGAIN_US = const(2000)
 _PAUSE_US = const(250000)
 _WITHOUT_POWER = (RESET_CAUSE_UNKNOWN, RESET_CAUSE_POWER_ON, RESET_CAUSE_BROWN_OUT)
 _GIVEN_UP_MOST = const(16)
-"""Polling that gives up more than one sample in so many is too fast for this board and its bus."""
+"""Polling that discards more than one sample in this many is too fast for this board and bus."""
 _TIMED_OUT = (110, 116)
-"""ETIMEDOUT of the two ports: not a chip that says no, but a bus that is held."""
+"""ETIMEDOUT of the two ports: the bus is held low, rather than a chip that does not acknowledge."""
 
 
 class Parts:
-    """The IMU and the magnetometer of a board, and what `sampler` samples.
+    """The IMU and the magnetometer of a board; starts `sampler` on the IMU.
 
-    chip, mag: their drivers, None while there is none. found: (address, WHO_AM_I, Part) of what answered.
-    searched: called after each search that this begins by itself.
+    chip, mag: their drivers, None while missing. found: (address, WHO_AM_I, Part) of all that acknowledged.
+    searched: called after each search that was not requested.
     """
 
     def __init__(self, board, outbox, sampler, searched):
@@ -63,12 +63,12 @@ class Parts:
         self.found = []
         self.faults = 0
         self.was_running: Any = None
-        """Whether the first IMU that was found ran already when the processor started; None before."""
+        """True if the first IMU was already running when the processor started; None before that is known."""
         self.batch = 8
         self._shaped = 0
         self.i2c_errors = self.recoveries = self.failures = 0
         self.paused = False
-        """Whether the bus is left alone for a while."""
+        """True while the bus is not used after a failed recovery."""
         self._board = board
         self._outbox = outbox
         self._sampler = sampler
@@ -79,7 +79,7 @@ class Parts:
         self._too_fast = False
 
     def find(self):
-        """Looks for an IMU and a magnetometer at their addresses."""
+        """Search for an IMU and a magnetometer and configure them."""
         i2c, s = self._board.i2c, self._board.settings
         self._search_ms = ticks_ms()
         self.found = []
@@ -143,12 +143,12 @@ class Parts:
         return chosen
 
     def _wants_fifo(self):
-        """Radio commands hold the processor up for longer than a sample; polling may have been too much."""
+        """Return True if samples must come through the FIFO: by setting, with Wi-Fi, or if polling failed."""
         s = self._board.settings
         return s["fifo"] or s["link"] == "udp" or self._too_fast
 
     def begin(self, lost):
-        """Samples the IMU from now on; lost: it should have been sampled in between."""
+        """Start sampling the IMU; lost: samples were missed meanwhile."""
         chip = self.chip
         self.batch = self._board.settings["batch"] or _batch(chip.rate_mhz)
         if self.batch != self._shaped:
@@ -159,11 +159,11 @@ class Parts:
         self._sampler.begin(now, chip, self.batch, lost)
 
     def bus_failed(self, error, now):
-        """What to do about a transfer that failed."""
+        """Handle a failed transfer: retry, or recover the bus after three in a row."""
         self.i2c_errors += 1
         self.failures += 1
         self._sampler.due_us = ticks_add(now, _AGAIN_US)
-        # An error that no memory was left for has no arguments.
+        # An exception raised without free memory has no arguments.
         timed_out = error.args and error.args[0] in _TIMED_OUT
         if not timed_out and (self.failures < _FAILURES_BEFORE_RECOVERY or not self._silent(now)):
             return
@@ -175,12 +175,12 @@ class Parts:
             if part is not None:
                 part.i2c = self._board.i2c
         if not free or not self._revive(False):
-            # Each transfer on a bus that stays stuck costs its whole time limit: not at every turn.
+            # Each transfer on a stuck bus takes its full time limit: pause rather than retry in every turn.
             self.paused = True
             self._pause_us = ticks_add(now, _PAUSE_US)
 
     def look_after(self, ms, running):
-        """Sees that the IMU gives samples as it was told to; searches for one that is wanted."""
+        """Check that the IMU delivers samples with the right settings; search for a missing one."""
         if self.paused and ticks_diff(ticks_us(), self._pause_us) >= 0:
             self.paused = False
         if self.chip is not None:
@@ -192,7 +192,7 @@ class Parts:
             self._search()
 
     def _judge_reset(self):
-        """An IMU that ran through the processor's start kept its power: so that was a reset."""
+        """Correct the reset cause: an IMU that was running kept its power, so it was no power-on."""
         if self.was_running is not None:
             return
         self.was_running = self.chip.was_running
@@ -200,9 +200,9 @@ class Parts:
             self._board.reset_cause = RESET_CAUSE_HARD
 
     def _revive(self, always):
-        """Configures the chip again if it lost its settings, or always; False when it does not answer.
+        """Configure the chip again if it lost its settings, or always; return False if it does not answer.
 
-        One that answers with another id is given up.
+        A chip with another WHO_AM_I starts a new search.
         """
         chip = self.chip
         try:
@@ -215,7 +215,7 @@ class Parts:
                     self._search()
                 else:
                     if not always:
-                        # What was written there did not stay.
+                        # A setting was lost.
                         self.i2c_errors += 1
                     chip.configure()
                     self.begin(True)
@@ -225,18 +225,17 @@ class Parts:
         return True
 
     def _search(self):
-        """Looks for the parts again; an IMU that is there is sampled on, with a gap."""
+        """Search again; an IMU that is found is sampled after a gap."""
         self.find()
         if self.chip is not None:
             self.begin(True)
         self._searched()
 
     def _check_settings(self, ms):
-        """A bit of a setting that turned over would go on changing samples: looked for every second.
+        """Check every second that the settings persist, as a flipped bit would falsify all samples.
 
-        So is whether polling keeps up; what it cannot hold goes through the FIFO from then on.
-
-        Best between two polled samples. A chip that became slower is always overdue, and leaves no such time.
+        Also check that polling keeps up; otherwise switch to the FIFO. The check is done between two polled
+        samples where possible: a chip that became slower is always overdue and leaves no such time.
         """
         soon = not self.chip.uses_fifo and ticks_diff(self._sampler.due_us, ticks_us()) < _CHECK_US
         if soon and ticks_diff(ms, self._settings_ms) < _POSTPONE_MS:
@@ -253,7 +252,7 @@ class Parts:
             self._revive(False)
 
     def _watch_imu(self, now):
-        """A chip that answers but has no samples is set up again."""
+        """Configure a chip again that acknowledges but delivers no samples."""
         if not self._silent(now):
             self.faults &= ~FAULT_IMU_SILENT
             self.failures = 0
@@ -276,7 +275,7 @@ class Parts:
 
 
 def _batch(rate_mhz):
-    """Samples in a batch where the settings do not say: some 40 ms of them, above 1 kHz a full frame."""
+    """Return the default samples per batch: some 40 ms, above 1 kHz a full frame."""
     if rate_mhz > 1000000:
         return IMU_BATCH_MAX_ROWS
     return 16 if rate_mhz > 250000 else 8

@@ -1,4 +1,4 @@
-"""Which board this is, by what MicroPython says of itself, and where its wires go."""
+"""Boards, recognised by the name that MicroPython reports, and their pins."""
 
 from wire import (
     BOARD_ESP32,
@@ -33,7 +33,7 @@ _PICO = {
 # GPIO25 is the radio's chip select, GPIO29 its clock: VSYS / 3 is on it only while the radio is not selected.
 _PICO_W = dict(_PICO, battery_enable=25)
 _RP2 = dict(_PICO, battery=-1)
-# No divider is on these boards: the battery is where /config.json says.
+# These boards have no voltage divider: /config.json names the pin of the battery.
 _ESP32 = dict(_PICO, sda=21, scl=22, uart=2, tx=17, rx=16, battery=-1, battery_factor=2)
 _ESP32.update(spi=1, sck=14, mosi=13, miso=27, csn=26, ce=25)
 # GPIO22 to 25 do not exist; 26 to 37 belong to flash and PSRAM, 19 and 20 to USB.
@@ -41,7 +41,7 @@ _ESP32_S3 = dict(_ESP32, sda=8, scl=9, uart=1, tx=17, rx=18, sck=12, mosi=11, mi
 # GPIO22 and up do not exist; 11 to 17 belong to flash, 18 and 19 to USB, 20 and 21 to the console.
 _ESP32_C3 = dict(_ESP32, sda=6, scl=7, uart=1, tx=4, rx=5, sck=2, mosi=3, miso=10, csn=1, ce=0)
 
-# (how the text ends; Board; pins): the first that fits.
+# (end of the machine name, Board, pins): the first that matches.
 _BOARDS = (
     ("Raspberry Pi Pico W with RP2040", BOARD_PICO_W, _PICO_W),
     ("Raspberry Pi Pico 2 W with RP2350", BOARD_PICO_2_W, _PICO_W),
@@ -55,12 +55,12 @@ _BOARDS = (
 )
 
 WITH_RADIO = (BOARD_PICO_W, BOARD_PICO_2_W)
-"""Boards whose radio shares the battery's pin."""
+"""Boards whose radio shares a pin with the battery measurement."""
 
 
 def board_of(machine):
-    """(Board, its pins) for the text of `sys.implementation._machine`."""
-    # "ESP32-S3" in some versions; "RP2350-RISCV" where the other cores run.
+    """Return (Board, pins) for the text of `sys.implementation._machine`."""
+    # "ESP32-S3" in some versions; "RP2350-RISCV" when the RISC-V cores run.
     text = machine.replace("-RISCV", "").replace("-", "")
     for ending, kind, pins in _BOARDS:
         if text.endswith(ending):

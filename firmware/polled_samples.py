@@ -1,4 +1,4 @@
-"""Samples polled one by one from the chip's output registers: whole, numbered, or given up."""
+"""Sampling by polling the output registers: a sample that may be torn or has no index is discarded."""
 
 from array import array
 from time import ticks_add, ticks_diff, ticks_us
@@ -10,14 +10,14 @@ from wire import BATCH_FLAG_GAP_BEFORE
 
 _LOOK_WIRE_US = const(97)
 _READ_WIRE_US = const(430)
-"""Transfers of one byte, and of fifteen or sixteen."""
+"""us on the bus of a transfer of one byte, and of fifteen or sixteen."""
 
 
 class PolledSamples:
-    """What `sampler` does with a chip that shows one sample at a time."""
+    """Reads samples for `sampler` from the output registers of a chip."""
 
     left = 0
-    """Samples that wait in the chip and are counted already: none."""
+    """Samples in the chip that the clock has already counted: none."""
 
     def __init__(self, sampler, chip):
         self._sampler = sampler
@@ -25,26 +25,26 @@ class PolledSamples:
         self._look = Look(ticks_us(), _LOOK_WIRE_US)
         self._read = Look(ticks_us(), _READ_WIRE_US)
         self._empty_us = ticks_us()
-        """When the chip last had nothing new."""
+        """Ticks of the last poll that showed no new sample."""
         self._begins = True
         self._gave_up = False
-        """Whether a sample was read that the clock has not been told of."""
+        """True if a sample was read that the sample clock has not counted."""
         self._spare = array("h", bytes(2 * ROW))
 
     def begin(self, now, resume):
-        """Samples count from the first look without one; what was lost before is counted in any case."""
+        """Start with the first poll that shows no sample; samples lost before are counted in any case."""
         self._empty_us = now
         self._begins, self._gave_up = True, False
 
     def turn(self, now):
-        """One look at the chip, and the sample when it is there."""
+        """Poll the chip once; read the sample if there is one."""
         sampler, chip, look = self._sampler, self._chip, self._look
         clock = sampler.clock
         begun = ticks_us()
         ready = chip.ready()
         look.took(now, begun, ticks_us())
         if self._begins and ready:
-            # It came while everything was set up, nobody knows when.
+            # It was taken during the configuration, at an unknown time.
             chip.read_into(sampler.slot.values, FIRST_ROW)
             return
         if not ready:
@@ -62,7 +62,7 @@ class PolledSamples:
         known = self._one_came(done)
         same = known or clock.before(done, 2)
         if not same and not clock.sure(read.early_us, done, 1):
-            # Torn, or without a number. The clock counts it with the next.
+            # Torn or without an unambiguous index: the clock counts it with the next one.
             self._gave_up = True
             sampler.given_up += 1
             sampler.due_us = now
@@ -90,9 +90,9 @@ class PolledSamples:
             sampler.due_us = ticks_add(clock.t_us, clock.period_us * 3 // 4)
 
     def _one_came(self, done):
-        """Whether exactly one sample came since the chip had none, so that the one read by `done` is whole.
+        """Return True if exactly one sample was taken since the last poll without one: it cannot be torn.
 
-        Less than a period has passed since, then. It must also be known which one it is.
+        Less than a period has passed since that poll, and the index of the sample is unambiguous.
         """
         clock = self._sampler.clock
         known_us = ticks_diff(done, self._empty_us)
@@ -101,7 +101,7 @@ class PolledSamples:
         return clock.locked or clock.tells(self._empty_us, self._look.late_us)
 
     def _skip(self, skipped):
-        """Closes the batch before a gap; the sample behind it moves to the front of the next."""
+        """Close the batch before a gap; the sample after the gap becomes the first of the next batch."""
         sampler, spare = self._sampler, self._spare
         sampler.missed += skipped
         values, at = sampler.slot.values, FIRST_ROW + ROW * sampler.count

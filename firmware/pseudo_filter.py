@@ -1,20 +1,20 @@
-"""Bias from the known magnitude of the true rate: the scalar pseudo-measurement of Shah et al., eq. 1-3.
+"""Bias from the known magnitude of the angular rate: scalar pseudo-measurement of Shah et al., eq. 1-3.
 
-The samples are gathered in stretches; G is the mean of one, b the bias, S = s^2 I the noise of such a mean,
-|w| the known magnitude, c^2 its variance. With d = G - b and P the covariance of b, the mended filter of
-tests/papers/filters/pseudo_measurement.py (there is why eq. 3 alone fails at rest) halved on both sides:
+The samples are averaged over intervals; G is such a mean, b the bias, S = s^2 I the covariance of G, |w| the
+known magnitude and c^2 its variance. With d = G - b and P the covariance of b, the corrected filter of
+tests/papers/filters/pseudo_measurement.py (which shows why eq. 3 fails at standstill), halved on both sides:
     H = d'                                          eq. 2
     y = (|d|^2 - |w|^2 - tr S + tr P + c^2) / 2
     R = |w|^2 (s^2 + c^2) + (14 s^4 + 2 c^4 + 2 tr P^2) / 4        eq. 3, which has 4 d' S d + 2 tr S^2
     b += P d y / (d' P d + R)
-As printed, R has d' S d for |w|^2 s^2. One s for all axes: S of the float version may be any covariance.
+The paper has d' S d in place of |w|^2 s^2. One s for all axes; the float version takes any covariance S.
 
-P is kept as U D U' (Bierman's form: U unit upper triangular), which rounding cannot make indefinite, in small
-floats: P runs from tens of steps squared down to 1e-4. |d|^2 - |w|^2, the small difference of large numbers,
-is exact: d and |w| in Q12 gyro steps, their squares in digits of 14 bits. b is Q16, |b| <= 2^13 steps.
+P is factored as U D U' (Bierman: U unit upper triangular), which rounding cannot make indefinite, in small
+floats, as P ranges from tens of steps squared to 1e-4. |d|^2 - |w|^2, a small difference of large numbers, is
+exact: d and |w| in Q12 gyro steps, their squares in digits of 14 bits. b is Q16, |b| <= 2^13 steps.
 
-What is seen is b along G - b: at rest all of it, on a wheel that spins its part along the axle. The other
-parts stay as they began, with the sigma they began with (`sigma_q12` tells).
+Observable is b along G - b: all of it at standstill, the part along the axle on a spinning wheel. The other
+parts stay at their initial value and sigma (`sigma_q12`).
 """
 
 from micropython import const
@@ -28,7 +28,7 @@ _TWO = const((1 << 18) << 8 | (128 - 17))
 
 
 def difference(d, rate_q12):
-    """|d|^2 - |w|^2 as a small float, steps^2: (3,) and a number below 2^28, Q12 steps."""
+    """Return |d|^2 - |w|^2, steps^2, as a small float. d: (3,), rate_q12 < 2^28, Q12 steps."""
     high, low = rate_q12 >> 14, rate_q12 & _LOW_14
     top, middle, bottom = -high * high, -high * low, -low * low
     for axis in range(3):
@@ -47,18 +47,18 @@ def difference(d, rate_q12):
 
 
 class PseudoFilter:
-    """One call of `update` for each stretch."""
+    """The filter in integers; one call of `update` per interval."""
 
     def __init__(self):
         self.bias_q16 = [0, 0, 0]
         self._d = [0, 0, 0]
         self._noise = self._fourth = self.surprise = 0
-        """surprise: sum of y^2 over its variance, about one a stretch; small floats."""
+        """surprise: sum of the normalised squared innovations, about one per interval; small floats."""
         self._u12 = self._u13 = self._u23 = 0
         self._d1 = self._d2 = self._d3 = ONE
 
     def begin(self, variance, noise):
-        """variance: of the bias; noise: s^2 of the mean of a stretch; steps^2, small floats."""
+        """Reset. variance: of the bias; noise: s^2 of the mean of an interval; steps^2, small floats."""
         self._u12 = self._u13 = self._u23 = 0
         self._d1 = self._d2 = self._d3 = variance
         self._noise = noise
@@ -66,15 +66,15 @@ class PseudoFilter:
         self._fourth = times(number(14, 0), times(noise, noise))
 
     def update(self, mean_q14, rate_q14, doubt):
-        """Takes means (3,), the magnitude of the true rate, Q14 steps, and its variance as a small float."""
+        """Update with means (3,) and magnitude of the true rate, Q14 steps; doubt: variance of the latter."""
         d, b = self._d, self.bias_q16
         for axis in range(3):
             d[axis] = mean_q14[axis] - (b[axis] + 2 >> 2) + 2 >> 2
         h1, h2, h3 = number(d[0], -12), number(d[1], -12), number(d[2], -12)
-        # More than three at once would make a tuple.
+        # More than three at once would allocate a tuple.
         u12, u13, u23 = self._u12, self._u13, self._u23
         d1, d2, d3 = self._d1, self._d2, self._d3
-        # P itself, for its trace and that of its square.
+        # The elements of P, for tr P and tr P^2.
         p12, p13, p23 = times(u12, d2), times(u13, d3), times(u23, d3)
         p11 = plus(d1, plus(times(u12, p12), times(u13, p13)))
         p22 = plus(d2, times(u23, p23))
@@ -87,7 +87,7 @@ class PseudoFilter:
         r = plus(r, times(times(rate, rate), plus(self._noise, doubt)))
         y = plus(plus(p11, plus(p22, d3)), minus(times(number(3, 0), self._noise)))
         y = times(_HALF, plus(difference(d, rate_q14 + 2 >> 2), plus(y, doubt)))
-        # Bierman's update.
+        # Measurement update by Bierman.
         f2 = plus(times(u12, h1), h2)
         f3 = plus(plus(times(u13, h1), times(u23, h2)), h3)
         k1, k2, k3 = times(d1, h1), times(d2, f2), times(d3, f3)
@@ -113,7 +113,7 @@ class PseudoFilter:
         self._move(2, times(k3, y))
 
     def variance(self, axis):
-        """Of the bias, a small float, steps^2."""
+        """Return the variance of the bias of an axis, steps^2, as a small float."""
         if axis == 2:
             return self._d3
         p = times(times(self._u23, self._u23), self._d3)
@@ -123,7 +123,7 @@ class PseudoFilter:
         return plus(self._d1, plus(p, times(times(self._u13, self._u13), self._d3)))
 
     def put(self, axis, value):
-        """Sets the bias, Q16, held within +-2^13 steps."""
+        """Set the bias of an axis, Q16, clipped to +-2^13 steps."""
         if value > _LIMIT_Q16:
             value = _LIMIT_Q16
         elif value < -_LIMIT_Q16:

@@ -1,4 +1,4 @@
-"""Bias initialisation by the pseudo-measurement: a wheel at rest, or a table that turns with a known rate."""
+"""Initial bias by the pseudo-measurement: wheel at standstill, or on a table of known rate."""
 
 from bias_initialiser import BIAS_DPS, BiasInitialiser
 from micropython import const
@@ -17,11 +17,11 @@ _LOW_15 = const((1 << 15) - 1)
 
 
 def mean_q14(high, low, divisor):
-    """(high 2^15 + low) 2^14 / divisor by long division, for divisors below 2^24."""
+    """Return (high 2^15 + low) 2^14 / divisor by long division, for divisors below 2^24."""
     high += low >> 15
     low &= _LOW_15
     quotient, rest = high // divisor, high % divisor
-    # 15 bits of the low digit, then 14 of the fraction.
+    # 15 bits of the low digit, then 14 bits of fraction.
     for shift in (9, 3):
         rest = (rest << 6) + (low >> shift & 63)
         quotient = (quotient << 6) + rest // divisor
@@ -36,23 +36,23 @@ def mean_q14(high, low, divisor):
 
 
 class PseudoInit(BiasInitialiser):
-    """An initialisation by `PseudoFilter` over stretches of samples: BIAS_KIND_REST or BIAS_KIND_TABLE.
+    """Bias by `PseudoFilter` over means of intervals: BIAS_KIND_REST or BIAS_KIND_TABLE.
 
-    Its sigma is the filter's, times how far innovations go beyond theirs (vibration), and what
-    `gyro_scale_sigma_ppm` makes of the mean rate: a constant, which no number of stretches averages out.
+    Its sigma is that of the filter, inflated where innovations exceed theirs (vibration), plus
+    `gyro_scale_sigma_ppm` times the mean rate: a constant error, which averaging does not reduce.
 
-    At rest `StaticInit` watches that the wheel does not turn, and refuses; the filter begins at the mean of
-    the first stretch, with its noise for a sigma (from a start wrong by d it would take (d / s)^2 stretches
-    to become sure). On a table it begins at the bias that is known with `bias_sigma_udps`; what is wrong
-    across the axis appears along it as its square over twice the rate.
-    clock: has `period_ns`, the measured period of samples. settings: of the node.
+    At standstill `StaticInit` refuses a wheel that turns; the filter starts at the mean of the first interval
+    with its noise as sigma (from an initial error d it would need (d / s)^2 intervals to converge). On a
+    table it starts at the present bias with `bias_sigma_udps`; an error d across the axis of rotation appears
+    along it as d^2 / (2 |w|).
+    clock: a SampleClock, for its `period_ns`. settings: of the node.
     """
 
     def __init__(self, kind, settings, clock):
         super().__init__()
         self.filter = PseudoFilter()
         self.used = 0
-        """Stretches that told something."""
+        """Number of intervals used."""
         self.clock = clock
         self.rate_q14 = 0
         self.doubt = 0
@@ -67,9 +67,9 @@ class PseudoInit(BiasInitialiser):
         self._mean_q14 = [0, 0, 0]
 
     def begin(self, samples, gyro_lsb_ndps, accel_lsb_ng):
-        """Starts over with LEAST_SAMPLES <= samples <= 65535, from the bias that is known.
+        """Start with LEAST_SAMPLES <= samples <= 65535, from the present bias.
 
-        Nothing depends on the time that this takes: it computes with floats, and allocates.
+        Computes with floats and allocates, as its duration does not matter.
         """
         s = self._settings
         lsb_udps = gyro_lsb_ndps * 0.001
@@ -91,7 +91,7 @@ class PseudoInit(BiasInitialiser):
         self._begin(samples)
 
     def gather(self, s, gyro_lsb_ndps, accel_lsb_ng):
-        """(what gathers a stretch, variance of its mean over that of a sample)."""
+        """Return (averager of an interval, variance of its mean over that of a sample)."""
         n = s["bias_stretch"] or 16
         if self._guard is None:
             self.rate_q14 = min(s["table_rate_udps"] * 16384000 // gyro_lsb_ndps, (1 << 29) - 1)
@@ -100,19 +100,19 @@ class PseudoInit(BiasInitialiser):
         return MeanSums(n), 1.0 / n
 
     def drift(self, axis, step_q18):
-        """The bias has moved by what the warm-up says."""
+        """Add a step of the warm-up to the bias."""
         super().drift(axis, step_q18)
         self.filter.bias_q16[axis] += step_q18 >> 2
         if self._guard is not None:
             self._guard.drift(axis, step_q18)
 
     def gap(self):
-        """Samples are missing before the next."""
+        """Handle a gap before the next sample."""
         if self._sums is not None:
             self._sums.gap()
 
     def update(self, values, first, count):
-        """Takes rows of six int16; True when it has ended: in TRACKING, or as before and `refused`."""
+        """Add rows of six int16; return True at the end: in TRACKING, or refused with the state as before."""
         left = self._wanted - self._seen
         count = count if count < left else left
         last = first + _ROW * count
@@ -126,7 +126,7 @@ class PseudoInit(BiasInitialiser):
         return self._seen == self._wanted and self._finish()
 
     def measured(self, sums):
-        """Whether this stretch tells something; what the rate is stands in `rate_q14` and `doubt`."""
+        """Return True if the interval is usable; sets `rate_q14` and its variance `doubt`."""
         return True
 
     def _stretch(self, mean_q14):
@@ -158,9 +158,9 @@ class PseudoInit(BiasInitialiser):
         return True
 
     def _doubt(self):
-        """What is wrong in proportion to the mean rate, its square: the scale; and the biases across it.
+        """Return the relative variance of the rate: of the scale, and of the biases across the axis.
 
-        Of variance p each, they make |G| longer by their squares over twice the rate.
+        Biases of variance p across the axis of rotation lengthen |G| by their squares over twice the rate.
         """
         square = longer = 0
         for axis in range(_AXES):
@@ -172,7 +172,7 @@ class PseudoInit(BiasInitialiser):
         return plus(self._doubted, over(longer, times(square, plus(square, square))))
 
     def _variance(self, axis, doubt):
-        """Of the bias; what was not seen stays as it began."""
+        """Return the variance of the bias of an axis, at most the initial one."""
         v, mean = self.filter.variance(axis), number(self._mean_q14[axis], -14)
         if integer(self.filter.surprise, 0) > self.used:
             v = over(times(v, self.filter.surprise), number(self.used, 0))
@@ -182,7 +182,7 @@ class PseudoInit(BiasInitialiser):
 
 
 def real(x):
-    """A float above zero as a small float; allocates."""
+    """Convert a float above zero to a small float; allocates."""
     e = 0
     while x >= 1 << 29:
         x *= 0.5

@@ -1,4 +1,4 @@
-"""What a node tells of itself: Hello, Filter, Health. Nothing here allocates."""
+"""The periodic messages Hello, Filter and Health. Nothing here allocates."""
 
 import struct
 from time import ticks_us
@@ -30,7 +30,7 @@ _HALF_MV = const(3840)
 
 
 def hello(node):
-    """Queues Hello."""
+    """Queue Hello."""
     parts, board = node.parts, node.board
     chip, mag = parts.chip, parts.mag
     raw = node.outbox.note()
@@ -67,7 +67,7 @@ def hello(node):
 
 
 def filter_state(node):
-    """Queues Filter."""
+    """Queue Filter."""
     f, init = node.estimator, node.init
     struct.pack_into(
         FILTER_FORMAT,
@@ -94,7 +94,7 @@ def filter_state(node):
 
 
 def _charge(mv):
-    """What a lithium cell has left at so many mV of a light load, in %, within some 8; 255: not known."""
+    """Return the charge of a lithium cell under light load, %, within some 8 %; 255: unknown."""
     if not 0 < mv < _FED_MV:
         return _UNKNOWN
     above = mv - _HALF_MV
@@ -103,7 +103,7 @@ def _charge(mv):
 
 
 def health(node):
-    """Queues Health; the longest turn is measured anew."""
+    """Queue Health; the maximum turn duration is reset."""
     parts, battery_mv = node.parts, node.board.battery_mv()
     if 0 < battery_mv < node.settings["low_battery_mv"]:
         parts.faults |= FAULT_LOW_BATTERY

@@ -1,10 +1,9 @@
-"""Why the processor started: what the port tells, and on an RP2 the registers that know more.
+"""Cause of the processor's reset, from the port and on an RP2 from registers that distinguish more.
 
-The rp2 port knows power-on and watchdog alone: `machine.reset` is a watchdog reset there, and a pressed RUN
-pin a power-on. The watchdog's REASON tells a reset that was asked for from one that ran out, and CHIP_RESET a
-pulled RUN pin from power that came. The esp32 port calls what `machine.reset` does a hard reset, and a
-brown-out a power-on, on an ESP32 a pulled EN pin as well: `Parts` knows better, by the IMU that kept its
-settings.
+The rp2 port reports only power-on and watchdog: `machine.reset` counts as a watchdog reset, the RUN pin as
+power-on. The watchdog's REASON register separates a requested reset from an expired watchdog, CHIP_RESET a
+pulled RUN pin from power-on. The esp32 port reports `machine.reset` as a hard reset and a brown-out, on an
+ESP32 a pulled EN pin too, as power-on: `Parts` corrects that if the IMU has kept its settings.
 """
 
 import machine
@@ -24,7 +23,7 @@ _REGISTERS = (
     ("RP2040", 0x40058008, 0x40064008, 1 << 16, 0),
     ("RP2350", 0x400D8008, 0x4010002C, 1 << 18, 1 << 17),
 )
-# Not every port has every one of these names.
+# A port may lack some of these names.
 _CAUSES = (
     ("PWRON_RESET", RESET_CAUSE_POWER_ON),
     ("HARD_RESET", RESET_CAUSE_SOFT),
@@ -34,7 +33,7 @@ _CAUSES = (
 
 
 def reset_cause(name):
-    """The ResetCause of this start. name: `sys.implementation._machine`."""
+    """Return the ResetCause of this start. name: `sys.implementation._machine`."""
     cause = machine.reset_cause()
     for processor, reason, chip_reset, run, brown_out in _REGISTERS:
         if processor in name:

@@ -1,7 +1,7 @@
-"""A node at rest samples slowly, and at full rate again within two of those samples of a motion.
+"""Sample slowly at standstill, and at the full rate again within two slow samples of a motion.
 
-Rest is when nothing differs from one sample for long enough: a wheel that rolls evenly turns gravity about.
-The chip's own wake-up event, where it has one, tells a jolt between two samples.
+Standstill: for `rest_after_s` no sample differs from a reference sample. A wheel that rolls evenly rotates
+gravity, so it does not qualify. The motion detector of the chip, if any, senses jolts between two samples.
 """
 
 from time import ticks_add, ticks_diff, ticks_ms
@@ -17,7 +17,7 @@ _LATER_MS = const(1000)
 
 
 class Rest:
-    """use: what is in a batch; turn: every 20 ms. resting: whether samples come slowly."""
+    """Switches between two sample rates. Call `use` with each batch, `turn` every 20 ms."""
 
     def __init__(self, node):
         self._node = node
@@ -30,7 +30,7 @@ class Rest:
         self._moved = False
 
     def use(self, values, first, count):
-        """A batch is full: how it ends tells whether anything moves; at rest each sample does."""
+        """Check a batch for motion: two of its samples at full rate, all at the slow rate."""
         if self.resting:
             at = first + ROW * self._checked
             while at < first + ROW * count:
@@ -42,7 +42,7 @@ class Rest:
         self._look(values, first + ROW * (count >> 1))
 
     def turn(self, ms):
-        """Changes the rate when that is due."""
+        """Change the rate if that is due."""
         node = self._node
         chip = node.parts.chip
         if chip is None or node.parts.paused:
@@ -61,7 +61,7 @@ class Rest:
             self._change(chip, True)
 
     def _rested(self, ms):
-        """Ticks turn over: so long rests are counted in seconds."""
+        """Return True after `rest_after_s` at standstill, counted in seconds as ticks wrap around."""
         passed = ticks_diff(ms, self._left_ms)
         if passed >= _LATER_MS:
             self._left_ms = ticks_add(self._left_ms, _LATER_MS)
@@ -69,9 +69,9 @@ class Rest:
         return self._rested_ms + ticks_diff(ms, self._left_ms) >= self._after_ms
 
     def _look(self, values, at):
-        """Whether a sample is another than the one that began the rest; it begins the next, then."""
+        """Compare a sample with the reference; one that differs is motion and the new reference."""
         seen, chip, s = self._seen, self._node.parts.chip, self._node.settings
-        # Within small integers: larger ones would take memory.
+        # Within small integers, as larger ones would be allocated.
         gyro = s["rest_dps"] * 1000000 // (chip.gyro_lsb_ndps // 1000)
         accel = s["rest_mg"] * 1000000 // chip.accel_lsb_ng
         for i in range(ROW):
@@ -83,7 +83,7 @@ class Rest:
                 return
 
     def _woken(self, chip):
-        """Whether the chip has felt a jolt since the last look."""
+        """Return True if the motion detector of the chip has triggered since the last call."""
         flag = chip.MOTION_FLAG
         if not flag:
             return False
@@ -93,7 +93,7 @@ class Rest:
             return False
 
     def _change(self, chip, resting):
-        """The chip at the other rate; Hello tells it, the next batch begins with a flag."""
+        """Configure the chip with the other rate; Hello reports it, the next batch carries a flag."""
         node = self._node
         parts, s = node.parts, node.settings
         node.sampler.end()

@@ -1,25 +1,24 @@
-"""Rate of three gyro axes by least squares that forget: Shah et al., eq. 13-14, with both regressors.
+"""Rate of three gyro axes by recursive least squares with forgetting: Shah et al., eq. 13-14.
 
-Per axis, with y the sample minus the bias, x_n = [n, yhat_(n-1) - y_n] and the weights lambda^(N - n). As
-printed, P_11 falls as n^-2 and P_22 spans twelve decades: no fixed point holds them. The same filter, to the
-last bit of real numbers, in quantities that do fit:
-- n b_1 for b_1, the level: from sample to sample it grows by n / (n - 1), and its regressor is 1;
-- the two regressors one after the other (a Gram-Schmidt recursion in a priori errors), as then each needs
-  only a scalar energy, and what is multiplied are gains between 0 and 1:
+Per axis, with y the sample minus the bias, regressors x_n = [n, yhat_(n-1) - y_n] and weights
+lambda^(N - n). In the printed form P_11 falls as n^-2 and P_22 spans twelve decades, too wide for fixed
+point. The same filter, algebraically identical, in quantities of limited range:
+- the level L = n b_1 replaces b_1: it grows by n / (n - 1) per sample, and its regressor is 1;
+- the regressors are processed in turn (Gram-Schmidt recursion in a priori errors): each needs only a
+  scalar energy, and all gains are between 0 and 1:
     E_1 = 1 + lambda ((n - 1) / n)^2 E_1,   g = 1 / E_1,   a = 1 - g
-    e = yhat - y - M,  M += g e             (of the second regressor, what the first does not explain)
-    h = y - L,         L += g h             (of the sample, the same)
+    e = yhat - y - M,  M += g e             (residual of the second regressor on the first)
+    h = y - L,         L += g h             (residual of the sample on the first)
     z = h - b_2 e,     E = lambda E_2 + a e^2,   b_2 += a e z / E
     yhat = y - a (lambda E_2 / E) z,        E_2 = E, but at least 2^-10
-E_1 and g are common to the axes and know no data. Nothing winds up: without excitation E_2 falls to its
-limit, as the float filter of the host holds P_22.
+E_1 and g are common to the axes and independent of the data. Without excitation E_2 falls to its bound, as
+P_22 is bounded in the float filter, so there is no wind-up.
 
 Number formats: y, yhat, L, M, e, h, z Q8 gyro steps, L and M with 20 more bits so that no rounding enters
-their sums; E_1 Q18; g Q25; b_2 Q24, |b_2| <= 16; E and what is made
-of it small floats. n stops at 2^20, an hour and a half at 208 Hz: from there
-the level leads the gyro no more by 1 / ((1 - lambda) n) of itself, as a line through n = 0 does.
+their sums; E_1 Q18; g Q25; b_2 Q24, |b_2| <= 16; E and its products small floats. n stops at 2^20, 84 minutes at
+208 Hz; up to there the level leads the gyro by 1 / ((1 - lambda) n) of itself, as a line through n = 0 does.
 
-Rate and bias are seen only through their sum: the bias stays as it began, but for the warm-up.
+Only the sum of rate and bias is observable: the bias stays at its initial value, except for the warm-up.
 """
 
 from array import array
@@ -35,15 +34,15 @@ _LOW_13 = const((1 << 13) - 1)
 _LOW_10 = const((1 << 10) - 1)
 _LOW_20 = const((1 << 20) - 1)
 _LIMIT = const(1 << 26)
-"""Of h and e, and of rate: 2^18 steps."""
+"""Bound on h, e and rate: 2^18 steps."""
 
 # State of one axis, array of int32.
 _LEVEL = const(0)
-_M = const(2)  # each with its rest behind it
+_M = const(2)  # each followed by its fraction
 _B = const(4)
 _E = const(5)
 _RATE = const(6)
-_BIAS = const(7)  # Q14, and four more bits behind it
+_BIAS = const(7)  # Q14, followed by four more bits
 _WORDS = const(9)
 _B_LIMIT = const(1 << 28)
 _START_ENERGY = ONE
@@ -51,7 +50,7 @@ _LEAST_ENERGY = const((1 << 18) << 8 | (128 - 28))  # 2^-10
 
 
 class RlsFilter:
-    """The paper's filter on three axes side by side. forgetting_q20: lambda 2^20, 2^19 to 2^20 - 1024."""
+    """The filter on three axes. forgetting_q20: lambda 2^20, 2^19 to 2^20 - 1024."""
 
     def __init__(self, forgetting_q20):
         self.saturations = 0
@@ -61,7 +60,7 @@ class RlsFilter:
         self._n = self._energy = 0
 
     def begin(self, axis, bias_q14):
-        """Sets an axis at rest with a bias, |bias| <= 2^28; all axes forget what they have seen."""
+        """Reset an axis to rate zero with a bias, |bias| <= 2^28; resets E_1 and n of all axes."""
         state = self._axes[axis]
         for i in range(_WORDS):
             state[i] = 0
@@ -70,36 +69,36 @@ class RlsFilter:
         self._n = self._energy = 0
 
     def drift(self, axis, step_q18):
-        """The bias has moved by what the warm-up says."""
+        """Add a step of the warm-up to the bias."""
         state = self._axes[axis]
         rest = state[_BIAS + 1] + step_q18
         state[_BIAS] += rest >> 4
         state[_BIAS + 1] = rest & 15
 
     def update(self, values, first, count):
-        """Takes `count` samples, rows of six int16 from values[first], gyro in front."""
+        """Filter `count` samples, rows of six int16 from values[first], gyro first."""
         for at in range(first, first + _ROW * count, _ROW):
             gain = self._next()
             for axis in range(_AXES):
                 self._take(self._axes[axis], values[at + axis], gain)
 
     def rate_q8(self, axis):
-        """Angular rate, 1/256 gyro step. Only its sum with the bias is observable; see the module."""
+        """Return the angular rate, 1/256 gyro step. Only its sum with the bias is observable."""
         return self._axes[axis][_RATE]
 
     def bias_q12(self, axis):
-        """Bias, 1/4096 gyro step: the initial one and the warm-up since."""
+        """Return the bias, 1/4096 gyro step: the initial one plus the warm-up since."""
         return self._axes[axis][_BIAS] >> 2
 
     def _next(self):
-        """g of the next sample, Q25: what E_1 has become."""
+        """Update E_1 for the next sample; return its gain g, Q25."""
         energy = self._energy
         n = self._n
         if n < _LAST_N:
             self._n = n = n + 1
             energy -= energy // n
             energy -= energy // n
-        # (1 - lambda) E_1, in two digits each.
+        # (1 - lambda) E_1, both factors in two digits.
         high, low = energy >> 15, energy & 0x7FFF
         f, g = self._forget >> 10, self._forget & _LOW_10
         energy += (1 << 18) - (high * f << 5) - ((high * g >> 5) + (low * f >> 10))
@@ -147,7 +146,7 @@ class RlsFilter:
 
 
 def _product(b, e):
-    """b_2 e in Q8, held within +-2^28."""
+    """Return b_2 e in Q8, clipped to +-2^28."""
     high, low = b >> 12, b & 0xFFF
     f, g = e >> 13, e & _LOW_13
     most = high * f
@@ -157,7 +156,7 @@ def _product(b, e):
 
 
 def _grow(state, at, before):
-    """state[at] n / (n - 1), to 2^-18 steps."""
+    """Multiply state[at] by n / (n - 1), to 2^-18 steps."""
     value = state[at]
     part = state[at + 1] + ((value % before << 10) // before << 10)
     state[at] = value + value // before + (part >> 20)
@@ -165,7 +164,7 @@ def _grow(state, at, before):
 
 
 def _learn(state, at, gain, error):
-    """state[at] += gain error, exactly but for 2^-28 steps: two digits of each."""
+    """Add gain times error to state[at], to 2^-28 steps: both factors in two digits."""
     f, g = gain >> 10, gain & _LOW_10
     high, low = error >> 13, error & _LOW_13
     one, two, three = f * high, f * low, g * high

@@ -1,11 +1,11 @@
-"""When samples were taken, in integers: the window in which the newest one lies, narrowed by each look.
+"""Time stamps of samples by interval arithmetic in integers: each poll narrows a window of possible times.
 
-A look at some moment between `early` and `late` that shows sample k and not k + 1 says
+A poll at a moment between `early` and `late` that shows sample k and not k + 1 implies
     t(k) <= late,  t(k) > early - period
-and the window is cut to that. From sample to sample it moves on by the period and widens by the doubt of it,
-which is what two windows, some seconds apart, leave open. A look at the middle of the window halves it,
-whatever it finds: `aim_us` says when that is. Where a look leaves no window at all, the beat has changed.
-Times are ticks modulo 2^30; every intermediate stays within +-2^30 for periods up to 0.1 s.
+and the window is intersected with that. From sample to sample it advances by the period and widens by the
+uncertainty of the period, which follows from two windows some seconds apart. A poll at the middle of the
+window halves it, whatever it shows: `aim_us` returns that moment. If the intersection is empty, the sample
+rate has changed. Times are ticks modulo 2^30; intermediates stay within +-2^30 for periods up to 0.1 s.
 """
 
 from time import ticks_add, ticks_diff, ticks_us
@@ -13,24 +13,24 @@ from time import ticks_add, ticks_diff, ticks_us
 from micropython import const
 
 _FINE_NS = const(60000)
-"""A window of twice this is narrow enough: looks then come when the sample is surely there."""
+"""Half width of a window that is narrow enough: polls then come after its end."""
 _JITTER_NS = const(5000)
-"""How far samples may stand off an even beat."""
+"""Jitter allowed for the chip's sampling instants."""
 _SLIP_NS = const(20000)
-"""Looks may contradict each other by so much before the beat is doubted."""
+"""Polls may contradict each other by this much before the sample rate is in doubt."""
 _NEVER_NS = const(1 << 28)
 _UNKNOWN_US = const(65535)
 _FAR_US = const(250000)
-"""A look further than this from where its sample is expected says no more than one this far."""
+"""Polls further than this from the expected sample count as if they were this far."""
 _BASELINE_US = const(2000000)
-"""The period is measured between windows so far apart."""
+"""The period is measured between windows this far apart."""
 
 
 class SampleClock:
-    """t_us: time of the newest sample, amid its window; period_ns: measured; index: its number, or -1.
+    """Estimates time and period of samples. t_us: time of the newest one, amid its window; index: or -1.
 
-    half_ns: half of the window. locked: whether window and period are known to an eighth of a period and to
-    1 / 32.
+    period_ns: as measured. half_ns: half the window. locked: the window is known to an eighth of a period and
+    the period to 1 / 32.
     """
 
     def __init__(self):
@@ -40,7 +40,7 @@ class SampleClock:
         self.start(1000000)
 
     def start(self, period_ns):
-        """Begins anew from a nominal period, true to an eighth; `index` goes on."""
+        """Reset to a nominal period, accurate to an eighth; `index` continues."""
         self.locked = False
         self._began = False
         self._doubt_ns = period_ns >> 3
@@ -48,7 +48,7 @@ class SampleClock:
         self.rephase()
 
     def rephase(self):
-        """The chip was configured again: its beat began anew, its period is the same."""
+        """Reset the phase: the chip was configured again with the same period."""
         self._fresh = True
         self._empty_us = ticks_us()
         self.half_ns = _NEVER_NS
@@ -59,32 +59,32 @@ class SampleClock:
         self._rest_ns = period_ns % 1000
 
     def ahead_us(self, samples):
-        """Time of the sample that comes `samples` after the newest one; negative: before it."""
+        """Return the time of the sample `samples` after the newest one; negative: before it."""
         return ticks_add(self.t_us, samples * self.period_us + (self._t_ns + samples * self._rest_ns) // 1000)
 
     def half_ahead_ns(self, samples):
-        """Half the window of the sample that comes `samples` after the newest one."""
+        """Return half the window of the sample `samples` after the newest one."""
         if samples > (_NEVER_NS - self.half_ns) // self._doubt_ns:
             return _NEVER_NS
         return self.half_ns + samples * self._doubt_ns
 
     def aim_us(self, samples):
-        """When to look for the sample `samples` ahead: amid its window while that is wide, else behind it."""
+        """Return when to poll for the sample `samples` ahead: amid a wide window, after a narrow one."""
         half_ns = self.half_ahead_ns(samples)
         at_us = self.ahead_us(samples)
         return at_us if half_ns > _FINE_NS else ticks_add(at_us, (half_ns + _JITTER_NS) // 1000)
 
     def wide(self):
-        """Whether the next sample is worth a look of its own."""
+        """Return True while the window is so wide that the next sample deserves a poll of its own."""
         return self._fresh or self.half_ahead_ns(1) > 2 * _FINE_NS
 
     def bound_us(self):
-        """The time of the newest sample is known to +- this; 65535 when it is not."""
+        """Return the bound on the error of the newest time stamp; 65535 while it is unknown."""
         half_us = self.half_ns // 1000 + 1
         return half_us if self.locked and half_us < _UNKNOWN_US else _UNKNOWN_US
 
     def late_us(self, at_us, samples):
-        """How long at `at_us` the last of `samples` new ones has been there: 0 to a period, by the clock.
+        """Return the age at `at_us` of the last of `samples` new ones, 0 to a period if none is missing.
 
         0 until the clock is locked.
         """
@@ -93,14 +93,14 @@ class SampleClock:
         return ticks_diff(at_us, self.ahead_us(samples))
 
     def skipped(self, at_us, samples):
-        """How many more than `samples` new ones must have been taken, when the last came about `at_us`."""
+        """Return how many samples were skipped besides `samples` new ones, the last at about `at_us`."""
         if not self._began:
             return 0
         late = ticks_diff(at_us, self.ahead_us(samples)) + (self.period_us >> 1)
         return late // self.period_us if late > 0 else 0
 
     def sure(self, early_us, late_us, samples):
-        """Whether no sample can have come between the two, with `samples` or more behind it by then."""
+        """Return True if no sample can lie between the two times, `samples` or more ahead."""
         since_us = ticks_diff(early_us, self.ahead_us(samples))
         if self._fresh or since_us < 0:
             return False
@@ -110,7 +110,7 @@ class SampleClock:
         return since_us > half_us and since_us + ticks_diff(late_us, early_us) + half_us < self.period_us
 
     def tells(self, early_us, late_us):
-        """Whether a sample that came between the two can only be one of a beat: it has its number then."""
+        """Return True if the index of a sample taken between the two times is unambiguous."""
         if self._fresh:
             return True
         half_ns = self.half_ahead_ns(1)
@@ -120,17 +120,17 @@ class SampleClock:
         )
 
     def before(self, at_us, samples):
-        """Whether the sample `samples` ahead cannot have come by `at_us`."""
+        """Return True if the sample `samples` ahead cannot have been taken by `at_us`."""
         half_us = self.half_ahead_ns(samples) // 1000
         return not self._fresh and ticks_diff(at_us, self.ahead_us(samples)) < -half_us
 
     def interrupted(self, lost):
-        """So many samples were lost: if the clock may have miscounted them, it measures its period anew."""
+        """Restart the measurement of the period if the count of `lost` samples may be wrong."""
         if lost > (self.period_ns >> 2) // self._doubt_ns:
             self._mark()
 
     def seen(self, early_us, late_us, samples):
-        """Between `early_us` and `late_us` there was a moment at which just `samples` new ones were there."""
+        """Update with a poll: at a moment between `early_us` and `late_us` there were `samples` new ones."""
         self.index += samples
         if not samples:
             self._empty_us = early_us
@@ -147,7 +147,7 @@ class SampleClock:
         late_ns = self._after_ns(late_us) + _JITTER_NS
         early_ns = self._after_ns(early_us) - self.period_ns - self._doubt_ns - _JITTER_NS
         if samples == 1:
-            # The look before may have shown that it was still to come.
+            # The poll before may have shown that it had not been taken yet.
             empty_ns = self._after_ns(self._empty_us) - _JITTER_NS
             early_ns = empty_ns if empty_ns > early_ns else early_ns
         if late_ns < high:
@@ -155,7 +155,7 @@ class SampleClock:
         if early_ns > low:
             low = early_ns
         if low > high:
-            # Without a sample the chip may as well be silent: there is no beat to follow.
+            # Without a sample the chip may be silent: the rate is not in doubt.
             if samples:
                 self._break(low, high, late_ns == high)
             return
@@ -165,7 +165,7 @@ class SampleClock:
             self._measure()
 
     def _after_ns(self, at_us):
-        """How far `at_us` is behind the newest sample."""
+        """Return the time from the newest sample to `at_us`."""
         after_us = ticks_diff(at_us, self.t_us)
         if after_us > _FAR_US:
             after_us = _FAR_US
@@ -179,7 +179,7 @@ class SampleClock:
         self._t_ns = by_ns % 1000
 
     def _begin(self, late_us, samples):
-        """The first sample of a beat: since the last look without one, and within the last period."""
+        """Start the window with a first sample: since the last poll without one, within the last period."""
         self._fresh = False
         self._began = True
         since_us = ticks_diff(late_us, self._empty_us)
@@ -191,12 +191,12 @@ class SampleClock:
         self._mark()
 
     def _mark(self):
-        """A measurement of the period begins at the newest sample."""
+        """Start a measurement of the period at the newest sample."""
         self._mark_us, self._mark_ns, self._mark_half_ns = self.t_us, self._t_ns, self.half_ns
         self._count = 0
 
     def _measure(self):
-        """What this window and the marked one say of the period."""
+        """Estimate the period from this window and the marked one."""
         count = self._count
         if not count:
             return
@@ -208,7 +208,7 @@ class SampleClock:
             self._set_period(passed_us // count * 1000 + rest_ns // count)
         self._judge()
         if passed_us > _BASELINE_US:
-            # The beat wanders with temperature: what is known of it ages.
+            # The rate drifts with temperature: the uncertainty grows by half per baseline.
             self._doubt_ns += (self._doubt_ns >> 1) + 1
             self._mark()
 
@@ -216,10 +216,10 @@ class SampleClock:
         self.locked = self.half_ns < self.period_ns >> 3 and self._doubt_ns < self.period_ns >> 5
 
     def _break(self, low, high, early):
-        """The sample came before (early) or after its window: the beat has changed, or a look was wrong.
+        """Handle a sample taken before (early) or after its window: the rate changed or a poll was wrong.
 
-        The window goes where the look says, as wide as it was or as far as it was missed, and the period is
-        in doubt as if that had come about in eight samples.
+        The window moves to the poll, as wide as before or as the distance, and the period is uncertain as if
+        the distance had accumulated over eight samples.
         """
         missed_ns = low - high
         half_ns = self.half_ns

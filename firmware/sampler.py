@@ -1,4 +1,4 @@
-"""From chip to queue: samples with their times into batches, without allocation and without inventing any."""
+"""Read samples from the chip into time-stamped batches without allocation; no sample is interpolated."""
 
 import struct
 from time import sleep_us, ticks_add, ticks_diff, ticks_us
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 _FULL_SCALE = const(32767)
 _SOON_US = const(200)
-"""What is due so soon is waited for, to look at the moment that tells most."""
+"""A poll that is due within this time is waited for, as its exact moment determines the time stamp."""
 _COUNTED_GAP_US = const(100000000)
-"""Samples lost in a gap up to this long are counted by the clock."""
+"""In gaps up to this long the sample clock counts the lost samples."""
 
 
 def saturated_plain(values, at, last):
-    """Whether one of values[at:last] stands at an end of the scale."""
+    """Return True if one of values[at:last] is at an end of the scale."""
     while at < last:
         if not -_FULL_SCALE <= values[at] < _FULL_SCALE:
             return True
@@ -44,34 +44,34 @@ except (ImportError, SyntaxError, ValueError, AttributeError, NameError):
 
 
 class Sampler:
-    """Takes samples from `chip` when they are due and hands full batches to `outbox` and to `use`.
+    """Reads samples from `chip` when they are due and passes full batches to `outbox` and to `use`.
 
-    use(values, first, count): what else wants the rows, before they are sealed into a frame.
-    How it takes them is the matter of `fifo_samples` or `polled_samples`, which fill `slot`.
-    `turn` lets the OSError of a failed transfer through; `begin` goes on after it.
+    use(values, first, count): called with the rows of a batch before they are sealed into a frame.
+    `fifo_samples` or `polled_samples` does the reading, into `slot`.
+    `turn` raises the OSError of a failed transfer; `begin` resumes after it.
     """
 
     def __init__(self, outbox, use):
         self.clock = SampleClock()
         self.chip: Any = None
         self.missed = self.given_up = self.overruns = 0
-        """given_up: polled samples that were torn, or had no number."""
+        """given_up: polled samples that were discarded: torn, or of unknown index."""
         self.last_us = ticks_us()
-        """When the last sample was seen; since `begin`, when that was."""
+        """Ticks at which the last sample was read, or of `begin` if none was since."""
         self.due_us = self.last_us
         self.batch = 1
         self.slot = Slot()
-        """The open batch: `count` rows, the first of them sample `first_index` at `first_us`, and `flags`."""
+        """The open batch: `count` rows with `flags`; the first is sample `first_index` at `first_us`."""
         self.count = self.flags = self.first_index = 0
         self.first_us = self.newest_us = self.last_us
-        """newest_us: time of the last sample of the batch handed to `use`."""
+        """newest_us: time of the last sample of the latest batch passed to `use`."""
         self._outbox = outbox
         self._use = use
         self._samples: Any = None
         self._rate_mhz = 0
 
     def begin(self, now, chip, batch, lost):
-        """Samples from a freshly configured chip on; lost: it should have been sampling in between."""
+        """Start sampling a chip that has just been configured; lost: samples were missed meanwhile."""
         self.flush()
         clock = self.clock
         known = clock.locked and self._rate_mhz == chip.rate_mhz
@@ -93,15 +93,15 @@ class Sampler:
         self._samples.begin(now, resume)
 
     def end(self):
-        """Stops; what is in the open batch is sent."""
+        """Stop sampling; the open batch is sent."""
         self.flush()
         self.chip = None
 
     def turn(self, now):
-        """Looks at the chip when a sample or batch is due."""
+        """Poll the chip when a sample or batch is due."""
         if self.chip is None:
             if ticks_diff(now, self.clock.t_us) > _COUNTED_GAP_US:
-                # Before the ticks begin anew, and the gap would look short.
+                # Ticks cannot measure more than 537 s: a longer gap would appear short.
                 self.clock.locked = False
             return
         wait = ticks_diff(self.due_us, now)
@@ -112,7 +112,7 @@ class Sampler:
         self._samples.turn(ticks_us())
 
     def began(self, first_us, first_index):
-        """The open batch begins with this sample. Its time never comes before that of the batch before."""
+        """Set time and index of the first sample of the open batch; time stamps never run backward."""
         half_us = self.clock.period_us >> 1
         since_us = ticks_diff(first_us, self.newest_us)
         if -8 * half_us < since_us < half_us and first_index:
@@ -120,7 +120,7 @@ class Sampler:
         self.first_us, self.first_index = first_us, first_index
 
     def flush(self):
-        """Hands over the open batch, if anything is in it."""
+        """Pass on the open batch unless it is empty."""
         count = self.count
         if not count:
             return
@@ -145,7 +145,7 @@ class Sampler:
 
 
 def _samples(sampler, chip):
-    """The way that samples come from this chip; the other one is not loaded."""
+    """Return the reader for this chip; the module of the other one is not loaded."""
     if chip.uses_fifo:
         from fifo_samples import FifoSamples
 

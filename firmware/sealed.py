@@ -1,4 +1,4 @@
-"""UDP of which every datagram is proven by a key: who has none can neither send samples nor give orders.
+"""UDP with a message authentication code on every datagram: without the key no samples, no requests.
 
 A session begins with an opening of the node, 0xFE 0x21 nonce tag, which the host answers with 0xFD 0x22
 nonce challenge tag; the node proves its key with 0xFE 0x23 nonce challenge tag. The key of the session is
@@ -31,7 +31,7 @@ _MOST = const(272)
 _BLOCK = const(64)
 _WINDOW = const(16)
 _LAST = const(1 << 29)
-"""Of the counter: then a new session begins."""
+"""Datagrams per session; then a new session begins."""
 _SILENT_MS = const(2500)
 
 
@@ -48,7 +48,7 @@ class Hmac:
         self._outer = bytes((key[i] if i < len(key) else 0) ^ 0x5C for i in range(_BLOCK))
 
     def digest(self, *parts):
-        """The 32 bytes over all parts, one behind the other."""
+        """Return the 32 bytes over the concatenation of all parts."""
         inner = sha256(self._inner)
         for part in parts:
             inner.update(part)
@@ -58,7 +58,7 @@ class Hmac:
 
 
 class Session:
-    """One key made of nonce and challenge; datagrams of both directions are numbered, the host's from 1."""
+    """One session key, from nonce and challenge; datagrams are numbered, those of the host from 1."""
 
     def __init__(self, key):
         self.hmac = Hmac(key)
@@ -85,18 +85,18 @@ class Session:
 
 
 class SealedUdpLink(UdpLink):
-    """Frames wait until the host has used a session; what comes without a true tag counts as damaged."""
+    """A link by sealed UDP; frames wait for a session, datagrams without a valid tag count as damaged."""
 
     def __init__(self, settings):
         try:
             key = bytes.fromhex(settings["key"])
         except ValueError:
-            # Nobody has this one: better silent than without a key where one was meant.
+            # A random key: better silent than unprotected where a key was intended.
             key = _random() * 4
         self._hmac = Hmac(key)
         self._session: Any = None
         self._next: Any = None
-        """Proven to the host, which has not used it yet; until then the session before stands."""
+        """Session proven to the host but not used by it yet; until then the previous one stays valid."""
         self._opening: Any = None
         self._out = bytearray(_MOST)
         self._out_view = memoryview(self._out)
@@ -118,7 +118,7 @@ class SealedUdpLink(UdpLink):
         try:
             _write(self._socket, packet, 0, len(packet))
         except OSError:
-            # As with frames: again in a second.
+            # Repeated in a second.
             pass
 
     def _take(self, raw, at, size):
@@ -141,7 +141,7 @@ class SealedUdpLink(UdpLink):
         return size
 
     def _received(self, size):
-        """Which part of the datagram in `_raw` are frames: (from, to)."""
+        """Return (start, end) of the frames in the datagram in `_raw`."""
         kind = self._raw[0]
         if kind == _DATA and size >= _HEAD + _TAG:
             session = self._named_session()
@@ -181,7 +181,7 @@ class SealedUdpLink(UdpLink):
 
 
 def _same(tag, view, at):
-    """Whether view[at:] begins with the tag; takes as long whether it does or not."""
+    """Return True if view[at:] begins with the tag; in constant time."""
     different = 0
     for i in range(_TAG):
         different |= tag[i] ^ view[at + i]
@@ -192,7 +192,7 @@ def _random():
     try:
         return os.urandom(_NONCE)
     except AttributeError:
-        # Of a port without a source of its own.
+        # For a port without os.urandom.
         import random
 
         return bytes(random.getrandbits(8) for _ in range(_NONCE))

@@ -1,4 +1,4 @@
-"""/config.json: the node's settings with their defaults and bounds."""
+"""Settings of the node in /config.json, with defaults and bounds."""
 
 import json
 
@@ -63,7 +63,7 @@ DEFAULTS = {
     "pins": {},
 }
 
-# (ConfigKey or 0, name, least, most)
+# (ConfigKey, 0 for settings that only the file sets; name; lowest; highest)
 BOUNDS = (
     (CONFIG_KEY_NODE_ID, "node_id", 1, 254),
     (CONFIG_KEY_RATE_HZ, "rate_hz", 1, 1660),
@@ -87,7 +87,7 @@ BOUNDS = (
     (0, "baud", 9600, 3000000),
 )
 
-# (name, how many numbers or none, most of each)
+# (name, number of values or none at all, largest magnitude)
 _LISTS = (
     ("arm_mm", 2, 1000),
     ("bias_udps", 3, 30000000),
@@ -97,7 +97,7 @@ _LISTS = (
 
 
 def load(path=PATH):
-    """The defaults, overlaid by the file; what cannot be read or is out of bounds there is passed over."""
+    """Return the defaults overlaid by the file; what is unreadable or out of bounds there is ignored."""
     values: dict = dict(DEFAULTS)
     bounds: tuple = BOUNDS
     try:
@@ -125,7 +125,7 @@ def load(path=PATH):
 
 
 def store(values, path=PATH):
-    """Writes what differs from the defaults; raises OSError when the file cannot be written."""
+    """Write what differs from the defaults. Raises OSError when the file cannot be written."""
     changed = {}
     for name in values:
         if values[name] != DEFAULTS.get(name):
@@ -135,7 +135,7 @@ def store(values, path=PATH):
 
 
 def remote(key):
-    """The row of BOUNDS for a ConfigKey, or None."""
+    """Return the row of BOUNDS for a ConfigKey, or None."""
     for row in BOUNDS:
         if key and row[0] == key:
             return row

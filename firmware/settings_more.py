@@ -1,20 +1,20 @@
-"""Settings of the radio and of rest; loaded where /config.json has one of them that matters."""
+"""Settings of the radio and of standstill; loaded where /config.json enables one of these."""
 
 DEFAULTS = {
-    "receiver": "",  # nrf24, espnow: this board passes on what nodes send by radio
-    "radio_nodes": [1, 2],  # whom a receiver listens to, at most five
-    "radio_channel": 76,  # 2400 MHz and so many
+    "receiver": "",  # nrf24, espnow: this board forwards what nodes send by radio
+    "radio_nodes": [1, 2],  # nodes that a receiver forwards, at most five
+    "radio_channel": 76,  # MHz above 2400 MHz
     "radio_kbps": 1000,  # 250, 1000 or 2000
     "radio_tries": 15,  # repeats of a packet that is not acknowledged
-    "radio_address": "e8b7d6a5",  # of the net; a byte for the node comes behind
+    "radio_address": "e8b7d6a5",  # of the network; a byte for the node follows
     "espnow_channel": 1,  # of Wi-Fi, 1 to 13
-    "rest_after_s": 0,  # at rest for so long: samples at rest_rate_hz; 0 = never
+    "rest_after_s": 0,  # after this time at standstill: samples at rest_rate_hz; 0 = never
     "rest_rate_hz": 26,
-    "rest_mg": 60,  # a change of the acceleration that is motion
-    "rest_dps": 3,  # of the angular rate
+    "rest_mg": 60,  # change of acceleration that counts as motion
+    "rest_dps": 3,  # change of angular rate that counts as motion
 }
 
-# As in settings: (0, name, least, most). What is out of them is the least.
+# As in settings: (0, name, lowest, highest). A value out of bounds becomes the lowest.
 BOUNDS = (
     (0, "radio_channel", 0, 125),
     (0, "radio_tries", 0, 15),

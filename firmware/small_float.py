@@ -1,8 +1,8 @@
-"""Real numbers in small integers: for what has too wide a range for one fixed point, and may not allocate.
+"""Floating point in small integers, for quantities of wide range in code that must not allocate.
 
 x = m << 8 | e stands for m 2^(e - 128), with 2^18 <= |m| <= 2^19; zero is 0. So 2^-110 to 2^146 with 19 bits:
-each operation rounds to 2^-18 of its result or better. What is smaller becomes zero, what is larger stays at
-the end. Every intermediate is within +-2^30; MicroPython's own floats lie on the heap.
+each operation rounds to 2^-18 of its result or better; smaller results become zero, larger ones saturate.
+Every intermediate is within +-2^30. MicroPython's own floats are allocated on the heap.
 """
 
 from micropython import const
@@ -12,11 +12,11 @@ _LEAST = const(1 << 18)
 _MOST = const(1 << 19)
 _LARGEST = const(((1 << 19) - 1) << 8 | 255)
 INTEGER_LIMIT = const(1 << 29)
-"""What `integer` gives at most."""
+"""Largest magnitude that `integer` returns."""
 
 
 def number_plain(m, e):
-    """m 2^e, for |m| < 2^30."""
+    """Return m 2^e as a small float, for |m| < 2^30."""
     if not m:
         return 0
     size = m if m > 0 else -m
@@ -47,7 +47,7 @@ def number_plain(m, e):
 
 
 def integer_plain(x, q):
-    """x 2^q as an integer, rounded, and held within +-INTEGER_LIMIT."""
+    """Return x 2^q as an integer, rounded, clipped to +-INTEGER_LIMIT."""
     m = x >> 8
     shift = (x & 255) - _BIAS + q
     if shift <= 0:
@@ -58,7 +58,7 @@ def integer_plain(x, q):
 
 
 def times_plain(x, y):
-    """x y."""
+    """Return x y."""
     b = y >> 8
     m = (x >> 17) * b + ((x >> 8 & 511) * b >> 9)
     if not m:
@@ -77,7 +77,7 @@ def times_plain(x, y):
 
 
 def plus_plain(x, y):
-    """x + y."""
+    """Return x + y."""
     if not x:
         return y
     if not y:
@@ -96,12 +96,12 @@ def plus_plain(x, y):
 
 
 def minus(x):
-    """-x."""
+    """Return -x."""
     return -(x >> 8) << 8 | x & 255 if x else 0
 
 
 def over_plain(x, y):
-    """x / y; y must not be zero."""
+    """Return x / y; y must not be zero."""
     if not x:
         return 0
     a, b = x >> 8, y >> 8
@@ -120,11 +120,11 @@ def over_plain(x, y):
 
 
 def root(x):
-    """The square root of x >= 0."""
+    """Return the square root of x >= 0."""
     if x <= 0:
         return 0
     m, e = x >> 8, (x & 255) - _BIAS
-    # An even exponent, and as many bits as fit.
+    # An even exponent, and as many bits of mantissa as fit.
     shift = 9 if e & 1 else 10
     m <<= shift
     e -= shift
@@ -134,7 +134,7 @@ def root(x):
         if better >= guess:
             break
         guess = better
-    # Newton once more, in fractions: 15 bits of root and as many again.
+    # One more Newton step for the fraction: 15 bits of the root, then 15 more.
     rest = m - guess * guess
     return number((guess << 14) + (rest << 13) // guess if rest < 1 << 16 else guess << 14, (e >> 1) - 14)
 

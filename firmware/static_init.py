@@ -1,4 +1,4 @@
-"""The bias at the start from the mean of a wheel at rest."""
+"""Initial bias from the mean of the gyro at standstill."""
 
 from bias_initialiser import BIAS_DPS, BiasInitialiser
 from micropython import const
@@ -11,10 +11,10 @@ _LOW_20 = const((1 << 20) - 1)
 
 
 class StaticInit(BiasInitialiser):
-    """Bias and variance of a wheel at rest, from plain sums over at least 2000 samples.
+    """Mean and variance of the gyro over at least 2000 samples at standstill.
 
-    A wheel that turns is refused: by a gyro mean or sample beyond what a bias can be (30 deg/s), by gyro
-    variance above (1 deg/s)^2, or by gravity moving in the node (accelerometer variance above (0.02 g)^2).
+    Motion is refused: a gyro mean or sample beyond the bound on a bias (30 deg/s), a gyro variance above
+    (1 deg/s)^2, or gravity rotating in the node (accelerometer variance above (0.02 g)^2).
     """
 
     def __init__(self):
@@ -30,7 +30,7 @@ class StaticInit(BiasInitialiser):
         self._found_q8 = [0] * _AXES
 
     def begin(self, samples, gyro_lsb_ndps, accel_lsb_ng):
-        """Starts over with LEAST_SAMPLES <= samples <= 65535."""
+        """Start with LEAST_SAMPLES <= samples <= 65535."""
         for i in range(_ROW):
             self._sum[i] = self._square_high[i] = self._square_low[i] = 0
             if i < _AXES:
@@ -43,7 +43,7 @@ class StaticInit(BiasInitialiser):
         self._begin(samples)
 
     def update(self, values, first, count):
-        """Takes rows of six int16; True when it has ended: in TRACKING, or as before and `refused`."""
+        """Add rows of six int16; return True at the end: in TRACKING, or refused with the state as before."""
         for at in range(first, first + _ROW * count, _ROW):
             if self._seen == 0:
                 for i in range(_ROW):
@@ -65,14 +65,14 @@ class StaticInit(BiasInitialiser):
         n = self._wanted
         for i in range(_ROW):
             mean, part = self._sum[i] // n, self._sum[i] % n
-            # Mean square by long division of the double word, ten bits at a time, then eight more.
+            # Mean square by long division of the double word: ten bits, ten bits, then eight more.
             high, rest = self._square_high[i] // n, self._square_high[i] % n
             rest = (rest << 10) + (self._square_low[i] >> 10)
             middle, rest = rest // n, rest % n
             rest = (rest << 10) + (self._square_low[i] & _LOW_10)
             low, rest = rest // n, rest % n
             variance = (high << 20) + (middle << 10) + low - mean * mean
-            # The mean was cut to a whole number, and what that leaves counts twice the mean.
+            # The mean was truncated; with its fraction f, mean^2 lacks 2 mean f + f^2.
             part_q8 = (part << 8) // n
             cut_q8 = 2 * mean * part_q8 + (part_q8 * part_q8 >> 8)
             if variance - (cut_q8 >> 8) > self._variance_limit[i]:
@@ -84,7 +84,7 @@ class StaticInit(BiasInitialiser):
                 self._found_q8[i] = variance if variance > 0 else 0
                 self._found_q14[i] = ((self._reference[i] + mean) << 14) + (part << 14) // n
         for i in range(_AXES):
-            # The mean is of the middle: half of what has moved since the beginning is still to be added.
+            # The mean belongs to the middle of the interval: add half of the warm-up during it.
             self.bias_q14[i] = self._found_q14[i] + (self.moved_q18[i] - self._moved_q18[i] >> 5)
             self.moved_q18[i] = 0
             self.variance_q8[i] = variance = self._found_q8[i]
@@ -98,7 +98,7 @@ class StaticInit(BiasInitialiser):
 
 
 def _root(square):
-    """The integer square root."""
+    """Return the integer square root."""
     if not square:
         return 0
     guess = 1 << 15

@@ -1,7 +1,7 @@
-"""Links over a UART, its own or an ESP32's console: what is written at once is what its buffer has room for.
+"""Links over a UART or the console of an ESP32; a write never exceeds the free space of the send buffer.
 
-A port holds a write up until all of it is in the send buffer, and only some say beforehand whether it fits:
-an ESP32 never does. So the room is known by the clock.
+A port blocks a write until all of it is in the send buffer, and an ESP32 does not report the free space: it
+is computed from the time that has passed.
 """
 
 from time import ticks_add, ticks_diff, ticks_us
@@ -15,17 +15,17 @@ _CONSOLE_FIFO = const(128)
 
 
 class Pace:
-    """How many of `size` bytes of a send buffer are free, when what was written leaves it at `baud`."""
+    """Free space of a send buffer of `size` bytes that empties at `baud`."""
 
     def __init__(self, baud, size):
-        # Ten bits a byte, and two percent for a UART whose clock is slow; in hundreds, as small integers.
+        # Ten bits per byte, 2 % for a slow clock of the UART; divided by 100 to stay within small integers.
         self._byte_ns = 102000000 // (baud // 100)
         self._size = size
         self._full_us = size * self._byte_ns // 1000
         self._empty_us = ticks_us()
 
     def room(self):
-        """Free bytes now."""
+        """Return the number of free bytes."""
         now = ticks_us()
         left_us = ticks_diff(self._empty_us, now)
         if left_us <= 0 or left_us > self._full_us:
@@ -34,14 +34,14 @@ class Pace:
         return self._size - left_us * 1000 // self._byte_ns - 1
 
     def wrote(self, count):
-        """So many bytes were written; `room` has been asked before."""
+        """Count `count` bytes as written; call `room` before."""
         self._empty_us = ticks_add(self._empty_us, count * self._byte_ns // 1000 + 1)
 
 
 class UartLink(Link):
-    """A UART that was opened with timeout=0 and a send buffer of `size` bytes.
+    """A link over a UART opened with timeout=0 and a send buffer of `size` bytes.
 
-    Half of it is used: an ESP32 keeps up to 28 bytes of its own beside each write.
+    Half of the buffer is used: an ESP32 stores up to 28 bytes of its own with each write.
     """
 
     def __init__(self, uart, baud, size):
@@ -66,7 +66,7 @@ class UartLink(Link):
 
 
 class ConsoleLink(UsbLink):
-    """The console of an ESP32: a UART, whatever USB socket is before it or beside it."""
+    """A link over the console of an ESP32, which is a UART whatever USB socket the board has."""
 
     CHUNK = _CHUNK
 

@@ -1,7 +1,7 @@
-"""UDP over Wi-Fi: one datagram per frame to one host, whose network is joined again after each loss.
+"""UDP over Wi-Fi: one datagram per frame to one host; the network is joined again after each loss.
 
-Nothing here waits: a join is begun and looked at later, and the host's name is asked for by datagrams of the
-node's own, since a port's getaddrinfo holds the processor for 7 to 14 s when nobody answers.
+Nothing here blocks: the state of a join is polled, and the name of the host is resolved by `name.py`, as a
+port's getaddrinfo blocks for 7 to 14 s without an answer.
 """
 
 import socket
@@ -22,7 +22,7 @@ _RETRY_MS = const(50)
 
 
 class Station:
-    """A WLAN interface kept joined to one network: tries follow each other after 1, 2, 4 .. 30 s."""
+    """Keeps a WLAN interface joined to one network; attempts are 1, 2, 4 .. 30 s apart."""
 
     def __init__(self, wlan, ssid, password):
         self._wlan = wlan
@@ -35,18 +35,18 @@ class Station:
             try:
                 wlan.config(**option)
             except (OSError, TypeError, ValueError):
-                # Not every port has every option.
+                # A port may lack an option.
                 pass
 
     def joined(self, ms):
-        """Whether the network is joined; when it is not, does what is due about it."""
+        """Return True if the network is joined; otherwise advance the attempt to join it."""
         if self._wlan.isconnected():
             self._joining = False
             self._pause_ms = _PAUSE_MS
             self._again_ms = ms
             return True
         if self._joining:
-            # A Pico W's status stays at "joining" after a loss, an ESP32's tells the cause of a failure.
+            # The status of a Pico W stays "joining" after a loss; an ESP32 reports the failure.
             step = self._wlan.status() - network.STAT_CONNECTING
             if not 0 <= step <= 1 or ticks_diff(ms, self._since_ms) >= _JOIN_MS:
                 self._give_up(ms)
@@ -60,7 +60,7 @@ class Station:
             self._joining = True
             self._since_ms = ms
         except OSError:
-            # An ESP32 that is at it already takes no other order.
+            # An ESP32 that is already joining refuses.
             self._give_up(ms)
 
     def _give_up(self, ms):
@@ -74,7 +74,7 @@ class Station:
 
 
 class UdpLink(Link):
-    """Frames wait while there is no network or no host; `turn` is to be called every second."""
+    """A link by UDP; frames wait without network or host. `turn` must be called every second."""
 
     def __init__(self, settings):
         super().__init__()
@@ -108,7 +108,7 @@ class UdpLink(Link):
             self._socket = None
 
     def _look_up(self, ms):
-        """Asks where the host is, and sends there from now on; a host that is heard is not asked for."""
+        """Resolve the host and connect to it; not called while datagrams of the host arrive."""
         address = self._name.address()
         if address is None:
             return
@@ -125,7 +125,7 @@ class UdpLink(Link):
             udp.connect((address, self._port))
             self._socket = udp
         except OSError:
-            # No memory for it, or the network went: again in a second.
+            # Out of memory, or the network is gone: repeated in a second.
             pass
 
     def _take(self, raw, at, size):
@@ -136,7 +136,7 @@ class UdpLink(Link):
             self._failing = False
             return taken
         except OSError:
-            # Full buffers or no route: the frame stays, or is the oldest to go. Each error takes memory.
+            # Full buffers or no route: the frame stays queued. Retries are spaced, as each error allocates.
             self._retry_ms = ticks_add(ticks_ms(), _RETRY_MS)
             if not self._failing:
                 self._failing = True
@@ -162,5 +162,5 @@ class UdpLink(Link):
         return byte
 
     def _received(self, size):
-        """Which part of the datagram of `size` in `_raw` are frames: (from, to)."""
+        """Return (start, end) of the frames in the datagram of `size` bytes in `_raw`."""
         return 0, size

@@ -1,1 +1,1 @@
-"""Chips a node can read: one file each, on what they share."""
+"""Drivers of chips: one file each, on the base class in chip.py."""

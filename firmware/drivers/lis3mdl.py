@@ -29,11 +29,11 @@ _ZYXDA = const(0x08)
 
 
 class LIS3MDL(Chip):
-    """Raises ValueError for a setting outside the tables, OSError when the chip is absent or another one."""
+    """The chip. Raises ValueError for a setting outside the tables, OSError when it is not there."""
 
     PART = PART_LIS3MDL
     RATES_HZ = ((5, 0x0C), (10, 0x10), (20, 0x14), (40, 0x18), (80, 0x1C))
-    # (public value, step in 1e-15 T from 6842, 3421, 2281, 1711 steps per gauss, code)
+    # (public value, scale in 1e-15 T per step, from 6842, 3421, 2281, 1711 steps per gauss; code)
     RANGES_GAUSS = ((4, 14615610, 0x00), (8, 29231219, 0x20), (12, 43840421, 0x40), (16, 58445354, 0x60))
     WHO_AM_I = (0x3D,)
 
@@ -54,8 +54,8 @@ class LIS3MDL(Chip):
         self.configure()
 
     def read_into(self, words, at):
-        """1 and the field x, y, z at words[at], or 0 while none is new."""
-        # Not in one burst: a sample that came behind its status byte would be read, and so be lost.
+        """Read the field x, y, z to words[at]; return 0 if there is no new sample, else 1."""
+        # Not in one burst: a sample taken just after the status byte would be read and its flag lost.
         self.i2c.readfrom_mem_into(self.address, _STATUS, self._status)
         if not self._status[0] & _ZYXDA:
             return 0

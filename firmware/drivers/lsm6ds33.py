@@ -51,7 +51,7 @@ class LSM6DS33(Chip):
     """
 
     PART = PART_LSM6DS33
-    # (public value, what it truly is, code)
+    # (public value, actual rate in mHz, code)
     RATES_HZ = (
         (13, 12500, 1),
         (26, 26000, 2),
@@ -62,7 +62,7 @@ class LSM6DS33(Chip):
         (833, 833000, 7),
         (1660, 1660000, 8),
     )
-    # One step is not range / 32768: the label and the step disagree by up to 17 %.
+    # (public value, scale in 1e-9 deg/s per step, code). The scale is not range / 32768 but up to 17 % more.
     RANGES_DPS = (
         (125, 4375000, 0x02),
         (245, 8750000, 0x00),
@@ -73,7 +73,7 @@ class LSM6DS33(Chip):
     RANGES_G = ((2, 61000, 0x00), (4, 122000, 0x08), (8, 244000, 0x0C), (16, 488000, 0x04))
     RESET = (_CTRL3_C, _SW_RESET, 100)
     FIFO_SAMPLES = 682
-    """Whole samples that the FIFO holds."""
+    """Capacity of the FIFO in whole samples."""
     WHO_AM_I = (0x69,)
     MOTION_FLAG = (_WAKE_UP_SRC, _WU_IA)
 
@@ -87,7 +87,7 @@ class LSM6DS33(Chip):
         self.uses_fifo = fifo or odr > 208
         self.temperature_raw = self.realigned = 0
         self.was_running = self.read(_CTRL2_G) != 0
-        """Whether the gyro ran already: power-on leaves it off, so the chip has kept its power since."""
+        """True if the gyro was already running: after power-on it is off, so the chip has kept its power."""
         self._settings = (
             (_FIFO_CTRL3, _NO_DECIMATION if self.uses_fifo else 0),
             (_CTRL3_C, _BDU_IF_INC),
@@ -106,15 +106,15 @@ class LSM6DS33(Chip):
         self.configure()
 
     def ready(self):
-        """Whether a new sample of both triads is there.
+        """Return True if a new sample of both triads is available.
 
-        Looking with `read_into` instead may cost the sample: one that comes during the burst loses its flag.
+        Polling with `read_into` instead may lose a sample: one that arrives during the burst clears the flag.
         """
         self.i2c.readfrom_mem_into(self.address, _STATUS, self._byte)
         return self._byte[0] & _XLDA_GDA == _XLDA_GDA
 
     def read_into(self, words, at):
-        """One burst; 1 and a sample of six words at words[at], or 0 while none is new."""
+        """Read a sample of six words to words[at] in one burst; return 0 if there is no new one, else 1."""
         self.i2c.readfrom_mem_into(self.address, _STATUS, self._burst)
         if self._burst[0] & _XLDA_GDA != _XLDA_GDA:
             return 0
@@ -129,7 +129,7 @@ class LSM6DS33(Chip):
         return 1
 
     def fifo_level(self):
-        """Whole samples that wait in the FIFO; -1 when it has overflowed."""
+        """Return the number of whole samples in the FIFO; -1 if it has overflowed."""
         status = self._level
         self.i2c.readfrom_mem_into(self.address, _FIFO_STATUS1, status)
         if status[0] >= _NEAR_CARRY:
@@ -142,7 +142,7 @@ class LSM6DS33(Chip):
         return words // _PATTERN
 
     def _look_again(self):
-        """A sample between the two bytes of the count makes it 256 words too large: until two looks agree."""
+        """Read the level until two readings agree: a sample between its two bytes makes it 256 too large."""
         status = self._level
         seen = -1
         while status[0] >= _NEAR_CARRY and (status[1] << 8 | status[0]) != seen:
@@ -150,7 +150,7 @@ class LSM6DS33(Chip):
             self.i2c.readfrom_mem_into(self.address, _FIFO_STATUS1, status)
 
     def _realign(self, words):
-        """The next word is not a gyro x: the rest of this torn sample is thrown away."""
+        """Discard the rest of a torn sample, so that the next word is a gyro x; return the whole samples."""
         status = self._status
         self.i2c.readfrom_mem_into(self.address, _FIFO_STATUS1, status)
         pattern = (status[2] | (status[3] & 0x03) << 8) % _PATTERN
@@ -166,16 +166,16 @@ class LSM6DS33(Chip):
         return (words - rest) // _PATTERN
 
     def fifo_read_into(self, rows):
-        """One burst of len(rows) / 12 whole samples, in the order of the wire."""
+        """Read len(rows) / 12 whole samples in one burst, in the order of the wire."""
         self.i2c.readfrom_mem_into(self.address, _FIFO_DATA_OUT, rows)
 
     def fifo_flush(self):
-        """Empties the FIFO and starts it again at a whole sample."""
+        """Flush the FIFO and restart it at a whole sample."""
         self._write(_FIFO_CTRL5, _BYPASS)
         self._write(_FIFO_CTRL5, self._fifo_on)
 
     def read_temperature(self):
-        """Refreshes `temperature_raw`, which samples from the FIFO do not carry."""
+        """Update `temperature_raw`, which samples in the FIFO do not contain."""
         raw = self._status
         self.i2c.readfrom_mem_into(self.address, _OUT_TEMP, raw)
         value = raw[0] | raw[1] << 8

@@ -1,4 +1,4 @@
-"""MPU-6050 and MPU-6500: gyro and accelerometer (InvenSense); what is sold as such answers with many ids.
+"""MPU-6050, MPU-6500 and their clones: gyro and accelerometer (InvenSense).
 
 chip = MPU6050(i2c, odr_hz=200, range_dps=2000, range_g=16)
 words = array("h", bytes(12))
@@ -48,7 +48,7 @@ class MPU6050(Chip):
     """
 
     PART = PART_MPU6050
-    # (public value, what it truly is, divider of 1 kHz minus 1, low-pass code below half the rate)
+    # (public value, actual rate in mHz, divider of 1 kHz minus 1, code of a low-pass below half the rate)
     RATES_HZ = (
         (50, 50000, 19, 5),
         (100, 100000, 9, 3),
@@ -67,7 +67,7 @@ class MPU6050(Chip):
     RANGES_G = ((2, 61035, 0x00), (4, 122070, 0x08), (8, 244141, 0x10), (16, 488281, 0x18))
     RESET = (_PWR_MGMT_1, _DEVICE_RESET, 10000)
     FIFO_SAMPLES = 85
-    """Whole samples that the FIFO holds."""
+    """Capacity of the FIFO in whole samples."""
     WHO_AM_I_REGISTER = _WHO_AM_I
     WHO_AM_I = (0x68, 0x70, 0x71, 0x72, 0x73, 0x98)
 
@@ -107,20 +107,20 @@ class MPU6050(Chip):
         user_control = _FIFO_ON if self.uses_fifo else 0
         self._standing = ((_WHO_AM_I, self.who_am_i), (_USER_CTRL, user_control)) + self._settings
         self.was_running = self.read(_INT_ENABLE) != 0
-        """Whether it was set already: power-on clears this, so the chip has kept its power since."""
+        """True if it was already configured: power-on clears this register."""
         self._burst = bytearray(15)
         self._count = bytearray(2)
         self._ready = 0
         self.configure()
 
     def ready(self):
-        """Whether a new sample is there."""
+        """Return True if a new sample is available."""
         # Reading the flag clears it.
         self._ready |= self.read(_INT_STATUS)
         return self._ready & _DATA_READY
 
     def read_into(self, words, at):
-        """One burst; 1 and a sample of six words at words[at], or 0 while none is new."""
+        """Read a sample of six words to words[at] in one burst; return 0 if there is no new one, else 1."""
         raw = self._burst
         self.i2c.readfrom_mem_into(self.address, _INT_STATUS, raw)
         if not (self._ready | raw[0]) & _DATA_READY:
@@ -136,19 +136,19 @@ class MPU6050(Chip):
         return 1
 
     def fifo_level(self):
-        """Whole samples that wait in the FIFO; -1 when it has overflowed."""
+        """Return the number of whole samples in the FIFO; -1 if it has overflowed."""
         count = self._count
         self.i2c.readfrom_mem_into(self.address, _FIFO_COUNT, count)
         size = count[0] << 8 | count[1]
-        # The flag can stand only while the FIFO is full; another transfer would blur when this one looked.
+        # The flag is read only when the FIFO is full: another transfer would blur the time of this poll.
         if size > _FIFO_SIZE - _SAMPLE and self.read(_INT_STATUS) & _FIFO_OVERFLOW:
             return -1
         return size // _SAMPLE
 
     def fifo_read_into(self, rows):
-        """One burst of len(rows) / 12 whole samples, put into the order of the wire."""
+        """Read len(rows) / 12 whole samples in one burst, reordered to the order of the wire."""
         self.i2c.readfrom_mem_into(self.address, _FIFO_R_W, rows)
-        # Big-endian accelerometer, then gyro: each byte changes places with one of the other triad.
+        # Big-endian accelerometer, then gyro: each byte is swapped with one of the other triad.
         for i in range(0, len(rows), 12):
             rows[i], rows[i + 7] = rows[i + 7], rows[i]
             rows[i + 1], rows[i + 6] = rows[i + 6], rows[i + 1]
@@ -158,14 +158,14 @@ class MPU6050(Chip):
             rows[i + 5], rows[i + 10] = rows[i + 10], rows[i + 5]
 
     def fifo_flush(self):
-        """Empties the FIFO and starts it again at a whole sample."""
+        """Flush the FIFO and restart it at a whole sample."""
         self._write(_USER_CTRL, _FIFO_RESET)
         self._write(_USER_CTRL, _FIFO_ON)
         # Reading the flag of an overflow clears it.
         self.read(_INT_STATUS)
 
     def read_temperature(self):
-        """Refreshes `temperature_raw`, which samples from the FIFO do not carry."""
+        """Update `temperature_raw`, which samples in the FIFO do not contain."""
         raw = self._count
         self.i2c.readfrom_mem_into(self.address, _TEMP_OUT, raw)
         self.temperature_raw = _signed(raw[0] << 8 | raw[1])

@@ -1,4 +1,4 @@
-"""nRF24L01+ (Nordic): packets of up to 32 bytes, whose acknowledgements may carry bytes back.
+"""nRF24L01+ (Nordic): packets of up to 32 bytes, with payloads in their acknowledgements.
 
 radio = Nrf24(spi, csn, ce, 76, 1000)
 radio.send_to(b"\\xe8\\xb7\\xd6\\xa5\\x01", 15, 500)  # or listen_to([address, ..])
@@ -39,21 +39,21 @@ _POWERED = const(0x0E)  # CRC of two bytes, powered
 _LISTENS = const(0x01)
 _ALL_PIPES = const(0x3F)
 _WIDTH_5 = const(0x03)
-_DYNAMIC = const(0x07)  # payloads as long as they are, in acknowledgements too; these only where asked for
+_DYNAMIC = const(0x07)  # dynamic length, payloads in acknowledgements, packets without them
 RX_DR = const(0x40)
 TX_DS = const(0x20)
 MAX_RT = const(0x10)
 TX_FULL = const(0x01)
 NONE = const(7)
-"""As the pipe of the next packet: there is none."""
+"""Pipe number when the receive FIFO is empty."""
 MOST = const(32)
 _RATES = {250: 0x26, 1000: 0x06, 2000: 0x0E}
 
 
 class Nrf24:
-    """out: a command and up to 32 bytes for `write` and `answer`; came: the status and what `read` has read.
+    """The radio. out: a command and up to 32 bytes for `write` and `answer`; came: status and bytes read.
 
-    Raises OSError when no such chip answers, ValueError for a rate that it has not.
+    Raises OSError when no such chip answers, ValueError for a rate that it does not have.
     """
 
     def __init__(self, spi, csn, ce, channel, kbps):
@@ -82,7 +82,7 @@ class Nrf24:
         self.clear(RX_DR | TX_DS | MAX_RT)
 
     def send_to(self, address, tries, pause_us):
-        """Sends what is written to an address of five bytes, the last one first, until acknowledged."""
+        """Transmit to an address of five bytes, last one first, with `tries` retransmissions."""
         self._set_address(_TX_ADDR, address)
         self._set_address(_RX_ADDR_P0, address)
         self._set(_EN_RXADDR, 1)
@@ -90,7 +90,7 @@ class Nrf24:
         self._start(_POWERED)
 
     def listen_to(self, addresses):
-        """Listens to up to five addresses that differ in their first byte: pipes 1, 2, .."""
+        """Receive on up to five addresses that differ in their first byte: pipes 1, 2, .."""
         self._set_address(_RX_ADDR_P0 + 1, addresses[0])
         for pipe in range(1, len(addresses)):
             self._set(_RX_ADDR_P0 + 1 + pipe, addresses[pipe][0])
@@ -98,26 +98,26 @@ class Nrf24:
         self._start(_POWERED | _LISTENS)
 
     def status(self):
-        """The status register, as each command brings it."""
+        """Return the status register."""
         self._csn.value(0)
         self._spi.write_readinto(self._nop, self._one)
         self._csn.value(1)
         return self._one[0]
 
     def clear(self, flags):
-        """Flags of the status that have been seen."""
+        """Clear flags of the status register."""
         self._set(_STATUS, flags)
 
     def write(self, size, sure=True):
-        """Queues out[1:1 + size] to be sent; sure: until it is acknowledged."""
+        """Queue out[1:1 + size] for transmission; sure: with acknowledgement."""
         self._payload(_WRITE_PAYLOAD if sure else _WRITE_UNSURE, size)
 
     def answer(self, pipe, size):
-        """Queues out[1:1 + size] for the next acknowledgement to the sender of a pipe."""
+        """Queue out[1:1 + size] as payload of the next acknowledgement on a pipe."""
         self._payload(_WRITE_ANSWER | pipe, size)
 
     def read(self):
-        """Length of the oldest packet that came; it stands in came[1:]. 0 for none."""
+        """Read the oldest received packet to came[1:]; return its length, 0 for none."""
         size = self._get(_WIDTH)
         if not 0 < size <= MOST:
             self._command(_FLUSH_RX)
@@ -129,11 +129,11 @@ class Nrf24:
         return size
 
     def strong(self):
-        """Whether the packet that came last was heard above -64 dBm."""
+        """Return True if the last packet was received above -64 dBm."""
         return self._get(_RPD) & 1
 
     def unqueue(self):
-        """Nothing waits to be sent any more."""
+        """Flush the transmit FIFO."""
         self._command(_FLUSH_TX)
 
     def _start(self, config):
@@ -174,7 +174,7 @@ class Nrf24:
 
 
 def open_radio(board):
-    """The radio on the pins of a board. Raises as `Nrf24`."""
+    """Return the radio on the pins of a board. Raises as `Nrf24`."""
     pins, settings = board.pins, board.settings
     spi = SPI(
         pins["spi"],
@@ -188,5 +188,5 @@ def open_radio(board):
 
 
 def address_of(net, node_id):
-    """Five bytes, the last one first: the node's, and the four of the net in hexadecimal digits."""
+    """Return five bytes, last one first: node id, then the network in hexadecimal digits."""
     return bytes([node_id]) + bytes.fromhex(net)

@@ -1,8 +1,8 @@
-"""Nodes without a cable, by nRF24L01+ or ESP-NOW to a receiver. Apart: many files are slow to search."""
+"""Radio links by nRF24L01+ or ESP-NOW through a receiver. A package, so that imports stay fast."""
 
 
 def open_link(board):
-    """The link to a receiver that the settings name."""
+    """Return the link to a receiver that the settings name."""
     if board.settings["link"] == "espnow":
         from radio import espnow_link
 
@@ -13,7 +13,7 @@ def open_link(board):
 
 
 def open_air(board, outbox):
-    """What a receiver hears, by the radio that the settings name."""
+    """Return the receiving side of the radio that the settings name."""
     if board.settings["receiver"] == "espnow":
         from radio import espnow_air
 

@@ -1,4 +1,4 @@
-"""What a receiver hears of its nodes by ESP-NOW, and tells them."""
+"""Receiving side of ESP-NOW: frames of nodes, and requests to them."""
 
 from time import ticks_diff
 
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
 _PER_TURN = const(8)
 _ROOM = const(8192)
-"""For what comes while the host is talked to: two nodes at 208 Hz fill it in some 0.6 s."""
+"""Bytes of receive buffer while the host is served: two nodes at 208 Hz fill it in some 0.6 s."""
 _STRONG_DBM = const(-64)
 _LATE_MS = const(200)
-"""A copy of a packet comes no later; a node takes longer to begin anew."""
+"""Latest arrival of a duplicate; a restart of a node takes longer."""
 
 
 class Heard:
-    """How one node is heard; counters of `Signal`. lost: frames that did not come, by their numbers."""
+    """Reception counters of one node, for `Signal`. lost: frames missing by their numbers."""
 
     def __init__(self):
         self.frames = self.lost = self.heard = self.twice = self.strong = self.dropped = 0
@@ -30,17 +30,17 @@ class Heard:
         self.new_ms = 0
 
     def new(self, number, ms):
-        """Whether a packet of that number has not come before; counts those between."""
+        """Return True if a packet of that number is new; count those missing before it."""
         self.heard += 1
         last = self.number
         ahead = (number - last) % LAST
         if number == FIRST and ticks_diff(ms, self.new_ms) > _LATE_MS:
-            # The node has begun anew.
+            # The node has restarted.
             ahead = 1
         elif last < 0:
             ahead = 1
         elif not 0 < ahead <= LAST - _PER_TURN or number == FIRST:
-            # It came twice, or late behind others.
+            # A duplicate, or overtaken by others.
             self.twice += 1
             return False
         self.lost += ahead - 1
@@ -49,7 +49,7 @@ class Heard:
 
 
 class EspNowAir:
-    """See `nrf24_air.Nrf24Air`, which is the same by another radio."""
+    """Counterpart of `nrf24_air.Nrf24Air` for ESP-NOW."""
 
     def __init__(self, board, outbox):
         settings = board.settings
@@ -64,7 +64,7 @@ class EspNowAir:
         self._slot = Slot()
 
     def hear(self, ms):
-        """Takes what has come; whether there may be more."""
+        """Process received packets; return True if there may be more."""
         for _ in range(_PER_TURN):
             size = self._radio.recvinto(self._came, 0)
             if not size:
@@ -92,21 +92,21 @@ class EspNowAir:
         self._slot = self._outbox.queue(slot)
 
     def _meet(self, node, sender):
-        """Another board is that node from now on."""
+        """Register another board as that node."""
         try:
             if node.address is not None:
                 self._radio.del_peer(node.address)
             self._radio.add_peer(sender)
         except OSError:
-            # It was known already.
+            # Already registered.
             pass
         node.address = sender
 
     def turn(self, ms):
-        """Nothing waits here for its rest."""
+        """Do nothing: packets are whole frames."""
 
     def answer(self, k, raw, end):
-        """Sends raw[START:end] to the node of ids[k]."""
+        """Send raw[START:end] to the node ids[k]."""
         node, size = self.nodes[k], end - START
         if node.address is None or size > MOST - ANSWER:
             node.dropped += 1

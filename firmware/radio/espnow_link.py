@@ -1,10 +1,9 @@
-"""By ESP-NOW to a receiver: a frame in one packet, requests in packets of their own.
+"""Link by ESP-NOW to a receiver: one frame per packet, requests in packets of their own.
 
-A packet is the four bytes of the net, the node, its number, and the frame without the zero at its end. One is
-on its way at a time: one that was not acknowledged is sent again, frames wait, the oldest is given up when
-there are too many, as on every link. A receiver's packet has 0 for the node, then bytes of requests. Nobody
-types addresses: a node that knows no receiver sends to all, the one that hears it answers with no bytes, and
-from then on the node sends to that one.
+A packet is the four bytes of the network, node id, packet number, and the frame without its final zero. One
+packet is in flight at a time and is repeated until acknowledged; frames wait in the outbox meanwhile, as on
+every link. A receiver's packet has node id 0, then bytes of requests. Addresses are learnt: a node without a
+receiver broadcasts, the receiver answers with an empty packet, and the node then sends to its address.
 """
 
 from time import ticks_add, ticks_diff, ticks_ms
@@ -23,12 +22,12 @@ MOST = const(250)
 HEAD = const(6)
 NODE = const(4)
 NUMBER = ANSWER = const(5)
-"""Where a node's packet has its number, and a receiver's its bytes."""
+"""Offset of the number in a node's packet, and of the bytes in a receiver's."""
 TO_ALL = const(0x80)
-"""In the number of a packet: it was sent to all."""
+"""Flag in the number of a packet: it was broadcast."""
 LAST = const(127)
 FIRST = const(0)
-"""The number after a start; the others follow from 1 to LAST, and again."""
+"""The first number after a start; then 1 to LAST repeatedly."""
 EVERYONE = b"\xff" * 6
 _ROOM = const(526)
 _AGAIN_MS = const(5)
@@ -37,14 +36,14 @@ _UNANSWERED_MS = const(500)
 
 
 def open_radio(settings, room):
-    """ESP-NOW, switched on on the net's channel of Wi-Fi. room: bytes of packets that wait to be taken."""
+    """Return ESP-NOW, active on the Wi-Fi channel of the network. room: bytes of receive buffer."""
     wlan = network.WLAN(network.STA_IF)
     wlan.active(True)
     for option in ({"channel": settings["espnow_channel"]}, {"pm": network.WLAN.PM_NONE}):
         try:
             wlan.config(**option)
         except (OSError, TypeError, ValueError):
-            # Not every version has every option; the channel at power-on is 1.
+            # A version may lack an option; the channel at power-on is 1.
             pass
     radio = ESPNow()
     radio.config(rxbuf=room)
@@ -53,7 +52,7 @@ def open_radio(settings, room):
 
 
 def ours(raw, net):
-    """Whether a packet begins with the bytes of the net."""
+    """Return True if a packet begins with the bytes of the network."""
     for i in range(NODE):
         if raw[i] != net[i]:
             return False
@@ -61,7 +60,7 @@ def ours(raw, net):
 
 
 class EspNowLink(Link):
-    """Frames to the receiver of the net that has answered."""
+    """A link to the receiver that answered, by ESP-NOW."""
 
     def __init__(self, board):
         super().__init__()
@@ -91,9 +90,9 @@ class EspNowLink(Link):
             self._fly(outbox, ms)
 
     def _fly(self, outbox, ms):
-        """Sends the oldest frame; the outbox keeps it for us."""
+        """Send the oldest frame; the outbox retains it until it is acknowledged."""
         if outbox.sent < 0:
-            # The zero before the first frame is for streams.
+            # The zero before the first frame is for byte streams.
             outbox.took(-outbox.sent)
         slot = outbox.oldest()
         size = self._size = slot.end - START - 1
@@ -116,7 +115,7 @@ class EspNowLink(Link):
             self._again_ms = ticks_add(ms, _AGAIN_MS)
 
     def _landed(self, outbox, ms):
-        """Whether the packet on its way is done with; one that nobody acknowledged goes again."""
+        """Return True if the packet in flight is acknowledged or failed; a failed one is sent again."""
         sent, answered, failed, _, _ = self._radio.stats()
         if answered != sent and ticks_diff(ms, self._flew_ms) < _UNANSWERED_MS:
             return False
@@ -129,7 +128,7 @@ class EspNowLink(Link):
         self._failed = failed
         self._again_ms = ticks_add(ms, _AGAIN_MS)
         if ticks_diff(ms, self._good_ms) >= _LOST_MS and self._to is not EVERYONE:
-            # Another board may be the receiver by now.
+            # The receiver may have been replaced.
             self._radio.del_peer(self._to)
             self._to = EVERYONE
         return True

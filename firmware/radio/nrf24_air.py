@@ -1,4 +1,4 @@
-"""What a receiver hears of its nodes by nRF24L01+, and tells them."""
+"""Receiving side of nRF24L01+: frames of nodes, and requests to them."""
 
 from time import ticks_add, ticks_diff, ticks_ms
 
@@ -10,11 +10,11 @@ from radio.pieces import Pieces
 
 _PER_TURN = const(8)
 _UNFETCHED_MS = const(2000)
-"""A request that no node has fetched for so long stands in the way of others."""
+"""A request not fetched for this long is discarded, as it blocks others."""
 
 
 class Nrf24Air:
-    """ids: of the nodes it listens to; nodes: how each of them is heard, with the counters of `Signal`."""
+    """ids: nodes that are received; nodes: the reassembly of each, with the counters of `Signal`."""
 
     def __init__(self, board, outbox):
         settings = board.settings
@@ -26,7 +26,7 @@ class Nrf24Air:
         self._unfetched_ms = ticks_ms()
 
     def hear(self, ms):
-        """Takes what has come; whether there was anything."""
+        """Process received packets; return True if there were any."""
         radio = self._radio
         status, turns = radio.status(), _PER_TURN
         while status >> 1 & 7 != NONE and turns:
@@ -34,7 +34,7 @@ class Nrf24Air:
             self._take((status >> 1 & 7) - 1, ms)
             status = radio.status()
         if status & TX_DS:
-            # A node has fetched what waited for it.
+            # A node has fetched a request.
             self._unfetched_ms = ticks_add(ms, _UNFETCHED_MS)
             radio.clear(TX_DS)
         return turns < _PER_TURN
@@ -49,12 +49,12 @@ class Nrf24Air:
             pieces.strong += radio.strong()
 
     def turn(self, ms):
-        """Gives up what has waited too long for the rest."""
+        """Discard frames whose missing pieces are overdue."""
         for pieces in self.nodes:
             pieces.turn(ms)
 
     def answer(self, k, raw, end):
-        """Queues raw[START:end] for the next acknowledgement to the node of ids[k], in packets."""
+        """Queue raw[START:end] for the next acknowledgements to the node ids[k], in packets."""
         radio, ms = self._radio, ticks_ms()
         if radio.status() & TX_FULL and ticks_diff(ms, self._unfetched_ms) >= 0:
             radio.unqueue()

@@ -1,4 +1,4 @@
-"""Frames of one node put together from packets that may be lost, come twice or overtake each other."""
+"""Reassembly of the frames of one node from packets that may be lost, repeated or reordered."""
 
 from time import ticks_diff
 
@@ -16,9 +16,9 @@ _ZERO = b"\0"
 
 
 class Pieces:
-    """take: a packet that came; the frame that it completes goes to `outbox`.
+    """Reassembles frames from packets and queues complete ones in `outbox`.
 
-    frames, lost, heard, twice: counters of `Signal`. `lost` are frames that did not come whole, by numbers.
+    frames, lost, heard, twice: counters of `Signal`. `lost`: incomplete or missing frames, by their numbers.
     """
 
     def __init__(self, outbox):
@@ -30,10 +30,10 @@ class Pieces:
         self._since_ms = [0, 0]
         self._newest = -1
         self._done = 0
-        """Bit k: the frame k before the newest is whole, or was given up."""
+        """Bit k: the frame k before the newest is complete or was discarded."""
 
     def take(self, raw, at, size, ms):
-        """raw[at:at + size] is a packet with its head."""
+        """Add the packet raw[at:at + size] with its header."""
         self.heard += 1
         number, place, last = raw[at], raw[at + 1] >> 4, raw[at + 1] & 0x0F
         size -= _HEAD
@@ -57,13 +57,13 @@ class Pieces:
             self._whole(k)
 
     def turn(self, ms):
-        """Gives up what has waited too long for the rest."""
+        """Discard frames whose missing pieces are overdue."""
         for k in range(2):
             if self._numbers[k] >= 0 and ticks_diff(ms, self._since_ms[k]) > _LATE_MS:
                 self._give_up(k)
 
     def _open(self, number, last, ms):
-        """Which slot takes this frame; -1 when it is done with."""
+        """Return the slot for this frame; -1 if it is complete or discarded already."""
         numbers = self._numbers
         if number == numbers[0]:
             return 0
@@ -78,7 +78,7 @@ class Pieces:
         elif -ahead >= _WINDOW or self._done >> -ahead & 1:
             return -1
         else:
-            # It was taken for lost.
+            # It had been counted as lost.
             self.lost -= 1
         k = 0 if numbers[0] < 0 else 1
         if numbers[k] >= 0:
@@ -92,7 +92,7 @@ class Pieces:
     def _whole(self, k):
         slot = self._slots[k]
         self._end(k)
-        # COBS leaves one zero, at the end.
+        # A COBS frame contains exactly one zero, at the end.
         if slot.raw.find(_ZERO, START, slot.end) != slot.end - 1:
             self.lost += 1
             return

@@ -1,7 +1,7 @@
-"""By nRF24L01+ to a receiver: frames in pieces of a packet, requests in the acknowledgements.
+"""Link by nRF24L01+ to a receiver: frames in pieces, requests in the acknowledgements.
 
-A piece has the number of its frame, its place and how many there are, and 30 bytes. One that is not
-acknowledged is tried again: frames wait, the oldest is given up when there are too many, as on every link.
+A piece is the number of its frame, its position and the number of pieces, then up to 30 bytes. It is repeated
+until acknowledged; frames wait in the outbox meanwhile, as on every link.
 """
 
 from time import ticks_add, ticks_diff, ticks_ms
@@ -14,14 +14,14 @@ from micropython import const
 PIECE = const(30)
 HEAD = const(2)
 _POLL_MS = const(20)
-"""So long after the last packet an empty one asks the receiver for requests."""
+"""Interval after the last packet at which an empty one fetches requests from the receiver."""
 _AGAIN_MS = const(5)
 _AT_ONCE = const(9)
 _TRIES = const(15)
 
 
 class RadioLink(Link):
-    """Frames to the receiver of the net; without acknowledgements (radio_tries 0) what is lost is lost."""
+    """A link to the receiver of the network; without acknowledgements (radio_tries 0) packets may be lost."""
 
     def __init__(self, board):
         super().__init__()
@@ -29,7 +29,7 @@ class RadioLink(Link):
         self._radio = radio = open_radio(board)
         tries = settings["radio_tries"]
         self._sure = tries > 0
-        # Two nodes whose packets have met must not meet again.
+        # Different pauses: two nodes whose packets collided must not collide again.
         pause_us = (1500 if settings["radio_kbps"] == 250 else 500) + 250 * (settings["node_id"] & 3)
         radio.send_to(address_of(settings["radio_address"], settings["node_id"]), tries or _TRIES, pause_us)
         self._in = bytearray(MOST)
@@ -52,11 +52,11 @@ class RadioLink(Link):
             self._poll_ms = ticks_add(ms, _POLL_MS)
 
     def _send_piece(self, outbox):
-        """Queues the next piece of the oldest frame; the status after it."""
+        """Queue the next piece of the oldest frame; return the status register."""
         radio, slot = self._radio, outbox.oldest()
         sent = outbox.sent if outbox.sent > 0 else 0
         if outbox.sent < 0:
-            # The zero before the first frame is for streams.
+            # The zero before the first frame is for byte streams.
             outbox.took(-outbox.sent)
         whole = slot.end - START
         size = whole - sent

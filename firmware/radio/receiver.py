@@ -1,4 +1,4 @@
-"""A board that passes on what nodes send by radio: their frames to the host, its requests to them."""
+"""A receiver board: forwards frames of radio nodes to the host, and requests to the nodes."""
 
 import struct
 from time import ticks_add, ticks_diff, ticks_ms, ticks_us
@@ -19,7 +19,7 @@ _UNKNOWN_US = const(65535)
 
 
 class _Nothing:
-    """The sensors of a board that has none, as `reports` and `commands` ask for them."""
+    """Stands in for parts and sampler of a board without sensors, for `reports` and `commands`."""
 
     chip = mag = None
     faults = i2c_errors = recoveries = failures = overruns = missed = batch = 0
@@ -33,7 +33,7 @@ class _Nothing:
 
 
 class Receiver:
-    """One receiver on one board; `turn` is a round of its loop, `leave` becomes a RebootMode."""
+    """One receiver on one board. `turn` runs the loop once; `leave` is set to a RebootMode to end it."""
 
     def __init__(self, board, link):
         self.board, self.link, self.settings = board, link, board.settings
@@ -49,7 +49,7 @@ class Receiver:
         reports.hello(self)
 
     def turn(self):
-        """One round: hear, pass on, listen, tell how it fares."""
+        """Run the loop once: receive, forward, handle requests, report every second."""
         now = ticks_us()
         ms = ticks_ms()
         heard = self._air.hear(ms)
@@ -67,16 +67,16 @@ class Receiver:
             self.link.wait(1)
 
     def start(self):
-        """There is nothing to sample: `commands` says so."""
+        """Do nothing: a receiver has no sensors, which `commands` reports."""
 
     def stop(self):
-        """Nothing is sampled."""
+        """Do nothing: a receiver has no sensors."""
 
     def make_filter(self):
-        """There is nothing to filter."""
+        """Do nothing: a receiver has no filter."""
 
     def farewell(self):
-        """Gives the link a little time to take what still waits."""
+        """Give the link up to 0.3 s to send the frames in the queue."""
         until = ticks_add(ticks_ms(), _FAREWELL_MS)
         while self.outbox.count and ticks_diff(until, ticks_ms()) > 0:
             self.link.send(self.outbox)
@@ -112,7 +112,7 @@ class Receiver:
             reports.hello(self)
 
     def _requested(self, frame: FrameReader, received_us):
-        """What is for this board is answered, what is for a node behind it is passed on."""
+        """Answer requests to this board; forward those to its nodes."""
         ids = self._air.ids
         if frame.node not in ids:
             self.commands.handle(frame, received_us)
