@@ -55,10 +55,10 @@ def warm_up(s, chip, was_running):
     now_ms = ticks_ms()
     age_ms = -1 if was_running else now_ms
     second = s["warmup_second"]
-    made = WarmUp([steps_q18(x, chip) for x in s["warmup_udps"]], s["warmup_s"] * 1000, now_ms, age_ms)
+    first = WarmUp([steps_q18(x, chip) for x in s["warmup_udps"]], s["warmup_s"] * 1000, now_ms, age_ms)
     if not second or second[3] < 10:
-        return (made,)
-    return made, WarmUp([steps_q18(x, chip) for x in second[:3]], second[3] * 1000, now_ms, age_ms)
+        return (first,)
+    return first, WarmUp([steps_q18(x, chip) for x in second[:3]], second[3] * 1000, now_ms, age_ms)
 
 
 def known_bias_q18(s, axis, chip):

@@ -13,7 +13,7 @@ Number formats (Qn: an integer counts 2^-n gyro steps; for gains 2^-n):
     k2 g       Q30  0 .. 2^20 - 1, so at most 1/1024
     rate       Q4, its fraction Q24 in 0 .. 2^20 - 1
     bias       Q14, its fraction Q34 in 0 .. 2^20 - 1, clipped to +-2^29
-The fractions ("rest") make both sums exact. Only r is rounded, to 1/16 step. Rate and bias take the same r,
+The fractions make both sums exact. Only r is rounded, to 1/16 step. Rate and bias take the same r,
 so a rounding e acts on their sum s as s += g lambda (z - s - e), which decays: s is off by at most 1/32 step
 (and 2^-14 from the truncated fraction), bias by k2 / lambda and rate by k1 / lambda of that, at all times.
 Every intermediate is within +-2^30.
@@ -104,7 +104,7 @@ class KalmanFilter:
         self.saturations = 0
         self._axes = tuple(array("i", (0, 0, 0, 0, gain_rate_q20, gain_bias_q30)) for _ in range(_AXES))
 
-    def begin(self, axis, bias_q14):
+    def reset(self, axis, bias_q14):
         """Reset an axis to rate zero with a bias, |bias| <= 2^28."""
         state = self._axes[axis]
         state[_RATE] = state[_RATE_REST] = state[_BIAS_REST] = 0
@@ -113,9 +113,9 @@ class KalmanFilter:
     def drift(self, axis, step_q18):
         """Add a step of the warm-up to the bias state, |step_q18| < 2^27."""
         state = self._axes[axis]
-        rest = state[_BIAS_REST] + ((step_q18 & 15) << 16)
-        state[_BIAS] += (step_q18 >> 4) + (rest >> 20)
-        state[_BIAS_REST] = rest & _LOW_20
+        fraction = state[_BIAS_REST] + ((step_q18 & 15) << 16)
+        state[_BIAS] += (step_q18 >> 4) + (fraction >> 20)
+        state[_BIAS_REST] = fraction & _LOW_20
 
     def update(self, values, first, count):
         """Filter `count` <= 255 samples, rows of six int16 from values[first], gyro first."""

@@ -3,10 +3,10 @@
 from micropython import const
 from wire import FILTER_STATE_INITIALISING, FILTER_STATE_TRACKING, FILTER_STATE_WAITING
 
-LEAST_SAMPLES = const(2000)
+MIN_SAMPLES = const(2000)
 """Least number of samples of an initialisation."""
 
-BIAS_DPS = const(30)
+MAX_BIAS_DPS = const(30)
 """Bound on the bias of every supported gyro."""
 
 _AXES = const(3)
@@ -27,37 +27,37 @@ class BiasInitialiser:
         self.variance_q8 = [0] * _AXES
         self.sigma_q12 = [0] * _AXES
         self.refused = 0
-        self.moved_q18 = [0] * _AXES
+        self.shift_q18 = [0] * _AXES
         """Change by the warm-up since the estimate."""
-        self._wanted = self._seen = 0
+        self._wanted = self._count = 0
         self._before = FILTER_STATE_WAITING
 
     def adopt(self, other):
         """Take over the estimate of another initialiser."""
         self.state = other.state if other.state != FILTER_STATE_INITIALISING else other._before
         self.samples = other.samples
-        self.bias_q14, self.moved_q18 = other.bias_q14, other.moved_q18
+        self.bias_q14, self.shift_q18 = other.bias_q14, other.shift_q18
         self.variance_q8, self.sigma_q12 = other.variance_q8, other.sigma_q12
 
     def give(self, axis, bias_q14):
         """Set the bias of an axis from the settings."""
         self.bias_q14[axis] = bias_q14
-        self.moved_q18[axis] = self.variance_q8[axis] = self.sigma_q12[axis] = self.samples = 0
+        self.shift_q18[axis] = self.variance_q8[axis] = self.sigma_q12[axis] = self.samples = 0
         self.state = FILTER_STATE_TRACKING
 
     def drift(self, axis, step_q18):
         """Add a step of the warm-up to the bias."""
-        self.moved_q18[axis] += step_q18
+        self.shift_q18[axis] += step_q18
 
     def now_q14(self, axis):
         """Return the present bias."""
-        return self.bias_q14[axis] + (self.moved_q18[axis] >> 4)
+        return self.bias_q14[axis] + (self.shift_q18[axis] >> 4)
 
     def gap(self):
         """Handle a gap before the next sample."""
 
-    def _begin(self, samples):
-        self._wanted, self._seen = samples, 0
+    def _start(self, samples):
+        self._wanted, self._count = samples, 0
         self.refused = 0
         if self.state != FILTER_STATE_INITIALISING:
             self._before = self.state

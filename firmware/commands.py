@@ -5,7 +5,7 @@ from time import ticks_us
 
 import reports
 import settings
-from bias_initialiser import LEAST_SAMPLES
+from bias_initialiser import MIN_SAMPLES
 from drivers.chip import nearest
 from framing import PAYLOAD
 from wire import (
@@ -84,7 +84,7 @@ class Commands:
             node.stop()
             self.ack(request, seq)
         elif request == BIAS_INIT and size >= BIAS_INIT_SIZE:
-            self._begin_bias(seq, raw[PAYLOAD] | raw[PAYLOAD + 1] << 8)
+            self._start_bias(seq, raw[PAYLOAD] | raw[PAYLOAD + 1] << 8)
         elif request == SET_CONFIG and size >= SET_CONFIG_SIZE:
             key, value = struct.unpack_from(SET_CONFIG_FORMAT, raw, PAYLOAD)
             self._set(seq, key, value)
@@ -129,9 +129,9 @@ class Commands:
         struct.pack_into("<II", note, PAYLOAD + 8, received_us, ticks_us())
         outbox.post(TIME_REPLY, TIME_REPLY_SIZE)
 
-    def _begin_bias(self, seq, samples):
+    def _start_bias(self, seq, samples):
         node = self._node
-        if samples < LEAST_SAMPLES:
+        if samples < MIN_SAMPLES:
             self.nack(BIAS_INIT, seq, REASON_BAD_VALUE, samples)
         elif node.parts.chip is None:
             self.nack(BIAS_INIT, seq, REASON_NO_IMU, node.parts.faults)
@@ -140,8 +140,8 @@ class Commands:
         else:
             self._bias_seq = seq
             chip = node.parts.chip
-            node.make_init()
-            node.init.begin(samples, chip.gyro_lsb_ndps, chip.accel_lsb_ng)
+            node.new_init()
+            node.init.start(samples, chip.gyro_lsb_ndps, chip.accel_lsb_ng)
 
     def _set(self, seq, key, value):
         node = self._node
@@ -163,7 +163,7 @@ class Commands:
             self.ack(SET_CONFIG, seq)
         node.outbox.node_id = node.settings["node_id"]
         if key in _OF_FILTER:
-            node.make_filter()
+            node.new_filter()
 
     def _choices(self, key):
         """Return the table of the chip that lists the allowed values of a ConfigKey, or None."""

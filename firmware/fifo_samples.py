@@ -2,15 +2,15 @@
 
 from time import ticks_add, ticks_diff, ticks_us
 
-from look import TRIES, Look
 from micropython import const
+from poll_timing import TRIES, PollTiming
 from wire import BATCH_FLAG_FIFO_OVERRUN, BATCH_FLAG_GAP_BEFORE
 
-_LOOK_WIRE_US = const(120)
+_LEVEL_WIRE_US = const(120)
 """A transfer of two bytes."""
 _TEMPERATURE_US = const(1000000)
-_FIRST_LOOKS = const(64)
-_LOOK_US = const(500)
+_FIRST_POLLS = const(64)
+_SLOW_POLL_US = const(500)
 """A poll that took this much longer than the quickest one, and half a period, is repeated."""
 
 
@@ -20,46 +20,46 @@ class FifoSamples:
     def __init__(self, sampler, chip):
         self._sampler = sampler
         self._chip = chip
-        self._look = Look(ticks_us(), _LOOK_WIRE_US)
+        self._poll = PollTiming(ticks_us(), _LEVEL_WIRE_US)
         self.left = 0
         """Samples in the FIFO that the sample clock has already counted."""
         self._late_us = self._tries = self._slack_us = 0
         self._realigned = chip.realigned
-        self._begins = self._resume = self._torn = False
+        self._starting = self._resume = self._torn = False
         self._temperature_us = ticks_us()
 
-    def begin(self, now, resume):
+    def start(self, now, resume):
         """Start with the next turn; resume: the sample clock counts what was lost before."""
         half_us = self._sampler.clock.period_us >> 1
-        self._slack_us = half_us if half_us > _LOOK_US else _LOOK_US
-        self._begins, self._resume = not resume, resume
+        self._slack_us = half_us if half_us > _SLOW_POLL_US else _SLOW_POLL_US
+        self._starting, self._resume = not resume, resume
 
-    def turn(self, now):
+    def step(self, now):
         """Poll the FIFO level once; read a burst when a full batch is in it."""
-        sampler, chip, look = self._sampler, self._chip, self._look
-        if self._begins:
-            self._begins = False
+        sampler, chip, poll = self._sampler, self._chip, self._poll
+        if self._starting:
+            self._starting = False
             self._await_first()
             return
         if self._torn:
             self._torn = False
             self._empty(now, BATCH_FLAG_GAP_BEFORE)
             return
-        begun = ticks_us()
+        start_us = ticks_us()
         level = chip.fifo_level()
-        look.took(now, begun, ticks_us())
+        poll.record(now, start_us, ticks_us())
         if level < 0:
             sampler.overruns += 1
             self._empty(now, BATCH_FLAG_FIFO_OVERRUN | BATCH_FLAG_GAP_BEFORE)
             return
-        if look.slack_us > self._slack_us and self._tries < TRIES:
+        if poll.slack_us > self._slack_us and self._tries < TRIES:
             self._tries += 1
             return
         if not self._count(now, level):
             return
         self._tries = 0
         if level >= sampler.batch:
-            if not self._burst(now, begun, level):
+            if not self._burst(now, start_us, level):
                 return
             level -= sampler.batch
         self.left = level
@@ -67,26 +67,26 @@ class FifoSamples:
         if level >= sampler.batch:
             sampler.due_us = now
         else:
-            aim_us = clock.aim_us(1 if clock.wide() else sampler.batch - level)
-            sampler.due_us = look.due_us(aim_us)
+            aim_us = clock.aim_us(1 if clock.is_wide() else sampler.batch - level)
+            sampler.due_us = poll.due_us(aim_us)
 
     def _await_first(self):
         """Discard samples from before the start, of unknown time; poll for the next without pause."""
-        chip, look, clock = self._chip, self._look, self._sampler.clock
+        chip, poll, clock = self._chip, self._poll, self._sampler.clock
         chip.fifo_flush()
-        for _ in range(_FIRST_LOOKS):
-            begun = ticks_us()
+        for _ in range(_FIRST_POLLS):
+            start_us = ticks_us()
             level = chip.fifo_level()
-            look.took(begun, begun, ticks_us())
+            poll.record(start_us, start_us, ticks_us())
             if level:
                 break
-            clock.seen(look.early_us, look.late_us, 0)
-        if level > 0 and self._count(begun, level):
+            clock.update(poll.early_us, poll.late_us, 0)
+        if level > 0 and self._count(start_us, level):
             self.left = level
 
     def _count(self, now, level):
         """Update the sample clock with the poll; return False if it was ambiguous or the FIFO was flushed."""
-        sampler, look = self._sampler, self._look
+        sampler, poll = self._sampler, self._poll
         clock = sampler.clock
         new = level - self.left
         lost = 0
@@ -100,7 +100,7 @@ class FifoSamples:
             return False
         if self._resume:
             if level:
-                sure = not clock.locked or clock.sure(look.early_us, look.late_us, new + lost)
+                sure = not clock.locked or clock.is_certain(poll.early_us, poll.late_us, new + lost)
                 if not sure and self._tries < TRIES:
                     # Another moment tells unambiguously how many samples were lost.
                     self._tries += 1
@@ -109,21 +109,21 @@ class FifoSamples:
                     return False
                 self._resume = False
                 self._late_us = 0
-                lost += clock.skipped(ticks_add(look.early_us, -(clock.period_us >> 1)), new + lost)
-                clock.interrupted(lost)
-        elif new and self._skips(look.early_us, new + lost):
+                lost += clock.skipped(ticks_add(poll.early_us, -(clock.period_us >> 1)), new + lost)
+                clock.gap(lost)
+        elif new and self._skips(poll.early_us, new + lost):
             # The position of the gap among the samples in the FIFO is unknown, hence their times too.
             self._empty(now, BATCH_FLAG_GAP_BEFORE)
             return False
         if lost:
             sampler.missed += lost
             sampler.flags |= BATCH_FLAG_GAP_BEFORE
-        clock.seen(look.early_us, look.late_us, new + lost)
+        clock.update(poll.early_us, poll.late_us, new + lost)
         if new:
             sampler.last_us = now
         return True
 
-    def _burst(self, now, begun, level):
+    def _burst(self, now, start_us, level):
         """Read a batch; return False if the FIFO overflowed meanwhile."""
         sampler, chip = self._sampler, self._chip
         clock = sampler.clock
@@ -133,13 +133,13 @@ class FifoSamples:
         self.left = 0
         chip.fifo_read_into(sampler.slot.rows)
         self._torn = False
-        if ticks_diff(ticks_us(), begun) > (chip.FIFO_SAMPLES - 1 - level) * clock.period_us:
+        if ticks_diff(ticks_us(), start_us) > (chip.FIFO_SAMPLES - 1 - level) * clock.period_us:
             # It has overflowed since the poll: the burst may begin within a sample.
             sampler.overruns += 1
             self._empty(now, BATCH_FLAG_FIFO_OVERRUN | BATCH_FLAG_GAP_BEFORE)
             return False
         sampler.missed -= level
-        sampler.began(clock.ahead_us(1 - level), clock.index + 1 - level)
+        sampler.open_batch(clock.ahead_us(1 - level), clock.index + 1 - level)
         sampler.count = sampler.batch
         sampler.flush()
         if ticks_diff(now, self._temperature_us) > 0:

@@ -7,7 +7,7 @@ from small_float import number, times
 _AXES = const(3)
 _LOW_15 = const((1 << 15) - 1)
 _LOW_14 = const((1 << 14) - 1)
-_TURN = const(1 << 16)
+_ONE_TURN = const(1 << 16)
 _RATE_LIMIT = const((1 << 29) - 1)
 _RAD = 0.017453292519943295
 _G = 9.80665
@@ -78,7 +78,7 @@ class GravitySums:
         self._known = False
         self.restart()
 
-    def take(self, values, at):
+    def add(self, values, at):
         """Add a row; return True when n are complete: the means are valid until the next row."""
         k = self.count
         spin = values[at + 2]
@@ -91,7 +91,7 @@ class GravitySums:
         square = (spin >> 1) * (spin >> 1) >> 12
         x = values[at + 3] + (square * self._arm_x >> 12)
         y = values[at + 4] + (square * self._arm_y >> 12)
-        if not (-_TURN < x < _TURN and -_TURN < y < _TURN):
+        if not (-_ONE_TURN < x < _ONE_TURN and -_ONE_TURN < y < _ONE_TURN):
             x = y = 0
         ahead = ahead if -(1 << 15) < ahead < 1 << 15 else 0
         phi = (ahead * self._radius >> 11) - angle(y, x)
@@ -130,7 +130,7 @@ class GravityInit(PseudoInit):
     at 300 deg/s is a bias of 0.3 deg/s.
     """
 
-    def gather(self, s, gyro_lsb_ndps, accel_lsb_ng):
+    def averager(self, s, gyro_lsb_ndps, accel_lsb_ng):
         """Return (averager of an interval, variance of its mean over that of a sample); allocates."""
         n = max(s["bias_stretch"] or (1024 if s["rate_hz"] > 250 else 512), 32)
         step = gyro_lsb_ndps * 1e-9
@@ -155,16 +155,16 @@ class GravityInit(PseudoInit):
         self._phase = real(phase * phase * 12.0 / n**3)
         return sums, 1.2 / n
 
-    def measured(self, sums):
+    def is_usable(self, sums):
         """Return True after at least one turn; sets the rotation rate of gravity."""
-        if -_TURN < sums.turned < _TURN:
+        if -_ONE_TURN < sums.turned < _ONE_TURN:
             return False
         period_ns, shift = self.clock.period_ns, self._shift
-        factor, rest = self._scale // period_ns, self._scale % period_ns
+        factor, remainder = self._scale // period_ns, self._scale % period_ns
         while factor < 1 << 27:
-            rest <<= 1
-            factor = (factor << 1) + rest // period_ns
-            rest %= period_ns
+            remainder <<= 1
+            factor = (factor << 1) + remainder // period_ns
+            remainder %= period_ns
             shift += 1
         step = number(factor, -shift)
         self.doubt = times(self._phase, times(step, step))

@@ -11,7 +11,7 @@ from micropython import const
 _WHOLE = const(256)
 _SENDS_PER_TURN = const(4)
 _READS_PER_TURN = const(32)
-_LOOK_MS = const(2)
+_WAIT_STEP_MS = const(2)
 _CTRL_C = const(3)
 _SLICES = sys.implementation.name != "micropython"
 
@@ -24,9 +24,9 @@ def _write(stream, raw, at, size):
 
 
 class Link:
-    """Base class of links. A subclass defines `_take`, bytes accepted, and `_byte`, the next byte or -1."""
+    """Base class of links. A subclass defines `_accept`, bytes accepted, and `_byte`, the next byte or -1."""
 
-    MOST = _WHOLE
+    CHUNK = _WHOLE
     """Largest number of bytes offered to the stream at once."""
     ON_CONSOLE = False
     """True if frames share the console with the REPL, so that ctrl-C must be an ordinary byte."""
@@ -39,7 +39,7 @@ class Link:
     def wait(self, ms):
         """Sleep for `ms`, or until a byte arrives from the host."""
         if self._readable is None:
-            sleep_ms(ms if ms < _LOOK_MS else _LOOK_MS)
+            sleep_ms(ms if ms < _WAIT_STEP_MS else _WAIT_STEP_MS)
         else:
             self._readable(ms)
 
@@ -51,12 +51,12 @@ class Link:
             slot = outbox.oldest()
             at = START + outbox.sent
             size = slot.end - at
-            taken = self._take(slot.raw, at, size if size < self.MOST else self.MOST)
-            if not taken:
+            accepted = self._accept(slot.raw, at, size if size < self.CHUNK else self.CHUNK)
+            if not accepted:
                 return
-            outbox.took(taken)
+            outbox.advance(accepted)
 
-    def _take(self, raw, at, size):
+    def _accept(self, raw, at, size):
         raise NotImplementedError
 
     def _byte(self):
@@ -72,7 +72,7 @@ class Link:
                 return True
         return False
 
-    def turn(self):
+    def step(self):
         """Maintain the carrier of the link; may block when there is none."""
 
     def close(self):
@@ -88,11 +88,11 @@ class UsbLink(Link):
 
     ON_CONSOLE = True
     CHUNK = _WHOLE
-    """MOST while the host keeps up."""
+    """CHUNK while the host keeps up."""
 
     def __init__(self):
         super().__init__()
-        self.MOST = self.CHUNK
+        self.CHUNK = self.CHUNK
         self._in = sys.stdin.buffer
         self._out = sys.stdout.buffer
         self._one = bytearray(1)
@@ -100,12 +100,12 @@ class UsbLink(Link):
         self._writable = _poll(sys.stdout, select.POLLOUT)
         micropython.kbd_intr(-1)
 
-    def _take(self, raw, at, size):
+    def _accept(self, raw, at, size):
         if not _ready(self._writable, select.POLLOUT):
-            self.MOST = 1
+            self.CHUNK = 1
             return 0
-        if self.MOST < self.CHUNK:
-            self.MOST <<= 1
+        if self.CHUNK < self.CHUNK:
+            self.CHUNK <<= 1
         return _write(self._out, raw, at, size)
 
     def _byte(self):

@@ -22,7 +22,7 @@ class MeanSums:
         """Discard the sums of the open interval."""
         self.count = self._sum[0] = self._sum[1] = self._sum[2] = 0
 
-    def take(self, values, at):
+    def add(self, values, at):
         """Add a row; return True when n are complete: `mean_q14` is valid until the next row."""
         total = self._sum
         total[0] += values[at]

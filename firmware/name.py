@@ -33,10 +33,10 @@ class Name:
                 self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
                 self._socket.setblocking(False)
                 self._query = question(self._host, ticks_diff(ticks_ms(), 0) & 0xFFFF)
-            found = answer(self._socket.recv(512), self._query)
-            if found is not None:
-                self.forget()
-                return found
+            address = answer(self._socket.recv(512), self._query)
+            if address is not None:
+                self.cancel()
+                return address
         except OSError:
             # No answer yet.
             pass
@@ -44,7 +44,7 @@ class Name:
             self._ask()
         return None
 
-    def forget(self):
+    def cancel(self):
         """Cancel a pending query."""
         if self._socket is not None:
             self._socket.close()

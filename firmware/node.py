@@ -37,15 +37,15 @@ STAY_IN_REPL = "/stay_in_repl"
 _AXES = const(3)
 _HELLO_MS = const(5000)
 _HEALTH_MS = const(1000)
-_BEGIN_MS = const(200)
-_LOOK_MS = const(20)
-_WAIT_US = const(1000)
-_MARGIN_US = const(100)
+_QUIET_START_MS = const(200)
+_DUTY_MS = const(20)
+_MIN_SLEEP_US = const(1000)
+_WAKE_EARLY_US = const(100)
 _MAG_RETRY_MS = const(5)
 _MAG_SILENT_MS = const(1000)
 _CTRL_C = const(3)
 _FAREWELL_MS = const(300)
-_RESCUE_MS = const(3000)
+_CTRL_C_WAIT_MS = const(3000)
 
 
 class Node:
@@ -56,11 +56,11 @@ class Node:
         self.link = link
         self.settings = board.settings
         self.outbox = Outbox(self.settings["queue"], self.settings["node_id"])
-        self.sampler = Sampler(self.outbox, self._use)
-        self.parts = Parts(board, self.outbox, self.sampler, self._searched)
+        self.sampler = Sampler(self.outbox, self._batch_done)
+        self.parts = Parts(board, self.outbox, self.sampler, self._on_search)
         self.commands = Commands(self)
         self.leave = None
-        self.rest: Any = None
+        self.slow: Any = None
         """Reduces the sample rate at standstill, where the settings ask for that."""
         self.estimator: Any = None
         self.init: Any = None
@@ -68,23 +68,23 @@ class Node:
         self.warm: Any = ()
         self._running = True
         self._next_index = self._lsb_ndps = 0
-        self.worst_us = self._mag_waits = 0
+        self.longest_us = self._mag_waits = 0
         _, self._mag_words = shared(3)
         # Sampling has the processor to itself for the first 0.2 s, when the sample clock locks.
-        self._look_ms = ticks_add(ticks_ms(), _BEGIN_MS)
-        self._hello_ms = self._health_ms = self._filter_ms = self._mag_ms = self._look_ms
-        self.make_init()
-        self.make_filter()
+        self._duty_ms = ticks_add(ticks_ms(), _QUIET_START_MS)
+        self._hello_ms = self._health_ms = self._filter_ms = self._mag_ms = self._duty_ms
+        self.new_init()
+        self.new_filter()
         self.start()
 
-    def turn(self):
+    def step(self):
         """Run the loop once: sample, send, receive, then the periodic duties."""
         now = ticks_us()
         if not self.parts.paused:
             try:
-                self.sampler.turn(now)
+                self.sampler.step(now)
             except OSError as error:
-                self.parts.bus_failed(error, ticks_us())
+                self.parts.bus_error(error, ticks_us())
         if self.outbox.count:
             self.link.send(self.outbox)
         if self.link.receive():
@@ -92,13 +92,13 @@ class Node:
             # At once: the host takes a delay here for transmission time.
             self.link.send(self.outbox)
         ms = ticks_ms()
-        if ticks_diff(ms, self._look_ms) >= 0:
-            self._look_ms = ticks_add(ms, _LOOK_MS)
-            self._look_after(ms)
+        if ticks_diff(ms, self._duty_ms) >= 0:
+            self._duty_ms = ticks_add(ms, _DUTY_MS)
+            self._duties(ms)
         done = ticks_us()
         took = ticks_diff(done, now)
-        if took > self.worst_us:
-            self.worst_us = took
+        if took > self.longest_us:
+            self.longest_us = took
         self._idle(done)
 
     def start(self):
@@ -108,8 +108,8 @@ class Node:
         if self.parts.chip is None:
             self.sampler.end()
         else:
-            self._know_chip()
-            self.parts.begin(False)
+            self._set_bias()
+            self.parts.start(False)
         gc.collect()
         self.free_heap = gc.mem_free()
         """bytes; measured here alone, as that walks the heap. Nothing is allocated from here on."""
@@ -122,17 +122,17 @@ class Node:
         self.parts.chip = None
         self.commands.bias_given_up()
 
-    def make_init(self):
+    def new_init(self):
         """Create the bias initialiser that the settings ask for; it inherits the present estimate."""
         before = self.init
         self.init = bias_choice.initialisation(self.settings, self.sampler.clock)
         if before is not None:
             self.init.adopt(before)
 
-    def make_filter(self):
+    def new_filter(self):
         """Create the estimator that the settings ask for, with rate zero and the present bias."""
         self.estimator = bias_choice.estimator(self.settings)
-        self._begin_filter()
+        self._reset_filter()
 
     def farewell(self):
         """Give the link up to 0.3 s to send the frames in the queue."""
@@ -144,7 +144,7 @@ class Node:
 
     # The bias.
 
-    def _use(self, values, first, count):
+    def _batch_done(self, values, first, count):
         """Pass a batch to bias initialiser, estimator and standstill detector before it is sealed."""
         init, estimator = self.init, self.estimator
         index = self.sampler.first_index
@@ -153,19 +153,19 @@ class Node:
         self._next_index = index + count
         if init.state == FILTER_STATE_INITIALISING:
             if init.update(values, first, count):
-                self._begin_filter()
+                self._reset_filter()
                 self.commands.bias_done(init.refused)
         elif init.state == FILTER_STATE_TRACKING and estimator is not None:
             estimator.update(values, first, count)
-        if self.rest is not None:
-            self.rest.use(values, first, count)
+        if self.slow is not None:
+            self.slow.use(values, first, count)
 
-    def _begin_filter(self):
+    def _reset_filter(self):
         if self.estimator is not None:
             for axis in range(_AXES):
-                self.estimator.begin(axis, self.init.now_q14(axis))
+                self.estimator.reset(axis, self.init.now_q14(axis))
 
-    def _know_chip(self):
+    def _set_bias(self):
         """Convert the bias of the settings to steps of the chip; once per scale."""
         s, chip = self.settings, self.parts.chip
         if chip.gyro_lsb_ndps == self._lsb_ndps:
@@ -176,9 +176,9 @@ class Node:
             known = bias_choice.known_bias_q18(s, axis, chip)
             if known is not None:
                 for warm in self.warm:
-                    known += warm.grown_q18(axis)
+                    known += warm.drift_q18(axis)
                 self.init.give(axis, known >> 4)
-        self._begin_filter()
+        self._reset_filter()
 
     def _drift(self, warm):
         """Apply a step of a warm-up to the estimator and to the bias for the next one."""
@@ -190,18 +190,18 @@ class Node:
 
     # Periodic duties.
 
-    def _look_after(self, ms):
+    def _duties(self, ms):
         self.board.feed()
-        self.parts.look_after(ms, self._running)
-        if self.rest is not None:
-            self.rest.turn(ms)
+        self.parts.supervise(ms, self._running)
+        if self.slow is not None:
+            self.slow.step(ms)
         if self.parts.mag is not None:
             if ticks_diff(ms, self._mag_ms) >= 0:
                 self._read_mag(ms)
-            if ticks_diff(self._mag_ms, self._look_ms) < 0:
-                self._look_ms = self._mag_ms
+            if ticks_diff(self._mag_ms, self._duty_ms) < 0:
+                self._duty_ms = self._mag_ms
         for warm in self.warm:
-            while warm.turn(ms):
+            while warm.step(ms):
                 self._drift(warm)
         if self.estimator is not None and ticks_diff(ms, self._filter_ms) >= 0:
             tracking = self.init.state == FILTER_STATE_TRACKING
@@ -210,14 +210,14 @@ class Node:
         if ticks_diff(ms, self._health_ms) >= 0:
             self._health_ms = ticks_add(ms, _HEALTH_MS)
             reports.health(self)
-            self.link.turn()
+            self.link.step()
         if ticks_diff(ms, self._hello_ms) >= 0:
             self._hello_ms = ticks_add(ms, _HELLO_MS)
             reports.hello(self)
 
-    def _searched(self):
+    def _on_search(self):
         if self.parts.chip is not None:
-            self._know_chip()
+            self._set_bias()
         reports.hello(self)
 
     def _read_mag(self, ms):
@@ -242,12 +242,12 @@ class Node:
 
     def _idle(self, now):
         """Sleep until shortly before the next duty; bytes from the host end the sleep."""
-        wait = 1000 * ticks_diff(self._look_ms, ticks_ms())
+        wait = 1000 * ticks_diff(self._duty_ms, ticks_ms())
         if self.parts.chip is not None and not self.parts.paused:
-            due = ticks_diff(self.sampler.due_us, now) - _MARGIN_US
+            due = ticks_diff(self.sampler.due_us, now) - _WAKE_EARLY_US
             wait = due if due < wait else wait
-        if wait >= _WAIT_US:
-            self.link.wait(1 if self.outbox.count else wait // _WAIT_US)
+        if wait >= _MIN_SLEEP_US:
+            self.link.wait(1 if self.outbox.count else wait // _MIN_SLEEP_US)
         elif wait > 0:
             sleep_us(wait)
 
@@ -275,7 +275,7 @@ def main():
         link.close()
         micropython.kbd_intr(_CTRL_C)
         sys.print_exception(error)
-        _wait(board, _RESCUE_MS)
+        _wait(board, _CTRL_C_WAIT_MS)
         machine.reset()
     link.close()
     micropython.kbd_intr(_CTRL_C)
@@ -295,12 +295,12 @@ def _run(board, link):
     else:
         node = Node(board, link)
         if board.settings.get("rest_after_s"):
-            import rest
+            import slow_sampling
 
-            node.rest = rest.Rest(node)
+            node.slow = slow_sampling.SlowSampling(node)
     board.start_watchdog()
     while node.leave is None:
-        node.turn()
+        node.step()
     node.farewell()
     return node.leave
 

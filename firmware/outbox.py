@@ -101,7 +101,7 @@ class Outbox:
         """Return the slot to send next, or None."""
         return self._ring[self._head] if self.count else None
 
-    def took(self, size):
+    def advance(self, size):
         """Count `size` more bytes of the oldest frame as sent."""
         size += self.sent
         head = self._head

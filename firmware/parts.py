@@ -41,53 +41,53 @@ _SILENT_LEAST_US = const(100000)
 _SILENT_PERIODS = const(10)
 _RECONFIGURE_US = const(1000000)
 _FAILURES_BEFORE_RECOVERY = const(3)
-_AGAIN_US = const(2000)
+_RETRY_US = const(2000)
 _PAUSE_US = const(250000)
 _WITHOUT_POWER = (RESET_CAUSE_UNKNOWN, RESET_CAUSE_POWER_ON, RESET_CAUSE_BROWN_OUT)
-_GIVEN_UP_MOST = const(16)
+_DISCARD_RATIO = const(16)
 """Polling that discards more than one sample in this many is too fast for this board and bus."""
-_TIMED_OUT = (110, 116)
+_ETIMEDOUT = (110, 116)
 """ETIMEDOUT of the two ports: the bus is held low, rather than a chip that does not acknowledge."""
 
 
 class Parts:
     """The IMU and the magnetometer of a board; starts `sampler` on the IMU.
 
-    chip, mag: their drivers, None while missing. found: (address, WHO_AM_I, Part) of all that acknowledged.
+    chip, mag: their drivers, None while missing. chips: (address, WHO_AM_I, Part) of all that acknowledged.
     searched: called after each search that was not requested.
     """
 
     def __init__(self, board, outbox, sampler, searched):
         self.chip: Any = None
         self.mag: Any = None
-        self.found = []
+        self.chips = []
         self.faults = 0
         self.was_running: Any = None
         """True if the first IMU was already running when the processor started; None before that is known."""
         self.batch = 8
-        self._shaped = 0
+        self._shape = 0
         self.i2c_errors = self.recoveries = self.failures = 0
         self.paused = False
         """True while the bus is not used after a failed recovery."""
         self._board = board
         self._outbox = outbox
         self._sampler = sampler
-        self._searched = searched
+        self._on_search = searched
         self._search_ms = self._settings_ms = ticks_ms()
         self._pause_us = self._check_us = self._since_us = ticks_us()
-        self._given_up = 0
+        self._discarded = 0
         self._too_fast = False
 
     def find(self):
         """Search for an IMU and a magnetometer and configure them."""
         i2c, s = self._board.i2c, self._board.settings
         self._search_ms = ticks_ms()
-        self.found = []
+        self.chips = []
         self.chip = self.mag = None
         self.faults &= ~(FAULT_IMU_MISSING | FAULT_WRONG_WHO_AM_I | FAULT_IMU_SILENT)
         imu = self._probe(IMU_DRIVERS)
         if imu is None:
-            self.faults |= FAULT_WRONG_WHO_AM_I if self.found else FAULT_IMU_MISSING
+            self.faults |= FAULT_WRONG_WHO_AM_I if self.chips else FAULT_IMU_MISSING
         else:
             driver, address, who_am_i = imu
             try:
@@ -101,8 +101,8 @@ class Parts:
                 )
                 if self.chip.uses_fifo and not self._wants_fifo():
                     self.faults |= FAULT_POLLED_TOO_FAST
-                self.found.append((address, who_am_i, self.chip.PART))
-                self._judge_reset()
+                self.chips.append((address, who_am_i, self.chip.PART))
+                self._correct_cause()
             except OSError:
                 self.i2c_errors += 1
                 self.faults |= FAULT_IMU_MISSING
@@ -116,13 +116,13 @@ class Parts:
                     part = driver.PART
             except OSError:
                 self.i2c_errors += 1
-            self.found.append((address, who_am_i, part))
+            self.chips.append((address, who_am_i, part))
         gc.collect()
 
     def _probe(self, drivers):
         """Return (driver, address, WHO_AM_I) of the first chip that a driver recognises, else None.
 
-        Every other chip that acknowledges at one of the addresses goes into `found` with Part 0.
+        Every other chip that acknowledges at one of the addresses goes into `chips` with Part 0.
         """
         i2c, chosen = self._board.i2c, None
         for module, name, addresses in drivers:
@@ -131,15 +131,15 @@ class Parts:
                     continue
                 driver = getattr(__import__(module, None, None, (name,)), name)
                 who_am_i = driver.probe(i2c, address)
-                for row in self.found:
+                for row in self.chips:
                     if row[0] == address:
                         # A driver before this one did not recognise it.
-                        self.found.remove(row)
+                        self.chips.remove(row)
                         break
                 if chosen is None and who_am_i >= 0:
                     chosen = (driver, address, who_am_i)
                 else:
-                    self.found.append((address, read_register(i2c, address, driver.WHO_AM_I_REGISTER), 0))
+                    self.chips.append((address, read_register(i2c, address, driver.WHO_AM_I_REGISTER), 0))
         return chosen
 
     def _wants_fifo(self):
@@ -147,24 +147,24 @@ class Parts:
         s = self._board.settings
         return s["fifo"] or s["link"] == "udp" or self._too_fast
 
-    def begin(self, lost):
+    def start(self, lost):
         """Start sampling the IMU; lost: samples were missed meanwhile."""
         chip = self.chip
-        self.batch = self._board.settings["batch"] or _batch(chip.rate_mhz)
-        if self.batch != self._shaped:
-            self._shaped = self.batch
+        self.batch = self._board.settings["batch"] or default_batch(chip.rate_mhz)
+        if self.batch != self._shape:
+            self._shape = self.batch
             self._outbox.shape(self.batch)
         now = ticks_us()
         self._check_us = ticks_add(now, _SILENT_LEAST_US)
-        self._sampler.begin(now, chip, self.batch, lost)
+        self._sampler.start(now, chip, self.batch, lost)
 
-    def bus_failed(self, error, now):
+    def bus_error(self, error, now):
         """Handle a failed transfer: retry, or recover the bus after three in a row."""
         self.i2c_errors += 1
         self.failures += 1
-        self._sampler.due_us = ticks_add(now, _AGAIN_US)
+        self._sampler.due_us = ticks_add(now, _RETRY_US)
         # An exception raised without free memory has no arguments.
-        timed_out = error.args and error.args[0] in _TIMED_OUT
+        timed_out = error.args and error.args[0] in _ETIMEDOUT
         if not timed_out and (self.failures < _FAILURES_BEFORE_RECOVERY or not self._silent(now)):
             return
         self.failures = 0
@@ -174,12 +174,12 @@ class Parts:
         for part in (self.chip, self.mag):
             if part is not None:
                 part.i2c = self._board.i2c
-        if not free or not self._revive(False):
+        if not free or not self._configure(False):
             # Each transfer on a stuck bus takes its full time limit: pause rather than retry in every turn.
             self.paused = True
             self._pause_us = ticks_add(now, _PAUSE_US)
 
-    def look_after(self, ms, running):
+    def supervise(self, ms, running):
         """Check that the IMU delivers samples with the right settings; search for a missing one."""
         if self.paused and ticks_diff(ticks_us(), self._pause_us) >= 0:
             self.paused = False
@@ -191,7 +191,7 @@ class Parts:
         elif running and ticks_diff(ms, self._search_ms) >= _SEARCH_MS:
             self._search()
 
-    def _judge_reset(self):
+    def _correct_cause(self):
         """Correct the reset cause: an IMU that was running kept its power, so it was no power-on."""
         if self.was_running is not None:
             return
@@ -199,7 +199,7 @@ class Parts:
         if self.was_running and self._board.reset_cause in _WITHOUT_POWER:
             self._board.reset_cause = RESET_CAUSE_HARD
 
-    def _revive(self, always):
+    def _configure(self, always):
         """Configure the chip again if it lost its settings, or always; return False if it does not answer.
 
         A chip with another WHO_AM_I starts a new search.
@@ -218,7 +218,7 @@ class Parts:
                         # A setting was lost.
                         self.i2c_errors += 1
                     chip.configure()
-                    self.begin(True)
+                    self.start(True)
         except OSError:
             self.i2c_errors += 1
             return False
@@ -228,8 +228,8 @@ class Parts:
         """Search again; an IMU that is found is sampled after a gap."""
         self.find()
         if self.chip is not None:
-            self.begin(True)
-        self._searched()
+            self.start(True)
+        self._on_search()
 
     def _check_settings(self, ms):
         """Check every second that the settings persist, as a flipped bit would falsify all samples.
@@ -242,14 +242,14 @@ class Parts:
             return
         self._settings_ms = ticks_add(ms, _SETTINGS_MS)
         sampler = self._sampler
-        given_up = sampler.given_up - self._given_up
-        self._given_up = sampler.given_up
-        if given_up * _GIVEN_UP_MOST > self.chip.rate_mhz // 1000:
+        discarded = sampler.discarded - self._discarded
+        self._discarded = sampler.discarded
+        if discarded * _DISCARD_RATIO > self.chip.rate_mhz // 1000:
             self._too_fast = True
             self.faults |= FAULT_POLLED_TOO_FAST
             self._search()
         else:
-            self._revive(False)
+            self._configure(False)
 
     def _watch_imu(self, now):
         """Configure a chip again that acknowledges but delivers no samples."""
@@ -265,7 +265,7 @@ class Parts:
         always = ticks_diff(now, self._since_us) > _RECONFIGURE_US
         if always:
             self._since_us = now
-        self._revive(always)
+        self._configure(always)
 
     def _silent(self, now):
         limit_us = _SILENT_PERIODS * self._sampler.clock.period_us
@@ -274,7 +274,7 @@ class Parts:
         return ticks_diff(now, self._sampler.last_us) >= limit_us
 
 
-def _batch(rate_mhz):
+def default_batch(rate_mhz):
     """Return the default samples per batch: some 40 ms, above 1 kHz a full frame."""
     if rate_mhz > 1000000:
         return IMU_BATCH_MAX_ROWS

@@ -3,12 +3,12 @@
 from array import array
 from time import ticks_add, ticks_diff, ticks_us
 
-from look import Look
 from micropython import const
 from outbox import FIRST_ROW, ROW
+from poll_timing import PollTiming
 from wire import BATCH_FLAG_GAP_BEFORE
 
-_LOOK_WIRE_US = const(97)
+_READY_WIRE_US = const(97)
 _READ_WIRE_US = const(430)
 """us on the bus of a transfer of one byte, and of fifteen or sixteen."""
 
@@ -22,83 +22,83 @@ class PolledSamples:
     def __init__(self, sampler, chip):
         self._sampler = sampler
         self._chip = chip
-        self._look = Look(ticks_us(), _LOOK_WIRE_US)
-        self._read = Look(ticks_us(), _READ_WIRE_US)
+        self._poll = PollTiming(ticks_us(), _READY_WIRE_US)
+        self._read = PollTiming(ticks_us(), _READ_WIRE_US)
         self._empty_us = ticks_us()
         """Ticks of the last poll that showed no new sample."""
-        self._begins = True
-        self._gave_up = False
+        self._starting = True
+        self._discarded = False
         """True if a sample was read that the sample clock has not counted."""
         self._spare = array("h", bytes(2 * ROW))
 
-    def begin(self, now, resume):
+    def start(self, now, resume):
         """Start with the first poll that shows no sample; samples lost before are counted in any case."""
         self._empty_us = now
-        self._begins, self._gave_up = True, False
+        self._starting, self._discarded = True, False
 
-    def turn(self, now):
+    def step(self, now):
         """Poll the chip once; read the sample if there is one."""
-        sampler, chip, look = self._sampler, self._chip, self._look
+        sampler, chip, poll = self._sampler, self._chip, self._poll
         clock = sampler.clock
-        begun = ticks_us()
+        start_us = ticks_us()
         ready = chip.ready()
-        look.took(now, begun, ticks_us())
-        if self._begins and ready:
+        poll.record(now, start_us, ticks_us())
+        if self._starting and ready:
             # It was taken during the configuration, at an unknown time.
             chip.read_into(sampler.slot.values, FIRST_ROW)
             return
         if not ready:
-            self._begins = False
-            self._empty_us = look.early_us
-            if not self._gave_up:
-                clock.seen(look.early_us, look.late_us, 0)
-            sampler.due_us = look.due_us(clock.aim_us(1)) if clock.locked else now
+            self._starting = False
+            self._empty_us = poll.early_us
+            if not self._discarded:
+                clock.update(poll.early_us, poll.late_us, 0)
+            sampler.due_us = poll.due_us(clock.aim_us(1)) if clock.locked else now
             return
-        read, begun = self._read, ticks_us()
+        read, start_us = self._read, ticks_us()
         if not chip.read_into(sampler.slot.values, FIRST_ROW + ROW * sampler.count):
             return
-        done = ticks_us()
-        read.took(begun, begun, done)
-        known = self._one_came(done)
-        same = known or clock.before(done, 2)
-        if not same and not clock.sure(read.early_us, done, 1):
+        done_us = ticks_us()
+        read.record(start_us, start_us, done_us)
+        known = self._is_single(done_us)
+        same = known or clock.is_before(done_us, 2)
+        if not same and not clock.is_certain(read.early_us, done_us, 1):
             # Torn or without an unambiguous index: the clock counts it with the next one.
-            self._gave_up = True
-            sampler.given_up += 1
+            self._discarded = True
+            sampler.discarded += 1
             sampler.due_us = now
             return
         half_us = clock.period_us >> 1
         if known:
-            came_us = ticks_add(look.late_us, -(ticks_diff(look.late_us, self._empty_us) >> 1))
+            sampled_us = ticks_add(poll.late_us, -(ticks_diff(poll.late_us, self._empty_us) >> 1))
         else:
-            came_us = ticks_add(read.early_us, -half_us)
-        skipped = clock.skipped(came_us, 1)
+            sampled_us = ticks_add(read.early_us, -half_us)
+        skipped = clock.skipped(sampled_us, 1)
         if skipped:
-            clock.interrupted(skipped)
+            clock.gap(skipped)
             self._skip(skipped)
-        clock.seen(read.early_us, look.late_us if same else read.late_us, 1 + skipped)
-        self._gave_up = False
+        clock.update(read.early_us, poll.late_us if same else read.late_us, 1 + skipped)
+        self._discarded = False
         sampler.last_us = now
         if not sampler.count:
-            sampler.began(clock.t_us, clock.index)
+            sampler.open_batch(clock.t_us, clock.index)
         sampler.count += 1
         if sampler.count == sampler.batch:
             sampler.flush()
         if clock.locked:
-            sampler.due_us = look.due_us(clock.aim_us(1))
+            sampler.due_us = poll.due_us(clock.aim_us(1))
         else:
             sampler.due_us = ticks_add(clock.t_us, clock.period_us * 3 // 4)
 
-    def _one_came(self, done):
+    def _is_single(self, done_us):
         """Return True if exactly one sample was taken since the last poll without one: it cannot be torn.
 
         Less than a period has passed since that poll, and the index of the sample is unambiguous.
         """
         clock = self._sampler.clock
-        known_us = ticks_diff(done, self._empty_us)
+        known_us = ticks_diff(done_us, self._empty_us)
         if not 0 <= known_us < clock.period_us - (clock.period_us >> 3):
             return False
-        return clock.locked or clock.tells(self._empty_us, self._look.late_us)
+        return clock.locked or clock.identifies(self._empty_us, self._poll.late_us)
 
     def _skip(self, skipped):
         """Close the batch before a gap; the sample after the gap becomes the first of the next batch."""

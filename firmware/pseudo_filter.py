@@ -22,7 +22,7 @@ from small_float import ONE, integer, minus, number, over, plus, times
 
 _LOW_14 = const((1 << 14) - 1)
 _LIMIT_Q16 = const((1 << 29) - 1)
-_HALF = const((1 << 18) << 8 | (128 - 19))
+_ONE_HALF = const((1 << 18) << 8 | (128 - 19))
 _QUARTER = const((1 << 18) << 8 | (128 - 20))
 _TWO = const((1 << 18) << 8 | (128 - 17))
 
@@ -57,7 +57,7 @@ class PseudoFilter:
         self._u12 = self._u13 = self._u23 = 0
         self._d1 = self._d2 = self._d3 = ONE
 
-    def begin(self, variance, noise):
+    def reset(self, variance, noise):
         """Reset. variance: of the bias; noise: s^2 of the mean of an interval; steps^2, small floats."""
         self._u12 = self._u13 = self._u23 = 0
         self._d1 = self._d2 = self._d3 = variance
@@ -86,7 +86,7 @@ class PseudoFilter:
         rate = number(rate_q14, -14)
         r = plus(r, times(times(rate, rate), plus(self._noise, doubt)))
         y = plus(plus(p11, plus(p22, d3)), minus(times(number(3, 0), self._noise)))
-        y = times(_HALF, plus(difference(d, rate_q14 + 2 >> 2), plus(y, doubt)))
+        y = times(_ONE_HALF, plus(difference(d, rate_q14 + 2 >> 2), plus(y, doubt)))
         # Measurement update by Bierman.
         f2 = plus(times(u12, h1), h2)
         f3 = plus(plus(times(u13, h1), times(u23, h2)), h3)
@@ -122,7 +122,7 @@ class PseudoFilter:
         p = times(times(self._u12, self._u12), self._d2)
         return plus(self._d1, plus(p, times(times(self._u13, self._u13), self._d3)))
 
-    def put(self, axis, value):
+    def set_bias(self, axis, value):
         """Set the bias of an axis, Q16, clipped to +-2^13 steps."""
         if value > _LIMIT_Q16:
             value = _LIMIT_Q16
@@ -131,4 +131,4 @@ class PseudoFilter:
         self.bias_q16[axis] = value
 
     def _move(self, axis, step):
-        self.put(axis, self.bias_q16[axis] + integer(step, 16))
+        self.set_bias(axis, self.bias_q16[axis] + integer(step, 16))

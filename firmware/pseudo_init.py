@@ -1,6 +1,6 @@
 """Initial bias by the pseudo-measurement: wheel at standstill, or on a table of known rate."""
 
-from bias_initialiser import BIAS_DPS, BiasInitialiser
+from bias_initialiser import MAX_BIAS_DPS, BiasInitialiser
 from micropython import const
 from pseudo_filter import PseudoFilter
 from small_float import integer, minus, number, over, plus, root, times
@@ -20,19 +20,19 @@ def mean_q14(high, low, divisor):
     """Return (high 2^15 + low) 2^14 / divisor by long division, for divisors below 2^24."""
     high += low >> 15
     low &= _LOW_15
-    quotient, rest = high // divisor, high % divisor
+    quotient, remainder = high // divisor, high % divisor
     # 15 bits of the low digit, then 14 bits of fraction.
     for shift in (9, 3):
-        rest = (rest << 6) + (low >> shift & 63)
-        quotient = (quotient << 6) + rest // divisor
-        rest %= divisor
-    rest = (rest << 3) + (low & 7)
-    quotient = (quotient << 3) + rest // divisor
-    rest = rest % divisor << 6
-    quotient = (quotient << 6) + rest // divisor
-    rest = rest % divisor << 6
-    quotient = (quotient << 6) + rest // divisor
-    return (quotient << 2) + (rest % divisor << 2) // divisor
+        remainder = (remainder << 6) + (low >> shift & 63)
+        quotient = (quotient << 6) + remainder // divisor
+        remainder %= divisor
+    remainder = (remainder << 3) + (low & 7)
+    quotient = (quotient << 3) + remainder // divisor
+    remainder = remainder % divisor << 6
+    quotient = (quotient << 6) + remainder // divisor
+    remainder = remainder % divisor << 6
+    quotient = (quotient << 6) + remainder // divisor
+    return (quotient << 2) + (remainder % divisor << 2) // divisor
 
 
 class PseudoInit(BiasInitialiser):
@@ -66,31 +66,31 @@ class PseudoInit(BiasInitialiser):
         self._noise_q8 = self._limit_q16 = self._doubted = self._begun = 0
         self._mean_q14 = [0, 0, 0]
 
-    def begin(self, samples, gyro_lsb_ndps, accel_lsb_ng):
-        """Start with LEAST_SAMPLES <= samples <= 65535, from the present bias.
+    def start(self, samples, gyro_lsb_ndps, accel_lsb_ng):
+        """Start with MIN_SAMPLES <= samples <= 65535, from the present bias.
 
         Computes with floats and allocates, as its duration does not matter.
         """
         s = self._settings
         lsb_udps = gyro_lsb_ndps * 0.001
         noise = (s["noise_udps"] / lsb_udps) ** 2
-        self._sums, share = self.gather(s, gyro_lsb_ndps, accel_lsb_ng)
+        self._sums, share = self.averager(s, gyro_lsb_ndps, accel_lsb_ng)
         noise_of_mean = real(noise * share)
         start = noise_of_mean if self._guard is not None else real((s["bias_sigma_udps"] / lsb_udps) ** 2)
-        self.filter.begin(start, noise_of_mean)
+        self.filter.reset(start, noise_of_mean)
         self._begun = start
         self._doubted = real((s["gyro_scale_sigma_ppm"] * 1e-6) ** 2)
         for axis in range(_AXES):
             self._mean_q14[axis] = 0
             self.filter.bias_q16[axis] = self.now_q14(axis) << 2
         self._noise_q8 = min(int(noise * 256), (1 << 30) - 1)
-        self._limit_q16 = min(int(BIAS_DPS * 1000000 / lsb_udps), (1 << 13) - 1) << 16
+        self._limit_q16 = min(int(MAX_BIAS_DPS * 1000000 / lsb_udps), (1 << 13) - 1) << 16
         if self._guard is not None:
-            self._guard.begin(samples, gyro_lsb_ndps, accel_lsb_ng)
+            self._guard.start(samples, gyro_lsb_ndps, accel_lsb_ng)
         self.used = 0
-        self._begin(samples)
+        self._start(samples)
 
-    def gather(self, s, gyro_lsb_ndps, accel_lsb_ng):
+    def averager(self, s, gyro_lsb_ndps, accel_lsb_ng):
         """Return (averager of an interval, variance of its mean over that of a sample)."""
         n = s["bias_stretch"] or 16
         if self._guard is None:
@@ -113,19 +113,19 @@ class PseudoInit(BiasInitialiser):
 
     def update(self, values, first, count):
         """Add rows of six int16; return True at the end: in TRACKING, or refused with the state as before."""
-        left = self._wanted - self._seen
+        left = self._wanted - self._count
         count = count if count < left else left
         last = first + _ROW * count
         guard = self._guard
         if guard is not None and guard.update(values, first, count) and guard.refused:
             return self._refuse(guard.refused)
         for at in range(first, last, _ROW):
-            if self._sums.take(values, at) and self.measured(self._sums):
+            if self._sums.add(values, at) and self.is_usable(self._sums):
                 self._stretch(self._sums.mean_q14)
-        self._seen += count
-        return self._seen == self._wanted and self._finish()
+        self._count += count
+        return self._count == self._wanted and self._finish()
 
-    def measured(self, sums):
+    def is_usable(self, sums):
         """Return True if the interval is usable; sets `rate_q14` and its variance `doubt`."""
         return True
 
@@ -138,7 +138,7 @@ class PseudoInit(BiasInitialiser):
             return
         for axis in range(_AXES):
             mean = mean_q14[axis]
-            self.filter.put(axis, (mean if -_PUT_LIMIT < mean < _PUT_LIMIT else 0) << 2)
+            self.filter.set_bias(axis, (mean if -_PUT_LIMIT < mean < _PUT_LIMIT else 0) << 2)
 
     def _finish(self):
         if not self.used:
@@ -150,7 +150,7 @@ class PseudoInit(BiasInitialiser):
         doubt = self._doubt()
         for axis in range(_AXES):
             self.bias_q14[axis] = bias[axis] + 2 >> 2
-            self.moved_q18[axis] = 0
+            self.shift_q18[axis] = 0
             self.sigma_q12[axis] = integer(root(self._variance(axis, doubt)), 12)
             self.variance_q8[axis] = self._noise_q8 if self._guard is None else self._guard.variance_q8[axis]
         self.samples = self._wanted

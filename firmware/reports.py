@@ -25,7 +25,7 @@ VERSION = (0, 1, 0)
 
 _U16 = const(0xFFFF)
 _UNKNOWN = const(255)
-_FED_MV = const(4300)
+_EXTERNAL_MV = const(4300)
 _HALF_MV = const(3840)
 
 
@@ -57,10 +57,10 @@ def hello(node):
         parts.batch,
         node.settings["filter_kind"],
         node.sampler.clock.bound_us(),
-        len(parts.found),
+        len(parts.chips),
     )
     at = PAYLOAD + HELLO_SIZE
-    for address, who_am_i, part in parts.found:
+    for address, who_am_i, part in parts.chips:
         struct.pack_into(HELLO_ROW, raw, at, address, who_am_i, part)
         at += HELLO_ROW_SIZE
     node.outbox.post(HELLO, at - PAYLOAD)
@@ -93,9 +93,9 @@ def filter_state(node):
     node.outbox.post(FILTER, FILTER_SIZE)
 
 
-def _charge(mv):
+def _charge_percent(mv):
     """Return the charge of a lithium cell under light load, %, within some 8 %; 255: unknown."""
-    if not 0 < mv < _FED_MV:
+    if not 0 < mv < _EXTERNAL_MV:
         return _UNKNOWN
     above = mv - _HALF_MV
     share = 50 + above * 50 // (360 if above > 0 else 240)
@@ -123,11 +123,11 @@ def health(node):
         min(node.outbox.dropped, _U16),
         min(node.link.reader.damaged, _U16),
         node.outbox.high_water,
-        node.worst_us,
+        node.longest_us,
         node.board.reset_cause,
         node.free_heap,
         node.sampler.clock.bound_us(),
-        _charge(battery_mv),
+        _charge_percent(battery_mv),
     )
     node.outbox.post(HEALTH, HEALTH_SIZE)
-    node.worst_us = 0
+    node.longest_us = 0

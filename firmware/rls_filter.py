@@ -15,8 +15,9 @@ E_1 and g are common to the axes and independent of the data. Without excitation
 P_22 is bounded in the float filter, so there is no wind-up.
 
 Number formats: y, yhat, L, M, e, h, z Q8 gyro steps, L and M with 20 more bits so that no rounding enters
-their sums; E_1 Q18; g Q25; b_2 Q24, |b_2| <= 16; E and its products small floats. n stops at 2^20, 84 minutes at
-208 Hz; up to there the level leads the gyro by 1 / ((1 - lambda) n) of itself, as a line through n = 0 does.
+their sums; E_1 Q18; g Q25; b_2 Q24, |b_2| <= 16; E and its products small floats. n stops at 2^20, 84
+minutes at 208 Hz; up to there the level leads the gyro by 1 / ((1 - lambda) n) of itself, as a line through
+n = 0 does.
 
 Only the sum of rate and bias is observable: the bias stays at its initial value, except for the warm-up.
 """
@@ -37,13 +38,13 @@ _LIMIT = const(1 << 26)
 """Bound on h, e and rate: 2^18 steps."""
 
 # State of one axis, array of int32.
-_LEVEL = const(0)
+_LEVEL_AT = const(0)
 _M = const(2)  # each followed by its fraction
 _B = const(4)
 _E = const(5)
-_RATE = const(6)
-_BIAS = const(7)  # Q14, followed by four more bits
-_WORDS = const(9)
+_RATE_AT = const(6)
+_BIAS_AT = const(7)  # Q14, followed by four more bits
+_STATE_WORDS = const(9)
 _B_LIMIT = const(1 << 28)
 _START_ENERGY = ONE
 _LEAST_ENERGY = const((1 << 18) << 8 | (128 - 28))  # 2^-10
@@ -56,39 +57,39 @@ class RlsFilter:
         self.saturations = 0
         self._forget = (1 << 20) - forgetting_q20
         self._lambda = number(forgetting_q20, -20)
-        self._axes = tuple(array("i", bytes(4 * _WORDS)) for _ in range(_AXES))
+        self._axes = tuple(array("i", bytes(4 * _STATE_WORDS)) for _ in range(_AXES))
         self._n = self._energy = 0
 
-    def begin(self, axis, bias_q14):
+    def reset(self, axis, bias_q14):
         """Reset an axis to rate zero with a bias, |bias| <= 2^28; resets E_1 and n of all axes."""
         state = self._axes[axis]
-        for i in range(_WORDS):
+        for i in range(_STATE_WORDS):
             state[i] = 0
         state[_E] = _START_ENERGY
-        state[_BIAS] = bias_q14
+        state[_BIAS_AT] = bias_q14
         self._n = self._energy = 0
 
     def drift(self, axis, step_q18):
         """Add a step of the warm-up to the bias."""
         state = self._axes[axis]
-        rest = state[_BIAS + 1] + step_q18
-        state[_BIAS] += rest >> 4
-        state[_BIAS + 1] = rest & 15
+        remainder = state[_BIAS_AT + 1] + step_q18
+        state[_BIAS_AT] += remainder >> 4
+        state[_BIAS_AT + 1] = remainder & 15
 
     def update(self, values, first, count):
         """Filter `count` samples, rows of six int16 from values[first], gyro first."""
         for at in range(first, first + _ROW * count, _ROW):
             gain = self._next()
             for axis in range(_AXES):
-                self._take(self._axes[axis], values[at + axis], gain)
+                self._update(self._axes[axis], values[at + axis], gain)
 
     def rate_q8(self, axis):
         """Return the angular rate, 1/256 gyro step. Only its sum with the bias is observable."""
-        return self._axes[axis][_RATE]
+        return self._axes[axis][_RATE_AT]
 
     def bias_q12(self, axis):
         """Return the bias, 1/4096 gyro step: the initial one plus the warm-up since."""
-        return self._axes[axis][_BIAS] >> 2
+        return self._axes[axis][_BIAS_AT] >> 2
 
     def _next(self):
         """Update E_1 for the next sample; return its gain g, Q25."""
@@ -104,30 +105,30 @@ class RlsFilter:
         energy += (1 << 18) - (high * f << 5) - ((high * g >> 5) + (low * f >> 10))
         self._energy = energy
         # 2^43 / E_1 by long division; E_1 <= 2^28.
-        quotient, rest = (1 << 29) // energy, (1 << 29) % energy
+        quotient, remainder = (1 << 29) // energy, (1 << 29) % energy
         for _ in range(14):
-            rest <<= 1
+            remainder <<= 1
             quotient <<= 1
-            if rest >= energy:
-                rest -= energy
+            if remainder >= energy:
+                remainder -= energy
                 quotient += 1
         return quotient if quotient < _GAIN_ONE else _GAIN_ONE - 1
 
-    def _take(self, state, sample, gain):
+    def _update(self, state, sample, gain):
         before = self._n - 1
         if 0 < before < _LAST_N - 1:
-            _grow(state, _LEVEL, before)
+            _grow(state, _LEVEL_AT, before)
             _grow(state, _M, before)
-        y = (sample << 8) - (state[_BIAS] + 32 >> 6)
-        e = self._held(state[_RATE] - y - state[_M])
-        h = self._held(y - state[_LEVEL])
-        _learn(state, _LEVEL, gain, h)
+        y = (sample << 8) - (state[_BIAS_AT] + 32 >> 6)
+        e = self._held(state[_RATE_AT] - y - state[_M])
+        h = self._held(y - state[_LEVEL_AT])
+        _learn(state, _LEVEL_AT, gain, h)
         _learn(state, _M, gain, e)
         size = number(e, -8)
         share = number(_GAIN_ONE - gain, -25)
         weight = times(share, size)
-        kept = times(self._lambda, state[_E])
-        energy = plus(kept, times(weight, size))
+        past = times(self._lambda, state[_E])
+        energy = plus(past, times(weight, size))
         z = self._held(h - _product(state[_B], e))
         left = number(z, -8)
         b = state[_B] + integer(times(over(weight, energy), left), 24)
@@ -135,7 +136,7 @@ class RlsFilter:
             b = _B_LIMIT if b > 0 else -_B_LIMIT
             self.saturations = self.saturations + 1 & 0xFFFF
         state[_B] = b
-        state[_RATE] = y - integer(times(times(share, over(kept, energy)), left), 8)
+        state[_RATE_AT] = y - integer(times(times(share, over(past, energy)), left), 8)
         state[_E] = energy if energy > 0 and (energy & 255) > 100 else _LEAST_ENERGY
 
     def _held(self, value):

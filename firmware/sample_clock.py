@@ -12,15 +12,15 @@ from time import ticks_add, ticks_diff, ticks_us
 
 from micropython import const
 
-_FINE_NS = const(60000)
+_NARROW_NS = const(60000)
 """Half width of a window that is narrow enough: polls then come after its end."""
 _JITTER_NS = const(5000)
 """Jitter allowed for the chip's sampling instants."""
-_SLIP_NS = const(20000)
+_CONTRADICTION_NS = const(20000)
 """Polls may contradict each other by this much before the sample rate is in doubt."""
-_NEVER_NS = const(1 << 28)
+_UNKNOWN_NS = const(1 << 28)
 _UNKNOWN_US = const(65535)
-_FAR_US = const(250000)
+_CLIP_US = const(250000)
 """Polls further than this from the expected sample count as if they were this far."""
 _BASELINE_US = const(2000000)
 """The period is measured between windows this far apart."""
@@ -42,16 +42,16 @@ class SampleClock:
     def start(self, period_ns):
         """Reset to a nominal period, accurate to an eighth; `index` continues."""
         self.locked = False
-        self._began = False
+        self._started = False
         self._doubt_ns = period_ns >> 3
         self._set_period(period_ns)
         self.rephase()
 
     def rephase(self):
         """Reset the phase: the chip was configured again with the same period."""
-        self._fresh = True
+        self._no_phase = True
         self._empty_us = ticks_us()
-        self.half_ns = _NEVER_NS
+        self.half_ns = _UNKNOWN_NS
 
     def _set_period(self, period_ns):
         self.period_ns = period_ns
@@ -64,19 +64,19 @@ class SampleClock:
 
     def half_ahead_ns(self, samples):
         """Return half the window of the sample `samples` after the newest one."""
-        if samples > (_NEVER_NS - self.half_ns) // self._doubt_ns:
-            return _NEVER_NS
+        if samples > (_UNKNOWN_NS - self.half_ns) // self._doubt_ns:
+            return _UNKNOWN_NS
         return self.half_ns + samples * self._doubt_ns
 
     def aim_us(self, samples):
         """Return when to poll for the sample `samples` ahead: amid a wide window, after a narrow one."""
         half_ns = self.half_ahead_ns(samples)
         at_us = self.ahead_us(samples)
-        return at_us if half_ns > _FINE_NS else ticks_add(at_us, (half_ns + _JITTER_NS) // 1000)
+        return at_us if half_ns > _NARROW_NS else ticks_add(at_us, (half_ns + _JITTER_NS) // 1000)
 
-    def wide(self):
+    def is_wide(self):
         """Return True while the window is so wide that the next sample deserves a poll of its own."""
-        return self._fresh or self.half_ahead_ns(1) > 2 * _FINE_NS
+        return self._no_phase or self.half_ahead_ns(1) > 2 * _NARROW_NS
 
     def bound_us(self):
         """Return the bound on the error of the newest time stamp; 65535 while it is unknown."""
@@ -88,30 +88,30 @@ class SampleClock:
 
         0 until the clock is locked.
         """
-        if not self.locked or self._fresh:
+        if not self.locked or self._no_phase:
             return 0
         return ticks_diff(at_us, self.ahead_us(samples))
 
     def skipped(self, at_us, samples):
         """Return how many samples were skipped besides `samples` new ones, the last at about `at_us`."""
-        if not self._began:
+        if not self._started:
             return 0
         late = ticks_diff(at_us, self.ahead_us(samples)) + (self.period_us >> 1)
         return late // self.period_us if late > 0 else 0
 
-    def sure(self, early_us, late_us, samples):
+    def is_certain(self, early_us, late_us, samples):
         """Return True if no sample can lie between the two times, `samples` or more ahead."""
         since_us = ticks_diff(early_us, self.ahead_us(samples))
-        if self._fresh or since_us < 0:
+        if self._no_phase or since_us < 0:
             return False
         lost = since_us // self.period_us
         half_us = self.half_ahead_ns(samples + lost) // 1000
         since_us %= self.period_us
         return since_us > half_us and since_us + ticks_diff(late_us, early_us) + half_us < self.period_us
 
-    def tells(self, early_us, late_us):
+    def identifies(self, early_us, late_us):
         """Return True if the index of a sample taken between the two times is unambiguous."""
-        if self._fresh:
+        if self._no_phase:
             return True
         half_ns = self.half_ahead_ns(1)
         return (
@@ -119,36 +119,36 @@ class SampleClock:
             and ticks_diff(late_us, early_us) * 500 < (self.period_ns >> 1) - half_ns
         )
 
-    def before(self, at_us, samples):
+    def is_before(self, at_us, samples):
         """Return True if the sample `samples` ahead cannot have been taken by `at_us`."""
         half_us = self.half_ahead_ns(samples) // 1000
-        return not self._fresh and ticks_diff(at_us, self.ahead_us(samples)) < -half_us
+        return not self._no_phase and ticks_diff(at_us, self.ahead_us(samples)) < -half_us
 
-    def interrupted(self, lost):
+    def gap(self, lost):
         """Restart the measurement of the period if the count of `lost` samples may be wrong."""
         if lost > (self.period_ns >> 2) // self._doubt_ns:
             self._mark()
 
-    def seen(self, early_us, late_us, samples):
+    def update(self, early_us, late_us, samples):
         """Update with a poll: at a moment between `early_us` and `late_us` there were `samples` new ones."""
         self.index += samples
         if not samples:
             self._empty_us = early_us
-            if self._fresh:
+            if self._no_phase:
                 return
-        elif self._fresh:
-            self._begin(late_us, samples)
+        elif self._no_phase:
+            self._start(late_us, samples)
         else:
             self.half_ns = self.half_ahead_ns(samples)
             self.t_us = self.ahead_us(samples)
             self._t_ns = (self._t_ns + samples * self._rest_ns) % 1000
             self._count += samples
         low, high = -self.half_ns, self.half_ns
-        late_ns = self._after_ns(late_us) + _JITTER_NS
-        early_ns = self._after_ns(early_us) - self.period_ns - self._doubt_ns - _JITTER_NS
+        late_ns = self._offset_ns(late_us) + _JITTER_NS
+        early_ns = self._offset_ns(early_us) - self.period_ns - self._doubt_ns - _JITTER_NS
         if samples == 1:
             # The poll before may have shown that it had not been taken yet.
-            empty_ns = self._after_ns(self._empty_us) - _JITTER_NS
+            empty_ns = self._offset_ns(self._empty_us) - _JITTER_NS
             early_ns = empty_ns if empty_ns > early_ns else early_ns
         if late_ns < high:
             high = late_ns
@@ -157,20 +157,20 @@ class SampleClock:
         if low > high:
             # Without a sample the chip may be silent: the rate is not in doubt.
             if samples:
-                self._break(low, high, late_ns == high)
+                self._lose_phase(low, high, late_ns == high)
             return
         self._move(low + high >> 1)
         self.half_ns = high - low + 1 >> 1
         if samples:
             self._measure()
 
-    def _after_ns(self, at_us):
+    def _offset_ns(self, at_us):
         """Return the time from the newest sample to `at_us`."""
         after_us = ticks_diff(at_us, self.t_us)
-        if after_us > _FAR_US:
-            after_us = _FAR_US
-        elif after_us < -_FAR_US:
-            after_us = -_FAR_US
+        if after_us > _CLIP_US:
+            after_us = _CLIP_US
+        elif after_us < -_CLIP_US:
+            after_us = -_CLIP_US
         return after_us * 1000 - self._t_ns
 
     def _move(self, by_ns):
@@ -178,10 +178,10 @@ class SampleClock:
         self.t_us = ticks_add(self.t_us, by_ns // 1000)
         self._t_ns = by_ns % 1000
 
-    def _begin(self, late_us, samples):
+    def _start(self, late_us, samples):
         """Start the window with a first sample: since the last poll without one, within the last period."""
-        self._fresh = False
-        self._began = True
+        self._no_phase = False
+        self._started = True
         since_us = ticks_diff(late_us, self._empty_us)
         longest_us = self.period_us + self._doubt_ns // 1000
         if samples > 1 or not 0 < since_us < longest_us:
@@ -206,16 +206,16 @@ class SampleClock:
             self._doubt_ns = doubt_ns
             rest_ns = passed_us % count * 1000 + self._t_ns - self._mark_ns
             self._set_period(passed_us // count * 1000 + rest_ns // count)
-        self._judge()
+        self._lock()
         if passed_us > _BASELINE_US:
             # The rate drifts with temperature: the uncertainty grows by half per baseline.
             self._doubt_ns += (self._doubt_ns >> 1) + 1
             self._mark()
 
-    def _judge(self):
+    def _lock(self):
         self.locked = self.half_ns < self.period_ns >> 3 and self._doubt_ns < self.period_ns >> 5
 
-    def _break(self, low, high, early):
+    def _lose_phase(self, low, high, early):
         """Handle a sample taken before (early) or after its window: the rate changed or a poll was wrong.
 
         The window moves to the poll, as wide as before or as the distance, and the period is uncertain as if
@@ -223,7 +223,7 @@ class SampleClock:
         """
         missed_ns = low - high
         half_ns = self.half_ns
-        if missed_ns < _SLIP_NS:
+        if missed_ns < _CONTRADICTION_NS:
             self._move(low + high >> 1)
             self.half_ns = missed_ns + _JITTER_NS
             return
@@ -235,5 +235,5 @@ class SampleClock:
         self.half_ns = half_ns
         doubt_ns = (missed_ns >> 3) + (self._doubt_ns << 1)
         self._doubt_ns = doubt_ns if doubt_ns < self.period_ns >> 3 else self.period_ns >> 3
-        self._judge()
+        self._lock()
         self._mark()

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from typing import Any
 
 _FULL_SCALE = const(32767)
-_SOON_US = const(200)
+_MAX_WAIT_US = const(200)
 """A poll that is due within this time is waited for, as its exact moment determines the time stamp."""
 _COUNTED_GAP_US = const(100000000)
 """In gaps up to this long the sample clock counts the lost samples."""
@@ -54,8 +54,8 @@ class Sampler:
     def __init__(self, outbox, use):
         self.clock = SampleClock()
         self.chip: Any = None
-        self.missed = self.given_up = self.overruns = 0
-        """given_up: polled samples that were discarded: torn, or of unknown index."""
+        self.missed = self.discarded = self.overruns = 0
+        """discarded: polled samples that were discarded: torn, or of unknown index."""
         self.last_us = ticks_us()
         """Ticks at which the last sample was read, or of `begin` if none was since."""
         self.due_us = self.last_us
@@ -67,16 +67,16 @@ class Sampler:
         """newest_us: time of the last sample of the latest batch passed to `use`."""
         self._outbox = outbox
         self._use = use
-        self._samples: Any = None
+        self._reader: Any = None
         self._rate_mhz = 0
 
-    def begin(self, now, chip, batch, lost):
+    def start(self, now, chip, batch, lost):
         """Start sampling a chip that has just been configured; lost: samples were missed meanwhile."""
         self.flush()
         clock = self.clock
         known = clock.locked and self._rate_mhz == chip.rate_mhz
-        if lost and self._samples is not None:
-            self.missed += self._samples.left
+        if lost and self._reader is not None:
+            self.missed += self._reader.left
         resume = known and lost and ticks_diff(now, clock.t_us) < _COUNTED_GAP_US
         if resume:
             clock.rephase()
@@ -89,15 +89,15 @@ class Sampler:
         self.batch = batch
         self.slot.shape(batch)
         self.last_us = self.due_us = now
-        self._samples = _samples(self, chip)
-        self._samples.begin(now, resume)
+        self._reader = _reader(self, chip)
+        self._reader.start(now, resume)
 
     def end(self):
         """Stop sampling; the open batch is sent."""
         self.flush()
         self.chip = None
 
-    def turn(self, now):
+    def step(self, now):
         """Poll the chip when a sample or batch is due."""
         if self.chip is None:
             if ticks_diff(now, self.clock.t_us) > _COUNTED_GAP_US:
@@ -105,13 +105,13 @@ class Sampler:
                 self.clock.locked = False
             return
         wait = ticks_diff(self.due_us, now)
-        if wait > _SOON_US:
+        if wait > _MAX_WAIT_US:
             return
         if wait > 0:
             sleep_us(wait)
-        self._samples.turn(ticks_us())
+        self._reader.step(ticks_us())
 
-    def began(self, first_us, first_index):
+    def open_batch(self, first_us, first_index):
         """Set time and index of the first sample of the open batch; time stamps never run backward."""
         half_us = self.clock.period_us >> 1
         since_us = ticks_diff(first_us, self.newest_us)
@@ -144,7 +144,7 @@ class Sampler:
         self.count = self.flags = 0
 
 
-def _samples(sampler, chip):
+def _reader(sampler, chip):
     """Return the reader for this chip; the module of the other one is not loaded."""
     if chip.uses_fifo:
         from fifo_samples import FifoSamples

@@ -1,9 +1,9 @@
 """UDP with a message authentication code on every datagram: without the key no samples, no requests.
 
 A session begins with an opening of the node, 0xFE 0x21 nonce tag, which the host answers with 0xFD 0x22
-nonce challenge tag; the node proves its key with 0xFE 0x23 nonce challenge tag. The key of the session is
-made of nonce and challenge, so that nothing of an earlier session counts. Then both send 0xFF session-id
-counter frames tag, the host first. protocol/README.md has the bytes. Each tag takes memory from the heap.
+nonce challenge tag; the node proves its key with 0xFE 0x23 nonce challenge tag. The session key is derived
+from nonce and challenge, so that datagrams of earlier sessions are invalid. Then both send 0xFF session-id
+counter frames tag, the host first. protocol/README.md has the bytes. Each tag allocates on the heap.
 """
 
 import os
@@ -27,12 +27,12 @@ _TAG = const(8)
 _HEAD = const(9)
 _NONCES_END = const(26)
 _ANSWER_SIZE = const(34)
-_MOST = const(272)
-_BLOCK = const(64)
-_WINDOW = const(16)
-_LAST = const(1 << 29)
+_MAX_DATAGRAM = const(272)
+_HMAC_BLOCK = const(64)
+_REPLAY_WINDOW = const(16)
+_MAX_COUNT = const(1 << 29)
 """Datagrams per session; then a new session begins."""
-_SILENT_MS = const(2500)
+_REOPEN_MS = const(2500)
 
 
 TYPE_CHECKING = False
@@ -44,8 +44,8 @@ class Hmac:
     """HMAC-SHA256 (RFC 2104) with one key of up to 64 bytes."""
 
     def __init__(self, key):
-        self._inner = bytes((key[i] if i < len(key) else 0) ^ 0x36 for i in range(_BLOCK))
-        self._outer = bytes((key[i] if i < len(key) else 0) ^ 0x5C for i in range(_BLOCK))
+        self._inner = bytes((key[i] if i < len(key) else 0) ^ 0x36 for i in range(_HMAC_BLOCK))
+        self._outer = bytes((key[i] if i < len(key) else 0) ^ 0x5C for i in range(_HMAC_BLOCK))
 
     def digest(self, *parts):
         """Return the 32 bytes over the concatenation of all parts."""
@@ -63,9 +63,9 @@ class Session:
     def __init__(self, key):
         self.hmac = Hmac(key)
         self.id = self.hmac.digest(b"id")[:_ID]
-        self.count = self._newest = self._seen = 0
+        self.count = self._newest = self._window = 0
 
-    def proves(self, view, end):
+    def authenticates(self, view, end):
         """Return True when the tag behind view[:end] is the host's, for a number that is new."""
         tag = self.hmac.digest(b"h", view[1 + _ID : end])
         return _same(tag, view, end) and self._fresh(struct.unpack_from("<I", view, 1 + _ID)[0])
@@ -74,13 +74,15 @@ class Session:
         """Return True when this number is new; datagrams may overtake each other by some."""
         ahead = count - self._newest
         if ahead > 0:
-            self._seen = (self._seen << ahead | 1) & ((1 << _WINDOW) - 1) if ahead < _WINDOW else 1
+            self._window = (
+                (self._window << ahead | 1) & ((1 << _REPLAY_WINDOW) - 1) if ahead < _REPLAY_WINDOW else 1
+            )
             self._newest = count
             return True
-        bit = 1 << -ahead if -ahead < _WINDOW else 0
-        if not bit or self._seen & bit:
+        bit = 1 << -ahead if -ahead < _REPLAY_WINDOW else 0
+        if not bit or self._window & bit:
             return False
-        self._seen |= bit
+        self._window |= bit
         return True
 
 
@@ -98,16 +100,16 @@ class SealedUdpLink(UdpLink):
         self._next: Any = None
         """Session proven to the host but not used by it yet; until then the previous one stays valid."""
         self._opening: Any = None
-        self._out = bytearray(_MOST)
+        self._out = bytearray(_MAX_DATAGRAM)
         self._out_view = memoryview(self._out)
-        self._heard_ms = ticks_add(ticks_ms(), -_SILENT_MS)
+        self._received_ms = ticks_add(ticks_ms(), -_REOPEN_MS)
         super().__init__(settings)
-        self._raw = bytearray(_MOST)
+        self._raw = bytearray(_MAX_DATAGRAM)
         self._raw_view = memoryview(self._raw)
 
-    def turn(self):
-        super().turn()
-        if self._socket is not None and ticks_diff(ticks_ms(), self._heard_ms) >= _SILENT_MS:
+    def step(self):
+        super().step()
+        if self._socket is not None and ticks_diff(ticks_ms(), self._received_ms) >= _REOPEN_MS:
             if self._opening is None:
                 nonce = _random()
                 tag = self._hmac.digest(b"opening", nonce)[:_TAG]
@@ -121,7 +123,7 @@ class SealedUdpLink(UdpLink):
             # Repeated in a second.
             pass
 
-    def _take(self, raw, at, size):
+    def _accept(self, raw, at, size):
         session = self._session
         if session is None:
             return 0
@@ -132,12 +134,12 @@ class SealedUdpLink(UdpLink):
         end = _HEAD + size
         self._out_view[_HEAD:end] = memoryview(raw)[at : at + size]
         out[end : end + _TAG] = session.hmac.digest(b"n", self._out_view[1 + _ID : end])[:_TAG]
-        if not super()._take(out, 0, end + _TAG):
+        if not super()._accept(out, 0, end + _TAG):
             return 0
         session.count += 1
-        if session.count >= _LAST:
+        if session.count >= _MAX_COUNT:
             self._session = None
-            self._heard_ms = ticks_add(ticks_ms(), -_SILENT_MS)
+            self._received_ms = ticks_add(ticks_ms(), -_REOPEN_MS)
         return size
 
     def _received(self, size):
@@ -145,13 +147,13 @@ class SealedUdpLink(UdpLink):
         kind = self._raw[0]
         if kind == _DATA and size >= _HEAD + _TAG:
             session = self._named_session()
-            if session is not None and session.proves(self._raw_view, size - _TAG):
-                self._heard_ms = ticks_ms()
+            if session is not None and session.authenticates(self._raw_view, size - _TAG):
+                self._received_ms = ticks_ms()
                 if session is self._next:
                     self._session = session
                     self._next = self._opening = None
                 return _HEAD, size - _TAG
-        elif kind == _FROM_HOST and size == _ANSWER_SIZE and self._take_answer():
+        elif kind == _FROM_HOST and size == _ANSWER_SIZE and self._handle_answer():
             return 0, 0
         self.reader.damaged += 1
         return 0, 0
@@ -165,7 +167,7 @@ class SealedUdpLink(UdpLink):
             return self._session
         return None
 
-    def _take_answer(self):
+    def _handle_answer(self):
         """Prove the key to a host that has proven it; return True when it has."""
         view = self._raw_view
         if view[1] != _ANSWER or self._opening is None:

@@ -7,10 +7,10 @@ Every intermediate is within +-2^30. MicroPython's own floats are allocated on t
 
 from micropython import const
 
-_BIAS = const(128)
-_LEAST = const(1 << 18)
-_MOST = const(1 << 19)
-_LARGEST = const(((1 << 19) - 1) << 8 | 255)
+_EXPONENT_BIAS = const(128)
+_MIN_MANTISSA = const(1 << 18)
+_END_MANTISSA = const(1 << 19)
+_MAX_VALUE = const(((1 << 19) - 1) << 8 | 255)
 INTEGER_LIMIT = const(1 << 29)
 """Largest magnitude that `integer` returns."""
 
@@ -20,14 +20,14 @@ def number_plain(m, e):
     if not m:
         return 0
     size = m if m > 0 else -m
-    e += _BIAS
-    if size >= _MOST:
+    e += _EXPONENT_BIAS
+    if size >= _END_MANTISSA:
         k = 6 if size >= 1 << 24 else 1
-        while size >> k >= _MOST:
+        while size >> k >= _END_MANTISSA:
             k += 1
         size = (size >> k) + (size >> k - 1 & 1)
         e += k
-    elif size < _LEAST:
+    elif size < _MIN_MANTISSA:
         k = 0
         if size < 1 << 9:
             size <<= 9
@@ -35,21 +35,21 @@ def number_plain(m, e):
         if size < 1 << 14:
             size <<= 5
             k += 5
-        while size < _LEAST:
+        while size < _MIN_MANTISSA:
             size <<= 1
             k += 1
         e -= k
     if e < 0:
         return 0
     if e > 255:
-        return _LARGEST if m > 0 else -_LARGEST + 510
+        return _MAX_VALUE if m > 0 else -_MAX_VALUE + 510
     return (size if m > 0 else -size) << 8 | e
 
 
 def integer_plain(x, q):
     """Return x 2^q as an integer, rounded, clipped to +-INTEGER_LIMIT."""
     m = x >> 8
-    shift = (x & 255) - _BIAS + q
+    shift = (x & 255) - _EXPONENT_BIAS + q
     if shift <= 0:
         return 0 if shift < -20 else (m + (1 << -shift >> 1)) >> -shift
     if shift > 10:
@@ -63,7 +63,7 @@ def times_plain(x, y):
     m = (x >> 17) * b + ((x >> 8 & 511) * b >> 9)
     if not m:
         return 0
-    e = (x & 255) + (y & 255) - (_BIAS - 18)
+    e = (x & 255) + (y & 255) - (_EXPONENT_BIAS - 18)
     if -(1 << 28) < m < 1 << 28:
         m = m + 256 >> 9
     else:
@@ -72,7 +72,7 @@ def times_plain(x, y):
     if e < 0:
         return 0
     if e > 255:
-        return _LARGEST if m > 0 else -_LARGEST + 510
+        return _MAX_VALUE if m > 0 else -_MAX_VALUE + 510
     return m << 8 | e
 
 
@@ -92,7 +92,7 @@ def plus_plain(x, y):
     m = ((x >> 8) << 5) + ((y >> 8) << 5 >> k)
     if m >= 1 << 23 and m < 1 << 24:
         return m + 16 >> 5 << 8 | e
-    return number(m, e - (_BIAS + 5))
+    return number(m, e - (_EXPONENT_BIAS + 5))
 
 
 def minus(x):
@@ -110,12 +110,12 @@ def over_plain(x, y):
     b = b if b > 0 else -b
     m = a << 10
     m = (m // b << 9) + (m % b << 9) // b
-    e = (x & 255) - (y & 255) + (_BIAS - 19)
-    if m >= _MOST:
+    e = (x & 255) - (y & 255) + (_EXPONENT_BIAS - 19)
+    if m >= _END_MANTISSA:
         m = m + 1 >> 1
         e += 1
     if not 0 <= e <= 255:
-        return number(m if positive else -m, e - _BIAS)
+        return number(m if positive else -m, e - _EXPONENT_BIAS)
     return (m if positive else -m) << 8 | e
 
 
@@ -123,7 +123,7 @@ def root(x):
     """Return the square root of x >= 0."""
     if x <= 0:
         return 0
-    m, e = x >> 8, (x & 255) - _BIAS
+    m, e = x >> 8, (x & 255) - _EXPONENT_BIAS
     # An even exponent, and as many bits of mantissa as fit.
     shift = 9 if e & 1 else 10
     m <<= shift
@@ -135,8 +135,10 @@ def root(x):
             break
         guess = better
     # One more Newton step for the fraction: 15 bits of the root, then 15 more.
-    rest = m - guess * guess
-    return number((guess << 14) + (rest << 13) // guess if rest < 1 << 16 else guess << 14, (e >> 1) - 14)
+    remainder = m - guess * guess
+    return number(
+        (guess << 14) + (remainder << 13) // guess if remainder < 1 << 16 else guess << 14, (e >> 1) - 14
+    )
 
 
 try:
@@ -146,4 +148,4 @@ except (ImportError, SyntaxError, ValueError, AttributeError, NameError):
     number, integer = number_plain, integer_plain
     times, plus, over = times_plain, plus_plain, over_plain
 
-ONE = const(_LEAST << 8 | (_BIAS - 18))
+ONE = const(_MIN_MANTISSA << 8 | (_EXPONENT_BIAS - 18))

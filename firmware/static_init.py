@@ -1,6 +1,6 @@
 """Initial bias from the mean of the gyro at standstill."""
 
-from bias_initialiser import BIAS_DPS, BiasInitialiser
+from bias_initialiser import MAX_BIAS_DPS, BiasInitialiser
 from micropython import const
 from wire import FILTER_STATE_TRACKING, REASON_WHEEL_TURNS
 
@@ -25,27 +25,27 @@ class StaticInit(BiasInitialiser):
         self._square_low = [0] * _ROW
         self._limit = [0] * _ROW
         self._variance_limit = [0] * _ROW
-        self._moved_q18 = [0] * _AXES
-        self._found_q14 = [0] * _AXES
-        self._found_q8 = [0] * _AXES
+        self._start_shift_q18 = [0] * _AXES
+        self._mean_q14 = [0] * _AXES
+        self._variance_q8 = [0] * _AXES
 
-    def begin(self, samples, gyro_lsb_ndps, accel_lsb_ng):
-        """Start with LEAST_SAMPLES <= samples <= 65535."""
+    def start(self, samples, gyro_lsb_ndps, accel_lsb_ng):
+        """Start with MIN_SAMPLES <= samples <= 65535."""
         for i in range(_ROW):
             self._sum[i] = self._square_high[i] = self._square_low[i] = 0
             if i < _AXES:
-                self._moved_q18[i] = self.moved_q18[i]
-                self._limit[i] = 1000000000 // gyro_lsb_ndps * BIAS_DPS
+                self._start_shift_q18[i] = self.shift_q18[i]
+                self._limit[i] = 1000000000 // gyro_lsb_ndps * MAX_BIAS_DPS
                 self._variance_limit[i] = (1000000000 // gyro_lsb_ndps) ** 2
             else:
                 self._limit[i] = 500000000 // accel_lsb_ng
                 self._variance_limit[i] = (20000000 // accel_lsb_ng) ** 2
-        self._begin(samples)
+        self._start(samples)
 
     def update(self, values, first, count):
         """Add rows of six int16; return True at the end: in TRACKING, or refused with the state as before."""
         for at in range(first, first + _ROW * count, _ROW):
-            if self._seen == 0:
+            if self._count == 0:
                 for i in range(_ROW):
                     self._reference[i] = values[at + i]
             for i in range(_ROW):
@@ -56,8 +56,8 @@ class StaticInit(BiasInitialiser):
                 square = self._square_low[i] + d * d
                 self._square_high[i] += square >> 20
                 self._square_low[i] = square & _LOW_20
-            self._seen += 1
-            if self._seen == self._wanted:
+            self._count += 1
+            if self._count == self._wanted:
                 return self._finish()
         return False
 
@@ -66,11 +66,11 @@ class StaticInit(BiasInitialiser):
         for i in range(_ROW):
             mean, part = self._sum[i] // n, self._sum[i] % n
             # Mean square by long division of the double word: ten bits, ten bits, then eight more.
-            high, rest = self._square_high[i] // n, self._square_high[i] % n
-            rest = (rest << 10) + (self._square_low[i] >> 10)
-            middle, rest = rest // n, rest % n
-            rest = (rest << 10) + (self._square_low[i] & _LOW_10)
-            low, rest = rest // n, rest % n
+            high, remainder = self._square_high[i] // n, self._square_high[i] % n
+            remainder = (remainder << 10) + (self._square_low[i] >> 10)
+            middle, remainder = remainder // n, remainder % n
+            remainder = (remainder << 10) + (self._square_low[i] & _LOW_10)
+            low, remainder = remainder // n, remainder % n
             variance = (high << 20) + (middle << 10) + low - mean * mean
             # The mean was truncated; with its fraction f, mean^2 lacks 2 mean f + f^2.
             part_q8 = (part << 8) // n
@@ -80,14 +80,14 @@ class StaticInit(BiasInitialiser):
             if i < _AXES:
                 if not -self._limit[i] <= self._reference[i] + mean <= self._limit[i]:
                     return self._refuse(REASON_WHEEL_TURNS)
-                variance = (variance << 8) + (rest << 8) // n - cut_q8
-                self._found_q8[i] = variance if variance > 0 else 0
-                self._found_q14[i] = ((self._reference[i] + mean) << 14) + (part << 14) // n
+                variance = (variance << 8) + (remainder << 8) // n - cut_q8
+                self._variance_q8[i] = variance if variance > 0 else 0
+                self._mean_q14[i] = ((self._reference[i] + mean) << 14) + (part << 14) // n
         for i in range(_AXES):
             # The mean belongs to the middle of the interval: add half of the warm-up during it.
-            self.bias_q14[i] = self._found_q14[i] + (self.moved_q18[i] - self._moved_q18[i] >> 5)
-            self.moved_q18[i] = 0
-            self.variance_q8[i] = variance = self._found_q8[i]
+            self.bias_q14[i] = self._mean_q14[i] + (self.shift_q18[i] - self._start_shift_q18[i] >> 5)
+            self.shift_q18[i] = 0
+            self.variance_q8[i] = variance = self._variance_q8[i]
             if variance < 1 << 17:
                 self.sigma_q12[i] = _root((variance << 12) // n << 4)
             else:

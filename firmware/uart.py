@@ -46,18 +46,18 @@ class UartLink(Link):
 
     def __init__(self, uart, baud, size):
         super().__init__()
-        self.MOST = _CHUNK
+        self.CHUNK = _CHUNK
         self._uart = uart
         self._one = bytearray(1)
         self._pace = Pace(baud, size // 2)
 
-    def _take(self, raw, at, size):
+    def _accept(self, raw, at, size):
         if self._pace.room() < size:
             return 0
-        taken = _write(self._uart, raw, at, size)
-        if taken:
-            self._pace.wrote(taken)
-        return taken
+        accepted = _write(self._uart, raw, at, size)
+        if accepted:
+            self._pace.wrote(accepted)
+        return accepted
 
     def _byte(self):
         if self._uart.any() and self._uart.readinto(self._one):
@@ -74,10 +74,10 @@ class ConsoleLink(UsbLink):
         super().__init__()
         self._pace = Pace(CONSOLE_BAUD, _CONSOLE_FIFO)
 
-    def _take(self, raw, at, size):
+    def _accept(self, raw, at, size):
         if self._pace.room() < size:
             return 0
-        taken = UsbLink._take(self, raw, at, size)
-        if taken:
-            self._pace.wrote(taken)
-        return taken
+        accepted = UsbLink._accept(self, raw, at, size)
+        if accepted:
+            self._pace.wrote(accepted)
+        return accepted

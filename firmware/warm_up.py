@@ -11,8 +11,8 @@ from time import ticks_add, ticks_diff
 from micropython import const
 
 _AXES = const(3)
-_PARTS = const(1024)
-_LONG_AGO = const(14)
+_STEPS_PER_T = const(1024)
+_COMPLETE_T = const(14)
 """Time constants until the drift is complete: 2^11 e^-14 steps are below 2^-9."""
 
 
@@ -28,17 +28,17 @@ class WarmUp:
         """Change of the bias by the last `turn`."""
         self._c1 = c1_q18
         self._left = list(c1_q18)
-        self._step_ms, self._part = time_constant_ms // _PARTS, time_constant_ms % _PARTS
+        self._step_ms, self._part = time_constant_ms // _STEPS_PER_T, time_constant_ms % _STEPS_PER_T
         self._late = 0
         self._next_ms = now_ms
         self._wait()
-        if age_ms < 0 or age_ms // _LONG_AGO > time_constant_ms:
+        if age_ms < 0 or age_ms // _COMPLETE_T > time_constant_ms:
             self._left = [0] * _AXES
         else:
-            for _ in range(age_ms * _PARTS // time_constant_ms):
+            for _ in range(age_ms * _STEPS_PER_T // time_constant_ms):
                 self._step()
 
-    def turn(self, now_ms):
+    def step(self, now_ms):
         """Make a step if one is due; return True if so, its size in `step_q18`."""
         if ticks_diff(now_ms, self._next_ms) < 0:
             return False
@@ -46,19 +46,19 @@ class WarmUp:
         self._step()
         return True
 
-    def grown_q18(self, axis):
+    def drift_q18(self, axis):
         """Return the drift of an axis since power-on."""
         return self._c1[axis] - self._left[axis]
 
     def _wait(self):
         """Set the time of the next step T / 1024 later, in ms; the fraction is carried over."""
         self._late += self._part
-        self._next_ms = ticks_add(self._next_ms, self._step_ms + self._late // _PARTS)
-        self._late %= _PARTS
+        self._next_ms = ticks_add(self._next_ms, self._step_ms + self._late // _STEPS_PER_T)
+        self._late %= _STEPS_PER_T
 
     def _step(self):
         for axis in range(_AXES):
             left = self._left[axis]
-            step = (left + 512) // (_PARTS + 1) if left >= 0 else -((512 - left) // (_PARTS + 1))
+            step = (left + 512) // (_STEPS_PER_T + 1) if left >= 0 else -((512 - left) // (_STEPS_PER_T + 1))
             self.step_q18[axis] = step
             self._left[axis] = left - step

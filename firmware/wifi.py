@@ -17,7 +17,7 @@ _JOIN_MS = const(15000)
 _PAUSE_MS = const(1000)
 _LONGEST_PAUSE_MS = const(30000)
 _FAILING_MS = const(5000)
-_SILENT_MS = const(30000)
+_RESOLVE_MS = const(30000)
 _RETRY_MS = const(50)
 
 
@@ -38,7 +38,7 @@ class Station:
                 # A port may lack an option.
                 pass
 
-    def joined(self, ms):
+    def is_joined(self, ms):
         """Return True if the network is joined; otherwise advance the attempt to join it."""
         if self._wlan.isconnected():
             self._joining = False
@@ -51,10 +51,10 @@ class Station:
             if not 0 <= step <= 1 or ticks_diff(ms, self._since_ms) >= _JOIN_MS:
                 self._give_up(ms)
         elif ticks_diff(ms, self._again_ms) >= 0:
-            self._join(ms)
+            self._connect(ms)
         return False
 
-    def _join(self, ms):
+    def _connect(self, ms):
         try:
             self._wlan.connect(self._ssid, self._password)
             self._joining = True
@@ -88,20 +88,20 @@ class UdpLink(Link):
         self._at = self._end = 0
         self._failing = False
         self._failing_ms = self._retry_ms = self._known_ms = ticks_ms()
-        self.turn()
+        self.step()
 
-    def turn(self):
+    def step(self):
         ms = ticks_ms()
-        if not self._station.joined(ms):
+        if not self._station.is_joined(ms):
             self.close()
         else:
             if self._failing and ticks_diff(ms, self._failing_ms) >= _FAILING_MS:
                 self.close()
-            if self._socket is None or ticks_diff(ms, self._known_ms) >= _SILENT_MS:
+            if self._socket is None or ticks_diff(ms, self._known_ms) >= _RESOLVE_MS:
                 self._look_up(ms)
 
     def close(self):
-        self._name.forget()
+        self._name.cancel()
         self._failing = False
         if self._socket is not None:
             self._socket.close()
@@ -128,13 +128,13 @@ class UdpLink(Link):
             # Out of memory, or the network is gone: repeated in a second.
             pass
 
-    def _take(self, raw, at, size):
+    def _accept(self, raw, at, size):
         if self._socket is None or (self._failing and ticks_diff(ticks_ms(), self._retry_ms) < 0):
             return 0
         try:
-            taken = _write(self._socket, raw, at, size)
+            accepted = _write(self._socket, raw, at, size)
             self._failing = False
-            return taken
+            return accepted
         except OSError:
             # Full buffers or no route: the frame stays queued. Retries are spaced, as each error allocates.
             self._retry_ms = ticks_add(ticks_ms(), _RETRY_MS)

@@ -48,16 +48,13 @@ class LIS3MDL(Chip):
             (_CTRL5, _BDU),
             (_CTRL3, _CONTINUOUS),
         )
-        raw, self._words = shared(3)
-        self._burst = memoryview(raw)
-        self._status = bytearray(1)
+        self._burst, self._words = shared(3)
         self.configure()
 
     def read_into(self, words, at):
         """Read the field x, y, z to words[at]; return 0 if there is no new sample, else 1."""
         # Not in one burst: a sample taken just after the status byte would be read and its flag lost.
-        self.i2c.readfrom_mem_into(self.address, _STATUS, self._status)
-        if not self._status[0] & _ZYXDA:
+        if not self.read(_STATUS) & _ZYXDA:
             return 0
         self.i2c.readfrom_mem_into(self.address, _OUT | _AUTO_INCREMENT, self._burst)
         burst = self._words

@@ -133,7 +133,7 @@ class LSM6DS33(Chip):
         status = self._level
         self.i2c.readfrom_mem_into(self.address, _FIFO_STATUS1, status)
         if status[0] >= _NEAR_CARRY:
-            self._look_again()
+            self._reread()
         if status[1] & _OVERRUN:
             return -1
         words = status[0] | (status[1] & 0x0F) << 8
@@ -141,29 +141,29 @@ class LSM6DS33(Chip):
             return self._realign(words)
         return words // _PATTERN
 
-    def _look_again(self):
+    def _reread(self):
         """Read the level until two readings agree: a sample between its two bytes makes it 256 too large."""
         status = self._level
-        seen = -1
-        while status[0] >= _NEAR_CARRY and (status[1] << 8 | status[0]) != seen:
-            seen = status[1] << 8 | status[0]
+        last = -1
+        while status[0] >= _NEAR_CARRY and (status[1] << 8 | status[0]) != last:
+            last = status[1] << 8 | status[0]
             self.i2c.readfrom_mem_into(self.address, _FIFO_STATUS1, status)
 
     def _realign(self, words):
-        """Discard the rest of a torn sample, so that the next word is a gyro x; return the whole samples."""
+        """Discard the torn of a torn sample, so that the next word is a gyro x; return the whole samples."""
         status = self._status
         self.i2c.readfrom_mem_into(self.address, _FIFO_STATUS1, status)
         pattern = (status[2] | (status[3] & 0x03) << 8) % _PATTERN
         words = status[0] | (status[1] & 0x0F) << 8
-        rest = _PATTERN - pattern
+        torn = _PATTERN - pattern
         if not pattern:
             return words // _PATTERN
-        if words < rest:
+        if words < torn:
             return 0
-        for _ in range(rest):
+        for _ in range(torn):
             self.i2c.readfrom_mem_into(self.address, _FIFO_DATA_OUT, self._level)
         self.realigned += 1
-        return (words - rest) // _PATTERN
+        return (words - torn) // _PATTERN
 
     def fifo_read_into(self, rows):
         """Read len(rows) / 12 whole samples in one burst, in the order of the wire."""

@@ -46,7 +46,7 @@ MAX_RT = const(0x10)
 TX_FULL = const(0x01)
 NONE = const(7)
 """Pipe number when the receive FIFO is empty."""
-MOST = const(32)
+MAX_PACKET = const(32)
 _RATES = {250: 0x26, 1000: 0x06, 2000: 0x0E}
 
 
@@ -58,11 +58,11 @@ class Nrf24:
 
     def __init__(self, spi, csn, ce, channel, kbps):
         self._spi, self._csn, self._ce = spi, csn, ce
-        self.out = bytearray(1 + MOST)
-        self.came = bytearray(1 + MOST)
+        self.out = bytearray(1 + MAX_PACKET)
+        self.came = bytearray(1 + MAX_PACKET)
         out, came = memoryview(self.out), memoryview(self.came)
-        self._outs = tuple(out[:size] for size in range(2 + MOST))
-        self._cames = tuple(came[:size] for size in range(2 + MOST))
+        self._outs = tuple(out[:size] for size in range(2 + MAX_PACKET))
+        self._cames = tuple(came[:size] for size in range(2 + MAX_PACKET))
         self._nop = bytearray([_NOP])
         self._one = bytearray(1)
         if kbps not in _RATES:
@@ -108,9 +108,9 @@ class Nrf24:
         """Clear flags of the status register."""
         self._set(_STATUS, flags)
 
-    def write(self, size, sure=True):
-        """Queue out[1:1 + size] for transmission; sure: with acknowledgement."""
-        self._payload(_WRITE_PAYLOAD if sure else _WRITE_UNSURE, size)
+    def write(self, size, acknowledged=True):
+        """Queue out[1:1 + size] for transmission; acknowledged: with acknowledgement."""
+        self._payload(_WRITE_PAYLOAD if acknowledged else _WRITE_UNSURE, size)
 
     def answer(self, pipe, size):
         """Queue out[1:1 + size] as payload of the next acknowledgement on a pipe."""
@@ -119,7 +119,7 @@ class Nrf24:
     def read(self):
         """Read the oldest received packet to came[1:]; return its length, 0 for none."""
         size = self._get(_WIDTH)
-        if not 0 < size <= MOST:
+        if not 0 < size <= MAX_PACKET:
             self._command(_FLUSH_RX)
             return 0
         self.out[0] = _READ_PAYLOAD
@@ -128,11 +128,11 @@ class Nrf24:
         self._csn.value(1)
         return size
 
-    def strong(self):
+    def is_strong(self):
         """Return True if the last packet was received above -64 dBm."""
         return self._get(_RPD) & 1
 
-    def unqueue(self):
+    def flush(self):
         """Flush the transmit FIFO."""
         self._command(_FLUSH_TX)
 

@@ -6,42 +6,42 @@ from framing import START
 from micropython import const
 from outbox import Slot
 
-from radio.espnow_link import ANSWER, FIRST, HEAD, LAST, MOST, NODE, NUMBER, TO_ALL, open_radio, ours
+from radio.espnow_link import ANSWER, FIRST, HEAD, LAST, MAX_PACKET, NODE, NUMBER, TO_ALL, is_ours, open_radio
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
 _PER_TURN = const(8)
-_ROOM = const(8192)
+_RECEIVE_BYTES = const(8192)
 """Bytes of receive buffer while the host is served: two nodes at 208 Hz fill it in some 0.6 s."""
 _STRONG_DBM = const(-64)
-_LATE_MS = const(200)
+_DUPLICATE_MS = const(200)
 """Latest arrival of a duplicate; a restart of a node takes longer."""
 
 
-class Heard:
+class Reception:
     """Reception counters of one node, for `Signal`. lost: frames missing by their numbers."""
 
     def __init__(self):
-        self.frames = self.lost = self.heard = self.twice = self.strong = self.dropped = 0
+        self.frames = self.lost = self.received = self.repeated = self.strong = self.dropped = 0
         self.address = None
         self.number = -1
         self.new_ms = 0
 
     def new(self, number, ms):
         """Return True if a packet of that number is new; count those missing before it."""
-        self.heard += 1
+        self.received += 1
         last = self.number
         ahead = (number - last) % LAST
-        if number == FIRST and ticks_diff(ms, self.new_ms) > _LATE_MS:
+        if number == FIRST and ticks_diff(ms, self.new_ms) > _DUPLICATE_MS:
             # The node has restarted.
             ahead = 1
         elif last < 0:
             ahead = 1
         elif not 0 < ahead <= LAST - _PER_TURN or number == FIRST:
             # A duplicate, or overtaken by others.
-            self.twice += 1
+            self.repeated += 1
             return False
         self.lost += ahead - 1
         self.number, self.new_ms = number, ms
@@ -54,30 +54,30 @@ class EspNowAir:
     def __init__(self, board, outbox):
         settings = board.settings
         self.ids = tuple(settings["radio_nodes"][:5])
-        self.nodes = tuple(Heard() for _ in self.ids)
+        self.nodes = tuple(Reception() for _ in self.ids)
         self._outbox = outbox
-        self._radio = open_radio(settings, _ROOM)
+        self._radio = open_radio(settings, _RECEIVE_BYTES)
         self._net = bytes.fromhex(settings["radio_address"])
-        self._came: Any = [None, bytearray(MOST), 0, 0]
-        self._out = bytearray(MOST)
+        self._came: Any = [None, bytearray(MAX_PACKET), 0, 0]
+        self._out = bytearray(MAX_PACKET)
         self._out[:NODE] = self._net
         self._slot = Slot()
 
-    def hear(self, ms):
+    def receive(self, ms):
         """Process received packets; return True if there may be more."""
         for _ in range(_PER_TURN):
             size = self._radio.recvinto(self._came, 0)
             if not size:
                 return False
             raw = self._came[1]
-            if size > HEAD and ours(raw, self._net) and raw[NODE] in self.ids:
-                self._take(self.nodes[self.ids.index(raw[NODE])], size, ms)
+            if size > HEAD and is_ours(raw, self._net) and raw[NODE] in self.ids:
+                self._process(self.nodes[self.ids.index(raw[NODE])], size, ms)
         return True
 
-    def _take(self, node, size, ms):
+    def _process(self, node, size, ms):
         sender, raw, rssi, _ = self._came
         if node.address != sender:
-            self._meet(node, sender)
+            self._register(node, sender)
         if raw[NUMBER] & TO_ALL:
             self._send(sender, ANSWER)
         node.strong += rssi > _STRONG_DBM
@@ -91,7 +91,7 @@ class EspNowAir:
         slot.raw[slot.end - 1] = 0
         self._slot = self._outbox.queue(slot)
 
-    def _meet(self, node, sender):
+    def _register(self, node, sender):
         """Register another board as that node."""
         try:
             if node.address is not None:
@@ -102,13 +102,13 @@ class EspNowAir:
             pass
         node.address = sender
 
-    def turn(self, ms):
+    def step(self, ms):
         """Do nothing: packets are whole frames."""
 
     def answer(self, k, raw, end):
         """Send raw[START:end] to the node ids[k]."""
         node, size = self.nodes[k], end - START
-        if node.address is None or size > MOST - ANSWER:
+        if node.address is None or size > MAX_PACKET - ANSWER:
             node.dropped += 1
             return
         for i in range(size):

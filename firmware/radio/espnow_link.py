@@ -18,7 +18,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-MOST = const(250)
+MAX_PACKET = const(250)
 HEAD = const(6)
 NODE = const(4)
 NUMBER = ANSWER = const(5)
@@ -28,8 +28,8 @@ TO_ALL = const(0x80)
 LAST = const(127)
 FIRST = const(0)
 """The first number after a start; then 1 to LAST repeatedly."""
-EVERYONE = b"\xff" * 6
-_ROOM = const(526)
+BROADCAST = b"\xff" * 6
+_REQUEST_BYTES = const(526)
 _AGAIN_MS = const(5)
 _LOST_MS = const(3000)
 _UNANSWERED_MS = const(500)
@@ -51,7 +51,7 @@ def open_radio(settings, room):
     return radio
 
 
-def ours(raw, net):
+def is_ours(raw, net):
     """Return True if a packet begins with the bytes of the network."""
     for i in range(NODE):
         if raw[i] != net[i]:
@@ -65,81 +65,81 @@ class EspNowLink(Link):
     def __init__(self, board):
         super().__init__()
         settings = board.settings
-        self._radio = radio = open_radio(settings, _ROOM)
-        radio.add_peer(EVERYONE)
+        self._radio = radio = open_radio(settings, _REQUEST_BYTES)
+        radio.add_peer(BROADCAST)
         self._net = bytes.fromhex(settings["radio_address"])
-        self._out = bytearray(MOST)
+        self._out = bytearray(MAX_PACKET)
         self._outs = memoryview(self._out)
         self._out[:NODE] = self._net
         self._out[NODE] = settings["node_id"]
-        self._came: Any = [None, bytearray(MOST)]
+        self._came: Any = [None, bytearray(MAX_PACKET)]
         self._at = self._end = 0
-        self._to = EVERYONE
+        self._to = BROADCAST
         self._number = FIRST
-        self._flying = False
+        self._in_flight = False
         self._sent = self._failed = 0
         self._size = 0
-        self._again_ms = self._flew_ms = self._good_ms = ticks_ms()
+        self._again_ms = self._sent_ms = self._good_ms = ticks_ms()
 
     def send(self, outbox):
         ms = ticks_ms()
-        if self._flying:
-            if not self._landed(outbox, ms):
+        if self._in_flight:
+            if not self._completed(outbox, ms):
                 return
         if outbox.count and ticks_diff(ms, self._again_ms) >= 0:
-            self._fly(outbox, ms)
+            self._send_frame(outbox, ms)
 
-    def _fly(self, outbox, ms):
+    def _send_frame(self, outbox, ms):
         """Send the oldest frame; the outbox retains it until it is acknowledged."""
         if outbox.sent < 0:
             # The zero before the first frame is for byte streams.
-            outbox.took(-outbox.sent)
+            outbox.advance(-outbox.sent)
         slot = outbox.oldest()
         size = self._size = slot.end - START - 1
-        if size > MOST - HEAD:
+        if size > MAX_PACKET - HEAD:
             outbox.dropped += 1
-            outbox.took(slot.end - START - outbox.sent)
+            outbox.advance(slot.end - START - outbox.sent)
             return
         if not outbox.sent:
-            outbox.took(1)
-        to_all = self._to is EVERYONE
+            outbox.advance(1)
+        to_all = self._to is BROADCAST
         out, raw = self._out, slot.raw
         out[NUMBER] = self._number | (TO_ALL if to_all else 0)
         for i in range(size):
             out[HEAD + i] = raw[START + i]
         try:
             self._radio.send(self._to, self._outs[: HEAD + size], False)
-            self._flying = True
-            self._flew_ms = ms
+            self._in_flight = True
+            self._sent_ms = ms
         except OSError:
             self._again_ms = ticks_add(ms, _AGAIN_MS)
 
-    def _landed(self, outbox, ms):
+    def _completed(self, outbox, ms):
         """Return True if the packet in flight is acknowledged or failed; a failed one is sent again."""
         sent, answered, failed, _, _ = self._radio.stats()
-        if answered != sent and ticks_diff(ms, self._flew_ms) < _UNANSWERED_MS:
+        if answered != sent and ticks_diff(ms, self._sent_ms) < _UNANSWERED_MS:
             return False
-        self._flying = False
+        self._in_flight = False
         if failed == self._failed and answered == sent:
             self._good_ms = ms
             self._number = self._number + 1 if self._number < LAST else 1
-            outbox.took(self._size)
+            outbox.advance(self._size)
             return True
         self._failed = failed
         self._again_ms = ticks_add(ms, _AGAIN_MS)
-        if ticks_diff(ms, self._good_ms) >= _LOST_MS and self._to is not EVERYONE:
+        if ticks_diff(ms, self._good_ms) >= _LOST_MS and self._to is not BROADCAST:
             # The receiver may have been replaced.
             self._radio.del_peer(self._to)
-            self._to = EVERYONE
+            self._to = BROADCAST
         return True
 
     def _byte(self):
         if self._at == self._end:
             size = self._radio.recvinto(self._came, 0)
             sender, raw = self._came
-            if size < ANSWER or raw[NODE] or not ours(raw, self._net):
+            if size < ANSWER or raw[NODE] or not is_ours(raw, self._net):
                 return -1
-            if self._to is EVERYONE:
+            if self._to is BROADCAST:
                 self._to = sender
                 self._radio.add_peer(sender)
                 self._good_ms = ticks_ms()

@@ -2,7 +2,7 @@
 
 from time import ticks_add, ticks_diff, ticks_ms
 
-from drivers.nrf24 import MOST, NONE, RX_DR, TX_DS, TX_FULL, address_of, open_radio
+from drivers.nrf24 import MAX_PACKET, NONE, RX_DR, TX_DS, TX_FULL, address_of, open_radio
 from framing import START
 from micropython import const
 
@@ -25,13 +25,13 @@ class Nrf24Air:
         self._radio.listen_to([address_of(net, node_id) for node_id in self.ids])
         self._unfetched_ms = ticks_ms()
 
-    def hear(self, ms):
+    def receive(self, ms):
         """Process received packets; return True if there were any."""
         radio = self._radio
         status, turns = radio.status(), _PER_TURN
         while status >> 1 & 7 != NONE and turns:
             turns -= 1
-            self._take((status >> 1 & 7) - 1, ms)
+            self._process((status >> 1 & 7) - 1, ms)
             status = radio.status()
         if status & TX_DS:
             # A node has fetched a request.
@@ -39,32 +39,32 @@ class Nrf24Air:
             radio.clear(TX_DS)
         return turns < _PER_TURN
 
-    def _take(self, pipe, ms):
+    def _process(self, pipe, ms):
         radio = self._radio
         size = radio.read()
         radio.clear(RX_DR)
         if size > 1 and 0 <= pipe < len(self.nodes):
             pieces = self.nodes[pipe]
-            pieces.take(radio.came, 1, size, ms)
-            pieces.strong += radio.strong()
+            pieces.add(radio.came, 1, size, ms)
+            pieces.strong += radio.is_strong()
 
-    def turn(self, ms):
+    def step(self, ms):
         """Discard frames whose missing pieces are overdue."""
         for pieces in self.nodes:
-            pieces.turn(ms)
+            pieces.step(ms)
 
     def answer(self, k, raw, end):
         """Queue raw[START:end] for the next acknowledgements to the node ids[k], in packets."""
         radio, ms = self._radio, ticks_ms()
         if radio.status() & TX_FULL and ticks_diff(ms, self._unfetched_ms) >= 0:
-            radio.unqueue()
+            radio.flush()
             self._unfetched_ms = ticks_add(ms, _UNFETCHED_MS)
         at = START
         while at < end:
             if radio.status() & TX_FULL:
                 self.nodes[k].dropped += 1
                 return
-            size = end - at if end - at < MOST else MOST
+            size = end - at if end - at < MAX_PACKET else MAX_PACKET
             for i in range(size):
                 radio.out[1 + i] = raw[at + i]
             radio.answer(k + 1, size)

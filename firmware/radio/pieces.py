@@ -6,24 +6,25 @@ from framing import START
 from micropython import const
 from outbox import Slot
 
-_PIECE = const(30)
-_HEAD = const(2)
-_MOST = const(9)
-_ROOM = const(250)
-_LATE_MS = const(2000)
-_WINDOW = const(16)
+_PIECE_BYTES = const(30)
+_HEADER_BYTES = const(2)
+_MAX_PIECES = const(9)
+_FRAME_BYTES = const(250)
+_PIECE_TIMEOUT_MS = const(2000)
+_REORDER_FRAMES = const(16)
 _ZERO = b"\0"
 
 
 class Pieces:
     """Reassembles frames from packets and queues complete ones in `outbox`.
 
-    frames, lost, heard, twice: counters of `Signal`. `lost`: incomplete or missing frames, by their numbers.
+    frames, lost, received, repeated: counters of `Signal`. lost: frames incomplete or missing by their
+    numbers; received: packets; repeated: duplicates.
     """
 
     def __init__(self, outbox):
         self._outbox = outbox
-        self.frames = self.lost = self.heard = self.twice = self.strong = self.dropped = 0
+        self.frames = self.lost = self.received = self.repeated = self.strong = self.dropped = 0
         self._slots = [Slot(), Slot()]
         self._numbers = [-1, -1]
         self._missing = [0, 0]
@@ -32,20 +33,20 @@ class Pieces:
         self._done = 0
         """Bit k: the frame k before the newest is complete or was discarded."""
 
-    def take(self, raw, at, size, ms):
+    def add(self, raw, at, size, ms):
         """Add the packet raw[at:at + size] with its header."""
-        self.heard += 1
+        self.received += 1
         number, place, last = raw[at], raw[at + 1] >> 4, raw[at + 1] & 0x0F
-        size -= _HEAD
-        if size <= 0 or last >= _MOST or place > last or (size < _PIECE and place < last):
+        size -= _HEADER_BYTES
+        if size <= 0 or last >= _MAX_PIECES or place > last or (size < _PIECE_BYTES and place < last):
             return
-        k = self._open(number, last, ms)
+        k = self._slot_for(number, last, ms)
         if k < 0 or not self._missing[k] >> place & 1:
-            self.twice += 1
+            self.repeated += 1
             return
-        to, at, into = START + _PIECE * place, at + _HEAD, self._slots[k].raw
+        to, at, into = START + _PIECE_BYTES * place, at + _HEADER_BYTES, self._slots[k].raw
         if place == last:
-            if to + size > START + _ROOM:
+            if to + size > START + _FRAME_BYTES:
                 return
             into[to + size - 1] = 0
         for i in range(size):
@@ -54,15 +55,15 @@ class Pieces:
         if place == last:
             self._slots[k].end = to + size
         if not self._missing[k]:
-            self._whole(k)
+            self._complete(k)
 
-    def turn(self, ms):
+    def step(self, ms):
         """Discard frames whose missing pieces are overdue."""
         for k in range(2):
-            if self._numbers[k] >= 0 and ticks_diff(ms, self._since_ms[k]) > _LATE_MS:
+            if self._numbers[k] >= 0 and ticks_diff(ms, self._since_ms[k]) > _PIECE_TIMEOUT_MS:
                 self._give_up(k)
 
-    def _open(self, number, last, ms):
+    def _slot_for(self, number, last, ms):
         """Return the slot for this frame; -1 if it is complete or discarded already."""
         numbers = self._numbers
         if number == numbers[0]:
@@ -73,9 +74,11 @@ class Pieces:
         if ahead > 0:
             if ahead > 1:
                 self.lost += ahead - 1
-            self._done = (self._done << ahead) & ((1 << _WINDOW) - 1) if ahead < _WINDOW else 0
+            self._done = (
+                (self._done << ahead) & ((1 << _REORDER_FRAMES) - 1) if ahead < _REORDER_FRAMES else 0
+            )
             self._newest = number
-        elif -ahead >= _WINDOW or self._done >> -ahead & 1:
+        elif -ahead >= _REORDER_FRAMES or self._done >> -ahead & 1:
             return -1
         else:
             # It had been counted as lost.
@@ -89,9 +92,9 @@ class Pieces:
         self._since_ms[k] = ms
         return k
 
-    def _whole(self, k):
+    def _complete(self, k):
         slot = self._slots[k]
-        self._end(k)
+        self._close(k)
         # A COBS frame contains exactly one zero, at the end.
         if slot.raw.find(_ZERO, START, slot.end) != slot.end - 1:
             self.lost += 1
@@ -101,10 +104,10 @@ class Pieces:
 
     def _give_up(self, k):
         self.lost += 1
-        self._end(k)
+        self._close(k)
 
-    def _end(self, k):
+    def _close(self, k):
         back = self._newest - self._numbers[k] & 0xFF
-        if back < _WINDOW:
+        if back < _REORDER_FRAMES:
             self._done |= 1 << back
         self._numbers[k] = -1

@@ -6,7 +6,7 @@ until acknowledged; frames wait in the outbox meanwhile, as on every link.
 
 from time import ticks_add, ticks_diff, ticks_ms
 
-from drivers.nrf24 import MAX_RT, MOST, NONE, RX_DR, TX_DS, TX_FULL, address_of, open_radio
+from drivers.nrf24 import MAX_PACKET, MAX_RT, NONE, RX_DR, TX_DS, TX_FULL, address_of, open_radio
 from framing import START
 from link import Link
 from micropython import const
@@ -16,8 +16,8 @@ HEAD = const(2)
 _POLL_MS = const(20)
 """Interval after the last packet at which an empty one fetches requests from the receiver."""
 _AGAIN_MS = const(5)
-_AT_ONCE = const(9)
-_TRIES = const(15)
+_MAX_QUEUED_PIECES = const(9)
+_MAX_RETRIES = const(15)
 
 
 class RadioLink(Link):
@@ -28,11 +28,13 @@ class RadioLink(Link):
         settings = board.settings
         self._radio = radio = open_radio(board)
         tries = settings["radio_tries"]
-        self._sure = tries > 0
+        self._acknowledged = tries > 0
         # Different pauses: two nodes whose packets collided must not collide again.
         pause_us = (1500 if settings["radio_kbps"] == 250 else 500) + 250 * (settings["node_id"] & 3)
-        radio.send_to(address_of(settings["radio_address"], settings["node_id"]), tries or _TRIES, pause_us)
-        self._in = bytearray(MOST)
+        radio.send_to(
+            address_of(settings["radio_address"], settings["node_id"]), tries or _MAX_RETRIES, pause_us
+        )
+        self._in = bytearray(MAX_PACKET)
         self._number = 0
         self._size = self._at = 0
         self._again_ms = self._poll_ms = ticks_ms()
@@ -45,7 +47,7 @@ class RadioLink(Link):
                 return
             self._again_ms = ticks_add(ms, _AGAIN_MS)
             radio.clear(MAX_RT)
-        turns = _AT_ONCE
+        turns = _MAX_QUEUED_PIECES
         while outbox.count and not status & TX_FULL and turns:
             turns -= 1
             status = self._send_piece(outbox)
@@ -57,7 +59,7 @@ class RadioLink(Link):
         sent = outbox.sent if outbox.sent > 0 else 0
         if outbox.sent < 0:
             # The zero before the first frame is for byte streams.
-            outbox.took(-outbox.sent)
+            outbox.advance(-outbox.sent)
         whole = slot.end - START
         size = whole - sent
         if size > PIECE:
@@ -68,10 +70,10 @@ class RadioLink(Link):
         at = START + sent
         for i in range(size):
             out[1 + HEAD + i] = raw[at + i]
-        radio.write(HEAD + size, self._sure)
+        radio.write(HEAD + size, self._acknowledged)
         if sent + size == whole:
             self._number = self._number + 1 & 0xFF
-        outbox.took(size)
+        outbox.advance(size)
         return radio.status()
 
     def _byte(self):

@@ -18,12 +18,12 @@ _FAREWELL_MS = const(300)
 _UNKNOWN_US = const(65535)
 
 
-class _Nothing:
+class _NoSensors:
     """Stands in for parts and sampler of a board without sensors, for `reports` and `commands`."""
 
     chip = mag = None
     faults = i2c_errors = recoveries = failures = overruns = missed = batch = 0
-    found = ()
+    chips = ()
 
     def __init__(self):
         self.clock = self
@@ -38,32 +38,32 @@ class Receiver:
     def __init__(self, board, link):
         self.board, self.link, self.settings = board, link, board.settings
         self.outbox = Outbox(self.settings["queue"], self.settings["node_id"])
-        self.parts = self.sampler = _Nothing()
+        self.parts = self.sampler = _NoSensors()
         self.commands = Commands(self)
         self.leave = None
-        self.free_heap = self.worst_us = 0
+        self.free_heap = self.longest_us = 0
         self.estimator = self.init = None
         self._air = open_air(board, self.outbox)
         self._request = Slot()
         self._hello_ms = self._health_ms = ticks_ms()
         reports.hello(self)
 
-    def turn(self):
+    def step(self):
         """Run the loop once: receive, forward, handle requests, report every second."""
         now = ticks_us()
         ms = ticks_ms()
-        heard = self._air.hear(ms)
+        received = self._air.receive(ms)
         if self.outbox.count:
             self.link.send(self.outbox)
         if self.link.receive():
             self._requested(self.link.reader, ticks_us())
             self.link.send(self.outbox)
         if ticks_diff(ms, self._health_ms) >= 0:
-            self._tell(ms)
+            self._report(ms)
         took = ticks_diff(ticks_us(), now)
-        if took > self.worst_us:
-            self.worst_us = took
-        if not heard:
+        if took > self.longest_us:
+            self.longest_us = took
+        if not received:
             self.link.wait(1)
 
     def start(self):
@@ -72,7 +72,7 @@ class Receiver:
     def stop(self):
         """Do nothing: a receiver has no sensors."""
 
-    def make_filter(self):
+    def new_filter(self):
         """Do nothing: a receiver has no filter."""
 
     def farewell(self):
@@ -83,12 +83,12 @@ class Receiver:
             self.board.feed()
             self.link.wait(1)
 
-    def _tell(self, ms):
+    def _report(self, ms):
         self.board.feed()
         self._health_ms = ticks_add(ms, _HEALTH_MS)
         reports.health(self)
         air = self._air
-        air.turn(ms)
+        air.step(ms)
         for k in range(len(air.ids)):
             node = air.nodes[k]
             struct.pack_into(
@@ -99,14 +99,14 @@ class Receiver:
                 air.ids[k],
                 node.frames,
                 node.lost,
-                node.heard,
-                node.twice,
+                node.received,
+                node.repeated,
                 node.strong,
                 0,
                 node.dropped & 0xFFFF,
             )
             self.outbox.post(SIGNAL, SIGNAL_SIZE)
-        self.link.turn()
+        self.link.step()
         if ticks_diff(ms, self._hello_ms) >= 0:
             self._hello_ms = ticks_add(ms, _HELLO_MS)
             reports.hello(self)

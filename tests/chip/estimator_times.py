@@ -43,7 +43,7 @@ def nothing():
 def estimator(kind):
     made = bias_choice.estimator(dict(settings.DEFAULTS, filter_kind=kind))
     for axis in range(3):
-        made.begin(axis, 0)
+        made.reset(axis, 0)
     return made
 
 kalman, rls = estimator(1), estimator(2)
@@ -55,7 +55,7 @@ row("RLS: three axes, one sample a call", 1, lambda: rls.update(table, 0, 1))
 row("RLS: three axes, batches of 16", 16, lambda: rls.update(table, 0, 16))
 for kind, name in enumerate(("mean", "rest", "table", "gravity")):
     init = bias_choice.initialisation(dict(settings.DEFAULTS, bias_kind=kind, bias_stretch=1024), clock)
-    init.begin(60000, 70000000, 488000)
+    init.start(60000, 70000000, 488000)
     init.update(table, 0, 8)
     row("initialisation: " + name, 8, lambda: init.update(table, 0, 8))
 print("over")

@@ -44,7 +44,7 @@ def in_integers(table, gain_rate, gain_bias, chunk, bias_q14=(0, 0, 0)):
     """Yields (samples so far, estimator) after each chunk."""
     estimator = bias_filter.KalmanFilter(gain_rate, gain_bias)
     for axis in range(3):
-        estimator.begin(axis, bias_q14[axis])
+        estimator.reset(axis, bias_q14[axis])
     for start in range(0, len(table), chunk):
         part = table[start : start + chunk]
         estimator.update(part.reshape(-1).tolist(), 0, len(part))
@@ -126,7 +126,7 @@ GAINS = st.integers(0, bias_filter.GAIN_LIMIT - 1) | st.sampled_from([0, 1, bias
 def test_no_intermediate_needs_more_than_31_bits(samples, gain_rate, gain_bias, bias_q14, repeat):
     estimator = bias_filter.KalmanFilter(gain_rate, gain_bias)
     for axis in range(3):
-        estimator.begin(axis, bias_q14)
+        estimator.reset(axis, bias_q14)
     # Lists instead of int32 arrays, so that the state is checked as well.
     estimator._axes = [[SmallInt(value) for value in axis] for axis in estimator._axes]
     flat = [SmallInt(value) for row in samples for value in (*row, 0, 0, 0)]
@@ -141,7 +141,7 @@ def test_no_intermediate_needs_more_than_31_bits(samples, gain_rate, gain_bias, 
 def test_a_residual_beyond_its_format_is_clipped_and_counted():
     estimator = bias_filter.KalmanFilter(bias_filter.GAIN_LIMIT - 1, bias_filter.GAIN_LIMIT - 1)
     for axis in range(3):
-        estimator.begin(axis, 1 << 28)
+        estimator.reset(axis, 1 << 28)
     swing = [32767, -32768, 0, 0, 0, 0, -32768, 32767, 0, 0, 0, 0]
     for _ in range(2000):
         estimator.update(swing, 0, 2)
@@ -181,7 +181,7 @@ def test_the_native_filter_gives_the_same_bits(samples, gain_rate, gain_bias, bi
 
 def gathered(samples, values, limits=(70_000_000, 488_000), check=lambda value: value):
     static = static_init.StaticInit()
-    static.begin(check(samples), check(limits[0]), check(limits[1]))
+    static.start(check(samples), check(limits[0]), check(limits[1]))
     flat = [check(int(value)) for value in np.asarray(values).reshape(-1)]
     ended = False
     for start in range(0, len(flat), 8 * ROW):
@@ -319,14 +319,14 @@ def test_the_sums_of_the_initialisation_stay_small(limits, n):
     gyro_limit, accel_limit = 1_000_000_000 // limits[0] * 30, 500_000_000 // limits[1]
     row = [SmallInt(value) for value in (*[-gyro_limit] * 3, *[accel_limit] * 3)]
     static = static_init.StaticInit()
-    static.begin(SmallInt(n), SmallInt(limits[0]), SmallInt(limits[1]))
+    static.start(SmallInt(n), SmallInt(limits[0]), SmallInt(limits[1]))
     static.update([0] * ROW, 0, 1)
     # All sums but the lower words of the squares only grow: the last thousand samples have the widest.
     left = 1000
     static.update([int(value) for value in row] * (n - 1 - left), 0, n - 1 - left)
     for name in ("_sum", "_square_high", "_square_low", "_reference", "_limit", "_variance_limit"):
         setattr(static, name, [SmallInt(value) for value in getattr(static, name)])
-    static._seen, static._wanted = SmallInt(static._seen), SmallInt(static._wanted)
+    static._count, static._wanted = SmallInt(static._count), SmallInt(static._wanted)
     assert static.update(row * left, 0, left), "it has ended, and nothing was too wide"
 
 
@@ -337,7 +337,7 @@ def test_half_of_what_the_warm_up_moves_meanwhile_is_added_to_the_mean():
     rng = np.random.default_rng(1)
     flat = rows(*(20 + rise + rng.normal(0, 1.0, n) for _ in range(3))).reshape(-1).tolist()
     static = static_init.StaticInit()
-    static.begin(n, 70_000_000, 488_000)
+    static.start(n, 70_000_000, 488_000)
     for at in range(0, len(flat), 8 * ROW):
         for axis in range(3):
             static.drift(axis, round(3.0 / (n / 8) * 2**18))
@@ -351,7 +351,7 @@ def test_half_of_what_the_warm_up_moves_meanwhile_is_added_to_the_mean():
 
 def test_the_warm_up_moves_the_bias_and_leaves_the_rate():
     estimator = bias_filter.KalmanFilter(GAIN_RATE, GAIN_BIAS)
-    estimator.begin(1, 5 << 14)
+    estimator.reset(1, 5 << 14)
     steps = [7, -3, 1 << 20, -(1 << 19), 123_457]
     for step in steps:
         estimator.drift(1, step)

@@ -190,7 +190,7 @@ def test_packets_go_to_and_come_from_a_radio_whole():
         packet = bytes(range(7, 7 + size))
         radio.out[1 : 1 + size] = packet
         radio.write(size)
-        radio.write(size, sure=False)
+        radio.write(size, acknowledged=False)
         radio.answer(2, size)
         assert chip.commands[-3:] == [bytes([command]) + packet for command in (0xA0, 0xB0, 0xAA)]
     chip.waiting = [b"x", bytes(range(32))]
@@ -200,10 +200,10 @@ def test_packets_go_to_and_come_from_a_radio_whole():
     chip.waiting = [bytes(33)]
     assert radio.read() == 0 and not chip.waiting, "a broken length: the queue is thrown away"
     chip.registers[0x09] = b"\x01"
-    assert (radio.strong(), radio.status()) == (1, 0x0E)
+    assert (radio.is_strong(), radio.status()) == (1, 0x0E)
     chip.registers[0x09] = b"\x00"
-    assert radio.strong() == 0
-    radio.unqueue()
+    assert radio.is_strong() == 0
+    radio.flush()
     assert chip.commands[-1] == b"\xe1"
     radio.clear(0x40)
     assert chip.registers[0x07] == b"\x40" and not chip.selected

@@ -38,7 +38,7 @@ def init_of(check=lambda x: x, samples=20_000, **changed):
         **changed,
     }
     init = gravity_init.GravityInit(wire.BIAS_KIND_GRAVITY, s, SimpleNamespace(period_ns=check(PERIOD_NS)))
-    init.begin(check(samples), LSB_NDPS, ACCEL_LSB_NG)
+    init.start(check(samples), LSB_NDPS, ACCEL_LSB_NG)
     return init
 
 
@@ -77,7 +77,7 @@ def test_a_stretch_gives_the_rate_of_the_float_version():
     flat, found = table.reshape(-1).tolist(), []
     sums = init._sums
     for at in range(0, len(flat) - 5, 6):
-        if sums.take(flat, at) and init.measured(sums):
+        if sums.add(flat, at) and init.is_usable(sums):
             found.append([init.rate_q14 / 2**14, *(mean / 2**14 for mean in sums.mean_q14)])
     found = np.array(found)
     known = rate_from_gravity(
@@ -102,7 +102,7 @@ def test_a_wheel_that_turns_evenly_gives_its_rates_to_the_last_bit(n):
     """Weights that sum to one leave what does not change: 4 x 2^12 of 2^16 turns in four samples."""
     sums = gravity_init.GravitySums(n, 0, 0, 0)
     force = ((2048, 0), (0, 2048), (-2048, 0), (0, -2048))
-    full = [sums.take([1000, -7, 12345, *force[-k % 4], 0], 0) for k in range(n)]
+    full = [sums.add([1000, -7, 12345, *force[-k % 4], 0], 0) for k in range(n)]
     assert full == [False] * (n - 1) + [True]
     assert sums.mean_q14 == [1000 << 14, -7 << 14, 12345 << 14]
     assert (sums.turns_q14, sums.turned) == (1 << 14 + 14, (n - 1) << 14)

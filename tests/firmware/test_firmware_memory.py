@@ -15,7 +15,7 @@ LONGEST = "lsm6ds33-416"
 HEAP = 96 * 1024
 
 MODULES = [
-    *("wire", "buffers", "machine", "framing", "outbox", "sample_clock", "look", "sampler"),
+    *("wire", "buffers", "machine", "framing", "outbox", "sample_clock", "poll_timing", "sampler"),
     "bias_initialiser",
     *("drivers.chip", "drivers.lis3mdl", "parts", "settings", "bias_choice"),
     *("board", "link", "reports", "commands", "node"),
@@ -75,8 +75,8 @@ watch()
 NODE = (
     "node = Node(board, link)\nwatch()",
     "chip = node.parts.chip",
-    "node.init.begin({samples}, chip.gyro_lsb_ndps, chip.accel_lsb_ng)\nwatch()",
-    "for _ in range(20):\n    node.turn()\nwatch()",
+    "node.init.start({samples}, chip.gyro_lsb_ndps, chip.accel_lsb_ng)\nwatch()",
+    "for _ in range(20):\n    node.step()\nwatch()",
 )
 
 LOCKED = """
@@ -88,7 +88,7 @@ def locked(samples):
     try:
         while node.sampler.clock.index < samples:
             time.run_until(node.sampler.due_us)
-            node.turn()
+            node.step()
             turns += 1
     except BaseException as error:
         failure = error

@@ -221,7 +221,7 @@ def test_it_listens_until_a_tenth_of_a_millisecond_before_what_is_due_and_sleeps
 ):
     node, heard = a_node(), []
     PORT_TICKS.now_us = 50_000_000
-    node._look_ms = 50_000 + look_ms
+    node._duty_ms = 50_000 + look_ms
     node.link = SimpleNamespace(wait=heard.append)
     node.outbox = SimpleNamespace(count=waiting)
     if due_us is not None:

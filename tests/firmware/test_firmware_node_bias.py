@@ -181,7 +181,7 @@ def node_in(state, ended=False, estimator=True):
     made.init = Told(update=ended, now_q14=lambda axis: 10 + axis)
     made.init.state, made.init.refused = state, 7
     made.estimator = Told() if estimator else None
-    made.commands, made.rest = Told(), None
+    made.commands, made.slow = Told(), None
     made._next_index = 100
     return made
 
@@ -190,7 +190,7 @@ def node_in(state, ended=False, estimator=True):
 @pytest.mark.parametrize("state", list(m.FilterState))
 def test_samples_go_to_what_looks_for_the_bias_or_once_it_is_known_to_the_filter(state, estimator):
     node = node_in(state, estimator=estimator)
-    node._use("samples", 6, 8)
+    node._batch_done("samples", 6, 8)
     looked = [("update", "samples", 6, 8)]
     assert node.init.calls == (looked if state == m.FilterState.INITIALISING else [])
     if estimator:
@@ -200,13 +200,13 @@ def test_samples_go_to_what_looks_for_the_bias_or_once_it_is_known_to_the_filter
 
 def test_a_filter_begins_with_the_bias_of_each_axis_once_that_is_found_and_the_host_is_told():
     node = node_in(m.FilterState.INITIALISING, ended=True)
-    node.rest = Told()
-    node._use("samples", 0, 4)
-    assert node.estimator.calls == [("begin", axis, 10 + axis) for axis in range(3)]
+    node.slow = Told()
+    node._batch_done("samples", 0, 4)
+    assert node.estimator.calls == [("reset", axis, 10 + axis) for axis in range(3)]
     assert node.commands.calls == [("bias_done", 7)]
-    assert node.rest.calls == [("use", "samples", 0, 4)]
+    assert node.slow.calls == [("use", "samples", 0, 4)]
     node.sampler.first_index = 105
-    node._use("samples", 0, 4)
+    node._batch_done("samples", 0, 4)
     assert ("gap",) in node.init.calls
 
 
@@ -223,14 +223,14 @@ def test_the_bias_of_the_settings_is_taken_over_once_for_a_size_of_step_with_wha
     node = node_in(m.FilterState.WAITING)
     node._lsb_ndps, node.settings, node.parts = 0, {}, SimpleNamespace(was_running=False)
     node.parts.chip = SimpleNamespace(gyro_lsb_ndps=70_000_000)
-    warm = [SimpleNamespace(grown_q18=lambda axis: 160), SimpleNamespace(grown_q18=lambda axis: 16 * axis)]
+    warm = [SimpleNamespace(drift_q18=lambda axis: 160), SimpleNamespace(drift_q18=lambda axis: 16 * axis)]
     monkeypatch.setattr(bias_choice, "warm_up", lambda *_: warm)
     monkeypatch.setattr(bias_choice, "known_bias_q18", lambda s, axis, chip: 1600 if axis else None)
     for _ in range(2):
-        node._know_chip()
+        node._set_bias()
     given = [call for call in node.init.calls if call[0] == "give"]
     assert given == [("give", axis, 100 + 10 + axis) for axis in (1, 2)]
     assert len(node.estimator.calls) == 3 and node.warm == warm
     node.parts.chip = SimpleNamespace(gyro_lsb_ndps=35_000_000)
-    node._know_chip()
+    node._set_bias()
     assert len([call for call in node.init.calls if call[0] == "give"]) == 4

@@ -4,7 +4,7 @@ import errno
 from types import SimpleNamespace
 
 import pytest
-from parts import Parts, _batch
+from parts import Parts, default_batch
 from wire import FAULT_BUS_STUCK, FAULT_IMU_SILENT, FAULT_POLLED_TOO_FAST, IMU_BATCH_MAX_ROWS
 
 from fakes.fake_port import PORT_TICKS
@@ -35,8 +35,8 @@ def look_again(who_am_i):
     )
     made.i2c_errors = 0
     made._search = lambda: done.append("search")
-    made.begin = lambda lost: done.append(("sampling begins", lost))
-    assert made._revive(False)
+    made.start = lambda lost: done.append(("sampling begins", lost))
+    assert made._configure(False)
     return done, made.i2c_errors
 
 
@@ -70,18 +70,18 @@ def parts_whose_bus_fails(who_am_i=0x69, free=True):
 
 def test_a_bus_is_freed_after_a_few_errors_in_a_row_or_at_once_where_one_timed_out():
     made, done = parts_whose_bus_fails()
-    freed_at = next(k for k in range(1, 50) if made.bus_failed(OSError(5), 1000) or done)
+    freed_at = next(k for k in range(1, 50) if made.bus_error(OSError(5), 1000) or done)
     assert 1 < freed_at < 20
     assert (made.i2c_errors, made.recoveries, made.failures) == (freed_at, 1, 0)
     assert made.chip.i2c == made.mag.i2c == "fresh"
     assert not made.paused and not made.faults
-    made.bus_failed(OSError(errno.ETIMEDOUT), 1000)
+    made.bus_error(OSError(errno.ETIMEDOUT), 1000)
     assert (made.i2c_errors, made.recoveries, done) == (freed_at + 1, 2, ["free", "free"])
-    made.bus_failed(MemoryError(), 1000)
+    made.bus_error(MemoryError(), 1000)
     assert (made.recoveries, made.failures) == (2, 1), "an error without arguments is one of many"
     made._silent = lambda now: False
     for _ in range(50):
-        made.bus_failed(OSError(5), 1000)
+        made.bus_error(OSError(5), 1000)
     assert made.recoveries == 2, "while samples come errors are counted alone"
 
 
@@ -90,27 +90,27 @@ def test_a_bus_that_stays_stuck_and_a_chip_that_stays_silent_are_left_alone_for_
     who_am_i, free, errors
 ):
     made, _ = parts_whose_bus_fails(who_am_i, free)
-    made.bus_failed(OSError(errno.ETIMEDOUT), 1000)
+    made.bus_error(OSError(errno.ETIMEDOUT), 1000)
     assert made.paused and made.i2c_errors == errors
     assert bool(made.faults & FAULT_BUS_STUCK) == (not free)
     stuck = made.faults
     made._board.free_bus = lambda: True
-    made.bus_failed(OSError(errno.ETIMEDOUT), 1000)
+    made.bus_error(OSError(errno.ETIMEDOUT), 1000)
     assert stuck == (0 if free else FAULT_BUS_STUCK) and made.faults == 0, "and the fault ends with the cause"
 
 
-def parts_that_sample(period_us=4800, given_up=0):
+def parts_that_sample(period_us=4800, discarded=0):
     """Parts with an IMU that has given its last sample at 10 s, and what they do about it: `done`."""
     done = []
     made = object.__new__(Parts)
     made._sampler = SimpleNamespace(
-        clock=SimpleNamespace(period_us=period_us), last_us=10_000_000, due_us=10_004_800, given_up=given_up
+        clock=SimpleNamespace(period_us=period_us), last_us=10_000_000, due_us=10_004_800, discarded=discarded
     )
     made.chip = SimpleNamespace(uses_fifo=False, rate_mhz=208_000)
-    made.faults = made.failures = made._given_up = made._check_us = made._settings_ms = made._search_ms = 0
+    made.faults = made.failures = made._discarded = made._check_us = made._settings_ms = made._search_ms = 0
     made._since_us, made._check_us = 10_000_000, 10_000_000
     made._pause_us, made.paused, made._too_fast = 0, False, False
-    made._revive = lambda always: done.append(("revive", always))
+    made._configure = lambda always: done.append(("revive", always))
     made._search = lambda: done.append("search")
     return made, done
 
@@ -155,15 +155,15 @@ def test_the_settings_are_looked_at_every_second_between_two_samples_or_a_little
 
 def test_polling_that_gives_up_more_than_one_sample_in_sixteen_ends():
     """208 Hz, looked at every second: 13 of 208 are one in sixteen."""
-    for before, given_up, ends in ((0, 13, False), (0, 14, True), (100, 113, False), (100, 114, True)):
-        made, done = parts_that_sample(given_up=given_up)
-        made._given_up = before
+    for before, discarded, ends in ((0, 13, False), (0, 14, True), (100, 113, False), (100, 114, True)):
+        made, done = parts_that_sample(discarded=discarded)
+        made._discarded = before
         made._sampler.due_us = 10_100_000
         PORT_TICKS.now_us = 10_000_000
         made._check_settings(0)
         assert done == (["search"] if ends else [("revive", False)])
         assert made._too_fast == ends and bool(made.faults & FAULT_POLLED_TOO_FAST) == ends
-        assert made._given_up == given_up
+        assert made._discarded == discarded
 
 
 def test_what_is_looked_after_depends_on_what_is_there():
@@ -172,17 +172,17 @@ def test_what_is_looked_after_depends_on_what_is_there():
     made._sampler.due_us = 10_100_000
     made._settings_ms = 500
     for ms in (499, 500):
-        made.look_after(ms, True)
+        made.supervise(ms, True)
     assert done == [("revive", False)]
     made.paused, made._pause_us, made._settings_ms = True, 10_000_001, 0
-    made.look_after(2000, True)
+    made.supervise(2000, True)
     assert made.paused and len(done) == 1, "a bus that stays stuck is left alone"
     PORT_TICKS.now_us += 1
-    made.look_after(2000, True)
+    made.supervise(2000, True)
     assert not made.paused and len(done) == 2
     made.chip, made._search_ms = None, 2000
     for ms, running in ((2999, True), (3000, False), (3000, True)):
-        made.look_after(ms, running)
+        made.supervise(ms, running)
     assert done[2:] == ["search"]
 
 
@@ -191,4 +191,4 @@ def test_what_is_looked_after_depends_on_what_is_there():
     [(104_000, 8), (250_000, 8), (416_000, 16), (1_000_000, 16), (1_660_000, IMU_BATCH_MAX_ROWS)],
 )
 def test_a_batch_is_of_some_forty_milliseconds_or_a_full_frame(rate_mhz, rows):
-    assert _batch(rate_mhz) == rows
+    assert default_batch(rate_mhz) == rows

@@ -25,21 +25,21 @@ class Receiver:
         self.outbox = Outbox(40, 1)
         self.pieces = Pieces(self.outbox)
 
-    def take(self, *packets, ms=0):
+    def add(self, *packets, ms=0):
         for packet in packets:
             # A packet lies somewhere in the radio's own bytes.
-            self.pieces.take(b"\xff" + packet + b"\xff", 1, len(packet), ms)
+            self.pieces.add(b"\xff" + packet + b"\xff", 1, len(packet), ms)
 
     def frames(self):
         found = []
         while (slot := self.outbox.oldest()) is not None:
             found.append(bytes(slot.raw[START : slot.end]))
-            self.outbox.took(self.outbox.sent * -1 if self.outbox.sent < 0 else 0)
-            self.outbox.took(slot.end - START)
+            self.outbox.advance(self.outbox.sent * -1 if self.outbox.sent < 0 else 0)
+            self.outbox.advance(slot.end - START)
         return found
 
     def counts(self):
-        return self.pieces.frames, self.pieces.lost, self.pieces.twice
+        return self.pieces.frames, self.pieces.lost, self.pieces.repeated
 
 
 @pytest.fixture
@@ -51,7 +51,7 @@ def test_frames_of_any_size_arrive_whole_in_whatever_order_their_pieces_come(rec
     rng = np.random.default_rng(1)
     for number, size in enumerate([*range(2, 251), *rng.integers(2, 251, 300)]):
         frame = frame_of(int(size), number)
-        receiver.take(*rng.permutation(np.array(packets_of(number, frame), object)))
+        receiver.add(*rng.permutation(np.array(packets_of(number, frame), object)))
         assert receiver.frames() == [frame]
     assert receiver.counts() == (number + 1, 0, 0)
 
@@ -59,29 +59,29 @@ def test_frames_of_any_size_arrive_whole_in_whatever_order_their_pieces_come(rec
 def test_two_frames_may_come_in_turns(receiver):
     first, second = frame_of(100), frame_of(90)
     a, b = packets_of(7, first), packets_of(8, second)
-    receiver.take(a[0], b[0], a[1], b[1], b[2], a[2], a[3])
+    receiver.add(a[0], b[0], a[1], b[1], b[2], a[2], a[3])
     assert receiver.frames() == [second, first] and receiver.counts() == (2, 0, 0)
 
 
 def test_what_comes_twice_is_counted_and_delivered_once(receiver):
     frames = [frame_of(70, k) for k in range(16)]
     for k, frame in enumerate(frames):
-        receiver.take(*packets_of(250 + k, frame), packets_of(250 + k, frame)[1])
+        receiver.add(*packets_of(250 + k, frame), packets_of(250 + k, frame)[1])
     assert receiver.frames() == frames and receiver.counts() == (16, 0, 16)
-    receiver.take(packets_of(250, frames[0])[0])
+    receiver.add(packets_of(250, frames[0])[0])
     assert receiver.counts() == (16, 0, 17) and receiver.frames() == []
     first, *_ = packets_of(255 + 11, frame_of(70))
-    receiver.take(first, first)
+    receiver.add(first, first)
     assert receiver.counts() == (16, 0, 18)
 
 
 def test_numbers_that_never_came_are_lost_until_they_do(receiver):
     frame = frame_of(20)
-    receiver.take(*packets_of(10, frame), *packets_of(14, frame))
+    receiver.add(*packets_of(10, frame), *packets_of(14, frame))
     assert receiver.counts() == (2, 3, 0)
-    receiver.take(*packets_of(12, frame))
+    receiver.add(*packets_of(12, frame))
     assert receiver.counts() == (3, 2, 0)
-    receiver.take(*packets_of(12, frame), *packets_of(10, frame))
+    receiver.add(*packets_of(12, frame), *packets_of(10, frame))
     assert receiver.counts() == (3, 2, 2)
 
 
@@ -89,9 +89,9 @@ def test_of_three_unfinished_frames_the_oldest_is_given_up(receiver):
     frames = [frame_of(50, k) for k in range(3)]
     packets = [packets_of(k, frame) for k, frame in enumerate(frames)]
     for k in range(3):
-        receiver.take(packets[k][0], ms=100 * k)
+        receiver.add(packets[k][0], ms=100 * k)
     assert receiver.counts() == (0, 1, 0)
-    receiver.take(packets[2][1], packets[1][1], packets[0][1], ms=300)
+    receiver.add(packets[2][1], packets[1][1], packets[0][1], ms=300)
     assert receiver.frames() == [frames[2], frames[1]] and receiver.counts() == (2, 1, 1)
 
 
@@ -99,9 +99,9 @@ def test_of_three_unfinished_frames_the_oldest_is_given_up(receiver):
 def test_the_rest_of_a_frame_is_waited_for_two_seconds(receiver, waited, lost):
     frame = frame_of(50)
     packets = packets_of(3, frame)
-    receiver.take(packets[0], ms=1000)
-    receiver.pieces.turn(1000 + waited)
-    receiver.take(packets[1], ms=1000 + waited)
+    receiver.add(packets[0], ms=1000)
+    receiver.pieces.step(1000 + waited)
+    receiver.add(packets[1], ms=1000 + waited)
     assert receiver.frames() == ([] if lost else [frame])
     assert receiver.counts() == (1 - lost, lost, lost)
 
@@ -116,25 +116,25 @@ def test_the_rest_of_a_frame_is_waited_for_two_seconds(receiver, waited, lost):
     ],
 )
 def test_what_is_no_piece_changes_nothing(receiver, packet):
-    receiver.take(packet)
-    assert receiver.frames() == [] and receiver.pieces.heard == 1 and receiver.counts() == (0, 0, 0)
+    receiver.add(packet)
+    assert receiver.frames() == [] and receiver.pieces.received == 1 and receiver.counts() == (0, 0, 0)
     frame, other = frame_of(250), frame_of(200)
     a, b = packets_of(0, frame), packets_of(255, other)
-    receiver.take(*a[1:], packet, *b[1:], a[0], b[0])
+    receiver.add(*a[1:], packet, *b[1:], a[0], b[0])
     assert receiver.frames() == [frame, other]
 
 
 def test_a_frame_is_never_longer_than_the_longest(receiver):
-    receiver.take(*packets_of(1, frame_of(251)))
+    receiver.add(*packets_of(1, frame_of(251)))
     assert receiver.frames() == []
-    receiver.take(*packets_of(2, frame_of(250)))
+    receiver.add(*packets_of(2, frame_of(250)))
     assert receiver.frames() == [frame_of(250)]
 
 
 @pytest.mark.parametrize("first", [0, 1, 200, 255])
 def test_the_first_number_is_any_and_none_before_it_is_lost(receiver, first):
     for k in range(3):
-        receiver.take(*packets_of(first + k, frame_of(31, k)))
+        receiver.add(*packets_of(first + k, frame_of(31, k)))
     assert receiver.counts() == (3, 0, 0)
 
 
@@ -144,17 +144,17 @@ def test_a_frame_that_was_overtaken_by_up_to_fifteen_is_taken_and_one_that_came_
     receiver, behind, taken, at_once
 ):
     frame, newest = frame_of(20), 60 + behind
-    receiver.take(*packets_of(59, frame))
+    receiver.add(*packets_of(59, frame))
     for number in [newest] if at_once else range(61, newest + 1):
-        receiver.take(*packets_of(number, frame))
+        receiver.add(*packets_of(number, frame))
     frames, lost, twice = receiver.counts()
     assert lost == (behind if at_once else 1) and twice == 0
-    receiver.take(*packets_of(60, frame))
+    receiver.add(*packets_of(60, frame))
     assert receiver.counts() == (frames + taken, lost - taken, twice + (not taken))
-    receiver.take(*packets_of(60, frame), *packets_of(newest, frame), *packets_of(newest - 16, frame))
+    receiver.add(*packets_of(60, frame), *packets_of(newest, frame), *packets_of(newest - 16, frame))
     assert receiver.counts()[0] == frames + taken
 
 
 def test_a_frame_with_a_zero_inside_is_no_frame(receiver):
-    receiver.take(*packets_of(1, b"ab\0cd\0"), *packets_of(2, b"abcd"), *packets_of(3, b"abc\0"))
+    receiver.add(*packets_of(1, b"ab\0cd\0"), *packets_of(2, b"abcd"), *packets_of(3, b"abc\0"))
     assert receiver.frames() == [b"abc\0"] and receiver.counts() == (1, 2, 0)

@@ -38,9 +38,9 @@ def recognised(*chips, drivers=None):
     """Return name and WHO_AM_I of the IMU that is recognised, and what is listed as another chip."""
     searching = object.__new__(Parts)
     searching._board = SimpleNamespace(i2c=EmulatedBus(*chips))
-    searching.found = []
+    searching.chips = []
     imu = searching._probe(drivers or parts.IMU_DRIVERS)
-    return (imu and (imu[0].__name__, *imu[1:])), searching.found
+    return (imu and (imu[0].__name__, *imu[1:])), searching.chips
 
 
 def lsm(**values):

@@ -39,7 +39,7 @@ def node_settings(**changed):
 
 def init_of(kind, check=lambda x: x, samples=4096, **changed):
     init = pseudo_init.PseudoInit(kind, node_settings(**changed), SimpleNamespace(period_ns=4_807_692))
-    init.begin(check(samples), LSB_NDPS, ACCEL_LSB_NG)
+    init.start(check(samples), LSB_NDPS, ACCEL_LSB_NG)
     return init
 
 
@@ -183,7 +183,7 @@ def test_a_bias_beyond_thirty_degrees_a_second_is_refused_on_each_axis_and_to_ei
     )
     for which in range(3):
         init.give(which, round(bias[which] * 2**14))
-    init.begin(4096, LSB_NDPS, ACCEL_LSB_NG)
+    init.start(4096, LSB_NDPS, ACCEL_LSB_NG)
     assert fed(init, rows(motion("table", 4096, 1428.6), bias, 3))
     assert init.refused == (wire.REASON_WHEEL_TURNS if refused else 0)
     assert init.samples == (0 if refused else 4096)
@@ -196,7 +196,7 @@ def test_it_begins_from_the_bias_that_is_known_and_follows_the_warm_up():
     )
     for axis in range(3):
         init.give(axis, 20 << 14)
-    init.begin(4096, LSB_NDPS, ACCEL_LSB_NG)
+    init.start(4096, LSB_NDPS, ACCEL_LSB_NG)
     ramp = np.linspace(0.0, 2.0, 4096)[:, None] * np.ones(3)
     table = rows(ramp, 20.0, 9)
     flat, ended = table.reshape(-1).tolist(), False
@@ -231,7 +231,7 @@ def test_the_difference_of_squares_is_exact_to_its_own_precision(d, rate):
 def test_no_intermediate_needs_more_than_31_bits_and_the_variance_stays_positive(means, rate, sigma, noise):
     known = pseudo_filter.PseudoFilter()
     known.bias_q16 = [SmallInt(0)] * 3
-    known.begin(
+    known.reset(
         small_float.number(SmallInt(sigma), SmallInt(-10)), small_float.number(SmallInt(noise), SmallInt(-20))
     )
     for mean in means:

@@ -15,7 +15,7 @@ def node(**parts):
         "chip": None,
         "mag": None,
         "batch": 8,
-        "found": (),
+        "chips": (),
         "faults": 0,
         "i2c_errors": 0,
         "recoveries": 0,
@@ -27,7 +27,7 @@ def node(**parts):
         sampler=SimpleNamespace(clock=SimpleNamespace(bound_us=lambda: 65535), overruns=70000, missed=65535),
         link=SimpleNamespace(reader=SimpleNamespace(damaged=3)),
         outbox=Outbox(4, 1),
-        worst_us=1234,
+        longest_us=1234,
         free_heap=100_000,
     )
 
@@ -35,13 +35,13 @@ def node(**parts):
 def sent(told):
     """The one message that waited in its outbox."""
     wire = bytes(told.outbox.oldest().raw[1 + told.outbox.sent : told.outbox.oldest().end])
-    told.outbox.took(len(wire))
+    told.outbox.advance(len(wire))
     (frame,) = hubowire.FrameDecoder().feed(wire)
     return hubowire.decode(frame.type_id, frame.payload)
 
 
 def test_without_a_chip_hello_says_nothing_of_one():
-    told = node(found=((0x6B, 0x33, 0),))
+    told = node(chips=((0x6B, 0x33, 0),))
     reports.hello(told)
     hello = sent(told)
     of_a_chip = (
@@ -71,7 +71,7 @@ def test_health_counts_to_the_end_of_a_counter_and_no_further_and_measures_the_l
     health = sent(told)
     assert (health.i2c_errors, health.bus_recoveries, health.fifo_overruns) == (65534, 65535, 65535)
     assert (health.samples_missed, health.frames_damaged, health.worst_loop_us) == (65535, 3, 1234)
-    assert told.worst_us == 0
+    assert told.longest_us == 0
 
 
 def test_a_battery_below_what_was_set_is_a_fault_while_it_is_and_one_that_is_not_measured_is_none():

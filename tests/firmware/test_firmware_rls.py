@@ -41,7 +41,7 @@ def filtered(table, forgetting, bias_q14=0):
     """(N, 3) rates in steps, and the filter."""
     node = rls_filter.RlsFilter(forgetting)
     for axis in range(3):
-        node.begin(axis, bias_q14)
+        node.reset(axis, bias_q14)
     flat, rates = table.reshape(-1).tolist(), np.empty((len(table), 3))
     for n in range(len(table)):
         node.update(flat, 6 * n, 1)
@@ -99,7 +99,7 @@ def test_after_2_to_the_20_samples_the_level_no_longer_leads():
     """The line through n = 0 would lead 30,000 steps by 1.4 there; and an hour before by more."""
     node = rls_filter.RlsFilter(FORGETTING[0])
     for axis in range(3):
-        node.begin(axis, 0)
+        node.reset(axis, 0)
     flat = [30_000, 0, 0, 0, 0, 0] * 255
     node._n, node._energy = (1 << 20) - 1000, 50 << 18
     for _ in range(20):
@@ -141,7 +141,7 @@ def test_no_intermediate_needs_more_than_31_bits(samples, forgetting, bias_q14, 
     # Lists instead of int32 arrays, so that the state is checked as well.
     node._axes = [[SmallInt(0)] * 9 for _ in range(3)]
     for axis in range(3):
-        node.begin(axis, SmallInt(bias_q14))
+        node.reset(axis, SmallInt(bias_q14))
     if already:
         node._n, node._energy = SmallInt(already), SmallInt((1 << 38) // ((1 << 20) - forgetting))
     flat = [SmallInt(value) for row in samples for value in (*row, 0, 0, 0)]

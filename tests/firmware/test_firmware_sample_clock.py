@@ -42,7 +42,7 @@ class Beat:
         early, late = (
             int(t) % fake_port.TICKS for t in (self.t_us - before, self.t_us - before + self.slack_us + 1)
         )
-        self.clock.seen(self.number(early), self.number(late), self.number(new))
+        self.clock.update(self.number(early), self.number(late), self.number(new))
         if self.seen:
             ticks = self.time_of(self.seen) % fake_port.TICKS
             error = (
@@ -54,7 +54,7 @@ class Beat:
     def aimed(self, batch):
         """A look when a sampler would take it."""
         clock = self.clock
-        ahead = 1 if clock.wide() else batch - (self.seen % batch)
+        ahead = 1 if clock.is_wide() else batch - (self.seen % batch)
         due = fake_port.ticks_diff(int(clock.aim_us(self.number(ahead))), int(self.t_us) % fake_port.TICKS)
         self.look(max(due + self.rng.uniform(-50, 80), 20))
 
@@ -78,10 +78,10 @@ def test_looks_that_contradict_each_other_by_some_microseconds_move_the_window_h
     jitter, off = 5000, half_ns + 15_000
     if early:
         late_us = center_us - (off + jitter) // 1000
-        clock.seen(late_us - 30, late_us, 1)
+        clock.update(late_us - 30, late_us, 1)
     else:
         early_us = center_us + (off + jitter + doubt_ns) // 1000 + period_ns // 1000
-        clock.seen(early_us, early_us + 30, 1)
+        clock.update(early_us, early_us + 30, 1)
     assert abs((clock.t_us - center_us) * 1000) == pytest.approx(half_ns + 7500, abs=2500)
     assert (clock.t_us < center_us) == early
     assert 15_000 <= clock.half_ns <= 23_000 and clock.locked
@@ -97,12 +97,12 @@ def test_a_sample_that_comes_far_from_its_window_is_believed_and_the_beat_doubte
     center_us, half_ns = clock.ahead_us(1), clock.half_ahead_ns(1)
     if early:
         late_us = center_us - half_ns // 1000 - 5 - missed_us
-        clock.seen(late_us - 30, late_us, 1)
+        clock.update(late_us - 30, late_us, 1)
         edge = clock.t_us + clock.half_ns // 1000 - (late_us + 5)
     else:
         early_us = center_us + (half_ns + 5000 + doubt_ns + clock.period_ns) // 1000 + missed_us
         expected = early_us - (clock.period_ns + doubt_ns + 5000) // 1000
-        clock.seen(early_us, early_us + 30, 1)
+        clock.update(early_us, early_us + 30, 1)
         edge = clock.t_us - clock.half_ns // 1000 - expected
     assert abs(edge) <= 2, "one edge of the window is where the look says"
     assert clock.half_ns == pytest.approx(min(max(half_ns, 1000 * missed_us), clock.period_ns / 2), abs=2500)
@@ -121,7 +121,7 @@ def test_a_sample_has_its_number_only_if_no_other_of_the_beat_could_have_come_in
     half_us = beat.clock.half_ahead_ns(1) / 1000
     assert 0.05 < 2 * half_us / 10_000 < 0.25
     early = beat.clock.ahead_us(1) - 500
-    assert beat.clock.tells(early, early + round(10_000 - 2 * half_us) + beyond_us) == told
+    assert beat.clock.identifies(early, early + round(10_000 - 2 * half_us) + beyond_us) == told
 
 
 @pytest.mark.parametrize("seed", range(1, 4))
@@ -188,9 +188,12 @@ def test_every_intermediate_of_the_clock_is_a_small_integer(monkeypatch):
             at = SmallInt(int(beat.t_us) % fake_port.TICKS)
             lost = clock.skipped(at, SmallInt(682))
             clock.late_us(at, SmallInt(682))
-            clock.sure(at, fake_port.ticks_add(at, 50), SmallInt(682)), clock.before(at, SmallInt(682))
+            (
+                clock.is_certain(at, fake_port.ticks_add(at, 50), SmallInt(682)),
+                clock.is_before(at, SmallInt(682)),
+            )
             if lost and rng.random() < 0.1:
-                clock.interrupted(lost)
+                clock.gap(lost)
             beat.look(rng.choice((period_us, 16 * period_us, 90_000.0, 682 * period_us, 3e7)))
             beat.look(1.0)
             for samples in (-682, -1, 1, 682, int(1e8 / period_us)):

@@ -42,17 +42,17 @@ class Rig:
         batch = 16 if rate > 250 else 8
         self.outbox.shape(batch)
         self.sampler = sampler.Sampler(self.outbox, lambda *_: None)
-        self.sampler.begin(self.bus.ticks_us(), self.driver, batch, False)
+        self.sampler.start(self.bus.ticks_us(), self.driver, batch, False)
         self.sent = []
 
     def run(self, each_turn=lambda t: None):
         decoder = hubowire.FrameDecoder()
         while self.bus.t < self.seconds:
-            self.sampler.turn(self.bus.ticks_us())
+            self.sampler.step(self.bus.ticks_us())
             while (slot := self.outbox.oldest()) is not None:
                 wire = bytes(slot.raw[1 + self.outbox.sent : slot.end])
                 self.sent += [(f, hubowire.decode(f.type_id, f.payload)) for f in decoder.feed(wire)]
-                self.outbox.took(len(wire))
+                self.outbox.advance(len(wire))
             self.bus.spend(self.turn_us)
             each_turn(self.bus.t)
             ahead = time.ticks_diff(self.sampler.due_us, self.bus.ticks_us()) - 300
@@ -63,7 +63,7 @@ class Rig:
         """What was counted as missed, but for what was lost behind the last batch: no number shows it yet."""
         last = self.sent[0][1].index + len(jump) + jump.sum()
         assert (last - self.sent[-1][1].index) % 65536 == len(self.sent[-1][1].samples) - 1
-        waiting = self.sampler.count + self.sampler._samples.left
+        waiting = self.sampler.count + self.sampler._reader.left
         return self.sampler.missed - (self.sampler.clock.index - last - waiting)
 
     def holes(self):
@@ -86,7 +86,7 @@ class Rig:
 def test_a_look_at_the_fifo_that_was_held_up_for_half_a_period_is_taken_again(monkeypatch):
     """Every tenth takes 0.8 periods longer: none of those tells the clock anything."""
     rig, looks, widths = Rig(monkeypatch, "lsm6ds33", 416, 5), 0, []
-    level, seen = rig.driver.fifo_level, rig.sampler.clock.seen
+    level, seen = rig.driver.fifo_level, rig.sampler.clock.update
 
     def held_up():
         nonlocal looks
@@ -101,7 +101,7 @@ def test_a_look_at_the_fifo_that_was_held_up_for_half_a_period_is_taken_again(mo
         seen(early_us, late_us, samples)
 
     monkeypatch.setattr(rig.driver, "fifo_level", held_up)
-    monkeypatch.setattr(rig.sampler.clock, "seen", heard)
+    monkeypatch.setattr(rig.sampler.clock, "update", heard)
     rig.run()
     print(f"{looks} looks, {len(widths)} of them heard, known to {max(widths)} us")
     assert len(widths) > 50 and max(widths) < 1202
@@ -150,7 +150,7 @@ def test_a_misread_of_the_fifo_costs_at_most_the_samples_it_tore(monkeypatch, wo
     at = [1.5, 2.5]
 
     def misread(t):
-        if at and t > at[0] and rig.sampler._samples.left:
+        if at and t > at[0] and rig.sampler._reader.left:
             at.pop(0)
             rig.bus.bus.read_mem(t, 0x6B, b"\x3e", 2 * words)
 
@@ -194,7 +194,7 @@ def frames(box):
     while (slot := box.oldest()) is not None:
         wire = bytes(slot.raw[1 + box.sent : slot.end])
         out += [(f.seq, f.payload[0]) for f in decoder.feed(wire)]
-        box.took(len(wire))
+        box.advance(len(wire))
     return out
 
 
@@ -211,10 +211,10 @@ def test_the_queue_drops_the_oldest_and_counts_every_one(count):
 def test_a_frame_that_is_half_on_the_wire_is_not_the_one_that_goes():
     box = filled(4, 4)
     first = bytes(box.oldest().raw[1 : box.oldest().end])
-    box.took(3)
+    box.advance(3)
     for _ in range(6):
         box.post(5, 1)
     assert box.dropped == 6
     assert bytes(box.oldest().raw[1 : box.oldest().end]) == first
-    box.took(len(first) - 3)
+    box.advance(len(first) - 3)
     assert [seq for seq, _ in frames(box)] == [7, 8, 9]

@@ -72,7 +72,7 @@ def live(station, wlan, seconds):
     """Whether the station was joined, second by second."""
     joined = []
     for _ in range(seconds):
-        joined.append(station.joined(int(PORT_TICKS.ms())))
+        joined.append(station.is_joined(int(PORT_TICKS.ms())))
         PORT_TICKS.sleep_us(1_000_000)
     return joined
 

@@ -23,9 +23,9 @@ def course(c1, time_constant, *, seconds, age_ms=0, start_ms=0):
     warm = warm_up.WarmUp([round(c1 * 2**18), 0, 0], time_constant * 1000, start_ms, age_ms)
     t, grown = [], []
     for ms in range(0, seconds * 1000, 20):
-        warm.turn((start_ms + ms) % TICKS)
+        warm.step((start_ms + ms) % TICKS)
         t.append(ms / 1000)
-        grown.append(warm.grown_q18(0) / 2**18)
+        grown.append(warm.drift_q18(0) / 2**18)
     return np.array(t), np.array(grown)
 
 
@@ -67,8 +67,8 @@ def test_no_intermediate_needs_more_than_31_bits():
     warm = warm_up.WarmUp([SmallInt(1 << 29), SmallInt(-(1 << 29)), SmallInt(5)], SmallInt(100_000_000), 0, 0)
     warm._left = [SmallInt(x) for x in warm._left]
     for ms in range(0, 100_000_000, 97_657):
-        warm.turn(SmallInt(ms))
-    assert abs(warm.grown_q18(0) / 2**29 + math.expm1(-1)) < 1e-3
+        warm.step(SmallInt(ms))
+    assert abs(warm.drift_q18(0) / 2**29 + math.expm1(-1)) < 1e-3
 
 
 def test_the_settings_are_in_millionths_of_a_degree_per_second():
@@ -77,13 +77,13 @@ def test_the_settings_are_in_millionths_of_a_degree_per_second():
     assert found == pytest.approx([-3.0, 0.0, 29_000 / 70], abs=2**-18)
     PORT_TICKS.now_us = 0.0
     (warm,) = bias_choice.warm_up(s, CHIP, False)
-    assert [warm.grown_q18(axis) for axis in range(3)] == [0, 0, 0]
+    assert [warm.drift_q18(axis) for axis in range(3)] == [0, 0, 0]
     assert warm._c1 == [round(30 / 7 * 2**18), 0, -(1 << 18)]
     (after,) = bias_choice.warm_up(s, CHIP, True)
-    assert after.grown_q18(0) == after._c1[0], "a reset that left the chip its power"
+    assert after.drift_q18(0) == after._c1[0], "a reset that left the chip its power"
     assert bias_choice.warm_up(settings.DEFAULTS, CHIP, False) == ()
     both = bias_choice.warm_up({**s, "warmup_second": [0, 0, 140_000, 100]}, CHIP, True)
-    assert [warm.grown_q18(2) for warm in both] == [-(1 << 18), 2 << 18]
+    assert [warm.drift_q18(2) for warm in both] == [-(1 << 18), 2 << 18]
     assert bias_choice.known_bias_q18(settings.DEFAULTS, 0, CHIP) is None
     assert time.ticks_ms() == 0
 

@@ -26,10 +26,17 @@ ARCHITECTURES = (
 _KEPT_AS_SOURCE = {"main.py", "boot.py"}
 NATIVE = frozenset(
     {
-        *("node.py", "sampler.py", "fifo_samples.py", "polled_samples.py", "look.py", "sample_clock.py"),
+        *(
+            "node.py",
+            "sampler.py",
+            "fifo_samples.py",
+            "polled_samples.py",
+            "poll_timing.py",
+            "sample_clock.py",
+        ),
         *("outbox.py", "framing.py", "link.py", "reports.py", "parts.py", "bias_filter.py"),
         *("rls_filter.py", "pseudo_init.py", "pseudo_filter.py", "gravity_init.py", "static_init.py"),
-        *("bias_initialiser.py", "mean_sums.py", "rest.py"),
+        *("bias_initialiser.py", "mean_sums.py", "slow_sampling.py"),
     }
 )
 """Files of the loop, which become machine code as all drivers and the radio do.

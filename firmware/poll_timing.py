@@ -12,7 +12,7 @@ _LAG_US = const(1000)
 """A delay before a poll that took longer is an exception and does not count."""
 
 
-class Look:
+class PollTiming:
     """Timing of polls. early_us, late_us: the last poll showed the state of a moment between them.
 
     wire_us: duration of the transfer on the bus. slack_us: excess over the quickest poll so far.
@@ -30,7 +30,7 @@ class Look:
         """Return when to start a poll that shall show the state at `at_us`."""
         return ticks_add(at_us, -self._lead_us - self._lag_us)
 
-    def took(self, out_us, begun_us, done_us):
+    def record(self, out_us, begun_us, done_us):
         """Record a poll from `begun_us` to `done_us` that was called at `out_us`.
 
         Time beyond that on the wire is taken to come before it; on an RP2040 that holds nearly.

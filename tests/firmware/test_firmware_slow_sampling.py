@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from outbox import FIRST_ROW
-from rest import Rest
+from slow_sampling import SlowSampling
 
 from fakes.fake_port import PORT_TICKS
 from hubodo.emulator.board.settings import BoardSettings, SensorBoard
@@ -119,15 +119,15 @@ def resting(after_s=3, chip=None):
     settings = {"rest_after_s": after_s, "rest_dps": 2, "rest_mg": 20}
     parts = SimpleNamespace(chip=chip or Woken(), paused=False)
     sampler = SimpleNamespace(count=0, slot=SimpleNamespace(values=[0] * FIRST_ROW + STILL * 4))
-    made, changes = Rest(SimpleNamespace(parts=parts, settings=settings, sampler=sampler)), []
+    made, changes = SlowSampling(SimpleNamespace(parts=parts, settings=settings, sampler=sampler)), []
 
     def change(_chip, to_rest):
         changes.append(to_rest)
-        made.resting, made._moved = to_rest, False
+        made.is_slow, made._in_motion = to_rest, False
 
     made._change = change
     made.use(STILL, 0, 1)
-    made.turn(0)
+    made.step(0)
     return made, changes
 
 
@@ -136,11 +136,11 @@ def test_it_rests_when_nothing_has_differed_for_that_many_seconds(after_s):
     made, changes = resting(after_s)
     for ms in range(20, 1000 * after_s, 980):
         made.use(STILL * 4, 0, 4)
-        made.turn(ms)
+        made.step(ms)
         assert not changes
-    made.turn(1000 * after_s - 1)
+    made.step(1000 * after_s - 1)
     assert not changes
-    made.turn(1000 * after_s)
+    made.step(1000 * after_s)
     assert changes == [True]
 
 
@@ -160,17 +160,17 @@ def test_what_differs_by_more_than_2_deg_s_or_20_mg_moves(column, change, moves)
     made, changes = resting()
     other = list(STILL)
     other[column] += change
-    made.turn(2000)
+    made.step(2000)
     made.use(other * 4, 0, 4)
-    made.turn(2500)
-    made.turn(3000)
+    made.step(2500)
+    made.step(3000)
     assert changes == ([] if moves else [True])
-    made.turn(5499)
+    made.step(5499)
     assert changes == ([] if moves else [True])
     if moves:
         # What it moved to is what it rests at.
         made.use(other * 4, 0, 4)
-        made.turn(5500)
+        made.step(5500)
         assert changes == [True]
 
 
@@ -179,19 +179,19 @@ def test_of_a_full_batch_its_middle_and_its_end_are_looked_at_and_at_rest_each_s
     for place, seen in ((0, False), (1, False), (2, True), (3, True)):
         made, _ = resting()
         made.use([0, 0, *STILL * place, *jolt, *STILL * (3 - place)], 2, 4)
-        assert made._moved == seen
+        assert made._in_motion == seen
     made, changes = resting()
-    made.turn(3000)
+    made.step(3000)
     looked = []
 
     def look(_values, at):
         assert len(looked) < 9
         looked.append(at)
 
-    made._look = look
+    made._compare = look
     made._node.sampler.count = 2
-    made.turn(3020)
-    made.turn(3040)
+    made.step(3020)
+    made.step(3040)
     assert looked == [FIRST_ROW, FIRST_ROW + 6]
     made.use([0] * 40, 4, 4)
     assert looked[2:] == [4 + 12, 4 + 18], "those that came since"
@@ -212,9 +212,9 @@ def test_of_a_full_batch_its_middle_and_its_end_are_looked_at_and_at_rest_each_s
 def test_a_jolt_that_the_chip_has_felt_ends_a_rest(flag, answer, wakes):
     chip = Woken()
     made, changes = resting(chip=chip)
-    made.turn(3000)
+    made.step(3000)
     chip.MOTION_FLAG, chip.answer = flag, answer
-    made.turn(3020)
+    made.step(3020)
     assert changes == ([True, False] if wakes else [True])
 
 
@@ -222,5 +222,5 @@ def test_without_a_chip_or_on_a_bus_that_is_left_alone_nothing_changes():
     for nothing in ({"chip": None}, {"paused": True}):
         made, changes = resting()
         vars(made._node.parts).update(nothing)
-        made.turn(3000)
+        made.step(3000)
         assert not changes
