@@ -30,14 +30,14 @@ GAIN_LIMIT = const(1 << 20)
 """Upper bound on both gains."""
 
 # State of one axis, array of int32.
-_RATE = const(0)
-_RATE_REST = const(1)
-_BIAS = const(2)
-_BIAS_REST = const(3)
-_GAIN_RATE = const(4)
-_GAIN_BIAS = const(5)
+_KF_RATE = const(0)
+_KF_RATE_FRACTION = const(1)
+_KF_BIAS = const(2)
+_KF_BIAS_FRACTION = const(3)
+_KF_GAIN_RATE = const(4)
+_KF_GAIN_BIAS = const(5)
 
-_AXES = const(3)
+_N_AXES = const(3)
 _ROW = const(6)
 _HALF = const(1 << 9)
 _LOW_10 = const((1 << 10) - 1)
@@ -48,9 +48,9 @@ _BIAS_LIMIT = const(1 << 29)
 
 def kalman_plain(values, at, last, state):
     """Filter values[at:last:6] into `state`; return the number of clipped values."""
-    rate, rate_rest = state[_RATE], state[_RATE_REST]
-    bias, bias_rest = state[_BIAS], state[_BIAS_REST]
-    gain_rate, gain_bias = state[_GAIN_RATE], state[_GAIN_BIAS]
+    rate, rate_rest = state[_KF_RATE], state[_KF_RATE_FRACTION]
+    bias, bias_rest = state[_KF_BIAS], state[_KF_BIAS_FRACTION]
+    gain_rate, gain_bias = state[_KF_GAIN_RATE], state[_KF_GAIN_BIAS]
     clipped = 0
     while at < last:
         r = (values[at] << 4) - rate - ((bias + (rate_rest >> 10) + _HALF) >> 10)
@@ -83,10 +83,10 @@ def kalman_plain(values, at, last, state):
     elif bias < -_BIAS_LIMIT:
         bias = -_BIAS_LIMIT
         clipped += 1
-    state[_RATE] = rate
-    state[_RATE_REST] = rate_rest
-    state[_BIAS] = bias
-    state[_BIAS_REST] = bias_rest
+    state[_KF_RATE] = rate
+    state[_KF_RATE_FRACTION] = rate_rest
+    state[_KF_BIAS] = bias
+    state[_KF_BIAS_FRACTION] = bias_rest
     return clipped
 
 
@@ -102,25 +102,25 @@ class KalmanFilter:
 
     def __init__(self, gain_rate_q20, gain_bias_q30):
         self.saturations = 0
-        self._axes = tuple(array("i", (0, 0, 0, 0, gain_rate_q20, gain_bias_q30)) for _ in range(_AXES))
+        self._axes = tuple(array("i", (0, 0, 0, 0, gain_rate_q20, gain_bias_q30)) for _ in range(_N_AXES))
 
     def reset(self, axis, bias_q14):
         """Reset an axis to rate zero with a bias, |bias| <= 2^28."""
         state = self._axes[axis]
-        state[_RATE] = state[_RATE_REST] = state[_BIAS_REST] = 0
-        state[_BIAS] = bias_q14
+        state[_KF_RATE] = state[_KF_RATE_FRACTION] = state[_KF_BIAS_FRACTION] = 0
+        state[_KF_BIAS] = bias_q14
 
     def drift(self, axis, step_q18):
         """Add a step of the warm-up to the bias state, |step_q18| < 2^27."""
         state = self._axes[axis]
-        fraction = state[_BIAS_REST] + ((step_q18 & 15) << 16)
-        state[_BIAS] += (step_q18 >> 4) + (fraction >> 20)
-        state[_BIAS_REST] = fraction & _LOW_20
+        fraction = state[_KF_BIAS_FRACTION] + ((step_q18 & 15) << 16)
+        state[_KF_BIAS] += (step_q18 >> 4) + (fraction >> 20)
+        state[_KF_BIAS_FRACTION] = fraction & _LOW_20
 
     def update(self, values, first, count):
         """Filter `count` <= 255 samples, rows of six int16 from values[first], gyro first."""
         last = first + _ROW * count
-        for axis in range(_AXES):
+        for axis in range(_N_AXES):
             clipped = kalman(values, first + axis, last, self._axes[axis])  # type: ignore[arg-type]
             if clipped:
                 self.saturations = (self.saturations + clipped) & 0xFFFF
@@ -128,8 +128,8 @@ class KalmanFilter:
     def rate_q8(self, axis):
         """Return the angular rate, 1/256 gyro step. Only its sum with the bias is observable."""
         state = self._axes[axis]
-        return (state[_RATE] << 4) + (state[_RATE_REST] >> 16)
+        return (state[_KF_RATE] << 4) + (state[_KF_RATE_FRACTION] >> 16)
 
     def bias_q12(self, axis):
         """Return the bias, 1/4096 gyro step. Only its sum with the rate is observable."""
-        return self._axes[axis][_BIAS] >> 2
+        return self._axes[axis][_KF_BIAS] >> 2

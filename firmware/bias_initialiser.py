@@ -9,7 +9,7 @@ MIN_SAMPLES = const(2000)
 MAX_BIAS_DPS = const(30)
 """Bound on the bias of every supported gyro."""
 
-_AXES = const(3)
+_N_AXES = const(3)
 
 
 class BiasInitialiser:
@@ -23,11 +23,11 @@ class BiasInitialiser:
     def __init__(self):
         self.state = FILTER_STATE_WAITING
         self.samples = 0
-        self.bias_q14 = [0] * _AXES
-        self.variance_q8 = [0] * _AXES
-        self.sigma_q12 = [0] * _AXES
+        self.bias_q14 = [0] * _N_AXES
+        self.variance_q8 = [0] * _N_AXES
+        self.sigma_q12 = [0] * _N_AXES
         self.refused = 0
-        self.shift_q18 = [0] * _AXES
+        self.shift_q18 = [0] * _N_AXES
         """Change by the warm-up since the estimate."""
         self._wanted = self._count = 0
         self._before = FILTER_STATE_WAITING

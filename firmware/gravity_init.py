@@ -4,7 +4,7 @@ from micropython import const
 from pseudo_init import PseudoInit, mean_q14, real
 from small_float import number, times
 
-_AXES = const(3)
+_N_AXES = const(3)
 _LOW_15 = const((1 << 15) - 1)
 _LOW_14 = const((1 << 14) - 1)
 _ONE_TURN = const(1 << 16)

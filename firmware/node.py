@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 STAY_IN_REPL = "/stay_in_repl"
 
-_AXES = const(3)
+_N_AXES = const(3)
 _HELLO_MS = const(5000)
 _HEALTH_MS = const(1000)
 _QUIET_START_MS = const(200)
@@ -162,7 +162,7 @@ class Node:
 
     def _reset_filter(self):
         if self.estimator is not None:
-            for axis in range(_AXES):
+            for axis in range(_N_AXES):
                 self.estimator.reset(axis, self.init.now_q14(axis))
 
     def _set_bias(self):
@@ -172,7 +172,7 @@ class Node:
             return
         self._lsb_ndps = chip.gyro_lsb_ndps
         self.warm = bias_choice.warm_up(s, chip, self.parts.was_running)
-        for axis in range(_AXES):
+        for axis in range(_N_AXES):
             known = bias_choice.known_bias_q18(s, axis, chip)
             if known is not None:
                 for warm in self.warm:
@@ -182,7 +182,7 @@ class Node:
 
     def _drift(self, warm):
         """Apply a step of a warm-up to the estimator and to the bias for the next one."""
-        for axis in range(_AXES):
+        for axis in range(_N_AXES):
             step_q18 = warm.step_q18[axis]
             self.init.drift(axis, step_q18)
             if self.estimator is not None:

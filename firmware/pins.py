@@ -13,7 +13,7 @@ from wire import (
 )
 
 # battery: ADC pin, or -1; battery_factor: supply over ADC voltage; battery_enable: driven high to measure.
-_PICO = {
+_PICO_PINS = {
     "i2c": 0,
     "sda": 4,
     "scl": 5,
@@ -31,27 +31,29 @@ _PICO = {
     "ce": 20,
 }
 # GPIO25 is the radio's chip select, GPIO29 its clock: VSYS / 3 is on it only while the radio is not selected.
-_PICO_W = dict(_PICO, battery_enable=25)
-_RP2 = dict(_PICO, battery=-1)
+_PICO_W_PINS = dict(_PICO_PINS, battery_enable=25)
+_RP2_PINS = dict(_PICO_PINS, battery=-1)
 # These boards have no voltage divider: /config.json names the pin of the battery.
-_ESP32 = dict(_PICO, sda=21, scl=22, uart=2, tx=17, rx=16, battery=-1, battery_factor=2)
-_ESP32.update(spi=1, sck=14, mosi=13, miso=27, csn=26, ce=25)
+_ESP32_PINS = dict(_PICO_PINS, sda=21, scl=22, uart=2, tx=17, rx=16, battery=-1, battery_factor=2)
+_ESP32_PINS.update(spi=1, sck=14, mosi=13, miso=27, csn=26, ce=25)
 # GPIO22 to 25 do not exist; 26 to 37 belong to flash and PSRAM, 19 and 20 to USB.
-_ESP32_S3 = dict(_ESP32, sda=8, scl=9, uart=1, tx=17, rx=18, sck=12, mosi=11, miso=13, csn=10, ce=14)
+_ESP32_S3_PINS = dict(
+    _ESP32_PINS, sda=8, scl=9, uart=1, tx=17, rx=18, sck=12, mosi=11, miso=13, csn=10, ce=14
+)
 # GPIO22 and up do not exist; 11 to 17 belong to flash, 18 and 19 to USB, 20 and 21 to the console.
-_ESP32_C3 = dict(_ESP32, sda=6, scl=7, uart=1, tx=4, rx=5, sck=2, mosi=3, miso=10, csn=1, ce=0)
+_ESP32_C3_PINS = dict(_ESP32_PINS, sda=6, scl=7, uart=1, tx=4, rx=5, sck=2, mosi=3, miso=10, csn=1, ce=0)
 
 # (end of the machine name, Board, pins): the first that matches.
-_BOARDS = (
-    ("Raspberry Pi Pico W with RP2040", BOARD_PICO_W, _PICO_W),
-    ("Raspberry Pi Pico 2 W with RP2350", BOARD_PICO_2_W, _PICO_W),
-    ("Raspberry Pi Pico with RP2040", BOARD_PICO, _PICO),
-    ("Raspberry Pi Pico 2 with RP2350", BOARD_PICO_2, _PICO),
-    (" with RP2040", BOARD_RP2, _RP2),
-    (" with RP2350", BOARD_RP2, _RP2),
-    (" with ESP32", BOARD_ESP32, _ESP32),
-    (" with ESP32S3", BOARD_ESP32_S3, _ESP32_S3),
-    (" with ESP32C3", BOARD_ESP32_C3, _ESP32_C3),
+_PINS_OF_MACHINE = (
+    ("Raspberry Pi Pico W with RP2040", BOARD_PICO_W, _PICO_W_PINS),
+    ("Raspberry Pi Pico 2 W with RP2350", BOARD_PICO_2_W, _PICO_W_PINS),
+    ("Raspberry Pi Pico with RP2040", BOARD_PICO, _PICO_PINS),
+    ("Raspberry Pi Pico 2 with RP2350", BOARD_PICO_2, _PICO_PINS),
+    (" with RP2040", BOARD_RP2, _RP2_PINS),
+    (" with RP2350", BOARD_RP2, _RP2_PINS),
+    (" with ESP32", BOARD_ESP32, _ESP32_PINS),
+    (" with ESP32S3", BOARD_ESP32_S3, _ESP32_S3_PINS),
+    (" with ESP32C3", BOARD_ESP32_C3, _ESP32_C3_PINS),
 )
 
 WITH_RADIO = (BOARD_PICO_W, BOARD_PICO_2_W)
@@ -62,7 +64,7 @@ def board_of(machine):
     """Return (Board, pins) for the text of `sys.implementation._machine`."""
     # "ESP32-S3" in some versions; "RP2350-RISCV" when the RISC-V cores run.
     text = machine.replace("-RISCV", "").replace("-", "")
-    for ending, kind, pins in _BOARDS:
+    for ending, kind, pins in _PINS_OF_MACHINE:
         if text.endswith(ending):
             return kind, dict(pins)
-    return BOARD_OTHER, dict(_RP2)
+    return BOARD_OTHER, dict(_RP2_PINS)

@@ -10,7 +10,7 @@ TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
 
-_AXES = const(3)
+_N_AXES = const(3)
 _ROW = const(6)
 _PUT_LIMIT = const(1 << 27)
 _LOW_15 = const((1 << 15) - 1)
@@ -80,7 +80,7 @@ class PseudoInit(BiasInitialiser):
         self.filter.reset(start, noise_of_mean)
         self._begun = start
         self._doubted = real((s["gyro_scale_sigma_ppm"] * 1e-6) ** 2)
-        for axis in range(_AXES):
+        for axis in range(_N_AXES):
             self._mean_q14[axis] = 0
             self.filter.bias_q16[axis] = self.now_q14(axis) << 2
         self._noise_q8 = min(int(noise * 256), (1 << 30) - 1)
@@ -131,12 +131,12 @@ class PseudoInit(BiasInitialiser):
 
     def _stretch(self, mean_q14):
         self.used += 1
-        for axis in range(_AXES):
+        for axis in range(_N_AXES):
             self._mean_q14[axis] += (mean_q14[axis] - self._mean_q14[axis]) // self.used
         if self.used > 1 or self._guard is None:
             self.filter.update(mean_q14, self.rate_q14, self.doubt)
             return
-        for axis in range(_AXES):
+        for axis in range(_N_AXES):
             mean = mean_q14[axis]
             self.filter.set_bias(axis, (mean if -_PUT_LIMIT < mean < _PUT_LIMIT else 0) << 2)
 
@@ -144,11 +144,11 @@ class PseudoInit(BiasInitialiser):
         if not self.used:
             return self._refuse(REASON_WHEEL_RESTS)
         bias = self.filter.bias_q16
-        for axis in range(_AXES):
+        for axis in range(_N_AXES):
             if not -self._limit_q16 <= bias[axis] <= self._limit_q16:
                 return self._refuse(REASON_WHEEL_TURNS)
         doubt = self._doubt()
-        for axis in range(_AXES):
+        for axis in range(_N_AXES):
             self.bias_q14[axis] = bias[axis] + 2 >> 2
             self.shift_q18[axis] = 0
             self.sigma_q12[axis] = integer(root(self._variance(axis, doubt)), 12)
@@ -163,7 +163,7 @@ class PseudoInit(BiasInitialiser):
         Biases of variance p across the axis of rotation lengthen |G| by their squares over twice the rate.
         """
         square = longer = 0
-        for axis in range(_AXES):
+        for axis in range(_N_AXES):
             mean, p = number(self._mean_q14[axis], -14), self.filter.variance(axis)
             square = plus(square, times(mean, mean))
             longer = plus(longer, times(p, p))

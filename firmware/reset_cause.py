@@ -24,7 +24,7 @@ _REGISTERS = (
     ("RP2350", 0x400D8008, 0x4010002C, 1 << 18, 1 << 17),
 )
 # A port may lack some of these names.
-_CAUSES = (
+_CAUSE_BY_PORT_NAME = (
     ("PWRON_RESET", RESET_CAUSE_POWER_ON),
     ("HARD_RESET", RESET_CAUSE_SOFT),
     ("WDT_RESET", RESET_CAUSE_WATCHDOG),
@@ -44,7 +44,7 @@ def reset_cause(name):
             if bits & run:
                 return RESET_CAUSE_HARD
             return RESET_CAUSE_BROWN_OUT if bits & brown_out else RESET_CAUSE_POWER_ON
-    for port_name, code in _CAUSES:
+    for port_name, code in _CAUSE_BY_PORT_NAME:
         if cause == getattr(machine, port_name, None):
             return code
     return RESET_CAUSE_UNKNOWN

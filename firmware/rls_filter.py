@@ -27,7 +27,7 @@ from array import array
 from micropython import const
 from small_float import ONE, integer, number, over, plus, times
 
-_AXES = const(3)
+_N_AXES = const(3)
 _ROW = const(6)
 _LAST_N = const(1 << 20)
 _GAIN_ONE = const(1 << 25)
@@ -57,7 +57,7 @@ class RlsFilter:
         self.saturations = 0
         self._forget = (1 << 20) - forgetting_q20
         self._lambda = number(forgetting_q20, -20)
-        self._axes = tuple(array("i", bytes(4 * _STATE_WORDS)) for _ in range(_AXES))
+        self._axes = tuple(array("i", bytes(4 * _STATE_WORDS)) for _ in range(_N_AXES))
         self._n = self._energy = 0
 
     def reset(self, axis, bias_q14):
@@ -80,7 +80,7 @@ class RlsFilter:
         """Filter `count` samples, rows of six int16 from values[first], gyro first."""
         for at in range(first, first + _ROW * count, _ROW):
             gain = self._next()
-            for axis in range(_AXES):
+            for axis in range(_N_AXES):
                 self._update(self._axes[axis], values[at + axis], gain)
 
     def rate_q8(self, axis):

@@ -24,12 +24,12 @@ _PROOF = const(0x23)
 _ID = const(4)
 _NONCE = const(8)
 _TAG = const(8)
-_HEAD = const(9)
+_SEALED_HEADER_BYTES = const(9)
 _NONCES_END = const(26)
 _ANSWER_SIZE = const(34)
 _MAX_DATAGRAM = const(272)
 _HMAC_BLOCK = const(64)
-_REPLAY_WINDOW = const(16)
+_NODE_REPLAY_WINDOW = const(16)
 _MAX_COUNT = const(1 << 29)
 """Datagrams per session; then a new session begins."""
 _REOPEN_MS = const(2500)
@@ -75,11 +75,13 @@ class Session:
         ahead = count - self._newest
         if ahead > 0:
             self._window = (
-                (self._window << ahead | 1) & ((1 << _REPLAY_WINDOW) - 1) if ahead < _REPLAY_WINDOW else 1
+                (self._window << ahead | 1) & ((1 << _NODE_REPLAY_WINDOW) - 1)
+                if ahead < _NODE_REPLAY_WINDOW
+                else 1
             )
             self._newest = count
             return True
-        bit = 1 << -ahead if -ahead < _REPLAY_WINDOW else 0
+        bit = 1 << -ahead if -ahead < _NODE_REPLAY_WINDOW else 0
         if not bit or self._window & bit:
             return False
         self._window |= bit
@@ -131,8 +133,8 @@ class SealedUdpLink(UdpLink):
         out[0] = _DATA
         out[1 : 1 + _ID] = session.id
         struct.pack_into("<I", out, 1 + _ID, session.count)
-        end = _HEAD + size
-        self._out_view[_HEAD:end] = memoryview(raw)[at : at + size]
+        end = _SEALED_HEADER_BYTES + size
+        self._out_view[_SEALED_HEADER_BYTES:end] = memoryview(raw)[at : at + size]
         out[end : end + _TAG] = session.hmac.digest(b"n", self._out_view[1 + _ID : end])[:_TAG]
         if not super()._accept(out, 0, end + _TAG):
             return 0
@@ -145,14 +147,14 @@ class SealedUdpLink(UdpLink):
     def _received(self, size):
         """Return (start, end) of the frames in the datagram in `_raw`."""
         kind = self._raw[0]
-        if kind == _DATA and size >= _HEAD + _TAG:
+        if kind == _DATA and size >= _SEALED_HEADER_BYTES + _TAG:
             session = self._named_session()
             if session is not None and session.authenticates(self._raw_view, size - _TAG):
                 self._received_ms = ticks_ms()
                 if session is self._next:
                     self._session = session
                     self._next = self._opening = None
-                return _HEAD, size - _TAG
+                return _SEALED_HEADER_BYTES, size - _TAG
         elif kind == _FROM_HOST and size == _ANSWER_SIZE and self._handle_answer():
             return 0, 0
         self.reader.damaged += 1

@@ -4,7 +4,7 @@ from bias_initialiser import MAX_BIAS_DPS, BiasInitialiser
 from micropython import const
 from wire import FILTER_STATE_TRACKING, REASON_WHEEL_TURNS
 
-_AXES = const(3)
+_N_AXES = const(3)
 _ROW = const(6)
 _LOW_10 = const((1 << 10) - 1)
 _LOW_20 = const((1 << 20) - 1)
@@ -25,15 +25,15 @@ class StaticInit(BiasInitialiser):
         self._square_low = [0] * _ROW
         self._limit = [0] * _ROW
         self._variance_limit = [0] * _ROW
-        self._start_shift_q18 = [0] * _AXES
-        self._mean_q14 = [0] * _AXES
-        self._variance_q8 = [0] * _AXES
+        self._start_shift_q18 = [0] * _N_AXES
+        self._mean_q14 = [0] * _N_AXES
+        self._variance_q8 = [0] * _N_AXES
 
     def start(self, samples, gyro_lsb_ndps, accel_lsb_ng):
         """Start with MIN_SAMPLES <= samples <= 65535."""
         for i in range(_ROW):
             self._sum[i] = self._square_high[i] = self._square_low[i] = 0
-            if i < _AXES:
+            if i < _N_AXES:
                 self._start_shift_q18[i] = self.shift_q18[i]
                 self._limit[i] = 1000000000 // gyro_lsb_ndps * MAX_BIAS_DPS
                 self._variance_limit[i] = (1000000000 // gyro_lsb_ndps) ** 2
@@ -77,13 +77,13 @@ class StaticInit(BiasInitialiser):
             cut_q8 = 2 * mean * part_q8 + (part_q8 * part_q8 >> 8)
             if variance - (cut_q8 >> 8) > self._variance_limit[i]:
                 return self._refuse(REASON_WHEEL_TURNS)
-            if i < _AXES:
+            if i < _N_AXES:
                 if not -self._limit[i] <= self._reference[i] + mean <= self._limit[i]:
                     return self._refuse(REASON_WHEEL_TURNS)
                 variance = (variance << 8) + (remainder << 8) // n - cut_q8
                 self._variance_q8[i] = variance if variance > 0 else 0
                 self._mean_q14[i] = ((self._reference[i] + mean) << 14) + (part << 14) // n
-        for i in range(_AXES):
+        for i in range(_N_AXES):
             # The mean belongs to the middle of the interval: add half of the warm-up during it.
             self.bias_q14[i] = self._mean_q14[i] + (self.shift_q18[i] - self._start_shift_q18[i] >> 5)
             self.shift_q18[i] = 0

@@ -10,7 +10,7 @@ from time import ticks_add, ticks_diff
 
 from micropython import const
 
-_AXES = const(3)
+_N_AXES = const(3)
 _STEPS_PER_T = const(1024)
 _COMPLETE_T = const(14)
 """Time constants until the drift is complete: 2^11 e^-14 steps are below 2^-9."""
@@ -24,7 +24,7 @@ class WarmUp:
     """
 
     def __init__(self, c1_q18, time_constant_ms, now_ms, age_ms):
-        self.step_q18 = [0] * _AXES
+        self.step_q18 = [0] * _N_AXES
         """Change of the bias by the last `turn`."""
         self._c1 = c1_q18
         self._left = list(c1_q18)
@@ -33,7 +33,7 @@ class WarmUp:
         self._next_ms = now_ms
         self._wait()
         if age_ms < 0 or age_ms // _COMPLETE_T > time_constant_ms:
-            self._left = [0] * _AXES
+            self._left = [0] * _N_AXES
         else:
             for _ in range(age_ms * _STEPS_PER_T // time_constant_ms):
                 self._step()
@@ -57,7 +57,7 @@ class WarmUp:
         self._late %= _STEPS_PER_T
 
     def _step(self):
-        for axis in range(_AXES):
+        for axis in range(_N_AXES):
             left = self._left[axis]
             step = (left + 512) // (_STEPS_PER_T + 1) if left >= 0 else -((512 - left) // (_STEPS_PER_T + 1))
             self.step_q18[axis] = step

@@ -3,7 +3,8 @@
     python tools/constants.py [--under FOLDER]
 
 Prints each such name with its places. With `--under` only names that a module of that folder defines.
-Exit code 1 if there is one. `tools/check` runs it for the rooms that `tools/banned_words.toml` lists.
+Exit code 1 if there is one. Registers and bits in `firmware/drivers` are exempt: their data sheets name them.
+`tools/check` runs it for the rooms that `tools/banned_words.toml` lists.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ("host/hubodo", "protocol/hubowire", "firmware")
+EXEMPT = ("firmware/drivers/",)
 
 Definitions = dict[str, dict[str, list[str]]]
 """For each name, for each value as source text, the places that define it so."""
@@ -31,6 +33,8 @@ def constants(tree: ast.Module) -> Iterator[tuple[int, str, str]]:
         if not isinstance(target, ast.Name) or value is None:
             continue
         if target.id.startswith("_") and target.id.isupper():
+            if isinstance(value, ast.Call) and ast.unparse(value.func) == "const":
+                value = value.args[0]
             yield node.lineno, target.id, ast.unparse(value)
 
 
@@ -40,6 +44,8 @@ def definitions() -> Definitions:
     for folder in FOLDERS:
         for path in sorted((ROOT / folder).rglob("*.py")):
             place = path.relative_to(ROOT).as_posix()
+            if place.startswith(EXEMPT):
+                continue
             for line, name, value in constants(ast.parse(path.read_text("utf-8"))):
                 defined[name][value].append(f"{place}:{line}")
     return defined
