@@ -1,11 +1,11 @@
-"""Rides of nodes that send by radio to a receiver: boards on one ether, in virtual time."""
+"""Rides of nodes that send by radio to a receiver: boards on one radio_medium, in virtual time."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 import hubowire
-from hubodo.emulator.board.ether import Ether
+from hubodo.emulator.board.radio_medium import RadioMedium
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
 from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.motion import StillMotion
@@ -44,8 +44,8 @@ def ride(
     cut=0,
     interpreter="cpython",
 ):
-    """All boards on one ether, in virtual time: what their radios do is what is looked at."""
-    ether = Ether(weather, seed=7)
+    """All boards on one radio_medium, in virtual time: what their radios do is what is looked at."""
+    radio_medium = RadioMedium(weather, seed=7)
 
     def board(config, motion, *, chip=0.0, **settings):
         settings = {"host": Host("memory"), **settings}
@@ -60,14 +60,14 @@ def ride(
             ),
             clock=Clock("stepped", run_for=seconds),
             own_process=False,
-            ether=ether,
+            radio_medium=radio_medium,
             **settings,
         )
 
     common = {"link": link, "rate_hz": 208, "radio_tries": tries}
     nodes = {k: board({"node_id": k, **common}, unique_motion(seconds), chip=0.013 * (k - 1)) for k in ids}
     config = {"node_id": RECEIVER, "receiver": link, "radio_nodes": list(ids), "mag_rate_hz": 0}
-    host = Host("memory", deaf=tuple(deaf), script=tuple(script))
+    host = Host("memory", read_pauses=tuple(deaf), script=tuple(script))
     receiver = board(config, StillMotion(), host=host, faults=tuple(faults))
     boards = [*nodes.values(), receiver]
     try:
@@ -83,7 +83,7 @@ def ride(
             {k: [x for x in sent if x[0].node == k] for k in ids},
             {k: node.chip.truth() for k, node in nodes.items()},
             [x for x in sent if x[0].node == RECEIVER],
-            dict(ether.counts),
+            dict(radio_medium.counts),
             {k: of([x for x in sent if x[0].node == k], m.Health)[-1].frames_dropped for k in ids},
         )
     finally:

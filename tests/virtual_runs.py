@@ -9,7 +9,7 @@ import hubowire
 import wanted
 from hubodo.emulator.board.settings import Clock, Flash, Host
 from hubodo.emulator.interpreters.find import InterpreterMissing
-from hubodo.emulator.interpreters.interpreter import require
+from hubodo.emulator.interpreters.interpreter import check_available
 from hubodo.emulator.interpreters.rp2040.image import ImageMissing
 from hubodo.emulator.motion import RecordedMotion
 from hubodo.emulator.virtual_node import VirtualNode
@@ -23,7 +23,7 @@ _CLOCK = Clock()
 def micropython_or_skip():
     """Without node or its MicroPython the test skips; see `wanted`."""
     try:
-        require("micropython")
+        check_available("micropython")
     except InterpreterMissing as missing:
         wanted.lacking(str(missing))
 
@@ -42,7 +42,7 @@ def stepped(seconds, motion, flash, *, script=(), deaf=(), clock=_CLOCK, **setti
         motion,
         flash,
         clock=replace(clock, kind="stepped", run_for=seconds),
-        host=Host("memory", script=tuple(script), deaf=tuple(deaf)),
+        host=Host("memory", script=tuple(script), read_pauses=tuple(deaf)),
         own_process=False,
         **settings,
     )
@@ -97,6 +97,6 @@ def request(seq, message, node=1):
 def pico_or_skip():
     """Without node, its emulator or an image of MicroPython the test skips; see `wanted`."""
     try:
-        require("rp2040")
+        check_available("rp2040")
     except (InterpreterMissing, ImageMissing) as missing:
         wanted.lacking(str(missing))

@@ -24,7 +24,7 @@ from rich.table import Table
 
 from hubodo.cli import main as hubodo
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash
-from hubodo.emulator.interpreters.rp2040.image import ImageMissing, find_image, usual_folder
+from hubodo.emulator.interpreters.rp2040.image import ImageMissing, default_image_folder, find_image
 from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
@@ -77,7 +77,9 @@ def parse(argv):
     parser.add_argument("--seed", type=int, default=1, help="of the chip's rate (default: 1)")
     names = ", ".join([*SETTINGS, *LARGE])
     parser.add_argument("--settings", default=",".join(SETTINGS), help=f"some of: {names}")
-    parser.add_argument("--image", type=Path, help=f".uf2 or .bin, or a folder (default: {usual_folder()})")
+    parser.add_argument(
+        "--image", type=Path, help=f".uf2 or .bin, or a folder (default: {default_image_folder()})"
+    )
     parser.add_argument("--bootrom", type=Path, help="default: beside the image")
     parser.add_argument("--vm-in-sram", action="store_true", help="the image with MicroPython's loop in RAM")
     parser.add_argument("--miss", type=int, default=50, help="cycles of a cache miss (default: 50)")

@@ -78,7 +78,7 @@ def test_hello_comes_soon_after_power_on(run):
 def test_a_bus_that_fails_a_chip_that_restarts_and_a_busy_processor_are_got_over(tmp_path):
     """Every sample is the chip's own, in order, to the end; what is missing is announced."""
     pico_or_skip()
-    faults = [BusNack(1.0, 3), StuckBus(1.3), BrownOut(1.6, of="chips"), Stall(2.2, 0.05)]
+    faults = [BusNack(1.0, 3), StuckBus(1.3), BrownOut(1.6, affected="chips"), Stall(2.2, 0.05)]
     node = VirtualNode(
         unique_motion(3),
         Flash(armv6m(tmp_path), {"rate_hz": 416}),

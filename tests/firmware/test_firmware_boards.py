@@ -69,7 +69,7 @@ def test_a_flat_battery_is_a_fault(model):
 def test_a_board_without_a_divider_measures_no_battery_until_it_is_told_where(model):
     sent, _, _ = run(2, board=BoardSettings(model=model))
     assert {(h.battery_mv, h.faults) for h in of(sent, m.Health)} == {(0, 0)}
-    pins = {"battery": MODELS[model].battery}
+    pins = {"battery": MODELS[model].battery_pin}
     sent, _, _ = run(2, board=BoardSettings(model=model, battery_mv=4100), config={"pins": pins})
     assert all(abs(h.battery_mv - 4100) < 15 for h in of(sent, m.Health))
 

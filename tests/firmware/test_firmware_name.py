@@ -5,14 +5,14 @@ import random
 import pytest
 from name import answer, is_address, question
 
-from hubodo.emulator.board.network import Air
+from hubodo.emulator.board.network import WifiEnvironment
 
-AIR = Air(names=((0.0, "laptop.lan", "192.168.1.77"),))
+AIR = WifiEnvironment(dns_records=((0.0, "laptop.lan", "192.168.1.77"),))
 
 
 def test_the_address_in_a_reply_behind_another_name_is_found():
     query = question("laptop.lan", 0xBEEF)
-    assert answer(AIR.reply(0.0, query), query) == "192.168.1.77"
+    assert answer(AIR.answer_dns(0.0, query), query) == "192.168.1.77"
 
 
 def test_a_query_is_the_bytes_of_rfc_1035():
@@ -27,10 +27,10 @@ def test_a_query_is_the_bytes_of_rfc_1035():
     [
         b"",
         b"\xbe\xef",
-        AIR.reply(0.0, question("laptop.lan", 0xBEF0)),
-        AIR.reply(0.0, question("other.lan", 0xBEEF)),
+        AIR.answer_dns(0.0, question("laptop.lan", 0xBEF0)),
+        AIR.answer_dns(0.0, question("other.lan", 0xBEEF)),
         question("laptop.lan", 0xBEEF),
-        AIR.reply(0.0, question("laptop.lan", 0xBEEF))[:-1],
+        AIR.answer_dns(0.0, question("laptop.lan", 0xBEEF))[:-1],
     ],
     ids=["nothing", "two bytes", "another number", "no such name", "the query itself", "cut"],
 )
@@ -40,7 +40,7 @@ def test_what_is_no_answer_is_none(reply):
 
 def test_damaged_replies_never_raise_and_never_hang():
     query, rng = question("laptop.lan", 0xBEEF), random.Random(5)
-    whole = AIR.reply(0.0, query)
+    whole = AIR.answer_dns(0.0, query)
     for _ in range(5000):
         damaged = bytearray(whole[: rng.randrange(len(whole) + 1)])
         for _ in range(rng.randrange(4)):

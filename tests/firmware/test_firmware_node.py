@@ -61,9 +61,9 @@ FAULTS = [
     ("lsm6ds33", 208, BusNack(t=2.0, count=3)),
     ("lsm6ds33", 208, StuckBus(t=2.0)),
     ("lsm6ds33", 208, MissedSamples(t=2.0, n=5)),
-    ("lsm6ds33", 208, BrownOut(t=2.0, of="chips")),
+    ("lsm6ds33", 208, BrownOut(t=2.0, affected="chips")),
     ("lsm6ds33", 1660, StuckBus(t=2.0)),
-    ("lsm6ds33", 833, BrownOut(t=2.0, of="chips")),
+    ("lsm6ds33", 833, BrownOut(t=2.0, affected="chips")),
     ("mpu6050", 200, StuckBus(t=2.0)),
     ("mpu6050", 1000, StuckBus(t=2.0)),
 ]

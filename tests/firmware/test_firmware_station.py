@@ -6,7 +6,7 @@ import types
 import pytest
 
 from fakes.fake_port import PORT_TICKS
-from hubodo.emulator.board.network import REFUSED, Air, WlanStation
+from hubodo.emulator.board.network import CONNECT_REFUSED, WifiEnvironment, WlanStation
 
 CONNECTING = {"rp2": 1, "esp32": 1001}
 JOIN_S = 2.5
@@ -30,11 +30,11 @@ class FakeWlan:
         if "reconnects" in options:
             if self.port.port == "rp2":
                 raise ValueError("unknown config param")
-            self.port.reconnects(options["reconnects"])
+            self.port.set_reconnects(options["reconnects"])
 
     def connect(self, ssid, password):
         assert (ssid, password) == ("net", "secret")
-        if self.port.connect(self.t) == REFUSED:
+        if self.port.connect(self.t) == CONNECT_REFUSED:
             self.refused += 1
             raise OSError("Wifi Internal State Error")
         self.asked.append(self.t)
@@ -43,7 +43,7 @@ class FakeWlan:
         self.port.disconnect()
 
     def isconnected(self):
-        return self.port.up(self.t)
+        return self.port.is_connected(self.t)
 
     def status(self):
         return self.port.status(self.t)
@@ -79,7 +79,7 @@ def live(station, wlan, seconds):
 
 @pytest.mark.parametrize("port", ["rp2", "esp32"])
 def test_tries_follow_each_other_after_pauses_that_double_up_to_half_a_minute(station, port):
-    node, wlan = station(port, Air(away=((0, 200),), join=JOIN_S))
+    node, wlan = station(port, WifiEnvironment(outages=((0, 200),), join_time=JOIN_S))
     joined = live(node, wlan, 300)
     # A failure is seen at the next second after JOIN_S; then comes the pause.
     pauses = [round(b - a) - 3 for a, b in zip(wlan.asked, wlan.asked[1:], strict=False)]
@@ -91,20 +91,20 @@ def test_tries_follow_each_other_after_pauses_that_double_up_to_half_a_minute(st
 @pytest.mark.parametrize("port", ["rp2", "esp32"])
 def test_after_a_loss_the_first_try_comes_at_once_and_the_pauses_begin_anew(station, port):
     """A Pico W tells "joining" from the loss on, and nothing joins; an ESP32 leaves it to the node."""
-    node, wlan = station(port, Air(away=((99.5, 102.8),), join=JOIN_S))
+    node, wlan = station(port, WifiEnvironment(outages=((99.5, 102.8),), join_time=JOIN_S))
     joined = live(node, wlan, 120)
     assert [round(t) for t in wlan.asked] == [0, 100, 104]
     assert joined[3:100] == [True] * 97 and joined[100:107] == [False] * 7 and all(joined[107:])
 
 
 def test_a_join_that_hangs_is_given_up_after_a_quarter_of_a_minute(station):
-    node, wlan = station("rp2", Air(join=1e9))
+    node, wlan = station("rp2", WifiEnvironment(join_time=1e9))
     live(node, wlan, 60)
     assert [round(t) for t in wlan.asked] == [0, 16, 33, 52]
 
 
 def test_an_esp32_that_is_joining_already_refuses_once_and_is_brought_round(station):
-    node, wlan = station("esp32", Air(join=20.0))
+    node, wlan = station("esp32", WifiEnvironment(join_time=20.0))
     wlan.port.connect(0.0)
     joined = live(node, wlan, 45)
     assert wlan.refused == 1 and wlan.asked[0] == pytest.approx(1, abs=0.1)

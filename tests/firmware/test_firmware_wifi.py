@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import hubowire
-from hubodo.emulator.board.network import Air
+from hubodo.emulator.board.network import WifiEnvironment
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host
 from hubodo.emulator.virtual_node import VirtualNode
 from hubowire import messages as m
@@ -63,7 +63,7 @@ def ride(seconds, port, air, *, host="127.0.0.1", listeners=("127.0.0.1",), inte
     node = VirtualNode(
         unique_motion(seconds),
         Flash(FIRMWARE, config),
-        board=BoardSettings(model="pico_w" if port == "rp2" else "esp32", air=air, interpreter=interpreter),
+        board=BoardSettings(model="pico_w" if port == "rp2" else "esp32", wifi=air, interpreter=interpreter),
         clock=Clock("stepped", run_for=seconds),
         host=Host("memory"),
         own_process=False,
@@ -89,7 +89,7 @@ def judge(sent, truth, stats):
 
 @pytest.mark.parametrize("port", PORTS)
 def test_a_network_that_comes_late_gets_the_newest_samples(port):
-    (sent,), truth, stats = ride(30, port, Air(away=((0, 12),), join=2.0))
+    (sent,), truth, stats = ride(30, port, WifiEnvironment(outages=((0, 12),), join_time=2.0))
     t = judge(sent, truth, stats)
     assert 12 - QUEUE_S < t[0] < 12 + 8 + 2 + 2, "tries follow each other after 1, 2, 4, 8 s"
     assert t[-1] > 29.5
@@ -98,12 +98,12 @@ def test_a_network_that_comes_late_gets_the_newest_samples(port):
 @pytest.mark.parametrize("interpreter", ["micropython", "cpython"])
 @pytest.mark.parametrize("port", PORTS)
 def test_a_network_that_goes_is_joined_again_and_only_the_oldest_frames_are_gone(port, interpreter):
-    air = Air(away=((5, 9), (15, 40)), join=1.5)
+    air = WifiEnvironment(outages=((5, 9), (15, 40)), join_time=1.5)
     (sent,), truth, stats = ride(72, port, air, interpreter=interpreter)
     t = judge(sent, truth, stats)
     gaps = np.flatnonzero(np.diff(t) > 0.5)
     assert len(gaps) == 2, "one hole for each loss"
-    for (begin, end), gap in zip(air.away, gaps, strict=True):
+    for (begin, end), gap in zip(air.outages, gaps, strict=True):
         assert t[gap] == pytest.approx(begin, abs=0.2)
         # Pauses double: the last is as long as all before it, and no longer than 30 s.
         assert end - 2 * QUEUE_S - 1 < t[gap + 1] < end + min(30, end - begin) + 4
@@ -113,7 +113,7 @@ def test_a_network_that_goes_is_joined_again_and_only_the_oldest_frames_are_gone
 @pytest.mark.parametrize("port", PORTS)
 def test_a_station_that_is_joining_already_at_power_on_is_brought_round(port):
     """After a soft reset an ESP32 goes on with what it was told before, and refuses to be told anew."""
-    (sent,), truth, stats = ride(12, port, Air(join=2.5, left_joining=True))
+    (sent,), truth, stats = ride(12, port, WifiEnvironment(join_time=2.5, joining_at_power_on=True))
     assert judge(sent, truth, stats)[-1] > 11.5
 
 
@@ -121,10 +121,10 @@ def test_a_station_that_is_joining_already_at_power_on_is_brought_round(port):
 @pytest.mark.parametrize("port", PORTS)
 def test_a_host_is_found_by_its_name_and_again_after_a_loss_where_it_has_moved(port, host):
     """The name server is silent when the node first asks, and again later: no turn waits for it."""
-    air = Air(
-        away=((10, 12),),
-        silent=((0, 4), (11, 16)),
-        names=((0, host, "127.0.0.1"), (11, host, "127.0.0.2")),
+    air = WifiEnvironment(
+        outages=((10, 12),),
+        dns_outages=((0, 4), (11, 16)),
+        dns_records=((0, host, "127.0.0.1"), (11, host, "127.0.0.2")),
     )
     (before, after), truth, stats = ride(30, port, air, host=host, listeners=("127.0.0.1", "127.0.0.2"))
     t = judge(before + after, truth, stats)
@@ -135,7 +135,7 @@ def test_a_host_is_found_by_its_name_and_again_after_a_loss_where_it_has_moved(p
 
 
 def test_a_host_that_moves_while_nobody_is_heard_is_found_within_half_a_minute():
-    air = Air(names=((0, "laptop.lan", "127.0.0.1"), (8, "laptop.lan", "127.0.0.2")))
+    air = WifiEnvironment(dns_records=((0, "laptop.lan", "127.0.0.1"), (8, "laptop.lan", "127.0.0.2")))
     (before, after), truth, stats = ride(
         45, "rp2", air, host="laptop.lan", listeners=("127.0.0.1", "127.0.0.2")
     )

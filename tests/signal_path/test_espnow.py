@@ -4,32 +4,32 @@ import numpy as np
 import pytest
 
 import hubowire
-from hubodo.emulator.board.ether import Ether
+from hubodo.emulator.board.radio_medium import RadioMedium
 from hubodo.emulator.chips.espnow import (
     ARG,
     EXIST,
     FULL,
-    MOST,
+    MAX_PACKET_BYTES,
+    MAX_PEERS,
     NO_MEM,
     NOT_FOUND,
     NOT_INIT,
-    PEERS,
     EspNow,
-    What,
+    EspNowCall,
 )
 from hubodo.emulator.chips.faults import Stall
-from hubodo.emulator.chips.nrf24 import Weather
+from hubodo.emulator.chips.nrf24 import PacketFaults
 from hubowire import messages as m
 from radio_rides import RECEIVER, nothing_lost, ride
 from virtual_runs import all_lost, matched, of
 
-ON = bytes([What.ACTIVE]) + b"\1\0" + (526).to_bytes(2, "little")
+ON = bytes([EspNowCall.ACTIVE]) + b"\1\0" + (526).to_bytes(2, "little")
 
 
 @pytest.fixture(scope="module")
 def rough():
     """A fifth of the packets and of their acknowledgements lost, others twice, others late."""
-    return ride(Weather(lose=0.2, twice=0.05, late=0.05), link="espnow")
+    return ride(PacketFaults(loss=0.2, duplication=0.05, delay=0.05), link="espnow")
 
 
 def test_a_fifth_of_the_packets_lost_loses_no_sample_of_two_nodes(rough):
@@ -45,7 +45,7 @@ def test_packets_that_come_twice_or_late_are_counted_and_change_nothing(rough):
 
 
 def test_a_receiver_that_stands_still_loses_what_its_buffer_does_not_hold_and_counts_it():
-    heard = ride(Weather(), link="espnow", faults=(Stall(1.0, seconds=1.4),), seconds=3.6)
+    heard = ride(PacketFaults(), link="espnow", faults=(Stall(1.0, seconds=1.4),), seconds=3.6)
     for k, sent in heard.sent.items():
         found = matched(sent, heard.truths[k])
         assert np.array_equal(np.diff(found[:, 0]), np.diff(found[:, 2])), "what is missing is numbered"
@@ -61,46 +61,48 @@ def test_requests_reach_the_node_that_they_are_for():
     ask = [
         hubowire.encode_frame(hubowire.Frame(m.Ping.type_id, to, 70 + to, b"")) for to in (1, 2, RECEIVER, 9)
     ]
-    heard = ride(Weather(), link="espnow", script=[(1.0, b"\0" + b"".join(ask))], seconds=2.4)
+    heard = ride(PacketFaults(), link="espnow", script=[(1.0, b"\0" + b"".join(ask))], seconds=2.4)
     answers = {k: [a.request_seq for a in of(sent, m.Ack)] for k, sent in heard.sent.items()}
     assert answers == {1: [71], 2: [72]}
     assert [a.request_seq for a in of(heard.of_receiver, m.Ack)] == [270]
 
 
 def test_the_station_refuses_what_esp_now_refuses():
-    station, mac = EspNow(Ether(), b"\2\0\0\0\0\1"), b"\2\0\0\0\0\2"
+    station, mac = EspNow(RadioMedium(), b"\2\0\0\0\0\1"), b"\2\0\0\0\0\2"
 
     def call(what, data=b""):
-        return station.call(0.0, bytes([what]) + data)[0]
+        return station.handle_call(0.0, bytes([what]) + data)[0]
 
-    assert call(What.SEND, mac + b"x") == -NOT_INIT
-    station.call(0.0, ON)
-    assert call(What.SEND, mac + b"x") == -NOT_FOUND
-    assert call(What.PEER, mac) == 0
-    assert call(What.PEER, mac) == -EXIST
-    assert call(What.SEND, mac + bytes(MOST + 1)) == -ARG
-    answers = [call(What.SEND, mac + bytes(MOST)) for _ in range(8)]
+    assert call(EspNowCall.SEND, mac + b"x") == -NOT_INIT
+    station.handle_call(0.0, ON)
+    assert call(EspNowCall.SEND, mac + b"x") == -NOT_FOUND
+    assert call(EspNowCall.PEER, mac) == 0
+    assert call(EspNowCall.PEER, mac) == -EXIST
+    assert call(EspNowCall.SEND, mac + bytes(MAX_PACKET_BYTES + 1)) == -ARG
+    answers = [call(EspNowCall.SEND, mac + bytes(MAX_PACKET_BYTES)) for _ in range(8)]
     assert answers[0] == 0 and answers[-1] == -NO_MEM
-    more = [call(What.PEER, bytes([2, 0, 0, 0, 1, k])) for k in range(PEERS)]
+    more = [call(EspNowCall.PEER, bytes([2, 0, 0, 0, 1, k])) for k in range(MAX_PEERS)]
     assert more[-2:] == [0, -FULL]
 
 
 def test_a_packet_that_the_small_buffer_does_not_hold_is_acknowledged_and_dropped():
-    ether = Ether()
-    sender, receiver = EspNow(ether, b"\2\0\0\0\0\1"), EspNow(ether, b"\2\0\0\0\0\2")
-    sender.call(0.0, ON)
-    receiver.call(0.0, ON)
-    sender.call(0.0, bytes([What.PEER]) + receiver.mac)
+    radio_medium = RadioMedium()
+    sender, receiver = EspNow(radio_medium, b"\2\0\0\0\0\1"), EspNow(radio_medium, b"\2\0\0\0\0\2")
+    sender.handle_call(0.0, ON)
+    receiver.handle_call(0.0, ON)
+    sender.handle_call(0.0, bytes([EspNowCall.PEER]) + receiver.mac)
     for k in range(3):
-        sender.call(k * 1e7, bytes([What.SEND]) + receiver.mac + bytes(200))
-        ether.act(sender, (k + 1) * 1e7, lambda: None)
-    stats = [np.frombuffer(one.call(9e7, bytes([What.STATS]))[1], "<u4") for one in (sender, receiver)]
+        sender.handle_call(k * 1e7, bytes([EspNowCall.SEND]) + receiver.mac + bytes(200))
+        radio_medium.run_in_order(sender, (k + 1) * 1e7, lambda: None)
+    stats = [
+        np.frombuffer(one.handle_call(9e7, bytes([EspNowCall.STATS]))[1], "<u4") for one in (sender, receiver)
+    ]
     assert list(stats[0]) == [3, 3, 0, 0, 0]
     assert list(stats[1]) == [0, 0, 0, 2, 1]
 
 
 def test_the_real_micropython_runs_it():
-    heard = ride(Weather(lose=0.2), link="espnow", ids=(1,), interpreter="micropython", seconds=2.0)
+    heard = ride(PacketFaults(loss=0.2), link="espnow", ids=(1,), interpreter="micropython", seconds=2.0)
     found = matched(heard.sent[1], heard.truths[1])
     assert np.all(np.diff(found[:, 0]) == 1) and len(found) >= len(heard.truths[1].t) - 32
     assert all_lost(heard.sent[1]) == 0

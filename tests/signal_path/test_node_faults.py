@@ -158,7 +158,7 @@ def test_a_brown_out_of_the_board_is_a_restart_with_a_new_boot_id():
 
 @pytest.mark.parametrize("rate", [208, 833])
 def test_a_brown_out_of_the_chip_alone_costs_a_gap_that_is_counted(rate):
-    sent, truth, _ = run(4, config=polled_below_250(rate), faults=[BrownOut(t=2.0, of="chips")])
+    sent, truth, _ = run(4, config=polled_below_250(rate), faults=[BrownOut(t=2.0, affected="chips")])
     k, _, jump = holes(sent, truth)
     hole = np.diff(truth.t[k]) * rate - 1
     assert jump.sum() == last_health(sent).samples_missed == pytest.approx(hole[hole > 0.5].sum(), abs=2)

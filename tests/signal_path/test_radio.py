@@ -5,7 +5,7 @@ import pytest
 
 import hubowire
 from hubodo.emulator.chips.faults import Stall
-from hubodo.emulator.chips.nrf24 import Weather
+from hubodo.emulator.chips.nrf24 import PacketFaults
 from hubowire import messages as m
 from radio_rides import RECEIVER, nothing_lost, ride
 from virtual_runs import all_lost, matched, of
@@ -14,7 +14,7 @@ from virtual_runs import all_lost, matched, of
 @pytest.fixture(scope="module")
 def rough():
     """A fifth of the packets lost, others twice, others late; all acknowledged."""
-    return ride(Weather(lose=0.2, twice=0.05, late=0.05))
+    return ride(PacketFaults(loss=0.2, duplication=0.05, delay=0.05))
 
 
 def test_with_acknowledgements_a_fifth_of_the_packets_lost_loses_no_sample_of_two_nodes(rough):
@@ -34,7 +34,7 @@ def test_a_receiver_says_who_it_is_and_that_it_samples_nothing(rough):
 
 
 def test_without_acknowledgements_what_is_lost_is_the_frames_whose_packets_were_and_nothing_else():
-    heard = ride(Weather(lose=0.2), ids=(1,), tries=0)
+    heard = ride(PacketFaults(loss=0.2), ids=(1,), tries=0)
     sent, truth = heard.sent[1], heard.truths[1]
     found = matched(sent, truth)
     assert np.array_equal(np.diff(found[:, 0]), np.diff(found[:, 2])), "what is missing is numbered"
@@ -51,7 +51,7 @@ def test_without_acknowledgements_what_is_lost_is_the_frames_whose_packets_were_
 
 
 def test_a_receiver_that_stands_still_makes_its_nodes_wait_and_only_they_give_up_the_oldest():
-    heard = ride(Weather(), faults=(Stall(1.0, seconds=1.4),), seconds=3.6)
+    heard = ride(PacketFaults(), faults=(Stall(1.0, seconds=1.4),), seconds=3.6)
     for k, sent in heard.sent.items():
         found = matched(sent, heard.truths[k])
         holes = np.flatnonzero(np.diff(found[:, 0]) != 1)
@@ -64,7 +64,7 @@ def test_a_receiver_that_stands_still_makes_its_nodes_wait_and_only_they_give_up
 
 def test_a_host_that_does_not_read_costs_frames_that_receiver_and_nodes_count():
     """But for what USB's port drops by itself, after half a second in which it holds the receiver up."""
-    heard = ride(Weather(), deaf=((0.8, 2.2),), seconds=3.6, cut=1)
+    heard = ride(PacketFaults(), deaf=((0.8, 2.2),), seconds=3.6, cut=1)
     dropped = of(heard.of_receiver, m.Health)[-1].frames_dropped
     assert dropped > 0
     lost = sum(all_lost(sent) for sent in heard.sent.values()) + all_lost(heard.of_receiver)
@@ -85,7 +85,7 @@ def test_requests_reach_the_node_that_they_are_for_in_its_acknowledgements():
         for k in range(8)
     ]
     script = [(1.0, b"\0" + b"".join(ask)), *((1.2 + 0.08 * k, b"\0" + times[k]) for k in range(8))]
-    heard = ride(Weather(lose=0.1), script=script, seconds=2.1)
+    heard = ride(PacketFaults(loss=0.1), script=script, seconds=2.1)
     answers = {k: [a.request_seq for a in of(sent, m.Ack)] for k, sent in heard.sent.items()}
     assert answers == {1: [71], 2: [72]}
     assert [a.request_seq for a in of(heard.of_receiver, m.Ack)] == [270]

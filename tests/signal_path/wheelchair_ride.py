@@ -10,7 +10,7 @@ import numpy as np
 from hubodo.demo.led_node import LedNode
 from hubodo.emulator.board.settings import Clock, Flash, Host, SensorBoard
 from hubodo.emulator.chips.imu import Specimen
-from hubodo.emulator.chips.sampling import Truth
+from hubodo.emulator.chips.sampling import ChipTruth
 from hubodo.emulator.motion import RecordedMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.image import build, firmware_folder
@@ -55,7 +55,7 @@ class Ride:
     """What one run through the whole path left behind."""
 
     folder: Path
-    truth: dict[str, Truth]
+    truth: dict[str, ChipTruth]
     result: dict
     stats: dict[str, dict]
 
@@ -72,7 +72,7 @@ def drive(data: Path, folder: Path) -> Ride:
             recorded_motion(data / f"{name}.csv.gz"),
             Flash(image, {"node_id": number, "rate_hz": 416}),
             sensors=SensorBoard(specimen=Specimen(odr_error=ODR_ERROR[name])),
-            clock=Clock("led"),
+            clock=Clock("lockstep"),
             host=Host(path=folder / f"tty-{name}"),
             seed=number,
         )

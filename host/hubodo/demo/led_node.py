@@ -17,8 +17,8 @@ class LedNode:
 
     def live_until(self, t_ns: int, heard: int | None) -> None:
         """See `Device`."""
-        self._node.live_until((t_ns - self._zero_ns) * 1e-9, heard or 0)
+        self._node.run_until((t_ns - self._zero_ns) * 1e-9, heard or 0)
 
     def sent(self) -> SentBytes:
         """See `Device`. Raises HubodoError: what the board died of."""
-        return [(self._zero_ns + t_ns, count) for t_ns, count in self._node.lived()]
+        return [(self._zero_ns + t_ns, count) for t_ns, count in self._node.await_limit()]

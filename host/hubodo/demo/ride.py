@@ -14,9 +14,9 @@ from hubodo.demo.led_node import LedNode
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
 from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.interpreters.find import InterpreterMissing
-from hubodo.emulator.interpreters.interpreter import Kind, require
+from hubodo.emulator.interpreters.interpreter import InterpreterKind, check_available
 from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
-from hubodo.emulator.node_motion import NodeMotion, Scatter
+from hubodo.emulator.node_motion import NodeMotion, SensorDisturbance
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.errors import HubodoError
 from hubodo.flash.image import build, firmware_folder, sources
@@ -29,7 +29,7 @@ from hubodo.version import __version__
 from hubowire import FINGERPRINT
 from hubowire.messages import NODE_IDS
 
-INTERPRETERS: dict[Kind, str] = {
+INTERPRETERS: dict[InterpreterKind, str] = {
     "micropython": "MicroPython",
     "cpython": "CPython",
     "rp2040": "MicroPython on an emulated RP2040",
@@ -47,7 +47,7 @@ class Rider:
     """One node of a ride: what it feels, what its chip adds, how far its clocks are off."""
 
     motion: NodeMotion
-    scatter: Scatter
+    scatter: SensorDisturbance
     odr_error: float = 0.0
     clock_ppm: float = 0.0
 
@@ -81,19 +81,21 @@ def add_board_arguments(parser: argparse.ArgumentParser, of: str) -> None:
     parser.add_argument("--bootrom", type=Path, help="with --on rp2040: of the chip (default: beside it)")
 
 
-def choose_interpreter(wanted: str, image: Path | None = None, bootrom: Path | None = None) -> Kind:
+def choose_interpreter(
+    wanted: str, image: Path | None = None, bootrom: Path | None = None
+) -> InterpreterKind:
     """What runs the firmware: as wanted, or with `auto` `micropython` if it is installed, else `cpython`.
 
     image, bootrom: of an emulated Pico. Says so on stderr where `auto` has to do without. Raises
     InterpreterMissing or ImageMissing where what is wanted is not there.
     """
     if wanted == "rp2040":
-        require("rp2040", image, bootrom)
+        check_available("rp2040", image, bootrom)
         return "rp2040"
     if wanted == "cpython":
         return "cpython"
     try:
-        require("micropython")
+        check_available("micropython")
     except InterpreterMissing as error:
         if wanted == "micropython":
             raise
@@ -102,7 +104,7 @@ def choose_interpreter(wanted: str, image: Path | None = None, bootrom: Path | N
     return "micropython"
 
 
-def write_image(folder: Path, interpreter: Kind) -> Path:
+def write_image(folder: Path, interpreter: InterpreterKind) -> Path:
     """The firmware as it is flashed; CPython, which cannot run MicroPython's bytecode, gets the sources."""
     if interpreter == "cpython":
         image = sources(firmware_folder())
@@ -118,7 +120,7 @@ def ride(
     riders: Mapping[str, Rider],
     vehicle_toml: str,
     out: Path,
-    interpreter: Kind,
+    interpreter: InterpreterKind,
     seed: int,
     tick: Callable[[float], None],
     rate_hz: int = RATE_HZ,
@@ -177,7 +179,7 @@ def _node(rider: Rider, flash: Flash, board: BoardSettings, port: Path, seed: in
         flash,
         sensors=SensorBoard(specimen=Specimen(rider.odr_error, disturbance=rider.scatter)),
         board=board,
-        clock=Clock("led", ppm=rider.clock_ppm),
+        clock=Clock("lockstep", ppm=rider.clock_ppm),
         host=Host(path=port),
         seed=seed,
     )

@@ -10,7 +10,7 @@ from hubodo.effects import Effect, Noise
 from hubodo.effects.gyro import GyroBias
 from hubodo.effects.vehicle import TrackWidth
 from hubodo.effects.wheel import WheelRadius
-from hubodo.emulator.node_motion import NodeMotion, Scatter
+from hubodo.emulator.node_motion import NodeMotion, SensorDisturbance
 from hubodo.model.drive import integrate_path, loop_drive
 from hubodo.model.forward import NodeInitialState
 from hubodo.model.inputs import MotionInputs
@@ -68,7 +68,7 @@ class Scenario:
     def _rider(self, side: Side, part: WheelUnit) -> Rider:
         mount, start = NodeMount(side, "left"), NodeInitialState(part.start_angle)
         motion = NodeMotion(self.drive, mount, WHEEL_RADIUS, TRACK_WIDTH, part.effects, start, SETTLE)
-        return Rider(motion, Scatter(_NOISE), part.odr_error, part.clock_ppm)
+        return Rider(motion, SensorDisturbance(_NOISE), part.odr_error, part.clock_ppm)
 
     def length(self) -> float:
         """Length of the true path, m."""

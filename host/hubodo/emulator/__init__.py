@@ -1,1 +1,1 @@
-"""Nodes without hardware: chips by their registers, boards by their interpreters, what moves them."""
+"""Virtual nodes: emulated chips and boards that run the real firmware."""

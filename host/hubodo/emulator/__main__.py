@@ -1,4 +1,4 @@
-"""`python -m hubodo.emulator`: a virtual node that lies still, on a serial port, until Ctrl-C."""
+"""Run a virtual node at standstill on a serial port until Ctrl-C: `python -m hubodo.emulator`."""
 
 from __future__ import annotations
 
@@ -7,28 +7,28 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from hubodo.emulator.board.process import IMUS
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
+from hubodo.emulator.chips.catalogue import IMU_CHIPS
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.errors import HubodoError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """`python -m hubodo.emulator`: a node that lies still, until Ctrl-C; prints its port."""
+    """Run a node at standstill until Ctrl-C, and print its port."""
     parser = argparse.ArgumentParser(
         prog="python -m hubodo.emulator",
-        description="Run firmware on a virtual board that lies still.",
+        description="Run firmware on a virtual board at standstill.",
     )
-    parser.add_argument("firmware", type=Path, nargs="?", help="directory with main.py; none = empty flash")
     parser.add_argument(
-        "--link", type=Path, metavar="PATH", help="where to keep a symbolic link on the terminal"
+        "firmware", type=Path, nargs="?", help="directory with main.py; empty flash by default"
     )
+    parser.add_argument("--link", type=Path, metavar="PATH", help="symbolic link to the terminal")
     parser.add_argument("--node-id", type=int, default=1)
     parser.add_argument(
         "--rate", type=int, default=208, metavar="HZ", help="rate_hz of the node (default 208)"
     )
-    parser.add_argument("--chip", choices=sorted(IMUS), default="lsm6ds33")
+    parser.add_argument("--chip", choices=sorted(kind.chip_name for kind in IMU_CHIPS), default="lsm6ds33")
     parser.add_argument("--spin", type=float, default=0.0, metavar="RAD_S", help="rate about z (default 0)")
     parser.add_argument("--interpreter", choices=("micropython", "cpython", "rp2040"), default="micropython")
     given = parser.parse_args(arguments)

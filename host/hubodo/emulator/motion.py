@@ -1,4 +1,4 @@
-"""What a sensor is moved through: the true motion, asked at any chip time."""
+"""True motion of a sensor as a function of chip time."""
 
 from __future__ import annotations
 
@@ -14,40 +14,41 @@ from hubodo.earth import STANDARD_GRAVITY
 
 @runtime_checkable
 class Motion(Protocol):
-    """True motion of one node in node axes, t in seconds since the node's power-on.
+    """True motion of one node in node axes; t is in s since power-on of the node.
 
-    Each method takes `t: (n,)` s, in any order and at any spacing, and must be a pure function of it.
+    Each method takes `t: (n,)` s, in any order and spacing, and is a pure function of it.
     """
 
     @property
     def duration(self) -> float:
-        """Seconds for which the motion is defined; beyond it the last value holds."""
+        """Seconds for which the motion is defined; afterwards the last value holds."""
         ...
 
     def angular_rate(self, t: Array) -> Array:
-        """(n, 3) rad/s."""
+        """Return the angular rate, (n, 3) rad/s."""
         ...
 
     def specific_force(self, t: Array) -> Array:
-        """(n, 3) m/s^2."""
+        """Return the specific force, (n, 3) m/s²."""
         ...
 
     def temperature(self, t: Array) -> Array:
-        """(n,) degC of the sensor."""
+        """Return the temperature of the sensor, (n,) °C."""
         ...
 
     def magnetic_field(self, t: Array) -> Array:
-        """(n, 3) T."""
+        """Return the magnetic field, (n, 3) T."""
         ...
 
 
 def _interpolated(t: Array, grid: Array, columns: Array) -> Array:
+    """Interpolate columns linearly at t, (n, columns)."""
     return np.stack([np.interp(t, grid, column) for column in columns.T], axis=1)
 
 
 @dataclass(frozen=True)
 class StillMotion:
-    """A node that does not move: constant rate (zero), gravity, temperature and field."""
+    """A node with constant rate, force, temperature and magnetic field; by default at standstill."""
 
     duration: float = float("inf")
     rate: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -56,36 +57,39 @@ class StillMotion:
     field_tesla: tuple[float, float, float] = (20e-6, 0.0, -40e-6)
 
     def angular_rate(self, t: Array) -> Array:
-        """(n, 3) rad/s, the same for every t."""
+        """Return the constant angular rate, (n, 3) rad/s."""
         return np.tile(np.asarray(self.rate, dtype=np.float64), (len(t), 1))
 
     def specific_force(self, t: Array) -> Array:
-        """(n, 3) m/s^2, the same for every t."""
+        """Return the constant specific force, (n, 3) m/s²."""
         return np.tile(np.asarray(self.force, dtype=np.float64), (len(t), 1))
 
     def temperature(self, t: Array) -> Array:
-        """(n,) degC, the same for every t."""
+        """Return the constant temperature, (n,) °C."""
         return np.full(len(t), self.degrees)
 
     def magnetic_field(self, t: Array) -> Array:
-        """(n, 3) T, the same for every t."""
+        """Return the constant magnetic field, (n, 3) T."""
         return np.tile(np.asarray(self.field_tesla, dtype=np.float64), (len(t), 1))
 
 
 @dataclass(frozen=True)
 class RecordedMotion:
-    """A recording played back: linear between its samples, its first and last values outside.
+    """Playback of a recording: linear between samples, constant before the first and after the last.
 
-    Args:
-        t: (n,) s, strictly increasing; the recording's first sample is at `start` of chip time.
-        gyro: (n, 3) rad/s.
-        accel: (n, 3) m/s^2.
-        temperature_c: (n,) degC or one number.
-        field_tesla: (n, 3) T or one vector.
-        start: s of chip time at which the recording begins; before it the first sample holds.
+    Attributes
+    ----------
+    t : (n,) s, strictly increasing.
+    gyro : (n, 3) rad/s.
+    accel : (n, 3) m/s².
+    temperature_c : (n,) °C, or one number.
+    field_tesla : (n, 3) T, or one vector.
+    start : s of chip time of the first sample.
 
-    Raises:
-        ValueError: arrays of different length, or t that does not increase.
+    Raises
+    ------
+    ValueError
+        If the arrays differ in length, or t does not increase.
     """
 
     t: Array
@@ -103,7 +107,7 @@ class RecordedMotion:
         gyro, accel = np.asarray(self.gyro, dtype=np.float64), np.asarray(self.accel, dtype=np.float64)
         if t.ndim != 1 or len(t) == 0 or gyro.shape != (len(t), 3) or accel.shape != (len(t), 3):
             raise ValueError(
-                f"t {t.shape}, gyro {gyro.shape}, accel {accel.shape}: want (n,), (n, 3), (n, 3)"
+                f"t {t.shape}, gyro {gyro.shape}, accel {accel.shape}: must be (n,), (n, 3), (n, 3)"
             )
         if np.any(np.diff(t) <= 0):
             raise ValueError(f"t does not increase at sample {int(np.argmax(np.diff(t) <= 0)) + 1}")
@@ -126,17 +130,17 @@ class RecordedMotion:
         return float(self._grid[-1])
 
     def angular_rate(self, t: Array) -> Array:
-        """(n, 3) rad/s."""
+        """Return the interpolated angular rate, (n, 3) rad/s."""
         return _interpolated(t, self._grid, self.gyro)
 
     def specific_force(self, t: Array) -> Array:
-        """(n, 3) m/s^2."""
+        """Return the interpolated specific force, (n, 3) m/s²."""
         return _interpolated(t, self._grid, self.accel)
 
     def temperature(self, t: Array) -> Array:
-        """(n,) degC."""
+        """Return the interpolated temperature, (n,) °C."""
         return np.interp(t, self._grid, self._temperature)
 
     def magnetic_field(self, t: Array) -> Array:
-        """(n, 3) T."""
+        """Return the interpolated magnetic field, (n, 3) T."""
         return _interpolated(t, self._grid, self._field)

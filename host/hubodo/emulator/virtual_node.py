@@ -1,4 +1,4 @@
-"""A virtual wheel node: a motion goes in, the firmware's own bytes come out of a serial port."""
+"""A virtual node: the real firmware on an emulated board and chips, behind a serial port."""
 
 from __future__ import annotations
 
@@ -18,41 +18,48 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from hubodo.emulator.board.bus import Read
-from hubodo.emulator.board.ether import Ether
+from hubodo.emulator.board.bus import BusRead
 from hubodo.emulator.board.process import BoardService, NodeSpec
+from hubodo.emulator.board.radio_medium import RadioMedium
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
+from hubodo.emulator.chips.catalogue import imu_by_name
 from hubodo.emulator.chips.faults import ScriptedFault
-from hubodo.emulator.chips.sampling import Truth
-from hubodo.emulator.interpreters.interpreter import require
+from hubodo.emulator.chips.sampling import ChipTruth
+from hubodo.emulator.interpreters.interpreter import check_available
 from hubodo.emulator.motion import Motion
 from hubodo.errors import HubodoError
 from hubodo.safe_text import json_text
 
-_PROCESS = (sys.executable, "-m", "hubodo.emulator.board.process")
+_BOARD_COMMAND = (sys.executable, "-m", "hubodo.emulator.board.process")
 FIRMWARE_SUFFIXES = (".py", ".mpy", ".json")
-_EMPTY, _SENSORS, _BOARD, _CLOCK, _HOST = Flash(), SensorBoard(), BoardSettings(), Clock(), Host()
+_DEFAULT_FLASH, _DEFAULT_SENSORS, _DEFAULT_BOARD, _DEFAULT_CLOCK, _DEFAULT_HOST = (
+    Flash(),
+    SensorBoard(),
+    BoardSettings(),
+    Clock(),
+    Host(),
+)
 
 
 class VirtualNodeError(HubodoError):
-    """A virtual node that could not start, or ended by itself."""
+    """A virtual node could not start, or ended unexpectedly."""
 
 
 @dataclass(frozen=True)
 class ChipView:
-    """One chip of a running node, from outside."""
+    """Access to one chip of a running node."""
 
     _node: VirtualNode
     _name: str
 
-    def truth(self) -> Truth:
-        """What the chip has made so far, sample by sample."""
-        truth: Truth = self._node.command("truth", self._name)
+    def truth(self) -> ChipTruth:
+        """Return all samples of the chip so far."""
+        truth: ChipTruth = self._node.command("truth", self._name)
         return truth
 
 
 def fill_flash(flash: Flash, folder: Path) -> None:
-    """Copy what belongs on a board from `flash.firmware` to `folder`, its config as config.json beside it."""
+    """Copy the firmware to `folder`, with the configuration as config.json."""
     folder.mkdir(parents=True, exist_ok=True)
     if flash.firmware is not None:
         for source in sorted(flash.firmware.rglob("*")):
@@ -64,51 +71,59 @@ def fill_flash(flash: Flash, folder: Path) -> None:
         (folder / "config.json").write_text(json_text(flash.config))
 
 
-def _check(board: BoardSettings, clock: Clock, host: Host) -> None:
-    """Raises what `VirtualNode` raises where something is missing or does not go together."""
-    require(board.interpreter, board.pico.image, board.pico.bootrom)
+def _check(board: BoardSettings, clock: Clock, host: Host, sensors: SensorBoard) -> None:
+    """Raise an error of `VirtualNode` if something is missing or the settings contradict each other."""
+    imu_by_name(sensors.chip)
+    check_available(board.interpreter, board.pico.image, board.pico.bootrom)
     if board.emulated and host.link in ("uart", "udp"):
-        raise ValueError(f"link {host.link}: an emulated Pico speaks over USB; want pty or memory")
+        raise ValueError(f"link {host.link}: an emulated Pico uses USB; choose pty or memory")
     if board.emulated and clock.kind == "real":
-        raise ValueError("an emulated Pico has a clock of its own: want clock stepped or paced")
+        raise ValueError("an emulated Pico has its own clock: choose clock stepped or paced")
 
 
 class VirtualNode:
     """Emulated chips, board and link around the real firmware in a real interpreter.
 
-    Args:
-        motion: what the chips are moved through; its t = 0 is the moment of power-on.
-        flash: the firmware, its settings, and where the board's file system is.
-        sensors: the chips on its bus. board: which board, and what runs the firmware. clock: how its time
-            runs. host: what is at the other end of its link. See `board.settings`.
-        faults: what goes wrong and when, see `chips.faults`.
-        seed: of the chips' disturbance and of the line's noise.
-        own_process: run the board in a process of its own (two nodes use two cores), else in a thread.
-        ether: the board has an nRF24L01+ on it; boards with the same one hear each other.
+    Parameters
+    ----------
+    motion : motion of the chips; its t = 0 is power-on.
+    flash : firmware, its settings, and the location of the file system.
+    sensors, board, clock, host : chips on the bus, board and interpreter, time, and other end of the link;
+        see `board.settings`.
+    faults : scripted faults, see `chips.faults`.
+    seed : seed of the disturbance of the chips and of the line noise.
+    own_process : True to run the board in its own process (two nodes use two cores), else in a thread.
+    radio_medium : radio medium; the board has an nRF24L01+, and boards on the same medium receive each other.
 
-    Raises:
-        InterpreterMissing: node or the npm package is absent.
-        ImageMissing: the image of MicroPython for the Pico, or the bootrom.
-        ValueError: settings that do not go together.
+    Raises
+    ------
+    InterpreterMissing
+        If node or the npm package is missing.
+    ImageMissing
+        If the MicroPython image for the Pico, or the bootrom, is missing.
+    ValueError
+        If the settings contradict each other.
     """
 
     def __init__(
         self,
         motion: Motion,
-        flash: Flash = _EMPTY,
+        flash: Flash = _DEFAULT_FLASH,
         *,
-        sensors: SensorBoard = _SENSORS,
-        board: BoardSettings = _BOARD,
-        clock: Clock = _CLOCK,
-        host: Host = _HOST,
+        sensors: SensorBoard = _DEFAULT_SENSORS,
+        board: BoardSettings = _DEFAULT_BOARD,
+        clock: Clock = _DEFAULT_CLOCK,
+        host: Host = _DEFAULT_HOST,
         faults: Sequence[ScriptedFault] = (),
         seed: int = 0,
         own_process: bool = True,
-        ether: Ether | None = None,
+        medium: RadioMedium | None = None,
     ) -> None:
-        _check(board, clock, host)
-        if ether is not None and (own_process or clock.kind == "real"):
-            raise ValueError("boards on one ether share its time: want own_process=False, a virtual clock")
+        _check(board, clock, host, sensors)
+        if medium is not None and (own_process or clock.kind == "real"):
+            raise ValueError(
+                "boards on one radio medium share its time: use own_process=False and a virtual clock"
+            )
         self._scratch = Path(tempfile.mkdtemp(prefix="hubodo-node-"))
         self._flash = flash.folder if flash.folder is not None else self._scratch / "flash"
         fill_flash(flash, self._flash)
@@ -125,7 +140,7 @@ class VirtualNode:
             faults=tuple(faults),
             seed=seed,
             scratch=self._scratch,
-            ether=ether,
+            radio_medium=medium,
         )
         self._own_process = own_process
         self._connection: Connection | None = None
@@ -135,50 +150,54 @@ class VirtualNode:
         self.chip = ChipView(self, "imu")
 
     def start(self) -> VirtualNode:
-        """Switch the board on; returns once its port is there."""
+        """Switch the board on; return when its port exists."""
         if self._connection is not None:
-            raise VirtualNodeError("virtual node is running already: stop it before it is started again")
-        ours, theirs = Pipe()
-        self._connection = ours
+            raise VirtualNodeError("the virtual node is running already: stop it first")
+        our_end, board_end = Pipe()
+        self._connection = our_end
         if self._own_process:
-            self._start_process(ours, theirs)
+            self._start_process(our_end, board_end)
         else:
-            self._start_thread(theirs)
+            self._start_thread(board_end)
         return self
 
-    def _start_process(self, ours: Connection, theirs: Connection) -> None:
+    def _start_process(self, our_end: Connection, board_end: Connection) -> None:
+        """Start the board in its own process, and send it the specification."""
         environment = dict(os.environ, OPENBLAS_NUM_THREADS="1", OMP_NUM_THREADS="1")
         environment["PYTHONPATH"] = os.pathsep.join(p for p in sys.path if p)
         self._process = subprocess.Popen(
-            [*_PROCESS, str(theirs.fileno()), str(os.getpid())],
-            pass_fds=(theirs.fileno(),),
+            [*_BOARD_COMMAND, str(board_end.fileno()), str(os.getpid())],
+            pass_fds=(board_end.fileno(),),
             env=environment,
             stdin=subprocess.DEVNULL,
             start_new_session=True,
         )
-        theirs.close()
-        ours.send(self._spec)
+        board_end.close()
+        our_end.send(self._spec)
         try:
-            failure = ours.recv()
+            failure = our_end.recv()
         except EOFError:
-            failure = VirtualNodeError("the board's process ended before it began; its message is on stderr")
+            failure = VirtualNodeError(
+                "the process of the board ended at its start; its message is on stderr"
+            )
         if failure is not None:
             self._finish()
             raise failure
 
-    def _start_thread(self, theirs: Connection) -> None:
-        service = BoardService(theirs, self._spec)
+    def _start_thread(self, board_end: Connection) -> None:
+        """Start the board in a thread."""
+        service = BoardService(board_end, self._spec)
         service.board.running = True
 
         def run() -> None:
             service.run()
-            theirs.close()
+            board_end.close()
 
         self._thread = threading.Thread(target=run, name="virtual-board", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
-        """Switch off and give everything back; truth and stats are gone with it."""
+        """Switch the board off and release all resources; its records are lost."""
         if self._connection is not None:
             with contextlib.suppress(HubodoError, OSError, EOFError):
                 self.command("quit")
@@ -186,6 +205,7 @@ class VirtualNode:
         shutil.rmtree(self._scratch, ignore_errors=True)
 
     def _finish(self) -> None:
+        """Close the connection, and end process and thread."""
         if self._connection is not None:
             self._connection.close()
             self._connection = None
@@ -209,10 +229,9 @@ class VirtualNode:
         self.stop()
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Until the board is off (`run_for`, or a failure); False when `timeout` s were not enough.
+        """Wait until the board is off; return False after `timeout` s.
 
-        Raises:
-            HubodoError: what the board died of.
+        Raise HubodoError if the board failed.
         """
         end = None if timeout is None else time.monotonic() + timeout
         while True:
@@ -226,44 +245,45 @@ class VirtualNode:
             time.sleep(0.02)
 
     def command(self, name: str, *arguments: object) -> Any:
-        """Ask the board's process; see `board.process.BoardService`."""
+        """Send a command to the board and return its reply; see `board.process.BoardService`."""
         with self._lock:
-            self._say(name, *arguments)
-            return self._hear()
+            self._send(name, *arguments)
+            return self._receive()
 
-    def live_until(self, t: float, heard: int) -> None:
-        """With a led clock: begins to live until t, s, with the next so many bytes of its host."""
-        self._say("live_until", t * 1e9, heard)
+    def run_until(self, t: float, host_bytes: int) -> None:
+        """Let a board with a lockstep clock run until t, s, with the next `host_bytes` bytes of its host."""
+        self._send("run_until", t * 1e9, host_bytes)
 
-    def lived(self) -> list[tuple[int, int]]:
-        """Once it has lived so far: (ns, bytes) of what it put on its port meanwhile.
+    def await_limit(self) -> list[tuple[int, int]]:
+        """Wait until the board has reached its limit; return (ns, bytes) of its output.
 
-        Raises:
-            HubodoError: what the board died of.
+        Raise HubodoError if the board failed.
         """
-        written: list[tuple[int, int]] = self._hear()
+        written: list[tuple[int, int]] = self._receive()
         return written
 
-    def _say(self, name: str, *arguments: object) -> None:
+    def _send(self, name: str, *arguments: object) -> None:
         if self._connection is None:
             raise VirtualNodeError("virtual node is not running: start it first")
         try:
             self._connection.send((name, arguments))
-        except OSError as gone:
-            raise self._gone(gone) from gone
+        except OSError as error:
+            raise self._connection_lost(error) from error
 
-    def _hear(self) -> Any:
+    def _receive(self) -> Any:
+        """Receive a reply; raise it if it is an error."""
         assert self._connection is not None
         try:
             reply = self._connection.recv()
-        except (EOFError, OSError) as gone:
-            raise self._gone(gone) from gone
+        except (EOFError, OSError) as error:
+            raise self._connection_lost(error) from error
         if isinstance(reply, HubodoError):
             raise reply
         return reply
 
-    def _gone(self, error: Exception) -> VirtualNodeError:
-        return VirtualNodeError(f"the board's process is gone ({error!r}); its message is on stderr")
+    def _connection_lost(self, error: Exception) -> VirtualNodeError:
+        """Return the error of a lost connection."""
+        return VirtualNodeError(f"the process of the board has ended ({error!r}); its message is on stderr")
 
     @property
     def port(self) -> str:
@@ -272,51 +292,51 @@ class VirtualNode:
 
     @property
     def flash(self) -> Path:
-        """The host's folder that is the board's file system, as it is now."""
+        """Host folder with the current file system of the board."""
         if self._connection is not None:
             self.command("mirror_flash")
         return self._flash
 
     @property
     def stats(self) -> dict[str, Any]:
-        """Counts of calls, link, bus and chips; resets with time and cause; processor time in s."""
+        """Counters of calls, link, bus and chips; resets with time and cause; processor time in s."""
         stats: dict[str, Any] = self.command("stats")
         return stats
 
     @property
     def output(self) -> bytes:
-        """With link "memory": all bytes the board has sent."""
+        """All bytes that the board has sent, with link "memory"."""
         output: bytes = self.command("output")
         return output
 
     def arrivals(self) -> list[tuple[float, int]]:
-        """With link "memory": (s, bytes of `output` that had come by then)."""
+        """Return (s, bytes of `output` up to then) for each write, with link "memory"."""
         arrivals: list[tuple[float, int]] = self.command("arrivals")
         return arrivals
 
-    def bus_log(self) -> list[Read]:
-        """With `log` of the sensors: every read of the I2C bus."""
-        log: list[Read] = self.command("bus_log")
+    def bus_log(self) -> list[BusRead]:
+        """Return every read of the I2C bus, with `log` of the sensors."""
+        log: list[BusRead] = self.command("bus_log")
         return log
 
     def meter(self) -> dict[str, Any]:
-        """With an emulated Pico and its meter_from: what the processor did, see rp2040/meter.mjs."""
+        """Return the activity profile of an emulated Pico with `meter_from`, see rp2040/meter.mjs."""
         meter: dict[str, Any] = self.command("meter")
         return meter
 
     def link_log(self) -> list[tuple[int, bytes, bytes, bool]]:
-        """With `log` of the host: (host ns, bytes written, bytes after line noise, host was listening)."""
+        """Return (host ns, bytes written, bytes after line noise, host was listening), with `Host.log`."""
         log: list[tuple[int, bytes, bytes, bool]] = self.command("link_log")
         return log
 
     def unplug(self) -> None:
-        """Pull the cable: the terminal vanishes, `port` points nowhere."""
+        """Unplug the cable: the terminal vanishes, and `port` is a dangling link."""
         self.command("unplug")
 
     def replug(self) -> None:
-        """Put the cable back: a new terminal, `port` points to it."""
+        """Plug the cable in again: `port` points to a new terminal."""
         self.command("replug")
 
     def reset(self) -> None:
-        """Pull the RUN pin."""
+        """Pull the RUN pin low: the processor restarts."""
         self.command("reset")

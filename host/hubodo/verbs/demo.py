@@ -25,7 +25,7 @@ from hubodo.demo.ride import (
     ride,
 )
 from hubodo.demo.scenario import VEHICLE_TOML, WHEEL_RADIUS, make_scenario
-from hubodo.emulator.interpreters.interpreter import Kind
+from hubodo.emulator.interpreters.interpreter import InterpreterKind
 from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
 from hubodo.errors import HubodoError
 from hubodo.fuse.fusion import score_against_truth
@@ -74,7 +74,7 @@ class DemoResult:
     """
 
     seed: int
-    interpreter: Kind
+    interpreter: InterpreterKind
     page: Path
     report: Path
     ride: RideResult

@@ -23,7 +23,7 @@ from hubodo.demo.ride import (
     ride,
 )
 from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
-from hubodo.emulator.node_motion import NodeMotion, Scatter
+from hubodo.emulator.node_motion import NodeMotion, SensorDisturbance
 from hubodo.errors import InputError
 from hubodo.fuse.drive_from_log import estimate_drive_from_fixes, read_reference_drive
 from hubodo.log.any_log import read_log
@@ -356,7 +356,7 @@ def _record_virtual_nodes(
             SETTLE,
             args.seed * 8 + NODE_IDS[name],
         )
-        riders[name] = Rider(motion, Scatter(model.noise, effects))
+        riders[name] = Rider(motion, SensorDisturbance(model.noise, effects))
     plain = dataclasses.replace(model, effects=())
     with tempfile.TemporaryDirectory(prefix="hubodo-simulate-") as folder:
         result = ride(

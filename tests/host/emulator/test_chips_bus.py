@@ -50,10 +50,10 @@ def test_a_stuck_slave_lets_go_after_nine_pulses_on_scl_and_not_before() -> None
     assert status == -110 and end - 2.1 == pytest.approx(0.05)
     pins.initialise(3.0, 0, 0, 1)
     pins.initialise(3.0, 1, 2, -1)
-    assert pins.get(3.0, 0) == 0
+    assert pins.get_level(3.0, 0) == 0
     for k in range(9):
-        assert pins.get(3.0, 0) == 0, k
-        pins.set(3.0, 1, 0)
-        pins.set(3.0, 1, 1)
-    assert pins.get(3.0, 0) == 1
+        assert pins.get_level(3.0, 0) == 0, k
+        pins.set_level(3.0, 1, 0)
+        pins.set_level(3.0, 1, 1)
+    assert pins.get_level(3.0, 0) == 1
     assert wires.read_mem(3.1, 0x6B, b"\x0f", 1)[0] == 1

@@ -71,7 +71,7 @@ def test_unknown_registers_raise_when_strict_and_answer_zero_when_not() -> None:
     assert read(chip, 0.0, 0x2F) == b"\0"
     write(chip, 0.0, 0x0F, 1)
     assert read(chip, 0.0, 0x0F) == b"\x69"
-    assert chip.oddities == {"read 0x2F": 1, "write 0x0F": 1}
+    assert chip.anomalies == {"read 0x2F": 1, "write 0x0F": 1}
 
 
 @pytest.mark.parametrize("identity", [0x69, 0x6A, 0x6C])
@@ -271,7 +271,7 @@ def test_nack_fault_refuses_so_many_addresses() -> None:
 
 
 def test_upsets_change_what_the_registers_say() -> None:
-    part = Specimen(faults=(WrongWhoAmI(1.0, 0x42), BitFlip(2.0, 0x11, 2), BrownOut(3.0, of="chips")))
+    part = Specimen(faults=(WrongWhoAmI(1.0, 0x42), BitFlip(2.0, 0x11, 2), BrownOut(3.0, affected="chips")))
     chip = running(part=part)
     chip.acknowledge(1.5)
     assert read(chip, 1.5, 0x0F)[0] == 0x42

@@ -14,7 +14,7 @@ from hubodo.emulator.board.hypercall import FLAG_INTERRUPT
 from hubodo.emulator.board.link import LineNoise, MemoryLink
 from hubodo.emulator.board.models import MODELS
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host
-from hubodo.emulator.board.streams import CTRL_C, Streams
+from hubodo.emulator.board.streams import CTRL_C, BoardStreams
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from virtual_runs import stepped
@@ -70,27 +70,29 @@ def test_a_loop_that_calls_nothing_is_ended_by_ctrl_c_within_seconds_and_the_pro
         host.until(b">>> ")
 
 
-def streams(script: list[tuple[float, bytes]]) -> Streams:
+def streams(script: list[tuple[float, bytes]]) -> BoardStreams:
     """Of a board that was never switched on: what `script` says comes with `take_input`."""
     settings, poll = BoardSettings(), select.poll()
     clock = BoardClock(Clock("stepped"))
     link = MemoryLink(script)
-    return Streams(settings, MODELS["pico"], link, LineNoise(), clock, poll, Counter(), lambda handle: False)
+    return BoardStreams(
+        settings, MODELS["pico"], link, LineNoise(), clock, poll, Counter(), lambda handle: False
+    )
 
 
 def test_ctrl_c_is_what_the_program_that_runs_takes_it_for_when_the_board_learns_of_it_later() -> None:
     """A program changes what interrupts it without a word to the board; its next call tells."""
     heard = streams([(0.0, b"a\x03b")])
-    heard.heed(CTRL_C)
-    heard.take_input()
-    heard.heed(-1)
+    heard.set_interrupt_char(CTRL_C)
+    heard.read_input()
+    heard.set_interrupt_char(-1)
     assert not heard.flags() & FLAG_INTERRUPT
-    read = heard._read(0, b"\x10\0\0\0\0\0\0\0", 0.0).finished(False)
+    read = heard._read(0, b"\x10\0\0\0\0\0\0\0", 0.0).poll_reply(False)
     assert read is not None and read.payload == b"\x03b"
 
     heard = streams([(0.0, b"a\x03b")])
-    heard.heed(-1)
-    heard.take_input()
-    heard.heed(CTRL_C)
+    heard.set_interrupt_char(-1)
+    heard.read_input()
+    heard.set_interrupt_char(CTRL_C)
     assert heard.flags() & FLAG_INTERRUPT
     assert not heard.flags() & FLAG_INTERRUPT, "once"

@@ -74,7 +74,7 @@ def test_a_host_that_unplugs_meets_a_new_terminal_and_the_program_has_gone_on(tm
 
 
 def test_a_host_that_holds_the_port_and_does_not_read_costs_each_packet_half_a_second(tmp_path: Path) -> None:
-    assert spent(tmp_path, Host("memory", deaf=((0.0, 4.0),))) in range(450, 2100)
+    assert spent(tmp_path, Host("memory", read_pauses=((0.0, 4.0),))) in range(450, 2100)
 
 
 def test_with_the_port_closed_writes_cost_nothing(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from hubodo.effects.warmup import GyroWarmup
 from hubodo.effects.wheel import TyreGrowth, WheelCamber, WheelEccentricity, WheelSlip
 from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.motion import Motion
-from hubodo.emulator.node_motion import NodeMotion, Scatter
+from hubodo.emulator.node_motion import NodeMotion, SensorDisturbance
 from hubodo.model.drive import Leg, integrate_path, loop_drive, random_drive, scripted_drive
 from hubodo.model.forward import NodeInitialState, NodeModel
 from hubodo.model.inputs import MotionInputs
@@ -81,7 +81,7 @@ def test_the_field_turns_with_the_wheel_and_keeps_its_strength():
 
 
 def test_noise_limits_and_wild_samples_come_after_the_motion():
-    scatter = Scatter(Noise(0.01, 0.1), (Outliers(0.05, 30.0), GyroSaturation(1.5)))
+    scatter = SensorDisturbance(Noise(0.01, 0.1), (Outliers(0.05, 30.0), GyroSaturation(1.5)))
     rng = np.random.default_rng(2)
     t = np.arange(0.0, 50.0, 0.002)
     gyro, accel = scatter(t, np.full((len(t), 3), 1.0), np.zeros((len(t), 3)), rng)

@@ -1,1 +1,1 @@
-"""The board of a virtual node: bus, pins, clock, watchdog, link, and the interpreter that runs on it."""
+"""The board of a virtual node: bus, pins, clock, watchdog, link and interpreter."""

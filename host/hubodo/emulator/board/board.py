@@ -1,4 +1,4 @@
-"""The virtual board: answers the interpreter's calls, keeps its time, and lets happen what is scripted."""
+"""The virtual board: it serves calls of the interpreter, keeps time and applies scheduled events."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ from typing import Any
 from hubodo.emulator.board.bus import I2cBus
 from hubodo.emulator.board.clock import FOREVER, BoardClock
 from hubodo.emulator.board.hypercall import EIO, ENODEV, Handler, Op, Reply
-from hubodo.emulator.board.lead import Lead
 from hubodo.emulator.board.link import HostLink, LineNoise
+from hubodo.emulator.board.lockstep import LockstepControl
 from hubodo.emulator.board.models import MODELS
 from hubodo.emulator.board.peripherals import Peripherals
 from hubodo.emulator.board.processor import Processor, Request
 from hubodo.emulator.board.radio import RadioModule
-from hubodo.emulator.board.reset_registers import Why
-from hubodo.emulator.board.schedule import Schedule
+from hubodo.emulator.board.reset_registers import ResetCause
+from hubodo.emulator.board.schedule import EventSchedule
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Wiring
-from hubodo.emulator.board.sockets import Network
-from hubodo.emulator.board.streams import Streams
+from hubodo.emulator.board.sockets import BoardNetwork
+from hubodo.emulator.board.streams import BoardStreams
 from hubodo.emulator.chips.faults import BrownOut, ScriptedFault, Unplug
 from hubodo.emulator.chips.registers import RegisterChip
 from hubodo.units import NS_PER_S
@@ -33,18 +33,18 @@ BOOT_NS = 150_000_000
 
 
 @dataclass
-class _Waiting:
-    """A call whose answer has to wait for the link."""
+class _WaitingCall:
+    """A call whose reply is delayed until its deadline, in ns, or until `finished` returns one."""
 
     deadline: float
-    finished: Callable[[bool], Reply | None]
+    poll_reply: Callable[[bool], Reply | None]
 
 
 class VirtualBoard:
-    """Chips, bus, pins, clock, watchdog and link of one node, and the interpreter that drives them.
+    """Chips, bus, pins, clock, watchdog, link and interpreter of one node.
 
-    The folder of `flash` is its file system. `serve` runs until `stop`, the clock's `run_for` or a fatal
-    error. Not thread-safe: other threads talk to a board through the control connection given to `serve`.
+    The folder of `flash` is its file system. `serve` runs until `stop`, until `run_for` of the clock, or
+    until a fatal error. Not thread-safe: other threads use the control connection given to `serve`.
     """
 
     def __init__(
@@ -65,36 +65,40 @@ class VirtualBoard:
         self.counts: Counter[str] = Counter()
         self.calls: Counter[int] = Counter()
         self.resets: list[tuple[float, str]] = []
-        self.meter: dict[str, Any] = {}
+        self.profile: dict[str, Any] = {}
         self._settings, self._wait_for_host = settings, wait_for_host
         model = MODELS[settings.model]
         self._clock = BoardClock(clock)
-        self._schedule = Schedule(faults, clock.run_for)
+        self._schedule = EventSchedule(faults, clock.run_for)
         refusal = EIO if model.platform == "rp2" else ENODEV
         self.bus = I2cBus(chips, faults, sda=model.sda, scl=model.scl, wiring=wiring, refusal=refusal)
         self._poll = select.poll()
         self.processor = Processor(settings, self._clock, flash, self._poll)
-        self._network = Network(model, settings.air, self._clock, self.counts)
-        waits = self._network.waits
-        self.streams = Streams(settings, model, link, noise, self._clock, self._poll, self.counts, waits)
-        self.lead = Lead(self._clock, link)
+        self._network = BoardNetwork(model, settings.wifi, self._clock, self.counts)
+        has_datagram = self._network.has_datagram
+        self.streams = BoardStreams(
+            settings, model, link, noise, self._clock, self._poll, self.counts, has_datagram
+        )
+        self.lockstep = LockstepControl(self._clock, link)
         self._radio = radio
-        self._peripherals = Peripherals(model, self.bus, settings.battery_mv, self._network.radio_on, radio)
+        self._peripherals = Peripherals(
+            model, self.bus, settings.battery_mv, self._network.is_radio_on, radio
+        )
         self._handlers = self._own_handlers()
-        for part in (self._schedule, self._peripherals, self.streams, self._network):
-            self._handlers |= part.handlers()
-        self._waiting: _Waiting | None = None
+        for component in (self._schedule, self._peripherals, self.streams, self._network):
+            self._handlers |= component.handlers()
+        self._waiting: _WaitingCall | None = None
         self._control: tuple[int, Callable[[], None]] = (-1, lambda: None)
 
     @property
     def seconds(self) -> float:
-        """True time since it was switched on, s."""
+        """True time since power-on, s."""
         return self._clock.now() / NS_PER_S
 
-    def reset(self, why: Why) -> None:
-        """Restart the processor: USB goes away and comes back."""
+    def reset(self, cause: ResetCause) -> None:
+        """Restart the processor; USB disconnects and reconnects."""
         self.processor.kill()
-        self.resets.append((self.seconds, why))
+        self.resets.append((self.seconds, cause))
         self._schedule.stop_watchdog()
         self.streams.reset()
         self._peripherals.reset()
@@ -103,32 +107,32 @@ class VirtualBoard:
             self._clock.t += BOOT_NS
         if self.streams.usb:
             self.unplug(REPLUG_NS)
-        self.processor.restarted(why)
+        self.processor.record_reset(cause)
         self._boot()
 
     def _boot(self, *, raw: bool = False, run_main: bool = True) -> None:
+        """Start the interpreter."""
         self._waiting = None
-        self.lead.forget()
-        self.streams.begin()
+        self.lockstep.discard_call()
+        self.streams.start_interpreter()
         self.processor.boot(raw=raw, run_main=run_main)
 
     def unplug(self, back_after_ns: float = FOREVER) -> None:
-        """Pull the cable, for a while or for good."""
+        """Unplug the cable, for a time or for good."""
         if self.streams.unplug():
             self._schedule.plug_at = self._clock.now() + back_after_ns
 
     def plug(self) -> None:
-        """Put the cable back."""
+        """Plug the cable in again."""
         self._schedule.plug_at = FOREVER
         self.streams.plug()
 
     # ---- service ----
 
     def serve(self, control: int = -1, on_control: Callable[[], None] = lambda: None) -> None:
-        """Switch on and run; `on_control` is called whenever the descriptor `control` has input.
+        """Switch the board on and run it; call `on_control` whenever the descriptor `control` has input.
 
-        Raises:
-            InterpreterMissing, InterpreterDied, ChipAccessError: see there.
+        Raise InterpreterMissing, InterpreterDied or ChipAccessError.
         """
         self.running = True
         self._control = (control, on_control)
@@ -141,89 +145,95 @@ class VirtualBoard:
                 self._clock.switch_on()
                 self._boot()
             while self.running:
-                self._turn()
-                self.lead.look(waits=self._waiting is not None)
+                self._run_once()
+                self.lockstep.check_limit(in_call=self._waiting is not None)
         finally:
             self.running = False
             if self._radio is not None:
-                self._radio.end()
+                self._radio.switch_off()
             self.processor.kill()
-            self.streams.forget_terminal()
+            self.streams.unwatch_terminal()
             self.processor.mirror_flash()
 
     def stop(self) -> None:
-        """Switch off at the next turn of `serve`."""
+        """Switch the board off at the next iteration of `serve`."""
         self.running = False
 
     def _await_power(self) -> None:
-        """Waits for a host where that is wanted, and for the moment the clock names."""
+        """Wait for a host if required, and for the power-on time of the clock."""
         while self._wait_for_host and self.running and not self.streams.link.host_open:
             self._serve_control(10)
         power_on_ns = self._clock.settings.power_on_ns
-        # A paced interpreter loads before that and waits for the clock by itself, so as not to be late.
+        # With a paced clock the interpreter loads earlier and waits for the clock itself, to be on time.
         if power_on_ns is not None and not self._clock.paced:
             while self.running and time.monotonic_ns() < power_on_ns:
                 self._serve_control(1)
 
     def _serve_control(self, timeout_ms: float) -> None:
+        """Handle control input; wait for it for at most `timeout_ms`."""
         fd, on_control = self._control
         for ready, _ in self._poll.poll(timeout_ms):
             if ready == fd:
                 on_control()
 
-    def _turn(self) -> None:
+    def _run_once(self) -> None:
+        """Run one iteration of `serve`: wait for input, apply due events, and serve calls."""
         control, on_control = self._control
-        for fd, event in self._poll.poll(self._patience_ms()):
+        for fd, event in self._poll.poll(self._poll_timeout_ms()):
             if fd == control:
                 on_control()
             elif self.processor.owns(fd):
-                self.processor.take()
+                self.processor.read_requests()
             elif fd == self.streams.watched:
-                self.streams.happened(event)
+                self.streams.handle_poll_event(event)
         if not self._clock.stepped:
-            self._happen(self._clock.now())
+            self._run_due_events(self._clock.now())
         self._break_busy_loop()
-        self.streams.watch_now_and_then()
-        self.streams.send_waiting()
+        self.streams.poll_host()
+        self.streams.send_pending()
         if self._waiting is not None:
-            self._settle(self._waiting)
-        self.lead.note_written()
+            self._finish_waiting_call(self._waiting)
+        self.lockstep.record_output()
         while self.running and self._waiting is None:
-            request = self.lead.next_call(self.processor.next_request)
+            request = self.lockstep.next_call(self.processor.next_request)
             if request is None:
                 break
-            self._serve(request)
-            self.lead.note_written()
+            self._serve_call(request)
+            self.lockstep.record_output()
 
-    def _patience_ms(self) -> float:
-        if self.processor.asks and self._waiting is None:
+    def _poll_timeout_ms(self) -> float:
+        """Return the timeout of the next poll, ms."""
+        if self.processor.has_partial_request and self._waiting is None:
             return 0
         if self._clock.stepped:
             return 1 if self._clock.paced and self._waiting is not None else 5
-        due = min(self._schedule.next, self.streams.due)
+        next_event = min(self._schedule.next_time, self.streams.next_uart_time)
         if self._waiting is not None:
-            due = min(due, self._waiting.deadline)
-        limit = 5.0 if self.streams.sending else 20.0
-        return max(0.0, min(limit, (due - self._clock.now()) / 1e6 + 0.5))
+            next_event = min(next_event, self._waiting.deadline)
+        limit = 5.0 if self.streams.has_pending_output else 20.0
+        return max(0.0, min(limit, (next_event - self._clock.now()) / 1e6 + 0.5))
 
     def _break_busy_loop(self) -> None:
-        """A loop that calls nothing cannot be told of ctrl-C in this build: it ends, and the prompt comes."""
-        if self.processor.running and self.streams.interrupt_unheard():
+        """Restart an interpreter that ignores ctrl-C.
+
+        A loop without calls cannot be interrupted in this build of MicroPython.
+        """
+        if self.processor.running and self.streams.is_interrupt_ignored():
             self.counts["broken_loops"] += 1
             self.processor.kill()
-            self.streams.interrupt_came = False
-            self.streams.say(b"KeyboardInterrupt: \r\n")
+            self.streams.interrupt_pending = False
+            self.streams.print_text(b"KeyboardInterrupt: \r\n")
             self._boot(run_main=False)
 
-    def _happen(self, t: float) -> bool:
-        """Let happen what is due; True when the processor was restarted or switched off."""
+    def _run_due_events(self, t: float) -> bool:
+        """Apply the events that are due at t; return True if the processor restarted or the board is off."""
         schedule = self._schedule
         if t >= schedule.end:
             self.running = False
             return True
         if t >= schedule.plug_at:
             self.plug()
-        while (fault := schedule.due(t)) is not None:
+        while (fault := schedule.pop_due_fault(t)) is not None:
             if not isinstance(fault, Unplug):
                 self.reset("brown-out" if isinstance(fault, BrownOut) else "reset pin")
                 return True
@@ -233,53 +243,58 @@ class VirtualBoard:
             return True
         return False
 
-    def _serve(self, request: Request) -> None:
-        op, interrupt_char, a, payload, t = request
-        self.streams.heed(interrupt_char)
+    def _serve_call(self, request: Request) -> None:
+        """Serve a call of the interpreter."""
+        op, interrupt_char, argument, payload, t = request
+        self.streams.set_interrupt_char(interrupt_char)
         self._clock.t = t
         self.calls[op] += 1
         if self._clock.stepped:
-            self.streams.take_script()
-            if self._happen(t):
+            self.streams.read_script()
+            if self._run_due_events(t):
                 return
-        done = self._handlers[op](a, payload, t)
-        if isinstance(done, Reply):
-            self._answer(done)
-        elif done is not None:
-            answer = done.finished(False)
-            if answer is not None:
-                self._answer(answer)
+        result = self._handlers[op](argument, payload, t)
+        if isinstance(result, Reply):
+            self._reply(result)
+        elif result is not None:
+            reply = result.poll_reply(False)
+            if reply is not None:
+                self._reply(reply)
             else:
-                self._waiting = _Waiting(self._clock.now() + done.timeout_ns, done.finished)
+                self._waiting = _WaitingCall(self._clock.now() + result.timeout_ns, result.poll_reply)
 
-    def _answer(self, answer: Reply) -> None:
-        count, t = self._schedule.stall(answer.t)
+    def _reply(self, reply: Reply) -> None:
+        """Send a reply, delayed by scripted stalls."""
+        count, t = self._schedule.apply_stalls(reply.t)
         if count:
             self.counts["stalls"] += count
-        quiet = min(self._schedule.quiet, self.streams.quiet) if self._clock.stepped else 0.0
+        quiet_until = (
+            min(self._schedule.quiet_until, self.streams.quiet_until) if self._clock.stepped else 0.0
+        )
         if self._radio is not None:
-            self._radio.reached(t)
-        self.processor.answer(answer.status, self.streams.flags(), answer.payload, t, quiet)
+            self._radio.advance(t)
+        self.processor.answer(reply.status, self.streams.flags(), reply.payload, t, quiet_until)
 
-    def _settle(self, waiting: _Waiting) -> None:
-        """Answers the call that waits, if it can be or is late."""
+    def _finish_waiting_call(self, waiting: _WaitingCall) -> None:
+        """Reply to the delayed call if its result is available or its deadline has passed."""
         clock = self._clock
-        late = clock.now() >= waiting.deadline
-        if clock.stepped and not late:
+        is_late = clock.now() >= waiting.deadline
+        if clock.stepped and not is_late:
             clock.wait_until(waiting.deadline)
-            self.streams.take_input()
-            late = clock.t >= waiting.deadline
-            if self._happen(clock.t):
+            self.streams.read_input()
+            is_late = clock.t >= waiting.deadline
+            if self._run_due_events(clock.t):
                 return
-        answer = waiting.finished(late)
-        if answer is not None:
-            self._answer(answer)
-        if answer is not None or late:
+        reply = waiting.poll_reply(is_late)
+        if reply is not None:
+            self._reply(reply)
+        if reply is not None or is_late:
             self._waiting = None
 
     def _own_handlers(self) -> dict[int, Handler]:
+        """Return the handlers of the calls served here."""
         return {
-            Op.PING: lambda a, payload, t: Reply(t),
+            Op.PING: lambda argument, payload, t: Reply(t),
             Op.RESET: self._reset,
             Op.SOFT_RESET: self._soft_reset,
             Op.RESTARTED: self._restarted,
@@ -287,28 +302,28 @@ class VirtualBoard:
             Op.METER: self._metered,
         }
 
-    def _reset(self, a: int, payload: bytes, t: float) -> None:
+    def _reset(self, argument: int, payload: bytes, t: float) -> None:
         self.reset("machine.reset")
 
-    def _soft_reset(self, a: int, payload: bytes, t: float) -> None:
+    def _soft_reset(self, argument: int, payload: bytes, t: float) -> None:
         self.processor.kill()
         self.counts["soft_resets"] += 1
         if self._clock.stepped:
             self._clock.t += BOOT_NS
-        self._boot(raw=bool(a))
+        self._boot(raw=bool(argument))
 
-    def _restarted(self, a: int, payload: bytes, t: float) -> Reply:
-        """The emulated processor has reset itself: what the host sees of it."""
-        self.resets.append((self.seconds, "machine.reset" if a & 2 else "watchdog"))
-        self.streams.forget_link()
+    def _restarted(self, argument: int, payload: bytes, t: float) -> Reply:
+        """Apply the visible effects of a restart of the emulated processor by itself."""
+        self.resets.append((self.seconds, "machine.reset" if argument & 2 else "watchdog"))
+        self.streams.clear_link()
         if self.streams.usb:
             self.unplug(REPLUG_NS)
         return Reply(t)
 
-    def _at_prompt(self, a: int, payload: bytes, t: float) -> Reply:
+    def _at_prompt(self, argument: int, payload: bytes, t: float) -> Reply:
         self.counts["at_prompt"] += 1
         return Reply(t)
 
-    def _metered(self, a: int, payload: bytes, t: float) -> Reply:
-        self.meter = json.loads(payload)
+    def _metered(self, argument: int, payload: bytes, t: float) -> Reply:
+        self.profile = json.loads(payload)
         return Reply(t)

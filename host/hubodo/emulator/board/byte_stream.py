@@ -1,4 +1,4 @@
-"""A byte stream of the processor: standard input and output, or a UART with its buffers and its baud rate."""
+"""A byte stream of the processor: standard input and output, or a UART with buffers and baud rate."""
 
 from __future__ import annotations
 
@@ -11,7 +11,17 @@ from hubodo.emulator.board.link import RX_FIFO, TX_FIFO, HostLink
 
 @dataclass
 class ByteStream:
-    """A byte stream of the processor: bytes in, bytes not yet out."""
+    """A byte stream with its buffers.
+
+    Attributes
+    ----------
+    received, to_send : bytes not yet read by the firmware, and not yet accepted by the link.
+    link : link to the host, or None.
+    byte_ns : ns per byte of a UART; 0 for a stream without timing.
+    send_buffer, receive_buffer : bytes.
+    on_wire : (ns, bytes) of transmissions and their ends.
+    wire_free : ns, end of the last transmission.
+    """
 
     received: bytearray = field(default_factory=bytearray)
     to_send: bytearray = field(default_factory=bytearray)
@@ -22,21 +32,21 @@ class ByteStream:
     on_wire: deque[tuple[float, bytes]] = field(default_factory=deque)
     wire_free: float = 0.0
 
-    def room(self, t: float) -> int:
-        """Bytes that the send buffer of a UART takes at t."""
+    def free_space(self, t: float) -> int:
+        """Return the free bytes of the send buffer at t."""
         if not self.byte_ns:
             return self.send_buffer
         return self.send_buffer - math.ceil(max(0.0, self.wire_free - t) / self.byte_ns)
 
     def put_on_wire(self, t: float, sent: bytes, size: int) -> float:
-        """Sends at the UART's rate; the time at which the last of `size` bytes is in the send buffer."""
+        """Transmit at the rate of the UART; return the time at which the last byte is in the send buffer."""
         self.wire_free = max(self.wire_free, t) + self.byte_ns * size
         if self.link is not None:
             self.on_wire.append((self.wire_free, sent))
         return max(t, self.wire_free - self.byte_ns * self.send_buffer)
 
     def clear(self) -> None:
-        """Forget what waits."""
+        """Clear the buffers."""
         for queue in (self.received, self.to_send, self.on_wire):
             queue.clear()
         self.wire_free = 0.0

@@ -1,4 +1,4 @@
-"""The board's true time: that of the machine, or stepped by what the firmware does."""
+"""True time of a board: the clock of the host, or virtual time that the firmware advances."""
 
 from __future__ import annotations
 
@@ -11,35 +11,38 @@ _WAIT_STEP_NS = 20_000_000
 
 
 class BoardClock:
-    """ns since the board was switched on."""
+    """True time of a board, ns since power-on."""
 
     def __init__(self, settings: Clock) -> None:
         self.settings = settings
         self.stepped = settings.kind != "real"
         self.paced = settings.kind == "paced"
-        self.led = settings.kind == "led"
-        self.limit = 0.0 if self.led else FOREVER
-        """How far a led clock may go, ns."""
+        self.lockstep = settings.kind == "lockstep"
+        self.limit = 0.0 if self.lockstep else FOREVER
+        """Time limit of a lockstep clock, ns."""
         self.t = 0.0
-        """Of a stepped clock."""
+        """Current virtual time, ns."""
         self.zero_ns = 0
-        """time.monotonic_ns() at which the board was switched on."""
+        """time.monotonic_ns() at power-on."""
 
     def switch_on(self) -> None:
-        """Time begins, at the moment the settings name or now."""
-        wanted = self.settings.power_on_ns
-        self.zero_ns = time.monotonic_ns() if wanted is None else wanted
+        """Start at zero, now or at the time in the settings."""
+        power_on_ns = self.settings.power_on_ns
+        self.zero_ns = time.monotonic_ns() if power_on_ns is None else power_on_ns
 
     def now(self) -> float:
-        """ns since the board was switched on."""
+        """Return the time, ns since power-on."""
         return self.t if self.stepped else time.monotonic_ns() - self.zero_ns
 
     def wait_until(self, deadline: float) -> None:
-        """Stepped: lets time pass in a wait; a host on a terminal gets a little real time to answer."""
+        """Advance virtual time during a wait, at most to `deadline`.
+
+        A host on a terminal gets real time to answer.
+        """
         if self.paced:
-            passed = (time.monotonic_ns() - self.zero_ns) / self.settings.pace
-        elif self.led:
-            passed = self.limit
+            reachable = (time.monotonic_ns() - self.zero_ns) / self.settings.pace
+        elif self.lockstep:
+            reachable = self.limit
         else:
-            passed = self.t + _WAIT_STEP_NS
-        self.t = max(self.t, min(deadline, passed))
+            reachable = self.t + _WAIT_STEP_NS
+        self.t = max(self.t, min(deadline, reachable))

@@ -1,4 +1,4 @@
-"""How the interpreter asks the board: one request, one answer, over two pipes."""
+"""Protocol between interpreter and board: one request and one reply over two pipes."""
 
 from __future__ import annotations
 
@@ -9,26 +9,26 @@ from enum import IntEnum
 from typing import NamedTuple
 
 REQUEST = struct.Struct("<BxhHHd")
-"""op, interrupt character (-1 = none), a, payload length, time in ns since the board was switched on."""
+"""Op, interrupt character (-1: none), argument, payload length, time in ns since power-on."""
 
 RESPONSE = struct.Struct("<hBBIdd")
-"""Status (count or -errno), flags, spare, payload length, time in ns at which the call is over, and time in
-ns up to which nothing happens that the interpreter would have to ask for: 0 where that is not known."""
+"""Status (count or -errno), flags, reserved, payload length, time of the end of the call in ns, and time up
+to which the flags do not change in ns, 0 if unknown."""
 
 MAX_PAYLOAD = 65_000
 
 FLAG_INPUT = 1
-"""Bytes wait on standard input."""
+"""Input is available on standard input."""
 FLAG_ROOM = 2
-"""Standard output takes bytes without waiting."""
+"""Standard output accepts bytes without blocking."""
 FLAG_INTERRUPT = 4
-"""The interrupt character came in."""
+"""The interrupt character was received."""
 FLAG_OPEN = 8
 """A host has the port open."""
 FLAG_PLUGGED = 16
-"""The cable is in, the terminal there."""
+"""The cable is plugged in, and the terminal exists."""
 FLAG_OVER = 32
-"""Instead of an answer: the board is off or restarts, nothing more happens here."""
+"""Sent instead of a reply: the board is off or restarts, and the interpreter has to stop."""
 
 COUNT_MASK, COUNT_ROOM = 0x3FFF, 0x4000
 
@@ -36,22 +36,22 @@ EIO, EAGAIN, ENODEV, EINVAL, ETIMEDOUT, EHOSTUNREACH = 5, 11, 19, 22, 110, 113
 
 
 class Op(IntEnum):
-    """What can be asked; `a` and the payload in brackets."""
+    """Calls of the interpreter. The comments give [argument; payload] and the reply."""
 
     PING = 1
-    """Nothing but the flags."""
+    """Returns the flags only."""
     I2C_INIT = 2
     """[bus; u32 frequency, i8 scl, i8 sda]"""
     I2C_READ_MEM = 3
-    """[bus; u8 address, u8 address bytes, u16 register, u16 n] answers n bytes."""
+    """[bus; u8 address, u8 address bytes, u16 register, u16 n] returns n bytes."""
     I2C_WRITE_MEM = 4
     """[bus; u8 address, u8 address bytes, u16 register, data]"""
     I2C_READ = 5
-    """[bus; u8 address, u8 0, u16 0, u16 n] answers n bytes."""
+    """[bus; u8 address, u8 0, u16 0, u16 n] returns n bytes."""
     I2C_WRITE = 6
     """[bus; u8 address, u8 0, u16 0, data]"""
     I2C_SCAN = 7
-    """[bus] answers one byte for each address that acknowledges."""
+    """[bus] returns one byte for each address that acknowledges."""
     PIN_INIT = 8
     """[pin; u8 mode, i8 pull]; modes 0 in, 1 out, 2 open drain."""
     PIN_SET = 9
@@ -59,58 +59,60 @@ class Op(IntEnum):
     PIN_GET = 10
     """[pin] status = level."""
     ADC_READ = 11
-    """[channel] answers u16."""
+    """[channel] returns u16."""
     WDT = 12
-    """[0 feeds, 1 starts; u32 ms]"""
+    """[0 feed, 1 start; u32 ms]"""
     RESET = 13
-    """Hard reset of the processor; no answer comes."""
+    """Hard reset of the processor; without reply."""
     WRITE = 14
-    """[port; bytes] port 0 = standard output, k + 1 = UART k; status = taken."""
+    """[port; bytes] port 0 = standard output, k + 1 = UART k; status = bytes accepted."""
     READ = 15
-    """[port; u32 most, i32 ms to wait for the first byte, -1 = for ever] answers bytes."""
+    """[port; u32 limit, i32 timeout for the first byte in ms, -1 = infinite] returns bytes."""
     COUNT = 16
-    """[port] status = bytes waiting, to COUNT_MASK, | COUNT_ROOM; [256 | handle] 1 when a datagram waits."""
+    """[port] status = available bytes, up to COUNT_MASK, | COUNT_ROOM if writable.
+
+    [256 | handle] 1 if a datagram is available."""
     UART_INIT = 17
     """[port; u32 baud, u16 send buffer, u16 receive buffer]"""
     WLAN = 18
-    """[0 off, 1 on, 2 connect, 3 disconnect, 4 status, 5 is it connected, 0x100 + 1 + reconnects]"""
+    """[0 off, 1 on, 2 connect, 3 disconnect, 4 status, 5 is connected, 0x100 + 1 + reconnects]"""
     UDP_OPEN = 19
     """status = handle."""
     UDP_BIND = 20
     """[handle; u16 port]"""
     UDP_SEND = 21
-    """[handle; u8 4 IPv4, u16 port, bytes] status = sent."""
+    """[handle; u8 4 IPv4, u16 port, bytes] status = bytes sent."""
     UDP_RECV = 22
-    """[handle; u32 most, i32 ms] answers u8 4 IPv4, u16 port, bytes."""
+    """[handle; u32 limit, i32 timeout in ms] returns u8 4 IPv4, u16 port, bytes."""
     UDP_CLOSE = 23
     """[handle]"""
     SOFT_RESET = 25
-    """[1 = the prompt was raw] The interpreter begins anew; no answer comes."""
+    """[1 = raw prompt] Restart of the interpreter; without reply."""
     IDLE = 24
-    """main.py is over; the prompt comes next."""
+    """main.py has ended; the prompt follows."""
     RESTARTED = 26
-    """[why: 0 nobody knows, 1 watchdog, 2 machine.reset] The emulated processor has begun anew."""
+    """[cause: 0 unknown, 1 watchdog, 2 machine.reset] The emulated processor has restarted."""
     I2C_START = 27
-    """[bus; u8 address, u8 reading, bytes written since the start before] status 1: acknowledged."""
+    """[bus; u8 address, u8 read, bytes written since the previous start] status 1: acknowledged."""
     I2C_PUT = 28
-    """[bus; bytes written since the start before] The transfer ends."""
+    """[bus; bytes written since the previous start] End of the transfer."""
     I2C_TAKE = 29
-    """[bus] status = the byte that the chip shows."""
+    """[bus] status = byte that the chip sends."""
     METER = 30
-    """[; JSON] What the processor did so far."""
+    """[; JSON] Activity profile of the processor."""
     SPI = 31
-    """[unit; bytes] answers as many bytes: what came in while these went out."""
+    """[unit; bytes] returns the bytes received meanwhile."""
     ESPNOW = 32
-    """[-; u8 what, its arguments] of ESP-NOW; answers what was asked for, see `chips.espnow`."""
+    """[-; u8 call, arguments] ESP-NOW call, see `chips.espnow`."""
 
 
 def op_codes() -> dict[str, int]:
-    """The op codes by name, as the runners get them."""
+    """Return the op codes by name, for the runners."""
     return {op.name: int(op) for op in Op}
 
 
 class Reply(NamedTuple):
-    """What the board says to a call that is over at `t` ns."""
+    """Reply to a call that ends at `t` ns."""
 
     t: float
     status: int = 0
@@ -119,11 +121,11 @@ class Reply(NamedTuple):
 
 @dataclass(frozen=True)
 class Deferred:
-    """A call that has to wait: `finished(late)` gives its answer once it can, at the latest when late."""
+    """A call with a delayed reply: `poll_reply(late)` returns the reply, or None while it is pending."""
 
     timeout_ns: float
-    finished: Callable[[bool], Reply | None]
+    poll_reply: Callable[[bool], Reply | None]
 
 
 Handler = Callable[[int, bytes, float], Reply | Deferred | None]
-"""What a call does, from `a`, the payload and the time in ns; None: no answer comes."""
+"""Function of the argument, the payload and the time in ns that serves a call; None: without reply."""

@@ -1,4 +1,4 @@
-"""What the board is plugged into: a pseudo terminal that behaves as USB CDC, or memory for tests."""
+"""Links of a board to its host: a pseudo terminal that behaves as USB CDC, or memory for tests."""
 
 from __future__ import annotations
 
@@ -19,79 +19,81 @@ import numpy as np
 TX_FIFO = 256
 RX_FIFO = 1024
 TERMINAL_BYTES = 4096
-"""What a pseudo terminal of Linux holds for a host that does not read."""
+"""Buffer size of a Linux pseudo terminal."""
 
 
 class HostLink(Protocol):
-    """One byte stream to a host."""
+    """A byte stream to a host."""
 
     counts: Counter[str]
 
     def read(self) -> bytes:
-        """What the host has sent since, possibly nothing."""
+        """Return the bytes that the host has sent since the last call."""
         ...
 
     def write(self, data: bytes) -> int:
-        """How many bytes went out at once; with no host all of them, into nowhere."""
+        """Write bytes; return how many were accepted. Without a host all are accepted and discarded."""
         ...
 
     def await_bytes(self, count: int) -> None:
-        """Waits until the host's next bytes, so many, have come."""
+        """Wait for the next `count` bytes of the host."""
         ...
 
     @property
     def host_open(self) -> bool:
-        """Whether a host holds the port open."""
+        """True if a host has the port open."""
         ...
 
     @property
     def plugged(self) -> bool:
-        """Whether there is a port."""
+        """True if the port exists."""
         ...
 
     def fileno(self) -> int:
-        """Descriptor to wait on for input, -1 for none."""
+        """Return the file descriptor to poll for input, or -1."""
         ...
 
     def close(self) -> None:
-        """Give everything back."""
+        """Release all resources."""
         ...
 
 
 class LineNoise:
-    """A relay that spoils bytes on their way to the host.
+    """Random damage to bytes on their way to the host.
 
-    Args:
-        corrupt: probability that a byte is replaced by another value.
-        lose: probability that a byte is cut out.
-        seed: of the generator.
+    Parameters
+    ----------
+    corrupt : probability that a byte is replaced by another value.
+    lose : probability that a byte is removed.
+    seed : seed of the generator.
     """
 
     def __init__(self, corrupt: float = 0.0, lose: float = 0.0, seed: int = 0) -> None:
         if not (0 <= corrupt <= 1 and 0 <= lose <= 1):
-            raise ValueError(f"corrupt {corrupt}, lose {lose}: want probabilities")
+            raise ValueError(f"corrupt {corrupt}, lose {lose}: must be probabilities")
         self.corrupt, self.lose = corrupt, lose
         self.counts: Counter[str] = Counter()
         self._rng = np.random.default_rng(seed)
 
     def apply(self, data: bytes) -> bytes:
-        """The bytes as they arrive."""
+        """Return the bytes as they arrive."""
         if not (self.corrupt or self.lose) or not data:
             return data
         values = np.frombuffer(data, dtype=np.uint8)
-        hit = self._rng.random(len(values)) < self.corrupt
-        changed = np.where(hit, values ^ self._rng.integers(1, 256, len(values), dtype=np.uint8), values)
-        kept = self._rng.random(len(values)) >= self.lose
-        self.counts["corrupted"] += int(hit.sum())
-        self.counts["lost"] += int((~kept).sum())
-        return changed[kept].tobytes()
+        is_corrupted = self._rng.random(len(values)) < self.corrupt
+        corrupted = np.where(
+            is_corrupted, values ^ self._rng.integers(1, 256, len(values), dtype=np.uint8), values
+        )
+        survives = self._rng.random(len(values)) >= self.lose
+        self.counts["corrupted"] += int(is_corrupted.sum())
+        self.counts["lost"] += int((~survives).sum())
+        return corrupted[survives].tobytes()
 
 
 class PtyLink:
-    """USB CDC as the host sees it: a terminal that goes when unplugged and comes back under another name.
+    """USB CDC on a pseudo terminal: it vanishes when unplugged and returns under another name.
 
-    Args:
-        link_path: symbolic link kept on the terminal in being, removed while there is none.
+    link_path: symbolic link that follows the current terminal; removed while there is none.
     """
 
     def __init__(self, link_path: Path | None = None) -> None:
@@ -100,11 +102,11 @@ class PtyLink:
         self._master = -1
         self.name = ""
         self._open = False
-        self._looked = 0.0
+        self._last_check = 0.0
         self.plug()
 
     def plug(self) -> None:
-        """A new terminal appears."""
+        """Create a new terminal."""
         if self._master >= 0:
             return
         self._master, slave = os.openpty()
@@ -112,18 +114,18 @@ class PtyLink:
         self.name = os.ttyname(slave)
         os.close(slave)
         os.set_blocking(self._master, False)
-        self._open, self._looked = False, 0.0
-        self._kept, self._owed = b"", 0
+        self._open, self._last_check = False, 0.0
+        self._buffered, self._awaited_bytes = b"", 0
         self._poll = select.poll()
         self._poll.register(self._master, 0)
         if self.link_path is not None:
-            # A symlink is made or refused, never followed: a random name is all that it takes.
-            fresh = self.link_path.with_name(f".{secrets.token_hex(8)}.new")
-            fresh.symlink_to(self.name)
-            fresh.replace(self.link_path)
+            # Creating a symlink never follows an existing one: a random name is safe here.
+            new_link = self.link_path.with_name(f".{secrets.token_hex(8)}.new")
+            new_link.symlink_to(self.name)
+            new_link.replace(self.link_path)
 
     def unplug(self) -> None:
-        """The terminal is gone; a host that holds it meets a hang-up."""
+        """Remove the terminal; a host that has it open gets a hang-up."""
         if self._master < 0:
             return
         if self.link_path is not None:
@@ -136,46 +138,47 @@ class PtyLink:
     close = unplug
 
     def fileno(self) -> int:
-        """The master side while a host is there: without one it would be ready for ever."""
+        """Return the master side while a host is connected; without a host it would always be ready."""
         return self._master if self._open else -1
 
     @property
     def plugged(self) -> bool:
-        """Whether the terminal is there."""
+        """True if the terminal exists."""
         return self._master >= 0
 
     @property
     def host_open(self) -> bool:
-        """Whether some process has the terminal open; looked up at most every 5 ms while nobody has."""
+        """True if a process has the terminal open; checked at most every 5 ms while none has."""
         if self._master < 0:
             return False
         now = time.monotonic()
-        if self._open or now - self._looked > 0.005:
-            self._looked = now
+        if self._open or now - self._last_check > 0.005:
+            self._last_check = now
             self._open = not any(event & select.POLLHUP for _, event in self._poll.poll(0))
         return self._open
 
     def await_bytes(self, count: int) -> None:
-        """See `HostLink`; they are kept for `read`."""
-        self._looked = 0.0
-        self._owed += count
-        while self._owed > 0 and self._master >= 0:
+        """Wait for the next `count` bytes of the host and buffer them for `read`."""
+        self._last_check = 0.0
+        self._awaited_bytes += count
+        while self._awaited_bytes > 0 and self._master >= 0:
             select.select([self._master], [], [])
-            self._kept += self._take()
+            self._buffered += self._read_available()
 
     def read(self) -> bytes:
-        """Bytes the host has written."""
-        kept, self._kept = self._kept, b""
-        return kept + self._take()
+        """Return the bytes that the host has written."""
+        buffered, self._buffered = self._buffered, b""
+        return buffered + self._read_available()
 
-    def _take(self) -> bytes:
+    def _read_available(self) -> bytes:
+        """Read the available bytes from the terminal."""
         if self._master < 0:
             return b""
         try:
             data = os.read(self._master, RX_FIFO)
-            # Whoever wrote that may have come since the last look, and wants the answer.
-            self._looked = 0.0
-            self._owed -= len(data)
+            # The sender may have opened the terminal since the last check, and expects a reply.
+            self._last_check = 0.0
+            self._awaited_bytes -= len(data)
             return data
         except BlockingIOError:
             return b""
@@ -184,7 +187,7 @@ class PtyLink:
             return b""
 
     def write(self, data: bytes) -> int:
-        """As much as the terminal takes; everything, discarded, when nobody has it open."""
+        """Write as much as the terminal accepts; discard everything if no host has it open."""
         if not self.host_open:
             self.counts["discarded"] += len(data)
             return len(data)
@@ -200,40 +203,40 @@ class PtyLink:
 
 
 class MemoryLink:
-    """A host that is always there; what it says is a script of (s, bytes).
+    """A scripted host in memory that is always connected.
 
-    It takes everything, but for the stretches (from s, to s) of `deaf`, in which it does not read: its
-    terminal then takes what one holds.
+    script: (s, bytes) that it sends at these times. read_pauses: (from s, to s) in which it does not read;
+    its terminal then accepts `TERMINAL_BYTES`.
     """
 
     def __init__(
-        self, script: Sequence[tuple[float, bytes]] = (), deaf: Sequence[tuple[float, float]] = ()
+        self, script: Sequence[tuple[float, bytes]] = (), read_pauses: Sequence[tuple[float, float]] = ()
     ) -> None:
         self.counts: Counter[str] = Counter()
         self.output = bytearray()
         self.arrivals: list[tuple[float, int]] = []
-        """(s, bytes that had come by then), for each write."""
+        """(s, total bytes) after each write."""
         self.t = 0.0
         self._script = sorted(script)
-        self._deaf = tuple(deaf)
+        self._read_pauses = tuple(read_pauses)
         self._unread = 0
         self.host_open = self.plugged = True
 
     @property
-    def next_word(self) -> float:
-        """s at which the script says its next."""
+    def next_script_time(self) -> float:
+        """Time of the next bytes of the script, s."""
         return self._script[0][0] if self._script else float("inf")
 
     def read(self) -> bytes:
-        """What the script has sent by the time `t`, s, that the board has set."""
+        """Return the bytes of the script up to the time `t`, s, which the board sets."""
         data = b""
         while self._script and self._script[0][0] <= self.t:
             data += self._script.pop(0)[1]
         return data
 
     def write(self, data: bytes) -> int:
-        """Takes all, or what still fits in the terminal of a host that does not read."""
-        if any(begin <= self.t < end for begin, end in self._deaf):
+        """Accept all bytes, or during a read pause as many as fit into the terminal."""
+        if any(start <= self.t < end for start, end in self._read_pauses):
             data = data[: TERMINAL_BYTES - self._unread]
             self._unread += len(data)
         else:
@@ -244,11 +247,11 @@ class MemoryLink:
         return len(data)
 
     def await_bytes(self, count: int) -> None:
-        """Its script comes by itself."""
+        """Do nothing: the script has its own times."""
 
     def fileno(self) -> int:
-        """Nothing to wait on."""
+        """Return -1: there is nothing to poll."""
         return -1
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """Do nothing."""

@@ -1,7 +1,7 @@
-"""Boards that a virtual board can be: what their MicroPython calls itself, and what their pins can do.
+"""Board models: names and pins, as MicroPython reports them.
 
-From MicroPython's ports/rp2 and ports/esp32 (board names, what constructors refuse) and the pin tables of the
-RP2040 and of Espressif's ESP32, ESP32-S3 and ESP32-C3; wired as the table in firmware/README.md says.
+From ports/rp2 and ports/esp32 of MicroPython (board names, arguments that constructors refuse) and the pin
+tables of the RP2040, ESP32, ESP32-S3 and ESP32-C3; wired as in the table of firmware/README.md.
 """
 
 from __future__ import annotations
@@ -13,16 +13,23 @@ ModelName = Literal["pico", "pico_w", "pico_2", "pico_2_w", "esp32", "esp32_s3",
 
 _RP2_ADC = (26, 27, 28, 29)
 VSYS_PIN, RADIO_SELECT_PIN = 29, 25
-"""Of the boards with `radio`: VSYS / 3 is on the first while the second is high."""
+"""Pins of boards with `shares_radio_pin`: VSYS / 3 is at the first while the second is high."""
 
 
 @dataclass(frozen=True)
 class BoardModel:
-    """One kind of board.
+    """A board model.
 
-    machine: sys.implementation._machine. sda, scl: where the sensor board is wired. pins: GPIO numbers that
-    exist. adc: those that measure; battery: the one that does here, at 1 / factor. i2c, uart: how many there
-    are. radio: whether the battery's pin is shared with it.
+    Attributes
+    ----------
+    machine : sys.implementation._machine.
+    platform : port of MicroPython.
+    sda, scl : pins of the sensor board.
+    pins : GPIO numbers that exist.
+    adc : pins with an ADC.
+    battery_pin, divider_ratio : pin of the battery voltage, and ratio of its divider.
+    i2c, uart : number of units.
+    shares_radio_pin : True if the battery pin is shared with the radio.
     """
 
     machine: str
@@ -31,14 +38,14 @@ class BoardModel:
     scl: int
     pins: tuple[int, ...]
     adc: tuple[int, ...]
-    battery: int
-    factor: float
+    battery_pin: int
+    divider_ratio: float
     i2c: int = 2
     uart: int = 2
-    radio: bool = False
+    shares_radio_pin: bool = False
 
     def as_config(self) -> dict[str, object]:
-        """What the interpreter has to know."""
+        """Return the settings of the interpreter."""
         return {
             "machine": self.machine,
             "platform": self.platform,
@@ -46,12 +53,13 @@ class BoardModel:
             "adc_pins": list(self.adc),
             "i2c_count": self.i2c,
             "uart_count": self.uart,
-            "radio": self.radio,
+            "radio": self.shares_radio_pin,
         }
 
 
 def _pico(text: str, *, radio: bool = False) -> BoardModel:
-    return BoardModel(text, "rp2", 4, 5, tuple(range(30)), _RP2_ADC, VSYS_PIN, 3.0, radio=radio)
+    """Return the model of a Pico."""
+    return BoardModel(text, "rp2", 4, 5, tuple(range(30)), _RP2_ADC, VSYS_PIN, 3.0, shares_radio_pin=radio)
 
 
 MODELS: dict[ModelName, BoardModel] = {

@@ -1,4 +1,4 @@
-"""What the processor's peripherals do at a call: I2C, SPI, pins, ADC."""
+"""Peripherals of the processor: I2C, SPI, pins and ADC."""
 
 from __future__ import annotations
 
@@ -12,28 +12,31 @@ from hubodo.emulator.board.models import RADIO_SELECT_PIN, BoardModel
 from hubodo.units import NS_PER_S
 
 RP2_ADC_PIN, RP2_CORE_TEMP = 26, 4
-FLOATING_V = 0.4
+FLOATING_PIN_V = 0.4
 SPI_BYTE_NS = 1000.0
-"""At 8 MHz."""
+"""Duration of a byte at 8 MHz, ns."""
 _CORE_V = 0.706 - 0.001721 * (25.0 - 27.0)
-# The radio's chip select also switches the divider: MicroPython's issue 10406 has the 608 counts.
+# The chip select of the radio also switches the divider: 608 counts in MicroPython's issue 10406.
 _DIVIDER_OFF_V = 0.0306
 
 
-class RadioParts(Protocol):
-    """What hangs on SPI and some pins, and ESP-NOW; `t` in ns."""
+class RadioPins(Protocol):
+    """Radio on SPI and pins, and ESP-NOW; `t` in ns."""
 
-    def pin(self, t: float, number: int, level: int) -> None: ...
+    def set_pin(self, t: float, number: int, level: int) -> None: ...
 
     def transfer(self, t: float, data: bytes) -> bytes: ...
 
-    def espnow(self, t: float, request: bytes) -> tuple[int, bytes]: ...
+    def call_espnow(self, t: float, request: bytes) -> tuple[int, bytes]: ...
 
     def reset(self) -> None: ...
 
 
 class Peripherals:
-    """Of one board; radio_on: whether its radio has the pins it shares with the battery's divider."""
+    """Peripherals of one board.
+
+    radio_on: returns True while the radio uses the pins of the battery divider.
+    """
 
     def __init__(
         self,
@@ -41,20 +44,20 @@ class Peripherals:
         bus: I2cBus,
         battery_mv: float,
         radio_on: Callable[[], bool],
-        radio: RadioParts | None = None,
+        radio: RadioPins | None = None,
     ) -> None:
         self._radio = radio
         self._model, self._bus, self._battery_mv, self._radio_on = model, bus, battery_mv, radio_on
         self.pins = Pins(bus)
 
     def reset(self) -> None:
-        """The processor restarts: its pins are as at power-on."""
+        """Reset the pins, as at a restart of the processor."""
         self.pins = Pins(self._bus)
         if self._radio is not None:
             self._radio.reset()
 
     def handlers(self) -> dict[int, Handler]:
-        """What each call does here."""
+        """Return the handlers of the calls served here."""
         return {
             Op.I2C_INIT: self._i2c_init,
             Op.I2C_READ_MEM: self._i2c_read,
@@ -68,75 +71,78 @@ class Peripherals:
             Op.PIN_INIT: self._pin_init,
             Op.PIN_SET: self._pin_set,
             Op.PIN_GET: self._pin_get,
-            Op.ADC_READ: self._adc,
-            Op.SPI: self._transfer,
+            Op.ADC_READ: self._adc_read,
+            Op.SPI: self._spi_transfer,
             Op.ESPNOW: self._espnow,
         }
 
-    def _i2c_init(self, a: int, payload: bytes, t: float) -> Reply:
+    def _i2c_init(self, argument: int, payload: bytes, t: float) -> Reply:
         frequency, scl, sda = struct.unpack("<Ibb", payload)
         self._bus.initialise(frequency, scl, sda)
         return Reply(t)
 
-    def _i2c_read(self, a: int, payload: bytes, t: float) -> Reply:
+    def _i2c_read(self, argument: int, payload: bytes, t: float) -> Reply:
         address, size, register, n = struct.unpack("<BBHH", payload)
         status, data, end = self._bus.read_mem(t * 1e-9, address, register.to_bytes(size, "big"), n)
         return Reply(end * NS_PER_S, status, data)
 
-    def _i2c_write(self, a: int, payload: bytes, t: float) -> Reply:
+    def _i2c_write(self, argument: int, payload: bytes, t: float) -> Reply:
         address, size, register = struct.unpack_from("<BBH", payload)
         status, end = self._bus.write(t * 1e-9, address, register.to_bytes(size, "big") + payload[4:])
         return Reply(end * NS_PER_S, status)
 
-    def _i2c_scan(self, a: int, payload: bytes, t: float) -> Reply:
-        found, end = self._bus.scan(t * 1e-9)
-        return Reply(end * NS_PER_S, len(found), found)
+    def _i2c_scan(self, argument: int, payload: bytes, t: float) -> Reply:
+        addresses, end = self._bus.scan(t * 1e-9)
+        return Reply(end * NS_PER_S, len(addresses), addresses)
 
-    def _i2c_start(self, a: int, payload: bytes, t: float) -> Reply:
+    def _i2c_start(self, argument: int, payload: bytes, t: float) -> Reply:
         return Reply(t, self._bus.start(t * 1e-9, payload[0], payload[2:]))
 
-    def _i2c_put(self, a: int, payload: bytes, t: float) -> Reply:
-        self._bus.put(t * 1e-9, payload)
+    def _i2c_put(self, argument: int, payload: bytes, t: float) -> Reply:
+        self._bus.write_bytes(t * 1e-9, payload)
         return Reply(t)
 
-    def _i2c_take(self, a: int, payload: bytes, t: float) -> Reply:
-        return Reply(t, self._bus.take(t * 1e-9))
+    def _i2c_take(self, argument: int, payload: bytes, t: float) -> Reply:
+        return Reply(t, self._bus.read_byte(t * 1e-9))
 
-    def _pin_init(self, a: int, payload: bytes, t: float) -> Reply:
+    def _pin_init(self, argument: int, payload: bytes, t: float) -> Reply:
         mode, pull = struct.unpack("<bb", payload)
-        self.pins.initialise(t * 1e-9, a, mode, pull)
+        self.pins.initialise(t * 1e-9, argument, mode, pull)
         return Reply(t)
 
-    def _pin_set(self, a: int, payload: bytes, t: float) -> Reply:
-        self.pins.set(t * 1e-9, a, payload[0])
+    def _pin_set(self, argument: int, payload: bytes, t: float) -> Reply:
+        self.pins.set_level(t * 1e-9, argument, payload[0])
         if self._radio is not None:
-            self._radio.pin(t, a, payload[0])
+            self._radio.set_pin(t, argument, payload[0])
         return Reply(t)
 
-    def _transfer(self, a: int, payload: bytes, t: float) -> Reply:
-        came = bytes(len(payload)) if self._radio is None else self._radio.transfer(t, payload)
-        return Reply(t + len(payload) * SPI_BYTE_NS, len(came), came)
+    def _spi_transfer(self, argument: int, payload: bytes, t: float) -> Reply:
+        received = bytes(len(payload)) if self._radio is None else self._radio.transfer(t, payload)
+        return Reply(t + len(payload) * SPI_BYTE_NS, len(received), received)
 
-    def _espnow(self, a: int, payload: bytes, t: float) -> Reply:
-        status, answer = (0, b"") if self._radio is None else self._radio.espnow(t, payload)
+    def _espnow(self, argument: int, payload: bytes, t: float) -> Reply:
+        status, answer = (0, b"") if self._radio is None else self._radio.call_espnow(t, payload)
         return Reply(t, status, answer)
 
-    def _pin_get(self, a: int, payload: bytes, t: float) -> Reply:
-        return Reply(t, self.pins.get(t * 1e-9, a))
+    def _pin_get(self, argument: int, payload: bytes, t: float) -> Reply:
+        return Reply(t, self.pins.get_level(t * 1e-9, argument))
 
-    def _adc(self, a: int, payload: bytes, t: float) -> Reply:
-        counts = max(0, min(65535, round(self._volts(a) / 3.3 * 65535)))
+    def _adc_read(self, argument: int, payload: bytes, t: float) -> Reply:
+        counts = max(0, min(65535, round(self._volts(argument) / 3.3 * 65535)))
         return Reply(t, payload=struct.pack("<H", counts))
 
     def _volts(self, channel: int) -> float:
-        """At the pin of an ADC channel; on rp2 the first four are counted from their own, then the core."""
+        """Return the voltage at an ADC channel.
+
+        On rp2, channels 0 to 3 are the ADC pins and channel 4 is the core temperature.
+        """
         model = self._model
         rp2 = model.platform == "rp2"
         if rp2 and channel == RP2_CORE_TEMP:
             return _CORE_V
         pin = channel + RP2_ADC_PIN if rp2 and channel < RP2_CORE_TEMP else channel
-        if pin != model.battery:
-            return FLOATING_V
-        if model.radio and (self._radio_on() or not self.pins.drives_high(RADIO_SELECT_PIN)):
+        if pin != model.battery_pin:
+            return FLOATING_PIN_V
+        if model.shares_radio_pin and (self._radio_on() or not self.pins.drives_high(RADIO_SELECT_PIN)):
             return _DIVIDER_OFF_V
-        return self._battery_mv / 1000 / model.factor
+        return self._battery_mv / 1000 / model.divider_ratio

@@ -1,4 +1,4 @@
-"""One virtual board in a process or thread of its own, steered over a connection."""
+"""A virtual board in its own process or thread, controlled over a connection."""
 
 from __future__ import annotations
 
@@ -8,37 +8,29 @@ import shutil
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
 from hubodo.emulator.board.board import VirtualBoard
-from hubodo.emulator.board.ether import Ether
 from hubodo.emulator.board.hypercall import Op
 from hubodo.emulator.board.link import HostLink, LineNoise, MemoryLink, PtyLink
 from hubodo.emulator.board.radio import RadioModule
+from hubodo.emulator.board.radio_medium import RadioMedium
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
+from hubodo.emulator.chips.catalogue import imu_by_name
 from hubodo.emulator.chips.faults import ScriptedFault
-from hubodo.emulator.chips.imu import Imu, Specimen
 from hubodo.emulator.chips.lis3mdl import Lis3mdl
-from hubodo.emulator.chips.lsm6ds33 import Lsm6ds33
-from hubodo.emulator.chips.mpu6050 import Mpu6050, Mpu6500
 from hubodo.emulator.chips.registers import RegisterChip
 from hubodo.emulator.motion import Motion
 from hubodo.errors import HubodoError
 
-IMUS: dict[str, Callable[[Motion, Specimen], Imu]] = {
-    "lsm6ds33": Lsm6ds33,
-    "mpu6050": Mpu6050,
-    "mpu6500": Mpu6500,
-}
-
 
 @dataclass(frozen=True)
 class NodeSpec:
-    """Everything a board's process has to know; picklable. scratch: a folder that goes with the board."""
+    """Specification of a board; picklable. scratch: temporary folder that is removed with the board."""
 
     motion: Motion
     flash: Flash
@@ -49,17 +41,19 @@ class NodeSpec:
     faults: tuple[ScriptedFault, ...]
     seed: int
     scratch: Path
-    ether: Ether | None = None
+    radio_medium: RadioMedium | None = None
 
 
-def build(spec: NodeSpec) -> tuple[VirtualBoard, dict[str, RegisterChip]]:
-    """The board of `spec` and its chips by name."""
+def build_board(spec: NodeSpec) -> tuple[VirtualBoard, dict[str, RegisterChip]]:
+    """Build a board and its chips by name."""
     sensors, host = spec.sensors, spec.host
     specimen = replace(sensors.specimen, seed=spec.seed, faults=spec.faults, strict=True)
-    chips: dict[str, RegisterChip] = {"imu": IMUS[sensors.chip](spec.motion, specimen)}
+    chips: dict[str, RegisterChip] = {"imu": imu_by_name(sensors.chip)(spec.motion, specimen)}
     if sensors.magnetometer:
         chips["mag"] = Lis3mdl(spec.motion, specimen)
-    link: HostLink = MemoryLink(host.script, host.deaf) if host.link == "memory" else PtyLink(host.path)
+    link: HostLink = (
+        MemoryLink(host.script, host.read_pauses) if host.link == "memory" else PtyLink(host.path)
+    )
     board = VirtualBoard(
         spec.board,
         spec.clock,
@@ -71,8 +65,8 @@ def build(spec: NodeSpec) -> tuple[VirtualBoard, dict[str, RegisterChip]]:
         wait_for_host=host.wait,
         faults=spec.faults,
         radio=None
-        if spec.ether is None
-        else RadioModule(spec.ether, bytes.fromhex(spec.board.unique_id)[:6]),
+        if spec.radio_medium is None
+        else RadioModule(spec.radio_medium, bytes.fromhex(spec.board.unique_id)[:6]),
     )
     if host.log:
         board.streams.log = []
@@ -82,26 +76,26 @@ def build(spec: NodeSpec) -> tuple[VirtualBoard, dict[str, RegisterChip]]:
 
 
 class BoardService:
-    """Answers the commands of the other end of `connection` while the board runs, and after."""
+    """Server of a board: it runs the board and handles the commands of a connection."""
 
     def __init__(self, connection: Connection, spec: NodeSpec) -> None:
         self._connection = connection
         self._scratch = spec.scratch
-        self._cpu_zero = _own_cpu()
-        self.board, self.chips = build(spec)
-        self.board.lead.on_lived = self._lived
-        self._let_go = self._led_on = False
+        self._cpu_at_start = _own_cpu()
+        self.board, self.chips = build_board(spec)
+        self.board.lockstep.on_limit_reached = self._report_limit_reached
+        self._quit = self._awaiting_limit = False
 
     def run(self) -> None:
-        """Serve until told to quit or the other end is gone; a fatal error is reported there."""
+        """Run the board until told to quit or until the connection closes; report a fatal error there."""
         error: HubodoError | None = None
         try:
             self.board.serve(self._connection.fileno(), self._command)
         except HubodoError as failure:
             error = failure
         self._failure = error
-        self._lived()
-        while not self._let_go:
+        self._report_limit_reached()
+        while not self._quit:
             self._command()
         self.board.streams.link.close()
         shutil.rmtree(self._scratch, ignore_errors=True)
@@ -109,20 +103,21 @@ class BoardService:
     _failure: HubodoError | None = None
 
     def _command(self) -> None:
+        """Receive a command and reply to it."""
         try:
             name, arguments = self._connection.recv()
         except (EOFError, OSError):
-            self._let_go = True
+            self._quit = True
             self.board.stop()
             return
-        if name == "live_until":
-            self._led_on = True
-            self.board.lead.live_until(*arguments)
+        if name == "run_until":
+            self._awaiting_limit = True
+            self.board.lockstep.allow_until(*arguments)
             if not self.board.running:
-                self._lived()
+                self._report_limit_reached()
             return
         if name == "quit":
-            self._let_go = True
+            self._quit = True
             self.board.stop()
             self._reply(None)
             return
@@ -131,17 +126,18 @@ class BoardService:
         except HubodoError as failure:
             self._reply(failure)
 
-    def _lived(self) -> None:
-        """Answers, once, that the board has come as far as it was let, or ended before."""
-        if self._led_on:
-            self._led_on = False
-            self._reply(self._failure or self.board.lead.take_written())
+    def _report_limit_reached(self) -> None:
+        """Reply once that the board has reached its time limit, or has ended."""
+        if self._awaiting_limit:
+            self._awaiting_limit = False
+            self._reply(self._failure or self.board.lockstep.pop_output())
 
     def _reply(self, value: object) -> None:
+        """Send a value over the connection."""
         try:
             self._connection.send(value)
         except OSError:
-            self._let_go = True
+            self._quit = True
 
     def _do_state(self) -> tuple[bool, HubodoError | None]:
         return self.board.running, self._failure
@@ -173,7 +169,7 @@ class BoardService:
         return self.board.bus.reads
 
     def _do_meter(self) -> object:
-        return self.board.meter
+        return self.board.profile
 
     def _do_mirror_flash(self) -> None:
         self.board.processor.mirror_flash()
@@ -191,21 +187,22 @@ class BoardService:
             "link": dict(board.streams.link.counts),
             "noise": dict(board.streams.noise.counts),
             "bus": dict(board.bus.counts),
-            "chips": {name: dict(chip.oddities) for name, chip in self.chips.items()},
+            "chips": {name: dict(chip.anomalies) for name, chip in self.chips.items()},
             "resets": list(board.resets),
             "interpreter_cpu": board.processor.cpu,
             "interpreter_pid": board.processor.pid,
-            "board_cpu": _own_cpu() - self._cpu_zero,
+            "board_cpu": _own_cpu() - self._cpu_at_start,
             "fifo_dropped": getattr(self.chips["imu"], "fifo_dropped", 0),
         }
 
 
 def _own_cpu() -> float:
+    """Return the processor time of this process, s."""
     return time.process_time()
 
 
 def watch_parent(parent: int) -> None:
-    """End this process when its parent has gone without closing the connection."""
+    """Exit this process when its parent has ended without closing the connection."""
 
     def watch() -> None:
         while os.getppid() == parent:
@@ -216,10 +213,10 @@ def watch_parent(parent: int) -> None:
 
 
 def main(arguments: Sequence[str]) -> int:
-    """`python -m hubodo.emulator.board.process FD PARENT`: the spec comes over the connection first."""
+    """Run `python -m hubodo.emulator.board.process FD PARENT`; the specification is received first."""
     connection = Connection(int(arguments[0]))
     watch_parent(int(arguments[1]))
-    # A busy machine must not make the emulated chips overflow; where that is not allowed it goes without.
+    # Higher priority, where permitted, keeps the emulated chips from overflowing on a busy host.
     with contextlib.suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, 0, -10)
     try:

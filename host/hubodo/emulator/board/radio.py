@@ -1,8 +1,8 @@
-"""The radios of a board in the time of the ether: an nRF24L01+ on its pins, and ESP-NOW of an ESP32."""
+"""Radios of a board on the shared medium: an nRF24L01+ on its pins, and ESP-NOW of an ESP32."""
 
 from __future__ import annotations
 
-from hubodo.emulator.board.ether import Ether
+from hubodo.emulator.board.radio_medium import RadioMedium
 from hubodo.emulator.chips.espnow import EspNow
 from hubodo.emulator.chips.nrf24 import Nrf24
 
@@ -10,46 +10,51 @@ CSN_PIN, CE_PIN = 17, 20
 
 
 class RadioModule:
-    """What hangs on a board's SPI, its select pin and its enable pin, and its own radio; times in ns."""
+    """The nRF24L01+ on SPI, chip select and chip enable of a board, and its ESP-NOW station.
 
-    def __init__(self, ether: Ether, mac: bytes) -> None:
-        self._ether = ether
-        self.chip = Nrf24(ether)
-        self._own = EspNow(ether, mac)
-        ether.join(self)
+    Times are in ns.
+    """
 
-    def reached(self, t: float) -> None:
-        """The board does nothing before t."""
-        self._ether.reached(self, t)
+    def __init__(self, medium: RadioMedium, mac: bytes) -> None:
+        self._medium = medium
+        self.chip = Nrf24(medium)
+        self._espnow = EspNow(medium, mac)
+        medium.add_board(self)
 
-    def end(self) -> None:
-        """The board is switched off."""
-        self.chip.silent = self._own.silent = True
-        self._ether.leave(self)
+    def advance(self, t: float) -> None:
+        """Declare that the board does nothing before t."""
+        self._medium.advance(self, t)
 
-    def pin(self, t: float, number: int, level: int) -> None:
-        """A pin of the board is driven."""
+    def switch_off(self) -> None:
+        """Remove the board from the medium."""
+        self.chip.switched_off = self._espnow.switched_off = True
+        self._medium.remove_board(self)
+
+    def set_pin(self, t: float, number: int, level: int) -> None:
+        """Set the level of a pin of the board."""
         if number == CSN_PIN:
-            self._ether.act(self, t, lambda: self._select(t, level))
+            self._medium.run_in_order(self, t, lambda: self._select(t, level))
         elif number == CE_PIN:
-            self._ether.act(self, t, lambda: self._enable(t, level))
+            self._medium.run_in_order(self, t, lambda: self._enable(t, level))
 
     def transfer(self, t: float, data: bytes) -> bytes:
-        """Bytes out, as many in."""
-        return self._ether.act(self, t, lambda: self.chip.transfer(t, data))
+        """Exchange bytes on SPI."""
+        return self._medium.run_in_order(self, t, lambda: self.chip.transfer(t, data))
 
-    def espnow(self, t: float, request: bytes) -> tuple[int, bytes]:
-        """A call of ESP-NOW: (status, what it answers)."""
-        return self._ether.act(self, t, lambda: self._own.call(t, request))
+    def call_espnow(self, t: float, request: bytes) -> tuple[int, bytes]:
+        """Handle a call of ESP-NOW; return status and result."""
+        return self._medium.run_in_order(self, t, lambda: self._espnow.handle_call(t, request))
 
     def reset(self) -> None:
-        """The processor restarts."""
-        self._own.reset()
+        """Reset ESP-NOW, as at a restart of the processor."""
+        self._espnow.reset()
 
     def _select(self, t: float, level: int) -> bytes:
+        """Set the chip select of the nRF24L01+, active low."""
         self.chip.select(t, selected=not level)
         return b""
 
     def _enable(self, t: float, level: int) -> bytes:
+        """Set the chip enable of the nRF24L01+."""
         self.chip.enable(t, on=bool(level))
         return b""

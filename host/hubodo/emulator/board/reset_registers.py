@@ -1,4 +1,4 @@
-"""What a board remembers of its last reset: the port's cause, and on an RP2 the two registers behind it."""
+"""Cause of the last reset of a board: the code of the port, and the registers of an RP2 behind it."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from typing import Literal
 
 from hubodo.emulator.board.models import BoardModel
 
-Why = Literal["power-on", "reset pin", "brown-out", "machine.reset", "watchdog"]
+ResetCause = Literal["power-on", "reset pin", "brown-out", "machine.reset", "watchdog"]
 
 _PWRON, _HARD, _WDT = 1, 2, 3
-# ports/rp2/modmachine.c: anything but the watchdog is power-on, and machine.reset is the watchdog's doing.
-# ports/esp32/modmachine.c: esp_restart is a hard reset; a pulled EN pin looks like power-on to an ESP32.
-_CAUSES: dict[str, dict[Why, int]] = {
+# ports/rp2/modmachine.c: every cause but the watchdog is power-on, and machine.reset uses the watchdog.
+# ports/esp32/modmachine.c: esp_restart is a hard reset; the EN pin counts as power-on.
+_CAUSE_CODES: dict[str, dict[ResetCause, int]] = {
     "rp2": {
         "power-on": _PWRON,
         "reset pin": _PWRON,
@@ -27,30 +27,33 @@ _CAUSES: dict[str, dict[Why, int]] = {
         "watchdog": _WDT,
     },
 }
-_REASON: dict[Why, int] = {"machine.reset": 2, "watchdog": 1}
-# (address of WATCHDOG REASON, of CHIP_RESET, bits there), from the data sheets of the two processors.
+_WATCHDOG_REASON: dict[ResetCause, int] = {"machine.reset": 2, "watchdog": 1}
+# (Address of WATCHDOG REASON, address of CHIP_RESET, its bits), from the data sheets of both processors.
 _RP2040 = (0x40058008, 0x40064008, {"power-on": 1 << 8, "brown-out": 1 << 8, "reset pin": 1 << 16})
 _RP2350 = (0x400D8008, 0x4010002C, {"power-on": 1 << 16, "brown-out": 1 << 17, "reset pin": 1 << 18})
 
 
 class ResetRegisters:
-    """Of one board, from its power-on on."""
+    """Reset cause of one board since power-on."""
 
     def __init__(self, model: BoardModel) -> None:
         self._model = model
-        self._last: Why = "power-on"
-        self._chip_level: Why = "power-on"
+        self._last_cause: ResetCause = "power-on"
+        self._chip_cause: ResetCause = "power-on"
 
-    def reset(self, why: Why) -> None:
-        """A reset has happened; what the watchdog does leaves the record of the chip's own resets alone."""
-        self._last = why
-        if why not in _REASON:
-            self._chip_level = why
+    def reset(self, cause: ResetCause) -> None:
+        """Record a reset; a watchdog reset leaves the record of chip-level resets unchanged."""
+        self._last_cause = cause
+        if cause not in _WATCHDOG_REASON:
+            self._chip_cause = cause
 
     def as_config(self) -> dict[str, object]:
-        """reset_cause, and the registers by their address in hex."""
+        """Return `reset_cause`, and the registers by address in hexadecimal."""
         registers: dict[str, int] = {}
         if self._model.platform == "rp2":
             reason, chip_reset, bits = _RP2040 if self._model.machine.endswith("RP2040") else _RP2350
-            registers = {f"{reason:x}": _REASON.get(self._last, 0), f"{chip_reset:x}": bits[self._chip_level]}
-        return {"reset_cause": _CAUSES[self._model.platform][self._last], "registers": registers}
+            registers = {
+                f"{reason:x}": _WATCHDOG_REASON.get(self._last_cause, 0),
+                f"{chip_reset:x}": bits[self._chip_cause],
+            }
+        return {"reset_cause": _CAUSE_CODES[self._model.platform][self._last_cause], "registers": registers}

@@ -1,4 +1,4 @@
-"""What happens to a board at which time: scripted faults, its watchdog, its cable, its end."""
+"""Scheduled events of a board: scripted faults, watchdog, cable and end of the run."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ from hubodo.emulator.chips.faults import BrownOut, Reset, ScriptedFault, Stall, 
 from hubodo.units import NS_PER_S
 
 
-class Schedule:
-    """Of one board, from power-on on; times in ns.
+class EventSchedule:
+    """Scheduled events of one board; times in ns since power-on.
 
-    Attributes:
-        end: when it is switched off. plug_at: when its cable is put back. watchdog_at: when its watchdog
-            restarts it, unless it is fed before.
+    Attributes
+    ----------
+    end : time at which the board is switched off.
+    plug_at : time at which the cable is plugged in again.
+    watchdog_at : time at which the watchdog restarts the board unless it is fed.
     """
 
     def __init__(self, faults: Sequence[ScriptedFault], run_for: float | None) -> None:
@@ -24,30 +26,30 @@ class Schedule:
         self.plug_at = FOREVER
         self.watchdog_at = FOREVER
         self._watchdog_timeout = 0.0
-        self._script = sorted(
+        self._faults = sorted(
             (f for f in faults if isinstance(f, Reset | Unplug) or _restarts(f)), key=lambda f: f.t
         )
         self._stalls = sorted((f for f in faults if isinstance(f, Stall)), key=lambda f: f.t)
 
     @property
-    def next(self) -> float:
-        """When the next of all this is due."""
-        scripted = self._script[0].t * NS_PER_S if self._script else FOREVER
+    def next_time(self) -> float:
+        """Time of the next event, stalls excluded."""
+        scripted = self._faults[0].t * NS_PER_S if self._faults else FOREVER
         return min(self.watchdog_at, self.plug_at, self.end, scripted)
 
     @property
-    def quiet(self) -> float:
-        """When the next of all this is due, stalls with it."""
-        return min(self.next, self._stalls[0].t * NS_PER_S if self._stalls else FOREVER)
+    def quiet_until(self) -> float:
+        """Time of the next event, stalls included."""
+        return min(self.next_time, self._stalls[0].t * NS_PER_S if self._stalls else FOREVER)
 
-    def due(self, t: float) -> ScriptedFault | None:
-        """The next scripted fault that is due at t: a reset, a brown-out or a cable that is pulled."""
-        if self._script and self._script[0].t * NS_PER_S <= t:
-            return self._script.pop(0)
+    def pop_due_fault(self, t: float) -> ScriptedFault | None:
+        """Return the next fault that is due at t (reset, brown-out or unplugged cable), or None."""
+        if self._faults and self._faults[0].t * NS_PER_S <= t:
+            return self._faults.pop(0)
         return None
 
-    def stall(self, t: float) -> tuple[int, float]:
-        """How many stalls begin in a call that is over at t, and when it is over with them."""
+    def apply_stalls(self, t: float) -> tuple[int, float]:
+        """Return the number of stalls that begin by t, and t delayed by them."""
         count = 0
         while self._stalls and self._stalls[0].t * NS_PER_S <= t:
             t += self._stalls.pop(0).seconds * NS_PER_S
@@ -55,21 +57,22 @@ class Schedule:
         return count, t
 
     def handlers(self) -> dict[int, Handler]:
-        """What each call does here."""
+        """Return the handlers of the calls served here."""
         return {Op.WDT: self._watchdog}
 
-    def _watchdog(self, a: int, payload: bytes, t: float) -> Reply:
-        """Feeds the watchdog, or starts it with a timeout."""
-        if a:
+    def _watchdog(self, argument: int, payload: bytes, t: float) -> Reply:
+        """Feed the watchdog, or start it with a timeout."""
+        if argument:
             self._watchdog_timeout = struct.unpack("<I", payload)[0] * 1e6
         if self._watchdog_timeout:
             self.watchdog_at = t + self._watchdog_timeout
         return Reply(t)
 
     def stop_watchdog(self) -> None:
-        """The processor restarts: its watchdog is off."""
+        """Stop the watchdog, as at a restart of the processor."""
         self.watchdog_at, self._watchdog_timeout = FOREVER, 0.0
 
 
 def _restarts(fault: ScriptedFault) -> bool:
-    return isinstance(fault, BrownOut) and fault.of == "board"
+    """Return True if a fault restarts the processor."""
+    return isinstance(fault, BrownOut) and fault.affected == "board"

@@ -1,4 +1,4 @@
-"""What the board's network does at a call: the WLAN interface and UDP sockets, on those of the machine."""
+"""Network calls of a board: the WLAN interface, and UDP sockets on those of the host."""
 
 from __future__ import annotations
 
@@ -19,36 +19,38 @@ from hubodo.emulator.board.hypercall import (
     Reply,
 )
 from hubodo.emulator.board.models import BoardModel
-from hubodo.emulator.board.network import MULTICAST, NAME_SERVER, Air, WlanStation
+from hubodo.emulator.board.network import MULTICAST, NAME_SERVER, WifiEnvironment, WlanStation
 from hubodo.units import NS_PER_S
 
-JOIN_NS = 50_000_000
-"""What the radio's commands of a join hold the processor up: assumed, dearer than on either port."""
+WLAN_JOIN_NS = 50_000_000
+"""Time for which a join blocks the processor; an assumption, above that of either port."""
 
 
-class Network:
-    """Of one board, from a start of its processor to the next."""
+class BoardNetwork:
+    """WLAN station and sockets of one board; cleared when the processor restarts."""
 
-    def __init__(self, model: BoardModel, air: Air, clock: BoardClock, counts: Counter[str]) -> None:
+    def __init__(
+        self, model: BoardModel, air: WifiEnvironment, clock: BoardClock, counts: Counter[str]
+    ) -> None:
         self._model, self._air, self._clock, self._counts = model, air, clock, counts
         self.station = WlanStation(model.platform, air)
         self._sockets: dict[int, socket.socket] = {}
-        self._mail: dict[int, list[tuple[tuple[str, int], bytes]]] = {}
-        """What the air itself has answered to a socket."""
+        self._dns_replies: dict[int, list[tuple[tuple[str, int], bytes]]] = {}
+        """Replies of the DNS server, by socket handle."""
 
     def reset(self) -> None:
-        """The processor restarts: nothing is open, the station is off."""
+        """Close all sockets and switch the station off, as at a restart of the processor."""
         for handle in list(self._sockets):
             self._sockets.pop(handle).close()
-        self._mail.clear()
+        self._dns_replies.clear()
         self.station = WlanStation(self._model.platform, self._air)
 
-    def radio_on(self) -> bool:
-        """Whether the WLAN interface is switched on."""
+    def is_radio_on(self) -> bool:
+        """Return True if the WLAN interface is active."""
         return self.station.active
 
     def handlers(self) -> dict[int, Handler]:
-        """What each call does here."""
+        """Return the handlers of the calls served here."""
         return {
             Op.WLAN: self._wlan,
             Op.UDP_OPEN: self._open,
@@ -58,86 +60,86 @@ class Network:
             Op.UDP_CLOSE: self._close,
         }
 
-    def waits(self, handle: int) -> bool:
-        """Whether a datagram waits for a socket."""
+    def has_datagram(self, handle: int) -> bool:
+        """Return True if a datagram is available at a socket."""
         sock = self._sockets.get(handle)
-        return bool(self._mail.get(handle)) or (
+        return bool(self._dns_replies.get(handle)) or (
             sock is not None and bool(select.select([sock], [], [], 0)[0])
         )
 
-    def _wlan(self, a: int, payload: bytes, t: float) -> Reply:
+    def _wlan(self, argument: int, payload: bytes, t: float) -> Reply:
         station, seconds = self.station, t / NS_PER_S
         status = 0
-        if a < 2:
-            station.activate(a == 1, seconds)
-        elif a == 2:
+        if argument < 2:
+            station.activate(argument == 1, seconds)
+        elif argument == 2:
             status = station.connect(seconds)
-            t += JOIN_NS
-        elif a == 3:
+            t += WLAN_JOIN_NS
+        elif argument == 3:
             station.disconnect()
-        elif a == 4:
+        elif argument == 4:
             status = station.status(seconds)
-        elif a == 5:
-            status = int(station.up(seconds))
+        elif argument == 5:
+            status = int(station.is_connected(seconds))
         else:
-            station.reconnects((a & 0xFF) - 1)
+            station.set_reconnects((argument & 0xFF) - 1)
         return Reply(t, status)
 
-    def _open(self, a: int, payload: bytes, t: float) -> Reply:
-        handle = next(k for k in range(1, 256) if k not in self._sockets)
+    def _open(self, argument: int, payload: bytes, t: float) -> Reply:
+        handle = next(it for it in range(1, 256) if it not in self._sockets)
         self._sockets[handle] = sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         sock.setblocking(False)
         return Reply(t, handle)
 
-    def _bind(self, a: int, payload: bytes, t: float) -> Reply:
+    def _bind(self, argument: int, payload: bytes, t: float) -> Reply:
         try:
-            self._sockets[a].bind(("127.0.0.1", struct.unpack("<H", payload)[0]))
+            self._sockets[argument].bind(("127.0.0.1", struct.unpack("<H", payload)[0]))
         except OSError:
             return Reply(t, -EINVAL)
         return Reply(t)
 
-    def _send(self, a: int, payload: bytes, t: float) -> Reply:
+    def _send(self, argument: int, payload: bytes, t: float) -> Reply:
         host, (port,) = socket.inet_ntoa(payload[:4]), struct.unpack_from("<H", payload, 4)
-        if not self.station.up(t / NS_PER_S):
+        if not self.station.is_connected(t / NS_PER_S):
             return Reply(t, -EHOSTUNREACH)
         if (host, port) in (NAME_SERVER, MULTICAST):
-            reply = self._air.reply(t / NS_PER_S, payload[6:])
+            reply = self._air.answer_dns(t / NS_PER_S, payload[6:])
             if reply is not None:
-                self._mail.setdefault(a, []).append(((host, port), reply))
+                self._dns_replies.setdefault(argument, []).append(((host, port), reply))
             return Reply(t, len(payload) - 6)
         try:
-            n = self._sockets[a].sendto(payload[6:], (host, port))
+            size = self._sockets[argument].sendto(payload[6:], (host, port))
         except BlockingIOError:
             return Reply(t, -EAGAIN)
         except OSError:
-            # A datagram to nobody is lost in the air, not refused.
+            # A datagram without receiver is lost, not refused.
             self._counts["udp_lost"] += 1
             return Reply(t, len(payload) - 6)
-        self._counts["bytes_out"] += n
-        return Reply(t, n)
+        self._counts["bytes_out"] += size
+        return Reply(t, size)
 
-    def _receive(self, a: int, payload: bytes, t: float) -> Deferred:
-        most, wait_ms = struct.unpack("<Ii", payload)
-        sock = self._sockets[a]
+    def _receive(self, argument: int, payload: bytes, t: float) -> Deferred:
+        limit, wait_ms = struct.unpack("<Ii", payload)
+        sock = self._sockets[argument]
 
-        def finished(late: bool) -> Reply | None:
+        def poll_reply(is_late: bool) -> Reply | None:
             try:
-                if self._mail.get(a):
-                    (host, port), data = self._mail[a].pop(0)
+                if self._dns_replies.get(argument):
+                    (host, port), data = self._dns_replies[argument].pop(0)
                 else:
-                    data, (host, port) = sock.recvfrom(most)
+                    data, (host, port) = sock.recvfrom(limit)
             except (BlockingIOError, ConnectionError):
-                if not (late or wait_ms == 0):
+                if not (is_late or wait_ms == 0):
                     return None
                 return Reply(self._clock.now(), -EAGAIN if wait_ms == 0 else -ETIMEDOUT)
             self._counts["bytes_in"] += len(data)
             sender = socket.inet_aton(host) + struct.pack("<H", port)
             return Reply(self._clock.now(), len(data), sender + data)
 
-        return Deferred(FOREVER if wait_ms < 0 else wait_ms * 1e6, finished)
+        return Deferred(FOREVER if wait_ms < 0 else wait_ms * 1e6, poll_reply)
 
-    def _close(self, a: int, payload: bytes, t: float) -> Reply:
-        self._mail.pop(a, None)
-        if a in self._sockets:
-            self._sockets.pop(a).close()
+    def _close(self, argument: int, payload: bytes, t: float) -> Reply:
+        self._dns_replies.pop(argument, None)
+        if argument in self._sockets:
+            self._sockets.pop(argument).close()
         return Reply(t)

@@ -1,1 +1,1 @@
-"""Chips as seen from the bus: registers, sample clock, faults."""
+"""Emulated chips: registers, sample clock and faults."""

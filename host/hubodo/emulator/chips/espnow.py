@@ -1,8 +1,9 @@
-"""ESP-NOW of an ESP32: peers, packets of up to 250 bytes, acknowledged by the MAC layer, a small buffer.
+"""Emulated ESP-NOW of an ESP32: peers, acknowledged packets of up to 250 bytes, and a small receive buffer.
 
-After ESP-IDF's esp_now.h and MicroPython's ports/esp32/modespnow.c: what is refused, and what is counted.
-After IEEE 802.11 (2016), 10.3 and 15: 1 Mb/s with a long preamble, carrier sense, repeats.
-Assumed: seven tries, a queue of six, everyone hears everyone. Not modelled: encryption, other traffic.
+Refusals and counters follow esp_now.h of ESP-IDF and ports/esp32/modespnow.c of MicroPython. Air time,
+carrier sense and retries follow IEEE 802.11 (2016), 10.3 and 15: 1 Mb/s with a long preamble. Assumed: seven
+attempts, a queue of six packets, and every station receives every other. Not modelled: encryption, other
+traffic.
 """
 
 from __future__ import annotations
@@ -14,170 +15,185 @@ from enum import IntEnum
 from random import Random
 from typing import Protocol
 
-from hubodo.emulator.chips.nrf24 import LATE_NS, TWICE_NS, Weather
+from hubodo.emulator.chips.nrf24 import DUPLICATE_DELAY_NS, LATE_DELAY_NS, PacketFaults
 
 BROADCAST = b"\xff" * 6
-MOST, PEERS, HEAD = 250, 20, 13
+MAX_PACKET_BYTES, MAX_PEERS, BUFFER_HEADER_BYTES = 250, 20, 13
 NOT_INIT, ARG, NO_MEM, FULL, NOT_FOUND, EXIST = 1, 2, 3, 4, 5, 7
-"""Refusals: the numbers behind ESP_ERR_ESPNOW_BASE."""
+"""Errors, as offsets from ESP_ERR_ESPNOW_BASE."""
 
-_TRIES, _QUEUE = 7, 6
-_PREAMBLE_NS, _BYTE_NS, _WRAPPING = 192e3, 8e3, 43
+_MAX_ATTEMPTS, _SEND_QUEUE_PACKETS = 7, 6
+_PREAMBLE_NS, _BYTE_NS, _OVERHEAD_BYTES_80211 = 192e3, 8e3, 43
 _DIFS_NS, _SLOT_NS, _SLOTS, _ACK_NS = 50e3, 20e3, 32, 314e3
 _RSSI_DBM = -50
 
 
-class What(IntEnum):
-    """What a call asks for: the first byte of what goes out."""
+class EspNowCall(IntEnum):
+    """Calls of the firmware; the first byte of a request."""
 
     ACTIVE = 0
-    PEER = 1
-    NO_PEER = 2
+    ADD_PEER = 1
+    REMOVE_PEER = 2
     SEND = 3
     RECEIVE = 4
     STATS = 5
 
 
-class SharedMedium(Protocol):
-    """See `board.ether.Ether`."""
+class StationMedium(Protocol):
+    """Part of `board.radio_medium.RadioMedium` that a station uses."""
 
-    weather: Weather
+    packet_faults: PacketFaults
     random: Random
     stations: list[EspNow]
     busy_until: float
 
-    def later(self, t: float, what: Callable[[float], None]) -> None: ...
+    def schedule(self, t: float, call: Callable[[float], None]) -> None: ...
 
-    def lost(self, kind: str) -> bool: ...
+    def draw_loss(self, kind: str) -> bool: ...
 
 
 class EspNow:
-    """One station, known by its MAC; times in ns."""
+    """An ESP-NOW station with its MAC address; times are in ns."""
 
-    def __init__(self, air: SharedMedium, mac: bytes) -> None:
-        self._air, self.mac = air, mac
-        self.silent = False
+    def __init__(self, medium: StationMedium, mac: bytes) -> None:
+        self._medium, self.mac = medium, mac
+        self.switched_off = False
         self.reset()
-        air.stations.append(self)
+        medium.stations.append(self)
 
     def reset(self) -> None:
-        """The processor restarts: nothing is known, nothing waits."""
-        self._room = 0
+        """Clear peers, queues and counters, as at a restart of the processor."""
+        self._buffer_bytes = 0
         self._peers: set[bytes] = set()
-        self._waiting: deque[tuple[bytes, bytes]] = deque()
-        self._came: deque[bytes] = deque()
-        self._sent = self._answered = self._failed = self._heard = self._dropped = 0
-        self._life = object()
-        """What is on the air from an earlier life has nobody to come back to."""
+        self._send_queue: deque[tuple[bytes, bytes]] = deque()
+        self._receive_queue: deque[bytes] = deque()
+        self._sent_count = self._reply_count = self._failed_count = self._received_count = (
+            self._dropped_count
+        ) = 0
+        self._session = object()
+        """Token of this session; transmissions of an earlier session are ignored."""
 
-    def call(self, t: float, request: bytes) -> tuple[int, bytes]:
-        """(status or minus a refusal, what was asked for)."""
-        what, data = request[0], request[1:]
-        if what == What.ACTIVE:
-            on, self._room = struct.unpack("<HH", data)
-            self._room = self._room + 7 if on else 0
+    def handle_call(self, t: float, request: bytes) -> tuple[int, bytes]:
+        """Handle a call of the firmware; return a status, negative for a refusal, and the result."""
+        call, data = request[0], request[1:]
+        if call == EspNowCall.ACTIVE:
+            on, self._buffer_bytes = struct.unpack("<HH", data)
+            self._buffer_bytes = self._buffer_bytes + 7 if on else 0
             return 0, b""
-        if what == What.STATS:
+        if call == EspNowCall.STATS:
             return 20, struct.pack(
-                "<5I", self._sent, self._answered, self._failed, self._heard, self._dropped
+                "<5I",
+                self._sent_count,
+                self._reply_count,
+                self._failed_count,
+                self._received_count,
+                self._dropped_count,
             )
-        if not self._room:
+        if not self._buffer_bytes:
             return -NOT_INIT, b""
-        if what == What.PEER:
-            return self._add(data[:6]), b""
-        if what == What.NO_PEER:
-            known = data[:6] in self._peers
+        if call == EspNowCall.ADD_PEER:
+            return self._add_peer(data[:6]), b""
+        if call == EspNowCall.REMOVE_PEER:
+            is_known = data[:6] in self._peers
             self._peers.discard(data[:6])
-            return 0 if known else -NOT_FOUND, b""
-        if what == What.SEND:
+            return 0 if is_known else -NOT_FOUND, b""
+        if call == EspNowCall.SEND:
             return self._queue(t, data[:6], data[6:]), b""
-        if what == What.RECEIVE:
-            packet = self._came.popleft() if self._came else b""
+        if call == EspNowCall.RECEIVE:
+            packet = self._receive_queue.popleft() if self._receive_queue else b""
             return len(packet), packet
         return -ARG, b""
 
-    def _add(self, mac: bytes) -> int:
+    def _add_peer(self, mac: bytes) -> int:
+        """Add a peer and return the status."""
         if mac in self._peers:
             return -EXIST
-        if len(self._peers) >= PEERS:
+        if len(self._peers) >= MAX_PEERS:
             return -FULL
         self._peers.add(mac)
         return 0
 
     def _queue(self, t: float, mac: bytes, data: bytes) -> int:
-        if not 0 < len(data) <= MOST:
+        """Queue a packet for sending and return the status."""
+        if not 0 < len(data) <= MAX_PACKET_BYTES:
             return -ARG
         if mac not in self._peers:
             return -NOT_FOUND
-        if len(self._waiting) >= _QUEUE:
+        if len(self._send_queue) >= _SEND_QUEUE_PACKETS:
             return -NO_MEM
-        self._sent += 1
-        self._waiting.append((mac, data))
-        if len(self._waiting) == 1:
-            self._send(t, 1, heard=False)
+        self._sent_count += 1
+        self._send_queue.append((mac, data))
+        if len(self._send_queue) == 1:
+            self._send(t, 1, delivered=False)
         return 0
 
-    def _send(self, t: float, tries: int, *, heard: bool) -> None:
-        """The first that waits goes as soon as the air is free. heard: it has come, its answer has not."""
-        air, (_, data) = self._air, self._waiting[0]
-        begin = max(t, air.busy_until) + _DIFS_NS + air.random.randrange(_SLOTS) * _SLOT_NS
-        end = air.busy_until = begin + _PREAMBLE_NS + (_WRAPPING + len(data)) * _BYTE_NS
-        life = self._life
-        air.later(end, lambda now: self._over(now, tries, life, heard=heard))
+    def _send(self, t: float, attempt: int, *, delivered: bool) -> None:
+        """Send the first queued packet when the medium is free.
 
-    def _over(self, t: float, tries: int, life: object, *, heard: bool) -> None:
-        if self.silent or life is not self._life:
+        heard: True if the peer received it before, but the acknowledgement was lost.
+        """
+        medium, (_, data) = self._medium, self._send_queue[0]
+        start_ns = max(t, medium.busy_until) + _DIFS_NS + medium.random.randrange(_SLOTS) * _SLOT_NS
+        end_ns = medium.busy_until = start_ns + _PREAMBLE_NS + (_OVERHEAD_BYTES_80211 + len(data)) * _BYTE_NS
+        session = self._session
+        medium.schedule(end_ns, lambda now: self._end_packet(now, attempt, session, delivered=delivered))
+
+    def _end_packet(self, t: float, attempt: int, session: object, *, delivered: bool) -> None:
+        """Finish a transmission: deliver it, and acknowledge or retry it."""
+        if self.switched_off or session is not self._session:
             return
-        air, (mac, data) = self._air, self._waiting[0]
-        lost = air.lost("packets")
+        medium, (mac, data) = self._medium, self._send_queue[0]
+        lost = medium.draw_loss("packets")
         if mac == BROADCAST:
-            for other in air.stations:
+            for other in medium.stations:
                 if other is not self and not lost:
-                    other.hear(t, self.mac, data)
-            self._done(t, ok=True)
+                    other.receive(t, self.mac, data)
+            self._complete_packet(t, ok=True)
             return
-        there = [other for other in air.stations if other.mac == mac and other.listens]
-        if there and not lost:
-            if not heard:
-                there[0].hear(t, self.mac, data)
-            heard = True
-            air.busy_until = max(air.busy_until, t + _ACK_NS)
-            if not air.lost("answers"):
-                self._done(t + _ACK_NS, ok=True)
+        receivers = [other for other in medium.stations if other.mac == mac and other.is_listening]
+        if receivers and not lost:
+            if not delivered:
+                receivers[0].receive(t, self.mac, data)
+            delivered = True
+            medium.busy_until = max(medium.busy_until, t + _ACK_NS)
+            if not medium.draw_loss("answers"):
+                self._complete_packet(t + _ACK_NS, ok=True)
                 return
-        if tries < _TRIES:
-            self._send(t + _ACK_NS, tries + 1, heard=heard)
+        if attempt < _MAX_ATTEMPTS:
+            self._send(t + _ACK_NS, attempt + 1, delivered=delivered)
         else:
-            self._done(t + _ACK_NS, ok=False)
+            self._complete_packet(t + _ACK_NS, ok=False)
 
-    def _done(self, t: float, *, ok: bool) -> None:
-        self._waiting.popleft()
-        self._answered += 1
-        self._failed += not ok
-        if self._waiting:
-            self._send(t, 1, heard=False)
+    def _complete_packet(self, t: float, *, ok: bool) -> None:
+        """Remove the packet that was sent or given up, and send the next one."""
+        self._send_queue.popleft()
+        self._reply_count += 1
+        self._failed_count += not ok
+        if self._send_queue:
+            self._send(t, 1, delivered=False)
 
     @property
-    def listens(self) -> bool:
-        """Whether it acknowledges what is sent to it; the MAC layer does, whatever the buffer holds."""
-        return bool(self._room) and not self.silent
+    def is_listening(self) -> bool:
+        """True if the station acknowledges packets; its MAC layer does so even with a full buffer."""
+        return bool(self._buffer_bytes) and not self.switched_off
 
-    def hear(self, t: float, sender: bytes, data: bytes) -> None:
-        """A packet that has come through the air."""
-        weather, draw = self._air.weather, self._air.random.random
-        if draw() < weather.late:
-            self._air.later(t + LATE_NS, lambda now: self._store(sender, data))
+    def receive(self, t: float, sender: bytes, data: bytes) -> None:
+        """Receive a packet from the medium."""
+        packet_faults, draw_random = self._medium.packet_faults, self._medium.random.random
+        if draw_random() < packet_faults.delay:
+            self._medium.schedule(t + LATE_DELAY_NS, lambda now: self._store(sender, data))
             return
         self._store(sender, data)
-        if draw() < weather.twice:
-            self._air.later(t + TWICE_NS, lambda now: self._store(sender, data))
+        if draw_random() < packet_faults.duplication:
+            self._medium.schedule(t + DUPLICATE_DELAY_NS, lambda now: self._store(sender, data))
 
     def _store(self, sender: bytes, data: bytes) -> None:
-        if not self.listens:
+        """Store a received packet, or drop it if the buffer is full."""
+        if not self.is_listening:
             return
-        used = sum(len(packet) + HEAD - 7 for packet in self._came)
-        if HEAD + len(data) >= self._room - used:
-            self._dropped += 1
+        used = sum(len(packet) + BUFFER_HEADER_BYTES - 7 for packet in self._receive_queue)
+        if BUFFER_HEADER_BYTES + len(data) >= self._buffer_bytes - used:
+            self._dropped_count += 1
             return
-        self._heard += 1
-        self._came.append(sender + bytes([_RSSI_DBM & 0xFF]) + data)
+        self._received_count += 1
+        self._receive_queue.append(sender + bytes([_RSSI_DBM & 0xFF]) + data)

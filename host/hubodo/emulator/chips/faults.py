@@ -1,4 +1,4 @@
-"""What can go wrong with a node, scripted: frozen facts, each with the true time at which it happens."""
+"""Scripted faults of a node: frozen records, each with the true time at which it happens."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class ScriptedFault:
-    """Something that happens at `t` seconds after the board was switched on."""
+    """A fault that happens `t` seconds after the board was switched on."""
 
     t: float
 
 
 @dataclass(frozen=True)
 class BusNack(ScriptedFault):
-    """The next `count` transactions with the chip, from t on, are not acknowledged."""
+    """The next `count` transactions with the chip after t are not acknowledged."""
 
     count: int = 1
     chip: str = "imu"
@@ -23,12 +23,12 @@ class BusNack(ScriptedFault):
 
 @dataclass(frozen=True)
 class StuckBus(ScriptedFault):
-    """The chip holds SDA low (it lost count of the clock) until nine pulses on SCL let it go."""
+    """The chip holds SDA low, out of step with the clock, until nine pulses on SCL release it."""
 
 
 @dataclass(frozen=True)
 class BitFlip(ScriptedFault):
-    """One stored bit of a register turns over."""
+    """One stored bit of a register flips."""
 
     register: int = 0
     bit: int = 0
@@ -37,7 +37,7 @@ class BitFlip(ScriptedFault):
 
 @dataclass(frozen=True)
 class MissedSamples(ScriptedFault):
-    """The chip makes none of the `n` samples that follow t; their time passes."""
+    """The `n` samples after t are not measured."""
 
     n: int = 1
     chip: str = "imu"
@@ -45,7 +45,7 @@ class MissedSamples(ScriptedFault):
 
 @dataclass(frozen=True)
 class OdrStep(ScriptedFault):
-    """From t on the true sample rate is multiplied by `ratio`."""
+    """The true sample rate is multiplied by `ratio` from t on."""
 
     ratio: float = 1.0
     chip: str = "imu"
@@ -53,7 +53,7 @@ class OdrStep(ScriptedFault):
 
 @dataclass(frozen=True)
 class WrongWhoAmI(ScriptedFault):
-    """From t on the identity register answers `value`."""
+    """The identity register reads `value` from t on."""
 
     value: int = 0
     chip: str = "imu"
@@ -61,25 +61,25 @@ class WrongWhoAmI(ScriptedFault):
 
 @dataclass(frozen=True)
 class BrownOut(ScriptedFault):
-    """The supply dips: chips fall back to power-on registers; with `of="board"` the processor restarts."""
+    """The supply dips: chips reset, and with `affected="board"` the processor restarts too."""
 
-    of: Literal["board", "chips"] = "board"
+    affected: Literal["board", "chips"] = "board"
 
 
 @dataclass(frozen=True)
 class Reset(ScriptedFault):
-    """The RUN pin is pulled: the processor restarts, the chips keep power and registers."""
+    """The RUN pin is pulled: the processor restarts; chips keep power and registers."""
 
 
 @dataclass(frozen=True)
 class Stall(ScriptedFault):
-    """The processor is busy for `seconds`: the firmware's next call to the board ends so much later."""
+    """The processor is busy for `seconds`, which delays the next call of the firmware to the board."""
 
     seconds: float = 0.1
 
 
 @dataclass(frozen=True)
 class Unplug(ScriptedFault):
-    """The USB cable is out for `seconds`; the board has its own supply and runs on."""
+    """The USB cable is unplugged for `seconds`; the board runs on from its own supply."""
 
     seconds: float = 1.0

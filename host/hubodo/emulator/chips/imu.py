@@ -1,4 +1,4 @@
-"""What every emulated IMU does alike: motion to output words on its own clock, and the truth of it."""
+"""Base class of emulated IMUs: it samples a motion on its own clock and records the truth."""
 
 from __future__ import annotations
 
@@ -12,29 +12,31 @@ from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.emulator.chips.faults import ScriptedFault
 from hubodo.emulator.chips.registers import Register, RegisterChip
-from hubodo.emulator.chips.sampling import ChipClock, Raw, Truth, quantise
+from hubodo.emulator.chips.sampling import ChipTruth, RawWords, SampleClock, quantise
 from hubodo.emulator.motion import Motion
 
 Disturbance = Callable[[Array, Array, Array, np.random.Generator], tuple[Array, Array]]
-"""(t (n,) s, gyro (n, 3) rad/s, accel (n, 3) m/s^2, rng) to the gyro and accel that get quantised.
+"""Function of (t (n,) s, gyro (n, 3) rad/s, accel (n, 3) m/s², rng) that returns disturbed gyro and accel.
 
 Called once for each run of consecutive samples, in order of time.
 """
 
-DPS = math.pi / 180
+RAD_PER_DEG = math.pi / 180
 
 
 @dataclass(frozen=True)
 class Specimen:
-    """What distinguishes one specimen from the data sheet.
+    """Deviations of one specimen of a chip from its data sheet.
 
-    Attributes:
-        odr_error: true sample rate is nominal * (1 + odr_error), within +-0.1.
-        odr_per_degree: relative change of that rate per degC away from 25.
-        disturbance: what is added to the true motion before quantisation, or None.
-        seed: of the generator handed to `disturbance`.
-        who_am_i: identity the specimen answers with; None for the usual one.
-        strict: see RegisterChip.
+    Attributes
+    ----------
+    odr_error : relative error of the sample rate, within ±0.1.
+    odr_per_degree : relative change of the sample rate per °C from 25 °C.
+    disturbance : function that adds errors to the true motion before quantisation, or None.
+    seed : seed of the generator passed to `disturbance`.
+    who_am_i : value of the identity register; None for the documented one.
+    strict : see `RegisterChip`.
+    faults : scripted faults.
     """
 
     odr_error: float = 0.0
@@ -47,11 +49,17 @@ class Specimen:
 
     def __post_init__(self) -> None:
         if not -0.1 <= self.odr_error <= 0.1:
-            raise ValueError(f"odr_error {self.odr_error}: want -0.1 to 0.1")
+            raise ValueError(f"odr_error {self.odr_error}: must be within ±0.1")
 
 
 class Imu(RegisterChip):
-    """A six-axis chip: `sync` makes the samples that are due, a chip adds its registers and FIFO."""
+    """A six-axis IMU; a subclass adds its registers and FIFO.
+
+    A new chip is one file with a subclass, and one line in `chips.catalogue.IMU_CHIPS`.
+    """
+
+    chip_name: str
+    """Name in `SensorBoard.chip`."""
 
     def __init__(
         self,
@@ -63,7 +71,7 @@ class Imu(RegisterChip):
     ) -> None:
         self.motion, self.specimen = motion, specimen
         self._rng = np.random.default_rng(specimen.seed)
-        self.clock = ChipClock(
+        self.clock = SampleClock(
             6,
             odr_error=specimen.odr_error,
             odr_per_degree=specimen.odr_per_degree,
@@ -74,11 +82,11 @@ class Imu(RegisterChip):
         self.fifo_dropped = 0
         super().__init__("imu", address, registers, who_am_i, specimen.faults, strict=specimen.strict)
 
-    def temperature_word(self, degrees: Array) -> Raw:
-        """The temperature register's word for (n,) degC."""
+    def temperature_word(self, degrees: Array) -> RawWords:
+        """Return the words of the temperature register for (n,) °C."""
         raise NotImplementedError
 
-    def begin(
+    def start_sampling(
         self,
         t: float,
         nominal_hz: float,
@@ -87,21 +95,25 @@ class Imu(RegisterChip):
         gyro_hold: int = 1,
         accel_hold: int = 1,
     ) -> None:
-        """Sample from t on; `*_hold` = master samples between two of that sensor, 0 when it is off."""
+        """Sample from t on at `nominal_hz`.
 
-        def measure(times: Array) -> Raw:
+        `gyro_hold`, `accel_hold`: clock ticks between two samples of that sensor; 0 when it is off.
+        """
+
+        def measure(times: Array) -> RawWords:
             gyro, accel = self.motion.angular_rate(times), self.motion.specific_force(times)
             if self.specimen.disturbance is not None:
                 gyro, accel = self.specimen.disturbance(times, gyro, accel, self._rng)
             raw = np.concatenate([quantise(gyro, gyro_lsb), quantise(accel, accel_lsb)], axis=1)
-            return self._held(raw, gyro_hold, accel_hold)
+            return self._hold_samples(raw, gyro_hold, accel_hold)
 
         lsb = np.array([gyro_lsb] * 3 + [accel_lsb] * 3)
         self._last_row = np.zeros(6, dtype=np.int16)
         self._row = 0
         self.clock.start(t, nominal_hz, measure, lsb)
 
-    def _held(self, raw: Raw, gyro_hold: int, accel_hold: int) -> Raw:
+    def _hold_samples(self, raw: RawWords, gyro_hold: int, accel_hold: int) -> RawWords:
+        """Repeat the last sample of a sensor that is slower than the clock; zero one that is off."""
         if gyro_hold == accel_hold == 1:
             return raw
         for columns, hold in ((slice(0, 3), gyro_hold), (slice(3, 6), accel_hold)):
@@ -118,20 +130,20 @@ class Imu(RegisterChip):
         self._row += len(raw)
         return raw
 
-    def truth(self) -> Truth:
-        """What this chip has made so far."""
+    def truth(self) -> ChipTruth:
+        """Return all samples so far."""
         return self.clock.truth(self.fifo_dropped)
 
-    def quantised_samples(self) -> Raw:
-        """(n, 6) int16: gyro x y z, accel x y z, every sample made so far."""
+    def quantised_samples(self) -> RawWords:
+        """Return all samples so far, (n, 6) int16: gyro x y z, accel x y z."""
         return self.truth().raw
 
 
-def dps_lsb(degrees_per_second: float) -> float:
-    """rad/s per LSB from deg/s per LSB."""
-    return degrees_per_second * DPS
+def rad_per_lsb(degrees_per_second: float) -> float:
+    """Convert a resolution from deg/s per LSB to rad/s per LSB."""
+    return degrees_per_second * RAD_PER_DEG
 
 
-def g_lsb(g: float) -> float:
-    """m/s^2 per LSB from g per LSB."""
+def accel_per_lsb(g: float) -> float:
+    """Convert a resolution from g per LSB to m/s² per LSB."""
     return g * STANDARD_GRAVITY

@@ -1,4 +1,4 @@
-"""LIS3MDL magnetometer: power-down at reset, burst reads only with the sub-address MSB set."""
+"""Emulated LIS3MDL magnetometer: powered down at reset, burst reads need the MSB of the sub-address."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.chips.registers import Register, RegisterChip
-from hubodo.emulator.chips.sampling import ChipClock, Measure, Raw, Truth, quantise
+from hubodo.emulator.chips.sampling import ChipTruth, MeasureFunction, RawWords, SampleClock, quantise
 from hubodo.emulator.motion import Motion
 
 WHO_AM_I, CTRL1, CTRL2, CTRL3, CTRL4, CTRL5 = 0x0F, 0x20, 0x21, 0x22, 0x23, 0x24
@@ -39,7 +39,7 @@ REGISTERS: dict[int, Register] = {
 
 
 class Lis3mdl(RegisterChip):
-    """One LIS3MDL in the field that `motion` gives, in node axes.
+    """A LIS3MDL in the magnetic field of `motion`, in node axes.
 
     Register map, reset values and codes: ST DocID024204. Hard-iron offsets and self-test are not modelled.
     """
@@ -47,10 +47,10 @@ class Lis3mdl(RegisterChip):
     def __init__(self, motion: Motion, specimen: Specimen | None = None, *, address: int = 0x1E) -> None:
         specimen = specimen or Specimen()
         self.motion = motion
-        self._increment = False
+        self._auto_increment = False
         self._sample, self._temperature, self._status = bytes(6), 0, 0
         faults = tuple(f for f in specimen.faults if getattr(f, "chip", "mag") == "mag")
-        self.clock = ChipClock(
+        self.clock = SampleClock(
             3,
             odr_error=0.0,
             odr_per_degree=0.0,
@@ -61,69 +61,72 @@ class Lis3mdl(RegisterChip):
         super().__init__("mag", address, REGISTERS, (WHO_AM_I, 0x3D), faults, strict=specimen.strict)
 
     @staticmethod
-    def _temperature_word(degrees: Array) -> Raw:
+    def _temperature_word(degrees: Array) -> RawWords:
+        """Return temperature words, 8 LSB/°C and 0 at 25 °C."""
         return quantise((degrees - 25.0) * 8.0, 1.0)
 
     def power_on(self, t: float) -> None:
-        """Power-on registers: MD = 11, no samples."""
+        """Reset the registers at t: operating mode power-down, no samples."""
         super().power_on(t)
         self.clock.stop()
         self._sample, self._temperature, self._status = bytes(6), 0, 0
 
     @property
     def lsb(self) -> float:
-        """T per LSB of the range in force."""
+        """Resolution at the current range, T per LSB."""
         return TESLA_PER_GAUSS / LSB_PER_GAUSS[self.values[CTRL2] >> 5 & 3]
 
     @property
     def odr_hz(self) -> float:
-        """Nominal rate of CTRL_REG1."""
-        one = self.values[CTRL1]
-        return FAST_ODR_HZ[one >> 5 & 3] if one & 2 else ODR_HZ[one >> 2 & 7]
+        """Nominal output data rate of CTRL_REG1, Hz."""
+        control = self.values[CTRL1]
+        return FAST_ODR_HZ[control >> 5 & 3] if control & 2 else ODR_HZ[control >> 2 & 7]
 
     def set_pointer(self, sub_address: int) -> None:
-        """Bit 7 asks for auto-increment, unlike the LSM6 family."""
-        self._increment = bool(sub_address & 0x80)
+        """Receive the sub-address byte; its bit 7 selects auto-increment, unlike in the LSM6 family."""
+        self._auto_increment = bool(sub_address & 0x80)
         self.pointer = sub_address & 0x7F
 
-    def after(self, register: int) -> int:
-        """The next register, or the same one again without bit 7."""
-        return (register + 1) & 0x7F if self._increment else register
+    def next_register(self, register: int) -> int:
+        """Return the next register with auto-increment, else the same one."""
+        return (register + 1) & 0x7F if self._auto_increment else register
 
-    def written(self, t: float, register: int) -> None:
-        """Act on a control register that changed."""
-        self._sync(t)
+    def on_register_changed(self, t: float, register: int) -> None:
+        """React to a control register that changed."""
+        self._measure_until(t)
         if register == CTRL2 and self.values[CTRL2] & (_SOFT_RST | _REBOOT):
             self.power_on(t)
         elif register in (CTRL1, CTRL2, CTRL3):
             if self.values[CTRL3] & 3 in (_CONTINUOUS, _SINGLE):
-                self.clock.start(t, self.odr_hz, self._measure(self.lsb), np.full(3, self.lsb))
+                self.clock.start(t, self.odr_hz, self._measure_function(self.lsb), np.full(3, self.lsb))
             else:
                 self.clock.stop()
 
-    def _measure(self, lsb: float) -> Measure:
+    def _measure_function(self, lsb: float) -> MeasureFunction:
+        """Return the measurement function for a resolution."""
         return lambda times: quantise(self.motion.magnetic_field(times), lsb)
 
-    def _sync(self, t: float) -> None:
-        while self.clock.time_of_next <= t:
-            made = self.clock.step(t)
-            if made is None:
+    def _measure_until(self, t: float) -> None:
+        """Measure the samples due by t."""
+        while self.clock.next_sample_time <= t:
+            sample = self.clock.next_sample(t)
+            if sample is None:
                 return
-            _, self._sample, self._temperature = made
+            _, self._sample, self._temperature = sample
             self._status = 0xFF if self._status & 0x08 else 0x0F
             if self.values[CTRL3] & 3 == _SINGLE:
                 self.values[CTRL3] |= 3
                 self.clock.stop()
 
-    def fetch(self, t: float, register: int) -> int:
-        """One byte, with the side effects of reading it."""
+    def read_register(self, t: float, register: int) -> int:
+        """Return one byte, and apply the side effects of the read."""
         if not (self.values[CTRL5] & _BDU and register % 2 == 1 and OUT <= register < OUT + 6):
-            self._sync(t)
+            self._measure_until(t)
         if register == STATUS:
             return self._status
         if OUT <= register < OUT + 6:
-            axis, high = divmod(register - OUT, 2)
-            if high:
+            axis, is_high_byte = divmod(register - OUT, 2)
+            if is_high_byte:
                 self._status &= ~(0x11 << axis)
                 if not self._status & 0x07:
                     self._status = 0
@@ -132,10 +135,10 @@ class Lis3mdl(RegisterChip):
             return self._temperature.to_bytes(2, "little", signed=True)[register - TEMP_OUT]
         return self.values[register]
 
-    def truth(self) -> Truth:
-        """What this chip has made so far."""
+    def truth(self) -> ChipTruth:
+        """Return all samples so far."""
         return self.clock.truth()
 
-    def quantised_samples(self) -> Raw:
-        """(n, 3) int16, every sample made so far."""
+    def quantised_samples(self) -> RawWords:
+        """Return all samples so far, (n, 3) int16."""
         return self.truth().raw

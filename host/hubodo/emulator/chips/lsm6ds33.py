@@ -1,4 +1,4 @@
-"""LSM6DS33 (LSM6DS3 register family): sampling, data-ready, temperature and the untagged 4096-word FIFO."""
+"""Emulated LSM6DS33 (LSM6DS3 register family): sampling, data-ready, temperature and untagged FIFO."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.emulator.chips.imu import Imu, Specimen, dps_lsb, g_lsb
+from hubodo.emulator.chips.imu import Imu, Specimen, accel_per_lsb, rad_per_lsb
 from hubodo.emulator.chips.registers import Register
-from hubodo.emulator.chips.sampling import Raw, quantise
+from hubodo.emulator.chips.sampling import RawWords, quantise
 from hubodo.emulator.motion import Motion
 
 WHO_AM_I, CTRL1_XL, CTRL2_G, CTRL3_C = 0x0F, 0x10, 0x11, 0x12
@@ -18,7 +18,7 @@ STATUS, OUT_TEMP_L, OUT_G, OUT_XL = 0x1E, 0x20, 0x22, 0x28
 FIFO_STATUS1, FIFO_DATA_L, FIFO_DATA_H, TIMESTAMP0 = 0x3A, 0x3E, 0x3F, 0x40
 
 WAKE_UP_SRC, TAP_CFG, WAKE_UP_THS, WAKE_UP_DUR, MD1_CFG = 0x1B, 0x58, 0x5B, 0x5C, 0x5E
-_LATCHED, _INT1_WU = 0x01, 0x20
+_LIR, _INT1_WU = 0x01, 0x20
 
 FIFO_WORDS = 4096
 ODR_HZ = (0.0, 12.5, 26.0, 52.0, 104.0, 208.0, 416.0, 833.0, 1660.0, 3330.0, 6660.0)
@@ -61,66 +61,69 @@ REGISTERS: dict[int, Register] = {
     **{0x59 + i: Register(f"EVENT_CFG{i}", 0x00, 0xFF) for i in range(7)},
     **{address: Register(name) for address, name in _READ_ONLY.items()},
 }
-_RESET, _BOOT, _BDU, _IF_INC = 0x01, 0x80, 0x40, 0x04
-_BYPASS, _FIFO, _CONTINUOUS = 0, 1, 6
-_TIMESTAMP_TICK = 6.4e-3
+_SW_RESET, _BOOT, _BDU, _IF_INC = 0x01, 0x80, 0x40, 0x04
+_BYPASS_MODE, _FIFO_MODE, _CONTINUOUS = 0, 1, 6
+_TIMESTAMP_TICK_S = 6.4e-3
 
 
 class Lsm6ds33(Imu):
-    """One LSM6DS33 on a wheel that moves as `motion` says.
+    """An LSM6DS33 that is moved by `motion`.
 
-    Register map, codes and FIFO layout: ST DocID026899 and AN4650. The wake-up event shows in WAKE_UP_SRC
-    alone. Interrupt pins, other embedded functions, filters, self-test, axis enables and the third and fourth
-    FIFO data set are not modelled; asking the
-    FIFO for those sets is an oddity like any other, raised when strict.
+    Register map, codes and FIFO layout: ST DocID026899 and AN4650. The wake-up event appears in WAKE_UP_SRC
+    only. Not modelled: interrupt pins, other embedded functions, filters, self-test, axis enables, and the
+    third and fourth FIFO data set; enabling those sets counts as an anomaly, and raises ChipAccessError when
+    strict.
     """
+
+    chip_name = "lsm6ds33"
 
     def __init__(self, motion: Motion, specimen: Specimen | None = None, *, address: int = 0x6B) -> None:
         specimen = specimen or Specimen()
         self._sample = bytes(12)
         self._temperature = 0
-        self._ready = 0
+        self._data_ready = 0
         self._fifo = bytearray()
         self._fifo_word = 0
-        self._over = False
-        self._tick = 0
-        self._holds = (1, 1)
-        self._felt = 0
+        self._overrun = False
+        self._fifo_tick = 0
+        self._hold_ticks = (1, 1)
+        self._wake_up_count = 0
         super().__init__(motion, specimen, address, REGISTERS, (WHO_AM_I, specimen.who_am_i or 0x69))
 
-    def temperature_word(self, degrees: Array) -> Raw:
-        """16 LSB/degC, 0 at 25 degC."""
+    def temperature_word(self, degrees: Array) -> RawWords:
+        """Return temperature words, 16 LSB/°C and 0 at 25 °C."""
         return quantise((degrees - DEGREES_AT_ZERO) * WORDS_PER_DEGREE, 1.0)
 
     def power_on(self, t: float) -> None:
-        """All registers as after power-up or SW_RESET: both sensors off, FIFO empty."""
+        """Reset the registers at t, as power-up and SW_RESET do: both sensors off, FIFO empty."""
         super().power_on(t)
         self.clock.stop()
-        self._sample, self._temperature, self._ready = bytes(12), 0, 0
+        self._sample, self._temperature, self._data_ready = bytes(12), 0, 0
         self._timestamp_zero = t
         self._clear_fifo()
 
     def _clear_fifo(self) -> None:
+        """Empty the FIFO and restart its pattern."""
         self._fifo.clear()
         self._fifo_word = 0
-        self._over = False
-        self._tick = 0
+        self._overrun = False
+        self._fifo_tick = 0
         self._pattern = self._pattern_of_fifo()
 
-    def written(self, t: float, register: int) -> None:
-        """Act on a control register that changed."""
-        self._sync(t)
+    def on_register_changed(self, t: float, register: int) -> None:
+        """React to a control register that changed."""
+        self._measure_until(t)
         if register == CTRL3_C:
-            if self.values[CTRL3_C] & _RESET:
+            if self.values[CTRL3_C] & _SW_RESET:
                 self.power_on(t)
             self.values[CTRL3_C] &= ~_BOOT & 0xFF
         elif register in (CTRL1_XL, CTRL2_G):
             self._configure(t)
         elif FIFO_CTRL1 <= register <= FIFO_CTRL5:
             if register == FIFO_CTRL4 and self.values[FIFO_CTRL4] & 0x7F:
-                self._odd("unmodelled FIFO set in", register)
+                self._count_anomaly("unmodelled FIFO set in", register)
             if register == FIFO_CTRL2 and self.values[FIFO_CTRL2] & 0xC0:
-                self._odd("unmodelled FIFO timer in", register)
+                self._count_anomaly("unmodelled FIFO timer in", register)
             if register in (FIFO_CTRL3, FIFO_CTRL5):
                 self._clear_fifo()
         elif register == 0x42 and self.values[0x42] == 0xAA:
@@ -128,104 +131,117 @@ class Lsm6ds33(Imu):
             self.values[0x42] = 0
 
     def _configure(self, t: float) -> None:
+        """Restart sampling with the current output data rates, or stop it when both sensors are off."""
         accel_code, gyro_code = self.values[CTRL1_XL] >> 4, self.values[CTRL2_G] >> 4
         if accel_code > 10 or gyro_code > 8:
-            self._odd("reserved ODR code in", CTRL1_XL if accel_code > 10 else CTRL2_G)
+            self._count_anomaly("reserved ODR code in", CTRL1_XL if accel_code > 10 else CTRL2_G)
             accel_code, gyro_code = (
                 (0 if accel_code > 10 else accel_code),
                 (0 if gyro_code > 8 else gyro_code),
             )
-        master = max(accel_code, gyro_code)
-        if master == 0:
+        clock_code = max(accel_code, gyro_code)
+        if clock_code == 0:
             self.clock.stop()
             return
-        self._holds = (
-            1 << (master - gyro_code) if gyro_code else 0,
-            1 << (master - accel_code) if accel_code else 0,
+        self._hold_ticks = (
+            1 << (clock_code - gyro_code) if gyro_code else 0,
+            1 << (clock_code - accel_code) if accel_code else 0,
         )
-        self._master, self._count = master, 0
-        self.begin(t, ODR_HZ[master], self.gyro_lsb, self.accel_lsb, *self._holds)
+        self._clock_code, self._sample_count = clock_code, 0
+        self.start_sampling(t, ODR_HZ[clock_code], self.gyro_lsb, self.accel_lsb, *self._hold_ticks)
 
     @property
     def gyro_lsb(self) -> float:
-        """rad/s per LSB of the range in force."""
+        """Resolution of the gyro at the current range, rad/s per LSB."""
         code = self.values[CTRL2_G]
-        return dps_lsb(GYRO_125_DPS_PER_LSB if code & 2 else GYRO_DPS_PER_LSB[code >> 2 & 3])
+        return rad_per_lsb(GYRO_125_DPS_PER_LSB if code & 2 else GYRO_DPS_PER_LSB[code >> 2 & 3])
 
     @property
     def accel_lsb(self) -> float:
-        """m/s^2 per LSB of the range in force."""
-        return g_lsb(ACCEL_G_PER_LSB[self.values[CTRL1_XL] >> 2 & 3])
+        """Resolution of the accelerometer at the current range, m/s² per LSB."""
+        return accel_per_lsb(ACCEL_G_PER_LSB[self.values[CTRL1_XL] >> 2 & 3])
 
     def _pattern_of_fifo(self) -> Callable[[int], tuple[bool, bool]] | None:
-        """Which sets FIFO tick k stores; None for the plain case of both in every tick."""
-        xl, gy = (FIFO_DECIMATION[self.values[FIFO_CTRL3] >> shift & 7] for shift in (0, 3))
-        self._pattern_words = self._words_of_pattern(gy, xl)
-        if gy == xl == 1:
+        """Return a function of the FIFO tick that tells which data sets are stored; None if always both."""
+        accel_decimation, gyro_decimation = (
+            FIFO_DECIMATION[self.values[FIFO_CTRL3] >> shift & 7] for shift in (0, 3)
+        )
+        self._pattern_words = self._words_of_pattern(gyro_decimation, accel_decimation)
+        if gyro_decimation == accel_decimation == 1:
             return None
-        return lambda k: (bool(gy) and k % gy == 0, bool(xl) and k % xl == 0)
+        return lambda tick: (
+            bool(gyro_decimation) and tick % gyro_decimation == 0,
+            bool(accel_decimation) and tick % accel_decimation == 0,
+        )
 
     @staticmethod
-    def _words_of_pattern(gy: int, xl: int) -> int:
-        used = [d for d in (gy, xl) if d]
-        if not used:
+    def _words_of_pattern(gyro_decimation: int, accel_decimation: int) -> int:
+        """Return the number of words in one period of the FIFO pattern."""
+        decimations = [d for d in (gyro_decimation, accel_decimation) if d]
+        if not decimations:
             return 1
-        ticks = int(np.lcm.reduce(used))
-        return sum(3 * (ticks // d) for d in used)
+        ticks = int(np.lcm.reduce(decimations))
+        return sum(3 * (ticks // d) for d in decimations)
 
-    def _sync(self, t: float) -> None:
+    def _measure_until(self, t: float) -> None:
+        """Measure the samples due by t, and store them in the FIFO."""
         clock = self.clock
-        while clock.time_of_next <= t:
-            made = clock.step(t)
-            if made is None:
+        while clock.next_sample_time <= t:
+            sample = clock.next_sample(t)
+            if sample is None:
                 return
-            before = self._sample
-            _, self._sample, self._temperature = made
+            previous = self._sample
+            _, self._sample, self._temperature = sample
             if self.values[MD1_CFG] & _INT1_WU:
-                self._feel(before)
-            gyro_hold, accel_hold = self._holds
-            k = self._count
-            self._count = k + 1
-            if accel_hold and k % accel_hold == 0:
-                self._ready |= 0x05
-            if gyro_hold and k % gyro_hold == 0:
-                self._ready |= 0x06
+                self._detect_wake_up(previous)
+            gyro_hold, accel_hold = self._hold_ticks
+            tick = self._sample_count
+            self._sample_count = tick + 1
+            if accel_hold and tick % accel_hold == 0:
+                self._data_ready |= 0x05
+            if gyro_hold and tick % gyro_hold == 0:
+                self._data_ready |= 0x06
             mode = self.values[FIFO_CTRL5] & 7
-            if mode != _BYPASS:
-                self._store(mode, k)
+            if mode != _BYPASS_MODE:
+                self._store(mode, tick)
 
-    def _feel(self, before: bytes) -> None:
-        """Wake-up: half the step of each axis from sample to sample, beyond the threshold (AN4650, 5.4)."""
+    def _detect_wake_up(self, previous: bytes) -> None:
+        """Detect a wake-up event: half the step of an axis exceeds the threshold (AN4650, 5.4)."""
         slope = (
             np.abs(
-                np.diff([np.frombuffer(b, "<i2")[3:].astype(int) for b in (before, self._sample)], axis=0)[0]
+                np.diff([np.frombuffer(b, "<i2")[3:].astype(int) for b in (previous, self._sample)], axis=0)[
+                    0
+                ]
             )
             / 2
         )
-        over = slope > (self.values[WAKE_UP_THS] & 0x3F) * 32768 / 64
-        if not any(before):
+        exceeded = slope > (self.values[WAKE_UP_THS] & 0x3F) * 32768 / 64
+        if not any(previous):
             return
-        self._felt = self._felt + 1 if over.any() else 0
-        if self._felt > (self.values[WAKE_UP_DUR] >> 5 & 3):
-            self.values[WAKE_UP_SRC] |= 0x08 | int(over[0]) << 2 | int(over[1]) << 1 | int(over[2])
-        elif not self.values[TAP_CFG] & _LATCHED:
+        self._wake_up_count = self._wake_up_count + 1 if exceeded.any() else 0
+        if self._wake_up_count > (self.values[WAKE_UP_DUR] >> 5 & 3):
+            self.values[WAKE_UP_SRC] |= (
+                0x08 | int(exceeded[0]) << 2 | int(exceeded[1]) << 1 | int(exceeded[2])
+            )
+        elif not self.values[TAP_CFG] & _LIR:
             self.values[WAKE_UP_SRC] = 0
 
-    def _store(self, mode: int, k: int) -> None:
+    def _store(self, mode: int, tick: int) -> None:
+        """Append a sample to the FIFO, with decimation; when it is full, drop the oldest or newest words."""
         code = self.values[FIFO_CTRL5] >> 3 & 0xF
         if code == 0 or code > 10:
             return
-        if code < self._master and k % (1 << (self._master - code)):
+        if code < self._clock_code and tick % (1 << (self._clock_code - code)):
             return
         if self._pattern is None:
             words = self._sample
         else:
-            gyro, accel = self._pattern(self._tick)
+            gyro, accel = self._pattern(self._fifo_tick)
             words = (self._sample[:6] if gyro else b"") + (self._sample[6:] if accel else b"")
-        self._tick += 1
+        self._fifo_tick += 1
         fifo = self._fifo
-        if mode == _FIFO and len(fifo) + len(words) > 2 * FIFO_WORDS:
-            self._over = True
+        if mode == _FIFO_MODE and len(fifo) + len(words) > 2 * FIFO_WORDS:
+            self._overrun = True
             self.fifo_dropped += len(words) // 2
             return
         fifo += words
@@ -234,82 +250,88 @@ class Lsm6ds33(Imu):
             del fifo[:excess]
             self._fifo_word += excess // 2
             self.fifo_dropped += excess // 2
-            self._over = True
+            self._overrun = True
 
-    def after(self, register: int) -> int:
-        """IF_INC, with the automatic rounding of FIFO_DATA_OUT."""
+    def next_register(self, register: int) -> int:
+        """Return the next register of a burst, by IF_INC, with the roll-over of FIFO_DATA_OUT."""
         if not self.values[CTRL3_C] & _IF_INC:
             return register
         return FIFO_DATA_L if register == FIFO_DATA_H else (register + 1) & 0x7F
 
     def read(self, t: float, n: int, byte_time: float) -> bytes:
-        """A burst; whole words of the FIFO and of untorn output registers at once."""
+        """Return a burst; whole words of the FIFO and consistent output registers are read at once."""
         start = self.pointer
         if start == FIFO_DATA_L and n % 2 == 0 and self.values[CTRL3_C] & _IF_INC:
-            self._sync(t)
-            return self._pop(n, t, byte_time)
+            self._measure_until(t)
+            return self._pop_fifo(n, t, byte_time)
         if start >= STATUS and start + n <= OUT_XL + 6 and self.values[CTRL3_C] & _IF_INC:
-            self._sync(t)
-            if self.clock.time_of_next > t + n * byte_time:
+            self._measure_until(t)
+            if self.clock.next_sample_time > t + n * byte_time:
                 block = (
-                    bytes((self._ready, 0))
+                    bytes((self._data_ready, 0))
                     + self._temperature.to_bytes(2, "little", signed=True)
                     + self._sample
                 )
                 for register in range(start, start + n):
-                    self._taken(register)
+                    self._clear_data_ready(register)
                 self.pointer = start + n
                 return block[start - STATUS : start - STATUS + n]
         return super().read(t, n, byte_time)
 
-    def _pop(self, n: int, t: float, byte_time: float) -> bytes:
+    def _pop_fifo(self, n: int, t: float, byte_time: float) -> bytes:
+        """Remove n bytes from the FIFO and return them, with zeros beyond its end."""
         if len(self._fifo) < n:
-            self._sync(t + n * byte_time)
-        out = bytes(self._fifo[:n])
+            self._measure_until(t + n * byte_time)
+        data = bytes(self._fifo[:n])
         del self._fifo[:n]
-        self._fifo_word += len(out) // 2
-        if out:
-            self._over = False
-        if len(out) < n:
-            self.oddities["read of empty FIFO"] += 1
-        return out + bytes(n - len(out))
+        self._fifo_word += len(data) // 2
+        if data:
+            self._overrun = False
+        if len(data) < n:
+            self.anomalies["read of empty FIFO"] += 1
+        return data + bytes(n - len(data))
 
-    def _taken(self, register: int) -> None:
+    def _clear_data_ready(self, register: int) -> None:
+        """Clear the data-ready flag of the sensor whose high byte was read."""
         if register in (OUT_TEMP_L + 1, OUT_G + 1, OUT_G + 3, OUT_G + 5, OUT_XL + 1, OUT_XL + 3, OUT_XL + 5):
-            self._ready &= ~(0x04 if register < OUT_G else 0x02 if register < OUT_XL else 0x01)
+            self._data_ready &= ~(0x04 if register < OUT_G else 0x02 if register < OUT_XL else 0x01)
 
-    def fetch(self, t: float, register: int) -> int:
-        """One byte, with the side effects of reading it."""
-        low_of_held_word = bool(self.values[CTRL3_C] & _BDU) and register % 2 == 1 and 0x20 <= register < 0x2E
-        if not low_of_held_word:
-            self._sync(t)
+    def read_register(self, t: float, register: int) -> int:
+        """Return one byte, and apply the side effects of the read."""
+        is_high_byte_held = (
+            bool(self.values[CTRL3_C] & _BDU) and register % 2 == 1 and 0x20 <= register < 0x2E
+        )
+        if not is_high_byte_held:
+            self._measure_until(t)
         if register == STATUS:
-            return self._ready
+            return self._data_ready
         if OUT_TEMP_L <= register < OUT_XL + 6:
-            self._taken(register)
+            self._clear_data_ready(register)
             block = self._temperature.to_bytes(2, "little", signed=True) + self._sample
             return block[register - OUT_TEMP_L]
         if FIFO_STATUS1 <= register <= FIFO_STATUS1 + 3:
             return self._fifo_status(register - FIFO_STATUS1)
         if register == WAKE_UP_SRC:
-            felt = self.values[WAKE_UP_SRC]
-            if self.values[TAP_CFG] & _LATCHED:
+            source = self.values[WAKE_UP_SRC]
+            if self.values[TAP_CFG] & _LIR:
                 self.values[WAKE_UP_SRC] = 0
-            return felt
+            return source
         if register == FIFO_DATA_L:
             return self._fifo[0] if self._fifo else 0
         if register == FIFO_DATA_H:
-            return self._pop(2, t, 0.0)[1]
+            return self._pop_fifo(2, t, 0.0)[1]
         if TIMESTAMP0 <= register < TIMESTAMP0 + 3:
             return self._timestamp(t) >> 8 * (register - TIMESTAMP0) & 0xFF
         return self.values[register]
 
     def _timestamp(self, t: float) -> int:
+        """Return the timestamp counter at t."""
         if not self.values[0x58] & 0x80:
             return 0
-        return int((t - self._timestamp_zero) / _TIMESTAMP_TICK) & 0xFFFFFF
+        return int((t - self._timestamp_zero) / _TIMESTAMP_TICK_S) & 0xFFFFFF
 
     def _fifo_status(self, index: int) -> int:
+        """Return the byte of FIFO_STATUS1 + index."""
         words = len(self._fifo) // 2
         if index == 0:
             return words & 0xFF
@@ -319,7 +341,7 @@ class Lsm6ds33(Imu):
             return (
                 (words >> 8 & 0x0F)
                 | (0x80 if watermark and words >= watermark else 0)
-                | (0x40 if self._over else 0)
+                | (0x40 if self._overrun else 0)
                 | (0x20 if full else 0)
                 | (0x10 if words == 0 else 0)
             )

@@ -1,11 +1,11 @@
-"""MPU-6050 and its 6500 relatives: asleep at reset, big-endian, 1024-byte FIFO with a latched count."""
+"""Emulated MPU-6050 and MPU-6500: asleep at reset, big-endian, 1024-byte FIFO with a latched count."""
 
 from __future__ import annotations
 
 from hubodo.arrays import Array
-from hubodo.emulator.chips.imu import Imu, Specimen, dps_lsb, g_lsb
+from hubodo.emulator.chips.imu import Imu, Specimen, accel_per_lsb, rad_per_lsb
 from hubodo.emulator.chips.registers import Register
-from hubodo.emulator.chips.sampling import Raw, quantise
+from hubodo.emulator.chips.sampling import RawWords, quantise
 from hubodo.emulator.motion import Motion
 
 SMPLRT_DIV, CONFIG, GYRO_CONFIG, ACCEL_CONFIG, ACCEL_CONFIG2 = 0x19, 0x1A, 0x1B, 0x1C, 0x1D
@@ -18,10 +18,10 @@ GYRO_LSB_PER_DPS = (131.0, 65.5, 32.8, 16.4)
 ACCEL_LSB_PER_G = (16384.0, 8192.0, 4096.0, 2048.0)
 _DEVICE_RESET, _SLEEP = 0x80, 0x40
 _FIFO_ENABLE, _FIFO_RESET = 0x40, 0x04
-_DATA_READY, _OVERFLOW = 0x01, 0x10
-_ACCEL, _TEMPERATURE, _GYRO = 0x08, 0x80, (0x40, 0x20, 0x10)
+_INT_DATA_READY, _INT_FIFO_OVERFLOW = 0x01, 0x10
+_FIFO_EN_ACCEL, _FIFO_EN_TEMPERATURE, _FIFO_EN_GYRO = 0x08, 0x80, (0x40, 0x20, 0x10)
 
-_COMMON: dict[int, Register] = {
+_COMMON_REGISTERS: dict[int, Register] = {
     **{register: Register(f"SELF_TEST_{register:02X}", 0x00, 0xFF) for register in range(0x0D, 0x11)},
     **{0x13 + i: Register(f"OFFSET_{i}", 0x00, 0xFF) for i in range(6)},
     SMPLRT_DIV: Register("SMPLRT_DIV", 0x00, 0xFF),
@@ -46,15 +46,17 @@ _COMMON: dict[int, Register] = {
 
 
 class Mpu6050(Imu):
-    """One MPU-6050 on a wheel that moves as `motion` says.
+    """An MPU-6050 that is moved by `motion`.
 
-    Register map and formulas: InvenSense RM-MPU-6000A and PS-MPU-6000A. The auxiliary bus, self-test,
-    motion detection and the DLPF's frequency response are not modelled (its code sets the gyro's base rate).
+    Register map and formulas: InvenSense RM-MPU-6000A and PS-MPU-6000A. Not modelled: auxiliary bus,
+    self-test, motion detection, and the frequency response of the DLPF; its code only sets the base rate of
+    the gyro.
     """
 
+    chip_name = "mpu6050"
     IDENTITY = 0x68
-    PER_DEGREE, AT_ZERO = 340.0, 36.53
-    EXTRA: dict[int, Register] = {}
+    LSB_PER_DEGREE, DEGREES_AT_ZERO = 340.0, 36.53
+    EXTRA_REGISTERS: dict[int, Register] = {}
 
     def __init__(self, motion: Motion, specimen: Specimen | None = None, *, address: int = 0x68) -> None:
         specimen = specimen or Specimen()
@@ -63,17 +65,21 @@ class Mpu6050(Imu):
         self._fifo = bytearray()
         self._count_latch = 0
         super().__init__(
-            motion, specimen, address, _COMMON | self.EXTRA, (WHO_AM_I, specimen.who_am_i or self.IDENTITY)
+            motion,
+            specimen,
+            address,
+            _COMMON_REGISTERS | self.EXTRA_REGISTERS,
+            (WHO_AM_I, specimen.who_am_i or self.IDENTITY),
         )
 
-    def temperature_word(self, degrees: Array) -> Raw:
-        """raw = (T - AT_ZERO) * PER_DEGREE."""
-        return quantise((degrees - self.AT_ZERO) * self.PER_DEGREE, 1.0)
+    def temperature_word(self, degrees: Array) -> RawWords:
+        """Return the words (T - AT_ZERO) PER_DEGREE for temperatures T in °C."""
+        return quantise((degrees - self.DEGREES_AT_ZERO) * self.LSB_PER_DEGREE, 1.0)
 
     def power_on(self, t: float) -> None:
-        """Registers as after power-up or DEVICE_RESET."""
+        """Reset the registers at t, as power-up and DEVICE_RESET do."""
         super().power_on(t)
-        self.values[PWR_MGMT_1] = self.RESET_POWER
+        self.values[PWR_MGMT_1] = self.PWR_MGMT_1_RESET
         self.clock.stop()
         self._sample, self._interrupts = bytes(14), 0
         self._fifo.clear()
@@ -81,27 +87,27 @@ class Mpu6050(Imu):
         if not self.values[PWR_MGMT_1] & _SLEEP:
             self._configure(t)
 
-    RESET_POWER = 0x40
+    PWR_MGMT_1_RESET = 0x40
 
     @property
     def gyro_lsb(self) -> float:
-        """rad/s per LSB of the range in force."""
-        return dps_lsb(1.0 / GYRO_LSB_PER_DPS[self.values[GYRO_CONFIG] >> 3 & 3])
+        """Resolution of the gyro at the current range, rad/s per LSB."""
+        return rad_per_lsb(1.0 / GYRO_LSB_PER_DPS[self.values[GYRO_CONFIG] >> 3 & 3])
 
     @property
     def accel_lsb(self) -> float:
-        """m/s^2 per LSB of the range in force."""
-        return g_lsb(1.0 / ACCEL_LSB_PER_G[self.values[ACCEL_CONFIG] >> 3 & 3])
+        """Resolution of the accelerometer at the current range, m/s² per LSB."""
+        return accel_per_lsb(1.0 / ACCEL_LSB_PER_G[self.values[ACCEL_CONFIG] >> 3 & 3])
 
     @property
     def sample_hz(self) -> float:
-        """Nominal: 8 kHz (DLPF 0 or 7) or 1 kHz over 1 + SMPLRT_DIV."""
+        """Nominal sample rate, Hz: 8 kHz (DLPF code 0 or 7) or 1 kHz, divided by 1 + SMPLRT_DIV."""
         base = 8000.0 if self.values[CONFIG] & 7 in (0, 7) else 1000.0
         return base / (1 + self.values[SMPLRT_DIV])
 
-    def written(self, t: float, register: int) -> None:
-        """Act on a control register that changed."""
-        self._sync(t)
+    def on_register_changed(self, t: float, register: int) -> None:
+        """React to a control register that changed."""
+        self._measure_until(t)
         if register == PWR_MGMT_1 and self.values[PWR_MGMT_1] & _DEVICE_RESET:
             self.power_on(t)
         elif register in (SMPLRT_DIV, CONFIG, GYRO_CONFIG, ACCEL_CONFIG, PWR_MGMT_1):
@@ -110,35 +116,38 @@ class Mpu6050(Imu):
             self.values[USER_CTRL] &= ~_FIFO_RESET & 0xFF
             self._fifo.clear()
         elif register == FIFO_EN and self.values[FIFO_EN] & 0x07:
-            self._odd("unmodelled FIFO set in", register)
+            self._count_anomaly("unmodelled FIFO set in", register)
 
     def _configure(self, t: float) -> None:
+        """Restart sampling with the current settings, or stop it when asleep."""
         if self.values[PWR_MGMT_1] & _SLEEP:
             self.clock.stop()
         else:
-            self.begin(t, self.sample_hz, self.gyro_lsb, self.accel_lsb)
+            self.start_sampling(t, self.sample_hz, self.gyro_lsb, self.accel_lsb)
 
-    def _sync(self, t: float) -> None:
-        while self.clock.time_of_next <= t:
-            made = self.clock.step(t)
-            if made is None:
+    def _measure_until(self, t: float) -> None:
+        """Measure the samples due by t, and store them in the FIFO."""
+        while self.clock.next_sample_time <= t:
+            sample = self.clock.next_sample(t)
+            if sample is None:
                 return
-            _, words, temperature = made
+            _, words, temperature = sample
             swapped = bytearray(12)
             swapped[0::2], swapped[1::2] = words[1::2], words[0::2]
             gyro, accel = bytes(swapped[:6]), bytes(swapped[6:])
-            warm = temperature.to_bytes(2, "big", signed=True)
-            self._sample = accel + warm + gyro
-            self._interrupts |= _DATA_READY
+            temperature_bytes = temperature.to_bytes(2, "big", signed=True)
+            self._sample = accel + temperature_bytes + gyro
+            self._interrupts |= _INT_DATA_READY
             enabled = self.values[FIFO_EN]
             if enabled and self.values[USER_CTRL] & _FIFO_ENABLE:
-                self._store(enabled, accel, warm, gyro)
+                self._store(enabled, accel, temperature_bytes, gyro)
 
-    def _store(self, enabled: int, accel: bytes, warm: bytes, gyro: bytes) -> None:
-        words = accel if enabled & _ACCEL else b""
-        if enabled & _TEMPERATURE:
-            words += warm
-        for axis, bit in enumerate(_GYRO):
+    def _store(self, enabled: int, accel: bytes, temperature_bytes: bytes, gyro: bytes) -> None:
+        """Append the enabled words of a sample to the FIFO; overwrite the oldest when it is full."""
+        words = accel if enabled & _FIFO_EN_ACCEL else b""
+        if enabled & _FIFO_EN_TEMPERATURE:
+            words += temperature_bytes
+        for axis, bit in enumerate(_FIFO_EN_GYRO):
             if enabled & bit:
                 words += gyro[2 * axis : 2 * axis + 2]
         fifo = self._fifo
@@ -147,35 +156,39 @@ class Mpu6050(Imu):
         if excess > 0:
             del fifo[:excess]
             self.fifo_dropped += (excess + 1) // 2
-            self._interrupts |= _OVERFLOW
+            self._interrupts |= _INT_FIFO_OVERFLOW
 
-    def after(self, register: int) -> int:
-        """Bursts go on, but stay on FIFO_R_W."""
+    def next_register(self, register: int) -> int:
+        """Return the next register of a burst; FIFO_R_W repeats."""
         return register if register == FIFO_R_W else (register + 1) & 0x7F
 
     def read(self, t: float, n: int, byte_time: float) -> bytes:
-        """A burst; sensor registers hold one sample from its start to its end."""
+        """Return a burst; sensor registers hold one sample for its duration."""
         if OUT <= self.pointer < OUT + 14 or self.pointer == INT_STATUS:
-            self._sync(t)
-            held = self._sample
-            out = bytearray()
+            self._measure_until(t)
+            sample_bytes = self._sample
+            data = bytearray()
             for _ in range(n):
                 register = self.pointer
-                out.append(held[register - OUT] if OUT <= register < OUT + 14 else self.fetch(t, register))
-                self.pointer = self.after(register)
-            return bytes(out)
+                data.append(
+                    sample_bytes[register - OUT]
+                    if OUT <= register < OUT + 14
+                    else self.read_register(t, register)
+                )
+                self.pointer = self.next_register(register)
+            return bytes(data)
         if self.pointer == FIFO_R_W:
-            self._sync(t)
-            out = self._fifo[:n]
+            self._measure_until(t)
+            data = self._fifo[:n]
             del self._fifo[:n]
-            if len(out) < n:
-                self.oddities["read of empty FIFO"] += 1
-            return bytes(out) + bytes(n - len(out))
+            if len(data) < n:
+                self.anomalies["read of empty FIFO"] += 1
+            return bytes(data) + bytes(n - len(data))
         return super().read(t, n, byte_time)
 
-    def fetch(self, t: float, register: int) -> int:
-        """One byte, with the side effects of reading it."""
-        self._sync(t)
+    def read_register(self, t: float, register: int) -> int:
+        """Return one byte, and apply the side effects of the read."""
+        self._measure_until(t)
         if register == INT_STATUS:
             status, self._interrupts = self._interrupts, 0
             return status
@@ -192,9 +205,16 @@ class Mpu6050(Imu):
 
 
 class Mpu6500(Mpu6050):
-    """One MPU-6500 (0x70; 0x71 and 0x73 are 9250 and 9255, 0x98 is seen in the wild): other thermometer."""
+    """An MPU-6500, with another thermometer.
 
+    Identity 0x70; 0x71 and 0x73 are the MPU-9250 and 9255, and 0x98 occurs on the market.
+    """
+
+    chip_name = "mpu6500"
     IDENTITY = 0x70
-    PER_DEGREE, AT_ZERO = 333.87, 21.0
-    RESET_POWER = 0x01
-    EXTRA = {ACCEL_CONFIG2: Register("ACCEL_CONFIG2", 0x00, 0x0F), 0x1E: Register("LP_ACCEL_ODR", 0x00, 0x0F)}
+    LSB_PER_DEGREE, DEGREES_AT_ZERO = 333.87, 21.0
+    PWR_MGMT_1_RESET = 0x01
+    EXTRA_REGISTERS = {
+        ACCEL_CONFIG2: Register("ACCEL_CONFIG2", 0x00, 0x0F),
+        0x1E: Register("LP_ACCEL_ODR", 0x00, 0x0F),
+    }

@@ -1,4 +1,4 @@
-"""An I2C slave as its data sheet draws it: byte-addressed registers behind a sub-address pointer."""
+"""I2C slave with byte-addressed registers behind a sub-address pointer."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from hubodo.errors import HubodoError
 
 
 class ChipAccessError(HubodoError):
-    """A driver touched a register that the data sheet does not give, or wrote one that is read-only."""
+    """A driver read an undocumented register, or wrote an undocumented or read-only one."""
 
 
 class NotAcknowledged(Exception):
-    """The chip left SDA high in the acknowledge bit."""
+    """The chip did not acknowledge its address."""
 
 
 @dataclass(frozen=True)
 class Register:
-    """One row of a register map: name, value at power-on, which bits a write can change."""
+    """A row of a register map: name, value at power-on, and mask of the bits that a write changes."""
 
     name: str
     reset: int = 0
@@ -27,8 +27,8 @@ class Register:
 
 
 @dataclass(frozen=True)
-class Write:
-    """One register write as the chip saw it."""
+class RegisterWrite:
+    """A register write at t, in s."""
 
     t: float
     register: int
@@ -36,17 +36,17 @@ class Write:
 
 
 class RegisterChip:
-    """Registers, pointer, faults and the log of writes; a chip adds what reads and writes do.
+    """Registers, pointer, faults and write log of a chip; a subclass adds the effects of reads and writes.
 
-    Args:
-        name: which chip a `ScriptedFault.chip` means ("imu" or "mag").
-        address: 7-bit I2C address.
-        registers: sub-address to Register.
-        who_am_i: (sub-address, value).
-        faults: only those for this chip are heeded.
-        strict: raise ChipAccessError where the real chip would quietly do something undocumented:
-            an unknown register answers 0, a read-only or unknown one swallows the write. Both are
-            counted in `oddities` in any case.
+    Parameters
+    ----------
+    name : name that `ScriptedFault.chip` refers to, "imu" or "mag".
+    address : 7-bit I2C address.
+    registers : register map, by sub-address.
+    who_am_i : sub-address and value of the identity register.
+    faults : faults; those of other chips are ignored.
+    strict : raise ChipAccessError where a real chip silently does something undocumented: an unknown register
+        reads 0, a read-only or unknown one ignores a write. Both are counted in `anomalies` in any case.
     """
 
     def __init__(
@@ -62,40 +62,41 @@ class RegisterChip:
         self.name, self.address, self.map, self.strict = name, address, registers, strict
         self.faults = tuple(f for f in faults if getattr(f, "chip", name) == name)
         self._who_am_i = who_am_i
-        self._nacks = sorted((f for f in self.faults if isinstance(f, BusNack)), key=lambda f: f.t)
-        self._upsets = sorted(
+        self._nack_faults = sorted((f for f in self.faults if isinstance(f, BusNack)), key=lambda f: f.t)
+        self._bit_faults = sorted(
             (f for f in self.faults if isinstance(f, BitFlip | WrongWhoAmI | BrownOut)), key=lambda f: f.t
         )
-        self._to_nack = 0
-        self._t_event = self._upsets[0].t if self._upsets else float("inf")
+        self._pending_nacks = 0
+        self._next_fault_time = self._bit_faults[0].t if self._bit_faults else float("inf")
         self.values = bytearray(256)
         self.pointer = 0
-        self.writes: list[Write] = []
-        self.oddities: Counter[str] = Counter()
+        self.writes: list[RegisterWrite] = []
+        self.anomalies: Counter[str] = Counter()
         self.power_on(0.0)
 
     def power_on(self, t: float) -> None:
-        """Registers fall to their power-on values at t."""
+        """Set the registers to their power-on values at t."""
         self.values[:] = bytes(256)
-        for register, row in self.map.items():
-            self.values[register] = row.reset
+        for register, definition in self.map.items():
+            self.values[register] = definition.reset
         self.values[self._who_am_i[0]] = self._who_am_i[1]
         self.pointer = 0
 
     def acknowledge(self, t: float) -> None:
-        """Address byte seen at t. Raises NotAcknowledged when a fault says so."""
-        if t >= self._t_event:
-            self._upset(t)
-        while self._nacks and self._nacks[0].t <= t:
-            self._to_nack += self._nacks.pop(0).count
-        if self._to_nack:
-            self._to_nack -= 1
-            self.oddities["nack"] += 1
+        """Receive the address byte at t; raise NotAcknowledged if a fault requires it."""
+        if t >= self._next_fault_time:
+            self._apply_faults(t)
+        while self._nack_faults and self._nack_faults[0].t <= t:
+            self._pending_nacks += self._nack_faults.pop(0).count
+        if self._pending_nacks:
+            self._pending_nacks -= 1
+            self.anomalies["nack"] += 1
             raise NotAcknowledged
 
-    def _upset(self, t: float) -> None:
-        while self._upsets and self._upsets[0].t <= t:
-            fault = self._upsets.pop(0)
+    def _apply_faults(self, t: float) -> None:
+        """Apply the faults of stored bits that are due at t."""
+        while self._bit_faults and self._bit_faults[0].t <= t:
+            fault = self._bit_faults.pop(0)
             if isinstance(fault, BrownOut):
                 self.power_on(fault.t)
             elif isinstance(fault, WrongWhoAmI):
@@ -103,60 +104,63 @@ class RegisterChip:
                 self.values[self._who_am_i[0]] = fault.value
             elif isinstance(fault, BitFlip):
                 self.values[fault.register] ^= 1 << fault.bit
-                self.written(fault.t, fault.register)
-        self._t_event = self._upsets[0].t if self._upsets else float("inf")
+                self.on_register_changed(fault.t, fault.register)
+        self._next_fault_time = self._bit_faults[0].t if self._bit_faults else float("inf")
 
     def write(self, t: float, data: bytes) -> None:
-        """Bytes after the address byte of a write: the sub-address, then values, at t."""
+        """Receive the bytes after the address byte of a write at t: the sub-address, then values."""
         if not data:
             return
         self.set_pointer(data[0])
         for value in data[1:]:
-            self._write_one(t, self.pointer, value)
-            self.pointer = self.after(self.pointer)
+            self._write_register(t, self.pointer, value)
+            self.pointer = self.next_register(self.pointer)
 
     def set_pointer(self, sub_address: int) -> None:
-        """The sub-address byte."""
+        """Receive the sub-address byte."""
         self.pointer = sub_address
 
-    def after(self, register: int) -> int:
-        """The register that a burst goes to after `register`."""
+    def next_register(self, register: int) -> int:
+        """Return the register that follows `register` in a burst."""
         return (register + 1) & 0xFF
 
-    def _write_one(self, t: float, register: int, value: int) -> None:
-        row = self.map.get(register)
-        if row is None or not row.writable:
-            self._odd("write", register)
+    def _write_register(self, t: float, register: int, value: int) -> None:
+        """Write one register, with its mask."""
+        definition = self.map.get(register)
+        if definition is None or not definition.writable:
+            self._count_anomaly("write", register)
             return
-        self.writes.append(Write(t, register, value))
-        self.values[register] = (self.values[register] & ~row.writable) | (value & row.writable)
-        self.written(t, register)
+        self.writes.append(RegisterWrite(t, register, value))
+        self.values[register] = (self.values[register] & ~definition.writable) | (value & definition.writable)
+        self.on_register_changed(t, register)
 
     def read(self, t: float, n: int, byte_time: float) -> bytes:
-        """`n` bytes from the pointer on, the first one leaving the chip at t, one per `byte_time` s."""
-        out = bytearray(n)
-        for i in range(n):
+        """Return `n` bytes from the pointer on; the first leaves the chip at t, one per `byte_time` s."""
+        data = bytearray(n)
+        for offset in range(n):
             register = self.pointer
             if register not in self.map:
-                self._odd("read", register)
+                self._count_anomaly("read", register)
             else:
-                out[i] = self.fetch(t + i * byte_time, register)
-            self.pointer = self.after(register)
-        return bytes(out)
+                data[offset] = self.read_register(t + offset * byte_time, register)
+            self.pointer = self.next_register(register)
+        return bytes(data)
 
-    def _odd(self, what: str, register: int) -> None:
-        self.oddities[f"{what} 0x{register:02X}"] += 1
+    def _count_anomaly(self, access: str, register: int) -> None:
+        """Count an access that the data sheet does not define; raise ChipAccessError if strict."""
+        self.anomalies[f"{access} 0x{register:02X}"] += 1
         if self.strict:
-            row = self.map.get(register)
-            kind = "unknown" if row is None else f"read-only ({row.name})"
+            definition = self.map.get(register)
+            kind = "unknown" if definition is None else f"read-only ({definition.name})"
             raise ChipAccessError(
-                f"{type(self).__name__} at 0x{self.address:02X}: {what} of {kind} register 0x{register:02X}; "
-                "correct the driver, or run the chip with strict=False to see what silicon does"
+                f"{type(self).__name__} at 0x{self.address:02X}: {access} of {kind} register "
+                f"0x{register:02X}; "
+                "correct the driver, or emulate the chip with strict=False"
             )
 
-    def written(self, t: float, register: int) -> None:
-        """A stored value changed at t; the chip acts on it."""
+    def on_register_changed(self, t: float, register: int) -> None:
+        """React to a stored value that changed at t."""
 
-    def fetch(self, t: float, register: int) -> int:
-        """The byte of `register` at t, with what reading it does."""
+    def read_register(self, t: float, register: int) -> int:
+        """Return the byte of a register at t, and apply the side effects of the read."""
         return self.values[register]

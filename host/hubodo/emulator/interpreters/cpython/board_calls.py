@@ -1,6 +1,6 @@
-"""The board as CPython in MicroPython's place asks it: the calls that runner.mjs makes, and its clock."""
+"""Calls to the board, and its clock, for firmware that runs on CPython."""
 
-# Runs in place of MicroPython, outside the package: no host types.
+# Runs in the interpreter of a board, outside the package: without type annotations.
 # mypy: ignore-errors
 
 import json
@@ -21,7 +21,7 @@ NAP_NS = 10e6
 
 
 class BoardCalls:
-    """The calls, as runner.mjs makes them; also what MicroPython-side modules import as `_board`."""
+    """Calls of runner.mjs in Python; modules in MicroPython style import it as `_board`."""
 
     def __init__(self):
         self.t = CONFIG["t_ns"]
@@ -38,19 +38,23 @@ class BoardCalls:
         self.spi_unit = 0
 
     def now(self):
+        """Return the true time, ns since power-on."""
         return self.t if STEPPED else real_time.monotonic_ns() - self.t0
 
     def pace(self, lead):
+        """Sleep while virtual time is ahead of wall time by more than `lead` ns."""
         ahead = self.t - (real_time.monotonic_ns() - self.t0) / CONFIG["pace"] if PACED else 0
         if ahead > lead:
             real_time.sleep(ahead * CONFIG["pace"] / 1e9)
 
     def spend(self, ns):
+        """Advance virtual time by `ns`."""
         if STEPPED:
             self.t += ns
             self.pace(2e6)
 
     def wait_until(self, t):
+        """Wait until t, ns."""
         if STEPPED:
             self.t = max(self.t, t)
             self.pace(150e3)
@@ -62,6 +66,7 @@ class BoardCalls:
             left = t - self.now()
 
     def ask(self, op, a=0, payload=b""):
+        """Send a request to the board; return the status and the payload of its reply."""
         os.write(REQUEST_FD, REQUEST.pack(OP[op], self.interrupt_char, a, len(payload), self.now()) + payload)
         data = os.read(RESPONSE_FD, 1 << 17)
         while len(data) < RESPONSE.size or len(data) < RESPONSE.size + RESPONSE.unpack_from(data)[3]:
@@ -79,17 +84,18 @@ class BoardCalls:
         return status, data[RESPONSE.size : RESPONSE.size + n]
 
     def check_interrupt(self):
-        """Ctrl-C that came before the user's code is kept for it."""
+        """Raise KeyboardInterrupt if ctrl-C is pending; one before the user's code is kept for it."""
         if self.interrupted and not self.booting:
             self.interrupted = False
             raise KeyboardInterrupt
 
     def stale(self, ns):
-        """Whether the board may have something to tell that is older than that."""
+        """Return True if the flags of the board may be older than `ns`."""
         now = self.now()
         return now - self.contact >= ns and now >= self.quiet
 
     def fresh_flags(self):
+        """Return the flags of the board, refreshed if stale."""
         if self.stale(CONFIG["refresh_ns"]):
             self.ask("PING")
         else:
@@ -97,6 +103,7 @@ class BoardCalls:
         return self.flags
 
     def device_us(self):
+        """Return the time of the device clock, µs, without wrap-around."""
         return CONFIG["ticks_start_us"] + (self.now() - CONFIG["t_boot_ns"]) * self.rate / 1000
 
     def ticks_us(self):
@@ -108,6 +115,7 @@ class BoardCalls:
         return int(self.device_us() / 1000) % TICKS_PERIOD
 
     def sleep_us(self, us):
+        """Sleep for `us` of the device clock; ctrl-C interrupts it."""
         self.check_interrupt()
         end = self.now() + us * 1000 / self.rate
         while True:
@@ -121,6 +129,7 @@ class BoardCalls:
         self.sleep_us(ms * 1000)
 
     def i2c_to(self, bus_mode, to, memory, size):
+        """Set bus, address and register of the next transfer."""
         self.aim = (bus_mode, to, memory, size)
         self.status = 0
 

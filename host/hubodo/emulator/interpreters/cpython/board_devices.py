@@ -1,6 +1,6 @@
-"""What CPython in MicroPython's place reads and writes: board devices, standard streams, select.poll."""
+"""Device files, standard streams and select.poll of the board, for firmware that runs on CPython."""
 
-# Runs in place of MicroPython, outside the package: no host types.
+# Runs in the interpreter of a board, outside the package: without type annotations.
 # mypy: ignore-errors
 
 import struct
@@ -11,6 +11,7 @@ FLAG_INPUT, FLAG_ROOM = 1, 2
 
 
 def _part(buf, part):
+    """Return the bytes of a buffer, or those of an offset and size."""
     view = memoryview(buf)
     if len(part) == 1:
         return bytes(view[: part[0]])
@@ -18,7 +19,7 @@ def _part(buf, part):
 
 
 class I2cDevice:
-    """/dev/i2c of runner.mjs."""
+    """The device /dev/i2c of runner.mjs."""
 
     def readinto(self, buf):
         mode, address, memory, size = board.aim
@@ -35,7 +36,7 @@ class I2cDevice:
 
 
 class SerialDevice:
-    """/dev/serial of runner.mjs."""
+    """The device /dev/serial of runner.mjs."""
 
     def readinto(self, buf):
         data = board.read_port(board.port, len(buf), board.timeout)
@@ -47,7 +48,7 @@ class SerialDevice:
 
 
 class ExchangeDevice:
-    """/dev/spi, /dev/espnow of runner.mjs: what is written goes out, what came in or answers it is read."""
+    """The devices /dev/spi and /dev/espnow of runner.mjs: a write is a request, a read returns the reply."""
 
     def __init__(self, op):
         self._op, self._came = op, b""
@@ -63,7 +64,7 @@ class ExchangeDevice:
 
 
 class UdpDevice:
-    """/dev/udp of runner.mjs."""
+    """The device /dev/udp of runner.mjs."""
 
     def readinto(self, buf):
         board.status, data = board.ask("UDP_RECV", board.socket, struct.pack("<Ii", len(buf), board.timeout))
@@ -79,7 +80,7 @@ class UdpDevice:
 
 
 class Bytes:
-    """sys.stdin.buffer and sys.stdout.buffer."""
+    """Binary standard streams: sys.stdin.buffer and sys.stdout.buffer."""
 
     def write(self, buf, *part):
         return board.write_port(0, _part(buf, part))
@@ -102,7 +103,7 @@ class Bytes:
 
 
 class Text:
-    """sys.stdin and sys.stdout."""
+    """Text standard streams: sys.stdin and sys.stdout."""
 
     encoding = "utf-8"
 
@@ -125,7 +126,7 @@ class Text:
 
 
 class Poll:
-    """select.poll over objects with ioctl, as MicroPython's."""
+    """MicroPython's select.poll over objects with ioctl."""
 
     def __init__(self):
         self._entries = {}

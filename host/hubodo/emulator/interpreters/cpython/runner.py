@@ -1,6 +1,6 @@
-"""Where MicroPython cannot be had: CPython, with the board's modules in place of its own."""
+"""Run firmware on CPython with the modules of the board in place of MicroPython's."""
 
-# Runs in place of MicroPython, outside the package: no host types.
+# Runs in the interpreter of a board, outside the package: without type annotations.
 # mypy: ignore-errors
 
 import builtins
@@ -14,21 +14,22 @@ import traceback
 import types
 from pathlib import Path
 
-# What firmware imports has to be loaded while `time` still is CPython's.
+# Modules that the firmware imports have to be loaded while `time` is still that of CPython.
 for _name in ("array", "binascii", "collections", "errno", "hashlib", "math", "random", "re", "select"):
     importlib.import_module(_name)
 
-HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))
+RUNNER_FOLDER = Path(__file__).parent
+sys.path.insert(0, str(RUNNER_FOLDER))
 from board_calls import CONFIG, TICKS_PERIOD, board  # noqa: E402
 from board_devices import ExchangeDevice, I2cDevice, Poll, SerialDevice, Text, UdpDevice  # noqa: E402
 
-sys.path.remove(str(HERE))
+sys.path.remove(str(RUNNER_FOLDER))
 
 FLASH = CONFIG["flash"]
 
 
 def _module(name, **names):
+    """Install a module with these names."""
     module = types.ModuleType(name)
     module.__dict__.update(names)
     sys.modules[name] = module
@@ -36,14 +37,17 @@ def _module(name, **names):
 
 
 def _identity(x=None, *_, **__):
+    """Return the argument."""
     return x
 
 
 def _kbd_intr(char):
+    """Set the byte that raises KeyboardInterrupt; -1 for none."""
     board.interrupt_char = char
 
 
 def _install():
+    """Install the modules of the board, and confine file access to its flash."""
     _module("_board", **{name: getattr(board, name) for name in dir(board) if not name.startswith("__")})
     _module(
         "micropython",
@@ -78,22 +82,22 @@ def _install():
         "/dev/spi": lambda: ExchangeDevice("SPI"),
         "/dev/espnow": lambda: ExchangeDevice("ESPNOW"),
     }
-    own = ("espnow",) if CONFIG["platform"] == "esp32" else ()
-    for name in ("time", "machine", "network", "socket", *own):
-        source = HERE.parent / "modules" / f"_{name}.py"
+    port_modules = ("espnow",) if CONFIG["platform"] == "esp32" else ()
+    for name in ("time", "machine", "network", "socket", *port_modules):
+        source = RUNNER_FOLDER.parent / "modules" / f"_{name}.py"
         module = types.ModuleType(name)
         module.__dict__["open"] = lambda path, mode: devices[path]()
         exec(compile(source.read_text(), str(source), "exec"), module.__dict__)
         sys.modules[name] = module
     os.chdir(FLASH)
-    really_open = builtins.open
-    builtins.open = lambda path, *rest, **named: really_open(_on_flash(path), *rest, **named)
+    host_open = builtins.open
+    builtins.open = lambda path, *arguments, **options: host_open(_on_flash(path), *arguments, **options)
     for name in ("listdir", "stat", "remove", "unlink", "mkdir", "rmdir"):
         setattr(os, name, _rooted(getattr(os, name)))
     if CONFIG["random_seed"] is not None:
         os.urandom = random.Random(CONFIG["random_seed"]).randbytes
-    really_rename = os.rename
-    os.rename = lambda a, b: really_rename(_on_flash(a), _on_flash(b))
+    host_rename = os.rename
+    os.rename = lambda a, b: host_rename(_on_flash(a), _on_flash(b))
     sys.path[:0] = [FLASH, FLASH + "/lib"]
     sys.dont_write_bytecode = True
     sys.print_exception = lambda error: sys.stdout.write("".join(traceback.format_exception(error)))
@@ -103,6 +107,7 @@ def _install():
 
 
 def _on_flash(path):
+    """Return the host path of an absolute path on the board."""
     if (
         isinstance(path, str)
         and path.startswith("/")
@@ -113,10 +118,12 @@ def _on_flash(path):
 
 
 def _rooted(function):
-    return lambda path=".", *rest, **named: function(_on_flash(path), *rest, **named)
+    """Return a function of os whose path argument is on the board."""
+    return lambda path=".", *arguments, **options: function(_on_flash(path), *arguments, **options)
 
 
 def _run(name):
+    """Run a file of the board; return False if it raised an exception."""
     path = os.path.join(FLASH, name)
     if not os.path.exists(path):
         return True
@@ -137,11 +144,13 @@ def _run(name):
 
 
 def _soft_reset():
+    """Request a soft reset of the board."""
     sys.stdout.write("MPY: soft reboot\r\n")
     board.ask("SOFT_RESET", 0)
 
 
 def main():
+    """Run the firmware, then wait for ctrl-D."""
     _install()
     board.ask("PING")
     for name in CONFIG["run"]:

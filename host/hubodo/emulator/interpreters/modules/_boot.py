@@ -1,6 +1,6 @@
-"""Puts the board's modules in place and the flash at /, before anything of the user's runs."""
+"""Install the modules of the board and mount the flash at /, before any user code runs."""
 
-# MicroPython's own types: not the host's code, no host types.
+# Runs in MicroPython: without type annotations.
 # mypy: ignore-errors
 
 import sys
@@ -9,8 +9,9 @@ import _board
 
 
 def start():
-    own = ("espnow",) if _board.platform() == "esp32" else ()
-    for name in ("time", "machine", "network", "socket", "select", "gc") + own:
+    """Install the modules of the board and mount its flash."""
+    port_modules = ("espnow",) if _board.platform() == "esp32" else ()
+    for name in ("time", "machine", "network", "socket", "select", "gc") + port_modules:
         sys.modules.pop(name, None)
         module = __import__("_" + name)
         sys.modules[name] = module
@@ -27,7 +28,7 @@ def start():
 
 
 class _Implementation:
-    """sys.implementation of the board; the bytecode stays that of this interpreter."""
+    """The board's sys.implementation; the bytecode version is that of this interpreter."""
 
     name = sys.implementation.name
     version = sys.implementation.version
@@ -36,7 +37,7 @@ class _Implementation:
 
 
 class _Sys:
-    """sys, as it calls itself on the board."""
+    """The module sys with the names of the board."""
 
     platform = _board.platform()
     implementation = _Implementation()
@@ -46,14 +47,17 @@ class _Sys:
 
 
 def _file_calls(os):
-    """rename, which VfsPosix below a prefix gets wrong, and ilistdir with the sizes that boards give."""
+    """Return os.rename and os.ilistdir of the board.
+
+    VfsPosix below a prefix breaks rename, and its ilistdir lacks the sizes that boards return.
+    """
     names = os.ilistdir
 
-    def whole(path):
+    def absolute(path):
         return path if path.startswith("/") else os.getcwd().rstrip("/") + "/" + path
 
     def rename(old, new):
-        error = _board.rename(whole(old), whole(new))
+        error = _board.rename(absolute(old), absolute(new))
         if error:
             raise OSError(error)
 

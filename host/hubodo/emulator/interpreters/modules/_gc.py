@@ -1,6 +1,6 @@
-"""gc of the virtual board: mem_free is what the board's heap has left, not what WebAssembly could grow to."""
+"""MicroPython's module gc of the virtual board: mem_free is that of the heap of the board."""
 
-# MicroPython's own types: not the host's code, no host types.
+# Runs in MicroPython: without type annotations.
 # mypy: ignore-errors
 
 from gc import collect, disable, enable, isenabled, mem_alloc  # noqa: F401

@@ -1,18 +1,18 @@
-"""machine of the virtual board: I2C, Pin, ADC, WDT, UART over the board's devices, without allocation."""
+"""MicroPython's module machine of the virtual board: I2C, SPI, Pin, ADC, WDT and UART, allocation-free."""
 
-# MicroPython's own types: not the host's code, no host types.
+# Runs in MicroPython: without type annotations.
 # mypy: ignore-errors
 
 import io
 
 import _board
 
-_to = _board.i2c_to
+_i2c_to = _board.i2c_to
 _result = _board.result
 _bus = open("/dev/i2c", "r+b")
 _serial = open("/dev/serial", "r+b")
-_into = _bus.readinto
-_out = _bus.write
+_i2c_read = _bus.readinto
+_i2c_write = _bus.write
 _serial_to = _board.serial_to
 _serial_into = _serial.readinto
 _serial_out = _serial.write
@@ -27,28 +27,28 @@ _adc = _board.adc
 _wdt = _board.wdt
 _uart_init = _board.uart_init
 
-_WAITING = 0x3FFF
-_ROOM = 0x4000
+_AVAILABLE_MASK = 0x3FFF
+_WRITABLE_FLAG = 0x4000
 
-_RP2 = _board.platform() == "rp2"
-_LED = 64 if _board.radio() else 25
+_IS_RP2 = _board.platform() == "rp2"
+_LED_PIN = 64 if _board.radio() else 25
 
 PWRON_RESET = 1
 WDT_RESET = 3
-if not _RP2:
+if not _IS_RP2:
     HARD_RESET = 2
     DEEPSLEEP_RESET = 4
     SOFT_RESET = 5
 
 
-class _Words:
-    """mem32: the registers that tell why the processor started; others read 0."""
+class _ResetRegisters:
+    """The object mem32: the reset cause registers; other addresses read 0."""
 
     def __getitem__(self, address):
         return _board.register("%x" % address)
 
 
-mem32 = _Words()
+mem32 = _ResetRegisters()
 
 
 def unique_id():
@@ -85,6 +85,8 @@ def enable_irq(state):
 
 
 class Pin:
+    """A GPIO pin."""
+
     IN = 0
     OUT = 1
     OPEN_DRAIN = 2
@@ -126,35 +128,40 @@ class Pin:
 
 
 def _pin_number(id):
+    """Return the GPIO number of a pin name; raise ValueError if it does not exist."""
     if id == "LED":
-        return _LED
+        return _LED_PIN
     number = id if isinstance(id, int) else int(id[2:])
     if not _board.pin_exists(number):
         raise ValueError("invalid pin")
     return number
 
 
-def _wanted(valid, what):
+def _check_pin(valid, function):
+    """Raise ValueError unless a pin is valid for its function."""
     if not valid:
-        raise ValueError("bad {} pin".format(what))
+        raise ValueError("bad {} pin".format(function))
 
 
 def _number(pin, default):
+    """Return the GPIO number of a pin, or a default for None."""
     if pin is None:
         return default
     return pin._id if isinstance(pin, Pin) else _pin_number(pin)
 
 
 class I2C:
+    """An I2C controller."""
+
     _HARDWARE = True
 
     def __init__(self, id=0, *, scl=None, sda=None, freq=400000, timeout=50000):
         if not 0 <= id < _board.i2c_count():
             raise ValueError("I2C({}) doesn't exist".format(id))
-        if _RP2 and self._HARDWARE:
+        if _IS_RP2 and self._HARDWARE:
             # ports/rp2/machine_i2c.c: SDA on even pins, SCL on odd, the two units in turn.
-            _wanted(scl is None or _number(scl, 1) & 3 == 1 + 2 * id, "SCL")
-            _wanted(sda is None or _number(sda, 0) & 3 == 2 * id, "SDA")
+            _check_pin(scl is None or _number(scl, 1) & 3 == 1 + 2 * id, "SCL")
+            _check_pin(sda is None or _number(sda, 0) & 3 == 2 * id, "SDA")
         self._id = id
         self._mem = id << 1
         self._plain = id << 1 | 1
@@ -167,14 +174,14 @@ class I2C:
         pass
 
     def readfrom_mem_into(self, addr, memaddr, buf, *, addrsize=8):
-        _to(self._mem, addr, memaddr, addrsize >> 3)
-        _into(buf)
+        _i2c_to(self._mem, addr, memaddr, addrsize >> 3)
+        _i2c_read(buf)
         if _result() < 0:
             raise OSError(-_result())
 
     def writeto_mem(self, addr, memaddr, buf, *, addrsize=8):
-        _to(self._mem, addr, memaddr, addrsize >> 3)
-        _out(buf)
+        _i2c_to(self._mem, addr, memaddr, addrsize >> 3)
+        _i2c_write(buf)
         if _result() < 0:
             raise OSError(-_result())
 
@@ -184,8 +191,8 @@ class I2C:
         return bytes(buf)
 
     def readfrom_into(self, addr, buf, stop=True):
-        _to(self._plain, addr, 0, 0)
-        _into(buf)
+        _i2c_to(self._plain, addr, 0, 0)
+        _i2c_read(buf)
         if _result() < 0:
             raise OSError(-_result())
 
@@ -195,8 +202,8 @@ class I2C:
         return bytes(buf)
 
     def writeto(self, addr, buf, stop=True):
-        _to(self._plain, addr, 0, 0)
-        _out(buf)
+        _i2c_to(self._plain, addr, 0, 0)
+        _i2c_write(buf)
         if _result() < 0:
             raise OSError(-_result())
         return len(buf)
@@ -206,17 +213,17 @@ class I2C:
 
 
 class SPI:
-    """One transfer a call; the chip is selected by a pin of the caller's."""
+    """An SPI controller, one transfer per call; the caller drives the chip select."""
 
     MSB = 0
 
     def __init__(self, id, baudrate=1000000, *, polarity=0, phase=0, sck=None, mosi=None, miso=None):
-        if _RP2:
+        if _IS_RP2:
             # ports/rp2/machine_spi.c: four functions in turn on the pins, the two units in eights.
-            for what, rest, pin in (("SCK", 2, sck), ("MOSI", 3, mosi), ("MISO", 0, miso)):
+            for function, remainder, pin in (("SCK", 2, sck), ("MOSI", 3, mosi), ("MISO", 0, miso)):
                 if pin is not None:
                     number = _number(pin, 0)
-                    _wanted(number & 3 == rest and (number & 8) >> 3 == id, what)
+                    _check_pin(number & 3 == remainder and (number & 8) >> 3 == id, function)
         self._id = id
 
     def write_readinto(self, out, into):
@@ -230,6 +237,8 @@ class SPI:
 
 
 class SoftI2C(I2C):
+    """A software I2C controller on any pins."""
+
     _HARDWARE = False
 
     def __init__(self, scl, sda, *, freq=400000, timeout=50000):
@@ -237,7 +246,7 @@ class SoftI2C(I2C):
 
 
 class ADC:
-    """On an ESP32 a fresh one measures to 0.95 V: ATTN_0DB is the default there."""
+    """An ADC channel; on an ESP32 its default range is 0.95 V (ATTN_0DB)."""
 
     CORE_TEMP = 4
     ATTN_0DB = 0
@@ -246,26 +255,28 @@ class ADC:
     def __init__(self, id):
         self._id = id._id if isinstance(id, Pin) else id
         on_pin = _board.pin_measures(self._id)
-        if not (on_pin or (_RP2 and isinstance(id, int) and 0 <= id <= 4)):
-            raise ValueError("Pin doesn't have ADC capabilities" if _RP2 else "invalid pin")
-        if not _RP2:
-            self._most_uv = 950000
-            self.read_uv = self._uv
+        if not (on_pin or (_IS_RP2 and isinstance(id, int) and 0 <= id <= 4)):
+            raise ValueError("Pin doesn't have ADC capabilities" if _IS_RP2 else "invalid pin")
+        if not _IS_RP2:
+            self._range_uv = 950000
+            self.read_uv = self._read_uv
             self.atten = self._set_atten
 
     def read_u16(self):
-        return _adc(self._id) if _RP2 else self._uv() // 100 * 65535 // (self._most_uv // 100)
+        return _adc(self._id) if _IS_RP2 else self._read_uv() // 100 * 65535 // (self._range_uv // 100)
 
-    def _uv(self):
-        return min(_adc(self._id) * 5035 // 100, self._most_uv)
+    def _read_uv(self):
+        return min(_adc(self._id) * 5035 // 100, self._range_uv)
 
     def _set_atten(self, atten):
-        self._most_uv = 3100000 if atten == self.ATTN_11DB else 950000
+        self._range_uv = 3100000 if atten == self.ATTN_11DB else 950000
 
 
 class WDT:
+    """The watchdog timer."""
+
     def __init__(self, id=0, timeout=5000):
-        if _RP2 and not 1 <= timeout <= 8388:
+        if _IS_RP2 and not 1 <= timeout <= 8388:
             raise ValueError("timeout exceeds 8388")
         _wdt(1, timeout)
 
@@ -274,16 +285,18 @@ class WDT:
 
 
 class UART(io.IOBase):
+    """A UART."""
+
     def __init__(self, id, baudrate=115200, **options):
         if not 0 <= id < _board.uart_count():
             raise ValueError("UART({}) doesn't exist".format(id))
-        if _RP2:
+        if _IS_RP2:
             # ports/rp2/machine_uart.c: TX on every fourth pin, RX behind it, the two units in eights.
-            for what, rest in (("tx", 0), ("rx", 1)):
-                pin = options.get(what)
+            for function, remainder in (("tx", 0), ("rx", 1)):
+                pin = options.get(function)
                 if pin is not None:
                     number = _number(pin, 0)
-                    _wanted(number & 3 == rest and (number + 4 & 8) >> 3 == id, what.upper())
+                    _check_pin(number & 3 == remainder and (number + 4 & 8) >> 3 == id, function.upper())
         self._port = id + 1
         self._timeout = 0
         self.init(baudrate, **options)
@@ -296,7 +309,7 @@ class UART(io.IOBase):
         pass
 
     def any(self):
-        return _count(self._port) & _WAITING
+        return _count(self._port) & _AVAILABLE_MASK
 
     def write(self, buf, at=None, size=None):
         _serial_to(self._port, 0)
@@ -321,5 +334,5 @@ class UART(io.IOBase):
     def ioctl(self, request, arg):
         if request == 3:
             count = _count(self._port)
-            return arg & ((1 if count & _WAITING else 0) | (4 if count & _ROOM else 0))
+            return arg & ((1 if count & _AVAILABLE_MASK else 0) | (4 if count & _WRITABLE_FLAG else 0))
         return 0

@@ -1,16 +1,16 @@
-"""network of the virtual board: a WLAN interface with the names and the manners of its port."""
+"""MicroPython's module network of the virtual board: a WLAN interface with the behaviour of its port."""
 
-# MicroPython's own types: not the host's code, no host types.
+# Runs in MicroPython: without type annotations.
 # mypy: ignore-errors
 
 import _board
 
 STA_IF = 0
 AP_IF = 1
-_ESP32 = _board.platform() == "esp32"
-STAT_IDLE = 1000 if _ESP32 else 0
-STAT_CONNECTING = 1001 if _ESP32 else 1
-STAT_GOT_IP = 1010 if _ESP32 else 3
+_IS_ESP32 = _board.platform() == "esp32"
+STAT_IDLE = 1000 if _IS_ESP32 else 0
+STAT_CONNECTING = 1001 if _IS_ESP32 else 1
+STAT_GOT_IP = 1010 if _IS_ESP32 else 3
 
 
 def country(code=None):
@@ -22,6 +22,8 @@ def hostname(name=None):
 
 
 class WLAN:
+    """The WLAN station."""
+
     IF_STA = 0
     IF_AP = 1
     PM_NONE = 0
@@ -37,14 +39,14 @@ class WLAN:
 
     def config(self, *names, **values):
         for name in values:
-            if name == "reconnects" and _ESP32:
+            if name == "reconnects" and _IS_ESP32:
                 _board.wlan(0x101 + values[name])
-            elif name != "pm" and not (name == "channel" and _ESP32):
+            elif name != "pm" and not (name == "channel" and _IS_ESP32):
                 raise ValueError("unknown config param")
 
     def connect(self, ssid=None, key=None, **options):
         if _board.wlan(2) < 0:
-            raise OSError("Wifi Internal State Error" if _ESP32 else -1)
+            raise OSError("Wifi Internal State Error" if _IS_ESP32 else -1)
 
     def disconnect(self):
         _board.wlan(3)

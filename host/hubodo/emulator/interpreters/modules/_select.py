@@ -1,6 +1,6 @@
-"""select of the virtual board: waiting for input costs the board's time, and no processor of the host's."""
+"""MicroPython's module select of the virtual board: a wait for input takes board time, not host CPU time."""
 
-# MicroPython's own types: not the host's code, no host types.
+# Runs in MicroPython: without type annotations.
 # mypy: ignore-errors
 
 from select import POLLERR, POLLHUP, POLLIN, POLLOUT  # noqa: F401
@@ -12,15 +12,15 @@ _wait_input = _board.wait_input
 
 
 class poll:
-    """Its own waiting is for standard input alone; for anything else MicroPython waits."""
+    """A poll object; it waits itself for standard input only, and leaves other streams to MicroPython."""
 
     def __init__(self):
         self._poll = _Poll()
-        self._input_alone = True
+        self._input_only = True
 
     def register(self, stream, flags=POLLIN | POLLOUT):
         self._poll.register(stream, flags)
-        self._input_alone = self._input_alone and flags == POLLIN
+        self._input_only = self._input_only and flags == POLLIN
 
     def unregister(self, stream):
         self._poll.unregister(stream)
@@ -29,13 +29,14 @@ class poll:
         self._poll.modify(stream, flags)
 
     def poll(self, timeout=-1):
-        return self._poll.poll(self._left(timeout))
+        return self._poll.poll(self._wait_for_input(timeout))
 
     def ipoll(self, timeout=-1, flags=0):
-        return self._poll.ipoll(self._left(timeout), flags)
+        return self._poll.ipoll(self._wait_for_input(timeout), flags)
 
-    def _left(self, timeout):
-        if timeout and self._input_alone:
+    def _wait_for_input(self, timeout):
+        """Wait for standard input; return the remaining timeout, ms."""
+        if timeout and self._input_only:
             while _wait_input(timeout):
                 pass
             return 0

@@ -1,6 +1,6 @@
-"""socket of the virtual board: UDP over the board's network."""
+"""MicroPython's module socket of the virtual board: UDP on the network of the board."""
 
-# MicroPython's own types: not the host's code, no host types.
+# Runs in MicroPython: without type annotations.
 # mypy: ignore-errors
 
 import io
@@ -22,12 +22,13 @@ _result = _board.result
 
 
 def _packed(host):
+    """Return an IPv4 address as two 16-bit halves."""
     a, b, c, d = (int(part) for part in host.split("."))
     return a << 8 | b, c << 8 | d
 
 
 def getaddrinfo(host, port, *_):
-    """Numbers at once; for a name it waits as lwIP does for servers that do not answer."""
+    """Return the address of a numeric host at once; for a name, wait as lwIP does, then fail."""
     if host == "localhost":
         host = "127.0.0.1"
     try:
@@ -39,6 +40,8 @@ def getaddrinfo(host, port, *_):
 
 
 class socket(io.IOBase):
+    """A UDP socket."""
+
     def __init__(self, family=AF_INET, kind=SOCK_DGRAM, proto=0):
         if kind != SOCK_DGRAM:
             raise OSError(95)
@@ -52,9 +55,10 @@ class socket(io.IOBase):
             raise OSError(98)
 
     def connect(self, address):
-        self._aim(address)
+        self._set_destination(address)
 
-    def _aim(self, address):
+    def _set_destination(self, address):
+        """Set the destination."""
         if address is not self._address:
             self._high, self._low = _packed(address[0])
             self._port = address[1]
@@ -70,7 +74,7 @@ class socket(io.IOBase):
         pass
 
     def sendto(self, buf, address):
-        self._aim(address)
+        self._set_destination(address)
         return self.send(buf)
 
     def send(self, buf, at=None, size=None):

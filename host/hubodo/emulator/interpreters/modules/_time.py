@@ -1,6 +1,6 @@
-"""time of the virtual board: the device's clock, offset and skew included."""
+"""MicroPython's module time of the virtual board, on the device clock with its offset and skew."""
 
-# MicroPython's own types: not the host's code, no host types.
+# Runs in MicroPython: without type annotations.
 # mypy: ignore-errors
 
 from time import gmtime, localtime, mktime, ticks_add, ticks_cpu, ticks_diff, time, time_ns  # noqa: F401
@@ -13,7 +13,7 @@ _sleep_us = _board.sleep_us
 _sleep_ms = _board.sleep_ms
 
 
-# A loop is where ctrl-C is met, so that it ends the sleep.
+# MicroPython checks for ctrl-C in loops, which ends the sleep.
 def sleep_us(us):
     while _sleep_us(us):
         pass

@@ -1,1 +1,1 @@
-"""An emulated Raspberry Pi Pico that runs the MicroPython which real ones run."""
+"""An emulated Raspberry Pi Pico that runs the MicroPython of a real one."""

@@ -1,4 +1,4 @@
-"""Finds what an emulated Pico runs: MicroPython for it, the bootrom, and the symbols where there are any."""
+"""Find the files of an emulated Pico: MicroPython image, bootrom and optional symbols."""
 
 from __future__ import annotations
 
@@ -14,28 +14,27 @@ FLASH_BYTES = 2 * 1024 * 1024
 _UF2 = struct.Struct("<8I")
 _UF2_BLOCK, _UF2_DATA = 512, 476
 _UF2_MAGIC = (0x0A324655, 0x9E5D5157)
-_NOT_FLASH, _HAS_FAMILY, _RP2040 = 0x0001, 0x2000, 0xE48BFF56
+_UF2_NOT_FLASH, _UF2_HAS_FAMILY, _UF2_FAMILY_RP2040 = 0x0001, 0x2000, 0xE48BFF56
 _BOOTROM_BYTES = 16 * 1024
 _ROOT = Path(__file__).resolve().parents[5]
 
 
 class ImageMissing(HubodoError):
-    """No image of MicroPython, or no bootrom, for the emulated Pico."""
+    """The MicroPython image or the bootrom of the emulated Pico is missing."""
 
 
 @dataclass(frozen=True)
 class PicoImage:
-    """Files that the emulated Pico needs; without symbols nothing can be metered."""
+    """Files of an emulated Pico; profiling needs the symbols."""
 
     firmware: Path
     bootrom: Path
     symbols: Path | None
 
     def contents(self) -> bytes:
-        """What stands in the flash chip from its first byte on.
+        """Return the contents of the flash chip from its first byte on.
 
-        Raises:
-            ImageMissing: the file is not for an RP2040, or too large for its flash.
+        Raise ImageMissing if the file is not for an RP2040, or too large for its flash.
         """
         data = self.firmware.read_bytes()
         contents = _from_uf2(self.firmware, data) if data[:4] == b"UF2\n" else data
@@ -44,27 +43,29 @@ class PicoImage:
         return contents
 
 
-def usual_folder() -> Path:
-    """Where images are looked for when nothing is named: beside the checkout."""
+def default_image_folder() -> Path:
+    """Return the default folder of images, beside the checkout."""
     return Path(os.environ.get("HUBODO_SHARED", _ROOT.parent / "shared")) / "rp2040"
 
 
-def find_image(given: Path | None = None, bootrom: Path | None = None) -> PicoImage:
-    """The image that is meant by a file or folder, or the usual one, with the bootrom and symbols beside it.
+def find_image(path: Path | None = None, bootrom: Path | None = None) -> PicoImage:
+    """Return the image in a file or folder, or in the default folder, with bootrom and symbols beside it.
 
-    Raises:
-        ImageMissing: one of them is not there; the message says where to get it.
+    Raise ImageMissing if one of them is missing; the message says where to get it.
     """
-    place = given if given is not None else usual_folder()
-    firmware = _firmware_in(place) if place.is_dir() else place
+    location = path if path is not None else default_image_folder()
+    firmware = _find_firmware(location) if location.is_dir() else location
     if firmware is None or not firmware.is_file():
         raise ImageMissing(
-            f"{place}: no MicroPython for the Pico here; download RPI_PICO's .uf2 from "
+            f"{location}: no MicroPython for the Pico here; download RPI_PICO's .uf2 from "
             "micropython.org/download/RPI_PICO and name it with --image"
         )
     if bootrom is None:
-        beside = [*sorted(firmware.parent.glob("bootrom*.bin")), *sorted(firmware.parent.glob("b[0-2].bin"))]
-        bootrom = beside[0] if beside else None
+        bootroms = [
+            *sorted(firmware.parent.glob("bootrom*.bin")),
+            *sorted(firmware.parent.glob("b[0-2].bin")),
+        ]
+        bootrom = bootroms[0] if bootroms else None
     if bootrom is None or not bootrom.is_file() or bootrom.stat().st_size != _BOOTROM_BYTES:
         raise ImageMissing(
             f"{bootrom or firmware.parent}: no bootrom of the RP2040 here (16 KiB); download b1.bin from "
@@ -75,21 +76,27 @@ def find_image(given: Path | None = None, bootrom: Path | None = None) -> PicoIm
     return PicoImage(firmware, bootrom, symbols if symbols.is_file() else None)
 
 
-def _firmware_in(folder: Path) -> Path | None:
-    """The plainest name of those that are images: a variant has something behind it."""
-    found = [p for p in folder.iterdir() if "RPI_PICO" in p.name and p.suffix in (".bin", ".uf2")]
-    return min(found, key=lambda p: (len(p.stem), p.name), default=None)
+def _find_firmware(folder: Path) -> Path | None:
+    """Return the image with the shortest name in a folder: variants have a suffix."""
+    images = [p for p in folder.iterdir() if "RPI_PICO" in p.name and p.suffix in (".bin", ".uf2")]
+    return min(images, key=lambda p: (len(p.stem), p.name), default=None)
 
 
 def _from_uf2(path: Path, data: bytes) -> bytes:
+    """Return the flash contents of a UF2 file. Raise ImageMissing if it is not for an RP2040."""
     out = bytearray()
-    for at in range(0, len(data) - _UF2_BLOCK + 1, _UF2_BLOCK):
-        one, two, flags, address, size, _, _, family = _UF2.unpack_from(data, at)
+    for offset in range(0, len(data) - _UF2_BLOCK + 1, _UF2_BLOCK):
+        first_magic, second_magic, flags, address, size, _, _, family = _UF2.unpack_from(data, offset)
         start = address - FLASH_START
-        foreign = flags & _HAS_FAMILY and family != _RP2040
-        if (one, two) != _UF2_MAGIC or foreign or size > _UF2_DATA or not 0 <= start <= FLASH_BYTES - size:
-            raise ImageMissing(f"{path}: block {at // _UF2_BLOCK} is not for the flash of an RP2040")
-        if not flags & _NOT_FLASH:
+        is_foreign = flags & _UF2_HAS_FAMILY and family != _UF2_FAMILY_RP2040
+        if (
+            (first_magic, second_magic) != _UF2_MAGIC
+            or is_foreign
+            or size > _UF2_DATA
+            or not 0 <= start <= FLASH_BYTES - size
+        ):
+            raise ImageMissing(f"{path}: block {offset // _UF2_BLOCK} is not for the flash of an RP2040")
+        if not flags & _UF2_NOT_FLASH:
             out.extend(b"\xff" * (start + size - len(out)))
-            out[start : start + size] = data[at + _UF2.size : at + _UF2.size + size]
+            out[start : start + size] = data[offset + _UF2.size : offset + _UF2.size + size]
     return bytes(out)

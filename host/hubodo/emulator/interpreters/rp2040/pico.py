@@ -1,4 +1,4 @@
-"""One emulated Pico of a virtual board: its files, and its flash chip as a file while it is switched on."""
+"""An emulated Pico of a virtual board: its files, and its flash chip as a file while it is on."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from hubodo.emulator.interpreters.rp2040.image import find_image
 
 @dataclass(frozen=True)
 class PicoSettings:
-    """What can be chosen about an emulated Pico.
+    """Settings of an emulated Pico.
 
-    Attributes:
-        image, bootrom: see `image.find_image`; None: the usual ones.
-        miss_cycles: cycles of the processor per miss of the cache before its flash; an estimate.
-        flash_image: file that is the flash chip; used as it is where it exists, else made from the board's
-            files. None: a temporary one, made anew at each power-on.
-        meter_from: s of true time from which it is counted what the processor does; None: never.
-        profile: whether that is told for each function of the firmware too.
+    Attributes
+    ----------
+    image, bootrom : see `image.find_image`; None for the default ones.
+    miss_cycles : processor cycles per miss of the flash cache; an estimate.
+    flash_image : file of the flash chip; used if it exists, else built from the files of the board. None for
+        a temporary file, rebuilt at each power-on.
+    meter_from : s of true time from which the activity of the processor is counted; None for never.
+    profile : True to count for each function of the firmware too.
     """
 
     image: Path | None = None
@@ -32,10 +33,9 @@ class PicoSettings:
 
 
 class Pico:
-    """The flash chip is made at power-on from the files in `folder`; processors come and go, it stays.
+    """Flash chip of an emulated Pico, built at power-on from the files in `folder`; it survives resets.
 
-    Raises:
-        ImageMissing, FlashUnreadable: see there.
+    Raise ImageMissing or FlashUnreadable.
     """
 
     def __init__(self, settings: PicoSettings, folder: Path) -> None:
@@ -50,8 +50,8 @@ class Pico:
         if not self._flash.exists():
             make_flash(self._flash, self._image.contents(), folder)
 
-    def for_runner(self) -> dict[str, object]:
-        """What rp2040/runner.mjs has to know of it."""
+    def runner_settings(self) -> dict[str, object]:
+        """Return the settings of rp2040/runner.mjs."""
         symbols = self._image.symbols
         return {
             "bootrom": str(self._image.bootrom),
@@ -63,5 +63,5 @@ class Pico:
         }
 
     def mirror(self) -> None:
-        """The chip's files to the board's folder. Raises FlashUnreadable."""
+        """Copy the files in the chip to the folder of the board. Raise FlashUnreadable."""
         mirror_flash(self._flash, self._files)

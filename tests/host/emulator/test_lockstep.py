@@ -1,4 +1,4 @@
-"""A led board lives as far as it is let, and nothing that the machine does shows in what it sends."""
+"""A lockstep board runs up to its limit, and the load of the host does not affect its output."""
 
 import os
 import tty
@@ -20,10 +20,12 @@ def _needs_micropython():
     micropython_or_skip()
 
 
-def led(tmp_path):
+def lockstep_node(tmp_path):
     config = {"node_id": 1, "rate_hz": 416}
     path = tmp_path / "tty"
-    return VirtualNode(unique_motion(5), Flash(FIRMWARE, config), clock=Clock("led"), host=Host(path=path))
+    return VirtualNode(
+        unique_motion(5), Flash(FIRMWARE, config), clock=Clock("lockstep"), host=Host(path=path)
+    )
 
 
 def lived(node, step, asked=b""):
@@ -33,8 +35,8 @@ def lived(node, step, asked=b""):
     found = []
     for number in range(round(SECONDS / step)):
         heard = os.write(host, asked) if number == round(1.0 / step) else 0
-        node.live_until((number + 1) * step, heard)
-        for t_ns, count in node.lived():
+        node.run_until((number + 1) * step, heard)
+        for t_ns, count in node.await_limit():
             data = b""
             while len(data) < count:
                 data += os.read(host, count - len(data))
@@ -52,14 +54,14 @@ def messages(found, kind):
 def test_how_far_it_is_let_at_once_does_not_matter(tmp_path):
     runs = []
     for step in (0.01, 0.05):
-        with led(tmp_path) as node:
+        with lockstep_node(tmp_path) as node:
             runs.append(messages(lived(node, step), ImuBatch))
     assert len(runs[0]) > 50
     assert runs[0] == runs[1]
 
 
 def test_what_its_host_says_is_there_before_it_lives_on(tmp_path):
-    with led(tmp_path) as node:
+    with lockstep_node(tmp_path) as node:
         found = lived(node, 0.01, request(1, TimeRequest(b"12345678")))
     ((t_ns, reply),) = messages(found, TimeReply)
     # Asleep, the firmware looks for its host's bytes every 4 ms.
@@ -68,16 +70,16 @@ def test_what_its_host_says_is_there_before_it_lives_on(tmp_path):
 
 
 def test_it_never_goes_further_than_it_was_let(tmp_path):
-    with led(tmp_path) as node:
+    with lockstep_node(tmp_path) as node:
         assert all(t_ns <= SECONDS * 1e9 for t_ns, _ in lived(node, 0.05))
         assert node.stats["t"] <= SECONDS
 
 
 def test_what_it_dies_of_is_said_to_who_leads_it(tmp_path):
-    with led(tmp_path) as node:
-        node.live_until(0.5, 0)
-        node.lived()
+    with lockstep_node(tmp_path) as node:
+        node.run_until(0.5, 0)
+        node.await_limit()
         os.kill(node.stats["interpreter_pid"], 9)
         with pytest.raises(InterpreterDied, match="ended"):
-            node.live_until(1.0, 0)
-            node.lived()
+            node.run_until(1.0, 0)
+            node.await_limit()

@@ -1,0 +1,32 @@
+"""Catalogue of the emulated IMUs; a new chip is one file in this folder and one line here."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from hubodo.emulator.chips.imu import Imu, Specimen
+from hubodo.emulator.chips.lsm6ds33 import Lsm6ds33
+from hubodo.emulator.chips.mpu6050 import Mpu6050, Mpu6500
+from hubodo.emulator.motion import Motion
+
+
+class ImuKind(Protocol):
+    """Class of an emulated IMU: its name, and its constructor with default bus address."""
+
+    chip_name: str
+
+    def __call__(self, motion: Motion, specimen: Specimen | None = None) -> Imu:
+        """Return a chip that is moved by `motion`."""
+
+
+IMU_CHIPS: tuple[ImuKind, ...] = (Lsm6ds33, Mpu6050, Mpu6500)
+
+
+def imu_by_name(name: str) -> ImuKind:
+    """Return the class of an IMU by its `chip_name`; raise ValueError if there is none."""
+    for kind in IMU_CHIPS:
+        if kind.chip_name == name:
+            return kind
+    raise ValueError(
+        f"no emulated IMU {name!r}; choose from {', '.join(kind.chip_name for kind in IMU_CHIPS)}"
+    )
