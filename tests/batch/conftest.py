@@ -14,10 +14,10 @@ def here():
     import dask
     from distributed import LocalCluster
 
-    from hubodo.fleet.engine import UNWATCHED
+    from hubodo.fleet.engine import LOCAL_DASK_SETTINGS
 
     with (
-        dask.config.set(UNWATCHED),
+        dask.config.set(LOCAL_DASK_SETTINGS),
         LocalCluster(
             n_workers=1,
             threads_per_worker=1,

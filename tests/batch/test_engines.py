@@ -13,7 +13,7 @@ import pytest
 from batch.cluster import cluster
 from batch.fleet_logs import FleetLog, write
 from hubodo.fleet import engine as engines
-from hubodo.fleet.engine import each, engine
+from hubodo.fleet.engine import connect_engine, examine_each
 from in_process import hubodo
 
 pytestmark = pytest.mark.real_time
@@ -47,12 +47,12 @@ def test_a_cluster_that_loses_a_worker_gives_the_numbers_of_this_computer(logs, 
     with cluster(tmp_path, 2) as running:
 
         def lose_one(client, work, places):
-            for number, made in enumerate(each(client, work, places)):
+            for number, made in enumerate(examine_each(client, work, places)):
                 if number == 2:
                     running.workers[0].kill()
                 yield made
 
-        monkeypatch.setattr("hubodo.fleet.workflow.each", lose_one)
+        monkeypatch.setattr("hubodo.fleet.workflow.examine_each", lose_one)
         done = batch(logs, tmp_path / "there", "--scheduler", running.address)
         assert running.workers[0].wait() == -signal.SIGKILL and running.workers[1].poll() is None
     assert done["done"] == 12
@@ -103,13 +103,13 @@ import os, signal, sys
 from hubodo.cli import main
 from hubodo.fleet import workflow
 if __name__ == "__main__":
-    plain = workflow.each
+    plain = workflow.examine_each
     def each(*given):
         for number, made in enumerate(plain(*given)):
             yield made
             if number == 2:
                 os.killpg(0, signal.SIGINT)  # as a terminal does: to all of them
-    workflow.each = each
+    workflow.examine_each = each
     sys.exit(main(sys.argv[1:]))
 """
 
@@ -126,7 +126,7 @@ def _none_left(group):
 
 
 def test_a_scheduler_that_is_not_there_is_one_line(logs, tmp_path, monkeypatch):
-    monkeypatch.setattr(engines, "_CONNECT_S", 0.5)
+    monkeypatch.setattr(engines, "_CONNECT_TIMEOUT_S", 0.5)
     done = hubodo("batch", "info", logs, "-o", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9")
     assert done.code == 1
     assert done.err.count("\n") == 1 and "tcp://127.0.0.1:9: no scheduler answers" in done.err
@@ -135,7 +135,7 @@ def test_a_scheduler_that_is_not_there_is_one_line(logs, tmp_path, monkeypatch):
 def test_nobody_without_the_certificate_of_a_run_reaches_its_workers():
     from distributed import Client
 
-    with engine(None, 1, "auto") as client:
+    with connect_engine(None, 1, "auto") as client:
         address = client.scheduler.address
         assert address.startswith("tls://127.0.0.1:")
         assert client.submit(sum, [1, 2]).result() == 3

@@ -6,7 +6,7 @@ import pytest
 from batch.fleet_logs import FleetLog, write
 from hubodo.calibration.file import CalibratedEffect, Calibration, Quantity, read_calibration
 from hubodo.errors import InputError
-from hubodo.fleet.priors import usual
+from hubodo.fleet.priors import fleet_calibration
 from in_process import hubodo
 
 
@@ -24,16 +24,16 @@ def test_the_spread_between_vehicles_is_the_sigma_and_poor_calibrations_of_one_c
     rng = np.random.default_rng(4)
     true = rng.normal(0.02, 0.005, 400)
     fleet = {f"van-{k}": [of(bias, 1e-4), of(bias + 1.0, 1.0)] for k, bias in enumerate(true)}
-    found = bias_of(usual(fleet))
+    found = bias_of(fleet_calibration(fleet))
     assert found.value == pytest.approx(0.02, abs=3 * 1.25 * 0.005 / 20)
     assert found.sigma == pytest.approx(0.005, rel=0.2)
-    assert usual(fleet).nodes["left"].serial == ""
+    assert fleet_calibration(fleet).nodes["left"].serial == ""
 
 
 def test_what_is_the_same_in_all_is_no_better_known_than_in_one_and_two_vehicles_are_no_fleet():
-    assert bias_of(usual({name: [of(0.02, 1e-3)] for name in "abc"})).sigma == 1e-3
+    assert bias_of(fleet_calibration({name: [of(0.02, 1e-3)] for name in "abc"})).sigma == 1e-3
     with pytest.raises(InputError, match="3 vehicles or more"):
-        usual({name: [of(0.02, 1e-3)] for name in "ab"})
+        fleet_calibration({name: [of(0.02, 1e-3)] for name in "ab"})
 
 
 def test_priors_are_written_when_asked_for_and_are_a_calibration_file(tmp_path, here):

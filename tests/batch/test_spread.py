@@ -4,9 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from hubodo.fleet.missing_effects import missing_effects, shares, with_q_values
-from hubodo.fleet.page import fleet_page
-from hubodo.fleet.spread import adjusted, deviations, drifts, outliers
+from hubodo.fleet.missing_effects import add_q_values, list_missing_effects, weekly_shares
+from hubodo.fleet.page import build_fleet_page
+from hubodo.fleet.spread import benjamini_hochberg, find_drifts, find_outliers, normalised_deviations
 
 MONDAY = pd.Timestamp("2026-06-01", tz="UTC")
 VEHICLES, WEEKS = 20, 26
@@ -40,7 +40,7 @@ def test_q_values_are_the_definition_of_benjamini_and_hochberg():
     by_hand = np.empty(40)
     for rank, index in enumerate(order):
         by_hand[index] = min(1.0, min(40 * p[order[later]] / (later + 1) for later in range(rank, 40)))
-    assert adjusted(p) == pytest.approx(by_hand)
+    assert benjamini_hochberg(p) == pytest.approx(by_hand)
 
 
 def test_sound_logs_are_seldom_named_and_one_that_is_off_always_is():
@@ -49,7 +49,7 @@ def test_sound_logs_are_seldom_named_and_one_that_is_off_always_is():
     for _ in range(100):
         values = np.exp(rng.normal(-8.0, 0.1, 300))
         values[17] = np.exp(-8.0 + 0.1 * 8.0)
-        found = outliers(rows(300, value=values))
+        found = find_outliers(rows(300, value=values))
         assert found.log.iloc[0] == "/logs/17.mcap"
         named += len(found) - 1
     assert named <= 10
@@ -58,13 +58,13 @@ def test_sound_logs_are_seldom_named_and_one_that_is_off_always_is():
 def test_of_counts_that_are_the_same_in_most_logs_the_others_stand_out_and_no_sigma_hides_behind_a_poor_log():
     counts = np.zeros(100)
     counts[3] = 7.0
-    assert list(np.flatnonzero(deviations(counts, np.full(100, np.nan)))) == [3]
-    said = fleet_page(rows(100, verb="info", quantity="gaps", value=counts))
-    assert "all others are alike" in said and "inf" not in said.replace("info", "")
+    assert list(np.flatnonzero(normalised_deviations(counts, np.full(100, np.nan)))) == [3]
+    said = build_fleet_page(rows(100, verb="info", quantity="gaps", value=counts))
+    assert "all others are equal" in said and "inf" not in said.replace("info", "")
     values, sigmas = np.random.default_rng(1).normal(0.0, 1.0, 100), np.full(100, 0.1)
     values[5], sigmas[5] = 30.0, 20.0
-    assert abs(deviations(values, sigmas)[5]) < 2.0
-    assert np.isnan(deviations(values[:4], sigmas[:4])).all()
+    assert abs(normalised_deviations(values, sigmas)[5]) < 2.0
+    assert np.isnan(normalised_deviations(values[:4], sigmas[:4])).all()
 
 
 def test_a_bias_that_drifts_is_named_with_its_slope_and_one_that_scatters_is_not():
@@ -81,9 +81,9 @@ def test_a_bias_that_drifts_is_named_with_its_slope_and_one_that_scatters_is_not
         )
         for v in range(VEHICLES)
     ]
-    found = [one for one in drifts(pd.concat(tables, ignore_index=True)) if one.vehicle == "van-4"]
+    found = [one for one in find_drifts(pd.concat(tables, ignore_index=True)) if one.vehicle == "van-4"]
     assert len(found) == 1 and found[0].low < 3e-4 < found[0].high and found[0].weeks == WEEKS
-    assert len(drifts(pd.concat(tables, ignore_index=True))) <= 2
+    assert len(find_drifts(pd.concat(tables, ignore_index=True))) <= 2
 
 
 def gap_table(rng, p_of):
@@ -96,7 +96,7 @@ def gap_table(rng, p_of):
         effect, p = p_of(vehicle, week)
         if p < 0.01:
             made.append({**log, "quantity": f"found.{effect}", "p_value": p, "value": 0.99})
-    return with_q_values(pd.DataFrame(made))
+    return add_q_values(pd.DataFrame(made))
 
 
 def test_of_what_is_believed_across_logs_no_more_than_one_in_twenty_is_chance():
@@ -109,7 +109,7 @@ def test_of_what_is_believed_across_logs_no_more_than_one_in_twenty_is_chance():
             sound = rng.uniform()
             return ("wheel_camber", 1e-8) if (vehicle, week) in real else ("gyro_bias", sound)
 
-        found = missing_effects(gap_table(rng, p_of))
+        found = list_missing_effects(gap_table(rng, p_of))
         chance += sum(one.logs for one in found if one.effect == "gyro_bias")
         believed += sum(one.logs for one in found)
     assert believed >= 20 * 3 * WEEKS
@@ -125,15 +125,15 @@ def test_an_effect_is_told_with_its_vehicles_and_the_week_since_when():
         return ("wheel_radius", 1e-9) if vehicle == 5 and week in (1, 20) else ("", 1.0)
 
     table = gap_table(rng, p_of)
-    found = {one.effect: one for one in missing_effects(table)}
+    found = {one.effect: one for one in list_missing_effects(table)}
     camber, radius = found["wheel_camber"], found["wheel_radius"]
-    assert (camber.vehicle, camber.logs, camber.of) == ("van-2", WEEKS - 9, WEEKS)
+    assert (camber.vehicle, camber.logs, camber.examined_logs) == ("van-2", WEEKS - 9, WEEKS)
     assert camber.since == pd.Timestamp("2026-06-01") + pd.Timedelta(weeks=9)
     assert (radius.vehicle, radius.logs, radius.since) == ("van-5", 2, None)
-    share = shares(table, "wheel_camber")
+    share = weekly_shares(table, "wheel_camber")
     assert share.shape == (VEHICLES, WEEKS)
     assert share.loc["van-2"].tolist() == [0.0] * 9 + [1.0] * (WEEKS - 9)
-    page = fleet_page(table)
+    page = build_fleet_page(table)
     assert "wheel_camber in 1, wheel_radius in 1" in page and page.count("<svg") >= 2
     assert f"<td>{WEEKS - 9} of {WEEKS}</td><td>2026-08-03</td>" in page
     assert f"<td>2 of {WEEKS}</td><td></td>" in page

@@ -49,7 +49,7 @@ def peer(folder, path):
         for file in sorted(folder.glob("*.csv")):
             table = pandas.read_csv(file)
             channel = writer.register_channel(f"/{file.stem}/imu", "cdr", schema)
-            layout = ros2.stamped(ros2.IMU, file.stem)
+            layout = ros2.stamped_layout(ros2.IMU, file.stem)
             rows = np.zeros(len(table), layout.dtype)
             rows[:] = layout.template
             rows["angular_velocity"] = table[list(COLUMNS[1:4])].to_numpy()

@@ -97,7 +97,7 @@ _PAYLOADS = [row.tobytes() for row in _RNG.integers(0, 256, (1000, SMALL), np.ui
 
 
 def _encoded() -> list[bytes]:
-    layout = ros2.stamped(ros2.IMU, "left")
+    layout = ros2.stamped_layout(ros2.IMU, "left")
     rows = np.zeros(4000, layout.dtype)
     rows[:] = layout.template
     rows["angular_velocity"], rows["linear_acceleration"] = _GYRO[:4000], _ACCEL[:4000]

@@ -48,7 +48,7 @@ class TracedDisk:
 
     def settle(self, series: object, now_ns: int) -> None:
         """Lets a sync that was begun come to its end, and notes what a power cut would leave now."""
-        while series._sync.is_busy:
+        while series._syncer.is_busy:
             time.sleep(0.0002)
         if self._written != self._seen:
             self._seen = self._written

@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hubodo.log.disk_space import RotationRules
 from hubodo.log.log_names import LogNames
-from hubodo.log.log_series import LogSeries, RotationRules
+from hubodo.log.log_series import LogSeries
 from hubodo.log.log_writer import LogWriter
 from hubodo.log.recording_reader import open_log
 from hubodo.log.recover import recover_log

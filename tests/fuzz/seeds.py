@@ -184,7 +184,7 @@ def foreign_log(*, chunked: bool, crcs: bool) -> bytes:
     for topic, name in (("/imu", ros2.IMU), ("/fix", ros2.NAV_SAT_FIX), ("/odom", ros2.ODOMETRY)):
         schema = writer.register_schema(name, "ros2msg", ros2.definition(name).encode())
         channel = writer.register_channel(topic, "cdr", schema)
-        layout = ros2.stamped(name, "frame", "child" if name == ros2.ODOMETRY else "")
+        layout = ros2.stamped_layout(name, "frame", "child" if name == ros2.ODOMETRY else "")
         for k in range(30):
             writer.add_message(channel, T0 + k * 10_000_000, layout.template.tobytes(), T0 + k * 10_000_000)
     writer.add_metadata("someone", {"a": "b"})
@@ -210,7 +210,7 @@ def bag_database(n_messages: int = 30) -> bytes:
         base.executescript(BAG_SCHEMA)
         for number, (topic, kind) in enumerate(BAG_TOPICS, 1):
             base.execute("INSERT INTO topics VALUES (?, ?, ?, 'cdr')", (number, topic, kind))
-            layout = ros2.stamped(kind, "frame", "child" if kind == ros2.ODOMETRY else "")
+            layout = ros2.stamped_layout(kind, "frame", "child" if kind == ros2.ODOMETRY else "")
             for k in range(n_messages):
                 row = (number, T0 + k * 10_000_000, layout.template.tobytes())
                 base.execute("INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)", row)

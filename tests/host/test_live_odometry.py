@@ -99,7 +99,7 @@ def test_the_poses_of_a_frame_are_published_before_the_next_frame_is_looked_at(r
     newest, behind = {topics.ODOM: 0, "imu": 0}, []
     with open_log(out) as log:
         for messages in log.chunks():
-            columns = (messages.heads[key].tolist() for key in ("channel", "publish_time"))
+            columns = (messages.headers[key].tolist() for key in ("channel", "publish_time"))
             for channel, t_ns in zip(*columns, strict=True):
                 topic = log.streams[channel].topic
                 if topic.startswith(topics.RAW_PREFIX) and newest[topics.ODOM]:

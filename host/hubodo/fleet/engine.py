@@ -1,4 +1,4 @@
-"""Logs shared out among processes of this computer or a cluster: Dask does it, nothing here schedules."""
+"""Distribute logs over processes of this computer or a Dask cluster."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from typing import TYPE_CHECKING, Any
 
 from hubodo.errors import LinkError
 from hubodo.extras import require_extra
-from hubodo.fleet.listing import LogPlace
+from hubodo.fleet.listing import LogLocation
 from hubodo.fleet.task import FAILED
 
 if TYPE_CHECKING:
     from distributed import Client
 
-_CONNECT_S = 10
-UNWATCHED = {
+_CONNECT_TIMEOUT_S = 10
+LOCAL_DASK_SETTINGS = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
     "distributed.admin.system-monitor.interval": "5s",
 }
-"""Dask's settings for this computer's processes: no page shows what it would look at many times a second."""
+"""Dask settings for local processes: no dashboard, so frequent monitoring is switched off."""
 
 
 @contextmanager
-def engine(scheduler: str | None, workers: int, memory_limit: str) -> Iterator[Client]:
-    """A client of the scheduler at this address, or of processes on this computer that end with the block.
+def connect_engine(scheduler: str | None, workers: int, memory_limit: str) -> Iterator[Client]:
+    """Yield a client of the scheduler at this address, or of local processes that end with the block.
 
-    workers: processes, memory_limit: of each, as "2GB"; of this computer's alone. Raises LinkError where the
-    scheduler cannot be reached, InputError without Dask and for a limit that is none.
+    workers, memory_limit: number of local processes and memory of each, such as "2GB". Raises LinkError if
+    the scheduler cannot be reached, InputError without Dask or for an invalid limit.
     """
     require_extra("batch", "hubodo batch")
     import dask
@@ -38,7 +38,7 @@ def engine(scheduler: str | None, workers: int, memory_limit: str) -> Iterator[C
 
     if scheduler is not None:
         try:
-            client = Client(scheduler, timeout=_CONNECT_S)
+            client = Client(scheduler, timeout=_CONNECT_TIMEOUT_S)
         except (OSError, ValueError) as error:
             raise LinkError(
                 f"{scheduler}: no scheduler answers ({error}); start one with dask scheduler"
@@ -47,15 +47,15 @@ def engine(scheduler: str | None, workers: int, memory_limit: str) -> Iterator[C
             yield client
         return
     with (
-        dask.config.set(UNWATCHED),
+        dask.config.set(LOCAL_DASK_SETTINGS),
         LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
             memory_limit=memory_limit,
             host="127.0.0.1",
             dashboard_address="127.0.0.1:0",
-            security=True,  # certificates for this run: a scheduler runs what anybody sends who reaches it
-            preload=["hubodo.fleet.deaf_worker"],
+            security=True,  # certificates for this run, because a scheduler executes code of every client
+            preload=["hubodo.fleet.worker_preload"],
             silence_logs=logging.CRITICAL,
         ) as cluster,
         Client(cluster) as client,
@@ -63,32 +63,32 @@ def engine(scheduler: str | None, workers: int, memory_limit: str) -> Iterator[C
         yield client
 
 
-def each(
-    client: Client, work: Callable[[LogPlace], dict[str, Any]], places: Sequence[LogPlace]
-) -> Iterator[tuple[LogPlace, dict[str, Any]]]:
-    """Each log with its row, as they come. A log whose worker was lost again and again has a row, too.
+def examine_each(
+    client: Client, examine: Callable[[LogLocation], dict[str, Any]], locations: Sequence[LogLocation]
+) -> Iterator[tuple[LogLocation, dict[str, Any]]]:
+    """Yield each log with its row as they finish; a log whose worker died repeatedly has a row, too.
 
-    Raises LinkError where the scheduler is gone.
+    Raises LinkError if the scheduler is lost.
     """
     from distributed import as_completed
 
     run = uuid.uuid4().hex
-    names = {f"hubodo-{run}-{number}": place for number, place in enumerate(places)}
-    futures = client.map(work, places, key=list(names), pure=False)
-    coming = as_completed(futures, with_results=True, raise_errors=False)
+    location_by_key = {f"hubodo-{run}-{number}": place for number, place in enumerate(locations)}
+    futures = client.map(examine, locations, key=list(location_by_key), pure=False)
+    completed = as_completed(futures, with_results=True, raise_errors=False)
     del futures
-    for future, made in coming:
-        place = names[future.key]
+    for future, outcome in completed:
+        location = location_by_key[future.key]
         if future.status == "finished":
-            yield place, made
+            yield location, outcome
         elif future.status == "error":
-            yield place, {"status": FAILED, "error": _lost(made[1])}
+            yield location, {"status": FAILED, "error": _explain_lost_task(outcome[1])}
         else:
-            raise LinkError("the scheduler is gone; the same command goes on with what is not finished")
+            raise LinkError("the scheduler is gone; repeat the command to continue with the unfinished logs")
         future.release()
 
 
-def _lost(error: BaseException) -> str:
+def _explain_lost_task(error: BaseException) -> str:
     from distributed.scheduler import KilledWorker
 
     if isinstance(error, KilledWorker):

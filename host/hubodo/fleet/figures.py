@@ -1,4 +1,4 @@
-"""The figures of a fleet's page: how a quantity spreads and wanders, and which effect is missing where."""
+"""Figures of the fleet page: distribution and drift of a quantity, map of a missing effect."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ import pandas as pd
 from hubodo.report.drawing import Drawing, blank, drawing
 from hubodo.report.page import COLOURS
 
-_BINS = 40
-_SPARE = ("#8e5ea2", "#c78a1e", "#2e7d5b", "#5d646c")
-_MOST_ROWS = 60
+_N_HISTOGRAM_BINS = 40
+_EXTRA_COLOURS = ("#8e5ea2", "#c78a1e", "#2e7d5b", "#5d646c")
+_MAX_MAP_ROWS = 60
 
 
 def spread_figure(numbers: pd.DataFrame, label: str) -> Drawing:
-    """Left: how often each value is; right: the median of each day with a band from 5 to 95 %; by node."""
+    """Draw, by node, a histogram (left) and the daily median with a band from 5 to 95 % (right)."""
 
     def draw() -> Any:
         figure = blank(9.0, 2.8)
         left, right = figure.subplots(1, 2, width_ratios=(1, 2))
         values = numbers.value.to_numpy(float)
-        edges = np.histogram_bin_edges(_inner(values), _BINS)
+        edges = np.histogram_bin_edges(_trim_extremes(values), _N_HISTOGRAM_BINS)
         for number, (node, group) in enumerate(numbers.groupby("node")):
-            colour = COLOURS.get(str(node), _SPARE[number % len(_SPARE)])
+            colour = COLOURS.get(str(node), _EXTRA_COLOURS[number % len(_EXTRA_COLOURS)])
             inside = np.clip(group.value.to_numpy(float), edges[0], edges[-1])
             left.hist(inside, edges, histtype="step", color=colour, label=str(node) or "log")
             dated = group.dropna(subset=["start"])
@@ -47,8 +47,8 @@ def spread_figure(numbers: pd.DataFrame, label: str) -> Drawing:
 
 
 def effect_map(shares: pd.DataFrame, effect: str) -> Drawing:
-    """Vehicles against weeks; the darker, the more of that week's logs lack the effect."""
-    shown = shares.loc[shares.max(axis=1).sort_values(ascending=False, kind="stable").index[:_MOST_ROWS]]
+    """Draw vehicles against weeks, coloured by the share of logs in which the effect is missing."""
+    shown = shares.loc[shares.max(axis=1).sort_values(ascending=False, kind="stable").index[:_MAX_MAP_ROWS]]
 
     def draw() -> Any:
         figure = blank(9.0, 0.9 + 0.18 * len(shown))
@@ -69,8 +69,8 @@ def effect_map(shares: pd.DataFrame, effect: str) -> Drawing:
     return drawing(draw)
 
 
-def _inner(values: Any) -> Any:
-    """What lies within one and a half times the range from the 1st to the 99th percentile."""
+def _trim_extremes(values: Any) -> Any:
+    """Return the values within 1.5 times the range from the 1st to the 99th percentile."""
     low, high = np.percentile(values, [1, 99])
-    room = 0.25 * (high - low)
-    return values[(values >= low - room) & (values <= high + room)]
+    margin = 0.25 * (high - low)
+    return values[(values >= low - margin) & (values <= high + margin)]

@@ -1,4 +1,4 @@
-"""Whose log it is and when it began, from what stands beside its samples."""
+"""Read the vehicle and start time of a log from its metadata."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from hubodo.ingest.replay.odometry_setup import read_odometry_setup
 from hubodo.log.any_log import open_source
 from hubodo.log.logfile import Log
 
-_EARLIEST = datetime(2000, 1, 1, tzinfo=UTC).timestamp() * 1e9
-"""ns; a clock that shows less counts from when it was switched on."""
+_EARLIEST_START_NS = datetime(2000, 1, 1, tzinfo=UTC).timestamp() * 1e9
+"""ns since 1970; an earlier time comes from a clock that was never set."""
 
 
-def identity(log: Path, folder: str) -> dict[str, Any]:
-    """`vehicle`, the name in the vehicle file that is kept in the log, else the folder's; `start`, UTC.
+def read_identity(log: Path, folder: str) -> dict[str, Any]:
+    """Return `vehicle` (name in the attached vehicle file, else the folder) and `start` (UTC or None).
 
-    start: None where the log does not tell. What cannot be read is told by who reads all of it.
+    Unreadable logs raise no error here; the analysis of the log reports them.
     """
     name, start = folder, None
     try:
         with open_source(log) as source:
-            if source is not None and source.t_zero_ns is not None and source.t_zero_ns > _EARLIEST:
+            if source is not None and source.t_zero_ns is not None and source.t_zero_ns > _EARLIEST_START_NS:
                 start = datetime.fromtimestamp(source.t_zero_ns / 1e9, UTC)
-            if isinstance(source, Log) and (kept := read_odometry_setup(source).vehicle) is not None:
-                name = kept.name or folder
+            if isinstance(source, Log) and (vehicle := read_odometry_setup(source).vehicle) is not None:
+                name = vehicle.name or folder
     except (HubodoError, OSError, ValueError, OverflowError):
         pass
     return {"vehicle": name, "start": start}

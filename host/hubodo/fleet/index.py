@@ -1,4 +1,4 @@
-"""The table as an index of logs: listed, searched and summed up, and none of them read."""
+"""List, search and summarise logs from the batch table, without reading the logs."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from datetime import date
 import pandas as pd
 
 from hubodo.errors import InputError
-from hubodo.fleet.finished import mentioning
 from hubodo.fleet.names import TABLE
-from hubodo.fleet.place import opened
+from hubodo.fleet.result_store import find_logs_mentioning
+from hubodo.fleet.storage import open_file_system
 
-_VERB = "info"
-_OF_LOG = ("duration", "gaps")
+_INDEXED_VERB = "info"
+_LOG_QUANTITIES = ("duration", "gaps")
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """Which logs. first, last: days, UTC. text: in the path, or in anything that `info` said of the log."""
+class IndexQuery:
+    """A filter of logs. first, last: days, UTC. text: part of the path or of the result of `info`."""
 
     vehicle: str | None = None
     first: date | None = None
@@ -27,42 +27,42 @@ class Wanted:
     text: str | None = None
 
 
-def read_index(output: str, wanted: Wanted) -> pd.DataFrame:
-    """A row a log, the newest first: log, vehicle, start, duration, gaps, nodes, size, status, error.
+def read_index(output: str, query: IndexQuery) -> pd.DataFrame:
+    """Return one row per log, newest first: log, vehicle, start, duration, gaps, nodes, size, status, error.
 
-    Raises InputError where no `hubodo batch info` wrote a table.
+    Raises InputError if `hubodo batch info` has not written a table there.
     """
-    fs, folder = opened(output)
+    fs, folder = open_file_system(output)
     path = f"{folder}/{TABLE}"
     if not fs.exists(path):
         raise InputError(f"{output}: has no {TABLE}; hubodo batch info LOGS -o {output} writes it")
-    table = pd.read_parquet(path, filesystem=fs, filters=[("verb", "=", _VERB)])
+    table = pd.read_parquet(path, filesystem=fs, filters=[("verb", "=", _INDEXED_VERB)])
     logs = table.drop_duplicates("log").set_index("log")[["vehicle", "start", "size", "status", "error"]]
-    whole = table[table.node == ""]
-    for name in _OF_LOG:
-        logs[name] = whole[whole.quantity == name].set_index("log").value
+    log_rows = table[table.node == ""]
+    for name in _LOG_QUANTITIES:
+        logs[name] = log_rows[log_rows.quantity == name].set_index("log").value
     nodes = table[table.node.fillna("") != ""].drop_duplicates(["log", "node"])
     logs["nodes"] = nodes.groupby("log").node.agg(" ".join)
     logs["nodes"] = logs.nodes.fillna("")
-    found = logs.reset_index().sort_values(["start", "log"], ascending=False, na_position="last")
-    return _chosen(found, wanted, output)
+    index = logs.reset_index().sort_values(["start", "log"], ascending=False, na_position="last")
+    return _filter_logs(index, query, output)
 
 
-def months(logs: pd.DataFrame) -> Iterable[tuple[str, int, float, int]]:
-    """Month, logs, hours, gaps; logs without a date at the end."""
+def summarise_months(logs: pd.DataFrame) -> Iterable[tuple[str, int, float, int]]:
+    """Yield month, number of logs, hours and gaps; logs without a date last."""
     month = logs.start.dt.strftime("%Y-%m").fillna("no date")
     for name, group in logs.groupby(month):
         yield str(name), len(group), group.duration.sum() / 3600.0, int(group.gaps.sum())
 
 
-def _chosen(logs: pd.DataFrame, wanted: Wanted, output: str) -> pd.DataFrame:
-    if wanted.vehicle is not None:
-        logs = logs[logs.vehicle == wanted.vehicle]
-    if wanted.first is not None:
-        logs = logs[logs.start.dt.date >= wanted.first]
-    if wanted.last is not None:
-        logs = logs[logs.start.dt.date <= wanted.last]
-    if wanted.text is not None:
-        named = logs.log.str.contains(wanted.text, case=False, regex=False)
-        logs = logs[named | logs.log.isin(mentioning(output, _VERB, wanted.text))]
+def _filter_logs(logs: pd.DataFrame, query: IndexQuery, output: str) -> pd.DataFrame:
+    if query.vehicle is not None:
+        logs = logs[logs.vehicle == query.vehicle]
+    if query.first is not None:
+        logs = logs[logs.start.dt.date >= query.first]
+    if query.last is not None:
+        logs = logs[logs.start.dt.date <= query.last]
+    if query.text is not None:
+        is_in_path = logs.log.str.contains(query.text, case=False, regex=False)
+        logs = logs[is_in_path | logs.log.isin(find_logs_mentioning(output, _INDEXED_VERB, query.text))]
     return logs

@@ -1,4 +1,4 @@
-"""Which logs are meant by folders, globs and URLs, and by what each can be known again unread."""
+"""Find the logs in folders, globs and URLs, with a stamp that reveals changes without reading."""
 
 from __future__ import annotations
 
@@ -11,20 +11,24 @@ from typing import Any
 from fsspec.core import has_magic
 
 from hubodo.errors import InputError
-from hubodo.fleet.place import opened, reached, url_of
+from hubodo.fleet.storage import format_url, open_file_system, report_store_errors
 
-_LOGS = (".mcap", ".bag", ".db3")
-_CSV = (".csv", ".csv.gz")
-_BAG, _OURS = "metadata.yaml", "fuse.json"
-_CHANGED = ("ETag", "etag", "mtime", "LastModified", "updated", "last_modified")
+_LOG_SUFFIXES = (".mcap", ".bag", ".db3")
+_CSV_SUFFIXES = (".csv", ".csv.gz")
+_BAG_METADATA, _FUSE_RESULT = "metadata.yaml", "fuse.json"
+_CHANGE_KEYS = ("ETag", "etag", "mtime", "LastModified", "updated", "last_modified")
 
 
 @dataclass(frozen=True)
-class LogPlace:
-    """A log: a file, or a folder of files that are one.
+class LogLocation:
+    """The location of a log: a file, or a folder of files that form one log.
 
-    url: as a program opens it; a path of this computer is absolute. size: bytes. stamp: of size and time of
-    change, or what the store says of the content: the same as before, the log is taken to be the same.
+    Attributes
+    ----------
+    url : absolute path, or URL.
+    size : bytes.
+    stamp : size and modification time, or a content tag of the store; an equal stamp means an unchanged log.
+    is_folder : True for a folder.
     """
 
     url: str
@@ -34,70 +38,78 @@ class LogPlace:
 
     @property
     def name(self) -> str:
-        """The last part of its path."""
+        """The last part of the path."""
         return posixpath.basename(self.url)
 
     @property
     def folder(self) -> str:
-        """The name of the folder that it lies in."""
+        """The name of the parent folder."""
         return posixpath.basename(posixpath.dirname(self.url))
 
 
-def find_logs(words: Sequence[str], output: str) -> list[LogPlace]:
-    """The logs of these files, folders, globs and URLs, each once, by name; what lies in `output` is none.
+def find_logs(sources: Sequence[str], output: str) -> list[LogLocation]:
+    """Return the logs in these files, folders, globs and URLs, each once, sorted, without those in `output`.
 
-    Raises InputError for a word that stands for nothing and for no log at all, LinkError as `reached`.
+    Raises InputError for a source that does not exist or if there is no log; LinkError if a store fails.
     """
-    found: dict[str, LogPlace] = {}
-    own = url_of(*opened(output)) + "/"
-    for word in words:
-        fs, path = opened(word)
+    location_by_url: dict[str, LogLocation] = {}
+    output_prefix = format_url(*open_file_system(output)) + "/"
+    for word in sources:
+        fs, path = open_file_system(word)
         path = path.rstrip("/") or path
-        with reached(word):
+        with report_store_errors(word):
             fs.invalidate_cache()
-            places = list(_places(fs, path))
-            there = bool(places) or fs.exists(path)
-        if not there:
-            raise InputError(f"{word}: is not there; name logs, folders, globs or URLs of them")
-        found |= {place.url: place for place in places if not place.url.startswith(own)}
-    if not found:
+            locations = list(_locate_logs(fs, path))
+            exists = bool(locations) or fs.exists(path)
+        if not exists:
+            raise InputError(f"{word}: does not exist; give logs, folders, globs or URLs of them")
+        location_by_url |= {
+            place.url: place for place in locations if not place.url.startswith(output_prefix)
+        }
+    if not location_by_url:
         raise InputError(
-            f"{', '.join(words)}: no log in there; a log is .mcap, .bag, a rosbag2 or a CSV folder"
+            f"{', '.join(sources)}: no log in there; a log is .mcap, .bag, a rosbag2 or a CSV folder"
         )
-    return [found[url] for url in sorted(found)]
+    return [location_by_url[url] for url in sorted(location_by_url)]
 
 
-def _places(fs: Any, path: str) -> Iterator[LogPlace]:
+def _locate_logs(fs: Any, path: str) -> Iterator[LogLocation]:
     if has_magic(path) and not fs.exists(path):
         for match, info in sorted(fs.glob(path, detail=True).items()):
-            yield from _of_folder(fs, match) if info["type"] == "directory" else [_place(fs, match, [info])]
+            yield from (
+                _locate_in_folder(fs, match)
+                if info["type"] == "directory"
+                else [_make_location(fs, match, [info])]
+            )
     elif fs.isdir(path):
-        yield from _of_folder(fs, path)
+        yield from _locate_in_folder(fs, path)
     elif fs.isfile(path):
-        yield _place(fs, path, [fs.info(path)])
+        yield _make_location(fs, path, [fs.info(path)])
 
 
-def _of_folder(fs: Any, top: str) -> Iterator[LogPlace]:
-    """What is a log in a folder and those below it; hidden files are none."""
+def _locate_in_folder(fs: Any, top: str) -> Iterator[LogLocation]:
+    """Yield the logs in a folder and its subfolders, without hidden files."""
     folders: dict[str, dict[str, Mapping[str, Any]]] = defaultdict(dict)
     for path, info in fs.find(top, detail=True).items():
         if not any(part.startswith(".") for part in path[len(top) :].split("/")):
             folder, name = posixpath.split(path)
             folders[folder][name] = info
     for folder, files in folders.items():
-        csv = any(name.endswith(_CSV) for name in files) and _OURS not in files
-        logs = [name for name in files if name.endswith(_LOGS)]
-        if _BAG in files or (csv and not logs):
-            yield _place(fs, folder, files.values(), is_folder=True)
+        csv = any(name.endswith(_CSV_SUFFIXES) for name in files) and _FUSE_RESULT not in files
+        logs = [name for name in files if name.endswith(_LOG_SUFFIXES)]
+        if _BAG_METADATA in files or (csv and not logs):
+            yield _make_location(fs, folder, files.values(), is_folder=True)
         else:
-            yield from (_place(fs, f"{folder}/{name}", [files[name]]) for name in logs)
+            yield from (_make_location(fs, f"{folder}/{name}", [files[name]]) for name in logs)
 
 
-def _place(fs: Any, path: str, infos: Iterable[Mapping[str, Any]], *, is_folder: bool = False) -> LogPlace:
-    parts = sorted((info["name"], int(info["size"] or 0), _changed(info)) for info in infos)
+def _make_location(
+    fs: Any, path: str, infos: Iterable[Mapping[str, Any]], *, is_folder: bool = False
+) -> LogLocation:
+    parts = sorted((info["name"], int(info["size"] or 0), _change_mark(info)) for info in infos)
     stamp = ";".join(f"{size} {changed}" for _, size, changed in parts)
-    return LogPlace(url_of(fs, path), sum(size for _, size, _ in parts), stamp, is_folder)
+    return LogLocation(format_url(fs, path), sum(size for _, size, _ in parts), stamp, is_folder)
 
 
-def _changed(info: Mapping[str, Any]) -> str:
-    return next((str(info[key]) for key in _CHANGED if info.get(key)), "")
+def _change_mark(info: Mapping[str, Any]) -> str:
+    return next((str(info[key]) for key in _CHANGE_KEYS if info.get(key)), "")

@@ -1,4 +1,4 @@
-"""Names of the files of a batch that more than one of its parts knows."""
+"""File names of a batch that several modules use."""
 
 TABLE = "table.parquet"
 PAGE = "fleet.html"

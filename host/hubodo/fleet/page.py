@@ -1,4 +1,4 @@
-"""The page of a fleet: how biases, noise and gaps spread by node and date, and which logs stand out."""
+"""Build the fleet page: distributions of biases, noise and gaps by node and date, and outliers."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 import pandas as pd
 
 from hubodo.fleet.figures import effect_map, spread_figure
-from hubodo.fleet.missing_effects import FALSE_SHARE, VERB, missing_effects, shares
-from hubodo.fleet.quantities import FOUND
-from hubodo.fleet.spread import drifts, outliers
+from hubodo.fleet.missing_effects import GAP_VERB, MAX_FALSE_EFFECT_SHARE, list_missing_effects, weekly_shares
+from hubodo.fleet.quantities import FOUND_PREFIX
+from hubodo.fleet.spread import find_drifts, find_outliers
 from hubodo.report.drawing import Drawing
 from hubodo.report.page import Grid, Section, page
 
-_MOST_ROWS = 40
-_MOST_FIGURES = 12
-_SUBJECTS = (
+_MAX_TABLE_ROWS = 40
+_MAX_FIGURES = 12
+_SUBJECT_PATTERNS = (
     ("Gaps and losses", ("gaps", "missing_share", "longest_gap", "jitter", "rate", "damaged")),
     ("Bias", ("bias", ".c2")),
     ("Noise: Allan coefficients", (".N", ".B", ".K", ".R", ".Q", ".smallest_deviation")),
@@ -25,22 +25,22 @@ _SUBJECTS = (
     ("Odometry", ("truth.", "distance")),
     ("Gap to the model", ("gap.",)),
 )
-_REST = "Other quantities"
+_OTHER_SUBJECT = "Other quantities"
 
 
-def fleet_page(table: pd.DataFrame) -> str:
-    """table: as `table.parquet`."""
+def build_fleet_page(table: pd.DataFrame) -> str:
+    """Return the HTML page of a fleet. table: as `table.parquet`."""
     logs = table.drop_duplicates(["verb", "log"])
-    numbers = table[np.isfinite(table.value) & ~table.quantity.str.startswith(FOUND, na=False)]
-    sections = [_vehicles(logs), *_without_result(logs), *_outliers(table)]
-    sections += [*_missing(table), *_drifts(table)]
-    subject = numbers.quantity.map(_subject)
-    for title in (*(name for name, _ in _SUBJECTS), _REST):
-        sections += _spread(title, numbers[subject == title])
-    return page("Fleet", _lead(logs), sections)
+    numbers = table[np.isfinite(table.value) & ~table.quantity.str.startswith(FOUND_PREFIX, na=False)]
+    sections = [_vehicle_section(logs), *_without_result_section(logs), *_outlier_section(table)]
+    sections += [*_missing_effects_section(table), *_drift_section(table)]
+    subject = numbers.quantity.map(_subject_of)
+    for title in (*(name for name, _ in _SUBJECT_PATTERNS), _OTHER_SUBJECT):
+        sections += _spread_section(title, numbers[subject == title])
+    return page("Fleet", _overview_text(logs), sections)
 
 
-def _lead(logs: pd.DataFrame) -> str:
+def _overview_text(logs: pd.DataFrame) -> str:
     dates = logs.start.dropna()
     span = f", {dates.min():%Y-%m-%d} to {dates.max():%Y-%m-%d}" if len(dates) else ""
     without = int((logs.status != "done").sum())
@@ -48,7 +48,7 @@ def _lead(logs: pd.DataFrame) -> str:
     return text + (f"{without} analyses without a result." if without else "each has its result.")
 
 
-def _vehicles(logs: pd.DataFrame) -> Section:
+def _vehicle_section(logs: pd.DataFrame) -> Section:
     rows = []
     for (vehicle, verb), group in logs.groupby(["vehicle", "verb"]):
         dates = group.start.dropna()
@@ -56,61 +56,65 @@ def _vehicles(logs: pd.DataFrame) -> Section:
         counts = [str(int((group.status == status).sum())) for status in ("done", "refused", "failed")]
         rows.append((vehicle, verb, *counts, f"{group['size'].sum() / 1e9:.3f}", *span))
     heads = ("vehicle", "verb", "done", "refused", "failed", "GB", "first", "last")
-    return Section("Vehicles", _more(rows), [Grid(heads, rows[:_MOST_ROWS])])
+    return Section("Vehicles", _describe_truncation(rows), [Grid(heads, rows[:_MAX_TABLE_ROWS])])
 
 
-def _without_result(logs: pd.DataFrame) -> Iterator[Section]:
+def _without_result_section(logs: pd.DataFrame) -> Iterator[Section]:
     rows = [(row.log, row.verb, row.error) for row in logs[logs.status != "done"].itertuples()]
     if rows:
-        yield Section("Without a result", _more(rows), [Grid(("log", "verb", "why"), rows[:_MOST_ROWS])])
+        yield Section(
+            "Without a result",
+            _describe_truncation(rows),
+            [Grid(("log", "verb", "why"), rows[:_MAX_TABLE_ROWS])],
+        )
 
 
-def _outliers(table: pd.DataFrame) -> Iterator[Section]:
-    found = outliers(table)
-    if not len(found):
+def _outlier_section(table: pd.DataFrame) -> Iterator[Section]:
+    outliers = find_outliers(table)
+    if not len(outliers):
         return
     rows = [
         (
             row.log,
             row.node,
             f"{row.verb} {row.quantity}",
-            _value(row.value, row.unit),
-            f"{row.deviations:+.1f}" if math.isfinite(row.deviations) else "all others are alike",
+            _format_value(row.value, row.unit),
+            f"{row.deviations:+.1f}" if math.isfinite(row.deviations) else "all others are equal",
         )
-        for row in found.itertuples()
+        for row in outliers.itertuples()
     ]
-    heads = ("log", "node", "quantity", "value", "sigmas off the median")
-    text = "Sigmas of the bulk of all logs, or the value's own where that is larger; 1 % of them by chance. "
-    yield Section("Logs that stand out", text + _more(rows), [Grid(heads, rows[:_MOST_ROWS])])
+    heads = ("log", "node", "quantity", "value", "deviation from the median, sigma")
+    text = "Sigma: robust spread of all logs, or the value's own if larger; false discovery rate 1 %. "
+    yield Section("Outliers", text + _describe_truncation(rows), [Grid(heads, rows[:_MAX_TABLE_ROWS])])
 
 
-def _missing(table: pd.DataFrame) -> Iterator[Section]:
-    if not (table.verb == VERB).any():
+def _missing_effects_section(table: pd.DataFrame) -> Iterator[Section]:
+    if not (table.verb == GAP_VERB).any():
         return
-    found = missing_effects(table)
+    missing = list_missing_effects(table)
     rows = [
         (
             one.effect,
             one.scope,
             one.vehicle,
-            f"{one.logs} of {one.of}",
+            f"{one.logs} of {one.examined_logs}",
             f"{one.since:%Y-%m-%d}" if one.since else "",
         )
-        for one in found
+        for one in missing
     ]
-    effects = list(dict.fromkeys(one.effect for one in found))
+    effects = list(dict.fromkeys(one.effect for one in missing))
     counts = ", ".join(
-        f"{name} in {len({one.vehicle for one in found if one.effect == name})}" for name in effects
+        f"{name} in {len({one.vehicle for one in missing if one.effect == name})}" for name in effects
     )
-    text = f"Vehicles: {counts or 'none'}. " + _more(rows)
-    text += f" At most {100 * FALSE_SHARE:.0f} % of these findings are chance (Benjamini and Hochberg)."
-    heads = ("effect", "of", "vehicle", "logs", "since the week of")
-    share = {name: shares(table, name) for name in effects[:_MOST_FIGURES]}
+    text = f"Vehicles: {counts or 'none'}. " + _describe_truncation(rows)
+    text += f" False discovery rate {100 * MAX_FALSE_EFFECT_SHARE:.0f} % (Benjamini and Hochberg)."
+    heads = ("effect", "of", "vehicle", "logs", "since week of")
+    share = {name: weekly_shares(table, name) for name in effects[:_MAX_FIGURES]}
     maps = [effect_map(some, name) for name, some in share.items() if some.size]
-    yield Section("What the model lacks", text, [Grid(heads, rows[:_MOST_ROWS])], maps)
+    yield Section("Effects missing in the model", text, [Grid(heads, rows[:_MAX_TABLE_ROWS])], maps)
 
 
-def _drifts(table: pd.DataFrame) -> Iterator[Section]:
+def _drift_section(table: pd.DataFrame) -> Iterator[Section]:
     rows = [
         (
             one.vehicle,
@@ -120,21 +124,21 @@ def _drifts(table: pd.DataFrame) -> Iterator[Section]:
             f"{one.low:+.3g} to {one.high:+.3g}",
             str(one.weeks),
         )
-        for one in drifts(table)
+        for one in find_drifts(table)
     ]
     if rows:
         heads = ("vehicle", "node", "quantity", "SI per week", "99 %", "weeks")
-        yield Section("Biases that drift", _more(rows), [Grid(heads, rows[:_MOST_ROWS])])
+        yield Section("Biases that drift", _describe_truncation(rows), [Grid(heads, rows[:_MAX_TABLE_ROWS])])
 
 
-def _spread(title: str, numbers: pd.DataFrame) -> Iterator[Section]:
+def _spread_section(title: str, numbers: pd.DataFrame) -> Iterator[Section]:
     if not len(numbers):
         return
     rows: list[tuple[str, ...]] = []
     figures: list[Drawing] = []
     for (verb, quantity), group in numbers.groupby(["verb", "quantity"]):
         unit = group.unit.iloc[0]
-        if len(figures) < _MOST_FIGURES and group.value.nunique() > 1:
+        if len(figures) < _MAX_FIGURES and group.value.nunique() > 1:
             figures.append(spread_figure(group, f"{quantity}, {unit}" if unit else quantity))
         for node, part in group.groupby("node"):
             shares_of = np.percentile(part.value, [5, 50, 95])
@@ -142,19 +146,19 @@ def _spread(title: str, numbers: pd.DataFrame) -> Iterator[Section]:
                 (f"{verb} {quantity}", node, unit, str(len(part)), *(f"{value:.4g}" for value in shares_of))
             )
     heads = ("quantity", "node", "unit", "logs", "5 %", "median", "95 %")
-    yield Section(title, _more(rows), [Grid(heads, rows[:_MOST_ROWS])], figures)
+    yield Section(title, _describe_truncation(rows), [Grid(heads, rows[:_MAX_TABLE_ROWS])], figures)
 
 
-def _subject(quantity: str) -> str:
-    for title, words in _SUBJECTS:
+def _subject_of(quantity: str) -> str:
+    for title, words in _SUBJECT_PATTERNS:
         if any(word in quantity if word[0] != "." else quantity.endswith(word) for word in words):
             return title
-    return _REST
+    return _OTHER_SUBJECT
 
 
-def _value(value: float, unit: str) -> str:
+def _format_value(value: float, unit: str) -> str:
     return f"{value:.5g} {unit}".rstrip()
 
 
-def _more(rows: Sequence[tuple[str, ...]]) -> str:
-    return f"The first {_MOST_ROWS} of {len(rows)} rows." if len(rows) > _MOST_ROWS else ""
+def _describe_truncation(rows: Sequence[tuple[str, ...]]) -> str:
+    return f"The first {_MAX_TABLE_ROWS} of {len(rows)} rows." if len(rows) > _MAX_TABLE_ROWS else ""

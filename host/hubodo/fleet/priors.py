@@ -1,4 +1,4 @@
-"""What is usual among the vehicles of a fleet, as a calibration file: where to begin with one more."""
+"""Derive calibration priors for a new vehicle from the calibrations of a fleet."""
 
 from __future__ import annotations
 
@@ -19,75 +19,83 @@ from hubodo.calibration.file import (
 )
 from hubodo.errors import InputError
 from hubodo.fleet.names import CALIBRATION, PRIORS
-from hubodo.fleet.place import opened, write_whole
 from hubodo.fleet.spread import robust_sigma
+from hubodo.fleet.storage import open_file_system, write_atomically
 
-_FEWEST = 3
-"""Vehicles that make a spread."""
-_Place = tuple[str, str, str]
-"""Node, "" for the vehicle; effect; parameter."""
+_MIN_VEHICLES = 3
+"""Minimum number of vehicles for a prior."""
+_ParameterKey = tuple[str, str, str]
+"""Node ("" for the vehicle), effect and parameter."""
 
 
 def write_priors(output: str, rows: pa.Table) -> None:
-    """`OUT/priors.toml` from the calibration files of these rows of `finished.SCHEMA`.
+    """Write `OUT/priors.toml` from the calibration files of these rows of `result_store.SCHEMA`.
 
-    Raises InputError where no parameter is known of three vehicles.
+    Raises InputError if no parameter is known for three vehicles.
     """
-    fs, folder = opened(output)
-    found: dict[str, list[Calibration]] = defaultdict(list)
+    fs, folder = open_file_system(output)
+    calibrations_by_vehicle: dict[str, list[Calibration]] = defaultdict(list)
     for vehicle, files in zip(rows["vehicle"].to_pylist(), rows["files"].to_pylist(), strict=True):
         path = f"{folder}/{files}/{CALIBRATION}"
         if files and fs.exists(path):
-            found[vehicle].append(parse_calibration(fs.cat_file(path).decode(), Path(path)))
-    write_whole(fs, f"{folder}/{PRIORS}", format_calibration(usual(found)).encode())
+            calibrations_by_vehicle[vehicle].append(parse_calibration(fs.cat_file(path).decode(), Path(path)))
+    write_atomically(
+        fs, f"{folder}/{PRIORS}", format_calibration(fleet_calibration(calibrations_by_vehicle)).encode()
+    )
 
 
-def usual(found: Mapping[str, Iterable[Calibration]]) -> Calibration:
-    """The median over vehicles of each parameter, with the spread between them as its sigma.
+def fleet_calibration(calibrations_by_vehicle: Mapping[str, Iterable[Calibration]]) -> Calibration:
+    """Return the median over vehicles of each parameter, with the spread between vehicles as sigma.
 
-    Of a vehicle with several calibrations the mean counts, weighted by sigma. The sigma is never below that
-    of a single calibration. Raises InputError as `write_priors`.
+    Several calibrations of one vehicle are averaged with weights 1/sigma². The sigma is at least that of a
+    single calibration. Raises InputError as `write_priors`.
     """
-    values: dict[_Place, list[Quantity]] = defaultdict(list)
-    for calibrations in found.values():
-        own: dict[_Place, list[Quantity]] = defaultdict(list)
+    values: dict[_ParameterKey, list[Quantity]] = defaultdict(list)
+    for calibrations in calibrations_by_vehicle.values():
+        of_vehicle: dict[_ParameterKey, list[Quantity]] = defaultdict(list)
         for calibration in calibrations:
-            for node, effects in _by_node(calibration):
+            for node, effects in _effects_by_node(calibration):
                 for effect, it in effects.items():
                     for name, quantity in it.parameters.items():
-                        own[node, effect, name].append(quantity)
-        for place, several in own.items():
-            values[place].append(_mean(several))
-    common = {place: _usual(some) for place, some in values.items() if len(some) >= _FEWEST}
-    if not common:
-        raise InputError(f"priors need a parameter that {_FEWEST} vehicles or more have; give more logs")
-    made = Calibration()
+                        of_vehicle[node, effect, name].append(quantity)
+        for place, several in of_vehicle.items():
+            values[place].append(_weighted_mean(several))
+    priors = {
+        place: _median_over_vehicles(some) for place, some in values.items() if len(some) >= _MIN_VEHICLES
+    }
+    if not priors:
+        raise InputError(
+            f"priors need a parameter that {_MIN_VEHICLES} vehicles or more have; give more logs"
+        )
+    calibration = Calibration()
     date = datetime.now(UTC).date().isoformat()
     grouped: dict[str, dict[str, dict[str, Quantity]]] = defaultdict(lambda: defaultdict(dict))
-    for (node, effect, name), quantity in common.items():
+    for (node, effect, name), quantity in priors.items():
         grouped[node][effect][name] = quantity
-    method = f"usual among {len(found)} vehicles"
+    method = f"usual among {len(calibrations_by_vehicle)} vehicles"
     for node, by_name in grouped.items():
-        ready = {name: CalibratedEffect(its, method, "", date) for name, its in by_name.items()}
-        made = made.with_node(node, ready, "") if node else made.with_vehicle(ready)
-    return made
+        calibrated = {name: CalibratedEffect(its, method, "", date) for name, its in by_name.items()}
+        calibration = (
+            calibration.with_node(node, calibrated, "") if node else calibration.with_vehicle(calibrated)
+        )
+    return calibration
 
 
-def _by_node(calibration: Calibration) -> list[tuple[str, Mapping[str, CalibratedEffect]]]:
+def _effects_by_node(calibration: Calibration) -> list[tuple[str, Mapping[str, CalibratedEffect]]]:
     return [("", calibration.vehicle), *((name, node.effects) for name, node in calibration.nodes.items())]
 
 
-def _mean(several: list[Quantity]) -> Quantity:
-    """By weight of sigma; one without a sigma counts alone."""
-    exact = [one for one in several if one.sigma <= 0.0]
+def _weighted_mean(estimates: list[Quantity]) -> Quantity:
+    """Return the mean with weights 1/sigma²; an exact estimate (sigma 0) is returned unchanged."""
+    exact = [one for one in estimates if one.sigma <= 0.0]
     if exact:
         return exact[-1]
-    weights = np.array([one.sigma**-2 for one in several])
-    mean = float(np.average([one.value for one in several], weights=weights))
+    weights = np.array([one.sigma**-2 for one in estimates])
+    mean = float(np.average([one.value for one in estimates], weights=weights))
     return Quantity(mean, float(weights.sum() ** -0.5))
 
 
-def _usual(some: list[Quantity]) -> Quantity:
-    values = np.array([one.value for one in some])
-    least = float(np.median([one.sigma for one in some]))
-    return Quantity(float(np.median(values)), max(robust_sigma(values), least))
+def _median_over_vehicles(estimates: list[Quantity]) -> Quantity:
+    values = np.array([one.value for one in estimates])
+    single_sigma = float(np.median([one.sigma for one in estimates]))
+    return Quantity(float(np.median(values)), max(robust_sigma(values), single_sigma))

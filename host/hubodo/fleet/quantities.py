@@ -1,4 +1,4 @@
-"""A verb's result as quantities: what of it is compared between logs, nodes and days."""
+"""Extract the quantities of a verb's result that are compared between logs, nodes and days."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Any
 
 Result = Mapping[str, Any]
 
-FOUND = "found."
-"""Begins the name of a quantity that says that an effect was found: value its confidence."""
+FOUND_PREFIX = "found."
+"""Prefix of the quantity that reports an effect found by `gap`; its value is the confidence."""
 
 
 @dataclass(frozen=True)
-class Measured:
-    """One number of a log. node: whose, "" for the whole log. sigma: None where nobody knows it.
+class LogQuantity:
+    """One number of a log. node: "" for the whole log. sigma: None if unknown.
 
-    p_value: of an effect that was found, None of everything else.
+    p_value: of an effect found by `gap`, None for other quantities.
     """
 
     node: str
@@ -27,99 +27,101 @@ class Measured:
     p_value: float | None = None
 
 
-def quantities(verb: str, result: Result) -> list[Measured]:
-    """What is compared; verb: as in `hubodo batch`, `calibrate wheels` among them. Numbers alone are kept."""
-    made = _OF_VERB[verb](result)
-    return [item for item in made if isinstance(item.value, float | int)]
+def extract_quantities(verb: str, result: Result) -> list[LogQuantity]:
+    """Return the numeric quantities of a result. verb: as in `hubodo batch`, such as `calibrate wheels`."""
+    extracted = _EXTRACTORS[verb](result)
+    return [item for item in extracted if isinstance(item.value, float | int)]
 
 
-def _info(result: Result) -> Iterator[Measured]:
-    yield Measured("", "duration", result["duration"], unit="s")
-    yield Measured("", "messages", result["messages"])
-    yield Measured("", "gaps", len(result["gaps"]))
-    yield Measured("", "damaged", result["damaged"])
+def _info(result: Result) -> Iterator[LogQuantity]:
+    yield LogQuantity("", "duration", result["duration"], unit="s")
+    yield LogQuantity("", "messages", result["messages"])
+    yield LogQuantity("", "gaps", len(result["gaps"]))
+    yield LogQuantity("", "damaged", result["damaged"])
     for stream in result["streams"]:
         node, _, kind = stream["topic"].strip("/").rpartition("/")
         if kind != "imu":
             continue
         total = stream["messages"] + stream["missing"]
-        yield Measured(node, "rate", stream["rate"], unit="Hz")
-        yield Measured(node, "jitter", stream["jitter"], unit="s")
-        yield Measured(node, "gaps", stream["gaps"])
-        yield Measured(node, "longest_gap", stream["longest"], unit="s")
-        yield Measured(node, "missing_share", stream["missing"] / max(1, total))
+        yield LogQuantity(node, "rate", stream["rate"], unit="Hz")
+        yield LogQuantity(node, "jitter", stream["jitter"], unit="s")
+        yield LogQuantity(node, "gaps", stream["gaps"])
+        yield LogQuantity(node, "longest_gap", stream["longest"], unit="s")
+        yield LogQuantity(node, "missing_share", stream["missing"] / max(1, total))
     for node, row in result["bias_filter"].items():
         for axis in "xyz":
-            yield Measured(node, f"bias.{axis}", row.get(f"bias_{axis}"), row.get(f"sigma_{axis}"), "rad/s")
+            yield LogQuantity(
+                node, f"bias.{axis}", row.get(f"bias_{axis}"), row.get(f"sigma_{axis}"), "rad/s"
+            )
 
 
-def _fuse(result: Result) -> Iterator[Measured]:
-    yield Measured("", "distance", result["distance"], unit="m")
+def _fuse(result: Result) -> Iterator[LogQuantity]:
+    yield LogQuantity("", "distance", result["distance"], unit="m")
     for name, value in result.get("truth", {}).items():
-        yield Measured("", f"truth.{name}", value, unit="%" if name.endswith("percent") else "")
+        yield LogQuantity("", f"truth.{name}", value, unit="%" if name.endswith("percent") else "")
     yield from _effects("", result.get("vehicle", {}))
     for node, effects in result.get("nodes", {}).items():
         yield from _effects(node, effects)
 
 
-def _allan(result: Result) -> Iterator[Measured]:
+def _allan(result: Result) -> Iterator[LogQuantity]:
     for one in result.get("sensors", [result]):
         node, channel = one["node"], one["channel"]
         for name, term in one["coefficients"].items():
-            yield Measured(node, f"{channel}.{name}", term["value"], term["sigma"], term["unit"])
+            yield LogQuantity(node, f"{channel}.{name}", term["value"], term["sigma"], term["unit"])
         best = one["optimum_averaging_time"], one["smallest_deviation"]
-        yield Measured(node, f"{channel}.best_averaging_time", best[0], unit="s")
-        yield Measured(node, f"{channel}.smallest_deviation", best[1], unit=one["unit"])
+        yield LogQuantity(node, f"{channel}.best_averaging_time", best[0], unit="s")
+        yield LogQuantity(node, f"{channel}.smallest_deviation", best[1], unit=one["unit"])
 
 
-def _warmup(result: Result) -> Iterator[Measured]:
+def _warmup(result: Result) -> Iterator[LogQuantity]:
     node, channel = result["node"], result["channel"]
     for name in ("c1", "c2", "time_constant"):
         term = result[name]
-        yield Measured(node, f"{channel}.{name}", term["value"], term["sigma"], term["unit"])
-    yield Measured(node, f"{channel}.white", float(result["white"]))
+        yield LogQuantity(node, f"{channel}.{name}", term["value"], term["sigma"], term["unit"])
+    yield LogQuantity(node, f"{channel}.white", float(result["white"]))
 
 
-def _calibrate_wheels(result: Result) -> Iterator[Measured]:
+def _calibrate_wheels(result: Result) -> Iterator[LogQuantity]:
     yield from _effects("", result["vehicle"])
     for node, effects in result["nodes"].items():
         yield from _effects(node, effects)
 
 
-def _calibrate_imu(result: Result) -> Iterator[Measured]:
+def _calibrate_imu(result: Result) -> Iterator[LogQuantity]:
     yield from _effects(result["node"], result["effects"])
     for name, value in result["accel_norm"].items():
-        yield Measured(result["node"], f"accel_norm.{name}", value, unit="m/s²")
+        yield LogQuantity(result["node"], f"accel_norm.{name}", value, unit="m/s²")
 
 
-def _gap(result: Result) -> Iterator[Measured]:
-    yield Measured("", "gap.before", result["gap"]["before"])
-    yield Measured("", "gap.after", result["gap"]["after"])
+def _gap(result: Result) -> Iterator[LogQuantity]:
+    yield LogQuantity("", "gap.before", result["gap"]["before"])
+    yield LogQuantity("", "gap.after", result["gap"]["after"])
     for finding in result["found"]:
         node, effect = finding["scope"], finding["effect"]
         p_value = finding["p_value"]
-        yield Measured(node, FOUND + effect, finding["confidence"], p_value=p_value)
+        yield LogQuantity(node, FOUND_PREFIX + effect, finding["confidence"], p_value=p_value)
         for name, it in finding["parameters"].items():
-            yield Measured(node, f"{effect}.{name}", it["value"], it["sigma"], it["unit"])
+            yield LogQuantity(node, f"{effect}.{name}", it["value"], it["sigma"], it["unit"])
 
 
-def _report(result: Result) -> Iterator[Measured]:
-    yield Measured("", "page", result["size"], unit="byte")
-    yield Measured("", "not_shown", len(result["missing"]))
+def _report(result: Result) -> Iterator[LogQuantity]:
+    yield LogQuantity("", "page", result["size"], unit="byte")
+    yield LogQuantity("", "not_shown", len(result["missing"]))
 
 
-def _export(result: Result) -> Iterator[Measured]:
+def _export(result: Result) -> Iterator[LogQuantity]:
     for name, rows in result["rows"].items():
-        yield Measured(name, "rows", rows)
+        yield LogQuantity(name, "rows", rows)
 
 
-def _effects(node: str, effects: Mapping[str, Any]) -> Iterator[Measured]:
+def _effects(node: str, effects: Mapping[str, Any]) -> Iterator[LogQuantity]:
     for effect, parameters in effects.items():
         for name, it in parameters.items():
-            yield Measured(node, f"{effect}.{name}", it["value"], it["sigma"], it.get("unit", ""))
+            yield LogQuantity(node, f"{effect}.{name}", it["value"], it["sigma"], it.get("unit", ""))
 
 
-_OF_VERB: Mapping[str, Callable[[Result], Iterator[Measured]]] = {
+_EXTRACTORS: Mapping[str, Callable[[Result], Iterator[LogQuantity]]] = {
     "info": _info,
     "fuse": _fuse,
     "allan": _allan,

@@ -1,4 +1,4 @@
-"""How numbers of many logs spread, which of them stand out, and which wander as weeks go by."""
+"""Robust spread of quantities over many logs, outliers with false discovery control, and bias drift."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from scipy.special import ndtr
 
 from hubodo.arrays import Array
 
-FALSE_SHARE = 0.01
-"""Of the logs named as outliers so many are named by chance, at the most, on average."""
-_FEWEST = 8
-"""Values of a quantity below which nothing is said to stand out."""
-_FEWEST_WEEKS = 4
-_BIAS = r"bias|\.c2$"
-"""C2 is the bias right after power-on."""
+MAX_FALSE_OUTLIER_SHARE = 0.01
+"""Maximum expected share of false discoveries among the outliers."""
+_MIN_VALUES = 8
+"""Minimum number of values of a quantity for outlier detection."""
+_MIN_WEEKS = 4
+_BIAS_PATTERN = r"bias|\.c2$"
+"""Quantities checked for drift; c2 is the bias right after power-on."""
 _DRIFT_LEVEL = 0.99
-_NORMAL_90 = 3.29
+_NORMAL_90_WIDTH_SIGMA = 3.29
 """Width from the 5th to the 95th percentile of a normal distribution, in sigmas."""
 
 
 @dataclass(frozen=True)
 class BiasDrift:
-    """A straight line through weekly medians of a node's bias. slope: per week; low, high: 99 % interval."""
+    """The drift of a node's bias: Theil-Sen slope of weekly medians, per week, with its 99 % interval."""
 
     vehicle: str
     node: str
@@ -36,23 +36,23 @@ class BiasDrift:
 
 
 def robust_sigma(values: Array) -> float:
-    """Standard deviation of the bulk, from the median absolute deviation.
+    """Return the robust standard deviation from the median absolute deviation.
 
-    Of counts that are mostly the same from the 5th and 95th percentile; 0 where nine in ten are equal.
+    If that is 0 (mostly equal counts), from the 5th and 95th percentile; 0 if 90 % of values are equal.
     """
-    # Half a second to load: of few logs, of which nothing can be said, nobody waits for it.
+    # Imported here because it takes half a second to load and few logs do not need it.
     from scipy.stats import median_abs_deviation
 
     sigma = float(median_abs_deviation(values, scale="normal"))
-    return sigma or float(np.subtract(*np.percentile(values, [95, 5]))) / _NORMAL_90
+    return sigma or float(np.subtract(*np.percentile(values, [95, 5]))) / _NORMAL_90_WIDTH_SIGMA
 
 
-def deviations(values: Array, sigmas: Array) -> Array:
-    """Of each value from the median, in sigmas of the bulk, or in its own where that is larger.
+def normalised_deviations(values: Array, sigmas: Array) -> Array:
+    """Return the deviation of each value from the median, in robust sigmas or its own sigma if larger.
 
-    Of what is positive throughout the ratio counts, not the difference. NaN where there are too few.
+    Quantities that are positive throughout are compared by logarithm. NaN if there are too few values.
     """
-    if len(values) < _FEWEST:
+    if len(values) < _MIN_VALUES:
         return np.full(len(values), np.nan)
     own = np.nan_to_num(sigmas)
     if (values > 0.0).all():
@@ -62,45 +62,45 @@ def deviations(values: Array, sigmas: Array) -> Array:
     return np.divide(off, width, out=np.where(off == 0.0, 0.0, np.copysign(np.inf, off)), where=width > 0.0)
 
 
-def outliers(table: pd.DataFrame) -> pd.DataFrame:
-    """The rows that stand out among their verb, quantity and node's, the farthest first, with `deviations`.
+def find_outliers(table: pd.DataFrame) -> pd.DataFrame:
+    """Return outliers within each verb, quantity and node, farthest first, with column `deviations`.
 
-    False discoveries are controlled over all rows (Benjamini and Hochberg), tails taken as normal.
+    The false discovery rate is controlled over all rows (Benjamini and Hochberg), with normal tails.
     """
     numbers = table[table.quantity.notna() & table.p_value.isna() & np.isfinite(table.value)].copy()
     numbers["deviations"] = np.nan
     for _, group in numbers.groupby(["verb", "quantity", "node"]):
-        z = deviations(group.value.to_numpy(float), group.sigma.to_numpy(float))
+        z = normalised_deviations(group.value.to_numpy(float), group.sigma.to_numpy(float))
         numbers.loc[group.index, "deviations"] = z
     numbers = numbers[numbers.deviations.notna()]
     p = 2.0 * ndtr(-numbers.deviations.abs().to_numpy(float))
-    found = numbers[adjusted(p) <= FALSE_SHARE]
-    order = found.deviations.abs().sort_values(ascending=False, kind="stable").index
-    return found.loc[order]
+    outliers = numbers[benjamini_hochberg(p) <= MAX_FALSE_OUTLIER_SHARE]
+    order = outliers.deviations.abs().sort_values(ascending=False, kind="stable").index
+    return outliers.loc[order]
 
 
-def adjusted(p_values: Array) -> Array:
-    """Benjamini and Hochberg: share of false discoveries if all up to each were believed; q values."""
+def benjamini_hochberg(p_values: Array) -> Array:
+    """Return the q values of p values (Benjamini and Hochberg 1995, false discovery rate)."""
     if not len(p_values):
         return p_values
     from scipy.stats import false_discovery_control
 
-    made: Array = false_discovery_control(p_values, method="bh")
-    return made
+    q_values: Array = false_discovery_control(p_values, method="bh")
+    return q_values
 
 
-def drifts(table: pd.DataFrame) -> list[BiasDrift]:
-    """Biases whose weekly medians go one way (Theil and Sen, 99 % interval without zero), steepest first."""
-    dated = table[table.start.notna() & table.quantity.str.contains(_BIAS, na=False)]
-    found = []
+def find_drifts(table: pd.DataFrame) -> list[BiasDrift]:
+    """Return biases whose weekly medians drift (Theil-Sen slope, 99 % interval without 0), steepest first."""
+    dated = table[table.start.notna() & table.quantity.str.contains(_BIAS_PATTERN, na=False)]
+    drifts = []
     for (vehicle, node, quantity), group in dated.groupby(["vehicle", "node", "quantity"]):
         weekly = group.set_index("start").value.resample("W").median().dropna()
-        if len(weekly) < _FEWEST_WEEKS:
+        if len(weekly) < _MIN_WEEKS:
             continue
         from scipy.stats import theilslopes
 
         weeks = (weekly.index - weekly.index[0]).days.to_numpy(float) / 7.0
         slope, _, low, high = theilslopes(weekly.to_numpy(float), weeks, alpha=_DRIFT_LEVEL)
         if low > 0.0 or high < 0.0:
-            found.append(BiasDrift(vehicle, node, quantity, slope, low, high, len(weekly)))
-    return sorted(found, key=lambda one: -abs(one.slope))
+            drifts.append(BiasDrift(vehicle, node, quantity, slope, low, high, len(weekly)))
+    return sorted(drifts, key=lambda one: -abs(one.slope))

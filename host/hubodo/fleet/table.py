@@ -1,4 +1,4 @@
-"""The one table of all results: a row for each number of each log, and one for a log that has none."""
+"""Table of all results: one row per quantity of each log, and one for a log without quantities."""
 
 from __future__ import annotations
 
@@ -7,43 +7,60 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from hubodo.fleet.missing_effects import with_q_values
+from hubodo.fleet.missing_effects import add_q_values
 from hubodo.fleet.names import TABLE
-from hubodo.fleet.place import opened, write_whole
+from hubodo.fleet.storage import open_file_system, write_atomically
 
-_OF_LOG = ("verb", "log", "vehicle", "start", "status", "error", "size", "cpu", "sha256", "version", "files")
-_OF_NUMBER = ("node", "quantity", "value", "sigma", "unit", "p_value")
+_LOG_COLUMNS = (
+    "verb",
+    "log",
+    "vehicle",
+    "start",
+    "status",
+    "error",
+    "size",
+    "cpu",
+    "sha256",
+    "version",
+    "files",
+)
+_QUANTITY_COLUMNS = ("node", "quantity", "value", "sigma", "unit", "p_value")
 
 
-def long_table(rows: pa.Table) -> pa.Table:
-    """`finished.SCHEMA` with `quantities` unfolded: columns of the log, its date, those of the number."""
+def unfold_quantities(rows: pa.Table) -> pa.Table:
+    """Unfold the `quantities` of rows of `result_store.SCHEMA`: log columns, date, quantity columns."""
     counts = pc.fill_null(pc.list_value_length(rows["quantities"]), 0)
-    some, none = rows.filter(pc.greater(counts, 0)), rows.filter(pc.equal(counts, 0))
-    lists = some["quantities"].combine_chunks()
+    with_quantities, without_quantities = rows.filter(pc.greater(counts, 0)), rows.filter(pc.equal(counts, 0))
+    lists = with_quantities["quantities"].combine_chunks()
     parents = pc.list_parent_indices(lists)
     numbers = pc.list_flatten(lists)
-    columns = {name: some[name].take(parents) for name in _OF_LOG}
-    columns |= {name: pc.struct_field(numbers, name) for name in _OF_NUMBER}
-    made = pa.table(columns)
+    columns = {name: with_quantities[name].take(parents) for name in _LOG_COLUMNS}
+    columns |= {name: pc.struct_field(numbers, name) for name in _QUANTITY_COLUMNS}
+    unfolded = pa.table(columns)
     empty = pa.table(
-        {name: none[name] for name in _OF_LOG}
-        | {name: pa.nulls(len(none), made.schema.field(name).type) for name in _OF_NUMBER}
+        {name: without_quantities[name] for name in _LOG_COLUMNS}
+        | {
+            name: pa.nulls(len(without_quantities), unfolded.schema.field(name).type)
+            for name in _QUANTITY_COLUMNS
+        }
     )
-    both = pa.concat_tables([made, empty.cast(made.schema)])
+    both = pa.concat_tables([unfolded, empty.cast(unfolded.schema)])
     return both.add_column(4, "date", pc.cast(both["start"], pa.date32()))
 
 
-def write_table(output: str, verb: str, rows: pa.Table) -> pd.DataFrame:
-    """Puts a verb's rows into `OUT/table.parquet`, in the place of its earlier ones; all of the table."""
-    fs, folder = opened(output)
-    path, made = f"{folder}/{TABLE}", long_table(rows)
+def update_table(output: str, verb: str, rows: pa.Table) -> pd.DataFrame:
+    """Replace the rows of a verb in `OUT/table.parquet` and return the whole table."""
+    fs, folder = open_file_system(output)
+    path, table = f"{folder}/{TABLE}", unfold_quantities(rows)
     if fs.exists(path):
         others = pq.read_table(path, filesystem=fs, filters=pc.field("verb") != verb)
-        both = pa.concat_tables([made, others], promote_options="default")  # of an earlier version, too
-        made = both.select(made.schema.names)
-    frame = with_q_values(made.sort_by([("verb", "ascending"), ("log", "ascending")]).to_pandas())
-    schema = made.schema.append(pa.field("q_value", pa.float64()))
+        both = pa.concat_tables(
+            [table, others], promote_options="default"
+        )  # rows of an earlier version may have other columns
+        table = both.select(table.schema.names)
+    frame = add_q_values(table.sort_by([("verb", "ascending"), ("log", "ascending")]).to_pandas())
+    schema = table.schema.append(pa.field("q_value", pa.float64()))
     sink = pa.BufferOutputStream()
     pq.write_table(pa.Table.from_pandas(frame, schema, preserve_index=False), sink, compression="zstd")
-    write_whole(fs, path, sink.getvalue().to_pybytes())
+    write_atomically(fs, path, sink.getvalue().to_pybytes())
     return frame

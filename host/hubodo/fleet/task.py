@@ -1,4 +1,4 @@
-"""What is done with one log of many: fetched, hashed, examined, what was made of it put where it belongs."""
+"""Examine one log of a batch: fetch, hash, run the verb, store its files and return a row."""
 
 from __future__ import annotations
 
@@ -14,25 +14,29 @@ from typing import Any
 
 from hubodo.calibration.file import hash_source
 from hubodo.errors import HubodoError, InputError
-from hubodo.fleet.identity import identity
-from hubodo.fleet.listing import LogPlace
-from hubodo.fleet.place import opened
-from hubodo.fleet.quantities import quantities
+from hubodo.fleet.identity import read_identity
+from hubodo.fleet.listing import LogLocation
+from hubodo.fleet.quantities import extract_quantities
+from hubodo.fleet.storage import open_file_system
 from hubodo.safe_text import json_text
 from hubodo.version import __version__
 
 DONE, REFUSED, FAILED, KNOWN = "done", "refused", "failed", "known"
-"""What became of a log: the analysis has a result; it cannot have one, whoever asks; something went wrong,
-which another try may mend; an earlier run has it under another name.
+"""Status of a log: it has a result; the verb refused it, so a retry is useless; it failed, so a retry may
+help; the result of a log with the same content is already known.
 """
 
 
 @dataclass(frozen=True)
 class Analysis:
-    """A verb with its options, as it goes to a worker.
+    """A verb with its options, as sent to a worker.
 
-    run: (verb, options, log, folder for files) -> the result as `--json` prints it. options: by name.
-    files: bytes of what they name, by the path that stands in them. version: of hubodo.
+    Attributes
+    ----------
+    options : by name.
+    files : contents of the files that the options name, by path.
+    run : (verb, options, log, output folder) -> result as printed by `--json`.
+    version : of hubodo.
     """
 
     verb: str
@@ -43,120 +47,122 @@ class Analysis:
 
     @property
     def digest(self) -> str:
-        """Hash of verb, version, options and the files they name."""
-        known = {path: hashlib.sha256(data).hexdigest() for path, data in self.files.items()}
-        said = {name: _hashed(value, known) for name, value in self.options.items()}
-        return _digest(self.verb, self.version, json_text(said, sort=True))
+        """Hash of verb, version, options and the files that they name."""
+        hashes = {path: hashlib.sha256(data).hexdigest() for path, data in self.files.items()}
+        options = {name: _hash_value(value, hashes) for name, value in self.options.items()}
+        return _digest(self.verb, self.version, json_text(options, sort=True))
 
-    def key(self, log_hash: str) -> str:
-        """Of the result for a log of this content."""
+    def result_key(self, log_hash: str) -> str:
+        """Return the key of the result for a log with this content hash."""
         return _digest(self.digest, log_hash)
 
 
-def examine(place: LogPlace, analysis: Analysis, known: frozenset[str], output: str) -> dict[str, Any]:
-    """A row of `finished.SCHEMA` for a log; never an error. known: keys of results that are there.
+def examine_log(
+    location: LogLocation, analysis: Analysis, known_keys: frozenset[str], output: str
+) -> dict[str, Any]:
+    """Return a row of `result_store.SCHEMA` for a log; errors become part of the row.
 
-    output: URL of the folder in which files that the verb makes get a folder of their own.
+    known_keys: keys of stored results. output: URL of the folder for the files that the verb writes.
     """
-    began, cpu = time.perf_counter(), time.process_time()
+    start, cpu = time.perf_counter(), time.process_time()
     row: dict[str, Any] = {
         "verb": analysis.verb,
         "analysis": analysis.digest,
         "version": __version__,
-        "log": place.url,
-        "stamp": place.stamp,
-        "size": place.size,
-        "vehicle": place.folder,
+        "log": location.url,
+        "stamp": location.stamp,
+        "size": location.size,
+        "vehicle": location.folder,
         "quantities": [],
     }
-    # Workers share the terminal of who started them: their progress is not for it.
+    # Workers share the terminal of the command, which shows its own progress.
     with tempfile.TemporaryDirectory(prefix="hubodo-") as scratch, redirect_stderr(io.StringIO()):
         try:
-            row |= _examined(place, analysis, known, output, Path(scratch))
+            row |= _run_analysis(location, analysis, known_keys, output, Path(scratch))
         except HubodoError as error:
-            row |= {"status": REFUSED, "error": _words(error, scratch, place)}
+            row |= {"status": REFUSED, "error": _describe_error(error, scratch, location)}
         except MemoryError:
             row |= {"status": FAILED, "error": "not enough memory; give each worker more (--memory-limit)"}
         except Exception as error:  # noqa: BLE001 - one log of many must not end the others
-            row |= {"status": FAILED, "error": _words(error, scratch, place)}
-    return row | {"cpu": time.process_time() - cpu, "wall": time.perf_counter() - began}
+            row |= {"status": FAILED, "error": _describe_error(error, scratch, location)}
+    return row | {"cpu": time.process_time() - cpu, "wall": time.perf_counter() - start}
 
 
-def _examined(
-    place: LogPlace, analysis: Analysis, known: frozenset[str], output: str, scratch: Path
+def _run_analysis(
+    location: LogLocation, analysis: Analysis, known_keys: frozenset[str], output: str, scratch: Path
 ) -> dict[str, Any]:
     if analysis.version != __version__:
         raise RuntimeError(f"this worker has hubodo {__version__}, the command {analysis.version}")
-    log = _fetched(place, scratch)
+    log = _fetch_log(location, scratch)
     row: dict[str, Any] = {"sha256": hash_source(log)}
-    row["key"] = analysis.key(row["sha256"])
-    row |= identity(log, place.folder)
-    if row["key"] in known:
+    row["key"] = analysis.result_key(row["sha256"])
+    row |= read_identity(log, location.folder)
+    if row["key"] in known_keys:
         return row | {"status": KNOWN}
-    made = scratch / "made"
-    made.mkdir()
+    output_folder = scratch / "made"
+    output_folder.mkdir()
     try:
-        result = dict(analysis.run(analysis.verb, _placed(analysis, scratch), log, made))
+        result = dict(analysis.run(analysis.verb, _write_option_files(analysis, scratch), log, output_folder))
     except HubodoError as error:
-        return row | {"status": REFUSED, "error": _words(error, str(scratch), place)}
-    result |= {"log": place.url} if "log" in result else {}
-    if any(made.iterdir()):
-        folder = f"files/{analysis.verb.replace(' ', '-')}/{Path(place.name).stem}-{row['key'][:12]}"
-        fs, path = opened(f"{output}/{folder}")
+        return row | {"status": REFUSED, "error": _describe_error(error, str(scratch), location)}
+    result |= {"log": location.url} if "log" in result else {}
+    if any(output_folder.iterdir()):
+        folder = f"files/{analysis.verb.replace(' ', '-')}/{Path(location.name).stem}-{row['key'][:12]}"
+        fs, path = open_file_system(f"{output}/{folder}")
         fs.makedirs(path, exist_ok=True)
-        fs.put(f"{made}/", path, recursive=True)
+        fs.put(f"{output_folder}/", path, recursive=True)
         result |= {"output": folder} if "output" in result else {}
         row["files"] = folder
-    row["quantities"] = [item.__dict__ for item in quantities(analysis.verb, result)]
+    row["quantities"] = [item.__dict__ for item in extract_quantities(analysis.verb, result)]
     return row | {"status": DONE, "result": json_text(result)}
 
 
-def _fetched(place: LogPlace, scratch: Path) -> Path:
-    """The log on this computer."""
-    fs, path = opened(place.url)
+def _fetch_log(location: LogLocation, scratch: Path) -> Path:
+    """Return the log as a local path, downloaded if necessary."""
+    fs, path = open_file_system(location.url)
     if "file" in fs.protocol:
         return Path(path)
-    local = scratch / "log" / place.name
+    local = scratch / "log" / location.name
     local.parent.mkdir()
-    fs.get(path, str(local), recursive=place.is_folder)
+    fs.get(path, str(local), recursive=location.is_folder)
     return local
 
 
-def _placed(analysis: Analysis, scratch: Path) -> dict[str, Any]:
-    """The options with the files that they name on this computer."""
-    places = {}
+def _write_option_files(analysis: Analysis, scratch: Path) -> dict[str, Any]:
+    """Write the files of the options to the scratch folder and return options with local paths."""
+    local_paths = {}
     for number, (path, data) in enumerate(analysis.files.items()):
-        places[path] = scratch / str(number) / Path(path).name
-        places[path].parent.mkdir()
-        places[path].write_bytes(data)
+        local_paths[path] = scratch / str(number) / Path(path).name
+        local_paths[path].parent.mkdir()
+        local_paths[path].write_bytes(data)
     return {
-        name: places.get(str(value), value) if isinstance(value, Path) else value
+        name: local_paths.get(str(value), value) if isinstance(value, Path) else value
         for name, value in analysis.options.items()
     }
 
 
-def _words(error: Exception, scratch: str, place: LogPlace) -> str:
-    """One line; a place that is gone with the task is called by the log's name."""
-    text = str(error).replace(f"{scratch}/log/{place.name}", place.url).replace(scratch, "")
+def _describe_error(error: Exception, scratch: str, location: LogLocation) -> str:
+    """Describe an error in one line, with the name of the log instead of temporary paths."""
+    text = str(error).replace(f"{scratch}/log/{location.name}", location.url).replace(scratch, "")
     text = " ".join(text.split())
     return text if isinstance(error, HubodoError) else f"{type(error).__name__}: {text}"
 
 
-def _hashed(value: Any, known: Mapping[str, str]) -> Any:
-    return known.get(str(value), str(value)) if isinstance(value, Path) else value
+def _hash_value(value: Any, hashes: Mapping[str, str]) -> Any:
+    return hashes.get(str(value), str(value)) if isinstance(value, Path) else value
 
 
 def _digest(*parts: str) -> str:
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
 
-def read_files(options: Mapping[str, Any]) -> dict[str, bytes]:
-    """The bytes of the files that options name. Raises InputError for one that cannot be read."""
-    found = {}
+def read_option_files(options: Mapping[str, Any]) -> dict[str, bytes]:
+    """Return the contents of the files that options name, by path. Raises InputError if unreadable."""
+    contents = {}
     for value in options.values():
         if isinstance(value, Path):
             try:
-                found[str(value)] = value.read_bytes()
+                contents[str(value)] = value.read_bytes()
             except OSError as error:
                 raise InputError(f"{value}: {error.strerror}; check the path and rights") from None
-    return found
+    return contents

@@ -1,4 +1,4 @@
-"""A batch from its logs to its table: what is known is not done again, what is finished is kept."""
+"""Run a batch from its logs to its table, skipping finished logs and saving results as they arrive."""
 
 from __future__ import annotations
 
@@ -11,98 +11,109 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 import pyarrow as pa
 
-from hubodo.fleet.engine import each
-from hubodo.fleet.finished import Finished
-from hubodo.fleet.listing import LogPlace
+from hubodo.fleet.engine import examine_each
+from hubodo.fleet.listing import LogLocation
 from hubodo.fleet.names import PAGE
-from hubodo.fleet.page import fleet_page
-from hubodo.fleet.place import opened, reached, write_whole
-from hubodo.fleet.table import write_table
-from hubodo.fleet.task import KNOWN, Analysis, examine
+from hubodo.fleet.page import build_fleet_page
+from hubodo.fleet.result_store import ResultStore
+from hubodo.fleet.storage import open_file_system, report_store_errors, write_atomically
+from hubodo.fleet.table import update_table
+from hubodo.fleet.task import KNOWN, Analysis, examine_log
 
 if TYPE_CHECKING:
     from distributed import Client
 
-_KEEP_S, _KEEP_ROWS = 10.0, 500
-"""So long, or for so many logs, at the most a result is in memory alone."""
+_FLUSH_PERIOD_S, _MAX_BUFFERED_ROWS = 10.0, 500
+"""Maximum age (s) and number of results in memory before they are stored."""
 Progress = Callable[[str, float], None]
 
 
 @dataclass
-class _Kept:
-    """Rows on their way to the disk."""
+class _RowBuffer:
+    """A buffer of rows that are not stored yet."""
 
-    finished: Finished
+    store: ResultStore
     new: list[dict[str, Any]] = field(default_factory=list)
-    again: list[dict[str, Any]] = field(default_factory=list)
-    since: float = field(default_factory=time.monotonic)
+    known: list[dict[str, Any]] = field(default_factory=list)
+    last_flush: float = field(default_factory=time.monotonic)
 
-    def take(self, row: dict[str, Any]) -> None:
-        (self.again if row["status"] == KNOWN else self.new).append(row)
-        if len(self.new) >= _KEEP_ROWS or time.monotonic() - self.since > _KEEP_S:
-            self.write()
+    def add(self, row: dict[str, Any]) -> None:
+        (self.known if row["status"] == KNOWN else self.new).append(row)
+        if len(self.new) >= _MAX_BUFFERED_ROWS or time.monotonic() - self.last_flush > _FLUSH_PERIOD_S:
+            self.flush()
 
-    def write(self) -> None:
-        self.finished.add(self.new)
-        self.finished.add_again(self.again)
-        self.new, self.again, self.since = [], [], time.monotonic()
+    def flush(self) -> None:
+        self.store.add(self.new)
+        self.store.add_copies(self.known)
+        self.new, self.known, self.last_flush = [], [], time.monotonic()
 
 
 @dataclass(frozen=True)
-class Batch:
-    """rows: of `finished.SCHEMA`, one a log. table: all of `OUT/table.parquet`. fresh: logs done now."""
+class BatchResult:
+    """The result of a batch.
+
+    Attributes
+    ----------
+    rows : of `result_store.SCHEMA`, one per log.
+    table : the whole `OUT/table.parquet`.
+    n_examined : number of logs examined in this run.
+    """
 
     rows: pa.Table
     table: pd.DataFrame
-    fresh: int
+    n_examined: int
 
 
 def run_batch(
-    connect: Callable[[], Any], places: Sequence[LogPlace], analysis: Analysis, output: str, show: Progress
-) -> Batch:
-    """Examines each log that has no result yet; on KeyboardInterrupt the table has what is finished.
+    connect: Callable[[], Any],
+    locations: Sequence[LogLocation],
+    analysis: Analysis,
+    output: str,
+    report_progress: Progress,
+) -> BatchResult:
+    """Examine each log without a result; on KeyboardInterrupt the table contains the finished logs.
 
-    connect: makes the context of a Dask client; not asked for where nothing is to be done.
+    connect: returns a context manager of a Dask client; not called if every log is finished.
     """
-    finished = Finished(output, analysis)
-    with reached(output):
-        there = set(finished.rows(places)["log"].to_pylist())
-    fresh = [place for place in places if place.url not in there]
+    store = ResultStore(output, analysis)
+    with report_store_errors(output):
+        finished_logs = set(store.rows(locations)["log"].to_pylist())
+    unfinished = [place for place in locations if place.url not in finished_logs]
     try:
-        if fresh:
-            show(f"starting, {len(fresh)} of {len(places)} logs to do", 0.0)
+        if unfinished:
+            report_progress(f"starting, {len(unfinished)} of {len(locations)} logs to do", 0.0)
             with connect() as client:
-                _examine_all(client, fresh, analysis, finished, output, show)
+                _examine_all(client, unfinished, analysis, store, output, report_progress)
     finally:
-        rows = pa.concat_tables([finished.rows(places), finished.failures(places)])
-        table = write_table(output, analysis.verb, rows)
-        show("drawing the page", 1.0)
-        fs, folder = opened(output)
-        write_whole(fs, f"{folder}/{PAGE}", fleet_page(table).encode())
-    return Batch(rows, table, len(fresh))
+        rows = pa.concat_tables([store.rows(locations), store.failures(locations)])
+        table = update_table(output, analysis.verb, rows)
+        report_progress("drawing the page", 1.0)
+        fs, folder = open_file_system(output)
+        write_atomically(fs, f"{folder}/{PAGE}", build_fleet_page(table).encode())
+    return BatchResult(rows, table, len(unfinished))
 
 
 def _examine_all(
     client: Client,
-    places: Sequence[LogPlace],
+    locations: Sequence[LogLocation],
     analysis: Analysis,
-    finished: Finished,
+    store: ResultStore,
     output: str,
-    show: Progress,
+    report_progress: Progress,
 ) -> None:
-    kept = _Kept(finished)
-    work = partial(examine, analysis=analysis, known=finished.keys(), output=output)
+    buffer = _RowBuffer(store)
+    examine = partial(examine_log, analysis=analysis, known_keys=store.keys(), output=output)
     try:
-        for number, (place, row) in enumerate(each(client, work, places), 1):
-            about = {
+        for number, (place, row) in enumerate(examine_each(client, examine, locations), 1):
+            identity = {
                 "verb": analysis.verb,
                 "analysis": analysis.digest,
                 "log": place.url,
                 "stamp": place.stamp,
             }
-            kept.take(
-                {"size": place.size, "vehicle": place.folder, "version": analysis.version} | about | row
+            buffer.add(
+                {"size": place.size, "vehicle": place.folder, "version": analysis.version} | identity | row
             )
-            show(f"{number} of {len(places)} logs", number / len(places))
+            report_progress(f"{number} of {len(locations)} logs", number / len(locations))
     finally:
-        kept.write()
+        buffer.flush()

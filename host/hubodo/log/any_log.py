@@ -1,4 +1,4 @@
-"""A log in any of its forms: MCAP, rosbag, rosbag2 or CSV folder, one file of numbers."""
+"""Read a log in any supported format: MCAP, rosbag, rosbag2, CSV folder or number file."""
 
 from __future__ import annotations
 
@@ -33,17 +33,26 @@ def read_log(
     progress: Progress | None = None,
     keep_empty: bool = False,
 ) -> Recording:
-    """Read a whole log. form: what the user says of it, for what it does not say itself.
+    """Read a whole log into memory.
 
-    keep_empty: all as it stands; else tables without a row and rows that nothing can have measured are left
-    out and told. Raises LogError or InputError as the readers of those files do.
+    Parameters
+    ----------
+    path : file or folder in any supported format.
+    input_format : metadata given by the user (rate, unit, columns, topics) that the log lacks.
+    progress : called with the current step and the fraction done.
+    keep_empty : True returns the log unchanged. False omits empty tables and rows with implausible values,
+        and reports each in `Recording.warnings`.
+
+    Raises
+    ------
+    LogError, InputError : the log cannot be read; see the reader of its format.
     """
     recording = _read_any(path, input_format, progress)
     if keep_empty:
         return recording
     tables, notes = drop_implausible_rows(recording.files())
     non_empty = {name: table for name, table in tables.items() if len(table)}
-    notes += [f"nothing in {name}; left out" for name in tables if name not in non_empty]
+    notes += [f"{name} has no rows; left out" for name in tables if name not in non_empty]
     if not notes:
         return recording
     special: dict[str, Any] = {name: non_empty.get(name) for name in TABLE_FILE_COLUMNS}
@@ -59,7 +68,7 @@ def _read_any(path: Path, input_format: InputFormat, progress: Progress | None) 
                 build_recording(source, input_format.topic_selection, progress=progress), input_format
             )
     if input_format.topic_selection.explicit:
-        raise InputError(f"{path}: has no topics; leave --topic out")
+        raise InputError(f"{path}: has no topics; omit --topic")
     if path.is_dir():
         return convert_to_si(read_folder(path, progress=progress), input_format)
     if is_parquet(path):
@@ -69,7 +78,7 @@ def _read_any(path: Path, input_format: InputFormat, progress: Progress | None) 
 
 @contextmanager
 def open_source(path: Path) -> Iterator[MessageSource | None]:
-    """The messages of a log; None where it has none: a CSV folder or a file of numbers."""
+    """Open a log as a source of messages; yields None for a CSV folder or a number file, which have none."""
     file = find_mcap_file(path)
     if file is not None:
         with open_log(file) as log:
@@ -83,7 +92,7 @@ def open_source(path: Path) -> Iterator[MessageSource | None]:
 
 @contextmanager
 def open_as_mcap(path: Path, input_format: InputFormat = _DEFAULT_FORMAT) -> Iterator[Path]:
-    """The log as an MCAP file with hubodo's topics; of any other form one that is gone afterwards."""
+    """Yield the log as an MCAP file with hubodo's topics, converted to a temporary file where necessary."""
     file = find_mcap_file(path)
     if (
         file is not None
@@ -100,7 +109,7 @@ def open_as_mcap(path: Path, input_format: InputFormat = _DEFAULT_FORMAT) -> Ite
 
 
 def is_hubodo_mcap(file: Path) -> bool:
-    """Whether hubodo wrote an MCAP file, or nobody can tell."""
+    """Return True if hubodo wrote the MCAP file, or if the file has no channels to tell by."""
     with open_log(file) as log:
         if not log.streams:
             next(log.chunks(), None)  # some writers announce channels inside the chunks only
@@ -108,9 +117,9 @@ def is_hubodo_mcap(file: Path) -> bool:
 
 
 def find_mcap_file(path: Path) -> Path | None:
-    """The MCAP file that a path means; None for a log of another form.
+    """Return the MCAP file that a path refers to; None for a log in another format.
 
-    A file that is nothing known is taken as one, for the reader of MCAP says best what is wrong with it.
+    A file of unknown format counts as MCAP: the MCAP reader gives the most useful error message.
     """
     check_regular(path)
     if not path.is_dir():
@@ -128,7 +137,7 @@ def find_mcap_file(path: Path) -> Path | None:
 
 
 def is_rosbag(path: Path) -> bool:
-    """Whether a path is a rosbag: a file, or a folder, which a killed recorder leaves without metadata."""
+    """Return True for a rosbag: a file, or a folder with or (after a killed recorder) without metadata."""
     check_regular(path)
     if not path.is_dir():
         return detect_file_kind(path) in ("rosbag", "sqlite")

@@ -1,4 +1,4 @@
-"""The process that decodes one MATLAB or HDF5 file for `array_process`: its main program."""
+"""Main program of the subprocess that decodes one MATLAB or HDF5 file for `array_process`."""
 
 from __future__ import annotations
 
@@ -13,49 +13,49 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
-from hubodo.log.array_shapes import is_table
+from hubodo.log.array_shapes import is_number_table
 from hubodo.safe_text import json_text
 
-Found = tuple[str, tuple[int, ...], str | None, Callable[[], NDArray[Any]]]
-"""Name of an array, its shape, its unit, and what reads it."""
+ArrayEntry = tuple[str, tuple[int, ...], str | None, Callable[[], NDArray[Any]]]
+"""Name, shape and unit of an array, and the function that reads its values."""
 
-_COMPRESSION = 1100  # no compression of HDF5 packs numbers tighter; deflate reaches 1032
-_UNWRITTEN_BYTES = 1 << 28  # of a dataset that was declared and never written
+_MAX_COMPRESSION_RATIO = 1100  # expanded / stored bytes; deflate, the tightest filter of HDF5, reaches 1032
+_MAX_UNWRITTEN_BYTES = 1 << 28  # size of a dataset that was declared and never written
 
 
 def main() -> None:
-    """Decode the file that the first argument names in JSON; write arrays to the standard output."""
+    """Decode the file named in the first argument (JSON) and write its arrays to standard output."""
     order = json.loads(sys.argv[1])
     path, wanted = Path(order["path"]), order["wanted"]
-    decode = {"matlab": _matlab, "hdf5": _hdf5}[order["kind"]]
+    decode = {"matlab": _iterate_matlab, "hdf5": _iterate_hdf5}[order["kind"]]
     import_libraries(order["kind"])
     limit_process(order["memory"], order["cpu"])
     out = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # whatever a library prints does not come between the arrays
+    os.dup2(2, 1)  # output of a library must not mix with the arrays
     try:
         for name, shape, unit, read in decode(path, wanted, order["memory"]):
             sent = not wanted or name in wanted
             values = np.ascontiguousarray(read(), np.float64) if sent else None
-            head = {"name": name, "shape": shape, "unit": unit, "sent": sent}
-            out.write(json_text(head).encode() + b"\n")
+            header = {"name": name, "shape": shape, "unit": unit, "sent": sent}
+            out.write(json_text(header).encode() + b"\n")
             if values is not None:
                 out.write(values.data)
     except MemoryError:
         limit = f"{order['memory'] / 1e6:.0f} MB"
-        _fail(out, f"needs more than {limit} to decode; raise --max-memory if it is genuine")
+        _send_error(out, f"needs more than {limit} to decode; raise --max-memory if the file is genuine")
     except InputError as error:
-        _fail(out, str(error))
+        _send_error(out, str(error))
     except Exception as error:  # noqa: BLE001 - whatever the libraries raise at damaged bytes
-        _fail(out, f"cannot be read ({type(error).__name__}: {str(error)[:200]}); save it again")
+        _send_error(out, f"cannot be read ({type(error).__name__}: {str(error)[:200]}); save it again")
     out.flush()
 
 
-def _fail(out: Any, text: str) -> None:
+def _send_error(out: Any, text: str) -> None:
     out.write(json_text({"error": text}).encode() + b"\n")
 
 
 def import_libraries(kind: str) -> None:
-    """Import what the file needs before the memory is limited."""
+    """Import the library for this kind of file, before memory is limited."""
     if kind == "matlab":
         import scipy.io.matlab  # noqa: F401
     else:
@@ -63,67 +63,71 @@ def import_libraries(kind: str) -> None:
 
 
 def limit_process(memory: int, cpu: int) -> None:
-    """Limit this process: bytes beyond those that it has, seconds of processor time."""
+    """Limit this process to `memory` bytes beyond its present size and `cpu` seconds of processor time."""
     try:
         import resource
-    except ImportError:  # Windows has no such limits: the process alone protects its caller there
+    except ImportError:  # Windows has no such limits; the separate process still protects its caller
         return
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_CPU, (cpu, cpu + 1))
     try:
         pages = int(Path("/proc/self/statm").read_text("ascii").split()[0])
-    except (OSError, ValueError):  # no /proc, as on macOS, whose kernel does not enforce this limit either
+    except (OSError, ValueError):  # no /proc: macOS, whose kernel does not enforce this limit anyway
         return
-    most = pages * resource.getpagesize() + memory
-    resource.setrlimit(resource.RLIMIT_AS, (most, most))
+    limit = pages * resource.getpagesize() + memory
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
 
 
-def _matlab(path: Path, wanted: list[str], memory: int) -> Iterator[Found]:
+def _iterate_matlab(path: Path, wanted: list[str], memory: int) -> Iterator[ArrayEntry]:
     from scipy.io import loadmat
 
     content = loadmat(path, simplify_cells=True)
-    waiting: list[tuple[str, Any]] = list(reversed(content.items()))
-    while waiting:
-        name, value = waiting.pop()
+    pending: list[tuple[str, Any]] = list(reversed(content.items()))
+    while pending:
+        name, value = pending.pop()
         if isinstance(value, dict):
-            waiting += [(f"{name}.{key}", inner) for key, inner in reversed(value.items())]
+            pending += [(f"{name}.{key}", inner) for key, inner in reversed(value.items())]
         elif (
-            isinstance(value, np.ndarray) and not name.startswith("__") and is_table(value.dtype, value.shape)
+            isinstance(value, np.ndarray)
+            and not name.startswith("__")
+            and is_number_table(value.dtype, value.shape)
         ):
             yield name, value.shape, None, lambda value=value: value  # type: ignore[misc]
 
 
-def _hdf5(path: Path, wanted: list[str], memory: int) -> Iterator[Found]:
+def _iterate_hdf5(path: Path, wanted: list[str], memory: int) -> Iterator[ArrayEntry]:
     import h5py
 
     with h5py.File(path, "r") as file:
         datasets: list[tuple[str, Any]] = []
 
         def collect(name: str, item: Any) -> None:
-            if isinstance(item, h5py.Dataset) and is_table(item.dtype, item.shape or ()):
+            if isinstance(item, h5py.Dataset) and is_number_table(item.dtype, item.shape or ()):
                 datasets.append((name, item))
 
         file.visititems(collect)
-        _refuse_links(file, wanted)
+        _reject_external_links(file, wanted)
         claimed = 0
         for name, item in datasets:
             if wanted and name not in wanted:
                 yield name, item.shape, None, lambda: np.zeros(0)
                 continue
             if item.is_virtual or item.external is not None:
-                raise InputError(f"{name} lies in another file, which is not followed; copy it into this one")
+                raise InputError(
+                    f"{name} is stored in another file, which is not followed; copy it into this one"
+                )
             claimed += 8 * item.size
             stored = item.id.get_storage_size()
-            if 8 * item.size > _UNWRITTEN_BYTES + _COMPRESSION * stored or claimed > memory:
+            if 8 * item.size > _MAX_UNWRITTEN_BYTES + _MAX_COMPRESSION_RATIO * stored or claimed > memory:
                 raise InputError(
                     f"{name} claims {item.size} numbers: the file holds {stored} bytes of them, the limit is "
-                    f"{memory / 1e6:.0f} MB; save it again, or raise --max-memory if it is genuine"
+                    f"{memory / 1e6:.0f} MB; save it again, or raise --max-memory if the file is genuine"
                 )
-            yield name, item.shape, _unit(item), lambda item=item: item[()]  # type: ignore[misc]
+            yield name, item.shape, _read_unit(item), lambda item=item: item[()]  # type: ignore[misc]
 
 
-def _refuse_links(file: Any, wanted: list[str]) -> None:
-    """Raises InputError where an array that is asked for lies behind a link to another file."""
+def _reject_external_links(file: Any, wanted: list[str]) -> None:
+    """Raise InputError if a requested array is a link to another file."""
     import h5py
 
     links: list[tuple[str, str]] = []
@@ -140,7 +144,7 @@ def _refuse_links(file: Any, wanted: list[str]) -> None:
             )
 
 
-def _unit(item: Any) -> str | None:
+def _read_unit(item: Any) -> str | None:
     value = next((item.attrs[key] for key in ("unit", "units") if key in item.attrs), None)
     if value is None:
         return None

@@ -1,4 +1,4 @@
-"""Rosbags of either generation as a source of messages: every message as the CDR that MCAP has, unread."""
+"""Read rosbags of ROS 1 and ROS 2 as a source of CDR messages."""
 
 from __future__ import annotations
 
@@ -8,26 +8,26 @@ from dataclasses import replace
 from pathlib import Path
 
 from hubodo.errors import InputError
-from hubodo.log.chunk_reader import Messages, walk
-from hubodo.log.compressed_bag import Expander, StorageFiles, compression_mode, message_expander
+from hubodo.log.chunk_reader import ChunkMessages, parse_messages
+from hubodo.log.compressed_bag import Expander, StorageFiles, make_message_expander, read_compression_mode
 from hubodo.log.logfile import Log, open_log
 from hubodo.log.message_records import encode_message_record
 from hubodo.log.number_file import detect_file_kind
 from hubodo.log.source import FileInfo, Stream
-from hubodo.log.sqlite_bag import READ_ERRORS, iterate_messages, read_facts
+from hubodo.log.sqlite_bag import READ_ERRORS, iterate_messages, read_database_facts
 
 METADATA_FILE = "metadata.yaml"
 _BATCH_BYTES = 4 << 20
 BagRow = tuple[int, int, bytes]
-"""Channel, time in ns, message."""
+"""Channel id, time of receipt in ns, message."""
 
 
 def _no_op() -> None:
-    """Close nothing."""
+    """Do nothing; the default for bags without resources to close."""
 
 
 class Bag:
-    """A rosbag opened for reading; build it with `open_bag`. Its messages come by the time of receipt."""
+    """A rosbag open for reading, its messages ordered by time of receipt. Built by `open_bag`."""
 
     def __init__(
         self,
@@ -53,16 +53,16 @@ class Bag:
 
     @property
     def file_info(self) -> FileInfo:
-        """Size, generation, and whether all of it could be read."""
+        """Size, generation (ROS 1 or 2) and number of problems found while reading."""
         return replace(self._file_info, damaged=len(self.warnings()))
 
     @property
     def progress(self) -> float:
-        """Fraction of the messages that `chunks()` has gone through."""
+        """Fraction of the messages that `chunks()` has read."""
         return self._n_read / max(1, self._n_rows)
 
-    def chunks(self) -> Iterator[Messages]:
-        """All messages, some megabytes at a time; what comes behind damage is lost and told."""
+    def chunks(self) -> Iterator[ChunkMessages]:
+        """Yield all messages, some megabytes at a time; messages after damage are lost and reported."""
         self._n_read, self._warnings = 0, []
         records, size = [], 0
         try:
@@ -71,7 +71,7 @@ class Bag:
                 size += len(payload)
                 self._n_read += 1
                 if size >= _BATCH_BYTES:
-                    yield walk(b"".join(records))
+                    yield parse_messages(b"".join(records))
                     records, size = [], 0
         except self._read_errors as error:
             self._warnings.append(
@@ -79,10 +79,10 @@ class Bag:
                 f"({error})"
             )
         if records:
-            yield walk(b"".join(records))
+            yield parse_messages(b"".join(records))
 
     def warnings(self) -> tuple[str, ...]:
-        """Return a line for each thing that could not be read; complete once its chunks were read."""
+        """Return one line for each problem; complete once `chunks()` has finished."""
         return (*(f"{self.path}: {note}" for note in self._notes()), *self._warnings)
 
 
@@ -90,9 +90,9 @@ def open_bag(path: Path) -> Bag:
     """Open a ROS 1 bag, a rosbag2 folder or a .db3 file of one. Raises InputError where it cannot be read."""
     if not path.is_dir():
         return _open_sqlite(path, [path]) if detect_file_kind(path) == "sqlite" else _open_rosbag1(path)
-    # Files are those in the folder. What metadata.yaml names is not followed: it may lie outside of it.
-    mode = compression_mode(path / METADATA_FILE)
-    expand = message_expander(path) if mode == "message" else None
+    # Only files in the folder are read: paths in metadata.yaml may point outside of it.
+    mode = read_compression_mode(path / METADATA_FILE)
+    expand = make_message_expander(path) if mode == "message" else None
     storage = StorageFiles(path)
     try:
         if storage.databases:
@@ -115,7 +115,7 @@ def _total_size(path: Path) -> int:
 
 
 def _number_streams(keys: Iterable[tuple[str, str, str]]) -> dict[tuple[str, str, str], Stream]:
-    """Return a stream for each distinct (topic, type, encoding)."""
+    """Return a numbered stream for each distinct (topic, type, encoding)."""
     distinct = dict.fromkeys(keys)
     return {key: Stream(number, *key, {}) for number, key in enumerate(distinct, 1)}
 
@@ -126,9 +126,9 @@ def _open_sqlite(
     expand: Expander | None = None,
     close: Callable[[], None] = _no_op,
 ) -> Bag:
-    """Read topics and messages of SQLite files; a killed recorder never writes metadata.yaml."""
+    """Open SQLite files directly, because a killed recorder leaves no metadata.yaml."""
     try:
-        facts = [read_facts(file) for file in files]
+        facts = [read_database_facts(file) for file in files]
     except READ_ERRORS as error:
         raise _unreadable_error(path, error) from None
     streams = _number_streams(topic[1:] for fact in facts for topic in fact.topics)
@@ -149,7 +149,7 @@ def _open_sqlite(
 def _open_mcap_parts(
     path: Path, parts: Sequence[Path], expand: Expander | None, close: Callable[[], None]
 ) -> Bag:
-    """Read a rosbag2 folder whose recording went into several MCAP files, by time."""
+    """Open a rosbag2 folder with several MCAP files and merge their messages by time."""
     logs = [open_log(part) for part in parts]
     for log in logs:
         for _ in log.chunks():  # some writers announce channels inside the chunks only
@@ -178,7 +178,7 @@ def _open_mcap_parts(
 
 
 def _open_rosbag1(path: Path) -> Bag:
-    """Read a bag of ROS 1."""
+    """Open a ROS 1 bag."""
     from hubodo.log import rosbag1
 
     try:
@@ -195,7 +195,9 @@ def _open_rosbag1(path: Path) -> Bag:
             yield streams[topic].id, t_ns, payload
 
     def notes() -> list[str]:
-        return [f"{bag.n_unfit} messages do not fit their type; left out"] if bag.n_unfit else []
+        return (
+            [f"{bag.n_undecodable} messages do not match their type; left out"] if bag.n_undecodable else []
+        )
 
     facts = FileInfo(_total_size(path), "rosbag", "ros1", True)
     stream_list = list(streams.values())

@@ -1,4 +1,4 @@
-"""The checksums that a log has beside those of its chunks: of each attachment, and of all up to its end."""
+"""Check the CRCs of an MCAP file outside its chunks: of each attachment and of the data section."""
 
 from __future__ import annotations
 
@@ -6,27 +6,27 @@ import zlib
 from collections.abc import Iterable
 
 from hubodo.log.descriptor import pread
-
-_BLOCK = 1 << 20
-
-
-def attachment_holds(content: bytes) -> bool:
-    """Whether the content of an attachment record is what its last four bytes say; 0: they say nothing."""
-    stated = int.from_bytes(content[-4:], "little")
-    return not stated or zlib.crc32(content[:-4]) == stated
+from hubodo.log.input_limits import READ_BLOCK_BYTES
 
 
-def data_section_holds(fd: int, starts: Iterable[int], end: int, stated: int) -> bool:
-    """Whether the bytes up to `end` have the stated checksum; 0: not given.
+def attachment_crc_matches(content: bytes) -> bool:
+    """Return True if an attachment record matches the CRC in its last four bytes, or if that is 0 (none)."""
+    expected_crc = int.from_bytes(content[-4:], "little")
+    return not expected_crc or zlib.crc32(content[:-4]) == expected_crc
 
-    starts: where writers begin to count: most at the first byte, some behind the magic or the header.
+
+def data_section_crc_matches(fd: int, starts: Iterable[int], end: int, expected_crc: int) -> bool:
+    """Return True if the bytes up to offset `end` match the expected CRC, or if that is 0 (not given).
+
+    starts: offsets at which the CRC may begin: most writers use the first byte of the file, some the first
+    after the magic bytes or the header.
     """
-    return not stated or any(_checksum(fd, start, end) == stated for start in starts)
+    return not expected_crc or any(_compute_crc(fd, start, end) == expected_crc for start in starts)
 
 
-def _checksum(fd: int, start: int, end: int) -> int:
+def _compute_crc(fd: int, start: int, end: int) -> int:
     crc = 0
-    while start < end and (block := pread(fd, min(_BLOCK, end - start), start)):
+    while start < end and (block := pread(fd, min(READ_BLOCK_BYTES, end - start), start)):
         crc = zlib.crc32(block, crc)
         start += len(block)
     return crc

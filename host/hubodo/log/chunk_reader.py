@@ -1,4 +1,4 @@
-"""The inside of a chunk: decompressed within bounds, checked, and its messages found."""
+"""Decompress the chunks of an MCAP file within bounds, check them and locate their messages."""
 
 from __future__ import annotations
 
@@ -15,70 +15,79 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
 from hubodo.log.descriptor import pread
-from hubodo.log.input_limits import room_of
+from hubodo.log.input_limits import max_expanded_bytes
 from hubodo.log.message_records import MESSAGE_HEADER
 
-MAX_CHUNK = 1 << 30
-"""Bytes; a chunk that claims to be bigger is taken for damaged before anything is allocated for it."""
-MEMORY_PER_BYTE = 4
-"""Bytes of memory that a byte of a chunk takes while its messages are located: of the shortest, 3.5."""
-_HEAD = struct.Struct("<BQ")
-_INDEX = struct.Struct("<BQHI")
+MAX_CHUNK_BYTES = 1 << 30
+"""Bytes; a chunk that claims more is treated as damaged before anything is allocated."""
+CHUNK_MEMORY_RATIO = 4
+"""Bytes of memory per byte of a chunk while its messages are located; 3.5 for the shortest messages."""
+_RECORD_HEADER = struct.Struct("<BQ")
+_INDEX_HEADER = struct.Struct("<BQHI")
 
 
 @dataclass(frozen=True)
-class ChunkPlace:
-    """Where a chunk stands; crc 0: not given. A run of messages outside chunks has `compression` None."""
+class ChunkLocation:
+    """The position and header of a chunk, or of a run of messages outside chunks (`compression` None).
+
+    Attributes
+    ----------
+    offset, length : of the chunk record in the file, bytes.
+    data_offset, data_size : of the compressed records in the file, bytes.
+    expanded_size : size of the decompressed records, bytes, as claimed by the header.
+    crc : CRC-32 of the decompressed records; 0 if not given.
+    start_ns, end_ns : log time of the first and last message.
+    """
 
     offset: int
     length: int
     data_offset: int
     data_size: int
     compression: str | None
-    size: int
+    expanded_size: int
     crc: int
     start_ns: int
     end_ns: int
 
 
 class DamagedChunk(Exception):
-    """A chunk whose bytes are not what was written; str() is the reason."""
+    """A damaged chunk; str() is the reason."""
 
 
-def load(fd: int, place: ChunkPlace) -> bytes:
-    """The records of a chunk. Raises DamagedChunk; allocates no more than the chunk can truly hold."""
-    if place.size > MAX_CHUNK or place.data_size > MAX_CHUNK:
-        raise DamagedChunk(f"claims {max(place.size, place.data_size)} bytes")
-    data = pread(fd, place.data_size, place.data_offset)
-    if len(data) != place.data_size:
+def read_chunk(fd: int, location: ChunkLocation) -> bytes:
+    """Return the decompressed records of a chunk, within its claimed size. Raises DamagedChunk."""
+    if location.expanded_size > MAX_CHUNK_BYTES or location.data_size > MAX_CHUNK_BYTES:
+        raise DamagedChunk(f"claims {max(location.expanded_size, location.data_size)} bytes")
+    data = pread(fd, location.data_size, location.data_offset)
+    if len(data) != location.data_size:
         raise DamagedChunk("is cut off")
-    if place.compression is None:
+    if location.compression is None:
         return data
     try:
-        data = _decompress(data, place.compression, place.size)
+        data = _decompress(data, location.compression, location.expanded_size)
     except (zstandard.ZstdError, RuntimeError, MemoryError, ValueError) as error:
         raise DamagedChunk(f"does not decompress ({error})") from error
-    if len(data) != place.size:
-        raise DamagedChunk(f"holds {len(data)} bytes instead of {place.size}")
-    if place.crc and zlib.crc32(data) != place.crc:
+    if len(data) != location.expanded_size:
+        raise DamagedChunk(f"holds {len(data)} bytes instead of {location.expanded_size}")
+    if location.crc and zlib.crc32(data) != location.crc:
         raise DamagedChunk("fails its checksum")
     return data
 
 
-def load_cut(fd: int, place: ChunkPlace) -> bytes:
-    """What still decompresses of a chunk that the file's end cut off; may be empty, fails no checksum."""
-    data = pread(fd, min(place.data_size, MAX_CHUNK), place.data_offset)
-    bound = min(place.size, MAX_CHUNK, room_of(len(data)))
+def read_truncated_chunk(fd: int, location: ChunkLocation) -> bytes:
+    """Return the records that decompress from a chunk truncated by the end of the file; may be empty."""
+    data = pread(fd, min(location.data_size, MAX_CHUNK_BYTES), location.data_offset)
+    bound = min(location.expanded_size, MAX_CHUNK_BYTES, max_expanded_bytes(len(data)))
     try:
-        if place.compression == "zstd":
+        if location.compression == "zstd":
             data = zstandard.ZstdDecompressor().stream_reader(io.BytesIO(data)).read(bound)
-        elif place.compression == "lz4":
+        elif location.compression == "lz4":
             data = bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, bound))
-        elif place.compression != "":
+        elif location.compression != "":
             return b""
     except (zstandard.ZstdError, RuntimeError, MemoryError):
         return b""
-    damaged = len(data) >= place.size and place.crc and zlib.crc32(data) != place.crc
+    damaged = len(data) >= location.expanded_size and location.crc and zlib.crc32(data) != location.crc
     return b"" if damaged else data
 
 
@@ -95,79 +104,83 @@ def _decompress(data: bytes, compression: str, size: int) -> bytes:
 
 
 @dataclass(frozen=True)
-class Messages:
+class ChunkMessages:
     """The messages of one chunk, in file order.
 
-    data: (size,) uint8, the chunk's records. places: (n,) where each record begins. heads: (n,) of dtype
-    `chunks.PREFIX`. definitions: (opcode, content) of schema and channel records. whole: False when the
-    records end in nonsense.
+    Attributes
+    ----------
+    data : (size,) uint8, the decompressed records.
+    offsets : (n,) start of each message record in `data`.
+    headers : (n,) of dtype `MESSAGE_HEADER`.
+    definitions : (opcode, content) of the schema and channel records in the chunk.
+    is_complete : False if the records end in undecodable bytes.
     """
 
     data: NDArray[np.uint8]
-    places: NDArray[np.int64]
-    heads: NDArray[np.void]
+    offsets: NDArray[np.int64]
+    headers: NDArray[np.void]
     definitions: tuple[tuple[int, bytes], ...]
-    whole: bool
+    is_complete: bool
 
-    def between(self, start_ns: int, end_ns: int) -> Messages:
-        """Those with start_ns <= log time <= end_ns."""
-        times = self.heads["log_time"]
-        chosen = (times >= start_ns) & (times <= end_ns)
-        return replace(self, places=self.places[chosen], heads=self.heads[chosen])
+    def between(self, start_ns: int, end_ns: int) -> ChunkMessages:
+        """Return the messages with start_ns <= log time <= end_ns."""
+        times = self.headers["log_time"]
+        in_span = (times >= start_ns) & (times <= end_ns)
+        return replace(self, offsets=self.offsets[in_span], headers=self.headers[in_span])
 
-    def by_channel(self) -> Iterator[tuple[int, NDArray[np.intp]]]:
-        """Yield each channel id and the indices of its messages, in one pass over the chunk."""
-        channels = np.ascontiguousarray(self.heads["channel"])
+    def group_by_channel(self) -> Iterator[tuple[int, NDArray[np.intp]]]:
+        """Yield each channel id with the indices of its messages."""
+        channels = np.ascontiguousarray(self.headers["channel"])
         order = np.argsort(channels, kind="stable")
         ids, starts = np.unique(channels[order], return_index=True)
         yield from zip(ids.tolist(), np.split(order, starts[1:]), strict=False)
 
-    def size_of(self, chosen: NDArray[np.intp]) -> int:
-        """Return the bytes of the records of these messages."""
-        return int(self.heads["length"][chosen].sum())
+    def total_record_size(self, indices: NDArray[np.intp]) -> int:
+        """Return the total size in bytes of the records with these indices."""
+        return int(self.headers["length"][indices].sum())
 
     def payload(self, i: int) -> bytes:
-        """Bytes of message i."""
-        start = int(self.places[i]) + MESSAGE_HEADER.itemsize
-        return self.data[start : start + int(self.heads["length"][i]) - 22].tobytes()
+        """Return the payload of message i."""
+        start = int(self.offsets[i]) + MESSAGE_HEADER.itemsize
+        return self.data[start : start + int(self.headers["length"][i]) - 22].tobytes()
 
 
-def announced(fd: int, place: ChunkPlace) -> NDArray[np.int64]:
-    """Where the message indexes behind a chunk say that its records begin, in order."""
-    found, position = [], place.offset + place.length
-    while place.compression is not None:
-        head = pread(fd, _INDEX.size, position)
-        if len(head) < _INDEX.size:
+def read_message_offsets(fd: int, location: ChunkLocation) -> NDArray[np.int64]:
+    """Return the sorted record offsets that the message indexes after a chunk announce."""
+    offsets, position = [], location.offset + location.length
+    while location.compression is not None:
+        header = pread(fd, _INDEX_HEADER.size, position)
+        if len(header) < _INDEX_HEADER.size:
             break
-        opcode, length, _, size = _INDEX.unpack(head)
-        if opcode != Opcode.MESSAGE_INDEX or length != size + 6 or size % 16 or size > place.size:
+        opcode, length, _, size = _INDEX_HEADER.unpack(header)
+        if opcode != Opcode.MESSAGE_INDEX or length != size + 6 or size % 16 or size > location.expanded_size:
             break
-        entries = pread(fd, size, position + _INDEX.size)
+        entries = pread(fd, size, position + _INDEX_HEADER.size)
         if len(entries) < size:
             break
-        found.append(np.frombuffer(entries, "<i8")[1::2])
-        position += _INDEX.size + size
-    return np.sort(np.concatenate(found)) if found else np.empty(0, np.int64)
+        offsets.append(np.frombuffer(entries, "<i8")[1::2])
+        position += _INDEX_HEADER.size + size
+    return np.sort(np.concatenate(offsets)) if offsets else np.empty(0, np.int64)
 
 
-def walk(data: bytes, announced: NDArray[np.int64] | None = None) -> Messages:
-    """Find the messages among a chunk's records; stops where they make no sense.
+def parse_messages(data: bytes, indexed_offsets: NDArray[np.int64] | None = None) -> ChunkMessages:
+    """Locate the messages in a chunk's records, up to the first undecodable record.
 
-    announced: where they may begin. It is believed where one record ends at the next from the first byte to
-    the last, which is quicker to see than to find.
+    indexed_offsets: record offsets from the message indexes. They are used if the records at these offsets
+    are contiguous from the first byte to the last, which is faster to verify than to parse.
     """
-    if announced is not None and len(announced):
-        heads = _chained(data, announced)
-        if heads is not None:
-            return Messages(np.frombuffer(data, np.uint8), announced, heads, (), True)
+    if indexed_offsets is not None and len(indexed_offsets):
+        headers = _headers_if_contiguous(data, indexed_offsets)
+        if headers is not None:
+            return ChunkMessages(np.frombuffer(data, np.uint8), indexed_offsets, headers, (), True)
     parts: list[NDArray[np.int64]] = []
     single: list[int] = []
     definitions: dict[tuple[int, bytes], bytes] = {}
     position, end, run, last = 0, len(data), 0, -1
-    unpack = _HEAD.unpack_from
-    while position + _HEAD.size <= end:
+    unpack = _RECORD_HEADER.unpack_from
+    while position + _RECORD_HEADER.size <= end:
         opcode, length = unpack(data, position)
-        after = position + _HEAD.size + length
+        after = position + _RECORD_HEADER.size + length
         if after > end or opcode == 0 or (opcode == Opcode.MESSAGE and length < 22):
             break
         if opcode == Opcode.MESSAGE:
@@ -175,49 +188,51 @@ def walk(data: bytes, announced: NDArray[np.int64] | None = None) -> Messages:
             run = run + 1 if length == last else 0
             last = length
             if run == 8:
-                stride = _HEAD.size + length
-                count = _equal_run(data, after, stride)
+                stride = _RECORD_HEADER.size + length
+                count = _count_equal_records(data, after, stride)
                 parts += [np.array(single, np.int64), after + stride * np.arange(count)]
                 single, run = [], 0
                 after += count * stride
         elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            start = position + _HEAD.size
+            start = position + _RECORD_HEADER.size
             definitions.setdefault((opcode, data[start : start + 2]), data[start:after])
         position = after
-    places = np.concatenate([*parts, np.array(single, np.int64)])
+    offsets = np.concatenate([*parts, np.array(single, np.int64)])
     defined = tuple((opcode, content) for (opcode, _), content in definitions.items())
-    return Messages(np.frombuffer(data, np.uint8), places, _heads(data, places), defined, position == end)
+    return ChunkMessages(
+        np.frombuffer(data, np.uint8), offsets, _read_headers(data, offsets), defined, position == end
+    )
 
 
-def _chained(data: bytes, places: NDArray[np.int64]) -> NDArray[np.void] | None:
-    """The heads of message records at these places, if they are all there is."""
-    if places[0] != 0 or places[-1] > len(data) - MESSAGE_HEADER.itemsize:
+def _headers_if_contiguous(data: bytes, offsets: NDArray[np.int64]) -> NDArray[np.void] | None:
+    """Return the headers at these offsets if the records are contiguous and cover all data, else None."""
+    if offsets[0] != 0 or offsets[-1] > len(data) - MESSAGE_HEADER.itemsize:
         return None
-    heads = _heads(data, places)
-    lengths = heads["length"].astype(np.int64)
-    sound = (heads["opcode"] == Opcode.MESSAGE) & (lengths >= 22)
-    sound &= places + _HEAD.size + lengths == np.append(places[1:], len(data))
-    return heads if sound.all() else None
+    headers = _read_headers(data, offsets)
+    lengths = headers["length"].astype(np.int64)
+    valid = (headers["opcode"] == Opcode.MESSAGE) & (lengths >= 22)
+    valid &= offsets + _RECORD_HEADER.size + lengths == np.append(offsets[1:], len(data))
+    return headers if valid.all() else None
 
 
-def _heads(data: bytes, places: NDArray[np.int64]) -> NDArray[np.void]:
-    if not len(places):
+def _read_headers(data: bytes, offsets: NDArray[np.int64]) -> NDArray[np.void]:
+    if not len(offsets):
         return np.empty(0, MESSAGE_HEADER)
-    anywhere: NDArray[np.void] = np.ndarray(
+    header_at_byte: NDArray[np.void] = np.ndarray(
         (len(data) - MESSAGE_HEADER.itemsize + 1,), MESSAGE_HEADER, buffer=data, strides=(1,)
     )
-    return anywhere[places]
+    return header_at_byte[offsets]
 
 
-def _equal_run(data: bytes, start: int, stride: int) -> int:
-    """How many message records of one size follow back to back."""
-    count, look = 0, 64
-    while (room := min(look, (len(data) - start) // stride - count)) > 0:
-        heads: NDArray[np.void] = np.ndarray(
-            (room,), MESSAGE_HEADER, buffer=data, offset=start + count * stride, strides=(stride,)
+def _count_equal_records(data: bytes, start: int, stride: int) -> int:
+    """Count the consecutive message records of the same size from `start` on."""
+    count, window = 0, 64
+    while (n_records := min(window, (len(data) - start) // stride - count)) > 0:
+        headers: NDArray[np.void] = np.ndarray(
+            (n_records,), MESSAGE_HEADER, buffer=data, offset=start + count * stride, strides=(stride,)
         )
-        same = (heads["opcode"] == 5) & (heads["length"] == stride - 9)
+        same = (headers["opcode"] == 5) & (headers["length"] == stride - 9)
         if not bool(same.all()):
             return count + int(same.argmin())
-        count, look = count + room, look * 4
+        count, window = count + n_records, window * 4
     return count

@@ -1,8 +1,8 @@
-"""Messages to chunks: what is pending, and for how long.
+"""Collect messages into chunks and write each chunk when it is full or old enough.
 
 A message waits in memory until its chunk is full or half a second old, whichever comes first; then the chunk
-goes to the operating system in one call. The age is looked at on each write and on `tick()`, so a killed
-process loses what is younger than `pending_s` plus the time between two ticks.
+goes to the operating system in one call. The age is checked on each write and on `tick()`, so a killed
+process loses at most the messages of the last `pending_s` plus the time between two ticks.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _ROW_NUMBERS = np.arange(MAX_PENDING_ROWS, dtype=np.uint32)
 
 
 class _ChannelIndex:
-    """Times and places of one channel's messages in the pending chunk."""
+    """Log times and record offsets of one channel's messages in the pending chunk."""
 
     def __init__(self) -> None:
         self.batches: list[tuple[NDArray[np.int64], int, int]] = []
@@ -46,7 +46,7 @@ class _ChannelIndex:
 
 
 class ChunkTarget(Protocol):
-    """Where chunks go: one file, or several one after the other."""
+    """The destination of chunks: one file, or a series of files."""
 
     @property
     def path(self) -> Path: ...
@@ -71,13 +71,16 @@ class ChunkTarget(Protocol):
 
 
 class ChunkWriter:
-    """A log being written, one message or many of one layout at a time; a context manager; one thread only.
+    """A writer of messages, single or in batches of one layout; a context manager for one thread.
 
-    path: must not exist (`InputError`), or where else the chunks go. metadata: text by key, kept in the
-    record `hubodo`. t_zero_ns: host time that readers call t = 0; by default now, in whole seconds.
-    compression: zstd, lz4 or none. chunk_bytes, pending_s: a chunk is written when it is this big or its
-    first message has waited this long. clock: monotonic ns, for that wait; None switches the time bound off
-    (bulk conversion).
+    Parameters
+    ----------
+    path : the file to create (InputError if it exists), or another destination of chunks.
+    metadata : text by key, stored in the metadata record `hubodo`.
+    t_zero_ns : host time that readers call t = 0; by default the present whole second.
+    compression : zstd, lz4 or none.
+    chunk_bytes, pending_s : a chunk is written when it has this size or its first message this age.
+    clock : monotonic clock in ns for that age; None disables the age limit (bulk conversion).
     """
 
     def __init__(
@@ -114,17 +117,17 @@ class ChunkWriter:
 
     @property
     def path(self) -> Path:
-        """The file."""
+        """The file that is being written."""
         return self._file.path
 
     @property
     def size(self) -> int:
-        """Bytes handed to the operating system so far."""
+        """Bytes handed to the operating system."""
         return self._file.size
 
     @property
     def message_count(self) -> int:
-        """Messages accepted so far, pending ones included."""
+        """Messages accepted, including pending ones."""
         return self._message_count
 
     def add_channel(
@@ -136,7 +139,7 @@ class ChunkWriter:
         encoding: str,
         metadata: Mapping[str, str] | None = None,
     ) -> int:
-        """Announce a channel; returns its id. An empty `schema` name means a channel without schema."""
+        """Announce a channel and return its id. An empty `schema` name means a channel without schema."""
         schema_id = 0
         if schema:
             key = (schema, schema_encoding)
@@ -150,11 +153,11 @@ class ChunkWriter:
         return channel
 
     def add_ros2_channel(self, topic: str, schema: str, metadata: Mapping[str, str] | None = None) -> int:
-        """Announce a channel of one of the messages of `ros2`; returns its id."""
+        """Announce a channel with a message type of `ros2` and return its id."""
         return self.add_channel(topic, schema, "ros2msg", ros2.definition(schema).encode(), "cdr", metadata)
 
     def write(self, channel: int, t_log_ns: int, t_pub_ns: int, payload: bytes) -> None:
-        """One message. Times: ns since 1970, not negative (ValueError)."""
+        """Write one message. Times are ns since 1970; ValueError if negative."""
         if t_log_ns < 0 or t_pub_ns < 0:
             raise ValueError(f"negative time: log {t_log_ns} ns, publish {t_pub_ns} ns")
         sequence = self._next_sequence[channel]
@@ -168,22 +171,22 @@ class ChunkWriter:
         self._flush_if_due()
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Another metadata record, such as a calibration's key figures."""
+        """Write another metadata record."""
         self._file.add_metadata(name, values)
 
     def add_attachment(self, name: str, media_type: str, data: bytes) -> None:
-        """Keep a whole file in the log, such as a configuration or calibration."""
+        """Attach a file to the log, such as a configuration or calibration."""
         self._file.add_attachment(name, media_type, data, self.t_zero_ns)
 
     def tick(self, now_ns: int | None = None) -> None:
-        """Call every 0.1 s or so: writes the pending chunk when its first message has waited long enough."""
+        """Write the pending chunk if its first message is old enough; to be called about every 0.1 s."""
         if self._flush_deadline_ns is None or self._clock is None:
             return
         if (self._clock() if now_ns is None else now_ns) >= self._flush_deadline_ns:
             self.flush()
 
     def flush(self) -> None:
-        """Hand what is pending to the operating system. OSError (disk full) loses only that."""
+        """Hand the pending chunk to the operating system. An OSError (disk full) loses only that chunk."""
         for stream in self._pending_streams:
             self._encode_pending_rows(stream)
         self._pending_streams = []
@@ -195,7 +198,7 @@ class ChunkWriter:
         self._file.add_chunk(records, indexes, self.compression)
 
     def close(self) -> None:
-        """Write what is pending, the index and the footer. Idempotent."""
+        """Write the pending chunk, the index and the footer. Idempotent."""
         if not self._file.closed:
             try:
                 self.flush()
@@ -213,7 +216,7 @@ class ChunkWriter:
     def write_rows(
         self, stream: RowBuffer, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, values: Mapping[str, ArrayLike]
     ) -> None:
-        """A batch on a stream: times (n,) ns; values: field -> (n, ...), or a scalar for all."""
+        """Write a batch: times (n,) ns or one for all; values: field -> (n, ...) or a scalar for all."""
         published = np.asarray(t_pub_ns, np.int64)
         if not published.ndim:
             published = published.reshape(1)
@@ -229,10 +232,10 @@ class ChunkWriter:
         logged = stream.log_time[rows]
         logged[:] = t_log_ns
         stream.publish_time[rows] = published
-        one: Any = t_log_ns
-        one_time = isinstance(one, int) and one >= 0
-        # The sign bit of either shows in the or.
-        if np.minimum.reduce(published if one_time else logged | published) < 0:
+        log_ns: Any = t_log_ns
+        has_one_log_time = isinstance(log_ns, int) and log_ns >= 0
+        # The bitwise or is negative if either time is.
+        if np.minimum.reduce(published if has_one_log_time else logged | published) < 0:
             raise ValueError(f"negative time: log {logged.min()} ns, publish {published.min()} ns")
         views = stream.field_views
         for path, value in values.items():
@@ -248,7 +251,7 @@ class ChunkWriter:
         self._flush_if_due()
 
     def _encode_pending_rows(self, stream: RowBuffer) -> None:
-        """The rows that wait, as bytes; what follows from the rest of a row is filled in for all at once."""
+        """Append the pending rows to the records, with sequence numbers and stamps."""
         count, stream.n_filled = stream.n_filled, 0
         if not count:
             return

@@ -1,4 +1,4 @@
-"""The CSV folder: a recording as files that any tool can read and write; Parquet files in their place."""
+"""Read and write the CSV folder: a recording as one CSV or Parquet file per table."""
 
 from __future__ import annotations
 
@@ -13,35 +13,34 @@ from hubodo.log.csv_table import ParsedFile, read_table, write_table
 from hubodo.recording import NODE_COLUMNS, TABLE_FILE_COLUMNS, Event, Recording, Table
 from hubodo.safe_text import json_text
 
-Format = Literal["csv", "parquet"]
+TableFormat = Literal["csv", "parquet"]
 SUFFIXES = (".csv", ".csv.gz", ".parquet")
 Progress = Callable[[str, float], None]
-"""Called with what is being done and the fraction done so far."""
+"""Called with the current step and the fraction done."""
 
 
 def read_folder(folder: Path, *, repair: bool = False, progress: Progress | None = None) -> Recording:
     """Read a folder of CSV or Parquet files.
 
-    t_zero_ns is 0, or the whole seconds that lift a negative t to zero.
+    t_zero_ns is 0, or the whole seconds that shift a negative t to zero.
 
-    Raises InputError (file, row, remedy) for each fault that README.md beside this file names; with `repair`
-    faulty rows are dropped instead, and the account stands in `metadata["repaired"]` and in one event per
-    file.
+    Raises InputError (file, row, remedy) for each fault listed in README.md beside this file. With `repair`,
+    faulty rows are dropped instead, and counted in `metadata["repaired"]` and in one event per file.
     """
-    return read_files(_files(folder), repair=repair, progress=progress)
+    return read_files(_find_files(folder), repair=repair, progress=progress)
 
 
 def read_files(
     files: Mapping[str, Path], *, repair: bool = False, progress: Progress | None = None
 ) -> Recording:
-    """Read the files of a recording, given by name, as `read_folder` does."""
+    """Read the given files of a recording (path by table name) as `read_folder` does."""
     tables: dict[str, Table] = {}
     dropped: dict[str, dict[str, int]] = {}
     for number, (name, path) in enumerate(files.items()):
         if progress:
             progress(f"reading {path.name}", number / len(files))
         required = TABLE_FILE_COLUMNS[name][0] if name in TABLE_FILE_COLUMNS else NODE_COLUMNS
-        parsed = _read(path, required, repair, is_node=name not in TABLE_FILE_COLUMNS)
+        parsed = _read_file(path, required, repair, is_node=name not in TABLE_FILE_COLUMNS)
         tables[name] = parsed.table
         if parsed.dropped:
             dropped[path.name] = dict(parsed.dropped)
@@ -49,7 +48,7 @@ def read_files(
     earliest = min(table.t[0] for table in tables.values() if len(table))
     t_zero_ns = max(0, -int(earliest // 1)) * 1_000_000_000
     events = tuple(
-        Event(t_zero_ns, "repaired", name, _account(name, kinds), {"file": name, "dropped": kinds})
+        Event(t_zero_ns, "repaired", name, _describe_repair(name, kinds), {"file": name, "dropped": kinds})
         for name, kinds in dropped.items()
     )
     metadata = {"source": "csv folder"}
@@ -60,21 +59,19 @@ def read_files(
 
 
 def write_folder(
-    recording: Recording, folder: Path, *, form: Format = "csv", progress: Progress | None = None
+    recording: Recording, folder: Path, *, table_format: TableFormat = "csv", progress: Progress | None = None
 ) -> tuple[str, ...]:
-    """Write the recording's tables; returns the file names.
+    """Write the recording's tables and return the file names.
 
-    Raises InputError when the folder has anything in it, when there is no table, or when parquet is asked for
-    and pyarrow is not installed. A failure leaves nothing behind.
+    Raises InputError if the folder is not empty, if there is no table, or if Parquet is requested and pyarrow
+    is not installed. A failure leaves nothing behind.
     """
-    if form == "parquet":
+    if table_format == "parquet":
         parquet_table.require_pyarrow()
-    write = parquet_table.write_table if form == "parquet" else write_table
+    write = parquet_table.write_table if table_format == "parquet" else write_table
     files = recording.files()
     if not files:
-        raise InputError(
-            "the log holds no table that has a CSV file: no node, no GNSS, no truth; see hubodo info"
-        )
+        raise InputError("the log holds no table to export: no node, no GNSS, no truth; see hubodo info")
     for name in files:
         if "/" in name or "\0" in name or name in ("", ".", ".."):
             raise InputError(f"node {name!r} cannot be the name of a file; export the other nodes by hand")
@@ -82,49 +79,51 @@ def write_folder(
         names = []
         for number, (name, table) in enumerate(files.items()):
             if progress:
-                progress(f"writing {name}.{form}", number / len(files))
-            names.append(f"{name}.{form}")
+                progress(f"writing {name}.{table_format}", number / len(files))
+            names.append(f"{name}.{table_format}")
             write(part / names[-1], table)
     return tuple(names)
 
 
-def _files(folder: Path) -> dict[str, Path]:
-    """Return CSV and Parquet files by name, nodes in alphabetical order first."""
+def _find_files(folder: Path) -> dict[str, Path]:
+    """Return CSV and Parquet files by table name, nodes first, in alphabetical order."""
     if not folder.is_dir():
         raise InputError(f"{folder}: is not a folder; give the folder that holds the CSV files")
-    found: dict[str, Path] = {}
+    path_by_name: dict[str, Path] = {}
     for path in sorted(folder.iterdir()):
         suffix = next((it for it in SUFFIXES if path.name.endswith(it)), None)
         name = path.name.removesuffix(suffix or "")
         if suffix is None or not name:
             continue
-        if name in found:
-            raise InputError(f"{folder}: holds both {found[name].name} and {path.name}; remove one of them")
-        found[name] = path
-    if all(name in TABLE_FILE_COLUMNS for name in found) and "wheels" not in found:
+        if name in path_by_name:
+            raise InputError(
+                f"{folder}: holds both {path_by_name[name].name} and {path.name}; remove one of them"
+            )
+        path_by_name[name] = path
+    if all(name in TABLE_FILE_COLUMNS for name in path_by_name) and "wheels" not in path_by_name:
         raise InputError(
             f"{folder}: holds no node; it needs at least one file <node>.csv with the columns "
             f"{','.join(NODE_COLUMNS)}, or wheels.csv"
         )
-    return dict(sorted(found.items(), key=lambda item: item[0] in TABLE_FILE_COLUMNS))
+    return dict(sorted(path_by_name.items(), key=lambda item: item[0] in TABLE_FILE_COLUMNS))
 
 
-def _read(path: Path, required: tuple[str, ...], repair: bool, *, is_node: bool) -> ParsedFile:
+def _read_file(path: Path, required: tuple[str, ...], repair: bool, *, is_node: bool) -> ParsedFile:
     read = parquet_table.read_table if path.suffix == ".parquet" else read_table
     parsed = read(path, required, repair=repair)
     if is_node and not len(parsed.table):
         lost = sum(parsed.dropped.values())
         raise InputError(
-            f"{path}: no row is left"
-            + (f" after dropping {lost} ({_kinds(parsed.dropped)})" if lost else " below the header")
+            f"{path}: no rows remain"
+            + (f" after dropping {lost} ({_format_counts(parsed.dropped)})" if lost else " below the header")
             + "; correct the file or remove it"
         )
     return parsed
 
 
-def _account(name: str, kinds: dict[str, int]) -> str:
-    return f"{name}: dropped {sum(kinds.values())} rows on import: {_kinds(kinds)}"
+def _describe_repair(name: str, kinds: dict[str, int]) -> str:
+    return f"{name}: dropped {sum(kinds.values())} rows on import: {_format_counts(kinds)}"
 
 
-def _kinds(kinds: Any) -> str:
+def _format_counts(kinds: Any) -> str:
     return ", ".join(f"{count} {kind}" for kind, count in kinds.items())

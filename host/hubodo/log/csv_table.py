@@ -1,7 +1,7 @@
-"""One CSV file to columns and back: strict, fast, and every fault with its row.
+"""Read one CSV file strictly into columns, with the row of each fault, and write it back.
 
-Rows are named by their line in the file, counted from 1, so that an editor finds them. Whole blocks of clean
-numbers are parsed at once; a block with anything else in it is read line by line, to name the fault.
+Rows are identified by their line number, counted from 1 as in an editor. Blocks that contain only numbers are
+parsed at once; a block with anything else in it is parsed line by line to locate the fault.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
-from hubodo.log.input_limits import MemoryBudget, file_budget, open_regular, room_of
+from hubodo.log.input_limits import MemoryBudget, file_budget, max_expanded_bytes, open_regular
 from hubodo.log.timebase import MAX_EXACT_S, format_decimal_seconds, parse_decimal_seconds
 from hubodo.recording import Table
 
-UNREADABLE, MISSING, NOT_A_NUMBER, NOT_FINITE, NOT_INCREASING, BEYOND = (
+UNREADABLE, WRONG_COLUMN_COUNT, NOT_A_NUMBER, NOT_FINITE, NOT_INCREASING, TIME_OUT_OF_RANGE = (
     "not CSV",
     "wrong number of columns",
     "not a number",
@@ -36,26 +36,26 @@ UNREADABLE, MISSING, NOT_A_NUMBER, NOT_FINITE, NOT_INCREASING, BEYOND = (
     "time does not increase",
     "time beyond 68 years",
 )
-"""Kinds of fault that `repair` drops rows for."""
+"""Faults for which `repair` drops a row."""
 
-T_LIMIT = 2.0**31
-"""s; times beyond this fit no ROS time stamp, and are milliseconds or nanoseconds by mistake."""
+MAX_TIME_S = 2.0**31
+"""s; larger times do not fit a ROS time stamp and are probably in milliseconds or nanoseconds."""
 
-LONGEST_LINE = 1 << 20
-"""Bytes; nothing longer is a row of numbers."""
-MOST_COLUMNS = 1000
-_LONGEST_PREAMBLE = 10_000  # lines of comments above the header
-_LEAST_TEXT = 8 << 20  # bytes that a small gzipped file may hold
-_ROW_COPIES = 3  # of the numbers in memory: as blocks, as one array, as columns
-_SHOWN = 80  # letters of a cell or a header in an error
-_BLOCK = 1 << 22
-_CLEAN = b"0123456789+-.eE,\n"
+MAX_LINE_BYTES = 1 << 20
+"""Bytes; a longer line is not a row of numbers."""
+MAX_COLUMNS = 1000
+_MAX_PREAMBLE_LINES = 10_000  # lines of comments above the header
+_MIN_EXPANDED_BYTES = 8 << 20  # bytes to which a small gzipped file may expand
+TABLE_COPIES = 3  # copies of the numbers in memory: as read, as one array, as columns
+_MAX_SHOWN_CHARS = 80  # characters of a cell or a header in an error
+_CSV_BLOCK_BYTES = 1 << 22
+_NUMBER_CHARACTERS = b"0123456789+-.eE,\n"
 _COMMA, _NEWLINE = 44, 10
 
 
 @dataclass(frozen=True)
 class ParsedFile:
-    """A file's table, and how many rows of each kind of fault were dropped from it (only with repair)."""
+    """The table of a file, and the number of rows dropped from it by fault (only with `repair`)."""
 
     table: Table
     dropped: Mapping[str, int]
@@ -64,18 +64,19 @@ class ParsedFile:
 def read_table(path: Path, required: Sequence[str], *, repair: bool = False) -> ParsedFile:
     """Read one CSV file, gzipped if its name ends in `.gz`.
 
-    Raises InputError with file, row and remedy: unreadable, no header, missing or repeated column, and,
-    unless `repair` drops such rows: wrong number of columns, no number, NaN, infinity, time not increasing.
+    Raises InputError with file, row and remedy if the file is unreadable, has no header, or lacks or repeats
+    a column; and, unless `repair` drops such rows, for a wrong number of columns, a cell that is not a finite
+    number, and time that does not increase.
     """
     try:
-        with open_regular(path) as file, _expanded(path, file) as stream:
-            header, line, blocks = _split(path, stream)
-            names = _names(path, header, line, required)
-            reader = _Reader(path, names, repair)
-            budget, room = MemoryBudget(path), file_budget(path, _room(path))
+        with open_regular(path) as file, _open_expanded(path, file) as stream:
+            header, line, blocks = _split_header(path, stream)
+            names = _parse_header(path, header, line, required)
+            reader = _TableReader(path, names, repair)
+            budget, room = MemoryBudget(path), file_budget(path, _max_text_bytes(path))
             for block in blocks:
                 room.claim(len(block), "its text")
-                budget.claim(_ROW_COPIES * 8 * len(names) * block.count(b"\n"), "the table")
+                budget.claim(TABLE_COPIES * 8 * len(names) * block.count(b"\n"), "the table")
                 reader.feed(block, line + 1)
                 line += block.count(b"\n")
             return reader.result()
@@ -85,33 +86,33 @@ def read_table(path: Path, required: Sequence[str], *, repair: bool = False) -> 
 
 
 def write_table(path: Path, table: Table) -> None:
-    """Write a table with the shortest decimal form of each number that reads back to the same float64."""
+    """Write a table, each number in the shortest decimal form that reads back to the same float64."""
     with path.open("w", encoding="utf-8", newline="") as stream:
-        stream.write(",".join(_quoted(name) for name in table) + "\n")
+        stream.write(",".join(_quote_name(name) for name in table) + "\n")
         stacked = [table[name] for name in table]
         for first in range(0, len(table), 1 << 16):
             rows = np.column_stack([column[first : first + (1 << 16)] for column in stacked]).tolist()
             cells = [list(map(repr, row)) for row in rows]
             if table.t_ns is not None:
-                place = list(table).index("t")
+                t_column = list(table).index("t")
                 for row, t_ns in zip(cells, table.t_ns[first : first + (1 << 16)].tolist(), strict=True):
-                    row[place] = format_decimal_seconds(t_ns)
+                    row[t_column] = format_decimal_seconds(t_ns)
             stream.write("".join([",".join(row) + "\n" for row in cells]))
 
 
-class _Reader:
+class _TableReader:
     def __init__(self, path: Path, names: tuple[str, ...], repair: bool) -> None:
         self.path, self.names, self.repair = path, names, repair
         self.t_column = names.index("t")
         self.blocks: list[NDArray[np.float64]] = []
-        self.exact: list[NDArray[np.int64]] = []
+        self.exact_ns: list[NDArray[np.int64]] = []
         self.last_t = -math.inf
         self.dropped: Counter[str] = Counter()
 
     def feed(self, block: bytes, line: int) -> None:
-        rows = _parse_clean(block, len(self.names))
+        rows = _parse_clean_block(block, len(self.names))
         texts: list[bytes] | None = None
-        if rows is None or not self._sound(rows):
+        if rows is None or not self._is_valid(rows):
             rows, texts = self._parse_lines(block, line)
         if not len(rows):
             return
@@ -119,33 +120,33 @@ class _Reader:
             if texts is None:
                 texts = [row.split(b",")[self.t_column] for row in block.splitlines()]
             exact = parse_decimal_seconds(texts)
-            self.exact += [] if exact is None else [exact]
+            self.exact_ns += [] if exact is None else [exact]
         self.last_t = float(rows[-1, self.t_column])
         self.blocks.append(rows)
 
-    def _sound(self, rows: NDArray[np.float64]) -> bool:
+    def _is_valid(self, rows: NDArray[np.float64]) -> bool:
         t = rows[:, self.t_column]
         return bool(
             np.isfinite(rows).all()
-            and (np.abs(t) < T_LIMIT).all()
+            and (np.abs(t) < MAX_TIME_S).all()
             and (self.repair or (len(t) == 0 or (t[0] > self.last_t and (np.diff(t) > 0).all())))
         )
 
     def _parse_lines(self, block: bytes, line: int) -> tuple[NDArray[np.float64], list[bytes]]:
-        """The rows of a block, and the text of t in each."""
-        kept: list[list[float]] = []
+        """Return the valid rows of a block, and the text of t in each."""
+        valid_rows: list[list[float]] = []
         texts: list[bytes] = []
         last_t = self.last_t
         for offset, raw in enumerate(block.split(b"\n")):
-            text = self._text(raw, line + offset)
+            text = self._decode_line(raw, line + offset)
             if not text:
                 continue
-            row, kind, fault = self._row(text)
+            row, kind, fault = self._parse_row(text)
             if not kind and not self.repair and row[self.t_column] <= last_t:
                 kind, fault = NOT_INCREASING, f"t = {row[self.t_column]!r} comes after {last_t!r}"
             if not kind:
                 last_t = row[self.t_column]
-                kept.append(row)
+                valid_rows.append(row)
                 texts.append(next(csv.reader([text]))[self.t_column].encode())
             elif self.repair:
                 self.dropped[kind] += 1
@@ -154,62 +155,62 @@ class _Reader:
                     f"{self.path}: row {line + offset}: {kind}: {fault}; correct it, or drop such rows with "
                     "hubodo import --repair"
                 )
-        return np.array(kept, np.float64).reshape(-1, len(self.names)), texts
+        return np.array(valid_rows, np.float64).reshape(-1, len(self.names)), texts
 
-    def _text(self, raw: bytes, line: int) -> str:
+    def _decode_line(self, raw: bytes, line: int) -> str:
         try:
             return raw.decode("utf-8").partition("#")[0].strip()
         except UnicodeDecodeError:
             raise InputError(f"{self.path}: row {line}: is not UTF-8 text; convert the file") from None
 
-    def _row(self, text: str) -> tuple[list[float], str, str]:
+    def _parse_row(self, text: str) -> tuple[list[float], str, str]:
         try:
             cells = next(csv.reader([text]))
         except csv.Error as error:
-            return [], UNREADABLE, _csv_fault(error)
+            return [], UNREADABLE, _explain_csv_error(error)
         if len(cells) != len(self.names):
             return (
                 [],
-                MISSING,
-                f"{len(cells)} instead of {len(self.names)} ({', '.join(self.names)[:_SHOWN]})",
+                WRONG_COLUMN_COUNT,
+                f"{len(cells)} instead of {len(self.names)} ({', '.join(self.names)[:_MAX_SHOWN_CHARS]})",
             )
         row = []
         for name, cell in zip(self.names, cells, strict=True):
             try:
-                # float() also takes 1_000 and digits of other scripts: no spreadsheet writes those.
+                # float() also accepts 1_000 and digits of other scripts, which no spreadsheet writes.
                 value = float(cell) if cell.isascii() and "_" not in cell else None
             except ValueError:
                 value = None
             if value is None:
-                return [], NOT_A_NUMBER, f"{name} is {_shown(cell)}"
+                return [], NOT_A_NUMBER, f"{name} is {_quote_cell(cell)}"
             if not math.isfinite(value):
-                return [], NOT_FINITE, f"{name} is {_shown(cell)}"
+                return [], NOT_FINITE, f"{name} is {_quote_cell(cell)}"
             row.append(value)
         t = row[self.t_column]
-        if abs(t) >= T_LIMIT:
-            return [], BEYOND, f"t = {t!r}; t is in seconds, not in ms, µs or ns"
+        if abs(t) >= MAX_TIME_S:
+            return [], TIME_OUT_OF_RANGE, f"t = {t!r}; t is in seconds, not in ms, µs or ns"
         return row, "", ""
 
     def result(self) -> ParsedFile:
         rows = np.concatenate(self.blocks) if self.blocks else np.empty((0, len(self.names)))
-        exact = np.concatenate(self.exact) if self.exact else None
+        exact = np.concatenate(self.exact_ns) if self.exact_ns else None
         if exact is not None and len(exact) != len(rows):
             exact = None
         t = rows[:, self.t_column]
         if len(t) > 1 and not bool((np.diff(t) > 0).all()):
-            keep = longest_increasing(t)
-            self.dropped[NOT_INCREASING] += len(t) - len(keep)
-            rows = rows[keep]
-            exact = None if exact is None else exact[keep]
+            increasing = longest_increasing_rows(t)
+            self.dropped[NOT_INCREASING] += len(t) - len(increasing)
+            rows = rows[increasing]
+            exact = None if exact is None else exact[increasing]
         columns = np.ascontiguousarray(rows.T)
         table = Table({name: columns[i] for i, name in enumerate(self.names)}, exact)
         return ParsedFile(table, dict(self.dropped))
 
 
-def _parse_clean(block: bytes, count: int) -> NDArray[np.float64] | None:
-    """Rows of a block that holds nothing but numbers, all rows complete; None for any other block."""
+def _parse_clean_block(block: bytes, count: int) -> NDArray[np.float64] | None:
+    """Return the rows of a block that contains only complete rows of numbers; None for any other block."""
     block = block.replace(b"\r\n", b"\n")
-    if block.translate(None, _CLEAN) or not block:
+    if block.translate(None, _NUMBER_CHARACTERS) or not block:
         return None
     text = np.frombuffer(block, np.uint8)
     separators = text[(text == _COMMA) | (text == _NEWLINE)]
@@ -217,7 +218,7 @@ def _parse_clean(block: bytes, count: int) -> NDArray[np.float64] | None:
     if len(separators) % count or not bool((separators.reshape(-1, count) == pattern).all()):
         return None
     cells = block[:-1].replace(b"\n", b",")
-    # numpy would make a number out of an empty last cell.
+    # numpy would read an empty last cell as a number.
     if not block.endswith(b"\n") or b",," in cells or cells[:1] == b"," or cells[-1:] == b",":
         return None
     try:
@@ -229,79 +230,79 @@ def _parse_clean(block: bytes, count: int) -> NDArray[np.float64] | None:
     return numbers.reshape(-1, count) if len(numbers) == len(separators) else None
 
 
-def longest_increasing(t: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Rows of a longest strictly increasing sequence: a wild time stamp costs one row, not all after it."""
+def longest_increasing_rows(t: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the rows of a longest increasing subsequence of t, so that a wild time stamp costs one row."""
     tails: list[float] = []
     tail_rows: list[int] = []
-    before = np.full(len(t), -1)
+    previous = np.full(len(t), -1)
     for row, value in enumerate(t.tolist()):
-        place = bisect_left(tails, value)
-        if place == len(tails):
+        position = bisect_left(tails, value)
+        if position == len(tails):
             tails.append(value)
             tail_rows.append(row)
-        elif tails[place] > value:
-            tails[place], tail_rows[place] = value, row
+        elif tails[position] > value:
+            tails[position], tail_rows[position] = value, row
         else:
             continue
-        before[row] = tail_rows[place - 1] if place else -1
-    keep, row = [], tail_rows[-1]
+        previous[row] = tail_rows[position - 1] if position else -1
+    increasing, row = [], tail_rows[-1]
     while row >= 0:
-        keep.append(row)
-        row = int(before[row])
-    return np.array(keep[::-1], np.intp)
+        increasing.append(row)
+        row = int(previous[row])
+    return np.array(increasing[::-1], np.intp)
 
 
-def _expanded(path: Path, file: io.FileIO) -> IO[bytes]:
+def _open_expanded(path: Path, file: io.FileIO) -> IO[bytes]:
     if path.suffix == ".gz":
         return gzip.GzipFile(fileobj=file)  # type: ignore[return-value]
     return io.BufferedReader(file)
 
 
-def _room(path: Path) -> int:
-    """Return the bytes of text that a file can hold."""
+def _max_text_bytes(path: Path) -> int:
+    """Return the largest plausible size of the text in a file, bytes."""
     size = path.stat().st_size
-    return room_of(size, _LEAST_TEXT) if path.suffix == ".gz" else size + 1
+    return max_expanded_bytes(size, _MIN_EXPANDED_BYTES) if path.suffix == ".gz" else size + 1
 
 
-def _split(path: Path, stream: IO[bytes]) -> tuple[str, int, Iterator[bytes]]:
-    """The header, its line number, and the rest in blocks of whole lines."""
+def _split_header(path: Path, stream: IO[bytes]) -> tuple[str, int, Iterator[bytes]]:
+    """Return the header, its line number, and an iterator over the rest in blocks of complete lines."""
     for number in count(1):
-        raw = stream.readline(LONGEST_LINE + 1)
+        raw = stream.readline(MAX_LINE_BYTES + 1)
         if not raw:
             break
-        if len(raw) > LONGEST_LINE or number > _LONGEST_PREAMBLE:
+        if len(raw) > MAX_LINE_BYTES or number > _MAX_PREAMBLE_LINES:
             raise InputError(f"{path}: row {number}: no header of a table in CSV; give a file with one")
         try:
             text = raw.decode("utf-8-sig" if number == 1 else "utf-8").strip()
         except UnicodeDecodeError:
             raise InputError(f"{path}: row {number}: is not UTF-8 text; convert the file") from None
         if text and not text.startswith("#"):
-            return text, number, _blocks(path, stream)
+            return text, number, _iterate_blocks(path, stream)
     raise InputError(f"{path}: is empty; give it a header row and data, or remove it")
 
 
-def _blocks(path: Path, stream: IO[bytes]) -> Iterator[bytes]:
-    rest = b""
-    while data := stream.read(_BLOCK):
-        whole, newline, rest_of = data.rpartition(b"\n")
+def _iterate_blocks(path: Path, stream: IO[bytes]) -> Iterator[bytes]:
+    partial_line = b""
+    while data := stream.read(_CSV_BLOCK_BYTES):
+        complete, newline, remainder = data.rpartition(b"\n")
         if newline:
-            yield rest + whole + newline
-            rest = rest_of
+            yield partial_line + complete + newline
+            partial_line = remainder
         else:
-            rest += data
-        if len(rest) > LONGEST_LINE:
-            raise InputError(f"{path}: a row is longer than {LONGEST_LINE} bytes; correct it")
-    if rest:
-        yield rest + b"\n"
+            partial_line += data
+        if len(partial_line) > MAX_LINE_BYTES:
+            raise InputError(f"{path}: a row is longer than {MAX_LINE_BYTES} bytes; correct it")
+    if partial_line:
+        yield partial_line + b"\n"
 
 
-def _names(path: Path, header: str, line: int, required: Sequence[str]) -> tuple[str, ...]:
+def _parse_header(path: Path, header: str, line: int, required: Sequence[str]) -> tuple[str, ...]:
     try:
         names = tuple(name.strip() for name in next(csv.reader([header])))
     except csv.Error as error:
-        raise InputError(f"{path}: row {line}: {_csv_fault(error)}; save it again as CSV") from None
-    if len(names) > MOST_COLUMNS:
-        raise InputError(f"{path}: row {line}: {len(names)} columns, {MOST_COLUMNS} at most; split the file")
+        raise InputError(f"{path}: row {line}: {_explain_csv_error(error)}; save it again as CSV") from None
+    if len(names) > MAX_COLUMNS:
+        raise InputError(f"{path}: row {line}: {len(names)} columns, {MAX_COLUMNS} at most; split the file")
     missing = [name for name in required if name not in names]
     if missing:
         raise InputError(
@@ -310,24 +311,28 @@ def _names(path: Path, header: str, line: int, required: Sequence[str]) -> tuple
         )
     for name, times in Counter(names).items():
         if times > 1:
-            raise InputError(f"{path}: row {line}: column {name!r} stands twice in the header; rename one")
+            raise InputError(f"{path}: row {line}: column {name!r} appears twice in the header; rename one")
     return names
 
 
-def _shown(cell: str) -> str:
-    """Return a cell in quotes, shortened where it is long."""
+def _quote_cell(cell: str) -> str:
+    """Return a cell in quotes, truncated if long."""
     cell = cell.strip()
-    return repr(cell) if len(cell) <= _SHOWN else f"{cell[:_SHOWN]!r}... ({len(cell)} letters)"
+    return (
+        repr(cell)
+        if len(cell) <= _MAX_SHOWN_CHARS
+        else f"{cell[:_MAX_SHOWN_CHARS]!r}... ({len(cell)} characters)"
+    )
 
 
-def _csv_fault(error: csv.Error) -> str:
+def _explain_csv_error(error: csv.Error) -> str:
     text = str(error)
     if "new-line" in text:
         return "carriage returns without line feeds within it"
     return "a cell longer than any number" if "field larger" in text else text
 
 
-def _quoted(name: str) -> str:
+def _quote_name(name: str) -> str:
     if any(character in name for character in ',"#'):
         return '"' + name.replace('"', '""') + '"'
     return name

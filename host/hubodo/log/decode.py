@@ -1,4 +1,4 @@
-"""ROS 2 messages to columns: all messages of a channel at once, grouped by their byte layout."""
+"""Decode ROS 2 messages into columns, all messages of one byte layout at once."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.log import ros2
-from hubodo.log.chunk_reader import Messages
+from hubodo.log.chunk_reader import ChunkMessages
 from hubodo.log.input_limits import MemoryBudget
 from hubodo.log.message_records import MESSAGE_HEADER
 from hubodo.units import NS_PER_S
 
-WANTED: Mapping[str, tuple[str, ...]] = {
+TABLE_FIELDS: Mapping[str, tuple[str, ...]] = {
     ros2.IMU: ("angular_velocity", "linear_acceleration"),
     ros2.TEMPERATURE: ("temperature",),
     ros2.BATTERY: ("voltage",),
@@ -38,18 +38,22 @@ WANTED: Mapping[str, tuple[str, ...]] = {
     ),
     ros2.TWIST_STAMPED: ("twist.linear", "twist.angular"),
     ros2.TWIST_WITH_COVARIANCE_STAMPED: ("twist.twist.linear", "twist.twist.angular"),
-    ros2.COLUMNS: ("data",),
+    ros2.FLOAT64_ARRAY: ("data",),
 }
-"""The message types that become tables, and the fields taken out of each."""
+"""Message types that become tables, and the decoded fields of each."""
 
 
 @dataclass(frozen=True)
 class ChannelRows:
-    """A channel's messages as arrays of equal length n, in file order.
+    """The messages of a channel as arrays of equal length n, in file order.
 
-    sequence, log_ns, publish_ns, stamp_ns: (n,) int64; stamp is the header's, else the publish time.
-    values: field -> (n,) or (n, k). undecodable: messages whose bytes do not fit their type. label: of the
-    first dimension of an array, "" of other types: ours has the names of its columns.
+    Attributes
+    ----------
+    sequence, log_ns, publish_ns, stamp_ns : (n,) int64; stamp_ns is the header stamp, else the publish time.
+    values : field name -> (n,) or (n, k).
+    undecodable : number of messages whose bytes do not match their type.
+    label : label of the first dimension of a MultiArray ("" for other types); hubodo's own arrays hold the
+        column names there.
     """
 
     sequence: NDArray[np.int64]
@@ -63,27 +67,27 @@ class ChannelRows:
     def __len__(self) -> int:
         return len(self.sequence)
 
-    def take(self, chosen: NDArray[np.intp]) -> ChannelRows:
-        """The rows with these indices, in this order."""
+    def select(self, indices: NDArray[np.intp]) -> ChannelRows:
+        """Return the rows with these indices, in this order."""
         return ChannelRows(
-            self.sequence[chosen],
-            self.log_ns[chosen],
-            self.publish_ns[chosen],
-            self.stamp_ns[chosen],
-            {name: values[chosen] for name, values in self.values.items()},
+            self.sequence[indices],
+            self.log_ns[indices],
+            self.publish_ns[indices],
+            self.stamp_ns[indices],
+            {name: values[indices] for name, values in self.values.items()},
             self.undecodable,
             self.label,
         )
 
 
-def message_type(schema: str) -> str:
-    """The ROS 2 spelling of a type: `sensor_msgs/Imu`, as some writers have it, is `sensor_msgs/msg/Imu`."""
+def normalise_type_name(schema: str) -> str:
+    """Return the ROS 2 name of a type: `sensor_msgs/msg/Imu` for the ROS 1 name `sensor_msgs/Imu`."""
     package, _, name = schema.partition("/")
     return schema if "/" in name else f"{package}/msg/{name}"
 
 
-def column_names(text: str) -> list[str]:
-    """Column names from their JSON list; none when it is damaged."""
+def parse_column_names(text: str) -> list[str]:
+    """Parse a JSON list of column names; return an empty list if it is damaged."""
     try:
         names = json.loads(text)
     except (ValueError, RecursionError):
@@ -91,184 +95,199 @@ def column_names(text: str) -> list[str]:
     return [str(name) for name in names] if isinstance(names, list) else []
 
 
-MOST_LAYOUTS = 100_000
-"""Changes of layout, each of which is parsed by itself, after which a channel is no longer decoded."""
-_LEAST_WINDOW, _LARGEST_WINDOW = 64, 1 << 20  # messages
-_ROW_BYTES = 150  # of memory per message besides its numbers: head, stamps, order, and their copies in `rows`
+MAX_LAYOUT_CHANGES = 100_000
+"""Number of layout changes, each parsed separately, after which a channel is no longer decoded."""
+_MIN_WINDOW_MESSAGES, _MAX_WINDOW_MESSAGES = 64, 1 << 20  # messages
+_ROW_OVERHEAD_BYTES = (
+    150  # memory per message besides its numbers: header, stamps, order and their copies in `rows`
+)
 
 
 @dataclass
-class Decoder:
-    """Collects the messages of one channel chunk by chunk; `rows()` gives them all."""
+class ChannelDecoder:
+    """A decoder that collects the messages of one channel chunk by chunk; `rows()` returns them all."""
 
     schema: str
-    more: tuple[str, ...] = ()
-    """Fields besides those of WANTED."""
+    extra_fields: tuple[str, ...] = ()
+    """Fields to decode besides those of `TABLE_FIELDS`."""
     budget: MemoryBudget | None = None
-    """Of what is kept."""
+    """Memory budget for the decoded rows."""
     undecodable: int = 0
     label: str = ""
-    _form: ros2.Form | None = None
-    _n_measured: int = 0
-    _window: int = _LARGEST_WINDOW
-    _fed: int = 0
-    _parts: list[_Part] = field(default_factory=list)
+    _layout: ros2.ReceivedLayout | None = None
+    _n_layouts: int = 0
+    _window: int = _MAX_WINDOW_MESSAGES
+    _n_fed: int = 0
+    _runs: list[_DecodedRun] = field(default_factory=list)
 
     @property
     def _fields(self) -> tuple[str, ...]:
-        return (*WANTED[self.schema], *self.more)
+        return (*TABLE_FIELDS[self.schema], *self.extra_fields)
 
-    def feed(self, messages: Messages, chosen: NDArray[np.intp]) -> None:
-        """Take in the messages with these indices, in this order."""
-        sizes = messages.heads["length"][chosen]
-        first = self._fed
-        self._fed += len(chosen)
+    def feed(self, messages: ChunkMessages, indices: NDArray[np.intp]) -> None:
+        """Decode the messages with these indices, in this order."""
+        sizes = messages.headers["length"][indices]
+        first = self._n_fed
+        self._n_fed += len(indices)
         # Messages of one layout have one size; where sizes alternate, each size is decoded as one run.
-        if not len(chosen) or sizes.min() == sizes.max():
-            self._feed_run(messages, chosen, first + np.arange(len(chosen)))
+        if not len(indices) or sizes.min() == sizes.max():
+            self._decode_run(messages, indices, first + np.arange(len(indices)))
             return
         by_size = np.argsort(sizes, kind="stable")
         runs = np.split(by_size, np.flatnonzero(np.diff(sizes[by_size])) + 1)
-        for picked in sorted(runs, key=lambda run: int(run[0])):  # the first message decides on the columns
-            self._feed_run(messages, chosen[picked], first + picked)
+        for picked in sorted(runs, key=lambda run: int(run[0])):  # the first message decides the columns
+            self._decode_run(messages, indices[picked], first + picked)
 
-    def _feed_run(self, messages: Messages, chosen: NDArray[np.intp], order: NDArray[np.intp]) -> None:
-        """Decode messages of one size. order: their places among all messages of the channel."""
+    def _decode_run(
+        self, messages: ChunkMessages, indices: NDArray[np.intp], order: NDArray[np.intp]
+    ) -> None:
+        """Decode messages of one size. order: their positions among all messages of the channel."""
         done = 0
-        while done < len(chosen):
+        while done < len(indices):
             # The window doubles while the layout fits: a change of layout must not cost a pass over the rest.
-            part = chosen[done : done + self._window]
-            heads = messages.heads[part]
-            starts = messages.places[part] + MESSAGE_HEADER.itemsize
-            count = self._fitting(messages, starts, heads["length"].astype(np.int64) - 22)
+            part = indices[done : done + self._window]
+            headers = messages.headers[part]
+            starts = messages.offsets[part] + MESSAGE_HEADER.itemsize
+            count = self._count_matching(messages, starts, headers["length"].astype(np.int64) - 22)
             if count:
-                self._decode(messages, heads[:count], starts[:count], order[done : done + count])
+                self._decode_fields(messages, headers[:count], starts[:count], order[done : done + count])
                 done += count
-                grown = min(2 * self._window, _LARGEST_WINDOW)
-                self._window = grown if count == len(part) else _LEAST_WINDOW
+                grown = min(2 * self._window, _MAX_WINDOW_MESSAGES)
+                self._window = grown if count == len(part) else _MIN_WINDOW_MESSAGES
                 continue
-            self._window = _LEAST_WINDOW
-            if self._n_measured >= MOST_LAYOUTS:
-                self.undecodable += len(chosen) - done
+            self._window = _MIN_WINDOW_MESSAGES
+            if self._n_layouts >= MAX_LAYOUT_CHANGES:
+                self.undecodable += len(indices) - done
                 return
-            self._n_measured += 1
-            payload = messages.payload(int(chosen[done]))
+            self._n_layouts += 1
+            payload = messages.payload(int(indices[done]))
             try:
-                self._form = ros2.measure(self.schema, payload)
-                if not self._parts and "layout.dim[0].label" in (self._form.dtype.names or ()):
-                    self.label = self._form.text(payload, "layout.dim[0].label")
+                self._layout = ros2.infer_layout(self.schema, payload)
+                if not self._runs and "layout.dim[0].label" in (self._layout.dtype.names or ()):
+                    self.label = self._layout.read_string(payload, "layout.dim[0].label")
             except ValueError:
                 self.undecodable += 1
                 done += 1
 
-    def _fitting(self, messages: Messages, starts: NDArray[np.int64], sizes: NDArray[np.int64]) -> int:
-        """How many messages from the first on have the layout at hand."""
-        form = self._form
-        if form is None:
+    def _count_matching(
+        self, messages: ChunkMessages, starts: NDArray[np.int64], sizes: NDArray[np.int64]
+    ) -> int:
+        """Count the leading messages that match the current layout."""
+        layout = self._layout
+        if layout is None:
             return 0
-        fits = (sizes >= form.dtype.itemsize) & (sizes <= form.dtype.itemsize + 3)
+        fits = (sizes >= layout.dtype.itemsize) & (sizes <= layout.dtype.itemsize + 3)
         count = len(fits) if fits.all() else int(fits.argmin())
-        for name, expected in {"encapsulation": form.encapsulation, **form.lengths}.items():
-            same = _gather(messages.data, starts[:count], form.dtype, name) == expected
+        for name, expected in {"encapsulation": layout.encapsulation, **layout.lengths}.items():
+            same = _gather_field(messages.data, starts[:count], layout.dtype, name) == expected
             count = count if same.all() else int(same.argmin())
         return count
 
-    def _decode(
+    def _decode_fields(
         self,
-        messages: Messages,
-        heads: NDArray[np.void],
+        messages: ChunkMessages,
+        headers: NDArray[np.void],
         starts: NDArray[np.int64],
         order: NDArray[np.intp],
     ) -> None:
-        assert self._form is not None
-        form = self._form.dtype
+        assert self._layout is not None
+        dtype = self._layout.dtype
         if self.budget is not None:
-            numbers = sum(self._form.count_of(name) for name in self._fields)
-            self.budget.claim(len(heads) * (_ROW_BYTES + 3 * 8 * numbers), "the array of its samples")
+            numbers = sum(self._layout.element_count(name) for name in self._fields)
+            self.budget.claim(
+                len(headers) * (_ROW_OVERHEAD_BYTES + 3 * 8 * numbers), "the array of its samples"
+            )
         values = {
-            name: _gather(messages.data, starts, form, name).astype(np.float64, copy=False)
+            name: _gather_field(messages.data, starts, dtype, name).astype(np.float64, copy=False)
             for name in self._fields
         }
-        stamps = heads["publish_time"].astype(np.int64)
-        if "header.stamp.sec" in (form.names or ()):
-            seconds = _gather(messages.data, starts, form, "header.stamp.sec").astype(np.int64)
-            nanoseconds = _gather(messages.data, starts, form, "header.stamp.nanosec").astype(np.int64)
+        stamps = headers["publish_time"].astype(np.int64)
+        if "header.stamp.sec" in (dtype.names or ()):
+            seconds = _gather_field(messages.data, starts, dtype, "header.stamp.sec").astype(np.int64)
+            nanoseconds = _gather_field(messages.data, starts, dtype, "header.stamp.nanosec").astype(np.int64)
             stated = seconds * NS_PER_S + nanoseconds
             stamps = np.where(stated == 0, stamps, stated)
-        self._parts.append(_Part(heads, stamps, values, order))
+        self._runs.append(_DecodedRun(headers, stamps, values, order))
 
     def rows(self) -> ChannelRows:
-        """All messages taken in; those with another number of values than the first count as undecodable."""
-        if not self._parts:
+        """Return all decoded messages; those with other array shapes than the first count as undecodable."""
+        if not self._runs:
             none = np.empty(0, np.int64)
             return ChannelRows(none, none, none, none, {}, self.undecodable)
-        shapes = [{name: values.shape[1:] for name, values in part.values.items()} for part in self._parts]
-        parts = [part for part, shape in zip(self._parts, shapes, strict=True) if shape == shapes[0]]
-        parts = _in_order(parts)
-        heads = np.concatenate([part.heads for part in parts])
-        odd = sum(len(part.heads) for part in self._parts) - len(heads)
+        shapes = [{name: values.shape[1:] for name, values in part.values.items()} for part in self._runs]
+        parts = [part for part, shape in zip(self._runs, shapes, strict=True) if shape == shapes[0]]
+        parts = _sort_runs(parts)
+        headers = np.concatenate([part.headers for part in parts])
+        n_other_shape = sum(len(part.headers) for part in self._runs) - len(headers)
         return ChannelRows(
-            heads["sequence"].astype(np.int64),
-            heads["log_time"].astype(np.int64),
-            heads["publish_time"].astype(np.int64),
+            headers["sequence"].astype(np.int64),
+            headers["log_time"].astype(np.int64),
+            headers["publish_time"].astype(np.int64),
             np.concatenate([part.stamps for part in parts]),
             {name: np.concatenate([part.values[name] for part in parts]) for name in self._fields},
-            self.undecodable + odd,
+            self.undecodable + n_other_shape,
             self.label,
         )
 
 
-_STAMP = np.dtype({"names": ["sec", "nanosec"], "formats": ["<u4", "<u4"], "offsets": [4, 8], "itemsize": 12})
+_STAMP_DTYPE = np.dtype(
+    {"names": ["sec", "nanosec"], "formats": ["<u4", "<u4"], "offsets": [4, 8], "itemsize": 12}
+)
 
 
-def stamps(messages: Messages, chosen: NDArray[np.intp], otherwise: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Header stamps, (n,) ns, of messages that begin with a header; `otherwise` where one is 0 or cut off."""
-    stated = otherwise.copy()
-    whole = np.flatnonzero(messages.heads["length"][chosen] >= 22 + _STAMP.itemsize)
-    if not len(whole):
-        return stated
-    starts = messages.places[chosen[whole]] + MESSAGE_HEADER.itemsize
-    big = messages.data[starts + 1] == 0
-    parts = [_gather(messages.data, starts, _STAMP, name).view(np.uint32) for name in ("sec", "nanosec")]
-    seconds, nanoseconds = (np.where(big, part.byteswap(), part) for part in parts)
+def header_stamps(
+    messages: ChunkMessages, indices: NDArray[np.intp], fallback_ns: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return the header stamps (n,) in ns of stamped messages, or `fallback_ns` if one is 0 or truncated."""
+    stamps_ns = fallback_ns.copy()
+    with_header = np.flatnonzero(messages.headers["length"][indices] >= 22 + _STAMP_DTYPE.itemsize)
+    if not len(with_header):
+        return stamps_ns
+    starts = messages.offsets[indices[with_header]] + MESSAGE_HEADER.itemsize
+    is_big_endian = messages.data[starts + 1] == 0
+    parts = [
+        _gather_field(messages.data, starts, _STAMP_DTYPE, name).view(np.uint32)
+        for name in ("sec", "nanosec")
+    ]
+    seconds, nanoseconds = (np.where(is_big_endian, part.byteswap(), part) for part in parts)
     ns = seconds.view(np.int32).astype(np.int64) * NS_PER_S + nanoseconds
-    stated[whole] = np.where(ns == 0, stated[whole], ns)
-    return stated
+    stamps_ns[with_header] = np.where(ns == 0, stamps_ns[with_header], ns)
+    return stamps_ns
 
 
-class _Part(NamedTuple):
-    heads: NDArray[np.void]
+class _DecodedRun(NamedTuple):
+    headers: NDArray[np.void]
     stamps: NDArray[np.int64]
     values: dict[str, NDArray[np.float64]]
     order: NDArray[np.intp]
 
 
-def _in_order(parts: list[_Part]) -> list[_Part]:
-    """Return the parts as they are where they follow each other, else one with all rows in file order."""
+def _sort_runs(parts: list[_DecodedRun]) -> list[_DecodedRun]:
+    """Return the runs unchanged if they are in file order, else one run with all rows sorted."""
     if all(before.order[-1] < after.order[0] for before, after in pairwise(parts)):
         return parts
     order = np.concatenate([part.order for part in parts])
     rank = np.argsort(order)
     values = {name: np.concatenate([part.values[name] for part in parts])[rank] for name in parts[0].values}
-    heads, stamps = (
-        np.concatenate([part.heads for part in parts])[rank],
+    headers, stamps = (
+        np.concatenate([part.headers for part in parts])[rank],
         np.concatenate([part.stamps for part in parts])[rank],
     )
-    return [_Part(heads, stamps, values, order[rank])]
+    return [_DecodedRun(headers, stamps, values, order[rank])]
 
 
-def _gather(
-    data: NDArray[np.uint8], starts: NDArray[np.int64], form: np.dtype[np.void], name: str
+def _gather_field(
+    data: NDArray[np.uint8], starts: NDArray[np.int64], dtype: np.dtype[np.void], name: str
 ) -> NDArray[np.float64]:
-    """One field of all messages: (n,) or (n, k), in the field's own type."""
-    assert form.fields is not None
-    part, offset = form.fields[name][:2]
+    """Return one field of all messages, (n,) or (n, k), in the field's own type."""
+    assert dtype.fields is not None
+    part, offset = dtype.fields[name][:2]
     if part.itemsize == 0 or not len(starts):
         return np.empty((len(starts), *part.shape), part.base)
-    anywhere: NDArray[np.void] = np.ndarray(
+    field_at_byte: NDArray[np.void] = np.ndarray(
         (len(data) - offset - part.itemsize + 1,), f"V{part.itemsize}", data, offset, (1,)
     )
-    picked = anywhere[starts]
+    picked = field_at_byte[starts]
     if part.subdtype is None:
         return picked.view(part)
     return picked.view(part.base).reshape(len(starts), -1)

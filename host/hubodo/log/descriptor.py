@@ -1,31 +1,33 @@
-"""Files by descriptor on every system: opened as bytes, closed in child processes, read at a place."""
+"""Open files as descriptors and read at an offset, on Linux, macOS and Windows."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
 
-_FLAGS = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)  # each has one of them; Linux and Windows
+_OPEN_FLAGS = getattr(os, "O_CLOEXEC", 0) | getattr(
+    os, "O_BINARY", 0
+)  # POSIX has the first, Windows the second
 
 
-def open_to_read(path: Path) -> int:
-    """A descriptor. Raises OSError."""
-    return os.open(path, os.O_RDONLY | _FLAGS)
+def open_read_only(path: Path) -> int:
+    """Return a descriptor for reading. Raises OSError."""
+    return os.open(path, os.O_RDONLY | _OPEN_FLAGS)
 
 
-def open_new(path: Path) -> int:
-    """Return a descriptor that appends. Raises OSError, FileExistsError where there is a file.
+def create_append_only(path: Path) -> int:
+    """Create a file and return a descriptor that appends. Raises OSError; FileExistsError if the path exists.
 
-    Appending leaves no hole where another program shortens the file, so its size shows that somebody did.
+    If another program truncates the file, appending leaves no hole, so the size reveals the truncation.
     """
-    return os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | _FLAGS, 0o644)
+    return os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | _OPEN_FLAGS, 0o644)
 
 
 def _seek_and_read(fd: int, size: int, offset: int) -> bytes:
-    """As `os.pread`, for the only user of a descriptor."""
+    """Replace `os.pread` where it is missing; the descriptor must have a single user."""
     os.lseek(fd, offset, os.SEEK_SET)
     return os.read(fd, size)
 
 
 pread = getattr(os, "pread", _seek_and_read)
-"""Up to so many bytes of a descriptor from an offset on; Windows has it not."""
+"""pread(fd, size, offset): read up to `size` bytes at an offset."""

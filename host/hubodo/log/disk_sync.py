@@ -1,4 +1,4 @@
-"""A log made safe against a power cut: what was written is brought onto the disk every few seconds."""
+"""Protect a log against power cuts by syncing the written data to disk every few seconds."""
 
 from __future__ import annotations
 
@@ -10,18 +10,16 @@ from pathlib import Path
 from hubodo.units import NS_PER_S
 
 SYNC_PERIOD_NS = 2 * NS_PER_S
-"""With half a second in which messages wait for their chunk, a disk may take 2.5 s and no more than 5 s
-are lost.
-"""
+"""With half a second of pending messages and a sync of up to 2.5 s, a power cut loses at most 5 s of data."""
 
 
 def sync_file(fd: int) -> None:
-    """Everything written so far onto the disk; may take seconds. Raises OSError where the disk failed."""
+    """Sync the written data to disk; may block for seconds. Raises OSError if the disk failed."""
     getattr(os, "fdatasync", os.fsync)(fd)
 
 
 def sync_folder(folder: Path) -> None:
-    """The name of a new file onto the disk; where a system cannot do that, it does it by itself."""
+    """Sync the name of a new file to disk; systems without this call do it by themselves."""
     try:
         fd = os.open(folder, os.O_RDONLY)
     except OSError:
@@ -35,34 +33,34 @@ def sync_folder(folder: Path) -> None:
 
 
 class Syncer:
-    """Brings files onto the disk from a thread of its own, because that can block for seconds.
+    """A thread that syncs files to disk, because a sync can block for seconds.
 
-    It takes over the descriptors it is given. What fails is in `failed` until it is asked for.
+    It owns the descriptors that it is given. Errors are kept until `pop_error`.
     """
 
     def __init__(self) -> None:
         self._queue: queue.SimpleQueue[int | None] = queue.SimpleQueue()
-        self._counts = [0, 0]  # given by one thread, done by the other
+        self._counts = [0, 0]  # syncs requested by one thread, finished by the other
         self._errors: list[str] = []
         self._thread = threading.Thread(target=self._run, daemon=True, name="sync")
         self._thread.start()
 
     @property
     def is_busy(self) -> bool:
-        """Whether something that was given is not on the disk yet."""
+        """True while a requested sync is not finished."""
         return self._counts[0] != self._counts[1]
 
     def enqueue(self, fd: int) -> None:
-        """What is written to `fd` so far, soon; `fd` is closed then."""
+        """Request a sync of the data written to `fd`, which is closed afterwards."""
         self._counts[0] += 1
         self._queue.put(fd)
 
     def pop_error(self) -> str | None:
-        """Why the disk did not take something, once for each time."""
+        """Return the oldest error of a sync and remove it; None without errors."""
         return self._errors.pop(0) if self._errors else None
 
     def close(self, timeout_s: float) -> bool:
-        """Waits so long for what was given; whether it is all on the disk."""
+        """Wait up to `timeout_s` for the requested syncs; return True if all are finished."""
         self._queue.put(None)
         self._thread.join(timeout_s)
         return not self._thread.is_alive()

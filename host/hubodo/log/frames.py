@@ -1,4 +1,4 @@
-"""Where a vehicle's sensors sit, as transforms from base_link: what /tf_static says."""
+"""Transforms from base_link to the frames of a vehicle's sensors, for /tf_static."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hubodo.vehicle import Vehicle, side_sign
 
 @dataclass(frozen=True)
 class SensorFrame:
-    """A frame in base_link. position: m; turn: quaternion x, y, z, w, of its vectors to base_link's."""
+    """A sensor frame: position in base_link, m; rotation base_link from sensor, quaternion (x, y, z, w)."""
 
     name: str
     position: tuple[float, float, float]
@@ -23,7 +23,7 @@ GNSS_FRAME = "gnss"
 
 
 def sensor_frames(vehicle: Vehicle) -> list[SensorFrame]:
-    """The nodes, those on wheels at their hubs at wheel angle 0, and the antenna where it is known.
+    """Return the frames of the nodes (on wheels: at the hub, wheel angle 0) and of the antenna if known.
 
     base_link is on the ground midway between the wheels, x forward, y left, z up (REP 103).
     """

@@ -1,7 +1,7 @@
-"""Checks of what a file claims about itself, made before anything is allocated or followed.
+"""Limits on the memory and files that an untrusted log may use, checked before anything is allocated.
 
-A file's header is a claim by whoever wrote the file. Sizes are compared with a memory limit, paths must name
-regular files, and compressed data are expanded only up to the limit.
+Sizes in a file's header are claims by whoever wrote the file: they are compared with a memory limit, paths
+must name regular files, and compressed data are expanded only up to the limit.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from typing import IO
 from hubodo.errors import InputError
 
 DEFAULT_MEMORY_FRACTION = 0.25
-"""Fraction of the machine's memory that reading one file may take unless --max-memory says otherwise."""
-FALLBACK_MEMORY = 8 << 30  # bytes; assumed where the system does not report its memory
-_CGROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")
-_PORTION = 1 << 20  # bytes
-_UNBELIEVABLE = 10**18  # bytes
+"""Fraction of the machine's memory that reading one file may use unless --max-memory is given."""
+FALLBACK_MEMORY_BYTES = 8 << 30  # bytes; assumed where the system does not report its memory
+_CGROUP_LIMIT_FILE = Path("/sys/fs/cgroup/memory.max")
+READ_BLOCK_BYTES = 1 << 20  # bytes
+_MAX_PRINTED_BYTES = 10**18  # bytes
 _limit: ContextVar[int | None] = ContextVar("memory limit in bytes", default=None)
 
 
@@ -50,17 +50,17 @@ def machine_memory() -> int:
     try:
         memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, OSError, ValueError):  # Windows has no sysconf
-        memory = FALLBACK_MEMORY
+        memory = FALLBACK_MEMORY_BYTES
     try:
-        return min(memory, int(_CGROUP_LIMIT.read_text("ascii")))
+        return min(memory, int(_CGROUP_LIMIT_FILE.read_text("ascii")))
     except (OSError, ValueError):  # no container, or "max"
         return memory
 
 
 class MemoryBudget:
-    """The memory left for reading one file; each claim is deducted before anything is allocated.
+    """The memory budget for reading one file; each claim is deducted before anything is allocated.
 
-    path: named in the error. limit: bytes, `limit_bytes()` by default. limit_name, remedy: for the error.
+    path: named in the error. limit: bytes, `limit_bytes()` by default. limit_name, remedy: error texts.
     """
 
     def __init__(
@@ -75,21 +75,21 @@ class MemoryBudget:
         self.limit_name, self.remedy = limit_name, remedy
         self.claimed = 0
 
-    def claim(self, n_bytes: int, what: str) -> None:
-        """Deduct a claim. Raises InputError, naming the claim, where it is negative or exceeds the limit."""
+    def claim(self, n_bytes: int, purpose: str) -> None:
+        """Deduct a claim. Raises InputError, which names `purpose`, if it is negative or beyond the limit."""
         if n_bytes < 0:
             raise InputError(
-                f"{self.path}: {what} has a negative size ({n_bytes} bytes); save the file again"
+                f"{self.path}: {purpose} has a negative size ({n_bytes} bytes); save the file again"
             )
         self.claimed += n_bytes
         if self.claimed > self.limit:
             raise InputError(
-                f"{self.path}: {what} needs {_megabytes(self.claimed)} {self.limit_name} is "
+                f"{self.path}: {purpose} needs {_megabytes(self.claimed)} {self.limit_name} is "
                 f"{_megabytes(self.limit)}; {self.remedy}"
             )
 
     def release(self, n_bytes: int) -> None:
-        """Return a claim whose memory was freed."""
+        """Return the claimed bytes to the budget after their memory was freed."""
         self.claimed -= n_bytes
 
 
@@ -98,25 +98,28 @@ def file_budget(path: Path, n_bytes: int) -> MemoryBudget:
     return MemoryBudget(path, n_bytes, "of room, the most for a file of its size", "copy or record it again")
 
 
-def room_of(size: int, least: int = 1 << 26) -> int:
-    """Return the bytes that compressed data of a file of this size can hold; damage and malice claim more.
+def max_expanded_bytes(size: int, minimum: int = 1 << 26) -> int:
+    """Return the largest plausible expanded size of a compressed file of `size` bytes.
 
-    Messages have heads and rows have times that differ, so no recording gets smaller than its 256th part.
+    Message headers and time stamps differ from row to row, so no recording compresses below 1/256; a file
+    that claims more is damaged or malicious.
     """
-    return least + 256 * size
+    return minimum + 256 * size
 
 
-def check_claim(n_bytes: int, path: Path, what: str) -> None:
+def check_claim(n_bytes: int, path: Path, purpose: str) -> None:
     """Check one claimed size against the memory limit. Raises InputError as `MemoryBudget.claim` does."""
-    MemoryBudget(path).claim(n_bytes, what)
+    MemoryBudget(path).claim(n_bytes, purpose)
 
 
-def read_within_limit(stream: IO[bytes], path: Path, what: str, budget: MemoryBudget | None = None) -> bytes:
+def read_within_limit(
+    stream: IO[bytes], path: Path, purpose: str, budget: MemoryBudget | None = None
+) -> bytes:
     """Read a stream to its end, such as the contents of a gzip file. Raises InputError beyond the limit."""
     budget = MemoryBudget(path) if budget is None else budget
     parts = []
-    while part := stream.read(_PORTION):
-        budget.claim(len(part), what)
+    while part := stream.read(READ_BLOCK_BYTES):
+        budget.claim(len(part), purpose)
         parts.append(part)
     return b"".join(parts)
 
@@ -145,12 +148,12 @@ def check_regular(path: Path) -> None:
     try:
         mode = path.stat().st_mode
     except OSError:
-        return  # whoever opens it reports what is wrong
+        return  # opening it reports the reason
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise InputError(f"{path}: is not a regular file but a pipe or a device; copy its data to a file")
 
 
 def _megabytes(n_bytes: int) -> str:
-    if n_bytes >= _UNBELIEVABLE:  # a product of claimed lengths may have any number of digits
+    if n_bytes >= _MAX_PRINTED_BYTES:  # a product of claimed lengths may have any number of digits
         return "over an exabyte"
     return f"{n_bytes / 1e6:.0f} MB" if n_bytes >= 1e6 else f"{n_bytes} bytes"

@@ -1,4 +1,4 @@
-"""Messages of type JointState to the speeds of joints; each may name other joints, in another order."""
+"""Extract joint velocities from JointState messages, each of which may list other joints in another order."""
 
 from __future__ import annotations
 
@@ -10,55 +10,61 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.log.chunk_reader import Messages
+from hubodo.log.chunk_reader import ChunkMessages
 from hubodo.log.input_limits import MemoryBudget
 from hubodo.units import NS_PER_S
 
-_ROW_BYTES = 200  # of memory per joint and message: a tuple of two numbers in a list, at first its name
+_JOINT_ROW_BYTES = 200  # memory per joint and message: a tuple of two numbers in a list
 
 
 @dataclass
 class JointSpeeds:
-    """Collects one topic. rows: by joint, times in ns and velocities in rad/s; stays: of joints without one.
+    """A collector of joint velocities of one topic.
 
-    budget: for the rows. undecodable: messages whose bytes do not fit the type.
+    Attributes
+    ----------
+    budget : memory budget for the rows.
+    rows : joint name -> list of (time in ns, velocity in rad/s).
+    joints_without_velocity : joints in messages that contain positions only.
+    count : messages received.
+    undecodable : messages whose bytes do not match the type.
     """
 
     budget: MemoryBudget | None = None
     rows: dict[str, list[tuple[int, float]]] = field(default_factory=dict)
-    stays: set[str] = field(default_factory=set)
+    joints_without_velocity: set[str] = field(default_factory=set)
     count: int = 0
     undecodable: int = 0
 
-    def feed(self, messages: Messages, chosen: NDArray[np.intp]) -> None:
-        """Take in the messages with these indices."""
-        published = messages.heads["publish_time"][chosen].tolist()
-        for i, t_ns in zip(chosen.tolist(), published, strict=True):
+    def feed(self, messages: ChunkMessages, indices: NDArray[np.intp]) -> None:
+        """Decode the messages with these indices."""
+        published = messages.headers["publish_time"][indices].tolist()
+        for i, t_ns in zip(indices.tolist(), published, strict=True):
             self.count += 1
             try:
-                stamp, names, speeds = _parse(messages.payload(i))
+                stamp, names, speeds = _parse_joint_state(messages.payload(i))
             except (struct.error, ValueError):
                 self.undecodable += 1
                 continue
             if self.budget is not None:
-                self.budget.claim(_ROW_BYTES * len(names), "the list of its joint states")
+                self.budget.claim(_JOINT_ROW_BYTES * len(names), "the list of its joint states")
             if not speeds:
-                self.stays.update(names)
+                self.joints_without_velocity.update(names)
             for name, speed in zip(names, speeds, strict=False):
                 self.rows.setdefault(name, []).append((stamp or t_ns, speed))
 
-    def table(self, joint: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Times (N,) ns, strictly increasing, and velocities (N,) rad/s of a joint, where it is a number."""
+    def velocity(self, joint: str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return times (N,) in ns, strictly increasing, and finite velocities (N,) in rad/s of a joint."""
         rows = self.rows[joint]
         t_ns = np.array([t for t, _ in rows], np.int64)
         values = np.array([value for _, value in rows])
-        good = np.isfinite(values)
-        t_ns, places = np.unique(t_ns[good], return_index=True)
-        return t_ns, values[good][places]
+        finite = np.isfinite(values)
+        t_ns, first_rows = np.unique(t_ns[finite], return_index=True)
+        return t_ns, values[finite][first_rows]
 
 
-def _parse(payload: bytes) -> tuple[int, tuple[str, ...], tuple[float, ...]]:
-    """Stamp in ns, joint names, velocities. Raises struct.error or ValueError for what is no JointState."""
+def _parse_joint_state(payload: bytes) -> tuple[int, tuple[str, ...], tuple[float, ...]]:
+    """Return stamp in ns, joint names and velocities. Raises struct.error or ValueError if undecodable."""
     if payload[:2] not in (b"\x00\x00", b"\x00\x01"):
         raise ValueError("not plain CDR")
     order = "<" if payload[1] else ">"
@@ -74,36 +80,36 @@ def _parse(payload: bytes) -> tuple[int, tuple[str, ...], tuple[float, ...]]:
         end += -end % 4
         (size,) = struct.unpack_from(order + "I", payload, end)
         end += 4 + size
-    names = _names(order, payload[first:end])
-    place, _ = _sequence(order, payload, end)
-    place, speeds = _sequence(order, payload, place)
+    names = _decode_names(order, payload[first:end])
+    offset, _ = _read_float64_sequence(order, payload, end)
+    offset, speeds = _read_float64_sequence(order, payload, offset)
     return seconds * NS_PER_S + nanoseconds, names, speeds
 
 
-def _sequence(order: str, payload: bytes, place: int) -> tuple[int, tuple[float, ...]]:
-    """A sequence of float64 that begins at or behind place; where it ends."""
-    place += -place % 4
-    (count,) = struct.unpack_from(order + "I", payload, place)
-    place += 4
+def _read_float64_sequence(order: str, payload: bytes, offset: int) -> tuple[int, tuple[float, ...]]:
+    """Read a sequence of float64 at the next aligned offset; return the offset of its end and the values."""
+    offset += -offset % 4
+    (count,) = struct.unpack_from(order + "I", payload, offset)
+    offset += 4
     if not count:
-        return place, ()
-    # Alignment counts from behind the four bytes of the encapsulation.
-    place += -(place - 4) % 8
-    if place + 8 * count > len(payload):
+        return offset, ()
+    # Alignment counts from the end of the four encapsulation bytes.
+    offset += -(offset - 4) % 8
+    if offset + 8 * count > len(payload):
         raise ValueError(f"claims {count} numbers")
-    return place + 8 * count, struct.unpack_from(f"{order}{count}d", payload, place)
+    return offset + 8 * count, struct.unpack_from(f"{order}{count}d", payload, offset)
 
 
 @lru_cache(maxsize=64)
-def _names(order: str, block: bytes) -> tuple[str, ...]:
-    """The names of a sequence of strings."""
-    return tuple(_texts(order, block))
+def _decode_names(order: str, block: bytes) -> tuple[str, ...]:
+    """Decode a sequence of strings."""
+    return tuple(_iterate_strings(order, block))
 
 
-def _texts(order: str, block: bytes) -> Iterator[str]:
-    place = 4
-    while place < len(block):
-        place += -place % 4
-        (size,) = struct.unpack_from(order + "I", block, place)
-        yield block[place + 4 : place + 4 + size].rstrip(b"\0").decode("utf-8", "replace")
-        place += 4 + size
+def _iterate_strings(order: str, block: bytes) -> Iterator[str]:
+    offset = 4
+    while offset < len(block):
+        offset += -offset % 4
+        (size,) = struct.unpack_from(order + "I", block, offset)
+        yield block[offset + 4 : offset + 4 + size].rstrip(b"\0").decode("utf-8", "replace")
+        offset += 4 + size

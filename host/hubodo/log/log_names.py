@@ -1,4 +1,4 @@
-"""Names of the logs of one recording, which files in a folder are such logs, and in which order they came."""
+"""Name the logs of a recording and list the existing ones in order."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from pathlib import Path
 
 from hubodo.errors import InputError
 
-_NUMBER, _STAMP, _AGAIN = r"(?:(\d{6,12})-)?", r"(\d{8}T\d{6}Z)", r"(?:-(\d+))?"
+_NUMBER_PATTERN, _STAMP_PATTERN, _REPEAT_PATTERN = r"(?:(\d{6,12})-)?", r"(\d{8}T\d{6}Z)", r"(?:-(\d+))?"
 
 
 class LogNames:
-    """Names with a sequence number and UTC time: `drive-000042-20260401T093000Z.mcap`.
+    """Log names with a sequence number and UTC time: `drive-000042-20260401T093000Z.mcap`.
 
-    The number orders the logs, because a computer's clock may be behind that of an earlier recording. It is
-    one more than the highest in the folder. Names of earlier versions have no number: they are the oldest.
+    The number orders the logs, because the clock may be behind that of an earlier recording. It is one more
+    than the highest in the folder. Names of earlier versions have no number and sort first.
 
-    out: a folder, where names have no `drive-`, or the file that a single log would be. plain: a log is `out`
-    itself while no such file is there, as it is when nothing rotates. Raises InputError where it exists.
+    out: a folder (names then have no `drive-`), or the path of a single log. plain: name a log `out` itself
+    while no such file exists, for recordings without rotation. Raises InputError if it exists.
     """
 
     def __init__(self, out: Path, *, plain: bool) -> None:
@@ -29,13 +29,17 @@ class LogNames:
         self._suffix = ".mcap" if in_folder else out.suffix
         self._plain = out if plain and not in_folder else None
         self._pattern = re.compile(
-            re.escape(self._stem) + _NUMBER + _STAMP + _AGAIN + re.escape(self._suffix)
+            re.escape(self._stem)
+            + _NUMBER_PATTERN
+            + _STAMP_PATTERN
+            + _REPEAT_PATTERN
+            + re.escape(self._suffix)
         )
         if self._plain is not None and out.exists():
             raise InputError(f"{out}: exists already; choose another name, nothing is overwritten")
 
     def next_path(self, now_ns: int) -> Path:
-        """A name that no file has, for a log that begins now."""
+        """Return an unused path for a log that begins now."""
         if self._plain is not None and not self._plain.exists():
             return self._plain
         stamp = datetime.fromtimestamp(now_ns // 1_000_000_000, UTC).strftime("%Y%m%dT%H%M%SZ")
@@ -44,7 +48,7 @@ class LogNames:
         return next(path for path in paths if not path.exists())
 
     def existing_logs(self) -> list[Path]:
-        """Return all logs with such names, oldest first, those of earlier recordings too."""
+        """Return all logs with such names, oldest first, including those of earlier recordings."""
         return [path for _, path in sorted(self._list_logs())]
 
     def _list_logs(self) -> list[tuple[tuple[int, str, int], Path]]:

@@ -1,6 +1,6 @@
-"""Recording: the typed messages of a hubodo log.
+"""Write the typed messages of a hubodo log.
 
-Times are (n,) ns or one int: `t_pub_ns` when it was measured, on the host's clock; `t_log_ns` when received.
+Times are (n,) ns or one int on the host clock: `t_pub_ns` of measurement, `t_log_ns` of receipt.
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from hubodo.vehicle import Vehicle
 
 
 class LogWriter(ChunkWriter):
-    """A log being written; a context manager; one thread only. Arguments as `ChunkLog`."""
+    """A writer of hubodo logs; a context manager for one thread. Parameters as `ChunkWriter`."""
 
     _static_frames: tuple[RowBuffer, dict[str, ArrayLike]] | None = None
 
     def write_imu(
         self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike
     ) -> None:
-        """Inertial samples of a node. gyro: (n, 3) rad/s; accel: (n, 3) m/s² specific force; node frame."""
+        """Write inertial samples, node frame. gyro: (n, 3) rad/s; accel: (n, 3) m/s² specific force."""
         stream = self._streams.get(node + "/imu") or self._open_imu_stream(node)
         self.write_rows(stream, t_pub_ns, t_log_ns, {"angular_velocity": gyro, "linear_acceleration": accel})
 
     def write_temperature(
         self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, temperature: ArrayLike
     ) -> None:
-        """Temperature of a node's sensor. temperature: (n,) °C."""
+        """Write the temperature of a node's sensor. temperature: (n,) °C."""
         stream = self._streams.get(node + "/temperature") or self._open_stream(
             node + "/temperature", topics.temperature_topic(node), ros2.TEMPERATURE, node
         )
@@ -51,14 +51,14 @@ class LogWriter(ChunkWriter):
         voltage: ArrayLike,
         charge: ArrayLike = np.nan,
     ) -> None:
-        """Supply of a node. voltage: (n,) V; charge: (n,) 0 to 1 of a full battery's, NaN: not known."""
+        """Write the supply of a node. voltage: (n,) V; charge: (n,) 0 to 1, NaN if unknown."""
         stream = self._streams.get(node + "/battery") or self._open_battery_stream(node)
         self.write_rows(stream, t_pub_ns, t_log_ns, {"voltage": voltage, "percentage": charge})
 
     def write_magnetic_field(
         self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, field: ArrayLike
     ) -> None:
-        """Magnetometer of a node. field: (n, 3) tesla, node frame."""
+        """Write magnetometer samples of a node. field: (n, 3) tesla, node frame."""
         stream = self._streams.get(node + "/mag") or self._open_stream(
             node + "/mag", topics.magnetic_field_topic(node), ros2.MAGNETIC_FIELD, node
         )
@@ -79,10 +79,10 @@ class LogWriter(ChunkWriter):
         frame: str = "odom",
         child_frame: str = "base_link",
     ) -> None:
-        """Planar odometry. position: (n, 2) m; heading: (n,) rad; speed: (n,) m/s; yaw_rate: (n,) rad/s.
+        """Write planar odometry. position: (n, 2) m; heading (n,) rad; speed (n,) m/s; yaw_rate (n,) rad/s.
 
         pose_covariance: (n, 3, 3) over x, y, heading; twist_covariance: (n, 2, 2) over speed, yaw rate. Where
-        one is given, what it does not tell has the variance UNKNOWN_VARIANCE; all zeros: nothing is known.
+        one is given, the other coordinates have the variance UNKNOWN_VARIANCE; all zeros mean unknown.
         """
         stream = self._streams.get(topic) or self._open_stream(
             topic, topic, ros2.ODOMETRY, frame, child_frame
@@ -109,7 +109,7 @@ class LogWriter(ChunkWriter):
         frame: str = "odom",
         child_frame: str = "base_link",
     ) -> None:
-        """Planar transform on /tf. position: (n, 2) m; heading: (n,) rad."""
+        """Write a planar transform to /tf. position: (n, 2) m; heading: (n,) rad."""
         stream = self._streams.get(f"tf {frame} {child_frame}") or self._open_stream(
             f"tf {frame} {child_frame}", topics.TF, ros2.TF, frame, child_frame
         )
@@ -122,7 +122,7 @@ class LogWriter(ChunkWriter):
         self.write_rows(stream, t_pub_ns, t_log_ns, values)
 
     def write_static_frames(self, t_ns: int, vehicle: Vehicle) -> None:
-        """Where the vehicle's nodes and its antenna sit, on /tf_static: one message for all of them."""
+        """Write the frames of the vehicle's nodes and antenna to /tf_static as one message."""
         frames = sensor_frames(vehicle)
         if not frames:
             return
@@ -133,13 +133,13 @@ class LogWriter(ChunkWriter):
             texts |= {part + "header.frame_id": b"base_link", part + "child_frame_id": frame.name.encode()}
             values[part + "transform.translation"] = np.array([frame.position])
             values[part + "transform.rotation"] = np.array([frame.rotation])
-        layout = ros2.layout(ros2.TF, texts, {"transforms": len(frames)})
+        layout = ros2.cdr_layout(ros2.TF, texts, {"transforms": len(frames)})
         channel = self.add_ros2_channel(topics.TF_STATIC, ros2.TF)
         self._static_frames = RowBuffer(channel, layout, ""), values
         self.repeat_static_frames(t_ns)
 
     def repeat_static_frames(self, t_ns: int) -> None:
-        """The same, where this log goes on in another file; nothing where no frames were told."""
+        """Write the static frames again, at the start of another file; does nothing if there are none."""
         if self._static_frames is None:
             return
         (stream, values), (seconds, nanoseconds) = self._static_frames, divmod(t_ns, NS_PER_S)
@@ -163,7 +163,7 @@ class LogWriter(ChunkWriter):
         status: ArrayLike = 0,
         frame: str = GNSS_FRAME,
     ) -> None:
-        """GNSS positions. altitude: (n,) m; sigma: (n, 3) m of east, north, up, or None where not known.
+        """Write GNSS positions. altitude: (n,) m; sigma: (n, 3) m of east, north, up, or None if unknown.
 
         status: (n,) as in NavSatStatus (-1 no fix, 0 fix, 1 SBAS, 2 GBAS/RTK).
         """
@@ -188,13 +188,13 @@ class LogWriter(ChunkWriter):
     def write_columns(
         self, name: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, table: Mapping[str, ArrayLike]
     ) -> None:
-        """Float64 columns without a ROS type, kept to the last bit. table: column -> (n,)."""
+        """Write float64 columns without a ROS type, lossless. table: column -> (n,)."""
         self._write_float_rows(topics.COLUMNS_PREFIX + name, t_pub_ns, t_log_ns, table)
 
     def write_bias_filter(
         self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, table: Mapping[str, ArrayLike]
     ) -> None:
-        """What a node's own filter says of its gyro. table: `BIAS_FILTER_COLUMNS` but t -> (n,), rad/s."""
+        """Write reports of a node's gyro bias filter. table: `BIAS_FILTER_COLUMNS` but t -> (n,), rad/s."""
         self._write_float_rows(topics.bias_filter_topic(node), t_pub_ns, t_log_ns, table)
 
     def _write_float_rows(
@@ -203,30 +203,30 @@ class LogWriter(ChunkWriter):
         stream = self._streams.get(topic)
         if stream is None:
             metadata = {"columns": json_text(list(table))}
-            channel = self.add_ros2_channel(topic, ros2.COLUMNS, metadata)
-            stream = self._streams[topic] = RowBuffer(channel, ros2.columns(list(table)), "")
+            channel = self.add_ros2_channel(topic, ros2.FLOAT64_ARRAY, metadata)
+            stream = self._streams[topic] = RowBuffer(channel, ros2.columns_layout(list(table)), "")
         rows = np.column_stack([np.asarray(values, np.float64) for values in table.values()])
         self.write_rows(stream, t_pub_ns, t_log_ns, {"data": rows})
 
     def write_raw_frame(self, link: str, t_log_ns: int, frame: bytes) -> None:
-        """One frame as it came off a link, before anything looked inside."""
+        """Write one frame as received from a link, before decoding."""
         channel = self._channels.get(topics.RAW_PREFIX + link)
         if channel is None:
-            channel = self.add_ros2_channel(topics.RAW_PREFIX + link, ros2.BYTES)
+            channel = self.add_ros2_channel(topics.RAW_PREFIX + link, ros2.UINT8_ARRAY)
         self.write(channel, t_log_ns, t_log_ns, encode_bytes_message(frame))
 
     def write_clock_request(self, link: str, t_ns: int, token: bytes) -> None:
-        """The token of a question about a node's clock, at the time at which it was sent."""
+        """Write the token of a clock request, at the time at which it was sent to a node."""
         topic = topics.CLOCK_REQUEST_PREFIX + link
         channel = self._channels.get(topic)
         if channel is None:
-            channel = self.add_ros2_channel(topic, ros2.BYTES)
+            channel = self.add_ros2_channel(topic, ros2.UINT8_ARRAY)
         self.write(channel, t_ns, t_ns, encode_bytes_message(token))
 
     def write_event(self, event: Event, t_log_ns: int | None = None) -> None:
-        """An event; written at once, not kept pending, because it is rare and explains what follows.
+        """Write an event and flush at once, because events are rare and explain what follows.
 
-        t_log_ns: when it is told again, of what happened before this log began.
+        t_log_ns: log time of an event from before the start of this log; by default the event's time.
         """
         channel = self._channels.get(topics.EVENTS)
         if channel is None:
@@ -249,18 +249,18 @@ class LogWriter(ChunkWriter):
         if channel is None:
             channel = self.add_ros2_channel(topic, schema)
         stamp = "transforms[0].header." if schema == ros2.TF else "header."
-        stream = self._streams[key] = RowBuffer(channel, ros2.stamped(schema, frame, child), stamp)
+        stream = self._streams[key] = RowBuffer(channel, ros2.stamped_layout(schema, frame, child), stamp)
         return stream
 
     def _open_imu_stream(self, node: str) -> RowBuffer:
         stream = self._open_stream(node + "/imu", topics.imu_topic(node), ros2.IMU, node)
-        # No orientation is measured: sensor_msgs says so with -1 in the first element of its covariance.
+        # Orientation is not measured: sensor_msgs marks this by -1 in the first element of its covariance.
         stream.field_view("orientation_covariance")[:, 0] = -1
         return stream
 
     def _open_battery_stream(self, node: str) -> RowBuffer:
         stream = self._open_stream(node + "/battery", topics.battery_topic(node), ros2.BATTERY, node)
-        # Status, health and technology 0 are unknown; of what is measured in numbers NaN is.
+        # Unknown values: 0 for status, health and technology, NaN for measured quantities.
         for unknown in ("temperature", "current", "charge", "capacity", "design_capacity"):
             stream.field_view(unknown)[:] = np.nan
         stream.field_view("present")[:] = True
@@ -274,11 +274,11 @@ def _pad_position(position: ArrayLike, count: int) -> NDArray[np.float64]:
 
 
 def _expand_covariance(
-    covariance: ArrayLike | None, count: int, places: tuple[int, ...]
+    covariance: ArrayLike | None, count: int, axes: tuple[int, ...]
 ) -> NDArray[np.float64]:
     spread = np.zeros((count, 6, 6))
     if covariance is not None:
-        # Zero would say that z, roll and pitch are exact.
+        # Zero would mean that z, roll and pitch are exact.
         spread[:, range(6), range(6)] = UNKNOWN_VARIANCE
-        spread[:, np.array(places)[:, None], np.array(places)] = covariance
+        spread[:, np.array(axes)[:, None], np.array(axes)] = covariance
     return spread.reshape(count, 36)

@@ -1,4 +1,4 @@
-"""An MCAP file opened for reading: what is in it, its messages in order, and what is wrong with it."""
+"""Read an MCAP file: channels, metadata, messages in order, and a report of damage."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from numpy.typing import NDArray
 from hubodo.errors import LogError
 from hubodo.log import topics
 from hubodo.log.chunk_reader import (
-    MEMORY_PER_BYTE,
-    ChunkPlace,
+    CHUNK_MEMORY_RATIO,
+    ChunkLocation,
+    ChunkMessages,
     DamagedChunk,
-    Messages,
-    announced,
-    load,
-    load_cut,
-    walk,
+    parse_messages,
+    read_chunk,
+    read_message_offsets,
+    read_truncated_chunk,
 )
-from hubodo.log.descriptor import open_to_read
-from hubodo.log.input_limits import MemoryBudget, check_claim, room_of
+from hubodo.log.descriptor import open_read_only
+from hubodo.log.input_limits import MemoryBudget, check_claim, max_expanded_bytes
 from hubodo.log.message_records import MESSAGE_HEADER
-from hubodo.log.scan import DamagedSpan, Scan, scan
+from hubodo.log.scan import DamagedSpan, FileScan, scan_file
 from hubodo.log.source import FileInfo, Stream
 
-_MESSAGE_MEMORY_BYTES = 300  # bytes per message of a chunk that waits for its turn: six numbers of Python
+_MESSAGE_MEMORY_BYTES = 300  # per message of a chunk that is being merged: six Python numbers
 MAX_T_ZERO_NS = 4_000_000_000 * 1_000_000_000
-"""ns; the year 2096: what is beyond is no time of a recording but a damaged metadata record."""
+"""ns; the year 2096: a later t = 0 indicates a damaged metadata record."""
 
 
 class LogMessage(NamedTuple):
-    """One message as it stands in the log; times in ns."""
+    """One message of a log; times in ns."""
 
     topic: str
     log_time: int
@@ -48,35 +48,35 @@ class LogMessage(NamedTuple):
 
 
 class Log:
-    """A log open for reading; a context manager. Build it with `open_log`."""
+    """An MCAP file open for reading; a context manager. Built by `open_log`."""
 
-    def __init__(self, found: Scan) -> None:
-        self.scan = found
-        self._fd = open_to_read(found.path)
+    def __init__(self, scan: FileScan) -> None:
+        self.scan = scan
+        self._fd = open_read_only(scan.path)
         self.messages_read = 0
-        """Messages met so far by `chunks()`."""
+        """Messages read by `chunks()`."""
         self._position = 0
         self._streams: dict[int, Stream] = {}
         self._known_counts = (0, 0)
-        """Channels and schemas that `_streams` was made of."""
+        """Numbers of channels and schemas from which `_streams` was built."""
         self._out_of_range: dict[int, int] = {}
-        """Messages beyond the times of the format, by the offset of their chunk."""
+        """Messages with times beyond the range of int64, by the offset of their chunk."""
 
     @property
     def path(self) -> Path:
-        """The file."""
+        """The path of the file."""
         return self.scan.path
 
     @property
     def file_info(self) -> FileInfo:
-        """Size, writer, profile, whether it was closed, what is damaged."""
-        found = self.scan
+        """Size, writer, profile, completeness and damage of the file."""
+        scan = self.scan
         files = {name: len(data) for name, data in self.attachments.items()}
-        return FileInfo(found.size, found.library, found.profile, found.complete, files, self.damage_count)
+        return FileInfo(scan.size, scan.library, scan.profile, scan.complete, files, self.damage_count)
 
     @property
     def streams(self) -> dict[int, Stream]:
-        """The channels known so far, by id; where they stand inside chunks, complete once `chunks()` ran."""
+        """The known channels by id; those stored inside chunks are known after `chunks()` has finished."""
         schemas = self.scan.schemas
         if (len(self.scan.channels), len(schemas)) == self._known_counts:
             return self._streams
@@ -96,12 +96,12 @@ class Log:
 
     @property
     def attachments(self) -> dict[str, bytes]:
-        """Files kept in the log, by name."""
+        """Attached files by name."""
         return {file.name: bytes(file.data) for file in self.scan.attachments}
 
     @property
     def metadata(self) -> dict[str, str]:
-        """The record `hubodo`, and the others with their name and a dot before each key."""
+        """The metadata record `hubodo`, and the others with their name and a dot before each key."""
         flat: dict[str, str] = {}
         for name, values in self.metadata_records.items():
             prefix = "" if name == topics.METADATA_RECORD else name + "."
@@ -110,54 +110,66 @@ class Log:
 
     @property
     def t_zero_ns(self) -> int | None:
-        """Host time of t = 0 as the log states it; None where it does not, or not a time that can be."""
+        """Host time of t = 0 in ns; None if the log does not state a plausible one."""
         text = self.metadata.get(topics.T_ZERO_KEY, "")
         stated = int(text) if text.isascii() and text.isdigit() and len(text) < 20 else -1
         return stated if 0 <= stated < MAX_T_ZERO_NS else None
 
     @property
     def progress(self) -> float:
-        """Fraction of the file that `chunks()` has gone through."""
+        """Fraction of the file that `chunks()` has read."""
         return self._position / max(1, self.scan.size)
 
-    def chunks(self) -> Iterator[Messages]:
-        """All messages, a chunk at a time in file order; damage is noted and passed over."""
+    def chunks(self) -> Iterator[ChunkMessages]:
+        """Yield all messages, chunk by chunk in file order; damage is recorded and skipped."""
         self.messages_read = 0
-        for place in self.scan.chunks:
-            self._position = place.offset + place.length
-            messages = self._read_chunk(place)
+        for location in self.scan.chunks:
+            self._position = location.offset + location.length
+            messages = self._read_chunk(location)
             if messages is not None:
-                self.messages_read += len(messages.places)
+                self.messages_read += len(messages.offsets)
                 yield messages
-        if self.scan.cut is not None:
-            messages = self._read_truncated_chunk(self.scan.cut)
-            self.messages_read += len(messages.places)
+        if self.scan.truncated_chunk is not None:
+            messages = self._read_truncated_chunk(self.scan.truncated_chunk)
+            self.messages_read += len(messages.offsets)
             yield messages
 
-    def _read_chunk(self, place: ChunkPlace) -> Messages | None:
-        if place.offset in self.scan.unbelievable:
-            self.scan.note(place, f"chunk claims {place.size} bytes, more than such a file can hold")
+    def _read_chunk(self, location: ChunkLocation) -> ChunkMessages | None:
+        if location.offset in self.scan.oversized_chunks:
+            self.scan.mark_damaged(
+                location, f"chunk claims {location.expanded_size} bytes, more than such a file can hold"
+            )
             return None
-        check_claim(MEMORY_PER_BYTE * place.size, self.path, "a chunk")
+        check_claim(CHUNK_MEMORY_RATIO * location.expanded_size, self.path, "a chunk")
         try:
-            messages = walk(load(self._fd, place), announced(self._fd, place))
+            messages = parse_messages(
+                read_chunk(self._fd, location), read_message_offsets(self._fd, location)
+            )
         except DamagedChunk as error:
-            self.scan.note(place, f"chunk {error}")
+            self.scan.mark_damaged(location, f"chunk {error}")
             return None
-        self.scan.learn(messages.definitions)
-        if not messages.whole:
-            self.scan.note(place, "chunk ends in nonsense")
-        possible = (messages.heads["log_time"] >= 0) & (messages.heads["publish_time"] >= 0)
+        self.scan.add_definitions(messages.definitions)
+        if not messages.is_complete:
+            self.scan.mark_damaged(location, "chunk ends in undecodable bytes")
+        possible = (messages.headers["log_time"] >= 0) & (messages.headers["publish_time"] >= 0)
         if not possible.all():
-            self._out_of_range[place.offset] = int(np.count_nonzero(~possible))
-            messages = replace(messages, places=messages.places[possible], heads=messages.heads[possible])
+            self._out_of_range[location.offset] = int(np.count_nonzero(~possible))
+            messages = replace(
+                messages, offsets=messages.offsets[possible], headers=messages.headers[possible]
+            )
         return messages
 
-    def _read_truncated_chunk(self, place: ChunkPlace) -> Messages:
-        check_claim(min(MEMORY_PER_BYTE * place.size, room_of(place.data_size)), self.path, "its last chunk")
-        # No checksum vouches for a part; the times that the chunk's head announces are some guard.
-        messages = walk(load_cut(self._fd, place)).between(place.start_ns, place.end_ns)
-        self.scan.learn(messages.definitions)
+    def _read_truncated_chunk(self, location: ChunkLocation) -> ChunkMessages:
+        check_claim(
+            min(CHUNK_MEMORY_RATIO * location.expanded_size, max_expanded_bytes(location.data_size)),
+            self.path,
+            "its last chunk",
+        )
+        # A truncated chunk has no valid checksum; the time span in its header is some protection.
+        messages = parse_messages(read_truncated_chunk(self._fd, location)).between(
+            location.start_ns, location.end_ns
+        )
+        self.scan.add_definitions(messages.definitions)
         return messages
 
     def messages(
@@ -166,24 +178,24 @@ class Log:
         start: int | None = None,
         end: int | None = None,
     ) -> Iterator[LogMessage]:
-        """Messages by log time, start <= log_time < end (ns), those of one time in the order of the file.
+        """Yield messages by log time, start <= log_time < end (ns); equal times keep the order of the file.
 
-        Holds only the chunks that overlap in time. Raises InputError where they exceed the memory limit.
+        Only chunks that overlap in time are in memory. Raises InputError if they exceed the memory limit.
         """
         budget = MemoryBudget(self.path)
-        waiting = [
-            (number, place)
-            for number, place in enumerate(self.scan.chunks)
-            if (start is None or place.end_ns >= start) and (end is None or place.start_ns < end)
+        unread = [
+            (number, location)
+            for number, location in enumerate(self.scan.chunks)
+            if (start is None or location.end_ns >= start) and (end is None or location.start_ns < end)
         ]
-        waiting.sort(key=lambda numbered: numbered[1].start_ns, reverse=True)
-        cut = self.scan.cut
+        unread.sort(key=lambda numbered: numbered[1].start_ns, reverse=True)
+        cut = self.scan.truncated_chunk
         cursors: list[tuple[int, int, Iterator[LogMessage], LogMessage]] = []
-        while waiting or cursors or cut is not None:
-            while waiting and (not cursors or waiting[-1][1].start_ns <= cursors[0][0]):
-                number, place = waiting.pop()
+        while unread or cursors or cut is not None:
+            while unread and (not cursors or unread[-1][1].start_ns <= cursors[0][0]):
+                number, place = unread.pop()
                 self._push_cursor(cursors, number, self._messages_of_chunk(place, topics, start, end, budget))
-            if cut is not None and not waiting:
+            if cut is not None and not unread:
                 messages, cut = self._read_truncated_chunk(cut), None
                 self._push_cursor(
                     cursors,
@@ -191,13 +203,13 @@ class Log:
                     self._select_messages(messages, topics, start, end, budget),
                 )
             if cursors:
-                _, number, rest, message = cursors[0]
+                _, number, remaining, message = cursors[0]
                 yield message
-                following = next(rest, None)
+                following = next(remaining, None)
                 if following is None:
                     heapq.heappop(cursors)
                 else:
-                    heapq.heapreplace(cursors, (following.log_time, number, rest, following))
+                    heapq.heapreplace(cursors, (following.log_time, number, remaining, following))
 
     @staticmethod
     def _push_cursor(
@@ -211,87 +223,87 @@ class Log:
 
     def _messages_of_chunk(
         self,
-        place: ChunkPlace,
-        names: Collection[str] | None,
+        location: ChunkLocation,
+        topics: Collection[str] | None,
         start: int | None,
         end: int | None,
         budget: MemoryBudget,
     ) -> Iterator[LogMessage]:
-        messages = self._read_chunk(place)
+        messages = self._read_chunk(location)
         if messages is not None:
-            yield from self._select_messages(messages, names, start, end, budget)
+            yield from self._select_messages(messages, topics, start, end, budget)
 
     def _select_messages(
         self,
-        messages: Messages,
-        names: Collection[str] | None,
+        messages: ChunkMessages,
+        topics: Collection[str] | None,
         start: int | None,
         end: int | None,
         budget: MemoryBudget,
     ) -> Iterator[LogMessage]:
         streams = self.streams
-        wanted = [id for id, stream in streams.items() if names is None or stream.topic in names]
-        times: NDArray[np.int64] = messages.heads["log_time"]
-        keep = np.isin(messages.heads["channel"], wanted)
+        wanted = [id for id, stream in streams.items() if topics is None or stream.topic in topics]
+        times: NDArray[np.int64] = messages.headers["log_time"]
+        keep = np.isin(messages.headers["channel"], wanted)
         if start is not None:
             keep &= times >= start
         if end is not None:
             keep &= times < end
-        chosen = np.flatnonzero(keep)
-        chosen = chosen[np.argsort(times[chosen], kind="stable")]
-        cost = 2 * messages.data.nbytes + _MESSAGE_MEMORY_BYTES * len(chosen)
+        selected = np.flatnonzero(keep)
+        selected = selected[np.argsort(times[selected], kind="stable")]
+        cost = 2 * messages.data.nbytes + _MESSAGE_MEMORY_BYTES * len(selected)
         budget.claim(cost, "reading chunks that overlap in time")
-        heads, data = messages.heads[chosen], messages.data.tobytes()
-        starts = messages.places[chosen] + MESSAGE_HEADER.itemsize
-        ends = starts + heads["length"].astype(np.int64) - 22
+        headers, data = messages.headers[selected], messages.data.tobytes()
+        starts = messages.offsets[selected] + MESSAGE_HEADER.itemsize
+        ends = starts + headers["length"].astype(np.int64) - 22
         columns = (
-            heads["channel"],
-            heads["log_time"],
-            heads["publish_time"],
-            heads["sequence"],
+            headers["channel"],
+            headers["log_time"],
+            headers["publish_time"],
+            headers["sequence"],
             starts,
             ends,
         )
         rows = zip(*(column.tolist() for column in columns), strict=True)
-        for channel, log_time, publish_time, sequence, begin, stop in rows:
+        for channel, log_time, publish_time, sequence, start_byte, end_byte in rows:
             yield LogMessage(
-                streams[channel].topic, log_time, publish_time, sequence, channel, data[begin:stop]
+                streams[channel].topic, log_time, publish_time, sequence, channel, data[start_byte:end_byte]
             )
         budget.release(cost)
 
     @property
     def _has_unlocated_damage(self) -> bool:
-        """Whether the whole fails its checksum, and nothing that was read tells why."""
-        return "data" in self.scan.doubts and not self.scan.damage
+        """True if the data section fails its checksum but no damaged part was found."""
+        return "data" in self.scan.checksum_failures and not self.scan.damage
 
     @property
     def damage_count(self) -> int:
-        """Places that could not be used or trusted; complete once the chunks were read."""
-        return len(self.scan.damage) + self._has_unlocated_damage + ("summary" in self.scan.doubts)
+        """Number of damaged parts; complete once `chunks()` has finished."""
+        return len(self.scan.damage) + self._has_unlocated_damage + ("summary" in self.scan.checksum_failures)
 
     def warnings(self) -> tuple[str, ...]:
-        """One line for each thing wrong with the file; complete once its chunks were read."""
-        found, lines = self.scan, []
-        for damage in sorted(found.damage, key=lambda damage: damage.offset):
-            if damage.offset + damage.length >= found.size and not found.complete:
+        """Return one line for each problem of the file; complete once `chunks()` has finished."""
+        scan, lines = self.scan, []
+        for damage in sorted(scan.damage, key=lambda damage: damage.offset):
+            if damage.offset + damage.length >= scan.size and not scan.complete:
                 continue
-            lines.append(f"{found.path}: {self._describe_span(damage)}: {damage.reason}; it is left out")
-        if not found.complete:
-            lost = sum(d.length for d in found.damage if d.offset + d.length >= found.size)
+            lines.append(f"{scan.path}: {self._describe_span(damage)}: {damage.reason}; left out")
+        if not scan.complete:
+            lost = sum(d.length for d in scan.damage if d.offset + d.length >= scan.size)
             lines.append(
-                f"{found.path}: was not closed: {self.messages_read} messages are kept, {lost} bytes at the "
-                "end are lost; hubodo recover writes a whole one"
+                f"{scan.path}: was not closed: {self.messages_read} messages are kept, {lost} bytes at the "
+                "end are lost; hubodo recover writes a complete log"
             )
         if self._has_unlocated_damage:
             lines.append(
-                f"{found.path}: {found.doubts['data']}, and no part that was read is to blame: what stands "
-                "between the chunks is damaged; metadata such as t = 0 and names of topics may be wrong"
+                f"{scan.path}: {scan.checksum_failures['data']}, but every chunk is intact: the "
+                "records between the chunks are damaged; metadata (t = 0) and topic names may be wrong"
             )
         if self._out_of_range:
             count = sum(self._out_of_range.values())
-            lines.append(f"{found.path}: {count} messages have times beyond the year 2262; they are left out")
-        if "summary" in found.doubts:
-            lines.append(f"{found.path}: {found.doubts['summary']}; it is not used")
+            lines.append(f"{scan.path}: {count} messages have times beyond the year 2262; left out")
+        if "summary" in scan.checksum_failures:
+            lines.append(f"{scan.path}: {scan.checksum_failures['summary']}; it is not used")
         return tuple(lines)
 
     def _describe_span(self, damage: DamagedSpan) -> str:
@@ -317,8 +329,8 @@ class Log:
 
 
 def open_log(path: Path) -> Log:
-    """Open an MCAP file, whole, cut or damaged. Raises LogError when it is missing, empty or no MCAP."""
+    """Open an MCAP file, even truncated or damaged. Raises LogError if it is missing, empty or not MCAP."""
     path = Path(path)
     if path.is_dir():
         raise LogError(f"{path}: is a folder, not a log; import a CSV folder with hubodo import")
-    return Log(scan(path))
+    return Log(scan_file(path))

@@ -1,6 +1,6 @@
-"""The MCAP file being written: records, chunks, indexes, footer; knows bytes and offsets, no message types.
+"""Write an MCAP file: records, chunks, indexes and footer, independent of message types.
 
-Every call hands complete records to the operating system at once, so a killed process leaves whole records.
+Each call hands complete records to the operating system at once, so a killed process leaves complete records.
 Format: https://mcap.dev/spec (version 0); record layouts come from the `mcap` package's own classes.
 """
 
@@ -37,7 +37,7 @@ from mcap.records import (
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
-from hubodo.log.descriptor import open_new
+from hubodo.log.descriptor import create_append_only
 from hubodo.version import __version__
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -46,16 +46,16 @@ LIBRARY = f"hubodo {__version__}"
 
 Compression = Literal["zstd", "lz4", "none"]
 MessageIndexes = Mapping[int, tuple[NDArray[np.int64], NDArray[np.int64]]]
-FileState = Literal["here", "elsewhere", "nowhere", "changed"]
-"""A file still has its name, has only another one, was deleted, or has another size than was written."""
+FileState = Literal["in place", "moved", "deleted", "modified"]
+"""State of the open file on disk; "modified": its size differs from what was written."""
 
 
 class McapFile:
-    """A new MCAP file; refuses to overwrite (`InputError`). Usable up to `finish()`, then closed."""
+    """A new MCAP file, open for writing until `finish()`. Raises InputError if the path exists."""
 
     def __init__(self, path: Path, *, profile: str = PROFILE, library: str = LIBRARY) -> None:
         try:
-            self._fd = open_new(path)
+            self._fd = create_append_only(path)
         except FileExistsError:
             raise InputError(
                 f"{path}: exists already; choose another name or remove it, nothing is overwritten"
@@ -69,7 +69,7 @@ class McapFile:
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._counts: dict[int, int] = {}
-        self._chunk_indexes = bytearray()  # encoded: of a log of weeks there are millions
+        self._chunk_indexes = bytearray()  # encoded, because a log of weeks has millions of chunks
         self._chunk_count = 0
         self._attachment_indexes: list[AttachmentIndex] = []
         self._metadata_indexes: list[MetadataIndex] = []
@@ -79,7 +79,7 @@ class McapFile:
 
     @property
     def closed(self) -> bool:
-        """Whether `finish()` or `abandon()` was called."""
+        """True after `finish()` or `close_without_footer()`."""
         return self._fd < 0
 
     @property
@@ -88,7 +88,7 @@ class McapFile:
         return sum(self._counts.values())
 
     def append_records(self, *parts: bytes | bytearray) -> None:
-        """Append complete records, all of them; on failure (disk full) none, the file is cut back."""
+        """Append complete records; on failure (disk full) the file is truncated to its previous size."""
         try:
             for part in parts:
                 done = 0
@@ -102,7 +102,7 @@ class McapFile:
             self._data_crc = zlib.crc32(part, self._data_crc)
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """Write a schema record; returns its id."""
+        """Write a schema record and return its id."""
         schema = Schema(id=len(self._schemas) + 1, name=name, encoding=encoding, data=data)
         self.copy_schema(schema)
         return schema.id
@@ -113,7 +113,7 @@ class McapFile:
         self._schemas[schema.id] = schema
 
     def add_channel(self, topic: str, encoding: str, schema_id: int, metadata: Mapping[str, str]) -> int:
-        """Write a channel record, outside any chunk, so a damaged chunk takes none along; returns its id."""
+        """Write a channel record outside any chunk, where chunk damage cannot reach it, and return its id."""
         channel = Channel(
             id=len(self._channels) + 1,
             topic=topic,
@@ -136,7 +136,7 @@ class McapFile:
         self.append_records(data)
 
     def add_attachment(self, name: str, media_type: str, data: bytes, time_ns: int) -> None:
-        """Write a file into the log: a configuration, a calibration."""
+        """Write an attachment record, such as a configuration or calibration file."""
         record = Attachment(
             create_time=time_ns, log_time=time_ns, name=name, media_type=media_type, data=data
         )
@@ -155,7 +155,7 @@ class McapFile:
         self.append_records(encoded)
 
     def add_chunk(self, records: bytes, indexes: MessageIndexes, compression: Compression) -> None:
-        """Write message records as one chunk with its message indexes, in one call to the system.
+        """Write message records as one chunk with its message indexes, in one system call.
 
         records: message records back to back. indexes: by channel id the log times (n,) in ns and the
         offsets (n,) of the records within `records`.
@@ -206,32 +206,32 @@ class McapFile:
         try:
             self.write_footer()
         finally:
-            self.close_without_footer()
+            self.close()
 
     def write_footer(self) -> None:
-        """Write summary, footer and closing magic, all or, on failure (disk full), nothing of them."""
+        """Write summary, footer and closing magic; on failure (disk full) none of them."""
         end = _encode(DataEnd(data_section_crc=self._data_crc))
         self.append_records(end, *self._encode_summary(self.size + len(end)))
 
     def file_state(self) -> FileState:
-        """Return what other programs have done to the file since it was opened."""
-        ours = os.fstat(self._fd)
-        if ours.st_size != self.size:
-            return "changed"
+        """Return whether another program has moved, deleted or modified the open file."""
+        opened = os.fstat(self._fd)
+        if opened.st_size != self.size:
+            return "modified"
         try:
-            found = self.path.stat()
-            if (found.st_ino, found.st_dev) == (ours.st_ino, ours.st_dev):
-                return "here"
+            named = self.path.stat()
+            if (named.st_ino, named.st_dev) == (opened.st_ino, opened.st_dev):
+                return "in place"
         except OSError:
             pass  # no such name, or its folder cannot be reached
-        return "elsewhere" if ours.st_nlink else "nowhere"
+        return "moved" if opened.st_nlink else "deleted"
 
     def duplicate_descriptor(self) -> int:
-        """Another descriptor of the open file, to be closed by who asked for it."""
+        """Return a second descriptor of the open file, which the caller must close."""
         return os.dup(self._fd)
 
-    def close_without_footer(self) -> None:
-        """Close the file as it stands, without a footer. Idempotent."""
+    def close(self) -> None:
+        """Close the file without summary and footer. Idempotent."""
         if not self.closed:
             fd, self._fd = self._fd, -1
             os.close(fd)
@@ -246,7 +246,7 @@ class McapFile:
         raise ValueError(f"compression {compression!r} is not one of zstd, lz4, none")
 
     def _encode_summary(self, start: int) -> list[bytes | bytearray]:
-        """Return summary and footer in parts, because the index of a long log is too large to be copied."""
+        """Return summary and footer in parts, because the index of a long log is too large to copy."""
         statistics = Statistics(
             attachment_count=len(self._attachment_indexes),
             channel_count=len(self._channels),
@@ -277,12 +277,29 @@ class McapFile:
                 position += len(encoded)
         offset_start = position
         # The summary CRC covers the footer up to its own field.
-        head = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offset_start)
+        header = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, offset_start)
         crc = 0
-        for part in (*parts, offsets, head):
+        for part in (*parts, offsets, header):
             crc = zlib.crc32(part, crc)
         footer = Footer(summary_start=start, summary_offset_start=offset_start, summary_crc=crc)
         return [*parts, offsets, _encode(footer) + MAGIC]
+
+
+def describe_loss(file: McapFile) -> str | None:
+    """Return why messages of an open log are lost; None if the file is intact."""
+    match file.file_state():
+        case "deleted":
+            why = (
+                f"was deleted or replaced while it was written; {file.message_count} messages in it are lost"
+            )
+        case "modified":
+            why = (
+                f"was shortened or written to by another program; up to {file.message_count} messages in it "
+                "are lost (hubodo recover saves the remaining ones)"
+            )
+        case _:
+            return None
+    return f"{file.path}: {why}"
 
 
 def _encode(record: McapRecord) -> bytes:
@@ -302,5 +319,5 @@ def _encode_message_index(channel_id: int, times: NDArray[np.int64], offsets: ND
         times, offsets = times[order], offsets[order]
     entries = np.empty((len(times), 2), "<i8")
     entries[:, 0], entries[:, 1] = times, offsets
-    head = struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + entries.nbytes, channel_id, entries.nbytes)
-    return head + entries.tobytes()
+    header = struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + entries.nbytes, channel_id, entries.nbytes)
+    return header + entries.tobytes()

@@ -1,4 +1,4 @@
-"""How messages lie in a chunk: a single one as bytes, many of one layout as rows."""
+"""Encode message records of a chunk: one as bytes, or many of one layout as rows of an array."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ MESSAGE_HEADER = np.dtype(
         ("publish_time", "<i8"),
     ]
 )
-"""What stands before the payload of each message record: 31 bytes, of which 22 count in `length`."""
+"""Header of each message record: 31 bytes, of which the last 22 count in `length`."""
 _MESSAGE_HEADER_STRUCT = struct.Struct("<BQHIqq")
 MAX_PENDING_ROWS = 2048
-"""Rows that wait at most."""
+"""Capacity of a row buffer."""
 
 
 def encode_message_record(channel: int, sequence: int, t_log_ns: int, t_pub_ns: int, payload: bytes) -> bytes:
-    """A message as a chunk holds it."""
+    """Encode one message as a record of a chunk."""
     header = _MESSAGE_HEADER_STRUCT.pack(
         5, 22 + len(payload), channel, sequence & 0xFFFFFFFF, t_log_ns, t_pub_ns
     )
@@ -37,9 +37,9 @@ def encode_message_record(channel: int, sequence: int, t_log_ns: int, t_pub_ns: 
 
 
 class RowBuffer:
-    """Rows of one channel with messages of one layout; constants are filled in once, the rest per batch.
+    """A buffer of message records of one channel and layout; constant fields are set once.
 
-    The first `filled` rows wait for their chunk.
+    The first `n_filled` rows wait for their chunk.
     """
 
     def __init__(self, channel: int, layout: ros2.CdrLayout, stamp: str) -> None:
@@ -63,6 +63,7 @@ class RowBuffer:
         self.field_views: dict[str, NDArray[Any]] = {}
 
     def field_view(self, path: str) -> NDArray[Any]:
+        """Return the array of one message field over all rows; path: dotted, as in `CdrLayout`."""
         view = self.field_views.get(path)
         if view is None:
             view = self.field_views[path] = self.rows["message"][path]

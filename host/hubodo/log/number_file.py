@@ -1,4 +1,4 @@
-"""Arrays of numbers in files of other programs: text, MATLAB, HDF5, numpy; the content says which."""
+"""Read arrays of numbers from text, MATLAB, HDF5 and numpy files; the content decides the format."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from hubodo.errors import InputError
 from hubodo.log.array_process import read_isolated
 from hubodo.log.input_limits import open_regular
-from hubodo.log.number_text import read_text
+from hubodo.log.number_text import read_text_table
 from hubodo.log.numpy_file import read_numpy
 
 FileKind = Literal["mcap", "rosbag", "sqlite", "text", "matlab", "hdf5", "numpy", "unknown"]
@@ -45,7 +45,14 @@ _MAX_LISTED_NAMES = 12  # names in an error message
 
 @dataclass(frozen=True)
 class NumberTable:
-    """A table. values: (N, C); names: of the columns, or empty; units: by name where the file tells."""
+    """A table of numbers.
+
+    Attributes
+    ----------
+    values : (N, C).
+    names : of the C columns, or empty.
+    units : by array name, where the file states them.
+    """
 
     values: FloatArray
     names: tuple[str, ...]
@@ -53,7 +60,7 @@ class NumberTable:
 
 
 def detect_file_kind(path: Path) -> FileKind:
-    """Return what a file is by its first bytes; unknown where it cannot be read or is nothing of these.
+    """Return the kind of a file from its first bytes; "unknown" if it is unreadable or of no known kind.
 
     Raises InputError for a pipe or a device.
     """
@@ -74,14 +81,14 @@ def detect_file_kind(path: Path) -> FileKind:
 
 
 def read_numbers(path: Path, kind: FileKind, variable: str | None) -> NumberTable:
-    """Read the table of a file. variable: names of the arrays to take, separated by commas.
+    """Read the table of a file. variable: names of the arrays to read, separated by commas.
 
-    Raises InputError: not readable, nothing numeric in it, several variables and none chosen.
+    Raises InputError if the file is unreadable, has no numbers, or has several arrays and none is selected.
     """
     wanted = () if variable is None else tuple(name.strip() for name in variable.split(","))
     try:
         if kind == "text":
-            values, columns = read_text(path)
+            values, columns = read_text_table(path)
             return NumberTable(values, columns, {})
         arrays, units = _ARRAY_READERS[kind](path, wanted)
     except OSError as error:
@@ -92,16 +99,16 @@ def read_numbers(path: Path, kind: FileKind, variable: str | None) -> NumberTabl
 def _join_arrays(
     path: Path, arrays: Mapping[str, FloatArray], units: Mapping[str, str], wanted: tuple[str, ...]
 ) -> NumberTable:
-    """Place the wanted arrays, or all, beside each other. Raises InputError: they differ in length."""
+    """Join the wanted arrays, or all, as columns. Raises InputError if they differ in length."""
     present = format_names(f"{name} {' x '.join(map(str, it.shape))}" for name, it in arrays.items())
     if not arrays:
         raise InputError(f"{path}: holds no array of numbers")
     names = wanted or tuple(arrays)
     for name in names:
         if name not in arrays:
-            raise InputError(f"{path}: holds no variable {name!r}; say --variable with one of: {present}")
+            raise InputError(f"{path}: holds no variable {name!r}; give --variable with one of: {present}")
     if len({len(arrays[name]) for name in names}) > 1:
-        raise InputError(f"{path}: holds {present}; say --variable with one, or several of one length")
+        raise InputError(f"{path}: holds {present}; give --variable with one, or several of equal length")
     labels = []
     for name in names:
         width = arrays[name].shape[1]
@@ -110,7 +117,7 @@ def _join_arrays(
 
 
 def format_names(names: Iterable[str]) -> str:
-    """Return the first names as one text, and how many more there are."""
+    """Return the first names as one text, with the number of the others."""
     listed = list(names)
-    rest = f" and {len(listed) - _MAX_LISTED_NAMES} more" if len(listed) > _MAX_LISTED_NAMES else ""
-    return ", ".join(listed[:_MAX_LISTED_NAMES]) + rest
+    others = f" and {len(listed) - _MAX_LISTED_NAMES} more" if len(listed) > _MAX_LISTED_NAMES else ""
+    return ", ".join(listed[:_MAX_LISTED_NAMES]) + others

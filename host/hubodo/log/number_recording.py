@@ -1,4 +1,4 @@
-"""Files of numbers that do not say what they are to a recording; nothing is guessed."""
+"""Read a number file as a recording, with the metadata (rate, unit, columns) that it lacks."""
 
 from __future__ import annotations
 
@@ -24,12 +24,16 @@ _KNOWN_COLUMNS = (*_TIME_UNITS_S, *IMU_CHANNELS, *NODE_OPTIONAL_COLUMNS)
 
 @dataclass(frozen=True)
 class InputFormat:
-    """What the user says of a file that does not say it itself.
+    """Metadata given by the user for a log that does not contain it.
 
-    rate: samples per second, where there is no time. units: in which its numbers are, of gyro and
-    accelerometer. columns: what each column is, by the names of the CSV folder; "-" leaves one out.
-    variable: which arrays of a MATLAB or HDF5 file. channel: what a single column is. choice: which topic is
-    what.
+    Attributes
+    ----------
+    rate : samples per second, for a file without times.
+    units : units of gyro and accelerometer.
+    columns : name of each column, as in the CSV folder; "-" omits one.
+    variable : names of the arrays to read from a MATLAB or HDF5 file, comma-separated.
+    channel : channel that a single column contains.
+    topic_selection : which topic is which node or table.
     """
 
     rate: float | None = None
@@ -40,18 +44,18 @@ class InputFormat:
     topic_selection: TopicSelection = SELECT_BY_TYPE
 
     def si_factors(self) -> dict[str, float]:
-        """What makes SI of "gyro" and "accel", as far as units tell. Raises InputError for no unit."""
+        """Return the factors to SI of "gyro" and "accel" given by `units`. Raises InputError if unknown."""
         return dict(si_factor(unit) for unit in self.units)
 
 
 def read_number_file(path: Path, kind: FileKind, input_format: InputFormat) -> Recording:
-    """One node with the columns that the file has; others are NaN.
+    """Read a number file as a recording of one node; channels that the file lacks are NaN.
 
-    Raises InputError where columns, rate or unit are neither in the file nor in form.
+    Raises InputError if columns, rate or unit are neither in the file nor in `input_format`.
     """
     numbers = read_numbers(path, kind, input_format.variable)
     names = _assign_columns(path, numbers, input_format)
-    # Only a file whose header is that of the CSV folder is in SI units by that.
+    # A text file with the header of the CSV folder is in SI units; any other needs a unit.
     is_node_csv = kind == "text" and not input_format.columns and len(names) > 1
     columns: dict[str, FloatArray] = {"t": _read_times(path, numbers, names, input_format)}
     factors = _channel_factors(path, numbers, names, input_format, is_node_csv)
@@ -70,7 +74,7 @@ def read_number_file(path: Path, kind: FileKind, input_format: InputFormat) -> R
 
 
 def convert_to_si(recording: Recording, input_format: InputFormat) -> Recording:
-    """A log whose gyro or accelerometer is not in SI units but in those of form."""
+    """Convert gyro and accelerometer columns from the units of `input_format` to SI."""
     factors = input_format.si_factors()
     if not factors:
         return recording
@@ -87,11 +91,11 @@ def convert_to_si(recording: Recording, input_format: InputFormat) -> Recording:
 
 
 def _assign_columns(path: Path, numbers: NumberTable, input_format: InputFormat) -> tuple[str, ...]:
-    """What each column is."""
+    """Return the name of each column."""
     width = numbers.values.shape[1]
     if input_format.columns:
         if (count := len(input_format.columns)) != width:
-            raise InputError(f"{path}: has {width} columns, --columns names {count}; name each, or say -")
+            raise InputError(f"{path}: has {width} columns, --columns names {count}; name each, or use -")
         for name in input_format.columns:
             if name not in _KNOWN_COLUMNS and name != "-":
                 raise InputError(f"--columns: {name!r} is none of {', '.join(_KNOWN_COLUMNS)}, -")
@@ -103,8 +107,7 @@ def _assign_columns(path: Path, numbers: NumberTable, input_format: InputFormat)
         return (input_format.channel,)
     named = f" ({format_names(numbers.names)})" if numbers.names else ""
     raise InputError(
-        f"{path}: has {width} columns{named}; say with --columns what each is, as in "
-        "--columns t,gx,gy,gz,ax,ay,az; - leaves one out"
+        f"{path}: has {width} columns{named}; name them, as in --columns t,gx,gy,gz,ax,ay,az; - omits one"
     )
 
 
@@ -114,13 +117,15 @@ def _read_times(
     time_column = next((k for k, name in enumerate(names) if name in _TIME_UNITS_S), None)
     if time_column is None:
         if input_format.rate is None:
-            raise InputError(f"{path}: tells no times; say --rate with its samples per second")
+            raise InputError(f"{path}: has no time column; give its samples per second with --rate")
         return np.arange(len(numbers.values)) / input_format.rate
     if input_format.rate is not None:
-        raise InputError(f"{path}: tells its times in column {names[time_column]}; leave --rate out")
+        raise InputError(f"{path}: has times in column {names[time_column]}; omit --rate")
     t = numbers.values[:, time_column] * _TIME_UNITS_S[names[time_column]]
     if not np.isfinite(t).all():
-        raise InputError(f"{path}: row {int(np.argmin(np.isfinite(t))) + 1} of its numbers has no time")
+        raise InputError(
+            f"{path}: row {int(np.argmin(np.isfinite(t))) + 1} of its numbers has no finite time"
+        )
     non_increasing = np.flatnonzero(np.diff(t) <= 0.0)
     if len(non_increasing):
         raise InputError(
@@ -132,7 +137,7 @@ def _read_times(
 def _channel_factors(
     path: Path, numbers: NumberTable, names: tuple[str, ...], input_format: InputFormat, is_node_csv: bool
 ) -> Mapping[str, float]:
-    """What makes SI of each channel."""
+    """Return the factor to SI for each channel."""
     stated = input_format.si_factors()
     factors = {}
     for column, name in enumerate(names):
@@ -149,7 +154,7 @@ def _channel_factors(
         else:
             known = "rad/s, deg/s, mdeg/s, deg/h" if sensor == "gyro" else "m/s^2, g, mg"
             raise InputError(
-                f"{path}: does not say in which unit {name} is; say --unit with one of {known}, or with "
-                "what one count stands for, as in --unit '0.00875 deg/s'"
+                f"{path}: the unit of {name} is missing; give --unit with one of {known}, or the "
+                "value of one count, as in --unit '0.00875 deg/s'"
             )
     return factors

@@ -1,4 +1,4 @@
-"""Numbers in rows of text, gzipped or not, read row by row within the memory limit."""
+"""Read numbers in rows of text, gzipped or not, within the memory limit."""
 
 from __future__ import annotations
 
@@ -15,87 +15,87 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
-from hubodo.log.input_limits import MemoryBudget, open_regular
+from hubodo.log.input_limits import READ_BLOCK_BYTES, MemoryBudget, open_regular
 
-_GZIP = b"\x1f\x8b"
+_GZIP_MAGIC = b"\x1f\x8b"
 _DELIMITERS = (",", ";", "\t")
-_LONGEST_ROW = 1 << 20  # characters; a longer one is no row of numbers
+_MAX_ROW_CHARS = 1 << 20  # a longer row does not consist of numbers
 _BYTES_PER_CELL = 16  # a float64, and its copy while numpy joins blocks of rows
-_PORTION = 1 << 20  # bytes
-Row = tuple[int, str]
-"""Number of a row in the file, counted from 1, and its text."""
+NumberedRow = tuple[int, str]
+"""Row number in the file, counted from 1, and text of the row."""
 
 
 @dataclass(frozen=True)
-class _Form:
-    """How the rows of a file are written.
+class _TextFormat:
+    """The format of a text file.
 
-    names: of the columns, or empty. first: number of the first row of data.
+    delimiter: None for white space. names: of the columns, or empty. first_row: row number of the first data.
     """
 
     delimiter: str | None
     width: int
     names: tuple[str, ...]
-    first: int
+    first_row: int
 
 
-def read_text(path: Path) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-    """Read rows of numbers: (N, C), and the names in the header or ().
+def read_text_table(path: Path) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+    """Read rows of numbers; return (N, C) values and the column names, () without a header.
 
-    Raises InputError: no numbers, a row that is not one, not UTF-8, more than the memory limit. OSError.
+    Raises InputError for a file without numbers, a malformed row, text that is not UTF-8 or a table beyond
+    the memory limit; OSError.
     """
     try:
-        form = _form(path)
-        _claim_table(path, form.width)
-        rows = (text for _, text in _rows(path, form.first))
+        text_format = _detect_format(path)
+        _claim_table(path, text_format.width)
+        rows = (text for _, text in _iterate_rows(path, text_format.first_row))
         try:
-            values = np.loadtxt(rows, delimiter=form.delimiter, ndmin=2, comments=None)
+            values = np.loadtxt(rows, delimiter=text_format.delimiter, ndmin=2, comments=None)
         except ValueError:
-            raise InputError(_fault(path, form)) from None
-        if values.shape[1] != form.width:  # all rows differ from the header in the same way
-            raise InputError(_fault(path, form))
+            raise InputError(_describe_fault(path, text_format)) from None
+        if values.shape[1] != text_format.width:  # all rows differ from the header in the same way
+            raise InputError(_describe_fault(path, text_format))
     except (EOFError, zlib.error) as error:
         raise InputError(f"{path}: cannot be unpacked ({error}); compress it again") from None
-    return values, form.names
+    return values, text_format.names
 
 
 def _claim_table(path: Path, width: int) -> None:
     """Compare the number of rows with the memory limit before they are parsed.
 
-    Counting takes seconds where parsing what a compressed file expands to would take minutes.
+    Counting the rows of an expanded file takes seconds, parsing them minutes.
     """
     budget = MemoryBudget(path)
-    with _stream(path) as stream:
-        while part := stream.read(_PORTION):
+    with _open_stream(path) as stream:
+        while part := stream.read(READ_BLOCK_BYTES):
             budget.claim(_BYTES_PER_CELL * width * max(part.count(b"\n"), part.count(b"\r")), "its table")
 
 
-def _form(path: Path) -> _Form:
-    rows = _rows(path)
+def _detect_format(path: Path) -> _TextFormat:
+    rows = _iterate_rows(path)
     number, first = next(rows, (0, ""))
     if not number:
         raise InputError(f"{path}: holds no numbers")
     delimiter = next((mark for mark in _DELIMITERS if mark in first), None)
     cells = [cell.strip().strip('"') for cell in first.split(delimiter)]
     if all(_is_number(cell) for cell in cells):
-        return _Form(delimiter, len(cells), (), number)
+        return _TextFormat(delimiter, len(cells), (), number)
     number, _ = next(rows, (0, ""))
     if not number:
         raise InputError(f"{path}: no row below the header")
-    return _Form(delimiter, len(cells), tuple(cells), number)
+    return _TextFormat(delimiter, len(cells), tuple(cells), number)
 
 
-def _rows(path: Path, first: int = 1) -> Iterator[Row]:
-    """Yield the rows from number `first` on without blank ones and comments. Raises InputError: not text."""
-    with _stream(path) as stream:
+def _iterate_rows(path: Path, first: int = 1) -> Iterator[NumberedRow]:
+    """Yield the rows from number `first` on, without blanks and comments. Raises InputError if not text."""
+    with _open_stream(path) as stream:
         text = io.TextIOWrapper(stream, "utf-8-sig")
         number = 0
         try:
-            while line := text.readline(_LONGEST_ROW + 1):
+            while line := text.readline(_MAX_ROW_CHARS + 1):
                 number += 1
-                if len(line) > _LONGEST_ROW:
+                if len(line) > _MAX_ROW_CHARS:
                     raise InputError(
-                        f"{path}: row {number} is longer than {_LONGEST_ROW} characters; split it"
+                        f"{path}: row {number} is longer than {_MAX_ROW_CHARS} characters; split it"
                     )
                 content = line.strip()
                 if number >= first and content and content[0] not in "#%":
@@ -108,9 +108,9 @@ def _rows(path: Path, first: int = 1) -> Iterator[Row]:
 
 
 @contextmanager
-def _stream(path: Path) -> Iterator[gzip.GzipFile | io.BufferedReader]:
+def _open_stream(path: Path) -> Iterator[gzip.GzipFile | io.BufferedReader]:
     with open_regular(path) as file:
-        packed = file.read(2) == _GZIP
+        packed = file.read(2) == _GZIP_MAGIC
         file.seek(0)
         if packed:
             with gzip.GzipFile(fileobj=file) as stream:
@@ -119,16 +119,17 @@ def _stream(path: Path) -> Iterator[gzip.GzipFile | io.BufferedReader]:
             yield io.BufferedReader(cast(io.RawIOBase, file))
 
 
-def _fault(path: Path, form: _Form) -> str:
-    """Return the error for the first row that is not like the others."""
-    for number, row in _rows(path, form.first):
-        cells = row.split(form.delimiter)
-        if len(cells) != form.width:
-            return f"{path}: row {number} has {len(cells)} columns, the first {form.width}; correct the row"
+def _describe_fault(path: Path, text_format: _TextFormat) -> str:
+    """Describe the first malformed row."""
+    for number, row in _iterate_rows(path, text_format.first_row):
+        cells = row.split(text_format.delimiter)
+        if len(cells) != text_format.width:
+            width = text_format.width
+            return f"{path}: row {number} has {len(cells)} columns, the first {width}; correct the row"
         bad = next((cell.strip() for cell in cells if not _is_number(cell)), None)
         if bad is not None:
             return f"{path}: row {number}: {bad[:40]!r} is not a number; correct the row, or write nan"
-    return f"{path}: its rows are no numbers"
+    return f"{path}: its rows are not numbers"
 
 
 def _is_number(cell: str) -> bool:

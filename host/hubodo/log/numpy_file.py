@@ -1,4 +1,4 @@
-"""Arrays in .npy and .npz files, read only after their headers have been compared with the memory limit."""
+"""Read arrays from .npy and .npz files after checking their headers against the memory limit."""
 
 from __future__ import annotations
 
@@ -16,35 +16,36 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
-from hubodo.log.array_shapes import as_rows, is_table, shape_only
+from hubodo.log.array_shapes import is_number_table, placeholder_rows, samples_as_rows
 from hubodo.log.input_limits import MemoryBudget, open_regular
 
 FloatArray = NDArray[np.float64]
 
-_ZIP = b"PK\x03\x04"
-_COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-"""Those that numpy writes; the others may demand gigabytes to begin with."""
-_BAD_HEADER = (ValueError, TypeError, SyntaxError, RecursionError, MemoryError, OverflowError, TokenError)
-"""What numpy raises where the header is no literal of Python."""
-_BAD_ZIP = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError)
+_ZIP_MAGIC = b"PK\x03\x04"
+_NUMPY_COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""The methods that numpy writes; other methods may allocate gigabytes at once."""
+_HEADER_ERRORS = (ValueError, TypeError, SyntaxError, RecursionError, MemoryError, OverflowError, TokenError)
+"""Errors that numpy raises for a damaged header."""
+_ZIP_ERRORS = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError)
 
 
 def read_numpy(path: Path, wanted: tuple[str, ...]) -> tuple[dict[str, FloatArray], dict[str, str]]:
-    """Read the arrays of numbers in a .npy or .npz file by name; wanted: which, () for all.
+    """Return the numeric arrays of a .npy or .npz file by name, (N, C) each, and no units.
 
-    Raises InputError: damaged, Python objects, more than the memory limit. OSError.
+    wanted: names of the arrays to read, () for all. Raises InputError for a damaged file, Python objects or
+    arrays beyond the memory limit; OSError.
     """
     with open_regular(path) as file:
         stream = io.BufferedReader(cast(io.RawIOBase, file))
         budget = MemoryBudget(path)
-        if stream.peek(4)[:4] == _ZIP:
-            return _npz(path, stream, wanted, budget), {}
+        if stream.peek(4)[:4] == _ZIP_MAGIC:
+            return _read_npz(path, stream, wanted, budget), {}
         remaining = os.fstat(file.fileno()).st_size
-        array = _npy(path, path.stem, stream, budget, remaining)
+        array = _read_npy(path, path.stem, stream, budget, remaining)
         return ({} if array is None else {path.stem: array}), {}
 
 
-def _npz(
+def _read_npz(
     path: Path, stream: IO[bytes], wanted: tuple[str, ...], budget: MemoryBudget
 ) -> dict[str, FloatArray]:
     arrays: dict[str, FloatArray] = {}
@@ -58,18 +59,18 @@ def _npz(
                 name = entry.filename.removesuffix(".npy")
                 if name == entry.filename:
                     continue
-                if entry.compress_type not in _COMPRESSIONS:
+                if entry.compress_type not in _NUMPY_COMPRESSIONS:
                     raise InputError(f"{path}: {name} is compressed as numpy does not; save it again")
                 with archive.open(entry) as member:
-                    array = _npy(path, name, member, budget, None, keep=not wanted or name in wanted)
+                    array = _read_npy(path, name, member, budget, None, keep=not wanted or name in wanted)
                 if array is not None:
                     arrays[name] = array
-    except _BAD_ZIP as error:
+    except _ZIP_ERRORS as error:
         raise InputError(f"{path}: a damaged .npz file ({error}); save it again") from None
     return arrays
 
 
-def _npy(
+def _read_npy(
     path: Path,
     name: str,
     stream: IO[bytes],
@@ -78,26 +79,26 @@ def _npy(
     *,
     keep: bool = True,
 ) -> FloatArray | None:
-    """Read one array; None where it is no table of numbers.
+    """Read one array; return None if it is not a table of numbers.
 
-    file_bytes: size of the file, None where it is compressed. keep: without it only the shape is read.
+    file_bytes: size of the file, None if compressed. keep: False reads only the shape.
     """
     try:
         version = npy.read_magic(stream)
         read_header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}[version]
         shape, is_fortran, dtype = read_header(stream)
     except KeyError:
-        return None  # version 3 is for names of fields, which numbers do not have
-    except _BAD_HEADER as error:
+        return None  # version 3 is for structured arrays
+    except _HEADER_ERRORS as error:
         reason = str(error).partition(":")[0][:80] or type(error).__name__
         raise InputError(f"{path}: the header of {name[:80]} is damaged ({reason}); save it again") from None
     if dtype.hasobject:
         raise InputError(f"{path}: {name} holds Python objects, which are not read; save plain arrays")
-    if not is_table(dtype, shape):
+    if not is_number_table(dtype, shape):
         return None
     count = math.prod(shape)
     if not keep:
-        return shape_only(shape)
+        return placeholder_rows(shape)
     budget.claim(count * (dtype.itemsize + 8), f"the array {name}")
     n_bytes = count * dtype.itemsize
     if file_bytes is not None and n_bytes > file_bytes - stream.tell():
@@ -109,4 +110,4 @@ def _npy(
     if len(data) < n_bytes:
         raise InputError(f"{path}: {name} claims {count} numbers, its data end earlier; save it again")
     values = np.frombuffer(data, dtype).reshape(shape, order="F" if is_fortran else "C")
-    return as_rows(values.astype(np.float64))
+    return samples_as_rows(values.astype(np.float64))

@@ -1,4 +1,4 @@
-"""Chunks that wait for a log which takes them."""
+"""Queue of chunks that could not be written yet."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ from hubodo.log.mcap_file import Compression, MessageIndexes
 
 
 @dataclass(frozen=True, slots=True)
-class HeldChunk:
-    """What `McapFile.add_chunk` takes."""
+class PendingChunk:
+    """The arguments of `McapFile.add_chunk`."""
 
     records: bytes
     indexes: MessageIndexes
     compression: Compression
 
 
-class HeldChunks(deque[HeldChunk]):
-    """The one that waits longest comes first."""
+class PendingChunks(deque[PendingChunk]):
+    """A queue of pending chunks, oldest first."""
 
     @property
-    def size(self) -> int:
-        """Bytes in all of them."""
+    def byte_count(self) -> int:
+        """Total size of their records, bytes."""
         return sum(len(held.records) for held in self)
 
     @property
-    def messages(self) -> int:
-        """How many messages are in all of them."""
-        return sum(messages_in(held.indexes) for held in self)
+    def message_count(self) -> int:
+        """Total number of messages."""
+        return sum(count_messages(held.indexes) for held in self)
 
 
-def messages_in(indexes: MessageIndexes) -> int:
-    """How many messages a chunk has."""
+def count_messages(indexes: MessageIndexes) -> int:
+    """Return the number of messages in a chunk."""
     return sum(len(times) for times, _ in indexes.values())

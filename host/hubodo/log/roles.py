@@ -1,4 +1,4 @@
-"""Which topic of a log is which node or file: as the user says, else by type, never by a silent choice."""
+"""Assign the topics of a log to nodes and tables: as selected by the user, else by unambiguous type."""
 
 from __future__ import annotations
 
@@ -19,18 +19,22 @@ ROLE_TYPES: Mapping[str, tuple[str, ...]] = {
     "heading": (ros2.IMU, ros2.ODOMETRY),
     "truth": (ros2.ODOMETRY,),
 }
-"""The message types that each file can be made of; a node is made of `ros2.IMU`."""
+"""Message types accepted for each table role; a node needs `ros2.IMU`."""
 ALL_ROLES = frozenset({NODES_ROLE, *ROLE_TYPES})
 EXCLUDED = "-"
 
 
 @dataclass(frozen=True)
 class TopicSelection:
-    """What the user says of a log's topics.
+    """The user's selection of topics.
 
-    said: by --topic, role or node to topic, "-" to leave it out; one that is not there is refused. known: the
-    same of `[topics]` in the vehicle file, where one that is not there is told. nodes: of the vehicle, and
-    whether on a wheel. wheel_radius: m. needed: the roles of which two candidates are refused, not told.
+    Attributes
+    ----------
+    explicit : from --topic: role or node -> topic, "-" excludes it; a missing topic is an error.
+    configured : the same from `[topics]` of the vehicle file, where a missing topic is a warning.
+    node_is_on_wheel : for each node of the vehicle.
+    wheel_radius : m.
+    required_roles : roles for which several candidates are an error instead of a warning.
     """
 
     explicit: Mapping[str, str] = field(default_factory=dict)
@@ -44,12 +48,12 @@ class TopicSelection:
 
 
 SELECT_BY_TYPE = TopicSelection()
-"""Nothing is said."""
+"""No selection: roles are assigned by message type."""
 
 
 @dataclass(frozen=True)
 class TopicCandidate:
-    """A topic with messages: their type, and of joint states the joints that have a speed."""
+    """A topic with its message type and, for joint states, the joints that have a velocity."""
 
     message_type: str
     joints: tuple[str, ...] = ()
@@ -57,7 +61,14 @@ class TopicCandidate:
 
 @dataclass(frozen=True)
 class RoleAssignment:
-    """What was settled. nodes, files: name to topic. joints: left, right. notes: what was not, and why."""
+    """The role of each topic.
+
+    Attributes
+    ----------
+    nodes, files : node or table name -> topic.
+    joints : names of the left and right wheel joint, if any.
+    notes : one line for each role that could not be assigned.
+    """
 
     nodes: Mapping[str, str]
     files: Mapping[str, str]
@@ -68,10 +79,10 @@ class RoleAssignment:
 def assign_roles(
     candidates: Mapping[str, TopicCandidate], selection: TopicSelection, *, is_hubodo: bool, log_name: str
 ) -> RoleAssignment:
-    """Give each topic its role.
+    """Assign a role to each topic.
 
-    found: by topic. ours: hubodo wrote the log, so names count and not types. Raises InputError for a --topic
-    that is not there or of another type, and where a role that is needed has several candidates.
+    candidates: by topic name. is_hubodo: True if hubodo wrote the log, whose topic names decide instead of
+    types. Raises InputError if a --topic is missing or of another type, or if a required role is ambiguous.
     """
     return _RoleAssigner(candidates, selection, is_hubodo, log_name).assign()
 
@@ -113,7 +124,7 @@ class _RoleAssigner:
         )
 
     def _stated_topics(self) -> dict[str, str]:
-        """What --topic and [topics] say, as far as it is there."""
+        """Return the existing topics selected by --topic and [topics]."""
         assigned: dict[str, str] = {}
         for name, text in {**self.selection.configured, **self.selection.explicit}.items():
             by_user = name in self.selection.explicit
@@ -132,7 +143,7 @@ class _RoleAssigner:
             if topic not in self.candidates:
                 fitting = [it for it, candidate in self.candidates.items() if candidate.message_type in types]
                 problem = (
-                    f"{name}={topic}: no such topic with messages that are understood"
+                    f"{name}={topic}: no such topic with messages of a known type"
                     f"{suggest_spelling(topic, self.candidates)}; "
                     f"of its type there are {', '.join(fitting) or 'none'}"
                 )
@@ -141,17 +152,17 @@ class _RoleAssigner:
                 if not self.is_hubodo:
                     self.notes.append(f"[topics] {problem}")
                 continue
-            if (found := self.candidates[topic].message_type) not in types:
+            if (message_type := self.candidates[topic].message_type) not in types:
+                needed = " or ".join(types)
                 raise InputError(
-                    f"{self.log_name}: --topic {name}={topic}: is {found}; {name} is made of "
-                    f"{' or '.join(types)}"
+                    f"{self.log_name}: --topic {name}={topic}: is {message_type}; {name} needs {needed}"
                 )
             self.stated_joints[name] = tuple(part for part in joints.split(",") if part)
             assigned[name] = topic
         return assigned
 
     def _topic_by_type(self, role: str, claimed: set[str]) -> str | None:
-        """The only topic of a role's types; None where there is none, or several that do not matter."""
+        """Return the only topic with a type of the role; None if there is none, or several (noted)."""
         own = {"gnss": topics.GNSS_FIX, "truth": topics.TRUTH}.get(role, "")
         if (
             own in self.candidates
@@ -177,13 +188,13 @@ class _RoleAssigner:
         return None
 
     def _is_plausible(self, role: str, topic: str, candidate: TopicCandidate) -> bool:
-        """Commands are no measurements, the truth is no reference, and joints of an arm are no wheels."""
+        """Exclude velocity commands and the truth as reference, and joints without sides as wheels."""
         if role == "reference":
             return topic != topics.TRUTH and not {"cmd", "command", "cmds"} & _split_words(topic)
         return role != "wheels" or all(_joints_on_side(candidate.joints, side) for side in ("left", "right"))
 
     def _wheel_joints(self, topic: str, stated: tuple[str, ...]) -> tuple[str, str] | None:
-        """The joints of the left and the right wheel."""
+        """Return the joints of the left and right wheel, or None (noted)."""
         joints = self.candidates[topic].joints
         if len(stated) == 2 and set(stated) <= set(joints):
             return stated[0], stated[1]
@@ -193,8 +204,8 @@ class _RoleAssigner:
         option = f"--topic wheels={topic}:{','.join(side[0] if side else 'JOINT' for side in sides)}"
         self._report_ambiguity(
             "wheels",
-            f"{topic} has the joints {', '.join(joints) or 'without speeds'}; say which turns left and which "
-            f"right: {option}, or wheels=- for none",
+            f"{topic} has the joints {', '.join(joints) or 'without speeds'}; name the left and the "
+            f"right wheel: {option}, or wheels=- for none",
             refuse=bool(stated) or topic in self.selection.explicit.get("wheels", ""),
         )
         return None
@@ -205,7 +216,7 @@ class _RoleAssigner:
         self.notes.append(problem)
 
     def _assign_nodes(self, stated: Mapping[str, str], claimed: set[str]) -> dict[str, str]:
-        """Node name to topic: as stated, then by the vehicle's names, the rest by their topics."""
+        """Return node name -> topic: as stated, then by the vehicle's node names, the rest by topic name."""
         assigned = dict(stated)
         unassigned = [
             topic
@@ -224,7 +235,7 @@ class _RoleAssigner:
         return assigned
 
     def _match_vehicle_nodes(self, assigned: dict[str, str], unassigned: list[str]) -> None:
-        """Moves those topics from free to made that can only be one node of the vehicle."""
+        """Move the topics that match exactly one node of the vehicle from `unassigned` to `assigned`."""
         names = {node_name_of_topic(topic) for topic in unassigned}
         unmatched = [
             it for it in self.selection.node_is_on_wheel if it not in {*assigned, *names, *self.excluded}
@@ -244,7 +255,7 @@ class _RoleAssigner:
             if len(fit) == 1 and sum(fit[0] in other for other in matches.values()) == 1:
                 assigned[node] = fit[0]
                 unassigned.remove(fit[0])
-                self.notes.append(f"node {node} is taken to be {fit[0]}; --topic {node}=... says another")
+                self.notes.append(f"node {node} is taken to be {fit[0]}; --topic {node}=... selects another")
         missing = [node for node in unmatched if node not in assigned]
         found_none = not any(node in assigned or node in names for node in self.selection.node_is_on_wheel)
         if missing and unassigned and (ambiguous or found_none):
@@ -256,23 +267,23 @@ class _RoleAssigner:
             )
         elif missing and unassigned:
             self.notes.append(
-                f"no topic is named like node {missing[0]}, not used for it: {', '.join(unassigned)}; "
-                f"--topic {missing[0]}={unassigned[0]} would"
+                f"no topic is named like node {missing[0]}; select one of {', '.join(unassigned)} with "
+                f"--topic {missing[0]}={unassigned[0]}"
             )
 
 
 def node_name_of_topic(topic: str) -> str:
-    """A node's name from its topic: `/left/imu` is `left`, `/imu/data_raw` is `imu_data_raw`."""
+    """Return the node name for a topic: `left` for `/left/imu`, `imu_data_raw` for `/imu/data_raw`."""
     return topic.strip("/").removesuffix("/imu").replace("/", "_") or "imu"
 
 
 def _split_words(text: str) -> set[str]:
-    """`/imu/leftWheel2` has the words imu, left, wheel, 2."""
+    """Split a name into lower-case words: `/imu/leftWheel2` into imu, left, wheel, 2."""
     return {part.lower() for part in re.findall(r"[A-Z]?[a-z]+|[A-Z]+|\d+", text)}
 
 
 def _joints_on_side(joints: Iterable[str], side: str) -> tuple[str, ...]:
-    """The joints of one side; where some of them are called wheels, those."""
+    """Return the joints of one side; if some are named wheels, only those."""
     on_side = [joint for joint in joints if {side, side[0]} & _split_words(joint)]
     wheels = [joint for joint in on_side if "wheel" in joint.lower()]
     return tuple(wheels or on_side)

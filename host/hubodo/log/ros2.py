@@ -1,8 +1,8 @@
-"""The ROS 2 messages a log holds: definition texts, and CDR byte layouts derived from those very texts.
+"""ROS 2 message definitions, and the CDR byte layouts derived from them.
 
-CDR here is what ROS 2 writes: 4 bytes of encapsulation (little-endian plain CDR), then the fields in order,
-each aligned to its own size counted from behind those 4 bytes. With all strings and sequences of a channel
-of constant length every message has one size, so numpy packs and unpacks whole batches.
+CDR as ROS 2 writes it: 4 bytes of encapsulation (little-endian plain CDR), then the fields in order, each
+aligned to its own size counted from the end of those 4 bytes. If all strings and sequences of a channel have
+constant length, every message has the same size and numpy encodes and decodes whole batches.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ BATTERY = "sensor_msgs/msg/BatteryState"
 NAV_SAT_FIX = "sensor_msgs/msg/NavSatFix"
 ODOMETRY = "nav_msgs/msg/Odometry"
 TF = "tf2_msgs/msg/TFMessage"
-COLUMNS = "std_msgs/msg/Float64MultiArray"
-BYTES = "std_msgs/msg/UInt8MultiArray"
+FLOAT64_ARRAY = "std_msgs/msg/Float64MultiArray"
+UINT8_ARRAY = "std_msgs/msg/UInt8MultiArray"
 STRING = "std_msgs/msg/String"
 TWIST_STAMPED = "geometry_msgs/msg/TwistStamped"
 TWIST_WITH_COVARIANCE_STAMPED = "geometry_msgs/msg/TwistWithCovarianceStamped"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 
 UNKNOWN_VARIANCE = 1e6
-"""m² or rad²: what a pose says of a coordinate that nobody measured; zero would say that it is exact."""
+"""m² or rad²: variance of a pose coordinate that was not measured; zero would mean exact."""
 ENCAPSULATION = b"\x00\x01\x00\x00"
 
 # Fields as in the .msg files of common_interfaces, geometry2 and rcl_interfaces (ROS 2 Humble).
@@ -97,18 +97,18 @@ _DEFINITIONS: Mapping[str, str] = {
         "geometry_msgs/PoseWithCovariance pose\ngeometry_msgs/TwistWithCovariance twist"
     ),
     TF: "geometry_msgs/TransformStamped[] transforms",
-    COLUMNS: "std_msgs/MultiArrayLayout layout\nfloat64[] data",
-    BYTES: "std_msgs/MultiArrayLayout layout\nuint8[] data",
+    FLOAT64_ARRAY: "std_msgs/MultiArrayLayout layout\nfloat64[] data",
+    UINT8_ARRAY: "std_msgs/MultiArrayLayout layout\nuint8[] data",
     STRING: "string data",
     TWIST_STAMPED: "std_msgs/Header header\ngeometry_msgs/Twist twist",
     TWIST_WITH_COVARIANCE_STAMPED: "std_msgs/Header header\ngeometry_msgs/TwistWithCovariance twist",
 }
 
-STAMPED = frozenset(
+STAMPED_TYPES = frozenset(
     {IMU, MAGNETIC_FIELD, TEMPERATURE, BATTERY, NAV_SAT_FIX, ODOMETRY, JOINT_STATE}
     | {TWIST_STAMPED, TWIST_WITH_COVARIANCE_STAMPED}
 )
-"""Types that begin with a header: the stamp is in bytes 4 to 12 of each message."""
+"""Types that begin with a header, whose stamp is in bytes 4 to 12 of each message."""
 
 _PRIMITIVES: Mapping[str, str] = {
     "bool": "b1",
@@ -134,28 +134,28 @@ class Field:
 
 
 @functools.cache
-def fields(name: str) -> tuple[Field, ...]:
-    """The fields of a message in order, constants left out."""
-    found = []
+def message_fields(name: str) -> tuple[Field, ...]:
+    """Return the fields of a message type in order, without constants."""
+    message = []
     for line in _DEFINITIONS[name].splitlines():
         match = _FIELD.match(line)
         if match is None:
             continue
         count = None if match["array"] and not match["count"] else int(match["count"] or 1)
-        found.append(Field(match["type"], match["name"], count, bool(match["array"])))
-    return tuple(found)
+        message.append(Field(match["type"], match["name"], count, bool(match["array"])))
+    return tuple(message)
 
 
 @functools.cache
 def definition(name: str) -> str:
-    """The text for an MCAP schema of encoding `ros2msg`: the message and, below it, all it is made of."""
+    """Return the text of an MCAP schema of encoding `ros2msg`: the message type and its dependencies."""
     parts = list(dict.fromkeys(_dependencies(name)))
     blocks = [_DEFINITIONS[name], *(f"MSG: {part}\n{_DEFINITIONS[part]}" for part in parts)]
     return ("\n" + "=" * 80 + "\n").join(blocks) + "\n"
 
 
 def _dependencies(name: str) -> Iterator[str]:
-    for field in fields(name):
+    for field in message_fields(name):
         if field.type in _DEFINITIONS:
             yield field.type
             yield from _dependencies(field.type)
@@ -163,64 +163,70 @@ def _dependencies(name: str) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class CdrLayout:
-    """Where each field of one message stands, for given string and sequence lengths.
+    """The byte layout of one message type for given string and sequence lengths.
 
-    dtype: structured, little-endian, itemsize = whole message with encapsulation. Field names are dotted
-    paths (`header.stamp.sec`); a group of float64 also has its own name (`angular_velocity`, shape (3,)).
-    template: () record of that dtype with encapsulation, strings and lengths filled in, all else zero.
+    Attributes
+    ----------
+    dtype : structured, little-endian; its itemsize is the message with encapsulation. Field names are dotted
+        paths (`header.stamp.sec`); a group of float64 also has its own name (`angular_velocity`, shape (3,)).
+    template : () record of that dtype with encapsulation, strings and lengths set, all else zero.
     """
 
     dtype: np.dtype[np.void]
     template: np.ndarray[tuple[()], np.dtype[np.void]]
 
 
-class _Builder:
-    """Walks a definition and places its fields; `length_of(path, position)` gives the variable lengths."""
+class _LayoutBuilder:
+    """A builder that places the fields of a definition; `length_of(path, position)` returns lengths."""
 
     def __init__(self, length_of: Callable[[str, int], int], byte_order: str = "<") -> None:
-        self.length_of, self.order = length_of, byte_order
+        self.length_of, self.byte_order = length_of, byte_order
         self.position = len(ENCAPSULATION)
         self.names: list[str] = []
         self.formats: list[object] = []
         self.offsets: list[int] = []
         self.lengths: dict[str, int] = {}
 
-    def put(self, path: str, code: str, count: int = 1, *, is_array: bool = False) -> None:
+    def add_field(self, path: str, code: str, count: int = 1, *, is_array: bool = False) -> None:
         size = int(code[1:])
         if count:
             self.position += -(self.position - len(ENCAPSULATION)) % size
-        self._name(path, (self.order + code, (count,)) if is_array else self.order + code, self.position)
+        self._record_field(
+            path, (self.byte_order + code, (count,)) if is_array else self.byte_order + code, self.position
+        )
         self.position += size * count
 
-    def _name(self, path: str, form: object, offset: int) -> None:
+    def _record_field(self, path: str, form: object, offset: int) -> None:
         self.names.append(path)
         self.formats.append(form)
         self.offsets.append(offset)
 
-    def _length(self, path: str) -> int:
-        self.put(path + ".length", "u4")
+    def _add_length(self, path: str) -> int:
+        self.add_field(path + ".length", "u4")
         length = self.lengths[path + ".length"] = self.length_of(path, self.position - 4)
         return length
 
-    def message(self, name: str, prefix: str) -> None:
-        for field in fields(name):
+    def add_message(self, name: str, prefix: str) -> None:
+        for field in message_fields(name):
             path = prefix + field.name
-            count = self._length(path) if field.count is None else field.count
+            count = self._add_length(path) if field.count is None else field.count
             if field.type == "string":
-                length = self._length(path)
-                self._name(path, f"V{length}", self.position)
+                length = self._add_length(path)
+                self._record_field(path, f"V{length}", self.position)
                 self.position += length
             elif field.type in _PRIMITIVES:
-                self.put(path, _PRIMITIVES[field.type], count, is_array=field.is_array)
+                self.add_field(path, _PRIMITIVES[field.type], count, is_array=field.is_array)
             else:
                 for i in range(count):
-                    self._group(field.type, f"{path}[{i}]" if field.is_array else path)
+                    self._add_group(field.type, f"{path}[{i}]" if field.is_array else path)
 
-    def _group(self, name: str, path: str) -> None:
+    def _add_group(self, name: str, path: str) -> None:
         first = len(self.names)
-        self.message(name, path + ".")
-        if all(form == self.order + "f8" for form in self.formats[first:]):
-            self._name(path, (self.order + "f8", (len(self.names) - first,)), self.offsets[first])
+        self.add_message(name, path + ".")
+        if all(form == self.byte_order + "f8" for form in self.formats[first:]):
+            self._record_field(
+                path, (self.byte_order + "f8", (len(self.names) - first,)), self.offsets[first]
+            )
 
     def dtype(self) -> np.dtype[np.void]:
         return np.dtype(
@@ -233,18 +239,18 @@ class _Builder:
         )
 
 
-def layout(
+def cdr_layout(
     name: str, texts: Mapping[str, bytes] | None = None, lengths: Mapping[str, int] | None = None
 ) -> CdrLayout:
-    """The byte layout of one message type.
+    """Return the byte layout of one message type.
 
-    texts: value of each string field by path, without the closing zero. lengths: elements of each sequence.
-    Raises KeyError for a string or sequence that was not given.
+    texts: value of each string field by path, without the terminating zero. lengths: number of elements of
+    each sequence. Raises KeyError if a string or sequence is missing.
     """
     closed = {path: text + b"\x00" for path, text in (texts or {}).items()}
     known = {**(lengths or {}), **{path: len(text) for path, text in closed.items()}}
-    builder = _Builder(lambda path, _: known[path])
-    builder.message(name, "")
+    builder = _LayoutBuilder(lambda path, _: known[path])
+    builder.add_message(name, "")
     template = np.zeros((), builder.dtype())
     template["encapsulation"] = int.from_bytes(ENCAPSULATION, "little")
     for path, length in builder.lengths.items():
@@ -256,29 +262,32 @@ def layout(
 
 
 @dataclass(frozen=True)
-class Form:
-    """The layout of a received message: its dtype, and the length fields that others must share to fit it."""
+class ReceivedLayout:
+    """The layout of a received message.
+
+    dtype: of the message. lengths: value of each length field, which other messages of this layout share.
+    """
 
     dtype: np.dtype[np.void]
     lengths: Mapping[str, int]
     encapsulation: int
 
-    def count_of(self, path: str) -> int:
-        """Return how many numbers the field of that path has."""
+    def element_count(self, path: str) -> int:
+        """Return the number of elements of a field."""
         assert self.dtype.fields is not None
         return math.prod(self.dtype.fields[path][0].shape)
 
-    def text(self, payload: bytes, path: str) -> str:
-        """The string field of that path in a message of this layout."""
+    def read_string(self, payload: bytes, path: str) -> str:
+        """Return a string field of a message of this layout."""
         assert self.dtype.fields is not None
         part, offset = self.dtype.fields[path][:2]
         return payload[offset : offset + part.itemsize].rstrip(b"\0").decode("utf-8", "replace")
 
 
-def measure(name: str, payload: bytes) -> Form:
-    """The layout of one given message, its string and sequence lengths read from its own bytes.
+def infer_layout(name: str, payload: bytes) -> ReceivedLayout:
+    """Infer the layout of one message from the string and sequence lengths in its bytes.
 
-    Raises ValueError for an encapsulation other than plain CDR and for lengths that do not fit the payload.
+    Raises ValueError for an encapsulation other than plain CDR and for lengths that do not match the payload.
     """
     if payload[:2] not in (b"\x00\x00", b"\x00\x01"):
         raise ValueError(f"encapsulation {payload[:4].hex()} is not plain CDR")
@@ -290,17 +299,17 @@ def measure(name: str, payload: bytes) -> Form:
             raise ValueError(f"{path} claims {length} elements in a message of {len(payload)} bytes")
         return length
 
-    builder = _Builder(length_of, "<" if payload[1] else ">")
-    builder.message(name, "")
+    builder = _LayoutBuilder(length_of, "<" if payload[1] else ">")
+    builder.add_message(name, "")
     if not builder.position <= len(payload) <= builder.position + 3:
         raise ValueError(f"message of {len(payload)} bytes should have {builder.position}")
-    return Form(builder.dtype(), builder.lengths, int.from_bytes(payload[:4], "little"))
+    return ReceivedLayout(builder.dtype(), builder.lengths, int.from_bytes(payload[:4], "little"))
 
 
-def stamped(name: str, frame_id: str, child_frame_id: str = "") -> CdrLayout:
-    """The layout of a message with one header (or one transform), its frame names constant.
+def stamped_layout(name: str, frame_id: str, child_frame_id: str = "") -> CdrLayout:
+    """Return the layout of a message with one header (or one transform) and constant frame names.
 
-    Of a battery neither cells nor place nor serial number are told.
+    The cells, location and serial number of a BatteryState stay empty.
     """
     prefix = "transforms[0]." if name == TF else ""
     texts = {
@@ -309,16 +318,16 @@ def stamped(name: str, frame_id: str, child_frame_id: str = "") -> CdrLayout:
         "location": b"",
         "serial_number": b"",
     }
-    return layout(name, texts, {"transforms": 1, "cell_voltage": 0, "cell_temperature": 0})
+    return cdr_layout(name, texts, {"transforms": 1, "cell_voltage": 0, "cell_temperature": 0})
 
 
-def columns(names: Sequence[str]) -> CdrLayout:
-    """The layout of a row of float64 numbers as a Float64MultiArray: one dimension, its label their names.
+def columns_layout(names: Sequence[str]) -> CdrLayout:
+    """Return the layout of a row of numbers as a Float64MultiArray with the column names as label.
 
-    So a row tells what it is wherever it goes; other programs' copies keep no metadata of a channel.
+    The label keeps the names in copies by other programs, which drop the metadata of channels.
     """
     label, count = json_text(list(names)).encode(), len(names)
-    made = layout(COLUMNS, {"layout.dim[0].label": label}, {"layout.dim": 1, "data": count})
-    made.template["layout.dim[0].size"] = count
-    made.template["layout.dim[0].stride"] = count
-    return made
+    row_layout = cdr_layout(FLOAT64_ARRAY, {"layout.dim[0].label": label}, {"layout.dim": 1, "data": count})
+    row_layout.template["layout.dim[0].size"] = count
+    row_layout.template["layout.dim[0].stride"] = count
+    return row_layout

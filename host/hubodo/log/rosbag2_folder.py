@@ -1,4 +1,4 @@
-"""A log as a rosbag2 folder in sqlite, which every ROS 2 since Foxy plays without a plugin."""
+"""Write a log as a rosbag2 folder (SQLite), which every ROS 2 since Foxy plays without a plugin."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ Progress = Callable[[str, float], None]
 
 
 def write_rosbag2(log: Log, folder: Path, *, progress: Progress | None = None) -> dict[str, int]:
-    """Every message of the log that ROS 2 knows the type of, as it is; how many of each topic.
+    """Copy every message with a ROS 2 type unchanged; return the number of messages by topic.
 
-    A player sends /tf_static to whoever comes late, too. Raises InputError where the folder exists. A failure
-    leaves nothing behind.
+    /tf_static is latched, so that players send it to late subscribers. Raises InputError if the folder
+    exists. A failure leaves nothing behind.
     """
     from rosbags.rosbag2 import StoragePlugin, Writer
 
@@ -29,40 +29,40 @@ def write_rosbag2(log: Log, folder: Path, *, progress: Progress | None = None) -
         raise InputError(f"{folder}: its parent folder does not exist; create it first")
     temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.absolute().parent))
     try:
-        # The bag's own name is in its metadata.
+        # The name of the bag is part of its metadata, so it has its final name from the start.
         with Writer(temporary / folder.name, version=8, storage_plugin=StoragePlugin.SQLITE3) as bag:
-            counts = _copy(log, bag, progress)
+            counts = _copy_messages(log, bag, progress)
         (temporary / folder.name).rename(folder)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
     return counts
 
 
-def _copy(log: Log, bag: Any, progress: Progress | None) -> dict[str, int]:
-    links: dict[int, Any] = {}
+def _copy_messages(log: Log, bag: Any, progress: Progress | None) -> dict[str, int]:
+    connections: dict[int, Any] = {}
     counts: dict[str, int] = {}
     for done, message in enumerate(log.messages()):
-        if message.channel not in links:
-            links[message.channel] = _link(log, bag, message.channel)
-        if links[message.channel] is not None:
-            bag.write(links[message.channel], message.log_time, message.data)
+        if message.channel not in connections:
+            connections[message.channel] = _add_connection(log, bag, message.channel)
+        if connections[message.channel] is not None:
+            bag.write(connections[message.channel], message.log_time, message.data)
             counts[message.topic] = counts.get(message.topic, 0) + 1
         if progress and done % 10_000 == 0:
             progress(f"writing {bag.path.name}", log.progress)
     return dict(sorted(counts.items()))
 
 
-def _link(log: Log, bag: Any, channel: int) -> Any:
-    """Return the topic of a channel in the bag; None for what ROS 2 has no type for, or no complete one."""
+def _add_connection(log: Log, bag: Any, channel: int) -> Any:
+    """Add a connection for a channel to the bag; return None if its ROS 2 type is missing or incomplete."""
     from rosbags.rosbag2 import WriterError
     from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 
-    stream, found = log.streams[channel], log.scan
-    schema = found.schemas.get(found.channels[channel].schema_id)
+    stream, scan = log.streams[channel], log.scan
+    schema = scan.schemas.get(scan.channels[channel].schema_id)
     if stream.encoding != "cdr" or schema is None or schema.encoding != "ros2msg":
         return None
     store = get_typestore(Stores.EMPTY)
-    qos = [_latched()] if stream.topic == topics.TF_STATIC else []
+    qos = [_latched_qos()] if stream.topic == topics.TF_STATIC else []
     try:
         store.register(get_types_from_msg(schema.data.decode("utf-8", "replace"), schema.name))
         return bag.add_connection(stream.topic, schema.name, typestore=store, offered_qos_profiles=qos)
@@ -70,7 +70,7 @@ def _link(log: Log, bag: Any, channel: int) -> Any:
         return None
 
 
-def _latched() -> Any:
+def _latched_qos() -> Any:
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
     ever = QosTime(9223372036, 854775807)

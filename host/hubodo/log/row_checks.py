@@ -1,4 +1,4 @@
-"""Rows that nothing can have measured, NaN and infinity first: left out and told, so that a gap is left."""
+"""Remove rows that no sensor can have measured: NaN, infinity and implausibly large values."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from hubodo.recording import NODE_COLUMNS, NODE_OPTIONAL_COLUMNS, TABLE_FILE_COL
 
 
 def drop_non_finite_rows(tables: Mapping[str, Table]) -> tuple[dict[str, Table], list[str]]:
-    """The tables without such rows, by name, and a line for each that had any.
+    """Return the tables without rows that hold NaN or infinity in a required column, and a note for each.
 
-    A table of nothing else is dropped, and one that lost a column that it must have. Of the rest only what a
-    table must have counts: a temperature or a sigma that is not known stays as it is.
+    A table without any finite row or without a required column is dropped. Optional columns (temperature,
+    sigma) may be NaN.
     """
     valid, notes = {}, []
     for name, table in tables.items():
         needed = TABLE_FILE_COLUMNS.get(name, (NODE_COLUMNS,))[0]
         if missing := [column for column in needed if column not in table]:
-            notes.append(f"{name}: its columns {', '.join(missing)} are lost; left out")
+            notes.append(f"{name}: its columns {', '.join(missing)} are missing; left out")
             continue
         finite = np.isfinite(np.stack([table[column] for column in needed])).all(axis=0)
         n_bad = len(table) - int(np.count_nonzero(finite))
@@ -38,11 +38,11 @@ def drop_non_finite_rows(tables: Mapping[str, Table]) -> tuple[dict[str, Table],
 
 
 _MAX_PLAUSIBLE_VALUE = 1e12
-"""In any unit of a table: no sensor and no place reads more, and the square of what does may be infinite."""
+"""Largest plausible value in the unit of any column; squares of much larger ones overflow."""
 
 
 def drop_implausible_rows(tables: Mapping[str, Table]) -> tuple[dict[str, Table], list[str]]:
-    """The tables without rows of numbers that are too large to be any, and a line for each that had some."""
+    """Return the tables without rows of implausibly large values, and a note for each that had any."""
     valid, notes = {}, []
     for name, table in tables.items():
         known = [*chain(*TABLE_FILE_COLUMNS.get(name, ((*NODE_COLUMNS, *NODE_OPTIONAL_COLUMNS), ())))]

@@ -1,7 +1,7 @@
-"""Find the records of an MCAP file front to back, without trusting its index, its lengths or its end.
+"""Find the records of an MCAP file front to back, without trusting its index, lengths or footer.
 
-One way of reading serves whole, cut and damaged files. A length is believed only when it fits the file; after
-a place that makes no sense the search goes on for the next chunk whose header is consistent in itself.
+Complete, truncated and damaged files are read in the same manner. A length is used only if it fits the file;
+after an undecodable record the search continues with the next chunk whose header is self-consistent.
 """
 
 from __future__ import annotations
@@ -21,26 +21,29 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Footer, Header, McapRecord, Metadata, Schema
 
 from hubodo.errors import LogError
-from hubodo.log.checksums import attachment_holds, data_section_holds
-from hubodo.log.chunk_reader import ChunkPlace
+from hubodo.log.checksums import attachment_crc_matches, data_section_crc_matches
+from hubodo.log.chunk_reader import ChunkLocation
 from hubodo.log.descriptor import pread
-from hubodo.log.input_limits import MemoryBudget, open_regular, room_of
+from hubodo.log.input_limits import MemoryBudget, max_expanded_bytes, open_regular
 from hubodo.log.mcap_file import MAGIC
 
-_MAX_RECORD = 1 << 28
-_LOOSE = 1 << 22
-_HEAD = struct.Struct("<BQ")
-_CHUNK_HEAD = struct.Struct("<QQQII")
-_CHUNK_SIGN = re.compile(
+_MAX_RECORD_BYTES = 1 << 28
+_MAX_UNCHUNKED_RUN_BYTES = 1 << 22
+_RECORD_HEADER = struct.Struct("<BQ")
+_CHUNK_HEADER = struct.Struct("<QQQII")
+_CHUNK_HEADER_PATTERN = re.compile(
     rb"(?=\x06.{5}\x00\x00\x00.{28}(?:\x00\x00\x00\x00|\x03\x00\x00\x00lz4|\x04\x00\x00\x00zstd))", re.DOTALL
 )
-_LEAST_WINDOW, _WINDOW = 1 << 12, 1 << 22
-_DATA_MEMORY, _TEXT_MEMORY = 2, 16  # bytes of memory per byte of a record of data, and of one of short texts
+_MIN_SEARCH_BYTES, _MAX_SEARCH_BYTES = 1 << 12, 1 << 22
+_DATA_MEMORY_RATIO, _TEXT_MEMORY_RATIO = (
+    2,
+    16,
+)  # bytes of memory per byte of a data record, and of one with short texts
 
 
 @dataclass(frozen=True)
 class DamagedSpan:
-    """A stretch of the file that could not be used. start_ns, end_ns: of the messages lost, where known."""
+    """A damaged part of the file, in bytes. start_ns, end_ns: log times of the lost messages, if known."""
 
     offset: int
     length: int
@@ -50,11 +53,18 @@ class DamagedSpan:
 
 
 @dataclass
-class Scan:
-    """All records of one file but the messages; `cut` is the last chunk's place when the file ends in it.
+class FileScan:
+    """All records of one file except the messages.
 
-    unbelievable: offsets of chunks that claim to hold more than a file of this size can. doubts: checksums
-    that fail without telling where, each in words, of `data` (all up to the end of it) and `summary`.
+    Attributes
+    ----------
+    chunks : positions of the complete chunks; see `ChunkLocation`.
+    damage : parts that could not be used.
+    oversized_chunks : offsets of chunks whose claimed size is implausible for the file.
+    checksum_failures : descriptions of failed checksums that do not locate the damage, by section: `data`
+        (everything up to the data end record) and `summary`.
+    truncated_chunk : the last chunk if the file ends within it.
+    complete : True if the file ends with footer and magic.
     """
 
     path: Path
@@ -65,32 +75,34 @@ class Scan:
     channels: dict[int, Channel] = field(default_factory=dict)
     metadata: list[Metadata] = field(default_factory=list)
     attachments: list[Attachment] = field(default_factory=list)
-    chunks: list[ChunkPlace] = field(default_factory=list)
+    chunks: list[ChunkLocation] = field(default_factory=list)
     damage: list[DamagedSpan] = field(default_factory=list)
-    unbelievable: set[int] = field(default_factory=set)
-    doubts: dict[str, str] = field(default_factory=dict)
-    cut: ChunkPlace | None = None
+    oversized_chunks: set[int] = field(default_factory=set)
+    checksum_failures: dict[str, str] = field(default_factory=dict)
+    truncated_chunk: ChunkLocation | None = None
     complete: bool = False
-    _noted: set[int] = field(default_factory=set)
+    _damaged_offsets: set[int] = field(default_factory=set)
 
-    def learn(self, definitions: Iterable[tuple[int, bytes]]) -> None:
-        """Take in schemas and channels, as (opcode, content), that were found inside a chunk."""
+    def add_definitions(self, definitions: Iterable[tuple[int, bytes]]) -> None:
+        """Add schemas and channels, as (opcode, content), that are stored inside a chunk."""
         for opcode, content in definitions:
-            record = _parse(opcode, content)
+            record = _parse_record(opcode, content)
             if isinstance(record, Schema):
                 self.schemas.setdefault(record.id, record)
             elif isinstance(record, Channel):
                 self.channels.setdefault(record.id, record)
 
-    def note(self, place: ChunkPlace, reason: str) -> None:
-        """Keep account of a chunk that cannot be used, once."""
-        if place.offset not in self._noted:
-            self._noted.add(place.offset)
-            self.damage.append(DamagedSpan(place.offset, place.length, reason, place.start_ns, place.end_ns))
+    def mark_damaged(self, location: ChunkLocation, reason: str) -> None:
+        """Record a damaged chunk, once."""
+        if location.offset not in self._damaged_offsets:
+            self._damaged_offsets.add(location.offset)
+            self.damage.append(
+                DamagedSpan(location.offset, location.length, reason, location.start_ns, location.end_ns)
+            )
 
 
-def scan(path: Path, *, lenient: bool = False) -> Scan:
-    """Scan a file; `lenient` passes over damaged magic. LogError when it is missing, empty or no MCAP."""
+def scan_file(path: Path, *, lenient: bool = False) -> FileScan:
+    """Scan a file. lenient: accept damaged magic. Raises LogError if it is missing, empty or not MCAP."""
     try:
         with open_regular(path) as stream:
             return _Scanner(path, stream.fileno()).run(lenient)
@@ -101,184 +113,188 @@ def scan(path: Path, *, lenient: bool = False) -> Scan:
 class _Scanner:
     def __init__(self, path: Path, fd: int) -> None:
         self.fd = fd
-        self.found = Scan(path, os.fstat(fd).st_size)
-        self.room = room_of(self.found.size)
+        self.result = FileScan(path, os.fstat(fd).st_size)
+        self.expansion_left = max_expanded_bytes(self.result.size)
         self.budget = MemoryBudget(path)
         self.header_end = len(MAGIC)
         self.data_ended = False
 
-    def run(self, lenient: bool) -> Scan:
-        found, size = self.found, self.found.size
+    def run(self, lenient: bool) -> FileScan:
+        result, size = self.result, self.result.size
         magic = pread(self.fd, len(MAGIC), 0)
         if not magic:
-            raise LogError(f"{found.path}: is empty; nothing was recorded, or the copy failed")
+            raise LogError(f"{result.path}: is empty; nothing was recorded, or the copy failed")
         position = len(MAGIC)
         if magic != MAGIC:
-            resumed = self._next_chunk(0) if lenient else None
+            resumed = self._find_next_chunk(0) if lenient else None
             if resumed is None:
                 raise LogError(
-                    f"{found.path}: is not an MCAP file (begins with {magic!r}); "
+                    f"{result.path}: is not an MCAP file (begins with {magic!r}); "
                     "give a log made by hubodo or ROS 2"
                 )
-            found.damage.append(DamagedSpan(0, resumed, "the beginning is damaged"))
+            result.damage.append(DamagedSpan(0, resumed, "the beginning is damaged"))
             position = resumed
         suspect = position
-        while position < size and not found.complete:
-            after, trusted = self._record(position)
+        while position < size and not result.complete:
+            after, trusted = self._read_record(position)
             if after is None:
-                resumed = self._next_chunk(suspect)
+                resumed = self._find_next_chunk(suspect)
                 if resumed is None:
-                    self._tail(position)
+                    self._mark_truncated(position)
                     break
                 lost = DamagedSpan(position, resumed - position, "unreadable record")
-                found.damage.append(lost)
+                result.damage.append(lost)
                 after, trusted = resumed, True
                 suspect = resumed
             if trusted:
                 suspect = after
             position = after
-        if found.complete and not self.data_ended:
-            found.doubts["data"] = "the mark at the end of its data is missing"
-        return found
+        if result.complete and not self.data_ended:
+            result.checksum_failures["data"] = "the mark at the end of its data is missing"
+        return result
 
-    def _record(self, position: int) -> tuple[int | None, bool]:
-        """Take in a record; returns where the next begins (None: makes no sense) and whether that is sure."""
-        head = pread(self.fd, 64, position)
-        if len(head) < _HEAD.size:
+    def _read_record(self, position: int) -> tuple[int | None, bool]:
+        """Read a record; return the offset of the next (None: undecodable) and whether it is confirmed."""
+        header = pread(self.fd, 64, position)
+        if len(header) < _RECORD_HEADER.size:
             return None, False
-        opcode, length = _HEAD.unpack_from(head)
-        end = position + _HEAD.size + length
-        if opcode == 0 or end > self.found.size:
+        opcode, length = _RECORD_HEADER.unpack_from(header)
+        end = position + _RECORD_HEADER.size + length
+        if opcode == 0 or end > self.result.size:
             return None, False
         if opcode == Opcode.CHUNK:
-            place = _chunk_place(head, position)
-            if place is None or place.length > _HEAD.size + length:
+            location = _parse_chunk_header(header, position)
+            if location is None or location.length > _RECORD_HEADER.size + length:
                 return None, False
-            self._believe(place)
-            return end, place.length == _HEAD.size + length
+            self._add_chunk(location)
+            return end, location.length == _RECORD_HEADER.size + length
         if opcode == Opcode.MESSAGE:
             if length < 22:
                 return None, False
-            self._loose(position, end, int.from_bytes(head[15:23], "little"))
+            self._add_unchunked_message(position, end, int.from_bytes(header[15:23], "little"))
             return end, False
         if opcode == Opcode.DATA_END and length >= 4:
-            stated = int.from_bytes(head[9:13], "little")
+            stated = int.from_bytes(header[9:13], "little")
             self.data_ended = True
-            if not data_section_holds(self.fd, (0, len(MAGIC), self.header_end), position, stated):
-                self.found.doubts["data"] = "its checksum over all data fails"
+            if not data_section_crc_matches(self.fd, (0, len(MAGIC), self.header_end), position, stated):
+                self.result.checksum_failures["data"] = "its checksum over all data fails"
             return end, False
-        if opcode in _READERS:
-            if length > _MAX_RECORD:
+        if opcode in _RECORD_READERS:
+            if length > _MAX_RECORD_BYTES:
                 return None, False
-            return (end, False) if self._take(opcode, position, length) else (None, False)
+            return (end, False) if self._add_record(opcode, position, length) else (None, False)
         return end, False
 
-    def _take(self, opcode: int, position: int, length: int) -> bool:
-        ratio = _DATA_MEMORY if opcode in (Opcode.ATTACHMENT, Opcode.SCHEMA) else _TEXT_MEMORY
-        self.budget.claim(ratio * length, "what stands beside its messages")
-        content = pread(self.fd, length, position + _HEAD.size)
-        found = self.found
-        record = _parse(opcode, content)
+    def _add_record(self, opcode: int, position: int, length: int) -> bool:
+        ratio = _DATA_MEMORY_RATIO if opcode in (Opcode.ATTACHMENT, Opcode.SCHEMA) else _TEXT_MEMORY_RATIO
+        self.budget.claim(ratio * length, "the records beside its messages")
+        content = pread(self.fd, length, position + _RECORD_HEADER.size)
+        result = self.result
+        record = _parse_record(opcode, content)
         if record is None:
             return False
         if isinstance(record, Header):
-            found.profile, found.library = record.profile, record.library
-            self.header_end = position + _HEAD.size + length
+            result.profile, result.library = record.profile, record.library
+            self.header_end = position + _RECORD_HEADER.size + length
         elif isinstance(record, Schema):
-            found.schemas.setdefault(record.id, record)
+            result.schemas.setdefault(record.id, record)
         elif isinstance(record, Channel):
-            found.channels.setdefault(record.id, record)
+            result.channels.setdefault(record.id, record)
         elif isinstance(record, Metadata):
-            found.metadata.append(record)
+            result.metadata.append(record)
         elif isinstance(record, Attachment):
-            if attachment_holds(content):
-                found.attachments.append(record)
+            if attachment_crc_matches(content):
+                result.attachments.append(record)
             else:
                 reason = f"the attachment {record.name} fails its checksum"
-                found.damage.append(DamagedSpan(position, _HEAD.size + length, reason))
+                result.damage.append(DamagedSpan(position, _RECORD_HEADER.size + length, reason))
         elif isinstance(record, Footer):
-            end = position + _HEAD.size + length
-            found.complete = pread(self.fd, len(MAGIC), end) == MAGIC
-            self._trust_summary(record, position)
+            end = position + _RECORD_HEADER.size + length
+            result.complete = pread(self.fd, len(MAGIC), end) == MAGIC
+            self._read_summary(record, position)
         return True
 
-    def _trust_summary(self, footer: Footer, footer_at: int) -> None:
-        """The summary repeats schemas and channels under a checksum: where that holds, it is believed."""
+    def _read_summary(self, footer: Footer, footer_at: int) -> None:
+        """Use the schemas and channels of the summary if its checksum matches."""
         size = footer_at - footer.summary_start
         if not footer.summary_crc:
             return
-        sound = 0 < size <= _MAX_RECORD
-        summary = pread(self.fd, size + _HEAD.size + 16, footer.summary_start) if sound else b""
+        is_plausible = 0 < size <= _MAX_RECORD_BYTES
+        summary = (
+            pread(self.fd, size + _RECORD_HEADER.size + 16, footer.summary_start) if is_plausible else b""
+        )
         if zlib.crc32(summary) != footer.summary_crc:
-            self.found.doubts["summary"] = "the checksum of its summary fails"
+            self.result.checksum_failures["summary"] = "the checksum of its summary fails"
             return
         position = 0
-        while position + _HEAD.size <= size:
-            opcode, length = _HEAD.unpack_from(summary, position)
-            content = summary[position + _HEAD.size : position + _HEAD.size + length]
-            record = _parse(opcode, content)
+        while position + _RECORD_HEADER.size <= size:
+            opcode, length = _RECORD_HEADER.unpack_from(summary, position)
+            content = summary[position + _RECORD_HEADER.size : position + _RECORD_HEADER.size + length]
+            record = _parse_record(opcode, content)
             if isinstance(record, Schema):
-                self.found.schemas[record.id] = record
+                self.result.schemas[record.id] = record
             elif isinstance(record, Channel):
-                self.found.channels[record.id] = record
-            position += _HEAD.size + length
+                self.result.channels[record.id] = record
+            position += _RECORD_HEADER.size + length
 
-    def _believe(self, place: ChunkPlace) -> None:
-        """Take in a chunk; one that claims more than is left for a file of this size is not opened."""
-        self.found.chunks.append(place)
-        if place.size <= self.room:
-            self.room -= place.size
+    def _add_chunk(self, location: ChunkLocation) -> None:
+        """Add a chunk; one whose claimed size is implausible for the file is marked as oversized."""
+        self.result.chunks.append(location)
+        if location.expanded_size <= self.expansion_left:
+            self.expansion_left -= location.expanded_size
         else:
-            self.found.unbelievable.add(place.offset)
+            self.result.oversized_chunks.add(location.offset)
 
-    def _loose(self, position: int, end: int, time_ns: int) -> None:
-        chunks = self.found.chunks
+    def _add_unchunked_message(self, position: int, end: int, time_ns: int) -> None:
+        chunks = self.result.chunks
         last = chunks[-1] if chunks else None
         start_ns = end_ns = time_ns
         if (
             last
             and last.compression is None
             and last.offset + last.length == position
-            and last.length < _LOOSE
+            and last.length < _MAX_UNCHUNKED_RUN_BYTES
         ):
             chunks.pop()
             position = last.offset
             start_ns, end_ns = min(last.start_ns, time_ns), max(last.end_ns, time_ns)
         size = end - position
-        chunks.append(ChunkPlace(position, size, position, size, None, size, 0, start_ns, end_ns))
+        chunks.append(ChunkLocation(position, size, position, size, None, size, 0, start_ns, end_ns))
 
-    def _tail(self, position: int) -> None:
-        """The file ends within a record: note what is lost, and the chunk that was being written."""
-        found = self.found
-        place = _chunk_place(pread(self.fd, 64, position), position)
+    def _mark_truncated(self, position: int) -> None:
+        """Record the damage of a file that ends within a record, and the chunk being written if any."""
+        result = self.result
+        location = _parse_chunk_header(pread(self.fd, 64, position), position)
         start_ns = end_ns = None
-        if place is not None:
-            found.cut = place
-            start_ns, end_ns = place.start_ns, place.end_ns
-        found.damage.append(
-            DamagedSpan(position, found.size - position, "the file ends within a record", start_ns, end_ns)
+        if location is not None:
+            result.truncated_chunk = location
+            start_ns, end_ns = location.start_ns, location.end_ns
+        result.damage.append(
+            DamagedSpan(position, result.size - position, "the file ends within a record", start_ns, end_ns)
         )
 
-    def _next_chunk(self, start: int) -> int | None:
-        """The next place from `start` that begins a consistent chunk header whose data fits the file."""
-        base, size = start, _LEAST_WINDOW
-        while base < self.found.size:
+    def _find_next_chunk(self, start: int) -> int | None:
+        """Return the next offset from `start` of a consistent chunk header whose data fits the file."""
+        base, size = start, _MIN_SEARCH_BYTES
+        while base < self.result.size:
             window = pread(self.fd, size + 64, base)
-            for match in _CHUNK_SIGN.finditer(window):
-                place = _chunk_place(window[match.start() : match.start() + 64], base + match.start())
+            for match in _CHUNK_HEADER_PATTERN.finditer(window):
+                location = _parse_chunk_header(
+                    window[match.start() : match.start() + 64], base + match.start()
+                )
                 length = int.from_bytes(window[match.start() + 1 : match.start() + 9], "little")
                 if (
-                    place is not None
-                    and place.length == _HEAD.size + length
-                    and place.offset + place.length <= self.found.size
+                    location is not None
+                    and location.length == _RECORD_HEADER.size + length
+                    and location.offset + location.length <= self.result.size
                     and match.start() < size
                 ):
-                    return place.offset
-            base, size = base + size, min(2 * size, _WINDOW)
+                    return location.offset
+            base, size = base + size, min(2 * size, _MAX_SEARCH_BYTES)
         return None
 
 
-_READERS: Mapping[int, Callable[[ReadDataStream], McapRecord]] = {
+_RECORD_READERS: Mapping[int, Callable[[ReadDataStream], McapRecord]] = {
     Opcode.HEADER: Header.read,
     Opcode.SCHEMA: Schema.read,
     Opcode.CHANNEL: Channel.read,
@@ -288,24 +304,24 @@ _READERS: Mapping[int, Callable[[ReadDataStream], McapRecord]] = {
 }
 
 
-def _chunk_place(head: bytes, offset: int) -> ChunkPlace | None:
-    """What a chunk's header says, when it can be true."""
-    at = _HEAD.size + _CHUNK_HEAD.size
-    if len(head) < at or head[0] != Opcode.CHUNK:
+def _parse_chunk_header(header: bytes, offset: int) -> ChunkLocation | None:
+    """Parse a chunk header; return None if it is inconsistent."""
+    fixed_size = _RECORD_HEADER.size + _CHUNK_HEADER.size
+    if len(header) < fixed_size or header[0] != Opcode.CHUNK:
         return None
-    start, end, size, crc, name_length = _CHUNK_HEAD.unpack_from(head, _HEAD.size)
-    if name_length > 16 or len(head) < at + name_length + 8:
+    start, end, size, crc, name_length = _CHUNK_HEADER.unpack_from(header, _RECORD_HEADER.size)
+    if name_length > 16 or len(header) < fixed_size + name_length + 8:
         return None
-    name = head[at : at + name_length].decode("latin-1")
-    (data_size,) = struct.unpack_from("<Q", head, at + name_length)
-    data_offset = offset + at + name_length + 8
-    length = at + name_length + 8 + data_size
-    return ChunkPlace(offset, length, data_offset, data_size, name, size, crc, start, end)
+    name = header[fixed_size : fixed_size + name_length].decode("latin-1")
+    (data_size,) = struct.unpack_from("<Q", header, fixed_size + name_length)
+    data_offset = offset + fixed_size + name_length + 8
+    length = fixed_size + name_length + 8 + data_size
+    return ChunkLocation(offset, length, data_offset, data_size, name, size, crc, start, end)
 
 
-def _parse(opcode: int, content: bytes) -> McapRecord | None:
-    """A record's content, or None when it makes no sense."""
-    read = _READERS.get(opcode)
+def _parse_record(opcode: int, content: bytes) -> McapRecord | None:
+    """Parse the content of a record; return None if it is undecodable."""
+    read = _RECORD_READERS.get(opcode)
     if read is None:
         return None
     try:

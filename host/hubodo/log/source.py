@@ -1,4 +1,4 @@
-"""What a file of messages is to its readers, be it MCAP or a rosbag."""
+"""Common interface of message files: MCAP and rosbags."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Protocol
 
 from hubodo.log import topics
-from hubodo.log.chunk_reader import Messages
+from hubodo.log.chunk_reader import ChunkMessages
 
 
 @dataclass(frozen=True)
 class Stream:
-    """A channel: its topic, the type of its messages (`schema`), how they are encoded."""
+    """A channel: topic, message type (`schema`) and encoding."""
 
     id: int
     topic: str
@@ -24,9 +24,15 @@ class Stream:
 
 @dataclass(frozen=True)
 class FileInfo:
-    """What `hubodo info` tells of a file. size: bytes; complete: whether it was closed.
+    """General information about a file, for `hubodo info`.
 
-    attachments: bytes of each file kept in it. damaged: places that could not be used or trusted.
+    Attributes
+    ----------
+    size : bytes.
+    library, profile : of the writer.
+    complete : True if the file was closed.
+    attachments : size of each attached file, bytes.
+    damaged : number of damaged parts.
     """
 
     size: int
@@ -38,7 +44,7 @@ class FileInfo:
 
 
 class MessageSource(Protocol):
-    """Messages by channel, and what the file says besides; `chunks` makes all of it whole."""
+    """A readable file of messages; its other properties are complete once `chunks` has finished."""
 
     @property
     def path(self) -> Path: ...
@@ -54,11 +60,11 @@ class MessageSource(Protocol):
     def t_zero_ns(self) -> int | None: ...
     @property
     def progress(self) -> float: ...
-    def chunks(self) -> Iterator[Messages]: ...
+    def chunks(self) -> Iterator[ChunkMessages]: ...
     def warnings(self) -> tuple[str, ...]: ...
 
 
 def is_hubodo_log(source: MessageSource) -> bool:
-    """Whether hubodo wrote a log: by its metadata, or, in a copy that lost them, by its topics."""
+    """Return True if hubodo wrote a log, by its metadata or, in a copy without them, by its topics."""
     own = any(stream.topic.startswith(topics.HUBODO_PREFIX) for stream in source.streams.values())
     return own or topics.METADATA_RECORD in source.metadata_records

@@ -1,4 +1,4 @@
-"""The SQLite file of a rosbag2, which is not trusted: stored tables, exact column types, bounded work."""
+"""Read the SQLite file of a rosbag2 without trusting it: stored tables, exact types, bounded work."""
 
 from __future__ import annotations
 
@@ -12,50 +12,54 @@ from hubodo.errors import InputError
 from hubodo.log.input_limits import check_claim, check_regular, file_budget, limit_bytes
 
 READ_ERRORS = (sqlite3.Error, ValueError)
-"""What reading a damaged database raises; its words may themselves be no text."""
-_TABLES = {
+"""Errors raised by a damaged database; ValueError for an error message that is not UTF-8."""
+_REQUIRED_COLUMNS = {
     "topics": ("id", "name", "type", "serialization_format"),
     "messages": ("topic_id", "timestamp", "data"),
 }
-"""The tables of a rosbag2 and the columns read from each."""
-_USABLE = "typeof(topic_id) = 'integer' AND typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
-_TOPIC_LIMIT = 65_535  # channel ids of MCAP, which a bag's messages become, are 16 bits wide
+"""The tables of a rosbag2 and the columns that are read."""
+_USABLE_ROW_SQL = "typeof(topic_id) = 'integer' AND typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
+_MAX_TOPICS = 65_535  # channel ids of MCAP, which a bag's messages become, are 16 bits wide
 # A message row takes at least a dozen bytes of the file and some sixty steps of SQLite's virtual machine to
 # count, sort and return, 5 steps a byte. Ten times that ends a query which a manipulated b-tree never ends.
-_STEPS_PER_BYTE, _LEAST_STEPS, _STEPS_BETWEEN_CHECKS = 50, 10_000_000, 100_000
+_STEPS_PER_BYTE, _MIN_STEPS, _STEPS_BETWEEN_CHECKS = 50, 10_000_000, 100_000
 _SMALLEST_LENGTH_LIMIT, _LARGEST_LENGTH_LIMIT = 1 << 20, (1 << 31) - 1  # bytes; the latter is SQLite's own
 
 
 @dataclass(frozen=True)
 class DatabaseFacts:
-    """What a database holds. topics: (id, name, type, serialization format). n_messages: usable rows.
+    """The contents of a database.
 
-    n_unusable: rows of topics and messages whose columns are not of the types that rosbag2 writes.
-    sorted_by_time: whether messages may be sorted, which needs lengths that agree with the file's size.
+    Attributes
+    ----------
+    topics : (id, name, type, serialization format) each.
+    n_messages : usable message rows.
+    n_unusable : rows of topics and messages whose columns do not have the types that rosbag2 writes.
+    is_sortable : True if messages can be sorted by time, which requires lengths that match the file size.
     """
 
     topics: tuple[tuple[int, str, str, str], ...]
     n_messages: int
     n_unusable: int
-    sorted_by_time: bool
+    is_sortable: bool
 
 
-def read_facts(file: Path) -> DatabaseFacts:
+def read_database_facts(file: Path) -> DatabaseFacts:
     """Read topics and count messages.
 
-    Raises one of READ_ERRORS for what is no database of a rosbag2, InputError for one that claims more than
-    its file can hold or whose tables are views, virtual or generated.
+    Raises one of READ_ERRORS if the file is not a database of rosbag2, InputError if it claims more data than
+    the file can contain or if its tables are views, virtual or generated.
     """
-    with _connected(file) as base:
+    with _connect(file) as base:
         _check_tables(base, file)
-        columns = ", ".join(_TABLES["topics"])
-        rows = base.execute(f"SELECT {columns} FROM topics").fetchmany(_TOPIC_LIMIT + 1)
-        if len(rows) > _TOPIC_LIMIT:
-            raise InputError(f"{file}: claims more than {_TOPIC_LIMIT} topics; record it again")
+        columns = ", ".join(_REQUIRED_COLUMNS["topics"])
+        rows = base.execute(f"SELECT {columns} FROM topics").fetchmany(_MAX_TOPICS + 1)
+        if len(rows) > _MAX_TOPICS:
+            raise InputError(f"{file}: claims more than {_MAX_TOPICS} topics; record it again")
         topics = tuple(row for row in rows if _is_topic(row))
         try:
             n_usable, n_bytes, largest = base.execute(
-                f"SELECT COUNT(*), SUM(length(data)), MAX(length(data)) FROM messages WHERE {_USABLE}"
+                f"SELECT COUNT(*), SUM(length(data)), MAX(length(data)) FROM messages WHERE {_USABLE_ROW_SQL}"
             ).fetchone()
             n_rows = base.execute("SELECT COUNT(*) FROM messages").fetchone()[0]
             sortable = True
@@ -69,15 +73,15 @@ def read_facts(file: Path) -> DatabaseFacts:
 
 
 def iterate_messages(file: Path, facts: DatabaseFacts) -> Iterator[tuple[int, int, bytes]]:
-    """Yield (topic id, time in ns, message) of all usable rows, by time where the database can be sorted.
+    """Yield (topic id, time in ns, message) of all usable rows, by time if the database is sortable.
 
-    Raises one of READ_ERRORS where the file is damaged, InputError where messages overlap in it.
+    Raises one of READ_ERRORS if the file is damaged, InputError if messages overlap in it.
     """
-    order = "ORDER BY timestamp" if facts.sorted_by_time else ""
+    order = "ORDER BY timestamp" if facts.is_sortable else ""
     budget = file_budget(file, _stored_bytes(file))
-    with _connected(file) as base:
+    with _connect(file) as base:
         _check_tables(base, file)
-        query = f"SELECT topic_id, timestamp, data FROM messages WHERE {_USABLE} {order}"
+        query = f"SELECT topic_id, timestamp, data FROM messages WHERE {_USABLE_ROW_SQL} {order}"
         for topic_id, t_ns, payload in base.execute(query):
             budget.claim(len(payload), "the sum of its messages")
             if t_ns >= 0:
@@ -85,11 +89,11 @@ def iterate_messages(file: Path, facts: DatabaseFacts) -> Iterator[tuple[int, in
 
 
 @contextmanager
-def _connected(file: Path) -> Iterator[sqlite3.Connection]:
+def _connect(file: Path) -> Iterator[sqlite3.Connection]:
     """Open a database read-only, with limits on the length of values and on the work of a query."""
-    # A killed recorder leaves messages in a journal beside; without one, nothing needs writing there.
-    journal = _beside(file, "-wal")
-    for path in (file, journal, _beside(file, "-shm")):
+    # A killed recorder leaves messages in a journal file; without one the database is immutable.
+    journal = _sibling(file, "-wal")
+    for path in (file, journal, _sibling(file, "-shm")):
         check_regular(path)
     mode = "mode=ro" if journal.exists() else "mode=ro&immutable=1"
     base = sqlite3.connect(f"{file.absolute().as_uri()}?{mode}", uri=True)
@@ -98,7 +102,7 @@ def _connected(file: Path) -> Iterator[sqlite3.Connection]:
         length = min(max(limit_bytes(), _SMALLEST_LENGTH_LIMIT), _LARGEST_LENGTH_LIMIT)
         base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, length)
         base.execute("PRAGMA trusted_schema = OFF")
-        checks_left = (_LEAST_STEPS + _STEPS_PER_BYTE * _stored_bytes(file)) // _STEPS_BETWEEN_CHECKS
+        checks_left = (_MIN_STEPS + _STEPS_PER_BYTE * _stored_bytes(file)) // _STEPS_BETWEEN_CHECKS
 
         def is_out_of_steps() -> bool:
             nonlocal checks_left
@@ -113,7 +117,7 @@ def _connected(file: Path) -> Iterator[sqlite3.Connection]:
 
 def _check_tables(base: sqlite3.Connection, file: Path) -> None:
     """Raise InputError unless topics and messages are stored tables with stored columns."""
-    for table, needed in _TABLES.items():
+    for table, needed in _REQUIRED_COLUMNS.items():
         # Views and virtual tables have no root page.
         entries = base.execute(
             "SELECT type = 'table' AND rootpage > 0 FROM sqlite_master WHERE lower(name) = ?", (table,)
@@ -135,8 +139,8 @@ def _is_topic(row: tuple[object, ...]) -> bool:
 
 def _stored_bytes(file: Path) -> int:
     """Return the bytes of a database and its journal."""
-    return sum(path.stat().st_size for path in (file, _beside(file, "-wal")) if path.exists())
+    return sum(path.stat().st_size for path in (file, _sibling(file, "-wal")) if path.exists())
 
 
-def _beside(file: Path, suffix: str) -> Path:
+def _sibling(file: Path, suffix: str) -> Path:
     return file.with_name(file.name + suffix)

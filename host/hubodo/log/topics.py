@@ -1,4 +1,4 @@
-"""Topic names and the names of metadata records in a log: said once, for writer and reader."""
+"""Topic names and metadata record names of a log, shared by writer and reader."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ GNSS_FIX = "/gnss/fix"
 TRUTH = "/truth"
 
 METADATA_RECORD = "hubodo"
-"""The main metadata record: fingerprint, versions, and whatever the daemon adds."""
+"""The main metadata record: fingerprint, versions, and additions of the recorder."""
 CSV_COLUMNS_RECORD = "hubodo.csv"
-"""Metadata record of an import: file name without suffix -> JSON list of its columns in order."""
+"""Metadata record of an import: table name -> JSON list of its columns in order."""
 T_ZERO_KEY = "t_zero_ns"
 """Key in the main metadata record: host time of t = 0, ns."""
 
@@ -40,25 +40,25 @@ EVENT_JSON_SCHEMA = json_text(
 
 
 def imu_topic(node: str) -> str:
-    """Topic of a node's inertial samples."""
+    """Return the topic of a node's inertial samples."""
     return f"/{node}/imu"
 
 
 def temperature_topic(node: str) -> str:
-    """Topic of a node's temperature."""
+    """Return the topic of a node's temperature."""
     return f"/{node}/temperature"
 
 
 def battery_topic(node: str) -> str:
-    """Topic of a node's supply."""
+    """Return the topic of a node's supply voltage."""
     return f"/{node}/battery"
 
 
 def bias_filter_topic(node: str) -> str:
-    """Topic of what a node's own filter says of its gyro."""
+    """Return the topic of the gyro bias filter on a node."""
     return f"/{node}/bias_filter"
 
 
 def magnetic_field_topic(node: str) -> str:
-    """Topic of a node's magnetometer."""
+    """Return the topic of a node's magnetometer."""
     return f"/{node}/mag"

@@ -1,4 +1,4 @@
-"""Units in which other programs write rates and specific forces: what makes them SI, and how they show."""
+"""Convert units of gyro and accelerometer to SI, and detect data in other units."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _UNIT_ALIASES = {
 
 
 def si_factor(text: str) -> tuple[str, float]:
-    """Of which sensor a unit is, and what makes it SI: of "deg/s", or of counts of "0.00875 deg/s".
+    """Return the sensor and the factor to SI of a unit ("deg/s") or of one count ("0.00875 deg/s").
 
     Raises InputError for another unit.
     """
@@ -56,44 +56,44 @@ def si_factor(text: str) -> tuple[str, float]:
             if unit in known:
                 return sensor, factor * known[unit]
     raise InputError(
-        f"--unit {text!r}: give one of {', '.join((*GYRO_UNITS, *ACCEL_UNITS))}; a number before it is what "
-        "one count stands for, as in '0.00875 deg/s'"
+        f"--unit {text!r}: give one of {', '.join((*GYRO_UNITS, *ACCEL_UNITS))}; a number before it is the "
+        "value of one count, as in '0.00875 deg/s'"
     )
 
 
 def explain_suspect_units(gyro: NDArray[np.float64], accel: NDArray[np.float64]) -> str | None:
-    """What speaks against rad/s and m/s² in a record of any motion, in words; None where nothing does.
+    """Return why a record is probably not in rad/s and m/s²; None if it is plausible.
 
-    gyro, accel: (N, 3); rows that are not finite are passed over. A median force of 0.7 to 1.4 m/s² would be
-    one on the Moon, and no gyro of these parts reads beyond 72 rad/s.
+    gyro, accel: (N, 3); rows that are not finite are ignored. A median specific force of 0.7 to 1.4 m/s²
+    indicates data in g, a rate beyond 72 rad/s (the largest gyro range) data in deg/s.
     """
     force = np.linalg.norm(accel, axis=1)
     force = force[np.isfinite(force)]
     median_force = float(np.median(force)) if len(force) else STANDARD_GRAVITY
     if _GRAVITY_RANGE_IN_G[0] < median_force < _GRAVITY_RANGE_IN_G[1]:
         return (
-            f"its accelerometer feels {median_force:.2f} m/s² where gravity is 9.8: ax, ay, az look to be in "
-            "g; write them in m/s², or say --unit g"
+            f"its accelerometer reads {median_force:.2f} m/s² where gravity is 9.8: ax, ay, az are probably "
+            "in g; write them in m/s², or give --unit g"
         )
     rates = np.abs(gyro[np.isfinite(gyro).all(axis=1)])
     high_rate = float(np.quantile(rates, 0.999)) if len(rates) else 0.0
     if high_rate > _MAX_GYRO_RATE:
         return (
-            f"its gyro reads {high_rate:.3g} rad/s, beyond the range of any: gx, gy, gz look to be in "
-            "degrees per second; write them in rad/s, or say --unit deg/s"
+            f"its gyro reads {high_rate:.3g} rad/s, beyond the range of any: gx, gy, gz are probably in "
+            "degrees per second; write them in rad/s, or give --unit deg/s"
         )
     return None
 
 
 def check_node_units(table: Table, table_name: str) -> None:
-    """Raises InputError for a node whose numbers, in whatever motion, look to be in other units than SI."""
+    """Raise InputError if the data of a node are probably not in SI units."""
     problem = explain_suspect_units(table.gyro, table.accel)
     if problem is not None:
         raise InputError(f"{table_name}: {problem}")
 
 
 def check_units(recording: Recording, nodes: Iterable[str], log: str) -> None:
-    """The same of those of these nodes that a recording has."""
+    """Raise InputError if one of the given nodes of a recording is probably not in SI units."""
     for node in nodes:
         if node in recording.nodes:
             check_node_units(recording.nodes[node], f"{log}, node {node}")

@@ -197,11 +197,11 @@ def run(args: argparse.Namespace) -> BatchResult:
         If no log is found, or --priors is given with a verb that writes no calibration.
     """
     require_extra("batch", "hubodo batch")
-    from hubodo.fleet.engine import engine
+    from hubodo.fleet.engine import connect_engine
     from hubodo.fleet.listing import find_logs
-    from hubodo.fleet.place import opened, url_of
     from hubodo.fleet.priors import write_priors
-    from hubodo.fleet.task import Analysis, read_files
+    from hubodo.fleet.storage import format_url, open_file_system
+    from hubodo.fleet.task import Analysis, read_option_files
     from hubodo.fleet.workflow import run_batch
 
     options = {
@@ -211,15 +211,19 @@ def run(args: argparse.Namespace) -> BatchResult:
         options["calibration"] = args.priors
     kind = options.get("kind")
     analysis = Analysis(
-        f"{args.analysis} {kind}" if kind else args.analysis, options, read_files(options), run_on_log
+        f"{args.analysis} {kind}" if kind else args.analysis, options, read_option_files(options), run_on_log
     )
     if args.priors and _OUTPUT_OF_VERB.get(args.analysis) != CALIBRATION:
         raise InputError("--priors goes with calibrate and warmup")
-    output = url_of(*opened(args.output)).rstrip("/")
+    output = format_url(*open_file_system(args.output)).rstrip("/")
     places = find_logs(args.logs, output)
     with progress_line() as show:
         outcome = run_batch(
-            lambda: engine(args.scheduler, args.workers, args.memory_limit), places, analysis, output, show
+            lambda: connect_engine(args.scheduler, args.workers, args.memory_limit),
+            places,
+            analysis,
+            output,
+            show,
         )
     if args.priors:
         write_priors(output, outcome.rows)
@@ -230,7 +234,7 @@ def run(args: argparse.Namespace) -> BatchResult:
         output,
         analysis.verb,
         len(places),
-        outcome.fresh,
+        outcome.n_examined,
         counts,
         sum(cpu or 0.0 for cpu in rows["cpu"]),
         sum(rows["size"]),

@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> ExportResult:
         return _export_rosbag2(args, log_form(args, vehicle))
     with progress_line() as show:
         recording = read_log(args.log, input_format=log_form(args, vehicle), progress=show, keep_empty=True)
-        names = write_folder(recording, args.output, form=args.format, progress=show)
+        names = write_folder(recording, args.output, table_format=args.format, progress=show)
     counts = [len(table) for table in recording.files().values()]
     return ExportResult(str(args.output), dict(zip(names, counts, strict=True)), recording.warnings)
 

@@ -132,10 +132,10 @@ def run(args: argparse.Namespace) -> LogListing:
         If there is no index at the given place.
     """
     require_extra("batch", "hubodo logs", ("fsspec", "pandas", "pyarrow"))
-    from hubodo.fleet.index import Wanted, months, read_index
+    from hubodo.fleet.index import IndexQuery, read_index, summarise_months
 
-    logs = read_index(args.index, Wanted(args.vehicle, args.first, args.last, args.search))
-    return LogListing(args.index, logs, tuple(months(logs)))
+    logs = read_index(args.index, IndexQuery(args.vehicle, args.first, args.last, args.search))
+    return LogListing(args.index, logs, tuple(summarise_months(logs)))
 
 
 def _parse_day(text: str) -> date:

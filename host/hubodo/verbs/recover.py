@@ -34,7 +34,7 @@ class RecoverResult:
             "end_ns": recovery.end_ns,
             "bytes_read": recovery.bytes_read,
             "bytes_lost": recovery.bytes_lost,
-            "chunks_kept": recovery.chunks_kept,
+            "chunks_kept": recovery.chunks_recovered,
             "chunks_lost": recovery.chunks_lost,
             "messages_of_unknown_channels": recovery.unknown_channel_messages,
             "losses": list(recovery.losses),
@@ -46,7 +46,7 @@ class RecoverResult:
         lines = [f"{topic}: recovered {count} messages" for topic, count in recovery.messages.items()]
         if recovery.start_ns is not None and recovery.end_ns is not None:
             first, last = ((t - recovery.t_zero_ns) / 1e9 for t in (recovery.start_ns, recovery.end_ns))
-            lines.append(f"recovered t = {first:.3f} s to {last:.3f} s in {recovery.chunks_kept} chunks")
+            lines.append(f"recovered t = {first:.3f} s to {last:.3f} s in {recovery.chunks_recovered} chunks")
         lines += [f"lost: {line}" for line in recovery.losses]
         if recovery.unknown_channel_messages:
             lines.append(f"lost: {recovery.unknown_channel_messages} messages of undescribed channels")

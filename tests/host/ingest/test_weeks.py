@@ -29,8 +29,9 @@ from hubodo.ingest.live.notify import ServiceNotifier
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.virtual_computer import VirtualComputer
+from hubodo.log.disk_space import RotationRules
 from hubodo.log.hubodo_messages import decode_bytes_message
-from hubodo.log.log_series import LogSeries, RotationRules
+from hubodo.log.log_series import LogSeries
 from hubodo.log.log_writer import LogWriter
 from hubodo.log.recording_reader import open_log, read_recording
 from hubodo.units import NS_PER_S

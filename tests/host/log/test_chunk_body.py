@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from mcap.writer import CompressionType, Writer
 
-from hubodo.log.chunk_reader import announced, load, walk
+from hubodo.log.chunk_reader import parse_messages, read_chunk, read_message_offsets
 from hubodo.log.log_writer import LogWriter
 from hubodo.log.recording_reader import open_log
 
@@ -32,7 +32,10 @@ def chunks(tmp_path_factory: pytest.TempPathFactory):
     for path in sorted(folder.glob("*.mcap")):
         with open_log(path) as log:
             fd = os.open(path, os.O_RDONLY)
-            found += [(path.stem, load(fd, place), announced(fd, place)) for place in log.scan.chunks]
+            found += [
+                (path.stem, read_chunk(fd, place), read_message_offsets(fd, place))
+                for place in log.scan.chunks
+            ]
             os.close(fd)
     return found
 
@@ -40,10 +43,10 @@ def chunks(tmp_path_factory: pytest.TempPathFactory):
 def test_announced_places_are_those_that_are_found_one_by_one(chunks):
     assert {name for name, _, _ in chunks} == {"ours", "theirs"}
     for name, data, places in chunks:
-        one_by_one, at_once = walk(data), walk(data, places)
-        assert np.array_equal(one_by_one.places, places) and len(places) > 3, name
-        assert np.array_equal(at_once.heads, one_by_one.heads)
-        assert at_once.definitions == one_by_one.definitions and at_once.whole
+        one_by_one, at_once = parse_messages(data), parse_messages(data, places)
+        assert np.array_equal(one_by_one.offsets, places) and len(places) > 3, name
+        assert np.array_equal(at_once.headers, one_by_one.headers)
+        assert at_once.definitions == one_by_one.definitions and at_once.is_complete
 
 
 def lies(places: np.ndarray, rng: np.random.Generator):
@@ -62,11 +65,11 @@ def lies(places: np.ndarray, rng: np.random.Generator):
 def test_places_that_are_not_true_change_nothing(chunks, seed: int):
     rng = np.random.default_rng(seed)
     for name, data, places in chunks:
-        expected = walk(data)
+        expected = parse_messages(data)
         for wrong in lies(places, rng):
-            found = walk(data, wrong)
-            assert np.array_equal(found.places, expected.places), name
-            assert found.definitions == expected.definitions and found.whole == expected.whole
+            found = parse_messages(data, wrong)
+            assert np.array_equal(found.offsets, expected.offsets), name
+            assert found.definitions == expected.definitions and found.is_complete == expected.is_complete
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -75,5 +78,7 @@ def test_damaged_data_is_read_up_to_the_damage_as_one_by_one(chunks, seed: int):
     for name, data, places in chunks:
         bad = bytearray(data)
         bad[int(places[len(places) // 2]) + int(rng.integers(0, 9))] ^= int(rng.integers(1, 256))
-        expected, found = walk(bytes(bad)), walk(bytes(bad), places)
-        assert np.array_equal(found.places, expected.places) and found.whole == expected.whole, name
+        expected, found = parse_messages(bytes(bad)), parse_messages(bytes(bad), places)
+        assert (
+            np.array_equal(found.offsets, expected.offsets) and found.is_complete == expected.is_complete
+        ), name

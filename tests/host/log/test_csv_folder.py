@@ -219,7 +219,7 @@ def test_repair_gives_up_one_wild_time_stamp_rather_than_all_rows_after_it(tmp_p
 def test_repair_finds_faults_anywhere_in_a_file_of_many_blocks(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(csv_table, "_BLOCK", 1 << 16)
+    monkeypatch.setattr(csv_table, "_CSV_BLOCK_BYTES", 1 << 16)
     lines = ["t,gx,gy,gz,ax,ay,az"] + [f"{i},0.123456789,2,3,4,5,6" for i in range(40_000)]
     lines[30_001] = "30000,?,2,3,4,5,6"
     lines[39_000] = "3,1,2,3,4,5,6"
@@ -235,10 +235,10 @@ HEADERS = {
     "t,gx,gy,gz,ax,ay\n0,1,2,3,4,5\n": "row 1: no column az",
     "# made by hand\n\nt;gx;gy;gz;ax;ay;az\n0;1;2;3;4;5;6\n": "row 3: no column t, gx",
     "0,1,2,3,4,5,6\n": "row 1: no column t, gx",
-    "t,gx,gy,gz,ax,ay,az,gx\n0,1,2,3,4,5,6,7\n": "row 1: column 'gx' stands twice",
+    "t,gx,gy,gz,ax,ay,az,gx\n0,1,2,3,4,5,6,7\n": "row 1: column 'gx' appears twice",
     "": "is empty",
     "# only a comment\n": "is empty",
-    "t,gx,gy,gz,ax,ay,az\n": "no row is left below the header",
+    "t,gx,gy,gz,ax,ay,az\n": "no rows remain below the header",
 }
 
 
@@ -341,7 +341,7 @@ def test_export_overwrites_nothing_and_leaves_nothing_half_done(tmp_path: Path) 
 def test_parquet_holds_the_same_numbers(tmp_path: Path) -> None:
     parquet = wanted.module("pyarrow.parquet")
     recording = read_folder(folder_with(tmp_path, left=GOOD))
-    assert write_folder(recording, tmp_path / "out", form="parquet") == ("left.parquet",)
+    assert write_folder(recording, tmp_path / "out", table_format="parquet") == ("left.parquet",)
     table = parquet.read_table(tmp_path / "out" / "left.parquet")
     assert table.column_names == NODE
     for name in NODE:
@@ -354,7 +354,7 @@ def test_parquet_without_pyarrow_says_what_to_install(
     recording = read_folder(folder_with(tmp_path, left=GOOD))
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(InputError, match=r"pip install 'hubodo\[parquet\]'"):
-        write_folder(recording, tmp_path / "out", form="parquet")
+        write_folder(recording, tmp_path / "out", table_format="parquet")
     assert not (tmp_path / "out").exists()
 
 

@@ -56,9 +56,9 @@ def test_one_column_with_a_rate_and_a_unit_is_a_channel(tmp_path, suffix):
 @pytest.mark.parametrize(
     ("form", "words"),
     [
-        (InputFormat(100.0), "in which unit gz is; say --unit"),
-        (InputFormat(None, ("deg/s",)), "tells no times; say --rate"),
-        (InputFormat(100.0, ("g",)), "in which unit gz is"),
+        (InputFormat(100.0), "the unit of gz is missing; give --unit"),
+        (InputFormat(None, ("deg/s",)), "has no time column; give its samples per second with --rate"),
+        (InputFormat(100.0, ("g",)), "the unit of gz is missing"),
         (InputFormat(100.0, ("deg",)), "--unit 'deg': give one of rad/s"),
         (InputFormat(100.0, ("deg/s",), ("t", "gz")), "has 1 columns, --columns names 2"),
         (InputFormat(100.0, ("deg/s",), ("wz",)), "--columns: 'wz' is none of"),
@@ -73,7 +73,9 @@ def test_what_a_file_does_not_say_is_asked_for(tmp_path, form, words):
 def test_columns_are_named_by_the_user_or_by_a_header_of_ours(tmp_path):
     body = "\n".join(f"{1000 * k};{k / 7};{9.81};x" for k in range(50))
     path = write_text(tmp_path / "wheel.txt", "stamp;rate;down;mark\n" + body.replace(";x", ";1"))
-    with pytest.raises(InputError, match=r"4 columns \(stamp, rate, down, mark\); say with --columns"):
+    with pytest.raises(
+        InputError, match=r"4 columns \(stamp, rate, down, mark\); name them, as in --columns"
+    ):
         read_log(path)
     form = InputFormat(None, ("0.5 deg/s", "m/s²"), ("t_us", "gy", "az", "-"))
     _, table = made(path, form, 50)
@@ -104,7 +106,7 @@ def test_a_faulty_row_is_named(tmp_path, content, words):
 def test_structures_of_matlab_and_units_of_hdf5_are_understood(tmp_path):
     t = np.arange(300) / 50.0
     savemat(tmp_path / "a.mat", {"imu": {"t": t, "gz": t * 0 + 2.0, "note": "x"}, "other": np.zeros(7)})
-    with pytest.raises(InputError, match=r"imu\.t 300 x 1.*say --variable"):
+    with pytest.raises(InputError, match=r"imu\.t 300 x 1.*give --variable"):
         read_log(tmp_path / "a.mat", input_format=InputFormat(None, ("deg/s",)))
     _, table = made(tmp_path / "a.mat", InputFormat(None, ("deg/s",), variable="imu.t,imu.gz"), 300)
     assert table["gz"][0] == pytest.approx(2.0 * DEG)
@@ -171,7 +173,7 @@ def test_an_import_in_other_units_is_warned_of_or_made_si_and_one_channel_is_no_
     words = ["import", str(tmp_path / "log"), "--json", "-o"]
     assert main([*words, str(tmp_path / "a.mcap")]) == 0
     (warning,) = json.loads(capsys.readouterr().out)["warnings"]
-    assert "look to be in g" in warning
+    assert "are probably in g" in warning
     assert main([*words, str(tmp_path / "b.mcap"), "--unit", "g", "--unit", "deg/s"]) == 0
     assert json.loads(capsys.readouterr().out)["warnings"] == []
     assert read_log(tmp_path / "b.mcap").nodes["left"]["gz"][0] == pytest.approx(np.pi / 2)

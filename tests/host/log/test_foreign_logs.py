@@ -124,10 +124,10 @@ def test_the_vehicle_file_says_it_once_for_all(bag, tmp_path):
     [
         (
             "left=/imu/left_weel",
-            "understood, did you mean '/imu/left_wheel'?; of its type there are",
+            "of a known type, did you mean '/imu/left_wheel'?; of its type there are",
         ),
-        ("left=/gps/fix", "is sensor_msgs/msg/NavSatFix; left is made of sensor_msgs/msg/Imu"),
-        ("wheels=/joint_states:a,b", "joints steering, wheel_left_joint, wheel_right_joint; say which"),
+        ("left=/gps/fix", "is sensor_msgs/msg/NavSatFix; left needs sensor_msgs/msg/Imu"),
+        ("wheels=/joint_states:a,b", "joints steering, wheel_left_joint, wheel_right_joint; name the left"),
         ("left", "write NAME=/TOPIC"),
     ],
 )
@@ -172,7 +172,7 @@ def test_two_candidates_for_a_role_are_refused_with_the_words_that_settle_it(fou
     told = assign_roles(
         found, TopicSelection(**choice, required_roles=frozenset()), is_hubodo=False, log_name="bag"
     ).notes
-    assert any("could each be" in note or "say which" in note for note in told)
+    assert any("could each be" in note or "name the left" in note for note in told)
 
 
 @pytest.mark.parametrize(

@@ -87,7 +87,7 @@ def test_only_stored_tables_are_read(statements, tmp_path):
 
 
 def test_a_query_that_a_manipulated_file_never_ends_is_ended(tmp_path, monkeypatch):
-    monkeypatch.setattr("hubodo.log.sqlite_bag._LEAST_STEPS", 0)
+    monkeypatch.setattr("hubodo.log.sqlite_bag._MIN_STEPS", 0)
     monkeypatch.setattr("hubodo.log.sqlite_bag._STEPS_PER_BYTE", 0)
     monkeypatch.setattr("hubodo.log.sqlite_bag._STEPS_BETWEEN_CHECKS", 10)
     assert "cannot be read as a rosbag (interrupted)" in info(bag(tmp_path)).err
@@ -182,7 +182,7 @@ def test_a_chunk_of_a_ros1_bag_expands_only_up_to_the_limit(tmp_path, monkeypatc
     path = ros1_bag(tmp_path / "x.bag", 2000)
     assert "its index needs" in info(path, "--max-memory", "0.1").err
     # 24 kB of the index, 16 times that in memory, and 110 kB in the chunk.
-    monkeypatch.setattr("hubodo.log.rosbag1._INDEX_ENTRY_RATIO", 1)
+    monkeypatch.setattr("hubodo.log.rosbag1._INDEX_MEMORY_RATIO", 1)
     assert "a chunk needs" in info(path, "--max-memory", "0.1").err
 
 
@@ -209,4 +209,4 @@ def test_messages_that_do_not_fit_their_type_are_counted(tmp_path):
         made.write(link, 10**18, b"\x00" * 7)
         made.write(link, 10**18 + 1, b"\xff" * 90)
     summary = json.loads(info(tmp_path / "short.bag").out)
-    assert any("2 messages do not fit their type" in line for line in summary["warnings"])
+    assert any("2 messages do not match their type" in line for line in summary["warnings"])

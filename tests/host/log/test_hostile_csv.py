@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hubodo.log import csv_table
-from hubodo.log.csv_table import LONGEST_LINE, MOST_COLUMNS
+from hubodo.log.csv_table import MAX_COLUMNS, MAX_LINE_BYTES
 from in_process import hubodo
 
 HEAD = b"t,gx,gy,gz,ax,ay,az\n"
@@ -40,15 +40,15 @@ def test_rows_stay_within_the_memory_limit(tmp_path):
 
 
 def test_a_gzipped_file_expands_only_to_what_one_of_its_size_can_hold(tmp_path, monkeypatch):
-    monkeypatch.setattr(csv_table, "_LEAST_TEXT", 50_000)
+    monkeypatch.setattr(csv_table, "_MIN_EXPANDED_BYTES", 50_000)
     bomb = HEAD + ROWS + b"# nothing\n" * 2_000_000
     assert "MB of room, the most for a file of its size is" in refusal(log(tmp_path, bomb, packed=True))
 
 
 @pytest.mark.parametrize("where", ["header", "rows"])
 def test_a_line_without_an_end_is_not_collected(where, tmp_path):
-    data = (b"" if where == "header" else HEAD) + b"0" * (8 * LONGEST_LINE)
-    words = "no header" if where == "header" else f"a row is longer than {LONGEST_LINE} bytes"
+    data = (b"" if where == "header" else HEAD) + b"0" * (8 * MAX_LINE_BYTES)
+    words = "no header" if where == "header" else f"a row is longer than {MAX_LINE_BYTES} bytes"
     assert words in refusal(log(tmp_path, data, packed=True))
 
 
@@ -64,7 +64,7 @@ def test_a_cell_of_thousands_of_digits_is_named_shortly(tmp_path):
 
 def test_columns_are_bounded_and_a_repeated_one_is_found_at_once(tmp_path):
     names = HEAD[:-1] + b"".join(b",c%d" % i for i in range(100_000))
-    assert f"{MOST_COLUMNS} at most" in refusal(log(tmp_path, names + b"\n"))
+    assert f"{MAX_COLUMNS} at most" in refusal(log(tmp_path, names + b"\n"))
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no FIFO")

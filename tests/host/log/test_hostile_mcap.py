@@ -11,7 +11,7 @@ from mcap.writer import Writer
 from fuzz.seeds import T0
 from hubodo.log import decode, ros2, scan
 from hubodo.log.any_log import read_log
-from hubodo.log.decode import Decoder
+from hubodo.log.decode import ChannelDecoder
 from hubodo.log.logfile import open_log
 from hubodo.log.mcap_file import McapFile
 from in_process import hubodo
@@ -20,13 +20,13 @@ OURS = {"hubodo": {"t_zero_ns": str(T0)}}
 
 
 def imu(frame: str, gz: float) -> bytes:
-    message = ros2.stamped(ros2.IMU, frame).template.copy()
+    message = ros2.stamped_layout(ros2.IMU, frame).template.copy()
     message["angular_velocity"][2] = gz
     return message.tobytes()
 
 
 IMU = [imu("short", 0.0), imu("a_longer_name", 1.0)]
-ODOMETRY = ros2.stamped(ros2.ODOMETRY, "odom", "base").template.tobytes()
+ODOMETRY = ros2.stamped_layout(ros2.ODOMETRY, "odom", "base").template.tobytes()
 
 
 def write(
@@ -99,12 +99,15 @@ def test_messages_are_located_a_bounded_number_of_times(kind, tmp_path, monkeypa
     payloads = [ros2.ENCAPSULATION + b"\xff" * 8] * 2 if kind == "undecodable" else IMU
     path = write(tmp_path / "x.mcap", (("/imu", ros2.IMU, payloads[i % 2]) for i in range(n)))
     located = []
-    fitting = Decoder._fitting
+    fitting = ChannelDecoder._count_matching
     monkeypatch.setattr(
-        Decoder, "_fitting", lambda *args: located.append(len(args[2])) or fitting(*args), raising=True
+        ChannelDecoder,
+        "_count_matching",
+        lambda *args: located.append(len(args[2])) or fitting(*args),
+        raising=True,
     )
     recording = read_log(path)
-    assert sum(located) <= (decode._LEAST_WINDOW + 4) * n
+    assert sum(located) <= (decode._MIN_WINDOW_MESSAGES + 4) * n
     if kind == "alternating":
         assert sum(located) <= 6 * n
         table = recording.nodes["imu"]
@@ -113,13 +116,13 @@ def test_messages_are_located_a_bounded_number_of_times(kind, tmp_path, monkeypa
 
 
 def test_a_channel_of_ever_new_layouts_is_decoded_up_to_a_bound(tmp_path, monkeypatch):
-    monkeypatch.setattr(decode, "MOST_LAYOUTS", 50)
+    monkeypatch.setattr(decode, "MAX_LAYOUT_CHANGES", 50)
     payloads = [ros2.ENCAPSULATION + b"\xff" * 8] * 200
     path = write(tmp_path / "x.mcap", (("/imu", ros2.IMU, payload) for payload in payloads))
     measured = []
-    measure = ros2.measure
-    monkeypatch.setattr(ros2, "measure", lambda *args: measured.append(1) or measure(*args))
-    assert any("200 messages of /imu do not fit" in line for line in read_log(path).warnings)
+    measure = ros2.infer_layout
+    monkeypatch.setattr(ros2, "infer_layout", lambda *args: measured.append(1) or measure(*args))
+    assert any("200 messages of /imu do not match" in line for line in read_log(path).warnings)
     assert len(measured) == 50
 
 
@@ -159,5 +162,5 @@ def test_damaged_chunks_and_what_is_between_them_are_read_once(tmp_path, monkeyp
     monkeypatch.setattr(scan, "pread", lambda *args: searched.append(args[1]) or pread(*args))
     with open_log(tmp_path / "x.mcap") as log:
         list(log.chunks())
-        assert sum(searched) < n * 2 * scan._LEAST_WINDOW
-        assert sum("holds" in line or "nonsense" in line for line in log.warnings()) == n
+        assert sum(searched) < n * 2 * scan._MIN_SEARCH_BYTES
+        assert sum("holds" in line or "undecodable" in line for line in log.warnings()) == n

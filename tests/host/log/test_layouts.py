@@ -44,5 +44,5 @@ def test_every_curve_is_a_field_of_a_topic_of_ours(paths, separator):
         topic = next(topic for topic in TYPES if path.startswith(topic + separator))
         kind = TYPES[topic]
         for name in path.removeprefix(topic + separator).split(separator):
-            kind = {field.name: field.type for field in ros2.fields(kind)}[name]
+            kind = {field.name: field.type for field in ros2.message_fields(kind)}[name]
         assert kind in ("float64", "string"), path

@@ -27,7 +27,7 @@ MADE = Recording(
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     wanted.module("pyarrow.parquet")
-    write_folder(MADE, tmp_path / "log", form="parquet")
+    write_folder(MADE, tmp_path / "log", table_format="parquet")
     return tmp_path / "log"
 
 

@@ -173,7 +173,7 @@ def test_lengths_that_lie_cost_no_memory(kind: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE])
 def test_logs_of_other_writers_are_read_by_topic_name(chunked: bool, compression, tmp_path: Path) -> None:
     path = tmp_path / "foreign.mcap"
-    layout = ros2.stamped(ros2.IMU, "imu_link")
+    layout = ros2.stamped_layout(ros2.IMU, "imu_link")
     with path.open("wb") as stream:
         writer = Writer(stream, compression=compression, use_chunking=chunked, chunk_size=5000)
         writer.start("ros2", "somebody else")
@@ -202,15 +202,15 @@ def test_messages_of_changing_frame_names_are_all_decoded_in_order(tmp_path: Pat
     with LogWriter(path, t_zero_ns=0) as log:
         channel = log.add_ros2_channel("/x/imu", ros2.IMU)
         for i, name in enumerate(names):
-            record = np.zeros(1, ros2.stamped(ros2.IMU, name).dtype)
-            record[0] = ros2.stamped(ros2.IMU, name).template
+            record = np.zeros(1, ros2.stamped_layout(ros2.IMU, name).dtype)
+            record[0] = ros2.stamped_layout(ros2.IMU, name).template
             record["header.stamp.nanosec"], record["linear_acceleration"] = i + 1, i
             log.write(channel, i, i, record.tobytes())
             if i % 10 == 0:
                 log.write(channel, i, i, b"\0\1\0\0garbage")
     recording = read_recording(path)
     assert recording.nodes["x"]["az"].tolist() == list(range(120))
-    assert "12 messages of /x/imu do not fit" in recording.warnings[0]
+    assert "12 messages of /x/imu do not match" in recording.warnings[0]
 
 
 def test_rows_that_repeat_a_time_are_left_out_and_counted(tmp_path: Path) -> None:

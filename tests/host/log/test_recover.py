@@ -66,7 +66,7 @@ def test_a_log_cut_at_any_byte_gives_back_every_completed_chunk_and_invents_noth
     with open_log(whole) as log:
         ends, counts, total = [], [], 0
         for place, chunk in zip(log.scan.chunks, log.chunks(), strict=True):
-            total += len(chunk.places)
+            total += len(chunk.offsets)
             ends.append(place.offset + place.length)
             counts.append(total)
     everything = sorted(judge(whole), key=lambda m: (m[1], m[0]))
@@ -106,7 +106,7 @@ def _file_order(path: Path) -> list[tuple[str, int, int, int, bytes]]:
     found = []
     with open_log(path) as log:
         for chunk in log.chunks():
-            for i, head in enumerate(chunk.heads):
+            for i, head in enumerate(chunk.headers):
                 topic = log.streams[int(head["channel"])].topic
                 times = int(head["log_time"]), int(head["publish_time"]), int(head["sequence"])
                 found.append((topic, *times, chunk.payload(i)))
@@ -142,7 +142,7 @@ def test_damaged_chunks_and_lost_records_cost_only_themselves(tmp_path: Path) ->
     data = bytearray((tmp_path / "whole.mcap").read_bytes())
     with open_log(tmp_path / "whole.mcap") as log:
         places = list(log.scan.chunks)
-        sizes = [len(chunk.places) for chunk in log.chunks()]
+        sizes = [len(chunk.offsets) for chunk in log.chunks()]
     data[places[1].data_offset + 20] ^= 1
     data[places[2].offset + 3] ^= 0x80  # the length of the record: nothing behind it is where it seems
     (tmp_path / "bad.mcap").write_bytes(data)

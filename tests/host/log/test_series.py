@@ -11,8 +11,9 @@ import pytest
 
 from fakes.traced_disk import TracedDisk
 from hubodo.errors import InputError
+from hubodo.log.disk_space import RotationRules
 from hubodo.log.hubodo_messages import decode_bytes_message
-from hubodo.log.log_series import HELD_BYTES, LogSeries, RotationRules
+from hubodo.log.log_series import MAX_PENDING_BYTES, LogSeries
 from hubodo.log.log_writer import LogWriter
 from hubodo.log.recording_reader import open_log, read_recording
 from hubodo.log.recover import recover_log
@@ -252,12 +253,12 @@ def test_what_no_disk_takes_is_held_in_bounds_and_what_is_beyond_them_counted(tm
     made.run(1)
     assert "folder does not exist" in made.series.pause_reason
     made.run(200)
-    assert sum(len(held.records) for held in made.series._held) < HELD_BYTES + 200_000
+    assert sum(len(held.records) for held in made.series._pending) < MAX_PENDING_BYTES + 200_000
     folder.mkdir()
     series = made.run(1).close()
     found = numbers(series.path)
     assert found == list(range(20_300 - len(found), 20_300))
-    assert len(found) * 1000 > 0.9 * HELD_BYTES
+    assert len(found) * 1000 > 0.9 * MAX_PENDING_BYTES
     assert series.messages_lost == 20_300 - len(found)
     assert series.has_losses
 
@@ -281,7 +282,7 @@ def test_a_log_that_is_taken_away_is_noticed_within_a_second_and_recording_goes_
     assert made.series.notices
     notice = made.series.notices[0]
     if change == "folder moved":
-        assert "moved away" in notice
+        assert "was moved" in notice
         assert "folder does not exist" in made.series.pause_reason
         folder.mkdir()
         made.run(1)

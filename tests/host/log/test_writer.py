@@ -245,7 +245,7 @@ class Clock:
 def on_disk(path: Path) -> int:
     """Messages that a reader finds now, as if the writer were killed."""
     with open_log(path) as log:
-        return sum(len(messages.places) for messages in log.chunks())
+        return sum(len(messages.offsets) for messages in log.chunks())
 
 
 def test_nothing_waits_longer_than_its_bound_even_if_no_further_message_comes(tmp_path: Path) -> None:
@@ -358,7 +358,7 @@ def test_batches_of_any_size_keep_order_and_numbering(n: int, tmp_path: Path) ->
         log.write_imu("left", t + 10**12, 10**12, gyro, -gyro)
         assert log.message_count == 2 * n
     with open_log(tmp_path / "log.mcap") as read:
-        heads = np.concatenate([messages.heads for messages in read.chunks()])
+        heads = np.concatenate([messages.headers for messages in read.chunks()])
     assert heads["sequence"].tolist() == list(range(2 * n))
     assert heads["log_time"][:n].tolist() == (t + 1).tolist()
     assert (heads["log_time"][n:] == 10**12).all()

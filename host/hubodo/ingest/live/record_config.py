@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from hubodo.errors import ConfigError
-from hubodo.log.disk_space import BYTES_PER_MB
-from hubodo.log.log_series import RotationRules
+from hubodo.log.disk_space import BYTES_PER_MB, RotationRules
 from hubodo.settings_table import check_bounds, setting
 from hubodo.toml_file import check_known_keys, load_toml, read_table
 from hubowire.budget import CONSOLE_BAUD, UART_BAUD

@@ -18,7 +18,7 @@ from hubodo.ingest.live.localizer import FixSample, Localizer, MapPose, horizont
 from hubodo.ingest.live.odometer import Block, Odometer, OdometryRows
 from hubodo.ingest.replay.odometry_setup import read_odometry_setup
 from hubodo.log import ros2, topics
-from hubodo.log.decode import ChannelRows, Decoder, message_type
+from hubodo.log.decode import ChannelDecoder, ChannelRows, normalise_type_name
 from hubodo.log.hubodo_messages import decode_string_message, parse_events
 from hubodo.log.log_writer import LogWriter
 from hubodo.log.logfile import Log, open_log
@@ -27,7 +27,7 @@ from hubodo.vehicle import Vehicle
 Progress = Callable[[str, float], None]
 
 _PLAYED_TYPES = (ros2.IMU, ros2.TEMPERATURE, ros2.BATTERY, ros2.NAV_SAT_FIX)
-_NO_FIXES = Decoder(ros2.NAV_SAT_FIX).rows()
+_NO_FIXES = ChannelDecoder(ros2.NAV_SAT_FIX).rows()
 # Start of the covariances in an Odometry message, bytes from its end.
 _POSE_COVARIANCE_OFFSET, _TWIST_COVARIANCE_OFFSET = 36 * 8 + 6 * 8 + 36 * 8, 36 * 8
 _MAP_FRAME = re.compile(rb"(?s).{12}(.{4})?\x04\0\0\0map\0")
@@ -145,22 +145,22 @@ class _LoggedSamples:
     """Samples, temperatures, supply voltages and power-on times of the nodes in a log, and its fixes."""
 
     def __init__(self, log: Log, progress: Progress | None) -> None:
-        decoders: dict[str, Decoder] = {}
+        decoders: dict[str, ChannelDecoder] = {}
         payloads: list[bytes] = []
         for messages in log.chunks():
-            channels = messages.heads["channel"]
+            channels = messages.headers["channel"]
             for number in np.unique(channels).tolist():
                 stream = log.streams.get(number)
                 if stream is None:
                     continue
                 chosen = np.flatnonzero(channels == number)
-                kind = message_type(stream.schema)
+                kind = normalise_type_name(stream.schema)
                 if stream.topic == topics.EVENTS:
                     payloads += [
                         decode_string_message(stream.encoding, messages.payload(i)) for i in chosen.tolist()
                     ]
                 elif stream.encoding == "cdr" and kind in _PLAYED_TYPES:
-                    decoders.setdefault(stream.topic, Decoder(kind)).feed(messages, chosen)
+                    decoders.setdefault(stream.topic, ChannelDecoder(kind)).feed(messages, chosen)
             if progress is not None:
                 progress(f"reading {log.path.name}", log.progress)
         events, _ = parse_events(payloads)
@@ -176,7 +176,7 @@ class _LoggedSamples:
             good = np.isfinite(samples).all(axis=1)
             if good.any():
                 # Samples with NaN or infinity are gaps for the odometry.
-                self.nodes[name] = channel if good.all() else channel.take(np.flatnonzero(good))
+                self.nodes[name] = channel if good.all() else channel.select(np.flatnonzero(good))
             temperatures = rows.get(topics.temperature_topic(name))
             if temperatures is not None and len(temperatures):
                 pairs = zip(

@@ -20,8 +20,8 @@ from hubodo.ingest.node.node_frames import group_by_node
 from hubodo.ingest.node.published import LogTimeSequence
 from hubodo.ingest.node.session import NodeSession
 from hubodo.log import ros2, topics
-from hubodo.log.chunk_reader import Messages
-from hubodo.log.decode import message_type
+from hubodo.log.chunk_reader import ChunkMessages
+from hubodo.log.decode import normalise_type_name
 from hubodo.log.hubodo_messages import decode_bytes_message, decode_string_message, parse_events
 from hubodo.log.log_writer import LogWriter
 from hubodo.log.logfile import Log, open_log
@@ -100,10 +100,10 @@ class _LogRedecoder:
         self._sessions_by_serial: dict[tuple[str, int, bytes], NodeSession] = {}
         self._copied_channels: dict[int, int] = {}
 
-    def handle_messages(self, messages: Messages) -> None:
+    def handle_messages(self, messages: ChunkMessages) -> None:
         """Handle the messages of one chunk."""
         streams = self._log.streams
-        rows = zip(messages.heads["channel"].tolist(), messages.heads["log_time"].tolist(), strict=True)
+        rows = zip(messages.headers["channel"].tolist(), messages.headers["log_time"].tolist(), strict=True)
         for row, (channel, t_ns) in enumerate(rows):
             stream = streams.get(channel)
             if stream is None:
@@ -126,10 +126,10 @@ class _LogRedecoder:
                     self._handle_event(event)
             elif (
                 topic not in _ODOMETRY_TOPICS
-                and message_type(stream.schema) not in _NODE_MESSAGE_TYPES
+                and normalise_type_name(stream.schema) not in _NODE_MESSAGE_TYPES
                 and not topic.endswith("/bias_filter")
             ):
-                t_pub_ns = int(messages.heads["publish_time"][row])
+                t_pub_ns = int(messages.headers["publish_time"][row])
                 self._target.write(self._copy_channel(channel), t_ns, t_pub_ns, messages.payload(row))
 
     def finish(self) -> dict[str, dict[str, Any]]:

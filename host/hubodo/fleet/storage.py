@@ -1,4 +1,4 @@
-"""Paths and URLs as one thing: where logs come from, and where results go."""
+"""Access to files by path or URL, for logs and results."""
 
 from __future__ import annotations
 
@@ -15,32 +15,36 @@ from hubodo.atomic_files import atomic_files
 from hubodo.errors import InputError, LinkError
 
 
-def opened(word: str) -> tuple[Any, str]:
-    """The file system of a path or URL, and the path in it. Raises InputError for one that cannot be used."""
+def open_file_system(path_or_url: str) -> tuple[Any, str]:
+    """Return the file system of a path or URL, and the path in it. Raises InputError if unsupported."""
     try:
-        fs, path = url_to_fs(word)
+        fs, path = url_to_fs(path_or_url)
     except (ValueError, ImportError) as error:
-        raise InputError(f"{word}: {error}; s3:// and gs:// need pip install 'hubodo[cloud]'") from None
+        raise InputError(
+            f"{path_or_url}: {error}; s3:// and gs:// need pip install 'hubodo[cloud]'"
+        ) from None
     return fs, str(path)
 
 
-def url_of(fs: Any, path: str) -> str:
-    """A path of this computer as it stands, another with its protocol."""
+def format_url(fs: Any, path: str) -> str:
+    """Return a local path unchanged, any other with its protocol."""
     return path if isinstance(fs, LocalFileSystem) else str(fs.unstrip_protocol(path))
 
 
 @contextmanager
-def reached(word: str) -> Iterator[None]:
-    """Raises LinkError where a store cannot be reached or refuses, whatever its own client calls that."""
+def report_store_errors(path_or_url: str) -> Iterator[None]:
+    """Raise LinkError if a store is unreachable or refuses, whatever its client raises."""
     try:
         yield
     except Exception as error:  # noqa: BLE001 - each store's client has errors of its own
         text = " ".join(str(error).split())
-        raise LinkError(f"{word}: {type(error).__name__}: {text}; check the address and the rights") from None
+        raise LinkError(
+            f"{path_or_url}: {type(error).__name__}: {text}; check the address and the rights"
+        ) from None
 
 
-def write_whole(fs: Any, path: str, data: bytes) -> None:
-    """A file that is there whole or not at all; an earlier one is replaced, folders are made."""
+def write_atomically(fs: Any, path: str, data: bytes) -> None:
+    """Write a file atomically, replacing an earlier one and creating folders."""
     if not isinstance(fs, LocalFileSystem):
         fs.pipe_file(path, data)  # an object store shows an object when it is complete
         return
