@@ -49,7 +49,7 @@ class _RowBuffer:
 
 
 @dataclass(frozen=True)
-class BatchResult:
+class BatchOutcome:
     """The result of a batch.
 
     Attributes
@@ -70,7 +70,7 @@ def run_batch(
     analysis: Analysis,
     output: str,
     report_progress: Progress,
-) -> BatchResult:
+) -> BatchOutcome:
     """Examine each log without a result; on KeyboardInterrupt the table contains the finished logs.
 
     connect: returns a context manager of a Dask client; not called if every log is finished.
@@ -90,7 +90,7 @@ def run_batch(
         report_progress("drawing the page", 1.0)
         fs, folder = open_file_system(output)
         write_atomically(fs, f"{folder}/{PAGE}", build_fleet_page(table).encode())
-    return BatchResult(rows, table, len(unfinished))
+    return BatchOutcome(rows, table, len(unfinished))
 
 
 def _examine_all(
