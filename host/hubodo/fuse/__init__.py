@@ -1,1 +1,1 @@
-"""Estimators: measurements in, states out; no port, file, clock or thread."""
+"""Estimators that turn measurements into states, without ports, files, clocks or threads."""

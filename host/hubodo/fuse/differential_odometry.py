@@ -1,4 +1,4 @@
-"""Differential odometry from the spin of two wheels; its covariance knows what does not average out."""
+"""Differential odometry from the spin of two wheels, with a covariance that includes constant errors."""
 
 from __future__ import annotations
 
@@ -14,17 +14,22 @@ from hubodo.time_gaps import check_time_gaps
 from hubodo.vehicle import Side
 
 _BATCH_NS = 1_000_000_000
-"""Of each wheel that are handled in turn."""
+"""ns of samples of each wheel that are processed in turn."""
 _MAX_PAUSE = 20_000.0
-"""s; over a pause poses go on as evenly as elsewhere, and more of them do not fit into memory."""
+"""s; poses go on at the same rate over a pause, and for a longer one they would not fit into memory."""
 
 
 @dataclass(frozen=True, slots=True)
 class OdometryConfig:
-    """How the odometry is made.
+    """Settings of the differential odometry.
 
-    track_width: m, between the contacts. step_ns: distance of the poses. bias_at_rest: whether the bias of
-    a gyro is measured while its wheel rests.
+    Attributes
+    ----------
+    left, right : the wheels and their nodes.
+    track_width : m, between the contact points.
+    step_ns : ns between poses.
+    estimate_bias : whether a gyro's bias is estimated while its wheel is stationary.
+    noise : sigmas of the covariance.
     """
 
     left: WheelSpec
@@ -39,9 +44,15 @@ class OdometryConfig:
 class OdometryState:
     """Pose and motion of the body at one time.
 
-    x, y: m and heading: rad, in the frame of the start; distance: m rolled, backwards counts too. speed:
-    m/s, yaw_rate: rad/s, means over the step. covariance: 3 rows over x, y, heading, in the frame of the
-    start; twist_covariance: 2 rows over speed, yaw_rate.
+    Attributes
+    ----------
+    t_ns : ns on the host's clock.
+    x, y : m, in the frame of the start.
+    heading : rad, anticlockwise.
+    speed, yaw_rate : m/s and rad/s, means over the step.
+    distance : m rolled; rolling backwards counts too.
+    covariance : 3 x 3 of x, y, heading, in the frame of the start.
+    twist_covariance : 2 x 2 of speed and yaw_rate.
     """
 
     t_ns: int
@@ -56,29 +67,31 @@ class OdometryState:
 
 
 class SampleOutcome(Enum):
-    """What became of samples."""
+    """Outcome of adding samples."""
 
     ADVANCED = "new poses"
-    WAITING = "kept until the other wheel's samples come"
-    LATE = "some were not newer than the ones before, and were left out"
+    WAITING = "buffered until samples of the other wheel come"
+    LATE = "some were not newer than earlier ones, and were dropped"
 
 
 @dataclass(frozen=True, slots=True)
 class OdometryOutput:
-    """fate: what became of the samples; states: the poses that they made known, oldest first."""
+    """The outcome of adding samples, and the states that they completed, oldest first."""
 
     outcome: SampleOutcome
     states: tuple[OdometryState, ...]
 
 
 class DifferentialOdometry:
-    """Shah et al., eq. 16: ds = (dsl + dsr) / 2, dtheta = (dsr - dsl) / b, along the heading halfway.
+    """Differential odometry, Shah et al. eq. 16: ds = (dsl + dsr) / 2, dtheta = (dsr - dsl) / b.
 
-    Each wheel's speed is R times the rate about its axle, with the signs of the model's README; distances are
-    integrated by the trapezoid rule at the samples' own times and read off at common times every
-    `step_ns`. Missing samples are bridged on the chord of the speed, at the price of a variance of
-    q dt^3 / 12 (integral of a Brownian bridge). Errors that are constant over a drive (radii, track,
-    gyro biases) are carried as sensitivities of the pose, not as noise.
+    dsl and dsr are the distances rolled by the left and the right wheel in a step, b the track width; the
+    step ds leads along the heading halfway through it. Each wheel's speed is its radius times the rate about
+    its axle, with the signs of the model's README; distances are integrated by the trapezoid rule at the
+    samples' own times and interpolated at common times every `step_ns`. Missing samples are bridged by the
+    chord of the speed, at the cost of a variance of q dt^3 / 12 (integral of a Brownian bridge, q the power
+    density of the speed's random walk). Errors that are constant over a drive (radii, track, gyro biases)
+    enter through the pose's Jacobian by them, not as noise.
     """
 
     def __init__(self, config: OdometryConfig) -> None:
@@ -92,13 +105,13 @@ class DifferentialOdometry:
         self._last_distances: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
         self._x = self._y = self._heading = self._distance = 0.0
         self._covariance = [[0.0] * 3 for _ in range(3)]
-        # Pose against: radius of both, left, right, track; bias left, right.
+        # Columns: both radii, left radius, right radius, track width, left bias, right bias.
         self._jacobian = [[0.0] * 6 for _ in range(3)]
         self._bias_sigmas = [config.left.gyro_bias_sigma, config.right.gyro_bias_sigma]
         self._state: OdometryState | None = None
 
     def add_samples(self, samples: WheelSamples) -> OdometryOutput:
-        """Takes samples of one wheel; wheels may come in any order and portions."""
+        """Add samples of one wheel; wheels may come in any order and batch size."""
         wheel = self._wheels[samples.side]
         late = wheel.add_samples(samples)
         states = tuple(self._advance())
@@ -107,15 +120,15 @@ class DifferentialOdometry:
         return OdometryOutput(SampleOutcome.ADVANCED if states else SampleOutcome.WAITING, states)
 
     def state(self) -> OdometryState | None:
-        """The newest pose, None before both wheels have moved time forward."""
+        """Return the newest pose, None before both wheels have samples of a common time."""
         return self._state
 
     def biases(self) -> dict[Side, tuple[float, float]]:
-        """Gyro bias in use and its 1 sigma by wheel, rad/s."""
+        """Return the gyro bias in use and its 1 sigma by wheel, rad/s."""
         return {side: (wheel.bias, wheel.bias_sigma) for side, wheel in self._wheels.items()}
 
     def finish(self) -> tuple[OdometryState, ...]:
-        """No more samples will come: what waited for a first look at rest goes on without."""
+        """Process the samples that wait for a first bias estimate, once no more samples will come."""
         for wheel in self._wheels.values():
             wheel.is_initialised = True
         return tuple(self._advance())
@@ -179,7 +192,10 @@ class DifferentialOdometry:
         return self._state
 
     def _propagate_covariance(self, ds: float, cos: float, sin: float, vl: float, vr: float) -> None:
-        """P = F P F' + Q of one step; Q is set up in the body's axes and turned by the heading halfway."""
+        """Propagate P = F P F' + Q over one step.
+
+        Q is set up in the body's axes and rotated by the heading halfway through the step.
+        """
         b, p = self._config.track_width, self._covariance
         a, c = -ds * sin, ds * cos
         xx = p[0][0] + 2 * a * p[0][2] + a * a * p[2][2]
@@ -200,7 +216,10 @@ class DifferentialOdometry:
         self._covariance = [[xx, xy, xh], [xy, yy, yh], [xh, yh, hh]]
 
     def _absorb_old_bias_errors(self) -> None:
-        """A bias that has been measured anew has a new error: what the old one did becomes plain variance."""
+        """Add the effect of old bias errors to the covariance where a bias has a new estimate.
+
+        The error of the new estimate is another one, so its Jacobian starts from zero.
+        """
         for k, side in ((4, "left"), (5, "right")):
             wheel = self._wheels["left" if side == "left" else "right"]
             if wheel.bias_sigma == self._bias_sigmas[k - 4]:
@@ -240,26 +259,29 @@ class DifferentialOdometry:
 
 
 def integrate_wheels(config: OdometryConfig, wheels: Sequence[WheelSamples]) -> list[OdometryState]:
-    """All poses of recorded wheels, the same as if the samples had come live. InputError for a wild time."""
+    """Return all poses of recorded wheels, bit by bit those of a live run.
+
+    Raises InputError for a wild time stamp.
+    """
     for wheel in wheels:
         check_time_gaps(np.asarray(wheel.t_ns, np.float64) * 1e-9, f"{wheel.side} wheel", _MAX_PAUSE)
     odometry = DifferentialOdometry(config)
     states: list[OdometryState] = []
-    for part in _split_by_second(wheels):
-        states += odometry.add_samples(part).states
+    for batch in _split_by_second(wheels):
+        states += odometry.add_samples(batch).states
     return [*states, *odometry.finish()]
 
 
 def _split_by_second(wheels: Sequence[WheelSamples]) -> Iterator[WheelSamples]:
-    """Portions of all wheels in turn, so that no wheel gets far ahead of the others."""
+    """Yield batches of all wheels in turn, so that no wheel gets far ahead of the others."""
     starts = [int(wheel.t_ns[0]) for wheel in wheels if len(wheel.t_ns)]
     ends = [int(wheel.t_ns[-1]) for wheel in wheels if len(wheel.t_ns)]
     if not starts:
         return
     edges = np.arange(min(starts), max(ends) + 2 * _BATCH_NS, _BATCH_NS, dtype=np.int64)
-    places = [np.searchsorted(wheel.t_ns, edges) for wheel in wheels]
+    indices = [np.searchsorted(wheel.t_ns, edges) for wheel in wheels]
     for k in range(len(edges) - 1):
-        for wheel, place in zip(wheels, places, strict=True):
-            part = slice(place[k], place[k + 1])
-            if part.stop > part.start:
-                yield WheelSamples(wheel.side, wheel.t_ns[part], wheel.gyro[part], wheel.accel[part])
+        for wheel, index in zip(wheels, indices, strict=True):
+            rows = slice(index[k], index[k + 1])
+            if rows.stop > rows.start:
+                yield WheelSamples(wheel.side, wheel.t_ns[rows], wheel.gyro[rows], wheel.accel[rows])

@@ -1,4 +1,4 @@
-"""All of a log fused into one result: odometry, absolute where it can be, scored where truth is known."""
+"""Fusion of a whole log: wheel odometry, a factor graph with outside sensors, and a score against truth."""
 
 from __future__ import annotations
 
@@ -34,10 +34,19 @@ RESULT_FILES = ("track.csv", "fuse.json")
 
 @dataclass(frozen=True, eq=False)
 class FusedRecording:
-    """What fusion made of a log; `score` only where the log has the truth, `learnt` as fuse.json has it.
+    """A recording fused into a track, with everything that fuse.json reports.
 
-    lag: s after a pose that the wheel filter made it from, too; inf: the whole log. calibration: file and
-    hash of the one that was used.
+    Attributes
+    ----------
+    log : name of the log.
+    track : the fused track.
+    methods : names of the estimators, in the order in which they ran.
+    lag : s after a pose whose samples the wheel filter used for it; inf for the whole log.
+    nodes : names of the nodes used.
+    details : further entries of fuse.json, such as distance, estimated parameters and slips.
+    calibration : file and SHA-256 of the calibration that was applied, None without one.
+    score : error against truth, None where the log has no truth.
+    warnings : one line each.
     """
 
     log: str
@@ -51,48 +60,48 @@ class FusedRecording:
     warnings: tuple[str, ...]
 
     def as_json(self, output: str | None = None) -> dict[str, Any]:
-        """What fuse.json holds; output: the folder in which it is, None where it is in none."""
-        made: dict[str, Any] = {
+        """Return the content of fuse.json; output: the folder it is written to, None if it is not written."""
+        content: dict[str, Any] = {
             "log": self.log,
             **({} if output is None else {"output": output}),
             "methods": list(self.methods),
             "wheel_nodes": list(self.nodes),
             "smoothing": _describe_smoothing(self.lag),
-            # The graph, too, looks at the whole log for each pose.
+            # The graph, too, uses the whole log for each pose.
             "causal": self.lag == 0.0 and len(self.methods) == 1,
             **self.details,
             "calibration": None if self.calibration is None else dict(self.calibration),
             "warnings": list(self.warnings),
         }
         if self.score is not None:
-            made["truth"] = {
+            content["truth"] = {
                 name: value
                 for name, value in asdict(self.score).items()
                 if value is not None or name.endswith("_percent")
             }
-        return made
+        return content
 
     def summary_rows(self) -> list[tuple[str, str]]:
-        """The result as rows of what and how much."""
+        """Return the result as rows (quantity, value) for a table."""
         track = self.track
-        last = f"{track.x[-1]:.3f}, {track.y[-1]:.3f} m, {math.degrees(track.heading[-1]):.2f}°"
+        end = f"{track.x[-1]:.3f}, {track.y[-1]:.3f} m, {math.degrees(track.heading[-1]):.2f}°"
         sigma = f"{track.sigma_x[-1]:.3f}, {track.sigma_y[-1]:.3f} m"
         rows = [
             *(("method", method) for method in self.methods),
             ("duration", f"{track.t[-1] - track.t[0]:.2f} s"),
             ("distance", f"{self.details['distance']:.3f} m"),
-            ("end", last),
+            ("end", end),
             ("1σ at the end", f"{sigma}, {math.degrees(track.sigma_heading[-1]):.2f}°"),
         ]
         if self.score is not None:
-            found = self.score
+            score = self.score
             rows += [
-                ("final error", format_error(found.final_error, found.final_percent, " of path")),
-                ("rms error", format_error(found.rms_error, found.rms_percent)),
-                ("largest error", format_error(found.maximum_error, found.maximum_percent)),
+                ("final error", format_error(score.final_error, score.final_percent, " of path")),
+                ("rms error", format_error(score.rms_error, score.rms_percent)),
+                ("largest error", format_error(score.maximum_error, score.maximum_percent)),
             ]
-            if found.heading_rms is not None:
-                rows.append(("heading rms", f"{math.degrees(found.heading_rms):.2f}°"))
+            if score.heading_rms is not None:
+                rows.append(("heading rms", f"{math.degrees(score.heading_rms):.2f}°"))
         return rows
 
 
@@ -109,11 +118,32 @@ def fuse_recording(
     graph: bool = True,
     antenna: tuple[float, float] | None = None,
 ) -> FusedRecording:
-    """The track of a recording.
+    """Fuse a recording into a track.
 
-    calibration_from: its file and hash, for the account. graph: whether GNSS and headings of the log take
-    part. antenna: m forward and left of midway between the wheels, None: the vehicle's. Raises InputError
-    and CalibrationError as `wheel_odometry` and `solve_graph` do, and for samples in wrong units.
+    Parameters
+    ----------
+    recording : the log.
+    vehicle : geometry and mounting of the nodes.
+    log : name of the log, for errors and the result.
+    method : the wheel filter, or plain differential odometry.
+    nodes : names of the nodes to use, all that sit on wheels by default.
+    calibration : applied to the samples, and the prior of what only the filter can use.
+    calibration_from : file and hash of the calibration, for the result.
+    lag : s of the log after a pose that may be used for it, inf for all of it.
+    graph : whether GNSS fixes and headings of the log are used.
+    antenna : m forward and left of midway between the wheels; None: the vehicle's.
+
+    Returns
+    -------
+    FusedRecording
+        The track with sigmas, and the content of fuse.json.
+
+    Raises
+    ------
+    InputError
+        For missing nodes, wrong units, a log that is too short, or fixes of which none is usable.
+    CalibrationError
+        For a calibration of another node.
     """
     check_units(recording, vehicle.nodes, log)
     graph = graph and (recording.gnss is not None or recording.heading is not None)
@@ -152,7 +182,7 @@ def fuse_recording(
 def fuse_outside_sensors(
     recording: Recording, odometry: WheelOdometry, antenna: tuple[float, float] = (0.0, 0.0)
 ) -> GraphResult:
-    """Return the maximum a posteriori track of odometry with the fixes, the headings, or both of a recording.
+    """Return the maximum a posteriori track of wheel odometry with the fixes and headings of a recording.
 
     antenna: m forward and left of the body origin. Axes are east and north where there are fixes. Raises
     InputError when there are fixes and none is usable.
@@ -172,13 +202,13 @@ def fuse_outside_sensors(
 
 
 def _outside_sensors(recording: Recording, result: GraphResult) -> list[str]:
-    """Return the sensors beside the wheels, as the method of a graph names them."""
+    """Return the names of the sensors beside the wheels, for the name of the method."""
     fixes = [] if recording.gnss is None else [f"{len(result.fix_t)} fixes"]
     return fixes if recording.heading is None else [*fixes, "headings"]
 
 
 def _graph_details(recording: Recording, odometry: WheelOdometry, result: GraphResult) -> dict[str, Any]:
-    """Return the entry `graph` of fuse.json: the number of fixes, observed constants, GNSS outages."""
+    """Return the entry `graph` of fuse.json: number of fixes, observed constants, GNSS outages."""
     prior = asdict(odometry.constant_sigmas)
     observed = {
         name: {"value": q.value, "sigma": q.sigma}
@@ -198,23 +228,23 @@ def _graph_details(recording: Recording, odometry: WheelOdometry, result: GraphR
 
 
 def track_to_table(track: Track) -> Table:
-    """The columns of track.csv."""
+    """Return a track as the table of track.csv."""
     return Table({name: getattr(track, name) for name in TRACK_COLUMNS})
 
 
 def check_no_results(folder: Path) -> None:
-    """Raises InputError for a folder that holds a result already."""
-    taken = next((folder / name for name in RESULT_FILES if (folder / name).exists()), None)
-    if taken is not None:
-        raise InputError(f"{taken}: exists; name another folder or say --force")
+    """Raise InputError for a folder that already holds a result."""
+    existing = next((folder / name for name in RESULT_FILES if (folder / name).exists()), None)
+    if existing is not None:
+        raise InputError(f"{existing}: exists; name another folder or say --force")
 
 
 def write_results(fused: FusedRecording, folder: Path) -> None:
-    """Both files, whole, in a folder that is made where it is missing."""
-    with atomic_files(*(folder / name for name in RESULT_FILES), create_folder=True) as (track, told):
+    """Write track.csv and fuse.json atomically; the folder is created where it is missing."""
+    with atomic_files(*(folder / name for name in RESULT_FILES), create_folder=True) as (track, report):
         write_table(track, track_to_table(fused.track))
         text = json_text(fused.as_json(str(folder)), indent=2)
-        told.write_text(text + "\n", "utf-8")
+        report.write_text(text + "\n", "utf-8")
 
 
 def _describe_smoothing(lag: float) -> dict[str, Any]:
@@ -224,7 +254,7 @@ def _describe_smoothing(lag: float) -> dict[str, Any]:
 
 
 def score_against_truth(track: Track, recording: Recording) -> Score | None:
-    """How far a track is from the truth in its log; None where there is none."""
+    """Return the error of a track against the truth in its log, None where the log has none."""
     truth = recording.truth
     if truth is None:
         return None

@@ -1,4 +1,4 @@
-"""Heading from one gyro whose warm-up is known: the rate drives the state, so no motion model can lag."""
+"""Heading from one gyro axis with a warm-up model; gyro rates are inputs, so no motion model can lag."""
 
 from __future__ import annotations
 
@@ -7,28 +7,34 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hubodo.arrays import Array
 from hubodo.effects.base import REFERENCE_CELSIUS
 from hubodo.effects.warmup import WarmupModel
 
-FloatArray = NDArray[np.float64]
-
 DAY_TO_DAY_BIAS_SIGMA = math.radians(1.0)
-"""rad/s, 1 sigma: how far a MEMS bias stands from its calibration after the next power-on."""
+"""rad/s, 1 sigma: how far a MEMS gyro's bias is from its calibration after the next power-on."""
 
 _FLICKER_TIME_RATIO, _MIN_FLICKER_TIME, _MAX_FLICKER_TIME = 5.0, 1.0, 1e5
-"""Flicker is made of first-order Markov processes whose time constants are this ratio apart."""
+"""Flicker noise is a sum of first-order Markov processes:
+
+ratio of time constants, shortest and longest, s.
+"""
 _HEADING_INDEX, _OFFSET_INDEX = 0, 1
 
 
 @dataclass(frozen=True)
 class BiasNoise:
-    """What a gyro's rate adds beside its warm-up, in the terms of IEEE 952.
+    """Noise of a gyro rate beside its warm-up, in the terms of IEEE 952.
 
-    angle_random_walk: N, rad/√s. bias_instability: B, rad/s. rate_random_walk: K, rad/s/√s. offset: 1 sigma
-    of the bias of the day, rad/s. warmup: 1 sigma of the parameters of the `WarmupModel` by name, SI; c2 is
-    not among them, as the offset stands for it.
+    Attributes
+    ----------
+    angle_random_walk : N, rad/√s.
+    bias_instability : B, rad/s.
+    rate_random_walk : K, rad/s/√s.
+    offset : 1 sigma of the bias on one day, rad/s.
+    warmup : 1 sigma of the `WarmupModel` parameters by name, SI; without c2, which `offset` covers.
     """
 
     angle_random_walk: float
@@ -40,29 +46,37 @@ class BiasNoise:
 
 @dataclass(frozen=True)
 class HeadingState:
-    """What is known after the last sample: heading, rad; bias, rad/s; 1 sigma of each.
+    """Estimate after the last sample.
 
-    heading and bias have the shape of the rates that were handled.
+    Attributes
+    ----------
+    heading, bias : rad and rad/s, in the shape of the rates.
+    sigma_heading, sigma_bias : 1 sigma of each.
     """
 
-    heading: FloatArray
-    bias: FloatArray
+    heading: Array
+    bias: Array
     sigma_heading: float
     sigma_bias: float
 
 
 class HeadingFilter:
-    """Kalman filter of the heading and of all by which the bias departs from the course of its warm-up.
+    """Kalman filter of the heading and of the deviation of the gyro bias from its warm-up model.
 
-    The bias is course(t) + h(t) . x. The course is eq. (1) of Barshan and Durrant-Whyte from power-on; x are
-    the offset of the day, which walks, the errors of the warm-up's parameters, and flicker. While the sensor
-    is known to be at rest a sample measures the bias, so a standstill long after the start still mends the
-    heading before it. A moving sample is an input, not a measurement: nothing is assumed of the motion, and
-    a step of the rate leaves no error. Flicker B is a sum of first-order Markov processes with variance
-    B² ln(ratio) / pi each, whose time constants are evenly spaced in their logarithm.
+    The bias is w(t) + h(t) · x. w is eq. (1) of Barshan and Durrant-Whyte with t from power-on; x holds the
+    offset of the day, a random walk, the errors of the warm-up parameters, and flicker noise; h holds the
+    derivatives of the bias by x. A sample at standstill measures the bias, so a standstill long after the
+    start still corrects the heading before it. A sample in motion is an input, not a measurement: nothing is
+    assumed of the motion, and a step of the rate leaves no error. Flicker noise of bias instability B is a
+    sum of first-order Markov processes with variance B² ln(ratio) / pi each, whose time constants are evenly
+    spaced in their logarithm.
 
-    model: warm-up of this gyro. noise: of this gyro. age: s since power-on at the first sample. shape: of the
-    rates, for many runs at once: the gains do not depend on the data.
+    Parameters
+    ----------
+    model : warm-up of this gyro.
+    noise : noise of this gyro.
+    age : s since power-on at the first sample.
+    shape : shape of the rates, to process many runs at once; the gains do not depend on the data.
     """
 
     def __init__(
@@ -74,15 +88,13 @@ class HeadingFilter:
         constants = _MIN_FLICKER_TIME * _FLICKER_TIME_RATIO ** np.arange(
             count if noise.bias_instability else 0
         )
-        self._decay: FloatArray = np.concatenate(
-            [np.zeros(2 + len(self._warmup_parameters)), 1.0 / constants]
-        )
+        self._decay: Array = np.concatenate([np.zeros(2 + len(self._warmup_parameters)), 1.0 / constants])
         flicker = np.full(len(constants), noise.bias_instability**2 * math.log(_FLICKER_TIME_RATIO) / math.pi)
         warmup = [noise.warmup[name] ** 2 for name in self._warmup_parameters]
-        self._steady_variance: FloatArray = np.concatenate([np.zeros(2 + len(warmup)), flicker])
+        self._steady_variance: Array = np.concatenate([np.zeros(2 + len(warmup)), flicker])
         self._p = np.diag(np.concatenate([[0.0, noise.offset**2], warmup, flicker]))
         self._x = np.zeros((len(self._p), *shape))
-        self._bias: FloatArray = np.zeros(shape)
+        self._bias: Array = np.zeros(shape)
         self._sigma_bias = noise.offset
 
     def update(
@@ -94,66 +106,66 @@ class HeadingFilter:
         temperature: float | None = None,
         sigma: float = 0.0,
     ) -> None:
-        """Take the mean rate, rad/s, over the next dt, s.
+        """Process the mean rate, rad/s, over the next dt, s.
 
-        at_rest: the sensor is known not to turn. temperature: degrees C, if the model asks. sigma: rad/s, of
-        this mean beside the gyro's noise, such as where samples are missing.
+        is_stationary: whether the sensor is known not to turn. temperature: degrees C, if the model needs it.
+        sigma: rad/s, of this mean beside the gyro's noise, for example where samples are missing.
         """
-        course, h = self._warmup_bias(self._age + 0.5 * dt, temperature)
+        warmup_bias, h = self._warmup_bias(self._age + 0.5 * dt, temperature)
         self._age += dt
         self._propagate_bias(dt)
         x, p = self._x, self._p
-        carried = p @ h
-        rest = np.asarray(rate, np.float64) - course - h @ x
+        cross_covariance = p @ h
+        residual = np.asarray(rate, np.float64) - warmup_bias - h @ x
         white = self._noise.angle_random_walk**2 / dt + sigma**2
         if is_stationary:
-            variance = float(h @ carried) + white
-            gain = carried / variance
-            x += gain.reshape(-1, *([1] * rest.ndim)) * rest
-            p -= gain[:, None] * carried
+            variance = float(h @ cross_covariance) + white
+            gain = cross_covariance / variance
+            x += gain.reshape(-1, *([1] * residual.ndim)) * residual
+            p -= gain[:, None] * cross_covariance
         else:
-            x[_HEADING_INDEX] += rest * dt
-            p[_HEADING_INDEX] -= dt * carried
+            x[_HEADING_INDEX] += residual * dt
+            p[_HEADING_INDEX] -= dt * cross_covariance
             p[:, _HEADING_INDEX] -= dt * (p @ h)
             p[_HEADING_INDEX, _HEADING_INDEX] += white * dt**2
-        self._bias = course + h @ x
+        self._bias = warmup_bias + h @ x
         self._sigma_bias = math.sqrt(max(float(h @ p @ h), 0.0))
 
     def state(self) -> HeadingState:
-        """What is known after the last sample."""
+        """Return the estimate after the last sample."""
         sigma = math.sqrt(max(float(self._p[_HEADING_INDEX, _HEADING_INDEX]), 0.0))
         return HeadingState(self._x[_HEADING_INDEX].copy(), self._bias, sigma, self._sigma_bias)
 
     def _propagate_bias(self, dt: float) -> None:
-        """The bias on to the next sample: the offset walks, flicker fades and is renewed."""
+        """Propagate the bias to the next sample: the offset walks, flicker noise decais driven."""
         self._p[_OFFSET_INDEX, _OFFSET_INDEX] += self._noise.rate_random_walk**2 * dt
         if self._noise.bias_instability:
-            keep = np.exp(-self._decay * dt)
-            self._x *= keep.reshape(-1, *([1] * (self._x.ndim - 1)))
-            self._p *= keep[:, None] * keep
-            self._p.flat[:: len(keep) + 1] += self._steady_variance * (1.0 - keep**2)
+            decay_factor = np.exp(-self._decay * dt)
+            self._x *= decay_factor.reshape(-1, *([1] * (self._x.ndim - 1)))
+            self._p *= decay_factor[:, None] * decay_factor
+            self._p.flat[:: len(decay_factor) + 1] += self._steady_variance * (1.0 - decay_factor**2)
 
-    def _warmup_bias(self, age: float, temperature: float | None) -> tuple[float, FloatArray]:
-        """The warm-up's bias, rad/s, and what each state adds to it."""
+    def _warmup_bias(self, age: float, temperature: float | None) -> tuple[float, Array]:
+        """Return the bias of the warm-up model, rad/s, and its derivatives by each state."""
         model = self._model
-        grades = None if temperature is None else np.array([temperature])
-        course = float(model.bias(np.array([age]), grades)[0])
+        temperatures = None if temperature is None else np.array([temperature])
+        warmup_bias = float(model.bias(np.array([age]), temperatures)[0])
         h = np.ones(len(self._p))
         h[_HEADING_INDEX] = 0.0
-        pairs = {
+        exponentials = {
             "": (model.c1, model.time_constant),
             "_second": (model.c1_second, model.time_constant_second),
         }
         for k, name in enumerate(self._warmup_parameters, 2):
-            which = "_second" if name.endswith("_second") else ""
-            c1, constant = pairs[which]
-            left = math.exp(-age / constant)
-            if name == f"c1{which}":
-                h[k] = 1.0 - left
-            elif name == f"time_constant{which}":
-                h[k] = -c1 * age / constant**2 * left
+            suffix = "_second" if name.endswith("_second") else ""
+            c1, time_constant = exponentials[suffix]
+            remaining = math.exp(-age / time_constant)
+            if name == f"c1{suffix}":
+                h[k] = 1.0 - remaining
+            elif name == f"time_constant{suffix}":
+                h[k] = -c1 * age / time_constant**2 * remaining
             elif name == "temperature_coefficient":
                 h[k] = 0.0 if temperature is None else temperature - REFERENCE_CELSIUS
             else:
                 raise ValueError(f"no derivative with respect to {name!r}")
-        return course, h
+        return warmup_bias, h

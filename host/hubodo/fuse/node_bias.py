@@ -1,4 +1,4 @@
-"""What a node's own filter found of its gyro's bias, as a prior where no calibration tells it."""
+"""The gyro bias that a node's firmware estimated, as a prior where no calibration gives one."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ from hubowire.messages import FilterState
 def add_node_biases(
     calibration: Calibration | None, recording: Recording, names: Iterable[str]
 ) -> tuple[Calibration | None, tuple[str, ...]]:
-    """The calibration with the last bias that each node told of itself, and the nodes for which it did.
+    """Return the calibration with the bias last reported by each node, and these nodes' names.
 
-    A node whose bias a calibration knows keeps that. The filter takes no bias for surer than its own floor
-    for another temperature and another day, however sure the node was of its initialisation; where the node
-    does not know a sigma, that floor is all there is.
+    A bias in the calibration takes precedence. The wheel filter raises the sigma to its own minimum for
+    another temperature and another day, and uses that minimum where the node does not know its sigma.
     """
-    used = []
+    reporting_nodes = []
     for name in names:
-        known = calibration.nodes.get(name) if calibration is not None else None
+        node = calibration.nodes.get(name) if calibration is not None else None
         table = recording.bias_filters.get(name)
-        if table is None or (known is not None and "gyro_bias" in known.effects):
+        if table is None or (node is not None and "gyro_bias" in node.effects):
             continue
         effect = _read_last_bias(table)
         if effect is not None:
             calibration = (calibration or Calibration()).with_node(name, {"gyro_bias": effect})
-            used.append(name)
-    return calibration, tuple(used)
+            reporting_nodes.append(name)
+    return calibration, tuple(reporting_nodes)
 
 
 def _read_last_bias(table: Table) -> CalibratedEffect | None:
-    tracking = table["state"] == FilterState.TRACKING
-    if not tracking.any():
+    """Return the bias in the last row in which the firmware was tracking, None without such a row."""
+    is_tracking = table["state"] == FilterState.TRACKING
+    if not is_tracking.any():
         return None
-    found = {}
+    parameters = {}
     for axis in XYZ:
-        bias, sigma = (float(table[f"{what}_{axis}"][tracking][-1]) for what in ("bias", "sigma"))
-        found[axis] = Quantity(bias, 0.0 if math.isnan(sigma) else sigma)
-    return CalibratedEffect(found, method="the node's own filter")
+        bias, sigma = (float(table[f"{what}_{axis}"][is_tracking][-1]) for what in ("bias", "sigma"))
+        parameters[axis] = Quantity(bias, 0.0 if math.isnan(sigma) else sigma)
+    return CalibratedEffect(parameters, method="bias filter of the node")

@@ -1,4 +1,4 @@
-"""Latitude and longitude to metres east and north of a point on the drive, by one UTM zone for all of it."""
+"""Projection of latitude and longitude to metres east and north of a point, in one UTM zone per drive."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.errors import InputError
 
-# A tenth of a second of loading that only a drive with fixes needs.
+# Loading takes a tenth of a second, which only a drive with fixes needs.
 if TYPE_CHECKING:
     from pyproj import Proj
     from pyproj.database import CRSInfo
 
 MAX_DISTANCE_FROM_ORIGIN = 300_000.0
-"""m from the origin; beyond it a zone of 6 degrees is left so far that fixes are taken as false."""
+"""m; beyond it a fix is so far outside its 6 degree zone that it is rejected."""
 _UPS_NORTH, _UPS_SOUTH = 32661, 32761
 _UTM_NORTH_LIMIT, _UTM_SOUTH_LIMIT = 84.0, -80.0
 """Degrees of latitude at which UTM ends and UPS begins."""
@@ -29,20 +29,27 @@ _WIDE_ZONES = (
     (72.0, 84.0, 21.0, 33.0, 27.0),
     (72.0, 84.0, 33.0, 42.0, 39.0),
 )
-"""Where the military grid widens a zone about Norway and Svalbard, in degrees.
+"""Areas of Norway and Svalbard in which the military grid widens a zone, in degrees.
 
-South, north, west and east of each area, and the meridian of the zone there; the EPSG register has the
-regular zones alone.
+South, north, west and east of each area, and a meridian in the zone that covers it; the EPSG register holds
+regular zones only.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class LocalFrame:
-    """East and north in true metres at an origin, made from one UTM (near a pole: UPS) grid.
+    """East and north in true metres from an origin, derived from one UTM (near a pole: UPS) grid.
 
-    latitude_deg, longitude_deg: of the origin. epsg: of the grid. convergence: rad from true to grid north,
-    clockwise positive; scale: grid metres per true metre; both at the origin. A grid leans by up to 3 degrees
-    and shrinks by 4e-4; without both undone neither a compass nor a wheel's radius would agree with it.
+    A grid is rotated by up to 3 degrees and scaled by up to 4e-4; both are undone here, since compass
+    headings and wheel radii refer to true north and true metres.
+
+    Attributes
+    ----------
+    latitude_deg, longitude_deg : of the origin.
+    epsg : number of the grid.
+    easting, northing : of the origin, grid metres.
+    convergence : rad from true to grid north at the origin, clockwise positive.
+    scale : grid metres per true metre at the origin.
     """
 
     latitude_deg: float
@@ -54,48 +61,48 @@ class LocalFrame:
     scale: float
 
     def to_local(self, latitude_deg: Array, longitude_deg: Array) -> tuple[Array, Array]:
-        """x east, y north of the origin, m, each (N,); infinite where the grid does not reach."""
+        """Return x east and y north of the origin, m, each (N,); infinite where the grid does not reach."""
         easting, northing = _load_projection(self.epsg)(longitude_deg, latitude_deg)
-        turned = (np.asarray(easting) - self.easting) + 1j * (np.asarray(northing) - self.northing)
-        turned = turned * np.exp(-1j * self.convergence) / self.scale
-        return turned.real, turned.imag
+        grid_offset = (np.asarray(easting) - self.easting) + 1j * (np.asarray(northing) - self.northing)
+        grid_offset = grid_offset * np.exp(-1j * self.convergence) / self.scale
+        return grid_offset.real, grid_offset.imag
 
     def to_geodetic(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Latitude and longitude in degrees, each (N,); the inverse of `to_local`."""
-        turned = (np.asarray(x) + 1j * np.asarray(y)) * np.exp(1j * self.convergence) * self.scale
+        """Return latitude and longitude in degrees, each (N,); the inverse of `to_local`."""
+        grid_offset = (np.asarray(x) + 1j * np.asarray(y)) * np.exp(1j * self.convergence) * self.scale
         longitude, latitude = _load_projection(self.epsg)(
-            turned.real + self.easting, turned.imag + self.northing, inverse=True
+            grid_offset.real + self.easting, grid_offset.imag + self.northing, inverse=True
         )
         return np.asarray(latitude), np.asarray(longitude)
 
 
 def make_local_frame(latitude_deg: float, longitude_deg: float) -> LocalFrame:
-    """The frame at a point, in the UTM zone in which the point lies; a drive keeps to one.
+    """Return the frame with its origin at a point, in the UTM zone of that point.
 
     Raises InputError when the point is not on Earth.
     """
     if not (math.isfinite(latitude_deg) and math.isfinite(longitude_deg)) or abs(latitude_deg) > 90.0:
         raise InputError(
-            f"latitude {latitude_deg}, longitude {longitude_deg} degrees is no place on Earth; correct it"
+            f"latitude {latitude_deg}, longitude {longitude_deg} degrees is not on Earth; correct it"
         )
     longitude_deg = _wrap_longitude(longitude_deg)
     epsg = find_epsg(latitude_deg, longitude_deg)
     grid = _load_projection(epsg)
     easting, northing = grid(longitude_deg, latitude_deg)
-    factors = grid.get_factors(longitude_deg, latitude_deg)
+    distortion = grid.get_factors(longitude_deg, latitude_deg)
     return LocalFrame(
         latitude_deg,
         longitude_deg,
         epsg,
         float(easting),
         float(northing),
-        math.radians(float(factors.meridian_convergence)),
-        float(factors.meridional_scale),
+        math.radians(float(distortion.meridian_convergence)),
+        float(distortion.meridional_scale),
     )
 
 
 def find_epsg(latitude_deg: float, longitude_deg: float) -> int:
-    """EPSG number of a point's UTM zone, with the wide zones of Norway and Svalbard; UPS at the poles."""
+    """Return the EPSG number of a point's UTM zone (Norway's wide zones included), or of UPS."""
     if latitude_deg >= _UTM_NORTH_LIMIT:
         return _UPS_NORTH
     if latitude_deg < _UTM_SOUTH_LIMIT:
@@ -112,7 +119,7 @@ def find_epsg(latitude_deg: float, longitude_deg: float) -> int:
         and area.south <= latitude_deg <= area.north
         and area.west <= longitude_deg <= area.east
     ]
-    # A border belongs to the zone north or east of it.
+    # A point on a border belongs to the zone north or east of it.
     return max(areas)[-1]
 
 

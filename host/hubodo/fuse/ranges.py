@@ -1,4 +1,4 @@
-"""Where the channels of a node clip: told by the vehicle file or by the node, or seen in its samples."""
+"""Clipping ranges of a node's gyro and accelerometer, from the vehicle file, the node, or its samples."""
 
 from __future__ import annotations
 
@@ -16,29 +16,32 @@ from hubodo.recording import Table
 from hubodo.vehicle import NodeMount
 
 DEFAULT_RANGES = {"gyro": math.radians(2000.0), "accel": 16.0 * STANDARD_GRAVITY}
-"""rad/s and m/s²; the ranges of the firmware, where nothing tells them."""
+"""rad/s and m/s²; the ranges set by the firmware, used where no other source gives them."""
 
 _MIN_RANGES = {"gyro": math.radians(120.0), "accel": 1.9 * STANDARD_GRAVITY}
-"""rad/s and m/s²; below them no pile is looked for: no inertial sensor ends before 125 deg/s or 2 g."""
+"""rad/s and m/s²; smaller ranges are not considered: inertial sensors have at least 125 deg/s and 2 g."""
 
 _CLIPPING_FRACTION, _CORRECTED_CLIPPING_FRACTION = 0.995, 0.97
-"""Share of the range from which on a sample counts as clipped.
+"""Fraction of the range from which on a sample counts as clipped.
 
-Half a percent for the steps of its words; three where the samples are corrected by a calibration, which moves
-the limit by scale and bias. What is taken as clipped without need is only known less well.
+    Half a percent below for quantisation; three percent where a calibration has corrected the samples, which
+    moves the limit by scale and bias. A sample that is wrongly taken as clipped only increases a sigma.
 """
 
 _RANGE_TOLERANCE_RATIO = 1.01
-"""Share of a range that samples must reach to show that it is not where they end."""
+"""Samples beyond this multiple of a range show that they do not clip there."""
 
 _MIN_CLIPPED_SAMPLES, _MIN_CLIPPED_RUN, _MAX_REPEAT_FRACTION = 10, 4, 0.2
-"""Samples at the very end of all, so many of them in a row, that make a pile, where of the other samples at
-most this share repeats the one before: a channel without noise repeats itself anywhere. Estimated."""
+"""Criteria for clipping in the samples of a channel. Estimated.
+
+    That many samples at the maximum, that many of them in a row, and at most that fraction of the other samples
+    equal to their predecessor: a channel without noise repeats itself at any value.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class SensorRange:
-    """value: rad/s or m/s²; source: in words."""
+    """A range in rad/s or m/s², and where it comes from, in words."""
 
     value: float
     source: str
@@ -46,7 +49,14 @@ class SensorRange:
 
 @dataclass(frozen=True, slots=True)
 class NodeRanges:
-    """Where a node's samples end. warnings: where what was told is not what the samples show."""
+    """Ranges at which the samples of a node clip.
+
+    Attributes
+    ----------
+    gyro, accel : the ranges with their source.
+    corrected : whether a calibration has been applied to the samples.
+    warnings : one line for each declared range that the samples contradict.
+    """
 
     gyro: SensorRange
     accel: SensorRange
@@ -55,88 +65,94 @@ class NodeRanges:
 
     @property
     def clipping_limits(self) -> dict[str, float]:
-        """From which on samples count as clipped, by the names of `WheelNode`."""
+        """Return the values from which on samples count as clipped, by the names of `WheelNode`."""
         share = _CORRECTED_CLIPPING_FRACTION if self.corrected else _CLIPPING_FRACTION
         return {"gyro_limit": share * self.gyro.value, "accel_limit": share * self.accel.value}
 
     def as_json(self) -> dict[str, Any]:
-        """For fuse.json."""
+        """Return the entry of fuse.json."""
         return {"gyro_range": asdict(self.gyro), "accel_range": asdict(self.accel)}
 
 
 def determine_ranges(
     mount: NodeMount, metadata: Mapping[str, str], samples: Table | None = None, *, corrected: bool = False
 ) -> NodeRanges:
-    """The vehicle file goes before what the node told of itself, and both before the usual ranges.
+    """Return the ranges of a node: of the vehicle file, else as the node reported, else the default.
 
-    told: the metadata `node.NAME` of a log, or what a node says when it begins. samples: as recorded; where
-    they stand at another end, that is where they clip. corrected: whether a calibration is applied to them.
+    metadata: the metadata `node.NAME` of a log, or what a node reports when it starts. samples: as recorded;
+    where they clip at another value, that value is the range. corrected: whether they will be calibrated.
     """
-    found, warnings = {}, []
+    ranges, warnings = {}, []
     for kind, given, key, unit in (
         ("gyro", mount.gyro_range, "gyro_range_dps", math.radians(1.0)),
         ("accel", mount.accel_range, "accel_range_g", STANDARD_GRAVITY),
     ):
         declared = _declared_range(given, metadata.get(key, ""), unit) or SensorRange(
-            DEFAULT_RANGES[kind], "the usual one"
+            DEFAULT_RANGES[kind], "default"
         )
         if samples is not None and len(samples):
             values = samples.gyro if kind == "gyro" else samples.accel
-            found[kind], said = _check_against_samples(kind, np.abs(values), declared)
-            if said and (given or metadata.get(key)):
-                warnings.append(said)
+            ranges[kind], warning = _check_against_samples(kind, np.abs(values), declared)
+            if warning and (given or metadata.get(key)):
+                warnings.append(warning)
         else:
-            found[kind] = declared
-    return NodeRanges(found["gyro"], found["accel"], corrected, tuple(warnings))
+            ranges[kind] = declared
+    return NodeRanges(ranges["gyro"], ranges["accel"], corrected, tuple(warnings))
 
 
 def node_metadata(metadata: Mapping[str, str], name: str) -> dict[str, str]:
-    """What a log's metadata holds of a node."""
+    """Return the metadata of one node in the metadata of a log."""
     prefix = f"node.{name}."
     return {key.removeprefix(prefix): text for key, text in metadata.items() if key.startswith(prefix)}
 
 
 def _declared_range(given: float | None, text: str, unit: float) -> SensorRange | None:
+    """Return the range given in the vehicle file or as text by the node, None without either."""
     if given is not None:
         return SensorRange(given, "vehicle file")
     try:
         value = float(text) * unit
     except ValueError:
         return None
-    return SensorRange(value, "told by the node") if math.isfinite(value) and value > 0.0 else None
+    return SensorRange(value, "node") if math.isfinite(value) and value > 0.0 else None
 
 
-def _check_against_samples(kind: str, size: Array, declared: SensorRange) -> tuple[SensorRange, str]:
-    """The range that samples (N, 3), without sign, show where they show one, and what to say then."""
+def _check_against_samples(kind: str, magnitudes: Array, declared: SensorRange) -> tuple[SensorRange, str]:
+    """Return the range that samples |(N, 3)| show, or the declared one, and a warning where they differ."""
     unit = "rad/s" if kind == "gyro" else "m/s²"
-    largest = max(size[np.isfinite(size)].tolist(), default=0.0)
-    end = _find_clipping_level(size, kind)
-    told = f"{declared.value:.4g} {unit} ({declared.source})"
-    if end is not None and not 1.0 / _RANGE_TOLERANCE_RATIO < end / declared.value < _RANGE_TOLERANCE_RATIO:
-        said = f"{kind} samples stand at {end:.4g}, not at {told}: taken as clipped there"
-        return SensorRange(end, "seen: samples stand at it"), said
-    if end is None and largest > _RANGE_TOLERANCE_RATIO * declared.value:
-        said = f"{kind} samples reach {largest:.4g}, beyond {told}: none is taken as clipped"
-        return SensorRange(_RANGE_TOLERANCE_RATIO * largest, "seen: samples go up to it"), said
+    largest = max(magnitudes[np.isfinite(magnitudes)].tolist(), default=0.0)
+    clipping_level = _find_clipping_level(magnitudes, kind)
+    declared_text = f"{declared.value:.4g} {unit} ({declared.source})"
+    if (
+        clipping_level is not None
+        and not 1.0 / _RANGE_TOLERANCE_RATIO < clipping_level / declared.value < _RANGE_TOLERANCE_RATIO
+    ):
+        warning = (
+            f"{kind} samples clip at {clipping_level:.4g}, not at {declared_text}: taken as clipped there"
+        )
+        return SensorRange(clipping_level, "samples: they clip there"), warning
+    if clipping_level is None and largest > _RANGE_TOLERANCE_RATIO * declared.value:
+        warning = f"{kind} samples reach {largest:.4g}, beyond {declared_text}: none is taken as clipped"
+        return SensorRange(_RANGE_TOLERANCE_RATIO * largest, "samples: they reach it"), warning
     return declared, ""
 
 
-def _find_clipping_level(size: Array, kind: str) -> float | None:
-    """Where samples of a channel stand at their end, None where none does.
+def _find_clipping_level(magnitudes: Array, kind: str) -> float | None:
+    """Return the value at which samples of a channel clip, None where no channel clips.
 
-    Words of two's complement end one step further on the negative side.
+    Two's complement words reach one step further on the negative side.
     """
-    ends = []
-    for channel in size.T:
-        top = max(channel[np.isfinite(channel)].tolist(), default=0.0)
-        if top < _MIN_RANGES[kind]:
+    clipping_levels = []
+    for channel in magnitudes.T:
+        maximum = max(channel[np.isfinite(channel)].tolist(), default=0.0)
+        if maximum < _MIN_RANGES[kind]:
             continue
-        at_end = channel >= top * (1.0 - 1e-4)
-        same = np.append(False, channel[1:] == channel[:-1])
-        others = ~at_end & np.append(False, ~at_end[:-1])
-        repeats = np.count_nonzero(same & others) / (1 + np.count_nonzero(others))
-        longest = max((last - first + 1 for first, last in find_runs(at_end)), default=0)
-        enough = np.count_nonzero(at_end) >= _MIN_CLIPPED_SAMPLES and longest >= _MIN_CLIPPED_RUN
-        if enough and repeats < _MAX_REPEAT_FRACTION:
-            ends.append(top)
-    return min(ends) if ends else None
+        at_maximum = channel >= maximum * (1.0 - 1e-4)
+        equals_previous = np.append(False, channel[1:] == channel[:-1])
+        others = ~at_maximum & np.append(False, ~at_maximum[:-1])
+        repeats = np.count_nonzero(equals_previous & others) / (1 + np.count_nonzero(others))
+        longest_run = max((last - first + 1 for first, last in find_runs(at_maximum)), default=0)
+        is_pile = np.count_nonzero(at_maximum) >= _MIN_CLIPPED_SAMPLES and longest_run >= _MIN_CLIPPED_RUN
+        if is_pile and repeats < _MAX_REPEAT_FRACTION:
+            clipping_levels.append(maximum)
+    return min(clipping_levels) if clipping_levels else None

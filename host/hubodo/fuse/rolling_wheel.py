@@ -1,4 +1,4 @@
-"""One wheel rolling: distance over time from the rate about its axle, and its bias while it rests."""
+"""Distance rolled by one wheel from the rate about its axle, with the gyro bias estimated at standstill."""
 
 from __future__ import annotations
 
@@ -13,34 +13,37 @@ from hubodo.earth import STANDARD_GRAVITY
 from hubodo.vehicle import Facing, Side, facing_sign
 
 _MAX_KNOTS = 1 << 17
-"""Points kept of a wheel whose partner is silent: twenty minutes at 104 Hz, some 20 MB."""
+"""Points kept of a wheel whose partner sends nothing: twenty minutes at 104 Hz, some 20 MB."""
 
 _HALF_BLOCK_NS = 250_000_000
-"""ns of each half of a block that is judged: half a second, the shortest rest worth having. Estimated."""
+"""ns; two of them are tested for standstill together. Estimated."""
 
 _BIAS_RANDOM_WALK = 2e-5
-"""rad/s per square root of a second: a bias moves by 0.07 deg/s in an hour of steady temperature.
-Estimated."""
+"""rad/s per √s: a bias drifts by 0.07 deg/s in an hour of steady temperature. Estimated."""
 
 _MAX_STANDSTILL_SPREAD, _MAX_STANDSTILL_RATE = 0.02, 0.35
-"""rad/s at rest: spread, far above the noise of a sample; and bias, twice a bad part's zero-rate level."""
+"""rad/s at standstill: spread, far above sensor noise; mean, twice the zero-rate level of a bad part."""
 
 _MAX_STANDSTILL_TURN = 0.005
-"""rad that gravity may turn by between the halves of a block: 20 mrad/s, 3 mm/s on a wheel of 0.15 m."""
+"""rad by which gravity may turn between half blocks: 20 mrad/s, 3 mm/s at a wheel of 0.15 m."""
 
 _MIN_BIAS_SIGMA = 2e-4
-"""rad/s that a mean over a rest is off however long it is: bias instability, 40 deg/h. Estimated."""
+"""rad/s, error of a mean over a standstill however long: bias instability, 40 deg/h. Estimated."""
 
 _MIN_BLOCK_SAMPLES = 10
-"""Samples below which a block tells nothing."""
+"""Samples; a block with fewer is never taken as a standstill."""
 
 
 @dataclass(frozen=True, slots=True)
 class WheelSpec:
     """A wheel and its node.
 
-    radius: m; gyro_bias of the node's z axis and its 1 sigma: rad/s, unless given a third of the LSM6DS33's
-    zero-rate level, 10 deg/s.
+    Attributes
+    ----------
+    radius : m.
+    facing : side to which the node's z axis points.
+    gyro_bias : rad/s, of the z axis.
+    gyro_bias_sigma : rad/s, 1 sigma; by default a third of the LSM6DS33's zero-rate level of 10 deg/s.
     """
 
     radius: float
@@ -51,12 +54,15 @@ class WheelSpec:
 
 @dataclass(frozen=True, slots=True)
 class OdometryNoise:
-    """What the covariance grows by; all 1 sigma.
+    """Sigmas from which the covariance grows, all 1 sigma.
 
-    gyro: rad/s per sample. road, lateral: m per square root of a metre rolled. speed_walk: m/s per
-    square root of a second, how the speed wanders where samples are missing. The rest are constants of
-    a drive and do not average out: radius (both wheels alike), radius_each, track: fractions. The gyro's
-    is that of an MPU-6050 at its widest bandwidth; the others are estimated, for tyres on ordinary ground.
+    Attributes
+    ----------
+    gyro : rad/s per sample, of an MPU-6050 at its largest bandwidth.
+    road, lateral : m per √m rolled, along and across; estimated, for tyres on ordinary ground.
+    speed_walk : m/s per √s, random walk of the speed where samples are missing; estimated.
+    radius, radius_each, track : constant errors as fractions: radius common to both wheels, radius of each
+        wheel, track width.
     """
 
     gyro: float = 0.004
@@ -70,9 +76,14 @@ class OdometryNoise:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WheelSamples:
-    """Consecutive samples of the node on one wheel.
+    """Consecutive samples of the node on one wheel, in node axes.
 
-    t_ns: (N,) host time; gyro: (N, 3) rad/s; accel: (N, 3) m/s2 specific force; node axes.
+    Attributes
+    ----------
+    side : of the wheel.
+    t_ns : (N,) ns on the host's clock.
+    gyro : (N, 3) rad/s.
+    accel : (N, 3) m/s², specific force.
     """
 
     side: Side
@@ -88,7 +99,7 @@ class RollingWheel:
         self.knots: deque[tuple[int, float, float]] = deque()
         self.bias = spec.gyro_bias
         self.bias_sigma = spec.gyro_bias_sigma
-        self.is_initialised = not estimate_bias  # a first look has told whether it rests
+        self.is_initialised = not estimate_bias  # whether a first block has been tested for standstill
         self.newest_t_ns = 0
         self._sign = facing_sign(spec.facing)
         self._radius = spec.radius
@@ -97,7 +108,7 @@ class RollingWheel:
         self._standstill = StandstillBlocks() if estimate_bias else None
 
     def add_samples(self, samples: WheelSamples) -> int:
-        """Integrates samples; returns how many were late."""
+        """Integrate samples and return how many were late."""
         late = 0
         noise, radius = self._noise, self._radius
         gyro_variance, road, walk = (radius * noise.gyro) ** 2, noise.road**2, noise.speed_walk**2 / 12
@@ -124,12 +135,15 @@ class RollingWheel:
             if self._standstill is not None and self._standstill.add_sample(t_ns, rate, ax, ay):
                 self._update_bias(self._standstill)
         if len(self.knots) > _MAX_KNOTS:
-            # The other wheel has been silent for minutes: the shape in between is lost to it anyway.
+            # Without the other wheel for minutes the track in between cannot be computed anyway.
             self.knots = deque([*list(self.knots)[:-1:2], self.knots[-1]])
         return late
 
     def distance_at(self, t_ns: int) -> tuple[float, float]:
-        """Distance and variance at a time between the oldest and newest knot; older knots are let go."""
+        """Return distance, m, and variance at a time between the oldest and the newest knot.
+
+        Older knots are dropped.
+        """
         knots = self.knots
         while len(knots) > 1 and knots[1][0] <= t_ns:
             knots.popleft()
@@ -140,12 +154,12 @@ class RollingWheel:
         share = (t_ns - t0) / (t1 - t0)
         return s0 + share * (s1 - s0), v0 + share * (v1 - v0)
 
-    def _update_bias(self, rest: StandstillBlocks) -> None:
-        """A block of samples has been judged: a resting wheel shows its gyro's bias."""
-        if rest.is_stationary:
+    def _update_bias(self, block: StandstillBlocks) -> None:
+        """Update the gyro bias with the mean rate of a block that was tested for standstill."""
+        if block.is_stationary:
             variance = self.bias_sigma**2
-            gain = variance / (variance + rest.variance)
-            change = gain * (rest.mean - self.bias)
+            gain = variance / (variance + block.variance)
+            change = gain * (block.mean - self.bias)
             self.bias += change
             self.bias_sigma = math.sqrt(
                 (1 - gain) * variance + _BIAS_RANDOM_WALK**2 * 2 * _HALF_BLOCK_NS * 1e-9
@@ -158,7 +172,7 @@ class RollingWheel:
 
 
 class StandstillBlocks:
-    """Blocks of half a second: the wheel rests where its gyro is steady and gravity does not turn."""
+    """Blocks of half a second, stationary where the gyro is steady and gravity does not turn."""
 
     def __init__(self) -> None:
         self.is_stationary = False
@@ -168,7 +182,7 @@ class StandstillBlocks:
         self._previous_half_block: list[float] | None = None
 
     def add_sample(self, t_ns: int, rate: float, ax: float, ay: float) -> bool:
-        """One sample; True when a block has just been judged."""
+        """Add one sample and return True when it has completed the test of a block."""
         judged = False
         if self._end_ns is None:
             self._end_ns = t_ns + _HALF_BLOCK_NS
@@ -189,12 +203,15 @@ class StandstillBlocks:
         half[4] += ay
         return judged
 
-    def _evaluate_block(self, one: list[float], two: list[float]) -> None:
-        n = one[0] + two[0]
-        self.mean = (one[1] + two[1]) / n
-        spread = max((one[2] + two[2]) / n - self.mean**2, 0.0)
+    def _evaluate_block(self, first_half: list[float], second_half: list[float]) -> None:
+        n = first_half[0] + second_half[0]
+        self.mean = (first_half[1] + second_half[1]) / n
+        spread = max((first_half[2] + second_half[2]) / n - self.mean**2, 0.0)
         turn = (
-            math.hypot(one[3] / one[0] - two[3] / two[0], one[4] / one[0] - two[4] / two[0])
+            math.hypot(
+                first_half[3] / first_half[0] - second_half[3] / second_half[0],
+                first_half[4] / first_half[0] - second_half[4] / second_half[0],
+            )
             / STANDARD_GRAVITY
         )
         steady = (

@@ -1,4 +1,4 @@
-"""A fused track: poses with their sigmas over time, and how far they are from the truth where it is known."""
+"""A track of poses with sigmas, its error against a reference track, and its GNSS outages."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -15,9 +15,9 @@ def _empty() -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """Poses of the body origin, each (N,).
+    """Poses of the body origin, N of them, as equally long arrays (N,).
 
-    Arrays that a source cannot give are empty: the odometry that a graph takes needs a path alone.
+    An array is empty where its source cannot give it: odometry for a graph needs t, x, y and heading alone.
 
     Attributes
     ----------
@@ -44,15 +44,19 @@ class Track:
 
     @property
     def distance(self) -> float:
-        """Length of the path, m."""
+        """Return the length of the path, m."""
         return float(np.sum(np.hypot(np.diff(self.x), np.diff(self.y))))
 
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """Distance of a track from the truth: m, the same in % of the path, and rad.
+    """Position and heading error of a track against the truth.
 
-    The percentages are None where the truth does not move.
+    Attributes
+    ----------
+    final_error, rms_error, maximum_error : m.
+    final_percent, rms_percent, maximum_percent : % of the true path, None where the truth does not move.
+    heading_rms : rad, None where the truth has no heading.
     """
 
     final_error: float
@@ -65,7 +69,7 @@ class Score:
 
 
 def track_from_states(states: Sequence[OdometryState], heading: float = 0.0) -> Track:
-    """The track of odometry states, turned so that it begins at `heading`, rad.
+    """Return the track of differential odometry, rotated so that it starts at `heading`, rad.
 
     Raises ValueError when there are no states.
     """
@@ -83,43 +87,48 @@ def track_from_states(states: Sequence[OdometryState], heading: float = 0.0) -> 
 
 
 def score_track(track: Track, t: Array, x: Array, y: Array, heading: Array | None) -> Score | None:
-    """How far a track is from the truth (t, x, y, heading, each (M,)) over their common time.
+    """Return the error of a track against the truth (t, x, y, heading, each (M,)).
 
-    Both begin at the same point: the truth is shifted, never turned. None without common time.
+    The truth is shifted to the track's first common position, never rotated. Returns None without common
+    time.
     """
     common = (track.t >= t[0]) & (track.t <= t[-1])
     if np.count_nonzero(common) < 2:
         return None
-    at = track.t[common]
-    ex, ey = track.x[common] - np.interp(at, t, x), track.y[common] - np.interp(at, t, y)
+    t_common = track.t[common]
+    ex, ey = track.x[common] - np.interp(t_common, t, x), track.y[common] - np.interp(t_common, t, y)
     error = np.hypot(ex - ex[0], ey - ey[0])
     path = float(np.sum(np.hypot(np.diff(x), np.diff(y))))
     rms = float(np.sqrt(np.mean(error**2)))
     final, maximum = float(error[-1]), float(error.max())
-    turn_rms = None
+    heading_rms = None
     if heading is not None:
-        off = track.heading[common] - np.interp(at, t, np.unwrap(heading))
-        turn_rms = float(np.sqrt(np.mean((np.mod(off + np.pi, 2 * np.pi) - np.pi) ** 2)))
+        error_heading = track.heading[common] - np.interp(t_common, t, np.unwrap(heading))
+        heading_rms = float(np.sqrt(np.mean((np.mod(error_heading + np.pi, 2 * np.pi) - np.pi) ** 2)))
 
     def percent(value: float) -> float | None:
         return 100.0 * value / path if path > 0.0 else None
 
-    return Score(final, rms, maximum, percent(final), percent(rms), percent(maximum), turn_rms)
+    return Score(final, rms, maximum, percent(final), percent(rms), percent(maximum), heading_rms)
 
 
 def format_error(error: float, percent: float | None, suffix: str = "") -> str:
-    """Return an error in m and in % of the path; of: words behind the per cent sign."""
-    share = "the vehicle does not move" if percent is None else f"{percent:.2f} %{suffix}"
-    return f"{error:.3f} m, {share}"
+    """Return an error as text in m and in % of the path; `suffix` follows the per cent sign."""
+    percent_text = "the vehicle does not move" if percent is None else f"{percent:.2f} %{suffix}"
+    return f"{error:.3f} m, {percent_text}"
 
 
 @dataclass(frozen=True, slots=True)
 class GnssOutage:
-    """A time without fixes.
+    """A time without GNSS fixes, and the position error accumulated in it.
 
-    start, end: s, of the fixes before and after. distance: m driven in it. sigma: m, 1 sigma of the
-    position at its end. error, percent: m and % of the distance there, worst: m within it; None without
-    truth.
+    Attributes
+    ----------
+    start, end : s, times of the last fix before and the first fix after.
+    distance : m driven in between.
+    sigma : m, 1 sigma of the position at the end.
+    error, percent : position error at the end, m and % of the distance; None without truth.
+    worst : largest position error within the outage, m; None without truth.
     """
 
     start: float
@@ -134,23 +143,23 @@ class GnssOutage:
 def find_gnss_outages(
     track: Track, fix_t: Array, truth: tuple[Array, Array, Array] | None = None, min_duration: float = 10.0
 ) -> tuple[GnssOutage, ...]:
-    """Outages of more than `longest` seconds within a track.
+    """Return the outages of more than `min_duration` seconds within a track.
 
-    fix_t: (M,) s, fixes that counted. truth: t (s), x, y (m, (K,)) in axes of the track; it is shifted onto
-    the track by the mean of both where there are fixes, never turned.
+    fix_t: (M,) s, times of the fixes that were used. truth: t (s), x and y (m), each (K,), in the axes of the
+    track; it is shifted onto the track by the mean offset while there are fixes, never rotated.
     """
     gaps = np.flatnonzero(np.diff(fix_t) > min_duration)
     dx = dy = None
     if truth is not None:
         dx = track.x - np.interp(track.t, truth[0], truth[1])
         dy = track.y - np.interp(track.t, truth[0], truth[2])
-        known = (track.t >= truth[0][0]) & (track.t <= truth[0][-1])
-        after = np.clip(np.searchsorted(fix_t, track.t), 1, len(fix_t) - 1)
-        covered = known & (fix_t[after] - fix_t[after - 1] <= min_duration)
-        covered = covered if covered.any() else known
-        if covered.any():
-            dx, dy = dx - dx[covered].mean(), dy - dy[covered].mean()
-    found = []
+        in_truth = (track.t >= truth[0][0]) & (track.t <= truth[0][-1])
+        next_fix = np.clip(np.searchsorted(fix_t, track.t), 1, len(fix_t) - 1)
+        has_fixes = in_truth & (fix_t[next_fix] - fix_t[next_fix - 1] <= min_duration)
+        has_fixes = has_fixes if has_fixes.any() else in_truth
+        if has_fixes.any():
+            dx, dy = dx - dx[has_fixes].mean(), dy - dy[has_fixes].mean()
+    outages = []
     for gap in gaps:
         start, end = float(fix_t[gap]), float(fix_t[gap + 1])
         inside = np.flatnonzero((track.t >= start) & (track.t <= end))
@@ -160,8 +169,8 @@ def find_gnss_outages(
         sigma = float(np.hypot(track.sigma_x[inside[-1]], track.sigma_y[inside[-1]]))
         error = percent = worst = None
         if dx is not None and dy is not None:
-            off = np.hypot(dx[inside], dy[inside])
-            error, worst = float(off[-1]), float(off.max())
+            error_in_outage = np.hypot(dx[inside], dy[inside])
+            error, worst = float(error_in_outage[-1]), float(error_in_outage.max())
             percent = 100.0 * error / distance if distance > 0.0 else None
-        found.append(GnssOutage(start, end, distance, sigma, error, percent, worst))
-    return tuple(found)
+        outages.append(GnssOutage(start, end, distance, sigma, error, percent, worst))
+    return tuple(outages)

@@ -1,4 +1,4 @@
-"""A recording and a vehicle to a track: the wheel filter, or plain differential odometry beside it."""
+"""Odometry of a recording: the wheel filter, or plain differential odometry for comparison."""
 
 from __future__ import annotations
 
@@ -36,16 +36,22 @@ from hubodo.vehicle import Side, Vehicle
 Method = Literal["filter", "differential"]
 METHODS: tuple[Method, ...] = ("filter", "differential")
 _MIN_NODE_SAMPLES = 20
-"""Samples, a fifth of a second: below that a node counts as not there."""
+"""A fifth of a second; a node with fewer samples counts as missing."""
 SIDES: tuple[Side, Side] = ("left", "right")
 
 
 @dataclass(frozen=True)
 class WheelOdometry:
-    """A track from wheel nodes.
+    """A track from wheel nodes, with what a graph and fuse.json need of its estimator.
 
-    nodes: the names used. method: in words. learnt: what the estimator found, as fuse.json has it. warnings:
-    one line each. constants: what the graph is to expect of its errors.
+    Attributes
+    ----------
+    track : poses with sigmas.
+    nodes : names of the nodes used.
+    method : name of the estimator, for people.
+    details : entries of fuse.json: distance, duration, estimated parameters, slips.
+    warnings : one line each.
+    constant_sigmas : prior sigmas of the odometry's constant errors, for the graph.
     """
 
     track: Track
@@ -59,30 +65,30 @@ class WheelOdometry:
 def select_wheel_nodes(
     recording: Recording, vehicle: Vehicle, wanted: Sequence[str] | None, log: str
 ) -> tuple[str, ...]:
-    """Names of the nodes that sit on wheels and are in the log, of `wanted` where it says which.
+    """Return the names of the nodes that sit on wheels and are in the log, restricted to `wanted` if given.
 
-    Raises InputError when one that is wanted is not there, or none is left.
+    Raises InputError when a wanted node is missing, or no node is left.
     """
     on_wheels = [name for name, mount in vehicle.nodes.items() if mount.side is not None]
-    there = ", ".join(recording.nodes) or "none"
+    in_log = ", ".join(recording.nodes) or "none"
     for name in wanted or ():
         if name not in on_wheels:
             known = ", ".join(on_wheels) or "none"
             raise InputError(f"node {name!r}: not on a wheel in the vehicle file (those are: {known})")
         if name not in recording.nodes:
-            raise InputError(f"{log}: no node {name!r} in the log (there: {there})")
-    found = tuple(name for name in on_wheels if name in recording.nodes and (not wanted or name in wanted))
-    if not found:
+            raise InputError(f"{log}: no node {name!r} in the log (in_log: {in_log})")
+    selected = tuple(name for name in on_wheels if name in recording.nodes and (not wanted or name in wanted))
+    if not selected:
         raise InputError(
             f"{log}: none of the vehicle's wheel nodes ({', '.join(on_wheels) or 'none'}) is in the log "
-            f"(there: {there}); name the nodes in the vehicle file as in the log, or say which "
+            f"(in_log: {in_log}); name the nodes in the vehicle file as in the log, or say which "
             "topic is which with --topic"
         )
-    return found
+    return selected
 
 
 def read_start_heading(recording: Recording, t: float) -> float | None:
-    """The heading of the truth or of the compass at time t, rad; None where the log has neither."""
+    """Return the heading of truth or compass at time t, rad; None where the log has neither."""
     for table in (recording.truth, recording.heading):
         if table is not None and "heading" in table:
             return float(np.interp(t, table.t, np.unwrap(table["heading"])))
@@ -90,7 +96,7 @@ def read_start_heading(recording: Recording, t: float) -> float | None:
 
 
 def add_latitude(vehicle: Vehicle, recording: Recording) -> Vehicle:
-    """The vehicle where its log's fixes are, if its file does not say where it drives."""
+    """Return the vehicle with the latitude of its log's fixes, if its file gives none."""
     if vehicle.latitude_deg is not None or recording.gnss is None or not len(recording.gnss):
         return vehicle
     latitude_deg = float(np.median(recording.gnss["latitude_deg"]))
@@ -108,16 +114,24 @@ def compute_wheel_odometry(
     lag: float = 0.0,
     for_graph: bool = False,
 ) -> WheelOdometry:
-    """The track of one or two wheel nodes of a recording, begun at the heading that the log tells, else at 0.
+    """Return the track of one or two wheel nodes, starting at the heading that the log gives, else at 0.
 
-    A recording without the vehicle's nodes but with another sensor's wheel speeds gives their track; beside
-    nodes the wheel filter measures by them.
+    A recording without the vehicle's nodes but with wheel speeds of another sensor gives the track of those
+    speeds; beside nodes the wheel filter uses them as measurements.
 
-    lag: s of the log after a pose that it is made from, inf for all of it; of the filter alone. for_graph:
-    whether a graph looks at the whole log, anyway: a slip that was found late is then smoothed.
-    calibration: applied to the samples; what only the filter can use becomes its prior, and so does the bias
-    that a node told of itself where the calibration has none. Raises InputError for nodes that are missing,
-    for two on one wheel, and for a log too short, CalibrationError for a calibration of another node.
+    Parameters
+    ----------
+    lag : s of the log after a pose that the filter may use for it, inf for all of it.
+    for_graph : whether a graph uses the whole log anyway; a slip that was detected late is then smoothed.
+    calibration : applied to the samples. What only the filter can use becomes its prior, as does the bias
+        that a node's firmware reported where the calibration has none.
+
+    Raises
+    ------
+    InputError
+        For missing nodes, two nodes on one wheel, and a log that is too short.
+    CalibrationError
+        For a calibration of another node.
     """
     if (
         recording.wheels is not None
@@ -140,25 +154,27 @@ def compute_wheel_odometry(
         recording, calibration = replace(recording, nodes=applied.nodes), applied.remaining
     if method == "differential":
         return _run_differential(recording, vehicle, names, log)
-    calibration, told_bias = add_node_biases(calibration, recording, names)
-    made = _run_wheel_filter(recording, vehicle, names, log, calibration, ranges, lag, for_graph)
-    if told_bias:
-        made = replace(made, details={**made.details, "bias_from_node": list(told_bias)})
-    warnings = made.warnings + _missing_node_warnings(recording, vehicle, made.nodes, nodes)
+    calibration, reporting_nodes = add_node_biases(calibration, recording, names)
+    odometry = _run_wheel_filter(recording, vehicle, names, log, calibration, ranges, lag, for_graph)
+    if reporting_nodes:
+        odometry = replace(odometry, details={**odometry.details, "bias_from_node": list(reporting_nodes)})
+    warnings = odometry.warnings + _missing_node_warnings(recording, vehicle, odometry.nodes, nodes)
     if applied is None:
-        return replace(made, warnings=warnings)
-    learnt = {**made.details, "calibrated": dict(applied.summaries)} if applied.summaries else made.details
-    return replace(made, warnings=applied.warnings + warnings, details=learnt)
+        return replace(odometry, warnings=warnings)
+    learnt = (
+        {**odometry.details, "calibrated": dict(applied.summaries)} if applied.summaries else odometry.details
+    )
+    return replace(odometry, warnings=applied.warnings + warnings, details=learnt)
 
 
 def determine_log_ranges(
     recording: Recording, vehicle: Vehicle, names: Sequence[str], *, corrected: bool = False
 ) -> dict[str, NodeRanges]:
-    """Where each node of a recording clips; corrected: whether its samples are yet to be calibrated."""
-    told = recording.metadata
+    """Return the ranges of all nodes of a recording; corrected: whether they will be calibrated."""
+    metadata = recording.metadata
     return {
         name: determine_ranges(
-            vehicle.nodes[name], node_metadata(told, name), recording.nodes[name], corrected=corrected
+            vehicle.nodes[name], node_metadata(metadata, name), recording.nodes[name], corrected=corrected
         )
         for name in names
     }
@@ -174,7 +190,7 @@ def _run_wheel_filter(
     lag: float,
     for_graph: bool,
 ) -> WheelOdometry:
-    """The wheel filter on nodes of a recording whose samples are calibrated."""
+    """Run the wheel filter on nodes whose samples are already calibrated."""
     used_nodes, screenings = screen_samples({name: recording.nodes[name] for name in names})
     names = tuple(name for name in names if len(used_nodes[name]) > _MIN_NODE_SAMPLES) or names
     try:
@@ -192,9 +208,12 @@ def _run_wheel_filter(
         raise InputError(f"{log}: {error}") from None
     report = result.report.as_json()
     report["ranges"] = {name: ranges[name].as_json() for name in names}
-    doubts = tuple(f"{name}: {line}" for name in names for line in ranges[name].warnings)
+    range_warnings = tuple(f"{name}: {line}" for name in names for line in ranges[name].warnings)
     warnings = (
-        screenings + doubts + _steering_warnings(vehicle, names, config.nodes) + tuple(report.pop("warnings"))
+        screenings
+        + range_warnings
+        + _steering_warnings(vehicle, names, config.nodes)
+        + tuple(report.pop("warnings"))
     )
     names = tuple(config.nodes)
     track = _with_start_pose(result.track, config.start_heading, config.heading_sigma)
@@ -208,9 +227,9 @@ def _run_wheel_filter(
     )
 
 
-def graph_constant_sigmas(found: WheelRun) -> ConstantSigmas:
-    """What the graph is to expect of a track of the wheel filter."""
-    core = found.filter.core
+def graph_constant_sigmas(result: WheelRun) -> ConstantSigmas:
+    """Return the prior sigmas of the constant errors in a track of the wheel filter."""
+    core = result.filter.core
     radius, scale, rate = (
         [core.estimate(wheel.name, entry).sigma for wheel in core.wheels]
         for entry in (WHEEL_RADIUS, GYRO_SCALE_ACROSS, YAW_RATE_FROM_GRAVITY)
@@ -237,33 +256,37 @@ def _with_start_pose(filtered: WheelTrack, heading: float, sigma: float) -> Trac
 
 
 def _steering_warnings(vehicle: Vehicle, names: Sequence[str], used: Collection[str]) -> tuple[str, ...]:
-    """What a user must know of wheels that steer."""
-    heard = " and ".join(used)
-    left_out = [f"{name}: steered; the track comes from {heard} alone" for name in names if name not in used]
-    own = [
-        f"{name}: steered; the track is the way of this wheel's contact, and the heading the wheel's own"
+    """Return warnings about wheels that steer."""
+    used_names = " and ".join(used)
+    left_out = [
+        f"{name}: steered; the track comes from {used_names} alone" for name in names if name not in used
+    ]
+    own_contact = [
+        f"{name}: steered; the track is that of this wheel's contact point, with the wheel's own heading"
         for name in used
         if vehicle.nodes[name].steered
     ]
-    return (*left_out, *own)
+    return (*left_out, *own_contact)
 
 
 def _missing_node_warnings(
     recording: Recording, vehicle: Vehicle, names: Sequence[str], wanted: Sequence[str] | None
 ) -> tuple[str, ...]:
+    """Return warnings about nodes of the vehicle that are not used."""
     on_wheels = wanted or [name for name, mount in vehicle.nodes.items() if mount.side is not None]
-    why = {
+    reasons = {
         name: "not in the log" if name not in recording.nodes else "no usable samples"
         for name in on_wheels
         if name not in names and not vehicle.nodes[name].steered
     }
-    heard = " and ".join([*names, "wheels.csv"] if recording.wheels is not None else names)
-    return tuple(f"{name}: {text}; the track comes from {heard} alone" for name, text in why.items())
+    used_names = " and ".join([*names, "wheels.csv"] if recording.wheels is not None else names)
+    return tuple(f"{name}: {text}; the track comes from {used_names} alone" for name, text in reasons.items())
 
 
 def _run_differential(
     recording: Recording, vehicle: Vehicle, names: Sequence[str], log: str
 ) -> WheelOdometry:
+    """Run differential odometry on two nodes."""
     by_side = {vehicle.nodes[name].side: name for name in names}
     if set(by_side) != set(SIDES):
         raise InputError(f"{log}: differential odometry needs a node on each wheel; the filter does not")
@@ -280,19 +303,19 @@ def _run_differential(
 
 
 def _run_on_wheel_speeds(recording: Recording, vehicle: Vehicle, wheels: Table) -> WheelOdometry:
-    """Shah et al. eq. 16 on the surface speeds that another odometer measured."""
+    """Run differential odometry (Shah et al. eq. 16) on the surface speeds of another odometer."""
     radius = vehicle.wheel_radius
     spec = WheelSpec(radius, "left", 0.0, 0.0)
     t_ns = np.round(wheels.t * 1e9).astype(np.int64)
-    still = np.zeros((len(wheels), 3))
+    no_motion = np.zeros((len(wheels), 3))
 
-    def spinning(side: Side) -> WheelSamples:
-        gyro = still.copy()
+    def samples_from_speed(side: Side) -> WheelSamples:
+        gyro = no_motion.copy()
         gyro[:, 2] = wheels[side] / radius
-        return WheelSamples(side, t_ns, gyro, still)
+        return WheelSamples(side, t_ns, gyro, no_motion)
 
     config = OdometryConfig(spec, spec, vehicle.track_width, estimate_bias=False)
-    states = integrate_wheels(config, [spinning(side) for side in SIDES])
+    states = integrate_wheels(config, [samples_from_speed(side) for side in SIDES])
     if not states:
         raise InputError(f"wheels.csv: {len(wheels)} rows are too few for a track")
     track = track_from_states(states, read_start_heading(recording, states[0].t_ns * 1e-9) or 0.0)

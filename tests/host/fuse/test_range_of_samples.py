@@ -76,7 +76,7 @@ def test_samples_that_go_beyond_what_was_told_end_nowhere_that_they_show():
 @pytest.mark.parametrize("text", ["", "wide", "nan", "inf", "0", "-500"])
 def test_what_a_node_tells_that_is_no_range_is_not_heard(text):
     found = determine_ranges(NodeMount(), {"gyro_range_dps": text})
-    assert (found.gyro.value, found.gyro.source) == (DEFAULT_RANGES["gyro"], "the usual one")
+    assert (found.gyro.value, found.gyro.source) == (DEFAULT_RANGES["gyro"], "default")
 
 
 def test_what_counts_as_clipped_begins_just_below_and_further_below_where_samples_are_corrected():

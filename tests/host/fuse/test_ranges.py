@@ -51,8 +51,8 @@ def test_the_vehicle_file_goes_before_the_node_and_the_node_before_the_usual() -
     assert (told.gyro.value, told.accel.value) == pytest.approx((math.radians(500.0), 4.0 * GRAVITY))
     assert (given.gyro.value, given.accel.value) == (20.0, 70.0)
     assert [r.gyro.source for r in (usual, told, given)] == [
-        "the usual one",
-        "told by the node",
+        "default",
+        "node",
         "vehicle file",
     ]
     assert 0.95 * 20.0 < given.clipping_limits["gyro_limit"] < 20.0
@@ -61,11 +61,11 @@ def test_the_vehicle_file_goes_before_the_node_and_the_node_before_the_usual() -
 def test_a_pile_of_samples_shows_the_limit(samples: dict[str, Table]) -> None:
     found = determine_ranges(NodeMount(), {}, samples["left"])
     assert found.gyro.value == pytest.approx(math.radians(500.0), rel=1e-3)
-    assert "seen" in found.gyro.source
+    assert "samples" in found.gyro.source
     assert not found.warnings, "nobody told another one"
     told = determine_ranges(NodeMount(), {"gyro_range_dps": "2000"}, samples["left"])
     assert told.gyro.value == found.gyro.value
-    assert "stand at" in told.warnings[0]
+    assert "clip at" in told.warnings[0]
 
 
 def test_no_pile_where_nothing_clips() -> None:
@@ -102,7 +102,7 @@ def test_fuse_takes_the_range_and_says_whence(samples: dict[str, Table], tmp_pat
     told = {f"node.{name}.{key}": text for name in samples for key, text in TOLD.items()}
     assert node_metadata(told, "left") == TOLD
     for number, (imu, metadata, source) in enumerate(
-        [("", told, "told by the node"), ("gyro_range = 8.72665", {}, "vehicle file"), ("", {}, "seen")]
+        [("", told, "node"), ("gyro_range = 8.72665", {}, "vehicle file"), ("", {}, "samples")]
     ):
         folder = tmp_path / str(number)
         folder.mkdir()
