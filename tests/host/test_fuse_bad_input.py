@@ -262,7 +262,7 @@ def test_a_latitude_that_is_none_costs_its_fix_and_is_said(folder, with_fixes, l
     fixes = with_fixes.gnss
     half = np.where(np.arange(len(fixes)) < len(fixes) // 2, latitude, fixes["latitude_deg"])
     found = folder.fuse(replace(with_fixes, gnss=changed(fixes, latitude_deg=half)))
-    assert "are no place on Earth" in found.warnings
+    assert "are not on Earth" in found.warnings
     assert found.sigma > whole_with_fixes.sigma
     assert found.covered
 
@@ -270,7 +270,7 @@ def test_a_latitude_that_is_none_costs_its_fix_and_is_said(folder, with_fixes, l
 def test_fixes_none_of_which_is_on_earth_are_one_clear_line(folder, with_fixes):
     nowhere = np.full(len(with_fixes.gnss), 91.0)
     recording = replace(with_fixes, gnss=changed(with_fixes.gnss, latitude_deg=nowhere))
-    assert "no place on Earth" in folder.refused(recording)
+    assert "not on Earth" in folder.refused(recording)
 
 
 def test_one_fix_places_the_track_and_no_more(folder, with_fixes, whole):

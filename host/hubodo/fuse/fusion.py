@@ -122,28 +122,17 @@ def fuse_recording(
 
     Parameters
     ----------
-    recording : the log.
-    vehicle : geometry and mounting of the nodes.
     log : name of the log, for errors and the result.
-    method : the wheel filter, or plain differential odometry.
     nodes : names of the nodes to use, all that sit on wheels by default.
-    calibration : applied to the samples, and the prior of what only the filter can use.
-    calibration_from : file and hash of the calibration, for the result.
+    calibration, calibration_from : applied to the samples or used as prior; its file and hash.
     lag : s of the log after a pose that may be used for it, inf for all of it.
     graph : whether GNSS fixes and headings of the log are used.
     antenna : m forward and left of midway between the wheels; None: the vehicle's.
 
-    Returns
-    -------
-    FusedRecording
-        The track with sigmas, and the content of fuse.json.
-
     Raises
     ------
-    InputError
-        For missing nodes, wrong units, a log that is too short, or fixes of which none is usable.
-    CalibrationError
-        For a calibration of another node.
+    InputError, CalibrationError
+        As `compute_wheel_odometry` and `fuse_outside_sensors`, and for samples in wrong units.
     """
     check_units(recording, vehicle.nodes, log)
     graph = graph and (recording.gnss is not None or recording.heading is not None)
@@ -157,14 +146,13 @@ def fuse_recording(
         lag=lag,
         for_graph=graph,
     )
-    antenna = antenna or vehicle.antenna or (0.0, 0.0)
-    track, methods, learnt = odometry.track, [odometry.method], dict(odometry.details)
+    track, methods, details = odometry.track, [odometry.method], dict(odometry.details)
     warnings = recording.warnings + odometry.warnings
     if graph:
-        result = fuse_outside_sensors(recording, odometry, antenna)
+        result = fuse_outside_sensors(recording, odometry, antenna or vehicle.antenna or (0.0, 0.0))
         track = result.from_start
         methods.append(f"factor graph with {' and '.join(_outside_sensors(recording, result))}")
-        learnt["graph"] = _graph_details(recording, odometry, result)
+        details["graph"] = _graph_details(recording, odometry, result)
         warnings += result.warnings
     return FusedRecording(
         log,
@@ -172,7 +160,7 @@ def fuse_recording(
         tuple(methods),
         lag,
         odometry.nodes,
-        learnt,
+        details,
         calibration_from,
         score_against_truth(track, recording),
         warnings,

@@ -24,8 +24,8 @@ _MIN_RANGES = {"gyro": math.radians(120.0), "accel": 1.9 * STANDARD_GRAVITY}
 _CLIPPING_FRACTION, _CORRECTED_CLIPPING_FRACTION = 0.995, 0.97
 """Fraction of the range from which on a sample counts as clipped.
 
-    Half a percent below for quantisation; three percent where a calibration has corrected the samples, which
-    moves the limit by scale and bias. A sample that is wrongly taken as clipped only increases a sigma.
+Half a percent below for quantisation; three percent where a calibration has corrected the samples, which
+moves the limit by scale and bias. A sample that is wrongly taken as clipped only increases a sigma.
 """
 
 _RANGE_TOLERANCE_RATIO = 1.01
@@ -34,8 +34,8 @@ _RANGE_TOLERANCE_RATIO = 1.01
 _MIN_CLIPPED_SAMPLES, _MIN_CLIPPED_RUN, _MAX_REPEAT_FRACTION = 10, 4, 0.2
 """Criteria for clipping in the samples of a channel. Estimated.
 
-    That many samples at the maximum, that many of them in a row, and at most that fraction of the other samples
-    equal to their predecessor: a channel without noise repeats itself at any value.
+That many samples at the maximum, that many of them in a row, and at most that fraction of the other
+samples equal to their predecessor: a channel without noise repeats itself at any value.
 """
 
 

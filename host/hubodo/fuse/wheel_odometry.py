@@ -119,19 +119,11 @@ def compute_wheel_odometry(
     A recording without the vehicle's nodes but with wheel speeds of another sensor gives the track of those
     speeds; beside nodes the wheel filter uses them as measurements.
 
-    Parameters
-    ----------
-    lag : s of the log after a pose that the filter may use for it, inf for all of it.
-    for_graph : whether a graph uses the whole log anyway; a slip that was detected late is then smoothed.
-    calibration : applied to the samples. What only the filter can use becomes its prior, as does the bias
-        that a node's firmware reported where the calibration has none.
-
-    Raises
-    ------
-    InputError
-        For missing nodes, two nodes on one wheel, and a log that is too short.
-    CalibrationError
-        For a calibration of another node.
+    lag: s of the log after a pose that the filter may use for it, inf for all of it. for_graph: whether a
+    graph uses the whole log anyway; a slip that was detected late is then smoothed. calibration: applied to
+    the samples; what only the filter can use becomes its prior, as does the bias that a node's firmware
+    reported where the calibration has none. Raises InputError for missing nodes, two nodes on one wheel, and
+    a log that is too short, CalibrationError for a calibration of another node.
     """
     if (
         recording.wheels is not None

@@ -173,7 +173,7 @@ def test_of_two_fixes_of_one_time_the_first_counts(underway):
 @pytest.mark.parametrize(("gap", "said"), [(1.9, False), (2.1, True)])
 def test_fixes_that_come_again_are_worth_a_word_after_two_seconds(underway, gap, said):
     underway.along(6.0 + gap)
-    lines = underway.said("fixes count again")
+    lines = underway.said("fixes are used again")
     assert len(lines) == said
     assert all(f"t = {6.0 + gap:.1f} s" in line for line in lines)
 
@@ -181,7 +181,7 @@ def test_fixes_that_come_again_are_worth_a_word_after_two_seconds(underway, gap,
 def test_fixes_that_jump_are_told_once_each_time(underway):
     underway.along(7.0, 8.0, off=100.0)
     (line,) = underway.said("jumped")
-    assert "a fix at t = 7.0 s jumped; fixes after t = 6.0 s are refused" in line
+    assert "a fix at t = 7.0 s jumped; fixes after t = 6.0 s are rejected" in line
     assert underway.graph.state().last_fix_t == 6.0
     underway.along(9.0).along(10.0, 11.0, off=100.0)
     assert len(underway.said("jumped")) == 2
@@ -191,11 +191,11 @@ def test_fixes_that_jump_are_told_once_each_time(underway):
 def test_after_long_enough_of_nothing_else_it_starts_anew_at_once():
     drive = Drive(LiveLimits(restart_after=5.0, start_history=4.0)).along(*np.arange(1.0, 7.0))
     drive.along(*np.arange(7.0, 12.0), off=100.0)
-    assert not drive.said("starts anew") and drive.graph._running is not None
+    assert not drive.said("restarts") and drive.graph._running is not None
     drive.go(11.9)
     drive.fix(12.0, off=100.0)
     drive.go(12.0)
-    assert len(drive.said("refused since t = 6.0 s; the graph starts anew at 12.0 s")) == 1
+    assert len(drive.said("rejected since t = 6.0 s; the graph restarts at 12.0 s")) == 1
     drive.go(12.3)
     # What it looks back at lies where the fixes are now.
     state = drive.graph.state()

@@ -53,7 +53,7 @@ def test_what_is_no_place_on_earth_is_left_out_and_named(latitude, longitude):
     (text,) = found.warnings
     assert "1 of 9 fixes" in text
     assert "row 4 (t = 3.000 s)" in text
-    assert "no place on Earth" in text
+    assert "not on Earth" in text
 
 
 @pytest.mark.parametrize(("latitude", "longitude"), [(90.0, 8.0), (-90.0, 8.0), (47.0, 188.0), (-47.0, 8.0)])

@@ -72,7 +72,7 @@ def test_no_pile_where_nothing_clips() -> None:
     rng = np.random.default_rng(SEED)
     made = drive(legs([(6.0, 0.0, 0.0), (10.0, 3.0, 0.1), (3.0, 0.0, 0.0)]), rng)
     for table in tables(made).values():
-        assert "usual" in determine_ranges(NodeMount(), {}, table).gyro.source
+        assert "default" in determine_ranges(NodeMount(), {}, table).gyro.source
         wide = determine_ranges(NodeMount(), {"gyro_range_dps": "500"}, table)
         assert wide.gyro.value > np.abs(table.gyro).max()
         assert "beyond" in wide.warnings[0]

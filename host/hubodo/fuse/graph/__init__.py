@@ -1,1 +1,1 @@
-"""The factor graph: odometry, fixes and headings."""
+"""A factor graph of odometry, GNSS fixes and headings, solved in batch or over a live window."""

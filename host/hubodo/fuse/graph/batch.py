@@ -1,4 +1,7 @@
-"""Odometry, GNSS fixes and headings to one track and the constants of the wheels (Shah et al. section IV)."""
+"""Batch solution of odometry, GNSS fixes and headings:
+
+one track and its constants (Shah et al. section IV).
+"""
 
 from __future__ import annotations
 
@@ -25,21 +28,21 @@ from hubodo.fuse.graph.solver import Solution, solve_from_poor_guess, solve_grap
 from hubodo.fuse.track import Track
 
 _DELAY_SEARCH_SIGMA = 2.0
-"""s; 1 sigma of the fixes' delay while it is searched: a receiver's latency with a clock set by hand."""
+"""s, 1 sigma of the fixes' delay during its search: latency of a receiver whose clock was set by hand."""
 _DELAY_SIGNIFICANCE_SIGMAS = 3.5
-"""Sigmas beyond which a delay is plainly there: by chance in one log of two thousand."""
+"""Sigmas from which a delay is significant: by chance in one log of two thousand."""
 _MIN_DELAY_RATIO = 3.0
-"""Times which a delay must exceed the configured sigma to be undone; less than that the graph takes up."""
+"""Multiple of the configured sigma from which a delay is removed; the graph absorbs smaller ones."""
 _MAX_DELAY = 10.0
-"""s; what looks longer is another clock, or no delay."""
+"""s; a longer offset comes from another clock, or is no delay."""
 _MAX_DELAY_ITERATIONS = 4
-"""Times the fixes are moved: each leaves a tenth of a delay or less."""
+"""Times the fixes are shifted; each iteration leaves a tenth of the delay or less."""
 _DELAY_TOLERANCE_SIGMAS = 0.2
-"""Sigmas; a delay that is left below this is found."""
+"""Sigmas; a smaller remaining delay ends the search."""
 _MIN_LOG_NOISE_CHANGE = 0.25
-"""Of the odometry's sigmas: a graph whose noise differs by less is as good."""
+"""Change of the logarithm of the odometry's sigmas below which the graph is not solved again."""
 _MAX_GROWTH_ITERATIONS, _MIN_GROWTH_RATIO = 3, 1.05
-"""Rounds of widening sigmas, and how much a round must widen them to be worth it."""
+"""Iterations of sigma inflation, and the minimum factor of an iteration that is worth it."""
 
 
 def fuse_graph(
@@ -49,95 +52,109 @@ def fuse_graph(
     config: GraphConfig | None = None,
     other_samples: Sequence[SensorSamples] = (),
 ) -> GraphResult:
-    """The most probable track of a whole drive.
+    """Return the maximum a posteriori track of a whole drive.
 
-    others: whatever else was measured. Raises InputError when there are fixes and none is usable.
+    path: odometry with t, x, y and heading. other_samples: of further sensors. Raises InputError when there
+    are fixes and none is usable, or the odometry has fewer than two poses.
     """
     check_odometry(path)
     config = config or GraphConfig()
-    beside = ([headings] if headings is not None else []) + list(other_samples)
-    local = None
-    if fixes is not None:
-        local = localise_fixes(fixes, path.t[0], path.t[-1], config.gnss_sigma, config.use_declared_sigmas)
-    warnings = list(local.warnings) if local is not None else []
-    grown = 1.0
-    if local is not None and config.inflate_sigmas:
-        local, grown, said = screen_fixes(path, local)
-        warnings += said
-    widest = (
-        replace(config.constants, gnss_delay=_DELAY_SEARCH_SIGMA)
-        if config.estimate_delay
-        else config.constants
-    )
-    wide = replace(config, constants=widest)
-    drive = build_graph(path, _all_samples(local, beside), wide)
+    non_gnss_samples = ([headings] if headings is not None else []) + list(other_samples)
+    local_fixes, scatter_growth, warnings = _prepare_fixes(path, fixes, config)
+    search_config = config
+    if config.estimate_delay:
+        constants = replace(config.constants, gnss_delay=_DELAY_SEARCH_SIGMA)
+        search_config = replace(config, constants=constants)
+    drive = build_graph(path, _all_samples(local_fixes, non_gnss_samples), search_config)
     solution = solve_from_poor_guess(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS))
     if config.inflate_sigmas and config.noise.relative_error == 0.0:
         config, drive, solution = _adapt_noise(
-            path, _all_samples(local, beside), config, wide, drive, solution
+            path, _all_samples(local_fixes, non_gnss_samples), config, search_config, drive, solution
         )
-        wide = replace(wide, noise=config.noise)
+        search_config = replace(search_config, noise=config.noise)
 
-    told, wider = local, 1.0
-    lasting: list[str] = []
+    uninflated_fixes, sigma_growth = local_fixes, 1.0
+    growth_warnings: list[str] = []
     for _ in range(_MAX_GROWTH_ITERATIONS if config.inflate_sigmas else 0):
-        growth, why = estimate_sigma_growth(drive.graph, solution, wider)
-        if told is None or growth < _MIN_GROWTH_RATIO * wider:
+        growth, reasons = estimate_sigma_growth(drive.graph, solution, sigma_growth)
+        if uninflated_fixes is None or growth < _MIN_GROWTH_RATIO * sigma_growth:
             break
-        wider, lasting = growth, why
-        local = replace(told, sigma=told.sigma * wider)
-        drive = build_graph(path, _all_samples(local, beside), wide, solution)
+        sigma_growth, growth_warnings = growth, reasons
+        local_fixes = replace(uninflated_fixes, sigma=uninflated_fixes.sigma * sigma_growth)
+        samples = _all_samples(local_fixes, non_gnss_samples)
+        drive = build_graph(path, samples, search_config, solution)
         solution = solve_graph(drive.graph, solution.poses, solution.constants)
-    warnings += lasting
+    warnings += growth_warnings
     shift = 0.0
-    if config.estimate_delay and local is not None:
-        shift, drive, solution = _estimate_delay(path, local, beside, config, drive, solution)
+    if config.estimate_delay and local_fixes is not None:
+        shift, drive, solution = _estimate_delay(path, local_fixes, non_gnss_samples, config, drive, solution)
         if shift != 0.0:
             warnings.append(
-                f"gnss: the fixes name places {shift:+.2f} s from their time stamps; "
-                "undone here; check the receiver's clock and where its antenna is"
+                f"gnss: the positions belong to times {shift:+.2f} s from their time stamps; "
+                "corrected here; check the receiver's clock and where its antenna is"
             )
     solution = solve_graph(drive.graph, solution.poses, solution.constants, "all")
     warnings += review_solution(drive.graph, solution, drive.odometry.pose_t, drive.heading_observable)
-    frame = local.frame if local is not None else None
-    return build_result(path, drive, solution, frame, grown * wider, config.noise, shift, tuple(warnings))
+    map_frame = local_fixes.frame if local_fixes is not None else None
+    return build_result(
+        path, drive, solution, map_frame, scatter_growth * sigma_growth, config.noise, shift, tuple(warnings)
+    )
 
 
-def _all_samples(local: LocalFixes | None, beside: Sequence[SensorSamples]) -> list[SensorSamples]:
-    return [*([local] if local is not None else []), *beside]
+def _prepare_fixes(
+    path: Track, fixes: Fixes | None, config: GraphConfig
+) -> tuple[LocalFixes | None, float, list[str]]:
+    """Return usable fixes in a local frame, the factor on their sigmas by scatter, and warnings."""
+    if fixes is None:
+        return None, 1.0, []
+    local_fixes = localise_fixes(fixes, path.t[0], path.t[-1], config.gnss_sigma, config.use_declared_sigmas)
+    if not config.inflate_sigmas:
+        return local_fixes, 1.0, list(local_fixes.warnings)
+    screened, scatter_growth, warnings = screen_fixes(path, local_fixes)
+    return screened, scatter_growth, [*local_fixes.warnings, *warnings]
+
+
+def _all_samples(fixes: LocalFixes | None, other_samples: Sequence[SensorSamples]) -> list[SensorSamples]:
+    """Return fixes and other samples as one list."""
+    return [*([fixes] if fixes is not None else []), *other_samples]
 
 
 def _adapt_noise(
     path: Track,
-    measured: Sequence[SensorSamples],
+    samples: Sequence[SensorSamples],
     config: GraphConfig,
-    wide: GraphConfig,
+    search_config: GraphConfig,
     drive: DriveGraph,
     solution: Solution,
 ) -> tuple[GraphConfig, DriveGraph, Solution]:
-    """Settings, graph and solution with the noise that this drive's odometry shows, where it shows any."""
-    times = estimate_noise_factors(drive.graph, solution, drive.odometry.pose_t, config.constants.to_array())
-    if np.abs(np.log(times)).max() < _MIN_LOG_NOISE_CHANGE:
+    """Return settings, graph and solution with the odometry noise that this drive's fixes show.
+
+    They are returned unchanged where the fixes do not show another noise.
+    """
+    factors = estimate_noise_factors(
+        drive.graph, solution, drive.odometry.pose_t, config.constants.to_array()
+    )
+    if np.abs(np.log(factors)).max() < _MIN_LOG_NOISE_CHANGE:
         return config, drive, solution
-    noise = replace(config.noise, sigma_factors=(float(times[0]), float(times[1]), float(times[2])))
-    drive = build_graph(path, measured, replace(wide, noise=noise), solution)
+    noise = replace(config.noise, sigma_factors=(float(factors[0]), float(factors[1]), float(factors[2])))
+    drive = build_graph(path, samples, replace(search_config, noise=noise), solution)
     return replace(config, noise=noise), drive, solve_graph(drive.graph, solution.poses, solution.constants)
 
 
 def _estimate_delay(
     path: Track,
-    local: LocalFixes,
-    beside: Sequence[SensorSamples],
+    fixes: LocalFixes,
+    other_samples: Sequence[SensorSamples],
     config: GraphConfig,
     drive: DriveGraph,
     solution: Solution,
 ) -> tuple[float, DriveGraph, Solution]:
-    """The offset of the fixes' time stamps, in seconds, if they plainly show one.
+    """Return the offset of the fixes' time stamps, s, where it is significant, and the graph with it removed.
 
-    With it comes the graph that has it undone; else 0 with the graph in which it is as small as configured.
+    Otherwise returns 0 with the graph in which the delay has its configured prior.
     """
-    wide = replace(config, constants=replace(config.constants, gnss_delay=_DELAY_SEARCH_SIGMA))
-    without = replace(drive, graph=_replace_prior(drive.graph, build_constants_prior(config))), solution
+    search_config = replace(config, constants=replace(config.constants, gnss_delay=_DELAY_SEARCH_SIGMA))
+    unshifted = replace(drive, graph=_replace_prior(drive.graph, build_constants_prior(config))), solution
     shift = 0.0
     for _ in range(_MAX_DELAY_ITERATIONS):
         solution = solve_graph(drive.graph, solution.poses, solution.constants, "constants")
@@ -146,28 +163,29 @@ def _estimate_delay(
         if shift == 0.0 and abs(step) < max(
             _DELAY_SIGNIFICANCE_SIGMAS * sigma, _MIN_DELAY_RATIO * config.constants.gnss_delay
         ):
-            return 0.0, *without
+            return 0.0, *unshifted
         shift += step
         if abs(shift) > _MAX_DELAY:
-            return 0.0, *without
-        moved = local.t + shift
-        inside = (moved >= path.t[0]) & (moved <= path.t[-1])
-        if not inside.any():
+            return 0.0, *unshifted
+        shifted_t = fixes.t + shift
+        in_range = (shifted_t >= path.t[0]) & (shifted_t <= path.t[-1])
+        if not in_range.any():
             raise InputError(
                 "gnss: the fixes' clock differs from the odometry's by more than the drive lasts"
             )
-        later = replace(local, t=moved, warnings=()).select(inside)
-        drive = build_graph(path, _all_samples(later, beside), wide)
+        shifted_fixes = replace(fixes, t=shifted_t, warnings=()).select(in_range)
+        drive = build_graph(path, _all_samples(shifted_fixes, other_samples), search_config)
         solution = solve_from_poor_guess(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS))
         if abs(solution.constants[GNSS_DELAY]) < _DELAY_TOLERANCE_SIGMAS * sigma:
             break
-    plain = solve_graph(without[0].graph, without[1].poses, without[1].constants)
-    if solution.cost > plain.cost - 0.5 * _DELAY_SIGNIFICANCE_SIGMAS**2:
-        return 0.0, *without
+    unshifted_solution = solve_graph(unshifted[0].graph, unshifted[1].poses, unshifted[1].constants)
+    if solution.cost > unshifted_solution.cost - 0.5 * _DELAY_SIGNIFICANCE_SIGMAS**2:
+        return 0.0, *unshifted
     return shift, drive, solution
 
 
 def _replace_prior(graph: FactorGraph, prior: ConstantsPriorFactors) -> FactorGraph:
+    """Return the graph with another prior of the constants."""
     return FactorGraph(
         tuple(prior if isinstance(factor, ConstantsPriorFactors) else factor for factor in graph.factors)
     )

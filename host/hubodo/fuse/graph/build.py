@@ -1,4 +1,4 @@
-"""The graph of a drive and its first guess: where the poses stand, and what is tied to them."""
+"""Construction of a drive's graph: pose times, factors, and the initial guess of the poses."""
 
 from __future__ import annotations
 
@@ -23,74 +23,79 @@ from hubodo.fuse.graph.solver import Solution
 from hubodo.fuse.track import Track
 
 _START_POSITION_SIGMA = 1e4
-"""m; the frame stands at the median fix, and no drive is longer than that."""
+"""m, 1 sigma of the first pose; the frame's origin is the median fix, and no drive is longer."""
 _UNKNOWN_HEADING_SIGMA = math.pi / math.sqrt(3.0)
-"""rad; 1 sigma of a heading of which nothing is known: even over a turn."""
+"""rad, 1 sigma of a uniform distribution over a turn."""
 _MAP_ORIGIN_SIGMA = 1e-3
-"""m; without fixes the first pose is where the map begins."""
+"""m; without fixes the first pose defines the origin of the map."""
 _MIN_ODOMETRY_OUTAGE = 2.0
-"""s between poses of the odometry, from which on nothing was heard of the wheels. Estimated."""
+"""s between odometry poses from which on the wheels count as not received. Estimated."""
 
 
 def build_graph(
     path: Track,
-    measured: Sequence[SensorSamples],
+    samples: Sequence[SensorSamples],
     config: GraphConfig,
     solution: Solution | None = None,
 ) -> DriveGraph:
-    """The graph of a drive.
+    """Build the graph of a drive from its odometry and the samples measured along it.
 
-    It has a pose at each mark of what was measured, at both ends of the odometry and of its silences, and
-    where they would be further apart than `knot`, but for a silence. solution: of a graph with the same
-    poses, in place of a first guess.
+    It has a pose at each time that the samples ask for, at both ends of the odometry and of its outages, and
+    further poses at most `max_pose_spacing` apart except in outages. solution: of a graph with the same
+    poses, in place of an initial guess.
     """
-    marks = np.concatenate([path.t[:0], *(item.pose_times for item in measured)])
-    marks = marks[(marks >= path.t[0]) & (marks <= path.t[-1])]
-    cut = segment_odometry(path, _choose_pose_times(path.t, marks, config.max_pose_spacing), config.noise)
-    factors = [factor for item in measured if (factor := item.build_factors(cut, config)) is not None]
-    local = next((item for item in measured if isinstance(item, LocalFixes)), None)
+    times = np.concatenate([path.t[:0], *(sensor.pose_times for sensor in samples)])
+    times = times[(times >= path.t[0]) & (times <= path.t[-1])]
+    odometry = segment_odometry(
+        path, _choose_pose_times(path.t, times, config.max_pose_spacing), config.noise
+    )
+    factors = [factor for sensor in samples if (factor := sensor.build_factors(odometry, config)) is not None]
+    fixes = next((sensor for sensor in samples if isinstance(sensor, LocalFixes)), None)
     headings = next((factor for factor in factors if isinstance(factor, HeadingFactors)), None)
-    poses, known = _guess_poses(cut, local, headings, config)
+    poses, heading_observable = _guess_poses(odometry, fixes, headings, config)
     if solution is not None:
         poses = solution.poses
-    start = PosePriorFactors(np.zeros(1, np.intp), *_start_prior(poses[0], local is not None, config))
+    start = PosePriorFactors(np.zeros(1, np.intp), *_start_prior(poses[0], fixes is not None, config))
     graph = FactorGraph(
-        (*factors, BetweenFactors.from_steps(cut.steps), start, build_constants_prior(config))
+        (*factors, BetweenFactors.from_steps(odometry.steps), start, build_constants_prior(config))
     )
-    return DriveGraph(graph, poses, cut, known)
+    return DriveGraph(graph, poses, odometry, heading_observable)
 
 
 def build_constants_prior(config: GraphConfig) -> ConstantsPriorFactors:
-    """What is known of the constants beforehand."""
+    """Return the prior of the odometry's constant errors."""
     return ConstantsPriorFactors(
         np.zeros(1, np.intp), np.zeros((1, N_CONSTANTS)), config.constants.to_array()[None]
     )
 
 
 def _guess_poses(
-    cut: SegmentedOdometry, local: LocalFixes | None, headings: HeadingFactors | None, config: GraphConfig
+    odometry: SegmentedOdometry,
+    fixes: LocalFixes | None,
+    headings: HeadingFactors | None,
+    config: GraphConfig,
 ) -> tuple[Array, bool]:
-    """The odometry's poses (n, 3), turned to the headings and laid on the fixes.
+    """Return the odometry's poses (n, 3), rotated to the headings and aligned with the fixes.
 
-    Besides, whether anything told the turn.
+    The second value tells whether anything determined the rotation.
     """
-    poses, known = cut.odometry_pose.copy(), config.start_heading is not None
+    poses, observable = odometry.odometry_pose.copy(), config.start_heading is not None
     turn = 0.0 if config.start_heading is None else config.start_heading - poses[0, 2]
-    if not known and headings is not None:
-        off = np.exp(1j * (headings.heading - poses[headings.pose_index, 2]))
-        turn, known = float(np.angle(off.sum())), True
-    place = np.exp(1j * turn) * (poses[:, 0] + 1j * poses[:, 1])
-    if local is not None:
-        laid, place, by_fixes = _align_with_fixes(local, cut, place)
-        known = known or by_fixes
-        poses[:, 2] += laid
+    if not observable and headings is not None:
+        errors = np.exp(1j * (headings.heading - poses[headings.pose_index, 2]))
+        turn, observable = float(np.angle(errors.sum())), True
+    position = np.exp(1j * turn) * (poses[:, 0] + 1j * poses[:, 1])
+    if fixes is not None:
+        turn_at_pose, position, by_fixes_too = _align_with_fixes(fixes, odometry, position)
+        observable = observable or by_fixes_too
+        poses[:, 2] += turn_at_pose
     poses[:, 2] += turn
-    poses[:, 0], poses[:, 1] = place.real, place.imag
-    return poses, known
+    poses[:, 0], poses[:, 1] = position.real, position.imag
+    return poses, observable
 
 
 def _start_prior(pose: Array, on_map: bool, config: GraphConfig) -> tuple[Array, Array]:
-    """Mean and 1 sigma of the first pose, (1, 3) each."""
+    """Return mean and 1 sigma of the first pose, (1, 3) each."""
     mean, sigma = (
         pose.copy(),
         np.array([_START_POSITION_SIGMA, _START_POSITION_SIGMA, _UNKNOWN_HEADING_SIGMA]),
@@ -104,30 +109,30 @@ def _start_prior(pose: Array, on_map: bool, config: GraphConfig) -> tuple[Array,
 
 
 def _align_with_fixes(
-    local: LocalFixes, cut: SegmentedOdometry, place: ComplexArray
+    fixes: LocalFixes, odometry: SegmentedOdometry, position: ComplexArray
 ) -> tuple[Array, ComplexArray, bool]:
-    """How far each pose (n,) turns to lie on the fixes, and where it is then.
+    """Return the rotation of each pose (n,) onto the fixes, and the rotated positions.
 
-    Besides, whether the fixes told the turn.
+    The third value tells whether the fixes determined the rotation.
     """
-    at_fix = place[np.searchsorted(cut.pose_t, local.t)]
-    laid = align_odometry(at_fix, local.position, local.sigma)
-    shift = laid.position - np.exp(1j * laid.turn) * at_fix
-    turn = np.interp(cut.pose_t, local.t, laid.turn)
-    east, north = (np.interp(cut.pose_t, local.t, part) for part in (shift.real, shift.imag))
-    return turn, np.exp(1j * turn) * place + east + 1j * north, laid.turn_observable
+    odometry_at_fix = position[np.searchsorted(odometry.pose_t, fixes.t)]
+    alignment = align_odometry(odometry_at_fix, fixes.position, fixes.sigma)
+    shift = alignment.position - np.exp(1j * alignment.turn) * odometry_at_fix
+    turn = np.interp(odometry.pose_t, fixes.t, alignment.turn)
+    east, north = (np.interp(odometry.pose_t, fixes.t, part) for part in (shift.real, shift.imag))
+    return turn, np.exp(1j * turn) * position + east + 1j * north, alignment.turn_observable
 
 
-def _choose_pose_times(path_t: Array, marks: Array, knot: float) -> Array:
-    """Times of the poses: marks and ends, and between them as many more as keep gaps below `knot`.
+def _choose_pose_times(path_t: Array, times: Array, spacing: float) -> Array:
+    """Return the times of the poses: `times`, the ends of odometry and outages, and times between them.
 
-    path_t: (N,) s, of the odometry. In a silence of it, hours perhaps, there are the marks alone.
+    path_t: (N,) s of the odometry. Gaps are filled up to `spacing`, s; an outage, hours perhaps, is not.
     """
-    silences = np.flatnonzero(np.diff(path_t) > _MIN_ODOMETRY_OUTAGE)
-    t = np.union1d(marks, path_t[np.concatenate([[0, len(path_t) - 1], silences, silences + 1])])
+    outages = np.flatnonzero(np.diff(path_t) > _MIN_ODOMETRY_OUTAGE)
+    t = np.union1d(times, path_t[np.concatenate([[0, len(path_t) - 1], outages, outages + 1])])
     gaps = np.diff(t)
-    within = np.isin(np.searchsorted(path_t, 0.5 * (t[:-1] + t[1:])) - 1, silences)
-    pieces = np.maximum(np.ceil(np.where(within, 0.0, gaps) / knot - 1e-9), 1.0).astype(np.intp)
-    first = np.repeat(t[:-1], pieces)
-    number = np.arange(len(first)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    return np.append(first + number * np.repeat(gaps / pieces, pieces), t[-1])
+    in_outage = np.isin(np.searchsorted(path_t, 0.5 * (t[:-1] + t[1:])) - 1, outages)
+    n_parts = np.maximum(np.ceil(np.where(in_outage, 0.0, gaps) / spacing - 1e-9), 1.0).astype(np.intp)
+    part_start = np.repeat(t[:-1], n_parts)
+    part = np.arange(len(part_start)) - np.repeat(np.cumsum(n_parts) - n_parts, n_parts)
+    return np.append(part_start + part * np.repeat(gaps / n_parts, n_parts), t[-1])

@@ -1,4 +1,4 @@
-"""Settings of the factor graph: what is known beforehand, and the limits of belief."""
+"""Settings of the factor graph: priors, sensor sigmas and the limits of adaptation."""
 
 from __future__ import annotations
 
@@ -10,14 +10,23 @@ from hubodo.fuse.graph.odometry_steps import StepNoise
 
 @dataclass(frozen=True, slots=True)
 class GraphConfig:
-    """What the graph takes for granted of a drive.
+    """Prior knowledge of a drive, and options of the graph.
 
-    antenna: m forward and left of the body origin. gnss_sigma: m and heading_sigma: rad, of measurements that
-    do not say, or of all fixes when `declared` is false: 5 m of a single-frequency receiver under an open
-    sky, 5 deg of a compass on a vehicle of steel. knot: s, poses are not further apart than that.
-    start_heading: rad, of the first pose if known to start_heading_sigma, else found. honest: whether errors
-    of fixes that last, or exceed what the receiver says, widen the sigmas. search_delay: whether a time
-    offset of the fixes that they plainly show is undone.
+    Attributes
+    ----------
+    antenna : m forward and left of the body origin.
+    gnss_sigma : m, of fixes without a sigma, or of all fixes when `use_declared_sigmas` is false; 5 m is that
+        of a single-frequency receiver under an open sky.
+    heading_sigma : rad, of headings without a sigma; 5 deg is that of a compass on a steel vehicle.
+    use_declared_sigmas : whether the receiver's sigmas are used.
+    noise : random errors of the odometry.
+    constants : prior sigmas of the constant errors.
+    max_pose_spacing : s between poses.
+    start_heading : rad, of the first pose if known, else it is estimated.
+    start_heading_sigma : rad.
+    inflate_sigmas : whether fix errors that are correlated in time, or exceed the receiver's sigma, inflate
+        it.
+    estimate_delay : whether a significant time offset of the fixes is removed.
     """
 
     antenna: tuple[float, float] = (0.0, 0.0)

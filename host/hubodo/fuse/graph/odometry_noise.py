@@ -1,9 +1,9 @@
-"""How noisy the odometry of a drive is, by what its fixes say of it: variance components of a solved graph.
+"""Variance components of the odometry's noise, estimated from the GNSS fixes of a solved graph.
 
-About a solution all is linear: what the fixes lie beside the odometry is the sum of the noise of every
-stretch of odometry before them, of the fixes' own noise, and of the start and the constants, which are
-integrated out (restricted maximum likelihood, Patterson and Thompson 1971). The fixes may be wrong for long
-as well, as those of real receivers are: else the odometry would be blamed for what satellites do.
+About a solution the problem is linear: the offset of the fixes from the odometry is the sum of the noise of
+all earlier segments of odometry, of the fixes' own noise, and of start and constants, which are integrated
+out (restricted maximum likelihood, Patterson and Thompson 1971). Errors of fixes that are correlated in time,
+as those of real receivers, are components too; otherwise they would be attributed to the odometry.
 """
 
 from __future__ import annotations
@@ -29,26 +29,27 @@ if TYPE_CHECKING:
 IndexArray = NDArray[np.intp]
 
 _MIN_FIXES_PER_SECTION = 30
-"""Fixes; fewer cannot tell the noise of anything."""
+"""Fixes; fewer determine no noise."""
 
 _MAX_BLOCKS_PER_SECTION, _SECTION_DURATION, _MAX_SECTIONS = 60, 600.0, 4
-"""Means of fixes that a stretch of a drive is looked at in, its length in s, and how many are looked at.
+"""Blocks of averaged fixes in a section of a drive, duration of a section in s, and number of sections.
 
-Ten seconds each at most, in which an odometry hardly strays; the work grows with the third power of their
-number.
+A block lasts ten seconds at most, in which an odometry hardly drifts; the cost grows with the third power of
+the number of blocks.
 """
 
 _FIX_ERROR_TIMES = (15.0, 150.0)
-"""s that errors of fixes last for: reflections off what one passes, and a sky that changes. Estimated."""
+"""s, correlation times of fix errors: multipath from what one passes, and a changing sky. Estimated."""
 
 _CORRELATED_ERROR_RATIO = 0.05
-"""Of a fix's sigma, the size that such errors are expected to have."""
+"""Expected size of correlated fix errors as a fraction of a fix's sigma."""
 
 _LOG_VARIANCE_SIGMA = np.array([1.4, 1.4, 2.0, 0.3, 3.0, 3.0])
-"""1 sigma of the natural logarithm of each variance beforehand.
+"""Prior 1 sigma of the natural logarithm of each variance component.
 
-Noise of the odometry along and sideways, by a factor of two either way, and in heading, of three; the fixes'
-own, which they declare and their scatter bears out; what lasts of them. Estimated.
+Noise of the odometry along and across, known to a factor of two, and in heading, to a factor of three; the
+fixes' white noise, which they declare and their scatter confirms; their correlated noise, two terms.
+Estimated.
 """
 
 _START_LOG_VARIANCES = np.array(
@@ -57,33 +58,37 @@ _START_LOG_VARIANCES = np.array(
         *([0.0, 0.0, 3.0, 0.0, 0.0, 0.0], [0.0, 0.0, 6.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 5.0, 5.0]),
     ]
 )
-"""Logarithms of the variances that are begun with: where noise is small it has no gradient."""
+"""Log variances from which the search starts: where a noise is small the likelihood has no gradient by it."""
 
 _LOG_VARIANCE_BOUNDS = [(-6.0, 4.0), (-6.0, 4.0), (-6.0, 8.0), *[(-6.0, 9.0)] * 3]
-"""Logarithms of the variances, least and most.
+"""Minimum and maximum of the log variances.
 
-What strays further than a foot in a metre is no odometry: fixes that jumped look like that. Estimated.
+Odometry that drifts by more than a foot per metre is not odometry: the fixes jumped. Estimated.
 """
 
 _NOISE_COST_TOLERANCE = 1e-5
-"""Of the cost, some hundreds: a gain below that changes no sigma."""
+"""Fraction of the cost, which is some hundreds; a smaller gain changes no sigma."""
 
 _MODE_SEPARATION = 1.0
-"""In logarithms of variances, within which two optima are taken for one."""
+"""Difference of log variances below which two optima are the same."""
 
 _MIN_LOG_POSTERIOR_GAIN = 2.0
-"""Logarithm of the posterior that less noise than expected must gain: two sigma."""
+"""Gain in log posterior from which less noise than expected is accepted: two sigma."""
 
 _START_POSE_SIGMA = np.array([30.0, 30.0, 0.5])
-"""m, m, rad about the solution, within which the first pose is; wider than any solution is sure."""
+"""m, m, rad; prior 1 sigma of the first pose about the solution, larger than that of any solution."""
 
 
 @dataclass(frozen=True, eq=False)
 class _SectionModel:
-    """What a stretch of a drive says.
+    """Linear Gaussian model of the fixes in one section of a drive.
 
-    y: (n,) m, means of fixes less where odometry alone would be, east before north. fixed: (n, n) m², what
-    start and constants make of it. parts: (6, n, n), covariances for a variance of one, as _UNSURE has them.
+    Attributes
+    ----------
+    y : (n,) m, averaged fixes minus the odometry without noise, east before north.
+    start_covariance : (n, n) m², effect of the start and the constants.
+    unit_covariances : (6, n, n), covariance of each component for a variance of one, ordered as
+        _LOG_VARIANCE_SIGMA.
     """
 
     y: Array
@@ -92,137 +97,150 @@ class _SectionModel:
 
 
 def estimate_noise_factors(graph: FactorGraph, solution: Solution, pose_t: Array, constants: Array) -> Array:
-    """By what the sigmas of the odometry along, sideways and in heading are to be multiplied, (3,).
+    """Return the factors on the odometry's sigmas along, across and in heading, (3,).
 
-    constants: (COUNT,) 1 sigma of the constants before the drive. Ones where there are too few fixes.
+    constants: (N_CONSTANTS,) prior 1 sigma of the constants. Returns ones where there are too few fixes.
     """
     between, positions = graph.find(BetweenFactors), graph.find(PositionFactors)
     if between is None or positions is None:
         return np.ones(3)
     fixes = positions.linearise(solution.poses, solution.constants)
-    good = np.flatnonzero(positions.loss.weight(fixes.squared_norms) > MIN_USED_WEIGHT)
-    if len(good) < _MIN_FIXES_PER_SECTION:
+    used_fixes = np.flatnonzero(positions.loss.weight(fixes.squared_norms) > MIN_USED_WEIGHT)
+    if len(used_fixes) < _MIN_FIXES_PER_SECTION:
         return np.ones(3)
-    rows = between.linearise(solution.poses, solution.constants)
+    odometry_rows = between.linearise(solution.poses, solution.constants)
     sigma = positions.sigma
-    seen = [
-        _model_section(chosen, fixes, sigma, rows, between, solution, pose_t, constants)
-        for chosen in _choose_sections(good, pose_t[fixes.pose_index])
+    sections = [
+        _model_section(indices, fixes, sigma, odometry_rows, between, solution, pose_t, constants)
+        for indices in _choose_sections(used_fixes, pose_t[fixes.pose_index])
     ]
-    return np.exp(0.5 * _average_modes(seen)[:3])
+    return np.exp(0.5 * _average_modes(sections)[:3])
 
 
-def _choose_sections(good: IndexArray, t: Array) -> list[IndexArray]:
-    """Numbers of the fixes of each stretch that is looked at, evenly over the drive."""
-    whole = float(t[good[-1]] - t[good[0]])
-    count = int(np.ceil(whole / _SECTION_DURATION))
-    begins = t[good[0]] + whole / count * np.arange(count)
+def _choose_sections(used_fixes: IndexArray, t: Array) -> list[IndexArray]:
+    """Return the indices of the fixes of each section, evenly spaced over the drive."""
+    duration = float(t[used_fixes[-1]] - t[used_fixes[0]])
+    count = int(np.ceil(duration / _SECTION_DURATION))
+    starts = t[used_fixes[0]] + duration / count * np.arange(count)
     if count > _MAX_SECTIONS:
-        begins = begins[np.linspace(0, count - 1, _MAX_SECTIONS).astype(np.intp)]
-    edges = np.searchsorted(t[good], np.column_stack([begins, begins + whole / count + 1e-9]))
-    return [good[first:last] for first, last in edges.tolist() if last - first >= _MIN_FIXES_PER_SECTION]
+        starts = starts[np.linspace(0, count - 1, _MAX_SECTIONS).astype(np.intp)]
+    edges = np.searchsorted(t[used_fixes], np.column_stack([starts, starts + duration / count + 1e-9]))
+    return [
+        used_fixes[first:last] for first, last in edges.tolist() if last - first >= _MIN_FIXES_PER_SECTION
+    ]
 
 
 def _model_section(
-    chosen: IndexArray,
+    indices: IndexArray,
     fixes: LinearisedFactors,
     sigma: Array,
-    rows: LinearisedFactors,
+    odometry_rows: LinearisedFactors,
     between: BetweenFactors,
     solution: Solution,
     pose_t: Array,
     constants: Array,
 ) -> _SectionModel:
-    """About a solution: a step (n_f, n_l, n_h) of noise moves all later places.
+    """Return the model of one section, linearised at a solution.
 
-    dp_i = e^(i h_k) (n_f + i n_l) + i (p_i - p_(k+1)) n_h for every stretch k that ends before pose i.
+    A noise (n_f, n_l, n_h) of segment k (forward, left, heading) moves each later pose i by dp_i = e^(i h_k)
+    (n_f + i n_l) + i (p_i - p_(k+1)) n_h, with p and h position (complex) and heading of the poses.
     """
-    state = fixes.pose_index[chosen]
+    state = fixes.pose_index[indices]
     first, last = int(state[0]), int(state[-1])
-    size = sigma[chosen]
-    mean, white = _block_weights(len(chosen), size)
-    place = solution.poses[first : last + 1, 0] + 1j * solution.poses[first : last + 1, 1]
-    share = np.zeros((len(mean), last - first + 1))
-    np.add.at(share.T, state - first, mean.T)
-    later, weighted = _reverse_cumsum(share)[:, 1:], _reverse_cumsum(share * place)[:, 1:]
-    ahead = np.exp(1j * solution.poses[first:last, 2])
-    swung = 1j * (weighted - later * place[1:])
-    moved = np.stack([later * ahead, 1j * later * ahead, swung])
+    fix_sigma = sigma[indices]
+    averaging, block_variance = _block_weights(len(indices), fix_sigma)
+    position = solution.poses[first : last + 1, 0] + 1j * solution.poses[first : last + 1, 1]
+    pose_weights = np.zeros((len(averaging), last - first + 1))
+    np.add.at(pose_weights.T, state - first, averaging.T)
+    later_weights, later_positions = (
+        _reverse_cumsum(pose_weights)[:, 1:],
+        _reverse_cumsum(pose_weights * position)[:, 1:],
+    )
+    forward = np.exp(1j * solution.poses[first:last, 2])
+    by_heading = 1j * (later_positions - later_weights * position[1:])
+    by_noise = np.stack([later_weights * forward, 1j * later_weights * forward, by_heading])
 
-    own = slice(first, last)
-    unwhitened = np.linalg.inv(between.whitening[own])
-    residual = (unwhitened @ rows.residual[own, :, None])[:, :, 0]
-    by_constants = unwhitened @ rows.constants_jacobian[own]
-    off = -fixes.residual[chosen] * size[:, None]
-    by_delay = (fixes.constants_jacobian[chosen] * size[:, None, None]).transpose(1, 0, 2)
-    told = mean @ (by_delay[0] + 1j * by_delay[1]) - np.einsum("abk,kac->bc", moved, by_constants)
-    y = mean @ (off[:, 0] + 1j * off[:, 1]) + np.einsum("abk,ka->b", moved, residual)
-    y = y + told @ solution.constants
-    start = np.stack([np.ones(len(y)), 1j * np.ones(len(y)), 1j * (share @ place - place[0])], axis=1)
-    certain = _stack_components(np.hstack([told * constants, start * _START_POSE_SIGMA]))
-    steps = moved * np.sqrt(np.einsum("kii->ik", between.steps.covariance[own]))[:, None]
-    t = mean @ pose_t[state]
-    apart = np.abs(t[:, None] - t)
-    size_lasting = (_CORRELATED_ERROR_RATIO * float(np.median(size))) ** 2
-    parts = np.empty((len(_LOG_VARIANCE_SIGMA), 2 * len(mean), 2 * len(mean)))
-    for part, step in zip(parts, steps, strict=False):
-        part[:] = _stack_components(step) @ _stack_components(step).T
-    parts[len(steps)] = np.diag(np.tile(white, 2))
-    for part, length in zip(parts[len(steps) + 1 :], _FIX_ERROR_TIMES, strict=True):
-        part[:] = size_lasting * np.kron(np.eye(2), np.exp(-apart / length))
-    return _SectionModel(_stack_components(y[:, None])[:, 0], certain @ certain.T, parts)
+    segments = slice(first, last)
+    unwhitened = np.linalg.inv(between.whitening[segments])
+    residual = (unwhitened @ odometry_rows.residual[segments, :, None])[:, :, 0]
+    by_constants = unwhitened @ odometry_rows.constants_jacobian[segments]
+    fix_offset = -fixes.residual[indices] * fix_sigma[:, None]
+    by_delay = (fixes.constants_jacobian[indices] * fix_sigma[:, None, None]).transpose(1, 0, 2)
+    by_all_constants = averaging @ (by_delay[0] + 1j * by_delay[1]) - np.einsum(
+        "abk,kac->bc", by_noise, by_constants
+    )
+    y = averaging @ (fix_offset[:, 0] + 1j * fix_offset[:, 1]) + np.einsum("abk,ka->b", by_noise, residual)
+    y = y + by_all_constants @ solution.constants
+    by_start = np.stack(
+        [np.ones(len(y)), 1j * np.ones(len(y)), 1j * (pose_weights @ position - position[0])], axis=1
+    )
+    start_effect = _stack_components(np.hstack([by_all_constants * constants, by_start * _START_POSE_SIGMA]))
+    by_components = by_noise * np.sqrt(np.einsum("kii->ik", between.steps.covariance[segments]))[:, None]
+    t = averaging @ pose_t[state]
+    time_difference = np.abs(t[:, None] - t)
+    correlated_variance = (_CORRELATED_ERROR_RATIO * float(np.median(fix_sigma))) ** 2
+    unit_covariances = np.empty((len(_LOG_VARIANCE_SIGMA), 2 * len(averaging), 2 * len(averaging)))
+    for covariance, by_component in zip(unit_covariances, by_components, strict=False):
+        covariance[:] = _stack_components(by_component) @ _stack_components(by_component).T
+    unit_covariances[len(by_components)] = np.diag(np.tile(block_variance, 2))
+    for covariance, correlation_time in zip(
+        unit_covariances[len(by_components) + 1 :], _FIX_ERROR_TIMES, strict=True
+    ):
+        covariance[:] = correlated_variance * np.kron(np.eye(2), np.exp(-time_difference / correlation_time))
+    return _SectionModel(_stack_components(y[:, None])[:, 0], start_effect @ start_effect.T, unit_covariances)
 
 
 def _block_weights(count: int, sigma: Array) -> tuple[Array, Array]:
-    """Weights (blocks, count) that make means of successive fixes, and the variance of each."""
+    """Return weights (blocks, count) that average successive fixes, and the variance of each average."""
     blocks = min(_MAX_BLOCKS_PER_SECTION, count)
     edges = np.linspace(0, count, blocks + 1).astype(np.intp)
-    mean = np.zeros((blocks, count))
-    mean[np.repeat(np.arange(blocks), np.diff(edges)), np.arange(count)] = sigma**-2.0
-    whole = mean.sum(axis=1)
-    return mean / whole[:, None], 1.0 / whole
+    weights = np.zeros((blocks, count))
+    weights[np.repeat(np.arange(blocks), np.diff(edges)), np.arange(count)] = sigma**-2.0
+    weight_sums = weights.sum(axis=1)
+    return weights / weight_sums[:, None], 1.0 / weight_sums
 
 
 def _reverse_cumsum(rows: Array) -> Array:
-    """Sums of each column and all columns after it."""
+    """Return the sum of each column and all columns after it."""
     return np.asarray(np.cumsum(rows[:, ::-1], axis=1)[:, ::-1])
 
 
 def _stack_components(rows: Array) -> Array:
-    """East above north."""
+    """Return the real (east) rows above the imaginary (north) rows."""
     return np.concatenate([rows.real, rows.imag])
 
 
-def _average_modes(seen: list[_SectionModel]) -> Array:
-    """Logarithms of the variances, in units of what was expected: means over all that the fixes allow.
+def _average_modes(sections: list[_SectionModel]) -> Array:
+    """Return the logarithms of the variance components, averaged over all modes of the posterior.
 
-    An odometry that strays and fixes that are wrong for long may explain a drive equally well.
+    Drifting odometry and correlated fix errors may explain a drive equally well.
     """
-    if not seen:
+    if not sections:
         return np.zeros(len(_LOG_VARIANCE_SIGMA))
-    expected = _minimise_cost(seen, _START_LOG_VARIANCES[0], [(0.0, 0.0)] * 3 + _LOG_VARIANCE_BOUNDS[3:])
+    expected = _minimise_cost(sections, _START_LOG_VARIANCES[0], [(0.0, 0.0)] * 3 + _LOG_VARIANCE_BOUNDS[3:])
     modes: list[OptimizeResult] = []
-    for begin in (expected.x, *_START_LOG_VARIANCES[1:]):
-        found = _minimise_cost(seen, begin, _LOG_VARIANCE_BOUNDS)
-        if not any(np.abs(found.x - mode.x).max() < _MODE_SEPARATION for mode in modes):
-            modes.append(found)
+    for start in (expected.x, *_START_LOG_VARIANCES[1:]):
+        optimum = _minimise_cost(sections, start, _LOG_VARIANCE_BOUNDS)
+        if not any(np.abs(optimum.x - mode.x).max() < _MODE_SEPARATION for mode in modes):
+            modes.append(optimum)
     best = min(mode.fun for mode in modes)
-    weight = np.exp([best - mode.fun for mode in modes])
-    logs = np.log(np.average([np.exp(mode.x) for mode in modes], axis=0, weights=weight))
-    # Sigmas grow on little evidence and shrink on much.
+    mode_weight = np.exp([best - mode.fun for mode in modes])
+    logs = np.log(np.average([np.exp(mode.x) for mode in modes], axis=0, weights=mode_weight))
+    # Sigmas grow on weak evidence and shrink on strong evidence only.
     return np.asarray(logs if best < expected.fun - _MIN_LOG_POSTERIOR_GAIN else np.maximum(logs, 0.0))
 
 
 def _minimise_cost(
-    seen: list[_SectionModel], begin: Array, bounds: list[tuple[float, float]]
+    sections: list[_SectionModel], start: Array, bounds: list[tuple[float, float]]
 ) -> OptimizeResult:
-    # A quarter of a second of loading that only a drive with fixes needs.
+    # Loading takes a quarter of a second, which only a drive with fixes needs.
+    """Minimise the negative log posterior from one start."""
     from scipy.optimize import minimize
 
     return minimize(
         _negative_log_posterior,
-        begin,
-        (seen,),
+        start,
+        (sections,),
         "L-BFGS-B",
         True,
         bounds=bounds,
@@ -230,16 +248,20 @@ def _minimise_cost(
     )
 
 
-def _negative_log_posterior(logs: Array, seen: list[_SectionModel]) -> tuple[float, Array]:
-    """Minus the logarithm of the posterior, and its derivatives."""
-    cost, slope = 0.5 * float(np.sum((logs / _LOG_VARIANCE_SIGMA) ** 2)), logs / _LOG_VARIANCE_SIGMA**2
-    size = np.exp(logs)
-    for item in seen:
-        factor = cholesky(item.start_covariance + np.tensordot(size, item.unit_covariances, 1), lower=True)
-        root = solve_triangular(factor, np.eye(len(item.y)), lower=True)
-        white = root @ item.y
-        cost += float(np.log(np.diag(factor)).sum() + 0.5 * white @ white)
-        inverse, weighted = root.T @ root, root.T @ white
-        lever = inverse - np.outer(weighted, weighted)
-        slope = slope + 0.5 * size * np.einsum("kij,ij->k", item.unit_covariances, lever)
-    return cost, slope
+def _negative_log_posterior(logs: Array, sections: list[_SectionModel]) -> tuple[float, Array]:
+    """Return the negative log posterior and its gradient."""
+    cost, gradient = 0.5 * float(np.sum((logs / _LOG_VARIANCE_SIGMA) ** 2)), logs / _LOG_VARIANCE_SIGMA**2
+    variances = np.exp(logs)
+    for section in sections:
+        cholesky_factor = cholesky(
+            section.start_covariance + np.tensordot(variances, section.unit_covariances, 1), lower=True
+        )
+        root = solve_triangular(cholesky_factor, np.eye(len(section.y)), lower=True)
+        whitened = root @ section.y
+        cost += float(np.log(np.diag(cholesky_factor)).sum() + 0.5 * whitened @ whitened)
+        inverse, weighted = root.T @ root, root.T @ whitened
+        gradient_matrix = inverse - np.outer(weighted, weighted)
+        gradient = gradient + 0.5 * variances * np.einsum(
+            "kij,ij->k", section.unit_covariances, gradient_matrix
+        )
+    return cost, gradient

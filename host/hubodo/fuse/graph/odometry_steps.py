@@ -1,4 +1,4 @@
-"""Odometry at any rate, cut into stretches between the graph's poses, with what they are worth."""
+"""Odometry at any rate, cut into segments between the poses of a graph, with their covariance."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Pose = tuple[float, float, float, float]
 
 
 def check_odometry(path: Track) -> None:
-    """Raise InputError for odometry that the graph cannot take: too few poses, unordered or not finite.
+    """Raise InputError for odometry that the graph cannot use: too few poses, unordered or not finite.
 
     Raises ValueError when `step_inflation` does not fit the number of steps.
     """
@@ -36,14 +36,21 @@ def check_odometry(path: Track) -> None:
 
 @dataclass(frozen=True, slots=True)
 class StepNoise:
-    """What is random in an odometry that does not say so itself; 1 sigma.
+    """Random errors of an odometry without a covariance of its own; 1 sigma.
 
-    What a graph begins with: wheels of a real car beside RTK showed 0.01 to 0.05 along and 0.01 to 0.1
-    sideways; odometry_noise.py says by how much to multiply it. along, sideways: m per square root of a
-    metre. heading: rad per square root of a second, heading_way: rad per square root of a metre. share: of a
-    stretch's length and turn (Shah et al. section IV: 0.1), nothing else then. speed_walk: m/s and yaw_walk:
-    rad/s per square root of a second, how both wander where `gap` s or more are without a pose. times: by
-    what forward, left and heading of each increment are multiplied in the end, whoever told them.
+    Odometry of a real car beside RTK showed 0.01 to 0.05 m/√m along and 0.01 to 0.1 m/√m across. These are
+    initial values: odometry_noise.py estimates factors on them.
+
+    Attributes
+    ----------
+    along, sideways : m per √m.
+    heading : rad per √s.
+    heading_per_distance : rad per √m.
+    relative_error : of a segment's length and turn (Shah et al. section IV: 0.1); if set, the others are
+        unused.
+    speed_walk, yaw_walk : m/s and rad/s per √s, random walks where `min_outage` s or more have no pose.
+    min_outage : s.
+    sigma_factors : factors on forward, left and heading of each increment.
     """
 
     along: float = 0.04
@@ -58,7 +65,7 @@ class StepNoise:
 
 
 _MIN_SEGMENT_COVARIANCE = np.diag([1e-8, 1e-8, 1e-10])
-"""m² and rad² of a stretch.
+"""m² and rad² of a segment.
 
 Below a tenth of a millimetre the equations lose more digits than the odometry has.
 """
@@ -66,12 +73,18 @@ Below a tenth of a millimetre the equations lose more digits than the odometry h
 
 @dataclass(frozen=True, eq=False)
 class SegmentedOdometry:
-    """An odometry cut at the times of the poses.
+    """Odometry cut at the times of the poses, with n poses and S steps.
 
-    pose_t: (n,) s. steps: the stretches. t: (S,) s at the end of each step, stretch: (S,) its number,
-    share: (S,) of the stretch's time that has passed then, turn_end: (S, 3) heading, s and m since the
-    stretch's start, as Steps.whole. velocity: (n, 2) m/s of the body, forward and left. pose: (n, 3) of the
-    odometry, heading unwrapped.
+    Attributes
+    ----------
+    pose_t : (n,) s.
+    steps : the segments between the poses.
+    step_end_t : (S,) s, end of each step.
+    segment : (S,) number of its segment.
+    elapsed_fraction : (S,) fraction of the segment's time that has passed at its end.
+    since_segment_start : (S, 3) heading, s and m since the segment's start, as OdometrySteps.totals.
+    velocity : (n, 2) m/s of the body, forward and left.
+    odometry_pose : (n, 3) pose of the odometry, heading unwrapped.
     """
 
     pose_t: Array
@@ -84,7 +97,7 @@ class SegmentedOdometry:
     odometry_pose: Array
 
     def heading_at(self, t: Array) -> Array:
-        """(N,) rad of the odometry at times within the poses', unwrapped."""
+        """Return the odometry's heading, unwrapped, at times within those of the poses, (N,) rad."""
         ends = self.odometry_pose[self.segment, 2] + self.since_segment_start[:, 0]
         return np.asarray(
             np.interp(
@@ -94,43 +107,56 @@ class SegmentedOdometry:
 
 
 def segment_odometry(path: Track, pose_t: Array, noise: StepNoise) -> SegmentedOdometry:
-    """Cut at pose_t (n,), increasing, within the odometry's time.
+    """Cut odometry at increasing times pose_t (n,) within its duration.
 
-    Between its poses by linear interpolation (Shah et al. Fig. 5).
+    Between odometry poses it interpolates linearly (Shah et al. Fig. 5).
     """
-    inner = path.t[(path.t > pose_t[0]) & (path.t < pose_t[-1])]
-    t = np.union1d(inner, pose_t)
+    inner_t = path.t[(path.t > pose_t[0]) & (path.t < pose_t[-1])]
+    t = np.union1d(inner_t, pose_t)
     heading = np.interp(t, path.t, np.unwrap(path.heading))
-    place = np.interp(t, path.t, path.x) + 1j * np.interp(t, path.t, path.y)
-    at_state = np.searchsorted(t, pose_t)
-    first = at_state[:-1]
-    counts = np.diff(at_state)
-    stretch = np.repeat(np.arange(len(first)), counts)
-    start = first[stretch]
+    position = np.interp(t, path.t, path.x) + 1j * np.interp(t, path.t, path.y)
+    at_pose = np.searchsorted(t, pose_t)
+    first_step = at_pose[:-1]
+    step_counts = np.diff(at_pose)
+    segment = np.repeat(np.arange(len(first_step)), step_counts)
+    step_start = first_step[segment]
 
-    middle = 0.5 * (heading[:-1] + heading[1:])
-    way: ComplexArray = np.diff(place) * np.exp(-1j * middle)
-    distance = np.concatenate([[0.0], np.cumsum(way.real)])
+    mid_heading = 0.5 * (heading[:-1] + heading[1:])
+    chord: ComplexArray = np.diff(position) * np.exp(-1j * mid_heading)
+    cumulative_distance = np.concatenate([[0.0], np.cumsum(chord.real)])
     dt = np.diff(t)
-    mid_t = 0.5 * (t[:-1] + t[1:]) - t[start]
-    rolled = 0.5 * (distance[:-1] + distance[1:]) - distance[start]
-    turn_end = np.column_stack([value[1:] - value[start] for value in (heading, t, distance)])
-    whole = np.column_stack([np.diff(value[at_state]) for value in (heading, t, distance)])
-    turn = middle - heading[start]
-    moves = way * np.exp(1j * turn)
-    moved = np.add.reduceat(moves, first)
-    covariance = _segment_covariance(path, noise, t, way, turn, moves, moved, first, stretch, whole)
-    steps = OdometrySteps(first, way, turn, mid_t, rolled, whole, covariance)
-
-    near = np.clip(at_state, 1, len(way) - 1)
-    before = np.clip(near - 1, 0, len(way) - 1)
-    velocity = (way[before] + way[np.minimum(near, len(way) - 1)]) / (
-        dt[before] + dt[np.minimum(near, len(way) - 1)]
+    mid_time = 0.5 * (t[:-1] + t[1:]) - t[step_start]
+    mid_distance = (
+        0.5 * (cumulative_distance[:-1] + cumulative_distance[1:]) - cumulative_distance[step_start]
     )
-    pose = np.column_stack([place[at_state].real, place[at_state].imag, heading[at_state]])
-    share = turn_end[:, 1] / whole[stretch, 1]
+    since_start = np.column_stack(
+        [value[1:] - value[step_start] for value in (heading, t, cumulative_distance)]
+    )
+    totals = np.column_stack([np.diff(value[at_pose]) for value in (heading, t, cumulative_distance)])
+    mid_turn = mid_heading - heading[step_start]
+    displacements = chord * np.exp(1j * mid_turn)
+    segment_displacement = np.add.reduceat(displacements, first_step)
+    covariance = _segment_covariance(
+        path, noise, t, chord, mid_turn, displacements, segment_displacement, first_step, segment, totals
+    )
+    steps = OdometrySteps(first_step, chord, mid_turn, mid_time, mid_distance, totals, covariance)
+
+    nearest_step = np.clip(at_pose, 1, len(chord) - 1)
+    previous_step = np.clip(nearest_step - 1, 0, len(chord) - 1)
+    velocity = (chord[previous_step] + chord[np.minimum(nearest_step, len(chord) - 1)]) / (
+        dt[previous_step] + dt[np.minimum(nearest_step, len(chord) - 1)]
+    )
+    odometry_pose = np.column_stack([position[at_pose].real, position[at_pose].imag, heading[at_pose]])
+    elapsed_fraction = since_start[:, 1] / totals[segment, 1]
     return SegmentedOdometry(
-        pose_t, steps, t[1:], stretch, share, turn_end, np.column_stack([velocity.real, velocity.imag]), pose
+        pose_t,
+        steps,
+        t[1:],
+        segment,
+        elapsed_fraction,
+        since_start,
+        np.column_stack([velocity.real, velocity.imag]),
+        odometry_pose,
     )
 
 
@@ -138,51 +164,61 @@ def _segment_covariance(
     path: Track,
     noise: StepNoise,
     t: Array,
-    way: ComplexArray,
-    turn: Array,
-    moves: ComplexArray,
-    moved: ComplexArray,
-    first: NDArray[np.intp],
-    stretch: NDArray[np.intp],
-    whole: Array,
+    chord: ComplexArray,
+    mid_turn: Array,
+    displacements: ComplexArray,
+    segment_displacement: ComplexArray,
+    first_step: NDArray[np.intp],
+    segment: NDArray[np.intp],
+    totals: Array,
 ) -> Array:
-    """Sum of J Q J' over the steps of a stretch: J turns a step's axes and swings what comes after it."""
+    """Return the sum of J Q J' over the steps of each segment.
+
+    Q is the covariance of a step in its own axes; J rotates these axes and moves what comes after the step.
+    """
     if noise.relative_error > 0.0:
-        length, turned = noise.relative_error * np.abs(moved), noise.relative_error * np.abs(whole[:, 0])
-        made = np.zeros((len(first), 3, 3))
-        made[:, 0, 0] = made[:, 1, 1] = length**2 + 1e-6
-        made[:, 2, 2] = turned**2 + 1e-8
-        return made
+        step_duration, total_turn = (
+            noise.relative_error * np.abs(segment_displacement),
+            noise.relative_error * np.abs(totals[:, 0]),
+        )
+        covariance = np.zeros((len(first_step), 3, 3))
+        covariance[:, 0, 0] = covariance[:, 1, 1] = step_duration**2 + 1e-6
+        covariance[:, 2, 2] = total_turn**2 + 1e-8
+        return covariance
     dt = np.diff(t)
-    own = np.searchsorted(path.t, 0.5 * (t[:-1] + t[1:])) - 1
-    length = np.diff(path.t)[own]
-    q = np.zeros((len(way), 3, 3))
-    rolled = np.abs(way)
-    hole = np.where(length >= noise.min_outage, length**2 / 12.0 * dt, 0.0)
-    q[:, 0, 0] = noise.along**2 * rolled + noise.speed_walk**2 * hole
-    q[:, 1, 1] = noise.sideways**2 * rolled
-    q[:, 2, 2] = noise.heading**2 * dt + noise.heading_per_distance**2 * rolled + noise.yaw_walk**2 * hole
+    odometry_step = np.searchsorted(path.t, 0.5 * (t[:-1] + t[1:])) - 1
+    step_duration = np.diff(path.t)[odometry_step]
+    q = np.zeros((len(chord), 3, 3))
+    distance = np.abs(chord)
+    outage_weight = np.where(step_duration >= noise.min_outage, step_duration**2 / 12.0 * dt, 0.0)
+    q[:, 0, 0] = noise.along**2 * distance + noise.speed_walk**2 * outage_weight
+    q[:, 1, 1] = noise.sideways**2 * distance
+    q[:, 2, 2] = (
+        noise.heading**2 * dt + noise.heading_per_distance**2 * distance + noise.yaw_walk**2 * outage_weight
+    )
     q = q * np.outer(noise.sigma_factors, noise.sigma_factors)
     if len(path.step_inflation):
-        # What a drive's fixes say of wheels that roll is not said of wheels that do not.
-        inflation = path.step_inflation[own] * dt / length
+        # Factors estimated for rolling wheels do not apply to segments without wheel speed.
+        inflation = path.step_inflation[odometry_step] * dt / step_duration
         q[:, 0, 0] += inflation
         q[:, 1, 1] += inflation
-    total = np.cumsum(moves)
-    base = (total - moves)[first]
-    # A turn within a step swings half of it, on average.
-    rest = moved[stretch] + base[stretch] - total + 0.5 * moves
-    cos, sin = np.cos(turn), np.sin(turn)
-    j = np.zeros((len(way), 3, 3))
+    cumulative = np.cumsum(displacements)
+    segment_base = (cumulative - displacements)[first_step]
+    # A mid_turn within a step swings half of it, on average.
+    remaining = segment_displacement[segment] + segment_base[segment] - cumulative + 0.5 * displacements
+    cos, sin = np.cos(mid_turn), np.sin(mid_turn)
+    j = np.zeros((len(chord), 3, 3))
     j[:, 0, 0] = j[:, 1, 1] = cos
     j[:, 0, 1], j[:, 1, 0] = -sin, sin
-    j[:, 0, 2], j[:, 1, 2], j[:, 2, 2] = -rest.imag, rest.real, 1.0
-    return np.asarray(np.add.reduceat(j @ q @ j.transpose(0, 2, 1), first, axis=0) + _MIN_SEGMENT_COVARIANCE)
+    j[:, 0, 2], j[:, 1, 2], j[:, 2, 2] = -remaining.imag, remaining.real, 1.0
+    return np.asarray(
+        np.add.reduceat(j @ q @ j.transpose(0, 2, 1), first_step, axis=0) + _MIN_SEGMENT_COVARIANCE
+    )
 
 
 @dataclass(slots=True)
 class OdometryBuffer:
-    """Poses by increasing time, and how loose the way to each is, as Track's, m²."""
+    """The newest odometry poses (t, x, y, heading) by time, with the inflation of the step to each, m²."""
 
     _poses: deque[Pose] = field(default_factory=deque)
     _inflation: deque[float] = field(default_factory=deque)
@@ -192,33 +228,33 @@ class OdometryBuffer:
 
     @property
     def newest_t(self) -> float:
-        """s; -inf before the first pose."""
+        """Return the time of the newest pose, s; -inf before the first."""
         return self._poses[-1][0] if self._poses else -np.inf
 
-    def add_pose(self, pose: Pose, loose: float) -> None:
-        """One more pose."""
+    def add_pose(self, pose: Pose, step_inflation: float) -> None:
+        """Add a pose and the inflation of the step to it, m²."""
         self._poses.append(pose)
-        self._inflation.append(loose)
+        self._inflation.append(step_inflation)
 
     def drop_before(self, before: float) -> None:
-        """Leaves out what is older, but for one pose before that time."""
+        """Drop older poses, but keep one pose before that time."""
         while len(self._poses) > 2 and self._poses[1][0] <= before:
             self._poses.popleft()
             self._inflation.popleft()
 
-    def track_since(self, begin: float) -> Track:
-        """The odometry since `begin`, with one pose before it."""
+    def track_since(self, start: float) -> Track:
+        """Return the odometry since `start`, with one pose before it."""
         count = 0
         for t, *_ in reversed(self._poses):
             count += 1
-            if t <= begin:
+            if t <= start:
                 break
         first = len(self._poses) - count
         rows = np.array(list(itertools.islice(self._poses, first, None)))
-        loose = np.array(list(itertools.islice(self._inflation, first + 1, None)))
+        step_inflation = np.array(list(itertools.islice(self._inflation, first + 1, None)))
         t, x, y, heading = rows.T
-        return Track(t, x, y, heading, step_inflation=loose)
+        return Track(t, x, y, heading, step_inflation=step_inflation)
 
-    def segment_between(self, begin: float, end: float, noise: StepNoise) -> SegmentedOdometry:
-        """The stretch between two times."""
-        return segment_odometry(self.track_since(begin), np.array([begin, end]), noise)
+    def segment_between(self, start: float, end: float, noise: StepNoise) -> SegmentedOdometry:
+        """Return the odometry between two times as one segment."""
+        return segment_odometry(self.track_since(start), np.array([start, end]), noise)

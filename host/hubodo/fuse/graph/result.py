@@ -1,4 +1,4 @@
-"""The result of the factor graph: poses at the odometry's times, sigmas, constants."""
+"""Result of the factor graph: poses at the odometry's times, sigmas and constants."""
 
 from __future__ import annotations
 
@@ -19,14 +19,21 @@ from hubodo.fuse.track import Track
 
 @dataclass(frozen=True, eq=False)
 class GraphResult:
-    """What the graph found.
+    """Solution of a whole drive.
 
-    track: poses at the odometry's times, in metres east and north of `frame` (of the odometry's own start
-    without GNSS). from_start: the same, shifted to begin at 0, 0, with sigmas of the way since. constants:
-    by the names of ConstantSigmas; gnss_delay is that of the fixes in all. fix_t: (M,) s of the usable fixes,
-    fix_weight: (M,) 0 to 1, what each counted, sigma_growth: times which their sigma was widened.
-    noise: of the odometry, as this drive shows it.
-    warnings: one line each. pose_t: (n,) s of the graph's poses; graph, solution: for who wants more.
+    Attributes
+    ----------
+    track : poses at the odometry's times, m east and north of `frame` (of the odometry's start without GNSS).
+    from_start : the same, shifted to start at 0, 0, with sigmas of the displacement since.
+    constants : estimates by the names of ConstantSigmas; gnss_delay is the total delay of the fixes.
+    frame : map frame, None without GNSS.
+    fix_t : (M,) s of the usable fixes.
+    fix_weight : (M,) weight of each fix, 0 to 1.
+    sigma_growth : factor by which the sigmas of the fixes were inflated.
+    noise : of the odometry, as estimated for this drive.
+    warnings : one line each.
+    pose_t : (n,) s of the graph's poses.
+    graph, solution : the graph and its optimum.
     """
 
     track: Track
@@ -45,9 +52,14 @@ class GraphResult:
 
 @dataclass(frozen=True, eq=False)
 class DriveGraph:
-    """A graph with its first guess, and how it came about.
+    """A graph with its initial guess.
 
-    heading_known: whether anything tells the heading.
+    Attributes
+    ----------
+    graph : the factors.
+    initial_poses : (n, 3).
+    odometry : cut at the poses.
+    heading_observable : whether any measurement determines the heading.
     """
 
     graph: FactorGraph
@@ -61,37 +73,37 @@ def build_result(
     drive: DriveGraph,
     solution: Solution,
     frame: LocalFrame | None,
-    grown: float,
+    sigma_growth: float,
     noise: StepNoise,
     shift: float,
     warnings: tuple[str, ...],
 ) -> GraphResult:
-    """What a solution with all covariances says of the whole drive.
+    """Return the result of a drive from a solution with all covariances.
 
-    grown: times which the fixes' sigma was widened. noise: of the odometry. shift: s that was
-    added to the fixes' times.
+    sigma_growth: factor by which the sigmas of the fixes were inflated. noise: of the odometry. shift: s
+    added to the times of the fixes.
     """
-    cut, graph = drive.odometry, drive.graph
-    sigma_of = np.sqrt(np.diag(solution.constants_covariance))
+    odometry, graph = drive.odometry, drive.graph
+    constant_sigma = np.sqrt(np.diag(solution.constants_covariance))
     constants = {
         name: Quantity(float(value) + (shift if index == GNSS_DELAY else 0.0), float(sigma))
         for index, (name, value, sigma) in enumerate(
-            zip(CONSTANT_NAMES, solution.constants, sigma_of, strict=True)
+            zip(CONSTANT_NAMES, solution.constants, constant_sigma, strict=True)
         )
     }
     variance = np.einsum("kii->ki", solution.covariance)
     variance = np.maximum(variance, 0.0)
     cross = np.einsum("kii->ki", solution.start_covariance)
-    since = np.maximum(variance + variance[0] - 2.0 * cross, 0.0)
-    since[:, 2] = variance[:, 2]
-    track = _interpolate_track(path, cut, graph, solution, variance)
-    from_start = _interpolate_track(path, cut, graph, solution, since)
+    variance_since_start = np.maximum(variance + variance[0] - 2.0 * cross, 0.0)
+    variance_since_start[:, 2] = variance[:, 2]
+    track = _interpolate_track(path, odometry, graph, solution, variance)
+    from_start = _interpolate_track(path, odometry, graph, solution, variance_since_start)
     from_start = replace(from_start, x=from_start.x - track.x[0], y=from_start.y - track.y[0])
     fix_t, weight = path.t[:0], np.zeros(0)
     positions = graph.find(PositionFactors)
     if positions is not None:
         item = positions.linearise(solution.poses, solution.constants)
-        fix_t, weight = cut.pose_t[item.pose_index], positions.loss.weight(item.squared_norms)
+        fix_t, weight = odometry.pose_t[item.pose_index], positions.loss.weight(item.squared_norms)
     return GraphResult(
         track,
         from_start,
@@ -99,41 +111,55 @@ def build_result(
         frame,
         fix_t - shift,
         weight,
-        grown,
+        sigma_growth,
         noise,
         warnings,
-        cut.pose_t,
+        odometry.pose_t,
         graph,
         solution,
     )
 
 
 def _interpolate_track(
-    path: Track, cut: SegmentedOdometry, graph: FactorGraph, solution: Solution, variance: Array
+    path: Track, odometry: SegmentedOdometry, graph: FactorGraph, solution: Solution, variance: Array
 ) -> Track:
-    """Poses at the odometry's times: the steps with the constants found.
+    """Return poses at the odometry's times, from its steps corrected by the estimated constants.
 
-    What a stretch still lacks at its end is spread evenly over its time.
+    The remaining misfit at the end of each segment is spread evenly over its time.
     """
-    steps, constants, poses = cut.steps, solution.constants, solution.poses
-    moves = steps.correct_displacements(constants)
-    total = np.cumsum(moves)
-    since = total - (total - moves)[steps.first_step][cut.segment]
-    turned = cut.since_segment_start @ (
+    steps, constants, poses = odometry.steps, solution.constants, solution.poses
+    displacements = steps.correct_displacements(constants)
+    cumulative = np.cumsum(displacements)
+    since_segment_start = cumulative - (cumulative - displacements)[steps.first_step][odometry.segment]
+    turn_since_start = odometry.since_segment_start @ (
         np.array([1.0, 0.0, 0.0]) + constants[[YAW_SCALE, YAW_RATE, CURVATURE]]
     )
-    begin, end = poses[:-1][cut.segment], poses[1:][cut.segment]
-    forward = np.exp(1j * begin[:, 2])
-    moved = np.add.reduceat(moves, steps.first_step)[cut.segment]
-    missing = (end[:, 0] - begin[:, 0]) + 1j * (end[:, 1] - begin[:, 1]) - forward * moved
-    lacking = end[:, 2] - begin[:, 2] - steps.correct_turns(constants)[cut.segment]
-    place = begin[:, 0] + 1j * begin[:, 1] + forward * since + cut.elapsed_fraction * missing
-    heading = begin[:, 2] + turned + cut.elapsed_fraction * lacking
-    use = np.searchsorted(cut.step_end_t, path.t[1:])
-    x, y = np.append(poses[0, 0], place.real[use]), np.append(poses[0, 1], place.imag[use])
-    along = np.append(poses[0, 2], heading[use])
+    start_pose, end_pose = poses[:-1][odometry.segment], poses[1:][odometry.segment]
+    direction = np.exp(1j * start_pose[:, 2])
+    segment_displacement = np.add.reduceat(displacements, steps.first_step)[odometry.segment]
+    position_misfit = (
+        (end_pose[:, 0] - start_pose[:, 0])
+        + 1j * (end_pose[:, 1] - start_pose[:, 1])
+        - direction * segment_displacement
+    )
+    heading_misfit = end_pose[:, 2] - start_pose[:, 2] - steps.correct_turns(constants)[odometry.segment]
+    position = (
+        start_pose[:, 0]
+        + 1j * start_pose[:, 1]
+        + direction * since_segment_start
+        + odometry.elapsed_fraction * position_misfit
+    )
+    heading = start_pose[:, 2] + turn_since_start + odometry.elapsed_fraction * heading_misfit
+    step_index = np.searchsorted(odometry.step_end_t, path.t[1:])
+    x, y = (
+        np.append(poses[0, 0], position.real[step_index]),
+        np.append(poses[0, 1], position.imag[step_index]),
+    )
+    heading_at_pose = np.append(poses[0, 2], heading[step_index])
     speed = np.hypot(np.diff(x), np.diff(y)) / np.diff(path.t)
-    speed *= np.where(np.diff(x) * np.cos(along[1:]) + np.diff(y) * np.sin(along[1:]) < 0.0, -1.0, 1.0)
+    speed *= np.where(
+        np.diff(x) * np.cos(heading_at_pose[1:]) + np.diff(y) * np.sin(heading_at_pose[1:]) < 0.0, -1.0, 1.0
+    )
     speed = np.append(speed[0], speed)
-    sigma = [np.sqrt(np.interp(path.t, cut.pose_t, column)) for column in variance.T]
-    return Track(path.t, x, y, along, speed, *sigma)
+    sigma = [np.sqrt(np.interp(path.t, odometry.pose_t, column)) for column in variance.T]
+    return Track(path.t, x, y, heading_at_pose, speed, *sigma)

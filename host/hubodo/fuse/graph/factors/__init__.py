@@ -1,1 +1,1 @@
-"""Measurements of the factor graph: one file each, many measurements of a kind in one object."""
+"""Kinds of factors of the graph, one module each."""

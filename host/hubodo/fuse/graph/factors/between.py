@@ -1,4 +1,4 @@
-"""What the odometry says of two poses that follow each other: its increments, compounded."""
+"""Odometry between two successive poses: its steps, compounded and corrected by the constants."""
 
 from __future__ import annotations
 
@@ -17,13 +17,17 @@ ComplexArray = NDArray[np.complex128]
 
 @dataclass(frozen=True, eq=False)
 class OdometrySteps:
-    """Odometry steps that tile n - 1 stretches between n poses.
+    """S odometry steps that tile n - 1 segments between n poses.
 
-    first: (n - 1,) number of each stretch's first step. way: (S,) complex, m: each step's chord, forward +
-    i left of the heading at its middle. turn, after, rolled: (S,) heading, s and m from the stretch's start
-    to the middle of the step, as the odometry has them. whole: (n - 1, 3) the same three for the stretch.
-    covariance: (n - 1, 3, 3) of the stretch's forward, left (m) and heading (rad), in axes of its first
-    pose.
+    Attributes
+    ----------
+    first_step : (n - 1,) number of each segment's first step.
+    chord : (S,) complex, m; forward + i left of the heading at the middle of the step.
+    mid_heading, mid_time, mid_distance : (S,) heading, s and m from the segment's start to the middle of the
+        step, by the odometry.
+    totals : (n - 1, 3) the same three for the whole segment.
+    covariance : (n - 1, 3, 3) of the segment's forward, left (m) and heading (rad), in axes of its first
+        pose.
     """
 
     first_step: NDArray[np.intp]
@@ -35,7 +39,7 @@ class OdometrySteps:
     covariance: Array
 
     def correct_headings(self, constants: Array) -> Array:
-        """(S,) rad from the stretch's first heading to that at the middle of each step."""
+        """Return the corrected heading at the middle of each step since its segment's start, (S,) rad."""
         return np.asarray(
             (1.0 + constants[YAW_SCALE]) * self.mid_heading
             + constants[YAW_RATE] * self.mid_time
@@ -43,32 +47,32 @@ class OdometrySteps:
         )
 
     def correct_displacements(self, constants: Array) -> ComplexArray:
-        """(S,) m, each step in axes of the stretch's first pose."""
+        """Return each corrected step in axes of its segment's first pose, (S,) complex, m."""
         return np.asarray(
             (1.0 + constants[WHEEL_RADIUS]) * self.chord * np.exp(1j * self.correct_headings(constants))
         )
 
     def correct_turns(self, constants: Array) -> Array:
-        """(n - 1,) rad, heading from pose to pose."""
-        lacks = constants[[YAW_SCALE, YAW_RATE, CURVATURE]]
-        return np.asarray(self.totals @ (np.array([1.0, 0.0, 0.0]) + lacks))
+        """Return the corrected heading change from pose to pose, (n - 1,) rad."""
+        corrections = constants[[YAW_SCALE, YAW_RATE, CURVATURE]]
+        return np.asarray(self.totals @ (np.array([1.0, 0.0, 0.0]) + corrections))
 
-    def select_segments(self, begin: int, end: int) -> OdometrySteps:
-        """Stretches begin to end - 1."""
+    def select_segments(self, start: int, end: int) -> OdometrySteps:
+        """Return segments start to end - 1."""
         edges = np.append(self.first_step, len(self.chord))
-        own = slice(edges[begin], edges[end])
+        steps = slice(edges[start], edges[end])
         return OdometrySteps(
-            self.first_step[begin:end] - edges[begin],
-            self.chord[own],
-            self.mid_heading[own],
-            self.mid_time[own],
-            self.mid_distance[own],
-            self.totals[begin:end],
-            self.covariance[begin:end],
+            self.first_step[start:end] - edges[start],
+            self.chord[steps],
+            self.mid_heading[steps],
+            self.mid_time[steps],
+            self.mid_distance[steps],
+            self.totals[start:end],
+            self.covariance[start:end],
         )
 
     def append(self, later: OdometrySteps) -> OdometrySteps:
-        """These stretches and those that follow them."""
+        """Return these segments and those that follow them."""
         return OdometrySteps(
             np.append(self.first_step, later.first_step + len(self.chord)),
             np.append(self.chord, later.chord),
@@ -82,14 +86,19 @@ class OdometrySteps:
 
 @dataclass(frozen=True, eq=False)
 class BetweenFactors(FactorGroup):
-    """The odometry from pose to pose, with noise of Steps.covariance.
+    """Odometry from pose to pose, with the noise of OdometrySteps.covariance.
 
     R(h_k)' (p_{k+1} - p_k) = d(constants), h_{k+1} - h_k = turn(constants).
 
-    d is the sum of the steps, each scaled by 1 + wheel_radius and turned by (1 + yaw_scale) times the
-    odometry's own angle, yaw_rate times the time and curvature times the way since pose k (Shah et al. eq.
-    16, with the constants solved for). whiten: (n - 1, 3, 3), W'W the inverse of the covariance. Slip is rare
-    and large: beyond five sigma of a stretch its pull grows no more.
+    p_k and h_k are position and heading of pose k. d is the sum of the steps, each scaled by 1 + wheel_radius
+    and rotated by (1 + yaw_scale) times the odometry's own angle plus yaw_rate times the time plus curvature
+    times the distance since pose k (Shah et al. eq. 16, with the constants estimated). Slip is rare and
+    large, so beyond five sigma of a segment its influence is constant.
+
+    Attributes
+    ----------
+    steps : the odometry.
+    whitening : (n - 1, 3, 3), W with W'W the inverse of the covariance.
     """
 
     steps: OdometrySteps
@@ -98,24 +107,31 @@ class BetweenFactors(FactorGroup):
 
     @classmethod
     def from_steps(cls, steps: OdometrySteps) -> BetweenFactors:
-        """One factor for each stretch."""
+        """Return one factor for each segment."""
         return cls(np.arange(len(steps.first_step)), steps, _whitening_matrices(steps.covariance))
 
     def linearise(self, poses: Array, constants: Array) -> LinearisedFactors:
-        """About poses (n, 3) and constants (COUNT,)."""
+        """Return whitened residuals and derivatives at poses (n, 3) and constants (N_CONSTANTS,)."""
         steps = self.steps
-        moves = steps.correct_displacements(constants)
-        moved = np.add.reduceat(moves, steps.first_step)
-        spun = 1j * moves
-        gap = np.diff(poses, axis=0)
+        displacements = steps.correct_displacements(constants)
+        segment_displacement = np.add.reduceat(displacements, steps.first_step)
+        displacement_by_heading = 1j * displacements
+        pose_difference = np.diff(poses, axis=0)
         heading = poses[:-1, 2]
         cos, sin = np.cos(heading), np.sin(heading)
-        forward, left = cos * gap[:, 0] + sin * gap[:, 1], cos * gap[:, 1] - sin * gap[:, 0]
+        forward, left = (
+            cos * pose_difference[:, 0] + sin * pose_difference[:, 1],
+            cos * pose_difference[:, 1] - sin * pose_difference[:, 0],
+        )
         residual = np.column_stack(
-            [forward - moved.real, left - moved.imag, gap[:, 2] - steps.correct_turns(constants)]
+            [
+                forward - segment_displacement.real,
+                left - segment_displacement.imag,
+                pose_difference[:, 2] - steps.correct_turns(constants),
+            ]
         )
 
-        by_state = np.zeros((len(gap), 3, 3))
+        by_state = np.zeros((len(pose_difference), 3, 3))
         by_state[:, 0, 0] = by_state[:, 1, 1] = -cos
         by_state[:, 0, 1], by_state[:, 1, 0] = -sin, sin
         by_state[:, 0, 2], by_state[:, 1, 2] = left, -forward
@@ -123,53 +139,53 @@ class BetweenFactors(FactorGroup):
         by_next[:, :, 2] = 0.0
         by_state[:, 2, 2], by_next[:, 2, 2] = -1.0, 1.0
 
-        by_constants = np.zeros((len(gap), 3, N_CONSTANTS))
+        by_constants = np.zeros((len(pose_difference), 3, N_CONSTANTS))
         derivatives = {
-            WHEEL_RADIUS: moved / (1.0 + constants[WHEEL_RADIUS]),
-            YAW_SCALE: np.add.reduceat(spun * steps.mid_heading, steps.first_step),
-            YAW_RATE: np.add.reduceat(spun * steps.mid_time, steps.first_step),
-            CURVATURE: np.add.reduceat(spun * steps.mid_distance, steps.first_step),
+            WHEEL_RADIUS: segment_displacement / (1.0 + constants[WHEEL_RADIUS]),
+            YAW_SCALE: np.add.reduceat(displacement_by_heading * steps.mid_heading, steps.first_step),
+            YAW_RATE: np.add.reduceat(displacement_by_heading * steps.mid_time, steps.first_step),
+            CURVATURE: np.add.reduceat(displacement_by_heading * steps.mid_distance, steps.first_step),
         }
         for constant, value in derivatives.items():
             by_constants[:, 0, constant], by_constants[:, 1, constant] = -value.real, -value.imag
         for column, constant in enumerate((YAW_SCALE, YAW_RATE, CURVATURE)):
             by_constants[:, 2, constant] = -steps.totals[:, column]
-        w = self.whitening
+        whitening = self.whitening
         return LinearisedFactors(
             self.pose_index,
-            (w @ residual[:, :, None])[:, :, 0],
-            w @ by_state,
-            w @ by_next,
-            w @ by_constants,
+            (whitening @ residual[:, :, None])[:, :, 0],
+            whitening @ by_state,
+            whitening @ by_next,
+            whitening @ by_constants,
         )
 
-    def describe_outliers(self, out: Flags, norm: Array, pose_t: Array) -> list[str]:
-        """Where the wheels rolled other than the vehicle moved."""
+    def describe_outliers(self, is_outlier: Flags, norm: Array, pose_t: Array) -> list[str]:
+        """Return warnings for times in which the wheels rolled differently from how the vehicle moved."""
         return [
             f"odometry: between t = {pose_t[first]:.1f} and {pose_t[last + 1]:.1f} s it does not agree "
             "with what was measured from outside; slip or a carried vehicle"
-            for first, last in find_runs(out)
+            for first, last in find_runs(is_outlier)
         ]
 
-    def append(self, later: BetweenFactors, by: int) -> BetweenFactors:
-        """These and the stretches that follow them; `by` is their number."""
+    def append(self, later: BetweenFactors, offset: int) -> BetweenFactors:
+        """Return these segments and those that follow them; `offset` is the number of these."""
         whiten = np.concatenate([self.whitening, later.whitening])
         return replace(
             self,
-            pose_index=np.append(self.pose_index, later.pose_index + by),
+            pose_index=np.append(self.pose_index, later.pose_index + offset),
             steps=self.steps.append(later.steps),
             whitening=whiten,
         )
 
-    def _slice_factors(self, first: int, last: int, begin: int) -> BetweenFactors:
+    def _slice_factors(self, first: int, last: int, start: int) -> BetweenFactors:
         return replace(
             self,
-            pose_index=self.pose_index[first:last] - begin,
+            pose_index=self.pose_index[first:last] - start,
             steps=self.steps.select_segments(first, last),
             whitening=self.whitening[first:last],
         )
 
 
 def _whitening_matrices(covariance: Array) -> Array:
-    """(n, 3, 3) upper triangular W with W'W the inverse of each covariance."""
+    """Return upper triangular W, (n, 3, 3), with W'W the inverse of each covariance."""
     return np.asarray(np.linalg.cholesky(np.linalg.inv(covariance)).transpose(0, 2, 1))

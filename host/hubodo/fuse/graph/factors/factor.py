@@ -1,4 +1,7 @@
-"""The one shape of all factors: residuals with derivatives, a loss, and which poses they are tied to."""
+"""The common shape of all factors:
+
+residuals with derivatives, a robust loss, and the poses they are tied to.
+"""
 
 from __future__ import annotations
 
@@ -20,14 +23,22 @@ if TYPE_CHECKING:  # both are built from factors
 Flags = NDArray[np.bool_]
 
 _MAX_RUN_GAP = 3
-"""Numbers by which two flags may differ and still be of one stretch: two sound fixes in a jump are chance."""
+"""Difference of index up to which two outliers belong to one run:
+
+one or two inliers in between are chance.
+"""
 
 
 class LinearisedFactors(NamedTuple):
-    """M factors of one kind, r rows each, about the present poses and constants, whitened.
+    """M factors of one kind, r rows each, whitened and linearised at given poses and constants.
 
-    state: (M,) the pose each is tied to. residual: (M, r). by_state: (M, r, 3) derivatives by x, y, heading
-    of that pose; by_next: the same by the pose after it, or None; by_constants: (M, r, COUNT).
+    Attributes
+    ----------
+    pose_index : (M,) pose to which each factor is tied.
+    residual : (M, r), in sigma.
+    pose_jacobian : (M, r, 3), derivatives by x, y, heading of that pose.
+    next_pose_jacobian : (M, r, 3), derivatives by the pose after it, or None.
+    constants_jacobian : (M, r, N_CONSTANTS).
     """
 
     pose_index: NDArray[np.intp]
@@ -38,7 +49,7 @@ class LinearisedFactors(NamedTuple):
 
     @property
     def squared_norms(self) -> Array:
-        """(M,) squared norm of each factor, in units of its variance."""
+        """Return the squared norm of each factor, (M,), in units of its variance."""
         return np.asarray(np.einsum("ij,ij->i", self.residual, self.residual))
 
 
@@ -46,9 +57,13 @@ class LinearisedFactors(NamedTuple):
 class FactorGroup(ABC):
     """M factors of one kind.
 
-    state: (M,) numbers of their poses, increasing: at most one of a kind on a pose. Every array of a kind
-    counts factors along its first axis, so that parts of a graph are cut out and put together without
-    knowing the kind.
+    The first axis of every array of a subclass counts factors, so that a graph is split and appended to
+    without knowledge of the kind.
+
+    Attributes
+    ----------
+    pose_index : (M,) numbers of their poses, increasing: at most one factor of a kind on each pose.
+    loss : robust loss.
     """
 
     pose_index: NDArray[np.intp]
@@ -56,33 +71,35 @@ class FactorGroup(ABC):
 
     @abstractmethod
     def linearise(self, poses: Array, constants: Array) -> LinearisedFactors:
-        """About poses (n, 3) and constants (COUNT,)."""
+        """Return whitened residuals and derivatives at poses (n, 3) and constants (N_CONSTANTS,)."""
 
-    def describe_outliers(self, out: Flags, norm: Array, pose_t: Array) -> list[str]:
-        """One line for each thing to say of a solution.
+    def describe_outliers(self, is_outlier: Flags, norm: Array, pose_t: Array) -> list[str]:
+        """Return one warning for each finding in a solution.
 
-        out: (M,) which count little; norm: (M,) in sigma; pose_t: (n,) s of all poses.
+        is_outlier: (M,) factors of low weight. norm: (M,) in sigma. pose_t: (n,) s of all poses.
         """
         return []
 
-    def select_poses(self, begin: int, end: int) -> Self:
-        """The factors tied to poses begin to end - 1; the poses are numbered from `begin` on."""
-        first, last = np.searchsorted(self.pose_index, [begin, end])
-        return self._slice_factors(int(first), int(last), begin)
+    def select_poses(self, start: int, end: int) -> Self:
+        """Return the factors tied to poses start to end - 1; poses are renumbered from `start` on."""
+        first, last = np.searchsorted(self.pose_index, [start, end])
+        return self._slice_factors(int(first), int(last), start)
 
     def select_factor(self, i: int) -> Self:
-        """Factor i alone, on pose 0."""
+        """Return factor i alone, tied to pose 0."""
         return self._slice_factors(i, i + 1, int(self.pose_index[i]))
 
-    def append(self, later: Self, by: int) -> Self:
-        """These and those of a later part, whose pose 0 is number `by` here."""
+    def append(self, later: Self, offset: int) -> Self:
+        """Return these factors and those of a later part, whose pose 0 is number `offset` here."""
         arrays = self._factor_arrays().items()
-        own: dict[str, Any] = {name: np.concatenate([value, getattr(later, name)]) for name, value in arrays}
-        return replace(self, pose_index=np.append(self.pose_index, later.pose_index + by), **own)
+        concatenated: dict[str, Any] = {
+            name: np.concatenate([value, getattr(later, name)]) for name, value in arrays
+        }
+        return replace(self, pose_index=np.append(self.pose_index, later.pose_index + offset), **concatenated)
 
-    def _slice_factors(self, first: int, last: int, begin: int) -> Self:
-        own = {name: value[first:last] for name, value in self._factor_arrays().items()}
-        return replace(self, pose_index=self.pose_index[first:last] - begin, **own)
+    def _slice_factors(self, first: int, last: int, start: int) -> Self:
+        sliced = {name: value[first:last] for name, value in self._factor_arrays().items()}
+        return replace(self, pose_index=self.pose_index[first:last] - start, **sliced)
 
     def _factor_arrays(self) -> dict[str, Any]:
         values = {item.name: getattr(self, item.name) for item in fields(self)}
@@ -92,27 +109,30 @@ class FactorGroup(ABC):
 
 
 def find_runs(flags: Flags) -> list[tuple[int, int]]:
-    """First and last number of each stretch of flags that are set, gaps of up to two bridged."""
-    places = np.flatnonzero(flags)
-    if len(places) == 0:
+    """Return first and last index of each run of flags that are set; gaps of up to two are bridged."""
+    set_indices = np.flatnonzero(flags)
+    if len(set_indices) == 0:
         return []
-    ends = np.flatnonzero(np.diff(places) > _MAX_RUN_GAP)
-    firsts, lasts = np.append(0, ends + 1), np.append(ends, len(places) - 1)
-    return [(int(places[a]), int(places[b])) for a, b in zip(firsts, lasts, strict=True)]
+    ends = np.flatnonzero(np.diff(set_indices) > _MAX_RUN_GAP)
+    firsts, lasts = np.append(0, ends + 1), np.append(ends, len(set_indices) - 1)
+    return [
+        (int(set_indices[start]), int(set_indices[end])) for start, end in zip(firsts, lasts, strict=True)
+    ]
 
 
 class SensorSamples(Protocol):
-    """N samples of one sensor, or one that just came."""
+    """N samples of one sensor on their own times, or a single new one, that become factors of a graph."""
 
     @property
     def pose_times(self) -> Array:
-        """Times at which a pose must stand, s; none for what is carried to the nearest."""
+        """Return times at which the graph must have a pose, s; none for samples moved to the nearest pose."""
         ...
 
-    def build_factors(self, cut: SegmentedOdometry, config: GraphConfig) -> FactorGroup | None:
-        """The factors of one kind that the samples make of the poses at cut.pose_t; None without any.
+    def build_factors(self, odometry: SegmentedOdometry, config: GraphConfig) -> FactorGroup | None:
+        """Return the factors of these samples for the poses at odometry.pose_t; None without any.
 
-        At most one on each pose. Samples before the first pose or after the last are left out.
+        All are of one kind, at most one on each pose. Samples before the first pose or after the last are
+        dropped.
         """
         ...
 
@@ -121,8 +141,10 @@ Samples = TypeVar("Samples")
 
 
 def concatenate_samples(samples: Sequence[Samples]) -> Samples:
-    """Samples of one sensor put together. Each is a dataclass whose fields are all arrays."""
+    """Return the samples of one sensor as one object. Each is a dataclass whose fields are all arrays."""
     kind: Any = type(samples[0])
     names = [item.name for item in fields(kind)]
-    made: Samples = kind(*(np.concatenate([getattr(sample, name) for sample in samples]) for name in names))
-    return made
+    concatenated: Samples = kind(
+        *(np.concatenate([getattr(sample, name) for sample in samples]) for name in names)
+    )
+    return concatenated

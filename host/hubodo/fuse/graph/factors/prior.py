@@ -1,4 +1,4 @@
-"""What is known of a pose and the constants without measuring: a vague start, or what a window forgot."""
+"""Priors of poses and constants, and the prior that marginalised measurements leave."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from hubodo.fuse.graph.factors.constants import N_CONSTANTS
 from hubodo.fuse.graph.factors.factor import FactorGroup, LinearisedFactors
 
 _MIN_CONSTANT_SIGMA = 1e-9
-"""Least sigma of a constant: what is said to be known exactly is held, and the equations stay regular."""
+"""Minimum sigma of a constant: one that is known exactly is held, and the equations stay regular."""
 
 
 @dataclass(frozen=True, eq=False)
 class PosePriorFactors(FactorGroup):
-    """Priors of poses, x, y in m and heading in rad: mean and 1 sigma, (M, 3)."""
+    """Priors of poses, x, y in m and heading in rad: mean and 1 sigma, (M, 3) each."""
 
     mean: Array
     sigma: Array
 
     def linearise(self, poses: Array, constants: Array) -> LinearisedFactors:
-        """Rows of three, on no constant."""
+        """Return three rows for each factor, without derivatives by constants."""
         residual = (poses[self.pose_index] - self.mean) / self.sigma
         by_state = np.eye(3) / self.sigma[:, None, :]
         return LinearisedFactors(
@@ -32,32 +32,36 @@ class PosePriorFactors(FactorGroup):
 
 @dataclass(frozen=True, eq=False)
 class ConstantsPriorFactors(FactorGroup):
-    """Priors of the constants: mean and 1 sigma, (M, COUNT); a sigma of 0 holds a constant at its mean.
+    """Priors of the constants:
 
-    Kept with a pose of the chain, but on none.
+    mean and 1 sigma, (M, N_CONSTANTS) each; a sigma of 0 holds a constant at its mean.
+
+    They are stored with a pose of the chain, but do not depend on it.
     """
 
     mean: Array
     sigma: Array
 
     def linearise(self, poses: Array, constants: Array) -> LinearisedFactors:
-        """Rows of COUNT, on no pose."""
-        share = 1.0 / np.maximum(self.sigma, _MIN_CONSTANT_SIGMA)
-        by_constants = np.eye(N_CONSTANTS) * share[:, None, :]
-        nothing = np.zeros((len(share), N_CONSTANTS, 3))
+        """Return N_CONSTANTS rows for each factor, without derivatives by poses."""
+        inverse_sigma = 1.0 / np.maximum(self.sigma, _MIN_CONSTANT_SIGMA)
+        by_constants = np.eye(N_CONSTANTS) * inverse_sigma[:, None, :]
+        no_pose_jacobian = np.zeros((len(inverse_sigma), N_CONSTANTS, 3))
         return LinearisedFactors(
-            self.pose_index, (constants - self.mean) * share, nothing, None, by_constants
+            self.pose_index, (constants - self.mean) * inverse_sigma, no_pose_jacobian, None, by_constants
         )
 
 
 @dataclass(frozen=True, eq=False)
 class MarginalPriorFactors(FactorGroup):
-    """What measurements that are no longer kept said of a pose and of the constants, together.
+    """Joint prior of a pose and the constants that marginalised measurements leave.
 
-    A Gaussian in square-root form, residual = offset + root ((pose, constants) - about).
+    A Gaussian in square-root form: residual = offset + A ((pose, constants) - linearisation_point).
 
-    root: (M, 3 + COUNT, 3 + COUNT), root'root the information with its cross terms; offset, about:
-    (M, 3 + COUNT).
+    Attributes
+    ----------
+    sqrt_information : (M, 3 + N_CONSTANTS, 3 + N_CONSTANTS), A; A'A is the information with its cross terms.
+    offset, linearisation_point : (M, 3 + N_CONSTANTS).
     """
 
     sqrt_information: Array
@@ -65,10 +69,10 @@ class MarginalPriorFactors(FactorGroup):
     linearisation_point: Array
 
     def linearise(self, poses: Array, constants: Array) -> LinearisedFactors:
-        """Rows of 3 + COUNT."""
-        at = np.column_stack([poses[self.pose_index], np.tile(constants, (len(self.pose_index), 1))])
+        """Return 3 + N_CONSTANTS rows for each factor."""
+        values = np.column_stack([poses[self.pose_index], np.tile(constants, (len(self.pose_index), 1))])
         residual = (
-            self.offset + (self.sqrt_information @ (at - self.linearisation_point)[:, :, None])[:, :, 0]
+            self.offset + (self.sqrt_information @ (values - self.linearisation_point)[:, :, None])[:, :, 0]
         )
         return LinearisedFactors(
             self.pose_index, residual, self.sqrt_information[:, :, :3], None, self.sqrt_information[:, :, 3:]
