@@ -37,7 +37,7 @@ _SAME: dict[tuple[str, str, str], str] = {
     ): "what is looked at reaches as far to either side: the same places in another order",
     (
         "host/hubodo/fuse/wheel/rate_beyond_range.py",
-        "if wheel.angle_initialised and (unseen or far > _LOST_ANGLE**2):",
+        "if wheel.angle_initialised and (is_unobserved or angle_variance > _MAX_ANGLE_SIGMA**2):",
         "2 -> 3",
     ): "it is one radian, and one to any power is one",
     (

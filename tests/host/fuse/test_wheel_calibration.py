@@ -307,7 +307,7 @@ def test_the_size_of_what_changes_slowly_is_the_largest_that_is_not_unlikely(
         return SimpleNamespace(cost=80.0 + steep * (np.log2(slow / 0.03) - likeliest) ** 2)
 
     drive = object.__new__(_CalibrationDrive)
-    drive.told, drive.run_aided = Positions(*np.zeros((4, 1))), told  # type: ignore[method-assign, assignment]
+    drive.positions, drive.run_aided = Positions(*np.zeros((4, 1))), told  # type: ignore[method-assign, assignment]
     found = drive.largest_slow_error()
     assert found == pytest.approx(0.03 * 2.0 ** (likeliest + np.sqrt(6.0 / steep)), rel=1e-6)
     assert len(set(sizes)) == len(sizes)
@@ -316,7 +316,7 @@ def test_the_size_of_what_changes_slowly_is_the_largest_that_is_not_unlikely(
 @pytest.mark.parametrize(("slope", "size"), [(1.0, 0.03), (-1.0, 0.03 * 2.0**10)])
 def test_where_no_size_is_likeliest_it_is_the_last_one_that_is_looked_at(slope: float, size: float) -> None:
     drive = object.__new__(_CalibrationDrive)
-    drive.told = Positions(*np.zeros((4, 1)))
+    drive.positions = Positions(*np.zeros((4, 1)))
     drive.run_aided = lambda _, slow: SimpleNamespace(cost=slope * np.log(slow))  # type: ignore[method-assign, assignment, return-value]
     assert drive.largest_slow_error() == pytest.approx(size)
 

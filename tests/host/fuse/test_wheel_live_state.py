@@ -25,7 +25,7 @@ from hubodo.fuse.wheel.entries import (
     WHEEL_RADIUS,
     YAW_RATE_FROM_GRAVITY,
 )
-from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
+from hubodo.fuse.wheel.filter import WheelFilter, WheelSample, _SampleRates
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.records import Pose
 
@@ -91,8 +91,8 @@ def test_a_sample_shows_speed_and_yaw_rate_with_the_errors_of_its_node_taken_out
     side: str, facing: str
 ) -> None:
     made = filtered(side, facing=facing)
-    made._last[side] = sample(made, side)
-    t, speed, yaw_rate = made._now(made.core.wheels[0])
+    made._last_samples[side] = sample(made, side)
+    t, speed, yaw_rate = made._rates_from_sample(made.core.wheels[0], made._pose)
     # A tilt is undone to its first order.
     assert (t, speed, yaw_rate) == (
         5.0 + LATE,
@@ -109,17 +109,17 @@ def test_beyond_its_limit_a_gyro_is_believed_with_the_excess_alone(facing: str) 
         x[wheel.columns[entry]] = 0.0
     x[wheel.columns[GYRO_BIAS_Z]], x[wheel.columns[RATE_BEYOND_RANGE]] = 0.5, 12.0
     spin = LIMIT if facing == "left" else -LIMIT
-    made._last["left"] = WheelSample("left", 5.0, (0.0, 0.0, spin), (0.0, 0.0, 0.0))
-    _, speed, yaw_rate = made._now(wheel)
+    made._last_samples["left"] = WheelSample("left", 5.0, (0.0, 0.0, spin), (0.0, 0.0, 0.0))
+    _, speed, yaw_rate = made._rates_from_sample(wheel, made._pose)
     assert speed - yaw_rate * 0.5 * TRACK == pytest.approx(R * (LIMIT + 12.0))
     # Just below it what is known of bias and scale counts, and no excess.
-    made._last["left"] = WheelSample("left", 5.0, (0.0, 0.0, 0.999 * spin), (0.0, 0.0, 0.0))
-    _, speed, yaw_rate = made._now(wheel)
+    made._last_samples["left"] = WheelSample("left", 5.0, (0.0, 0.0, 0.999 * spin), (0.0, 0.0, 0.0))
+    _, speed, yaw_rate = made._rates_from_sample(wheel, made._pose)
     assert speed - yaw_rate * 0.5 * TRACK == pytest.approx(R * (0.999 * LIMIT - 0.5))
 
 
 def shown(made: WheelFilter, **told: tuple[float, float, float]) -> Any:
-    made._shown.update(told)
+    made._sample_rates.update({side: _SampleRates(*rates) for side, rates in told.items()})
     return made.state()
 
 
@@ -154,7 +154,7 @@ def test_a_vehicle_that_stands_stays_where_it_is_while_time_goes_on(still: Motio
 def test_only_wheels_whose_angle_is_known_are_asked() -> None:
     made = filtered("left", "right")
     for side in ("left", "right"):
-        made._last[side] = sample(made, side)
+        made._last_samples[side] = sample(made, side)
     made.core.wheels[1].angle_initialised = False
-    assert made.state() is not None and set(made._shown) == {"left"}
+    assert made.state() is not None and set(made._sample_rates) == {"left"}
     assert WheelFilter(made.config).state() is None

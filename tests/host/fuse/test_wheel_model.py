@@ -48,7 +48,7 @@ SEEN = steady.NodeFixedTerms(3.0 - 50.0j, 0.4 + 1.3j, 0.2, 0.01, -62.0, -3900.0 
 
 def _view(geometry: WheelGeometry, window: Window, x: list[float]) -> LinearisedWindow:
     view = LinearisedWindow(geometry, AT)
-    view.linearise(x, window, resting=False)
+    view.linearise(x, window, is_stationary=False)
     view.yaw_change = 0.7
     return view
 
@@ -161,7 +161,7 @@ def _worst_residuals(drive: wheel_drives.WheelDrive, side: str, camber: float) -
         at = slice(window.number * 100, window.number * 100 + 101)
         x[AT[YAW_RATE]] = (drive.heading[at][-1] - drive.heading[at][0]) / WINDOW_S
         x[AT[SPEED]] = float(np.mean(drive.speed[at]))
-        view.linearise(x, window, resting=False)
+        view.linearise(x, window, is_stationary=False)
         for measurement in MEASUREMENTS:
             worst[measurement] = max(worst[measurement], abs(measurement.measure(view, noise)[0]))
         x[AT[WHEEL_ANGLE]] += view.rolling_rate * WINDOW_S

@@ -28,12 +28,13 @@ from hubodo.fuse.wheel.entries import (
     X,
     Y,
 )
+from hubodo.fuse.wheel.initial_state import InitialState, initial_state
 from hubodo.fuse.wheel.measurements import WindowNoise
+from hubodo.fuse.wheel.motion_model import MotionModel
+from hubodo.fuse.wheel.motion_prediction import MotionPrediction, detect_wheel_motion, vehicle_motion
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.outage_model import free_motion_variances, vehicle_agility
-from hubodo.fuse.wheel.prediction import MotionPrediction, detect_wheel_motion, vehicle_motion
-from hubodo.fuse.wheel.propagation import MotionModel
-from hubodo.fuse.wheel.state import InitialState, initial_state
+from hubodo.fuse.wheel.wheel_mode import WheelMode
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
 
 T, G = WINDOW_S, STANDARD_GRAVITY
@@ -284,10 +285,11 @@ def test_an_accelerometer_that_tells_nothing_has_no_part_in_a_carried_speed() ->
         assert x == pytest.approx(before) and made.speed_row is None
         assert found[speed, speed] == pytest.approx(p[speed, speed] + 0.5**2)
         assert found[yaw_rate, yaw_rate] == pytest.approx(p[yaw_rate, yaw_rate] + 0.5**2)
-    for word in ("angle_initialised", "is_used"):
-        setattr(begin.wheels[1], word, False)
+    for word, value in (("angle_initialised", False), ("best_mode", WheelMode.DISABLED)):
+        usual = getattr(begin.wheels[1], word)
+        setattr(begin.wheels[1], word, value)
         assert predicted(pairs, begin, before, p)[0][speed] - before[speed] == pytest.approx(alone)
-        setattr(begin.wheels[1], word, True)
+        setattr(begin.wheels[1], word, usual)
 
 
 def free(begin: InitialState, pairs: Pairs, **options: bool) -> tuple[float, float]:

@@ -12,6 +12,7 @@ from generators.silences import MEANWHILE, paused_drive, silent_drive, stood_els
 from hubodo.fuse.wheel.entries import HEADING, RATE_BEYOND_RANGE, SPEED, WHEEL_ANGLE, YAW_RATE, X, Y
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
 from hubodo.fuse.wheel.heading_error_inflation import HeadingErrorInflation
+from hubodo.fuse.wheel.initial_state import initial_state
 from hubodo.fuse.wheel.outage_model import (
     UNIFORM_ANGLE_SIGMA,
     OutageModel,
@@ -19,7 +20,6 @@ from hubodo.fuse.wheel.outage_model import (
     predict_free_motion,
     vehicle_agility,
 )
-from hubodo.fuse.wheel.state import initial_state
 from hubodo.fuse.wheel.track import run_wheel_filter, track_from_poses
 from wheel_runs import config, pose_error, tables, truth
 

@@ -8,9 +8,10 @@ import pytest
 
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import CAMBER, SPEED, WHEEL_ANGLE
+from hubodo.fuse.wheel.initial_state import initial_state
+from hubodo.fuse.wheel.motion_prediction import MotionPrediction
 from hubodo.fuse.wheel.motion_state import MotionState
-from hubodo.fuse.wheel.prediction import MotionPrediction
-from hubodo.fuse.wheel.state import initial_state
+from hubodo.fuse.wheel.wheel_mode import WheelMode
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
 
 FORWARD = 0.4
@@ -31,11 +32,11 @@ SOUND = Window(
 )
 
 
-def gained(joined: bool = True, part: bool = True, **flags: float) -> float:
+def gained(angle_known: bool = True, best: WheelMode = WheelMode.ROLLING, **flags: float) -> float:
     """m/s that the speed gained in a window."""
     begin = initial_state(WheelConfig(0.15, 0.5, {"left": WheelNode("left", "left")}))
     (wheel,) = begin.wheels
-    wheel.angle_initialised, wheel.is_used = joined, part
+    wheel.angle_initialised, wheel.best_mode = angle_known, best
     x, place = list(begin.x), begin.columns.vehicle[SPEED]
     pairs = ((wheel, SOUND._replace(**flags)),)
     noise = SimpleNamespace()
@@ -50,7 +51,8 @@ def test_a_sound_accelerometer_carries_the_speed() -> None:
 
 
 @pytest.mark.parametrize(
-    "unsound", [{"angle_initialised": False}, {"is_used": False}, {"missing": 0.01}, {"force_clipped": 0.01}]
+    "unsound",
+    [{"angle_known": False}, {"best": WheelMode.DISABLED}, {"missing": 0.01}, {"force_clipped": 0.01}],
 )
 def test_one_that_is_not_sound_carries_nothing(unsound: dict[str, float]) -> None:
     assert gained(**unsound) == 0.0  # type: ignore[arg-type]
@@ -172,7 +174,7 @@ def test_a_wheel_counts_what_it_has_turned_and_how_upright_it_was() -> None:
     [
         ({}, True),
         ({"angle_initialised": False}, False),
-        ({"speed_trusted": False}, False),
+        ({"best_mode": WheelMode.DISTRUSTED_SPEED}, False),
         ({"is_slipping": True}, False),
     ],
 )
@@ -182,5 +184,5 @@ def test_only_a_wheel_that_is_known_trusted_and_on_the_road_tells_the_speed(
     wheel, *_ = a_wheel()
     wheel.angle_initialised = True
     vars(wheel).update(changes)
-    assert wheel.measures_speed(rolling(0)) == rolls
-    assert not wheel.measures_speed(EMPTY_WINDOW)
+    assert (wheel.mode(rolling(0)) is WheelMode.ROLLING) == rolls
+    assert wheel.mode(EMPTY_WINDOW) is not WheelMode.ROLLING

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from accuracy.slip import CASES, made, with_fixes
 from hubodo.fuse.wheel.entries import HEADING, SPEED, X, Y
 from hubodo.fuse.wheel.odometry_inflation import odometry_inflation
-from hubodo.fuse.wheel.rollback import RollbackBuffer
+from hubodo.fuse.wheel.slip_monitor import SlipMonitor
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 from hubodo.fuse.wheel.track import WheelTrack, run_wheel_filter
 from wheel_runs import config, pose_error, tables
@@ -25,13 +25,13 @@ def doubted(wrong: float, windows: int) -> Any:
     """Covariance of a core whose speed was wrong in so many windows, and where it headed in 400."""
     rng = np.random.default_rng(4)
     headings = 0.4 + np.cumsum(0.02 * rng.standard_normal(400))
-    past = RollbackBuffer(SimpleNamespace())  # type: ignore[arg-type]
+    monitor = SlipMonitor()
     for heading in headings:
-        past._headings.append(heading)
+        monitor._headings.append(heading)
     core = SimpleNamespace(
         p=np.zeros((4, 4)), columns=SimpleNamespace(vehicle={name: k for k, name in enumerate(ENTRIES)})
     )
-    past._doubt(core, wrong, windows)  # type: ignore[arg-type]
+    monitor._inflate_position(core, wrong, windows)  # type: ignore[arg-type]
     return core.p, headings
 
 

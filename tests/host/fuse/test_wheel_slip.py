@@ -11,8 +11,8 @@ from accuracy.slip import CASES, careless_outcome, made, outcome, real_alarms
 from generators import mixed_drives
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
+from hubodo.fuse.wheel.initial_state import initial_state
 from hubodo.fuse.wheel.slip_detector import ForwardResidual, SlipDetector
-from hubodo.fuse.wheel.state import initial_state
 from hubodo.fuse.wheel.track import run_wheel_filter, track_from_poses
 from hubodo.ingest.live.odometer import Block, Odometer
 from hubodo.vehicle import NodeMount, Vehicle
@@ -37,7 +37,7 @@ def test_a_lift_is_found_where_it_begins_and_ends_and_costs_little(lifted):
     assert end_error(drive, found) < 1.8
     assert nees(drive, found) < 12.0
     lines = found.report.as_json()["warnings"]
-    assert any("spun by itself" in line and f"t = {slipped.begin:.1f} to" in line for line in lines)
+    assert any("the wheel slipped" in line and f"t = {slipped.begin:.1f} to" in line for line in lines)
     told = found.report.as_json()["slips"][0]
     assert told["node"] == name and told["speed"] < -0.5 and told["from"] < told["to"]
 
@@ -121,7 +121,7 @@ def test_a_slip_is_told_live_when_it_is_over_and_each_one_once():
         heard += [(node.t[part][-1], line) for line in odometer.warnings() if len(node.t[part])]
     odometer.finish()
     heard += [(np.inf, line) for line in odometer.warnings(end=True)]
-    spun = [(t, line) for t, line in heard if "spun by itself" in line]
+    spun = [(t, line) for t, line in heard if "the wheel slipped" in line]
     assert sorted(line.partition(":")[0] for _, line in spun) == ["left", "right"]
     assert all(start + 1.5 < t < start + 4.0 for t, _ in spun), (start, spun)
 
@@ -183,10 +183,10 @@ def test_a_speed_that_was_carried_beyond_all_the_vehicle_ever_did_is_given_up_fo
     grip = SlipDetector()
     grip.start_slip(100)
     calm = ForwardResidual(0.0, 1e-4, 0.0, 1e-6, 0.0, 0.0)
-    assert not grip.detect_end(101, calm, slip=-1.0, variance=0.01, carried=2.0, fastest=2.0)
+    assert not grip.detect_end(101, calm, slip=-1.0, variance=0.01, inertial_speed=2.0, max_speed=2.0)
     assert grip.is_slipping
     # The wheel turns as it always did, the carried speed is twice that of any time before.
-    assert grip.detect_end(102, calm, slip=-3.0, variance=0.01, carried=4.0, fastest=2.0)
+    assert grip.detect_end(102, calm, slip=-3.0, variance=0.01, inertial_speed=4.0, max_speed=2.0)
     assert not grip.is_slipping and grip.slips[-1].last == 101
 
 

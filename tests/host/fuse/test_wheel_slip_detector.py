@@ -163,10 +163,10 @@ def test_a_slip_that_ended_by_itself_may_be_followed_by_the_next_and_one_given_u
     for number in range(21, 55):
         ended.detect_end(number, CALM, 0.0, 0.04, None, 2.0)
     assert not ended.is_slipping and settled(ended)
-    for given_up in ({"number": 220}, {"number": 21, "carried": 9.0}):
+    for given_up in ({"number": 220}, {"number": 21, "inertial_speed": 9.0}):
         grip = rolled()
         grip.start_slip(20)
-        told = {"push": SHAKEN, "slip": -8.0, "variance": 0.04, "carried": None, "fastest": 2.0}
+        told = {"forward": SHAKEN, "slip": -8.0, "variance": 0.04, "inertial_speed": None, "max_speed": 2.0}
         assert grip.detect_end(**{**told, **given_up})
         assert grip.slips[-1].last == given_up["number"] - 1
         assert not settled(grip)

@@ -7,8 +7,8 @@ import pytest
 
 from hubodo.fuse.wheel.fixed_lag import FixedLagSmoother
 from hubodo.fuse.wheel.motion_state import MotionState
-from hubodo.fuse.wheel.records import Pose, StepRecord
-from hubodo.fuse.wheel.smoother import _pose, _Record, _step_back
+from hubodo.fuse.wheel.records import Pose, SmoothingTerms
+from hubodo.fuse.wheel.smoother import smoothed_pose, step_back
 
 SIZE, STEPS = 7, 6
 PLACES = [1, 0, 2, 4, 6]
@@ -49,7 +49,7 @@ class Chain:
             whole[5] = self.by @ self.f[2]
         return self.passed @ whole if step == 4 else whole
 
-    def filtered(self) -> list[_Record]:
+    def filtered(self) -> list[tuple[Pose, SmoothingTerms]]:
         x, p, made = np.zeros(SIZE), np.eye(SIZE), []
         for step in range(STEPS):
             if step:
@@ -59,17 +59,18 @@ class Chain:
             h = self.h[step]
             gain = p @ h / (h @ p @ h + 0.5)
             x, p = x + gain * (self.z[step] - h @ x), p - np.outer(gain, h @ p)
-            kept = StepRecord(
+            terms = SmoothingTerms(
                 *before,
-                [3] if step == 2 else [],
                 x.tolist(),
                 p.copy(),
+                [3] if step == 2 else [],
+                self.f[step],
+                self.shortened[step],
                 (5, self.by) if step == 3 else None,
                 self.passed if step == 4 else None,
-                self.shortened[step],
             )
             pose = Pose(0.1 * step, *(self.f[step] @ x)[PLACES], np.zeros((5, 5)), MotionState.MOVING, 1.0, 2)
-            made.append(_Record(pose, kept, self.f[step]))
+            made.append((pose, terms))
         return made
 
     def joint(self, upto: int) -> tuple[np.ndarray, np.ndarray]:
@@ -110,8 +111,8 @@ def test_with_a_lag_each_pose_is_that_of_what_was_measured_until_so_many_steps_l
     chain: Chain, lag: int
 ) -> None:
     late, found, times = FixedLagSmoother(lag, PLACES), [], []
-    for number, record in enumerate(chain.filtered()):
-        pose = late.add(record.pose, record.kept, record.transition)
+    for number, (at_once, terms) in enumerate(chain.filtered()):
+        pose = late.add(at_once, terms)
         times.append(pose is not None)
         found += [] if pose is None else [pose]
         assert len(found) == max(0, number + 1 - lag)
@@ -130,41 +131,41 @@ def test_with_a_lag_each_pose_is_that_of_what_was_measured_until_so_many_steps_l
 def test_step_by_step_back_each_state_is_that_of_the_whole_log(chain: Chain) -> None:
     records = chain.filtered()
     mean, covariance = chain.joint(STEPS - 1)
-    x, p = np.array(records[-1].kept.x), records[-1].kept.p
+    x, p = np.array(records[-1][1].x), records[-1][1].p
     for step in reversed(range(STEPS)):
         if step < STEPS - 1:
-            x, p = _step_back(records[step], records[step + 1], x, p, [])
+            x, p = step_back(records[step][1], records[step + 1][1], x, p, [])
             assert np.array_equal(p, p.T)
         own = slice(SIZE * step, SIZE * (step + 1))
         np.testing.assert_allclose(x, mean[own], atol=1e-7)
         np.testing.assert_allclose(p, covariance[own, own], atol=1e-7)
-        made = _pose(records[step], x, p, PLACES)
+        made = smoothed_pose(*records[step], x, p, PLACES)
         expected, spread = chain.pose(step, STEPS - 1)
         np.testing.assert_allclose(made[1:6], expected, atol=1e-7)
         np.testing.assert_allclose(made.covariance, spread, atol=1e-7)
-        assert made.t == records[step].pose.t
+        assert made.t == records[step][0].t
 
 
 @pytest.mark.parametrize("turns", [1.0, -2.0])
 def test_a_wheel_that_is_turns_further_is_where_it_is(chain: Chain, turns: float) -> None:
-    one, later = chain.filtered()[:2]
-    x, p = np.array(later.kept.x), later.kept.p
+    (_, one), (_, later) = chain.filtered()[:2]
+    x, p = np.array(later.x), later.p
     further = x.copy()
     further[4] += 2.0 * np.pi * turns
-    angles = _step_back(one, later, further, p, [4])[0]
-    assert angles == pytest.approx(_step_back(one, later, x, p, [4])[0])
-    assert np.abs(angles - _step_back(one, later, further, p, [])[0]).max() > 0.01
+    angles = step_back(one, later, further, p, [4])[0]
+    assert angles == pytest.approx(step_back(one, later, x, p, [4])[0])
+    assert np.abs(angles - step_back(one, later, further, p, [])[0]).max() > 0.01
 
 
 def test_a_state_without_spread_tells_nothing_of_the_past() -> None:
     chain = Chain(3)
-    one, later = chain.filtered()[:2]
-    known = later.kept.prior_p.copy()
+    (_, one), (_, later) = chain.filtered()[:2]
+    known = later.prior_p.copy()
     known[4], known[:, 4] = 0.0, 0.0
     after = known.copy()
-    sure = later._replace(kept=later.kept._replace(prior_p=known, p=after))
-    x = np.array(later.kept.prior_x)
+    sure = later._replace(prior_p=known, p=after)
+    x = np.array(later.prior_x)
     x[4] += 100.0
-    smoothed, spread = _step_back(one, sure, x, after, [])
-    np.testing.assert_allclose(smoothed, one.kept.x, atol=1e-9)
-    np.testing.assert_allclose(spread, one.kept.p, atol=1e-9)
+    smoothed, spread = step_back(one, sure, x, after, [])
+    np.testing.assert_allclose(smoothed, one.x, atol=1e-9)
+    np.testing.assert_allclose(spread, one.p, atol=1e-9)

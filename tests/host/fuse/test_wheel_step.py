@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from generators import wheel_drives
+from hubodo.fuse.wheel.axle_rate import remove_tilt_rate
 from hubodo.fuse.wheel.entries import MISALIGNMENT_X, MISALIGNMENT_Y
 from hubodo.fuse.wheel.filter import WheelFilter
 from hubodo.fuse.wheel.filter_core import FilterCore
-from hubodo.fuse.wheel.tilt_correction import remove_tilt_rate
 from hubodo.fuse.wheel.track import run_wheel_filter
+from hubodo.fuse.wheel.wheel_mode import WheelMode
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 from wheel_runs import BOTH, config, short, tables
 
@@ -53,7 +54,7 @@ def test_of_exchanged_sides_one_wheel_is_believed_while_driving_on_the_side_that
         {
             wheel.name: wheel.geometry.contact_y
             for wheel in core.wheels
-            if wheel.is_used and wheel.speed_trusted
+            if wheel.best_mode is WheelMode.ROLLING
         }
         for core in (_driven(drive), made.core)
     )
@@ -66,13 +67,12 @@ def test_the_turning_that_a_tilted_gyro_feels_is_no_spin() -> None:
     rng = np.random.default_rng(8)
     core = FilterCore(config(short(1)))
     wheel = core.wheels[0]
-    wheel.angle_initialised = True
     for _ in range(20):
         tilt, rate = 0.02 * rng.standard_normal(2), rng.standard_normal(3)
         core.x[wheel.columns[MISALIGNMENT_X]], core.x[wheel.columns[MISALIGNMENT_Y]] = tilt
         felt = (rate - np.cross([*tilt, 0.0], rate)) * WINDOW_S
         window = Window(spin=felt[2], raw_across=complex(felt[0], felt[1]))
-        found = remove_tilt_rate(core.x, wheel, window).spin
+        found = remove_tilt_rate(core.x, wheel.columns, window).spin
         # To the first order of the tilt.
         assert (
             abs(found - rate[2] * WINDOW_S)

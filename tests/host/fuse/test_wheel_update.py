@@ -10,11 +10,12 @@ from scipy.stats import norm
 
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import CAMBER, GYRO_BIAS_X, SPEED, YAW_RATE
+from hubodo.fuse.wheel.initial_state import InitialState, initial_state
 from hubodo.fuse.wheel.measurement_update import MeasurementUpdate, UpdateResult
 from hubodo.fuse.wheel.measurements import MEASUREMENTS
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.mounting_check import inflate_outlier_variances, track_width_test
-from hubodo.fuse.wheel.state import InitialState, initial_state
+from hubodo.fuse.wheel.wheel_mode import WheelMode
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 
 UPRIGHT = cmath.exp(-0.25j)
@@ -101,7 +102,9 @@ def test_a_wheel_whose_angle_is_not_known_tells_how_it_rolls_and_one_that_is_dis
     joined: bool, trusted: bool, count: int
 ) -> None:
     update, begin = _begun("left", "right")
-    begin.wheels[1].angle_initialised, begin.wheels[1].speed_trusted = joined, trusted
+    begin.wheels[1].angle_initialised = joined
+    if not trusted:
+        begin.wheels[1].best_mode = WheelMode.DISTRUSTED_SPEED
     assert _work_in(update, begin, SOUND, SOUND).dof == count
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.filter import WheelFilter
 from hubodo.fuse.wheel.motion_state import MotionState
-from hubodo.fuse.wheel.state import Wheel
+from hubodo.fuse.wheel.wheel import Wheel
 from hubodo.fuse.wheel.window import WINDOW_S
 
 START_WINDOWS = int(3.0 / WINDOW_S)

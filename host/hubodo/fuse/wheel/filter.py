@@ -1,8 +1,8 @@
-"""The odometer of one or two wheels: samples in, poses out, live and in bulk by the same numbers.
+"""Odometer of one or two wheels: samples in, poses out, with the same bits live and in bulk.
 
-Samples are boiled down to windows of a tenth of a second (preintegration.py) in which no estimate enters; the
-filter takes one step per window (step.py). So a log in one piece and a stream of single samples give
-the same bits, and an hour takes seconds. No clock, file or thread.
+Samples are integrated over windows of 0.1 s (`preintegration.py`), independently of all estimates. The
+filter takes one step per window (`filter_core.py`). So a whole log and a stream of single samples give the
+same bits. No clock, file or thread.
 """
 
 from __future__ import annotations
@@ -12,8 +12,10 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from hubodo.arrays import Array
+from hubodo.fuse.wheel.axle_rate import correct_axle_rate
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import (
     CAMBER,
@@ -34,30 +36,22 @@ from hubodo.fuse.wheel.filter_core import FilterCore
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.preintegration import WindowBuilder
 from hubodo.fuse.wheel.records import Pose, StepInput
-from hubodo.fuse.wheel.state import Wheel
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
+from hubodo.fuse.wheel.wheel import Wheel
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, Window
 from hubodo.vehicle import facing_sign
 
 ALIGNMENT_WINDOWS = 10
-"""Windows that are looked at together for the wheel angles before the first pose.
-
-A second of gravity, through which a vehicle does not brake or turn one way.
-"""
+"""Windows from which wheel angles are initialised before the first pose: 1 s of gravity, in which no vehicle
+brakes or turns all the time."""
 
 _MAX_NODE_DELAY_WINDOWS = 10
-"""Windows by which a node may fall behind the other before it is taken as not heard.
-
-A second, what a radio link may hold samples back.
-"""
-
+"""Windows by which a node may lag behind the other before its windows are missing: 1 s of radio delay."""
 
 _MAX_STEPS_PER_SAMPLE = 3
-"""Steps that a sample which completes a window leads to at most: the rest waits for the next windows.
-
-When a node is heard again that was late, and at the first pose, ten are due; they are caught up with in half
-a second.
-"""
+"""Steps taken at most for one sample; the rest waits for the next windows. When a late node is received
+again,
+and at the first pose, ten are due; they take half a second."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,10 +66,12 @@ class WheelSample:
 
 @dataclass(frozen=True, slots=True)
 class FilterOutput:
-    """What samples led to.
+    """Result of processing samples.
 
-    poses: of the windows they completed. refused: how many were left out because their time did not increase
-    or their node is on no wheel.
+    Attributes
+    ----------
+    poses : of the windows they completed.
+    refused : number of samples left out because their time did not increase or their node is on no wheel.
     """
 
     poses: tuple[Pose, ...] = ()
@@ -84,10 +80,15 @@ class FilterOutput:
 
 @dataclass(frozen=True, slots=True)
 class WheelState:
-    """Where the vehicle is at time t of the last sample: the last pose carried on by the last samples.
+    """State of the vehicle at the time of the last sample, extrapolated from the last pose.
 
-    t: s; x, y: m; heading: rad, unwrapped; speed: m/s; yaw_rate: rad/s. covariance: (5, 5) of x, y, heading,
-    speed, yaw_rate at the last pose. still: whether the vehicle stands still.
+    Attributes
+    ----------
+    t : s.
+    x, y, heading : m, m, rad; the heading is unwrapped.
+    speed, yaw_rate : m/s, rad/s.
+    covariance : (5, 5) of x, y, heading, speed, yaw_rate at the last pose.
+    motion_state : moving, rocking or standstill.
     """
 
     t: float
@@ -100,16 +101,23 @@ class WheelState:
     motion_state: MotionState
 
 
-class WheelFilter:
-    """Feed samples with `handle` or blocks with `handle_many`, then `finish`.
+class _SampleRates(NamedTuple):
+    """Time, s, speed, m/s, and yaw rate, rad/s, from the last sample of a wheel."""
 
-    Poses come back as windows close. A node that falls a second behind the other is taken as not heard; its
-    samples of that time are lost. A time in which no node was heard is one step and one pose at its end,
-    however long it is.
+    t: float
+    speed: float
+    yaw_rate: float
+
+
+class WheelFilter:
+    """Wheel odometry: pass samples to `handle`, or blocks to `handle_many`, then call `finish`.
+
+    Poses are returned as windows close. The windows of a node that lags a second behind the other are
+    dropped. An outage of all nodes is one step with one pose at its end, however long it is.
     """
 
     def __init__(self, config: WheelConfig, speeds: SurfaceSpeeds | None = None) -> None:
-        """speeds: what another odometer tells, where the config says that there is one."""
+        """Start the filter; speeds: surface speeds of another odometer, if the config is encoder-aided."""
         self.config = config
         self._speeds = speeds or {}
         self.core = FilterCore(config)
@@ -119,34 +127,34 @@ class WheelFilter:
             for name, node in config.nodes.items()
         }
         self._queues: dict[str, deque[Window]] = {name: deque() for name in config.nodes}
-        self._number: int | None = None
-        self._pending: list[StepInput] = []
+        self._next_number: int | None = None
+        self._unaligned: list[StepInput] = []
         self._due: deque[StepInput] = deque()
-        self._begun = False
-        self._last: dict[str, WheelSample] = {}
-        self._shown: dict[str, tuple[float, float, float]] = {}
+        self._is_aligned = False
+        self._last_samples: dict[str, WheelSample] = {}
+        self._sample_rates: dict[str, _SampleRates] = {}
         self._pose: Pose | None = None
 
     def handle(self, sample: WheelSample) -> FilterOutput:
-        """One sample; the nodes' samples may come in any order."""
+        """Process one sample; samples of different nodes may come in any order."""
         builder = self._builders.get(sample.node)
         if builder is None:
             return FilterOutput(refused=1)
-        before = builder.refused
+        refused_before = builder.refused
         windows = builder.add(sample.t, sample.gyro, sample.accel)
-        refused = builder.refused - before
+        refused = builder.refused - refused_before
         if builder.newest == sample.t:
-            self._last[sample.node] = sample
-            self._shown.pop(sample.node, None)
+            self._last_samples[sample.node] = sample
+            self._sample_rates.pop(sample.node, None)
         if windows:
             self._queues[sample.node].extend(windows)
-            self._advance(_MAX_NODE_DELAY_WINDOWS)
-        return FilterOutput(self._run(_MAX_STEPS_PER_SAMPLE) if windows else (), refused)
+            self._collect_steps(_MAX_NODE_DELAY_WINDOWS)
+        return FilterOutput(self._take_steps(_MAX_STEPS_PER_SAMPLE) if windows else (), refused)
 
     def handle_many(self, blocks: Mapping[str, tuple[Array, Array, Array]]) -> FilterOutput:
-        """A block of each node, over the same time.
+        """Process a block of each node over the same time.
 
-        By name: t (N,) s, gyro (N, 3) rad/s, accel (N, 3) m/s².
+        blocks: by name, t (N,) s, gyro (N, 3) rad/s, accel (N, 3) m/s².
         """
         refused = 0
         for name, (t, gyro, accel) in blocks.items():
@@ -154,129 +162,129 @@ class WheelFilter:
             if builder is None:
                 refused += len(t)
                 continue
-            before = builder.refused
+            refused_before = builder.refused
             self._queues[name].extend(builder.add_many(t, gyro, accel))
-            refused += builder.refused - before
-        self._advance(_MAX_NODE_DELAY_WINDOWS)
-        return FilterOutput(self._run(), refused)
+            refused += builder.refused - refused_before
+        self._collect_steps(_MAX_NODE_DELAY_WINDOWS)
+        return FilterOutput(self._take_steps(), refused)
 
     def finish(self) -> FilterOutput:
-        """No more samples come: the windows that still waited for the other node or for the first second."""
-        self._advance(0)
-        self._begin()
-        return FilterOutput(self._run())
+        """Process the windows that still wait for another node or for the alignment."""
+        self._collect_steps(0)
+        self._align()
+        return FilterOutput(self._take_steps())
 
     def state(self) -> WheelState | None:
-        """The newest state, not more than a sample old; None before the first pose."""
+        """Return the state at the newest sample; None before the first pose."""
         pose = self._pose
         if pose is None:
             return None
         for wheel in self.core.wheels:
-            if wheel.angle_initialised and wheel.name in self._last and wheel.name not in self._shown:
-                self._shown[wheel.name] = self._now(wheel)
-        rates = [item for item in self._shown.values() if item[0] >= pose.t]
+            is_new = wheel.name in self._last_samples and wheel.name not in self._sample_rates
+            if wheel.angle_initialised and is_new:
+                self._sample_rates[wheel.name] = self._rates_from_sample(wheel, pose)
+        rates = [it for it in self._sample_rates.values() if it.t >= pose.t]
+        t = max([pose.t, *(it.t for it in rates)])
         if not rates or pose.motion_state is not MotionState.MOVING:
-            t = max([pose.t, *(item[0] for item in rates)])
             return WheelState(t, *pose[1:4], pose.speed, pose.yaw_rate, pose.covariance, pose.motion_state)
-        t = max(item[0] for item in rates)
-        speed = sum(item[1] for item in rates) / len(rates)
-        yaw_rate = sum(item[2] for item in rates) / len(rates)
+        speed = sum(it.speed for it in rates) / len(rates)
+        yaw_rate = sum(it.yaw_rate for it in rates) / len(rates)
         dt = t - pose.t
         turn = 0.5 * (yaw_rate + pose.yaw_rate) * dt
-        way = 0.5 * (speed + pose.speed) * dt
+        distance = 0.5 * (speed + pose.speed) * dt
         course = pose.heading + 0.5 * turn
-        x, y = pose.x + way * math.cos(course), pose.y + way * math.sin(course)
+        x, y = pose.x + distance * math.cos(course), pose.y + distance * math.sin(course)
         return WheelState(t, x, y, pose.heading + turn, speed, yaw_rate, pose.covariance, pose.motion_state)
 
     @property
     def refused(self) -> dict[str, int]:
-        """Samples left out by node."""
+        """Return the number of samples left out, by node."""
         return {name: builder.refused for name, builder in self._builders.items()}
 
-    def _now(self, wheel: Wheel) -> tuple[float, float, float]:
-        """(t, speed, yaw rate) that the last sample of a wheel shows.
-
-        By the equations of yaw.py and rolling.py.
-        """
-        sample, x, at = self._last[wheel.name], self.core.x, wheel.columns
-        assert self._pose is not None
+    def _rates_from_sample(self, wheel: Wheel, pose: Pose) -> _SampleRates:
+        """Return speed and yaw rate from the last sample of a wheel, by `yaw.py` and `rolling.py`."""
+        sample, x, columns = self._last_samples[wheel.name], self.core.x, wheel.columns
         sign = facing_sign(wheel.node.facing)
-        spin = sign * sample.gyro[2]
-        if abs(spin) >= wheel.node.gyro_limit:
-            spin += x[at[RATE_BEYOND_RANGE]]
-        else:
-            spin = (spin - x[at[GYRO_BIAS_Z]]) / (1.0 + x[at[GYRO_SCALE_Z]])
-        lean = x[at[CAMBER]]
+        measured = sign * sample.gyro[2]
+        is_saturated = abs(measured) >= wheel.node.gyro_limit
+        beyond = x[columns[RATE_BEYOND_RANGE]] if is_saturated else 0.0
+        axle_rate = correct_axle_rate(
+            measured, is_saturated, x[columns[GYRO_SCALE_Z]], x[columns[GYRO_BIAS_Z]], beyond
+        ).rate
+        camber = x[columns[CAMBER]]
         across = complex(sample.gyro[0], sign * sample.gyro[1])
-        across -= complex(x[at[GYRO_BIAS_X]], x[at[GYRO_BIAS_Y]])
-        across -= complex(-x[at[MISALIGNMENT_Y]], x[at[MISALIGNMENT_X]]) * spin
-        angle = x[at[WHEEL_ANGLE]] + spin * (sample.t - self._pose.t)
-        felt = (across * cmath.exp(1j * angle)).real - x[at[YAW_RATE_FROM_GRAVITY]]
-        yaw_rate = felt / ((1.0 + x[at[GYRO_SCALE_ACROSS]]) * math.cos(lean)) - wheel.geometry.ground_rate
-        rate = spin - wheel.geometry.side * yaw_rate * math.sin(lean)
-        speed = wheel.geometry.radius * (1.0 + x[at[WHEEL_RADIUS]]) * rate
-        contact = wheel.geometry.contact_y * (1.0 + x[at[TRACK_WIDTH]])
-        return sample.t, speed + yaw_rate * contact, yaw_rate
+        across -= complex(x[columns[GYRO_BIAS_X]], x[columns[GYRO_BIAS_Y]])
+        across -= complex(-x[columns[MISALIGNMENT_Y]], x[columns[MISALIGNMENT_X]]) * axle_rate
+        angle = x[columns[WHEEL_ANGLE]] + axle_rate * (sample.t - pose.t)
+        upright = (across * cmath.exp(1j * angle)).real - x[columns[YAW_RATE_FROM_GRAVITY]]
+        yaw_rate = upright / ((1.0 + x[columns[GYRO_SCALE_ACROSS]]) * math.cos(camber))
+        yaw_rate -= wheel.geometry.ground_rate
+        rolling_rate = axle_rate - wheel.geometry.side * yaw_rate * math.sin(camber)
+        speed = wheel.geometry.radius * (1.0 + x[columns[WHEEL_RADIUS]]) * rolling_rate
+        contact_y = wheel.geometry.contact_y * (1.0 + x[columns[TRACK_WIDTH]])
+        return _SampleRates(sample.t, speed + yaw_rate * contact_y, yaw_rate)
 
-    def _advance(self, patience: int) -> None:
-        """Makes steps of the windows that need not wait any longer for another wheel's."""
+    def _collect_steps(self, max_delay: int) -> None:
+        """Combine the windows of all nodes to steps; a node may lag by `max_delay` windows."""
         queues = list(self._queues.values())
         while any(queues):
-            if self._number is not None:
+            if self._next_number is not None:
                 for queue in queues:
-                    _drop_before(queue, self._number)
-            full = [queue for queue in queues if queue]
-            if not full or (len(full) < len(queues) and max(map(len, full)) <= patience):
+                    _drop_before(queue, self._next_number)
+            filled = [queue for queue in queues if queue]
+            if not filled or (len(filled) < len(queues) and max(map(len, filled)) <= max_delay):
                 break
-            number = min(queue[0].number for queue in full)
-            if self._number is not None and number > self._number:
-                self._begin()
-                self._pass_over(self._number, number)
-            row = tuple([_window(queue, number) for queue in queues])
-            step = StepInput(row, number, self._begun, surface_speeds=self._speeds.get(number))
-            (self._due if self._begun else self._pending).append(step)
-            if len(self._pending) >= ALIGNMENT_WINDOWS:
-                self._begin()
-            self._number = number + 1
+            number = min(queue[0].number for queue in filled)
+            if self._next_number is not None and number > self._next_number:
+                self._align()
+                self._add_outage(self._next_number, number)
+            windows = tuple([_pop_window(queue, number) for queue in queues])
+            step = StepInput(windows, number, self._is_aligned, surface_speeds=self._speeds.get(number))
+            (self._due if self._is_aligned else self._unaligned).append(step)
+            if len(self._unaligned) >= ALIGNMENT_WINDOWS:
+                self._align()
+            self._next_number = number + 1
 
-    def _pass_over(self, first: int, end: int) -> None:
-        """From window `first` on up to `end` no node was heard."""
-        told = [number for number in range(first, end) if number in self._speeds] if self._speeds else []
-        for number in told:
+    def _add_outage(self, first: int, end: int) -> None:
+        """Add steps for windows `first` to `end` without any node, split where there are surface speeds."""
+        measured = [number for number in range(first, end) if number in self._speeds] if self._speeds else []
+        for number in measured:
             if number > first:
                 self._due.append(StepInput((), number - 1, True, number - first))
-            nothing = (EMPTY_WINDOW,) * len(self._queues)
-            self._due.append(StepInput(nothing, number, True, surface_speeds=self._speeds[number]))
+            windows = (EMPTY_WINDOW,) * len(self._queues)
+            self._due.append(StepInput(windows, number, True, surface_speeds=self._speeds[number]))
             first = number + 1
         if end > first:
             self._due.append(StepInput((), end - 1, True, end - first))
 
-    def _begin(self) -> None:
-        if self._pending:
-            self._begun = True
-            self.core.align([step.windows for step in self._pending])
-            self._due.extend(self._pending)
-            self._pending = []
+    def _align(self) -> None:
+        """Initialise the filter from the windows so far, once."""
+        if self._unaligned:
+            self._is_aligned = True
+            self.core.align([step.windows for step in self._unaligned])
+            self._due.extend(self._unaligned)
+            self._unaligned = []
 
-    def _run(self, most: int | None = None) -> tuple[Pose, ...]:
-        """The steps that are due, `most` of them at most."""
+    def _take_steps(self, max_steps: int | None = None) -> tuple[Pose, ...]:
+        """Take the steps that are due, `max_steps` of them at most."""
         poses = []
-        for _ in range(len(self._due) if most is None else min(most, len(self._due))):
+        for _ in range(len(self._due) if max_steps is None else min(max_steps, len(self._due))):
             step = self._due.popleft()
             if self.recorded_steps is not None:
                 self.recorded_steps.append(step)
             poses.append(self.core.step(step, ALIGNMENT_WINDOWS))
         if poses:
             self._pose = poses[-1]
-            self._shown.clear()
+            self._sample_rates.clear()
         return tuple(poses)
 
 
 def _drop_before(queue: deque[Window], number: int) -> None:
+    """Drop windows before `number`."""
     while queue and queue[0].number < number:
         queue.popleft()
 
 
-def _window(queue: deque[Window], number: int) -> Window:
-    """Window `number` of a node, taken from the queue."""
+def _pop_window(queue: deque[Window], number: int) -> Window:
+    """Remove window `number` of a node from its queue; return an empty one if it is not there."""
     return queue.popleft() if queue and queue[0].number == number else EMPTY_WINDOW

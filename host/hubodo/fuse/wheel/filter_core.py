@@ -1,348 +1,294 @@
-"""One step of the wheel filter, an error-state Kalman filter: a window of each wheel in, a pose out."""
+"""Core of the wheel filter, an error-state Kalman filter: one step from windows of all wheels to a pose."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from itertools import pairwise
 from operator import itemgetter
 
 import numpy as np
 
-from hubodo.arrays import Array
-from hubodo.fuse.wheel import mounting_check
+from hubodo.fuse.wheel.axle_rate import remove_tilt_rate
 from hubodo.fuse.wheel.config import WheelConfig
-from hubodo.fuse.wheel.entries import HEADING, RATE_BEYOND_RANGE, SPEED, TRACK_WIDTH, WHEEL_ANGLE, X, Y
+from hubodo.fuse.wheel.corrections import ExternalCorrection, StateReset
+from hubodo.fuse.wheel.entries import HEADING, RATE_BEYOND_RANGE, SPEED, WHEEL_ANGLE, X, Y
 from hubodo.fuse.wheel.heading_error_inflation import HeadingErrorInflation
-from hubodo.fuse.wheel.measurement_update import MeasurementUpdate, UpdateResult, WheelWindows
-from hubodo.fuse.wheel.measurements import WindowNoise, centripetal, steady, surface_speed
+from hubodo.fuse.wheel.history import History
+from hubodo.fuse.wheel.initial_state import initial_state
+from hubodo.fuse.wheel.measurement_update import UpdateResult
+from hubodo.fuse.wheel.measurements import surface_speed
+from hubodo.fuse.wheel.motion_prediction import detect_wheel_motion, vehicle_motion
 from hubodo.fuse.wheel.motion_state import MotionState
+from hubodo.fuse.wheel.mounting_check import BOTH_WHEELS, MountingCheck
 from hubodo.fuse.wheel.outage_log import OutageLog
 from hubodo.fuse.wheel.outage_model import OutageModel, vehicle_agility
-from hubodo.fuse.wheel.prediction import MotionPrediction, detect_wheel_motion, vehicle_motion
-from hubodo.fuse.wheel.propagation import MotionModel
-from hubodo.fuse.wheel.rate_beyond_range import derotate_window, reset_misaligned_angle
-from hubodo.fuse.wheel.records import POSE_ENTRIES, Innovation, Pose, StepInput, StepRecord
-from hubodo.fuse.wheel.rollback import FilterSnapshot, RollbackBuffer
+from hubodo.fuse.wheel.rate_beyond_range import derotate_window
+from hubodo.fuse.wheel.records import (
+    POSE_ENTRIES,
+    Pose,
+    SmoothingTerms,
+    StepInput,
+    StepRecord,
+    WheelWindows,
+)
+from hubodo.fuse.wheel.slip_monitor import HISTORY_WINDOWS, SlipMonitor
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
-from hubodo.fuse.wheel.state import Wheel, initial_state
-from hubodo.fuse.wheel.state_vector import StateVector
-from hubodo.fuse.wheel.tilt_correction import remove_tilt_rate
+from hubodo.fuse.wheel.wheel_mode import WheelMode
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
+from hubodo.fuse.wheel.window_processor import WindowProcessor
 
-_SYMMETRIC = 16
-"""Steps after which rounding is taken out of the covariance's symmetry; in so many it is some 1e-15."""
+_SYMMETRISATION_STEPS = 16
+"""Steps between symmetrisations of the covariance; rounding makes 1e-15 of asymmetry in so many."""
 
-_STARTS = 3.0
-"""m/s; a first window that is faster, three sigma of what SPEED begins with, is no start from rest."""
+_MIN_ROLLING_START_SPEED = 3.0
+"""m/s, three prior sigmas of SPEED; a first window that is faster is not a start from standstill."""
 
-_JUST_NOW = 5
-"""Windows within which one wheel may be heard no more before the other, and the vehicle still rests.
-
-Estimated.
-"""
+_STANDSTILL_MEMORY_WINDOWS = 5
+"""Windows after the last standstill in which an outage still counts as starting at standstill: one wheel may
+be lost so long before the other. Estimated."""
 
 
-class FilterCore(StateVector):
-    """State vector, covariance and the step that carries both through a window.
+class FilterCore(WindowProcessor):
+    """State of the wheel filter and its steps. Copies by `copy.deepcopy` are independent.
 
-    x: list of the states, in the order of `columns`. p: their covariance. Copies (copy.deepcopy) go their own
-    ways.
+    Attributes
+    ----------
+    windows, steps : numbers of windows so far, and of those that were received.
+    mounting_check, outages : what they have seen of the drive.
+    pose_columns : columns of the states of a pose.
     """
 
-    def __init__(self, config: WheelConfig, told: SlipSchedule | None = None) -> None:
-        """told: which wheels spin by themselves; None: that is to be found."""
-        begin = initial_state(config)
-        super().__init__(begin)
-        self.config = config
-        self.mounting_check = mounting_check.MountingCheck(config.track_width)
-        self.steps = self.windows = 0
-        self.records_steps = False
-        self.record = StepRecord([], np.empty(0), [], [], np.empty(0))
-        self.slip_schedule = told or SlipSchedule(len(self.wheels))
+    def __init__(
+        self, config: WheelConfig, slips: SlipSchedule | None = None, *, smoothing: bool = False
+    ) -> None:
+        """Start at standstill.
+
+        slips: slip schedule of a previous pass; None: slips are detected. smoothing: record smoothing terms.
+        """
+        initial = initial_state(config)
+        super().__init__(config, initial, slips, History(HISTORY_WINDOWS if slips is None else 1))
+        self.mounting_check = MountingCheck(config.track_width)
         self.outages = OutageLog()
-        self._shortening = HeadingErrorInflation()
-        self.prediction = MotionPrediction(begin.columns, WindowNoise(config.noise, config.radius))
-        self.inertial_speed = False
-        self._update = MeasurementUpdate(config, begin.columns, wants_residuals=told is None)
-        self._motion = MotionModel(config, begin)
-        self._over_silence = OutageModel(config, begin)
-        self._timeless = False
-        self.max_speed = 0.0
-        """m/s that the vehicle has gone, by what was measured."""
-        self._rested = -_JUST_NOW
+        self.steps = self.windows = 0
+        self._keeps_prior = smoothing
+        self._slip_monitor = SlipMonitor() if slips is None else None
+        self._heading_inflation = HeadingErrorInflation()
+        self._outage_model = OutageModel(config, initial)
+        self._last_standstill = -_STANDSTILL_MEMORY_WINDOWS
         self.pose_columns = [self._at[entry] for entry in POSE_ENTRIES]
-        self._of_pose = itemgetter(*self.pose_columns)
-        self._covariance = np.array(
+        self._pick_pose = itemgetter(*self.pose_columns)
+        self._pose_elements = np.array(
             [[row * len(self.x) + column for column in self.pose_columns] for row in self.pose_columns]
         )
-        self._searching = told is None
-        self._hindsight = RollbackBuffer(WindowNoise(config.noise, config.radius))
-        self._tape = len(self.wheels) == 2 and TRACK_WIDTH not in config.priors and not config.position_aided
 
     def align(self, windows: Sequence[Sequence[Window]]) -> None:
-        """Look at the first windows as a whole for the wheel angles; `step` follows with each of them."""
+        """Initialise wheel angles and speed from the first windows; `step` follows with each of them."""
         for index, wheel in enumerate(self.wheels):
             wheel.standstill.estimate_initial_noise([row[index] for row in windows])
         for row in windows:
             for wheel, window in zip(self.wheels, row, strict=True):
                 wheel.gather_gravity(window)
         for index, wheel in enumerate(self.wheels):
-            pauses = any(
+            has_pause = any(
                 a[index] is not EMPTY_WINDOW and b[index] is EMPTY_WINDOW for a, b in pairwise(windows)
             )
-            if wheel.alignment_count > 0 and wheel.gravity_sum != 0j and not pauses:
+            if wheel.alignment_count > 0 and wheel.gravity_sum != 0j and not has_pause:
                 wheel.initialise_angle(self.x, self.p, at_start=True)
-                self._look_at_steady(wheel)
-        self._begin_rolling(windows)
+                self._update_with_steady_terms(wheel)
+        self._initialise_speed(windows)
 
-    def _begin_rolling(self, windows: Sequence[Sequence[Window]]) -> None:
-        """Speed where the drive begins faster than anybody starts from rest."""
-        rates = [
-            wheel.geometry.radius * (row[index].spin / WINDOW_S + self.x[wheel.columns[RATE_BEYOND_RANGE]])
-            for index, wheel in enumerate(self.wheels)
-            for row in [next((row for row in windows if row[index].missing == 0.0), None)]
-            if row is not None and wheel.angle_initialised
-        ]
-        if rates and min(map(abs, rates)) > _STARTS:
-            self.x[self._at[SPEED]] = sum(rates) / len(rates)
+    def _initialise_speed(self, windows: Sequence[Sequence[Window]]) -> None:
+        """Initialise the speed if the drive starts faster than from standstill."""
+        speeds = []
+        for index, wheel in enumerate(self.wheels):
+            window = next((row[index] for row in windows if row[index].missing == 0.0), None)
+            if window is not None and wheel.angle_initialised:
+                rate = window.spin / WINDOW_S + self.x[wheel.columns[RATE_BEYOND_RANGE]]
+                speeds.append(wheel.geometry.radius * rate)
+        if speeds and min(map(abs, speeds)) > _MIN_ROLLING_START_SPEED:
+            self.x[self._at[SPEED]] = sum(speeds) / len(speeds)
 
     def step(self, step: StepInput, alignment_windows: int) -> Pose:
-        """On to the end of a step. needed: windows in which the angle of a wheel is looked for."""
+        """Process one step and return the pose at its end.
+
+        alignment_windows: windows of gravity from which a wheel angle is initialised.
+        """
         self.windows += step.spans
-        self._timeless = False
-        end = (step.number + 1) * WINDOW_S
+        self._reset_columns = []
         if not step.windows:
-            return self._pass_silence(end, step.number, step.spans)
-        pairs: WheelWindows = tuple(zip(self.wheels, step.windows, strict=True))
-        renewed = self._listen(pairs, alignment_windows) if step.realign else []
-        told = step.surface_speeds is not None
-        if renewed or told:
-            self._hindsight.forget()
-        pairs = self._carried(pairs, renewed)
-        stills = detect_wheel_motion(pairs, self.x, self.p)
-        if self._searching:
+            return self._step_over_outage(step.number, step.spans)
+        windows: WheelWindows = tuple(zip(self.wheels, step.windows, strict=True))
+        if step.realign:
+            self._realign(windows, alignment_windows)
+        windows = self._derotate(windows)
+        motion_states = detect_wheel_motion(windows, self.x, self.p)
+        if self._slip_monitor is not None:
             for index, wheel in enumerate(self.wheels):
                 if wheel.slip_detector.is_slipping:
                     self.slip_schedule.mark(index, range(step.number, step.number + 1))
         if self.outages.may_have_been_stationary:
-            self._hindsight.forget()
-            lost = self.slip_schedule.slipping_wheels(step.number)
-            self.outages.check_standstill(self.p, self._at, pairs, vehicle_motion(stills, lost))
-        if self._searching:
-            self._hindsight.keep(FilterSnapshot(step.number, pairs, stills, list(self.x), self.p.copy()))
-        found = self.process_window(step.number, pairs, stills, renewed, told)
-        if self._searching:
-            found = self._hindsight.judge(self, found)
+            self._check_standstill(step.number, windows, motion_states)
+        self.history.append(StepRecord(step.number, windows, motion_states, list(self.x), self.p.copy()))
+        result = self.process_window(step.number, windows, motion_states, step.surface_speeds is not None)
+        if self._slip_monitor is not None:
+            result = self._slip_monitor.process(self, result)
         if step.surface_speeds is not None:
-            self._roll(step.surface_speeds)
-        if found.motion_state is MotionState.STANDSTILL:
-            self._rested = self.windows
-        self._watch(pairs, found)
+            self._update_with_surface_speeds(step.surface_speeds)
+        if result.motion_state is MotionState.STANDSTILL:
+            self._last_standstill = self.windows
+        self._count_windows(windows, result)
+        self._check_mounting(windows, result)
         self.steps += 1
-        self.advance(pairs)
-        if self.steps % _SYMMETRIC == 0:
+        x, p = (list(self.x), self.p.copy()) if self._keeps_prior else (self.x, self.p)
+        self.advance(windows)
+        if self.steps % _SYMMETRISATION_STEPS == 0:
             self.p[:] = 0.5 * (self.p + self.p.T)
-        self._go()
-        if self.records_steps:
-            self.record = self.record._replace(heading_inflation=self._shortening.covariance)
-        return self._pose(end, found.motion_state, found.nis, found.dof)
+        self._inflate_heading_error()
+        pose = self._pose(step.number, result.motion_state, result.nis, result.dof)
+        if self._prior is not None:
+            prior_x, prior_p, speed_row = self._prior
+            terms = SmoothingTerms(
+                prior_x,
+                prior_p,
+                x,
+                p,
+                self._reset_columns,
+                self._motion.transition(),
+                self._heading_inflation.covariance,
+                speed_row,
+            )
+            self.history.replace_newest(self.history.newest._replace(pose=pose, smoothing=terms))
+        return pose
 
-    def advance(self, pairs: WheelWindows) -> None:
-        """To the end of a window that has been worked in."""
-        self._motion.advance(self.x, self.p, pairs)
-
-    def transition(self) -> Array:
-        """Derivatives of the states at the end of the last step by those after its measurements, (n, n)."""
-        return np.eye(len(self.x)) if self._timeless else self._motion.transition()
-
-    def update_with_position(self, new: Innovation) -> None:
-        """Works a position in."""
-        # Going back would lose it.
-        self._hindsight.forget()
-        weight = np.linalg.solve(new.s, new.ph.T)
-        self.apply_correction(new.z @ weight, new.ph @ weight)
-
-    def _go(self) -> None:
-        """The way of a step is as much shorter as its heading is not known; what is told needs no way."""
+    def _inflate_heading_error(self) -> None:
+        """Add the step to the second-order heading error; measured positions do not need it."""
         if not self.config.position_aided:
             heading = self._at[HEADING]
-            self._shortening.advance(self.x[self._at[X]], self.x[self._at[Y]], self.p.item(heading, heading))
+            self._heading_inflation.advance(
+                self.x[self._at[X]], self.x[self._at[Y]], self.p.item(heading, heading)
+            )
 
-    def _pose(self, end: float, stillness: MotionState, nis: float, degrees: int) -> Pose:
-        covariance = self.p.take(self._covariance)
-        x, y, heading, speed, yaw_rate = self._of_pose(self.x)
+    def _pose(self, number: int, motion_state: MotionState, nis: float, dof: int) -> Pose:
+        """Return the pose at the end of window `number`."""
+        end = (number + 1) * WINDOW_S
+        covariance = self.p.take(self._pose_elements)
+        x, y, heading, speed, yaw_rate = self._pick_pose(self.x)
         if not self.inertial_speed:
             self.max_speed = max(self.max_speed, abs(speed))
-        covariance[:2, :2] += self._shortening.covariance
+        covariance[:2, :2] += self._heading_inflation.covariance
         return Pose(
-            end, x, y, heading, speed, yaw_rate, covariance, stillness, nis, degrees, self.inertial_speed
+            end, x, y, heading, speed, yaw_rate, covariance, motion_state, nis, dof, self.inertial_speed
         )
 
-    # -- silence --------------------------------------------------------------------------------------------
-
-    def _pass_silence(self, end: float, number: int, windows: int) -> Pose:
-        """Nothing was heard of any wheel: what vehicles do meanwhile."""
-        stood = self.windows - windows - self._rested < _JUST_NOW
-        seconds = windows * WINDOW_S
-        passed, turned = self._over_silence.advance(
-            self.x, self.p, seconds, vehicle_agility(self.max_speed), stood
+    def _step_over_outage(self, number: int, spans: int) -> Pose:
+        """Propagate the states over an outage of all wheels that ends with window `number`."""
+        was_stationary = self.windows - spans - self._last_standstill < _STANDSTILL_MEMORY_WINDOWS
+        end, seconds = (number + 1) * WINDOW_S, spans * WINDOW_S
+        transition, heading_variance = self._outage_model.advance(
+            self.x, self.p, seconds, vehicle_agility(self.max_speed), was_stationary
         )
         forces = [wheel.standstill.force for wheel in self.wheels]
-        self.outages.add_outage(end - seconds, end, turned, forces if stood else None)
-        self._hindsight.forget()
-        self.prediction.clear_force()
+        self.outages.add_outage(end - seconds, end, heading_variance, forces if was_stationary else None)
+        self.apply(StateReset(()))
+        self._prediction.clear_force()
         self.inertial_speed = False
-        self._go()
+        self._inflate_heading_error()
         for wheel in self.wheels:
-            wheel.mark_missing(windows)
+            wheel.mark_missing(spans)
             wheel.standstill.clear()
             wheel.slip_detector.end_by_outage(number)
-        if self.records_steps:
-            after = list(self.x), self.p.copy()
-            self.record = StepRecord(
-                *after, [], *after, outage_transition=passed, heading_inflation=self._shortening.covariance
-            )
-        self._timeless = True
-        return self._pose(end, MotionState.MOVING, 0.0, 0)
+        pose = self._pose(number, MotionState.MOVING, 0.0, 0)
+        if self._keeps_prior:
+            x, p = list(self.x), self.p.copy()
+            identity, inflation = np.eye(len(x)), self._heading_inflation.covariance
+            terms = SmoothingTerms(x, p, x, p, (), identity, inflation, outage_transition=transition)
+            self.history.append(StepRecord(number, (), (), x, p, pose, terms))
+            self.history.set_barrier()
+        return pose
 
-    # -- one window -----------------------------------------------------------------------------------------
-
-    def _listen(self, pairs: WheelWindows, needed: int) -> list[int]:
-        """The places of the states that were begun anew with wheel angles that were found."""
-        found = []
-        for wheel, window in pairs:
-            if not wheel.angle_initialised and wheel.alignment_count >= needed and wheel.gravity_sum != 0j:
-                found += wheel.initialise_angle(self.x, self.p, at_start=False)
+    def _realign(self, windows: WheelWindows, alignment_windows: int) -> None:
+        """Initialise wheel angles that are unknown, once enough gravity was gathered."""
+        for wheel, window in windows:
+            is_ready = wheel.alignment_count >= alignment_windows and wheel.gravity_sum != 0j
+            if not wheel.angle_initialised and is_ready:
+                columns = wheel.initialise_angle(self.x, self.p, at_start=False)
+                if columns:
+                    self.apply(StateReset(columns))
             wheel.gather_gravity(window)
-        return found
 
-    def _carried(self, pairs: WheelWindows, renewed: list[int]) -> WheelWindows:
-        """The windows with the spin that they are believed to have; adds to `renewed`."""
-        made = []
-        for wheel, window in pairs:
-            turned, anew = derotate_window(self.x, self.p, wheel, remove_tilt_rate(self.x, wheel, window))
-            made.append((wheel, turned))
-            renewed += anew
-            if anew or window.all_clipped:
-                # The spin that a clipped gyro does not show is found once, and never gone back to.
-                self._hindsight.forget()
-        return tuple(made)
+    def _derotate(self, windows: WheelWindows) -> WheelWindows:
+        """Return the windows with the estimated spin about the axle."""
+        derotated = []
+        for wheel, window in windows:
+            if wheel.angle_initialised:
+                window = remove_tilt_rate(self.x, wheel.columns, window)
+            new_window, columns = derotate_window(self.x, self.p, wheel, window)
+            derotated.append((wheel, new_window))
+            if columns or window.all_clipped:
+                # The spin tracker has a state of its own, which a replay does not restore.
+                self.apply(StateReset(columns))
+        return tuple(derotated)
 
-    def process_window(
-        self,
-        number: int,
-        pairs: WheelWindows,
-        stills: Sequence[MotionState],
-        renewed: Sequence[int] = (),
-        told: bool = False,
-    ) -> UpdateResult:
-        """Takes the states to a window, and the window into the states.
+    def _check_standstill(
+        self, number: int, windows: WheelWindows, motion_states: Sequence[MotionState]
+    ) -> None:
+        """Keep the heading of a vehicle that stands still before and after an outage."""
+        state = vehicle_motion(motion_states, self.slip_schedule.slipping_wheels(number))
+        change = self.outages.check_standstill(windows, state)
+        if change:
+            self.inflate({HEADING: change})
 
-        renewed: the states that were begun anew before. told: whether another odometer tells what the wheels
-        do.
-        """
-        stillness, carries = MotionState.MOVING, False
-        lost = self.slip_schedule.slipping_wheels(number)
-        for wheel, away in zip(self.wheels, lost, strict=True):
-            wheel.is_slipping = away
-        if any(lost):
-            carries = not any(wheel.measures_speed(window) for wheel, window in pairs)
-        if number in self.slip_schedule.speed_variance:
-            speed = self._at[SPEED]
-            self.p[speed, speed] += self.slip_schedule.speed_variance[number]
-        # The window in which a wheel is back tells how wrong the speed was that was carried until then.
-        carry, self.inertial_speed = carries or self.inertial_speed, carries
-        if not carry:
-            stillness = vehicle_motion(stills, lost)
-        self.prediction.predict(self.x, self.p, pairs, stillness, carry, told, self.max_speed)
-        prior = (list(self.x), self.p.copy()) if self.records_steps else None
-        found = self._update.update(self.x, self.p, pairs, stillness)
-        self.x, self.p = found.x, found.p
-        anew = [*renewed, *self.prediction.reset_states]
-        for wheel, window in pairs:
-            self._look_at_steady(wheel)
-            if window.all_clipped and window.force_clipped == 0.0 and not wheel.spin_tracker.is_observed:
-                self._feel_spin(wheel, window)
-            if window.all_clipped and wheel.angle_initialised:
-                anew += reset_misaligned_angle(self.x, self.p, wheel, window)
-        if self._tape:
-            self._ask_tape()
-        if prior is not None:
-            made = self.prediction.speed_row
-            by = None if made is None else (self._at[SPEED], made)
-            self.record = StepRecord(*prior, anew, list(self.x), self.p.copy(), by)
-        return found
-
-    # -- what else the windows say --------------------------------------------------------------------------
-
-    def _ask_tape(self) -> None:
-        """Tells the track once what the vehicle file says, if the drive makes it likely."""
-        place = self._at[TRACK_WIDTH]
-        error, variance = self.x[place], self.p.item(place, place)
-        noise = mounting_check.track_width_test(error, variance, TRACK_WIDTH.prior)
-        if noise is None:
-            return
-        self._tape = False
-        self._hindsight.forget()
-        if math.isfinite(noise):
-            ph = self.p[place].copy()
-            s = variance + noise
-            self.apply_correction(ph * (-error / s), np.outer(ph, ph / s))
-
-    def _look_at_steady(self, wheel: Wheel) -> None:
-        """What the search of a clipped spin has shown besides; before the first window if it begins so."""
-        seen, wheel.steady_terms = wheel.steady_terms, None
-        if seen is not None:
-            for row in range(steady.N_ROWS):
-                self.update_with_row(steady.measure(self.x, wheel.columns, seen)[row], wheel.columns)
-
-    def _feel_spin(self, wheel: Wheel, window: Window) -> None:
-        wheel.view.linearise(self.x, window, resting=False)
-        row = centripetal.measure(wheel.view, self.config.noise)
-        if row is not None:
-            self.update_with_row(row, wheel.columns)
-
-    def _roll(self, speeds: tuple[float, float]) -> None:
-        """What another odometer says of the wheels' surfaces."""
+    def _update_with_surface_speeds(self, speeds: tuple[float, float]) -> None:
+        """Update with the surface speeds of another odometer, m/s."""
         for side, speed in zip((1.0, -1.0), speeds, strict=True):
             contact = 0.5 * side * self.config.track_width
-            self.update_with_row(surface_speed.measure(self.x, self._at, side, contact, speed), self._at)
+            row = surface_speed.measure(self.x, self._at, side, contact, speed)
+            self.update_with_row(row, self._at, ExternalCorrection)
 
-    def _watch(self, pairs: WheelWindows, found: UpdateResult) -> None:
-        if found.outlier_wheel is not None:
-            self.wheels[found.outlier_wheel].outlier_windows += 1
-        for (wheel, window), rate in zip(pairs, found.rolling_rates, strict=True):
+    def _count_windows(self, windows: WheelWindows, result: UpdateResult) -> None:
+        """Update the counts of the wheels."""
+        if result.outlier_wheel is not None:
+            self.wheels[result.outlier_wheel].outlier_windows += 1
+        for (wheel, window), rate in zip(windows, result.rolling_rates, strict=True):
             wheel.count_window(window, rate, self.x[wheel.columns[WHEEL_ANGLE]])
-        if (
-            len(pairs) == 2
-            and self.mounting_check.is_undecided
-            and all(
-                wheel.angle_initialised and window.missing == 0.0 and not wheel.is_slipping
-                for wheel, window in pairs
-            )
-            and not any(window.spin_clipped + window.across_clipped for _, window in pairs)
-        ):
-            self._compare(found.rolling_rates, found.yaw_rates)
 
-    def _compare(self, rates: Sequence[float], yaws: Sequence[float]) -> None:
-        """Two wheels with the yaw rates that their gyros feel: are they the axle that was declared?"""
-        speeds = [rate * wheel.geometry.radius for rate, wheel in zip(rates, self.wheels, strict=True)]
-        order = (0, 1) if self.wheels[0].geometry.side > 0 else (1, 0)
-        left, right = (speeds[index] for index in order)
-        blamed = self.mounting_check.add((yaws[order[0]], yaws[order[1]]), left, right)
-        if blamed is None:
+    def _check_mounting(self, windows: WheelWindows, result: UpdateResult) -> None:
+        """Test whether two undisturbed wheels are the declared axle."""
+        if (
+            len(windows) < 2
+            or not self.mounting_check.is_undecided
+            or any(
+                not wheel.angle_initialised
+                or wheel.is_slipping
+                or window.missing > 0.0
+                or window.spin_clipped + window.across_clipped > 0.0
+                for wheel, window in windows
+            )
+        ):
             return
-        # Up to here the wrong wheel may have been believed.
-        lost = 2.0 * max(abs(way) for way in self.mounting_check.wheel_distances)
-        for place in (self._at[X], self._at[Y]):
-            self.p[place, place] += lost * lost
-        self._hindsight.forget()
+        speeds = [
+            rate * wheel.geometry.radius
+            for rate, wheel in zip(result.rolling_rates, self.wheels, strict=True)
+        ]
+        left, right = (0, 1) if self.wheels[0].geometry.side > 0 else (1, 0)
+        yaw_rates = result.yaw_rates[left], result.yaw_rates[right]
+        distrusted = self.mounting_check.add(yaw_rates, speeds[left], speeds[right])
+        if distrusted is not None:
+            self._apply_verdict(distrusted)
+
+    def _apply_verdict(self, distrusted: float) -> None:
+        """Restrict the wheels by the verdict of the mounting check.
+
+        distrusted: side, +1 or -1, or BOTH_WHEELS. The wrong wheel may have been trusted so far.
+        """
+        check = self.mounting_check
+        distance = 2.0 * max(abs(distance) for distance in check.wheel_distances)
+        self.inflate({X: distance * distance, Y: distance * distance})
         for wheel in self.wheels:
-            wheel.speed_trusted &= blamed != mounting_check.BOTH_WHEELS and blamed != wheel.geometry.side
-            wheel.is_used = self.mounting_check.usable_side in (0.0, wheel.geometry.side)
-            if self.mounting_check.other_wheel_steers:
-                wheel.speed_trusted = wheel.is_used
-            if wheel.is_used and self.mounting_check.sides_swapped:
-                wheel.speed_trusted = True
+            is_usable = check.usable_side in (0.0, wheel.geometry.side)
+            if not is_usable:
+                wheel.best_mode = WheelMode.DISABLED
+            elif check.sides_swapped:
                 wheel.swap_side()
+            elif not check.other_wheel_steers and distrusted in (BOTH_WHEELS, wheel.geometry.side):
+                wheel.best_mode = WheelMode.DISTRUSTED_SPEED

@@ -1,8 +1,8 @@
-"""The wheel track a little late: each pose of the filter improved by what came some seconds after it.
+"""Fixed-lag smoothing: each pose of the wheel filter corrected by the measurements of some later seconds.
 
-x_k|j = x_k|j-1 + A (x_j|j - x_j|j-1), P_k|j = P_k|j-1 + A (P_j|j - P_j|j-1) A', A = G_k ... G_j-1 with the
-gains G of Rauch, Tung and Striebel (1965): what they give for the whole log, as far as j has come. Only
-the five rows of A that a pose is made of are carried, so a longer lag costs little.
+x_k|j = x_k|j-1 + A (x_j|j - x_j|j-1), P_k|j = P_k|j-1 + A (P_j|j - P_j|j-1) A', A = G_k ... G_j-1, with the
+gains G of Rauch, Tung and Striebel (1965): the smoothed states of step k given the measurements up to step j.
+Only the five rows of A that belong to a pose are computed, so a longer lag costs little.
 """
 
 from __future__ import annotations
@@ -16,105 +16,101 @@ from scipy.linalg import cho_factor, cho_solve
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.filter_core import FilterCore
-from hubodo.fuse.wheel.records import POSE_ENTRIES, Pose, StepInput, StepRecord
+from hubodo.fuse.wheel.records import POSE_ENTRIES, Pose, SmoothingTerms, StepInput
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 
-_ROUNDING = 1e-10
-"""Added to correlations of 1: far above the rounding of a covariance, 1e-16 of up to a hundred steps."""
+_CORRELATION_REGULARISATION = 1e-10
+"""Added to correlations of 1: far above the rounding of a covariance, 1e-16 over up to a hundred steps."""
 
 
 class FixedLagSmoother:
-    """The filter's poses, `lag` steps late.
+    """Delays poses by `lag` steps and corrects them meanwhile; a lag of 0 returns them unchanged."""
 
-    Hand each step to `add`: the pose of `lag` steps before comes back, or None; `finish` gives those that had
-    fewer steps after them. A lag of 0 gives the poses as they are. pose: places of the pose in the state.
-    """
-
-    def __init__(self, lag: int, pose: list[int]) -> None:
-        self._lag, self._pose = lag, pose
+    def __init__(self, lag: int, pose_columns: list[int]) -> None:
+        self._lag, self._pose_columns = lag, pose_columns
         self._poses: deque[Pose] = deque()
-        self._before: tuple[StepRecord, Array] | None = None
+        self._last_terms: SmoothingTerms | None = None
         self._rows = np.empty((0, 0, 0))
-        self._mean = np.empty((0, len(POSE_ENTRIES)))
-        self._covariance = np.empty((0, len(POSE_ENTRIES), len(POSE_ENTRIES)))
+        self._means = np.empty((0, len(POSE_ENTRIES)))
+        self._covariances = np.empty((0, len(POSE_ENTRIES), len(POSE_ENTRIES)))
 
-    def add(self, pose: Pose, kept: StepRecord, transition: Array) -> Pose | None:
-        """The newest step: its pose, and both sides of its measurements.
-
-        Besides, the transition (n, n) from there to its end.
-        """
+    def add(self, pose: Pose, terms: SmoothingTerms) -> Pose | None:
+        """Add the newest step and return the pose of `lag` steps before, or None."""
         if self._lag == 0:
             return pose
-        if self._before is not None:
-            self._learn(kept, smoother_gain(*self._before, kept))
-        rows = transition[self._pose]
+        if self._last_terms is not None:
+            self._correct(terms, smoother_gain(self._last_terms, terms))
+        rows = terms.transition[self._pose_columns]
         self._poses.append(pose)
         self._rows = np.concatenate([self._rows.reshape(-1, *rows.shape), rows[None]])
-        self._mean = np.concatenate([self._mean, np.array(pose[1:6])[None]])
-        covariance = rows @ kept.p @ rows.T
-        covariance[:2, :2] += kept.heading_inflation
-        self._covariance = np.concatenate([self._covariance, covariance[None]])
-        self._before = kept, transition
-        return self._oldest() if len(self._poses) > self._lag else None
+        self._means = np.concatenate([self._means, np.array(pose[1:6])[None]])
+        covariance = rows @ terms.p @ rows.T
+        covariance[:2, :2] += terms.heading_inflation
+        self._covariances = np.concatenate([self._covariances, covariance[None]])
+        self._last_terms = terms
+        return self._pop_oldest() if len(self._poses) > self._lag else None
 
     def finish(self) -> list[Pose]:
-        """No more steps come."""
-        return [self._oldest() for _ in range(len(self._poses))]
+        """Return the remaining poses, which have fewer steps after them."""
+        return [self._pop_oldest() for _ in range(len(self._poses))]
 
-    def _learn(self, kept: StepRecord, step_back: Array) -> None:
-        """What the measurements of a step say about the poses that wait."""
+    def _correct(self, terms: SmoothingTerms, gain: Array) -> None:
+        """Correct the waiting poses by the measurements of a step."""
         count, size, states = self._rows.shape
-        flat = self._rows.reshape(-1, states) @ step_back
+        flat = self._rows.reshape(-1, states) @ gain
         self._rows = flat.reshape(count, size, states)
-        self._mean += (flat @ (np.array(kept.x) - np.array(kept.prior_x))).reshape(count, size)
-        change = (flat @ (kept.p - kept.prior_p)).reshape(count, size, states)
-        self._covariance += change @ self._rows.transpose(0, 2, 1)
+        self._means += (flat @ (np.array(terms.x) - np.array(terms.prior_x))).reshape(count, size)
+        change = (flat @ (terms.p - terms.prior_p)).reshape(count, size, states)
+        self._covariances += change @ self._rows.transpose(0, 2, 1)
 
-    def _oldest(self) -> Pose:
-        x, y, heading, speed, yaw_rate = self._mean[0].tolist()
-        covariance = 0.5 * (self._covariance[0] + self._covariance[0].T)
-        self._rows, self._mean = self._rows[1:], self._mean[1:]
-        self._covariance = self._covariance[1:]
+    def _pop_oldest(self) -> Pose:
+        """Remove and return the oldest waiting pose."""
+        x, y, heading, speed, yaw_rate = self._means[0].tolist()
+        covariance = 0.5 * (self._covariances[0] + self._covariances[0].T)
+        self._rows, self._means = self._rows[1:], self._means[1:]
+        self._covariances = self._covariances[1:]
         return self._poses.popleft()._replace(
             x=x, y=y, heading=heading, speed=speed, yaw_rate=yaw_rate, covariance=covariance
         )
 
 
-def smoother_gain(before: StepRecord, transition: Array, after: StepRecord) -> Array:
-    """G (n, n) of the step back: P F' over the covariance that the later step began with.
+def smoother_gain(before: SmoothingTerms, after: SmoothingTerms) -> Array:
+    """Return the gain G (n, n) of the backward step: P F' over the prior covariance of the later step.
 
-    States without spread there, and those begun anew, tell nothing about the past.
+    States without variance and states that were reset carry no information about the past.
     """
-    forward = transition.copy()
+    forward = before.transition.copy()
     if after.outage_transition is not None:
         forward = after.outage_transition @ forward
-    forward[after.reset_states] = 0.0
+    forward[list(after.reset_states)] = 0.0
     if after.speed_row is not None:
-        place, by = after.speed_row
-        forward[place] = by @ forward
-    known = np.flatnonzero(np.diag(after.prior_p) > 0.0)
-    scale = np.sqrt(np.diag(after.prior_p)[known])
-    alike = after.prior_p[np.ix_(known, known)] / np.outer(scale, scale)
-    alike[np.diag_indices(len(known))] += _ROUNDING
-    across = (forward @ before.p)[known] / scale[:, None]
-    found = np.zeros_like(after.prior_p)
-    found[:, known] = (cho_solve(cho_factor(alike, lower=True), across) / scale[:, None]).T
-    return found
+        column, derivatives = after.speed_row
+        forward[column] = derivatives @ forward
+    variable = np.flatnonzero(np.diag(after.prior_p) > 0.0)
+    sigma = np.sqrt(np.diag(after.prior_p)[variable])
+    correlation = after.prior_p[np.ix_(variable, variable)] / np.outer(sigma, sigma)
+    correlation[np.diag_indices(len(variable))] += _CORRELATION_REGULARISATION
+    across = (forward @ before.p)[variable] / sigma[:, None]
+    gain = np.zeros_like(after.prior_p)
+    gain[:, variable] = (cho_solve(cho_factor(correlation, lower=True), across) / sigma[:, None]).T
+    return gain
 
 
 def smooth_with_lag(
     config: WheelConfig, steps: Sequence[StepInput], alignment_windows: int, lag: int, slips: SlipSchedule
 ) -> list[Pose]:
-    """Poses of all steps, each from the log up to `lag` steps after it.
+    """Return the poses of all steps, each from the log up to `lag` steps after it.
 
-    needed: windows the filter began with; slips: as it found them, up to two seconds late.
+    alignment_windows: as in the first pass; slips: slip schedule of the first pass.
     """
-    core = FilterCore(config, slips)
-    behind = FixedLagSmoother(lag, core.pose_columns)
-    core.records_steps = True
+    core = FilterCore(config, slips, smoothing=True)
+    smoother = FixedLagSmoother(lag, core.pose_columns)
     core.align([step.windows for step in steps if not step.realign])
     poses = []
     for step in steps:
-        pose = behind.add(core.step(step, alignment_windows), core.record, core.transition())
-        poses += [] if pose is None else [pose]
-    return poses + behind.finish()
+        pose = core.step(step, alignment_windows)
+        terms = core.history.newest.smoothing
+        assert terms is not None
+        smoothed = smoother.add(pose, terms)
+        poses += [] if smoothed is None else [smoothed]
+    return poses + smoother.finish()

@@ -30,6 +30,7 @@ from hubodo.fuse.wheel.measurement_rows import MeasurementRows
 from hubodo.fuse.wheel.measurements import (
     BETWEEN_WHEELS,
     VALID_WHEN_ROLLING,
+    Measurement,
     WindowNoise,
     forward,
     roll,
@@ -37,12 +38,11 @@ from hubodo.fuse.wheel.measurements import (
     yaw,
 )
 from hubodo.fuse.wheel.motion_state import MotionState
+from hubodo.fuse.wheel.records import WheelWindows
 from hubodo.fuse.wheel.slip_detector import ForwardResidual
-from hubodo.fuse.wheel.state import MAX_MISSING_SHARE, Wheel
+from hubodo.fuse.wheel.wheel import Wheel
+from hubodo.fuse.wheel.wheel_mode import WheelMode
 from hubodo.fuse.wheel.window import WINDOW_S, Window
-
-WheelWindows = Sequence[tuple[Wheel, Window]]
-"""Each wheel with its window, in the order of the nodes."""
 
 _GAP_VARIANCE_FACTOR = 1e4
 """Variance factor of a window that is all gap, beyond any information of a row. Estimated."""
@@ -93,6 +93,7 @@ class MeasurementUpdate:
         self._rows = MeasurementRows(columns)
         self._noise = WindowNoise(config.noise, config.radius)
         self._measures = [measurement.measure for measurement in self._rows.measurements]
+        self._usage = _usage_by_mode(self._rows.measurements)
         self._yaw, self._forward = (self._rows.measurements.index(one) for one in (yaw, forward))
         wheels = range(len(columns.wheels))
         self._rolling_block, self._turning_block = (
@@ -109,71 +110,77 @@ class MeasurementUpdate:
             (self._rows.row_of(yaw, wheel), self._rows.row_of(rolling, wheel)) for wheel in wheels
         )
 
-    def update(self, x: list[float], p: Array, pairs: WheelWindows, stillness: MotionState) -> UpdateResult:
+    def update(
+        self, x: list[float], p: Array, windows: WheelWindows, motion_state: MotionState
+    ) -> UpdateResult:
         """Update states x (n,) and covariance p (n, n), C-contiguous, which may be overwritten."""
-        values, rates, yaws, is_clear, silent = self._collect_rows(
-            x, pairs, stillness is MotionState.STANDSTILL
+        values, rolling_rates, yaw_rates, is_clear, silent = self._collect_rows(
+            x, windows, motion_state is MotionState.STANDSTILL
         )
-        slipping = None
+        outlier_wheel = None
         h, z, r = self._rows.fill(values)
-        for index, (wheel, window) in enumerate(pairs):
+        for index, (wheel, window) in enumerate(windows):
             if window.all_clipped:
                 self._add_products(p, h, r, wheel, index)
         # At standstill these columns are noise times noise, which minutes of data would turn into false
         # knowledge.
-        still = stillness is not MotionState.MOVING
-        for index, (wheel, _) in enumerate(pairs):
-            if still or rates[index] ** 2 < _MIN_ROLLING_SNR * wheel.standstill.noise:
+        is_stationary = motion_state is not MotionState.MOVING
+        for index, (wheel, _) in enumerate(windows):
+            if is_stationary or rolling_rates[index] ** 2 < _MIN_ROLLING_SNR * wheel.standstill.noise:
                 h[self._rolling_block[index]] = 0.0
-            if still:
+            if is_stationary:
                 h[self._turning_block[index]] = 0.0
-        pushes = [
+        forward_residuals = [
             self._forward_residual((x, p), (h, z, r), wheel, index)
             if is_clear[index] and self._wants_residuals
             else None
-            for index, (wheel, _) in enumerate(pairs)
+            for index, (wheel, _) in enumerate(windows)
         ]
         if silent:
             active_rows = [row for row in range(len(z)) if row not in silent]
             if not active_rows:
-                return UpdateResult(x, p, 0.0, 0, rates, yaws, pushes, None, stillness)
+                return UpdateResult(
+                    x, p, 0.0, 0, rolling_rates, yaw_rates, forward_residuals, None, motion_state
+                )
             h, z, r = h[active_rows], z[active_rows], r[active_rows]
         # `dot` takes half the time of `@` on matrices of this size.
         hp = h.dot(p)
         s = hp.dot(h.T)
         diagonal = s.ravel()[:: len(z) + 1]
         diagonal += r
-        whiten = _whitening(s)
-        white = whiten.dot(z)
-        nis = float(white.dot(white))
+        whitening = _whitening(s)
+        whitened = whitening.dot(z)
+        nis = float(whitened.dot(whitened))
         if nis > _GATE_NIS:
-            sigma = 1.0 / whiten.diagonal()
-            compared = self._compared if len(pairs) == 2 and not silent else None
-            inflated_variances, slipping = mounting_check.inflate_outlier_variances(
-                white, sigma, z, r, compared
+            sigma = 1.0 / whitening.diagonal()
+            compared = self._compared if len(windows) == 2 and not silent else None
+            inflated_variances, outlier_wheel = mounting_check.inflate_outlier_variances(
+                whitened, sigma, z, r, compared
             )
             if inflated_variances is not r:
                 diagonal += inflated_variances - r
-                whiten = _whitening(s)
-                white = whiten.dot(z)
-                nis = float(white.dot(white))
-        gain_root = whiten.dot(hp)
-        x = list(map(add, x, white.dot(gain_root).tolist()))
+                whitening = _whitening(s)
+                whitened = whitening.dot(z)
+                nis = float(whitened.dot(whitened))
+        gain_root = whitening.dot(hp)
+        x = list(map(add, x, whitened.dot(gain_root).tolist()))
         # p - root' root in one call. BLAS is column-major, so `.T` passes the array without a copy.
         p = dgemm(-1.0, gain_root.T, gain_root.T, beta=1.0, c=p.T, trans_b=1, overwrite_c=1).T
-        return UpdateResult(x, p, nis, len(z), rates, yaws, pushes, slipping, stillness)
+        return UpdateResult(
+            x, p, nis, len(z), rolling_rates, yaw_rates, forward_residuals, outlier_wheel, motion_state
+        )
 
     def _collect_rows(
-        self, x: list[float], pairs: WheelWindows, is_stationary: bool
+        self, x: list[float], windows: WheelWindows, is_stationary: bool
     ) -> tuple[list[float], list[float], list[float], list[bool], list[int]]:
-        """Return row values, rolling rates, yaw rates, which windows are undisturbed, and silent rows."""
+        """Return row values, rolling rates, yaw rates, undisturbed windows, and silent rows."""
         values: list[float] = []
-        rates: list[float] = []
-        yaws: list[float] = []
+        rolling_rates: list[float] = []
+        yaw_rates: list[float] = []
         is_clear: list[bool] = []
         silent: list[int] = []
         noise, measures, append = self._noise, self._measures, values.extend
-        for index, (wheel, window) in enumerate(pairs):
+        for index, (wheel, window) in enumerate(windows):
             view = wheel.view
             view.linearise(x, window, is_stationary, wheel.standstill.noise)
             if wheel.geometry.delay_factor:
@@ -193,11 +200,12 @@ class MeasurementUpdate:
                 variances = [variance * share for variance in variances]
             values += variances
             is_clear.append(wheel.angle_initialised and window.missing == 0.0 and not _clipped(window))
-            rates.append(view.rolling_rate)
-            yaws.append(view.yaw_rate + residuals[self._yaw] / WINDOW_S / view.camber_cos)
-            if not is_clear[index] or wheel.is_slipping or not (wheel.speed_trusted and wheel.is_used):
-                silent += self._silent_rows(index, wheel, window)
-        return values, rates, yaws, is_clear, silent
+            rolling_rates.append(view.rolling_rate)
+            yaw_rates.append(view.yaw_rate + residuals[self._yaw] / WINDOW_S / view.camber_cos)
+            mode = wheel.mode(window)
+            if mode is not WheelMode.ROLLING or not is_clear[index]:
+                silent += self._silent_rows(index, mode, window)
+        return values, rolling_rates, yaw_rates, is_clear, silent
 
     def _add_products(self, p: Array, h: Array, r: Array, wheel: Wheel, index: int) -> None:
         """Add to yaw and roll the second-order terms of a spin that is estimated while the gyro is clipped.
@@ -231,18 +239,27 @@ class MeasurementUpdate:
         gain = wheel.geometry.radius * wheel.view.axle_rate_change
         return ForwardResidual(z.item(row), r.item(row), gain, common, x[self._slope], x[self._yaw_rate])
 
-    def _silent_rows(self, index: int, wheel: Wheel, window: Window) -> list[int]:
-        """Return the rows of a wheel that are not used in this window; rolling does not need its angle."""
+    def _silent_rows(self, index: int, mode: WheelMode, window: Window) -> list[int]:
+        """Return the rows of a wheel that are not used in this window."""
         return [
             self._rows.row_of(measurement, index)
-            for measurement in self._rows.measurements
-            if (not wheel.angle_initialised and measurement not in BETWEEN_WHEELS)
-            or not wheel.is_used
-            or window.missing >= MAX_MISSING_SHARE
-            or not measurement.usable(window)
-            or (measurement in BETWEEN_WHEELS and not wheel.speed_trusted)
-            or (measurement in VALID_WHEN_ROLLING and wheel.is_slipping)
+            for measurement, is_used in zip(self._rows.measurements, self._usage[mode], strict=True)
+            if not is_used or not measurement.usable(window)
         ]
+
+
+def _usage_by_mode(every: Sequence[Measurement]) -> dict[WheelMode, tuple[bool, ...]]:
+    """Return for each mode of a wheel which measurements it allows; rolling does not need the wheel angle."""
+    nothing = (False,) * len(every)
+    return {
+        WheelMode.ROLLING: (True,) * len(every),
+        WheelMode.DISTRUSTED_SPEED: tuple(it not in BETWEEN_WHEELS for it in every),
+        WheelMode.SLIPPING: tuple(it not in VALID_WHEN_ROLLING for it in every),
+        WheelMode.UNKNOWN_ANGLE: tuple(it in BETWEEN_WHEELS for it in every),
+        WheelMode.LOST: nothing,
+        WheelMode.OUTAGE: nothing,
+        WheelMode.DISABLED: nothing,
+    }
 
 
 def _clipped(window: Window) -> bool:

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import cmath
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
-from hubodo.arrays import Array
-from hubodo.fuse.wheel.entries import HEADING, Entry
-from hubodo.fuse.wheel.measurement_update import WheelWindows
 from hubodo.fuse.wheel.motion_state import MotionState
+from hubodo.fuse.wheel.records import WheelWindows
 from hubodo.fuse.wheel.window import WINDOW_S
 
 _CONFIRMATION_WINDOWS = 20
@@ -73,28 +71,28 @@ class OutageLog:
         self.may_have_been_stationary, self._windows = forces is not None, 0
         self._forces = list(forces or ())
 
-    def check_standstill(
-        self, p: Array, columns: Mapping[Entry, int], pairs: WheelWindows, motion_state: MotionState
-    ) -> None:
-        """Process a window after an outage before which the vehicle stood still; p: covariance, in place.
+    def check_standstill(self, windows: WheelWindows, motion_state: MotionState) -> float:
+        """Process a window after an outage before which the vehicle stood still.
 
-        If the vehicle stands still and gravity has the same direction in its wheels, it was not turned. The
-        heading variance of the outage is uncorrelated with all states and is removed again.
+        If the vehicle stands still and gravity has the same direction in its wheels, it was not turned.
+        Return the change of the heading variance, rad²: that of the outage, uncorrelated with all states,
+        is removed.
         """
+        change = 0.0
         self._windows += 1
         if motion_state is MotionState.STANDSTILL:
             self.may_have_been_stationary = False
-            forces = zip(self._forces, (wheel.standstill.force for wheel, _ in pairs), strict=True)
+            forces = zip(self._forces, (wheel.standstill.force for wheel, _ in windows), strict=True)
             received = [(before, after) for before, after in forces if before != 0j and after != 0j]
             if received and all(
                 abs(cmath.phase(after * before.conjugate())) < _MAX_GRAVITY_TURN for before, after in received
             ):
-                column = columns[HEADING]
-                p[column, column] += _STATIONARY_HEADING_SIGMA**2 - self._heading_variance
+                change = _STATIONARY_HEADING_SIGMA**2 - self._heading_variance
                 if self.count == len(self.listed):
                     self.listed[-1] = replace(self.listed[-1], was_stationary=True)
         elif self._windows >= _CONFIRMATION_WINDOWS:
             self.may_have_been_stationary = False
+        return change
 
     def list_warnings(self, names: str) -> list[str]:
         """Return one line for each listed outage; names: of the nodes."""

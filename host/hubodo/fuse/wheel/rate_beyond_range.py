@@ -1,4 +1,4 @@
-"""The spin that a clipped gyro does not show, as a state of the wheel filter: begun in each window anew."""
+"""State of the rate beyond the range of a saturated gyro about the axle, reset in each window."""
 
 from __future__ import annotations
 
@@ -21,108 +21,111 @@ from hubodo.fuse.wheel.entries import (
     Y,
 )
 from hubodo.fuse.wheel.spin_search import rederotate_window
-from hubodo.fuse.wheel.state import Wheel, reset_state
+from hubodo.fuse.wheel.wheel import Wheel, reset_state
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 
-_EXCESS_PUSH = 3.0
-"""m/s² by which the spin beyond a clipped gyro may change from window to window: hard driving. Estimated."""
+_RATE_STEP_ACCELERATION = 3.0
+"""m/s², hard driving, by which the rate beyond range may change from window to window. Estimated."""
 
-_EXCESS_SEEN = 0.15
-"""m/s by which the way of a window may be off what gravity shows of the spin: braking that begins or ends in
-it. Estimated."""
+_OBSERVED_SPEED_SIGMA = 0.15
+"""m/s, 1 sigma of the mean speed of a window from gravity: braking that starts or ends in it. Estimated."""
 
-_LOST_ANGLE = 1.0
-"""rad, 1 sigma of the wheel angle over a clipped window, from which on gravity's phase may be a turn off."""
+_MAX_ANGLE_SIGMA = 1.0
+"""rad, 1 sigma of the wheel angle in a clipped window above which the phase of gravity is ambiguous; also the
+phase error of gravity that counts as misaligned."""
 
-_ARM = 0.004
-"""m, 1 sigma, below which no lever arm gets known while gravity is looked for: what is believed of the arm is
-taken away before that, and an arm that is off then passes for a spin that is. Found from 24 wheels whose
-drives begin clipped: they are off by 1 to 6 mm, where the sums of their windows promise 0.6."""
+_MIN_ARM_SIGMA = 0.004
+"""m, 1 sigma below which the lever arm is not learnt while gravity is searched: the arm that was assumed is
+removed from the force before the search, so a wrong arm passes for a wrong spin. From 24 wheels whose drives
+start clipped: errors of 1 to 6 mm, where the covariance claims 0.6."""
 
-_ASTRAY = 3
-"""Windows in a row with gravity elsewhere; a hole in the road fills one. Estimated."""
+_MISALIGNED_WINDOWS = 3
+"""Consecutive windows with gravity elsewhere before the angle is reset; a pothole fills one. Estimated."""
 
 
 def derotate_window(x: list[float], p: Array, wheel: Wheel, window: Window) -> tuple[Window, list[int]]:
-    """The window turned by the spin that it is believed to have; x and p, in place, with that spin.
+    """Return the window derotated by its estimated spin, and the columns that were reset.
 
-    The spin that a clipped gyro did not see is a state while it clips, and nothing else: in each window anew,
-    about what gravity shows of it. Returns the states that were begun anew, too.
+    The rate beyond range is a state only while the gyro clips. It is reset in each window to what gravity
+    shows, in place.
     """
-    at, follower = wheel.columns, wheel.spin_tracker
-    place, angle = at[RATE_BEYOND_RANGE], at[WHEEL_ANGLE]
-    step = _EXCESS_PUSH * WINDOW_S / wheel.geometry.radius
+    columns, tracker = wheel.columns, wheel.spin_tracker
+    beyond, angle = columns[RATE_BEYOND_RANGE], columns[WHEEL_ANGLE]
+    step = _RATE_STEP_ACCELERATION * WINDOW_S / wheel.geometry.radius
     if not window.all_clipped:
-        _unlearn_arm(p, wheel)
-        if window.missing >= 1.0:
-            # What is not heard begins where it is heard; what was followed until then has turned on unseen.
-            if wheel.angle_initialised and follower.is_tracking:
-                wheel.drop_angle()
-            follower.pause()
-        else:
-            follower.record_unclipped(window)
-        if window.spin_clipped == 0.0 and p[place, place] == 0.0:
+        _restore_arm_variance(p, wheel)
+        _track_unclipped(wheel, window)
+        if window.spin_clipped == 0.0 and p[beyond, beyond] == 0.0:
             return window, []
-        # Beyond the limit for less than a window it is not far beyond.
-        x[place] = 0.0
-        reset_state(p, place, (step * window.spin_clipped) ** 2)
-        return rederotate_window(window, 0.0), [place]
-    followed = follower.is_tracking
+        # A gyro that clips for less than a window is not far beyond its range.
+        x[beyond] = 0.0
+        reset_state(p, beyond, (step * window.spin_clipped) ** 2)
+        return rederotate_window(window, 0.0), [beyond]
+    was_tracking = tracker.is_tracking
     if wheel.arm_variances is None:
-        wheel.arm_variances = (
-            p.item(at[LEVER_ARM_X], at[LEVER_ARM_X]),
-            p.item(at[LEVER_ARM_Y], at[LEVER_ARM_Y]),
-        )
-    arm = complex(x[at[LEVER_ARM_X]], x[at[LEVER_ARM_Y]])
-    follower.track_window(window, arm, complex(x[at[ACCEL_BIAS_X]], x[at[ACCEL_BIAS_Y]]))
-    renewed = []
-    if follower.is_observed:
-        x[place] = follower.excess
-        reset_state(p, place, (_EXCESS_SEEN / wheel.geometry.radius) ** 2)
-        renewed.append(place)
+        arm_x, arm_y = columns[LEVER_ARM_X], columns[LEVER_ARM_Y]
+        wheel.arm_variances = p.item(arm_x, arm_x), p.item(arm_y, arm_y)
+    arm = complex(x[columns[LEVER_ARM_X]], x[columns[LEVER_ARM_Y]])
+    tracker.track_window(window, arm, complex(x[columns[ACCEL_BIAS_X]], x[columns[ACCEL_BIAS_Y]]))
+    reset_columns = []
+    if tracker.is_observed:
+        x[beyond] = tracker.excess
+        reset_state(p, beyond, (_OBSERVED_SPEED_SIGMA / wheel.geometry.radius) ** 2)
+        reset_columns.append(beyond)
     else:
-        # Where gravity does not show it, the other measurements have; after a gap, what was found.
-        known = p[place, place] > 0.0
-        x[place] = x[place] + follower.slope * WINDOW_S if known else follower.excess
-        p[place, place] += step * step
-    far = p[angle, angle] + WINDOW_S * p[angle, place] + 0.25 * WINDOW_S**2 * p[place, place]
-    # One that spins by itself changes by anything while nothing shows it; yaw and roll alone would hold an
-    # angle half a turn off as firmly: the yaw rate is the other way then.
-    blind = window.force_clipped > 0.0 and not follower.is_observed
-    unseen = wheel.slip_detector.is_slipping and (blind or not followed)
-    if wheel.angle_initialised and (unseen or far > _LOST_ANGLE**2):
+        # Without gravity the other measurements have estimated it; after a gap, the last search.
+        is_estimated = p[beyond, beyond] > 0.0
+        x[beyond] = x[beyond] + tracker.slope * WINDOW_S if is_estimated else tracker.excess
+        p[beyond, beyond] += step * step
+    angle_variance = p[angle, angle] + WINDOW_S * p[angle, beyond] + 0.25 * WINDOW_S**2 * p[beyond, beyond]
+    # The rate of a slipping wheel is arbitrary while nothing measures it, and yaw and roll alone would hold
+    # an angle half a turn off as firmly, with the opposite yaw rate.
+    is_blind = window.force_clipped > 0.0 and not tracker.is_observed
+    is_unobserved = wheel.slip_detector.is_slipping and (is_blind or not was_tracking)
+    if wheel.angle_initialised and (is_unobserved or angle_variance > _MAX_ANGLE_SIGMA**2):
         wheel.angle_losses += 1
         wheel.drop_angle()
-    return rederotate_window(window, x[place], follower.slope), renewed
+    return rederotate_window(window, x[beyond], tracker.slope), reset_columns
 
 
-def _unlearn_arm(p: Array, wheel: Wheel) -> None:
-    """The lever arm as unsure again, in place, as before gravity was looked for with it; at most _ARM."""
+def _track_unclipped(wheel: Wheel, window: Window) -> None:
+    """Update the tracker with a window whose gyro is not clipped all the time."""
+    tracker = wheel.spin_tracker
+    if window.missing >= 1.0:
+        # A wheel with a clipped gyro has turned by an unknown angle in a gap.
+        if wheel.angle_initialised and tracker.is_tracking:
+            wheel.drop_angle()
+        tracker.pause()
+    else:
+        tracker.record_unclipped(window)
+
+
+def _restore_arm_variance(p: Array, wheel: Wheel) -> None:
+    """Restore the variance of the lever arm from before the search, at most `_MIN_ARM_SIGMA`, in place."""
     if wheel.arm_variances is not None:
-        for entry, known in zip((LEVER_ARM_X, LEVER_ARM_Y), wheel.arm_variances, strict=True):
-            place = wheel.columns[entry]
-            p[place, place] = max(p.item(place, place), min(known, _ARM**2))
+        for entry, variance in zip((LEVER_ARM_X, LEVER_ARM_Y), wheel.arm_variances, strict=True):
+            column = wheel.columns[entry]
+            p[column, column] = max(p.item(column, column), min(variance, _MIN_ARM_SIGMA**2))
         wheel.arm_variances = None
 
 
 def reset_misaligned_angle(x: list[float], p: Array, wheel: Wheel, window: Window) -> list[int]:
-    """Begins the wheel angle anew, in place, where gravity has long been elsewhere: half a turn off, or more.
+    """Reset the wheel angle in place once gravity has pointed elsewhere, and return the reset columns.
 
-    The way may be off by that turn. Returns the states that were begun anew.
+    The position may be off by one turn of the wheel.
     """
-    at, change = wheel.columns, wheel.spin_tracker.slope * wheel.geometry.radius
-    wheel.view.linearise(x, window, resting=False)
-    off = cmath.phase(wheel.view.force / complex(STANDARD_GRAVITY, change))
-    wheel.misaligned_windows = (
-        wheel.misaligned_windows + 1 if wheel.spin_tracker.is_observed and abs(off) > _LOST_ANGLE else 0
-    )
-    if wheel.misaligned_windows < _ASTRAY:
+    columns, change = wheel.columns, wheel.spin_tracker.slope * wheel.geometry.radius
+    wheel.view.linearise(x, window, is_stationary=False)
+    phase = cmath.phase(wheel.view.force / complex(STANDARD_GRAVITY, change))
+    is_misaligned = wheel.spin_tracker.is_observed and abs(phase) > _MAX_ANGLE_SIGMA
+    wheel.misaligned_windows = wheel.misaligned_windows + 1 if is_misaligned else 0
+    if wheel.misaligned_windows < _MISALIGNED_WINDOWS:
         return []
     wheel.misaligned_windows, wheel.angle_losses = 0, wheel.angle_losses + 1
-    x[at[WHEEL_ANGLE]] -= off
-    reset_state(p, at[WHEEL_ANGLE], WHEEL_ANGLE.prior**2)
-    course, turn = x[at[HEADING]], 2.0 * math.pi * wheel.geometry.radius
-    way = np.array([turn * math.cos(course), turn * math.sin(course)])
-    places = [at[X], at[Y]]
-    p[np.ix_(places, places)] += np.outer(way, way)
-    return [at[WHEEL_ANGLE]]
+    x[columns[WHEEL_ANGLE]] -= phase
+    reset_state(p, columns[WHEEL_ANGLE], WHEEL_ANGLE.prior**2)
+    course, turn = x[columns[HEADING]], 2.0 * math.pi * wheel.geometry.radius
+    displacement = np.array([turn * math.cos(course), turn * math.sin(course)])
+    position = [columns[X], columns[Y]]
+    p[np.ix_(position, position)] += np.outer(displacement, displacement)
+    return [columns[WHEEL_ANGLE]]

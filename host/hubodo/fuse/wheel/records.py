@@ -1,25 +1,33 @@
-"""What a step of the wheel filter takes in, and what it gives out."""
+"""Input, output and record of one step of the wheel filter."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
-
-import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.entries import HEADING, SPEED, YAW_RATE, X, Y
 from hubodo.fuse.wheel.motion_state import MotionState
+from hubodo.fuse.wheel.wheel import Wheel
 from hubodo.fuse.wheel.window import Window
 
 POSE_ENTRIES = (X, Y, HEADING, SPEED, YAW_RATE)
+"""States of a pose, in its order."""
+
+WheelWindows = Sequence[tuple[Wheel, Window]]
+"""Each wheel with its window, in the order of the nodes."""
 
 
 class StepInput(NamedTuple):
-    """What happened at once: the windows of all wheels of one number, in the order of the nodes.
+    """Input of one step: the windows with one number of all wheels, in the order of the nodes.
 
-    Or no windows: nothing was heard of any wheel in `spans` windows up to this number. listen: look for the
-    angle of wheels that were not heard. speeds: m/s of the left and the right wheel's surface, where another
-    odometer tells them.
+    Attributes
+    ----------
+    windows : empty in an outage of all wheels of `spans` windows up to this number.
+    number : number of the (last) window.
+    realign : True if wheels with unknown angle gather gravity in this step.
+    spans : number of windows.
+    surface_speeds : m/s of the left and right wheel from another odometer, or None.
     """
 
     windows: tuple[Window, ...]
@@ -30,12 +38,17 @@ class StepInput(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """End of a step.
+    """Pose of the body origin at the end of a step.
 
-    t: s; x, y: m; heading: rad, unwrapped; speed: m/s and yaw_rate: rad/s, means over the window. covariance:
-    (5, 5) of x, y, heading, speed, yaw_rate. still: whether the vehicle stood still. nis, degrees: squared
-    innovations of the step over their variance, and how many there were. carrying: whether no wheel told the
-    speed, but the accelerometers.
+    Attributes
+    ----------
+    t : s.
+    x, y, heading : m, m, rad; the heading is unwrapped.
+    speed, yaw_rate : m/s and rad/s, means over the window.
+    covariance : (5, 5) of x, y, heading, speed, yaw_rate.
+    motion_state : moving, rocking or standstill.
+    nis, dof : normalised innovation squared of the step and its degrees of freedom.
+    inertial_speed : True if no wheel but only accelerometers measured the speed.
     """
 
     t: float
@@ -51,38 +64,48 @@ class Pose(NamedTuple):
     inertial_speed: bool = False
 
 
-class StepRecord(NamedTuple):
-    """Both sides of a step's measurements: states and covariance before and after.
+class SmoothingTerms(NamedTuple):
+    """What a backward pass needs of one step.
 
-    renewed: the states that the step began anew, without memory. carried: the place of the one that it made
-    from others before anything else, and the derivatives (n,) of it by them, if any. passed: (n, n),
-    derivatives of the states before the measurements by those at the end of the step before, None where no
-    time lies between. shortened: (2, 2) m² of x and y beyond what p has.
+    Attributes
+    ----------
+    prior_x, prior_p : states and covariance before the measurements.
+    x, p : states and covariance after them.
+    reset_states : columns that were reset in this step and so carry no information about the past.
+    transition : (n, n), derivatives of the states at the end of the step by x.
+    speed_row : column of the speed and its derivatives (n,) by the states at the end of the previous step, if
+        the accelerometers propagated it.
+    outage_transition : (n, n), derivatives of prior_x by the states at the end of the previous step; None if
+        no outage lies between.
+    heading_inflation : (2, 2) m², second-order covariance of x and y beyond p.
     """
 
     prior_x: list[float]
     prior_p: Array
-    reset_states: list[int]
     x: list[float]
     p: Array
+    reset_states: Sequence[int]
+    transition: Array
+    heading_inflation: Array
     speed_row: tuple[int, Array] | None = None
     outage_transition: Array | None = None
-    heading_inflation: Array = np.zeros((2, 2))
 
 
-class Innovation(NamedTuple):
-    """What a position says that is new.
+class StepRecord(NamedTuple):
+    """Record of one step, for rollback and for smoothing.
 
-    z: (2,) m, the position less what was expected; s: (2, 2) m², its covariance; ph: (n, 2), its covariance
-    with the states; nis: z in units of s, squared.
+    Attributes
+    ----------
+    number : number of its (last) window.
+    windows, motion_states : derotated windows of all wheels and the motion state of each; empty in an outage.
+    start_x, start_p : states and covariance at the start of the window.
+    pose, smoothing : set at the end of the step; smoothing terms only if they are recorded.
     """
 
-    z: Array
-    s: Array
-    ph: Array
-    nis: float
-
-    @property
-    def cost(self) -> float:
-        """Minus twice the logarithm of its likelihood, but for a constant."""
-        return self.nis + float(np.linalg.slogdet(self.s)[1])
+    number: int
+    windows: WheelWindows
+    motion_states: Sequence[MotionState]
+    start_x: list[float]
+    start_p: Array
+    pose: Pose | None = None
+    smoothing: SmoothingTerms | None = None

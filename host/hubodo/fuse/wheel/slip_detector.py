@@ -1,9 +1,9 @@
-"""Does a wheel roll along with the road? Its own acceleration against the force that its hub feels.
+"""Slip detection for one wheel: its own acceleration against the specific force at its hub.
 
-A wheel that slips, or hangs in the air, spins up or down by itself: the accelerometer on it feels what the
-vehicle does. Sums of the forward row's residuals over the last windows, up to two seconds of them, are each
-held against their variance; the largest tells when it began (generalised likelihood ratio of a jump of
-unknown time, Willsky and Jones 1976).
+A wheel that slips, or hangs in the air, changes its speed by itself, while its accelerometer measures what
+the vehicle does. The residual of the forward measurement is summed over windows of several lengths, up to
+six seconds; each sum is compared with its variance, and the most significant one tells when the slip began
+(generalised likelihood ratio test of a jump at unknown time, Willsky and Jones 1976).
 """
 
 from __future__ import annotations
@@ -16,64 +16,70 @@ from typing import NamedTuple
 from hubodo.fuse.wheel.window import WINDOW_S
 
 SUM_LENGTHS_WINDOWS = (1, 2, 3, 4, 5, 7, 10, 14, 20, 30, 40, 60)
-"""Windows that are summed up; what creeps away for longer than six seconds cannot be told from a slope."""
+"""Windows per sum. What grows for longer than six seconds is indistinguishable from a slope."""
 
-_SURE = 4.5
-"""Sigmas by which a sum must stand out: twelve sums a window, thousands of windows, and none by chance."""
+_SLIP_SIGMA = 4.5
+"""Significance of a slip: with twelve sums per window and thousands of windows no false alarm is expected."""
 
-_LEAST = 0.2
-"""m/s of slip below which nothing is called one: a bump makes as much for a moment. Estimated."""
+_MIN_SLIP_SPEED = 0.2
+"""m/s of slip; a pothole produces as much for one window. Estimated."""
 
-_DRIFT = 0.05
-"""m/s², 1 sigma of what stays for the windows of a sum beside what the states are unsure of. Estimated."""
+_RESIDUAL_DRIFT = 0.05
+"""m/s², 1 sigma of a constant residual during a sum, beside the uncertainty of the states. Estimated."""
 
-_LEANS = 0.1
-"""m/s² for each rad/s of yaw rate, 1 sigma: a hundredth of a radian by which an axle leans otherwise than is
-believed turns the wheel angle with the yaw, a second long. Estimated."""
+_AXLE_LEAN = 0.1
+"""m/s² per rad/s of yaw rate, 1 sigma: 0.01 rad of unmodelled axle lean rotates the wheel angle with the yaw
+for a second. Estimated."""
 
-_UNEVEN, _GIVES_WAY = 0.15, 2.0
-"""m/s², 1 sigma of what an accelerometer across the axle makes up as it turns, twice a turn by scales that
-differ (1 % of gravity), once by a bias; s in which the slope gives way to it: on a wheel that turns slower
-than that it looks like a slope, and then like none. Estimated."""
+_ACCEL_RIPPLE, _SLOPE_TIME_S = 0.15, 2.0
+"""m/s², 1 sigma of the ripple of an accelerometer across the axle, twice a turn by unequal scales (1 % of
+gravity) and once by a bias; s in which the slope state follows a ripple. On a wheel that turns slower than
+that, the ripple looks like a slope that ends. Estimated."""
 
-_SETTLED, _TURNS, _LONG = 20, 1.0, 300
-"""Windows in a row, of a wheel that turns faster than so many rad/s, in which its accelerometer has to agree
-with it before it may contradict it; so many windows of rest, and it has to again. Two seconds, half a minute,
-through which what is learnt of a noisy node may stray. Estimated."""
+_AGREEMENT_WINDOWS, _MIN_AGREEMENT_RATE, _STANDSTILL_LIMIT_WINDOWS = 20, 1.0, 300
+"""Consecutive windows (2 s), of a wheel faster than this rate (rad/s), in which the accelerometer must
+agree with the wheel before it may contradict it; windows of standstill (30 s), in which learnt parameters
+of a noisy node drift, after which it must agree again. Estimated."""
 
-_QUIET = 5
-"""Windows in which a wheel keeps to the speed that was carried before it is believed again: half a second,
-longer than one that spins down takes to pass through that speed. Estimated."""
+_NEAR_WINDOWS = 5
+"""Windows near the vehicle speed after which a slip ends: longer than a wheel that spins down takes to pass
+through that speed. Estimated."""
 
-_AGREES, _NEAR = 3.0, 0.05
-"""Sigmas, and m/s beside them, within which it keeps to it."""
+_AGREEMENT_SIGMA, _AGREEMENT_SPEED = 3.0, 0.05
+"""Sigmas, and m/s in addition, within which a residual or a speed agrees."""
 
-_BACK, _JUMP = 0.35, 0.5
-"""Shares of its largest slip: a wheel that is back has less than the first, as what was carried may not be
-wrong by more; one that touched the road has lost more than the second at once, by itself. Estimated."""
+_NEAR_SHARE, _JUMP_SHARE = 0.35, 0.5
+"""Shares of the largest slip: a wheel that rolls again is nearer than the first to the vehicle speed, as an
+inertial speed is hardly wrong by more; one that touched the road lost more than the second at once.
+Estimated."""
 
-_LINGERS = 30
-"""Windows after which one is believed that came near without that, as when the vehicle stopped. Estimated."""
+_SLOW_END_WINDOWS = 30
+"""Windows near the vehicle speed after which a slip ends without such a jump, as when the vehicle stops.
+Estimated."""
 
-_FOLLOWS = 20.0
-"""Logarithm of how much likelier it must be that it follows the vehicle's changes of speed than that it spins
-on as it likes, to be believed against the speed that was carried. Estimated; the variances have room."""
+_FOLLOWING_LOG_RATIO = 20.0
+"""Log likelihood ratio "follows the vehicle's changes of speed" against "spins freely" above which a wheel is
+trusted against an inertial speed. Estimated."""
 
-_PATIENCE, MAX_SLIP_WINDOWS = 100, 200
-"""Quiet windows after which it is believed even so, and windows in any case: ten seconds, through which no
-wheel in the air spins on like one on the road; twenty, after which nothing is left of a speed that was
-carried. Estimated."""
+_MAX_CONSISTENT_WINDOWS, MAX_SLIP_WINDOWS = 100, 200
+"""Windows of agreement with the accelerometer after which a slip ends against an inertial speed (10 s: no
+wheel in the air spins so steadily); windows after which any slip ends (20 s: nothing is left of an inertial
+speed). Estimated."""
 
-_BEYOND = 1.5, 0.5
-"""Times as fast as the vehicle ever went, and m/s beside that, beyond which a carried speed is not believed
-against a wheel that turns slower, nor one that is not known that well against any. Estimated."""
+_MAX_SPEED_FACTOR, _MAX_SPEED_MARGIN = 1.5, 0.5
+"""Factor on the maximum speed so far, and m/s in addition, beyond which an inertial speed is discarded."""
 
 
 class ForwardResidual(NamedTuple):
-    """What the forward row of a window says: residual, m/s, and its variance, (m/s)².
+    """Residual of the forward measurement of one window.
 
-    gain: m/s by which the wheel became faster. common: what the states add to the variance, from window to
-    window alike. slope: m/s², as it was taken to be. yaw_rate: rad/s.
+    Attributes
+    ----------
+    residual, variance : m/s and (m/s)².
+    speed_gain : m/s by which the wheel became faster.
+    common_variance : (m/s)², contribution of the states, fully correlated between windows.
+    slope : m/s², estimated slope force.
+    yaw_rate : rad/s.
     """
 
     residual: float
@@ -84,25 +90,22 @@ class ForwardResidual(NamedTuple):
     yaw_rate: float
 
 
-class _Sums(NamedTuple):
-    """Before a window, in all: residuals, m/s, variances, (m/s)², 1 sigma of what is common, m/s.
-
-    slope: m/s², as the state was.
-    """
+class _RunningSums(NamedTuple):
+    """Sums before a window: residuals, m/s; variances, (m/s)²; correlated sigmas, m/s. slope: m/s²."""
 
     number: int
     residual: float
     variance: float
-    common: float
+    common_sigma: float
     slope: float
 
 
 @dataclass
 class Slip:
-    """A time in which a wheel spun by itself.
+    """A slip of one wheel.
 
-    first, last: numbers of its windows; last is None while it lasts. speed: m/s, the most by which it turned
-    faster than the vehicle moved, negative where slower.
+    first, last: numbers of its windows; last is None while it lasts. speed: m/s, largest slip, negative where
+    the wheel is slower than the vehicle.
     """
 
     first: int
@@ -111,175 +114,183 @@ class Slip:
 
     @property
     def begin(self) -> float:
-        """s on the log's clock."""
+        """Return its start, s on the log's clock."""
         return self.first * WINDOW_S
 
     @property
     def end(self) -> float:
-        """s; infinite while it lasts."""
+        """Return its end, s; infinite while it lasts."""
         return math.inf if self.last is None else (self.last + 1) * WINDOW_S
 
     @property
     def description(self) -> str:
-        """For a user."""
+        """Return a sentence for the user."""
         until = "s and on" if self.last is None else f"to {self.end:.1f} s"
-        way = "faster than the road" if self.speed > 0.0 else "slower than the road"
+        comparison = "faster than the road" if self.speed > 0.0 else "slower than the road"
         return (
-            f"t = {self.begin:.1f} {until}: the wheel spun by itself, up to {abs(self.speed):.1f} m/s {way}; "
-            "slip, or it was in the air; its speed is not used there, sigmas grow"
+            f"t = {self.begin:.1f} {until}: the wheel slipped or was in the air, up to {abs(self.speed):.1f} "
+            f"m/s {comparison}; its speed is not used there, sigmas grow"
         )
 
 
 @dataclass
 class SlipDetector:
-    """Whether one wheel rolls with the road, and when it did not.
+    """Detects start and end of the slips of one wheel.
 
-    slips: those found, oldest first. calm: windows in a row by now in which a wheel that is lost agreed with
-    its accelerometer. jumped: whether the last slip ended as the wheel lost it by itself, at once.
+    slips: oldest first. consistent_windows: consecutive windows of a slipping wheel that agreed with its
+    accelerometer. ended_by_jump: True if the last slip ended by a sudden loss of the slip speed.
     """
 
     slips: list[Slip] = field(default_factory=list)
     consistent_windows: int = 0
     ended_by_jump: bool = True
-    _sums: deque[_Sums] = field(default_factory=lambda: deque(maxlen=SUM_LENGTHS_WINDOWS[-1] + 1))
-    _total: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    _settled: int = 0
-    _rested: int = 0
-    _near: int = 0
-    _follows: float = 0.0
-    _jumped: float = 0.0
+    _sums: deque[_RunningSums] = field(default_factory=lambda: deque(maxlen=SUM_LENGTHS_WINDOWS[-1] + 1))
+    _totals: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    _agreeing_windows: int = 0
+    _standstill_windows: int = 0
+    _near_windows: int = 0
+    _log_ratio: float = 0.0
+    _lost_speed: float = 0.0
 
     @property
     def is_slipping(self) -> bool:
-        """Whether it spins by itself now."""
+        """Return True while a slip lasts."""
         return bool(self.slips) and self.slips[-1].last is None
 
     def record_standstill(self) -> None:
-        """A window in which the vehicle stands: what shakes it then, or is noise of a gyro, is no slip."""
+        """Process a window at standstill, in which vibration and gyro noise are no slip."""
         self.clear_sums()
-        self._rested += 1
-        if self._rested >= _LONG:
-            self._settled = 0
+        self._standstill_windows += 1
+        if self._standstill_windows >= _STANDSTILL_LIMIT_WINDOWS:
+            self._agreeing_windows = 0
 
-    def detect_onset(self, number: int, push: ForwardResidual | None, rate: float) -> int | None:
-        """A window of a wheel that rolls; the number of the window with which a slip began, if one is found.
+    def detect_onset(self, number: int, forward: ForwardResidual | None, rate: float) -> int | None:
+        """Process a window of a rolling wheel and return the window in which a slip began, if any.
 
-        push: None where the window does not tell. rate: rad/s at which it turns.
+        forward: None if the window does not measure it. rate: rad/s, rolling rate.
         """
-        self._rested = 0
-        if push is None:
+        self._standstill_windows = 0
+        if forward is None:
             self.clear_sums()
             return None
-        if self._settled < _SETTLED:
-            if abs(rate) > _TURNS:
-                calm = push.residual**2 < _AGREES**2 * push.variance
-                self._settled = self._settled + 1 if calm else 0
+        if self._agreeing_windows < _AGREEMENT_WINDOWS:
+            if abs(rate) > _MIN_AGREEMENT_RATE:
+                agrees = forward.residual**2 < _AGREEMENT_SIGMA**2 * forward.variance
+                self._agreeing_windows = self._agreeing_windows + 1 if agrees else 0
             return None
-        made_up = _UNEVEN / math.hypot(1.0, _GIVES_WAY * rate)
-        residual, variance, common = self._total
-        self._sums.append(_Sums(number, residual, variance, common, push.slope))
-        # As it would be had the slope not given way to it meanwhile.
-        residual += push.residual + push.slope * WINDOW_S
-        variance += push.variance
-        common += math.sqrt(max(push.common_variance, 0.0)) + _LEANS * abs(push.yaw_rate) * WINDOW_S
-        self._total = residual, variance, common
-        found, most, sums = None, _SURE**2, self._sums
-        for count in SUM_LENGTHS_WINDOWS:
-            if count > len(sums):
+        ripple = _ACCEL_RIPPLE / math.hypot(1.0, _SLOPE_TIME_S * rate)
+        residual, variance, common_sigma = self._totals
+        self._sums.append(_RunningSums(number, residual, variance, common_sigma, forward.slope))
+        # Undo the adaptation of the slope state to the slip.
+        residual += forward.residual + forward.slope * WINDOW_S
+        variance += forward.variance
+        common_sigma += math.sqrt(max(forward.common_variance, 0.0))
+        common_sigma += _AXLE_LEAN * abs(forward.yaw_rate) * WINDOW_S
+        self._totals = residual, variance, common_sigma
+        onset, largest, sums = None, _SLIP_SIGMA**2, self._sums
+        for length in SUM_LENGTHS_WINDOWS:
+            if length > len(sums):
                 break
-            then = sums[-count]
-            span = count * WINDOW_S
-            slipped = residual - then.residual - span * then.slope
-            # Most sums are nowhere near: nothing further of them needs a look.
-            if -_LEAST <= slipped <= _LEAST:
+            start = sums[-length]
+            span = length * WINDOW_S
+            slip = residual - start.residual - span * start.slope
+            # Early exit: most sums are far below.
+            if -_MIN_SLIP_SPEED <= slip <= _MIN_SLIP_SPEED:
                 continue
-            stays = (common - then.common) ** 2 + (_DRIFT * span) ** 2 + (made_up * span) ** 2
-            ratio = slipped * slipped / (variance - then.variance + stays)
-            if ratio > most:
-                found, most = then.number, ratio
-        return found
+            correlated = (
+                (common_sigma - start.common_sigma) ** 2
+                + (_RESIDUAL_DRIFT * span) ** 2
+                + (ripple * span) ** 2
+            )
+            ratio = slip * slip / (variance - start.variance + correlated)
+            if ratio > largest:
+                onset, largest = start.number, ratio
+        return onset
 
     def start_slip(self, number: int) -> None:
-        """It spins by itself from that window on."""
+        """Start a slip with that window."""
         self.slips.append(Slip(number))
         self.clear_sums()
-        self._near, self.consistent_windows, self._follows, self._jumped, self.ended_by_jump = (
-            0,
-            0,
-            0.0,
-            0.0,
-            True,
-        )
+        self._near_windows, self.consistent_windows = 0, 0
+        self._log_ratio, self._lost_speed, self.ended_by_jump = 0.0, 0.0, True
 
     def detect_end(
         self,
         number: int,
-        push: ForwardResidual | None,
+        forward: ForwardResidual | None,
         slip: float,
         variance: float,
-        carried: float | None,
-        fastest: float,
+        inertial_speed: float | None,
+        max_speed: float,
     ) -> bool:
-        """A window of a wheel that spins by itself; whether it has found back to the road.
+        """Process a window of a slipping wheel; return True if it rolls again.
 
-        slip: m/s by which it turns faster than the vehicle moves; variance: (m/s)² of that. carried: m/s, the
-        speed where only accelerometers tell it; None where another wheel does. fastest: m/s, that the vehicle
-        went before.
+        slip: m/s by which the wheel is faster than the vehicle; variance: (m/s)² of that. inertial_speed: m/s
+        if only accelerometers measure the speed; None if another wheel does. max_speed: m/s reached before.
         """
-        now = self.slips[-1]
-        if number - now.first >= MAX_SLIP_WINDOWS or (
-            carried is not None and _absurd(carried, slip, variance, fastest)
+        current = self.slips[-1]
+        if number - current.first >= MAX_SLIP_WINDOWS or (
+            inertial_speed is not None and _is_implausible(inertial_speed, slip, variance, max_speed)
         ):
-            now.last = number - 1
+            current.last = number - 1
             self.require_agreement()
             return True
-        if abs(slip) > abs(now.speed):
-            now.speed = slip
-        near = abs(slip) < min(_AGREES * math.sqrt(variance), _BACK * abs(now.speed)) + _NEAR
-        if push is None or push.residual**2 > _AGREES**2 * push.variance + (_DRIFT * WINDOW_S) ** 2:
-            self.consistent_windows, self._follows = 0, 0.0
-            # One that keeps to what another wheel measures has no need to agree with its accelerometer.
-            self._near = self._near + 1 if near and carried is None else 0
-            if push is not None:
-                self._jumped = max(0.0, self._jumped - push.speed_gain * math.copysign(1.0, slip))
-            return self._ends(now, number, even=False) if self._near >= _LINGERS else False
+        if abs(slip) > abs(current.speed):
+            current.speed = slip
+        limit = min(_AGREEMENT_SIGMA * math.sqrt(variance), _NEAR_SHARE * abs(current.speed))
+        is_near = abs(slip) < limit + _AGREEMENT_SPEED
+        if (
+            forward is None
+            or forward.residual**2
+            > _AGREEMENT_SIGMA**2 * forward.variance + (_RESIDUAL_DRIFT * WINDOW_S) ** 2
+        ):
+            self.consistent_windows, self._log_ratio = 0, 0.0
+            # A wheel that keeps to the speed of another wheel need not agree with its accelerometer.
+            self._near_windows = self._near_windows + 1 if is_near and inertial_speed is None else 0
+            if forward is not None:
+                self._lost_speed = max(0.0, self._lost_speed - forward.speed_gain * math.copysign(1.0, slip))
+            return self._near_windows >= _SLOW_END_WINDOWS and self._end_slip(
+                current, number, is_consistent=False
+            )
         self.consistent_windows += 1
-        self._near = self._near + 1 if near else 0
-        felt = push.residual + push.speed_gain
-        likelier = 0.5 * (felt**2 - push.residual**2) / push.variance
-        # However much changes in one window: it may be chance that both do.
-        self._follows = max(0.0, self._follows + min(likelier, _FOLLOWS / _QUIET))
-        # Against what another wheel measures it helps nothing to spin evenly.
-        even = carried is not None and (self._follows >= _FOLLOWS or self.consistent_windows >= _PATIENCE)
-        return self._ends(now, number, even)
+        self._near_windows = self._near_windows + 1 if is_near else 0
+        measured_gain = forward.residual + forward.speed_gain
+        log_ratio = 0.5 * (measured_gain**2 - forward.residual**2) / forward.variance
+        # One window alone never decides: both changes may coincide by chance.
+        self._log_ratio = max(0.0, self._log_ratio + min(log_ratio, _FOLLOWING_LOG_RATIO / _NEAR_WINDOWS))
+        # Against another wheel's measurement, agreement with the accelerometer is no argument.
+        is_consistent = inertial_speed is not None and (
+            self._log_ratio >= _FOLLOWING_LOG_RATIO or self.consistent_windows >= _MAX_CONSISTENT_WINDOWS
+        )
+        return self._end_slip(current, number, is_consistent)
 
-    def _ends(self, now: Slip, number: int, even: bool) -> bool:
-        """Whether it has been near for long enough, or spun evenly."""
-        jumped = self._jumped > _JUMP * abs(now.speed)
-        if self._near < (_QUIET if jumped else _LINGERS) and not even:
+    def _end_slip(self, current: Slip, number: int, is_consistent: bool) -> bool:
+        """End the slip if the wheel was near for long enough or is consistent; return True if it ended."""
+        jumped = self._lost_speed > _JUMP_SHARE * abs(current.speed)
+        if self._near_windows < (_NEAR_WINDOWS if jumped else _SLOW_END_WINDOWS) and not is_consistent:
             return False
         self.ended_by_jump = jumped
-        now.last = number - max(self._near, 1)
+        current.last = number - max(self._near_windows, 1)
         return True
 
     def end_by_outage(self, number: int) -> None:
-        """Up to that window nothing was heard: it begins anew as a wheel that rolls."""
+        """End a slip with an outage up to that window."""
         if self.is_slipping:
             self.slips[-1].last = number
         self.require_agreement()
 
     def require_agreement(self) -> None:
-        """Its accelerometer has to agree with it again before it may contradict it."""
-        self._settled = 0
+        """Require that the accelerometer agrees with the wheel before it may contradict it again."""
+        self._agreeing_windows = 0
         self.clear_sums()
 
     def clear_sums(self) -> None:
-        """What was summed up."""
+        """Discard the sums."""
         self._sums.clear()
-        self._total = (0.0, 0.0, 0.0)
+        self._totals = (0.0, 0.0, 0.0)
 
 
-def _absurd(carried: float, slip: float, variance: float, fastest: float) -> bool:
-    """Whether a speed that was carried is worth less than a wheel that may slip."""
-    limit = _BEYOND[0] * fastest + _BEYOND[1]
-    return abs(carried) > limit > abs(carried + slip) or variance > limit * limit
+def _is_implausible(inertial_speed: float, slip: float, variance: float, max_speed: float) -> bool:
+    """Return True if an inertial speed is less plausible than that of a wheel that may slip."""
+    limit = _MAX_SPEED_FACTOR * max_speed + _MAX_SPEED_MARGIN
+    return abs(inertial_speed) > limit > abs(inertial_speed + slip) or variance > limit * limit

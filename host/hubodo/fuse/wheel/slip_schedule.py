@@ -1,4 +1,4 @@
-"""Which wheels spin by themselves, window by window, and how far the speed is doubted meanwhile."""
+"""Slip schedule: which wheels slip in which windows, for a replay or a second pass."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ from dataclasses import dataclass, field
 
 @dataclass
 class SlipSchedule:
-    """What one look at the windows finds and the next is told: a step back in time, or a smoother.
+    """Slipping wheels and additional speed variance, by window.
 
-    wheels: how many there are. lost: by number of the window, of each whether it is; a window without any is
-    not in it. doubt:
-    (m/s)² by which the variance of the speed grows in a window beside what it does anyway, by its number.
+    Attributes
+    ----------
+    wheels : number of wheels.
+    slipping : for each wheel whether it slips, by window number; windows without slip are not in it.
+    speed_variance : (m/s)², added to the variance of the speed before a window, by window number.
     """
 
     wheels: int
@@ -19,33 +21,32 @@ class SlipSchedule:
     speed_variance: dict[int, float] = field(default_factory=dict)
 
     def mark(self, wheel: int, numbers: range, slipping: bool = True) -> None:
-        """That one wheel was lost in these windows, or was not."""
+        """Set whether a wheel slips in these windows."""
         for number in numbers:
-            away = list(self.slipping_wheels(number))
-            away[wheel] = slipping
-            if any(away):
-                self.slipping[number] = tuple(away)
+            flags = list(self.slipping_wheels(number))
+            flags[wheel] = slipping
+            if any(flags):
+                self.slipping[number] = tuple(flags)
             else:
                 self.slipping.pop(number, None)
 
-    def inflate_speed(self, numbers: range, wrong: float) -> None:
-        """That the speed was wrong in the end, (m/s)², after it had been carried through these windows.
+    def inflate_speed(self, numbers: range, square: float) -> None:
+        """Distribute a squared speed error, (m/s)², that showed at the end of these windows.
 
-        It has become so at a time that nobody knows: in equal parts in all of them, a random walk. Between
-        both ends that is a Brownian bridge, whose variance is that of a jump at a time that is uniformly
-        distributed.
+        The error arose at an unknown time, so every window gets the same share: a random walk. Between both
+        ends that is a Brownian bridge, with the variance of a jump at a uniformly distributed time.
         """
         for number in numbers:
-            self.speed_variance[number] = self.speed_variance.get(number, 0.0) + wrong / len(numbers)
+            self.speed_variance[number] = self.speed_variance.get(number, 0.0) + square / len(numbers)
 
     def count_windows(self, wheel: int) -> int:
-        """In how many it was lost."""
-        return sum(away[wheel] for away in self.slipping.values())
+        """Return the number of windows in which a wheel slips."""
+        return sum(flags[wheel] for flags in self.slipping.values())
 
     def all_slipping_before(self, number: int) -> bool:
-        """Whether nothing but accelerometers told the speed in the window before."""
+        """Return True if all wheels slip in the window before."""
         return all(self.slipping_wheels(number - 1))
 
     def slipping_wheels(self, number: int) -> tuple[bool, ...]:
-        """Of each wheel, whether it is lost in a window."""
+        """Return for each wheel whether it slips in a window."""
         return self.slipping.get(number, (False,) * self.wheels)

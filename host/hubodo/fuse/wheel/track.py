@@ -22,8 +22,8 @@ from hubodo.fuse.wheel.node_screening import find_own_gaps
 from hubodo.fuse.wheel.outage_log import WheelOutage
 from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.slip_detector import Slip
-from hubodo.fuse.wheel.state import Wheel
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
+from hubodo.fuse.wheel.wheel import Wheel
 from hubodo.fuse.wheel.window import WINDOW_S
 from hubodo.recording import Table
 from hubodo.vehicle import side_sign

@@ -118,12 +118,12 @@ def calibrate_wheels(
     """
     drive = _CalibrationDrive(config, nodes, positions, priors or WheelPriors())
     slow = drive.largest_slow_error()
-    aided = drive.run_aided(drive.told, slow)
+    aided = drive.run_aided(drive.positions, slow)
     antenna = (aided.core.estimate(None, ANTENNA_X), aided.core.estimate(None, ANTENNA_Y))
     track = drive.track
     found = drive.findings(aided.core)
     held_out_errors = measure_held_out_errors(
-        drive.told,
+        drive.positions,
         track,
         lambda positions_used, until: drive.fitted(positions_used, until, slow),
         _values(antenna),
@@ -183,8 +183,8 @@ class _CalibrationDrive:
         self.rms = float(np.sqrt(np.mean(np.abs(error - error.mean()) ** 2)))
         random = estimate_white_sigma(positions_used, track_points.real, track_points.imag)
         # All positions determine the white error; frequent ones are thinned out for the filter.
-        self.told = positions_used.thin_out(_POSITION_INTERVAL_S)
-        self.random = np.interp(self.told.t, positions_used.t, random)
+        self.positions = positions_used.thin_out(_POSITION_INTERVAL_S)
+        self.random = np.interp(self.positions.t, positions_used.t, random)
         self._plain = config
         self._wide = replace(
             _with_priors(config, *_wide_priors(used_nodes, priors)),
@@ -195,7 +195,7 @@ class _CalibrationDrive:
 
     def run_aided(self, positions_used: Positions, slow: float) -> AidedRun:
         """Run the filter with wide priors, aided by positions."""
-        random = np.interp(positions_used.t, self.told.t, self.random)
+        random = np.interp(positions_used.t, self.positions.t, self.random)
         return run_aided_filter(
             self._wide, self.steps, positions_used, random, slow, self._origin, self.slips
         )
@@ -209,7 +209,7 @@ class _CalibrationDrive:
 
         def cost(index: int) -> float:
             if index not in costs:
-                costs[index] = self.run_aided(self.told, _MIN_SLOW_SIGMA * 2.0**index).cost
+                costs[index] = self.run_aided(self.positions, _MIN_SLOW_SIGMA * 2.0**index).cost
             return costs[index]
 
         best = _FIRST_SLOW_INDEX

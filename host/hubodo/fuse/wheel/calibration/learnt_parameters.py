@@ -19,7 +19,7 @@ from hubodo.fuse.wheel.entries import (
     Entry,
 )
 from hubodo.fuse.wheel.filter_core import FilterCore
-from hubodo.fuse.wheel.state import Wheel
+from hubodo.fuse.wheel.wheel import Wheel
 
 _MAX_SIGMA_SHARE = 0.5
 """Share of the prior sigma below which a parameter counts as determined."""

@@ -22,6 +22,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from operator import itemgetter
 
+from hubodo.fuse.wheel.axle_rate import correct_axle_rate
 from hubodo.fuse.wheel.config import WheelNoise
 from hubodo.fuse.wheel.entries import (
     ACCEL_BIAS_X,
@@ -170,20 +171,17 @@ class LinearisedWindow:
         self.yaw_change = self.yaw_change_step = 0.0
         self._pick = itemgetter(*(at[entry] for entry in _LINEARISED_ENTRIES))
 
-    def linearise(self, x: list[float], window: Window, resting: bool, gyro_noise: float = 0.0) -> None:
+    def linearise(self, x: list[float], window: Window, is_stationary: bool, gyro_noise: float = 0.0) -> None:
         """Evaluate a window at the states x; gyro_noise: (rad/s)², see `StandstillDetector`."""
         self.gyro_noise = gyro_noise * (WINDOW_S * WINDOW_S)
-        r, angle, k, b, excess, camber, *errors = self._pick(x)
+        r, angle, scale_error, bias, beyond, camber, *errors = self._pick(x)
         bias_x, bias_y, tilt_x, tilt_y, force_x, force_y, arm_x, arm_y = errors
-        self.x, self.window, self.is_stationary, self.yaw_rate = x, window, resting, r
+        self.x, self.window, self.is_stationary, self.yaw_rate = x, window, is_stationary, r
         self.camber_sin, self.camber_cos = sin, cos = math.sin(camber), math.cos(camber)
-        side, scale_factor = self.geometry.side, 1.0 + k
-        if window.all_clipped:
-            gyro_rate, self.rate_by_scale, self.rate_by_bias = window.spin / WINDOW_S, 0.0, 0.0
-        else:
-            gyro_rate = (window.spin / WINDOW_S - b) / scale_factor
-            self.rate_by_scale, self.rate_by_bias = -gyro_rate / scale_factor, -1.0 / scale_factor
-        self.axle_rate = gyro_rate + excess
+        side = self.geometry.side
+        self.axle_rate, self.rate_by_scale, self.rate_by_bias = correct_axle_rate(
+            window.spin / WINDOW_S, window.all_clipped, scale_error, bias, beyond
+        )
         self.rolling_rate = self.axle_rate - side * r * sin
         self.rate_by_camber, self.rate_by_yaw_rate = -side * r * cos, -side * sin
         self.rotation = turn = cmath.exp(1j * (angle + self.rolling_rate * (0.5 * WINDOW_S)))

@@ -1,0 +1,146 @@
+"""Propagation of states and covariance from the middle of a window to its end.
+
+The vehicle moves along the chord of an arc at the mean speed and yaw rate of the window. Each wheel turns at
+its mean rate. Entries with a finite correlation time are first-order Gauss-Markov processes. All others are
+random walks.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Sequence
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.fuse.wheel.axle_rate import mean_axle_rate
+from hubodo.fuse.wheel.config import WheelConfig
+from hubodo.fuse.wheel.entries import (
+    CAMBER,
+    GYRO_BIAS_Z,
+    GYRO_SCALE_Z,
+    HEADING,
+    RATE_BEYOND_RANGE,
+    SPEED,
+    WHEEL_ANGLE,
+    YAW_RATE,
+    Entry,
+    StateLayout,
+    X,
+    Y,
+)
+from hubodo.fuse.wheel.initial_state import InitialState
+from hubodo.fuse.wheel.records import WheelWindows
+from hubodo.fuse.wheel.wheel import Wheel
+from hubodo.fuse.wheel.window import WINDOW_S, Window
+
+_VEHICLE_ROWS = (
+    (X, (HEADING, SPEED, YAW_RATE)),
+    (Y, (HEADING, SPEED, YAW_RATE)),
+    (HEADING, (YAW_RATE,)),
+)
+"""Vehicle entries that change within a window, and the entries they depend on besides themselves."""
+
+_WHEEL_ROW = (WHEEL_ANGLE, (GYRO_SCALE_Z, GYRO_BIAS_Z, RATE_BEYOND_RANGE, CAMBER, YAW_RATE))
+"""The same for each wheel."""
+
+
+class MotionModel:
+    """Propagates states and covariance; remembers the transition of the last window."""
+
+    def __init__(self, config: WheelConfig, initial: InitialState) -> None:
+        layout = initial.columns
+        gauss_markov = [entry for entry in layout.vehicle if math.isfinite(entry.correlation_time)]
+        vehicle_rows = (*_VEHICLE_ROWS, *((entry, (entry,)) for entry in gauss_markov))
+        # Only these states change within a window, so only their rows of the transition are stored.
+        self._changing = np.array(
+            [
+                *(layout.vehicle[entry] for entry, _ in vehicle_rows),
+                *(columns[_WHEEL_ROW[0]] for columns in layout.wheels),
+            ]
+        )
+        self._crossings = self._changing[:, None] * layout.size + self._changing
+        self._rows = np.eye(layout.size)[self._changing]
+        self._variable_elements = _variable_elements(layout, vehicle_rows)
+        # `struct` copies a list of floats into an array in half the time of numpy.
+        self._packing = f"{len(self._variable_elements)}d"
+        self._values = np.empty(len(self._variable_elements))
+        self._columns = layout.vehicle
+        # The process noise of x and y depends on the distance; it is set for each window.
+        self._walk = initial.walk * WINDOW_S
+        self._lateral_slip = config.noise.lateral_slip**2
+        self._decays = [math.exp(-WINDOW_S / entry.correlation_time) for entry in gauss_markov]
+        self._decaying = list(
+            zip((layout.vehicle[entry] for entry in gauss_markov), self._decays, strict=True)
+        )
+        for column, decay in self._decaying:
+            self._walk[column] = initial.p[column, column] * (1.0 - decay * decay)
+
+    def advance(self, x: list[float], p: Array, windows: WheelWindows) -> None:
+        """Propagate x and p in place to the end of the window."""
+        columns = self._columns
+        at_x, at_y, at_heading = columns[X], columns[Y], columns[HEADING]
+        t, speed, yaw_rate = WINDOW_S, x[columns[SPEED]], x[columns[YAW_RATE]]
+        turn = yaw_rate * t
+        course = x[at_heading] + 0.5 * turn
+        # Chord of an arc, to second order of its angle.
+        chord_ratio = 1.0 - turn * turn / 24.0
+        chord = speed * t * chord_ratio
+        cos, sin = math.cos(course), math.sin(course)
+        x[at_x] += chord * cos
+        x[at_y] += chord * sin
+        x[at_heading] += turn
+        for column, decay in self._decaying:
+            x[column] *= decay
+        half = 0.5 * t * chord
+        values = [-chord * sin, t * chord_ratio * cos, -half * sin]
+        values += [chord * cos, t * chord_ratio * sin, half * cos, t, *self._decays]
+        for wheel, window in windows:
+            values += _turn_wheel(x, wheel, window, yaw_rate)
+        rows, changing = self._rows, self._changing
+        struct.pack_into(self._packing, self._values.data, 0, *values)
+        rows.ravel()[self._variable_elements] = self._values
+        new_rows = rows.dot(p)
+        p[changing] = new_rows
+        p[:, changing] = new_rows.T
+        p.ravel()[self._crossings] = new_rows.dot(rows.T)
+        # A vehicle slips sideways, across its course.
+        slip_variance = self._lateral_slip * abs(chord)
+        self._walk[at_x], self._walk[at_y] = slip_variance * sin * sin, slip_variance * cos * cos
+        p[at_x, at_y] -= slip_variance * sin * cos
+        p[at_y, at_x] -= slip_variance * sin * cos
+        diagonal = p.ravel()[:: len(x) + 1]
+        diagonal += self._walk
+        for wheel, window in windows:
+            angle = wheel.columns[WHEEL_ANGLE]
+            p[angle, angle] += max(0.0, wheel.standstill.noise * t * t - self._walk[angle])
+            if window.missing > 0.0:
+                p[angle, angle] += (window.missing * t) ** 2
+
+    def transition(self) -> Array:
+        """Return the derivatives of the states at the end of the last window by those before, (n, n)."""
+        transition = np.eye(self._rows.shape[1])
+        transition[self._changing] = self._rows
+        return transition
+
+
+def _turn_wheel(x: list[float], wheel: Wheel, window: Window, yaw_rate: float) -> tuple[float, ...]:
+    """Propagate the wheel angle in place and return its derivatives in the order of `_WHEEL_ROW`."""
+    t, columns, side = WINDOW_S, wheel.columns, wheel.geometry.side
+    about_axle = mean_axle_rate(x, columns, window)
+    camber, angle = x[columns[CAMBER]], columns[WHEEL_ANGLE]
+    sin = math.sin(camber)
+    rate = about_axle.rate - side * yaw_rate * sin
+    x[angle] = math.remainder(x[angle] + rate * t, 2.0 * math.pi)
+    by_camber, by_yaw_rate = -side * yaw_rate * math.cos(camber) * t, -side * sin * t
+    return about_axle.by_scale * t, about_axle.by_bias * t, t, by_camber, by_yaw_rate
+
+
+def _variable_elements(layout: StateLayout, vehicle_rows: Sequence[tuple[Entry, tuple[Entry, ...]]]) -> Array:
+    """Return the flat indices, in the stored rows of the transition, of all elements that vary."""
+    rows: list[tuple[dict[Entry, int], tuple[Entry, ...]]] = [(layout.vehicle, by) for _, by in vehicle_rows]
+    rows += [(columns, _WHEEL_ROW[1]) for columns in layout.wheels]
+    return np.array(
+        [row * layout.size + columns[entry] for row, (columns, by) in enumerate(rows) for entry in by]
+    )

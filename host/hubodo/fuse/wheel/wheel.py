@@ -1,0 +1,215 @@
+"""One wheel of the filter: its columns in the state, its detectors, its wheel angle and its counts."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import dataclass, field, replace
+
+from hubodo.arrays import Array
+from hubodo.earth import STANDARD_GRAVITY
+from hubodo.fuse.wheel.config import WheelNode
+from hubodo.fuse.wheel.entries import CAMBER, RATE_BEYOND_RANGE, WHEEL_ANGLE, Entry
+from hubodo.fuse.wheel.measurements import LinearisedWindow, WheelGeometry
+from hubodo.fuse.wheel.measurements.steady import NodeFixedTerms
+from hubodo.fuse.wheel.motion_state import StandstillDetector
+from hubodo.fuse.wheel.slip_detector import SlipDetector
+from hubodo.fuse.wheel.spin_search import SpinTracker, find_spin
+from hubodo.fuse.wheel.wheel_mode import MAX_MISSING_SHARE, WheelMode, select_mode
+from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
+
+_MAX_GRAVITY_JUMP = 0.7
+"""rad of change in the direction of gravity across a gap, beyond which the wheel angle is reinitialised.
+
+Twice the tilt by hard braking (prior of WHEEL_ANGLE). Estimated.
+"""
+
+_GAP_CHECK_WINDOWS = 3
+"""Windows after a gap over which gravity is averaged for that test: a bump fills one. Estimated."""
+
+_SEARCHED_RATE_SIGMA = 1.0
+"""rad/s, 1 sigma of a searched spin; the vehicle may brake unevenly meanwhile. Estimated."""
+
+_GRAVITY_MEMORY, _GRAVITY_UPDATE = 0.8, 0.2
+"""Exponential smoothing of the direction of gravity before a gap: half a second of memory, shorter than a
+manoeuvre and longer than a bump. Estimated."""
+
+_UPRIGHT_WINDOWS, _MIN_UPRIGHT_RATE = 300, 1.0
+"""Windows, 30 s, of a wheel faster than this rate, rad/s, in which gravity must rotate with it. Estimated."""
+
+
+@dataclass
+class Wheel:
+    """One wheel with its node.
+
+    Attributes
+    ----------
+    columns : column of each of its own and the vehicle's entries.
+    view : its present window, evaluated for the measurements.
+    best_mode : mode that the mounting check allows.
+    is_slipping : True if it slips in the present window, by the slip schedule.
+    angle_initialised : True if its wheel angle is known.
+    misaligned_windows : consecutive windows with gravity elsewhere, see `rate_beyond_range.py`.
+    arm_variances : m², of the lever arm before a gyro clipped, see `rate_beyond_range.py`.
+    steady_terms : node-fixed terms of a spin search, to be processed.
+    alignment_count, gravity_sum, axial_sum : windows, derotated force and axial force gathered for the angle.
+    alignment_start_angle, alignment_end_angle : rad, carrier angle at the start and end of the gathering.
+    turned_angle, net_angle : rad, total and net.
+    upright_sum, upright_count : sum over windows of the force that points up, in units of g, and their
+        number.
+    outlier_windows, clipped_windows, missing_windows, angle_losses : counts.
+    """
+
+    name: str
+    node: WheelNode
+    geometry: WheelGeometry
+    standstill: StandstillDetector
+    columns: dict[Entry, int]
+    view: LinearisedWindow
+    spin_tracker: SpinTracker
+    slip_detector: SlipDetector = field(default_factory=SlipDetector)
+    best_mode: WheelMode = WheelMode.ROLLING
+    is_slipping: bool = False
+    angle_initialised: bool = False
+    misaligned_windows: int = 0
+    steady_terms: NodeFixedTerms | None = None
+    arm_variances: tuple[float, float] | None = None
+    alignment_count: int = 0
+    gravity_sum: complex = 0j
+    axial_sum: float = 0.0
+    alignment_start_angle: float = 0.0
+    alignment_end_angle: float = 0.0
+    turned_angle: float = 0.0
+    net_angle: float = 0.0
+    upright_sum: float = 0.0
+    upright_count: int = 0
+    outlier_windows: int = 0
+    clipped_windows: int = 0
+    missing_windows: int = 0
+    angle_losses: int = 0
+    _gathered: list[Window] = field(default_factory=list)
+    _gravity_before_gap: complex = 0j
+    _gravity_after_gap: complex = 0j
+    _n_after_gap: int | None = None
+
+    def mode(self, window: Window) -> WheelMode:
+        """Return what may be used of the wheel in a window."""
+        return select_mode(self.best_mode, self.angle_initialised, self.is_slipping, window.missing)
+
+    def swap_side(self) -> None:
+        """Move the wheel to the other side of the vehicle."""
+        self.geometry = replace(self.geometry, contact_y=-self.geometry.contact_y)
+        self.view = LinearisedWindow(self.geometry, self.columns)
+
+    def count_window(self, window: Window, rate: float, angle: float) -> None:
+        """Update the counts for the report.
+
+        rate: rad/s, rolling rate; angle: rad, at the start of the window.
+        """
+        self.turned_angle += abs(rate) * WINDOW_S
+        self.net_angle += rate * WINDOW_S
+        self.clipped_windows += window.spin_clipped > 0.0
+        if (
+            self.upright_count < _UPRIGHT_WINDOWS
+            and abs(rate) > _MIN_UPRIGHT_RATE
+            and self.angle_initialised
+            and window.force_clipped == 0.0
+        ):
+            rotation = cmath.exp(1j * (angle + 0.5 * rate * WINDOW_S))
+            self.upright_sum += (window.force * rotation).real / (STANDARD_GRAVITY * WINDOW_S)
+            self.upright_count += 1
+
+    def gather_gravity(self, window: Window) -> None:
+        """Sum gravity, derotated by the spin, until the wheel angle can be initialised from it."""
+        if window is EMPTY_WINDOW:
+            self.mark_missing(1)
+            return
+        if window.missing > MAX_MISSING_SHARE:
+            self.missing_windows += 1
+            self._gravity_after_gap, self._n_after_gap = 0j, 0
+            return
+        if self.angle_initialised:
+            self._check_gravity(window)
+            return
+        if self.alignment_count == 0:
+            self.alignment_start_angle = window.clock_angle - 0.5 * window.spin
+        self.alignment_count += 1
+        self._gathered.append(window)
+        self.gravity_sum += window.force * cmath.exp(1j * window.clock_angle)
+        self.axial_sum += window.axial
+        self.alignment_end_angle = window.clock_angle + 0.5 * window.spin
+
+    def mark_missing(self, windows: int) -> None:
+        """Count windows without samples that no interpolation bridges; the wheel angle is lost."""
+        self.missing_windows += windows
+        self.spin_tracker.pause()
+        self.drop_angle()
+
+    def _check_gravity(self, window: Window) -> None:
+        """Drop the angle if gravity points elsewhere after a gap.
+
+        Then the clock jumped, or the wheel did not turn as interpolated across the gap.
+        """
+        if window.spin_clipped > 0.0 or window.force_clipped > 0.0:
+            # The carrier does not follow gravity, or gravity is cut off.
+            self._n_after_gap, self._gravity_before_gap = None, 0j
+            return
+        gravity = window.force * cmath.exp(1j * window.clock_angle)
+        if self._n_after_gap is None or self._gravity_before_gap == 0j:
+            self._n_after_gap = None
+            self._gravity_before_gap = _GRAVITY_MEMORY * self._gravity_before_gap + _GRAVITY_UPDATE * gravity
+            return
+        self._gravity_after_gap, self._n_after_gap = self._gravity_after_gap + gravity, self._n_after_gap + 1
+        if self._n_after_gap < _GAP_CHECK_WINDOWS:
+            return
+        jump = abs(cmath.phase(self._gravity_after_gap * self._gravity_before_gap.conjugate()))
+        self._gravity_before_gap, self._n_after_gap = self._gravity_after_gap / _GAP_CHECK_WINDOWS, None
+        if jump > _MAX_GRAVITY_JUMP:
+            self.angle_losses += 1
+            self.drop_angle()
+
+    def drop_angle(self) -> None:
+        """Discard the wheel angle and start gathering gravity again."""
+        self.angle_initialised, self.alignment_count = False, 0
+        self.gravity_sum, self.axial_sum = 0j, 0.0
+        self._gravity_before_gap, self._n_after_gap = 0j, None
+        self._gathered = []
+
+    def initialise_angle(self, x: list[float], p: Array, at_start: bool) -> list[int]:
+        """Initialise the wheel angle from gravity, in place, and return the columns that were reset.
+
+        A force e^(-iθ) rotated by e^(ic) points along e^(-i(θ - c)). at_start: the angle at the start of
+        gathering, else at its end. No columns if gravity was not found; gathering then starts again.
+        """
+        columns, gathered = self.columns, self._gathered
+        self._gathered = []
+        if any(window.spin_clipped > 0.0 for window in gathered):
+            spin = find_spin(gathered, self.geometry.radius)
+            if spin is None:
+                self.drop_angle()
+                return []
+            angle = spin.start_angle if at_start else spin.end_angle
+            vertical = self.alignment_count * STANDARD_GRAVITY * WINDOW_S
+            x[columns[RATE_BEYOND_RANGE]] = spin.excess if at_start else spin.excess_end
+            self.spin_tracker.initialise(x[columns[RATE_BEYOND_RANGE]], 0.0)
+            self.steady_terms = spin.steady
+            reset_state(p, columns[RATE_BEYOND_RANGE], _SEARCHED_RATE_SIGMA**2)
+            reset_columns = [columns[WHEEL_ANGLE], columns[RATE_BEYOND_RANGE]]
+        else:
+            carrier = self.alignment_start_angle if at_start else self.alignment_end_angle
+            angle, vertical = -cmath.phase(self.gravity_sum) + carrier, abs(self.gravity_sum)
+            reset_columns = [columns[WHEEL_ANGLE]]
+        x[columns[WHEEL_ANGLE]] = math.remainder(angle, 2.0 * math.pi)
+        # On a fast wheel a tilt causes a far larger axial force than a camber.
+        if x[columns[CAMBER]] == 0.0 and self.steady_terms is None:
+            x[columns[CAMBER]] = self.geometry.side * math.atan2(self.axial_sum, vertical)
+        reset_state(p, columns[WHEEL_ANGLE], WHEEL_ANGLE.prior**2)
+        self.angle_initialised = True
+        return reset_columns
+
+
+def reset_state(p: Array, column: int, variance: float) -> None:
+    """Reset a state's variance and remove its correlations, in place."""
+    p[column, :] = 0.0
+    p[:, column] = 0.0
+    p[column, column] = variance

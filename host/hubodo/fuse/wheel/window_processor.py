@@ -1,0 +1,155 @@
+"""Processing of one window: prediction, measurement update, and what else the window tells."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.fuse.wheel.config import WheelConfig
+from hubodo.fuse.wheel.corrections import ExternalCorrection
+from hubodo.fuse.wheel.entries import SPEED, TRACK_WIDTH
+from hubodo.fuse.wheel.history import History
+from hubodo.fuse.wheel.initial_state import InitialState
+from hubodo.fuse.wheel.measurement_update import MeasurementUpdate, UpdateResult
+from hubodo.fuse.wheel.measurements import WindowNoise, centripetal, steady
+from hubodo.fuse.wheel.motion_model import MotionModel
+from hubodo.fuse.wheel.motion_prediction import MotionPrediction, vehicle_motion
+from hubodo.fuse.wheel.motion_state import MotionState
+from hubodo.fuse.wheel.mounting_check import track_width_test
+from hubodo.fuse.wheel.rate_beyond_range import reset_misaligned_angle
+from hubodo.fuse.wheel.records import WheelWindows
+from hubodo.fuse.wheel.slip_schedule import SlipSchedule
+from hubodo.fuse.wheel.state_vector import StateVector
+from hubodo.fuse.wheel.wheel import Wheel
+from hubodo.fuse.wheel.wheel_mode import WheelMode
+from hubodo.fuse.wheel.window import Window
+
+
+class _Prior(NamedTuple):
+    """States before the measurements of a window, for smoothing."""
+
+    x: list[float]
+    p: Array
+    speed_row: tuple[int, Array] | None
+
+
+class WindowProcessor(StateVector):
+    """States with the operations of one window, which a replay repeats.
+
+    Attributes
+    ----------
+    slip_schedule : which wheels slip in which windows.
+    inertial_speed : True if only accelerometers measured the speed in the last window.
+    max_speed : m/s reached so far, as measured by wheels.
+    """
+
+    def __init__(
+        self, config: WheelConfig, initial: InitialState, slips: SlipSchedule | None, history: History
+    ) -> None:
+        super().__init__(initial, history)
+        self.config = config
+        self.slip_schedule = slips or SlipSchedule(len(self.wheels))
+        self.inertial_speed = False
+        self.max_speed = 0.0
+        self.noise = WindowNoise(config.noise, config.radius)
+        self._prediction = MotionPrediction(initial.columns, self.noise)
+        self._update = MeasurementUpdate(config, initial.columns, wants_residuals=slips is None)
+        self._motion = MotionModel(config, initial)
+        self._tests_track_width = (
+            len(self.wheels) == 2 and TRACK_WIDTH not in config.priors and not config.position_aided
+        )
+        self._keeps_prior = False
+        self._prior: _Prior | None = None
+
+    def process_window(
+        self,
+        number: int,
+        windows: WheelWindows,
+        motion_states: Sequence[MotionState],
+        has_surface_speeds: bool = False,
+    ) -> UpdateResult:
+        """Predict the states for a window and update them with its measurements.
+
+        has_surface_speeds: another odometer measures this window too.
+        """
+        is_slipping = self.slip_schedule.slipping_wheels(number)
+        for wheel, slips in zip(self.wheels, is_slipping, strict=True):
+            wheel.is_slipping = slips
+        inertial_now = any(is_slipping) and not any(
+            wheel.mode(window) is WheelMode.ROLLING for wheel, window in windows
+        )
+        if number in self.slip_schedule.speed_variance:
+            speed = self._at[SPEED]
+            self.p[speed, speed] += self.slip_schedule.speed_variance[number]
+        # The first window of a wheel that rolls again measures the error of the inertial speed until then.
+        is_inertial, self.inertial_speed = inertial_now or self.inertial_speed, inertial_now
+        state = MotionState.MOVING if is_inertial else vehicle_motion(motion_states, is_slipping)
+        self._prediction.predict(
+            self.x, self.p, windows, state, is_inertial, has_surface_speeds, self.max_speed
+        )
+        self._reset_columns += self._prediction.reset_states
+        if self._keeps_prior:
+            row = self._prediction.speed_row
+            self._prior = _Prior(list(self.x), self.p.copy(), None if row is None else (self._at[SPEED], row))
+        result = self._update.update(self.x, self.p, windows, state)
+        self.x, self.p = result.x, result.p
+        for wheel, window in windows:
+            self._update_with_steady_terms(wheel)
+            if window.all_clipped and window.force_clipped == 0.0 and not wheel.spin_tracker.is_observed:
+                self._update_with_centripetal(wheel, window)
+            if window.all_clipped and wheel.angle_initialised:
+                self._reset_columns += reset_misaligned_angle(self.x, self.p, wheel, window)
+        if self._tests_track_width:
+            self._test_track_width()
+        return result
+
+    def advance(self, windows: WheelWindows) -> None:
+        """Propagate the states to the end of a processed window."""
+        self._motion.advance(self.x, self.p, windows)
+
+    def replay(self, number: int) -> UpdateResult:
+        """Return to the start of window `number` and process the windows since then again.
+
+        They are processed with the present slip schedule. Poses already returned do not change.
+        """
+        records = self.history.pop_since(number)
+        self.x, self.p = list(records[0].start_x), records[0].start_p.copy()
+        self.inertial_speed = self.slip_schedule.all_slipping_before(records[0].number)
+        self._prediction.clear_force()
+        for index, record in enumerate(records):
+            if index:
+                self.advance(records[index - 1].windows)
+            self.history.append(record._replace(start_x=list(self.x), start_p=self.p.copy()))
+            result = self.process_window(record.number, record.windows, record.motion_states)
+        return result
+
+    def _test_track_width(self) -> None:
+        """Update the track width once with the declared one, if the drive makes a careful tape likely."""
+        column = self._at[TRACK_WIDTH]
+        error, variance = self.x[column], self.p.item(column, column)
+        noise = track_width_test(error, variance, TRACK_WIDTH.prior)
+        if noise is None:
+            return
+        self._tests_track_width = False
+        if math.isfinite(noise):
+            ph = self.p[column].copy()
+            s = variance + noise
+            self.apply(ExternalCorrection(ph * (-error / s), np.outer(ph, ph / s)))
+
+    def _update_with_steady_terms(self, wheel: Wheel) -> None:
+        """Update with the node-fixed terms of a spin search, if there are any."""
+        terms, wheel.steady_terms = wheel.steady_terms, None
+        if terms is not None:
+            for row in range(steady.N_ROWS):
+                self.update_with_row(steady.measure(self.x, wheel.columns, terms)[row], wheel.columns)
+
+    def _update_with_centripetal(self, wheel: Wheel, window: Window) -> None:
+        """Update with the centripetal force of a clipped window."""
+        wheel.view.linearise(self.x, window, is_stationary=False)
+        row = centripetal.measure(wheel.view, self.config.noise)
+        if row is not None:
+            self.update_with_row(row, wheel.columns)
