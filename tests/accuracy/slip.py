@@ -105,7 +105,7 @@ def outcome(case: Case, seed: int) -> Outcome:
     found = run_wheel_filter(config(drive, names), tables(drive))
     hits = alarms = 0
     for slips in found.report.slips.values():
-        inside = [slip.begin < start + case.duration + _SLACK and slip.end > start - _SLACK for slip in slips]
+        inside = [slip.start < start + case.duration + _SLACK and slip.end > start - _SLACK for slip in slips]
         hits += any(inside)
         alarms += inside.count(False)
     return Outcome(100.0 * end_error(drive, found) / drive.length, nees(drive, found), hits, alarms)

@@ -27,12 +27,12 @@ _SAME: dict[tuple[str, str, str], str] = {
     ): "it is compared with counts whose low byte is at least 250",
     (
         "host/hubodo/fuse/wheel/spin_search.py",
-        "found = taken.best(found.excess + around, found.slope + 0.1 * hardest * around)",
+        "chirp = sample_set.best(chirp.excess + offsets, chirp.slope + 0.1 * max_slope * offsets)",
         "+ -> -",
     ): "what is looked at reaches as far to either side: the same places in another order",
     (
         "host/hubodo/fuse/wheel/spin_search.py",
-        ".best(found.excess + wide * _GRID, found.slope + finer * _GRID)",
+        ".best(chirp.excess + rate_range * _SEARCH_GRID, chirp.slope + fine_step * _SEARCH_GRID, sign)",
         "+ -> -",
     ): "what is looked at reaches as far to either side: the same places in another order",
     (

@@ -31,13 +31,13 @@ def lifted():
 def test_a_lift_is_found_where_it_begins_and_ends_and_costs_little(lifted):
     drive, (name,), start, found = lifted
     (slipped,) = found.report.slips[name]
-    assert slipped.begin == pytest.approx(start, abs=0.3)
+    assert slipped.start == pytest.approx(start, abs=0.3)
     assert slipped.end == pytest.approx(start + 6.0, abs=0.5)
     # As if the wheel had stopped the vehicle: 7 % of the path. 1.5 % of 120 m are 1.8 m.
     assert end_error(drive, found) < 1.8
     assert nees(drive, found) < 12.0
     lines = found.report.as_json()["warnings"]
-    assert any("the wheel slipped" in line and f"t = {slipped.begin:.1f} to" in line for line in lines)
+    assert any("the wheel slipped" in line and f"t = {slipped.start:.1f} to" in line for line in lines)
     told = found.report.as_json()["slips"][0]
     assert told["node"] == name and told["speed"] < -0.5 and told["from"] < told["to"]
 

@@ -197,7 +197,7 @@ def test_a_slip_is_told_in_seconds_and_words():
     grip = SlipDetector()
     grip.start_slip(12)
     slip = grip.slips[-1]
-    assert slip.begin == pytest.approx(1.2) and slip.end == math.inf
+    assert slip.start == pytest.approx(1.2) and slip.end == math.inf
     assert slip.description.startswith("t = 1.2 s and on")
     slip.last, slip.speed = 34, -0.44
     assert slip.end == pytest.approx(3.5)

@@ -10,7 +10,7 @@ import numpy as np
 from hubodo.arrays import Array
 
 
-def shortening_ratio(variance: float) -> float:
+def relative_length_loss(variance: float) -> float:
     """Return the rms relative shortening of a path whose heading error d has a variance, rad².
 
     √E(1 - cos d)² for normal d; √(3/4) times the variance if that is small. First-order propagation only
@@ -36,7 +36,7 @@ class HeadingErrorInflation:
 
     def advance(self, x: float, y: float, variance: float) -> None:
         """Add the segment up to x, y (m) with a heading variance, rad²."""
-        relative = shortening_ratio(variance)
+        relative = relative_length_loss(variance)
         before_x, before_y = self._last_position
         self.x += relative * (x - before_x)
         self.y += relative * (y - before_y)

@@ -53,7 +53,7 @@ class OutageLog:
 
     def add_outage(
         self,
-        begin: float,
+        start: float,
         end: float,
         heading_variance: float,
         forces: Sequence[complex] | None,
@@ -64,9 +64,9 @@ class OutageLog:
         vehicle that stood still before, else None.
         """
         self.count += 1
-        self.seconds += end - begin
+        self.seconds += end - start
         if len(self.listed) < _MAX_LISTED_OUTAGES:
-            self.listed.append(WheelOutage(begin, end))
+            self.listed.append(WheelOutage(start, end))
         self._heading_variance = heading_variance
         self.may_have_been_stationary, self._windows = forces is not None, 0
         self._forces = list(forces or ())

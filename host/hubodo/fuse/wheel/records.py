@@ -65,7 +65,7 @@ class Pose(NamedTuple):
 
 
 class SmoothingTerms(NamedTuple):
-    """What a backward pass needs of one step.
+    """Terms of one step for a backward smoothing pass.
 
     Attributes
     ----------

@@ -113,7 +113,7 @@ class Slip:
     speed: float = 0.0
 
     @property
-    def begin(self) -> float:
+    def start(self) -> float:
         """Return its start, s on the log's clock."""
         return self.first * WINDOW_S
 
@@ -128,7 +128,7 @@ class Slip:
         until = "s and on" if self.last is None else f"to {self.end:.1f} s"
         comparison = "faster than the road" if self.speed > 0.0 else "slower than the road"
         return (
-            f"t = {self.begin:.1f} {until}: the wheel slipped or was in the air, up to {abs(self.speed):.1f} "
+            f"t = {self.start:.1f} {until}: the wheel slipped or was in the air, up to {abs(self.speed):.1f} "
             f"m/s {comparison}; its speed is not used there, sigmas grow"
         )
 

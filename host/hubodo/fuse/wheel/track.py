@@ -110,7 +110,7 @@ class WheelReport:
                 for outage in self.outages
             ],
             "slips": [
-                {"node": name, "from": slip.begin, "to": min(slip.end, self.end), "speed": slip.speed}
+                {"node": name, "from": slip.start, "to": min(slip.end, self.end), "speed": slip.speed}
                 for name, outlier_windows in self.slips.items()
                 for slip in outlier_windows
             ],
@@ -294,7 +294,7 @@ def build_report(wheel_filter: WheelFilter, track: WheelTrack, lag: float = 0.0)
     }
     duration, end = float(track.t[-1] - track.t[0]) + WINDOW_S, float(track.t[-1])
     warning_lines = tuple(list_warnings(wheel_filter, track.motion_state))
-    silences = tuple(wheel_filter.core.outages.listed)
+    outages = tuple(wheel_filter.core.outages.listed)
     encoder_note = " with the surface speeds of another odometer" if wheel_filter.config.encoder_aided else ""
     method = f"wheel filter on {names}{encoder_note}, {causality}"
     return WheelReport(
@@ -307,7 +307,7 @@ def build_report(wheel_filter: WheelFilter, track: WheelTrack, lag: float = 0.0)
         counts,
         outlier_windows,
         warning_lines,
-        silences,
+        outages,
     )
 
 

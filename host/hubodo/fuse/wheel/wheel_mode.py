@@ -9,7 +9,7 @@ MAX_MISSING_SHARE = 0.5
 
 
 class WheelMode(Enum):
-    """What may be used of a wheel in one window; the diagram is in the README of this folder.
+    """Use of a wheel in one window; the diagram is in the README of this folder.
 
     ROLLING: all measurements. DISTRUSTED_SPEED: all but its speed, after the mounting check. SLIPPING: yaw
     and roll rate only. UNKNOWN_ANGLE: its speed only, until gravity has shown the wheel angle. LOST:

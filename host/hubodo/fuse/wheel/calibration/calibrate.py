@@ -121,7 +121,7 @@ def calibrate_wheels(
     aided = drive.run_aided(drive.positions, slow)
     antenna = (aided.core.estimate(None, ANTENNA_X), aided.core.estimate(None, ANTENNA_Y))
     track = drive.track
-    found = drive.findings(aided.core)
+    learnt = drive.findings(aided.core)
     held_out_errors = measure_held_out_errors(
         drive.positions,
         track,
@@ -134,9 +134,9 @@ def calibrate_wheels(
             f"({held_out_errors.description}); drive farther, with turns to both sides; nothing is written"
         )
     return WheelCalibration(
-        found.nodes,
-        found.vehicle,
-        tuple(found.not_observable),
+        learnt.nodes,
+        learnt.vehicle,
+        tuple(learnt.not_observable),
         antenna,
         drive.rms,
         held_out_errors,
@@ -239,12 +239,12 @@ class _CalibrationDrive:
         until: s, end of the track.
         """
         core = self.run_aided(positions_used, slow).core
-        found = self.findings(core)
+        parameters = self.findings(core)
         nodes = {
-            name: priors_from_calibration(WHEEL_ENTRIES, _effects(found.nodes[name], {}), node.facing)
+            name: priors_from_calibration(WHEEL_ENTRIES, _effects(parameters.nodes[name], {}), node.facing)
             for name, node in self._plain.nodes.items()
         }
-        vehicle = priors_from_calibration(VEHICLE_ENTRIES, _effects(found.vehicle, {}), "left")
+        vehicle = priors_from_calibration(VEHICLE_ENTRIES, _effects(parameters.vehicle, {}), "left")
         learnt = FilterCore(_with_priors(self._plain, nodes, vehicle), self.slips)
         learnt.align([step.windows for step in self.steps if not step.realign])
         poses: list[Pose] = []
@@ -282,6 +282,6 @@ def _values(antenna: tuple[Quantity, Quantity]) -> Antenna:
 
 
 def _effects(
-    found: Mapping[str, Mapping[str, Quantity]], provenance: Mapping[str, object]
+    quantities: Mapping[str, Mapping[str, Quantity]], provenance: Mapping[str, object]
 ) -> dict[str, CalibratedEffect]:
-    return {name: CalibratedEffect(parameters, **provenance) for name, parameters in found.items()}  # type: ignore[arg-type]
+    return {name: CalibratedEffect(parameters, **provenance) for name, parameters in quantities.items()}  # type: ignore[arg-type]
