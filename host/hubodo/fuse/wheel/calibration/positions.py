@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 
-_MIN_POSITION_SIGMA = 0.01
+_MIN_WHITE_SIGMA = 0.01
 """m, white error of the best positions: RTK and a phase centre that is not a point."""
 
 _SECOND_DIFFERENCE_MEDIAN = 0.6745 * np.sqrt(6.0)
@@ -56,9 +56,9 @@ def estimate_white_sigma(positions: Positions, x: Array, y: Array) -> Array:
     the error is robust to half of them being outliers.
     """
     if len(positions) < 10:
-        return np.maximum(positions.sigma, _MIN_POSITION_SIGMA)
+        return np.maximum(positions.sigma, _MIN_WHITE_SIGMA)
     second_differences = np.abs(np.concatenate([np.diff(positions.x - x, 2), np.diff(positions.y - y, 2)]))
     white_sigma = float(np.median(second_differences)) / _SECOND_DIFFERENCE_MEDIAN
     return np.asarray(
-        np.clip(white_sigma, _MIN_POSITION_SIGMA, np.maximum(positions.sigma, _MIN_POSITION_SIGMA))
+        np.clip(white_sigma, _MIN_WHITE_SIGMA, np.maximum(positions.sigma, _MIN_WHITE_SIGMA))
     )
