@@ -59,6 +59,4 @@ def estimate_white_sigma(positions: Positions, x: Array, y: Array) -> Array:
         return np.maximum(positions.sigma, _MIN_WHITE_SIGMA)
     second_differences = np.abs(np.concatenate([np.diff(positions.x - x, 2), np.diff(positions.y - y, 2)]))
     white_sigma = float(np.median(second_differences)) / _SECOND_DIFFERENCE_MEDIAN
-    return np.asarray(
-        np.clip(white_sigma, _MIN_WHITE_SIGMA, np.maximum(positions.sigma, _MIN_WHITE_SIGMA))
-    )
+    return np.asarray(np.clip(white_sigma, _MIN_WHITE_SIGMA, np.maximum(positions.sigma, _MIN_WHITE_SIGMA)))
