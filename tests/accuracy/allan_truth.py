@@ -20,7 +20,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators.noise import bartlett, gyro_noise, one_pole, relaxing, two_pole
-from hubodo.sensors.allan.characterise import characterise
+from hubodo.sensors.allan.characterise import characterise_noise
 
 HZ = 100.0
 LONG, MIDDLE, SHORT = 1 << 20, 1 << 18, 1 << 15
@@ -86,7 +86,7 @@ def main(argv=None):
         found = {name: [] for name in "QNBKR"}
         for seed in range(seeds):
             rates, true = made(title, samples, truth, electronics, seed)
-            terms = characterise(np.arange(samples) / HZ, rates, "gz").fit.terms
+            terms = characterise_noise(np.arange(samples) / HZ, rates, "gz").fit.terms
             for name, term in terms.items():
                 found[name].append(term)
         print(

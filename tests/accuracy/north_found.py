@@ -16,9 +16,9 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators.table_worlds import LATITUDE, WORLDS
-from hubodo.sensors.north.axis_record import FoundAngles, axis_record
-from hubodo.sensors.north.circle import wrap
-from hubodo.sensors.north.find import find_north
+from hubodo.sensors.north.axis_record import GyroAngleOptions, build_axis_record
+from hubodo.sensors.north.circular import wrap_angle
+from hubodo.sensors.north.north_estimate import find_north
 
 
 def main():
@@ -32,10 +32,10 @@ def main():
         rows = []
         for seed in range(seeds):
             node, azimuth, *_ = world(seed)
-            record, _ = axis_record(node, "x", None, LATITUDE, FoundAngles(0.01))
+            record, _ = build_axis_record(node, "x", None, LATITUDE, GyroAngleOptions(0.01))
             found = find_north([record], LATITUDE, "maytag4")
-            theirs = wrap(found.filters["nearest"].azimuth - azimuth)
-            rows.append([wrap(found.azimuth - azimuth), found.sigma, found.angle_sigma, theirs])
+            theirs = wrap_angle(found.filters["nearest"].azimuth - azimuth)
+            rows.append([wrap_angle(found.azimuth - azimuth), found.sigma, found.angle_sigma, theirs])
         off, sigma, angles, theirs = np.degrees(np.array(rows, float)).T
         z = np.abs(off / sigma)
         print(

@@ -54,7 +54,7 @@ def trial(rng, poses):
     symmetric = np.real(sqrtm(matrix(accel) @ matrix(accel).T))
     frame = np.linalg.solve(symmetric, matrix(accel))
     truth = {"accel": (accel.b, symmetric), "gyro": (gyro.b, matrix(gyro) @ frame.T)}
-    seen = {"accel": found.accel.seen, "gyro": np.append(np.ones(3, bool), found.gyro.seen)}
+    seen = {"accel": found.accel.is_observable, "gyro": np.append(np.ones(3, bool), found.gyro.is_observable)}
     sigma = {"accel": found.accel.sigma, "gyro": np.sqrt(np.diag(found.gyro.covariance))}
     triads = {"accel": found.accel.triad, "gyro": found.gyro.triad}
     made = {}

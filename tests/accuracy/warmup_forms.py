@@ -37,17 +37,17 @@ def one(form, added, seed):
     report = characterise_warmup(t[here], output, "gz", temperature=warm)
     later = None if temperature is None else temperature[AGES]
     truth = np.array([bias[a - HALF : a + HALF].mean() for a in AGES])
-    mean, sigma = report.forecast.at(AGES.astype(float), later)
+    mean, sigma = report.forecast.predict(AGES.astype(float), later)
     made = {"forecast": (mean / DEG - truth, sigma / DEG)}
     if report.accepted is not None:
         fit = report.accepted.fit
         value = fit.model.bias(AGES.astype(float), later)
-        off = report.forecast.off(AGES.astype(float), value, later)
+        off = report.forecast.model_error(AGES.astype(float), value, later)
         made["accepted model"] = (value / DEG - truth, off / DEG)
         made["file"] = (value / DEG - truth, in_file(fit, report.sigma, later) / DEG)
-    fit = report.first.fit
+    fit = report.exponential.fit
     word = fit.model.bias(AGES.astype(float))
-    made["exponential at its word"] = (word / DEG - truth, fit.spread(AGES.astype(float)) / DEG)
+    made["exponential at its word"] = (word / DEG - truth, fit.bias_sigma(AGES.astype(float)) / DEG)
     last = output[-300:].mean() / DEG
     made["last minutes"] = (last - truth, np.full(3, warm_ups.NOISE / np.sqrt(300.0)))
     return made

@@ -21,7 +21,7 @@ from told import tell
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from hubodo.sensors.warmup.rate_bias_kalman import RateBiasKalman, steady_gain
+from hubodo.sensors.warmup.rate_bias_kalman import RateBiasKalman, steady_state_gain
 from hubodo.sensors.warmup.recursive_least_squares import RecursiveLeastSquares
 from papers.filters.pseudo_measurement import PseudoMeasurementFilter
 
@@ -96,7 +96,7 @@ def main(argv=None):
     rng = np.random.default_rng(0)
     z = 6.0 + np.sin(1e-3 * np.arange(count)) + rng.normal(0.0, SIGMA, count)
     still = rng.normal(0.01, SIGMA, (count // 10, 3))
-    gain = steady_gain(1e-2, 1e-6, SIGMA, 0.01)
+    gain = steady_state_gain(1e-2, 1e-6, SIGMA, 0.01)
     ours = {
         "Kalman": lambda: RateBiasKalman(gain, 0.01),
         "RLS": lambda: RecursiveLeastSquares(FACTOR),

@@ -82,20 +82,20 @@ _SAME: dict[tuple[str, str, str], str] = {
         "+ -> -",
     ): "half a turn either way ends at the same angle, which is wrapped",
     (
-        "host/hubodo/sensors/north/ml.py",
-        'among = np.einsum("k,ki,kj->ij", weight, means - centre, means - centre)',
+        "host/hubodo/sensors/north/likelihood.py",
+        'between = np.einsum("k,ki,kj->ij", weight, means - centre, means - centre)',
         "- -> +",
     ): "`centre` is the weighted mean: what is added is 2 centre times the mean distance from it, 0",
     (
         "host/hubodo/sensors/imu/calibrate.py",
-        "if fdtrc(9, 3 * freedom, max(ratio, 0.0)) > G_SENSITIVITY_P:",
+        "if fdtrc(9, 3 * dof, max(ratio, 0.0)) > MAX_G_SENSITIVITY_P_VALUE:",
         "0.0 -> 1.0",
     ): "a ratio of 1 is as little believed as one of 0, whatever the freedom",
     (
         "host/hubodo/sensors/imu/calibrate.py",
-        "if g is not None and s is not None:",
+        "if g_sensitivity is not None and g_sigma is not None:",
         "and -> or",
-    ): "`rest_bias` gives both or neither",
+    ): "`estimate_static_bias` gives both or neither",
 }
 """By path, what the line says, and the change: why nothing changes."""
 

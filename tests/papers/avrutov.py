@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from generators.poses import Errors
 from hubodo.errors import CalibrationError
-from hubodo.sensors.imu.scalar_calibration import scalar_calibration
+from hubodo.sensors.imu.scalar_calibration import fit_scalar_calibration
 
 TRUTH = Errors(
     (2e-4, 2e-4, 2e-4),
@@ -59,7 +59,7 @@ def worst_bias_error(p):
 
 def ours(u, sigma):
     try:
-        return worst_bias_error(scalar_calibration(u, 1.0, np.full(u.shape, sigma)).parameters)
+        return worst_bias_error(fit_scalar_calibration(u, 1.0, np.full(u.shape, sigma)).parameters)
     except CalibrationError:
         return None
 
@@ -127,7 +127,7 @@ def main():
             errors[d] = float(np.median(good)) if len(good) > 4 else None
         show(f"ours, 9 poses, {count} averaged", errors)
         curves[f"ours, {count} averaged"] = errors
-    p = scalar_calibration(TRUTH.measure(gravity("ZYX", True)), 1.0, np.full((729, 3), 1e-9)).triad
+    p = fit_scalar_calibration(TRUTH.measure(gravity("ZYX", True)), 1.0, np.full((729, 3), 1e-9)).triad
     print(
         "six single angles by the symmetric convention: "
         + ", ".join(f"{name} {angle:+.9f}" for name, angle in p.nonorthogonality.items())

@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators.poses import EARTH, GRAVITY, Errors, carry
 from hubodo.sensors.imu.calibrate import calibrate_imu
-from hubodo.sensors.imu.scalar_calibration import scalar_calibration
+from hubodo.sensors.imu.scalar_calibration import fit_scalar_calibration
 
 POSES, REST, RATE = 24, 6.0, 100.0
 LATITUDE = np.radians(50.4)
@@ -74,7 +74,9 @@ def trial(seed, gyro_noise, bias, latitude):
     sigma = np.sqrt(np.diag(found.gyro.covariance))[3:][OFF_DIAGONAL]
     theirs = None
     if latitude is not None:
-        alone = scalar_calibration(found.rests.gyro, EARTH, found.rests.gyro_sigma, name="gyro")
+        alone = fit_scalar_calibration(
+            found.standstills.gyro, EARTH, found.standstills.gyro_sigma, name="gyro"
+        )
         theirs = alone.triad.matrix.ravel()[OFF_DIAGONAL] - truth
     return theirs, ours, sigma, truth, bound(attitudes, gyro_noise)
 

@@ -30,8 +30,8 @@ from hubodo.effects.warmup import WarmupModel
 from hubodo.fuse.heading_filter import BiasNoise
 from hubodo.log.csv_folder import write_folder
 from hubodo.recording import Recording, Table
-from hubodo.sensors.heading.standstill import angle_random_walk, given_rests
-from hubodo.sensors.heading.track import Axis, heading_track
+from hubodo.sensors.heading.standstill import estimate_angle_random_walk, standstills_from_user
+from hubodo.sensors.heading.track import VerticalAxis, estimate_heading
 from hubodo.sensors.warmup.characterise import characterise_warmup
 from hubodo.verbs.heading import USUAL_INSTABILITY, USUAL_LAG
 from papers.filters.six_state import SixState
@@ -57,7 +57,7 @@ def taught(seed: int) -> Known:
     """By `characterise_warmup`, as `hubodo warmup -o` writes it."""
     t, output = start_day.overnight(np.random.default_rng([seed, 7]))
     report = characterise_warmup(t, output * DEG, "gz")
-    effects = report.effects()
+    effects = report.calibrated_effects()
     model, sigma = WarmupModel(effects["gyro_bias"].value("z")), {}
     warm = effects["gyro_warmup"].parameters
     for which in ("", "_second"):
@@ -71,10 +71,10 @@ def taught(seed: int) -> Known:
 def ours(known: Known, t: np.ndarray, output: np.ndarray, age: float, rest: float, step: float):
     """The track by what `hubodo heading` calls, with its own defaults; output in deg/s."""
     rate = output * DEG
-    axis = Axis(t, rate, rate)
-    spans = given_rests(t, [(0.0, rest)])
-    noise = BiasNoise(angle_random_walk(t, rate, spans), USUAL_INSTABILITY, warmup=known.sigma)
-    return heading_track(
+    axis = VerticalAxis(t, rate, rate)
+    spans = standstills_from_user(t, [(0.0, rest)])
+    noise = BiasNoise(estimate_angle_random_walk(t, rate, spans), USUAL_INSTABILITY, warmup=known.sigma)
+    return estimate_heading(
         axis, spans, known.model, noise, age=age, scale_sigma=start_day.SCALE, lag=USUAL_LAG, step=step
     )
 
@@ -91,7 +91,7 @@ def one_run(case: str, seed: int, known: Known) -> tuple[dict[str, np.ndarray], 
     truth = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))]) * start_day.DT
     track = ours(known, t, output, age, rest, 0.1)
     errors = {"ours": track.heading / DEG - np.interp(track.t, t, truth)}
-    (mean,) = (values for name, values in track.rivals.items() if name.startswith("less"))
+    (mean,) = (values for name, values in track.baselines.items() if name.startswith("less"))
     errors["mean of the rest"] = mean / DEG - np.interp(track.t, t, truth)
     every = round(start_gyro.DT / start_day.DT)
     model = WarmupModel(start_gyro.C2 * DEG, start_gyro.C1 * DEG, start_gyro.T)
@@ -136,7 +136,7 @@ def hours(rest: float, cold: bool, seeds: range, nights: list[Known]) -> dict[st
         noise = start_gyro.NOISE * math.sqrt(2.0 / (2.0 * math.pi * start_day.BANDWIDTH) / dt)
         output = start_gyro.digitise(day.bias(age + t) + rng.normal(0.0, noise, len(t)))
         track = ours(nights[seed % len(nights)], t, output, age, rest, 2.0)
-        (mean,) = (values for name, values in track.rivals.items() if name.startswith("less"))
+        (mean,) = (values for name, values in track.baselines.items() if name.startswith("less"))
         at = [rest + after for after, _ in HOURS]
         for name, values in (("mean of the rest", mean), ("ours", track.heading), ("sigma", track.sigma)):
             made[name].append((np.interp(at, track.t, values) / DEG).tolist())

@@ -21,20 +21,25 @@ from generators.noise import gyro_noise
 from generators.north_table import Sensor, carousel, maytag
 from hubodo.errors import InputError
 from hubodo.log.csv_folder import read_folder
-from hubodo.sensors.north.advice import best_programme, ergodicity, time_for, white_azimuth_bound
 from hubodo.sensors.north.axis_record import AxisRecord
-from hubodo.sensors.north.circle import fuse, wrap
-from hubodo.sensors.north.drift import Drift, covariance
+from hubodo.sensors.north.circular import fuse_azimuths, wrap_angle
+from hubodo.sensors.north.drift import DriftNoise, drift_covariance
 from hubodo.sensors.north.east import seek_east
-from hubodo.sensors.north.filters import FILTERS, opposite_pairs
-from hubodo.sensors.north.find import find_north, horizontal_rate
+from hubodo.sensors.north.filters import CLASSICAL_FILTERS, find_opposite_pairs
+from hubodo.sensors.north.north_estimate import find_north, horizontal_earth_rate
+from hubodo.sensors.north.programme import (
+    find_best_programme,
+    find_shortest_programme,
+    fit_ergodicity,
+    white_noise_azimuth_bound,
+)
+from hubodo.sensors.north.running_estimate import RunningEstimate
 from hubodo.sensors.north.simulated_table import SimulatedTable, simulate_stops
 from hubodo.sensors.north.stops import TableMotion
-from hubodo.sensors.north.tally import Tally
 
 LATITUDE = np.radians(32.7574)
 DT, TURN, SETTLE = 0.1, 2.0, 0.3
-HORIZONTAL = horizontal_rate(LATITUDE)
+HORIZONTAL = horizontal_earth_rate(LATITUDE)
 TWO, FOUR = (0.0, np.pi), (0.0, np.pi, np.pi / 2, 1.5 * np.pi)
 DEG_H = np.pi / 180 / 3600
 
@@ -72,8 +77,10 @@ class Noise:
 
 def drift_of(sensor):
     if isinstance(sensor, Noise):
-        return Drift(sensor.n, sensor.b, sensor.k)
-    return Drift(np.radians(sensor.n) / 60, np.radians(sensor.b) / 3600, np.radians(sensor.k) / 3600 / 60)
+        return DriftNoise(sensor.n, sensor.b, sensor.k)
+    return DriftNoise(
+        np.radians(sensor.n) / 60, np.radians(sensor.b) / 3600, np.radians(sensor.k) / 3600 / 60
+    )
 
 
 def record_of(run):
@@ -96,7 +103,7 @@ def oracle(found, sensor):
 
 
 def oracle_of(a, sensor):
-    inverse = np.linalg.inv(covariance(drift_of(sensor), a.start, a.end))
+    inverse = np.linalg.inv(drift_covariance(drift_of(sensor), a.start, a.end))
     seen = [a.cos, a.sin] if np.ptp(a.sin) > 0.1 else [a.cos]
     x = np.column_stack([*seen, np.ones(len(a.y)), a.start - a.start.mean()])
     spread = np.linalg.inv(x.T @ inverse @ x)
@@ -115,7 +122,7 @@ def azimuth_oracle_of(averages, sensor, azimuth):
     information = np.linalg.inv(spread)
     best = angles[np.einsum("ik,ij,jk->k", off, information, off).argmin()]
     across = HORIZONTAL * np.array([-np.sin(azimuth), np.cos(azimuth)])
-    return float(wrap(best - azimuth)), float(1 / np.sqrt(across @ information @ across))
+    return float(wrap_angle(best - azimuth)), float(1 / np.sqrt(across @ information @ across))
 
 
 def two_point(sensor, stop, stops, seeds):
@@ -124,9 +131,9 @@ def two_point(sensor, stop, stops, seeds):
     for seed in range(seeds):
         record = programme(sensor, seed, 0.0, TWO, stop, stops)
         found = find_north([record], LATITUDE, "maytag", settle=SETTLE, near=0.0)
-        rate, sigma = found.components()
+        rate, sigma = found.rate_components()
         told, spread = oracle(found, sensor)
-        others = [found.filters[name].rate[0] for name in FILTERS]
+        others = [found.filters[name].rate[0] for name in CLASSICAL_FILTERS]
         rows.append([others[0], rate[0], sigma[0] + HORIZONTAL, told[0], *others[1:]])
     return (np.array(rows) / HORIZONTAL - 1) * 100, float(np.sqrt(spread[0, 0])) / HORIZONTAL * 100
 
@@ -141,8 +148,8 @@ def four_point(sensor, stop, stops, seeds, first=20_000):
         theirs = found.filters["nearest"].azimuth
         rows.append(
             [
-                float(wrap(theirs - azimuth)),
-                float(wrap(found.azimuth - azimuth)),
+                float(wrap_angle(theirs - azimuth)),
+                float(wrap_angle(found.azimuth - azimuth)),
                 found.sigma,
                 *azimuth_oracle(found, sensor, azimuth),
             ]
@@ -162,7 +169,7 @@ def maytag_rows(seeds):
         adxrs[:, 3],
     )
     sigma(adxrs[:, 1], adxrs[:, 2])
-    best = best_programme(drift_of(ADXRS646), 20 * 36.0 - TURN, TURN, HORIZONTAL)
+    best = find_best_programme(drift_of(ADXRS646), 20 * 36.0 - TURN, TURN, HORIZONTAL)
     short, bound = two_point(ADXRS646, best.stop, best.count, seeds)
     row(
         f"  the same 12 min as advised: {best.count} stops of {best.stop:g} s",
@@ -172,7 +179,7 @@ def maytag_rows(seeds):
         bound,
         short[:, 3],
     )
-    for k, name in enumerate(FILTERS[1:]):
+    for k, name in enumerate(CLASSICAL_FILTERS[1:]):
         ratio, spread = paired(adxrs[:, 4 + k], adxrs[:, 0])
         print(
             f"  {name.replace('_', ' ')}: {rms(adxrs[:, 4 + k]):.1f}, {ratio:.3f} ± {spread:.3f} of nearest"
@@ -202,10 +209,10 @@ def several(kept, four):
         found = [north for north, _ in kept[k : k + 4]]
         azimuth = kept[k][1]
         mean = np.mean([north.filters["nearest"].rate for north in found], axis=0)
-        ours, spread = fuse([(north.posterior, north.horizontal) for north in found])
-        theirs = wrap(np.arctan2(mean[1], mean[0]) - azimuth)
+        ours, spread = fuse_azimuths([(north.posterior, north.horizontal) for north in found])
+        theirs = wrap_angle(np.arctan2(mean[1], mean[0]) - azimuth)
         bound = rms(four[k : k + 4, 4]) / 2
-        rows.append([*np.degrees([theirs, wrap(ours - azimuth), spread]), bound])
+        rows.append([*np.degrees([theirs, wrap_angle(ours - azimuth), spread]), bound])
     rows = np.array(rows)
     row("four gyros at once, maytag 4, ADXRS646, deg", '"1/sqrt(n)"', rows[:, 0], rows[:, 1], rows[:, 3])
     sigma(rows[:, 1], rows[:, 2])
@@ -224,19 +231,19 @@ def moving_rows(name, sensor, seeds):
         c, s, _ = np.linalg.lstsq(wave, record.rate, rcond=None)[0]
         turned.append(
             [
-                wrap(np.arctan2(s, c) - azimuth),
-                wrap(found.azimuth - azimuth),
+                wrap_angle(np.arctan2(s, c) - azimuth),
+                wrap_angle(found.azimuth - azimuth),
                 found.sigma,
                 *azimuth_oracle(found, sensor, azimuth),
             ]
         )
         table = SimulatedTable(sensor.error(9000, DT, rng), DT, azimuth, LATITUDE)
-        tally = Tally(HORIZONTAL)
+        tally = RunningEstimate(HORIZONTAL)
         loop = seek_east(table, table.measure, HORIZONTAL, steps=7, tally=tally)
         east.append(
             [
-                wrap(azimuth - loop.angle - np.pi / 2),
-                wrap(loop.azimuth - azimuth),
+                wrap_angle(azimuth - loop.angle - np.pi / 2),
+                wrap_angle(loop.azimuth - azimuth),
                 loop.sigma,
                 *azimuth_oracle_of(tally.averages(), sensor, azimuth),
             ]
@@ -291,7 +298,7 @@ def ergodic(name, sensor, seed, stop=34.0, stops=1800):
     width, gap = int(stop / DT), int(TURN / DT)
     error = sensor.error(stops * (width + gap), DT, rng).reshape(stops, width + gap)[:, :width].mean(axis=1)
     sign = np.where(np.arange(stops) % 2 == 0, 1, -1)
-    found = ergodicity(opposite_pairs(sign).rates(error + sign * HORIZONTAL))
+    found = fit_ergodicity(find_opposite_pairs(sign).rates(error + sign * HORIZONTAL))
     print(
         f"{name}: Allan deviation of {stops - 1} estimates falls with slope {found.slope:.3f} ± "
         f"{found.sigma:.3f} (thesis: -1/2), seed {seed}"
@@ -300,9 +307,9 @@ def ergodic(name, sensor, seed, stop=34.0, stops=1800):
 
 def minute(name, sensor):
     drift = drift_of(sensor)
-    one = best_programme(drift, 60.0, TURN, HORIZONTAL)
-    three, degree = (time_for(drift, np.radians(d), TURN, HORIZONTAL) for d in (3.0, 1.0))
-    bound = np.degrees(white_azimuth_bound(drift.n, 60.0, HORIZONTAL))
+    one = find_best_programme(drift, 60.0, TURN, HORIZONTAL)
+    three, degree = (find_shortest_programme(drift, np.radians(d), TURN, HORIZONTAL) for d in (3.0, 1.0))
+    bound = np.degrees(white_noise_azimuth_bound(drift.n, 60.0, HORIZONTAL))
     verdict = (
         f"{np.degrees(one.sigma):.1f} deg, {one.count} stops of {one.stop:.0f} s"
         if one.sigma < 0.8
@@ -327,8 +334,8 @@ def real_noise(folder, parts):
             angles = np.resize(FOUR, int(len(part) * dt / 36.0) - 1)
             t, rate, made = simulate_stops(table, angles, 34.0)
             found = find_north([AxisRecord(t, rate, made)], LATITUDE, "maytag4", settle=SETTLE)
-            theirs = wrap(found.filters["nearest"].azimuth - azimuth)
-            rows.append([theirs, wrap(found.azimuth - azimuth), found.sigma, found.bound])
+            theirs = wrap_angle(found.filters["nearest"].azimuth - azimuth)
+            rows.append([theirs, wrap_angle(found.azimuth - azimuth), found.sigma, found.bound])
     rows = np.degrees(np.array(rows))
     row(f"maytag 4, real ADIS16405, {t[-1] / 60:.0f} min, deg", "-", rows[:, 0], rows[:, 1], rows[:, 3])
     sigma(rows[:, 1], rows[:, 2])

@@ -16,8 +16,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators import spin_drives
 from hubodo.log.csv_folder import read_folder
-from hubodo.sensors.warmup.choice import choose
-from hubodo.sensors.warmup.rate_bias_kalman import Gain, RateBiasKalman, steady_gain
+from hubodo.sensors.warmup.bias_method import choose_bias_method
+from hubodo.sensors.warmup.rate_bias_kalman import KalmanGain, RateBiasKalman, steady_state_gain
 from hubodo.sensors.warmup.recursive_least_squares import RecursiveLeastSquares
 from papers.filters.pseudo_measurement import PseudoMeasurementFilter
 from wanted import SHARED
@@ -60,7 +60,7 @@ def rmse(estimate, made):
 
 
 def kalman(made, rate_step, noise):
-    gain = steady_gain(rate_step, BIAS_STEP, noise, DT)
+    gain = steady_state_gain(rate_step, BIAS_STEP, noise, DT)
     return RateBiasKalman(gain, DT, bias=static_bias(made)).run(made.z).rate
 
 
@@ -156,7 +156,7 @@ def held_out(values, dt):
     def error(estimate, part):
         return float(np.sqrt(np.mean((estimate - wanted)[part] ** 2)))
 
-    gains = [Gain(rate, 1e-9) for rate in np.geomspace(0.05, 5.0, 12) / dt]
+    gains = [KalmanGain(rate, 1e-9) for rate in np.geomspace(0.05, 5.0, 12) / dt]
     tracks = [RateBiasKalman(gain, 2.0 * dt, rate=float(seen[0])).run(seen).rate for gain in gains]
     found = {"raw": error(seen, judge)}
     found["Kalman"] = error(min(tracks, key=lambda track: error(track, learn)), judge)
@@ -189,7 +189,7 @@ def table_real():
     if path.exists():
         table = read_folder(path).nodes["node"]
         for channel in ("gx", "gy", "gz"):
-            choice = choose(table[channel], float(np.median(np.diff(table.t))))
+            choice = choose_bias_method(table[channel], float(np.median(np.diff(table.t))))
             print(f"  static {channel}, at rest: {choice.why}")
 
 
@@ -236,7 +236,7 @@ def rls_in_matrices(factor):
 
 def table_run_time():
     values = drive(0, 0.5, 0.3).z[:5000].tolist()
-    gain = steady_gain(0.01, BIAS_STEP, 0.3, DT)
+    gain = steady_state_gain(0.01, BIAS_STEP, 0.3, DT)
     makers = {
         "as printed, matrices": [kalman_in_matrices, *(lambda f=f: rls_in_matrices(f) for f in FACTORS)],
         "ours": [

@@ -21,7 +21,7 @@ def print_fit(seed: int) -> None:
             fit = fit_warmup(t, output * DEG)
         else:
             report = characterise_warmup(t, output * DEG, "gz")
-            fit, test = report.first.fit, report.first
+            fit, test = report.exponential.fit, report.exponential
         c1, c2, constant = (fit.values[name] for name in ("c1", "c2", "time_constant"))
         s1, s2, spread = (fit.sigma[name] for name in ("c1", "c2", "time_constant"))
         print(
@@ -32,7 +32,8 @@ def print_fit(seed: int) -> None:
     print(
         f"whiteness, {a.sequences} sequences of {a.length * start.DT:g} s: inside ±2 standard errors paper "
         "96 %, ours "
-        f"{a.inside_two:.1%} (white noise: {a.expected_two:.1%}); ±1: {a.inside_one:.1%} "
-        f"({a.expected_one:.1%}); "
-        f"Ljung-Box p = {test.ljung_box.p_value:.2f}; white: {test.white}\n"
+        f"{a.share_within_two_sigma:.1%} (white noise: {a.expected_share_within_two_sigma:.1%}); "
+        f"±1: {a.share_within_one_sigma:.1%} "
+        f"({a.expected_share_within_one_sigma:.1%}); "
+        f"Ljung-Box p = {test.ljung_box.p_value:.2f}; white: {test.is_white}\n"
     )

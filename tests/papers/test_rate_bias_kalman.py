@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from scipy.linalg import expm, solve_discrete_are
 
 from hubodo.sensors.warmup.rate_bias_kalman import (
-    Gain,
+    KalmanGain,
     RateBiasKalman,
-    closed_form,
+    discretise,
     riccati_gain,
-    steady_gain,
+    steady_state_gain,
 )
 
 GAINS = st.floats(1e-6, 1e3)
@@ -23,7 +23,7 @@ GAINS = st.floats(1e-6, 1e3)
 @given(GAINS, st.floats(0.0, 1e3), st.floats(1e-4, 0.1))
 def test_the_closed_form_is_the_matrix_exponential_and_its_integral(k1, k2, dt):
     """scipy.linalg.expm of the augmented matrix [[-M, k], [0, 0]] T holds both (Van Loan)."""
-    transition, drive = closed_form(Gain(k1, k2), dt)
+    transition, drive = discretise(KalmanGain(k1, k2), dt)
     k = np.array([k1, k2])
     augmented = np.zeros((3, 3))
     augmented[:2, :2], augmented[:2, 2] = -np.outer(k, [1.0, 1.0]), k
@@ -39,7 +39,7 @@ def test_the_closed_form_is_equation_11_with_the_eigenvectors():
     s = np.array([[k1, 1.0], [k2, -1.0]])
     total = k1 + k2
     integral = s @ np.diag([-math.expm1(-total * dt) / total * 1.0, dt]) @ np.linalg.inv(s)
-    assert closed_form(Gain(k1, k2), dt)[1] == pytest.approx(integral @ [k1, k2], rel=1e-12)
+    assert discretise(KalmanGain(k1, k2), dt)[1] == pytest.approx(integral @ [k1, k2], rel=1e-12)
 
 
 def test_rate_and_bias_are_observable_only_through_their_sum():
@@ -47,8 +47,8 @@ def test_rate_and_bias_are_observable_only_through_their_sum():
     assert np.linalg.matrix_rank(np.vstack([h, h @ f])) == 1
     # And so, by the filter: equal sums at the start give equal innovations for ever, at any bias.
     z = np.random.default_rng(3).normal(1.0, 0.1, 500)
-    one = RateBiasKalman(Gain(4.0, 0.1), 0.01, rate=0.0, bias=0.3).run(z)
-    other = RateBiasKalman(Gain(4.0, 0.1), 0.01, rate=0.5, bias=-0.2).run(z)
+    one = RateBiasKalman(KalmanGain(4.0, 0.1), 0.01, rate=0.0, bias=0.3).run(z)
+    other = RateBiasKalman(KalmanGain(4.0, 0.1), 0.01, rate=0.5, bias=-0.2).run(z)
     assert one.rate + one.bias == pytest.approx(other.rate + other.bias, abs=1e-14)
     assert one.bias - other.bias == pytest.approx(np.full(500, 0.5), abs=1e-14)
 
@@ -75,7 +75,7 @@ def test_the_filter_is_the_matrix_recursion_of_filterpy_once_the_gain_has_settle
         theirs.predict()
         theirs.update(value)
     ours = RateBiasKalman(
-        steady_gain(rate_step, bias_step, noise, dt), dt, rate=theirs.x[0, 0], bias=theirs.x[1, 0]
+        steady_state_gain(rate_step, bias_step, noise, dt), dt, rate=theirs.x[0, 0], bias=theirs.x[1, 0]
     )
     for value in z[300:]:
         theirs.predict()
@@ -89,7 +89,7 @@ def test_the_filter_is_the_matrix_recursion_of_filterpy_once_the_gain_has_settle
 
 def test_what_a_sample_adds_is_what_the_riccati_recursion_says():
     for value, wanted in zip(
-        steady_gain(0.02, 1e-3, 0.1, 0.01).per_sample(0.01), riccati_gain(4e-4, 1e-6, 1e-2), strict=True
+        steady_state_gain(0.02, 1e-3, 0.1, 0.01).per_sample(0.01), riccati_gain(4e-4, 1e-6, 1e-2), strict=True
     ):
         assert value == pytest.approx(wanted, rel=1e-12)
 
@@ -98,7 +98,7 @@ def test_what_a_sample_adds_is_what_the_riccati_recursion_says():
 def test_a_batch_is_the_live_filter(cut, seed):
     """Two multiplications, one addition a sample in both; a compiler that fuses them rounds once less."""
     z = np.random.default_rng(seed).normal(3.0, 1.0, 400)
-    gain = Gain(7.0, 0.01)
+    gain = KalmanGain(7.0, 0.01)
     live, batch = RateBiasKalman(gain, 0.01, bias=0.02), RateBiasKalman(gain, 0.01, bias=0.02)
     rates = [(live.update(value), live.bias) for value in z.tolist()]
     parts = [batch.run(z[:cut]), batch.run(z[cut:])]
@@ -111,13 +111,13 @@ def test_a_batch_is_the_live_filter(cut, seed):
 @pytest.mark.parametrize("gain", [(0.0, 1.0), (-1.0, 0.0), (1.0, -1e-9), (math.nan, 0.0), (math.inf, 0.0)])
 def test_a_gain_that_learns_nothing_is_refused(gain):
     with pytest.raises(ValueError, match="gain"):
-        Gain(*gain)
+        KalmanGain(*gain)
 
 
 def test_bad_arguments_are_refused():
     with pytest.raises(ValueError, match="dt"):
-        RateBiasKalman(Gain(1.0, 0.0), 0.0)
+        RateBiasKalman(KalmanGain(1.0, 0.0), 0.0)
     with pytest.raises(ValueError, match="rate_step"):
-        steady_gain(0.0, 1e-3, 0.1, 0.01)
+        steady_state_gain(0.0, 1e-3, 0.1, 0.01)
     with pytest.raises(ValueError, match="finite"):
-        RateBiasKalman(Gain(1.0, 0.0), 0.01).run(np.array([1.0, math.nan]))
+        RateBiasKalman(KalmanGain(1.0, 0.0), 0.01).run(np.array([1.0, math.nan]))

@@ -8,7 +8,7 @@ from filterpy.kalman import KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hubodo.sensors.warmup.recursive_least_squares import _SPREAD, RecursiveLeastSquares
+from hubodo.sensors.warmup.recursive_least_squares import _INITIAL_VARIANCE, RecursiveLeastSquares
 
 
 def regressors(y, rates, lagged):
@@ -27,21 +27,21 @@ def test_the_coefficients_are_those_of_weighted_least_squares(forgetting, lagged
     rates = ours.run(z)
     x = regressors(z - 0.1, rates, lagged)
     weights = forgetting ** (0.5 * np.arange(count - 1, -1, -1))
-    prior = math.sqrt(forgetting**count / _SPREAD) * np.eye(2)
+    prior = math.sqrt(forgetting**count / _INITIAL_VARIANCE) * np.eye(2)
     rows = np.vstack([weights[:, None] * x, prior])
     right = np.append(weights * (z - 0.1), [0.0, 0.0])
     expected = np.linalg.lstsq(rows, right)[0]
     # P_0 = 1e6 takes six of sixteen digits from the first steps.
     assert ours.coefficients == pytest.approx(expected, rel=1e-8)
     assert rates[-1] == pytest.approx(x[-1] @ expected, rel=1e-8)
-    assert ours.spread == pytest.approx(np.linalg.inv(rows.T @ rows), rel=1e-8)
+    assert ours.covariance == pytest.approx(np.linalg.inv(rows.T @ rows), rel=1e-8)
 
 
 def test_it_is_the_fading_filter_of_filterpy():
     """A Kalman filter with F = I, Q = 0, R = 1 and P / lambda ahead of each update is eq. 13-14."""
     z = np.random.default_rng(4).normal(5.0, 0.2, 200)
     theirs = KalmanFilter(2, 1)
-    theirs.alpha, theirs.Q, theirs.P = 1 / math.sqrt(0.98), np.zeros((2, 2)), _SPREAD * np.eye(2)
+    theirs.alpha, theirs.Q, theirs.P = 1 / math.sqrt(0.98), np.zeros((2, 2)), _INITIAL_VARIANCE * np.eye(2)
     ours, estimate = RecursiveLeastSquares(0.98), 0.0
     for n, value in enumerate(z.tolist(), 1):
         row = np.array([[float(n), estimate - value]])
@@ -87,7 +87,7 @@ def test_hours_of_equal_samples_do_not_wind_it_up(rate):
     """lambda^-n overflows after 8,500 samples at 0.92; what follows must still be followed."""
     filter_ = RecursiveLeastSquares(0.92)
     filter_.run(np.full(50_000, rate))
-    assert np.isfinite(filter_.spread).all() and np.linalg.eigvalsh(filter_.spread)[0] >= 0.0
+    assert np.isfinite(filter_.covariance).all() and np.linalg.eigvalsh(filter_.covariance)[0] >= 0.0
     noise = np.random.default_rng(1).normal(0.0, 1e-3, 500)
     rates = filter_.run(6.0 + noise)
     assert rates[-100:] == pytest.approx(np.full(100, 6.0), abs=5e-3)
@@ -109,7 +109,7 @@ def test_the_spread_stays_positive_whatever_comes(legs, forgetting, lagged, seed
     for part in np.array_split(z, 20):
         rates = filter_.run(part)
         assert np.isfinite(rates).all()
-        p = filter_.spread
+        p = filter_.covariance
         assert p[0, 0] > 0.0 and p[1, 1] > 0.0
         # Rounding may close the determinant, never open it the other way by more than it rounds.
         assert p[0, 1] ** 2 <= p[0, 0] * p[1, 1] * (1.0 + 1e-6)

@@ -15,7 +15,7 @@ from hubodo.emulator.board.settings import Clock, Flash, Host
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.log.recording_reader import read_recording
-from hubodo.sensors.north.find_stops import find_motion
+from hubodo.sensors.north.motion_from_gyro import find_table_motion
 from virtual_runs import FIRMWARE, micropython_or_skip
 
 SPEED = 180.0
@@ -99,6 +99,6 @@ def test_a_real_node_is_turned_and_feels_the_turns_that_the_table_tells(bench, t
     log = read_recording(out)
     (name,) = log.nodes
     node = log.nodes[name]
-    felt = find_motion(node.t, node.gyro, np.array([0.0, 0.0, 1.0]), scale_sigma=0.01)
+    felt = find_table_motion(node.t, node.gyro, np.array([0.0, 0.0, 1.0]), scale_sigma=0.01)
     stood = np.degrees(felt.angle[~felt.moving])
     assert stood[0] == 0.0 and np.round(stood[1:4] / 90).tolist() == [2, 1, 3]

@@ -203,9 +203,9 @@ class LoadedLog:
             InputError: no such node or channel, samples in wrong units, a sensor that moved, too few samples.
         """
         from hubodo.api.sensor import allan_of
-        from hubodo.sensors.rest_channel import rest_channel
+        from hubodo.sensors.standstill_channel import read_standstill_channel
 
-        rest = rest_channel(
+        rest = read_standstill_channel(
             self.recording,
             self._node(node),
             channel,
@@ -214,7 +214,7 @@ class LoadedLog:
             end=end,
             trust_units=trust_units,
             trust_still=as_is,
-            cut=True,
+            cut_disturbances=True,
         )
         return allan_of(rest, str(self.path), turn=turn, per_octave=per_octave, every_sample=as_is)
 
@@ -242,11 +242,11 @@ class LoadedLog:
             InputError: no such node or axis, samples in wrong units, a sensor that moved, too few samples.
         """
         from hubodo.api.sensor import warmup_of
-        from hubodo.sensors.rest_channel import IMU_CHANNELS, rest_channel
+        from hubodo.sensors.standstill_channel import IMU_CHANNELS, read_standstill_channel
 
         if channel not in IMU_CHANNELS[:3]:
             raise InputError(f"channel {channel!r}: choose from {', '.join(IMU_CHANNELS[:3])}")
-        rest = rest_channel(
+        rest = read_standstill_channel(
             self.recording,
             self._node(node),
             channel,

@@ -15,10 +15,10 @@ from hubodo.report.allan import allan_lead, missing_grid, terms_grid
 from hubodo.report.allan_figure import allan_figure
 from hubodo.report.warmup import parameter_rows, prediction_rows, warmup_lead
 from hubodo.report.warmup_figure import warmup_figure
-from hubodo.sensors.allan.characterise import AllanReport, characterise
+from hubodo.sensors.allan.characterise import AllanReport, characterise_noise
 from hubodo.sensors.allan.datasheet import read_datasheet
 from hubodo.sensors.allan.fit import NoiseTerm
-from hubodo.sensors.rest_channel import Standstill
+from hubodo.sensors.standstill_channel import StandstillRecord
 from hubodo.sensors.warmup.characterise import characterise_warmup
 from hubodo.sensors.warmup.result import WarmupReport
 
@@ -118,11 +118,11 @@ class WarmupResult:
     @property
     def white(self) -> bool:
         """Whether the residual of the accepted model is white."""
-        return self.report.accepted is not None and self.report.accepted.white
+        return self.report.accepted is not None and self.report.accepted.is_white
 
     def bias(self, age: float) -> tuple[float, float]:
         """The bias so many seconds after power-on and its 1 sigma, rad/s, over all forms of warm-up."""
-        row = self.report.predicted([age])[0]
+        row = self.report.predict([age])[0]
         return row["bias"], row["sigma"]
 
     def as_json(self) -> dict[str, Any]:
@@ -147,29 +147,36 @@ class WarmupResult:
         return made + html_table(heads, prediction_rows(self.report)) + html_lines(self.report.notes)
 
 
-def allan_of(rest: Standstill, log: str, *, turn: float, per_octave: int, every_sample: bool) -> AllanResult:
+def allan_of(
+    rest: StandstillRecord, log: str, *, turn: float, per_octave: int, every_sample: bool
+) -> AllanResult:
     """Of a channel that was checked; log: named in errors."""
     try:
-        report = characterise(
+        report = characterise_noise(
             rest.t,
             rest.values,
             rest.channel,
             turn=turn,
             per_octave=per_octave,
-            step=rest.step,
-            excluded=rest.disturbed,
-            every_sample=every_sample,
+            temperature_step=rest.temperature_step,
+            excluded=rest.disturbances,
+            keep_all_samples=every_sample,
         )
     except InputError as error:
         raise InputError(f"{log}, node {rest.node}, {rest.channel}: {error}") from None
     return AllanResult(rest.node, report)
 
 
-def warmup_of(rest: Standstill, log: str, *, age: float) -> WarmupResult:
+def warmup_of(rest: StandstillRecord, log: str, *, age: float) -> WarmupResult:
     """Of a gyro axis that was checked; log: named in errors."""
     try:
         report = characterise_warmup(
-            rest.t, rest.values, rest.channel, temperature=rest.temperature, age=age, step=rest.step
+            rest.t,
+            rest.values,
+            rest.channel,
+            temperature=rest.temperature,
+            age=age,
+            temperature_step=rest.temperature_step,
         )
     except InputError as error:
         raise InputError(f"{log}, node {rest.node}, {rest.channel}: {error}") from None

@@ -12,7 +12,7 @@ from hubodo.report.page import Grid, Section, page
 from hubodo.sensors.allan.characterise import AllanReport
 from hubodo.sensors.allan.datasheet import Datasheet
 from hubodo.sensors.allan.fit import NoiseTerm
-from hubodo.sensors.allan.ieee952 import Unit, is_gyro, rate_unit, units
+from hubodo.sensors.allan.ieee952 import TermUnit, is_gyro, rate_unit, term_units
 
 Named = tuple[str, AllanReport]
 """A result and the name of the channel it is of."""
@@ -56,11 +56,12 @@ def allan_lead(report: AllanReport) -> str:
     else:
         best = (
             f"Averaging pays up to {duration_words(report.best_tau)}; what remains then is "
-            f"{value_words(report.best_deviation * unit.factor, unit.customary)} "
+            f"{value_words(report.best_deviation * unit.factor, unit.common)} "
             f"({value_words(report.best_deviation, unit.si)})."
         )
-    if report.stop is not None and is_gyro(report.channel):
-        best += f" For maytagging, stops of {duration_words(report.stop)} (turns of {report.turn:g} s)."
+    if report.maytag_stop is not None and is_gyro(report.channel):
+        best += f" For maytagging, stops of {duration_words(report.maytag_stop)}"
+        best += f" (turns of {report.maytag_turn:g} s)."
     return best
 
 
@@ -86,7 +87,7 @@ def allan_page(reports: Sequence[Named], title: str, sheets: Sequence[Datasheet]
 
 def comparison(reports: Sequence[Named], sheets: Sequence[Datasheet] = ()) -> Grid:
     """A row for each channel and data sheet: N, B and K in customary units, the best averaging time."""
-    names = units(reports[0][1].channel)
+    names = term_units(reports[0][1].channel)
     rows = []
     for label, report in reports:
         cells = []
@@ -102,14 +103,14 @@ def comparison(reports: Sequence[Named], sheets: Sequence[Datasheet] = ()) -> Gr
         terms = sheet.terms(reports[0][1].channel)
         said = [f"{terms[name] * names[name].factor:.4g}" if name in terms else "" for name in _SHORT]
         rows.append((f"{sheet.name}, data sheet", *said, ""))
-    heads = [f"{name} {names[name].name}, {names[name].customary}" for name in _SHORT]
+    heads = [f"{name} {names[name].name}, {names[name].common}" for name in _SHORT]
     return Grid(("", *heads, "average for"), rows)
 
 
 def advice(report: AllanReport) -> list[str]:
     """What to do with the result, and to get a better one."""
     lines = []
-    white, unit = report.fit.terms["N"], units(report.channel)["N"]
+    white, unit = report.fit.terms["N"], term_units(report.channel)["N"]
     if report.best_tau is not None and report.best_deviation is not None:
         lines.append(
             f"Take the bias from a rest of about {duration_words(report.best_tau)}; longer brings nothing."
@@ -145,7 +146,7 @@ def terms_grid(report: AllanReport) -> Grid:
         (
             f"{key} {unit.name}",
             f"{term.value:.4g} ± {term.sigma:.2g} {unit.si}",
-            value_words(term.value * unit.factor, unit.customary),
+            value_words(term.value * unit.factor, unit.common),
             meaning(key),
         )
         for key, unit, term in _terms(report)
@@ -169,8 +170,8 @@ def missing_grid(report: AllanReport) -> Grid:
     return Grid(("term", "below (95 %)", "record needed", "why"), rows)
 
 
-def _terms(report: AllanReport) -> list[tuple[str, Unit, NoiseTerm]]:
-    return [(key, unit, report.fit.terms[key]) for key, unit in units(report.channel).items()]
+def _terms(report: AllanReport) -> list[tuple[str, TermUnit, NoiseTerm]]:
+    return [(key, unit, report.fit.terms[key]) for key, unit in term_units(report.channel).items()]
 
 
 def allan_sections(

@@ -9,15 +9,13 @@ from itertools import cycle
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.report.drawing import blank
 from hubodo.sensors.allan.characterise import AllanReport
-from hubodo.sensors.allan.covariance import TERMS, design
+from hubodo.sensors.allan.covariance import TERMS, design_matrix
 from hubodo.sensors.allan.datasheet import Datasheet
-from hubodo.sensors.allan.ieee952 import rate_unit, units
-
-FloatArray = NDArray[np.float64]
+from hubodo.sensors.allan.ieee952 import rate_unit, term_units
 
 _INK, _GRID = "#1d2126", "#d8dce0"
 _LINES = {"Q": "#8a6d3b", "N": "#1b6ca8", "B": "#2e7d5b", "K": "#d1495b", "R": "#7a4fa3"}
@@ -62,7 +60,7 @@ def allan_figure(
     )
     upper.set_ylabel(f"Allan deviation, {unit.si}")
     right = upper.secondary_yaxis("right", functions=(_scaled(unit.factor), _scaled(1.0 / unit.factor)))
-    right.set_ylabel(unit.customary)
+    right.set_ylabel(unit.common)
     upper.legend(fontsize=8)
     upper.set_title(title)
     lower.axhline(0.0, color=_INK, lw=0.8)
@@ -104,11 +102,11 @@ def _points(axes: Any, report: AllanReport, label: str, colour: str, mark: str) 
 def _terms(axes: Any, report: AllanReport) -> None:
     """The asymptote of each term that is shown, and where averaging pays no more."""
     tau = _span([report])
-    for column, name in zip(design(tau).T, TERMS, strict=True):
-        term, unit = report.fit.terms[name], units(report.channel)[name]
+    for column, name in zip(design_matrix(tau).T, TERMS, strict=True):
+        term, unit = report.fit.terms[name], term_units(report.channel)[name]
         if term.value is not None:
             line = term.value * np.sqrt(column)
-            label = f"{name} = {term.value * unit.factor:.3g} {unit.customary}"
+            label = f"{name} = {term.value * unit.factor:.3g} {unit.common}"
             axes.plot(tau, line, "--", color=_LINES[name], lw=1, label=label)
     if report.best_tau is not None:
         axes.axvline(report.best_tau, color="#8a8d91", lw=0.8)
@@ -127,7 +125,7 @@ def _residuals(axes: Any, report: AllanReport, colour: str, mark: str) -> None:
     axes.set_ylim(min(low, -reach), max(high, reach))
 
 
-def _span(reports: Sequence[AllanReport]) -> FloatArray:
+def _span(reports: Sequence[AllanReport]) -> Array:
     first = min(float(report.points.tau[0]) for report in reports)
     last = max(float(report.points.tau[-1]) for report in reports)
     return np.geomspace(first, last, 200)

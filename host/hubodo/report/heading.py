@@ -10,8 +10,8 @@ import numpy as np
 from hubodo.report.curves import Curve, curves
 from hubodo.report.drawing import Drawing, blank, save
 from hubodo.report.page import Grid, Section
+from hubodo.sensors.heading.result import HeadingAnalysis
 from hubodo.sensors.heading.score import HeadingScore
-from hubodo.sensors.heading.summary import HeadingReport
 
 _DEG = math.degrees(1.0)
 _OURS = "#1b6ca8"
@@ -21,40 +21,40 @@ _KNOWN = 10.0
 """A bias is drawn from where its sigma is less than so many times the usual; before, it hides the rest."""
 
 
-def heading_lead(report: HeadingReport) -> str:
+def heading_lead(report: HeadingAnalysis) -> str:
     """The result in one or two sentences."""
     turned, sigma = report.track.heading[-1] * _DEG, report.track.sigma[-1] * _DEG
     lead = f"After {report.duration:.0f} s turned by {turned:+.2f}° ± {sigma:.2f}°."
     if report.score is not None:
         ours = report.score.errors["heading"]
         lead += (
-            f" Beside {report.score.source}: {ours.end * _DEG:+.2f}° at the end "
-            f"({report.score.end_in_sigma:+.1f} sigma), {ours.rms * _DEG:.2f}° rms."
+            f" Beside {report.score.source}: {ours.final * _DEG:+.2f}° at the end "
+            f"({report.score.final_error_in_sigma:+.1f} sigma), {ours.rms * _DEG:.2f}° rms."
         )
     return lead
 
 
-def score_rows(report: HeadingReport) -> list[tuple[str, ...]]:
+def score_rows(report: HeadingAnalysis) -> list[tuple[str, ...]]:
     """A row of headings, then one for each estimate: turned, and its error where there is a truth."""
     score = report.score
     head: tuple[str, ...] = ("estimate", "turned, °")
     if score is not None:
         head += ("error rms, °", "at the end, °", "worst, °")
     rows = [head]
-    for name, end in report.ends().items():
+    for name, end in report.final_headings().items():
         row: tuple[str, ...] = (name, f"{end * _DEG:+.3f}")
         if score is not None:
             error = score.errors[name]
-            row += (f"{error.rms * _DEG:.3f}", f"{error.end * _DEG:+.3f}", f"{error.worst * _DEG:.3f}")
+            row += (f"{error.rms * _DEG:.3f}", f"{error.final * _DEG:+.3f}", f"{error.largest * _DEG:.3f}")
         rows.append(row)
     return rows
 
 
-def heading_sections(report: HeadingReport) -> list[Section]:
+def heading_sections(report: HeadingAnalysis) -> list[Section]:
     """Course, error, bias, and what it rests on, for a page."""
     noise, track = report.noise, report.track
     grounds = [
-        ("standstills", f"{len(report.rests)}, {sum(b - a for a, b in report.rests):.1f} s"),
+        ("standstills", f"{len(report.standstills)}, {sum(b - a for a, b in report.standstills):.1f} s"),
         ("angle random walk N", f"{noise.angle_random_walk:.3g} rad/√s"),
         ("bias instability B", f"{noise.bias_instability:.3g} rad/s"),
         ("rate random walk K", f"{noise.rate_random_walk:.3g} rad/s/√s"),
@@ -83,7 +83,7 @@ def heading_sections(report: HeadingReport) -> list[Section]:
     return sections
 
 
-def heading_figure(report: HeadingReport, path: Path, title: str) -> None:
+def heading_figure(report: HeadingAnalysis, path: Path, title: str) -> None:
     """Course and sigma, and the error where there is a truth.
 
     Raises OSError where it cannot be written, InputError without matplotlib.
@@ -92,7 +92,7 @@ def heading_figure(report: HeadingReport, path: Path, title: str) -> None:
     made = blank(8.0, 6.0)
     upper, lower = made.subplots(2, 1, sharex=True)
     upper.plot(track.t, (track.heading + report.start) * _DEG, color=_OURS, label="heading")
-    for (name, values), colour in zip(track.rivals.items(), _RIVALS, strict=False):
+    for (name, values), colour in zip(track.baselines.items(), _RIVALS, strict=False):
         upper.plot(track.t, (values + report.start) * _DEG, color=colour, lw=0.8, label=name)
     upper.set_ylabel("heading, °")
     upper.set_title(title)
@@ -112,9 +112,9 @@ def heading_figure(report: HeadingReport, path: Path, title: str) -> None:
     save(made, path)
 
 
-def _course(report: HeadingReport) -> Drawing:
+def _course(report: HeadingAnalysis) -> Drawing:
     track = report.track
-    courses = {"heading": track.heading, **track.rivals}
+    courses = {"heading": track.heading, **track.baselines}
     shown = [
         Curve(track.t, (values + report.start) * _DEG, name, colour)
         for (name, values), colour in zip(courses.items(), (_OURS, *_RIVALS), strict=False)
@@ -132,7 +132,7 @@ def _error(score: HeadingScore) -> Drawing:
     return curves([band, *shown[::-1]], "t, s", "error, °")
 
 
-def _bias(report: HeadingReport) -> Drawing:
+def _bias(report: HeadingAnalysis) -> Drawing:
     track = report.track
     known = track.sigma_bias <= _KNOWN * np.median(track.sigma_bias)
     t, values, sigma = (column[known] for column in (track.t, track.bias, track.sigma_bias))

@@ -9,7 +9,7 @@ import numpy as np
 from hubodo.report.curves import Curve, Values, curves
 from hubodo.report.page import COLOURS, Grid, Section
 from hubodo.sensors.imu.calibrate import ImuCalibration
-from hubodo.sensors.imu.held_out import HeldOut
+from hubodo.sensors.imu.held_out import HeldOutErrors
 
 
 def imu_sections(result: ImuCalibration) -> Sequence[Section]:
@@ -17,7 +17,7 @@ def imu_sections(result: ImuCalibration) -> Sequence[Section]:
     return (_parameters(result), _residuals(result), _rests(result))
 
 
-def held_out_words(held_out: HeldOut | None, unit: str, factor: float = 1.0) -> str:
+def held_out_words(held_out: HeldOutErrors | None, unit: str, factor: float = 1.0) -> str:
     """Before and after on what took no part in the fit, in one phrase."""
     if held_out is None:
         return "nothing was left over to judge by"
@@ -30,7 +30,7 @@ def held_out_words(held_out: HeldOut | None, unit: str, factor: float = 1.0) -> 
 def _parameters(result: ImuCalibration) -> Section:
     rows = [
         [effect, name, f"{q.value:+.6g}", f"{q.sigma:.2g}"]
-        for effect, parameters in result.effects().items()
+        for effect, parameters in result.effect_parameters().items()
         for name, q in parameters.items()
     ]
     poses = result.accel.poses
@@ -43,13 +43,13 @@ def _parameters(result: ImuCalibration) -> Section:
 
 
 def _residuals(result: ImuCalibration) -> Section:
-    count = np.arange(1, len(result.rests) + 1)
-    lengths = _before_and_after(count, result.accel.before, result.accel.residual)
+    count = np.arange(1, len(result.standstills) + 1)
+    lengths = _before_and_after(count, result.accel.residual_before, result.accel.residual)
     figures = [curves(lengths, "rest", "length less gravity, m/s²")]
     text = f"Accelerometer length: {held_out_words(result.accel_held_out, 'm/s²')}."
     turns = result.gyro.turns
     if turns is not None:
-        angles = _before_and_after(turns.used + 1, np.degrees(turns.before), np.degrees(turns.error))
+        angles = _before_and_after(turns.used + 1, np.degrees(turns.error_before), np.degrees(turns.error))
         figures.append(curves(angles, "turn", "gyros against gravity, °"))
         text += f" Gyro turns: {held_out_words(result.gyro.held_out, 'degrees', 180 / np.pi)}."
     return Section("Before and after", text, figures=figures)
@@ -63,14 +63,14 @@ def _before_and_after(x: Values, before: Values, after: Values) -> list[Curve]:
 
 
 def _rests(result: ImuCalibration) -> Section:
-    rests = result.rests
+    rests = result.standstills
     rows = [
         [
             str(k + 1),
             f"{rests.t[k, 0]:.2f}",
             f"{rests.duration[k]:.1f}",
             *(f"{a:+.3f}" for a in rests.accel[k]),
-            f"{result.accel.before[k]:+.4f}",
+            f"{result.accel.residual_before[k]:+.4f}",
             f"{result.accel.residual[k]:+.5f}",
         ]
         for k in range(len(rests))

@@ -15,11 +15,16 @@ from hubodo.report.allan import allan_lead, allan_sections, duration_words, valu
 from hubodo.report.imu import held_out_words, imu_sections
 from hubodo.report.page import Grid, Section
 from hubodo.report.warmup import warmup_lead, warmup_sections
-from hubodo.sensors.allan.characterise import characterise
-from hubodo.sensors.allan.ieee952 import units
-from hubodo.sensors.at_rest import TemperatureStep, check_units, moved, temperature_step
+from hubodo.sensors.allan.characterise import characterise_noise
+from hubodo.sensors.allan.ieee952 import term_units
 from hubodo.sensors.imu.calibrate import calibrate_imu
-from hubodo.sensors.imu.rests import find_rests
+from hubodo.sensors.imu.standstills import find_standstills
+from hubodo.sensors.standstill_checks import (
+    TemperatureStep,
+    check_units,
+    find_temperature_step,
+    first_disturbance,
+)
 from hubodo.sensors.warmup.characterise import characterise_warmup
 
 Mask = NDArray[np.bool_]
@@ -71,7 +76,7 @@ def sensor_report(
         except InputError as error:
             missing.append(f"{name}: noise terms and warm-up: {error}")
         else:
-            step = None if temperature is None else temperature_step(t[span], temperature)
+            step = None if temperature is None else find_temperature_step(t[span], temperature)
             sections += _allan(name, measured, t[span], still, step, missing, facts)
             age = _age(events, name, float(t[span][0]), t_zero_ns)
             sections += _warmup(name, measured, t[span], still, temperature, step, age, missing, facts)
@@ -90,7 +95,7 @@ def _still_part(t: Array, gyro: Array, accel: Array) -> tuple[slice | None, str]
         return None, "no two samples have all channels that are measured"
     samples = np.column_stack([gyro, accel])
     samples = samples[:, np.isfinite(samples).all(axis=0)]
-    if moved(t, samples) is None and not np.any(np.abs(np.median(gyro, axis=0)) > _TURNS):
+    if first_disturbance(t, samples) is None and not np.any(np.abs(np.median(gyro, axis=0)) > _TURNS):
         try:
             check_units(gyro, accel)
         except InputError as error:
@@ -99,7 +104,7 @@ def _still_part(t: Array, gyro: Array, accel: Array) -> tuple[slice | None, str]
     if samples.shape[1] < len(CHANNELS):
         return None, "the node moved, and rests within a movement are found with all six channels only"
     try:
-        rests = find_rests(t, gyro, accel)
+        rests = find_standstills(t, gyro, accel)
     except CalibrationError as error:
         return None, str(error)
     # A wheel that turns evenly is as quiet as one that stands.
@@ -129,18 +134,18 @@ def _allan(
         if channel not in measured:
             continue
         try:
-            report = characterise(t, still[:, k].copy(), channel, step=step)
+            report = characterise_noise(t, still[:, k].copy(), channel, temperature_step=step)
         except InputError as error:
             missing.append(f"{name} {channel}: Allan deviation: {error}")
             continue
         shown = []
         for term in _SHOWN_TERMS:
-            found, unit = report.fit.terms[term], units(channel)[term]
+            found, unit = report.fit.terms[term], term_units(channel)[term]
             if found.value is None or found.sigma is None:
                 limit = "" if found.limit is None else f", below {value_words(found.limit, unit.si)}"
                 shown.append(f"not shown{limit}")
             else:
-                customary = value_words(found.value * unit.factor, unit.customary)
+                customary = value_words(found.value * unit.factor, unit.common)
                 shown.append(f"{found.value:.3g} ± {found.sigma:.1g} {unit.si} ({customary})")
         rows.append((channel, *shown))
         if channel == "gz":
@@ -172,7 +177,7 @@ def _warmup(
             continue
         try:
             report = characterise_warmup(
-                t, still[:, k].copy(), channel, temperature=temperature, age=age or 0.0, step=step
+                t, still[:, k].copy(), channel, temperature=temperature, age=age or 0.0, temperature_step=step
             )
         except InputError as error:
             missing.append(f"{name} {channel}: warm-up: {error}")
@@ -211,7 +216,7 @@ def _poses(
         missing.append(f"{name}: scale and cross-axis of the triads: {error}")
         return []
     facts.append(
-        f"{name}: {len(result.rests)} rests in different poses calibrate it; length of gravity "
+        f"{name}: {len(result.standstills)} rests in different poses calibrate it; length of gravity "
         f"{held_out_words(result.accel_held_out, 'm/s²')}"
     )
     return [

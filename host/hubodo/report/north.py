@@ -10,14 +10,14 @@ import numpy as np
 
 from hubodo.report.drawing import blank, drawing
 from hubodo.report.page import Grid, Section
-from hubodo.sensors.north.find import North
-from hubodo.sensors.north.report import advice_words
-from hubodo.sensors.north.residuals import Residuals, residuals_of
+from hubodo.sensors.north.north_estimate import NorthEstimate
+from hubodo.sensors.north.residuals import NorthResiduals, compute_residuals
+from hubodo.sensors.north.result_json import describe_programmes
 
 _DEG, _DEG_H = math.degrees(1.0), math.degrees(1.0) * 3600.0
 _INK, _GRID, _OURS, _DIM = "#1d2126", "#d8dce0", "#1b6ca8", "#8a8d91"
 
-Gyros = Sequence[tuple[str, str, North]]
+Gyros = Sequence[tuple[str, str, NorthEstimate]]
 
 
 def north_lead(azimuth: float, sigma: float) -> str:
@@ -27,37 +27,39 @@ def north_lead(azimuth: float, sigma: float) -> str:
 
 def north_sections(gyros: Gyros, warnings: Sequence[str]) -> list[Section]:
     """What to do, then estimates, fit and account of each gyro, for a page."""
-    advice = advice_words(gyros[0][2])
+    advice = describe_programmes(gyros[0][2])
     sections = [Section("What to do", advice=[f"{line}." for line in (*warnings, *advice)])]
     for node, axis, found in gyros:
         name = f"{node} {axis}"
         figures = [drawing(lambda found=found, name=name: north_figure(found, name))]  # type: ignore[misc]
         sections.append(Section(f"{name}: estimates", _words(found), [_estimates(found)]))
-        sections.append(Section(f"{name}: fit", _fit_words(residuals_of(found)), [_account(found)], figures))
+        sections.append(
+            Section(f"{name}: fit", _fit_words(compute_residuals(found)), [_account(found)], figures)
+        )
     return sections
 
 
-def north_figure(found: North, title: str) -> Any:
+def north_figure(found: NorthEstimate, title: str) -> Any:
     """Earth rate over the angle with the fit, what is left over time, and the azimuth's probability.
 
     A matplotlib figure. Raises InputError where matplotlib cannot be loaded.
     """
     made = blank(8.0, 8.0)
     upper, middle, lower = made.subplots(3, 1, height_ratios=(3, 2, 2))
-    residuals = residuals_of(found)
+    residuals = compute_residuals(found)
     # Zero stays on the left, whatever noise there is in angles.
     angle = (residuals.angle * _DEG + 15) % 360 - 15
     upper.plot(angle, residuals.earth * _DEG_H, ".", ms=3, color=_DIM, label="averages")
     for at, mean, error in _by_direction(residuals, angle):
         upper.errorbar(at, mean * _DEG_H, error * _DEG_H, fmt="o", ms=4, color=_INK)
     turn = np.radians(np.arange(0, 361, 2))
-    wave = found.horizontal * np.cos(found.azimuth - turn) * _DEG_H
+    wave = found.horizontal_rate * np.cos(found.azimuth - turn) * _DEG_H
     upper.plot(turn * _DEG, wave, color=_OURS, label="fit")
     upper.set_xlabel("angle of the axis from table zero, °")
     upper.set_ylabel("Earth rate, °/h")
     upper.legend(fontsize=8)
     upper.set_title(title)
-    middle.plot(residuals.t / 60, residuals.left * _DEG_H, ".-", ms=3, lw=0.6, color=_INK)
+    middle.plot(residuals.t / 60, residuals.residual * _DEG_H, ".-", ms=3, lw=0.6, color=_INK)
     middle.set_xlabel("t, min")
     middle.set_ylabel("left over, °/h")
     density = found.posterior.density / np.gradient(found.posterior.azimuth) / _DEG
@@ -71,7 +73,7 @@ def north_figure(found: North, title: str) -> Any:
     return made
 
 
-def _by_direction(residuals: Residuals, angle: Any) -> list[tuple[float, float, float]]:
+def _by_direction(residuals: NorthResiduals, angle: Any) -> list[tuple[float, float, float]]:
     """(degrees, mean, its scatter) of the averages at each direction, where there are few directions."""
     directions = np.unique(np.round(angle / 3) * 3)
     if len(directions) > 12:
@@ -84,7 +86,7 @@ def _by_direction(residuals: Residuals, angle: Any) -> list[tuple[float, float, 
     return made
 
 
-def _words(found: North) -> str:
+def _words(found: NorthEstimate) -> str:
     text = (
         f"Cramér-Rao's bound for this gyro's noise and these stops is {found.bound * _DEG:.2f}°, for its "
         f"white noise alone {found.white_bound * _DEG:.2f}°; sigma is {found.sigma * _DEG:.2f}°, with what "
@@ -95,8 +97,8 @@ def _words(found: North) -> str:
     return text
 
 
-def _estimates(found: North) -> Grid:
-    rate, spread = found.components()
+def _estimates(found: NorthEstimate) -> Grid:
+    rate, spread = found.rate_components()
     rows = [("maximum likelihood", _rates(rate), _rates(spread), f"{found.azimuth * _DEG % 360:.2f}")]
     for name, one in found.filters.items():
         azimuth = "" if one.azimuth is None else f"{one.azimuth * _DEG % 360:.2f}"
@@ -108,10 +110,10 @@ def _rates(values: Sequence[float] | Any) -> str:
     return ", ".join(f"{value * _DEG_H:.2f}" for value in values)
 
 
-def _fit_words(residuals: Residuals) -> str:
-    share = float(np.mean(residuals.white**2))
-    neighbours = float(np.mean(residuals.white[1:] * residuals.white[:-1])) / share
-    limit = 2 / math.sqrt(len(residuals.white))
+def _fit_words(residuals: NorthResiduals) -> str:
+    share = float(np.mean(residuals.whitened**2))
+    neighbours = float(np.mean(residuals.whitened[1:] * residuals.whitened[:-1])) / share
+    limit = 2 / math.sqrt(len(residuals.whitened))
     verdict = "as noise has it" if abs(neighbours) < limit else "more than noise has: something else is in it"
     return (
         f"Left over, in units of noise and drift, {share:.2f} (1 where the fit holds); correlation of "
@@ -119,7 +121,7 @@ def _fit_words(residuals: Residuals) -> str:
     )
 
 
-def _account(found: North) -> Grid:
+def _account(found: NorthEstimate) -> Grid:
     drift = found.posterior.drift
     stops = sum(map(len, found.stops))
     rows = [

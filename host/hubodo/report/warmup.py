@@ -9,7 +9,7 @@ from hubodo.effects.warmup import WARMUP_PARAMETERS
 from hubodo.report.drawing import drawing
 from hubodo.report.page import Grid, Section
 from hubodo.report.warmup_figure import warmup_figure
-from hubodo.sensors.warmup.judge import Judged
+from hubodo.sensors.warmup.assess import AssessedFit
 from hubodo.sensors.warmup.result import WarmupReport
 
 _DEG = math.degrees(1.0)
@@ -20,7 +20,7 @@ def warmup_lead(report: WarmupReport) -> str:
     if report.accepted is None:
         return f"{report.reason[0].upper()}{report.reason[1:]}."
     fit = report.accepted.fit
-    white = "white" if report.accepted.white else "not white"
+    white = "white" if report.accepted.is_white else "not white"
     made = f"The bias starts at {fit.values['c2'] * _DEG:+.4g} deg/s"
     if "temperature_coefficient" in fit.values:
         made = (
@@ -36,7 +36,9 @@ def warmup_lead(report: WarmupReport) -> str:
     return f"{made}; the residual is {white}."
 
 
-def parameter_rows(judged: Judged, sigmas: Mapping[str, float] | None = None) -> list[tuple[str, str, str]]:
+def parameter_rows(
+    judged: AssessedFit, sigmas: Mapping[str, float] | None = None
+) -> list[tuple[str, str, str]]:
     """Name, value with sigma in SI, and in degrees or minutes; sigmas: in place of those of the fit."""
     rows = []
     for name in WARMUP_PARAMETERS[judged.fit.kind]:
@@ -55,21 +57,22 @@ def parameter_rows(judged: Judged, sigmas: Mapping[str, float] | None = None) ->
     return rows
 
 
-def whiteness_rows(judged: Judged) -> list[tuple[str, str, str]]:
+def whiteness_rows(judged: AssessedFit) -> list[tuple[str, str, str]]:
     """Test, result, verdict."""
     a, box = judged.autocorrelation, judged.ljung_box
     return [
         (
             f"autocorrelation, {a.sequences} sequences of {a.length} samples",
-            f"inside ±1 standard error {a.inside_one:.1%} (white: {a.expected_one:.1%}), ±2 "
-            f"{a.inside_two:.1%} "
-            f"(white: {a.expected_two:.1%}), p = {a.p_value:.2g}",
-            "white" if a.white else "not white",
+            f"inside ±1 standard error {a.share_within_one_sigma:.1%} "
+            f"(white: {a.expected_share_within_one_sigma:.1%}), ±2 "
+            f"{a.share_within_two_sigma:.1%} "
+            f"(white: {a.expected_share_within_two_sigma:.1%}), p = {a.p_value:.2g}",
+            "white" if a.is_white else "not white",
         ),
         (
             f"Ljung-Box, means over the whole record, {box.lags} lags",
             f"{box.statistic:.4g}, p = {box.p_value:.2g}",
-            "white" if box.white else "not white",
+            "white" if box.is_white else "not white",
         ),
     ]
 
@@ -77,7 +80,7 @@ def whiteness_rows(judged: Judged) -> list[tuple[str, str, str]]:
 def prediction_rows(report: WarmupReport, ages: Sequence[float] = ()) -> list[tuple[str, str, str]]:
     """Age, forecast over all forms with its sigma, and the accepted model with what it may be off by."""
     rows = []
-    for row in report.predicted(ages):
+    for row in report.predict(ages):
         accepted = "-"
         if "accepted" in row:
             accepted = f"{row['accepted'] * _DEG:+.4f} ± {row['accepted_sigma'] * _DEG:.4f}"
@@ -88,7 +91,7 @@ def prediction_rows(report: WarmupReport, ages: Sequence[float] = ()) -> list[tu
 
 def advice(report: WarmupReport, node: str) -> list[str]:
     """What to do with the result, line by line."""
-    choice = [] if report.choice is None else [f"After a rest: {report.choice.why}."]
+    choice = [] if report.bias_method is None else [f"After a rest: {report.bias_method.why}."]
     return [*_advice(report, node), *choice]
 
 
@@ -100,7 +103,7 @@ def _advice(report: WarmupReport, node: str) -> list[str]:
             "Let the node stand for ten seconds before each drive and subtract that mean, at halts too.",
             f"For a warm-up, record from a cold start, several times as long as these {span / 60.0:.3g} min.",
         ]
-    end = report.predicted([float(report.t[-1]) + 3600.0])[0]
+    end = report.predict([float(report.t[-1]) + 3600.0])[0]
     lines = [
         f"hubodo warmup LOG --node {node} --channel {report.channel} -o calibration.toml writes the "
         f"{report.accepted.fit.kind}; hubodo fuse, record, heading and flash take it from there.",
@@ -108,7 +111,7 @@ def _advice(report: WarmupReport, node: str) -> list[str]:
         f"An hour beyond this record the model is off by {end['accepted_sigma'] * _DEG * 3600.0:.2g} °/h, "
         "1 sigma.",
     ]
-    if not report.accepted.ljung_box.white:
+    if not report.accepted.ljung_box.is_white:
         lines.append("The residual is not white: hubodo allan tells how far the bias wanders by itself.")
     return lines
 
@@ -124,7 +127,7 @@ def warmup_sections(report: WarmupReport, node: str) -> list[Section]:
         notes += (
             f" The accepted model: {report.accepted.fit.kind}; its sigmas count that its form may be another."
         )
-    tests = [Grid(("test", "result", "verdict"), whiteness_rows(report.first))]
+    tests = [Grid(("test", "result", "verdict"), whiteness_rows(report.exponential))]
     sections = [
         Section("What to do", advice=advice(report, node)),
         Section("Warm-up", notes, tables, [drawing(lambda: warmup_figure(report, ""))]),
@@ -136,10 +139,10 @@ def warmup_sections(report: WarmupReport, node: str) -> list[Section]:
         ),
         Section("Whiteness of the residual of the exponential", tables=tests),
     ]
-    if report.following is not None:
+    if report.next_model is not None:
         tables = [
-            Grid(heads, parameter_rows(report.following)),
-            Grid(("test", "result", "verdict"), whiteness_rows(report.following)),
+            Grid(heads, parameter_rows(report.next_model)),
+            Grid(("test", "result", "verdict"), whiteness_rows(report.next_model)),
         ]
-        sections.append(Section(f"Next model: {report.following.fit.kind}", "", tables))
+        sections.append(Section(f"Next model: {report.next_model.fit.kind}", "", tables))
     return sections

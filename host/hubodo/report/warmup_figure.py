@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hubodo.report.drawing import blank
-from hubodo.sensors.warmup.result import HORIZON_S, WarmupReport
+from hubodo.sensors.warmup.result import SIGMA_HORIZON_S, WarmupReport
 
 _DEG = math.degrees(1.0)
 _POINTS, _DOTS = 200, 1000
@@ -21,7 +21,7 @@ def warmup_figure(report: WarmupReport, title: str) -> Any:
     figure = blank(8.0, 8.0)
     course, left, lags = figure.subplots(3, 1, height_ratios=(3, 1.3, 1.3))
     _course(course, report)
-    judged = report.accepted or report.first
+    judged = report.accepted or report.exponential
     t, rest = _averaged(report.t, judged.fit.residual)
     left.plot(t / 60.0, rest * _DEG, ".", ms=2, color="#8a8d91")
     left.set_xlim(course.get_xlim())
@@ -42,14 +42,14 @@ def warmup_figure(report: WarmupReport, title: str) -> Any:
 def _course(axes: Any, report: WarmupReport) -> None:
     t, means = _averaged(report.t, report.means)
     axes.plot(t / 60.0, means * _DEG, ".", ms=2, color="#8a8d91", label="means")
-    for judged, colour in zip((report.first, report.following), _COLOURS, strict=True):
+    for judged, colour in zip((report.exponential, report.next_model), _COLOURS, strict=True):
         if judged is not None:
             fitted = report.means - judged.fit.residual
             axes.plot(report.t / 60.0, fitted * _DEG, lw=1.0, color=colour, label=judged.fit.kind)
     end = float(report.t[-1])
-    ahead = np.linspace(float(report.t[0]), end + min(HORIZON_S, 2.0 * end), _POINTS)
-    warm = None if report.grades is None else np.interp(ahead, report.t, report.grades)
-    bias, sigma = report.forecast.at(ahead, warm)
+    ahead = np.linspace(float(report.t[0]), end + min(SIGMA_HORIZON_S, 2.0 * end), _POINTS)
+    warm = None if report.mean_temperatures is None else np.interp(ahead, report.t, report.mean_temperatures)
+    bias, sigma = report.forecast.predict(ahead, warm)
     axes.fill_between(
         ahead / 60.0,
         (bias - sigma) * _DEG,

@@ -1,1 +1,1 @@
-"""What a sensor is worth: Allan deviation, warm-up, calibration of both triads, and north."""
+"""Sensor characterisation: Allan deviation, warm-up, calibration of both triads, north finding, heading."""

@@ -26,10 +26,10 @@ from hubodo.report.allan import (
 )
 from hubodo.report.allan_figure import allan_figure
 from hubodo.report.drawing import drawing_path, save
-from hubodo.sensors.allan.characterise import AllanReport, characterise
-from hubodo.sensors.allan.datasheet import CHIPS, Datasheet, read_datasheet
-from hubodo.sensors.allan.ieee952 import is_gyro, units
-from hubodo.sensors.rest_channel import IMU_CHANNELS
+from hubodo.sensors.allan.characterise import AllanReport, characterise_noise
+from hubodo.sensors.allan.datasheet import CHIP_DATASHEETS, Datasheet, read_datasheet
+from hubodo.sensors.allan.ieee952 import is_gyro, term_units
+from hubodo.sensors.standstill_channel import IMU_CHANNELS
 from hubodo.verbs.log_options import LOG_HELP, check_nodes, log_form
 from hubodo.verbs.numbers import positive_number
 from hubodo.verbs.standstill import add_selection_arguments, select_standstill
@@ -64,7 +64,7 @@ class Characterised:
         report = self.report
         title = f"{self.node} {report.channel}"
         table = Table("", "term", "value", "± 1σ", "common unit", "meaning", title=title)
-        for name, unit in units(report.channel).items():
+        for name, unit in term_units(report.channel).items():
             term = report.fit.terms[name]
             if term.value is None or term.sigma is None:
                 limit = "" if term.limit is None else f"below {value_words(term.limit, unit.si)} (95 %); "
@@ -80,7 +80,7 @@ class Characterised:
                     unit.name,
                     value_words(term.value, unit.si),
                     f"{100 * term.sigma / term.value:.2g} %",
-                    value_words(term.value * unit.factor, unit.customary),
+                    value_words(term.value * unit.factor, unit.common),
                     meaning(name),
                 )
         console.print(table)
@@ -139,7 +139,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="TOML|CHIP",
-        help=f"compare with a data sheet: a file, or one of {', '.join(CHIPS)} (repeatable)",
+        help=f"compare with a data sheet: a file, or one of {', '.join(CHIP_DATASHEETS)} (repeatable)",
     )
     parser.add_argument(
         "--turn",
@@ -201,15 +201,15 @@ def _characterised(
         args.trust_still = True
     data = select_standstill(args, log, recording, node, channel, cut=True)
     try:
-        report = characterise(
+        report = characterise_noise(
             data.t,
             data.values,
             channel,
             turn=args.turn,
             per_octave=args.per_octave,
-            step=data.step,
-            excluded=data.disturbed,
-            every_sample=args.as_is,
+            temperature_step=data.temperature_step,
+            excluded=data.disturbances,
+            keep_all_samples=args.as_is,
         )
     except InputError as error:
         raise InputError(f"{log}, node {node}, {channel}: {error}") from None

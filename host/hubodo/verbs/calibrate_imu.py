@@ -50,7 +50,7 @@ class ImuCalibrationResult:
         calibration = self.result
         effects = {
             name: {p: {"value": q.value, "sigma": q.sigma} for p, q in parameters.items()}
-            for name, parameters in calibration.effects().items()
+            for name, parameters in calibration.effect_parameters().items()
         }
         result: dict[str, Any] = {
             "node": self.node,
@@ -66,11 +66,14 @@ class ImuCalibrationResult:
             "rests": [
                 {"t": list(map(float, t)), "accel": list(map(float, a)), "residual": float(r)}
                 for t, a, r in zip(
-                    calibration.rests.t, calibration.rests.accel, calibration.accel.residual, strict=True
+                    calibration.standstills.t,
+                    calibration.standstills.accel,
+                    calibration.accel.residual,
+                    strict=True,
                 )
             ],
             "accel_norm": {
-                "before_rms": _rms(calibration.accel.before),
+                "before_rms": _rms(calibration.accel.residual_before),
                 "after_rms": _rms(calibration.accel.residual),
             },
             "notes": list(calibration.notes),
@@ -91,7 +94,7 @@ class ImuCalibrationResult:
         """Print the parameters, then the residuals before and after calibration."""
         calibration = self.result
         table = TextTable("effect", "parameter", "value", "1σ", title=f"{self.node} → {self.output}")
-        for name, parameters in calibration.effects().items():
+        for name, parameters in calibration.effect_parameters().items():
             for parameter, q in parameters.items():
                 table.add_row(name, parameter, f"{q.value:+.6g}", f"{q.sigma:.2g}")
         console.print(table)
@@ -173,7 +176,7 @@ def run(args: argparse.Namespace) -> ImuCalibrationResult:
             latitude=None if args.latitude_deg is None else math.radians(args.latitude_deg),
             table_rate=None if args.table_rate_deg_s is None else math.radians(args.table_rate_deg_s),
             convention=args.convention,
-            min_rest=args.min_rest,
+            min_standstill=args.min_rest,
         )
     effects = calibrated_effects(result, table, hash_source(args.log))
     serial = find_node_serial(recording.metadata, args.node)
@@ -196,7 +199,7 @@ def calibrated_effects(
     methods = {"accel": result.notes[0], "gyro": result.gyro.method}
     return {
         name: CalibratedEffect(parameters, methods[name.partition("_")[0]], source_sha256, date, span)
-        for name, parameters in result.effects().items()
+        for name, parameters in result.effect_parameters().items()
     }
 
 

@@ -23,12 +23,17 @@ from hubodo.recording import Recording, Table
 from hubodo.report.drawing import drawing_path
 from hubodo.report.heading import heading_figure, heading_lead, heading_sections, score_rows
 from hubodo.report.page import page
-from hubodo.sensors.heading.prior import noise_of_allan, upright, warmup_upwards
-from hubodo.sensors.heading.score import score, truth_of
-from hubodo.sensors.heading.standstill import Spans, angle_random_walk, found_rests, given_rests
-from hubodo.sensors.heading.summary import HeadingReport
-from hubodo.sensors.heading.track import Axis, heading_track
-from hubodo.sensors.rest_channel import IMU_CHANNELS, temperature_of
+from hubodo.sensors.heading.prior import axis_direction, read_bias_noise, vertical_axis_warmup
+from hubodo.sensors.heading.result import HeadingAnalysis
+from hubodo.sensors.heading.score import read_true_heading, score_heading
+from hubodo.sensors.heading.standstill import (
+    Spans,
+    detect_standstills,
+    estimate_angle_random_walk,
+    standstills_from_user,
+)
+from hubodo.sensors.heading.track import VerticalAxis, estimate_heading
+from hubodo.sensors.standstill_channel import IMU_CHANNELS, interpolate_temperature
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import UNCALIBRATED_SCALE_SIGMA, bounded_number, non_negative_number
 from hubodo.verbs.standstill import read_node
@@ -57,7 +62,7 @@ class HeadingResult:
 
     log: str
     output: str | None
-    report: HeadingReport
+    report: HeadingAnalysis
 
     def as_json(self) -> dict[str, Any]:
         """Return the JSON result: rates in rad/s, times in s, angles in rad unless the key says degrees."""
@@ -164,7 +169,7 @@ def run(args: argparse.Namespace) -> HeadingResult:
     return HeadingResult(str(args.log), None if args.output is None else str(args.output), report)
 
 
-def _estimate_heading(args: argparse.Namespace, recording: Recording, node: str) -> HeadingReport:
+def _estimate_heading(args: argparse.Namespace, recording: Recording, node: str) -> HeadingAnalysis:
     notes = list(recording.warnings)
     table = recording.nodes[node]
     gyro, accel = table.gyro, table.accel
@@ -177,16 +182,16 @@ def _estimate_heading(args: argparse.Namespace, recording: Recording, node: str)
     if len(rows) < 100:
         raise InputError(f"{len(rows)} samples are too few for a heading; record several seconds at least")
     t, gyro, accel = table.t[rows], gyro[rows], accel[rows]
-    up, note = upright(accel, args.axis)
+    up, note = axis_direction(accel, args.axis)
     notes += [note] if note else []
     effects = _effects(args.calibration, node)
     index = "xyz".index(args.axis)
     rate = triad_from_effects(effects, "gyro").apply(gyro)[:, index]
-    axis = Axis(t, up * rate, up * gyro[:, index], temperature_of(table, rows))
+    axis = VerticalAxis(t, up * rate, up * gyro[:, index], interpolate_temperature(table, rows))
     if args.rest:
-        spans = given_rests(t, args.rest)
+        spans = standstills_from_user(t, args.rest)
     else:
-        spans = found_rests(t, gyro, accel, axis.rate, recording.table)
+        spans = detect_standstills(t, gyro, accel, axis.rate, recording.table)
     if not spans and "gyro_bias" not in effects:
         raise InputError(
             "neither a standstill nor a calibration gives the bias; begin with a standstill of about ten "
@@ -196,7 +201,7 @@ def _estimate_heading(args: argparse.Namespace, recording: Recording, node: str)
         notes.append(
             "no standstill: the bias is that of the calibration, with the day-to-day change as its sigma"
         )
-    model, sigmas = warmup_upwards(effects, args.axis, up, thermometer=axis.temperature is not None)
+    model, sigmas = vertical_axis_warmup(effects, args.axis, up, thermometer=axis.temperature is not None)
     if args.age is None and model.c1:
         notes.append("power-on is assumed at the first sample; if it was earlier, give --age")
     if not model.c1:
@@ -204,7 +209,7 @@ def _estimate_heading(args: argparse.Namespace, recording: Recording, node: str)
     noise = replace(_bias_noise(args, effects, axis, spans, notes), warmup=sigmas)
     scale_sigma = _scale_sigma(args, effects, notes)
     lag = _gyro_delay(args, effects)
-    track = heading_track(
+    track = estimate_heading(
         axis, spans, model, noise, age=args.age or 0.0, scale_sigma=scale_sigma, lag=lag, step=args.step
     )
     if track.gaps:
@@ -212,10 +217,10 @@ def _estimate_heading(args: argparse.Namespace, recording: Recording, node: str)
         notes.append(
             f"{len(track.gaps)} gaps, the longest {longest:.3g} s; sigma covers the rotation in them"
         )
-    truth = truth_of(recording)
-    scored = None if truth is None else score(track, truth)
+    truth = read_true_heading(recording)
+    scored = None if truth is None else score_heading(track, truth)
     rests = tuple((float(t[i]), float(t[j - 1])) for i, j in spans)
-    return HeadingReport(
+    return HeadingAnalysis(
         node, args.axis, up > 0, rests, model, noise, scale_sigma, lag, track, scored, tuple(notes)
     )
 
@@ -230,14 +235,18 @@ def _effects(path: Path | None, node: str) -> dict[str, CalibratedEffect]:
 
 
 def _bias_noise(
-    args: argparse.Namespace, effects: dict[str, CalibratedEffect], axis: Axis, spans: Spans, notes: list[str]
+    args: argparse.Namespace,
+    effects: dict[str, CalibratedEffect],
+    axis: VerticalAxis,
+    spans: Spans,
+    notes: list[str],
 ) -> BiasNoise:
     """Return N, B and K: from `--allan`, else N from standstills, K from the calibration and a typical B."""
     walk = effects.get("gyro_rate_random_walk", CalibratedEffect({})).value("k")
     if args.allan is not None:
-        noise = noise_of_allan(args.allan)
+        noise = read_bias_noise(args.allan)
         return replace(noise, rate_random_walk=noise.rate_random_walk or walk)
-    white_noise = angle_random_walk(axis.t, axis.rate, spans)
+    white_noise = estimate_angle_random_walk(axis.t, axis.rate, spans)
     if white_noise is None:
         raise InputError(
             "no standstill is long enough to estimate the noise of the axis; give --allan, or --rest with "

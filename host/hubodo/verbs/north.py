@@ -23,11 +23,11 @@ from hubodo.recording import Recording, Table
 from hubodo.report.drawing import drawing_path, save
 from hubodo.report.north import north_figure, north_lead, north_sections
 from hubodo.report.page import page
-from hubodo.sensors.north.axis_record import AxisRecord, FoundAngles, axis_record, mounted
-from hubodo.sensors.north.circle import fuse
-from hubodo.sensors.north.find import North, find_north, horizontal_rate
-from hubodo.sensors.north.plan import drift_of_allan
-from hubodo.sensors.north.seen import METHODS
+from hubodo.sensors.north.axis_record import AxisRecord, GyroAngleOptions, axis_mount, build_axis_record
+from hubodo.sensors.north.circular import fuse_azimuths
+from hubodo.sensors.north.measurements import METHODS
+from hubodo.sensors.north.north_estimate import NorthEstimate, find_north, horizontal_earth_rate
+from hubodo.sensors.north.plan import read_drift_noise
 from hubodo.sensors.north.simulated_table import SimulatedTable, simulate_stops
 from hubodo.vehicle import NodeMount
 from hubodo.verbs.log_options import add_log_options, log_form
@@ -183,7 +183,7 @@ def run(args: argparse.Namespace) -> NorthResult | StopPlanResult:
     LinkError
         If node or table of a live run fail.
     """
-    horizontal_rate(math.radians(args.latitude_deg))
+    horizontal_earth_rate(math.radians(args.latitude_deg))
     _check_arguments(args)
     if args.plan:
         return run_plan(args)
@@ -206,7 +206,9 @@ def run(args: argparse.Namespace) -> NorthResult | StopPlanResult:
     if len(gyros) > 1:
         estimates = [north for *_, north in gyros]
         angle_sigma = max(north.angle_sigma for north in estimates)
-        azimuth, sigma = fuse([(north.posterior, north.horizontal) for north in estimates], angle_sigma)
+        azimuth, sigma = fuse_azimuths(
+            [(north.posterior, north.horizontal_rate) for north in estimates], angle_sigma
+        )
     if args.report is not None:
         lead = north_lead(azimuth, sigma)
         write_atomically(args.report, page("North", lead, north_sections(gyros, warnings)))
@@ -240,7 +242,7 @@ def _check_arguments(args: argparse.Namespace) -> None:
 
 def _previous_estimates(
     args: argparse.Namespace, recordings: Sequence[Recording], calibration: Calibration | None
-) -> Mapping[str, North]:
+) -> Mapping[str, NorthEstimate]:
     """Return the north estimate by axis from the logs to continue; empty if they hold too few stops."""
     if not recordings:
         return {}
@@ -260,7 +262,7 @@ def _only_node(args: argparse.Namespace, recording: Recording) -> list[str]:
     return nodes
 
 
-GyroEstimates = tuple[tuple[str, str, North], ...]
+GyroEstimates = tuple[tuple[str, str, NorthEstimate], ...]
 
 
 def _estimate_gyros(
@@ -272,7 +274,7 @@ def _estimate_gyros(
 ) -> tuple[GyroEstimates, tuple[str, ...], Mapping[str, Any]]:
     """Return (node, axis, estimate) of each requested axis, the warnings, and the calibration as applied."""
     requested = [(node, axis) for node in nodes for axis in args.axis or ["x"]]
-    gyros: list[tuple[str, str, North]] = []
+    gyros: list[tuple[str, str, NorthEstimate]] = []
     warnings: list[str] = []
     corrected: list[Mapping[str, Table]] = []
     used: dict[str, Any] = {}
@@ -282,7 +284,7 @@ def _estimate_gyros(
         corrected.append(tables)
         used |= applied
         warnings += notes
-    drift = None if args.allan is None else drift_of_allan(args.allan)
+    drift = None if args.allan is None else read_drift_noise(args.allan)
     for node, axis in requested:
         show(f"{node} {axis}", len(gyros) / len(requested))
         records = []
@@ -348,8 +350,8 @@ def _axis_record(
     step = None if args.step_deg is None else math.radians(args.step_deg)
     ranges = determine_ranges(NodeMount(), node_metadata(recording.metadata, name), recording.nodes[name])
     limit = ranges.clipping_limits["gyro_limit"]
-    detection = FoundAngles(_scale_sigma(args, calibration, name), step, limit)
-    return axis_record(node, axis, table, latitude, detection)
+    detection = GyroAngleOptions(_scale_sigma(args, calibration, name), step, limit)
+    return build_axis_record(node, axis, table, latitude, detection)
 
 
 def _scale_sigma(args: argparse.Namespace, calibration: Calibration | None, node: str) -> float:
@@ -369,9 +371,9 @@ def _simulated_record(args: argparse.Namespace, node: Table, axis: str) -> tuple
     angles = np.resize(np.radians(STOP_ANGLES_DEG[args.method]), max(0, args.stops))
     if len(angles) < 4 or not args.stop > 1:
         raise InputError(f"--stops {args.stops} --stop {args.stop}: give at least 4 stops of more than 1 s")
-    mount = mounted(node, axis)
-    azimuth = math.radians(args.simulate_azimuth_deg) - mount.mounting
+    mount = axis_mount(node, axis)
+    azimuth = math.radians(args.simulate_azimuth_deg) - mount.mounting_angle
     dt = float(np.median(np.diff(node.t)))
     table = SimulatedTable(node["g" + axis], dt, azimuth, math.radians(args.latitude_deg))
     t, rate, stops = simulate_stops(table, angles, args.stop)
-    return AxisRecord(t, rate, stops, mount.mounting), list(mount.warnings)
+    return AxisRecord(t, rate, stops, mount.mounting_angle), list(mount.warnings)

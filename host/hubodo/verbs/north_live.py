@@ -20,11 +20,11 @@ from hubodo.errors import InputError, LinkError
 from hubodo.ingest.live.node_stream import NodeStream, Samples
 from hubodo.log.recording_reader import read_recording
 from hubodo.recording import Recording
-from hubodo.sensors.north.east import FEWEST_STEPS, STOPS_A_STEP, East, seek_east
-from hubodo.sensors.north.find import North, horizontal_rate
-from hubodo.sensors.north.mount import Mount, mount_of
-from hubodo.sensors.north.table import HandTable, SerialTable, Turntable
-from hubodo.sensors.north.tally import Tally
+from hubodo.sensors.north.east import MIN_EAST_STEPS, STOPS_PER_STEP, EastSeekResult, seek_east
+from hubodo.sensors.north.mount import AxisMount, estimate_mount
+from hubodo.sensors.north.north_estimate import NorthEstimate, horizontal_earth_rate
+from hubodo.sensors.north.running_estimate import RunningEstimate
+from hubodo.sensors.north.turntable import ManualTable, SerialTable, Turntable
 from hubodo.version import __version__
 
 SETTLE_S = 1.0  # s
@@ -56,7 +56,7 @@ class LiveRecording:
 
     recording: Recording
     node: str
-    east: East | None
+    east: EastSeekResult | None
     east_table_angle: float | None
 
 
@@ -74,18 +74,18 @@ def check_live_options(args: argparse.Namespace) -> None:
         raise InputError("--live takes one node; give one --node")
     if args.stops < _MIN_STOPS or not args.stop >= 1.0:
         raise InputError(f"--stops {args.stops} --stop {args.stop:g}: give at least 4 stops of at least 1 s")
-    if args.method == "east" and args.stops < FEWEST_STEPS * STOPS_A_STEP:
+    if args.method == "east" and args.stops < MIN_EAST_STEPS * STOPS_PER_STEP:
         raise InputError(f"--stops {args.stops}: east-seeking needs at least 12, three for each step")
     if args.output is not None and args.output.suffix != ".mcap":
         raise InputError(f"{args.output}: the log is an MCAP file; choose a name with the suffix .mcap")
-    horizontal_rate(math.radians(args.latitude_deg))
+    horizontal_earth_rate(math.radians(args.latitude_deg))
 
 
 def record_live(
     args: argparse.Namespace,
     angles: tuple[float, ...],
     calibration: Calibration | None,
-    previous: Mapping[str, North],
+    previous: Mapping[str, NorthEstimate],
 ) -> LiveRecording:
     """Make the stops of the method, record them, and read the log again.
 
@@ -128,7 +128,7 @@ class _Session:
         stream: NodeStream,
         table: Turntable,
         calibration: Calibration | None,
-        earlier: Mapping[str, North],
+        earlier: Mapping[str, NorthEstimate],
     ) -> None:
         self._args, self._stream, self._table, self._calibration = args, stream, table, calibration
         self._earlier = earlier
@@ -149,11 +149,11 @@ class _Session:
             self._turn_table(angles[(previous + count) % len(angles)])
             t, gyro, _ = self._measure(self._args.stop)
             for axis, tally in tallies.items():
-                tally.add(t, gyro[:, "xyz".index(axis)], self._angle + mounts[axis].mounting)
+                tally.add_stop(t, gyro[:, "xyz".index(axis)], self._angle + mounts[axis].mounting_angle)
             if (count + 1) % len(angles) == 0 and self._is_sigma_reached(list(tallies.values())):
                 break
 
-    def seek_east(self) -> tuple[East, float]:
+    def seek_east(self) -> tuple[EastSeekResult, float]:
         """Turn the axis east in a closed loop; return the result and the final table angle, rad."""
         axis = self._axes[0]
         self._turn_table(0.0)
@@ -164,8 +164,8 @@ class _Session:
             """The table in axis angles instead of table angles."""
 
             def turn_to(self, angle: float) -> float:
-                session._turn_table(angle - mount.mounting)
-                return session._angle + mount.mounting
+                session._turn_table(angle - mount.mounting_angle)
+                return session._angle + mount.mounting_angle
 
         def measure(duration: float) -> tuple[Array, Array]:
             t, gyro, _ = session._measure(duration)
@@ -176,22 +176,22 @@ class _Session:
             measure,
             self._horizontal(mount),
             stop=self._args.stop,
-            steps=self._args.stops // STOPS_A_STEP,
+            steps=self._args.stops // STOPS_PER_STEP,
             sigma=self._target_sigma,
             tally=self._tally(axis, mount),
         )
-        self._turn_table(east.angle - mount.mounting)
+        self._turn_table(east.angle - mount.mounting_angle)
         return east, self._angle
 
-    def _horizontal(self, mount: Mount) -> float:
-        return horizontal_rate(math.radians(self._args.latitude_deg)) * mount.level
+    def _horizontal(self, mount: AxisMount) -> float:
+        return horizontal_earth_rate(math.radians(self._args.latitude_deg)) * mount.level_share
 
-    def _tally(self, axis: str, mount: Mount) -> Tally:
+    def _tally(self, axis: str, mount: AxisMount) -> RunningEstimate:
         earlier = self._earlier[axis].averages if axis in self._earlier else ()
         near = None if self._args.near_deg is None else math.radians(self._args.near_deg)
-        return Tally(self._horizontal(mount), earlier, near)
+        return RunningEstimate(self._horizontal(mount), earlier, near)
 
-    def _is_sigma_reached(self, tallies: Sequence[Tally]) -> bool:
+    def _is_sigma_reached(self, tallies: Sequence[RunningEstimate]) -> bool:
         """Return True if the combined azimuth has the requested sigma; print the estimate so far."""
         if self._target_sigma is None:
             return False
@@ -202,10 +202,10 @@ class _Session:
         _print_line(f"azimuth {math.degrees(estimates[0][0]) % 360:.2f}° ± {math.degrees(sigma):.2f}° so far")
         return bool(sigma <= self._target_sigma)
 
-    def _mount(self, axis: str) -> Mount:
+    def _mount(self, axis: str) -> AxisMount:
         """Measure how the axis is mounted; raise InputError early if it is too far from horizontal."""
         _, gyro, accel = self._measure(_LEVEL_CHECK_S, count=False)
-        return mount_of(gyro, accel, axis)
+        return estimate_mount(gyro, accel, axis)
 
     def _turn_table(self, angle: float) -> None:
         """Turn the table unless it is already there, log the angle, and let it settle."""
@@ -262,7 +262,7 @@ class _Session:
 def _open_table(port: str | None) -> Iterator[Turntable]:
     """Open the table on a serial port and check that it answers, or yield one that is turned by hand."""
     if port is None:
-        yield HandTable(_prompt)
+        yield ManualTable(_prompt)
         return
     try:
         line = serial.Serial(port, _TABLE_BAUD, timeout=TABLE_TIMEOUT_S, exclusive=True)

@@ -14,11 +14,11 @@ from rich.table import Table
 from hubodo.errors import InputError
 from hubodo.log.any_log import read_log
 from hubodo.progress import progress_line
-from hubodo.sensors.at_rest import check_still, check_units
-from hubodo.sensors.north.advice import Advice
-from hubodo.sensors.north.drift import Drift
-from hubodo.sensors.north.find import horizontal_rate
-from hubodo.sensors.north.plan import StopPlan, drift_at_rest, drift_of_allan, plan
+from hubodo.sensors.north.drift import DriftNoise
+from hubodo.sensors.north.north_estimate import horizontal_earth_rate
+from hubodo.sensors.north.plan import StopPlan, drift_noise_from_standstill, plan_stops, read_drift_noise
+from hubodo.sensors.north.programme import StopProgramme
+from hubodo.sensors.standstill_checks import check_standstill, check_units
 from hubodo.verbs.log_options import log_form
 
 
@@ -52,15 +52,17 @@ class StopPlanResult:
             "drift": {"N": drift.n, "B": drift.b, "K": drift.k},
             "best": [
                 {**_advice_json(advice), "white_noise_bound_deg": math.degrees(bound)}
-                for advice, bound in self.plan.best
+                for advice, bound in self.plan.programmes
             ],
             "wanted_sigma_deg": self.sigma_deg,
-            "wanted": None if self.plan.wanted is None else _advice_json(self.plan.wanted),
+            "wanted": None
+            if self.plan.target_programme is None
+            else _advice_json(self.plan.target_programme),
         }
 
     def render(self, console: Console) -> None:
         """Print the plan for the requested sigma, then the best plan for each duration."""
-        wanted = self.plan.wanted
+        wanted = self.plan.target_programme
         console.print(
             f"{self.sigma_deg:g}° cannot be reached within a day with this gyro"
             if wanted is None
@@ -69,7 +71,7 @@ class StopPlanResult:
             highlight=False,
         )
         table = Table("minutes", "stops", "stop, s", "sigma, °", "white noise alone, °")
-        for advice, bound in self.plan.best:
+        for advice, bound in self.plan.programmes:
             table.add_row(
                 f"{advice.time / 60:.0f}",
                 str(advice.count),
@@ -82,16 +84,16 @@ class StopPlanResult:
 
 def run_plan(args: argparse.Namespace) -> StopPlanResult:
     """Plan with the noise of `--allan` or of a stationary LOG; raise InputError without either."""
-    horizontal = horizontal_rate(math.radians(args.latitude_deg))
+    horizontal = horizontal_earth_rate(math.radians(args.latitude_deg))
     sigma_deg = 1.0 if args.sigma_deg is None else args.sigma_deg
     if args.allan is None and len(args.log) != 1:
         raise InputError("--plan needs the gyro's noise: give --allan JSON, or one LOG of a stationary node")
-    drift = _drift_from_log(args) if args.allan is None else drift_of_allan(args.allan)
-    stop_plan = plan(drift, horizontal, math.radians(sigma_deg), args.turn)
+    drift = _drift_from_log(args) if args.allan is None else read_drift_noise(args.allan)
+    stop_plan = plan_stops(drift, horizontal, math.radians(sigma_deg), args.turn)
     return StopPlanResult(args.latitude_deg, sigma_deg, args.turn, stop_plan)
 
 
-def _drift_from_log(args: argparse.Namespace) -> Drift:
+def _drift_from_log(args: argparse.Namespace) -> DriftNoise:
     log = args.log[0]
     with progress_line() as show:
         nodes = read_log(log, input_format=log_form(args, needed=()), progress=show).nodes
@@ -101,13 +103,13 @@ def _drift_from_log(args: argparse.Namespace) -> Drift:
     node, axis = nodes[name], (args.axis or ["x"])[0]
     try:
         check_units(node.gyro, node.accel)
-        check_still(node.t, np.column_stack([node.gyro, node.accel]))
-        return drift_at_rest(node.t, node["g" + axis].copy(), "g" + axis)
+        check_standstill(node.t, np.column_stack([node.gyro, node.accel]))
+        return drift_noise_from_standstill(node.t, node["g" + axis].copy(), "g" + axis)
     except InputError as error:
         raise InputError(f"{log}, {name} g{axis}: {error}") from None
 
 
-def _advice_json(advice: Advice) -> dict[str, float]:
+def _advice_json(advice: StopProgramme) -> dict[str, float]:
     return {
         "stop": advice.stop,
         "stops": advice.count,

@@ -12,10 +12,10 @@ from rich.console import Console
 from rich.table import Table
 
 from hubodo.arrays import Array
-from hubodo.sensors.north.circle import wrap
-from hubodo.sensors.north.east import East
-from hubodo.sensors.north.find import North
-from hubodo.sensors.north.report import advice, advice_words, gyro_json
+from hubodo.sensors.north.circular import wrap_angle
+from hubodo.sensors.north.east import EastSeekResult
+from hubodo.sensors.north.north_estimate import NorthEstimate
+from hubodo.sensors.north.result_json import describe_programmes, gyro_json, programme_json
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,12 @@ class NorthResult:
     latitude_deg: float
     azimuth: float
     sigma: float
-    gyros: tuple[tuple[str, str, North], ...]
+    gyros: tuple[tuple[str, str, NorthEstimate], ...]
     warnings: tuple[str, ...]
     calibration: Mapping[str, Mapping[str, Any]]
     simulated_azimuth: float | None = None
     output: str | None = None
-    east: East | None = None
+    east: EastSeekResult | None = None
     east_table_angle: float | None = None
 
     def as_json(self) -> dict[str, Any]:
@@ -63,10 +63,10 @@ class NorthResult:
             "duration": first.elapsed,
             "measured": first.duration,
             "latitude_deg": self.latitude_deg,
-            "horizontal_rate": first.horizontal,
+            "horizontal_rate": first.horizontal_rate,
             "gyros": [gyro_json(*gyro) for gyro in self.gyros],
             "warnings": list(self.warnings),
-            "advice": advice(first),
+            "advice": programme_json(first),
         }
         if self.calibration:
             summary["calibration"] = {node: dict(used) for node, used in self.calibration.items()}
@@ -82,7 +82,7 @@ class NorthResult:
             }
         if self.simulated_azimuth is not None:
             summary["simulated_azimuth_deg"] = math.degrees(self.simulated_azimuth) % 360
-            summary["error_deg"] = math.degrees(float(wrap(self.azimuth - self.simulated_azimuth)))
+            summary["error_deg"] = math.degrees(float(wrap_angle(self.azimuth - self.simulated_azimuth)))
         return summary
 
     def render(self, console: Console) -> None:
@@ -93,7 +93,7 @@ class NorthResult:
             "clockwise from north"
         )
         if self.simulated_azimuth is not None:
-            error = math.degrees(float(wrap(self.azimuth - self.simulated_azimuth)))
+            error = math.degrees(float(wrap_angle(self.azimuth - self.simulated_azimuth)))
             console.print(
                 f"simulated table at {math.degrees(self.simulated_azimuth) % 360:.3f}°: error {error:+.3f}°"
             )
@@ -105,7 +105,7 @@ class NorthResult:
         for node, axis, north in self.gyros:
             drift = north.posterior.drift
             table = Table("", "rate, °/h", "sigma, °/h", "azimuth, °", title=f"{node} {axis}, {north.method}")
-            rate, spread = north.components()
+            rate, spread = north.rate_components()
             table.add_row("maximum likelihood", _deg_h(rate), _deg_h(spread), _degrees(north.azimuth))
             for name, filtered in north.filters.items():
                 cells = (
@@ -121,7 +121,7 @@ class NorthResult:
                 f"B {math.degrees(drift.b) * 3600:.3g} °/h, K {math.degrees(drift.k) * 3600 * 60:.3g} °/h/√h",
                 highlight=False,
             )
-        for line in advice_words(self.gyros[0][2]):
+        for line in describe_programmes(self.gyros[0][2]):
             console.print(line, highlight=False)
         for text in self.warnings:
             console.print(f"warning: {text}", highlight=False)

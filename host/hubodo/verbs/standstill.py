@@ -11,7 +11,7 @@ from hubodo.log.any_log import read_log
 from hubodo.log.number_recording import InputFormat
 from hubodo.progress import progress_line
 from hubodo.recording import Recording
-from hubodo.sensors.rest_channel import IMU_CHANNELS, Standstill, rest_channel
+from hubodo.sensors.standstill_channel import IMU_CHANNELS, StandstillRecord, read_standstill_channel
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_nodes, log_form
 from hubodo.verbs.numbers import bounded_number
 
@@ -37,7 +37,7 @@ def add_selection_arguments(parser: argparse.ArgumentParser) -> None:
     add_log_options(parser)
 
 
-def read_standstill(args: argparse.Namespace) -> Standstill:
+def read_standstill(args: argparse.Namespace) -> StandstillRecord:
     """Read the log and return the checked channel of --channel.
 
     Raises InputError for an unknown node, an empty span, a wrong unit, or movement.
@@ -48,9 +48,9 @@ def read_standstill(args: argparse.Namespace) -> Standstill:
 
 def select_standstill(
     args: argparse.Namespace, log: Path, recording: Recording, node: str, channel: str, *, cut: bool = False
-) -> Standstill:
+) -> StandstillRecord:
     """Return one checked channel of a log; `cut` lists movement in `disturbed` instead of refusing it."""
-    return rest_channel(
+    return read_standstill_channel(
         recording,
         node,
         channel,
@@ -59,7 +59,7 @@ def select_standstill(
         end=args.end,
         trust_units=args.trust_units,
         trust_still=args.trust_still,
-        cut=cut,
+        cut_disturbances=cut,
     )
 
 

@@ -35,7 +35,7 @@ from hubodo.report.warmup import (
     whiteness_rows,
 )
 from hubodo.report.warmup_figure import warmup_figure
-from hubodo.sensors.rest_channel import IMU_CHANNELS
+from hubodo.sensors.standstill_channel import IMU_CHANNELS
 from hubodo.sensors.warmup.characterise import characterise_warmup
 from hubodo.sensors.warmup.result import WarmupReport
 from hubodo.verbs.numbers import non_negative_number
@@ -82,9 +82,9 @@ class WarmedUp:
         _print_table(
             console, f"{self.node} {report.channel}: {kind}", ("parameter", "SI", "common unit"), rows
         )
-        _print_table(console, "exponential", tests, whiteness_rows(report.first))
-        if report.following is not None:
-            _print_table(console, report.following.fit.kind, tests, whiteness_rows(report.following))
+        _print_table(console, "exponential", tests, whiteness_rows(report.exponential))
+        if report.next_model is not None:
+            _print_table(console, report.next_model.fit.kind, tests, whiteness_rows(report.next_model))
         headings = ("since power-on", "all models, deg/s", "accepted model, deg/s")
         _print_table(console, "forecast bias", headings, prediction_rows(report, self.ages))
         console.print(warmup_lead(report), highlight=False)
@@ -149,7 +149,12 @@ def run(args: argparse.Namespace) -> WarmedUp:
     data = read_standstill(args)
     try:
         report = characterise_warmup(
-            data.t, data.values, data.channel, temperature=data.temperature, age=args.age, step=data.step
+            data.t,
+            data.values,
+            data.channel,
+            temperature=data.temperature,
+            age=args.age,
+            temperature_step=data.temperature_step,
         )
         if args.output is not None:
             before = read_calibration(args.output) if args.output.exists() else Calibration()
@@ -162,7 +167,7 @@ def run(args: argparse.Namespace) -> WarmedUp:
                 name: merge_effects(
                     node.effects.get(name), replace(e, date=date, source_sha256=source, temperature=span)
                 )
-                for name, e in report.effects().items()
+                for name, e in report.calibrated_effects().items()
             }
             calibration = before.with_node(data.node, effects, data.serial)
             write_calibration(

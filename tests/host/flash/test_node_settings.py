@@ -12,7 +12,7 @@ from hubodo.calibration.file import CalibratedEffect, NodeCalibration, Quantity
 from hubodo.errors import CalibrationError
 from hubodo.flash import node_settings as module
 from hubodo.flash.node_settings import FROM_CALIBRATION, merged, node_settings
-from hubodo.sensors.warmup.rate_bias_kalman import steady_gain
+from hubodo.sensors.warmup.rate_bias_kalman import steady_state_gain
 
 FIRMWARE = Path(__file__).parents[3] / "firmware"
 
@@ -108,7 +108,7 @@ def test_the_gain_of_the_bias_is_that_of_the_riccati_recursion():
     found = node_settings(calibration(gyro_rate_random_walk={"k": walk}), {})["gain_bias_q30"] / 2**30
     gain = 314573 / 2**20
     rate_step = math.sqrt(noise**2 * gain**2 / (1 - gain))
-    on_rate, on_bias = steady_gain(rate_step, walk * math.sqrt(dt), noise, dt).per_sample(dt)
+    on_rate, on_bias = steady_state_gain(rate_step, walk * math.sqrt(dt), noise, dt).per_sample(dt)
     assert on_rate == pytest.approx(gain, rel=1e-4)
     assert found == pytest.approx(on_bias, rel=1e-3)
 

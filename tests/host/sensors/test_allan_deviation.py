@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from hubodo.errors import InputError
 from hubodo.sensors.allan.deviation import allan_deviation, averaging_factors
-from hubodo.sensors.even_grid import even_grid
+from hubodo.sensors.even_grid import place_on_grid
 
 SEED = 952
 
@@ -81,7 +81,7 @@ def test_gaps_and_outliers_are_found_reported_and_left_empty():
     values[[1000, 7000]] = [3.0, -2.0]
     kept = np.ones(count, bool)
     kept[5000:5100] = kept[9000] = False
-    grid = even_grid(t[kept], values[kept])
+    grid = place_on_grid(t[kept], values[kept])
     assert len(grid.values) == count
     assert [(round(at / 0.01), missing) for at, missing in grid.gaps] == [(4999, 100), (8999, 1)]
     assert np.rint(grid.outliers / 0.01).tolist() == [1000, 7000]
@@ -95,17 +95,17 @@ def test_gaps_and_outliers_are_found_reported_and_left_empty():
 def test_stamps_that_come_in_bursts_are_said_and_spread_evenly():
     values = np.random.default_rng(SEED).normal(size=5000)
     t = np.repeat(np.arange(500) * 0.1, 10) + np.tile(np.arange(10) * 1e-4, 500)
-    grid = even_grid(t, values)
+    grid = place_on_grid(t, values)
     assert grid.dt == pytest.approx(0.01, rel=0.01)
     assert not grid.gaps
-    assert "do not sit on an even grid" in grid.notes[0]
+    assert "are not on an even grid" in grid.notes[0]
 
 
 def test_gaussian_noise_and_coarse_steps_have_no_outliers():
     for seed in range(20):
         values = np.random.default_rng(seed).normal(0, 0.4, 100_000)
         for made in (values, np.rint(values), np.rint(values * 20)):
-            assert len(even_grid(np.arange(100_000) * 0.01, made).outliers) == 0, seed
+            assert len(place_on_grid(np.arange(100_000) * 0.01, made).outliers) == 0, seed
 
 
 @pytest.mark.parametrize(
@@ -119,11 +119,11 @@ def test_gaussian_noise_and_coarse_steps_have_no_outliers():
 )
 def test_records_that_say_nothing_are_refused_in_words(t, values, words):
     with pytest.raises(InputError, match=words):
-        even_grid(t, values)
+        place_on_grid(t, values)
 
 
 def test_one_sample_or_a_wrong_interval_is_refused():
     with pytest.raises(InputError, match="at least 2 samples"):
         allan_deviation(np.ones(1), 1.0)
-    with pytest.raises(InputError, match="no positive time"):
+    with pytest.raises(InputError, match="not a positive time"):
         allan_deviation(np.ones(9), 0.0)

@@ -7,21 +7,21 @@ import pytest
 import wanted
 from generators.noise import bartlett, gyro_noise, one_pole, two_pole
 from hubodo.errors import InputError
-from hubodo.sensors.allan.characterise import characterise
-from hubodo.sensors.allan.covariance import TERMS, covariance_tensor, design, point_covariance
+from hubodo.sensors.allan.characterise import characterise_noise
+from hubodo.sensors.allan.covariance import TERMS, avar_covariance, covariance_tensor, design_matrix
 from hubodo.sensors.allan.deviation import allan_deviation, averaging_factors
-from hubodo.sensors.allan.fit import _white_sigma, fit_noise
-from hubodo.sensors.allan.interval import interval, limit
+from hubodo.sensors.allan.fit import _relative_white_noise_sigma, fit_noise
+from hubodo.sensors.allan.interval import profile_interval, upper_limit
 from hubodo.sensors.allan.likelihood import Likelihood, N, R, slope_sigma
-from hubodo.sensors.at_rest import TemperatureStep
+from hubodo.sensors.standstill_checks import TemperatureStep
 
 DT = 0.01
 
 
 def edf(term: int, samples: int, factors: np.ndarray) -> np.ndarray:
     theta = np.eye(5)[term]
-    variance = np.diag(point_covariance(covariance_tensor(factors, samples, DT), theta))
-    return 2 * (design(factors * DT) @ theta) ** 2 / variance
+    variance = np.diag(avar_covariance(covariance_tensor(factors, samples, DT), theta))
+    return 2 * (design_matrix(factors * DT) @ theta) ** 2 / variance
 
 
 @pytest.mark.parametrize(("term", "alpha"), [(0, 2), (1, 0), (2, -1), (3, -2)])
@@ -53,7 +53,7 @@ def test_the_covariance_of_all_points_is_that_of_many_simulated_records():
             ]
         )
         theta = np.array([truth.get(name.lower(), 0.0) for name in TERMS])
-        model = point_covariance(covariance_tensor(factors, samples, 1.0), theta)
+        model = avar_covariance(covariance_tensor(factors, samples, 1.0), theta)
         # A random walk of sums is not one averaged over the interval: their first factors differ.
         first = 2 if "k" in truth else 0
         spread = np.sqrt(np.diag(model))[first:]
@@ -70,8 +70,8 @@ def test_generalised_covariance_gives_the_allan_variance_of_ieee_952():
     # One pair of windows only: D is one Gaussian number, so Var = 2 mean^2.
     for term in range(4):
         theta = np.eye(5)[term]
-        variance = point_covariance(covariance_tensor(factors, samples, DT), theta)[0, 0]
-        mean = (design(factors * DT) @ theta)[0]
+        variance = avar_covariance(covariance_tensor(factors, samples, DT), theta)[0, 0]
+        mean = (design_matrix(factors * DT) @ theta)[0]
         assert variance == pytest.approx(2 * mean**2, rel=1e-9), TERMS[term]
 
 
@@ -96,7 +96,7 @@ def test_known_terms_come_back_within_their_sigmas_and_the_stated_percent(seed):
     truth = {"q": 1e-4, "n": 1e-3, "b": 4e-3, "k": 8e-3}
     samples = 1 << 19
     noise = gyro_noise(samples, DT, np.random.default_rng(seed), **truth)
-    report = characterise(np.arange(samples) * DT, noise, "gz")
+    report = characterise_noise(np.arange(samples) * DT, noise, "gz")
     for name, within in (("Q", 0.05), ("N", 0.05), ("B", 0.20), ("K", 0.05)):
         term, true = report.fit.terms[name], truth[name.lower()]
         assert term.value == pytest.approx(true, rel=within), (name, seed)
@@ -108,7 +108,7 @@ def test_the_fit_has_a_degree_of_freedom_for_each_point_that_no_term_takes():
     """Sixteen octaves of white noise: twelve degrees beside N, B, K and band."""
     samples, chi2 = 1 << 18, []
     for seed in range(8):
-        fit = characterise(
+        fit = characterise_noise(
             np.arange(samples) * DT, gyro_noise(samples, DT, np.random.default_rng(seed), n=1e-3), "gz"
         ).fit
         assert fit.dof == len(fit.factors) - 4 - (fit.terms["R"].value is not None), seed
@@ -134,7 +134,7 @@ def test_points_that_a_late_start_leaves_out_are_no_degrees_of_freedom():
     samples = 1 << 18
     rough = gyro_noise(samples + 40, DT, np.random.default_rng(3), n=1e-3)
     smooth = np.convolve(rough, np.exp(-np.arange(40) / 10.0) / 10.0, "valid")[:samples]
-    fit = characterise(np.arange(samples) * DT, smooth, "gz").fit
+    fit = characterise_noise(np.arange(samples) * DT, smooth, "gz").fit
     assert fit.factors[0] > 1
     assert fit.band < 0
     # Octaves from the first that was fitted to the sixth part of the record; N, B, K and the band.
@@ -157,7 +157,7 @@ def test_behind_a_low_pass_the_white_noise_is_what_it_was_before_it_within_sigma
     samples, beyond = 1 << 18, []
     for seed in range(6):
         noise = electronics(gyro_noise(samples, DT, np.random.default_rng([seed, 18]), n=1e-3))
-        fit = characterise(np.arange(samples) * DT, noise, "gz").fit
+        fit = characterise_noise(np.arange(samples) * DT, noise, "gz").fit
         term = fit.terms["N"]
         beyond.append(abs(term.value / 1e-3 - 1.0) > 2.0 * term.sigma / term.value)
         assert term.sigma / term.value < 2.5 * said, seed
@@ -170,7 +170,7 @@ def test_a_walk_that_is_not_claimed_is_below_its_limit():
     samples, truth, hidden, held = 1 << 15, {"n": 1e-3, "k": 4.5e-5}, 0, 0
     for seed in range(12):
         noise = gyro_noise(samples, DT, np.random.default_rng([seed, 19]), **truth)
-        term = characterise(np.arange(samples) * DT, noise, "gz").fit.terms["K"]
+        term = characterise_noise(np.arange(samples) * DT, noise, "gz").fit.terms["K"]
         hidden += term.value is None
         held += term.value is None and term.limit > truth["k"]
     print(f"seeds 0..11: {hidden} not claimed, {held} of them below the limit")
@@ -184,8 +184,8 @@ def test_a_ramp_comes_back_and_is_not_seen_where_there_is_none():
     for seed in range(3):
         noise = gyro_noise(samples, DT, np.random.default_rng(seed), n=1e-3)
         t = np.arange(samples) * DT
-        assert characterise(t, noise, "gz").fit.terms["R"].value is None, seed
-        term = characterise(t, noise + ramp * t, "gz").fit.terms["R"]
+        assert characterise_noise(t, noise, "gz").fit.terms["R"].value is None, seed
+        term = characterise_noise(t, noise + ramp * t, "gz").fit.terms["R"]
         assert term.value == pytest.approx(ramp, rel=0.2), seed
         assert abs(term.value - ramp) < 4 * term.sigma, seed
 
@@ -194,17 +194,17 @@ def test_what_the_record_cannot_show_is_null_with_reason_limit_and_a_length_that
     truth = {"n": 1e-3, "k": 2e-5}
     short, seed = 1 << 15, 3
     noise = gyro_noise(1 << 22, DT, np.random.default_rng(seed), **truth)
-    report = characterise(np.arange(short) * DT, noise[:short], "gz")
+    report = characterise_noise(np.arange(short) * DT, noise[:short], "gz")
     found = report.as_json()["coefficients"]["K"]
     assert found["value"] is None
-    assert "do not rise" in found["reason"]
+    assert "does not rise" in found["reason"]
     assert found["limit_95"] > truth["k"]
     assert report.best_tau is None
     assert any("record for longer" in note for note in report.notes)
     # What was promised for the limit: a walk of that size is seen in a record of that length.
     needed = round(found["record_needed_s"] / DT)
     walk = gyro_noise(needed, DT, np.random.default_rng(seed), n=1e-3, k=found["limit_95"])
-    assert characterise(np.arange(needed) * DT, walk, "gz").fit.terms["K"].value is not None
+    assert characterise_noise(np.arange(needed) * DT, walk, "gz").fit.terms["K"].value is not None
 
 
 def test_white_noise_is_known_as_well_as_so_many_samples_tell_it():
@@ -213,14 +213,16 @@ def test_white_noise_is_known_as_well_as_so_many_samples_tell_it():
     points = allan_deviation(
         gyro_noise(samples, DT, np.random.default_rng(2), n=1e-3), DT, 2 ** np.arange(11)
     )
-    likelihood = Likelihood.of(points, np.ones(11, bool), 0.0)
-    best = likelihood.best((N,))
-    sigma = _white_sigma(likelihood, best)
+    likelihood = Likelihood.from_points(points, np.ones(11, bool), 0.0)
+    best = likelihood.maximise((N,))
+    sigma = _relative_white_noise_sigma(likelihood, best)
     assert 0.97 / np.sqrt(2.0 * samples) < sigma < 1.03 / np.sqrt(4.0 * samples / 3.0)
     # The variance is wrong by what the model is, and N by half of that.
     likelihood.misfit = 0.2
-    ends = interval(likelihood, best, N)
-    wrong = np.sqrt(_white_sigma(likelihood, best) ** 2 - (2.0 * ends.sigma / (ends.low + ends.high)) ** 2)
+    ends = profile_interval(likelihood, best, N)
+    wrong = np.sqrt(
+        _relative_white_noise_sigma(likelihood, best) ** 2 - (2.0 * ends.sigma / (ends.low + ends.high)) ** 2
+    )
     assert wrong == pytest.approx(0.1)
 
 
@@ -228,10 +230,10 @@ def test_white_noise_is_known_as_well_as_so_many_samples_tell_it():
 def test_a_ramp_that_is_not_claimed_is_within_its_limit_on_the_side_where_it_was_seen(slope):
     samples = 1 << 12
     points = allan_deviation(gyro_noise(samples, DT, np.random.default_rng(5), n=1e-3), DT, 2 ** np.arange(9))
-    likelihood = Likelihood.of(points, np.ones(9, bool), slope)
-    best = likelihood.best((N, R))
+    likelihood = Likelihood.from_points(points, np.ones(9, bool), slope)
+    best = likelihood.maximise((N, R))
     sigma = float(slope_sigma(np.exp(best.x), samples * DT))
-    found = limit(likelihood, best, R, (slope / sigma) ** 2, 9.0)
+    found = upper_limit(likelihood, best, R, (slope / sigma) ** 2, 9.0)
     assert abs(slope) + 1.6 * sigma < found < abs(slope) + 3.5 * sigma
 
 
@@ -241,7 +243,7 @@ def test_quantisation_as_strong_as_the_white_noise_in_single_samples_is_told_fro
     samples, n = 1 << 15, 1e-3
     q = n * np.sqrt(DT / 3.0)
     noise = gyro_noise(samples, DT, np.random.default_rng(seed), n=n, q=q)
-    fit = characterise(np.arange(samples) * DT, noise, "gz").fit
+    fit = characterise_noise(np.arange(samples) * DT, noise, "gz").fit
     assert fit.terms["Q"].value == pytest.approx(q, rel=0.05)
     assert fit.terms["N"].value == pytest.approx(n, rel=0.03)
     assert (fit.factors[0], fit.band) == (1, 0.0)
@@ -252,7 +254,7 @@ def test_white_noise_alone_shows_nothing_else_in_most_records():
     wrong = 0
     for seed in range(8):
         samples = 1 << 15
-        report = characterise(
+        report = characterise_noise(
             np.arange(samples) * DT, gyro_noise(samples, DT, np.random.default_rng(seed), n=1e-3), "gz"
         )
         assert report.fit.terms["N"].value == pytest.approx(1e-3, rel=0.05)
@@ -264,7 +266,7 @@ def test_intervals_of_95_percent_cover_the_truth_95_times_in_a_hundred():
     inside, total, records = 0, 0, 24
     for seed in range(records):
         noise = gyro_noise(4096, DT, np.random.default_rng(seed), n=1e-3)
-        report = characterise(np.arange(4096) * DT, noise, "gz")
+        report = characterise_noise(np.arange(4096) * DT, noise, "gz")
         true = 1e-3 / np.sqrt(report.points.tau)
         inside += int(np.count_nonzero((report.low < true) & (true < report.high)))
         total += len(true)
@@ -275,12 +277,14 @@ def test_intervals_of_95_percent_cover_the_truth_95_times_in_a_hundred():
 
 def test_a_temperature_step_takes_the_slow_terms_away_and_leaves_the_white_noise():
     noise = gyro_noise(1 << 16, DT, np.random.default_rng(0), n=1e-3, b=3e-3, k=1e-3)
-    report = characterise(np.arange(1 << 16) * DT, noise, "gz", step=TemperatureStep(100.0, 5.0))
+    report = characterise_noise(
+        np.arange(1 << 16) * DT, noise, "gz", temperature_step=TemperatureStep(100.0, 5.0)
+    )
     assert report.fit.terms["N"].value == pytest.approx(1e-3, rel=0.1)
     for name in "BKR":
         assert report.fit.terms[name].value is None
         assert "+5.00 °C at 100 s" in report.fit.terms[name].reason
-    assert report.stop is None
+    assert report.maytag_stop is None
 
 
 def test_the_maytag_stop_is_the_one_that_wins_on_simulated_stops():
@@ -291,7 +295,7 @@ def test_the_maytag_stop_is_the_one_that_wins_on_simulated_stops():
     truth, turn, total = {"n": 1e-3, "b": 1e-3, "k": 3e-5}, 2.0, 2000.0
     samples = 1 << 18
     noise = gyro_noise(samples, 0.1, np.random.default_rng(1), **truth)
-    stop = characterise(np.arange(samples) * 0.1, noise, "gz", turn=turn).stop
+    stop = characterise_noise(np.arange(samples) * 0.1, noise, "gz", turn=turn).maytag_stop
     errors = {}
     for length in (stop / 6, stop, stop * 6):
         size, gap = round(length / 0.1), round(turn / 0.1)
@@ -307,7 +311,7 @@ def test_the_maytag_stop_is_the_one_that_wins_on_simulated_stops():
 
 def test_too_short_a_record_is_refused_with_what_to_do():
     with pytest.raises(InputError, match="record at least 256 samples"):
-        characterise(np.arange(100) * DT, np.random.default_rng(0).normal(size=100), "gz")
+        characterise_noise(np.arange(100) * DT, np.random.default_rng(0).normal(size=100), "gz")
 
 
 def test_the_real_gyro_at_rest_has_the_random_walk_of_its_data_sheet():
@@ -316,7 +320,7 @@ def test_the_real_gyro_at_rest_has_the_random_walk_of_its_data_sheet():
     Its data sheet (Analog Devices, rev. B, table 1) has an angle random walk of 2.0 deg/sqrt(h), typical.
     """
     rows = np.loadtxt(wanted.recording("static") / "node.csv.gz", delimiter=",", skiprows=1, max_rows=200_000)
-    report = characterise(rows[:, 0], rows[:, 3], "gz")
+    report = characterise_noise(rows[:, 0], rows[:, 3], "gz")
     found = report.as_json()["coefficients"]["N"]
     assert found["value_deg_per_sqrt_h"] == pytest.approx(2.2, abs=0.4)
     _, theirs, _, _ = allantools.oadev(rows[:, 3], rate=100.0, data_type="freq", taus=report.points.tau)

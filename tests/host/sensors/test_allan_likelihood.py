@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hubodo.sensors.allan.covariance import covariance_tensor, design
-from hubodo.sensors.allan.likelihood import ABSENT, Likelihood, N
+from hubodo.sensors.allan.covariance import covariance_tensor, design_matrix
+from hubodo.sensors.allan.likelihood import ABSENT_LOG_SQUARE, Likelihood, N
 
 RATE_HZ, SAMPLES = 10.0, 10_000
 
@@ -15,7 +15,7 @@ def test_the_variances_of_unit_terms_are_those_of_the_standard():
     """IEEE 952-1997, annex C, at half a second and two: 3 / tau², 1 / tau, 2 ln 2 / pi, tau / 3, tau² / 2."""
     flicker = 0.44127120
     expected = [[12.0, 2.0, flicker, 1 / 6, 0.125], [0.75, 0.5, flicker, 2 / 3, 2.0]]
-    assert design(np.array([0.5, 2.0])) == pytest.approx(np.array(expected))
+    assert design_matrix(np.array([0.5, 2.0])) == pytest.approx(np.array(expected))
 
 
 @pytest.mark.parametrize("factor", [1, 4, 64])
@@ -31,7 +31,7 @@ def integral(factor, density):
     told = Likelihood(
         place, tau, tau, covariance_tensor(place, SAMPLES, 1.0 / RATE_HZ), 0.0, SAMPLES / RATE_HZ, misfit=0.03
     )
-    x = np.array([ABSENT] * 4 + [0.0, 0.0])
+    x = np.array([ABSENT_LOG_SQUARE] * 4 + [0.0, 0.0])
     x[N] = 2.0 * np.log(density)
     # Each by itself, as they are independent; both are wide enough for a few per cent of the one and for the
     # least-squares slope of white noise, N sqrt(12 / T³).

@@ -5,7 +5,12 @@ import pytest
 
 import wanted
 from hubodo.errors import InputError
-from hubodo.sensors.at_rest import check_still, check_units, moved, temperature_step
+from hubodo.sensors.standstill_checks import (
+    check_standstill,
+    check_units,
+    find_temperature_step,
+    first_disturbance,
+)
 
 DEG = np.pi / 180.0
 
@@ -20,8 +25,8 @@ def still(seed=0, count=6000):
 @pytest.mark.parametrize(
     ("gyro_factor", "accel_factor", "words"),
     [
-        (1.0, 1 / 9.80665, "that is g; say its unit"),
-        (1.0, 1000 / 9.80665, "that is mg; say its unit"),
+        (1.0, 1 / 9.80665, "that is g; give its unit"),
+        (1.0, 1000 / 9.80665, "that is mg; give its unit"),
         (180 / np.pi, 1.0, "it looks like deg/s"),
         (180e3 / np.pi, 1.0, "it looks like mdeg/s"),
     ],
@@ -45,7 +50,7 @@ def test_raw_counts_are_recognised():
 def test_a_turn_a_knock_and_a_tilt_are_movement_and_noise_is_not(seed):
     t, gyro, accel = still(seed)
     rows = np.hstack([gyro, accel])
-    assert moved(t, rows) is None, seed
+    assert first_disturbance(t, rows) is None, seed
     turned = rows.copy()
     turned[3000:3200, 2] += 0.05
     knocked = rows.copy()
@@ -53,10 +58,10 @@ def test_a_turn_a_knock_and_a_tilt_are_movement_and_noise_is_not(seed):
     tilted = rows.copy()
     tilted[4000:, 3] += 0.2
     for made, when in ((turned, 30.0), (knocked, 25.0), (tilted, 40.0)):
-        begin, end = moved(t, made)
+        begin, end = first_disturbance(t, made)
         assert begin <= when <= end, (seed, when)
     with pytest.raises(InputError, match=r"moved between .* --end"):
-        check_still(t, turned)
+        check_standstill(t, turned)
 
 
 def test_slow_drifts_coarse_steps_and_single_outliers_are_no_movement():
@@ -64,28 +69,30 @@ def test_slow_drifts_coarse_steps_and_single_outliers_are_no_movement():
     rows = np.hstack([gyro, accel])
     rows[:, 2] += 0.01 * (1 - np.exp(-t / 20))
     rows[1234, 0] = 0.5
-    assert moved(t, rows) is None
-    assert moved(t, np.rint(rows / 0.002) * 0.002) is None
-    assert moved(t, np.rint(rows / 0.05) * 0.05) is None
+    assert first_disturbance(t, rows) is None
+    assert first_disturbance(t, np.rint(rows / 0.002) * 0.002) is None
+    assert first_disturbance(t, np.rint(rows / 0.05) * 0.05) is None
 
 
 def test_the_real_record_at_rest_is_at_rest_and_the_one_turned_by_hand_is_not():
     rows = np.loadtxt(wanted.recording("static") / "node.csv.gz", delimiter=",", skiprows=1, max_rows=150_000)
     check_units(rows[:, 1:4], rows[:, 4:7])
-    check_still(rows[:, 0], rows[:, 1:7])
+    check_standstill(rows[:, 0], rows[:, 1:7])
     rows = np.loadtxt(wanted.recording("multipose") / "node.csv.gz", delimiter=",", skiprows=1, max_rows=8000)
     # The first turn by hand begins 51 s into the record.
-    assert moved(rows[:, 0], rows[:, 1:7])[0] == pytest.approx(51.0, abs=1.0)
+    assert first_disturbance(rows[:, 0], rows[:, 1:7])[0] == pytest.approx(51.0, abs=1.0)
 
 
 def test_a_temperature_step_is_found_and_a_warm_up_is_none():
     t = np.arange(0.0, 3600.0, 1.0)
     noise = np.random.default_rng(0).normal(0, 0.1, len(t))
     warming = 22 + 20 * (1 - np.exp(-t / 900)) + noise
-    assert temperature_step(t, warming) is None
-    found = temperature_step(t, 25 + noise + 5.0 * (t > 1800))
+    assert find_temperature_step(t, warming) is None
+    found = find_temperature_step(t, 25 + noise + 5.0 * (t > 1800))
     assert found.t == pytest.approx(1800, abs=70)
     assert found.change == pytest.approx(5.0, abs=0.3)
     # A room that is aired changes the part within minutes, not at once.
-    slow = temperature_step(t, 25 + noise - np.where(t > 1800, 8.0 * (1 - np.exp(-(t - 1800) / 240)), 0.0))
+    slow = find_temperature_step(
+        t, 25 + noise - np.where(t > 1800, 8.0 * (1 - np.exp(-(t - 1800) / 240)), 0.0)
+    )
     assert slow.change < -1.5

@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 
 from hubodo.errors import InputError
-from hubodo.sensors.at_rest import _merged, check_units, disturbed, temperature_step, white_noise
+from hubodo.sensors.standstill_checks import (
+    _merge_spans,
+    angle_random_walk,
+    check_units,
+    find_disturbances,
+    find_temperature_step,
+)
 
 GYRO_NOISE, GYRO_OFFSET, GYRO_WHITE = 0.03, 0.35, 3e-3
 SIZE = 100
@@ -49,12 +55,12 @@ def test_the_offset_of_a_gyro_is_that_of_its_worst_axis_either_way(sign):
 def test_white_noise_is_that_of_the_worst_axis_whatever_the_rate(interval):
     """Of independent samples each tells sigma times the root of its interval."""
     gyro = gyro_of(0.01, 0.2) * np.array([0.3, 1.0, 0.5])
-    assert white_noise(gyro, interval) == pytest.approx(0.01 * np.sqrt(interval), rel=0.1)
+    assert angle_random_walk(gyro, interval) == pytest.approx(0.01 * np.sqrt(interval), rel=0.1)
 
 
 def test_sixteen_quarters_of_a_second_are_the_least_for_white_noise():
     gyro = gyro_of(0.01)
-    assert white_noise(gyro[: 25 * 16 - 1], 0.01) == 0.0 < white_noise(gyro[: 25 * 16], 0.01)
+    assert angle_random_walk(gyro[: 25 * 16 - 1], 0.01) == 0.0 < angle_random_walk(gyro[: 25 * 16], 0.01)
 
 
 @pytest.mark.parametrize("share, accepted", [(0.9, True), (1.1, False)])
@@ -120,7 +126,7 @@ def quiet(blocks, wander=0.5):
 
 
 def found_in(values):
-    return disturbed(np.arange(len(values)) / SIZE, values)
+    return find_disturbances(np.arange(len(values)) / SIZE, values)
 
 
 @pytest.mark.parametrize("sigmas, moved", [(9.8, False), (10.2, True)])
@@ -169,7 +175,7 @@ def test_means_are_over_a_second_and_over_eight_samples_at_least(rate, seconds):
     values = np.tile([1.0, -1.0], 20 * size)[:, None]
     values[20 * size :] += 20.0
     t = np.arange(len(values)) / rate
-    assert disturbed(t, values) == [(19 * seconds, 21 * seconds)]
+    assert find_disturbances(t, values) == [(19 * seconds, 21 * seconds)]
 
 
 def test_a_channel_that_never_changes_hides_no_movement_of_another():
@@ -202,7 +208,7 @@ def test_spans_that_touch_are_one_and_all_are_in_order():
     for _ in range(50):
         begins = rng.integers(0, 30, 8)
         spans = [(float(b), float(b + n)) for b, n in zip(begins, rng.integers(1, 6, 8), strict=True)]
-        made = _merged(spans)
+        made = _merge_spans(spans)
         held = [
             {k + 0.5 for k in range(40) if any(b < k + 0.5 < e for b, e in those)} for those in (spans, made)
         ]
@@ -214,7 +220,7 @@ def test_spans_that_touch_are_one_and_all_are_in_order():
 @pytest.mark.parametrize("degrees, told", [(1.4, False), (1.6, True), (8.0, True)])
 def test_a_step_of_temperature_is_more_than_a_degree_and_a_half_within_a_minute(degrees, told, sign):
     t = np.arange(0.0, 1800.0, 0.5)
-    found = temperature_step(t, 25.0 + sign * degrees * np.clip((t - 900.0) / 30.0, 0.0, 1.0))
+    found = find_temperature_step(t, 25.0 + sign * degrees * np.clip((t - 900.0) / 30.0, 0.0, 1.0))
     assert (found is not None) == told
     if told:
         assert found.change == pytest.approx(sign * degrees) and 840.0 <= found.t <= 960.0
@@ -225,10 +231,10 @@ def test_a_step_is_four_times_what_the_minute_before_did(times, told):
     """As in a warm-up the temperature changes already."""
     t = np.arange(0.0, 965.0, 0.5)
     temperature = np.interp(t, [0.0, 600.0, 900.0, 960.0], [20.0, 20.0, 25.0, 25.0 + times])
-    assert (temperature_step(t, temperature) is not None) == told
+    assert (find_temperature_step(t, temperature) is not None) == told
 
 
 @pytest.mark.parametrize("seconds, told", [(172.0, False), (190.0, True)])
 def test_three_minutes_are_the_least_to_tell_a_step(seconds, told):
     t = np.arange(0.0, seconds, 1.0)
-    assert (temperature_step(t, 25.0 + 5.0 * (t >= 65.0)) is not None) == told
+    assert (find_temperature_step(t, 25.0 + 5.0 * (t >= 65.0)) is not None) == told

@@ -12,8 +12,8 @@ from scipy.stats import f as f_distribution
 from hubodo.calibration.triad import Triad
 from hubodo.errors import CalibrationError, InputError
 from hubodo.sensors.imu import calibrate as room
-from hubodo.sensors.imu.calibrate import GyroCalibration, ImuCalibration, calibrate_imu, rest_bias
-from hubodo.sensors.imu.rests import Rests
+from hubodo.sensors.imu.calibrate import GyroCalibration, ImuCalibration, calibrate_imu, estimate_static_bias
+from hubodo.sensors.imu.standstills import Standstills
 
 EARTH = 2 * np.pi / 86164.0905
 BIAS = np.array([0.02, -0.05, 0.01])
@@ -32,7 +32,7 @@ def rests_in(count, sigma=1e-6, g=0.0, noise=1e-6, seed=1, away=1.0):
 @pytest.mark.parametrize("count", [3, 5, 7])
 def test_of_few_rests_the_bias_is_their_mean_and_as_uncertain_as_they_scatter_or_are_known(count, sigma):
     rate, known, force = rests_in(count, sigma, g=1.0)
-    bias, covariance, g, g_sigma = rest_bias(rate, known, force)
+    bias, covariance, g, g_sigma = estimate_static_bias(rate, known, force)
     assert g is None and g_sigma is None
     assert bias == pytest.approx(rate.mean(axis=0))
     scatter, own = rate.var(axis=0, ddof=1) / count, known[0] ** 2 / count
@@ -43,7 +43,7 @@ def test_of_few_rests_the_bias_is_their_mean_and_as_uncertain_as_they_scatter_or
 def test_two_rests_are_as_uncertain_as_each_is_known():
     """What two scatter by says nothing."""
     rate, known, force = rests_in(2, 1e-7, g=1.0)
-    covariance = rest_bias(rate, known, force)[1]
+    covariance = estimate_static_bias(rate, known, force)[1]
     assert covariance * 1e14 == pytest.approx(np.diag([1.0, 4.0, 9.0]) / 2)
 
 
@@ -51,7 +51,7 @@ def test_two_rests_are_as_uncertain_as_each_is_known():
 @pytest.mark.parametrize("count", [8, 20])
 def test_from_eight_rests_on_what_force_does_is_solved_for_by_least_squares(count, sigma):
     rate, known, force = rests_in(count, sigma, g=1.0)
-    bias, covariance, g, g_sigma = rest_bias(rate, known, force)
+    bias, covariance, g, g_sigma = estimate_static_bias(rate, known, force)
     for k in range(3):
         columns = np.column_stack([np.ones(count), force])
         solved, squares, _, _ = np.linalg.lstsq(columns, rate[:, k], rcond=None)
@@ -74,7 +74,7 @@ def test_an_answer_to_force_is_believed_from_one_in_a_thousand_on(p, believed):
     left, explained = noise - fitted, fitted - fitted.mean(axis=0)
     wanted = f_distribution.isf(p, 9, 3 * (count - 4)) * 9 / (3 * (count - 4))
     explained *= np.sqrt(wanted * (left**2).sum() / (explained**2).sum())
-    assert (rest_bias(1e-6 * (left + explained), known, force)[2] is not None) == believed
+    assert (estimate_static_bias(1e-6 * (left + explained), known, force)[2] is not None) == believed
 
 
 @pytest.mark.parametrize("condition, told", [(29.5, True), (30.5, False)])
@@ -86,18 +86,18 @@ def test_rests_in_nearly_one_attitude_do_not_tell_an_answer_to_force(condition, 
         return np.linalg.cond(columns / np.sqrt((columns**2).sum(axis=0)))
 
     away = brentq(lambda away: condition_of(away) - condition, 0.03, 0.5)
-    found = rest_bias(*rests_in(12, 1e-8, g=1.0, noise=1e-9, away=away))[2]
+    found = estimate_static_bias(*rests_in(12, 1e-8, g=1.0, noise=1e-9, away=away))[2]
     assert (found is not None) == told
 
 
 def rests(count=9, sigma=1e-7, loud=1.0, seconds=12.0):
-    """As `find_rests` gives them. loud: the last rest is so many times as noisy."""
+    """Return standstills as `find_standstills` does; loud: noise factor of the last one."""
     rate, _, force = rests_in(count)
     gyro_sigma = np.full((count, 3), sigma) * np.sqrt([0.5, 1.0, 1.5])
     gyro_sigma[-1] *= loud
     start = 100 * np.arange(count)
     t = np.column_stack([20.0 * np.arange(count), 20.0 * np.arange(count) + seconds])
-    return Rests(start, start + 50, t, rate, force, gyro_sigma, np.full((count, 3), 1e-3))
+    return Standstills(start, start + 50, t, rate, force, gyro_sigma, np.full((count, 3), 1e-3))
 
 
 ACCEL = SimpleNamespace(triad=Triad(np.zeros(3), np.eye(3)))
@@ -122,8 +122,8 @@ def parts(monkeypatch):
         return SimpleNamespace(triad=triad, full_covariance=full, sigma=np.sqrt(np.diag(full)))
 
     monkeypatch.setattr(room, "collect_turns", collect_turns)
-    monkeypatch.setattr(room, "calibrate_by_turns", refuse)
-    monkeypatch.setattr(room, "scalar_calibration", scalar_calibration)
+    monkeypatch.setattr(room, "calibrate_from_turns", refuse)
+    monkeypatch.setattr(room, "fit_scalar_calibration", scalar_calibration)
     monkeypatch.setattr(room, "align_by_earth_rate", refuse)
     seen.set = lambda name, made: monkeypatch.setattr(room, name, made)
     return seen
@@ -131,7 +131,7 @@ def parts(monkeypatch):
 
 def gyro_of(rests, latitude=None, notes=None):
     every = np.arange(30.0).reshape(10, 3)
-    return room._gyro(
+    return room._calibrate_gyro(
         np.arange(10.0), np.zeros((10, 3)), every, rests, ACCEL, latitude, [] if notes is None else notes
     )
 
@@ -158,8 +158,8 @@ def test_without_turns_there_is_the_bias_and_earth_rate_is_in_its_sigma(parts):
     """Earth rate points another way in each rest, a third of its square along each axis."""
     at, notes = rests(count=5), []
     found = gyro_of(at, notes=notes)
-    bias, covariance, *_ = rest_bias(at.gyro, at.gyro_sigma, at.accel)
-    assert found.triad.bias == pytest.approx(bias) and found.seen.tolist() == 9 * [False]
+    bias, covariance, *_ = estimate_static_bias(at.gyro, at.gyro_sigma, at.accel)
+    assert found.triad.bias == pytest.approx(bias) and found.is_observable.tolist() == 9 * [False]
     expected = np.zeros((12, 12))
     expected[:3, :3] = covariance + np.eye(3) * EARTH**2 / 15
     assert found.covariance * 1e12 == pytest.approx(expected * 1e12)
@@ -171,7 +171,7 @@ def test_without_turns_there_is_the_bias_and_earth_rate_is_in_its_sigma(parts):
 def test_what_is_taken_off_before_turns_is_the_bias_and_what_force_does_at_each_moment(parts, g):
     at = rests(count=12)
     rate, _, force = rests_in(12, g=g, noise=1e-9)
-    at = Rests(at.start, at.end, at.t, rate, force, 1e-3 * at.gyro_sigma, at.accel_sigma)
+    at = Standstills(at.start, at.end, at.t, rate, force, 1e-3 * at.gyro_sigma, at.accel_sigma)
     found = gyro_of(at)
     every = np.arange(30.0).reshape(10, 3)
     assert (found.g_sensitivity is not None) == bool(g)
@@ -184,25 +184,25 @@ def test_turns_move_the_bias_and_their_covariance_holds_the_accelerometers_frame
         matrix=2 * np.eye(3),
         bias_change=np.array([1e-3, 2e-3, 3e-3]),
         covariance=np.eye(12),
-        seen=seen,
+        is_observable=seen,
         used=np.arange(4),
         dropped=("one was dropped",),
-        complaint="",
+        deficit="",
     )
     sigmas, notes = [], []
-    parts.set("calibrate_by_turns", lambda _, sigma: sigmas.append(sigma) or turns)
-    parts.set("frame_covariance", lambda *_: 3 * np.eye(12))
-    parts.set("turns_held_out", lambda turns, sigma: (turns, sigma))
+    parts.set("calibrate_from_turns", lambda _, sigma: sigmas.append(sigma) or turns)
+    parts.set("accel_frame_covariance", lambda *_: 3 * np.eye(12))
+    parts.set("cross_validate_turns", lambda turns, sigma: (turns, sigma))
     at = rests(count=5)
     found = gyro_of(at, notes=notes)
     assert found.triad.bias == pytest.approx(at.gyro.mean(axis=0) + turns.bias_change)
     assert found.covariance == pytest.approx(4 * np.eye(12)) and notes == ["one was dropped"]
-    _, covariance, *_ = rest_bias(at.gyro, at.gyro_sigma, at.accel)
+    _, covariance, *_ = estimate_static_bias(at.gyro, at.gyro_sigma, at.accel)
     wanted = np.sqrt(np.diag(covariance) + EARTH**2 / 15)
     assert sigmas[0] == pytest.approx(wanted, rel=1e-7, abs=0.0)
     assert found.held_out[0] == "turns" and found.held_out[1] == pytest.approx(wanted, rel=1e-7, abs=0.0)
     assert "all six misalignments" in found.method
-    seen[4], turns.complaint = False, "axis y"
+    seen[4], turns.deficit = False, "axis y"
     part = gyro_of(at, notes=notes)
     assert "what they show" in part.method and "all six" not in part.method and "left out: axis y" in notes
 
@@ -216,23 +216,23 @@ def test_by_earth_rate_the_covariance_takes_in_the_angle_between_both_triads(par
         return SimpleNamespace(angle=angle, covariance=spread)
 
     at, notes = rests(), []
-    plain = room._by_earth_rate(at, at.accel, 0.8, notes)
+    plain = room._calibrate_by_earth_rate(at, at.accel, 0.8, notes)
     assert parts.measured is at.gyro and parts.reference == pytest.approx(EARTH)
-    assert plain.covariance == pytest.approx(np.diag(np.arange(1.0, 13.0))) and plain.seen.tolist() == 9 * [
-        True
-    ]
+    assert plain.covariance == pytest.approx(
+        np.diag(np.arange(1.0, 13.0))
+    ) and plain.is_observable.tolist() == 9 * [True]
     assert "symmetric convention alone" in notes[0]
     parts.set("align_by_earth_rate", align)
-    found = room._by_earth_rate(at, at.accel, 0.8, notes)
+    found = room._calibrate_by_earth_rate(at, at.accel, 0.8, notes)
     assert told[0][0] == pytest.approx(np.sqrt((at.gyro_sigma**2).mean(axis=1)), abs=0.0)
 
     def matrix(more):
         both = Rotation.from_rotvec(more) * Rotation.from_rotvec(angle)
         return (plain.triad.matrix @ both.as_matrix().T).ravel()
 
-    assert found.triad.matrix.ravel() == pytest.approx(matrix(np.zeros(3))) and found.seen.tolist() == 9 * [
-        True
-    ]
+    assert found.triad.matrix.ravel() == pytest.approx(
+        matrix(np.zeros(3))
+    ) and found.is_observable.tolist() == 9 * [True]
     slope = np.array([(matrix(1e-4 * e) - matrix(-1e-4 * e)) / 2e-4 for e in np.eye(3)]).T
     expected = np.diag(np.arange(1.0, 13.0))
     expected[3:, 3:] += slope @ spread @ slope.T
@@ -242,55 +242,60 @@ def test_by_earth_rate_the_covariance_takes_in_the_angle_between_both_triads(par
 def test_a_table_gives_sizes_and_turns_the_nearest_rotation_to_their_frame(parts):
     steady, sigma = np.ones((9, 3)), np.full((9, 3), 1e-4)
     asked = []
-    parts.set("find_steady_rates", lambda t, gyro, rate, bias: asked.append(bias) or (steady, sigma))
+    parts.set("find_steady_turns", lambda t, gyro, rate, bias: asked.append(bias) or (steady, sigma))
     at, notes = rests(), []
 
     def by_table():
-        return room._by_table(np.zeros(4), np.zeros((4, 3)), at, at.accel, 1.5, notes)
+        return room._calibrate_by_table(np.zeros(4), np.zeros((4, 3)), at, at.accel, 1.5, notes)
 
     plain = by_table()
     assert "symmetric convention alone" in notes[0] and plain.turns is None
     assert parts.sigma == pytest.approx(np.sqrt(1e-8 + EARTH**2 / 3), rel=1e-12)
-    assert parts.measured is steady and parts.reference == 1.5 and plain.seen.tolist() == 9 * [True]
+    assert parts.measured is steady and parts.reference == 1.5 and plain.is_observable.tolist() == 9 * [True]
     assert asked[0] == pytest.approx(at.gyro.mean(axis=0))
     turns = SimpleNamespace(
         matrix=plain.triad.matrix @ (Rotation.from_rotvec([0.1, 0.2, 0.3]).as_matrix() + 0.01),
         covariance=np.arange(144.0).reshape(12, 12),
-        complaint="",
+        deficit="",
     )
     sigmas = []
-    parts.set("calibrate_by_turns", lambda _, sigma: sigmas.append(sigma) or turns)
+    parts.set("calibrate_from_turns", lambda _, sigma: sigmas.append(sigma) or turns)
     found = by_table()
-    assert sigmas[0] == pytest.approx(np.sqrt([1.0, 2.0, 3.0])) and found.seen.tolist() == 9 * [True]
+    assert sigmas[0] == pytest.approx(np.sqrt([1.0, 2.0, 3.0])) and found.is_observable.tolist() == 9 * [True]
     rotation, _ = polar(np.linalg.inv(plain.triad.matrix) @ turns.matrix)
     assert found.triad.matrix == pytest.approx(plain.triad.matrix @ rotation)
     more = found.covariance - plain.covariance
     assert more[3:, 3:] == pytest.approx(turns.covariance[3:, 3:]) and not more[:3].any()
     assert found.turns is turns and found.triad.bias == pytest.approx(BIAS)
-    turns.complaint = "axis y"
+    turns.deficit = "axis y"
     assert by_table().turns is None and "axis y" in notes[-1]
 
 
 @pytest.mark.parametrize("sufficient", [True, False])
 def test_the_notes_say_first_how_both_triads_were_found_and_what_the_poses_left_out(monkeypatch, sufficient):
     at = rests()
-    at = Rests(at.start, at.end, at.t, at.gyro, at.accel, at.gyro_sigma, at.accel_sigma, ("a rest crept",))
-    poses = SimpleNamespace(sufficient=sufficient, complaint=lambda name: f"{name} lacks a pose")
+    at = Standstills(
+        at.start, at.end, at.t, at.gyro, at.accel, at.gyro_sigma, at.accel_sigma, ("a rest crept",)
+    )
+    poses = SimpleNamespace(is_sufficient=sufficient, describe_deficit=lambda name: f"{name} lacks a pose")
     given = {}
 
     def solve(*args, **options):
         given.update(options)
         return SimpleNamespace(triad=Triad(np.zeros(3), np.eye(3)), poses=poses)
 
-    monkeypatch.setattr(room, "find_rests", lambda *_, **__: at)
-    monkeypatch.setattr(room, "scalar_calibration", solve)
-    monkeypatch.setattr(room, "accel_held_out", lambda *_: None)
-    monkeypatch.setattr(room, "_gyro", lambda *_: SimpleNamespace(method="some turns"))
+    monkeypatch.setattr(room, "find_standstills", lambda *_, **__: at)
+    monkeypatch.setattr(room, "fit_scalar_calibration", solve)
+    monkeypatch.setattr(room, "cross_validate_accel", lambda *_: None)
+    monkeypatch.setattr(room, "_calibrate_gyro", lambda *_: SimpleNamespace(method="some turns"))
     found = calibrate_imu(np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)), convention="symmetric")
     first, second, *others = found.notes
-    assert "symmetric convention, from gravity's length in 9 rests" in first and second == "gyros: some turns"
+    assert (
+        "symmetric convention, from the norm of gravity in 9 standstills" in first
+        and second == "gyros: some turns"
+    )
     assert others == ([] if sufficient else ["left out: accel lacks a pose"]) + ["a rest crept"]
-    assert given["partial"] and given["convention"] == "symmetric"
+    assert given["allow_partial"] and given["convention"] == "symmetric"
 
 
 class Passed(Exception):
@@ -312,19 +317,21 @@ def test_places_on_earth_are_accepted_and_no_others(monkeypatch, gravity, degree
     def passed(*_, **__):
         raise Passed
 
-    monkeypatch.setattr(room, "find_rests", passed)
+    monkeypatch.setattr(room, "find_standstills", passed)
     latitude = None if degrees is None else np.radians(degrees)
     with pytest.raises(InputError if words else Passed, match=words or None):
         calibrate_imu(np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)), gravity=gravity, latitude=latitude)
 
 
 def test_the_file_names_each_element_of_the_answer_to_force_by_gyro_and_axis():
-    accel = SimpleNamespace(triad=Triad(np.zeros(3), np.eye(3)), sigma=np.ones(12), seen=np.ones(12, bool))
+    accel = SimpleNamespace(
+        triad=Triad(np.zeros(3), np.eye(3)), sigma=np.ones(12), is_observable=np.ones(12, bool)
+    )
     g = np.arange(1.0, 10.0).reshape(3, 3)
     gyro = GyroCalibration(
         Triad(BIAS, np.eye(3)), np.diag(np.arange(1.0, 13.0) ** 2), np.zeros(9, bool), "", g, g / 10
     )
-    found = ImuCalibration(rests(), 9.81, accel, None, gyro, ()).effects()
+    found = ImuCalibration(rests(), 9.81, accel, None, gyro, ()).effect_parameters()
     told = {name: (q.value, q.sigma) for name, q in found["gyro_g_sensitivity"].items()}
     for i, row in enumerate("xyz"):
         for j, column in enumerate("xyz"):

@@ -16,9 +16,9 @@ from hubodo.fuse.heading_filter import BiasNoise
 from hubodo.log.csv_folder import read_folder, write_folder
 from hubodo.log.csv_table import read_table
 from hubodo.recording import Recording, Table
-from hubodo.sensors.allan.characterise import characterise
-from hubodo.sensors.heading.standstill import angle_random_walk
-from hubodo.sensors.heading.track import Axis, _within, heading_track
+from hubodo.sensors.allan.characterise import characterise_noise
+from hubodo.sensors.heading.standstill import estimate_angle_random_walk
+from hubodo.sensors.heading.track import VerticalAxis, _rms_change, estimate_heading
 
 DEG = math.pi / 180.0
 DT = 0.02
@@ -95,9 +95,9 @@ def simulated(tmp_path_factory):
 def test_how_far_a_rate_goes_within_a_lag_is_its_slope_times_that():
     """Up to the last time that has another so much later; beyond the record there is its scatter alone."""
     t = np.arange(0.0, 10.0, 0.1)
-    axis = Axis(t, 0.4 * t, 0.4 * t)
-    assert _within(axis, 0.25) == pytest.approx(0.4 * 0.25)
-    assert _within(axis, 20.0) == pytest.approx(0.4 * 9.9 / np.sqrt(12.0), rel=0.02)
+    axis = VerticalAxis(t, 0.4 * t, 0.4 * t)
+    assert _rms_change(axis, 0.25) == pytest.approx(0.4 * 0.25)
+    assert _rms_change(axis, 20.0) == pytest.approx(0.4 * 9.9 / np.sqrt(12.0), rel=0.02)
 
 
 @pytest.mark.parametrize(("step", "points"), [(1e-9, 501), (0.05, 251), (0.1, 101), (0.5, 21)])
@@ -105,7 +105,7 @@ def test_means_are_over_as_many_samples_as_come_next_to_the_step_and_over_one_at
     t = np.arange(501) * DT
     rate = np.full(len(t), 0.3)
     model, noise = WarmupModel(0.0), BiasNoise(1e-3)
-    track = heading_track(Axis(t, rate, rate), (), model, noise, step=step)
+    track = estimate_heading(VerticalAxis(t, rate, rate), (), model, noise, step=step)
     assert len(track.t) == points
     np.testing.assert_allclose(track.heading, 0.3 * track.t, rtol=1e-9, atol=1e-12)
 
@@ -216,14 +216,14 @@ def test_a_real_gyro_at_rest_that_is_taken_to_move_drifts_as_sigma_says():
     off, white = [], []
     for axis, channel in enumerate(("gx", "gy", "gz")):
         values = node.gyro[:, axis]
-        terms = characterise(node.t, values, channel).fit.terms
+        terms = characterise_noise(node.t, values, channel).fit.terms
         n, b, k = (terms[name].value or 0.0 for name in "NBK")
         for seconds in (180, 360):
             for first in range(0, len(values) - 100 * seconds, 100 * seconds):
                 part = slice(first, first + 100 * seconds)
-                one = Axis(node.t[part], values[part], values[part])
+                one = VerticalAxis(node.t[part], values[part], values[part])
                 for noise, made in ((BiasNoise(n, b, k), off), (BiasNoise(n), white)):
-                    track = heading_track(one, ((0, 6000),), WarmupModel(0.0), noise, step=10.0)
+                    track = estimate_heading(one, ((0, 6000),), WarmupModel(0.0), noise, step=10.0)
                     made.append(float(track.heading[-1] / track.sigma[-1]))
     size, alone = (float(np.sqrt(np.mean(np.square(made)))) for made in (off, white))
     print(f"{len(off)} stretches: error over sigma {size:.2f} rms; with white noise alone {alone:.2f}")
@@ -288,11 +288,11 @@ def test_a_real_car_is_asked_when_it_stood_and_keeps_its_heading_on_the_road(tmp
 def test_the_noise_of_a_standstill_is_the_allan_deviation_there():
     values = gyro_noise(30_000, 0.01, np.random.default_rng(2), n=1e-3, b=1e-4, k=0.0)
     t = np.arange(len(values)) * 0.01
-    found = angle_random_walk(t, values, ((0, 14_000), (16_000, 30_000)))
+    found = estimate_angle_random_walk(t, values, ((0, 14_000), (16_000, 30_000)))
     _, adev, *_ = allantools.adev(values, rate=100.0, data_type="freq", taus=[1.0])
     assert found == pytest.approx(adev[0], rel=0.03)
-    assert angle_random_walk(t, values, ()) is None
-    assert angle_random_walk(t, values, ((0, 15),)) is None
+    assert estimate_angle_random_walk(t, values, ()) is None
+    assert estimate_angle_random_walk(t, values, ((0, 15),)) is None
 
 
 @pytest.mark.parametrize(

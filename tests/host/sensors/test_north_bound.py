@@ -7,9 +7,9 @@ from scipy.stats import chi2
 from generators.noise import gyro_noise
 from generators.north_table import maytag
 from hubodo.sensors.north.axis_record import AxisRecord
-from hubodo.sensors.north.circle import wrap
-from hubodo.sensors.north.drift import Drift
-from hubodo.sensors.north.find import find_north
+from hubodo.sensors.north.circular import wrap_angle
+from hubodo.sensors.north.drift import DriftNoise
+from hubodo.sensors.north.north_estimate import find_north
 from hubodo.sensors.north.stops import TableMotion
 
 LATITUDE = np.radians(45)
@@ -38,13 +38,13 @@ def runs(noise):
 @pytest.mark.parametrize("name", NOISES)
 def test_azimuth_is_within_a_tenth_of_the_bound_and_sigma_holds(name):
     noise = NOISES[name]
-    drift = Drift(noise["n"], noise.get("b", 0.0), noise.get("k", 0.0))
+    drift = DriftNoise(noise["n"], noise.get("b", 0.0), noise.get("k", 0.0))
     ours, told, z = [], [], []
     for azimuth, record in runs(noise):
         found = find_north([record], LATITUDE, "maytag4", settle=0.3)
         knowing = find_north([record], LATITUDE, "maytag4", settle=0.3, drift=drift)
-        ours.append(float(wrap(found.azimuth - azimuth)))
-        told.append(float(wrap(knowing.azimuth - azimuth)))
+        ours.append(float(wrap_angle(found.azimuth - azimuth)))
+        told.append(float(wrap_angle(knowing.azimuth - azimuth)))
         z.append(ours[-1] / found.sigma)
         bound = knowing.bound
     ratio = np.sqrt(np.mean(np.square(ours)) / np.mean(np.square(told)))

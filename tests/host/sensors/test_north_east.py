@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hubodo.errors import InputError
-from hubodo.sensors.north.circle import wrap
+from hubodo.sensors.north.circular import wrap_angle
 from hubodo.sensors.north.east import seek_east
 
 HORIZONTAL = 5e-5
@@ -34,7 +34,7 @@ class Table:
         rate = HORIZONTAL * math.cos(self.angle - AZIMUTH) + 1e-3 + 3e-6 * self.stops + noise
         return np.arange(4.0), np.full(4, rate)
 
-    def add(self, t, rate, angle):
+    def add_stop(self, t, rate, angle):
         assert len(t) == len(rate)
         self.told.append(angle)
         self.stops += 1
@@ -105,7 +105,7 @@ def test_a_step_that_reads_more_than_earth_rate_turns_by_no_more_than_a_quarter(
 def test_a_loop_that_stood_at_west_is_turned_about_by_its_last_step(off):
     table = Table(((AZIMUTH + off, 0.01), (AZIMUTH, 0.01)))
     found = seek(table, steps=30)
-    assert wrap(found.angle - (AZIMUTH - math.pi / 2)) == pytest.approx(0.0, abs=0.05)
+    assert wrap_angle(found.angle - (AZIMUTH - math.pi / 2)) == pytest.approx(0.0, abs=0.05)
     assert -math.pi < found.angle <= math.pi
 
 

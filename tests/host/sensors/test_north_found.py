@@ -7,15 +7,15 @@ from generators.table_record import Programme
 from generators.table_worlds import FOUR, LATITUDE, WORLDS, even, odd, recorded, warming
 from hubodo.errors import InputError
 from hubodo.recording import Table
-from hubodo.sensors.north.axis_record import FoundAngles, axis_record
-from hubodo.sensors.north.circle import wrap
-from hubodo.sensors.north.find import find_north
-from hubodo.sensors.north.find_stops import _turns, find_motion, runs
+from hubodo.sensors.north.axis_record import GyroAngleOptions, build_axis_record
+from hubodo.sensors.north.circular import wrap_angle
+from hubodo.sensors.north.motion_from_gyro import _integrate_turns, find_runs, find_table_motion
+from hubodo.sensors.north.north_estimate import find_north
 from hubodo.sensors.north.stops import split_stops
 
 
 def found_in(node, *, step=None, method="maytag4", limit=np.inf):
-    record, warnings = axis_record(node, "x", None, LATITUDE, FoundAngles(0.01, step, limit))
+    record, warnings = build_axis_record(node, "x", None, LATITUDE, GyroAngleOptions(0.01, step, limit))
     return find_north([record], LATITUDE, method), warnings
 
 
@@ -25,7 +25,7 @@ def test_north_is_found_within_sigma_in_records_as_they_come(world):
     for seed in range(6):
         node, azimuth, *_ = WORLDS[world](seed)
         found, _ = found_in(node)
-        z.append(float(wrap(found.azimuth - azimuth)) / found.sigma)
+        z.append(float(wrap_angle(found.azimuth - azimuth)) / found.sigma)
         assert found.sigma < np.radians(30)
     print(world, np.round(z, 2))
     # Six values of unit scatter: their rms is below 1.75 in 99.9 %.
@@ -34,7 +34,7 @@ def test_north_is_found_within_sigma_in_records_as_they_come(world):
 
 def test_stops_begin_and_end_where_the_table_stood_and_turns_are_told_to_the_scale_of_the_gyro():
     node, _, scale, stood = recorded(1, odd(1))
-    motion = find_motion(node.t, node.gyro, np.array([0.0, 0.0, 1.0]), scale_sigma=0.01)
+    motion = find_table_motion(node.t, node.gyro, np.array([0.0, 0.0, 1.0]), scale_sigma=0.01)
     stops = split_stops(node.t, node.gyro[:, 0], motion)
     # The nudge cuts the first stop into two; of the one of 2.5 s nothing is left.
     assert len(stops) == len(stood)
@@ -57,14 +57,14 @@ def test_the_scale_of_the_gyro_is_in_sigma_and_a_step_that_is_asked_for_takes_it
     assert exact.sigma < felt.sigma
     assert np.degrees(exact.stops[0].angle) == pytest.approx(90.0 * np.arange(12))
     for found in (felt, exact):
-        assert abs(wrap(found.azimuth - azimuth)) < 3.5 * found.sigma
+        assert abs(wrap_angle(found.azimuth - azimuth)) < 3.5 * found.sigma
 
 
 def test_a_fine_gyro_finds_the_error_of_its_own_scale_from_earth_rate():
     """Of 15 degrees at the last of 11 turns most is found: sigma is far below what the prior leaves."""
     node, azimuth, *_ = recorded(4, even(turns=[90] * 11), noise={"n": np.radians(3e-4)}, scale=0.015)
     found, _ = found_in(node)
-    assert abs(wrap(found.azimuth - azimuth)) < 4 * found.sigma < np.radians(10)
+    assert abs(wrap_angle(found.azimuth - azimuth)) < 4 * found.sigma < np.radians(10)
     assert found.angle_sigma < np.radians(3)
 
 
@@ -72,7 +72,7 @@ def test_a_gyro_that_warms_up_by_half_a_degree_per_second_is_not_taken_for_a_tab
     node, azimuth, *_ = warming(8)
     found, _ = found_in(node)
     assert len(found.stops[0]) == 12
-    assert abs(wrap(found.azimuth - azimuth)) < 4 * found.sigma
+    assert abs(wrap_angle(found.azimuth - azimuth)) < 4 * found.sigma
 
 
 def test_single_samples_far_off_are_left_out_and_said():
@@ -84,8 +84,8 @@ def test_single_samples_far_off_are_left_out_and_said():
         columns[name][rng.integers(10, len(node) - 10, 20)] += rng.choice([-5.0, 5.0], 20)
     found, warnings = found_in(Table(columns))
     assert any("single samples of the gyro stand out" in text for text in warnings)
-    assert abs(wrap(found.azimuth - clean.azimuth)) < 0.3 * clean.sigma
-    assert abs(wrap(found.azimuth - azimuth)) < 4 * found.sigma
+    assert abs(wrap_angle(found.azimuth - clean.azimuth)) < 0.3 * clean.sigma
+    assert abs(wrap_angle(found.azimuth - azimuth)) < 4 * found.sigma
 
 
 def test_a_turn_beyond_the_range_of_the_gyro_is_refused_unless_the_table_has_steps():
@@ -103,7 +103,7 @@ def test_turns_of_either_way_have_their_sign_and_a_node_that_hangs_too(turns):
     columns = {**node.columns, **{name: -node[name] for name in ("gy", "gz", "ay", "az")}}
     for seen in (node, Table(columns)):
         found, _ = found_in(seen)
-        assert abs(wrap(found.azimuth - azimuth)) < 4 * found.sigma < np.radians(4)
+        assert abs(wrap_angle(found.azimuth - azimuth)) < 4 * found.sigma < np.radians(4)
 
 
 def test_the_vertical_earth_rate_that_a_leaning_table_lets_in_is_taken_out():
@@ -113,7 +113,7 @@ def test_the_vertical_earth_rate_that_a_leaning_table_lets_in_is_taken_out():
     )
     found, warnings = found_in(node)
     assert any("leans by 2.2" in text for text in warnings)
-    assert abs(wrap(found.azimuth - azimuth)) < 4 * found.sigma < np.radians(3)
+    assert abs(wrap_angle(found.azimuth - azimuth)) < 4 * found.sigma < np.radians(3)
 
 
 @pytest.mark.parametrize(
@@ -147,11 +147,11 @@ def test_a_turn_bears_a_gap_of_five_samples_or_a_tenth_of_a_second(step, bears):
         late = np.where(t > 6.0, t - step + gap, t)
         if refused:
             with pytest.raises(InputError, match="samples are missing in the turn at 4"):
-                _turns(late, np.zeros((len(t), 3)), moving)
+                _integrate_turns(late, np.zeros((len(t), 3)), moving)
         else:
-            assert len(_turns(late, np.zeros((len(t), 3)), moving)) == 1
+            assert len(_integrate_turns(late, np.zeros((len(t), 3)), moving)) == 1
 
 
 def test_runs_are_the_stretches_of_true():
-    assert runs(np.array([True, False, True, True])) == [(0, 1), (2, 4)]
-    assert runs(np.zeros(3, bool)) == []
+    assert find_runs(np.array([True, False, True, True])) == [(0, 1), (2, 4)]
+    assert find_runs(np.zeros(3, bool)) == []

@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from hubodo.sensors.north import ml
+from hubodo.sensors.north import likelihood
 from hubodo.sensors.north.averages import Averages
-from hubodo.sensors.north.carousel import per_turn
-from hubodo.sensors.north.circle import blind_axis
-from hubodo.sensors.north.drift import Drift, covariance
-from hubodo.sensors.north.ml import azimuth_bound, estimate
-from hubodo.sensors.north.whitening import BEND, RAMP
+from hubodo.sensors.north.carousel import fit_each_turn
+from hubodo.sensors.north.circular import single_measured_direction
+from hubodo.sensors.north.drift import DriftNoise, drift_covariance
+from hubodo.sensors.north.likelihood import azimuth_cramer_rao_bound, estimate_earth_rate
+from hubodo.sensors.north.whitening import BEND_ORDER, RAMP_ORDER
 
 HORIZONTAL = 5e-5
 AZIMUTH = 0.7
 LENGTH = 4.0
-DRIFT = Drift(2e-5, 3e-6, 4e-7, 1e-5)
+DRIFT = DriftNoise(2e-5, 3e-6, 4e-7, 1e-5)
 ANGLES = np.array([0.0, 0.5, 1.0, 1.5]) * np.pi
 
 
@@ -38,7 +38,7 @@ def record(count, seed, drift=DRIFT, angles=ANGLES, felt=False, error=0.0):
     turned = np.cumsum(np.append(0.0, np.mod(np.diff(angle), 2 * np.pi)))
     true = angle + error * turned
     y = HORIZONTAL * np.cos(true - AZIMUTH) + 1e-3 + 2e-7 * start
-    y = y + np.linalg.cholesky(covariance(drift, start, end)) @ rng.standard_normal(count)
+    y = y + np.linalg.cholesky(drift_covariance(drift, start, end)) @ rng.standard_normal(count)
     return Averages(start, end, y, np.cos(angle), np.sin(angle), turned if felt else 0.0 * turned)
 
 
@@ -49,7 +49,7 @@ def two_records(felt=False, error=0.0):
 
 def information_of(drift, piece):
     """(M, M): inverse of the covariance, blind to straight lines in time; and log determinants."""
-    inverse = np.linalg.inv(covariance(drift, piece.start, piece.end))
+    inverse = np.linalg.inv(drift_covariance(drift, piece.start, piece.end))
     line = np.column_stack([np.ones(len(piece.y)), piece.start])
     weighed = inverse @ line
     crossed = line.T @ weighed
@@ -96,10 +96,10 @@ def agree(posterior, expected, within):
 
 def test_of_a_known_drift_the_rates_are_those_of_weighed_least_squares():
     records = two_records()
-    found = estimate(records, HORIZONTAL, DRIFT)
+    found = estimate_earth_rate(records, HORIZONTAL, DRIFT)
     whole, angle, y, _, _ = stacked(DRIFT, records)
     rate, spread = least_squares(whole, np.column_stack([np.cos(angle), np.sin(angle)]), y)
-    assert found.order == RAMP and found.drift == DRIFT
+    assert found.order == RAMP_ORDER and found.drift == DRIFT
     assert found.rate == pytest.approx(rate, abs=1e-6 * HORIZONTAL)
     assert found.rate_covariance == near(spread, 1e-5)
     assert not found.angle_covariance.any()
@@ -108,16 +108,16 @@ def test_of_a_known_drift_the_rates_are_those_of_weighed_least_squares():
     assert found.density.sum() == pytest.approx(1.0)
     across = HORIZONTAL * np.array([-np.sin(0.3), np.cos(0.3)])
     bound = 1 / np.sqrt(across @ np.linalg.solve(spread, across))
-    assert azimuth_bound(records, found, 0.3, HORIZONTAL) == pytest.approx(bound, rel=1e-5)
+    assert azimuth_cramer_rao_bound(records, found, 0.3, HORIZONTAL) == pytest.approx(bound, rel=1e-5)
 
 
 def test_the_bound_grows_with_the_noise_without_end():
     """Beyond a radian too, where it says that nothing can be told."""
     records = two_records()
-    found = estimate(records, HORIZONTAL, DRIFT)
-    louder = replace(found, drift=Drift(*(1e3 * np.array([DRIFT.n, DRIFT.b, DRIFT.k, DRIFT.q]))))
-    bound = azimuth_bound(records, found, AZIMUTH, HORIZONTAL)
-    assert azimuth_bound(records, louder, AZIMUTH, HORIZONTAL) == pytest.approx(1e3 * bound)
+    found = estimate_earth_rate(records, HORIZONTAL, DRIFT)
+    louder = replace(found, drift=DriftNoise(*(1e3 * np.array([DRIFT.n, DRIFT.b, DRIFT.k, DRIFT.q]))))
+    bound = azimuth_cramer_rao_bound(records, found, AZIMUTH, HORIZONTAL)
+    assert azimuth_cramer_rao_bound(records, louder, AZIMUTH, HORIZONTAL) == pytest.approx(1e3 * bound)
     assert 1e3 * bound > np.pi
 
 
@@ -126,21 +126,21 @@ def test_bias_and_ramp_of_each_record_do_not_matter():
     moved = Averages(
         second.start, second.end, second.y - 3e-3 + 4e-7 * second.start, second.cos, second.sin, second.turned
     )
-    assert estimate([first, moved], HORIZONTAL, DRIFT).rate == pytest.approx(
-        estimate([first, second], HORIZONTAL, DRIFT).rate, abs=1e-6 * HORIZONTAL
+    assert estimate_earth_rate([first, moved], HORIZONTAL, DRIFT).rate == pytest.approx(
+        estimate_earth_rate([first, second], HORIZONTAL, DRIFT).rate, abs=1e-6 * HORIZONTAL
     )
 
 
 def test_where_the_drift_is_unknown_each_size_counts_by_its_restricted_likelihood():
     """The noise level of each integrated out: a power of its sum of squares, by the degrees of freedom."""
     records = two_records()
-    found = estimate(records, HORIZONTAL)
+    found = estimate_earth_rate(records, HORIZONTAL)
     count = sum(len(piece.y) for piece in records)
     freedom = count - 4
     logs, rates, spreads, drifts = [], [], [], []
-    for f in ml.FLICKER_RATIOS:
-        for w in ml.WALK_RATIOS:
-            drift = Drift(1.0, np.sqrt(f / LENGTH), np.sqrt(w) / LENGTH)
+    for f in likelihood.FLICKER_RATIOS:
+        for w in likelihood.WALK_RATIOS:
+            drift = DriftNoise(1.0, np.sqrt(f / LENGTH), np.sqrt(w) / LENGTH)
             whole, angle, y, _, logdet = stacked(drift, records)
             both = np.column_stack([np.cos(angle), np.sin(angle)])
             rate, spread = least_squares(whole, both, y)
@@ -169,7 +169,7 @@ def test_where_the_drift_is_unknown_each_size_counts_by_its_restricted_likelihoo
 @pytest.mark.parametrize("sigma", [1e-4, 2e-3])
 def test_a_small_error_of_the_gyros_scale_is_one_more_unknown_with_a_prior(sigma):
     records = two_records(felt=True)
-    found = estimate(records, HORIZONTAL, DRIFT, scale_sigma=sigma)
+    found = estimate_earth_rate(records, HORIZONTAL, DRIFT, scale_sigma=sigma)
     whole, angle, y, turned, _ = stacked(DRIFT, records)
     best = found.azimuth[found.density.argmax()]
     both = np.column_stack([np.cos(angle), np.sin(angle)])
@@ -185,7 +185,7 @@ def test_a_small_error_of_the_gyros_scale_is_one_more_unknown_with_a_prior(sigma
 def test_of_any_error_of_the_gyros_scale_each_size_counts_by_its_prior(sigma):
     """Integrated by brute force over errors, none of them straight; angles up to 36 rad."""
     records = two_records(felt=True, error=0.5 * sigma)
-    found = estimate(records, HORIZONTAL, DRIFT, scale_sigma=sigma)
+    found = estimate_earth_rate(records, HORIZONTAL, DRIFT, scale_sigma=sigma)
     whole, angle, y, turned, _ = stacked(DRIFT, records)
     bulk = np.flatnonzero(log_of(found.density) > -2.0)[::2]
     errors = np.linspace(-4 * sigma, 4 * sigma, 81)[:, None, None]
@@ -203,12 +203,12 @@ def test_an_error_of_scale_is_weighed_against_noise_that_is_unknown_too():
     """Of all errors the one with the smallest sum of squares counts, weighed by the level of the noise."""
     sigma = 2e-3
     records = two_records(felt=True)
-    found = estimate(records, HORIZONTAL, scale_sigma=sigma)
+    found = estimate_earth_rate(records, HORIZONTAL, scale_sigma=sigma)
     freedom = sum(len(piece.y) for piece in records) - 4
     rows, azimuth = [], found.azimuth[np.flatnonzero(log_of(found.density) > -4.0)[::10]]
-    for f in ml.FLICKER_RATIOS:
-        for w in ml.WALK_RATIOS:
-            drift = Drift(1.0, np.sqrt(f / LENGTH), np.sqrt(w) / LENGTH)
+    for f in likelihood.FLICKER_RATIOS:
+        for w in likelihood.WALK_RATIOS:
+            drift = DriftNoise(1.0, np.sqrt(f / LENGTH), np.sqrt(w) / LENGTH)
             whole, angle, y, turned, logdet = stacked(drift, records)
             both = np.column_stack([np.cos(angle), np.sin(angle)])
             every = np.column_stack([both, turned[:, None] * both])
@@ -231,12 +231,12 @@ def test_an_error_of_scale_is_weighed_against_noise_that_is_unknown_too():
 def test_stops_on_one_line_say_nothing_across_it():
     line = 0.4
     seen = record(24, 3, angles=np.array([line, line + np.pi]))
-    found = estimate([seen], HORIZONTAL, DRIFT)
+    found = estimate_earth_rate([seen], HORIZONTAL, DRIFT)
     along, across = np.array([np.cos(line), np.sin(line)]), np.array([-np.sin(line), np.cos(line)])
     assert found.rate @ across == pytest.approx(0.0, abs=1e-9 * HORIZONTAL)
     assert np.sqrt(across @ found.rate_covariance @ across) > 1e3 * HORIZONTAL
-    assert blind_axis(found) in (pytest.approx(line), pytest.approx(line - np.pi))
-    assert blind_axis(estimate(two_records(), HORIZONTAL, DRIFT)) is None
+    assert single_measured_direction(found) in (pytest.approx(line), pytest.approx(line - np.pi))
+    assert single_measured_direction(estimate_earth_rate(two_records(), HORIZONTAL, DRIFT)) is None
     whole, angle, y, _, _ = stacked(DRIFT, [seen])
     (rate,), ((variance,),) = least_squares(whole, np.cos(angle - line)[:, None], y)
     assert found.rate @ along == pytest.approx(rate, abs=1e-6 * HORIZONTAL)
@@ -250,13 +250,13 @@ def test_a_curve_that_explains_more_than_drift_is_taken_out_whatever_its_size():
 
     def bent(size):
         y = first.y + size * (3e-3 * time**3 - 1e-3 * time**2)
-        return estimate(
+        return estimate_earth_rate(
             [Averages(first.start, first.end, y, first.cos, first.sin, first.turned), second], HORIZONTAL
         )
 
-    assert bent(0.0).order == RAMP
+    assert bent(0.0).order == RAMP_ORDER
     small, large = bent(1.0), bent(2.0)
-    assert small.order == large.order == BEND
+    assert small.order == large.order == BEND_ORDER
     assert large.rate == pytest.approx(small.rate, abs=1e-6 * HORIZONTAL)
 
 
@@ -266,7 +266,11 @@ def gain_of(size, whole, bend, y, angle):
     for basis in (lines, curves):
         rows = []
         for inverse, logdet in whole:
-            off = y[:, None] + size * bend[:, 3:] - HORIZONTAL * np.cos(angle[:, None] - ml._AROUND)
+            off = (
+                y[:, None]
+                + size * bend[:, 3:]
+                - HORIZONTAL * np.cos(angle[:, None] - likelihood._COARSE_AZIMUTHS)
+            )
             white = np.linalg.cholesky(inverse).T
             left = white @ off
             left = left - white @ basis @ np.linalg.lstsq(white @ basis, left, rcond=None)[0]
@@ -277,20 +281,22 @@ def gain_of(size, whole, bend, y, angle):
 
 def test_a_curve_is_seen_from_six_of_log_likelihood_on():
     """Of the likelihood that knows the polynomial: restricted ones of two polynomials do not compare."""
-    (one,) = [record(24, 5, drift=Drift(2e-5, 0.0, 0.0))]
+    (one,) = [record(24, 5, drift=DriftNoise(2e-5, 0.0, 0.0))]
     time = (one.start + one.end) / 2
     bend = np.polynomial.legendre.legvander(2 * (time - time.mean()) / np.ptp(time), 3)
     drifts = [
-        Drift(1.0, np.sqrt(f / LENGTH), np.sqrt(w) / LENGTH) for f in (0.0, 0.64) for w in ml.WALK_RATIOS
+        DriftNoise(1.0, np.sqrt(f / LENGTH), np.sqrt(w) / LENGTH)
+        for f in (0.0, 0.64)
+        for w in likelihood.WALK_RATIOS
     ]
-    inverses = [np.linalg.inv(covariance(drift, one.start, one.end)) for drift in drifts]
+    inverses = [np.linalg.inv(drift_covariance(drift, one.start, one.end)) for drift in drifts]
     whole = [(inverse, np.linalg.slogdet(inverse)[1]) for inverse in inverses]
     angle = np.resize(ANGLES, 24)
     orders = []
     for wanted in (5.8, 6.2):
         size = brentq(lambda size: gain_of(size, whole, bend, one.y, angle) - wanted, 0.0, 2e-4, rtol=1e-4)  # noqa: B023
-        orders.append(estimate([replace(one, y=one.y + size * bend[:, 3])], HORIZONTAL).order)
-    assert orders == [RAMP, BEND]
+        orders.append(estimate_earth_rate([replace(one, y=one.y + size * bend[:, 3])], HORIZONTAL).order)
+    assert orders == [RAMP_ORDER, BEND_ORDER]
 
 
 @pytest.mark.parametrize("q", [0.0, 3e-4])
@@ -298,9 +304,11 @@ def test_shaking_is_told_from_other_noise_and_not_believed_where_there_is_none(q
     """Intervals that touch: what shakes an angle adds to one what it takes from the next."""
     start = LENGTH * np.arange(120.0)
     end, angle, n = start + LENGTH, np.resize(np.repeat(ANGLES, 4), 120), 2e-5
-    noise = np.linalg.cholesky(covariance(Drift(n, 0.0, 0.0, q), start, end))
+    noise = np.linalg.cholesky(drift_covariance(DriftNoise(n, 0.0, 0.0, q), start, end))
     y = noise @ np.random.default_rng(4).standard_normal(120) + HORIZONTAL * np.cos(angle - AZIMUTH)
-    found = estimate([Averages(start, end, y, np.cos(angle), np.sin(angle), 0 * y)], HORIZONTAL).drift
+    found = estimate_earth_rate(
+        [Averages(start, end, y, np.cos(angle), np.sin(angle), 0 * y)], HORIZONTAL
+    ).drift
     if q:
         # Of 120 differences; the sizes that are tried are sqrt(10) apart.
         assert found.q == pytest.approx(q, rel=0.3, abs=0.0)
@@ -318,7 +326,7 @@ def test_noise_that_was_given_is_widened_as_a_whole_from_four_sigmas_of_its_vari
     more = left @ whole @ left / (freedom - 2)
     wanted = beyond * (1 + 4 * np.sqrt(2 / freedom))
     given = np.array([DRIFT.n, DRIFT.b, DRIFT.k, DRIFT.q]) * np.sqrt(more / wanted)
-    found = estimate(records, HORIZONTAL, Drift(*given)).drift
+    found = estimate_earth_rate(records, HORIZONTAL, DriftNoise(*given)).drift
     now = np.array([found.n, found.b, found.k, found.q])
     assert now == pytest.approx(given * (np.sqrt(wanted) if beyond > 1 else 1.0), rel=1e-5, abs=0.0)
 
@@ -340,6 +348,6 @@ def test_each_full_turn_of_a_carousel_tells_its_own_rates_whatever_its_bias_and_
     y, angle, turn = map(np.concatenate, (y, angle, turn))
     start = 4.0 * np.arange(len(y))
     seen = Averages(start, start + 4.0, y, np.cos(angle), np.sin(angle), 0 * y)
-    along, across = per_turn(seen, turn)
+    along, across = fit_each_turn(seen, turn)
     wanted = rates if told else rates[:1]
     assert np.column_stack([along, across]) == pytest.approx(np.array(wanted), rel=1e-6, abs=0.0)

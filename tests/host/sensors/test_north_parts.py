@@ -10,14 +10,19 @@ from generators.noise import gyro_noise
 from generators.north_table import Sensor, maytag
 from hubodo.earth import EARTH_RATE
 from hubodo.errors import InputError, LinkError
-from hubodo.sensors.north.averages import average
-from hubodo.sensors.north.drift import Drift, covariance, flicker, random_walk
-from hubodo.sensors.north.filters import FILTERS, along, opposite_pairs, weights
-from hubodo.sensors.north.ml import estimate
-from hubodo.sensors.north.mount import check_direction, mount_of, tilt_warning
-from hubodo.sensors.north.seen import _turned_about
+from hubodo.sensors.north.averages import average_spans
+from hubodo.sensors.north.drift import (
+    DriftNoise,
+    drift_covariance,
+    flicker_covariance,
+    random_walk_covariance,
+)
+from hubodo.sensors.north.filters import CLASSICAL_FILTERS, filter_weights, find_opposite_pairs, stop_signs
+from hubodo.sensors.north.likelihood import estimate_earth_rate
+from hubodo.sensors.north.measurements import _half_turn_rates
+from hubodo.sensors.north.mount import check_turn_direction, describe_table_tilt, estimate_mount
 from hubodo.sensors.north.stops import Stops, TableMotion, split_stops
-from hubodo.sensors.north.table import HandTable, SerialTable
+from hubodo.sensors.north.turntable import ManualTable, SerialTable
 
 LATITUDE = np.radians(45)
 DT = 0.02
@@ -27,10 +32,15 @@ def test_the_allan_deviation_of_each_noise_is_that_of_ieee_952():
     """Annex C: sqrt(3) Q / tau, N / sqrt(tau), B sqrt(2 ln 2 / pi), K sqrt(tau / 3); squares add up."""
     tau = np.array([0.5, 12.0, 300.0])
     each = [np.sqrt(3.0) * 7.0 / tau, 5.0 / np.sqrt(tau), 0.6643 * 3.0 + 0.0 * tau, 2.0 * np.sqrt(tau / 3.0)]
-    alone = [Drift(0.0, 0.0, 0.0, 7.0), Drift(5.0, 0.0, 0.0), Drift(0.0, 3.0, 0.0), Drift(0.0, 0.0, 2.0)]
+    alone = [
+        DriftNoise(0.0, 0.0, 0.0, 7.0),
+        DriftNoise(5.0, 0.0, 0.0),
+        DriftNoise(0.0, 3.0, 0.0),
+        DriftNoise(0.0, 0.0, 2.0),
+    ]
     for drift, deviation in zip(alone, each, strict=True):
         assert drift.allan_deviation(tau) == pytest.approx(deviation, rel=1e-4)
-    together = Drift(5.0, 3.0, 2.0, 7.0).allan_deviation(tau)
+    together = DriftNoise(5.0, 3.0, 2.0, 7.0).allan_deviation(tau)
     assert together == pytest.approx(np.sqrt(np.sum(np.square(each), axis=0)), rel=1e-4)
 
 
@@ -87,74 +97,76 @@ def test_a_table_file_whose_angle_changes_while_still_is_refused_with_the_time()
         split_stops(run.t, run.rate, TableMotion(t, angle, np.append(run.table_moving[:-1], [False, False])))
 
 
-@pytest.mark.parametrize("name", FILTERS)
+@pytest.mark.parametrize("name", CLASSICAL_FILTERS)
 @pytest.mark.parametrize("count", [4, 5, 9, 20, 21])
 def test_every_filter_gives_the_rate_whatever_the_bias(name, count):
     sign = np.where(np.arange(count) % 2 == 0, 1, -1)
-    w = weights(name, sign)
+    w = filter_weights(name, sign)
     assert w[sign > 0].sum() == pytest.approx(0.5) and w[sign < 0].sum() == pytest.approx(-0.5)
     assert w @ (7.0 + 0.0035 * sign) == pytest.approx(0.0035)
 
 
 def test_nearest_neighbour_is_the_thesis_formula_and_swanson_schlamminger_its_weights():
     sign = np.array([1, -1, 1, -1, 1])
-    assert np.allclose(weights("nearest", sign) * 8, [1, -2, 2, -2, 1])
+    assert np.allclose(filter_weights("nearest", sign) * 8, [1, -2, 2, -2, 1])
     # 1/(N+1), -1/(N-1), .. for N = 5 stops in all.
-    assert np.allclose(weights("swanson_schlamminger", sign), [1 / 6, -1 / 4, 1 / 6, -1 / 4, 1 / 6])
+    assert np.allclose(filter_weights("swanson_schlamminger", sign), [1 / 6, -1 / 4, 1 / 6, -1 / 4, 1 / 6])
 
 
 @pytest.mark.parametrize("name, lag", [("next_nearest", 3), ("next_next_nearest", 5)])
 def test_the_wider_filters_relate_each_stop_to_two_and_three_opposite_ones_on_each_side(name, lag):
     sign = np.where(np.arange(21) % 2 == 0, 1, -1)
-    pairs = opposite_pairs(sign, lag)
+    pairs = find_opposite_pairs(sign, lag)
     partners = (pairs.first == 10).sum()
     assert partners == lag + 1
     assert np.allclose(
         np.bincount(pairs.first, minlength=21) + np.bincount(pairs.second, minlength=21),
-        2 * len(pairs.first) * np.abs(weights(name, sign)),
+        2 * len(pairs.first) * np.abs(filter_weights(name, sign)),
     )
 
 
 def test_filters_refuse_what_they_cannot_do():
     with pytest.raises(InputError, match="facing the same way"):
-        weights("nearest", np.array([1, 1, 1]))
+        filter_weights("nearest", np.array([1, 1, 1]))
     with pytest.raises(InputError, match="unknown"):
-        weights("neares", np.array([1, -1]))
-    assert list(along(np.radians([0, 181, 90, 359, 5]), 0.0)) == [1, -1, 0, 1, 0]
+        filter_weights("neares", np.array([1, -1]))
+    assert list(stop_signs(np.radians([0, 181, 90, 359, 5]), 0.0)) == [1, -1, 0, 1, 0]
 
 
 def test_random_walk_and_flicker_covariances_are_the_integrals_they_stand_for():
     start, end = np.array([0.0, 2.0, 7.0]), np.array([1.5, 5.0, 8.0])
-    walk = random_walk(start, end)
+    walk = random_walk_covariance(start, end)
     for i in range(3):
         for j in range(3):
             area = (end[i] - start[i]) * (end[j] - start[j])
             exact = dblquad(lambda u, v: min(u, v), start[i], end[i], start[j], end[j], epsabs=1e-4)[0] / area
             assert walk[i, j] == pytest.approx(exact, rel=1e-3)
-    assert np.linalg.eigvalsh(flicker(start, end)).min() > 0
+    assert np.linalg.eigvalsh(flicker_covariance(start, end)).min() > 0
 
 
 def test_the_covariance_is_the_sum_of_three_independent_noises():
     """White noise averages as n² / T; a walk as K² times the integral of min; none takes from another."""
     start, end = np.array([0.0, 2.0, 7.0]), np.array([1.5, 5.0, 8.0])
     n, b, k = 2.0, 3.0, 0.5
-    assert covariance(Drift(n, 0.0, 0.0), start, end) == pytest.approx(np.diag(n**2 / (end - start)))
-    walked = covariance(Drift(0.0, 0.0, k), start, end)
+    assert drift_covariance(DriftNoise(n, 0.0, 0.0), start, end) == pytest.approx(
+        np.diag(n**2 / (end - start))
+    )
+    walked = drift_covariance(DriftNoise(0.0, 0.0, k), start, end)
     # Of two intervals one after the other the walk's mean over the first is all they share.
     assert walked[0, 1] == pytest.approx(k**2 * (start[0] + end[0]) / 2, rel=1e-12)
     # The mean of a walk over T from its start: K² T / 3.
     assert walked[0, 0] == pytest.approx(k**2 * 1.5 / 3, rel=1e-12)
     assert walked[2, 2] == pytest.approx(k**2 * (7.0 + 1.0 / 3), rel=1e-12)
-    flickered = covariance(Drift(0.0, b, 0.0), start, end)
+    flickered = drift_covariance(DriftNoise(0.0, b, 0.0), start, end)
     assert np.linalg.eigvalsh(flickered).min() > 0
-    assert covariance(Drift(n, b, k), start, end) == pytest.approx(
+    assert drift_covariance(DriftNoise(n, b, k), start, end) == pytest.approx(
         np.diag(n**2 / (end - start)) + flickered + walked, rel=1e-12
     )
 
 
 def test_the_allan_deviation_of_the_flicker_covariance_is_flat_at_0_664():
     t = np.arange(512.0)
-    c = flicker(t, t + 1)
+    c = flicker_covariance(t, t + 1)
     for m in (4, 16, 64):
         d = np.zeros(512)
         d[200 : 200 + m], d[200 + m : 200 + 2 * m] = -1 / m, 1 / m
@@ -162,10 +174,10 @@ def test_the_allan_deviation_of_the_flicker_covariance_is_flat_at_0_664():
 
 
 def test_the_covariance_is_that_of_simulated_drift():
-    drift = Drift(0.0, 1.0, 0.05)
+    drift = DriftNoise(0.0, 1.0, 0.05)
     start = np.arange(12) * 12.0
-    model = covariance(drift, start, start + 10)
-    w = weights("nearest", np.where(np.arange(12) % 2 == 0, 1, -1))
+    model = drift_covariance(drift, start, start + 10)
+    w = filter_weights("nearest", np.where(np.arange(12) % 2 == 0, 1, -1))
     found = []
     for seed in range(400):
         x = gyro_noise(1440, 0.1, np.random.default_rng(seed), b=1.0, k=0.05)
@@ -183,22 +195,22 @@ def test_a_stop_whose_stamps_stand_closer_than_its_samples_is_left_out(squeezed)
         own = 0.01 * (squeezed if stop == 0 else 1.0)
         t = np.append(t, (t[-1] + 1.5 if stop else 0.0) + own * np.arange(200))
     angle = np.repeat(np.pi / 2 * np.arange(5), 200)
-    seen = average(t, rng.normal(0.0, 0.002, 1000), angle, spans, 0.25)
+    seen = average_spans(t, rng.normal(0.0, 0.002, 1000), angle, spans, 0.25)
     assert len(seen.y) == 4 * 8 and seen.start[0] >= 1.5
     assert (seen.start[1:] >= seen.end[:-1] - 1e-9).all()
-    assert np.isfinite(estimate([seen], 4.9e-5).rate_covariance).all()
+    assert np.isfinite(estimate_earth_rate([seen], 4.9e-5).rate_covariance).all()
     with pytest.raises(InputError, match="no part of any stop"):
-        estimate([seen.part(0, 0)], 4.9e-5)
+        estimate_earth_rate([seen.slice_rows(0, 0)], 4.9e-5)
 
 
 def test_gravity_tells_which_way_y_points_and_refuses_a_vertical_axis():
     accel, gyro = np.zeros((200, 3)), np.zeros((200, 3))
     accel[:, 2] = 9.81
-    assert mount_of(gyro, accel, "y").mounting == pytest.approx(np.pi / 2)
-    assert mount_of(gyro, -accel, "y").mounting == pytest.approx(-np.pi / 2)
-    assert mount_of(gyro, accel, "x").mounting == 0
+    assert estimate_mount(gyro, accel, "y").mounting_angle == pytest.approx(np.pi / 2)
+    assert estimate_mount(gyro, -accel, "y").mounting_angle == pytest.approx(-np.pi / 2)
+    assert estimate_mount(gyro, accel, "x").mounting_angle == 0
     with pytest.raises(InputError, match="degrees from level"):
-        mount_of(gyro, accel, "z")
+        estimate_mount(gyro, accel, "z")
 
 
 def test_a_table_file_that_counts_clockwise_is_found_out():
@@ -206,10 +218,12 @@ def test_a_table_file_that_counts_clockwise_is_found_out():
     count = len(run.t)
     gyro = np.column_stack([run.rate, np.zeros(count), run.vertical])
     accel = np.tile([0, 0, 9.81], (count, 1))
-    check_direction(mount_of(gyro, accel, "x"), run.t, table_of(run))
+    check_turn_direction(estimate_mount(gyro, accel, "x"), run.t, table_of(run))
     with pytest.raises(InputError, match="clockwise"):
-        check_direction(
-            mount_of(gyro, accel, "x"), run.t, TableMotion(run.table_t, -run.table_angle, run.table_moving)
+        check_turn_direction(
+            estimate_mount(gyro, accel, "x"),
+            run.t,
+            TableMotion(run.table_t, -run.table_angle, run.table_moving),
         )
 
 
@@ -217,7 +231,9 @@ def test_a_gyro_in_degrees_per_second_is_found_out_by_the_turns_of_the_table():
     run = run_of(5)
     gyro = np.degrees(np.column_stack([run.rate, run.rate, run.vertical]))
     with pytest.raises(InputError, match="degrees per second"):
-        check_direction(mount_of(gyro, np.tile([0, 0, 9.81], (len(gyro), 1)), "x"), run.t, table_of(run))
+        check_turn_direction(
+            estimate_mount(gyro, np.tile([0, 0, 9.81], (len(gyro), 1)), "x"), run.t, table_of(run)
+        )
 
 
 def test_a_leaning_table_is_named_with_what_it_costs():
@@ -229,10 +245,10 @@ def test_a_leaning_table_is_named_with_what_it_costs():
         (len(lean), 3)
     )
     gyro = np.column_stack([run.rate, run.rate, run.vertical])
-    words = tilt_warning(mount_of(gyro, accel, "x"), run.t, table_of(run))
+    words = describe_table_tilt(estimate_mount(gyro, accel, "x"), run.t, table_of(run))
     assert "leans by 1.0" in words[0]
     accel[:, 0] -= lean
-    assert tilt_warning(mount_of(gyro, accel, "x"), run.t, table_of(run)) == []
+    assert describe_table_tilt(estimate_mount(gyro, accel, "x"), run.t, table_of(run)) == []
 
 
 def test_a_serial_table_is_driven_over_a_real_port():
@@ -284,7 +300,7 @@ def test_a_table_that_misses_or_does_not_answer_is_an_error_and_it_is_told_to_st
 
 def test_who_turns_a_table_by_hand_is_told_which_way_and_how_far():
     lines = []
-    table = HandTable(lines.append)
+    table = ManualTable(lines.append)
     for degrees in (0.0, 180.0, 90.0, -37.5):
         table.turn_to(np.radians(degrees))
     assert [line.partition(" on its scale")[0] for line in lines] == [
@@ -301,7 +317,7 @@ def test_a_table_that_nobody_can_turn_is_an_error():
         raise EOFError
 
     with pytest.raises(InputError, match="--table PORT"):
-        HandTable(closed).turn_to(1.0)
+        ManualTable(closed).turn_to(1.0)
 
 
 def test_earth_turns_once_in_a_mean_sidereal_day():
@@ -316,5 +332,5 @@ def test_pairs_of_stops_that_turn_about_give_the_rate_along_the_first_of_them():
     at = 400 * np.arange(4)
     stops = Stops(at, at + 300, times, angle, 2e-3 + 5e-5 * np.cos(angle - 0.4), (0.0, 0.0))
     np.testing.assert_allclose(
-        _turned_about(stops), 5e-5 * np.cos(angle[[0, 2]] - 0.4), rtol=1e-9, atol=1e-15
+        _half_turn_rates(stops), 5e-5 * np.cos(angle[[0, 2]] - 0.4), rtol=1e-9, atol=1e-15
     )

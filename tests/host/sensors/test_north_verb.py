@@ -15,8 +15,8 @@ from hubodo.log.csv_table import write_table
 from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Table
 from hubodo.sensors.north.axis_record import AxisRecord
-from hubodo.sensors.north.circle import wrap
-from hubodo.sensors.north.find import find_north
+from hubodo.sensors.north.circular import wrap_angle
+from hubodo.sensors.north.north_estimate import find_north
 from hubodo.sensors.north.stops import TableMotion
 
 LATITUDE_DEG = 48.0
@@ -106,7 +106,7 @@ def test_two_axes_of_a_node_are_fused_with_y_a_quarter_turn_on(tmp_path, capsys)
     "words, text",
     [
         (["--axis", "z"], "degrees from level"),
-        (["--method", "carousel"], "turns; a carousel needs 2"),
+        (["--method", "carousel"], "turns; a carousel needs at least 2"),
         (["--latitude_deg", "95"], "out of range"),
         (["--latitude_deg", "89.9"], "too near the pole"),
         (["--node", "left"], "no node 'left'"),
@@ -236,7 +236,7 @@ def test_a_plan_says_which_stops_reach_a_sigma_and_they_do(tmp_path, capsys):
         run = maytag(error, DT, 1.0 + seed, latitude, angles, stop, 2.0)
         motion = TableMotion(run.table_t, run.table_angle, run.table_moving)
         found = find_north([AxisRecord(run.t, run.rate, motion)], latitude, "maytag4", settle=0.1)
-        z.append(np.degrees(float(wrap(found.azimuth - 1.0 - seed))) / wanted["sigma_deg"])
+        z.append(np.degrees(float(wrap_angle(found.azimuth - 1.0 - seed))) / wanted["sigma_deg"])
     print(np.round(z, 2))
     # rms of 12 values scatters by 20 %.
     assert 0.4 < np.sqrt(np.mean(np.square(z))) < 1.6

@@ -10,8 +10,8 @@ from scipy.optimize import least_squares
 
 from generators.poses import Errors
 from hubodo.errors import CalibrationError, InputError
-from hubodo.sensors.imu.pose_set import design, judge_poses
-from hubodo.sensors.imu.scalar_calibration import scalar_calibration
+from hubodo.sensors.imu.pose_observability import assess_poses, pose_design_matrix
+from hubodo.sensors.imu.scalar_calibration import fit_scalar_calibration
 
 PAPER = Errors(
     (2e-4, 2e-4, 2e-4),
@@ -29,7 +29,7 @@ def sphere(count):
 
 
 def test_the_papers_case_comes_back_to_the_last_digit_because_nothing_is_linearised_away():
-    found = scalar_calibration(PAPER.measure(sphere(20)), 1.0, np.full((20, 3), 1e-12))
+    found = fit_scalar_calibration(PAPER.measure(sphere(20)), 1.0, np.full((20, 3), 1e-12))
     truth = np.array([2e-4, 2e-4, 2e-4, 2e-4, 4e-4, 4e-4, 4e-4, 4e-4, 4e-4])
     assert np.abs(found.parameters / truth - 1).max() < 1e-9
     # The paper's angles are antisymmetric, which is what the symmetric convention assumes: all six come back.
@@ -43,11 +43,11 @@ def test_any_errors_of_ten_per_cent_are_found_from_any_sufficient_poses_without_
     rng = np.random.default_rng(seed)
     directions = rng.standard_normal((count, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
-    if judge_poses(directions).condition > 100:
+    if assess_poses(directions).condition > 100:
         return
     b, e, s = rng.uniform(-0.1, 0.1, (3, 3))
     matrix = np.eye(3) + np.diag(e) + np.array([[0, s[0], s[1]], [s[0], 0, s[2]], [s[1], s[2], 0]]) / 4
-    found = scalar_calibration(9.8 * (directions @ matrix.T + b), 9.8, np.full((count, 3), 1e-8))
+    found = fit_scalar_calibration(9.8 * (directions @ matrix.T + b), 9.8, np.full((count, 3), 1e-8))
     assert np.abs(found.triad.bias - 9.8 * b).max() < 1e-6
     assert np.abs(found.triad.matrix - matrix).max() < 1e-6
 
@@ -55,7 +55,7 @@ def test_any_errors_of_ten_per_cent_are_found_from_any_sufficient_poses_without_
 def test_a_general_optimiser_finds_the_same_minimum():
     rng = np.random.default_rng(5)
     u = PAPER.measure(sphere(30)) + 0.01 * rng.standard_normal((30, 3))
-    found = scalar_calibration(u, 1.0, np.full((30, 3), 0.01))
+    found = fit_scalar_calibration(u, 1.0, np.full((30, 3), 0.01))
 
     def residual(p):
         m = np.eye(3) + np.diag(p[3:6])
@@ -82,7 +82,7 @@ def test_the_rows_of_matrix_5_are_the_derivative_of_the_length():
         return ((g @ m.T + b) ** 2).sum(axis=1) / 2
 
     numeric = (half_square(1e-6) - half_square(-1e-6)) / 2e-6
-    assert np.abs(design(g) @ p - numeric).max() < 1e-8
+    assert np.abs(pose_design_matrix(g) @ p - numeric).max() < 1e-8
 
 
 def test_sigmas_cover_the_scatter_over_200_seeds_whichever_convention():
@@ -92,7 +92,7 @@ def test_sigmas_cover_the_scatter_over_200_seeds_whichever_convention():
             rng = np.random.default_rng(seed)
             sigma = np.full((14, 3), 1e-3)
             u = PAPER.measure(sphere(14)) + 1e-3 * rng.standard_normal((14, 3))
-            found = scalar_calibration(u, 1.0, sigma, convention=convention)
+            found = fit_scalar_calibration(u, 1.0, sigma, convention=convention)
             if convention == "symmetric":
                 truth = np.array([2e-4, 2e-4, 2e-4, 2e-4, 4e-4, 4e-4, 4e-4, 4e-4, 4e-4])
                 # Five degrees of freedom: the widening by chi² acts in half of the runs, so it is taken
@@ -102,7 +102,7 @@ def test_sigmas_cover_the_scatter_over_200_seeds_whichever_convention():
                     / np.sqrt(np.diag(found.covariance) / max(1, found.reduced_chi2))
                 )
             else:
-                exact = scalar_calibration(
+                exact = fit_scalar_calibration(
                     PAPER.measure(sphere(14)), 1.0, sigma * 1e-6, convention=convention
                 )
                 spread = found.sigma / np.sqrt(max(1, found.reduced_chi2))
@@ -119,8 +119,8 @@ def test_sigmas_cover_the_scatter_over_200_seeds_whichever_convention():
 def test_x_first_leaves_sensor_x_on_its_axis_and_measures_the_same_lengths():
     u = 9.8 * PAPER.measure(sphere(15))
     sigma = np.full((15, 3), 1e-6)
-    a = scalar_calibration(u, 9.8, sigma)
-    b = scalar_calibration(u, 9.8, sigma, convention="x-first")
+    a = fit_scalar_calibration(u, 9.8, sigma)
+    b = fit_scalar_calibration(u, 9.8, sigma, convention="x-first")
     assert np.abs(b.triad.matrix[np.triu_indices(3, 1)]).max() == 0
     lengths = [np.linalg.norm(c.triad.apply(u), axis=1) for c in (a, b)]
     assert np.abs(lengths[0] - lengths[1]).max() < 1e-12
@@ -128,9 +128,9 @@ def test_x_first_leaves_sensor_x_on_its_axis_and_measures_the_same_lengths():
 
 def test_lengths_are_told_before_and_after_in_the_unit_of_the_measurement():
     measured = 9.81 * Errors((0.02, -0.01, 0.03), (0.03, -0.02, 0.01)).measure(sphere(24))
-    found = scalar_calibration(measured, 9.81, np.full((24, 3), 1e-6))
-    np.testing.assert_allclose(found.before, np.linalg.norm(measured, axis=1) - 9.81, atol=1e-9)
-    assert np.abs(found.residual).max() < 1e-6 < 0.1 < np.abs(found.before).max()
+    found = fit_scalar_calibration(measured, 9.81, np.full((24, 3), 1e-6))
+    np.testing.assert_allclose(found.residual_before, np.linalg.norm(measured, axis=1) - 9.81, atol=1e-9)
+    assert np.abs(found.residual).max() < 1e-6 < 0.1 < np.abs(found.residual_before).max()
 
 
 def circle(count, axis):
@@ -162,7 +162,7 @@ def test_degenerate_pose_sets_end_in_the_parameter_and_the_pose_that_helps(poses
     rng = np.random.default_rng(3)
     u = PAPER.measure(poses) + noise * rng.standard_normal(poses.shape)
     with pytest.raises(CalibrationError) as caught:
-        scalar_calibration(u, 1.0, np.full(u.shape, noise))
+        fit_scalar_calibration(u, 1.0, np.full(u.shape, noise))
     text = str(caught.value)
     assert blind in text and helps in text.partition("what would help: ")[2]
 
@@ -171,12 +171,12 @@ def test_a_set_degenerate_only_once_large_errors_are_taken_off_is_refused_too():
     poses = circle(14, 2)
     big = Errors((0.1, -0.1, 0.12), (0.05, -0.05, 0.03), {"xz": 0.02})
     with pytest.raises(CalibrationError):
-        scalar_calibration(big.measure(poses), 1.0, np.full((14, 3), 1e-4))
+        fit_scalar_calibration(big.measure(poses), 1.0, np.full((14, 3), 1e-4))
 
 
 def test_the_suggested_poses_make_a_degenerate_set_sufficient():
     poses = list(circle(12, 2))
-    words = judge_poses(np.array(poses), 1e-4).suggestions
+    words = assess_poses(np.array(poses), 1e-4).suggestions
     axes = {"x": 0, "y": 1, "z": 2}
     for text in words:
         up = np.zeros(3)
@@ -184,18 +184,18 @@ def test_the_suggested_poses_make_a_degenerate_set_sufficient():
             if sign in "+-" and axis in axes:
                 up[axes[axis]] = 1 if sign == "+" else -1
         poses.append(up / np.linalg.norm(up))
-    assert judge_poses(np.array(poses), 1e-4).sufficient
+    assert assess_poses(np.array(poses), 1e-4).is_sufficient
 
 
 @pytest.mark.parametrize("factor, unit", [(1 / 9.80665, "in g"), (1000 / 9.80665, "in mg")])
 def test_a_wrong_unit_is_named_by_its_magnitude(factor, unit):
     with pytest.raises(CalibrationError, match=unit):
-        scalar_calibration(9.8 * factor * sphere(12), 9.80665, np.full((12, 3), 1e-3))
+        fit_scalar_calibration(9.8 * factor * sphere(12), 9.80665, np.full((12, 3), 1e-3))
 
 
 def test_an_impossible_reference_or_convention_is_refused():
     u = sphere(12)
     with pytest.raises(InputError, match="positive"):
-        scalar_calibration(u, -1.0, np.full((12, 3), 1e-3))
+        fit_scalar_calibration(u, -1.0, np.full((12, 3), 1e-3))
     with pytest.raises(InputError, match="symmetric or x-first"):
-        scalar_calibration(u, 1.0, np.full((12, 3), 1e-3), convention="upper")
+        fit_scalar_calibration(u, 1.0, np.full((12, 3), 1e-3), convention="upper")

@@ -15,11 +15,17 @@ from hubodo.calibration.triad import Triad, triad_from_effects
 from hubodo.errors import CalibrationError, InputError
 from hubodo.log.csv_table import write_table
 from hubodo.recording import Table
+from hubodo.sensors.imu.accel_frame import accel_frame_covariance
 from hubodo.sensors.imu.calibrate import calibrate_imu
-from hubodo.sensors.imu.frame import frame_covariance
-from hubodo.sensors.imu.rests import find_rests, standard_error
-from hubodo.sensors.imu.turns import Turns, calibrate_by_turns, carried, carried_slopes, collect_turns
-from hubodo.sensors.misalignment import align_by_earth_rate
+from hubodo.sensors.imu.misalignment import align_by_earth_rate
+from hubodo.sensors.imu.standstills import find_standstills, standard_error
+from hubodo.sensors.imu.turns import (
+    Turns,
+    calibrate_from_turns,
+    collect_turns,
+    propagate_gravity,
+    propagate_gravity_jacobian,
+)
 from hubodo.verbs import calibrate_imu as verb
 
 GYRO = Errors(
@@ -49,10 +55,12 @@ def test_what_a_triad_changes_of_where_gravity_is_carried_is_as_differences_have
     start /= np.linalg.norm(start, axis=1)[:, None]
     turns = Turns(rate, change, np.full((4, steps), 0.01), start, start, np.arange(4), np.zeros(4, bool))
     at = np.concatenate([(np.eye(3) + 0.03 * rng.standard_normal((3, 3))).ravel(), rng.normal(0, 0.01, 3)])
-    end, slopes = carried_slopes(turns, at[:9].reshape(3, 3), at[9:])
-    np.testing.assert_array_equal(end, carried(turns, at[:9].reshape(3, 3), at[9:]))
+    end, slopes = propagate_gravity_jacobian(turns, at[:9].reshape(3, 3), at[9:])
+    np.testing.assert_array_equal(end, propagate_gravity(turns, at[:9].reshape(3, 3), at[9:]))
     for place, step in enumerate(1e-5 * np.eye(12)):
-        there, back = (carried(turns, (at + by)[:9].reshape(3, 3), (at + by)[9:]) for by in (step, -step))
+        there, back = (
+            propagate_gravity(turns, (at + by)[:9].reshape(3, 3), (at + by)[9:]) for by in (step, -step)
+        )
         off = np.abs(slopes[..., place] - (there - back) / 2e-5).max()
         assert off < 1e-4 * np.abs(slopes).max(), place
 
@@ -61,7 +69,7 @@ def test_what_a_triad_changes_of_where_gravity_is_carried_is_as_differences_have
 def test_both_triads_come_back_from_rests_and_turns_within_their_sigmas(seed):
     data = carry(np.random.default_rng(seed), GYRO, ACCEL)
     found = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
-    assert len(found.rests) == 24
+    assert len(found.standstills) == 24
     # Of 24 standard normal numbers the largest exceeds 4.2 once in 1,500 runs.
     assert np.abs(z_scores(found.accel.triad, found.accel.sigma, ACCEL)).max() < 4.2
     assert np.abs(z_scores(found.gyro.triad, np.sqrt(np.diag(found.gyro.covariance)), GYRO)).max() < 4.2
@@ -102,8 +110,8 @@ def test_poses_that_do_not_show_the_gyros_by_earth_rate_still_show_their_bias():
     data = carry(rng, Errors(), Errors(), attitudes=attitudes, gyro_noise=1e-6, latitude=latitude)
     found = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY, latitude=latitude)
     assert any("Earth rate does not serve" in note and "bias x" in note for note in found.notes)
-    assert "turns between rests" in found.gyro.method and {"gyro_bias"} <= set(found.effects())
-    assert list(found.effects()["gyro_scale_factor"]) == ["x"]
+    assert "turns between rests" in found.gyro.method and {"gyro_bias"} <= set(found.effect_parameters())
+    assert list(found.effect_parameters()["gyro_scale_factor"]) == ["x"]
 
 
 def test_a_rate_table_gives_the_gyros_scale_and_the_turns_between_rests_their_frame():
@@ -128,7 +136,7 @@ def test_a_rate_table_gives_the_gyros_scale_and_the_turns_between_rests_their_fr
 
 def test_rests_are_those_that_were_made():
     data = carry(np.random.default_rng(9), GYRO, ACCEL, poses=12, rest=5.0, turn=2.0)
-    rests = find_rests(data.t, data.gyro, data.accel)
+    rests = find_standstills(data.t, data.gyro, data.accel)
     starts = np.arange(12) * 7.0
     assert len(rests) == 12
     # The raised cosine begins so gently that the first tenths of a turn are below the noise.
@@ -159,12 +167,12 @@ def test_a_rest_that_crept_and_one_that_quietly_turned_are_left_out_by_name():
     rng = np.random.default_rng(10)
     data = carry(rng, Errors(), Errors(), poses=14)
     accel, gyro = data.accel.copy(), data.gyro.copy()
-    rests = find_rests(data.t, gyro, accel)
+    rests = find_standstills(data.t, gyro, accel)
     i, j = rests.start[3], rests.end[3]
     accel[i:j, 0] += np.linspace(0, 0.2, j - i)
     i, j = rests.start[6] - 30, rests.end[6] + 30
     gyro[i:j] += data.true_force[i:j] / GRAVITY * 0.05
-    again = find_rests(data.t, gyro, accel)
+    again = find_standstills(data.t, gyro, accel)
     assert len(again) == 12
     assert any("gravity crept" in text for text in again.rejected)
     assert any("turned at 0.05" in text for text in again.rejected)
@@ -174,16 +182,21 @@ def test_gyros_in_degrees_per_second_are_found_out_by_the_turns():
     data = carry(np.random.default_rng(11), Errors(), Errors(), poses=14, gyro_noise=0.001)
     found = calibrate_imu(data.t, np.degrees(data.gyro), data.accel, gravity=GRAVITY)
     assert any("degrees per second" in note for note in found.notes)
-    assert set(found.effects()) == {"accel_bias", "accel_scale_factor", "accel_nonorthogonality", "gyro_bias"}
+    assert set(found.effect_parameters()) == {
+        "accel_bias",
+        "accel_scale_factor",
+        "accel_nonorthogonality",
+        "gyro_bias",
+    }
 
 
 @pytest.mark.parametrize(
     "change, words",
     [
-        (lambda t, g, a: (t[:20], g[:20], a[:20]), "shorter than one rest"),
+        (lambda t, g, a: (t[:20], g[:20], a[:20]), "shorter than one standstill"),
         (lambda t, g, a: (t, g, a * 0 + 9.8), "never changes"),
         (lambda t, g, a: (t, g, a / 9.80665), "as if it were in g"),
-        (lambda t, g, a: (t[:3000], g[:3000], a[:3000]), "cannot show"),
+        (lambda t, g, a: (t[:3000], g[:3000], a[:3000]), "do not determine"),
     ],
     ids=["short", "constant", "in g", "four poses"],
 )
@@ -238,7 +251,7 @@ def test_six_faces_show_bias_and_scale_and_leave_the_angles_out(off_deg):
         rng = np.random.default_rng(seed)
         data = carry(rng, GYRO, ACCEL, attitudes=laid_on_faces(rng, off_deg))
         found = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
-        made = found.effects()
+        made = found.effect_parameters()
         assert {"accel_bias", "accel_scale_factor", "gyro_bias"} <= set(made)
         assert "accel_nonorthogonality" not in made
         assert any("xz - yz" in note and "midway" in note for note in found.notes)
@@ -265,22 +278,29 @@ def test_angles_of_the_accelerometers_widen_the_gyros_that_were_judged_by_them()
     found = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
     coarse = replace(found.accel, full_covariance=found.accel.full_covariance * 10**2)
     turns = collect_turns(
-        data.t, data.gyro, found.gyro.triad.bias, found.rests, found.accel.triad.apply(found.rests.accel)
+        data.t,
+        data.gyro,
+        found.gyro.triad.bias,
+        found.standstills,
+        found.accel.triad.apply(found.standstills.accel),
     )
     fine, wide = (
-        np.diag(frame_covariance(found.gyro.turns, turns, found.rests, it)) for it in (found.accel, coarse)
+        np.diag(accel_frame_covariance(found.gyro.turns, turns, found.standstills, it))
+        for it in (found.accel, coarse)
     )
     assert wide == pytest.approx(fine * 10**2, rel=1e-2)
     # By refitting with one angle moved: what the linear answer must be.
     moved = Triad(
         found.accel.triad.bias, found.accel.triad.matrix + 1e-4 * np.array([[0, 1, 0], [1, 0, 0], [0, 0, 0]])
     )
-    again = calibrate_by_turns(
-        collect_turns(data.t, data.gyro, found.gyro.triad.bias, found.rests, moved.apply(found.rests.accel)),
+    again = calibrate_from_turns(
+        collect_turns(
+            data.t, data.gyro, found.gyro.triad.bias, found.standstills, moved.apply(found.standstills.accel)
+        ),
         np.full(3, 1e-5),
     )
     basis = np.zeros(12)
     basis[[4, 6]] = 1e-4
     one = replace(found.accel, full_covariance=np.outer(basis, basis))
-    answer = np.sqrt(np.diag(frame_covariance(found.gyro.turns, turns, found.rests, one)))[3:]
+    answer = np.sqrt(np.diag(accel_frame_covariance(found.gyro.turns, turns, found.standstills, one)))[3:]
     assert answer == pytest.approx(np.abs((again.matrix - found.gyro.turns.matrix).ravel()), abs=2e-6)

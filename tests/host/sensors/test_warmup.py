@@ -9,7 +9,7 @@ from scipy.optimize import approx_fprime, curve_fit
 from generators import start_gyro as start
 from hubodo.effects.warmup import WARMUP_PARAMETERS, WarmupModel
 from hubodo.errors import InputError
-from hubodo.sensors.at_rest import TemperatureStep
+from hubodo.sensors.standstill_checks import TemperatureStep
 from hubodo.sensors.warmup.characterise import characterise_warmup
 from hubodo.sensors.warmup.fit import _jacobian, fit_warmup
 from hubodo.sensors.warmup.whiteness import autocorrelation_test, ljung_box
@@ -89,13 +89,13 @@ def test_white_noise_passes_both_tests_as_often_as_stated_and_coloured_noise_doe
         white = np.random.default_rng(seed).normal(size=2000)
         coloured = white[1:] + 0.3 * white[:-1]
         for name, noise in (("white", white), ("coloured", coloured)):
-            passed[name][0] += autocorrelation_test(noise, 10, 200).white
-            passed[name][1] += ljung_box(noise).white
+            passed[name][0] += autocorrelation_test(noise, 10, 200).is_white
+            passed[name][1] += ljung_box(noise).is_white
     # 0.5 % of false alarms: of 200 one is expected, six or more come once in 1600.
     assert min(passed["white"]) > 194
     assert passed["coloured"][1] == 0
     slow = np.cumsum(np.random.default_rng(0).normal(size=2000)) * 0.1
-    assert not autocorrelation_test(slow, 10, 200).white
+    assert not autocorrelation_test(slow, 10, 200).is_white
 
 
 def test_the_autocorrelation_is_the_papers_biased_one():
@@ -108,7 +108,10 @@ def test_the_autocorrelation_is_the_papers_biased_one():
 
 def test_shares_inside_the_bounds_are_those_expected_of_white_noise():
     shares = [
-        (t.inside_one - t.expected_one, t.inside_two - t.expected_two)
+        (
+            t.share_within_one_sigma - t.expected_share_within_one_sigma,
+            t.share_within_two_sigma - t.expected_share_within_two_sigma,
+        )
         for t in (
             autocorrelation_test(np.random.default_rng(s).normal(size=2000), 10, 200) for s in range(100)
         )
@@ -126,10 +129,10 @@ def test_a_second_exponential_is_asked_for_where_there_is_one():
     for seed in range(5):
         t, output = night(seed)
         report = characterise_warmup(t, output - 0.2 * DEG * (1 - np.exp(-t / 300)), "gz")
-        assert not report.first.white, seed
-        assert report.following.fit.kind == "two exponentials", seed
+        assert not report.exponential.is_white, seed
+        assert report.next_model.fit.kind == "two exponentials", seed
         # The faster one comes first: grid order.
-        found = report.following.fit.values
+        found = report.next_model.fit.values
         assert found["time_constant"] == pytest.approx(300, rel=0.25), seed
         assert found["time_constant_second"] == pytest.approx(start.T, rel=0.25), seed
 
@@ -140,14 +143,17 @@ def test_the_temperature_is_asked_for_where_it_drives_the_bias():
         temperature = 25 + 5 * np.sin(t / 3000) + 3 * (1 - np.exp(-t / 700))
         driven = output + 0.01 * DEG * (temperature - 25)
         report = characterise_warmup(t, driven, "gz", temperature=temperature)
-        assert not report.first.ljung_box.white, seed
-        found = report.following.fit
+        assert not report.exponential.ljung_box.is_white, seed
+        found = report.next_model.fit
         assert found.kind == "exponential and temperature", seed
         assert (
             abs(found.values["temperature_coefficient"] - 0.01 * DEG)
             < 4.5 * found.sigma["temperature_coefficient"]
         )
-        assert report.effects()["gyro_temperature"].value("z") == found.values["temperature_coefficient"]
+        assert (
+            report.calibrated_effects()["gyro_temperature"].value("z")
+            == found.values["temperature_coefficient"]
+        )
 
 
 def test_the_right_model_is_white_and_nothing_more_is_offered():
@@ -156,7 +162,7 @@ def test_the_right_model_is_white_and_nothing_more_is_offered():
         t, output = night(seed)
         report = characterise_warmup(t, output, "gz")
         assert report.reason == "", seed
-        asked += report.following is not None
+        asked += report.next_model is not None
     assert asked <= 1
 
 
@@ -195,7 +201,7 @@ def test_too_short_constant_and_stepped_records_are_refused_in_words():
     with pytest.raises(InputError, match="stuck"):
         characterise_warmup(np.arange(1000.0), np.full(1000, 0.1), "gz")
     with pytest.raises(InputError, match=r"temperature steps by \+4.00 °C at 600 s.*--end 600"):
-        characterise_warmup(*night(0), "gz", step=TemperatureStep(600.0, 4.0))
+        characterise_warmup(*night(0), "gz", temperature_step=TemperatureStep(600.0, 4.0))
 
 
 def test_gaps_and_an_age_at_the_start_do_not_move_the_parameters():
@@ -203,7 +209,7 @@ def test_gaps_and_an_age_at_the_start_do_not_move_the_parameters():
     kept = np.ones(len(t), bool)
     kept[(t >= 4000.0) & (t < 5500.0)] = False
     later = t >= 600
-    whole = characterise_warmup(t, output, "gz").first.fit
-    cut = characterise_warmup(t[kept & later], output[kept & later], "gz", age=600.0).first.fit
+    whole = characterise_warmup(t, output, "gz").exponential.fit
+    cut = characterise_warmup(t[kept & later], output[kept & later], "gz", age=600.0).exponential.fit
     for name, value in whole.values.items():
         assert abs(cut.values[name] - value) < 3 * cut.sigma[name], name

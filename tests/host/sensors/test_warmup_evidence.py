@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from hubodo.sensors.warmup.forms import _posterior, _Record, factored
+from hubodo.sensors.warmup.forms import _posterior, _ScaledRecord, factorise
 
 SEED = 5
 
@@ -16,7 +16,7 @@ def test_the_marginal_likelihood_is_the_density_of_all_that_could_have_been_read
     root = rng.standard_normal((12, 12))
     noise = root @ root.T + np.eye(12)
     y = rng.standard_normal(12)
-    mean, covariance, told = _posterior(columns, spread, factored(noise.copy()), y)
+    mean, covariance, told = _posterior(columns, spread, factorise(noise.copy()), y)
     prior = np.diag(spread**2)
     whole = columns @ prior @ columns.T + noise
     assert told == pytest.approx(multivariate_normal.logpdf(y, cov=whole))
@@ -28,6 +28,6 @@ def test_the_marginal_likelihood_is_the_density_of_all_that_could_have_been_read
 def test_the_covariance_of_a_record_is_that_of_its_three_noises_together():
     rng = np.random.default_rng(SEED)
     flicker, walk = (root @ root.T for root in rng.standard_normal((2, 6, 6)))
-    record = _Record(np.arange(6.0), np.zeros(6), None, 1.0, 0.0, flicker, walk)
+    record = _ScaledRecord(np.arange(6.0), np.zeros(6), None, 1.0, 0.0, flicker, walk)
     lower = np.tril(record.factor(*np.log([0.7, 2.0, 3.0]))[0])
     assert lower @ lower.T == pytest.approx(0.7**2 * np.eye(6) + 2.0**2 * flicker + 3.0**2 * walk)

@@ -8,8 +8,8 @@ from generators import warm_ups
 from generators.noise import gyro_noise
 from hubodo.calibration.apply import SampleCorrection
 from hubodo.calibration.file import NodeCalibration
+from hubodo.sensors.warmup.bias_method import choose_bias_method
 from hubodo.sensors.warmup.characterise import characterise_warmup
-from hubodo.sensors.warmup.choice import choose
 from hubodo.sensors.warmup.fit import fit_warmup
 from hubodo.sensors.warmup.forms import RecordNoise
 
@@ -35,17 +35,21 @@ def test_a_form_that_is_not_the_exponential_widens_what_is_written():
     """0.3 / sqrt(1 + t / 600): accepted for an hour; believed, it is 50 deg/h off at 3.3."""
     t, output = record(0.3 / np.sqrt(1.0 + np.arange(3600.0) / 600.0), 3)
     report = characterise_warmup(t, output, "gz")
-    assert report.accepted is report.first, "the form itself does not show within the hour"
-    fit, later = report.first.fit, np.array([2 * 3600.0, 4 * 3600.0])
+    assert report.accepted is report.exponential, "the form itself does not show within the hour"
+    fit, later = report.exponential.fit, np.array([2 * 3600.0, 4 * 3600.0])
     off = fit.model.bias(later) - 0.3 * DEG / np.sqrt(1.0 + later / 600.0)
     believed, counted = (
-        fit.spread(later),
+        fit.bias_sigma(later),
         report.sigma["c1"] * (1.0 - np.exp(-later / fit.values["time_constant"])),
     )
     print(f"off {off / DEG * 3600} deg/h, believed {believed / DEG * 3600}, counted {counted / DEG * 3600}")
     assert np.all(np.abs(off) > 3.0 * believed) and np.all(np.abs(off) < 2.5 * counted)
     told = report.as_json()
-    assert told["c1"]["sigma"] == report.sigma["c1"] == report.effects()["gyro_warmup"].parameters["z"].sigma
+    assert (
+        told["c1"]["sigma"]
+        == report.sigma["c1"]
+        == report.calibrated_effects()["gyro_warmup"].parameters["z"].sigma
+    )
     assert [row["age"] for row in told["prediction"]][-1] == pytest.approx(t[-1] + 3 * 3600.0, abs=2.0)
 
 
@@ -57,12 +61,12 @@ def test_two_exponentials_are_written_and_taken_out_as_two():
     assert report.accepted.fit.kind == "two exponentials"
     told = report.as_json()
     assert told["c1"]["value"] is None and "two exponentials" in told["c1"]["reason"]
-    effects = report.effects()
+    effects = report.calibrated_effects()
     assert effects["gyro_warmup"].value("time_constant") == pytest.approx(200.0, rel=0.1)
     assert effects["gyro_warmup"].value("time_constant_second") == pytest.approx(1500.0, rel=0.1)
     gyro = np.column_stack([0 * t, 0 * t, bias * DEG])
     left, _ = SampleCorrection.from_calibration(NodeCalibration(effects)).apply(gyro, gyro, age=t)
-    off = np.abs(left[:, 2]) / report.accepted.fit.spread(t)
+    off = np.abs(left[:, 2]) / report.accepted.fit.bias_sigma(t)
     print(f"seed 4: at most {np.abs(left[:, 2]).max() / DEG:.4f} deg/s is left, {off.max():.1f} sigma")
     assert off.max() < 4.0
 
@@ -75,10 +79,10 @@ def test_a_model_that_the_record_does_not_determine_is_not_offered():
         rng = np.random.default_rng(seed)
         bias = 0.1 * -np.expm1(-t / 400.0) + 0.01 * np.sin(t / 700.0 + rng.uniform(0, 6)) + 2e-6 * t
         _, output = record(bias, seed, noise=0.05)
-        wild += not fit_warmup(t, output, "two exponentials").determined
+        wild += not fit_warmup(t, output, "two exponentials").is_determined
         report = characterise_warmup(t, output, "gz")
-        assert report.following is None or report.following.fit.determined
-        assert report.accepted is None or report.accepted.fit.determined
+        assert report.next_model is None or report.next_model.fit.is_determined
+        assert report.accepted is None or report.accepted.fit.is_determined
     assert wild > 2, "else nothing was shown"
 
 
@@ -86,12 +90,14 @@ def test_the_slow_noise_is_a_walk_and_flicker_of_the_sizes_it_is_told():
     """Beside the sum of squares of foreign noise: a walk by its steps, flicker by its growth with time."""
     noise = RecordNoise(0.0, 0.0, 0.3, 0.0, 1.0)
     t = np.array([0.0, 10.0, 40.0])
-    assert noise.slow(t, t) == pytest.approx(0.09 * np.minimum.outer(t, t))
+    assert noise.slow_covariance(t, t) == pytest.approx(0.09 * np.minimum.outer(t, t))
     flicker = RecordNoise(0.0, 1.0, 0.0, 0.0, 1.0)
     made = np.array([gyro_noise(4096, 1.0, np.random.default_rng(s), b=1.0) for s in range(60)])
     for lag in (8, 64, 512):
         theirs = np.mean((made[:, lag:] - made[:, :-lag]) ** 2)
-        ours = 2.0 * float((flicker.slow_variance(t[:1]) - flicker.slow(t[:1], np.array([float(lag)])))[0, 0])
+        ours = 2.0 * float(
+            (flicker.slow_variance(t[:1]) - flicker.slow_covariance(t[:1], np.array([float(lag)])))[0, 0]
+        )
         print(f"flicker changes within {lag} s by {theirs:.2f} (foreign), {ours:.2f}")
         # What differs is how fast it is at the fastest: a third of the variance at most.
         assert ours == pytest.approx(theirs, rel=0.45)
@@ -101,8 +107,8 @@ def test_the_slow_noise_is_a_walk_and_flicker_of_the_sizes_it_is_told():
 def test_the_way_to_go_on_from_a_rest_is_chosen_by_held_out_error(walk, chosen):
     for seed in range(3):
         noise = gyro_noise(60_000, 0.01, np.random.default_rng(seed), n=1e-3, k=walk)
-        choice = choose(noise, 0.01)
+        choice = choose_bias_method(noise, 0.01)
         assert choice.chosen == chosen, (seed, choice)
         assert choice.errors[chosen] <= min(choice.errors.values()) * 1.2
         assert chosen in choice.why
-    assert choose(np.zeros(100), 0.01) is None
+    assert choose_bias_method(np.zeros(100), 0.01) is None

@@ -1,4 +1,4 @@
-"""Which stretches of a record judge a warm-up model, and which model follows one that is not white."""
+"""Tests of the selection of a warm-up model by the whiteness of its residual."""
 
 from types import SimpleNamespace
 
@@ -7,8 +7,8 @@ import pytest
 
 from hubodo.effects.warmup import WARMUP_PARAMETERS
 from hubodo.sensors.even_grid import EvenGrid
-from hubodo.sensors.warmup import judge as room
-from hubodo.sensors.warmup.judge import Judged, judge, next_model, verdict
+from hubodo.sensors.warmup import assess as room
+from hubodo.sensors.warmup.assess import AssessedFit, assess_fit, describe_next_model, select_next_model
 
 AGE, START = 30.0, 1000.0
 
@@ -50,7 +50,7 @@ def test_samples_are_judged_in_ten_stretches_from_start_to_end_by_what_the_model
 ):
     temperature = 20.0 + 3.0 * np.sin(np.arange(count) / 50.0) if warm else None
     record, noise = record_of(count, dt, temperature, missing=range(40, 60))
-    found = judge(fit_of(), record, AGE, temperature)
+    found = assess_fit(fit_of(), record, AGE, temperature)
     assert (found.autocorrelation.length, found.autocorrelation.sequences) == (length, sequences)
     lag = np.array([1, 7, length // 2])
     sums = np.zeros(4)
@@ -68,22 +68,22 @@ def test_means_are_judged_by_the_residual_of_the_fit_and_both_must_be_white():
     drifting = fit_of()
     drifting.residual = np.cumsum(drifting.residual)
     seen = [
-        (one.autocorrelation.white, one.ljung_box.white, one.white)
+        (one.autocorrelation.is_white, one.ljung_box.is_white, one.is_white)
         for one in (
-            judge(fit_of(), record, AGE, None),
-            judge(drifting, record, AGE, None),
-            judge(fit_of(), coloured, AGE, None),
+            assess_fit(fit_of(), record, AGE, None),
+            assess_fit(drifting, record, AGE, None),
+            assess_fit(fit_of(), coloured, AGE, None),
         )
     ]
     assert seen == [(True, True, True), (True, False, False), (False, True, False)]
 
 
-def judged(kind, bic, statistic=50.0, white=False, determined=True):
-    fit = SimpleNamespace(kind=kind, bic=bic, determined=determined)
-    return Judged(fit, None, SimpleNamespace(statistic=statistic, white=white, p_value=0.5, lags=20))
+def assessed(kind, bic, statistic=50.0, white=False, determined=True):
+    fit = SimpleNamespace(kind=kind, bic=bic, is_determined=determined)
+    return AssessedFit(fit, None, SimpleNamespace(statistic=statistic, is_white=white, p_value=0.5, lags=20))
 
 
-FIRST = judged("exponential", 100.0, 100.0)
+FIRST = assessed("exponential", 100.0, 100.0)
 TWO, WARM, BOTH = "two exponentials", "temperature", "exponential and temperature"
 
 
@@ -98,20 +98,20 @@ def offer(monkeypatch):
         def fit_warmup(times, means, kind, grades):
             assert kind in WARMUP_PARAMETERS
             asked[kind] = [grades]
-            return by_kind[kind].fit if kind in by_kind else judged(kind, 1e9).fit
+            return by_kind[kind].fit if kind in by_kind else assessed(kind, 1e9).fit
 
-        def judge(fit, record, age, temperature):
+        def assess_fit(fit, record, age, temperature):
             assert age == AGE
             asked[fit.kind].append(temperature)
             return by_kind[fit.kind]
 
         monkeypatch.setattr(room, "fit_warmup", fit_warmup)
-        monkeypatch.setattr(room, "judge", judge)
+        monkeypatch.setattr(room, "assess_fit", assess_fit)
         t = START + np.array([0.0, 50.0, 100.0])
         grades = None if span is None else np.array([20.0, 20.0 + span])
         temperature = None if span is None else np.array([20.0, 25.0, 40.0])
         record, _ = record_of(51, 2.0)
-        return next_model(FIRST, t, t, grades, record, t, temperature, AGE), asked
+        return select_next_model(FIRST, t, t, grades, record, t, temperature, AGE), asked
 
     return next_of
 
@@ -122,7 +122,7 @@ def test_models_with_the_temperature_are_tried_where_it_changed_by_more_than_a_k
 
 
 def test_a_model_of_the_temperature_gets_it_at_the_times_of_means_and_samples_and_no_other_does(offer):
-    _, asked = offer(judged(TWO, 0.0), judged(WARM, 0.0), judged(BOTH, 0.0))
+    _, asked = offer(assessed(TWO, 0.0), assessed(WARM, 0.0), assessed(BOTH, 0.0))
     assert asked[TWO] == [None, None]
     for kind in (WARM, BOTH):
         grades, filled = asked[kind]
@@ -132,15 +132,15 @@ def test_a_model_of_the_temperature_gets_it_at_the_times_of_means_and_samples_an
 
 
 def test_the_most_likely_of_the_white_models_follows(offer):
-    worse, better = judged(TWO, 60.0, white=True), judged(WARM, 50.0, 90.0, white=True)
-    coloured = judged(BOTH, 10.0, 1.0)
+    worse, better = assessed(TWO, 60.0, white=True), assessed(WARM, 50.0, 90.0, white=True)
+    coloured = assessed(BOTH, 10.0, 1.0)
     assert offer(worse, better, coloured)[0] is better
 
 
 @pytest.mark.parametrize("statistic, follows", [(79.0, True), (81.0, False)])
 def test_where_none_is_white_the_least_coloured_follows_if_it_is_by_a_fifth(offer, statistic, follows):
-    least = judged(WARM, 50.0, statistic)
-    found, _ = offer(judged(TWO, 20.0, statistic + 0.5), least, judged(BOTH, 10.0, 99.0))
+    least = assessed(WARM, 50.0, statistic)
+    found, _ = offer(assessed(TWO, 20.0, statistic + 0.5), least, assessed(BOTH, 10.0, 99.0))
     assert found is (least if follows else None)
 
 
@@ -149,13 +149,13 @@ def test_where_none_is_white_the_least_coloured_follows_if_it_is_by_a_fifth(offe
 )
 def test_a_model_must_be_determined_and_pay_for_its_parameters(offer, bic, determined, follows):
     """Ten of the information criterion, which is odds of 150 to 1."""
-    model = judged(TWO, bic, white=True, determined=determined)
+    model = assessed(TWO, bic, white=True, determined=determined)
     assert offer(model, span=None)[0] is (model if follows else None)
 
 
 def test_the_verdict_names_the_model_that_follows_and_whether_that_is_enough():
-    assert "no next model is clearly better" in verdict(FIRST, None)
-    white, coloured = (verdict(FIRST, judged(TWO, 0.0, 7.25, white)) for white in (True, False))
+    assert "no next model is clearly better" in describe_next_model(FIRST, None)
+    white, coloured = (describe_next_model(FIRST, assessed(TWO, 0.0, 7.25, white)) for white in (True, False))
     for words in (white, coloured):
         assert (
             "Ljung-Box 100 over 20 lags" in words

@@ -7,7 +7,7 @@ from scipy.signal import lfilter
 from scipy.stats import binom, chi2, norm
 
 from hubodo.errors import InputError
-from hubodo.sensors.heading.standstill import _shared, angle_random_walk
+from hubodo.sensors.heading.standstill import _bandwidth_reduction, estimate_angle_random_walk
 from hubodo.sensors.warmup.whiteness import autocorrelation_test, ljung_box
 
 
@@ -38,9 +38,11 @@ def test_the_autocorrelation_is_judged_by_lags_beyond_two_of_their_own_standard_
     beyond = sum(abs(r[k] / r[0]) > 2 * own[k - 1] for k in judged)
     assert found.p_value == pytest.approx(binom.sf(beyond - 1, len(judged), 2 * norm.sf(2)))
     inside = [np.mean(np.abs(r[1:]) / r[0] <= times * one) for times in (1, 2)]
-    assert [found.inside_one, found.inside_two] == pytest.approx(inside)
+    assert [found.share_within_one_sigma, found.share_within_two_sigma] == pytest.approx(inside)
     expected = [np.mean([1 - 2 * norm.sf(times * one / sigma) for sigma in own]) for times in (1, 2)]
-    assert [found.expected_one, found.expected_two] == pytest.approx(expected)
+    assert [found.expected_share_within_one_sigma, found.expected_share_within_two_sigma] == pytest.approx(
+        expected
+    )
 
 
 @pytest.mark.parametrize(
@@ -72,14 +74,14 @@ def test_noise_behind_a_pole_makes_neighbouring_means_differ_less_as_its_integra
 
     expected = 1.0 - (mean_of(0.0) - mean_of(tau))
     spans = [(0, 100), (100, len(noise) - 50), (len(noise) - 50, len(noise))]
-    assert _shared(noise + 5.0, spans, step, tau) == pytest.approx(expected, rel=0.05)
+    assert _bandwidth_reduction(noise + 5.0, spans, step, tau) == pytest.approx(expected, rel=0.05)
 
 
 def test_white_noise_is_taken_for_white_and_no_more_than_half_is_believed():
     rng = np.random.default_rng(3)
-    assert _shared(rng.normal(size=10_000), [(0, 10_000)], 0.01, 1.0) == 0.0
-    assert _shared(np.ones(100), [(0, 100)], 0.01, 1.0) == 0.0
-    assert _shared(np.cumsum(rng.normal(size=10_000)), [(0, 10_000)], 0.01, 1.0) == 0.5
+    assert _bandwidth_reduction(rng.normal(size=10_000), [(0, 10_000)], 0.01, 1.0) == 0.0
+    assert _bandwidth_reduction(np.ones(100), [(0, 100)], 0.01, 1.0) == 0.0
+    assert _bandwidth_reduction(np.cumsum(rng.normal(size=10_000)), [(0, 10_000)], 0.01, 1.0) == 0.5
 
 
 @pytest.mark.parametrize("pole", [0.0, 0.05, 0.15])
@@ -94,15 +96,15 @@ def test_the_white_noise_of_rests_is_the_density_at_low_frequency_whatever_the_l
     t = 7.0 + step * np.arange(count)
     spans = [(0, count // 3), (count // 3, count // 2), (count // 2 + 5000, count)]
     # Some 3,000 means: their differences tell a sigma to two per cent.
-    assert angle_random_walk(t, rate, spans) == pytest.approx(n, rel=0.06, abs=0.0)
-    assert angle_random_walk(t, rate * 0.0, spans) is None
-    assert angle_random_walk(t, rate, []) is None
+    assert estimate_angle_random_walk(t, rate, spans) == pytest.approx(n, rel=0.06, abs=0.0)
+    assert estimate_angle_random_walk(t, rate * 0.0, spans) is None
+    assert estimate_angle_random_walk(t, rate, []) is None
 
 
 @pytest.mark.parametrize("samples, told", [(15, False), (16, True)])
 def test_sixteen_means_are_the_least_and_short_rests_have_shorter_ones(samples, told):
     noise = np.random.default_rng(5).normal(size=samples)
-    found = angle_random_walk(0.01 * np.arange(samples), noise, [(0, samples)])
+    found = estimate_angle_random_walk(0.01 * np.arange(samples), noise, [(0, samples)])
     assert (found is not None) == told
     if told:
         # One sample each: the Allan deviation of a sample, as far as it is white.

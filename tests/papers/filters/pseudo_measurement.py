@@ -34,19 +34,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class BiasTrack:
     """After each sample: bias (N, 3) rad/s and the variances (N, 3) of its components."""
 
-    bias: FloatArray
-    variance: FloatArray
+    bias: Array
+    variance: Array
 
 
 class PseudoMeasurementFilter:
@@ -100,12 +99,12 @@ class PseudoMeasurementFilter:
         return self._bias
 
     @property
-    def covariance(self) -> FloatArray:
+    def covariance(self) -> Array:
         """(3, 3) of the bias, (rad/s)^2."""
         xx, yy, zz, xy, xz, yz = self._p
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
-    def told_variance(self, scale_sigma: float) -> FloatArray:
+    def told_variance(self, scale_sigma: float) -> Array:
         """(3,) of the bias, with what the covariance does not count: vibration, scale, the other axes.
 
         Innovations beyond their variance widen it, up to what it began with. Two errors are constants in
@@ -117,7 +116,7 @@ class PseudoMeasurementFilter:
             variance = np.minimum(variance * self._surprise / self._count, self._begun)
         square = float(self._rate @ self._rate)
         across = float(np.sum(np.diag(self.covariance) ** 2)) / (2.0 * square**2) if square else 0.0
-        made: FloatArray = variance + (scale_sigma**2 + across) * self._rate**2
+        made: Array = variance + (scale_sigma**2 + across) * self._rate**2
         return made
 
     def update(
@@ -165,7 +164,7 @@ class PseudoMeasurementFilter:
         self._p = (xx - gx * hx, yy - gy * hy, zz - gz * hz, xy - gx * hy, xz - gx * hz, yz - gy * hz)
         return bias
 
-    def run(self, gyro: FloatArray, rate: ArrayLike = 0.0, rate_sigma: ArrayLike = 0.0) -> BiasTrack:
+    def run(self, gyro: Array, rate: ArrayLike = 0.0, rate_sigma: ArrayLike = 0.0) -> BiasTrack:
         """Takes (N, 3) samples and (N,) or one magnitude: N calls of `update`, bit for bit, and as slow.
 
         The filter is not linear and its gain is in the data: there is nothing to be done for all samples at
@@ -180,7 +179,7 @@ class PseudoMeasurementFilter:
             (*self.update(sample, magnitude, sigma), *self._p[:3])
             for sample, magnitude, sigma in zip(samples.tolist(), rates, sigmas, strict=True)
         )
-        made: FloatArray = np.fromiter(rows, np.dtype((np.float64, 6)), len(samples))
+        made: Array = np.fromiter(rows, np.dtype((np.float64, 6)), len(samples))
         return BiasTrack(made[:, :3], made[:, 3:])
 
 
@@ -192,15 +191,15 @@ class KnownRate:
     its 1 sigma. share: the covariance of such a mean is `share` times that of a sample.
     """
 
-    gyro: FloatArray
-    rate: FloatArray
-    sigma: FloatArray
+    gyro: Array
+    rate: Array
+    sigma: Array
     share: float
 
 
 def rate_from_gravity(
-    gyro: FloatArray,
-    accel: FloatArray,
+    gyro: Array,
+    accel: Array,
     dt: float,
     *,
     stretch: int,

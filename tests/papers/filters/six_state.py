@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from hubodo.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -28,9 +27,7 @@ class SixState:
     highest_derivative: float = math.radians(0.05)
     bias_noise: float | None = None
 
-    def run(
-        self, rates: FloatArray, bias: FloatArray, averaged: int
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def run(self, rates: Array, bias: Array, averaged: int) -> tuple[Array, Array, Array]:
         """Orientation (rad), rate and bias (rad/s), each (N,) or (M, N), for rates of the same shape.
 
         bias: (M,) or scalar: the mean of `averaged` samples at standstill, which starts the bias. The gains
@@ -49,7 +46,7 @@ class SixState:
         shaped = made.reshape(3, *np.shape(rates))
         return shaped[0], shaped[1], shaped[2]
 
-    def _transition(self) -> tuple[FloatArray, float]:
+    def _transition(self) -> tuple[Array, float]:
         """F of eq. (9), and the constant input of eq. (10) on the bias."""
         dt, constant = self.dt, self.time_constant
         matrix = np.zeros((6, 6))
@@ -59,7 +56,7 @@ class SixState:
         matrix[4, 4], matrix[4, 5], matrix[5, 5] = 1.0, dt, constant / (constant + dt)
         return matrix, dt / (constant + dt) * (self.c1 + self.c2)
 
-    def _process_noise(self) -> FloatArray:
+    def _process_noise(self) -> Array:
         """Eq. (11), discretised: white noise on the derivative above the highest state of each chain."""
         made = np.zeros((6, 6))
         made[:4, :4] = self.highest_derivative**2 * _white_noise(4, self.dt)
@@ -68,7 +65,7 @@ class SixState:
         )
         return made
 
-    def _gains(self, transition: FloatArray, count: int, averaged: int) -> FloatArray:
+    def _gains(self, transition: Array, count: int, averaged: int) -> Array:
         """(N, 6) Kalman gains."""
         observed = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
         process = self._process_noise()
@@ -85,10 +82,10 @@ class SixState:
         return gains
 
 
-def _white_noise(order: int, dt: float) -> FloatArray:
+def _white_noise(order: int, dt: float) -> Array:
     """(order, order) covariance after dt of a chain of integrators driven by unit continuous white noise."""
     powers = order - 1 - np.arange(order)
     factorials = np.array([math.factorial(p) for p in powers], float)
     total = powers[:, None] + powers[None, :] + 1
-    made: FloatArray = dt**total / (np.outer(factorials, factorials) * total)
+    made: Array = dt**total / (np.outer(factorials, factorials) * total)
     return made

@@ -1,1 +1,1 @@
-"""The Allan deviation of a rest, its noise terms and their sigmas."""
+"""Allan deviation of a stationary sensor, its noise terms and their confidence intervals."""

@@ -1,4 +1,4 @@
-"""Which of Q, N, B, K, R an Allan deviation shows, how large they are, and what the record cannot tell."""
+"""Maximum-likelihood fit of the noise terms Q, N, B, K, R to an Allan deviation, with limits."""
 
 from __future__ import annotations
 
@@ -9,47 +9,73 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc
 
-from hubodo.sensors.allan.covariance import TERMS, design
+from hubodo.arrays import Array
+from hubodo.sensors.allan.covariance import TERMS, design_matrix
 from hubodo.sensors.allan.deviation import AllanPoints
-from hubodo.sensors.allan.interval import interval, limit
-from hubodo.sensors.allan.likelihood import BAND, B, K, Likelihood, Maximum, N, Q, R, Terms, slope_sigma
-from hubodo.sensors.allan.needed import needed_length
-
-FloatArray = NDArray[np.float64]
-
-# A term is claimed when leaving it out costs this much of -2 ln likelihood: 3.3 sigma, one false claim in a
-# thousand.
-_KEEP = 10.8
-# Averaging times above a sixth of the record rest on fewer than about 4 degrees of freedom.
-_PARTS = 6
-# What comes by chance less often than this is the model's fault.
-_BY_CHANCE, _AHEAD = 0.02, 3
-_LOOK = 2.0
-_LATE, _SHARPER, _RIPPLE = 4, 0.5, 0.05
-_FEWEST, _MOST_LEFT_OUT = 7, 8
-# A model error is taken on when it raises twice the log-likelihood by this much.
-_CLEARLY = 6.6
-
-_NO_SHORTEST = (
-    "the shortest averaging times, in which it would show, follow the sensor's bandwidth or a vibration; "
-    "a longer record does not help, a wider bandwidth would"
+from hubodo.sensors.allan.interval import profile_interval, upper_limit
+from hubodo.sensors.allan.likelihood import (
+    BAND,
+    B,
+    K,
+    Likelihood,
+    LikelihoodMaximum,
+    N,
+    NoiseParameters,
+    Q,
+    R,
+    slope_sigma,
 )
-_REASONS = (
+from hubodo.sensors.allan.record_length import required_record_length
+
+# A term is significant if -2 ln likelihood increases by this much without it: 3.3 sigma, one false term in
+# a thousand.
+_CLAIM_COST = 10.8
+# Averaging times above a sixth of the record have fewer than about 4 degrees of freedom.
+_MIN_RECORD_PER_TAU = 6
+# A misfit with a lower p-value is attributed to the model; it is tested over this many octaves ahead.
+_MIN_P_VALUE, _LOOKAHEAD_OCTAVES = 0.02, 3
+_RAMP_SEARCH_SIGMA = 2.0
+_LATE_START_OCTAVE, _EARLIER_START_SIGMA_RATIO, _MAX_RIPPLE = 4, 0.5, 0.05
+_MIN_OCTAVES, _MAX_SKIPPED_OCTAVES = 7, 8
+# Significance of a model error: chi-square quantile 99 % for one degree of freedom.
+_CHI2_99_ONE_DOF = 6.6
+
+_BAND_LIMITED_REASON = (
+    "the shortest averaging times, where quantisation would be visible, follow the sensor's bandwidth "
+    "or a vibration; a longer record does not help, a wider bandwidth would"
+)
+_NOT_SHOWN_REASONS = (
     "the shortest averaging times do not fall as 1/tau: quantisation is hidden under the white noise",
-    "no averaging time at which white noise stands out from the other terms",
-    "no flat floor stands out between the white noise and what rises after it",
-    "the longest averaging times that the record allows do not rise as sqrt(tau)",
-    "the slope over the whole record is no more than the other terms would wander",
+    "white noise does not dominate at any averaging time",
+    "no flat floor is visible between the white noise and the rise at longer averaging times",
+    "the deviation does not rise as sqrt(tau) up to the longest averaging time that the record allows",
+    "the slope over the whole record is no larger than the other terms explain",
 )
 
 
 @dataclass(frozen=True)
 class NoiseTerm:
-    """One of Q, N, B, K, R in SI; value None with the reason when the record cannot show it.
+    """One noise term of an Allan deviation: Q, N, B, K or R, in SI units.
 
-    low, high: 95 % interval, None when not shown. limit: the term is smaller than this with 95 % confidence
-    (None when shown). needed: record length in s that would show a term as large as the limit at 3 sigma,
-    None when shown or when no practical record would.
+    Attributes
+    ----------
+    value : float or None
+        Estimate; None if the record does not show the term.
+    sigma : float or None
+        Standard deviation (1 sigma) of `value`.
+    reason : str
+        Reason why the term is not shown, empty otherwise.
+    limit : float or None
+        Upper limit (95 %) of a term that is not shown.
+    needed : float or None
+        Record length in s that would show a term as large as `limit` at 3 sigma; None if the term is
+        shown, or if no practical record would show it.
+    low, high : float or None
+        95 % confidence interval of a term that is shown.
+
+    References
+    ----------
+    IEEE Std 952-1997, annex C: names and Allan variances of the terms.
     """
 
     value: float | None
@@ -63,16 +89,22 @@ class NoiseTerm:
 
 @dataclass(frozen=True)
 class NoiseFit:
-    """The most likely terms of an Allan deviation.
+    """The maximum-likelihood noise terms of an Allan deviation.
 
-    terms: by name. theta: (5,) squares of Q, N, B, K, R, also of what is too faint to be claimed. band: what
-    the sensor's bandwidth does to the variance of the white noise at the first averaging time fitted,
-    relative; -0.2: it is a fifth smaller. factors: (P,) fitted. chi2, dof: of the fit. misfit: relative
-    error of the model under which the residuals are most likely, mostly 0; all sigmas hold it.
+    Attributes:
+        terms: noise terms by name.
+        theta: (5,) squares of Q, N, B, K, R, including terms that are not significant.
+        band: relative change, by the sensor's bandwidth, of the white noise variance at the first
+        averaging time
+            fitted; -0.2 means that it is smaller by a fifth.
+        factors: (P,) averaging factors used in the fit.
+        chi2, dof: chi-square of the fit and its degrees of freedom.
+        misfit: relative model error of maximum likelihood, usually 0; all sigmas include it.
+        dt: sample interval, s.
     """
 
     terms: dict[str, NoiseTerm]
-    theta: FloatArray
+    theta: Array
     band: float
     factors: NDArray[np.int64]
     chi2: float
@@ -80,158 +112,196 @@ class NoiseFit:
     misfit: float
     dt: float
 
-    def variance(self, tau: FloatArray) -> FloatArray:
-        """(P,) fitted Allan variance at tau (s); the band does before the first tau what it does there."""
+    def variance(self, tau: Array) -> Array:
+        """Return the (P,) fitted Allan variance at tau (s).
+
+        Below the first tau fitted, `band` acts as there.
+        """
         first = float(self.factors[0]) * self.dt
         white = self.theta[N] / tau * self.band * np.minimum(first / tau, 1.0)
-        made: FloatArray = design(tau) @ self.theta + white
-        return made
+        variance: Array = design_matrix(tau) @ self.theta + white
+        return variance
 
 
-def fit_noise(points: AllanPoints, slope: float, level: Callable[[], AllanPoints]) -> NoiseFit:
-    """Fit sigma^2(tau) = 3 Q^2/tau^2 + N^2/tau + (2 ln2/pi) B^2 + K^2 tau/3 + R^2 tau^2/2, all terms at once.
+def fit_noise(points: AllanPoints, slope: float, detrended_points: Callable[[], AllanPoints]) -> NoiseFit:
+    """Fit sigma^2(tau) = 3 Q^2/tau^2 + N^2/tau + (2 ln2/pi) B^2 + K^2 tau/3 + R^2 tau^2/2, all terms jointly.
 
-    The most likely terms given the full covariance of the points under those terms (after Vaccaro and Zaki
-    2012). Behind a low-pass, and after any filter of finite memory, white noise gives N^2/tau + c/tau^2 from
-    the length of that memory on, c of either sign: it is fitted from the averaging time on from which that
-    holds. A term is claimed where the fit misses it; one that is not still takes part in the sigmas of the
-    others. points: octaves suffice, more only cost time. slope: of the record by least squares, unit/s: a
-    further observation, of the ramp.
+    Maximises the likelihood with the full covariance of the points under the fitted terms (after Vaccaro
+    and Zaki 2012). Behind a low-pass, or any filter of finite memory, the variance of white noise is
+    N^2/tau + c/tau^2 for averaging times longer than that memory, with c of either sign; shorter averaging
+    times are excluded. Terms that are not significant still contribute to the sigmas of the others.
+    points: octaves suffice. slope: least-squares slope of the record, unit/s, a further observation of the
+    ramp. detrended_points: returns the points of the record minus that slope.
     """
-    # Octaves alone: points closer together say nothing new and make the covariance singular.
+    # Octaves only: denser points add no information and make the covariance singular.
     octave = points.factors & (points.factors - 1) == 0
-    used = octave & (points.factors <= max(points.samples // _PARTS, 1))
-    likelihood, best, chi2 = _believed(Likelihood.of(points, used, slope))
-    if abs(slope) > _LOOK * slope_sigma(Terms.of(best.x).theta, likelihood.duration):
-        flat = Likelihood.of(level(), used, slope, level=True).later(len(likelihood.tau) * -1)
-        flat.misfit = likelihood.misfit
-        ramp = flat.best((*best.active, R), best.x)
-        if _missed(flat, ramp, R) > _KEEP:
-            likelihood, best, chi2 = flat, ramp, flat.chi2(ramp.x)
-    found = Terms.of(best.x)
-    dof = len(likelihood.tau) - len(best.active) + (R in best.active)
-    later = _an_octave_later(likelihood, best)
+    used = octave & (points.factors <= max(points.samples // _MIN_RECORD_PER_TAU, 1))
+    likelihood, maximum, chi2 = _select_first_octave(Likelihood.from_points(points, used, slope))
+    if abs(slope) > _RAMP_SEARCH_SIGMA * slope_sigma(
+        NoiseParameters.from_vector(maximum.x).theta, likelihood.duration
+    ):
+        detrended = Likelihood.from_points(detrended_points(), used, slope, detrended=True).from_octave(
+            len(likelihood.tau) * -1
+        )
+        detrended.misfit = likelihood.misfit
+        with_ramp = detrended.maximise((*maximum.active, R), maximum.x)
+        if _cost_without(detrended, with_ramp, R) > _CLAIM_COST:
+            likelihood, maximum, chi2 = detrended, with_ramp, detrended.chi2(with_ramp.x)
+    parameters = NoiseParameters.from_vector(maximum.x)
+    dof = len(likelihood.tau) - len(maximum.active) + (R in maximum.active)
+    later = _refit_one_octave_later(likelihood, maximum)
     terms = {}
     for term, name in enumerate(TERMS):
-        if term == N or (term in best.active and _missed(likelihood, best, term) > _KEEP):
-            value = float(abs(found.ramp)) if term == R else float(np.sqrt(found.theta[term]))
-            ends = interval(likelihood, best, term)
-            low, high = sorted((abs(ends.low), abs(ends.high)))
-            # What the model is wrong by, it is wrong by in the same sense everywhere; and where it begins to
-            # hold was a choice: half of what another one would change.
-            wrong = 0.5 * likelihood.misfit * value
-            chosen = 0.5 * (value - float(np.sqrt(later.theta[term]))) if later.theta[term] > 0.0 else 0.0
-            sigma = float(np.linalg.norm([ends.sigma, wrong, chosen]))
+        if term == N or (term in maximum.active and _cost_without(likelihood, maximum, term) > _CLAIM_COST):
+            value = float(abs(parameters.ramp)) if term == R else float(np.sqrt(parameters.theta[term]))
+            bounds = profile_interval(likelihood, maximum, term)
+            low, high = sorted((abs(bounds.low), abs(bounds.high)))
+            # The model error has the same sign at all points, so it does not average out. The first
+            # averaging time fitted is a choice; half of the change by choosing the next octave is counted
+            # as its sigma.
+            misfit_sigma = 0.5 * likelihood.misfit * value
+            start_sigma = (
+                0.5 * (value - float(np.sqrt(later.theta[term]))) if later.theta[term] > 0.0 else 0.0
+            )
+            sigma = float(np.linalg.norm([bounds.sigma, misfit_sigma, start_sigma]))
             terms[name] = NoiseTerm(value, sigma, low=low, high=high)
         else:
-            terms[name] = _not_shown(term, likelihood, best, points)
+            terms[name] = _hidden_term(term, likelihood, maximum, points)
     return NoiseFit(
-        terms, found.theta, float(found.band), likelihood.factors, chi2, dof, likelihood.misfit, points.dt
+        terms,
+        parameters.theta,
+        float(parameters.band),
+        likelihood.factors,
+        chi2,
+        dof,
+        likelihood.misfit,
+        points.dt,
     )
 
 
-def _an_octave_later(likelihood: Likelihood, best: Maximum) -> Terms:
-    """The terms without the first averaging time; those of the whole where too few are left."""
-    if len(likelihood.tau) <= _FEWEST or Q in best.active:
-        return Terms.of(best.x)
-    rest = likelihood.later(1)
-    rest.misfit = likelihood.misfit
-    return Terms.of(rest.best(best.active, best.x).x)
+def _refit_one_octave_later(likelihood: Likelihood, maximum: LikelihoodMaximum) -> NoiseParameters:
+    """Return the terms fitted without the first averaging time.
 
-
-def _believed(whole: Likelihood) -> tuple[Likelihood, Maximum, float]:
-    """The likelihood from where on the model holds, its maximum, and chi-square there.
-
-    It holds where leaving out one, two or three points more makes the fit no better than chance would.
+    The original ones if too few points remain.
     """
-    most = 1 + min(_MOST_LEFT_OUT, max(0, len(whole.tau) - _FEWEST))
-    trials: list[tuple[Likelihood, Maximum, float]] = []
+    if len(likelihood.tau) <= _MIN_OCTAVES or Q in maximum.active:
+        return NoiseParameters.from_vector(maximum.x)
+    remainder = likelihood.from_octave(1)
+    remainder.misfit = likelihood.misfit
+    return NoiseParameters.from_vector(remainder.maximise(maximum.active, maximum.x).x)
 
-    def trial(start: int) -> tuple[Likelihood, Maximum, float]:
+
+def _select_first_octave(full: Likelihood) -> tuple[Likelihood, LikelihoodMaximum, float]:
+    """Return the likelihood from the first octave at which the model fits, its maximum and chi-square.
+
+    The model fits if skipping one, two or three more points does not improve the fit significantly.
+    """
+    max_start = 1 + min(_MAX_SKIPPED_OCTAVES, max(0, len(full.tau) - _MIN_OCTAVES))
+    trials: list[tuple[Likelihood, LikelihoodMaximum, float]] = []
+
+    def trial(start: int) -> tuple[Likelihood, LikelihoodMaximum, float]:
         while len(trials) <= start:
-            likelihood = whole.later(len(trials))
-            best = _all_terms(likelihood)
-            trials.append((likelihood, best, likelihood.chi2(best.x)))
+            likelihood = full.from_octave(len(trials))
+            maximum = _fit_all_terms(likelihood)
+            trials.append((likelihood, maximum, likelihood.chi2(maximum.x)))
         return trials[start]
 
-    for start in range(most):
+    for start in range(max_start):
         likelihood, best, chi2 = trial(start)
-        further = range(1, min(_AHEAD, most - 1 - start) + 1)
-        if all(chdtrc(k, max(chi2 - trial(start + k)[2], 0.0)) > _BY_CHANCE for k in further):
+        further = range(1, min(_LOOKAHEAD_OCTAVES, max_start - 1 - start) + 1)
+        if all(chdtrc(k, max(chi2 - trial(start + k)[2], 0.0)) > _MIN_P_VALUE for k in further):
             break
-    # What is just too small to be seen there is a quarter of that at twice the averaging time.
-    if start + 1 < most and (start > 0 or _low_pass(likelihood, best)):
+    # A remaining bandwidth effect just below detection is four times smaller one octave later.
+    if start + 1 < max_start and (start > 0 or _is_low_passed(likelihood, best)):
         likelihood, best, chi2 = trial(start + 1)
-    if chdtrc(max(1, len(likelihood.tau) - len(best.active)), chi2) < _BY_CHANCE:
-        likelihood, best = _with_misfit(likelihood, best)
-    if start < _LATE:
+    if chdtrc(max(1, len(likelihood.tau) - len(best.active)), chi2) < _MIN_P_VALUE:
+        likelihood, best = _refit_with_misfit(likelihood, best)
+    if start < _LATE_START_OCTAVE:
         return likelihood, best, chi2
-    # A ripple of some per cent must not cost averaging times that tell more than it spoils.
-    least = _SHARPER * _white_sigma(likelihood, best)
-    for early, theirs, chi2_there in trials[:start]:
-        judged = _with_misfit(early, theirs)
-        if 0.0 < judged[0].misfit < _RIPPLE and _white_sigma(*judged) < least:
-            least, (likelihood, best), chi2 = _white_sigma(*judged), judged, chi2_there
+    # A ripple of a few per cent must not exclude short averaging times that reduce the sigma of N by more
+    # than the ripple adds.
+    smallest_sigma = _EARLIER_START_SIGMA_RATIO * _relative_white_noise_sigma(likelihood, best)
+    for earlier, earlier_maximum, earlier_chi2 in trials[:start]:
+        refitted = _refit_with_misfit(earlier, earlier_maximum)
+        if 0.0 < refitted[0].misfit < _MAX_RIPPLE and _relative_white_noise_sigma(*refitted) < smallest_sigma:
+            smallest_sigma, (likelihood, best), chi2 = (
+                _relative_white_noise_sigma(*refitted),
+                refitted,
+                earlier_chi2,
+            )
     return likelihood, best, chi2
 
 
-def _with_misfit(likelihood: Likelihood, best: Maximum) -> tuple[Likelihood, Maximum]:
-    """The same with the relative model error under which the residuals are most likely."""
-    likelihood.misfit = _misfit(likelihood, best)
-    return likelihood, likelihood.best(best.active, best.x)
+def _refit_with_misfit(
+    likelihood: Likelihood, maximum: LikelihoodMaximum
+) -> tuple[Likelihood, LikelihoodMaximum]:
+    """Return the likelihood and its maximum with the relative model error of maximum likelihood."""
+    likelihood.misfit = _estimate_misfit(likelihood, maximum)
+    return likelihood, likelihood.maximise(maximum.active, maximum.x)
 
 
-def _white_sigma(likelihood: Likelihood, best: Maximum) -> float:
-    """Relative 1 sigma of N, what the model is wrong by included."""
-    ends = interval(likelihood, best, N)
-    return float(np.hypot(2.0 * ends.sigma / (ends.low + ends.high), 0.5 * likelihood.misfit))
+def _relative_white_noise_sigma(likelihood: Likelihood, maximum: LikelihoodMaximum) -> float:
+    """Return the relative standard deviation of N, including the model error."""
+    bounds = profile_interval(likelihood, maximum, N)
+    return float(np.hypot(2.0 * bounds.sigma / (bounds.low + bounds.high), 0.5 * likelihood.misfit))
 
 
-def _all_terms(likelihood: Likelihood) -> Maximum:
-    """The fit of every term that so many points can hold; a term that is not claimed may still be there.
+def _fit_all_terms(likelihood: Likelihood) -> LikelihoodMaximum:
+    """Fit as many terms as the number of points allows.
 
-    What goes as 1/tau^2 is quantisation only where it is seen from the first sample on and clearly adds to
-    the white noise; else it is what a bandwidth does, of either sign.
+    A component proportional to 1/tau^2 is attributed to quantisation only if it is present from the first
+    sample on and significantly adds to the white noise; otherwise it is attributed to the bandwidth, with
+    either sign.
     """
     slow = [K, B][: max(0, len(likelihood.tau) - 3)]
-    best = likelihood.best((N, *slow, BAND) if len(likelihood.tau) > 2 else (N,))
+    best = likelihood.maximise((N, *slow, BAND) if len(likelihood.tau) > 2 else (N,))
     if likelihood.factors[0] == 1 and best.x[BAND] > 0.0:
         start = best.x.copy()
         start[Q] = np.log(np.expm1(best.x[BAND]) * likelihood.tau[0] / 3.0) + best.x[N]
-        stepped = likelihood.best((Q, N, *slow), start)
-        if _missed(likelihood, stepped, Q) > _KEEP and stepped.cost < best.cost + _CLEARLY:
+        stepped = likelihood.maximise((Q, N, *slow), start)
+        if (
+            _cost_without(likelihood, stepped, Q) > _CLAIM_COST
+            and stepped.cost < best.cost + _CHI2_99_ONE_DOF
+        ):
             best = stepped
     return best
 
 
-def _missed(likelihood: Likelihood, best: Maximum, term: int) -> float:
-    """How much of -2 ln likelihood it costs to do without a term."""
-    return likelihood.best([k for k in best.active if k != term], best.x).cost - best.cost
+def _cost_without(likelihood: Likelihood, maximum: LikelihoodMaximum, term: int) -> float:
+    """Return the increase of -2 ln likelihood when a term is removed."""
+    return likelihood.maximise([k for k in maximum.active if k != term], maximum.x).cost - maximum.cost
 
 
-def _low_pass(likelihood: Likelihood, best: Maximum) -> bool:
-    """Whether the white noise is clearly less in the first averaging time than later ones tell."""
-    return best.x[BAND] < 0.0 and _missed(likelihood, best, BAND) > _KEEP
+def _is_low_passed(likelihood: Likelihood, maximum: LikelihoodMaximum) -> bool:
+    """Return True if the white noise at the first averaging time is significantly lower than later."""
+    return maximum.x[BAND] < 0.0 and _cost_without(likelihood, maximum, BAND) > _CLAIM_COST
 
 
-def _misfit(likelihood: Likelihood, best: Maximum) -> float:
-    """Relative model error under which the residuals are most likely; mostly 0."""
-    costs = {0.0: best.cost}
+def _estimate_misfit(likelihood: Likelihood, maximum: LikelihoodMaximum) -> float:
+    """Return the relative model error of maximum likelihood; 0 unless significant."""
+    costs = {0.0: maximum.cost}
     for size in np.geomspace(1e-3, 1.0, 31):
         likelihood.misfit = float(size)
-        costs[float(size)] = likelihood.cost(best.x)
+        costs[float(size)] = likelihood.cost(maximum.x)
     likelihood.misfit = 0.0
-    least = min(costs, key=lambda size: costs[size])
-    return least if costs[least] < costs[0.0] - _CLEARLY else 0.0
+    best_size = min(costs, key=lambda size: costs[size])
+    return best_size if costs[best_size] < costs[0.0] - _CHI2_99_ONE_DOF else 0.0
 
 
-def _not_shown(term: int, likelihood: Likelihood, best: Maximum, points: AllanPoints) -> NoiseTerm:
+def _hidden_term(
+    term: int, likelihood: Likelihood, maximum: LikelihoodMaximum, points: AllanPoints
+) -> NoiseTerm:
+    """Return a term that is not significant, with reason, upper limit and record length needed."""
     if term == Q:
-        if likelihood.factors[0] > 1 or _low_pass(likelihood, best):
-            return NoiseTerm(None, None, _NO_SHORTEST)
-        best = likelihood.best([Q, *(k for k in best.active if k != BAND)], best.x)
-    elif term not in best.active:
-        best = likelihood.best([*best.active, term], best.x)
-    most = limit(likelihood, best, term, _missed(likelihood, best, term), _KEEP)
-    needed = needed_length(term, most, Terms.of(best.x).theta, points, _PARTS)
-    return NoiseTerm(None, None, _REASONS[term], most, needed)
+        if likelihood.factors[0] > 1 or _is_low_passed(likelihood, maximum):
+            return NoiseTerm(None, None, _BAND_LIMITED_REASON)
+        maximum = likelihood.maximise([Q, *(k for k in maximum.active if k != BAND)], maximum.x)
+    elif term not in maximum.active:
+        maximum = likelihood.maximise([*maximum.active, term], maximum.x)
+    upper_bound = upper_limit(
+        likelihood, maximum, term, _cost_without(likelihood, maximum, term), _CLAIM_COST
+    )
+    record_needed = required_record_length(
+        term, upper_bound, NoiseParameters.from_vector(maximum.x).theta, points, _MIN_RECORD_PER_TAU
+    )
+    return NoiseTerm(None, None, _NOT_SHOWN_REASONS[term], upper_bound, record_needed)

@@ -1,4 +1,4 @@
-"""How likely an Allan deviation is for given noise terms, and the terms that make it most so."""
+"""Likelihood of an Allan deviation given its noise terms, and its maximisation."""
 
 from __future__ import annotations
 
@@ -9,110 +9,121 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.sensors.allan.covariance import covariance_tensor, design
-from hubodo.sensors.allan.descent import descend
+from hubodo.arrays import Array
+from hubodo.sensors.allan.covariance import covariance_tensor, design_matrix
 from hubodo.sensors.allan.deviation import AllanPoints
-
-FloatArray = NDArray[np.float64]
+from hubodo.sensors.allan.gauss_newton import minimise
 
 Q, N, B, K, R, BAND = range(6)
-"""Places of the terms in x, (6,): logarithms of the squares of Q, N, B, K; R; and ln(1 + band)."""
+"""Indices of the terms in the parameter vector x, (6,): logarithms of the squares of Q, N, B, K.
 
-ABSENT = -80.0
-_FLICKER_FOLDED = 0.11
-# The sums over lags in the covariance are good to about this: no combination of points is trusted beyond it.
-_RIDGE = 1e-3
-_FARTHEST, _IN_SIGHT = 12.0, 4.0
+R; ln(1 + band).
+"""
+
+ABSENT_LOG_SQUARE = -80.0
+_ALIASED_FLICKER_SHARE = 0.11
+# Relative accuracy of the sums over lags in the covariance; added to the diagonal of the correlation matrix.
+_CORRELATION_RIDGE = 1e-3
+_MAX_LOG_RANGE, _START_LOG_RANGE = 12.0, 4.0
 
 
 @dataclass(frozen=True)
-class Terms:
-    """A point in the space of noise terms, or M of them.
+class NoiseParameters:
+    """The noise parameters at one point, or at M points, of the parameter space.
 
-    theta: (5,) or (M, 5) squares of Q, N, B, K, R, with the sign of the ramp aside. ramp: with it. band: by
-    how much the variance of the white noise differs at the first averaging time used, relative to it: below 0
-    behind a low-pass.
+    Attributes:
+        theta: (5,) or (M, 5) squares of Q, N, B, K, R.
+        ramp: R with its sign.
+        band: relative change of the white noise variance at the first averaging time used; negative behind a
+            low-pass.
     """
 
-    theta: FloatArray
-    ramp: FloatArray
-    band: FloatArray
+    theta: Array
+    ramp: Array
+    band: Array
 
     @classmethod
-    def of(cls, x: FloatArray) -> Terms:
-        """x: (6,) or (M, 6)."""
-        theta = np.where(x[..., :5] <= ABSENT, 0.0, np.exp(x[..., :5]))
+    def from_vector(cls, x: Array) -> NoiseParameters:
+        """Return the parameters of a vector x, (6,) or (M, 6)."""
+        theta = np.where(x[..., :5] <= ABSENT_LOG_SQUARE, 0.0, np.exp(x[..., :5]))
         theta[..., R] = x[..., R] ** 2
         return cls(theta, x[..., R], np.expm1(x[..., BAND]))
 
 
 @dataclass(frozen=True)
-class Maximum:
-    """The most likely terms: x, those that were free, and -2 ln of the likelihood."""
+class LikelihoodMaximum:
+    """The maximum of the likelihood: parameter vector x, indices of active terms, cost = -2 ln likelihood."""
 
-    x: FloatArray
+    x: Array
     active: tuple[int, ...]
     cost: float
 
 
 @dataclass
 class Likelihood:
-    """Octaves of an Allan variance and the slope of the record, as random numbers that depend on the terms.
+    """The likelihood of the noise terms, given an Allan variance at octaves and the slope of the record.
 
-    An overlapping Allan variance is close to a multiple of chi-square with as many degrees of freedom as its
-    mean and variance say, and the cube root of that is close to Gaussian (Wilson and Hilferty 1931); the
+    An overlapping Allan variance is approximately a multiple of chi-square whose degrees of freedom follow
+    from its mean and variance; its cube root is approximately Gaussian (Wilson and Hilferty 1931). The
     correlation of the points is that of `covariance_tensor`. The slope is Gaussian with the variance that
-    the terms give it.
+    the terms imply.
 
-    points: of a record; start: place of the first octave in use; misfit: relative error of the model itself,
-    independent from point to point. level: the points are of the record less its slope, which
-    alone tells the ramp then: both would tell it twice.
+    Attributes:
+        factors, tau, avar: (P,) averaging factors, averaging times (s) and Allan variances.
+        tensor: (P, P, 5, 5) of `covariance_tensor`.
+        slope: least-squares slope of the record, unit/s.
+        duration: length of the record, s.
+        misfit: relative error of the model, independent from point to point.
+        detrended: the points are those of the record minus its slope, so that only the slope informs the
+        ramp.
     """
 
     factors: NDArray[np.int64]
-    tau: FloatArray
-    avar: FloatArray
-    tensor: FloatArray
+    tau: Array
+    avar: Array
+    tensor: Array
     slope: float
     duration: float
     misfit: float = 0.0
-    level: bool = False
-    _flat: FloatArray = field(init=False, repr=False)
-    _matrix: FloatArray = field(init=False, repr=False)
+    detrended: bool = False
+    _flat_tensor: Array = field(init=False, repr=False)
+    _design: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        self._matrix = design(self.tau)
-        if self.level:
-            self._matrix[:, R] = 0.0
-        # Sampled at points or averaged over the interval: at factor m a walk differs by 1 / (2 m^2); flicker
-        # noise by what it has above the sampling rate, folded down or cut off, about a tenth of B^2 / m,
-        # which looks like white noise, and as much again of a shape like that of quantisation. The record
-        # does not say which it was, and the error is the same at all factors.
+        self._design = design_matrix(self.tau)
+        if self.detrended:
+            self._design[:, R] = 0.0
+        # The record does not tell whether samples are instantaneous or averages over the sample interval.
+        # At factor m the two differ by 1 / (2 m^2) of the variance of a random walk. For flicker noise
+        # they differ by the power above the sampling rate, which is aliased or removed: about a tenth of
+        # B^2 / m, which resembles white noise, and as much again with the shape of quantisation. This
+        # error is fully correlated between factors.
         m = self.factors.astype(float)
-        walk = 0.5 / m**2 * self._matrix[:, K]
+        walk = 0.5 / m**2 * self._design[:, K]
         folded = np.outer(1.0 / m, 1.0 / m) + np.outer(m**-2, m**-2)
         tensor = self.tensor.copy()
-        tensor[:, :, B, B] += _FLICKER_FOLDED**2 * folded
+        tensor[:, :, B, B] += _ALIASED_FLICKER_SHARE**2 * folded
         tensor[:, :, K, K] += np.outer(walk, walk)
-        self._flat = tensor.reshape(len(self.tau) ** 2, 25).T.copy()
+        self._flat_tensor = tensor.reshape(len(self.tau) ** 2, 25).T.copy()
 
     @classmethod
-    def of(
-        cls, points: AllanPoints, used: NDArray[np.bool_], slope: float, *, level: bool = False
+    def from_points(
+        cls, points: AllanPoints, used: NDArray[np.bool_], slope: float, *, detrended: bool = False
     ) -> Likelihood:
-        """The points chosen by used, (P,)."""
+        """Return the likelihood of the points selected by `used`, (P,)."""
         factors, tau = points.factors[used], points.tau[used]
         tensor = covariance_tensor(factors, points.samples, points.dt)
-        # Gaps leave fewer pairs than the covariance of a complete record counts on.
-        lost = (points.samples - 2 * factors + 1) / points.pairs[used]
-        tensor *= np.sqrt(np.outer(lost, lost))[:, :, None, None]
+        # With gaps there are fewer pairs than in a complete record, so the covariance is larger by that
+        # ratio.
+        pair_ratio = (points.samples - 2 * factors + 1) / points.pairs[used]
+        tensor *= np.sqrt(np.outer(pair_ratio, pair_ratio))[:, :, None, None]
         duration = points.samples * points.dt
-        if level:
+        if detrended:
             tensor[:, :, R, :] = tensor[:, :, :, R] = 0.0
-        return cls(factors, tau, points.adev[used] ** 2, tensor, slope, duration, level=level)
+        return cls(factors, tau, points.adev[used] ** 2, tensor, slope, duration, detrended=detrended)
 
-    def later(self, start: int) -> Likelihood:
-        """The same from the octave `start` on."""
+    def from_octave(self, start: int) -> Likelihood:
+        """Return the likelihood of the points from octave `start` on."""
         part = slice(start, None)
         tensor = self.tensor[part, part]
         return Likelihood(
@@ -122,111 +133,124 @@ class Likelihood:
             tensor,
             self.slope,
             self.duration,
-            level=self.level,
+            detrended=self.detrended,
         )
 
-    def residuals(self, terms: Terms) -> tuple[FloatArray, FloatArray]:
-        """(M, P) independent residuals of the cube roots, of variance 1, and the log of the volume, (M,).
+    def residuals(self, terms: NoiseParameters) -> tuple[Array, Array]:
+        """Return the (M, P) whitened residuals of the cube roots and the (M,) log-determinant terms.
 
-        A finite memory adds a multiple of 1 / tau^2 to N^2 / tau beyond its length, and leaves the degrees of
-        freedom what they are.
+        A filter of finite memory adds a multiple of 1 / tau^2 to N^2 / tau for averaging times beyond its
+        length; the degrees of freedom do not change.
         """
         theta = terms.theta
         count, points = len(theta), len(self.tau)
-        plain = theta @ self._matrix.T
+        plain = theta @ self._design.T
         band = (terms.band * theta[:, N])[:, None] * (self.tau[0] / self.tau**2)
         mean = plain + band
         products = (theta[:, :, None] * theta[:, None, :]).reshape(count, 25)
-        covariance = (products @ self._flat).reshape(count, points, points)
-        own = covariance.diagonal(axis1=1, axis2=2)
-        spread = own / plain**2 + self.misfit**2
+        covariance = (products @ self._flat_tensor).reshape(count, points, points)
+        variance = covariance.diagonal(axis1=1, axis2=2)
+        spread = variance / plain**2 + self.misfit**2
         root = np.sqrt(spread)
         residual = (np.cbrt(self.avar / mean) - (1.0 - spread / 9.0)) * 3.0 / root
         outer = plain * root
         correlation = covariance / (outer[:, :, None] * outer[:, None, :])
-        correlation.reshape(count, -1)[:, :: points + 1] = 1.0 + _RIDGE
+        correlation.reshape(count, -1)[:, :: points + 1] = 1.0 + _CORRELATION_RIDGE
         factor = np.linalg.cholesky(correlation)
-        inner = np.log(factor.diagonal(axis1=1, axis2=2) ** 2 * spread) + 2.0 / 3.0 * np.log(mean)
-        return np.linalg.solve(factor, residual[:, :, None])[:, :, 0], inner.sum(axis=1)
+        log_volume = np.log(factor.diagonal(axis1=1, axis2=2) ** 2 * spread) + 2.0 / 3.0 * np.log(mean)
+        return np.linalg.solve(factor, residual[:, :, None])[:, :, 0], log_volume.sum(axis=1)
 
-    def chi2(self, x: FloatArray) -> float:
-        """Sum of squares of the residuals made independent; x: (6,)."""
-        residual, _ = self.residuals(Terms.of(x[None]))
+    def chi2(self, x: Array) -> float:
+        """Return the sum of squares of the whitened residuals at x, (6,)."""
+        residual, _ = self.residuals(NoiseParameters.from_vector(x[None]))
         return float(np.sum(residual**2))
 
-    def cost(self, x: FloatArray) -> float:
-        """-2 ln of the likelihood of points and slope, but for a constant; x: (6,)."""
-        residual, volume = self.parts(x[None])
+    def cost(self, x: Array) -> float:
+        """Return -2 ln likelihood of points and slope at x, (6,), up to a constant."""
+        residual, volume = self.cost_parts(x[None])
         return float(np.sum(residual**2) + volume[0])
 
-    def parts(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The same at M points, (M, 6), as independent residuals to be squared, and what is added to them."""
-        terms = Terms.of(x)
+    def cost_parts(self, x: Array) -> tuple[Array, Array]:
+        """Return the whitened residuals at M points x, (M, 6), and the (M,) remainder.
+
+        Cost = sum of squares + remainder.
+        """
+        terms = NoiseParameters.from_vector(x)
         residual, volume = self.residuals(terms)
         spread = slope_sigma(terms.theta, self.duration)
-        off = (self.slope - terms.ramp) / spread
-        return np.concatenate([residual, off[:, None]], axis=1), volume + 2.0 * np.log(spread)
+        slope_residual = (self.slope - terms.ramp) / spread
+        return np.concatenate([residual, slope_residual[:, None]], axis=1), volume + 2.0 * np.log(spread)
 
-    def best(
-        self, active: Sequence[int], start: FloatArray | None = None, held: Mapping[int, float] | None = None
-    ) -> Maximum:
-        """The most likely values of the active terms; the others are absent, held ones as given.
+    def maximise(
+        self, active: Sequence[int], start: Array | None = None, fixed: Mapping[int, float] | None = None
+    ) -> LikelihoodMaximum:
+        """Maximise the likelihood over the active terms, with `fixed` ones held and all others absent.
 
-        start: (6,) where to begin. N is always there.
+        start: (6,) initial vector, by default `initial_guess`. N must be active.
         """
-        x = self.guess(active) if start is None else start.copy()
-        held = held or {}
-        free = [term for term in active if term not in held]
-        top = np.append(self._largest(), (np.inf, np.inf))
+        x = self.initial_guess(active) if start is None else start.copy()
+        fixed = fixed or {}
+        free = [term for term in active if term not in fixed]
+        largest = np.append(self._largest_log_squares(), (np.inf, np.inf))
         for term in range(6):
             if term not in active:
-                x[term] = ABSENT if term < R else 0.0
-            elif term in held:
-                x[term] = held[term]
+                x[term] = ABSENT_LOG_SQUARE if term < R else 0.0
+            elif term in fixed:
+                x[term] = fixed[term]
             elif term < R:
-                # A term lost sight of has no slope to come back by.
-                x[term] = max(x[term], top[term] - _IN_SIGHT)
+                # The cost is flat where a term is negligible, so the search must not start there.
+                x[term] = max(x[term], largest[term] - _START_LOG_RANGE)
         if not free:
-            return Maximum(x, tuple(active), self.cost(x))
-        scale = np.array([slope_sigma(Terms.of(x).theta, self.duration) if k == R else 1.0 for k in free])
-        low = np.array([-np.inf if k == R else -3.0 if k == BAND else top[k] - 2.0 * _FARTHEST for k in free])
-        high = np.array([np.inf if k == R else _FARTHEST if k == BAND else top[k] + 5.0 for k in free])
+            return LikelihoodMaximum(x, tuple(active), self.cost(x))
+        scale = np.array(
+            [
+                slope_sigma(NoiseParameters.from_vector(x).theta, self.duration) if k == R else 1.0
+                for k in free
+            ]
+        )
+        low = np.array(
+            [-np.inf if k == R else -3.0 if k == BAND else largest[k] - 2.0 * _MAX_LOG_RANGE for k in free]
+        )
+        high = np.array(
+            [np.inf if k == R else _MAX_LOG_RANGE if k == BAND else largest[k] + 5.0 for k in free]
+        )
 
-        def moved(step: FloatArray) -> FloatArray:
-            made = np.empty((*step.shape[:-1], len(x)))
-            made[:] = x
-            made[..., free] = step * scale
-            return made
+        def full_vector(step: Array) -> Array:
+            full = np.empty((*step.shape[:-1], len(x)))
+            full[:] = x
+            full[..., free] = step * scale
+            return full
 
-        found, cost = descend(lambda step: self.parts(moved(step)), x[free] / scale, low, high)
-        return Maximum(moved(found[None])[0], tuple(active), cost)
+        solution, cost = minimise(lambda step: self.cost_parts(full_vector(step)), x[free] / scale, low, high)
+        return LikelihoodMaximum(full_vector(solution[None])[0], tuple(active), cost)
 
-    def guess(self, active: Sequence[int]) -> FloatArray:
-        """(6,) a point to begin at: each term as large as the points allow, less a little."""
-        x = np.full(6, ABSENT)
+    def initial_guess(self, active: Sequence[int]) -> Array:
+        """Return an initial vector, (6,): each term slightly below the largest that the points allow."""
+        x = np.full(6, ABSENT_LOG_SQUARE)
         x[[R, BAND]] = self.slope if R in active else 0.0, 0.0
-        top = self._largest()
+        largest = self._largest_log_squares()
         for term in active:
             if term < R:
-                x[term] = top[term] - (0.1 if term == N else 1.0)
+                x[term] = largest[term] - (0.1 if term == N else 1.0)
         return x
 
-    def _largest(self) -> FloatArray:
-        """(4,) logarithm of the square of each term but R that alone would make some point what it is."""
-        made: FloatArray = np.log(np.min(self.avar[:, None] / self._matrix[:, :R], axis=0))
-        return made
+    def _largest_log_squares(self) -> Array:
+        """Return the (4,) largest log squares of Q, N, B, K that alone do not exceed any point."""
+        largest: Array = np.log(np.min(self.avar[:, None] / self._design[:, :R], axis=0))
+        return largest
 
 
-def slope_sigma(theta: FloatArray, duration: float) -> FloatArray:
-    """1 sigma of the least-squares slope of a record, unit/s, of each of (..., 5) squares of the terms.
+def slope_sigma(theta: Array, duration: float) -> Array:
+    """Return the standard deviation of the least-squares slope of a record, unit/s.
 
-    duration: s. The integral of each noise density over the response of the slope to a frequency.
+    theta: (..., 5) squares of the terms. duration: s. The variance is the integral of each noise density
+    over the squared frequency response of the slope.
     """
-    made: FloatArray = np.sqrt(theta[..., :R] @ _shares_of_slope(duration))
-    return made
+    sigma: Array = np.sqrt(theta[..., :R] @ _slope_variance_weights(duration))
+    return sigma
 
 
 @lru_cache
-def _shares_of_slope(t: float) -> FloatArray:
-    """(4,) of the squares of Q, N, B, K in the variance of the slope of a record of t seconds."""
+def _slope_variance_weights(t: float) -> Array:
+    """Return the (4,) weights of Q^2, N^2, B^2, K^2 in the variance of the slope of a record of t seconds."""
     return np.array([72.0 / t**4, 12.0 / t**3, 9.0 / np.pi / t**2, 1.2 / t])

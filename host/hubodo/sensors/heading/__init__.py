@@ -1,1 +1,1 @@
-"""Heading from one gyro axis."""
+"""Heading of a turntable or vehicle from one vertical gyro axis."""

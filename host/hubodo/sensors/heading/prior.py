@@ -1,4 +1,4 @@
-"""What is known of a gyro axis before its heading is taken: which way is up, its warm-up, its noise."""
+"""Prior knowledge of a gyro axis for its heading: orientation, warm-up and noise."""
 
 from __future__ import annotations
 
@@ -17,76 +17,82 @@ from hubodo.effects.warmup import WarmupModel
 from hubodo.errors import InputError
 from hubodo.fuse.heading_filter import BiasNoise
 
-_MAX_LEAN, _WARN_LEAN = math.radians(30.0), math.radians(3.0)
+_MAX_TILT, _WARN_TILT = math.radians(30.0), math.radians(3.0)
 
 
-def upright(accel: Array, axis: str) -> tuple[float, str]:
-    """+1 where the axis points up and -1 where it points down, and a note for people, "" without.
+def axis_direction(accel: Array, axis: str) -> tuple[float, str]:
+    """Return +1 if the axis points up or -1 if it points down, and a remark for the user or "".
 
-    accel: (N, 3) m/s². Raises InputError where the axis leans by more than 30 degrees.
+    accel: (N, 3) m/s². axis: "x", "y" or "z". Raises InputError if the axis is tilted by more than 30
+    degrees.
     """
     force = accel.mean(axis=0)
-    size = float(np.linalg.norm(force))
-    along = float(force["xyz".index(axis)])
-    if size < 1.0:
-        return 1.0, f"no gravity in the accelerometer: {axis} is taken to point upwards"
-    lean = math.acos(min(1.0, abs(along) / size))
-    if lean > _MAX_LEAN:
+    parameters = float(np.linalg.norm(force))
+    axis_force = float(force["xyz".index(axis)])
+    if parameters < 1.0:
+        return 1.0, f"the accelerometer shows no gravity: {axis} is assumed to point upwards"
+    tilt = math.acos(min(1.0, abs(axis_force) / parameters))
+    if tilt > _MAX_TILT:
         raise InputError(
-            f"axis {axis} stands {math.degrees(lean):.0f} degrees off the vertical and feels little of a "
-            "turn; choose the one that stands upright with --axis"
+            f"axis {axis} is tilted by {math.degrees(tilt):.0f} degrees from the vertical and measures "
+            "little of "
+            "a turn; choose the vertical one with --axis"
         )
     note = (
-        f"axis {axis} leans by {math.degrees(lean):.1f} degrees (or the accelerometer is not calibrated): "
-        f"turns read {100 * (1 - math.cos(lean)):.2g} % low"
+        f"axis {axis} is tilted by {math.degrees(tilt):.1f} degrees (or the accelerometer is not "
+        "calibrated): "
+        f"measured turns are {100 * (1 - math.cos(tilt)):.2g} % too small"
     )
-    return math.copysign(1.0, along), note if lean > _WARN_LEAN else ""
+    return math.copysign(1.0, axis_force), note if tilt > _WARN_TILT else ""
 
 
-def warmup_upwards(
+def vertical_axis_warmup(
     effects: Mapping[str, CalibratedEffect], axis: str, up: float, *, thermometer: bool
 ) -> tuple[WarmupModel, dict[str, float]]:
-    """The warm-up of the axis once scale and cross-axis are taken out, and 1 sigma of its parameters.
+    """Return the warm-up of the axis after correction of scale and cross-axis, and its parameter sigmas.
 
-    effects: of the node. up: +1 or -1. thermometer: the log has a temperature. Raises InputError where the
-    calibration needs one and the log has none.
+    effects: of the node. up: +1 or -1. thermometer: True if the log has a temperature. Raises InputError
+    if the calibration needs a temperature and the log has none.
     """
     matrix = triad_from_effects(effects, "gyro").matrix
 
-    def upwards(effect: CalibratedEffect, which: str = "") -> float:
-        raw = np.array([effect.value(name + which) for name in "xyz"])
+    def value_upwards(effect: CalibratedEffect, suffix: str = "") -> float:
+        raw = np.array([effect.value(name + suffix) for name in "xyz"])
         return up * float(np.linalg.solve(matrix, raw)["xyz".index(axis)])
 
     model = WarmupModel(0.0)
     sigmas: dict[str, float] = {}
-    warm = effects.get("gyro_warmup")
-    for which in ("", "_second"):
-        if warm is not None and axis + which in warm.parameters:
-            constant = warm.parameters[f"time_constant{which}"]
-            size = {f"c1{which}": upwards(warm, which), f"time_constant{which}": constant.value}
-            model = replace(model, **size)
-            sigmas |= {
-                f"c1{which}": warm.parameters[axis + which].sigma,
-                f"time_constant{which}": constant.sigma,
+    warmup_effect = effects.get("gyro_warmup")
+    for suffix in ("", "_second"):
+        if warmup_effect is not None and axis + suffix in warmup_effect.parameters:
+            time_constant = warmup_effect.parameters[f"time_constant{suffix}"]
+            parameters = {
+                f"c1{suffix}": value_upwards(warmup_effect, suffix),
+                f"time_constant{suffix}": time_constant.value,
             }
-    by_heat = effects.get("gyro_temperature")
-    if by_heat is not None and axis in by_heat.parameters:
+            model = replace(model, **parameters)
+            sigmas |= {
+                f"c1{suffix}": warmup_effect.parameters[axis + suffix].sigma,
+                f"time_constant{suffix}": time_constant.sigma,
+            }
+    temperature_effect = effects.get("gyro_temperature")
+    if temperature_effect is not None and axis in temperature_effect.parameters:
         if not thermometer:
-            raise InputError("the calibration's bias follows the temperature, which this log does not have")
-        model = replace(model, temperature_coefficient=upwards(by_heat))
-        sigmas["temperature_coefficient"] = by_heat.parameters[axis].sigma
+            raise InputError("the calibrated bias depends on temperature, which this log does not have")
+        model = replace(model, temperature_coefficient=value_upwards(temperature_effect))
+        sigmas["temperature_coefficient"] = temperature_effect.parameters[axis].sigma
     return model, sigmas
 
 
-def noise_of_allan(path: Path) -> BiasNoise:
-    """N, B and K as `hubodo allan --json` printed them. Raises InputError for another file, or without N."""
+def read_bias_noise(path: Path) -> BiasNoise:
+    """Read N, B and K from the output of `hubodo allan --json`; raise InputError for another file or no N."""
     try:
-        told = json.loads(path.read_text("utf-8"))["coefficients"]
-        n, b, k = (float(told[name]["value"] or 0.0) for name in "NBK")
+        coefficients = json.loads(path.read_text("utf-8"))["coefficients"]
+        n, b, k = (float(coefficients[name]["value"] or 0.0) for name in "NBK")
     except (ValueError, KeyError, TypeError) as error:
         raise InputError(
-            f"{path} is not what hubodo allan --json prints ({type(error).__name__}: {error})"
+            f"{path} is not an output of hubodo allan --json ({type(error).__name__}: {error})"
         ) from None
     if n <= 0.0:
-        raise InputError(f"{path} shows no angle random walk (N); record the axis faster or finer")
+        raise InputError(f"{path} has no angle random walk (N); record at a higher rate or resolution")
     return BiasNoise(n, b, k)

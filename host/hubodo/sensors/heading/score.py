@@ -1,4 +1,4 @@
-"""A heading beside the truth of the log: what it is off by, in degrees and in its own sigma."""
+"""Errors of a heading against the truth in the log, in degrees and in sigmas."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hubodo.sensors.north.stops import TableMotion
 
 @dataclass(frozen=True)
 class TrueHeading:
-    """source: the file. t: (K,) s. heading: (K,) rad, as the file counts it."""
+    """The true heading from file `source`: t (K,) s, heading (K,) rad with the file's zero."""
 
     source: str
     t: Array
@@ -23,32 +23,39 @@ class TrueHeading:
 
 @dataclass(frozen=True)
 class HeadingError:
-    """rad; (K,) error at each row of the truth that the track covers, zero at the first of them."""
+    """The (K,) heading errors, rad, at the times t (K,) of the truth within the track.
+
+    The first one is zero.
+    """
 
     t: Array
     error: Array
 
     @property
     def rms(self) -> float:
-        """rad."""
+        """Return the root mean square error, rad."""
         return float(np.sqrt(np.mean(self.error**2)))
 
     @property
-    def worst(self) -> float:
-        """rad."""
+    def largest(self) -> float:
+        """Return the largest absolute error, rad."""
         return float(np.abs(self.error).max())
 
     @property
-    def end(self) -> float:
-        """rad."""
+    def final(self) -> float:
+        """Return the error at the end, rad."""
         return float(self.error[-1])
 
 
 @dataclass(frozen=True)
 class HeadingScore:
-    """errors: of the filter ("heading") and of its rivals. sigma: (K,) rad, what the filter says of its own.
+    """The heading errors of one track.
 
-    start: rad, the truth's heading where the track begins.
+    Attributes:
+        source: file of the truth.
+        start: true heading at the start of the track, rad.
+        errors: of the filter ("heading") and of the baselines, by name.
+        sigma: (K,) sigma of the filter, rad.
     """
 
     source: str
@@ -57,41 +64,41 @@ class HeadingScore:
     sigma: Array
 
     @property
-    def end_in_sigma(self) -> float:
-        """Error at the end over its sigma."""
-        return self.errors["heading"].end / float(self.sigma[-1])
+    def final_error_in_sigma(self) -> float:
+        """Return the error at the end divided by its sigma."""
+        return self.errors["heading"].final / float(self.sigma[-1])
 
 
-def truth_of(recording: Recording) -> TrueHeading | None:
-    """The heading that `table.csv`, else `truth.csv`, else `heading.csv` tells; None where none does."""
+def read_true_heading(recording: Recording) -> TrueHeading | None:
+    """Return the true heading from `table.csv`, else `truth.csv`, else `heading.csv`, or None without any."""
     if recording.table is not None and len(recording.table) > 1:
         table = recording.table
         motion = TableMotion(table.t, table["angle"], table["moving"] > 0.5)
         return TrueHeading("table.csv", table.t, motion.angle_at(table.t))
-    for name, told in (("truth.csv", recording.truth), ("heading.csv", recording.heading)):
-        if told is None or "heading" not in told:
+    for name, source in (("truth.csv", recording.truth), ("heading.csv", recording.heading)):
+        if source is None or "heading" not in source:
             continue
-        known = np.isfinite(told["heading"])
-        if np.count_nonzero(known) > 1:
-            return TrueHeading(name, told.t[known], told["heading"][known])
+        finite = np.isfinite(source["heading"])
+        if np.count_nonzero(finite) > 1:
+            return TrueHeading(name, source.t[finite], source["heading"][finite])
     return None
 
 
-def score(track: HeadingTrack, truth: TrueHeading) -> HeadingScore | None:
-    """Errors where both have something to say; None where they have fewer than two rows in common."""
-    inside = (truth.t >= track.t[0]) & (truth.t <= track.t[-1])
-    if np.count_nonzero(inside) < 2:
+def score_heading(track: HeadingTrack, truth: TrueHeading) -> HeadingScore | None:
+    """Return the errors of a track where truth is available, or None for fewer than two common rows."""
+    covered = (truth.t >= track.t[0]) & (truth.t <= track.t[-1])
+    if np.count_nonzero(covered) < 2:
         return None
-    t, heading = truth.t[inside], truth.heading[inside]
-    # Files count headings modulo a turn: the filter's own is near enough to say which turn is meant.
-    ahead = np.interp(t, track.t, track.heading) - heading
-    heading = heading + 2.0 * np.pi * np.round((ahead - ahead[0]) / (2.0 * np.pi))
+    t, heading = truth.t[covered], truth.heading[covered]
+    # Headings in files are modulo full turns; the filter's heading resolves the number of turns.
+    difference = np.interp(t, track.t, track.heading) - heading
+    heading = heading + 2.0 * np.pi * np.round((difference - difference[0]) / (2.0 * np.pi))
 
-    def against(values: Array) -> HeadingError:
+    def baseline_error(values: Array) -> HeadingError:
         error = np.interp(t, track.t, values) - heading
         return HeadingError(t, error - error[0])
 
-    errors = {"heading": against(track.heading)}
-    errors |= {name: against(values) for name, values in track.rivals.items()}
+    errors = {"heading": baseline_error(track.heading)}
+    errors |= {name: baseline_error(values) for name, values in track.baselines.items()}
     start = float(heading[0] - np.interp(t[0], track.t, track.heading))
     return HeadingScore(truth.source, start, errors, np.interp(t, track.t, track.sigma))

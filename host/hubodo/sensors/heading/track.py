@@ -1,4 +1,4 @@
-"""A recording of one gyro axis to its heading, with what simpler ways would have made of it."""
+"""Heading from a recording of one gyro axis, with simple baselines for comparison."""
 
 from __future__ import annotations
 
@@ -17,11 +17,14 @@ _GAP_STEPS = 5.0
 
 
 @dataclass(frozen=True)
-class Axis:
-    """One gyro axis that stands upright.
+class VerticalAxis:
+    """The record of one vertical gyro axis.
 
-    t: (N,) s. rate: (N,) rad/s, anticlockwise seen from above, calibrated but for warm-up and the bias of the
-    day. raw: (N,) rad/s, the same as it was recorded. temperature: (N,) degrees C or None.
+    Attributes:
+        t: (N,) s.
+        rate: (N,) anticlockwise seen from above, rad/s, calibrated except for warm-up and turn-on bias.
+        raw: (N,) the same without calibration, rad/s.
+        temperature: (N,) °C or None.
     """
 
     t: Array
@@ -32,11 +35,15 @@ class Axis:
 
 @dataclass(frozen=True)
 class HeadingTrack:
-    """Heading at M times, in rad from that of the first sample, anticlockwise seen from above.
+    """The heading at M times relative to the first sample, anticlockwise seen from above.
 
-    t: (M,) s. heading, sigma: (M,) rad. bias, sigma_bias: (M,) rad/s of the axis, warm-up included.
-    rivals: by name, (M,) rad: the rate integrated as it is, and less its mean in the first standstill.
-    gaps: s, those in which samples are missing.
+    Attributes:
+        t: (M,) s.
+        heading, sigma: (M,) rad.
+        bias, sigma_bias: (M,) of the axis including warm-up, rad/s.
+        baselines: (M,) headings by name, rad: the integrated raw rate, and that minus its mean in the first
+            standstill.
+        gaps: (start, end) of the gaps without samples, s.
     """
 
     t: Array
@@ -44,12 +51,12 @@ class HeadingTrack:
     sigma: Array
     bias: Array
     sigma_bias: Array
-    rivals: dict[str, Array]
+    baselines: dict[str, Array]
     gaps: tuple[tuple[float, float], ...]
 
 
-def heading_track(
-    axis: Axis,
+def estimate_heading(
+    axis: VerticalAxis,
     spans: Spans,
     model: WarmupModel,
     noise: BiasNoise,
@@ -59,30 +66,37 @@ def heading_track(
     lag: float = 0.0,
     step: float = 0.1,
 ) -> HeadingTrack:
-    """Run the filter over means of about `step` s, in which the axis rests or does not.
+    """Run the heading filter over means of about `step` s.
 
-    spans: standstills. model: of the axis as it stands in `axis`. age: s since power-on at the first sample.
-    scale_sigma: 1 sigma of the relative scale: a constant, so its error is that of the net turn. lag: s by
-    which the gyro may answer late: the heading is behind by that times its rate. In a gap the rate is a
-    straight line between its ends, wrong by what it elsewhere changes within half that time.
+    spans: standstills. model: warm-up of the axis. noise: of the bias. age: time since power-on at the
+    first sample, s. scale_sigma: relative sigma of the scale factor, which is constant, so its error is
+    proportional to the net turn. lag: delay of the gyro, s, which makes the heading late by that times the
+    rate. In a gap the rate is interpolated linearly, with an error equal to the rms change of the rate
+    elsewhere within half the gap's length.
     """
     t = axis.t
-    typical = float(np.median(np.diff(t)))
-    gap = np.diff(t) > _GAP_STEPS * typical
-    edges, at_rest = _edges(t, spans, gap, max(1, round(step / typical)))
-    turned = _integral(t, axis.rate)
+    sample_interval = float(np.median(np.diff(t)))
+    gap = np.diff(t) > _GAP_STEPS * sample_interval
+    edges, at_rest = _mean_edges(t, spans, gap, max(1, round(step / sample_interval)))
+    turned = _integrate(t, axis.rate)
     lengths, turns = np.diff(t[edges]), np.diff(turned[edges])
-    middle = None if axis.temperature is None else 0.5 * np.add(*_ends(axis.temperature, edges))
+    mean_temperatures = (
+        None if axis.temperature is None else 0.5 * np.add(*_edge_values(axis.temperature, edges))
+    )
     filter_ = HeadingFilter(model, noise, age=age)
     rows = [(0.0, 0.0, model.c2, noise.offset)]
-    for k, (dt, turn, rest) in enumerate(zip(lengths.tolist(), turns.tolist(), at_rest, strict=True)):
-        doubt = _within(axis, 0.5 * dt) if gap[edges[k]] and edges[k + 1] == edges[k] + 1 else 0.0
-        grade = None if middle is None else float(middle[k])
-        filter_.update(turn / dt, dt, is_stationary=bool(rest), temperature=grade, sigma=doubt)
+    for k, (dt, turn, is_stationary) in enumerate(
+        zip(lengths.tolist(), turns.tolist(), at_rest, strict=True)
+    ):
+        gap_sigma = _rms_change(axis, 0.5 * dt) if gap[edges[k]] and edges[k + 1] == edges[k] + 1 else 0.0
+        mean_temperature = None if mean_temperatures is None else float(mean_temperatures[k])
+        filter_.update(
+            turn / dt, dt, is_stationary=bool(is_stationary), temperature=mean_temperature, sigma=gap_sigma
+        )
         state = filter_.state()
         rows.append((float(state.heading), state.sigma_heading, float(state.bias), state.sigma_bias))
     heading, sigma, bias, sigma_bias = np.array(rows).T
-    raw = _integral(t, axis.raw)
+    raw = _integrate(t, axis.raw)
     rivals = {"integrated as it is": raw[edges]}
     if spans:
         first = float(axis.raw[slice(*spans[0])].mean())
@@ -90,7 +104,9 @@ def heading_track(
     return HeadingTrack(
         t[edges],
         heading,
-        np.sqrt(sigma**2 + (scale_sigma * heading) ** 2 + (lag * _gained(t[edges], turned[edges])) ** 2),
+        np.sqrt(
+            sigma**2 + (scale_sigma * heading) ** 2 + (lag * _rate_changes(t[edges], turned[edges])) ** 2
+        ),
         bias,
         sigma_bias,
         rivals,
@@ -98,46 +114,46 @@ def heading_track(
     )
 
 
-def _gained(t: Array, turned: Array) -> Array:
-    """(M,) rad/s by which each rate differs from the first."""
+def _rate_changes(t: Array, turned: Array) -> Array:
+    """Return the (M,) differences of the rates from the first one, rad/s."""
     rates = np.gradient(turned, t)
     return np.asarray(rates - rates[0])
 
 
-def _edges(
+def _mean_edges(
     t: Array, spans: Spans, gap: NDArray[np.bool_], width: int
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """(M,) samples at which means begin and end, and (M - 1,) whether the axis rests between them."""
+    """Return the (M,) sample indices that delimit the means, and (M - 1,) True for standstill in between."""
     last = len(t) - 1
-    marks = {0, last, *(k for span in spans for k in (span[0], span[1] - 1))}
-    holes = np.flatnonzero(gap)
-    marks |= {*holes.tolist(), *(holes + 1).tolist()}
-    parts = sorted(marks)
+    boundaries = {0, last, *(k for span in spans for k in (span[0], span[1] - 1))}
+    gap_starts = np.flatnonzero(gap)
+    boundaries |= {*gap_starts.tolist(), *(gap_starts + 1).tolist()}
+    parts = sorted(boundaries)
     edges = [0]
     for a, b in pairwise(parts):
         count = 1 if gap[a] and b == a + 1 else max(1, round((b - a) / width))
         edges += np.linspace(a, b, count + 1).round().astype(int).tolist()[1:]
-    made = np.unique(edges)
-    rest = np.zeros(len(t), bool)
+    indices = np.unique(edges)
+    is_stationary = np.zeros(len(t), bool)
     for i, j in spans:
-        rest[i : j - 1] = True
-    return made, rest[made[:-1]]
+        is_stationary[i : j - 1] = True
+    return indices, is_stationary[indices[:-1]]
 
 
-def _integral(t: Array, rate: Array) -> Array:
-    """(N,) rad, of straight lines between the samples."""
+def _integrate(t: Array, rate: Array) -> Array:
+    """Return the (N,) trapezoidal integral, rad."""
     steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(t)
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _ends(values: Array, edges: NDArray[np.int64]) -> tuple[Array, Array]:
+def _edge_values(values: Array, edges: NDArray[np.int64]) -> tuple[Array, Array]:
     return values[edges[:-1]], values[edges[1:]]
 
 
-def _within(axis: Axis, lag: float) -> float:
-    """rad/s, rms by which the rate changes within `lag` s."""
-    later = axis.t + lag
-    inside = later <= axis.t[-1]
-    change = np.interp(later[inside], axis.t, axis.rate) - axis.rate[inside]
-    # With no such time left in the record the whole scatter of the rate stands for it.
-    return float(np.sqrt(np.mean(change**2)) if inside.any() else np.std(axis.rate))
+def _rms_change(axis: VerticalAxis, lag: float) -> float:
+    """Return the rms change of the rate within `lag` s, rad/s."""
+    shifted = axis.t + lag
+    covered = shifted <= axis.t[-1]
+    change = np.interp(shifted[covered], axis.t, axis.rate) - axis.rate[covered]
+    # If the record is shorter than the lag, use the standard deviation of the rate.
+    return float(np.sqrt(np.mean(change**2)) if covered.any() else np.std(axis.rate))

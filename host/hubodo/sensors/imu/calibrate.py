@@ -1,4 +1,4 @@
-"""Both triads of one node from one record of rests and turns, by the reference that the record can bear."""
+"""Calibration of both triads of a node from standstills and turns, by the best available reference."""
 
 from __future__ import annotations
 
@@ -15,69 +15,83 @@ from hubodo.calibration.triad import Triad, effects_from_triad
 from hubodo.earth import EARTH_RATE
 from hubodo.effects.gyro import GyroGSensitivity
 from hubodo.errors import CalibrationError, InputError
-from hubodo.sensors.imu.frame import frame_covariance
-from hubodo.sensors.imu.held_out import HeldOut, accel_held_out, turns_held_out
-from hubodo.sensors.imu.rests import Rests, find_rests, find_steady_rates
-from hubodo.sensors.imu.scalar_calibration import Convention, ScalarCalibration, scalar_calibration
-from hubodo.sensors.imu.turns import TurnCalibration, calibrate_by_turns, collect_turns
-from hubodo.sensors.misalignment import align_by_earth_rate, turned
+from hubodo.sensors.imu.accel_frame import accel_frame_covariance
+from hubodo.sensors.imu.held_out import HeldOutErrors, cross_validate_accel, cross_validate_turns
+from hubodo.sensors.imu.misalignment import align_by_earth_rate, rotate_triad
+from hubodo.sensors.imu.scalar_calibration import Convention, ScalarCalibration, fit_scalar_calibration
+from hubodo.sensors.imu.standstills import Standstills, find_standstills, find_steady_turns
+from hubodo.sensors.imu.turns import TurnCalibration, calibrate_from_turns, collect_turns
 
-EARTH_RATE_SNR = 10.0
-"""A rest must know Earth rate this much better than its size.
+MIN_EARTH_RATE_SNR = 10.0
+"""Minimum ratio of Earth rate to its sigma in a standstill.
 
 Below it the directions in eq. 5 are mostly noise, and the bias of their squares, 1/SNR², exceeds one per
 cent.
 """
-G_SENSITIVITY_P = 1e-3
+MAX_G_SENSITIVITY_P_VALUE = 1e-3
 
 
 @dataclass(frozen=True)
 class GyroCalibration:
-    """Gyro triad, how it was found, and its answer to specific force.
+    """The calibration of the gyro triad.
 
-    triad: bias rad/s at no specific force, M in the accelerometer's frame unless `method` says otherwise.
-    covariance: (12, 12) of b and M row by row. seen: (9,) which elements of M were determined.
-    g_sensitivity: (3, 3) (rad/s)/(m/s²), row = gyro, with its sigma; None where the rests do not show it.
-    turns: check by turns, if any.
+    Attributes:
+        triad: bias at zero specific force, rad/s, and M in the accelerometer's frame unless `method` differs.
+        covariance: (12, 12) of the bias and of M row by row.
+        is_observable: (9,) True for the elements of M that were determined.
+        method: reference and data used.
+        g_sensitivity, g_sensitivity_sigma: (3, 3) (rad/s)/(m/s²), one row per gyro; None if not significant.
+        turns: calibration by turns, if used.
+        held_out: errors on turns that were not fitted, if available.
     """
 
     triad: Triad
     covariance: Array
-    seen: NDArray[np.bool_]
+    is_observable: NDArray[np.bool_]
     method: str
     g_sensitivity: Array | None = None
     g_sensitivity_sigma: Array | None = None
     turns: TurnCalibration | None = None
-    held_out: HeldOut | None = None
+    held_out: HeldOutErrors | None = None
 
 
 @dataclass(frozen=True)
 class ImuCalibration:
-    """Result for one node.
+    """The calibration of both triads of one node.
 
-    Rests, both triads, how good they are where they were not fitted, what was used.
+    Attributes:
+        standstills: the standstills used.
+        gravity: reference of the accelerometers, m/s².
+        accel: calibration of the accelerometer triad.
+        accel_held_out: errors on standstills that were not fitted, or None.
+        gyro: calibration of the gyro triad.
+        notes: remarks for the user.
     """
 
-    rests: Rests
+    standstills: Standstills
     gravity: float
     accel: ScalarCalibration
-    accel_held_out: HeldOut | None
+    accel_held_out: HeldOutErrors | None
     gyro: GyroCalibration
     notes: tuple[str, ...]
 
-    def effects(self) -> Mapping[str, Mapping[str, Quantity]]:
-        """Effect name -> parameters, for the calibration and the model file."""
-        found = effects_from_triad(self.accel.triad, self.accel.sigma, "accel", self.accel.seen)
+    def effect_parameters(self) -> Mapping[str, Mapping[str, Quantity]]:
+        """Return the parameters by effect name, for calibration and model files."""
+        calibration = effects_from_triad(
+            self.accel.triad, self.accel.sigma, "accel", self.accel.is_observable
+        )
         sigma = np.sqrt(np.diag(self.gyro.covariance))
-        seen = np.append(np.ones(3, bool), self.gyro.seen)
-        found.update(effects_from_triad(self.gyro.triad, sigma, "gyro", seen))
-        g, s = self.gyro.g_sensitivity, self.gyro.g_sensitivity_sigma
-        if g is not None and s is not None:
+        is_observable = np.append(np.ones(3, bool), self.gyro.is_observable)
+        calibration.update(effects_from_triad(self.gyro.triad, sigma, "gyro", is_observable))
+        g_sensitivity, g_sigma = self.gyro.g_sensitivity, self.gyro.g_sensitivity_sigma
+        if g_sensitivity is not None and g_sigma is not None:
             names = GyroGSensitivity.rows
-            found[GyroGSensitivity.name] = {
-                names[i][j]: Quantity(float(g[i, j]), float(s[i, j])) for i in (2, 0, 1) for j in range(3)
+            calibration[GyroGSensitivity.name] = {
+                names[i][j]: Quantity(float(g_sensitivity[i, j]), float(g_sigma[i, j]))
+                for i in (2, 0, 1)
+                for j in range(3)
             }
-        return found
+        return calibration
 
 
 def calibrate_imu(
@@ -89,15 +103,16 @@ def calibrate_imu(
     latitude: float | None = None,
     table_rate: float | None = None,
     convention: Convention = "symmetric",
-    min_rest: float = 1.0,
+    min_standstill: float = 1.0,
 ) -> ImuCalibration:
-    """Calibrate both triads of a node from a record in which it rests in nine or more poses.
+    """Calibrate both triads of a node from a record with standstills in nine or more poses.
 
-    t: (N,) s. gyro: (N, 3) rad/s. accel: (N, 3) m/s². gravity: m/s² at the place. latitude: rad, needed for
-    Earth rate as the gyros' reference; without it, or when the gyros are too noisy, the turns between rests
-    are used. table_rate: rad/s of a rate table on which the node turned steadily in nine or more poses; then
-    this is it. Raises CalibrationError with what is missing; InputError for an impossible gravity or
-    latitude.
+    t: (N,) s. gyro: (N, 3) rad/s. accel: (N, 3) m/s². gravity: local gravity, m/s². latitude: rad, needed
+    for Earth rate as the reference of the gyros; without it, or if the gyros are too noisy, the turns
+    between standstills are the reference. table_rate: rate of a rate table, rad/s, on which the node
+    turned steadily in nine or more poses; it is then the reference. convention: of the accelerometer
+    misalignments. min_standstill: s. Raises CalibrationError if data are missing, InputError for an
+    impossible gravity or latitude.
     """
     if not 9.7 < gravity < 9.9:
         raise InputError(
@@ -107,158 +122,187 @@ def calibrate_imu(
         raise InputError(
             f"latitude {np.degrees(latitude):.4g} degrees is out of range; give -90 to 90 degrees"
         )
-    rests = find_rests(t, gyro, accel, min_duration=min_rest)
-    notes = list(rests.rejected)
-    accelerometers = scalar_calibration(
-        rests.accel, gravity, rests.accel_sigma, convention=convention, partial=True
+    standstills = find_standstills(t, gyro, accel, min_duration=min_standstill)
+    notes = list(standstills.rejected)
+    accelerometers = fit_scalar_calibration(
+        standstills.accel, gravity, standstills.accel_sigma, convention=convention, allow_partial=True
     )
-    held_out = accel_held_out(rests, gravity, convention)
-    force = accelerometers.triad.apply(rests.accel)
-    every = np.asarray(accelerometers.triad.apply(accel))
+    held_out = cross_validate_accel(standstills, gravity, convention)
+    force = accelerometers.triad.apply(standstills.accel)
+    all_force = np.asarray(accelerometers.triad.apply(accel))
     if table_rate is None:
-        calibrated = _gyro(t, gyro, every, rests, accelerometers, latitude, notes)
+        calibrated = _calibrate_gyro(t, gyro, all_force, standstills, accelerometers, latitude, notes)
     else:
-        calibrated = _by_table(t, gyro, rests, force, table_rate, notes)
+        calibrated = _calibrate_by_table(t, gyro, standstills, force, table_rate, notes)
     notes.insert(
         0,
-        f"accelerometer misalignments: {convention} convention, from gravity's length in {len(rests)} rests",
+        f"accelerometer misalignments: {convention} convention, from the norm of gravity in "
+        f"{len(standstills)} "
+        "standstills",
     )
     notes.insert(1, f"gyros: {calibrated.method}")
-    if not accelerometers.poses.sufficient:
-        notes.insert(2, f"left out: {accelerometers.poses.complaint('accel')}")
-    return ImuCalibration(rests, gravity, accelerometers, held_out, calibrated, tuple(notes))
+    if not accelerometers.poses.is_sufficient:
+        notes.insert(2, f"left out: {accelerometers.poses.describe_deficit('accel')}")
+    return ImuCalibration(standstills, gravity, accelerometers, held_out, calibrated, tuple(notes))
 
 
-def rest_bias(
+def estimate_static_bias(
     rate: Array, rate_sigma: Array, force: Array
 ) -> tuple[Array, Array, Array | None, Array | None]:
-    """Gyro bias from rests, with its answer to specific force where an F-test demands it.
+    """Estimate the gyro bias from standstills, with g-sensitivity if a joint F-test is significant.
 
-    The test is of each gyro together. rate, rate_sigma, force: (R, 3). Returns b, covariance of b (3, 3),
-    g-sensitivity (3, 3) or None, its sigma.
+    rate, rate_sigma: (R, 3) rad/s. force: (R, 3) m/s². Returns the bias (3,), its covariance (3, 3), and
+    g-sensitivity and its sigma, (3, 3) each, or None.
     """
     count = len(rate)
     mean = rate.mean(axis=0)
-    around = ((rate - mean) ** 2).sum(axis=0)
+    total_squares = ((rate - mean) ** 2).sum(axis=0)
     floor = (rate_sigma**2).mean(axis=0) / count
     if count < 3:
         return mean, np.diag(floor), None, None
-    plain = np.diag(np.maximum(around / (count - 1) / count, floor))
+    mean_covariance = np.diag(np.maximum(total_squares / (count - 1) / count, floor))
     columns = np.column_stack([np.ones(count), force])
     if count < 8 or np.linalg.cond(columns / np.linalg.norm(columns, axis=0)) > 30:
-        return mean, plain, None, None
-    solved = np.linalg.lstsq(columns, rate, rcond=None)[0]
-    left = ((rate - columns @ solved) ** 2).sum(axis=0)
-    freedom = count - 4
-    ratio = float(((around - left).sum() / 9) / max(left.sum() / (3 * freedom), 1e-300))
-    if fdtrc(9, 3 * freedom, max(ratio, 0.0)) > G_SENSITIVITY_P:
-        return mean, plain, None, None
-    shape = np.linalg.inv(columns.T @ columns)
-    variance = np.maximum(left / freedom, (rate_sigma**2).mean(axis=0))
-    spread = np.sqrt(np.outer(variance, np.diag(shape)[1:]))
-    return solved[0], np.diag(variance * shape[0, 0]), np.asarray(solved[1:].T), np.asarray(spread)
+        return mean, mean_covariance, None, None
+    coefficients = np.linalg.lstsq(columns, rate, rcond=None)[0]
+    residual_squares = ((rate - columns @ coefficients) ** 2).sum(axis=0)
+    dof = count - 4
+    ratio = float(
+        ((total_squares - residual_squares).sum() / 9) / max(residual_squares.sum() / (3 * dof), 1e-300)
+    )
+    if fdtrc(9, 3 * dof, max(ratio, 0.0)) > MAX_G_SENSITIVITY_P_VALUE:
+        return mean, mean_covariance, None, None
+    inverse_normal = np.linalg.inv(columns.T @ columns)
+    variance = np.maximum(residual_squares / dof, (rate_sigma**2).mean(axis=0))
+    coefficient_sigma = np.sqrt(np.outer(variance, np.diag(inverse_normal)[1:]))
+    return (
+        coefficients[0],
+        np.diag(variance * inverse_normal[0, 0]),
+        np.asarray(coefficients[1:].T),
+        np.asarray(coefficient_sigma),
+    )
 
 
-def _gyro(
+def _calibrate_gyro(
     t: Array,
     gyro: Array,
-    every: Array,
-    rests: Rests,
+    all_force: Array,
+    standstills: Standstills,
     accel: ScalarCalibration,
     latitude: float | None,
     notes: list[str],
 ) -> GyroCalibration:
-    force = accel.triad.apply(rests.accel)
-    bias, bias_covariance, g, g_sigma = rest_bias(rests.gyro, rests.gyro_sigma, force)
-    noise = float(np.sqrt((rests.gyro_sigma**2).mean(axis=1)).max())
-    if latitude is not None and noise * EARTH_RATE_SNR < EARTH_RATE:
+    force = accel.triad.apply(standstills.accel)
+    bias, bias_covariance, g_sensitivity, g_sigma = estimate_static_bias(
+        standstills.gyro, standstills.gyro_sigma, force
+    )
+    noise = float(np.sqrt((standstills.gyro_sigma**2).mean(axis=1)).max())
+    if latitude is not None and noise * MIN_EARTH_RATE_SNR < EARTH_RATE:
         try:
-            return _by_earth_rate(rests, force, latitude, notes)
+            return _calibrate_by_earth_rate(standstills, force, latitude, notes)
         except CalibrationError as error:
-            notes.append(f"Earth rate does not serve as the gyros' reference here: {error}")
+            notes.append(f"Earth rate cannot be used as the gyros' reference: {error}")
     elif latitude is not None:
-        needed = float(np.median(rests.duration)) * (noise * EARTH_RATE_SNR / EARTH_RATE) ** 2
+        needed = float(np.median(standstills.duration)) * (noise * MIN_EARTH_RATE_SNR / EARTH_RATE) ** 2
         notes.append(
-            f"gyros too noisy for Earth rate: a rest knows the rate to {noise:.2g} rad/s, Earth turns at "
-            f"{EARTH_RATE:.2g}; rests of {needed:.0f} s would be needed, if the bias held still so long"
+            f"gyros too noisy for Earth rate: a standstill determines the rate to {noise:.2g} rad/s, Earth "
+            "rate is "
+            f"{EARTH_RATE:.2g}; standstills of {needed:.0f} s would be needed, if the bias is stable that "
+            "long"
         )
-    follows = bias if g is None else bias + every @ g.T
-    turns = collect_turns(t, gyro, np.asarray(follows), rests, force)
-    # Earth rate points another way in each rest, unknown here: part of what the bias is not known to.
-    bias_covariance = bias_covariance + np.eye(3) * EARTH_RATE**2 / 3 / len(rests)
+    total_bias = bias if g_sensitivity is None else bias + all_force @ g_sensitivity.T
+    turns = collect_turns(t, gyro, np.asarray(total_bias), standstills, force)
+    # The direction of Earth rate in each standstill is unknown here, so it adds to the uncertainty of the
+    # bias.
+    bias_covariance = bias_covariance + np.eye(3) * EARTH_RATE**2 / 3 / len(standstills)
     try:
-        found = calibrate_by_turns(turns, np.sqrt(np.diag(bias_covariance)))
+        calibration = calibrate_from_turns(turns, np.sqrt(np.diag(bias_covariance)))
     except CalibrationError as error:
         notes.append(f"gyro scale and misalignments left out: {error}")
         covariance = np.zeros((12, 12))
         covariance[:3, :3] = bias_covariance
         return GyroCalibration(
-            Triad(bias), covariance, np.zeros(9, bool), f"bias alone, from {len(rests)} rests", g, g_sigma
+            Triad(bias),
+            covariance,
+            np.zeros(9, bool),
+            f"bias alone, from {len(standstills)} standstills",
+            g_sensitivity,
+            g_sigma,
         )
-    notes.extend(found.dropped)
-    if found.complaint:
-        notes.append(f"left out: {found.complaint}")
-    what = (
-        "scale and all six misalignments" if found.seen.all() else "what they show of scale and misalignments"
+    notes.extend(calibration.dropped)
+    if calibration.deficit:
+        notes.append(f"left out: {calibration.deficit}")
+    determined = (
+        "scale and all six misalignments"
+        if calibration.is_observable.all()
+        else "what they show of scale and misalignments"
     )
     method = (
-        f"turns between rests, {len(found.used)} of them, gyro against accelerometer: {what} in the "
-        f"accelerometer's frame; bias{'' if g is None else ' and g-sensitivity'} from {len(rests)} rests"
+        f"turns between standstills, {len(calibration.used)} of them, gyro against accelerometer: "
+        f"{determined} in "
+        "the "
+        f"accelerometer's frame; bias{'' if g_sensitivity is None else ' and g-sensitivity'} from "
+        f"{len(standstills)} standstills"
     )
     return GyroCalibration(
-        Triad(bias + found.bias_change, found.matrix),
-        found.covariance + frame_covariance(found, turns, rests, accel),
-        found.seen,
+        Triad(bias + calibration.bias_change, calibration.matrix),
+        calibration.covariance + accel_frame_covariance(calibration, turns, standstills, accel),
+        calibration.is_observable,
         method,
-        g,
+        g_sensitivity,
         g_sigma,
-        turns=found,
-        held_out=turns_held_out(turns.select(found.used), np.sqrt(np.diag(bias_covariance))),
+        turns=calibration,
+        held_out=cross_validate_turns(turns.select(calibration.used), np.sqrt(np.diag(bias_covariance))),
     )
 
 
-def _by_earth_rate(rests: Rests, force: Array, latitude: float, notes: list[str]) -> GyroCalibration:
-    found = scalar_calibration(rests.gyro, EARTH_RATE, rests.gyro_sigma, name="gyro")
-    method = f"Earth rate in {len(rests)} rests by the scalar method"
-    rate = found.triad.apply(rests.gyro)
+def _calibrate_by_earth_rate(
+    standstills: Standstills, force: Array, latitude: float, notes: list[str]
+) -> GyroCalibration:
+    calibration = fit_scalar_calibration(standstills.gyro, EARTH_RATE, standstills.gyro_sigma, name="gyro")
+    method = f"Earth rate in {len(standstills)} standstills by the scalar method"
+    rate = calibration.triad.apply(standstills.gyro)
     try:
-        noise = np.sqrt((rests.gyro_sigma**2).mean(axis=1))
+        noise = np.sqrt((standstills.gyro_sigma**2).mean(axis=1))
         alignment = align_by_earth_rate(force, rate, noise, latitude)
     except CalibrationError as error:
         notes.append(f"gyro misalignments by the symmetric convention alone: {error}")
-        return GyroCalibration(found.triad, found.full_covariance, np.ones(9, bool), method)
-    triad = turned(found.triad, alignment.angle)
-    # A small rotation adds [angle x]' to M beside the symmetric part.
-    slope = np.zeros((12, 3))
+        return GyroCalibration(calibration.triad, calibration.full_covariance, np.ones(9, bool), method)
+    triad = rotate_triad(calibration.triad, alignment.angle)
+    # A small rotation adds [angle x]' to the symmetric part of M.
+    jacobian = np.zeros((12, 3))
     for k, e in enumerate(np.eye(3)):
-        slope[3:, k] = ((turned(triad, 1e-6 * e).matrix - triad.matrix) / 1e-6).ravel()
-    covariance = found.full_covariance + slope @ alignment.covariance @ slope.T
+        jacobian[3:, k] = ((rotate_triad(triad, 1e-6 * e).matrix - triad.matrix) / 1e-6).ravel()
+    covariance = calibration.full_covariance + jacobian @ alignment.covariance @ jacobian.T
     method += (
         "; all six misalignments in the accelerometer's frame from the angle between gravity and Earth rate"
     )
     return GyroCalibration(triad, covariance, np.ones(9, bool), method)
 
 
-def _by_table(
-    t: Array, gyro: Array, rests: Rests, force: Array, table_rate: float, notes: list[str]
+def _calibrate_by_table(
+    t: Array, gyro: Array, standstills: Standstills, force: Array, table_rate: float, notes: list[str]
 ) -> GyroCalibration:
-    steady, sigma = find_steady_rates(t, gyro, table_rate, rests.gyro.mean(axis=0))
-    # Earth rate adds to the table's rate or takes off, by as much as nobody knows here.
+    steady_rates, sigma = find_steady_turns(t, gyro, table_rate, standstills.gyro.mean(axis=0))
+    # Earth rate adds an unknown component to the table's rate.
     sigma = np.sqrt(sigma**2 + EARTH_RATE**2 / 3)
-    found = scalar_calibration(steady, table_rate, sigma, name="gyro")
-    method = f"table rate of {table_rate:.6g} rad/s in {len(steady)} steady turns by the scalar method"
-    bias_sigma = found.sigma[:3]
+    calibration = fit_scalar_calibration(steady_rates, table_rate, sigma, name="gyro")
+    method = f"table rate of {table_rate:.6g} rad/s in {len(steady_rates)} steady turns by the scalar method"
+    bias_sigma = calibration.sigma[:3]
     try:
-        turns = calibrate_by_turns(collect_turns(t, gyro, found.triad.bias, rests, force), bias_sigma)
-        if turns.complaint:
-            raise CalibrationError(turns.complaint)
+        turns = calibrate_from_turns(
+            collect_turns(t, gyro, calibration.triad.bias, standstills, force), bias_sigma
+        )
+        if turns.deficit:
+            raise CalibrationError(turns.deficit)
     except CalibrationError as error:
         notes.append(f"gyro misalignments by the symmetric convention alone: {error}")
-        return GyroCalibration(found.triad, found.full_covariance, np.ones(9, bool), method)
-    # The nearest rotation between both matrices: sizes from the table, the frame from the turns.
-    u, _, vt = np.linalg.svd(np.linalg.solve(found.triad.matrix, turns.matrix))
-    triad = Triad(found.triad.bias, np.asarray(found.triad.matrix @ u @ vt))
-    covariance = found.full_covariance.copy()
+        return GyroCalibration(calibration.triad, calibration.full_covariance, np.ones(9, bool), method)
+    # Scale factors come from the table, the frame from the turns: rotate by the closest rotation between
+    # both.
+    u, _, vt = np.linalg.svd(np.linalg.solve(calibration.triad.matrix, turns.matrix))
+    triad = Triad(calibration.triad.bias, np.asarray(calibration.triad.matrix @ u @ vt))
+    covariance = calibration.full_covariance.copy()
     covariance[3:, 3:] += turns.covariance[3:, 3:]
-    method += "; all six misalignments in the accelerometer's frame from the turns between rests"
+    method += "; all six misalignments in the accelerometer's frame from the turns between standstills"
     return GyroCalibration(triad, covariance, np.ones(9, bool), method, turns=turns)

@@ -1,4 +1,4 @@
-"""A calibration judged by rests and turns that took no part in it."""
+"""Cross-validation of an IMU calibration on standstills and turns that were not fitted."""
 
 from __future__ import annotations
 
@@ -8,66 +8,69 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.errors import CalibrationError
-from hubodo.sensors.imu.rests import Rests
-from hubodo.sensors.imu.scalar_calibration import Convention, scalar_calibration
-from hubodo.sensors.imu.turns import Turns, calibrate_by_turns, turn_errors
+from hubodo.sensors.imu.scalar_calibration import Convention, fit_scalar_calibration
+from hubodo.sensors.imu.standstills import Standstills
+from hubodo.sensors.imu.turns import Turns, calibrate_from_turns, turn_errors
 
-FOLDS = 5
+FOLD_COUNT = 5
 
 
 @dataclass(frozen=True)
-class HeldOut:
-    """Errors on what took no part in the fit, in folds; before: the same without calibration.
+class HeldOutErrors:
+    """Cross-validation errors.
 
-    error: (K,) accelerometer length less gravity, m/s², or angle of a turn, rad. None in ImuCalibration
-    where too little is left over to hold anything out.
+    Attributes:
+        error: (K,) norm of the accelerometer minus gravity, m/s², or angle error of a turn, rad.
+        error_before: (K,) the same without calibration.
     """
 
     error: Array
-    before: Array
+    error_before: Array
 
     @property
     def rms(self) -> float:
-        """Root mean square after calibration."""
+        """Return the root mean square error after calibration."""
         return float(np.sqrt(np.mean(self.error**2)))
 
     @property
     def rms_before(self) -> float:
-        """Root mean square before calibration."""
-        return float(np.sqrt(np.mean(self.before**2)))
+        """Return the root mean square error before calibration."""
+        return float(np.sqrt(np.mean(self.error_before**2)))
 
 
-def accel_held_out(rests: Rests, gravity: float, convention: Convention) -> HeldOut | None:
-    """Each rest judged by a calibration from the other folds; None when those could not be calibrated."""
-    count = len(rests)
+def cross_validate_accel(
+    standstills: Standstills, gravity: float, convention: Convention
+) -> HeldOutErrors | None:
+    """Return the errors of each standstill under the calibration of the other folds; None if those fail."""
+    count = len(standstills)
     error = np.full(count, np.nan)
-    for fold in range(FOLDS):
-        out = np.arange(count) % FOLDS == fold
-        fit = rests.select(~out)
+    for fold in range(FOLD_COUNT):
+        held = np.arange(count) % FOLD_COUNT == fold
+        training = standstills.select(~held)
         try:
-            found = scalar_calibration(
-                fit.accel, gravity, fit.accel_sigma, convention=convention, partial=True
+            calibration = fit_scalar_calibration(
+                training.accel, gravity, training.accel_sigma, convention=convention, allow_partial=True
             )
         except CalibrationError:
             continue
-        error[out] = np.linalg.norm(found.triad.apply(rests.accel[out]), axis=1) - gravity
-    known = np.isfinite(error)
-    if not known.any():
+        error[held] = np.linalg.norm(calibration.triad.apply(standstills.accel[held]), axis=1) - gravity
+    finite = np.isfinite(error)
+    if not finite.any():
         return None
-    return HeldOut(error[known], np.linalg.norm(rests.accel, axis=1)[known] - gravity)
+    return HeldOutErrors(error[finite], np.linalg.norm(standstills.accel, axis=1)[finite] - gravity)
 
 
-def turns_held_out(turns: Turns, bias_sigma: Array) -> HeldOut | None:
-    """Each turn judged by gyros calibrated with the other folds; None when those could not be."""
+def cross_validate_turns(turns: Turns, bias_sigma: Array) -> HeldOutErrors | None:
+    """Return the errors of each turn under the calibration of the other folds, or None if those fail."""
     error = np.full(len(turns.dt), np.nan)
-    for fold in range(FOLDS):
-        out = np.arange(len(error)) % FOLDS == fold
+    for fold in range(FOLD_COUNT):
+        held = np.arange(len(error)) % FOLD_COUNT == fold
         try:
-            found = calibrate_by_turns(turns.select(~out), bias_sigma)
+            calibration = calibrate_from_turns(turns.select(~held), bias_sigma)
         except CalibrationError:
             continue
-        error[out] = turn_errors(turns.select(out), found.matrix, found.bias_change)
-    known = np.isfinite(error)
-    if not known.any():
+        error[held] = turn_errors(turns.select(held), calibration.matrix, calibration.bias_change)
+    finite = np.isfinite(error)
+    if not finite.any():
         return None
-    return HeldOut(error[known], turn_errors(turns, np.eye(3))[known])
+    return HeldOutErrors(error[finite], turn_errors(turns, np.eye(3))[finite])

@@ -1,9 +1,10 @@
-"""The gyro triad from the turns between rests: what the gyros add up to must carry gravity from pose to pose.
+"""Gyro calibration from turns between standstills: the integrated rate must rotate gravity from pose to pose.
 
-For gyros too noisy to see Earth rate this replaces it as the reference, and it sees all six misalignments
-one by one, in the frame of the accelerometer triad, because a turn has a direction and not only a size. With
-C the attitude (node to world), dC/dt = C [omega x] and gravity g fixed in space, the vector seen in the node
-goes over into f_end = R' f_start with R the product of exp([omega dt x]) over the turn.
+This is the reference for gyros too noisy to measure Earth rate. It determines all six misalignments
+individually in the frame of the accelerometer triad, because a turn has a direction and not only a
+magnitude. With C the attitude (node to world), dC/dt = C [omega x], and gravity fixed in space, the
+specific force in node axes after the turn is f_end = R' f_start, with R the product of exp([omega dt x])
+over the turn.
 """
 
 from __future__ import annotations
@@ -15,73 +16,87 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.errors import CalibrationError
-from hubodo.sensors.imu.pose_set import ANY_TRIAD, SEEN
+from hubodo.sensors.imu.pose_observability import MAX_OBSERVABLE_SIGMA, WIDE_TOLERANCE
 from hubodo.sensors.imu.quaternions import (
+    chain_product,
+    chain_products_after,
     cross,
-    matrices_back,
-    product,
-    products_after,
-    quaternions,
-    rotate_back,
+    inverse_matrices,
+    quaternions_from_vectors,
+    rotate_inverse,
 )
-from hubodo.sensors.imu.rests import Rests
+from hubodo.sensors.imu.standstills import Standstills
 
-MIN_TURNS = 3
-MIN_ANGLE = 0.17
-"""rad, 10 degrees; a smaller turn says less about the gyros than about the rests."""
-OUTLIER = 6.0
-"""Times the robust scatter of the errors; beyond it a turn was clipped, knocked or had a gap."""
-_PAD_S = 0.1
-_NEAR = 1e-6
-"""Change of the parameters through which the derivatives stay what they are."""
-_NAMES = ("scale x", "xz", "xy", "yz", "scale y", "yx", "zy", "zx", "scale z")
-_UNITS = {57.29578: "degrees per second", 57295.78: "mdps", 1000.0: "mrad/s"}
+MIN_TURN_COUNT = 3
+MIN_TURN_ANGLE = 0.17
+"""rad (10 degrees); in smaller turns the noise of the standstills dominates."""
+OUTLIER_SIGMA = 6.0
+"""Robust sigmas beyond which the error of a turn is due to saturation, a shock or a gap."""
+_TURN_PADDING_S = 0.1
+_RELINEARISE_CHANGE = 1e-6
+"""Parameter change up to which the derivatives are not recomputed."""
+_MATRIX_ELEMENTS = ("scale x", "xz", "xy", "yz", "scale y", "yx", "zy", "zx", "scale z")
+_UNIT_OF_RATIO = {57.29578: "degrees per second", 57295.78: "mdps", 1000.0: "mrad/s"}
 
 
 @dataclass(frozen=True)
 class TurnCalibration:
-    """Gyro triad from T turns.
+    """The calibration of a gyro triad from T turns.
 
-    matrix: (3, 3) M in the frame of the accelerometer triad. bias_change: (3,) rad/s, correction of the bias
-    that the turns ask for. covariance: (12, 12) of the bias and of M row by row. response: (12, T, 3) what
-    they answer to a change of each miss, the vector (3,) between gravity as carried and as seen. seen: (9,)
-    which elements of M the turns show; the others are as the factory promises. used: (T,) number of each
-    turn, from 0. angle: (T,) rad, how far gravity turned. error: (T,) rad, between gravity as the gyros
-    carried it and as the accelerometers saw it, after calibration; before: the same with the bias alone taken
-    off. dropped: one line for each turn that was left out.
+    Attributes:
+        matrix: (3, 3) M in the frame of the accelerometer triad.
+        bias_change: (3,) correction of the bias, rad/s.
+        covariance: (12, 12) of the bias and of M row by row.
+        response: (12, T, 3) derivative of the estimates by the misclosure of each turn, the vector (3,)
+        from gravity
+            measured by the accelerometers to gravity propagated by the gyros.
+        is_observable: (9,) True for the elements of M that the turns determine; the others follow the prior.
+        used: (T,) number of each turn, from 0.
+        angle: (T,) angle by which gravity turned, rad.
+        error: (T,) angle between propagated and measured gravity after calibration, rad.
+        error_before: (T,) the same with only the bias subtracted.
+        dropped: one line for each turn that was excluded.
     """
 
     matrix: Array
     bias_change: Array
     covariance: Array
     response: Array
-    seen: NDArray[np.bool_]
+    is_observable: NDArray[np.bool_]
     used: NDArray[np.int64]
     angle: Array
     error: Array
-    before: Array
+    error_before: Array
     dropped: tuple[str, ...] = ()
 
     @property
-    def complaint(self) -> str:
-        """What the turns do not show and what would help, or ""."""
-        unseen = [name for name, seen in zip(_NAMES, self.seen, strict=True) if not seen]
-        if not unseen:
+    def deficit(self) -> str:
+        """Return the unobservable elements and the turns that would determine them, or ""."""
+        unobservable = [
+            name
+            for name, is_observable in zip(_MATRIX_ELEMENTS, self.is_observable, strict=True)
+            if not is_observable
+        ]
+        if not unobservable:
             return ""
-        axes = sorted({axis for name in unseen for axis in name.replace("scale ", "") if axis in "xyz"})
+        axes = sorted({axis for name in unobservable for axis in name.replace("scale ", "") if axis in "xyz"})
         return (
-            f"the turns between rests cannot show {', '.join(unseen)} of the gyro triad; add turns of 90 to "
+            f"the turns do not determine {', '.join(unobservable)} of the gyro triad; add turns of 90 to "
             f"180 degrees about {' and '.join(axes)} with that axis level"
         )
 
 
 @dataclass(frozen=True)
 class Turns:
-    """Gyro samples of T turns, padded to one length with steps of no duration.
+    """The gyro samples of T turns, padded to a common length L with steps of zero duration.
 
-    rate: (T, L, 3) rad/s, bias taken off, mean over each step. change: (T, L, 3) rad/s within the step. dt:
-    (T, L) s. start, end: (T, 3) unit vectors of gravity in the node. number: (T,) of the turn in the record.
-    clipped: (T,) whether a channel stood at its extreme.
+    Attributes:
+        rate: (T, L, 3) mean rate of each step without bias, rad/s.
+        change: (T, L, 3) change of the rate within each step, rad/s.
+        dt: (T, L) duration of each step, s.
+        start, end: (T, 3) unit vectors of gravity in node axes before and after the turn.
+        number: (T,) number of the turn in the record.
+        clipped: (T,) True if a channel was saturated.
     """
 
     rate: Array
@@ -93,7 +108,7 @@ class Turns:
     clipped: NDArray[np.bool_]
 
     def select(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Turns:
-        """Those turns alone."""
+        """Return the selected turns, by index or mask."""
         return Turns(
             self.rate[which],
             self.change[which],
@@ -106,22 +121,25 @@ class Turns:
 
     @property
     def angle(self) -> Array:
-        """(T,) rad by which gravity turned in the node."""
-        return _between(self.start, self.end)
+        """Return the (T,) angles by which gravity turned in node axes, rad."""
+        return _angle_between(self.start, self.end)
 
 
-def collect_turns(t: Array, gyro: Array, bias: Array, rests: Rests, gravity: Array) -> Turns:
-    """The stretches between consecutive rests.
+def collect_turns(t: Array, gyro: Array, bias: Array, standstills: Standstills, gravity: Array) -> Turns:
+    """Return the turns between consecutive standstills.
 
-    gyro: (N, 3) raw. bias: (3,), or (N, 3) where it follows the specific force. gravity: (R, 3) calibrated
-    accelerometer means of the rests. Only the motion itself is taken, so that a bias left over has little
-    time.
+    t: (N,) s. gyro: (N, 3) uncalibrated, rad/s. bias: (3,), or (N, 3) if it depends on the specific force.
+    gravity: (R, 3) calibrated accelerometer means of the standstills. Only the motion is included, which
+    limits the effect of a residual bias.
     """
     unit = gravity / np.linalg.norm(gravity, axis=1)[:, None]
     step = float(np.median(np.diff(t)))
-    pad = round(_PAD_S / step)
+    pad = round(_TURN_PADDING_S / step)
     extreme = np.abs(gyro).max(axis=0)
-    spans = [(int(rests.end[k]) - 1 - pad, int(rests.start[k + 1]) + 1 + pad) for k in range(len(rests) - 1)]
+    spans = [
+        (int(standstills.end[k]) - 1 - pad, int(standstills.start[k + 1]) + 1 + pad)
+        for k in range(len(standstills) - 1)
+    ]
     spans = [(max(0, i), min(len(t), j)) for i, j in spans]
     length = max((j - i - 1 for i, j in spans), default=1)
     rate, change = np.zeros((2, len(spans), length, 3))
@@ -136,157 +154,167 @@ def collect_turns(t: Array, gyro: Array, bias: Array, rests: Rests, gravity: Arr
     return Turns(rate, change, dt, unit[:-1], unit[1:], np.arange(len(spans)), clipped)
 
 
-def carried(turns: Turns, matrix: Array, bias_change: Array | float = 0.0) -> Array:
-    """(T, 3) where the gyros say gravity points at the end of each turn."""
-    return rotate_back(product(quaternions(_angles(turns, matrix, bias_change))).T, turns.start)
-
-
-def carried_slopes(turns: Turns, matrix: Array, bias_change: Array) -> tuple[Array, Array]:
-    """`carried`, and (T, 3, 12) its derivatives by `matrix`, row by row, and `bias_change`.
-
-    A step whose rotation vector a changes by da turns gravity at the end, u, by u x f with
-    f = S' (1 - [a x] / 2 + [a x]² / 6) da, S the steps after it: the right Jacobian of SO(3) (Sola, Deray,
-    Atchuthan 2018) to the second order of a. What the coning term changes is left out, 1e-4 of the rest.
-    """
-    angle = _angles(turns, matrix, bias_change)
-    whole, after = products_after(quaternions(angle))
-    end = rotate_back(whole.T, turns.start)
-    x, y, z = 0.5 * np.moveaxis(angle, -1, 0)
-    rest = 1.0 - (x * x + y * y + z * z) / 1.5
-    first = np.array([[rest, z, -y], [-z, rest, x], [y, -x, rest]])
-    # [a x]² = a a' - a²
-    felt = np.moveaxis(first, (0, 1), (-2, -1)) + angle[..., :, None] * angle[..., None, :] / 6.0
-    inverse = np.linalg.inv(matrix)
-    felt = matrices_back(after) @ felt
-    by = np.concatenate([(turns.rate - bias_change) @ inverse.T, np.ones((*turns.dt.shape, 1))], axis=-1)
-    by = by * turns.dt[..., None]
-    # (T, 3, 4, 3): f by what each column of the inverse does to each axis of the rate, and to one.
-    summed = (felt.reshape(*by.shape[:2], 9).transpose(0, 2, 1) @ by).reshape(-1, 3, 3, 4)
-    summed = -summed.transpose(0, 1, 3, 2) @ inverse
-    turned = np.concatenate(
-        [summed[:, :, :3].transpose(0, 1, 3, 2).reshape(-1, 3, 9), summed[:, :, 3]], axis=-1
+def propagate_gravity(turns: Turns, matrix: Array, bias_change: Array | float = 0.0) -> Array:
+    """Return the (T, 3) directions of gravity at the end of each turn, propagated by the gyros."""
+    return rotate_inverse(
+        chain_product(quaternions_from_vectors(_rotation_vectors(turns, matrix, bias_change))).T, turns.start
     )
-    return end, np.cross(end[:, :, None], turned, axis=1)
 
 
-def _angles(turns: Turns, matrix: Array, bias_change: Array | float) -> Array:
-    """(T, L, 3) rad by which the node turns in each step."""
+def propagate_gravity_jacobian(turns: Turns, matrix: Array, bias_change: Array) -> tuple[Array, Array]:
+    """Return `propagate_gravity` and its (T, 3, 12) derivatives by `matrix`, row by row, and `bias_change`.
+
+    If the rotation vector a of a step changes by da, gravity u at the end changes by u x f with
+    f = S' (1 - [a x] / 2 + [a x]² / 6) da, where S is the product of the later steps: the right Jacobian
+    of SO(3) (Sola, Deray, Atchuthan 2018) to second order in a. The derivative of the coning term is
+    neglected (relative size 1e-4).
+    """
+    angle = _rotation_vectors(turns, matrix, bias_change)
+    total, later_products = chain_products_after(quaternions_from_vectors(angle))
+    end = rotate_inverse(total.T, turns.start)
+    x, y, z = 0.5 * np.moveaxis(angle, -1, 0)
+    diagonal = 1.0 - (x * x + y * y + z * z) / 1.5
+    jacobian_first_order = np.array([[diagonal, z, -y], [-z, diagonal, x], [y, -x, diagonal]])
+    # [a x]² = a a' - a²
+    step_effect = (
+        np.moveaxis(jacobian_first_order, (0, 1), (-2, -1)) + angle[..., :, None] * angle[..., None, :] / 6.0
+    )
+    inverse = np.linalg.inv(matrix)
+    step_effect = inverse_matrices(later_products) @ step_effect
+    rates_and_bias = np.concatenate(
+        [(turns.rate - bias_change) @ inverse.T, np.ones((*turns.dt.shape, 1))], axis=-1
+    )
+    rates_and_bias = rates_and_bias * turns.dt[..., None]
+    # (T, 3, 4, 3): derivative of f by each column of the inverse, for each axis of the rate and for the bias.
+    sums = (step_effect.reshape(*rates_and_bias.shape[:2], 9).transpose(0, 2, 1) @ rates_and_bias).reshape(
+        -1, 3, 3, 4
+    )
+    sums = -sums.transpose(0, 1, 3, 2) @ inverse
+    gravity_effect = np.concatenate(
+        [sums[:, :, :3].transpose(0, 1, 3, 2).reshape(-1, 3, 9), sums[:, :, 3]], axis=-1
+    )
+    return end, np.cross(end[:, :, None], gravity_effect, axis=1)
+
+
+def _rotation_vectors(turns: Turns, matrix: Array, bias_change: Array | float) -> Array:
+    """Return the (T, L, 3) rotation vectors of the node in each step, rad."""
     inverse = np.linalg.inv(matrix)
     rate = (turns.rate - bias_change) @ inverse.T
     dt = turns.dt[..., None]
-    # Second term: coning of a rate that changes evenly within the step, w0 x w1 dt²/12.
+    # Second term: coning for a rate that changes linearly within the step, w0 x w1 dt²/12.
     return np.asarray(rate * dt + cross(rate, turns.change @ inverse.T) * dt**2 / 12)
 
 
 def turn_errors(turns: Turns, matrix: Array, bias_change: Array | float = 0.0) -> Array:
-    """(T,) rad between gravity as carried and as seen."""
-    return _between(carried(turns, matrix, bias_change), turns.end)
+    """Return the (T,) angles between propagated and measured gravity, rad."""
+    return _angle_between(propagate_gravity(turns, matrix, bias_change), turns.end)
 
 
-def calibrate_by_turns(turns: Turns, bias_sigma: Array) -> TurnCalibration:
-    """M of the gyros, and a correction of their bias within its sigma (3,) rad/s from the rests.
+def calibrate_from_turns(turns: Turns, bias_sigma: Array) -> TurnCalibration:
+    """Estimate M of the gyros and a bias correction with the prior sigma `bias_sigma` (3,), rad/s.
 
-    Raises CalibrationError when there are too few turns, when they show no element of M, or when the gyros
+    Raises CalibrationError if there are too few turns, if they determine no element of M, or if the gyros
     are in another unit.
     """
-    large = turns.angle > MIN_ANGLE
-    dropped = [f"turn {k + 1}: the gyro was clipped" for k in turns.number[turns.clipped & large]]
-    usable = turns.select(large & ~turns.clipped)
-    if len(usable.dt) < MIN_TURNS:
+    is_large = turns.angle > MIN_TURN_ANGLE
+    dropped = [f"turn {k + 1}: the gyro was clipped" for k in turns.number[turns.clipped & is_large]]
+    usable = turns.select(is_large & ~turns.clipped)
+    if len(usable.dt) < MIN_TURN_COUNT:
         raise CalibrationError(
-            f"only {len(usable.dt)} turns of more than 10 degrees between rests can be used, {MIN_TURNS} "
-            f"are needed "
-            f"({len(dropped)} clipped); turn the node about each of its axes, both ways, with rests between"
+            f"only {len(usable.dt)} usable turns of more than 10 degrees between standstills, "
+            f"{MIN_TURN_COUNT} are "
+            f"needed ({len(dropped)} clipped); turn the node about each of its axes, in both directions, "
+            "with "
+            "standstills in between"
         )
     _check_unit(usable)
-    p, covariance, response = _fit(usable, bias_sigma)
-    error = turn_errors(usable, *_split(p))
-    # Rayleigh: the median of the error is 1.18 times the deviation of each of its two components.
-    bad = error > OUTLIER * max(float(np.median(error)) / 1.1774, 1e-5)
-    if bad.any() and np.count_nonzero(~bad) >= MIN_TURNS:
+    p, covariance, response = _fit_turns(usable, bias_sigma)
+    error = turn_errors(usable, *_split_parameters(p))
+    # Rayleigh distribution: the median of the error is 1.18 times the sigma of each of its two components.
+    is_outlier = error > OUTLIER_SIGMA * max(float(np.median(error)) / 1.1774, 1e-5)
+    if is_outlier.any() and np.count_nonzero(~is_outlier) >= MIN_TURN_COUNT:
         dropped += [
-            f"turn {k + 1}: off by {np.degrees(e):.2f} degrees"
-            for k, e in zip(usable.number[bad], error[bad], strict=True)
+            f"turn {k + 1}: error of {np.degrees(e):.2f} degrees"
+            for k, e in zip(usable.number[is_outlier], error[is_outlier], strict=True)
         ]
-        usable = usable.select(~bad)
-        p, covariance, response = _fit(usable, bias_sigma)
-    matrix, change = _split(p)
-    seen = np.sqrt(np.diag(covariance)[:9]) <= SEEN
+        usable = usable.select(~is_outlier)
+        p, covariance, response = _fit_turns(usable, bias_sigma)
+    matrix, change = _split_parameters(p)
+    is_observable = np.sqrt(np.diag(covariance)[:9]) <= MAX_OBSERVABLE_SIGMA
     order = [9, 10, 11, *range(9)]
-    found = TurnCalibration(
+    calibration = TurnCalibration(
         matrix,
         change,
         covariance[np.ix_(order, order)],
         response[order].reshape(12, -1, 3),
-        seen,
+        is_observable,
         usable.number,
         usable.angle,
         turn_errors(usable, matrix, change),
         turn_errors(usable, np.eye(3)),
         tuple(dropped),
     )
-    if not seen.any():
-        raise CalibrationError(found.complaint)
-    return found
+    if not is_observable.any():
+        raise CalibrationError(calibration.deficit)
+    return calibration
 
 
-def _split(p: Array) -> tuple[Array, Array]:
+def _split_parameters(p: Array) -> tuple[Array, Array]:
     return np.eye(3) + p[:9].reshape(3, 3), p[9:]
 
 
-def _fit(turns: Turns, bias_sigma: Array) -> tuple[Array, Array, Array]:
-    """Gauss-Newton on the miss of each turn, in units of the scatter, beside what is known without turns.
+def _fit_turns(turns: Turns, bias_sigma: Array) -> tuple[Array, Array, Array]:
+    """Minimise the misclosures of all turns and the prior by Gauss-Newton, with an estimated noise level.
 
-    Returns the parameters (12,), their covariance and their response (12, 3 T) to the misses.
+    Returns the parameters (12,), their covariance, and their response (12, 3 T) to the misclosures.
     """
     p, scatter = np.zeros(12), 0.01
-    before = np.concatenate([np.full(9, ANY_TRIAD.rest), bias_sigma]) ** -2
-    end, slopes = carried_slopes(turns, *_split(p))
-    miss = end - turns.end
+    prior_precision = np.concatenate([np.full(9, WIDE_TOLERANCE.scale_and_angle), bias_sigma]) ** -2
+    end, slopes = propagate_gravity_jacobian(turns, *_split_parameters(p))
+    misclosure = end - turns.end
     for _ in range(12):
         jacobian = slopes.reshape(-1, 12) / scatter
-        information = jacobian.T @ jacobian + np.diag(before)
+        information = jacobian.T @ jacobian + np.diag(prior_precision)
         response = -np.linalg.solve(information, jacobian.T) / scatter
-        step = response @ miss.ravel() - np.linalg.solve(information, before * p)
+        step = response @ misclosure.ravel() - np.linalg.solve(information, prior_precision * p)
         p = p + step
-        if np.abs(step).max() > _NEAR:
-            end, slopes = carried_slopes(turns, *_split(p))
+        if np.abs(step).max() > _RELINEARISE_CHANGE:
+            end, slopes = propagate_gravity_jacobian(turns, *_split_parameters(p))
         else:
-            end = carried(turns, *_split(p))
-        miss = end - turns.end
-        # A miss has two components, gravity being of unit length.
-        used = -float(np.trace(response @ jacobian)) * scatter
-        freedom = max(1.0, 2 * len(miss) - used)
-        new = max(float(np.sqrt((miss**2).sum() / freedom)), 1e-7)
-        settled = np.abs(step[:9]).max() < 1e-8 and abs(new / scatter - 1) < 1e-3
-        scatter = new
-        if settled:
-            # The scatter is known from few misses: the variance of Student's t.
-            widened = np.asarray(np.linalg.inv(information) * (freedom / max(freedom - 2.0, 0.5)))
-            return p, widened, np.asarray(response)
+            end = propagate_gravity(turns, *_split_parameters(p))
+        misclosure = end - turns.end
+        # A misclosure has two components, because gravity is a unit vector.
+        parameters_used = -float(np.trace(response @ jacobian)) * scatter
+        dof = max(1.0, 2 * len(misclosure) - parameters_used)
+        new_scatter = max(float(np.sqrt((misclosure**2).sum() / dof)), 1e-7)
+        converged = np.abs(step[:9]).max() < 1e-8 and abs(new_scatter / scatter - 1) < 1e-3
+        scatter = new_scatter
+        if converged:
+            # The noise level is estimated from few turns: use the variance of Student's t distribution.
+            covariance = np.asarray(np.linalg.inv(information) * (dof / max(dof - 2.0, 0.5)))
+            return p, covariance, np.asarray(response)
     raise CalibrationError(
-        "the gyro calibration by turns does not settle; check that the gyro is in rad/s and that its axes "
+        "the gyro calibration by turns does not converge; check that the gyro is in rad/s and that its axes "
         "are those of the accelerometer"
     )
 
 
 def _check_unit(turns: Turns) -> None:
-    """Gravity must turn by about as much as the gyros say; a factor of 57 is a unit and no scale error."""
-    swept = np.linalg.norm(turns.rate * turns.dt[..., None], axis=2).sum(axis=1)
-    ratio = float(np.median(swept / turns.angle))
+    """Raise CalibrationError if gravity does not turn by about the integrated rate: the unit is wrong."""
+    swept_angle = np.linalg.norm(turns.rate * turns.dt[..., None], axis=2).sum(axis=1)
+    ratio = float(np.median(swept_angle / turns.angle))
     if ratio > 20:
-        unit = min(_UNITS, key=lambda factor: abs(np.log(ratio / factor)))
+        unit = min(_UNIT_OF_RATIO, key=lambda factor: abs(np.log(ratio / factor)))
         raise CalibrationError(
-            f"the gyros add up to {ratio:.0f} times the turns that gravity shows, as if they were in "
-            f"{_UNITS[unit]}; "
-            "convert the record to rad/s"
+            f"the integrated gyro rates are {ratio:.0f} times the turns of gravity, as if they were in "
+            f"{_UNIT_OF_RATIO[unit]}; convert the record to rad/s"
         )
     if ratio < 0.5:
         raise CalibrationError(
-            f"the gyros add up to {ratio:.2g} of the turns that gravity shows; check their unit (rad/s) and "
-            f"range"
+            f"the integrated gyro rates are {ratio:.2g} of the turns of gravity; check their unit (rad/s) "
+            "and range"
         )
 
 
-def _between(a: Array, b: Array) -> Array:
+def _angle_between(a: Array, b: Array) -> Array:
     return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), (a * b).sum(axis=1)))

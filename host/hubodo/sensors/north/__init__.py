@@ -1,1 +1,1 @@
-"""True north from Earth's rate."""
+"""North finding (gyrocompassing) on a turntable: the azimuth of table zero from Earth rate."""

@@ -1,4 +1,4 @@
-"""A record on a table as averages over short intervals: all that the likelihood of north looks at."""
+"""Averages of a turntable record over short intervals, the data of the north likelihood."""
 
 from __future__ import annotations
 
@@ -10,17 +10,20 @@ import numpy as np
 
 from hubodo.arrays import Array
 
-_SQUEEZED = 0.5
-"""Of the time that its samples take: an interval whose stamps say less was stamped wrongly."""
+_MIN_DURATION_SHARE = 0.5
+"""Intervals shorter than this share of their nominal duration have wrong time stamps and are dropped."""
 
 
 @dataclass(frozen=True)
 class Averages:
-    """M averages in order of time, none before the one in front of it has ended.
+    """M averages over successive, non-overlapping intervals.
 
-    start, end: (M,) s. y: (M,) rad/s. cos, sin: (M,) means over each interval of those of the sensing axis's
-    angle. turned: (M,) rad by which the table has turned since its first stop, as the gyro felt it; zero
-    where angles are not the gyro's.
+    Attributes:
+        start, end: (M,) limits of each interval, s.
+        y: (M,) mean rate, rad/s.
+        cos, sin: (M,) means of cosine and sine of the sensing axis's angle.
+        turned: (M,) rotation since the first stop as measured by the gyro, rad; zero if the table gave the
+        angles.
     """
 
     start: Array
@@ -30,23 +33,23 @@ class Averages:
     sin: Array
     turned: Array
 
-    def columns(self, scale: float) -> Array:
-        """(M, 5): cos, sin, their derivatives by the error of the gyro's scale, y; at that error `scale`.
+    def design_columns(self, scale: float) -> Array:
+        """Return the (M, 5) columns cos, sin, their derivatives by the gyro's scale error, and y.
 
-        A turn that was felt as `turned` was (1 + scale) times as large.
+        scale: scale error at which they are evaluated; the true rotation is (1 + scale) times `turned`.
         """
-        turn = scale * self.turned
-        cos = self.cos * np.cos(turn) - self.sin * np.sin(turn)
-        sin = self.sin * np.cos(turn) + self.cos * np.sin(turn)
+        rotation = scale * self.turned
+        cos = self.cos * np.cos(rotation) - self.sin * np.sin(rotation)
+        sin = self.sin * np.cos(rotation) + self.cos * np.sin(rotation)
         return np.column_stack([cos, sin, -self.turned * sin, self.turned * cos, self.y])
 
-    def part(self, a: int, b: int) -> Averages:
-        """Those from a on, before b."""
+    def slice_rows(self, a: int, b: int) -> Averages:
+        """Return the averages from index a to b - 1."""
         fields = (self.start, self.end, self.y, self.cos, self.sin, self.turned)
         return Averages(*(values[a:b] for values in fields))
 
 
-def average(
+def average_spans(
     t: Array,
     y: Array,
     angle: Array,
@@ -54,11 +57,11 @@ def average(
     length: float,
     turned: Array | None = None,
 ) -> Averages:
-    """Averages over equal parts, of about `length` s, of each span of samples [i, j).
+    """Return averages over equal parts, about `length` s long, of each span of samples [i, j).
 
-    t: (N,) s. y: (N,) rad/s. angle: (N,) rad, of the sensing axis. turned: (N,) rad as in `Averages`. A part
-    is left out whose samples stand so close that they cannot have been taken then, as a computer stamps them
-    that made a node wait.
+    t: (N,) s. y: (N,) rad/s. angle: (N,) of the sensing axis, rad. turned: (N,) rad as in `Averages`.
+    Parts whose time stamps are closer than the sample rate allows are dropped; a computer that delayed the
+    node stamps them so.
     """
     step = float(np.median(np.diff(t)))
     rows = []
@@ -66,11 +69,13 @@ def average(
         count = max(1, round((j - i) * step / length))
         edges = np.linspace(i, j, count + 1).round().astype(int)
         for a, b in pairwise(edges):
-            # A step behind its last sample, but not behind the next: what drifts in intervals that overlap
-            # would have no covariance.
+            # The interval ends one step after its last sample, but not after the next sample, because the
+            # drift covariance is defined for non-overlapping intervals only.
             end = min(t[b - 1] + step, t[b]) if b < len(t) else t[b - 1] + step
-            if end - t[a] > _SQUEEZED * (b - a) * step:
-                part = angle[a:b]
-                by = 0.0 if turned is None else turned[a]
-                rows.append((t[a], end, y[a:b].mean(), np.cos(part).mean(), np.sin(part).mean(), by))
+            if end - t[a] > _MIN_DURATION_SHARE * (b - a) * step:
+                angles = angle[a:b]
+                rotation = 0.0 if turned is None else turned[a]
+                rows.append(
+                    (t[a], end, y[a:b].mean(), np.cos(angles).mean(), np.sin(angles).mean(), rotation)
+                )
     return Averages(*np.array(rows).reshape(-1, 6).T)

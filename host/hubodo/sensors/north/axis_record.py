@@ -1,4 +1,4 @@
-"""One gyro axis of a node on a table, ready for the likelihood: levelled, its angles known or found."""
+"""Record of one gyro axis on a turntable: corrected for tilt, with angles from the table or the gyro."""
 
 from __future__ import annotations
 
@@ -10,93 +10,109 @@ from numpy.lib.stride_tricks import sliding_window_view
 from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.recording import Table
-from hubodo.sensors.north.find_stops import find_motion
-from hubodo.sensors.north.mount import Mount, check_direction, mount_of, tilt_warning, vertical_earth
+from hubodo.sensors.north.motion_from_gyro import find_table_motion
+from hubodo.sensors.north.mount import (
+    AxisMount,
+    check_turn_direction,
+    describe_table_tilt,
+    estimate_mount,
+    vertical_earth_rate,
+)
 from hubodo.sensors.north.stops import TableMotion
 
-SPIKE = 20.0
+SPIKE_RATIO = 20.0
 
 
-_LEAST = 100
-"""Samples; fewer are no stop."""
+_MIN_RECORD_SAMPLES = 100
 
 
 @dataclass(frozen=True)
 class AxisRecord:
-    """What one axis felt.
+    """The record of one gyro axis on a turntable.
 
-    t: (N,) s. rate: (N,) rad/s. mounting: rad, the axis anticlockwise from table zero at table angle zero.
-    level: share of level Earth rate that it feels. vertical: (N,) rad/s upwards, proves that stops were
-    stops.
+    Attributes:
+        t, rate: (N,) s and rad/s.
+        table: motion of the table.
+        mounting_angle: angle of the axis, anticlockwise from table zero, at table angle zero, rad.
+        level_share: share of horizontal Earth rate that the axis measures.
+        vertical_rate: (N,) rate about the vertical, rad/s, to check the stops.
     """
 
     t: Array
     rate: Array
     table: TableMotion
-    mounting: float = 0.0
-    level: float = 1.0
-    vertical: Array | None = None
+    mounting_angle: float = 0.0
+    level_share: float = 1.0
+    vertical_rate: Array | None = None
 
 
 @dataclass(frozen=True)
-class FoundAngles:
-    """How angles are taken from the gyro itself; see `find_motion`. step: rad. limit: rad/s."""
+class GyroAngleOptions:
+    """Options for deriving angles from the gyro, see `find_table_motion`; step: rad, max_rate: rad/s."""
 
     scale_sigma: float
     step: float | None = None
-    limit: float = np.inf
+    max_rate: float = np.inf
 
 
-def mounted(node: Table, axis: str) -> Mount:
-    """How the axis sits on the table. Raises InputError as of `mount_of`."""
-    return mount_of(node.gyro, node.accel, axis)
+def axis_mount(node: Table, axis: str) -> AxisMount:
+    """Return the attitude of the axis on the table; raise InputError as in `estimate_mount`."""
+    return estimate_mount(node.gyro, node.accel, axis)
 
 
-def axis_record(
-    node: Table, axis: str, table: Table | None, latitude: float, found: FoundAngles
+def build_axis_record(
+    node: Table, axis: str, table: Table | None, latitude: float, angle_options: GyroAngleOptions
 ) -> tuple[AxisRecord, list[str]]:
-    """The record of an axis, and what must be said of it.
+    """Return the record of an axis, and remarks for the user.
 
-    node: samples with the calibration applied. table: `table.csv`, or None to find the stops. latitude: rad.
-    Raises InputError for a record of nothing, and as of `find_motion`, `mount_of` and `check_direction`.
+    node: calibrated samples. table: `table.csv`, or None to derive the stops from the gyro. latitude: rad.
+    found: options for that. Raises InputError for too few samples, and as in `find_table_motion`,
+    `estimate_mount` and `check_turn_direction`.
     """
-    if len(node) < _LEAST:
-        raise InputError(f"{len(node)} samples are too few to find north; record some stops of the table")
-    node, spikes = _without_spikes(node)
-    mount = mounted(node, axis)
+    if len(node) < _MIN_RECORD_SAMPLES:
+        raise InputError(f"{len(node)} samples are too few to find north; record several stops of the table")
+    node, spikes = _replace_spikes(node)
+    mount = axis_mount(node, axis)
     warnings = list(mount.warnings)
     if spikes:
-        warnings.append(f"{spikes} single samples of the gyro stand out by far and are left out")
+        warnings.append(f"{spikes} outliers of the gyro are replaced by the median of their neighbours")
     if table is None:
-        motion = find_motion(
-            node.t, node.gyro, mount.up, scale_sigma=found.scale_sigma, step=found.step, limit=found.limit
+        motion = find_table_motion(
+            node.t,
+            node.gyro,
+            mount.up,
+            scale_sigma=angle_options.scale_sigma,
+            step=angle_options.step,
+            max_rate=angle_options.max_rate,
         )
-        warnings.append("stops and angles are the gyro's: table zero is where the table stood first")
+        warnings.append("stops and angles are derived from the gyro: table zero is the first stop")
     else:
         motion = TableMotion(table.t, table["angle"], table["moving"] > 0.5)
-        check_direction(mount, node.t, motion)
-    warnings += tilt_warning(mount, node.t, motion)
-    rate = node["g" + axis] - vertical_earth(mount, latitude)
-    return AxisRecord(node.t, rate, motion, mount.mounting, mount.level, mount.vertical), warnings
+        check_turn_direction(mount, node.t, motion)
+    warnings += describe_table_tilt(mount, node.t, motion)
+    rate = node["g" + axis] - vertical_earth_rate(mount, latitude)
+    return AxisRecord(
+        node.t, rate, motion, mount.mounting_angle, mount.level_share, mount.vertical_rate
+    ), warnings
 
 
-def _without_spikes(node: Table) -> tuple[Table, int]:
-    """The node with single samples of its gyro that no motion makes replaced by what is around them.
+def _replace_spikes(node: Table) -> tuple[Table, int]:
+    """Return the node with isolated gyro spikes replaced by the median of their neighbours, and their number.
 
-    A spike is further from the median of the five about it than SPIKE times what samples usually are, while
-    its neighbours are not.
+    The deviation of a spike from the median of five samples exceeds SPIKE_RATIO times the usual deviation,
+    and those of its neighbours do not.
     """
     columns, count = dict(node.columns), 0
     if len(node) < 5:
         return node, 0
     for name in ("gx", "gy", "gz"):
         values = node[name]
-        around = np.median(sliding_window_view(np.pad(values, 2, mode="edge"), 5), axis=1)
-        off = np.abs(values - around)
-        usual = float(np.median(off[off > 0])) if (off > 0).any() else 0.0
-        odd = off > SPIKE * usual
-        odd &= ~(np.append(odd[1:], False) | np.append(False, odd[:-1]))
-        if usual and odd.any():
-            columns[name] = np.where(odd, around, values)
-            count += int(np.count_nonzero(odd))
+        medians = np.median(sliding_window_view(np.pad(values, 2, mode="edge"), 5), axis=1)
+        deviation = np.abs(values - medians)
+        typical = float(np.median(deviation[deviation > 0])) if (deviation > 0).any() else 0.0
+        is_spike = deviation > SPIKE_RATIO * typical
+        is_spike &= ~(np.append(is_spike[1:], False) | np.append(False, is_spike[:-1]))
+        if typical and is_spike.any():
+            columns[name] = np.where(is_spike, medians, values)
+            count += int(np.count_nonzero(is_spike))
     return (Table(columns, node.t_ns), count) if count else (node, 0)

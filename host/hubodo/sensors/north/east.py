@@ -1,4 +1,4 @@
-"""The closed loop that turns a level gyro axis until it points east (Robert 2014)."""
+"""East seeking: a closed loop that turns a level gyro axis until it points east (Robert 2014)."""
 
 from __future__ import annotations
 
@@ -8,31 +8,36 @@ from dataclasses import dataclass
 
 from hubodo.arrays import Array
 from hubodo.errors import InputError
-from hubodo.sensors.north.circle import wrap
-from hubodo.sensors.north.table import Turntable
-from hubodo.sensors.north.tally import Tally
+from hubodo.sensors.north.circular import wrap_angle
+from hubodo.sensors.north.running_estimate import RunningEstimate
+from hubodo.sensors.north.turntable import Turntable
 
-FEWEST_STEPS = 4
-STOPS_A_STEP = 3
+MIN_EAST_STEPS = 4
+STOPS_PER_STEP = 3
 
-Measure = Callable[[float], tuple[Array, Array]]
-"""Called with s; returns t (N,) s, on one clock from call to call, and the axis's rate (N,) rad/s."""
+MeasureRate = Callable[[float], tuple[Array, Array]]
+"""Function that measures for a given time, s.
+
+Returns t (N,) s, on one common clock, and the rate (N,) rad/s.
+"""
 
 
 @dataclass(frozen=True)
 class EastStep:
-    """One maytag of the closed loop: where the axis pointed, rad, and the component found there, rad/s."""
+    """One maytag of the closed loop: angle of the axis, rad, and Earth rate along it, rad/s."""
 
     angle: float
     rate: float
 
 
 @dataclass(frozen=True)
-class East:
-    """Where the loop came to rest.
+class EastSeekResult:
+    """The result of east seeking.
 
-    angle: of the axis that points east, rad. azimuth, sigma: of table zero, from all stops together, rad.
-    steps: every one.
+    Attributes:
+        angle: angle of the axis that points east, rad.
+        azimuth, sigma: azimuth of table zero and its sigma from all stops, rad.
+        steps: all steps of the loop.
     """
 
     angle: float
@@ -43,53 +48,54 @@ class East:
 
 def seek_east(
     table: Turntable,
-    measure: Measure,
+    measure: MeasureRate,
     horizontal: float,
     *,
     stop: float = 34.0,
     steps: int = 10,
     sigma: float | None = None,
-    tally: Tally | None = None,
-) -> East:
-    """Turn the axis until it reads no Earth rate between both ways round, then make sure that it is not west.
+    tally: RunningEstimate | None = None,
+) -> EastSeekResult:
+    """Turn the axis until it measures no Earth rate, then check that it points east and not west.
 
-    Each step maytags once (here, about, here again). The first two, a quarter turn apart, say roughly where
-    east is, unless earlier records in `tally` do; from there the table turns by arcsin(rate / horizontal),
-    less and less as steps add up, so that noise is averaged as in stochastic approximation. West is the
-    loop's other zero: the last maytag, a quarter turn on, must read north. horizontal: rad/s. steps: at most;
-    it ends before when all stops together know azimuth to `sigma`, rad. Raises InputError for fewer than 4
+    Each step is one maytag (angle, angle + 180°, angle). The first two steps, a quarter turn apart, give a
+    rough east, unless earlier records in `tally` do. The table then turns by arcsin(rate / horizontal)
+    times a gain that decreases with the number of steps, as in stochastic approximation. West is the other
+    zero of the loop: the last maytag, a quarter turn on, must read north. horizontal: Earth rate along a
+    level axis that points north, rad/s. stop: duration of a stop, s. steps: maximum number; the loop ends
+    earlier once the azimuth sigma of all stops is at most `sigma`, rad. Raises InputError for fewer than 4
     steps.
     """
-    if steps < FEWEST_STEPS:
+    if steps < MIN_EAST_STEPS:
         raise InputError(f"{steps} steps cannot close the loop; give 4 or more")
-    tally = tally or Tally(horizontal)
-    history: list[EastStep] = []
+    tally = tally or RunningEstimate(horizontal)
+    steps_done: list[EastStep] = []
 
-    def maytag(at: float) -> float:
-        means = []
-        for way in (0.0, math.pi, 0.0):
-            reached = table.turn_to(at + way)
-            means.append(tally.add(*measure(stop), reached))
-        component = (means[0] - 2 * means[1] + means[2]) / 4
-        history.append(EastStep(at, component))
+    def run_maytag(angle_of_step: float) -> float:
+        stop_means = []
+        for offset in (0.0, math.pi, 0.0):
+            reached = table.turn_to(angle_of_step + offset)
+            stop_means.append(tally.add_stop(*measure(stop), reached))
+        component = (stop_means[0] - 2 * stop_means[1] + stop_means[2]) / 4
+        steps_done.append(EastStep(angle_of_step, component))
         return component
 
-    known = tally.azimuth()
-    more = 1
-    if known is None:
-        more = -1
-        along, across = maytag(0.0), maytag(math.pi / 2)
-        angle = math.atan2(across, along) - math.pi / 2
+    estimate = tally.azimuth()
+    gain_offset = 1
+    if estimate is None:
+        gain_offset = -1
+        rate_along, rate_across = run_maytag(0.0), run_maytag(math.pi / 2)
+        angle = math.atan2(rate_across, rate_along) - math.pi / 2
     else:
-        angle = known[0] - math.pi / 2
-    while len(history) < steps - 1:
-        component = maytag(angle)
-        angle -= math.asin(max(-1.0, min(1.0, component / horizontal))) / (len(history) + more)
-        known = tally.azimuth()
-        if sigma is not None and known is not None and known[1] <= sigma:
+        angle = estimate[0] - math.pi / 2
+    while len(steps_done) < steps - 1:
+        component = run_maytag(angle)
+        angle -= math.asin(max(-1.0, min(1.0, component / horizontal))) / (len(steps_done) + gain_offset)
+        estimate = tally.azimuth()
+        if sigma is not None and estimate is not None and estimate[1] <= sigma:
             break
-    if maytag(angle + math.pi / 2) < 0:
+    if run_maytag(angle + math.pi / 2) < 0:
         angle += math.pi
-    known = tally.azimuth()
-    assert known is not None
-    return East(float(wrap(angle)), *known, tuple(history))
+    estimate = tally.azimuth()
+    assert estimate is not None
+    return EastSeekResult(float(wrap_angle(angle)), *estimate, tuple(steps_done))

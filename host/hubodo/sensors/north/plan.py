@@ -1,4 +1,4 @@
-"""Before anything is recorded: what a gyro's own noise allows, and which stops get there."""
+"""Planning of a north measurement: achievable sigma and best stops for the noise of a gyro."""
 
 from __future__ import annotations
 
@@ -9,48 +9,58 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.errors import InputError
-from hubodo.sensors.allan.characterise import characterise
-from hubodo.sensors.heading.prior import noise_of_allan
-from hubodo.sensors.north.advice import Advice, best_programme, time_for, white_azimuth_bound
-from hubodo.sensors.north.drift import Drift
+from hubodo.sensors.allan.characterise import characterise_noise
+from hubodo.sensors.heading.prior import read_bias_noise
+from hubodo.sensors.north.drift import DriftNoise
+from hubodo.sensors.north.programme import (
+    StopProgramme,
+    find_best_programme,
+    find_shortest_programme,
+    white_noise_azimuth_bound,
+)
 
-TIMES = (120.0, 300.0, 600.0, 1200.0, 2400.0, 3600.0, 7200.0)
-"""s, for which the best stops are told."""
+PLAN_TIMES_S = (120.0, 300.0, 600.0, 1200.0, 2400.0, 3600.0, 7200.0)
+"""Durations, s, for which the best programme is listed."""
 
 
 @dataclass(frozen=True)
 class StopPlan:
     """Four-point programmes for one gyro.
 
-    best: for each of TIMES where stops fit, with the white-noise bound of that time, rad. wanted: the
-    shortest that reaches what was asked for, None where a day does not.
+    Attributes:
+        drift: noise of the gyro.
+        programmes: for each of `PLAN_TIMES_S` the best programme and the white-noise bound of that time, rad.
+        target_programme: shortest programme that reaches the requested sigma; None if a day is too short.
     """
 
-    drift: Drift
-    best: tuple[tuple[Advice, float], ...]
-    wanted: Advice | None
+    drift: DriftNoise
+    programmes: tuple[tuple[StopProgramme, float], ...]
+    target_programme: StopProgramme | None
 
 
-def drift_of_allan(path: Path) -> Drift:
-    """N, B, K as `hubodo allan --json` printed them. Raises InputError for another file, or without N."""
-    noise = noise_of_allan(path)
-    return Drift(noise.angle_random_walk, noise.bias_instability, noise.rate_random_walk)
+def read_drift_noise(path: Path) -> DriftNoise:
+    """Read N, B, K from the output of `hubodo allan --json`.
+
+    Raise InputError for another file or without N.
+    """
+    noise = read_bias_noise(path)
+    return DriftNoise(noise.angle_random_walk, noise.bias_instability, noise.rate_random_walk)
 
 
-def drift_at_rest(t: Array, values: Array, channel: str) -> Drift:
-    """The same from a record at rest, (N,) s and (N,) rad/s. Raises InputError where it shows no N."""
-    terms = characterise(t, values, channel).fit.terms
+def drift_noise_from_standstill(t: Array, values: Array, channel: str) -> DriftNoise:
+    """Estimate N, B, K from a stationary record, t (N,) s, values (N,) rad/s; raise InputError without N."""
+    terms = characterise_noise(t, values, channel).fit.terms
     n, b, k = (terms[name].value or 0.0 for name in "NBK")
     if n <= 0.0:
         raise InputError(f"{channel}: the record shows no angle random walk (N); record it longer or finer")
-    return Drift(n, b, k)
+    return DriftNoise(n, b, k)
 
 
-def plan(drift: Drift, horizontal: float, sigma: float, turn: float) -> StopPlan:
-    """sigma: rad wanted. turn: s from stop to stop, with what it takes to settle."""
-    best = []
-    for time in TIMES:
-        found = best_programme(drift, time, turn, horizontal)
-        if found is not None and found.sigma < np.pi / 4:
-            best.append((found, white_azimuth_bound(drift.n, time, horizontal)))
-    return StopPlan(drift, tuple(best), time_for(drift, sigma, turn, horizontal))
+def plan_stops(drift: DriftNoise, horizontal: float, sigma: float, turn: float) -> StopPlan:
+    """Return the plan for a requested sigma, rad; turn: time from stop to stop including settling, s."""
+    programmes = []
+    for time in PLAN_TIMES_S:
+        programme = find_best_programme(drift, time, turn, horizontal)
+        if programme is not None and programme.sigma < np.pi / 4:
+            programmes.append((programme, white_noise_azimuth_bound(drift.n, time, horizontal)))
+    return StopPlan(drift, tuple(programmes), find_shortest_programme(drift, sigma, turn, horizontal))

@@ -1,4 +1,4 @@
-"""What the fit of north leaves over of a record: for people to look at, and to see whether it is noise."""
+"""Residuals of the north estimate, for plots and whiteness checks."""
 
 from __future__ import annotations
 
@@ -9,42 +9,47 @@ from numpy.polynomial.legendre import legvander
 from scipy.linalg import cholesky, solve_triangular
 
 from hubodo.arrays import Array
-from hubodo.sensors.north.drift import covariance
-from hubodo.sensors.north.find import North
+from hubodo.sensors.north.drift import drift_covariance
+from hubodo.sensors.north.north_estimate import NorthEstimate
 
 
 @dataclass(frozen=True)
-class Residuals:
-    """M averages of all records in order.
+class NorthResiduals:
+    """Residuals of the M averages of all records, in order.
 
-    t: (M,) s, their middles. earth: (M,) rad/s measured, without bias and ramp; model: (M,) rad/s of Earth
-    rate. angle: (M,) rad of the sensing axis. left: (M,) rad/s, earth - model, with the drift in it. white:
-    (M,) the same divided by what noise and drift allow, unit variance where the fit holds.
+    Attributes:
+        t: (M,) centre of each interval, s.
+        earth: (M,) measured rate without bias and ramp, rad/s.
+        model: (M,) modelled Earth rate, rad/s.
+        angle: (M,) of the sensing axis, rad.
+        residual: (M,) earth - model, including the drift, rad/s.
+        whitened: (M,) residual whitened by the covariance of noise and drift; unit variance if the model
+        holds.
     """
 
     t: Array
     earth: Array
     model: Array
     angle: Array
-    left: Array
-    white: Array
+    residual: Array
+    whitened: Array
 
 
-def residuals_of(found: North) -> Residuals:
-    """The residuals at the azimuth and the drift that were found."""
+def compute_residuals(estimate: NorthEstimate) -> NorthResiduals:
+    """Return the residuals at the estimated azimuth and drift."""
     rows = []
-    north = found.horizontal * np.array([np.cos(found.azimuth), np.sin(found.azimuth)])
-    for averages in found.averages:
-        cos, sin, _, _, y = averages.columns(0.0).T
-        spread = covariance(found.posterior.drift, averages.start, averages.end)
-        factor = cholesky(spread, lower=True)
+    north = estimate.horizontal_rate * np.array([np.cos(estimate.azimuth), np.sin(estimate.azimuth)])
+    for averages in estimate.averages:
+        cos, sin, _, _, y = averages.design_columns(0.0).T
+        noise_covariance = drift_covariance(estimate.posterior.drift, averages.start, averages.end)
+        factor = cholesky(noise_covariance, lower=True)
         middle = (averages.start + averages.end) / 2
         model = np.column_stack([cos, sin]) @ north
         ramp = (middle - middle.mean()) / max(float(np.ptp(middle)), 1e-9)
-        nuisance = legvander(2 * ramp, found.posterior.order)
-        both = solve_triangular(factor, np.column_stack([nuisance, y - model]), lower=True)
-        level = np.linalg.lstsq(both[:, :-1], both[:, -1], rcond=None)[0]
-        earth = y - nuisance @ level
-        white = both[:, -1] - both[:, :-1] @ level
-        rows.append(np.stack([middle, earth, model, np.arctan2(sin, cos), earth - model, white]))
-    return Residuals(*np.concatenate(rows, axis=1))
+        polynomial = legvander(2 * ramp, estimate.posterior.order)
+        whitened_columns = solve_triangular(factor, np.column_stack([polynomial, y - model]), lower=True)
+        coefficients = np.linalg.lstsq(whitened_columns[:, :-1], whitened_columns[:, -1], rcond=None)[0]
+        earth = y - polynomial @ coefficients
+        whitened = whitened_columns[:, -1] - whitened_columns[:, :-1] @ coefficients
+        rows.append(np.stack([middle, earth, model, np.arctan2(sin, cos), earth - model, whitened]))
+    return NorthResiduals(*np.concatenate(rows, axis=1))

@@ -1,4 +1,4 @@
-"""A record at rest as the error of a gyro on a turntable that does not exist."""
+"""Simulated turntable: a stationary gyro record plus Earth rate at the table's angle."""
 
 from __future__ import annotations
 
@@ -9,70 +9,79 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.errors import InputError
-from hubodo.sensors.north.find import horizontal_rate
+from hubodo.sensors.north.north_estimate import horizontal_earth_rate
 from hubodo.sensors.north.stops import TableMotion
 
 
 @dataclass
 class SimulatedTable:
-    """A table under a gyro whose error is a given record, played once from its beginning.
+    """A simulated table under a gyro whose errors are a given record, played once.
 
-    error: (N,) rad/s with `dt` s between. azimuth: rad, of table zero. turn: rad/s, speed of the table,
-    during which the record runs on.
+    Attributes:
+        gyro_error: (N,) rad/s at intervals of `dt` s.
+        azimuth: of table zero, rad.
+        latitude: rad.
+        turn_rate: speed of the table, rad/s; the record continues during turns.
+        angle: current table angle, rad.
+        position: index of the next sample.
     """
 
-    error: Array
+    gyro_error: Array
     dt: float
     azimuth: float
     latitude: float
-    turn: float = math.pi / 2
+    turn_rate: float = math.pi / 2
     angle: float = 0.0
     position: int = 0
 
     def turn_to(self, angle: float) -> float:
-        """Turn at the table's speed."""
-        self.position += round(abs(angle - self.angle) / self.turn / self.dt)
+        """Turn to an angle, rad, at the table's speed, and return the angle."""
+        self.position += round(abs(angle - self.angle) / self.turn_rate / self.dt)
         self.angle = angle
         return angle
 
     def measure(self, duration: float) -> tuple[Array, Array]:
-        """The next `duration` s. Raises InputError when the record is used up."""
+        """Return times, s, and rates, rad/s, of the next `duration` s.
+
+        Raise InputError at the record's end.
+        """
         count = round(duration / self.dt)
-        if self.position + count > len(self.error):
+        if self.position + count > len(self.gyro_error):
             raise InputError(
-                f"the record of {len(self.error) * self.dt:.0f} s is too short for the programme; use fewer "
+                f"the record of {len(self.gyro_error) * self.dt:.0f} s is too short for the programme; use "
+                "fewer "
                 "or shorter stops"
             )
         index = np.arange(self.position, self.position + count)
         self.position += count
-        earth = horizontal_rate(self.latitude) * math.cos(self.azimuth - self.angle)
-        return np.asarray(index * self.dt), self.error[index] + earth
+        earth = horizontal_earth_rate(self.latitude) * math.cos(self.azimuth - self.angle)
+        return np.asarray(index * self.dt), self.gyro_error[index] + earth
 
 
 def simulate_stops(table: SimulatedTable, angles: Array, stop: float) -> tuple[Array, Array, TableMotion]:
-    """(t, rate, table) of one recording with a stop at each angle: what a log of a real table would hold."""
-    at_t: list[float] = []
-    at_angle: list[float] = []
+    """Return times, rates and table motion of one recording with a stop of `stop` s at each angle (rad)."""
+    row_t: list[float] = []
+    row_angle: list[float] = []
     moving: list[bool] = []
     times: list[Array] = []
     rates: list[Array] = []
     for angle in angles:
         if times:
-            at_t.append(times[-1][-1] + table.dt)
-            at_angle.append(table.angle)
+            row_t.append(times[-1][-1] + table.dt)
+            row_angle.append(table.angle)
             moving.append(True)
         table.turn_to(float(angle))
         t, rate = table.measure(stop)
-        at_t.append(float(t[0]))
-        at_angle.append(table.angle)
+        row_t.append(float(t[0]))
+        row_angle.append(table.angle)
         moving.append(False)
         times.append(t)
         rates.append(rate)
-    at_t.append(float(times[-1][-1]))
-    at_angle.append(table.angle)
+    row_t.append(float(times[-1][-1]))
+    row_angle.append(table.angle)
     moving.append(False)
     return (
         np.concatenate(times),
         np.concatenate(rates),
-        TableMotion(np.array(at_t), np.array(at_angle), np.array(moving)),
+        TableMotion(np.array(row_t), np.array(row_angle), np.array(moving)),
     )

@@ -1,4 +1,4 @@
-"""One continuous recording on a turntable cut into stops, without the transients of the turns."""
+"""Segmentation of a continuous turntable recording into stops, without the transients of the turns."""
 
 from __future__ import annotations
 
@@ -11,25 +11,31 @@ from numpy.typing import NDArray
 from hubodo.arrays import Array
 from hubodo.errors import InputError
 
-MIN_CUT_S = 0.2
-"""Cut at both ends of each stop at least: clocks of table and node agree no better without more effort."""
-MAX_CUT_S = 5.0
-_BIN_S = 0.1
-_PROBE = 5.0
-ANGLE_TOLERANCE = np.radians(0.1)
-MOVED_SIGMA = 8.0
-MOVED_ANGLE = np.radians(0.5)
-NOISY = 4.0
-"""Times the median noise of a stop: something shook the table."""
+MIN_STOP_CUT_S = 0.2
+"""Minimum time cut at both ends of each stop, because the clocks of table and node agree only to that."""
+MAX_STOP_CUT_S = 5.0
+_TRANSIENT_BIN_S = 0.1
+_TRANSIENT_SIGMA = 5.0
+STANDSTILL_ANGLE_TOLERANCE = np.radians(0.1)
+TABLE_MOTION_SIGMA = 8.0
+TABLE_MOTION_ANGLE = np.radians(0.5)
+MAX_STOP_NOISE_RATIO = 4.0
+"""Noise of a stop, relative to the median, above which the table was disturbed."""
 
 
 @dataclass(frozen=True)
 class TableMotion:
-    """What the turntable did: t (K,) s, angle (K,) rad anticlockwise seen from above, moving (K,) bool.
+    """The motion of a turntable.
 
-    A row holds until the next; while the table moves, the angle runs evenly from row to row. Where the gyro
-    felt the angles itself, scale_sigma is 1 sigma of their common relative error and turn_sigma, rad, what
-    each turn adds; both are 0 for angles that are exact.
+    A row holds until the next one; while the table moves, the angle is interpolated linearly.
+
+    Attributes:
+        t: (K,) s.
+        angle: (K,) anticlockwise seen from above, rad.
+        moving: (K,) bool.
+        scale_sigma, turn_sigma: if the gyro measured the angles, sigma of their common relative error, and
+        sigma (rad)
+            of the noise of each turn; 0 for exact angles.
     """
 
     t: Array
@@ -39,7 +45,7 @@ class TableMotion:
     turn_sigma: float = 0.0
 
     def angle_at(self, t: Array) -> Array:
-        """(N,) rad at any time."""
+        """Return the (N,) table angles, rad, at times t (N,) s."""
         angle = self.angle
         if len(angle) and float(np.abs(angle).max()) <= 2 * np.pi + 1e-9:
             angle = np.unwrap(angle)
@@ -48,11 +54,16 @@ class TableMotion:
 
 @dataclass(frozen=True)
 class Stops:
-    """S stops.
+    """S stops of a turntable.
 
-    start, end: (S,) first sample and one past the last. t: (S, 2) s. angle: (S,) rad. mean: (S,) rad/s. cut:
-    (2,) s that were taken off the beginning and the end of every stop. scale_sigma, turn_sigma: of the
-    angles, as in `TableMotion`. notes: what was left out, one line each.
+    Attributes:
+        start, end: (S,) index of the first sample and one past the last.
+        t: (S, 2) start and end, s.
+        angle: (S,) rad.
+        mean: (S,) mean rate, rad/s.
+        cut: time cut at the beginning and at the end of every stop, s.
+        scale_sigma, turn_sigma: of the angles, as in `TableMotion`.
+        notes: one line for each stop excluded.
     """
 
     start: NDArray[np.int64]
@@ -70,28 +81,28 @@ class Stops:
 
     @property
     def duration(self) -> float:
-        """s of measurement in all stops together."""
+        """Return the total duration of all stops, s."""
         return float((self.t[:, 1] - self.t[:, 0]).sum())
 
     @property
-    def turned(self) -> Array:
-        """(S,) rad from the first stop."""
+    def angle_from_first(self) -> Array:
+        """Return the (S,) angles relative to the first stop, rad."""
         return np.asarray(self.angle - self.angle[0])
 
 
 def split_stops(
     t: Array, rate: Array, table: TableMotion, *, vertical: Array | None = None, settle: float | None = None
 ) -> Stops:
-    """Cut the recording by the table's file.
+    """Cut a recording into stops by the motion of the table.
 
-    t: (N,) s. rate: (N,) rad/s of the axis used. vertical: (N,) rad/s upwards, to prove that the table stood
-    still. settle: s to cut at both ends; None finds it from the transients. Raises InputError with the time
-    when the table moved while it was said to be still, and when there is no stop.
+    t: (N,) s. rate: (N,) of the axis used, rad/s. vertical: (N,) rate about the vertical, rad/s, to check
+    that the table was stationary. settle: time to cut at both ends, s; None estimates it from the
+    transients. Raises InputError with the time if the table moved during a stop, and if there is no stop.
     """
-    spans = _still_spans(table)
+    spans = _stationary_spans(table)
     step = float(np.median(np.diff(t)))
     indices = [(int(np.searchsorted(t, a)), int(np.searchsorted(t, b)), angle) for a, b, angle in spans]
-    indices = [(i, j, angle) for i, j, angle in indices if (j - i) * step > 4 * MIN_CUT_S and j - i > 8]
+    indices = [(i, j, angle) for i, j, angle in indices if (j - i) * step > 4 * MIN_STOP_CUT_S and j - i > 8]
     if not indices:
         raise InputError(
             "table.csv and the node have no stop in common: moving is never 0 while the node records"
@@ -100,24 +111,25 @@ def split_stops(
     if settle is not None:
         cut = (settle, settle)
     else:
-        cut = (_transient(channels, indices, step, 1), _transient(channels, indices, step, -1))
+        cut = (_transient_time(channels, indices, step, 1), _transient_time(channels, indices, step, -1))
     first, last = (round(c / step) for c in cut)
-    kept = [(i + first, j - last, angle) for i, j, angle in indices if j - i - first - last > 4]
-    if not kept:
+    stops = [(i + first, j - last, angle) for i, j, angle in indices if j - i - first - last > 4]
+    if not stops:
         raise InputError(
-            f"nothing is left of any stop after cutting {cut[0]:.1f} and {cut[1]:.1f} s; make longer stops"
+            f"all stops are shorter than the {cut[0]:.1f} and {cut[1]:.1f} s cut at their ends; make longer "
+            "stops"
         )
     notes: list[str] = []
     if vertical is not None:
-        _check_still(t, vertical, kept, step)
-        kept, notes = _without_noisy(t, vertical, kept)
-    starts, ends = (np.array([k[c] for k in kept]) for c in (0, 1))
+        _check_stationary(t, vertical, stops, step)
+        stops, notes = _drop_noisy(t, vertical, stops)
+    starts, ends = (np.array([k[c] for k in stops]) for c in (0, 1))
     return Stops(
         starts,
         ends,
         np.column_stack([t[starts], t[ends - 1] + step]),
-        np.array([k[2] for k in kept]),
-        np.array([rate[i:j].mean() for i, j, _ in kept]),
+        np.array([k[2] for k in stops]),
+        np.array([rate[i:j].mean() for i, j, _ in stops]),
         cut,
         table.scale_sigma,
         table.turn_sigma,
@@ -125,91 +137,101 @@ def split_stops(
     )
 
 
-def _still_spans(table: TableMotion) -> list[tuple[float, float, float]]:
-    """(from, to, angle) of each run of rows that are not moving."""
+def _stationary_spans(table: TableMotion) -> list[tuple[float, float, float]]:
+    """Return (start, end, angle) of each run of stationary rows.
+
+    Raise InputError if the angle changes in it.
+    """
     spans = []
     edges = np.flatnonzero(np.diff(table.moving.astype(int))) + 1
     for rows in np.split(np.arange(len(table.t)), edges):
         if not len(rows) or table.moving[rows[0]]:
             continue
         angles = np.unwrap(table.angle[rows])
-        spread = float(np.ptp(angles))
-        if spread > ANGLE_TOLERANCE:
-            at = table.t[rows[int(np.abs(np.diff(angles)).argmax()) + 1]]
+        angle_range = float(np.ptp(angles))
+        if angle_range > STANDSTILL_ANGLE_TOLERANCE:
+            time = table.t[rows[int(np.abs(np.diff(angles)).argmax()) + 1]]
             raise InputError(
-                f"table.csv: the angle changes by {np.degrees(spread):.2f} degrees while moving is 0, near "
-                f"t = {at:.2f} s; "
+                f"table.csv: the angle changes by {np.degrees(angle_range):.2f} degrees while moving is 0, "
+                "near "
+                f"t = {time:.2f} s; "
                 "mark turns with moving = 1 or repeat the recording"
             )
-        until = table.t[rows[-1] + 1] if rows[-1] + 1 < len(table.t) else np.inf
-        spans.append((float(table.t[rows[0]]), float(until), float(angles.mean())))
+        end_time = table.t[rows[-1] + 1] if rows[-1] + 1 < len(table.t) else np.inf
+        spans.append((float(table.t[rows[0]]), float(end_time), float(angles.mean())))
     return spans
 
 
-def _transient(
+def _transient_time(
     channels: Sequence[Array], spans: Sequence[tuple[int, int, float]], step: float, direction: int
 ) -> float:
-    """s to cut after (direction 1) or before (-1) a turn.
+    """Return the time to cut, s, after (direction 1) or before (-1) a turn.
 
-    Twice as long as the pooled mean square stands out.
+    It is twice the time in which the pooled mean square is significantly above that of the calm part.
     """
-    # One stop cut short must not hide the transients of the others.
-    usual = float(np.median([j - i for i, j, _ in spans]))
-    spans = [span for span in spans if span[1] - span[0] > usual / 2]
+    # A single short stop must not limit the length available for the others.
+    median_samples = float(np.median([j - i for i, j, _ in spans]))
+    spans = [span for span in spans if span[1] - span[0] > median_samples / 2]
     shortest = min(j - i for i, j, _ in spans)
-    width = max(1, round(_BIN_S / step))
-    probe = min(round(MAX_CUT_S / step), shortest // 4)
-    bins = probe // width
+    width = max(1, round(_TRANSIENT_BIN_S / step))
+    probe_samples = min(round(MAX_STOP_CUT_S / step), shortest // 4)
+    bins = probe_samples // width
     if bins < 1:
-        return MIN_CUT_S
+        return MIN_STOP_CUT_S
     last = -1
     for channel in channels:
-        parts = np.array([channel[i:j][::direction][: 2 * probe] for i, j, _ in spans])
-        reference = parts[:, probe:]
+        parts = np.array([channel[i:j][::direction][: 2 * probe_samples] for i, j, _ in spans])
+        reference = parts[:, probe_samples:]
         sigma = np.sqrt(np.maximum(reference.var(axis=1, ddof=1), 1e-30) / width)
         means = parts[:, : bins * width].reshape(len(parts), bins, width).mean(axis=2)
         pooled = (((means - reference.mean(axis=1)[:, None]) / sigma[:, None]) ** 2).mean(axis=0)
-        # Noise that is not quite white is the rule: the scatter of the calm part in bins sets the scale.
-        calm = (
+        # The noise is rarely exactly white, so the binned calm part defines the reference level.
+        calm_means = (
             reference[:, : (reference.shape[1] // width) * width].reshape(len(parts), -1, width).mean(axis=2)
         )
-        level = float((((calm - calm.mean(axis=1)[:, None]) / sigma[:, None]) ** 2).mean())
-        loud = np.flatnonzero(pooled > level * (1 + _PROBE * np.sqrt(2 / len(parts))))
-        last = max(last, int(loud[-1]) if len(loud) else -1)
-    # A tail too small to be seen still adds up, and its sign follows the table: cut as much again.
-    return min(max(MIN_CUT_S, 2 * (last + 1) * width * step), probe * step)
+        level = float((((calm_means - calm_means.mean(axis=1)[:, None]) / sigma[:, None]) ** 2).mean())
+        significant = np.flatnonzero(pooled > level * (1 + _TRANSIENT_SIGMA * np.sqrt(2 / len(parts))))
+        last = max(last, int(significant[-1]) if len(significant) else -1)
+    # The undetected tail is systematic, because its sign follows the table's motion: cut twice the
+    # detected time.
+    return min(max(MIN_STOP_CUT_S, 2 * (last + 1) * width * step), probe_samples * step)
 
 
-def _check_still(t: Array, vertical: Array, spans: Sequence[tuple[int, int, float]], step: float) -> None:
-    """The vertical gyro sees a table that turns: no stop may stand out in what it adds up to."""
+def _check_stationary(
+    t: Array, vertical: Array, spans: Sequence[tuple[int, int, float]], step: float
+) -> None:
+    """Raise InputError if the integrated vertical rate of a stop deviates significantly from the others."""
     means = np.array([vertical[i:j].mean() for i, j, _ in spans])
     length = np.array([(j - i) * step for i, j, _ in spans])
-    middle = np.median(means)
-    scatter = 1.4826 * float(np.median(np.abs(means - middle)))
-    swept = np.abs(means - middle) * length
-    limit = np.maximum(MOVED_SIGMA * scatter * length, MOVED_ANGLE)
-    for k in np.flatnonzero(swept > limit):
+    median = np.median(means)
+    scatter = 1.4826 * float(np.median(np.abs(means - median)))
+    swept_angle = np.abs(means - median) * length
+    limit = np.maximum(TABLE_MOTION_SIGMA * scatter * length, TABLE_MOTION_ANGLE)
+    for k in np.flatnonzero(swept_angle > limit):
         i, j, _ = spans[int(k)]
         raise InputError(
-            f"the table moved while it was said to be still: stop {k + 1}, {t[i]:.1f}..{t[j - 1]:.1f} s, the "
-            f"vertical gyro adds up to {np.degrees(swept[k]):.1f} degrees; correct table.csv, or take stops "
-            "and angles from the gyro with --find-stops"
+            f"the table moved during stop {k + 1}, {t[i]:.1f}..{t[j - 1]:.1f} s: the integrated vertical "
+            "rate is "
+            f"{np.degrees(swept_angle[k]):.1f} degrees; correct table.csv, or derive stops and angles from "
+            "the gyro with "
+            "--find-stops"
         )
 
 
-def _without_noisy(
+def _drop_noisy(
     t: Array, vertical: Array, spans: Sequence[tuple[int, int, float]]
 ) -> tuple[list[tuple[int, int, float]], list[str]]:
-    """The stops without those in which something shook the table, and a line for each of these."""
+    """Return the stops without those in which the table was disturbed, and a line for each of the latter."""
     noise = np.array([vertical[i:j].std() for i, j, _ in spans])
-    ratio = noise / max(float(np.median(noise)), 1e-300)
-    kept, notes = [], []
-    for span, times in zip(spans, ratio, strict=True):
-        if times > NOISY:
+    noise_ratios = noise / max(float(np.median(noise)), 1e-300)
+    stops, notes = [], []
+    for span, noise_ratio in zip(spans, noise_ratios, strict=True):
+        if noise_ratio > MAX_STOP_NOISE_RATIO:
             i, j, _ = span
             notes.append(
-                f"the stop at {t[i]:.1f}..{t[j - 1]:.1f} s is left out: {times:.1f} times the usual noise"
+                f"the stop at {t[i]:.1f}..{t[j - 1]:.1f} s is excluded: {noise_ratio:.1f} times the usual "
+                "noise"
             )
         else:
-            kept.append(span)
-    return kept, notes
+            stops.append(span)
+    return stops, notes

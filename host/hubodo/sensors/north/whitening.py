@@ -1,4 +1,4 @@
-"""Averages of a drifting gyro made white: the drift's covariance taken out, its bias and its ramp too."""
+"""Whitening of gyro averages by their drift covariance, with bias and ramp projected out."""
 
 from __future__ import annotations
 
@@ -14,93 +14,104 @@ from scipy.linalg.lapack import dtrtri
 
 from hubodo.arrays import Array
 from hubodo.sensors.north.averages import Averages
-from hubodo.sensors.north.drift import flicker, quantization, random_walk
+from hubodo.sensors.north.drift import flicker_covariance, quantisation_covariance, random_walk_covariance
 
-PIECE = 300
-"""Intervals solved together; longer records are cut into pieces with a bias and a ramp each.
+MAX_PIECE_AVERAGES = 300
+"""Largest number of averages solved jointly; longer records are cut into pieces with separate bias and ramp.
 
-That costs little: the drift of one piece says next to nothing about Earth rate in another.
+The loss is small, because the drift of one piece contains almost no information on Earth rate in another.
 """
-RAMP, BEND = 1, 3
-"""Order of the unknown polynomial of each piece: bias and ramp, or what a gyro does that warms up besides."""
+RAMP_ORDER, BEND_ORDER = 1, 3
+"""Order of the unknown polynomial of each piece: bias and ramp, or also the curvature of a warm-up."""
 
 
-Ratios = tuple[float, float, float]
-"""B² T / N², K² T² / N² and Q² / (N² T) with T the mean interval."""
+NoiseRatios = tuple[float, float, float]
+"""Noise ratios B² T / N², K² T² / N² and Q² / (N² T), with T the mean interval."""
 
 
 @dataclass(frozen=True)
-class Sufficient:
-    """What the likelihood needs of records.
+class SufficientStatistics:
+    """The sufficient statistics of the likelihood.
 
-    gram: (5, 5) inner products of the columns of `Averages`, white and free of bias and ramp, in units of
-    N² / mean interval. logdet: log determinant of the restricted covariance; plain: of the whole one.
+    Attributes:
+        gram: (5, 5) inner products of the columns of `Averages`, whitened and without bias and ramp, in
+        units of
+            N² / mean interval.
+        logdet, unrestricted_logdet: log determinant of the restricted and of the full covariance.
     """
 
     gram: Array
     logdet: float
-    plain: float
+    unrestricted_logdet: float
 
 
-def pieces_of(records: Sequence[Averages]) -> list[Averages]:
-    """Records cut into pieces of at most PIECE averages."""
-    made = []
-    for record in (it for it in records if len(it.y)):
-        count = -(-len(record.y) // PIECE)
+def split_pieces(records: Sequence[Averages]) -> list[Averages]:
+    """Cut records into pieces of at most MAX_PIECE_AVERAGES averages."""
+    results = []
+    for record in (one for one in records if len(one.y)):
+        count = -(-len(record.y) // MAX_PIECE_AVERAGES)
         edges = np.linspace(0, len(record.y), count + 1).round().astype(int)
-        made += [record.part(int(a), int(b)) for a, b in pairwise(edges)]
-    return made
+        results += [record.slice_rows(int(a), int(b)) for a, b in pairwise(edges)]
+    return results
 
 
-def sufficient(
-    pieces: Sequence[Averages], grid: Sequence[Ratios], mean: float, scale: float = 0.0, order: int = RAMP
-) -> list[Sufficient]:
-    """Summed over the pieces, at each point of the grid.
+def sufficient_statistics(
+    pieces: Sequence[Averages],
+    grid: Sequence[NoiseRatios],
+    mean: float,
+    scale: float = 0.0,
+    order: int = RAMP_ORDER,
+) -> list[SufficientStatistics]:
+    """Return the sufficient statistics, summed over the pieces, at each point of the grid.
 
-    mean: s, of an interval. scale: error of the gyro's at which the angles are. order: of the polynomial.
+    mean: mean interval, s. scale: scale error of the gyro at which angles are evaluated. order: of the
+    polynomial.
     """
-    # Same stops, same matrix: programmes repeat from record to record, so rounding makes them meet in the
-    # cache.
+    # Programmes repeat from record to record; rounding the times lets them share cached matrices.
     keys = [np.round(np.stack([p.start, p.end]) - p.start[0], 4).tobytes() for p in pieces]
-    columns = [piece.columns(scale) for piece in pieces]
+    columns = [piece.design_columns(scale) for piece in pieces]
     unit = round(mean, 4)
-    made = []
+    results = []
     for ratios in grid:
         gram: Array = np.zeros((5, 5))
-        logdet = plain = 0.0
-        for key, seen in zip(keys, columns, strict=True):
-            whitener, nuisance, restricted, whole = _whitener(key, ratios, unit, order)
-            white = whitener @ seen
+        logdet = unrestricted = 0.0
+        for key, data in zip(keys, columns, strict=True):
+            whitener, nuisance, restricted, full_logdet = _whitener(key, ratios, unit, order)
+            white = whitener @ data
             white = white - nuisance @ (nuisance.T @ white)
-            gram, logdet, plain = gram + white.T @ white, logdet + restricted, plain + whole
-        made.append(Sufficient(gram, logdet, plain))
-    return made
+            gram, logdet, unrestricted = (
+                gram + white.T @ white,
+                logdet + restricted,
+                unrestricted + full_logdet,
+            )
+        results.append(SufficientStatistics(gram, logdet, unrestricted))
+    return results
 
 
 @lru_cache(maxsize=160)
-def _whitener(key: bytes, ratios: Ratios, unit: float, order: int) -> tuple[Array, Array, float, float]:
-    """Inverse Cholesky factor (M, M), orthonormal polynomial behind it (M, order + 1), log determinants.
+def _whitener(key: bytes, ratios: NoiseRatios, unit: float, order: int) -> tuple[Array, Array, float, float]:
+    """Return the inverse Cholesky factor (M, M), the whitened orthonormal polynomial and log determinants.
 
-    key: start and end, float64. Of the covariance in units of N² / unit: restricted to what the polynomial
-    cannot explain, and whole.
+    key: bytes of start and end, float64. The log determinants are those of the covariance in units of N² /
+    unit, restricted to the complement of the polynomial (M, order + 1), and unrestricted.
     """
     start, end = np.frombuffer(key).reshape(2, -1)
-    f, w, q = ratios
-    matrix = np.diag(unit / (end - start)) + w / unit * random_walk(start, end)
-    if f:
-        matrix = matrix + f * _flicker(key)
-    if q:
-        matrix = matrix + q * unit**2 * quantization(start, end)
+    flicker_ratio, walk_ratio, quantisation_ratio = ratios
+    matrix = np.diag(unit / (end - start)) + walk_ratio / unit * random_walk_covariance(start, end)
+    if flicker_ratio:
+        matrix = matrix + flicker_ratio * _flicker(key)
+    if quantisation_ratio:
+        matrix = matrix + quantisation_ratio * unit**2 * quantisation_covariance(start, end)
     factor = cholesky(matrix, lower=True, check_finite=False)
     inverse = dtrtri(factor, lower=1)[0]
     middle = (start + end) / 2
     ramp = (middle - middle.mean()) / max(float(np.ptp(middle)), 1e-9)
-    behind, r = np.linalg.qr(inverse @ legvander(2 * ramp, order))
-    whole = 2 * float(np.log(np.diag(factor)).sum())
-    restricted = whole + 2 * float(np.log(np.abs(np.diag(r))).sum())
-    return np.asarray(inverse), np.asarray(behind), restricted, whole
+    polynomial, r = np.linalg.qr(inverse @ legvander(2 * ramp, order))
+    full_logdet = 2 * float(np.log(np.diag(factor)).sum())
+    restricted = full_logdet + 2 * float(np.log(np.abs(np.diag(r))).sum())
+    return np.asarray(inverse), np.asarray(polynomial), restricted, full_logdet
 
 
 @lru_cache(maxsize=8)
 def _flicker(key: bytes) -> Array:
-    return flicker(*np.frombuffer(key).reshape(2, -1))
+    return flicker_covariance(*np.frombuffer(key).reshape(2, -1))

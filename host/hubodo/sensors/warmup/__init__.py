@@ -1,1 +1,1 @@
-"""The bias of a gyro that warms up."""
+"""Warm-up drift of the gyro bias: fit, whiteness tests, forecast and bias filters."""

@@ -1,130 +1,142 @@
-"""The warm-up of one gyro axis at rest: fitted, judged for whiteness, and the next model if not white."""
+"""Warm-up analysis of one stationary gyro axis: exponential fit, whiteness tests, next model if needed."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.errors import InputError
-from hubodo.sensors.at_rest import TemperatureStep
-from hubodo.sensors.even_grid import EvenGrid, even_grid
+from hubodo.sensors.even_grid import EvenGrid, place_on_grid
+from hubodo.sensors.standstill_checks import TemperatureStep
+from hubodo.sensors.warmup.assess import assess_fit, describe_next_model, select_next_model
 from hubodo.sensors.warmup.fit import WarmupFit, fit_warmup
-from hubodo.sensors.warmup.judge import judge, next_model, verdict
-from hubodo.sensors.warmup.result import WarmupReport, see_next
+from hubodo.sensors.warmup.result import WarmupReport, next_model_reason
 
-FloatArray = NDArray[np.float64]
-
-# The warm-up is slow: some thousand means hold all there is to know about it.
-_MEANS, _FEWEST_MEANS = 4000, 64
-_SHORTEST_S = 60.0
-_SIGNIFICANT = 4.0
+# A warm-up is slow, so a few thousand block means contain all information about it.
+_MAX_BLOCK_MEANS, _MIN_BLOCK_MEANS = 4000, 64
+_MIN_DURATION_S = 60.0
+_MIN_SIGNIFICANCE_SIGMA = 4.0
 
 
 def characterise_warmup(
-    t: FloatArray,
-    values: FloatArray,
+    t: Array,
+    values: Array,
     channel: str,
     *,
-    temperature: FloatArray | None = None,
+    temperature: Array | None = None,
     age: float = 0.0,
-    step: TemperatureStep | None = None,
+    temperature_step: TemperatureStep | None = None,
 ) -> WarmupReport:
-    """Fit C1 (1 - e^(-t/T)) + C2 to a gyro axis at rest and judge it (Barshan, Durrant-Whyte, eq. 1 to 4).
+    """Fit C1 (1 - e^(-t/T)) + C2 to a stationary gyro axis and test it (Barshan, Durrant-Whyte, eq. 1 to 4).
 
-    t: (N,) s; values: (N,) rad/s; temperature: (N,) degrees C or None. age: s since power-on at the first
-    sample. Raises InputError: too short, constant, a temperature step.
+    t: (N,) s. values: (N,) rad/s. temperature: (N,) °C or None. age: time since power-on at the first
+    sample, s. Raises InputError if the record is too short or constant, or contains a temperature step.
     """
-    if step is not None:
+    if temperature_step is not None:
         raise InputError(
-            f"the temperature steps by {step.change:+.2f} °C at {step.t:.6g} s: a warm-up fitted across "
-            "that would "
-            f"measure the room; take the part before it with --end {step.t:.6g}, or record at constant "
-            "temperature"
+            f"the temperature steps by {temperature_step.change:+.2f} °C at {temperature_step.t:.6g} s, and "
+            "a "
+            f"warm-up fitted across it would measure the room; use --end {temperature_step.t:.6g} for the "
+            "part "
+            "before it, or record at constant temperature"
         )
-    record = even_grid(t, values)
-    if record.duration < _SHORTEST_S or len(t) < _FEWEST_MEANS:
+    record = place_on_grid(t, values)
+    if record.duration < _MIN_DURATION_S or len(t) < _MIN_BLOCK_MEANS:
         raise InputError(
-            f"{record.duration:.3g} s with {len(t)} samples is too short for a warm-up; record from "
-            "power-on for at "
-            "least three time constants, which for a MEMS gyro is some tens of minutes"
+            f"{record.duration:.3g} s with {len(t)} samples is too short for a warm-up; record from power-on "
+            "for at least three time constants, some tens of minutes for a MEMS gyro"
         )
-    times, means, grades = _block_means(record, t, temperature)
+    times, means, mean_temperatures = _block_means(record, t, temperature)
     times = times - times[0] + age + 0.5 * (times[1] - times[0])
-    first = judge(fit_warmup(times, means), record, age, None)
+    exponential = assess_fit(fit_warmup(times, means), record, age, None)
     notes = list(record.notes)
-    reason = _not_earned(first.fit, times, means)
-    following = None
-    if first.ljung_box.white:
-        if not first.autocorrelation.white:
+    reason = _reason_not_determined(exponential.fit, times, means)
+    next_model = None
+    if exponential.ljung_box.is_white:
+        if not exponential.autocorrelation.is_white:
             notes.append(
-                "the means are white, neighbouring samples are not: bandwidth or vibration of the sensor, "
-                "which no "
-                "warm-up model mends"
+                "the block means are white, neighbouring samples are not: this is due to the bandwidth of "
+                "the "
+                "sensor or to vibration, not to the warm-up model"
             )
     else:
-        following = next_model(first, times, means, grades, record, t, temperature, age)
-        notes.append(verdict(first, following))
-    accepted = None if reason else first
-    if following is not None and (following.ljung_box.white or not reason):
-        accepted = following
-        reason = "" if following.fit.kind == "exponential and temperature" else see_next(following.fit)
+        next_model = select_next_model(
+            exponential, times, means, mean_temperatures, record, t, temperature, age
+        )
+        notes.append(describe_next_model(exponential, next_model))
+    accepted = None if reason else exponential
+    if next_model is not None and (next_model.ljung_box.is_white or not reason):
+        accepted = next_model
+        reason = (
+            "" if next_model.fit.kind == "exponential and temperature" else next_model_reason(next_model.fit)
+        )
     return WarmupReport(
-        channel, first, reason, following, accepted, age, times, means, grades, record, tuple(notes)
+        channel,
+        exponential,
+        reason,
+        next_model,
+        accepted,
+        age,
+        times,
+        means,
+        mean_temperatures,
+        record,
+        tuple(notes),
     )
 
 
-def _block_means(
-    record: EvenGrid, t: FloatArray, temperature: FloatArray | None
-) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-    """Times, means of the samples present and of the temperature, in at most some thousand blocks."""
-    size = max(1, len(record.values) // _MEANS)
+def _block_means(record: EvenGrid, t: Array, temperature: Array | None) -> tuple[Array, Array, Array | None]:
+    """Return times, means of the samples present and temperatures of at most `_MAX_BLOCK_MEANS` blocks."""
+    size = max(1, len(record.values) // _MAX_BLOCK_MEANS)
     blocks = len(record.values) // size
     count = blocks * size
-    held = record.present[:count].reshape(blocks, size).sum(axis=1)
-    kept = 2 * held >= size
+    present_count = record.present[:count].reshape(blocks, size).sum(axis=1)
+    used = 2 * present_count >= size
     sums = np.where(record.present, record.values, 0.0)[:count].reshape(blocks, size).sum(axis=1)
     times = record.start + (np.arange(blocks) + 0.5) * size * record.dt
-    grades = None if temperature is None else np.interp(times[kept], t, temperature)
-    return times[kept], sums[kept] / held[kept], grades
+    mean_temperatures = None if temperature is None else np.interp(times[used], t, temperature)
+    return times[used], sums[used] / present_count[used], mean_temperatures
 
 
-def _not_earned(fit: WarmupFit, times: FloatArray, means: FloatArray) -> str:
-    """Why c1 and the time constant cannot be given, "" when they can."""
+def _reason_not_determined(fit: WarmupFit, times: Array, means: Array) -> str:
+    """Return the reason why c1 and the time constant are not determined, or "" if they are."""
     c1, constant = fit.values["c1"], fit.values["time_constant"]
     duration = float(times[-1] - times[0])
-    wander = _wander(fit, duration)
+    drift = _bias_drift(fit, duration)
     change = abs(c1 * math.expm1(-duration / constant))
-    spread = fit.noise**2 * fit.widened
-    flat = (float(np.sum((means - means.mean()) ** 2)) - float(fit.residual @ fit.residual)) / spread
-    # Two parameters more than a constant, the time constant searched for over decades: five sigma.
-    if change < _SIGNIFICANT * wander or flat < 25.0:
+    variance = fit.noise**2 * fit.variance_inflation
+    improvement = (float(np.sum((means - means.mean()) ** 2)) - float(fit.residual @ fit.residual)) / variance
+    # Compared with a constant there are two more parameters, one of them searched over decades: require
+    # five sigma.
+    if change < _MIN_SIGNIFICANCE_SIGMA * drift or improvement < 25.0:
         return (
-            f"no warm-up stands out: the bias wanders by {math.degrees(wander):.2g} deg/s in itself over "
-            "the record; a "
-            f"warm-up, if there is one, changes it by less than {math.degrees(change + 2 * wander):.2g} deg/s"
+            f"no significant warm-up: the bias drifts by {math.degrees(drift):.2g} deg/s over the record "
+            "without it; a warm-up, if there is one, changes it by less than "
+            f"{math.degrees(change + 2 * drift):.2g} deg/s"
         )
-    # A time constant beyond the record is a straight line: the curve must be better than that by four sigma.
+    # With a time constant beyond the record the curve is a straight line; it must fit better than a line
+    # by four sigma.
     line = np.polynomial.Polynomial.fit(times, means, 1)
-    bend = float(np.sum((means - line(times)) ** 2) - fit.residual @ fit.residual) / spread
-    if bend > _SIGNIFICANT**2 and fit.determined:
+    curvature = float(np.sum((means - line(times)) ** 2) - fit.residual @ fit.residual) / variance
+    if curvature > _MIN_SIGNIFICANCE_SIGMA**2 and fit.is_determined:
         return ""
     if duration > 3.0 * constant:
         return (
-            f"a curve is there, but noise hides its time constant ({constant:.3g} s, sigma "
-            f"{fit.sigma['time_constant']:.3g} s): keep more samples per second of the same standstill"
+            f"the warm-up is significant, but noise hides its time constant ({constant:.3g} s, sigma "
+            f"{fit.sigma['time_constant']:.3g} s): record more samples per second"
         )
     return (
-        f"the record of {duration:.4g} s shows a drift but not its end: c1 and the time constant cannot be "
-        "told apart "
-        f"(time constant {constant:.3g} s, sigma {fit.sigma['time_constant']:.3g} s); record from power-on "
+        f"the record of {duration:.4g} s shows a drift but not its end, so c1 and the time constant are not "
+        f"separable (time constant {constant:.3g} s, sigma {fit.sigma['time_constant']:.3g} s); record from "
+        "power-on "
         f"for {3 * max(constant, duration):.2g} s or more"
     )
 
 
-def _wander(fit: WarmupFit, duration: float) -> float:
-    """What the bias changes by over the record without any warm-up, rad/s: noise of the means, and a walk."""
+def _bias_drift(fit: WarmupFit, duration: float) -> float:
+    """Return the bias drift over the record without warm-up, rad/s: noise of the means, random walk."""
     tenths = [part.mean() for part in np.array_split(fit.residual, 10)]
     steps = float(np.mean(np.diff(tenths) ** 2))
-    return math.sqrt(steps * (10.0 if fit.widened > 1.0 else 1.0))
+    return math.sqrt(steps * (10.0 if fit.variance_inflation > 1.0 else 1.0))

@@ -1,9 +1,9 @@
-"""The bias at any age, before, within and after a record, with a sigma that counts what form the warm-up has.
+"""Forecast of the bias at any age, with a sigma that includes the unknown form of the warm-up.
 
-No record proves that a warm-up is one exponential. Each of `FORMS` is fitted beside the same noise, and their
-forecasts are averaged, each weighted by how well it explains the record (Bayesian model averaging; Hoeting,
-Madigan, Raftery and Volinsky, Statistical Science 14, 1999): where forms that explain it alike go apart, that
-is part of the sigma, as are flicker and walk of the bias itself, which grow beyond the record.
+No record proves that a warm-up is one exponential. Each of `WARMUP_FORMS` is fitted with the same noise
+model, and the forecasts are averaged with the forms' evidence as weights (Bayesian model averaging;
+Hoeting, Madigan, Raftery and Volinsky, Statistical Science 14, 1999). The spread between equally likely
+forms is part of the sigma, as are flicker and random walk of the bias, which grow beyond the record.
 """
 
 from __future__ import annotations
@@ -14,102 +14,110 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_solve
 
-from hubodo.sensors.warmup.forms import FORMS, Factor, FittedForm, factored, fit_form
+from hubodo.arrays import Array
+from hubodo.sensors.warmup.forms import WARMUP_FORMS, CholeskyFactor, FittedForm, factorise, fit_form
 
-FloatArray = NDArray[np.float64]
-
-_MEANS = 160
-"""That are fitted: the work grows with the third power of their number."""
-_NEGLIGIBLE = 1e-3
-"""Weight, beside the largest, below which a form is left out."""
-_LIKELY = {"relaxation": 3.0}
-"""Beforehand, beside 1 of each other form: that a warm-up is just so many exponentials is an assumption."""
+_FORECAST_MEANS = 160
+"""Number of means that are fitted; the run time grows with its third power."""
+_MIN_RELATIVE_WEIGHT = 1e-3
+"""Forms with a smaller weight, relative to the largest, are dropped."""
+_FORM_PRIOR_WEIGHTS = {"relaxation": 3.0}
+"""Prior weight, 1 for other forms: few warm-ups are exactly one or two exponentials."""
 
 
 @dataclass(frozen=True)
-class Forecast:
-    """t: (N,) s since power-on, means: (N,) rad/s, temperature: (N,) degrees C or None, of the record.
+class BiasForecast:
+    """The weighted average of the fitted forms.
 
-    forms: the fitted ones. weights: (F,) of each, their sum is 1.
+    Attributes:
+        t, means, temperature: (N,) s since power-on, rad/s, and °C or None, of the record.
+        forms: fitted forms.
+        weights: (F,) weights of the forms, with sum 1.
     """
 
-    t: FloatArray
-    means: FloatArray
-    temperature: FloatArray | None
+    t: Array
+    means: Array
+    temperature: Array | None
     forms: tuple[FittedForm, ...]
-    weights: FloatArray
+    weights: Array
 
-    def at(self, age: FloatArray, temperature: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
-        """Bias and its 1 sigma, (M,) rad/s, at ages (M,) s since power-on.
+    def predict(self, age: Array, temperature: Array | None = None) -> tuple[Array, Array]:
+        """Return bias and sigma, (M,) rad/s, at ages (M,) s since power-on.
 
-        temperature: (M,) degrees C then; without, that of the record's end, as sure as the record scatters.
+        temperature: (M,) °C at those ages; if None, the temperature at the end of the record, with the
+        variance of the record.
         """
         age = np.asarray(age, np.float64)
         pairs = zip(self.forms, self._factors, strict=True)
-        found = [self._of(form, factor, age, temperature) for form, factor in pairs]
-        means, variances = (np.array(row) for row in zip(*found, strict=True))
+        predictions = [self._predict_form(form, factor, age, temperature) for form, factor in pairs]
+        means, variances = (np.array(row) for row in zip(*predictions, strict=True))
         mean = self.weights @ means
         return mean, np.sqrt(self.weights @ (variances + (means - mean) ** 2))
 
-    def off(self, age: FloatArray, bias: FloatArray, temperature: FloatArray | None = None) -> FloatArray:
-        """1 sigma, (M,) rad/s, of what is wrong with another model's bias (M,) at these ages."""
-        mean, sigma = self.at(age, temperature)
+    def model_error(self, age: Array, bias: Array, temperature: Array | None = None) -> Array:
+        """Return the rms error, (M,) rad/s, of another model whose bias at these ages is `bias` (M,)."""
+        mean, sigma = self.predict(age, temperature)
         return np.hypot(sigma, bias - mean)
 
     @cached_property
-    def _factors(self) -> list[Factor]:
-        """Of the covariance of the means, for each form."""
-        made = []
+    def _factors(self) -> list[CholeskyFactor]:
+        """Return the Cholesky factors of the covariance of the means under each form."""
+        factors = []
         for form in self.forms:
-            covariance = form.noise.slow(self.t, self.t)
+            covariance = form.noise.slow_covariance(self.t, self.t)
             covariance.flat[:: len(self.t) + 1] += form.noise.white**2
-            made.append(factored(covariance))
-        return made
+            factors.append(factorise(covariance))
+        return factors
 
-    def _of(
-        self, form: FittedForm, factor: Factor, age: FloatArray, temperature: FloatArray | None
-    ) -> tuple[FloatArray, FloatArray]:
-        """Bias and its variance by one form, the slow noise of that moment included."""
-        warm, doubt = temperature, 0.0
+    def _predict_form(
+        self, form: FittedForm, factor: CholeskyFactor, age: Array, temperature: Array | None
+    ) -> tuple[Array, Array]:
+        """Return bias and variance by one form, including the slow noise at that age."""
+        temperatures, temperature_variance = temperature, 0.0
         if self.temperature is not None and temperature is None:
-            warm = np.full(len(age), self.temperature[-1])
-            doubt = float(np.var(self.temperature) * form.mean[-1] ** 2)
+            temperatures = np.full(len(age), self.temperature[-1])
+            temperature_variance = float(np.var(self.temperature) * form.mean[-1] ** 2)
         noise = form.noise
-        inside = form.columns(self.t, self.temperature)
-        wanted = form.columns(age, None if self.temperature is None else warm)
-        between = noise.slow(age, self.t)
-        solved = cho_solve(factor, between.T)
-        mean = wanted @ form.mean + solved.T @ (self.means - inside @ form.mean)
-        direct = wanted - solved.T @ inside
-        own = noise.slow_variance(age) - np.einsum("mn,nm->m", between, solved)
-        variance = np.maximum(own, 0.0) + np.einsum("mp,pq,mq->m", direct, form.covariance, direct)
-        return mean, variance + doubt
+        record_columns = form.columns(self.t, self.temperature)
+        age_columns = form.columns(age, None if self.temperature is None else temperatures)
+        cross_covariance = noise.slow_covariance(age, self.t)
+        solved = cho_solve(factor, cross_covariance.T)
+        mean = age_columns @ form.mean + solved.T @ (self.means - record_columns @ form.mean)
+        residual_columns = age_columns - solved.T @ record_columns
+        slow_variance = noise.slow_variance(age) - np.einsum("mn,nm->m", cross_covariance, solved)
+        variance = np.maximum(slow_variance, 0.0) + np.einsum(
+            "mp,pq,mq->m", residual_columns, form.covariance, residual_columns
+        )
+        return mean, variance + temperature_variance
 
 
-def forecast(
-    t: FloatArray, means: FloatArray, temperature: FloatArray | None, begin: tuple[float, ...]
-) -> Forecast:
-    """All forms fitted to means (N,) rad/s at ages t (N,) s, and weighed.
+def fit_forecast(
+    t: Array, means: Array, temperature: Array | None, initial_constants: tuple[float, ...]
+) -> BiasForecast:
+    """Fit all forms to means (N,) rad/s at ages t (N,) s, and weight them by their evidence.
 
-    temperature: (N,) degrees C, or None. begin: s, two time constants to start from.
+    temperature: (N,) °C or None. initial_constants: two initial time constants, s.
     """
-    size = max(1, len(t) // _MEANS)
+    size = max(1, len(t) // _FORECAST_MEANS)
     count = len(t) // size * size
 
-    def thinned(values: FloatArray) -> FloatArray:
+    def block_means(values: Array) -> Array:
         return np.asarray(values[:count].reshape(-1, size).mean(axis=1), np.float64)
 
-    t, means = thinned(t), thinned(means)
-    grades = None if temperature is None else thinned(temperature)
-    fitted = [fit_form(name, t, means, grades, begin) for name in FORMS]
-    # Each form counts the same beforehand, however many sizes of noise it was fitted with.
+    t, means = block_means(t), block_means(means)
+    temperatures = None if temperature is None else block_means(temperature)
+    fitted = [fit_form(name, t, means, temperatures, initial_constants) for name in WARMUP_FORMS]
+    # The prior weight of a form does not depend on the number of noise levels it was fitted with.
     evidence = np.array(
-        [one.evidence + math.log(_LIKELY.get(one.name, 1.0) / len(same)) for same in fitted for one in same]
+        [
+            form.evidence + math.log(_FORM_PRIOR_WEIGHTS.get(form.name, 1.0) / len(fits))
+            for fits in fitted
+            for form in fits
+        ]
     )
     weights = np.exp(evidence - evidence.max())
-    kept = weights > _NEGLIGIBLE
-    forms = tuple(one for one, keep in zip(itertools.chain(*fitted), kept, strict=True) if keep)
-    return Forecast(t, means, grades, forms, weights[kept] / weights[kept].sum())
+    used = weights > _MIN_RELATIVE_WEIGHT
+    forms = tuple(form for form, is_used in zip(itertools.chain(*fitted), used, strict=True) if is_used)
+    return BiasForecast(t, means, temperatures, forms, weights[used] / weights[used].sum())

@@ -1,16 +1,17 @@
-"""Forms that a warm-up may have, each fitted beside white noise, flicker and a random walk.
+"""Candidate forms of the warm-up drift, each fitted jointly with white noise, flicker and a random walk.
 
     none              c2
     exponential       c2 + c1 (1 - e^(-t/T))
     two exponentials  c2 + c1 (1 - e^(-t/T)) + c1' (1 - e^(-t/T'))
     relaxation        c2 + sum of a_k (1 - e^(-t/T_k)), T_k evenly spaced in their logarithm, a_k ~ N(0, s²)
 
-The last has no form of its own: power laws, 1/√(1 + t/tau), stretched exponentials and sums of all these are
-such mixtures (Bernstein's theorem). Its T_k go far beyond the record, which cannot show what is yet to come.
-Where there is a thermometer each form has k (temperature - 25 °C) beside it.
+t is the time since power-on. The relaxation is non-parametric: power laws, 1/√(1 + t/tau), stretched
+exponentials and sums of these are such mixtures (Bernstein's theorem). Its T_k extend far beyond the record,
+because the record does not show drift that is still to come. With a thermometer, each form has an additional
+term k (temperature - 25 °C).
 
-All but time constants and sizes of noise enter linearly and are integrated over; those are where the marginal
-likelihood is largest (MacKay, Neural Computation 4, 1992), and the evidence of a time constant is Laplace's.
+Linear parameters are integrated out. Time constants and noise levels maximise the marginal likelihood
+(MacKay, Neural Computation 4, 1992); the evidence of a time constant uses Laplace's approximation.
 """
 
 from __future__ import annotations
@@ -21,105 +22,126 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
+from hubodo.arrays import Array
 from hubodo.effects.base import REFERENCE_CELSIUS
 from hubodo.effects.warmup import warmup_fraction
 
-FloatArray = NDArray[np.float64]
-Factor = tuple[FloatArray, bool]
-"""Of a covariance, as `cho_solve` takes it."""
+CholeskyFactor = tuple[Array, bool]
+"""Cholesky factor of a covariance in the form that `cho_solve` takes."""
 
-FORMS = ("none", "exponential", "two exponentials", "relaxation")
+WARMUP_FORMS = ("none", "exponential", "two exponentials", "relaxation")
 
-_EXPONENTIALS = {"none": 0, "exponential": 1, "two exponentials": 2, "relaxation": 0}
-_RATIO, _BEYOND = 2.0, 30.0
-"""Of neighbouring time constants of a relaxation, and of the longest to the age of the record's end."""
-_FLICKER_RATIO, _FLICKER_S = 5.0, 1e5
-"""Flicker is made as in `fuse/heading_filter.py`: ratio of neighbouring time constants, and the longest."""
-_WIDE, _USUAL, _LOG_T = 100.0, 3.0, 1.5
-"""1 sigma beforehand, in scatters of the means: of c2 and k, of c1; and of ln T about half a record."""
-_LEAST, _MOST = math.log(1e-4), math.log(30.0)
-"""Logarithms of sizes of noise and of s in those units."""
-_UNSEEN, _DOUBT = math.log(0.2), (-1.1, 0.0, 1.1)
-"""Logarithms: noise this far below the white one is not seen; how far a size may be from the likeliest."""
+_EXPONENTIAL_COUNT = {"none": 0, "exponential": 1, "two exponentials": 2, "relaxation": 0}
+_TIME_CONSTANT_RATIO, _MAX_TIME_CONSTANT_PER_AGE = 2.0, 30.0
+"""Ratio of neighbouring time constants of a relaxation, and of the longest to the age at the record's end."""
+_FLICKER_TIME_CONSTANT_RATIO, _MAX_FLICKER_TIME_S = 5.0, 1e5
+"""Flicker as in `fuse/heading_filter.py`: ratio of neighbouring time constants, and the longest one."""
+_OFFSET_PRIOR_SIGMA, _C1_PRIOR_SIGMA, _LOG_TIME_CONSTANT_PRIOR_SIGMA = 100.0, 3.0, 1.5
+"""Prior sigmas: of c2 and k, and of c1, in standard deviations of the means.
+
+Of ln T about half the record.
+"""
+_MIN_LOG_NOISE, _MAX_LOG_NOISE = math.log(1e-4), math.log(30.0)
+"""Bounds of the logarithms of noise levels and of s, in standard deviations of the means."""
+_MIN_LOG_NOISE_RATIO, _LOG_NOISE_OFFSETS = math.log(0.2), (-1.1, 0.0, 1.1)
+"""Logarithms: slow noise is unobservable below this ratio to white noise.
+
+Offsets from the best noise level.
+"""
 
 
 @dataclass(frozen=True)
 class RecordNoise:
-    """What stands beside a form in a record, 1 sigma.
+    """The noise levels of a record.
 
-    white: of a mean, rad/s. flicker: B, rad/s. walk: K, rad/s/√s. begin: s, where the walk is zero. shortest:
-    s, the shortest time constant of the flicker.
+    Attributes:
+        white: standard deviation of one mean, rad/s.
+        flicker: bias instability B, rad/s.
+        walk: rate random walk K, rad/s/√s.
+        start: time at which the random walk is zero, s.
+        shortest_time_constant: shortest time constant of the flicker, s.
     """
 
     white: float
     flicker: float
     walk: float
-    begin: float
-    shortest: float
+    start: float
+    shortest_time_constant: float
 
-    def slow(self, a: FloatArray, b: FloatArray) -> FloatArray:
-        """(M, N) covariance of flicker and walk between ages (M,) and (N,), (rad/s)²."""
-        x, y = a[:, None] - self.begin, b[None, :] - self.begin
+    def slow_covariance(self, a: Array, b: Array) -> Array:
+        """Return the (M, N) covariance of flicker and walk between ages a (M,) and b (N,), (rad/s)²."""
+        x, y = a[:, None] - self.start, b[None, :] - self.start
         walk = np.where(x * y > 0.0, np.minimum(np.abs(x), np.abs(y)), 0.0)
-        apart = np.abs(x - y)
-        flicker = sum(np.exp(-apart / tau) for tau in self._constants())
-        made: FloatArray = self.walk**2 * walk + self._each() * flicker
-        return made
+        separation = np.abs(x - y)
+        flicker = sum(np.exp(-separation / tau) for tau in self._flicker_time_constants())
+        return np.asarray(self.walk**2 * walk + self._component_variance() * flicker)
 
-    def slow_variance(self, a: FloatArray) -> FloatArray:
-        """(M,) the same of each age with itself."""
-        made: FloatArray = self.walk**2 * np.abs(a - self.begin) + self._each() * len(self._constants())
-        return made
+    def slow_variance(self, a: Array) -> Array:
+        """Return the (M,) variance of flicker and walk at ages a (M,), (rad/s)²."""
+        flicker = self._component_variance() * len(self._flicker_time_constants())
+        return np.asarray(self.walk**2 * np.abs(a - self.start) + flicker)
 
-    def _each(self) -> float:
-        return self.flicker**2 * math.log(_FLICKER_RATIO) / math.pi
+    def _component_variance(self) -> float:
+        return self.flicker**2 * math.log(_FLICKER_TIME_CONSTANT_RATIO) / math.pi
 
-    def _constants(self) -> FloatArray:
-        count = max(1, math.ceil(math.log(_FLICKER_S / self.shortest) / math.log(_FLICKER_RATIO)))
-        return np.asarray(self.shortest * _FLICKER_RATIO ** np.arange(count), np.float64)
+    def _flicker_time_constants(self) -> Array:
+        count = max(
+            1,
+            math.ceil(
+                math.log(_MAX_FLICKER_TIME_S / self.shortest_time_constant)
+                / math.log(_FLICKER_TIME_CONSTANT_RATIO)
+            ),
+        )
+        return np.asarray(
+            self.shortest_time_constant * _FLICKER_TIME_CONSTANT_RATIO ** np.arange(count), np.float64
+        )
 
 
 @dataclass(frozen=True)
 class FittedForm:
-    """A form with its parameters, linear about where they were found.
+    """A fitted form, linearised about its estimate.
 
-    constants: s, time constants. slopes: (P,) c1 of each exponential, for the columns of its ln T. mean,
-    covariance: of what the columns multiply. evidence: logarithm of the marginal likelihood.
+    Attributes:
+        name: one of `WARMUP_FORMS`.
+        time_constants: s.
+        exponential_sizes: c1 of each exponential, rad/s, used in the derivative by its ln T.
+        mean, covariance: posterior of the coefficients of `columns`.
+        noise: noise levels.
+        evidence: logarithm of the marginal likelihood.
     """
 
     name: str
-    constants: tuple[float, ...]
-    slopes: tuple[float, ...]
-    mean: FloatArray
-    covariance: FloatArray
+    time_constants: tuple[float, ...]
+    exponential_sizes: tuple[float, ...]
+    mean: Array
+    covariance: Array
     noise: RecordNoise
     evidence: float
 
-    def columns(self, t: FloatArray, temperature: FloatArray | None) -> FloatArray:
-        """(M, P) what each parameter multiplies at ages (M,) s, temperature (M,) degrees C."""
-        made = [np.ones_like(t), *(warmup_fraction(t, constant) for constant in self.constants)]
-        for c1, constant in zip(self.slopes, self.constants, strict=False):
-            made.append(-c1 * t / constant * np.exp(-t / constant))
+    def columns(self, t: Array, temperature: Array | None) -> Array:
+        """Return the (M, P) design matrix at ages t (M,) s and temperatures (M,) °C."""
+        columns = [np.ones_like(t), *(warmup_fraction(t, constant) for constant in self.time_constants)]
+        for c1, constant in zip(self.exponential_sizes, self.time_constants, strict=False):
+            columns.append(-c1 * t / constant * np.exp(-t / constant))
         if temperature is not None:
-            made.append(temperature - REFERENCE_CELSIUS)
-        return np.column_stack(made)
+            columns.append(temperature - REFERENCE_CELSIUS)
+        return np.column_stack(columns)
 
 
 @dataclass(frozen=True)
-class _Record:
-    """Means in units of their scatter about their centre; kernels of a flicker and a walk of size 1 there."""
+class _ScaledRecord:
+    """Means normalised by `centre` and standard deviation `scale`, with unit flicker and walk kernels."""
 
-    t: FloatArray
-    y: FloatArray
-    temperature: FloatArray | None
+    t: Array
+    y: Array
+    temperature: Array | None
     scale: float
     centre: float
-    flicker: FloatArray
-    walk: FloatArray
+    flicker: Array
+    walk: Array
 
     @cached_property
     def span(self) -> float:
@@ -129,137 +151,149 @@ class _Record:
     def shortest(self) -> float:
         return float(np.median(np.diff(self.t)))
 
-    def noise(self, sizes: FloatArray) -> RecordNoise:
-        """sizes: (3,) white, flicker, and the walk over the whole record; in units of the scatter."""
+    def noise(self, sizes: Array) -> RecordNoise:
+        """Return the noise of levels (3,): white, flicker, and walk over the record, in units of `scale`."""
         white, flicker, walk = (float(size) * self.scale for size in sizes)
         return RecordNoise(white, flicker, walk * self.span**-0.5, float(self.t[0]), self.shortest)
 
-    def factor(self, white: float, flicker: float, walk: float) -> Factor:
-        """Of the covariance of the means; their logarithms in units of the scatter, as of `noise`."""
-        made: FloatArray = math.exp(2.0 * flicker) * self.flicker + math.exp(2.0 * walk) * self.walk
-        made.flat[:: len(made) + 1] += math.exp(2.0 * white)
-        return factored(made)
+    def factor(self, white: float, flicker: float, walk: float) -> CholeskyFactor:
+        """Return the Cholesky factor of the means' covariance, for log noise levels in units of `scale`."""
+        covariance: Array = math.exp(2.0 * flicker) * self.flicker + math.exp(2.0 * walk) * self.walk
+        covariance.flat[:: len(covariance) + 1] += math.exp(2.0 * white)
+        return factorise(covariance)
 
 
 def fit_form(
-    name: str, t: FloatArray, values: FloatArray, temperature: FloatArray | None, begin: tuple[float, ...]
+    name: str, t: Array, values: Array, temperature: Array | None, initial_constants: tuple[float, ...]
 ) -> list[FittedForm]:
-    """The form `name` of FORMS fitted to means (N,) rad/s at ages t (N,) s, once for each size of the noise.
+    """Fit one of `WARMUP_FORMS` to means (N,) rad/s at ages t (N,) s, once per candidate noise level.
 
-    temperature: (N,) degrees C or None. begin: s, time constants to start from, one for each exponential.
-    The sizes are those of the largest marginal likelihood and their neighbours, as a record leaves in doubt
-    how far the bias wanders.
+    temperature: (N,) °C or None. initial_constants: initial time constants, s, one per exponential. The noise
+    levels are those of the largest marginal likelihood and their neighbours, because a record determines the
+    slow noise poorly.
     """
-    record = _record(t, values, temperature)
-    number = _EXPONENTIALS[name]
+    record = _scale_record(t, values, temperature)
+    exponential_count = _EXPONENTIAL_COUNT[name]
 
-    # Most of the work, and the same for all time constants.
+    # The factorisation dominates the run time and does not depend on the time constants.
     factor = lru_cache(maxsize=4)(record.factor)
 
-    def likelihood(p: FloatArray) -> float:
-        form, spread = _form(name, record, p)
-        told = _marginal(form.columns(t, temperature), spread, factor(*p[:3]), record.y)[2]
-        return told - _surprise(p[3:], record.span) if number else told
+    def likelihood(p: Array) -> float:
+        form, spread = _prior_form(name, record, p)
+        log_likelihood = _marginalise(form.columns(t, temperature), spread, factor(*p[:3]), record.y)[2]
+        return (
+            log_likelihood - _negative_log_prior(p[3:], record.span) if exponential_count else log_likelihood
+        )
 
     white = math.log(max(float(np.sqrt(np.mean(np.diff(record.y) ** 2) / 2.0)), 1e-3))
-    start = np.array([white, white - 2.0, white - 1.0, *np.log(begin[:number])])
+    start = np.array([white, white - 2.0, white - 1.0, *np.log(initial_constants[:exponential_count])])
     longest = math.log(record.shortest / 2.0), math.log(100.0 * record.span)
-    bounds = [(_LEAST, _MOST)] * 3 + [longest] * number
+    bounds = [(_MIN_LOG_NOISE, _MAX_LOG_NOISE)] * 3 + [longest] * exponential_count
     if name == "relaxation":
-        start, bounds = np.append(start, -0.5), [*bounds, (_LEAST, _MOST)]
+        start, bounds = np.append(start, -0.5), [*bounds, (_MIN_LOG_NOISE, _MAX_LOG_NOISE)]
     best = minimize(
         lambda p: -likelihood(p), start, method="L-BFGS-B", bounds=bounds, options={"maxiter": 40}
     ).x
-    best[1:3] = np.maximum(best[1:3], best[0] + _UNSEEN)
-    doubted = (1, 2, 3) if name == "relaxation" else (1, 2)
-    made = []
-    for steps in itertools.product(_DOUBT, repeat=len(doubted)):
+    best[1:3] = np.maximum(best[1:3], best[0] + _MIN_LOG_NOISE_RATIO)
+    uncertain = (1, 2, 3) if name == "relaxation" else (1, 2)
+    fits = []
+    for steps in itertools.product(_LOG_NOISE_OFFSETS, repeat=len(uncertain)):
         p = best.copy()
-        p[list(doubted)] += steps
-        made.append(_fitted(name, record, p, factor(*p[:3]), likelihood(p)))
-    return made
+        p[list(uncertain)] += steps
+        fits.append(_posterior_form(name, record, p, factor(*p[:3]), likelihood(p)))
+    return fits
 
 
-def _record(t: FloatArray, values: FloatArray, temperature: FloatArray | None) -> _Record:
+def _scale_record(t: Array, values: Array, temperature: Array | None) -> _ScaledRecord:
     scale, centre = float(np.std(values)) or 1.0, float(np.mean(values))
     span, shortest = float(t[-1] - t[0]), float(np.median(np.diff(t)))
-    flicker = RecordNoise(0.0, 1.0, 0.0, float(t[0]), shortest).slow(t, t)
-    walk = RecordNoise(0.0, 0.0, span**-0.5, float(t[0]), shortest).slow(t, t)
-    return _Record(t, (values - centre) / scale, temperature, scale, centre, flicker, walk)
+    flicker = RecordNoise(0.0, 1.0, 0.0, float(t[0]), shortest).slow_covariance(t, t)
+    walk = RecordNoise(0.0, 0.0, span**-0.5, float(t[0]), shortest).slow_covariance(t, t)
+    return _ScaledRecord(t, (values - centre) / scale, temperature, scale, centre, flicker, walk)
 
 
-def _form(name: str, record: _Record, p: FloatArray) -> tuple[FittedForm, FloatArray]:
-    """The form without its parameters, and what these are like beforehand, 1 sigma.
+def _prior_form(name: str, record: _ScaledRecord, p: Array) -> tuple[FittedForm, Array]:
+    """Return the form before the fit, and the prior sigmas of its coefficients.
 
     p: logarithms of white, flicker and walk, then of the time constants or of s.
     """
-    sizes = [_USUAL] * _EXPONENTIALS[name]
+    sizes = [_C1_PRIOR_SIGMA] * _EXPONENTIAL_COUNT[name]
     constants = tuple(map(float, np.exp(p[3:]))) if sizes else ()
     if name == "relaxation":
-        first, last = 2.0 * record.shortest, _BEYOND * float(record.t[-1])
-        count = max(2, math.ceil(math.log(last / first) / math.log(_RATIO)))
-        constants = tuple(map(float, first * _RATIO ** np.arange(count)))
+        first, last = 2.0 * record.shortest, _MAX_TIME_CONSTANT_PER_AGE * float(record.t[-1])
+        count = max(2, math.ceil(math.log(last / first) / math.log(_TIME_CONSTANT_RATIO)))
+        constants = tuple(map(float, first * _TIME_CONSTANT_RATIO ** np.arange(count)))
         sizes = [math.exp(p[3])] * count
-    spread = [_WIDE, *sizes] + ([] if record.temperature is None else [_WIDE])
+    spread = [_OFFSET_PRIOR_SIGMA, *sizes] + ([] if record.temperature is None else [_OFFSET_PRIOR_SIGMA])
     noise, nothing = record.noise(np.exp(p[:3])), np.empty(0)
     return FittedForm(name, constants, (), nothing, nothing, noise, 0.0), np.array(spread)
 
 
-def _fitted(name: str, record: _Record, p: FloatArray, factor: Factor, evidence: float) -> FittedForm:
-    """The form with its parameters; factor, evidence: of the means under p."""
-    form, spread = _form(name, record, p)
-    number = _EXPONENTIALS[name]
-    here = slice(1 + number, 1 + 2 * number)
-    if number:
-        flat = _posterior(form.columns(record.t, record.temperature), spread, factor, record.y)[0]
-        form = replace(form, slopes=tuple(map(float, flat[1 : 1 + number])))
-        spread = np.insert(spread, 1 + number, [_LOG_T] * number)
-    mean, after, _ = _posterior(form.columns(record.t, record.temperature), spread, factor, record.y)
-    evidence += 0.5 * float(np.linalg.slogdet(2.0 * math.pi * after[here, here])[1]) if number else 0.0
-    # The columns of ln T carry c1 themselves, so what they multiply has no scale.
-    stretch = np.full(len(mean), record.scale)
-    stretch[here] = 1.0
-    mean = mean * stretch
+def _posterior_form(
+    name: str, record: _ScaledRecord, p: Array, factor: CholeskyFactor, evidence: float
+) -> FittedForm:
+    """Return the form with the posterior of its coefficients; factor, evidence: of the means under p."""
+    form, spread = _prior_form(name, record, p)
+    exponential_count = _EXPONENTIAL_COUNT[name]
+    log_constant_rows = slice(1 + exponential_count, 1 + 2 * exponential_count)
+    if exponential_count:
+        linear_mean = _posterior(form.columns(record.t, record.temperature), spread, factor, record.y)[0]
+        form = replace(form, exponential_sizes=tuple(map(float, linear_mean[1 : 1 + exponential_count])))
+        spread = np.insert(
+            spread, 1 + exponential_count, [_LOG_TIME_CONSTANT_PRIOR_SIGMA] * exponential_count
+        )
+    mean, posterior_cov, _ = _posterior(form.columns(record.t, record.temperature), spread, factor, record.y)
+    evidence += (
+        0.5 * float(np.linalg.slogdet(2.0 * math.pi * posterior_cov[log_constant_rows, log_constant_rows])[1])
+        if exponential_count
+        else 0.0
+    )
+    # The columns of ln T include the factor c1, so their coefficients are dimensionless.
+    scale = np.full(len(mean), record.scale)
+    scale[log_constant_rows] = 1.0
+    mean = mean * scale
     mean[0] += record.centre
-    slopes = tuple(record.scale * c1 for c1 in form.slopes)
-    spread_after = after * np.outer(stretch, stretch)
-    return replace(form, slopes=slopes, mean=mean, covariance=spread_after, evidence=evidence)
+    slopes = tuple(record.scale * c1 for c1 in form.exponential_sizes)
+    scaled_covariance = posterior_cov * np.outer(scale, scale)
+    return replace(form, exponential_sizes=slopes, mean=mean, covariance=scaled_covariance, evidence=evidence)
 
 
-def factored(covariance: FloatArray) -> Factor:
-    """Of a covariance that is given up."""
-    # As LAPACK lies in memory, so that nothing is copied; the same matrix, as it is symmetric.
-    made: Factor = cho_factor(covariance.T, lower=True, overwrite_a=True, check_finite=False)
-    return made
+def factorise(covariance: Array) -> CholeskyFactor:
+    """Return the Cholesky factor of a covariance, which is overwritten."""
+    # The transpose of the symmetric matrix has LAPACK's memory order, so nothing is copied.
+    factor: CholeskyFactor = cho_factor(covariance.T, lower=True, overwrite_a=True, check_finite=False)
+    return factor
 
 
-def _posterior(
-    columns: FloatArray, spread: FloatArray, factor: Factor, y: FloatArray
-) -> tuple[FloatArray, FloatArray, float]:
-    """Mean and covariance of the parameters, prior N(0, spread²), and the log marginal likelihood of y.
+def _posterior(columns: Array, spread: Array, factor: CholeskyFactor, y: Array) -> tuple[Array, Array, float]:
+    """Return posterior mean and covariance of the coefficients, and the log marginal likelihood of y.
 
-    factor: of the covariance of y.
+    spread: prior sigmas, with zero prior means. factor: Cholesky factor of the covariance of y.
     """
-    mean, inner, told = _marginal(columns, spread, factor, y)
-    return mean, cho_solve(inner, np.eye(len(spread))), told
+    mean, precision_factor, log_likelihood = _marginalise(columns, spread, factor, y)
+    return mean, cho_solve(precision_factor, np.eye(len(spread))), log_likelihood
 
 
-def _marginal(
-    columns: FloatArray, spread: FloatArray, factor: Factor, y: FloatArray
-) -> tuple[FloatArray, Factor, float]:
-    """As `_posterior`, with the factor of the inverse of the covariance, which a search has no use for."""
-    solved = cho_solve(factor, np.column_stack([columns, y]), check_finite=False)
-    precision = columns.T @ solved[:, :-1]
+def _marginalise(
+    columns: Array, spread: Array, factor: CholeskyFactor, y: Array
+) -> tuple[Array, CholeskyFactor, float]:
+    """Return posterior mean, Cholesky factor of the posterior precision, and log marginal likelihood of y."""
+    solution = cho_solve(factor, np.column_stack([columns, y]), check_finite=False)
+    precision = columns.T @ solution[:, :-1]
     precision.flat[:: len(spread) + 1] += spread**-2
-    drive = columns.T @ solved[:, -1]
-    inner: Factor = cho_factor(precision, lower=True)
-    mean: FloatArray = cho_solve(inner, drive, check_finite=False)
-    log_det = 2.0 * float(np.log(factor[0].diagonal()).sum() + np.log(inner[0].diagonal()).sum())
+    information_vector = columns.T @ solution[:, -1]
+    precision_factor: CholeskyFactor = cho_factor(precision, lower=True)
+    mean: Array = cho_solve(precision_factor, information_vector, check_finite=False)
+    log_det = 2.0 * float(np.log(factor[0].diagonal()).sum() + np.log(precision_factor[0].diagonal()).sum())
     log_det += 2.0 * float(np.log(spread).sum())
-    square = float(y @ solved[:, -1] - drive @ mean)
-    return mean, inner, -0.5 * (square + log_det + len(y) * math.log(2.0 * math.pi))
+    chi2 = float(y @ solution[:, -1] - information_vector @ mean)
+    return mean, precision_factor, -0.5 * (chi2 + log_det + len(y) * math.log(2.0 * math.pi))
 
 
-def _surprise(log_constants: FloatArray, span: float) -> float:
-    off = (log_constants - math.log(0.5 * span)) / _LOG_T
-    return float(0.5 * off @ off + len(off) * math.log(_LOG_T * math.sqrt(2.0 * math.pi)))
+def _negative_log_prior(log_constants: Array, span: float) -> float:
+    """Return the negative log prior of the time constants."""
+    deviation = (log_constants - math.log(0.5 * span)) / _LOG_TIME_CONSTANT_PRIOR_SIGMA
+    return float(
+        0.5 * deviation @ deviation
+        + len(deviation) * math.log(_LOG_TIME_CONSTANT_PRIOR_SIGMA * math.sqrt(2.0 * math.pi))
+    )

@@ -1,4 +1,4 @@
-"""Is a residual white? In the autocorrelation domain as Barshan and Durrant-Whyte do, and by Ljung-Box."""
+"""Whiteness tests of a residual: autocorrelation (Barshan and Durrant-Whyte) and Ljung-Box."""
 
 from __future__ import annotations
 
@@ -8,48 +8,58 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import bdtrc, chdtrc, ndtr
 
+from hubodo.arrays import Array
 from hubodo.errors import InputError
 
-FloatArray = NDArray[np.float64]
+SIGNIFICANCE_LEVEL = 0.005
+"""Significance level of each test.
 
-ALPHA = 0.005
-"""Two tests at this level each call a white residual not white about once in a hundred records."""
+Together the two reject a white residual about once in a hundred records.
+"""
 
-# The paper: the Gaussian approximation of the autocovariance holds from 16 samples on.
-_FEWEST = 16
+# The paper: the Gaussian approximation of the autocovariance requires at least 16 samples.
+_MIN_TEST_SAMPLES = 16
 
 
 @dataclass(frozen=True)
 class AutocorrelationTest:
-    """Ensemble average of the autocorrelation of M sequences, eq. (2) to (4) of the paper.
+    """The ensemble average of the autocorrelation of M sequences of N samples, eq. (2) to (4) of the paper.
 
-    lags: (L,) samples. autocorrelation: (L,) of R(0). standard_error: 1 / sqrt(M N), the paper's bound.
-    inside_one, inside_two: share of the lags within one and two of it; expected_one, expected_two: what white
-    noise would give (the biased estimate narrows with the lag). p_value: of as many lags or more beyond two
-    standard errors of their own.
+    Attributes:
+        sequences, length: M and N.
+        lags: (L,) in samples.
+        autocorrelation: (L,) relative to R(0).
+        standard_error: 1 / sqrt(M N), the bound of the paper.
+        share_within_one_sigma, share_within_two_sigma: share of the lags within one and two standard errors.
+        expected_share_within_one_sigma, expected_share_within_two_sigma: the same for white noise, whose
+        biased
+            estimate has a standard error that decreases with the lag.
+        p_value: probability, for white noise, of at least as many lags beyond two of their own standard
+        errors.
     """
 
     sequences: int
     length: int
     lags: NDArray[np.int64]
-    autocorrelation: FloatArray
+    autocorrelation: Array
     standard_error: float
-    inside_one: float
-    inside_two: float
-    expected_one: float
-    expected_two: float
+    share_within_one_sigma: float
+    share_within_two_sigma: float
+    expected_share_within_one_sigma: float
+    expected_share_within_two_sigma: float
     p_value: float
 
     @property
-    def white(self) -> bool:
-        return self.p_value > ALPHA
+    def is_white(self) -> bool:
+        return self.p_value > SIGNIFICANCE_LEVEL
 
 
 @dataclass(frozen=True)
 class LjungBox:
-    """Q = n (n + 2) sum of r_k² / (n - k) over the first lags.
+    """The Ljung-Box statistic Q = n (n + 2) sum of r_k² / (n - k) over the first `lags` lags.
 
-    Chi-square with as many degrees for a white series.
+    n: samples; r_k: autocorrelation at lag k. For a white series Q is chi-square distributed with `lags`
+    degrees of freedom.
     """
 
     statistic: float
@@ -57,56 +67,58 @@ class LjungBox:
     p_value: float
 
     @property
-    def white(self) -> bool:
-        return self.p_value > ALPHA
+    def is_white(self) -> bool:
+        return self.p_value > SIGNIFICANCE_LEVEL
 
 
-def autocorrelation_test(residual: FloatArray, sequences: int = 10, length: int = 200) -> AutocorrelationTest:
-    """The paper's test on M sequences of N samples spread evenly over the residual.
+def autocorrelation_test(residual: Array, sequences: int = 10, length: int = 200) -> AutocorrelationTest:
+    """Test the autocorrelation of M sequences of N samples, spread evenly over the residual, as in the paper.
 
-    residual: (n,), zero mean. The biased autocovariance R(k) = (1/N) sum w(i) w(i + k) of each sequence, eq.
-    (3); their mean over the sequences, divided by R(0); standard error R(0) / sqrt(N), eq. (4), over sqrt(M).
-    Raises InputError when the residual is shorter than 16 samples or constant.
+    residual: (n,), zero mean. sequences, length: M and N. The statistic is the biased autocovariance R(k)
+    = (1/N) sum w(i) w(i + k), eq. (3), averaged over the sequences and divided by R(0). Its standard error
+    is that of eq. (4), R(0) / sqrt(N), divided by sqrt(M). Raises InputError if the residual is constant
+    or shorter than 16 samples.
     """
     length = min(length, len(residual))
     sequences = max(1, min(sequences, len(residual) // max(length, 1)))
-    if length < _FEWEST or not np.ptp(residual):
+    if length < _MIN_TEST_SAMPLES or not np.ptp(residual):
         raise InputError(
-            f"a whiteness test needs {_FEWEST} samples that are not all equal, there are {len(residual)}"
+            f"a whiteness test needs {_MIN_TEST_SAMPLES} samples that are not all equal, there are "
+            f"{len(residual)}"
         )
     starts = np.linspace(0, len(residual) - length, sequences).astype(np.int64)
     total = np.mean([_autocovariance(residual[start : start + length]) for start in starts], axis=0)
     lags = np.arange(1, length)
-    found = total[1:] / total[0]
+    correlation = total[1:] / total[0]
     error = 1.0 / np.sqrt(sequences * length)
     narrowing = np.sqrt(1.0 - lags / length)
-    # The last tenth of the lags rests on a handful of products each, which are not Gaussian.
-    judged = lags <= 0.9 * length
-    beyond = int(np.count_nonzero(np.abs(found[judged]) > 2.0 * error * narrowing[judged]))
+    # The largest tenth of the lags average only a few products and are not Gaussian.
+    used = lags <= 0.9 * length
+    beyond = int(np.count_nonzero(np.abs(correlation[used]) > 2.0 * error * narrowing[used]))
     share = 2.0 * float(ndtr(-2.0))
     return AutocorrelationTest(
         sequences,
         length,
         lags,
-        found,
+        correlation,
         float(error),
-        float(np.mean(np.abs(found) <= error)),
-        float(np.mean(np.abs(found) <= 2.0 * error)),
+        float(np.mean(np.abs(correlation) <= error)),
+        float(np.mean(np.abs(correlation) <= 2.0 * error)),
         float(np.mean(1.0 - 2.0 * ndtr(-1.0 / narrowing))),
         float(np.mean(1.0 - 2.0 * ndtr(-2.0 / narrowing))),
-        float(bdtrc(beyond - 1, int(judged.sum()), share)),
+        float(bdtrc(beyond - 1, int(used.sum()), share)),
     )
 
 
-def ljung_box(residual: FloatArray, lags: int | None = None) -> LjungBox:
-    """The test of Ljung and Box (Biometrika 65, 1978).
+def ljung_box(residual: Array, lags: int | None = None) -> LjungBox:
+    """Apply the test of Ljung and Box (Biometrika 65, 1978) to a residual (n,).
 
-    lags: min(20, n / 5) where None. Raises InputError below 16 samples.
+    lags: number of lags, min(20, n / 5) if None. Raises InputError below 16 samples.
     """
     count = len(residual)
-    if count < _FEWEST or not np.ptp(residual):
+    if count < _MIN_TEST_SAMPLES or not np.ptp(residual):
         raise InputError(
-            f"a whiteness test needs {_FEWEST} samples that are not all equal, there are {count}"
+            f"a whiteness test needs {_MIN_TEST_SAMPLES} samples that are not all equal, there are {count}"
         )
     used = min(20, count // 5) if lags is None else lags
     centred = residual - residual.mean()
@@ -116,10 +128,10 @@ def ljung_box(residual: FloatArray, lags: int | None = None) -> LjungBox:
     return LjungBox(statistic, used, float(chdtrc(used, statistic)))
 
 
-def _autocovariance(sequence: FloatArray) -> FloatArray:
-    """(N,) biased autocovariance, eq. (3), but for its factor 1 / N.
+def _autocovariance(sequence: Array) -> Array:
+    """Return the (N,) biased autocovariance, eq. (3), without the factor 1 / N.
 
-    The mean is not taken off: the residual's own mean is part of the test.
+    The mean is not subtracted, because the mean of the residual is part of the test.
     """
-    made: FloatArray = np.correlate(sequence, sequence, "full")[len(sequence) - 1 :]
-    return made
+    autocovariance: Array = np.correlate(sequence, sequence, "full")[len(sequence) - 1 :]
+    return autocovariance

@@ -1,4 +1,4 @@
-"""All that is said of one heading: course, what it rests on, its rivals and its score."""
+"""Result of a heading measurement: track, standstills, noise, baselines, score and JSON form."""
 
 from __future__ import annotations
 
@@ -13,13 +13,25 @@ from hubodo.sensors.heading.track import HeadingTrack
 
 
 @dataclass(frozen=True)
-class HeadingReport:
-    """Heading of one axis. upwards: the axis points up. rests: s, (from, to) of each standstill."""
+class HeadingAnalysis:
+    """The heading of one gyro axis.
+
+    Attributes:
+        node, axis: name of the node and of the axis.
+        upwards: True if the axis points up.
+        standstills: (from, to) of each standstill, s.
+        warmup, noise: warm-up model and bias noise of the axis.
+        scale_sigma: relative sigma of the scale factor.
+        lag: delay of the gyro, s.
+        track: heading over time.
+        score: errors against the truth, or None.
+        notes: remarks for the user.
+    """
 
     node: str
     axis: str
     upwards: bool
-    rests: tuple[tuple[float, float], ...]
+    standstills: tuple[tuple[float, float], ...]
     warmup: WarmupModel
     noise: BiasNoise
     scale_sigma: float
@@ -30,21 +42,21 @@ class HeadingReport:
 
     @property
     def start(self) -> float:
-        """rad, the truth's heading at the first sample, 0 where there is none."""
+        """Return the true heading at the first sample, rad, or 0 without truth."""
         return 0.0 if self.score is None else self.score.start
 
     @property
     def duration(self) -> float:
-        """s."""
+        """Return the duration, s."""
         return float(self.track.t[-1] - self.track.t[0])
 
-    def ends(self) -> dict[str, float]:
-        """rad turned from the first sample to the last, by each estimate."""
-        ends = {"heading": float(self.track.heading[-1])}
-        return ends | {name: float(values[-1]) for name, values in self.track.rivals.items()}
+    def final_headings(self) -> dict[str, float]:
+        """Return the total turn, rad, by each estimate."""
+        turns = {"heading": float(self.track.heading[-1])}
+        return turns | {name: float(values[-1]) for name, values in self.track.baselines.items()}
 
     def as_json(self) -> dict[str, Any]:
-        """Rates in rad/s, times in s, angles in rad unless the name says degrees."""
+        """Return the JSON form: rates in rad/s, times in s, angles in rad unless the key says degrees."""
         track, noise, model = self.track, self.noise, self.warmup
         warmup: dict[str, Any] = {"c1": model.c1, "time_constant": model.time_constant}
         if model.c1_second:
@@ -55,9 +67,9 @@ class HeadingReport:
             "axis": self.axis,
             "upwards": self.upwards,
             "duration": self.duration,
-            "rests": [list(rest) for rest in self.rests],
+            "rests": [list(span) for span in self.standstills],
             "heading": float(track.heading[-1]) + self.start,
-            "turned_deg": {name: math.degrees(end) for name, end in self.ends().items()},
+            "turned_deg": {name: math.degrees(end) for name, end in self.final_headings().items()},
             "sigma": float(track.sigma[-1]),
             "sigma_deg": math.degrees(float(track.sigma[-1])),
             "bias": {"value": float(track.bias[-1]), "sigma": float(track.sigma_bias[-1])},
@@ -66,16 +78,16 @@ class HeadingReport:
             "scale_sigma": self.scale_sigma,
             "lag": self.lag,
             "gaps": [list(gap) for gap in track.gaps],
-            "score": None if self.score is None else self._scored(self.score),
+            "score": None if self.score is None else self._score_json(self.score),
             "notes": list(self.notes),
         }
 
-    def _scored(self, score: HeadingScore) -> dict[str, Any]:
-        made: dict[str, Any] = {"against": score.source, "end_in_sigma": score.end_in_sigma}
+    def _score_json(self, score: HeadingScore) -> dict[str, Any]:
+        result: dict[str, Any] = {"against": score.source, "end_in_sigma": score.final_error_in_sigma}
         for name, error in score.errors.items():
-            made[name] = {
+            result[name] = {
                 "rms_deg": math.degrees(error.rms),
-                "end_deg": math.degrees(error.end),
-                "worst_deg": math.degrees(error.worst),
+                "end_deg": math.degrees(error.final),
+                "worst_deg": math.degrees(error.largest),
             }
-        return made
+        return result

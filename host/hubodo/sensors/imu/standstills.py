@@ -1,0 +1,249 @@
+"""Detection of standstills in a recording from its noise floor, with the means of each standstill."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hubodo.arrays import Array
+from hubodo.errors import CalibrationError
+
+QUIET_WINDOW_S = 0.5
+"""Length of the sliding window in which all channels must be quiet."""
+QUIET_THRESHOLD = 3.0
+"""Largest standard deviation of a quiet window, relative to the noise floor.
+
+The 5 % quantile of the window deviation is 0.84 sigma for 50 samples, so 3 times it is 2.5 sigma: white noise
+practically never exceeds it, and a turn exceeds it by orders of magnitude.
+"""
+NOISE_FLOOR_QUANTILE = 0.05
+STANDSTILL_MARGIN_S = 0.1
+"""Time cut at each end of a standstill, because the hand that releases the node moves it below the threshold.
+"""
+CREEP_SIGMA = 6.0
+MAX_STANDSTILL_RATE = 0.02
+"""Largest deviation of the mean rate from the median of all standstills, rad/s: more is slow rotation, not
+bias.
+"""
+CREEP_ACCELERATION = 0.02
+"""Largest difference between the halves of a standstill, m/s² (0.12 degrees of tilt), if above CREEP_SIGMA
+too.
+"""
+
+
+@dataclass(frozen=True)
+class Standstills:
+    """R standstills in order of time.
+
+    Attributes:
+        start, end: (R,) index of the first sample and one past the last.
+        t: (R, 2) first and last time, s.
+        gyro, accel: (R, 3) means, rad/s and m/s².
+        gyro_sigma, accel_sigma: (R, 3) standard errors of the means, at least those from 0.5 s blocks.
+        rejected: one line, with its time, for each standstill that was rejected.
+    """
+
+    start: NDArray[np.int64]
+    end: NDArray[np.int64]
+    t: Array
+    gyro: Array
+    accel: Array
+    gyro_sigma: Array
+    accel_sigma: Array
+    rejected: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    @property
+    def duration(self) -> Array:
+        """Return the (R,) durations, s."""
+        return np.asarray(self.t[:, 1] - self.t[:, 0])
+
+    def select(self, which: NDArray[np.int64] | NDArray[np.bool_]) -> Standstills:
+        """Return the selected standstills, by index or mask."""
+        return Standstills(
+            self.start[which],
+            self.end[which],
+            self.t[which],
+            self.gyro[which],
+            self.accel[which],
+            self.gyro_sigma[which],
+            self.accel_sigma[which],
+            self.rejected,
+        )
+
+
+def find_standstills(t: Array, gyro: Array, accel: Array, *, min_duration: float = 1.0) -> Standstills:
+    """Find standstills of at least `min_duration` s, with all six channels near their noise floor.
+
+    t: (N,) s, increasing. gyro: (N, 3) rad/s. accel: (N, 3) m/s². A gap in time ends a standstill. A
+    standstill in which gravity creeps is rejected with a line in `rejected`. Raises CalibrationError if
+    the record is too short, constant in all channels of a triad, or never stationary.
+    """
+    step, width = _sample_window(t, gyro, accel, min_duration)
+    starts, ends = _find_segments(
+        _find_quiet_windows(gyro, width) & _find_quiet_windows(accel, width), width, np.diff(t) > 5 * step
+    )
+    margin = round(STANDSTILL_MARGIN_S / step)
+    starts, ends = starts + margin, ends - margin
+    long_enough = (ends - starts) * step >= min_duration
+    starts, ends = starts[long_enough], ends[long_enough]
+    accepted, rejected = _select_standstills(t, gyro, accel, starts, ends)
+    if not accepted:
+        details = f" ({rejected[0]})" if rejected else ""
+        raise CalibrationError(
+            f"no standstill of {min_duration} s was found{details}; put the node down and leave it for a few "
+            "seconds in each pose"
+        )
+    starts, ends = starts[accepted], ends[accepted]
+    pairs = list(zip(starts, ends, strict=True))
+    return Standstills(
+        starts,
+        ends,
+        np.column_stack([t[starts], t[ends - 1]]),
+        np.array([gyro[i:j].mean(axis=0) for i, j in pairs]),
+        np.array([accel[i:j].mean(axis=0) for i, j in pairs]),
+        np.array([standard_error(gyro[i:j], width) for i, j in pairs]),
+        np.array([standard_error(accel[i:j], width) for i, j in pairs]),
+        tuple(rejected),
+    )
+
+
+def _sample_window(t: Array, gyro: Array, accel: Array, min_duration: float) -> tuple[float, int]:
+    """Return the sample interval, s, and the window length in samples.
+
+    Raise CalibrationError if impossible.
+    """
+    if len(t) < 2 or t[-1] - t[0] < min_duration:
+        raise CalibrationError(
+            f"the record is {t[-1] - t[0] if len(t) else 0:.1f} s long, shorter than one standstill of "
+            f"{min_duration} s; record longer"
+        )
+    for name, values in (("gyro", gyro), ("accel", accel)):
+        if not np.ptp(values, axis=0).any():
+            raise CalibrationError(f"the {name} never changes: the sensor is stuck or off; check the node")
+    step = float(np.median(np.diff(t)))
+    width = max(4, round(QUIET_WINDOW_S / step))
+    if len(t) < 2 * width:
+        raise CalibrationError(
+            f"the record has only {len(t)} samples at {1 / step:.1f} Hz; record longer or faster"
+        )
+    return step, width
+
+
+def _select_standstills(
+    t: Array, gyro: Array, accel: Array, starts: NDArray[np.int64], ends: NDArray[np.int64]
+) -> tuple[list[int], list[str]]:
+    """Return the indices of true standstills, and a line for each with creeping gravity or rotation."""
+    rejected, accepted = [], []
+    for k, (i, j) in enumerate(zip(starts, ends, strict=True)):
+        creep = _creep_reason(accel[i:j])
+        if creep:
+            rejected.append(f"standstill at {t[i]:.1f}..{t[j - 1]:.1f} s rejected: {creep}")
+        else:
+            accepted.append(k)
+    if not accepted:
+        return accepted, rejected
+    means = np.array([gyro[starts[k] : ends[k]].mean(axis=0) for k in accepted])
+    rate = np.linalg.norm(means - np.median(means, axis=0), axis=1)
+    rejected += [
+        f"standstill at {t[starts[k]]:.1f}..{t[ends[k] - 1]:.1f} s rejected: the node turned at {r:.3f} rad/s"
+        for k, r in zip(accepted, rate, strict=True)
+        if r > MAX_STANDSTILL_RATE
+    ]
+    return [k for k, r in zip(accepted, rate, strict=True) if r <= MAX_STANDSTILL_RATE], rejected
+
+
+def find_steady_turns(
+    t: Array, gyro: Array, rate: float, bias: Array, *, min_duration: float = 1.0
+) -> tuple[Array, Array]:
+    """Return means (R, 3), rad/s, and standard errors of segments with a steady rate near `rate`.
+
+    bias: (3,) rad/s from the standstills. The rate of a segment must be within a third of the table's. Raises
+    CalibrationError if there is none.
+    """
+    step = float(np.median(np.diff(t)))
+    width = max(4, round(QUIET_WINDOW_S / step))
+    starts, ends = _find_segments(_find_quiet_windows(gyro, width), width, np.diff(t) > 5 * step)
+    margin = round(STANDSTILL_MARGIN_S / step)
+    spans = [(i + margin, j - margin) for i, j in zip(starts, ends, strict=True)]
+    spans = [(i, j) for i, j in spans if (j - i) * step >= min_duration]
+    spans = [
+        (i, j) for i, j in spans if abs(np.linalg.norm(gyro[i:j].mean(axis=0) - bias) / rate - 1) < 1 / 3
+    ]
+    if not spans:
+        raise CalibrationError(
+            f"no steady turn of about {rate:.4g} rad/s and at least {min_duration} s was found; check the "
+            f"table's rate "
+            "(rad/s) and turn the node steadily in nine or more poses"
+        )
+    means = np.array([gyro[i:j].mean(axis=0) for i, j in spans])
+    return means, np.array([standard_error(gyro[i:j], width) for i, j in spans])
+
+
+def standard_error(values: Array, width: int) -> Array:
+    """Return the (C,) standard error of the mean of (N, C) values.
+
+    It is the larger of that for white noise and that from the means of blocks of `width` samples.
+    """
+    n = len(values)
+    white = values.std(axis=0, ddof=1) / np.sqrt(n)
+    blocks = n // width
+    if blocks < 4:
+        return np.asarray(white)
+    means = values[: blocks * width].reshape(blocks, width, -1).mean(axis=1)
+    return np.asarray(np.maximum(white, means.std(axis=0, ddof=1) / np.sqrt(blocks)))
+
+
+def _find_quiet_windows(values: Array, width: int) -> NDArray[np.bool_]:
+    """Return (N - width + 1,) True where the window of `width` samples starting here is quiet."""
+    centred = values - values.mean(axis=0)
+    sums = np.vstack([np.zeros(3), np.cumsum(centred, axis=0)])
+    squares = np.vstack([np.zeros(3), np.cumsum(centred**2, axis=0)])
+    mean = (sums[width:] - sums[:-width]) / width
+    deviation = np.sqrt(np.maximum((squares[width:] - squares[:-width]) / width - mean**2, 0.0))
+    floor = np.maximum(
+        np.quantile(deviation, NOISE_FLOOR_QUANTILE, axis=0), _quantisation_steps(values) / np.sqrt(12)
+    )
+    return np.asarray((deviation < QUIET_THRESHOLD * floor).all(axis=1))
+
+
+def _quantisation_steps(values: Array) -> Array:
+    """Return the (3,) quantisation steps: the smallest change of each channel."""
+    steps = np.abs(np.diff(values, axis=0))
+    return np.asarray(np.where(steps > 0, steps, np.inf).min(axis=0, initial=np.inf, where=True)).clip(
+        max=np.ptp(values, axis=0)
+    )
+
+
+def _find_segments(
+    quiet: NDArray[np.bool_], width: int, gap: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the first and one-past-last sample of each segment covered by overlapping quiet windows.
+
+    Two neighbouring samples are connected if one quiet window contains both, so a sudden change of pose
+    separates segments even if quiet windows end and begin right at it. gap: (N - 1,) True where time
+    jumps, which separates segments too.
+    """
+    count = len(gap) + 1
+    coverage = np.zeros(count, np.int64)
+    coverage[: len(quiet)] += quiet
+    coverage[width - 1 :] -= quiet
+    connected = (np.cumsum(coverage)[: count - 1] > 0) & ~gap
+    edges = np.diff(np.concatenate([[0], connected.astype(np.int8), [0]]))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) + 1
+
+
+def _creep_reason(accel: Array) -> str:
+    """Return the reason why this segment is not a standstill, or ""."""
+    half = len(accel) // 2
+    first, second = accel[:half], accel[half:]
+    shift = np.abs(second.mean(axis=0) - first.mean(axis=0))
+    # White noise from successive differences, because the creep must not raise its own threshold.
+    error = np.diff(accel, axis=0).std(axis=0) / np.sqrt(half)
+    if bool((shift > np.maximum(CREEP_SIGMA * error, CREEP_ACCELERATION)).any()):
+        return f"gravity crept by {shift.max():.3f} m/s², so the node still moved"
+    return ""

@@ -1,0 +1,125 @@
+"""One channel of a stationary node, checked for units and motion before analysis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hubodo.arrays import Array
+from hubodo.calibration.file import find_node_serial
+from hubodo.errors import InputError
+from hubodo.log.number_recording import IMU_CHANNELS as IMU_CHANNELS
+from hubodo.recording import Recording, Table
+from hubodo.sensors.standstill_checks import (
+    TemperatureStep,
+    check_standstill,
+    check_units,
+    find_cuts,
+    find_temperature_step,
+)
+
+
+@dataclass(frozen=True)
+class StandstillRecord:
+    """One channel of a stationary node.
+
+    Attributes:
+        node, channel: name of the node and of its column.
+        t: (N,) s.
+        values: (N,) rad/s or m/s².
+        temperature: (N,) °C or None.
+        temperature_step: a step of the temperature, or None.
+        serial: serial number of the node, empty if the log does not contain it.
+        warnings: warnings of the log.
+        disturbances: (start, end) in s of the spans to be excluded.
+    """
+
+    node: str
+    channel: str
+    t: Array
+    values: Array
+    temperature: Array | None
+    temperature_step: TemperatureStep | None
+    serial: str
+    warnings: tuple[str, ...]
+    disturbances: tuple[tuple[float, float], ...] = ()
+
+
+def read_standstill_channel(
+    recording: Recording,
+    node: str,
+    channel: str,
+    *,
+    log: str,
+    start: float | None = None,
+    end: float | None = None,
+    trust_units: bool = False,
+    trust_still: bool = False,
+    cut_disturbances: bool = False,
+) -> StandstillRecord:
+    """Return a channel of a node between two times of the log (s), checked for units and motion.
+
+    log: name of the log for errors. cut_disturbances: report motion in `disturbances` instead of raising
+    an error. Raises InputError for an unmeasured channel, an empty span, a wrong unit or a sensor that was
+    moved.
+    """
+    table = recording.nodes[node]
+    bounds = -np.inf if start is None else start, np.inf if end is None else end
+    span = slice(*np.searchsorted(table.t, bounds))
+    measured = [name for name in IMU_CHANNELS if np.isfinite(table[name][span]).any()]
+    if channel not in measured:
+        raise InputError(
+            f"{log}: node {node} has no {channel}; use --channel with {', '.join(measured) or 'another'}"
+        )
+    columns = np.column_stack([table[name][span] for name in measured])
+    finite = np.isfinite(columns).all(axis=1)
+    t, columns = table.t[span][finite], columns[finite]
+    if len(t) < 2:
+        raise InputError(
+            f"{log}: node {node} has {len(t)} samples between --start and --end; choose another span"
+        )
+    gyro = columns[:, [k for k, name in enumerate(measured) if name[0] == "g"]]
+    accel = columns[:, [k for k, name in enumerate(measured) if name[0] == "a"]]
+    values = columns[:, measured.index(channel)].copy()
+    disturbances: list[tuple[float, float]] = []
+    try:
+        if not trust_units:
+            check_units(gyro, accel, float(np.median(np.diff(t))))
+        if not trust_still and cut_disturbances:
+            disturbances = find_cuts(t, columns, values)
+        elif not trust_still:
+            check_standstill(t, columns)
+    except InputError as error:
+        raise InputError(f"{log}, node {node}: {error}") from None
+    temperature = interpolate_temperature(table, np.flatnonzero(finite) + span.start)
+    temperature_step = None if temperature is None else find_temperature_step(t, temperature)
+    serial = find_node_serial(recording.metadata, node)
+    return StandstillRecord(
+        node,
+        channel,
+        t,
+        values,
+        temperature,
+        temperature_step,
+        serial,
+        recording.warnings,
+        tuple(disturbances),
+    )
+
+
+def interpolate_temperature(table: Table, rows: NDArray[np.int64]) -> Array | None:
+    """Return the (M,) temperatures of these rows, °C, interpolated where missing.
+
+    None without any reading.
+    """
+    if "temperature" not in table:
+        return None
+    values = table["temperature"][rows]
+    known = np.isfinite(values)
+    if not known.any():
+        return None
+    indices = np.arange(len(values))
+    temperature: Array = np.interp(indices, indices[known], values[known])
+    return temperature

@@ -1,0 +1,105 @@
+"""Assessment of a warm-up model by the whiteness of its residual, and selection of the next model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.effects.warmup import WARMUP_PARAMETERS, WarmupKind
+from hubodo.sensors.even_grid import EvenGrid
+from hubodo.sensors.warmup.fit import WarmupFit, fit_warmup
+from hubodo.sensors.warmup.whiteness import AutocorrelationTest, LjungBox, autocorrelation_test, ljung_box
+
+# The sequences of the paper: ten of 10 s each; limited in samples to bound the run time.
+_SEQUENCES, _SEQUENCE_S, _MAX_SEQUENCE_SAMPLES = 10, 10.0, 2000
+# °C: smaller changes do not show a temperature coefficient.
+_MIN_TEMPERATURE_SPAN = 1.0
+
+
+@dataclass(frozen=True)
+class AssessedFit:
+    """A fitted warm-up model with the whiteness tests of its residual."""
+
+    fit: WarmupFit
+    autocorrelation: AutocorrelationTest
+    ljung_box: LjungBox
+
+    @property
+    def is_white(self) -> bool:
+        """Return True if both tests pass: samples over seconds, and means over the whole record."""
+        return self.autocorrelation.is_white and self.ljung_box.is_white
+
+
+def assess_fit(fit: WarmupFit, record: EvenGrid, age: float, temperature: Array | None) -> AssessedFit:
+    """Test the whiteness of the samples in short sequences, and of the means over the whole record.
+
+    record: samples at the gyro's rate. age: time since power-on at the first sample, s. temperature: (N,)
+    °C at the samples of the record, or None.
+    """
+    length = int(np.clip(round(_SEQUENCE_S / record.dt), 200, _MAX_SEQUENCE_SAMPLES))
+    length = min(length, len(record.values))
+    sequences = max(1, min(_SEQUENCES, len(record.values) // length))
+    residuals = []
+    for start in np.linspace(0, len(record.values) - length, sequences).astype(int):
+        rows = slice(int(start), int(start) + length)
+        t = np.asarray(age + np.arange(rows.start, rows.stop) * record.dt, np.float64)
+        residual = record.values[rows] - fit.model.bias(t, None if temperature is None else temperature[rows])
+        residuals.append(np.where(record.present[rows], residual, 0.0))
+    samples = np.concatenate(residuals)
+    return AssessedFit(fit, autocorrelation_test(samples, sequences, length), ljung_box(fit.residual))
+
+
+def select_next_model(
+    first: AssessedFit,
+    times: Array,
+    means: Array,
+    mean_temperatures: Array | None,
+    record: EvenGrid,
+    t: Array,
+    temperature: Array | None,
+    age: float,
+) -> AssessedFit | None:
+    """Return the best white model, else the least coloured one if significantly better, or None."""
+    kinds: list[WarmupKind] = ["two exponentials"]
+    sample_temperatures = None
+    if (
+        mean_temperatures is not None
+        and temperature is not None
+        and float(np.ptp(mean_temperatures)) > _MIN_TEMPERATURE_SPAN
+    ):
+        kinds = ["temperature", "exponential and temperature", *kinds]
+        sample_temperatures = np.interp(
+            record.start + np.arange(len(record.values)) * record.dt, t, temperature
+        )
+    candidates = []
+    for kind in kinds:
+        uses_temperature = "temperature_coefficient" in WARMUP_PARAMETERS[kind]
+        fit = fit_warmup(times, means, kind, mean_temperatures if uses_temperature else None)
+        # A model whose parameters are not determined is rejected, however well it fits.
+        if fit.is_determined and fit.bic < first.fit.bic - 10.0:
+            candidates.append(assess_fit(fit, record, age, sample_temperatures if uses_temperature else None))
+    white = [model for model in candidates if model.ljung_box.is_white]
+    if white:
+        return min(white, key=lambda model: model.fit.bic)
+    better = [model for model in candidates if model.ljung_box.statistic < 0.8 * first.ljung_box.statistic]
+    return min(better, key=lambda model: model.ljung_box.statistic, default=None)
+
+
+def describe_next_model(first: AssessedFit, following: AssessedFit | None) -> str:
+    """Return a remark on the coloured residual of the exponential and on the next model."""
+    box = first.ljung_box
+    test = f"Ljung-Box {box.statistic:.3g} over {box.lags} lags, p = {box.p_value:.2g}"
+    if following is None:
+        return (
+            f"the residual of the exponential is not white ({test}) and no other model is significantly "
+            "better: "
+            "the residual is bias instability or random walk, see hubodo allan; the sigmas include it"
+        )
+    description = "white" if following.ljung_box.is_white else "still not white, but less so"
+    return (
+        f"the residual of the exponential is not white ({test}); next model: {following.fit.kind}, whose "
+        f"residual is {description} (Ljung-Box {following.ljung_box.statistic:.3g}, p = "
+        f"{following.ljung_box.p_value:.2g})"
+    )
