@@ -33,7 +33,7 @@ from hubodo.recording import Recording, Table
 from hubodo.sensors.heading.standstill import estimate_angle_random_walk, standstills_from_user
 from hubodo.sensors.heading.track import VerticalAxis, estimate_heading
 from hubodo.sensors.warmup.characterise import characterise_warmup
-from hubodo.verbs.heading import USUAL_INSTABILITY, USUAL_LAG
+from hubodo.verbs.heading import TYPICAL_BIAS_INSTABILITY, TYPICAL_GYRO_LAG
 from papers.filters.six_state import SixState
 from papers.start_fit import print_fit
 
@@ -73,9 +73,11 @@ def ours(known: Known, t: np.ndarray, output: np.ndarray, age: float, rest: floa
     rate = output * DEG
     axis = VerticalAxis(t, rate, rate)
     spans = standstills_from_user(t, [(0.0, rest)])
-    noise = BiasNoise(estimate_angle_random_walk(t, rate, spans), USUAL_INSTABILITY, warmup=known.sigma)
+    noise = BiasNoise(
+        estimate_angle_random_walk(t, rate, spans), TYPICAL_BIAS_INSTABILITY, warmup=known.sigma
+    )
     return estimate_heading(
-        axis, spans, known.model, noise, age=age, scale_sigma=start_day.SCALE, lag=USUAL_LAG, step=step
+        axis, spans, known.model, noise, age=age, scale_sigma=start_day.SCALE, lag=TYPICAL_GYRO_LAG, step=step
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from hubodo.report.curves import Curve, Values, curves
 from hubodo.report.page import COLOURS, Grid, Section
 from hubodo.sensors.imu.calibrate import ImuCalibration
-from hubodo.sensors.imu.held_out import HeldOutErrors
+from hubodo.sensors.imu.held_out import CrossValidation
 
 
 def imu_sections(result: ImuCalibration) -> Sequence[Section]:
@@ -17,7 +17,7 @@ def imu_sections(result: ImuCalibration) -> Sequence[Section]:
     return (_parameters(result), _residuals(result), _rests(result))
 
 
-def held_out_words(held_out: HeldOutErrors | None, unit: str, factor: float = 1.0) -> str:
+def held_out_words(held_out: CrossValidation | None, unit: str, factor: float = 1.0) -> str:
     """Before and after on what took no part in the fit, in one phrase."""
     if held_out is None:
         return "nothing was left over to judge by"

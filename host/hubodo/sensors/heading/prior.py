@@ -35,13 +35,11 @@ def axis_direction(accel: Array, axis: str) -> tuple[float, str]:
     if tilt > _MAX_TILT:
         raise InputError(
             f"axis {axis} is tilted by {math.degrees(tilt):.0f} degrees from the vertical and measures "
-            "little of "
-            "a turn; choose the vertical one with --axis"
+            "little of a turn; choose the vertical one with --axis"
         )
     note = (
         f"axis {axis} is tilted by {math.degrees(tilt):.1f} degrees (or the accelerometer is not "
-        "calibrated): "
-        f"measured turns are {100 * (1 - math.cos(tilt)):.2g} % too small"
+        f"calibrated): measured turns are {100 * (1 - math.cos(tilt)):.2g} % too small"
     )
     return math.copysign(1.0, axis_force), note if tilt > _WARN_TILT else ""
 

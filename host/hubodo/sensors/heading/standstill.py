@@ -75,8 +75,7 @@ def _check_bias_steps(t: Array, rate: Array, standstills: Standstills) -> None:
             raise InputError(
                 f"the standstills at {t[end - 1]:.1f} and {t[start]:.1f} s differ by "
                 f"{np.degrees(bias_step):.2g} deg/s, more than a bias drifts: the node turned in one of "
-                "them; give the "
-                "true standstills with --rest FROM TO"
+                "them; give the true standstills with --rest FROM TO"
             )
 
 

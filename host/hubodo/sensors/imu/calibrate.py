@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +16,11 @@ from hubodo.earth import EARTH_RATE
 from hubodo.effects.gyro import GyroGSensitivity
 from hubodo.errors import CalibrationError, InputError
 from hubodo.sensors.imu.accel_frame import accel_frame_covariance
-from hubodo.sensors.imu.held_out import HeldOutErrors, cross_validate_accel, cross_validate_turns
+from hubodo.sensors.imu.held_out import CrossValidation, cross_validate_accel, cross_validate_turns
 from hubodo.sensors.imu.misalignment import align_by_earth_rate, rotate_triad
 from hubodo.sensors.imu.scalar_calibration import Convention, ScalarCalibration, fit_scalar_calibration
 from hubodo.sensors.imu.standstills import Standstills, find_standstills, find_steady_turns
-from hubodo.sensors.imu.turns import TurnCalibration, calibrate_from_turns, collect_turns
+from hubodo.sensors.imu.turns import TurnCalibration, Turns, calibrate_from_turns, collect_turns
 
 MIN_EARTH_RATE_SNR = 10.0
 """Minimum ratio of Earth rate to its sigma in a standstill.
@@ -52,7 +52,7 @@ class GyroCalibration:
     g_sensitivity: Array | None = None
     g_sensitivity_sigma: Array | None = None
     turns: TurnCalibration | None = None
-    held_out: HeldOutErrors | None = None
+    held_out: CrossValidation | None = None
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class ImuCalibration:
     standstills: Standstills
     gravity: float
     accel: ScalarCalibration
-    accel_held_out: HeldOutErrors | None
+    accel_held_out: CrossValidation | None
     gyro: GyroCalibration
     notes: tuple[str, ...]
 
@@ -137,8 +137,7 @@ def calibrate_imu(
     notes.insert(
         0,
         f"accelerometer misalignments: {convention} convention, from the norm of gravity in "
-        f"{len(standstills)} "
-        "standstills",
+        f"{len(standstills)} standstills",
     )
     notes.insert(1, f"gyros: {calibrated.method}")
     if not accelerometers.poses.is_sufficient:
@@ -206,29 +205,39 @@ def _calibrate_gyro(
         needed = float(np.median(standstills.duration)) * (noise * MIN_EARTH_RATE_SNR / EARTH_RATE) ** 2
         notes.append(
             f"gyros too noisy for Earth rate: a standstill determines the rate to {noise:.2g} rad/s, Earth "
-            "rate is "
-            f"{EARTH_RATE:.2g}; standstills of {needed:.0f} s would be needed, if the bias is stable that "
-            "long"
+            f"rate is {EARTH_RATE:.2g}; standstills of {needed:.0f} s would be needed, if the bias is "
+            "stable that long"
         )
-    total_bias = bias if g_sensitivity is None else bias + all_force @ g_sensitivity.T
-    turns = collect_turns(t, gyro, np.asarray(total_bias), standstills, force)
+    total_bias = np.asarray(bias if g_sensitivity is None else bias + all_force @ g_sensitivity.T)
+    turns = collect_turns(t, gyro, total_bias, standstills, force)
     # The direction of Earth rate in each standstill is unknown here, so it adds to the uncertainty of the
     # bias.
     bias_covariance = bias_covariance + np.eye(3) * EARTH_RATE**2 / 3 / len(standstills)
+    static = GyroCalibration(
+        Triad(bias),
+        np.pad(bias_covariance, (0, 9)),
+        np.zeros(9, bool),
+        f"bias alone, from {len(standstills)} standstills",
+        g_sensitivity,
+        g_sigma,
+    )
+    return _add_turns(static, turns, standstills, accel, notes)
+
+
+def _add_turns(
+    static: GyroCalibration,
+    turns: Turns,
+    standstills: Standstills,
+    accel: ScalarCalibration,
+    notes: list[str],
+) -> GyroCalibration:
+    """Return the calibration from standstills refined by the turns between them, or unchanged if that fails."""
+    bias_sigma = np.sqrt(np.diag(static.covariance)[:3])
     try:
-        calibration = calibrate_from_turns(turns, np.sqrt(np.diag(bias_covariance)))
+        calibration = calibrate_from_turns(turns, bias_sigma)
     except CalibrationError as error:
         notes.append(f"gyro scale and misalignments left out: {error}")
-        covariance = np.zeros((12, 12))
-        covariance[:3, :3] = bias_covariance
-        return GyroCalibration(
-            Triad(bias),
-            covariance,
-            np.zeros(9, bool),
-            f"bias alone, from {len(standstills)} standstills",
-            g_sensitivity,
-            g_sigma,
-        )
+        return static
     notes.extend(calibration.dropped)
     if calibration.deficit:
         notes.append(f"left out: {calibration.deficit}")
@@ -240,19 +249,17 @@ def _calibrate_gyro(
     method = (
         f"turns between standstills, {len(calibration.used)} of them, gyro against accelerometer: "
         f"{determined} in "
-        "the "
-        f"accelerometer's frame; bias{'' if g_sensitivity is None else ' and g-sensitivity'} from "
+        f"the accelerometer's frame; bias{'' if static.g_sensitivity is None else ' and g-sensitivity'} from "
         f"{len(standstills)} standstills"
     )
-    return GyroCalibration(
-        Triad(bias + calibration.bias_change, calibration.matrix),
-        calibration.covariance + accel_frame_covariance(calibration, turns, standstills, accel),
-        calibration.is_observable,
-        method,
-        g_sensitivity,
-        g_sigma,
+    return replace(
+        static,
+        triad=Triad(static.triad.bias + calibration.bias_change, calibration.matrix),
+        covariance=calibration.covariance + accel_frame_covariance(calibration, turns, standstills, accel),
+        is_observable=calibration.is_observable,
+        method=method,
         turns=calibration,
-        held_out=cross_validate_turns(turns.select(calibration.used), np.sqrt(np.diag(bias_covariance))),
+        held_out=cross_validate_turns(turns.select(calibration.used), bias_sigma),
     )
 
 

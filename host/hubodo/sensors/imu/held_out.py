@@ -16,7 +16,7 @@ FOLD_COUNT = 5
 
 
 @dataclass(frozen=True)
-class HeldOutErrors:
+class CrossValidation:
     """Cross-validation errors.
 
     Attributes:
@@ -40,7 +40,7 @@ class HeldOutErrors:
 
 def cross_validate_accel(
     standstills: Standstills, gravity: float, convention: Convention
-) -> HeldOutErrors | None:
+) -> CrossValidation | None:
     """Return the errors of each standstill under the calibration of the other folds; None if those fail."""
     count = len(standstills)
     error = np.full(count, np.nan)
@@ -57,10 +57,10 @@ def cross_validate_accel(
     finite = np.isfinite(error)
     if not finite.any():
         return None
-    return HeldOutErrors(error[finite], np.linalg.norm(standstills.accel, axis=1)[finite] - gravity)
+    return CrossValidation(error[finite], np.linalg.norm(standstills.accel, axis=1)[finite] - gravity)
 
 
-def cross_validate_turns(turns: Turns, bias_sigma: Array) -> HeldOutErrors | None:
+def cross_validate_turns(turns: Turns, bias_sigma: Array) -> CrossValidation | None:
     """Return the errors of each turn under the calibration of the other folds, or None if those fail."""
     error = np.full(len(turns.dt), np.nan)
     for fold in range(FOLD_COUNT):
@@ -73,4 +73,4 @@ def cross_validate_turns(turns: Turns, bias_sigma: Array) -> HeldOutErrors | Non
     finite = np.isfinite(error)
     if not finite.any():
         return None
-    return HeldOutErrors(error[finite], turn_errors(turns, np.eye(3))[finite])
+    return CrossValidation(error[finite], turn_errors(turns, np.eye(3))[finite])

@@ -101,10 +101,9 @@ def fit_scalar_calibration(
     """Estimate the nine parameters of a triad.
 
     measured: (R, 3) mean of each standstill. reference: norm of the true vector, same unit. sigma: (R, 3)
-    standard errors of the means, not zero. name: of the triad, for errors. allow_partial: accept poses
-    that determine only some parameters, using the tolerances of MEMS accelerometers. Raises
-    CalibrationError if the poses do not determine every parameter (with `allow_partial`: not one), if the
-    magnitude shows a wrong unit, or if the fit does not converge.
+    standard errors of the means, not zero. allow_partial: accept poses that determine only some parameters,
+    using the tolerances of MEMS accelerometers. Raises CalibrationError if the poses do not determine every
+    parameter (with `allow_partial`: any), for a wrong unit, or if the fit does not converge.
     """
     if not reference > 0:
         raise InputError(f"the reference for the {name} triad must be positive, is {reference}")
@@ -194,8 +193,7 @@ class _NormFit:
         raise CalibrationError(
             f"the {self.name} calibration does not converge in {MAX_ITERATIONS} steps (last change "
             f"{np.abs(step).max():.1g} of the reference); check that the node was stationary in each "
-            "standstill "
-            "and that the reference is correct"
+            "standstill and that the reference is correct"
         )
 
     def _cost(self, p: Array, weight: Array) -> float:

@@ -177,8 +177,7 @@ def find_steady_turns(
     if not spans:
         raise CalibrationError(
             f"no steady turn of about {rate:.4g} rad/s and at least {min_duration} s was found; check the "
-            f"table's rate "
-            "(rad/s) and turn the node steadily in nine or more poses"
+            "table's rate (rad/s) and turn the node steadily in nine or more poses"
         )
     means = np.array([gyro[i:j].mean(axis=0) for i, j in spans])
     return means, np.array([standard_error(gyro[i:j], width) for i, j in spans])

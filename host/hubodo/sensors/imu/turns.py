@@ -222,10 +222,8 @@ def calibrate_from_turns(turns: Turns, bias_sigma: Array) -> TurnCalibration:
     if len(usable.dt) < MIN_TURN_COUNT:
         raise CalibrationError(
             f"only {len(usable.dt)} usable turns of more than 10 degrees between standstills, "
-            f"{MIN_TURN_COUNT} are "
-            f"needed ({len(dropped)} clipped); turn the node about each of its axes, in both directions, "
-            "with "
-            "standstills in between"
+            f"{MIN_TURN_COUNT} are needed ({len(dropped)} clipped); turn the node about each of its axes, "
+            "in both directions, with standstills in between"
         )
     _check_unit(usable)
     p, covariance, response = _fit_turns(usable, bias_sigma)

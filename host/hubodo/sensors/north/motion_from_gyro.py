@@ -87,9 +87,9 @@ def find_table_motion(
     turns = _integrate_turns(t, gyro, moving)
     if not turns:
         raise InputError(
-            "the table never turned from one stop to another (a continuously turning one needs table.csv); "
-            "north "
-            "needs stops in different directions, or --simulate-azimuth-deg to test with a stationary gyro"
+            "the table never turned from one stop to another (a continuously turning one needs "
+            "table.csv); north needs stops in different directions, or --simulate-azimuth-deg to test "
+            "with a stationary gyro"
         )
     if step is None:
         _check_clipped(t, gyro, turns, max_rate)
@@ -127,9 +127,8 @@ def _check_clipped(t: Array, gyro: Array, turns: list[TableTurn], limit: float) 
     for turn in turns:
         if np.abs(gyro[turn.first : turn.last]).max() >= limit:
             raise InputError(
-                f"the gyro is saturated in the turn at {t[turn.first]:.1f} s, so the angle is unknown; turn "
-                "more "
-                "slowly, provide table.csv, or give the step of the table with --step-deg"
+                f"the gyro is saturated in the turn at {t[turn.first]:.1f} s, so the angle is unknown; "
+                "turn more slowly, provide table.csv, or give the step of the table with --step-deg"
             )
 
 
@@ -237,8 +236,7 @@ def _integrate_turns(t: Array, gyro: Array, moving: Mask) -> list[TableTurn]:
         if float(np.diff(t[first:last]).max(initial=0.0)) > max(5 * step, 0.1):
             raise InputError(
                 f"samples are missing in the turn at {t[i]:.1f} s, so its angle is unknown; provide "
-                "table.csv or "
-                "repeat the recording"
+                "table.csv or repeat the recording"
             )
         bias = (before.get(i, after.get(j, 0.0)) + after.get(j, before.get(i, 0.0))) / 2
         first, last = max(0, i - margin.get(i, 0)), min(j + margin.get(j, 0), len(t))
@@ -267,8 +265,7 @@ def _table_axis(t: Array, turns: list[TableTurn], up: Array) -> Array:
     if lean > MAX_TABLE_LEAN:
         raise InputError(
             f"the table turns about an axis tilted by {np.degrees(lean):.0f} degrees from the vertical, so "
-            "the "
-            "gyro's g-sensitivity exceeds Earth rate; level the table"
+            "the gyro's g-sensitivity exceeds Earth rate; level the table"
         )
     axis = np.asarray(axis * np.sign(axis @ up))
     for turn in turns:
@@ -276,8 +273,7 @@ def _table_axis(t: Array, turns: list[TableTurn], up: Array) -> Array:
         if off_axis > max(_MAX_OFF_AXIS_SHARE * float(np.linalg.norm(turn.rotation)), _MAX_OFF_AXIS_ANGLE):
             raise InputError(
                 f"at {t[turn.first]:.1f} s the node turned by {np.degrees(off_axis):.0f} degrees about "
-                "another axis "
-                "than the table's; cut the recording before or after it, or repeat it"
+                "another axis than the table's; cut the recording before or after it, or repeat it"
             )
     return axis
 
@@ -295,8 +291,7 @@ def _round_to_steps(t: Array, turns: list[TableTurn], by: Array, step: float, sc
             raise InputError(
                 f"the turn at {t[turn.first]:.1f} s was {np.degrees(measured):.1f} degrees, to "
                 f"{np.degrees(reached):.1f}, which is not a multiple of {np.degrees(step):g}; omit "
-                "--step-deg or "
-                "give the step of the table"
+                "--step-deg or give the step of the table"
             )
         angle.append(complete)
     return np.array(angle)

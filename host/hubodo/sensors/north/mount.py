@@ -54,8 +54,7 @@ def estimate_mount(gyro: Array, accel: Array, axis: str) -> AxisMount:
     if abs(elevation) > MAX_ELEVATION:
         raise InputError(
             f"axis {axis} is {np.degrees(elevation):+.0f} degrees from level and measures little of "
-            "horizontal "
-            "Earth rate; choose an axis that is level on the table"
+            "horizontal Earth rate; choose an axis that is level on the table"
         )
     warnings = []
     if abs(elevation) > WARN_ELEVATION:
@@ -95,14 +94,12 @@ def check_turn_direction(mount: AxisMount, t: Array, table: TableMotion) -> None
     if 40 < abs(ratio) < 80:
         raise InputError(
             f"the integrated vertical rate is {abs(ratio):.0f} times the turns of the table, as if it were "
-            "in "
-            "degrees per second; convert the record to rad/s"
+            "in degrees per second; convert the record to rad/s"
         )
     if -1.4 < ratio < -0.6:
         raise InputError(
             "table.csv: the angle grows clockwise (the vertical gyro measured the opposite turn); it must "
-            "grow "
-            "anticlockwise seen from above: change its sign"
+            "grow anticlockwise seen from above: change its sign"
         )
 
 
@@ -123,6 +120,5 @@ def describe_table_tilt(mount: AxisMount, t: Array, table: TableMotion) -> list[
         return []
     return [
         f"the table's axis is tilted by {np.degrees(tilt):.2f} degrees: vertical Earth rate is corrected, "
-        "the "
-        "gyro's g-sensitivity is not; level the table"
+        "the gyro's g-sensitivity is not; level the table"
     ]

@@ -96,8 +96,7 @@ def horizontal_earth_rate(latitude: float) -> float:
         raise InputError(
             f"latitude {np.degrees(latitude):.6g} degrees is too close to the pole: only "
             f"{100 * np.cos(latitude):.1f} % of Earth rate is horizontal there, less than the effect of "
-            "tilt; "
-            "find north by another method"
+            "tilt; find north by another method"
         )
     return EARTH_RATE * float(np.cos(latitude))
 
@@ -184,8 +183,8 @@ def _describe_angle_sigma(angle_sigma: float, sigma: float) -> tuple[str, ...]:
         return ()
     return (
         f"{np.degrees(angle_sigma):.1f} degrees of sigma are due to angles measured by the gyro itself; "
-        "provide "
-        "table.csv, give the step of the table with --step-deg, or turn the table back in the opposite sense",
+        "provide table.csv, give the step of the table with --step-deg, or turn the table back in the "
+        "opposite sense",
     )
 
 

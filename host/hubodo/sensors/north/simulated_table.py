@@ -49,8 +49,7 @@ class SimulatedTable:
         if self.position + count > len(self.gyro_error):
             raise InputError(
                 f"the record of {len(self.gyro_error) * self.dt:.0f} s is too short for the programme; use "
-                "fewer "
-                "or shorter stops"
+                "fewer or shorter stops"
             )
         index = np.arange(self.position, self.position + count)
         self.position += count

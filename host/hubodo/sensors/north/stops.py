@@ -153,9 +153,7 @@ def _stationary_spans(table: TableMotion) -> list[tuple[float, float, float]]:
             time = table.t[rows[int(np.abs(np.diff(angles)).argmax()) + 1]]
             raise InputError(
                 f"table.csv: the angle changes by {np.degrees(angle_range):.2f} degrees while moving is 0, "
-                "near "
-                f"t = {time:.2f} s; "
-                "mark turns with moving = 1 or repeat the recording"
+                f"near t = {time:.2f} s; mark turns with moving = 1 or repeat the recording"
             )
         end_time = table.t[rows[-1] + 1] if rows[-1] + 1 < len(table.t) else np.inf
         spans.append((float(table.t[rows[0]]), float(end_time), float(angles.mean())))
@@ -211,10 +209,8 @@ def _check_stationary(
         i, j, _ = spans[int(k)]
         raise InputError(
             f"the table moved during stop {k + 1}, {t[i]:.1f}..{t[j - 1]:.1f} s: the integrated vertical "
-            "rate is "
-            f"{np.degrees(swept_angle[k]):.1f} degrees; correct table.csv, or derive stops and angles from "
-            "the gyro with "
-            "--find-stops"
+            f"rate is {np.degrees(swept_angle[k]):.1f} degrees; correct table.csv, or derive stops and "
+            "angles from the gyro with --find-stops"
         )
 
 

@@ -115,8 +115,7 @@ class SerialTable:
         if not allowed:
             raise InputError(
                 f"the table turns from {low:g} to {high:g} degrees and cannot reach {target % 360:.1f}; "
-                "extend its "
-                "limits, or use a method with fewer directions"
+                "extend its limits, or use a method with fewer directions"
             )
         return allowed[0]
 

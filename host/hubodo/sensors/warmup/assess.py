@@ -94,8 +94,8 @@ def describe_next_model(first: AssessedFit, following: AssessedFit | None) -> st
     if following is None:
         return (
             f"the residual of the exponential is not white ({test}) and no other model is significantly "
-            "better: "
-            "the residual is bias instability or random walk, see hubodo allan; the sigmas include it"
+            "better: the residual is bias instability or random walk, see hubodo allan; the sigmas "
+            "include it"
         )
     description = "white" if following.ljung_box.is_white else "still not white, but less so"
     return (

@@ -36,11 +36,9 @@ def characterise_warmup(
     """
     if temperature_step is not None:
         raise InputError(
-            f"the temperature steps by {temperature_step.change:+.2f} °C at {temperature_step.t:.6g} s, and "
-            "a "
-            f"warm-up fitted across it would measure the room; use --end {temperature_step.t:.6g} for the "
-            "part "
-            "before it, or record at constant temperature"
+            f"the temperature steps by {temperature_step.change:+.2f} °C at {temperature_step.t:.6g} s, "
+            f"and a warm-up fitted across it would measure the room; use --end {temperature_step.t:.6g} "
+            "for the part before it, or record at constant temperature"
         )
     record = place_on_grid(t, values)
     if record.duration < _MIN_DURATION_S or len(t) < _MIN_BLOCK_MEANS:
@@ -58,8 +56,7 @@ def characterise_warmup(
         if not exponential.autocorrelation.is_white:
             notes.append(
                 "the block means are white, neighbouring samples are not: this is due to the bandwidth of "
-                "the "
-                "sensor or to vibration, not to the warm-up model"
+                "the sensor or to vibration, not to the warm-up model"
             )
     else:
         next_model = select_next_model(
@@ -69,9 +66,7 @@ def characterise_warmup(
     accepted = None if reason else exponential
     if next_model is not None and (next_model.ljung_box.is_white or not reason):
         accepted = next_model
-        reason = (
-            "" if next_model.fit.kind == "exponential and temperature" else next_model_reason(next_model.fit)
-        )
+        reason = next_model_reason(next_model.fit)
     return WarmupReport(
         channel,
         exponential,
@@ -128,10 +123,9 @@ def _reason_not_determined(fit: WarmupFit, times: Array, means: Array) -> str:
             f"{fit.sigma['time_constant']:.3g} s): record more samples per second"
         )
     return (
-        f"the record of {duration:.4g} s shows a drift but not its end, so c1 and the time constant are not "
-        f"separable (time constant {constant:.3g} s, sigma {fit.sigma['time_constant']:.3g} s); record from "
-        "power-on "
-        f"for {3 * max(constant, duration):.2g} s or more"
+        f"the record of {duration:.4g} s shows a drift but not its end, so c1 and the time constant are "
+        f"not separable (time constant {constant:.3g} s, sigma {fit.sigma['time_constant']:.3g} s); record "
+        f"from power-on for {3 * max(constant, duration):.2g} s or more"
     )
 
 

@@ -201,7 +201,9 @@ class WarmupReport:
 
 
 def next_model_reason(fit: WarmupFit) -> str:
-    """Return the reason why a single exponential is not given although a next model is."""
+    """Return the reason why a single exponential is not given; empty if the next model contains it."""
+    if fit.kind == "exponential and temperature":
+        return ""
     return f"a single exponential does not describe this record; see next model: {fit.kind}"
 
 
