@@ -141,7 +141,7 @@ def gyro_of(rests, latitude=None, notes=None):
 def test_earth_rate_serves_where_the_noisiest_rest_knows_it_ten_times_better(parts, share, serves, loud):
     notes = []
     found = gyro_of(rests(sigma=share * EARTH / loud, loud=loud), 0.8, notes)
-    assert ("Earth rate in 9 rests" in found.method) == serves
+    assert ("Earth rate in 9 standstills" in found.method) == serves
     needed = [note for note in notes if "too noisy" in note]
     assert len(needed) == (not serves)
     assert "Earth rate" not in gyro_of(rests(sigma=1e-9)).method
@@ -151,7 +151,7 @@ def test_gyros_too_noisy_for_earth_rate_are_told_how_long_a_rest_they_need(parts
     """Noise of a mean falls with the root of its time: ten times too noisy is a hundred times too short."""
     notes = []
     gyro_of(rests(sigma=EARTH, seconds=12.0), 0.8, notes)
-    assert "rests of 1200 s" in notes[0]
+    assert "standstills of 1200 s" in notes[0]
 
 
 def test_without_turns_there_is_the_bias_and_earth_rate_is_in_its_sigma(parts):
@@ -164,7 +164,7 @@ def test_without_turns_there_is_the_bias_and_earth_rate_is_in_its_sigma(parts):
     expected[:3, :3] = covariance + np.eye(3) * EARTH**2 / 15
     assert found.covariance * 1e12 == pytest.approx(expected * 1e12)
     assert notes == ["gyro scale and misalignments left out: not seen"]
-    assert "bias alone, from 5 rests" in found.method
+    assert "bias alone, from 5 standstills" in found.method
 
 
 @pytest.mark.parametrize("g", [0.0, 1.0])

@@ -112,7 +112,7 @@ def test_the_vertical_earth_rate_that_a_leaning_table_lets_in_is_taken_out():
         6, even(stop=30.0), noise={"n": np.radians(1e-4)}, scale=0.0, lean=(0.04, 0.0)
     )
     found, warnings = found_in(node)
-    assert any("leans by 2.2" in text for text in warnings)
+    assert any("tilted by 2.2" in text for text in warnings)
     assert abs(wrap_angle(found.azimuth - azimuth)) < 4 * found.sigma < np.radians(3)
 
 

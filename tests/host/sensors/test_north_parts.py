@@ -85,7 +85,7 @@ def test_a_table_that_turned_while_it_was_said_to_be_still_is_found_by_the_verti
     vertical = run.vertical.copy()
     inside = (run.t > 50) & (run.t < 55)
     vertical[inside] += np.radians(0.6)
-    with pytest.raises(InputError, match=r"stop 3, 4[4-6].*adds up to 3\.0 degrees"):
+    with pytest.raises(InputError, match=r"stop 3, 4[4-6].*is 3\.0 degrees"):
         split_stops(run.t, run.rate, table_of(run), vertical=vertical)
 
 
@@ -126,7 +126,7 @@ def test_the_wider_filters_relate_each_stop_to_two_and_three_opposite_ones_on_ea
 
 
 def test_filters_refuse_what_they_cannot_do():
-    with pytest.raises(InputError, match="facing the same way"):
+    with pytest.raises(InputError, match="in the same direction"):
         filter_weights("nearest", np.array([1, 1, 1]))
     with pytest.raises(InputError, match="unknown"):
         filter_weights("neares", np.array([1, -1]))
@@ -246,7 +246,7 @@ def test_a_leaning_table_is_named_with_what_it_costs():
     )
     gyro = np.column_stack([run.rate, run.rate, run.vertical])
     words = describe_table_tilt(estimate_mount(gyro, accel, "x"), run.t, table_of(run))
-    assert "leans by 1.0" in words[0]
+    assert "tilted by 1.0" in words[0]
     accel[:, 0] -= lean
     assert describe_table_tilt(estimate_mount(gyro, accel, "x"), run.t, table_of(run)) == []
 
@@ -264,7 +264,7 @@ def test_a_table_with_limits_looks_the_same_way_from_the_other_side():
     assert reached == pytest.approx([0, 180, -90, 90, 90, 160])
     with FakeTable(limits=(0.0, 100.0)) as fake, Serial(fake.path, 115200, timeout=5) as port:
         table = SerialTable(port)
-        with pytest.raises(InputError, match=r"from 0 to 100 degrees and cannot look to 180\.0"):
+        with pytest.raises(InputError, match=r"from 0 to 100 degrees and cannot reach 180\.0"):
             table.turn_to(np.pi)
         assert fake.visited == []
 
@@ -285,7 +285,7 @@ def test_a_table_that_is_turning_already_is_waited_for_and_noise_on_the_line_is_
         ({"silent": True}, "answered nothing", 0),
         ({"jammed": True}, "ERR jammed", 1),
         ({"stuck": True}, "is busy but has stood", 1),
-        ({"version": 2}, "speaks version 2", 0),
+        ({"version": 2}, "protocol version 2", 0),
     ],
 )
 def test_a_table_that_misses_or_does_not_answer_is_an_error_and_it_is_told_to_stop(fault, words, stopped):

@@ -164,7 +164,7 @@ def test_degenerate_pose_sets_end_in_the_parameter_and_the_pose_that_helps(poses
     with pytest.raises(CalibrationError) as caught:
         fit_scalar_calibration(u, 1.0, np.full(u.shape, noise))
     text = str(caught.value)
-    assert blind in text and helps in text.partition("what would help: ")[2]
+    assert blind in text and helps in text.partition("that would help: ")[2]
 
 
 def test_a_set_degenerate_only_once_large_errors_are_taken_off_is_refused_too():

@@ -75,7 +75,7 @@ def test_both_triads_come_back_from_rests_and_turns_within_their_sigmas(seed):
     assert np.abs(z_scores(found.gyro.triad, np.sqrt(np.diag(found.gyro.covariance)), GYRO)).max() < 4.2
     assert found.accel_held_out.rms < 0.005 < 0.2 < found.accel_held_out.rms_before
     assert np.degrees(found.gyro.held_out.error.max()) < 0.5
-    assert "turns between rests" in found.gyro.method
+    assert "turns between standstills" in found.gyro.method
 
 
 def test_g_sensitivity_is_told_from_bias_and_left_out_where_there_is_none():
@@ -109,8 +109,10 @@ def test_poses_that_do_not_show_the_gyros_by_earth_rate_still_show_their_bias():
     attitudes = Rotation.from_rotvec(np.outer(np.linspace(0, 2 * np.pi, 12, endpoint=False), [1.0, 0, 0]))
     data = carry(rng, Errors(), Errors(), attitudes=attitudes, gyro_noise=1e-6, latitude=latitude)
     found = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY, latitude=latitude)
-    assert any("Earth rate does not serve" in note and "bias x" in note for note in found.notes)
-    assert "turns between rests" in found.gyro.method and {"gyro_bias"} <= set(found.effect_parameters())
+    assert any("Earth rate cannot be used" in note and "bias x" in note for note in found.notes)
+    assert "turns between standstills" in found.gyro.method and {"gyro_bias"} <= set(
+        found.effect_parameters()
+    )
     assert list(found.effect_parameters()["gyro_scale_factor"]) == ["x"]
 
 

@@ -154,7 +154,7 @@ def test_a_model_must_be_determined_and_pay_for_its_parameters(offer, bic, deter
 
 
 def test_the_verdict_names_the_model_that_follows_and_whether_that_is_enough():
-    assert "no next model is clearly better" in describe_next_model(FIRST, None)
+    assert "no other model is significantly better" in describe_next_model(FIRST, None)
     white, coloured = (describe_next_model(FIRST, assessed(TWO, 0.0, 7.25, white)) for white in (True, False))
     for words in (white, coloured):
         assert (

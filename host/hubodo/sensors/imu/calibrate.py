@@ -231,7 +231,7 @@ def _add_turns(
     accel: ScalarCalibration,
     notes: list[str],
 ) -> GyroCalibration:
-    """Return the calibration from standstills refined by the turns between them, or unchanged if that fails."""
+    """Return the calibration refined by the turns between standstills, or unchanged if that fails."""
     bias_sigma = np.sqrt(np.diag(static.covariance)[:3])
     try:
         calibration = calibrate_from_turns(turns, bias_sigma)
