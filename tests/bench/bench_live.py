@@ -23,7 +23,8 @@ from told import tell
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators import wheel_drives
-from hubodo.ingest.live.odometer import Block, Odometer
+from hubodo.ingest.live.odometer import Odometer
+from hubodo.log.records import ImuBlock
 from hubodo.vehicle import NodeMount, Vehicle
 
 RATES_HZ = (104.0, 208.0, 416.0)
@@ -38,7 +39,7 @@ def blocks(drive):
         t_ns = np.round(node.t * 1e9).astype(np.int64)
         for first in range(0, len(t_ns) - BLOCK + 1, BLOCK):
             part = slice(first, first + BLOCK)
-            made.append(Block(name, t_ns[part], node.gyro[part], node.accel[part], 25.0, None))
+            made.append(ImuBlock(name, node.gyro[part], node.accel[part], 25.0, 0, t_ns=t_ns[part]))
     return sorted(made, key=lambda block: int(block.t_ns[-1]))
 
 

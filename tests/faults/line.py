@@ -9,6 +9,7 @@ import numpy as np
 
 from hubodo.ingest.link.link import Chunk, LinkLost, LinkUp
 from hubodo.ingest.live.recorder import Recorder
+from hubodo.log.records import EventRecord, ImuBlock, LogRecord, RawFrame
 from hubodo.recording import Event
 from hubodo.units import NS_PER_S
 from hubowire import FINGERPRINT, Frame, Message, encode, encode_frame
@@ -57,21 +58,20 @@ class Kept:
     """A sink that keeps what it is given, by kind."""
 
     def __init__(self) -> None:
+        self.records: list[LogRecord] = []
         self.events: list[Event] = []
         self.raws: list[tuple[str, bytes]] = []
         self.rows: dict[str, list[np.ndarray[Any, Any]]] = {}
 
-    def write_raw_frame(self, link: str, t_log_ns: int, frame: bytes) -> None:
-        self.raws.append((link, frame))
-
-    def write_event(self, event: Event) -> None:
-        self.events.append(event)
-
-    def write_imu(self, node: str, t_pub_ns: Any, t_log_ns: Any, gyro: Any, accel: Any) -> None:
-        self.rows.setdefault(node, []).append(np.asarray(gyro))
-
-    def __getattr__(self, name: str) -> Any:
-        return lambda *args, **kwargs: None
+    def write_record(self, record: LogRecord) -> None:
+        self.records.append(record)
+        match record:
+            case RawFrame():
+                self.raws.append((record.link, record.frame))
+            case EventRecord():
+                self.events.append(record.event)
+            case ImuBlock():
+                self.rows.setdefault(record.node, []).append(record.gyro)
 
     def numbers(self, node: str = "left") -> list[int]:
         """The numbers of the samples that came, modulo 1000, in order."""

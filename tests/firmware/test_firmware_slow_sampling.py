@@ -12,7 +12,8 @@ from hubodo.emulator.board.settings import BoardSettings, SensorBoard
 from hubodo.emulator.motion import RecordedMotion
 from hubodo.ingest.node.decoder import NodeDecoder
 from hubodo.ingest.node.gaps import LinkCounts
-from hubodo.ingest.node.outputs import HelloReceived, ImuBlock
+from hubodo.ingest.node.outputs import HelloReceived
+from hubodo.log.records import ImuBlock
 from hubodo.recording import Event
 from hubowire import messages as m
 from virtual_runs import of, run

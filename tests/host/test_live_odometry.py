@@ -20,12 +20,13 @@ from hubodo.calibration.file import (
 from hubodo.errors import CalibrationError, InputError
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.latency import LatencyHistogram
-from hubodo.ingest.live.odometer import Block, Odometer
+from hubodo.ingest.live.odometer import Odometer
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
 from hubodo.ingest.replay.playback import Playback, recorded_messages, to_messages
 from hubodo.log import topics
 from hubodo.log.recording_reader import open_log, read_recording
+from hubodo.log.records import ImuBlock
 from hubodo.vehicle import NodeMount, Vehicle
 from in_process import hubodo
 
@@ -190,7 +191,7 @@ def blocks(seed, names=("left", "right"), size=8, late=0.0):
             keep = np.flatnonzero(t_ns >= (int(late * 1e9) if name == "right" else 0))
             for k in range(0, len(keep), size):
                 rows = keep[k : k + size]
-                block = Block(name, t_ns[rows], node.gyro[rows], node.accel[rows], None, None)
+                block = ImuBlock(name, node.gyro[rows], node.accel[rows], None, 0, t_ns=t_ns[rows])
                 found.append((int(t_ns[rows[-1]]), block))
     return [block for _, block in sorted(found, key=lambda item: item[0])]
 

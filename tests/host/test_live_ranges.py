@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from generators.clipped_drives import CASES, clipped_drive
-from hubodo.ingest.live.odometer import Block, Odometer
+from hubodo.ingest.live.odometer import Odometer
+from hubodo.log.records import ImuBlock
 from hubodo.vehicle import NodeMount, Vehicle
 
 SEED = 100
@@ -25,7 +26,7 @@ def test_the_way_is_whole_where_the_node_tells_its_range(told: dict[str, str], w
     t_ns = np.round(node.t * 1e9).astype(np.int64)
     for first in range(0, len(t_ns), 26):
         part = slice(first, first + 26)
-        odometer.handle(Block("left", t_ns[part], node.gyro[part], node.accel[part], None, None))
+        odometer.handle(ImuBlock("left", node.gyro[part], node.accel[part], None, 0, t_ns=t_ns[part]))
     odometer.finish()
     off = abs(odometer.distance / drive.length - 1.0)
     if worst is None:

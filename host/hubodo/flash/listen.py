@@ -11,7 +11,8 @@ from hubodo.ingest.link.serial_port import open_serial
 from hubodo.ingest.node.boot import NodeCounts
 from hubodo.ingest.node.decoder import NodeDecoder
 from hubodo.ingest.node.gaps import LinkCounts
-from hubodo.ingest.node.outputs import HealthReceived, ImuBlock, TimeReplyReceived
+from hubodo.ingest.node.outputs import HealthReceived, TimeReplyReceived
+from hubodo.log.records import ImuBlock
 from hubodo.units import NS_PER_S
 from hubowire import FrameDecoder, Message, encode, encode_frame
 from hubowire.framing import Frame

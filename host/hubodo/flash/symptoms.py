@@ -37,7 +37,7 @@ def judge(heard: Heard, baud: int) -> list[CheckResult]:
     if health is not None:
         results.append(_power(hello, health))
     results.append(_samples(heard, hello, health))
-    if sum(len(block.raw) for block in heard.blocks) >= _LEAST_SAMPLES:
+    if sum(len(block.gyro) for block in heard.blocks) >= _LEAST_SAMPLES:
         results.append(_rest(heard))
     return [*results, _clock(heard), _link(heard, health)]
 
@@ -111,7 +111,7 @@ def _power(hello: Hello, health: Health) -> CheckResult:
 
 
 def _samples(heard: Heard, hello: Hello, health: Health | None) -> CheckResult:
-    count = sum(len(block.raw) for block in heard.blocks)
+    count = sum(len(block.gyro) for block in heard.blocks)
     nominal = hello.rate_mhz / 1000
     if count < _LEAST_SAMPLES:
         return wrong(

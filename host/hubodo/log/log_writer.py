@@ -15,6 +15,7 @@ from hubodo.log.chunk_writer import ChunkWriter
 from hubodo.log.frames import GNSS_FRAME, sensor_frames
 from hubodo.log.hubodo_messages import encode_bytes_message, encode_string_message
 from hubodo.log.message_records import RowBuffer
+from hubodo.log.records import LogRecord
 from hubodo.log.ros2 import UNKNOWN_VARIANCE
 from hubodo.recording import Event
 from hubodo.safe_text import json_text
@@ -26,6 +27,14 @@ class LogWriter(ChunkWriter):
     """A writer of hubodo logs; a context manager for one thread. Parameters as `ChunkWriter`."""
 
     _static_frames: tuple[RowBuffer, dict[str, ArrayLike]] | None = None
+
+    def write_record(self, record: LogRecord, /) -> None:
+        """Write a record of any kind."""
+        record.write_to(self)
+
+    def channel_of(self, topic: str) -> int | None:
+        """Return the channel of a topic; None before it was announced."""
+        return self._channels.get(topic)
 
     def write_imu(
         self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike

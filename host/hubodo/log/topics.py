@@ -14,6 +14,7 @@ ODOM_MAP = "/odom_map"
 TF = "/tf"
 TF_STATIC = "/tf_static"
 GNSS_FIX = "/gnss/fix"
+NMEA = "/gnss/nmea"
 TRUTH = "/truth"
 
 METADATA_RECORD = "hubodo"

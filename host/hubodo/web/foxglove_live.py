@@ -16,11 +16,12 @@ from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.output_thread import OutputThread
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.snapshot import Snapshot
-from hubodo.ingest.live.tee_sink import Listener
+from hubodo.ingest.live.tee_sink import RecordListener
 from hubodo.log.log_series import LogSeries
 from hubodo.log.log_writer import LogWriter
 from hubodo.log.logfile import Log, LogMessage
 from hubodo.log.mcap_file import Compression, MessageIndexes
+from hubodo.log.records import LogRecord, stream_key
 from hubodo.recording import Event
 from hubodo.web.address import Address
 
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
 _HEAD = struct.Struct("<BQHIqq")
 _BACKLOG = 8192
 """Writes that wait for the thread: some seconds of four nodes; beyond them the oldest are dropped."""
-
-_Written = tuple[str, tuple[Any, ...], dict[str, Any], Any]
 
 
 class FoxgloveClients:
@@ -126,8 +125,7 @@ class FoxgloveLive:
         self.greetings: list[str] = []
         """Lines for the user of the recorder, shown once."""
         self._log = LogWriter(self.clients, clock=None)
-        self._thread: OutputThread[_Written | None] | None = None
-        self._channels: dict[int, int] = {}  # of the log -> here
+        self._thread: OutputThread[LogRecord | None] | None = None
         self._known: set[tuple[Any, ...]] = set()
         self._wanted = False
 
@@ -140,7 +138,7 @@ class FoxgloveLive:
         if self._thread is None or self._thread.close():
             self._log.close()
 
-    def attach(self, log: LogWriter, series: LogSeries, bulkheads: Bulkheads) -> Mapping[str, Listener]:
+    def attach(self, log: LogWriter, series: LogSeries, bulkheads: Bulkheads) -> Mapping[str, RecordListener]:
         """See `Audience`."""
         self._thread = OutputThread("foxglove", lambda: self._handle, bulkheads, capacity=_BACKLOG)
         return {"foxglove": self.hear}
@@ -155,35 +153,25 @@ class FoxgloveLive:
     def show(self, snapshot: Snapshot) -> None:
         """See `Audience`."""
 
-    def hear(self, name: str, args: tuple[Any, ...], named: dict[str, Any], given: Any) -> None:
-        """See `hubodo.ingest.live.tee_sink.Listener`."""
+    def hear(self, record: LogRecord) -> None:
+        """See `hubodo.ingest.live.tee_sink.RecordListener`."""
         if self._thread is not None:
-            self._thread.put((name, args, named, given))
+            self._thread.put(record)
 
-    def _handle(self, written: _Written | None) -> None:
-        """Pass on what was written; None, which comes fifty times a second, sends it."""
-        if written is None:
+    def _handle(self, record: LogRecord | None) -> None:
+        """Pass on a record; None, which comes fifty times a second, sends what is pending."""
+        if record is None:
             self._log.flush()
             self._wanted = self.clients.wanted
         else:
-            self._write(*written, self._wanted)
+            self._write(record, self._wanted)
 
-    def _write(
-        self, name: str, args: tuple[Any, ...], named: dict[str, Any], given: Any, wanted: bool
-    ) -> None:
-        """Writes it, where somebody wants it; the first of each kind always, so that its topic is known."""
-        if name == "add_channel":
-            self._channels[given] = self._log.add_channel(*args, **named)
-            return
-        if name == "write":
-            channel = self._channels.get(args[0])
-            if channel is not None and wanted:
-                self._log.write(channel, *args[1:], **named)
-            return
-        kind = (name, args[0] if isinstance(args[0], str) else "", named.get("topic"), named.get("frame"))
-        if wanted or kind not in self._known:
-            self._known.add(kind)
-            getattr(self._log, name)(*args, **named)
+    def _write(self, record: LogRecord, wanted: bool) -> None:
+        """Write a record if a client wants it; the first of each channel always, to announce its topic."""
+        key = stream_key(record)
+        if wanted or key not in self._known:
+            self._known.add(key)
+            self._log.write_record(record)
 
 
 class FoxgloveLog:

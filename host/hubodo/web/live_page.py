@@ -10,7 +10,7 @@ from pathlib import Path
 from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.snapshot import Audience, Snapshot
-from hubodo.ingest.live.tee_sink import Listener
+from hubodo.ingest.live.tee_sink import RecordListener
 from hubodo.listening.server_thread import ServerFaults
 from hubodo.log.log_series import LogSeries
 from hubodo.log.log_writer import LogWriter
@@ -80,7 +80,7 @@ class LivePage:
             self._log.flush()
             self._series.stop()
 
-    def attach(self, log: LogWriter, series: LogSeries, bulkheads: Bulkheads) -> Mapping[str, Listener]:
+    def attach(self, log: LogWriter, series: LogSeries, bulkheads: Bulkheads) -> Mapping[str, RecordListener]:
         """See `Audience`."""
         self._log, self._series = log, series
         others = {} if self._other is None else self._other.attach(log, series, bulkheads)

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
-from typing import Any
 
 import numpy as np
 
+from hubodo.log.records import EventRecord, GnssFix, ImuBlock, LogRecord
 from hubodo.recording import Event
 
 
@@ -20,18 +20,18 @@ class Ear:
         """Latitude, longitude, degrees, and 1 sigma, m, of a fix that nobody has taken yet."""
         self._spin: dict[str, tuple[float, int]] = {}
 
-    def hear(self, name: str, args: tuple[Any, ...], named: dict[str, Any], given: Any) -> None:
-        """See `hubodo.ingest.live.tee_sink.Listener`."""
-        if name == "write_imu":
-            node, gyro = args[0], np.asarray(args[3])
-            total, count = self._spin.get(node, (0.0, 0))
-            self._spin[node] = (total + float(gyro[:, 2].sum()), count + len(gyro))
-        elif name == "write_event":
-            self.events.append(args[0])
-        elif name == "write_gnss_fix" and np.ravel(named.get("status", 0))[-1] >= 0:
-            sigma = named.get("sigma")
-            across = None if sigma is None else float(np.hypot(*np.ravel(sigma)[:2]) / np.sqrt(2.0))
-            self.fix = (float(np.ravel(args[2])[-1]), float(np.ravel(args[3])[-1]), across)
+    def hear(self, record: LogRecord) -> None:
+        """See `hubodo.ingest.live.tee_sink.RecordListener`."""
+        match record:
+            case ImuBlock():
+                total, count = self._spin.get(record.node, (0.0, 0))
+                self._spin[record.node] = (total + float(record.gyro[:, 2].sum()), count + len(record.gyro))
+            case EventRecord():
+                self.events.append(record.event)
+            case GnssFix() if record.status >= 0:
+                sigma = record.sigma
+                across = None if sigma is None else float(np.hypot(*sigma[:2]) / np.sqrt(2.0))
+                self.fix = (record.latitude_deg, record.longitude_deg, across)
 
     def spins(self) -> dict[str, float]:
         """Mean rate about z of each node's samples since the last call, rad/s, node axes, raw."""

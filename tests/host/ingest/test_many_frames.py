@@ -10,10 +10,11 @@ from hypothesis import strategies as st
 from hubodo.ingest.node.bulk import BulkDecoder
 from hubodo.ingest.node.decoder import NodeDecoder
 from hubodo.ingest.node.gaps import GapGroup, LinkCounts
+from hubodo.ingest.node.log_times import LogTimeSequence
 from hubodo.ingest.node.node_frames import group_by_node
-from hubodo.ingest.node.outputs import BiasFilterReport, ImuBlock, ImuRun
-from hubodo.ingest.node.published import LogTimeSequence
+from hubodo.ingest.node.outputs import BiasFilterReport
 from hubodo.ingest.node.run_decoder import RunDecoder
+from hubodo.log.records import ImuBlock, ImuRun
 from hubodo.recording import Event
 from hubodo.units import NS_PER_S
 from hubowire import FINGERPRINT, Frame, encode, encode_frame

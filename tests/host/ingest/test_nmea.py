@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from hubodo.ingest.gnss.nmea import NmeaDecoder
 from hubodo.ingest.gnss.session import GnssSession
+from hubodo.log.records import EventRecord, GnssFix, NmeaBytes
 from hubodo.units import NS_PER_S
 
 NOW = calendar.timegm((2026, 5, 17, 12, 35, 20)) * NS_PER_S
@@ -155,22 +156,19 @@ def test_sentences_of_an_independent_writer_are_read():
 
 
 class FakeSink:
-    """Keeps what a session writes."""
+    """A sink that keeps fixes, events and bytes."""
 
     def __init__(self):
         self.fixes, self.events, self.bytes = [], [], b""
 
-    def write_gnss_fix(self, t_pub_ns, t_log_ns, *position, sigma=None, status=0):
-        self.fixes.append((t_pub_ns, t_log_ns))
-
-    def write_event(self, event, t_log_ns=None):
-        self.events.append(event)
-
-    def add_channel(self, *args):
-        return 1
-
-    def write(self, channel, t_log_ns, t_pub_ns, payload):
-        self.bytes += payload
+    def write_record(self, record):
+        match record:
+            case GnssFix():
+                self.fixes.append((record.t_ns, record.t_log_ns))
+            case EventRecord():
+                self.events.append(record.event)
+            case NmeaBytes():
+                self.bytes += record.data
 
 
 def test_fixes_carry_gnss_time_where_the_hosts_clock_agrees():

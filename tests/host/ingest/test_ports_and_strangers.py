@@ -21,12 +21,9 @@ class Device:
 
 
 class Discards:
-    """A sink that keeps nothing."""
+    """A sink that discards all records."""
 
-    def write_raw_frame(self, link, t_log_ns, frame):
-        pass
-
-    def write_event(self, event, t_log_ns=None):
+    def write_record(self, record):
         pass
 
 

@@ -14,9 +14,10 @@ from websockets.sync.client import connect
 import wanted
 from hubodo.errors import InputError
 from hubodo.ingest.live.bulkheads import Bulkheads
-from hubodo.ingest.live.tee_sink import tee_sink
+from hubodo.ingest.live.tee_sink import TeeSink
 from hubodo.log.log_writer import LogWriter
 from hubodo.log.logfile import open_log
+from hubodo.log.records import EventRecord, ImuBlock, NmeaBytes, Odometry, RawFrame, Transform
 from hubodo.recording import Event
 from hubodo.web.address import Address
 from in_process import hubodo
@@ -82,12 +83,14 @@ class Client:
 def write(sink, k):
     """What a recorder writes, number k."""
     t_ns = np.array([k, k + 1], np.int64) * 1_000_000 + 10**18
-    sink.write_imu("left", t_ns, t_ns, np.full((2, 3), 0.5 + k), np.full((2, 3), 9.8))
-    sink.write_temperature("left", t_ns[:1], t_ns[:1], [25.0])
-    sink.write_odometry(t_ns, t_ns, [[k, 2.0]] * 2, [0.0] * 2, [1.5] * 2, [0.1] * 2)
-    sink.write_transform(t_ns, t_ns, [[k, 2.0]] * 2, [0.0] * 2)
-    sink.write_raw_frame("left", int(t_ns[0]), b"\x01\x02\x00")
-    sink.write_event(Event(int(t_ns[0]), "mark", "user", f"number {k}"))
+    now, position, zeros = int(t_ns[0]), np.array([[k, 2.0]] * 2), np.zeros(2)
+    imu = ImuBlock("left", np.full((2, 3), 0.5 + k), np.full((2, 3), 9.8), 25.0, now, t_ns=t_ns, t_log_ns=now)
+    sink.write_record(imu)
+    sink.write_record(Odometry(t_ns, now, position, zeros, zeros + 1.5, zeros + 0.1))
+    sink.write_record(Transform(t_ns, now, position, zeros))
+    sink.write_record(RawFrame("left", now, b"\x01\x02\x00"))
+    sink.write_record(EventRecord(Event(now, "mark", "user", f"number {k}")))
+    sink.write_record(NmeaBytes(now, b"$GP"))
 
 
 TOPICS = {
@@ -106,8 +109,7 @@ def test_a_client_is_told_of_every_topic_of_the_log_and_its_messages_decode(tmp_
 
     with FoxgloveLive(HERE) as live, LogWriter(tmp_path / "x.mcap") as log, ExitStack() as stack:
         bulkheads = Bulkheads(time.time_ns)
-        sink = tee_sink(log, live.attach(log, None, bulkheads), bulkheads)
-        nmea = sink.add_channel("/gnss/nmea", "", "", b"", "nmea")
+        sink = TeeSink(log, live.attach(log, None, bulkheads), bulkheads)
         write(sink, 0)
         until(lambda: live.clients._channels and not live._thread.waiting_count)
         client = stack.enter_context(Client(live.clients.port))
@@ -119,7 +121,6 @@ def test_a_client_is_told_of_every_topic_of_the_log_and_its_messages_decode(tmp_
         while {topic for topic, _, _ in client.messages} != TOPICS:
             turn += 1
             write(sink, turn)
-            sink.write(nmea, 10**18, 10**18, b"$GP")
             live._thread.put(None)  # as `poll` does fifty times a second
             client.hear()
         imu = next(message for topic, _, message in client.messages if topic == "/left/imu")

@@ -7,11 +7,10 @@ from collections.abc import Iterable, Iterator
 from hubodo.ingest.gnss.nmea import Fix, NmeaDecoder
 from hubodo.ingest.link.connection import Connection
 from hubodo.ingest.live.localizer import FixSample, horizontal_sigma
-from hubodo.ingest.node.published import LogTimeSequence
-from hubodo.ingest.sink import Sink
+from hubodo.ingest.node.log_times import LogTimeSequence
+from hubodo.log.records import EventRecord, GnssFix, NmeaBytes, Sink
 from hubodo.recording import Event
 
-_NMEA_TOPIC = "/gnss/nmea"
 _MAX_CLOCK_DIFFERENCE_NS = 2_000_000_000
 
 
@@ -31,16 +30,13 @@ class GnssSession:
         self.last_fix: Fix | None = None
         self._sink = sink
         self._order = order or LogTimeSequence()
-        self._channel: int | None = None
         self._shift_ns = 0
         self._first_delay_ns: int | None = None
         self._newest_ns = 0
 
     def handle_bytes(self, data: bytes, t_ns: int) -> list[FixSample]:
         """Log bytes of the receiver and return the fixes they complete, as playback does."""
-        if self._channel is None:
-            self._channel = self._sink.add_channel(_NMEA_TOPIC, "", "", b"", "nmea")
-        self._sink.write(self._channel, t_ns, t_ns, data)
+        self._sink.write_record(NmeaBytes(t_ns, data))
         sentences_before = self.decoder.counts.sentences
         fixes = list(self._log_fixes(self.decoder.feed(data, t_ns)))
         if self.decoder.counts.sentences > sentences_before:
@@ -58,15 +54,16 @@ class GnssSession:
             if t_ns <= self._newest_ns:
                 continue
             self._newest_ns = t_ns
-            sigma = None if fix.sigma is None else [fix.sigma]
-            self._sink.write_gnss_fix(
-                t_ns,
-                self._order.next_time(fix.received_ns),
-                fix.latitude_deg,
-                fix.longitude_deg,
-                fix.altitude,
-                sigma=sigma,
-                status=fix.status,
+            self._sink.write_record(
+                GnssFix(
+                    t_ns,
+                    self._order.next_time(fix.received_ns),
+                    fix.latitude_deg,
+                    fix.longitude_deg,
+                    fix.altitude,
+                    fix.sigma,
+                    fix.status,
+                )
             )
             if fix.status >= 0:
                 horizontal = (
@@ -86,8 +83,10 @@ class GnssSession:
                     f"{self.label}: the host's clock is {delay_ns * 1e-9:+.1f} s off GNSS time; fixes are "
                     "shifted to the host's clock, late by the receiver's delay; set the host's clock"
                 )
-                self._sink.write_event(
-                    Event(fix.received_ns, "clock", self.label, text, {"offset": delay_ns * 1e-9})
+                self._sink.write_record(
+                    EventRecord(
+                        Event(fix.received_ns, "clock", self.label, text, {"offset": delay_ns * 1e-9})
+                    )
                 )
         elif self._shift_ns and delay_ns < self._shift_ns:
             self._shift_ns = delay_ns

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hubodo.ingest.link.link import LinkLost, LinkUp
 from hubodo.ingest.link.throttle import EventThrottle
-from hubodo.ingest.sink import Sink
+from hubodo.log.records import EventRecord, Sink
 from hubodo.recording import Event
 
 
@@ -63,7 +63,7 @@ class Connection:
         state = "disconnected" if was_open else "not available yet"
         text = f"{self.label}: {state}: {report.text}{withheld_text}"
         data = {"link": self.label, "attempts": withheld + 1, "faults": self.faults}
-        self._sink.write_event(Event(report.t_ns, "disconnected", self.label, text, data))
+        self._sink.write_record(EventRecord(Event(report.t_ns, "disconnected", self.label, text, data)))
         text = f"{self.label}: {report.text} (waiting for the device){withheld_text}"
         self._notices.append(Event(report.t_ns, "disconnected", self.label, text))
 
@@ -73,6 +73,6 @@ class Connection:
         return notices
 
     def _report_up(self, event: Event) -> None:
-        self._sink.write_event(event)
+        self._sink.write_record(EventRecord(event))
         if self._was_lost:
             self._notices.append(event)

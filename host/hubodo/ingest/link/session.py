@@ -11,7 +11,7 @@ from hubodo.ingest.link.link import Chunk, LinkLost, LinkUp, RefusedDatagrams
 from hubodo.ingest.link.throttle import EventThrottle
 from hubodo.ingest.node.gaps import LinkCounts
 from hubodo.ingest.node.senders import MAX_NODES, MAX_SENDERS, Route, SenderTable
-from hubodo.ingest.sink import Sink
+from hubodo.log.records import EventRecord, RawFrame, Sink
 from hubodo.recording import Event
 from hubodo.units import NS_PER_S
 from hubowire import Damage, FrameDecoder
@@ -110,7 +110,9 @@ class LinkSession:
                 self._count_damage(decoder)
                 continue
             route = self.senders.route((frame, chunk.t_ns, self.counts), chunk.sender)
-            self._sink.write_raw_frame(self._topic_of(chunk.sender, route), chunk.t_ns, stuffed + b"\0")
+            self._sink.write_record(
+                RawFrame(self._topic_of(chunk.sender, route), chunk.t_ns, stuffed + b"\0")
+            )
             self.frames += 1
             has_frame = True
             self.connection.mark_valid()
@@ -133,7 +135,7 @@ class LinkSession:
         named = ", ".join(f"{count} {why}" for why, count in report.refused.items())
         text = f"{self.label}: datagrams refused: {named}"
         event = Event(report.t_ns, "refused", self.label, text, {"link": self.label, **report.refused})
-        self._sink.write_event(event)
+        self._sink.write_record(EventRecord(event))
         return event
 
     def log_undecoded(self, chunk: Chunk) -> int:
@@ -141,7 +143,7 @@ class LinkSession:
         self.bytes += len(chunk.data)
         pieces = self._decoder_of(chunk.sender).split(chunk.data)
         for stuffed in pieces:
-            self._sink.write_raw_frame(self.label, chunk.t_ns, stuffed + b"\0")
+            self._sink.write_record(RawFrame(self.label, chunk.t_ns, stuffed + b"\0"))
         return len(pieces)
 
     def tick(self, now_ns: int) -> Iterator[Event]:
@@ -150,7 +152,7 @@ class LinkSession:
             self.foreign = describe_foreign_bytes(bytes(self._foreign_bytes), self._foreign_count)
             text = f"{self.label} ({self.where}): bytes but no frame for 3 s: {self.foreign}"
             event = Event(now_ns, "foreign", self.label, text, {"link": self.label})
-            self._sink.write_event(event)
+            self._sink.write_record(EventRecord(event))
             yield event
         is_silent = (
             self.where is not None
@@ -161,7 +163,7 @@ class LinkSession:
             self._silence_reported = True
             text = f"{self.label} ({self.where}): open, but no data for 5 s; is the node powered?"
             event = Event(now_ns, "silent", self.label, text, {"link": self.label})
-            self._sink.write_event(event)
+            self._sink.write_record(EventRecord(event))
             yield event
         yield from self._report_refusals(now_ns)
         if now_ns >= self._next_damage_report_ns:
@@ -186,7 +188,7 @@ class LinkSession:
             "senders_evicted": senders.senders_evicted,
         }
         event = Event(now_ns, "refused", self.label, text, data)
-        self._sink.write_event(event)
+        self._sink.write_record(EventRecord(event))
         yield event
 
     def restart_timeouts(self, now_ns: int) -> None:
@@ -212,7 +214,7 @@ class LinkSession:
             self.unlogged_bytes += len(piece)
             return
         self._damaged_budget -= len(piece)
-        self._sink.write_raw_frame(topic + DAMAGED_SUFFIX, t_ns, piece)
+        self._sink.write_record(RawFrame(topic + DAMAGED_SUFFIX, t_ns, piece))
 
     def close(self, now_ns: int) -> None:
         """Log incomplete frames and report the remaining damage."""
@@ -259,7 +261,7 @@ class LinkSession:
         decoder = self._decoders.pop(sender)
         for incomplete in decoder.split(b"\0"):
             self.frames_cut += 1
-            self._sink.write_raw_frame(self._topic_of(sender) + DAMAGED_SUFFIX, t_ns, incomplete)
+            self._sink.write_record(RawFrame(self._topic_of(sender) + DAMAGED_SUFFIX, t_ns, incomplete))
         self._awaiting_delimiter.discard(sender)
 
     def _report_damage(self, now_ns: int) -> None:
@@ -275,4 +277,4 @@ class LinkSession:
             else ""
         )
         data = {"link": self.label, "new": new, **self.damage, "bytes_not_logged": self.unlogged_bytes}
-        self._sink.write_event(Event(now_ns, "damage", self.label, text, data))
+        self._sink.write_record(EventRecord(Event(now_ns, "damage", self.label, text, data)))

@@ -22,7 +22,7 @@ from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.snapshot import Audience, LogStatus, SnapshotObserver, SnapshotPublisher
 from hubodo.ingest.live.status import RecordResult, build_result
-from hubodo.ingest.live.tee_sink import tee_sink
+from hubodo.ingest.live.tee_sink import TeeSink
 from hubodo.ingest.live.view import create_view
 from hubodo.ingest.live.view_thread import ViewThread
 from hubodo.ingest.node.naming import unique_name
@@ -70,7 +70,7 @@ def record(
         listeners = {} if audience is None else audience.attach(log, series, bulkheads)
         recorder = Recorder(
             names,
-            tee_sink(log, listeners, bulkheads),
+            TeeSink(log, listeners, bulkheads),
             lambda label, data, to: links[label].send(data, to),
             now_ns,
             gnss=gnss,

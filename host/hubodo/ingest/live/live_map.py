@@ -8,7 +8,7 @@ from hubodo.fuse.wheel.records import Pose
 from hubodo.ingest.live.latency import LatencyHistogram
 from hubodo.ingest.live.localizer import FixSample, MapPose
 from hubodo.ingest.live.localizer_thread import LocalizerOutput, LocalizerThread
-from hubodo.ingest.sink import Sink
+from hubodo.log.records import EventRecord, Sink
 from hubodo.recording import Event
 
 
@@ -47,7 +47,7 @@ class LiveMap:
         now_ns = self._now_ns()
         for line in answer.warnings:
             self._notices.append(Event(now_ns, "warning", "map", f"map: {line}"))
-            self._sink.write_event(Event(now_ns, "warning", "map", line))
+            self._sink.write_record(EventRecord(Event(now_ns, "warning", "map", line)))
         located = answer.pose
         if located is None:
             return
@@ -58,7 +58,7 @@ class LiveMap:
             )
             data = {"latitude_deg": latitude, "longitude_deg": longitude}
             self._origin = Event(int(located.t_ns[0]), "started", "map", text, data)
-            self._sink.write_event(self._origin)
+            self._sink.write_record(EventRecord(self._origin))
         self.latest = located
         self.pose_count += 1
         located.write(self._sink, now_ns)
@@ -67,4 +67,4 @@ class LiveMap:
     def repeat_origin(self, now_ns: int) -> None:
         """Write the origin of the map into a new log."""
         if self._origin is not None:
-            self._sink.write_event(self._origin, now_ns)
+            self._sink.write_record(EventRecord(self._origin, now_ns))

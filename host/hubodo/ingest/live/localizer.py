@@ -21,8 +21,8 @@ from hubodo.fuse.projection import LocalFrame
 from hubodo.fuse.wheel.odometry_inflation import odometry_inflation
 from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.track import track_from_poses
-from hubodo.ingest.sink import Sink
 from hubodo.log import topics
+from hubodo.log.records import Odometry, Sink, Transform
 from hubodo.log.timebase import to_seconds
 from hubodo.units import NS_PER_S
 
@@ -71,20 +71,20 @@ class MapPose:
 
     def write(self, sink: Sink, t_log_ns: int) -> None:
         """Write the pose on /odom_map and the transform map → odom on /tf."""
-        sink.write_odometry(
+        odometry = Odometry(
             self.t_ns,
             t_log_ns,
             self.position,
             self.heading,
             self.speed,
             self.yaw_rate,
-            pose_covariance=self.pose_covariance,
+            self.pose_covariance,
             topic=topics.ODOM_MAP,
             frame="map",
         )
-        sink.write_transform(
-            self.t_ns, t_log_ns, self.odom_position, self.odom_heading, frame="map", child_frame="odom"
-        )
+        sink.write_record(odometry)
+        transform = Transform(self.t_ns, t_log_ns, self.odom_position, self.odom_heading, "map", "odom")
+        sink.write_record(transform)
 
 
 AntennaOffset = tuple[float, float]

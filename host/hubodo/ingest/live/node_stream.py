@@ -11,7 +11,6 @@ from types import TracebackType
 from typing import Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from hubodo.arrays import Array
 from hubodo.errors import HubodoError, InputError, LinkError
@@ -20,6 +19,7 @@ from hubodo.ingest.link.ports import attach_keys, list_devices, parse_port
 from hubodo.ingest.live.computer import Computer, ThisComputer
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.log.log_writer import LogWriter
+from hubodo.log.records import ImuBlock, LogRecord
 from hubodo.units import NS_PER_S
 from hubowire.budget import UART_BAUD
 
@@ -54,13 +54,12 @@ class _BufferingLog(LogWriter):
         self.imu_blocks: queue.SimpleQueue[tuple[str, Array, Array, Array]] = queue.SimpleQueue()
         self._zero_ns = t_zero_ns
 
-    def write_imu(
-        self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, gyro: ArrayLike, accel: ArrayLike
-    ) -> None:
-        """Write the samples to the log and queue them."""
-        super().write_imu(node, t_pub_ns, t_log_ns, gyro, accel)
-        t = np.asarray((np.asarray(t_pub_ns, np.int64) - self._zero_ns) * 1e-9, np.float64)
-        self.imu_blocks.put((node, t, np.asarray(gyro, np.float64), np.asarray(accel, np.float64)))
+    def write_record(self, record: LogRecord, /) -> None:
+        """Write a record to the log and queue it if it is a block of samples."""
+        super().write_record(record)
+        if isinstance(record, ImuBlock):
+            t = np.asarray((record.t_ns - self._zero_ns) * 1e-9, np.float64)
+            self.imu_blocks.put((record.node, t, record.gyro, record.accel))
 
 
 class NodeStream:

@@ -27,7 +27,7 @@ from hubodo.fuse.wheel.filter import WheelFilter, WheelSample, WheelState
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.window import WINDOW_S
-from hubodo.ingest.sink import Sink
+from hubodo.log.records import ImuBlock, Odometry, Sink, Transform
 from hubodo.log.timebase import to_seconds
 from hubodo.units import NS_PER_S
 from hubodo.vehicle import Vehicle, facing_sign
@@ -39,23 +39,6 @@ MAX_WHEEL_WAIT_NS = 3 * NS_PER_S
 
 _MIN_ADVICE_DISTANCE_M = 10.0
 _ADVICE_INTERVAL_WINDOWS = 50
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Block:
-    """Samples of one node that were received together.
-
-    t_ns: (N,) host time of measurement. gyro: (N, 3) rad/s, accel: (N, 3) m/s², uncalibrated, node axes.
-    temperature: °C, supply: V, None if unknown. power_on_ns: host time of power-on, None if unknown.
-    """
-
-    node: str
-    t_ns: NDArray[np.int64]
-    gyro: Array
-    accel: Array
-    temperature: float | None
-    power_on_ns: int | None
-    supply: float | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -76,17 +59,19 @@ class OdometryRows:
 
     def write(self, sink: Sink, t_log_ns: int) -> None:
         """Write the rows on /odom and /tf."""
-        sink.write_odometry(
-            self.t_ns,
-            t_log_ns,
-            self.position,
-            self.heading,
-            self.speed,
-            self.yaw_rate,
-            pose_covariance=self.pose_covariance,
-            twist_covariance=self.twist_covariance,
+        sink.write_record(
+            Odometry(
+                self.t_ns,
+                t_log_ns,
+                self.position,
+                self.heading,
+                self.speed,
+                self.yaw_rate,
+                self.pose_covariance,
+                self.twist_covariance,
+            )
         )
-        sink.write_transform(self.t_ns, t_log_ns, self.position, self.heading)
+        sink.write_record(Transform(self.t_ns, t_log_ns, self.position, self.heading))
 
 
 class Odometer:
@@ -123,7 +108,7 @@ class Odometer:
         self.wheel_nodes = frozenset(self._config(list(vehicle.nodes)).nodes)
         """Names of the nodes on wheels."""
         self._step_ns = 0 if rate_hz is None else round(NS_PER_S / rate_hz)
-        self._waiting: deque[Block] = deque()
+        self._waiting: deque[ImuBlock] = deque()
         self._filter: WheelFilter | None = None
         self._last_ns: int | None = None
         self._state: WheelState | None = None
@@ -178,7 +163,7 @@ class Odometer:
             mount = self._vehicle.nodes[node]
             self._ranges[node] = determine_ranges(mount, text, corrected=node in self._corrections)
 
-    def handle(self, block: Block) -> list[OdometryRows]:
+    def handle(self, block: ImuBlock) -> list[OdometryRows]:
         """Process a block of samples and return new rows, oldest first; other nodes' blocks are ignored."""
         if block.node not in self.wheel_nodes or not len(block.t_ns):
             return []
@@ -262,7 +247,7 @@ class Odometer:
         rows = [self._filter_block(self._filter, block) for block in waiting]
         return [motion for motion in rows if motion is not None]
 
-    def _filter_block(self, wheels: WheelFilter, block: Block) -> OdometryRows | None:
+    def _filter_block(self, wheels: WheelFilter, block: ImuBlock) -> OdometryRows | None:
         if block.node not in wheels.config.nodes:
             self._late_nodes.add(block.node)
             return None

@@ -19,15 +19,15 @@ from hubodo.ingest.live.latency import LatencyHistogram
 from hubodo.ingest.live.live_map import LiveMap
 from hubodo.ingest.live.localizer import FixSample
 from hubodo.ingest.live.localizer_thread import LocalizerOutput, LocalizerThread
-from hubodo.ingest.live.odometer import Block, Odometer, OdometryRows
+from hubodo.ingest.live.odometer import Odometer, OdometryRows
 from hubodo.ingest.node.gaps import LinkCounts
 from hubodo.ingest.node.identity import describe_firmware_difference, hello_metadata
+from hubodo.ingest.node.log_times import LogTimeSequence
 from hubodo.ingest.node.naming import assign_name
-from hubodo.ingest.node.published import LogTimeSequence, Published
 from hubodo.ingest.node.request_encoder import identification_request
 from hubodo.ingest.node.senders import Route
 from hubodo.ingest.node.session import NodeSession
-from hubodo.ingest.sink import Sink
+from hubodo.log.records import EventRecord, ImuBlock, Metadata, RawFrame, Sink
 from hubodo.recording import Event
 from hubodo.vehicle import Vehicle
 from hubowire import Frame, Message, node_name
@@ -103,7 +103,7 @@ class Recorder:
     def _handle_chunk(self, action: Callable[[Chunk], None], chunk: Chunk) -> None:
         """Pass received bytes to `action`; if it fails, log them raw."""
         if not self.bulkheads.run(f"link {chunk.link}", action, chunk, cause=chunk.data):
-            self._sink.write_raw_frame(chunk.link + DAMAGED_SUFFIX, chunk.t_ns, chunk.data)
+            self._sink.write_record(RawFrame(chunk.link + DAMAGED_SUFFIX, chunk.t_ns, chunk.data))
 
     def _decode_chunk(self, chunk: Chunk) -> None:
         link = self.links[chunk.link]
@@ -161,13 +161,13 @@ class Recorder:
 
     def add_mark(self, text: str) -> None:
         """Log an event with the text of the user."""
-        self._sink.write_event(Event(self._now_ns(), "mark", "user", text))
+        self._sink.write_record(EventRecord(Event(self._now_ns(), "mark", "user", text)))
 
     def handle_clock_event(self, event: Event, metadata: Mapping[str, str]) -> None:
         """Handle an event of the host clock; metadata: new contents of the metadata record `clock`."""
         self.report_event(event)
         if metadata:
-            self._sink.add_metadata("clock", metadata)
+            self._sink.write_record(Metadata("clock", metadata))
         begin_ns = event.data.get("begin_ns")
         if begin_ns is None:
             return
@@ -196,7 +196,7 @@ class Recorder:
     def report_event(self, event: Event) -> None:
         """Show an event to the user and log it."""
         self.notices.append(event)
-        self._sink.write_event(event)
+        self._sink.write_record(EventRecord(event))
 
     def warn(self, source: str, text: str) -> None:
         """Show a warning to the user and log it."""
@@ -317,25 +317,15 @@ class Recorder:
         self._notify(self._now_ns(), "warning", label, text)
         return unique
 
-    def _update_odometry(self, published: Iterable[Published], arrived_ns: int) -> None:
-        for item in published:
+    def _update_odometry(self, blocks: Iterable[ImuBlock], arrived_ns: int) -> None:
+        for block in blocks:
             if self.odometer is not None:
-                self.bulkheads.run("odometry", self._handle_samples, self.odometer, item, arrived_ns)
+                self.bulkheads.run("odometry", self._handle_samples, self.odometer, block, arrived_ns)
 
-    def _handle_samples(self, odometer: Odometer, item: Published, arrived_ns: int) -> None:
-        if not self._calibration_matches(item, arrived_ns):
+    def _handle_samples(self, odometer: Odometer, block: ImuBlock, arrived_ns: int) -> None:
+        if not self._calibration_matches(block.node, arrived_ns):
             return
-        block = item.block
-        rows = Block(
-            item.node,
-            item.t_ns,
-            block.gyro,
-            block.accel,
-            block.temperature,
-            item.power_on_ns,
-            item.supply,
-        )
-        self._publish_odometry(odometer.handle(rows), arrived_ns)
+        self._publish_odometry(odometer.handle(block), arrived_ns)
 
     def _publish_odometry(self, motions: Iterable[OdometryRows], arrived_ns: int) -> None:
         for motion in motions:
@@ -364,33 +354,33 @@ class Recorder:
             return
         for line in self.odometer.warnings(end=end):
             self._notify(now_ns, "warning", "odometry", f"odometry: {line}")
-            self._sink.write_event(Event(now_ns, "warning", "odometry", line))
+            self._sink.write_record(EventRecord(Event(now_ns, "warning", "odometry", line)))
 
-    def _calibration_matches(self, item: Published, now_ns: int) -> bool:
+    def _calibration_matches(self, name: str, now_ns: int) -> bool:
         """Return True if the calibration belongs to this node, so that its samples can be used."""
-        calibrated = self._calibration.nodes.get(item.node)
-        node = next((node for node in self.nodes.values() if node.name == item.node), None)
+        calibrated = self._calibration.nodes.get(name)
+        node = next((node for node in self.nodes.values() if node.name == name), None)
         hello = None if node is None else node.decoder.hello
-        if hello is not None and item.node not in self._nodes_with_ranges and self.odometer is not None:
-            self._nodes_with_ranges.add(item.node)
-            self.odometer.update_ranges(item.node, hello_metadata(hello))
+        if hello is not None and name not in self._nodes_with_ranges and self.odometer is not None:
+            self._nodes_with_ranges.add(name)
+            self.odometer.update_ranges(name, hello_metadata(hello))
         if calibrated is None or node is None or node.decoder.hello is None:
             return True
         serial = node.decoder.hello.serial.hex()
-        is_match = self._serial_matches.get((item.node, serial))
+        is_match = self._serial_matches.get((name, serial))
         if is_match is None:
             try:
-                check_serial(item.node, calibrated, serial)
+                check_serial(name, calibrated, serial)
                 is_match = True
             except CalibrationError as error:
                 is_match = False
                 if self.odometer is not None and not self.odometer.pose_count:
                     self._calibration_error = error
-                data = {"node": item.node, "serial": serial, "calibrated": calibrated.serial}
+                data = {"node": name, "serial": serial, "calibrated": calibrated.serial}
                 text = f"{error}; its samples are recorded but not used for odometry"
-                self._notify(now_ns, "mismatch", item.node, text)
-                self._sink.write_event(Event(now_ns, "mismatch", item.node, str(error), data))
-            self._serial_matches[item.node, serial] = is_match
+                self._notify(now_ns, "mismatch", name, text)
+                self._sink.write_record(EventRecord(Event(now_ns, "mismatch", name, str(error), data)))
+            self._serial_matches[name, serial] = is_match
         return is_match
 
 

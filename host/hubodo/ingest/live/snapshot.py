@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hubodo.ingest.link.session import LinkSession
 from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.recorder import Recorder
-from hubodo.ingest.live.tee_sink import Listener
+from hubodo.ingest.live.tee_sink import RecordListener
 from hubodo.ingest.node.session import NodeSession
 from hubodo.log.log_series import LogSeries
 from hubodo.log.log_writer import LogWriter
@@ -154,7 +154,7 @@ SnapshotObserver = Callable[[Snapshot], Iterable[Event] | None]
 class Audience(Protocol):
     """An observer with access to the recorder; called in the recorder's thread, so it must not block."""
 
-    def attach(self, log: LogWriter, series: LogSeries, bulkheads: Bulkheads) -> Mapping[str, Listener]:
+    def attach(self, log: LogWriter, series: LogSeries, bulkheads: Bulkheads) -> Mapping[str, RecordListener]:
         """Return the listeners to all log records, by name of their part; called once before the start."""
         ...
 

@@ -24,7 +24,6 @@ from hubodo.ingest.node.outputs import (
     AnswerReceived,
     HealthReceived,
     HelloReceived,
-    ImuBlock,
     MagSample,
     NodeOutput,
     SignalReceived,
@@ -32,6 +31,7 @@ from hubodo.ingest.node.outputs import (
     WireMismatchReport,
 )
 from hubodo.ingest.node.wire_batch import RAD_PER_NANO_DEG, WireBatch, convert_to_si, read_batch
+from hubodo.log.records import ImuBlock
 from hubodo.recording import Event
 from hubowire import FINGERPRINT, Frame, PayloadError, decode
 from hubowire.messages import (
@@ -322,15 +322,9 @@ class NodeDecoder:
         self.counts.saturated_batches += bool(batch.flags & _SATURATED)
         hello = boot.hello
         gyro, accel = convert_to_si(batch.rows, hello)
-        yield ImuBlock(
-            device_ns=first_ns + period * _SAMPLE_INDICES[:count],
-            gyro=gyro,
-            accel=accel,
-            temperature=(batch.temperature_raw * hello.temperature_lsb_udegc + hello.temperature_offset_udegc)
-            * 1e-6,
-            raw=batch.rows,
-            received_ns=t_ns,
-        )
+        steps = batch.temperature_raw * hello.temperature_lsb_udegc + hello.temperature_offset_udegc
+        device_ns = first_ns + period * _SAMPLE_INDICES[:count]
+        yield ImuBlock(self.name, gyro, accel, steps * 1e-6, t_ns, device_ns)
 
     def _decode_report(self, boot: BootState, message: AnyMessage, t_ns: int) -> Iterator[DecoderOutput]:
         match message:

@@ -2,64 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import pairwise
 
-import numpy as np
-from numpy.typing import NDArray
-
+from hubodo.log.records import ImuBlock, ImuRun
 from hubowire.messages import Health, Hello, Signal
 
 Vector = tuple[float, float, float]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ImuBlock:
-    """Consecutive samples of one node.
-
-    device_ns: (N,) unwrapped device time. gyro: (N, 3) rad/s; accel: (N, 3) m/s² specific force, node axes.
-    temperature: °C. raw: (N, 6) int16 as on the wire. received_ns: host time of arrival.
-    """
-
-    device_ns: NDArray[np.int64]
-    gyro: NDArray[np.float64]
-    accel: NDArray[np.float64]
-    temperature: float
-    raw: NDArray[np.int16]
-    received_ns: int
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ImuRun:
-    """Consecutive blocks of one node as one; gaps between them are reported separately.
-
-    device_ns, gyro, accel, raw: all N samples, as in `ImuBlock`. first_rows: (B,) first sample of each block;
-    temperature: (B,) °C; received_ns: (B,).
-    """
-
-    device_ns: NDArray[np.int64]
-    gyro: NDArray[np.float64]
-    accel: NDArray[np.float64]
-    raw: NDArray[np.int16]
-    first_rows: NDArray[np.int64]
-    temperature: NDArray[np.float64]
-    received_ns: NDArray[np.int64]
-
-    def split(self) -> Iterator[ImuBlock]:
-        """Yield the blocks one by one."""
-        edges = [*self.first_rows.tolist(), len(self.device_ns)]
-        block_values = zip(self.temperature.tolist(), self.received_ns.tolist(), strict=True)
-        for (start, end), (temperature, received_ns) in zip(pairwise(edges), block_values, strict=True):
-            rows = slice(start, end)
-            yield ImuBlock(
-                self.device_ns[rows],
-                self.gyro[rows],
-                self.accel[rows],
-                temperature,
-                self.raw[rows],
-                received_ns,
-            )
 
 
 @dataclass(frozen=True, slots=True)

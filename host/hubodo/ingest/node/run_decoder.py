@@ -11,8 +11,8 @@ from hubodo.ingest.node.boot import BatchTail, BootState, StreamState
 from hubodo.ingest.node.decoder import DecoderOutput, NodeDecoder
 from hubodo.ingest.node.gaps import LinkCounts, WireGapArrays
 from hubodo.ingest.node.node_frames import MAX_CLOCK_STEP_US, Batches, NodeFrames, Times
-from hubodo.ingest.node.outputs import ImuRun
 from hubodo.ingest.node.wire_batch import convert_to_si
+from hubodo.log.records import ImuRun
 from hubowire import Frame
 from hubowire.messages import BatchFlag, Hello, ImuBatch
 
@@ -76,7 +76,7 @@ class RunDecoder(NodeDecoder):
         before = boot.tail
         assert before is not None
         before_ns = before.next_device_ns - before.period_ns
-        run = _build_run(boot, batches, start, end, disconnections)
+        run = _build_run(self.name, boot, batches, slice(start, end), disconnections)
         self.counts.frames += end - start
         self.counts.samples += len(run.device_ns)
         saturated = batches.flags[start:end] & BatchFlag.SATURATED
@@ -125,10 +125,10 @@ def _continues_boot(boot: BootState, batches: Batches, start: int) -> bool:
     )
 
 
-def _build_run(boot: BootState, batches: Batches, start: int, end: int, disconnections: int) -> ImuRun:
+def _build_run(node: str, boot: BootState, batches: Batches, run: slice, disconnections: int) -> ImuRun:
     """Return batches start to end, each continuing the previous one, as a run, and advance `boot`."""
     assert boot.tail is not None
-    run, last, before = slice(start, end), end - 1, start - 1
+    start, last, before = run.start, run.stop - 1, run.start - 1
     before_ns = boot.tail.next_device_ns - int(batches.count[before] * batches.period_ns[before])
     shift_ns = before_ns - int(batches.start_device_ns[before])
     count, period, t_ns = int(batches.count[last]), int(batches.period_ns[last]), int(batches.t_ns[last])
@@ -140,15 +140,15 @@ def _build_run(boot: BootState, batches: Batches, start: int, end: int, disconne
     next_ns = int(batches.start_device_ns[last]) + shift_ns + count * period
     boot.tail = BatchTail(next_index, next_ns, period, t_ns)
     rows = slice(int(batches.first_rows[start]), int(batches.first_rows[last]) + count)
-    raw, hello = batches.rows[rows], boot.hello
-    gyro, accel = convert_to_si(raw, hello)
+    hello = boot.hello
+    gyro, accel = convert_to_si(batches.rows[rows], hello)
     steps = batches.temperature_raw[run] * hello.temperature_lsb_udegc + hello.temperature_offset_udegc
     return ImuRun(
-        device_ns=batches.device_ns[rows] + shift_ns,
+        node=node,
         gyro=gyro,
         accel=accel,
-        raw=raw,
-        first_rows=batches.first_rows[run] - rows.start,
         temperature=steps.astype(np.float64) * 1e-6,
         received_ns=batches.t_ns[run],
+        device_ns=batches.device_ns[rows] + shift_ns,
+        first_rows=batches.first_rows[run] - rows.start,
     )

@@ -17,24 +17,34 @@ from hubodo.ingest.node.gaps import GapGroup, LinkCounts
 from hubodo.ingest.node.health import SupplyHistory, read_supply
 from hubodo.ingest.node.identity import hello_metadata
 from hubodo.ingest.node.life_events import final_clock_event, final_health_event, power_on_event
+from hubodo.ingest.node.log_times import LogTimeSequence, RateWindow
 from hubodo.ingest.node.node_frames import NodeFrames
 from hubodo.ingest.node.outputs import (
     AnswerReceived,
     BiasFilterReport,
     HealthReceived,
     HelloReceived,
-    ImuBlock,
-    ImuRun,
     MagSample,
     SignalReceived,
     TimeReplyReceived,
     WireMismatchReport,
 )
-from hubodo.ingest.node.published import LogTimeSequence, Published, RateWindow
 from hubodo.ingest.node.request_encoder import RequestEncoder, describe_reason
 from hubodo.ingest.node.run_decoder import RunDecoder
 from hubodo.ingest.node.slewed_times import SlewedTimes
-from hubodo.ingest.sink import Sink
+from hubodo.log.records import (
+    Battery,
+    BiasFilterRow,
+    ClockRequest,
+    Columns,
+    EventRecord,
+    ImuBlock,
+    ImuRun,
+    LogRecord,
+    MagneticField,
+    Metadata,
+    Sink,
+)
 from hubodo.recording import Event
 from hubodo.units import NS_PER_S
 from hubowire import FINGERPRINT, Frame, Message, node_name
@@ -55,6 +65,7 @@ _HELLO_INTERVAL_NS = NS_PER_S // 2
 _START_DELAY_NS = 2 * NS_PER_S
 _MAX_OPEN_REQUESTS = 16
 
+_REPORTS: tuple[type, ...] = (MagSample, BiasFilterReport, HealthReceived)
 SendBytes = Callable[[bytes], bool]
 TimedOutput = ImuBlock | MagSample | BiasFilterReport | HealthReceived  # logged at the time of measurement
 
@@ -104,9 +115,7 @@ class NodeSession:
         self._sink = sink
         self._now_ns = now_ns
         self._imu_times = SlewedTimes(self.clock)
-        self._mag_times = SlewedTimes(self.clock)
-        self._filter_times = SlewedTimes(self.clock)
-        self._battery_times = SlewedTimes(self.clock)
+        self._report_times = {kind: SlewedTimes(self.clock) for kind in _REPORTS}
         self._supply_history = SupplyHistory()
         self._held: list[TimedOutput] = []
         self._held_since_ns = 0
@@ -120,7 +129,7 @@ class NodeSession:
         self._is_muted = False
         self._rate_window = RateWindow()
 
-    def handle_frame(self, frame: Frame, t_ns: int, link_counts: LinkCounts) -> Iterator[Published]:
+    def handle_frame(self, frame: Frame, t_ns: int, link_counts: LinkCounts) -> Iterator[ImuBlock]:
         """Handle a valid frame of this node and yield the samples it completes."""
         self.last_frame_ns = t_ns
         if self._is_muted:
@@ -134,7 +143,7 @@ class NodeSession:
         """Handle many frames of a log; disconnections: number of losses of their link before."""
         deque(self._handle_outputs(self.decoder.decode_many(frames, disconnections)), maxlen=0)
 
-    def resolve_gaps(self, now_ns: int) -> Iterator[Published]:
+    def resolve_gaps(self, now_ns: int) -> Iterator[ImuBlock]:
         """Resolve gaps whose health report is overdue."""
         yield from self._handle_outputs(self.decoder.tick(now_ns))
 
@@ -142,7 +151,7 @@ class NodeSession:
         """Note that a clock request was sent at `t_ns`."""
         self._exchanges.add_request(token, t_ns)
 
-    def tick(self, now_ns: int) -> Iterator[Published]:
+    def tick(self, now_ns: int) -> Iterator[ImuBlock]:
         """Send due requests and yield the samples that were held long enough for the clock."""
         yield from self._handle_outputs(self.decoder.tick(now_ns))
         yield from self._release_expired(now_ns)
@@ -163,7 +172,7 @@ class NodeSession:
         """Send a clock request; its token identifies the time at which it was sent."""
         token, now_ns = self._exchanges.next_token(), self._now_ns()
         self.add_clock_request(token, now_ns)
-        self._sink.write_clock_request(self.link, now_ns, token)
+        self._sink.write_record(ClockRequest(self.link, now_ns, token))
         self._send_message(TimeRequest(token))
 
     def request(self, message: Message, description: str) -> None:
@@ -179,7 +188,7 @@ class NodeSession:
 
     def _log_event(self, kind: str, text: str) -> None:
         event = Event(self._now_ns(), kind, self.name, f"{self.name}: {text}", {"node": self.name})
-        self._sink.write_event(event)
+        self._sink.write_record(EventRecord(event))
 
     def note_host_suspension(self, start_ns: int, end_ns: int) -> None:
         """Note a suspension of the host, after which the clock offset may have changed."""
@@ -194,19 +203,19 @@ class NodeSession:
     def repeat_state(self, now_ns: int) -> None:
         """Write the start event into a new log and request the Hello, which decoding it requires."""
         if self._start_event is not None:
-            self._sink.write_event(self._start_event, now_ns)
+            self._sink.write_record(EventRecord(self._start_event, now_ns))
         if self.decoder.mismatch_text is None and not self._is_muted:
             self._send_message(GetHello())
             self._exchanges.start_burst()
 
-    def close(self, now_ns: int) -> Iterator[Published]:
+    def close(self, now_ns: int) -> Iterator[ImuBlock]:
         """Write held samples and the final events of the node."""
         yield from self._handle_outputs(self.decoder.close())
         yield from self._release_held()
         if self.health is not None:
-            self._sink.write_event(final_health_event(self.name, self.health, now_ns))
+            self._sink.write_record(EventRecord(final_health_event(self.name, self.health, now_ns)))
         if self.clock.source != "none":
-            self._sink.write_event(final_clock_event(self.name, self.clock.estimate(), now_ns))
+            self._sink.write_record(EventRecord(final_clock_event(self.name, self.clock.estimate(), now_ns)))
 
     def rate(self, now_ns: int) -> float:
         """Return the sample rate over the last two seconds, Hz."""
@@ -222,13 +231,15 @@ class NodeSession:
     def _send_message(self, message: Message) -> None:
         self._send(self._request_encoder.encode_request(message)[1])
 
-    def _handle_outputs(self, outputs: Iterable[DecoderOutput]) -> Iterator[Published]:
+    def _handle_outputs(self, outputs: Iterable[DecoderOutput]) -> Iterator[ImuBlock]:
         for output in outputs:
             match output:
                 case Event():
                     if output.kind == "conflict":
                         self.notices.append(output)
-                    self._sink.write_event(self._count_gap(output) if output.kind == "gap" else output)
+                    self._sink.write_record(
+                        EventRecord(self._count_gap(output) if output.kind == "gap" else output)
+                    )
                 case HelloReceived():
                     if output.hello.boot_id != self._boot_id:
                         self._unlogged_boot, self._boot_id = output.hello, output.hello.boot_id
@@ -239,14 +250,14 @@ class NodeSession:
                         self._held_since_ns = 0
                     self._exchanges.start_burst()
                     self._start_request_ns = output.received_ns + _START_DELAY_NS
-                    self._sink.add_metadata(f"node.{self.name}", hello_metadata(output.hello))
+                    self._sink.write_record(Metadata(f"node.{self.name}", hello_metadata(output.hello)))
                 case ImuBlock():
                     yield from self._handle_block(output)
                 case ImuRun():
                     yield from self._log_run(output)
                 case GapGroup():
                     for event in output.to_events():
-                        self._sink.write_event(self._count_gap(event))
+                        self._sink.write_record(EventRecord(self._count_gap(event)))
                 case MagSample():
                     yield from self._hold_or_publish(output)
                 case BiasFilterReport():
@@ -261,45 +272,42 @@ class NodeSession:
                 case AnswerReceived():
                     description = self._requests.pop((output.request, output.request_seq), None)
                     if description is not None:
-                        self._log_event("answer", f"{description}: {_describe_answer(output.reason)}")
+                        done = output.reason is None
+                        answer = "done" if done else f"refused: {describe_reason(output.reason or 0)}"
+                        self._log_event("answer", f"{description}: {answer}")
                 case SignalReceived():
-                    self._log_signal(output)
+                    self._log_signal(output.signal, output.received_ns)
                 case WireMismatchReport():
                     data = {"node": self.name, "link": self.link, "host_fingerprint": f"{FINGERPRINT:08x}"}
                     mismatch = Event(output.received_ns, "mismatch", self.name, output.text, data)
                     self.notices.append(mismatch)
-                    self._sink.write_event(mismatch)
+                    self._sink.write_record(EventRecord(mismatch))
                 case _:
                     assert_never(output)
 
-    def _handle_block(self, block: ImuBlock) -> Iterator[Published]:
+    def _handle_block(self, block: ImuBlock) -> Iterator[ImuBlock]:
         self._start_request_ns = None
         self.clock.add_arrival(int(block.device_ns[-1]) // 1000, block.received_ns)
         yield from self._hold_or_publish(block)
 
-    def _log_run(self, run: ImuRun) -> Iterator[Published]:
+    def _log_run(self, run: ImuRun) -> Iterator[ImuBlock]:
         """Write a run to the log at once if the clock is synchronised and nothing is held."""
         if not self._clock_is_known or self._held or self._unlogged_boot is not None:
             for block in run.split():
                 yield from self._handle_block(block)
             return
         t_ns = self._imu_times.to_host_ns(run.device_ns)
-        log_ns = self._order.next_times(run.received_ns)
-        counts = np.diff(run.first_rows, append=len(t_ns))
-        self._sink.write_imu(self.name, t_ns, np.repeat(log_ns, counts), run.gyro, run.accel)
-        self._sink.write_temperature(self.name, t_ns[run.first_rows], log_ns, run.temperature)
+        self._sink.write_record(run.stamp(t_ns, self._order.next_times(run.received_ns)))
         self.span_ns = [self.span_ns[0] if self.span_ns else int(t_ns[0]), int(t_ns[-1])]
 
-    def update_signal(self, signal: Signal) -> Iterator[Published]:
+    def update_signal(self, signal: Signal) -> Iterator[ImuBlock]:
         """Update with the report of a radio receiver on the same link about this node."""
         self.signal = signal
         yield from self._handle_outputs(self.decoder.update_radio_losses(signal.frames_lost))
 
-    def _log_signal(self, received: SignalReceived) -> None:
-        """Log this receiver's report about a node and add it to `received_signals`."""
-        signal, t_ns = received.signal, received.received_ns
+    def _log_signal(self, signal: Signal, t_ns: int) -> None:
         counters = {item.name: [float(getattr(signal, item.name))] for item in wire_fields(Signal)[2:]}
-        self._sink.write_columns(f"radio/{node_name(signal.of_node)}", [t_ns], t_ns, counters)
+        self._sink.write_record(Columns(f"radio/{node_name(signal.of_node)}", [t_ns], t_ns, counters))
         self.received_signals.append(signal)
 
     def _count_gap(self, event: Event) -> Event:
@@ -311,7 +319,7 @@ class NodeSession:
             return event
         return replace(event, t_ns=int(self.clock.to_host_ns(np.array(between[:1], np.int64))[0]))
 
-    def _handle_time_reply(self, reply: TimeReplyReceived) -> Iterator[Published]:
+    def _handle_time_reply(self, reply: TimeReplyReceived) -> Iterator[ImuBlock]:
         """Update the clock with one exchange; a reply without a matching request is ignored."""
         sent_ns = self._exchanges.match_reply(reply.token)
         if sent_ns is None:
@@ -321,7 +329,8 @@ class NodeSession:
         self.clock.add_exchange(sent_ns, reply.received_us, reply.sent_us, reply.arrived_ns)
         if self.clock.resets != resets:
             text = f"{self.name}: the node's clock and the computer's no longer agree; offset estimated again"
-            self._sink.write_event(Event(reply.arrived_ns, "clock", self.name, text, {"node": self.name}))
+            event = Event(reply.arrived_ns, "clock", self.name, text, {"node": self.name})
+            self._sink.write_record(EventRecord(event))
         if self._clock_is_known and self._held:
             yield from self._release_held()
 
@@ -332,16 +341,11 @@ class NodeSession:
     def _hold_expired(self, now_ns: int) -> bool:
         return bool(self._held_since_ns) and now_ns - self._held_since_ns > _MAX_CLOCK_WAIT_NS
 
-    def _release_expired(self, now_ns: int) -> Iterator[Published]:
+    def _release_expired(self, now_ns: int) -> Iterator[ImuBlock]:
         if self._held and self._hold_expired(now_ns):
             yield from self._release_held()
 
-    def _stamp_without_samples(self, item: MagSample | BiasFilterReport | HealthReceived) -> None:
-        """Initialise the clock from a report if it has no other data, so that it is not dated to 1970."""
-        if self.clock.source == "none":
-            self.clock.add_arrival(item.device_ns // 1000, item.received_ns)
-
-    def _hold_or_publish(self, item: TimedOutput) -> Iterator[Published]:
+    def _hold_or_publish(self, item: TimedOutput) -> Iterator[ImuBlock]:
         if self._clock_is_known or self._hold_expired(item.received_ns):
             yield from self._release_held()
             yield from self._publish(item)
@@ -350,49 +354,47 @@ class NodeSession:
             self._held_since_ns = item.received_ns
         self._held.append(item)
 
-    def _release_held(self) -> Iterator[Published]:
+    def _release_held(self) -> Iterator[ImuBlock]:
         held, self._held = self._held, []
         for item in held:
             yield from self._publish(item)
 
-    def _publish(self, item: TimedOutput) -> Iterator[Published]:
+    def _log_report(self, report: MagSample | BiasFilterReport | HealthReceived) -> None:
+        """Log a report; one without samples and clock replies before it is dated by its arrival."""
+        if self.clock.source == "none":
+            self.clock.add_arrival(report.device_ns // 1000, report.received_ns)
+        times, log_ns = self._report_times[type(report)], report.received_ns
+        t_ns = times.to_host_ns(np.array([report.device_ns], np.int64))
+        match report:
+            case MagSample():
+                record: LogRecord = MagneticField(self.name, t_ns, log_ns, [report.field])
+            case BiasFilterReport():
+                record = BiasFilterRow(self.name, t_ns, log_ns, filter_report_columns(report))
+            case HealthReceived():
+                volts, charge = read_supply(report.health)
+                record = Battery(self.name, t_ns, log_ns, volts, charge)
+                self._supply_history.add(int(t_ns[0]), volts)
+        self._sink.write_record(record)
+
+    def _publish(self, item: TimedOutput) -> Iterator[ImuBlock]:
         if not isinstance(item, ImuBlock):
-            self._stamp_without_samples(item)
-        if isinstance(item, MagSample):
-            t_ns = self._mag_times.to_host_ns(np.array([item.device_ns], np.int64))
-            self._sink.write_magnetic_field(self.name, t_ns, item.received_ns, [item.field])
-            return
-        if isinstance(item, BiasFilterReport):
-            t_ns = self._filter_times.to_host_ns(np.array([item.device_ns], np.int64))
-            self._sink.write_bias_filter(self.name, t_ns, item.received_ns, filter_report_columns(item))
-            return
-        if isinstance(item, HealthReceived):
-            t_ns = self._battery_times.to_host_ns(np.array([item.device_ns], np.int64))
-            volts, charge = read_supply(item.health)
-            self._sink.write_battery(self.name, t_ns, item.received_ns, volts, charge)
-            self._supply_history.add(int(t_ns[0]), volts)
+            self._log_report(item)
             return
         t_ns = self._imu_times.to_host_ns(item.device_ns)
-        if self._unlogged_boot is not None:
-            self._log_start(self._unlogged_boot, int(t_ns[0]))
+        if (boot := self._unlogged_boot) is not None:
+            self._log_start(boot, int(t_ns[0]))
             self._unlogged_boot = None
-        log_ns = self._order.next_time(item.received_ns)
-        self._sink.write_imu(self.name, t_ns, log_ns, item.gyro, item.accel)
-        self._sink.write_temperature(self.name, t_ns[:1], log_ns, item.temperature)
+        supply = self._supply_history.voltage_at(int(t_ns[0]))
+        block = item.stamp(t_ns, self._order.next_time(item.received_ns), self.power_on_ns, supply)
+        self._sink.write_record(block)
         self.span_ns = [self.span_ns[0] if self.span_ns else int(t_ns[0]), int(t_ns[-1])]
         self._rate_window.add(item.received_ns, len(t_ns))
-        self.newest_block = item
-        yield Published(
-            self.name, t_ns, item, self.power_on_ns, self._supply_history.voltage_at(int(t_ns[0]))
-        )
+        self.newest_block = block
+        yield block
 
     def _log_start(self, hello: Hello, t_ns: int) -> None:
         """Log the power-on time of the node; a restart without loss of power does not change it."""
         if self.power_on_ns is None or hello.reset_cause in (ResetCause.POWER_ON, ResetCause.BROWN_OUT):
             self.power_on_ns = int(self.clock.to_host_ns(np.zeros(1, np.int64))[0])
         self._start_event = power_on_event(self.name, hello.boot_id, self.power_on_ns, t_ns)
-        self._sink.write_event(self._start_event)
-
-
-def _describe_answer(reason: int | None) -> str:
-    return "done" if reason is None else f"refused: {describe_reason(reason)}"
+        self._sink.write_record(EventRecord(self._start_event))

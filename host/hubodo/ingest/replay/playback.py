@@ -15,13 +15,14 @@ from hubodo.calibration.apply import check_serial, find_starts
 from hubodo.calibration.file import Calibration, find_node_serial
 from hubodo.fuse.ranges import node_metadata
 from hubodo.ingest.live.localizer import FixSample, Localizer, MapPose, horizontal_sigma
-from hubodo.ingest.live.odometer import Block, Odometer, OdometryRows
+from hubodo.ingest.live.odometer import Odometer, OdometryRows
 from hubodo.ingest.replay.odometry_setup import read_odometry_setup
 from hubodo.log import ros2, topics
 from hubodo.log.decode import ChannelDecoder, ChannelRows, normalise_type_name
 from hubodo.log.hubodo_messages import decode_string_message, parse_events
 from hubodo.log.log_writer import LogWriter
 from hubodo.log.logfile import Log, open_log
+from hubodo.log.records import ImuBlock
 from hubodo.vehicle import Vehicle
 
 Progress = Callable[[str, float], None]
@@ -194,7 +195,7 @@ class _LoggedSamples:
         earliest = [int(channel.publish_ns.min()) for channel in self.nodes.values()]
         self.t_zero_ns = log.t_zero_ns if log.t_zero_ns is not None else min(earliest, default=0)
 
-    def iterate(self) -> Iterator[Block | FixSample]:
+    def iterate(self) -> Iterator[ImuBlock | FixSample]:
         """Yield blocks (samples of one node with one log time) and fixes in the order of the recorder."""
         cuts = [
             (log_ns, "", np.array([row]))
@@ -221,19 +222,20 @@ class _LoggedSamples:
             horizontal_sigma(float(covariance[0]), float(covariance[4])) if known else None,
         )
 
-    def _build_block(self, name: str, rows: NDArray[np.intp]) -> Block:
+    def _build_block(self, name: str, rows: NDArray[np.intp]) -> ImuBlock:
         channel = self.nodes[name]
         t_ns = channel.publish_ns[rows]
         first = int(t_ns[0])
         power_on = [since for start_ns, since in self._power_on_times[name] if start_ns <= first]
-        return Block(
+        return ImuBlock(
             name,
-            t_ns,
             channel.values["angular_velocity"][rows],
             channel.values["linear_acceleration"][rows],
             self._temperatures.get(name, {}).get(first),
-            power_on[-1] if power_on else None,
-            self._voltage_at(name, first),
+            int(channel.log_ns[rows[0]]),
+            t_ns=t_ns,
+            power_on_ns=power_on[-1] if power_on else None,
+            supply=self._voltage_at(name, first),
         )
 
     def _voltage_at(self, name: str, t_ns: int) -> float | None:

@@ -15,9 +15,9 @@ from hubodo.errors import InputError, WireMismatch
 from hubodo.ingest.link.ports import PortName, parse_port
 from hubodo.ingest.link.session import DAMAGED_SUFFIX
 from hubodo.ingest.node.bulk import BulkDecoder
+from hubodo.ingest.node.log_times import LogTimeSequence
 from hubodo.ingest.node.naming import assign_name
 from hubodo.ingest.node.node_frames import group_by_node
-from hubodo.ingest.node.published import LogTimeSequence
 from hubodo.ingest.node.session import NodeSession
 from hubodo.log import ros2, topics
 from hubodo.log.chunk_reader import ChunkMessages

@@ -1,31 +1,13 @@
-"""Samples with host times as written to the log, and strictly increasing log times over all nodes."""
+"""Strictly increasing log times over all nodes, and the rate of samples received."""
 
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hubodo.ingest.node.outputs import ImuBlock
-
 _RATE_WINDOW_NS = 2_000_000_000
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Published:
-    """Samples of a node as written to the log.
-
-    t_ns: (N,) host time of measurement. power_on_ns: host time of power-on. supply: newest supply voltage
-    before the samples, V; None where unknown.
-    """
-
-    node: str
-    t_ns: NDArray[np.int64]
-    block: ImuBlock
-    power_on_ns: int | None
-    supply: float | None
 
 
 class LogTimeSequence:
