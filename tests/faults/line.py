@@ -64,7 +64,6 @@ class Kept:
         self.rows: dict[str, list[np.ndarray[Any, Any]]] = {}
 
     def write_record(self, record: LogRecord) -> None:
-        self.records.append(record)
         match record:
             case RawFrame():
                 self.raws.append((record.link, record.frame))
@@ -72,6 +71,8 @@ class Kept:
                 self.events.append(record.event)
             case ImuBlock():
                 self.rows.setdefault(record.node, []).append(record.gyro)
+            case _:
+                self.records.append(record)
 
     def numbers(self, node: str = "left") -> list[int]:
         """The numbers of the samples that came, modulo 1000, in order."""

@@ -162,7 +162,7 @@ def test_without_a_table_port_the_operator_is_told_what_to_do(table, computer, t
         (["--method", "east", "--axis", "x", "--axis", "y"], "give one --axis"),
         (["--simulate-azimuth-deg", 10], "goes with a LOG"),
         (["-o", "north.csv"], "the suffix .mcap"),
-        (["--node", "frame"], "carries node 'left', asked for 'frame'"),
+        (["--node", "frame"], "carries node 'left', not 'frame'"),
         (["--axis", "z"], "degrees from level"),
     ],
 )
