@@ -67,7 +67,7 @@ def stream_vector(name: str, stream: bytes, origin: str) -> dict[str, Any]:
         "frames": frames,
         "damage": dataclasses.asdict(decoder.damage),
         "idle_delimiters": decoder.idle_delimiters,
-        "pending": decoder.pending,
+        "pending": decoder.pending_bytes,
     }
 
 
@@ -90,7 +90,7 @@ def parse_message(kind: str, settings: list[str]) -> Message:
     values: dict[str, Any] = {}
     for row in wire_fields(by_name[kind]):
         count = int(row.type.removesuffix("[]")[:-1] or 1)
-        if row.repeats:
+        if row.is_table:
             values[row.name] = ()
         elif row.type.endswith("s"):
             values[row.name] = bytes(count)

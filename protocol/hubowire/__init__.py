@@ -1,4 +1,4 @@
-"""hubowire: what a wheel node and its host say to each other."""
+"""Wire protocol between a wheel node and its host."""
 
 from hubowire.codec import PayloadError, decode, encode, hello_identity
 from hubowire.fingerprint import FINGERPRINT

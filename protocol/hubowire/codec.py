@@ -1,4 +1,4 @@
-"""Messages to payload bytes and back."""
+"""Encoding of messages to payload bytes, and decoding."""
 
 import struct
 from dataclasses import dataclass
@@ -9,15 +9,20 @@ from hubowire.messages import MESSAGES, AnyMessage, Hello, Message, wire_fields
 
 
 class PayloadError(ValueError):
-    """A payload too short for its message, or a value that does not fit its field."""
+    """A payload is too short for its message, or a value does not fit its field."""
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How the fields of one message lie: the fixed part, then at most one counted table.
+    """Byte layout of a message: a fixed part, then at most one counted table.
 
-    names: all fields. widths: values per field of the fixed part. strings: (place among the packed values,
-    length) of each byte string. The fixed part ends in the table's count where there is a table.
+    Attributes
+    ----------
+    names : names of all fields.
+    fixed : `struct` of the fixed part, which ends in the count of the table, if any.
+    widths : number of values of each field of the fixed part.
+    strings : (index among the packed values, length) of each byte string.
+    rows : `struct` of one row of the table, or None.
     """
 
     names: tuple[str, ...]
@@ -27,10 +32,10 @@ class Layout:
     rows: struct.Struct | None
 
 
-def layout(message: type[Message]) -> Layout:
-    """The byte layout of a message class, little-endian without padding.
+def payload_layout(message: type[Message]) -> Layout:
+    """Return the byte layout of a message class, little-endian without padding.
 
-    Raises TypeError when a field follows a counted table.
+    Raise TypeError if a field follows a counted table.
     """
     key: Any = message
     return _layout(key)
@@ -38,14 +43,15 @@ def layout(message: type[Message]) -> Layout:
 
 @cache
 def _layout(message: Any) -> Layout:
+    """Build the layout of a message class; cached."""
     table = wire_fields(message)
-    if any(row.repeats for row in table[:-1]):
+    if any(row.is_table for row in table[:-1]):
         raise TypeError(f"{message.__name__}: a counted table must be the last field")
     code, rows = "<", None
     widths: list[int] = []
     strings: list[tuple[int, int]] = []
     for row in table:
-        if row.repeats:
+        if row.is_table:
             code += "B"
             rows = struct.Struct("<" + row.row_type)
             continue
@@ -58,68 +64,67 @@ def _layout(message: Any) -> Layout:
 
 
 def encode(message: Message) -> bytes:
-    """The payload of a message.
+    """Return the payload of a message.
 
-    Raises PayloadError when a value does not fit its wire type.
+    Raise PayloadError if a value does not fit its wire type.
     """
     name = type(message).__name__
-    shape = layout(type(message))
+    layout = payload_layout(type(message))
     values: list[Any] = []
     try:
-        for field, width in zip(shape.names, shape.widths, strict=False):
+        for field, width in zip(layout.names, layout.widths, strict=False):
             value = getattr(message, field)
             values += value if width > 1 else [value]
-        for place, length in shape.strings:
-            # struct would cut a longer one and pad a shorter one in silence.
-            if len(values[place]) != length:
-                raise PayloadError(f"{name}: {len(values[place])} bytes where {length} are needed")
-        if shape.rows is None:
-            return shape.fixed.pack(*values)
-        rows = getattr(message, shape.names[-1])
-        return shape.fixed.pack(*values, len(rows)) + b"".join(shape.rows.pack(*row) for row in rows)
+        for index, length in layout.strings:
+            # struct would silently truncate or pad it.
+            if len(values[index]) != length:
+                raise PayloadError(f"{name}: {len(values[index])} bytes where {length} are needed")
+        if layout.rows is None:
+            return layout.fixed.pack(*values)
+        rows = getattr(message, layout.names[-1])
+        return layout.fixed.pack(*values, len(rows)) + b"".join(layout.rows.pack(*row) for row in rows)
     except (struct.error, TypeError) as error:
         raise PayloadError(f"{name}: {error}") from None
 
 
-_BY_TYPE = {message.type_id: (message, layout(message)) for message in MESSAGES}
+_BY_TYPE = {message.type_id: (message, payload_layout(message)) for message in MESSAGES}
 
 
 def decode(type_id: int, payload: bytes) -> AnyMessage | None:
-    """The message in a payload; None for a type this table does not know.
+    """Return the message of a payload; None for an unknown type.
 
-    Bytes after the last known field are a newer version's and are passed over.
-    Raises PayloadError when the payload is too short.
+    Bytes after the last known field belong to a newer version and are ignored. Raise PayloadError if the
+    payload is too short.
     """
     if type_id not in _BY_TYPE:
         return None
-    message, shape = _BY_TYPE[type_id]
-    need = shape.fixed.size
+    message, layout = _BY_TYPE[type_id]
+    need = layout.fixed.size
     if len(payload) < need:
         raise PayloadError(f"{message.__name__}: needs {need} bytes, {len(payload)} came")
-    flat = shape.fixed.unpack_from(payload)
+    flat = layout.fixed.unpack_from(payload)
     values: list[Any] = []
-    at = 0
-    for width in shape.widths:
-        values.append(flat[at] if width == 1 else flat[at : at + width])
-        at += width
-    if shape.rows is not None:
+    position = 0
+    for width in layout.widths:
+        values.append(flat[position] if width == 1 else flat[position : position + width])
+        position += width
+    if layout.rows is not None:
         count = flat[-1]
-        end = need + count * shape.rows.size
+        end = need + count * layout.rows.size
         if len(payload) < end:
             raise PayloadError(f"{message.__name__}: {count} rows need {end} bytes, {len(payload)} came")
-        values.append(tuple(shape.rows.iter_unpack(payload[need:end])))
-    found: Any = message(*values)
-    made: AnyMessage = found
-    return made
+        values.append(tuple(layout.rows.iter_unpack(payload[need:end])))
+    decoded: AnyMessage = message(*values)  # type: ignore[assignment]
+    return decoded
 
 
 _IDENTITY = struct.Struct("<I3B")
 
 
 def hello_identity(payload: bytes) -> tuple[int, tuple[int, int, int]]:
-    """Fingerprint and firmware version from a `Hello` of any version, also one `decode` cannot read.
+    """Return fingerprint and firmware version of a `Hello` of any version, even an incompatible one.
 
-    Raises PayloadError when not even these are there.
+    Raise PayloadError if the payload is too short for both.
     """
     if len(payload) < _IDENTITY.size:
         raise PayloadError(f"{Hello.__name__}: needs {_IDENTITY.size} bytes, {len(payload)} came")

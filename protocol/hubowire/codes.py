@@ -1,10 +1,10 @@
-"""The codes that fields of messages carry, by name."""
+"""Codes in fields of messages, by name."""
 
 from enum import IntEnum
 
 
 class Part(IntEnum):
-    """Silicon a node can find on its bus."""
+    """Chips that a node can detect on its bus."""
 
     LSM6DS33 = 1
     LIS3MDL = 2
@@ -13,7 +13,7 @@ class Part(IntEnum):
 
 
 class Board(IntEnum):
-    """What runs the firmware, from ``sys.implementation._machine``; RP2: another board with its processor."""
+    """Boards, from ``sys.implementation._machine``; RP2 is any other board with such a processor."""
 
     OTHER = 0
     RP2 = 1
@@ -27,7 +27,7 @@ class Board(IntEnum):
 
 
 class ResetCause(IntEnum):
-    """Why the node last started. HARD: reset with the power on; SOFT: by the program itself."""
+    """Causes of the last start of the node. HARD: reset without power loss; SOFT: by the program itself."""
 
     UNKNOWN = 0
     POWER_ON = 1
@@ -38,7 +38,7 @@ class ResetCause(IntEnum):
 
 
 class FilterKind(IntEnum):
-    """The estimator that runs on the node."""
+    """Estimators on the node."""
 
     OFF = 0
     KALMAN = 1
@@ -46,7 +46,11 @@ class FilterKind(IntEnum):
 
 
 class BiasKind(IntEnum):
-    """What a bias initialisation knows of the true rate while it runs."""
+    """Methods of bias initialisation.
+
+    MEAN: mean at standstill; REST, TABLE: known rate, zero or that of a turntable; GRAVITY: gravity
+    direction.
+    """
 
     MEAN = 0
     REST = 1
@@ -55,7 +59,7 @@ class BiasKind(IntEnum):
 
 
 class FilterState(IntEnum):
-    """Where the bias filter stands."""
+    """States of the bias filter."""
 
     WAITING = 0
     INITIALISING = 1
@@ -63,7 +67,7 @@ class FilterState(IntEnum):
 
 
 class Reason(IntEnum):
-    """Why a request was refused."""
+    """Reasons for the refusal of a request."""
 
     UNKNOWN_MESSAGE = 1
     BAD_VALUE = 2
@@ -75,7 +79,7 @@ class Reason(IntEnum):
 
 
 class ConfigKey(IntEnum):
-    """What `SetConfig` can change."""
+    """Settings that `SetConfig` can change."""
 
     NODE_ID = 1
     RATE_HZ = 2
@@ -91,7 +95,7 @@ class ConfigKey(IntEnum):
 
 
 class RebootMode(IntEnum):
-    """What a node does after `Reboot`."""
+    """Modes after a `Reboot`."""
 
     RUN = 0
     REPL = 1
@@ -107,7 +111,7 @@ class BatchFlag(IntEnum):
 
 
 class Fault(IntEnum):
-    """Bits of `Health.faults`: what is wrong now."""
+    """Bits of `Health.faults`: current faults."""
 
     IMU_MISSING = 1
     WRONG_WHO_AM_I = 2

@@ -1,4 +1,4 @@
-"""The fingerprint of the message table: two ends with the same one understand each other."""
+"""Fingerprint of the message table: two ends with equal fingerprints are compatible."""
 
 import hashlib
 from collections.abc import Iterable
@@ -10,9 +10,9 @@ from hubowire.messages import ENUMS, MESSAGES, Message, wire_fields
 def canonical_text(
     messages: Iterable[type[Message]] = MESSAGES, enums: Iterable[type[IntEnum]] = ENUMS
 ) -> str:
-    """What the fingerprint covers: names, types, scales and units of every field, and every code.
+    """Return the text that the fingerprint covers: names, types, scales, units and codes.
 
-    One line a message, field or enum, "\\n" between. The meaning in words is not covered.
+    One line per message, field and enum, separated by "\\n". Descriptions are not covered.
     """
     lines = []
     for message in messages:
@@ -24,7 +24,7 @@ def canonical_text(
 
 
 def fingerprint(text: str) -> int:
-    """The first four bytes of the SHA-256 of a table's canonical text, as a little-endian u32."""
+    """Return the first four bytes of the SHA-256 of a canonical text, as a little-endian u32."""
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:4], "little")
 
 

@@ -1,4 +1,4 @@
-"""Frames on a byte stream: COBS and CRC-16, without I/O; damage is counted by cause, never raised."""
+"""Frames on a byte stream: COBS and CRC-16 without I/O. Damaged frames are counted by cause."""
 
 import struct
 from binascii import crc_hqx
@@ -14,19 +14,19 @@ MAX_FRAME = 250
 OVERHEAD = 1 + HEADER_SIZE + CRC_SIZE + 1
 MAX_PAYLOAD = MAX_FRAME - OVERHEAD
 
-_HEADER = struct.Struct(HEADER_FORMAT)
-_CRC = struct.Struct("<H")
+_HEADER_STRUCT = struct.Struct(HEADER_FORMAT)
+_CRC_STRUCT = struct.Struct("<H")
 _MIN_BODY = HEADER_SIZE + CRC_SIZE
 
 
 def crc16(data: bytes) -> int:
-    """CRC-16/CCITT-FALSE."""
+    """Return the CRC-16/CCITT-FALSE of data."""
     return crc_hqx(data, CRC_INITIAL)
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One frame: message type, node id, sequence number modulo 2^16, payload."""
+    """A frame: message type, node id, sequence number modulo 2^16, payload."""
 
     type_id: int
     node: int
@@ -36,10 +36,16 @@ class Frame:
 
 @dataclass(slots=True)
 class Damage:
-    """What a decoder had to give up, by cause, in frames; and all of it in bytes.
+    """Counts of damaged frames by cause, and their bytes.
 
-    crc: the check value differs. cobs: the chain of codes leads outside. short: less than a header and a
-    CRC. oversize: no delimiter within MAX_FRAME bytes. cut: the stream ended within a frame.
+    Attributes
+    ----------
+    crc : frames with a wrong CRC.
+    cobs : frames in which a code points past the delimiter.
+    short : frames shorter than header and CRC.
+    oversize : frames without delimiter within MAX_FRAME bytes.
+    cut : frames in which the stream ended.
+    bytes_lost : bytes of all of these.
     """
 
     crc: int = 0
@@ -51,48 +57,49 @@ class Damage:
 
     @property
     def frames(self) -> int:
+        """Number of damaged frames."""
         return self.crc + self.cobs + self.short + self.oversize + self.cut
 
 
-def stuff(body: bytes) -> bytes:
-    """COBS (Cheshire and Baker 1999) of fewer than 254 bytes: no zero inside, one byte longer."""
-    out = bytearray()
+def cobs_encode(body: bytes) -> bytes:
+    """Return the COBS encoding (Cheshire and Baker 1999) of fewer than 254 bytes, one byte longer."""
+    encoded = bytearray()
     for run in body.split(b"\0"):
-        out.append(len(run) + 1)
-        out += run
-    return bytes(out)
+        encoded.append(len(run) + 1)
+        encoded += run
+    return bytes(encoded)
 
 
-def unstuff(stuffed: bytes) -> bytes | None:
-    """The body behind fewer than 255 bytes of COBS; None where they hold a zero or the codes lead outside."""
-    if DELIMITER in stuffed:
+def cobs_decode(encoded: bytes) -> bytes | None:
+    """Return the decoded bytes of fewer than 255 bytes of COBS; None if they are invalid."""
+    if DELIMITER in encoded:
         return None
-    out = bytearray(stuffed)
-    at, end = 0, len(out)
-    # A code byte stands where the body has a zero, so writing the zeros in place is all there is to undo.
-    while at < end:
-        code = out[at]
-        out[at] = 0
-        at += code
-    return bytes(out[1:]) if at == end else None
+    decoded = bytearray(encoded)
+    position, end = 0, len(decoded)
+    # A code byte replaces each zero of the body: decoding restores the zeros in place.
+    while position < end:
+        code = decoded[position]
+        decoded[position] = 0
+        position += code
+    return bytes(decoded[1:]) if position == end else None
 
 
 def encode_frame(frame: Frame) -> bytes:
-    """The bytes of a frame with its closing delimiter.
+    """Return the bytes of a frame with its closing delimiter.
 
-    Raises ValueError when the payload is longer than MAX_PAYLOAD.
+    Raise ValueError if the payload is longer than MAX_PAYLOAD.
     """
     if len(frame.payload) > MAX_PAYLOAD:
         raise ValueError(f"payload of {len(frame.payload)} bytes: at most {MAX_PAYLOAD} fit a frame")
-    body = _HEADER.pack(frame.type_id, frame.node, frame.seq & 0xFFFF) + frame.payload
-    return stuff(body + _CRC.pack(crc16(body))) + b"\0"
+    body = _HEADER_STRUCT.pack(frame.type_id, frame.node, frame.seq & 0xFFFF) + frame.payload
+    return cobs_encode(body + _CRC_STRUCT.pack(crc16(body))) + b"\0"
 
 
-class StreamAccount:
-    """What becomes of the bytes of a stream that is cut into frames, and the frame that has not ended.
+class StreamAccounting:
+    """Byte counters of a stream of frames, and its incomplete frame.
 
-    Every byte is accounted for: bytes_in = bytes_framed + damage.bytes_lost + idle_delimiters + pending.
-    An idle delimiter follows another: a sender may put one anywhere between frames.
+    Every byte is accounted for: bytes_in = bytes_framed + damage.bytes_lost + idle_delimiters +
+    pending_bytes. An idle delimiter follows another delimiter; a sender may insert them between frames.
     """
 
     def __init__(self) -> None:
@@ -104,14 +111,14 @@ class StreamAccount:
         self._skipping = False
 
     @property
-    def pending(self) -> int:
-        """Bytes kept of a frame that has not ended."""
+    def pending_bytes(self) -> int:
+        """Buffered bytes of an incomplete frame."""
         return len(self._pending)
 
-    def cut(self) -> None:
-        """The stream breaks here: the port closed, the file ended. The next byte begins a new frame.
+    def interrupt(self) -> None:
+        """Discard an incomplete frame where the stream breaks: the port closed, or the file ended.
 
-        Without it the rest of a torn frame would spoil the first whole one after a replug.
+        Otherwise its bytes would damage the first frame after reconnection.
         """
         self._skipping = False
         if self._pending:
@@ -120,57 +127,57 @@ class StreamAccount:
             self._pending = b""
 
 
-class FrameDecoder(StreamAccount):
-    """Bytes in any portions to frames. Holds at most one frame's bytes."""
+class FrameDecoder(StreamAccounting):
+    """Decoder of a byte stream in chunks of any size; it buffers at most one frame."""
 
     def feed(self, data: bytes) -> list[Frame]:
-        """Every undamaged frame that ends within `data`."""
-        frames = (self.decode(stuffed) for stuffed in self.split(data))
+        """Return the valid frames that end in `data`."""
+        frames = (self.decode_frame(encoded) for encoded in self.split_frames(data))
         return [frame for frame in frames if frame is not None]
 
-    def split(self, data: bytes) -> list[bytes]:
-        """The stuffed bytes between delimiters: what `decode` takes and a raw log keeps."""
+    def split_frames(self, data: bytes) -> list[bytes]:
+        """Return the COBS bytes between delimiters, as input of `decode_frame` and content of a raw log."""
         self.bytes_in += len(data)
-        *whole, rest = bytes(data).split(b"\0")
-        found = []
-        if whole:
+        *complete, incomplete = bytes(data).split(b"\0")
+        frames = []
+        if complete:
             if self._skipping:
-                self.damage.bytes_lost += len(whole.pop(0)) + 1
+                self.damage.bytes_lost += len(complete.pop(0)) + 1
                 self._skipping = False
             else:
-                whole[0] = self._pending + whole[0]
+                complete[0] = self._pending + complete[0]
             self._pending = b""
-        for stuffed in whole:
-            if len(stuffed) >= MAX_FRAME:
+        for encoded in complete:
+            if len(encoded) >= MAX_FRAME:
                 self.damage.oversize += 1
-                self.damage.bytes_lost += len(stuffed) + 1
-            elif stuffed:
-                found.append(stuffed)
+                self.damage.bytes_lost += len(encoded) + 1
+            elif encoded:
+                frames.append(encoded)
             else:
                 self.idle_delimiters += 1
         if self._skipping:
-            self.damage.bytes_lost += len(rest)
-        elif len(self._pending) + len(rest) >= MAX_FRAME:
+            self.damage.bytes_lost += len(incomplete)
+        elif len(self._pending) + len(incomplete) >= MAX_FRAME:
             self.damage.oversize += 1
-            self.damage.bytes_lost += len(self._pending) + len(rest)
+            self.damage.bytes_lost += len(self._pending) + len(incomplete)
             self._pending = b""
             self._skipping = True
         else:
-            self._pending += rest
-        return found
+            self._pending += incomplete
+        return frames
 
-    def decode(self, stuffed: bytes) -> Frame | None:
-        """The frame behind stuffed bytes, or None after counting why there is none."""
-        body = unstuff(stuffed)
+    def decode_frame(self, encoded: bytes) -> Frame | None:
+        """Return the frame of COBS bytes, or None after counting its damage."""
+        body = cobs_decode(encoded)
         if body is None:
             self.damage.cobs += 1
         elif len(body) < _MIN_BODY:
             self.damage.short += 1
-        elif crc16(body[:-CRC_SIZE]) != _CRC.unpack_from(body, len(body) - CRC_SIZE)[0]:
+        elif crc16(body[:-CRC_SIZE]) != _CRC_STRUCT.unpack_from(body, len(body) - CRC_SIZE)[0]:
             self.damage.crc += 1
         else:
-            self.bytes_framed += len(stuffed) + 1
-            type_id, node, seq = _HEADER.unpack_from(body)
+            self.bytes_framed += len(encoded) + 1
+            type_id, node, seq = _HEADER_STRUCT.unpack_from(body)
             return Frame(type_id, node, seq, body[HEADER_SIZE:-CRC_SIZE])
-        self.damage.bytes_lost += len(stuffed) + 1
+        self.damage.bytes_lost += len(encoded) + 1
         return None

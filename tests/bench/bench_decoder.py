@@ -179,7 +179,7 @@ def damaged_pieces(stream: bytes) -> np.ndarray:
     decoder, ends, at = FrameDecoder(), [], 0
     for piece in stream.split(b"\0"):
         at += len(piece) + 1
-        if piece and decoder.decode(piece) is None:
+        if piece and decoder.decode_frame(piece) is None:
             ends.append(at)
     return np.array(ends, np.int64)
 

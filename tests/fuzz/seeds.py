@@ -23,7 +23,7 @@ from hubodo.log import ros2
 from hubodo.log.log_writer import LogWriter
 from hubodo.recording import Event
 from hubowire import FINGERPRINT, MESSAGES, Frame, FrameDecoder, encode, encode_frame
-from hubowire.codec import layout
+from hubowire.codec import payload_layout
 from hubowire.messages import Filter, Health, Hello, ImuBatch, Mag, TimeReply
 
 MODEL = f"""
@@ -239,7 +239,9 @@ def ros1_bag() -> bytes:
 def wild_frame(rng: random.Random) -> bytes:
     """A frame of any message whose fields are anything."""
     kind = rng.choice(MESSAGES if not isinstance(MESSAGES, dict) else list(MESSAGES.values()))
-    size = rng.choice((layout(kind).fixed.size, rng.randrange(64), layout(kind).fixed.size + 12))
+    size = rng.choice(
+        (payload_layout(kind).fixed.size, rng.randrange(64), payload_layout(kind).fixed.size + 12)
+    )
     body = bytes(rng.choice((0, 0xFF, 0x7F, 0x80, rng.randrange(256))) for _ in range(size))
     return encode_frame(Frame(kind.type_id, rng.choice((0, 1, 1, 1, 2, 255)), rng.randrange(1 << 16), body))
 
@@ -247,7 +249,9 @@ def wild_frame(rng: random.Random) -> bytes:
 def bent_frame(rng: random.Random, wire: bytes) -> bytes:
     """The frame with some bytes of its payload changed and a right checksum."""
     decoder = FrameDecoder()
-    frames = [frame for part in decoder.split(wire) if isinstance(frame := decoder.decode(part), Frame)]
+    frames = [
+        frame for part in decoder.split_frames(wire) if isinstance(frame := decoder.decode_frame(part), Frame)
+    ]
     if not frames:
         return wire
     body = bytearray(frames[0].payload)

@@ -290,7 +290,7 @@ def test_sockets_carry_nodes_as_well(tmp_path):
                 data = os.read(fd, 4096)
             except BlockingIOError:
                 data = b""
-            for stuffed in decoder.split(data):
+            for stuffed in decoder.split_frames(data):
                 send(stuffed + b"\0")
             # The recorder may end before this side does, and resets the connection.
             with contextlib.suppress(BlockingIOError, ConnectionError):

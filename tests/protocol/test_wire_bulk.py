@@ -26,7 +26,7 @@ def frames_of(groups: list[FrameGroup]) -> list[Frame]:
 def counters(decoder: FrameDecoder | BulkDecoder) -> tuple:
     damage = decoder.damage
     causes = (damage.crc, damage.cobs, damage.short, damage.oversize, damage.cut, damage.bytes_lost)
-    return (*causes, decoder.bytes_in, decoder.bytes_framed, decoder.idle_delimiters, decoder.pending)
+    return (*causes, decoder.bytes_in, decoder.bytes_framed, decoder.idle_delimiters, decoder.pending_bytes)
 
 
 @given(st.lists(message_frames(), max_size=40), st.integers(0, 2**32 - 1), st.data())
@@ -39,8 +39,8 @@ def test_frames_and_counters_equal_those_of_the_streaming_decoder_after_every_po
         assert frames_of(many.feed(part)) == one.feed(part)
         assert counters(many) == counters(one)
         if data.draw(st.booleans()):
-            one.cut()
-            many.cut()
+            one.interrupt()
+            many.interrupt()
             assert counters(many) == counters(one)
 
 

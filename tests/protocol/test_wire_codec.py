@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from wire_strategies import message, messages
 
 from hubowire import MAX_PAYLOAD, MESSAGES, Message, PayloadError, decode, encode, hello_identity
-from hubowire.codec import layout
-from hubowire.messages import Ack, Hello, ImuBatch, Mag, TimeRequest, wire, wire_fields
+from hubowire.codec import payload_layout
+from hubowire.messages import Ack, Hello, ImuBatch, Mag, TimeRequest, declare_field, wire_fields
 
 
 @given(messages)
@@ -86,11 +86,11 @@ def test_a_field_after_a_counted_table_is_refused():
     @dataclasses.dataclass(frozen=True, slots=True)
     class Wrong(Message):
         type_id: ClassVar[int] = 0x70
-        rows: tuple[tuple[int, ...], ...] = wire("2H[]", "rows")
-        after: int = wire("B", "after the rows")
+        rows: tuple[tuple[int, ...], ...] = declare_field("2H[]", "rows")
+        after: int = declare_field("B", "after the rows")
 
     with pytest.raises(TypeError, match="last field"):
-        layout(Wrong)
+        payload_layout(Wrong)
 
 
 def test_type_ids_are_unique_and_the_direction_is_bit_six():

@@ -70,7 +70,7 @@ def test_vectors_in_a_row_and_damaged_streams_are_given_up_at_the_same_bytes_as_
         counts = {"crc": ours.damage.crc, "cobs": ours.damage.cobs, "oversize": ours.damage.oversize}
         assert counts.items() <= answer["damage"].items()
         assert answer["damage"]["bytes_lost"] == ours.damage.bytes_lost
-        assert (answer["idle_delimiters"], answer["pending"]) == (ours.idle_delimiters, ours.pending)
+        assert (answer["idle_delimiters"], answer["pending"]) == (ours.idle_delimiters, ours.pending_bytes)
 
 
 def test_frames_come_out_of_a_log_by_leaving_sixteen_bytes_out(decoder, tmp_path):

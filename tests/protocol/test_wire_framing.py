@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from wire_strategies import dirty, drive, frames, portions
 
 from hubowire import MAX_FRAME, MAX_PAYLOAD, OVERHEAD, Frame, FrameDecoder, encode_frame
-from hubowire.framing import crc16, stuff, unstuff
+from hubowire.framing import crc16, cobs_encode, cobs_decode
 
 # The examples of the article "Consistent Overhead Byte Stuffing" in Wikipedia, without the delimiter.
 COBS_EXAMPLES = [
@@ -28,8 +28,8 @@ bodies = st.binary(max_size=253) | st.lists(st.sampled_from([0, 0, 1, 255]), max
 
 @pytest.mark.parametrize(("plain", "stuffed"), COBS_EXAMPLES)
 def test_cobs_equals_the_published_examples_in_both_directions(plain: str, stuffed: str):
-    assert stuff(bytes.fromhex(plain)).hex() == stuffed
-    assert unstuff(bytes.fromhex(stuffed)) == bytes.fromhex(plain)
+    assert cobs_encode(bytes.fromhex(plain)).hex() == stuffed
+    assert cobs_decode(bytes.fromhex(stuffed)) == bytes.fromhex(plain)
 
 
 def test_crc_has_the_check_value_of_the_catalogue():
@@ -38,10 +38,10 @@ def test_crc_has_the_check_value_of_the_catalogue():
 
 @given(bodies)
 def test_cobs_equals_the_pypi_package_and_leaves_no_zero(body: bytes):
-    stuffed = stuff(body)
+    stuffed = cobs_encode(body)
     assert stuffed == cobs.encode(body) == second_encoder.cobs(body)
     assert 0 not in stuffed and len(stuffed) == len(body) + 1
-    assert unstuff(stuffed) == body
+    assert cobs_decode(stuffed) == body
 
 
 @given(st.binary(max_size=254))
@@ -53,7 +53,7 @@ def test_unstuffing_accepts_exactly_what_the_pypi_package_accepts(stuffed: bytes
     except cobs.DecodeError:
         expected = None
     # The package takes nothing at all for an empty body; no frame is empty, so the decoder never asks.
-    assert stuffed == b"" or unstuff(stuffed) == expected
+    assert stuffed == b"" or cobs_decode(stuffed) == expected
 
 
 @given(st.binary(max_size=300))
@@ -115,7 +115,7 @@ def test_portions_do_not_matter_and_every_byte_is_accounted_for(some: list, seed
         assert decoder.damage == whole.damage
         assert decoder.bytes_in == len(stream)
         assert len(stream) == (
-            decoder.bytes_framed + decoder.damage.bytes_lost + decoder.idle_delimiters + decoder.pending
+            decoder.bytes_framed + decoder.damage.bytes_lost + decoder.idle_delimiters + decoder.pending_bytes
         )
         assert decoder.bytes_framed == sum(len(frame.payload) + OVERHEAD for frame in expected)
 
@@ -133,24 +133,24 @@ def test_after_a_cut_the_first_whole_frame_is_delivered_and_the_torn_one_counted
     frame = Frame(0x42, 1, 2, b"")
     decoder = FrameDecoder()
     decoder.feed(encode_frame(frame)[:5])
-    decoder.cut()
+    decoder.interrupt()
     assert decoder.feed(encode_frame(frame)) == [frame]
-    assert (decoder.damage.cut, decoder.damage.bytes_lost, decoder.pending) == (1, 5, 0)
+    assert (decoder.damage.cut, decoder.damage.bytes_lost, decoder.pending_bytes) == (1, 5, 0)
     decoder.feed(b"\x55" * 400)
-    decoder.cut()
+    decoder.interrupt()
     assert decoder.feed(encode_frame(frame)) == [frame]
     assert (decoder.damage.cut, decoder.damage.oversize) == (1, 1)
 
 
 def test_stuffed_bytes_from_a_damaged_log_are_counted_and_not_walked_for_ever():
     decoder = FrameDecoder()
-    assert decoder.decode(b"\x03\x00\x00\x00") is None
-    assert decoder.decode(b"\x05" + bytes(300)) is None
+    assert decoder.decode_frame(b"\x03\x00\x00\x00") is None
+    assert decoder.decode_frame(b"\x05" + bytes(300)) is None
     assert decoder.damage.cobs == 2
 
 
 def test_raw_frames_split_off_for_the_log_decode_to_the_same_frames():
     stream = dirty(drive(np.random.default_rng(7), 300), np.random.default_rng(8))
-    raw = FrameDecoder().split(stream)
+    raw = FrameDecoder().split_frames(stream)
     replayed = FrameDecoder()
-    assert [f for part in raw if (f := replayed.decode(part))] == FrameDecoder().feed(stream)
+    assert [f for part in raw if (f := replayed.decode_frame(part))] == FrameDecoder().feed(stream)

@@ -71,8 +71,8 @@ def test_ten_million_bytes_raise_nothing_and_memory_stays_bounded(
     assert fed >= TOTAL
     assert max(peaks) < bound
     assert min(damage.crc, damage.cobs, damage.short, damage.oversize) > 100
-    accounted = decoder.bytes_framed + damage.bytes_lost + decoder.idle_delimiters + decoder.pending
-    assert decoder.bytes_in == accounted and decoder.pending < 250
+    accounted = decoder.bytes_framed + damage.bytes_lost + decoder.idle_delimiters + decoder.pending_bytes
+    assert decoder.bytes_in == accounted and decoder.pending_bytes < 250
 
 
 @pytest.mark.parametrize("seed", [20_252])
@@ -83,10 +83,10 @@ def test_both_decoders_count_the_same_over_ten_million_bytes(seed: int):
         frames, groups = one.feed(part), many.feed(part)
         assert sum(len(group.seq) for group in groups) == len(frames)
         assert many.damage == one.damage
-        assert (many.bytes_framed, many.idle_delimiters, many.pending) == (
+        assert (many.bytes_framed, many.idle_delimiters, many.pending_bytes) == (
             one.bytes_framed,
             one.idle_delimiters,
-            one.pending,
+            one.pending_bytes,
         )
 
 
@@ -98,5 +98,5 @@ def test_what_is_kept_between_portions_never_exceeds_a_frame(make: Callable):
         decoder.feed(b"\x55" * 500)
     kept, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert decoder.pending < 250 and kept < 100_000
+    assert decoder.pending_bytes < 250 and kept < 100_000
     assert decoder.damage.oversize == 1 and decoder.damage.bytes_lost == 1_000_000

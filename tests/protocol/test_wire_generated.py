@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hubowire import FINGERPRINT, MAX_FRAME, MAX_PAYLOAD, MESSAGES, OVERHEAD, budget
-from hubowire.codec import layout
+from hubowire.codec import payload_layout
 from hubowire.messages import ENUMS, upper_snake
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -55,7 +55,7 @@ def test_the_check_names_a_stale_file_in_one_line(monkeypatch, tmp_path, capsys)
 
 def test_the_node_knows_every_message_by_id_format_and_size(node_names: dict):
     for message in MESSAGES:
-        name, shape = upper_snake(message.__name__), layout(message)
+        name, shape = upper_snake(message.__name__), payload_layout(message)
         assert node_names[name] == message.type_id
         if shape.fixed.size:
             assert node_names[f"{name}_FORMAT"] == shape.fixed.format
@@ -78,8 +78,8 @@ def test_the_budget_agrees_with_sums_done_by_hand():
     # 8 + 14 + 16 x 12 = 214 bytes, 13 times a second at 208 Hz; beside them 5 Filter frames of 67 bytes,
     # 10 Mag of 18, one Health of 41, one TimeReply of 24, and in five seconds a Hello of 8 + 51 + 2 x 3.
     assert budget.imu_frame_bytes(16) == 214
-    assert budget.bytes_per_s(208, 16) == pytest.approx(13 * 214 + 335 + 180 + 41 + 24 + 65 / 5)
-    assert budget.load(budget.serial_link(115200), 208, 16) == pytest.approx(3375 / 11520)
+    assert budget.node_bytes_per_s(208, 16) == pytest.approx(13 * 214 + 335 + 180 + 41 + 24 + 65 / 5)
+    assert budget.link_load(budget.serial_link(115200), 208, 16) == pytest.approx(3375 / 11520)
     # One full packet at 250 kb/s: 8 + 32 bytes and 9 bits, the answer 8 bytes and 9 bits, 2 x 130 us.
     packet_s = (40 * 8 + 9) / 250e3 + (8 * 8 + 9) / 250e3 + 260e-6
     assert budget.nrf24_link().load(30, 1) == pytest.approx(packet_s)

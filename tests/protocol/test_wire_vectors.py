@@ -53,7 +53,7 @@ def test_streaming_decoder_gives_what_the_vector_says_in_portions_of_any_size(ve
     frames = [frame for at in range(0, len(stream), size) for frame in decoder.feed(stream[at : at + size])]
     assert frames == expected_frames(vector)
     assert dataclasses.asdict(decoder.damage) == vector["damage"]
-    assert (decoder.idle_delimiters, decoder.pending) == (vector["idle_delimiters"], vector["pending"])
+    assert (decoder.idle_delimiters, decoder.pending_bytes) == (vector["idle_delimiters"], vector["pending"])
 
 
 @pytest.mark.parametrize("vector", VECTORS)
@@ -69,7 +69,7 @@ def test_bulk_decoder_gives_what_the_vector_says_in_portions_of_any_size(vector:
     ]
     assert [frame for _, frame in sorted(found, key=lambda row: row[0])] == expected_frames(vector)
     assert dataclasses.asdict(decoder.damage) == vector["damage"]
-    assert (decoder.idle_delimiters, decoder.pending) == (vector["idle_delimiters"], vector["pending"])
+    assert (decoder.idle_delimiters, decoder.pending_bytes) == (vector["idle_delimiters"], vector["pending"])
 
 
 @pytest.mark.parametrize("vector", VECTORS)

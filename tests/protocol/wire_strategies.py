@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from hubowire import MAX_PAYLOAD, MESSAGES, Frame, Message, encode, encode_frame
-from hubowire.codec import layout
+from hubowire.codec import payload_layout
 from hubowire.messages import wire_fields
 
 _BITS = {"b": 8, "B": 8, "h": 16, "H": 16, "i": 32, "I": 32}
@@ -27,8 +27,8 @@ def message(kind: type[Message]) -> st.SearchStrategy[Message]:
     for row in wire_fields(kind):
         code = row.type.removesuffix("[]")
         count, letter = int(code[:-1] or 1), code[-1]
-        if row.repeats:
-            shape = layout(kind)
+        if row.is_table:
+            shape = payload_layout(kind)
             most = (MAX_PAYLOAD - shape.fixed.size) // shape.rows.size
             rows = st.tuples(*[_number(letter)] * count)
             values[row.name] = st.lists(rows, max_size=most).map(tuple)

@@ -76,12 +76,12 @@ def test_the_station_refuses_what_esp_now_refuses():
     assert call(EspNowCall.SEND, mac + b"x") == -NOT_INIT
     station.handle_call(0.0, ON)
     assert call(EspNowCall.SEND, mac + b"x") == -NOT_FOUND
-    assert call(EspNowCall.PEER, mac) == 0
-    assert call(EspNowCall.PEER, mac) == -EXIST
+    assert call(EspNowCall.ADD_PEER, mac) == 0
+    assert call(EspNowCall.ADD_PEER, mac) == -EXIST
     assert call(EspNowCall.SEND, mac + bytes(MAX_PACKET_BYTES + 1)) == -ARG
     answers = [call(EspNowCall.SEND, mac + bytes(MAX_PACKET_BYTES)) for _ in range(8)]
     assert answers[0] == 0 and answers[-1] == -NO_MEM
-    more = [call(EspNowCall.PEER, bytes([2, 0, 0, 0, 1, k])) for k in range(MAX_PEERS)]
+    more = [call(EspNowCall.ADD_PEER, bytes([2, 0, 0, 0, 1, k])) for k in range(MAX_PEERS)]
     assert more[-2:] == [0, -FULL]
 
 
@@ -90,7 +90,7 @@ def test_a_packet_that_the_small_buffer_does_not_hold_is_acknowledged_and_droppe
     sender, receiver = EspNow(radio_medium, b"\2\0\0\0\0\1"), EspNow(radio_medium, b"\2\0\0\0\0\2")
     sender.handle_call(0.0, ON)
     receiver.handle_call(0.0, ON)
-    sender.handle_call(0.0, bytes([EspNowCall.PEER]) + receiver.mac)
+    sender.handle_call(0.0, bytes([EspNowCall.ADD_PEER]) + receiver.mac)
     for k in range(3):
         sender.handle_call(k * 1e7, bytes([EspNowCall.SEND]) + receiver.mac + bytes(200))
         radio_medium.run_in_order(sender, (k + 1) * 1e7, lambda: None)

@@ -117,10 +117,10 @@ class VirtualNode:
         faults: Sequence[ScriptedFault] = (),
         seed: int = 0,
         own_process: bool = True,
-        medium: RadioMedium | None = None,
+        radio_medium: RadioMedium | None = None,
     ) -> None:
         _check(board, clock, host, sensors)
-        if medium is not None and (own_process or clock.kind == "real"):
+        if radio_medium is not None and (own_process or clock.kind == "real"):
             raise ValueError(
                 "boards on one radio medium share its time: use own_process=False and a virtual clock"
             )
@@ -140,7 +140,7 @@ class VirtualNode:
             faults=tuple(faults),
             seed=seed,
             scratch=self._scratch,
-            radio_medium=medium,
+            radio_medium=radio_medium,
         )
         self._own_process = own_process
         self._connection: Connection | None = None

@@ -234,7 +234,7 @@ def test_a_flash_chip_gives_back_the_files_it_was_made_with(tmp_path: Path) -> N
     assert sorted(p.relative_to(out).as_posix() for p in out.rglob("*")) == ["a", "a/b.py", "empty"]
     assert (out / "a" / "b.py").read_bytes() == bytes(range(256)) * 40
     chip.write_bytes(chip.read_bytes()[:0xA0000] + bytes(range(256)) * 5632)
-    with pytest.raises(FlashUnreadable, match="no file system"):
+    with pytest.raises(FlashUnreadable, match="no valid file system"):
         mirror_flash(chip, out)
 
 

@@ -32,8 +32,8 @@ def heard(node):
         if listening != listening_before:
             decoder, listening_before = FrameDecoder(), listening
         if listening:
-            for part in decoder.split(noisy):
-                frame = decoder.decode(part)
+            for part in decoder.split_frames(noisy):
+                frame = decoder.decode_frame(part)
                 if frame is not None:
                     yield part + b"\0", frame
 

@@ -79,7 +79,7 @@ class RadioAccessError(HubodoError):
 
 @dataclass
 class _Packet:
-    """A packet on the air; times in ns. asks: True if it requests an acknowledgement."""
+    """A packet on the air; times in ns. wants_ack: it requests an acknowledgement."""
 
     sender: Nrf24
     address: bytes
@@ -208,7 +208,7 @@ class Nrf24:
         self._send_next(t)
 
     def _queue(self, data: bytes, *, wants_ack: bool) -> None:
-        """Queue a payload for sending; asks: with a request for an acknowledgement."""
+        """Queue a payload for sending; wants_ack: with a request for an acknowledgement."""
         if len(self.tx) < _FIFO_DEPTH and data:
             self.tx.append((data[:_MAX_PAYLOAD_BYTES], wants_ack))
 
@@ -272,7 +272,7 @@ class Nrf24:
         return [radio for radio in self._medium.radios if radio is not self and radio.values[RF_CH] == mine]
 
     def _end_packet(self, packet: _Packet, t: float) -> None:
-        """Deliver a packet to the other radios at its end_ns, and schedule the retry."""
+        """Deliver a packet to the other radios at its end, and schedule the retry."""
         lost = self._medium.draw_loss("packets") or packet.collided
         for other in self._other_radios():
             if not lost and not self.switched_off:

@@ -98,8 +98,8 @@ class LinkSession:
         self._last_received_ns = chunk.t_ns
         self.bytes += len(chunk.data)
         decoder, has_frame = self._decoder_of(chunk.sender), False
-        for stuffed in decoder.split(chunk.data):
-            frame = decoder.decode(stuffed)
+        for stuffed in decoder.split_frames(chunk.data):
+            frame = decoder.decode_frame(stuffed)
             is_first_piece = chunk.sender in self._awaiting_delimiter
             self._awaiting_delimiter.discard(chunk.sender)
             if frame is None:
@@ -141,7 +141,7 @@ class LinkSession:
     def log_undecoded(self, chunk: Chunk) -> int:
         """Log the pieces without decoding them; return their number."""
         self.bytes += len(chunk.data)
-        pieces = self._decoder_of(chunk.sender).split(chunk.data)
+        pieces = self._decoder_of(chunk.sender).split_frames(chunk.data)
         for stuffed in pieces:
             self._sink.write_record(RawFrame(self.label, chunk.t_ns, stuffed + b"\0"))
         return len(pieces)
@@ -259,7 +259,7 @@ class LinkSession:
 
     def _close_sender(self, sender: str, t_ns: int) -> None:
         decoder = self._decoders.pop(sender)
-        for incomplete in decoder.split(b"\0"):
+        for incomplete in decoder.split_frames(b"\0"):
             self.frames_cut += 1
             self._sink.write_record(RawFrame(self._topic_of(sender) + DAMAGED_SUFFIX, t_ns, incomplete))
         self._awaiting_delimiter.discard(sender)

@@ -18,7 +18,7 @@ from hubowire.framing import (
     HEADER_SIZE,
     MAX_FRAME,
     Frame,
-    StreamAccount,
+    StreamAccounting,
     crc16,
 )
 
@@ -62,7 +62,7 @@ class FrameGroup:
         return Frame(self.type_id, self.node, int(self.seq[row]), self.payload[row].tobytes())
 
 
-class BulkDecoder(StreamAccount):
+class BulkDecoder(StreamAccounting):
     """A decoder of bytes to groups of frames; frames and counters equal those of `FrameDecoder`.
 
     The raw frames of a log are fed with their zero delimiters.

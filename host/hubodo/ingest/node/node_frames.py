@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from hubodo.ingest.node.bulk import FrameGroup
 from hubodo.ingest.node.clock import TICK_PERIOD_US
 from hubowire import Frame
-from hubowire.codec import layout
+from hubowire.codec import payload_layout
 from hubowire.messages import BatchFlag, ImuBatch
 
 Times = NDArray[np.int64]
@@ -183,7 +183,7 @@ def _read_headers(group: FrameGroup) -> NDArray[np.void]:
 
 def _read_samples(group: FrameGroup, count: NDArray[np.uint8]) -> NDArray[np.int16]:
     """Return the samples (N, 6) of batches with equal payload length; their sample counts may differ."""
-    shape = layout(ImuBatch)
+    shape = payload_layout(ImuBatch)
     assert (
         shape.rows is not None
         and shape.rows.size == _SAMPLE_BYTES

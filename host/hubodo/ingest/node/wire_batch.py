@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.earth import STANDARD_GRAVITY
-from hubowire.codec import layout
+from hubowire.codec import payload_layout
 from hubowire.messages import Hello, ImuBatch
 
 RAD_PER_NANO_DEG = math.pi / 180 * 1e-9
-_LAYOUT = layout(ImuBatch)
+_LAYOUT = payload_layout(ImuBatch)
 _HEADER_STRUCT = _LAYOUT.fixed
 assert _LAYOUT.rows is not None and _LAYOUT.rows.size == 12
 

@@ -82,7 +82,7 @@ def recorded_frames(
     for message in log.messages(wanted, *bounds):
         data = decode_bytes_message(streams[message.channel].encoding, message.data)
         stuffed = data.rstrip(b"\0")
-        frame = splitter.decode(stuffed) if stuffed else None
+        frame = splitter.decode_frame(stuffed) if stuffed else None
         if frame is not None and frame.type_id in _ANSWER_TYPES:
             continue
         if frame is not None:

@@ -267,7 +267,7 @@ class _LinkRedecoder:
         self.is_open = False
 
     def _is_new_boot(self, piece: bytes) -> bool:
-        frame = self._hello_decoder.decode(piece.removesuffix(b"\0"))
+        frame = self._hello_decoder.decode_frame(piece.removesuffix(b"\0"))
         try:
             hello = decode(frame.type_id, frame.payload) if frame is not None else None
         except PayloadError:
