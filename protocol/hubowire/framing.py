@@ -14,8 +14,8 @@ MAX_FRAME = 250
 OVERHEAD = 1 + HEADER_SIZE + CRC_SIZE + 1
 MAX_PAYLOAD = MAX_FRAME - OVERHEAD
 
-_HEADER_STRUCT = struct.Struct(HEADER_FORMAT)
-_CRC_STRUCT = struct.Struct("<H")
+_FRAME_HEADER = struct.Struct(HEADER_FORMAT)
+_FRAME_CRC = struct.Struct("<H")
 _MIN_BODY = HEADER_SIZE + CRC_SIZE
 
 
@@ -91,8 +91,8 @@ def encode_frame(frame: Frame) -> bytes:
     """
     if len(frame.payload) > MAX_PAYLOAD:
         raise ValueError(f"payload of {len(frame.payload)} bytes: at most {MAX_PAYLOAD} fit a frame")
-    body = _HEADER_STRUCT.pack(frame.type_id, frame.node, frame.seq & 0xFFFF) + frame.payload
-    return cobs_encode(body + _CRC_STRUCT.pack(crc16(body))) + b"\0"
+    body = _FRAME_HEADER.pack(frame.type_id, frame.node, frame.seq & 0xFFFF) + frame.payload
+    return cobs_encode(body + _FRAME_CRC.pack(crc16(body))) + b"\0"
 
 
 class StreamAccounting:
@@ -173,11 +173,11 @@ class FrameDecoder(StreamAccounting):
             self.damage.cobs += 1
         elif len(body) < _MIN_BODY:
             self.damage.short += 1
-        elif crc16(body[:-CRC_SIZE]) != _CRC_STRUCT.unpack_from(body, len(body) - CRC_SIZE)[0]:
+        elif crc16(body[:-CRC_SIZE]) != _FRAME_CRC.unpack_from(body, len(body) - CRC_SIZE)[0]:
             self.damage.crc += 1
         else:
             self.bytes_framed += len(encoded) + 1
-            type_id, node, seq = _HEADER_STRUCT.unpack_from(body)
+            type_id, node, seq = _FRAME_HEADER.unpack_from(body)
             return Frame(type_id, node, seq, body[HEADER_SIZE:-CRC_SIZE])
         self.damage.bytes_lost += len(encoded) + 1
         return None
