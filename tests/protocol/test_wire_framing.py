@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from wire_strategies import dirty, drive, frames, portions
 
 from hubowire import MAX_FRAME, MAX_PAYLOAD, OVERHEAD, Frame, FrameDecoder, encode_frame
-from hubowire.framing import crc16, cobs_encode, cobs_decode
+from hubowire.framing import cobs_decode, cobs_encode, crc16
 
 # The examples of the article "Consistent Overhead Byte Stuffing" in Wikipedia, without the delimiter.
 COBS_EXAMPLES = [
