@@ -1,6 +1,6 @@
-"""Odometry from inertial sensors on wheel hubs: recording, estimation, the sim-to-real gap, in a few lines.
+"""Odometry from inertial sensors on wheel hubs: recording, estimation and the sim-to-real gap.
 
-What is public stands in `__all__`; it is loaded when it is first used, so `import hubodo` costs nothing.
+Public names are listed in `__all__`; each is loaded on first use, so `import hubodo` is fast.
 """
 
 from importlib import import_module
@@ -52,7 +52,7 @@ _HOMES = {
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 
-__all__ = [  # noqa: RUF022 - in the order in which a reader meets them
+__all__ = [  # noqa: RUF022 - in the order of the documentation
     "open",
     "simulate",
     "LoadedLog",
@@ -85,7 +85,7 @@ __all__ = [  # noqa: RUF022 - in the order in which a reader meets them
 ]
 
 
-if not TYPE_CHECKING:  # to a type checker any name would be there otherwise
+if not TYPE_CHECKING:  # otherwise a type checker would accept any name
 
     def __getattr__(name: str) -> Any:
         if name not in _HOME:

@@ -1,4 +1,4 @@
-"""`python -m hubodo`, for where the command is not on the path."""
+"""Entry point of `python -m hubodo`, for systems where the command is not on the path."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""The type of every array of numbers here."""
+"""Type of the arrays of float64 that all modules use."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,7 +1,7 @@
-"""Files that are written completely or not at all: in a private folder first, then under their name.
+"""Files that are written completely or not at all: first in a private folder, then moved to their name.
 
-The private folder lies beside the target, has a random name, and can be entered by its owner alone. So nobody
-who may write to a shared folder can place a link where a file is about to be written.
+The private folder lies beside the target, has a random name, and only its owner can enter it. So nobody with
+write access to a shared folder can place a link where a file is about to be written.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from hubodo.errors import InputError
 
 
 def require_free_path(path: Path) -> Path:
-    """The path itself; raises InputError where something has it, or its folder does not exist."""
+    """Return the path; raise InputError where it exists already, or its folder does not exist."""
     if path.exists():
         raise InputError(f"{path}: exists already; choose another name or remove it, nothing is overwritten")
     _check_folder_exists(path)
@@ -26,11 +26,11 @@ def require_free_path(path: Path) -> Path:
 
 @contextmanager
 def atomic_files(*paths: Path, create_folder: bool = False) -> Iterator[list[Path]]:
-    """Names to write under; what is there when the block ends well replaces `paths`, else it is removed.
+    """Yield paths to write to; those written replace `paths` when the block succeeds, else they are removed.
 
-    All or none: the first gets its name when the last is written. make_folder: their folder is made where it
-    does not exist, and removed again after a failure. Raises InputError without it, OSError that names the
-    file that was wanted (disk full, no rights).
+    All or none: the first is moved to its name after the last was written. create_folder: create their folder
+    where it does not exist, and remove it again after a failure. Raises InputError for a missing folder,
+    OSError with the requested file's name (disk full, no rights).
     """
     created_folders = _create_folders(paths[0].absolute().parent) if create_folder else []
     temporary: dict[Path, Path] = {}
@@ -60,7 +60,7 @@ def atomic_files(*paths: Path, create_folder: bool = False) -> Iterator[list[Pat
 
 @contextmanager
 def atomic_new_file(path: Path) -> Iterator[Path]:
-    """The same for one file that must not exist (InputError), neither before nor when it gets its name."""
+    """Yield a path to write a new file to; raise InputError where it exists, before or after writing."""
     require_free_path(path)
     part = _temporary_path(path)
     try:
@@ -76,9 +76,9 @@ def atomic_new_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(folder: Path) -> Iterator[Path]:
-    """A folder to fill that becomes `folder` when the block ends well, else it is removed.
+    """Yield a folder to fill that becomes `folder` when the block succeeds, else is removed.
 
-    Raises InputError where there is something in it already, OSError that names it.
+    Raises InputError where it exists and is not empty, OSError with its name.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(
@@ -110,12 +110,12 @@ def _remove_temporary(part: Path) -> None:
 
 
 def _temporary_path(path: Path) -> Path:
-    """Return a path to write to; the path itself where it is no file, as /dev/stdout."""
+    """Return a path to write to; the path itself where it is not a regular file, as /dev/stdout."""
     return path if path.exists() and not path.is_file() else _path_in_private_folder(path)
 
 
 def _path_in_private_folder(path: Path) -> Path:
-    """Return a path of the same name in a new folder beside it, which only its owner can enter."""
+    """Return a path of the same name in a new folder beside it that only its owner can enter."""
     try:
         folder = tempfile.mkdtemp(prefix=".hubodo-", suffix=".part", dir=path.absolute().parent)
     except OSError as error:
@@ -124,9 +124,9 @@ def _path_in_private_folder(path: Path) -> Path:
 
 
 def _resolve_target(path: Path) -> Path:
-    """Return what is to be replaced: the file itself, or that to which a link of the user leads.
+    """Return the file to be replaced: the path itself, or the target of the user's own link.
 
-    Raises InputError for a link of somebody else: it could lead to any file of the user.
+    Raises InputError for another user's link, which could point to any file of the user.
     """
     try:
         owner = path.lstat().st_uid if path.is_symlink() else None
@@ -138,7 +138,7 @@ def _resolve_target(path: Path) -> Path:
 
 
 def _name_requested_file(error: BaseException, temporary: Mapping[Path, Path]) -> BaseException:
-    """The error; one of the file system that names no file, or ours, with the file that was wanted."""
+    """Return the error, with the requested file where a file system error names none, or a temporary one."""
     if not isinstance(error, OSError) or error.errno is None:
         return error
     if error.filename is not None and Path(error.filename) not in temporary:
@@ -153,7 +153,7 @@ def _check_folder_exists(path: Path) -> None:
 
 
 def _create_folders(folder: Path) -> list[Path]:
-    """Make a folder and those above it; what was made, innermost first."""
+    """Create a folder and its missing parents; return the created ones, innermost first."""
     missing = []
     while not folder.exists():
         missing.append(folder)
@@ -164,7 +164,7 @@ def _create_folders(folder: Path) -> list[Path]:
 
 
 def _flush_to_disk(part: Path) -> None:
-    # What is replaced cannot be made again: a power cut after the rename must not leave an empty file.
+    # The replaced content is gone: a power cut after the rename must not leave an empty file.
     handle = os.open(part, os.O_RDONLY)
     try:
         os.fsync(handle)

@@ -1,4 +1,7 @@
-"""The `hubodo` command: parse, one call of a verb, render; the only place that sets exit codes."""
+"""The `hubodo` command:
+
+parses arguments, calls one verb, prints its result; the only place that sets exit codes.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +35,7 @@ _REFUSED_INPUT_ERRORS = (InputError, ConfigError, LogError, CalibrationError, Wi
 
 
 class Result(Protocol):
-    """What a verb returns: one frozen dataclass that feeds both the table and `--json`."""
+    """The result of a verb: one frozen dataclass for both the table and `--json`."""
 
     def as_json(self) -> dict[str, Any]: ...
 
@@ -40,38 +43,43 @@ class Result(Protocol):
 
 
 def _reports_failure(result: Result | None) -> bool:
-    """Whether a result that was reached in good order says that something is wrong."""
+    """Return True where a result of a completed verb reports a failure."""
     return bool(getattr(result, "failed", False))
 
 
 def _normalise_option(word: str) -> str:
-    """An option as the parsers know it: `--latitude_deg` is `--latitude-deg`. Other words stay."""
+    """Return an option as the parsers know it:
+
+    `--latitude_deg` becomes `--latitude-deg`. Other words stay.
+    """
     option, equals, value = word.partition("=")
     return option.replace("_", "-") + equals + value if word.startswith("--") else word
 
 
 def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
-    """The parser for the command line `words`: the names of all verbs, and all of the one named there.
+    """Return the parser for the command line `words`:
 
-    `--json` and `--debug` are accepted by each verb.
+    the names of all verbs, and the options of the one given.
+
+    Every verb accepts `--json` and `--debug`.
     """
-    named = next((word for word in words if word in VERBS), None)
+    given_verb = next((word for word in words if word in VERBS), None)
     common = Parser(add_help=False)
     common.add_argument("--json", action="store_true", help="print the result as one JSON object")
     common.add_argument("--debug", action="store_true", help="show the traceback of an error")
     parser = Parser(prog="hubodo", description="Odometry from inertial sensors on wheel hubs.")
     parser.add_argument("--version", action="version", version=f"hubodo {__version__}")
     commands = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
-    for verb, does in VERBS.items():
-        if verb != named:
-            commands.add_parser(verb, help=does)
+    for verb, summary in VERBS.items():
+        if verb != given_verb:
+            commands.add_parser(verb, help=summary)
             continue
         module = load_verb(verb)
         command = commands.add_parser(
             verb,
             parents=[common],
-            help=does,
-            description=does,
+            help=summary,
+            description=summary,
             epilog=f"example:\n  {module.EXAMPLE}",
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
@@ -81,12 +89,12 @@ def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one verb; returns 0 on success, 2 for input that cannot be accepted, 1 for a failure."""
-    # Threads of a matrix library cost more than they bring on the small matrices here; read when it loads.
+    """Run one verb; return 0 on success, 2 for input that cannot be accepted, 1 for a failure."""
+    # Threads of BLAS slow down the small matrices here; the variable is read when the library loads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _prepare_standard_streams()
     if argv is None and not sys.warnoptions:
-        # numpy's remarks about NaN are for developers; a verb reports what it could not compute.
+        # Warnings of numpy about NaN are for developers; a verb reports what it could not compute.
         warnings.simplefilter("ignore", RuntimeWarning)
     if "_ARGCOMPLETE" in os.environ:  # the shell asks what could be typed next
         from hubodo.verbs.completers import complete_command, typed_words
@@ -110,7 +118,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 _print_unless_closed(result, as_json=args.json)
         return code
     except BrokenPipeError:
-        # The reader of our output (head, less) is gone: nobody is left to tell.
+        # The reader of the output (head, less) has closed the pipe.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK
     except _REFUSED_INPUT_ERRORS as error:
@@ -134,9 +142,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _prepare_standard_streams() -> None:
-    """Escape characters that the encoding of a terminal or a pipe lacks, instead of an error.
+    """Escape characters that the encoding of a terminal or a pipe lacks, instead of raising an error.
 
-    A standard stream that was closed is opened on nothing, so that no log gets its descriptor.
+    A standard stream that was closed is opened on the null device, so that no log gets its descriptor.
     """
     if os.name == "posix":
         while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
@@ -150,14 +158,14 @@ def _prepare_standard_streams() -> None:
 
 
 def _print_unless_closed(result: Result, *, as_json: bool) -> None:
-    """Show a result; where the terminal has been closed meanwhile, nobody is left to see it."""
+    """Print a result, unless the terminal has been closed meanwhile."""
     try:
         _print_result(result, as_json=as_json)
     except OSError as error:
         fd = sys.stdout.fileno()
         if error.errno != errno.EIO or not stat.S_ISCHR(os.fstat(fd).st_mode):
             raise
-        # The interpreter flushes what is left in the buffer when it ends, and would end with code 120.
+        # Otherwise the interpreter flushes the buffer on exit and ends with code 120.
         os.dup2(os.open(os.devnull, os.O_WRONLY), fd)
 
 
@@ -165,7 +173,7 @@ def _print_result(result: Result, *, as_json: bool) -> None:
     if as_json:
         print(json_text(result.as_json()))
     else:
-        from hubodo.terminal import SafeConsole  # a tenth of a second that only a table needs
+        from hubodo.terminal import SafeConsole  # takes a tenth of a second, only needed for a table
 
         # Piped output has no width of its own; 80 columns would cut the tables.
         result.render(SafeConsole() if sys.stdout.isatty() else SafeConsole(width=160))
@@ -185,7 +193,7 @@ def _report_error(args: argparse.Namespace, text: str, code: int) -> int:
 def _print_error(
     text: str, line: str, code: int, *, as_json: bool, details: dict[str, Any] | None = None
 ) -> None:
-    """One line on stderr: the text, or an object with `line` for programs."""
+    """Print one line on stderr: the text, or a JSON object with `line` for programs."""
     if as_json:
         from hubodo.ingest.live.view import format_json_line
 

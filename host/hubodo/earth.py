@@ -1,4 +1,4 @@
-"""What the Earth does to every sensor at rest."""
+"""Physical constants of the Earth that a stationary sensor measures."""
 
 import math
 
@@ -6,9 +6,9 @@ STANDARD_GRAVITY = 9.80665
 """m/s², by definition (CGPM 1901)."""
 
 EARTH_RATE = 7.2921159e-5
-"""rad/s: a turn in a mean sidereal day of 86164.0905 s."""
+"""rad/s: one turn in a mean sidereal day of 86164.0905 s."""
 
 
 def vertical_earth_rate(latitude_deg: float) -> float:
-    """rad/s by which the ground turns about the vertical, anticlockwise seen from above."""
+    """Return the Earth's rate about the local vertical, rad/s, anticlockwise seen from above."""
     return EARTH_RATE * math.sin(math.radians(latitude_deg))

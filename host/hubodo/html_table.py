@@ -1,4 +1,4 @@
-"""A table of texts as HTML: of a page, and of what a notebook shows."""
+"""Texts as HTML tables and paragraphs, for pages and notebooks."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 
 def html_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A row of headings, then the rows."""
+    """Return a table with a row of headings, then the rows."""
     head = "".join(f"<th>{html.escape(text)}</th>" for text in headings)
     lines = ("".join(f"<td>{html.escape(text)}</td>" for text in row) for row in rows)
     body = "".join(f"<tr>{line}</tr>" for line in lines)
@@ -15,5 +15,5 @@ def html_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def html_lines(lines: Sequence[str]) -> str:
-    """A paragraph for each."""
+    """Return a paragraph for each line."""
     return "".join(f"<p>{html.escape(line)}</p>" for line in lines)

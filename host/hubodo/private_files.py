@@ -1,4 +1,4 @@
-"""Files that hold secrets: read only where nobody but their owner can read them."""
+"""Reading of files with secrets, refused where others than their owner can read them."""
 
 from __future__ import annotations
 
@@ -29,13 +29,14 @@ def read_private(path: Path, secret: str, encoding: str = "utf-8") -> str:
 
 
 def check_private(path: Path, secret: str) -> None:
-    """Raise InputError where others may read the file, OSError where it cannot be read."""
+    """Raise InputError where others can read the file, OSError where it cannot be read."""
     with path.open("rb") as file:
         _refuse_shared(path, file.fileno(), secret)
 
 
 def _refuse_shared(path: Path, descriptor: int, secret: str) -> None:
-    # Of the open file, so that another one under the same name afterwards changes nothing.
+    # Tests the open file, so that replacing the file under that name has no effect.
+    """Raise InputError where others than the owner can read an open file."""
     mode = os.fstat(descriptor).st_mode
     if stat.S_IMODE(mode) & 0o077 and os.name == "posix":
-        raise InputError(f"{path}: others can read {secret}; say chmod 600 {path}")
+        raise InputError(f"{path}: others can read {secret}; run chmod 600 {path}")

@@ -1,4 +1,4 @@
-"""Progress of a long verb: one line on stderr with the time left, only where a person watches."""
+"""Progress of a long verb: one line on stderr with the time left, only on a terminal."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from hubodo.terminal import SafeConsole
 
 @contextmanager
 def progress_line() -> Iterator[Callable[[str, float], None]]:
-    """Gives `show(text, fraction)`; silent where stderr is no terminal."""
+    """Yield `show(text, fraction)`, which does nothing where stderr is no terminal."""
     if not sys.stderr.isatty():
         yield lambda text, fraction: None
         return

@@ -1,4 +1,4 @@
-"""A recording in memory: what every estimator, check and export works on, wherever it came from."""
+"""A recording in memory, the common input of all estimators, checks and exports."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Column = NDArray[np.float64]
 
 NODE_COLUMNS = ("t", "gx", "gy", "gz", "ax", "ay", "az")
 NODE_OPTIONAL_COLUMNS = ("temperature", "supply")
-"""What a node's table may tell besides, °C and V; NaN where it is not known."""
+"""Optional columns of a node's table, °C and V; NaN where the value is unknown."""
 BIAS_FILTER_COLUMNS = (
     "t",
     "state",
@@ -29,15 +29,23 @@ BIAS_FILTER_COLUMNS = (
     "saturations",
     *(f"{what}_{axis}" for what in ("rate", "bias", "noise", "sigma") for axis in "xyz"),
 )
-"""sigma: of the initial bias; samples: behind it; noise: 1 sigma of a sample at rest."""
+"""sigma: of the initial bias; samples:
+
+from which it was computed; noise: 1 sigma of a sample at standstill.
+"""
 
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of equal length, in the order of their file; `t` in seconds strictly increases.
+    """Columns of equal length, in the order of their file; `t`, seconds, strictly increases.
 
-    columns: name -> (N,) float64, in SI units; read-only. t_ns: (N,) exact times in ns where float64 cannot
-    hold them (seconds since 1970 with nine decimals), else None. Raises ValueError when this is broken.
+    Raises ValueError where these conditions are not met.
+
+    Attributes
+    ----------
+    columns : name -> (N,) float64, in SI units; read-only.
+    t_ns : (N,) exact times in ns where float64 cannot hold them (seconds since 1970 with nine decimals), else
+        None.
     """
 
     columns: Mapping[str, Column]
@@ -79,16 +87,16 @@ class Table:
 
     @property
     def gyro(self) -> Column:
-        """(N, 3) rad/s, node frame; a copy. KeyError when this is no node's table."""
+        """(N, 3) rad/s, node frame; a copy. Raises KeyError when this is not a node's table."""
         return np.column_stack([self.columns[name] for name in ("gx", "gy", "gz")])
 
     @property
     def accel(self) -> Column:
-        """(N, 3) m/s² specific force, node frame; a copy. KeyError when this is no node's table."""
+        """(N, 3) m/s² specific force, node frame; a copy. Raises KeyError when this is not a node's table."""
         return np.column_stack([self.columns[name] for name in ("ax", "ay", "az")])
 
     def frame(self) -> pd.DataFrame:
-        """The columns as a data frame of pandas with `t` as its index.
+        """Return the columns as a pandas data frame with `t` as its index.
 
         Raises InputError where pandas is not installed.
         """
@@ -117,6 +125,7 @@ class Table:
 
 
 def _column_summary(table: Table, name: str) -> tuple[str, ...]:
+    """Return name, first, lowest and highest value of a column as texts."""
     column = table[name]
     known = column[np.isfinite(column)]
     if not len(known):
@@ -126,12 +135,15 @@ def _column_summary(table: Table, name: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Event:
-    """Something that happened during a recording and is worth explaining.
+    """An event during a recording that is worth explaining.
 
-    t_ns: host time, ns, on the clock of the log. kind: one lower-case word, such as `gap`, `connected`,
-    `disconnected`, `reset`, `damage`, `repaired`. source: node or link it concerns, "" for the whole log.
-    text: one line for people. data: numbers for programs; for `gap`: node, samples_lost, frames_lost,
-    cause, duration_s.
+    Attributes
+    ----------
+    t_ns : ns, host time on the clock of the log.
+    kind : one lower-case word, such as `gap`, `connected`, `disconnected`, `reset`, `damage`, `repaired`.
+    source : node or link concerned, "" for the whole log.
+    text : one line for people.
+    data : numbers for programs; for `gap`: node, samples_lost, frames_lost, cause, duration_s.
     """
 
     t_ns: int
@@ -141,22 +153,27 @@ class Event:
     data: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        # People type marks, and other programs write logs: neither may steer a terminal or stop a writer.
+        # Users type events and other programs write logs: control characters must not reach a terminal.
         for name in ("kind", "source", "text"):
             object.__setattr__(self, name, printable(getattr(self, name)))
 
 
 @dataclass(frozen=True)
 class Recording:
-    """All that a log or a CSV folder holds, on one clock.
+    """The content of a log or a CSV folder, on one clock.
 
-    nodes: by name, columns `t,gx,gy,gz,ax,ay,az[,temperature][,supply]` and whatever else the file had.
-    bias_filters: what each node's own filter said of its gyro, by node, columns `BIAS_FILTER_COLUMNS`: rad/s,
-    node axes; state as in the wire's FilterState; a sigma is NaN where the node does not know it.
-    reference, wheels, gnss, heading, table, truth: the files of that name in the CSV folder, or None.
-    magnetometers: by node, `t,mx,my,mz` in tesla. odometry: `t,x,y,heading,speed,yaw_rate` as recorded live.
-    metadata: key -> text; keys of other metadata records than `hubodo` are written `record.key`.
-    t_zero_ns: host time of t = 0. warnings: one line for each thing that was damaged or left out on reading.
+    Attributes
+    ----------
+    nodes : by name, columns `t,gx,gy,gz,ax,ay,az[,temperature][,supply]` and any others of the file.
+    reference, wheels, gnss, heading, table, truth : tables of the CSV folder's files of that name, or None.
+    magnetometers : by node, `t,mx,my,mz` in tesla.
+    bias_filters : by node, gyro bias as estimated by its firmware, columns `BIAS_FILTER_COLUMNS`: rad/s, node
+        axes; state as in the wire's FilterState; NaN where the node does not know a sigma.
+    odometry : `t,x,y,heading,speed,yaw_rate` as recorded live.
+    events : oldest first.
+    metadata : key -> text; keys of metadata records other than `hubodo` are written `record.key`.
+    t_zero_ns : host time of t = 0.
+    warnings : one line for each item that was damaged or left out on reading.
     """
 
     nodes: Mapping[str, Table]
@@ -175,7 +192,7 @@ class Recording:
     warnings: tuple[str, ...] = ()
 
     def files(self) -> dict[str, Table]:
-        """The tables of the CSV folder by file name without suffix, nodes first."""
+        """Return the tables of the CSV folder by file name without suffix, nodes first."""
         named = {name: getattr(self, name) for name in TABLE_FILE_COLUMNS}
         return {**self.nodes, **{name: table for name, table in named.items() if table is not None}}
 
@@ -191,4 +208,4 @@ TABLE_FILE_COLUMNS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "table": (("t", "angle", "moving"), ()),
     "truth": (("t", "x", "y"), ("heading",)),
 }
-"""Files of the CSV folder that are no nodes: required and optional columns."""
+"""Required and optional columns of the files of a CSV folder that are not nodes."""

@@ -9,12 +9,12 @@ from collections.abc import Mapping
 from typing import Any
 
 _UNSAFE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
-"""Control characters but tab and line feed, overrides of the writing direction, lone surrogates."""
+"""Control characters except tab and line feed, overrides of the writing direction, lone surrogates."""
 _LONE_SURROGATE = re.compile("[\ud800-\udfff]")
 
 
 def printable(text: str) -> str:
-    r"""Return the text with characters that steer a terminal, or that UTF-8 lacks, escaped as in ``\x1b``."""
+    """Return the text with terminal control characters and what UTF-8 lacks escaped as in ``\x1b``."""
     return text if text.isprintable() else _UNSAFE.sub(_escaped, text)
 
 
@@ -28,8 +28,8 @@ def json_text(
 ) -> str:
     """Return a value as JSON that any parser reads; the package writes JSON with this function alone.
 
-    JSON has no NaN and no infinity: they become null. Lone surrogates are escaped, numpy's scalars and arrays
-    become numbers and lists, and what JSON does not know, such as a path, becomes its text.
+    JSON has no NaN and no infinity: they become null. Lone surrogates are escaped, numpy scalars and arrays
+    become numbers and lists, and other types, such as paths, become their text.
     """
     separators = (",", ":") if compact else None
     return json.dumps(

@@ -1,4 +1,4 @@
-"""Settings whose meaning, example and bounds stand where their type and default do: in one dataclass."""
+"""Settings dataclasses whose fields hold meaning, example and bounds beside type and default."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ def setting(
     above: float | None = None,
     at_least: float | None = None,
 ) -> Any:
-    """A field of a settings dataclass. says: what it means, with its unit; its default is told besides.
+    """Return a field of a settings dataclass.
 
-    example: a value worth showing where the default is not. above, least: numbers must be finite, and above
-    the one, or at least the other.
+    meaning: explanation with the unit; the default is appended to it. example: a value to show where the
+    default is not a good one. above, at_least: bounds of a number, which must also be finite.
     """
     return field(
         default=default, metadata={"says": meaning, "example": example, "above": above, "least": at_least}
@@ -33,7 +33,7 @@ def setting(
 
 
 def check_bounds(settings: object, name_of: Callable[[str], str]) -> None:
-    """Raises ConfigError at the first number out of its bounds; where: what a user calls that setting."""
+    """Raise ConfigError at the first number out of its bounds; name_of: the user's name of a setting."""
     for item in fields(cast(Any, settings)):
         above, at_least = item.metadata.get("above"), item.metadata.get("least")
         value = getattr(settings, item.name)
@@ -47,7 +47,7 @@ def check_bounds(settings: object, name_of: Callable[[str], str]) -> None:
 
 
 def write_example_toml(tables: Mapping[str, type], head: str) -> str:
-    """A file with every setting: what it means, and commented out, so that as it is it changes nothing."""
+    """Return the text of a TOML file with every setting explained, and commented out."""
     lines = [f"# {line}" for line in head.splitlines()]
     for name, shape in tables.items():
         lines += ["", f"[{name}]"]

@@ -1,7 +1,7 @@
-"""A measured input as a smooth function of time: value, slope, integral, and how far noise got through.
+"""A smooth function of time through noisy samples: value, slope, integral, and the noise that remains.
 
-A spline of degree 5 with a knot at every sample, penalised on its third differences; how much is chosen by
-generalised cross-validation (Craven and Wahba 1979; P-splines: Eilers and Marx 1996).
+A spline of degree 5 with a knot at every sample, penalised on its third differences; the weight of the
+penalty is chosen by generalised cross-validation (Craven and Wahba 1979; P-splines: Eilers and Marx 1996).
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from hubodo.arrays import Array
 
 _SPLINE_DEGREE = 5
 _PENALTY_ORDER = 3
-# Angular frequencies per step in (0, pi), and there: the power of the samples of a B-spline, aliases folded
-# in, and that of its differences, which are penalised.
+# Angular frequencies per step in (0, pi); at them, the power of a sampled B-spline including aliases, and of
+# its penalised differences.
 _ANGULAR_FREQUENCIES = (np.arange(512) + 0.5) * np.pi / 512
 _BASIS_POWER = (
     sum(
@@ -44,10 +44,15 @@ class SplineValues(NamedTuple):
 
 @dataclass(frozen=True)
 class SmoothingSpline:
-    """A function of time, defined on [t0, t1] s and continued by its end values.
+    """A function of time, defined on [start, end] s and continued by its end values.
 
-    noise: 1 sigma of one sample as found in the residual. value_noise, slope_noise: 1 sigma of what of it is
-    left in the value and, per second, in the slope; it is correlated over `memory` s.
+    Attributes
+    ----------
+    spline : the function.
+    start, end : s.
+    noise : 1 sigma of one sample, estimated from the residual.
+    value_noise, slope_noise : 1 sigma of the noise that remains in the value and, per second, in the slope.
+    correlation_time : s, of the noise that remains.
     """
 
     spline: BSpline
@@ -59,15 +64,18 @@ class SmoothingSpline:
     correlation_time: float
 
     def __call__(self, t: Array, derivative: int = 0) -> Array:
-        """Value, slope or bend, by how often it is derived, at t, (N,) s; see `motion`."""
+        """Return value, slope or second derivative, for `derivative` 0, 1 or 2, at t, (N,) s."""
         return self.evaluate(t)[derivative]
 
     def integral(self, t: Array) -> Array:
-        """From `start` to t, (N,) s; outside, the end values go on."""
+        """Return the integral from `start` to t, (N,) s; outside, the end values continue."""
         return self.evaluate(t).integral
 
     def evaluate(self, t: Array) -> SplineValues:
-        """All of it at t, (N,) s; outside, the end values hold, slopes are zero and the integral goes on."""
+        """Return value, derivatives and integral at t, (N,) s.
+
+        Outside the spline the end values continue: slopes are zero and the integral grows linearly.
+        """
         knots, coefficients = self._polynomials
         inside = np.clip(t, self.start, self.end)
         piece = np.searchsorted(knots, inside, side="right") - 1
@@ -85,7 +93,7 @@ class SmoothingSpline:
         integral = integral * s + integral_before
         beyond = t - inside
         if beyond.any():
-            # A nanosecond of slack: a stamp at the end itself may be rounded beyond it.
+            # A tolerance of one nanosecond: a time at the end may be rounded beyond it.
             at_end = np.abs(beyond) < 1e-9
             slope, curvature = np.where(at_end, slope, 0.0), np.where(at_end, curvature, 0.0)
             integral += value * beyond
@@ -93,9 +101,9 @@ class SmoothingSpline:
 
     @cached_property
     def _polynomials(self) -> tuple[Array, Array]:
-        """The knots within, (M+1,) s, and (degree + 2, M): the integral up to each, and the polynomial there.
+        """Return the inner knots, (M+1,) s, and (degree + 2, M) the integral up to each, then its polynomial.
 
-        Lowest power first. A polynomial takes a fifth of the time that a sum of B-splines does.
+        The lowest power comes first. Polynomials take a fifth of the time of a sum of B-splines.
         """
         polynomial = PPoly.from_spline(self.spline)
         inner = slice(_SPLINE_DEGREE, len(polynomial.x) - 1 - _SPLINE_DEGREE)
@@ -106,7 +114,7 @@ class SmoothingSpline:
 
 
 def constant_spline(value: float, start: float, end: float) -> SmoothingSpline:
-    """An input that is known and does not change."""
+    """Return an exactly known constant input."""
     knots = np.concatenate([np.full(_SPLINE_DEGREE + 1, start), np.full(_SPLINE_DEGREE + 1, end)])
     return SmoothingSpline(
         BSpline(knots, np.full(_SPLINE_DEGREE + 1, value), _SPLINE_DEGREE), start, end, 0.0, 0.0, 0.0, 0.0
@@ -114,13 +122,13 @@ def constant_spline(value: float, start: float, end: float) -> SmoothingSpline:
 
 
 def fit_interpolating_spline(t: Array, value: Array) -> SmoothingSpline:
-    """The spline through exact values; t: (N,) s, increasing, at least 6; value: (N,)."""
+    """Return the spline through exact values; t: (N,) s, increasing, at least 6; value: (N,)."""
     spline = make_interp_spline(t, value, _SPLINE_DEGREE)
     return SmoothingSpline(spline, float(t[0]), float(t[-1]), 0.0, 0.0, 0.0, 0.0)
 
 
 def fit_smoothing_spline(t: Array, value: Array) -> SmoothingSpline:
-    """The smooth function behind noisy samples; t: (N,) s, increasing; value: (N,).
+    """Return the smooth function behind noisy samples; t: (N,) s, increasing; value: (N,).
 
     Raises ValueError for fewer than 10 samples.
     """
@@ -137,7 +145,7 @@ def fit_smoothing_spline(t: Array, value: Array) -> SmoothingSpline:
         data[_SPLINE_DEGREE - k, k:] = gram.diagonal(k)
     right_hand_side = design.T @ value
     penalty = _banded_penalty(gram.shape[0])
-    # A gap in the samples leaves coefficients without data: the penalty alone carries them.
+    # In a gap between samples the penalty alone determines the coefficients.
     value_range_squared = float(np.ptp(value)) ** 2
 
     def fit_coefficients(log_weight: float) -> Array:
@@ -172,7 +180,7 @@ def fit_smoothing_spline(t: Array, value: Array) -> SmoothingSpline:
 
 
 def _banded_penalty(size: int) -> Array:
-    """Upper banded form, (4, size), of the sum of squared third differences."""
+    """Return the sum of squared third differences in upper banded form, (4, size)."""
     row = np.array([-1.0, 3.0, -3.0, 1.0])
     banded = np.zeros((_PENALTY_ORDER + 1, size))
     for lag in range(_PENALTY_ORDER + 1):
@@ -182,12 +190,12 @@ def _banded_penalty(size: int) -> Array:
 
 
 def _smoother_gain(log_weight: float) -> Array:
-    """(M,) gain of the smoother at the angular frequencies _OMEGA."""
+    """Return the gain of the smoother at _ANGULAR_FREQUENCIES, (M,)."""
     return np.asarray(_BASIS_POWER / (_BASIS_POWER + np.exp(log_weight) * _PENALTY_POWER))
 
 
 def _minimise(score: Callable[[float], float], low: float = -12.0, high: float = 24.0) -> float:
-    """Argument of the lowest score: a coarse walk, then golden sections."""
+    """Return the argument of the lowest score: a coarse grid, then a bounded search."""
     grid = np.arange(low, high + 1.0, 3.0)
     values = [score(x) for x in grid]
     lowest = int(np.argmin(values))

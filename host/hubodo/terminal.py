@@ -1,4 +1,4 @@
-"""The console on which results are shown: text of logs and users cannot steer the terminal."""
+"""A console for results on which text of logs and users cannot control the terminal."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from hubodo.safe_text import printable
 
 
 class SafeConsole(Console):
-    """A console of rich that escapes control characters in every text it is given."""
+    """A rich console that escapes control characters in every text."""
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """See `rich.console.Console.render_str`, which every string passes, also in the cells of tables."""
+        """Render a string as rich does; every string passes here, also the cells of tables."""
         return super().render_str(printable(text), **options)

@@ -1,4 +1,4 @@
-"""TOML files: read to dataclasses with every key accounted for, and the words of one."""
+"""TOML files read into dataclasses with every key checked, and TOML values written."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ _MAX_FILE_BYTES = 1 << 20  # a thousand nodes with all effects need half of it
 _MAX_QUOTED_LENGTH = 60  # characters of a value in an error
 
 MAX_TOML_NUMBER = 1e12
-"""In SI units, of whatever: beyond it nothing was meant."""
+"""Largest accepted number, in SI units; nothing larger is meaningful."""
 
 
 def toml_key(name: str) -> str:
-    """A bare key where the name allows one, else a quoted one."""
+    """Return a bare key where the name allows one, else a quoted one."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_text(name)
 
 
 def toml_text(text: str) -> str:
-    """Return a basic string on one line; TOML has no lone surrogates, which become their escapes."""
+    """Return a basic string on one line; lone surrogates, which TOML lacks, become their escapes."""
     text = text.encode("utf-8", "backslashreplace").decode("utf-8")
     escaped = "".join(
         f"\\u{ord(c):04x}" if ord(c) < 32 or ord(c) == 127 else f"\\{c}" if c in '\\"' else c for c in text
@@ -39,15 +39,15 @@ def toml_text(text: str) -> str:
 
 
 def toml_number(value: float) -> str:
-    """A float with all its digits."""
+    """Return a float with all its digits."""
     return repr(float(value))
 
 
 def read_table(table: object, shape: type[_T], where: str) -> _T:
-    """A TOML table as a frozen dataclass of str, int, float, bool, Literal of texts and lists of str.
+    """Return a TOML table as a frozen dataclass of str, int, float, bool, Literal of texts and lists of str.
 
-    where: file and table, for the error. Raises ConfigError when a key is unknown (with the nearest
-    known one), missing, or its value has another type.
+    where: file and table, for the error. Raises ConfigError when a key is unknown (with the nearest known
+    one) or missing, or its value has another type.
     """
     entries = as_table(table, where)
     hints = get_type_hints(shape)
@@ -64,7 +64,7 @@ def read_table(table: object, shape: type[_T], where: str) -> _T:
 
 def _convert_value(value: object, hint: Any, where: str) -> Any:
     if NoneType in get_args(hint):
-        # TOML has no word for nothing: a key that is there has a value.
+        # TOML has no null: a key that is present has a value.
         (hint,) = (option for option in get_args(hint) if option is not NoneType)
     if hint == tuple[str, ...]:
         if isinstance(value, list) and all(isinstance(entry, str) for entry in value):
@@ -100,7 +100,7 @@ def _convert_value(value: object, hint: Any, where: str) -> Any:
 
 
 def load_toml(path: Path) -> dict[str, Any]:
-    """A TOML document. Raises ConfigError: no such file, not readable, not TOML."""
+    """Return a TOML document. Raises ConfigError: no such file, not readable, not TOML."""
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
@@ -120,20 +120,20 @@ def load_toml(path: Path) -> dict[str, Any]:
 
 
 def parse_toml(text: str, path: Path) -> dict[str, Any]:
-    """The document in a text; path: where it stood. Raises ConfigError when it is not TOML."""
+    """Return the document in a text; path: its file, for errors. Raises ConfigError when it is not TOML."""
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: not TOML: {error}; correct that line") from None
     except (ValueError, RecursionError):
-        # A number of thousands of digits, a list within lists within lists.
-        raise ConfigError(f"{path}: not TOML that means anything: too long or too deep a value") from None
+        # A number of thousands of digits, or lists nested too deeply.
+        raise ConfigError(f"{path}: not usable TOML: a value is too long or nested too deeply") from None
     _check_size(document, path)
     return document
 
 
 def _check_size(document: dict[str, Any], path: Path) -> None:
-    """Raises ConfigError for a whole number beyond the 64 bits of TOML, and for tables without end."""
+    """Raise ConfigError for integers beyond the 64 bits of TOML, and for tables nested too deeply."""
     pending: list[tuple[str, object, int]] = [("", document, 0)]
     while pending:
         name, value, depth = pending.pop()
@@ -148,20 +148,20 @@ def _check_size(document: dict[str, Any], path: Path) -> None:
 
 
 def as_table(value: object, where: str) -> dict[str, Any]:
-    """The value itself; raises ConfigError when it is no table. where: file and table, for the error."""
+    """Return the value, or raise ConfigError when it is not a table. where: file and table, for the error."""
     if isinstance(value, dict):
         return value
     raise ConfigError(f"{where} = {quote_value(value)}: must be a table")
 
 
 def quote_value(value: object) -> str:
-    """Return a value of a file as an error quotes it: the beginning of what may be very long."""
+    """Return a value of a file as an error quotes it, shortened."""
     text = repr(value)
     return text if len(text) <= _MAX_QUOTED_LENGTH else f"{text[:_MAX_QUOTED_LENGTH]}..."
 
 
 def check_known_keys(table: object, known: Iterable[str], where: str) -> None:
-    """Raises ConfigError at the first key that is not known, with the nearest one that is."""
+    """Raise ConfigError at the first unknown key, with the nearest known one."""
     names = list(known)
     for key in as_table(table, where):
         if key not in names:
@@ -170,7 +170,7 @@ def check_known_keys(table: object, known: Iterable[str], where: str) -> None:
 
 
 def check_positive(value: float, where: str) -> None:
-    """Raises ConfigError for a number that is not above 0, or that nothing is: its square must be a number.
+    """Raise ConfigError for a number that is not above 0, or so extreme that its square is no number.
 
     where: file, table and key.
     """
@@ -181,6 +181,6 @@ def check_positive(value: float, where: str) -> None:
 
 
 def suggest_spelling(word: str, known: Iterable[str]) -> str:
-    """ ", did you mean ...?" for an error about a word that is not known; "" where none is like it."""
+    """Return ", did you mean ...?" for an error about an unknown word; "" where no known word is similar."""
     close = difflib.get_close_matches(word[:_MAX_QUOTED_LENGTH], list(known), 1, 0.5)
     return f", did you mean {close[0]!r}?" if close else ""

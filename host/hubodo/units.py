@@ -1,4 +1,4 @@
-"""Units that more than one room converts by."""
+"""Unit conversions that several rooms use."""
 
 from typing import Final
 

@@ -1,4 +1,4 @@
-"""A vehicle's geometry and where its nodes sit, as `[vehicle]` and `[nodes.*]` of a TOML file say it."""
+"""Geometry of a vehicle and the mounting of its nodes, from `[vehicle]` and `[nodes.*]` of a TOML file."""
 
 from __future__ import annotations
 
@@ -21,11 +21,14 @@ _MAX_ANTENNA_OFFSET = 1000.0  # m, of an antenna from the axle
 
 @dataclass(frozen=True, slots=True)
 class NodeMount:
-    """Where a node sits.
+    """Mounting of a node.
 
-    side: which wheel, None on the body; facing: where its z axis points. steered: whether that wheel is
-    turned to steer, or turns by itself as a castor does. gyro_range: rad/s, accel_range: m/s², where its
-    samples end; None where the file does not say.
+    Attributes
+    ----------
+    side : its wheel, None on the body.
+    facing : side to which its z axis points.
+    gyro_range, accel_range : rad/s and m/s², where its samples clip; None where the file does not say.
+    steered : whether that wheel is steered, or turns by itself as a castor does.
     """
 
     side: Side | None = None
@@ -39,9 +42,15 @@ class NodeMount:
 class Vehicle:
     """Geometry of a vehicle and its nodes, ``[vehicle]`` and ``[nodes.*]`` of a model file.
 
-    wheel_radius, track_width (between contacts): m. nodes: by name. antenna: m forward and left of midway
-    between the wheels, of what tells positions; latitude_deg: where on Earth it drives; None where these are
-    not known. topics: of other programs' logs, by node or file (`[topics]`).
+    Attributes
+    ----------
+    wheel_radius : m.
+    track_width : m, between the contact points.
+    nodes : mounting by node name.
+    antenna : m forward and left of midway between the wheels, of the GNSS antenna; None if unknown.
+    latitude_deg : where on Earth it drives; None if unknown.
+    topics : topics in logs of other programs, by node or file (`[topics]`).
+    name : of the vehicle.
     """
 
     wheel_radius: float
@@ -53,30 +62,30 @@ class Vehicle:
     name: str = ""
 
     def on(self, side: Side) -> str | None:
-        """The name of the first node on that wheel, None where there is none."""
+        """Return the name of the first node on that wheel, None without one."""
         return next((name for name, mount in self.nodes.items() if mount.side == side), None)
 
 
 def side_sign(side: Side) -> float:
-    """+1 for the left wheel, -1 for the right one: the sign of its y coordinate in the body."""
+    """Return +1 for the left wheel, -1 for the right one: the sign of its y coordinate in the body."""
     return 1.0 if side == "left" else -1.0
 
 
 def facing_sign(facing: Facing) -> float:
-    """+1 for a node whose z axis points left, -1 for one whose z axis points right."""
+    """Return +1 for a node whose z axis points left, -1 for one whose z axis points right."""
     return 1.0 if facing == "left" else -1.0
 
 
 def load_vehicle(path: Path) -> Vehicle:
-    """Reads ``[vehicle]``, ``[nodes.*]`` and the ranges in ``[imu]`` of a model or vehicle file.
+    """Read ``[vehicle]``, ``[nodes.*]`` and the ranges in ``[imu]`` of a model or vehicle file.
 
-    Raises ConfigError when a key is unknown, missing or impossible.
+    Raises ConfigError when a key is unknown, missing or invalid.
     """
     return parse_vehicle(load_toml(path), path)
 
 
 def parse_vehicle(table: Mapping[str, Any], path: Path | str) -> Vehicle:
-    """`load_vehicle` of a document that is already parsed; path: where it stood, for the errors."""
+    """Return the vehicle of a parsed document as `load_vehicle` does; path: its file, for errors."""
     check_known_keys(table, _KNOWN_TABLES, str(path))
     if "vehicle" not in table:
         raise ConfigError(f"{path}: [vehicle] is missing; give wheel_radius and track_width in metres")

@@ -1,3 +1,3 @@
-"""The version, of package, documents and logs."""
+"""Version of the package, its documentation and its logs."""
 
 __version__ = "0.1.0"

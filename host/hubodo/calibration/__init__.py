@@ -1,1 +1,1 @@
-"""A node's errors as they were measured: one file format, and what it does to a recording."""
+"""The calibration file: reading, writing, application to samples, conversion to model effects."""

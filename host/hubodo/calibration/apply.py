@@ -1,13 +1,13 @@
-"""A calibration applied on read: raw samples to true ones, the sensor chain undone from its end.
+"""Application of a calibration to raw samples: the sensor chain is inverted from its end.
 
-Stage by stage (the model's README, host/hubodo/model/README.md), each by the effect that made it: what
-accelerometer effects add comes off, then the matrix of that triad is inverted; with the force so found, what
-gyro effects add comes off, then their matrix and curvature are undone; last the node is turned back. A
-channel at its limit stays there: what is clipped must be seen to be clipped.
+Each stage (host/hubodo/model/README.md) is inverted by the effect that caused it: additive accelerometer
+errors are subtracted, then the matrix of that triad is inverted; with the resulting force additive gyro
+errors are subtracted, then the gyro's matrix and curvature are inverted; last the node is rotated back. A
+channel at its limit stays at the limit, so that clipping remains visible.
 
-What a calibration does not hold counts as zero; `lever_arm`, `wheel_radius` and `track_width` are no errors
-of the sensor and go on to the odometry. Every step works sample by sample without sums over samples, so a
-live run in portions and a log in one piece give the same bits. The raw log is never rewritten.
+Effects that a calibration lacks count as zero; `lever_arm`, `wheel_radius` and `track_width` are not sensor
+errors and are left to the odometry. Each sample is processed by itself, so live batches and a whole log give
+the same bits. The raw log is never rewritten.
 """
 
 from __future__ import annotations
@@ -35,14 +35,17 @@ from hubodo.errors import CalibrationError
 from hubodo.recording import Event, Table
 
 GYRO_CLIPPING_LIMIT, ACCEL_CLIPPING_LIMIT = 34.8, 156.0
-"""rad/s, m/s²: from here on a channel of the widest range (2000 deg/s, 16 g) is taken to be clipped."""
+"""rad/s, m/s²: from here on a channel of the widest range (2000 deg/s, 16 g) counts as clipped."""
 
 
 @dataclass(frozen=True, eq=False)
 class SampleCorrection:
-    """What is undone in the samples of one node; `from_calibration` makes it.
+    """Correction of the samples of one node, built by `from_calibration`.
 
-    effects: in the order of the chain. gyro, accel: (3, 3) inverse of the matrix of each triad.
+    Attributes
+    ----------
+    effects : in the order of the chain.
+    gyro_inverse, accel_inverse : (3, 3) inverse of the matrix of each triad.
     """
 
     effects: tuple[Effect, ...]
@@ -51,16 +54,16 @@ class SampleCorrection:
 
     @staticmethod
     def from_calibration(node: NodeCalibration) -> SampleCorrection:
-        """The correction of a node. Raises CalibrationError for numbers that no sensor has."""
+        """Return the correction of a node. Raises CalibrationError for numbers that no sensor has."""
         effects = tuple(it for it in build_effects(node.effects) if it.is_invertible and not _is_zero(it))
         for effect in effects:
             why = effect.why_irreversible()
             if why:
-                raise CalibrationError(f"the calibration's {effect.name} {why}; calibrate this node anew")
+                raise CalibrationError(f"the calibration's {effect.name} {why}; recalibrate this node")
         return SampleCorrection(effects, _invert_triad(effects, "gyro"), _invert_triad(effects, "accel"))
 
     def depends_on(self, condition: Dependency) -> bool:
-        """Whether something that is undone depends on the age, the temperature, or the supply."""
+        """Return whether any corrected effect depends on the age, the temperature, or the supply."""
         return any(effect.depends_on == condition for effect in self.effects)
 
     def apply(
@@ -72,10 +75,10 @@ class SampleCorrection:
         temperature: Array | float | None = None,
         supply: Array | float | None = None,
     ) -> tuple[Array, Array]:
-        """True (gyro, accel) from raw ones, (N, 3) rad/s and m/s².
+        """Return true (gyro, accel) from raw ones, (N, 3) rad/s and m/s².
 
-        age: (N,) s since power-on, for the warm-up, which is left out without. temperature: (N,) or one,
-        degrees C; supply: the same, V; their terms are left out without.
+        age: (N,) s since power-on, for the warm-up, which is ignored without. temperature: (N,) or scalar,
+        degrees C; supply: (N,) or scalar, V; effects of either are ignored without.
         """
         count = len(gyro)
         t = np.zeros(count) if age is None else np.maximum(age, 0.0)
@@ -93,9 +96,9 @@ class SampleCorrection:
         )
 
     def _additive_errors(self, chain: SensorChain) -> SensorChain:
-        """A chain whose gyro and accel are what the effects add to a reading.
+        """Return a chain whose gyro and accel are the additive errors of a reading.
 
-        The reading is of its time, temperature, supply and force.
+        They are those at its time, temperature, supply and force.
         """
         errors = replace(chain, gyro=np.zeros_like(chain.gyro), accel=np.zeros_like(chain.accel))
         for effect in self.effects:
@@ -107,9 +110,12 @@ class SampleCorrection:
 class AppliedCalibration:
     """A recording's nodes with a calibration applied.
 
-    nodes: by name. left: the calibration for the odometry: what was applied has the value 0 and keeps its
-    sigma, all else is as in the file. used: by node serial, effects applied, power-on (s on the log's clock,
-    None when it is not known). warnings: one line each.
+    Attributes
+    ----------
+    nodes : corrected tables by name.
+    remaining : the calibration for the odometry: applied effects have the value 0 and keep their sigma.
+    summaries : by node: serial, effects applied, power-on (s on the log's clock, None if unknown).
+    warnings : one line each.
     """
 
     nodes: Mapping[str, Table]
@@ -126,11 +132,10 @@ def apply_calibration(
     events: Iterable[Event] = (),
     t_zero_ns: int = 0,
 ) -> AppliedCalibration:
-    """Apply a calibration to the nodes of a recording; nodes that it does not know stay as they are.
+    """Apply a calibration to the nodes of a recording; nodes that it lacks stay unchanged.
 
-    metadata, events, t_zero_ns: of the recording; they tell serials and when the nodes were switched on;
-    where they do not, power-on is taken to be a node's first sample. Raises CalibrationError when the
-    calibration was made for a node with another serial.
+    metadata, events, t_zero_ns: of the recording; they give serials and power-on times; without them power-on
+    is a node's first sample. Raises CalibrationError when the calibration is of a node with another serial.
     """
     corrected, summaries, warnings = dict(nodes), {}, []
     known = tuple(events)
@@ -173,9 +178,9 @@ def apply_calibration(
 
 
 def zero_applied_effects(calibration: Calibration) -> Calibration:
-    """The calibration as it holds for samples that it has been applied to.
+    """Return the calibration as it holds for samples that it has been applied to.
 
-    The errors that were taken out are zero, as surely as they were known; the others stand as they were.
+    Effects that were corrected are zero, with unchanged sigmas; the others are unchanged.
     """
     nodes = {
         name: replace(
@@ -191,9 +196,9 @@ def zero_applied_effects(calibration: Calibration) -> Calibration:
 
 
 def check_serial(name: str, node: NodeCalibration, serial: str) -> None:
-    """Raises CalibrationError when a calibration is of another node than the one with this serial.
+    """Raise CalibrationError when a calibration is of another node than the one with this serial.
 
-    Where one of the two is not known, nothing can be checked.
+    Nothing is checked where either serial is unknown.
     """
     if node.serial and serial and node.serial.lower() != serial.lower():
         raise CalibrationError(
@@ -203,7 +208,7 @@ def check_serial(name: str, node: NodeCalibration, serial: str) -> None:
 
 
 def find_starts(events: Iterable[Event], node: str) -> list[tuple[int, int]]:
-    """(first sample, power-on), ns, of each start of a node that a log knows of, oldest first."""
+    """Return (first sample, power-on), ns, of each start of a node that the events contain, oldest first."""
     return sorted(
         (event.t_ns, int(event.data["power_on_ns"]))
         for event in events
@@ -212,17 +217,17 @@ def find_starts(events: Iterable[Event], node: str) -> list[tuple[int, int]]:
 
 
 def time_since_power_on(t: Array, starts: list[tuple[int, int]], t_zero_ns: int) -> Array:
-    """(N,) s since power-on at t (N,) s; since the first sample where `find_starts` finds no start."""
+    """Return (N,) s since power-on at t (N,) s; since the first sample without starts."""
     if not starts:
         return np.asarray(t - t[0]) if len(t) else np.empty(0)
     first_samples, power_on = (np.array([(start[k] - t_zero_ns) * 1e-9 for start in starts]) for k in (0, 1))
-    # A nanosecond of slack: t and the first sample of a start are rounded from the same count of ns.
+    # A tolerance of one nanosecond: t and the first sample of a start are rounded from the same ns.
     start = np.maximum(np.searchsorted(first_samples, t + 1e-9, side="right") - 1, 0)
     return np.asarray(t - power_on[start])
 
 
 def _zero_values(name: str, effect: CalibratedEffect) -> CalibratedEffect:
-    """The effect without its size; what is not zero in an effect that is absent, a time constant, is none."""
+    """Return the effect with zero size; parameters that are not zero by default, as a time constant, stay."""
     kind = effect_of(name)
     parameters = {
         parameter: q if kind.default(parameter) else Quantity(0.0, q.sigma)
@@ -239,14 +244,14 @@ def _invert_triad(effects: Iterable[Effect], sensor: Sensor) -> Array:
     matrix = triad_matrix(effects, sensor)
     if not 0.5 < abs(float(np.linalg.det(matrix))) < 2.0:
         raise CalibrationError(
-            f"the calibration's {sensor}_scale_factor and {sensor}_nonorthogonality leave no triad; "
-            "calibrate this node anew"
+            f"the calibration's {sensor}_scale_factor and {sensor}_nonorthogonality are no valid triad; "
+            "recalibrate this node"
         )
     return np.asarray(np.linalg.inv(matrix), np.float64)
 
 
 def _preserve_clipping(raw: Array, corrected: Array, limit: float) -> Array:
-    """True values, but a raw one at its limit stays at least there."""
+    """Return corrected values, but at least the raw one where that is at its limit."""
     at_limit = np.abs(raw) >= limit
     if not at_limit.any():
         return corrected

@@ -1,19 +1,19 @@
-"""A calibration file as effects of the forward model: a node simulated with the errors found in it."""
+"""A calibration added to a model, to simulate a node with the errors found in it."""
 
 from hubodo.calibration.file import Calibration, build_effects
 from hubodo.model.model_file import Model, ScopedEffect
 
 
 def add_calibration_to_model(model: Model, calibration: Calibration) -> tuple[Model, tuple[str, ...]]:
-    """The model with what a calibration says of its nodes and vehicle, in the place of what it said itself.
+    """Return the model with the calibrated effects of its nodes and vehicle in place of its own.
 
-    The second part has a line for each node that the model does not have. Raises CalibrationError for a value
-    that its parameter cannot have.
+    The second value has a line for each calibrated node that the model lacks. Raises CalibrationError for a
+    value that its parameter cannot have.
     """
     added = [ScopedEffect(effect) for effect in build_effects(calibration.vehicle)]
-    for node, known in calibration.nodes.items():
+    for node, node_calibration in calibration.nodes.items():
         if node in model.vehicle.nodes:
-            added += [ScopedEffect(effect, node) for effect in build_effects(known.effects)]
+            added += [ScopedEffect(effect, node) for effect in build_effects(node_calibration.effects)]
     missing = [node for node in calibration.nodes if node not in model.vehicle.nodes]
-    notes = (f"{node}: in the calibration, not in the model; left out" for node in missing)
+    notes = (f"{node}: in the calibration, not in the model; ignored" for node in missing)
     return model.with_effects(*added), tuple(notes)

@@ -1,8 +1,7 @@
-"""The calibration file: what was learnt about each node, as effects of the model with their uncertainty.
+"""The calibration file: estimated effects of each node and of the vehicle, with uncertainty and provenance.
 
 One TOML file holds all nodes. Effect and parameter names are those of the model file, so a result can be
-handed to the forward model as it stands; beside each value stands its 1 sigma, and beside each effect where
-it came from:
+passed to the forward model as it is; each value has its 1 sigma, and each effect its provenance:
 
     [nodes.left]
     serial = "e6614104030a4f2c"
@@ -11,11 +10,11 @@ it came from:
     method = "rests, 38 of them"
     source_sha256 = "9f2c..."      # of the log it was computed from
     date = "2026-11-21"
-    temperature_min = 24.1         # degrees C, span of the log; left out when there was no thermometer
+    temperature_min = 24.1         # degrees C, range of the log; absent without a thermometer
     temperature_max = 26.0
     x = { value = 0.0021, sigma = 0.00003 }
 
-Effects of the vehicle as a whole stand under [vehicle.effects.<name>] in the same form.
+Effects of the vehicle as a whole are under [vehicle.effects.<name>] in the same form.
 """
 
 from __future__ import annotations
@@ -47,7 +46,7 @@ from hubodo.toml_file import (
 
 @dataclass(frozen=True)
 class Quantity:
-    """A number and its 1 sigma, in the unit of its effect."""
+    """A number and its 1 sigma, in the unit of its effect's parameter."""
 
     value: float
     sigma: float
@@ -55,10 +54,15 @@ class Quantity:
 
 @dataclass(frozen=True)
 class CalibratedEffect:
-    """Parameters of one effect and where they came from.
+    """Parameters of one effect and their provenance.
 
-    method: how it was found, in words. source_sha256: hash of the log. date: ISO 8601 day.
-    temperature: (lowest, highest) of the log, degrees C, None without a thermometer.
+    Attributes
+    ----------
+    parameters : by name.
+    method : how they were estimated, in words.
+    source_sha256 : hash of the log.
+    date : ISO 8601 day.
+    temperature : (lowest, highest) of the log, degrees C; None without a thermometer.
     """
 
     parameters: Mapping[str, Quantity]
@@ -68,13 +72,13 @@ class CalibratedEffect:
     temperature: tuple[float, float] | None = None
 
     def value(self, name: str) -> float:
-        """The parameter's value, 0 when it was not determined."""
+        """Return the parameter's value, 0 when it was not determined."""
         return self.parameters[name].value if name in self.parameters else 0.0
 
 
 @dataclass(frozen=True)
 class NodeCalibration:
-    """All effects known of one node; serial: the node's own number, "" when the log did not tell."""
+    """All calibrated effects of one node; serial: the number of its board, "" when the log has none."""
 
     effects: Mapping[str, CalibratedEffect] = field(default_factory=dict)
     serial: str = ""
@@ -82,26 +86,27 @@ class NodeCalibration:
 
 @dataclass(frozen=True)
 class Calibration:
-    """What a calibration file holds: nodes by name, and effects of the whole vehicle."""
+    """Content of a calibration file: nodes by name, and effects of the whole vehicle."""
 
     nodes: Mapping[str, NodeCalibration] = field(default_factory=dict)
     vehicle: Mapping[str, CalibratedEffect] = field(default_factory=dict)
 
     def with_node(self, name: str, effects: Mapping[str, CalibratedEffect], serial: str = "") -> Calibration:
-        """The same with these effects of a node added; effects of the same name are replaced, others stay."""
+        """Return a copy with these effects of a node added; effects of the same name are replaced."""
         old = self.nodes.get(name, NodeCalibration())
         new = NodeCalibration({**old.effects, **effects}, serial or old.serial)
         return replace(self, nodes={**self.nodes, name: new})
 
     def with_vehicle(self, effects: Mapping[str, CalibratedEffect]) -> Calibration:
-        """The same with these effects of the vehicle added or replaced."""
+        """Return a copy with these effects of the vehicle added or replaced."""
         return replace(self, vehicle={**self.vehicle, **effects})
 
 
 def build_effects(calibrated: Mapping[str, CalibratedEffect]) -> list[Effect]:
-    """What was found as effects of the model, in the order of the chain; what was not determined is zero.
+    """Return calibrated effects as effects of the model, in the order of the chain.
 
-    Raises CalibrationError for a value that its parameter cannot have.
+    Parameters that were not determined are zero. Raises CalibrationError for a value that its parameter
+    cannot have.
     """
     effects = []
     for name, effect in calibrated.items():
@@ -129,7 +134,7 @@ def read_calibration(path: Path) -> Calibration:
 
 
 def parse_calibration(text: str, path: Path) -> Calibration:
-    """The calibration in the text of a file; path: where it stood. Errors as of `read_calibration`."""
+    """Return the calibration in the text of a file; path: its name, for errors as of `read_calibration`."""
     return _parse_document(parse_toml(text, path), path)
 
 
@@ -152,12 +157,15 @@ def _parse_document(document: Mapping[str, Any], path: Path) -> Calibration:
 
 
 def write_calibration(calibration: Calibration, path: Path) -> None:
-    """Write the file whole or not at all; an existing file is replaced. Merge with `with_node` beforehand."""
+    """Write the file completely or not at all; an existing file is replaced.
+
+    Merge with `with_node` before.
+    """
     write_atomically(path, format_calibration(calibration))
 
 
 def format_calibration(calibration: Calibration) -> str:
-    """The text of the file; numbers keep all their digits."""
+    """Return the text of the file; numbers keep all their digits."""
     lines = ["# Written by hubodo calibrate; SI units, names of the model file, value and 1 sigma."]
     for name, node in calibration.nodes.items():
         lines += ["", f"[nodes.{toml_key(name)}]"]
@@ -168,7 +176,7 @@ def format_calibration(calibration: Calibration) -> str:
 
 
 def find_node_serial(metadata: Mapping[str, str], node: str) -> str:
-    """The serial of a node as a log's metadata tell it, "" when they do not.
+    """Return the serial of a node from a log's metadata, "" when they have none.
 
     A recorded log has it in the record of the node, other logs may state it as `serial.<node>`.
     """
@@ -176,7 +184,7 @@ def find_node_serial(metadata: Mapping[str, str], node: str) -> str:
 
 
 def hash_source(path: Path) -> str:
-    """SHA-256 of a log file, or of all files of a CSV folder in order of their names."""
+    """Return the SHA-256 of a log file, or of all files of a CSV folder in order of their names."""
     digest = hashlib.sha256()
     for file in sorted(path.iterdir()) if path.is_dir() else [path]:
         if file.is_file():

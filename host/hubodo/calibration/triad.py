@@ -1,11 +1,11 @@
-"""The error model of one triad and its one formula, both ways: raw from true and true from raw.
+"""The error model of a triad of sensors: raw from true values, and its inverse.
 
     raw  = (I + diag(e) + N) true + b
     true = (I + diag(e) + N)^-1 (raw - b)
 
-in this order: the bias comes off first, then the inverse matrix is applied from the left. N after Avrutov,
-eq. 1 (stages 3 and 4 of the sensor chain): row x [0, d_xz, -d_xy], row y [-d_yz, 0, d_yx], row z [d_zy,
--d_zx, 0]; d_xz is the angle, rad, by which the sensor on x is turned about z.
+b is the bias, e the scale errors, N the nonorthogonality after Avrutov, eq. 1 (stages 3 and 4 of the sensor
+chain): row x [0, d_xz, -d_xy], row y [-d_yz, 0, d_yx], row z [d_zy, -d_zx, 0]; d_xz is the angle, rad, by
+which the sensor on x is rotated about z.
 """
 
 from __future__ import annotations
@@ -24,18 +24,21 @@ from hubodo.effects.triad import XYZ, CrossAxis, LinearEffect, Sensor
 
 @dataclass(frozen=True)
 class Triad:
-    """Errors of three like sensors.
+    """Errors of three orthogonal sensors of one kind.
 
-    bias: (3,) in the unit of the sensor. matrix: (3, 3) M = I + diag(e) + N.
+    Attributes
+    ----------
+    bias : (3,) in the unit of the sensor.
+    matrix : (3, 3) M = I + diag(e) + N.
     """
 
     bias: Array = field(default_factory=lambda: np.zeros(3))
     matrix: Array = field(default_factory=lambda: np.eye(3))
 
     def apply(self, raw: Array, extra_bias: Array | float = 0.0) -> Array:
-        """True values from raw ones, (N, 3) or (3,).
+        """Return true values from raw ones, (N, 3) or (3,).
 
-        extra_bias: what time or temperature adds to the bias.
+        extra_bias: further bias by time or temperature.
         """
         return np.asarray(
             np.linalg.solve(self.matrix, np.atleast_2d(raw - self.bias - extra_bias).T).T
@@ -43,7 +46,7 @@ class Triad:
 
     @property
     def scale_error(self) -> Array:
-        """(3,) e; 0.01 reads one per cent too much."""
+        """(3,) e; a sensor with 0.01 reads one per cent too much."""
         return np.diag(self.matrix) - 1.0
 
     @property
@@ -53,13 +56,13 @@ class Triad:
 
 
 def triad_matrix(effects: Iterable[Effect], sensor: Sensor) -> Array:
-    """I + diag(e) + N, (3, 3), of the effects of one triad."""
+    """Return I + diag(e) + N, (3, 3), of the effects of one triad."""
     linear = [it.matrix() for it in effects if isinstance(it, LinearEffect) and it.sensor == sensor]
     return np.asarray(np.eye(3) + sum(linear))
 
 
 def triad_from_effects(effects: Mapping[str, CalibratedEffect], sensor: Sensor) -> Triad:
-    """Triad from a node's calibration; what is not in it counts as zero."""
+    """Return the triad of a node's calibration; effects that it lacks count as zero."""
     bias = effects.get(f"{sensor}_bias", CalibratedEffect({}))
     return Triad(np.array([bias.value(axis) for axis in XYZ]), triad_matrix(build_effects(effects), sensor))
 
@@ -67,9 +70,9 @@ def triad_from_effects(effects: Mapping[str, CalibratedEffect], sensor: Sensor) 
 def effects_from_triad(
     triad: Triad, sigma: Array, sensor: Sensor, observable: NDArray[np.bool_] | None = None
 ) -> dict[str, Mapping[str, Quantity]]:
-    """Effect name -> parameters for the calibration file.
+    """Return effect name -> parameters for the calibration file.
 
-    sigma: (12,) of b, then of M row by row. seen: (12,) which of them there are; all without.
+    sigma: (12,) of b, then of M row by row. observable: (12,) which of them were determined; all by default.
     """
     is_observable = np.ones(12, bool) if observable is None else observable
     matrix_sigma, angles = sigma[3:].reshape(3, 3), triad.nonorthogonality
