@@ -128,7 +128,7 @@ STRANGERS = (
          LIBRARY + "test_a_link_that_appears_while_a_job_runs_is_not_followed"),
     ),
     Fault(
-        "secrets that others can read", "refused alike", "say chmod 600",
+        "secrets that others can read", "refused alike", "run chmod 600",
         (PRIVATE + "test_token_keys_and_private_key_that_others_can_read_are_refused_alike",),
     ),
     Fault(

@@ -103,7 +103,7 @@ def test_token_keys_and_private_key_that_others_can_read_are_refused_alike(tmp_p
     }
     for name, read in reads.items():
         files[name].chmod(mode)
-        with pytest.raises(InputError, match=f"others can read .*; say chmod 600 .*{name}"):
+        with pytest.raises(InputError, match=f"others can read .*; run chmod 600 .*{name}"):
             read()
         files[name].chmod(0o600)
         read()

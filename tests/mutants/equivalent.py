@@ -7,7 +7,7 @@ from mutants.operators import Mutant
 _SAME: dict[tuple[str, str, str], str] = {
     (
         "host/hubodo/fuse/graph/fixes.py",
-        "best, before = size.astype(np.float64), np.full(len(first), -1)",
+        "best_count, previous_run = run_length.astype(np.float64), np.full(len(first), -1)",
         "1 -> 2",
     ): "the way back from run to run ends at whatever is below 0",
     (
@@ -42,28 +42,27 @@ _SAME: dict[tuple[str, str, str], str] = {
     ): "it is one radian, and one to any power is one",
     (
         "host/hubodo/fuse/graph/alignment.py",
-        "second = (first + (0.25 + 0.5 * (np.arange(1, _TRIALS + 1) * 0.7548776662 % 1.0)) * n)"
-        ".astype(np.intp) % n",
+        "second = (first + (0.25 + 0.5 * (k * 0.7548776662 % 1.0)) * n).astype(np.intp) % n",
         "0.25 -> 1.25",
     ): "it is taken modulo n: n further is the same fix",
     (
         "host/hubodo/fuse/differential_odometry.py",
-        "self._p = [[0.0] * 3 for _ in range(3)]",
+        "self._covariance = [[0.0] * 3 for _ in range(3)]",
         "3 -> 4",
     ): "a row or column beyond the third is never looked at",
     (
         "host/hubodo/fuse/differential_odometry.py",
-        "self._j = [[0.0] * 6 for _ in range(3)]",
+        "self._jacobian = [[0.0] * 6 for _ in range(3)]",
         "6 -> 7",
     ): "a column beyond the sixth is never looked at",
     (
         "host/hubodo/fuse/heading_filter.py",
-        "count = math.ceil(math.log(_LONGEST_S / _SHORTEST_S, _RATIO))",
+        "count = math.ceil(math.log(_MAX_FLICKER_TIME / _MIN_FLICKER_TIME, _FLICKER_TIME_RATIO))",
         "/ -> *",
     ): "the shortest is 1 s",
     (
         "host/hubodo/fuse/heading_filter.py",
-        "constants = _SHORTEST_S * _RATIO ** np.arange(count if noise.bias_instability else 0)",
+        "powers = np.arange(count if noise.bias_instability else 0)",
         "0 -> 1",
     ): "a flicker without size, in which nothing ever is",
     (

@@ -85,9 +85,8 @@ class HeadingFilter:
         self._model, self._noise, self._age = model, noise, age
         self._warmup_parameters = tuple(name for name, sigma in noise.warmup.items() if sigma > 0.0)
         count = math.ceil(math.log(_MAX_FLICKER_TIME / _MIN_FLICKER_TIME, _FLICKER_TIME_RATIO))
-        constants = _MIN_FLICKER_TIME * _FLICKER_TIME_RATIO ** np.arange(
-            count if noise.bias_instability else 0
-        )
+        powers = np.arange(count if noise.bias_instability else 0)
+        constants = _MIN_FLICKER_TIME * _FLICKER_TIME_RATIO**powers
         self._decay: Array = np.concatenate([np.zeros(2 + len(self._warmup_parameters)), 1.0 / constants])
         flicker = np.full(len(constants), noise.bias_instability**2 * math.log(_FLICKER_TIME_RATIO) / math.pi)
         warmup = [noise.warmup[name] ** 2 for name in self._warmup_parameters]

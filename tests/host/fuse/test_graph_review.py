@@ -113,7 +113,9 @@ def test_a_heading_that_is_known_to_seventeen_degrees_only_is_told(known, words)
 
 
 def test_a_graph_that_has_not_settled_says_so():
-    assert any("not converged after 7 iterations" in line for line in said(np.zeros((20, 2)), converged=False))
+    assert any(
+        "not converged after 7 iterations" in line for line in said(np.zeros((20, 2)), converged=False)
+    )
 
 
 def test_a_stretch_bridges_two_sound_ones():

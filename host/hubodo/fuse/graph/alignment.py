@@ -107,10 +107,9 @@ def _find_inliers(
     if n < 3:
         return np.ones(n, np.bool_)
     # Multiples of the golden ratio spread the pairs evenly over the section, without random numbers.
-    first = (np.arange(1, _N_FIX_PAIRS + 1) * 0.6180339887 % 1.0 * n).astype(np.intp)
-    second = (first + (0.25 + 0.5 * (np.arange(1, _N_FIX_PAIRS + 1) * 0.7548776662 % 1.0)) * n).astype(
-        np.intp
-    ) % n
+    k = np.arange(1, _N_FIX_PAIRS + 1)
+    first = (k * 0.6180339887 % 1.0 * n).astype(np.intp)
+    second = (first + (0.25 + 0.5 * (k * 0.7548776662 % 1.0)) * n).astype(np.intp) % n
     odometry_pair, fix_pair = odometry[second] - odometry[first], fixes[second] - fixes[first]
     rotation = np.exp(1j * np.angle(fix_pair * np.conj(odometry_pair)))
     distance = np.abs(
