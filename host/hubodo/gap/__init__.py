@@ -1,1 +1,1 @@
-"""Where simulation and measurement disagree, what is missing, and the model with it added."""
+"""The gap between simulation and measurement: missing effects, and the model completed with them."""

@@ -1,4 +1,4 @@
-"""The gap of a drive that is still being recorded: what its newest minute shows, each thing told once."""
+"""Search of the newest minute of a growing recording, which reports each finding once."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ from hubodo.model.model_file import Model
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import Vehicle
 
-# s: what is looked at, and how long a wheel has to turn, at so many rad/s or more, before anything is said.
+# s, length of the searched end of the log; s, time that a wheel has to turn in it; rad/s, its least spin.
 _WATCHED_DURATION, _MIN_TURNING_TIME, _MIN_WATCHED_SPIN = 60.0, 12.0, 1.0
-# s: what each node has to have; inputs made of its samples end a little before them.
+# s of samples that each node needs; inputs derived from them end slightly earlier.
 _MIN_WATCHED_DURATION = MIN_DURATION + 2.0
-# A finding is told when it is so sure and so much of what exceeds the noise.
+# Confidence, and share of the excess over noise, from which on a finding is reported.
 _MIN_REPORTED_CONFIDENCE, _MIN_REPORTED_SHARE = 0.99, 0.1
 
 
 class GapWatch:
-    """Looks at a recording as it grows. vehicle: its geometry; nothing else is known of it."""
+    """Repeated search of a growing recording with only the geometry of the vehicle given."""
 
     def __init__(self, vehicle: Vehicle) -> None:
         self._vehicle = vehicle
         self._reported: set[str] = set()
 
     def find_new(self, recording: Recording) -> list[str]:
-        """What is new, one line each."""
+        """Return new findings, one line each."""
         newest = _cut_newest(recording)
         if not any(self._is_turning(name, table) for name, table in newest.nodes.items()):
             return []
@@ -70,22 +70,24 @@ class GapWatch:
 
 
 def describe_finding(finding: Finding, model: Model) -> str:
-    """A finding in one line, such as "left: the IMU sits 0.15 m off the hub"."""
+    """Return a finding as one line, such as "left: the IMU sits 0.15 m off the hub"."""
     node = None if finding.scope in (ALL, VEHICLE) else finding.scope
-    effect = next(it.effect for it in model.effects if (it.effect.name, it.node) == (finding.effect, node))
+    effect = next(
+        item.effect for item in model.effects if (item.effect.name, item.node) == (finding.effect, node)
+    )
     place = {ALL: "all nodes", VEHICLE: "the vehicle"}.get(finding.scope, finding.scope)
-    words = effect.describe()
-    if not words:
-        values = ", ".join(f"{name} {format_estimate(it)}" for name, it in finding.parameters.items())
-        words = f"{effect.meaning} ({values})"
-    return f"{place}: {words}"
+    description = effect.describe()
+    if not description:
+        values = ", ".join(f"{name} {format_estimate(item)}" for name, item in finding.parameters.items())
+        description = f"{effect.meaning} ({values})"
+    return f"{place}: {description}"
 
 
 def _is_reportable(finding: Finding, result: GapResult) -> bool:
     floor = result.gap.floor or 1.0
     excess = result.gap.before**2 - floor**2
-    share = (finding.gap.before**2 - finding.gap.after**2) / excess if excess > 0.0 else 0.0
-    return finding.confidence >= _MIN_REPORTED_CONFIDENCE and share >= _MIN_REPORTED_SHARE
+    explained_share = (finding.gap.before**2 - finding.gap.after**2) / excess if excess > 0.0 else 0.0
+    return finding.confidence >= _MIN_REPORTED_CONFIDENCE and explained_share >= _MIN_REPORTED_SHARE
 
 
 def _cut_newest(recording: Recording) -> Recording:
@@ -93,6 +95,6 @@ def _cut_newest(recording: Recording) -> Recording:
     since = max(ends, default=0.0) - _WATCHED_DURATION
     nodes = {}
     for name, table in recording.nodes.items():
-        kept = table.t >= since
-        nodes[name] = Table({column: table[column][kept] for column in table})
+        is_new = table.t >= since
+        nodes[name] = Table({column: table[column][is_new] for column in table})
     return replace(recording, nodes=nodes, reference=None)

@@ -1,4 +1,4 @@
-"""The workflow: search, reconsider each name beside its rivals, measure what shrank on data not fitted."""
+"""Workflow of a search: search, reconsider each effect, measure the gap on held-out samples."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from hubodo.gap.state.terms import ALL, VEHICLE, ModelTerm
 from hubodo.model.model_file import Model, ScopedEffect
 from hubodo.recording import Recording
 
-# A gap so much larger than that of noise alone is not explained, whatever was found.
+# Ratio of the final gap to that of noise alone, from which on the log is not fully explained.
 _MAX_EXPLAINED_GAP_RATIO = 1.5
 
 
@@ -38,9 +38,9 @@ def find_gap(
     report_progress: ReportProgress = lambda words, share: None,
     journal: Journal | None = None,
 ) -> GapResult:
-    """Where a log and a model disagree, what is missing, and the model with it: see `find_gap_in`.
+    """Find the effects missing in a model to explain a log; see `find_problem_gap`.
 
-    Raises InputError when the log has not what the model needs.
+    Raises InputError if the log lacks an input of the model.
     """
     problem = build_problem(recording, model, log_name)
     return find_problem_gap(
@@ -56,89 +56,103 @@ def find_problem_gap(
     report_progress: ReportProgress = lambda words, share: None,
     journal: Journal | None = None,
 ) -> GapResult:
-    """What is missing in the model of a problem, and the model with it. The log itself is not needed for it.
+    """Find the effects missing in the model of a problem.
 
-    accept: names of effects that are added before anything is searched. reject: names not considered.
-    journal: keeps the rounds of the search, and has those of one that was stopped. With one, a
-    KeyboardInterrupt ends the search with what it has found, where it has found anything.
+    accept: effects added before the search starts
+    reject: effects not considered
+    report_progress: called with the activity and the completed share
+    journal: stores the rounds, and provides those of an interrupted search. With a journal, a
+        KeyboardInterrupt ends the search with its intermediate result, if there is one
     """
-    report_progress("following the wheels", 0.02)
-    begin, found = build_initial_state(problem), list[SearchResult]()
-    watch = SearchObserver(journal or Journal(), report_progress, found.append)
+    report_progress("tracking the wheels", 0.02)
+    initial_state, results = build_initial_state(problem), list[SearchResult]()
+    observer = SearchObserver(journal or Journal(), report_progress, results.append)
     try:
-        found.append(search_effects(begin, accept, reject, watch))
-        last, rounds = reconsider_effects(found[-1], accept, reject, watch)
-        last, rounds = drop_chance_effects(last, rounds, accept)
-        last = replace(last, final=last.final.without_cache())
+        results.append(search_effects(initial_state, accept, reject, observer))
+        result, rounds = reconsider_effects(results[-1], accept, reject, observer)
+        result, rounds = drop_chance_effects(result, rounds, accept)
+        result = replace(result, final=result.final.without_cache())
     except KeyboardInterrupt:
-        if journal is None or not found:
+        if journal is None or not results:
             raise
-        return _build_unfinished_result(begin, found[-1], report_progress)
-    report_progress("measuring on what was not fitted", 0.9)
-    there = {term.effect.name for term in last.final.state.terms}
-    unseen = [f"{name}: accepted, but nothing in this log shows it" for name in accept if name not in there]
-    return _build_result(begin, last, rounds, (*problem.warnings, *unseen))
+        return _build_unfinished_result(initial_state, results[-1], report_progress)
+    report_progress("measuring on held-out samples", 0.9)
+    effects = {term.effect.name for term in result.final.state.terms}
+    ineffective = [f"{name}: accepted, but not visible in this log" for name in accept if name not in effects]
+    return _build_result(initial_state, result, rounds, (*problem.warnings, *ineffective))
 
 
 def _build_unfinished_result(
-    begin: State, result: SearchResult, report_progress: ReportProgress
+    initial_state: State, result: SearchResult, report_progress: ReportProgress
 ) -> GapResult:
-    """What a search had found when it was stopped, each name as it was found."""
-    report_progress("stopped; measuring what was found so far", 0.9)
-    rounds = {made.best.key: made for made in result.rounds if made.best is not None}
-    here = replace(begin, problem=result.final.state.problem)
-    words = "the search was stopped: more may be missing, and no name was looked at a second time"
-    return replace(_build_result(here, result, rounds, (*begin.problem.warnings, words)), is_finished=False)
-
-
-def _build_result(
-    begin: State, search_result: SearchResult, rounds: RoundsByKey, warnings: tuple[str, ...]
-) -> GapResult:
-    problem, final = begin.problem, search_result.final.evaluation.without_cache()
-    held = split_held_out(problem)
-    terms = [term for term in final.state.terms if term.is_fitted]
-    given = [term for term in final.state.terms if not term.is_fitted]
-    stages = [_refit_stage(begin, terms[:k], final) for k in range(len(terms))]
-    outside = [_held_out_gap(one.without_cache(), held) for one in (*stages, final)]
-    steps = [*(one.without_cache().residuals for one in stages), final.residuals]
-    left, structured = list_unexplained(final, steps[-1])
-    del final  # What was worked out of it is large.
-    findings = []
-    for k, term in enumerate(terms):
-        one = build_finding(term, search_result, rounds, steps[k : k + 2], outside[k : k + 2])
-        findings += split_by_channel(one) if one.effect.startswith(PREFIX) else [one]
-    whole = BeforeAfter(compute_gap(steps[0]), compute_gap(steps[-1]), compute_gap_floor(steps[-1]))
-    unexplained = structured or whole.after > _MAX_EXPLAINED_GAP_RATIO * compute_gap_floor(steps[-1])
-    verdict: Verdict
-    if findings:
-        verdict = "partly_explained" if unexplained else "explained"
-    else:
-        verdict = "unexplained" if unexplained else "no_gap"
-    return GapResult(
-        verdict,
-        whole,
-        BeforeAfter(outside[0], outside[-1]),
-        held.kind,
-        tuple(findings),
-        tuple(left),
-        warnings,
-        _model_with(problem.model, [*given, *terms]),
-        search_result,
-        tuple(steps),
+    """Return the result of an interrupted search, without reconsideration."""
+    report_progress("interrupted; measuring the effects found so far", 0.9)
+    rounds = {judged.best.key: judged for judged in result.rounds if judged.best is not None}
+    full_state = replace(initial_state, problem=result.final.state.problem)
+    warning = "the search was interrupted: more may be missing, and no effect was reconsidered"
+    return replace(
+        _build_result(full_state, result, rounds, (*initial_state.problem.warnings, warning)),
+        is_finished=False,
     )
 
 
-def _refit_stage(begin: State, terms: Sequence[ModelTerm], final: Evaluation) -> Evaluation:
-    """The model as it was with only the first effects found, fitted anew."""
+def _build_result(
+    initial_state: State, search_result: SearchResult, rounds: RoundsByKey, warnings: tuple[str, ...]
+) -> GapResult:
+    """Build the result: gaps and held-out gaps after each added effect, findings, unexplained residuals."""
+    problem, final = initial_state.problem, search_result.final.evaluation.without_cache()
+    held_out_split = split_held_out(problem)
+    terms = [term for term in final.state.terms if term.is_fitted]
+    given = [term for term in final.state.terms if not term.is_fitted]
+    stages = [_refit_stage(initial_state, terms[:k], final) for k in range(len(terms))]
+    held_out_gaps = [_held_out_gap(finding.without_cache(), held_out_split) for finding in (*stages, final)]
+    residuals = [*(finding.without_cache().residuals for finding in stages), final.residuals]
+    unexplained_items, has_structure = list_unexplained(final, residuals[-1])
+    del final  # Its cached results are large.
+    findings = []
+    for k, term in enumerate(terms):
+        finding = build_finding(term, search_result, rounds, residuals[k : k + 2], held_out_gaps[k : k + 2])
+        findings += split_by_channel(finding) if finding.effect.startswith(PREFIX) else [finding]
+    total = BeforeAfter(
+        compute_gap(residuals[0]), compute_gap(residuals[-1]), compute_gap_floor(residuals[-1])
+    )
+    is_unexplained = has_structure or total.after > _MAX_EXPLAINED_GAP_RATIO * compute_gap_floor(
+        residuals[-1]
+    )
+    verdict: Verdict
+    if findings:
+        verdict = "partly_explained" if is_unexplained else "explained"
+    else:
+        verdict = "unexplained" if is_unexplained else "no_gap"
+    return GapResult(
+        verdict,
+        total,
+        BeforeAfter(held_out_gaps[0], held_out_gaps[-1]),
+        held_out_split.kind,
+        tuple(findings),
+        tuple(unexplained_items),
+        warnings,
+        _model_with(problem.model, [*given, *terms]),
+        search_result,
+        tuple(residuals),
+    )
+
+
+def _refit_stage(initial_state: State, terms: Sequence[ModelTerm], final: Evaluation) -> Evaluation:
+    """Refit the model with only the first effects."""
     keys = {term.key for term in terms}
-    kept = [term for term in begin.terms if term.key not in keys]
-    return refit(final.with_state(begin.with_terms([*kept, *terms])), rounds=2).evaluation.without_cache()
+    others = [term for term in initial_state.terms if term.key not in keys]
+    return refit(
+        final.with_state(initial_state.with_terms([*others, *terms])), rounds=2
+    ).evaluation.without_cache()
 
 
-def _held_out_gap(point: Evaluation, held: HeldOutSplit) -> float:
-    """The gap on what was held out, with the terms fitted to the rest."""
-    trained = refit(replace(point, weights=held.exclude_from(point.weights)), rounds=2).without_cache()
-    return compute_gap(point.with_state(trained.state).residuals, held.masks)
+def _held_out_gap(evaluation: Evaluation, held_out_split: HeldOutSplit) -> float:
+    """Return the gap on held-out samples, with the terms fitted to the others."""
+    trained = refit(
+        replace(evaluation, weights=held_out_split.exclude_from(evaluation.weights)), rounds=2
+    ).without_cache()
+    return compute_gap(evaluation.with_state(trained.state).residuals, held_out_split.masks)
 
 
 def _model_with(model: Model, terms: Sequence[ModelTerm]) -> Model:

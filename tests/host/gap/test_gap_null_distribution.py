@@ -99,7 +99,7 @@ def test_a_coarse_reference_that_cuts_corners_is_not_taken_for_an_effect(tmp_pat
     case = tmp_path / "log"
     made = gap(tmp_path / "out", case / "model.toml", case, "--explain", "gyro_bias")
     assert made.result["found"] == []
-    assert "gyro_bias (all) was added in round 1 and taken out again" in made.out
+    assert "gyro_bias (all) was added in round 1 and removed later" in made.out
 
 
 def test_with_a_coarse_and_noisy_reference_a_radius_is_still_a_radius(tmp_path, monkeypatch):

@@ -104,9 +104,9 @@ def test_a_search_that_is_stopped_leaves_what_it_found_and_says_so(stopped, tmp_
     check(left.result)
     assert left.result["finished"] is False
     assert len(left.names) == 1 and left.names[0][0] in HIDDEN
-    assert any("stopped" in line for line in left.result["warnings"])
+    assert any("interrupted" in line for line in left.result["warnings"])
     assert left.names[0][0] in (left.folder / "model.toml").read_text("utf-8")
-    assert "stopped" in (left.folder / "report.html").read_text("utf-8")
+    assert "interrupted" in (left.folder / "report.html").read_text("utf-8")
 
 
 def test_a_search_that_is_stopped_before_it_found_anything_leaves_nothing(stopped, tmp_path):

@@ -68,7 +68,7 @@ def test_an_accepted_name_stays_as_unsure_as_it_is_and_what_is_missing_is_found_
 def test_an_accepted_name_that_no_log_like_this_can_show_is_said(nothing, tmp_path):
     made = gap(tmp_path / "out", nothing / "model.toml", nothing, "--accept", "accel_saturation")
     assert made.names == []
-    assert "accel_saturation: accepted, but nothing in this log shows it" in made.result["warnings"]
+    assert "accel_saturation: accepted, but not visible in this log" in made.result["warnings"]
 
 
 def test_every_effect_has_words_for_people():
@@ -112,8 +112,8 @@ FOUND = SimpleNamespace(
             "gyro_bias (left) lost to wheel_camber (right) when each name was reconsidered: gain 12.3",
         ),
         (why(), "could not be tested: this log has no node"),
-        (why(name="gyro_quantization"), "how the samples scatter; there is no sign of it"),
-        (why(round_of(BIAS, BIAS, CAMBER)), "gyro_bias (all) was added in round 1 and taken out again"),
+        (why(name="gyro_quantization"), "on the scatter of the samples; there is no sign of it"),
+        (why(round_of(BIAS, BIAS, CAMBER)), "gyro_bias (all) was added in round 1 and removed later"),
         (why(round_of(None, BIAS)), "gained 20.0 in log-likelihood, too little to be more than chance"),
         (why(round_of(CAMBER, CAMBER, BIAS)), "round 1 but wheel_camber (right) explained it better"),
         (
@@ -122,7 +122,7 @@ FOUND = SimpleNamespace(
         ),
         (
             why(round_of(CAMBER, CAMBER, screened=[rival("gyro_bias", gain=3.0, evidence=-0.5)])),
-            "would gain 3.0 in log-likelihood (all), less than the freedom it takes (ln Bayes factor -0.5)",
+            "would gain 3.0 in log-likelihood (all), less than its free parameters cost (ln Bayes factor -0.5)",
         ),
         (
             why(
@@ -137,7 +137,7 @@ FOUND = SimpleNamespace(
                     ],
                 ),
             ),
-            "in the last round it would gain 4.0 in log-likelihood (right), less than others bring",
+            "in the last round it would gain 4.0 in log-likelihood (right), less than others gain",
         ),
     ],
 )
@@ -153,5 +153,5 @@ def test_each_scope_of_an_effect_has_one_row_in_each_round_and_what_beat_it():
         (1, "all", 20.0, 0.25, "wheel_camber (right)"),
         (1, "left", 5.0, None, "wheel_camber (right)"),
         (2, "all", 20.0, 0.25, ""),
-        (3, "all", 20.0, 0.25, "nothing earned its place"),
+        (3, "all", 20.0, 0.25, "no effect was significant"),
     ]

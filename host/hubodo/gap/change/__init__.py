@@ -1,1 +1,1 @@
-"""Two logs of one vehicle: what has changed between them, and how likely it is that nothing has."""
+"""Changes of a vehicle between two logs."""

@@ -1,4 +1,4 @@
-"""What has changed on a vehicle between two logs: names, by how much, and the chance that nothing has."""
+"""Changes between two logs of one vehicle: effects, their size, and the p-value of no change."""
 
 from __future__ import annotations
 
@@ -25,15 +25,17 @@ from hubodo.gap.workflow import find_gap
 from hubodo.model.model_file import Model, ScopedEffect
 from hubodo.recording import Recording
 
-# A change is named when chance makes one as large in less than one of a hundred pairs of logs.
+# P-value below which a change is reported.
 CHANGE_P_VALUE = 0.01
 
 
 @dataclass(frozen=True)
 class Change:
-    """An effect that is another in the second log. values: by parameter, before, after and by how much.
+    """An effect with another value in the second log.
 
-    p_value: how often the best of all candidates differs as much by chance.
+    values: by parameter, before, after and their difference
+    p_value: how often the best candidate differs as much by chance
+    where: channels, times and regimes that show it, in words
     """
 
     effect: str
@@ -43,13 +45,15 @@ class Change:
     where: str
 
     def as_json(self) -> dict[str, Any]:
+        """Return the entry of `changes` in `change.json`."""
         keys = ("before", "after", "change")
         return {
             "effect": self.effect,
             "scope": self.scope,
             "parameters": {
                 name: {
-                    key: {"value": it.value, "sigma": it.sigma} for key, it in zip(keys, three, strict=True)
+                    key: {"value": estimate.value, "sigma": estimate.sigma}
+                    for key, estimate in zip(keys, three, strict=True)
                 }
                 | {"unit": three[0].unit}
                 for name, three in self.values.items()
@@ -61,10 +65,12 @@ class Change:
 
 @dataclass(frozen=True)
 class ChangeResult:
-    """p_value: how often two logs differ as much as these where nothing has changed.
+    """Result of comparing two logs.
 
-    changes: in order of discovery. unnamed: terms without a name that the second log alone asks for. before,
-    after: the vehicle as it was, and as it is.
+    p_value: how often two logs differ as much if nothing has changed
+    changes: in order of discovery
+    unnamed_terms: needed by the second log only
+    model_before, model_after: the vehicle in the first and in the second log
     """
 
     p_value: float
@@ -76,14 +82,15 @@ class ChangeResult:
 
     @property
     def has_changed(self) -> bool:
+        """Return True if the logs differ significantly."""
         return self.p_value < CHANGE_P_VALUE
 
     def as_json(self) -> dict[str, Any]:
-        """What `change.json` holds."""
+        """Return the content of `change.json`."""
         return {
             "changed": self.has_changed,
             "p_value": self.p_value,
-            "changes": [it.as_json() for it in self.changes],
+            "changes": [change.as_json() for change in self.changes],
             "unnamed": list(self.unnamed_terms),
             "warnings": list(self.warnings),
         }
@@ -97,9 +104,9 @@ def find_change(
     log_names: tuple[str, str] = ("before", "after"),
     report_progress: ReportProgress = lambda words, share: None,
 ) -> ChangeResult:
-    """What is another in the second log than in the first.
+    """Find what differs in the second log from the first.
 
-    Raises InputError when a log does not belong to the model, or the two have not the same nodes.
+    Raises InputError if a log does not belong to the model, or the logs have different nodes.
     """
     problems = [build_problem(log, model, name) for log, name in zip((before, after), log_names, strict=True)]
     names = [{node.name for node in problem.nodes} for problem in problems]
@@ -108,108 +115,130 @@ def find_change(
             f"{log_names[0]} has {', '.join(names[0])}, {log_names[1]} has {', '.join(names[1])}: "
             "compare logs with the same nodes"
         )
-    first = find_gap(
+    result_before = find_gap(
         before,
         model,
         log_name=log_names[0],
         report_progress=lambda words, share: report_progress(words, 0.45 * share),
     )
-    was = _drop_unnamed(first.model)
-    second = find_gap(
+    model_before = _drop_unnamed(result_before.model)
+    result_after = find_gap(
         after,
-        was,
+        model_before,
         log_name=log_names[1],
         report_progress=lambda words, share: report_progress(words, 0.45 + 0.45 * share),
     )
     report_progress("comparing", 0.92)
-    found = [item for item in was.effects if item not in model.effects]
-    p_value = compare_logs(*_with_common_values(problems, found)).p_value
-    own = [it for it in second.found if not it.effect.startswith(PREFIX)]
-    unnamed = tuple(it.effect for it in second.found if it.effect.startswith(PREFIX))
-    free = [*found, *(_scoped_effect(it, second.model) for it in own)]
-    fits = [_fit_log(problem, free) for problem in problems]
-    null = compare_logs(fits[0].evaluation, fits[1].evaluation).null_distribution
-    made = [_build_change(it, fits, null) for it in own] if p_value < CHANGE_P_VALUE else []
-    changes = tuple(it for it in made if it.p_value < CHANGE_P_VALUE)
+    found_before = [item for item in model_before.effects if item not in model.effects]
+    p_value = compare_logs(*_with_common_values(problems, found_before)).p_value
+    found_after = [item for item in result_after.found if not item.effect.startswith(PREFIX)]
+    unnamed = tuple(item.effect for item in result_after.found if item.effect.startswith(PREFIX))
+    free_terms = [*found_before, *(_scoped_effect(item, result_after.model) for item in found_after)]
+    fits = [_fit_log(problem, free_terms) for problem in problems]
+    null_distribution = compare_logs(fits[0].evaluation, fits[1].evaluation).null_distribution
+    all_changes = (
+        [_build_change(item, fits, null_distribution) for item in found_after]
+        if p_value < CHANGE_P_VALUE
+        else []
+    )
+    changes = tuple(item for item in all_changes if item.p_value < CHANGE_P_VALUE)
     models = [_build_model(model, fit) for fit in fits]
-    warnings = tuple(dict.fromkeys([*first.warnings, *second.warnings]))
+    warnings = tuple(dict.fromkeys([*result_before.warnings, *result_after.warnings]))
     return ChangeResult(
         p_value, changes, unnamed if p_value < CHANGE_P_VALUE else (), models[0], models[1], warnings
     )
 
 
 def _drop_unnamed(model: Model) -> Model:
-    """Without terms that have no name."""
-    return replace(model, effects=tuple(it for it in model.effects if not it.effect.name.startswith(PREFIX)))
+    """Return the model without unnamed terms."""
+    return replace(
+        model, effects=tuple(item for item in model.effects if not item.effect.name.startswith(PREFIX))
+    )
 
 
-def _scoped_effect(found: Finding, model: Model) -> ScopedEffect:
-    node = None if found.scope in (ALL, VEHICLE) else found.scope
-    return next(it for it in model.effects if (it.effect.name, it.node) == (found.effect, node))
+def _scoped_effect(finding: Finding, model: Model) -> ScopedEffect:
+    node = None if finding.scope in (ALL, VEHICLE) else finding.scope
+    return next(item for item in model.effects if (item.effect.name, item.node) == (finding.effect, node))
 
 
-def _free_terms(free: Sequence[ScopedEffect]) -> list[ModelTerm]:
-    """Free terms; of two for one place the last."""
-    made = {}
-    for item in free:
+def _free_terms(items: Sequence[ScopedEffect]) -> list[ModelTerm]:
+    """Return free terms; of two for the same effect and scope the last."""
+    terms = {}
+    for item in items:
         level = item.effect.level
         scope = item.node or (VEHICLE if level == "vehicle" else ALL)
-        made[item.effect.name, scope] = ModelTerm(item.effect, scope)
-    return list(made.values())
+        terms[item.effect.name, scope] = ModelTerm(item.effect, scope)
+    return list(terms.values())
 
 
-def _fit_log(problem: Problem, free: Sequence[ScopedEffect]) -> Refit:
-    """A log with these free, beside what the model file has."""
-    terms = _free_terms(free)
-    begin = build_initial_state(problem)
+def _fit_log(problem: Problem, items: Sequence[ScopedEffect]) -> Refit:
+    """Fit a log with these effects free, beside those of the model file."""
+    terms = _free_terms(items)
+    initial_state = build_initial_state(problem)
     keys = {term.key for term in terms}
-    return refit_with_weights(begin.with_terms([*(it for it in begin.terms if it.key not in keys), *terms]))
+    return refit_with_weights(
+        initial_state.with_terms([*(term for term in initial_state.terms if term.key not in keys), *terms])
+    )
 
 
 def _with_common_values(
-    problems: Sequence[Problem], found: Sequence[ScopedEffect]
+    problems: Sequence[Problem], items: Sequence[ScopedEffect]
 ) -> tuple[Evaluation, Evaluation]:
-    """Both logs with the same values, the mean of both fits, each weighed as when it is fitted itself."""
-    fits = [_fit_log(problem, found) for problem in problems]
-    same = {term.key: _average_term(term, fits) for term in fits[0].free_terms}
-    states = [fit.state.with_terms([same.get(term.key, term) for term in fit.state.terms]) for fit in fits]
+    """Return evaluations of both logs with common values, each under its own weights."""
+    fits = [_fit_log(problem, items) for problem in problems]
+    common = {term.key: _average_term(term, fits) for term in fits[0].free_terms}
+    states = [fit.state.with_terms([common.get(term.key, term) for term in fit.state.terms]) for fit in fits]
     return fits[0].evaluation.with_state(states[0]), fits[1].evaluation.with_state(states[1])
 
 
 def _average_term(term: ModelTerm, fits: Sequence[Refit]) -> ModelTerm:
-    """A term with each coordinate where both fits together have it."""
-    there, weights = [], []
+    """Return a term with each coordinate averaged over both fits by inverse variance."""
+    coordinates, weights = [], []
     for fit in fits:
-        own = next(it for it in fit.free_terms if it.key == term.key)
+        own = next(free_term for free_term in fit.free_terms if free_term.key == term.key)
         variance = np.diag(_larger_covariance(fit, fit.coordinate_slice(own)))
-        there.append(own.effect.coordinates())
+        coordinates.append(own.effect.coordinates())
         weights.append(np.where(variance > 0.0, 1.0 / np.where(variance > 0.0, variance, 1.0), 1e-12))
-    return term.with_coordinates(np.average(there, axis=0, weights=weights))
+    return term.with_coordinates(np.average(coordinates, axis=0, weights=weights))
 
 
-def _build_change(found: Finding, fits: Sequence[Refit], null: NullDistribution) -> Change:
-    """A name that the second log asks for beside the first one's model."""
-    key = (found.effect, found.scope)
+def _build_change(finding: Finding, fits: Sequence[Refit], null_distribution: NullDistribution) -> Change:
+    """Build the change of an effect that the second log requires beside the first one's model."""
+    key = (finding.effect, finding.scope)
     terms = [next(term for term in fit.free_terms if term.key == key) for fit in fits]
     values = [estimate_parameters(term, fit) for term, fit in zip(terms, fits, strict=True)]
-    places = [fit.coordinate_slice(term) for term, fit in zip(terms, fits, strict=True)]
-    covariance = sum(_larger_covariance(fit, place) for fit, place in zip(fits, places, strict=True))
-    apart = (terms[1].effect.coordinates() - terms[0].effect.coordinates()) / terms[
+    slices = [fit.coordinate_slice(term) for term, fit in zip(terms, fits, strict=True)]
+    covariance = sum(_larger_covariance(fit, place) for fit, place in zip(fits, slices, strict=True))
+    difference = (terms[1].effect.coordinates() - terms[0].effect.coordinates()) / terms[
         0
     ].effect.coordinate_scales()
-    seen = np.diag(np.asarray(covariance)) > 0.0
-    inner = np.asarray(covariance)[np.ix_(seen, seen)]
-    gain = 0.5 * float(apart[seen] @ np.linalg.pinv(inner, hermitian=True) @ apart[seen])
-    three = {}
-    for name, old in values[0].items():
-        new = values[1][name]
-        sigma = None if old.sigma is None or new.sigma is None else float(np.hypot(old.sigma, new.sigma))
-        three[name] = (old, new, Estimate(new.value - old.value, sigma, old.unit))
-    return Change(found.effect, found.scope, three, null.p_value(gain, int(seen.sum())), found.where)
+    is_observed = np.diag(np.asarray(covariance)) > 0.0
+    observed_covariance = np.asarray(covariance)[np.ix_(is_observed, is_observed)]
+    gain = 0.5 * float(
+        difference[is_observed]
+        @ np.linalg.pinv(observed_covariance, hermitian=True)
+        @ difference[is_observed]
+    )
+    values_by_name = {}
+    for name, before in values[0].items():
+        after = values[1][name]
+        sigma = (
+            None
+            if before.sigma is None or after.sigma is None
+            else float(np.hypot(before.sigma, after.sigma))
+        )
+        values_by_name[name] = (before, after, Estimate(after.value - before.value, sigma, before.unit))
+    return Change(
+        finding.effect,
+        finding.scope,
+        values_by_name,
+        null_distribution.p_value(gain, int(is_observed.sum())),
+        finding.where,
+    )
 
 
 def _larger_covariance(fit: Refit, place: slice) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """(k, k) in scales: the larger of what independent samples and the scatter of blocks say."""
+    """Return the larger covariance, (k, k) in scales: for independent samples or from block scores."""
     robust, plain = fit.robust_covariance[place, place], fit.covariance[place, place]
     return robust if np.trace(robust) > np.trace(plain) else plain
 

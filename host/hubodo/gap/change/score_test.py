@@ -1,8 +1,8 @@
-"""Two logs under one model: what each candidate gains where the second has its own value (a score test).
+"""Score test for a change between two logs: the gain of each candidate with separate values.
 
-Whatever was found is common to both and free, and so is the candidate itself; what is tested is the
-difference alone, so a thing that neither log knows well is no change. Chance is what the best of all gains
-when the signs of blocks of time are drawn anew, as in `screen/null_distribution.py`.
+Known effects and the candidate itself are free and common to both logs; only the difference is tested, so
+that poorly observed effects do not count as changes. The null distribution of the largest gain is a wild
+bootstrap as in `screen/null_distribution.py`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from hubodo.gap.screen.null_distribution import (
 
 @dataclass(frozen=True)
 class Difference:
-    """What a candidate gains of ln likelihood where the second log has its own; freedom: coordinates seen."""
+    """Gain of ln likelihood by separate values of a candidate, and the number of observable coordinates."""
 
     candidate: Candidate
     gain: float
@@ -35,46 +35,50 @@ class Difference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """differences: the most surprising first. null: what the best of them gains by chance."""
+    """Score tests, the most surprising first, and the null distribution of the largest gain."""
 
     differences: tuple[Difference, ...]
     null_distribution: NullDistribution
 
     @property
     def p_value(self) -> float:
-        """How often the logs differ as much as this where nothing has changed."""
+        """Return how often logs differ as much if nothing has changed."""
         best = self.differences[0]
         return self.null_distribution.p_value(best.gain, best.degrees_of_freedom)
 
 
 def compare_logs(evaluation_before: Evaluation, evaluation_after: Evaluation) -> Comparison:
-    """Every candidate, from two points of one model with the same values; the logs have the same nodes."""
+    """Test every candidate for a change, given evaluations of the same model and the same nodes."""
     directions = list_directions(evaluation_before.state)
     logs = [
         _eliminate_nuisances(linearise(evaluation_before, directions)),
         _eliminate_nuisances(linearise(evaluation_after, list_directions(evaluation_after.state))),
     ]
-    options = list_candidates(evaluation_before.problem, directions)
+    all_candidates = list_candidates(evaluation_before.problem, directions)
     known = {term.key for term in evaluation_before.state.terms if term.effect.visible_in == "mean"}
-    common = [it.basis for it in options if it.term.key in known]
-    made, tests, columns = [], [], list[Array]()
-    for candidate in options:
-        beside = common if candidate.term.key in known else [*common, candidate.basis]
-        gain, scores, covariance = _score_difference(logs, candidate.basis, np.hstack(beside))
+    common = [item.basis for item in all_candidates if item.term.key in known]
+    differences, tests, columns = [], [], list[Array]()
+    for candidate in all_candidates:
+        fitted = common if candidate.term.key in known else [*common, candidate.basis]
+        gain, scores, covariance = _score_difference(logs, candidate.basis, np.hstack(fitted))
         freedom = int(np.count_nonzero(np.diag(covariance)))
         if freedom:
-            place = np.zeros((sum(it.shape[1] for it in columns) + scores.shape[1], scores.shape[1]))
-            place[-scores.shape[1] :] = np.eye(scores.shape[1])
+            test_basis = np.zeros((sum(item.shape[1] for item in columns) + scores.shape[1], scores.shape[1]))
+            test_basis[-scores.shape[1] :] = np.eye(scores.shape[1])
             columns.append(scores)
-            tests.append(ScoreTest(place, covariance))
-            made.append(Difference(candidate, gain, freedom))
-    made.sort(key=lambda it: -float(compute_surprise(np.array(it.gain), it.degrees_of_freedom)))
-    return Comparison(tuple(made), draw_null_distribution(np.hstack(columns), tests))
+            tests.append(ScoreTest(test_basis, covariance))
+            differences.append(Difference(candidate, gain, freedom))
+    differences.sort(key=lambda item: -float(compute_surprise(np.array(item.gain), item.degrees_of_freedom)))
+    return Comparison(tuple(differences), draw_null_distribution(np.hstack(columns), tests))
 
 
 @dataclass(frozen=True)
 class _ReducedLog:
-    """A linearised log without its nuisances. blocks: (B, D+1, D+1). raw: (D,)."""
+    """A linearised log without its nuisances.
+
+    blocks: (B, D+1, D+1)
+    raw: (D,)
+    """
 
     blocks: Array
     raw: Array
@@ -84,50 +88,52 @@ class _ReducedLog:
         return np.asarray(self.blocks.sum(axis=0))
 
 
-def _eliminate_nuisances(linear: Linearisation) -> _ReducedLog:
-    """With the nuisances where the log wants them."""
-    count = len(linear.directions)
-    kept = [*range(count), len(linear.gram) - 1]
-    if not linear.n_nuisances:
-        return _ReducedLog(linear.block_grams.unpack(), linear.raw_squares[:-1])
-    gram, free = linear.gram, linear.nuisance_indices
-    out = np.linalg.pinv(gram[np.ix_(free, free)], hermitian=True) @ gram[free]
-    turn = np.eye(len(gram))
-    turn[free] -= out
-    turn = turn[:, kept]
+def _eliminate_nuisances(linearisation: Linearisation) -> _ReducedLog:
+    """Return the log with the nuisances at their optimum."""
+    count = len(linearisation.directions)
+    remaining = [*range(count), len(linearisation.gram) - 1]
+    if not linearisation.n_nuisances:
+        return _ReducedLog(linearisation.block_grams.unpack(), linearisation.raw_squares[:-1])
+    gram, nuisances = linearisation.gram, linearisation.nuisance_indices
+    regression = np.linalg.pinv(gram[np.ix_(nuisances, nuisances)], hermitian=True) @ gram[nuisances]
+    transform = np.eye(len(gram))
+    transform[nuisances] -= regression
+    transform = transform[:, remaining]
     return _ReducedLog(
-        np.einsum("dk,bde,ef->bkf", turn, linear.block_grams.unpack(), turn, optimize=True),
-        linear.raw_squares[:count],
+        np.einsum("dk,bde,ef->bkf", transform, linearisation.block_grams.unpack(), transform, optimize=True),
+        linearisation.raw_squares[:count],
     )
 
 
 def _score_difference(logs: Sequence[_ReducedLog], basis: Array, common: Array) -> tuple[float, Array, Array]:
-    """Gain, (B, k) scores of blocks and (k, k) covariance of the second value less the first.
+    """Return gain, block scores, (B, k), and covariance, (k, k), of the difference of the logs.
 
-    What is common moves along `common`, (D, p), in both; the difference by half of it, down in the first log
-    and up in the second.
+    Common coordinates move along `common`, (D, p), in both logs; the difference moves half down in the first
+    log and half up in the second.
     """
     signs = (-0.5, 0.5)
     grams = [log.gram for log in logs]
-    whole = np.sum([common.T @ gram[:-1, :-1] @ common for gram in grams], axis=0)
-    pull = np.sum([common.T @ gram[:-1, -1] for gram in grams], axis=0)
-    across = sum(sign * basis.T @ gram[:-1, :-1] @ common for sign, gram in zip(signs, grams, strict=True))
-    inverse = np.linalg.pinv(whole, hermitian=True, rcond=1e-10)
-    settled, shared = inverse @ pull, np.asarray(across @ inverse)
+    common_information = np.sum([common.T @ gram[:-1, :-1] @ common for gram in grams], axis=0)
+    common_score = np.sum([common.T @ gram[:-1, -1] for gram in grams], axis=0)
+    cross_information = sum(
+        sign * basis.T @ gram[:-1, :-1] @ common for sign, gram in zip(signs, grams, strict=True)
+    )
+    inverse = np.linalg.pinv(common_information, hermitian=True, rcond=1e-10)
+    common_step, regression = inverse @ common_score, np.asarray(cross_information @ inverse)
     blocks, total, information = [], np.zeros(basis.shape[1]), np.zeros((basis.shape[1],) * 2)
     for log, sign, gram in zip(logs, signs, grams, strict=True):
-        along = sign * basis - common @ shared.T
-        own = common.T @ log.blocks[:, :-1, :-1] @ common
-        # Where the others alone would have it; half way there, blocks scatter as if they had not been fitted.
-        others = (
-            np.linalg.pinv(whole - own, hermitian=True, rcond=1e-6)
-            @ (pull - log.blocks[:, :-1, -1] @ common)[:, :, None]
+        direction = sign * basis - common @ regression.T
+        block_information = common.T @ log.blocks[:, :-1, :-1] @ common
+        # Step fitted to the other blocks. Halfway to it, block scores scatter as if they were not fitted.
+        step_without_block = (
+            np.linalg.pinv(common_information - block_information, hermitian=True, rcond=1e-6)
+            @ (common_score - log.blocks[:, :-1, -1] @ common)[:, :, None]
         )
-        fitted = 0.5 * (settled + others[:, :, 0]) @ common.T
-        scores = log.blocks[:, :-1, -1] - np.einsum("bde,be->bd", log.blocks[:, :-1, :-1], fitted)
-        blocks.append(scores @ along)
-        total += sign * basis.T @ gram[:-1, -1] - shared @ (common.T @ gram[:-1, -1])
-        information += along.T @ gram[:-1, :-1] @ along
+        mean_step = 0.5 * (common_step + step_without_block[:, :, 0]) @ common.T
+        scores = log.blocks[:, :-1, -1] - np.einsum("bde,be->bd", log.blocks[:, :-1, :-1], mean_step)
+        blocks.append(scores @ direction)
+        total += sign * basis.T @ gram[:-1, -1] - regression @ (common.T @ gram[:-1, -1])
+        information += direction.T @ gram[:-1, :-1] @ direction
     raw = 0.25 * basis.T**2 @ np.sum([log.raw for log in logs], axis=0)
     covariance = invert_information(information, raw)
     return 0.5 * float(total @ covariance @ total), np.concatenate(blocks), covariance

@@ -1,1 +1,1 @@
-"""What was found, in numbers and in words."""
+"""Explanation of a search result: numbers with sigmas, and sentences."""

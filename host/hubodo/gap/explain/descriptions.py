@@ -1,4 +1,4 @@
-"""Residuals in words: which channels an effect changed and when, and how look-alikes are told apart."""
+"""Descriptions of residuals: channels and regimes that an effect changed, and its look-alikes."""
 
 from __future__ import annotations
 
@@ -12,21 +12,22 @@ from hubodo.gap.explain.regimes import Regimes, compute_trajectory, describe_int
 from hubodo.gap.problem.problem import CHANNELS, NodeData
 from hubodo.gap.process_noise.residual import Residual
 
-# Channels that are named: the three that show most, none that shows less than so much of the first.
+# Channels named at most, in order of significance, and smallest share of the most significant one.
 _MAX_NAMED_CHANNELS, _MIN_CHANNEL_SHARE = 3, 0.25
 _GENERIC_MANOEUVRE = "vary speed, turns and temperature more, for longer"
 
 
 def describe_manoeuvre(name: str, others: Sequence[str]) -> str:
-    """What would tell an effect from those that this log cannot tell it from."""
-    ways = ((other, distinguishing_manoeuvre(name, other) or _GENERIC_MANOEUVRE) for other in others)
-    return "; ".join(f"to tell it from {other}, {way}" for other, way in ways)
+    """Return the manoeuvre that would distinguish an effect from others."""
+    manoeuvres = ((other, distinguishing_manoeuvre(name, other) or _GENERIC_MANOEUVRE) for other in others)
+    return "; ".join(f"to distinguish it from {other}, {manoeuvre}" for other, manoeuvre in manoeuvres)
 
 
 def describe_where(before: Mapping[str, Residual], after: Mapping[str, Residual]) -> str:
-    """The channels that asked for the change of the model, when and with what it goes; the strongest first.
+    """Return the channels that required a change of the model, with regime and time.
 
-    A channel's significance is that of its residual before along the change: (r · c) / |c| in declared sigma.
+    The most significant come first. Significance is that of the previous residual r along the change c: (r ·
+    c) / |c| in declared sigma.
     """
     rows = []
     for name, residual in before.items():
@@ -36,21 +37,21 @@ def describe_where(before: Mapping[str, Residual], after: Mapping[str, Residual]
             if size > 0.0:
                 sigmas = float(residual.value[row] / residual.declared_sigma[row] @ change[row]) / size
                 rows.append((sigmas, name, int(row), change[row]))
-    rows.sort(key=lambda it: -it[0])
+    rows.sort(key=lambda row: -row[0])
     if not rows or rows[0][0] < 2.0:
         return "in no channel by itself"
     tables: dict[str, Regimes] = {}
-    parts = []
+    descriptions = []
     for sigmas, name, channel, series in rows[:_MAX_NAMED_CHANNELS]:
         if sigmas < max(_MIN_CHANNEL_SHARE * rows[0][0], 2.0):
             break
         node = before[name].node
         if name not in tables:
             tables[name] = Regimes(compute_trajectory(node))
-        parts.append(
+        descriptions.append(
             f"{name}.{CHANNELS[channel]}, {_describe_series(tables[name], node, series)}, {sigmas:.0f} σ"
         )
-    return "; ".join(parts)
+    return "; ".join(descriptions)
 
 
 def _describe_series(regimes: Regimes, node: NodeData, series: Array) -> str:

@@ -1,4 +1,4 @@
-"""Why an effect was not chosen: its gain and probability beside what won, scope by scope, round by round."""
+"""Explanation why an effect was not chosen: its gain and probability, by scope and round."""
 
 from __future__ import annotations
 
@@ -10,13 +10,17 @@ from hubodo.gap.explain.result import GapResult
 from hubodo.gap.explain.summary import format_probability
 from hubodo.gap.judge.round import Round
 
+_NO_WINNER = "no effect was significant"
+
 
 @dataclass(frozen=True)
 class ExplanationRow:
     """One scope of the effect in one round.
 
-    gain: of the log-likelihood; evidence: ln Bayes factor against nothing. probability: None where it was not
-    refitted.
+    gain: of the log-likelihood
+    evidence: ln Bayes factor against its absence
+    probability: None if it was not refitted
+    beaten_by: the hypothesis that was added instead
     """
 
     round: int
@@ -39,7 +43,7 @@ class ExplanationRow:
 
 @dataclass(frozen=True)
 class Explanation:
-    """effect: its name. summary: one sentence. rows: as the search saw it."""
+    """Explanation of one effect: its name, one sentence, and one row per round and scope."""
 
     effect: str
     summary: str
@@ -50,36 +54,45 @@ class Explanation:
 
 
 def explain_effect(result: GapResult, name: str, is_rejected: bool = False) -> Explanation:
-    """Why the effect `name` is not in `found`, or why it is. rejected: it was not to be considered."""
+    """Explain why the effect `name` was or was not added; `is_rejected`: it was excluded by the user."""
     rows = [
-        row for number, made in enumerate(result.search.rounds, 1) for row in _list_rows(made, number, name)
+        row
+        for number, judged in enumerate(result.search.rounds, 1)
+        for row in _list_rows(judged, number, name)
     ]
     return Explanation(name, _summarise(result, name, rows, is_rejected), tuple(rows))
 
 
-def _list_rows(made: Round, number: int, name: str) -> list[ExplanationRow]:
-    best = made.best
-    winner = "nothing earned its place" if best is None else f"{best.term.effect.name} ({best.term.scope})"
-    rows, seen = [], set()
-    for rival in made.hypotheses:
-        if rival.term.effect.name == name:
-            seen.add(rival.term.scope)
-            beaten = "" if best is not None and best.key == rival.key else winner
+def _list_rows(judged: Round, number: int, name: str) -> list[ExplanationRow]:
+    """Return the rows of one round."""
+    best = judged.best
+    winner = _NO_WINNER if best is None else f"{best.term.effect.name} ({best.term.scope})"
+    rows, scopes = [], set()
+    for hypothesis in judged.hypotheses:
+        if hypothesis.term.effect.name == name:
+            scopes.add(hypothesis.term.scope)
+            beaten = "" if best is not None and best.key == hypothesis.key else winner
             rows.append(
                 ExplanationRow(
-                    number, rival.term.scope, rival.gain, rival.evidence, rival.probability, beaten
+                    number,
+                    hypothesis.term.scope,
+                    hypothesis.gain,
+                    hypothesis.evidence,
+                    hypothesis.probability,
+                    beaten,
                 )
             )
-    for it in made.screened:
-        term = it.candidate.term
-        # An effect with several seeds stands there more than once; its best comes first.
-        if term.effect.name == name and term.scope not in seen:
-            seen.add(term.scope)
-            rows.append(ExplanationRow(number, term.scope, it.gain, it.evidence, None, winner))
+    for screened in judged.screened:
+        term = screened.candidate.term
+        # An effect with several seeds is listed more than once, the best first.
+        if term.effect.name == name and term.scope not in scopes:
+            scopes.add(term.scope)
+            rows.append(ExplanationRow(number, term.scope, screened.gain, screened.evidence, None, winner))
     return rows
 
 
 def _summarise(result: GapResult, name: str, rows: list[ExplanationRow], is_rejected: bool) -> str:
+    """Return one sentence on what became of the effect."""
     for finding in result.found:
         if finding.effect == name:
             return f"{name} was found ({finding.scope}), probability {format_probability(finding.confidence)}"
@@ -88,33 +101,33 @@ def _summarise(result: GapResult, name: str, rows: list[ExplanationRow], is_reje
     if any(item.effect.name == name for item in result.model.effects):
         return f"{name} is in the model file already; its values there stay as they are"
     for finding in result.found:
-        for effect, scope, gain, share in finding.rivals:
+        for effect, scope, gain, probability in finding.rivals:
             if effect == name:
                 return (
                     f"{name} ({scope}) lost to {finding.effect} ({finding.scope}) when each name was "
-                    f"reconsidered: gain {gain:.1f}, probability {format_probability(share)} against "
+                    f"reconsidered: gain {gain:.1f}, probability {format_probability(probability)} against "
                     f"{format_probability(finding.confidence)}"
                 )
     if not rows:
         if BY_NAME[name].visible_in == "scatter":
-            return f"{name} was looked for in how the samples scatter; there is no sign of it"
+            return f"{name} was tested on the scatter of the samples; there is no sign of it"
         return f"{name} could not be tested: this log has no node that it could act on"
     refitted = [row for row in rows if row.probability is not None]
     best = max(refitted or rows, key=lambda row: row.gain)
     if not refitted:
         last = [row for row in rows if row.round == rows[-1].round]
         best = max(last, key=lambda row: row.evidence)
-        worth = "less than the freedom it takes" if best.evidence <= 0.0 else "less than others bring"
+        shortfall = "less than its free parameters cost" if best.evidence <= 0.0 else "less than others gain"
         return (
             f"{name} was never among the best: in the last round it would gain {best.gain:.1f} in "
-            f"log-likelihood ({best.scope}), {worth} (ln Bayes factor {best.evidence:.1f})"
+            f"log-likelihood ({best.scope}), {shortfall} (ln Bayes factor {best.evidence:.1f})"
         )
     if not best.beaten_by:
         return (
-            f"{name} ({best.scope}) was added in round {best.round} and taken out again: beside what came "
-            "later, or by chance in what the finished model leaves, as much is gained without it"
+            f"{name} ({best.scope}) was added in round {best.round} and removed later: beside the effects "
+            "added after it, or by chance, as much is gained without it"
         )
-    if best.beaten_by == "nothing earned its place":
+    if best.beaten_by == _NO_WINNER:
         return (
             f"{name} ({best.scope}) gained {best.gain:.1f} in log-likelihood, too little to be more than "
             f"chance: probability {format_probability(best.probability or 0.0)}"

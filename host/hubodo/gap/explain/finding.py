@@ -1,4 +1,4 @@
-"""A name that the search gave, told: its parameters with sigmas, how sure it is, what else it could be."""
+"""Findings: an added effect with parameters, sigmas, confidence and alternatives."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from hubodo.gap.process_noise.residual import Residual, compute_gap
 from hubodo.gap.refit.refit import Refit
 from hubodo.gap.state.terms import ALL, ModelTerm
 
-# A rival with more than this share of the probability cannot be told apart.
+# Posterior probability from which on another effect counts as inseparable.
 _MIN_INSEPARABLE_PROBABILITY = 0.05
-# Where the whole gain of ln likelihood is this faint, the prior alone would decide between rivals.
+# Gain of ln likelihood below which the prior alone would decide between hypotheses.
 _MIN_CLEAR_GAIN = 40.0
-# What was thought of a name beforehand may be wrong by this factor: where another fits as well, or the gain
-# is faint, names differ by that alone.
+# Factor by which the prior odds of an effect may be wrong; it matters where another effect fits as well or
+# the gain is small.
 _PRIOR_UNCERTAINTY = 3.0
-# Confidence is no more than this where something fits better, or where structure without a name is near that
-# is larger by this factor: what the term of a library leaves of it could pass for an effect.
+# Upper limit of the confidence if something fits better, or if an unnamed term on the same node has this many
+# times its gain: the residual of such a term can imitate an effect.
 _MAX_DOUBTED_CONFIDENCE, _MIN_UNNAMED_GAIN_RATIO = 0.8, 1.0
 
 
@@ -36,25 +36,34 @@ def build_finding(
     residuals: Sequence[Mapping[str, Residual]],
     held_out_gaps: Sequence[float],
 ) -> Finding:
-    """What is said of a term. steps, outside: residuals and held-out gap before and after it was added."""
-    made, name = rounds.get(term.key), term.effect.name
-    rivals: Sequence[Hypothesis] = () if made is None else made.hypotheses
-    own = None if made is None else made.find_hypothesis(term.key)
-    shares = sum_by_name(rivals, own)
-    gains = {it.term.effect.name: it.gain for it in reversed(rivals) if it.term.effect.name != name}
-    behind = {other: own.gain - gain for other, gain in gains.items()} if own is not None else {}
-    doubted = _is_overshadowed(term, result, rounds)
-    confidence = _limit_confidence(shares.get(name, 0.0), own, behind, doubted)
-    others = sorted(((share, other) for other, share in shares.items() if other != name), reverse=True)
-    alike = tuple(
-        other
-        for share, other in others
-        if share > _MIN_INSEPARABLE_PROBABILITY or behind.get(other, np.inf) < MAX_SIMILAR_GAIN
+    """Build the finding of a term.
+
+    residuals, held_out_gaps: before and after it was added
+    """
+    judged, name = rounds.get(term.key), term.effect.name
+    hypotheses: Sequence[Hypothesis] = () if judged is None else judged.hypotheses
+    own = None if judged is None else judged.find_hypothesis(term.key)
+    probabilities = sum_by_name(hypotheses, own)
+    gains = {
+        hypothesis.term.effect.name: hypothesis.gain
+        for hypothesis in reversed(hypotheses)
+        if hypothesis.term.effect.name != name
+    }
+    gains_below = {other: own.gain - gain for other, gain in gains.items()} if own is not None else {}
+    is_overshadowed = _is_overshadowed(term, result, rounds)
+    confidence = _limit_confidence(probabilities.get(name, 0.0), own, gains_below, is_overshadowed)
+    others = sorted(
+        ((probability, other) for other, probability in probabilities.items() if other != name), reverse=True
     )
-    words = own.proposal.where if own is not None and own.proposal is not None else ""
-    words = words or describe_where(*residuals)
-    if alike:
-        words += "; " + describe_manoeuvre(name, alike)
+    inseparable = tuple(
+        other
+        for probability, other in others
+        if probability > _MIN_INSEPARABLE_PROBABILITY or gains_below.get(other, np.inf) < MAX_SIMILAR_GAIN
+    )
+    where = own.proposal.where if own is not None and own.proposal is not None else ""
+    where = where or describe_where(*residuals)
+    if inseparable:
+        where += "; " + describe_manoeuvre(name, inseparable)
     return Finding(
         name,
         term.scope,
@@ -63,49 +72,56 @@ def build_finding(
         BeforeAfter(held_out_gaps[0], held_out_gaps[1]),
         1.0 if own is None else own.p_value(result.rounds[-1].null_distribution),
         float(min(confidence, 1.0)),
-        words,
+        where,
         (others[0][1], float(others[0][0])) if others else None,
-        alike,
-        tuple((it.term.effect.name, it.term.scope, it.gain, it.probability) for it in rivals),
+        inseparable,
+        tuple(
+            (hypothesis.term.effect.name, hypothesis.term.scope, hypothesis.gain, hypothesis.probability)
+            for hypothesis in hypotheses
+        ),
     )
 
 
 def _limit_confidence(
     probability: float, own: Hypothesis | None, gains_below: Mapping[str, float], is_overshadowed: bool
 ) -> float:
-    """share: probability of the name in its round. behind: gain of each other name below its own."""
-    # What fits better may only be thought less likely beforehand.
-    better = any(by < -MAX_SIMILAR_GAIN for by in gains_below.values())
-    near = [other for other, by in gains_below.items() if by < MAX_SIMILAR_GAIN]
-    faint = own is not None and own.gain < _MIN_CLEAR_GAIN
-    if better or is_overshadowed or (near and faint):
+    """Return the confidence, limited by alternatives.
+
+    probability: of the effect in its round
+    gains_below: its gain minus that of each other effect
+    """
+    # An effect that fits better may have lost by its prior alone.
+    is_beaten = any(difference < -MAX_SIMILAR_GAIN for difference in gains_below.values())
+    similar = [other for other, difference in gains_below.items() if difference < MAX_SIMILAR_GAIN]
+    is_faint = own is not None and own.gain < _MIN_CLEAR_GAIN
+    if is_beaten or is_overshadowed or (similar and is_faint):
         probability = min(probability, _MAX_DOUBTED_CONFIDENCE)
-    if faint or any(not other.startswith(PREFIX) for other in near):
+    if is_faint or any(not other.startswith(PREFIX) for other in similar):
         probability /= probability + _PRIOR_UNCERTAINTY * (1.0 - probability)
     return probability
 
 
 def _is_overshadowed(term: ModelTerm, result: SearchResult, rounds: RoundsByKey) -> bool:
-    """Whether structure without a name, on the same nodes, is larger than it."""
+    """Return True if an unnamed term on the same nodes has a larger gain."""
     terms = [other for other in result.final.state.terms if other.is_fitted]
     nodes = result.final.state.problem.nodes
-    near = [term.scope, *(node.name for node in nodes if term.scope == ALL)]
+    scopes = [term.scope, *(node.name for node in nodes if term.scope == ALL)]
     return any(
         other.effect.name.startswith(PREFIX)
-        and other.scope in near
+        and other.scope in scopes
         and _gain_of(rounds, other) > _MIN_UNNAMED_GAIN_RATIO * _gain_of(rounds, term)
         for other in terms
     )
 
 
 def _gain_of(rounds: RoundsByKey, term: ModelTerm) -> float:
-    made = rounds.get(term.key)
-    own = None if made is None else made.find_hypothesis(term.key)
+    judged = rounds.get(term.key)
+    own = None if judged is None else judged.find_hypothesis(term.key)
     return 0.0 if own is None else own.gain
 
 
 def _list_parameters(term: ModelTerm, final: Refit, own: Hypothesis | None) -> dict[str, Estimate]:
-    """Values with sigmas: those of a look at scatter where one proposed it, else those of the fit."""
+    """Return parameters with sigmas, from the scatter detector that proposed it or from the fit."""
     if term.is_refittable:
         return estimate_parameters(term, final)
     effect = term.effect
@@ -118,28 +134,40 @@ def _list_parameters(term: ModelTerm, final: Refit, own: Hypothesis | None) -> d
 
 
 def estimate_parameters(term: ModelTerm, fit: Refit) -> dict[str, Estimate]:
-    """Values with sigmas of the fit, carried from its coordinates to the parameters."""
+    """Return parameters of a fit with sigmas, propagated from its coordinates."""
     effect = term.effect
     values = {name: value for name, value in effect.values().items() if name in effect.fitted_parameters()}
-    place = fit.coordinate_slice(term)
+    indices = fit.coordinate_slice(term)
     scales = effect.coordinate_scales()
-    robust, plain = fit.robust_covariance[place, place], fit.covariance[place, place]
-    whole = (robust if np.trace(robust) > np.trace(plain) else plain) * np.outer(scales, scales)
+    robust_covariance, plain_covariance = (
+        fit.robust_covariance[indices, indices],
+        fit.covariance[indices, indices],
+    )
+    covariance = (
+        robust_covariance if np.trace(robust_covariance) > np.trace(plain_covariance) else plain_covariance
+    ) * np.outer(scales, scales)
     jacobian = np.empty((len(values), len(scales)))
     for k, scale in enumerate(scales):
-        further, back = effect.coordinates().copy(), effect.coordinates().copy()
-        further[k] += 1e-4 * scale
-        back[k] -= 1e-4 * scale
-        ahead, behind = effect.with_coordinates(further).values(), effect.with_coordinates(back).values()
-        jacobian[:, k] = [(ahead[name] - behind[name]) / (2e-4 * scale) for name in values]
-    frozen = np.flatnonzero(np.diag(plain) <= 0.0)
+        above, below = effect.coordinates().copy(), effect.coordinates().copy()
+        above[k] += 1e-4 * scale
+        below[k] -= 1e-4 * scale
+        values_above, values_below = (
+            effect.with_coordinates(above).values(),
+            effect.with_coordinates(below).values(),
+        )
+        jacobian[:, k] = [(values_above[name] - values_below[name]) / (2e-4 * scale) for name in values]
+    frozen = np.flatnonzero(np.diag(plain_covariance) <= 0.0)
     if len(frozen) and len(frozen) < len(scales):
-        # What cannot be seen may still be there, as large as usual, and shifts what is seen.
-        seen = np.setdiff1d(np.arange(len(scales)), frozen)
-        gram = fit.gram[place, place]
-        shift = np.linalg.pinv(gram[np.ix_(seen, seen)], hermitian=True) @ gram[np.ix_(seen, frozen)]
-        whole[np.ix_(seen, seen)] += shift @ shift.T * np.outer(scales[seen], scales[seen])
-    sigmas = np.sqrt(np.diag(jacobian @ whole @ jacobian.T))
+        # Unobservable coordinates may have their usual size and then shift the observable ones.
+        observed = np.setdiff1d(np.arange(len(scales)), frozen)
+        gram = fit.gram[indices, indices]
+        shift = (
+            np.linalg.pinv(gram[np.ix_(observed, observed)], hermitian=True) @ gram[np.ix_(observed, frozen)]
+        )
+        covariance[np.ix_(observed, observed)] += (
+            shift @ shift.T * np.outer(scales[observed], scales[observed])
+        )
+    sigmas = np.sqrt(np.diag(jacobian @ covariance @ jacobian.T))
     return {
         name: Estimate(value, float(sigma) if sigma > 0.0 else None, effect.unit(name))
         for (name, value), sigma in zip(values.items(), sigmas, strict=True)

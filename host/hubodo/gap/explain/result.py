@@ -1,4 +1,4 @@
-"""What a search found, as `gap.json` has it and as the report needs it."""
+"""Result of a search, as `gap.json`, terminal, page and Python API need it."""
 
 from __future__ import annotations
 
@@ -12,26 +12,27 @@ from hubodo.gap.process_noise.residual import Residual
 from hubodo.model.model_file import Model
 
 Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained"]
-# Of the form of gap.json, whose schema is gap.schema.json beside this file.
+# Version of gap.json; its schema is gap.schema.json beside this file.
 SCHEMA_VERSION = 1
 
 
 @dataclass(frozen=True)
 class BeforeAfter:
-    """A gap before and after, in units of the declared noise. floor: what noise alone would leave."""
+    """The gap before and after, in units of the declared noise; `floor`: the gap of noise alone."""
 
     before: float
     after: float
     floor: float | None = None
 
     def as_json(self) -> dict[str, float]:
-        made = {"before": self.before, "after": self.after}
-        return made if self.floor is None else {**made, "floor": self.floor}
+        """Return the fields as JSON."""
+        fields = {"before": self.before, "after": self.after}
+        return fields if self.floor is None else {**fields, "floor": self.floor}
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A parameter: value, 1 sigma (None where the data do not see it), unit."""
+    """A parameter: value, 1 sigma (None if unobservable), unit."""
 
     value: float
     sigma: float | None
@@ -40,10 +41,18 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Finding:
-    """One effect that was found. effect: its name, or `empirical:` and the term. scope: a node, all, vehicle.
+    """One effect that was added.
 
-    p_value: how often the best of all candidates would gain as much by chance. rivals: what else was
-    considered in its place, with its probability, the likeliest first.
+    effect: its name, or `empirical:` and the unnamed term
+    scope: name of a node, `all` or `vehicle`
+    parameters: by name, with sigmas
+    gap, held_out_gap: before and after it was added, on all samples and on samples not fitted
+    p_value: how often the best candidate would gain as much by chance
+    confidence: probability that it is the cause
+    where: channels, times and regimes in which the residual stood out, in words
+    runner_up: the next most probable effect and its probability
+    inseparable_from: effects that this log cannot distinguish from it
+    rivals: (effect, scope, gain, probability) of all hypotheses, the most probable first
     """
 
     effect: str
@@ -59,13 +68,14 @@ class Finding:
     rivals: tuple[tuple[str, str, float, float], ...]
 
     def as_json(self) -> dict[str, Any]:
+        """Return the entry of `found` in `gap.json`."""
         runner = self.runner_up
         return {
             "effect": self.effect,
             "scope": self.scope,
             "parameters": {
-                name: {"value": it.value, "sigma": it.sigma, "unit": it.unit}
-                for name, it in self.parameters.items()
+                name: {"value": estimate.value, "sigma": estimate.sigma, "unit": estimate.unit}
+                for name, estimate in self.parameters.items()
             },
             "gap": self.gap.as_json(),
             "held_out_gap": self.held_out_gap.as_json(),
@@ -79,22 +89,28 @@ class Finding:
 
 @dataclass(frozen=True)
 class Unexplained:
-    """Structure that no effect explains: in which channel, where, and what it looks like."""
+    """Structure that no effect explains: its channel, where it occurs, and what it resembles."""
 
     channel: str
     where: str
     looks_like: str
 
     def as_json(self) -> dict[str, str]:
+        """Return the entry of `remaining` in `gap.json`."""
         return {"channel": self.channel, "where": self.where, "looks_like": self.looks_like}
 
 
 @dataclass(frozen=True)
 class GapResult:
-    """The whole result.
+    """The result of a search.
 
-    model: with what was added. steps: residuals at first and after each effect found. finished: whether the
-    search came to its end.
+    held_out_kind: the driving condition that was held out, in words
+    found: the added effects in order of discovery
+    remaining: what no effect explains
+    model: the given model with the added effects
+    search: all rounds
+    residual_steps: residuals at first and after each added effect
+    is_finished: False if the search was interrupted
     """
 
     verdict: Verdict
@@ -110,7 +126,7 @@ class GapResult:
     is_finished: bool = True
 
     def as_json(self) -> dict[str, Any]:
-        """`gap.json`, as its schema has it."""
+        """Return the content of `gap.json`."""
         return {
             "version": SCHEMA_VERSION,
             "finished": self.is_finished,
@@ -125,15 +141,15 @@ class GapResult:
 
 
 def split_by_channel(finding: Finding) -> list[Finding]:
-    """An empirical effect as one entry for each channel that it adds to, `empirical:left.gz ~ term`."""
+    """Split an unnamed term into one finding per channel, `empirical:left.gz ~ term`."""
     channels, _, term = finding.effect.removeprefix(PREFIX).partition(" ~ ")
-    made = []
+    findings = []
     for channel in channels.split(","):
-        own = {
+        parameters = {
             name.removeprefix(channel).lstrip("_") or "amplitude": value
             for name, value in finding.parameters.items()
             if name.partition("_")[0] == channel
         }
         effect = f"{PREFIX}{finding.scope}.{channel} ~ {term}"
-        made.append(replace(finding, effect=effect, parameters=own))
-    return made
+        findings.append(replace(finding, effect=effect, parameters=parameters))
+    return findings

@@ -1,4 +1,4 @@
-"""The result in sentences, for the terminal and the page: what is missing, how sure that is, what to do."""
+"""Sentences about a result for terminal and page: what is missing, how certain that is, what to do."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from hubodo.effects import BY_NAME
+from hubodo.effects.empirical import PREFIX
 from hubodo.gap.explain.descriptions import describe_manoeuvre
 from hubodo.gap.explain.result import Estimate, Finding, GapResult
 from hubodo.gap.state.terms import ALL, VEHICLE
 
-EMPIRICAL = "empirical:"
 _DISPLAY_UNITS: Mapping[str, tuple[float, str]] = {
     "rad": (57.29577951308232, "°"),
     "rad/s": (57.29577951308232, "°/s"),
@@ -22,7 +22,7 @@ _DISPLAY_UNITS: Mapping[str, tuple[float, str]] = {
     "1e-6": (1.0, "ppm"),
 }
 _SURE_CONFIDENCE = 0.9
-# By so much noise may differ from what is declared before it is worth a line.
+# Ratio of estimated to declared noise, or its inverse, from which on advice is given.
 _MIN_NOISE_RATIO_FOR_ADVICE = 1.3
 _CONFIDENCE_WORDS = (
     (0.999, "practically certain"),
@@ -33,38 +33,38 @@ _CONFIDENCE_WORDS = (
 
 
 def describe_verdict(result: GapResult) -> str:
-    """The verdict in one sentence."""
-    missing = ", and ".join(describe_effect(named) for named in result.found)
+    """Return the verdict as one sentence."""
+    missing = ", and ".join(describe_effect(finding) for finding in result.found)
     noise = list_noise_advice(result)
     if result.verdict == "no_gap":
-        beside = ", though not as large as declared" if noise else ""
-        return f"Model and log agree: nothing is missing, what is left is noise{beside}."
+        noise_remark = ", though not as large as declared" if noise else ""
+        return f"Model and log agree: nothing is missing, the residual is noise{noise_remark}."
     if result.verdict == "explained":
-        beside = ", though not as large as declared" if noise else ""
-        unknown = any(named.effect.startswith(EMPIRICAL) for named in result.found)
-        counted = "taken into account" if unknown else "in the model"
-        return f"{_capitalise(missing)}: with that {counted}, only noise is left{beside}."
+        noise_remark = ", though not as large as declared" if noise else ""
+        has_unnamed = any(finding.effect.startswith(PREFIX) for finding in result.found)
+        remedy = "taken into account" if has_unnamed else "in the model"
+        return f"{_capitalise(missing)}: with that {remedy}, the residual is noise{noise_remark}."
     if result.verdict == "partly_explained":
-        return f"{_capitalise(missing)}; something else is left that no known effect explains."
-    return "Model and log disagree, and no known effect explains how."
+        return f"{_capitalise(missing)}; part of the residual is not explained by any known effect."
+    return "Model and log disagree, and no known effect explains it."
 
 
 def describe_effect(finding: Finding) -> str:
-    """What one effect means and where it is, such as "the wheel leans (right)"."""
-    if finding.effect.startswith(EMPIRICAL):
-        return f"a term without a known cause, {finding.effect.removeprefix(EMPIRICAL).strip()}"
+    """Return the meaning of an effect and its place, such as "the wheel leans (right)"."""
+    if finding.effect.startswith(PREFIX):
+        return f"an unnamed term, {finding.effect.removeprefix(PREFIX).strip()}"
     words = BY_NAME[finding.effect].meaning
     place = {ALL: "all nodes", VEHICLE: ""}.get(finding.scope, finding.scope)
     return f"{words} ({place})" if place else words
 
 
 def describe_confidence(confidence: float) -> str:
-    """A probability in words."""
+    """Return a probability in words."""
     return next((words for least, words in _CONFIDENCE_WORDS if confidence >= least), "a guess among several")
 
 
 def describe_reduction(before: float, after: float, floor: float | None) -> str:
-    """How much of what exceeded the noise is gone, in words; "" where nothing did."""
+    """Return the explained share of the excess over noise, in words; "" if there was no excess."""
     lowest = min(1.0 if floor is None else floor, after)
     excess = before**2 - lowest**2
     if excess <= 1e-6 or before - lowest < 2e-3:
@@ -74,12 +74,12 @@ def describe_reduction(before: float, after: float, floor: float | None) -> str:
 
 
 def _format_percent(share: float) -> str:
-    # 99.97 % is not all of it.
+    # 99.97 % must not be rounded to 100 %.
     return f"{100.0 * share:.0f} %" if share < 0.99 or share >= 1.0 else f"{int(1000.0 * share) / 10.0:.1f} %"
 
 
 def format_estimate(estimate: Estimate) -> str:
-    """A value with its sigma in a unit for people: degrees, per cent, millimetres."""
+    """Return a value with its sigma in a common unit: degrees, per cent, millimetres."""
     factor, unit = _DISPLAY_UNITS.get(estimate.unit, (1.0, estimate.unit))
     if estimate.unit == "s" and abs(estimate.value) > 1.0:
         factor, unit = 1.0, "s"
@@ -88,7 +88,7 @@ def format_estimate(estimate: Estimate) -> str:
 
 
 def format_with_sigma(value: float, sigma: float | None) -> str:
-    """A number with as many digits as its sigma deserves."""
+    """Return a number with as many digits as its sigma justifies."""
     if sigma is None or not sigma > 0.0:
         return f"{value:.4g}"
     digits = max(0, min(12, 1 - _exponent(sigma)))
@@ -100,47 +100,49 @@ def _exponent(value: float) -> int:
 
 
 def list_advice(result: GapResult) -> list[str]:
-    """Advice, one sentence each."""
+    """Return advice, one sentence each."""
     lines = []
-    named = [it for it in result.found if not it.effect.startswith(EMPIRICAL)]
-    for it in result.found:
-        if it not in named:
+    listed = [finding for finding in result.found if not finding.effect.startswith(PREFIX)]
+    for finding in result.found:
+        if finding not in listed:
             lines.append(
-                f"{it.effect.removeprefix(EMPIRICAL).strip()} is what no known effect makes: look for its "
-                "cause there; model.toml does not have it. --reject empirical shows what comes nearest."
+                f"{finding.effect.removeprefix(PREFIX).strip()} is not explained by any known effect and not "
+                "in model.toml: look for its cause there. --reject empirical shows the nearest known effect."
             )
-    if named:
-        names = ", ".join(dict.fromkeys(it.effect for it in named))
+    if listed:
+        names = ", ".join(dict.fromkeys(finding.effect for finding in listed))
         lines.append(f"Use the model that was written beside this page from now on: it has {names}.")
-    for it in result.found:
-        if it.inseparable_from:
+    for finding in result.found:
+        if finding.inseparable_from:
             lines.append(
-                f"{it.effect} could also be {' or '.join(it.inseparable_from)}: "
-                f"{describe_manoeuvre(it.effect, it.inseparable_from)}."
+                f"{finding.effect} could also be {' or '.join(finding.inseparable_from)}: "
+                f"{describe_manoeuvre(finding.effect, finding.inseparable_from)}."
             )
-        elif it.confidence < _SURE_CONFIDENCE:
-            lines.append(f"{it.effect} is not sure: record longer, with more changes of speed and turns.")
-        if it.held_out_gap.after > it.held_out_gap.before + 1e-3:
+        elif finding.confidence < _SURE_CONFIDENCE:
             lines.append(
-                f"{it.effect} does not help on data that was not fitted: record again before you trust it."
+                f"{finding.effect} is not sure: record longer, with more changes of speed and turns."
             )
-    if named:
+        if finding.held_out_gap.after > finding.held_out_gap.before + 1e-3:
+            lines.append(
+                f"{finding.effect} does not help on held-out data: record again before you trust it."
+            )
+    if listed:
         lines.append(
-            f"If you know better, run again with --reject {named[0].effect}; "
-            f"--explain NAME says why an effect was not chosen."
+            f"If you know better, run again with --reject {listed[0].effect}; "
+            f"--explain NAME shows why an effect was not chosen."
         )
     lines += list_noise_advice(result)
-    channels = list(dict.fromkeys(left.channel for left in result.remaining))
+    channels = list(dict.fromkeys(item.channel for item in result.remaining))
     if channels:
-        where = join_words(channels) if len(channels) <= 4 else f"{len(channels)} channels"
-        lines.append(f"Look at what remains in {where}.")
+        place = join_words(channels) if len(channels) <= 4 else f"{len(channels)} channels"
+        lines.append(f"Inspect the residual of {place}.")
     if not result.found and not lines:
         lines.append("Keep the model. A longer or livelier drive would show smaller effects.")
     return lines
 
 
 def list_noise_advice(result: GapResult) -> list[str]:
-    """Where the noise of a triad is clearly not what the model file declares, with the estimate."""
+    """Return advice where the noise of a triad clearly differs from its declaration, with the estimate."""
     lines = []
     noise = result.model.noise
     triads = (
@@ -150,9 +152,9 @@ def list_noise_advice(result: GapResult) -> list[str]:
     for key, rows, declared, unit in triads:
         ratios = []
         for residual in result.residual_steps[-1].values():
-            kept = residual.node.used[rows]
-            beside = residual.noise.sigma[rows] / residual.declared_sigma[rows]
-            ratios += list(np.sqrt(np.mean(beside[kept] ** 2, axis=1)))
+            is_used = residual.node.used[rows]
+            relative = residual.noise.sigma[rows] / residual.declared_sigma[rows]
+            ratios += list(np.sqrt(np.mean(relative[is_used] ** 2, axis=1)))
         ratio = float(np.median(ratios)) if ratios else 1.0
         if not 1.0 / _MIN_NOISE_RATIO_FOR_ADVICE < ratio < _MIN_NOISE_RATIO_FOR_ADVICE:
             size = "larger" if ratio > 1.0 else "smaller"
@@ -164,7 +166,7 @@ def list_noise_advice(result: GapResult) -> list[str]:
 
 
 def describe_runner_up(finding: Finding) -> str:
-    """The name that came second."""
+    """Return the second most probable effect, in words."""
     if finding.runner_up is None:
         return "nothing else came near"
     other, share = finding.runner_up
@@ -172,29 +174,30 @@ def describe_runner_up(finding: Finding) -> str:
 
 
 def format_probability(value: float) -> str:
-    """A probability; small ones keep their exponent."""
+    """Return a probability; small ones in scientific notation."""
     if value >= 0.995:
         return "> 99.9 %" if value >= 0.9995 else f"{100.0 * value:.1f} %"
     return f"{100.0 * value:.1f} %" if value >= 0.001 else f"{value:.0e}" if value > 0.0 else "< 1e-300"
 
 
 def list_model_comments(result: GapResult, log_name: str) -> dict[tuple[str, str | None], str]:
-    """What `model.toml` says above each effect that was added."""
-    made = {}
-    for named in result.found:
-        if named.effect.startswith(EMPIRICAL):
+    """Return the comment above each added effect in `model.toml`."""
+    comments = {}
+    for finding in result.found:
+        if finding.effect.startswith(PREFIX):
             continue
-        node = None if named.scope in (ALL, VEHICLE) else named.scope
+        node = None if finding.scope in (ALL, VEHICLE) else finding.scope
         values = ", ".join(
-            f"{name} {format_with_sigma(it.value, it.sigma)} {it.unit if it.unit != '1' else ''}".rstrip()
-            for name, it in named.parameters.items()
+            f"{name} {format_with_sigma(estimate.value, estimate.sigma)} "
+            f"{estimate.unit if estimate.unit != '1' else ''}".rstrip()
+            for name, estimate in finding.parameters.items()
         )
-        confidence = format_probability(named.confidence)
+        confidence = format_probability(finding.confidence)
         text = f"Added by hubodo gap from {log_name}: {values}; confidence {confidence}."
-        if named.inseparable_from:
-            text += f" Could also be {', '.join(named.inseparable_from)}."
-        made[named.effect, node] = f"{text}\n{named.where}"
-    return made
+        if finding.inseparable_from:
+            text += f" Could also be {', '.join(finding.inseparable_from)}."
+        comments[finding.effect, node] = f"{text}\n{finding.where}"
+    return comments
 
 
 def _capitalise(text: str) -> str:
@@ -202,5 +205,5 @@ def _capitalise(text: str) -> str:
 
 
 def join_words(words: Sequence[str]) -> str:
-    """ "a, b and c"."""
+    """Return "a, b and c"."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""

@@ -129,7 +129,7 @@ def _read(path: Path, header: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def _round_to_json(judged: Round) -> dict[str, Any]:
     return {
-        "rivals": [_hypothesis_to_json(rival) for rival in judged.hypotheses],
+        "rivals": [_hypothesis_to_json(hypothesis) for hypothesis in judged.hypotheses],
         "nothing": judged.null_probability,
         "screened": [
             [_term_to_json(candidate.candidate.term), candidate.gain, candidate.evidence]

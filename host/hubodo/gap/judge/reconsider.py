@@ -100,8 +100,8 @@ class _EffectSet:
         own = None if original is None else original.find_hypothesis(term.key)
         if original is None or own is None or not term.is_refittable or term.effect.name.startswith(PREFIX):
             return False
-        if not {it.key for it in original.evaluation.state.terms} <= {
-            it.key for it in self.final.state.terms
+        if not {other.key for other in original.evaluation.state.terms} <= {
+            other.key for other in self.final.state.terms
         }:
             # It was judged beside an effect that has been removed since.
             return False

@@ -56,7 +56,7 @@ class SearchObserver:
 
     journal: Journal = field(default_factory=Journal)
     report_progress: ReportProgress = lambda words, share: None
-    on_effect_added: Callable[[SearchResult], None] = lambda found: None
+    on_effect_added: Callable[[SearchResult], None] = lambda result: None
 
 
 def search_effects(

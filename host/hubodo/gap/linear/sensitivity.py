@@ -71,12 +71,12 @@ class DirectionSensitivities:
         self._chains = {
             node.name: full.sensor_chain(node) for node in nodes if not state.is_memoryless(node.name)
         }
-        self._moved = [direction.shifted_effect(_STEP_SCALES) for direction in directions]
+        self._shifted = [direction.shifted_effect(_STEP_SCALES) for direction in directions]
         self._more: dict[int, SpeedCorrection] = {}
-        self._kept = {node.name: dict[int, NDArray[np.float32]]() for node in nodes}
+        self._stored = {node.name: dict[int, NDArray[np.float32]]() for node in nodes}
         moves = {node.name: _NodeResponse(full, node, self._chains.get(node.name)) for node in nodes}
         for k, direction in enumerate(directions):
-            shifted = self._moved[k]
+            shifted = self._shifted[k]
             affected = [node.name for node in nodes if direction.affects(node)]
             effects = {
                 name: _replace_effect(node_effects, shifted) if name in affected else node_effects
@@ -96,14 +96,14 @@ class DirectionSensitivities:
                     column = move.effect_change(effects[node.name], shifted)
                 else:
                     continue
-                self._kept[node.name][k] = column.astype(np.float32)
+                self._stored[node.name][k] = column.astype(np.float32)
 
     def columns(self, node: NodeData, state: State, samples: Mapping[str, slice]) -> NDArray[np.float32]:
         """Return the change of the channels per scale, (P, 6, N).
 
         node, state: of the given samples only
         """
-        indices, stored, inside = self.indices[node.name], self._kept[node.name], samples[node.name]
+        indices, stored, inside = self.indices[node.name], self._stored[node.name], samples[node.name]
         columns = np.zeros((len(indices), *node.y.shape), np.float32)
         chain = self._chains.get(node.name)
         response = _NodeResponse(state, node, chain and chain.select(inside))
@@ -115,7 +115,7 @@ class DirectionSensitivities:
             if k in stored:
                 column[:] = stored[k][:, inside]
             elif direction.affects(node):
-                shifted = self._moved[k]
+                shifted = self._shifted[k]
                 column[:] = response.effect_change(
                     _replace_effect(state.effects[node.name], shifted), shifted
                 )

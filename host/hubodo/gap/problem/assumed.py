@@ -9,6 +9,7 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.effects import Noise
 from hubodo.errors import InputError
+from hubodo.gap.problem.problem import MIN_NODE_SAMPLES
 from hubodo.model.model_file import InputSources, Model
 from hubodo.recording import Recording, Table
 from hubodo.smoothing_spline import fit_smoothing_spline
@@ -20,7 +21,6 @@ _DIFFERENCE_ORDER, _DIFFERENCE_GAIN = 4, 70.0**0.5
 _NOISE_SEGMENT, _QUIET_FRACTION = 0.5, 0.25
 # Cosine of the tilt below which a node on the body measures the yaw rate with its z axis.
 _MIN_UPRIGHT_COSINE = 0.97
-_LEAST = 100
 
 
 def assume_model(recording: Recording, vehicle: Vehicle, log_name: str = "log") -> Model:
@@ -30,7 +30,11 @@ def assume_model(recording: Recording, vehicle: Vehicle, log_name: str = "log") 
     the yaw rate from an upright node on the body or from the odometry. Raises InputError for a log without a
     node of the vehicle.
     """
-    tables = [recording.nodes[name] for name in vehicle.nodes if len(recording.nodes.get(name, ())) >= _LEAST]
+    tables = [
+        recording.nodes[name]
+        for name in vehicle.nodes
+        if len(recording.nodes.get(name, ())) >= MIN_NODE_SAMPLES
+    ]
     if not tables:
         raise InputError(
             f"{log_name}: has none of the vehicle's nodes ({', '.join(vehicle.nodes) or 'it names none'}); "

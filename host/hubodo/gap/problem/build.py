@@ -11,7 +11,7 @@ from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.gap.problem.log_inputs import estimate_input_noise, read_inputs, read_temperature, read_trace
 from hubodo.gap.problem.plausibility import check_plausibility
-from hubodo.gap.problem.problem import CHANNELS, NodeData, Problem
+from hubodo.gap.problem.problem import CHANNELS, MIN_NODE_SAMPLES, NodeData, Problem
 from hubodo.model.forward import NodeModel
 from hubodo.model.inputs import MotionInputs
 from hubodo.model.model_file import Model
@@ -21,8 +21,6 @@ from hubodo.time_gaps import check_time_gaps
 
 # s; shorter logs contain too few turns and stops.
 MIN_DURATION = 20.0
-# Nodes with fewer samples are ignored.
-MIN_NODE_SAMPLES = 100
 # Equal largest readings from which on they mark the limit of the sensor.
 _MIN_LIMIT_READINGS = 6
 _SHARED_YAW_WARNING = (

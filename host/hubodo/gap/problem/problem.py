@@ -16,6 +16,8 @@ from hubodo.model.model_file import Model
 from hubodo.vehicle import NodeMount
 
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
+# Nodes with fewer samples are ignored.
+MIN_NODE_SAMPLES = 100
 # Hz; faster motion of wheels and vehicles does not help to distinguish effects.
 _MIN_DECIMATED_RATE_HZ = 100.0
 # Smaller steps between readings are rounding of the file, not the resolution of the sensor.
@@ -79,7 +81,7 @@ class NodeData:
 
 @dataclass(frozen=True)
 class Problem:
-    """Everything that a search for effects works on.
+    """The data of a search for effects.
 
     speed_noise, yaw_rate_noise: m/s and rad/s, 1 sigma of one sample of the inputs
     speed_period, yaw_rate_period: s between samples of the inputs

@@ -101,7 +101,7 @@ class Evaluation:
         noises = list_process_noise(self.state, self.weights.wheel_walks)
         return filter_innovations(
             self._node_segments(noises, columns),
-            [it.walk for it in noises],
+            [noise.walk for noise in noises],
             self._tracked_values(noises),
             n_columns,
             WINDOW_DURATION,
@@ -151,10 +151,10 @@ class Evaluation:
         """Return the tracked value of each process noise in each window, (C, K)."""
         grid, nodes = window_grid(self.problem), {node.name: node for node in self.problem.nodes}
         values = np.zeros((len(noises), len(grid)))
-        for row, it in zip(values, noises, strict=True):
-            tracked = it.tracked_value(self.state)
-            if it.node and np.any(tracked):
-                node = nodes[it.node]
+        for row, noise in zip(values, noises, strict=True):
+            tracked = noise.tracked_value(self.state)
+            if noise.node and np.any(tracked):
+                node = nodes[noise.node]
                 row[:] = window_means(np.broadcast_to(tracked, node.t.shape), window_edges(grid, node))
         return values
 
@@ -199,14 +199,14 @@ class Evaluation:
         input_noise = {node.name: np.zeros_like(node.y) for node in nodes}
         sigmas = {node.name: np.empty_like(node.y) for node in nodes}
         squares = {node.name: np.zeros((2, 6)) for node in nodes}
-        for it in self.estimate_process_noise():
-            name, at = it.node.name, it.samples
-            for noise, column, mean in it.components:
+        for estimate in self.estimate_process_noise():
+            name, at = estimate.node.name, estimate.samples
+            for noise, column, mean in estimate.components:
                 if noise.walk.is_white:
                     input_noise[name][:, at] += column * mean
                 else:
                     values[name][:, at] -= column * mean
-            sensitivity = it.state.input_sensitivity(it.node)
+            sensitivity = estimate.state.input_sensitivity(estimate.node)
             sigmas[name][:, at] = declared_input_sigma(problem, sensitivity)
             squares[name] += (sensitivity.speed**2).sum(axis=1), (sensitivity.yaw_rate**2).sum(axis=1)
         self.state.drop_columns()

@@ -158,20 +158,20 @@ class _WalkFilter:
         cross: (K, C, P+1), noise_gram: (K, C, C), shift: (K, C, P+1), as in `WindowProducts`, for all nodes
             together
         """
-        one = np.eye(len(self._variance))
+        identity = np.eye(len(self._variance))
         left, right = np.empty((2, len(cross), 2, *self._estimate.shape))
         right[:, 0] = cross
         spreads = np.empty_like(noise_gram)
         after, variance = self._estimate, self._variance
-        seen = zip(cross, noise_gram, shift, spreads, left, right, strict=True)
-        for cross_product, g, step, spread, (predicted, u), (_, to) in seen:
+        windows = zip(cross, noise_gram, shift, spreads, left, right, strict=True)
+        for cross_product, g, step, spread, (predicted, u), (_, to) in windows:
             np.subtract(after, step, out=predicted)
             predicted *= self._transition
             if self._is_started:
                 variance = (variance + self._growth) * self._walk_mask + self._white_variance
             self._is_started = True
             np.subtract(cross_product, g @ predicted, out=u)
-            np.add(one, variance @ g, out=spread)
+            np.add(identity, variance @ g, out=spread)
             gain = _solve(spread, variance)
             after = np.add(predicted, gain @ u, out=to)
             if self._smooth:
@@ -180,11 +180,13 @@ class _WalkFilter:
         self._estimate, self._variance = after.copy(), variance
         self.log_determinant += float(np.linalg.slogdet(spreads)[1].sum())
         # x' m + m' x - x' G x + u' A u with u = m - G x; x: prediction, A: updated covariance.
-        size, made = self._estimate.shape[1], []
-        for at in range(0, len(cross), block):
-            one = left[at : at + block].reshape(-1, size).T @ right[at : at + block].reshape(-1, size)
-            made.append(0.5 * (one + one.T))
-        return np.array(made)
+        size, grams = self._estimate.shape[1], []
+        for first in range(0, len(cross), block):
+            product = left[first : first + block].reshape(-1, size).T @ right[first : first + block].reshape(
+                -1, size
+            )
+            grams.append(0.5 * (product + product.T))
+        return np.array(grams)
 
 
 def _solve(matrix: Array, right_side: Array) -> Array:

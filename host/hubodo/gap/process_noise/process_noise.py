@@ -63,15 +63,15 @@ def shared_walk_covariance(problem: Problem, noises: Sequence[ProcessNoise]) -> 
     """Return the covariance per second, (C, C), between wheels that integrate the same inputs."""
     covariance = np.zeros((len(noises), len(noises)))
     nodes = {node.name: node for node in problem.nodes}
-    wheels = [(k, nodes[it.node]) for k, it in enumerate(noises) if it.source == "wheel"]
-    for (k, one), (j, other) in permutations(wheels, 2):
-        covariance[k, j] = _MAX_WALK_CORRELATION * shared_wheel_walk(problem, one, other)
+    wheels = [(k, nodes[noise.node]) for k, noise in enumerate(noises) if noise.source == "wheel"]
+    for (k, wheel), (j, other) in permutations(wheels, 2):
+        covariance[k, j] = _MAX_WALK_CORRELATION * shared_wheel_walk(problem, wheel, other)
     return covariance
 
 
 def noise_indices(noises: Sequence[ProcessNoise], node: NodeData) -> list[int]:
     """Return the indices, (C,), of the process noise that acts on one node."""
-    return [k for k, it in enumerate(noises) if it.node in ("", node.name)]
+    return [k for k, noise in enumerate(noises) if noise.node in ("", node.name)]
 
 
 def compute_noise_columns(
@@ -84,7 +84,7 @@ def compute_noise_columns(
     indices = noise_indices(noises, node)
     columns = np.zeros((len(indices), *node.y.shape))
     input_columns = (
-        _input_noise_columns(state, node, window_starts) if any(not it.node for it in noises) else {}
+        _input_noise_columns(state, node, window_starts) if any(not noise.node for noise in noises) else {}
     )
     for column, index in zip(columns, indices, strict=True):
         source = noises[index].source

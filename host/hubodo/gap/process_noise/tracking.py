@@ -60,8 +60,8 @@ def _track_stamp_delays(state: State, walks: Mapping[str, float]) -> dict[str, A
         node.name: np.zeros(len(node.t)) + state.stamp_delays.get(node.name, 0.0)
         for node in state.problem.nodes
     }
-    for it in Evaluation(state, declared_weights(state.problem, walks)).estimate_process_noise():
-        for noise, _, mean in it.components:
-            if noise.source == "clock":
-                delays[it.node.name][it.samples] += mean
+    for estimate in Evaluation(state, declared_weights(state.problem, walks)).estimate_process_noise():
+        for component, _, mean in estimate.components:
+            if component.source == "clock":
+                delays[estimate.node.name][estimate.samples] += mean
     return delays

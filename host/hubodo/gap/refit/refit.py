@@ -89,10 +89,10 @@ class Refit:
         Zero for unobservable coordinates.
         """
         indices = np.arange(len(self.full_covariance))[self.coordinate_slice(term)]
-        rest = np.setdiff1d(np.arange(len(self.full_covariance)), indices)
-        rest = rest[np.diag(self.full_covariance)[rest] > 0.0]
-        cross = self.gram[np.ix_(indices, rest)]
-        rest_information = self.gram[np.ix_(rest, rest)]
+        others = np.setdiff1d(np.arange(len(self.full_covariance)), indices)
+        others = others[np.diag(self.full_covariance)[others] > 0.0]
+        cross = self.gram[np.ix_(indices, others)]
+        rest_information = self.gram[np.ix_(others, others)]
         information = (
             self.gram[np.ix_(indices, indices)]
             - cross @ np.linalg.pinv(rest_information, hermitian=True) @ cross.T
@@ -193,8 +193,8 @@ def begin_fit(evaluation: Evaluation, linearisation: Linearisation | None = None
         (len(directions) + linearised.n_nuisances + 1, basis.shape[1] + linearised.n_nuisances + 1)
     )
     transform[: len(directions), : basis.shape[1]] = basis
-    rest = linearised.n_nuisances + 1
-    transform[-rest:, -rest:] = np.eye(rest)
+    n_tail = linearised.n_nuisances + 1
+    transform[-n_tail:, -n_tail:] = np.eye(n_tail)
     blocks = np.einsum("dk,bde,ef->bkf", transform, linearised.block_grams.unpack(), transform, optimize=True)
     gram = blocks.sum(axis=0)
     covariance = invert_information(gram[:-1, :-1], (transform.T**2 @ linearised.raw_squares)[:-1])
@@ -221,8 +221,8 @@ def _apply_step(fit: Refit, step: Array) -> State:
         1.0, _MAX_STEP_SCALES / max(float(np.abs(step[:count]).max(initial=0.0)), 1e-9)
     )
     steps = [coordinate_step[fit.coordinate_slice(term)] for term in fit.free_terms]
-    moved = iter(move_terms(fit.free_terms, steps))
-    terms = tuple(next(moved) if term.is_refittable else term for term in fit.state.terms)
+    refitted = iter(move_terms(fit.free_terms, steps))
+    terms = tuple(next(refitted) if term.is_refittable else term for term in fit.state.terms)
     starts = dict(fit.state.starts)
     bodies = [node for node in fit.state.problem.nodes if not node.on_wheel]
     for node, rotation in zip(bodies, step[count:].reshape(-1, 3), strict=True):

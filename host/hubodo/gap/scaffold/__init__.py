@@ -1,1 +1,1 @@
-"""An effect that nobody listed yet: the dependence that the log shows, as a Python class to go on with."""
+"""Scaffolding of a new effect from the dependence that explains a residual best."""

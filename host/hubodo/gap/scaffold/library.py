@@ -1,4 +1,4 @@
-"""What a new effect may depend on and act on: expressions, read by the search as they are written."""
+"""Library of expressions for new effects: what they depend on, and what they act on."""
 
 from __future__ import annotations
 
@@ -14,12 +14,16 @@ from hubodo.effects.dependence import pulse, steering_rate, temperature_rate
 
 HELPERS = {"pulse": pulse, "steering_rate": steering_rate, "temperature_rate": temperature_rate}
 HELPERS_WITH_MEMORY = ("temperature_rate",)
-"""Those that make of a sample what hangs on others, too."""
+"""Helpers whose result depends on other samples, too."""
 
 
 @dataclass(frozen=True)
 class ShapeParameter:
-    """A parameter of a shape that is no amplitude: a frequency, a time, an angle. scale: its usual error."""
+    """A parameter of a shape other than an amplitude, such as a frequency.
+
+    scale: its usual error
+    fitted: False if it stays at its value
+    """
 
     name: str
     unit: str
@@ -30,10 +34,11 @@ class ShapeParameter:
 
 @dataclass(frozen=True)
 class Shape:
-    """What a term depends on: a weight times each of its waves, expressions over `chain` and `self`.
+    """A dependence: a weight times each of its waves, as expressions over `chain` and `self`.
 
-    per: the weight's unit, "" for none. waves: how the name of an amplitude ends, and its wave. shared:
-    whether all nodes may have it alike.
+    weight_unit: "" for none
+    amplitudes: suffix of the name of each amplitude, and its wave
+    is_shareable: True if all nodes may have the same amplitudes
     """
 
     weight: str
@@ -44,35 +49,38 @@ class Shape:
     is_shareable: bool = True
 
     def columns(self, chain: SensorChain) -> Array:
-        """(k, N): what a unit of each amplitude adds."""
-        known = {
+        """Return the values, (k, N), per unit of each amplitude."""
+        names = {
             "np": np,
             "chain": chain,
-            "self": SimpleNamespace(**{it.name: it.value for it in self.parameters}),
+            "self": SimpleNamespace(**{parameter.name: parameter.value for parameter in self.parameters}),
         }
         rows = [
-            np.asarray(_product(self.weight, wave, {**known, **HELPERS}), float)
+            np.asarray(_product(self.weight, wave, {**names, **HELPERS}), float)
             for _, wave in self.amplitudes
         ]
         return np.stack([np.broadcast_to(row, chain.t.shape) for row in rows])
 
     @property
     def needs_wheel(self) -> bool:
-        """Whether only a node on a wheel can have it."""
+        """Return True if only a node on a wheel can have it."""
         text = " ".join([self.weight, *(wave for _, wave in self.amplitudes)])
         return "chain.angle" in text or "chain.spin" in text
 
 
 def _product(weight: str, wave: str, known: dict[str, object]) -> object:
-    # Nothing but the expressions below reaches this.
+    # Only the expressions of this file are evaluated.
     return eval(f"({weight}) * ({wave})", known)
 
 
 @dataclass(frozen=True)
 class Target:
-    """What a term acts on. rows: channels of six, and by what factor. unit: of an amplitude.
+    """A quantity that a term acts on.
 
-    turned: whether its sign is another on a node facing right. on_wheel: whether it means anything off one.
+    rows: indices of the six channels, and their factors
+    unit: of an amplitude
+    is_mirrored: True if its sign flips on a node facing right
+    needs_wheel: True if it exists only for a node on a wheel
     """
 
     name: str
@@ -148,7 +156,7 @@ _HARMONIC_WORDS = ("once", "twice", "three times", "four times", "five times", "
 
 
 def list_shapes() -> Iterator[Shape]:
-    """All that have no place to be looked for."""
+    """Yield all shapes without parameters to search for."""
     for weight, (per, words) in _SHAPE_WEIGHTS.items():
         yield Shape(weight, per, _CONSTANT_WAVE, words)
     yield Shape(
@@ -157,33 +165,40 @@ def list_shapes() -> Iterator[Shape]:
     for count, often in enumerate(_HARMONIC_WORDS, 1):
         angle = "chain.angle" if count == 1 else f"{count}.0 * chain.angle"
         for weight, (per, words) in _HARMONIC_WEIGHTS.items():
-            # How far round a wheel was at first is its own: no other has the same cosine.
+            # Initial angles differ between wheels, so that amplitudes cannot be shared.
             yield Shape(
                 weight, per, cosine_and_sine(angle), f"{often} per revolution{words}", is_shareable=False
             )
 
 
 def cosine_and_sine(angle: str) -> tuple[tuple[str, str], ...]:
-    """Cosine and sine."""
+    """Return suffix and expression of the cosine and the sine of an angle."""
     return (("_cos", f"np.cos({angle})"), ("_sin", f"np.sin({angle})"))
 
 
 def build_tone(frequency: float, duration: float) -> Shape:
-    """At a frequency, Hz, that a log of so many s shows to about a part of a cycle."""
-    place = ShapeParameter("frequency", "Hz", frequency, 0.1 / duration)
+    """Return a tone of a frequency, Hz; a log of this duration, s, resolves it to a fraction of a cycle."""
+    parameter = ShapeParameter("frequency", "Hz", frequency, 0.1 / duration)
     angle = "2.0 * np.pi * self.frequency * chain.t"
-    return Shape("1.0", "", cosine_and_sine(angle), f"as a tone at {frequency:.4g} Hz", (place,))
+    return Shape("1.0", "", cosine_and_sine(angle), f"as a tone at {frequency:.4g} Hz", (parameter,))
 
 
-def build_step(at: float) -> Shape:
-    """From a time on, s."""
-    place = ShapeParameter("since", "s", at, 1.0, fitted=False)
-    return Shape("1.0", "", (("", "(chain.t >= self.since)"),), f"from {at:.1f} s on", (place,))
+def build_step(time: float) -> Shape:
+    """Return a step at a time, s."""
+    parameter = ShapeParameter("since", "s", time, 1.0, fitted=False)
+    return Shape("1.0", "", (("", "(chain.t >= self.since)"),), f"from {time:.1f} s on", (parameter,))
 
 
 def build_bump(angle: float, width: float, weight: str) -> Shape:
-    """Once per revolution, where the wheel's angle is so many rad."""
-    places = (ShapeParameter("place", "rad", angle, 0.05), ShapeParameter("width", "rad", width, 0.05))
-    per, words = _HARMONIC_WEIGHTS[weight]
-    text = (("", "pulse(chain.angle - self.place, self.width)"),)
-    return Shape(weight, per, text, f"in one place of every revolution{words}", places, is_shareable=False)
+    """Return a bump once per revolution, at a wheel angle and of a width in rad."""
+    parameters = (ShapeParameter("place", "rad", angle, 0.05), ShapeParameter("width", "rad", width, 0.05))
+    weight_unit, description = _HARMONIC_WEIGHTS[weight]
+    amplitudes = (("", "pulse(chain.angle - self.place, self.width)"),)
+    return Shape(
+        weight,
+        weight_unit,
+        amplitudes,
+        f"in one place of every revolution{description}",
+        parameters,
+        is_shareable=False,
+    )

@@ -1,4 +1,4 @@
-"""What an effect from outside is worth in a log: the gap on stretches that it was not fitted to."""
+"""Test of a scaffolded effect: the gap on segments that it was not fitted to."""
 
 from __future__ import annotations
 
@@ -18,20 +18,26 @@ from hubodo.model.model_file import read_model
 
 
 def held_out_gaps(log: Path, model: Path, effect: Effect, scope: str) -> tuple[float, float]:
-    """Without and with an effect, each fitted to the other stretches, whatever the model file has of it.
+    """Return the held-out gap without and with an effect, which replaces that of the model file.
 
-    scope: a node, all or vehicle. Raises InputError, ConfigError or LogError where the files do not do.
+    scope: name of a node, `all` or `vehicle`
+
+    Raises InputError, ConfigError or LogError for unusable files.
     """
     problem = build_problem(read_log(log), read_model(model), str(log))
-    begin = build_initial_state(problem)
-    kept = [term for term in begin.terms if term.effect.name != effect.name]
-    # Terms without a name stand for what has one now.
-    begin = begin.with_terms([term for term in kept if not term.effect.name.startswith(PREFIX)])
-    final = refit_with_weights(begin.with_term(ModelTerm(effect, scope))).evaluation
-    held = split_held_out(problem)
-    trained = replace(final, weights=held.exclude_from(final.weights))
+    initial_state = build_initial_state(problem)
+    other_terms = [term for term in initial_state.terms if term.effect.name != effect.name]
+    # The effect replaces unnamed terms.
+    initial_state = initial_state.with_terms(
+        [term for term in other_terms if not term.effect.name.startswith(PREFIX)]
+    )
+    final = refit_with_weights(initial_state.with_term(ModelTerm(effect, scope))).evaluation
+    held_out_split = split_held_out(problem)
+    trained = replace(final, weights=held_out_split.exclude_from(final.weights))
     without, with_it = (
-        compute_gap(final.with_state(refit(trained.with_state(state), rounds=4).state).residuals, held.masks)
-        for state in (begin, begin.with_term(ModelTerm(effect, scope)))
+        compute_gap(
+            final.with_state(refit(trained.with_state(state), rounds=4).state).residuals, held_out_split.masks
+        )
+        for state in (initial_state, initial_state.with_term(ModelTerm(effect, scope)))
     )
     return without, with_it

@@ -1,4 +1,4 @@
-"""The effect that a log asks for and no list has: the dependence that fits best, as a class, fitted."""
+"""Scaffolding: the dependence that fits a residual best, as the class of a new effect, fitted to the log."""
 
 from __future__ import annotations
 
@@ -24,20 +24,22 @@ from hubodo.gap.scaffold.source import Observation, Summand, compile_effect, ren
 from hubodo.gap.state.state import State
 from hubodo.gap.state.terms import ModelTerm
 
-# Terms at most; dependences that are fitted for each; ln Bayes factor that the first one, and each further
-# one, has to bring.
+# Summands at most; dependences fitted for each; ln Bayes factor required of the first and of each other one.
 _MAX_SUMMANDS, _MAX_FITTED, _MIN_FIRST_EVIDENCE, _MIN_FURTHER_EVIDENCE = 3, 8, 10.0, 20.0
-# Sigmas from which on a parameter is at work.
+# Sigmas from which on a parameter is significant.
 _CLEAR_SIGMAS = 3.0
-# Names that may stand in for it, and dependences that are tried in the place of each.
+# Existing effects that may imitate it, and dependences tried instead of each.
 _MAX_REPLACEABLE, _MAX_INSTEAD = 3, 4
 
 
 @dataclass(frozen=True)
 class Scaffold:
-    """An effect that was made: the text of its file, its values, the gap without and with it.
+    """A scaffolded effect.
 
-    replaced: names that it explains better than they did.
+    source: text of its file
+    where: channels and regimes that show it, in words
+    parameters: fitted to the log
+    replaced: effects that it makes unnecessary
     """
 
     name: str
@@ -50,24 +52,25 @@ class Scaffold:
     replaced: tuple[str, ...]
 
     def describe(self) -> list[str]:
-        """What was made, one line each."""
+        """Return the result, one line each."""
         values = ", ".join(
-            f"{key} {format_with_sigma(it.value, it.sigma)} {it.unit}" for key, it in self.parameters.items()
+            f"{key} {format_with_sigma(estimate.value, estimate.sigma)} {estimate.unit}"
+            for key, estimate in self.parameters.items()
         )
         lines = [f"{self.name} ({self.scope}): {values}", f"  {self.where}"]
         lines.append(
             f"  gap {self.gap_before:.3f} → {self.gap_after:.3f}; use it with --effects {self.name}.py"
         )
         if self.replaced:
-            lines.append(f"  it explains what {', '.join(self.replaced)} stood for")
+            lines.append(f"  it replaces {', '.join(self.replaced)}")
         return lines
 
     def as_json(self) -> dict[str, Any]:
-        """As `--json` has it."""
+        """Return the result as JSON."""
         return {
             "effect": self.name,
             "scope": self.scope,
-            "parameters": {key: asdict(it) for key, it in self.parameters.items()},
+            "parameters": {key: asdict(estimate) for key, estimate in self.parameters.items()},
             "where": self.where,
             "gap": {"before": self.gap_before, "after": self.gap_after},
             "replaced": list(self.replaced),
@@ -76,7 +79,7 @@ class Scaffold:
 
 @dataclass(frozen=True)
 class _Attempt:
-    """A class of so many summands, fitted; evidence: over the point it began from."""
+    """A class with these summands, fitted; `evidence`: relative to the previous attempt."""
 
     summands: tuple[Summand, ...]
     term: ModelTerm
@@ -86,37 +89,42 @@ class _Attempt:
 
 
 def build_scaffold(result: SearchResult, name: str, log: Path) -> Scaffold | None:
-    """The effect `name` of what no listed effect explains in `log`; None where nothing is left."""
+    """Build the effect `name` from the unexplained residual of `log`; None if nothing is significant."""
     state = result.final.state
-    kept = [term for term in state.terms if not term.effect.name.startswith(PREFIX)]
-    begin = refit_with_weights(state.untracked_with_terms(kept))
-    best: _Attempt | None = None
+    listed_terms = [term for term in state.terms if not term.effect.name.startswith(PREFIX)]
+    initial_fit = refit_with_weights(state.untracked_with_terms(listed_terms))
+    attempt: _Attempt | None = None
     for _ in range(_MAX_SUMMANDS):
-        further = _add_summand(begin, best, name)
-        if further is None:
+        better = _add_summand(initial_fit, attempt, name)
+        if better is None:
             break
-        best = further
-    if best is None:
+        attempt = better
+    if attempt is None:
         return None
-    made = refit_with_weights(best.refit.state)
-    before = made.evaluation.with_state(_without(made.state, name))
-    before = refit(before, rounds=2).evaluation
-    term = next(term for term in made.free_terms if term.effect.name == name)
-    values = estimate_parameters(term, made)
-    words = describe_where(before.residuals, made.evaluation.residuals)
-    usual = {key: abs(it.value) + (it.sigma or 0.0) for key, it in values.items()}
-    places = {f"{key}=": it.value for key, it in values.items()}
-    told = {key: f"{format_with_sigma(it.value, it.sigma)} {it.unit}" for key, it in values.items()}
-    seen = Observation(log.absolute(), term.scope, words, told, {**usual, **places})
+    fit = refit_with_weights(attempt.refit.state)
+    evaluation_without = fit.evaluation.with_state(_without(fit.state, name))
+    evaluation_without = refit(evaluation_without, rounds=2).evaluation
+    term = next(term for term in fit.free_terms if term.effect.name == name)
+    values = estimate_parameters(term, fit)
+    where = describe_where(evaluation_without.residuals, fit.evaluation.residuals)
+    usual_sizes = {key: abs(estimate.value) + (estimate.sigma or 0.0) for key, estimate in values.items()}
+    initial_values = {f"{key}=": estimate.value for key, estimate in values.items()}
+    value_texts = {
+        key: f"{format_with_sigma(estimate.value, estimate.sigma)} {estimate.unit}"
+        for key, estimate in values.items()
+    }
+    observation = Observation(
+        log.absolute(), term.scope, where, value_texts, {**usual_sizes, **initial_values}
+    )
     return Scaffold(
         name,
         term.scope,
-        render_source(name, best.summands, seen),
-        words,
+        render_source(name, attempt.summands, observation),
+        where,
         values,
-        compute_gap(before.residuals),
-        compute_gap(made.evaluation.residuals),
-        best.replaced,
+        compute_gap(evaluation_without.residuals),
+        compute_gap(fit.evaluation.residuals),
+        attempt.replaced,
     )
 
 
@@ -124,88 +132,102 @@ def _without(state: State, name: str) -> State:
     return state.with_terms([term for term in state.terms if term.effect.name != name])
 
 
-def _add_summand(begin: Refit, best: _Attempt | None, name: str) -> _Attempt | None:
-    """The best class of one summand more; None where none earns it."""
-    point = (begin if best is None else best.refit).evaluation
-    before = () if best is None else best.summands
+def _add_summand(initial_fit: Refit, best: _Attempt | None, name: str) -> _Attempt | None:
+    """Return the best class with one more summand; None if none is significant."""
+    point = (initial_fit if best is None else best.refit).evaluation
+    summands_before = () if best is None else best.summands
     promising = _list_promising(point, None if best is None else best.term.scope)
-    tried = []
+    candidates = []
     for one in promising:
-        summands = (*before, Summand(one.shape, one.targets))
-        kind = compile_effect(name, summands)
-        start = kind() if best is None else kind(**best.term.effect.values())
-        tried.append((summands, ModelTerm(start, one.scope)))
-    if not tried:
+        summands = (*summands_before, Summand(one.shape, one.targets))
+        effect_class = compile_effect(name, summands)
+        start = effect_class() if best is None else effect_class(**best.term.effect.values())
+        candidates.append((summands, ModelTerm(start, one.scope)))
+    if not candidates:
         return None
-    base = begin if best is None else best.refit
+    base = initial_fit if best is None else best.refit
     fits = [
-        refit(base.evaluation.with_state(_without(base.state, name).with_term(term))) for _, term in tried
+        refit(base.evaluation.with_state(_without(base.state, name).with_term(term)))
+        for _, term in candidates
     ]
-    tracked = [track_wheel_phase(it.state) for it in fits]
-    walks = [base.evaluation.weights.wheel_walks, *(own for _, own in tracked)]
-    least = {node: min(own[node] for own in walks) for node in walks[0]}
-    weights = replace(base.evaluation.weights, wheel_walks=least)
-    plain = refit(Evaluation(base.state, weights), rounds=1)
+    tracked = [track_wheel_phase(fit.state) for fit in fits]
+    all_walks = [base.evaluation.weights.wheel_walks, *(walks_of_fit for _, walks_of_fit in tracked)]
+    smallest_walks = {node: min(walks_of_fit[node] for walks_of_fit in all_walks) for node in all_walks[0]}
+    weights = replace(base.evaluation.weights, wheel_walks=smallest_walks)
+    reference = refit(Evaluation(base.state, weights), rounds=1)
     attempts = []
-    for (summands, term), (state, _) in zip(tried, tracked, strict=True):
-        made = fit_tracked(Evaluation(state, weights), rounds=2)
-        grown = len(term.effect.coordinates()) - (len(best.term.effect.coordinates()) if best else 0)
-        evidence = compute_gain(plain, made) / made.tempering - _refit_cost(made, grown)
-        attempts.append(_prune_effects(_Attempt(summands, term, made, evidence, ())))
-    winner = max(attempts, key=lambda it: it.evidence)
+    for (summands, term), (state, _) in zip(candidates, tracked, strict=True):
+        fit = fit_tracked(Evaluation(state, weights), rounds=2)
+        added_coordinates = len(term.effect.coordinates()) - (
+            len(best.term.effect.coordinates()) if best else 0
+        )
+        evidence = compute_gain(reference, fit) / fit.tempering - _refit_cost(fit, added_coordinates)
+        attempts.append(_prune_effects(_Attempt(summands, term, fit, evidence, ())))
+    winner = max(attempts, key=lambda attempt: attempt.evidence)
     if winner.evidence < (_MIN_FIRST_EVIDENCE if best is None else _MIN_FURTHER_EVIDENCE):
         return None
     fitted = next(term for term in winner.refit.free_terms if term.key == winner.term.key)
     return replace(winner, term=fitted, replaced=((best.replaced if best else ()) + winner.replaced))
 
 
-def _list_promising(point: Evaluation, scope: str | None) -> list[Dependence]:
-    """What is worth a fit: beside all that is in the model, and in the place of each name that was found.
+def _list_promising(evaluation: Evaluation, scope: str | None) -> list[Dependence]:
+    """Return dependences to fit, beside the model and instead of each of its effects.
 
-    scope: the one that it must have.
+    scope: that they must have, if given
     """
-    named = [term for term in point.state.terms if term.is_refittable and term.effect.name in BY_NAME]
-    found = _drop_duplicates(scan_dependences(point), scope, _MAX_FITTED)
-    for term in named[:_MAX_REPLACEABLE]:
-        less = [other for other in point.state.terms if other.key != term.key]
-        without = refit(point.with_state(point.state.with_terms(less)), rounds=1).evaluation
-        found += _drop_duplicates(scan_dependences(without), scope, _MAX_INSTEAD)
-    return _drop_duplicates(found, scope, len(found))
+    listed = [term for term in evaluation.state.terms if term.is_refittable and term.effect.name in BY_NAME]
+    dependences = _drop_duplicates(scan_dependences(evaluation), scope, _MAX_FITTED)
+    for term in listed[:_MAX_REPLACEABLE]:
+        other_terms = [other for other in evaluation.state.terms if other.key != term.key]
+        without = refit(evaluation.with_state(evaluation.state.with_terms(other_terms)), rounds=1).evaluation
+        dependences += _drop_duplicates(scan_dependences(without), scope, _MAX_INSTEAD)
+    return _drop_duplicates(dependences, scope, len(dependences))
 
 
-def _drop_duplicates(found: Sequence[Dependence], scope: str | None, maximum: int) -> list[Dependence]:
-    """The best of each shape on each kind of target."""
-    made: dict[tuple[str, ...], Dependence] = {}
-    for one in found:
-        key = (one.shape.weight, one.shape.description, one.scope, *(target.name for target in one.targets))
-        if scope in (None, one.scope):
-            made.setdefault(key, one)
-    return list(made.values())[:maximum]
+def _drop_duplicates(dependences: Sequence[Dependence], scope: str | None, maximum: int) -> list[Dependence]:
+    """Return the best of each shape on each kind of target."""
+    best_by_kind: dict[tuple[str, ...], Dependence] = {}
+    for dependence in dependences:
+        key = (
+            dependence.shape.weight,
+            dependence.shape.description,
+            dependence.scope,
+            *(target.name for target in dependence.targets),
+        )
+        if scope in (None, dependence.scope):
+            best_by_kind.setdefault(key, dependence)
+    return list(best_by_kind.values())[:maximum]
 
 
 def _prune_effects(attempt: _Attempt) -> _Attempt:
-    """Without the names that it does the work of: each costs more than it then brings."""
-    made, evidence = attempt.refit, attempt.evidence
+    """Drop the effects that the attempt makes unnecessary: each costs more than it gains."""
+    fit, evidence = attempt.refit, attempt.evidence
     replaced: list[str] = []
-    for term in [term for term in made.free_terms if term.key != attempt.term.key]:
-        less = made.state.with_terms([other for other in made.state.terms if other.key != term.key])
-        without = fit_tracked(Evaluation(track_wheel_phase(less)[0], made.evaluation.weights), rounds=2)
-        saved = (
-            _refit_cost(made, _count_significant(term, made)) - compute_gain(without, made) / made.tempering
+    for term in [term for term in fit.free_terms if term.key != attempt.term.key]:
+        other_terms = fit.state.with_terms([other for other in fit.state.terms if other.key != term.key])
+        without = fit_tracked(Evaluation(track_wheel_phase(other_terms)[0], fit.evaluation.weights), rounds=2)
+        saved_cost = (
+            _refit_cost(fit, _count_significant(term, fit)) - compute_gain(without, fit) / fit.tempering
         )
-        if saved > 0.0:
-            made, evidence = without, evidence + saved
+        if saved_cost > 0.0:
+            fit, evidence = without, evidence + saved_cost
             replaced.append(term.effect.name)
-    return replace(attempt, refit=made, evidence=evidence, replaced=tuple(replaced))
+    return replace(attempt, refit=fit, evidence=evidence, replaced=tuple(replaced))
 
 
-def _count_significant(term: ModelTerm, made: Refit) -> int:
-    """How many of a term's coordinates are clearly not zero; to count all would favour any other."""
-    values = estimate_parameters(term, made).values()
-    return max(1, sum(it.sigma is not None and abs(it.value) > _CLEAR_SIGMAS * it.sigma for it in values))
+def _count_significant(term: ModelTerm, fit: Refit) -> int:
+    """Return the number of significant coordinates; counting all would favour the alternative."""
+    values = estimate_parameters(term, fit).values()
+    return max(
+        1,
+        sum(
+            estimate.sigma is not None and abs(estimate.value) > _CLEAR_SIGMAS * estimate.sigma
+            for estimate in values
+        ),
+    )
 
 
-def _refit_cost(made: Refit, free: int) -> float:
-    """Occam's factor of so many coordinates that all samples fix, as in BIC."""
-    samples = sum(len(node.t) for node in made.evaluation.problem.nodes)
-    return 0.5 * free * log(samples / 4.0) + 3.0
+def _refit_cost(fit: Refit, n_coordinates: int) -> float:
+    """Return the Occam factor of coordinates determined by all samples, as in BIC."""
+    samples = sum(len(node.t) for node in fit.evaluation.problem.nodes)
+    return 0.5 * n_coordinates * log(samples / 4.0) + 3.0

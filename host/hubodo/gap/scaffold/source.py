@@ -1,4 +1,4 @@
-"""The Python file of a new effect: what is written is what was fitted."""
+"""The Python file of a new effect; its class is the one that was fitted."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from hubodo.gap.scaffold.library import (
     Target,
 )
 
-_MAX_LINE_LENGTH = 106
+_MAX_SOURCE_LINE = 106
 _USUAL_SCALES = {"rad/s": 0.01, "m/s²": 0.1, "s": 0.01}
 
 
@@ -33,7 +33,12 @@ class Summand:
 
 @dataclass(frozen=True)
 class Observation:
-    """What a log showed of an effect, in words. values: of each parameter, with its sigma, by name."""
+    """The observation of an effect in a log.
+
+    where: channels and regimes, in words
+    values: text of each parameter with its sigma
+    usual_sizes: of each parameter
+    """
 
     log: Path
     scope: str
@@ -43,10 +48,16 @@ class Observation:
 
 
 def render_source(name: str, summands: Sequence[Summand], observation: Observation | None = None) -> str:
-    """The text of the file. seen: None while it is being fitted."""
-    named = [_NamedSummand(summand, "" if not k else f"_{k + 1}") for k, summand in enumerate(summands)]
-    body = [*_render_fields(named, observation), *_render_offset(named), *_render_true_time(named)]
-    helpers = [it for it in HELPERS if any(f"{it}(" in line for line in body)]
+    """Return the text of the file; `observation` is None while the effect is being fitted."""
+    named_summands = [
+        _NamedSummand(summand, "" if not k else f"_{k + 1}") for k, summand in enumerate(summands)
+    ]
+    body = [
+        *_render_fields(named_summands, observation),
+        *_render_offset(named_summands),
+        *_render_true_time(named_summands),
+    ]
+    helpers = [helper for helper in HELPERS if any(f"{helper}(" in line for line in body)]
     imports = ["from dataclasses import dataclass", *(["from pathlib import Path"] if observation else [])]
     imports += ["from typing import ClassVar", "", "import numpy as np", ""]
     imports += ["from hubodo.arrays import Array"] if any("Array" in line for line in body) else []
@@ -56,9 +67,9 @@ def render_source(name: str, summands: Sequence[Summand], observation: Observati
     lines = [*_render_head(name, observation), "", "from __future__ import annotations", "", *imports]
     if observation:
         lines += ["", f"LOG = Path({str(observation.log)!r})"]
-    level = "wheel" if any(one.on_wheel for one in named) else "node"
+    level = "wheel" if any(item.on_wheel for item in named_summands) else "node"
     lines += ["", "", "@dataclass(frozen=True)", f"class {class_name(name)}(Effect):"]
-    lines += textwrap.indent(_render_formula(named), "    ").splitlines()
+    lines += textwrap.indent(_render_formula(named_summands), "    ").splitlines()
     lines += ["", f'    name: ClassVar[str] = "{name}"', f'    level: ClassVar[Level] = "{level}"']
     lines += [f'    meaning: ClassVar[str] = "{name.replace("_", " ")}"']
     lines += ["    has_memory: ClassVar[bool] = True"] if set(helpers) & set(HELPERS_WITH_MEMORY) else []
@@ -69,17 +80,17 @@ def render_source(name: str, summands: Sequence[Summand], observation: Observati
 
 
 def class_name(name: str) -> str:
-    """`bent_axle` as `BentAxle`."""
+    """Return the class name of an effect, such as `BentAxle` for `bent_axle`."""
     return "".join(part.capitalize() for part in name.split("_"))
 
 
 def compile_effect(name: str, summands: Sequence[Summand]) -> type[Effect]:
-    """The effect that the file would define."""
+    """Return the class that the file would define."""
     return run_effects(render_source(name, summands), Path(f"{name}.py"))[0]
 
 
 class _NamedSummand:
-    """A summand with the names that its parameters have in the class; end: what sets them apart."""
+    """A summand with the names of its parameters in the class; `end`: suffix that makes them unique."""
 
     def __init__(self, summand: Summand, end: str) -> None:
         self.shape, self.targets = summand.shape, summand.targets
@@ -94,23 +105,24 @@ class _NamedSummand:
 
     @property
     def on_wheel(self) -> bool:
+        """Return True if it exists only for a node on a wheel."""
         return self.shape.needs_wheel or any(target.needs_wheel for target in self.targets)
 
     def text(self, expression: str) -> str:
-        """An expression with this class's names for the places."""
+        """Return an expression with this class's names of the parameters."""
         for place in self.shape.parameters:
             expression = re.sub(rf"self\.{place.name}\b", f"self.{place.name}{self._end}", expression)
         return expression
 
     def value(self, target: Target) -> str:
-        """What is added to a target."""
+        """Return the expression that is added to a target."""
         weight, total = self.factors(target)
         if weight == "1.0":
             return total
         return f"{weight} * {total if ' + ' not in total else f'({total})'}"
 
     def factors(self, target: Target) -> tuple[str, str]:
-        """The same as weight and waves."""
+        """Return weight and sum of waves separately."""
         parts = []
         for parameter, wave in self.amplitudes[target.name]:
             wave = self.text(wave)
@@ -120,45 +132,45 @@ class _NamedSummand:
         return weight if simple else f"({weight})", " + ".join(parts)
 
 
-def _render_head(name: str, seen: Observation | None) -> list[str]:
-    if seen is None:
+def _render_head(name: str, observation: Observation | None) -> list[str]:
+    if observation is None:
         return [f'"""The effect `{name}`."""']
-    values = "; ".join(f"{key} {value}" for key, value in seen.values.items())
+    values = "; ".join(f"{key} {value}" for key, value in observation.values.items())
     use = f"To use it: --effects {name}.py with hubodo gap, simulate, fuse, record; to test it: pytest"
-    words = (
-        f"The effect `{name}`: what hubodo gap found in {seen.log.name}; nothing that it knew explained it.",
-        f"Seen on {seen.scope}: {seen.where}.",
+    paragraphs = (
+        f"The effect `{name}`, found by hubodo gap in {observation.log.name}; no known effect explained it.",
+        f"Seen on {observation.scope}: {observation.where}.",
         f"There: {values}.",
         f"{use} {name}.py.",
     )
-    text = "\n\n".join(textwrap.fill(line, _MAX_LINE_LENGTH) for line in words)
+    text = "\n\n".join(textwrap.fill(line, _MAX_SOURCE_LINE) for line in paragraphs)
     return [f'"""{text}', '"""']
 
 
 def _render_formula(named: Sequence[_NamedSummand]) -> str:
-    """A docstring: the sum that it adds, with plain names."""
+    """Return the docstring: the sum that it adds, with plain names."""
     parts = []
     for one in named:
         for target in one.targets:
             value = re.sub(r"\b(self|chain|np)\.", "", one.value(target)).replace("**2", "²")
             parts.append(f"{target.name} += {value}: {one.shape.description}.")
-    text = "\n".join(textwrap.fill(part, _MAX_LINE_LENGTH - 4) for part in parts)
+    text = "\n".join(textwrap.fill(part, _MAX_SOURCE_LINE - 4) for part in parts)
     return f'"""{text}"""' if len(parts) == 1 and "\n" not in text else f'"""{text}\n"""'
 
 
-def _render_fields(named: Sequence[_NamedSummand], seen: Observation | None) -> list[str]:
+def _render_fields(named: Sequence[_NamedSummand], observation: Observation | None) -> list[str]:
     lines = []
-    usual = seen.usual_sizes if seen else {}
+    usual_sizes = observation.usual_sizes if observation else {}
     for one in named:
         for target in one.targets:
             unit = f"{target.unit} per {one.shape.weight_unit}" if one.shape.weight_unit else target.unit
             for key, _ in one.amplitudes[target.name]:
-                scale = usual.get(key) or _USUAL_SCALES[target.unit]
+                scale = usual_sizes.get(key) or _USUAL_SCALES[target.unit]
                 turned = ", flips_with_facing=True" if target.is_mirrored else ""
                 lines.append(f'    {key}: float = parameter("{unit}", {scale:.2g}{turned})')
         for key, place in one.places.items():
             more = "" if place.fitted else ", fitted=False"
-            value = usual.get(f"{key}=", place.value)
+            value = usual_sizes.get(f"{key}=", place.value)
             lines.append(
                 f'    {key}: float = parameter("{place.unit}", {place.scale:.2g}, default={value:.9g}{more})'
             )
@@ -196,12 +208,12 @@ def _channel(row: int) -> str:
     return f"chain.gyro[{row}]" if row < 3 else f"chain.accel[{row - 3}]"
 
 
-def _render_test(name: str, seen: Observation) -> list[str]:
+def _render_test(name: str, observation: Observation) -> list[str]:
     return [
         "def test_the_log_shows_it_where_it_was_not_fitted() -> None:",
         "    from hubodo.gap.scaffold.proof import held_out_gaps",
         "",
         '    model = Path(__file__).with_name("model.toml")',
-        f'    without, with_it = held_out_gaps(LOG, model, {class_name(name)}(), "{seen.scope}")',
+        f'    without, with_it = held_out_gaps(LOG, model, {class_name(name)}(), "{observation.scope}")',
         "    assert with_it < without",
     ]

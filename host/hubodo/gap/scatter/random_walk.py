@@ -17,7 +17,7 @@ from hubodo.gap.state.terms import ModelTerm
 NAME = "gyro_rate_random_walk"
 _K_GRID, _FINE_GRID_SIZE = np.geomspace(1e-6, 3e-2, 28), 25
 # Gain of ln likelihood; rounding alone adds slightly more than sensor noise to the means.
-_MIN_WALK_GAIN = 3.0
+_MIN_DETECTION_GAIN = 3.0
 # Evidence deducted because a walk can imitate any slow drift.
 _DRIFT_PENALTY = 2.0
 # Sigmas by which the innovations may differ from Gaussian white noise.
@@ -31,7 +31,7 @@ def detect_random_walk(residuals: Sequence[Residual]) -> list[Proposal]:
     for scope, members in group_by_scope([one for one in residuals if one.node.name in curves]):
         curve = np.sum([curves[one.node.name] for one in members], axis=0)
         best = int(np.argmax(curve))
-        if curve[best] < _MIN_WALK_GAIN or best == len(_K_GRID) - 1:
+        if curve[best] < _MIN_DETECTION_GAIN or best == len(_K_GRID) - 1:
             continue
         # With many windows the likelihood is much narrower than the steps of the coarse grid.
         fine_grid = _K_GRID[best] * np.exp(

@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from hubodo.effects import BY_NAME
+from hubodo.gap.problem.problem import MIN_LATTICE_STEP
 from hubodo.gap.process_noise.residual import Residual
 from hubodo.gap.scatter.base import Proposal, group_by_scope, parameter_cost
 from hubodo.gap.state.terms import ModelTerm
 
 NAME = "sample_repeat"
-_LATTICE = 1e-8
 
 
 def detect_repeats(residuals: Sequence[Residual]) -> list[Proposal]:
@@ -46,7 +46,7 @@ def _expected_repeats(residual: Residual) -> float:
     probability = np.ones(residual.node.y.shape[1])
     for row in np.flatnonzero(residual.node.used):
         gaps = np.diff(np.unique(np.round(residual.node.y[row], 9)))
-        step = float(np.min(gaps[gaps > _LATTICE], initial=np.inf))
+        step = float(np.min(gaps[gaps > MIN_LATTICE_STEP], initial=np.inf))
         if not np.isfinite(step):
             continue
         # Probability that two draws of Gaussian noise fall into one bin of the lattice.

@@ -80,7 +80,7 @@ def find_unnamed_terms(evaluation: Evaluation) -> list[UnnamedTerm]:
             term = _fit_term(node, chain, expression, z, weight, edges)
             if term is not None and term.term.effect.name not in present:
                 terms.append(term)
-    return sorted(terms, key=lambda it: -it.evidence)
+    return sorted(terms, key=lambda item: -item.evidence)
 
 
 def block_edges(t: Array) -> NDArray[np.intp]:

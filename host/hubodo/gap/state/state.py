@@ -107,7 +107,8 @@ class State:
             return None
         errors = {**self.speed_errors, **self._speed_errors(effects, changed)}
         return SpeedCorrection(
-            sources[0].t, average_speed_errors(sources, {name: it.correction for name, it in errors.items()})
+            sources[0].t,
+            average_speed_errors(sources, {name: error.correction for name, error in errors.items()}),
         )
 
     def _speed_errors(self, effects: Effects, names: Collection[str]) -> dict[str, SpeedError]:
