@@ -122,7 +122,7 @@ FOUND = SimpleNamespace(
         ),
         (
             why(round_of(CAMBER, CAMBER, screened=[rival("gyro_bias", gain=3.0, evidence=-0.5)])),
-            "would gain 3.0 in log-likelihood (all), less than its free parameters cost (ln Bayes factor -0.5)",
+            "gain 3.0 in log-likelihood (all), less than its free parameters cost (ln Bayes factor -0.5)",
         ),
         (
             why(
