@@ -53,6 +53,7 @@ accuracy: setup      ## accuracy over many seeded drives and records; some fifte
 	$(BIN)/python tests/accuracy/warmup_forms.py
 	$(BIN)/python tests/accuracy/north_found.py
 	$(BIN)/python tests/accuracy/poses.py
+	$(BIN)/python tests/accuracy/node_bias.py
 
 road: setup          ## a real car, rests, silences, slip, sensors at their ends, calibration; some forty minutes
 	$(BIN)/python tests/accuracy/car.py

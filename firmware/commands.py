@@ -46,7 +46,6 @@ from wire import (
     TIME_REQUEST_SIZE,
 )
 
-_ANY_NODE = 0
 _OF_FILTER = (
     CONFIG_KEY_FILTER_KIND,
     CONFIG_KEY_GAIN_RATE_Q20,
@@ -63,9 +62,9 @@ class Commands:
         self._bias_seq = -1
 
     def handle(self, frame, received_us):
-        """Answer the request in a FrameReader; requests to other nodes are ignored."""
+        """Answer the request in a FrameReader; requests to other nodes are ignored, 0 is any."""
         node = self._node
-        if frame.node != node.outbox.node_id and frame.node != _ANY_NODE:
+        if frame.node and frame.node != node.outbox.node_id:
             return
         request, seq, raw, size = frame.type_id, frame.seq, frame.raw, frame.size
         if request == TIME_REQUEST and size >= TIME_REQUEST_SIZE:

@@ -11,6 +11,7 @@ import machine
 import micropython
 import reports
 import settings as configuration
+from bias_initialiser import BiasInitialiser
 from board import Hardware
 from buffers import shared
 from commands import Commands
@@ -63,8 +64,8 @@ class Node:
         self.slow: Any = None
         """Reduces the sample rate at standstill, where the settings ask for that."""
         self.estimator: Any = None
-        self.init: Any = None
-        """Estimates the bias at the start: a `bias_initialiser.BiasInitialiser`."""
+        self.init: Any = BiasInitialiser()
+        """The bias at the start. A subclass that estimates it is loaded when `BiasInit` is requested."""
         self.warm: Any = ()
         self._running = True
         self._next_index = self._lsb_ndps = 0
@@ -73,7 +74,6 @@ class Node:
         # Sampling has the processor to itself for the first 0.2 s, when the sample clock locks.
         self._duty_ms = ticks_add(ticks_ms(), _QUIET_START_MS)
         self._hello_ms = self._health_ms = self._filter_ms = self._mag_ms = self._duty_ms
-        self.new_init()
         self.new_filter()
         self.start()
 
@@ -123,11 +123,10 @@ class Node:
         self.commands.bias_given_up()
 
     def new_init(self):
-        """Create the bias initialiser that the settings ask for; it inherits the present estimate."""
+        """Create the bias initialiser that the settings ask for; it inherits the present bias."""
         before = self.init
         self.init = bias_choice.initialisation(self.settings, self.sampler.clock)
-        if before is not None:
-            self.init.adopt(before)
+        self.init.adopt(before)
 
     def new_filter(self):
         """Create the estimator that the settings ask for, with rate zero and the present bias."""

@@ -93,7 +93,7 @@ def filter_state(node):
     node.outbox.post(FILTER, FILTER_SIZE)
 
 
-def _charge_percent(mv):
+def _charge(mv):
     """Return the charge of a lithium cell under light load, %, within some 8 %; 255: unknown."""
     if not 0 < mv < _EXTERNAL_MV:
         return _UNKNOWN
@@ -127,7 +127,7 @@ def health(node):
         node.board.reset_cause,
         node.free_heap,
         node.sampler.clock.bound_us(),
-        _charge_percent(battery_mv),
+        _charge(battery_mv),
     )
     node.outbox.post(HEALTH, HEALTH_SIZE)
     node.longest_us = 0

@@ -75,7 +75,7 @@ watch()
 NODE = (
     "node = Node(board, link)\nwatch()",
     "chip = node.parts.chip",
-    "node.init.start({samples}, chip.gyro_lsb_ndps, chip.accel_lsb_ng)\nwatch()",
+    "node.new_init()\nnode.init.start({samples}, chip.gyro_lsb_ndps, chip.accel_lsb_ng)\nwatch()",
     "for _ in range(20):\n    node.step()\nwatch()",
 )
 
