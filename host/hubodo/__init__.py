@@ -1,6 +1,6 @@
-"""Odometry from inertial sensors on wheel hubs: recording, estimation and the sim-to-real gap.
+"""Odometry from inertial sensors on wheel hubs: recording, estimation and sim-to-real gap analysis.
 
-Public names are listed in `__all__`; each is loaded on first use, so `import hubodo` is fast.
+Public names are listed in `__all__`; they are imported on first use, so that `import hubodo` is fast.
 """
 
 from importlib import import_module
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from hubodo.sensors.allan.fit import NoiseTerm
     from hubodo.vehicle import NodeMount, Vehicle
 
-_HOMES = {
+_NAMES_OF_MODULE = {
     "hubodo.api.files": (
         "load_vehicle",
         "read_calibration",
@@ -50,9 +50,9 @@ _HOMES = {
     "hubodo.sensors.allan.fit": ("NoiseTerm",),
     "hubodo.vehicle": ("NodeMount", "Vehicle"),
 }
-_HOME = {name: module for module, names in _HOMES.items() for name in names}
+_MODULE_OF_NAME = {name: module for module, names in _NAMES_OF_MODULE.items() for name in names}
 
-__all__ = [  # noqa: RUF022 - in the order of the documentation
+__all__ = [  # noqa: RUF022 - in the order of the reference
     "open",
     "simulate",
     "LoadedLog",
@@ -88,9 +88,9 @@ __all__ = [  # noqa: RUF022 - in the order of the documentation
 if not TYPE_CHECKING:  # otherwise a type checker would accept any name
 
     def __getattr__(name: str) -> Any:
-        if name not in _HOME:
+        if name not in _MODULE_OF_NAME:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        value = getattr(import_module(_HOME[name]), name)
+        value = getattr(import_module(_MODULE_OF_NAME[name]), name)
         globals()[name] = value
         return value
 

@@ -1,4 +1,4 @@
-"""Entry point of `python -m hubodo`, for systems where the command is not on the path."""
+"""Entry point of `python -m hubodo`, for when the command is not on the path."""
 
 import sys
 

@@ -1,6 +1,6 @@
 """The `hubodo` command:
 
-parses arguments, calls one verb, prints its result; the only place that sets exit codes.
+parses parses the command line, runs one verb, prints its result and sets the exit code.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _REFUSED_INPUT_ERRORS = (InputError, ConfigError, LogError, CalibrationError, Wi
 
 
 class Result(Protocol):
-    """The result of a verb: one frozen dataclass for both the table and `--json`."""
+    """The result of a verb: a frozen dataclass that provides both the table and `--json`."""
 
     def as_json(self) -> dict[str, Any]: ...
 
@@ -43,27 +43,23 @@ class Result(Protocol):
 
 
 def _reports_failure(result: Result | None) -> bool:
-    """Return True where a result of a completed verb reports a failure."""
+    """Return True if the verb succeeded but its result reports a failure."""
     return bool(getattr(result, "failed", False))
 
 
 def _normalise_option(word: str) -> str:
-    """Return an option as the parsers know it:
-
-    `--latitude_deg` becomes `--latitude-deg`. Other words stay.
+    """Return an option with hyphens (`--latitude-deg` for `--latitude_deg`), other words unchanged.
     """
     option, equals, value = word.partition("=")
     return option.replace("_", "-") + equals + value if word.startswith("--") else word
 
 
 def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
-    """Return the parser for the command line `words`:
-
-    the names of all verbs, and the options of the one given.
+    """Return the parser for a command line: all verbs by name, and the options of the verb it names.
 
     Every verb accepts `--json` and `--debug`.
     """
-    given_verb = next((word for word in words if word in VERBS), None)
+    requested = next((word for word in words if word in VERBS), None)
     common = Parser(add_help=False)
     common.add_argument("--json", action="store_true", help="print the result as one JSON object")
     common.add_argument("--debug", action="store_true", help="show the traceback of an error")
@@ -71,7 +67,7 @@ def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"hubodo {__version__}")
     commands = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
     for verb, summary in VERBS.items():
-        if verb != given_verb:
+        if verb != requested:
             commands.add_parser(verb, help=summary)
             continue
         module = load_verb(verb)
@@ -89,12 +85,12 @@ def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one verb; return 0 on success, 2 for input that cannot be accepted, 1 for a failure."""
-    # Threads of BLAS slow down the small matrices here; the variable is read when the library loads.
+    """Run one verb and return the exit code: 0 success, 1 failure, 2 refused input, 130 interrupted."""
+    # On the small matrices here BLAS threads cost more slow they gain; the variable is the variable is read on import.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _prepare_standard_streams()
     if argv is None and not sys.warnoptions:
-        # Warnings of numpy about NaN are for developers; a verb reports what it could not compute.
+        # NumPy warnings about NaN are for developers; a verb reports what it could not compute.
         warnings.simplefilter("ignore", RuntimeWarning)
     if "_ARGCOMPLETE" in os.environ:  # the shell asks what could be typed next
         from hubodo.verbs.completers import complete_command, typed_words
@@ -118,7 +114,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 _print_unless_closed(result, as_json=args.json)
         return code
     except BrokenPipeError:
-        # The reader of the output (head, less) has closed the pipe.
+        # The reader of the output (head, less) has exited.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return EXIT_OK
     except _REFUSED_INPUT_ERRORS as error:
@@ -131,20 +127,20 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return _report_error(
-            args, f"{where}{error.strerror or error}; check the path, rights and space", EXIT_FAILED
+            args, f"{where}{error.strerror or error}; check the path, permissions and disk space", EXIT_FAILED
         )
     except MemoryError:
-        text = "not enough memory for all of it; give a part, or close other programs"
+        text = "not enough memory; use a part of the log, or close other programs"
         return _report_error(args, text, EXIT_FAILED)
-    except Exception as error:  # noqa: BLE001 - the last line of defence: no traceback for users
+    except Exception as error:  # noqa: BLE001 - the last resort: no traceback for users
         text = f"{type(error).__name__}: {error}; this is a defect of hubodo, please report it with --debug"
         return _report_error(args, text, EXIT_FAILED)
 
 
 def _prepare_standard_streams() -> None:
-    """Escape characters that the encoding of a terminal or a pipe lacks, instead of raising an error.
+    """Escape characters that the encoding of a terminal or a pipe lacks, instead of failing.
 
-    A standard stream that was closed is opened on the null device, so that no log gets its descriptor.
+    Closed standard streams are opened on the null device, so that no log file gets their descriptors.
     """
     if os.name == "posix":
         while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
@@ -158,14 +154,14 @@ def _prepare_standard_streams() -> None:
 
 
 def _print_unless_closed(result: Result, *, as_json: bool) -> None:
-    """Print a result, unless the terminal has been closed meanwhile."""
+    """Print a result, ignore a terminal that was closed in the meantime."""
     try:
         _print_result(result, as_json=as_json)
     except OSError as error:
         fd = sys.stdout.fileno()
         if error.errno != errno.EIO or not stat.S_ISCHR(os.fstat(fd).st_mode):
             raise
-        # Otherwise the interpreter flushes the buffer on exit and ends with code 120.
+        # On exit the interpreter flushes the buffer, which would fail and set exit code 120.
         os.dup2(os.open(os.devnull, os.O_WRONLY), fd)
 
 
@@ -173,7 +169,7 @@ def _print_result(result: Result, *, as_json: bool) -> None:
     if as_json:
         print(json_text(result.as_json()))
     else:
-        from hubodo.terminal import SafeConsole  # takes a tenth of a second, only needed for a table
+        from hubodo.terminal import SafeConsole  # takes 0.1 s to import, needed for tables only
 
         # Piped output has no width of its own; 80 columns would cut the tables.
         result.render(SafeConsole() if sys.stdout.isatty() else SafeConsole(width=160))
@@ -193,7 +189,7 @@ def _report_error(args: argparse.Namespace, text: str, code: int) -> int:
 def _print_error(
     text: str, line: str, code: int, *, as_json: bool, details: dict[str, Any] | None = None
 ) -> None:
-    """Print one line on stderr: the text, or a JSON object with `line` for programs."""
+    """Print one line on stderr: the text, or a JSON object with `line`."""
     if as_json:
         from hubodo.ingest.live.view import format_json_line
 
@@ -204,7 +200,7 @@ def _print_error(
 
 
 def _wants_json_log(words: Sequence[str]) -> bool:
-    """Return True where a command line that could not be parsed asks for a log of JSON lines."""
+    """Return True if a command line that could not be parsed requests JSON log lines."""
     return "--log-format=json" in words or ("--log-format", "json") in itertools.pairwise(words)
 
 

@@ -79,7 +79,7 @@ def test_a_dry_run_shows_everything_and_writes_nothing(tmp_path):
 @pytest.mark.parametrize(
     ("config", "says"),
     [
-        ("[record]\n", "names no port"),
+        ("[record]\n", "has no port"),
         ("[record]\nprots = []\n", "did you mean 'ports'"),
         (None, "hubodo config example"),
     ],

@@ -1,1 +1,1 @@
-"""The package as Python programs and notebooks use it; its names stand in `hubodo.__all__`."""
+"""The Python interface of the package; its public names are in `hubodo.__all__`."""

@@ -1,4 +1,4 @@
-"""The files of vehicle, model and calibration, read and written by a path that may be text."""
+"""Functions that read and write vehicle, model and calibration files."""
 
 from __future__ import annotations
 
@@ -10,49 +10,115 @@ from hubodo.calibration.file import Calibration
 from hubodo.model import model_file
 from hubodo.model.model_file import Model
 from hubodo.vehicle import Vehicle
-from hubodo.vehicle import load_vehicle as load
+from hubodo.vehicle import load_vehicle as load_vehicle_file
 
 
 def load_vehicle(path: StrPath) -> Vehicle:
-    """`[vehicle]` and `[nodes]` of a vehicle or model file.
+    """Read `[vehicle]` and `[nodes]` of a vehicle or model file.
 
+    Parameters
+    ----------
+    path : str or path-like
+        The TOML file.
+
+    Returns
+    -------
+    Vehicle
+        Geometry of the vehicle and mounting of its nodes.
+
+    Raises
+    ------
+    ConfigError
+        If the file does not exist, or a key is unknown, missing or out of bounds.
+
+    Examples
+    --------
     >>> import hubodo
     >>> hubodo.load_vehicle("vehicle.toml").wheel_radius
     0.165
-
-    Raises:
-        ConfigError: no such file, or a key that is unknown, missing or impossible.
     """
-    return load(Path(path))
+    return load_vehicle_file(Path(path))
 
 
 def read_model(path: StrPath) -> Model:
-    """A model file.
+    """Read a model file.
 
+    Parameters
+    ----------
+    path : str or path-like
+        The TOML file.
+
+    Returns
+    -------
+    Model
+        Vehicle, noise, inputs and effects.
+
+    Raises
+    ------
+    ConfigError
+        If the file does not exist, or a key is unknown, missing or out of bounds.
+
+    Examples
+    --------
     >>> import hubodo
-    >>> [one.effect for one in hubodo.read_model("leaning.toml").effects]
+    >>> [modelled.effect for modelled in hubodo.read_model("leaning.toml").effects]
     [WheelCamber(angle=0.05)]
-
-    Raises:
-        ConfigError: no such file, or a key that is unknown, missing or impossible.
     """
     return model_file.read_model(Path(path))
 
 
 def write_model(model: Model, path: StrPath) -> None:
-    """Write a model file whole or not at all; one that is there is replaced."""
+    """Write a model file atomically; an existing file is replaced.
+
+    Parameters
+    ----------
+    model : Model
+        The model to write.
+    path : str or path-like
+        The TOML file.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
     model_file.write_model(model, Path(path))
 
 
 def read_calibration(path: StrPath) -> Calibration:
-    """A file of `hubodo calibrate` or `hubodo warmup`.
+    """Read a calibration file, as written by `hubodo calibrate` and `hubodo warmup`.
 
-    Raises:
-        ConfigError: no such file, or a key that is unknown, missing or impossible.
+    Parameters
+    ----------
+    path : str or path-like
+        The TOML file.
+
+    Returns
+    -------
+    Calibration
+        Calibrated effects of the nodes and of the vehicle, with sigmas and provenance.
+
+    Raises
+    ------
+    ConfigError
+        If the file does not exist, or a key is unknown, missing or out of bounds.
     """
     return calibration_file.read_calibration(Path(path))
 
 
 def write_calibration(calibration: Calibration, path: StrPath) -> None:
-    """Write a calibration file whole or not at all; one that is there is replaced."""
+    """Write a calibration file atomically; an existing file is replaced.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        The calibration to write.
+    path : str or path-like
+        The TOML file.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
     calibration_file.write_calibration(calibration, Path(path))

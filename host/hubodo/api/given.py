@@ -1,4 +1,4 @@
-"""What a caller may give as a path, as text or as the thing itself; what reads it is loaded only then."""
+"""Conversion of arguments that may be a path or an object; readers are imported only when needed."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ StrPath = str | os.PathLike[str]
 
 
 def given_vehicle(vehicle: StrPath | Vehicle) -> Vehicle:
-    """Raises ConfigError as `load_vehicle` does."""
+    """Return the vehicle, read from its file if a path is given; raise ConfigError as `load_vehicle` does."""
     return vehicle if isinstance(vehicle, Vehicle) else load_vehicle(Path(vehicle))
 
 
 def given_model(model: StrPath | Model) -> Model:
-    """Raises ConfigError as `read_model` does."""
+    """Return the model, read from its file if a path is given; raise ConfigError as `read_model` does."""
     if not isinstance(model, str | os.PathLike):
         return model
     from hubodo.model.model_file import read_model
@@ -32,7 +32,7 @@ def given_model(model: StrPath | Model) -> Model:
 def given_calibration(
     calibration: StrPath | Calibration | None,
 ) -> tuple[Calibration | None, dict[str, str] | None]:
-    """The calibration, and its file and hash where it came from one. Raises ConfigError."""
+    """Return the calibration, and path and hash of its file if it was read from one; raise ConfigError."""
     if not isinstance(calibration, str | os.PathLike):
         return calibration, None
     from hubodo.calibration.file import hash_source, read_calibration

@@ -1,4 +1,4 @@
-"""A log as Python programs use it: read once, looked at as arrays, handed to what the verbs do."""
+"""A log in memory: arrays by name, and methods for fusion, sensor analysis and gap search."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hubodo.errors import InputError
 from hubodo.html_table import html_lines, html_table
 from hubodo.recording import Event, Recording, Table
 
-# The rest is loaded by what needs it: a log is open in a quarter of the time that everything takes.
+# The rest is imported by the methods that need it: importing everything takes four times as long.
 if TYPE_CHECKING:
     import pandas as pd
 
@@ -29,18 +29,30 @@ if TYPE_CHECKING:
     from hubodo.model.model_file import Model
     from hubodo.vehicle import Vehicle
 
-_HUES = ("#1b6ca8", "#d1495b", "#2e7d5b", "#7a4fa3", "#8a6d3b", "#1d2126")
+_CURVE_COLOURS = ("#1b6ca8", "#d1495b", "#2e7d5b", "#7a4fa3", "#8a6d3b", "#1d2126")
 
 
 class LoadedLog:
-    """A log in memory; `hubodo.open` and `hubodo.simulate` make one.
+    """A log in memory, as returned by `hubodo.open` and `hubodo.simulate`.
 
-    Its tables are reached by name, as in `log["left"]["gz"]`: nodes by theirs, and `reference`, `wheels`,
-    `gnss`, `heading`, `table`, `truth` where the log has them.
+    Tables are accessed by name, as in `log["left"]["gz"]`: one for each node, and `reference`, `wheels`,
+    `gnss`, `heading`, `table` and `truth` where the log has them.
 
-    Attributes:
-        path: where it was read from; for a simulated one, what it is called.
-        recording: everything that was read.
+    Parameters
+    ----------
+    path : Path
+        Path of the log; the name of a simulated one.
+    recording : Recording
+        All tables, events and metadata of the log.
+    vehicle : Vehicle, optional
+        Vehicle to use instead of the one in the log.
+
+    Attributes
+    ----------
+    path : Path
+        Path of the log; the name of a simulated one.
+    recording : Recording
+        All tables, events and metadata of the log.
     """
 
     def __init__(self, path: Path, recording: Recording, vehicle: Vehicle | None = None) -> None:
@@ -50,28 +62,28 @@ class LoadedLog:
 
     @property
     def nodes(self) -> Mapping[str, Table]:
-        """The nodes by name: `t,gx,gy,gz,ax,ay,az[,temperature][,supply]`, in s, rad/s, m/s², °C, V."""
+        """Nodes by name; columns `t,gx,gy,gz,ax,ay,az[,temperature][,supply]`, s, rad/s, m/s², °C, V."""
         return self.recording.nodes
 
     @property
     def events(self) -> tuple[Event, ...]:
-        """What happened during the recording: gaps, resets, links that came and went."""
+        """Events during the recording: gaps, resets, connected and disconnected links."""
         return self.recording.events
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """One line for each thing that was damaged or left out on reading."""
+        """Damage and omissions found on reading, one line each."""
         return self.recording.warnings
 
     @property
     def duration(self) -> float:
-        """s from the first to the last row of any table."""
-        ends = [(table.t[0], table.t[-1]) for table in self.recording.files().values() if len(table)]
-        return float(max(b for _, b in ends) - min(a for a, _ in ends)) if ends else 0.0
+        """Time from the first to the last row of any table, s."""
+        spans = [(table.t[0], table.t[-1]) for table in self.recording.files().values() if len(table)]
+        return float(max(end for _, end in spans) - min(start for start, _ in spans)) if spans else 0.0
 
     @cached_property
     def vehicle(self) -> Vehicle | None:
-        """The one given on opening, else the one that the log carries, None where there is neither."""
+        """The vehicle given on opening, else the one stored in the log, else None."""
         if self._vehicle is not None or not self.path.exists():
             return self._vehicle
         from hubodo.ingest.replay.odometry_setup import read_odometry_setup
@@ -97,24 +109,34 @@ class LoadedLog:
         return len(self.recording.files())
 
     def frame(self, name: str | None = None, *, utc: bool = False) -> pd.DataFrame:
-        """A table as a data frame of pandas.
+        """Return a table as a pandas data frame.
 
-        Args:
-            name: which; None: the only node.
-            utc: index it by UTC instead of by seconds since t = 0.
+        Parameters
+        ----------
+        name : str, optional
+            Name of the table; by default the only node.
+        utc : bool
+            Index the rows by UTC instead of by seconds since t = 0.
 
-        Raises:
-            InputError: no such table, several nodes, no pandas, or a log that does not tell when it was.
+        Returns
+        -------
+        pandas.DataFrame
+            One column for each column of the table.
+
+        Raises
+        ------
+        InputError
+            If there is no such table, several nodes, no pandas, or no date of t = 0 in the log.
         """
-        made = self[self._node(name) if name is None else name].frame()
+        frame = self[self._node(name) if name is None else name].frame()
         if utc:
             if not self.recording.t_zero_ns:
-                raise InputError(f"{self.path}: does not tell at which date t = 0 was; leave utc out")
+                raise InputError(f"{self.path}: does not hold the date of t = 0; remove utc")
             import pandas as pd
 
-            since = np.rint(np.asarray(made.index, np.float64) * 1e9).astype(np.int64)
-            made.index = pd.DatetimeIndex(self.recording.t_zero_ns + since, name="utc", tz="UTC")
-        return made
+            offset_ns = np.rint(np.asarray(frame.index, np.float64) * 1e9).astype(np.int64)
+            frame.index = pd.DatetimeIndex(self.recording.t_zero_ns + offset_ns, name="utc", tz="UTC")
+        return frame
 
     def fuse(
         self,
@@ -127,21 +149,38 @@ class LoadedLog:
         graph: bool = True,
         antenna: tuple[float, float] | None = None,
     ) -> FusedTrack:
-        """Where the vehicle went, with sigmas: what `hubodo fuse` computes.
+        """Estimate the track of the vehicle with sigmas, as `hubodo fuse` does.
 
-        Args:
-            vehicle: a vehicle or model file, or a `Vehicle`; None: the one that the log carries.
-            calibration: a file of `hubodo calibrate`, or a `Calibration`.
-            nodes: use these wheel nodes alone.
-            method: `filter`, or `differential` for plain differential odometry.
-            smooth: make each pose from so many seconds after it, too, or from the whole log (`full`).
-            graph: let GNSS and headings of the log take part.
-            antenna: m of the GNSS antenna forward and left of midway between the wheels.
+        Parameters
+        ----------
+        vehicle : str, path-like or Vehicle, optional
+            Vehicle or model file; by default the vehicle stored in the log.
+        calibration : str, path-like or Calibration, optional
+            Calibration to apply.
+        nodes : sequence of str, optional
+            Wheel nodes to use; by default all.
+        method : {"filter", "differential"}
+            Error-state Kalman filter, or plain differential odometry.
+        smooth : float or "full"
+            Smoothing lag in s, or "full" for the whole log; 0 is the forward filter.
+        graph : bool
+            Use GNSS and headings of the log.
+        antenna : tuple of float, optional
+            GNSS antenna, m forward and left of the midpoint between the wheels.
 
-        Raises:
-            InputError: no vehicle, nodes that are missing, a log too short or in wrong units.
-            ConfigError: a vehicle or calibration file with a mistake in it.
-            CalibrationError: a calibration of another node.
+        Returns
+        -------
+        FusedTrack
+            Position, heading and speed over time.
+
+        Raises
+        ------
+        InputError
+            If there is no vehicle, a node is missing, or the log is too short or in other units.
+        ConfigError
+            If a vehicle or calibration file is invalid.
+        CalibrationError
+            If the calibration belongs to another node.
         """
         from hubodo.api.given import given_calibration, given_vehicle
         from hubodo.api.track import fused_track
@@ -152,17 +191,17 @@ class LoadedLog:
             raise InputError(f"smooth = {smooth}: give seconds from 0 on, or 'full'")
         if lag > 0.0 and method != "filter":
             raise InputError("smooth goes with method='filter'")
-        chosen = self.vehicle if vehicle is None else given_vehicle(vehicle)
-        if chosen is None:
-            raise InputError(f"{self.path}: carries no vehicle; name a vehicle file")
-        known, source = given_calibration(calibration)
+        used_vehicle = self.vehicle if vehicle is None else given_vehicle(vehicle)
+        if used_vehicle is None:
+            raise InputError(f"{self.path}: holds no vehicle; give a vehicle file")
+        used_calibration, source = given_calibration(calibration)
         fused = fuse_recording(
             self.recording,
-            chosen,
+            used_vehicle,
             log=str(self.path),
             method=method,
             nodes=nodes,
-            calibration=known,
+            calibration=used_calibration,
             calibration_from=source,
             lag=lag,
             graph=graph,
@@ -182,30 +221,50 @@ class LoadedLog:
         as_is: bool = False,
         trust_units: bool = False,
     ) -> AllanResult:
-        """What a sensor at rest is worth: what `hubodo allan` computes.
+        """Compute the Allan deviation and noise terms of a stationary sensor, as `hubodo allan` does.
 
+        Parameters
+        ----------
+        node : str, optional
+            Name of the node; by default the only one.
+        channel : str
+            `gx` to `gz` or `ax` to `az`.
+        start, end : float, optional
+            Span of the log to use, s.
+        per_octave : int
+            Averaging times per octave.
+        turn : float
+            Time a turntable takes between stops, s, for the advice on maytagging.
+        as_is : bool
+            Use every sample, also disturbed ones, as allantools does.
+        trust_units : bool
+            Do not check the unit by the magnitude.
+
+        Returns
+        -------
+        AllanResult
+            Allan deviation with sigma, and the fitted noise terms.
+
+        Raises
+        ------
+        InputError
+            If there is no such node or channel, the sensor moved, or unit or duration do not suit.
+
+        References
+        ----------
+        IEEE Std 952-2020, annex C (noise terms of gyros from the Allan variance).
+
+        Examples
+        --------
         >>> import hubodo
         >>> allan = hubodo.open("night.mcap").allan("left", "gz")
         >>> f"{allan.terms['N'].value:.1e} rad/√s"
         '1.4e-04 rad/√s'
-
-        Args:
-            node: whose; None: the only one.
-            channel: `gx` to `gz`, `ax` to `az`.
-            start: leave out what is before this time of the log, s.
-            end: leave out what is after it, s.
-            per_octave: averaging times per octave.
-            turn: s from stop to stop of a turntable, for the advice on maytagging.
-            as_is: every sample, whatever it is: the plain deviation, as allantools has it.
-            trust_units: do not judge the unit by the magnitude.
-
-        Raises:
-            InputError: no such node or channel, samples in wrong units, a sensor that moved, too few samples.
         """
         from hubodo.api.sensor import allan_of
         from hubodo.sensors.standstill_channel import read_standstill_channel
 
-        rest = read_standstill_channel(
+        standstill = read_standstill_channel(
             self.recording,
             self._node(node),
             channel,
@@ -216,7 +275,7 @@ class LoadedLog:
             trust_still=as_is,
             cut_disturbances=True,
         )
-        return allan_of(rest, str(self.path), turn=turn, per_octave=per_octave, every_sample=as_is)
+        return allan_of(standstill, str(self.path), turn=turn, per_octave=per_octave, every_sample=as_is)
 
     def warmup(
         self,
@@ -228,25 +287,40 @@ class LoadedLog:
         end: float | None = None,
         trust_units: bool = False,
     ) -> WarmupResult:
-        """The bias of a gyro axis after power-on: what `hubodo warmup` computes.
+        """Model the bias of a gyro axis after power-on, as `hubodo warmup` does.
 
-        Args:
-            node: whose; None: the only one.
-            channel: `gx`, `gy` or `gz`.
-            age: s since power-on at the first sample.
-            start: leave out what is before this time of the log, s.
-            end: leave out what is after it, s.
-            trust_units: do not judge the unit by the magnitude.
+        The model is b(t) = C1 (1 - exp(-t/T)) + C2 with the time t since power-on, or an extension of it where its
+        residual is not white.
 
-        Raises:
-            InputError: no such node or axis, samples in wrong units, a sensor that moved, too few samples.
+        Parameters
+        ----------
+        node : str, optional
+            Name of the node; by default the only one.
+        channel : str
+            `gx`, `gy` or `gz`.
+        age : float
+            Time since power-on at the first sample, s.
+        start, end : float, optional
+            Span of the log to use, s.
+        trust_units : bool
+            Do not check the unit by the magnitude.
+
+        Returns
+        -------
+        WarmupResult
+            The accepted model with sigmas, its whiteness tests, and forecasts.
+
+        Raises
+        ------
+        InputError
+            If there is no such node or axis, the sensor moved, or unit or duration do not suit.
         """
         from hubodo.api.sensor import warmup_of
         from hubodo.sensors.standstill_channel import IMU_CHANNELS, read_standstill_channel
 
         if channel not in IMU_CHANNELS[:3]:
             raise InputError(f"channel {channel!r}: choose from {', '.join(IMU_CHANNELS[:3])}")
-        rest = read_standstill_channel(
+        standstill = read_standstill_channel(
             self.recording,
             self._node(node),
             channel,
@@ -255,7 +329,7 @@ class LoadedLog:
             end=end,
             trust_units=trust_units,
         )
-        return warmup_of(rest, str(self.path), age=age)
+        return warmup_of(standstill, str(self.path), age=age)
 
     def gap(
         self,
@@ -264,17 +338,28 @@ class LoadedLog:
         accept: Sequence[str] = (),
         reject: Sequence[str] = (),
     ) -> MissingEffects:
-        """What a model lacks to explain this log: what `hubodo gap` finds.
+        """Find the effects that a model lacks to explain this log, as `hubodo gap` does.
 
-        Args:
-            model: a model file, or a `Model`; None: the vehicle of this log, with noise and inputs as the log
-                shows them.
-            accept: effects that are added before anything is searched.
-            reject: effects that are not considered; `empirical`: no term without a name.
+        Parameters
+        ----------
+        model : str, path-like or Model, optional
+            Model file; by default the vehicle of this log, with noise and inputs estimated from the log.
+        accept : sequence of str
+            Effects to add to the model before the search.
+        reject : sequence of str
+            Effects not to consider; `empirical` excludes empirical terms.
 
-        Raises:
-            InputError: a log that has not what the model needs, or an effect that there is not.
-            ConfigError: a model file with a mistake in it.
+        Returns
+        -------
+        MissingEffects
+            The detected effects with sigmas and confidences, and the model with them added.
+
+        Raises
+        ------
+        InputError
+            If the log lacks what the model needs, or an effect does not exist.
+        ConfigError
+            If the model file is invalid.
         """
         from hubodo.api.given import given_model
         from hubodo.api.missing import MissingEffects, check_effects
@@ -284,45 +369,75 @@ class LoadedLog:
 
         check_effects(accept, reject)
         if model is not None:
-            known = given_model(model)
+            used_model = given_model(model)
         elif self.vehicle is not None:
-            known = assume_model(self.recording, self.vehicle, str(self.path))
+            used_model = assume_model(self.recording, self.vehicle, str(self.path))
         else:
-            raise InputError(f"{self.path}: carries no vehicle; name a model file")
+            raise InputError(f"{self.path}: holds no vehicle; give a model file")
         with progress_line() as show:
             result = find_gap(
-                self.recording,
-                known,
+                self.recording, used_model,
                 accept=accept,
                 reject=reject,
                 log_name=str(self.path),
                 report_progress=show,
             )
         if not result.is_finished:
-            raise KeyboardInterrupt("the search was stopped before its end")
-        given = Path(model).name if isinstance(model, str | os.PathLike) else "the model"
-        return MissingEffects(result, self.path.name, given)
+            raise KeyboardInterrupt("the search was interrupted")
+        model_name = Path(model).name if isinstance(model, str | os.PathLike) else "the model"
+        return MissingEffects(result, self.path.name, model_name)
 
     def plot(self, channel: str = "gz") -> Plot:
-        """A column of all nodes over time. Raises InputError where no node has it."""
+        """Plot a channel of all nodes over time.
+
+        Parameters
+        ----------
+        channel : str
+            Column of the nodes, such as `gz`.
+
+        Returns
+        -------
+        Plot
+            One curve for each node.
+
+        Raises
+        ------
+        InputError
+            If no node has the column.
+        """
         from hubodo.api.plot import Plot
         from hubodo.report.curves import Curve, curves_figure
         from hubodo.report.page import COLOURS
 
-        shown = [
-            Curve(table.t, table[channel], name, COLOURS.get(name, _HUES[k % len(_HUES)]), 1.0)
+        curves = [
+            Curve(
+                table.t, table[channel], name, COLOURS.get(name, _CURVE_COLOURS[k % len(_CURVE_COLOURS)]), 1.0
+            )
             for k, (name, table) in enumerate(self.nodes.items())
             if channel in table
         ]
-        if not shown:
+        if not curves:
             raise InputError(f"{self.path}: no node has a column {channel!r}")
         unit = {"g": "rad/s", "a": "m/s²"}.get(channel[0], "") if len(channel) == 2 else ""
-        return Plot(curves_figure(shown, "time, s", f"{channel}, {unit}" if unit else channel))
+        return Plot(curves_figure(curves, "time, s", f"{channel}, {unit}" if unit else channel))
 
     def save(self, path: StrPath) -> Path:
-        """Write it as an MCAP file (`.mcap`) or as a folder of CSV files; nothing is overwritten.
+        """Write the log as an MCAP file or as a folder of CSV files.
 
-        Raises InputError where something is there already.
+        Parameters
+        ----------
+        path : str or path-like
+            An MCAP file (`.mcap`), or else a folder; it must not exist.
+
+        Returns
+        -------
+        Path
+            The file or folder.
+
+        Raises
+        ------
+        InputError
+            If the path exists.
         """
         from hubodo.log.csv_folder import write_folder
         from hubodo.log.recording_writer import write_recording
@@ -337,13 +452,13 @@ class LoadedLog:
         return target
 
     def _node(self, name: str | None) -> str:
-        """The node that is meant: the one named, or the only one."""
+        """Return the named node, or the only one; raise InputError if there is none."""
         nodes = tuple(self.nodes)
         if name is None and len(nodes) == 1:
             return nodes[0]
         if name is None or name not in nodes:
-            asked = "which node?" if name is None else f"no node {name!r}"
-            raise InputError(f"{self.path}: {asked} It has {', '.join(nodes) or 'none'}")
+            problem = "which node?" if name is None else f"no node {name!r}"
+            raise InputError(f"{self.path}: {problem} It has {', '.join(nodes) or 'none'}")
         return name
 
     def __repr__(self) -> str:

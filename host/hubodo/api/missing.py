@@ -1,4 +1,4 @@
-"""What `hubodo gap` found, as Python programs use it: names with sigmas, and the model with them."""
+"""The result of a gap search: effects with sigmas, and the model with them added."""
 
 from __future__ import annotations
 
@@ -24,12 +24,16 @@ from hubodo.toml_file import suggest_spelling
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MissingEffects:
-    """What a model lacks to explain a log.
+    """The effects that a model lacks to explain a log.
 
-    Attributes:
-        result: everything: the residuals after each step, the rounds of the search.
-        log: what the log is called.
-        given: what the model is called.
+    Attributes
+    ----------
+    result : GapResult
+        The complete result, with the residuals after each step and the rounds of the search.
+    log : str
+        Name of the log.
+    given : str
+        Name of the model.
     """
 
     result: GapResult
@@ -38,37 +42,56 @@ class MissingEffects:
 
     @property
     def verdict(self) -> str:
-        """`no_gap`, `explained`, `partly_explained` or `unexplained`."""
+        """Verdict: `no_gap`, `explained`, `partly_explained` or `unexplained`."""
         return self.result.verdict
 
     @property
     def found(self) -> tuple[Finding, ...]:
-        """The effects in order of discovery: `effect`, `scope`, `parameters`, `confidence`, and so on."""
+        """Detected effects in order of discovery: `effect`, `scope`, `parameters`, `confidence` and more."""
         return self.result.found
 
     @property
     def before(self) -> float:
-        """The gap of the model as it was given, in units of the declared noise."""
+        """Gap of the given model: rms residual in units of the declared noise."""
         return self.result.gap.before
 
     @property
     def after(self) -> float:
-        """The gap of the model with what was found; noise alone leaves 1."""
+        """Gap of the model with the detected effects; noise alone gives 1."""
         return self.result.gap.after
 
     @property
     def model(self) -> Model:
-        """The model with what was found."""
+        """The model with the detected effects added."""
         return self.result.model
 
     def as_json(self) -> dict[str, Any]:
-        """What gap.json holds."""
+        """Return the content of gap.json.
+
+        Returns
+        -------
+        dict
+            The JSON object.
+        """
         return gap_json(self.result)
 
     def save(self, folder: StrPath) -> Path:
         """Write gap.json, model.toml and report.html, as `hubodo gap` does; an earlier result is replaced.
 
-        Raises InputError for a folder whose model.toml is no result.
+        Parameters
+        ----------
+        folder : str or path-like
+            Folder for the files.
+
+        Returns
+        -------
+        Path
+            The folder.
+
+        Raises
+        ------
+        InputError
+            If the folder holds a model.toml that is no result of a gap search.
         """
         target = Path(folder)
         check_gap_folder(target, None)
@@ -76,16 +99,21 @@ class MissingEffects:
         return target
 
     def plot(self) -> Plot:
-        """The gap after each effect, on what was fitted and on what was not."""
+        """Plot the gap after each added effect, on fitted and on held-out data.
+
+        Returns
+        -------
+        Plot
+            The figure.
+        """
         result = self.result
-        labels = ["as given", *(f"+ {it.effect}\n{it.scope}" for it in result.found)]
+        labels = ["as given", *(f"+ {finding.effect}\n{finding.scope}" for finding in result.found)]
         figure = blank(1.5 + 1.6 * len(labels), 3.6)
         axes = figure.subplots()
-        for name, first, then, colour in (
-            ("fitted", result.gap.before, [it.gap.after for it in result.found], "left"),
-            ("held out", result.held_out_gap.before, [it.held_out_gap.after for it in result.found], "fused"),
-        ):
-            axes.plot(labels, [first, *then], "o-", color=COLOURS[colour], label=name)
+        fitted = [result.gap.before, *(finding.gap.after for finding in result.found)]
+        held_out = [result.held_out_gap.before, *(finding.held_out_gap.after for finding in result.found)]
+        for name, gaps, colour in (("fitted", fitted, "left"), ("held out", held_out, "fused")):
+            axes.plot(labels, gaps, "o-", color=COLOURS[colour], label=name)
         if result.gap.floor is not None:
             axes.axhline(result.gap.floor, ls=":", color=COLOURS["truth"], label="noise alone")
         axes.set_ylabel("gap, in units of the noise")
@@ -93,32 +121,35 @@ class MissingEffects:
         return Plot(figure)
 
     def __repr__(self) -> str:
-        names = ", ".join(f"{it.effect} of {it.scope}" for it in self.found) or "nothing"
+        names = ", ".join(f"{finding.effect} of {finding.scope}" for finding in self.found) or "nothing"
         return f"MissingEffects({self.verdict}: {names}; gap {self.before:.3f} → {self.after:.3f})"
 
     def _repr_html_(self) -> str:
         rows = [
             (
-                it.effect,
-                it.scope,
+                finding.effect,
+                finding.scope,
                 ", ".join(
                     f"{name} {format_with_sigma(value.value, value.sigma)} "
                     f"{'' if value.unit == '1' else value.unit}"
-                    for name, value in it.parameters.items()
+                    for name, value in finding.parameters.items()
                 ),
-                format_probability(it.confidence),
-                f"{it.gap.before:.3f} → {it.gap.after:.3f}",
+                format_probability(finding.confidence),
+                f"{finding.gap.before:.3f} → {finding.gap.after:.3f}",
             )
-            for it in self.found
+            for finding in self.found
         ]
-        table = html_table(("effect", "of", "parameters", "confidence", "gap"), rows) if rows else ""
+        table = html_table(("effect", "scope", "parameters", "confidence", "gap"), rows) if rows else ""
         return html_lines((describe_verdict(self.result),)) + table + html_lines(list_advice(self.result))
 
 
 def check_effects(accept: Iterable[str], reject: Iterable[str]) -> None:
-    """Raises InputError for a name that is none of an effect."""
-    for said, names, known in (("accept", accept, (*BY_NAME,)), ("reject", reject, (*BY_NAME, EMPIRICAL))):
+    """Raise InputError for a name that is no effect."""
+    for argument, names, known in (
+        ("accept", accept, (*BY_NAME,)),
+        ("reject", reject, (*BY_NAME, EMPIRICAL)),
+    ):
         for name in names:
             if name not in known:
                 hint = suggest_spelling(name, known) or f"; they are {', '.join(known)}"
-                raise InputError(f"{said} {name!r}: no such effect{hint}")
+                raise InputError(f"{argument} {name!r}: no such effect{hint}")

@@ -1,4 +1,4 @@
-"""A figure that a notebook shows by itself and that can be saved."""
+"""A figure that notebooks display and that can be saved."""
 
 from __future__ import annotations
 
@@ -12,17 +12,40 @@ from hubodo.report.drawing import drawing_path, save, svg
 
 
 class Plot:
-    """A figure of matplotlib; a notebook shows it where it stands on the last line of a cell.
+    """A matplotlib figure; a notebook displays it if it is the value of the last line of a cell.
 
-    Attributes:
-        figure: the `matplotlib.figure.Figure` itself, for whoever wants to change it.
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        The figure.
+
+    Attributes
+    ----------
+    figure : matplotlib.figure.Figure
+        The figure, for further changes.
     """
 
     def __init__(self, figure: Any) -> None:
         self.figure = figure
 
     def save(self, path: StrPath) -> Path:
-        """Write it as .png, .svg or .pdf. Raises InputError for another suffix."""
+        """Write the figure as .png, .svg or .pdf.
+
+        Parameters
+        ----------
+        path : str or path-like
+            The file; its suffix gives the format.
+
+        Returns
+        -------
+        Path
+            The file.
+
+        Raises
+        ------
+        InputError
+            If the suffix is another one.
+        """
         try:
             target = drawing_path(str(path))
         except argparse.ArgumentTypeError as error:

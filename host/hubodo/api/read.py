@@ -1,4 +1,4 @@
-"""`hubodo.open`: a recording of any form into memory."""
+"""`hubodo.open`, which reads a recording of any supported format into memory."""
 
 from __future__ import annotations
 
@@ -25,8 +25,41 @@ def open(
     variable: str | None = None,
     channel: str = "gz",
 ) -> LoadedLog:
-    """Read a log: MCAP, rosbag or rosbag2, CSV folder, or one file of numbers (CSV, MATLAB, HDF5, numpy).
+    """Read a log: MCAP, rosbag or rosbag2, CSV folder, or one numeric file (CSV, MATLAB, HDF5, NumPy).
 
+    Parameters
+    ----------
+    path : str or path-like
+        The log.
+    vehicle : str, path-like or Vehicle, optional
+        Vehicle for `fuse`; its `[topics]` are used for reading.
+    topics : mapping of str to str, optional
+        Topic of each node or role in a log of another program, such as `{"left": "/imu/left_wheel"}`.
+    rate : float, optional
+        Sample rate in Hz of a numeric file without timestamps.
+    units : sequence of str
+        Units of a numeric file: `deg/s`, `g`, or `0.00875 deg/s` per count.
+    columns : sequence of str
+        Meaning of each column of a numeric file, such as `["t", "gx", "gy", "gz"]`; "-" ignores one.
+    variable : str, optional
+        Arrays of a MATLAB, HDF5 or NumPy file.
+    channel : str
+        Meaning of the only column of a numeric file.
+
+    Returns
+    -------
+    LoadedLog
+        The log in memory.
+
+    Raises
+    ------
+    LogError
+        If the file does not exist or cannot be read.
+    InputError
+        If metadata that the file lacks is not given.
+
+    Examples
+    --------
     >>> import hubodo
     >>> log = hubodo.open("drive.mcap")
     >>> log
@@ -35,28 +68,16 @@ def open(
     (12000,)
     >>> log.fuse("vehicle.toml").score.final_percent < 1.0
     True
-
-    Args:
-        path: the log.
-        vehicle: a vehicle file or a `Vehicle`; `fuse` takes it then, and its `[topics]` are used.
-        topics: which topic of another program's log is what, as in `{"left": "/imu/left_wheel"}`.
-        rate: samples per second, for a file of numbers without times.
-        units: of such a file: `deg/s`, `g`, `0.00875 deg/s` for what one count stands for.
-        columns: of such a file: what each column is, as in `["t", "gx", "gy", "gz"]`; "-" leaves one out.
-        variable: the arrays of a MATLAB, HDF5 or numpy file.
-        channel: what the only column of such a file is.
-
-    Raises:
-        LogError: no such file, or one that cannot be read.
-        InputError: a file that does not say what it is, and is not told by the arguments.
     """
-    where = Path(path)
-    known = None if vehicle is None else given_vehicle(vehicle)
-    choice = TopicSelection(topics or {}, required_roles=frozenset())
-    if known is not None:
-        on_wheels = {name: mount.side is not None for name, mount in known.nodes.items()}
-        choice = TopicSelection(topics or {}, known.topics, on_wheels, known.wheel_radius, frozenset())
-    form = InputFormat(rate, tuple(units), tuple(columns), variable, channel, choice)
+    log_path = Path(path)
+    used_vehicle = None if vehicle is None else given_vehicle(vehicle)
+    topic_selection = TopicSelection(topics or {}, required_roles=frozenset())
+    if used_vehicle is not None:
+        on_wheels = {name: mount.side is not None for name, mount in used_vehicle.nodes.items()}
+        topic_selection = TopicSelection(
+            topics or {}, used_vehicle.topics, on_wheels, used_vehicle.wheel_radius, frozenset()
+        )
+    input_format = InputFormat(rate, tuple(units), tuple(columns), variable, channel, topic_selection)
     with progress_line() as show:
-        recording = read_log(where, input_format=form, progress=show)
-    return LoadedLog(where, recording, known)
+        recording = read_log(log_path, input_format=input_format, progress=show)
+    return LoadedLog(log_path, recording, used_vehicle)

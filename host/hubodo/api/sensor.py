@@ -1,4 +1,4 @@
-"""What a sensor at rest is worth, as Python programs use it: Allan deviation and warm-up of one channel."""
+"""Results of the sensor analyses: Allan deviation and warm-up of one channel."""
 
 from __future__ import annotations
 
@@ -28,11 +28,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class AllanResult:
-    """The Allan deviation of one channel with its noise terms.
+    """The Allan deviation of one channel, with its noise terms.
 
-    Attributes:
-        node: whose channel it is.
-        report: everything, with gaps, cut-out stretches and 95 % intervals.
+    Attributes
+    ----------
+    node : str
+        Name of the node.
+    report : AllanReport
+        The complete result, with gaps, excluded spans and 95 % intervals.
     """
 
     node: str
@@ -50,29 +53,53 @@ class AllanResult:
 
     @property
     def sigma(self) -> Array:
-        """(P,) 1 sigma of `adev`."""
+        """(P,) 1σ of `adev`."""
         return self.report.sigma
 
     @property
     def terms(self) -> Mapping[str, NoiseTerm]:
-        """Q, N, B, K, R of IEEE 952 in SI; where the record cannot show one its `value` is None."""
+        """Noise terms Q, N, B, K, R of IEEE 952 in SI units; `value` is None if a term is not observable."""
         return self.report.fit.terms
 
     def as_json(self) -> dict[str, Any]:
-        """The form of `hubodo allan --json`."""
+        """Return the JSON result of `hubodo allan`.
+
+        Returns
+        -------
+        dict
+            The JSON object.
+        """
         return {"node": self.node, **self.report.as_json()}
 
     def frame(self) -> pd.DataFrame:
-        """Deviation, sigma and 95 % interval with `tau` as the index. Raises InputError without pandas."""
+        """Return deviation, sigma and 95 % interval as a pandas data frame.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Columns `adev`, `sigma`, `low_95`, `high_95`, indexed by `tau`.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
+        """
         report = self.report
         columns = {"adev": self.adev, "sigma": self.sigma, "low_95": report.low, "high_95": report.high}
         return Table({"t": self.tau, **columns}).frame().rename_axis("tau")
 
     def plot(self, datasheets: Sequence[str] = ()) -> Plot:
-        """The log-log figure with fit and asymptotes.
+        """Plot the Allan deviation (log-log) with the fit and its asymptotes.
 
-        Args:
-            datasheets: files, or names of chips that are known, to draw beside it.
+        Parameters
+        ----------
+        datasheets : sequence of str
+            Data sheet files or known chips to draw for comparison.
+
+        Returns
+        -------
+        Plot
+            The figure.
         """
         sheets = tuple(read_datasheet(name) for name in datasheets)
         return Plot(allan_figure([(self._name, self.report)], f"Allan deviation of {self._name}", sheets))
@@ -82,8 +109,8 @@ class AllanResult:
         return f"{self.node} {self.report.channel}"
 
     def __repr__(self) -> str:
-        shown = [f"{name} {term.value:.3g}" for name, term in self.terms.items() if term.value is not None]
-        return f"AllanResult({self._name}, {self.report.record.duration:.0f} s: {', '.join(shown)})"
+        values = [f"{name} {term.value:.3g}" for name, term in self.terms.items() if term.value is not None]
+        return f"AllanResult({self._name}, {self.report.record.duration:.0f} s: {', '.join(values)})"
 
     def _repr_html_(self) -> str:
         grids = [grid for grid in (terms_grid(self.report), missing_grid(self.report)) if grid.rows]
@@ -97,9 +124,12 @@ class AllanResult:
 class WarmupResult:
     """The bias of one gyro axis after power-on.
 
-    Attributes:
-        node: whose axis it is.
-        report: everything: the models tried, their tests for whiteness, the forecast.
+    Attributes
+    ----------
+    node : str
+        Name of the node.
+    report : WarmupReport
+        The complete result: fitted models, whiteness tests and forecasts.
     """
 
     node: str
@@ -107,30 +137,53 @@ class WarmupResult:
 
     @property
     def values(self) -> Mapping[str, float]:
-        """c2, c1, time_constant and so on of the accepted model, rad/s and s; empty where none holds."""
+        """Parameters (c1, c2, time_constant, ...) of the accepted model, rad/s and s; empty without one."""
         return {} if self.report.accepted is None else self.report.accepted.fit.values
 
     @property
     def sigma(self) -> Mapping[str, float]:
-        """1 sigma of `values`, with what the model's form may be wrong by."""
+        """1σ of `values`, including the uncertainty of the model form."""
         return self.report.sigma
 
     @property
     def white(self) -> bool:
-        """Whether the residual of the accepted model is white."""
+        """True if the residual of the accepted model is white."""
         return self.report.accepted is not None and self.report.accepted.is_white
 
     def bias(self, age: float) -> tuple[float, float]:
-        """The bias so many seconds after power-on and its 1 sigma, rad/s, over all forms of warm-up."""
+        """Forecast the bias, averaged over the candidate models.
+
+        Parameters
+        ----------
+        age : float
+            Time since power-on, s.
+
+        Returns
+        -------
+        tuple of float
+            The bias and its 1σ, rad/s.
+        """
         row = self.report.predict([age])[0]
         return row["bias"], row["sigma"]
 
     def as_json(self) -> dict[str, Any]:
-        """The form of `hubodo warmup --json`."""
+        """Return the JSON result of `hubodo warmup`.
+
+        Returns
+        -------
+        dict
+            The JSON object.
+        """
         return {"node": self.node, **self.report.as_json(())}
 
     def plot(self) -> Plot:
-        """Record, models, residual and forecast."""
+        """Plot record, models, residual and forecast.
+
+        Returns
+        -------
+        Plot
+            The figure.
+        """
         return Plot(warmup_figure(self.report, f"Warm-up of {self.node} {self.report.channel}"))
 
     def __repr__(self) -> str:
@@ -139,45 +192,45 @@ class WarmupResult:
 
     def _repr_html_(self) -> str:
         accepted = self.report.accepted
-        made = html_lines((warmup_lead(self.report),))
+        html = html_lines((warmup_lead(self.report),))
         if accepted is not None:
             rows = parameter_rows(accepted, self.report.sigma)
-            made += html_table(("parameter", "SI", "customary"), rows)
-        heads = ("since power-on", "all forms, deg/s", "accepted model, deg/s")
-        return made + html_table(heads, prediction_rows(self.report)) + html_lines(self.report.notes)
+            html += html_table(("parameter", "SI", "common unit"), rows)
+        headings = ("since power-on", "all models, deg/s", "accepted model, deg/s")
+        return html + html_table(headings, prediction_rows(self.report)) + html_lines(self.report.notes)
 
 
 def allan_of(
-    rest: StandstillRecord, log: str, *, turn: float, per_octave: int, every_sample: bool
+    standstill: StandstillRecord, log: str, *, turn: float, per_octave: int, every_sample: bool
 ) -> AllanResult:
-    """Of a channel that was checked; log: named in errors."""
+    """Return the Allan analysis of a checked channel; `log` is named in errors."""
     try:
         report = characterise_noise(
-            rest.t,
-            rest.values,
-            rest.channel,
+            standstill.t,
+            standstill.values,
+            standstill.channel,
             turn=turn,
             per_octave=per_octave,
-            temperature_step=rest.temperature_step,
-            excluded=rest.disturbances,
+            temperature_step=standstill.temperature_step,
+            excluded=standstill.disturbances,
             keep_all_samples=every_sample,
         )
     except InputError as error:
-        raise InputError(f"{log}, node {rest.node}, {rest.channel}: {error}") from None
-    return AllanResult(rest.node, report)
+        raise InputError(f"{log}, node {standstill.node}, {standstill.channel}: {error}") from None
+    return AllanResult(standstill.node, report)
 
 
-def warmup_of(rest: StandstillRecord, log: str, *, age: float) -> WarmupResult:
-    """Of a gyro axis that was checked; log: named in errors."""
+def warmup_of(standstill: StandstillRecord, log: str, *, age: float) -> WarmupResult:
+    """Return the warm-up model of a checked gyro axis; `log` is named in errors."""
     try:
         report = characterise_warmup(
-            rest.t,
-            rest.values,
-            rest.channel,
-            temperature=rest.temperature,
+            standstill.t,
+            standstill.values,
+            standstill.channel,
+            temperature=standstill.temperature,
             age=age,
-            temperature_step=rest.temperature_step,
+            step=standstill.step,
         )
     except InputError as error:
-        raise InputError(f"{log}, node {rest.node}, {rest.channel}: {error}") from None
-    return WarmupResult(rest.node, report)
+        raise InputError(f"{log}, node {standstill.node}, {standstill.channel}: {error}") from None
+    return WarmupResult(standstill.node, report)

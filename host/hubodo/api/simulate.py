@@ -1,4 +1,4 @@
-"""A log drawn from a model file, as Python programs use it."""
+"""`hubodo.simulate`, which simulates a log from a model."""
 
 from __future__ import annotations
 
@@ -35,37 +35,63 @@ def simulate(
     stop: float = 20.0,
     turn: float = 2.0,
 ) -> LoadedLog:
-    """A log of what the nodes of a model would measure: what `hubodo simulate` draws.
+    """Simulate a log: the samples that the nodes of a model would measure, as `hubodo simulate` does.
 
+    Parameters
+    ----------
+    model : str, path-like or Model
+        Model file.
+    drive : str
+        `random`, `loop`, `rest`, `turntable` or `poses`.
+    duration : float
+        Duration, s.
+    seed : int
+        Seed of drive and noise.
+    rate : float
+        Sample rate, Hz.
+    reference_rate : float
+        Sample rate of the reference, Hz.
+    calibration : str, path-like or Calibration, optional
+        Calibration whose errors are added to the samples.
+    temperature : sequence of float
+        One temperature, or the first and the last, °C.
+    settle : float, optional
+        Time constant of an exponential warm-up between two temperatures, s.
+    supply : sequence of float
+        One supply voltage, or the first and the last, V.
+    latitude_deg : float, optional
+        Latitude in degrees; adds Earth rate to a turntable or to poses.
+    azimuth_deg : float
+        Azimuth of table zero, degrees clockwise from north.
+    angles_deg : sequence of float
+        Table angles of the stops, degrees.
+    stop : float
+        Duration of a stop, s.
+    turn : float
+        Duration of a turn, s.
+
+    Returns
+    -------
+    LoadedLog
+        The simulated log, with `reference` and, for drives, `truth`.
+
+    Raises
+    ------
+    ConfigError
+        If the model file is invalid.
+    InputError
+        If there is no such drive, the time is too short for poses, or the model has no nodes.
+
+    Examples
+    --------
     >>> import hubodo
     >>> hubodo.simulate("model.toml", "loop", duration=20, seed=7)
     LoadedLog('simulated-loop': left, right, reference, truth; 20.0 s)
-
-    Args:
-        model: a model file, or a `Model`.
-        drive: `random`, `loop`, `rest`, `turntable` or `poses`.
-        duration: s.
-        seed: draws drive and noise.
-        rate: samples per second.
-        reference_rate: Hz of the reference.
-        calibration: errors of the nodes as they were calibrated, put into the samples.
-        temperature: °C, one, or the first and the last.
-        settle: s, the time constant of a warm-up between two temperatures.
-        supply: V of the nodes, one, or the first and the last.
-        latitude_deg: lets the Earth turn under a turntable or poses.
-        azimuth_deg: of the table's zero, clockwise from north.
-        angles_deg: of the table's stops.
-        stop: s that the table stands.
-        turn: s that it turns.
-
-    Raises:
-        ConfigError: a model file with a mistake in it.
-        InputError: no such drive, too short a time for poses, a model without nodes.
     """
-    known, notes = _with_errors(given_model(model), calibration)
+    used_model, notes = _add_calibrated_errors(given_model(model), calibration)
     experiment = experiments.make_experiment(
         drive,
-        known,
+        used_model,
         duration,
         seed,
         earth=_earth(latitude_deg, azimuth_deg),
@@ -74,19 +100,21 @@ def simulate(
         settle=settle,
         supply=supply,
     )
-    drawn = experiments.simulate(known, experiment, rate, reference_rate, seed)
-    drawn = replace(experiments.with_simulation_metadata(drawn, drive, known, seed), warnings=notes)
-    return LoadedLog(Path(f"simulated-{drive}"), drawn, known.vehicle)
+    recording = experiments.simulate(used_model, experiment, rate, reference_rate, seed)
+    recording = replace(experiments.with_simulation_metadata(recording, drive, used_model, seed), warnings=notes)
+    return LoadedLog(Path(f"simulated-{drive}"), recording, used_model.vehicle)
 
 
 def _earth(latitude_deg: float | None, azimuth_deg: float) -> EarthRotation | None:
-    """What turns under a bench."""
+    """Return latitude and azimuth of a bench on the rotating Earth, or None."""
     return (
         None if latitude_deg is None else EarthRotation(math.radians(latitude_deg), math.radians(azimuth_deg))
     )
 
 
-def _with_errors(model: Model, calibration: StrPath | Calibration | None) -> tuple[Model, tuple[str, ...]]:
-    """The model with what was calibrated, and what of that it cannot have."""
+def _add_calibrated_errors(
+    model: Model, calibration: StrPath | Calibration | None
+) -> tuple[Model, tuple[str, ...]]:
+    """Return the model with the calibrated errors, and notes about those that it cannot represent."""
     errors, _ = given_calibration(calibration)
     return (model, ()) if errors is None else add_calibration_to_model(model, errors)

@@ -1,4 +1,4 @@
-"""A fused track as Python programs use it: arrays, a data frame, a map, the files of `hubodo fuse`."""
+"""The fused track as arrays, data frame, plot and files."""
 
 from __future__ import annotations
 
@@ -21,21 +21,30 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FusedTrack(Track):
-    """Where the vehicle went: arrays of one length, one entry for each pose.
+    """The estimated track of a vehicle; all arrays have one entry for each pose.
 
-    Attributes:
-        t: s on the log's clock.
-        x: m from the start; east where the log has positions on Earth.
-        y: m from the start; north where the log has positions on Earth.
-        heading: rad, anticlockwise from x and unwrapped.
-        speed: m/s.
-        sigma_x: m, 1 sigma; it grows from zero at the start.
-        sigma_y: m, 1 sigma.
-        sigma_heading: rad, 1 sigma.
-        yaw_rate: rad/s; empty where GNSS or headings took part.
-        step_inflation: m², of each step beyond what rolling wheels leave open; empty as `yaw_rate`.
-        fused: how it was made: `methods`, `nodes`, `learnt`, `warnings`.
-        truth: the table of that name in the log, or None.
+    Attributes
+    ----------
+    t : (N,) array
+        Time on the clock of the log, s.
+    x, y : (N,) array
+        Position relative to the start, m; east and north if the log has absolute positions.
+    heading : (N,) array
+        Heading, rad, anticlockwise from x, unwrapped.
+    speed : (N,) array
+        Speed, m/s.
+    sigma_x, sigma_y : (N,) array
+        1σ of the position, m; it grows from zero at the start.
+    sigma_heading : (N,) array
+        1σ of the heading, rad.
+    yaw_rate : array
+        Yaw rate, rad/s; empty where GNSS or headings were used.
+    step_inflation : array
+        Variance of each step beyond that of rolling wheels, m²; empty as `yaw_rate`.
+    fused : Fused
+        The complete result: `methods`, `nodes`, `learnt`, `warnings`.
+    truth : Table or None
+        The table `truth` of the log.
     """
 
     fused: FusedRecording = field(kw_only=True)
@@ -43,33 +52,71 @@ class FusedTrack(Track):
 
     @property
     def score(self) -> Score | None:
-        """How far it is from the truth: m, %, rad; None where the log has no truth."""
+        """Errors against the truth in m, % and rad; None if the log has no truth."""
         return self.fused.score
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """One line each."""
+        """Warnings, one line each."""
         return self.fused.warnings
 
     def as_json(self) -> dict[str, Any]:
-        """What fuse.json holds."""
+        """Return the content of fuse.json.
+
+        Returns
+        -------
+        dict
+            The JSON object.
+        """
         return self.fused.as_json()
 
     def frame(self) -> pd.DataFrame:
-        """The columns of track.csv, with `t` as the index. Raises InputError without pandas."""
+        """Return the columns of track.csv as a pandas data frame.
+
+        Returns
+        -------
+        pandas.DataFrame
+            The columns, indexed by `t`.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
+        """
         return track_to_table(self).frame()
 
     def plot(self) -> Plot:
-        """The path, over the truth where the log has one."""
-        shown = [Curve(self.x, self.y, "fused", COLOURS["fused"], 2.0)]
+        """Plot the path, over the truth if the log has one.
+
+        Returns
+        -------
+        Plot
+            The figure.
+        """
+        curves = [Curve(self.x, self.y, "fused", COLOURS["fused"], 2.0)]
         if self.truth is not None:
-            shown.insert(0, Curve(self.truth["x"], self.truth["y"], "truth", COLOURS["truth"], 5.0))
-        return Plot(curves_figure(shown, "x, m", "y, m", height=5.0, equal=True))
+            curves.insert(0, Curve(self.truth["x"], self.truth["y"], "truth", COLOURS["truth"], 5.0))
+        return Plot(curves_figure(curves, "x, m", "y, m", height=5.0, equal=True))
 
     def save(self, folder: StrPath, *, force: bool = False) -> Path:
-        """Write track.csv and fuse.json, as `hubodo fuse` does; the folder is made where it is missing.
+        """Write track.csv and fuse.json, as `hubodo fuse` does.
 
-        Raises InputError where results are there already, unless `force` is true.
+        Parameters
+        ----------
+        folder : str or path-like
+            Folder for the files; it is created if missing.
+        force : bool
+            Replace existing results.
+
+        Returns
+        -------
+        Path
+            The folder.
+
+        Raises
+        ------
+        InputError
+            If results exist and `force` is False.
         """
         target = Path(folder)
         if not force:
@@ -79,13 +126,13 @@ class FusedTrack(Track):
 
     def __repr__(self) -> str:
         facts = dict(self.fused.summary_rows())
-        off = f", final error {facts['final error']}" if "final error" in facts else ""
-        return f"FusedTrack({len(self.t)} poses, {facts['duration']}, {facts['distance']}{off})"
+        error = f", final error {facts['final error']}" if "final error" in facts else ""
+        return f"FusedTrack({len(self.t)} poses, {facts['duration']}, {facts['distance']}{error})"
 
     def _repr_html_(self) -> str:
         return html_table(("", ""), self.fused.summary_rows()) + html_lines(self.warnings)
 
 
 def fused_track(fused: FusedRecording, truth: Table | None) -> FusedTrack:
-    """The arrays of a result, with the result."""
+    """Return the fused track as arrays, with the complete result."""
     return FusedTrack(**vars(fused.track), fused=fused, truth=truth)

@@ -1,1 +1,1 @@
-"""The whole product end to end without hardware: a drive, two virtual nodes, the daemon, fusion, a page."""
+"""The end-to-end demonstration without hardware: two virtual nodes, recorder, fusion and page."""

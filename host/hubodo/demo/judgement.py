@@ -1,4 +1,4 @@
-"""Is the demo's track as good as it says itself?"""
+"""Check of the demo's track against its own sigmas."""
 
 from __future__ import annotations
 
@@ -8,28 +8,28 @@ from hubodo.errors import HubodoError
 from hubodo.fuse.track import Track
 from hubodo.recording import Table
 
-_SIGMAS = 5.0
-"""Of the length of the error; of honest ones, one in 200,000 is longer."""
+MAX_ERROR_SIGMA = 5.0
+"""Largest plausible position error; 1 in 270,000 errors of a 2-D Gaussian is larger."""
 
-_FLOOR = 0.02
-"""m by which a track may be off where it has hardly begun: its sigma is that of its first centimetres."""
+MIN_ALLOWED_ERROR_M = 0.02
+"""Allowance in m near the start, where sigma covers only the first centimetres."""
 
 
 def check_sigmas(track: Track, truth: Table, log: str) -> None:
-    """Raises HubodoError where the track is farther from the truth (t, x, y) than its own sigmas allow.
+    """Raise HubodoError where the track is farther from the truth (t, x, y) than its sigmas allow.
 
-    Both begin at the same point.
+    Both paths start at the same point.
     """
     common = (track.t >= truth.t[0]) & (track.t <= truth.t[-1])
     x = track.x[common] - np.interp(track.t[common], truth.t, truth["x"])
     y = track.y[common] - np.interp(track.t[common], truth.t, truth["y"])
     if not len(x):
         return
-    off = np.hypot(x - x[0], y - y[0])
-    allowed = _SIGMAS * np.hypot(track.sigma_x, track.sigma_y)[common] + _FLOOR
-    worst = int(np.argmax(off - allowed))
-    if off[worst] > allowed[worst]:
+    error = np.hypot(x - x[0], y - y[0])
+    allowed = MAX_ERROR_SIGMA * np.hypot(track.sigma_x, track.sigma_y)[common] + MIN_ALLOWED_ERROR_M
+    worst = int(np.argmax(error - allowed))
+    if error[worst] > allowed[worst]:
         raise HubodoError(
-            f"the track is {off[worst]:.2f} m from the truth at t = {track.t[common][worst]:.1f} s and says "
-            f"that it is right to {allowed[worst] / _SIGMAS:.3f} m, 1 sigma; see hubodo info {log}"
+            f"the track is {error[worst]:.2f} m from the truth at t = {track.t[common][worst]:.1f} s, but "
+            f"its 1 sigma is {allowed[worst] / MAX_ERROR_SIGMA:.3f} m; see hubodo info {log}"
         )

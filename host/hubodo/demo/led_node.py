@@ -1,4 +1,4 @@
-"""A virtual node behind a port of a virtual computer."""
+"""A virtual node that is connected to a port of a virtual computer."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from hubodo.ingest.live.virtual_computer import SentBytes, VirtualComputer
 
 
 class LedNode:
-    """A `Device`: a node that has started, with a led clock; its power-on is the computer's time of now."""
+    """A `Device` of the virtual computer: a running node, powered on at the computer's present time."""
 
     def __init__(self, node: VirtualNode, computer: VirtualComputer) -> None:
         self.path = os.path.realpath(node.port)
         self._node, self._zero_ns = node, computer.now_ns()
 
     def live_until(self, t_ns: int, heard: int | None) -> None:
-        """See `Device`."""
+        """Run the node until `t_ns`; see `Device`."""
         self._node.run_until((t_ns - self._zero_ns) * 1e-9, heard or 0)
 
     def sent(self) -> SentBytes:
-        """See `Device`. Raises HubodoError: what the board died of."""
+        """Return the bytes sent with their times; raise HubodoError if the board failed. See `Device`."""
         return [(self._zero_ns + t_ns, count) for t_ns, count in self._node.await_limit()]

@@ -1,4 +1,4 @@
-"""A ride: virtual nodes are switched on and recorded over their serial ports, all in virtual time."""
+"""A simulated drive: virtual nodes are powered on and recorded over their serial ports in virtual time."""
 
 import argparse
 import sys
@@ -37,14 +37,26 @@ INTERPRETERS: dict[InterpreterKind, str] = {
 
 RATE_HZ = 416
 SETTLE = 4.0
-"""s between power-on and the drive: a node boots in one or two."""
-_TAIL = 1.0
-_PICO = PicoSettings()
+"""Time in s between power-on and the start of the drive; a node boots in one to two seconds."""
+_RECORDING_MARGIN_S = 1.0  # recorded after the end of the drive
+_DEFAULT_PICO = PicoSettings()
 
 
 @dataclass(frozen=True)
 class Rider:
-    """One node of a ride: what it feels, what its chip adds, how far its clocks are off."""
+    """One node of a simulated drive.
+
+    Attributes
+    ----------
+    motion
+        True rates and specific forces of the node.
+    scatter
+        Noise and time-varying errors of its sensor.
+    odr_error
+        Relative error of the sensor's output data rate.
+    clock_ppm
+        Error of the board's clock, ppm.
+    """
 
     motion: NodeMotion
     scatter: SensorDisturbance
@@ -54,9 +66,18 @@ class Rider:
 
 @dataclass(frozen=True)
 class RideResult:
-    """What a ride left behind.
+    """The files and statistics of a simulated drive.
 
-    start_ns: of the drive, on the clock of the log; recorded: the recorder's own words.
+    Attributes
+    ----------
+    log, vehicle
+        Paths of the log and of the vehicle file.
+    start_ns
+        Start of the drive on the clock of the log.
+    recorded
+        JSON result of the recorder.
+    nodes
+        Statistics of the virtual nodes, by name.
     """
 
     log: Path
@@ -66,8 +87,8 @@ class RideResult:
     nodes: dict[str, dict[str, Any]]
 
 
-def add_board_arguments(parser: argparse.ArgumentParser, of: str) -> None:
-    """The options that say what runs the firmware; `of`: said in their help."""
+def add_board_arguments(parser: argparse.ArgumentParser, context: str) -> None:
+    """Add the options that select what runs the firmware; `context` is appended to their help."""
     choices = ["auto", *INTERPRETERS]
     parser.add_argument(
         "--on",
@@ -75,29 +96,30 @@ def add_board_arguments(parser: argparse.ArgumentParser, of: str) -> None:
         dest="interpreter",
         choices=choices,
         default="auto",
-        help=f"what runs the firmware{of}; rp2040: a whole emulated Pico, a good deal slower",
+        help=f"interpreter of the firmware{context}; rp2040: a complete emulated Pico, much slower",
     )
     parser.add_argument("--image", type=Path, help="with --on rp2040: MicroPython for the Pico, .uf2 or .bin")
-    parser.add_argument("--bootrom", type=Path, help="with --on rp2040: of the chip (default: beside it)")
+    parser.add_argument(
+        "--bootrom", type=Path, help="with --on rp2040: boot ROM of the chip (default: beside the image)"
+    )
 
 
-def choose_interpreter(
-    wanted: str, image: Path | None = None, bootrom: Path | None = None
+def choose_interpreter(requested: str, image: Path | None = None, bootrom: Path | None = None
 ) -> InterpreterKind:
-    """What runs the firmware: as wanted, or with `auto` `micropython` if it is installed, else `cpython`.
+    """Return the requested interpreter, or for `auto` MicroPython if installed, else CPython.
 
-    image, bootrom: of an emulated Pico. Says so on stderr where `auto` has to do without. Raises
-    InterpreterMissing or ImageMissing where what is wanted is not there.
+    image, bootrom: files of an emulated Pico. Prints a notice on stderr if `auto` falls back to CPython. Raises
+    InterpreterMissing or ImageMissing if the requested one is not available.
     """
-    if wanted == "rp2040":
+    if requested == "rp2040":
         check_available("rp2040", image, bootrom)
         return "rp2040"
-    if wanted == "cpython":
+    if requested == "cpython":
         return "cpython"
     try:
         check_available("micropython")
     except InterpreterMissing as error:
-        if wanted == "micropython":
+        if requested == "micropython":
             raise
         print(f"{error}; the same firmware files run on CPython instead", file=sys.stderr)
         return "cpython"
@@ -105,7 +127,7 @@ def choose_interpreter(
 
 
 def write_image(folder: Path, interpreter: InterpreterKind) -> Path:
-    """The firmware as it is flashed; CPython, which cannot run MicroPython's bytecode, gets the sources."""
+    """Write the firmware as it is flashed; CPython gets sources, as it cannot run MicroPython bytecode."""
     if interpreter == "cpython":
         image = sources(firmware_folder())
     else:
@@ -124,19 +146,19 @@ def ride(
     seed: int,
     tick: Callable[[float], None],
     rate_hz: int = RATE_HZ,
-    pico: PicoSettings = _PICO,
+    pico: PicoSettings = _DEFAULT_PICO,
     start_ns: int | None = None,
 ) -> RideResult:
-    """Runs the drive, as fast as the computer can; `tick` gets the share done, 0 to 1, after each step.
+    """Simulate and record a drive as fast as the computer allows.
 
-    riders: by node name, one of `hubowire.messages.NODE_IDS`; their drive begins SETTLE s after power-on.
-    start_ns: host time of the latter, None: now. Raises HubodoError when the recorder or a node
-    fails.
+    riders: by node name, one of `hubowire.messages.NODE_IDS`; their drive starts SETTLE s after power-on.
+    tick: called after each step with the completed share, 0 to 1. start_ns: host time of power-on; None: now.
+    Raises HubodoError if the recorder or a node fails.
     """
     firmware = write_image(out / "firmware", interpreter)
     vehicle, log = out / "vehicle.toml", out / "drive.mcap"
     vehicle.write_text(vehicle_toml, "utf-8")
-    duration = max(rider.motion.duration for rider in riders.values()) + _TAIL
+    duration = max(rider.motion.duration for rider in riders.values()) + _RECORDING_MARGIN_S
     ports = tuple(f"{name}={out / f'tty-{name}'}" for name in riders)
     with ExitStack() as stack:
         computer = VirtualComputer(
@@ -169,7 +191,7 @@ def ride(
         raise KeyboardInterrupt
     silent = [name for name in riders if name not in recorded.nodes]
     if silent:
-        raise HubodoError(f"{silent[0]}: nothing arrived from this virtual node")
+        raise HubodoError(f"{silent[0]}: no data received from this virtual node")
     return RideResult(log, vehicle, zero_ns + int(SETTLE * NS_PER_S), recorded.as_json(), stats)
 
 
@@ -186,5 +208,5 @@ def _node(rider: Rider, flash: Flash, board: BoardSettings, port: Path, seed: in
 
 
 def _serial(seed: int, name: str) -> str:
-    """Unique id of a board, in hexadecimal."""
+    """Return the unique id of a board in hexadecimal."""
     return f"e66141{seed % 256:02x}000000{NODE_IDS[name]:02x}"

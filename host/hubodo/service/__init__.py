@@ -1,1 +1,1 @@
-"""The recorder as a service of the computer: its systemd unit, its udev rules, and putting them in place."""
+"""The recorder as a systemd service: unit, udev rules, installation and removal."""

@@ -1,4 +1,4 @@
-"""Where the files of the service belong, and the commands that make the computer take note of them."""
+"""Installation of the service: paths of its files, and the commands that activate them."""
 
 from __future__ import annotations
 
@@ -18,14 +18,22 @@ from hubodo.service import rules, unit
 
 @dataclass(frozen=True)
 class Place:
-    """Of the system, or of one user. root: in front of every path, for the files of another system."""
+    """The locations of the service's files.
+
+    Attributes
+    ----------
+    user
+        True for a service of one user, False for one of the system.
+    root
+        Root folder of another system whose files are written; None for this one.
+    """
 
     user: bool = False
     root: Path | None = None
 
     @property
     def unit(self) -> Path:
-        """The unit's file."""
+        """Path of the systemd unit."""
         return (
             self._at(self._config_home() / "systemd/user" if self.user else Path("/etc/systemd/system"))
             / unit.NAME
@@ -33,32 +41,32 @@ class Place:
 
     @property
     def rules(self) -> Path | None:
-        """The rules' file; a user has none."""
+        """Path of the udev rules; None for a user service."""
         return None if self.user else self._at(Path("/etc/udev/rules.d")) / rules.NAME
 
     @property
     def config(self) -> Path:
-        """The settings' file."""
+        """Path of hubodo.toml."""
         return self._at(self._config_home() / "hubodo" if self.user else Path("/etc/hubodo")) / "hubodo.toml"
 
     @property
     def logs(self) -> str:
-        """Where the logs will be, in words."""
+        """Description of the log folder."""
         return "hubodo in the user's state folder" if self.user else "/var/lib/hubodo"
 
     def running(self, path: Path) -> Path:
-        """A path as the running system will see it."""
+        """Return a path as seen by the system that will run the service."""
         return path if self.root is None else Path("/") / path.relative_to(self.root)
 
-    def systemctl(self, *words: str) -> tuple[str, ...]:
-        """The command."""
-        return ("systemctl", *(("--user",) if self.user else ()), *words)
+    def systemctl(self, *arguments: str) -> tuple[str, ...]:
+        """Return a systemctl command line."""
+        return ("systemctl", *(("--user",) if self.user else ()), *arguments)
 
     def commands(self) -> list[tuple[str, ...]]:
-        """After an installation."""
-        listen = [self.systemctl("daemon-reload"), self.systemctl("enable", "--now", unit.NAME)]
+        """Return the commands to run after the files are installed."""
+        start = [self.systemctl("daemon-reload"), self.systemctl("enable", "--now", unit.NAME)]
         devices = [("udevadm", "control", "--reload"), ("udevadm", "trigger", "--subsystem-match=tty")]
-        return listen if self.user else devices + listen
+        return start if self.user else devices + start
 
     def _at(self, path: Path) -> Path:
         return path if self.root is None else self.root / path.relative_to("/")
@@ -68,55 +76,56 @@ class Place:
 
 
 def planned(place: Place, config: Path | None, program: Path | None) -> dict[Path, str]:
-    """The files of an installation, by path. config: a hubodo.toml to be taken over, with what it names.
+    """Return the content of the files of an installation, by path.
 
-    Raises ConfigError where it is not right, InputError without one.
+    config: a hubodo.toml to install together with the files it names. Raises ConfigError if it is invalid,
+    InputError if there is none.
     """
     files: dict[Path, str] = {}
     if config is not None:
         settings = load_record_config(config)
         if not settings.ports and settings.gnss is None:
-            raise InputError(f"{config}: names no port; add ports to its [record]")
+            raise InputError(f"{config}: has no port; add ports to its [record]")
         files[place.config] = config.read_text("utf-8")
-        for named in (settings.vehicle, settings.calibration):
-            if named is not None and not Path(named).is_absolute():
-                files[place.config.parent / named] = _text(config.parent / named)
+        for file in (settings.vehicle, settings.calibration):
+            if file is not None and not Path(file).is_absolute():
+                files[place.config.parent / file] = _text(config.parent / file)
     elif not place.config.exists():
         raise InputError(
-            f"{place.config} is not there yet; give --config FILE (hubodo config example > FILE is a start)"
+            f"{place.config} does not exist; give --config FILE (start with hubodo config example > FILE)"
         )
-    where = place.running(place.config)
-    files[place.unit] = unit.unit_text(program or this_program(), where, user=place.user)
+    config_path = place.running(place.config)
+    files[place.unit] = unit.unit_text(program or this_program(), config_path, user=place.user)
     if place.rules is not None:
         files[place.rules] = rules.rules_text()
     return files
 
 
 def write(files: dict[Path, str]) -> None:
-    """Puts them in place, each whole or not at all. Raises InputError without the right to."""
+    """Write the files, each atomically; raise InputError without permission."""
     for path, text in files.items():
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             write_atomically(path, text)
         except PermissionError:
             raise InputError(
-                f"{path}: no permission; use sudo, or --user for a service of yours alone"
+                f"{path}: no permission; use sudo, or --user for a service of this user"
             ) from None
 
 
 def remove(paths: Sequence[Path]) -> None:
-    """Takes files away. Raises InputError without the right to."""
+    """Delete the files; raise InputError without permission."""
     for path in paths:
         try:
             path.unlink()
         except PermissionError:
             raise InputError(
-                f"{path}: no permission; use sudo, or --user for a service of yours alone"
+                f"{path}: no permission; use sudo, or --user for a service of this user"
             ) from None
 
 
 def check_systemd() -> None:
-    """Raises InputError where this computer is not run by systemd."""
+    """Raise InputError if this computer is not run by systemd."""
     if shutil.which("systemctl") is None or not Path("/run/systemd/system").is_dir():
         raise InputError(
             "this computer is not run by systemd; let whatever starts programs here run "
@@ -126,29 +135,29 @@ def check_systemd() -> None:
 
 
 def run(commands: Sequence[tuple[str, ...]]) -> None:
-    """Raises HubodoError at the first that fails; one that is not there, as udevadm at times, is left out."""
+    """Run the commands and raise HubodoError at the first failure; missing programs are skipped."""
     for command in commands:
         if shutil.which(command[0]) is None:
             continue
-        done = subprocess.run(command, capture_output=True, text=True)
-        if done.returncode:
-            why = (done.stderr or done.stdout).strip() or f"exit code {done.returncode}"
-            raise HubodoError(f"{' '.join(command)}: {why}")
+        result = subprocess.run(command, capture_output=True, text=True)
+        if result.returncode:
+            reason = (result.stderr or result.stdout).strip() or f"exit code {result.returncode}"
+            raise HubodoError(f"{' '.join(command)}: {reason}")
 
 
 def this_program() -> Path:
-    """The command `hubodo` that belongs to the Python that runs."""
-    beside = Path(sys.executable).parent / "hubodo"
-    found = beside if beside.exists() else shutil.which("hubodo")
-    if found is None:
-        raise InputError("the command hubodo is not found; give its path with --program")
-    return Path(found)
+    """Return the path of the `hubodo` command that belongs to this Python."""
+    candidate = Path(sys.executable).parent / "hubodo"
+    program = candidate if candidate.exists() else shutil.which("hubodo")
+    if program is None:
+        raise InputError("the command hubodo was not found; give its path with --program")
+    return Path(program)
 
 
 def out_of_reach(program: Path) -> Path | None:
-    """The folder above a program that only its owner may enter, which a user made for the service is not."""
-    real = [folder for path in (program, program.resolve()) for folder in path.parents]
-    return next((folder for folder in real if folder.is_dir() and not folder.stat().st_mode & 0o001), None)
+    """Return a parent folder that only its owner may enter, where the service could not start, or None."""
+    parents = [folder for path in (program, program.resolve()) for folder in path.parents]
+    return next((folder for folder in parents if folder.is_dir() and not folder.stat().st_mode & 0o001), None)
 
 
 def _text(path: Path) -> str:

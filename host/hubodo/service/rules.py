@@ -1,9 +1,9 @@
-"""udev rules: nodes at `/dev/hubodo/<serial number>`, open to the group dialout, left alone by others."""
+"""udev rules: device links `/dev/hubodo/<serial number>`, access for the group dialout, no ModemManager."""
 
 from __future__ import annotations
 
 NAME = "70-hubodo.rules"
-"""After the system's 60-serial.rules, before ModemManager's 77 and 80."""
+"""The number sorts after 60-serial.rules of the system and before 77 and 80 of ModemManager."""
 
 BOARDS: tuple[tuple[str, str, str], ...] = (
     ("2e8a", "0005", "MicroPython on a Pico"),
@@ -15,14 +15,14 @@ BOARDS: tuple[tuple[str, str, str], ...] = (
     ("0403", "6001", "FTDI converter"),
     ("0403", "6015", "FTDI converter"),
 )
-"""Vendor, product, what it is."""
+"""USB vendor id, product id and description of each board."""
 
 
 def rules_text() -> str:
-    """The file: ModemManager writes AT commands to any modem it suspects, which a node takes for damage."""
+    """Return the rules file; it keeps ModemManager from sending AT commands, which corrupt the link."""
     boards = [
-        f'ATTRS{{idVendor}}=="{vendor}", ATTRS{{idProduct}}=="{product}", ENV{{HUBODO_BOARD}}="{what}"'
-        for vendor, product, what in BOARDS
+        f'ATTRS{{idVendor}}=="{vendor}", ATTRS{{idProduct}}=="{product}", ENV{{HUBODO_BOARD}}="{description}"'
+        for vendor, product, description in BOARDS
     ]
     devices = [
         f'SUBSYSTEM=="usb", ENV{{DEVTYPE}}=="usb_device", ATTR{{idVendor}}=="{vendor}", '

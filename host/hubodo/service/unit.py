@@ -1,4 +1,4 @@
-"""The text of the systemd unit: what the recorder may do, and when it is started again."""
+"""The text of the systemd unit, with its sandbox and restart policy."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import tempfile
 from pathlib import Path
 
 NAME = "hubodo.service"
-_HOMES = ("/home/", "/root/", "/run/user/")
+_HOME_FOLDERS = ("/home/", "/root/", "/run/user/")
 
-_HEAD = """\
+_UNIT_HEADER = """\
 # Written by `hubodo service install`; changes belong into a drop-in: systemctl edit hubodo
 [Unit]
 Description=hubodo: recorder of wheel nodes
 Wants=time-set.target time-sync.target
-# Not after time-sync.target, which systemd-time-wait-sync holds back for ever where there is no network.
+# Not after time-sync.target, which is never reached without a network under systemd-time-wait-sync.
 After=local-fs.target time-set.target
 StartLimitIntervalSec=0
 
@@ -29,7 +29,7 @@ RestartSec=2
 RestartPreventExitStatus=2
 TimeoutStopSec=10
 StateDirectory=hubodo
-# Enough for its ports, logs and visitors; each server of the recorder bounds its connections by itself.
+# Enough for ports, logs and web clients; each server of the recorder limits its own connections.
 LimitNOFILE=4096
 Environment=OPENBLAS_NUM_THREADS=1 PYTHONUNBUFFERED=1
 """
@@ -58,13 +58,13 @@ LockPersonality=yes
 RestrictRealtime=yes
 RestrictSUIDSGID=yes
 RestrictNamespaces=yes
-# Unix sockets to tell systemd how it fares; the others for socket:// and udp://, and for metrics.
+# Unix sockets for notifications to systemd; the others for socket://, udp:// and metrics.
 RestrictAddressFamilies=AF_UNIX AF_INET AF_INET6
 SystemCallArchitectures=native
 SystemCallFilter=@system-service
 SystemCallFilter=~@privileged @resources
 SystemCallErrorNumber=EPERM
-# Serial ports and nothing else; PrivateDevices= would hide them.
+# Serial ports only; PrivateDevices= would hide them.
 DevicePolicy=closed
 DeviceAllow=char-ttyACM rw
 DeviceAllow=char-ttyUSB rw
@@ -81,21 +81,21 @@ RestrictSUIDSGID=yes
 
 
 def unit_text(program: Path, config: Path, *, user: bool) -> str:
-    """The unit. program: the command `hubodo`; user: for the service manager of a user, with fewer fences."""
-    head = _HEAD.format(program=_quoted(program), config=_quoted(config))
+    """Return the unit for a `hubodo` program; with `user` for a user's service manager, less sandboxed."""
+    head = _UNIT_HEADER.format(program=_quoted(program), config=_quoted(config))
     if user:
         return f"{head}{_USER_SANDBOX}\n[Install]\nWantedBy=default.target\n"
-    home = "read-only" if f"{program}/".startswith(_HOMES) else "yes"
+    home = "read-only" if f"{program}/".startswith(_HOME_FOLDERS) else "yes"
     return f"{head}{_SANDBOX.format(home=home)}\n[Install]\nWantedBy=multi-user.target\n"
 
 
 def exposure(text: str) -> float | None:
-    """What `systemd-analyze security` makes of a unit, 0 safe to 10; None where it cannot say."""
+    """Return the exposure by `systemd-analyze security`, 0 (safe) to 10, or None if not available."""
     with tempfile.TemporaryDirectory(prefix="hubodo-") as folder:
         path = Path(folder) / NAME
         path.write_text(text, "utf-8")
         try:
-            done = subprocess.run(
+            result = subprocess.run(
                 ["systemd-analyze", "security", "--offline=true", "--no-pager", str(path)],
                 capture_output=True,
                 text=True,
@@ -103,9 +103,9 @@ def exposure(text: str) -> float | None:
             )
         except (OSError, subprocess.TimeoutExpired):
             return None
-    _, found, rest = done.stdout.partition("Overall exposure level for ")
+    _, marker, rest = result.stdout.partition("Overall exposure level for ")
     words = rest.partition(":")[2].split()
-    return float(words[0]) if found and words else None
+    return float(words[0]) if marker and words else None
 
 
 def _quoted(path: Path) -> str:

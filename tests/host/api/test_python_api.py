@@ -149,11 +149,11 @@ def test_a_table_without_rows_or_numbers_shows_itself():
         (lambda log, folder: log.fuse(smooth=1.0, method="differential"), hubodo.InputError, "filter"),
         (lambda log, folder: log.gap(folder / "vehicle.toml"), hubodo.ConfigError, "imu"),
         (lambda log, folder: log.gap(folder / "model.toml", accept=["cambre"]), hubodo.InputError, "accept"),
-        (lambda log, folder: hubodo.open(log.path).gap(), hubodo.InputError, "name a model file"),
+        (lambda log, folder: hubodo.open(log.path).gap(), hubodo.InputError, "give a model file"),
         (lambda log, folder: log.plot("mx"), hubodo.InputError, "'mx'"),
         (lambda log, folder: log.save(folder / "drive.mcap"), hubodo.InputError, "exists already"),
         (lambda log, folder: hubodo.simulate(folder / "model.toml", "fly"), hubodo.InputError, "'fly'"),
-        (lambda log, folder: hubodo.open(log.path).fuse(), hubodo.InputError, "carries no vehicle"),
+        (lambda log, folder: hubodo.open(log.path).fuse(), hubodo.InputError, "holds no vehicle"),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_line(wrong, error, says, drive, examples):
