@@ -11,7 +11,7 @@ from hubodo.version import __version__
 if TYPE_CHECKING:
     from hubodo.api.files import load_vehicle, read_calibration, read_model, write_calibration, write_model
     from hubodo.api.log import LoadedLog
-    from hubodo.api.missing import MissingEffects
+    from hubodo.api.missing_effects import MissingEffects
     from hubodo.api.plot import Plot
     from hubodo.api.read import open
     from hubodo.api.sensor import AllanResult, WarmupResult
@@ -35,7 +35,7 @@ _NAMES_OF_MODULE = {
         "write_model",
     ),
     "hubodo.api.log": ("LoadedLog",),
-    "hubodo.api.missing": ("MissingEffects",),
+    "hubodo.api.missing_effects": ("MissingEffects",),
     "hubodo.api.plot": ("Plot",),
     "hubodo.api.read": ("open",),
     "hubodo.api.sensor": ("AllanResult", "WarmupResult"),

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from hubodo.ingest.live.record_config import CONFIG_TABLES, RecordConfig, load_record_config
-from hubodo.service import rules, unit
-from hubodo.service.place import Place, out_of_reach
+from hubodo.service import systemd_unit, udev_rules
+from hubodo.service.installation import ServiceLocation, inaccessible_parent
 from hubodo.settings_table import write_example_toml
 from hubodo.verbs.config import SETTINGS
 from in_process import hubodo
@@ -37,7 +37,7 @@ def test_an_installation_puts_unit_rules_and_settings_in_place_and_runs_nothing_
     assert (root / "etc/hubodo/v.toml").exists()
     text = (root / "etc/systemd/system/hubodo.service").read_text()
     assert "record --config /etc/hubodo/hubodo.toml --wait -o ${STATE_DIRECTORY}" in text
-    assert (root / "etc/udev/rules.d/70-hubodo.rules").read_text() == rules.rules_text()
+    assert (root / "etc/udev/rules.d/70-hubodo.rules").read_text() == udev_rules.rules_text()
     assert told["commands"] == []
     again = hubodo("service", "install", "--root", root)
     assert again.code == 0, "settings that are there stay"
@@ -46,7 +46,7 @@ def test_an_installation_puts_unit_rules_and_settings_in_place_and_runs_nothing_
 
 @pytest.mark.parametrize("user", [False, True])
 def test_the_unit_asks_for_a_synchronised_clock_but_waits_for_no_network(user):
-    text = unit.unit_text(Path("/usr/bin/hubodo"), Path("/etc/hubodo/hubodo.toml"), user=user)
+    text = systemd_unit.unit_text(Path("/usr/bin/hubodo"), Path("/etc/hubodo/hubodo.toml"), user=user)
     lines = [line.partition("=") for line in text.splitlines() if not line.startswith("#")]
     wants, after = (
         [value.split() for key, _, value in lines if key == wanted] for wanted in ("Wants", "After")
@@ -105,11 +105,11 @@ def test_without_systemd_it_says_what_to_run_instead(monkeypatch):
 
 def test_a_user_has_a_unit_of_its_own_and_no_rules(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    place = Place(user=True)
+    place = ServiceLocation(is_user_service=True)
     assert place.unit == tmp_path / "config/systemd/user/hubodo.service"
     assert place.rules is None
     assert place.systemctl("start") == ("systemctl", "--user", "start")
-    assert "DynamicUser" not in unit.unit_text(tmp_path / "hubodo", place.config, user=True)
+    assert "DynamicUser" not in systemd_unit.unit_text(tmp_path / "hubodo", place.config, user=True)
 
 
 @pytest.mark.parametrize("user", [False, True])
@@ -120,8 +120,8 @@ def test_systemd_understands_every_line_of_the_unit(tmp_path, user):
     program.parent.mkdir()
     program.write_text("#!/bin/sh\n")
     program.chmod(0o755)
-    path = tmp_path / unit.NAME
-    path.write_text(unit.unit_text(program, tmp_path / "hubodo.toml", user=user))
+    path = tmp_path / systemd_unit.UNIT_NAME
+    path.write_text(systemd_unit.unit_text(program, tmp_path / "hubodo.toml", user=user))
     done = subprocess.run(
         [
             "systemd-analyze",
@@ -134,14 +134,16 @@ def test_systemd_understands_every_line_of_the_unit(tmp_path, user):
         capture_output=True,
         text=True,
     )
-    said = [line for line in done.stderr.splitlines() if unit.NAME in line]
+    said = [line for line in done.stderr.splitlines() if systemd_unit.UNIT_NAME in line]
     assert said == []
 
 
 def test_the_unit_is_fenced_in_by_systemds_own_measure(tmp_path):
     if shutil.which("systemd-analyze") is None:
         pytest.skip("no systemd-analyze here")
-    found = unit.exposure(unit.unit_text(tmp_path / "hubodo", tmp_path / "hubodo.toml", user=False))
+    found = systemd_unit.rate_exposure(
+        systemd_unit.unit_text(tmp_path / "hubodo", tmp_path / "hubodo.toml", user=False)
+    )
     assert found is not None
     assert found <= 2.5
 
@@ -149,11 +151,11 @@ def test_the_unit_is_fenced_in_by_systemds_own_measure(tmp_path):
 def test_a_program_that_the_service_may_not_reach_is_told(tmp_path):
     hidden = tmp_path / "home"
     hidden.mkdir(mode=0o700)
-    assert out_of_reach(hidden / "bin/hubodo") is not None
+    assert inaccessible_parent(hidden / "bin/hubodo") is not None
 
 
 def test_every_rule_is_made_of_known_keys_and_jumps_to_a_label():
-    text = rules.rules_text()
+    text = udev_rules.rules_text()
     for line in text.splitlines():
         if not line.startswith("#"):
             parts = re.findall(r'([A-Z]+(?:\{\w+\})?)(==|!=|\+=|=)"([^"]*)"(?:, |$)', line)

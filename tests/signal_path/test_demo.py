@@ -13,8 +13,8 @@ import pytest
 from scipy.integrate import cumulative_trapezoid
 
 from hubodo.cli import main
-from hubodo.demo.ride import choose_interpreter, ride
 from hubodo.demo.scenario import TRACK_WIDTH, VEHICLE_TOML, WHEEL_RADIUS, make_scenario
+from hubodo.demo.simulated_drive import choose_interpreter, record_drive
 from hubodo.log.recording_reader import read_recording
 from hubodo.model.drive import loop_drive
 from hubodo.verbs import demo as verb
@@ -34,7 +34,7 @@ def rides():
 def demo(tmp_path_factory, rides):
     """What it printed: a short drive."""
     printed = io.StringIO()
-    run = verb.ride
+    run = verb.record_drive
 
     def kept(*words, **more):
         rides.append(run(*words, **more))
@@ -42,7 +42,7 @@ def demo(tmp_path_factory, rides):
 
     words = ["demo", "--moving", str(MOVING), "--seed", str(SEED), "-o", str(tmp_path_factory.mktemp("demo"))]
     with redirect_stdout(printed), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(verb, "ride", kept)
+        patch.setattr(verb, "record_drive", kept)
         assert main([*words, "--json"]) == 0
     return json.loads(printed.getvalue())
 
@@ -98,7 +98,7 @@ def test_a_track_outside_its_own_sigmas_is_an_error_and_no_page(demo, rides, tmp
         return replace(made, track=replace(made.track, x=1.05 * made.track.x, y=1.05 * made.track.y))
 
     monkeypatch.setattr(verb, "wheel_odometry", bent)
-    monkeypatch.setattr(verb, "ride", lambda *words, **more: rides[0])
+    monkeypatch.setattr(verb, "record_drive", lambda *words, **more: rides[0])
     assert main(["demo", "--moving", str(MOVING), "--seed", str(SEED), "-o", str(tmp_path)]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert "m from the truth at t = " in line and "1 sigma" in line
@@ -123,8 +123,10 @@ def test_a_second_ride_is_the_first_bit_by_bit(tmp_path):
     for name in ("one", "the_other"):
         (tmp_path / name).mkdir()
         kind = choose_interpreter("auto")
-        riders = {"left": scenario.riders()["left"]}
-        done = ride(riders, VEHICLE_TOML, tmp_path / name, kind, SEED, lambda share: None, start_ns=10**18)
+        riders = {"left": scenario.simulated_nodes()["left"]}
+        done = record_drive(
+            riders, VEHICLE_TOML, tmp_path / name, kind, SEED, lambda share: None, start_ns=10**18
+        )
         logs.append(done.log.read_bytes())
     assert logs[0] == logs[1] and len(logs[0]) > 50_000
 

@@ -7,7 +7,7 @@ import pytest
 from recorded import judge, recorder
 
 from hubodo.cli import main
-from hubodo.demo.ride import write_image
+from hubodo.demo.simulated_drive import write_image
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode

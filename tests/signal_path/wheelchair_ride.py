@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hubodo.demo.led_node import LedNode
+from hubodo.demo.attached_node import AttachedNode
 from hubodo.emulator.board.settings import Clock, Flash, Host, SensorBoard
 from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.chips.sampling import ChipTruth
@@ -81,7 +81,7 @@ def drive(data: Path, folder: Path) -> Ride:
     with ExitStack() as stack:
         computer = VirtualComputer()
         for node in nodes.values():
-            computer.plug_in(LedNode(stack.enter_context(node), computer))
+            computer.plug_in(AttachedNode(stack.enter_context(node), computer))
         ports = tuple(f"{name}={node.port}" for name, node in nodes.items())
         vehicle = load_vehicle(folder / "vehicle.toml")
         config = RecordConfig(ports=ports, duration=39.0)

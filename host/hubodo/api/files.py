@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from hubodo.api.given import StrPath
+from hubodo.api.arguments import StrPath
 from hubodo.calibration import file as calibration_file
 from hubodo.calibration.file import Calibration
 from hubodo.model import model_file

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -13,23 +11,22 @@ import numpy as np
 
 from hubodo.errors import InputError
 from hubodo.html_table import html_lines, html_table
-from hubodo.recording import Event, Recording, Table
+from hubodo.recording import NODE_COLUMNS, Event, Recording, Table
 
 # The rest is imported by the methods that need it: importing everything takes four times as long.
 if TYPE_CHECKING:
     import pandas as pd
 
-    from hubodo.api.given import StrPath
-    from hubodo.api.missing import MissingEffects
+    from hubodo.api.arguments import StrPath
+    from hubodo.api.missing_effects import MissingEffects
     from hubodo.api.plot import Plot
     from hubodo.api.sensor import AllanResult, WarmupResult
     from hubodo.api.track import FusedTrack
     from hubodo.calibration.file import Calibration
     from hubodo.fuse.wheel_odometry import Method
     from hubodo.model.model_file import Model
+    from hubodo.sensors.rest_channel import Standstill
     from hubodo.vehicle import Vehicle
-
-_CURVE_COLOURS = ("#1b6ca8", "#d1495b", "#2e7d5b", "#7a4fa3", "#8a6d3b", "#1d2126")
 
 
 class LoadedLog:
@@ -37,15 +34,6 @@ class LoadedLog:
 
     Tables are accessed by name, as in `log["left"]["gz"]`: one for each node, and `reference`, `wheels`,
     `gnss`, `heading`, `table` and `truth` where the log has them.
-
-    Parameters
-    ----------
-    path : Path
-        Path of the log; the name of a simulated one.
-    recording : Recording
-        All tables, events and metadata of the log.
-    vehicle : Vehicle, optional
-        Vehicle to use instead of the one in the log.
 
     Attributes
     ----------
@@ -182,32 +170,18 @@ class LoadedLog:
         CalibrationError
             If the calibration belongs to another node.
         """
-        from hubodo.api.given import given_calibration, given_vehicle
-        from hubodo.api.track import fused_track
-        from hubodo.fuse.fusion import fuse_recording
+        from hubodo.api.track import fuse_log
 
-        lag = math.inf if smooth == "full" else float(smooth)
-        if not lag >= 0.0:
-            raise InputError(f"smooth = {smooth}: give seconds from 0 on, or 'full'")
-        if lag > 0.0 and method != "filter":
-            raise InputError("smooth goes with method='filter'")
-        used_vehicle = self.vehicle if vehicle is None else given_vehicle(vehicle)
-        if used_vehicle is None:
-            raise InputError(f"{self.path}: holds no vehicle; give a vehicle file")
-        used_calibration, source = given_calibration(calibration)
-        fused = fuse_recording(
-            self.recording,
-            used_vehicle,
-            log=str(self.path),
-            method=method,
+        return fuse_log(
+            self,
+            vehicle,
+            calibration=calibration,
             nodes=nodes,
-            calibration=used_calibration,
-            calibration_from=source,
-            lag=lag,
+            method=method,
+            smooth=smooth,
             graph=graph,
             antenna=antenna,
         )
-        return fused_track(fused, self.recording.truth)
 
     def allan(
         self,
@@ -252,7 +226,7 @@ class LoadedLog:
 
         References
         ----------
-        IEEE Std 952-2020, annex C (noise terms of gyros from the Allan variance).
+        IEEE Std 952-1997, annex C (noise terms from the Allan variance).
 
         Examples
         --------
@@ -261,21 +235,15 @@ class LoadedLog:
         >>> f"{allan.terms['N'].value:.1e} rad/√s"
         '1.4e-04 rad/√s'
         """
-        from hubodo.api.sensor import allan_of
-        from hubodo.sensors.standstill_channel import read_standstill_channel
+        from hubodo.api.sensor import analyse_allan
 
-        standstill = read_standstill_channel(
-            self.recording,
-            self._node(node),
-            channel,
-            log=str(self.path),
-            start=start,
-            end=end,
-            trust_units=trust_units,
-            trust_still=as_is,
-            cut_disturbances=True,
+        return analyse_allan(
+            self._standstill(node, channel, start, end, trust_units, keep_disturbed=as_is, cut=True),
+            str(self.path),
+            turn=turn,
+            per_octave=per_octave,
+            every_sample=as_is,
         )
-        return allan_of(standstill, str(self.path), turn=turn, per_octave=per_octave, every_sample=as_is)
 
     def warmup(
         self,
@@ -289,8 +257,8 @@ class LoadedLog:
     ) -> WarmupResult:
         """Model the bias of a gyro axis after power-on, as `hubodo warmup` does.
 
-        The model is b(t) = C1 (1 - exp(-t/T)) + C2 with the time t since power-on, or an extension of it where its
-        residual is not white.
+        The model is b(t) = C1 (1 - exp(-t/T)) + C2 with the time t since power-on, or an extension of it if
+        its residual is not white.
 
         Parameters
         ----------
@@ -315,21 +283,12 @@ class LoadedLog:
         InputError
             If there is no such node or axis, the sensor moved, or unit or duration do not suit.
         """
-        from hubodo.api.sensor import warmup_of
-        from hubodo.sensors.standstill_channel import IMU_CHANNELS, read_standstill_channel
+        from hubodo.api.sensor import analyse_warmup
 
-        if channel not in IMU_CHANNELS[:3]:
-            raise InputError(f"channel {channel!r}: choose from {', '.join(IMU_CHANNELS[:3])}")
-        standstill = read_standstill_channel(
-            self.recording,
-            self._node(node),
-            channel,
-            log=str(self.path),
-            start=start,
-            end=end,
-            trust_units=trust_units,
-        )
-        return warmup_of(standstill, str(self.path), age=age)
+        if channel not in NODE_COLUMNS[1:4]:
+            raise InputError(f"channel {channel!r}: choose from {', '.join(NODE_COLUMNS[1:4])}")
+        standstill = self._standstill(node, channel, start, end, trust_units)
+        return analyse_warmup(standstill, str(self.path), age=age)
 
     def gap(
         self,
@@ -361,31 +320,9 @@ class LoadedLog:
         ConfigError
             If the model file is invalid.
         """
-        from hubodo.api.given import given_model
-        from hubodo.api.missing import MissingEffects, check_effects
-        from hubodo.gap.problem.assumed import assume_model
-        from hubodo.gap.workflow import find_gap
-        from hubodo.progress import progress_line
+        from hubodo.api.missing_effects import search_gap
 
-        check_effects(accept, reject)
-        if model is not None:
-            used_model = given_model(model)
-        elif self.vehicle is not None:
-            used_model = assume_model(self.recording, self.vehicle, str(self.path))
-        else:
-            raise InputError(f"{self.path}: holds no vehicle; give a model file")
-        with progress_line() as show:
-            result = find_gap(
-                self.recording, used_model,
-                accept=accept,
-                reject=reject,
-                log_name=str(self.path),
-                report_progress=show,
-            )
-        if not result.is_finished:
-            raise KeyboardInterrupt("the search was interrupted")
-        model_name = Path(model).name if isinstance(model, str | os.PathLike) else "the model"
-        return MissingEffects(result, self.path.name, model_name)
+        return search_gap(self, model, accept, reject)
 
     def plot(self, channel: str = "gz") -> Plot:
         """Plot a channel of all nodes over time.
@@ -405,21 +342,9 @@ class LoadedLog:
         InputError
             If no node has the column.
         """
-        from hubodo.api.plot import Plot
-        from hubodo.report.curves import Curve, curves_figure
-        from hubodo.report.page import COLOURS
+        from hubodo.api.plot import plot_channel
 
-        curves = [
-            Curve(
-                table.t, table[channel], name, COLOURS.get(name, _CURVE_COLOURS[k % len(_CURVE_COLOURS)]), 1.0
-            )
-            for k, (name, table) in enumerate(self.nodes.items())
-            if channel in table
-        ]
-        if not curves:
-            raise InputError(f"{self.path}: no node has a column {channel!r}")
-        unit = {"g": "rad/s", "a": "m/s²"}.get(channel[0], "") if len(channel) == 2 else ""
-        return Plot(curves_figure(curves, "time, s", f"{channel}, {unit}" if unit else channel))
+        return plot_channel(self, channel)
 
     def save(self, path: StrPath) -> Path:
         """Write the log as an MCAP file or as a folder of CSV files.
@@ -450,6 +375,32 @@ class LoadedLog:
         else:
             write_folder(self.recording, target)
         return target
+
+    def _standstill(
+        self,
+        node: str | None,
+        channel: str,
+        start: float | None,
+        end: float | None,
+        trust_units: bool,
+        *,
+        keep_disturbed: bool = False,
+        cut: bool = False,
+    ) -> Standstill:
+        """Return one checked channel of a stationary node; parameters as in `rest_channel`."""
+        from hubodo.sensors.rest_channel import rest_channel
+
+        return rest_channel(
+            self.recording,
+            self._node(node),
+            channel,
+            log=str(self.path),
+            start=start,
+            end=end,
+            trust_units=trust_units,
+            trust_still=keep_disturbed,
+            cut=cut,
+        )
 
     def _node(self, name: str | None) -> str:
         """Return the named node, or the only one; raise InputError if there is none."""

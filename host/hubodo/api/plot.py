@@ -4,11 +4,18 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from hubodo.api.given import StrPath
+from hubodo.api.arguments import StrPath
 from hubodo.errors import InputError
+from hubodo.report.curves import Curve, curves_figure
 from hubodo.report.drawing import drawing_path, save, svg
+from hubodo.report.page import COLOURS
+
+if TYPE_CHECKING:
+    from hubodo.api.log import LoadedLog
+
+_CURVE_COLOURS = ("#1b6ca8", "#d1495b", "#2e7d5b", "#7a4fa3", "#8a6d3b", "#1d2126")
 
 
 class Plot:
@@ -59,3 +66,16 @@ class Plot:
     def __repr__(self) -> str:
         titles = (axes.get_title() or axes.get_ylabel() for axes in self.figure.axes)
         return f"Plot({', '.join(title for title in titles if title)})"
+
+
+def plot_channel(log: LoadedLog, channel: str) -> Plot:
+    """Plot a channel of all nodes over time; see `LoadedLog.plot`."""
+    curves = [
+        Curve(table.t, table[channel], name, COLOURS.get(name, _CURVE_COLOURS[k % len(_CURVE_COLOURS)]), 1.0)
+        for k, (name, table) in enumerate(log.nodes.items())
+        if channel in table
+    ]
+    if not curves:
+        raise InputError(f"{log.path}: no node has a column {channel!r}")
+    unit = {"g": "rad/s", "a": "m/s²"}.get(channel[0], "") if len(channel) == 2 else ""
+    return Plot(curves_figure(curves, "time, s", f"{channel}, {unit}" if unit else channel))

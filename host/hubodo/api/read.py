@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from hubodo.api.given import StrPath, given_vehicle
+from hubodo.api.arguments import StrPath, as_vehicle
 from hubodo.api.log import LoadedLog
 from hubodo.log.any_log import read_log
 from hubodo.log.number_recording import InputFormat
@@ -70,7 +70,7 @@ def open(
     True
     """
     log_path = Path(path)
-    used_vehicle = None if vehicle is None else given_vehicle(vehicle)
+    used_vehicle = None if vehicle is None else as_vehicle(vehicle)
     topic_selection = TopicSelection(topics or {}, required_roles=frozenset())
     if used_vehicle is not None:
         on_wheels = {name: mount.side is not None for name, mount in used_vehicle.nodes.items()}

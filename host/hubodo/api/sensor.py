@@ -200,7 +200,7 @@ class WarmupResult:
         return html + html_table(headings, prediction_rows(self.report)) + html_lines(self.report.notes)
 
 
-def allan_of(
+def analyse_allan(
     standstill: StandstillRecord, log: str, *, turn: float, per_octave: int, every_sample: bool
 ) -> AllanResult:
     """Return the Allan analysis of a checked channel; `log` is named in errors."""
@@ -220,7 +220,7 @@ def allan_of(
     return AllanResult(standstill.node, report)
 
 
-def warmup_of(standstill: StandstillRecord, log: str, *, age: float) -> WarmupResult:
+def analyse_warmup(standstill: StandstillRecord, log: str, *, age: float) -> WarmupResult:
     """Return the warm-up model of a checked gyro axis; `log` is named in errors."""
     try:
         report = characterise_warmup(

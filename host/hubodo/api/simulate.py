@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from hubodo.api.given import StrPath, given_calibration, given_model
+from hubodo.api.arguments import StrPath, as_calibration, as_model
 from hubodo.api.log import LoadedLog
 from hubodo.calibration.calibrated_model import add_calibration_to_model
 from hubodo.calibration.file import Calibration
@@ -88,7 +88,7 @@ def simulate(
     >>> hubodo.simulate("model.toml", "loop", duration=20, seed=7)
     LoadedLog('simulated-loop': left, right, reference, truth; 20.0 s)
     """
-    used_model, notes = _add_calibrated_errors(given_model(model), calibration)
+    used_model, notes = _add_calibrated_errors(as_model(model), calibration)
     experiment = experiments.make_experiment(
         drive,
         used_model,
@@ -116,5 +116,5 @@ def _add_calibrated_errors(
     model: Model, calibration: StrPath | Calibration | None
 ) -> tuple[Model, tuple[str, ...]]:
     """Return the model with the calibrated errors, and notes about those that it cannot represent."""
-    errors, _ = given_calibration(calibration)
+    errors, _ = as_calibration(calibration)
     return (model, ()) if errors is None else add_calibration_to_model(model, errors)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
-from hubodo.api.given import StrPath
+from hubodo.api.arguments import StrPath, as_calibration, as_vehicle
 from hubodo.api.plot import Plot
-from hubodo.fuse.fusion import FusedRecording, check_no_results, track_to_table, write_results
+from hubodo.errors import InputError
+from hubodo.fuse.fusion import FusedRecording, check_no_results, fuse_recording, track_table, write_results
 from hubodo.fuse.track import Score, Track
 from hubodo.html_table import html_lines, html_table
 from hubodo.recording import Table
@@ -17,6 +20,11 @@ from hubodo.report.page import COLOURS
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from hubodo.api.log import LoadedLog
+    from hubodo.calibration.file import Calibration
+    from hubodo.fuse.wheels import Method
+    from hubodo.vehicle import Vehicle
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -133,6 +141,37 @@ class FusedTrack(Track):
         return html_table(("", ""), self.fused.summary_rows()) + html_lines(self.warnings)
 
 
-def fused_track(fused: FusedRecording, truth: Table | None) -> FusedTrack:
-    """Return the fused track as arrays, with the complete result."""
-    return FusedTrack(**vars(fused.track), fused=fused, truth=truth)
+def fuse_log(
+    log: LoadedLog,
+    vehicle: StrPath | Vehicle | None,
+    *,
+    calibration: StrPath | Calibration | None,
+    nodes: Sequence[str] | None,
+    method: Method,
+    smooth: float | Literal["full"],
+    graph: bool,
+    antenna: tuple[float, float] | None,
+) -> FusedTrack:
+    """Estimate the track of a log; see `LoadedLog.fuse`."""
+    lag = math.inf if smooth == "full" else float(smooth)
+    if not lag >= 0.0:
+        raise InputError(f"smooth = {smooth}: give seconds from 0 on, or 'full'")
+    if lag > 0.0 and method != "filter":
+        raise InputError("smooth goes with method='filter'")
+    used_vehicle = log.vehicle if vehicle is None else as_vehicle(vehicle)
+    if used_vehicle is None:
+        raise InputError(f"{log.path}: holds no vehicle; give a vehicle file")
+    used_calibration, source = as_calibration(calibration)
+    fused = fuse_recording(
+        log.recording,
+        used_vehicle,
+        log=str(log.path),
+        method=method,
+        nodes=nodes,
+        calibration=used_calibration,
+        calibration_from=source,
+        lag=lag,
+        graph=graph,
+        antenna=antenna,
+    )
+    return FusedTrack(**vars(fused.track), fused=fused, truth=log.recording.truth)

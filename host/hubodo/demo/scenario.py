@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hubodo.demo.ride import SETTLE, Rider
+from hubodo.demo.simulated_drive import DRIVE_START_S, SimulatedNode
 from hubodo.effects import Effect, Noise
 from hubodo.effects.gyro import GyroBias
 from hubodo.effects.vehicle import TrackWidth
@@ -73,18 +73,18 @@ class Scenario:
 
     seed: int
     drive: MotionInputs
-    parts: dict[Side, WheelUnit]
+    wheel_units: dict[Side, WheelUnit]
 
-    def riders(self) -> dict[str, Rider]:
+    def simulated_nodes(self) -> dict[str, SimulatedNode]:
         """Return the simulated nodes by name."""
-        return {side: self._rider(side, unit) for side, unit in self.parts.items()}
+        return {side: self._simulated_node(side, unit) for side, unit in self.wheel_units.items()}
 
-    def _rider(self, side: Side, unit: WheelUnit) -> Rider:
+    def _simulated_node(self, side: Side, unit: WheelUnit) -> SimulatedNode:
         mount, start = NodeMount(side, "left"), NodeInitialState(unit.start_angle)
-        motion = NodeMotion(self.drive, mount, WHEEL_RADIUS, TRACK_WIDTH, unit.effects, start, SETTLE)
-        return Rider(motion, SensorDisturbance(SENSOR_NOISE), unit.odr_error, unit.clock_ppm)
+        motion = NodeMotion(self.drive, mount, WHEEL_RADIUS, TRACK_WIDTH, unit.effects, start, DRIVE_START_S)
+        return SimulatedNode(motion, SensorDisturbance(SENSOR_NOISE), unit.odr_error, unit.clock_ppm)
 
-    def length(self) -> float:
+    def path_length(self) -> float:
         """Return the length of the true path, m."""
         _, x, y, _ = integrate_path(self.drive)
         return float(np.sum(np.hypot(np.diff(x), np.diff(y))))
@@ -95,10 +95,10 @@ class Scenario:
         return Table({"t": t + t_start, "x": x, "y": y, "heading": heading, "speed": self.drive.speed(t)})
 
 
-def make_scenario(seed: int, moving: float) -> Scenario:
+def make_scenario(seed: int, drive_duration: float) -> Scenario:
     """Return a demo drawn from a seed, with `moving` s of drive between two standstills."""
     rng = np.random.default_rng(seed)
-    drive = loop_drive(rng, rest_time=8.0, driving_time=moving)
+    drive = loop_drive(rng, rest_time=8.0, driving_time=drive_duration)
     size_errors = (
         TrackWidth(float(rng.normal(0.0, _TRACK_SIGMA))),
         WheelRadius(float(rng.normal(0.0, _RADIUS_SIGMA))),

@@ -15,16 +15,16 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table as TextTable
 
 from hubodo.atomic_files import write_atomically
-from hubodo.demo.judgement import check_sigmas
-from hubodo.demo.report import demo_page, facts_grid
-from hubodo.demo.ride import (
+from hubodo.demo.page import demo_page, facts_grid
+from hubodo.demo.scenario import VEHICLE_TOML, WHEEL_RADIUS, make_scenario
+from hubodo.demo.sigma_check import check_sigmas
+from hubodo.demo.simulated_drive import (
     INTERPRETERS,
-    RideResult,
+    SimulatedDrive,
     add_board_arguments,
     choose_interpreter,
-    ride,
+    record_drive,
 )
-from hubodo.demo.scenario import VEHICLE_TOML, WHEEL_RADIUS, make_scenario
 from hubodo.emulator.interpreters.interpreter import InterpreterKind
 from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
 from hubodo.errors import HubodoError
@@ -77,7 +77,7 @@ class DemoResult:
     interpreter: InterpreterKind
     page: Path
     report: Path
-    ride: RideResult
+    ride: SimulatedDrive
     warnings: tuple[str, ...]
     fused: WheelOdometry
     score: Score
@@ -203,8 +203,8 @@ def run(args: argparse.Namespace) -> DemoResult:
     columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
     with Progress(*columns, console=note, disable=not note.is_terminal, transient=True) as progress:
         task = progress.add_task("two virtual nodes drive", total=1.0)
-        result = ride(
-            scenario.riders(),
+        result = record_drive(
+            scenario.simulated_nodes(),
             VEHICLE_TOML,
             out,
             interpreter,
@@ -231,7 +231,7 @@ def run(args: argparse.Namespace) -> DemoResult:
         _log_warnings(summary),
         fused,
         score,
-        scenario.length(),
+        scenario.path_length(),
         time.monotonic() - started,
     )
     _write_pages(demo, out, recording, truth, summary)

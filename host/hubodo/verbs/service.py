@@ -10,8 +10,8 @@ from typing import Any
 
 from rich.console import Console
 
-from hubodo.service import place, unit
-from hubodo.service.place import Place
+from hubodo.service import installation, systemd_unit
+from hubodo.service.installation import ServiceLocation
 
 EXAMPLE = "sudo hubodo service install --config hubodo.toml"
 _STATUS_PROPERTIES = (
@@ -101,7 +101,7 @@ class ServiceState:
     def render(self, console: Console) -> None:
         """Print state, process, restarts and memory."""
         now = self.values
-        lines = [f"{unit.NAME}: {now.get('ActiveState')} ({now.get('SubState')})"]
+        lines = [f"{systemd_unit.UNIT_NAME}: {now.get('ActiveState')} ({now.get('SubState')})"]
         if now.get("ActiveEnterTimestamp"):
             lines[0] += f" since {now['ActiveEnterTimestamp']}"
         lines += [now["StatusText"]] if now.get("StatusText") else []
@@ -148,64 +148,71 @@ def run(args: argparse.Namespace) -> ServiceChange | ServiceState:
     InputError
         If this computer does not run systemd, or a setting is missing.
     """
-    where = Place(args.user, args.root.absolute() if args.root is not None else None)
-    quiet = args.dry_run or args.root is not None
-    if not quiet:
-        place.check_systemd()
+    location = ServiceLocation(args.user, args.root.absolute() if args.root is not None else None)
+    files_only = args.dry_run or args.root is not None
+    if not files_only:
+        installation.check_systemd()
     if args.does == "status":
-        place.check_systemd()
-        return _state(where)
-    return _install(args, where, quiet) if args.does == "install" else _uninstall(where, quiet, args.dry_run)
+        installation.check_systemd()
+        return _query_state(location)
+    return (
+        _install(args, location, files_only)
+        if args.does == "install"
+        else _uninstall(location, files_only, args.dry_run)
+    )
 
 
-def _install(args: argparse.Namespace, where: Place, quiet: bool) -> ServiceChange:
-    program = args.program or place.this_program()
-    files = place.planned(where, args.config, program)
+def _install(args: argparse.Namespace, location: ServiceLocation, files_only: bool) -> ServiceChange:
+    program = args.program or installation.find_program()
+    files = installation.plan_files(location, args.config, program)
     warnings = []
-    closed = None if where.user else place.out_of_reach(program)
-    if closed is not None:
+    private_folder = None if location.is_user_service else installation.inaccessible_parent(program)
+    if private_folder is not None:
         warnings.append(
-            f"{program} is below {closed}, which only its owner may enter: the service runs as its own user "
-            "and will not start; install hubodo where all can read it, such as /opt/hubodo, or use --user"
+            f"{program} is below {private_folder}, which only its owner may enter: the service runs as its own "
+            "user and will not start; install hubodo in a public folder, such as /opt/hubodo, or use --user"
         )
-    commands = where.commands()
+    commands = location.activation_commands()
     if not args.dry_run:
-        place.write(files)
-    if not quiet:
-        place.run(commands)
+        installation.write_files(files)
+    if not files_only:
+        installation.run_commands(commands)
+    user_option = " --user" if location.is_user_service else ""
     return ServiceChange(
         {str(path): text for path, text in files.items()},
         () if args.root is not None else tuple(map(" ".join, commands)),
         tuple(warnings),
-        unit.exposure(files[where.unit]),
+        systemd_unit.rate_exposure(files[location.unit]),
         args.dry_run,
-        f"recording into {where.logs}; status: hubodo service status{' --user' if where.user else ''}",
+        f"recording into {location.log_folder_text}; status: hubodo service status{user_option}",
     )
 
 
-def _uninstall(where: Place, quiet: bool, dry: bool) -> ServiceChange:
-    present = [path for path in (where.unit, where.rules) if path is not None and path.exists()]
-    commands = [where.systemctl("disable", "--now", unit.NAME)] if where.unit.exists() else []
-    if not quiet:
-        place.run(commands)
-    if not dry:
-        place.remove(present)
-    after = [where.systemctl("daemon-reload")]
-    if not quiet:
-        place.run(after)
+def _uninstall(location: ServiceLocation, files_only: bool, is_dry_run: bool) -> ServiceChange:
+    present = [path for path in (location.unit, location.rules) if path is not None and path.exists()]
+    commands = (
+        [location.systemctl("disable", "--now", systemd_unit.UNIT_NAME)] if location.unit.exists() else []
+    )
+    if not files_only:
+        installation.run_commands(commands)
+    if not is_dry_run:
+        installation.remove_files(present)
+    after = [location.systemctl("daemon-reload")]
+    if not files_only:
+        installation.run_commands(after)
     return ServiceChange(
         {str(path): None for path in present},
-        () if where.root is not None else tuple(map(" ".join, commands + after)),
+        () if location.root is not None else tuple(map(" ".join, commands + after)),
         (),
         None,
-        dry,
-        f"removed; settings in {where.config.parent} and logs in {where.logs} are kept",
+        is_dry_run,
+        f"removed; settings in {location.config.parent} and logs in {location.log_folder_text} are kept",
     )
 
 
-def _state(where: Place) -> ServiceState:
+def _query_state(location: ServiceLocation) -> ServiceState:
     shown = subprocess.run(
-        where.systemctl("show", unit.NAME, f"--property={','.join(_STATUS_PROPERTIES)}"),
+        location.systemctl("show", systemd_unit.UNIT_NAME, f"--property={','.join(_STATUS_PROPERTIES)}"),
         capture_output=True,
         text=True,
     )

@@ -15,12 +15,12 @@ from rich.table import Table as TextTable
 
 from hubodo.calibration.calibrated_model import add_calibration_to_model
 from hubodo.calibration.file import read_calibration
-from hubodo.demo.ride import (
-    SETTLE,
-    Rider,
+from hubodo.demo.simulated_drive import (
+    DRIVE_START_S,
+    SimulatedNode,
     add_board_arguments,
     choose_interpreter,
-    ride,
+    record_drive,
 )
 from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
 from hubodo.emulator.node_motion import NodeMotion, SensorDisturbance
@@ -353,13 +353,13 @@ def _record_virtual_nodes(
             vehicle.track_width,
             effects,
             start,
-            SETTLE,
+            DRIVE_START_S,
             args.seed * 8 + NODE_IDS[name],
         )
-        riders[name] = Rider(motion, SensorDisturbance(model.noise, effects))
+        riders[name] = SimulatedNode(motion, SensorDisturbance(model.noise, effects))
     plain = dataclasses.replace(model, effects=())
     with tempfile.TemporaryDirectory(prefix="hubodo-simulate-") as folder:
-        result = ride(
+        result = record_drive(
             riders,
             model_toml(plain),
             Path(folder),

@@ -6,7 +6,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-NAME = "hubodo.service"
+UNIT_NAME = "hubodo.service"
 _HOME_FOLDERS = ("/home/", "/root/", "/run/user/")
 
 _UNIT_HEADER = """\
@@ -82,18 +82,18 @@ RestrictSUIDSGID=yes
 
 def unit_text(program: Path, config: Path, *, user: bool) -> str:
     """Return the unit for a `hubodo` program; with `user` for a user's service manager, less sandboxed."""
-    head = _UNIT_HEADER.format(program=_quoted(program), config=_quoted(config))
+    head = _UNIT_HEADER.format(program=_quote_path(program), config=_quote_path(config))
     if user:
         return f"{head}{_USER_SANDBOX}\n[Install]\nWantedBy=default.target\n"
     home = "read-only" if f"{program}/".startswith(_HOME_FOLDERS) else "yes"
     return f"{head}{_SANDBOX.format(home=home)}\n[Install]\nWantedBy=multi-user.target\n"
 
 
-def exposure(text: str) -> float | None:
+def rate_exposure(unit: str) -> float | None:
     """Return the exposure by `systemd-analyze security`, 0 (safe) to 10, or None if not available."""
     with tempfile.TemporaryDirectory(prefix="hubodo-") as folder:
-        path = Path(folder) / NAME
-        path.write_text(text, "utf-8")
+        path = Path(folder) / UNIT_NAME
+        path.write_text(unit, "utf-8")
         try:
             result = subprocess.run(
                 ["systemd-analyze", "security", "--offline=true", "--no-pager", str(path)],
@@ -108,6 +108,6 @@ def exposure(text: str) -> float | None:
     return float(words[0]) if marker and words else None
 
 
-def _quoted(path: Path) -> str:
+def _quote_path(path: Path) -> str:
     text = str(path).replace("%", "%%").replace("\\", "\\\\").replace('"', '\\"').replace("$", "$$")
     return f'"{text}"' if " " in text or '"' in text else text

@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 StrPath = str | os.PathLike[str]
 
 
-def given_vehicle(vehicle: StrPath | Vehicle) -> Vehicle:
+def as_vehicle(vehicle: StrPath | Vehicle) -> Vehicle:
     """Return the vehicle, read from its file if a path is given; raise ConfigError as `load_vehicle` does."""
     return vehicle if isinstance(vehicle, Vehicle) else load_vehicle(Path(vehicle))
 
 
-def given_model(model: StrPath | Model) -> Model:
+def as_model(model: StrPath | Model) -> Model:
     """Return the model, read from its file if a path is given; raise ConfigError as `read_model` does."""
     if not isinstance(model, str | os.PathLike):
         return model
@@ -29,7 +29,7 @@ def given_model(model: StrPath | Model) -> Model:
     return read_model(Path(model))
 
 
-def given_calibration(
+def as_calibration(
     calibration: StrPath | Calibration | None,
 ) -> tuple[Calibration | None, dict[str, str] | None]:
     """Return the calibration, and path and hash of its file if it was read from one; raise ConfigError."""

@@ -10,7 +10,7 @@ from typing import Any
 
 from rich.console import Console
 
-from hubodo.demo.led_node import LedNode
+from hubodo.demo.attached_node import AttachedNode
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
 from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.interpreters.find import InterpreterMissing
@@ -36,14 +36,14 @@ INTERPRETERS: dict[InterpreterKind, str] = {
 }
 
 RATE_HZ = 416
-SETTLE = 4.0
+DRIVE_START_S = 4.0
 """Time in s between power-on and the start of the drive; a node boots in one to two seconds."""
 _RECORDING_MARGIN_S = 1.0  # recorded after the end of the drive
 _DEFAULT_PICO = PicoSettings()
 
 
 @dataclass(frozen=True)
-class Rider:
+class SimulatedNode:
     """One node of a simulated drive.
 
     Attributes
@@ -65,7 +65,7 @@ class Rider:
 
 
 @dataclass(frozen=True)
-class RideResult:
+class SimulatedDrive:
     """The files and statistics of a simulated drive.
 
     Attributes
@@ -108,7 +108,7 @@ def choose_interpreter(requested: str, image: Path | None = None, bootrom: Path 
 ) -> InterpreterKind:
     """Return the requested interpreter, or for `auto` MicroPython if installed, else CPython.
 
-    image, bootrom: files of an emulated Pico. Prints a notice on stderr if `auto` falls back to CPython. Raises
+    image, bootrom: files of an emulated Pico. Prints a notice on stderr if `auto` uses CPython. Raises
     InterpreterMissing or ImageMissing if the requested one is not available.
     """
     if requested == "rp2040":
@@ -138,35 +138,37 @@ def write_image(folder: Path, interpreter: InterpreterKind) -> Path:
     return folder
 
 
-def ride(
-    riders: Mapping[str, Rider],
+def record_drive(
+    simulated_nodes: Mapping[str, SimulatedNode],
     vehicle_toml: str,
     out: Path,
     interpreter: InterpreterKind,
     seed: int,
-    tick: Callable[[float], None],
+    report_progress: Callable[[float], None],
     rate_hz: int = RATE_HZ,
     pico: PicoSettings = _DEFAULT_PICO,
     start_ns: int | None = None,
-) -> RideResult:
+) -> SimulatedDrive:
     """Simulate and record a drive as fast as the computer allows.
 
-    riders: by node name, one of `hubowire.messages.NODE_IDS`; their drive starts SETTLE s after power-on.
-    tick: called after each step with the completed share, 0 to 1. start_ns: host time of power-on; None: now.
+    simulated_nodes: by node name, one of `hubowire.messages.NODE_IDS`; the drive starts DRIVE_START_S after
+    power-on. report_progress: gets the completed share, 0 to 1. start_ns: host time of power-on; None: now.
     Raises HubodoError if the recorder or a node fails.
     """
     firmware = write_image(out / "firmware", interpreter)
     vehicle, log = out / "vehicle.toml", out / "drive.mcap"
     vehicle.write_text(vehicle_toml, "utf-8")
-    duration = max(rider.motion.duration for rider in riders.values()) + _RECORDING_MARGIN_S
-    ports = tuple(f"{name}={out / f'tty-{name}'}" for name in riders)
+    duration = max(rider.motion.duration for rider in simulated_nodes.values()) + _RECORDING_MARGIN_S
+    ports = tuple(f"{name}={out / f'tty-{name}'}" for name in simulated_nodes)
     with ExitStack() as stack:
         computer = VirtualComputer(
-            lambda t_ns: tick(min(1.0, (t_ns - zero_ns) / NS_PER_S / duration)), start_ns=start_ns, folder=out
+            lambda t_ns: report_progress(min(1.0, (t_ns - zero_ns) / NS_PER_S / duration)),
+            start_ns=start_ns,
+            folder=out,
         )
         zero_ns = computer.now_ns()
         nodes = {}
-        for name, rider in riders.items():
+        for name, rider in simulated_nodes.items():
             flash = Flash(firmware, {"node_id": NODE_IDS[name], "rate_hz": rate_hz})
             board = BoardSettings(
                 interpreter=interpreter,
@@ -174,14 +176,18 @@ def ride(
                 unique_id=_serial(seed, name),
                 random_seed=2 * seed + NODE_IDS[name],
             )
-            node = _node(rider, flash, board, out / f"tty-{name}", seed * 2 + NODE_IDS[name])
+            node = _make_node(rider, flash, board, out / f"tty-{name}", seed * 2 + NODE_IDS[name])
             nodes[name] = stack.enter_context(node)
-            computer.plug_in(LedNode(node, computer))
+            computer.plug_in(AttachedNode(node, computer))
         recorded = record(
             RecordConfig(ports=ports, duration=duration),
             log,
             vehicle=load_vehicle(vehicle),
-            metadata={"hubodo": __version__, "fingerprint": f"{FINGERPRINT:08x}", "ports": " ".join(riders)},
+            metadata={
+                "hubodo": __version__,
+                "fingerprint": f"{FINGERPRINT:08x}",
+                "ports": " ".join(simulated_nodes),
+            },
             attachments={"vehicle.toml": vehicle.read_bytes()},
             computer=computer,
             console=Console(quiet=True),
@@ -189,19 +195,21 @@ def ride(
         stats = {name: dict(node.stats) for name, node in nodes.items()}
     if recorded.duration < duration:
         raise KeyboardInterrupt
-    silent = [name for name in riders if name not in recorded.nodes]
+    silent = [name for name in simulated_nodes if name not in recorded.nodes]
     if silent:
         raise HubodoError(f"{silent[0]}: no data received from this virtual node")
-    return RideResult(log, vehicle, zero_ns + int(SETTLE * NS_PER_S), recorded.as_json(), stats)
+    return SimulatedDrive(log, vehicle, zero_ns + int(DRIVE_START_S * NS_PER_S), recorded.as_json(), stats)
 
 
-def _node(rider: Rider, flash: Flash, board: BoardSettings, port: Path, seed: int) -> VirtualNode:
+def _make_node(
+    simulated_node: SimulatedNode, flash: Flash, board: BoardSettings, port: Path, seed: int
+) -> VirtualNode:
     return VirtualNode(
-        rider.motion,
+        simulated_node.motion,
         flash,
-        sensors=SensorBoard(specimen=Specimen(rider.odr_error, disturbance=rider.scatter)),
+        sensors=SensorBoard(specimen=Specimen(simulated_node.odr_error, disturbance=simulated_node.scatter)),
         board=board,
-        clock=Clock("lockstep", ppm=rider.clock_ppm),
+        clock=Clock("lockstep", ppm=simulated_node.clock_ppm),
         host=Host(path=port),
         seed=seed,
     )

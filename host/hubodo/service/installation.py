@@ -13,60 +13,67 @@ from pathlib import Path
 from hubodo.atomic_files import write_atomically
 from hubodo.errors import HubodoError, InputError
 from hubodo.ingest.live.record_config import load_record_config
-from hubodo.service import rules, unit
+from hubodo.service import systemd_unit, udev_rules
 
 
 @dataclass(frozen=True)
-class Place:
+class ServiceLocation:
     """The locations of the service's files.
 
     Attributes
     ----------
-    user
+    is_user_service
         True for a service of one user, False for one of the system.
     root
         Root folder of another system whose files are written; None for this one.
     """
 
-    user: bool = False
+    is_user_service: bool = False
     root: Path | None = None
 
     @property
     def unit(self) -> Path:
         """Path of the systemd unit."""
         return (
-            self._at(self._config_home() / "systemd/user" if self.user else Path("/etc/systemd/system"))
-            / unit.NAME
+            self._at(
+                self._config_home() / "systemd/user" if self.is_user_service else Path("/etc/systemd/system")
+            )
+            / systemd_unit.UNIT_NAME
         )
 
     @property
     def rules(self) -> Path | None:
         """Path of the udev rules; None for a user service."""
-        return None if self.user else self._at(Path("/etc/udev/rules.d")) / rules.NAME
+        return (
+            None if self.is_user_service else self._at(Path("/etc/udev/rules.d")) / udev_rules.RULES_FILE_NAME
+        )
 
     @property
     def config(self) -> Path:
         """Path of hubodo.toml."""
-        return self._at(self._config_home() / "hubodo" if self.user else Path("/etc/hubodo")) / "hubodo.toml"
+        return (
+            self._at(self._config_home() / "hubodo" if self.is_user_service else Path("/etc/hubodo"))
+            / "hubodo.toml"
+        )
 
     @property
-    def logs(self) -> str:
+    def log_folder_text(self) -> str:
         """Description of the log folder."""
-        return "hubodo in the user's state folder" if self.user else "/var/lib/hubodo"
+        return "hubodo in the user's state folder" if self.is_user_service else "/var/lib/hubodo"
 
-    def running(self, path: Path) -> Path:
+    def path_on_target(self, path: Path) -> Path:
         """Return a path as seen by the system that will run the service."""
         return path if self.root is None else Path("/") / path.relative_to(self.root)
 
     def systemctl(self, *arguments: str) -> tuple[str, ...]:
         """Return a systemctl command line."""
-        return ("systemctl", *(("--user",) if self.user else ()), *arguments)
+        return ("systemctl", *(("--user",) if self.is_user_service else ()), *arguments)
 
-    def commands(self) -> list[tuple[str, ...]]:
+    def activation_commands(self) -> list[tuple[str, ...]]:
         """Return the commands to run after the files are installed."""
-        start = [self.systemctl("daemon-reload"), self.systemctl("enable", "--now", unit.NAME)]
+        start = [self.systemctl("daemon-reload"), self.systemctl("enable", "--now", systemd_unit.UNIT_NAME)]
         devices = [("udevadm", "control", "--reload"), ("udevadm", "trigger", "--subsystem-match=tty")]
-        return start if self.user else devices + start
+        return start if self.is_user_service else devices + start
 
     def _at(self, path: Path) -> Path:
         return path if self.root is None else self.root / path.relative_to("/")
@@ -75,7 +82,7 @@ class Place:
         return Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config")
 
 
-def planned(place: Place, config: Path | None, program: Path | None) -> dict[Path, str]:
+def plan_files(location: ServiceLocation, config: Path | None, program: Path | None) -> dict[Path, str]:
     """Return the content of the files of an installation, by path.
 
     config: a hubodo.toml to install together with the files it names. Raises ConfigError if it is invalid,
@@ -86,22 +93,24 @@ def planned(place: Place, config: Path | None, program: Path | None) -> dict[Pat
         settings = load_record_config(config)
         if not settings.ports and settings.gnss is None:
             raise InputError(f"{config}: has no port; add ports to its [record]")
-        files[place.config] = config.read_text("utf-8")
+        files[location.config] = config.read_text("utf-8")
         for file in (settings.vehicle, settings.calibration):
             if file is not None and not Path(file).is_absolute():
-                files[place.config.parent / file] = _text(config.parent / file)
-    elif not place.config.exists():
+                files[location.config.parent / file] = _read_text(config.parent / file)
+    elif not location.config.exists():
         raise InputError(
-            f"{place.config} does not exist; give --config FILE (start with hubodo config example > FILE)"
+            f"{location.config} does not exist; give --config FILE (start with hubodo config example > FILE)"
         )
-    config_path = place.running(place.config)
-    files[place.unit] = unit.unit_text(program or this_program(), config_path, user=place.user)
-    if place.rules is not None:
-        files[place.rules] = rules.rules_text()
+    config_path = location.path_on_target(location.config)
+    files[location.unit] = systemd_unit.unit_text(
+        program or find_program(), config_path, user=location.is_user_service
+    )
+    if location.rules is not None:
+        files[location.rules] = udev_rules.rules_text()
     return files
 
 
-def write(files: dict[Path, str]) -> None:
+def write_files(files: dict[Path, str]) -> None:
     """Write the files, each atomically; raise InputError without permission."""
     for path, text in files.items():
         try:
@@ -113,7 +122,7 @@ def write(files: dict[Path, str]) -> None:
             ) from None
 
 
-def remove(paths: Sequence[Path]) -> None:
+def remove_files(paths: Sequence[Path]) -> None:
     """Delete the files; raise InputError without permission."""
     for path in paths:
         try:
@@ -134,7 +143,7 @@ def check_systemd() -> None:
         )
 
 
-def run(commands: Sequence[tuple[str, ...]]) -> None:
+def run_commands(commands: Sequence[tuple[str, ...]]) -> None:
     """Run the commands and raise HubodoError at the first failure; missing programs are skipped."""
     for command in commands:
         if shutil.which(command[0]) is None:
@@ -145,7 +154,7 @@ def run(commands: Sequence[tuple[str, ...]]) -> None:
             raise HubodoError(f"{' '.join(command)}: {reason}")
 
 
-def this_program() -> Path:
+def find_program() -> Path:
     """Return the path of the `hubodo` command that belongs to this Python."""
     candidate = Path(sys.executable).parent / "hubodo"
     program = candidate if candidate.exists() else shutil.which("hubodo")
@@ -154,13 +163,13 @@ def this_program() -> Path:
     return Path(program)
 
 
-def out_of_reach(program: Path) -> Path | None:
+def inaccessible_parent(program: Path) -> Path | None:
     """Return a parent folder that only its owner may enter, where the service could not start, or None."""
     parents = [folder for path in (program, program.resolve()) for folder in path.parents]
     return next((folder for folder in parents if folder.is_dir() and not folder.stat().st_mode & 0o001), None)
 
 
-def _text(path: Path) -> str:
+def _read_text(path: Path) -> str:
     try:
         return path.read_text("utf-8")
     except OSError as error:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-NAME = "70-hubodo.rules"
+RULES_FILE_NAME = "70-hubodo.rules"
 """The number sorts after 60-serial.rules of the system and before 77 and 80 of ModemManager."""
 
 BOARDS: tuple[tuple[str, str, str], ...] = (

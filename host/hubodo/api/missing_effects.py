@@ -2,24 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from hubodo.api.given import StrPath
+from hubodo.api.arguments import StrPath, as_model
 from hubodo.api.plot import Plot
 from hubodo.effects import BY_NAME
 from hubodo.errors import InputError
 from hubodo.gap.explain.result import Finding, GapResult
-from hubodo.gap.explain.summary import describe_verdict, format_probability, format_with_sigma, list_advice
+from hubodo.gap.problem.assumed import assumed_model
+from hubodo.gap.tell.summary import describe_verdict, format_probability, format_with_sigma, list_advice
 from hubodo.gap.judge.round import EMPIRICAL
+from hubodo.gap.workflow import find_gap
 from hubodo.html_table import html_lines, html_table
 from hubodo.model.model_file import Model
+from hubodo.progress import progress_line
 from hubodo.report.drawing import blank
 from hubodo.report.gap_files import check_gap_folder, gap_contents, gap_json, write_texts
 from hubodo.report.page import COLOURS
 from hubodo.toml_file import suggest_spelling
+
+if TYPE_CHECKING:
+    from hubodo.api.log import LoadedLog
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -141,6 +148,27 @@ class MissingEffects:
         ]
         table = html_table(("effect", "scope", "parameters", "confidence", "gap"), rows) if rows else ""
         return html_lines((describe_verdict(self.result),)) + table + html_lines(list_advice(self.result))
+
+
+def search_gap(
+    log: LoadedLog, model: StrPath | Model | None, accept: Sequence[str], reject: Sequence[str]
+) -> MissingEffects:
+    """Search the effects that a model lacks to explain a log; see `LoadedLog.gap`."""
+    check_effects(accept, reject)
+    if model is not None:
+        used_model = as_model(model)
+    elif log.vehicle is not None:
+        used_model = assumed_model(log.recording, log.vehicle, str(log.path))
+    else:
+        raise InputError(f"{log.path}: holds no vehicle; give a model file")
+    with progress_line() as show:
+        result = find_gap(
+            log.recording, used_model, accept=accept, reject=reject, where=str(log.path), say=show
+        )
+    if not result.finished:
+        raise KeyboardInterrupt("the search was interrupted")
+    model_name = Path(model).name if isinstance(model, str | os.PathLike) else "the model"
+    return MissingEffects(result, log.path.name, model_name)
 
 
 def check_effects(accept: Iterable[str], reject: Iterable[str]) -> None:

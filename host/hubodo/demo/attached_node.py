@@ -8,7 +8,7 @@ from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.ingest.live.virtual_computer import SentBytes, VirtualComputer
 
 
-class LedNode:
+class AttachedNode:
     """A `Device` of the virtual computer: a running node, powered on at the computer's present time."""
 
     def __init__(self, node: VirtualNode, computer: VirtualComputer) -> None:
