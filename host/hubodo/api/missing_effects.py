@@ -13,9 +13,9 @@ from hubodo.api.plot import Plot
 from hubodo.effects import BY_NAME
 from hubodo.errors import InputError
 from hubodo.gap.explain.result import Finding, GapResult
+from hubodo.gap.judge.round import EMPIRICAL
 from hubodo.gap.problem.assumed import assumed_model
 from hubodo.gap.tell.summary import describe_verdict, format_probability, format_with_sigma, list_advice
-from hubodo.gap.judge.round import EMPIRICAL
 from hubodo.gap.workflow import find_gap
 from hubodo.html_table import html_lines, html_table
 from hubodo.model.model_file import Model

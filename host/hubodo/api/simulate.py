@@ -101,7 +101,9 @@ def simulate(
         supply=supply,
     )
     recording = experiments.simulate(used_model, experiment, rate, reference_rate, seed)
-    recording = replace(experiments.with_simulation_metadata(recording, drive, used_model, seed), warnings=notes)
+    recording = replace(
+        experiments.with_simulation_metadata(recording, drive, used_model, seed), warnings=notes
+    )
     return LoadedLog(Path(f"simulated-{drive}"), recording, used_model.vehicle)
 
 
