@@ -13,9 +13,9 @@ from hubodo.api.plot import Plot
 from hubodo.effects import BY_NAME
 from hubodo.errors import InputError
 from hubodo.gap.explain.result import Finding, GapResult
+from hubodo.gap.explain.summary import describe_verdict, format_probability, format_with_sigma, list_advice
 from hubodo.gap.judge.round import EMPIRICAL
-from hubodo.gap.problem.assumed import assumed_model
-from hubodo.gap.tell.summary import describe_verdict, format_probability, format_with_sigma, list_advice
+from hubodo.gap.problem.assumed import assume_model
 from hubodo.gap.workflow import find_gap
 from hubodo.html_table import html_lines, html_table
 from hubodo.model.model_file import Model
@@ -158,14 +158,19 @@ def search_gap(
     if model is not None:
         used_model = as_model(model)
     elif log.vehicle is not None:
-        used_model = assumed_model(log.recording, log.vehicle, str(log.path))
+        used_model = assume_model(log.recording, log.vehicle, str(log.path))
     else:
         raise InputError(f"{log.path}: holds no vehicle; give a model file")
     with progress_line() as show:
         result = find_gap(
-            log.recording, used_model, accept=accept, reject=reject, where=str(log.path), say=show
+            log.recording,
+            used_model,
+            accept=accept,
+            reject=reject,
+            log_name=str(log.path),
+            report_progress=show,
         )
-    if not result.finished:
+    if not result.is_finished:
         raise KeyboardInterrupt("the search was interrupted")
     model_name = Path(model).name if isinstance(model, str | os.PathLike) else "the model"
     return MissingEffects(result, log.path.name, model_name)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from hubodo.api.arguments import StrPath, as_calibration, as_vehicle
 from hubodo.api.plot import Plot
 from hubodo.errors import InputError
-from hubodo.fuse.fusion import FusedRecording, check_no_results, fuse_recording, track_table, write_results
+from hubodo.fuse.fusion import FusedRecording, check_no_results, fuse_recording, track_to_table, write_results
 from hubodo.fuse.track import Score, Track
 from hubodo.html_table import html_lines, html_table
 from hubodo.recording import Table
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from hubodo.api.log import LoadedLog
     from hubodo.calibration.file import Calibration
-    from hubodo.fuse.wheels import Method
+    from hubodo.fuse.wheel_odometry import Method
     from hubodo.vehicle import Vehicle
 
 
