@@ -104,7 +104,8 @@ def add_board_arguments(parser: argparse.ArgumentParser, context: str) -> None:
     )
 
 
-def choose_interpreter(requested: str, image: Path | None = None, bootrom: Path | None = None
+def choose_interpreter(
+    requested: str, image: Path | None = None, bootrom: Path | None = None
 ) -> InterpreterKind:
     """Return the requested interpreter, or for `auto` MicroPython if installed, else CPython.
 
