@@ -170,7 +170,7 @@ def _install(args: argparse.Namespace, location: ServiceLocation, files_only: bo
     if private_folder is not None:
         warnings.append(
             f"{program} is below {private_folder}, which only its owner may enter: the service runs as "
-            "its own user and will not start; install hubodo in a public folder, such as /opt/hubodo, or use --user"
+            "its own user and will not start; install hubodo below /opt, for example, or use --user"
         )
     commands = location.activation_commands()
     if not args.dry_run:

@@ -1,1 +1,1 @@
-"""The live page of a recording and the recordings themselves, over HTTP, and Foxglove's live protocol."""
+"""The live page of a recording and the recordings themselves over HTTP, and Foxglove's live protocol."""

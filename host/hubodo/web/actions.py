@@ -1,4 +1,4 @@
-"""What a visitor may have done: a bias initialisation, a mark, the end of the log and the next one."""
+"""Actions that a visitor may request: bias initialisation, mark, end of the log, start of the next log."""
 
 from __future__ import annotations
 
@@ -11,59 +11,61 @@ from hubodo.web.asked import NotServed
 from hubodo.web.live_page import LivePage, Wish
 from hubowire.messages import BiasInit
 
-_SAMPLES = 2000
-_LONGEST_MARK = 200
+_MIN_BIAS_SAMPLES = 2000
+_MAX_MARK_LENGTH = 200
 
 
 class Actions:
-    """Turns what was asked for into wishes for the recording."""
+    """The conversion of requests from visitors into tasks for the recording."""
 
     def __init__(self, page: LivePage) -> None:
         self._page = page
 
     @property
     def newest(self) -> Snapshot | None:
-        """The newest snapshot."""
+        """Return the newest snapshot."""
         return self._page.newest
 
     def now_ns(self) -> int:
-        """Return the time of the recording's own clock."""
+        """Return the time of the recording's own clock, ns."""
         return self._page.now_ns()
 
     @property
     def file(self) -> Path | None:
-        """The log that is being written."""
+        """Return the log that is being written, or None."""
         return self._page.file
 
-    def do(self, action: str, asked: dict[str, Any]) -> None:
-        """Raises NotServed for what makes no sense; what comes of the rest is an event on the page."""
+    def do(self, action: str, body: dict[str, Any]) -> None:
+        """Queue an action; raise NotServed if it is invalid. Its outcome appears as an event on the page."""
         match action:
             case "bias":
-                taken = self._page.wish(_bias(str(asked.get("node")), asked.get("samples", _SAMPLES)))
+                accepted = self._page.wish(
+                    _bias(str(body.get("node")), body.get("samples", _MIN_BIAS_SAMPLES))
+                )
             case "mark":
-                taken = self._page.wish(_mark(str(asked.get("text", ""))))
-            case "record" if isinstance(asked.get("on"), bool):
-                taken = self._page.record(asked["on"])
+                accepted = self._page.wish(_mark(str(body.get("text", ""))))
+            case "record" if isinstance(body.get("on"), bool):
+                accepted = self._page.record(body["on"])
             case _:
                 raise NotServed(404, "bias with node, mark with text, or record with on")
-        if not taken:
-            raise NotServed(429, "too many wishes at once; wait a second")
+        if not accepted:
+            raise NotServed(429, "too many requests at once; wait a second")
 
 
 def _bias(node: str, samples: object) -> Wish:
-    if not isinstance(samples, int) or not _SAMPLES <= samples <= 65535:
-        raise NotServed(400, f"samples: from {_SAMPLES} to 65535")
-    words = f"bias initialisation over {samples} samples"
+    if not isinstance(samples, int) or not _MIN_BIAS_SAMPLES <= samples <= 65535:
+        raise NotServed(400, f"samples: from {_MIN_BIAS_SAMPLES} to 65535")
+    label = f"bias initialisation over {samples} samples"
 
     def wish(recorder: Recorder) -> None:
-        recorder.request(node, BiasInit(samples), words)
+        recorder.request(node, BiasInit(samples), label)
 
     return wish
 
 
 def _mark(text: str) -> Wish:
     printable = "".join(letter if letter.isprintable() else " " for letter in text)
-    line = " ".join(printable.split())[:_LONGEST_MARK] or "mark"
+    line = " ".join(printable.split())[:_MAX_MARK_LENGTH] or "mark"
 
     def wish(recorder: Recorder) -> None:
         recorder.add_mark(line)

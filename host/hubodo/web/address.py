@@ -1,4 +1,4 @@
-"""Where a server listens, and which names of it a browser may use."""
+"""Listening addresses, and the host names that a browser may use for them."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ LOOPBACK = "127.0.0.1"
 
 @dataclass(frozen=True)
 class Address:
-    """host: a name or an IP number without brackets."""
+    """The address of a server; `host` is a name or an IP number without brackets."""
 
     host: str
     port: int
 
     @property
     def loopback(self) -> bool:
-        """Whether nobody but this computer reaches it."""
+        """Return True if only this computer can reach the address."""
         number = _number(self.host)
         return self.host.lower() == "localhost" if number is None else number.is_loopback
 
@@ -29,16 +29,16 @@ class Address:
         return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
 
     def listen(self) -> BoundedListener:
-        """Return a socket that listens there. Raises InputError where that is not possible."""
+        """Return a listening socket; raise InputError if that is not possible."""
         try:
             return BoundedListener.listen_on(self.host, self.port)
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or error
-            raise InputError(f"{self}: cannot listen there: {reason}; name another HOST:PORT") from None
+            raise InputError(f"{self}: cannot listen: {reason}; give another HOST:PORT") from None
 
 
 def parse_address(text: str, port: int) -> Address:
-    """`HOST:PORT`, `HOST`, `:PORT` or `PORT`; what is missing is loopback and `port`. Raises InputError."""
+    """Parse `HOST:PORT`, `HOST`, `:PORT` or `PORT`, by default loopback and `port`; raise InputError."""
     if text.isdigit():
         text = ":" + text
     host, colon, number = text.rpartition(":")
@@ -47,31 +47,31 @@ def parse_address(text: str, port: int) -> Address:
     host = host.removeprefix("[").removesuffix("]")
     if not number.isascii() or not number.isdigit() or int(number) > 65535 or set(host) & set("/=@ "):
         raise InputError(
-            f"{text!r} is no HOST:PORT; write such as {LOOPBACK}:{port}, and ports of nodes before it"
+            f"{text!r} is no HOST:PORT; write {LOOPBACK}:{port}, for example, after the ports of nodes"
         )
     return Address(host or LOOPBACK, int(number))
 
 
 def split_host(text: str) -> str:
-    """The name in a Host header or in the authority of a URL, lower case, without port and brackets."""
+    """Return the name in a Host header or URL authority, in lower case, without port and brackets."""
     if text.startswith("["):
         return text[1:].partition("]")[0].lower()
     return text.partition(":")[0].lower().removesuffix(".")
 
 
-def host_allowed(name: str, address: Address, more: frozenset[str]) -> bool:
-    """Whether a browser that used this name for the server was not sent by somebody else's name service.
+def host_allowed(name: str, address: Address, extra_names: frozenset[str]) -> bool:
+    """Return True if a browser used a name that belongs to this server (protection against DNS rebinding).
 
-    A page of another site can make a name of its own point to this computer, but neither an IP number nor the
+    A page of another site can make its own name point to this computer, but neither an IP number nor the
     computer's own name.
     """
     if _number(name) is not None:
         return True
-    own = {"localhost", address.host.lower(), *more}
+    names = {"localhost", address.host.lower(), *extra_names}
     if not address.loopback:
         machine = socket.gethostname().lower()
-        own |= {machine, f"{machine.partition('.')[0]}.local"}
-    return name in own
+        names |= {machine, f"{machine.partition('.')[0]}.local"}
+    return name in names
 
 
 def _number(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:

@@ -1,4 +1,4 @@
-"""The addresses of the server: the page, the live feed, what a node is asked, recordings and their pages."""
+"""The routes of the server: pages, live feed, actions, recordings and jobs."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ from hubodo.web.library import Library, RecordingFile
 from hubodo.web.secrets import SESSION_S, Secrets
 
 STATIC = Path(__file__).parent / "static"
-_SEND_S = 20.0
-_PAGE_RULES = (
+_SEND_TIMEOUT_S = 20.0
+_GENERATED_PAGE_POLICY = (
     "sandbox allow-scripts allow-popups; default-src 'none'; script-src 'unsafe-inline'; "
     "style-src 'unsafe-inline'; img-src data: blob:; font-src data:"
 )
-"""For pages made of a recording: they draw, but can ask this server for nothing."""
+"""Content security policy of generated pages: scripts may draw, but not access the server."""
 
 
 class Pages:
-    """The routes and what they need; used on the server's loop alone."""
+    """The request handlers and their dependencies; used only on the server's event loop."""
 
     def __init__(
         self,
@@ -57,7 +57,7 @@ class Pages:
         self._jobs = Jobs(site.job_limit)
 
     def routes(self) -> list[Route | WebSocketRoute | Mount]:
-        """All that there is."""
+        """Return all routes."""
         return [
             Route("/", self._index),
             Route("/login", self._login, methods=["GET", "POST"]),
@@ -77,7 +77,7 @@ class Pages:
         ]
 
     async def close(self) -> None:
-        """At the end of the server."""
+        """Stop running jobs when the server ends."""
         await self._jobs.close()
 
     async def _index(self, request: Request) -> Response:
@@ -85,21 +85,23 @@ class Pages:
         return HTMLResponse(
             text.replace("{{csrf}}", self._secrets.csrf)
             .replace("{{live}}", "yes" if self._hub else "no")
-            .replace("{{token}}", "yes" if self._secrets.asked_for else "no")
+            .replace("{{token}}", "yes" if self._secrets.is_token_required else "no")
         )
 
     async def _login(self, request: Request) -> Response:
         text = (STATIC / "login.html").read_text("utf-8")
         if request.method == "GET":
-            return HTMLResponse(text.replace("{{wrong}}", ""))
+            return HTMLResponse(text.replace("{{error}}", ""))
         body = await body_of(request)
-        given = form_of(body).get("token", "")
+        token = form_of(body).get("token", "")
         try:
-            known = await self._limiter.verify(visitor(request.scope), lambda: self._secrets.is_token(given))
+            is_valid = await self._limiter.verify(
+                visitor(request.scope), lambda: self._secrets.is_token(token)
+            )
         except TooManyGuesses:
             return too_many_guesses()
-        if not known:
-            return HTMLResponse(text.replace("{{wrong}}", "That is not the token."), 403)
+        if not is_valid:
+            return HTMLResponse(text.replace("{{error}}", "Invalid token."), 403)
         answer = RedirectResponse("/", 303)
         answer.set_cookie(
             COOKIE,
@@ -139,9 +141,9 @@ class Pages:
                 if session is not None and not self._secrets.is_known_session(session):
                     await socket.close(4401)
                     break
-                await asyncio.wait_for(socket.send_text(waiting.result()), _SEND_S)
+                await asyncio.wait_for(socket.send_text(waiting.result()), _SEND_TIMEOUT_S)
         except (TimeoutError, WebSocketDisconnect, RuntimeError, OSError):
-            pass  # it reads nothing, or has gone
+            pass  # the client does not read, or has disconnected
         finally:
             reading.cancel()
             await following.aclose()  # type: ignore[attr-defined]
@@ -165,8 +167,8 @@ class Pages:
         entry = self._entry(request.path_params["name"])
         page = self._library.derived.read((*entry.parts, *parts), entry.changed)
         if page is None:
-            raise NotServed(404, "it has not been made yet, or the recording has changed since")
-        return HTMLResponse(page, headers={"content-security-policy": _PAGE_RULES})
+            raise NotServed(404, "not generated yet, or the recording has changed since")
+        return HTMLResponse(page, headers={"content-security-policy": _GENERATED_PAGE_POLICY})
 
     def _entry(self, name: str) -> RecordingFile:
         entry = self._library.find(name)
@@ -181,28 +183,28 @@ class Pages:
         return Response(body, status, media_type=kind)
 
     async def _start_job(self, request: Request) -> Response:
-        asked = await json_of(request)
-        kind, entry = asked.get("kind"), self._entry(str(asked.get("name")))
-        file, into = str(entry.path.absolute()), entry.parts
+        body = await json_of(request)
+        kind, entry = body.get("kind"), self._entry(str(body.get("name")))
+        file, folder_parts = str(entry.path.absolute()), entry.parts
         if kind == "info":
             words = ["info", file]
         elif kind == "report":
             words = ["report", file, "-o", f"{SCRATCH}/report.html"]
         elif kind == "gap":
-            model = self._library.models().get(str(asked.get("model")))
+            model = self._library.models().get(str(body.get("model")))
             if model is None:
-                raise NotServed(404, "no such model file; put one into the folder of the recordings")
-            words, into = ["gap", str(model.absolute()), file, "-o", SCRATCH], (*entry.parts, "gap")
+                raise NotServed(404, "no such model file; put it into the folder of the recordings")
+            words, folder_parts = ["gap", str(model.absolute()), file, "-o", SCRATCH], (*entry.parts, "gap")
         else:
-            raise NotServed(400, "kind is info, report or gap")
-        publish = None if kind == "info" else functools.partial(self._library.derived.publish, into)
+            raise NotServed(400, "kind must be info, report or gap")
+        publish = None if kind == "info" else functools.partial(self._library.derived.publish, folder_parts)
         try:
-            self._library.derived.check(into)
+            self._library.derived.check(folder_parts)
         except OSError:
-            raise NotServed(409, "a link stands where its files would be written; remove it") from None
+            raise NotServed(409, "a symbolic link blocks the output folder; remove it") from None
         job = self._jobs.start(kind, entry.name, words, publish)
         if job is None:
-            raise NotServed(429, "too much is being worked out already; wait for its end")
+            raise NotServed(429, "too many jobs; wait until one is finished")
         return json_answer(job.as_json(), 202)
 
     async def _cancel_job(self, request: Request) -> Response:
@@ -214,7 +216,7 @@ class Pages:
         return json_answer(self._job_of(request).as_json())
 
     def _job_of(self, request: Request) -> Job:
-        # Not by the router: a number of thousands of digits is none for it, nor an error that it knows.
+        # Not parsed by the router, which fails on a number with thousands of digits.
         text = request.path_params["number"]
         job = self._jobs.get(int(text)) if text.isascii() and text.isdigit() and len(text) < 10 else None
         if job is None:
@@ -223,7 +225,7 @@ class Pages:
 
     async def _do(self, request: Request) -> Response:
         if self._actions is None:
-            raise NotServed(404, "nothing is being recorded here")
+            raise NotServed(404, "no recording is running")
         self._actions.do(request.path_params["action"], await json_of(request))
         return json_answer({"ok": True}, 202)
 
@@ -234,7 +236,7 @@ def make_app(
     hub: Hub | None = None,
     actions: Actions | None = None,
 ) -> Starlette:
-    """hub, actions: None where only recordings are served."""
+    """Return the application; hub and actions are None if only recordings are served."""
     secrets, limiter = Secrets(site.token), GuessLimiter()
     pages = Pages(site, secrets, limiter, library, hub, actions)
 
@@ -261,7 +263,7 @@ def _refused(request: Request, error: Exception) -> Response:
 
 
 async def _until_gone(socket: WebSocket) -> None:
-    """Pages say nothing; what they say is let go."""
+    """Wait until the client disconnects; discard what it sends."""
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):
         while True:
             await socket.receive_text()

@@ -1,4 +1,4 @@
-"""What a visitor sends, read in bounds; and the error that answers it."""
+"""Request bodies with bounded size and time, and the error response."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from starlette.responses import Response
 
 from hubodo.safe_text import json_text
 
-_MOST_BODY = 4096
-_BODY_S = 10.0
+_MAX_BODY_BYTES = 4096
+_BODY_TIMEOUT_S = 10.0
 
 
 class NotServed(Exception):
-    """What was asked for cannot be; status: of HTTP."""
+    """A request that cannot be served; `status` is the HTTP status."""
 
     def __init__(self, status: int, text: str) -> None:
         super().__init__(text)
@@ -25,41 +25,41 @@ class NotServed(Exception):
 
 
 async def body_of(request: Request) -> bytes:
-    """At most some kB. Raises NotServed."""
+    """Return the body of a request; raise NotServed if it is too long or too slow."""
     body = b""
     try:
-        async with asyncio.timeout(_BODY_S):
+        async with asyncio.timeout(_BODY_TIMEOUT_S):
             async for part in request.stream():
                 body += part
-                if len(body) > _MOST_BODY:
-                    raise NotServed(413, "that is too long")
+                if len(body) > _MAX_BODY_BYTES:
+                    raise NotServed(413, "the request is too long")
     except TimeoutError:
-        raise NotServed(408, "that takes too long") from None
+        raise NotServed(408, "the request takes too long") from None
     except ClientDisconnect:
         raise NotServed(400, "the request ended before its body") from None
     return body
 
 
 async def json_of(request: Request) -> dict[str, Any]:
-    """An object; nothing is an empty one. Raises NotServed."""
+    """Return the JSON object in the body, {} for an empty body; raise NotServed if it is no object."""
     try:
-        asked = json.loads(await body_of(request) or b"{}")
+        content = json.loads(await body_of(request) or b"{}")
     except (ValueError, RecursionError):
-        asked = None
-    if not isinstance(asked, dict):
+        content = None
+    if not isinstance(content, dict):
         raise NotServed(400, "send a JSON object")
-    return asked
+    return content
 
 
 def form_of(body: bytes) -> dict[str, str]:
-    """Return the fields of a form. Raises NotServed for more than a form of ours has."""
+    """Return the fields of a form; raise NotServed if there are too many."""
     try:
         return dict(parse_qsl(body.decode("utf-8", "replace"), max_num_fields=8))
     except ValueError:
-        raise NotServed(400, "that form has too many fields") from None
+        raise NotServed(400, "the form has too many fields") from None
 
 
 def json_answer(content: object, status: int = 200) -> Response:
-    """Return JSON in ASCII: whatever a name or a verb's result holds, it can be sent."""
+    """Return a JSON response in ASCII, so that any name or result can be sent."""
     text = json_text(content, compact=True)
     return Response(text, status, media_type="application/json")

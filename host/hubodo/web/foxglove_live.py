@@ -1,6 +1,6 @@
-"""What goes into a log, also to Foxglove's live view: the same topics, the same bytes.
+"""Forwarding of logged messages to Foxglove's live view: the same topics, the same bytes.
 
-The package foxglove-sdk speaks the protocol, with threads of its own and a bounded backlog for each client.
+The package foxglove-sdk implements the protocol, with its own threads and a bounded backlog per client.
 """
 
 from __future__ import annotations
@@ -28,28 +28,28 @@ from hubodo.web.address import Address
 if TYPE_CHECKING:
     import foxglove
 
-_HEAD = struct.Struct("<BQHIqq")
-_BACKLOG = 8192
-"""Writes that wait for the thread: some seconds of four nodes; beyond them the oldest are dropped."""
+_MESSAGE_HEADER = struct.Struct("<BQHIqq")
+_MAX_BACKLOG = 8192
+"""Queued writes, several seconds of four nodes; beyond that the oldest are dropped."""
 
 
 class FoxgloveClients:
-    """The server and its channels; `ChunkTarget` of a log whose messages go to the clients alone."""
+    """The Foxglove server and its channels; a `ChunkTarget` that sends messages to clients only."""
 
     path = Path()
     size = 0
 
     def __init__(self, address: Address) -> None:
-        """Raises InputError where it cannot be served."""
+        """Start the server; raise InputError if that is not possible."""
         if not address.loopback:
             raise InputError(
-                f"{address}: Foxglove's protocol asks nobody for a token, so it is for this computer alone; "
-                f"from another one: ssh -L {address.port}:127.0.0.1:{address.port} HERE"
+                f"{address}: Foxglove's protocol has no access control, so it is limited to this computer; "
+                f"from another computer use ssh -L {address.port}:127.0.0.1:{address.port} HERE"
             )
         try:
             import foxglove
         except ImportError:
-            raise InputError("foxglove-sdk is not installed; say pip install 'hubodo[foxglove]'") from None
+            raise InputError("foxglove-sdk is not installed; run pip install 'hubodo[foxglove]'") from None
         self.closed = False
         self._sdk = foxglove
         self._context = foxglove.Context()
@@ -58,29 +58,29 @@ class FoxgloveClients:
                 name="hubodo", host=address.host, port=address.port, context=self._context
             )
         except (RuntimeError, OSError) as error:
-            raise InputError(f"{address}: cannot serve Foxglove there: {error}; name another port") from None
-        nothing = foxglove.Schema(name="", encoding="", data=b"")
-        self._schemas: dict[int, foxglove.Schema] = {0: nothing}
+            raise InputError(f"{address}: cannot serve Foxglove: {error}; give another port") from None
+        no_schema = foxglove.Schema(name="", encoding="", data=b"")
+        self._schemas: dict[int, foxglove.Schema] = {0: no_schema}
         self._channels: dict[int, foxglove.Channel] = {}
 
     @property
     def port(self) -> int:
-        """That it listens on."""
+        """Return the port of the server."""
         return self._server.port
 
     @property
     def wanted(self) -> bool:
-        """Whether a client has asked for any topic."""
+        """Return True if a client has subscribed to any topic."""
         return any(channel.has_sinks() for channel in self._channels.values())
 
     def add_schema(self, name: str, encoding: str, data: bytes) -> int:
-        """See `ChunkTarget`."""
+        """Add a schema; see `ChunkTarget`."""
         number = len(self._schemas)
         self._schemas[number] = self._sdk.Schema(name=name, encoding=encoding, data=data)
         return number
 
     def add_channel(self, topic: str, encoding: str, schema_id: int, metadata: Mapping[str, str]) -> int:
-        """See `ChunkTarget`."""
+        """Add a channel; see `ChunkTarget`."""
         number = len(self._channels) + 1
         self._channels[number] = self._sdk.Channel(
             topic,
@@ -92,40 +92,41 @@ class FoxgloveClients:
         return number
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
-        """Clients have no place for it."""
+        """Ignore metadata, which the protocol does not carry."""
 
     def add_attachment(self, name: str, media_type: str, data: bytes, time_ns: int) -> None:
-        """Clients have no place for it."""
+        """Ignore attachments, which the protocol does not carry."""
 
     def add_chunk(self, records: bytes, indexes: MessageIndexes, compression: Compression) -> None:
-        """Sends each message."""
-        at, view = 0, memoryview(records)
-        while at < len(records):
-            _, length, channel, _, t_log_ns, _ = _HEAD.unpack_from(records, at)
-            self.send(channel, bytes(view[at + _HEAD.size : at + 9 + length]), t_log_ns)
-            at += 9 + length
+        """Send each message of a chunk."""
+        offset, view = 0, memoryview(records)
+        while offset < len(records):
+            _, length, channel, _, t_log_ns, _ = _MESSAGE_HEADER.unpack_from(records, offset)
+            self.send(channel, bytes(view[offset + _MESSAGE_HEADER.size : offset + 9 + length]), t_log_ns)
+            offset += 9 + length
 
     def send(self, channel: int, payload: bytes, t_log_ns: int) -> None:
-        """One message to those who asked for its topic."""
+        """Send a message to the subscribers of its topic."""
         self._channels[channel].log(payload, log_time=t_log_ns)
 
     def finish(self) -> None:
-        """Ends the server."""
+        """Stop the server."""
         if not self.closed:
             self.closed = True
             self._server.stop()
 
 
 class FoxgloveLive:
-    """An `Audience` that passes a recording on from a thread of its own; a context manager."""
+    """An `Audience` that forwards a recording from its own thread; a context manager."""
 
     def __init__(self, address: Address) -> None:
-        """Raises InputError where it cannot be served."""
+        """Start the server; raise InputError if that is not possible."""
         self.clients = FoxgloveClients(address)
         self.greetings: list[str] = []
-        """Lines for the user of the recorder, shown once."""
+        """Lines that the recorder prints once for the user."""
         self._log = LogWriter(self.clients, clock=None)
         self._thread: OutputThread[LogRecord | None] | None = None
+        self._channels: dict[int, int] = {}  # channel of the log -> channel of the clients
         self._known: set[tuple[Any, ...]] = set()
         self._wanted = False
 
@@ -139,27 +140,27 @@ class FoxgloveLive:
             self._log.close()
 
     def attach(self, log: LogWriter, series: LogSeries, bulkheads: Bulkheads) -> Mapping[str, RecordListener]:
-        """See `Audience`."""
-        self._thread = OutputThread("foxglove", lambda: self._handle, bulkheads, capacity=_BACKLOG)
+        """Return the listener of the log; see `Audience`."""
+        self._thread = OutputThread("foxglove", lambda: self._handle, bulkheads, capacity=_MAX_BACKLOG)
         return {"foxglove": self.hear}
 
     def poll(self, recorder: Recorder, now_ns: int) -> None:
-        """See `Audience`."""
+        """Publish the greetings and flush; see `Audience`."""
         recorder.notices += [Event(now_ns, "served", "web", line) for line in self.greetings]
         self.greetings = []
         if self._thread is not None:
             self._thread.put(None)
 
     def show(self, snapshot: Snapshot) -> None:
-        """See `Audience`."""
+        """Ignore snapshots; see `Audience`."""
 
     def hear(self, record: LogRecord) -> None:
-        """See `hubodo.ingest.live.tee_sink.RecordListener`."""
+        """Queue a write to the log; see `hubodo.ingest.live.tee_sink.RecordListener`."""
         if self._thread is not None:
             self._thread.put(record)
 
     def _handle(self, record: LogRecord | None) -> None:
-        """Pass on a record; None, which comes fifty times a second, sends what is pending."""
+        """Forward a queued write; None, which arrives 50 times a second, flushes."""
         if record is None:
             self._log.flush()
             self._wanted = self.clients.wanted
@@ -167,7 +168,7 @@ class FoxgloveLive:
             self._write(record, self._wanted)
 
     def _write(self, record: LogRecord, wanted: bool) -> None:
-        """Write a record if a client wants it; the first of each channel always, to announce its topic."""
+        """Forward a write if a client wants it; the first of each channel always, to announce its topic."""
         key = stream_key(record)
         if wanted or key not in self._known:
             self._known.add(key)
@@ -175,12 +176,14 @@ class FoxgloveLive:
 
 
 class FoxgloveLog:
-    """A log played to clients: what it holds up to a time, each message once."""
+    """A log replayed to clients: each message up to a time, once."""
 
     def __init__(self, clients: FoxgloveClients, log: Log, start_ns: int) -> None:
         self._clients = clients
-        self._coming = log.messages(start=start_ns)
-        self._next: LogMessage | None = next(self._coming, None)  # some announce channels in chunks alone
+        self._pending = log.messages(start=start_ns)
+        self._next: LogMessage | None = next(
+            self._pending, None
+        )  # some writers announce channels only inside chunks
         schemas = {
             schema.id: clients.add_schema(schema.name, schema.encoding, bytes(schema.data))
             for schema in log.scan.schemas.values()
@@ -196,9 +199,9 @@ class FoxgloveLog:
         }
 
     def up_to(self, t_ns: int) -> None:
-        """Sends what was received until then, host time."""
+        """Send the messages received until `t_ns`, host time."""
         while self._next is not None and self._next.log_time <= t_ns:
             channel = self._channels.get(self._next.channel)
             if channel is not None:
                 self._clients.send(channel, self._next.data, self._next.log_time)
-            self._next = next(self._coming, None)
+            self._next = next(self._pending, None)

@@ -1,9 +1,9 @@
-"""What a page is told of a recording: small dictionaries of rounded numbers, ten times a second.
+"""Frames of the live page: small dictionaries of rounded numbers, sent ten times a second.
 
-A frame has `t`, s since the recording began, and: `n`, each node's rate about its own z axis and, on a wheel,
-the surface speed of that wheel; `o`, odometry; `m`, the same on the map; `g`, a fix there, and `origin`, the
-place of its origin when that changes. Once a second it has
-`s` besides, what changes slowly, and `e`, events, when there are any. Units: m, s, rad, V, °C, Hz.
+A frame has `t`, s since the start of the recording, and: `n`, for each node the rate about its own z axis
+and, on a wheel, the surface speed of that wheel; `o`, odometry; `m`, the same on the map; `g`, a fix on the
+map; `origin`, the origin of the map when it changes. Once a second it also has `s`, slowly changing values,
+and `e`, events if there are any. Units: m, s, rad, V, °C, Hz.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from hubodo.recording import Event
 from hubodo.vehicle import facing_sign
 from hubowire.messages import Fault
 
-_EQUATOR, _ECCENTRICITY_SQUARED = 6_378_137.0, 6.694_379_990_141e-3
+_WGS84_RADIUS_M, _WGS84_ECCENTRICITY_SQUARED = 6_378_137.0, 6.694_379_990_141e-3
 Frame = dict[str, Any]
 
 
 def motion_frame(recorder: Recorder, t: float, spins: Mapping[str, float]) -> Frame:
-    """What moves."""
+    """Return the fast part of a frame: wheel rates, odometry and map position."""
     odometer = recorder.odometer
     frame: Frame = {"t": round(t, 2), "n": {n: _wheel(odometer, n, spin) for n, spin in spins.items()}}
     state = None if odometer is None else odometer.state
@@ -60,7 +60,7 @@ def _sigma(variance: float, digits: int) -> float | None:
 
 
 def slow_frame(recorder: Recorder, now: Snapshot) -> Frame:
-    """What changes slowly; now: a snapshot of the recorder."""
+    """Return the slow part of a frame from a snapshot of the recorder."""
     biases = {} if recorder.odometer is None else recorder.odometer.biases()
     sessions = {node.name: node for node in recorder.nodes.values()}
     log = now.log
@@ -113,35 +113,35 @@ def _node(
         "faults": [] if health is None else [f.name.lower() for f in Fault if f & health.faults],
         "temperature": None if now.temperature is None else round(now.temperature, 2),
         "bias": _rounded(filter_report_json(session.filter_report)),
-        "host_bias": None if bias is None else {"bias": _six(bias[0]), "sigma": _six(bias[1])},
+        "host_bias": None if bias is None else {"bias": _round_6(bias[0]), "sigma": _round_6(bias[1])},
     }
 
 
-def _rounded(told: dict[str, Any] | None) -> dict[str, Any] | None:
-    if told is None:
+def _rounded(report: dict[str, Any] | None) -> dict[str, Any] | None:
+    if report is None:
         return None
-    return {**told, "bias": _six(told["bias"]), "sigma": _six(told["sigma"])}
+    return {**report, "bias": _round_6(report["bias"]), "sigma": _round_6(report["sigma"])}
 
 
-def _six(values: Sequence[float | None]) -> list[float | None]:
+def _round_6(values: Sequence[float | None]) -> list[float | None]:
     return [None if value is None else round(value, 6) for value in values]
 
 
 def event_frame(event: Event, wall: float) -> Frame:
-    """wall: s since 1970, when it was heard."""
+    """Return an event for the page; `wall` is its time in s since 1970."""
     return {"at": round(wall, 1), "kind": event.kind, "source": event.source, "text": event.text}
 
 
 def east_north(
     latitude_deg: float, longitude_deg: float, origin_deg: tuple[float, float]
 ) -> tuple[float, float]:
-    """m east and north of the origin by the radii of curvature there (WGS 84): for drawing."""
+    """Return metres east and north of the origin, by its radii of curvature (WGS 84), for drawing."""
     latitude = math.radians(origin_deg[0])
-    squared = 1.0 - _ECCENTRICITY_SQUARED * math.sin(latitude) ** 2
-    across = _EQUATOR / math.sqrt(squared)
-    along = across * (1.0 - _ECCENTRICITY_SQUARED) / squared
+    squared = 1.0 - _WGS84_ECCENTRICITY_SQUARED * math.sin(latitude) ** 2
+    normal_radius = _WGS84_RADIUS_M / math.sqrt(squared)
+    meridian_radius = normal_radius * (1.0 - _WGS84_ECCENTRICITY_SQUARED) / squared
     east = math.remainder(longitude_deg - origin_deg[1], 360.0)
     return (
-        math.radians(east) * across * math.cos(latitude),
-        math.radians(latitude_deg - origin_deg[0]) * along,
+        math.radians(east) * normal_radius * math.cos(latitude),
+        math.radians(latitude_deg - origin_deg[0]) * meridian_radius,
     )

@@ -1,6 +1,6 @@
-"""Who may speak to the server: the names used for it, the page that asks, the token, the session.
+"""Access control of the server: host name, origin, token and session.
 
-Every request passes here before anything else sees it.
+Every request passes this middleware first.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from hubodo.web.secrets import Secrets
 COOKIE = "hubodo"
 CSRF_HEADER = "x-hubodo-token"
 OPEN_PATHS = ("/login", "/static/style.css", "/static/icon.svg")
-"""What somebody without the token may see: nothing of the recording."""
+"""Paths served without a token; they reveal nothing about the recording."""
 
-_HEADERS = (
+_SECURITY_HEADERS = (
     (
         b"content-security-policy",
         b"default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; "
@@ -32,18 +32,18 @@ _HEADERS = (
         b"manifest-src 'self'",
     ),
     (b"x-content-type-options", b"nosniff"),
-    # Not "no-referrer": with that a browser sends forms with the origin "null".
+    # Not "no-referrer": browsers would send forms with the origin "null".
     (b"referrer-policy", b"same-origin"),
     (b"cross-origin-opener-policy", b"same-origin"),
     (b"cross-origin-resource-policy", b"same-origin"),
     (b"cache-control", b"no-store"),
 )
-_ASKING = ("GET", "HEAD")
-_SESSION = "hubodo.session"
+_READ_METHODS = ("GET", "HEAD")
+_SESSION_KEY = "hubodo.session"
 
 
 class Identity(Enum):
-    """What a visitor has proven. ANYBODY: the server has no token."""
+    """The proven identity of a visitor; ANYBODY if the server has no token."""
 
     ANYBODY = auto()
     SESSION = auto()
@@ -52,7 +52,7 @@ class Identity(Enum):
 
 
 class Guard:
-    """ASGI middleware around the whole application."""
+    """ASGI middleware that checks each request before the application."""
 
     def __init__(self, app: ASGIApp, site: Site, secrets: Secrets, limiter: GuessLimiter) -> None:
         self._app = app
@@ -79,11 +79,11 @@ class Guard:
         headers = Headers(scope=scope)
         name = split_host(headers.get("host", ""))
         if not host_allowed(name, self._site.address, self._site.hosts):
-            return _words(421, "this name is not one of this server; [web] hosts lists others")
+            return _plain_response(421, "unknown host name; add it to [web] hosts")
         origin = headers.get("origin")
-        asks = scope["type"] == "http" and scope["method"] in _ASKING
-        if origin is not None and not asks and not self._same(origin, headers.get("host", "")):
-            return _words(403, "asked by a page of another site")
+        is_read = scope["type"] == "http" and scope["method"] in _READ_METHODS
+        if origin is not None and not is_read and not self._is_same_origin(origin, headers.get("host", "")):
+            return _plain_response(403, "request by a page of another site")
         if scope["path"] in OPEN_PATHS:
             return None
         try:
@@ -91,34 +91,34 @@ class Guard:
         except TooManyGuesses:
             return too_many_guesses()
         if identity is Identity.UNKNOWN:
-            if asks and "text/html" in headers.get("accept", ""):
+            if is_read and "text/html" in headers.get("accept", ""):
                 return RedirectResponse("/login", 303)
-            return _words(401, "give the token: log in, or send it as Authorization: Bearer")
-        # Another site can make a browser send a session, but neither the token nor the secret of our pages.
+            return _plain_response(401, "give the token: log in, or send it as Authorization: Bearer")
+        # Another site can make a browser send the session cookie, but not the token or the CSRF secret.
         proven = identity is Identity.TOKEN or self._secrets.is_csrf(headers.get(CSRF_HEADER, ""))
-        if scope["type"] == "http" and not asks and not proven:
-            return _words(403, "the page is older than the server; load it again")
+        if scope["type"] == "http" and not is_read and not proven:
+            return _plain_response(403, "the page is older than the server; reload it")
         return None
 
-    def _same(self, origin: str, host: str) -> bool:
+    def _is_same_origin(self, origin: str, host: str) -> bool:
         try:
             parts = urlsplit(origin)
-        except ValueError:  # such as a bracket that is not closed
+        except ValueError:  # such as an unclosed bracket
             return False
         return parts.scheme == ("http" if self._site.cert is None else "https") and parts.netloc == host
 
     async def _identify(self, scope: Scope, headers: Headers) -> Identity:
         secrets, token, session = self._secrets, _bearer(headers), _session(headers)
-        if not secrets.asked_for:
+        if not secrets.is_token_required:
             return Identity.ANYBODY
         if session is not None and secrets.is_known_session(session):
-            scope[_SESSION] = session
+            scope[_SESSION_KEY] = session
             return Identity.SESSION
         if token is not None:
             valid = await self._limiter.verify(visitor(scope), lambda: secrets.is_token(token))
             return Identity.TOKEN if valid else Identity.UNKNOWN
         if session is not None:
-            scope[_SESSION] = session
+            scope[_SESSION_KEY] = session
             valid = await self._limiter.verify(visitor(scope), lambda: secrets.is_session(session))
             return Identity.SESSION if valid else Identity.UNKNOWN
         return Identity.UNKNOWN
@@ -131,21 +131,21 @@ def visitor(scope: Scope) -> str:
 
 
 def session_of(scope: Scope) -> str | None:
-    """Return the session that the visitor was identified by."""
-    session = scope.get(_SESSION)
+    """Return the session that identified the visitor, or None."""
+    session = scope.get(_SESSION_KEY)
     return session if isinstance(session, str) else None
 
 
 def too_many_guesses() -> Response:
-    """Return the refusal to compare a secret."""
-    answer = _words(429, "too many wrong tokens from this address; wait a second")
+    """Return the response to too many guesses."""
+    answer = _plain_response(429, "too many invalid tokens from this address; wait a second")
     answer.headers["retry-after"] = "1"
     return answer
 
 
 def _bearer(headers: Headers) -> str | None:
-    scheme, _, given = headers.get("authorization", "").partition(" ")
-    return given.strip() if scheme.lower() == "bearer" else None
+    scheme, _, token = headers.get("authorization", "").partition(" ")
+    return token.strip() if scheme.lower() == "bearer" else None
 
 
 def _session(headers: Headers) -> str | None:
@@ -156,18 +156,21 @@ def _session(headers: Headers) -> str | None:
     return cookies[COOKIE].value if COOKIE in cookies else None
 
 
-def _words(status: int, text: str) -> Response:
+def _plain_response(status: int, text: str) -> Response:
     return PlainTextResponse(text + "\n", status)
 
 
 def _with_headers(send: Send) -> Send:
-    """Adds what keeps a browser from doing more with an answer than the page needs."""
+    """Add security headers to the responses."""
 
     async def sending(message: dict[str, object]) -> None:
         if message["type"] == "http.response.start":
-            given = list(message.get("headers") or ())  # type: ignore[call-overload]
-            there = {key.lower() for key, _ in given}
-            message = {**message, "headers": [*given, *(pair for pair in _HEADERS if pair[0] not in there)]}
+            headers = list(message.get("headers") or ())  # type: ignore[call-overload]
+            present = {key.lower() for key, _ in headers}
+            message = {
+                **message,
+                "headers": [*headers, *(pair for pair in _SECURITY_HEADERS if pair[0] not in present)],
+            }
         await send(message)
 
     return sending  # type: ignore[return-value]

@@ -1,4 +1,4 @@
-"""From one recording to many pages: the last minute kept, and handed on to each as fast as it reads."""
+"""Distribution of the frames of one recording to many pages, with the last minute as history."""
 
 from __future__ import annotations
 
@@ -12,70 +12,70 @@ from hubodo.safe_text import json_text
 from hubodo.web.frames import Frame
 from hubodo.web.thin_path import ThinPath
 
-HISTORY = 600
-"""Frames: a minute at ten a second."""
+HISTORY_FRAMES = 600
+"""One minute at ten frames per second."""
 
-_BEHIND = 50
-_MOST_EVENTS = 200
-_WAITING = 64
+_MAX_LAG_FRAMES = 50
+_MAX_HISTORY_EVENTS = 200
+_MAX_INCOMING_FRAMES = 64
 
 
 class Hub:
-    """Frames come in from the thread of the recording with `put`, and go out on the loop of the server.
+    """A distributor of frames from the thread of the recording to pages on the server's event loop.
 
-    Nothing here grows: a page that reads too slowly is not queued for; it begins anew with the history.
+    Memory is bounded: a page that reads too slowly is not buffered, but restarts with the history.
     """
 
     def __init__(self, about: dict[str, Any]) -> None:
-        """about: what every page is told first."""
+        """Create a hub; `about` is sent to each page first."""
         self._about = about
         self._loop: asyncio.AbstractEventLoop | None = None
-        self._incoming: deque[Frame] = deque(maxlen=_WAITING)
-        self._woken = False
-        self._frames: deque[str] = deque(maxlen=HISTORY)
+        self._incoming: deque[Frame] = deque(maxlen=_MAX_INCOMING_FRAMES)
+        self._is_scheduled = False
+        self._frames: deque[str] = deque(maxlen=HISTORY_FRAMES)
         self._count = 0
         self._changed = asyncio.Event()
         self._trails = {"o": ThinPath(), "m": ThinPath(), "g": ThinPath()}
-        self._events: deque[Frame] = deque(maxlen=_MOST_EVENTS)
+        self._events: deque[Frame] = deque(maxlen=_MAX_HISTORY_EVENTS)
         self._slow: Frame | None = None
 
     def attach(self, loop: asyncio.AbstractEventLoop, **about: Any) -> None:
-        """From now on frames are taken on this loop; about: what pages are told first, besides."""
+        """Set the event loop, and add items to what pages receive first."""
         self._loop = loop
         self._about.update(about)
 
     def put(self, frame: Frame) -> None:
-        """From any thread; returns at once, whatever the pages do."""
+        """Queue a frame; callable from any thread, never blocks."""
         self._incoming.append(frame)
-        if self._loop is not None and not self._woken:
-            self._woken = True
+        if self._loop is not None and not self._is_scheduled:
+            self._is_scheduled = True
             try:
-                self._loop.call_soon_threadsafe(self._take)
+                self._loop.call_soon_threadsafe(self._process_incoming)
             except RuntimeError:  # the server has stopped
                 self._loop = None
 
     @property
     def slow(self) -> Frame | None:
-        """The newest of what changes slowly."""
+        """The newest slow part of a frame."""
         return self._slow
 
     async def follow(self) -> AsyncIterator[str]:
-        """What a page is sent, as JSON texts: what has been first, then what comes."""
-        at = self._count
-        yield self._hello()
+        """Yield JSON texts for a page: the history, then new frames."""
+        position = self._count
+        yield self._first_message()
         while True:
-            while at == self._count:
+            while position == self._count:
                 await self._changed.wait()
-            if self._count - at > _BEHIND:
-                at = self._count
-                yield self._hello()
+            if self._count - position > _MAX_LAG_FRAMES:
+                position = self._count
+                yield self._first_message()
                 continue
-            fresh = list(islice(self._frames, len(self._frames) - (self._count - at), None))
-            at = self._count
+            fresh = list(islice(self._frames, len(self._frames) - (self._count - position), None))
+            position = self._count
             yield fresh[0] if len(fresh) == 1 else f'{{"many":[{",".join(fresh)}]}}'
 
-    def _take(self) -> None:
-        self._woken = False
+    def _process_incoming(self) -> None:
+        self._is_scheduled = False
         while self._incoming:
             frame = self._incoming.popleft()
             self._remember(frame)
@@ -94,11 +94,11 @@ class Hub:
         self._events.extend(frame.get("e", ()))
         self._slow = frame.get("s", self._slow)
 
-    def _hello(self) -> str:
-        past = {
+    def _first_message(self) -> str:
+        overview = {
             **self._about,
             "trails": {key: trail.points for key, trail in self._trails.items()},
             "events": list(self._events),
         }
-        head = json_text(past, compact=True)
+        head = json_text(overview, compact=True)
         return f'{{"hello":{head},"history":[{",".join(self._frames)}]}}'

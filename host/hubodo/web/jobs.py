@@ -1,7 +1,7 @@
-"""Verbs that a visitor has run on a recording: one after the other, each in a process of its own.
+"""Jobs: verbs that a visitor runs on a recording, one after the other, each in its own process.
 
-The process has a low priority, so that it does not slow a recording, and a time limit. What it writes goes
-into a scratch folder, and from there to its place once the verb has succeeded.
+The process has a low priority, so that it does not slow down a recording, and a time limit. Its files go into
+a scratch folder first, and to their destination once the verb has succeeded.
 """
 
 from __future__ import annotations
@@ -20,25 +20,48 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-_MOST = 40
-_MOST_WAITING = 8
-_NICE = 10
-_READ = 4096
+_MAX_REMEMBERED_JOBS = 40
+_MAX_WAITING_JOBS = 8
+_NICENESS = 10
+_READ_BYTES = 4096
 _GRACE_S = 1.0
-"""s from the wish that a verb ends to its being killed."""
-_UNFINISHED = ("waiting", "running")
+"""Time between SIGTERM and SIGKILL of a cancelled verb, s."""
+_UNFINISHED_STATES = ("waiting", "running")
 SCRATCH = "{scratch}"
-_BAR = re.compile(r"([^\r\n]*?)\s*[━╸╺ ]*\s(\d+)%")
-_ESCAPE = re.compile(r"\x1b(\[[0-9;?]*[A-Za-z]|.)")
+_PROGRESS_BAR = re.compile(r"([^\r\n]*?)\s*[━╸╺ ]*\s(\d+)%")
+_TERMINAL_ESCAPE = re.compile(r"\x1b(\[[0-9;?]*[A-Za-z]|.)")
 
 Publish = Callable[[Path], None]
 
 
 @dataclass
 class Job:
-    """state: waiting, running, done, failed, cancelled. progress: 0 to 1. result: the JSON of the verb.
+    """A verb that runs on a recording.
 
-    publish: takes the files of the scratch folder over. limit: s that it may run.
+    Attributes
+    ----------
+    number
+        Id of the job.
+    kind
+        info, report or gap.
+    name
+        Name of the recording.
+    words
+        Command line of the verb.
+    state
+        waiting, running, done, failed or cancelled.
+    progress
+        Completed share, 0 to 1.
+    text
+        Present step, or the error.
+    result
+        JSON result of the verb.
+    publish
+        Moves the files of the scratch folder to their destination.
+    limit
+        Time limit, s.
+    task
+        The asyncio task that runs the job.
     """
 
     number: int
@@ -55,6 +78,7 @@ class Job:
     _lines: str = field(default="", repr=False)
 
     def as_json(self) -> dict[str, Any]:
+        """Return the JSON form for the page."""
         return {
             "id": self.number,
             "kind": self.kind,
@@ -66,56 +90,56 @@ class Job:
             "limit": self.limit,
         }
 
-    def heard(self, said: str) -> None:
-        """What the verb wrote for people: the newest progress, or its error."""
-        self._lines = (self._lines + _ESCAPE.sub("", said))[-_READ:]
-        bars = _BAR.findall(self._lines)
+    def read_output(self, output: str) -> None:
+        """Update progress and text from the terminal output of the verb."""
+        self._lines = (self._lines + _TERMINAL_ESCAPE.sub("", output))[-_READ_BYTES:]
+        bars = _PROGRESS_BAR.findall(self._lines)
         if bars:
             self.text, self.progress = bars[-1][0].strip(), int(bars[-1][1]) / 100.0
 
     def end(self, code: int, printed: bytes) -> None:
-        """The verb has ended."""
+        """Set result and final state from exit code and standard output."""
         try:
             self.result = json.loads(printed) if printed.strip() else None
         except ValueError:
             code = code or 1
         if code and self.result is None:
             lines = [line.strip() for line in self._lines.replace("\r", "\n").split("\n") if line.strip()]
-            self.state, self.text = "failed", lines[-1] if lines else f"ended with code {code}"
+            self.state, self.text = "failed", lines[-1] if lines else f"exit code {code}"
             return
         self.state, self.progress, self.text = "done", 1.0, ""
 
 
 class Jobs:
-    """The newest jobs; used on the server's loop alone."""
+    """The queue of jobs and the newest results; used only on the server's event loop."""
 
     def __init__(self, limit: float) -> None:
-        """limit: s that a job may run."""
+        """Create an empty queue; `limit` is the time limit of a job, s."""
         self._limit = limit
         self._numbers = itertools.count(1)
         self._jobs: dict[int, Job] = {}
-        self._one = asyncio.Lock()
+        self._running_lock = asyncio.Lock()
         self._tasks: set[asyncio.Task[None]] = set()
 
     def get(self, number: int) -> Job | None:
-        """None for one that is not known any more."""
+        """Return a job by its number, or None if it is no longer known."""
         return self._jobs.get(number)
 
     def start(self, kind: str, name: str, words: Sequence[str], publish: Publish | None) -> Job | None:
-        """Run `hubodo WORDS --json` once those before it have ended; None where too many wait.
+        """Queue `hubodo WORDS --json`; return None if too many jobs are waiting.
 
-        SCRATCH at the start of a word stands for the scratch folder. The same words while they still run are
-        that job.
+        SCRATCH at the start of a word stands for the scratch folder. An unfinished job with the same words is
+        returned instead of a new one.
         """
-        going = [job for job in self._jobs.values() if job.state in _UNFINISHED]
-        for job in going:
+        unfinished = [job for job in self._jobs.values() if job.state in _UNFINISHED_STATES]
+        for job in unfinished:
             if (job.kind, job.name, job.words) == (kind, name, words):
                 return job
-        if len(going) >= _MOST_WAITING:
+        if len(unfinished) >= _MAX_WAITING_JOBS:
             return None
         job = Job(next(self._numbers), kind, name, words, publish=publish, limit=self._limit)
         self._jobs[job.number] = job
-        while len(self._jobs) > _MOST:
+        while len(self._jobs) > _MAX_REMEMBERED_JOBS:
             self._jobs.pop(next(iter(self._jobs)))
         task = asyncio.get_running_loop().create_task(self._run(job))
         job.task = task
@@ -124,24 +148,24 @@ class Jobs:
         return job
 
     def cancel(self, job: Job) -> None:
-        """End a job that waits or runs, with all processes that it started."""
-        if job.state in _UNFINISHED and job.task is not None:
+        """Cancel a waiting or running job, with all processes that it started."""
+        if job.state in _UNFINISHED_STATES and job.task is not None:
             job.state, job.text = "cancelled", "cancelled"
             job.task.cancel()
 
     async def close(self) -> None:
-        """Ends what still runs."""
+        """Cancel all unfinished jobs."""
         for task in list(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
     async def _run(self, job: Job) -> None:
-        async with self._one:
+        async with self._running_lock:
             job.state = "running"
             try:
                 with tempfile.TemporaryDirectory(prefix="hubodo-") as scratch:
                     async with asyncio.timeout(self._limit):
-                        await self._verb(job, scratch)
+                        await self._run_verb(job, scratch)
                     if job.state == "done" and job.publish is not None:
                         job.publish(Path(scratch))
             except TimeoutError:
@@ -150,8 +174,8 @@ class Jobs:
             except OSError as error:
                 job.state, job.text = "failed", f"{error.filename or job.name}: {error.strerror}"
 
-    async def _verb(self, job: Job, scratch: str) -> None:
-        watched, theirs = _terminal()
+    async def _run_verb(self, job: Job, scratch: str) -> None:
+        terminal, child_end = _open_terminal()
         words = [scratch + word[len(SCRATCH) :] if word.startswith(SCRATCH) else word for word in job.words]
         command = [sys.executable, "-m", "hubodo.cli", *words, "--json"]
         environment = {**os.environ, "TERM": "xterm", "COLUMNS": "120", "OPENBLAS_NUM_THREADS": "1"}
@@ -160,30 +184,30 @@ class Jobs:
                 *command,
                 stdin=asyncio.subprocess.DEVNULL,
                 stdout=asyncio.subprocess.PIPE,
-                stderr=theirs,
+                stderr=child_end,
                 env=environment,
                 start_new_session=True,
             )
         finally:
-            os.close(theirs)
+            os.close(child_end)
         with contextlib.suppress(OSError, AttributeError):
-            os.setpriority(os.PRIO_PROCESS, process.pid, _NICE)
-        ended, listening = False, asyncio.get_running_loop()
-        listening.add_reader(watched, _listen, watched, job)
+            os.setpriority(os.PRIO_PROCESS, process.pid, _NICENESS)
+        is_finished, loop = False, asyncio.get_running_loop()
+        loop.add_reader(terminal, _read_terminal, terminal, job)
         try:
             printed, _ = await process.communicate()
-            _listen(watched, job)
+            _read_terminal(terminal, job)
             job.end(process.returncode or 0, printed)
-            ended = True
+            is_finished = True
         finally:
-            if not ended:
+            if not is_finished:
                 await _end_group(process)
-            listening.remove_reader(watched)
-            os.close(watched)
+            loop.remove_reader(terminal)
+            os.close(terminal)
 
 
 async def _end_group(process: asyncio.subprocess.Process) -> None:
-    """End a verb and all that it started: it leads a process group of its own."""
+    """Terminate a verb and its process group."""
     for number in (signal.SIGTERM, signal.SIGKILL):
         with contextlib.suppress(ProcessLookupError):
             os.killpg(process.pid, number)
@@ -195,20 +219,20 @@ def _minutes(seconds: float) -> str:
     return f"{seconds / 60.0:.0f} min" if seconds >= 120.0 else f"{seconds:.0f} s"
 
 
-def _terminal() -> tuple[int, int]:
-    """A pseudo terminal: verbs show their progress where a person watches."""
+def _open_terminal() -> tuple[int, int]:
+    """Open a pseudo terminal, so that verbs print their progress."""
     import pty
 
-    watched, theirs = pty.openpty()
-    os.set_blocking(watched, False)
-    return watched, theirs
+    terminal, child_end = pty.openpty()
+    os.set_blocking(terminal, False)
+    return terminal, child_end
 
 
-def _listen(watched: int, job: Job) -> None:
+def _read_terminal(terminal: int, job: Job) -> None:
     try:
-        while said := os.read(watched, _READ):
-            job.heard(said.decode("utf-8", "replace"))
+        while output := os.read(terminal, _READ_BYTES):
+            job.read_output(output.decode("utf-8", "replace"))
     except BlockingIOError:
         return
-    except OSError:  # nobody writes there any more
-        asyncio.get_running_loop().remove_reader(watched)
+    except OSError:  # the verb has closed the terminal
+        asyncio.get_running_loop().remove_reader(terminal)

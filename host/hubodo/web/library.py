@@ -1,6 +1,6 @@
-"""The recordings in a folder, and the pages made of them: nothing outside it can be named.
+"""The recordings of a folder and the files derived from them; nothing outside can be named.
 
-No path is ever built from what a visitor sends: a name is looked up among those that the folder has.
+No path is built from what a visitor sends: names are looked up among those in the folder.
 """
 
 from __future__ import annotations
@@ -13,54 +13,67 @@ from typing import Any
 
 from hubodo.web.derived_files import PAGES, DerivedFiles
 
-_DEEPEST = 3
-_MOST_MODEL_BYTES = 1 << 20
+_MAX_FOLDER_DEPTH = 3
+_MAX_MODEL_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
 class RecordingFile:
-    """A recording. name: its path from the folder, with slashes, as `shown_name` writes it."""
+    """A recording in the folder.
+
+    Attributes
+    ----------
+    name
+        Path relative to the folder, with slashes, as written by `shown_name`.
+    path
+        Path of the file.
+    parts
+        Components of the relative path, as in the file system.
+    size
+        Size, bytes.
+    changed
+        Time of the last change, s since 1970.
+    """
 
     name: str
     path: Path
     parts: tuple[str, ...]
-    """Of the path from the folder, as the file system has them."""
     size: int
     changed: float
 
 
 class Library:
-    """folder: may be written to by others at any time; what is a link, or no plain file, is not there."""
+    """The recordings of a folder; links and special files are ignored, as others may write to it."""
 
     def __init__(self, folder: Path, models: dict[str, Path] | None = None) -> None:
-        """models: for `gap`, besides the TOML files of the folder."""
+        """Open a folder; `models` are model files for `gap` besides the TOML files of the folder."""
         self.folder = folder
         self.derived = DerivedFiles(folder)
         self._models = models or {}
 
     def entries(self) -> list[RecordingFile]:
-        """The newest first."""
-        found = [
+        """Return the recordings, the newest first."""
+        recordings = [
             RecordingFile(shown_name("/".join(parts)), path, parts, info.st_size, info.st_mtime)
-            for parts, path, info in self._files(".mcap", self.folder, (), _DEEPEST)
+            for parts, path, info in self._files(".mcap", self.folder, (), _MAX_FOLDER_DEPTH)
         ]
-        return sorted(found, key=lambda entry: (-entry.changed, entry.name))
+        return sorted(recordings, key=lambda entry: (-entry.changed, entry.name))
 
     def find(self, name: str) -> RecordingFile | None:
-        """The recording of that name."""
+        """Return the recording of that name, or None."""
         return next((entry for entry in self.entries() if entry.name == name), None)
 
     def models(self) -> dict[str, Path]:
-        """By name, what may be a model file."""
-        there = self._files(".toml", self.folder, (), 1)
+        """Return possible model files by name."""
+        files = self._files(".toml", self.folder, (), 1)
         return {
-            **{shown_name(parts[0]): path for parts, path, info in there if info.st_size < _MOST_MODEL_BYTES},
+            **{shown_name(parts[0]): path for parts, path, info in files if info.st_size < _MAX_MODEL_BYTES},
             **self._models,
         }
 
     def as_json(self, current: Path | None) -> dict[str, Any]:
-        """For the page. current: the file that is being written."""
-        now = None if current is None else current.resolve()
+        """Return the JSON form for the page; `current` is the file that is being written."""
+        current_path = None if current is None else current.resolve()
         return {
             "folder": shown_name(self.folder.resolve().name),
             "models": sorted(self.models()),
@@ -69,7 +82,7 @@ class Library:
                     "name": entry.name,
                     "size": entry.size,
                     "changed": round(entry.changed, 1),
-                    "current": entry.path.resolve() == now,
+                    "current": entry.path.resolve() == current_path,
                     "report": self.derived.is_fresh((*entry.parts, "report.html"), entry.changed),
                     "gap": self.derived.is_fresh((*entry.parts, "gap", "report.html"), entry.changed),
                 }
@@ -78,7 +91,7 @@ class Library:
         }
 
     def _files(
-        self, suffix: str, folder: Path, above: tuple[str, ...], depth: int
+        self, suffix: str, folder: Path, parents: tuple[str, ...], depth: int
     ) -> Iterator[tuple[tuple[str, ...], Path, os.stat_result]]:
         try:
             entries = list(os.scandir(folder))
@@ -89,17 +102,17 @@ class Library:
                 if entry.name.startswith("."):
                     continue
                 if entry.is_file(follow_symlinks=False) and entry.name.endswith(suffix):
-                    yield (*above, entry.name), Path(entry.path), entry.stat(follow_symlinks=False)
-                elif entry.is_dir(follow_symlinks=False) and depth > 1 and (above or entry.name != PAGES):
-                    yield from self._files(suffix, Path(entry.path), (*above, entry.name), depth - 1)
-            except OSError:  # gone meanwhile
+                    yield (*parents, entry.name), Path(entry.path), entry.stat(follow_symlinks=False)
+                elif entry.is_dir(follow_symlinks=False) and depth > 1 and (parents or entry.name != PAGES):
+                    yield from self._files(suffix, Path(entry.path), (*parents, entry.name), depth - 1)
+            except OSError:  # deleted in the meantime
                 continue
 
 
 def shown_name(name: str) -> str:
-    """Return a name of the file system as text that can be sent: other bytes than UTF-8 as in `\\xff`.
+    """Return a file name as printable text; bytes other than UTF-8 are written as in `\\xff`.
 
-    What cannot be printed is escaped too, and a backslash written twice, so that no two names become one.
+    Unprintable characters are escaped too, and backslashes doubled, so that different names stay different.
     """
     raw = name.replace("\\", "\\\\").encode("utf-8", "surrogateescape")
     text = raw.decode("utf-8", "backslashreplace")

@@ -1,4 +1,4 @@
-"""Everything that watches a recording from outside, put together: the page, and Foxglove."""
+"""Set-up of the live page and of Foxglove for one recording."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ def watching(
     vehicle: Vehicle | None = None,
     models: dict[str, Path] | None = None,
 ) -> Iterator[Audience | None]:
-    """What is asked for of the page of a recording into a folder, and of Foxglove; None where nothing is.
+    """Serve the page and Foxglove as requested; yield their audience, or None.
 
-    Where it is served is told by the recording, in its first turn. models: for `gap`, besides the TOML files
-    there. Raises InputError where it cannot be served.
+    The recording prints the addresses in its first turn. models: model files for `gap` besides the TOML files
+    of the folder. Raises InputError if an address cannot be used.
     """
     with contextlib.ExitStack() as stack:
         live: FoxgloveLive | None = None

@@ -1,4 +1,4 @@
-"""The page's server: where it listens, with which certificate."""
+"""The HTTP server of the page, with its address and certificate."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from hubodo.errors import InputError
 from hubodo.listening.server_thread import ServerFaults, server_config, server_thread
 from hubodo.web.config import Site
 
-_LARGEST_MESSAGE = 4096
-"""B from a browser; it has nothing to say on the live feed."""
+_MAX_MESSAGE_BYTES = 4096
+"""Longest message from a browser; the live feed expects none."""
 
 
 @contextlib.contextmanager
 def serving(app: ASGIApp, site: Site, faults: ServerFaults | None = None) -> Iterator[int]:
-    """Serve inside the block; gives the port. faults: get what ends the server meanwhile.
+    """Serve inside the block and yield the port; `faults` collects errors that end the server.
 
-    Raises InputError where it cannot listen or use the certificate.
+    Raises InputError if the address or the certificate cannot be used.
     """
     listener = site.address.listen()
     config = server_config(
         app,
         listener,
         ws="websockets-sansio",
-        ws_max_size=_LARGEST_MESSAGE,
+        ws_max_size=_MAX_MESSAGE_BYTES,
         ws_per_message_deflate=False,
         ssl_certfile=site.cert,
         ssl_keyfile=site.key,

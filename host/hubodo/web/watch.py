@@ -1,4 +1,4 @@
-"""What the page shows of the records that go into the log, and the recorder does not keep."""
+"""Extraction of wheel rates, fixes and events from the records written to the log."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from hubodo.recording import Event
 
 
 class Ear:
-    """Small numbers from what is written: the mean spin of each node, fixes and events."""
+    """A listener of the log that accumulates mean rates, the newest fix and events for the page."""
 
-    def __init__(self, most_events: int) -> None:
-        self.events: deque[Event] = deque(maxlen=most_events)
-        """Those that nobody has taken yet."""
+    def __init__(self, max_events: int) -> None:
+        self.events: deque[Event] = deque(maxlen=max_events)
+        """Events since the last `take_events`."""
         self.fix: tuple[float, float, float | None] | None = None
-        """Latitude, longitude, degrees, and 1 sigma, m, of a fix that nobody has taken yet."""
+        """Latitude and longitude in degrees, and 1σ in m, of a new fix."""
         self._spin: dict[str, tuple[float, int]] = {}
 
     def hear(self, record: LogRecord) -> None:
-        """See `hubodo.ingest.live.tee_sink.RecordListener`."""
+        """Accumulate a record; see `hubodo.ingest.live.tee_sink.RecordListener`."""
         match record:
             case ImuBlock():
                 total, count = self._spin.get(record.node, (0.0, 0))
@@ -29,18 +29,18 @@ class Ear:
             case EventRecord():
                 self.events.append(record.event)
             case GnssFix() if record.status >= 0:
-                sigma = record.sigma
-                across = None if sigma is None else float(np.hypot(*sigma[:2]) / np.sqrt(2.0))
-                self.fix = (record.latitude_deg, record.longitude_deg, across)
+                sigma = record.sigma")
+            horizontal_sigma = None if sigma is None else float(np.hypot(*sigma[:2]) / np.sqrt(2.0))
+                self.fix = (record.latitude_deg, record.longitude_deg, horizontal_sigma)
 
     def spins(self) -> dict[str, float]:
-        """Mean rate about z of each node's samples since the last call, rad/s, node axes, raw."""
+        """Return the mean raw rate about z of each node since the last call, rad/s, node axes."""
         spins = {node: total / count for node, (total, count) in self._spin.items()}
         self._spin.clear()
         return spins
 
     def take_events(self) -> list[Event]:
-        """The events since the last call."""
-        taken = list(self.events)
+        """Return the events since the last call."""
+        events = list(self.events)
         self.events.clear()
-        return taken
+        return events
