@@ -26,8 +26,8 @@ from hubodo.vehicle import load_vehicle
 from hubodo.web.address import Address
 from hubodo.web.app import make_app
 from hubodo.web.config import Site
-from hubodo.web.hub import Hub
-from hubodo.web.library import Library
+from hubodo.web.hub import FrameHub
+from hubodo.web.library import RecordingLibrary
 from hubodo.web.live_page import LivePage
 from hubodo.web.server import serving
 
@@ -69,9 +69,9 @@ def main() -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("--seconds", type=float, default=30.0)
     seconds = parser.parse_args().seconds
-    drive, hub, site = short_drive(5), Hub({}), Site(Address("127.0.0.1", 0))
+    drive, hub, site = short_drive(5), FrameHub({}), Site(Address("127.0.0.1", 0))
     page = TimedPage(hub.put)
-    ear = page._ear.hear = TimedEar(page._ear.hear)
+    ear = page._observer.observe = TimedEar(page._observer.observe)
     with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
         folder = Path(name)
         (folder / "vehicle.toml").write_text(VEHICLE_TOML)
@@ -80,7 +80,7 @@ def main() -> int:
             stack.enter_context(FakeNode(node_id=k + 1, rate_hz=RATE_HZ, rows=rows.get(k + 1, ())))
             for k in range(NODES)
         ]
-        port = stack.enter_context(serving(make_app(site, Library(folder), hub), site))
+        port = stack.enter_context(serving(make_app(site, RecordingLibrary(folder), hub), site))
         ports = [node.path for node in nodes]
         vehicle = load_vehicle(folder / "vehicle.toml")
         recorder = RecorderThread(folder / "x.mcap", *ports, vehicle=vehicle, audience=page)

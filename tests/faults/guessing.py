@@ -18,7 +18,7 @@ from pathlib import Path
 from hubodo.web.address import Address
 from hubodo.web.app import make_app
 from hubodo.web.config import Site
-from hubodo.web.library import Library
+from hubodo.web.library import RecordingLibrary
 from hubodo.web.server import serving
 
 TOKEN = "correct-horse-battery"
@@ -84,7 +84,7 @@ def measure(way: str, seconds: float = 4.0) -> Guessing:
     site = Site(Address("127.0.0.1", 0), TOKEN)
     with (
         tempfile.TemporaryDirectory() as folder,
-        serving(make_app(site, Library(Path(folder))), site) as port,
+        serving(make_app(site, RecordingLibrary(Path(folder))), site) as port,
     ):
         threads = [threading.Thread(target=guess, args=(place, port)) for place in range(GUESSERS)]
         begin = time.monotonic()

@@ -53,8 +53,8 @@ def request(case: Case, folder: Path) -> None:
     from hubodo.web.app import make_app
     from hubodo.web.config import Site
     from hubodo.web.guard import CSRF_HEADER
-    from hubodo.web.hub import Hub
-    from hubodo.web.library import Library
+    from hubodo.web.hub import FrameHub
+    from hubodo.web.library import RecordingLibrary
 
     wishes: list[Any] = []
 
@@ -70,7 +70,7 @@ def request(case: Case, folder: Path) -> None:
         def record(self, on: bool) -> bool:
             return True
 
-    app = make_app(Site(Address("127.0.0.1", 8642)), Library(folder), Hub({}), Actions(Page()))  # type: ignore[arg-type]
+    app = make_app(Site(Address("127.0.0.1", 8642)), RecordingLibrary(folder), FrameHub({}), Actions(Page()))  # type: ignore[arg-type]
     _, path, kind = case.words
     with TestClient(app, base_url="http://127.0.0.1:8642", follow_redirects=False) as client:
         headers = {CSRF_HEADER: app.state.secrets.csrf, "content-type": kind}

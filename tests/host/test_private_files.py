@@ -7,7 +7,7 @@ import pytest
 from hubodo.atomic_files import atomic_files, atomic_folder, atomic_new_file, write_atomically
 from hubodo.errors import InputError
 from hubodo.ingest.link.keys import KeyRing
-from hubodo.web.config import WebConfig, make_site, read_token
+from hubodo.web.config import WebConfig, read_token, web_site
 
 root = pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="needs two users")
 
@@ -99,7 +99,7 @@ def test_token_keys_and_private_key_that_others_can_read_are_refused_alike(tmp_p
     reads = {
         "token": lambda: read_token(files["token"]),
         "keys.toml": lambda: KeyRing(files["keys.toml"]),
-        "key.pem": lambda: make_site(config, {}),
+        "key.pem": lambda: web_site(config, {}),
     }
     for name, read in reads.items():
         files[name].chmod(mode)

@@ -37,7 +37,7 @@ from hubodo.ingest.live.snapshot import memory_in_use
 from hubodo.vehicle import NodeMount, Vehicle
 from hubodo.web.address import Address
 from hubodo.web.config import Site
-from hubodo.web.live import watching
+from hubodo.web.live import live_audience
 
 LIMIT_MB, LIMIT_OF_SHORT_MB, SHORT_H = 0.1, 1.0, 8.0
 VEHICLE = Vehicle(0.3, 0.9, {"left": NodeMount("left", "left"), "right": NodeMount("right", "left")})
@@ -133,7 +133,9 @@ def main() -> int:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="hubodo-soak-")))
         nowhere = stack.enter_context(Path(os.devnull).open("w"))
         if not args.no_web:
-            page = stack.enter_context(watching(Site(Address("127.0.0.1", 0)), None, folder, vehicle=VEHICLE))
+            page = stack.enter_context(
+                live_audience(Site(Address("127.0.0.1", 0)), None, folder, vehicle=VEHICLE)
+            )
             port = int(re.search(r":(\d+)/", page.greetings[0])[1])
             follower = stack.enter_context(Follower(port, metrics))
         result = record(

@@ -237,6 +237,6 @@ def _foxglove(
         with open_log(args.log) as log:
             zero_ns = log.t_zero_ns or 0
             replayer = FoxgloveLog(clients, log, zero_ns + round(first * 1e9))
-            yield lambda now: replayer.up_to(zero_ns + round(now * 1e9))
+            yield lambda now: replayer.send_until(zero_ns + round(now * 1e9))
     finally:
         clients.finish()

@@ -43,8 +43,8 @@ def run(args: argparse.Namespace) -> None:
     """
     from hubodo.ingest.live.program_log import program_log
     from hubodo.web.app import make_app
-    from hubodo.web.config import make_site
-    from hubodo.web.library import Library
+    from hubodo.web.config import web_site
+    from hubodo.web.library import RecordingLibrary
     from hubodo.web.server import serving
 
     if not args.folder.is_dir():
@@ -52,9 +52,9 @@ def run(args: argparse.Namespace) -> None:
     raise_descriptor_limit()
     config = web_config(args)
     config = replace(config, listen=config.listen or "")
-    site = make_site(config)
+    site = web_site(config)
     assert site is not None
-    app = make_app(site, Library(args.folder))
+    app = make_app(site, RecordingLibrary(args.folder))
     with (
         program_log("serve"),
         stop_on_signals(threading.Event()) as stopping,

@@ -75,10 +75,10 @@ def live_views(args: argparse.Namespace, output: Path, vehicle: Vehicle | None) 
         yield None
         return
     # Imported here, as the web server takes time to load.
-    from hubodo.web.config import foxglove_address, make_site
-    from hubodo.web.live import watching
+    from hubodo.web.config import foxglove_address, web_site
+    from hubodo.web.live import live_audience
 
-    site, foxglove = make_site(config), foxglove_address(config)
+    site, foxglove = web_site(config), foxglove_address(config)
     models = {} if args.vehicle is None else {args.vehicle.name: args.vehicle}
-    with watching(site, foxglove, output.parent, vehicle=vehicle, models=models) as audience:
+    with live_audience(site, foxglove, output.parent, vehicle=vehicle, models=models) as audience:
         yield audience

@@ -7,8 +7,8 @@ from typing import Any
 
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.snapshot import Snapshot
-from hubodo.web.asked import NotServed
-from hubodo.web.live_page import LivePage, Wish
+from hubodo.web.live_page import LivePage, RecorderTask
+from hubodo.web.request_body import RequestRefused
 from hubowire.messages import BiasInit
 
 _MIN_BIAS_SAMPLES = 2000
@@ -35,26 +35,26 @@ class Actions:
         """Return the log that is being written, or None."""
         return self._page.file
 
-    def do(self, action: str, body: dict[str, Any]) -> None:
-        """Queue an action; raise NotServed if it is invalid. Its outcome appears as an event on the page."""
+    def request_action(self, action: str, body: dict[str, Any]) -> None:
+        """Queue an action; raise RequestRefused if it is invalid. Its outcome appears as an event on the page."""
         match action:
             case "bias":
-                accepted = self._page.wish(
+                accepted = self._page.submit_task(
                     _bias(str(body.get("node")), body.get("samples", _MIN_BIAS_SAMPLES))
                 )
             case "mark":
-                accepted = self._page.wish(_mark(str(body.get("text", ""))))
+                accepted = self._page.submit_task(_mark(str(body.get("text", ""))))
             case "record" if isinstance(body.get("on"), bool):
-                accepted = self._page.record(body["on"])
+                accepted = self._page.set_recording(body["on"])
             case _:
-                raise NotServed(404, "bias with node, mark with text, or record with on")
+                raise RequestRefused(404, "bias with node, mark with text, or record with on")
         if not accepted:
-            raise NotServed(429, "too many requests at once; wait a second")
+            raise RequestRefused(429, "too many requests at once; wait a second")
 
 
-def _bias(node: str, samples: object) -> Wish:
+def _bias(node: str, samples: object) -> RecorderTask:
     if not isinstance(samples, int) or not _MIN_BIAS_SAMPLES <= samples <= 65535:
-        raise NotServed(400, f"samples: from {_MIN_BIAS_SAMPLES} to 65535")
+        raise RequestRefused(400, f"samples: from {_MIN_BIAS_SAMPLES} to 65535")
     label = f"bias initialisation over {samples} samples"
 
     def wish(recorder: Recorder) -> None:
@@ -63,7 +63,7 @@ def _bias(node: str, samples: object) -> Wish:
     return wish
 
 
-def _mark(text: str) -> Wish:
+def _mark(text: str) -> RecorderTask:
     printable = "".join(letter if letter.isprintable() else " " for letter in text)
     line = " ".join(printable.split())[:_MAX_MARK_LENGTH] or "mark"
 

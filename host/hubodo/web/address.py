@@ -20,7 +20,7 @@ class Address:
     port: int
 
     @property
-    def loopback(self) -> bool:
+    def is_loopback(self) -> bool:
         """Return True if only this computer can reach the address."""
         number = _number(self.host)
         return self.host.lower() == "localhost" if number is None else number.is_loopback
@@ -68,7 +68,7 @@ def host_allowed(name: str, address: Address, extra_names: frozenset[str]) -> bo
     if _number(name) is not None:
         return True
     names = {"localhost", address.host.lower(), *extra_names}
-    if not address.loopback:
+    if not address.is_loopback:
         machine = socket.gethostname().lower()
         names |= {machine, f"{machine.partition('.')[0]}.local"}
     return name in names

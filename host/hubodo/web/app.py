@@ -18,13 +18,13 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from hubodo.ingest.live.metrics_server import respond
 from hubodo.web.actions import Actions
-from hubodo.web.asked import NotServed, body_of, form_of, json_answer, json_of
 from hubodo.web.config import Site
-from hubodo.web.guard import COOKIE, Guard, session_of, too_many_guesses, visitor
+from hubodo.web.guard import COOKIE, AccessGuard, client_address, request_session, too_many_guesses
 from hubodo.web.guess_limiter import GuessLimiter, TooManyGuesses
-from hubodo.web.hub import Hub
-from hubodo.web.jobs import SCRATCH, Job, Jobs
-from hubodo.web.library import Library, RecordingFile
+from hubodo.web.hub import FrameHub
+from hubodo.web.jobs import SCRATCH, Job, JobQueue
+from hubodo.web.library import RecordingFile, RecordingLibrary
+from hubodo.web.request_body import RequestRefused, json_response, parse_form, read_body, read_json
 from hubodo.web.secrets import SESSION_S, Secrets
 
 STATIC = Path(__file__).parent / "static"
@@ -44,8 +44,8 @@ class Pages:
         site: Site,
         secrets: Secrets,
         limiter: GuessLimiter,
-        library: Library,
-        hub: Hub | None,
+        library: RecordingLibrary,
+        hub: FrameHub | None,
         actions: Actions | None,
     ) -> None:
         self._site = site
@@ -54,7 +54,7 @@ class Pages:
         self._hub = hub
         self._actions = actions
         self._limiter = limiter
-        self._jobs = Jobs(site.job_limit)
+        self._jobs = JobQueue(site.job_limit)
 
     def routes(self) -> list[Route | WebSocketRoute | Mount]:
         """Return all routes."""
@@ -92,11 +92,11 @@ class Pages:
         text = (STATIC / "login.html").read_text("utf-8")
         if request.method == "GET":
             return HTMLResponse(text.replace("{{error}}", ""))
-        body = await body_of(request)
-        token = form_of(body).get("token", "")
+        body = await read_body(request)
+        token = parse_form(body).get("token", "")
         try:
             is_valid = await self._limiter.verify(
-                visitor(request.scope), lambda: self._secrets.is_token(token)
+                client_address(request.scope), lambda: self._secrets.is_token(token)
             )
         except TooManyGuesses:
             return too_many_guesses()
@@ -114,10 +114,10 @@ class Pages:
         return answer
 
     async def _logout(self, request: Request) -> Response:
-        session = session_of(request.scope)
+        session = request_session(request.scope)
         if session is not None:
             self._secrets.end_session(session)
-        answer = json_answer({"ok": True})
+        answer = json_response({"ok": True})
         answer.delete_cookie(COOKIE, httponly=True, samesite="strict", secure=self._site.cert is not None)
         return answer
 
@@ -126,9 +126,9 @@ class Pages:
         if self._hub is None:
             await socket.close(4404)
             return
-        session = session_of(socket.scope)
+        session = request_session(socket.scope)
         reading = asyncio.ensure_future(_until_gone(socket))
-        following = self._hub.follow()
+        following = self._hub.subscribe()
         try:
             while not reading.done():
                 waiting = asyncio.ensure_future(anext(following))
@@ -150,7 +150,7 @@ class Pages:
 
     async def _recordings(self, request: Request) -> Response:
         current = None if self._actions is None else self._actions.file
-        return json_answer(self._library.as_json(current))
+        return json_response(self._library.as_json(current))
 
     async def _download(self, request: Request) -> Response:
         entry = self._entry(request.path_params["name"])
@@ -167,13 +167,13 @@ class Pages:
         entry = self._entry(request.path_params["name"])
         page = self._library.derived.read((*entry.parts, *parts), entry.changed)
         if page is None:
-            raise NotServed(404, "not generated yet, or the recording has changed since")
+            raise RequestRefused(404, "not generated yet, or the recording has changed since")
         return HTMLResponse(page, headers={"content-security-policy": _GENERATED_PAGE_POLICY})
 
     def _entry(self, name: str) -> RecordingFile:
-        entry = self._library.find(name)
+        entry = self._library.find_recording(name)
         if entry is None:
-            raise NotServed(404, "no such recording")
+            raise RequestRefused(404, "no such recording")
         return entry
 
     async def _machine(self, request: Request) -> Response:
@@ -183,7 +183,7 @@ class Pages:
         return Response(body, status, media_type=kind)
 
     async def _start_job(self, request: Request) -> Response:
-        body = await json_of(request)
+        body = await read_json(request)
         kind, entry = body.get("kind"), self._entry(str(body.get("name")))
         file, folder_parts = str(entry.path.absolute()), entry.parts
         if kind == "info":
@@ -191,49 +191,49 @@ class Pages:
         elif kind == "report":
             words = ["report", file, "-o", f"{SCRATCH}/report.html"]
         elif kind == "gap":
-            model = self._library.models().get(str(body.get("model")))
+            model = self._library.list_models().get(str(body.get("model")))
             if model is None:
-                raise NotServed(404, "no such model file; put it into the folder of the recordings")
+                raise RequestRefused(404, "no such model file; put it into the folder of the recordings")
             words, folder_parts = ["gap", str(model.absolute()), file, "-o", SCRATCH], (*entry.parts, "gap")
         else:
-            raise NotServed(400, "kind must be info, report or gap")
+            raise RequestRefused(400, "kind must be info, report or gap")
         publish = None if kind == "info" else functools.partial(self._library.derived.publish, folder_parts)
         try:
             self._library.derived.check(folder_parts)
         except OSError:
-            raise NotServed(409, "a symbolic link blocks the output folder; remove it") from None
+            raise RequestRefused(409, "a symbolic link blocks the output folder; remove it") from None
         job = self._jobs.start(kind, entry.name, words, publish)
         if job is None:
-            raise NotServed(429, "too many jobs; wait until one is finished")
-        return json_answer(job.as_json(), 202)
+            raise RequestRefused(429, "too many jobs; wait until one is finished")
+        return json_response(job.as_json(), 202)
 
     async def _cancel_job(self, request: Request) -> Response:
         job = self._job_of(request)
         self._jobs.cancel(job)
-        return json_answer(job.as_json(), 202)
+        return json_response(job.as_json(), 202)
 
     async def _job(self, request: Request) -> Response:
-        return json_answer(self._job_of(request).as_json())
+        return json_response(self._job_of(request).as_json())
 
     def _job_of(self, request: Request) -> Job:
         # Not parsed by the router, which fails on a number with thousands of digits.
         text = request.path_params["number"]
         job = self._jobs.get(int(text)) if text.isascii() and text.isdigit() and len(text) < 10 else None
         if job is None:
-            raise NotServed(404, "no such job")
+            raise RequestRefused(404, "no such job")
         return job
 
     async def _do(self, request: Request) -> Response:
         if self._actions is None:
-            raise NotServed(404, "no recording is running")
-        self._actions.do(request.path_params["action"], await json_of(request))
-        return json_answer({"ok": True}, 202)
+            raise RequestRefused(404, "no recording is running")
+        self._actions.request_action(request.path_params["action"], await read_json(request))
+        return json_response({"ok": True}, 202)
 
 
 def make_app(
     site: Site,
-    library: Library,
-    hub: Hub | None = None,
+    library: RecordingLibrary,
+    hub: FrameHub | None = None,
     actions: Actions | None = None,
 ) -> Starlette:
     """Return the application; hub and actions are None if only recordings are served."""
@@ -249,8 +249,8 @@ def make_app(
 
     app = Starlette(
         routes=pages.routes(),
-        middleware=[Middleware(Guard, site=site, secrets=secrets, limiter=limiter)],
-        exception_handlers={NotServed: _refused},
+        middleware=[Middleware(AccessGuard, site=site, secrets=secrets, limiter=limiter)],
+        exception_handlers={RequestRefused: _refused},
         lifespan=lifespan,
     )
     app.state.secrets = secrets
@@ -258,8 +258,8 @@ def make_app(
 
 
 def _refused(request: Request, error: Exception) -> Response:
-    assert isinstance(error, NotServed)
-    return json_answer({"error": str(error)}, error.status)
+    assert isinstance(error, RequestRefused)
+    return json_response({"error": str(error)}, error.status)
 
 
 async def _until_gone(socket: WebSocket) -> None:

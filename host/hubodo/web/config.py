@@ -14,7 +14,7 @@ from hubodo.settings_table import setting
 from hubodo.toml_file import check_known_keys, load_toml, read_table
 from hubodo.web.address import LOOPBACK, Address, parse_address
 
-PORT = 8642
+WEB_PORT = 8642
 FOXGLOVE_PORT = 8765
 TOKEN_VARIABLE = "HUBODO_WEB_TOKEN_FILE"
 _MIN_TOKEN_LENGTH, _MIN_DISTINCT_CHARACTERS = 16, 6
@@ -25,7 +25,7 @@ class WebConfig:
     """Settings of ``[web]`` in hubodo.toml; the command line overrides them."""
 
     listen: str | None = setting(
-        None, "HOST:PORT of the live page; by default there is no page", example=f"{LOOPBACK}:{PORT}"
+        None, "HOST:PORT of the live page; by default there is no page", example=f"{LOOPBACK}:{WEB_PORT}"
     )
     foxglove: str | None = setting(
         None, "HOST:PORT of the live connection of Foxglove", example=f"{LOOPBACK}:{FOXGLOVE_PORT}"
@@ -97,17 +97,17 @@ def load_web_config(path: Path) -> WebConfig:
     )
 
 
-def make_site(config: WebConfig, environment: Mapping[str, str] = os.environ) -> Site | None:
+def web_site(config: WebConfig, environment: Mapping[str, str] = os.environ) -> Site | None:
     """Return the page as configured, or None if none is.
 
     Raises InputError if other computers could reach it without a token, or a file does not exist.
     """
     if config.listen is None:
         return None
-    address = parse_address(config.listen, PORT)
+    address = parse_address(config.listen, WEB_PORT)
     token_file = config.token_file or environment.get(TOKEN_VARIABLE)
     token = None if not token_file else read_token(Path(token_file))
-    if token is None and not address.loopback:
+    if token is None and not address.is_loopback:
         raise InputError(
             f"{address}: other computers can reach it; give --token-file FILE with a secret of "
             f"{_MIN_TOKEN_LENGTH} characters or more, or listen on 127.0.0.1"
@@ -133,8 +133,8 @@ def read_token(path: Path) -> str:
         raise InputError(f"{path}: no token could be read: {reason}") from None
     if len(token) < _MIN_TOKEN_LENGTH or len(set(token)) < _MIN_DISTINCT_CHARACTERS:
         raise InputError(
-            f"{path}: a token needs {_MIN_TOKEN_LENGTH} characters, {_MIN_DISTINCT_CHARACTERS} of them distinct; "
-            f"run openssl rand -hex 16 > {path}"
+            f"{path}: a token needs {_MIN_TOKEN_LENGTH} characters, {_MIN_DISTINCT_CHARACTERS} of them distinct"
+            f": openssl rand -hex 16 > {path}"
         )
     return token
 

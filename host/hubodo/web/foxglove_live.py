@@ -41,7 +41,7 @@ class FoxgloveClients:
 
     def __init__(self, address: Address) -> None:
         """Start the server; raise InputError if that is not possible."""
-        if not address.loopback:
+        if not address.is_loopback:
             raise InputError(
                 f"{address}: Foxglove's protocol has no access control, so it is limited to this computer; "
                 f"from another computer use ssh -L {address.port}:127.0.0.1:{address.port} HERE"
@@ -69,7 +69,7 @@ class FoxgloveClients:
         return self._server.port
 
     @property
-    def wanted(self) -> bool:
+    def has_subscribers(self) -> bool:
         """Return True if a client has subscribed to any topic."""
         return any(channel.has_sinks() for channel in self._channels.values())
 
@@ -110,7 +110,7 @@ class FoxgloveClients:
         self._channels[channel].log(payload, log_time=t_log_ns)
 
     def finish(self) -> None:
-        """Stop the server."""
+        """Stop the server; see `ChunkTarget`."""
         if not self.closed:
             self.closed = True
             self._server.stop()
@@ -142,7 +142,7 @@ class FoxgloveLive:
     def attach(self, log: LogWriter, series: LogSeries, bulkheads: Bulkheads) -> Mapping[str, RecordListener]:
         """Return the listener of the log; see `Audience`."""
         self._thread = OutputThread("foxglove", lambda: self._handle, bulkheads, capacity=_MAX_BACKLOG)
-        return {"foxglove": self.hear}
+        return {"foxglove": self.queue_write}
 
     def poll(self, recorder: Recorder, now_ns: int) -> None:
         """Publish the greetings and flush; see `Audience`."""
@@ -154,7 +154,7 @@ class FoxgloveLive:
     def show(self, snapshot: Snapshot) -> None:
         """Ignore snapshots; see `Audience`."""
 
-    def hear(self, record: LogRecord) -> None:
+    def queue_write(self, record: LogRecord) -> None:
         """Queue a write to the log; see `hubodo.ingest.live.tee_sink.RecordListener`."""
         if self._thread is not None:
             self._thread.put(record)
@@ -163,7 +163,7 @@ class FoxgloveLive:
         """Forward a queued write; None, which arrives 50 times a second, flushes."""
         if record is None:
             self._log.flush()
-            self._wanted = self.clients.wanted
+            self._wanted = self.clients.has_subscribers
         else:
             self._write(record, self._wanted)
 
@@ -198,7 +198,7 @@ class FoxgloveLog:
             for channel in log.scan.channels.values()
         }
 
-    def up_to(self, t_ns: int) -> None:
+    def send_until(self, t_ns: int) -> None:
         """Send the messages received until `t_ns`, host time."""
         while self._next is not None and self._next.log_time <= t_ns:
             channel = self._channels.get(self._next.channel)

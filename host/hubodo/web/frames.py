@@ -132,7 +132,7 @@ def event_frame(event: Event, wall: float) -> Frame:
     return {"at": round(wall, 1), "kind": event.kind, "source": event.source, "text": event.text}
 
 
-def east_north(
+def local_east_north(
     latitude_deg: float, longitude_deg: float, origin_deg: tuple[float, float]
 ) -> tuple[float, float]:
     """Return metres east and north of the origin, by its radii of curvature (WGS 84), for drawing."""

@@ -51,7 +51,7 @@ class Identity(Enum):
     UNKNOWN = auto()
 
 
-class Guard:
+class AccessGuard:
     """ASGI middleware that checks each request before the application."""
 
     def __init__(self, app: ASGIApp, site: Site, secrets: Secrets, limiter: GuessLimiter) -> None:
@@ -115,22 +115,22 @@ class Guard:
             scope[_SESSION_KEY] = session
             return Identity.SESSION
         if token is not None:
-            valid = await self._limiter.verify(visitor(scope), lambda: secrets.is_token(token))
+            valid = await self._limiter.verify(client_address(scope), lambda: secrets.is_token(token))
             return Identity.TOKEN if valid else Identity.UNKNOWN
         if session is not None:
             scope[_SESSION_KEY] = session
-            valid = await self._limiter.verify(visitor(scope), lambda: secrets.is_session(session))
+            valid = await self._limiter.verify(client_address(scope), lambda: secrets.is_session(session))
             return Identity.SESSION if valid else Identity.UNKNOWN
         return Identity.UNKNOWN
 
 
-def visitor(scope: Scope) -> str:
+def client_address(scope: Scope) -> str:
     """Return the IP number of the visitor."""
     client = scope.get("client")
     return "" if client is None else str(client[0])
 
 
-def session_of(scope: Scope) -> str | None:
+def request_session(scope: Scope) -> str | None:
     """Return the session that identified the visitor, or None."""
     session = scope.get(_SESSION_KEY)
     return session if isinstance(session, str) else None

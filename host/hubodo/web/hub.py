@@ -10,7 +10,7 @@ from typing import Any
 
 from hubodo.safe_text import json_text
 from hubodo.web.frames import Frame
-from hubodo.web.thin_path import ThinPath
+from hubodo.web.thin_path import ThinnedPath
 
 HISTORY_FRAMES = 600
 """One minute at ten frames per second."""
@@ -20,7 +20,7 @@ _MAX_HISTORY_EVENTS = 200
 _MAX_INCOMING_FRAMES = 64
 
 
-class Hub:
+class FrameHub:
     """A distributor of frames from the thread of the recording to pages on the server's event loop.
 
     Memory is bounded: a page that reads too slowly is not buffered, but restarts with the history.
@@ -35,7 +35,7 @@ class Hub:
         self._frames: deque[str] = deque(maxlen=HISTORY_FRAMES)
         self._count = 0
         self._changed = asyncio.Event()
-        self._trails = {"o": ThinPath(), "m": ThinPath(), "g": ThinPath()}
+        self._trails = {"o": ThinnedPath(), "m": ThinnedPath(), "g": ThinnedPath()}
         self._events: deque[Frame] = deque(maxlen=_MAX_HISTORY_EVENTS)
         self._slow: Frame | None = None
 
@@ -59,7 +59,7 @@ class Hub:
         """The newest slow part of a frame."""
         return self._slow
 
-    async def follow(self) -> AsyncIterator[str]:
+    async def subscribe(self) -> AsyncIterator[str]:
         """Yield JSON texts for a page: the history, then new frames."""
         position = self._count
         yield self._first_message()
@@ -87,7 +87,7 @@ class Hub:
     def _remember(self, frame: Frame) -> None:
         if "origin" in frame:
             self._about["origin"] = frame["origin"]
-            self._trails["g"] = ThinPath()
+            self._trails["g"] = ThinnedPath()
         for key, trail in self._trails.items():
             if key in frame:
                 trail.add(frame[key][0], frame[key][1])

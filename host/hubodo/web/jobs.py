@@ -97,7 +97,7 @@ class Job:
         if bars:
             self.text, self.progress = bars[-1][0].strip(), int(bars[-1][1]) / 100.0
 
-    def end(self, code: int, printed: bytes) -> None:
+    def finish(self, code: int, printed: bytes) -> None:
         """Set result and final state from exit code and standard output."""
         try:
             self.result = json.loads(printed) if printed.strip() else None
@@ -110,7 +110,7 @@ class Job:
         self.state, self.progress, self.text = "done", 1.0, ""
 
 
-class Jobs:
+class JobQueue:
     """The queue of jobs and the newest results; used only on the server's event loop."""
 
     def __init__(self, limit: float) -> None:
@@ -197,7 +197,7 @@ class Jobs:
         try:
             printed, _ = await process.communicate()
             _read_terminal(terminal, job)
-            job.end(process.returncode or 0, printed)
+            job.finish(process.returncode or 0, printed)
             is_finished = True
         finally:
             if not is_finished:

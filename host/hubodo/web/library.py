@@ -42,7 +42,7 @@ class RecordingFile:
     changed: float
 
 
-class Library:
+class RecordingLibrary:
     """The recordings of a folder; links and special files are ignored, as others may write to it."""
 
     def __init__(self, folder: Path, models: dict[str, Path] | None = None) -> None:
@@ -51,7 +51,7 @@ class Library:
         self.derived = DerivedFiles(folder)
         self._models = models or {}
 
-    def entries(self) -> list[RecordingFile]:
+    def list_recordings(self) -> list[RecordingFile]:
         """Return the recordings, the newest first."""
         recordings = [
             RecordingFile(shown_name("/".join(parts)), path, parts, info.st_size, info.st_mtime)
@@ -59,11 +59,11 @@ class Library:
         ]
         return sorted(recordings, key=lambda entry: (-entry.changed, entry.name))
 
-    def find(self, name: str) -> RecordingFile | None:
+    def find_recording(self, name: str) -> RecordingFile | None:
         """Return the recording of that name, or None."""
-        return next((entry for entry in self.entries() if entry.name == name), None)
+        return next((entry for entry in self.list_recordings() if entry.name == name), None)
 
-    def models(self) -> dict[str, Path]:
+    def list_models(self) -> dict[str, Path]:
         """Return possible model files by name."""
         files = self._files(".toml", self.folder, (), 1)
         return {
@@ -76,7 +76,7 @@ class Library:
         current_path = None if current is None else current.resolve()
         return {
             "folder": shown_name(self.folder.resolve().name),
-            "models": sorted(self.models()),
+            "models": sorted(self.list_models()),
             "recordings": [
                 {
                     "name": entry.name,
@@ -86,7 +86,7 @@ class Library:
                     "report": self.derived.is_fresh((*entry.parts, "report.html"), entry.changed),
                     "gap": self.derived.is_fresh((*entry.parts, "gap", "report.html"), entry.changed),
                 }
-                for entry in self.entries()
+                for entry in self.list_recordings()
             ],
         }
 

@@ -17,14 +17,14 @@ from hubodo.web.address import Address
 from hubodo.web.app import make_app
 from hubodo.web.config import Site
 from hubodo.web.foxglove_live import FoxgloveLive
-from hubodo.web.hub import Hub
-from hubodo.web.library import Library
+from hubodo.web.hub import FrameHub
+from hubodo.web.library import RecordingLibrary
 from hubodo.web.live_page import LivePage
 from hubodo.web.server import serving
 
 
 @contextlib.contextmanager
-def watching(
+def live_audience(
     site: Site | None,
     foxglove: Address | None,
     folder: Path,
@@ -48,9 +48,9 @@ def watching(
                 live.greetings = greetings
             yield live
             return
-        hub, faults = Hub(_about(vehicle)), ServerFaults()
+        hub, faults = FrameHub(_about(vehicle)), ServerFaults()
         page = LivePage(hub.put, live, faults)
-        app = make_app(site, Library(folder, models), hub, Actions(page))
+        app = make_app(site, RecordingLibrary(folder, models), hub, Actions(page))
         port = stack.enter_context(serving(app, site, faults))
         greetings.append(f"live page at {replace(site, address=replace(site.address, port=port)).url}")
         page.greetings = greetings

@@ -16,14 +16,14 @@ from hubodo.log.log_series import LogSeries
 from hubodo.log.log_writer import LogWriter
 from hubodo.recording import Event
 from hubodo.units import NS_PER_S
-from hubodo.web.frames import Frame, east_north, event_frame, motion_frame, slow_frame
-from hubodo.web.watch import Ear
+from hubodo.web.frames import Frame, event_frame, local_east_north, motion_frame, slow_frame
+from hubodo.web.log_observer import LogObserver
 
 _FRAME_PERIOD_NS = NS_PER_S // 10
 _MAX_PENDING_EVENTS = 50
 _MAX_PENDING_REQUESTS = 16
 
-Wish = Callable[[Recorder], None]
+RecorderTask = Callable[[Recorder], None]
 
 
 class LivePage:
@@ -42,8 +42,8 @@ class LivePage:
         self._series: LogSeries | None = None
         self._other = other
         self._server = server or ServerFaults()
-        self._observer = Ear(_MAX_PENDING_EVENTS)
-        self._wishes: queue.Queue[Wish] = queue.Queue(_MAX_PENDING_REQUESTS)
+        self._observer = LogObserver(_MAX_PENDING_EVENTS)
+        self._wishes: queue.Queue[RecorderTask] = queue.Queue(_MAX_PENDING_REQUESTS)
         self._start_ns: int | None = None
         self._next_ns = 0
         self._slow: Snapshot | None = None
@@ -60,7 +60,7 @@ class LivePage:
         newest = self.newest
         return 0 if newest is None else newest.t_ns + int((time.monotonic() - self._shown) * NS_PER_S)
 
-    def wish(self, wish: Wish) -> bool:
+    def submit_task(self, wish: RecorderTask) -> bool:
         """Queue a task for the thread of the recording; return False if too many are waiting."""
         try:
             self._wishes.put_nowait(wish)
@@ -68,9 +68,9 @@ class LivePage:
             return False
         return True
 
-    def record(self, on: bool) -> bool:
+    def set_recording(self, on: bool) -> bool:
         """Start the next log or end the present one; return False if too many requests are waiting."""
-        return self.wish(lambda recorder: self._switch(on))
+        return self.submit_task(lambda recorder: self._switch(on))
 
     def _switch(self, on: bool) -> None:
         assert self._log is not None and self._series is not None
@@ -84,7 +84,7 @@ class LivePage:
         """Return the listeners of the log; see `Audience`."""
         self._log, self._series = log, series
         others = {} if self._other is None else self._other.attach(log, series, bulkheads)
-        return {"page": self._observer.hear, **others}
+        return {"page": self._observer.observe, **others}
 
     def show(self, snapshot: Snapshot) -> None:
         """Take a snapshot; raise ServerEnded once if the page's server was restarted. See `Audience`."""
@@ -109,7 +109,7 @@ class LivePage:
 
     def _frame(self, recorder: Recorder, t: float) -> Frame:
         observer = self._observer
-        frame = motion_frame(recorder, t, observer.spins())
+        frame = motion_frame(recorder, t, observer.take_mean_rates())
         if observer.fix is not None:
             frame |= self._fix(recorder, *observer.fix)
             observer.fix = None
@@ -130,6 +130,6 @@ class LivePage:
         origin = located.origin_deg if located is not None else self._origin or (latitude_deg, longitude_deg)
         new_origin: Frame = {} if origin == self._origin else {"origin": list(origin)}
         self._origin = origin
-        x, y = east_north(latitude_deg, longitude_deg, origin)
+        x, y = local_east_north(latitude_deg, longitude_deg, origin)
         rounded_sigma = None if sigma is None else round(sigma, 2)
         return new_origin | {"g": [round(x, 2), round(y, 2), rounded_sigma]}

@@ -9,7 +9,7 @@ _INITIAL_STEP_M = 0.02
 """Smallest distance between points; it doubles each time the path is thinned."""
 
 
-class ThinPath:
+class ThinnedPath:
     """A path whose `points` are [x, y], the newest last; when it is full, every other point is removed."""
 
     def __init__(self) -> None:

@@ -32,7 +32,7 @@ from hubodo.log.recording_reader import read_recording
 from hubodo.vehicle import load_vehicle
 from hubodo.web.address import Address
 from hubodo.web.live_page import LivePage
-from hubodo.web.watch import Ear
+from hubodo.web.log_observer import LogObserver
 from hubowire import decode
 from in_process import hubodo
 
@@ -73,7 +73,7 @@ PARTS = {
     "what is shown at once": (view.LineView, "show_notice", always, "terminal"),
     "JSON lines": (view.JsonView, "_write_line", always, "terminal"),
     "the page": (LivePage, "poll", always, "page"),
-    "what the page follows": (Ear, "hear", always, "page"),
+    "what the page follows": (LogObserver, "hear", always, "page"),
     "the page's status": (LivePage, "show", always, "page"),
     "metrics": (MetricsServer, "show", always, "metrics"),
     "the service manager": (ServiceNotifier, "show", always, "service manager"),

@@ -18,7 +18,7 @@ from hubodo.listening.listener import ADMISSION_TIMEOUT_S, MAX_ACCEPT_BATCH, Bou
 from hubodo.web.address import Address
 from hubodo.web.app import make_app
 from hubodo.web.config import Site
-from hubodo.web.library import Library
+from hubodo.web.library import RecordingLibrary
 from hubodo.web.server import serving
 from waiting import until
 
@@ -33,7 +33,7 @@ def small(monkeypatch):
 @contextmanager
 def page(tmp_path, **site):
     place = Site(Address("127.0.0.1", 0), **site)
-    with serving(make_app(place, Library(tmp_path)), place) as port:
+    with serving(make_app(place, RecordingLibrary(tmp_path)), place) as port:
         yield port, "/api/recordings"
 
 

@@ -115,7 +115,7 @@ def test_a_client_is_told_of_every_topic_of_the_log_and_its_messages_decode(tmp_
         client = stack.enter_context(Client(live.clients.port))
         while client.topics() != TOPICS:
             client.hear()
-        until(lambda: live.clients.wanted)
+        until(lambda: live.clients.has_subscribers)
         live._thread.put(None)
         turn = 0
         while {topic for topic, _, _ in client.messages} != TOPICS:
@@ -145,7 +145,7 @@ def test_a_log_is_played_to_a_client_message_by_message(tmp_path):
         while client.topics() != TOPICS:
             client.hear()
         until(lambda: sum(channel.has_sinks() for channel in clients._channels.values()) == 7)
-        played.up_to(10**18 + 45_000_000)
+        played.send_until(10**18 + 45_000_000)
         while len(client.messages) < 5 * 10:
             client.hear()
         rates = [m.angular_velocity.x for topic, _, m in client.messages if topic == "/left/imu"]

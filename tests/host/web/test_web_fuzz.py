@@ -12,8 +12,8 @@ from hubodo.web.actions import _mark
 from hubodo.web.address import Address
 from hubodo.web.app import make_app
 from hubodo.web.config import Site
-from hubodo.web.hub import Hub
-from hubodo.web.library import Library
+from hubodo.web.hub import FrameHub
+from hubodo.web.library import RecordingLibrary
 from hubodo.web.server import serving
 
 TOKEN = "correct-horse-battery"
@@ -45,7 +45,7 @@ def server(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("rides")
     LogWriter(folder / "x.mcap", t_zero_ns=0).close()
     site = Site(Address("127.0.0.1", 0), request.param)
-    app = make_app(site, Library(folder), Hub({}), Wishes())
+    app = make_app(site, RecordingLibrary(folder), FrameHub({}), Wishes())
     # A guess need not take its time here.
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("hubodo.web.guess_limiter.HOLD_S", 0.0)
@@ -102,7 +102,7 @@ def test_no_request_makes_the_server_fail(server, data):
 )
 def test_what_once_made_it_fail_is_refused(tmp_path, request_line, headers, body, status):
     site = Site(Address("127.0.0.1", 0), TOKEN)
-    with serving(make_app(site, Library(tmp_path), None, Wishes()), site) as port:
+    with serving(make_app(site, RecordingLibrary(tmp_path), None, Wishes()), site) as port:
         lines = {"Host": "127.0.0.1", "Content-Length": str(len(body)), **headers}
         head = "".join(f"{name}: {value}\r\n" for name, value in lines.items())
         assert status_of(port, f"{request_line} HTTP/1.1\r\n{head}\r\n".encode("latin-1") + body) == status

@@ -8,10 +8,10 @@ from hubodo.errors import InputError
 from hubodo.web import secrets
 from hubodo.web.address import Address, parse_address
 from hubodo.web.app import make_app
-from hubodo.web.config import Site, WebConfig, make_site, read_token
+from hubodo.web.config import Site, WebConfig, read_token, web_site
 from hubodo.web.guess_limiter import ALLOWANCE, HOLD_S, GuessLimiter
-from hubodo.web.hub import Hub
-from hubodo.web.library import Library
+from hubodo.web.hub import FrameHub
+from hubodo.web.library import RecordingLibrary
 from in_process import hubodo
 
 TOKEN = "correct-horse-battery"
@@ -33,7 +33,7 @@ class Wishes:
 def client(tmp_path, *, token=None, base=HERE, **site):
     wishes = Wishes()
     place = Site(Address("127.0.0.1", 8642), token, **site)
-    app = make_app(place, Library(tmp_path), Hub({}), wishes)
+    app = make_app(place, RecordingLibrary(tmp_path), FrameHub({}), wishes)
     made = TestClient(app, base_url=base, follow_redirects=False)
     made.wishes, made.csrf = wishes, app.state.secrets.csrf
     return made
@@ -124,7 +124,7 @@ def test_the_token_is_given_once_and_a_cookie_that_is_not_the_token_from_then_on
 
 def test_over_https_the_cookie_stays_there(tmp_path):
     site = Site(Address("127.0.0.1", 8642), TOKEN, cert=tmp_path / "c", key=tmp_path / "k")
-    with TestClient(make_app(site, Library(tmp_path)), base_url="https://127.0.0.1:8642") as made:
+    with TestClient(make_app(site, RecordingLibrary(tmp_path)), base_url="https://127.0.0.1:8642") as made:
         answer = made.post("/login", data={"token": TOKEN}, follow_redirects=False)
         assert "Secure" in answer.headers["set-cookie"]
         assert site.url == "https://127.0.0.1:8642/"
@@ -183,7 +183,7 @@ def test_what_is_sent_is_read_in_bounds(tmp_path):
 )
 def test_an_address_without_a_host_is_this_computer_alone(text, host, port, alone):
     address = parse_address(text, 8642)
-    assert (address.host, address.port, address.loopback) == (host, port, alone)
+    assert (address.host, address.port, address.is_loopback) == (host, port, alone)
 
 
 @pytest.mark.parametrize("text", ["left=/dev/ttyACM0", "/dev/ttyACM0", "host:port", "host:99999", "a b"])
@@ -196,7 +196,7 @@ def test_others_are_not_served_without_a_token_that_is_kept_secret(tmp_path, mon
     monkeypatch.delenv("HUBODO_WEB_TOKEN_FILE", raising=False)
     open_to_all = WebConfig(listen="0.0.0.0:0")
     with pytest.raises(InputError, match="--token-file"):
-        make_site(open_to_all)
+        web_site(open_to_all)
     file = tmp_path / "token"
     for content, mode, says in (
         ("short", 0o600, "16 characters"),
@@ -210,11 +210,11 @@ def test_others_are_not_served_without_a_token_that_is_kept_secret(tmp_path, mon
             read_token(file)
         assert content not in str(refused.value)
     file.write_text(TOKEN + "\n")
-    assert make_site(open_to_all, {"HUBODO_WEB_TOKEN_FILE": str(file)}).token == TOKEN
+    assert web_site(open_to_all, {"HUBODO_WEB_TOKEN_FILE": str(file)}).token == TOKEN
     with pytest.raises(InputError, match="both"):
-        make_site(WebConfig(listen="", cert="cert.pem"))
-    with pytest.raises(InputError, match="not there"):
-        make_site(WebConfig(listen="", cert="cert.pem", key="key.pem"))
+        web_site(WebConfig(listen="", cert="cert.pem"))
+    with pytest.raises(InputError, match="does not exist"):
+        web_site(WebConfig(listen="", cert="cert.pem", key="key.pem"))
 
 
 def test_the_commands_refuse_in_one_line(tmp_path):
@@ -277,8 +277,8 @@ def test_a_logout_ends_the_session_on_the_server_and_needs_a_page_of_its_own(tmp
 
 
 def test_a_live_feed_ends_with_its_session(tmp_path):
-    hub = Hub({})
-    app = make_app(Site(Address("127.0.0.1", 8642), TOKEN), Library(tmp_path), hub)
+    hub = FrameHub({})
+    app = make_app(Site(Address("127.0.0.1", 8642), TOKEN), RecordingLibrary(tmp_path), hub)
     with TestClient(app, base_url=HERE) as made:
         made.post("/login", data={"token": TOKEN}, follow_redirects=False)
         headers = {"host": "127.0.0.1:8642", "cookie": f"hubodo={made.cookies['hubodo']}"}

@@ -17,7 +17,7 @@ from hubodo.web.app import make_app
 from hubodo.web.config import Site
 from hubodo.web.derived_files import DerivedFiles
 from hubodo.web.jobs import Job
-from hubodo.web.library import Library
+from hubodo.web.library import RecordingLibrary
 from waiting import until
 
 SITE = Site(Address("127.0.0.1", 8642))
@@ -50,7 +50,7 @@ def folder(tmp_path, log):
 
 @pytest.fixture
 def browser(folder):
-    app = make_app(SITE, Library(folder))
+    app = make_app(SITE, RecordingLibrary(folder))
     with TestClient(app, base_url="http://127.0.0.1:8642") as made:
         made.headers["x-hubodo-token"] = app.state.secrets.csrf
         yield made
@@ -132,12 +132,12 @@ def test_a_verb_runs_at_a_visitors_wish_and_its_failure_is_told_in_its_own_line(
 
 def test_progress_is_read_from_what_people_would_see():
     going = Job(1, "gap", "a.mcap", ())
-    going.heard("\x1b[2Kreading a.mcap \x1b[38;5;237m━━━━━━━╸━━━━━\x1b[0m  12%\r")
+    going.read_output("\x1b[2Kreading a.mcap \x1b[38;5;237m━━━━━━━╸━━━━━\x1b[0m  12%\r")
     assert (going.text, going.progress) == ("reading a.mcap", 0.12)
-    going.heard("\x1b[2Kgoing through candidates ━━━━━━━━━━━━━━")
-    going.heard("╺━━  73%\r")
+    going.read_output("\x1b[2Kgoing through candidates ━━━━━━━━━━━━━━")
+    going.read_output("╺━━  73%\r")
     assert (going.text, going.progress) == ("going through candidates", 0.73)
-    going.end(2, b"")
+    going.finish(2, b"")
     assert going.state == "failed"
 
 
@@ -231,7 +231,7 @@ def test_a_job_that_is_cancelled_ends_with_all_that_it_started_and_the_next_one_
 
 
 def test_a_job_is_stopped_at_its_time_limit_and_says_so(folder, long_job):
-    app = make_app(replace(SITE, job_limit=0.5), Library(folder))
+    app = make_app(replace(SITE, job_limit=0.5), RecordingLibrary(folder))
     with TestClient(app, base_url="http://127.0.0.1:8642") as browser:
         browser.headers["x-hubodo-token"] = app.state.secrets.csrf
         answer = job(browser, kind="info", name="a.mcap")

@@ -24,14 +24,14 @@ from hubodo.vehicle import load_vehicle
 from hubodo.web.actions import Actions
 from hubodo.web.address import Address
 from hubodo.web.app import make_app
-from hubodo.web.asked import NotServed
 from hubodo.web.config import Site
-from hubodo.web.frames import east_north
-from hubodo.web.hub import HISTORY, Hub
-from hubodo.web.library import Library
+from hubodo.web.frames import local_east_north
+from hubodo.web.hub import HISTORY_FRAMES, FrameHub
+from hubodo.web.library import RecordingLibrary
 from hubodo.web.live_page import LivePage
+from hubodo.web.request_body import RequestRefused
 from hubodo.web.server import serving
-from hubodo.web.thin_path import ThinPath
+from hubodo.web.thin_path import ThinnedPath
 from hubowire.messages import BiasInit, Reason
 
 
@@ -44,10 +44,10 @@ def watched(tmp_path_factory):
     actions = Actions(page)
     Script(
         computer,
-        (2.0, lambda: actions.do("mark", {"text": "a  bump\n"})),
-        (3.0, lambda: actions.do("bias", {"node": "left"})),
-        (5.0, lambda: actions.do("record", {"on": False})),
-        (7.0, lambda: actions.do("record", {"on": True})),
+        (2.0, lambda: actions.request_action("mark", {"text": "a  bump\n"})),
+        (3.0, lambda: actions.request_action("bias", {"node": "left"})),
+        (5.0, lambda: actions.request_action("record", {"on": False})),
+        (7.0, lambda: actions.request_action("record", {"on": True})),
     )
     drive = short_drive(5)
     nodes = {
@@ -138,16 +138,16 @@ def test_a_stop_ends_the_log_and_a_start_begins_another_while_the_page_goes_on(w
 )
 def test_a_wish_that_makes_no_sense_is_refused(action, asked):
     page = LivePage(lambda frame: None)
-    with pytest.raises(NotServed):
-        Actions(page).do(action, asked)
+    with pytest.raises(RequestRefused):
+        Actions(page).request_action(action, asked)
 
 
 def test_wishes_are_bounded_while_the_recording_is_busy():
     page = LivePage(lambda frame: None)
     for _ in range(16):
-        Actions(page).do("mark", {})
-    with pytest.raises(NotServed, match="too many"):
-        Actions(page).do("mark", {})
+        Actions(page).request_action("mark", {})
+    with pytest.raises(RequestRefused, match="too many"):
+        Actions(page).request_action("mark", {})
 
 
 def frame(k):
@@ -156,14 +156,14 @@ def frame(k):
 
 def test_a_page_that_opens_has_the_last_minute_and_all_of_the_path_at_once_and_then_what_comes():
     async def run():
-        hub = Hub({"version": "1"})
+        hub = FrameHub({"version": "1"})
         hub.attach(asyncio.get_running_loop(), csrf="c")
-        for k in range(3 * HISTORY):
+        for k in range(3 * HISTORY_FRAMES):
             hub.put({**frame(k), "e": [{"text": str(k)}]})
             if k % 50 == 0:
                 await asyncio.sleep(0)
         await asyncio.sleep(0.01)
-        following = hub.follow()
+        following = hub.subscribe()
         first = json.loads(await anext(following))
         hub.put(frame(5000))
         then = json.loads(await anext(following))
@@ -172,8 +172,8 @@ def test_a_page_that_opens_has_the_last_minute_and_all_of_the_path_at_once_and_t
 
     first, then = asyncio.run(run())
     assert first["hello"]["csrf"] == "c"
-    assert len(first["history"]) == HISTORY
-    assert first["history"][-1]["o"][0] == 3 * HISTORY - 1
+    assert len(first["history"]) == HISTORY_FRAMES
+    assert first["history"][-1]["o"][0] == 3 * HISTORY_FRAMES - 1
     assert first["hello"]["trails"]["o"][0] == [0, 0]
     assert len(first["hello"]["events"]) == 200
     assert then["o"][0] == 5000
@@ -181,9 +181,9 @@ def test_a_page_that_opens_has_the_last_minute_and_all_of_the_path_at_once_and_t
 
 def test_a_page_that_reads_slowly_begins_anew_instead_of_being_queued_for():
     async def run():
-        hub = Hub({})
+        hub = FrameHub({})
         hub.attach(asyncio.get_running_loop())
-        following = hub.follow()
+        following = hub.subscribe()
         await anext(following)
         for k in range(400):
             hub.put(frame(k))
@@ -200,7 +200,7 @@ def test_a_page_that_reads_slowly_begins_anew_instead_of_being_queued_for():
 
 
 def test_the_path_of_days_stays_small_and_keeps_its_ends():
-    trail = ThinPath()
+    trail = ThinnedPath()
     for k in range(100_000):
         trail.add(k * 0.05, 1.0)
     assert 1000 <= len(trail.points) <= 2000
@@ -209,17 +209,17 @@ def test_the_path_of_days_stays_small_and_keeps_its_ends():
 
 
 def test_east_and_north_are_metres_on_the_ground():
-    x, y = east_north(47.401, 8.502, (47.4, 8.5))
+    x, y = local_east_north(47.401, 8.502, (47.4, 8.5))
     assert (x, y) == (pytest.approx(151.0, abs=0.3), pytest.approx(111.2, abs=0.2))
-    assert east_north(0.0, -179.999, (0.0, 179.999))[0] == pytest.approx(222.6, abs=0.2)
+    assert local_east_north(0.0, -179.999, (0.0, 179.999))[0] == pytest.approx(222.6, abs=0.2)
 
 
 def test_a_browser_that_never_reads_keeps_neither_the_recording_nor_another_browser_waiting(tmp_path):
     """What such a browser does not take stays in the buffers of its own socket, and is then let go."""
-    hub = Hub({"pad": "x" * 20_000})
+    hub = FrameHub({"pad": "x" * 20_000})
     site = Site(Address("127.0.0.1", 0))
     frames = iter({**frame(k), "pad": "y" * 2000} for k in range(10**9))
-    with serving(make_app(site, Library(tmp_path), hub), site) as port:
+    with serving(make_app(site, RecordingLibrary(tmp_path), hub), site) as port:
         deaf = socket.create_connection(("127.0.0.1", port))
         deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         deaf.sendall(
@@ -235,15 +235,18 @@ def test_a_browser_that_never_reads_keeps_neither_the_recording_nor_another_brow
                 seen = json.loads(other.recv(timeout=300))
                 assert seen
             assert len(hub._incoming) <= hub._incoming.maxlen
-            assert len(hub._frames) <= HISTORY
+            assert len(hub._frames) <= HISTORY_FRAMES
         deaf.close()
 
 
 def test_a_port_that_is_taken_is_told_and_a_stopped_server_has_let_go_of_its_own(tmp_path):
     site = Site(Address("127.0.0.1", 0))
-    with ExitStack() as stack, serving(make_app(site, Library(tmp_path), Hub({})), site) as port:
+    with (
+        ExitStack() as stack,
+        serving(make_app(site, RecordingLibrary(tmp_path), FrameHub({})), site) as port,
+    ):
         taken = Site(Address("127.0.0.1", port))
-        with pytest.raises(Exception, match="cannot listen there"), serving(None, taken):
+        with pytest.raises(Exception, match="cannot listen"), serving(None, taken):
             pass
         stack.enter_context(connect(f"ws://127.0.0.1:{port}/live"))
     with pytest.raises(OSError):

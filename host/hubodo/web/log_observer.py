@@ -10,7 +10,7 @@ from hubodo.log.records import EventRecord, GnssFix, ImuBlock, LogRecord
 from hubodo.recording import Event
 
 
-class Ear:
+class LogObserver:
     """A listener of the log that accumulates mean rates, the newest fix and events for the page."""
 
     def __init__(self, max_events: int) -> None:
@@ -20,7 +20,7 @@ class Ear:
         """Latitude and longitude in degrees, and 1σ in m, of a new fix."""
         self._spin: dict[str, tuple[float, int]] = {}
 
-    def hear(self, record: LogRecord) -> None:
+    def observe(self, record: LogRecord) -> None:
         """Accumulate a record; see `hubodo.ingest.live.tee_sink.RecordListener`."""
         match record:
             case ImuBlock():
@@ -33,7 +33,7 @@ class Ear:
             horizontal_sigma = None if sigma is None else float(np.hypot(*sigma[:2]) / np.sqrt(2.0))
                 self.fix = (record.latitude_deg, record.longitude_deg, horizontal_sigma)
 
-    def spins(self) -> dict[str, float]:
+    def take_mean_rates(self) -> dict[str, float]:
         """Return the mean raw rate about z of each node since the last call, rad/s, node axes."""
         spins = {node: total / count for node, (total, count) in self._spin.items()}
         self._spin.clear()
