@@ -1,1 +1,1 @@
-"""Firmware onto a board: the image, and the conversation that puts it there and proves it."""
+"""Installation of the firmware on boards, and diagnosis of boards and of this computer."""

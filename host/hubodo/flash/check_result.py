@@ -1,4 +1,4 @@
-"""What one check of a board has found."""
+"""The result of one check of a board."""
 
 from __future__ import annotations
 
@@ -9,41 +9,69 @@ Verdict = Literal["ok", "wrong", "unknown"]
 
 CHECKS = {
     "port": "",
-    "speech": "nothing was heard",
-    "MicroPython": "a node runs; --repl interrupts it and looks",
-    "wires": "a node runs; --repl interrupts it and looks",
-    "files": "a node runs; --repl interrupts it and looks",
-    "hello": "no node runs",
-    "sensor": "no node runs",
-    "power": "no report of the node's health came",
-    "samples": "no node runs",
-    "rest": "no samples came",
-    "clock": "no node runs",
-    "link": "no node runs",
+    "protocol": "nothing was received",
+    "MicroPython": "a node is running; --repl interrupts it to check",
+    "wiring": "a node is running; --repl interrupts it to check",
+    "files": "a node is running; --repl interrupts it to check",
+    "identification": "no node is running",
+    "sensor": "no node is running",
+    "power": "no health message received",
+    "samples": "no node is running",
+    "standstill": "no samples received",
+    "clock": "no node is running",
+    "link": "no node is running",
 }
-"""The checks in bring-up order, and why one was left out unless something is wrong before it."""
+"""Checks in bring-up order, with the reason for "unknown" if no earlier check failed.
+
+The keys are the names that people see; `_JSON_NAMES` holds those in `--json` where they differ.
+"""
+
+
+_JSON_NAMES = {"protocol": "speech", "identification": "hello", "wiring": "wires", "standstill": "rest"}
 
 
 @dataclass(frozen=True)
 class CheckResult:
-    """check: a key of CHECKS. seen: what was there. remedy: what to do about it, or ""."""
+    """The result of one check.
+
+    Attributes
+    ----------
+    check
+        A key of CHECKS.
+    verdict
+        ok, wrong or unknown.
+    observation
+        The observation.
+    remedy
+        What to do, or "".
+    """
 
     check: str
     verdict: Verdict
-    seen: str
+    observation: str
     remedy: str = ""
 
     def as_json(self) -> dict[str, Any]:
-        return {"check": self.check, "verdict": self.verdict, "seen": self.seen, "remedy": self.remedy}
+        """Return the JSON form: `check` is the established key, `name` the name that people see."""
+        return {
+            "check": _JSON_NAMES.get(self.check, self.check),
+            "name": self.check,
+            "verdict": self.verdict,
+            "seen": self.observation,
+            "remedy": self.remedy,
+        }
 
 
-def ok(check: str, seen: str) -> CheckResult:
-    return CheckResult(check, "ok", seen)
+def ok(check: str, observation: str) -> CheckResult:
+    """Return a passed check."""
+    return CheckResult(check, "ok", observation)
 
 
-def wrong(check: str, seen: str, remedy: str) -> CheckResult:
-    return CheckResult(check, "wrong", seen, remedy)
+def wrong(check: str, observation: str, remedy: str) -> CheckResult:
+    """Return a failed check."""
+    return CheckResult(check, "wrong", observation, remedy)
 
 
-def unknown(check: str, seen: str, remedy: str = "") -> CheckResult:
-    return CheckResult(check, "unknown", seen, remedy)
+def unknown(check: str, observation: str, remedy: str = "") -> CheckResult:
+    """Return a check without a verdict."""
+    return CheckResult(check, "unknown", observation, remedy)

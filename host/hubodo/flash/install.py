@@ -1,4 +1,4 @@
-"""A board brought to run the firmware, through a cable that may be pulled, or back to what ran before."""
+"""Installation of the firmware on a board, robust against disconnection, and rollback."""
 
 from __future__ import annotations
 
@@ -20,18 +20,40 @@ from hubodo.safe_text import json_text
 from hubowire import FINGERPRINT
 from hubowire.messages import Hello
 
-_COMES_BACK_S = 60.0
-"""So long the port of a board that went away is waited for."""
-_MOST_TRIES = 20
-_STARTS_S = 5.0
-_LOOK_S = 0.2
+_PORT_RETURN_TIMEOUT_S = 60.0
+"""Longest wait for the port of a disconnected board."""
+_MAX_RECONNECTIONS = 20
+_START_TIMEOUT_S = 5.0
+_POLL_PERIOD_S = 0.2
 
-Say = Callable[[str], None]
+ProgressReport = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class Flashed:
-    """What a board holds and runs after flashing. again: how often it went away meanwhile."""
+    """The state of a board after flashing.
+
+    Attributes
+    ----------
+    port
+        Serial device.
+    platform, micropython, architecture
+        Identity of the board.
+    files
+        Number of files of the firmware.
+    copied
+        Names of the files that were copied.
+    node, hello
+        Id and identification of the running node.
+    calibrated
+        Settings from the calibration.
+    keyed
+        True if the node has a key for UDP.
+    again
+        Number of disconnections during flashing.
+    seconds
+        Duration, s.
+    """
 
     port: str
     platform: str
@@ -47,6 +69,7 @@ class Flashed:
     seconds: float
 
     def as_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
         return {
             "port": self.port,
             "platform": self.platform,
@@ -67,7 +90,7 @@ class Flashed:
 
 @dataclass(frozen=True)
 class RolledBack:
-    """A board that runs what it ran before. other_version: whether this host cannot read it."""
+    """A board after a rollback to its previous firmware."""
 
     port: str
     node: int
@@ -76,9 +99,11 @@ class RolledBack:
 
     @property
     def other_version(self) -> bool:
+        """Return True if this host cannot decode the previous firmware."""
         return self.fingerprint != FINGERPRINT
 
     def as_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
         return {
             "port": self.port,
             "node": self.node,
@@ -88,104 +113,111 @@ class RolledBack:
         }
 
 
-def install(port: str, order: Callable[[str], Order], folder: Path, say: Say) -> Flashed:
-    """Flashes the firmware of `folder`; order: what the board with a serial is to become.
+def install(
+    port: str, order: Callable[[str], Order], folder: Path, report_progress: ProgressReport
+) -> Flashed:
+    """Install the firmware of `folder`; `order` gives the settings of a board by its serial number.
 
-    A board that goes away is waited for, and what it has got by then is not sent again. Raises FlashError,
-    ImageError, WireMismatch and what `order` raises.
+    A disconnected board is waited for, and files already copied are not sent again. Raises FlashError,
+    ImageError, WireMismatch and the errors of `order`.
     """
     started = time.monotonic()
-    again = 0
+    n_reconnections = 0
     while True:
         try:
-            return _install(port, order, folder, say, again, started)
+            return _install(port, order, folder, report_progress, n_reconnections, started)
         except BoardGone:
-            again += 1
-            if again > _MOST_TRIES:
+            n_reconnections += 1
+            if n_reconnections > _MAX_RECONNECTIONS:
                 raise
-            say(f"{port} went away: put the cable back, it goes on where it was")
-            if not _comes_back(port):
+            report_progress(f"{port} disconnected: reconnect the cable to continue")
+            if not _wait_for_port(port):
                 raise
 
 
 def _install(
-    port: str, order: Callable[[str], Order], folder: Path, say: Say, again: int, started: float
+    port: str,
+    order: Callable[[str], Order],
+    folder: Path,
+    report_progress: ProgressReport,
+    n_reconnections: int,
+    started: float,
 ) -> Flashed:
-    say(f"{port}: looking")
+    report_progress(f"{port}: identifying")
     with FlashBoard(port) as board:
-        _reach(board, again)
-        look = board.look()
+        _reach_prompt(board, n_reconnections)
+        identity = board.look()
         serial = board.unique_id()
         try:
-            wanted = order(serial)
-            config = wanted.config(board.config(), serial) if wanted.changes else {}
+            board_order = order(serial)
+            config = board_order.config(board.config(), serial) if board_order.changes else {}
         except HubodoError:
-            _run_again(board)
+            _restart(board)
             raise
-        say(f"{port}: compiling for {look.architecture or 'bytecode'}")
-        image = with_manifest(build(folder, look.architecture))
-        files = len(image) + wanted.changes
-        if wanted.changes:
+        report_progress(f"{port}: compiling for {identity.architecture or 'bytecode'}")
+        image = with_manifest(build(folder, identity.architecture))
+        files = len(image) + board_order.changes
+        if board_order.changes:
             image[CONFIG] = json_text(config).encode()
-        copied = board.copy(image, lambda name: say(f"{port}: copying {name}"))
-        say(f"{port}: starting")
+        copied = board.copy(image, lambda name: report_progress(f"{port}: copying {name}"))
+        report_progress(f"{port}: starting")
         board.reset()
         node, hello = board.wait_hello()
     return Flashed(
         port,
-        look.platform,
-        look.text,
-        look.architecture,
+        identity.platform,
+        identity.text,
+        identity.architecture,
         files,
         tuple(copied),
         node,
         hello,
         {name: config[name] for name in FROM_CALIBRATION if name in config},
         bool(config.get("key")),
-        again,
+        n_reconnections,
         time.monotonic() - started,
     )
 
 
-def roll_back(port: str, say: Say) -> RolledBack:
-    """Has a board run what it ran before it was flashed last; again: forth. Raises FlashError."""
-    say(f"{port}: looking")
+def roll_back(port: str, report_progress: ProgressReport) -> RolledBack:
+    """Restart the previous firmware of a board; a second rollback reverts it. Raises FlashError."""
+    report_progress(f"{port}: identifying")
     with FlashBoard(port) as board:
         board.interrupt()
         try:
             board.roll_back()
         except FlashError:
-            _run_again(board)
+            _restart(board)
             raise
-        say(f"{port}: starting")
+        report_progress(f"{port}: starting")
         board.reset()
         node, fingerprint, version = board.wait_identity()
     return RolledBack(port, node, fingerprint, version)
 
 
-def _run_again(board: FlashBoard) -> None:
-    """What is not flashed after all goes on with what it has, if anything."""
+def _restart(board: FlashBoard) -> None:
+    """Restart a board that is not flashed after all."""
     board.reset()
     with contextlib.suppress(FlashError):
-        board.wait_identity(_STARTS_S)
+        board.wait_identity(_START_TIMEOUT_S)
 
 
-def _reach(board: FlashBoard, again: int) -> None:
-    """To its prompt; a port that has just come back may not be ready to be opened."""
-    end = time.monotonic() + (_COMES_BACK_S if again else 0.0)
+def _reach_prompt(board: FlashBoard, n_reconnections: int) -> None:
+    """Enter the prompt; a port that has just returned may not be ready yet."""
+    end = time.monotonic() + (_PORT_RETURN_TIMEOUT_S if n_reconnections else 0.0)
     while True:
         try:
             return board.interrupt()
         except FlashError:
             if time.monotonic() >= end:
                 raise
-            time.sleep(_LOOK_S)
+            time.sleep(_POLL_PERIOD_S)
 
 
-def _comes_back(port: str) -> bool:
-    end = time.monotonic() + _COMES_BACK_S
+def _wait_for_port(port: str) -> bool:
+    end = time.monotonic() + _PORT_RETURN_TIMEOUT_S
     while not Path(port).exists():
         if time.monotonic() >= end:
             return False
-        time.sleep(_LOOK_S)
+        time.sleep(_POLL_PERIOD_S)
     return True

@@ -1,4 +1,4 @@
-"""What comes from a port in a few seconds: bytes, frames, samples, answers about the clock, or a prompt."""
+"""Reception from a port for a few seconds: frames, samples, clock replies, or a prompt."""
 
 from __future__ import annotations
 
@@ -19,15 +19,32 @@ from hubowire.framing import Frame
 from hubowire.messages import ANY_NODE, GetHello, Health, Hello, TimeRequest
 
 _PROMPTS = (b">>> ", b"raw REPL; CTRL-B to exit\r\n>")
-_ASK_AFTER_NS, _CLOCK_EVERY_NS = NS_PER_S // 2, NS_PER_S // 20
-_TAIL = 4096
+_REQUEST_PERIOD_NS, _CLOCK_PERIOD_NS = NS_PER_S // 2, NS_PER_S // 20
+_TAIL_BYTES = 4096
 
 
 @dataclass
-class Heard:
-    """What came; received: bytes. All but that, frames and tail is of the node that was heard first.
+class Reception:
+    """The data received from a port; all but `received`, `frames` and `tail` belong to the first node.
 
-    exchanges: (host time, node time, round trip) of each answer about the clock, ns.
+    Attributes
+    ----------
+    received
+        Number of bytes.
+    frames, damaged
+        Number of valid and of damaged frames.
+    prompt
+        True if a MicroPython prompt answered.
+    gone
+        Reason if the port disconnected.
+    node, hello, refusal
+        Id and identification of the node, or the reason why it cannot be decoded.
+    blocks, reports, counts
+        Samples, health messages and losses.
+    exchanges
+        Host time, node time and round trip of each clock reply, ns.
+    tail
+        The last bytes.
     """
 
     received: int = 0
@@ -45,88 +62,92 @@ class Heard:
     tail: bytes = b""
 
 
-def listen(port: str, baud: int, seconds: float, *, briefly: bool = False) -> Heard:
-    """Listens, asks a node that speaks who it is and what its clock shows, and a silent port for a prompt.
+def listen(port: str, baud: int, seconds: float, *, briefly: bool = False) -> Reception:
+    """Listen to a port, request identification and clock of a node, and wake a silent port.
 
-    briefly: until a node is heard. Raises LinkError when the port is missing, busy or not allowed.
+    briefly: only until a node is received. Raises LinkError if the port is missing, busy or not permitted.
     """
-    heard = Heard()
+    reception = Reception()
     link = open_serial(port, baud)
     try:
         with contextlib.suppress(LinkDown):
-            _Listener(link, heard).run(seconds, briefly)
-            return heard
-        heard.gone = f"{port} went away while it was read"
-        return heard
+            _Listener(link, reception).run(seconds, briefly)
+            return reception
+        reception.gone = f"{port} disconnected while it was read"
+        return reception
     finally:
         link.close()
 
 
 class _Listener:
-    def __init__(self, link: Transport, heard: Heard) -> None:
-        self._link, self._heard = link, heard
+    def __init__(self, link: Transport, reception: Reception) -> None:
+        self._link, self._reception = link, reception
         self._frames, self._node = FrameDecoder(), NodeDecoder("node")
         self._seq, self._sent_ns = 0, dict[bytes, int]()
 
     def run(self, seconds: float, briefly: bool) -> None:
-        heard = self._heard
-        begin = time.monotonic_ns()
-        asked_ns = clock_ns = begin
-        while (now := time.monotonic_ns()) < begin + seconds * NS_PER_S:
+        reception = self._reception
+        start = time.monotonic_ns()
+        requested_ns = clock_ns = start
+        while (now := time.monotonic_ns()) < start + seconds * NS_PER_S:
             data, _ = self._link.read(0.01)
             arrived = time.monotonic_ns()
             if data:
-                self._take(data, arrived)
-            if now - asked_ns > _ASK_AFTER_NS and heard.hello is None and heard.refusal is None:
-                asked_ns = now
-                if heard.frames:
-                    self._ask(GetHello())
-                elif not heard.received:
+                self._process(data, arrived)
+            if (
+                now - requested_ns > _REQUEST_PERIOD_NS
+                and reception.hello is None
+                and reception.refusal is None
+            ):
+                requested_ns = now
+                if reception.frames:
+                    self._request(GetHello())
+                elif not reception.received:
                     self._link.write(b"\r\x02", "")
-            if heard.hello is not None and now - clock_ns > _CLOCK_EVERY_NS:
+            if reception.hello is not None and now - clock_ns > _CLOCK_PERIOD_NS:
                 clock_ns = now
                 token = self._seq.to_bytes(8, "little").replace(b"\x03", b"\x83")
                 self._sent_ns[token] = time.monotonic_ns()
-                self._ask(TimeRequest(token))
-            if (briefly and heard.frames) or (heard.prompt and not heard.frames):
+                self._request(TimeRequest(token))
+            if (briefly and reception.frames) or (reception.prompt and not reception.frames):
                 break
         for item in self._node.close():
-            self._keep(item)
-        heard.counts, heard.refusal = self._node.counts, self._node.mismatch_text
+            self._store(item)
+        reception.counts, reception.refusal = self._node.counts, self._node.mismatch_text
 
-    def _take(self, data: bytes, now: int) -> None:
-        heard = self._heard
-        heard.received += len(data)
-        heard.tail = (heard.tail + data)[-_TAIL:]
+    def _process(self, data: bytes, now: int) -> None:
+        reception = self._reception
+        reception.received += len(data)
+        reception.tail = (reception.tail + data)[-_TAIL_BYTES:]
         for frame in self._frames.feed(data):
-            heard.frames += 1
-            heard.node = frame.node if heard.node is None else heard.node
-            if frame.node == heard.node:
+            reception.frames += 1
+            reception.node = frame.node if reception.node is None else reception.node
+            if frame.node == reception.node:
                 for item in self._node.decode_frame(frame, now, LinkCounts(self._damaged())):
-                    self._keep(item)
-        heard.hello, heard.refusal, heard.damaged = (
+                    self._store(item)
+        reception.hello, reception.refusal, reception.damaged = (
             self._node.hello,
             self._node.mismatch_text,
             self._damaged(),
         )
-        heard.prompt = heard.tail.endswith(_PROMPTS)
+        reception.prompt = reception.tail.endswith(_PROMPTS)
 
-    def _keep(self, item: object) -> None:
+    def _store(self, item: object) -> None:
         if isinstance(item, ImuBlock):
-            self._heard.blocks.append(item)
+            self._reception.blocks.append(item)
         elif isinstance(item, HealthReceived):
-            self._heard.reports.append(item.health)
+            self._reception.reports.append(item.health)
         elif isinstance(item, TimeReplyReceived) and item.token in self._sent_ns:
             sent = self._sent_ns.pop(item.token)
             node_ns = (item.received_us + item.sent_us) * 500
             trip = item.arrived_ns - sent - (item.sent_us - item.received_us) * 1000
-            self._heard.exchanges.append(((sent + item.arrived_ns) // 2, node_ns, trip))
+            self._reception.exchanges.append(((sent + item.arrived_ns) // 2, node_ns, trip))
 
     def _damaged(self) -> int:
         damage = self._frames.damage
         return damage.crc + damage.cobs + damage.short + damage.oversize
 
-    def _ask(self, message: Message) -> None:
+    def _request(self, message: Message) -> None:
         self._seq = (self._seq + 1) & 0xFFFF
         self._link.write(
             b"\0" + encode_frame(Frame(message.type_id, ANY_NODE, self._seq, encode(message))), ""

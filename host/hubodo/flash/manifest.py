@@ -1,4 +1,4 @@
-"""The list of a slot's files, which lies in it: by it one knows whether an older slot is still whole."""
+"""The manifest of a slot: the hashes of its files, to check later whether it is still complete."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ MANIFEST = "files.json"
 
 @dataclass(frozen=True)
 class Manifest:
-    """files: SHA-256 by name in the slot, without this list. fingerprint: of the messages it speaks."""
+    """The hashes of a slot's files by name, and the fingerprint of its protocol."""
 
     fingerprint: int
     files: dict[str, str]
 
 
 def with_manifest(image: Mapping[str, bytes]) -> dict[str, bytes]:
-    """The image with the list of what goes into its slot; last, so that it is sent when all else is there."""
+    """Return the image with its manifest as the last file, which is sent when all others are complete."""
     files = {name: digest for name, digest in digests(dict(image)).items() if name not in (MAIN, CONFIG)}
     text = json_text({"fingerprint": f"{FINGERPRINT:08x}", "files": files}, compact=True)
     return {**image, MANIFEST: text.encode()}
 
 
 def read_manifest(text: str) -> Manifest | None:
-    """What a slot says that it holds; None where that is no list."""
+    """Return a manifest, or None if the text is none."""
     try:
         table = json.loads(text)
         return Manifest(int(table["fingerprint"], 16), {str(k): str(v) for k, v in table["files"].items()})
@@ -39,7 +39,7 @@ def read_manifest(text: str) -> Manifest | None:
 
 
 def stands(manifest: Manifest, slot: str, held: Mapping[str, str]) -> bool:
-    """Whether a slot holds every file of its list as it was. held: path on the node to hash."""
+    """Return True if a slot holds every file of its manifest unchanged; `held` are hashes by path."""
     return bool(manifest.files) and all(
         held.get(f"{slot}/{name}") == digest for name, digest in manifest.files.items()
     )

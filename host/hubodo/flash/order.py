@@ -1,4 +1,4 @@
-"""What a board is to become: the settings that flashing writes into its /config.json."""
+"""The settings that flashing writes into the /config.json of a board."""
 
 from __future__ import annotations
 
@@ -22,7 +22,17 @@ CONFIG = "config.json"
 
 @dataclass(frozen=True)
 class Order:
-    """settings: by name, as of firmware/settings.py. calibration: of `path`. keys: see `ingest.link.keys`."""
+    """The requested changes to the settings of a board.
+
+    Attributes
+    ----------
+    settings
+        Settings by name, as in firmware/settings.py.
+    calibration, path
+        Calibration to apply, and its file.
+    keys
+        Keys for UDP; see `ingest.link.keys`.
+    """
 
     settings: Mapping[str, object] = field(default_factory=dict)
     calibration: Calibration | None = None
@@ -31,54 +41,52 @@ class Order:
 
     @property
     def changes(self) -> bool:
-        """Whether the board's settings are touched at all."""
+        """Return True if the order changes any setting."""
         return bool(self.settings) or self.calibration is not None or self.keys is not None
 
-    def config(self, before: Mapping[str, object], serial: str) -> dict[str, object]:
-        """The settings of the board with that serial, from those that it has.
+    def config(self, present: Mapping[str, object], serial: str) -> dict[str, object]:
+        """Return the settings of the board with a serial number, from its present ones.
 
-        Raises InputError when the calibration has no such node, CalibrationError when it is of another board.
+        Raises InputError if the calibration lacks the node, CalibrationError if it belongs to another board.
         """
-        made = {**before, **self.settings}
+        settings = {**present, **self.settings}
         if self.keys is not None:
-            made["key"] = self.keys.get_or_create_key(serial).hex()
+            settings["key"] = self.keys.get_or_create_key(serial).hex()
         if self.calibration is None:
-            return made
-        number = made.get("node_id", 1)
+            return settings
+        number = settings.get("node_id", 1)
         name = node_name(number if isinstance(number, int) else 1)
         if name not in self.calibration.nodes:
             known = ", ".join(self.calibration.nodes) or "none"
-            raise InputError(
-                f"{self.path}: no node {name!r}, only {known}; give --node, or calibrate this one"
-            )
+            raise InputError(f"{self.path}: no node {name!r}, only {known}; give --node, or calibrate it")
         node = self.calibration.nodes[name]
         if node.serial and node.serial.lower() != serial.lower():
             raise CalibrationError(
-                f"{self.path}: nodes.{name} is of the board with serial {node.serial}, this one has "
+                f"{self.path}: nodes.{name} belongs to the board with serial {node.serial}, this one has "
                 f"{serial}; give its own calibration, or another --node"
             )
-        return merged(made, node)
+        return merged(settings, node)
 
 
-def node_id(text: str, where: str = "--node") -> int:
-    """The number behind a node's name. Raises InputError for a name that is none."""
+def node_id(text: str, context: str = "--node") -> int:
+    """Return the node id of a name or number; raise InputError for an invalid one."""
     if text in NODE_IDS:
         return NODE_IDS[text]
     if text.isdigit() and 1 <= int(text) <= 254:
         return int(text)
-    raise InputError(f"{where} {text}: use {', '.join(NODE_IDS)} or a number from 1 to 254")
+    raise InputError(f"{context} {text}: use {', '.join(NODE_IDS)} or a number from 1 to 254")
 
 
 def settings_of(words: Iterable[str]) -> dict[str, object]:
-    """NAME=VALUE of the command line, values as JSON where they are some. Raises InputError."""
-    found: dict[str, object] = {}
-    known = _known()
+    """Return settings from NAME=VALUE words, values as JSON where they are valid JSON; raise InputError."""
+    settings: dict[str, object] = {}
+    types = _setting_types()
     for word in words:
         name, equals, text = word.partition("=")
         if not equals:
             raise InputError(f"--set {word}: write NAME=VALUE, such as link=udp")
-        if name not in known:
-            near = difflib.get_close_matches(name, known, 1)
+        if name not in types:
+            near = difflib.get_close_matches(name, types, 1)
             hint = f"; is it {near[0]}?" if near else "; see firmware/README.md"
             raise InputError(f"--set {word}: a node has no setting {name!r}{hint}")
         try:
@@ -86,26 +94,26 @@ def settings_of(words: Iterable[str]) -> dict[str, object]:
         except ValueError:
             value = text
         # A password may look like a number.
-        found[name] = text if known[name] is str else value
-        if type(found[name]) is not known[name]:
-            raise InputError(f"--set {word}: {name} wants {known[name].__name__}, as firmware/README.md says")
-    return found
+        settings[name] = text if types[name] is str else value
+        if type(settings[name]) is not types[name]:
+            raise InputError(f"--set {word}: {name} must be {types[name].__name__}, see firmware/README.md")
+    return settings
 
 
-def _known() -> dict[str, type]:
-    """The settings of a node with the type of their defaults."""
-    known: dict[str, type] = {}
+def _setting_types() -> dict[str, type]:
+    """Return the type of each setting of a node, from its default."""
+    types: dict[str, type] = {}
     for name in ("settings.py", "settings_more.py"):
         for line in ast.parse((firmware_folder() / name).read_text()).body:
             if isinstance(line, ast.Assign) and ast.unparse(line.targets[0]) == "DEFAULTS":
                 assert isinstance(line.value, ast.Dict)
                 pairs = zip(line.value.keys, line.value.values, strict=True)
-                known |= {ast.literal_eval(key): _type(value) for key, value in pairs if key is not None}
-    return known
+                types |= {ast.literal_eval(key): _type(value) for key, value in pairs if key is not None}
+    return types
 
 
 def _type(value: ast.expr) -> type:
-    """Of a default; one that is a name is a number of the message table."""
+    """Return the type of a default; a default given by name is an integer of the message table."""
     try:
         return type(ast.literal_eval(value))
     except ValueError:

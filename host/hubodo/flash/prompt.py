@@ -1,6 +1,6 @@
-"""MicroPython's raw prompt on a serial port: pieces of Python run on a board, all in one conversation.
+"""MicroPython's raw prompt on a serial port: code is run on a board in one session.
 
-What is said there: docs.micropython.org/en/latest/reference/repl.html, raw mode.
+Protocol: docs.micropython.org/en/latest/reference/repl.html, raw mode.
 """
 
 from __future__ import annotations
@@ -12,85 +12,87 @@ import serial
 
 from hubodo.errors import HubodoError
 
-WANTED = b"\x06"
-"""What a piece of Python prints when it wants to be sent the next bytes."""
+NEXT_CHUNK = b"\x06"
+"""Printed by a program on the board to request the next bytes."""
 _READY = b"raw REPL; CTRL-B to exit\r\n>"
-_SILENCE_S = 60.0
-"""The longest that a board may work without a word."""
-_AT_ONCE, _PAUSE_S = 256, 0.01
-"""Bytes of code, and the pause behind them: a UART has no more room, and nothing tells when it is full."""
+_RESPONSE_TIMEOUT_S = 60.0
+"""Longest time in s that a board may work without output."""
+_CODE_CHUNK_BYTES, _CHUNK_PAUSE_S = 256, 0.01
+"""Size of the chunks of code and the pause after each: a UART buffer holds no more, without flow control."""
 
 
 class FlashError(HubodoError):
-    """The board did not answer, or does not hold what was sent."""
+    """The error for a board that does not answer or holds other data than sent."""
 
 
 class BoardGone(FlashError):
-    """The port went away while something was done on the board."""
+    """The error for a port that disconnected during an operation."""
 
 
 class RawPrompt:
-    """A board that runs what it is told; `link`, whose time-out is short, is given back by `close`.
+    """The raw prompt of a board on `link`, which has a short timeout and is closed by `close`.
 
-    All may raise FlashError, and what pyserial raises of a port that goes away.
+    All methods may raise FlashError, and the errors of pyserial for a disconnected port.
     """
 
     def __init__(self, link: serial.Serial) -> None:
         self._link = link
-        self._heard = b""
+        self._received = b""
 
-    def enter(self, patience: float) -> bool:
-        """Whether the board has come to its raw prompt; it is interrupted in what it does."""
+    def enter(self, timeout: float) -> bool:
+        """Interrupt the board; return True if it is at the raw prompt within `timeout` s."""
         self._link.write(b"\r\x03\x01")
-        end = time.monotonic() + patience
-        while _READY not in self._heard and time.monotonic() < end:
-            self._heard += self._link.read(self._link.in_waiting or 1)
-        found = _READY in self._heard
-        self._heard = b""
-        return found
+        end = time.monotonic() + timeout
+        while _READY not in self._received and time.monotonic() < end:
+            self._received += self._link.read(self._link.in_waiting or 1)
+        is_ready = _READY in self._received
+        self._received = b""
+        return is_ready
 
     def run(self, code: str, pieces: Iterable[bytes] = ()) -> str:
-        """What `code` prints; each WANTED in it is answered with the next of `pieces`.
+        """Run code and return what it prints; each NEXT_CHUNK in it is answered with the next of `pieces`.
 
         Raises FlashError with the last line of an exception.
         """
         self.begin(code)
-        printed, raised = self._until(b"\x04", pieces), self._until(b"\x04")
-        self._until(b">")
+        printed, raised = self._read_until(b"\x04", pieces), self._read_until(b"\x04")
+        self._read_until(b">")
         if raised:
             raise FlashError(f"{self._link.port}: {raised.decode(errors='replace').strip().splitlines()[-1]}")
         return printed.decode(errors="replace")
 
     def begin(self, code: str) -> None:
-        """Has the board begin with `code`, whose end is not waited for."""
+        """Start code without waiting for its end."""
         text = code.encode()
-        for at in range(0, len(text), _AT_ONCE):
-            if at:
-                time.sleep(_PAUSE_S)
-            self._link.write(text[at : at + _AT_ONCE])
+        for offset in range(0, len(text), _CODE_CHUNK_BYTES):
+            if offset:
+                time.sleep(_CHUNK_PAUSE_S)
+            self._link.write(text[offset : offset + _CODE_CHUNK_BYTES])
         self._link.write(b"\x04")
-        self._until(b"OK")
+        self._read_until(b"OK")
 
     def leave(self) -> None:
-        """Back to the prompt that people use."""
+        """Return to the interactive prompt."""
         self._link.write(b"\r\x02")
 
     def close(self) -> None:
-        """Gives the port back."""
+        """Close the port."""
         self._link.close()
 
-    def _until(self, end: bytes, pieces: Iterable[bytes] = ()) -> bytes:
-        wanting, answered = iter(pieces), 0
-        limit = time.monotonic() + _SILENCE_S
-        while end not in self._heard:
-            if self._heard.count(WANTED) > answered:
-                self._link.write(next(wanting))
+    def _read_until(self, end: bytes, pieces: Iterable[bytes] = ()) -> bytes:
+        chunks, answered = iter(pieces), 0
+        limit = time.monotonic() + _RESPONSE_TIMEOUT_S
+        while end not in self._received:
+            if self._received.count(NEXT_CHUNK) > answered:
+                self._link.write(next(chunks))
                 answered += 1
             more = self._link.read(self._link.in_waiting or 1)
             if more:
-                self._heard += more
-                limit = time.monotonic() + _SILENCE_S
+                self._received += more
+                limit = time.monotonic() + _RESPONSE_TIMEOUT_S
             elif time.monotonic() > limit:
-                raise FlashError(f"{self._link.port}: no answer within {_SILENCE_S:.0f} s; flash again")
-        said, _, self._heard = self._heard.partition(end)
-        return said
+                raise FlashError(
+                    f"{self._link.port}: no answer within {_RESPONSE_TIMEOUT_S:.0f} s; flash again"
+                )
+        output, _, self._received = self._received.partition(end)
+        return output

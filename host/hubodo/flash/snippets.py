@@ -1,11 +1,11 @@
-"""Pieces of Python that a board runs at its prompt while it is flashed; the host fills in what is in {}."""
+"""Python code that a board runs at its prompt during flashing; the host fills in the {} fields."""
 
 LOOK = (
     "import sys;i=sys.implementation;"
     "print([sys.platform,getattr(i,'_machine',''),getattr(i,'_mpy',0),tuple(i.version[:3]),sys.version])"
 )
 SERIAL = "import machine,binascii;print(binascii.hexlify((bytes(machine.unique_id())+bytes(8))[:8]).decode())"
-# Reads each file in small pieces, into the same memory: a node has little.
+# Reads each file in small chunks into one buffer, as a node has little memory.
 HASH = """
 import os,hashlib,binascii
 b=bytearray(512)
@@ -85,5 +85,5 @@ with open('/main.py{new}','w') as f:
     f.write(t.replace({now!r},{then!r}))
 os.rename('/main.py{new}','/main.py')
 """
-# The pause is for the host to close the port.
+# The pause lets the host close the port.
 RESET = "import machine,time;time.sleep_ms(100);machine.reset()"

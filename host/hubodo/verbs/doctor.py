@@ -46,7 +46,9 @@ class BoardDiagnosis:
         for step, result in enumerate(self.examination.results, 1):
             colour = _VERDICT_COLOURS[result.verdict]
             remedy = f"\n→ {result.remedy}" if result.remedy else ""
-            table.add_row(str(step), result.check, f"[{colour}]{result.verdict}[/]", f"{result.seen}{remedy}")
+            table.add_row(
+                str(step), result.check, f"[{colour}]{result.verdict}[/]", f"{result.observation}{remedy}"
+            )
         console.print(table)
 
 
@@ -74,7 +76,9 @@ class ComputerDiagnosis:
         for finding in self.checks:
             remedy = f"\n[bold]→ {escape(finding.remedy)}[/]" if finding.remedy else ""
             colour = _VERDICT_COLOURS[finding.verdict]
-            table.add_row(f"[{colour}]{finding.verdict}[/]", finding.check, f"{escape(finding.seen)}{remedy}")
+            table.add_row(
+                f"[{colour}]{finding.verdict}[/]", finding.check, f"{escape(finding.observation)}{remedy}"
+            )
         console.print(table, highlight=False)
 
 

@@ -36,7 +36,7 @@ class Actions:
         return self._page.file
 
     def request_action(self, action: str, body: dict[str, Any]) -> None:
-        """Queue an action; raise RequestRefused if it is invalid. Its outcome appears as an event on the page."""
+        """Queue an action; raise RequestRefused if it is invalid. Its outcome becomes an event."""
         match action:
             case "bias":
                 accepted = self._page.submit_task(

@@ -133,7 +133,7 @@ def read_token(path: Path) -> str:
         raise InputError(f"{path}: no token could be read: {reason}") from None
     if len(token) < _MIN_TOKEN_LENGTH or len(set(token)) < _MIN_DISTINCT_CHARACTERS:
         raise InputError(
-            f"{path}: a token needs {_MIN_TOKEN_LENGTH} characters, {_MIN_DISTINCT_CHARACTERS} of them distinct"
+            f"{path}: a token needs {_MIN_TOKEN_LENGTH} characters, {_MIN_DISTINCT_CHARACTERS} distinct"
             f": openssl rand -hex 16 > {path}"
         )
     return token

@@ -146,7 +146,7 @@ def test_an_owner_elsewhere_is_never_refused_however_many_guess(guessing):
 
 
 def test_many_addresses_that_guess_a_few_times_each_are_held_too_and_their_table_is_bounded(monkeypatch):
-    monkeypatch.setattr(guess_limiter, "_MOST_ADDRESSES", 50)
+    monkeypatch.setattr(guess_limiter, "_MAX_ADDRESSES", 50)
 
     async def scenario(visitors):
         for place in range(200):

@@ -35,8 +35,8 @@ class Wishes:
 
     file = newest = None
 
-    def do(self, action, asked):
-        _mark(str(asked.get("text", "")))
+    def request_action(self, action, body):
+        _mark(str(body.get("text", "")))
 
 
 @pytest.fixture(scope="module", params=[None, TOKEN])

@@ -26,8 +26,8 @@ class Wishes:
     def __init__(self):
         self.done = []
 
-    def do(self, action, asked):
-        self.done.append((action, asked))
+    def request_action(self, action, body):
+        self.done.append((action, body))
 
 
 def client(tmp_path, *, token=None, base=HERE, **site):
