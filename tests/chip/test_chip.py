@@ -7,8 +7,8 @@ from chip_run import FIFO_SAMPLES, run_chip
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host
 from hubodo.emulator.chips.faults import BrownOut, BusNack, Stall, StuckBus
 from hubodo.emulator.virtual_node import VirtualNode
-from hubodo.flash.image import build, firmware_folder
-from hubodo.flash.slots import MAIN, SLOTS, main_for
+from hubodo.flash.image import build_image, firmware_folder
+from hubodo.flash.slots import MAIN, SLOTS, main_for_slot
 from hubowire import FrameDecoder, decode
 from hubowire import messages as m
 from virtual_runs import matched, of, pico_or_skip, unique_motion
@@ -33,10 +33,10 @@ HELLO_S = 0.7
 def armv6m(folder):
     """The firmware as `hubodo flash` compiles it for a Pico, and where it lays it."""
     slot = SLOTS[0]
-    for name, content in build(firmware_folder(), "armv6m").items():
+    for name, content in build_image(firmware_folder(), "armv6m").items():
         place = folder / (name if name == MAIN else f"{slot[1:]}/{name}")
         place.parent.mkdir(parents=True, exist_ok=True)
-        place.write_bytes(main_for(content, slot) if name == MAIN else content)
+        place.write_bytes(main_for_slot(content, slot) if name == MAIN else content)
     return folder
 
 

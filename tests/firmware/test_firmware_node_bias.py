@@ -10,7 +10,7 @@ from node import Node
 from hubodo.calibration.apply import SampleCorrection
 from hubodo.calibration.file import CalibratedEffect, NodeCalibration, Quantity
 from hubodo.emulator.motion import RecordedMotion, StillMotion
-from hubodo.flash.node_settings import merged
+from hubodo.flash.node_settings import apply_calibration_to_config
 from hubowire import messages as m
 from virtual_runs import matched, of, request, run
 
@@ -97,7 +97,7 @@ def test_one_calibration_serves_node_and_host_and_is_applied_once():
     sent, _, _ = run(
         13,
         motion=RecordedMotion(t, gyro, accel, temperature_c=25.0, start=0.0),
-        config=merged({"gain_bias_q30": 0}, calibration),
+        config=apply_calibration_to_config({"gain_bias_q30": 0}, calibration),
     )
     batches = of(sent, m.ImuBatch)[10:]
     age = np.concatenate([b.t_us + b.period_ns / 1000 * np.arange(len(b.samples)) for b in batches]) * 1e-6

@@ -31,7 +31,7 @@ for owner, names in (
 ):
     for name in names:
         delattr(owner, name)
-from hubodo.flash.surroundings import Surroundings
+from hubodo.flash.computer import Surroundings
 Surroundings.linux = False
 for words in sys.argv[1].split("\\n"):
     code = main(words.split())

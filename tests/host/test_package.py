@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 import hubodo
-from hubodo.flash.image import firmware_folder, sources
+from hubodo.flash.image import firmware_folder, read_sources
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
@@ -73,7 +73,7 @@ def test_an_installed_package_holds_the_firmware_file_by_file(fresh, tmp_path):
     said = run(fresh, tmp_path, "python", "-c", find)
     folder = Path(said.stdout.strip())
     assert folder.is_relative_to(fresh), said.stderr
-    assert sources(folder) == sources(firmware_folder())
+    assert read_sources(folder) == read_sources(firmware_folder())
     said = run(fresh, tmp_path, "hubodo", "flash", "--help")
     assert said.returncode == 0 and "--roll-back" in said.stdout, said.stderr
 

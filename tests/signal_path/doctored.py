@@ -12,21 +12,21 @@ from hubodo.emulator.chips.faults import BrownOut
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.check_result import CHECKS
-from hubodo.flash.image import build, firmware_folder
-from hubodo.flash.slots import MAIN, main_for
+from hubodo.flash.image import build_image, firmware_folder
+from hubodo.flash.slots import MAIN, main_for_slot
 from virtual_runs import micropython_or_skip
 
 
 def doctor(capfd, port, *words):
-    """Exit code, {check: (verdict, seen, remedy)}."""
+    """Exit code, {name: (verdict, seen, remedy)}."""
     micropython_or_skip()
     code = main(["doctor", str(port), "--json", "--seconds", "3", *words])
     out, err = capfd.readouterr()
     assert out, err
     result = json.loads(out.splitlines()[-1])
-    assert [row["check"] for row in result["checks"]] == list(CHECKS)
+    assert [row["name"] for row in result["checks"]] == list(CHECKS)
     assert result["ok"] == (code == 0)
-    return code, {row["check"]: (row["verdict"], row["seen"], row["remedy"]) for row in result["checks"]}
+    return code, {row["name"]: (row["verdict"], row["seen"], row["remedy"]) for row in result["checks"]}
 
 
 def wrongs(found):
@@ -35,10 +35,10 @@ def wrongs(found):
 
 def lay_flashed(root):
     """A file system as `hubodo flash` leaves it."""
-    for name, content in build(firmware_folder(), None).items():
+    for name, content in build_image(firmware_folder(), None).items():
         path = root / ("" if name == MAIN else "fw_a") / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(main_for(content, "/fw_a") if name == MAIN else content)
+        path.write_bytes(main_for_slot(content, "/fw_a") if name == MAIN else content)
     return root
 
 

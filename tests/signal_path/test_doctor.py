@@ -24,23 +24,23 @@ def test_a_sound_board_is_ok_in_every_check_and_runs_on(flashed, tmp_path, capfd
         # The clock of a board that waits for a busy computer is late: test_symptoms.py judges it.
         assert {seen[0] for check, seen in found.items() if check != "clock"} == {"ok"}, list(found.values())
         assert "Raspberry Pi Pico W" in found["MicroPython"][1]
-        assert "0x6B answers 0x69: LSM6DS33" in found["wires"][1] and "GPIO4" in found["wires"][1]
+        assert "0x6B answers 0x69: LSM6DS33" in found["wiring"][1] and "GPIO4" in found["wiring"][1]
         assert re.search(r"41[5-7]\.\d Hz of 416 Hz, \d+ samples, 0 lost", found["samples"][1])
-        assert "gravity 9.8" in found["rest"][1]
+        assert "gravity 9.8" in found["standstill"][1]
         _, found = doctor(capfd, node.port)
     assert found["samples"][0] == "ok", "it runs on"
     assert [check for check, (verdict, _, _) in found.items() if verdict == "unknown"] == [
         "MicroPython",
-        "wires",
+        "wiring",
         "files",
     ]
-    assert "--repl" in found["wires"][1]
+    assert "--repl" in found["wiring"][1]
 
 
 WIRES = {
     "good": ("ok", "both pulled up; 0x1E answers 0x3D: LIS3MDL, 0x6B answers 0x69: LSM6DS33", ""),
-    "swapped": ("wrong", "SDA and SCL are exchanged: 0x1E, 0x6B answers", "SDA goes to GPIO4"),
-    "no_pull_ups": ("wrong", "nothing pulls up SDA (GPIO4) and SCL (GPIO5)", "4.7 kΩ"),
+    "swapped": ("wrong", "SDA and SCL are exchanged: 0x1E, 0x6B answers", "SDA of the sensor board to GPIO4"),
+    "no_pull_ups": ("wrong", "no pull-up on SDA (GPIO4) and SCL (GPIO5)", "4.7 kΩ"),
     "no_power": ("wrong", "both lines are held low", "no supply"),
     "sda_low": ("wrong", "SDA (GPIO4) is held low", "short to GND"),
     "scl_low": ("wrong", "SCL (GPIO5) is held low", "short to GND"),
@@ -52,11 +52,11 @@ def test_a_board_at_its_prompt_shows_what_is_wrong_with_its_wires(tmp_path, capf
     with board(None, tmp_path, sensors=SensorBoard(wiring=wiring), own_process=False) as node:
         code, found = doctor(capfd, node.port)
     verdict, seen, remedy = WIRES[wiring]
-    assert found["wires"][0] == verdict and seen in found["wires"][1] and remedy in found["wires"][2]
-    assert found["speech"][1] == "a MicroPython prompt" and found["MicroPython"][0] == "ok"
+    assert found["wiring"][0] == verdict and seen in found["wiring"][1] and remedy in found["wiring"][2]
+    assert found["protocol"][1] == "a MicroPython prompt" and found["MicroPython"][0] == "ok"
     assert found["files"][:2] == ("wrong", "no firmware on the board")
     assert found["files"][2] == f"hubodo flash {node.port}" and code == 1
-    assert {found[check][0] for check in ("hello", "sensor", "samples")} == {"unknown"}
+    assert {found[check][0] for check in ("identification", "sensor", "samples")} == {"unknown"}
 
 
 @pytest.mark.parametrize("model", ["esp32", "esp32_c3"])
@@ -64,7 +64,7 @@ def test_the_wires_are_looked_at_where_this_board_has_them(tmp_path, capfd, mode
     swapped, other = SensorBoard(wiring="swapped"), BoardSettings(model=model)
     with board(None, tmp_path, sensors=swapped, board=other, own_process=False) as node:
         _, found = doctor(capfd, node.port)
-    assert {"esp32": "its SCL to GPIO22", "esp32_c3": "its SCL to GPIO7"}[model] in found["wires"][2]
+    assert {"esp32": "SCL to GPIO22", "esp32_c3": "SCL to GPIO7"}[model] in found["wiring"][2]
 
 
 def test_files_that_differ_from_this_host_are_named(flashed, tmp_path, capfd):
@@ -82,7 +82,7 @@ def test_a_busy_port_and_a_missing_one_are_said_to_be_that(flashed, tmp_path, ca
     assert code == 1 and wrongs(found) == ["port"] and "busy" in " ".join(found["port"])
     code, found = doctor(capfd, tmp_path / "ttyNONE")
     assert code == 1 and wrongs(found) == ["port"] and "no such device" in " ".join(found["port"])
-    assert found["link"][1] == "first put right what is wrong with: port"
+    assert found["link"][1] == "first fix: port"
 
 
 @pytest.mark.parametrize("noisy", [False, True])
@@ -103,9 +103,9 @@ def test_silence_and_bytes_without_a_frame_are_told_apart(capfd, noisy):
         thread.join()
         os.close(master)
         os.close(slave)
-    assert code == 1 and wrongs(found) == ["speech"]
-    assert ("not one frame" if noisy else "silence") in found["speech"][1]
-    assert ("baud" if noisy else "data cable") in found["speech"][2]
+    assert code == 1 and wrongs(found) == ["protocol"]
+    assert ("no valid frame" if noisy else "no data") in found["protocol"][1]
+    assert ("baud" if noisy else "data cable") in found["protocol"][2]
 
 
 def test_too_short_a_look_is_refused(tmp_path, capfd):

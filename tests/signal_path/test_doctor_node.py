@@ -22,12 +22,12 @@ NODES = {
     "missing chip": (
         {"faults": [BusNack(0.0, count=10**9)]},
         "sensor",
-        "no IMU answers; only LIS3MDL at 0x1E is on the bus",
+        "no IMU answers; only LIS3MDL at 0x1E on the bus",
     ),
     "nothing on the bus": (
         {"sensors": SensorBoard(wiring="no_pull_ups")},
         "sensor",
-        "no IMU answers; nothing is on the bus",
+        "no IMU answers; nothing on the bus",
     ),
     "another chip": (
         {"sensors": SensorBoard(specimen=Specimen(who_am_i=0x6C))},
@@ -47,12 +47,12 @@ NODES = {
     ),
     "half of gravity": (
         {"motion": StillMotion(force=(0, 0, 4.9))},
-        "rest",
+        "standstill",
         r"gravity 4\.9",
     ),
     "gyro that turns at rest": (
         {"motion": StillMotion(rate=(0, 0, 0.9))},
-        "rest",
+        "standstill",
         r"\+51\.\d+ deg/s",
     ),
     "clock without a crystal": ({"clock": Clock("real", ppm=9000.0)}, "clock", r"\+\d{4,5} ± \d+ ppm"),
@@ -80,7 +80,7 @@ def test_what_is_wrong_with_a_node_that_runs_is_named(flashed, tmp_path, capfd, 
 def test_a_node_that_is_moved_is_not_judged_by_gravity(flashed, tmp_path, capfd):
     with board(flashed, tmp_path, motion=unique_motion(20)) as node:
         _, found = doctor(capfd, node.port)
-    assert found["rest"][:2] == ("unknown", "it was moved"), list(found.values())
+    assert found["standstill"][:2] == ("unknown", "the board was moved"), list(found.values())
 
 
 def test_a_node_of_another_message_table_is_told_to_be_flashed(tmp_path, capfd):
@@ -92,4 +92,4 @@ def test_a_node_of_another_message_table_is_told_to_be_flashed(tmp_path, capfd):
     with board(None, tmp_path) as node:
         code, found = doctor(capfd, node.port)
     assert code == 1 and wrongs(found) == ["hello"]
-    assert "speaks 12345678" in found["hello"][1] and "hubodo flash" in found["hello"][2]
+    assert "speaks 12345678" in found["identification"][1] and "hubodo flash" in found["identification"][2]

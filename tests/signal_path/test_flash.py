@@ -11,9 +11,9 @@ from hubodo.cli import main
 from hubodo.emulator.board.settings import Flash
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
-from hubodo.flash.image import build, firmware_folder
+from hubodo.flash.image import build_image, firmware_folder
 from hubodo.flash.manifest import MANIFEST
-from hubodo.flash.slots import main_for
+from hubodo.flash.slots import main_for_slot
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def board():
 
 @pytest.fixture(scope="module")
 def image():
-    return build(firmware_folder(), None)
+    return build_image(firmware_folder(), None)
 
 
 def flash(capfd, *words):
@@ -41,7 +41,7 @@ def test_an_empty_board_gets_every_file_and_runs_it(board, image, capfd):
     assert set(found["copied"]) == {*image, MANIFEST, "config.json"}
     for name in set(image) - {"main.py"}:
         assert (board.flash / "fw_a" / name).read_bytes() == image[name]
-    assert (board.flash / "main.py").read_bytes() == main_for(image["main.py"], "/fw_a")
+    assert (board.flash / "main.py").read_bytes() == main_for_slot(image["main.py"], "/fw_a")
     assert {path.name for path in board.flash.iterdir()} == {"config.json", "fw_a", "main.py"}
     assert json.loads((board.flash / "config.json").read_text()) == {"node_id": 2, "rate_hz": 416}
 

@@ -17,8 +17,8 @@ from hubodo.cli import main
 from hubodo.emulator.board.settings import Clock, Flash, Host
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
-from hubodo.flash.image import build, firmware_folder
-from hubodo.flash.slots import MAIN, main_for
+from hubodo.flash.image import build_image, firmware_folder
+from hubodo.flash.slots import MAIN, main_for_slot
 from hubowire.messages import Hello
 
 TOLD = """
@@ -49,7 +49,7 @@ def firmwares(tmp_path_factory):
     """Folders of an old and of a new firmware, and the old one's files as a node holds them."""
     root = tmp_path_factory.mktemp("firmware")
     old, new = firmware(root / "old", "old"), firmware(root / "new", "new")
-    return old, new, build(old, None)
+    return old, new, build_image(old, None)
 
 
 def lay(image, root, slot):
@@ -57,7 +57,7 @@ def lay(image, root, slot):
     for name, content in image.items():
         path = root / ("" if name == MAIN else slot.lstrip("/")) / name
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(main_for(content, slot) if name == MAIN and slot else content)
+        path.write_bytes(main_for_slot(content, slot) if name == MAIN and slot else content)
 
 
 def apply(change, root):
@@ -176,7 +176,7 @@ def test_a_host_that_dies_while_it_copies_leaves_the_old_firmware(firmwares, tmp
 def test_a_slot_that_does_not_load_gives_way_to_the_other(firmwares, tmp_path):
     """A file that this MicroPython does not take, and one that is missing; nothing of that slot stays."""
     _, new, image = firmwares
-    fresh = build(new, None)
+    fresh = build_image(new, None)
     for name, content in (("outbox.mpy", b"M\x05\x00\x1f"), ("drivers/lis3mdl.mpy", None)):
         root = tmp_path / Path(name).stem
         lay(fresh, root, "/fw_b")

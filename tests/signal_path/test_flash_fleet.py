@@ -15,7 +15,7 @@ from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.board import FlashBoard
 from hubodo.flash.image import firmware_folder
-from hubodo.flash.slots import slot_named
+from hubodo.flash.slots import active_slot
 
 SERIALS = ("e661410300000001", "e661410300000002", "e661410300000003")
 
@@ -45,7 +45,7 @@ def flash(capfd, *words):
 
 
 def runs_from(node):
-    return slot_named((node.flash / "main.py").read_text())
+    return active_slot((node.flash / "main.py").read_text())
 
 
 def test_all_boards_get_the_names_of_the_table_and_one_that_fails_stops_no_other(
@@ -53,7 +53,7 @@ def test_all_boards_get_the_names_of_the_table_and_one_that_fails_stops_no_other
 ):
     ports = [FakePort(boards[0].port, 0x2E8A), FakePort(tmp_path / "gone", 0x2E8A)]
     ports += [FakePort(board.port, 0x2E8A) for board in boards[1:]] + [FakePort("/dev/ttyGNSS", 0x1546)]
-    monkeypatch.setattr(hubodo.flash.fleet.found_ports, "__defaults__", (lambda: ports,))
+    monkeypatch.setattr(hubodo.flash.fleet.list_board_ports, "__defaults__", (lambda: ports,))
     fleet = tmp_path / "fleet.toml"
     fleet.write_text(f'[nodes]\n{SERIALS[0]} = "left"\n{SERIALS[1].upper()} = "right"\n')
     code, found, err = flash(capfd, "--all", "--fleet", fleet)

@@ -11,8 +11,8 @@ from hubodo.demo.simulated_drive import write_image
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
-from hubodo.flash.image import build, firmware_folder
-from hubodo.flash.slots import MAIN, SLOTS, main_for
+from hubodo.flash.image import build_image, firmware_folder
+from hubodo.flash.slots import MAIN, SLOTS, main_for_slot
 from hubodo.log.recording_reader import read_recording
 from virtual_runs import pico_or_skip, unique_motion
 
@@ -52,7 +52,7 @@ def test_a_pico_slower_than_real_time_is_recorded_whole_by_a_clock_as_slow(tmp_p
 
 
 def test_an_empty_pico_gets_every_file_over_usb_and_runs_it(tmp_path, capfd):
-    image = build(firmware_folder(), "armv6m")
+    image = build_image(firmware_folder(), "armv6m")
     with VirtualNode(StillMotion(), board=BoardSettings(interpreter="rp2040"), clock=Clock("paced")) as board:
         code = main(["flash", board.port, "--node", "right", "--rate-hz", "416", "--json"])
         out, err = capfd.readouterr()
@@ -61,7 +61,7 @@ def test_an_empty_pico_gets_every_file_over_usb_and_runs_it(tmp_path, capfd):
         assert json.loads(out)["serial"] == "e6614103e7452d2f"
         slot = SLOTS[0]
         for name, content in image.items():
-            held = content if name != MAIN else main_for(content, slot)
+            held = content if name != MAIN else main_for_slot(content, slot)
             place = name if name == MAIN else f"{slot[1:]}/{name}"
             assert (board.flash / place).read_bytes() == held
         assert [why for _, why in board.stats["resets"]] == ["machine.reset"]

@@ -9,7 +9,7 @@ from wheelchair_ride import ODR_ERROR, START, WHEELS, Ride, drive, read_csv
 
 import wanted
 from hubodo.cli import main
-from hubodo.flash.image import build, firmware_folder
+from hubodo.flash.image import build_image, firmware_folder
 from hubowire.messages import node_name
 from virtual_runs import micropython_or_skip
 
@@ -94,7 +94,7 @@ def test_fusion_gives_the_path_length_of_the_wheel_speeds(ride):
 
 def test_the_firmware_that_ran_is_the_image_that_is_flashed(ride):
     """Byte for byte: what lies on the virtual board is what `hubodo flash` would copy."""
-    image = build(firmware_folder(), None)
+    image = build_image(firmware_folder(), None)
     for name, content in image.items():
         assert (ride.folder / "image" / name).read_bytes() == content
     shutil.rmtree(ride.folder / "image")

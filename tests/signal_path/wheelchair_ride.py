@@ -13,7 +13,7 @@ from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.chips.sampling import ChipTruth
 from hubodo.emulator.motion import RecordedMotion
 from hubodo.emulator.virtual_node import VirtualNode
-from hubodo.flash.image import build, firmware_folder
+from hubodo.flash.image import build_image, firmware_folder
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
@@ -63,7 +63,7 @@ class Ride:
 def drive(data: Path, folder: Path) -> Ride:
     """Through the whole path, in virtual time. data: of the recording."""
     image = folder / "image"
-    for name, content in build(firmware_folder(), None).items():
+    for name, content in build_image(firmware_folder(), None).items():
         (image / name).parent.mkdir(parents=True, exist_ok=True)
         (image / name).write_bytes(content)
     (folder / "vehicle.toml").write_text(VEHICLE)

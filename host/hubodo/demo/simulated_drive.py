@@ -19,7 +19,7 @@ from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
 from hubodo.emulator.node_motion import NodeMotion, SensorDisturbance
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.errors import HubodoError
-from hubodo.flash.image import build, firmware_folder, sources
+from hubodo.flash.image import build_image, firmware_folder, read_sources
 from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
@@ -130,9 +130,9 @@ def choose_interpreter(
 def write_image(folder: Path, interpreter: InterpreterKind) -> Path:
     """Write the firmware as it is flashed; CPython gets sources, as it cannot run MicroPython bytecode."""
     if interpreter == "cpython":
-        image = sources(firmware_folder())
+        image = read_sources(firmware_folder())
     else:
-        image = build(firmware_folder(), "armv6m" if interpreter == "rp2040" else None)
+        image = build_image(firmware_folder(), "armv6m" if interpreter == "rp2040" else None)
     for name, content in image.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)

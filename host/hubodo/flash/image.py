@@ -62,7 +62,7 @@ def firmware_folder() -> Path:
     raise ImageError(f"{package.parents[1] / 'firmware'}: no firmware sources; run from a checkout of hubodo")
 
 
-def sources(folder: Path) -> dict[str, bytes]:
+def read_sources(folder: Path) -> dict[str, bytes]:
     """Return every source file of the firmware by its path on the node."""
     return {path.relative_to(folder).as_posix(): path.read_bytes() for path in sorted(folder.rglob("*.py"))}
 
@@ -72,14 +72,14 @@ def needs_native(source: bytes) -> bool:
     return b"@micropython.viper" in source or b"@micropython.native" in source
 
 
-def build(folder: Path, architecture: str | None) -> dict[str, bytes]:
+def build_image(folder: Path, architecture: str | None) -> dict[str, bytes]:
     """Return the image for one processor, content by path on the node.
 
     architecture: a name in ARCHITECTURES; None for bytecode only, which omits files of machine code, as they
     have equivalents in plain Python. Raises ImageError if a file does not compile.
     """
     image = {}
-    for name, source in sources(folder).items():
+    for name, source in read_sources(folder).items():
         if name in _SOURCE_ONLY:
             image[name] = source
         elif architecture is not None or not needs_native(source):
@@ -108,6 +108,6 @@ def _compile(path: Path, source: bytes, name: str, architecture: str | None) -> 
         return out.read_bytes()
 
 
-def digests(image: dict[str, bytes]) -> dict[str, str]:
+def hash_files(image: dict[str, bytes]) -> dict[str, str]:
     """Return the SHA-256 of each file as hexadecimal digits."""
     return {name: hashlib.sha256(data).hexdigest() for name, data in image.items()}

@@ -11,10 +11,10 @@ from typing import Any
 
 from hubodo.errors import HubodoError
 from hubodo.flash.board import FlashBoard
-from hubodo.flash.image import build
-from hubodo.flash.manifest import with_manifest
+from hubodo.flash.image import build_image
+from hubodo.flash.manifest import add_manifest
 from hubodo.flash.node_settings import FROM_CALIBRATION
-from hubodo.flash.order import CONFIG, Order
+from hubodo.flash.order import CONFIG, SettingsOrder
 from hubodo.flash.prompt import BoardGone, FlashError
 from hubodo.safe_text import json_text
 from hubowire import FINGERPRINT
@@ -30,7 +30,7 @@ ProgressReport = Callable[[str], None]
 
 
 @dataclass(frozen=True)
-class Flashed:
+class FlashedBoard:
     """The state of a board after flashing.
 
     Attributes
@@ -65,7 +65,7 @@ class Flashed:
     hello: Hello
     calibrated: dict[str, object]
     keyed: bool
-    again: int
+    n_disconnections: int
     seconds: float
 
     def as_json(self) -> dict[str, Any]:
@@ -83,13 +83,13 @@ class Flashed:
             "serial": self.hello.serial.hex(),
             "calibrated": self.calibrated,
             "keyed": self.keyed,
-            "went_away": self.again,
+            "went_away": self.n_disconnections,
             "seconds": round(self.seconds, 2),
         }
 
 
 @dataclass(frozen=True)
-class RolledBack:
+class RolledBackBoard:
     """A board after a rollback to its previous firmware."""
 
     port: str
@@ -113,9 +113,9 @@ class RolledBack:
         }
 
 
-def install(
-    port: str, order: Callable[[str], Order], folder: Path, report_progress: ProgressReport
-) -> Flashed:
+def install_firmware(
+    port: str, order: Callable[[str], SettingsOrder], folder: Path, report_progress: ProgressReport
+) -> FlashedBoard:
     """Install the firmware of `folder`; `order` gives the settings of a board by its serial number.
 
     A disconnected board is waited for, and files already copied are not sent again. Raises FlashError,
@@ -137,16 +137,16 @@ def install(
 
 def _install(
     port: str,
-    order: Callable[[str], Order],
+    order: Callable[[str], SettingsOrder],
     folder: Path,
     report_progress: ProgressReport,
     n_reconnections: int,
     started: float,
-) -> Flashed:
+) -> FlashedBoard:
     report_progress(f"{port}: identifying")
     with FlashBoard(port) as board:
         _reach_prompt(board, n_reconnections)
-        identity = board.look()
+        identity = board.identify()
         serial = board.unique_id()
         try:
             board_order = order(serial)
@@ -155,7 +155,7 @@ def _install(
             _restart(board)
             raise
         report_progress(f"{port}: compiling for {identity.architecture or 'bytecode'}")
-        image = with_manifest(build(folder, identity.architecture))
+        image = add_manifest(build_image(folder, identity.architecture))
         files = len(image) + board_order.changes
         if board_order.changes:
             image[CONFIG] = json_text(config).encode()
@@ -163,7 +163,7 @@ def _install(
         report_progress(f"{port}: starting")
         board.reset()
         node, hello = board.wait_hello()
-    return Flashed(
+    return FlashedBoard(
         port,
         identity.platform,
         identity.text,
@@ -179,7 +179,7 @@ def _install(
     )
 
 
-def roll_back(port: str, report_progress: ProgressReport) -> RolledBack:
+def roll_back(port: str, report_progress: ProgressReport) -> RolledBackBoard:
     """Restart the previous firmware of a board; a second rollback reverts it. Raises FlashError."""
     report_progress(f"{port}: identifying")
     with FlashBoard(port) as board:
@@ -192,7 +192,7 @@ def roll_back(port: str, report_progress: ProgressReport) -> RolledBack:
         report_progress(f"{port}: starting")
         board.reset()
         node, fingerprint, version = board.wait_identity()
-    return RolledBack(port, node, fingerprint, version)
+    return RolledBackBoard(port, node, fingerprint, version)
 
 
 def _restart(board: FlashBoard) -> None:

@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from hubodo.flash.image import digests
+from hubodo.flash.image import hash_files
 from hubodo.flash.slots import CONFIG, MAIN
 from hubodo.safe_text import json_text
 from hubowire import FINGERPRINT
@@ -22,9 +22,9 @@ class Manifest:
     files: dict[str, str]
 
 
-def with_manifest(image: Mapping[str, bytes]) -> dict[str, bytes]:
+def add_manifest(image: Mapping[str, bytes]) -> dict[str, bytes]:
     """Return the image with its manifest as the last file, which is sent when all others are complete."""
-    files = {name: digest for name, digest in digests(dict(image)).items() if name not in (MAIN, CONFIG)}
+    files = {name: digest for name, digest in hash_files(dict(image)).items() if name not in (MAIN, CONFIG)}
     text = json_text({"fingerprint": f"{FINGERPRINT:08x}", "files": files}, compact=True)
     return {**image, MANIFEST: text.encode()}
 
@@ -38,7 +38,7 @@ def read_manifest(text: str) -> Manifest | None:
         return None
 
 
-def stands(manifest: Manifest, slot: str, held: Mapping[str, str]) -> bool:
+def is_complete(manifest: Manifest, slot: str, held: Mapping[str, str]) -> bool:
     """Return True if a slot holds every file of its manifest unchanged; `held` are hashes by path."""
     return bool(manifest.files) and all(
         held.get(f"{slot}/{name}") == digest for name, digest in manifest.files.items()

@@ -84,7 +84,7 @@ def _warm_up(effect: CalibratedEffect) -> dict[str, Setting]:
     return settings
 
 
-def merged(config: Mapping[str, object], node: NodeCalibration) -> dict[str, object]:
+def apply_calibration_to_config(config: Mapping[str, object], node: NodeCalibration) -> dict[str, object]:
     """Return a node's /config.json with the settings of one calibration and none of another."""
     other_settings = {name: value for name, value in config.items() if name not in FROM_CALIBRATION}
     return other_settings | node_settings(node, other_settings)

@@ -12,7 +12,7 @@ from pathlib import Path
 from hubodo.calibration.file import Calibration
 from hubodo.errors import CalibrationError, InputError
 from hubodo.flash.image import firmware_folder
-from hubodo.flash.node_settings import merged
+from hubodo.flash.node_settings import apply_calibration_to_config
 from hubodo.ingest.link.keys import KeyRing
 from hubowire import node_name
 from hubowire.messages import NODE_IDS
@@ -21,7 +21,7 @@ CONFIG = "config.json"
 
 
 @dataclass(frozen=True)
-class Order:
+class SettingsOrder:
     """The requested changes to the settings of a board.
 
     Attributes
@@ -65,10 +65,10 @@ class Order:
                 f"{self.path}: nodes.{name} belongs to the board with serial {node.serial}, this one has "
                 f"{serial}; give its own calibration, or another --node"
             )
-        return merged(settings, node)
+        return apply_calibration_to_config(settings, node)
 
 
-def node_id(text: str, context: str = "--node") -> int:
+def parse_node_id(text: str, context: str = "--node") -> int:
     """Return the node id of a name or number; raise InputError for an invalid one."""
     if text in NODE_IDS:
         return NODE_IDS[text]
@@ -77,7 +77,7 @@ def node_id(text: str, context: str = "--node") -> int:
     raise InputError(f"{context} {text}: use {', '.join(NODE_IDS)} or a number from 1 to 254")
 
 
-def settings_of(words: Iterable[str]) -> dict[str, object]:
+def parse_settings(words: Iterable[str]) -> dict[str, object]:
     """Return settings from NAME=VALUE words, values as JSON where they are valid JSON; raise InputError."""
     settings: dict[str, object] = {}
     types = _setting_types()

@@ -54,14 +54,14 @@ class RawPrompt:
 
         Raises FlashError with the last line of an exception.
         """
-        self.begin(code)
+        self.start(code)
         printed, raised = self._read_until(b"\x04", pieces), self._read_until(b"\x04")
         self._read_until(b">")
         if raised:
             raise FlashError(f"{self._link.port}: {raised.decode(errors='replace').strip().splitlines()[-1]}")
         return printed.decode(errors="replace")
 
-    def begin(self, code: str) -> None:
+    def start(self, code: str) -> None:
         """Start code without waiting for its end."""
         text = code.encode()
         for offset in range(0, len(text), _CODE_CHUNK_BYTES):

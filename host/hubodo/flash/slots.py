@@ -23,7 +23,7 @@ _SOURCE_SLOTS_LINE = 'SLOTS = ("",)'
 _FIRST_SLOT = re.compile(r'^SLOTS = \("(/\w+)"', re.MULTILINE)
 
 
-def main_for(source: bytes, slot: str) -> bytes:
+def main_for_slot(source: bytes, slot: str) -> bytes:
     """Return main.py for a slot, with the other slot as fallback.
 
     Raises ImageError if the source lacks the line to replace.
@@ -38,22 +38,22 @@ def main_for(source: bytes, slot: str) -> bytes:
 
 def slots_line(slot: str) -> str:
     """Return the line of main.py that selects `slot`, with the other slot as fallback."""
-    return f'SLOTS = ("{slot}", "{other(slot)}")'
+    return f'SLOTS = ("{slot}", "{other_slot(slot)}")'
 
 
-def other(slot: str | None) -> str:
+def other_slot(slot: str | None) -> str:
     """Return the inactive slot while `slot` runs."""
     return SLOTS[1] if slot == SLOTS[0] else SLOTS[0]
 
 
-def slot_named(main: str) -> str | None:
+def active_slot(main: str) -> str | None:
     """Return the first slot in a node's main.py, or None if it runs files at the root."""
     match = _FIRST_SLOT.search(main)
     return match[1] if match is not None and match[1] in SLOTS else None
 
 
 @dataclass(frozen=True)
-class Plan:
+class FlashPlan:
     """The steps that put an image onto a node.
 
     Attributes
@@ -83,9 +83,9 @@ class Plan:
     forget: tuple[str, ...]
 
 
-def plan(
+def plan_flash(
     image: Mapping[str, bytes], hashes: Mapping[str, str], held: Mapping[str, str], running: str | None
-) -> Plan:
+) -> FlashPlan:
     """Return the plan for a node.
 
     image: content by name, with MAIN and optionally CONFIG. hashes: by name; those of main.py under the name
@@ -100,7 +100,7 @@ def plan(
         or not _holds_exactly(running, firmware, held)
         or held.get("/" + MAIN) != hashes[running]
     ):
-        slot = other(running)
+        slot = other_slot(running)
         present = {path: digest for path, digest in held.items() if path.startswith(slot + "/")}
         required = {f"{slot}/{name}": digest for name, digest in firmware.items()}
         remove = [path for path in present if path not in required]
@@ -113,13 +113,13 @@ def plan(
                 copy.append((available[digest], path))
             else:
                 send[path] = image[name]
-        send[f"/{MAIN}{NEW}"] = main_for(image[MAIN], slot)
+        send[f"/{MAIN}{NEW}"] = main_for_slot(image[MAIN], slot)
         expect = required | {f"/{MAIN}{NEW}": hashes[slot]}
         swap.append(MAIN)
     expect |= {f"/{CONFIG}{NEW}": hashes[CONFIG]} if CONFIG in swap else {}
     at_root = {f"/{name.removesuffix('.mpy').removesuffix('.py')}" for name in firmware}
     forget = [path for path in held if re.sub(r"\.m?py$", "", path) in at_root]
-    return Plan(slot, tuple(remove), tuple(copy), send, tuple(swap), expect, tuple(forget))
+    return FlashPlan(slot, tuple(remove), tuple(copy), send, tuple(swap), expect, tuple(forget))
 
 
 def _holds_exactly(slot: str, firmware: Mapping[str, str], held: Mapping[str, str]) -> bool:

@@ -1,6 +1,6 @@
 """Python code that a board runs at its prompt during flashing; the host fills in the {} fields."""
 
-LOOK = (
+IDENTIFY = (
     "import sys;i=sys.implementation;"
     "print([sys.platform,getattr(i,'_machine',''),getattr(i,'_mpy',0),tuple(i.version[:3]),sys.version])"
 )
@@ -19,7 +19,7 @@ def sha(n):
                 return binascii.hexlify(h.digest()).decode()
             h.update(m[:k])
 """
-SURVEY = (
+LIST_HASHES = (
     HASH
     + """
 def walk(d):
@@ -68,7 +68,7 @@ for n in {folders}:
     except OSError:
         pass
 """
-TAKE = """
+RECEIVE_FILE = """
 import sys
 def take(n,z):
     with open(n,'wb') as f:

@@ -10,10 +10,17 @@ from rich.table import Table
 
 from hubodo.calibration.file import read_calibration
 from hubodo.errors import InputError
-from hubodo.flash.fleet import BoardFailed, Fleet, each, found_ports, orders, read_fleet
+from hubodo.flash.fleet import (
+    FailedBoard,
+    FleetOutcome,
+    flash_each,
+    list_board_ports,
+    orders_by_serial,
+    read_fleet,
+)
 from hubodo.flash.image import firmware_folder
-from hubodo.flash.install import Flashed, RolledBack, install, roll_back
-from hubodo.flash.order import Order, node_id, settings_of
+from hubodo.flash.install import FlashedBoard, RolledBackBoard, install_firmware, roll_back
+from hubodo.flash.order import SettingsOrder, parse_node_id, parse_settings
 from hubodo.ingest.link.keys import KeyRing
 from hubodo.terminal import SafeConsole
 from hubowire import node_name
@@ -29,7 +36,7 @@ EXAMPLE = (
 class BoardResult:
     """The result of flashing one board."""
 
-    board: Flashed | RolledBack
+    board: FlashedBoard | RolledBackBoard
 
     def as_json(self) -> dict[str, Any]:
         """Return the JSON result."""
@@ -45,7 +52,7 @@ class BoardResult:
                 value = ", ".join(f"{name} {setting}" for name, setting in value.items()) or "-"
             table.add_row(key, str(value))
         console.print(table)
-        if isinstance(self.board, RolledBack) and self.board.other_version:
+        if isinstance(self.board, RolledBackBoard) and self.board.other_version:
             console.print(
                 "this host runs another version: install the hubodo that flashed the board, or flash it again"
             )
@@ -55,7 +62,7 @@ class BoardResult:
 class FleetResult:
     """The results of flashing several boards."""
 
-    fleet: Fleet
+    fleet: FleetOutcome
 
     @property
     def failed(self) -> bool:
@@ -70,11 +77,13 @@ class FleetResult:
         """Print one row for each board."""
         table = Table("port", "node", "serial", "firmware", "action", title="boards")
         for board in self.fleet.boards:
-            if isinstance(board, BoardFailed):
-                table.add_row(board.port, "", "", "", ("" if board.left else "FAILED: ") + board.error)
+            if isinstance(board, FailedBoard):
+                table.add_row(board.port, "", "", "", ("" if board.is_skipped else "FAILED: ") + board.error)
                 continue
             summary = board.as_json()
-            action = "rolled back" if isinstance(board, RolledBack) else f"{len(board.copied)} files copied"
+            action = (
+                "rolled back" if isinstance(board, RolledBackBoard) else f"{len(board.copied)} files copied"
+            )
             table.add_row(
                 board.port, node_name(board.node), summary.get("serial", ""), summary["firmware"], action
             )
@@ -139,29 +148,29 @@ def run(args: argparse.Namespace) -> BoardResult | FleetResult:
     fleet = read_fleet(args.fleet) if args.fleet is not None else None
     is_fleet = args.all or len(args.ports) > 1 or fleet is not None
     order = _order(args, is_fleet)
-    ports = found_ports() if args.all else args.ports
+    ports = list_board_ports() if args.all else args.ports
     note = SafeConsole(stderr=True)
     with note.status("searching for boards") as status:
 
-        def flash(port: str) -> Flashed | RolledBack:
+        def flash(port: str) -> FlashedBoard | RolledBackBoard:
             if args.roll_back:
                 return roll_back(port, status.update)
-            return install(port, orders(order, fleet), firmware_folder(), status.update)
+            return install_firmware(port, orders_by_serial(order, fleet), firmware_folder(), status.update)
 
         if not is_fleet:
             return BoardResult(flash(args.ports[0]))
-        return FleetResult(each(ports, flash))
+        return FleetResult(flash_each(ports, flash))
 
 
-def _order(args: argparse.Namespace, is_fleet: bool) -> Order:
-    settings = settings_of(args.set)
+def _order(args: argparse.Namespace, is_fleet: bool) -> SettingsOrder:
+    settings = parse_settings(args.set)
     if args.node is not None:
         if is_fleet:
             raise InputError("--node is for one board; name several with --fleet TOML")
-        settings["node_id"] = node_id(args.node)
+        settings["node_id"] = parse_node_id(args.node)
     if args.rate_hz is not None:
         settings["rate_hz"] = args.rate_hz
-    order = Order(
+    order = SettingsOrder(
         settings,
         read_calibration(args.calibration) if args.calibration is not None else None,
         args.calibration,

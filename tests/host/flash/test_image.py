@@ -7,50 +7,52 @@ import pytest
 from hubodo.flash.image import (
     ARCHITECTURES,
     ImageError,
-    build,
-    digests,
+    build_image,
     firmware_folder,
+    hash_files,
     needs_native,
-    sources,
+    read_sources,
 )
 
 
 def test_main_stays_source_and_everything_else_is_compiled():
-    image = build(firmware_folder(), "armv6m")
+    image = build_image(firmware_folder(), "armv6m")
     assert "main.py" in image
     assert {name for name in image if name.endswith(".py")} == {"main.py"}
     assert {name.removesuffix(".mpy").removesuffix(".py") for name in image} == {
-        name.removesuffix(".py") for name in sources(firmware_folder())
+        name.removesuffix(".py") for name in read_sources(firmware_folder())
     }
 
 
 def test_bytecode_alone_leaves_out_files_of_machine_code():
-    left_out = set(sources(firmware_folder())) - {
-        re.sub(r"\.mpy$", ".py", name) for name in build(firmware_folder(), None)
+    left_out = set(read_sources(firmware_folder())) - {
+        re.sub(r"\.mpy$", ".py", name) for name in build_image(firmware_folder(), None)
     }
-    assert left_out == {name for name, text in sources(firmware_folder()).items() if needs_native(text)}
+    assert left_out == {name for name, text in read_sources(firmware_folder()).items() if needs_native(text)}
 
 
 def test_compiled_files_name_the_processor_they_are_for():
     """Byte 2 of a .mpy file: architecture number in bits 2 to 6 (MicroPython's py/persistentcode.h)."""
     native = [
         name.removesuffix(".py") + ".mpy"
-        for name, text in sources(firmware_folder()).items()
+        for name, text in read_sources(firmware_folder()).items()
         if needs_native(text)
     ]
     for architecture in ("armv6m", "xtensawin"):
-        image = build(firmware_folder(), architecture)
+        image = build_image(firmware_folder(), architecture)
         for name in native:
             assert image[name][0:1] == b"M"
             assert image[name][2] >> 2 & 0x1F == ARCHITECTURES.index(architecture)
 
 
 def test_the_same_sources_give_the_same_bytes():
-    assert digests(build(firmware_folder(), None)) == digests(build(firmware_folder(), None))
+    assert hash_files(build_image(firmware_folder(), None)) == hash_files(
+        build_image(firmware_folder(), None)
+    )
 
 
 def test_a_file_that_does_not_compile_is_named(tmp_path):
     (tmp_path / "main.py").write_text("import broken\n")
     (tmp_path / "broken.py").write_text("def f(:\n")
     with pytest.raises(ImageError, match=r"broken\.py: mpy-cross: .*SyntaxError"):
-        build(tmp_path, None)
+        build_image(tmp_path, None)

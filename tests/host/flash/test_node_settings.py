@@ -11,7 +11,7 @@ import pytest
 from hubodo.calibration.file import CalibratedEffect, NodeCalibration, Quantity
 from hubodo.errors import CalibrationError
 from hubodo.flash import node_settings as module
-from hubodo.flash.node_settings import FROM_CALIBRATION, merged, node_settings
+from hubodo.flash.node_settings import FROM_CALIBRATION, apply_calibration_to_config, node_settings
 from hubodo.sensors.warmup.rate_bias_kalman import steady_state_gain
 
 FIRMWARE = Path(__file__).parents[3] / "firmware"
@@ -77,7 +77,7 @@ def test_units_are_those_of_the_node():
 
 def test_the_node_takes_every_setting_as_it_is(firmware, tmp_path):
     path = tmp_path / "config.json"
-    made = merged({"node_id": 2, "rate_hz": 416}, FULL)
+    made = apply_calibration_to_config({"node_id": 2, "rate_hz": 416}, FULL)
     path.write_text(json.dumps(made))
     loaded = firmware.load(str(path))
     assert {name: loaded[name] for name in made} == made
@@ -97,7 +97,7 @@ def test_the_largest_numbers_that_are_let_through_are_taken_by_the_node(firmware
         lever_arm={"x": 0.9999 * sign},
         gyro_rate_random_walk={"k": 1.0},
     )
-    made = merged({}, edge)
+    made = apply_calibration_to_config({}, edge)
     path.write_text(json.dumps(made))
     assert {name: value for name, value in firmware.load(str(path)).items() if name in made} == made
 
@@ -114,9 +114,9 @@ def test_the_gain_of_the_bias_is_that_of_the_riccati_recursion():
 
 
 def test_what_a_calibration_does_not_hold_does_not_stay_from_the_one_before():
-    config = merged({"node_id": 1, "watchdog": False}, FULL)
+    config = apply_calibration_to_config({"node_id": 1, "watchdog": False}, FULL)
     assert set(FROM_CALIBRATION) <= set(config)
-    again = merged(config, calibration(gyro_bias={"x": 0.001}))
+    again = apply_calibration_to_config(config, calibration(gyro_bias={"x": 0.001}))
     assert again == {"node_id": 1, "watchdog": False, "bias_udps": [57296, 0, 0]}
 
 

@@ -12,9 +12,9 @@ import serial
 from fakes.fake_node import FakeNode
 from hubodo.errors import LinkError
 from hubodo.flash import computer_checks
-from hubodo.flash.computer_checks import look_at
-from hubodo.flash.listen import Heard
-from hubodo.flash.surroundings import Surroundings
+from hubodo.flash.computer import Computer
+from hubodo.flash.computer_checks import check_computer
+from hubodo.flash.reception import Reception
 from hubodo.verbs import doctor as verb
 from in_process import hubodo
 
@@ -33,7 +33,7 @@ class Port:
 
 
 @dataclass(frozen=True)
-class FakeComputer(Surroundings):
+class FakeComputer(Computer):
     """One on which everything is as it should be, but for what a test says."""
 
     linux: bool = True
@@ -43,13 +43,13 @@ class FakeComputer(Surroundings):
     free: int = 50_000_000_000
     lacking: dict = field(default_factory=dict)
 
-    def groups(self, device):
+    def serial_group(self, device):
         return self.member
 
     def may_use(self, path):
         return path not in self.forbidden
 
-    def clock_is_kept(self):
+    def is_clock_synchronised(self):
         return self.kept
 
     def disk_free(self):
@@ -57,15 +57,15 @@ class FakeComputer(Surroundings):
             raise FileNotFoundError(2, "No such file or directory")
         return self.free
 
-    def lacks(self):
+    def missing_packages(self):
         return self.lacking
 
 
-def looked(tmp_path, *ports, hear=lambda port: Heard(prompt=True), **facts):
+def looked(tmp_path, *ports, hear=lambda port: Reception(prompt=True), **facts):
     """{check: [finding]} and all findings."""
     computer = FakeComputer(folder=tmp_path, root=tmp_path, ports=lambda: ports, **facts)
     found = {}
-    for finding in look_at(computer, hear):
+    for finding in check_computer(computer, hear):
         found.setdefault(finding.check, []).append(finding)
     return found
 
@@ -82,8 +82,8 @@ def test_a_sound_computer_without_a_board_is_told_to_plug_one_in(tmp_path):
     found = looked(tmp_path, Port("/dev/ttyS0", None, None))
     assert {check for check, (finding, *_) in found.items() if finding.verdict != "ok"} == {"ports"}
     (ports,) = found["ports"]
-    assert ports.verdict == "warn" and "1 serial ports that are not on USB" in ports.seen
-    assert "data lines" in ports.remedy
+    assert ports.verdict == "warn" and "1 serial ports that are not on USB" in ports.observation
+    assert "data cable" in ports.remedy
 
 
 def test_who_has_a_port_is_named_and_a_held_port_is_not_listened_to(tmp_path):
@@ -93,8 +93,8 @@ def test_who_has_a_port_is_named_and_a_held_port_is_not_listened_to(tmp_path):
     process(tmp_path, 17, "bash", "/dev/null")
     found = looked(tmp_path, Port(str(device)), hear=lambda port: pytest.fail("it was listened to"))
     (port,) = found["ports"]
-    assert port.verdict == "warn" and "open in screen (process 4242)" in port.seen
-    assert "2e8a:0005" in port.seen and "E6611" in port.seen and "end screen" in port.remedy
+    assert port.verdict == "warn" and "open in screen (process 4242)" in port.observation
+    assert "2e8a:0005" in port.observation and "E6611" in port.observation and "stop screen" in port.remedy
 
 
 def test_a_file_that_is_closed_while_we_look_hides_no_holder(tmp_path):
@@ -105,7 +105,7 @@ def test_a_file_that_is_closed_while_we_look_hides_no_holder(tmp_path):
     for gone in ("0", "2"):  # listed, but no link any more: readlink refuses
         (descriptors / gone).unlink()
         (descriptors / gone).touch()
-    (holder,) = Surroundings(root=tmp_path).holders(str(device))
+    (holder,) = Computer(root=tmp_path).port_holders(str(device))
     assert (holder.pid, holder.command) == (4242, "screen")
 
 
@@ -114,10 +114,10 @@ def test_who_has_a_port_is_seen_on_this_computer_too():
     master, slave = os.openpty()
     try:
         with serial.Serial(os.ttyname(slave), exclusive=True):
-            assert Surroundings().holders(os.ttyname(slave)) == [], "not by ourselves"
+            assert Computer().port_holders(os.ttyname(slave)) == [], "not by ourselves"
             waits = subprocess.Popen(["cat"], stdin=subprocess.PIPE, pass_fds=[slave])
             try:
-                (holder,) = Surroundings().holders(os.ttyname(slave))
+                (holder,) = Computer().port_holders(os.ttyname(slave))
                 assert (holder.pid, holder.command) == (waits.pid, "cat")
             finally:
                 waits.communicate()
@@ -165,9 +165,9 @@ def test_clock_disk_and_packages_are_told_with_what_to_do(tmp_path, monkeypatch)
     }
     assert list(disks.values()) == ["bad", "warn", "ok"]
     assert looked(tmp_path, free=-1)["disk"][0].verdict == "bad"
-    assert "not writable" in looked(tmp_path, forbidden=(str(tmp_path),))["disk"][0].seen
+    assert "not writable" in looked(tmp_path, forbidden=(str(tmp_path),))["disk"][0].observation
     (packages,) = looked(tmp_path, lacking={"hubodo flash": "mpremote missing → pip install x"})["packages"]
-    assert packages.seen == "for hubodo flash: mpremote missing" and packages.remedy == "pip install x"
+    assert packages.observation == "for hubodo flash: mpremote missing" and packages.remedy == "pip install x"
     monkeypatch.setattr(computer_checks.time, "time", lambda: 1000.0)
     assert looked(tmp_path)["clock"][0].verdict == "bad", "1970"
 
@@ -179,16 +179,21 @@ def refuse(port):
 @pytest.mark.parametrize(
     ("hear", "verdict", "seen", "remedy"),
     [
-        (lambda port: Heard(prompt=True), "warn", "without a node", "hubodo flash /dev/ttyACM0"),
-        (lambda port: Heard(received=70), "warn", "70 bytes, but no frame", "hubodo doctor /dev/ttyACM0"),
-        (lambda port: Heard(), "warn", "silent", "hubodo doctor /dev/ttyACM0"),
-        (lambda port: Heard(refusal="speaks 1: ..."), "bad", "speaks 1", "hubodo flash /dev/ttyACM0"),
+        (lambda port: Reception(prompt=True), "warn", "without a running node", "hubodo flash /dev/ttyACM0"),
+        (
+            lambda port: Reception(received=70),
+            "warn",
+            "70 bytes, but no valid frame",
+            "hubodo doctor /dev/ttyACM0",
+        ),
+        (lambda port: Reception(), "warn", "silent", "hubodo doctor /dev/ttyACM0"),
+        (lambda port: Reception(refusal="speaks 1: ..."), "bad", "speaks 1", "hubodo flash /dev/ttyACM0"),
         (refuse, "bad", "busy: another program has it", "close that program"),
     ],
 )
 def test_a_board_that_is_no_node_is_told_with_what_to_do(tmp_path, hear, verdict, seen, remedy):
     (board,) = looked(tmp_path, Port("/dev/ttyACM0"), hear=hear)["board on /dev/ttyACM0"]
-    assert board.verdict == verdict and seen in board.seen and board.remedy == remedy
+    assert board.verdict == verdict and seen in board.observation and board.remedy == remedy
 
 
 def test_what_hangs_behind_a_converter_is_asked_nothing(tmp_path):
@@ -211,4 +216,4 @@ def test_nodes_are_found_with_their_firmware_and_bad_findings_give_exit_code_1(t
                 assert "node 'left', firmware" in checks[f"board on {left.path}"]["seen"]
                 assert "node 'right', firmware" in checks[f"board on {right.path}"]["seen"]
             else:
-                assert re.search("bad +disk", done.out) and "→ make room" in done.out
+                assert re.search("bad +disk", done.out) and "→ free disk space" in done.out

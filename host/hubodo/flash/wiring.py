@@ -59,7 +59,7 @@ KNOWN_CHIPS = {
 _IDENTITY_REGISTERS = {0x6A: 0x0F, 0x6B: 0x0F, 0x1C: 0x0F, 0x1E: 0x0F, 0x68: 0x75, 0x69: 0x75}
 
 
-def chip_name(address: int, who_am_i: int) -> str:
+def describe_device(address: int, who_am_i: int) -> str:
     """Return a description of the device at an address with this identity."""
     if who_am_i < 0:
         return f"0x{address:02X}: a chip without a known identity register"
@@ -68,7 +68,7 @@ def chip_name(address: int, who_am_i: int) -> str:
 
 
 @dataclass(frozen=True)
-class Wires:
+class WiringState:
     """The state of the I2C lines.
 
     Attributes
@@ -85,11 +85,11 @@ class Wires:
     scl: int
     sda_levels: tuple[int, int]
     scl_levels: tuple[int, int]
-    found: tuple[tuple[int, int], ...]
-    swapped: tuple[tuple[int, int], ...]
+    devices: tuple[tuple[int, int], ...]
+    swapped_devices: tuple[tuple[int, int], ...]
 
 
-def board_pins(machine: str, config: Mapping[str, object]) -> tuple[Board, dict[str, int]]:
+def find_board_pins(machine: str, config: Mapping[str, object]) -> tuple[Board, dict[str, int]]:
     """Return board type and pins, from the firmware's table and the node's settings."""
     path = firmware_folder() / "pins.py"
     names: dict[str, Any] = {f"BOARD_{board.name}": board for board in Board}
@@ -105,14 +105,14 @@ def _without_imports(path: Path) -> ast.Module:
     return tree
 
 
-def look(pins: Mapping[str, int], run: Callable[[str], str]) -> Wires:
+def test_lines(pins: Mapping[str, int], run: Callable[[str], str]) -> WiringState:
     """Test the lines; `run` executes code on the board and returns its output."""
     text = run(_TEST_CODE.format(sda=pins["sda"], scl=pins["scl"], registers=_IDENTITY_REGISTERS))
     sda, scl, found, swapped = ast.literal_eval(text.strip().splitlines()[-1])
-    return Wires(pins["sda"], pins["scl"], sda, scl, tuple(found), tuple(swapped))
+    return WiringState(pins["sda"], pins["scl"], sda, scl, tuple(found), tuple(swapped))
 
 
-def judge_wires(wires: Wires) -> CheckResult:
+def check_wiring(wires: WiringState) -> CheckResult:
     """Return the check of the wiring."""
     names = f"SDA GPIO{wires.sda}, SCL GPIO{wires.scl}"
     lines = (("SDA", wires.sda, wires.sda_levels), ("SCL", wires.scl, wires.scl_levels))
@@ -136,12 +136,13 @@ def judge_wires(wires: Wires) -> CheckResult:
             f"no pull-up on {' and '.join(floating)}",
             "connect the sensor board; a bare chip needs 4.7 kΩ from SDA and from SCL to 3V3",
         )
-    if wires.found:
+    if wires.devices:
         return ok(
-            "wiring", f"{names}, both pulled up; " + ", ".join(chip_name(*chip) for chip in wires.found)
+            "wiring",
+            f"{names}, both pulled up; " + ", ".join(describe_device(*chip) for chip in wires.devices),
         )
-    if wires.swapped:
-        addresses = ", ".join(f"0x{address:02X}" for address, _ in wires.swapped)
+    if wires.swapped_devices:
+        addresses = ", ".join(f"0x{address:02X}" for address, _ in wires.swapped_devices)
         return wrong(
             "wiring",
             f"SDA and SCL are exchanged: {addresses} answers with the lines swapped",

