@@ -48,8 +48,7 @@ def _reports_failure(result: Result | None) -> bool:
 
 
 def _normalise_option(word: str) -> str:
-    """Return an option with hyphens (`--latitude-deg` for `--latitude_deg`), other words unchanged.
-    """
+    """Return an option with hyphens (`--latitude-deg` for `--latitude_deg`), other words unchanged."""
     option, equals, value = word.partition("=")
     return option.replace("_", "-") + equals + value if word.startswith("--") else word
 
