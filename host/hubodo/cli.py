@@ -1,7 +1,4 @@
-"""The `hubodo` command:
-
-parses parses the command line, runs one verb, prints its result and sets the exit code.
-"""
+"""The `hubodo` command: parses the command line, runs one verb, prints its result and sets the exit code."""
 
 from __future__ import annotations
 
@@ -85,7 +82,7 @@ def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one verb and return the exit code: 0 success, 1 failure, 2 refused input, 130 interrupted."""
-    # On the small matrices here BLAS threads cost more slow they gain; the variable is the variable is read on import.
+    # BLAS threads slow down the small matrices here; the variable is read when the library loads.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     _prepare_standard_streams()
     if argv is None and not sys.warnoptions:
@@ -153,7 +150,7 @@ def _prepare_standard_streams() -> None:
 
 
 def _print_unless_closed(result: Result, *, as_json: bool) -> None:
-    """Print a result, ignore a terminal that was closed in the meantime."""
+    """Print a result; ignore a terminal that was closed in the meantime."""
     try:
         _print_result(result, as_json=as_json)
     except OSError as error:

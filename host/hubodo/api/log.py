@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from hubodo.calibration.file import Calibration
     from hubodo.fuse.wheel_odometry import Method
     from hubodo.model.model_file import Model
-    from hubodo.sensors.rest_channel import Standstill
+    from hubodo.sensors.standstill_channel import StandstillRecord
     from hubodo.vehicle import Vehicle
 
 
@@ -386,11 +386,11 @@ class LoadedLog:
         *,
         keep_disturbed: bool = False,
         cut: bool = False,
-    ) -> Standstill:
-        """Return one checked channel of a stationary node; parameters as in `rest_channel`."""
-        from hubodo.sensors.rest_channel import rest_channel
+    ) -> StandstillRecord:
+        """Return one checked channel of a stationary node; parameters as in `read_standstill_channel`."""
+        from hubodo.sensors.standstill_channel import read_standstill_channel
 
-        return rest_channel(
+        return read_standstill_channel(
             self.recording,
             self._node(node),
             channel,
@@ -399,7 +399,7 @@ class LoadedLog:
             end=end,
             trust_units=trust_units,
             trust_still=keep_disturbed,
-            cut=cut,
+            cut_disturbances=cut,
         )
 
     def _node(self, name: str | None) -> str:

@@ -229,7 +229,7 @@ def analyse_warmup(standstill: StandstillRecord, log: str, *, age: float) -> War
             standstill.channel,
             temperature=standstill.temperature,
             age=age,
-            step=standstill.step,
+            temperature_step=standstill.temperature_step,
         )
     except InputError as error:
         raise InputError(f"{log}, node {standstill.node}, {standstill.channel}: {error}") from None

@@ -44,7 +44,7 @@ class Holder:
 
 
 @dataclass(frozen=True)
-class Computer:
+class HostComputer:
     """A view of this computer, queried by each method.
 
     Attributes

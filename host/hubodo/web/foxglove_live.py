@@ -126,7 +126,6 @@ class FoxgloveLive:
         """Lines that the recorder prints once for the user."""
         self._log = LogWriter(self.clients, clock=None)
         self._thread: OutputThread[LogRecord | None] | None = None
-        self._channels: dict[int, int] = {}  # channel of the log -> channel of the clients
         self._known: set[tuple[Any, ...]] = set()
         self._wanted = False
 
@@ -181,9 +180,8 @@ class FoxgloveLog:
     def __init__(self, clients: FoxgloveClients, log: Log, start_ns: int) -> None:
         self._clients = clients
         self._pending = log.messages(start=start_ns)
-        self._next: LogMessage | None = next(
-            self._pending, None
-        )  # some writers announce channels only inside chunks
+        # Some writers announce channels only inside chunks, so the first message comes first.
+        self._next: LogMessage | None = next(self._pending, None)
         schemas = {
             schema.id: clients.add_schema(schema.name, schema.encoding, bytes(schema.data))
             for schema in log.scan.schemas.values()

@@ -29,8 +29,8 @@ class LogObserver:
             case EventRecord():
                 self.events.append(record.event)
             case GnssFix() if record.status >= 0:
-                sigma = record.sigma")
-            horizontal_sigma = None if sigma is None else float(np.hypot(*sigma[:2]) / np.sqrt(2.0))
+                sigma = record.sigma
+                horizontal_sigma = None if sigma is None else float(np.hypot(*sigma[:2]) / np.sqrt(2.0))
                 self.fix = (record.latitude_deg, record.longitude_deg, horizontal_sigma)
 
     def take_mean_rates(self) -> dict[str, float]:

@@ -12,7 +12,7 @@ import serial
 from fakes.fake_node import FakeNode
 from hubodo.errors import LinkError
 from hubodo.flash import computer_checks
-from hubodo.flash.computer import Computer
+from hubodo.flash.computer import HostComputer
 from hubodo.flash.computer_checks import check_computer
 from hubodo.flash.reception import Reception
 from hubodo.verbs import doctor as verb
@@ -33,7 +33,7 @@ class Port:
 
 
 @dataclass(frozen=True)
-class FakeComputer(Computer):
+class FakeComputer(HostComputer):
     """One on which everything is as it should be, but for what a test says."""
 
     linux: bool = True
@@ -105,7 +105,7 @@ def test_a_file_that_is_closed_while_we_look_hides_no_holder(tmp_path):
     for gone in ("0", "2"):  # listed, but no link any more: readlink refuses
         (descriptors / gone).unlink()
         (descriptors / gone).touch()
-    (holder,) = Computer(root=tmp_path).port_holders(str(device))
+    (holder,) = HostComputer(root=tmp_path).port_holders(str(device))
     assert (holder.pid, holder.command) == (4242, "screen")
 
 
@@ -114,10 +114,10 @@ def test_who_has_a_port_is_seen_on_this_computer_too():
     master, slave = os.openpty()
     try:
         with serial.Serial(os.ttyname(slave), exclusive=True):
-            assert Computer().port_holders(os.ttyname(slave)) == [], "not by ourselves"
+            assert HostComputer().port_holders(os.ttyname(slave)) == [], "not by ourselves"
             waits = subprocess.Popen(["cat"], stdin=subprocess.PIPE, pass_fds=[slave])
             try:
-                (holder,) = Computer().port_holders(os.ttyname(slave))
+                (holder,) = HostComputer().port_holders(os.ttyname(slave))
                 assert (holder.pid, holder.command) == (waits.pid, "cat")
             finally:
                 waits.communicate()
@@ -207,7 +207,7 @@ def test_nodes_are_found_with_their_firmware_and_bad_findings_give_exit_code_1(t
         ports = [Port(left.path), Port(right.path)]
         for free, code in ((50_000_000_000, 0), (1000, 1)):
             computer = FakeComputer(folder=tmp_path, root=tmp_path, ports=lambda: ports, free=free)
-            monkeypatch.setattr(verb, "Surroundings", lambda computer=computer: computer)
+            monkeypatch.setattr(verb, "HostComputer", lambda computer=computer: computer)
             monkeypatch.setattr(computer_checks, "_LISTEN_S", 1.5)
             done = hubodo("doctor", *(["--json"] if not code else []))
             assert done.code == code, done

@@ -82,7 +82,7 @@ def test_the_node_takes_every_setting_as_it_is(firmware, tmp_path):
     loaded = firmware.load(str(path))
     assert {name: loaded[name] for name in made} == made
     assert set(FROM_CALIBRATION) <= set(firmware.DEFAULTS)
-    defaults = (module._NOISE_UDPS, module._GAIN_RATE_Q20, module._RATE_HZ)
+    defaults = (module._DEFAULT_NOISE_UDPS, module._DEFAULT_GAIN_RATE_Q20, module._DEFAULT_RATE_HZ)
     assert defaults == tuple(firmware.DEFAULTS[name] for name in ("noise_udps", "gain_rate_q20", "rate_hz"))
 
 

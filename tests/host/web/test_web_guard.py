@@ -200,7 +200,7 @@ def test_others_are_not_served_without_a_token_that_is_kept_secret(tmp_path, mon
     file = tmp_path / "token"
     for content, mode, says in (
         ("short", 0o600, "16 characters"),
-        ("abab" * 8, 0o600, "6 of them distinct"),
+        ("abab" * 8, 0o600, "6 distinct"),
         (TOKEN, 0o644, "chmod 600"),
         ("ä" * 20, 0o600, "plain ASCII"),
     ):
