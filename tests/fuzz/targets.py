@@ -9,7 +9,7 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
-from fuzz import bag_cases, bag_value_cases, numbers_cases, parquet_cases, seeds
+from fuzz import bag_cases, numbers_cases, parquet_cases, seeds
 from fuzz.case import Case
 from fuzz.http_cases import http_case
 from fuzz.mutate_mcap import mutated, torn
@@ -147,7 +147,6 @@ TARGETS: dict[str, Callable[[random.Random], Case]] = {
     "mcap": mcap_case,
     "rosbag1": bag_cases.rosbag1_case,
     "rosbag2": bag_cases.rosbag2_case,
-    "bag_values": bag_value_cases.bag_value_case,
     "csv": csv_case,
     "parquet": lambda rng: parquet_cases.parquet_case(rng, drive()),
     "text": numbers_cases.text_case,
