@@ -76,47 +76,47 @@ def drive(folder: Path) -> Recording:
     return experiments.simulate(model, Experiment("loop", inputs), RATE, 50.0, 3)
 
 
-def messages(made: Recording, *, leave_out: tuple[str, ...] = ()) -> list[Said]:
+def messages(recording: Recording, *, leave_out: tuple[str, ...] = ()) -> list[Said]:
     """All that the robot said, by time."""
-    said: list[Said] = []
+    sent: list[Said] = []
     for node in ("left", "right"):
-        table = made.nodes[node]
-        said += [
+        table = recording.nodes[node]
+        sent += [
             Said(f"/imu/{node}_wheel", t, row)
             for t, row in zip(table.t, np.hstack([table.gyro, table.accel]), strict=True)
         ]
-    ref, truth = made.reference, made.truth
+    ref, truth = recording.reference, recording.truth
     assert ref is not None
     assert truth is not None
     x, y = np.interp(ref.t, truth.t, truth["x"]), np.interp(ref.t, truth.t, truth["y"])
     for row in zip(ref.t, x, y, ref["speed"], ref["yaw_rate"], strict=True):
-        said.append(Said("/wheel/odometry", row[0], row[1:]))
+        sent.append(Said("/wheel/odometry", row[0], row[1:]))
         contact = [(row[3] - row[4] * side * 0.4) / RADIUS for side in (1.0, -1.0)]
-        said.append(Said("/joint_states", row[0], contact))
+        sent.append(Said("/joint_states", row[0], contact))
     noise = np.random.default_rng(4).normal(0.0, 0.5, (len(truth.t), 2))
     latitude, longitude = geodetic(truth["x"] + noise[:, 0], truth["y"] + noise[:, 1], 47.0, 8.0)
-    said += [
+    sent += [
         Said("/gps/fix", t, at) for t, *at in zip(truth.t[::4], latitude[::4], longitude[::4], strict=True)
     ]
-    said.append(Said("/camera/info", 0.0, "a picture"))
-    return sorted((it for it in said if it.topic not in leave_out), key=lambda it: (it.t, it.topic))
+    sent.append(Said("/camera/info", 0.0, "a picture"))
+    return sorted((it for it in sent if it.topic not in leave_out), key=lambda it: (it.t, it.topic))
 
 
-def received(said: list[Said]) -> Iterator[tuple[int, int, Said]]:
+def received(sent: list[Said]) -> Iterator[tuple[int, int, Said]]:
     """Stamp and time of recording, ns: in bursts of 50 ms, some ms after the last of them."""
-    for number, it in enumerate(said):
+    for number, it in enumerate(sent):
         stamp = T0 + round(it.t * 1e9)
         yield stamp, T0 + (int(it.t / 0.05) + 1) * 50_000_000 + 20_000_000 + number, it
 
 
-def write(path: Path, writer: str, said: list[Said]) -> Path:
+def write(path: Path, writer: str, sent: list[Said]) -> Path:
     """The log by one of WRITERS; the path that was written."""
     return {
         "rosbag": _rosbag,
         "rosbag2": _rosbag2,
         "mcap-ros2-support": _ros2_support,
         "foxglove-sdk": _foxglove,
-    }[writer](path, said)
+    }[writer](path, sent)
 
 
 def message(store: Any, it: Said, stamp: int, *, ros1: bool = False, array: Any = np.array) -> Any:
@@ -156,31 +156,31 @@ def message(store: Any, it: Said, stamp: int, *, ros1: bool = False, array: Any 
     return of(kind, it.values)
 
 
-def _rosbag2(path: Path, said: list[Said]) -> Path:
+def _rosbag2(path: Path, sent: list[Said]) -> Path:
     store = get_typestore(Stores.ROS2_HUMBLE)
     with Bag2(path, version=8, storage_plugin=StoragePlugin.SQLITE3) as bag:
         links = {
             topic: bag.add_connection(topic, kind, typestore=store)
             for topic, kind in TOPICS.items()
-            if any(it.topic == topic for it in said)
+            if any(it.topic == topic for it in sent)
         }
-        for stamp, log_time, it in received(said):
+        for stamp, log_time, it in received(sent):
             data = store.serialize_cdr(message(store, it, stamp), TOPICS[it.topic])
             bag.write(links[it.topic], log_time, data)
     return path
 
 
-def _rosbag(path: Path, said: list[Said]) -> Path:
+def _rosbag(path: Path, sent: list[Said]) -> Path:
     store, path = get_typestore(Stores.ROS1_NOETIC), path.with_suffix(".bag")
     with Bag1(path) as bag:
         links = {t: bag.add_connection(t, kind, typestore=store) for t, kind in TOPICS.items()}
-        for stamp, log_time, it in received(said):
+        for stamp, log_time, it in received(sent):
             data = store.serialize_ros1(message(store, it, stamp, ros1=True), TOPICS[it.topic])
             bag.write(links[it.topic], log_time, data)
     return path
 
 
-def _ros2_support(path: Path, said: list[Said]) -> Path:
+def _ros2_support(path: Path, sent: list[Said]) -> Path:
     store, path = get_typestore(Stores.ROS2_HUMBLE), path.with_suffix(".mcap")
     with path.open("wb") as stream:
         writer = Ros2Support(stream)
@@ -188,7 +188,7 @@ def _ros2_support(path: Path, said: list[Said]) -> Path:
             kind: writer.register_msgdef(kind, store.generate_msgdef(kind, ros_version=2)[0])
             for kind in set(TOPICS.values())
         }
-        for stamp, log_time, it in received(said):
+        for stamp, log_time, it in received(sent):
             schema = schemas[TOPICS[it.topic]]
             plain = message(store, it, stamp, array=list)
             writer.write_message(it.topic, schema, plain, log_time, log_time)
@@ -196,7 +196,7 @@ def _ros2_support(path: Path, said: list[Said]) -> Path:
     return path
 
 
-def _foxglove(path: Path, said: list[Said]) -> Path:
+def _foxglove(path: Path, sent: list[Said]) -> Path:
     store, path, context = get_typestore(Stores.ROS2_HUMBLE), path.with_suffix(".mcap"), Context()
     channels = {
         topic: Channel(
@@ -210,7 +210,7 @@ def _foxglove(path: Path, said: list[Said]) -> Path:
         for topic, kind in TOPICS.items()
     }
     writer = open_mcap(path, context=context)
-    for stamp, log_time, it in received(said):
+    for stamp, log_time, it in received(sent):
         data = store.serialize_cdr(message(store, it, stamp), TOPICS[it.topic])
         channels[it.topic].log(bytes(data), log_time=log_time)
     writer.close()

@@ -76,11 +76,11 @@ def gap(folder, model, log, *words):
 def changed(case, folder, nodes=lambda name, columns: columns, reference=lambda columns: columns):
     """A copy of a case's CSV folder; nodes and reference get the columns of a file and give new ones."""
     read = read_folder(case)
-    made = Recording(
+    recording = Recording(
         {name: Table(nodes(name, dict(table.columns))) for name, table in read.nodes.items()},
         reference=Table(reference(dict(read.reference.columns))),
     )
-    write_folder(made, folder)
+    write_folder(recording, folder)
     return folder
 
 

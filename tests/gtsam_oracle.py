@@ -21,13 +21,13 @@ def solve_with_gtsam(graph, poses, constants):
     parameters.setLinearSolverType("SEQUENTIAL_QR")
     parameters.setRelativeErrorTol(1e-12)
     parameters.setAbsoluteErrorTol(1e-9)
-    made = gtsam_graph(gtsam, graph)
+    oracle = gtsam_graph(gtsam, graph)
     values = gtsam.LevenbergMarquardtOptimizer(
-        made, gtsam_values(gtsam, poses, constants), parameters
+        oracle, gtsam_values(gtsam, poses, constants), parameters
     ).optimize()
-    found = _poses(values, range(len(poses)))
-    found[:, 2] = np.unwrap(found[:, 2])
-    return found, np.asarray(values.atVector(CONSTANTS_KEY)), float(made.error(values))
+    estimate = _poses(values, range(len(poses)))
+    estimate[:, 2] = np.unwrap(estimate[:, 2])
+    return estimate, np.asarray(values.atVector(CONSTANTS_KEY)), float(oracle.error(values))
 
 
 def covariances_of_gtsam(graph, poses, constants):
@@ -42,26 +42,26 @@ def covariances_of_gtsam(graph, poses, constants):
 
 def gtsam_graph(gtsam, graph):
     """A NonlinearFactorGraph of all factors."""
-    made = gtsam.NonlinearFactorGraph()
+    oracle = gtsam.NonlinearFactorGraph()
     for factors in graph.factors:
         for i, state in enumerate(factors.pose_index.tolist()):
-            made.add(_factor(gtsam, factors.select_factor(i), state))
-    return made
+            oracle.add(_factor(gtsam, factors.select_factor(i), state))
+    return oracle
 
 
 def gtsam_values(gtsam, poses, constants):
     """Values of poses (n, 3) and of the constants."""
-    made = gtsam.Values()
+    oracle = gtsam.Values()
     for k, (x, y, heading) in enumerate(poses.tolist()):
-        made.insert(k, gtsam.Pose2(x, y, heading))
-    made.insert(CONSTANTS_KEY, constants)
-    return made
+        oracle.insert(k, gtsam.Pose2(x, y, heading))
+    oracle.insert(CONSTANTS_KEY, constants)
+    return oracle
 
 
 def _poses(values, keys):
     """(n, 3) x, y, heading; headings as GTSAM keeps them, within half a turn."""
-    found = [values.atPose2(key) for key in keys]
-    return np.array([[pose.x(), pose.y(), pose.theta()] for pose in found])
+    estimate = [values.atPose2(key) for key in keys]
+    return np.array([[pose.x(), pose.y(), pose.theta()] for pose in estimate])
 
 
 def _turn(heading):

@@ -94,8 +94,8 @@ def ride(
 def nothing_lost(heard):
     """Every sample of every node has come, but for those on the way at the end; nobody counts a loss."""
     for k, sent in heard.sent.items():
-        found = matched(sent, heard.truths[k])
-        assert np.all(np.diff(found[:, 0]) == 1) and found[0, 0] <= 8
-        assert len(found) >= len(heard.truths[k].t) - 32, "all but the last"
+        matches = matched(sent, heard.truths[k])
+        assert np.all(np.diff(matches[:, 0]) == 1) and matches[0, 0] <= 8
+        assert len(matches) >= len(heard.truths[k].t) - 32, "all but the last"
         assert all_lost(sent) == 0 and heard.dropped[k] == 0
         assert heard.signal(k).frames_lost == 0

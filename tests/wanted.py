@@ -32,8 +32,8 @@ def module(name: str) -> ModuleType:
 def program(*names: str) -> str:
     """The first of these programs that is there."""
     for name in names:
-        if found := shutil.which(name):
-            return found
+        if path := shutil.which(name):
+            return path
     lacking(f"no {names[0]} here: run make browser")
 
 

@@ -52,15 +52,15 @@ def truth(drive: wheel_drives.WheelDrive, t: float) -> np.ndarray:
     return np.array([np.interp(t, drive.t, column) for column in (drive.x, drive.y, drive.heading)])
 
 
-def end_error(drive: wheel_drives.WheelDrive, found: WheelRun) -> float:
+def end_error(drive: wheel_drives.WheelDrive, run: WheelRun) -> float:
     """m between the end of a track and the truth."""
-    return float(np.hypot(*_error(drive, found.track, -1)[:2]))
+    return float(np.hypot(*_error(drive, run.track, -1)[:2]))
 
 
-def nees(drive: wheel_drives.WheelDrive, found: WheelRun) -> float:
+def nees(drive: wheel_drives.WheelDrive, run: WheelRun) -> float:
     """Squared error of x, y, heading at the end over their covariance: chi-square of 3 where it is honest."""
-    error = _error(drive, found.track, -1)
-    return float(error @ np.linalg.solve(found.track.covariance[-1, :3, :3], error))
+    error = _error(drive, run.track, -1)
+    return float(error @ np.linalg.solve(run.track.covariance[-1, :3, :3], error))
 
 
 def pose_error(drive: wheel_drives.WheelDrive, track: WheelTrack, at: int) -> tuple[np.ndarray, np.ndarray]:
@@ -72,7 +72,9 @@ def pose_error(drive: wheel_drives.WheelDrive, track: WheelTrack, at: int) -> tu
 
 def _error(drive: wheel_drives.WheelDrive, track: WheelTrack, at: int) -> np.ndarray:
     """Of x, y and heading, (3,). A track begins with the first whole window: so does its truth."""
-    begin = truth(drive, track.t[0] - WINDOW_S)
-    x, y, heading = truth(drive, track.t[at]) - begin
-    way = complex(x, y) * cmath.exp(-1j * begin[2])
-    return np.array([track.x[at] - way.real, track.y[at] - way.imag, track.heading[at] - heading])
+    start = truth(drive, track.t[0] - WINDOW_S)
+    x, y, heading = truth(drive, track.t[at]) - start
+    displacement = complex(x, y) * cmath.exp(-1j * start[2])
+    return np.array(
+        [track.x[at] - displacement.real, track.y[at] - displacement.imag, track.heading[at] - heading]
+    )

@@ -111,10 +111,10 @@ def year(out, scratch):
     pq.write_table(pa.Table.from_pandas(_again(table, times)), index / "table.parquet")
     size = sum(path.stat().st_size for path in index.rglob("*.parquet"))
     for words in ((), ("--from", "2026-07-01", "--to", "2026-07-31"), ("--search", "not explained")):
-        found, wall, cpu = hubodo("logs", index, *words)
+        summary, wall, cpu = hubodo("logs", index, *words)
         print(
             f"logs of {len(rows) * times}, index {size / 1e6:.0f} MB, {' '.join(words) or 'all'}: "
-            f"{found['logs']} logs, {found['hours']:.0f} h, {found['gaps']} gaps in {wall:.1f} s, "
+            f"{summary['logs']} logs, {summary['hours']:.0f} h, {summary['gaps']} gaps in {wall:.1f} s, "
             f"{cpu:.1f} s of processor"
         )
     most = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e3
@@ -122,12 +122,12 @@ def year(out, scratch):
 
 
 def _again(frame, times):
-    made = []
+    shifted_rows = []
     for number in range(times):
         shifted = frame.assign(log=frame.log + f".{number}", vehicle="van-00")
         shifted["start"] = frame.start + pd.Timedelta(minutes=7 * number)
-        made.append(shifted)
-    return pd.concat(made, ignore_index=True)
+        shifted_rows.append(shifted)
+    return pd.concat(shifted_rows, ignore_index=True)
 
 
 def main():

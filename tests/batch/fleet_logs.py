@@ -43,9 +43,9 @@ def write(folder: Path, log: FleetLog) -> Path:
     rng = np.random.default_rng(log.seed)
     start = MONDAY + timedelta(days=log.day)
     t = np.arange(int(log.seconds * log.rate)) / log.rate
-    kept = np.ones(len(t), bool)
+    recorded = np.ones(len(t), bool)
     at = 2 * len(t) // 3
-    kept[at : at + log.missing] = False
+    recorded[at : at + log.missing] = False
     nodes = {}
     for node in log.nodes:
         gyro = rng.normal((0.0, 0.0, log.bias), log.noise, (len(t), 3))
@@ -53,9 +53,9 @@ def write(folder: Path, log: FleetLog) -> Path:
         accel = rng.normal((0.0, 0.0, 9.80665), 0.02, (len(t), 3))
         values = np.column_stack(
             [np.round(gyro / GYRO_STEP) * GYRO_STEP, np.round(accel / ACCEL_STEP) * ACCEL_STEP]
-        )[kept]
+        )[recorded]
         names = ("gx", "gy", "gz", "ax", "ay", "az")
-        nodes[node] = Table({"t": t[kept], **dict(zip(names, values.T, strict=True))})
+        nodes[node] = Table({"t": t[recorded], **dict(zip(names, values.T, strict=True))})
     path = folder / log.vehicle / f"{start:%Y%m%dT%H%M%S}-{log.seed}.mcap"
     path.parent.mkdir(parents=True, exist_ok=True)
     recording = Recording(nodes=nodes, t_zero_ns=int(start.timestamp() * 1e9))

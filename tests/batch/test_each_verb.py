@@ -31,10 +31,10 @@ def drives(tmp_path_factory):
     model = folder / "model.toml"
     model.write_text(DRIVE_MODEL + QUIET_INPUTS)
     (folder / "leaning.toml").write_text(model.read_text() + CAMBER)
-    for vehicle, made_by in (("van-1", model), ("van-2", folder / "leaning.toml")):
+    for vehicle, model_file in (("van-1", model), ("van-2", folder / "leaning.toml")):
         (folder / "logs" / vehicle).mkdir(parents=True)
         words = ["--duration", 24, "--rate", 100, "--seed", 3, "-o", folder / "logs" / vehicle / "a.mcap"]
-        assert hubodo("simulate", made_by, *words).code == 0
+        assert hubodo("simulate", model_file, *words).code == 0
     return model, folder / "logs"
 
 
@@ -53,9 +53,9 @@ def test_a_verb_says_what_it_says_alone(drives, tmp_path, here, verb):
     alone = hubodo(*verb.split(), log, *options, "-o", tmp_path / "alone", "--json")
     assert alone.code == 0, alone.err
     mine, theirs = json.loads(row.result), json.loads(alone.out)
-    for told in (mine, theirs):
+    for result in (mine, theirs):
         for key in ("output", "folder", "size"):  # where it is written; of a page with that name in it
-            told.pop(key, None)
+            result.pop(key, None)
     assert mine == theirs
     assert {path.name for path in (out / row.files).rglob("*") if path.is_file()} >= FILES[verb]
 
@@ -65,13 +65,13 @@ def test_a_missing_effect_is_found_in_the_vehicle_that_has_it(drives, tmp_path, 
     done = hubodo("batch", "gap", model, logs, "-o", tmp_path / "out", *here)
     assert done.code == 0, done.err
     table = pd.read_parquet(tmp_path / "out" / "table.parquet")
-    found = table[table.p_value.notna()]
-    assert list(found.vehicle) == ["van-2"] and list(found.quantity) == ["found.wheel_camber"]
-    assert list(found.node) == ["left"] and found.q_value.iloc[0] < 0.01
+    effects = table[table.p_value.notna()]
+    assert list(effects.vehicle) == ["van-2"] and list(effects.quantity) == ["found.wheel_camber"]
+    assert list(effects.node) == ["left"] and effects.q_value.iloc[0] < 0.01
     angle = table[table.quantity == "wheel_camber.angle"].iloc[0]
     assert angle.value == pytest.approx(0.2, abs=4 * angle.sigma)
     assert "wheel_camber in 1" in (tmp_path / "out" / "fleet.html").read_text()
-    folder = tmp_path / "out" / found.files.iloc[0]
+    folder = tmp_path / "out" / effects.files.iloc[0]
     assert {path.name for path in folder.iterdir()} == FILES["gap"]
 
 

@@ -47,10 +47,10 @@ def test_a_cluster_that_loses_a_worker_gives_the_numbers_of_this_computer(logs, 
     with cluster(tmp_path, 2) as running:
 
         def lose_one(client, work, places):
-            for number, made in enumerate(examine_each(client, work, places)):
+            for number, outcome in enumerate(examine_each(client, work, places)):
                 if number == 2:
                     running.workers[0].kill()
-                yield made
+                yield outcome
 
         monkeypatch.setattr("hubodo.fleet.workflow.examine_each", lose_one)
         done = batch(logs, tmp_path / "there", "--scheduler", running.address)
@@ -88,9 +88,9 @@ def test_ctrl_c_keeps_what_is_finished_and_ends_with_130(logs, tmp_path, here):
     words = ["batch", "info", str(logs), "-o", str(out), "--workers", "1"]
     command = [sys.executable, "-c", INTERRUPTED, *words]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
-    _, said = process.communicate(timeout=300)
-    assert process.returncode == 130, said
-    assert said == "hubodo batch: interrupted; nothing more was written\n"
+    _, errors = process.communicate(timeout=300)
+    assert process.returncode == 130, errors
+    assert errors == "hubodo batch: interrupted; nothing more was written\n"
     finished = numbers(out).log.nunique()
     assert 3 <= finished < 12
     assert (out / "fleet.html").is_file()
@@ -126,7 +126,7 @@ def _none_left(group):
 
 
 def test_a_scheduler_that_is_not_there_is_one_line(logs, tmp_path, monkeypatch):
-    monkeypatch.setattr(engines, "_CONNECT_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(engines, "_SCHEDULER_TIMEOUT_S", 0.5)
     done = hubodo("batch", "info", logs, "-o", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9")
     assert done.code == 1
     assert done.err.count("\n") == 1 and "tcp://127.0.0.1:9: no scheduler answers" in done.err

@@ -37,14 +37,14 @@ def listed(index, *options):
 
 
 def test_all_are_listed_the_newest_first_with_their_sums(index):
-    found = listed(index)
-    assert (found["logs"], found["gaps"], found["vehicles"]) == (9, 1, ["van-0", "van-1"])
-    assert found["hours"] == pytest.approx(8 * 19.99 / 3600)
-    starts = [row["start"] for row in found["list"]]
+    listing = listed(index)
+    assert (listing["logs"], listing["gaps"], listing["vehicles"]) == (9, 1, ["van-0", "van-1"])
+    assert listing["hours"] == pytest.approx(8 * 19.99 / 3600)
+    starts = [row["start"] for row in listing["list"]]
     assert starts[0] == "2026-08-10T06:00:00+00:00" and starts[-1] is None
     assert starts[:-1] == sorted(starts[:-1], reverse=True)
-    assert "is not an MCAP file" in found["list"][-1]["error"] and found["list"][0]["error"] is None
-    assert [(row["month"], row["logs"]) for row in found["months"]][:2] == [("2026-06", 3), ("2026-07", 4)]
+    assert "is not an MCAP file" in listing["list"][-1]["error"] and listing["list"][0]["error"] is None
+    assert [(row["month"], row["logs"]) for row in listing["months"]][:2] == [("2026-06", 3), ("2026-07", 4)]
 
 
 def test_vehicle_dates_and_words_choose(index):

@@ -18,10 +18,10 @@ def server():
     """Its address; one for all tests, for a process keeps the client that it has once made."""
     from moto.server import ThreadedMotoServer
 
-    made = ThreadedMotoServer(ip_address="127.0.0.1", port=0)
-    made.start()
-    yield "http://{}:{}".format(*made.get_host_and_port())
-    made.stop()
+    server = ThreadedMotoServer(ip_address="127.0.0.1", port=0)
+    server.start()
+    yield "http://{}:{}".format(*server.get_host_and_port())
+    server.stop()
 
 
 @pytest.fixture

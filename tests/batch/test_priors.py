@@ -24,9 +24,9 @@ def test_the_spread_between_vehicles_is_the_sigma_and_poor_calibrations_of_one_c
     rng = np.random.default_rng(4)
     true = rng.normal(0.02, 0.005, 400)
     fleet = {f"van-{k}": [of(bias, 1e-4), of(bias + 1.0, 1.0)] for k, bias in enumerate(true)}
-    found = bias_of(fleet_calibration(fleet))
-    assert found.value == pytest.approx(0.02, abs=3 * 1.25 * 0.005 / 20)
-    assert found.sigma == pytest.approx(0.005, rel=0.2)
+    prior = bias_of(fleet_calibration(fleet))
+    assert prior.value == pytest.approx(0.02, abs=3 * 1.25 * 0.005 / 20)
+    assert prior.sigma == pytest.approx(0.005, rel=0.2)
     assert fleet_calibration(fleet).nodes["left"].serial == ""
 
 

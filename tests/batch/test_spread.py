@@ -49,9 +49,9 @@ def test_sound_logs_are_seldom_named_and_one_that_is_off_always_is():
     for _ in range(100):
         values = np.exp(rng.normal(-8.0, 0.1, 300))
         values[17] = np.exp(-8.0 + 0.1 * 8.0)
-        found = find_outliers(rows(300, value=values))
-        assert found.log.iloc[0] == "/logs/17.mcap"
-        named += len(found) - 1
+        outliers = find_outliers(rows(300, value=values))
+        assert outliers.log.iloc[0] == "/logs/17.mcap"
+        named += len(outliers) - 1
     assert named <= 10
 
 
@@ -59,8 +59,8 @@ def test_of_counts_that_are_the_same_in_most_logs_the_others_stand_out_and_no_si
     counts = np.zeros(100)
     counts[3] = 7.0
     assert list(np.flatnonzero(normalised_deviations(counts, np.full(100, np.nan)))) == [3]
-    said = build_fleet_page(rows(100, verb="info", quantity="gaps", value=counts))
-    assert "all others are equal" in said and "inf" not in said.replace("info", "")
+    page = build_fleet_page(rows(100, verb="info", quantity="gaps", value=counts))
+    assert "all others are equal" in page and "inf" not in page.replace("info", "")
     values, sigmas = np.random.default_rng(1).normal(0.0, 1.0, 100), np.full(100, 0.1)
     values[5], sigmas[5] = 30.0, 20.0
     assert abs(normalised_deviations(values, sigmas)[5]) < 2.0
@@ -81,22 +81,22 @@ def test_a_bias_that_drifts_is_named_with_its_slope_and_one_that_scatters_is_not
         )
         for v in range(VEHICLES)
     ]
-    found = [one for one in find_drifts(pd.concat(tables, ignore_index=True)) if one.vehicle == "van-4"]
-    assert len(found) == 1 and found[0].low < 3e-4 < found[0].high and found[0].weeks == WEEKS
+    drifts = [one for one in find_drifts(pd.concat(tables, ignore_index=True)) if one.vehicle == "van-4"]
+    assert len(drifts) == 1 and drifts[0].low < 3e-4 < drifts[0].high and drifts[0].weeks == WEEKS
     assert len(find_drifts(pd.concat(tables, ignore_index=True))) <= 2
 
 
 def gap_table(rng, p_of):
     """A log a vehicle and week; p_of(vehicle, week): of the best effect in it; gap tells those below 0.01."""
-    made = []
+    table_rows = []
     for vehicle, week in np.ndindex(VEHICLES, WEEKS):
         start = MONDAY + pd.Timedelta(weeks=week, days=float(rng.uniform(0, 6)))
         log = {**LOG, "verb": "gap", "log": f"/{vehicle}/{week}", "vehicle": f"van-{vehicle}", "start": start}
-        made.append({**log, "node": "", "quantity": "gap.before"})
+        table_rows.append({**log, "node": "", "quantity": "gap.before"})
         effect, p = p_of(vehicle, week)
         if p < 0.01:
-            made.append({**log, "quantity": f"found.{effect}", "p_value": p, "value": 0.99})
-    return add_q_values(pd.DataFrame(made))
+            table_rows.append({**log, "quantity": f"found.{effect}", "p_value": p, "value": 0.99})
+    return add_q_values(pd.DataFrame(table_rows))
 
 
 def test_of_what_is_believed_across_logs_no_more_than_one_in_twenty_is_chance():
@@ -109,9 +109,9 @@ def test_of_what_is_believed_across_logs_no_more_than_one_in_twenty_is_chance():
             sound = rng.uniform()
             return ("wheel_camber", 1e-8) if (vehicle, week) in real else ("gyro_bias", sound)
 
-        found = list_missing_effects(gap_table(rng, p_of))
-        chance += sum(one.logs for one in found if one.effect == "gyro_bias")
-        believed += sum(one.logs for one in found)
+        effects = list_missing_effects(gap_table(rng, p_of))
+        chance += sum(one.logs for one in effects if one.effect == "gyro_bias")
+        believed += sum(one.logs for one in effects)
     assert believed >= 20 * 3 * WEEKS
     assert chance / believed < 0.05
 
@@ -125,8 +125,8 @@ def test_an_effect_is_told_with_its_vehicles_and_the_week_since_when():
         return ("wheel_radius", 1e-9) if vehicle == 5 and week in (1, 20) else ("", 1.0)
 
     table = gap_table(rng, p_of)
-    found = {one.effect: one for one in list_missing_effects(table)}
-    camber, radius = found["wheel_camber"], found["wheel_radius"]
+    effects = {one.effect: one for one in list_missing_effects(table)}
+    camber, radius = effects["wheel_camber"], effects["wheel_radius"]
     assert (camber.vehicle, camber.logs, camber.examined_logs) == ("van-2", WEEKS - 9, WEEKS)
     assert camber.since == pd.Timestamp("2026-06-01") + pd.Timedelta(weeks=9)
     assert (radius.vehicle, radius.logs, radius.since) == ("van-5", 2, None)

@@ -55,7 +55,7 @@ def main(argv=None):
         times["allantools"].append(time.process_time() - middle)
     same = np.isin(ours.factors, np.rint(tau * 100).astype(int))
     worst = float(np.max(np.abs(ours.adev[same] / theirs - 1)))
-    medians = {who: statistics.median(taken) for who, taken in times.items()}
+    medians = {who: statistics.median(durations) for who, durations in times.items()}
     each = [b / a for a, b in zip(times["ours"], times["allantools"], strict=True)]
     tell(f"Allan deviation of {count} samples: allantools", each)
     memory = {who: peak_mib(who, count) for who in times}

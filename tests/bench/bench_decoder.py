@@ -158,8 +158,8 @@ def run_pymavlink(stream: bytes, damaged: np.ndarray, portion: int) -> int:
     decoder, count = mavlink.MAVLink(None), 0
     decoder.robust_parsing = True
     for at in range(0, len(stream), portion):
-        found = decoder.parse_buffer(stream[at : at + portion])
-        count += sum(message.get_type() != "BAD_DATA" for message in found or ())
+        parsed = decoder.parse_buffer(stream[at : at + portion])
+        count += sum(message.get_type() != "BAD_DATA" for message in parsed or ())
     return count
 
 
@@ -206,9 +206,9 @@ def contest(
     counts, seconds = [0] * len(streams), [[0.0] * repeats for _ in streams]
     for turn in range(repeats):
         for n, (one, stream) in enumerate(zip(contestants, streams, strict=True)):
-            begin = time.process_time()
+            start = time.process_time()
             counts[n] = one.run(stream, damaged[n], one.portion)
-            seconds[n][turn] = time.process_time() - begin
+            seconds[n][turn] = time.process_time() - start
     peaks = [
         peak_bytes(one, stream, bad) for one, stream, bad in zip(contestants, streams, damaged, strict=True)
     ]
@@ -229,11 +229,11 @@ def bench(count: int, repeats: int, seed: int) -> list[Row]:
     for kind, (batch, payloads, theirs, messages) in kinds.items():
         ours = our_stream(payloads, seconds)
         few = our_stream(payloads[:messages], seconds * messages / len(payloads))
-        told = {"ns_per_byte": seconds * 1e9 / len(ours), "batch": batch}
+        options = {"ns_per_byte": seconds * 1e9 / len(ours), "batch": batch}
         contestants = [
             Contestant("pymavlink", run_pymavlink, theirs, messages, PORT_PORTION),
-            Contestant("record", partial(run_record, **told), few, messages, PORT_PORTION),
-            Contestant("decode again", partial(run_again, **told), ours, len(payloads), LOG_PORTION),
+            Contestant("record", partial(run_record, **options), few, messages, PORT_PORTION),
+            Contestant("decode again", partial(run_again, **options), ours, len(payloads), LOG_PORTION),
         ]
         for dirt in (0.0, 0.001, 0.01):
             results = contest(contestants, dirt, repeats, seed)

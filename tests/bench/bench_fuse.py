@@ -41,19 +41,19 @@ def hour(seconds, rate_hz):
 
 def timed(work):
     wall, cpu = time.perf_counter(), time.process_time()
-    found = work()
-    return found, time.perf_counter() - wall, time.process_time() - cpu
+    result = work()
+    return result, time.perf_counter() - wall, time.process_time() - cpu
 
 
 def ours(drive):
     path = Track(drive.odo_t, drive.odo_x, drive.odo_y, drive.odo_heading)
     fixes = Fixes(drive.fix_t, drive.fix_latitude_deg, drive.fix_longitude_deg)
-    found, wall, cpu = timed(lambda: fuse_graph(path, fixes))
+    result, wall, cpu = timed(lambda: fuse_graph(path, fixes))
     zero = np.zeros(1)
-    x, y = found.frame.to_local(*gnss_drives.geodetic(zero, zero, *drive.origin))
-    tx, ty, _ = drive.truth(found.track.t)
-    error = np.sqrt(np.mean((found.track.x - x - tx) ** 2 + (found.track.y - y - ty) ** 2))
-    return wall, cpu, error, len(found.pose_t)
+    x, y = result.frame.to_local(*gnss_drives.geodetic(zero, zero, *drive.origin))
+    tx, ty, _ = drive.truth(result.track.t)
+    error = np.sqrt(np.mean((result.track.x - x - tx) ** 2 + (result.track.y - y - ty) ** 2))
+    return wall, cpu, error, len(result.pose_t)
 
 
 def peer(drive):
@@ -88,8 +88,8 @@ def peer(drive):
         return gtsam.GaussNewtonOptimizer(graph, values, parameters).optimize()
 
     (graph, values), built, built_cpu = timed(build)
-    found, solved, solved_cpu = timed(optimise)
-    poses = np.array([found.atPose2(k).translation() for k in range(len(place))])
+    result, solved, solved_cpu = timed(optimise)
+    poses = np.array([result.atPose2(k).translation() for k in range(len(place))])
     error = np.sqrt(np.mean((poses[:, 0] - np.interp(drive.odo_t, drive.t, drive.x)) ** 2
                             + (poses[:, 1] - np.interp(drive.odo_t, drive.t, drive.y)) ** 2))  # fmt: skip
     return built, solved, built_cpu + solved_cpu, error, len(place)
@@ -101,14 +101,14 @@ def live(drive):
     for t, *pose in zip(drive.odo_t, drive.odo_x, drive.odo_y, drive.odo_heading, strict=True):
         if t > LIVE:
             break
-        begin = time.process_time()
+        start = time.process_time()
         graph.add_odometry(t, *pose)
         while drive.fix_t[place] <= t:
             graph.add_fix(
                 drive.fix_t[place], drive.fix_latitude_deg[place], drive.fix_longitude_deg[place], SIGMA
             )
             place += 1
-        steps.append((t, time.process_time() - begin))
+        steps.append((t, time.process_time() - start))
         if graph.state() is not None:
             begun = begun or t
     full = sum(used for t, used in steps if t > begun + LiveLimits().lag)

@@ -50,7 +50,7 @@ RECORDING_LIMIT = 100.0  # s of processor, on a computer that has much else to d
 RECORDINGS = {"wheelchair": WHEELCHAIR.format(track_width=0.92), "car/drive-1": CAR}
 EVALUATIONS = 50
 ARM, WATCHED, EVERY = 0.15, 60.0, 5.0  # m; s of the drive, and between looks
-TOLD = f"left: the IMU sits {ARM:.2f} m off the hub"
+EXPECTED_FINDING = f"left: the IMU sits {ARM:.2f} m off the hub"
 
 
 def make(folder, seconds):
@@ -75,15 +75,15 @@ def once(folder, model_file=None):
     result = find_problem_gap(problem, report_progress=mark)
     mark("", 1.0)
     parts = {}
-    for (words, begin), (_, end) in pairwise(marks):
-        parts[words] = parts.get(words, 0.0) + end - begin
-    return parts, [found.effect for found in result.found]
+    for (words, start), (_, end) in pairwise(marks):
+        parts[words] = parts.get(words, 0.0) + end - start
+    return parts, [finding.effect for finding in result.found]
 
 
 def forward(folder):
     """Seconds of the fastest of many evaluations at the same delay, each with another radius, camber, arm."""
     problem = build_problem(read_folder(folder), read_model(folder / "model.toml"))
-    taken = []
+    durations = []
     for k in range(EVALUATIONS):
         effects = [
             BY_NAME["wheel_radius"](error=1e-4 * k),
@@ -92,17 +92,17 @@ def forward(folder):
             BY_NAME["time_offset"](delay=1e-3),
         ]
         state = build_initial_state(problem).with_terms([ModelTerm(effect, ALL) for effect in effects])
-        begin = time.perf_counter()
+        start = time.perf_counter()
         _ = state.predictions
-        taken.append(time.perf_counter() - begin)
-    return min(taken), sum(len(node.t) for node in problem.nodes)
+        durations.append(time.perf_counter() - start)
+    return min(durations), sum(len(node.t) for node in problem.nodes)
 
 
 def measure(folder, model):
     """One run on a log, as a line of JSON: seconds of processor, GB at most, names."""
-    parts, found = once(folder, model)
+    parts, effects = once(folder, model)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
-    print(json.dumps({"seconds": sum(parts.values()), "memory": peak, "found": found}))
+    print(json.dumps({"seconds": sum(parts.values()), "memory": peak, "found": effects}))
 
 
 def of_length(minutes):
@@ -124,34 +124,36 @@ def by_parts(rounds):
     with tempfile.TemporaryDirectory() as name:
         folder = make(Path(name), SECONDS)
         seconds, samples = forward(folder)
-        parts, found = min((once(folder) for _ in range(rounds)), key=lambda made: sum(made[0].values()))
+        parts, effects = min(
+            (once(folder) for _ in range(rounds)), key=lambda measurement: sum(measurement[0].values())
+        )
     whole = sum(parts.values())
     print(f"gap workflow, {SECONDS:.0f} s, two nodes at 100 Hz, {HIDDEN} hidden (seed {SEED})")
     print(f"  processor time, best of {rounds}")
-    for words, taken in parts.items():
-        print(f"  {words:58} {taken:6.2f} s")
+    for words, durations in parts.items():
+        print(f"  {words:58} {durations:6.2f} s")
     limit = f"(at most {WORKFLOW_LIMIT:.0f})"
-    print(f"  {'in all':58} {whole:6.2f} s {limit}   found: {', '.join(found) or 'nothing'}")
+    print(f"  {'in all':58} {whole:6.2f} s {limit}   found: {', '.join(effects) or 'nothing'}")
     print(
         f"  one forward evaluation, {samples} samples, best of {EVALUATIONS}: {1e3 * seconds:.1f} ms "
         f"(at most {1e3 * FORWARD_LIMIT:.0f})"
     )
-    return seconds <= FORWARD_LIMIT and whole <= WORKFLOW_LIMIT and found == [HIDDEN]
+    return seconds <= FORWARD_LIMIT and whole <= WORKFLOW_LIMIT and effects == [HIDDEN]
 
 
 def by_length(lengths):
     """Prints what logs of several lengths take; whether that grows no faster than they do."""
-    made = {minutes: of_length(minutes) for minutes in lengths}
-    for minutes, one in made.items():
+    measurement = {minutes: of_length(minutes) for minutes in lengths}
+    for minutes, one in measurement.items():
         print(
             f"  {minutes:3} minutes: {one['seconds']:6.1f} s of processor, "
             f"{one['seconds'] / minutes:.2f} s a minute, {one['memory']:.2f} GB at most "
             f"(of {MEMORY_LIMIT:.1f}), found: {', '.join(one['found']) or 'nothing'}"
         )
-    shortest, longest = (made[at]["seconds"] / at for at in (min(lengths), max(lengths)))
+    shortest, longest = (measurement[at]["seconds"] / at for at in (min(lengths), max(lengths)))
     print(f"  a minute of the longest: {longest / shortest:.2f} times as much (at most {GROWTH_LIMIT:.1f})")
     return (
-        all(one["memory"] <= MEMORY_LIMIT and one["found"] == [HIDDEN] for one in made.values())
+        all(one["memory"] <= MEMORY_LIMIT and one["found"] == [HIDDEN] for one in measurement.values())
         and longest <= GROWTH_LIMIT * shortest
     )
 
@@ -183,14 +185,20 @@ def while_recording():
         hidden = HiddenEffect("lever_arm", "left", {"x": 0.8 * ARM, "y": 0.6 * ARM, "z": 0.0})
         recording.write(setup, [hidden], Path(name), {})
         log, vehicle = read_folder(Path(name)), read_model(Path(name) / "model.toml").vehicle
-    watch, said, taken = GapWatch(vehicle), [], []
+    watch, findings, durations = GapWatch(vehicle), [], []
     for seconds in np.arange(EVERY, WATCHED + EVERY, EVERY):
-        begin = time.process_time()
-        said += [(seconds, words) for words in watch.find_new(replace(log, nodes=_until(log.nodes, seconds)))]
-        taken.append(time.process_time() - begin)
-    print(f"  while it is recorded (seed {SEED}): " + "; ".join(f"after {at:.0f} s {it}" for at, it in said))
-    print(f"  a look: at most {max(taken):.1f} s of processor, {len(taken)} looks {sum(taken):.1f} s")
-    return [words for _, words in said] == [TOLD]
+        start = time.process_time()
+        findings += [
+            (seconds, words) for words in watch.find_new(replace(log, nodes=_until(log.nodes, seconds)))
+        ]
+        durations.append(time.process_time() - start)
+    print(
+        f"  while it is recorded (seed {SEED}): " + "; ".join(f"after {at:.0f} s {it}" for at, it in findings)
+    )
+    print(
+        f"  one search: at most {max(durations):.1f} s of processor, {len(durations)} searches {sum(durations):.1f} s"
+    )
+    return [words for _, words in findings] == [EXPECTED_FINDING]
 
 
 def _until(nodes, seconds):

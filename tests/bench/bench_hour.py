@@ -52,7 +52,9 @@ def recording(seconds):
         for name, node in drive.nodes.items()
     }
     t = np.arange(drive.t[0], drive.t[-1], 0.2)
-    east, north = (np.interp(t, drive.t, way) + rng.normal(0, SIGMA, len(t)) for way in (drive.x, drive.y))
+    east, north = (
+        np.interp(t, drive.t, coordinate) + rng.normal(0, SIGMA, len(t)) for coordinate in (drive.x, drive.y)
+    )
     latitude, longitude = gnss_drives.geodetic(east, north, 47.0, 8.0)[:2]
     gnss = {
         "t": t + BEGIN,
@@ -75,12 +77,12 @@ def of_children():
 def main():
     seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 3600.0
     with tempfile.TemporaryDirectory() as folder:
-        made, drive = recording(seconds)
+        recorded, drive = recording(seconds)
         log, vehicle, out = (str(Path(folder) / name) for name in ("hour.mcap", "vehicle.toml", "out"))
-        write_recording(made, Path(log))
+        write_recording(recorded, Path(log))
         Path(vehicle).write_text(VEHICLE.format(radius=drive.radius, track=drive.track))
-        rows = sum(len(node) for node in made.nodes.values())
-        del made
+        rows = sum(len(node) for node in recorded.nodes.values())
+        del recorded
         walls, busy, theirs = [], [], []
         odometry = hour(seconds, 100.0)
         words = [

@@ -64,7 +64,7 @@ def peer(folder, path):
 
 def bench(seconds, rounds, seed):
     """A row for each length: rows, seconds of both."""
-    found = []
+    results = []
     for times in (1, 10, 100):
         with tempfile.TemporaryDirectory() as place:
             folder = Path(place) / "csv"
@@ -78,8 +78,8 @@ def bench(seconds, rounds, seed):
                     path.unlink()
         each = [b / a for a, b in zip(took["hubodo"], took["pandas and mcap"], strict=True)]
         tell(f"importing {rows} rows of CSV: pandas and mcap", each)
-        found.append({"rows": rows, **{name: statistics.median(some) for name, some in took.items()}})
-    return found
+        results.append({"rows": rows, **{name: statistics.median(some) for name, some in took.items()}})
+    return results
 
 
 def main():

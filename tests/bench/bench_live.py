@@ -34,13 +34,13 @@ LIMIT_US, LONGEST_MS = 30.0, 2.0
 
 def blocks(drive):
     """Blocks of both nodes in the order in which they end."""
-    made = []
+    blocks = []
     for name, node in drive.nodes.items():
         t_ns = np.round(node.t * 1e9).astype(np.int64)
         for first in range(0, len(t_ns) - BLOCK + 1, BLOCK):
             part = slice(first, first + BLOCK)
-            made.append(ImuBlock(name, node.gyro[part], node.accel[part], 25.0, 0, t_ns=t_ns[part]))
-    return sorted(made, key=lambda block: int(block.t_ns[-1]))
+            blocks.append(ImuBlock(name, node.gyro[part], node.accel[part], 25.0, 0, t_ns=t_ns[part]))
+    return sorted(blocks, key=lambda block: int(block.t_ns[-1]))
 
 
 def ours(drive):

@@ -75,8 +75,8 @@ def by_objects(path):
 
 def timed(read, path):
     began = time.process_time()
-    found = read(path)
-    return time.process_time() - began, found
+    values = read(path)
+    return time.process_time() - began, values
 
 
 def bench(seconds, rounds, seed):
@@ -91,13 +91,13 @@ def bench(seconds, rounds, seed):
                 readers["mcap-ros2"] = by_objects
             took = {name: [] for name in readers}
             for _ in range(rounds if times < 100 else 3):
-                found = {}
+                results = {}
                 for name, read in readers.items():
-                    spent, found[name] = timed(read, path)
+                    spent, results[name] = timed(read, path)
                     took[name].append(spent)
-            for name, (t, values) in found.items():
-                assert np.array_equal(values, found["hubodo"][1]), name
-                assert np.allclose(t, found["hubodo"][0], rtol=0, atol=1e-9), name
+            for name, (t, values) in results.items():
+                assert np.array_equal(values, results["hubodo"][1]), name
+                assert np.allclose(t, results["hubodo"][0], rtol=0, atol=1e-9), name
             for name in readers:
                 if name != "hubodo":
                     own = took["hubodo"]

@@ -139,23 +139,23 @@ def bench(runs: int = RUNS) -> list[tuple[str, float, float]]:
             for _ in range(runs):
                 for name, job in jobs.items():
                     rates[name].append(rate(job, Path(folder)))
-            medians = {name: statistics.median(found) for name, found in rates.items()}
+            medians = {name: statistics.median(own_rates) for name, own_rates in rates.items()}
             peer = next(iter(medians.values()))
-            for name, found in rates.items():
+            for name, own_rates in rates.items():
                 for peer_name in ("mcap Writer", "foxglove-sdk"):
                     theirs = next((some for other, some in rates.items() if peer_name in other), None)
                     if "hubodo" in name and theirs is not None:
-                        each = [mine / other for mine, other in zip(found, theirs, strict=True)]
+                        each = [mine / other for mine, other in zip(own_rates, theirs, strict=True)]
                         tell(f"recording, {name}: {peer_name}", each)
-            lines += [(name, found, found / peer) for name, found in medians.items()]
+            lines += [(name, own_rates, own_rates / peer) for name, own_rates in medians.items()]
     return lines
 
 
 def main() -> None:
     """Print the table."""
     print(f"recording, median of {RUNS}: {'M msg/s':>35} {'ratio':>8}")
-    for name, found, ratio in bench():
-        print(f"{name:<46} {found / 1e6:>15.3f} {ratio:>8.2f}")
+    for name, own_rates, ratio in bench():
+        print(f"{name:<46} {own_rates / 1e6:>15.3f} {ratio:>8.2f}")
 
 
 if __name__ == "__main__":

@@ -48,9 +48,9 @@ class TimedPage(LivePage):
     spent = 0.0
 
     def poll(self, recorder, now_ns):
-        begin = time.thread_time()
+        start = time.thread_time()
         super().poll(recorder, now_ns)
-        self.spent += time.thread_time() - begin
+        self.spent += time.thread_time() - start
 
 
 class TimedEar:
@@ -59,10 +59,10 @@ class TimedEar:
     def __init__(self, hear):
         self.hear, self.spent = hear, 0.0
 
-    def __call__(self, *said):
-        begin = time.thread_time()
-        self.hear(*said)
-        self.spent += time.thread_time() - begin
+    def __call__(self, *arguments):
+        start = time.thread_time()
+        self.hear(*arguments)
+        self.spent += time.thread_time() - start
 
 
 def main() -> int:
@@ -98,13 +98,13 @@ def main() -> int:
         after = (time.clock_gettime(clock), page.spent + ear.spent)
         client.kill()
         client.wait()
-    served, made = ((b - a) / seconds for a, b in zip(before, after, strict=True))
+    served, recording = ((b - a) / seconds for a, b in zip(before, after, strict=True))
     print(
         f"the live page of {NODES} nodes at {RATE_HZ:.0f} Hz, one client, {seconds:.0f} s: "
-        f"{100 * (served + made):.2f} % of a core ({100 * made:.2f} % in the recording, "
+        f"{100 * (served + recording):.2f} % of a core ({100 * recording:.2f} % in the recording, "
         f"{100 * served:.2f} % in the server)"
     )
-    return 0 if served + made < LIMIT else 1
+    return 0 if served + recording < LIMIT else 1
 
 
 if __name__ == "__main__":

@@ -51,26 +51,26 @@ def main():
     )
     parser.add_argument("--expect", action="store_true")
     given = parser.parse_args()
-    found = measured()
+    rows = measured()
     if given.expect:
-        expected = {name: float(f"{row['median']:.3g}") for name, row in found.items()}
+        expected = {name: float(f"{row['median']:.3g}") for name, row in rows.items()}
         EXPECTED.write_text(json.dumps({"margin": MARGIN, "times": expected}, indent=1) + "\n")
-    told = json.loads(EXPECTED.read_text())
+    stored = json.loads(EXPECTED.read_text())
     lines = [
         "| work | times as fast as its peer | least to most | rounds | expected |",
         "|---|---|---|---|---|",
     ]
     slower = []
-    for name, row in found.items():
-        wanted = told["times"].get(name)
-        fell = wanted is not None and row["median"] < wanted * (1 - told["margin"])
+    for name, row in rows.items():
+        wanted = stored["times"].get(name)
+        fell = wanted is not None and row["median"] < wanted * (1 - stored["margin"])
         slower += [f"{name}: {row['median']:.3g} times instead of {wanted:.3g}"] if fell else []
         spread = f"{row['least']:.3g} to {row['most']:.3g}"
         lines.append(f"| {name} | {row['median']:.3g} | {spread} | {row['rounds']} | {wanted or ''} |")
-    missing = sorted(set(told["times"]) - set(found))
+    missing = sorted(set(stored["times"]) - set(rows))
     page = "\n".join([machine(), "", *lines, ""])
     (OUT / "table.md").write_text(page)
-    (OUT / "table.json").write_text(json.dumps({"machine": machine(), "times": found}, indent=1) + "\n")
+    (OUT / "table.json").write_text(json.dumps({"machine": machine(), "times": rows}, indent=1) + "\n")
     print(page)
     for line in slower:
         print(f"slower: {line}")

@@ -50,12 +50,12 @@ def judge(case: Case) -> Done:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             done = hubodo(*words)
-        said = done.err.strip().splitlines()
+        error_lines = done.err.strip().splitlines()
         if done.code not in (0, 1, 2) or "defect of hubodo" in done.err or "Traceback" in done.err:
             raise Defect(f"{' '.join(case.words)}: {done.err}")
-        errors = [line for line in said if line.startswith("hubodo") and ": warning: " not in line]
+        errors = [line for line in error_lines if line.startswith("hubodo") and ": warning: " not in line]
         if done.code and len(errors) != 1:
-            raise Defect(f"{' '.join(case.words)}: code {done.code}, said {said}")
+            raise Defect(f"{' '.join(case.words)}: code {done.code}, said {error_lines}")
         left = {path for path in folder.rglob("*") if path.is_file()} - before
         if done.code and left:
             raise Defect(f"{' '.join(case.words)}: failed, and left {sorted(map(str, left))}")

@@ -52,17 +52,17 @@ Record = tuple[int, bytes]
 
 def split(data: bytes) -> list[Record]:
     """Records of a file or a chunk, as far as their lengths make sense."""
-    found, at = [], 0
+    records, at = [], 0
     while at + 9 <= len(data):
         opcode, length = struct.unpack_from("<BQ", data, at)
         if at + 9 + length > len(data):
             break
-        found.append((opcode, data[at + 9 : at + 9 + length]))
+        records.append((opcode, data[at + 9 : at + 9 + length]))
         at += 9 + length
-    return found
+    return records
 
 
-def joined(records: list[Record]) -> bytes:
+def join_records(records: list[Record]) -> bytes:
     return b"".join(struct.pack("<BQ", opcode, len(content)) + content for opcode, content in records)
 
 
@@ -76,24 +76,24 @@ def mutated(rng: random.Random, data: bytes) -> bytes:
     for _ in range(rng.randint(1, 4)):
         _change(rng, records)
     records += [(DATA_END, bytes(4)), (FOOTER, bytes(20))]
-    return MAGIC + joined(records) + (MAGIC if rng.random() < 0.9 else b"")
+    return MAGIC + join_records(records) + (MAGIC if rng.random() < 0.9 else b"")
 
 
 def torn(rng: random.Random, data: bytes) -> bytearray:
     """Bytes changed, cut out or doubled anywhere."""
-    made = bytearray(data)
+    changed = bytearray(data)
     for _ in range(rng.randint(1, 6)):
-        at, size = rng.randrange(len(made) or 1), rng.choice((1, 4, 8, 60, 500))
-        way = rng.randrange(4)
-        if way == 0 and made:
-            made[at] = rng.randrange(256)
-        elif way == 1:
-            del made[at : at + size]
-        elif way == 2:
-            made[at:at] = made[at : at + size]
+        at, size = rng.randrange(len(changed) or 1), rng.choice((1, 4, 8, 60, 500))
+        choice = rng.randrange(4)
+        if choice == 0 and changed:
+            changed[at] = rng.randrange(256)
+        elif choice == 1:
+            del changed[at : at + size]
+        elif choice == 2:
+            changed[at:at] = changed[at : at + size]
         else:
-            made[at : at + 8] = struct.pack("<Q", rng.choice(NUMBERS))[: rng.choice((1, 2, 4, 8))]
-    return made
+            changed[at : at + 8] = struct.pack("<Q", rng.choice(NUMBERS))[: rng.choice((1, 2, 4, 8))]
+    return changed
 
 
 def _end(records: list[Record]) -> int:
@@ -105,19 +105,19 @@ def _change(rng: random.Random, records: list[Record]) -> None:
         return
     at = rng.randrange(len(records))
     opcode, content = records[at]
-    way = rng.random()
-    if way < 0.06:
+    choice = rng.random()
+    if choice < 0.06:
         del records[at]
-    elif way < 0.12:
+    elif choice < 0.12:
         records.insert(rng.randrange(len(records) + 1), records[at])
-    elif way < 0.16:
+    elif choice < 0.16:
         other = rng.randrange(len(records))
         records[at], records[other] = records[other], records[at]
-    elif way < 0.19:
+    elif choice < 0.19:
         records[at] = (rng.randrange(1, 0x12), content)
-    elif opcode == SCHEMA and way < 0.9:
+    elif opcode == SCHEMA and choice < 0.9:
         records[at] = (opcode, _retyped(rng, content))
-    elif opcode == CHUNK and way < 0.95:
+    elif opcode == CHUNK and choice < 0.95:
         records[at] = (opcode, _rechunked(rng, content))
     else:
         records[at] = (opcode, _field(rng, content))
@@ -130,9 +130,9 @@ def _retyped(rng: random.Random, content: bytes) -> bytes:
     """The schema with the name of another type, or with a definition that is cut off or not text."""
     try:
         (size,) = struct.unpack_from("<I", content, 2)
-        name, rest = content[6 : 6 + size], content[6 + size :]
-        (size,) = struct.unpack_from("<I", rest)
-        encoding, text = rest[4 : 4 + size], rest[8 + size :]
+        name, remainder = content[6 : 6 + size], content[6 + size :]
+        (size,) = struct.unpack_from("<I", remainder)
+        encoding, text = remainder[4 : 4 + size], remainder[8 + size :]
     except struct.error:
         return content
     if rng.random() < 0.5:
@@ -159,7 +159,7 @@ def _rechunked(rng: random.Random, content: bytes) -> bytes:
     inside = split(plain)
     for _ in range(rng.randint(1, 5)):
         _change_inside(rng, inside)
-    plain = joined(inside)
+    plain = join_records(inside)
     name = rng.choice(("zstd", "lz4", ""))
     packed = {"zstd": zstandard.ZstdCompressor(level=1).compress, "lz4": lz4.frame.compress}.get(name, bytes)(
         plain
@@ -171,13 +171,13 @@ def _rechunked(rng: random.Random, content: bytes) -> bytes:
 def _change_inside(rng: random.Random, records: list[Record]) -> None:
     if not records:
         return
-    at, way = rng.randrange(len(records)), rng.random()
+    at, choice = rng.randrange(len(records)), rng.random()
     opcode, content = records[at]
-    if way < 0.05:
+    if choice < 0.05:
         del records[at]
-    elif way < 0.1:
+    elif choice < 0.1:
         records.insert(at, records[at])
-    elif way < 0.15:
+    elif choice < 0.15:
         other = rng.randrange(len(records))
         records[at], records[other] = records[other], records[at]
     else:
@@ -186,28 +186,28 @@ def _change_inside(rng: random.Random, records: list[Record]) -> None:
 
 def _field(rng: random.Random, content: bytes) -> bytes:
     """One field of a record: a number, a double, a length, a bit of text or of JSON."""
-    made = bytearray(content)
-    if not made:
+    changed = bytearray(content)
+    if not changed:
         return bytes(rng.randrange(9))
-    at, way = rng.randrange(len(made)), rng.random()
-    if way < 0.3:
+    at, choice = rng.randrange(len(changed)), rng.random()
+    if choice < 0.3:
         size = rng.choice((1, 2, 4, 8))
-        made[at : at + size] = (rng.choice(NUMBERS) & ((1 << 8 * size) - 1)).to_bytes(size, "little")
-    elif way < 0.5:
+        changed[at : at + size] = (rng.choice(NUMBERS) & ((1 << 8 * size) - 1)).to_bytes(size, "little")
+    elif choice < 0.5:
         # Doubles of CDR stand at multiples of eight behind the head of the message.
-        at = min(len(made), 22 + 4 + 8 * rng.randrange(max(1, (len(made) - 26) // 8)))
-        made[at : at + 8] = struct.pack("<d", rng.choice(DOUBLES))
-    elif way < 0.6:
-        del made[at : at + rng.choice((1, 4, 8, 100))]
-    elif way < 0.7:
-        made[at:at] = bytes(rng.choice((1, 4, 8, 100)))
-    elif way < 0.85 and b":" in made:
-        places = [i for i, byte in enumerate(made) if byte == ord(":")]
+        at = min(len(changed), 22 + 4 + 8 * rng.randrange(max(1, (len(changed) - 26) // 8)))
+        changed[at : at + 8] = struct.pack("<d", rng.choice(DOUBLES))
+    elif choice < 0.6:
+        del changed[at : at + rng.choice((1, 4, 8, 100))]
+    elif choice < 0.7:
+        changed[at:at] = bytes(rng.choice((1, 4, 8, 100)))
+    elif choice < 0.85 and b":" in changed:
+        places = [i for i, byte in enumerate(changed) if byte == ord(":")]
         place = rng.choice(places)
-        stop = next((i for i in range(place, len(made)) if made[i] in b",}"), len(made))
-        made[place + 1 : stop] = rng.choice(JSON)
+        stop = next((i for i in range(place, len(changed)) if changed[i] in b",}"), len(changed))
+        changed[place + 1 : stop] = rng.choice(JSON)
         if len(content) > 22:
-            return bytes(made)
+            return bytes(changed)
     else:
-        made[at] ^= 1 << rng.randrange(8)
-    return bytes(made)
+        changed[at] ^= 1 << rng.randrange(8)
+    return bytes(changed)

@@ -39,38 +39,38 @@ def mutated_csv(rng: random.Random, text: str) -> bytes:
 def _change_rows(rng: random.Random, lines: list[str]) -> None:
     if not lines:
         return
-    at, way = rng.randrange(len(lines)), rng.random()
+    at, choice = rng.randrange(len(lines)), rng.random()
     cells = lines[at].split(",")
-    if way < 0.45:
+    if choice < 0.45:
         cells[rng.randrange(len(cells))] = rng.choice(CELLS)
-    elif way < 0.5:
+    elif choice < 0.5:
         cells[rng.randrange(len(cells))] = "1" * rng.choice((200, 140_000))
-    elif way < 0.55:
+    elif choice < 0.55:
         cells.insert(rng.randrange(len(cells) + 1), "1")
-    elif way < 0.6:
+    elif choice < 0.6:
         del cells[rng.randrange(len(cells))]
-    elif way < 0.7:
+    elif choice < 0.7:
         names = lines[0].split(",")
         names[rng.randrange(len(names))] = rng.choice(
             ("t", "x", "gx", "", '"', "temperature", " t ", "sigma", "#")
         )
         lines[0] = ",".join(names)
         return
-    elif way < 0.75:
+    elif choice < 0.75:
         lines.insert(at, lines[rng.randrange(len(lines))])
         return
-    elif way < 0.8:
+    elif choice < 0.8:
         del lines[1 + rng.randrange(3) :]
         return
-    elif way < 0.84:
+    elif choice < 0.84:
         del lines[at]
         return
-    elif way < 0.88:
+    elif choice < 0.88:
         column = rng.randrange(len(cells))
         value = rng.choice(("0", "1e300", "1", "-1e-300", "1e160"))
         lines[1:] = [_with(line, column, value) for line in lines[1:]]
         return
-    elif way < 0.92:
+    elif choice < 0.92:
         # A unit other than seconds, or times of a calendar.
         factor, shift = rng.choice(
             ((1e3, 0.0), (1e9, 0.0), (1e-6, 0.0), (1.0, 1.7e9), (-1.0, 0.0), (1.0, 2**31 - 20.0))
@@ -103,19 +103,19 @@ def mutated_toml(rng: random.Random, document: dict[str, Any]) -> bytes:
     for _ in range(rng.randint(1, 3)):
         _change_table(rng, document)
     text = toml_text(document)
-    way = rng.random()
-    if way < 0.1 and text:
+    choice = rng.random()
+    if choice < 0.1 and text:
         at = rng.randrange(len(text))
         text = (
             text[:at]
             + rng.choice(("=", "[", "]", '"', "\n", "\x00", "#", "'", "1e999", ".", "[" * 2000))
             + text[at:]
         )
-    elif way < 0.14:
+    elif choice < 0.14:
         text += "\nx = " + "[" * 3000 + "]" * 3000 + "\n"
-    elif way < 0.18:
+    elif choice < 0.18:
         text += "\n" + "a." * 1500 + "a = 1\n"
-    elif way < 0.2:
+    elif choice < 0.2:
         text += "\nn = " + "9" * 5000 + "\n"
     data = text.encode("utf-8", "surrogatepass")
     if rng.random() < 0.04 and data:
@@ -135,15 +135,15 @@ def _change_table(rng: random.Random, table: dict[str, Any]) -> None:
         if isinstance(inner, dict) and inner and rng.random() < 0.8:
             table = inner
             continue
-        way = rng.random()
-        if isinstance(inner, float) and way < 0.5:
+        choice = rng.random()
+        if isinstance(inner, float) and choice < 0.5:
             # Another size or sign is still a number: it reaches what computes with it.
             table[key] = inner * rng.choice((1e-9, 1e-3, 0.1, 10.0, 1e3, 1e9, -1.0))
-        elif way < 0.7:
+        elif choice < 0.7:
             table[key] = copy.deepcopy(rng.choice(VALUES))
-        elif way < 0.8:
+        elif choice < 0.8:
             del table[key]
-        elif way < 0.9 and inner is not table:
+        elif choice < 0.9 and inner is not table:
             table[rng.choice(("x", "left", "", "a.b", "z", "sigma", "error", "nodes", "effects"))] = (
                 copy.deepcopy(inner)
             )

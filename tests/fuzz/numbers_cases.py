@@ -74,11 +74,11 @@ def npz_case(rng: random.Random) -> Case:
             archive.writestr(f"{name}{suffix}", _mutated_npy(rng, data) if rng.random() < 0.5 else data)
         if rng.random() < 0.1:
             archive.writestr("bomb.npy", _npy("(30000000,)", "'<f8'", bytes(1_000_000)))
-    made = bytearray(out.getvalue())
+    changed = bytearray(out.getvalue())
     if rng.random() < 0.5:
         for _ in range(rng.randint(1, 3)):
-            _change_record(rng, made, (b"PK\x03\x04", b"PK\x01\x02", b"PK\x05\x06"), 46)
-    return _case(rng, "x.npz", bytes(torn(rng, bytes(made)) if rng.random() < 0.1 else made))
+            _change_record(rng, changed, (b"PK\x03\x04", b"PK\x01\x02", b"PK\x05\x06"), 46)
+    return _case(rng, "x.npz", bytes(torn(rng, bytes(changed)) if rng.random() < 0.1 else changed))
 
 
 def mat_case(rng: random.Random) -> Case:
@@ -142,9 +142,9 @@ def _mutated_npy(rng: random.Random, data: bytes) -> bytes:
         description = rng.choice(DESCRIPTIONS) if rng.random() < 0.5 else "'<f8'"
         return _npy(shape, description, data[128:], rng.choice(("False", "True", "1", "None")))
     if rng.random() < 0.5:
-        made = bytearray(data)
-        made[rng.randrange(6, 128)] = rng.choice((0, 0xFF, 0x28, 0x5B, rng.randrange(256)))
-        return bytes(made)
+        changed = bytearray(data)
+        changed[rng.randrange(6, 128)] = rng.choice((0, 0xFF, 0x28, 0x5B, rng.randrange(256)))
+        return bytes(changed)
     return bytes(torn(rng, data))
 
 
@@ -228,7 +228,7 @@ def _noise() -> np.ndarray:
 
 @cache
 def _arrays() -> list[bytes]:
-    made = []
+    changed = []
     for array in (
         _noise()[:, 0],
         np.asfortranarray(_noise()),
@@ -237,13 +237,13 @@ def _arrays() -> list[bytes]:
     ):
         out = io.BytesIO()
         np.save(out, array)
-        made.append(out.getvalue())
-    return made
+        changed.append(out.getvalue())
+    return changed
 
 
 @cache
 def _matlab() -> list[bytes]:
-    made = []
+    changed = []
     content = {
         "gz": _noise()[:, 0],
         "s": {"t": np.arange(_ROWS) / 100, "name": "x"},
@@ -256,13 +256,13 @@ def _matlab() -> list[bytes]:
     ):
         out = io.BytesIO()
         scipy.io.savemat(out, values, format=form, do_compression=packed)
-        made.append(out.getvalue())
-    return made
+        changed.append(out.getvalue())
+    return changed
 
 
 @cache
 def _hdf5() -> list[bytes]:
-    made = []
+    changed = []
     with tempfile.TemporaryDirectory(prefix="hubodo-fuzz-") as folder:
         for version in ("earliest", "latest"):
             path = Path(folder) / f"{version}.h5"
@@ -271,8 +271,8 @@ def _hdf5() -> list[bytes]:
                 file["gz"].attrs["units"] = "rad/s"
                 file.create_dataset("imu/gyro", data=_noise(), chunks=(50, 7), compression=4, shuffle=True)
                 file.create_dataset("imu/acc", data=_noise(), chunks=(50, 7), fletcher32=True)
-            made.append(path.read_bytes())
-    return made
+            changed.append(path.read_bytes())
+    return changed
 
 
 @cache

@@ -29,10 +29,10 @@ COLUMNS: tuple[Any, ...] = (
 
 def parquet_case(rng: random.Random, files: dict[str, str]) -> Case:
     """A folder of tables of which one is changed. files: the CSV files that they are made of."""
-    made = {name.replace(".csv", ".parquet"): _table(text) for name, text in files.items()}
-    name = rng.choice(list(made))
-    content = {k: _bytes(table, "snappy") for k, table in made.items()}
-    table = made[name]
+    tables = {name.replace(".csv", ".parquet"): _table(text) for name, text in files.items()}
+    name = rng.choice(list(tables))
+    content = {k: _bytes(table, "snappy") for k, table in tables.items()}
+    table = tables[name]
     for _ in range(rng.randint(1, 2)):
         place = rng.randrange(table.num_columns)
         label = table.column_names[place]

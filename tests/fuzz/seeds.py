@@ -120,25 +120,25 @@ def document(text: str) -> dict[str, Any]:
 
 def node_frames(seconds: float = 2.0) -> list[tuple[int, bytes]]:
     """What a node at 208 Hz sends, as (ns from the start, frame with its delimiters)."""
-    said: list[tuple[int, Any]] = [(0, HELLO)]
+    messages: list[tuple[int, Any]] = [(0, HELLO)]
     period = 4_807_692
     for k in range(round(seconds * 208 / 8)):
         t = 8 * k * period
         rows = tuple((100 * i, -5, 300, 2000, i, 300) for i in range(8))
-        said.append((t, ImuBatch((t // 1000) % (1 << 30), period, (8 * k) & 0xFFFF, 160, 0, rows)))
+        messages.append((t, ImuBatch((t // 1000) % (1 << 30), period, (8 * k) & 0xFFFF, 160, 0, rows)))
         if k % 10 == 5:
-            said.append((t, Mag((t // 1000) % (1 << 30), (1, 2, 3))))
-            said.append((t, Health(0, 3700, 0, 0, 0, 0, 0, 0, 0, 1, 900, 1, 50_000, 40)))
-            said.append(
+            messages.append((t, Mag((t // 1000) % (1 << 30), (1, 2, 3))))
+            messages.append((t, Health(0, 3700, 0, 0, 0, 0, 0, 0, 0, 1, 900, 1, 50_000, 40)))
+            messages.append(
                 (t, Filter((t // 1000) % (1 << 30), 2, 0, 100, (0, 0, 0), (1, 2, 3), (4, 5, 6), (7, 8, 9)))
             )
-            said.append((t, TimeReply(k.to_bytes(8, "little"), t // 1000, t // 1000 + 5)))
-    made, seqs = [], dict[int, int]()
-    for t, message in said:
+            messages.append((t, TimeReply(k.to_bytes(8, "little"), t // 1000, t // 1000 + 5)))
+    wires, seqs = [], dict[int, int]()
+    for t, message in messages:
         seq = seqs.get(message.type_id, 0)
         seqs[message.type_id] = (seq + 1) & 0xFFFF
-        made.append((t, encode_frame(Frame(message.type_id, 1, seq, encode(message)))))
-    return made
+        wires.append((t, encode_frame(Frame(message.type_id, 1, seq, encode(message)))))
+    return wires
 
 
 def our_log(path: Path) -> bytes:

@@ -96,18 +96,18 @@ def frames_case(rng: random.Random) -> Case:
     wires = [wire for _, wire in seeds.node_frames()]
     for _ in range(rng.randint(1, 12)):
         at = rng.randrange(len(wires))
-        way = rng.randrange(6)
-        if way == 0:
+        choice = rng.randrange(6)
+        if choice == 0:
             wires[at] = seeds.wild_frame(rng)
-        elif way == 1:
+        elif choice == 1:
             wires[at] = seeds.bent_frame(rng, wires[at])
-        elif way == 2:
+        elif choice == 2:
             other = rng.randrange(len(wires))
             wires[at], wires[other] = wires[other], wires[at]
-        elif way == 3:
+        elif choice == 3:
             del wires[at : at + rng.choice((1, 3, 40))]
             wires = wires or [b"\0"]
-        elif way == 4:
+        elif choice == 4:
             wires[at] = bytes(torn(rng, wires[at]))
         else:
             wires.insert(at, rng.choice((b"\0" * 50, b"\xff" * 4000, b"$GPGGA,,*00\r\n", b">>> ", wires[at])))

@@ -25,8 +25,8 @@ def short_drive(seed: int, rate_hz: float = 208.0, errors: Errors | None = None)
     return drive(plan, np.random.default_rng(seed), errors, RADIUS, TRACK, rate_hz=rate_hz)
 
 
-def raw_rows(made: WheelDrive, node: str) -> list[tuple[int, ...]]:
+def raw_rows(drive_: WheelDrive, node: str) -> list[tuple[int, ...]]:
     """The samples of a node in steps of the chip, for `FakeNode.rows`."""
-    found = made.nodes[node]
-    steps = np.hstack([np.round(found.gyro / GYRO_STEP), np.round(found.accel / ACCEL_STEP)])
+    table = drive_.nodes[node]
+    steps = np.hstack([np.round(table.gyro / GYRO_STEP), np.round(table.accel / ACCEL_STEP)])
     return [tuple(row) for row in np.clip(steps, -32768, 32767).astype(int).tolist()]

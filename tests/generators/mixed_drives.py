@@ -72,5 +72,5 @@ def drawn(seed: int) -> Drawn:
         vibration=float(rng.choice([0.05, 0.3, 1.0])),
     )
     rate = float(rng.choice([104.0, 208.0]))
-    made = wheel_drives.drive(plan, rng, errors, radius, track, rate_hz=rate)
-    return Drawn(made, top, noise, rested, slips, hilly)
+    driven = wheel_drives.drive(plan, rng, errors, radius, track, rate_hz=rate)
+    return Drawn(driven, top, noise, rested, slips, hilly)

@@ -14,20 +14,20 @@ from scipy.signal import butter, fftconvolve, lfilter, sosfilt
 
 def gyro_noise(samples, dt, rng, *, q=0.0, n=0.0, b=0.0, k=0.0, r=0.0):
     """(samples,) rates in the unit of the coefficients, from rng."""
-    made = np.zeros(samples)
+    noise = np.zeros(samples)
     if q:
-        made += np.diff(rng.normal(0.0, q, samples + 1)) / dt
+        noise += np.diff(rng.normal(0.0, q, samples + 1)) / dt
     if n:
-        made += rng.normal(0.0, n / np.sqrt(dt), samples)
+        noise += rng.normal(0.0, n / np.sqrt(dt), samples)
     if b:
         steps = np.arange(1, samples)
         response = np.concatenate(([1.0], np.cumprod((steps - 0.5) / steps)))
-        made += fftconvolve(rng.normal(0.0, b, samples), response)[:samples]
+        noise += fftconvolve(rng.normal(0.0, b, samples), response)[:samples]
     if k:
-        made += np.cumsum(rng.normal(0.0, k * np.sqrt(dt), samples))
+        noise += np.cumsum(rng.normal(0.0, k * np.sqrt(dt), samples))
     if r:
-        made += r * dt * np.arange(samples)
-    return made
+        noise += r * dt * np.arange(samples)
+    return noise
 
 
 def relaxing(samples, dt, rng, b, *, per_decade=3):
@@ -38,14 +38,14 @@ def relaxing(samples, dt, rng, b, *, per_decade=3):
     """
     step = np.log(10.0) / per_decade
     constants = np.exp(np.arange(np.log(dt / 3.0), np.log(30.0 * samples * dt), step))
-    made = np.zeros(samples)
+    noise = np.zeros(samples)
     sigma = b * np.sqrt(step / np.pi)
     for constant in constants:
         keep = np.exp(-dt / constant)
         drive = rng.normal(0.0, sigma * np.sqrt(-np.expm1(-2.0 * dt / constant)), samples)
         drive[0] = rng.normal(0.0, sigma)
-        made += lfilter([1.0], [1.0, -keep], drive)
-    return made
+        noise += lfilter([1.0], [1.0, -keep], drive)
+    return noise
 
 
 def one_pole(rates, dt, corner):

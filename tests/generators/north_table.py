@@ -93,12 +93,12 @@ def maytag(error, dt, azimuth, latitude, angles, stop, turn, *, transient=0.0, r
     angle = np.interp(t, t_table, a_table)
     spin = np.gradient(angle, dt)
     kernel = np.exp(-np.arange(int(2 / dt)) * dt / 0.15)
-    felt = (
+    vibration = (
         transient * np.convolve(np.sign(np.round(spin, 9)), kernel / kernel.sum())[:count]
         if transient
         else 0.0
     )
-    rate = earth_in_sensor(azimuth, angle, latitude) + error[:count] + felt
+    rate = earth_in_sensor(azimuth, angle, latitude) + error[:count] + vibration
     vertical = spin.copy()
     if rng is not None:
         vertical = vertical + 1e-4 / np.sqrt(dt) * rng.standard_normal(count) + 0.003

@@ -32,16 +32,16 @@ def drive_with_rest(
     place, share = 0, np.ones(len(plan.speed))
     if where == "middle":
         # Down to nothing and up again in a second and a half each.
-        away = np.abs(np.arange(len(plan.speed)) - middle) / wheel_drives.RATE_HZ
-        place, share = middle, 0.5 - 0.5 * np.cos(np.pi * np.clip(away / 1.5, 0.0, 1.0))
+        distance_s = np.abs(np.arange(len(plan.speed)) - middle) / wheel_drives.RATE_HZ
+        place, share = middle, 0.5 - 0.5 * np.cos(np.pi * np.clip(distance_s / 1.5, 0.0, 1.0))
     speed, yaw_rate = (
         np.concatenate([column[:place], still, column[place:]])
         for column in (share * plan.speed, share * plan.yaw_rate)
     )
     errors = replace(wheel_drives.Errors(), noise=gyro_noise / PER_SAMPLE)
-    made = wheel_drives.drive(replace(plan, speed=speed, yaw_rate=yaw_rate), rng, errors)
+    driven = wheel_drives.drive(replace(plan, speed=speed, yaw_rate=yaw_rate), rng, errors)
     nodes = {}
-    for name, node in made.nodes.items():
+    for name, node in driven.nodes.items():
         phase = 2.0 * np.pi * _IDLING_HZ * node.t[:, None] + np.arange(3)
         nodes[name] = replace(node, gyro=node.gyro + idling * np.sqrt(2.0) * np.sin(phase))
-    return replace(made, nodes=nodes)
+    return replace(driven, nodes=nodes)

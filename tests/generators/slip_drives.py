@@ -19,9 +19,9 @@ def hilly(plan: Plan, rng: np.random.Generator, grade: float = 0.06, rough: floa
     rough: m rms of unevenness that lasts for half a metre of the way (an exponential correlation, the decline
     of two decades by decade that ISO 8608 has), smoothed by a tyre of 5 cm.
     """
-    way = np.concatenate([[0.0], np.cumsum(np.abs(plan.speed))]) / RATE_HZ
+    distance = np.concatenate([[0.0], np.cumsum(np.abs(plan.speed))]) / RATE_HZ
     step = 0.01
-    at = np.arange(0.0, way[-1] + 1.0, step)
+    at = np.arange(0.0, distance[-1] + 1.0, step)
     height = np.zeros(len(at))
     for length in (30.0, 55.0, 90.0):
         # The steepest of a sine of amplitude A and length L is 2 pi A / L.
@@ -36,7 +36,7 @@ def hilly(plan: Plan, rng: np.random.Generator, grade: float = 0.06, rough: floa
     kernel = np.hanning(11)
     height += np.convolve(bumps, kernel / kernel.sum(), "same")
     # Steps of a centimetre would be jerks at 1 kHz.
-    return replace(plan, height=_smooth(np.interp(way[:-1], at, height), 0.02))
+    return replace(plan, height=_smooth(np.interp(distance[:-1], at, height), 0.02))
 
 
 def driven_loop(rng: np.random.Generator, length: float = 120.0) -> Plan:
@@ -60,8 +60,8 @@ def lifted(plan: Plan, node: str, start: float, duration: float, ends_at: float,
     first, last = int(start * RATE_HZ), int((start + duration) * RATE_HZ)
     wheel = plan.speed.copy()
     span = t[first:last] - t[first]
-    begin = plan.speed[first]
-    wheel[first:last] = begin * (ends_at + (1.0 - ends_at) * np.exp(-span / lasts))
+    start_speed = plan.speed[first]
+    wheel[first:last] = start_speed * (ends_at + (1.0 - ends_at) * np.exp(-span / lasts))
     slip = _smooth(wheel - plan.speed, 0.05)
     return replace(plan, slip={**plan.slip, node: plan.slip.get(node, 0.0) + slip})
 

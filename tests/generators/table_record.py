@@ -30,20 +30,20 @@ class Programme:
         """(N,) rad, and (stops, 2) s from when to when it stood, (stops,) rad there."""
         knots_t, knots_a, stood = [0.0], [0.0], []
         for stop, turn, rate in zip(self.stops, [*self.turns, None], [*self.rates, None], strict=True):
-            begin = knots_t[-1]
-            knots_t.append(begin + stop)
+            start = knots_t[-1]
+            knots_t.append(start + stop)
             knots_a.append(knots_a[-1])
-            stood.append((begin, begin + stop, knots_a[-1]))
+            stood.append((start, start + stop, knots_a[-1]))
             if turn is not None:
                 # A rate that rises and falls evenly, a raised cosine.
                 length = 2 * abs(turn) / rate
                 s = np.linspace(0, 1, 60)[1:]
                 knots_a += list(knots_a[-1] + turn * (s - np.sin(2 * np.pi * s) / (2 * np.pi)))
                 knots_t += list(knots_t[-1] + length * s)
-        made = np.radians(np.interp(t, knots_t, knots_a))
+        angle = np.radians(np.interp(t, knots_t, knots_a))
         for at, by in self.nudges:
-            made += np.radians(by) * np.clip((t - at) / 0.15, 0, 1)
-        return made, np.array(stood)
+            angle += np.radians(by) * np.clip((t - at) / 0.15, 0, 1)
+        return angle, np.array(stood)
 
     @property
     def duration(self):
@@ -53,12 +53,12 @@ class Programme:
 def about(axis, angle):
     """(N, 3, 3) rotation matrices by angle (N,) about a coordinate axis."""
     c, s = np.cos(angle), np.sin(angle)
-    made = np.zeros((len(angle), 3, 3))
+    rotation = np.zeros((len(angle), 3, 3))
     i, j = (axis + 1) % 3, (axis + 2) % 3
-    made[:, axis, axis] = 1
-    made[:, i, i] = made[:, j, j] = c
-    made[:, j, i], made[:, i, j] = s, -s
-    return made
+    rotation[:, axis, axis] = 1
+    rotation[:, i, i] = rotation[:, j, j] = c
+    rotation[:, j, i], rotation[:, i, j] = s, -s
+    return rotation
 
 
 def table_record(

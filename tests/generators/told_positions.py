@@ -46,12 +46,12 @@ def positions(drive: WheelDrive, receiver: Receiver, seed: int) -> tuple[np.ndar
 
 def _lasting(rng: np.random.Generator, receiver: Receiver, count: int) -> np.ndarray:
     keep = np.exp(-1.0 / (receiver.rate_hz * receiver.memory))
-    made = np.empty(count, complex)
+    errors = np.empty(count, complex)
     value = receiver.slow * _complex(rng, 1)[0]
     for k, news in enumerate(_complex(rng, count)):
-        made[k] = value
+        errors[k] = value
         value = keep * value + receiver.slow * np.sqrt(1.0 - keep * keep) * news
-    return made
+    return errors
 
 
 def _complex(rng: np.random.Generator, count: int) -> np.ndarray:

@@ -159,8 +159,10 @@ def ramps(parts: list[tuple[float, float, float]], hardest: float = 2.5, begin: 
     """
     speeds, now = [], begin
     for duration, speed, _ in parts:
-        way = np.minimum(hardest / RATE_HZ * np.arange(1, int(duration * RATE_HZ) + 1), abs(speed - now))
-        speeds.append(now + np.sign(speed - now) * way)
+        speed_steps = np.minimum(
+            hardest / RATE_HZ * np.arange(1, int(duration * RATE_HZ) + 1), abs(speed - now)
+        )
+        speeds.append(now + np.sign(speed - now) * speed_steps)
         now = float(speeds[-1][-1])
     counts = [len(leg) for leg in speeds]
     return Plan(_smooth(np.concatenate(speeds)), _smooth(np.repeat([part[2] for part in parts], counts)))
@@ -202,7 +204,7 @@ def drive(
     y = _integral(level * np.sin(heading))
     true_track = track * (1.0 + errors.track * rng.standard_normal())
     roll = _wander(errors.roll, len(t), rng) * _smooth(np.minimum(1.0, np.abs(plan.speed) / 0.5))
-    made = {}
+    node_records = {}
     for name, side in (("left", 1.0), ("right", -1.0)):
         true_radius = radius * (1.0 + errors.radius * rng.standard_normal())
         slip = plan.slip.get(name, np.zeros(len(t)))
@@ -228,9 +230,9 @@ def drive(
             arm_y=float(sensing[1] * turned),
             start_angle=float(theta[0]),
         )
-        made[name] = node
+        node_records[name] = node
     return WheelDrive(
-        made, t, x, y, heading, plan.speed, float(np.sum(np.abs(plan.speed)) * dt), radius, track
+        node_records, t, x, y, heading, plan.speed, float(np.sum(np.abs(plan.speed)) * dt), radius, track
     )
 
 
@@ -305,22 +307,22 @@ def _sensor(t, rate, force, rng, errors, rate_hz, ends, rotations) -> Node:
         rate, force = rate - np.cross(turn, rate), force - np.cross(turn, force)
         longer = np.sqrt(1.0 + turn @ turn)
     period = 1.0 / (rate_hz * (1.0 + 0.01 * rng.uniform(-1.0, 1.0))) if errors.noise else 1.0 / rate_hz
-    taken = np.arange(t[0] + rng.uniform(0.0, period) * (errors.noise > 0), t[-1], period)
+    sample_times = np.arange(t[0] + rng.uniform(0.0, period) * (errors.noise > 0), t[-1], period)
     late = errors.clock * normal()
     gyro_scale, accel_scale = errors.scale * normal(3), errors.accel_scale * normal(3)
     bias, warm, constant = errors.bias * normal(3), errors.warmup * normal(3), rng.uniform(60.0, 200.0)
     gravity_in_gyro = errors.g_sensitivity * normal((3, 3))
-    at = np.stack([np.interp(taken, t, column) for column in np.hstack([rate, force]).T], 1)
+    at = np.stack([np.interp(sample_times, t, column) for column in np.hstack([rate, force]).T], 1)
     gyro, accel = at[:, :3], at[:, 3:]
-    gyro = gyro * (1.0 + gyro_scale) + bias + warm * (1.0 - np.exp(-taken / constant))[:, None]
+    gyro = gyro * (1.0 + gyro_scale) + bias + warm * (1.0 - np.exp(-sample_times / constant))[:, None]
     gyro = gyro + accel @ gravity_in_gyro.T
     accel = accel * (1.0 + accel_scale) + errors.accel_bias * normal(3)
     bandwidth = np.sqrt(0.5 * rate_hz)
     for axes, size in ((gyro, errors.flicker), (accel, errors.accel_flicker)):
         for axis in range(3 if size else 0):
-            axes[:, axis] += gyro_noise(len(taken), period, rng, b=size)
+            axes[:, axis] += gyro_noise(len(sample_times), period, rng, b=size)
     gyro = gyro + errors.noise * GYRO_DENSITY * bandwidth * normal(gyro.shape)
-    moving = np.interp(taken, t, np.abs(rate[:, 2])) > 0.1
+    moving = np.interp(sample_times, t, np.abs(rate[:, 2])) > 0.1
     shake = np.where(moving, errors.vibration, 0.0)[:, None]
     accel = accel + (errors.noise * ACCEL_DENSITY * bandwidth + shake) * normal(accel.shape)
     gyro, accel = _words(gyro, ends.gyro), _words(accel, ends.accel)
@@ -335,7 +337,7 @@ def _sensor(t, rate, force, rng, errors, rate_hz, ends, rotations) -> Node:
         "tilt_y": float(turn[1]),
         "late": float(late),
     }
-    return Node(taken + late, gyro, accel, truth)
+    return Node(sample_times + late, gyro, accel, truth)
 
 
 def _words(value: np.ndarray, end: float) -> np.ndarray:

@@ -58,7 +58,7 @@ class Replay:
 
 
 def _generated(seed: int, *names: str, rate_hz: float = 104.0) -> Callable[[], Recording]:
-    def made() -> Recording:
+    def read() -> Recording:
         columns = ("t", "gx", "gy", "gz", "ax", "ay", "az")
         nodes = {}
         for name, node in short_drive(seed, rate_hz).nodes.items():
@@ -69,7 +69,7 @@ def _generated(seed: int, *names: str, rate_hz: float = 104.0) -> Callable[[], R
                 nodes[name] = Table(dict(zip(columns, rows.T, strict=True)))
         return Recording(nodes)
 
-    return made
+    return read
 
 
 def _wheelchair() -> Recording:

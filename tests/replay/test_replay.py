@@ -25,18 +25,18 @@ def played(tmp_path_factory):
 def test_playing_a_recording_gives_the_stored_odometry_bit_for_bit(place, played):
     replay, references = TABLE[place], json.loads(REFERENCES.read_text())
     stored = references.get(replay.name)
-    found = deepcopy(played(place))
+    result = deepcopy(played(place))
     tolerance = TOLERANCE
     if references["arithmetic"] != arithmetic():
         tolerance = ELSEWHERE
-        assert found[END] == pytest.approx(stored[END], rel=0, abs=ELSEWHERE)
-        for fields in (found, stored):
+        assert result[END] == pytest.approx(stored[END], rel=0, abs=ELSEWHERE)
+        for fields in (result, stored):
             del fields[END]
             for topic in replay.outputs:
                 del fields[topic]["sha256"]
-    off = [field for field in found if stored is None or found[field] != stored.get(field)]
+    off = [field for field in result if stored is None or result[field] != stored.get(field)]
     assert not off, (
-        f"{replay.name}: {', '.join(off)} differ (tolerance {tolerance}): stored {stored}, found {found}; "
+        f"{replay.name}: {', '.join(off)} differ (tolerance {tolerance}): stored {stored}, found {result}; "
         f"if that is meant, run {UPDATE}"
     )
 

@@ -16,7 +16,7 @@ from hubodo.fleet.task import FAILED
 if TYPE_CHECKING:
     from distributed import Client
 
-_CONNECT_TIMEOUT_S = 10
+_SCHEDULER_TIMEOUT_S = 10
 LOCAL_DASK_SETTINGS = {
     "distributed.worker.profile.enabled": False,
     "distributed.admin.tick.interval": "1s",
@@ -38,7 +38,7 @@ def connect_engine(scheduler: str | None, workers: int, memory_limit: str) -> It
 
     if scheduler is not None:
         try:
-            client = Client(scheduler, timeout=_CONNECT_TIMEOUT_S)
+            client = Client(scheduler, timeout=_SCHEDULER_TIMEOUT_S)
         except (OSError, ValueError) as error:
             raise LinkError(
                 f"{scheduler}: no scheduler answers ({error}); start one with dask scheduler"

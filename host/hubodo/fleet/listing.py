@@ -13,7 +13,7 @@ from fsspec.core import has_magic
 from hubodo.errors import InputError
 from hubodo.fleet.storage import format_url, open_file_system, report_store_errors
 
-_LOG_SUFFIXES = (".mcap", ".bag", ".db3")
+_LOG_FILE_SUFFIXES = (".mcap", ".bag", ".db3")
 _CSV_SUFFIXES = (".csv", ".csv.gz")
 _BAG_METADATA, _FUSE_RESULT = "metadata.yaml", "fuse.json"
 _CHANGE_KEYS = ("ETag", "etag", "mtime", "LastModified", "updated", "last_modified")
@@ -96,7 +96,7 @@ def _locate_in_folder(fs: Any, top: str) -> Iterator[LogLocation]:
             folders[folder][name] = info
     for folder, files in folders.items():
         csv = any(name.endswith(_CSV_SUFFIXES) for name in files) and _FUSE_RESULT not in files
-        logs = [name for name in files if name.endswith(_LOG_SUFFIXES)]
+        logs = [name for name in files if name.endswith(_LOG_FILE_SUFFIXES)]
         if _BAG_METADATA in files or (csv and not logs):
             yield _make_location(fs, folder, files.values(), is_folder=True)
         else:

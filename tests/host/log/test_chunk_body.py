@@ -28,16 +28,16 @@ def chunks(tmp_path_factory: pytest.TempPathFactory):
         for i in range(300):
             writer.add_message(channel, i, bytes(i % 50), i)
         writer.finish()
-    found = []
+    records = []
     for path in sorted(folder.glob("*.mcap")):
         with open_log(path) as log:
             fd = os.open(path, os.O_RDONLY)
-            found += [
+            records += [
                 (path.stem, read_chunk(fd, place), read_message_offsets(fd, place))
                 for place in log.scan.chunks
             ]
             os.close(fd)
-    return found
+    return records
 
 
 def test_announced_places_are_those_that_are_found_one_by_one(chunks):
@@ -55,9 +55,9 @@ def lies(places: np.ndarray, rng: np.random.Generator):
     yield np.delete(places, row)
     yield np.insert(places, row, places[row])
     for by in (1, -1, 1 << 40, -(1 << 40)):
-        moved = places.copy()
-        moved[row] += by
-        yield np.sort(moved)
+        shifted = places.copy()
+        shifted[row] += by
+        yield np.sort(shifted)
     yield places[:0]
 
 
@@ -67,9 +67,9 @@ def test_places_that_are_not_true_change_nothing(chunks, seed: int):
     for name, data, places in chunks:
         expected = parse_messages(data)
         for wrong in lies(places, rng):
-            found = parse_messages(data, wrong)
-            assert np.array_equal(found.offsets, expected.offsets), name
-            assert found.definitions == expected.definitions and found.is_complete == expected.is_complete
+            records = parse_messages(data, wrong)
+            assert np.array_equal(records.offsets, expected.offsets), name
+            assert records.definitions == expected.definitions and records.is_complete == expected.is_complete
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -78,7 +78,7 @@ def test_damaged_data_is_read_up_to_the_damage_as_one_by_one(chunks, seed: int):
     for name, data, places in chunks:
         bad = bytearray(data)
         bad[int(places[len(places) // 2]) + int(rng.integers(0, 9))] ^= int(rng.integers(1, 256))
-        expected, found = parse_messages(bytes(bad)), parse_messages(bytes(bad), places)
+        expected, records = parse_messages(bytes(bad)), parse_messages(bytes(bad), places)
         assert (
-            np.array_equal(found.offsets, expected.offsets) and found.is_complete == expected.is_complete
+            np.array_equal(records.offsets, expected.offsets) and records.is_complete == expected.is_complete
         ), name

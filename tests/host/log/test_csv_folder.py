@@ -56,7 +56,7 @@ def csv_file(draw: st.DrawFn, name: str, rows: int) -> bytes:
     columns = required + [c for c in optional if draw(st.booleans())]
     columns += [c for c in unknown if c not in columns and c not in optional]
     columns = draw(st.permutations(columns))
-    times = sorted(draw(TIMES.filter(lambda found: len(found) >= rows)))
+    times = sorted(draw(TIMES.filter(lambda values: len(values) >= rows)))
     end = draw(st.sampled_from(["\n", "\r\n"]))
     quoted = ['"' + c.replace('"', '""') + '"' if set(c) & set(',"#') else c for c in columns]
     lines = [",".join(quoted)]

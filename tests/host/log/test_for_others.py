@@ -34,7 +34,7 @@ RNG = np.random.default_rng(8)
 T = np.arange(200) / 100
 
 
-def made() -> Recording:
+def full_recording() -> Recording:
     """Two nodes, a reference, fixes, a truth with headings, and an event."""
     node = {name: RNG.normal(size=200) for name in ("gx", "gy", "gz", "ax", "ay", "az")}
     heading = np.unwrap(RNG.normal(0.0, 0.2, 200)) + 3.0
@@ -49,7 +49,7 @@ def made() -> Recording:
 
 @pytest.fixture(scope="module")
 def recording() -> Recording:
-    return made()
+    return full_recording()
 
 
 @pytest.fixture(scope="module")
@@ -97,21 +97,21 @@ def test_tf_static_says_where_the_nodes_sit(log):
     with log.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         ((*_, message),) = reader.iter_decoded_messages(topics=[topics.TF_STATIC])
-    found = {}
+    frame_poses = {}
     for part in message.transforms:
         assert part.header.frame_id == "base_link"
         place, turn = part.transform.translation, part.transform.rotation
-        found[part.child_frame_id] = (
+        frame_poses[part.child_frame_id] = (
             (place.x, place.y, place.z),
             Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix(),
         )
-    assert [place for place, _ in found.values()] == [
+    assert [place for place, _ in frame_poses.values()] == [
         (0.0, 0.45, 0.3), (0.0, -0.45, 0.3), (0.0, 0.0, 0.0), (0.5, 0.1, 0.0)
     ]  # fmt: skip
     up, forward, left = np.eye(3)[2], np.eye(3)[0], np.eye(3)[1]
-    np.testing.assert_allclose(found["left"][1].T, [up, forward, left], atol=1e-12)
-    np.testing.assert_allclose(found["right"][1].T, [up, -forward, -left], atol=1e-12)
-    np.testing.assert_allclose(found["gnss"][1], np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(frame_poses["left"][1].T, [up, forward, left], atol=1e-12)
+    np.testing.assert_allclose(frame_poses["right"][1].T, [up, -forward, -left], atol=1e-12)
+    np.testing.assert_allclose(frame_poses["gnss"][1], np.eye(3), atol=1e-12)
 
 
 def test_static_frames_are_told_again_where_a_log_goes_on_in_another_file(tmp_path):
@@ -121,9 +121,9 @@ def test_static_frames_are_told_again_where_a_log_goes_on_in_another_file(tmp_pa
         log.repeat_static_frames(2_000_000_009)
     with (tmp_path / "log.mcap").open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-        told = [decoded.transforms for *_, decoded in reader.iter_decoded_messages()]
-    assert [(t[3].header.stamp.sec, t[3].header.stamp.nanosec) for t in told] == [(0, 7), (2, 9)]
-    assert [part.transform.translation.z for part in told[1]] == [0.3, 0.3, 0.0, 0.0]
+        transforms = [decoded.transforms for *_, decoded in reader.iter_decoded_messages()]
+    assert [(t[3].header.stamp.sec, t[3].header.stamp.nanosec) for t in transforms] == [(0, 7), (2, 9)]
+    assert [part.transform.translation.z for part in transforms[1]] == [0.3, 0.3, 0.0, 0.0]
 
 
 def test_a_truth_without_headings_has_none_after_a_detour(recording, tmp_path):
@@ -158,8 +158,8 @@ def test_logs_whose_events_and_frames_are_bare_are_read_as_ever(tmp_path):
     assert read_recording(tmp_path / "old.mcap").events == (Event(**event),)
     assert json.loads(hubodo("info", tmp_path / "old.mcap", "--json").out)["events"][0]["kind"] == "reset"
     with open_log(tmp_path / "old.mcap") as log:
-        found = [
+        frame_poses = [
             decode_bytes_message(log.streams[m.channel].encoding, m.data)
             for m in log.messages([topics.RAW_PREFIX + "usb0"])
         ]
-    assert found == FRAMES
+    assert frame_poses == FRAMES

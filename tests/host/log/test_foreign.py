@@ -22,7 +22,7 @@ RATES = np.random.default_rng(5).normal(0.1, 0.02, 4000)
 """deg/s"""
 
 
-def made(path, form, count=4000):
+def read_file(path, form, count=4000):
     ((name, table),) = read_log(path, input_format=form).nodes.items()
     assert len(table) == count
     return name, table
@@ -46,7 +46,7 @@ def test_one_column_with_a_rate_and_a_unit_is_a_channel(tmp_path, suffix):
     else:
         text = "# at rest\n" + "\n".join(map(repr, RATES.tolist())) + "\n"
         path.write_bytes(gzip.compress(text.encode()) if suffix.endswith("gz") else text.encode())
-    name, table = made(path, InputFormat(100.0, ("deg/s",), channel="gx"))
+    name, table = read_file(path, InputFormat(100.0, ("deg/s",), channel="gx"))
     assert name == "gyro"
     assert table["gx"] == pytest.approx(RATES * DEG, rel=1e-15)
     assert table.t[1] == 0.01
@@ -78,12 +78,12 @@ def test_columns_are_named_by_the_user_or_by_a_header_of_ours(tmp_path):
     ):
         read_log(path)
     form = InputFormat(None, ("0.5 deg/s", "m/s²"), ("t_us", "gy", "az", "-"))
-    _, table = made(path, form, 50)
+    _, table = read_file(path, form, 50)
     assert table.t[1] == pytest.approx(1e-3)
     assert table["gy"][7] == pytest.approx(0.5 * DEG)
     assert table["az"][0] == 9.81
     ours = write_text(tmp_path / "left.csv", "t,gx,gy,gz\n0,1,2,3\n0.5,4,5,6\n")
-    name, table = made(ours, InputFormat(), 2)
+    name, table = read_file(ours, InputFormat(), 2)
     assert name == "left"
     assert table["gz"].tolist() == [3.0, 6.0]
 
@@ -108,14 +108,14 @@ def test_structures_of_matlab_and_units_of_hdf5_are_understood(tmp_path):
     savemat(tmp_path / "a.mat", {"imu": {"t": t, "gz": t * 0 + 2.0, "note": "x"}, "other": np.zeros(7)})
     with pytest.raises(InputError, match=r"imu\.t 300 x 1.*give --variable"):
         read_log(tmp_path / "a.mat", input_format=InputFormat(None, ("deg/s",)))
-    _, table = made(tmp_path / "a.mat", InputFormat(None, ("deg/s",), variable="imu.t,imu.gz"), 300)
+    _, table = read_file(tmp_path / "a.mat", InputFormat(None, ("deg/s",), variable="imu.t,imu.gz"), 300)
     assert table["gz"][0] == pytest.approx(2.0 * DEG)
     with h5py.File(tmp_path / "b.h5", "w") as file:
         file["t"] = t
         file["gyro"] = np.tile([[1.0], [2.0], [3.0]], 300)
         file["gyro"].attrs["units"] = "deg/s"
     form = InputFormat(None, (), ("t", "gx", "gy", "gz"), "t,gyro")
-    _, table = made(tmp_path / "b.h5", form, 300)
+    _, table = read_file(tmp_path / "b.h5", form, 300)
     assert table["gy"][5] == pytest.approx(2.0 * DEG)
     (tmp_path / "torn.mat").write_bytes((tmp_path / "a.mat").read_bytes()[:300])
     with pytest.raises(InputError, match=r"torn\.mat: cannot be read"):
@@ -141,7 +141,7 @@ def test_a_rosbag_of_either_generation_gives_its_imu_topics(tmp_path, generation
             )  # fmt: skip
             raw = store.serialize_ros1 if generation == 1 else store.serialize_cdr
             writer.write(link, 100_000_000_000 + k, raw(message, "sensor_msgs/msg/Imu"))
-    name, table = made(path, InputFormat(), 40)
+    name, table = read_file(path, InputFormat(), 40)
     assert name == "left"
     assert table.t[3] == pytest.approx(0.03)
     assert table["gz"][7] == 0.07
@@ -158,8 +158,8 @@ def test_the_unit_of_a_log_that_is_not_in_si_is_said_by_the_same_option(tmp_path
     assert main(["allan", str(tmp_path / "log")]) == 2
     assert "that is g" in capsys.readouterr().err
     assert main(["allan", str(tmp_path / "log"), "--unit", "g", "--unit", "deg/s", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["coefficients"]["N"]["value"] == pytest.approx(0.02 * 0.1 * DEG, rel=0.1)
+    result = json.loads(capsys.readouterr().out)
+    assert result["coefficients"]["N"]["value"] == pytest.approx(0.02 * 0.1 * DEG, rel=0.1)
     assert main(["info", str(tmp_path / "log" / "left.csv"), "--unit", "deg/s"]) == 0
     assert "/left/imu" in capsys.readouterr().out
 

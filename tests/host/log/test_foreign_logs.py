@@ -26,9 +26,9 @@ FIXES = ("--topic", "gnss=/gps/fix")
 def robot(tmp_path_factory):
     """The drive, what was said of it, and the folder of its vehicle.toml."""
     folder = tmp_path_factory.mktemp("robot")
-    made = drive(folder)
+    driven = drive(folder)
     (folder / "vehicle.toml").write_text(VEHICLE, "utf-8")
-    return made, messages(made), folder
+    return driven, messages(driven), folder
 
 
 @pytest.fixture(scope="module")
@@ -43,19 +43,19 @@ def bag(logs) -> Path:
 
 @pytest.mark.parametrize("writer", WRITERS)
 def test_whoever_wrote_it_the_numbers_are_those_that_were_measured(writer, robot, logs):
-    made = robot[0]
+    driven = robot[0]
     form = InputFormat(
         topic_selection=TopicSelection(node_is_on_wheel={"left": True, "right": True}, wheel_radius=RADIUS)
     )
     read = read_log(logs[writer], input_format=form)
     assert read.t_zero_ns == T0
     for node in ("left", "right"):
-        assert np.array_equal(read.nodes[node].gyro, made.nodes[node].gyro)
-        assert np.array_equal(read.nodes[node].accel, made.nodes[node].accel)
-        np.testing.assert_allclose(read.nodes[node].t, made.nodes[node].t, rtol=0, atol=1e-9)
-    assert np.array_equal(read.reference["speed"], made.reference["speed"])
-    assert np.array_equal(read.reference["yaw_rate"], made.reference["yaw_rate"])
-    contact = made.reference["speed"] - 0.4 * made.reference["yaw_rate"]
+        assert np.array_equal(read.nodes[node].gyro, driven.nodes[node].gyro)
+        assert np.array_equal(read.nodes[node].accel, driven.nodes[node].accel)
+        np.testing.assert_allclose(read.nodes[node].t, driven.nodes[node].t, rtol=0, atol=1e-9)
+    assert np.array_equal(read.reference["speed"], driven.reference["speed"])
+    assert np.array_equal(read.reference["yaw_rate"], driven.reference["yaw_rate"])
+    contact = driven.reference["speed"] - 0.4 * driven.reference["yaw_rate"]
     np.testing.assert_allclose(read.wheels["left"], contact, rtol=0, atol=1e-12)
     assert set(read.gnss["sigma"]) == {0.5}
     assert read.gnss["latitude_deg"] == pytest.approx(47.0, abs=0.01)
@@ -75,8 +75,8 @@ def test_rates_are_those_of_the_stamps_not_of_the_bursts_in_which_a_recorder_wro
 
 def test_a_robots_bag_is_fused_and_diagnosed_with_topics_as_they_are(robot, bag, tmp_path):
     folder = robot[2]
-    said = ["--topic", "left=/imu/left_wheel", "--topic", "right=/imu/right_wheel", *FIXES]
-    for number, words in enumerate((said, [])):
+    topic_options = ["--topic", "left=/imu/left_wheel", "--topic", "right=/imu/right_wheel", *FIXES]
+    for number, words in enumerate((topic_options, [])):
         done = hubodo("fuse", bag, "--vehicle", folder / "vehicle.toml", *words, "-o", tmp_path / str(number))
         assert done.code == 0, done.err
     one, other = (json.loads((tmp_path / k / "fuse.json").read_text()) for k in "01")
@@ -169,10 +169,10 @@ def test_two_candidates_for_a_role_are_refused_with_the_words_that_settle_it(fou
     with pytest.raises(InputError, match=words):
         assign_roles(found, TopicSelection(**choice), is_hubodo=False, log_name="bag")
     # A verb that does not need the role goes on and says so.
-    told = assign_roles(
+    notes = assign_roles(
         found, TopicSelection(**choice, required_roles=frozenset()), is_hubodo=False, log_name="bag"
     ).notes
-    assert any("could each be" in note or "name the left" in note for note in told)
+    assert any("could each be" in note or "name the left" in note for note in notes)
 
 
 @pytest.mark.parametrize(
@@ -215,8 +215,8 @@ def test_the_bag_of_a_recorder_that_was_killed_and_one_in_parts_are_read(robot, 
     half = len(robot[1]) // 2
     parts = tmp_path / "parts"
     parts.mkdir()
-    for number, said in enumerate((robot[1][:half], robot[1][half:])):
-        write(parts / f"parts_{number}", "foxglove-sdk", said)
+    for number, topic_options in enumerate((robot[1][:half], robot[1][half:])):
+        write(parts / f"parts_{number}", "foxglove-sdk", topic_options)
     read = read_log(parts)
     assert np.array_equal(read.reference["speed"], whole.reference["speed"])
     assert read.t_zero_ns == T0

@@ -22,16 +22,16 @@ ROWS = 90
 
 def bag(folder: Path, *statements: str, mode: str = "") -> Path:
     """A rosbag2 folder whose database was changed by statements."""
-    made = folder / "bag"
-    made.mkdir()
+    bag_folder = folder / "bag"
+    bag_folder.mkdir()
     form = "zstd" if mode else ""
-    (made / "metadata.yaml").write_text(BAG_METADATA.format(mode=mode, form=form))
-    (made / "bag_0.db3").write_bytes(bag_database())
-    with closing(sqlite3.connect(made / "bag_0.db3")) as base:
+    (bag_folder / "metadata.yaml").write_text(BAG_METADATA.format(mode=mode, form=form))
+    (bag_folder / "bag_0.db3").write_bytes(bag_database())
+    with closing(sqlite3.connect(bag_folder / "bag_0.db3")) as base:
         for statement in statements:
             base.execute(statement)
         base.commit()
-    return made
+    return bag_folder
 
 
 def info(path: Path, *options: object) -> Done:
@@ -105,13 +105,13 @@ def test_messages_that_claim_more_bytes_than_the_file_has_are_refused(tmp_path, 
 @pytest.mark.parametrize("mode", ["FILE", "MESSAGE"])
 def test_a_compressed_bag_is_read_and_one_that_expands_beyond_its_size_is_refused(mode, tmp_path):
     compress = zstandard.ZstdCompressor().compress
-    made = bag(tmp_path, mode=mode)
-    file = made / "bag_0.db3"
+    bag_folder = bag(tmp_path, mode=mode)
+    file = bag_folder / "bag_0.db3"
 
     def pack(bomb: bytes) -> None:
         plain = file.read_bytes() if file.exists() else bag_database()
         if mode == "FILE":
-            (made / "bag_0.db3.zstd").write_bytes(compress(plain + bomb))
+            (bag_folder / "bag_0.db3.zstd").write_bytes(compress(plain + bomb))
             file.unlink(missing_ok=True)
             return
         with closing(sqlite3.connect(file)) as base:
@@ -121,30 +121,30 @@ def test_a_compressed_bag_is_read_and_one_that_expands_beyond_its_size_is_refuse
             base.commit()
 
     pack(b"")
-    assert json.loads(info(made).out)["messages"] == ROWS
-    refused = info(made, "--max-memory", "0.001" if mode == "FILE" else "0.0001")
+    assert json.loads(info(bag_folder).out)["messages"] == ROWS
+    refused = info(bag_folder, "--max-memory", "0.001" if mode == "FILE" else "0.0001")
     assert "--max-memory" in refused.err or "MB" in refused.err
     pack(bytes(100 << 20))
-    done = info(made)
+    done = info(bag_folder)
     assert done.code == 2
     assert "the most for a file of its size is" in done.err
 
 
 def test_no_file_outside_the_folder_is_opened(tmp_path):
-    made = bag(tmp_path, mode="FILE")
-    (made / "bag_0.db3").rename(tmp_path / "secret.db3")
-    metadata = (made / "metadata.yaml").read_text()
-    (made / "metadata.yaml").write_text(metadata.replace("bag_0.db3", "../secret.db3"))
-    assert info(made).code == 2
+    bag_folder = bag(tmp_path, mode="FILE")
+    (bag_folder / "bag_0.db3").rename(tmp_path / "secret.db3")
+    metadata = (bag_folder / "metadata.yaml").read_text()
+    (bag_folder / "metadata.yaml").write_text(metadata.replace("bag_0.db3", "../secret.db3"))
+    assert info(bag_folder).code == 2
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no FIFO")
 @pytest.mark.parametrize("name", ["bag_0.db3", "metadata.yaml", "bag_0.db3-wal"])
 def test_a_fifo_in_a_bag_is_refused(name, tmp_path):
-    made = bag(tmp_path)
-    (made / name).unlink(missing_ok=True)
-    os.mkfifo(made / name)
-    assert "is not a regular file" in info(made).err
+    bag_folder = bag(tmp_path)
+    (bag_folder / name).unlink(missing_ok=True)
+    os.mkfifo(bag_folder / name)
+    assert "is not a regular file" in info(bag_folder).err
 
 
 def ros1_bag(path: Path, count: int = 50) -> Path:
@@ -153,14 +153,14 @@ def ros1_bag(path: Path, count: int = 50) -> Path:
     types = store.types
     writer = Bag1(path)
     writer.set_compression(Bag1.CompressionFormat.BZ2)
-    with writer as made:
-        link = made.add_connection("/left/temperature", kind, typestore=store)
+    with writer as bag_folder:
+        link = bag_folder.add_connection("/left/temperature", kind, typestore=store)
         for k in range(count):
             header = types["std_msgs/msg/Header"](
                 k, types["builtin_interfaces/msg/Time"](1_700_000_000 + k, 0), "f"
             )
             message = types[kind](header, float(k), 0.0)
-            made.write(link, (1_700_000_000 + k) * 10**9, store.serialize_ros1(message, kind))
+            bag_folder.write(link, (1_700_000_000 + k) * 10**9, store.serialize_ros1(message, kind))
     return path
 
 
@@ -204,9 +204,9 @@ def test_a_record_of_a_ros1_bag_reads_no_more_than_the_file_has(tmp_path):
 
 def test_messages_that_do_not_fit_their_type_are_counted(tmp_path):
     store = get_typestore(Stores.ROS1_NOETIC)
-    with Bag1(tmp_path / "short.bag") as made:
-        link = made.add_connection("/t", "sensor_msgs/msg/Temperature", typestore=store)
-        made.write(link, 10**18, b"\x00" * 7)
-        made.write(link, 10**18 + 1, b"\xff" * 90)
+    with Bag1(tmp_path / "short.bag") as bag_folder:
+        link = bag_folder.add_connection("/t", "sensor_msgs/msg/Temperature", typestore=store)
+        bag_folder.write(link, 10**18, b"\x00" * 7)
+        bag_folder.write(link, 10**18 + 1, b"\xff" * 90)
     summary = json.loads(info(tmp_path / "short.bag").out)
     assert any("2 messages do not match their type" in line for line in summary["warnings"])

@@ -22,13 +22,13 @@ def refusal(folder: Path, *options: object) -> str:
 
 
 def log(folder: Path, data: bytes, *, packed: bool = False) -> Path:
-    made = folder / "log"
-    made.mkdir()
+    log_folder = folder / "log"
+    log_folder.mkdir()
     if packed:
-        (made / "left.csv.gz").write_bytes(gzip.compress(data))
+        (log_folder / "left.csv.gz").write_bytes(gzip.compress(data))
     else:
-        (made / "left.csv").write_bytes(data)
-    return made
+        (log_folder / "left.csv").write_bytes(data)
+    return log_folder
 
 
 def test_rows_stay_within_the_memory_limit(tmp_path):

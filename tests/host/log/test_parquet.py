@@ -17,7 +17,7 @@ N = 200
 RNG = np.random.default_rng(2)
 COLUMNS = {name: RNG.normal(size=N) for name in NODE_COLUMNS[1:]}
 T = np.arange(N) * 0.01
-MADE = Recording(
+RECORDING = Recording(
     {"left": Table({"t": T, **COLUMNS, "temperature": np.full(N, np.nan), "left wheel": T**2})},
     reference=Table({"t": T, "speed": T, "yaw_rate": -T}),
     truth=Table({"t": T, "x": T, "y": -T}),
@@ -27,7 +27,7 @@ MADE = Recording(
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     wanted.module("pyarrow.parquet")
-    write_folder(MADE, tmp_path / "log", table_format="parquet")
+    write_folder(RECORDING, tmp_path / "log", table_format="parquet")
     return tmp_path / "log"
 
 
@@ -40,7 +40,7 @@ def rewrite(file: Path, **columns: object) -> None:
 
 def test_an_exported_folder_is_the_log_again(folder, tmp_path):
     read = read_log(folder)
-    for name, table in MADE.files().items():
+    for name, table in RECORDING.files().items():
         assert set(read.files()[name]) == set(table)
         for column in table:
             assert np.array_equal(read.files()[name][column], table[column], equal_nan=True)
@@ -48,13 +48,13 @@ def test_an_exported_folder_is_the_log_again(folder, tmp_path):
     assert done.code == 0, done.err
     assert {it["topic"]: it["messages"] for it in json.loads(done.out)["streams"]}["/left/imu"] == N
     assert hubodo("import", folder, "-o", tmp_path / "again.mcap").code == 0
-    assert np.array_equal(read_log(tmp_path / "again.mcap").nodes["left"].gyro, MADE.nodes["left"].gyro)
+    assert np.array_equal(read_log(tmp_path / "again.mcap").nodes["left"].gyro, RECORDING.nodes["left"].gyro)
 
 
 def test_one_file_is_a_node(folder):
     read = read_log(folder / "left.parquet")
     assert list(read.nodes) == ["left"]
-    assert np.array_equal(read.nodes["left"].accel, MADE.nodes["left"].accel)
+    assert np.array_equal(read.nodes["left"].accel, RECORDING.nodes["left"].accel)
     assert hubodo("info", folder / "left.parquet").code == 0
 
 

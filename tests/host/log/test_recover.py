@@ -45,15 +45,15 @@ def judge(path: Path) -> list[tuple[str, int, int, int, bytes]]:
     """All messages as the mcap package, which is not ours, finds them by index, checksums verified."""
     with path.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
-        found = [
+        payloads = [
             (channel.topic, m.log_time, m.publish_time, m.sequence, m.data)
             for _, channel, m in reader.iter_messages()
         ]
         summary = reader.get_summary()
         assert summary is not None
         assert summary.statistics is not None
-        assert summary.statistics.message_count == len(found)
-    return found
+        assert summary.statistics.message_count == len(payloads)
+    return payloads
 
 
 @pytest.mark.parametrize("compression", ["zstd", "none", "lz4"])
@@ -77,14 +77,14 @@ def test_a_log_cut_at_any_byte_gives_back_every_completed_chunk_and_invents_noth
     for size in _cuts(data, seed) if compression == "zstd" else _drawn(data, seed, 100):
         cut.write_bytes(data[:size])
         done = recover_log(cut, out)
-        found = judge(out)
+        payloads = judge(out)
         complete = max([count for end, count in zip(ends, counts, strict=True) if end <= size], default=0)
-        assert len(found) >= complete, f"cut at byte {size}"
-        assert set(found) == set(written_order[: len(found)]), f"cut at byte {size}"
-        assert sum(done.messages.values()) == len(found)
+        assert len(payloads) >= complete, f"cut at byte {size}"
+        assert set(payloads) == set(written_order[: len(payloads)]), f"cut at byte {size}"
+        assert sum(done.messages.values()) == len(payloads)
         assert done.was_complete == (size == len(data))
         out.unlink()
-    assert sorted(found, key=lambda m: (m[1], m[0])) == everything
+    assert sorted(payloads, key=lambda m: (m[1], m[0])) == everything
 
 
 def _drawn(data: bytes, seed: int, count: int) -> list[int]:
@@ -103,14 +103,14 @@ def _cuts(data: bytes, seed: int) -> list[int]:
 
 
 def _file_order(path: Path) -> list[tuple[str, int, int, int, bytes]]:
-    found = []
+    payloads = []
     with open_log(path) as log:
         for chunk in log.chunks():
             for i, head in enumerate(chunk.headers):
                 topic = log.streams[int(head["channel"])].topic
                 times = int(head["log_time"]), int(head["publish_time"]), int(head["sequence"])
-                found.append((topic, *times, chunk.payload(i)))
-    return found
+                payloads.append((topic, *times, chunk.payload(i)))
+    return payloads
 
 
 @pytest.mark.parametrize("size", range(8))

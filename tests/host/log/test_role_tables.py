@@ -88,9 +88,9 @@ def bag(path: Path, **topics) -> Path:
     return path
 
 
-def read(path: Path, **said):
+def read(path: Path, **roles):
     return read_log(
-        path, input_format=InputFormat(topic_selection=TopicSelection(explicit=said, wheel_radius=0.5))
+        path, input_format=InputFormat(topic_selection=TopicSelection(explicit=roles, wheel_radius=0.5))
     )
 
 
@@ -114,21 +114,21 @@ def test_an_imu_that_has_no_orientation_is_no_heading(tmp_path):
 
 def test_one_odometry_may_be_truth_and_a_twist_the_reference(tmp_path):
     path = bag(tmp_path / "bag", odom=odometry, speed=twist)
-    found = read(path, truth="/odom", reference="/speed")
-    assert found.truth["x"].tolist() == list(map(float, range(COUNT)))
-    np.testing.assert_allclose(np.exp(1j * found.truth["heading"]), np.exp(1j * YAW), atol=1e-12)
-    assert found.reference["speed"] == pytest.approx(0.1 * np.arange(COUNT))
-    assert set(found.reference["yaw_rate"]) == {-1.0}
+    tables = read(path, truth="/odom", reference="/speed")
+    assert tables.truth["x"].tolist() == list(map(float, range(COUNT)))
+    np.testing.assert_allclose(np.exp(1j * tables.truth["heading"]), np.exp(1j * YAW), atol=1e-12)
+    assert tables.reference["speed"] == pytest.approx(0.1 * np.arange(COUNT))
+    assert set(tables.reference["yaw_rate"]) == {-1.0}
     with pytest.raises(InputError, match="could each be reference"):
         read(path)
 
 
 def test_wheels_told_by_different_publishers_meet_on_the_times_of_the_left_one(tmp_path):
-    found = read(bag(tmp_path / "bag", joint_states=joints))
+    tables = read(bag(tmp_path / "bag", joint_states=joints))
     left = np.arange(1, COUNT, 3)
-    np.testing.assert_allclose(found.wheels.t, (left[left <= 27]) / 10, atol=1e-9)
-    assert found.wheels["left"] == pytest.approx(0.5 * 0.5 * left[left <= 27])
-    assert found.wheels["right"] == pytest.approx(0.5 * 0.25 * left[left <= 27])
+    np.testing.assert_allclose(tables.wheels.t, (left[left <= 27]) / 10, atol=1e-9)
+    assert tables.wheels["left"] == pytest.approx(0.5 * 0.5 * left[left <= 27])
+    assert tables.wheels["right"] == pytest.approx(0.5 * 0.25 * left[left <= 27])
 
 
 def test_a_stamp_that_was_never_set_is_the_time_of_recording(tmp_path):
@@ -145,8 +145,8 @@ def test_a_stamp_that_was_never_set_is_the_time_of_recording(tmp_path):
             0,
         )
 
-    found = read(bag(tmp_path / "bag", fix=fix))
-    assert found.t_zero_ns == T0 + 5_000_000
-    assert found.gnss.t[:2] == pytest.approx([0.1, 0.2])
-    assert len(found.gnss) == COUNT - 1
-    assert "sigma" not in found.gnss
+    tables = read(bag(tmp_path / "bag", fix=fix))
+    assert tables.t_zero_ns == T0 + 5_000_000
+    assert tables.gnss.t[:2] == pytest.approx([0.1, 0.2])
+    assert len(tables.gnss) == COUNT - 1
+    assert "sigma" not in tables.gnss

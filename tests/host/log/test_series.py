@@ -59,22 +59,22 @@ class Written:
 
 def numbers(*paths):
     """Of the messages in these logs, in their order; none of the logs has a warning."""
-    found = []
+    values = []
     for path in paths:
         with open_log(path) as log:
-            found += [
+            values += [
                 int.from_bytes(decode_bytes_message("cdr", m.data)[:4], "little")
                 for m in log.messages()
                 if "/raw/" in m.topic
             ]
             assert log.warnings() == ()
-    return found
+    return values
 
 
 def test_logs_cut_by_time_hold_together_every_message_once_in_order_and_each_its_head(tmp_path):
-    made = Written(tmp_path / "drive.mcap", RotationRules(max_duration=10.0)).run(34.5)
-    made.log.add_metadata("node.left", {"serial": "1"})
-    series = made.run(10).close()
+    written = Written(tmp_path / "drive.mcap", RotationRules(max_duration=10.0)).run(34.5)
+    written.log.add_metadata("node.left", {"serial": "1"})
+    series = written.run(10).close()
     assert [path.name for path in series.paths][:2] == [
         "drive-000001-20260320T094640Z.mcap",
         "drive-000002-20260320T094650Z.mcap",
@@ -103,20 +103,20 @@ def test_logs_cut_by_size_stay_near_it_and_the_oldest_go_when_the_budget_is_used
     assert left == series.paths[-len(left) :]
     assert sum(path.stat().st_size for path in left) < 1_000_000
     assert max(path.stat().st_size for path in left) < 300_000
-    found = numbers(*left)
-    assert found == list(range(found[0], 4000))
+    values = numbers(*left)
+    assert values == list(range(values[0], 4000))
     assert keep.exists()
 
 
 def test_names_in_a_folder_are_numbers_and_times_and_no_two_are_alike(tmp_path):
-    made = Written(tmp_path, RotationRules())
+    written = Written(tmp_path, RotationRules())
     for _ in range(3):
-        made.run(0.1)
-        made.log.flush()
-        made.series.rotate()
-    paths = made.close().paths
+        written.run(0.1)
+        written.log.flush()
+        written.series.rotate()
+    paths = written.close().paths
     assert [path.name for path in paths] == [f"00000{k}-20260320T094640Z.mcap" for k in (1, 2, 3, 4)]
-    assert made.series._names.existing_logs() == paths
+    assert written.series._names.existing_logs() == paths
     assert numbers(*paths) == list(range(30))
 
 
@@ -145,8 +145,8 @@ def test_a_clock_that_is_behind_does_not_make_the_newest_logs_the_oldest(tmp_pat
 @pytest.mark.parametrize("other", ["drive-000007-20260101T000000Z.mcap", "000007-20260101T000000Z.mcap"])
 def test_recorders_of_other_names_share_a_folder_and_keep_their_own_numbers(tmp_path, other):
     (tmp_path / other).write_bytes(bytes(900_000))
-    made = Written(tmp_path / "left.mcap", RotationRules(max_size=200_000, budget=500_000)).run(10)
-    assert made.close().paths[0].name.startswith("left-000001-")
+    written = Written(tmp_path / "left.mcap", RotationRules(max_size=200_000, budget=500_000)).run(10)
+    assert written.close().paths[0].name.startswith("left-000001-")
     assert (tmp_path / other).exists()
 
 
@@ -163,13 +163,13 @@ def test_numbers_go_on_in_a_folder_whatever_else_is_named_like_a_log(tmp_path):
 def test_a_log_that_another_program_shortens_is_noticed_within_a_second_and_the_next_begins(
     tmp_path, size, rotates
 ):
-    made = Written(tmp_path / "drive.mcap", RotationRules(max_duration=60.0 if rotates else None)).run(3)
-    first = made.series.path
+    written = Written(tmp_path / "drive.mcap", RotationRules(max_duration=60.0 if rotates else None)).run(3)
+    first = written.series.path
     os.truncate(first, size)
-    made.run(1)
-    assert any("was shortened" in notice for notice in made.series.notices)
-    assert made.series.path != first
-    series = made.run(2).close()
+    written.run(1)
+    assert any("was shortened" in notice for notice in written.series.notices)
+    assert written.series.path != first
+    series = written.run(2).close()
     assert 250 < series.messages_lost < 400
     assert numbers(series.path) == list(range(series.messages_lost, 600))
     assert series.has_losses
@@ -177,8 +177,8 @@ def test_a_log_that_another_program_shortens_is_noticed_within_a_second_and_the_
 
 @pytest.mark.parametrize("change", ["shortened", "deleted", "written to"])
 def test_a_log_deleted_or_changed_just_before_its_end_is_counted_as_well(tmp_path, change):
-    made = Written(tmp_path / "drive.mcap", RotationRules()).run(3)
-    path = made.series.path
+    written = Written(tmp_path / "drive.mcap", RotationRules()).run(3)
+    path = written.series.path
     if change == "deleted":
         path.unlink()
     elif change == "shortened":
@@ -186,7 +186,7 @@ def test_a_log_deleted_or_changed_just_before_its_end_is_counted_as_well(tmp_pat
     else:
         with path.open("ab") as another:
             another.write(b"another")
-    series = made.close()
+    series = written.close()
     assert series.messages_lost > 250
     assert any("messages in it are lost" in notice for notice in series.notices)
 
@@ -205,11 +205,11 @@ def small_disk(folder, megabytes):
     folder.mkdir()
     if os.geteuid() != 0 or shutil.which("mount") is None:
         pytest.skip("only root can mount a file system")
-    made = subprocess.run(
+    written = subprocess.run(
         ["mount", "-t", "tmpfs", "-o", f"size={megabytes}m", "tmpfs", folder], capture_output=True, text=True
     )
-    if made.returncode:
-        pytest.skip(f"no file system can be mounted here: {made.stderr.strip()}")
+    if written.returncode:
+        pytest.skip(f"no file system can be mounted here: {written.stderr.strip()}")
     try:
         yield folder
     finally:
@@ -223,43 +223,46 @@ def test_a_full_disk_stops_the_log_and_room_starts_another_that_loses_only_what_
     with small_disk(tmp_path / "disk", 4) as disk:
         ballast = disk / "ballast"
         ballast.write_bytes(bytes(3_000_000))
-        made = Written(disk / "drive.mcap", RotationRules(reserve=reserve)).run(14)
-        assert not made.series.is_recording
-        assert "left on the disk" in made.series.pause_reason or "no space left" in made.series.pause_reason
+        written = Written(disk / "drive.mcap", RotationRules(reserve=reserve)).run(14)
+        assert not written.series.is_recording
+        assert (
+            "left on the disk" in written.series.pause_reason
+            or "no space left" in written.series.pause_reason
+        )
         until_full = numbers(disk / "drive.mcap") if reserve else None
-        made.run(2)
+        written.run(2)
         ballast.unlink()
-        made.run(2)
-        assert made.series.is_recording
-        assert made.series.pause_reason is None
-        series = made.close()
-        found = numbers(*series.paths)
+        written.run(2)
+        assert written.series.is_recording
+        assert written.series.pause_reason is None
+        series = written.close()
+        values = numbers(*series.paths)
         assert len(series.paths) == 2
         assert "no longer" not in " ".join(series.notices)
         if reserve:
-            assert found[: len(until_full)] == until_full
-            assert found == list(range(1800)), "nothing is lost while it can be held"
+            assert values[: len(until_full)] == until_full
+            assert values == list(range(1800)), "nothing is lost while it can be held"
             assert not series.has_losses
         else:
-            assert found == list(range(len(found)))
-            assert len(found) + series.messages_lost == 1800
+            assert values == list(range(len(values)))
+            assert len(values) + series.messages_lost == 1800
 
 
 def test_what_no_disk_takes_is_held_in_bounds_and_what_is_beyond_them_counted(tmp_path):
     folder = tmp_path / "logs"
     folder.mkdir()
-    made = Written(folder / "drive.mcap", RotationRules()).run(1)
+    written = Written(folder / "drive.mcap", RotationRules()).run(1)
     shutil.rmtree(folder)
-    made.run(1)
-    assert "folder does not exist" in made.series.pause_reason
-    made.run(200)
-    assert sum(len(held.records) for held in made.series._pending) < MAX_PENDING_BYTES + 200_000
+    written.run(1)
+    assert "folder does not exist" in written.series.pause_reason
+    written.run(200)
+    assert sum(len(held.records) for held in written.series._pending) < MAX_PENDING_BYTES + 200_000
     folder.mkdir()
-    series = made.run(1).close()
-    found = numbers(series.path)
-    assert found == list(range(20_300 - len(found), 20_300))
-    assert len(found) * 1000 > 0.9 * MAX_PENDING_BYTES
-    assert series.messages_lost == 20_300 - len(found)
+    series = written.run(1).close()
+    values = numbers(series.path)
+    assert values == list(range(20_300 - len(values), 20_300))
+    assert len(values) * 1000 > 0.9 * MAX_PENDING_BYTES
+    assert series.messages_lost == 20_300 - len(values)
     assert series.has_losses
 
 
@@ -268,7 +271,7 @@ def test_a_log_that_is_taken_away_is_noticed_within_a_second_and_recording_goes_
     folder = tmp_path / "logs"
     folder.mkdir()
     out = folder / "drive.mcap"
-    made = Written(out, RotationRules()).run(2)
+    written = Written(out, RotationRules()).run(2)
     if change == "deleted":
         out.unlink()
     elif change == "replaced":
@@ -278,26 +281,26 @@ def test_a_log_that_is_taken_away_is_noticed_within_a_second_and_recording_goes_
         out.rename(tmp_path / "mine.mcap")
     else:
         folder.rename(tmp_path / "older")
-    made.run(1)
-    assert made.series.notices
-    notice = made.series.notices[0]
+    written.run(1)
+    assert written.series.notices
+    notice = written.series.notices[0]
     if change == "folder moved":
         assert "was moved" in notice
-        assert "folder does not exist" in made.series.pause_reason
+        assert "folder does not exist" in written.series.pause_reason
         folder.mkdir()
-        made.run(1)
-    assert made.series.is_recording
-    assert made.series.pause_reason is None
-    series = made.run(2).close()
+        written.run(1)
+    assert written.series.is_recording
+    assert written.series.pause_reason is None
+    series = written.run(2).close()
     lost = series.messages_lost
     if "moved" in change:
         mine = tmp_path / ("mine.mcap" if change == "moved" else "older/drive.mcap")
         assert lost == 0
-        assert numbers(mine, series.path) == list(range(made.numbers.__next__()))
+        assert numbers(mine, series.path) == list(range(written.numbers.__next__()))
     else:
         assert "deleted or replaced" in notice
         assert 150 < lost < 300
-        assert numbers(series.path) == list(range(lost, next(made.numbers)))
+        assert numbers(series.path) == list(range(lost, next(written.numbers)))
         assert series.has_losses
     if change == "replaced":
         assert out.read_bytes() == b"another"
@@ -305,23 +308,23 @@ def test_a_log_that_is_taken_away_is_noticed_within_a_second_and_recording_goes_
 
 @pytest.mark.parametrize("number", [errno.EROFS, errno.EIO, errno.EDQUOT])
 def test_a_disk_that_refuses_to_write_pauses_the_log_and_is_named(tmp_path, number):
-    made = Written(tmp_path / "drive.mcap", RotationRules()).run(1)
+    written = Written(tmp_path / "drive.mcap", RotationRules()).run(1)
     with TracedDisk() as disk:
         disk.refuses = number
-        made.run(3)
-        assert os.strerror(number).lower() in made.series.pause_reason
-        assert not made.series.is_recording
-    series = made.run(2).close()
+        written.run(3)
+        assert os.strerror(number).lower() in written.series.pause_reason
+        assert not written.series.is_recording
+    series = written.run(2).close()
     assert numbers(*series.paths) == list(range(600))
     assert len(series.paths) == 2
 
 
 def test_a_limit_to_the_size_of_a_file_starts_the_next_and_the_first_can_still_be_read(tmp_path):
     """As on a memory card, whose file system ends files at 4 GB."""
-    made = Written(tmp_path / "drive.mcap", RotationRules())
+    written = Written(tmp_path / "drive.mcap", RotationRules())
     with TracedDisk() as disk:
         disk.largest_file = 300_000
-        series = made.run(5).close()
+        series = written.run(5).close()
     assert len(series.paths) == 2
     assert any("hubodo recover" in notice for notice in series.notices)
     whole = tmp_path / "whole.mcap"
@@ -332,43 +335,43 @@ def test_a_limit_to_the_size_of_a_file_starts_the_next_and_the_first_can_still_b
 def test_a_power_cut_at_any_moment_costs_at_most_five_seconds(tmp_path):
     """All prefixes of what was written: of each, the disk is sure to have what the last sync covered."""
     with TracedDisk() as disk:
-        made = Written(tmp_path / "drive.mcap", RotationRules(max_duration=9.0))
+        written = Written(tmp_path / "drive.mcap", RotationRules(max_duration=9.0))
         for _ in range(2000):
-            made.run(0.01)
-            disk.settle(made.series, made.clock.now)
-        made.close()
+            written.run(0.01)
+            disk.settle(written.series, written.clock.now)
+        written.close()
     assert len(disk.moments) > 30
     worst = 0.0
     # What is safe stays so until the next moment, just before which a cut costs most.
     for turn, ((_, safe), (t_ns, _)) in enumerate(itertools.pairwise(disk.moments)):
-        found = []
+        values = []
         for k, (name, data) in enumerate(safe.items()):
             cut, whole = tmp_path / f"{turn}-{k}-{name}", tmp_path / f"{turn}-{k}-whole.mcap"
             cut.write_bytes(data)
             recover_log(cut, whole)
-            found += numbers(whole)
-        assert found == list(range(len(found)))
-        worst = max(worst, (t_ns - T0) * 1e-9 - len(found) / 100)
+            values += numbers(whole)
+        assert values == list(range(len(values)))
+        worst = max(worst, (t_ns - T0) * 1e-9 - len(values) / 100)
     assert 1.0 < worst < 5.0
 
 
 def test_a_disk_too_slow_to_promise_that_is_told(tmp_path):
     with TracedDisk() as disk:
         disk.hang()
-        made = Written(tmp_path / "drive.mcap", RotationRules()).run(6)
-        told = [notice for notice in made.series.notices if "power cut" in notice]
+        written = Written(tmp_path / "drive.mcap", RotationRules()).run(6)
+        warnings = [notice for notice in written.series.notices if "power cut" in notice]
         disk.go_on()
-        made.close()
-    assert len(told) == 1
+        written.close()
+    assert len(warnings) == 1
 
 
 def test_an_event_told_again_keeps_its_time_and_does_not_lengthen_the_log(tmp_path):
-    made = Written(tmp_path / "drive.mcap", RotationRules())
-    made.log.write_event(
+    written = Written(tmp_path / "drive.mcap", RotationRules())
+    written.log.write_event(
         Event(T0 - 3600 * NS_PER_S, "started", "left", "long ago", {"power_on_ns": 1}), T0 + NS_PER_S
     )
-    made.run(2).close()
-    recording = read_recording(made.series.path)
+    written.run(2).close()
+    recording = read_recording(written.series.path)
     assert recording.events[0].t_ns == T0 - 3600 * NS_PER_S
-    with open_log(made.series.path) as log:
+    with open_log(written.series.path) as log:
         assert log.scan.chunks[0].start_ns > T0 - NS_PER_S

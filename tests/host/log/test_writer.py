@@ -43,16 +43,16 @@ T0 = 1_700_000_000_123_456_789
 
 def numbers(seed: int = 5, n: int = 300) -> dict[str, np.ndarray]:
     rng = np.random.default_rng(seed)
-    made = {name: rng.normal(size=(n, 3)) for name in ("gyro", "accel", "field", "sigma")}
-    made |= {name: rng.normal(size=n) for name in ("heading", "speed", "yaw_rate", "lat", "lon", "alt")}
-    made |= {name: rng.normal(size=n) for name in ("heat", "volts")}
-    made |= {
+    samples = {name: rng.normal(size=(n, 3)) for name in ("gyro", "accel", "field", "sigma")}
+    samples |= {name: rng.normal(size=n) for name in ("heading", "speed", "yaw_rate", "lat", "lon", "alt")}
+    samples |= {name: rng.normal(size=n) for name in ("heat", "volts")}
+    samples |= {
         "xy": rng.normal(size=(n, 2)),
         "pose": rng.normal(size=(n, 3, 3)),
         "twist": rng.normal(size=(n, 2, 2)),
     }
-    made["t"] = T0 + np.cumsum(rng.integers(1, 10_000_000, n))
-    return made
+    samples["t"] = T0 + np.cumsum(rng.integers(1, 10_000_000, n))
+    return samples
 
 
 def write_everything(log: LogWriter, d: dict[str, np.ndarray]) -> None:
@@ -133,36 +133,36 @@ def test_rosbags_reads_every_type_with_the_same_numbers(compression, tmp_path: P
     data = numbers()
     with LogWriter(tmp_path / "log.mcap", compression=compression, chunk_bytes=100_000) as log:
         write_everything(log, data)
-    seen = dict.fromkeys(ROS_TOPICS, 0)
+    counts = dict.fromkeys(ROS_TOPICS, 0)
     with AnyReader([tmp_path / "log.mcap"]) as reader:
         types = {c.topic: c.msgtype for c in reader.connections if c.msgdef.data}
         assert types == ROS_TOPICS | OWN_TOPICS
         for connection, received, raw in reader.messages():
-            if connection.topic in seen:
-                i = seen[connection.topic]
+            if connection.topic in counts:
+                i = counts[connection.topic]
                 assert received == data["t"][i] + 3_000_000
                 check(connection.topic, i, reader.deserialize(raw, connection.msgtype), data)
-                seen[connection.topic] += 1
-    assert set(seen.values()) == {300}
+                counts[connection.topic] += 1
+    assert set(counts.values()) == {300}
 
 
 def test_mcap_ros2_support_reads_every_type_with_the_same_numbers(tmp_path: Path) -> None:
     data = numbers(seed=6)
     with LogWriter(tmp_path / "log.mcap", chunk_bytes=100_000) as log:
         write_everything(log, data)
-    seen = dict.fromkeys(ROS_TOPICS, 0)
+    counts = dict.fromkeys(ROS_TOPICS, 0)
     with (tmp_path / "log.mcap").open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
         for _, channel, message, decoded in reader.iter_decoded_messages(topics=list(ROS_TOPICS)):
-            i = seen[channel.topic]
+            i = counts[channel.topic]
             assert (message.publish_time, message.sequence) == (data["t"][i], i)
             check(channel.topic, i, decoded, data)
-            seen[channel.topic] += 1
+            counts[channel.topic] += 1
         summary = reader.get_summary()
         assert summary is not None
         assert summary.statistics.message_count == 300 * len(ROS_TOPICS) + 2 * 9
         assert sum(summary.statistics.channel_message_counts.values()) == summary.statistics.message_count
-    assert set(seen.values()) == {300}
+    assert set(counts.values()) == {300}
 
 
 def test_the_mcap_package_finds_every_checksum_right(tmp_path: Path) -> None:
@@ -226,9 +226,9 @@ def test_raw_frames_and_events_come_back_byte_for_byte(tmp_path: Path) -> None:
             log.write_raw_frame("usb0", 100 + i, frame)
         log.write_event(Event(200, "reset", "left", "brown-out", {"cause": 3}))
     with open_log(tmp_path / "log.mcap") as read:
-        found = list(read.messages(topics=["/hubodo/raw/usb0"]))
-        assert [decode_bytes_message("cdr", m.data) for m in found] == frames
-        assert [m.log_time for m in found] == [100, 101, 102, 103]
+        messages = list(read.messages(topics=["/hubodo/raw/usb0"]))
+        assert [decode_bytes_message("cdr", m.data) for m in messages] == frames
+        assert [m.log_time for m in messages] == [100, 101, 102, 103]
         (event,) = read.messages(topics=["/hubodo/events"])
     assert json.loads(decode_string_message("cdr", event.data))["data"] == {"cause": 3}
 
@@ -319,8 +319,8 @@ def test_a_full_disk_costs_what_was_pending_and_leaves_a_valid_log(tmp_path: Pat
             return real(fd, data)
         if not room[0]:
             raise OSError(errno.ENOSPC, "No space left on device")
-        taken, room[0] = min(room[0], len(data)), room[0] - min(room[0], len(data))
-        return real(fd, bytes(data)[:taken])
+        accepted, room[0] = min(room[0], len(data)), room[0] - min(room[0], len(data))
+        return real(fd, bytes(data)[:accepted])
 
     log = LogWriter(tmp_path / "log.mcap", clock=Clock())
     log.write_raw_frame("usb0", 1, b"kept")
