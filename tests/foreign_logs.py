@@ -60,7 +60,7 @@ TOPICS = {
 
 
 @dataclass(frozen=True)
-class Said:
+class RosMessage:
     """One message to be written. t: s of its stamp; values: what `message` makes of it."""
 
     topic: str
@@ -76,13 +76,13 @@ def drive(folder: Path) -> Recording:
     return experiments.simulate(model, Experiment("loop", inputs), RATE, 50.0, 3)
 
 
-def messages(recording: Recording, *, leave_out: tuple[str, ...] = ()) -> list[Said]:
+def messages(recording: Recording, *, leave_out: tuple[str, ...] = ()) -> list[RosMessage]:
     """All that the robot said, by time."""
-    sent: list[Said] = []
+    sent: list[RosMessage] = []
     for node in ("left", "right"):
         table = recording.nodes[node]
         sent += [
-            Said(f"/imu/{node}_wheel", t, row)
+            RosMessage(f"/imu/{node}_wheel", t, row)
             for t, row in zip(table.t, np.hstack([table.gyro, table.accel]), strict=True)
         ]
     ref, truth = recording.reference, recording.truth
@@ -90,26 +90,27 @@ def messages(recording: Recording, *, leave_out: tuple[str, ...] = ()) -> list[S
     assert truth is not None
     x, y = np.interp(ref.t, truth.t, truth["x"]), np.interp(ref.t, truth.t, truth["y"])
     for row in zip(ref.t, x, y, ref["speed"], ref["yaw_rate"], strict=True):
-        sent.append(Said("/wheel/odometry", row[0], row[1:]))
+        sent.append(RosMessage("/wheel/odometry", row[0], row[1:]))
         contact = [(row[3] - row[4] * side * 0.4) / RADIUS for side in (1.0, -1.0)]
-        sent.append(Said("/joint_states", row[0], contact))
+        sent.append(RosMessage("/joint_states", row[0], contact))
     noise = np.random.default_rng(4).normal(0.0, 0.5, (len(truth.t), 2))
     latitude, longitude = geodetic(truth["x"] + noise[:, 0], truth["y"] + noise[:, 1], 47.0, 8.0)
     sent += [
-        Said("/gps/fix", t, at) for t, *at in zip(truth.t[::4], latitude[::4], longitude[::4], strict=True)
+        RosMessage("/gps/fix", t, at)
+        for t, *at in zip(truth.t[::4], latitude[::4], longitude[::4], strict=True)
     ]
-    sent.append(Said("/camera/info", 0.0, "a picture"))
+    sent.append(RosMessage("/camera/info", 0.0, "a picture"))
     return sorted((it for it in sent if it.topic not in leave_out), key=lambda it: (it.t, it.topic))
 
 
-def received(sent: list[Said]) -> Iterator[tuple[int, int, Said]]:
+def received(sent: list[RosMessage]) -> Iterator[tuple[int, int, RosMessage]]:
     """Stamp and time of recording, ns: in bursts of 50 ms, some ms after the last of them."""
     for number, it in enumerate(sent):
         stamp = T0 + round(it.t * 1e9)
         yield stamp, T0 + (int(it.t / 0.05) + 1) * 50_000_000 + 20_000_000 + number, it
 
 
-def write(path: Path, writer: str, sent: list[Said]) -> Path:
+def write(path: Path, writer: str, sent: list[RosMessage]) -> Path:
     """The log by one of WRITERS; the path that was written."""
     return {
         "rosbag": _rosbag,
@@ -119,7 +120,7 @@ def write(path: Path, writer: str, sent: list[Said]) -> Path:
     }[writer](path, sent)
 
 
-def message(store: Any, it: Said, stamp: int, *, ros1: bool = False, array: Any = np.array) -> Any:
+def message(store: Any, it: RosMessage, stamp: int, *, ros1: bool = False, array: Any = np.array) -> Any:
     """An object of the typestore. array: makes its arrays."""
     types = store.types
 
@@ -156,7 +157,7 @@ def message(store: Any, it: Said, stamp: int, *, ros1: bool = False, array: Any 
     return of(kind, it.values)
 
 
-def _rosbag2(path: Path, sent: list[Said]) -> Path:
+def _rosbag2(path: Path, sent: list[RosMessage]) -> Path:
     store = get_typestore(Stores.ROS2_HUMBLE)
     with Bag2(path, version=8, storage_plugin=StoragePlugin.SQLITE3) as bag:
         links = {
@@ -170,7 +171,7 @@ def _rosbag2(path: Path, sent: list[Said]) -> Path:
     return path
 
 
-def _rosbag(path: Path, sent: list[Said]) -> Path:
+def _rosbag(path: Path, sent: list[RosMessage]) -> Path:
     store, path = get_typestore(Stores.ROS1_NOETIC), path.with_suffix(".bag")
     with Bag1(path) as bag:
         links = {t: bag.add_connection(t, kind, typestore=store) for t, kind in TOPICS.items()}
@@ -180,7 +181,7 @@ def _rosbag(path: Path, sent: list[Said]) -> Path:
     return path
 
 
-def _ros2_support(path: Path, sent: list[Said]) -> Path:
+def _ros2_support(path: Path, sent: list[RosMessage]) -> Path:
     store, path = get_typestore(Stores.ROS2_HUMBLE), path.with_suffix(".mcap")
     with path.open("wb") as stream:
         writer = Ros2Support(stream)
@@ -196,7 +197,7 @@ def _ros2_support(path: Path, sent: list[Said]) -> Path:
     return path
 
 
-def _foxglove(path: Path, sent: list[Said]) -> Path:
+def _foxglove(path: Path, sent: list[RosMessage]) -> Path:
     store, path, context = get_typestore(Stores.ROS2_HUMBLE), path.with_suffix(".mcap"), Context()
     channels = {
         topic: Channel(

@@ -14,6 +14,7 @@ import numpy as np
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 from generators.rests import drive_with_rest  # noqa: E402
+
 from hubodo.fuse.wheel.track import run_wheel_filter  # noqa: E402
 from wheel_runs import config, end_error, nees, tables  # noqa: E402
 

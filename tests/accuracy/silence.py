@@ -16,6 +16,7 @@ import numpy as np
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 from generators.silences import MEANWHILE, paused_drive, silent_drive  # noqa: E402
+
 from generators.wheel_drives import WheelDrive  # noqa: E402
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample  # noqa: E402
 from hubodo.fuse.wheel.track import run_wheel_filter  # noqa: E402

@@ -9,7 +9,7 @@ import sys
 import time
 
 import numpy as np
-from told import tell
+from told import record_speedup
 
 ROUNDS = 5
 RATIO = 0.25
@@ -57,7 +57,7 @@ def main(argv=None):
     worst = float(np.max(np.abs(ours.adev[same] / theirs - 1)))
     medians = {who: statistics.median(durations) for who, durations in times.items()}
     each = [b / a for a, b in zip(times["ours"], times["allantools"], strict=True)]
-    tell(f"Allan deviation of {count} samples: allantools", each)
+    record_speedup(f"Allan deviation of {count} samples: allantools", each)
     memory = {who: peak_mib(who, count) for who in times}
     ratio = medians["ours"] / medians["allantools"]
     print(

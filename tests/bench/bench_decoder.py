@@ -27,7 +27,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / part) for part in ("host", "protocol", "tests/protocol")]
 
 from pymavlink.dialects.v20 import common as mavlink  # noqa: E402
-from told import tell  # noqa: E402
+from told import record_speedup  # noqa: E402
 from wire_strategies import dirty  # noqa: E402
 
 from hubodo.ingest.node.bulk import BulkDecoder  # noqa: E402
@@ -285,7 +285,9 @@ def main() -> int:
         print(f"{row.ratio:>13.1f}{row.peak_bytes / 1e6:>9.2f}")
     for row in rows:
         if row.decoder != "pymavlink":
-            tell(f"{row.decoder}, {row.stream} a message, {row.dirt:.1%} damaged: pymavlink", row.ratios)
+            record_speedup(
+                f"{row.decoder}, {row.stream} a message, {row.dirt:.1%} damaged: pymavlink", row.ratios
+            )
     for kind in dict.fromkeys(row.stream for row in rows):
         some = [row for row in rows if row.stream == kind and row.decoder == "decode again"]
         words = ", ".join(f"{row.ratio:.1f} with {row.dirt:.1%} of the bytes hit" for row in some)

@@ -17,7 +17,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter, KalmanFilter
-from told import tell
+from told import record_speedup
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -116,7 +116,7 @@ def main(argv=None):
             times["live"].append(live_ns(make().update, short))
             times["batch"].append(batch_ns(make().run, samples))
         each = [b / a for a, b in zip(times["live"], times["peer"], strict=True)]
-        tell(f"{name}, live: filterpy", each)
+        record_speedup(f"{name}, live: filterpy", each)
         peer, live, batch = (statistics.median(times[key]) for key in ("peer", "live", "batch"))
         print(f"  {name:20}{peer:7.0f} ns {live:8.0f} ns   1/{peer / live:<5.0f}{batch:9.1f} ns")
         if name in AIMED and live * AIMED[name] > peer:

@@ -19,7 +19,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from bench_fuse import hour, peer
-from told import tell
+from told import record_speedup
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -111,7 +111,7 @@ def main():
           f"aim {LIMIT:g} s for an hour")  # fmt: skip
     print(f"  {statistics.median(busy):.2f} s of processor time ({min(busy):.2f} to {max(busy):.2f})")
     times = [other / own for own, other in zip(busy, theirs, strict=True)]
-    tell(f"{seconds:g} s from the log to track.csv: GTSAM building and solving", times)
+    record_speedup(f"{seconds:g} s from the log to track.csv: GTSAM building and solving", times)
     share = 1 / statistics.median(times)
     print(f"  {share:.2f} of the processor that GTSAM takes to build and solve a pose per sample")
     print(f"  rms error {result['truth']['rms_error']:.2f} m over {drive.length:.0f} m")

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas
-from asked import asked
+from asked import parse_arguments
 from mcap.writer import CompressionType, Writer
-from told import tell
+from told import record_speedup
 
 from hubodo.log import ros2
 from hubodo.log.csv_folder import read_folder
@@ -77,13 +77,13 @@ def bench(seconds, rounds, seed):
                     took[name].append(time.process_time() - began)
                     path.unlink()
         each = [b / a for a, b in zip(took["hubodo"], took["pandas and mcap"], strict=True)]
-        tell(f"importing {rows} rows of CSV: pandas and mcap", each)
+        record_speedup(f"importing {rows} rows of CSV: pandas and mcap", each)
         results.append({"rows": rows, **{name: statistics.median(some) for name, some in took.items()}})
     return results
 
 
 def main():
-    given = asked(__doc__, seconds=36.0)
+    given = parse_arguments(__doc__, seconds=36.0)
     rows = bench(given.seconds, given.rounds, given.seed)
     if given.json:
         print(json.dumps(rows, indent=1))

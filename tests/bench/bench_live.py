@@ -18,7 +18,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter
-from told import tell
+from told import record_speedup
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -96,7 +96,9 @@ def main():
         plan = wheel_drives.loop(rng, length=1.2 * args.seconds)
         drive = wheel_drives.drive(plan, rng, rate_hz=rate)
         rounds = [(*ours(drive), peer(drive)) for _ in range(args.rounds)]
-        tell(f"live odometry at {rate:.0f} Hz: filterpy", [other / mine for mine, _, other in rounds])
+        record_speedup(
+            f"live odometry at {rate:.0f} Hz: filterpy", [other / mine for mine, _, other in rounds]
+        )
         cost, longest, theirs = (statistics.median(column) for column in zip(*rounds, strict=True))
         share = cost * 1e-6 * 2 * rate
         cells = f"{theirs:9.1f} µs {cost:9.1f} µs {cost / theirs:7.2f} {longest:10.2f} ms {share:9.1%}"

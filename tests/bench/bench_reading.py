@@ -15,10 +15,10 @@ import time
 from pathlib import Path
 
 import numpy as np
-from asked import asked
+from asked import parse_arguments
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from told import tell
+from told import record_speedup
 
 from hubodo.log.log_writer import LogWriter
 from hubodo.log.recording_reader import read_recording
@@ -102,13 +102,13 @@ def bench(seconds, rounds, seed):
                 if name != "hubodo":
                     own = took["hubodo"]
                     each = [other / mine for other, mine in zip(took[name], own, strict=True)]
-                    tell(f"reading {count} samples: {name}", each)
+                    record_speedup(f"reading {count} samples: {name}", each)
             rows.append({"samples": count, **{name: statistics.median(some) for name, some in took.items()}})
     return rows
 
 
 def main():
-    given = asked(__doc__, seconds=60.0)
+    given = parse_arguments(__doc__, seconds=60.0)
     rows = bench(given.seconds, given.rounds, given.seed)
     if given.json:
         print(json.dumps(rows, indent=1))

@@ -17,7 +17,7 @@ import foxglove
 import numpy as np
 from foxglove.mcap import MCAPWriteOptions
 from mcap.writer import CompressionType, Writer
-from told import tell
+from told import record_speedup
 
 from hubodo.log import ros2
 from hubodo.log.log_writer import LogWriter
@@ -146,7 +146,7 @@ def bench(runs: int = RUNS) -> list[tuple[str, float, float]]:
                     theirs = next((some for other, some in rates.items() if peer_name in other), None)
                     if "hubodo" in name and theirs is not None:
                         each = [mine / other for mine, other in zip(own_rates, theirs, strict=True)]
-                        tell(f"recording, {name}: {peer_name}", each)
+                        record_speedup(f"recording, {name}: {peer_name}", each)
             lines += [(name, own_rates, own_rates / peer) for name, own_rates in medians.items()]
     return lines
 

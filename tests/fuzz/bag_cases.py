@@ -70,6 +70,6 @@ def _robot_folder() -> dict[str, bytes]:
 
 
 @cache
-def _robot_messages() -> list[foreign_logs.Said]:
+def _robot_messages() -> list[foreign_logs.RosMessage]:
     with tempfile.TemporaryDirectory(prefix="hubodo-fuzz-") as folder:
         return foreign_logs.messages(foreign_logs.drive(Path(folder)))[::40][:_MAX_MESSAGES]

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from generators.silences import MEANWHILE, paused_drive, silent_drive, stood_elsewhere
 from scipy.stats import chi2
 
-from generators.silences import MEANWHILE, paused_drive, silent_drive, stood_elsewhere
 from hubodo.fuse.wheel.entries import HEADING, RATE_BEYOND_RANGE, SPEED, WHEEL_ANGLE, YAW_RATE, X, Y
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
 from hubodo.fuse.wheel.heading_error_inflation import HeadingErrorInflation

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from generators.rests import drive_with_rest
 
 from generators import wheel_drives
-from generators.rests import drive_with_rest
 from hubodo.fuse.wheel.motion_state import MotionState, StandstillDetector
 from hubodo.fuse.wheel.track import WheelRun, run_wheel_filter
 from hubodo.fuse.wheel.window import WINDOW_S, Window

@@ -3,9 +3,11 @@
 import argparse
 
 
-def asked(says: str | None, seconds: float) -> argparse.Namespace:
+def parse_arguments(description: str | None, seconds: float) -> argparse.Namespace:
     """Its command line: seconds of the shortest recording, rounds, seed, json."""
-    parser = argparse.ArgumentParser(description=says, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seconds", type=float, default=seconds)
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--seed", type=int, default=1)

@@ -8,7 +8,7 @@ from pathlib import Path
 OUT = Path(__file__).resolve().parents[2] / "out" / "bench"
 
 
-def tell(name: str, times: Sequence[float]) -> None:
+def record_speedup(name: str, times: Sequence[float]) -> None:
     """How many times as fast as its peer something was, in each round of one run."""
     OUT.mkdir(parents=True, exist_ok=True)
     file = OUT / (re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-") + ".json")
