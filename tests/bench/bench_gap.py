@@ -196,7 +196,8 @@ def while_recording():
         f"  while it is recorded (seed {SEED}): " + "; ".join(f"after {at:.0f} s {it}" for at, it in findings)
     )
     print(
-        f"  slowest of {len(durations)} searches: {max(durations):.1f} s of processor, all: {sum(durations):.1f} s"
+        f"  slowest of {len(durations)} searches: {max(durations):.1f} s of processor, "
+        f"all: {sum(durations):.1f} s"
     )
     return [words for _, words in findings] == [EXPECTED_FINDING]
 

@@ -10,7 +10,7 @@ BAGS, MCAP, CSV, NUMBERS = (
 )  # fmt: skip
 SETTINGS, TEXT, PRIVATE, CLAIMS = (
     "host/test_hostile_settings.py::", "host/test_safe_text.py::", "host/test_private_files.py::",
-    "host/log/test_claims.py::",
+    "host/log/test_input_limits.py::",
 )  # fmt: skip
 LIBRARY, GUARD, REQUESTS, RESTART = (
     "host/web/test_web_library.py::", "host/web/test_web_guard.py::", "host/web/test_web_fuzz.py::",
@@ -113,8 +113,8 @@ STRANGERS = (
     ),
     Fault(
         "a table of Parquet that is damaged or too large", "refused with its row", "code 2",
-        ("host/log/test_parquet.py::test_a_faulty_file_is_refused_with_its_row",
-         "host/log/test_parquet.py::test_a_table_beyond_the_memory_limit_is_not_read"),
+        ("host/log/test_parquet_table.py::test_a_faulty_file_is_refused_with_its_row",
+         "host/log/test_parquet_table.py::test_a_table_beyond_the_memory_limit_is_not_read"),
     ),
     Fault(
         "an optional package is not installed", "the extra is named", "code 2",

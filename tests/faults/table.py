@@ -11,7 +11,8 @@ STREAM, DISK, FLIPPED, BOMBS = (
 )  # fmt: skip
 RECORD, DECODER = "host/test_verb_record.py::", "host/ingest/test_node_decoder.py::"
 PORTS, RECOVER, WRITER = (
-    "host/ingest/test_ports_and_strangers.py::", "host/log/test_recover.py::", "host/log/test_writer.py::",
+    "host/ingest/test_ports_and_strangers.py::", "host/log/test_recover.py::",
+    "host/log/test_log_writer.py::",
 )  # fmt: skip
 KILL, JUMPS, UNIT = (
     "faults/test_kill.py::", "host/ingest/test_clock_jumps.py::", "host/test_verb_service.py::",
@@ -21,7 +22,7 @@ BULKHEADS, UNREAD, REPORTS, NMEA = (
     "host/ingest/test_reports_alone.py::", "host/ingest/test_nmea.py::",
 )  # fmt: skip
 WEEKS, SERIES, SEALED = (
-    "host/ingest/test_weeks.py::", "host/log/test_series.py::", "host/ingest/test_sealed.py::",
+    "host/ingest/test_weeks.py::", "host/log/test_log_series.py::", "host/ingest/test_sealed.py::",
 )  # fmt: skip
 GUESSES, CONNECTIONS = "host/web/test_guess_limiter.py::", "host/web/test_bounded_connections.py::"
 

@@ -9,9 +9,8 @@ from datetime import date
 import pandas as pd
 
 from hubodo.errors import InputError
-from hubodo.fleet.names import TABLE
 from hubodo.fleet.result_store import find_logs_mentioning
-from hubodo.fleet.storage import open_file_system
+from hubodo.fleet.storage import TABLE, open_file_system
 
 _INDEXED_VERB = "info"
 _LOG_QUANTITIES = ("duration", "gaps")

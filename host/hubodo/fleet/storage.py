@@ -14,6 +14,11 @@ from fsspec.implementations.local import LocalFileSystem
 from hubodo.atomic_files import atomic_files
 from hubodo.errors import InputError, LinkError
 
+TABLE = "table.parquet"
+PAGE = "fleet.html"
+CALIBRATION = "calibration.toml"
+PRIORS = "priors.toml"
+
 
 def open_file_system(path_or_url: str) -> tuple[Any, str]:
     """Return the file system of a path or URL, and the path in it. Raises InputError if unsupported."""

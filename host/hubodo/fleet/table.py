@@ -8,8 +8,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from hubodo.fleet.missing_effects import add_q_values
-from hubodo.fleet.names import TABLE
-from hubodo.fleet.storage import open_file_system, write_atomically
+from hubodo.fleet.storage import TABLE, open_file_system, write_atomically
 
 _LOG_COLUMNS = (
     "verb",

@@ -9,15 +9,18 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import redirect_stderr
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from hubodo.calibration.file import hash_source
 from hubodo.errors import HubodoError, InputError
-from hubodo.fleet.identity import read_identity
 from hubodo.fleet.listing import LogLocation
 from hubodo.fleet.quantities import extract_quantities
 from hubodo.fleet.storage import open_file_system
+from hubodo.ingest.replay.odometry_setup import read_odometry_setup
+from hubodo.log.any_log import open_source
+from hubodo.log.logfile import Log
 from hubodo.safe_text import json_text
 from hubodo.version import __version__
 
@@ -25,6 +28,8 @@ DONE, REFUSED, FAILED, KNOWN = "done", "refused", "failed", "known"
 """Status of a log: it has a result; the verb refused it, so a retry is useless; it failed, so a retry may
 help; the result of a log with the same content is already known.
 """
+_EARLIEST_START_NS = datetime(2000, 1, 1, tzinfo=UTC).timestamp() * 1e9
+"""ns since 1970; an earlier time comes from a clock that was never set."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +101,7 @@ def _run_analysis(
     log = _fetch_log(location, scratch)
     row: dict[str, Any] = {"sha256": hash_source(log)}
     row["key"] = analysis.result_key(row["sha256"])
-    row |= read_identity(log, location.folder)
+    row |= _read_identity(log, location.folder)
     if row["key"] in known_keys:
         return row | {"status": KNOWN}
     output_folder = scratch / "made"
@@ -166,3 +171,20 @@ def read_option_files(options: Mapping[str, Any]) -> dict[str, bytes]:
             except OSError as error:
                 raise InputError(f"{value}: {error.strerror}; check the path and rights") from None
     return contents
+
+
+def _read_identity(log: Path, folder: str) -> dict[str, Any]:
+    """Return `vehicle` (name in the attached vehicle file, else the folder) and `start` (UTC or None).
+
+    Unreadable logs raise no error here; the analysis of the log reports them.
+    """
+    name, start = folder, None
+    try:
+        with open_source(log) as source:
+            if source is not None and source.t_zero_ns is not None and source.t_zero_ns > _EARLIEST_START_NS:
+                start = datetime.fromtimestamp(source.t_zero_ns / 1e9, UTC)
+            if isinstance(source, Log) and (vehicle := read_odometry_setup(source).vehicle) is not None:
+                name = vehicle.name or folder
+    except (HubodoError, OSError, ValueError, OverflowError):
+        pass
+    return {"vehicle": name, "start": start}

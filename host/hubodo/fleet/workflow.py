@@ -13,10 +13,9 @@ import pyarrow as pa
 
 from hubodo.fleet.engine import examine_each
 from hubodo.fleet.listing import LogLocation
-from hubodo.fleet.names import PAGE
 from hubodo.fleet.page import build_fleet_page
 from hubodo.fleet.result_store import ResultStore
-from hubodo.fleet.storage import open_file_system, report_store_errors, write_atomically
+from hubodo.fleet.storage import PAGE, open_file_system, report_store_errors, write_atomically
 from hubodo.fleet.table import update_table
 from hubodo.fleet.task import KNOWN, Analysis, examine_log
 

@@ -21,10 +21,9 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Footer, Header, McapRecord, Metadata, Schema
 
 from hubodo.errors import LogError
-from hubodo.log.checksums import attachment_crc_matches, data_section_crc_matches
 from hubodo.log.chunk_reader import ChunkLocation
 from hubodo.log.descriptor import pread
-from hubodo.log.input_limits import MemoryBudget, max_expanded_bytes, open_regular
+from hubodo.log.input_limits import READ_BLOCK_BYTES, MemoryBudget, max_expanded_bytes, open_regular
 from hubodo.log.mcap_file import MAGIC
 
 _MAX_RECORD_BYTES = 1 << 28
@@ -176,7 +175,7 @@ class _Scanner:
         if opcode == Opcode.DATA_END and length >= 4:
             stated = int.from_bytes(header[9:13], "little")
             self.data_ended = True
-            if not data_section_crc_matches(self.fd, (0, len(MAGIC), self.header_end), position, stated):
+            if not _data_section_crc_matches(self.fd, (0, len(MAGIC), self.header_end), position, stated):
                 self.result.checksum_failures["data"] = "its checksum over all data fails"
             return end, False
         if opcode in _RECORD_READERS:
@@ -203,7 +202,7 @@ class _Scanner:
         elif isinstance(record, Metadata):
             result.metadata.append(record)
         elif isinstance(record, Attachment):
-            if attachment_crc_matches(content):
+            if _attachment_crc_matches(content):
                 result.attachments.append(record)
             else:
                 reason = f"the attachment {record.name} fails its checksum"
@@ -328,3 +327,26 @@ def _parse_record(opcode: int, content: bytes) -> McapRecord | None:
         return read(ReadDataStream(io.BytesIO(content)))
     except (McapError, ValueError, struct.error, MemoryError, OverflowError):
         return None
+
+
+def _attachment_crc_matches(content: bytes) -> bool:
+    """Return True if an attachment record matches the CRC in its last four bytes, or if that is 0 (none)."""
+    expected_crc = int.from_bytes(content[-4:], "little")
+    return not expected_crc or zlib.crc32(content[:-4]) == expected_crc
+
+
+def _data_section_crc_matches(fd: int, starts: Iterable[int], end: int, expected_crc: int) -> bool:
+    """Return True if the bytes up to offset `end` match the expected CRC, or if that is 0 (not given).
+
+    starts: offsets at which the CRC may begin: most writers use the first byte of the file, some the first
+    after the magic bytes or the header.
+    """
+    return not expected_crc or any(_compute_crc(fd, start, end) == expected_crc for start in starts)
+
+
+def _compute_crc(fd: int, start: int, end: int) -> int:
+    crc = 0
+    while start < end and (block := pread(fd, min(READ_BLOCK_BYTES, end - start), start)):
+        crc = zlib.crc32(block, crc)
+        start += len(block)
+    return crc

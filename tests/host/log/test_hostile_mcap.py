@@ -90,7 +90,7 @@ def test_a_topic_whose_schema_is_no_type_is_left_out_of_a_rosbag2(definition, tm
     path = write(tmp_path / "x.mcap", rows, OURS, definition)
     done = hubodo("export", path, "--format", "rosbag2", "-o", tmp_path / "bag")
     assert done.code == 0, done.err
-    assert "without a complete ROS 2 type, left out: /hubodo/x" in done.out
+    assert "ROS 2 type is incomplete: /hubodo/x" in done.out
 
 
 @pytest.mark.parametrize("kind", ["undecodable", "alternating"])
