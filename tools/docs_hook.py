@@ -1,7 +1,7 @@
-"""What the documentation's pages take from elsewhere: equations as drawings, verbs, READMEs of rooms.
+"""Hook of mkdocs: draw equations, insert the help of the verbs and READMEs of the tree.
 
-mkdocs calls it. On a page `$$ … $$` becomes a drawing, `<!-- verbs -->` the help of every verb, and
-`<!-- include PATH -->` the README of that path, without its links into the tree, which is not on the site.
+On a page `$$ … $$` becomes a drawing, `<!-- verbs -->` the help of every verb, `<!-- include PATH -->` the
+README of that path, without its links into the tree, which is not on the site.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ _SIZE = 12.0
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """The page's text with all of it in place."""
-    markdown = _INCLUDE.sub(lambda found: _readme(ROOT / found[1]), markdown)
-    markdown = _EQUATION.sub(lambda found: _equations(found[1]), markdown)
+    """Return the Markdown of a page with equations, verbs and READMEs inserted."""
+    markdown = _INCLUDE.sub(lambda match: _readme(ROOT / match[1]), markdown)
+    markdown = _EQUATION.sub(lambda match: _equations(match[1]), markdown)
     return markdown.replace("<!-- verbs -->", _verbs() if "<!-- verbs -->" in markdown else "")
 
 
 def on_post_page(output: str, **_: Any) -> str:
-    """Without the scripts from the net that a notebook brings along for diagrams and TeX; it has none."""
+    """Return the page without the scripts for diagrams and TeX that notebooks load from the network."""
     return _FOREIGN.sub("", output)
 
 
@@ -40,7 +40,7 @@ def _readme(path: Path) -> str:
 
 
 def _equations(lines: str) -> str:
-    """A drawing of each line, beside one another in height; what TeX says of it is its text."""
+    """Return a drawing of each line, one below the other, with its TeX source as alternative text."""
     drawn = "\n".join(f"<div>{_drawing(line.strip())}</div>" for line in lines.splitlines())
     return f'<div class="equation">\n{drawn}\n</div>'
 
@@ -54,13 +54,13 @@ def _drawing(tex: str) -> str:
         math_to_image(f"${tex}$".replace(r"\frac", r"\dfrac"), out, format="svg", color="#010203")
     text = out.getvalue()
     body = re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.DOTALL)
-    # No empty line: to Markdown it would end the element.
+    # No empty line, as that would end the element in Markdown.
     body = re.sub(r"\n\s*\n", "\n", body.replace("#010203", "currentColor"))
     return body.replace("<svg ", f'<svg role="img" aria-label="{html.escape(tex)}" ', 1).strip()
 
 
 def _verbs() -> str:
-    """A heading and the help of each verb."""
+    """Return a heading and the help of each verb."""
     from hubodo.cli import build_parser
     from hubodo.verbs import VERBS
 

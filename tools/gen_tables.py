@@ -28,7 +28,7 @@ _STAGES = {
     "true_time": "7",
 }
 _EFFECT = ("effect", "level", "parameters", "visible in", "stage", "description")
-_ALIKE = ("effect", "confusable with", "manoeuvre that distinguishes them")
+_CONFUSABLE = ("effect", "confusable with", "manoeuvre that distinguishes them")
 
 
 def readme_blocks() -> dict[str, str]:
@@ -39,8 +39,8 @@ def readme_blocks() -> dict[str, str]:
         "estimates": _table(
             ("parameter", "prior 1σ", "random walk per √s", "origin of the numbers"), _estimates()
         ),
-        "look-alikes": _table(_ALIKE, _look_alikes(EFFECTS)),
-        "field look-alikes": _table(_ALIKE, _look_alikes(FIELD)),
+        "look-alikes": _table(_CONFUSABLE, _look_alikes(EFFECTS)),
+        "field look-alikes": _table(_CONFUSABLE, _look_alikes(FIELD)),
     }
 
 

@@ -1,4 +1,4 @@
-"""Files that follow from the code: written, or checked to be what they would be written as."""
+"""Shared code of the tools that generate files: fill marked blocks, write the files or check them."""
 
 import argparse
 import sys
@@ -7,17 +7,17 @@ from pathlib import Path
 
 
 def fill(text: str, blocks: dict[str, str]) -> str:
-    """`text` with each block between its markers replaced.
+    """Return `text` with each block between its markers replaced.
 
     Raises ValueError when a block has no pair of markers in the text.
     """
     for name, block in blocks.items():
-        begin, end = f"<!-- generated: {name} -->", f"<!-- end: {name} -->"
-        head, found_begin, rest = text.partition(begin)
-        _, found_end, tail = rest.partition(end)
-        if not (found_begin and found_end):
-            raise ValueError(f"no markers {begin} .. {end}")
-        text = f"{head}{begin}\n{block}\n{end}{tail}"
+        opening, closing = f"<!-- generated: {name} -->", f"<!-- end: {name} -->"
+        head, has_opening, remainder = text.partition(opening)
+        _, has_closing, tail = remainder.partition(closing)
+        if not (has_opening and has_closing):
+            raise ValueError(f"no markers {opening} .. {closing}")
+        text = f"{head}{opening}\n{block}\n{closing}{tail}"
     return text
 
 
@@ -28,9 +28,9 @@ def write_or_check(
     description: str | None,
     arguments: list[str] | None,
 ) -> int:
-    """The command line of a tool that generates files; returns its exit code.
+    """Run the command line of a tool that generates files; return its exit code.
 
-    outputs: every generated file with the text it should have. root: what the names are told from.
+    outputs: function that returns every generated file with its text. root: printed names are relative to it.
     """
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument(

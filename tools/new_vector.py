@@ -1,6 +1,6 @@
-"""Adds a vector to protocol/vectors: bytes of a stream, and what a decoder must make of them.
+"""Add a test vector to protocol/vectors: bytes of a stream and the expected result of a decoder.
 
-The framing is not hubowire's own: PyPI `cobs` and CPython's `binascii.crc_hqx` write it.
+The framing is independent of hubowire: PyPI `cobs` and CPython's `binascii.crc_hqx`.
 
     tools/new_vector.py message Nack 'wheel turns' --set request=70 --set reason=3 --set detail=412
     tools/new_vector.py stream bad_crc 'second byte flipped' 0642010151e70300 --origin 'by hand from ...'
@@ -29,37 +29,37 @@ FOREIGN_FRAMING = "fields packed by hubowire; framed by PyPI cobs and binascii.c
 
 
 def foreign_frame(type_id: int, node: int, seq: int, payload: bytes) -> bytes:
-    """A frame with its delimiter, by libraries that hubowire does not use."""
+    """Return a frame with its delimiter, built by libraries that hubowire does not use."""
     body = struct.pack("<BBH", type_id, node, seq) + payload
     checked = body + struct.pack("<H", binascii.crc_hqx(body, 0xFFFF))
     return bytes(cobs.encode(checked)) + b"\0"
 
 
 def values_as_json(message: Message) -> dict[str, Any]:
-    """Field values with bytes as hex and tables as lists."""
+    """Return field values with bytes as hex and tables as lists."""
     values = dataclasses.asdict(message)  # type: ignore[call-overload]
     return {name: value.hex() if isinstance(value, bytes) else value for name, value in values.items()}
 
 
 def message_vector(name: str, message: Message, node: int, seq: int, origin: str) -> dict[str, Any]:
-    """A vector of one frame that carries `message`."""
+    """Return a vector of one frame that carries `message`."""
     stream = foreign_frame(message.type_id, node, seq, encode(message))
     return stream_vector(name, stream, origin)
 
 
 def stream_vector(name: str, stream: bytes, origin: str) -> dict[str, Any]:
-    """A vector of any bytes. What is expected is what hubowire makes of them: read it before keeping it."""
+    """Return a vector of any bytes. The expectation is the present result of hubowire: review it."""
     decoder = FrameDecoder()
     frames = []
     for frame in decoder.feed(stream):
-        seen = {"type": frame.type_id, "node": frame.node, "seq": frame.seq, "payload": frame.payload.hex()}
+        header = {"type": frame.type_id, "node": frame.node, "seq": frame.seq, "payload": frame.payload.hex()}
         try:
             message = decode(frame.type_id, frame.payload)
         except PayloadError:
-            frames.append({**seen, "message": None, "values": None, "malformed": True})
+            frames.append({**header, "message": None, "values": None, "malformed": True})
             continue
         kind = type(message).__name__ if message else None
-        frames.append({**seen, "message": kind, "values": values_as_json(message) if message else None})
+        frames.append({**header, "message": kind, "values": values_as_json(message) if message else None})
     return {
         "name": name,
         "origin": origin,
@@ -72,15 +72,15 @@ def stream_vector(name: str, stream: bytes, origin: str) -> dict[str, Any]:
 
 
 def add(file: Path, vector: dict[str, Any]) -> None:
-    """Appends to a file of vectors, or replaces the one with the same name."""
+    """Append to a file of vectors, or replace the one of the same name."""
     vectors = json.loads(file.read_text(encoding="utf-8")) if file.exists() else []
-    kept = [old for old in vectors if old["name"] != vector["name"]]
-    text = json.dumps([*kept, vector], indent=1)
+    others = [old for old in vectors if old["name"] != vector["name"]]
+    text = json.dumps([*others, vector], indent=1)
     file.write_text(text + "\n", encoding="utf-8")
 
 
 def parse_message(kind: str, settings: list[str]) -> Message:
-    """A message with the given fields, zeros elsewhere.
+    """Return a message with the given fields, zeros elsewhere.
 
     Raises ValueError when there is no such message, field or value.
     """
@@ -106,28 +106,33 @@ def parse_message(kind: str, settings: list[str]) -> Message:
 
 
 def main(arguments: list[str] | None = None) -> int:
+    """Run the command line; return the exit code."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     kinds = parser.add_subparsers(dest="kind", required=True)
-    message = kinds.add_parser("message", help="one frame with one message, into <message>.json")
-    message.add_argument("type", help="class name in hubowire.messages")
-    message.add_argument("name", help="what is special about it")
-    message.add_argument("--set", action="append", default=[], metavar="FIELD=VALUE", help="others are zero")
-    message.add_argument("--node", type=int, default=1)
-    message.add_argument("--seq", type=int, default=0)
-    message.add_argument("--origin", default=FOREIGN_FRAMING)
-    stream = kinds.add_parser("stream", help="any bytes, into <file>.json")
-    stream.add_argument("file", help="bad_<cause>, forward_<what> or frames")
-    stream.add_argument("name", help="what is special about it")
-    stream.add_argument("bytes", type=bytes.fromhex, help="hex")
-    stream.add_argument("--origin", required=True, help="where the bytes and the expectation come from")
+    message_options = kinds.add_parser("message", help="one frame with one message, into <message>.json")
+    message_options.add_argument("type", help="class name in hubowire.messages")
+    message_options.add_argument("name", help="what distinguishes this vector")
+    message_options.add_argument(
+        "--set", action="append", default=[], metavar="FIELD=VALUE", help="a field; the others are zero"
+    )
+    message_options.add_argument("--node", type=int, default=1)
+    message_options.add_argument("--seq", type=int, default=0)
+    message_options.add_argument("--origin", default=FOREIGN_FRAMING)
+    stream_options = kinds.add_parser("stream", help="any bytes, into <file>.json")
+    stream_options.add_argument("file", help="bad_<cause>, forward_<what> or frames")
+    stream_options.add_argument("name", help="what distinguishes this vector")
+    stream_options.add_argument("bytes", type=bytes.fromhex, help="hex")
+    stream_options.add_argument(
+        "--origin", required=True, help="where the bytes and the expectation come from"
+    )
     given = parser.parse_args(arguments)
     try:
         if given.kind == "message":
             file = VECTORS / f"{upper_snake(given.type).lower()}.json"
-            made = parse_message(given.type, given.set)
-            vector = message_vector(given.name, made, given.node, given.seq, given.origin)
+            message = parse_message(given.type, given.set)
+            vector = message_vector(given.name, message, given.node, given.seq, given.origin)
         else:
             file = VECTORS / f"{given.file}.json"
             vector = stream_vector(given.name, given.bytes, given.origin)
