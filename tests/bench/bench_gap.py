@@ -189,7 +189,8 @@ def while_recording():
     for seconds in np.arange(EVERY, WATCHED + EVERY, EVERY):
         start = time.process_time()
         findings += [
-            (seconds, words) for words in watch.find_new(replace(log, nodes=_until(log.nodes, seconds)))
+            (seconds, words)
+            for words in watch.find_new_effects(replace(log, nodes=_until(log.nodes, seconds)))
         ]
         durations.append(time.process_time() - start)
     print(

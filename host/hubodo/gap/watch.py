@@ -33,7 +33,7 @@ class GapWatch:
         self._vehicle = vehicle
         self._reported: set[str] = set()
 
-    def find_new(self, recording: Recording) -> list[str]:
+    def find_new_effects(self, recording: Recording) -> list[str]:
         """Return new findings, one line each."""
         newest = _cut_newest(recording)
         if not any(self._is_turning(name, table) for name, table in newest.nodes.items()):

@@ -108,7 +108,7 @@ def _build_result(
     held_out_gaps = [_held_out_gap(finding.without_cache(), held_out_split) for finding in (*stages, final)]
     residuals = [*(finding.without_cache().residuals for finding in stages), final.residuals]
     unexplained_items, has_structure = list_unexplained(final, residuals[-1])
-    del final  # Its cached results are large.
+    del final  # Free the cached results of the final evaluation, which are large.
     findings = []
     for k, term in enumerate(terms):
         finding = build_finding(term, search_result, rounds, residuals[k : k + 2], held_out_gaps[k : k + 2])

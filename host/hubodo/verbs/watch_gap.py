@@ -91,7 +91,7 @@ def main() -> int:
         path, started = newest_log(output), time.monotonic()
         # A log that is still being written ends mid-record.
         with suppress(HubodoError, OSError):
-            for line in watch.find_new(read_log(path)) if path is not None else []:
+            for line in watch.find_new_effects(read_log(path)) if path is not None else []:
                 print(line, flush=True)
         time.sleep(max(_MIN_PERIOD_S, (time.monotonic() - started) * (1.0 / _MAX_BUSY_SHARE - 1.0)))
 

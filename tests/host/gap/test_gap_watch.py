@@ -60,13 +60,13 @@ def grown(log, seconds):
 
 def test_a_sensor_off_the_hub_is_said_within_the_minute_and_once(drives):
     watch = GapWatch(load_vehicle(drives / "vehicle.toml"))
-    said = [watch.find_new(grown(drives / "arm.mcap", seconds)) for seconds in (20.5, 32.0, 38.0)]
+    said = [watch.find_new_effects(grown(drives / "arm.mcap", seconds)) for seconds in (20.5, 32.0, 38.0)]
     assert said == [[], ["left: the IMU sits 0.15 m off the hub"], []]
 
 
 def test_of_a_sound_vehicle_nothing_is_said(drives):
     watch = GapWatch(load_vehicle(drives / "vehicle.toml"))
-    assert watch.find_new(grown(drives / "sound.mcap", 36.0)) == []
+    assert watch.find_new_effects(grown(drives / "sound.mcap", 36.0)) == []
 
 
 def first_finding(drives):

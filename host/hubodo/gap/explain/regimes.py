@@ -14,7 +14,7 @@ from hubodo.gap.problem.problem import NodeData
 from hubodo.gap.process_noise.wheel_phase import estimate_phases, interpolate_phases, window_boundaries
 from hubodo.model.forward import NodeInitialState
 
-# s
+# s; windows of sums in which steps and intervals are searched
 _REGIME_WINDOW = 1.0
 # Share of the power by which a regressor has to exceed simpler ones, and by which a second one has to add.
 _MIN_SHARE_GAIN, _MIN_SECOND_SHARE = 0.02, 0.12
@@ -31,8 +31,8 @@ _SETTLING_WORDS = "as it settles after the start"
 class Trajectory:
     """Motion of one node, (N,) each.
 
-    angle, spin, spin_slope: rad, rad/s and rad/s² of its wheel; angle is None on the body speed,
-        acceleration, yaw_rate, yaw_acceleration: m/s, m/s², rad/s and rad/s² of the vehicle
+    angle, spin, spin_slope: rad, rad/s and rad/s² of its wheel; angle is None on the body
+    speed, acceleration, yaw_rate, yaw_acceleration: m/s, m/s², rad/s and rad/s² of the vehicle
     temperature: °C
     """
 

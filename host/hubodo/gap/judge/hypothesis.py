@@ -96,7 +96,7 @@ def _refit_evidence(screened: ScreenedCandidate, information: Array, gain: float
     unobservable there (such as the time constant of zero) are penalised at the end of the refit.
     """
     linear_evidence = compute_log_evidence(
-        screened.gain / tempering, screened.value, screened.information / tempering
+        screened.gain / tempering, screened.coordinates, screened.information / tempering
     )
     newly_observed = (np.diag(screened.information) <= 0.0) & (np.diag(information) > 0.0)
     penalty = 0.5 * float(np.sum(np.log1p(USUAL_SCALE**2 * np.diag(information)[newly_observed] / tempering)))

@@ -80,7 +80,7 @@ class _EffectSet:
 
     def without(self, term: ModelTerm) -> State:
         """Return the model without one effect."""
-        return self.final.state.untracked_with_terms(
+        return self.final.state.reset_with_terms(
             [other for other in self.final.state.terms if other.key != term.key]
         )
 
@@ -231,6 +231,4 @@ def drop_chance_effects(
     ]
     if len(remaining) == len(result.final.state.terms):
         return result, rounds
-    return replace(
-        result, final=refit_with_weights(result.final.state.untracked_with_terms(remaining))
-    ), rounds
+    return replace(result, final=refit_with_weights(result.final.state.reset_with_terms(remaining))), rounds

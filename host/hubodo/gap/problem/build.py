@@ -21,7 +21,7 @@ from hubodo.time_gaps import check_time_gaps
 
 # s; shorter logs contain too few turns and stops.
 MIN_DURATION = 20.0
-# Equal largest readings from which on they mark the limit of the sensor.
+# Number of equal largest readings from which on they are taken for saturation.
 _MIN_LIMIT_READINGS = 6
 _SHARED_YAW_WARNING = (
     "the yaw rate comes from the gyro axes across the axles: an error common to all of them is not "

@@ -43,7 +43,7 @@ class NodeData:
     forward: NodeModel
 
     @cached_property
-    def clipped(self) -> NDArray[np.bool_]:
+    def is_saturated(self) -> NDArray[np.bool_]:
         """Return a mask, (6, N), of the readings at the limit of their sensor."""
         limits = np.repeat(self.saturation_limits, 3)[:, None]
         return np.asarray(np.abs(self.y) >= limits * (1.0 - 1e-9))

@@ -144,7 +144,7 @@ class Evaluation:
 
     def _weight(self, node: NodeData, samples: slice) -> Array:
         noise = self.weights.noise[node.name]
-        is_used = noise.is_new[samples] * node.used[:, None] * ~node.clipped[:, samples]
+        is_used = noise.is_new[samples] * node.used[:, None] * ~node.is_saturated[:, samples]
         return np.asarray(is_used / noise.sigma_at(samples))
 
     def _tracked_values(self, noises: Sequence[ProcessNoise]) -> Array:

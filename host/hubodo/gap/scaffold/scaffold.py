@@ -92,7 +92,7 @@ def build_scaffold(result: SearchResult, name: str, log: Path) -> Scaffold | Non
     """Build the effect `name` from the unexplained residual of `log`; None if nothing is significant."""
     state = result.final.state
     listed_terms = [term for term in state.terms if not term.effect.name.startswith(PREFIX)]
-    initial_fit = refit_with_weights(state.untracked_with_terms(listed_terms))
+    initial_fit = refit_with_weights(state.reset_with_terms(listed_terms))
     attempt: _Attempt | None = None
     for _ in range(_MAX_SUMMANDS):
         better = _add_summand(initial_fit, attempt, name)

@@ -83,7 +83,7 @@ def scan_dependences(evaluation: Evaluation) -> list[Dependence]:
 def _list_target_data(evaluation: Evaluation, name: str) -> Iterator[_TargetData]:
     residual = evaluation.mean_residuals[name]
     node, chain = residual.node, build_chain(residual.node, evaluation.state.predictions[name])
-    weight = np.where(residual.noise.is_new & ~node.clipped, 1.0 / residual.noise.sigma, 0.0)
+    weight = np.where(residual.noise.is_new & ~node.is_saturated, 1.0 / residual.noise.sigma, 0.0)
     weight = weight * node.used[:, None]
     edges = block_edges(node.t)
     z = winsorise((residual.value - evaluation.input_noise_residuals[name]) * weight)

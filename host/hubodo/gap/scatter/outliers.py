@@ -15,7 +15,7 @@ from hubodo.gap.process_noise.residual import Residual
 from hubodo.gap.scatter.base import Proposal, group_by_scope, remove_rounding
 from hubodo.gap.state.terms import ModelTerm
 
-NAME = "outliers"
+EFFECT_NAME = "outliers"
 _OUTLIER_SIGMAS = np.geomspace(2.5, 100.0, 40)
 _OUTLIER_SHARES = np.geomspace(1e-5, 0.3, 40)
 # Gain of ln likelihood from which on spikes of one channel are reported.
@@ -56,7 +56,9 @@ class _NodeOutliers:
 def detect_outliers(residuals: Sequence[Residual]) -> list[Proposal]:
     """Detect outliers by maximum likelihood of a mixture of the noise and a wider Gaussian."""
     statistics = {
-        entry.node.name: _examine_node(entry) for entry in residuals if BY_NAME[NAME] not in entry.effects
+        entry.node.name: _examine_node(entry)
+        for entry in residuals
+        if BY_NAME[EFFECT_NAME] not in entry.effects
     }
     proposals = []
     for scope, members in group_by_scope([entry for entry in residuals if entry.node.name in statistics]):
@@ -69,7 +71,7 @@ def detect_outliers(residuals: Sequence[Residual]) -> list[Proposal]:
             continue
         share, sigma = float(_OUTLIER_SHARES[best[0]]), float(_OUTLIER_SIGMAS[best[1]])
         expected_outliers = max(share * count, 1.0)
-        term = ModelTerm(BY_NAME[NAME](probability=share, sigma=sigma), scope)  # type: ignore[call-arg]
+        term = ModelTerm(BY_NAME[EFFECT_NAME](probability=share, sigma=sigma), scope)  # type: ignore[call-arg]
         sigmas = {
             "probability": share / np.sqrt(expected_outliers),
             "sigma": sigma / np.sqrt(2.0 * expected_outliers),
@@ -108,7 +110,7 @@ def _standardise_channels(residual: Residual) -> list[_Channel]:
     """Return each channel in use relative to the median of its neighbours, which removes bursts of misfit."""
     result = []
     for row in np.flatnonzero(residual.node.used).tolist():
-        is_used = residual.noise.is_new & ~residual.node.clipped[row]
+        is_used = residual.noise.is_new & ~residual.node.is_saturated[row]
         z = (remove_rounding(residual, row) / residual.noise.channel_sigma(row))[is_used]
         z = z - _neighbour_median(z)
         sigma = max(float(np.median(np.abs(z))) / 0.6745, 1e-9)

@@ -11,7 +11,7 @@ from hubodo.gap.process_noise.residual import Residual
 from hubodo.gap.scatter.base import Proposal, group_by_scope, parameter_cost
 from hubodo.gap.state.terms import ModelTerm
 
-NAME = "gyro_quantization"
+EFFECT_NAME = "gyro_quantization"
 # Largest ratio of undeclared noise variance to rounding variance.
 _MAX_EXCESS_RATIO = 10.0
 
@@ -21,7 +21,7 @@ def detect_quantization(residuals: Sequence[Residual]) -> list[Proposal]:
     steps = {
         residual.node.name: find_lattice_step(residual)
         for residual in residuals
-        if BY_NAME[NAME] not in residual.effects
+        if BY_NAME[EFFECT_NAME] not in residual.effects
     }
     proposals = []
     for scope, members in group_by_scope(
@@ -33,7 +33,7 @@ def detect_quantization(residuals: Sequence[Residual]) -> list[Proposal]:
         step = float(np.mean(member_steps))
         gain = sum(_rounding_gain(residual, step) for residual in members)
         if gain > 3.0:
-            term = ModelTerm(BY_NAME[NAME](step=step), scope)  # type: ignore[call-arg]
+            term = ModelTerm(BY_NAME[EFFECT_NAME](step=step), scope)  # type: ignore[call-arg]
             where = f"gyro readings are whole multiples of {step:.4g} rad/s, coarse beside the noise"
             proposals.append(Proposal(term, gain, gain - parameter_cost(1e4), {"step": 1e-5 * step}, where))
     return proposals
@@ -72,7 +72,7 @@ def _rounding_gain(residual: Residual, step: float) -> float:
     """
     total, expected = 0.0, 0.0
     for row in np.flatnonzero(residual.node.used[:3]):
-        is_used = residual.noise.is_new & ~residual.node.clipped[row]
+        is_used = residual.noise.is_new & ~residual.node.is_saturated[row]
         declared = residual.declared_channel_sigma(row)[is_used] ** 2
         if (
             np.mean(residual.noise.channel_sigma(row)[is_used] ** 2 - declared)

@@ -14,7 +14,7 @@ from hubodo.gap.process_noise.window_sums import winsorise
 from hubodo.gap.scatter.base import Proposal, group_by_scope, parameter_cost
 from hubodo.gap.state.terms import ModelTerm
 
-NAME = "gyro_rate_random_walk"
+EFFECT_NAME = "gyro_rate_random_walk"
 _K_GRID, _FINE_GRID_SIZE = np.geomspace(1e-6, 3e-2, 28), 25
 # Gain of ln likelihood; rounding alone adds slightly more than sensor noise to the means.
 _MIN_DETECTION_GAIN = 3.0
@@ -26,7 +26,7 @@ _MAX_WHITENESS_SIGMA = 4.0
 
 def detect_random_walk(residuals: Sequence[Residual]) -> list[Proposal]:
     """Detect a random walk; k by maximum likelihood, shared by the three axes of a node or of all nodes."""
-    curves = {one.node.name: _gain_curve(one) for one in residuals if BY_NAME[NAME] not in one.effects}
+    curves = {one.node.name: _gain_curve(one) for one in residuals if BY_NAME[EFFECT_NAME] not in one.effects}
     proposals = []
     for scope, members in group_by_scope([one for one in residuals if one.node.name in curves]):
         curve = np.sum([curves[one.node.name] for one in members], axis=0)
@@ -45,7 +45,7 @@ def detect_random_walk(residuals: Sequence[Residual]) -> list[Proposal]:
             continue
         proposals.append(
             Proposal(
-                ModelTerm(BY_NAME[NAME](k=k), scope),  # type: ignore[call-arg]
+                ModelTerm(BY_NAME[EFFECT_NAME](k=k), scope),  # type: ignore[call-arg]
                 float(curve[best]),
                 float(curve[best]) - cost - _DRIFT_PENALTY,
                 {"k": sigma},
@@ -92,7 +92,7 @@ def _window_means(residual: Residual) -> Iterator[tuple[Array, Array, Array]]:
     for row in np.flatnonzero(residual.node.used[:3]):
         sigma = residual.noise.channel_sigma(row)
         winsorised = winsorise(residual.value[[row]] / sigma)[0] * sigma
-        weight = (residual.noise.is_new & ~residual.node.clipped[row]) / sigma**2
+        weight = (residual.noise.is_new & ~residual.node.is_saturated[row]) / sigma**2
         information = np.maximum(np.add.reduceat(weight, edges[:-1]), 1e-12)
         mean = np.add.reduceat(weight * winsorised, edges[:-1]) / information
         yield mean, 1.0 / information + residual.input_variance[row], steps

@@ -12,14 +12,14 @@ from hubodo.gap.process_noise.residual import Residual
 from hubodo.gap.scatter.base import Proposal, group_by_scope, parameter_cost
 from hubodo.gap.state.terms import ModelTerm
 
-NAME = "sample_repeat"
+EFFECT_NAME = "sample_repeat"
 
 
 def detect_repeats(residuals: Sequence[Residual]) -> list[Proposal]:
     """Detect repeats: their number against the number expected from rounding (Poisson)."""
     proposals = []
     for scope, members in group_by_scope(
-        [residual for residual in residuals if BY_NAME[NAME] not in residual.effects]
+        [residual for residual in residuals if BY_NAME[EFFECT_NAME] not in residual.effects]
     ):
         repeats = sum(int((~residual.noise.is_new).sum()) for residual in members)
         total = sum(len(residual.node.t) for residual in members)
@@ -32,7 +32,7 @@ def detect_repeats(residuals: Sequence[Residual]) -> list[Proposal]:
             + sum(_stale_gain(residual) for residual in members)
         )
         share = repeats / total
-        term = ModelTerm(BY_NAME[NAME](probability=share), scope)  # type: ignore[call-arg]
+        term = ModelTerm(BY_NAME[EFFECT_NAME](probability=share), scope)  # type: ignore[call-arg]
         where = f"{repeats} of {total} samples equal their predecessor in every channel"
         sigma = float(np.sqrt(share * (1.0 - share) / total))
         proposals.append(

@@ -21,14 +21,14 @@ class ScreenedCandidate:
 
     gain: of the log-likelihood
     evidence: ln Bayes factor
-    value: (k,) of its coordinates, in scales
+    coordinates: (k,), fitted, in scales
     information: (k, k) about them at their starting values, zero for unobservable ones
     """
 
     candidate: Candidate
     gain: float
     evidence: float
-    value: Array
+    coordinates: Array
     information: Array
 
 

@@ -69,7 +69,7 @@ def find_unnamed_terms(evaluation: Evaluation) -> list[UnnamedTerm]:
     for name, residual in evaluation.mean_residuals.items():
         node = residual.node
         chain = build_chain(node, evaluation.state.predictions[name])
-        weight = np.where(residual.noise.is_new & ~node.clipped, 1.0 / residual.noise.sigma, 0.0)
+        weight = np.where(residual.noise.is_new & ~node.is_saturated, 1.0 / residual.noise.sigma, 0.0)
         z = winsorise((residual.value - evaluation.input_noise_residuals[name]) * weight)
         present = {effect.name for effect in residual.effects}
         edges = block_edges(node.t)

@@ -64,7 +64,7 @@ def estimate_channel_noise(
     """Estimate the noise of a node's channels from their residual, (6, N), in groups of similar spin."""
     is_new = np.concatenate([[True], (np.diff(node.y, axis=1) != 0.0).any(axis=0)])
     spin = np.zeros(len(node.t)) if reading.rolling is None else np.abs(reading.rolling.spin)
-    bins, usable = _group_by_spin(spin), is_new & ~node.clipped
+    bins, usable = _group_by_spin(spin), is_new & ~node.is_saturated
     levels, group = np.empty((6, len(bins))), np.empty(len(node.t), np.uint8)
     overall = _estimate_white_sigma(residual, np.flatnonzero(usable.all(axis=0)))
     for k, members in enumerate(bins):

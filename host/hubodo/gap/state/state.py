@@ -53,7 +53,7 @@ class State:
         """Return a copy with one more term; it replaces a given one of the same effect and scope."""
         return self.with_terms([*(other for other in self.terms if other.key != term.key), term])
 
-    def untracked_with_terms(self, terms: Sequence[ModelTerm]) -> State:
+    def reset_with_terms(self, terms: Sequence[ModelTerm]) -> State:
         """Return a copy with other terms and untracked wheels and clocks.
 
         Values tracked under the old terms may mislead.
