@@ -1,4 +1,4 @@
-"""Each of the 28 effects, hidden in a short drive by the foreign generator, is the first that `gap` names."""
+"""Each effect, hidden in a short drive by the independent simulator, is the first that `gap` names."""
 
 import numpy as np
 import pytest

@@ -149,7 +149,7 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--effects", type=_names, default=list(KINDS), help="all 28 else")
+    parser.add_argument("--effects", type=_names, default=list(KINDS), help="default: all")
     parser.add_argument("--drives", type=int, default=18, help="a third of them in each stage")
     parser.add_argument("--seed", type=int, default=DEVELOPMENT, help="of the first drive")
     parser.add_argument("--jobs", type=int, default=2, help="processes")
