@@ -1,4 +1,4 @@
-"""The recipe for a new effect (CONTRIBUTING.md): one class and one line, in a temporary copy of the package."""
+"""The recipe for a new effect (CONTRIBUTING.md): one class and one line, in a copy of the package."""
 
 import json
 import os
