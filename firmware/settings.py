@@ -29,26 +29,26 @@ DEFAULTS = {
     "rate_hz": 416,
     "gyro_range_dps": 2000,
     "accel_range_g": 16,
-    "fifo": True,  # samples through the chip's FIFO; without it they are polled, up to 250 Hz
+    "fifo": True,  # samples through the chip's FIFO; otherwise polled, up to 250 Hz
     "batch": 0,  # samples per ImuBatch; 0 = 8 up to 250 Hz, 16 above
-    "mag_rate_hz": 10,  # 0 = the magnetometer stays off
+    "mag_rate_hz": 10,  # 0 = magnetometer off
     "filter_kind": FILTER_KIND_KALMAN,
     "gain_rate_q20": 314573,
     "gain_bias_q30": 322,
     "forgetting_q20": 1027604,  # lambda of the RLS filter: 0.98
     "bias_kind": BIAS_KIND_MEAN,
-    "bias_stretch": 0,  # samples in a mean of the pseudo-measurement; 0 = 16; gravity: 512, above 250 Hz 1024
+    "bias_stretch": 0,  # samples per mean of the pseudo-measurement; 0 = 16; gravity: 512, above 250 Hz 1024
     "table_rate_udps": 0,
     "noise_udps": 75000,  # 1 sigma of a gyro sample
-    "bias_sigma_udps": 5000000,  # 1 sigma of the bias at the start
-    "phase_mrad": 20,  # 1 sigma of gravity's direction in a sample
+    "bias_sigma_udps": 5000000,  # 1 sigma of the initial bias
+    "phase_mrad": 20,  # 1 sigma of the direction of gravity in a sample
     "wheel_radius_mm": 0,
-    "arm_mm": [],  # x, y
-    "gyro_scale_ppm": 0,  # of the z gyro
+    "arm_mm": [],  # lever arm x, y
+    "gyro_scale_ppm": 0,  # scale error of the z gyro
     "gyro_scale_sigma_ppm": 10000,
-    "bias_udps": [],  # x, y, z; without the warm-up
-    "warmup_udps": [],  # C1 of x, y, z
-    "warmup_s": 3600,  # T
+    "bias_udps": [],  # bias of x, y, z, without the warm-up
+    "warmup_udps": [],  # warm-up drift C1 of x, y, z
+    "warmup_s": 3600,  # its time constant T
     "warmup_second": [],  # C1 of x, y, z and T of a second exponential
     "filter_period_ms": 200,
     "queue": 24,
@@ -59,7 +59,7 @@ DEFAULTS = {
     "password": "",
     "host": "",
     "port": 47110,
-    "key": "",  # of UDP, 64 hexadecimal digits
+    "key": "",  # of authenticated UDP, 64 hexadecimal digits
     "pins": {},
 }
 
