@@ -49,12 +49,16 @@ def _names_of(node: ast.stmt, prefix: str) -> Iterator[tuple[int, str]]:
 
 
 def texts(source: str, tree: ast.Module) -> Iterator[tuple[int, str]]:
-    """Yield line and text of each docstring and each comment (successive lines of comment as one)."""
+    """Yield line and text of each docstring and comment: lines of one comment together, code before it."""
     yield from docstrings(tree)
     block: list[str] = []
     start = last = 0
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         if token.type != tokenize.COMMENT or token.string.startswith(("#!", "# type:", "# noqa")):
+            continue
+        text = token.string.lstrip("# ")
+        if not token.line.lstrip().startswith("#"):
+            yield token.start[0], f"{token.line[: token.start[1]].strip()}  # {text}"
             continue
         if block and token.start[0] != last + 1:
             yield start, " ".join(block)
@@ -62,7 +66,7 @@ def texts(source: str, tree: ast.Module) -> Iterator[tuple[int, str]]:
         if not block:
             start = token.start[0]
         last = token.start[0]
-        block.append(token.string.lstrip("# "))
+        block.append(text)
     if block:
         yield start, " ".join(block)
 

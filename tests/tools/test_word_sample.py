@@ -31,7 +31,13 @@ def test_public_names_are_classes_functions_with_arguments_fields_and_constants(
 
 def test_texts_are_docstrings_and_comments_with_successive_lines_as_one():
     texts = [text for _, text in word_sample.texts(SOURCE, ast.parse(SOURCE))]
-    assert texts == ["Module text.", "A track.", "Return the length.", "m", "Why it is so, in two lines."]
+    assert texts == [
+        "Module text.",
+        "A track.",
+        "Return the length.",
+        "LIMIT = 3  # m",
+        "Why it is so, in two lines.",
+    ]
 
 
 def test_the_same_seed_draws_the_same_sample(capsys, monkeypatch):
