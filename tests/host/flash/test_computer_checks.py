@@ -208,7 +208,7 @@ def test_nodes_are_found_with_their_firmware_and_bad_findings_give_exit_code_1(t
         for free, code in ((50_000_000_000, 0), (1000, 1)):
             computer = FakeComputer(folder=tmp_path, root=tmp_path, ports=lambda: ports, free=free)
             monkeypatch.setattr(verb, "HostComputer", lambda computer=computer: computer)
-            monkeypatch.setattr(computer_checks, "_LISTEN_S", 1.5)
+            monkeypatch.setattr(computer_checks, "_LISTENING_S", 1.5)
             done = hubodo("doctor", *(["--json"] if not code else []))
             assert done.code == code, done
             if not code:
