@@ -20,8 +20,8 @@ from hubodo.gap.workflow import find_gap
 from hubodo.html_table import html_lines, html_table
 from hubodo.model.model_file import Model
 from hubodo.progress import progress_line
-from hubodo.report.drawing import blank
-from hubodo.report.gap_files import check_gap_folder, gap_contents, gap_json, write_texts
+from hubodo.report.drawing import new_figure
+from hubodo.report.gap_files import check_gap_folder, gap_file_contents, gap_json, write_files
 from hubodo.report.page import COLOURS
 from hubodo.toml_file import suggest_spelling
 
@@ -102,7 +102,7 @@ class MissingEffects:
         """
         target = Path(folder)
         check_gap_folder(target, None)
-        write_texts(target, gap_contents(self.result, log=self.log, model=self.given))
+        write_files(target, gap_file_contents(self.result, log=self.log, model=self.given))
         return target
 
     def plot(self) -> Plot:
@@ -115,7 +115,7 @@ class MissingEffects:
         """
         result = self.result
         labels = ["as given", *(f"+ {finding.effect}\n{finding.scope}" for finding in result.found)]
-        figure = blank(1.5 + 1.6 * len(labels), 3.6)
+        figure = new_figure(1.5 + 1.6 * len(labels), 3.6)
         axes = figure.subplots()
         fitted = [result.gap.before, *(finding.gap.after for finding in result.found)]
         held_out = [result.held_out_gap.before, *(finding.held_out_gap.after for finding in result.found)]

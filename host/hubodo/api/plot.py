@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from hubodo.api.arguments import StrPath
 from hubodo.errors import InputError
-from hubodo.report.curves import Curve, curves_figure
-from hubodo.report.drawing import drawing_path, save, svg
+from hubodo.report.curves import Curve, plot_curves
+from hubodo.report.drawing import figure_to_svg, parse_drawing_path, save_figure
 from hubodo.report.page import COLOURS
 
 if TYPE_CHECKING:
@@ -54,14 +54,14 @@ class Plot:
             If the suffix is another one.
         """
         try:
-            target = drawing_path(str(path))
+            target = parse_drawing_path(str(path))
         except argparse.ArgumentTypeError as error:
             raise InputError(str(error)) from None
-        save(self.figure, target)
+        save_figure(self.figure, target)
         return target
 
     def _repr_html_(self) -> str:
-        return f'<div style="max-width: 50rem; background: #ffffff">{svg(self.figure)}</div>'
+        return f'<div style="max-width: 50rem; background: #ffffff">{figure_to_svg(self.figure)}</div>'
 
     def __repr__(self) -> str:
         titles = (axes.get_title() or axes.get_ylabel() for axes in self.figure.axes)
@@ -78,4 +78,4 @@ def plot_channel(log: LoadedLog, channel: str) -> Plot:
     if not curves:
         raise InputError(f"{log.path}: no node has a column {channel!r}")
     unit = {"g": "rad/s", "a": "m/s²"}.get(channel[0], "") if len(channel) == 2 else ""
-    return Plot(curves_figure(curves, "time, s", f"{channel}, {unit}" if unit else channel))
+    return Plot(plot_curves(curves, "time, s", f"{channel}, {unit}" if unit else channel))

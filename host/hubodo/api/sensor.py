@@ -11,16 +11,16 @@ from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.html_table import html_lines, html_table
 from hubodo.recording import Table
-from hubodo.report.allan import allan_lead, missing_grid, terms_grid
+from hubodo.report.allan import hidden_terms_table, summarise_allan, terms_table
 from hubodo.report.allan_figure import allan_figure
-from hubodo.report.warmup import parameter_rows, prediction_rows, warmup_lead
+from hubodo.report.warmup import forecast_rows, parameter_rows, summarise_warmup
 from hubodo.report.warmup_figure import warmup_figure
-from hubodo.sensors.allan.characterise import AllanReport, characterise_noise
+from hubodo.sensors.allan.characterise import AllanAnalysis, characterise_noise
 from hubodo.sensors.allan.datasheet import read_datasheet
 from hubodo.sensors.allan.fit import NoiseTerm
 from hubodo.sensors.standstill_channel import StandstillRecord
 from hubodo.sensors.warmup.characterise import characterise_warmup
-from hubodo.sensors.warmup.result import WarmupReport
+from hubodo.sensors.warmup.result import WarmupAnalysis
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -39,7 +39,7 @@ class AllanResult:
     """
 
     node: str
-    report: AllanReport
+    report: AllanAnalysis
 
     @property
     def tau(self) -> Array:
@@ -113,10 +113,12 @@ class AllanResult:
         return f"AllanResult({self._name}, {self.report.record.duration:.0f} s: {', '.join(values)})"
 
     def _repr_html_(self) -> str:
-        grids = [grid for grid in (terms_grid(self.report), missing_grid(self.report)) if grid.rows]
+        grids = [grid for grid in (terms_table(self.report), hidden_terms_table(self.report)) if grid.rows]
         tables = "".join(html_table(grid.headings, grid.rows) for grid in grids)
         return (
-            html_lines((f"{self._name}: {allan_lead(self.report)}",)) + tables + html_lines(self.report.notes)
+            html_lines((f"{self._name}: {summarise_allan(self.report)}",))
+            + tables
+            + html_lines(self.report.notes)
         )
 
 
@@ -133,7 +135,7 @@ class WarmupResult:
     """
 
     node: str
-    report: WarmupReport
+    report: WarmupAnalysis
 
     @property
     def values(self) -> Mapping[str, float]:
@@ -192,12 +194,12 @@ class WarmupResult:
 
     def _repr_html_(self) -> str:
         accepted = self.report.accepted
-        html = html_lines((warmup_lead(self.report),))
+        html = html_lines((summarise_warmup(self.report),))
         if accepted is not None:
             rows = parameter_rows(accepted, self.report.sigma)
             html += html_table(("parameter", "SI", "common unit"), rows)
         headings = ("since power-on", "all models, deg/s", "accepted model, deg/s")
-        return html + html_table(headings, prediction_rows(self.report)) + html_lines(self.report.notes)
+        return html + html_table(headings, forecast_rows(self.report)) + html_lines(self.report.notes)
 
 
 def analyse_allan(

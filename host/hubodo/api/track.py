@@ -15,7 +15,7 @@ from hubodo.fuse.fusion import FusedRecording, check_no_results, fuse_recording,
 from hubodo.fuse.track import Score, Track
 from hubodo.html_table import html_lines, html_table
 from hubodo.recording import Table
-from hubodo.report.curves import Curve, curves_figure
+from hubodo.report.curves import Curve, plot_curves
 from hubodo.report.page import COLOURS
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ class FusedTrack(Track):
         curves = [Curve(self.x, self.y, "fused", COLOURS["fused"], 2.0)]
         if self.truth is not None:
             curves.insert(0, Curve(self.truth["x"], self.truth["y"], "truth", COLOURS["truth"], 5.0))
-        return Plot(curves_figure(curves, "x, m", "y, m", height=5.0, equal=True))
+        return Plot(plot_curves(curves, "x, m", "y, m", height=5.0, equal=True))
 
     def save(self, folder: StrPath, *, force: bool = False) -> Path:
         """Write track.csv and fuse.json, as `hubodo fuse` does.

@@ -8,16 +8,22 @@ import plotly.graph_objects as go
 
 from hubodo.fuse.track import Track
 from hubodo.recording import Recording, Table
-from hubodo.report.page import COLOURS, Grid, Section, figure, page
+from hubodo.report.page import COLOURS, PageTable, Section, new_plotly_figure, render_page
 
 _MAX_PLOT_POINTS = 4000
 
 
 def demo_page(
-    lead: str, facts: Grid, track: Track, truth: Table, recording: Recording, links: Grid, radius: float
+    lead: str,
+    facts: PageTable,
+    track: Track,
+    truth: Table,
+    recording: Recording,
+    links: PageTable,
+    radius: float,
 ) -> str:
     """Return the page as HTML; `radius` in m converts the spin rate of a wheel to its speed."""
-    return page(
+    return render_page(
         "A drive measured without an encoder",
         lead,
         [
@@ -45,14 +51,14 @@ def _make_curve(x: Any, y: Any, name: str, colour: str, width: float = 2.0) -> g
 
 
 def _path_figure(track: Track, truth: Table) -> go.Figure:
-    chart = figure("x, m", "y, m", height=460, equal=True)
+    chart = new_plotly_figure("x, m", "y, m", height=460, equal=True)
     chart.add_trace(_make_curve(truth["x"], truth["y"], "truth", "truth", 6.0))
     chart.add_trace(_make_curve(track.x, track.y, "fused from the two wheels", "fused"))
     return chart
 
 
 def _speed_figure(track: Track, truth: Table, recording: Recording, radius: float) -> go.Figure:
-    chart = figure("time, s", "speed, m/s")
+    chart = new_plotly_figure("time, s", "speed, m/s")
     chart.add_trace(_make_curve(truth.t, truth["speed"], "truth", "truth", 6.0))
     for name, node in recording.nodes.items():
         chart.add_trace(_make_curve(node.t, node["gz"] * radius, f"{name} wheel", name, 1.0))
@@ -61,7 +67,7 @@ def _speed_figure(track: Track, truth: Table, recording: Recording, radius: floa
 
 
 def _sample_rate_figure(recording: Recording) -> go.Figure:
-    chart = figure("time, s", "samples per second", height=260)
+    chart = new_plotly_figure("time, s", "samples per second", height=260)
     for name, node in recording.nodes.items():
         # The first and the last second are incomplete: they would look like losses.
         seconds = np.bincount(np.maximum(node.t.astype(np.int64), 0))[1:-1]
@@ -70,6 +76,6 @@ def _sample_rate_figure(recording: Recording) -> go.Figure:
     return chart
 
 
-def facts_grid(rows: Mapping[str, str]) -> Grid:
+def facts_grid(rows: Mapping[str, str]) -> PageTable:
     """Return a table with the columns label and value."""
-    return Grid(("", ""), [(key, value) for key, value in rows.items()])
+    return PageTable(("", ""), [(key, value) for key, value in rows.items()])

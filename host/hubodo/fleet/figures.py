@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from hubodo.report.drawing import Drawing, blank, drawing
+from hubodo.report.drawing import Drawing, new_figure, render_drawing
 from hubodo.report.page import COLOURS
 
 _N_HISTOGRAM_BINS = 40
@@ -19,7 +19,7 @@ def spread_figure(numbers: pd.DataFrame, label: str) -> Drawing:
     """Draw, by node, a histogram (left) and the daily median with a band from 5 to 95 % (right)."""
 
     def draw() -> Any:
-        figure = blank(9.0, 2.8)
+        figure = new_figure(9.0, 2.8)
         left, right = figure.subplots(1, 2, width_ratios=(1, 2))
         values = numbers.value.to_numpy(float)
         edges = np.histogram_bin_edges(_trim_extremes(values), _N_HISTOGRAM_BINS)
@@ -43,7 +43,7 @@ def spread_figure(numbers: pd.DataFrame, label: str) -> Drawing:
             left.legend(fontsize=8, frameon=False)
         return figure
 
-    return drawing(draw)
+    return render_drawing(draw)
 
 
 def effect_map(shares: pd.DataFrame, effect: str) -> Drawing:
@@ -51,7 +51,7 @@ def effect_map(shares: pd.DataFrame, effect: str) -> Drawing:
     shown = shares.loc[shares.max(axis=1).sort_values(ascending=False, kind="stable").index[:_MAX_MAP_ROWS]]
 
     def draw() -> Any:
-        figure = blank(9.0, 0.9 + 0.18 * len(shown))
+        figure = new_figure(9.0, 0.9 + 0.18 * len(shown))
         axes = figure.subplots()
         axes.set_facecolor("#e6e8ea")
         image = axes.pcolormesh(
@@ -66,7 +66,7 @@ def effect_map(shares: pd.DataFrame, effect: str) -> Drawing:
         figure.colorbar(image, ax=axes, label="share of logs")
         return figure
 
-    return drawing(draw)
+    return render_drawing(draw)
 
 
 def _trim_extremes(values: Any) -> Any:

@@ -13,7 +13,7 @@ from hubodo.fleet.missing_effects import GAP_VERB, MAX_FALSE_EFFECT_SHARE, list_
 from hubodo.fleet.quantities import FOUND_PREFIX
 from hubodo.fleet.spread import find_drifts, find_outliers
 from hubodo.report.drawing import Drawing
-from hubodo.report.page import Grid, Section, page
+from hubodo.report.page import PageTable, Section, render_page
 
 _MAX_TABLE_ROWS = 40
 _MAX_FIGURES = 12
@@ -37,7 +37,7 @@ def build_fleet_page(table: pd.DataFrame) -> str:
     subject = numbers.quantity.map(_subject_of)
     for title in (*(name for name, _ in _SUBJECT_PATTERNS), _OTHER_SUBJECT):
         sections += _spread_section(title, numbers[subject == title])
-    return page("Fleet", _overview_text(logs), sections)
+    return render_page("Fleet", _overview_text(logs), sections)
 
 
 def _overview_text(logs: pd.DataFrame) -> str:
@@ -56,7 +56,7 @@ def _vehicle_section(logs: pd.DataFrame) -> Section:
         counts = [str(int((group.status == status).sum())) for status in ("done", "refused", "failed")]
         rows.append((vehicle, verb, *counts, f"{group['size'].sum() / 1e9:.3f}", *span))
     heads = ("vehicle", "verb", "done", "refused", "failed", "GB", "first", "last")
-    return Section("Vehicles", _describe_truncation(rows), [Grid(heads, rows[:_MAX_TABLE_ROWS])])
+    return Section("Vehicles", _describe_truncation(rows), [PageTable(heads, rows[:_MAX_TABLE_ROWS])])
 
 
 def _without_result_section(logs: pd.DataFrame) -> Iterator[Section]:
@@ -65,7 +65,7 @@ def _without_result_section(logs: pd.DataFrame) -> Iterator[Section]:
         yield Section(
             "Without a result",
             _describe_truncation(rows),
-            [Grid(("log", "verb", "why"), rows[:_MAX_TABLE_ROWS])],
+            [PageTable(("log", "verb", "why"), rows[:_MAX_TABLE_ROWS])],
         )
 
 
@@ -85,7 +85,7 @@ def _outlier_section(table: pd.DataFrame) -> Iterator[Section]:
     ]
     heads = ("log", "node", "quantity", "value", "deviation from the median, sigma")
     text = "Sigma: robust spread of all logs, or the value's own if larger; false discovery rate 1 %. "
-    yield Section("Outliers", text + _describe_truncation(rows), [Grid(heads, rows[:_MAX_TABLE_ROWS])])
+    yield Section("Outliers", text + _describe_truncation(rows), [PageTable(heads, rows[:_MAX_TABLE_ROWS])])
 
 
 def _missing_effects_section(table: pd.DataFrame) -> Iterator[Section]:
@@ -111,7 +111,7 @@ def _missing_effects_section(table: pd.DataFrame) -> Iterator[Section]:
     heads = ("effect", "of", "vehicle", "logs", "since week of")
     share = {name: weekly_shares(table, name) for name in effects[:_MAX_FIGURES]}
     maps = [effect_map(some, name) for name, some in share.items() if some.size]
-    yield Section("Effects missing in the model", text, [Grid(heads, rows[:_MAX_TABLE_ROWS])], maps)
+    yield Section("Effects missing in the model", text, [PageTable(heads, rows[:_MAX_TABLE_ROWS])], maps)
 
 
 def _drift_section(table: pd.DataFrame) -> Iterator[Section]:
@@ -128,7 +128,9 @@ def _drift_section(table: pd.DataFrame) -> Iterator[Section]:
     ]
     if rows:
         heads = ("vehicle", "node", "quantity", "SI per week", "99 %", "weeks")
-        yield Section("Biases that drift", _describe_truncation(rows), [Grid(heads, rows[:_MAX_TABLE_ROWS])])
+        yield Section(
+            "Biases that drift", _describe_truncation(rows), [PageTable(heads, rows[:_MAX_TABLE_ROWS])]
+        )
 
 
 def _spread_section(title: str, numbers: pd.DataFrame) -> Iterator[Section]:
@@ -146,7 +148,7 @@ def _spread_section(title: str, numbers: pd.DataFrame) -> Iterator[Section]:
                 (f"{verb} {quantity}", node, unit, str(len(part)), *(f"{value:.4g}" for value in shares_of))
             )
     heads = ("quantity", "node", "unit", "logs", "5 %", "median", "95 %")
-    yield Section(title, _describe_truncation(rows), [Grid(heads, rows[:_MAX_TABLE_ROWS])], figures)
+    yield Section(title, _describe_truncation(rows), [PageTable(heads, rows[:_MAX_TABLE_ROWS])], figures)
 
 
 def _subject_of(quantity: str) -> str:

@@ -1,1 +1,1 @@
-"""Pages for people: one self-contained HTML file with words, tables and figures."""
+"""Reports: self-contained HTML pages with text, tables and figures, and figure files."""

@@ -1,4 +1,4 @@
-"""Allan deviations as one figure: points, fit, terms, what the fit leaves over, data sheets beside them."""
+"""Figure of one or several Allan deviations: points, fit, terms, residuals and data sheets."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.report.drawing import blank
-from hubodo.sensors.allan.characterise import AllanReport
+from hubodo.report.drawing import new_figure
+from hubodo.sensors.allan.characterise import AllanAnalysis
 from hubodo.sensors.allan.covariance import TERMS, design_matrix
 from hubodo.sensors.allan.datasheet import Datasheet
 from hubodo.sensors.allan.ieee952 import rate_unit, term_units
@@ -25,15 +25,15 @@ _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def allan_figure(
-    reports: Sequence[tuple[str, AllanReport]], title: str, sheets: Sequence[Datasheet] = ()
+    reports: Sequence[tuple[str, AllanAnalysis]], title: str, sheets: Sequence[Datasheet] = ()
 ) -> Any:
-    """A matplotlib figure of one channel with its terms, or of several of one kind of sensor.
+    """Return a matplotlib figure of one channel with its terms, or of several channels of one kind of sensor.
 
-    reports: name and result of each. sheets: data sheets to compare with.
-    Raises InputError where matplotlib cannot be loaded.
+    reports: label and analysis of each channel. sheets: data sheets for comparison. Raises InputError if matplotlib
+    cannot be loaded.
     """
     unit = rate_unit(reports[0][1].channel)
-    made = blank(8.0, 7.0)
+    made = new_figure(8.0, 7.0)
     upper, lower = made.subplots(2, 1, sharex=True, height_ratios=(3, 1))
     several = len(reports) > 1
     for (name, report), colour, mark in zip(reports, cycle(_SENSORS), cycle(_MARKS), strict=False):
@@ -64,7 +64,7 @@ def allan_figure(
     upper.legend(fontsize=8)
     upper.set_title(title)
     lower.axhline(0.0, color=_INK, lw=0.8)
-    lower.set_ylabel("less the fit, %")
+    lower.set_ylabel("residual, %")
     lower.set_xlabel("averaging time, s")
     for axes in (upper, lower):
         axes.grid(True, which="major", lw=0.4, color=_GRID)
@@ -74,7 +74,7 @@ def allan_figure(
 
 
 def _written_plainly(axis: Any) -> None:
-    """Powers of ten as letters: to read each from a formula takes a third of the time of a figure."""
+    """Format powers of ten as plain text, because rendering formulae takes a third of the time of a figure."""
     from matplotlib.ticker import LogFormatterSciNotation
 
     class Plain(LogFormatterSciNotation):
@@ -86,12 +86,12 @@ def _written_plainly(axis: Any) -> None:
 
 
 def _letters(formula: str) -> str:
-    r"""`10⁻³` of `$\mathdefault{10^{-3}}$`; what has no exponent stays."""
+    r"""Return `10⁻³` for `$\mathdefault{10^{-3}}$`; text without exponent is unchanged."""
     text = formula.removeprefix(r"$\mathdefault{").removesuffix("}$").replace(r"\times", "×")
     return re.sub(r"\^\{(-?\d+)\}", lambda found: found[1].translate(_RAISED), text)
 
 
-def _points(axes: Any, report: AllanReport, label: str, colour: str, mark: str) -> None:
+def _points(axes: Any, report: AllanAnalysis, label: str, colour: str, mark: str) -> None:
     points = report.points
     bars = [points.adev - report.low, report.high - points.adev]
     axes.errorbar(points.tau, points.adev, bars, fmt=mark, ms=4, lw=1, color=colour, label=label)
@@ -99,8 +99,8 @@ def _points(axes: Any, report: AllanReport, label: str, colour: str, mark: str) 
     axes.plot(tau, np.sqrt(report.fit.variance(tau)), color=colour, lw=1.3)
 
 
-def _terms(axes: Any, report: AllanReport) -> None:
-    """The asymptote of each term that is shown, and where averaging pays no more."""
+def _terms(axes: Any, report: AllanAnalysis) -> None:
+    """Plot the asymptotes of the significant terms, and the best averaging time."""
     tau = _span([report])
     for column, name in zip(design_matrix(tau).T, TERMS, strict=True):
         term, unit = report.fit.terms[name], term_units(report.channel)[name]
@@ -112,8 +112,8 @@ def _terms(axes: Any, report: AllanReport) -> None:
         axes.axvline(report.best_tau, color="#8a8d91", lw=0.8)
 
 
-def _residuals(axes: Any, report: AllanReport, colour: str, mark: str) -> None:
-    """Deviation over the fitted one less 1, in %; hollow where a point had no part in the fit."""
+def _residuals(axes: Any, report: AllanAnalysis, colour: str, mark: str) -> None:
+    """Plot the relative residuals in %; hollow markers for points that were not fitted."""
     points = report.points
     fitted = np.sqrt(report.fit.variance(points.tau))
     used = np.isin(points.factors, report.fit.factors)
@@ -125,18 +125,18 @@ def _residuals(axes: Any, report: AllanReport, colour: str, mark: str) -> None:
     axes.set_ylim(min(low, -reach), max(high, reach))
 
 
-def _span(reports: Sequence[AllanReport]) -> Array:
+def _span(reports: Sequence[AllanAnalysis]) -> Array:
     first = min(float(report.points.tau[0]) for report in reports)
     last = max(float(report.points.tau[-1]) for report in reports)
     return np.geomspace(first, last, 200)
 
 
 def _scaled(factor: float) -> Callable[[Any], Any]:
-    """Multiplication by a factor, for the second axis."""
+    """Return a function that multiplies by a factor, for the second axis."""
     return lambda y: y * factor
 
 
-def _bottom(report: AllanReport) -> float:
-    """Lower end of the figure: below the points, and below the floor where one is shown."""
+def _bottom(report: AllanAnalysis) -> float:
+    """Return the lower limit of the figure: below all points and below the bias instability."""
     floor = math.sqrt(2.0 * math.log(2.0) / math.pi) * (report.fit.terms["B"].value or math.inf)
     return 0.7 * min(float(report.low.min()), floor)

@@ -1,4 +1,4 @@
-"""What a node's own filter said of its gyro, as words, a table and a figure."""
+"""Page section of the bias filter that runs on a node."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from hubodo.ingest.node.bias_filter import describe_filter_row
 from hubodo.recording import Table
-from hubodo.report.curves import Curve, curves
+from hubodo.report.curves import Curve, draw_curves
 from hubodo.report.drawing import Drawing
 from hubodo.report.page import COLOURS, Section
 from hubowire.messages import FilterState
@@ -18,20 +18,20 @@ _AXES = {"x": COLOURS["left"], "y": COLOURS["right"], "z": COLOURS["fused"]}
 
 
 def bias_filter_section(node: str, table: Table) -> tuple[Section | None, str]:
-    """The node's estimate over time with its sigma, and the finding in one line; None without a bias.
+    """Return the section of a node's bias estimate, or None without one, and the finding in one line.
 
     table: as in `Recording.bias_filters`.
     """
     known = table["state"] == FilterState.TRACKING
     if not known.any():
-        return None, f"{node}: its own filter never had a bias: no initialisation, and none in its settings"
+        return None, f"{node}: the node's bias filter was never initialised, and its settings hold no bias"
     last = {name: float(table[name][known][-1]) for name in table}
-    fact = f"{node}: its own filter's bias, at the end {describe_filter_row(last)}"
+    fact = f"{node}: bias of the node's own filter at the end: {describe_filter_row(last)}"
     text = (
-        "Each axis with 1 sigma of the initial bias where the node knows it. Rate and bias are seen only as "
-        "their sum: what an axis follows beyond its initialisation and the warm-up rests on the node's gains."
+        "Bias of each axis with the sigma (1σ) of its initial value, if known to the node. Only the sum of rate and "
+        "bias is observable: changes beyond initialisation and warm-up depend on the gains of the node's filter."
     )
-    return Section(f"{node}: bias by its own filter", text, figures=[_drawn(table, known)]), fact
+    return Section(f"{node}: bias of the node's own filter", text, figures=[_drawn(table, known)]), fact
 
 
 def _drawn(table: Table, known: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Drawing:
@@ -39,4 +39,4 @@ def _drawn(table: Table, known: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> D
     for axis, colour in _AXES.items():
         bias, sigma = (table[f"{what}_{axis}"][known] * _DEG for what in ("bias", "sigma"))
         shown.append(Curve(table.t[known], bias, axis, colour, sigma=np.nan_to_num(sigma)))
-    return curves(shown, "time, s", "bias, °/s")
+    return draw_curves(shown, "time, s", "bias, °/s")

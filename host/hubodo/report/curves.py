@@ -1,4 +1,4 @@
-"""Curves over one axis as a drawing for a page, with bands of one sigma and a second scale where wanted."""
+"""Line plots for pages, with optional 1σ bands and a second y axis."""
 
 from __future__ import annotations
 
@@ -8,21 +8,26 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from hubodo.report.drawing import Drawing, blank, drawing
+from hubodo.report.drawing import Drawing, new_figure, render_drawing
 
 Values = NDArray[Any]
 _POINTS = 2000
-"""Drawn of each curve; more cannot be told apart on a screen."""
+"""Largest number of points plotted per curve."""
 _WIDTH = 9.0
-"""Inches; a page shows it as wide as it is itself."""
+"""Width of a figure, inches; a page scales it to its own width."""
 
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """One curve.
+    """One curve of a plot.
 
-    x, y: (N,). width: in points, 0: the band alone. sigma: (N,) half the width of a band about it. dots:
-    marks instead of a line.
+    Attributes:
+        x, y: (N,) coordinates.
+        name: label in the legend.
+        colour: of line and band.
+        width: line width in points; 0 for the band only.
+        sigma: (N,) half width of a band about the curve, or None.
+        dots: True for markers instead of a line.
     """
 
     x: Values
@@ -35,10 +40,10 @@ class Curve:
 
 
 Scale = tuple[str, Sequence[Curve]]
-"""Label and curves of a second scale."""
+"""Label and curves of the second y axis."""
 
 
-def curves(
+def draw_curves(
     shown: Sequence[Curve],
     x_label: str,
     y_label: str,
@@ -47,11 +52,13 @@ def curves(
     equal: bool = False,
     right: Scale | None = None,
 ) -> Drawing:
-    """`curves_figure` for a page."""
-    return drawing(lambda: curves_figure(shown, x_label, y_label, height=height, equal=equal, right=right))
+    """Return `plot_curves` as a drawing for a page."""
+    return render_drawing(
+        lambda: plot_curves(shown, x_label, y_label, height=height, equal=equal, right=right)
+    )
 
 
-def curves_figure(
+def plot_curves(
     shown: Sequence[Curve],
     x_label: str,
     y_label: str,
@@ -60,11 +67,12 @@ def curves_figure(
     equal: bool = False,
     right: Scale | None = None,
 ) -> Any:
-    """A matplotlib figure; height: inches; equal: both axes to one scale, as a map; right: a second scale.
+    """Return a matplotlib figure of curves.
 
-    Raises InputError where matplotlib cannot be loaded.
+    height: inches. equal: equal scale of both axes, as for a map. right: second y axis. Raises InputError if
+    matplotlib cannot be loaded.
     """
-    figure = blank(_WIDTH, height)
+    figure = new_figure(_WIDTH, height)
     axes = figure.subplots()
     scales = [(axes, y_label, shown)]
     if right is not None:

@@ -1,4 +1,4 @@
-"""Figures drawn once, by matplotlib: as SVG within a page, as a file of their own in PNG, SVG or PDF."""
+"""Matplotlib figures as SVG within a page, or as PNG, SVG or PDF files."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ _MISSING = "a figure needs matplotlib, which cannot be loaded here: pip install 
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure as it stands in a page; html: an SVG element, or one line that says why there is none."""
+    """A figure in a page; html: an SVG element, or one line with the reason why there is none."""
 
     html: str
 
 
-def drawing_path(text: str) -> Path:
-    """Value of an option that writes a figure: its suffix says the form."""
+def parse_drawing_path(text: str) -> Path:
+    """Parse the value of an option that names a figure file, whose suffix selects the format."""
     if Path(text).suffix.lower() not in _SUFFIXES:
         raise argparse.ArgumentTypeError(f"{text}: name a file that ends in {', '.join(_SUFFIXES)}")
     return Path(text)
 
 
-def blank(width_inches: float, height_inches: float) -> Any:
-    """A matplotlib figure that needs no screen. Raises InputError where matplotlib cannot be loaded."""
-    # Imported here: half a second that only those who want a picture pay.
+def new_figure(width_inches: float, height_inches: float) -> Any:
+    """Return an empty matplotlib figure that needs no display; raise InputError without matplotlib."""
+    # Imported here, because it takes half a second that only figures should cost.
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
@@ -44,30 +44,30 @@ def blank(width_inches: float, height_inches: float) -> Any:
     return figure
 
 
-def drawing(draw: Callable[[], Any]) -> Drawing:
-    """The matplotlib figure that draw() returns, for a page.
+def render_drawing(draw: Callable[[], Any]) -> Drawing:
+    """Return the matplotlib figure made by draw() as a drawing for a page.
 
-    Where matplotlib cannot be loaded the page is not lost: it says what to install instead.
+    If matplotlib cannot be loaded, the drawing is a line that says what to install.
     """
     try:
-        return Drawing(svg(draw()))
+        return Drawing(figure_to_svg(draw()))
     except InputError as error:
         return Drawing(f'<p class="dim">{html.escape(str(error))}</p>')
 
 
-def save(figure: Any, path: Path) -> None:
-    """Write a matplotlib figure in the form of its suffix. Raises OSError where it cannot be written."""
+def save_figure(figure: Any, path: Path) -> None:
+    """Write a matplotlib figure in the format of its suffix; raise OSError if it cannot be written."""
     with atomic_files(path) as (part,):
         figure.savefig(part, dpi=150, format=path.suffix[1:].lower())
 
 
-def svg(figure: Any) -> str:
-    """The SVG element alone; words stay words, which is small and can be searched."""
+def figure_to_svg(figure: Any) -> str:
+    """Return a figure as an SVG element; text remains text, which is small and searchable."""
     import matplotlib as mpl
 
     out = io.StringIO()
     size = figure.get_size_inches()
-    # Names within an element must differ from figure to figure of a page, and not from run to run.
+    # Element ids must differ between the figures of a page but be reproducible from run to run.
     salt = repr([axes.get_ylabel() + axes.get_title() for axes in figure.axes])
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": salt, "font.family": "sans-serif"}):
         figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
@@ -78,5 +78,5 @@ def svg(figure: Any) -> str:
 
 
 def _kept(head: str) -> str:
-    """The name spaces of an SVG's first tag; its size in points is left to the page."""
+    """Return the namespaces of an SVG's first tag, without its size, which the page sets."""
     return "".join(f" {word}" for word in head.split() if word.startswith("xmlns"))

@@ -1,4 +1,4 @@
-"""A gap in two more pictures: residuals step by step under a slider, and the drive that would tell more."""
+"""Figures of a gap result: residuals per step under a slider, and the recommended drive."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from plotly.subplots import make_subplots
 from hubodo.arrays import Array
 from hubodo.effects import distinguishing_manoeuvre
 from hubodo.gap.explain.result import GapResult
-from hubodo.report.gap_figures import Channel, channel_words, envelope
+from hubodo.report.gap_figures import Channel, envelope, format_channel
 from hubodo.report.page import COLOURS
 
-# s, m/s, rad/s: stretches of a drive, each entered and left smoothly.
-Stretch = tuple[float, float, float]
-_STRAIGHT: tuple[Stretch, ...] = ((8.0, 1.5, 0.0),)
+# Duration (s), speed (m/s) and yaw rate (rad/s) of one segment of a drive; transitions are smoothed.
+DriveSegment = tuple[float, float, float]
+_STRAIGHT: tuple[DriveSegment, ...] = ((8.0, 1.5, 0.0),)
 # What a manoeuvre's words ask for, in the words of the effects' own `alike`.
-_MOVES: Mapping[str, tuple[Stretch, ...]] = {
+_MOVES: Mapping[str, tuple[DriveSegment, ...]] = {
     "both ways": ((8.0, 2.5, 0.6), (3.0, 2.5, 0.0), (8.0, 2.5, -0.6)),
     "two speeds": ((10.0, 1.0, 0.0), (10.0, 3.0, 0.0)),
     "slowly and fast": ((12.0, 0.8, 0.0), (12.0, 3.0, 0.0)),
@@ -40,9 +40,9 @@ _STEP = 0.05
 
 
 def slider_figure(result: GapResult, chosen: Sequence[Channel]) -> go.Figure:
-    """The mean residual of a second, with the model as given in grey, and a slider over the effects found.
+    """Return a figure of the mean residual of each second, grey for the given model, with a slider over effects.
 
-    On paper it stands where the slider begins: with all of them.
+    In print it shows the initial slider position, with all effects.
     """
     chosen = chosen[:4]
     made = make_subplots(len(chosen), 1, shared_xaxes=True, vertical_spacing=0.1 / len(chosen))
@@ -55,7 +55,7 @@ def slider_figure(result: GapResult, chosen: Sequence[Channel]) -> go.Figure:
                 x=t, y=mean, mode="lines", line={"width": 1.3, "color": colour}, showlegend=False,
                 visible=number in (0, len(result.residual_steps)), row=place, col=1,
             )  # fmt: skip
-            made.update_yaxes(title_text=channel_words((name, row)), row=place, col=1)
+            made.update_yaxes(title_text=format_channel((name, row)), row=place, col=1)
     labels = ["as given", *(f"+ {it.effect}" for it in result.found)][: len(result.residual_steps)]
     per = len(chosen)
     steps = [
@@ -85,25 +85,25 @@ def slider_figure(result: GapResult, chosen: Sequence[Channel]) -> go.Figure:
     return made
 
 
-def wanted_drives(result: GapResult) -> list[tuple[str, tuple[Stretch, ...]]]:
-    """For what this log cannot tell apart: the manoeuvre in words, and the stretches of such a drive."""
-    made: dict[str, tuple[Stretch, ...]] = {}
+def recommend_drives(result: GapResult) -> list[tuple[str, tuple[DriveSegment, ...]]]:
+    """Return description and segments of a drive for each pair of effects that this log cannot distinguish."""
+    made: dict[str, tuple[DriveSegment, ...]] = {}
     for finding in result.found:
         for other in finding.inseparable_from:
             words = distinguishing_manoeuvre(finding.effect, other)
             if words:
-                made[f"{finding.effect} or {other}: {words}"] = stretches_of(words)
+                made[f"{finding.effect} or {other}: {words}"] = parse_manoeuvre(words)
     return list(made.items())
 
 
-def stretches_of(words: str) -> tuple[Stretch, ...]:
-    """What the words of a manoeuvre ask for; a plain drive where none of them is known."""
+def parse_manoeuvre(words: str) -> tuple[DriveSegment, ...]:
+    """Return the segments of a manoeuvre given in words; a generic drive if no keyword is known."""
     found = [stretches for key, stretches in _MOVES.items() if key in words]
     return (*_STRAIGHT, *(stretch for stretches in found[:2] or [_MOVES["longer"]] for stretch in stretches))
 
 
-def drive_figure(stretches: Sequence[Stretch]) -> go.Figure:
-    """The drive as a picture: speed and yaw rate along time, and its path seen from above."""
+def drive_figure(stretches: Sequence[DriveSegment]) -> go.Figure:
+    """Return a figure of a drive: speed and yaw rate over time, and the path from above."""
     t, speed, yaw_rate = _profile(stretches)
     heading = np.cumsum(yaw_rate) * _STEP
     x, y = np.cumsum(speed * np.cos(heading)) * _STEP, np.cumsum(speed * np.sin(heading)) * _STEP
@@ -125,8 +125,8 @@ def drive_figure(stretches: Sequence[Stretch]) -> go.Figure:
     return made
 
 
-def _profile(stretches: Sequence[Stretch]) -> tuple[Array, Array, Array]:
-    """Times, speed and yaw rate, from rest to rest."""
+def _profile(stretches: Sequence[DriveSegment]) -> tuple[Array, Array, Array]:
+    """Return times, speed and yaw rate, from standstill to standstill."""
     whole = [(2.0, 0.0, 0.0), *stretches, (2.0, 0.0, 0.0)]
     counts = [round(seconds / _STEP) for seconds, _, _ in whole]
     speed = np.repeat([speed for _, speed, _ in whole], counts)

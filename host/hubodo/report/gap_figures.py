@@ -1,4 +1,4 @@
-"""The figures of a gap: its steps, residuals before and after, what they go with, the evidence for a name."""
+"""Figures of a gap result: gap per step, residuals before and after, their dependence, and the evidence."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hubodo.gap.explain.result import Finding, GapResult
 from hubodo.gap.explain.summary import format_probability
 from hubodo.gap.problem.problem import CHANNELS
 from hubodo.gap.process_noise.residual import Residual
-from hubodo.report.page import COLOURS, figure
+from hubodo.report.page import COLOURS, new_plotly_figure
 
 BEFORE, AFTER, NOISE = COLOURS["right"], COLOURS["left"], COLOURS["truth"]
 _FAINT = {BEFORE: "rgba(209,73,91,0.30)", AFTER: "rgba(27,108,168,0.45)"}
@@ -25,13 +25,13 @@ _BINS, _CELLS = 500, 30
 _STRETCH = 5.0
 
 Channel = tuple[str, int]
-"""A node's name and the row of CHANNELS."""
+"""Name of a node, and row of CHANNELS."""
 
 
 def steps_figure(result: GapResult) -> go.Figure:
-    """The gap after each effect, on what was fitted and on what was not."""
+    """Return a figure of the gap after each effect, on fitted and held-out data."""
     labels = ["model as given", *(f"+ {it.effect}<br>{it.scope}" for it in result.found)]
-    made = figure("", "gap, in units of the declared noise", height=300)
+    made = new_plotly_figure("", "gap, in units of the declared noise", height=300)
     fitted = [result.gap.before, *(it.gap.after for it in result.found)]
     outside = [result.held_out_gap.before, *(it.held_out_gap.after for it in result.found)]
     both = (("fitted", fitted, outside, AFTER), ("not fitted (held out)", outside, fitted, COLOURS["fused"]))
@@ -54,7 +54,7 @@ def steps_figure(result: GapResult) -> go.Figure:
         made.add_hline(y=result.gap.floor, line={"dash": "dot", "color": NOISE})
         made.add_annotation(
             x=0.0, xref="paper", y=result.gap.floor, yanchor="top", xanchor="left", showarrow=False,
-            text="noise as it was measured", font={"color": NOISE},
+            text="measured noise", font={"color": NOISE},
         )  # fmt: skip
     low, high = min([*fitted, *outside, result.gap.floor or 9e9]), max([*fitted, *outside])
     room = max(0.35 * (high - low), 0.01)
@@ -63,8 +63,8 @@ def steps_figure(result: GapResult) -> go.Figure:
     return made
 
 
-def channels_that_matter(result: GapResult, most: int = 6) -> list[Channel]:
-    """Where each effect changed the model most; where nothing was found, the channels that stand out most."""
+def select_channels(result: GapResult, most: int = 6) -> list[Channel]:
+    """Return the channels that each effect changed most; without effects, those with the largest residuals."""
     if not result.found:
         rows = [
             (_rms(residual, row), name, row) for name, row, residual in _measured(result.residual_steps[0])
@@ -90,7 +90,7 @@ def _measured(residuals: Mapping[str, Residual]) -> Iterator[tuple[str, int, Res
 
 
 def residual_figure(result: GapResult, chosen: Sequence[Channel]) -> go.Figure:
-    """Residuals before and after on the same axes: the band from least to most, and the mean of a second."""
+    """Return a figure of residuals before and after: range and mean of each bin."""
     made = make_subplots(len(chosen), 1, shared_xaxes=True, vertical_spacing=0.35 / (2.5 * len(chosen)))
     for place, (name, row) in enumerate(chosen, 1):
         for label, residuals, colour in _both(result):
@@ -101,13 +101,13 @@ def residual_figure(result: GapResult, chosen: Sequence[Channel]) -> go.Figure:
             made.add_scatter(x=t, y=low, line=edge, showlegend=False, **common, row=place, col=1)
             made.add_scatter(
                 x=t, y=high, line=edge, fill="tonexty", fillcolor=_FAINT[colour],
-                name=f"{label}: least to most", showlegend=place == 1, **common, row=place, col=1,
+                name=f"{label}: range", showlegend=place == 1, **common, row=place, col=1,
             )  # fmt: skip
             made.add_scatter(
                 x=t, y=mean, line={"width": 1.5, "color": colour}, name=f"{label}: mean",
                 showlegend=place == 1, legendgroup=f"{label} mean", mode="lines", row=place, col=1,
             )  # fmt: skip
-        made.update_yaxes(title_text=channel_words((name, row)), row=place, col=1)
+        made.update_yaxes(title_text=format_channel((name, row)), row=place, col=1)
     made.update_xaxes(title_text="time, s", row=len(chosen), col=1)
     return _dressed(made, 90 + 190 * len(chosen))
 
@@ -115,15 +115,15 @@ def residual_figure(result: GapResult, chosen: Sequence[Channel]) -> go.Figure:
 def regime_figure(
     result: GapResult, chosen: Sequence[Channel], courses: Mapping[str, Trajectory]
 ) -> go.Figure:
-    """Means of the residual over what they vary with most: wheel angle, spin, turns, temperature, time."""
+    """Return a figure of the mean residuals over the quantity on which they depend most, per channel."""
     columns = min(2, len(chosen))
     rows = (len(chosen) + 1) // 2
     made = make_subplots(rows, columns, vertical_spacing=0.5 / (1 + 1.5 * rows), horizontal_spacing=0.12)
     for place, (name, row) in enumerate(chosen):
         at = {"row": place // 2 + 1, "col": place % 2 + 1}
-        title, over = best_abscissa(result.residual_steps[0][name], row, courses[name])
+        title, over = select_abscissa(result.residual_steps[0][name], row, courses[name])
         for label, residuals, colour in _both(result):
-            x, mean, error = binned(over, residuals[name].value[row])
+            x, mean, error = bin_means(over, residuals[name].value[row])
             made.add_scatter(
                 x=x, y=mean, error_y={"array": error, "thickness": 1, "width": 0},
                 name=label, legendgroup=label, showlegend=place == 0,
@@ -131,15 +131,15 @@ def regime_figure(
                 line={"color": colour, "width": 1.5}, **at,
             )  # fmt: skip
         made.update_xaxes(title_text=title, **at)
-        made.update_yaxes(title_text=channel_words((name, row)), **at)
+        made.update_yaxes(title_text=format_channel((name, row)), **at)
     return _dressed(made, 100 + 270 * rows)
 
 
-def stretches_figure(result: GapResult) -> go.Figure:
-    """The gap of each stretch of five seconds, before and after."""
-    made = figure("time, s", "gap of five seconds", height=260)
+def gap_over_time_figure(result: GapResult) -> go.Figure:
+    """Return a figure of the gap in each five-second interval, before and after."""
+    made = new_plotly_figure("time, s", "gap in 5 s", height=260)
     for label, residuals, colour in _both(result):
-        t, values = stretches(residuals)
+        t, values = gap_over_time(residuals)
         made.add_scatter(
             x=t, y=values, name=label, mode="lines", line={"color": colour, "width": 2.0, "shape": "hvh"}
         )
@@ -148,11 +148,11 @@ def stretches_figure(result: GapResult) -> go.Figure:
 
 
 def evidence_figure(finding: Finding, most: int = 5) -> go.Figure:
-    """The probability of each name that was considered in the place of one."""
+    """Return a figure of the probabilities of all candidate effects for one finding."""
     rows = finding.rivals[:most] or ((finding.effect, finding.scope, 0.0, finding.confidence),)
-    # Fewer hundredths of a per cent than a pixel: the number stands beside the bar.
+    # Small probabilities are narrower than a pixel, so each bar is labelled with its value.
     labels = [f"{effect} ({scope})" for effect, scope, _, _ in rows]
-    made = figure("probability, %", "", height=110 + 34 * len(rows))
+    made = new_plotly_figure("probability, %", "", height=110 + 34 * len(rows))
     made.add_bar(
         x=[100.0 * share for *_, share in rows],
         y=labels,
@@ -166,14 +166,14 @@ def evidence_figure(finding: Finding, most: int = 5) -> go.Figure:
     return made
 
 
-def channel_words(channel: Channel) -> str:
-    """Name and unit of a channel."""
+def format_channel(channel: Channel) -> str:
+    """Return name and unit of a channel."""
     name, row = channel
     return f"{name}.{CHANNELS[row]}, {'rad/s' if row < 3 else 'm/s²'}"
 
 
 def envelope(t: Array, values: Array) -> tuple[Array, Array, Array, Array]:
-    """t, least, mean and most of values in at most 500 bins of equal length, (K,) each."""
+    """Return t, minimum, mean and maximum of values in at most 500 bins of equal length, (K,) each."""
     edges = np.unique(np.linspace(0, len(t), min(_BINS, len(t)) + 1).astype(int))
     count = np.diff(edges)
     mean = np.add.reduceat(values, edges[:-1]) / count
@@ -181,8 +181,8 @@ def envelope(t: Array, values: Array) -> tuple[Array, Array, Array, Array]:
     return _short(t[edges[:-1]]), _short(low), _short(mean), _short(high)
 
 
-def binned(over: Array, values: Array) -> tuple[Array, Array, Array]:
-    """Middle, mean and standard error of values in up to 30 bins over another series."""
+def bin_means(over: Array, values: Array) -> tuple[Array, Array, Array]:
+    """Return centre, mean and standard error of values in up to 30 bins over another series."""
     low, high = np.percentile(over, [0.5, 99.5])
     cell = np.clip(((over - low) / max(high - low, 1e-12) * _CELLS).astype(int), 0, _CELLS - 1)
     count = np.bincount(cell, minlength=_CELLS)
@@ -193,8 +193,8 @@ def binned(over: Array, values: Array) -> tuple[Array, Array, Array]:
     return _short(np.bincount(cell, over, _CELLS)[kept] / count[kept]), _short(total), _short(error)
 
 
-def best_abscissa(residual: Residual, row: int, course: Trajectory) -> tuple[str, Array]:
-    """Over which series the means of a residual vary most beyond their errors."""
+def select_abscissa(residual: Residual, row: int, course: Trajectory) -> tuple[str, Array]:
+    """Return label and series of the quantity on which the binned residual depends most significantly."""
     options: list[tuple[str, Array]] = []
     if course.angle is not None:
         options.append(("angle of the wheel, °", np.degrees(np.mod(course.angle, 2.0 * np.pi))))
@@ -206,15 +206,15 @@ def best_abscissa(residual: Residual, row: int, course: Trajectory) -> tuple[str
     scored = []
     for title, series in options:
         if np.ptp(series) > 1e-6:
-            _, mean, error = binned(series, residual.value[row])
+            _, mean, error = bin_means(series, residual.value[row])
             ok = error > 0.0
             scored.append((float(np.sum((mean[ok] / error[ok]) ** 2)), title, series))
     best = max(scored, key=lambda it: it[0])
     return best[1], best[2]
 
 
-def stretches(residuals: Mapping[str, Residual]) -> tuple[Array, Array]:
-    """Start of each five seconds and the gap in it, (K,) each."""
+def gap_over_time(residuals: Mapping[str, Residual]) -> tuple[Array, Array]:
+    """Return the centre of each five-second interval and the gap in it, (K,) each."""
     last = max(float(residual.node.t[-1]) for residual in residuals.values())
     first = min(float(residual.node.t[0]) for residual in residuals.values())
     count = max(1, int((last - first) / _STRETCH))
@@ -231,7 +231,7 @@ def stretches(residuals: Mapping[str, Residual]) -> tuple[Array, Array]:
 
 
 def _both(result: GapResult) -> list[tuple[str, Mapping[str, Residual], str]]:
-    """Before and, where something was found, after."""
+    """Return label, residuals and colour before and, if an effect was found, after."""
     made = [("before", result.residual_steps[0], BEFORE)]
     return [*made, ("after", result.residual_steps[-1], AFTER)] if result.found else made
 
@@ -241,7 +241,7 @@ def _rms(residual: Residual, row: int) -> float:
 
 
 def _short(values: Sequence[float] | NDArray[Any]) -> Array:
-    """Five digits: all that a figure shows, and a small file."""
+    """Round to five significant digits, which suffices for a figure and keeps the file small."""
     array = np.asarray(values, np.float64)
     largest = float(np.abs(array).max(initial=0.0))
     return np.round(array, max(0, 5 - int(np.floor(np.log10(largest)))) if largest > 0.0 else 0)

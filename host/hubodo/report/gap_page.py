@@ -1,4 +1,4 @@
-"""The gap as one page: what is missing and what to do for everybody, then the figures that show it."""
+"""Page of a gap result: verdict, missing effects and recommendations, then figures and evidence."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from hubodo.gap.explain.summary import (
     list_advice,
 )
 from hubodo.gap.problem.problem import CHANNELS
-from hubodo.report.gap_drive import drive_figure, slider_figure, wanted_drives
+from hubodo.report.gap_drive import drive_figure, recommend_drives, slider_figure
 from hubodo.report.gap_figures import (
     Channel,
-    channels_that_matter,
     evidence_figure,
+    gap_over_time_figure,
     regime_figure,
     residual_figure,
+    select_channels,
     steps_figure,
-    stretches_figure,
 )
-from hubodo.report.page import Grid, Section, page
+from hubodo.report.page import PageTable, Section, render_page
 
 _STYLE = """<style>
 .cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(15rem, 1fr)); gap: 0.9rem; }
@@ -61,76 +61,80 @@ _BADGES = {
 
 
 def gap_page(result: GapResult, *, log: str, model: str, written: str) -> str:
-    """The page as text.
+    """Return the page as HTML.
 
-    log, model: names of what was compared. written: the text of the model with what was added.
+    log, model: names of log and model. written: text of the model file with the added effects.
     """
-    chosen = channels_that_matter(result)
+    chosen = select_channels(result)
     courses = {name: compute_trajectory(residual.node) for name, residual in result.residual_steps[0].items()}
     sections = [
         Section(
             "The gap, step by step",
-            "The gap is the size of what the model cannot account for, in units of the noise that the model "
-            "file declares: a perfect model has 1, or where the noise is not as declared, the dotted line. "
-            f"Held out, that is left out of the fit, were {result.held_out_kind}.",
+            "The gap is the rms of the residuals in units of the noise declared in the model file: a perfect model "
+            "has 1, or the value of the dotted line if the noise is not as declared. Held out of the fit: "
+            f"{result.held_out_kind}.",
             [_steps_table(result)] if result.found else [],
             [steps_figure(result)] if result.found else [],
         ),
         Section(
-            "What is left over, before and after" if result.found else "What is left over",
-            "Measured less predicted, in the channels that matter most.",
+            "Residuals before and after" if result.found else "Residuals",
+            "Measured minus predicted, in the channels with the largest changes.",
             figures=[residual_figure(result, chosen)] if chosen else [],
         ),
         *_step_by_step(result, chosen),
         Section(
-            "What it goes with",
-            "The same residuals, averaged over whatever shows them most clearly. With a model that is "
-            "complete they are flat lines at zero.",
+            "Dependence of the residuals",
+            "The same residuals, averaged over the quantity on which they depend most. For a complete model they are "
+            "flat lines at zero.",
             figures=[regime_figure(result, chosen, courses)] if chosen else [],
         ),
-        Section("When", "The gap of all channels along the log.", figures=[stretches_figure(result)]),
+        Section(
+            "Gap over time", "The gap of all channels along the log.", figures=[gap_over_time_figure(result)]
+        ),
         *(_evidence(finding) for finding in result.found),
         Section(
-            "Every channel",
-            "Root mean square of the residual in units of the declared noise. Noise: what scatters from one "
-            "sample to the next, which no effect can take away.",
+            "All channels",
+            "Root mean square of the residuals in units of the declared noise. Noise: variation from sample to "
+            "sample, which no effect explains.",
             [_channel_table(result)],
         ),
         _remaining(result),
         *_drive_this(result),
         Section(
-            "What no drive can tell apart",
-            "Two causes that move every channel alike stay one, however long the log is. A name on this page "
-            "may be the other of its pair.",
-            [Grid(("this", "or this", "why"), INDISTINGUISHABLE_CAUSES)],
+            "Indistinguishable causes",
+            "Two causes with the same effect on every channel cannot be distinguished by any drive. An effect named on "
+            "this page may be the other one of its pair.",
+            [PageTable(("effect", "indistinguishable from", "reason"), INDISTINGUISHABLE_CAUSES)],
         ),
         Section(
-            "The model that was written",
-            "model.toml beside this page; it can be used wherever a model file is asked for.",
+            "Resulting model",
+            "The file model.toml in the folder of this page; it can be used as any model file.",
             listing=written,
         ),
     ]
-    return page(f"The gap between {model} and {log}", describe_verdict(result), sections, _hero(result))
+    return render_page(
+        f"The gap between {model} and {log}", describe_verdict(result), sections, _hero(result)
+    )
 
 
 def _step_by_step(result: GapResult, chosen: Sequence[Channel]) -> list[Section]:
     if not result.found or not chosen:
         return []
     words = (
-        "The mean residual of each second: grey as given, blue with the effects up to where the slider is."
+        "The mean residual of each second: grey for the given model, blue with the effects up to the slider."
     )
     return [Section("Effect by effect", words, figures=[slider_figure(result, chosen)])]
 
 
 def _drive_this(result: GapResult) -> list[Section]:
-    """One section for each manoeuvre that would tell names apart."""
+    """Return one section for each manoeuvre that would distinguish two effects."""
     return [
         Section(
-            "Drive this",
-            f"{words}. Speed and turns of such a drive, as an example:",
+            "Recommended drive",
+            f"{words}. Example of the speed and yaw rate of such a drive:",
             figures=[drive_figure(it)],
         )
-        for words, it in wanted_drives(result)
+        for words, it in recommend_drives(result)
     ]
 
 
@@ -138,8 +142,8 @@ def _hero(result: GapResult) -> str:
     words, colour = _BADGES[result.verdict]
     parts = [_STYLE, f'<span class="badge" style="background:{colour}">{words}</span>']
     cards = [
-        _gap_card("Gap on the data that was fitted", result.gap, result.gap.floor),
-        _gap_card("Gap on data that was not fitted", result.held_out_gap, result.gap.floor),
+        _gap_card("Gap on fitted data", result.gap, result.gap.floor),
+        _gap_card("Gap on held-out data", result.held_out_gap, result.gap.floor),
         _sure_card(result),
     ]
     parts.append(f'<div class="cards">{"".join(cards)}</div>')
@@ -157,10 +161,10 @@ def _gap_card(title: str, size: BeforeAfter, floor: float | None) -> str:
     excess = size.before**2 - lowest**2
     share = (size.before**2 - size.after**2) / excess if excess > 1e-9 else 0.0
     words = describe_reduction(size.before, size.after, floor)
-    said = html.escape(words or "nothing beyond noise was explained")
+    said = html.escape(words or "no part of the gap was explained")
     width = 100.0 * min(max(share, 0.0), 1.0)
     meter = f'<div class="meter"><i style="width:{width:.0f}%"></i></div>' if words else ""
-    least = "" if floor is None else f"; here noise alone makes {floor:.2f}"
+    least = "" if floor is None else f"; noise alone gives {floor:.2f} here"
     return (
         f'<div class="card"><h3>{title}</h3><div class="big"><small>{_figure(size.before)} →</small> '
         f"{_figure(size.after)}</div>{meter}<p>{said}</p>"
@@ -177,13 +181,13 @@ def _sure_card(result: GapResult) -> str:
         rounds = result.search.rounds
         nothing = rounds[-1].null_probability if rounds else 1.0
         return (
-            f'<div class="card"><h3>How sure</h3><div class="big">{format_probability(nothing)}</div>'
+            f'<div class="card"><h3>Confidence</h3><div class="big">{format_probability(nothing)}</div>'
             f"<p>that no known effect is missing</p></div>"
         )
     least = min(result.found, key=lambda finding: finding.confidence)
     others = " for each name" if len(result.found) > 1 else ""
     return (
-        f'<div class="card"><h3>How sure</h3><div class="big">{format_probability(least.confidence)}</div>'
+        f'<div class="card"><h3>Confidence</h3><div class="big">{format_probability(least.confidence)}</div>'
         f"<p>{'at least, ' if others else ''}{describe_confidence(least.confidence)}{others}</p>"
         f'<p class="dim">{html.escape(describe_runner_up(least))}</p></div>'
     )
@@ -193,18 +197,20 @@ def _missing(finding: Finding) -> str:
     values = ", ".join(f"{name} {format_estimate(it)}" for name, it in finding.parameters.items())
     alike = ""
     if finding.inseparable_from:
-        alike = f"<p>This log cannot tell it from {html.escape(', '.join(finding.inseparable_from))}.</p>"
+        alike = (
+            f"<p>Not distinguishable from {html.escape(', '.join(finding.inseparable_from))} in this log.</p>"
+        )
     words = describe_effect(finding)
     return (
         f'<div class="card missing"><b>{html.escape(words[:1].upper() + words[1:])}</b> '
         f"<code>{html.escape(finding.effect)}</code><p>{html.escape(values)}</p>"
         f'<p class="dim">{html.escape(describe_confidence(finding.confidence))} '
         f"({format_probability(finding.confidence)}); "
-        f"seen in {html.escape(finding.where)}</p>{alike}</div>"
+        f"visible in {html.escape(finding.where)}</p>{alike}</div>"
     )
 
 
-def _steps_table(result: GapResult) -> Grid:
+def _steps_table(result: GapResult) -> PageTable:
     rows = [("model as given", "", _figure(result.gap.before), _figure(result.held_out_gap.before), "")]
     for finding in result.found:
         values = ", ".join(
@@ -220,19 +226,19 @@ def _steps_table(result: GapResult) -> Grid:
                 format_probability(finding.confidence),
             )
         )
-    return Grid(("model", "value ± 1 sigma", "gap", "held out", "confidence"), rows)
+    return PageTable(("model", "value ± 1σ", "gap", "held out", "confidence"), rows)
 
 
 def _evidence(finding: Finding) -> Section:
     return Section(
-        f"Why {finding.effect}",
-        "Every effect was tried in every scope, the best were fitted in full, and each is judged by how much "
-        "likelier it makes the data for the freedom it takes. Gain: in the logarithm of the likelihood.",
+        f"Evidence for {finding.effect}",
+        "Every effect was tested in every scope and the best were fitted fully. The probabilities follow from the "
+        "likelihoods, with a penalty for free parameters. Gain: increase of the log likelihood.",
         figures=[evidence_figure(finding)],
     )
 
 
-def _channel_table(result: GapResult) -> Grid:
+def _channel_table(result: GapResult) -> PageTable:
     first, last = result.residual_steps[0], result.residual_steps[-1]
     rows: list[tuple[str, ...]] = []
     for name, residual in first.items():
@@ -247,11 +253,11 @@ def _channel_table(result: GapResult) -> Grid:
             )
             sizes = (f"{float(np.sqrt(np.mean(value**2))):.3f}" for value in values)
             rows.append((f"{name}.{CHANNELS[row]}", *sizes))
-    return Grid(("channel", "before", "after", "noise"), rows)
+    return PageTable(("channel", "before", "after", "noise"), rows)
 
 
 def _remaining(result: GapResult) -> Section:
     if not result.remaining:
-        return Section("What remains", "Nothing that stands out from noise.")
+        return Section("Unexplained residuals", "None above the noise.")
     rows = [(left.channel, left.where, left.looks_like) for left in result.remaining]
-    return Section("What remains", "", [Grid(("channel", "where", "what it looks like"), rows)])
+    return Section("Unexplained residuals", "", [PageTable(("channel", "where", "looks like"), rows)])

@@ -1,4 +1,4 @@
-"""The heading of one gyro axis as words, tables, drawings and a PNG."""
+"""Summary, tables and figures of the heading of one gyro axis."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hubodo.report.curves import Curve, curves
-from hubodo.report.drawing import Drawing, blank, save
-from hubodo.report.page import Grid, Section
+from hubodo.report.curves import Curve, draw_curves
+from hubodo.report.drawing import Drawing, new_figure, save_figure
+from hubodo.report.page import PageTable, Section
 from hubodo.sensors.heading.result import HeadingAnalysis
 from hubodo.sensors.heading.score import HeadingScore
 
@@ -18,28 +18,28 @@ _OURS = "#1b6ca8"
 _RIVALS = ("#d1495b", "#8a8d91")
 
 _KNOWN = 10.0
-"""A bias is drawn from where its sigma is less than so many times the usual; before, it hides the rest."""
+"""The bias is plotted where its sigma is below this multiple of the median, as larger bands hide the rest."""
 
 
-def heading_lead(report: HeadingAnalysis) -> str:
-    """The result in one or two sentences."""
+def summarise_heading(report: HeadingAnalysis) -> str:
+    """Return the result in one or two sentences."""
     turned, sigma = report.track.heading[-1] * _DEG, report.track.sigma[-1] * _DEG
-    lead = f"After {report.duration:.0f} s turned by {turned:+.2f}° ± {sigma:.2f}°."
+    lead = f"Turned by {turned:+.2f}° ± {sigma:.2f}° in {report.duration:.0f} s."
     if report.score is not None:
         ours = report.score.errors["heading"]
         lead += (
-            f" Beside {report.score.source}: {ours.final * _DEG:+.2f}° at the end "
-            f"({report.score.final_error_in_sigma:+.1f} sigma), {ours.rms * _DEG:.2f}° rms."
+            f" Error against {report.score.source}: {ours.final * _DEG:+.2f}° at the end "
+            f"({report.score.final_error_in_sigma:+.1f}σ), {ours.rms * _DEG:.2f}° rms."
         )
     return lead
 
 
 def score_rows(report: HeadingAnalysis) -> list[tuple[str, ...]]:
-    """A row of headings, then one for each estimate: turned, and its error where there is a truth."""
+    """Return a header row, then one row per estimate: total turn, and its errors if truth is available."""
     score = report.score
     head: tuple[str, ...] = ("estimate", "turned, °")
     if score is not None:
-        head += ("error rms, °", "at the end, °", "worst, °")
+        head += ("error rms, °", "at the end, °", "largest, °")
     rows = [head]
     for name, end in report.final_headings().items():
         row: tuple[str, ...] = (name, f"{end * _DEG:+.3f}")
@@ -51,7 +51,7 @@ def score_rows(report: HeadingAnalysis) -> list[tuple[str, ...]]:
 
 
 def heading_sections(report: HeadingAnalysis) -> list[Section]:
-    """Course, error, bias, and what it rests on, for a page."""
+    """Return the sections of a page: heading, errors, inputs and bias."""
     noise, track = report.noise, report.track
     grounds = [
         ("standstills", f"{len(report.standstills)}, {sum(b - a for a, b in report.standstills):.1f} s"),
@@ -60,7 +60,7 @@ def heading_sections(report: HeadingAnalysis) -> list[Section]:
         ("rate random walk K", f"{noise.rate_random_walk:.3g} rad/s/√s"),
         ("warm-up C1", f"{report.warmup.c1:+.3g} rad/s"),
         ("warm-up time constant", f"{report.warmup.time_constant:.4g} s"),
-        ("scale, 1 sigma", f"{report.scale_sigma:.3g}"),
+        ("scale factor, 1σ", f"{report.scale_sigma:.3g}"),
         ("lag", f"{report.lag:.3g} s"),
         ("gaps", str(len(track.gaps))),
     ]
@@ -69,27 +69,25 @@ def heading_sections(report: HeadingAnalysis) -> list[Section]:
         Section(
             "Heading",
             " ".join(f"{note}." for note in report.notes),
-            [Grid(rows[0], rows[1:])],
+            [PageTable(rows[0], rows[1:])],
             [_course(report)],
         )
     ]
     if report.score is not None:
         sections.append(
-            Section(
-                "Error", "The band is one sigma, as the estimate says it.", figures=[_error(report.score)]
-            )
+            Section("Error", "The band is the estimated sigma (1σ).", figures=[_error(report.score)])
         )
-    sections.append(Section("What it rests on", "", [Grid(("", ""), grounds)], [_bias(report)]))
+    sections.append(Section("Inputs and bias", "", [PageTable(("", ""), grounds)], [_bias(report)]))
     return sections
 
 
-def heading_figure(report: HeadingAnalysis, path: Path, title: str) -> None:
-    """Course and sigma, and the error where there is a truth.
+def save_heading_figure(report: HeadingAnalysis, path: Path, title: str) -> None:
+    """Write a figure of heading and sigma, or of the error if truth is available.
 
-    Raises OSError where it cannot be written, InputError without matplotlib.
+    Raises OSError if it cannot be written, InputError without matplotlib.
     """
     track, score = report.track, report.score
-    made = blank(8.0, 6.0)
+    made = new_figure(8.0, 6.0)
     upper, lower = made.subplots(2, 1, sharex=True)
     upper.plot(track.t, (track.heading + report.start) * _DEG, color=_OURS, label="heading")
     for (name, values), colour in zip(track.baselines.items(), _RIVALS, strict=False):
@@ -105,11 +103,11 @@ def heading_figure(report: HeadingAnalysis, path: Path, title: str) -> None:
         lower.fill_between(ours.t, -score.sigma * _DEG, score.sigma * _DEG, color=_OURS, alpha=0.18, lw=0)
         for (_, error), colour in zip(score.errors.items(), (_OURS, *_RIVALS), strict=False):
             lower.plot(error.t, error.error * _DEG, color=colour, lw=0.8)
-        lower.set_ylabel(f"error beside {score.source}, °")
+        lower.set_ylabel(f"error against {score.source}, °")
     lower.set_xlabel("t, s")
     for axes in (upper, lower):
         axes.grid(True, lw=0.3, color="#d8dce0")
-    save(made, path)
+    save_figure(made, path)
 
 
 def _course(report: HeadingAnalysis) -> Drawing:
@@ -119,7 +117,7 @@ def _course(report: HeadingAnalysis) -> Drawing:
         Curve(track.t, (values + report.start) * _DEG, name, colour)
         for (name, values), colour in zip(courses.items(), (_OURS, *_RIVALS), strict=False)
     ]
-    return curves(shown[::-1], "t, s", "heading, °")  # ours on top
+    return draw_curves(shown[::-1], "t, s", "heading, °")  # reversed, so that the filter is on top
 
 
 def _error(score: HeadingScore) -> Drawing:
@@ -129,7 +127,7 @@ def _error(score: HeadingScore) -> Drawing:
         Curve(error.t, error.error * _DEG, name, colour)
         for (name, error), colour in zip(score.errors.items(), (_OURS, *_RIVALS), strict=False)
     ]
-    return curves([band, *shown[::-1]], "t, s", "error, °")
+    return draw_curves([band, *shown[::-1]], "t, s", "error, °")
 
 
 def _bias(report: HeadingAnalysis) -> Drawing:
@@ -137,4 +135,4 @@ def _bias(report: HeadingAnalysis) -> Drawing:
     known = track.sigma_bias <= _KNOWN * np.median(track.sigma_bias)
     t, values, sigma = (column[known] for column in (track.t, track.bias, track.sigma_bias))
     bias = Curve(t, values * _DEG, "bias", _OURS, sigma=sigma * _DEG)
-    return curves([bias], "t, s", "bias of the axis, °/s", height=2.6)
+    return draw_curves([bias], "t, s", "bias of the axis, °/s", height=2.6)

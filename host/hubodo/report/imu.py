@@ -1,4 +1,4 @@
-"""An IMU calibration as sections of a report page: rests, parameters, residuals."""
+"""Page sections of an IMU calibration: parameters, residuals and standstills."""
 
 from __future__ import annotations
 
@@ -6,24 +6,24 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hubodo.report.curves import Curve, Values, curves
-from hubodo.report.page import COLOURS, Grid, Section
+from hubodo.report.curves import Curve, Values, draw_curves
+from hubodo.report.page import COLOURS, PageTable, Section
 from hubodo.sensors.imu.calibrate import ImuCalibration
 from hubodo.sensors.imu.held_out import CrossValidation
 
 
 def imu_sections(result: ImuCalibration) -> Sequence[Section]:
-    """Sections for `hubodo.report.page.page`."""
-    return (_parameters(result), _residuals(result), _rests(result))
+    """Return the page sections of a calibration."""
+    return (_parameters(result), _residuals(result), _standstills(result))
 
 
-def held_out_words(held_out: CrossValidation | None, unit: str, factor: float = 1.0) -> str:
-    """Before and after on what took no part in the fit, in one phrase."""
+def format_held_out(held_out: CrossValidation | None, unit: str, factor: float = 1.0) -> str:
+    """Return the held-out errors before and after calibration as one phrase."""
     if held_out is None:
-        return "nothing was left over to judge by"
+        return "no data were held out"
     return (
         f"{held_out.rms_before * factor:.4g} {unit} rms before, {held_out.rms * factor:.4g} {unit} after "
-        f"(largest {np.abs(held_out.error).max() * factor:.4g}), on {len(held_out.error)} not used in the fit"
+        f"(largest {np.abs(held_out.error).max() * factor:.4g}), on {len(held_out.error)} held out of the fit"
     )
 
 
@@ -39,19 +39,19 @@ def _parameters(result: ImuCalibration) -> Section:
         f"The {poses.count} poses have condition number {poses.condition:.3g}. "
         + " ".join(f"{note[0].upper()}{note[1:]}." for note in result.notes)
     )
-    return Section("Calibration of the IMU", text, [Grid(["effect", "parameter", "value", "1 sigma"], rows)])
+    return Section("Calibration of the IMU", text, [PageTable(["effect", "parameter", "value", "1σ"], rows)])
 
 
 def _residuals(result: ImuCalibration) -> Section:
     count = np.arange(1, len(result.standstills) + 1)
     lengths = _before_and_after(count, result.accel.residual_before, result.accel.residual)
-    figures = [curves(lengths, "rest", "length less gravity, m/s²")]
-    text = f"Accelerometer length: {held_out_words(result.accel_held_out, 'm/s²')}."
+    figures = [draw_curves(lengths, "standstill", "norm minus gravity, m/s²")]
+    text = f"Norm of the accelerometer: {format_held_out(result.accel_held_out, 'm/s²')}."
     turns = result.gyro.turns
     if turns is not None:
         angles = _before_and_after(turns.used + 1, np.degrees(turns.error_before), np.degrees(turns.error))
-        figures.append(curves(angles, "turn", "gyros against gravity, °"))
-        text += f" Gyro turns: {held_out_words(result.gyro.held_out, 'degrees', 180 / np.pi)}."
+        figures.append(draw_curves(angles, "turn", "angle error against gravity, °"))
+        text += f" Gyro turns: {format_held_out(result.gyro.held_out, 'degrees', 180 / np.pi)}."
     return Section("Before and after", text, figures=figures)
 
 
@@ -62,18 +62,20 @@ def _before_and_after(x: Values, before: Values, after: Values) -> list[Curve]:
     ]
 
 
-def _rests(result: ImuCalibration) -> Section:
-    rests = result.standstills
+def _standstills(result: ImuCalibration) -> Section:
+    standstills = result.standstills
     rows = [
         [
             str(k + 1),
-            f"{rests.t[k, 0]:.2f}",
-            f"{rests.duration[k]:.1f}",
-            *(f"{a:+.3f}" for a in rests.accel[k]),
+            f"{standstills.t[k, 0]:.2f}",
+            f"{standstills.duration[k]:.1f}",
+            *(f"{a:+.3f}" for a in standstills.accel[k]),
             f"{result.accel.residual_before[k]:+.4f}",
             f"{result.accel.residual[k]:+.5f}",
         ]
-        for k in range(len(rests))
+        for k in range(len(standstills))
     ]
-    headings = ["rest", "from, s", "for, s", "ax", "ay", "az", "length off before", "after, m/s²"]
-    return Section(f"{len(rests)} rests", tables=[Grid(headings, rows)])
+    headings = [
+        "standstill", "from, s", "duration, s", "ax", "ay", "az", "norm error before, m/s²", "after, m/s²",
+    ]  # fmt: skip
+    return Section(f"{len(standstills)} standstills", tables=[PageTable(headings, rows)])

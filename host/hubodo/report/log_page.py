@@ -1,4 +1,4 @@
-"""A log as one page for a colleague: its content, losses, sensors and drive, and what it cannot show."""
+"""Page of one log: content, losses, sensors, drive, and what the log does not contain."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from hubodo.fuse.wheel_odometry import WheelOdometry, compute_wheel_odometry
 from hubodo.log.summary import Summary
 from hubodo.recording import Recording
 from hubodo.report.bias_filter import bias_filter_section
-from hubodo.report.curves import Curve, curves
+from hubodo.report.curves import Curve, draw_curves
 from hubodo.report.drawing import Drawing
-from hubodo.report.log_sensors import sensor_report
-from hubodo.report.page import COLOURS, Grid, Section, page
+from hubodo.report.log_sensors import report_sensors
+from hubodo.report.page import COLOURS, PageTable, Section, render_page
 from hubodo.vehicle import Vehicle
 
 _MOST_ROWS = 40
@@ -28,7 +28,13 @@ _MOST_ROWS = 40
 
 @dataclass(frozen=True)
 class LogPage:
-    """html: the page. facts: what was found; missing: what the log cannot show, and why; one line each."""
+    """The page of one log.
+
+    Attributes:
+        html: the page.
+        facts: findings, one line each.
+        missing: results that the log does not allow, with the reasons, one line each.
+    """
 
     html: str
     facts: tuple[str, ...]
@@ -45,10 +51,10 @@ def log_page(
     calibration_from: str = "",
     gravity: float = 9.80665,
 ) -> LogPage:
-    """The page of a log. summary: None for a CSV folder, which has no messages.
+    """Return the page of a log.
 
-    calibration_from: where the calibration stood, in words. gravity: m/s² at the place. Raises
-    CalibrationError when the calibration is of other nodes.
+    summary: None for a CSV folder, which has no messages. calibration_from: source of the calibration, for the text.
+    gravity: local gravity, m/s². Raises CalibrationError if the calibration is for other nodes.
     """
     facts: list[str] = []
     missing: list[str] = []
@@ -57,30 +63,30 @@ def log_page(
     applied = _applied(recording, calibration)
     sections.append(_calibration(recording, calibration, calibration_from, applied, missing))
     for node, table in recording.nodes.items():
-        found = sensor_report(node, table, recording.events, recording.t_zero_ns, gravity)
+        found = report_sensors(node, table, recording.events, recording.t_zero_ns, gravity)
         sections += found.sections
         facts += found.facts
         missing += found.missing
         if node not in recording.bias_filters:
-            missing.append(f"{node}: bias by its own filter: the log has none")
+            missing.append(f"{node}: bias of the node's own filter: not in the log")
             continue
         drawn, line = bias_filter_section(node, recording.bias_filters[node])
         (missing if drawn is None else facts).append(line)
         sections += [] if drawn is None else [drawn]
     sections += _drive(name, recording, vehicle, calibration, applied, facts, missing)
     missing.append(
-        "north: a turntable record is there, hubodo north evaluates it"
+        "north: the log contains a turntable record, which hubodo north evaluates"
         if recording.table is not None
         else "north: no turntable record (table.csv); see hubodo north"
     )
-    findings = Section("What was found", tables=[Grid(("",), [(line,) for line in facts])])
+    findings = Section("Findings", tables=[PageTable(("",), [(line,) for line in facts])])
     absent = Section(
-        "What this log cannot show",
-        "Each with the reason; nothing else was left out.",
-        [Grid(("",), [(line,) for line in missing])],
+        "Not available from this log",
+        "Each with the reason; everything else was evaluated.",
+        [PageTable(("",), [(line,) for line in missing])],
     )
     return LogPage(
-        page(f"Log {name}", _lead(recording, summary), [findings, *sections, absent]),
+        render_page(f"Log {name}", _lead(recording, summary), [findings, *sections, absent]),
         tuple(facts),
         tuple(missing),
     )
@@ -102,24 +108,22 @@ def _lead(recording: Recording, summary: Summary | None) -> str:
 def _content(recording: Recording, summary: Summary | None, missing: list[str]) -> Section:
     tables, text = [], ""
     if summary is None:
-        missing.append("arrival times, links and events: a CSV folder does not hold them")
+        missing.append("arrival times, links and events: a CSV folder does not contain them")
         rows = [
             (name, str(len(table)), f"{table.t[0]:.3f}", f"{table.t[-1]:.3f}")
             if len(table)
             else (name, "0", "", "")
             for name, table in recording.files().items()
         ]
-        tables.append(Grid(("file", "rows", "from, s", "to, s"), rows))
+        tables.append(PageTable(("file", "rows", "from, s", "to, s"), rows))
     else:
         when = (
-            datetime.fromtimestamp(summary.start_ns / 1e9, UTC).isoformat()
-            if summary.start_ns
-            else "not known"
+            datetime.fromtimestamp(summary.start_ns / 1e9, UTC).isoformat() if summary.start_ns else "unknown"
         )
         text = f"{summary.size / 1e6:.2f} MB, {summary.duration:.2f} s; t = 0 is {when}. "
         text += f"Written by {summary.library}."
         tables.append(
-            Grid(
+            PageTable(
                 ("topic", "messages", "rate, Hz", "jitter, ms", "longest, ms", "gaps", "missing"),
                 [
                     (
@@ -146,10 +150,10 @@ def _content(recording: Recording, summary: Summary | None, missing: list[str]) 
         serial = find_node_serial(recording.metadata, name) or "not known"
         nodes.append((name, serial, meta["firmware"], meta["rate_hz"], meta["parts"], span))
     heading = ("node", "serial", "firmware", "nominal Hz", "parts", "temperature, °C")
-    tables.append(Grid(heading, nodes))
+    tables.append(PageTable(heading, nodes))
     for warning in recording.warnings:
         text += f" Warning: {warning}."
-    return Section("What the log holds", text, tables)
+    return Section("Content of the log", text, tables)
 
 
 def _losses(summary: Summary | None, facts: list[str], missing: list[str]) -> list[Section]:
@@ -167,21 +171,21 @@ def _losses(summary: Summary | None, facts: list[str], missing: list[str]) -> li
     text += f", {unexplained} not explained by any event." if summary.gaps else "."
     if len(summary.gaps) > _MOST_ROWS:
         text += f" The {_MOST_ROWS} longest are shown."
-    tables = [Grid(("t, s", "topic", "for, s", "samples", "cause"), rows)] if rows else []
+    tables = [PageTable(("t, s", "topic", "duration, s", "samples", "cause"), rows)] if rows else []
     if summary.losses:
         lost = [
             (loss.node, loss.stream, loss.cause, str(loss.gaps), str(loss.frames), str(loss.samples))
             for loss in summary.losses
         ]
-        tables.append(Grid(("node", "stream", "cause", "gaps", "frames lost", "samples lost"), lost))
+        tables.append(PageTable(("node", "stream", "cause", "gaps", "frames lost", "samples lost"), lost))
     if summary.health:
         rows_of = [
             (node, ", ".join(f"{key} {value}" for key, value in values.items() if key != "node"))
             for node, values in summary.health.items()
         ]
-        tables.append(Grid(("node", "last health report"), rows_of))
+        tables.append(PageTable(("node", "last health report"), rows_of))
     else:
-        missing.append("health of the nodes: no report of a node is in the log")
+        missing.append("health of the nodes: the log contains no health report")
     return [Section("Gaps and losses", text, tables)]
 
 
@@ -194,7 +198,7 @@ def _events(recording: Recording, summary: Summary | None) -> list[Section]:
         for event in shown[:_MOST_ROWS]
     ]
     text = f"{len(shown)} events" + (f", the first {_MOST_ROWS} shown." if len(shown) > _MOST_ROWS else ".")
-    return [Section("Events", text, [Grid(("t, s", "kind", "of", ""), rows)])]
+    return [Section("Events", text, [PageTable(("t, s", "kind", "source", "text"), rows)])]
 
 
 def _applied(recording: Recording, calibration: Calibration | None) -> AppliedCalibration | None:
@@ -217,7 +221,7 @@ def _calibration(
     missing: list[str],
 ) -> Section:
     if calibration is None or applied is None:
-        missing.append("calibration: none in the log and none given; the raw numbers stand as they are")
+        missing.append("calibration: none in the log and none given; the samples are uncalibrated")
         return Section("Calibration in use", "None.")
     parts = [
         *((name, node.effects) for name, node in calibration.nodes.items()),
@@ -236,13 +240,13 @@ def _calibration(
     ]
     for name in recording.nodes:
         if name not in calibration.nodes:
-            missing.append(f"{name}: calibration: the file does not know this node")
-    text = (
-        f"From {source}. It is applied to what the odometry gets; the noise below is that of the raw samples."
-    )
+            missing.append(f"{name}: calibration: the file does not contain this node")
+    text = f"From {source}. It is applied to the input of the odometry; the noise below is that of the raw samples."
     text += "".join(f" {line}." for line in applied.warnings)
     return Section(
-        "Calibration in use", text, [Grid(("of", "effect", "values", "at °C", "how it was found"), rows)]
+        "Calibration in use",
+        text,
+        [PageTable(("node", "effect", "values", "temperature, °C", "date and method"), rows)],
     )
 
 
@@ -268,18 +272,18 @@ def _drive(
     learnt = made.details
     facts.append(f"drive of {float(learnt['distance']):.2f} m by {made.method}")
     if float(learnt["distance"]) < 1.0:
-        missing.append("drive: the wheels hardly turned; the path says nothing")
-    grid = Grid(("of", "quantity", "value", "1 sigma"), _learnt_rows(learnt))
+        missing.append("drive: the wheels hardly turned, so the path is meaningless")
+    grid = PageTable(("node", "quantity", "value", "1σ"), _learnt_rows(learnt))
     text = " ".join(f"Note: {line}." for line in made.warnings)
     found = None
     truth = recording.truth
     if truth is not None:
         found = score_track(made.track, truth.t, truth["x"], truth["y"], truth.columns.get("heading"))
     if found is None:
-        missing.append("drive: its error, because the log holds no truth")
+        missing.append("drive: position error, because the log contains no truth")
     else:
         facts.append(
-            f"error at the end {format_error(found.final_error, found.final_percent, ' of the path')}"
+            f"position error at the end {format_error(found.final_error, found.final_percent, ' of the path')}"
         )
     return [Section("Drive", text, [grid], [_path(made, recording), _speed(made)])]
 
@@ -308,11 +312,11 @@ def _path(made: WheelOdometry, recording: Recording) -> Drawing:
     if recording.truth is not None:
         truth = recording.truth
         shown.insert(0, Curve(truth["x"], truth["y"], "truth", COLOURS["truth"], 5.0))
-    return curves(shown, "x, m", "y, m", height=4.6, equal=True)
+    return draw_curves(shown, "x, m", "y, m", height=4.6, equal=True)
 
 
 def _speed(made: WheelOdometry) -> Drawing:
     track = made.track
     speed = Curve(track.t, track.speed, "speed", COLOURS["fused"])
     heading = Curve(track.t, np.degrees(track.heading), "heading", COLOURS["left"])
-    return curves([speed], "time, s", "speed, m/s", right=("heading, °", [heading]))
+    return draw_curves([speed], "time, s", "speed, m/s", right=("heading, °", [heading]))

@@ -1,4 +1,4 @@
-"""What a log says about each node's sensors: rests, Allan deviation, warm-up, calibration from poses."""
+"""Sensor sections of a log's page: standstills, Allan deviation, warm-up and calibration from poses."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from hubodo.arrays import Array
 from hubodo.calibration.apply import find_starts
 from hubodo.errors import CalibrationError, InputError
 from hubodo.recording import Event, Table
-from hubodo.report.allan import allan_lead, allan_sections, duration_words, value_words
-from hubodo.report.imu import held_out_words, imu_sections
-from hubodo.report.page import Grid, Section
-from hubodo.report.warmup import warmup_lead, warmup_sections
+from hubodo.report.allan import allan_sections, format_duration, format_value, summarise_allan
+from hubodo.report.imu import format_held_out, imu_sections
+from hubodo.report.page import PageTable, Section
+from hubodo.report.warmup import summarise_warmup, warmup_sections
 from hubodo.sensors.allan.characterise import characterise_noise
 from hubodo.sensors.allan.ieee952 import term_units
 from hubodo.sensors.imu.calibrate import calibrate_imu
@@ -31,15 +31,18 @@ Mask = NDArray[np.bool_]
 
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 _SHOWN_TERMS = ("N", "B", "K")
-_TURNS = 0.35
-"""rad/s: more than the zero-rate level of any part."""
+_MAX_STATIONARY_RATE = 0.35
+"""rad/s; exceeds the zero-rate offset of any MEMS gyro."""
 
 
 @dataclass(frozen=True)
 class SensorReport:
-    """Sections of one node.
+    """The sensor sections of one node.
 
-    missing: what its record cannot show, with the reason, one line each. facts: the findings, one line each.
+    Attributes:
+        sections: for the page.
+        missing: results that the record does not allow, with the reasons, one line each.
+        facts: findings, one line each.
     """
 
     sections: tuple[Section, ...]
@@ -47,20 +50,20 @@ class SensorReport:
     facts: tuple[str, ...]
 
 
-def sensor_report(
+def report_sensors(
     name: str, table: Table, events: tuple[Event, ...], t_zero_ns: int, gravity: float
 ) -> SensorReport:
-    """Everything that a node's record shows about its sensors. gravity: m/s² at the place."""
+    """Return all that a node's record shows about its sensors; gravity: local gravity, m/s²."""
     sections: list[Section] = []
     missing: list[str] = []
     facts: list[str] = []
-    # What a log without an accelerometer has measured is examined, and the rest is named as missing.
+    # Channels that were measured are evaluated; the others are listed as missing.
     measured = tuple(channel for channel in CHANNELS if np.isfinite(table[channel]).any())
     absent = [channel for channel in CHANNELS if channel not in measured]
     if not measured:
-        return SensorReport((), (f"{name}: the log holds no samples of it",), ())
+        return SensorReport((), (f"{name}: the log contains no samples",), ())
     if absent:
-        missing.append(f"{name}: {', '.join(absent)}: the log holds no samples")
+        missing.append(f"{name}: {', '.join(absent)}: the log contains no samples")
     samples = np.column_stack([table[channel] for channel in measured])
     finite: Mask = np.asarray(np.isfinite(samples).all(axis=1))
     t, gyro, accel = table.t[finite], table.gyro[finite], table.accel[finite]
@@ -90,31 +93,33 @@ def sensor_report(
 
 
 def _still_part(t: Array, gyro: Array, accel: Array) -> tuple[slice | None, str]:
-    """The longest rest: all of it where nothing moved."""
+    """Return the longest standstill (the whole record if nothing moved) or None, and a remark."""
     if len(t) < 2:
-        return None, "no two samples have all channels that are measured"
+        return None, "fewer than two samples have all measured channels"
     samples = np.column_stack([gyro, accel])
     samples = samples[:, np.isfinite(samples).all(axis=0)]
-    if first_disturbance(t, samples) is None and not np.any(np.abs(np.median(gyro, axis=0)) > _TURNS):
+    if first_disturbance(t, samples) is None and not np.any(
+        np.abs(np.median(gyro, axis=0)) > _MAX_STATIONARY_RATE
+    ):
         try:
             check_units(gyro, accel)
         except InputError as error:
             return None, str(error)
-        return slice(0, len(t)), f"at rest all the time, {duration_words(float(t[-1] - t[0]))}"
+        return slice(0, len(t)), f"stationary during the whole record, {format_duration(float(t[-1] - t[0]))}"
     if samples.shape[1] < len(CHANNELS):
-        return None, "the node moved, and rests within a movement are found with all six channels only"
+        return None, "the node moved, and standstills can only be detected with all six channels"
     try:
         rests = find_standstills(t, gyro, accel)
     except CalibrationError as error:
         return None, str(error)
-    # A wheel that turns evenly is as quiet as one that stands.
-    rests = rests.select(np.abs(rests.gyro).max(axis=1) < _TURNS)
+    # A wheel that turns at a constant rate is as quiet as a stationary one.
+    rests = rests.select(np.abs(rests.gyro).max(axis=1) < _MAX_STATIONARY_RATE)
     if not len(rests):
-        return None, "the node is nowhere at rest for a second"
+        return None, "the node is never stationary for a second"
     longest = int(np.argmax(rests.duration))
     words = (
-        f"rests: {len(rests)}; the longest, {rests.duration[longest]:.1f} s from "
-        f"{rests.t[longest, 0]:.1f} s on, is what the noise is judged by"
+        f"standstills: {len(rests)}; the noise is evaluated in the longest, {rests.duration[longest]:.1f} s from "
+        f"{rests.t[longest, 0]:.1f} s on"
     )
     return slice(int(rests.start[longest]), int(rests.end[longest])), words
 
@@ -142,22 +147,22 @@ def _allan(
         for term in _SHOWN_TERMS:
             found, unit = report.fit.terms[term], term_units(channel)[term]
             if found.value is None or found.sigma is None:
-                limit = "" if found.limit is None else f", below {value_words(found.limit, unit.si)}"
+                limit = "" if found.limit is None else f", below {format_value(found.limit, unit.si)}"
                 shown.append(f"not shown{limit}")
             else:
-                customary = value_words(found.value * unit.factor, unit.common)
+                customary = format_value(found.value * unit.factor, unit.common)
                 shown.append(f"{found.value:.3g} ± {found.sigma:.1g} {unit.si} ({customary})")
         rows.append((channel, *shown))
         if channel == "gz":
-            facts.append(f"{name} gz: {allan_lead(report)}")
+            facts.append(f"{name} gz: {summarise_allan(report)}")
             detail = [
                 replace(section, title=f"{name} gz: {section.title}") for section in allan_sections(report)
             ]
     if not rows:
         return []
     heading = ("channel", "white noise N", "bias instability B", "rate random walk K")
-    text = "From the part at rest named above; hubodo allan gives each channel in full."
-    return [Section(f"{name}: noise", text, [Grid(heading, rows)]), *detail]
+    text = "From the standstill given above; hubodo allan shows each channel in full."
+    return [Section(f"{name}: noise", text, [PageTable(heading, rows)]), *detail]
 
 
 def _warmup(
@@ -185,20 +190,20 @@ def _warmup(
         if report.accepted is None:
             missing.append(f"{name} {channel}: warm-up: {report.reason}")
         else:
-            facts.append(f"{name} {channel}: {warmup_lead(report)}")
+            facts.append(f"{name} {channel}: {summarise_warmup(report)}")
             detail += [
                 replace(section, title=f"{name} {channel}: {section.title}")
                 for section in warmup_sections(report, name)
             ]
-        rows.append((channel, warmup_lead(report)))
+        rows.append((channel, summarise_warmup(report)))
     if not rows:
         return []
     text = (
-        "The log does not say when the node was switched on: counted from its first sample at rest."
+        "The log does not contain the time of power-on: times are from the first stationary sample."
         if age is None
-        else f"The node had been on for {duration_words(age)} when this rest began."
+        else f"The node had been on for {format_duration(age)} at the start of this standstill."
     )
-    return [Section(f"{name}: warm-up", text, [Grid(("axis", "finding"), rows)]), *detail]
+    return [Section(f"{name}: warm-up", text, [PageTable(("axis", "finding"), rows)]), *detail]
 
 
 def _poses(
@@ -216,8 +221,8 @@ def _poses(
         missing.append(f"{name}: scale and cross-axis of the triads: {error}")
         return []
     facts.append(
-        f"{name}: {len(result.standstills)} rests in different poses calibrate it; length of gravity "
-        f"{held_out_words(result.accel_held_out, 'm/s²')}"
+        f"{name}: calibrated from {len(result.standstills)} standstills in different poses; norm of gravity "
+        f"{format_held_out(result.accel_held_out, 'm/s²')}"
     )
     return [
         Section(f"{name}: {section.title}", section.text, section.tables, section.figures)
@@ -237,6 +242,6 @@ def _temperature(table: Table, finite: Mask, span: slice) -> Array | None:
 
 
 def _age(events: tuple[Event, ...], name: str, t: float, t_zero_ns: int) -> float | None:
-    """s since power-on at t, None where the log does not tell."""
+    """Return the time since power-on at t, s, or None if the log does not contain it."""
     starts = [since for begun, since in find_starts(events, name) if (begun - t_zero_ns) * 1e-9 <= t + 1.0]
     return max(t - (starts[-1] - t_zero_ns) * 1e-9, 0.0) if starts else None

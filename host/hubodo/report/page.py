@@ -1,7 +1,6 @@
-"""A self-contained HTML page from sections of words, tables and figures; it opens without a network.
+"""Self-contained HTML pages of text, tables and figures that open without a network.
 
-A figure is a `Drawing`, some tens of kB, or one of plotly, which can be zoomed: the first of those brings
-4.8 MB into the page.
+A figure is a `Drawing` (some tens of kB) or a zoomable plotly figure, of which the first one adds 4.8 MB to the page.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ from hubodo.report.drawing import Drawing
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-# The three hues differ in lightness too, so that they stay apart in grey and for colour-blind eyes.
+# The three hues also differ in lightness, so that they are distinguishable in grey and by colour-blind readers.
 COLOURS = {"left": "#1b6ca8", "right": "#d1495b", "truth": "#8a8d91", "fused": "#2e7d5b", "frame": "#8a8d91"}
 
 _STYLE = """
@@ -44,8 +43,8 @@ pre { font-size: 0.85rem; border: 1px solid var(--line); border-radius: 6px; pad
 
 
 @dataclass(frozen=True)
-class Grid:
-    """A table: one row of headings, rows of text."""
+class PageTable:
+    """A table of text with one row of headings."""
 
     headings: Sequence[str]
     rows: Sequence[Sequence[str]]
@@ -53,18 +52,18 @@ class Grid:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with words, then what to do, tables and figures; listing: text as it stands in a file."""
+    """A section of a page: title, text, recommendations, tables, figures, and `listing`, preformatted text."""
 
     title: str
     text: str = ""
-    tables: Sequence[Grid] = ()
+    tables: Sequence[PageTable] = ()
     figures: Sequence[go.Figure | Drawing] = ()
     listing: str = ""
     advice: Sequence[str] = ()
 
 
-def figure(x_title: str, y_title: str, *, height: int = 320, equal: bool = False) -> go.Figure:
-    """An empty figure in the style of the pages; `equal` gives both axes the same scale, as a map needs."""
+def new_plotly_figure(x_title: str, y_title: str, *, height: int = 320, equal: bool = False) -> go.Figure:
+    """Return an empty plotly figure in the style of the pages; `equal`: equal scale of both axes, as for maps."""
     import plotly.graph_objects as go
 
     made = go.Figure()
@@ -81,7 +80,7 @@ def figure(x_title: str, y_title: str, *, height: int = 320, equal: bool = False
     return made
 
 
-def _grid(grid: Grid) -> str:
+def _grid(grid: PageTable) -> str:
     return f'<div class="scroll">{html_table(grid.headings, grid.rows)}</div>'
 
 
@@ -90,17 +89,17 @@ def _figure(made: go.Figure | Drawing, name: str) -> str:
         return f'<div class="figure">{made.html}</div>'
     import plotly.io
 
-    # A name of our own: theirs is another in each run.
+    # An explicit id, because plotly's default id differs from run to run.
     drawn = plotly.io.to_html(
         made, include_plotlyjs=False, full_html=False, config={"displaylogo": False}, div_id=name
     )
     return f'<div class="figure">{drawn}</div>'
 
 
-def page(title: str, lead: str, sections: Sequence[Section], hero: str = "") -> str:
-    """The page as text: a title, one sentence that says the result, then the sections.
+def render_page(title: str, lead: str, sections: Sequence[Section], hero: str = "") -> str:
+    """Return a page as HTML: a title, one sentence with the result, then the sections.
 
-    hero: HTML, not escaped here, between that sentence and the sections.
+    hero: HTML (inserted without escaping) between that sentence and the sections.
     """
     parts = [f"<h1>{html.escape(title)}</h1>", f'<p class="lead">{html.escape(lead)}</p>', hero]
     for number, section in enumerate(sections, 1):
@@ -123,7 +122,7 @@ def page(title: str, lead: str, sections: Sequence[Section], hero: str = "") -> 
 
 
 def _plotly(sections: Sequence[Section]) -> str:
-    """What draws the figures of plotly, where there are any."""
+    """Return the plotly script if the page has plotly figures, otherwise an empty string."""
     if all(isinstance(made, Drawing) for section in sections for made in section.figures):
         return ""
     from plotly.offline import get_plotlyjs

@@ -1,4 +1,4 @@
-"""The warm-up of a gyro axis as words and tables."""
+"""Summary, tables and recommendations for the warm-up of a gyro axis."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import math
 from collections.abc import Mapping, Sequence
 
 from hubodo.effects.warmup import WARMUP_PARAMETERS
-from hubodo.report.drawing import drawing
-from hubodo.report.page import Grid, Section
+from hubodo.report.drawing import render_drawing
+from hubodo.report.page import PageTable, Section
 from hubodo.report.warmup_figure import warmup_figure
 from hubodo.sensors.warmup.assess import AssessedFit
-from hubodo.sensors.warmup.result import WarmupReport
+from hubodo.sensors.warmup.result import WarmupAnalysis
 
 _DEG = math.degrees(1.0)
 
 
-def warmup_lead(report: WarmupReport) -> str:
-    """The result in one sentence."""
+def summarise_warmup(report: WarmupAnalysis) -> str:
+    """Return the result in one sentence."""
     if report.accepted is None:
         return f"{report.reason[0].upper()}{report.reason[1:]}."
     fit = report.accepted.fit
@@ -39,7 +39,7 @@ def warmup_lead(report: WarmupReport) -> str:
 def parameter_rows(
     judged: AssessedFit, sigmas: Mapping[str, float] | None = None
 ) -> list[tuple[str, str, str]]:
-    """Name, value with sigma in SI, and in degrees or minutes; sigmas: in place of those of the fit."""
+    """Return name, value with sigma in SI, and in degrees or minutes; sigmas: replace those of the fit."""
     rows = []
     for name in WARMUP_PARAMETERS[judged.fit.kind]:
         value, sigma = judged.fit.values[name], (sigmas or judged.fit.sigma)[name]
@@ -58,15 +58,14 @@ def parameter_rows(
 
 
 def whiteness_rows(judged: AssessedFit) -> list[tuple[str, str, str]]:
-    """Test, result, verdict."""
+    """Return rows of test, result and verdict."""
     a, box = judged.autocorrelation, judged.ljung_box
     return [
         (
             f"autocorrelation, {a.sequences} sequences of {a.length} samples",
-            f"inside ±1 standard error {a.share_within_one_sigma:.1%} "
-            f"(white: {a.expected_share_within_one_sigma:.1%}), ±2 "
-            f"{a.share_within_two_sigma:.1%} "
-            f"(white: {a.expected_share_within_two_sigma:.1%}), p = {a.p_value:.2g}",
+            f"within ±1 standard error {a.share_within_one_sigma:.1%} "
+            f"(white noise: {a.expected_share_within_one_sigma:.1%}), within ±2 {a.share_within_two_sigma:.1%} "
+            f"(white noise: {a.expected_share_within_two_sigma:.1%}), p = {a.p_value:.2g}",
             "white" if a.is_white else "not white",
         ),
         (
@@ -77,8 +76,8 @@ def whiteness_rows(judged: AssessedFit) -> list[tuple[str, str, str]]:
     ]
 
 
-def prediction_rows(report: WarmupReport, ages: Sequence[float] = ()) -> list[tuple[str, str, str]]:
-    """Age, forecast over all forms with its sigma, and the accepted model with what it may be off by."""
+def forecast_rows(report: WarmupAnalysis, ages: Sequence[float] = ()) -> list[tuple[str, str, str]]:
+    """Return rows of age, forecast over all forms with sigma, and accepted model with its rms error."""
     rows = []
     for row in report.predict(ages):
         accepted = "-"
@@ -89,60 +88,64 @@ def prediction_rows(report: WarmupReport, ages: Sequence[float] = ()) -> list[tu
     return rows
 
 
-def advice(report: WarmupReport, node: str) -> list[str]:
-    """What to do with the result, line by line."""
-    choice = [] if report.bias_method is None else [f"After a rest: {report.bias_method.why}."]
+def warmup_advice(report: WarmupAnalysis, node: str) -> list[str]:
+    """Return recommendations, one line each."""
+    choice = [] if report.bias_method is None else [f"After a standstill: {report.bias_method.why}."]
     return [*_advice(report, node), *choice]
 
 
-def _advice(report: WarmupReport, node: str) -> list[str]:
+def _advice(report: WarmupAnalysis, node: str) -> list[str]:
     span = float(report.t[-1] - report.t[0])
     if report.accepted is None:
         return [
-            "Write nothing: a filter that takes off a warm-up which is not there adds a drift.",
-            "Let the node stand for ten seconds before each drive and subtract that mean, at halts too.",
-            f"For a warm-up, record from a cold start, several times as long as these {span / 60.0:.3g} min.",
+            "Do not write a calibration: correcting a warm-up that does not exist adds a drift.",
+            "Keep the node stationary for ten seconds before each drive and subtract that mean; at stops too.",
+            f"To measure a warm-up, record from a cold start, several times as long as these {span / 60.0:.3g} min.",
         ]
     end = report.predict([float(report.t[-1]) + 3600.0])[0]
     lines = [
         f"hubodo warmup LOG --node {node} --channel {report.channel} -o calibration.toml writes the "
-        f"{report.accepted.fit.kind}; hubodo fuse, record, heading and flash take it from there.",
-        "Still begin with a rest: the offset changes from one power-on to the next, its course far less.",
-        f"An hour beyond this record the model is off by {end['accepted_sigma'] * _DEG * 3600.0:.2g} °/h, "
-        "1 sigma.",
+        f"{report.accepted.fit.kind}; hubodo fuse, record, heading and flash use that file.",
+        "Still start with a standstill: the turn-on bias varies, the warm-up after it far less.",
+        f"One hour beyond this record the error of the model is {end['accepted_sigma'] * _DEG * 3600.0:.2g} °/h "
+        "(1σ).",
     ]
     if not report.accepted.ljung_box.is_white:
-        lines.append("The residual is not white: hubodo allan tells how far the bias wanders by itself.")
+        lines.append("The residual is not white: hubodo allan shows the bias instability and random walk.")
     return lines
 
 
-def warmup_sections(report: WarmupReport, node: str) -> list[Section]:
-    """Parameters, course, forecast, whiteness, what to do, for a page."""
-    heads = ("parameter", "SI", "customary")
+def warmup_sections(report: WarmupAnalysis, node: str) -> list[Section]:
+    """Return the sections of a page: recommendations, parameters, figure, forecast and whiteness."""
+    heads = ("parameter", "SI", "common unit")
     tables = []
     if report.accepted is not None:
-        tables.append(Grid(heads, parameter_rows(report.accepted, report.sigma)))
+        tables.append(PageTable(heads, parameter_rows(report.accepted, report.sigma)))
     notes = " ".join(f"{note}." for note in report.notes)
     if report.accepted is not None:
         notes += (
-            f" The accepted model: {report.accepted.fit.kind}; its sigmas count that its form may be another."
+            f" Accepted model: {report.accepted.fit.kind}; its sigmas include the uncertainty of its form."
         )
-    tests = [Grid(("test", "result", "verdict"), whiteness_rows(report.exponential))]
+    tests = [PageTable(("test", "result", "verdict"), whiteness_rows(report.exponential))]
     sections = [
-        Section("What to do", advice=advice(report, node)),
-        Section("Warm-up", notes, tables, [drawing(lambda: warmup_figure(report, ""))]),
+        Section("What to do", advice=warmup_advice(report, node)),
+        Section("Warm-up", notes, tables, [render_drawing(lambda: warmup_figure(report, ""))]),
         Section(
-            "The bias at other times",
-            "Over one exponential, two, and any mixture of them, each weighted by how well it explains the "
-            "record; flicker and random walk go on.",
-            [Grid(("since power-on", "all forms, deg/s", "accepted model, deg/s"), prediction_rows(report))],
+            "Forecast of the bias",
+            "Averaged over one exponential, two, and mixtures of many, each weighted by its evidence in the "
+            "record; includes flicker and random walk of the bias.",
+            [
+                PageTable(
+                    ("since power-on", "all forms, deg/s", "accepted model, deg/s"), forecast_rows(report)
+                )
+            ],
         ),
         Section("Whiteness of the residual of the exponential", tables=tests),
     ]
     if report.next_model is not None:
         tables = [
-            Grid(heads, parameter_rows(report.next_model)),
-            Grid(("test", "result", "verdict"), whiteness_rows(report.next_model)),
+            PageTable(heads, parameter_rows(report.next_model)),
+            PageTable(("test", "result", "verdict"), whiteness_rows(report.next_model)),
         ]
         sections.append(Section(f"Next model: {report.next_model.fit.kind}", "", tables))
     return sections

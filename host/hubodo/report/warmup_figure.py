@@ -1,4 +1,4 @@
-"""The figure of a warm-up: record and models, what the accepted one leaves over, and a forecast."""
+"""Figure of a warm-up: record, models, forecast, and residual of the accepted model."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from hubodo.report.drawing import blank
-from hubodo.sensors.warmup.result import SIGMA_HORIZON_S, WarmupReport
+from hubodo.report.drawing import new_figure
+from hubodo.sensors.warmup.result import SIGMA_HORIZON_S, WarmupAnalysis
 
 _DEG = math.degrees(1.0)
 _POINTS, _DOTS = 200, 1000
-"""Of a curve, and of the means that are drawn."""
+"""Number of points of a curve, and of the means plotted."""
 _COLOURS = ("#1b6ca8", "#d1495b")
 
 
-def warmup_figure(report: WarmupReport, title: str) -> Any:
-    """A matplotlib figure. Raises InputError where matplotlib cannot be loaded."""
-    figure = blank(8.0, 8.0)
+def warmup_figure(report: WarmupAnalysis, title: str) -> Any:
+    """Return a matplotlib figure; raise InputError if matplotlib cannot be loaded."""
+    figure = new_figure(8.0, 8.0)
     course, left, lags = figure.subplots(3, 1, height_ratios=(3, 1.3, 1.3))
     _course(course, report)
     judged = report.accepted or report.exponential
@@ -39,7 +39,7 @@ def warmup_figure(report: WarmupReport, title: str) -> Any:
     return figure
 
 
-def _course(axes: Any, report: WarmupReport) -> None:
+def _course(axes: Any, report: WarmupAnalysis) -> None:
     t, means = _averaged(report.t, report.means)
     axes.plot(t / 60.0, means * _DEG, ".", ms=2, color="#8a8d91", label="means")
     for judged, colour in zip((report.exponential, report.next_model), _COLOURS, strict=True):
@@ -59,7 +59,7 @@ def _course(axes: Any, report: WarmupReport) -> None:
         lw=0,
         label="forecast over all forms, 1 sigma",
     )
-    axes.set_ylabel("rate at rest, °/s")
+    axes.set_ylabel("bias, °/s")
     axes.legend(fontsize=8)
 
 

@@ -16,17 +16,17 @@ from hubodo.log.any_log import read_log
 from hubodo.progress import progress_line
 from hubodo.recording import Recording
 from hubodo.report.allan import (
-    Named,
-    allan_lead,
+    NamedAnalysis,
     allan_page,
-    comparison,
-    duration_words,
-    meaning,
-    value_words,
+    comparison_table,
+    explain_term,
+    format_duration,
+    format_value,
+    summarise_allan,
 )
 from hubodo.report.allan_figure import allan_figure
-from hubodo.report.drawing import drawing_path, save
-from hubodo.sensors.allan.characterise import AllanReport, characterise_noise
+from hubodo.report.drawing import parse_drawing_path, save_figure
+from hubodo.sensors.allan.characterise import AllanAnalysis, characterise_noise
 from hubodo.sensors.allan.datasheet import CHIP_DATASHEETS, Datasheet, read_datasheet
 from hubodo.sensors.allan.ieee952 import is_gyro, term_units
 from hubodo.sensors.standstill_channel import IMU_CHANNELS
@@ -53,7 +53,7 @@ class Characterised:
 
     log: str
     node: str
-    report: AllanReport
+    report: AllanAnalysis
 
     def as_json(self) -> dict[str, Any]:
         """Return the documented JSON result, with the log and the node."""
@@ -67,24 +67,24 @@ class Characterised:
         for name, unit in term_units(report.channel).items():
             term = report.fit.terms[name]
             if term.value is None or term.sigma is None:
-                limit = "" if term.limit is None else f"below {value_words(term.limit, unit.si)} (95 %); "
+                limit = "" if term.limit is None else f"below {format_value(term.limit, unit.si)} (95 %); "
                 needed = (
                     ""
                     if term.needed is None
-                    else f"; a record of {duration_words(term.needed)} would show it"
+                    else f"; a record of {format_duration(term.needed)} would show it"
                 )
                 table.add_row(name, unit.name, "not observable", "", "", f"{limit}{term.reason}{needed}")
             else:
                 table.add_row(
                     name,
                     unit.name,
-                    value_words(term.value, unit.si),
+                    format_value(term.value, unit.si),
                     f"{100 * term.sigma / term.value:.2g} %",
-                    value_words(term.value * unit.factor, unit.common),
-                    meaning(name),
+                    format_value(term.value * unit.factor, unit.common),
+                    explain_term(name),
                 )
         console.print(table)
-        console.print(allan_lead(report), highlight=False)
+        console.print(summarise_allan(report), highlight=False)
         for note in report.notes:
             console.print(f"note: {note}", highlight=False)
 
@@ -107,7 +107,7 @@ class Compared:
 
     def render(self, console: Console) -> None:
         """Print one row for each channel and each data sheet."""
-        grid = comparison(_named(self.sensors), self.sheets)
+        grid = comparison_table(_named(self.sensors), self.sheets)
         table = Table(*grid.headings, title="common units, ± 1σ")
         for row in grid.rows:
             table.add_row(*row)
@@ -156,7 +156,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="averaging times per octave (default 1)",
     )
     parser.add_argument(
-        "--figure", type=drawing_path, metavar="PNG", help="write the log-log plot: .png, .svg or .pdf"
+        "--figure", type=parse_drawing_path, metavar="PNG", help="write the log-log plot: .png, .svg or .pdf"
     )
     parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
 
@@ -190,7 +190,7 @@ def run(args: argparse.Namespace) -> Characterised | Compared:
     if args.report is not None:
         write_atomically(args.report, allan_page(named, title, sheets))
     if args.figure is not None:
-        save(allan_figure(named, title, sheets), args.figure)
+        save_figure(allan_figure(named, title, sheets), args.figure)
     return result
 
 
@@ -248,7 +248,7 @@ def _nodes(log: Path, recording: Recording, asked: str | None) -> list[str]:
     return chosen
 
 
-def _named(sensors: list[Characterised] | tuple[Characterised, ...]) -> list[Named]:
+def _named(sensors: list[Characterised] | tuple[Characterised, ...]) -> list[NamedAnalysis]:
     """Label each result with node and channel, and with the log where there are several."""
     logs = len({sensor.log for sensor in sensors}) > 1
     return [

@@ -27,8 +27,8 @@ from hubodo.log.any_log import read_log
 from hubodo.log.units import check_node_units
 from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
-from hubodo.report.imu import held_out_words, imu_sections
-from hubodo.report.page import page
+from hubodo.report.imu import format_held_out, imu_sections
+from hubodo.report.page import render_page
 from hubodo.sensors.imu.calibrate import ImuCalibration, calibrate_imu
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import latitude, positive_number
@@ -99,10 +99,10 @@ class ImuCalibrationResult:
                 table.add_row(name, parameter, f"{q.value:+.6g}", f"{q.sigma:.2g}")
         console.print(table)
         console.print(
-            f"length of gravity: {held_out_words(calibration.accel_held_out, 'm/s²')}", highlight=False
+            f"length of gravity: {format_held_out(calibration.accel_held_out, 'm/s²')}", highlight=False
         )
         if calibration.gyro.turns is not None:
-            words = held_out_words(calibration.gyro.held_out, "degrees", 180 / math.pi)
+            words = format_held_out(calibration.gyro.held_out, "degrees", 180 / math.pi)
             console.print(f"turns: {words}", highlight=False)
         for note in calibration.notes:
             console.print(f"note: {note}", highlight=False)
@@ -182,8 +182,8 @@ def run(args: argparse.Namespace) -> ImuCalibrationResult:
     serial = find_node_serial(recording.metadata, args.node)
     write_calibration(before.with_node(args.node, effects, serial), args.output)
     if args.report is not None:
-        lead = f"Length of gravity: {held_out_words(result.accel_held_out, 'm/s²')}."
-        write_atomically(args.report, page(f"Calibration of {args.node}", lead, imu_sections(result)))
+        lead = f"Length of gravity: {format_held_out(result.accel_held_out, 'm/s²')}."
+        write_atomically(args.report, render_page(f"Calibration of {args.node}", lead, imu_sections(result)))
     return ImuCalibrationResult(args.node, str(args.output), result)
 
 

@@ -35,7 +35,7 @@ from hubodo.log.recording_reader import read_recording
 from hubodo.log.summary import Summary, summarise
 from hubodo.recording import Recording, Table
 from hubodo.report.log_page import log_page
-from hubodo.report.page import Grid
+from hubodo.report.page import PageTable
 from hubodo.safe_text import json_text
 from hubodo.terminal import SafeConsole
 from hubodo.vehicle import load_vehicle
@@ -98,7 +98,7 @@ class DemoResult:
             "seed": str(self.seed),
         }
 
-    def link_table(self) -> Grid:
+    def link_table(self) -> PageTable:
         """Return one row for each node: rates, losses, clock."""
         rows = []
         for name, node in self.ride.recorded["nodes"].items():
@@ -123,7 +123,7 @@ class DemoResult:
             "clock drift, ppm",
             "clock 1σ, ms",
         )
-        return Grid(headings, rows)
+        return PageTable(headings, rows)
 
     def as_json(self) -> dict[str, Any]:
         """Return the JSON result."""

@@ -37,7 +37,14 @@ from hubodo.log.roles import NODES_ROLE
 from hubodo.model.model_file import Model, read_model
 from hubodo.progress import progress_line
 from hubodo.recording import Recording
-from hubodo.report.gap_files import FILES, check_gap_folder, gap_contents, gap_json, plain, write_texts
+from hubodo.report.gap_files import (
+    GAP_FILES,
+    check_gap_folder,
+    gap_file_contents,
+    gap_json,
+    replace_non_finite,
+    write_files,
+)
 from hubodo.toml_file import suggest_spelling
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.effect_options import add_effects_option, register_effects
@@ -82,9 +89,11 @@ class GapReport:
         """Return the content of gap.json, with the explanations of --explain and the scaffold."""
         summary = gap_json(self.result)
         if self.explanations:
-            summary["explain"] = plain([explanation.as_json() for explanation in self.explanations])
+            summary["explain"] = replace_non_finite(
+                [explanation.as_json() for explanation in self.explanations]
+            )
         if self.scaffold is not None:
-            summary["scaffold"] = plain(self.scaffold.as_json())
+            summary["scaffold"] = replace_non_finite(self.scaffold.as_json())
         return summary
 
     def render(self, console: Console) -> None:
@@ -127,7 +136,7 @@ class GapReport:
             print_line(
                 f"--scaffold {self.scaffold_name}: the known effects explain the log; no new effect is needed"
             )
-        print_line(", ".join(str(Path(self.output) / name) for name in FILES))
+        print_line(", ".join(str(Path(self.output) / name) for name in GAP_FILES))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -155,7 +164,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         )
     add_log_options(parser)
     parser.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="OUT", help=f"folder for {', '.join(FILES)}"
+        "-o", "--output", type=Path, required=True, metavar="OUT", help=f"folder for {', '.join(GAP_FILES)}"
     )
     for option, words in (
         ("--accept", "add this effect to the model before the search; repeatable"),
@@ -219,10 +228,10 @@ def run(args: argparse.Namespace) -> GapReport | ChangeReport:
             show(f"searching a dependence for {args.scaffold}", 0.95)
             new_effect = build_scaffold(result.search, args.scaffold, args.log)
         show("writing the report", 0.97)
-        contents = gap_contents(result, log=args.log.name, model=args.model.name)
+        contents = gap_file_contents(result, log=args.log.name, model=args.model.name)
     if new_effect is not None:
         contents[f"{new_effect.name}.py"] = new_effect.source
-    write_texts(args.output, contents)
+    write_files(args.output, contents)
     if not result.is_finished:
         # The user pressed ctrl-C: exit as interrupted, now that the intermediate result is written.
         raise KeyboardInterrupt(f"{args.output} holds the intermediate result; --resume continues")

@@ -20,9 +20,9 @@ from hubodo.fuse.heading_filter import BiasNoise
 from hubodo.log.csv_table import write_table
 from hubodo.log.units import check_node_units
 from hubodo.recording import Recording, Table
-from hubodo.report.drawing import drawing_path
-from hubodo.report.heading import heading_figure, heading_lead, heading_sections, score_rows
-from hubodo.report.page import page
+from hubodo.report.drawing import parse_drawing_path
+from hubodo.report.heading import heading_sections, save_heading_figure, score_rows, summarise_heading
+from hubodo.report.page import render_page
 from hubodo.sensors.heading.prior import axis_direction, read_bias_noise, vertical_axis_warmup
 from hubodo.sensors.heading.result import HeadingAnalysis
 from hubodo.sensors.heading.score import read_true_heading, score_heading
@@ -71,7 +71,7 @@ class HeadingResult:
     def render(self, console: Console) -> None:
         """Print the final heading, compared with simpler estimates and with the truth."""
         report = self.report
-        console.print(heading_lead(report), highlight=False)
+        console.print(summarise_heading(report), highlight=False)
         table = TextTable("estimate", *score_rows(report)[0][1:], title=f"{report.node} {report.axis}")
         for row in score_rows(report)[1:]:
             table.add_row(*row)
@@ -129,7 +129,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("-o", "--output", type=Path, metavar="CSV", help="write t,heading,sigma")
     parser.add_argument(
         "--figure",
-        type=drawing_path,
+        type=parse_drawing_path,
         metavar="PNG",
         help="write the heading with its sigma as .png, .svg or .pdf",
     )
@@ -163,9 +163,9 @@ def run(args: argparse.Namespace) -> HeadingResult:
             write_table(part, Table(columns))
     title = f"Heading of {node} {args.axis}"
     if args.report is not None:
-        write_atomically(args.report, page(title, heading_lead(report), heading_sections(report)))
+        write_atomically(args.report, render_page(title, summarise_heading(report), heading_sections(report)))
     if args.figure is not None:
-        heading_figure(report, args.figure, title)
+        save_heading_figure(report, args.figure, title)
     return HeadingResult(str(args.log), None if args.output is None else str(args.output), report)
 
 

@@ -20,9 +20,9 @@ from hubodo.log.any_log import read_log
 from hubodo.log.units import check_units
 from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
-from hubodo.report.drawing import drawing_path, save
-from hubodo.report.north import north_figure, north_lead, north_sections
-from hubodo.report.page import page
+from hubodo.report.drawing import parse_drawing_path, save_figure
+from hubodo.report.north import north_figure, north_sections, summarise_north
+from hubodo.report.page import render_page
 from hubodo.sensors.north.axis_record import AxisRecord, GyroAngleOptions, axis_mount, build_axis_record
 from hubodo.sensors.north.circular import fuse_azimuths
 from hubodo.sensors.north.measurements import METHODS
@@ -86,7 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_planning_arguments(parser.add_argument_group("gyro noise and planning"))
     parser.add_argument(
         "--figure",
-        type=drawing_path,
+        type=parse_drawing_path,
         metavar="PNG",
         help="write fit and residuals of the first gyro as .png, .svg or .pdf",
     )
@@ -210,10 +210,10 @@ def run(args: argparse.Namespace) -> NorthResult | StopPlanResult:
             [(north.posterior, north.horizontal_rate) for north in estimates], angle_sigma
         )
     if args.report is not None:
-        lead = north_lead(azimuth, sigma)
-        write_atomically(args.report, page("North", lead, north_sections(gyros, warnings)))
+        lead = summarise_north(azimuth, sigma)
+        write_atomically(args.report, render_page("North", lead, north_sections(gyros, warnings)))
     if args.figure is not None:
-        save(north_figure(gyros[0][2], " ".join(gyros[0][:2])), args.figure)
+        save_figure(north_figure(gyros[0][2], " ".join(gyros[0][:2])), args.figure)
     return NorthResult(
         args.latitude_deg,
         azimuth,

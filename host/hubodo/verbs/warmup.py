@@ -24,20 +24,20 @@ from hubodo.calibration.file import (
     write_calibration,
 )
 from hubodo.errors import InputError
-from hubodo.report.drawing import drawing_path, save
-from hubodo.report.page import page
+from hubodo.report.drawing import parse_drawing_path, save_figure
+from hubodo.report.page import render_page
 from hubodo.report.warmup import (
-    advice,
+    forecast_rows,
     parameter_rows,
-    prediction_rows,
-    warmup_lead,
+    summarise_warmup,
+    warmup_advice,
     warmup_sections,
     whiteness_rows,
 )
 from hubodo.report.warmup_figure import warmup_figure
 from hubodo.sensors.standstill_channel import IMU_CHANNELS
 from hubodo.sensors.warmup.characterise import characterise_warmup
-from hubodo.sensors.warmup.result import WarmupReport
+from hubodo.sensors.warmup.result import WarmupAnalysis
 from hubodo.verbs.numbers import non_negative_number
 from hubodo.verbs.standstill import add_standstill_arguments, read_standstill
 
@@ -65,7 +65,7 @@ class WarmedUp:
     log: str
     node: str
     output: str | None
-    report: WarmupReport
+    report: WarmupAnalysis
     ages: tuple[float, ...]
 
     def as_json(self) -> dict[str, Any]:
@@ -86,9 +86,9 @@ class WarmedUp:
         if report.next_model is not None:
             _print_table(console, report.next_model.fit.kind, tests, whiteness_rows(report.next_model))
         headings = ("since power-on", "all models, deg/s", "accepted model, deg/s")
-        _print_table(console, "forecast bias", headings, prediction_rows(report, self.ages))
-        console.print(warmup_lead(report), highlight=False)
-        for line in (*(f"note: {note}" for note in report.notes), *advice(report, self.node)):
+        _print_table(console, "forecast bias", headings, forecast_rows(report, self.ages))
+        console.print(summarise_warmup(report), highlight=False)
+        for line in (*(f"note: {note}" for note in report.notes), *warmup_advice(report, self.node)):
             console.print(line, highlight=False)
         if self.output:
             console.print(f"written to {self.output}", highlight=False)
@@ -126,7 +126,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--figure",
-        type=drawing_path,
+        type=parse_drawing_path,
         metavar="PNG",
         help="write record, models and forecast as .png, .svg or .pdf",
     )
@@ -178,9 +178,9 @@ def run(args: argparse.Namespace) -> WarmedUp:
     title = f"Warm-up of {data.node} {data.channel}"
     if args.report is not None:
         sections = warmup_sections(report, data.node)
-        write_atomically(args.report, page(title, warmup_lead(report), sections))
+        write_atomically(args.report, render_page(title, summarise_warmup(report), sections))
     if args.figure is not None:
-        save(warmup_figure(report, title), args.figure)
+        save_figure(warmup_figure(report, title), args.figure)
     output = None if args.output is None else str(args.output)
     return WarmedUp(str(args.log), data.node, output, report, tuple(args.at))
 

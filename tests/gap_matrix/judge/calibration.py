@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import binomtest
 
-from hubodo.report.drawing import blank, save
+from hubodo.report.drawing import new_figure, save_figure
 
 EDGES = (0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.99, 0.999, 1.0)
 _INTERVAL = 0.9
@@ -65,7 +65,7 @@ def binned(given: Sequence[Given], edges: Sequence[float] = EDGES) -> list[Bin]:
 
 def diagram(bins: Sequence[Bin], title: str, path: Path) -> None:
     """The share of right names over the confidence, with its intervals; .png, .svg."""
-    figure = blank(6.0, 4.6)
+    figure = new_figure(6.0, 4.6)
     axes = figure.add_subplot()
     # By place, not by value: most that matters lies between 0.9 and 1.
     place = np.arange(len(bins))
@@ -81,4 +81,4 @@ def diagram(bins: Sequence[Bin], title: str, path: Path) -> None:
         xlabel="confidence that gap gives a name", ylabel="share of them that is right", ylim=(0.0, 1.02)
     )
     axes.set_title(title, fontsize=9)
-    save(figure, path)
+    save_figure(figure, path)

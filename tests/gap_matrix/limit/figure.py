@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from gap_matrix.limit.table import WANTED, Limit
-from hubodo.report.drawing import blank, save
+from hubodo.report.drawing import new_figure, save_figure
 
 
 def draw(limits: Sequence[Limit], path: Path) -> None:
     """Ratios to what is seen at 50 and 90 %, a row for each effect, what is told, and every trial."""
-    figure = blank(8.0, 1.2 + 0.26 * len(limits))
+    figure = new_figure(8.0, 1.2 + 0.26 * len(limits))
     axes = figure.add_subplot()
     for row, it in enumerate(limits):
         told = it.told_over_seen
@@ -38,4 +38,4 @@ def draw(limits: Sequence[Limit], path: Path) -> None:
         f"each trial: | named, x not; line: told by an oracle from all others; grey: to {WANTED} times",
         fontsize="small",
     )
-    save(figure, path)
+    save_figure(figure, path)

@@ -7,24 +7,24 @@ import pytest
 
 from hubodo.effects import EFFECTS
 from hubodo.gap.explain.indistinguishable import INDISTINGUISHABLE_CAUSES
-from hubodo.report.gap_drive import _MOVES, drive_figure, stretches_of
+from hubodo.report.gap_drive import _MOVES, drive_figure, parse_manoeuvre
 
 WAYS = sorted({way for effect in EFFECTS for way in effect.confusable_with.values()})
 
 
 @pytest.mark.parametrize("words", WAYS)
 def test_every_manoeuvre_of_the_effects_is_drawn(words):
-    made = drive_figure(stretches_of(words))
+    made = drive_figure(parse_manoeuvre(words))
     t, speed = made.data[0].x, np.asarray(made.data[0].y)
     assert speed[0] == speed[-1] == 0.0
     assert np.ptp(t) > 10.0
 
 
 def test_turns_both_ways_are_turns_both_ways_and_two_speeds_are_two():
-    yaw_rate = np.asarray(drive_figure(stretches_of("turn both ways at speed")).data[1].y)
+    yaw_rate = np.asarray(drive_figure(parse_manoeuvre("turn both ways at speed")).data[1].y)
     assert yaw_rate.max() > 20.0
     assert yaw_rate.min() < -20.0
-    straight = drive_figure(stretches_of("drive at two speeds: a lever arm grows"))
+    straight = drive_figure(parse_manoeuvre("drive at two speeds: a lever arm grows"))
     assert not np.any(straight.data[1].y)
     assert {1.0, 3.0} <= set(np.round(straight.data[0].y, 6))
 

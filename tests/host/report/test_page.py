@@ -3,7 +3,7 @@
 import re
 from html.parser import HTMLParser
 
-from hubodo.report.page import Grid, Section, figure, page
+from hubodo.report.page import PageTable, Section, new_plotly_figure, render_page
 
 
 class Links(HTMLParser):
@@ -18,12 +18,12 @@ class Links(HTMLParser):
 
 
 def test_nothing_is_fetched_and_text_is_escaped():
-    made = figure("t", "v")
+    made = new_plotly_figure("t", "v")
     made.add_scatter(x=[0, 1], y=[1, 2])
-    text = page(
+    text = render_page(
         "A <title>",
         "lead & more",
-        [Section("one", "a < b", [Grid(("h",), [("<script>x</script>",)])], [made])],
+        [Section("one", "a < b", [PageTable(("h",), [("<script>x</script>",)])], [made])],
     )
     links = Links()
     links.feed(text)

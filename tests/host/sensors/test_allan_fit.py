@@ -200,7 +200,7 @@ def test_what_the_record_cannot_show_is_null_with_reason_limit_and_a_length_that
     assert "does not rise" in found["reason"]
     assert found["limit_95"] > truth["k"]
     assert report.best_tau is None
-    assert any("record for longer" in note for note in report.notes)
+    assert any("a longer record would show" in note for note in report.notes)
     # What was promised for the limit: a walk of that size is seen in a record of that length.
     needed = round(found["record_needed_s"] / DT)
     walk = gyro_noise(needed, DT, np.random.default_rng(seed), n=1e-3, k=found["limit_95"])

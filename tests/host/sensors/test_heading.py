@@ -299,16 +299,16 @@ def test_the_noise_of_a_standstill_is_the_allan_deviation_there():
     "words, text",
     [
         (["--node", "left"], "holds no node 'left'"),
-        (["--axis", "x"], "degrees off the vertical"),
+        (["--axis", "x"], "degrees from the vertical"),
         (["--rest", "500", "600"], "no samples between 500 and 600 s"),
         (["--rest", "0", "10", "--rest", "5", "12"], "overlap"),
         (["--rest", "0", "0.1"], "too short|long enough"),
         (["--age", "-1"], "--age: -1: write a number from 0 on"),
         (["--step", "0"], "--step: 0: write a number from 0.001 to 60"),
         (["--scale-sigma", "nan"], "--scale-sigma: nan: write a number from 0 on"),
-        (["--allan", "ALLAN"], "is not what hubodo allan --json prints"),
+        (["--allan", "ALLAN"], "is not an output of hubodo allan --json"),
         (["--calibration", "OTHER"], "holds no node 'frame'"),
-        (["--calibration", "WARM"], "follows the temperature"),
+        (["--calibration", "WARM"], "depends on temperature"),
     ],
 )
 def test_wrong_use_is_refused_in_one_line(tmp_path, capsys, words, text):

@@ -183,7 +183,7 @@ def test_one_minute_of_a_noisy_gyro_says_that_it_does_not_know():
     run = made(3, "maytag4", 1.0, sensor=Sensor(1.0, 20, 100), stops=8, stop=6.0)
     found = find_north([record_of(run)], LATITUDE, "maytag4")
     assert found.sigma > np.radians(45)
-    assert any("does not show north" in text for text in found.warnings)
+    assert any("does not determine north" in text for text in found.warnings)
 
 
 def test_the_density_of_a_record_without_earth_rate_in_it_is_flat():
@@ -195,7 +195,7 @@ def test_the_density_of_a_record_without_earth_rate_in_it_is_flat():
 
 @pytest.mark.parametrize(
     "latitude, words",
-    [(np.radians(91), "out of range"), (np.radians(88), "too near the pole"), (np.nan, "out of range")],
+    [(np.radians(91), "out of range"), (np.radians(88), "too close to the pole"), (np.nan, "out of range")],
 )
 def test_impossible_latitudes_are_refused(latitude, words):
     with pytest.raises(InputError, match=words):

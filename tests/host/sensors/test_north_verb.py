@@ -108,7 +108,7 @@ def test_two_axes_of_a_node_are_fused_with_y_a_quarter_turn_on(tmp_path, capsys)
         (["--axis", "z"], "degrees from level"),
         (["--method", "carousel"], "turns; a carousel needs at least 2"),
         (["--latitude_deg", "95"], "out of range"),
-        (["--latitude_deg", "89.9"], "too near the pole"),
+        (["--latitude_deg", "89.9"], "too close to the pole"),
         (["--node", "left"], "no node 'left'"),
         (["--simulate_azimuth_deg", "10", "--stops", "2"], "give at least 4 stops"),
         (["--simulate_azimuth_deg", "10", "--stops", "200"], "too short for the programme"),
@@ -126,7 +126,7 @@ def test_a_log_without_a_table_finds_its_stops_and_says_so(tmp_path, capsys):
     with_table = folder(tmp_path / "with", run)
     status, known = north(capsys, with_table, "--method", "maytag4")
     status, found = north(capsys, folder(tmp_path / "log", run, table=False), "--method", "maytag4")
-    assert status == 0 and any("angles are the gyro's" in text for text in found["warnings"])
+    assert status == 0 and any("angles are derived from the gyro" in text for text in found["warnings"])
     assert found["gyros"][0]["stops"]["count"] == 12
     assert abs(found["azimuth_deg"] - azimuth) < 4 * found["sigma_deg"]
     assert found["sigma_deg"] >= 0.9 * known["sigma_deg"]
@@ -247,7 +247,7 @@ def test_noise_that_is_given_is_widened_where_the_record_has_more(tmp_path, caps
     allan = {"coefficients": {name: {"value": value} for name, value in (("N", 1e-7), ("B", 0), ("K", 0))}}
     (tmp_path / "gx.json").write_text(json.dumps(allan))
     status, found = north(capsys, path, "--method", "maytag4", "--allan", str(tmp_path / "gx.json"))
-    assert status == 0 and any("times as noisy as --allan says" in text for text in found["warnings"])
+    assert status == 0 and any("times as noisy as given by --allan" in text for text in found["warnings"])
     assert abs(found["azimuth_deg"] - 130.0) < 4 * found["sigma_deg"]
 
 

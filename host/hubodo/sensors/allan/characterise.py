@@ -22,7 +22,7 @@ _MIN_SAMPLES = 256
 
 
 @dataclass(frozen=True)
-class AllanReport:
+class AllanAnalysis:
     """The Allan deviation and the noise terms of one channel.
 
     Attributes:
@@ -121,7 +121,7 @@ def characterise_noise(
     temperature_step: TemperatureStep | None = None,
     excluded: Spans = (),
     keep_all_samples: bool = False,
-) -> AllanReport:
+) -> AllanAnalysis:
     """Compute the Allan deviation and the noise terms of one channel of a stationary sensor.
 
     t: (N,) s, strictly increasing. values: (N,) rad/s or m/s². turn: time that a maytagging table needs
@@ -157,7 +157,7 @@ def characterise_noise(
     notes = _write_notes(record, points, fit, temperature_step, still_falling=best_tau is None)
     stop = None if temperature_step is not None else _optimal_maytag_stop(fit, turn, points)
     sigma = points.adev / np.sqrt(2.0 * edf)
-    return AllanReport(
+    return AllanAnalysis(
         channel, points, edf, sigma, low, high, fit, best_tau, best_deviation, stop, turn, record, notes
     )
 

@@ -12,7 +12,7 @@ from hubodo.sensors.even_grid import EvenGrid, place_on_grid
 from hubodo.sensors.standstill_checks import TemperatureStep
 from hubodo.sensors.warmup.assess import assess_fit, describe_next_model, select_next_model
 from hubodo.sensors.warmup.fit import WarmupFit, fit_warmup
-from hubodo.sensors.warmup.result import WarmupReport, next_model_reason
+from hubodo.sensors.warmup.result import WarmupAnalysis, next_model_reason
 
 # A warm-up is slow, so a few thousand block means contain all information about it.
 _MAX_BLOCK_MEANS, _MIN_BLOCK_MEANS = 4000, 64
@@ -28,7 +28,7 @@ def characterise_warmup(
     temperature: Array | None = None,
     age: float = 0.0,
     temperature_step: TemperatureStep | None = None,
-) -> WarmupReport:
+) -> WarmupAnalysis:
     """Fit C1 (1 - e^(-t/T)) + C2 to a stationary gyro axis and test it (Barshan, Durrant-Whyte, eq. 1 to 4).
 
     t: (N,) s. values: (N,) rad/s. temperature: (N,) °C or None. age: time since power-on at the first
@@ -67,7 +67,7 @@ def characterise_warmup(
     if next_model is not None and (next_model.ljung_box.is_white or not reason):
         accepted = next_model
         reason = next_model_reason(next_model.fit)
-    return WarmupReport(
+    return WarmupAnalysis(
         channel,
         exponential,
         reason,

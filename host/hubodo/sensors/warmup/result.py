@@ -26,7 +26,7 @@ _PARAMETER_UNITS = {"time_constant": "s", "time_constant_second": "s", "temperat
 
 
 @dataclass(frozen=True)
-class WarmupReport:
+class WarmupAnalysis:
     """The warm-up of one gyro axis as shown by a record.
 
     Attributes:
