@@ -26,7 +26,7 @@ def test_a_report_of_a_gyro_alone_shows_its_noise_and_names_what_is_missing(axes
     done = hubodo("report", log, "-o", tmp_path / "r.html", "--json")
     assert done.code == 0, done.err
     report = json.loads(done.out)
-    assert "gyro: at rest all the time, 30 s" in report["facts"]
+    assert "gyro: stationary during the whole record, 30 s" in report["facts"]
     assert any(line.startswith("gyro gz: ") for line in report["facts"])
     absent = [f"g{axis}" for axis in "xyz" if axis not in axes] + ["ax", "ay", "az"]
     assert f"gyro: {', '.join(absent)}: the log holds no samples" in report["missing"]

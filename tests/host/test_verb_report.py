@@ -63,7 +63,7 @@ def test_a_drive_is_shown_with_its_error_and_what_is_absent_is_said(tmp_path):
     page = (tmp_path / "r.html").read_text("utf-8")
     assert found.size == len(page.encode())
     assert any("drive of" in line for line in found.facts)
-    (error,) = (line for line in found.facts if line.startswith("error at the end"))
+    (error,) = (line for line in found.facts if line.startswith("position error at the end"))
     assert float(re.search(r"([\d.]+) % of the path", error)[1]) < 3.0, f"seed 21: {error}"
     absent = " ".join(found.missing)
     for part in (
@@ -80,7 +80,7 @@ def test_a_drive_is_shown_with_its_error_and_what_is_absent_is_said(tmp_path):
     assert found.size < 1_000_000
     assert page.count("<svg") >= 2, "path and speed"
     assert "heading, °" in page and "odometry" in page and "truth" in page
-    for heading in ("What was found", "Gaps and losses", "Drive", "What this log cannot show"):
+    for heading in ("Findings", "Gaps and losses", "Drive", "Not available from this log"):
         assert f"<h2>{heading}" in page
 
 
@@ -89,7 +89,7 @@ def test_a_node_at_rest_shows_noise_and_warm_up(tmp_path):
     write_folder(Recording({"bench": still_node(rng, 120.0, warm=0.02)}), tmp_path / "csv")
     found = report(tmp_path / "csv", "-o", tmp_path / "r.html")
     page = (tmp_path / "r.html").read_text("utf-8")
-    assert any(line.startswith(("bench: at rest", "bench: rests")) for line in found.facts)
+    assert any(line.startswith(("bench: stationary", "bench: standstills")) for line in found.facts)
     assert "bench: noise" in page
     assert any(line.startswith("bench gz: The bias starts at") for line in found.facts), found
     assert any("arrival times" in line for line in found.missing)
@@ -142,7 +142,7 @@ def test_a_page_is_not_overwritten_unless_asked(tmp_path):
         report(tmp_path / "csv", "-o", page)
     assert page.read_text("utf-8") == "mine"
     report(tmp_path / "csv", "-o", page, "--force")
-    assert "What was found" in page.read_text("utf-8")
+    assert "Findings" in page.read_text("utf-8")
     shutil.rmtree(tmp_path / "csv")
     with pytest.raises(InputError, match="folder"):
         report(tmp_path / "csv", "-o", tmp_path / "no" / "r.html")

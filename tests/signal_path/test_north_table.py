@@ -94,7 +94,7 @@ def test_a_real_node_is_turned_and_feels_the_turns_that_the_table_tells(bench, t
     found, _ = north(capsys, port, "--table", table.path, "--stops", 5, "-o", out)
     assert [angle % 360 for angle in table.visited] == [0, 180, 90, 270, 0]
     # A hub's gyro in five seconds: it must say that it does not know.
-    assert found["sigma_deg"] > 45 and any("does not show north" in text for text in found["warnings"])
+    assert found["sigma_deg"] > 45 and any("does not determine north" in text for text in found["warnings"])
     # What the node felt of the turns is what the table said: one clock, one sign, one scale.
     log = read_recording(out)
     (name,) = log.nodes

@@ -241,7 +241,7 @@ def test_the_verb_writes_a_file_that_undoes_the_errors_and_keeps_what_was_there(
     shown = json.loads(json.dumps(result.as_json(), allow_nan=False))
     assert shown["accel_norm_held_out"]["after_rms"] < 0.01
     assert len(shown["rests"]) == 20
-    assert "20 rests" in (tmp_path / "r.html").read_text()
+    assert "20 standstills" in (tmp_path / "r.html").read_text()
     with pytest.raises(InputError, match="it has hand"):
         verb.run(parser.parse_args([*line[:2], "left", *line[3:]]))
 
