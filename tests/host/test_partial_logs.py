@@ -29,7 +29,7 @@ def test_a_report_of_a_gyro_alone_shows_its_noise_and_names_what_is_missing(axes
     assert "gyro: stationary during the whole record, 30 s" in report["facts"]
     assert any(line.startswith("gyro gz: ") for line in report["facts"])
     absent = [f"g{axis}" for axis in "xyz" if axis not in axes] + ["ax", "ay", "az"]
-    assert f"gyro: {', '.join(absent)}: the log holds no samples" in report["missing"]
+    assert f"gyro: {', '.join(absent)}: the log contains no samples" in report["missing"]
     assert "gyro: scale and cross-axis of the triads: all six channels are needed" in report["missing"]
 
 
@@ -37,9 +37,7 @@ def test_a_gyro_alone_that_was_turned_names_the_reason(tmp_path):
     turning = NOISE[:, 0] + np.where((T > 10.0) & (T < 20.0), np.sin(T), 0.0)
     log = write(tmp_path / "gyro.csv", "t,gz", T, turning)
     report = json.loads(hubodo("report", log, "-o", tmp_path / "r.html", "--json").out)
-    assert any(
-        "rests within a movement are found with all six channels only" in it for it in report["missing"]
-    )
+    assert any("standstills can only be detected with all six channels" in it for it in report["missing"])
 
 
 def test_the_error_of_a_vehicle_that_does_not_move_has_no_percentage(tmp_path):

@@ -14,7 +14,7 @@ from hubodo.report.page import COLOURS, Section
 from hubowire.messages import FilterState
 
 _DEG = math.degrees(1.0)
-_AXES = {"x": COLOURS["left"], "y": COLOURS["right"], "z": COLOURS["fused"]}
+_AXIS_COLOURS = {"x": COLOURS["left"], "y": COLOURS["right"], "z": COLOURS["fused"]}
 
 
 def bias_filter_section(node: str, table: Table) -> tuple[Section | None, str]:
@@ -22,21 +22,25 @@ def bias_filter_section(node: str, table: Table) -> tuple[Section | None, str]:
 
     table: as in `Recording.bias_filters`.
     """
-    known = table["state"] == FilterState.TRACKING
-    if not known.any():
+    tracking = table["state"] == FilterState.TRACKING
+    if not tracking.any():
         return None, f"{node}: the node's bias filter was never initialised, and its settings hold no bias"
-    last = {name: float(table[name][known][-1]) for name in table}
-    fact = f"{node}: bias of the node's own filter at the end: {describe_filter_row(last)}"
+    last = {name: float(table[name][tracking][-1]) for name in table}
+    finding = f"{node}: bias of the node's own filter at the end: {describe_filter_row(last)}"
     text = (
-        "Bias of each axis with the sigma (1σ) of its initial value, if known to the node. Only the sum of rate and "
-        "bias is observable: changes beyond initialisation and warm-up depend on the gains of the node's filter."
+        "Bias of each axis with the sigma (1σ) of its initial value, if known to the node. Only the sum of "
+        "rate and "
+        "bias is observable: changes beyond initialisation and warm-up depend on the gains of the node's "
+        "filter."
     )
-    return Section(f"{node}: bias of the node's own filter", text, figures=[_drawn(table, known)]), fact
+    return Section(
+        f"{node}: bias of the node's own filter", text, figures=[_plot_bias(table, tracking)]
+    ), finding
 
 
-def _drawn(table: Table, known: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Drawing:
-    shown = []
-    for axis, colour in _AXES.items():
-        bias, sigma = (table[f"{what}_{axis}"][known] * _DEG for what in ("bias", "sigma"))
-        shown.append(Curve(table.t[known], bias, axis, colour, sigma=np.nan_to_num(sigma)))
-    return draw_curves(shown, "time, s", "bias, °/s")
+def _plot_bias(table: Table, tracking: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> Drawing:
+    plotted = []
+    for axis, colour in _AXIS_COLOURS.items():
+        bias, sigma = (table[f"{quantity}_{axis}"][tracking] * _DEG for quantity in ("bias", "sigma"))
+        plotted.append(Curve(table.t[tracking], bias, axis, colour, sigma=np.nan_to_num(sigma)))
+    return draw_curves(plotted, "time, s", "bias, °/s")

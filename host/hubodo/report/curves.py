@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from hubodo.report.drawing import Drawing, new_figure, render_drawing
 
 Values = NDArray[Any]
-_POINTS = 2000
+_MAX_CURVE_POINTS = 2000
 """Largest number of points plotted per curve."""
-_WIDTH = 9.0
+_FIGURE_WIDTH_IN = 9.0
 """Width of a figure, inches; a page scales it to its own width."""
 
 
@@ -44,7 +44,7 @@ Scale = tuple[str, Sequence[Curve]]
 
 
 def draw_curves(
-    shown: Sequence[Curve],
+    plotted: Sequence[Curve],
     x_label: str,
     y_label: str,
     *,
@@ -54,12 +54,12 @@ def draw_curves(
 ) -> Drawing:
     """Return `plot_curves` as a drawing for a page."""
     return render_drawing(
-        lambda: plot_curves(shown, x_label, y_label, height=height, equal=equal, right=right)
+        lambda: plot_curves(plotted, x_label, y_label, height=height, equal=equal, right=right)
     )
 
 
 def plot_curves(
-    shown: Sequence[Curve],
+    plotted: Sequence[Curve],
     x_label: str,
     y_label: str,
     *,
@@ -72,14 +72,14 @@ def plot_curves(
     height: inches. equal: equal scale of both axes, as for a map. right: second y axis. Raises InputError if
     matplotlib cannot be loaded.
     """
-    figure = new_figure(_WIDTH, height)
+    figure = new_figure(_FIGURE_WIDTH_IN, height)
     axes = figure.subplots()
-    scales = [(axes, y_label, shown)]
+    scales = [(axes, y_label, plotted)]
     if right is not None:
         scales.append((axes.twinx(), *right))
-    for scale, label, some in scales:
-        for curve in some:
-            _curve(scale, curve)
+    for scale, label, stride in scales:
+        for curve in stride:
+            _plot_curve(scale, curve)
         scale.set_ylabel(label)
     axes.set_xlabel(x_label)
     axes.grid(True, lw=0.3, color="#d8dce0")
@@ -91,12 +91,12 @@ def plot_curves(
     return figure
 
 
-def _curve(axes: Any, curve: Curve) -> None:
-    some = slice(None, None, max(1, len(curve.x) // _POINTS))
-    x, y = curve.x[some], curve.y[some]
-    form = {"ls": "", "marker": ".", "ms": 3} if curve.dots else {"lw": curve.width}
+def _plot_curve(axes: Any, curve: Curve) -> None:
+    stride = slice(None, None, max(1, len(curve.x) // _MAX_CURVE_POINTS))
+    x, y = curve.x[stride], curve.y[stride]
+    style = {"ls": "", "marker": ".", "ms": 3} if curve.dots else {"lw": curve.width}
     if curve.sigma is not None:
-        sigma, name = curve.sigma[some], None if curve.width else curve.name
+        sigma, name = curve.sigma[stride], None if curve.width else curve.name
         axes.fill_between(x, y - sigma, y + sigma, color=curve.colour, alpha=0.18, lw=0, label=name)
     if curve.width:
-        axes.plot(x, y, color=curve.colour, label=curve.name, **form)
+        axes.plot(x, y, color=curve.colour, label=curve.name, **style)

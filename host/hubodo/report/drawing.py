@@ -13,8 +13,8 @@ from typing import Any
 from hubodo.atomic_files import atomic_files
 from hubodo.errors import InputError
 
-_SUFFIXES = (".png", ".svg", ".pdf")
-_MISSING = "a figure needs matplotlib, which cannot be loaded here: pip install 'matplotlib>=3.8'"
+_FIGURE_SUFFIXES = (".png", ".svg", ".pdf")
+_MATPLOTLIB_MISSING = "a figure needs matplotlib, which cannot be loaded here: pip install 'matplotlib>=3.8'"
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,8 @@ class Drawing:
 
 def parse_drawing_path(text: str) -> Path:
     """Parse the value of an option that names a figure file, whose suffix selects the format."""
-    if Path(text).suffix.lower() not in _SUFFIXES:
-        raise argparse.ArgumentTypeError(f"{text}: name a file that ends in {', '.join(_SUFFIXES)}")
+    if Path(text).suffix.lower() not in _FIGURE_SUFFIXES:
+        raise argparse.ArgumentTypeError(f"{text}: name a file that ends in {', '.join(_FIGURE_SUFFIXES)}")
     return Path(text)
 
 
@@ -38,7 +38,7 @@ def new_figure(width_inches: float, height_inches: float) -> Any:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError:
-        raise InputError(_MISSING) from None
+        raise InputError(_MATPLOTLIB_MISSING) from None
     figure = Figure(figsize=(width_inches, height_inches), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
@@ -73,10 +73,12 @@ def figure_to_svg(figure: Any) -> str:
         figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
     text = out.getvalue()
     body = text[text.index("<svg") :]
-    head, rest = body.split(">", 1)
-    return f'<svg viewBox="0 0 {72 * size[0]:g} {72 * size[1]:g}" role="img"{_kept(head)}>{rest}'
+    head, body_after_tag = body.split(">", 1)
+    return (
+        f'<svg viewBox="0 0 {72 * size[0]:g} {72 * size[1]:g}" role="img"{_namespaces(head)}>{body_after_tag}'
+    )
 
 
-def _kept(head: str) -> str:
+def _namespaces(head: str) -> str:
     """Return the namespaces of an SVG's first tag, without its size, which the page sets."""
     return "".join(f" {word}" for word in head.split() if word.startswith("xmlns"))

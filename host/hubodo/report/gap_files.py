@@ -20,9 +20,9 @@ GAP_FILES = ("gap.json", "model.toml", "report.html")
 
 def gap_json(result: GapResult) -> dict[str, Any]:
     """Return the content of `gap.json`; non-finite numbers are null."""
-    made = replace_non_finite(result.as_json())
-    assert isinstance(made, dict)
-    return made
+    content = replace_non_finite(result.as_json())
+    assert isinstance(content, dict)
+    return content
 
 
 def replace_non_finite(value: Any) -> Any:
@@ -38,11 +38,11 @@ def check_gap_folder(output: Path, model: Path | None) -> None:
     """Raise InputError for a folder whose model.toml is not an earlier result; model: input file, or None."""
     if output.exists() and not output.is_dir():
         raise InputError(f"{output}: is a file; name a folder for {', '.join(GAP_FILES)}")
-    there = output / "model.toml"
-    if model is not None and there.exists() and model.exists() and there.samefile(model):
-        raise InputError(f"{there}: is the input model; choose another folder with -o")
-    if there.exists() and not (output / "gap.json").exists():
-        raise InputError(f"{there}: exists and is not a result of gap; choose another folder with -o")
+    model_file = output / "model.toml"
+    if model is not None and model_file.exists() and model.exists() and model_file.samefile(model):
+        raise InputError(f"{model_file}: is the input model; choose another folder with -o")
+    if model_file.exists() and not (output / "gap.json").exists():
+        raise InputError(f"{model_file}: exists and is not a result of gap; choose another folder with -o")
 
 
 def gap_file_contents(result: GapResult, *, log: str, model: str) -> dict[str, str]:

@@ -34,7 +34,7 @@ from hubodo.report.gap_figures import (
 )
 from hubodo.report.page import PageTable, Section, render_page
 
-_STYLE = """<style>
+_GAP_STYLE = """<style>
 .cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(15rem, 1fr)); gap: 0.9rem; }
 .card { border: 1px solid var(--line); border-radius: 10px; padding: 0.8rem 1rem; }
 .card h3 { margin: 0 0 0.3rem; font-size: 0.9rem; color: var(--dim); font-weight: 600; }
@@ -65,12 +65,15 @@ def gap_page(result: GapResult, *, log: str, model: str, written: str) -> str:
 
     log, model: names of log and model. written: text of the model file with the added effects.
     """
-    chosen = select_channels(result)
-    courses = {name: compute_trajectory(residual.node) for name, residual in result.residual_steps[0].items()}
+    channels = select_channels(result)
+    trajectories = {
+        name: compute_trajectory(residual.node) for name, residual in result.residual_steps[0].items()
+    }
     sections = [
         Section(
             "The gap, step by step",
-            "The gap is the rms of the residuals in units of the noise declared in the model file: a perfect model "
+            "The gap is the rms of the residuals in units of the noise declared in the model file: a "
+            "perfect model "
             "has 1, or the value of the dotted line if the noise is not as declared. Held out of the fit: "
             f"{result.held_out_kind}.",
             [_steps_table(result)] if result.found else [],
@@ -79,14 +82,15 @@ def gap_page(result: GapResult, *, log: str, model: str, written: str) -> str:
         Section(
             "Residuals before and after" if result.found else "Residuals",
             "Measured minus predicted, in the channels with the largest changes.",
-            figures=[residual_figure(result, chosen)] if chosen else [],
+            figures=[residual_figure(result, channels)] if channels else [],
         ),
-        *_step_by_step(result, chosen),
+        *_step_by_step(result, channels),
         Section(
             "Dependence of the residuals",
-            "The same residuals, averaged over the quantity on which they depend most. For a complete model they are "
+            "The same residuals, averaged over the quantity on which they depend most. For a complete "
+            "model they are "
             "flat lines at zero.",
-            figures=[regime_figure(result, chosen, courses)] if chosen else [],
+            figures=[regime_figure(result, channels, trajectories)] if channels else [],
         ),
         Section(
             "Gap over time", "The gap of all channels along the log.", figures=[gap_over_time_figure(result)]
@@ -94,7 +98,8 @@ def gap_page(result: GapResult, *, log: str, model: str, written: str) -> str:
         *(_evidence(finding) for finding in result.found),
         Section(
             "All channels",
-            "Root mean square of the residuals in units of the declared noise. Noise: variation from sample to "
+            "Root mean square of the residuals in units of the declared noise. Noise: variation from "
+            "sample to "
             "sample, which no effect explains.",
             [_channel_table(result)],
         ),
@@ -102,7 +107,8 @@ def gap_page(result: GapResult, *, log: str, model: str, written: str) -> str:
         *_drive_this(result),
         Section(
             "Indistinguishable causes",
-            "Two causes with the same effect on every channel cannot be distinguished by any drive. An effect named on "
+            "Two causes with the same effect on every channel cannot be distinguished by any drive. An "
+            "effect named on "
             "this page may be the other one of its pair.",
             [PageTable(("effect", "indistinguishable from", "reason"), INDISTINGUISHABLE_CAUSES)],
         ),
@@ -117,13 +123,13 @@ def gap_page(result: GapResult, *, log: str, model: str, written: str) -> str:
     )
 
 
-def _step_by_step(result: GapResult, chosen: Sequence[Channel]) -> list[Section]:
-    if not result.found or not chosen:
+def _step_by_step(result: GapResult, channels: Sequence[Channel]) -> list[Section]:
+    if not result.found or not channels:
         return []
     words = (
         "The mean residual of each second: grey for the given model, blue with the effects up to the slider."
     )
-    return [Section("Effect by effect", words, figures=[slider_figure(result, chosen)])]
+    return [Section("Effect by effect", words, figures=[slider_figure(result, channels)])]
 
 
 def _drive_this(result: GapResult) -> list[Section]:
@@ -132,22 +138,22 @@ def _drive_this(result: GapResult) -> list[Section]:
         Section(
             "Recommended drive",
             f"{words}. Example of the speed and yaw rate of such a drive:",
-            figures=[drive_figure(it)],
+            figures=[drive_figure(estimate)],
         )
-        for words, it in recommend_drives(result)
+        for words, estimate in recommend_drives(result)
     ]
 
 
 def _hero(result: GapResult) -> str:
     words, colour = _BADGES[result.verdict]
-    parts = [_STYLE, f'<span class="badge" style="background:{colour}">{words}</span>']
+    parts = [_GAP_STYLE, f'<span class="badge" style="background:{colour}">{words}</span>']
     cards = [
         _gap_card("Gap on fitted data", result.gap, result.gap.floor),
         _gap_card("Gap on held-out data", result.held_out_gap, result.gap.floor),
-        _sure_card(result),
+        _confidence_card(result),
     ]
     parts.append(f'<div class="cards">{"".join(cards)}</div>')
-    parts += [_missing(finding) for finding in result.found]
+    parts += [_effect_card(finding) for finding in result.found]
     advice = "".join(f"<li>{html.escape(line)}</li>" for line in list_advice(result))
     parts.append(f'<div class="card missing fine"><h3>What to do</h3><ul class="todo">{advice}</ul></div>')
     if result.warnings:
@@ -156,19 +162,19 @@ def _hero(result: GapResult) -> str:
     return "".join(parts)
 
 
-def _gap_card(title: str, size: BeforeAfter, floor: float | None) -> str:
-    lowest = min(1.0 if floor is None else floor, size.after)
-    excess = size.before**2 - lowest**2
-    share = (size.before**2 - size.after**2) / excess if excess > 1e-9 else 0.0
-    words = describe_reduction(size.before, size.after, floor)
-    said = html.escape(words or "no part of the gap was explained")
+def _gap_card(title: str, gap: BeforeAfter, floor: float | None) -> str:
+    lowest = min(1.0 if floor is None else floor, gap.after)
+    excess = gap.before**2 - lowest**2
+    share = (gap.before**2 - gap.after**2) / excess if excess > 1e-9 else 0.0
+    words = describe_reduction(gap.before, gap.after, floor)
+    description = html.escape(words or "no part of the gap was explained")
     width = 100.0 * min(max(share, 0.0), 1.0)
     meter = f'<div class="meter"><i style="width:{width:.0f}%"></i></div>' if words else ""
-    least = "" if floor is None else f"; noise alone gives {floor:.2f} here"
+    floor_text = "" if floor is None else f"; noise alone gives {floor:.2f} here"
     return (
-        f'<div class="card"><h3>{title}</h3><div class="big"><small>{_figure(size.before)} →</small> '
-        f"{_figure(size.after)}</div>{meter}<p>{said}</p>"
-        f'<p class="dim">1 is a perfect model{least}</p></div>'
+        f'<div class="card"><h3>{title}</h3><div class="big"><small>{_figure(gap.before)} →</small> '
+        f"{_figure(gap.after)}</div>{meter}<p>{description}</p>"
+        f'<p class="dim">1 is a perfect model{floor_text}</p></div>'
     )
 
 
@@ -176,7 +182,7 @@ def _figure(value: float) -> str:
     return f"{value:.1f}" if value >= 20.0 else f"{value:.2f}" if value >= 1.5 else f"{value:.3f}"
 
 
-def _sure_card(result: GapResult) -> str:
+def _confidence_card(result: GapResult) -> str:
     if not result.found:
         rounds = result.search.rounds
         nothing = rounds[-1].null_probability if rounds else 1.0
@@ -184,20 +190,20 @@ def _sure_card(result: GapResult) -> str:
             f'<div class="card"><h3>Confidence</h3><div class="big">{format_probability(nothing)}</div>'
             f"<p>that no known effect is missing</p></div>"
         )
-    least = min(result.found, key=lambda finding: finding.confidence)
+    weakest = min(result.found, key=lambda finding: finding.confidence)
     others = " for each name" if len(result.found) > 1 else ""
     return (
-        f'<div class="card"><h3>Confidence</h3><div class="big">{format_probability(least.confidence)}</div>'
-        f"<p>{'at least, ' if others else ''}{describe_confidence(least.confidence)}{others}</p>"
-        f'<p class="dim">{html.escape(describe_runner_up(least))}</p></div>'
+        f'<div class="card"><h3>Confidence</h3><div class="big">{format_probability(weakest.confidence)}</div>'
+        f"<p>{'at least, ' if others else ''}{describe_confidence(weakest.confidence)}{others}</p>"
+        f'<p class="dim">{html.escape(describe_runner_up(weakest))}</p></div>'
     )
 
 
-def _missing(finding: Finding) -> str:
-    values = ", ".join(f"{name} {format_estimate(it)}" for name, it in finding.parameters.items())
-    alike = ""
+def _effect_card(finding: Finding) -> str:
+    values = ", ".join(f"{name} {format_estimate(estimate)}" for name, estimate in finding.parameters.items())
+    indistinguishable = ""
     if finding.inseparable_from:
-        alike = (
+        indistinguishable = (
             f"<p>Not distinguishable from {html.escape(', '.join(finding.inseparable_from))} in this log.</p>"
         )
     words = describe_effect(finding)
@@ -205,8 +211,8 @@ def _missing(finding: Finding) -> str:
         f'<div class="card missing"><b>{html.escape(words[:1].upper() + words[1:])}</b> '
         f"<code>{html.escape(finding.effect)}</code><p>{html.escape(values)}</p>"
         f'<p class="dim">{html.escape(describe_confidence(finding.confidence))} '
-        f"({format_probability(finding.confidence)}); "
-        f"visible in {html.escape(finding.where)}</p>{alike}</div>"
+        f"({format_probability(finding.confidence)}); visible in "
+        f"{html.escape(finding.where)}</p>{indistinguishable}</div>"
     )
 
 
@@ -214,8 +220,9 @@ def _steps_table(result: GapResult) -> PageTable:
     rows = [("model as given", "", _figure(result.gap.before), _figure(result.held_out_gap.before), "")]
     for finding in result.found:
         values = ", ".join(
-            f"{name} {format_with_sigma(it.value, it.sigma)} {it.unit if it.unit != '1' else ''}".rstrip()
-            for name, it in finding.parameters.items()
+            f"{name} {format_with_sigma(estimate.value, estimate.sigma)} "
+            f"{estimate.unit if estimate.unit != '1' else ''}".rstrip()
+            for name, estimate in finding.parameters.items()
         )
         rows.append(
             (
@@ -232,7 +239,8 @@ def _steps_table(result: GapResult) -> PageTable:
 def _evidence(finding: Finding) -> Section:
     return Section(
         f"Evidence for {finding.effect}",
-        "Every effect was tested in every scope and the best were fitted fully. The probabilities follow from the "
+        "Every effect was tested in every scope and the best were fitted fully. The probabilities follow "
+        "from the "
         "likelihoods, with a penalty for free parameters. Gain: increase of the log likelihood.",
         figures=[evidence_figure(finding)],
     )
@@ -259,5 +267,5 @@ def _channel_table(result: GapResult) -> PageTable:
 def _remaining(result: GapResult) -> Section:
     if not result.remaining:
         return Section("Unexplained residuals", "None above the noise.")
-    rows = [(left.channel, left.where, left.looks_like) for left in result.remaining]
+    rows = [(remaining.channel, remaining.where, remaining.looks_like) for remaining in result.remaining]
     return Section("Unexplained residuals", "", [PageTable(("channel", "where", "looks like"), rows)])

@@ -14,34 +14,34 @@ from hubodo.sensors.heading.result import HeadingAnalysis
 from hubodo.sensors.heading.score import HeadingScore
 
 _DEG = math.degrees(1.0)
-_OURS = "#1b6ca8"
-_RIVALS = ("#d1495b", "#8a8d91")
+_FILTER_COLOUR = "#1b6ca8"
+_BASELINE_COLOURS = ("#d1495b", "#8a8d91")
 
-_KNOWN = 10.0
+_MAX_BIAS_SIGMA_RATIO = 10.0
 """The bias is plotted where its sigma is below this multiple of the median, as larger bands hide the rest."""
 
 
-def summarise_heading(report: HeadingAnalysis) -> str:
+def summarise_heading(analysis: HeadingAnalysis) -> str:
     """Return the result in one or two sentences."""
-    turned, sigma = report.track.heading[-1] * _DEG, report.track.sigma[-1] * _DEG
-    lead = f"Turned by {turned:+.2f}° ± {sigma:.2f}° in {report.duration:.0f} s."
-    if report.score is not None:
-        ours = report.score.errors["heading"]
+    turned, sigma = analysis.track.heading[-1] * _DEG, analysis.track.sigma[-1] * _DEG
+    lead = f"Turned by {turned:+.2f}° ± {sigma:.2f}° in {analysis.duration:.0f} s."
+    if analysis.score is not None:
+        filter_error = analysis.score.errors["heading"]
         lead += (
-            f" Error against {report.score.source}: {ours.final * _DEG:+.2f}° at the end "
-            f"({report.score.final_error_in_sigma:+.1f}σ), {ours.rms * _DEG:.2f}° rms."
+            f" Error against {analysis.score.source}: {filter_error.final * _DEG:+.2f}° at the end "
+            f"({analysis.score.final_error_in_sigma:+.1f}σ), {filter_error.rms * _DEG:.2f}° rms."
         )
     return lead
 
 
-def score_rows(report: HeadingAnalysis) -> list[tuple[str, ...]]:
+def score_rows(analysis: HeadingAnalysis) -> list[tuple[str, ...]]:
     """Return a header row, then one row per estimate: total turn, and its errors if truth is available."""
-    score = report.score
+    score = analysis.score
     head: tuple[str, ...] = ("estimate", "turned, °")
     if score is not None:
         head += ("error rms, °", "at the end, °", "largest, °")
     rows = [head]
-    for name, end in report.final_headings().items():
+    for name, end in analysis.final_headings().items():
         row: tuple[str, ...] = (name, f"{end * _DEG:+.3f}")
         if score is not None:
             error = score.errors[name]
@@ -50,89 +50,97 @@ def score_rows(report: HeadingAnalysis) -> list[tuple[str, ...]]:
     return rows
 
 
-def heading_sections(report: HeadingAnalysis) -> list[Section]:
+def heading_sections(analysis: HeadingAnalysis) -> list[Section]:
     """Return the sections of a page: heading, errors, inputs and bias."""
-    noise, track = report.noise, report.track
-    grounds = [
-        ("standstills", f"{len(report.standstills)}, {sum(b - a for a, b in report.standstills):.1f} s"),
+    noise, track = analysis.noise, analysis.track
+    inputs = [
+        ("standstills", f"{len(analysis.standstills)}, {sum(b - a for a, b in analysis.standstills):.1f} s"),
         ("angle random walk N", f"{noise.angle_random_walk:.3g} rad/√s"),
         ("bias instability B", f"{noise.bias_instability:.3g} rad/s"),
         ("rate random walk K", f"{noise.rate_random_walk:.3g} rad/s/√s"),
-        ("warm-up C1", f"{report.warmup.c1:+.3g} rad/s"),
-        ("warm-up time constant", f"{report.warmup.time_constant:.4g} s"),
-        ("scale factor, 1σ", f"{report.scale_sigma:.3g}"),
-        ("lag", f"{report.lag:.3g} s"),
+        ("warm-up C1", f"{analysis.warmup.c1:+.3g} rad/s"),
+        ("warm-up time constant", f"{analysis.warmup.time_constant:.4g} s"),
+        ("scale factor, 1σ", f"{analysis.scale_sigma:.3g}"),
+        ("lag", f"{analysis.lag:.3g} s"),
         ("gaps", str(len(track.gaps))),
     ]
-    rows = score_rows(report)
+    rows = score_rows(analysis)
     sections = [
         Section(
             "Heading",
-            " ".join(f"{note}." for note in report.notes),
+            " ".join(f"{note}." for note in analysis.notes),
             [PageTable(rows[0], rows[1:])],
-            [_course(report)],
+            [_heading_plot(analysis)],
         )
     ]
-    if report.score is not None:
+    if analysis.score is not None:
         sections.append(
-            Section("Error", "The band is the estimated sigma (1σ).", figures=[_error(report.score)])
+            Section("Error", "The band is the estimated sigma (1σ).", figures=[_error_plot(analysis.score)])
         )
-    sections.append(Section("Inputs and bias", "", [PageTable(("", ""), grounds)], [_bias(report)]))
+    sections.append(Section("Inputs and bias", "", [PageTable(("", ""), inputs)], [_bias_plot(analysis)]))
     return sections
 
 
-def save_heading_figure(report: HeadingAnalysis, path: Path, title: str) -> None:
+def save_heading_figure(analysis: HeadingAnalysis, path: Path, title: str) -> None:
     """Write a figure of heading and sigma, or of the error if truth is available.
 
     Raises OSError if it cannot be written, InputError without matplotlib.
     """
-    track, score = report.track, report.score
-    made = new_figure(8.0, 6.0)
-    upper, lower = made.subplots(2, 1, sharex=True)
-    upper.plot(track.t, (track.heading + report.start) * _DEG, color=_OURS, label="heading")
-    for (name, values), colour in zip(track.baselines.items(), _RIVALS, strict=False):
-        upper.plot(track.t, (values + report.start) * _DEG, color=colour, lw=0.8, label=name)
+    track, score = analysis.track, analysis.score
+    plot = new_figure(8.0, 6.0)
+    upper, lower = plot.subplots(2, 1, sharex=True)
+    upper.plot(track.t, (track.heading + analysis.start) * _DEG, color=_FILTER_COLOUR, label="heading")
+    for (name, values), colour in zip(track.baselines.items(), _BASELINE_COLOURS, strict=False):
+        upper.plot(track.t, (values + analysis.start) * _DEG, color=colour, lw=0.8, label=name)
     upper.set_ylabel("heading, °")
     upper.set_title(title)
     upper.legend(fontsize=8)
     if score is None:
-        lower.plot(track.t, track.sigma * _DEG, color=_OURS)
+        lower.plot(track.t, track.sigma * _DEG, color=_FILTER_COLOUR)
         lower.set_ylabel("sigma, °")
     else:
-        ours = score.errors["heading"]
-        lower.fill_between(ours.t, -score.sigma * _DEG, score.sigma * _DEG, color=_OURS, alpha=0.18, lw=0)
-        for (_, error), colour in zip(score.errors.items(), (_OURS, *_RIVALS), strict=False):
+        filter_error = score.errors["heading"]
+        lower.fill_between(
+            filter_error.t, -score.sigma * _DEG, score.sigma * _DEG, color=_FILTER_COLOUR, alpha=0.18, lw=0
+        )
+        for (_, error), colour in zip(
+            score.errors.items(), (_FILTER_COLOUR, *_BASELINE_COLOURS), strict=False
+        ):
             lower.plot(error.t, error.error * _DEG, color=colour, lw=0.8)
         lower.set_ylabel(f"error against {score.source}, °")
     lower.set_xlabel("t, s")
     for axes in (upper, lower):
         axes.grid(True, lw=0.3, color="#d8dce0")
-    save_figure(made, path)
+    save_figure(plot, path)
 
 
-def _course(report: HeadingAnalysis) -> Drawing:
-    track = report.track
-    courses = {"heading": track.heading, **track.baselines}
-    shown = [
-        Curve(track.t, (values + report.start) * _DEG, name, colour)
-        for (name, values), colour in zip(courses.items(), (_OURS, *_RIVALS), strict=False)
+def _heading_plot(analysis: HeadingAnalysis) -> Drawing:
+    track = analysis.track
+    headings = {"heading": track.heading, **track.baselines}
+    plotted = [
+        Curve(track.t, (values + analysis.start) * _DEG, name, colour)
+        for (name, values), colour in zip(
+            headings.items(), (_FILTER_COLOUR, *_BASELINE_COLOURS), strict=False
+        )
     ]
-    return draw_curves(shown[::-1], "t, s", "heading, °")  # reversed, so that the filter is on top
+    return draw_curves(plotted[::-1], "t, s", "heading, °")  # reversed, so that the filter is on top
 
 
-def _error(score: HeadingScore) -> Drawing:
+def _error_plot(score: HeadingScore) -> Drawing:
     sigma = score.sigma * _DEG
-    band = Curve(score.errors["heading"].t, np.zeros(len(sigma)), "one sigma", _OURS, 0.0, sigma)
-    shown = [
+    band = Curve(score.errors["heading"].t, np.zeros(len(sigma)), "one sigma", _FILTER_COLOUR, 0.0, sigma)
+    plotted = [
         Curve(error.t, error.error * _DEG, name, colour)
-        for (name, error), colour in zip(score.errors.items(), (_OURS, *_RIVALS), strict=False)
+        for (name, error), colour in zip(
+            score.errors.items(), (_FILTER_COLOUR, *_BASELINE_COLOURS), strict=False
+        )
     ]
-    return draw_curves([band, *shown[::-1]], "t, s", "error, °")
+    return draw_curves([band, *plotted[::-1]], "t, s", "error, °")
 
 
-def _bias(report: HeadingAnalysis) -> Drawing:
-    track = report.track
-    known = track.sigma_bias <= _KNOWN * np.median(track.sigma_bias)
-    t, values, sigma = (column[known] for column in (track.t, track.bias, track.sigma_bias))
-    bias = Curve(t, values * _DEG, "bias", _OURS, sigma=sigma * _DEG)
+def _bias_plot(analysis: HeadingAnalysis) -> Drawing:
+    track = analysis.track
+    usable = track.sigma_bias <= _MAX_BIAS_SIGMA_RATIO * np.median(track.sigma_bias)
+    t, values, sigma = (column[usable] for column in (track.t, track.bias, track.sigma_bias))
+    bias = Curve(t, values * _DEG, "bias", _FILTER_COLOUR, sigma=sigma * _DEG)
     return draw_curves([bias], "t, s", "bias of the axis, °/s", height=2.6)

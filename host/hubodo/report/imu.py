@@ -35,9 +35,8 @@ def _parameters(result: ImuCalibration) -> Section:
     ]
     poses = result.accel.poses
     text = (
-        "true = (I + diag(e) + N)^-1 (raw - b), SI units. "
-        f"The {poses.count} poses have condition number {poses.condition:.3g}. "
-        + " ".join(f"{note[0].upper()}{note[1:]}." for note in result.notes)
+        f"true = (I + diag(e) + N)^-1 (raw - b), SI units. The {poses.count} poses have condition number "
+        f"{poses.condition:.3g}. " + " ".join(f"{note[0].upper()}{note[1:]}." for note in result.notes)
     )
     return Section("Calibration of the IMU", text, [PageTable(["effect", "parameter", "value", "1σ"], rows)])
 

@@ -23,7 +23,7 @@ from hubodo.report.log_sensors import report_sensors
 from hubodo.report.page import COLOURS, PageTable, Section, render_page
 from hubodo.vehicle import Vehicle
 
-_MOST_ROWS = 40
+_MAX_PAGE_ROWS = 40
 
 
 @dataclass(frozen=True)
@@ -53,8 +53,8 @@ def log_page(
 ) -> LogPage:
     """Return the page of a log.
 
-    summary: None for a CSV folder, which has no messages. calibration_from: source of the calibration, for the text.
-    gravity: local gravity, m/s². Raises CalibrationError if the calibration is for other nodes.
+    summary: None for a CSV folder, which has no messages. calibration_from: source of the calibration, for
+    the text. gravity: local gravity, m/s². Raises CalibrationError if the calibration is for other nodes.
     """
     facts: list[str] = []
     missing: list[str] = []
@@ -63,16 +63,16 @@ def log_page(
     applied = _applied(recording, calibration)
     sections.append(_calibration(recording, calibration, calibration_from, applied, missing))
     for node, table in recording.nodes.items():
-        found = report_sensors(node, table, recording.events, recording.t_zero_ns, gravity)
-        sections += found.sections
-        facts += found.facts
-        missing += found.missing
+        report = report_sensors(node, table, recording.events, recording.t_zero_ns, gravity)
+        sections += report.sections
+        facts += report.facts
+        missing += report.missing
         if node not in recording.bias_filters:
             missing.append(f"{node}: bias of the node's own filter: not in the log")
             continue
-        drawn, line = bias_filter_section(node, recording.bias_filters[node])
-        (missing if drawn is None else facts).append(line)
-        sections += [] if drawn is None else [drawn]
+        section, line = bias_filter_section(node, recording.bias_filters[node])
+        (missing if section is None else facts).append(line)
+        sections += [] if section is None else [section]
     sections += _drive(name, recording, vehicle, calibration, applied, facts, missing)
     missing.append(
         "north: the log contains a turntable record, which hubodo north evaluates"
@@ -97,10 +97,10 @@ def _lead(recording: Recording, summary: Summary | None) -> str:
     duration = max((t[-1] for t in tables), default=0.0) - min((t[0] for t in tables), default=0.0)
     names = ", ".join(recording.nodes) or "no node"
     gaps = 0 if summary is None else len(summary.gaps)
-    lost = 0 if summary is None else sum(gap.missing for gap in summary.gaps)
+    losses = 0 if summary is None else sum(gap.missing for gap in summary.gaps)
     text = f"{duration:.1f} s of {names}"
     if summary is not None:
-        text += f"; {gaps} gaps with {lost} samples missing" if gaps else "; no gap"
+        text += f"; {gaps} gaps with {losses} samples missing" if gaps else "; no gap"
         text += "" if summary.complete else "; the file was not closed"
     return text + "."
 
@@ -117,10 +117,10 @@ def _content(recording: Recording, summary: Summary | None, missing: list[str]) 
         ]
         tables.append(PageTable(("file", "rows", "from, s", "to, s"), rows))
     else:
-        when = (
+        start = (
             datetime.fromtimestamp(summary.start_ns / 1e9, UTC).isoformat() if summary.start_ns else "unknown"
         )
-        text = f"{summary.size / 1e6:.2f} MB, {summary.duration:.2f} s; t = 0 is {when}. "
+        text = f"{summary.size / 1e6:.2f} MB, {summary.duration:.2f} s; t = 0 is {start}. "
         text += f"Written by {summary.library}."
         tables.append(
             PageTable(
@@ -141,14 +141,14 @@ def _content(recording: Recording, summary: Summary | None, missing: list[str]) 
         )
     nodes: list[tuple[str, ...]] = []
     for name, table in recording.nodes.items():
-        meta = {
+        metadata = {
             key: recording.metadata.get(f"node.{name}.{key}", "") for key in ("firmware", "rate_hz", "parts")
         }
         span = "none"
         if "temperature" in table and np.isfinite(table["temperature"]).any():
             span = f"{np.nanmin(table['temperature']):.1f} to {np.nanmax(table['temperature']):.1f}"
         serial = find_node_serial(recording.metadata, name) or "not known"
-        nodes.append((name, serial, meta["firmware"], meta["rate_hz"], meta["parts"], span))
+        nodes.append((name, serial, metadata["firmware"], metadata["rate_hz"], metadata["parts"], span))
     heading = ("node", "serial", "firmware", "nominal Hz", "parts", "temperature, °C")
     tables.append(PageTable(heading, nodes))
     for warning in recording.warnings:
@@ -161,7 +161,7 @@ def _losses(summary: Summary | None, facts: list[str], missing: list[str]) -> li
         return []
     if not summary.gaps:
         facts.append("no gap in any sampled stream")
-    longest = sorted(summary.gaps, key=lambda gap: -gap.duration)[:_MOST_ROWS]
+    longest = sorted(summary.gaps, key=lambda gap: -gap.duration)[:_MAX_PAGE_ROWS]
     rows = [
         (f"{gap.t:.3f}", gap.topic, f"{gap.duration:.4f}", str(gap.missing), gap.cause)
         for gap in sorted(longest, key=lambda gap: gap.t)
@@ -169,15 +169,15 @@ def _losses(summary: Summary | None, facts: list[str], missing: list[str]) -> li
     unexplained = sum(gap.cause.startswith("not explained") for gap in summary.gaps)
     text = f"{len(summary.gaps)} gaps, {sum(gap.missing for gap in summary.gaps)} samples missing"
     text += f", {unexplained} not explained by any event." if summary.gaps else "."
-    if len(summary.gaps) > _MOST_ROWS:
-        text += f" The {_MOST_ROWS} longest are shown."
+    if len(summary.gaps) > _MAX_PAGE_ROWS:
+        text += f" The {_MAX_PAGE_ROWS} longest are shown."
     tables = [PageTable(("t, s", "topic", "duration, s", "samples", "cause"), rows)] if rows else []
     if summary.losses:
-        lost = [
+        losses = [
             (loss.node, loss.stream, loss.cause, str(loss.gaps), str(loss.frames), str(loss.samples))
             for loss in summary.losses
         ]
-        tables.append(PageTable(("node", "stream", "cause", "gaps", "frames lost", "samples lost"), lost))
+        tables.append(PageTable(("node", "stream", "cause", "gaps", "frames lost", "samples lost"), losses))
     if summary.health:
         rows_of = [
             (node, ", ".join(f"{key} {value}" for key, value in values.items() if key != "node"))
@@ -195,9 +195,11 @@ def _events(recording: Recording, summary: Summary | None) -> list[Section]:
         return []
     rows = [
         (f"{summary.seconds(event.t_ns):.3f}", event.kind, event.source, event.text)
-        for event in shown[:_MOST_ROWS]
+        for event in shown[:_MAX_PAGE_ROWS]
     ]
-    text = f"{len(shown)} events" + (f", the first {_MOST_ROWS} shown." if len(shown) > _MOST_ROWS else ".")
+    text = f"{len(shown)} events" + (
+        f", the first {_MAX_PAGE_ROWS} shown." if len(shown) > _MAX_PAGE_ROWS else "."
+    )
     return [Section("Events", text, [PageTable(("t, s", "kind", "source", "text"), rows)])]
 
 
@@ -231,17 +233,17 @@ def _calibration(
         (
             name,
             effect,
-            ", ".join(f"{key} {q.value:+.5g} ± {q.sigma:.1g}" for key, q in what.parameters.items()),
-            "" if what.temperature is None else f"{what.temperature[0]:.1f} to {what.temperature[1]:.1f}",
-            f"{what.date} {what.method}",
+            ", ".join(f"{key} {q.value:+.5g} ± {q.sigma:.1g}" for key, q in entry.parameters.items()),
+            "" if entry.temperature is None else f"{entry.temperature[0]:.1f} to {entry.temperature[1]:.1f}",
+            f"{entry.date} {entry.method}",
         )
         for name, effects in parts
-        for effect, what in effects.items()
+        for effect, entry in effects.items()
     ]
     for name in recording.nodes:
         if name not in calibration.nodes:
             missing.append(f"{name}: calibration: the file does not contain this node")
-    text = f"From {source}. It is applied to the input of the odometry; the noise below is that of the raw samples."
+    text = f"From {source}. Applied to the input of the odometry; the noise below is that of the raw samples."
     text += "".join(f" {line}." for line in applied.warnings)
     return Section(
         "Calibration in use",
@@ -263,29 +265,30 @@ def _drive(
         missing.append("drive: no vehicle file in the log and none given (--vehicle)")
         return []
     nodes = recording if applied is None else _with_nodes(recording, applied)
-    left = None if applied is None else applied.remaining
+    remaining = None if applied is None else applied.remaining
     try:
-        made = compute_wheel_odometry(nodes, vehicle, log=name, calibration=left)
+        odometry = compute_wheel_odometry(nodes, vehicle, log=name, calibration=remaining)
     except InputError as error:
         missing.append(f"drive: {error}")
         return []
-    learnt = made.details
-    facts.append(f"drive of {float(learnt['distance']):.2f} m by {made.method}")
-    if float(learnt["distance"]) < 1.0:
+    estimates = odometry.details
+    facts.append(f"drive of {float(estimates['distance']):.2f} m by {odometry.method}")
+    if float(estimates["distance"]) < 1.0:
         missing.append("drive: the wheels hardly turned, so the path is meaningless")
-    grid = PageTable(("node", "quantity", "value", "1σ"), _learnt_rows(learnt))
-    text = " ".join(f"Note: {line}." for line in made.warnings)
-    found = None
+    grid = PageTable(("node", "quantity", "value", "1σ"), _estimate_rows(estimates))
+    text = " ".join(f"Note: {line}." for line in odometry.warnings)
+    report = None
     truth = recording.truth
     if truth is not None:
-        found = score_track(made.track, truth.t, truth["x"], truth["y"], truth.columns.get("heading"))
-    if found is None:
+        report = score_track(odometry.track, truth.t, truth["x"], truth["y"], truth.columns.get("heading"))
+    if report is None:
         missing.append("drive: position error, because the log contains no truth")
     else:
         facts.append(
-            f"position error at the end {format_error(found.final_error, found.final_percent, ' of the path')}"
+            "position error at the end "
+            f"{format_error(report.final_error, report.final_percent, ' of the path')}"
         )
-    return [Section("Drive", text, [grid], [_path(made, recording), _speed(made)])]
+    return [Section("Drive", text, [grid], [_path(odometry, recording), _speed(odometry)])]
 
 
 def _with_nodes(recording: Recording, applied: AppliedCalibration) -> Recording:
@@ -296,9 +299,9 @@ def _with_nodes(recording: Recording, applied: AppliedCalibration) -> Recording:
     return Recording(applied.nodes, events=recording.events, warnings=recording.warnings, **named)
 
 
-def _learnt_rows(learnt: Mapping[str, Any]) -> list[tuple[str, ...]]:
+def _estimate_rows(estimates: Mapping[str, Any]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
-    groups = {"vehicle": learnt.get("vehicle", {}), **learnt.get("nodes", {})}
+    groups = {"vehicle": estimates.get("vehicle", {}), **estimates.get("nodes", {})}
     for name, effects in groups.items():
         for effect, parameters in effects.items():
             for parameter, entry in parameters.items():
@@ -307,16 +310,16 @@ def _learnt_rows(learnt: Mapping[str, Any]) -> list[tuple[str, ...]]:
     return rows
 
 
-def _path(made: WheelOdometry, recording: Recording) -> Drawing:
-    shown = [Curve(made.track.x, made.track.y, "odometry", COLOURS["fused"], 2.0)]
+def _path(odometry: WheelOdometry, recording: Recording) -> Drawing:
+    shown = [Curve(odometry.track.x, odometry.track.y, "odometry", COLOURS["fused"], 2.0)]
     if recording.truth is not None:
         truth = recording.truth
         shown.insert(0, Curve(truth["x"], truth["y"], "truth", COLOURS["truth"], 5.0))
     return draw_curves(shown, "x, m", "y, m", height=4.6, equal=True)
 
 
-def _speed(made: WheelOdometry) -> Drawing:
-    track = made.track
+def _speed(odometry: WheelOdometry) -> Drawing:
+    track = odometry.track
     speed = Curve(track.t, track.speed, "speed", COLOURS["fused"])
     heading = Curve(track.t, np.degrees(track.heading), "heading", COLOURS["left"])
     return draw_curves([speed], "time, s", "speed, m/s", right=("heading, °", [heading]))

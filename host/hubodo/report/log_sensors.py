@@ -67,22 +67,24 @@ def report_sensors(
     samples = np.column_stack([table[channel] for channel in measured])
     finite: Mask = np.asarray(np.isfinite(samples).all(axis=1))
     t, gyro, accel = table.t[finite], table.gyro[finite], table.accel[finite]
-    span, words = _still_part(t, gyro, accel)
+    span, remark = _select_standstill(t, gyro, accel)
     if span is None:
-        missing.append(f"{name}: noise terms and warm-up: {words}")
+        missing.append(f"{name}: noise terms and warm-up: {remark}")
     else:
-        facts.append(f"{name}: {words}")
-        still = np.column_stack([gyro, accel])[span]
+        facts.append(f"{name}: {remark}")
+        stationary = np.column_stack([gyro, accel])[span]
         temperature = _temperature(table, finite, span)
         try:
-            check_units(still[:, :3], still[:, 3:])
+            check_units(stationary[:, :3], stationary[:, 3:])
         except InputError as error:
             missing.append(f"{name}: noise terms and warm-up: {error}")
         else:
-            step = None if temperature is None else find_temperature_step(t[span], temperature)
-            sections += _allan(name, measured, t[span], still, step, missing, facts)
+            temperature_step = None if temperature is None else find_temperature_step(t[span], temperature)
+            sections += _allan(name, measured, t[span], stationary, temperature_step, missing, facts)
             age = _age(events, name, float(t[span][0]), t_zero_ns)
-            sections += _warmup(name, measured, t[span], still, temperature, step, age, missing, facts)
+            sections += _warmup(
+                name, measured, t[span], stationary, temperature, temperature_step, age, missing, facts
+            )
     if absent:
         missing.append(f"{name}: scale and cross-axis of the triads: all six channels are needed")
     else:
@@ -92,7 +94,7 @@ def report_sensors(
     return SensorReport(tuple(sections), tuple(missing), tuple(facts))
 
 
-def _still_part(t: Array, gyro: Array, accel: Array) -> tuple[slice | None, str]:
+def _select_standstill(t: Array, gyro: Array, accel: Array) -> tuple[slice | None, str]:
     """Return the longest standstill (the whole record if nothing moved) or None, and a remark."""
     if len(t) < 2:
         return None, "fewer than two samples have all measured channels"
@@ -109,27 +111,29 @@ def _still_part(t: Array, gyro: Array, accel: Array) -> tuple[slice | None, str]
     if samples.shape[1] < len(CHANNELS):
         return None, "the node moved, and standstills can only be detected with all six channels"
     try:
-        rests = find_standstills(t, gyro, accel)
+        standstills = find_standstills(t, gyro, accel)
     except CalibrationError as error:
         return None, str(error)
     # A wheel that turns at a constant rate is as quiet as a stationary one.
-    rests = rests.select(np.abs(rests.gyro).max(axis=1) < _MAX_STATIONARY_RATE)
-    if not len(rests):
+    standstills = standstills.select(np.abs(standstills.gyro).max(axis=1) < _MAX_STATIONARY_RATE)
+    if not len(standstills):
         return None, "the node is never stationary for a second"
-    longest = int(np.argmax(rests.duration))
-    words = (
-        f"standstills: {len(rests)}; the noise is evaluated in the longest, {rests.duration[longest]:.1f} s from "
-        f"{rests.t[longest, 0]:.1f} s on"
+    longest = int(np.argmax(standstills.duration))
+    remark = (
+        f"standstills: {len(standstills)}; the noise is evaluated in the longest, "
+        f"{standstills.duration[longest]:.1f} s "
+        "from "
+        f"{standstills.t[longest, 0]:.1f} s on"
     )
-    return slice(int(rests.start[longest]), int(rests.end[longest])), words
+    return slice(int(standstills.start[longest]), int(standstills.end[longest])), remark
 
 
 def _allan(
     name: str,
     measured: tuple[str, ...],
     t: Array,
-    still: Array,
-    step: TemperatureStep | None,
+    stationary: Array,
+    temperature_step: TemperatureStep | None,
     missing: list[str],
     facts: list[str],
 ) -> list[Section]:
@@ -139,24 +143,28 @@ def _allan(
         if channel not in measured:
             continue
         try:
-            report = characterise_noise(t, still[:, k].copy(), channel, temperature_step=step)
+            analysis = characterise_noise(
+                t, stationary[:, k].copy(), channel, temperature_step=temperature_step
+            )
         except InputError as error:
             missing.append(f"{name} {channel}: Allan deviation: {error}")
             continue
         shown = []
         for term in _SHOWN_TERMS:
-            found, unit = report.fit.terms[term], term_units(channel)[term]
-            if found.value is None or found.sigma is None:
-                limit = "" if found.limit is None else f", below {format_value(found.limit, unit.si)}"
+            noise_term, unit = analysis.fit.terms[term], term_units(channel)[term]
+            if noise_term.value is None or noise_term.sigma is None:
+                limit = (
+                    "" if noise_term.limit is None else f", below {format_value(noise_term.limit, unit.si)}"
+                )
                 shown.append(f"not shown{limit}")
             else:
-                customary = format_value(found.value * unit.factor, unit.common)
-                shown.append(f"{found.value:.3g} ± {found.sigma:.1g} {unit.si} ({customary})")
+                common = format_value(noise_term.value * unit.factor, unit.common)
+                shown.append(f"{noise_term.value:.3g} ± {noise_term.sigma:.1g} {unit.si} ({common})")
         rows.append((channel, *shown))
         if channel == "gz":
-            facts.append(f"{name} gz: {summarise_allan(report)}")
+            facts.append(f"{name} gz: {summarise_allan(analysis)}")
             detail = [
-                replace(section, title=f"{name} gz: {section.title}") for section in allan_sections(report)
+                replace(section, title=f"{name} gz: {section.title}") for section in allan_sections(analysis)
             ]
     if not rows:
         return []
@@ -169,9 +177,9 @@ def _warmup(
     name: str,
     measured: tuple[str, ...],
     t: Array,
-    still: Array,
+    stationary: Array,
     temperature: Array | None,
-    step: TemperatureStep | None,
+    temperature_step: TemperatureStep | None,
     age: float | None,
     missing: list[str],
     facts: list[str],
@@ -181,21 +189,26 @@ def _warmup(
         if channel not in measured:
             continue
         try:
-            report = characterise_warmup(
-                t, still[:, k].copy(), channel, temperature=temperature, age=age or 0.0, temperature_step=step
+            analysis = characterise_warmup(
+                t,
+                stationary[:, k].copy(),
+                channel,
+                temperature=temperature,
+                age=age or 0.0,
+                temperature_step=temperature_step,
             )
         except InputError as error:
             missing.append(f"{name} {channel}: warm-up: {error}")
             continue
-        if report.accepted is None:
-            missing.append(f"{name} {channel}: warm-up: {report.reason}")
+        if analysis.accepted is None:
+            missing.append(f"{name} {channel}: warm-up: {analysis.reason}")
         else:
-            facts.append(f"{name} {channel}: {summarise_warmup(report)}")
+            facts.append(f"{name} {channel}: {summarise_warmup(analysis)}")
             detail += [
                 replace(section, title=f"{name} {channel}: {section.title}")
-                for section in warmup_sections(report, name)
+                for section in warmup_sections(analysis, name)
             ]
-        rows.append((channel, summarise_warmup(report)))
+        rows.append((channel, summarise_warmup(analysis)))
     if not rows:
         return []
     text = (

@@ -1,6 +1,7 @@
 """Self-contained HTML pages of text, tables and figures that open without a network.
 
-A figure is a `Drawing` (some tens of kB) or a zoomable plotly figure, of which the first one adds 4.8 MB to the page.
+A figure is a `Drawing` (some tens of kB) or a zoomable plotly figure, of which the first one adds 4.8 MB
+to the page.
 """
 
 from __future__ import annotations
@@ -16,10 +17,11 @@ from hubodo.report.drawing import Drawing
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-# The three hues also differ in lightness, so that they are distinguishable in grey and by colour-blind readers.
+# The three hues also differ in lightness, so that they are distinguishable in grey and by colour-blind
+# readers.
 COLOURS = {"left": "#1b6ca8", "right": "#d1495b", "truth": "#8a8d91", "fused": "#2e7d5b", "frame": "#8a8d91"}
 
-_STYLE = """
+_PAGE_STYLE = """
 :root { color-scheme: light dark; --ink: #1d2126; --dim: #5d646c; --line: #d8dce0; --paper: #ffffff; }
 @media (prefers-color-scheme: dark) {
   :root { --ink: #e6e8ea; --dim: #9aa2aa; --line: #3a4047; --paper: #16191d; }
@@ -52,7 +54,7 @@ class PageTable:
 
 @dataclass(frozen=True)
 class Section:
-    """A section of a page: title, text, recommendations, tables, figures, and `listing`, preformatted text."""
+    """A section of a page: title, text, advice, tables, figures, and `listing` (preformatted text)."""
 
     title: str
     text: str = ""
@@ -63,11 +65,14 @@ class Section:
 
 
 def new_plotly_figure(x_title: str, y_title: str, *, height: int = 320, equal: bool = False) -> go.Figure:
-    """Return an empty plotly figure in the style of the pages; `equal`: equal scale of both axes, as for maps."""
+    """Return an empty plotly figure in the style of the pages.
+
+    `equal`: equal scale of both axes, as for maps.
+    """
     import plotly.graph_objects as go
 
-    made = go.Figure()
-    made.update_layout(
+    drawing_or_plot = go.Figure()
+    drawing_or_plot.update_layout(
         template="plotly_white",
         height=height,
         margin={"l": 60, "r": 20, "t": 20, "b": 50},
@@ -76,22 +81,22 @@ def new_plotly_figure(x_title: str, y_title: str, *, height: int = 320, equal: b
         legend={"orientation": "h", "y": 1.08, "x": 0.0},
     )
     if equal:
-        made.update_yaxes(scaleanchor="x", scaleratio=1.0)
-    return made
+        drawing_or_plot.update_yaxes(scaleanchor="x", scaleratio=1.0)
+    return drawing_or_plot
 
 
 def _grid(grid: PageTable) -> str:
     return f'<div class="scroll">{html_table(grid.headings, grid.rows)}</div>'
 
 
-def _figure(made: go.Figure | Drawing, name: str) -> str:
-    if isinstance(made, Drawing):
-        return f'<div class="figure">{made.html}</div>'
+def _figure(drawing_or_plot: go.Figure | Drawing, name: str) -> str:
+    if isinstance(drawing_or_plot, Drawing):
+        return f'<div class="figure">{drawing_or_plot.html}</div>'
     import plotly.io
 
     # An explicit id, because plotly's default id differs from run to run.
     drawn = plotly.io.to_html(
-        made, include_plotlyjs=False, full_html=False, config={"displaylogo": False}, div_id=name
+        drawing_or_plot, include_plotlyjs=False, full_html=False, config={"displaylogo": False}, div_id=name
     )
     return f'<div class="figure">{drawn}</div>'
 
@@ -110,20 +115,24 @@ def render_page(title: str, lead: str, sections: Sequence[Section], hero: str = 
             lines = "".join(f"<li>{html.escape(line)}</li>" for line in section.advice)
             parts.append(f'<ul class="todo">{lines}</ul>')
         parts += [_grid(grid) for grid in section.tables]
-        parts += [_figure(made, f"figure-{number}-{at}") for at, made in enumerate(section.figures, 1)]
+        parts += [
+            _figure(drawing_or_plot, f"figure-{number}-{at}")
+            for at, drawing_or_plot in enumerate(section.figures, 1)
+        ]
         if section.listing:
             parts.append(f"<pre>{html.escape(section.listing)}</pre>")
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{html.escape(title)}</title><style>{_STYLE}</style>"
-        f"{_plotly(sections)}</head><body>{''.join(parts)}</body></html>\n"
+        f"<title>{html.escape(title)}</title><style>{_PAGE_STYLE}</style>{_plotly(sections)}</head><body>{''.join(parts)}</body></html>\n"
     )
 
 
 def _plotly(sections: Sequence[Section]) -> str:
     """Return the plotly script if the page has plotly figures, otherwise an empty string."""
-    if all(isinstance(made, Drawing) for section in sections for made in section.figures):
+    if all(
+        isinstance(drawing_or_plot, Drawing) for section in sections for drawing_or_plot in section.figures
+    ):
         return ""
     from plotly.offline import get_plotlyjs
 

@@ -11,47 +11,51 @@ from hubodo.report.drawing import new_figure
 from hubodo.sensors.warmup.result import SIGMA_HORIZON_S, WarmupAnalysis
 
 _DEG = math.degrees(1.0)
-_POINTS, _DOTS = 200, 1000
+_CURVE_POINTS, _MAX_DOTS = 200, 1000
 """Number of points of a curve, and of the means plotted."""
-_COLOURS = ("#1b6ca8", "#d1495b")
+_MODEL_COLOURS = ("#1b6ca8", "#d1495b")
 
 
-def warmup_figure(report: WarmupAnalysis, title: str) -> Any:
+def warmup_figure(analysis: WarmupAnalysis, title: str) -> Any:
     """Return a matplotlib figure; raise InputError if matplotlib cannot be loaded."""
     figure = new_figure(8.0, 8.0)
-    course, left, lags = figure.subplots(3, 1, height_ratios=(3, 1.3, 1.3))
-    _course(course, report)
-    judged = report.accepted or report.exponential
-    t, rest = _averaged(report.t, judged.fit.residual)
-    left.plot(t / 60.0, rest * _DEG, ".", ms=2, color="#8a8d91")
-    left.set_xlim(course.get_xlim())
-    left.set_ylabel("residual, °/s")
-    left.set_xlabel(f"time since power-on, min; residual of the {judged.fit.kind}")
-    test = judged.autocorrelation
-    lags.plot(test.lags, test.autocorrelation, lw=0.6, color=_COLOURS[0])
+    bias_axes, residual_axes, lag_axes = figure.subplots(3, 1, height_ratios=(3, 1.3, 1.3))
+    _plot_bias(bias_axes, analysis)
+    assessed = analysis.accepted or analysis.exponential
+    t, residual = _averaged(analysis.t, assessed.fit.residual)
+    residual_axes.plot(t / 60.0, residual * _DEG, ".", ms=2, color="#8a8d91")
+    residual_axes.set_xlim(bias_axes.get_xlim())
+    residual_axes.set_ylabel("residual, °/s")
+    residual_axes.set_xlabel(f"time since power-on, min; residual of the {assessed.fit.kind}")
+    test = assessed.autocorrelation
+    lag_axes.plot(test.lags, test.autocorrelation, lw=0.6, color=_MODEL_COLOURS[0])
     for size in (-2, -1, 1, 2):
-        lags.axhline(size * test.standard_error, lw=0.6, ls=":", color="#8a8d91")
-    lags.set_ylabel("autocorrelation")
-    lags.set_xlabel("lag, samples; dotted: 1 and 2 standard errors of white noise")
-    for axes in (course, left, lags):
+        lag_axes.axhline(size * test.standard_error, lw=0.6, ls=":", color="#8a8d91")
+    lag_axes.set_ylabel("autocorrelation")
+    lag_axes.set_xlabel("lag, samples; dotted: 1 and 2 standard errors of white noise")
+    for axes in (bias_axes, residual_axes, lag_axes):
         axes.grid(True, lw=0.3, color="#d8dce0")
-    course.set_title(title)
+    bias_axes.set_title(title)
     return figure
 
 
-def _course(axes: Any, report: WarmupAnalysis) -> None:
-    t, means = _averaged(report.t, report.means)
+def _plot_bias(axes: Any, analysis: WarmupAnalysis) -> None:
+    t, means = _averaged(analysis.t, analysis.means)
     axes.plot(t / 60.0, means * _DEG, ".", ms=2, color="#8a8d91", label="means")
-    for judged, colour in zip((report.exponential, report.next_model), _COLOURS, strict=True):
-        if judged is not None:
-            fitted = report.means - judged.fit.residual
-            axes.plot(report.t / 60.0, fitted * _DEG, lw=1.0, color=colour, label=judged.fit.kind)
-    end = float(report.t[-1])
-    ahead = np.linspace(float(report.t[0]), end + min(SIGMA_HORIZON_S, 2.0 * end), _POINTS)
-    warm = None if report.mean_temperatures is None else np.interp(ahead, report.t, report.mean_temperatures)
-    bias, sigma = report.forecast.predict(ahead, warm)
+    for assessed, colour in zip((analysis.exponential, analysis.next_model), _MODEL_COLOURS, strict=True):
+        if assessed is not None:
+            fitted = analysis.means - assessed.fit.residual
+            axes.plot(analysis.t / 60.0, fitted * _DEG, lw=1.0, color=colour, label=assessed.fit.kind)
+    end = float(analysis.t[-1])
+    ages = np.linspace(float(analysis.t[0]), end + min(SIGMA_HORIZON_S, 2.0 * end), _CURVE_POINTS)
+    temperatures = (
+        None
+        if analysis.mean_temperatures is None
+        else np.interp(ages, analysis.t, analysis.mean_temperatures)
+    )
+    bias, sigma = analysis.forecast.predict(ages, temperatures)
     axes.fill_between(
-        ahead / 60.0,
+        ages / 60.0,
         (bias - sigma) * _DEG,
         (bias + sigma) * _DEG,
         color="#2e7d5b",
@@ -64,6 +68,6 @@ def _course(axes: Any, report: WarmupAnalysis) -> None:
 
 
 def _averaged(t: np.ndarray[Any, Any], values: np.ndarray[Any, Any]) -> tuple[Any, Any]:
-    size = max(1, len(t) // _DOTS)
+    size = max(1, len(t) // _MAX_DOTS)
     count = len(t) // size * size
     return t[:count].reshape(-1, size).mean(axis=1), values[:count].reshape(-1, size).mean(axis=1)

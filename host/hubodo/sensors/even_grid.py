@@ -109,8 +109,8 @@ def place_on_grid(t: Array, values: Array, *, reject_outliers: bool = True, excl
     missing = np.diff(indices) - 1
     gaps = tuple((float(t[k]), int(missing[k])) for k in np.flatnonzero(missing))
     is_excluded = np.zeros(len(t), bool)
-    for begin, end in excluded:
-        is_excluded[np.searchsorted(t, begin) : np.searchsorted(t, end, "right")] = True
+    for start, end in excluded:
+        is_excluded[np.searchsorted(t, start) : np.searchsorted(t, end, "right")] = True
     is_outlier = _find_outliers(values) & ~is_excluded if reject_outliers else np.zeros(len(values), bool)
     if gaps:
         missing_count = sum(number for _, number in gaps)
@@ -214,9 +214,9 @@ def _find_outliers(values: Array) -> BoolArray:
     if not is_outlier.any():
         return is_outlier
     edges = np.flatnonzero(np.diff(np.concatenate(([0], is_outlier.astype(np.int8), [0]))))
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        if end - begin > _MAX_OUTLIER_RUN:
-            is_outlier[begin:end] = False
+    for start, end in zip(edges[::2], edges[1::2], strict=True):
+        if end - start > _MAX_OUTLIER_RUN:
+            is_outlier[start:end] = False
     return is_outlier
 
 

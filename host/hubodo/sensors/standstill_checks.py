@@ -144,7 +144,7 @@ def find_cuts(t: Array, values: Array, channel: Array) -> list[tuple[float, floa
     if not spans:
         return []
     spans = _add_shifted_segments(t, channel, spans)
-    cut_fraction = sum(end - begin for begin, end in spans) / float(t[-1] - t[0])
+    cut_fraction = sum(end - start for start, end in spans) / float(t[-1] - t[0])
     if cut_fraction > _MAX_CUT_FRACTION:
         raise InputError(
             f"the sensor was moved in {len(spans)} stretches, {cut_fraction:.0%} of the record, first from "
@@ -189,11 +189,11 @@ def _add_shifted_segments(
 def _merge_spans(spans: list[tuple[float, float]]) -> list[tuple[float, float]]:
     """Return the spans in order, with overlapping and adjacent ones merged."""
     merged: list[tuple[float, float]] = []
-    for begin, end in sorted(spans):
-        if merged and begin <= merged[-1][1]:
+    for start, end in sorted(spans):
+        if merged and start <= merged[-1][1]:
             merged[-1] = (merged[-1][0], max(end, merged[-1][1]))
         else:
-            merged.append((begin, end))
+            merged.append((start, end))
     return merged
 
 

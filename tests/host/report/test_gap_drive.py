@@ -7,7 +7,7 @@ import pytest
 
 from hubodo.effects import EFFECTS
 from hubodo.gap.explain.indistinguishable import INDISTINGUISHABLE_CAUSES
-from hubodo.report.gap_drive import _MOVES, drive_figure, parse_manoeuvre
+from hubodo.report.gap_drive import _SEGMENTS_BY_KEYWORD, drive_figure, parse_manoeuvre
 
 WAYS = sorted({way for effect in EFFECTS for way in effect.confusable_with.values()})
 
@@ -37,7 +37,9 @@ def test_the_path_is_that_of_the_speed_and_the_turns():
 
 
 def test_no_word_of_a_manoeuvre_is_without_use():
-    assert [word for word in _MOVES if not any(word in way for way in WAYS) and word != "longer"] == []
+    assert [
+        word for word in _SEGMENTS_BY_KEYWORD if not any(word in way for way in WAYS) and word != "longer"
+    ] == []
 
 
 def test_the_readme_says_what_no_drive_can_tell_apart():

@@ -106,7 +106,7 @@ class AllanAnalysis:
                 "outliers": self.record.outliers.tolist(),
                 "jitter_intervals": None if np.isnan(self.record.jitter) else self.record.jitter,
             },
-            "excluded": [{"start": begin, "end": end} for begin, end in self.record.excluded],
+            "excluded": [{"start": start, "end": end} for start, end in self.record.excluded],
             "notes": list(self.notes),
         }
 
@@ -173,7 +173,7 @@ def _write_notes(
     """Return remarks for the user; still_falling: the deviation decreases up to the end of the record."""
     notes = list(record.notes)
     if record.excluded:
-        cut_duration = sum(end - begin for begin, end in record.excluded)
+        cut_duration = sum(end - start for start, end in record.excluded)
         first, last = record.excluded[0]
         notes.append(
             f"the sensor was disturbed in {_count_stretches(len(record.excluded))}, {cut_duration:.3g} s in "

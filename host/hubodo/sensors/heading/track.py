@@ -97,10 +97,10 @@ def estimate_heading(
         rows.append((float(state.heading), state.sigma_heading, float(state.bias), state.sigma_bias))
     heading, sigma, bias, sigma_bias = np.array(rows).T
     raw = _integrate(t, axis.raw)
-    rivals = {"integrated as it is": raw[edges]}
+    baselines = {"integrated as it is": raw[edges]}
     if spans:
         first = float(axis.raw[slice(*spans[0])].mean())
-        rivals["less the mean of the first standstill"] = (raw - first * (t - t[0]))[edges]
+        baselines["less the mean of the first standstill"] = (raw - first * (t - t[0]))[edges]
     return HeadingTrack(
         t[edges],
         heading,
@@ -109,7 +109,7 @@ def estimate_heading(
         ),
         bias,
         sigma_bias,
-        rivals,
+        baselines,
         tuple((float(t[k]), float(t[k + 1])) for k in np.flatnonzero(gap)),
     )
 

@@ -110,11 +110,11 @@ def assess_poses(
     noise = np.broadcast_to(np.maximum(np.asarray(sigma, float), MIN_RELATIVE_NOISE), (len(rows),))
     weighted = rows / noise[:, None]
     sigmas = np.sqrt(np.diag(posterior_covariance(weighted, factory)))
-    unseen = tuple(
+    unobservable = tuple(
         name for name, s in zip(TRIAD_PARAMETERS, sigmas, strict=True) if not s <= MAX_OBSERVABLE_SIGMA
     )
-    suggestions = _suggest_poses(weighted, factory, float(np.median(noise))) if unseen else ()
-    return PoseObservability(len(rows), _condition_number(rows), sigmas, unseen, suggestions)
+    suggestions = _suggest_poses(weighted, factory, float(np.median(noise))) if unobservable else ()
+    return PoseObservability(len(rows), _condition_number(rows), sigmas, unobservable, suggestions)
 
 
 def posterior_covariance(weighted: Array, factory: FactoryTolerance) -> Array:

@@ -36,7 +36,7 @@ _TURN_PADDING_S = 0.1
 _RELINEARISE_CHANGE = 1e-6
 """Parameter change up to which the derivatives are not recomputed."""
 _MATRIX_ELEMENTS = ("scale x", "xz", "xy", "yz", "scale y", "yx", "zy", "zx", "scale z")
-_UNIT_OF_RATIO = {57.29578: "degrees per second", 57295.78: "mdps", 1000.0: "mrad/s"}
+_RATE_UNIT_OF_RATIO = {57.29578: "degrees per second", 57295.78: "mdps", 1000.0: "mrad/s"}
 
 
 @dataclass(frozen=True)
@@ -302,10 +302,10 @@ def _check_unit(turns: Turns) -> None:
     swept_angle = np.linalg.norm(turns.rate * turns.dt[..., None], axis=2).sum(axis=1)
     ratio = float(np.median(swept_angle / turns.angle))
     if ratio > 20:
-        unit = min(_UNIT_OF_RATIO, key=lambda factor: abs(np.log(ratio / factor)))
+        unit = min(_RATE_UNIT_OF_RATIO, key=lambda factor: abs(np.log(ratio / factor)))
         raise CalibrationError(
             f"the integrated gyro rates are {ratio:.0f} times the turns of gravity, as if they were in "
-            f"{_UNIT_OF_RATIO[unit]}; convert the record to rad/s"
+            f"{_RATE_UNIT_OF_RATIO[unit]}; convert the record to rad/s"
         )
     if ratio < 0.5:
         raise CalibrationError(

@@ -57,9 +57,9 @@ def collect_measurements(records: Sequence[AxisRecord], method: Method, settle: 
         _check_rate(record.rate)
     if method == "carousel":
         return _merge([_measure_carousel(record) for record in records])
-    seen = _merge([_measure_stops(record, method, settle) for record in records])
-    _check_stops(seen, method)
-    return seen
+    measurements = _merge([_measure_stops(record, method, settle) for record in records])
+    _check_stops(measurements, method)
+    return measurements
 
 
 def _merge(parts: Sequence[Measurements]) -> Measurements:
@@ -110,14 +110,14 @@ def _check_rate(rate: Array) -> None:
         )
 
 
-def _check_stops(seen: Measurements, method: Method) -> None:
+def _check_stops(measurements: Measurements, method: Method) -> None:
     """Raise InputError if there are too few stops, or if directions that the method needs are missing."""
-    angles = np.concatenate([stops.angle for stops in seen.stops])
+    angles = np.concatenate([stops.angle for stops in measurements.stops])
     if len(angles) < MIN_STOP_COUNT:
         raise InputError(
             f"{len(angles)} stops are too few; {method} needs at least {MIN_STOP_COUNT}, 18 to 20 are usual"
         )
-    tolerance = direction_tolerance(seen.stops)
+    tolerance = direction_tolerance(measurements.stops)
     along_first, across_first = (
         stop_signs(angles, float(angles[0]) + quarter, tolerance) for quarter in (0.0, np.pi / 2)
     )
@@ -129,7 +129,7 @@ def _check_stops(seen: Measurements, method: Method) -> None:
                 f"{method} needs stops {'180 degrees apart' if method == 'maytag' else 'every 90 degrees'}; "
                 f"the table stopped at {', '.join(map(str, angles_deg[:8]))} degrees"
             )
-    if method == "east" and not len(seen.rates):
+    if method == "east" and not len(measurements.rates):
         raise InputError("east seeking needs pairs of stops 180 degrees apart; the table made no half turn")
 
 

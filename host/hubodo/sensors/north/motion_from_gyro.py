@@ -38,7 +38,7 @@ ROW_SPACING = np.radians(30)
 MAX_TABLE_LEAN = np.radians(20.0)
 _MODE_SHARE_OF_SAMPLES = 0.2
 _MAX_OFF_AXIS_SHARE, _MAX_OFF_AXIS_ANGLE = 0.1, np.radians(3.0)
-_STEP_TOLERANCE = np.radians(1.0)
+_TABLE_STEP_TOLERANCE = np.radians(1.0)
 
 
 @dataclass(frozen=True)
@@ -253,8 +253,8 @@ def _white_noise_density(gyro: Array, stops: list[tuple[int, int]], step: float)
     steps = [np.diff(_block_means(gyro[i:j], width), axis=0) for i, j in stops if j - i >= 3 * width]
     if not steps:
         return 0.0
-    joined = np.concatenate(steps)
-    return float(np.sqrt(np.median(joined**2, axis=0).max() / 0.4549 / 2 * width * step))
+    differences = np.concatenate(steps)
+    return float(np.sqrt(np.median(differences**2, axis=0).max() / 0.4549 / 2 * width * step))
 
 
 def _table_axis(t: Array, turns: list[TableTurn], up: Array) -> Array:
@@ -287,7 +287,7 @@ def _round_to_steps(t: Array, turns: list[TableTurn], by: Array, step: float, sc
         if abs(measured) < step / 4:
             angle.append(reached)
             continue
-        if abs(reached - complete) > min(3 * scale_sigma * abs(measured) + _STEP_TOLERANCE, step / 3):
+        if abs(reached - complete) > min(3 * scale_sigma * abs(measured) + _TABLE_STEP_TOLERANCE, step / 3):
             raise InputError(
                 f"the turn at {t[turn.first]:.1f} s was {np.degrees(measured):.1f} degrees, to "
                 f"{np.degrees(reached):.1f}, which is not a multiple of {np.degrees(step):g}; omit "
