@@ -193,7 +193,8 @@ def _confidence_card(result: GapResult) -> str:
     weakest = min(result.found, key=lambda finding: finding.confidence)
     others = " for each name" if len(result.found) > 1 else ""
     return (
-        f'<div class="card"><h3>Confidence</h3><div class="big">{format_probability(weakest.confidence)}</div>'
+        f'<div class="card"><h3>Confidence</h3>'
+        f'<div class="big">{format_probability(weakest.confidence)}</div>'
         f"<p>{'at least, ' if others else ''}{describe_confidence(weakest.confidence)}{others}</p>"
         f'<p class="dim">{html.escape(describe_runner_up(weakest))}</p></div>'
     )

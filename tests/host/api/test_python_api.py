@@ -74,7 +74,7 @@ def test_gap_is_that_of_the_verb(drive, examples, tmp_path):
         texts = [(tmp_path / side / name).read_text() for side in ("gap", "api")]
         assert texts[0] == texts[1].replace("simulated-random", "leaning.mcap"), name
     assert "leans" in (tmp_path / "api" / "report.html").read_text()
-    with pytest.raises(hubodo.InputError, match="no result of gap"):
+    with pytest.raises(hubodo.InputError, match="not a result of gap"):
         gap.save(examples)
     assert "wheel_camber" in gap._repr_html_() and "gap" in gap.plot()._repr_html_()
 
