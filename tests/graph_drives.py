@@ -56,13 +56,13 @@ def path_of(drive):
 
 
 def fixes_of(drive, keep=slice(None), sigma=None):
-    own = None if sigma is None else np.full(len(drive.fix_t), sigma)[keep]
-    return Fixes(drive.fix_t[keep], drive.fix_latitude_deg[keep], drive.fix_longitude_deg[keep], own)
+    selected = None if sigma is None else np.full(len(drive.fix_t), sigma)[keep]
+    return Fixes(drive.fix_t[keep], drive.fix_latitude_deg[keep], drive.fix_longitude_deg[keep], selected)
 
 
 def north(fixes, which, metres):
-    there = gnss_drives.geodetic(0.0, np.where(which, metres, 0.0), fixes.latitude_deg, fixes.longitude_deg)
-    return replace(fixes, latitude_deg=there[0])
+    target = gnss_drives.geodetic(0.0, np.where(which, metres, 0.0), fixes.latitude_deg, fixes.longitude_deg)
+    return replace(fixes, latitude_deg=target[0])
 
 
 def errors_of(drive, result):

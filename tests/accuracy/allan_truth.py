@@ -83,17 +83,17 @@ def main(argv=None):
     sums = {"inside": 0, "claimed": 0, "below": 0, "limits": 0, "false": 0, "absent": 0}
     print(f"seeds 0 to {seeds - 1}; {HZ:g} Hz; {SHORT}, {MIDDLE} or {LONG} samples")
     for title, (samples, truth, electronics) in RECORDS.items():
-        found = {name: [] for name in "QNBKR"}
+        result = {name: [] for name in "QNBKR"}
         for seed in range(seeds):
             rates, true = made(title, samples, truth, electronics, seed)
             terms = characterise_noise(np.arange(samples) / HZ, rates, "gz").fit.terms
             for name, term in terms.items():
-                found[name].append(term)
+                result[name].append(term)
         print(
             f"{title}\n{'':8}truth  claimed    mean     rms    said   bound  in 1 σ  in 2 σ  below its limit"
         )
         low = bounds(samples, true)
-        for name, terms in found.items():
+        for name, terms in result.items():
             told(name, terms, true.get(name.lower(), 0.0), low.get(name.lower()), sums)
     print(
         f"{time.monotonic() - began:.0f} s. "
@@ -118,11 +118,11 @@ def told(name, terms, true, bound, sums):
     words = f"  {name}{true:>10.3g}{f'{len(claimed)}/{len(terms)}':>9}"
     if claimed:
         errors = np.array([term.value / true - 1.0 for term in claimed])
-        said = np.array([term.sigma / true for term in claimed])
-        inside = [np.mean(np.abs(errors) < n * said) for n in (1, 2)]
-        sums["inside"] += int(np.sum(np.abs(errors) < 2 * said))
+        messages = np.array([term.sigma / true for term in claimed])
+        inside = [np.mean(np.abs(errors) < n * messages) for n in (1, 2)]
+        sums["inside"] += int(np.sum(np.abs(errors) < 2 * messages))
         sums["claimed"] += len(claimed)
-        for share in (errors.mean(), np.sqrt(np.mean(errors**2)), np.median(said)):
+        for share in (errors.mean(), np.sqrt(np.mean(errors**2)), np.median(messages)):
             words += f"{100 * share:>7.2f}%"
         words += f"{'':>8}" if bound is None else f"{100 * bound:>7.2f}%"
         words += f"{100 * inside[0]:>7.0f}%{100 * inside[1]:>7.0f}%"

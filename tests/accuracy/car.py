@@ -48,12 +48,12 @@ def truth_of(log: Recording) -> Table:
 def calibration_from(log: Recording, names: tuple[str, ...]) -> Calibration:
     """What these nodes' drive tells. Raises CalibrationError."""
     truth = truth_of(log)
-    told = Positions(truth.t, truth["x"], truth["y"], np.full(len(truth), TRUTH_SIGMA))
-    found = calibrate_wheels(wheel_config(with_nodes(names), list(names)), log.nodes, told)
-    made = Calibration().with_vehicle(found.vehicle_effects())
+    reported = Positions(truth.t, truth["x"], truth["y"], np.full(len(truth), TRUTH_SIGMA))
+    result = calibrate_wheels(wheel_config(with_nodes(names), list(names)), log.nodes, reported)
+    output = Calibration().with_vehicle(result.vehicle_effects())
     for name in names:
-        made = made.with_node(name, found.effects(name))
-    return made
+        output = output.with_node(name, result.effects(name))
+    return output
 
 
 def largest_percent(log: Recording, names: tuple[str, ...], calibration: Calibration | None) -> float:
@@ -80,21 +80,21 @@ def main() -> int:
     """A line for each drive, and each pair of drives."""
     logs = drives()
     for names in SETS:
-        there = {name: log for name, log in logs.items() if set(names) <= set(log.nodes)}
-        tape = {name: largest_percent(log, names, None) for name, log in there.items()}
+        target = {name: log for name, log in logs.items() if set(names) <= set(log.nodes)}
+        tape = {name: largest_percent(log, names, None) for name, log in target.items()}
         print(" and ".join(names))
         for name, value in tape.items():
             print(f"  tape measure           on {name}: {value:.2f} %")
         calibrated = []
-        for first, log in there.items():
+        for first, log in target.items():
             try:
                 calibration = calibration_from(log, names)
             except CalibrationError as error:
                 print(f"  calibrated on {first}: {error}")
                 continue
-            for name in there:
+            for name in target:
                 if name != first:
-                    calibrated.append(largest_percent(there[name], names, calibration))
+                    calibrated.append(largest_percent(target[name], names, calibration))
                     print(f"  calibrated on {first}  on {name}: {calibrated[-1]:.2f} %")
         print(
             f"  median: tape {np.median(list(tape.values())):.2f} %, calibrated {np.median(calibrated):.2f} %"

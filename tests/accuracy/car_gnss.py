@@ -38,44 +38,44 @@ WORSE = {
 
 def paths(sets=SETS):
     """(drive, nodes) -> odometry, what the graph is to expect of it, truth."""
-    found = {}
+    result = {}
     for name, log in drives().items():
         for names in sets:
             if set(names) <= set(log.nodes):
-                made = run_wheel_filter(wheel_config(with_nodes(names), list(names)), log.nodes)
-                track = made.track
+                output = run_wheel_filter(wheel_config(with_nodes(names), list(names)), log.nodes)
+                track = output.track
                 path = Track(track.t, track.x, track.y, track.heading)
-                found[name, names] = (path, graph_constant_sigmas(made), truth_of(log))
-    return found
+                result[name, names] = (path, graph_constant_sigmas(output), truth_of(log))
+    return result
 
 
 def worse(path, rng, step, heading, walk):
     """The odometry with noise of each step, m and rad per root of a metre, and a yaw rate that wanders."""
     place, head, dt = path.x + 1j * path.y, np.unwrap(path.heading), np.diff(path.t)
-    way = np.diff(place) * np.exp(-0.5j * (head[1:] + head[:-1]))
-    root, noise = np.sqrt(np.abs(way)), rng.standard_normal((4, len(way)))
-    way = way + step * root * (noise[0] + 0.5j * noise[1])
+    distance = np.diff(place) * np.exp(-0.5j * (head[1:] + head[:-1]))
+    root, noise = np.sqrt(np.abs(distance)), rng.standard_normal((4, len(distance)))
+    distance = distance + step * root * (noise[0] + 0.5j * noise[1])
     turn = np.diff(head) + heading * root * noise[2] + np.cumsum(walk * np.sqrt(dt) * noise[3]) * dt
     head = head[0] + np.append(0.0, np.cumsum(turn))
-    place = place[0] + np.append(0.0, np.cumsum(way * np.exp(0.5j * (head[1:] + head[:-1]))))
+    place = place[0] + np.append(0.0, np.cumsum(distance * np.exp(0.5j * (head[1:] + head[:-1]))))
     return Track(path.t, place.real, place.imag, head)
 
 
 def one(path, constants, truth, seed, outage, estimated=True):
     """rms m and NEES over the drive or its outage, and rms m of the fixes."""
     rng = np.random.default_rng([seed, 61])
-    begin, end = max(path.t[0], truth.t[0]), min(path.t[-1], truth.t[-1])
-    t = np.arange(begin, end, 1.0 / RATE_HZ)
+    start, end = max(path.t[0], truth.t[0]), min(path.t[-1], truth.t[-1])
+    t = np.arange(start, end, 1.0 / RATE_HZ)
     noise = SIGMA * rng.standard_normal((2, len(t)))
     east, north = (np.interp(t, truth.t, truth[name]) + n for name, n in zip("xy", noise, strict=True))
-    gone = begin + rng.uniform(0.3, 0.5) * (end - begin)
+    gone = start + rng.uniform(0.3, 0.5) * (end - start)
     keep = (t < gone) | (t > gone + outage)
     fixes = Fixes(t[keep], *gnss_drives.geodetic(east[keep], north[keep], *ORIGIN))
     config = GraphConfig(constants=constants, inflate_sigmas=estimated)
-    found = fuse_graph(path, fixes, None, config)
-    ox, oy = found.frame.to_local(*gnss_drives.geodetic(np.zeros(1), np.zeros(1), *ORIGIN))
-    track = found.track
-    inside = (track.t >= begin) & (track.t <= end)
+    result = fuse_graph(path, fixes, None, config)
+    ox, oy = result.frame.to_local(*gnss_drives.geodetic(np.zeros(1), np.zeros(1), *ORIGIN))
+    track = result.track
+    inside = (track.t >= start) & (track.t <= end)
     if outage:
         inside &= (track.t > gone) & (track.t < gone + outage)
     ex = (track.x - ox - np.interp(track.t, truth.t, truth["x"]))[inside]
@@ -89,14 +89,14 @@ def main(argv=None):
     arguments = sys.argv[1:] if argv is None else argv
     seeds = int(arguments[0]) if arguments else 6
     first = int(arguments[1]) if len(arguments) > 1 else 0
-    there = paths()
-    print(f"{len(there)} drives and sets of nodes, seeds {first}..{first + seeds - 1}, "
+    target = paths()
+    print(f"{len(target)} drives and sets of nodes, seeds {first}..{first + seeds - 1}, "
           f"fixes of {SIGMA:g} m at {RATE_HZ:g} Hz; means of rms m and NEES (2 is true)")  # fmt: skip
     missed = []
     for label, errors in WORSE.items():
         for outage in (0.0, OUTAGE):
             rows = []
-            for path, constants, truth in there.values():
+            for path, constants, truth in target.values():
                 for seed in range(first, first + seeds):
                     bad = worse(path, np.random.default_rng([seed, 62]), *errors)
                     now = one(bad, constants, truth, seed, outage)

@@ -41,23 +41,25 @@ def main() -> int:
     print(f"{'':28}{'wheels':>7}{'median':>9}{'largest':>9}{'way':>8}{'NEES of 3':>11}{'largest':>9}")
     for name in args.cases:
         rows: dict[str, list[tuple[float, float, float]]] = {key: [] for key in WHEELS}
-        rival = []
+        reference_filter = []
         for seed in range(args.seed, args.seed + args.drives):
             drive = clipped_drive(CASES[name], seed)
-            rival.append(100.0 * plain(drive, not CASES[name].begins) / drive.length)
+            reference_filter.append(100.0 * plain(drive, not CASES[name].begins) / drive.length)
             for key, names in WHEELS.items():
-                found = run_wheel_filter(config(drive, names, limits=CASES[name].limits), tables(drive))
-                way = abs(found.report.distance / drive.length - 1.0)
-                error = end_error(drive, found) / drive.length
-                rows[key].append((100.0 * error, 100.0 * way, nees(drive, found)))
+                result = run_wheel_filter(config(drive, names, limits=CASES[name].limits), tables(drive))
+                distance = abs(result.report.distance / drive.length - 1.0)
+                error = end_error(drive, result) / drive.length
+                rows[key].append((100.0 * error, 100.0 * distance, nees(drive, result)))
         for key, row in rows.items():
-            error, way, honest = np.array(row).T
+            error, distance, honest = np.array(row).T
             print(
-                f"{name:28}{key:>7}{np.median(error):9.2f}{error.max():9.2f}{np.median(way):8.2f}"
+                f"{name:28}{key:>7}{np.median(error):9.2f}{error.max():9.2f}{np.median(distance):8.2f}"
                 f"{honest.mean():11.2f}{honest.max():9.1f}",
                 flush=True,
             )
-        print(f"{name:28}{'plain':>7}{np.median(rival):9.2f}{max(rival):9.2f}", flush=True)
+        print(
+            f"{name:28}{'plain':>7}{np.median(reference_filter):9.2f}{max(reference_filter):9.2f}", flush=True
+        )
     return 0
 
 

@@ -45,9 +45,9 @@ def odometry(drive, names):
         name: Table(dict(zip(columns, np.column_stack([node.t, node.gyro, node.accel]).T, strict=True)))
         for name, node in drive.nodes.items()
     }
-    found = run_wheel_filter(config, nodes)
-    track = found.track
-    return Track(track.t, track.x, track.y, track.heading), graph_constant_sigmas(found)
+    result = run_wheel_filter(config, nodes)
+    track = result.track
+    return Track(track.t, track.x, track.y, track.heading), graph_constant_sigmas(result)
 
 
 def off(track, frame, drive):
@@ -61,13 +61,13 @@ def off(track, frame, drive):
 
 def laid(path, t, place, length):
     """The wheels' places, east + i north, turned and shifted onto the fixes of their first metres."""
-    own = path.x + 1j * path.y
-    rolled = np.append(0.0, np.cumsum(np.abs(np.diff(own))))
+    selected = path.x + 1j * path.y
+    rolled = np.append(0.0, np.cumsum(np.abs(np.diff(selected))))
     first = np.interp(t, path.t, rolled) < length
     there, fixes = np.interp(t, path.t, path.x) + 1j * np.interp(t, path.t, path.y), place[0] + 1j * place[1]
     middle, target = there[first].mean(), fixes[first].mean()
     turn = np.angle(np.sum(np.conj(there[first] - middle) * (fixes[first] - target)))
-    return target + np.exp(1j * turn) * (own - middle)
+    return target + np.exp(1j * turn) * (selected - middle)
 
 
 def one(seed, names):
@@ -80,21 +80,21 @@ def one(seed, names):
     place = np.array([np.interp(t, drive.t, v) for v in (drive.x, drive.y)]) + noise
     latitude, longitude = gnss_drives.geodetic(*place, *ORIGIN)
     began = time.process_time()
-    whole = fuse_graph(path, Fixes(t, latitude, longitude), None, config)
-    taken = time.process_time() - began
-    error, in_x, in_y = off(whole.track, whole.frame, drive)
+    full = fuse_graph(path, Fixes(t, latitude, longitude), None, config)
+    used = time.process_time() - began
+    error, in_x, in_y = off(full.track, full.frame, drive)
     truth = (np.interp(path.t, drive.t, v) for v in (drive.x, drive.y, drive.heading))
     tx, ty, th = truth
     turn = np.exp(1j * (th[0] - path.heading[0]))
-    alone = (path.x - path.x[0] + 1j * (path.y - path.y[0])) * turn + tx[0] + 1j * ty[0] - tx - 1j * ty
-    wheels = np.sqrt(np.mean(np.abs(alone) ** 2))
+    single = (path.x - path.x[0] + 1j * (path.y - path.y[0])) * turn + tx[0] + 1j * ty[0] - tx - 1j * ty
+    wheels = np.sqrt(np.mean(np.abs(single) ** 2))
     aligned = {
         name: np.sqrt(np.mean(np.abs(laid(path, t, place, length) - tx - 1j * ty) ** 2))
         for name, length in LAID.items()
     }
     facing = replace(config, start_heading=float(th[0]), start_heading_sigma=2e-3)
-    told = fuse_graph(path, Fixes(t, latitude, longitude), None, facing).from_start
-    like = np.sqrt(np.mean((told.x - tx + tx[0]) ** 2 + (told.y - ty + ty[0]) ** 2))
+    reported = fuse_graph(path, Fixes(t, latitude, longitude), None, facing).from_start
+    like = np.sqrt(np.mean((reported.x - tx + tx[0]) ** 2 + (reported.y - ty + ty[0]) ** 2))
 
     start = rng.uniform(0.35, 0.55) * path.t[-1]
     keep = (t < start) | (t > start + OUTAGE)
@@ -105,7 +105,7 @@ def one(seed, names):
     before = fuse_graph(ended, fixes, None, config)
     end = int(np.count_nonzero(cut)) - 1
     inside = (path.t >= start) & cut
-    way = float(np.sum(np.hypot(np.diff(tx[inside]), np.diff(ty[inside]))))
+    distance = float(np.sum(np.hypot(np.diff(tx[inside]), np.diff(ty[inside]))))
     smoothed = off(after.track, after.frame, drive)[0]
     ahead, ax, ay = off(before.track, before.frame, drive)
     begun = int(np.flatnonzero(inside)[0])
@@ -115,15 +115,15 @@ def one(seed, names):
         **aligned,
         "wheels told their first pose, rms m": wheels,
         "graph told the first heading, from start": like,
-        "outage, whole log: error at its end, %": 100.0 * smoothed[end] / way,
-        "outage, whole log: worst in it, %": 100.0 * smoothed[inside].max() / way,
-        "outage, log ends with it: error, %": 100.0 * ahead[end] / way,
-        "  of which grown in it, %": 100.0 * max(0.0, ahead[end] - ahead[begun]) / way,
+        "outage, whole log: error at its end, %": 100.0 * smoothed[end] / distance,
+        "outage, whole log: worst in it, %": 100.0 * smoothed[inside].max() / distance,
+        "outage, log ends with it: error, %": 100.0 * ahead[end] / distance,
+        "  of which grown in it, %": 100.0 * max(0.0, ahead[end] - ahead[begun]) / distance,
         "squares / sigma squared, x": np.mean(in_x),
         "squares / sigma squared, y": np.mean(in_y),
         "at the end": in_x[-1],
         "outage end": 0.5 * (ax[end] + ay[end]),
-        "CPU s": taken,
+        "CPU s": used,
     }
 
 
@@ -142,7 +142,7 @@ def main(argv=None):
             values = np.array([row[name] for row in rows])
             numbers = (np.median(values), np.quantile(values, 0.9), values.max())
             print(f"  {name:42}" + "".join(f"{value:9.2f}" for value in numbers))
-        graph, fixes, wheels, told, *aligned = (
+        graph, fixes, wheels, reported, *aligned = (
             np.array([row[name] for row in rows])
             for name in (
                 "graph, rms m",
@@ -157,11 +157,11 @@ def main(argv=None):
         print(f"  drives of {drives} in which the graph has the larger rms, and by how much at most, m")
         for name, values in others.items():
             print(f"    than {name:40}{np.sum(graph > values):5}{max(0.0, (graph - values).max()):9.2f}")
-        print(f"    told the heading, than those told, too  {np.sum(told > wheels):10}"
-              f"{max(0.0, (told - wheels).max()):9.2f}")  # fmt: skip
+        print(f"    told the heading, than those told, too  {np.sum(reported > wheels):10}"
+              f"{max(0.0, (reported - wheels).max()):9.2f}")  # fmt: skip
         print("  rms over all drives, m: graph {:.2f}, fixes {:.2f}, wheels told {:.2f}, graph told {:.2f}, "
               "wheels laid {:.2f}, {:.2f}".format(*(np.sqrt(np.mean(values**2)) for values in
-              (graph, fixes, wheels, told, *aligned))))  # fmt: skip
+              (graph, fixes, wheels, reported, *aligned))))  # fmt: skip
         within = np.array([row["at the end"] for row in rows]) < 1.96**2
         print(f"  final x within 1.96 sigma: {100.0 * np.mean(within):.0f} % of the drives")
         outage = np.median([row["outage, whole log: error at its end, %"] for row in rows])

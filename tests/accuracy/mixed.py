@@ -42,8 +42,8 @@ def plain(drive: wheel_drives.WheelDrive, rests: bool = True) -> float:
         still = node.gyro[node.t < node.t[0] + 0.5, 2].mean() if rests else 0.0
         speed[name] = np.interp(t, node.t, node.gyro[:, 2] - still) * drive.radius
     heading = np.cumsum((speed["right"] - speed["left"]) / drive.track) * 0.01
-    way = 0.5 * (speed["left"] + speed["right"]) * 0.01
-    x, y = np.sum(way * np.cos(heading)), np.sum(way * np.sin(heading))
+    distance = 0.5 * (speed["left"] + speed["right"]) * 0.01
+    x, y = np.sum(distance * np.cos(heading)), np.sum(distance * np.sin(heading))
     return float(np.hypot(x - drive.x[-1], y - drive.y[-1]))
 
 
@@ -64,11 +64,11 @@ def main() -> int:
         it = drawn(seed)
         numbers = [plain(it.drive) / it.drive.length]
         for name, nodes in NAMES.items():
-            found = run_wheel_filter(wheel_runs.config(it.drive, nodes), wheel_runs.tables(it.drive))
-            numbers.append(wheel_runs.end_error(it.drive, found) / it.drive.length)
-            numbers.append(wheel_runs.nees(it.drive, found))
-            told = any(wheel.slip_detector.slips for wheel in found.filter.core.wheels)
-            alarms[name] += told and not it.slips
+            result = run_wheel_filter(wheel_runs.config(it.drive, nodes), wheel_runs.tables(it.drive))
+            numbers.append(wheel_runs.end_error(it.drive, result) / it.drive.length)
+            numbers.append(wheel_runs.nees(it.drive, result))
+            reported = any(wheel.slip_detector.slips for wheel in result.filter.core.wheels)
+            alarms[name] += reported and not it.slips
         rows.append(numbers)
         kinds.append(["all", *_kinds(it)])
         if args.each:
@@ -82,8 +82,8 @@ def main() -> int:
     for kind in dict.fromkeys(name for row in kinds for name in row):
         _print(kind, table[[kind in row for row in kinds]])
     gripping = sum("grips" in row for row in kinds)
-    told = ", ".join(f"{name} {count}" for name, count in alarms.items())
-    print(f"of {gripping} drives that grip, said to have slipped: {told}")
+    reported = ", ".join(f"{name} {count}" for name, count in alarms.items())
+    print(f"of {gripping} drives that grip, said to have slipped: {reported}")
     means = table[:, [2, 4]].mean(axis=0)
     held = bool(((means >= 0.7 * DEGREES) & (means <= 2.0 * DEGREES)).all())
     bounds = f"{0.7 * DEGREES:.1f} and {2 * DEGREES:.1f}"

@@ -25,7 +25,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=40)
     seeds = parser.parse_args().seeds
-    begin = time.process_time()
+    start = time.process_time()
     print(f"12 stops of about 20 s, gyro scale off by 1 %, {seeds} seeds from 0; degrees rms; NEES of 1")
     print("record    ours  sigma  of angles  NEES  inside 1, 2 sigma   nearest neighbours, angles rounded")
     for name, world in WORLDS.items():
@@ -33,17 +33,17 @@ def main():
         for seed in range(seeds):
             node, azimuth, *_ = world(seed)
             record, _ = build_axis_record(node, "x", None, LATITUDE, GyroAngleOptions(0.01))
-            found = find_north([record], LATITUDE, "maytag4")
-            theirs = wrap_angle(found.filters["nearest"].azimuth - azimuth)
-            rows.append([wrap_angle(found.azimuth - azimuth), found.sigma, found.angle_sigma, theirs])
-        off, sigma, angles, theirs = np.degrees(np.array(rows, float)).T
-        z = np.abs(off / sigma)
+            result = find_north([record], LATITUDE, "maytag4")
+            theirs = wrap_angle(result.filters["nearest"].azimuth - azimuth)
+            rows.append([wrap_angle(result.azimuth - azimuth), result.sigma, result.angle_sigma, theirs])
+        error, sigma, angles, theirs = np.degrees(np.array(rows, float)).T
+        z = np.abs(error / sigma)
         print(
-            f"{name:9s} {rms(off):4.1f} {rms(sigma):6.1f} {rms(angles):8.1f} {np.mean(z**2):8.2f} "
+            f"{name:9s} {rms(error):4.1f} {rms(sigma):6.1f} {rms(angles):8.1f} {np.mean(z**2):8.2f} "
             f"{np.mean(z < 1):9.2f} {np.mean(z < 2):5.2f} {rms(theirs):15.1f}",
             flush=True,
         )
-    print(f"processor {time.process_time() - begin:.0f} s")
+    print(f"processor {time.process_time() - start:.0f} s")
 
 
 def rms(values):

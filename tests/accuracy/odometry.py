@@ -46,7 +46,7 @@ def main() -> None:
 
 def simulated(drives: int, first_seed: int) -> None:
     """Final error, heading error and coverage over many drives."""
-    begin = time.monotonic()
+    start = time.monotonic()
     rows: dict[str, list[tuple[float, ...]]] = {}
     for seed in range(first_seed, first_seed + drives):
         rng = np.random.default_rng(seed)
@@ -68,8 +68,8 @@ def simulated(drives: int, first_seed: int) -> None:
         "truth within 1.96 sigma: x, y, heading",
     )
     print(f"{head[0]:40s}{head[1]:>9s}{head[2]:>9s}{head[3]:>9s}{head[4]:>13s}   {head[5]}")
-    for name, found in rows.items():
-        table = np.array(found)
+    for name, result in rows.items():
+        table = np.array(result)
         quantiles = np.percentile(table[:, 0], [50, 90, 100])
         heading = np.degrees(np.sqrt(np.mean(table[:, 1] ** 2)))
         cover = "   ".join(f"{100 * np.mean(table[:, column]):.0f} %" for column in (2, 3, 4))
@@ -77,7 +77,7 @@ def simulated(drives: int, first_seed: int) -> None:
         line = "".join(f"{value:9.2f}" for value in quantiles)
         print(f"{name:40s}{line}{heading:12.2f}°   {cover}")
     print("required: two nodes 0.50 and 1.00, one node 1.00 and 2.00; coverage 90 to 99 %")
-    print(f"run time {time.monotonic() - begin:.0f} s")
+    print(f"run time {time.monotonic() - start:.0f} s")
 
 
 def _filtered(drive: wheel_drives.WheelDrive, names: tuple[str, ...]) -> tuple[float, ...]:
@@ -118,9 +118,9 @@ def _raw_gyro(drive: wheel_drives.WheelDrive) -> tuple[float, ...]:
     The wheel angle is summed from the spin, and the yaw turned back by it.
     """
     node = drive.nodes["left"]
-    rest = node.t < REST
-    gyro = node.gyro - node.gyro[rest].mean(axis=0)
-    start = -np.arctan2(*node.accel[rest, 1::-1].mean(axis=0))
+    remaining = node.t < REST
+    gyro = node.gyro - node.gyro[remaining].mean(axis=0)
+    start = -np.arctan2(*node.accel[remaining, 1::-1].mean(axis=0))
     step = np.diff(node.t, prepend=node.t[0])
     theta = start + np.cumsum(gyro[:, 2] * step)
     yaw_rate = gyro[:, 0] * np.cos(theta) - gyro[:, 1] * np.sin(theta)

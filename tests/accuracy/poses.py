@@ -49,20 +49,23 @@ def trial(rng, poses):
     """Of both triads (12,) error, sigma, and error without calibration; NaN where nothing is claimed."""
     accel, gyro = drawn(rng, 0.3), drawn(rng, 0.02)
     data = carry(rng, gyro, accel, attitudes=poses(rng))
-    found = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
+    result = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
     # By convention the matrix of the accelerometers is symmetric; the gyros are told in that frame.
     symmetric = np.real(sqrtm(matrix(accel) @ matrix(accel).T))
     frame = np.linalg.solve(symmetric, matrix(accel))
     truth = {"accel": (accel.b, symmetric), "gyro": (gyro.b, matrix(gyro) @ frame.T)}
-    seen = {"accel": found.accel.is_observable, "gyro": np.append(np.ones(3, bool), found.gyro.is_observable)}
-    sigma = {"accel": found.accel.sigma, "gyro": np.sqrt(np.diag(found.gyro.covariance))}
-    triads = {"accel": found.accel.triad, "gyro": found.gyro.triad}
-    made = {}
+    observed = {
+        "accel": result.accel.is_observable,
+        "gyro": np.append(np.ones(3, bool), result.gyro.is_observable),
+    }
+    sigma = {"accel": result.accel.sigma, "gyro": np.sqrt(np.diag(result.gyro.covariance))}
+    triads = {"accel": result.accel.triad, "gyro": result.gyro.triad}
+    output = {}
     for sensor, (bias, m) in truth.items():
-        told = np.append(triads[sensor].bias, triads[sensor].matrix)
-        error = np.where(seen[sensor], told - np.append(bias, m), np.nan)
-        made[sensor] = error, sigma[sensor], np.append(bias, m - np.eye(3))
-    return made
+        reported = np.append(triads[sensor].bias, triads[sensor].matrix)
+        error = np.where(observed[sensor], reported - np.append(bias, m), np.nan)
+        output[sensor] = error, sigma[sensor], np.append(bias, m - np.eye(3))
+    return output
 
 
 def main():

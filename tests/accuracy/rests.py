@@ -36,15 +36,15 @@ def main() -> int:
     )
     for kind, (noise, idling) in KINDS.items():
         for where in ("start", "middle"):
-            for rest in args.rests:
-                found = []
+            for remaining in args.rests:
+                result = []
                 for seed in range(args.seed, args.seed + args.drives):
-                    drive = drive_with_rest(seed, LENGTH, rest, where, noise, idling)
-                    made = run_wheel_filter(config(drive), tables(drive))
-                    found.append((100.0 * end_error(drive, made) / drive.length, nees(drive, made)))
-                errors, honest = np.array(found).T
+                    drive = drive_with_rest(seed, LENGTH, remaining, where, noise, idling)
+                    output = run_wheel_filter(config(drive), tables(drive))
+                    result.append((100.0 * end_error(drive, output) / drive.length, nees(drive, output)))
+                errors, honest = np.array(result).T
                 print(
-                    f"  {kind:22} {where:7} {rest:6.0f} s: median {np.median(errors):5.2f} %, largest "
+                    f"  {kind:22} {where:7} {remaining:6.0f} s: median {np.median(errors):5.2f} %, largest "
                     f"{errors.max():5.2f} %, NEES {honest.mean():5.2f} of 3",
                     flush=True,
                 )

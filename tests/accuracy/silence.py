@@ -69,19 +69,19 @@ def _silence(names: tuple[str, ...], seconds: float, meanwhile: str, seeds: rang
 
 
 def _pause(seconds: float, seeds: range) -> None:
-    off, unsure, far, worst, spent = [], [], [], 0.0, 0.0
+    error, unsure, far, worst, spent = [], [], [], 0.0, 0.0
     for seed in seeds:
         drive, _, _ = paused_drive(seed, seconds)
-        begin = time.process_time()
+        start = time.process_time()
         track = run_wheel_filter(config(drive), tables(drive)).track
-        spent = max(spent, time.process_time() - begin)
+        spent = max(spent, time.process_time() - start)
         covariance = track.covariance[-1]
-        off.append(track.heading[-1] - drive.heading[-1])
+        error.append(track.heading[-1] - drive.heading[-1])
         unsure.append(covariance[2, 2])
         far.append(np.sqrt(np.trace(covariance[:2, :2])))
         worst = max(worst, _worst_call(drive)) if seed == seeds[0] else worst
     print(
-        f"  {seconds:8.1f} s: {np.degrees(np.sqrt(np.mean(np.square(off)))):5.2f}°, sigma "
+        f"  {seconds:8.1f} s: {np.degrees(np.sqrt(np.mean(np.square(error)))):5.2f}°, sigma "
         f"{np.degrees(np.sqrt(np.mean(unsure))):5.2f}°; position sigma {np.mean(far):7.1f} m; the log in "
         f"{spent:.2f} s of CPU, live {1e3 * worst:.2f} ms for a sample at most",
         flush=True,
@@ -101,11 +101,11 @@ def _worst_call(drive: WheelDrive, times: int = 3) -> float:
     costs = []
     gc.disable()
     for _ in range(times):
-        made, spent = WheelFilter(config(drive)), []
+        output, spent = WheelFilter(config(drive)), []
         for sample in samples:
-            begin = time.process_time()
-            made.handle(sample)
-            spent.append(time.process_time() - begin)
+            start = time.process_time()
+            output.handle(sample)
+            spent.append(time.process_time() - start)
         costs.append(spent)
     gc.enable()
     return float(np.min(costs, axis=0).max())

@@ -102,13 +102,13 @@ def made(case: Case, seed: int) -> tuple[WheelDrive, tuple[str, ...], float]:
 def outcome(case: Case, seed: int) -> Outcome:
     """One drive."""
     drive, names, start = made(case, seed)
-    found = run_wheel_filter(config(drive, names), tables(drive))
+    result = run_wheel_filter(config(drive, names), tables(drive))
     hits = alarms = 0
-    for slips in found.report.slips.values():
+    for slips in result.report.slips.values():
         inside = [slip.start < start + case.duration + _SLACK and slip.end > start - _SLACK for slip in slips]
         hits += any(inside)
         alarms += inside.count(False)
-    return Outcome(100.0 * end_error(drive, found) / drive.length, nees(drive, found), hits, alarms)
+    return Outcome(100.0 * end_error(drive, result) / drive.length, nees(drive, result), hits, alarms)
 
 
 def line(name: str, case: Case, found: Sequence[Outcome]) -> str:
@@ -119,8 +119,8 @@ def line(name: str, case: Case, found: Sequence[Outcome]) -> str:
     hits, alarms = sum(one.found for one in found), sum(one.false for one in found)
     if "nothing" in name:
         hits, alarms = 0, hits + alarms
-    said = f"found {hits:3d} of {0 if 'nothing' in name else wheels:3d}, false alarms {alarms}"
-    return f"{name:46s}{error[0]:7.2f}{error[1]:7.2f} %  NEES {honest:7.2f} of 3  {said}"
+    messages = f"found {hits:3d} of {0 if 'nothing' in name else wheels:3d}, false alarms {alarms}"
+    return f"{name:46s}{error[0]:7.2f}{error[1]:7.2f} %  NEES {honest:7.2f} of 3  {messages}"
 
 
 def way_through(case: Case, seed: int, lag: float) -> tuple[float, float]:
@@ -136,17 +136,19 @@ def with_fixes(case: Case, seed: int, sigma: float = 1.0) -> tuple[float, float]
     drive, names, start = made(case, seed)
     rng = np.random.default_rng([seed, 71])
     t = np.arange(drive.t[0], drive.t[-1], 0.5)
-    east, north = (np.interp(t, drive.t, way) + rng.normal(0.0, sigma, len(t)) for way in (drive.x, drive.y))
+    east, north = (
+        np.interp(t, drive.t, distance) + rng.normal(0.0, sigma, len(t)) for distance in (drive.x, drive.y)
+    )
     latitude_deg, longitude_deg = gnss_drives.geodetic(east, north, 47.0, 8.0)[:2]
     gnss = {"t": t, "latitude_deg": latitude_deg, "longitude_deg": longitude_deg, "sigma": sigma + 0 * t}
     mounts = {name: NodeMount(name, "left") for name in names}
     vehicle = Vehicle(drive.radius, drive.track, mounts)
     nodes = {name: table for name, table in tables(drive).items() if name in names}
     track = fuse_recording(Recording(nodes, gnss=Table(gnss)), vehicle, log=f"seed {seed}").track
-    way = [
+    distance = [
         np.interp(track.t, drive.t, one) - np.interp(track.t[0], drive.t, one) for one in (drive.x, drive.y)
     ]
-    error = np.array([track.x, track.y]) - way
+    error = np.array([track.x, track.y]) - distance
     inside = (track.t > start) & (track.t < start + case.duration)
     scaled = error[:, inside] / [track.sigma_x[inside], track.sigma_y[inside]]
     return float(np.hypot(*error).max()), float(np.mean(np.sum(scaled**2, axis=0)))
@@ -159,19 +161,19 @@ def steered_outcome(seed: int, side: str) -> tuple[Outcome, bool]:
     """
     drive = slip_drives.steered(np.random.default_rng(seed), ERRORS, side)
     made = run_wheel_filter(config(drive), tables(drive))
-    said = any("steers" in line or "not those of an axle" in line for line in made.report.warnings)
+    messages = any("steers" in line or "not those of an axle" in line for line in made.report.warnings)
     right = [wheel.name for wheel in made.filter.core.wheels] == [BOTH[1] if side == BOTH[0] else BOTH[0]]
     error = 100.0 * end_error(drive, made) / drive.length
-    return Outcome(error, nees(drive, made), int(said), 0), right
+    return Outcome(error, nees(drive, made), int(messages), 0), right
 
 
 def exchanged_outcome(seed: int) -> Outcome:
     """The nodes of the two sides exchanged."""
     drive, _, _ = made(CASES["two wheels, nothing happens"], seed)
     recorded = tables(drive)
-    found = run_wheel_filter(config(drive), {"left": recorded["right"], "right": recorded["left"]})
-    said = any("exchanged" in line for line in found.report.warnings)
-    return Outcome(100.0 * end_error(drive, found) / drive.length, nees(drive, found), int(said), 0)
+    result = run_wheel_filter(config(drive), {"left": recorded["right"], "right": recorded["left"]})
+    messages = any("exchanged" in line for line in result.report.warnings)
+    return Outcome(100.0 * end_error(drive, result) / drive.length, nees(drive, result), int(messages), 0)
 
 
 def careless_outcome(seed: int) -> Outcome:
@@ -179,9 +181,9 @@ def careless_outcome(seed: int) -> Outcome:
     rng = np.random.default_rng(seed)
     errors = replace(wheel_drives.Errors(), radius=0.02, track=0.03)
     drive = wheel_drives.drive(wheel_drives.loop(rng, 130.0, 6.0), rng, errors)
-    found = run_wheel_filter(config(drive), tables(drive))
-    alone = len(found.filter.core.wheels) == 1
-    return Outcome(100.0 * end_error(drive, found) / drive.length, nees(drive, found), 0, int(alone))
+    result = run_wheel_filter(config(drive), tables(drive))
+    single = len(result.filter.core.wheels) == 1
+    return Outcome(100.0 * end_error(drive, result) / drive.length, nees(drive, result), 0, int(single))
 
 
 def pair_errors(seeds: Sequence[int], tape: float) -> dict[str, np.ndarray]:
@@ -191,9 +193,9 @@ def pair_errors(seeds: Sequence[int], tape: float) -> dict[str, np.ndarray]:
         rng = np.random.default_rng(seed)
         drive = wheel_drives.drive(wheel_drives.loop(rng, 150.0, 6.0), rng, replace(ERRORS, track=tape))
         for names in (("left",), ("right",), BOTH):
-            found = run_wheel_filter(config(drive, names), tables(drive))
-            errors.setdefault(" and ".join(names), []).append(100.0 * end_error(drive, found) / drive.length)
-    return {name: np.array(found) for name, found in errors.items()}
+            result = run_wheel_filter(config(drive, names), tables(drive))
+            errors.setdefault(" and ".join(names), []).append(100.0 * end_error(drive, result) / drive.length)
+    return {name: np.array(result) for name, result in errors.items()}
 
 
 def real_alarms() -> dict[str, int]:
@@ -211,7 +213,7 @@ def real_alarms() -> dict[str, int]:
         runs[f"wheelchair, {' and '.join(names)}"] = run_wheel_filter(
             WheelConfig(0.31, 0.92, nodes), chair.nodes
         )
-    return {name: sum(map(len, found.report.slips.values())) for name, found in runs.items()}
+    return {name: sum(map(len, result.report.slips.values())) for name, result in runs.items()}
 
 
 def main() -> int:
@@ -238,17 +240,17 @@ def main() -> int:
     print("  beside fixes of 1 m at 2 Hz: largest m off, median and 90 %; mean NEES of 2 while it happens")
     for name, case in CASES.items():
         if case.wheels == 1:
-            off, honest = np.array([with_fixes(case, seed) for seed in seeds]).T
-            median, most = np.percentile(off, [50, 90])
+            error, honest = np.array([with_fixes(case, seed) for seed in seeds]).T
+            median, most = np.percentile(error, [50, 90])
             print(f"    {name:44s}{median:6.2f}{most:6.2f} m  NEES {np.mean(honest):6.2f}", flush=True)
     for side in BOTH:
-        found = [steered_outcome(seed, side) for seed in seeds]
-        kept = sum(right for _, right in found)
+        result = [steered_outcome(seed, side) for seed in seeds]
+        retained = sum(right for _, right in result)
         name = f"two wheels, the {side} one steered"
         text = line(
-            name, Case(1, 0.0, CASES["two wheels, nothing happens"].change), [one for one, _ in found]
+            name, Case(1, 0.0, CASES["two wheels, nothing happens"].change), [one for one, _ in result]
         )
-        print(f"  {text}, the fixed one kept {kept}", flush=True)
+        print(f"  {text}, the fixed one kept {retained}", flush=True)
     text = line("two wheels, exchanged", CASES[LIFTED], [exchanged_outcome(seed) for seed in seeds])
     print("  " + text, flush=True)
     careless = [careless_outcome(seed) for seed in seeds]

@@ -31,26 +31,26 @@ def one(form, added, seed):
     """Errors (3,) and sigmas (3,) in deg/s by each way; the accepted model is absent where there is none."""
     rng = np.random.default_rng([seed, warm_ups.FORMS.index(form), warm_ups.ADDED.index(added)])
     t, bias, temperature = warm_ups.warm_up(form, added, AGES[-1] + HALF + 1, rng)
-    here = slice(0, RECORD)
-    output = (bias[here] + rng.normal(0.0, warm_ups.NOISE, RECORD)) * DEG
-    warm = None if temperature is None else temperature[here]
-    report = characterise_warmup(t[here], output, "gz", temperature=warm)
+    current = slice(0, RECORD)
+    output = (bias[current] + rng.normal(0.0, warm_ups.NOISE, RECORD)) * DEG
+    warm = None if temperature is None else temperature[current]
+    report = characterise_warmup(t[current], output, "gz", temperature=warm)
     later = None if temperature is None else temperature[AGES]
     truth = np.array([bias[a - HALF : a + HALF].mean() for a in AGES])
     mean, sigma = report.forecast.predict(AGES.astype(float), later)
-    made = {"forecast": (mean / DEG - truth, sigma / DEG)}
+    produced = {"forecast": (mean / DEG - truth, sigma / DEG)}
     if report.accepted is not None:
         fit = report.accepted.fit
         value = fit.model.bias(AGES.astype(float), later)
-        off = report.forecast.model_error(AGES.astype(float), value, later)
-        made["accepted model"] = (value / DEG - truth, off / DEG)
-        made["file"] = (value / DEG - truth, in_file(fit, report.sigma, later) / DEG)
+        error = report.forecast.model_error(AGES.astype(float), value, later)
+        produced["accepted model"] = (value / DEG - truth, error / DEG)
+        produced["file"] = (value / DEG - truth, in_file(fit, report.sigma, later) / DEG)
     fit = report.exponential.fit
     word = fit.model.bias(AGES.astype(float))
-    made["exponential at its word"] = (word / DEG - truth, fit.bias_sigma(AGES.astype(float)) / DEG)
+    produced["exponential at its word"] = (word / DEG - truth, fit.bias_sigma(AGES.astype(float)) / DEG)
     last = output[-300:].mean() / DEG
-    made["last minutes"] = (last - truth, np.full(3, warm_ups.NOISE / np.sqrt(300.0)))
-    return made
+    produced["last minutes"] = (last - truth, np.full(3, warm_ups.NOISE / np.sqrt(300.0)))
+    return produced
 
 
 def in_file(fit, sigma, temperature):
@@ -71,9 +71,12 @@ def ensemble(form, added, seeds):
     """By way: errors and sigmas, (M, 3) each."""
     rows = [one(form, added, seed) for seed in seeds]
     ways = sorted(
-        {way for row in rows for way in row}, key=list(rows[0]).index if len(rows[0]) == 5 else None
+        {distance for row in rows for distance in row}, key=list(rows[0]).index if len(rows[0]) == 5 else None
     )
-    return {way: tuple(np.array([row[way][k] for row in rows if way in row]) for k in (0, 1)) for way in ways}
+    return {
+        distance: tuple(np.array([row[distance][k] for row in rows if distance in row]) for k in (0, 1))
+        for distance in ways
+    }
 
 
 def main(argv=None):
@@ -84,30 +87,31 @@ def main(argv=None):
     print(f"\n{'':42}" + "".join(f"{place:>25}" for place in PLACES))
     print(f"{'':42}" + f"{'deg/h':>11}{'1 sig':>7}{'2 sig':>7}" * 3)
     pulls = {
-        way: [] for way in ("forecast", "accepted model", "file", "exponential at its word", "last minutes")
+        distance: []
+        for distance in ("forecast", "accepted model", "file", "exponential at its word", "last minutes")
     }
     for form in warm_ups.FORMS:
         for added in warm_ups.ADDED:
-            made = ensemble(form, added, seeds)
+            output = ensemble(form, added, seeds)
             print(f"{form}{', ' + added if added else ''}")
-            for way in pulls:
-                if way not in made:
+            for distance in pulls:
+                if distance not in output:
                     continue
-                error, sigma = made[way]
-                pulls[way].append(np.abs(error / sigma))
-                print(f"  {f'{way} ({len(error)})':40}", end="")
+                error, sigma = output[distance]
+                pulls[distance].append(np.abs(error / sigma))
+                print(f"  {f'{distance} ({len(error)})':40}", end="")
                 for k in range(3):
                     rms = 3600.0 * np.sqrt(np.mean(error[:, k] ** 2))
-                    pull = pulls[way][-1][:, k]
+                    pull = pulls[distance][-1][:, k]
                     print(f"{rms:>11.1f}{np.mean(pull < 1):>7.2f}{np.mean(pull < 2):>7.2f}", end="")
                 print(flush=True)
     print("all together, share within 1 and 2 sigma, and rms of error / sigma (1 is true):")
     good = True
-    for way, parts in pulls.items():
+    for distance, parts in pulls.items():
         pull = np.concatenate(parts)
         within = " ".join(f"{np.mean(pull[:, k] < 1):.2f} {np.mean(pull[:, k] < 2):.2f}" for k in range(3))
-        print(f"  {way:30}{within}   rms {np.sqrt(np.mean(pull**2, axis=0)).round(2)}")
-        if way in ("forecast", "file"):
+        print(f"  {distance:30}{within}   rms {np.sqrt(np.mean(pull**2, axis=0)).round(2)}")
+        if distance in ("forecast", "file"):
             good &= bool(np.all(np.mean(pull < 2, axis=0) > 0.9))
     print(f"seeds {seeds.start}..{seeds.stop - 1}; {time.monotonic() - began:.0f} s")
     print(

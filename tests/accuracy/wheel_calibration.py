@@ -63,14 +63,14 @@ def main() -> int:
             rng = np.random.default_rng(seed)
             drive = wheel_drives.drive(wheel_drives.loop(rng, args.length, 6.0), rng, ERRORS)
             t, x, y = positions(drive, receiver, seed)
-            told = Positions(t, x, y, np.full(len(t), declared))
+            reported = Positions(t, x, y, np.full(len(t), declared))
             try:
-                found = calibrate_wheels(config(drive), tables(drive), told)
+                result = calibrate_wheels(config(drive), tables(drive), reported)
             except CalibrationError:
                 refused += 1
                 continue
-            shares.append(found.held_out.after.rms / found.held_out.before.rms)
-            _add(errors, drive, found, receiver)
+            shares.append(result.held_out.after.rms / result.held_out.before.rms)
+            _add(errors, drive, result, receiver)
         median = f"{np.median(shares):.2f}" if shares else "-"
         print(f"{kind}: {refused} refused; left-out stretches, rms beside a tape measure's: median {median}")
         for name, values in errors.items():

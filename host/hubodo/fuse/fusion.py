@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
 from hubodo.fuse.graph.batch import fuse_graph
 from hubodo.fuse.graph.config import GraphConfig
+from hubodo.fuse.graph.factors.factor import SensorSamples
 from hubodo.fuse.graph.factors.heading import Headings
 from hubodo.fuse.graph.fixes import Fixes
 from hubodo.fuse.graph.result import GraphResult
@@ -26,6 +27,11 @@ from hubodo.safe_text import json_text
 from hubodo.vehicle import Vehicle
 
 TRACK_COLUMNS = ("t", "x", "y", "heading", "speed", "sigma_x", "sigma_y", "sigma_heading")
+SAMPLES_BY_TABLE: Mapping[str, Callable[[Table], SensorSamples]] = {
+    "heading": Headings.from_table,
+}
+"""Sensors beside wheels and GNSS: the table of a recording, and how it becomes samples of the graph."""
+
 _MAX_SIGMA_RATIO = 0.9
 """Of the prior's sigma: a constant whose sigma the drive has not reduced by a tenth is not reported."""
 
@@ -135,7 +141,7 @@ def fuse_recording(
         As `compute_wheel_odometry` and `fuse_outside_sensors`, and for samples in wrong units.
     """
     check_units(recording, vehicle.nodes, log)
-    graph = graph and (recording.gnss is not None or recording.heading is not None)
+    graph = graph and any(getattr(recording, name) is not None for name in ("gnss", *SAMPLES_BY_TABLE))
     odometry = compute_wheel_odometry(
         recording,
         vehicle,
@@ -175,24 +181,23 @@ def fuse_outside_sensors(
     antenna: m forward and left of the body origin. Axes are east and north where there are fixes. Raises
     InputError when there are fixes and none is usable.
     """
-    gnss, compass = recording.gnss, recording.heading
-    fixes = headings = None
+    gnss, fixes = recording.gnss, None
     if gnss is not None:
         fixes = Fixes(gnss.t, gnss["latitude_deg"], gnss["longitude_deg"], gnss.columns.get("sigma"))
-    if compass is not None:
-        headings = Headings(compass.t, compass["heading"], compass.columns.get("sigma"))
+    tables = ((getattr(recording, name), from_table) for name, from_table in SAMPLES_BY_TABLE.items())
+    samples = [from_table(table) for table, from_table in tables if table is not None]
     config = GraphConfig(antenna=antenna, constants=odometry.constant_sigmas)
     heading = read_start_heading(recording, odometry.track.t[0])
     # Fixes determine the heading themselves; the heading of a truth that stands still may be anything.
     if heading is not None and fixes is None:
         config = replace(config, start_heading=heading)
-    return fuse_graph(odometry.track, fixes, headings, config)
+    return fuse_graph(odometry.track, fixes, config=config, other_samples=samples)
 
 
 def _outside_sensors(recording: Recording, result: GraphResult) -> list[str]:
     """Return the names of the sensors beside the wheels, for the name of the method."""
     fixes = [] if recording.gnss is None else [f"{len(result.fix_t)} fixes"]
-    return fixes if recording.heading is None else [*fixes, "headings"]
+    return fixes + [f"{name}s" for name in SAMPLES_BY_TABLE if getattr(recording, name) is not None]
 
 
 def _graph_details(recording: Recording, odometry: WheelOdometry, result: GraphResult) -> dict[str, Any]:

@@ -17,7 +17,7 @@ def started(at, power_on, source="left", kind="started"):
     return Event(round(ZERO + at * NS_PER_S), kind, source, "", data)
 
 
-def test_only_a_start_of_that_node_that_tells_it_counts():
+def test_only_starts_of_that_node_with_a_power_on_time_are_used():
     events = [
         started(20.0, 19.0),
         started(5.0, -3.0),
@@ -33,7 +33,7 @@ def test_only_a_start_of_that_node_that_tells_it_counts():
     assert find_starts(events, "middle") == []
 
 
-def test_a_sample_is_as_old_as_the_start_that_it_came_after():
+def test_the_age_of_a_sample_counts_from_the_start_before_it():
     starts = find_starts([started(5.0, -3.0), started(20.0, 19.0)], "left")
     t = np.array([4.0, 5.0, 19.99, 20.0, 25.0])
     np.testing.assert_allclose(time_since_power_on(t, starts, ZERO), [7.0, 8.0, 22.99, 1.0, 6.0], atol=1e-6)
@@ -42,19 +42,19 @@ def test_a_sample_is_as_old_as_the_start_that_it_came_after():
     assert len(time_since_power_on(np.empty(0), [], ZERO)) == 0
 
 
-@pytest.mark.parametrize("told", [True, False])
-def test_what_was_applied_is_told_with_when_the_node_was_switched_on(told):
+@pytest.mark.parametrize("reported", [True, False])
+def test_the_summary_lists_applied_effects_and_the_power_on_time(reported):
     t = np.arange(0.0, 30.0, 0.5)
     nodes = {"left": Table({"t": t, **dict.fromkeys(("gx", "gy", "gz", "ax", "ay", "az"), np.zeros(60))})}
     warm = CalibratedEffect({"z": Quantity(0.01, 1e-3), "time_constant": Quantity(60.0, 1.0)})
     calibration = Calibration({"left": NodeCalibration({"gyro_warmup": warm}), "right": NodeCalibration({})})
-    events = [started(0.0, -12.5), started(20.0, 18.0)] if told else []
-    made = apply_calibration(nodes, calibration, events=events, t_zero_ns=ZERO)
-    assert set(made.summaries) == {"left"}
-    assert made.summaries["left"]["applied"] == ["gyro_warmup"]
-    power_on = made.summaries["left"]["power_on"]
-    assert power_on == (pytest.approx(-12.5) if told else None)
-    age = np.where(t < 20.0, t + 12.5, t - 18.0) if told else t
-    np.testing.assert_allclose(made.nodes["left"]["gz"], -0.01 * (1.0 - np.exp(-age / 60.0)), atol=1e-9)
-    assert len(made.warnings) == (not told)
-    assert all("from its first sample" in line for line in made.warnings)
+    events = [started(0.0, -12.5), started(20.0, 18.0)] if reported else []
+    output = apply_calibration(nodes, calibration, events=events, t_zero_ns=ZERO)
+    assert set(output.summaries) == {"left"}
+    assert output.summaries["left"]["applied"] == ["gyro_warmup"]
+    power_on = output.summaries["left"]["power_on"]
+    assert power_on == (pytest.approx(-12.5) if reported else None)
+    age = np.where(t < 20.0, t + 12.5, t - 18.0) if reported else t
+    np.testing.assert_allclose(output.nodes["left"]["gz"], -0.01 * (1.0 - np.exp(-age / 60.0)), atol=1e-9)
+    assert len(output.warnings) == (not reported)
+    assert all("from its first sample" in line for line in output.warnings)

@@ -18,104 +18,106 @@ def white(rng, n):
 
 
 @pytest.mark.parametrize("turn", [0.4, -2.5])
-def test_of_few_fixes_turn_and_shift_are_those_of_weighted_least_squares(turn):
+def test_with_few_fixes_rotation_and_shift_are_those_of_weighted_least_squares(turn):
     rng = np.random.default_rng(21)
     odometry, sigma = places(rng, 12), rng.uniform(1.0, 4.0, 12)
     fixes = np.exp(1j * turn) * odometry + (30.0 - 20.0j) + 0.5 * sigma * white(rng, 12)
 
     def off(v):
-        miss = (np.exp(1j * v[0]) * odometry + v[1] + 1j * v[2] - fixes) / sigma
-        return np.concatenate([miss.real, miss.imag])
+        misfit = (np.exp(1j * v[0]) * odometry + v[1] + 1j * v[2] - fixes) / sigma
+        return np.concatenate([misfit.real, misfit.imag])
 
     best = least_squares(off, [turn, 30.0, -20.0], xtol=1e-14, ftol=1e-14, gtol=1e-14).x
-    laid = align_odometry(odometry, fixes, sigma)
-    assert laid.turn_observable
-    assert laid.turn == pytest.approx(np.full(12, best[0]), abs=1e-6)
-    assert laid.position == pytest.approx(np.exp(1j * best[0]) * odometry + best[1] + 1j * best[2], abs=1e-5)
+    alignment_result = align_odometry(odometry, fixes, sigma)
+    assert alignment_result.turn_observable
+    assert alignment_result.turn == pytest.approx(np.full(12, best[0]), abs=1e-6)
+    assert alignment_result.position == pytest.approx(
+        np.exp(1j * best[0]) * odometry + best[1] + 1j * best[2], abs=1e-5
+    )
 
 
-def test_a_heading_that_drifts_by_turns_is_followed_in_stretches():
+def test_a_heading_that_drifts_by_turns_is_followed_section_by_section():
     rng = np.random.default_rng(22)
     n = 800
     odometry, drift = places(rng, n), 0.3 + 4.0 * np.pi * np.arange(n) / n
     # What the heading is off by bends the way besides.
     fixes = np.cumsum(np.diff(odometry, prepend=0.0) * np.exp(1j * drift)) + 0.3 * white(rng, n)
-    laid = align_odometry(odometry, fixes, np.full(n, 0.3))
+    alignment_result = align_odometry(odometry, fixes, np.full(n, 0.3))
     inner = slice(20, -20)
-    assert np.abs(laid.turn - drift)[inner].max() < 0.2
-    assert np.abs(laid.position - fixes).max() < 2.0
+    assert np.abs(alignment_result.turn - drift)[inner].max() < 0.2
+    assert np.abs(alignment_result.position - fixes).max() < 2.0
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_four_false_fixes_of_ten_change_nothing(seed):
+def test_four_outliers_in_ten_fixes_change_nothing(seed):
     rng = np.random.default_rng(seed)
     n = 150
     odometry, sigma = places(rng, n), np.full(n, 2.0)
     fixes = np.exp(0.7j) * odometry - 5.0 + 1.0 * white(rng, n)
     false = rng.random(n) < 0.4
     fixes = fixes + np.where(false, 60.0 * np.exp(2j * np.pi * rng.random(n)), 0.0)
-    laid = align_odometry(odometry, fixes, sigma)
-    assert np.abs(laid.turn - 0.7).max() < 0.15
-    assert np.abs(laid.position - np.exp(0.7j) * odometry + 5.0).max() < 2.5
+    alignment_result = align_odometry(odometry, fixes, sigma)
+    assert np.abs(alignment_result.turn - 0.7).max() < 0.15
+    assert np.abs(alignment_result.position - np.exp(0.7j) * odometry + 5.0).max() < 2.5
 
 
-@pytest.mark.parametrize(("share", "found"), [(0.98, False), (1.02, True)])
-def test_a_turn_is_told_where_lever_arms_are_longer_than_sigmas(share, found):
+@pytest.mark.parametrize(("share", "result"), [(0.98, False), (1.02, True)])
+def test_the_rotation_is_observable_where_lever_arms_exceed_sigmas(share, result):
     """Two fixes at a and -a, of sigma s: 2 a² / s² must be one."""
     a = 2.0 * np.sqrt(0.5 * share)
     odometry, fixes = np.array([a, -a]) + 3.0j, np.array([a, -a]) * 1j + 7.0
-    laid = align_odometry(odometry, fixes, np.full(2, 2.0))
-    assert laid.turn_observable == found
-    assert laid.turn == pytest.approx(np.full(2, 0.5 * np.pi if found else 0.0))
-    expected = fixes if found else np.array([a, -a]) + 7.0
-    assert laid.position == pytest.approx(expected)
+    alignment_result = align_odometry(odometry, fixes, np.full(2, 2.0))
+    assert alignment_result.turn_observable == result
+    assert alignment_result.turn == pytest.approx(np.full(2, 0.5 * np.pi if result else 0.0))
+    expected = fixes if result else np.array([a, -a]) + 7.0
+    assert alignment_result.position == pytest.approx(expected)
 
 
-def test_of_a_vehicle_that_stands_the_place_is_the_middle_of_the_fixes():
+def test_the_position_of_a_stationary_vehicle_is_the_median_of_the_fixes():
     rng = np.random.default_rng(24)
     fixes = 50.0 + 20.0j + white(rng, 21)
     fixes[0] = 1e5
-    laid = align_odometry(np.full(21, 3.0 + 4.0j), fixes, np.ones(21))
-    assert not laid.turn_observable and not laid.turn.any()
-    assert laid.position == pytest.approx(np.full(21, np.median(fixes.real) + 1j * np.median(fixes.imag)))
+    alignment_result = align_odometry(np.full(21, 3.0 + 4.0j), fixes, np.ones(21))
+    assert not alignment_result.turn_observable and not alignment_result.turn.any()
+    assert alignment_result.position == pytest.approx(
+        np.full(21, np.median(fixes.real) + 1j * np.median(fixes.imag))
+    )
 
 
-@pytest.mark.parametrize("begin", [0, 7])
-def test_a_stretch_ends_where_the_turn_is_known_to_a_tenth(begin):
+@pytest.mark.parametrize("start", [0, 7])
+def test_a_section_ends_where_the_rotation_is_known_to_a_tenth_of_a_radian(start):
     """Of m fixes d apart on a line, of sigma s: s² / (d² m (m² - 1) / 12) is its variance; looked at are 8,
     12, 18, 27 and so on."""
     sigma = np.full(60, 3.0)
     for count in (8, 12, 18, 27):
         edge = 3.0 * np.sqrt(100.0 / (count * (count**2 - 1) / 12.0))
         ends = [
-            alignment._find_section_end(share * edge * np.arange(60.0) + 0j, sigma, begin) - begin
+            alignment._find_section_end(share * edge * np.arange(60.0) + 0j, sigma, start) - start
             for share in (1.01, 0.99)
         ]
         assert ends[0] == count and ends[1] > count
-    assert alignment._find_section_end(1e-3 * np.arange(60.0) + 0j, sigma, begin) == 60
+    assert alignment._find_section_end(1e-3 * np.arange(60.0) + 0j, sigma, start) == 60
     assert alignment._find_section_end(10.0 * np.arange(60.0) + 0j, sigma, 55) == 60
 
 
 @pytest.mark.parametrize(("n", "last"), [(24, 14), (25, 5)])
-def test_what_is_left_of_fixes_belongs_to_the_last_stretch_where_it_is_less_than_half_of_one(
-    monkeypatch, n, last
-):
+def test_a_remainder_shorter_than_half_a_section_is_merged_into_the_last_section(monkeypatch, n, last):
     """Ten fixes a stretch: of 24 the last four go along, of 25 the last five are one of their own."""
-    looked, look = [], alignment._find_inliers
-    monkeypatch.setattr(alignment, "_find_section_end", lambda o, sigma, begin: min(begin + 10, len(o)))
+    inspected, look = [], alignment._find_inliers
+    monkeypatch.setattr(alignment, "_find_section_end", lambda o, sigma, start: min(start + 10, len(o)))
     monkeypatch.setattr(
-        alignment, "_find_inliers", lambda o, g, sigma: looked.append(len(o)) or look(o, g, sigma)
+        alignment, "_find_inliers", lambda o, g, sigma: inspected.append(len(o)) or look(o, g, sigma)
     )
-    way = 5.0 * np.arange(n) + 0j
-    assert align_odometry(way, way, np.ones(n)).position == pytest.approx(way)
-    assert looked[-1] == last and sum(looked) == n
+    distance = 5.0 * np.arange(n) + 0j
+    assert align_odometry(distance, distance, np.ones(n)).position == pytest.approx(distance)
+    assert inspected[-1] == last and sum(inspected) == n
 
 
-def test_a_fix_agrees_within_four_and_a_half_sigmas():
+def test_an_inlier_lies_within_four_and_a_half_sigmas():
     """In the middle of 31, whose mean it shifts by a 31st of that as long as it counts itself."""
     odometry = 4.0 * np.arange(31.0) + 0j
-    for off, inside in ((4.55, True), (4.75, False), (-4.55, True), (-4.75, False)):
-        fixes = odometry + np.where(np.arange(31) == 15, 1j * 2.0 * off, 0.0)
+    for error, inside in ((4.55, True), (4.75, False), (-4.55, True), (-4.75, False)):
+        fixes = odometry + np.where(np.arange(31) == 15, 1j * 2.0 * error, 0.0)
         agrees = alignment._find_inliers(odometry, fixes, np.full(31, 2.0))
         assert agrees.tolist() == [k != 15 or inside for k in range(31)]
     # Far off at either end it would turn the whole.

@@ -7,15 +7,15 @@ import pytest
 from scipy.integrate import quad
 
 from generators import gnss_drives
-from graph_drives import numeric, wiggly_path
+from graph_drives import numeric, small_drive, wiggly_path
 from hubodo.fuse.graph.factors.between import BetweenFactors
 from hubodo.fuse.graph.factors.constants import N_CONSTANTS
-from hubodo.fuse.graph.factors.factor import FactorGroup
 from hubodo.fuse.graph.factors.heading import HeadingFactors
 from hubodo.fuse.graph.factors.loss import Loss
 from hubodo.fuse.graph.factors.position import PositionFactors
 from hubodo.fuse.graph.factors.prior import ConstantsPriorFactors, MarginalPriorFactors, PosePriorFactors
 from hubodo.fuse.graph.odometry_steps import StepNoise, check_odometry, segment_odometry
+from hubodo.fuse.graph.window import marginalise_first_poses
 from hubodo.fuse.track import Track
 
 POSES = 9
@@ -57,14 +57,15 @@ FACTORS = {
 """Of each kind some factors at random, of sigmas that differ from row to row."""
 
 
-def test_no_kind_of_factor_is_left_out_here():
-    ours = {kind for kind in FactorGroup.__subclasses__() if kind.__module__.startswith("hubodo.")}
-    assert set(FACTORS) == ours
+def test_every_kind_of_factor_of_a_drive_and_a_window_has_an_example_here():
+    drive = small_drive(np.random.default_rng(46))
+    later = marginalise_first_poses(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS), 3)
+    assert {type(group) for group in (*drive.graph.factors, *later.factors)} == set(FACTORS)
 
 
 @pytest.mark.parametrize("kind", FACTORS)
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_every_derivative_is_that_of_the_residual(kind, seed):
+def test_every_jacobian_is_the_derivative_of_its_residual(kind, seed):
     rng = np.random.default_rng([seed, 47])
     factors = FACTORS[kind](rng)
     poses = rng.normal(0, 1, (POSES, 3)) * [5.0, 5.0, 2.0]
@@ -76,43 +77,43 @@ def test_every_derivative_is_that_of_the_residual(kind, seed):
         return factors.linearise(z[: 3 * POSES].reshape(POSES, 3), z[3 * POSES :]).residual.ravel()
 
     expected = numeric(residuals, np.append(poses.ravel(), constants))
-    found = np.zeros_like(expected)
+    result = np.zeros_like(expected)
     for i, k in enumerate(item.pose_index):
         part = slice(i * width, (i + 1) * width)
-        found[part, 3 * k : 3 * k + 3] = item.pose_jacobian[i]
+        result[part, 3 * k : 3 * k + 3] = item.pose_jacobian[i]
         if item.next_pose_jacobian is not None:
-            found[part, 3 * k + 3 : 3 * k + 6] = item.next_pose_jacobian[i]
-        found[part, 3 * POSES :] = item.constants_jacobian[i]
-    assert np.max(np.abs(found - expected)) < 1e-6 * (1.0 + np.max(np.abs(expected)))
+            result[part, 3 * k + 3 : 3 * k + 6] = item.next_pose_jacobian[i]
+        result[part, 3 * POSES :] = item.constants_jacobian[i]
+    assert np.max(np.abs(result - expected)) < 1e-6 * (1.0 + np.max(np.abs(expected)))
 
 
 @pytest.mark.parametrize("kind", [PositionFactors, HeadingFactors, PosePriorFactors])
-def test_a_residual_counts_in_its_own_sigma(kind):
+def test_residuals_are_whitened_by_their_own_sigma(kind):
     """Twice the sigma, half the residual, row by row: whitening against its definition."""
     rng = np.random.default_rng(48)
     factors = FACTORS[kind](rng)
     poses, constants = rng.normal(0, 1, (POSES, 3)), rng.normal(0, 0.01, N_CONSTANTS)
     plain = type(factors)(**{**vars(factors), "sigma": np.ones_like(factors.sigma)})
-    own = factors.sigma[:, None] if factors.sigma.ndim == 1 else factors.sigma
-    expected = plain.linearise(poses, constants).residual / own
+    selected = factors.sigma[:, None] if factors.sigma.ndim == 1 else factors.sigma
+    expected = plain.linearise(poses, constants).residual / selected
     assert np.allclose(factors.linearise(poses, constants).residual, expected)
 
 
 @pytest.mark.parametrize("kind", FACTORS)
-def test_parts_put_together_are_the_whole_and_a_row_is_one_of_it(kind):
+def test_factors_split_and_appended_again_are_unchanged(kind):
     rng = np.random.default_rng(49)
     factors = FACTORS[kind](rng)
     poses, constants = rng.normal(0, 1, (POSES, 3)), rng.normal(0, 0.01, N_CONSTANTS)
-    whole = factors.linearise(poses, constants)
+    full = factors.linearise(poses, constants)
     for cut in range(POSES + 1):
-        again = factors.select_poses(0, cut).append(factors.select_poses(cut, POSES), cut)
-        item = again.linearise(poses, constants)
-        assert item.pose_index.tolist() == whole.pose_index.tolist()
-        assert np.array_equal(item.residual, whole.residual)
-    for i, k in enumerate(whole.pose_index):
-        alone = factors.select_factor(i).linearise(poses[k : k + 2], constants)
-        assert alone.pose_index.tolist() == [0]
-        assert np.allclose(alone.residual[0], whole.residual[i], rtol=1e-12, atol=1e-12)
+        repeated = factors.select_poses(0, cut).append(factors.select_poses(cut, POSES), cut)
+        item = repeated.linearise(poses, constants)
+        assert item.pose_index.tolist() == full.pose_index.tolist()
+        assert np.array_equal(item.residual, full.residual)
+    for i, k in enumerate(full.pose_index):
+        single = factors.select_factor(i).linearise(poses[k : k + 2], constants)
+        assert single.pose_index.tolist() == [0]
+        assert np.allclose(single.residual[0], full.residual[i], rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("loss", [Loss("quadratic"), Loss("huber", 4.0), Loss("bounded", 12.0)])
@@ -124,7 +125,7 @@ def test_the_cost_of_a_loss_is_the_integral_of_its_weight(loss):
         assert float(loss.cost(np.array(s))) == pytest.approx(area, rel=1e-6)
 
 
-def test_a_fix_far_off_pulls_not_at_all():
+def test_a_fix_far_off_has_no_influence():
     loss = PositionFactors.loss
     assert loss.weight(np.array([9.0, 20.0**2])).tolist() == [1.0, 0.0]
     # For a first guess it does, and what is never refused keeps its loss.
@@ -132,7 +133,7 @@ def test_a_fix_far_off_pulls_not_at_all():
     assert BetweenFactors.loss.for_initial_guess() == BetweenFactors.loss
 
 
-def test_steps_put_together_are_the_odometry_itself():
+def test_compounded_steps_are_the_odometry_itself():
     rng = np.random.default_rng(8)
     path = wiggly_path(rng)
     state_t = np.concatenate([[path.t[0]], np.sort(rng.uniform(0.1, 19.0, 30)), [path.t[-1]]])
@@ -142,7 +143,7 @@ def test_steps_put_together_are_the_odometry_itself():
     assert np.allclose(cut.odometry_pose[:, 0], np.interp(state_t, path.t, path.x))
 
 
-def test_constants_bend_the_odometry_as_an_odometer_with_those_errors_would():
+def test_constants_correct_an_odometer_with_those_errors():
     """Against the generator's odometer, which has its own integration."""
     errors = gnss_drives.Errors(scale=0.01, turn=0.02, rate=2e-3, curve=5e-3)
     rng = np.random.default_rng(9)
@@ -150,13 +151,13 @@ def test_constants_bend_the_odometry_as_an_odometer_with_those_errors_would():
     path = Track(drive.odo_t, drive.odo_x, drive.odo_y, drive.odo_heading)
     cut = segment_odometry(path, np.array([path.t[0], path.t[-1]]), StepNoise())
     undo = np.array([1 / 1.01 - 1, 1 / 1.02 - 1, -2e-3 / 1.02, -5e-3 / 1.02 / 1.01, 0.0, 0.0])
-    moved = complex(cut.steps.correct_displacements(undo).sum()) * np.exp(1j * drive.heading[0])
+    shifted = complex(cut.steps.correct_displacements(undo).sum()) * np.exp(1j * drive.heading[0])
     x, y, heading = drive.truth(path.t[-1])
-    assert abs(moved - (x + 1j * y)) < 2e-3
+    assert abs(shifted - (x + 1j * y)) < 2e-3
     assert float(cut.steps.correct_turns(undo)[0]) == pytest.approx(heading - drive.heading[0], abs=1e-3)
 
 
-def test_the_covariance_of_a_stretch_is_that_of_many_noisy_ones():
+def test_the_covariance_of_a_segment_is_that_of_many_noisy_simulations():
     rng = np.random.default_rng(10)
     path = wiggly_path(rng, 60)
     noise = StepNoise(along=0.02, sideways=0.01, heading=0.02, heading_per_distance=0.0)
@@ -164,7 +165,7 @@ def test_the_covariance_of_a_stretch_is_that_of_many_noisy_ones():
     expected = segment_odometry(path, ends, noise).steps.covariance[0]
     step = np.diff(path.x + 1j * path.y) * np.exp(-0.5j * (path.heading[1:] + path.heading[:-1]))
     turn = np.diff(path.heading)
-    made = []
+    output = []
     for _ in range(4000):
         root = np.sqrt(np.abs(step))
         noisy = step + root * (0.02 * rng.standard_normal(59) + 0.01j * rng.standard_normal(59))
@@ -172,15 +173,15 @@ def test_the_covariance_of_a_stretch_is_that_of_many_noisy_ones():
             0.0, np.cumsum(turn + 0.02 * np.sqrt(0.1) * rng.standard_normal(59))
         )
         end = np.sum(noisy * np.exp(0.5j * (course[1:] + course[:-1]))) * np.exp(-1j * path.heading[0])
-        made.append([end.real, end.imag, course[-1]])
-    found = np.cov(np.array(made).T)
+        output.append([end.real, end.imag, course[-1]])
+    result = np.cov(np.array(output).T)
     # 4000 draws: the standard error of a variance is 2.2 %; four of them.
-    assert np.allclose(np.diag(found), np.diag(expected), rtol=0.09)
+    assert np.allclose(np.diag(result), np.diag(expected), rtol=0.09)
     scale = np.sqrt(np.diag(expected))
-    assert np.allclose(found / np.outer(scale, scale), expected / np.outer(scale, scale), atol=0.09)
+    assert np.allclose(result / np.outer(scale, scale), expected / np.outer(scale, scale), atol=0.09)
 
 
-def test_finer_odometry_gives_the_same_covariance():
+def test_odometry_at_a_higher_rate_has_the_same_segment_covariance():
     path = wiggly_path(np.random.default_rng(11), 100)
     fine_t = np.linspace(path.t[0], path.t[-1], 991)
     fine = Track(fine_t, *(np.interp(fine_t, path.t, v) for v in (path.x, path.y, path.heading)))
@@ -193,14 +194,15 @@ STRAIGHT = Track(0.5 * np.arange(5.0), 2.0 * np.arange(5.0), np.zeros(5), np.zer
 ENDS = np.array([0.0, 0.75, 2.0])
 
 
-def test_a_step_that_a_pose_of_the_graph_cuts_gives_each_side_its_share_of_how_loose_it_is():
+def test_the_inflation_of_a_step_cut_by_a_pose_is_divided_by_time():
     """Straight on, so that it adds up: 1.5 steps and 2.5 of four, beside what wheels that roll leave open."""
-    loose = replace(STRAIGHT, step_inflation=np.array([1.0, 2.0, 4.0, 8.0]))
+    inflated = replace(STRAIGHT, step_inflation=np.array([1.0, 2.0, 4.0, 8.0]))
     for times in ((1.0, 1.0, 1.0), (2.0, 3.0, 1.0)):
-        rolled, told = (
-            segment_odometry(path, ENDS, StepNoise(sigma_factors=times)).steps for path in (STRAIGHT, loose)
+        rolled, reported = (
+            segment_odometry(path, ENDS, StepNoise(sigma_factors=times)).steps
+            for path in (STRAIGHT, inflated)
         )
-        beyond = told.covariance - rolled.covariance
+        beyond = reported.covariance - rolled.covariance
         np.testing.assert_allclose(beyond[:, 0, 0], [2.0, 13.0])
         np.testing.assert_allclose(beyond[:, 1, 1], [2.0, 13.0])
         np.testing.assert_allclose(beyond[:, 2, 2], 0.0, atol=1e-12)
@@ -208,7 +210,7 @@ def test_a_step_that_a_pose_of_the_graph_cuts_gives_each_side_its_share_of_how_l
         check_odometry(replace(STRAIGHT, step_inflation=np.zeros(5)))
 
 
-def test_an_odometry_that_is_known_to_a_share_is_known_to_that_share_of_each_stretch():
+def test_a_relative_error_applies_to_length_and_turn_of_each_segment():
     """A tenth of 3 m and 5 m, and of a turn of 0.3 rad and 0.5 rad."""
     bent = replace(STRAIGHT, heading=0.4 * STRAIGHT.t)
     steps = segment_odometry(bent, ENDS, StepNoise(relative_error=0.1)).steps
@@ -220,16 +222,16 @@ def test_an_odometry_that_is_known_to_a_share_is_known_to_that_share_of_each_str
         assert np.linalg.eigvalsh(covariance).min() > 0.0
 
 
-def test_where_no_pose_is_for_long_speed_and_turn_may_have_wandered_between():
+def test_an_odometry_outage_adds_the_variance_of_a_brownian_bridge():
     """A Brownian bridge over T seconds has an integral of variance T³ / 12; beside it, way and time."""
     holes = Track(np.array([0.0, 0.1, 4.1]), np.array([0.0, 0.2, 3.2]), np.zeros(3), np.zeros(3))
     noise = StepNoise(
         along=0.3, sideways=0.2, heading=0.02, heading_per_distance=0.05, speed_walk=0.7, yaw_walk=0.4
     )
     short, long = segment_odometry(holes, holes.t, noise).steps.covariance
-    for found, way, time, hole in ((short, 0.2, 0.1, 0.0), (long, 3.0, 4.0, 4.0**3 / 12.0)):
-        turn = 0.02**2 * time + 0.05**2 * way + 0.4**2 * hole
-        assert found[0, 0] == pytest.approx(0.3**2 * way + 0.7**2 * hole, rel=1e-6)
-        assert found[2, 2] == pytest.approx(turn, rel=1e-6)
+    for result, distance, time, hole in ((short, 0.2, 0.1, 0.0), (long, 3.0, 4.0, 4.0**3 / 12.0)):
+        turn = 0.02**2 * time + 0.05**2 * distance + 0.4**2 * hole
+        assert result[0, 0] == pytest.approx(0.3**2 * distance + 0.7**2 * hole, rel=1e-6)
+        assert result[2, 2] == pytest.approx(turn, rel=1e-6)
         # A turn within the step swings half of it.
-        assert found[1, 1] == pytest.approx(0.2**2 * way + (0.5 * way) ** 2 * turn, rel=1e-5)
+        assert result[1, 1] == pytest.approx(0.2**2 * distance + (0.5 * distance) ** 2 * turn, rel=1e-5)

@@ -47,7 +47,7 @@ def drive_and_fixes(seed, length=120.0, keep=None, jump=None, fix_hz=5.0):
     return drive, [row for row in rows if keep is None or keep(row[0])]
 
 
-def test_it_starts_when_the_heading_is_told_and_follows_to_the_newest_pose():
+def test_the_graph_starts_once_the_heading_is_observable_and_follows_to_the_newest_pose():
     drive, fixes = drive_and_fixes(1, length=80.0, fix_hz=3.0)
     t, error, _, live = run(drive, fixes)
     assert t[0] < 35.0
@@ -56,13 +56,13 @@ def test_it_starts_when_the_heading_is_told_and_follows_to_the_newest_pose():
     assert live.warnings == ()
 
 
-def test_no_batch_is_solved_before_the_fixes_can_tell_the_heading_and_none_is_missed(monkeypatch):
+def test_a_batch_is_solved_as_soon_as_the_fixes_can_determine_the_heading(monkeypatch):
     drive, fixes = drive_and_fixes(7, length=40.0, fix_hz=2.0)
     tries = []
 
-    def batch(path, *rest):
+    def batch(path, *remaining):
         tries.append(path.t[-1])
-        return fuse_graph(path, *rest)
+        return fuse_graph(path, *remaining)
 
     monkeypatch.setattr(initialisation, "fuse_graph", batch)
     first, tried = run(drive, fixes)[0][0], tries.copy()
@@ -75,7 +75,7 @@ def test_no_batch_is_solved_before_the_fixes_can_tell_the_heading_and_none_is_mi
 
 
 @pytest.mark.parametrize("lag", [5.0, 60.0])
-def test_it_is_as_far_from_the_truth_as_its_covariance_says(lag):
+def test_the_live_error_agrees_with_its_covariance(lag):
     """NEES of three dimensions at the end of each of 8 drives, seeds 100 to 107.
 
     The mean lies within the 99.9 % band. With 5 s nearly all that is known has been forgotten, and stands in
@@ -91,8 +91,8 @@ def test_it_is_as_far_from_the_truth_as_its_covariance_says(lag):
     assert low < np.mean(nees) < high, f"{np.mean(nees):.2f}"
 
 
-@pytest.mark.parametrize(("lag", "apart"), [(1e3, 0.05), (10.0, 0.3)])
-def test_its_end_is_the_batch_of_the_same_data(lag, apart):
+@pytest.mark.parametrize(("lag", "difference"), [(1e3, 0.05), (10.0, 0.3)])
+def test_the_last_live_pose_is_that_of_the_batch_solution(lag, difference):
     """In sigmas of the batch: all but equal in a window over everything, and near in a short one.
 
     The short one linearised what it forgot before it knew the rest.
@@ -103,16 +103,16 @@ def test_its_end_is_the_batch_of_the_same_data(lag, apart):
     batch = fuse_graph(path, Fixes(*np.array(fixes).T))
     place, frame = gnss_drives.geodetic(0.0, 0.0, *drive.origin), (state.frame, batch.frame)
     (ox, oy), (bx, by) = (each.to_local(*place) for each in frame)
-    off = np.array([state.x - ox, state.y - oy]) - [batch.track.x[-1] - bx, batch.track.y[-1] - by]
-    assert np.hypot(*off) < apart * np.hypot(batch.track.sigma_x[-1], batch.track.sigma_y[-1])
-    assert abs(state.heading - batch.track.heading[-1]) < apart * batch.track.sigma_heading[-1]
+    error = np.array([state.x - ox, state.y - oy]) - [batch.track.x[-1] - bx, batch.track.y[-1] - by]
+    assert np.hypot(*error) < difference * np.hypot(batch.track.sigma_x[-1], batch.track.sigma_y[-1])
+    assert abs(state.heading - batch.track.heading[-1]) < difference * batch.track.sigma_heading[-1]
     for name in ("wheel_radius", "yaw_scale", "yaw_rate", "curvature"):
         ours, theirs = state.constants[name], batch.constants[name]
         assert ours.sigma == pytest.approx(theirs.sigma, rel=0.1)
-        assert abs(ours.value - theirs.value) < apart * theirs.sigma
+        assert abs(ours.value - theirs.value) < difference * theirs.sigma
 
 
-def test_what_is_random_in_the_newest_way_is_in_the_covariance_in_axes_of_the_earth():
+def test_the_noise_of_the_newest_odometry_enters_the_covariance_in_map_axes():
     """A metre on, known to 0.2 m forward and 0.1 m to the left, and loose by half a metre anywhere."""
     drive, fixes = drive_and_fixes(1, length=40.0, fix_hz=2.0)
     live = LiveGraph()
@@ -122,9 +122,13 @@ def test_what_is_random_in_the_newest_way_is_in_the_covariance_in_axes_of_the_ea
             live.add_fix(*fixes.pop(0))
     live._running.noise = StepNoise(along=0.2, sideways=0.1, heading=0.0, heading_per_distance=0.0)
     poses = []
-    for ahead, way in ((0.01, 0.0), (0.02, 1.0)):
+    for ahead, distance in ((0.01, 0.0), (0.02, 1.0)):
         live.add_odometry(
-            t + ahead, x + way * np.cos(heading), y + way * np.sin(heading), heading, 0.25 * way
+            t + ahead,
+            x + distance * np.cos(heading),
+            y + distance * np.sin(heading),
+            heading,
+            0.25 * distance,
         )
         poses.append(live.state())
     before, after = poses
@@ -138,9 +142,9 @@ def test_what_is_random_in_the_newest_way_is_in_the_covariance_in_axes_of_the_ea
     assert grown[2] == pytest.approx(np.zeros(3), abs=1e-4)
 
 
-def test_fixes_count_again_at_once_where_the_odometry_takes_back_what_it_had_wrong():
+def test_fixes_are_used_again_as_soon_as_the_odometry_corrects_itself():
     """80 m back in one step, said to be loose; else it is the fixes that seem to have jumped."""
-    for loose, counts in ((6400.0, True), (0.0, False)):
+    for inflated, counts in ((6400.0, True), (0.0, False)):
         live = LiveGraph()
         drive, fixes = drive_and_fixes(1, length=200.0, fix_hz=2.0)
         waiting, last = list(fixes), None
@@ -149,7 +153,7 @@ def test_fixes_count_again_at_once_where_the_odometry_takes_back_what_it_had_wro
             jumps = back > 0.0 and last == 0.0
             last = back
             live.add_odometry(
-                t, drive.odo_x[i] - back, drive.odo_y[i], drive.odo_heading[i], loose if jumps else 0.0
+                t, drive.odo_x[i] - back, drive.odo_y[i], drive.odo_heading[i], inflated if jumps else 0.0
             )
             while waiting and waiting[0][0] + 0.15 <= t:
                 live.add_fix(*waiting.pop(0))
@@ -159,7 +163,7 @@ def test_fixes_count_again_at_once_where_the_odometry_takes_back_what_it_had_wro
         assert any("refused" in line for line in live.warnings) != counts
 
 
-def test_a_jump_and_an_outage_are_ridden_out_and_said():
+def test_a_jump_and_an_outage_are_bridged_and_reported():
     drive, fixes = drive_and_fixes(3, keep=lambda t: not 70.0 < t < 90.0, jump=(50.0, 58.0), fix_hz=3.0)
     t, error, covariance, live = run(drive, fixes)
     assert np.max(np.hypot(error[:, 0], error[:, 1])[t > 40.0]) < 5.0
@@ -182,15 +186,15 @@ def test_fixes_refused_for_long_start_the_graph_anew():
     assert np.hypot(state.x - x - tx, state.y - y - ty) < 5.0
 
 
-def test_a_heading_and_a_fix_of_one_time_both_count():
+def test_a_heading_and_a_fix_at_the_same_time_are_both_used():
     """A receiver with two antennas tells both at once: a heading each second beside the fixes."""
     drive, fixes = drive_and_fixes(6, length=60.0, fix_hz=2.0)
     rng = np.random.default_rng(6)
     headings = [
         (row[0], heading_of(drive, row[0]) + 0.01 * rng.standard_normal(), 0.01) for row in fixes[::2]
     ]
-    told = {"late": -0.15, "since": drive.odo_t[-1]}
-    plain, helped = (run(drive, fixes, headings=each, **told)[2][-1] for each in ((), headings))
+    reported = {"late": -0.15, "since": drive.odo_t[-1]}
+    plain, helped = (run(drive, fixes, headings=each, **reported)[2][-1] for each in ((), headings))
     # Their noise averages out; at worst they lack their offset, known to 0.03 rad and better by the fixes.
     assert helped[2, 2] < 1.0 / (1.0 / plain[2, 2] + 0.03**-2)
 

@@ -65,7 +65,7 @@ def underway():
     return Drive().along(1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 
 
-def test_it_has_begun_when_three_fixes_are_there_and_it_tries():
+def test_the_graph_starts_with_three_fixes_at_the_next_attempt():
     drive = Drive().along(1.0, 2.0, 3.0)
     assert drive.graph.state() is None
     received = drive.go(5.0)
@@ -75,12 +75,12 @@ def test_it_has_begun_when_three_fixes_are_there_and_it_tries():
     assert state.t == drive.t and state.last_fix_t == 3.0
     assert state.heading == pytest.approx(START + heading, abs=0.01)
     # The frame stands at the middle fix.
-    way = complex(x, y) - complex(*pose(2.0)[:2])
-    assert complex(state.x, state.y) == pytest.approx(way * np.exp(1j * START), abs=0.05)
+    distance = complex(x, y) - complex(*pose(2.0)[:2])
+    assert complex(state.x, state.y) == pytest.approx(distance * np.exp(1j * START), abs=0.05)
 
 
 @pytest.mark.parametrize("retry", [2.0, 0.7])
-def test_it_tries_each_so_many_seconds_from_the_second_pose_on(monkeypatch, retry):
+def test_start_attempts_follow_the_retry_interval_from_the_second_pose_on(monkeypatch, retry):
     tries = []
     monkeypatch.setattr(
         live, "start_graph", lambda path, samples, *_: tries.append((path.t[-1], len(samples)))
@@ -97,7 +97,7 @@ def test_it_tries_each_so_many_seconds_from_the_second_pose_on(monkeypatch, retr
 
 
 @pytest.mark.parametrize(("patience", "knot"), [(2.0, 1.0), (0.5, 1.0), (1.0, 0.4)])
-def test_without_fixes_it_goes_on_by_itself_as_late_as_one_may_come(patience, knot):
+def test_without_fixes_poses_are_added_after_the_maximum_latency(patience, knot):
     drive = Drive(LiveLimits(max_fix_latency=patience), replace(CONFIG, max_pose_spacing=knot)).along(
         1.0, 2.0, 3.0, 4.0, 5.0
     )
@@ -115,7 +115,7 @@ def test_without_fixes_it_goes_on_by_itself_as_late_as_one_may_come(patience, kn
     assert state.t == drive.t and state.last_fix_t == 5.0
 
 
-def test_a_fix_long_after_the_last_pose_has_poses_on_the_way_to_it(underway):
+def test_poses_are_added_before_a_fix_long_after_the_last_pose(underway):
     underway.go(7.4)
     underway.fix(7.4)
     assert underway.window.pose_t[-2:].tolist() == [6.0, 7.4]
@@ -125,17 +125,17 @@ def test_a_fix_long_after_the_last_pose_has_poses_on_the_way_to_it(underway):
     assert underway.window.pose_t[-3:] == pytest.approx([7.4, 8.4, 8.95])
 
 
-def test_it_keeps_the_poses_of_its_lag():
+def test_the_window_holds_the_poses_of_its_lag():
     drive = Drive(LiveLimits(lag=4.0)).along(*np.arange(1.0, 14.0))
     state_t = drive.window.pose_t
     assert state_t[-1] == 13.0 and state_t[0] == pytest.approx(9.0)
     assert len(drive.graph._history) == 13
     short = Drive(LiveLimits(lag=4.0, start_history=5.0)).along(*np.arange(1.0, 14.0))
-    assert [seen.t for seen in short.graph._history] == pytest.approx(np.arange(8.0, 14.0))
+    assert [observed.t for observed in short.graph._history] == pytest.approx(np.arange(8.0, 14.0))
     assert short.graph._odometry._poses[0][0] == pytest.approx(8.0, abs=0.11)
 
 
-def test_a_fix_counts_until_the_graph_has_gone_past_its_time(underway):
+def test_a_fix_is_accepted_until_the_graph_has_passed_its_time(underway):
     assert underway.fix(6.0) is SampleStatus.TOO_LATE
     assert underway.fix(6.0 + 5e-7) is SampleStatus.TOO_LATE
     assert underway.fix(5.9) is SampleStatus.TOO_LATE
@@ -144,7 +144,7 @@ def test_a_fix_counts_until_the_graph_has_gone_past_its_time(underway):
     assert underway.window.pose_t[-1] == 6.3
 
 
-def test_fixes_that_come_before_the_odometry_wait_in_order_of_time(underway):
+def test_fixes_ahead_of_the_odometry_wait_in_order_of_time(underway):
     for t in (6.45, 6.25, 6.65, 6.35):
         assert underway.fix(t) is SampleStatus.ACCEPTED
     assert underway.window.pose_t[-1] == 6.0
@@ -154,7 +154,7 @@ def test_fixes_that_come_before_the_odometry_wait_in_order_of_time(underway):
     assert underway.window.pose_t[-1] == 6.65
 
 
-def test_of_two_fixes_of_one_time_the_first_counts(underway):
+def test_the_first_of_two_simultaneous_fixes_is_used(underway):
     def count():
         return len(underway.window.graph.find(PositionFactors).pose_index)
 
@@ -170,15 +170,15 @@ def test_of_two_fixes_of_one_time_the_first_counts(underway):
     assert count() == before + 3
 
 
-@pytest.mark.parametrize(("gap", "said"), [(1.9, False), (2.1, True)])
-def test_fixes_that_come_again_are_worth_a_word_after_two_seconds(underway, gap, said):
+@pytest.mark.parametrize(("gap", "messages"), [(1.9, False), (2.1, True)])
+def test_the_return_of_fixes_is_reported_after_two_seconds(underway, gap, messages):
     underway.along(6.0 + gap)
     lines = underway.said("fixes are used again")
-    assert len(lines) == said
+    assert len(lines) == messages
     assert all(f"t = {6.0 + gap:.1f} s" in line for line in lines)
 
 
-def test_fixes_that_jump_are_told_once_each_time(underway):
+def test_fixes_that_jump_are_reported_once_each_time(underway):
     underway.along(7.0, 8.0, off=100.0)
     (line,) = underway.said("jumped")
     assert "a fix at t = 7.0 s jumped; fixes after t = 6.0 s are rejected" in line
@@ -188,7 +188,7 @@ def test_fixes_that_jump_are_told_once_each_time(underway):
     assert len(underway.said("count again from t = 9.0")) == 1
 
 
-def test_after_long_enough_of_nothing_else_it_starts_anew_at_once():
+def test_the_graph_restarts_after_rejecting_all_fixes_for_long_enough():
     drive = Drive(LiveLimits(restart_after=5.0, start_history=4.0)).along(*np.arange(1.0, 7.0))
     drive.along(*np.arange(7.0, 12.0), off=100.0)
     assert not drive.said("restarts") and drive.graph._running is not None
@@ -202,7 +202,7 @@ def test_after_long_enough_of_nothing_else_it_starts_anew_at_once():
     assert state is not None and state.last_fix_t == 12.0
 
 
-def test_what_is_no_number_is_impossible(underway):
+def test_values_that_are_not_finite_are_invalid(underway):
     nan = float("nan")
     assert underway.graph.add_odometry(9.0, nan, 0.0, 0.0) is SampleStatus.INVALID
     assert underway.graph.add_odometry(6.0, 0.0, 0.0, 0.0) is SampleStatus.TOO_LATE

@@ -24,48 +24,48 @@ from hubodo.fuse.track import Track
 def noisier(path, rng, along, sideways, heading):
     """A path with noise of so many m, m and rad per root of a metre in its steps."""
     place, head = path.x + 1j * path.y, np.unwrap(path.heading)
-    way = np.diff(place) * np.exp(-0.5j * (head[1:] + head[:-1]))
-    root = np.sqrt(np.abs(way))
-    white = rng.standard_normal((3, len(way)))
-    way = way + root * (along * white[0] + 1j * sideways * white[1])
+    distance = np.diff(place) * np.exp(-0.5j * (head[1:] + head[:-1]))
+    root = np.sqrt(np.abs(distance))
+    white = rng.standard_normal((3, len(distance)))
+    distance = distance + root * (along * white[0] + 1j * sideways * white[1])
     head = head[0] + np.append(0.0, np.cumsum(np.diff(head) + heading * root * white[2]))
-    place = place[0] + np.append(0.0, np.cumsum(way * np.exp(0.5j * (head[1:] + head[:-1]))))
+    place = place[0] + np.append(0.0, np.cumsum(distance * np.exp(0.5j * (head[1:] + head[:-1]))))
     return Track(path.t, place.real, place.imag, head)
 
 
-def test_precise_fixes_tell_each_noise_apart():
+def test_precise_fixes_identify_each_noise_component():
     base = StepNoise(heading=0.0, heading_per_distance=2e-3)
     wanted_noise = np.array([0.08, 0.02, 8e-3])
-    found = []
+    result = []
     for seed in range(3):
         drive = make(seed, sigma=0.05)
         path = noisier(path_of(drive), np.random.default_rng([seed, 71]), *wanted_noise)
         noise = fuse_graph(path, fixes_of(drive, sigma=0.05), None, GraphConfig(noise=base)).noise
-        found.append(np.array(noise.sigma_factors) * [base.along, base.sideways, base.heading_per_distance])
+        result.append(np.array(noise.sigma_factors) * [base.along, base.sideways, base.heading_per_distance])
     # Of 250 m a variance of each metre's step is known to a tenth, less where noise of the fixes hides it.
-    assert np.mean(found, axis=0) == pytest.approx(wanted_noise, rel=0.3)
+    assert np.mean(result, axis=0) == pytest.approx(wanted_noise, rel=0.3)
 
 
 @pytest.mark.parametrize("hours", [0.5, 3.0])
-def test_the_stretches_that_are_looked_at_reach_from_the_first_fix_to_the_last(hours):
+def test_sections_reach_from_the_first_fix_to_the_last(hours):
     t = np.arange(0.0, 3600.0 * hours, 2.0)
     good = np.arange(5, len(t) - 5)
-    found = odometry_noise._choose_sections(good, t)
-    assert 3 <= len(found) <= 4
-    assert found[0][0] == good[0] and found[-1][-1] == good[-1]
-    middles = [np.mean(t[one]) for one in found]
+    result = odometry_noise._choose_sections(good, t)
+    assert 3 <= len(result) <= 4
+    assert result[0][0] == good[0] and result[-1][-1] == good[-1]
+    middles = [np.mean(t[one]) for one in result]
     # Ten minutes each, evenly apart but for one stretch.
-    assert all(np.ptp(t[one]) == pytest.approx(600.0, abs=10.0) for one in found)
+    assert all(np.ptp(t[one]) == pytest.approx(600.0, abs=10.0) for one in result)
     assert np.ptp(np.diff(middles)) <= 600.0
 
 
-def test_a_fix_belongs_to_one_stretch_and_a_stretch_has_thirty():
+def test_sections_do_not_overlap_and_have_at_least_thirty_fixes():
     t = np.arange(0.0, 2000.0, 5.0)
-    whole = np.concatenate(odometry_noise._choose_sections(np.arange(len(t)), t))
-    assert whole.tolist() == list(range(len(t)))
-    for kept, count in ((30, 4), (29, 3)):
+    full = np.concatenate(odometry_noise._choose_sections(np.arange(len(t)), t))
+    assert full.tolist() == list(range(len(t)))
+    for retained, count in ((30, 4), (29, 3)):
         # Of the second quarter so many fixes are good.
-        good = np.delete(np.arange(len(t)), np.arange(100 + kept, 200))
+        good = np.delete(np.arange(len(t)), np.arange(100 + retained, 200))
         assert len(odometry_noise._choose_sections(good, t)) == count
 
 
@@ -74,34 +74,36 @@ def solved():
     """A graph of 85 fixes of which each has a sigma of its own, solved."""
     rng = np.random.default_rng(14)
     drive = small_drive(rng, fixes=100, config=GraphConfig(antenna=(0.0, 0.0)))
-    made = (
+    output = (
         replace(item, sigma=rng.uniform(0.5, 2.0, 100)) if isinstance(item, PositionFactors) else item
         for item in drive.graph.factors
     )
-    graph = FactorGraph(tuple(made))
-    found = solve_graph(graph, drive.initial_poses, np.zeros(N_CONSTANTS))
+    graph = FactorGraph(tuple(output))
+    result = solve_graph(graph, drive.initial_poses, np.zeros(N_CONSTANTS))
     # Constants far from none, but for a delay, by which the place of a fix would swing with the heading.
     constants = np.array([0.02, -0.03, 0.004, 0.002, 0.0, 0.05])
     assert GNSS_DELAY == 4
-    return graph, replace(found, constants=constants), drive.odometry.pose_t
+    return graph, replace(result, constants=constants), drive.odometry.pose_t
 
 
-def test_the_parts_are_what_noise_of_the_odometry_makes_of_the_places_of_fixes(solved):
+def test_the_components_are_the_covariance_of_odometry_noise_at_the_fixes(solved):
     """Beside poses put together from the increments, each of them pushed a little forward, left and round."""
     graph, solution, state_t = solved
     between, fixes = graph.find(BetweenFactors), graph.find(PositionFactors)
-    rows, seen = (item.linearise(solution.poses, solution.constants) for item in (between, fixes))
+    rows, observed = (item.linearise(solution.poses, solution.constants) for item in (between, fixes))
     chosen, prior = np.arange(10, 95), np.array([0.01, 0.02, 1e-3, 2e-3, 0.3, 0.4])
-    found = odometry_noise._model_section(chosen, seen, fixes.sigma, rows, between, solution, state_t, prior)
+    result = odometry_noise._model_section(
+        chosen, observed, fixes.sigma, rows, between, solution, state_t, prior
+    )
     state = fixes.state[chosen]
     first, last = int(state[0]), int(state[-1])
     steps = between.steps
     gap = np.diff(solution.poses, axis=0)
     ahead = np.exp(1j * solution.poses[:-1, 2])
-    way = (gap[:, 0] + 1j * gap[:, 1]) / ahead
-    told = np.add.reduceat(steps.moves(solution.constants), steps.first)
+    distance = (gap[:, 0] + 1j * gap[:, 1]) / ahead
+    reported = np.add.reduceat(steps.moves(solution.constants), steps.first)
     noise = np.column_stack(
-        [(way - told).real, (way - told).imag, gap[:, 2] - steps.turns(solution.constants)]
+        [(distance - reported).real, (distance - reported).imag, gap[:, 2] - steps.turns(solution.constants)]
     )
     edges = np.linspace(0, len(chosen), 61).astype(int)
 
@@ -136,49 +138,49 @@ def test_the_parts_are_what_noise_of_the_odometry_makes_of_the_places_of_fixes(s
     by_constants = by(N_CONSTANTS, lambda v: (noise, constants + v, np.zeros(3)))
     by_start = by(3, lambda v: (noise, constants, v))
     variances = np.einsum("kii->ki", steps.covariance[first:last])
-    for part, axis in zip(found.unit_covariances, range(3), strict=False):
+    for part, axis in zip(result.unit_covariances, range(3), strict=False):
         lever = pushed[:, axis::3] * np.sqrt(variances[:, axis])
         np.testing.assert_allclose(part, lever @ lever.T, rtol=1e-5, atol=1e-9 * np.abs(part).max())
     certain = by_constants * prior, by_start * [30.0, 30.0, 0.5]
     expected = sum(lever @ lever.T for lever in certain)
-    np.testing.assert_allclose(found.start_covariance, expected, rtol=1e-5, atol=1e-9 * expected.max())
+    np.testing.assert_allclose(result.start_covariance, expected, rtol=1e-5, atol=1e-9 * expected.max())
     measured = blocks(fixes.place[chosen] @ [1.0, 1j])
     alone = measured - means(noise, constants, np.zeros(3))
     alone += pushed @ noise[first:last].ravel() + by_constants @ constants
-    assert found.y == pytest.approx(alone, abs=1e-6)
+    assert result.y == pytest.approx(alone, abs=1e-6)
 
 
-def test_errors_of_fixes_are_white_and_of_a_twentieth_of_them_lasting(solved):
+def test_fix_errors_have_a_white_and_a_correlated_component(solved):
     graph, solution, state_t = solved
     between, fixes = graph.find(BetweenFactors), graph.find(PositionFactors)
-    rows, seen = (item.linearise(solution.poses, solution.constants) for item in (between, fixes))
+    rows, observed = (item.linearise(solution.poses, solution.constants) for item in (between, fixes))
     chosen = np.arange(40)
-    found = odometry_noise._model_section(
-        chosen, seen, fixes.sigma, rows, between, solution, state_t, np.ones(N_CONSTANTS)
+    result = odometry_noise._model_section(
+        chosen, observed, fixes.sigma, rows, between, solution, state_t, np.ones(N_CONSTANTS)
     )
     # Fewer than sixty: each is a mean of its own.
     sigma, t = fixes.sigma[:40], state_t[fixes.state[:40]]
-    assert found.unit_covariances[3] == pytest.approx(np.diag(np.tile(sigma**2, 2)))
-    for part, lasts in zip(found.unit_covariances[4:], (15.0, 150.0), strict=True):
-        alike = (0.05 * np.median(sigma)) ** 2 * np.exp(-np.abs(np.subtract.outer(t, t)) / lasts)
-        nothing = np.zeros_like(alike)
-        assert part == pytest.approx(np.block([[alike, nothing], [nothing, alike]]))
+    assert result.unit_covariances[3] == pytest.approx(np.diag(np.tile(sigma**2, 2)))
+    for part, lasts in zip(result.unit_covariances[4:], (15.0, 150.0), strict=True):
+        repeats = (0.05 * np.median(sigma)) ** 2 * np.exp(-np.abs(np.subtract.outer(t, t)) / lasts)
+        nothing = np.zeros_like(repeats)
+        assert part == pytest.approx(np.block([[repeats, nothing], [nothing, repeats]]))
 
 
-def test_where_too_few_fixes_count_the_noise_stays_what_it_is(solved, monkeypatch):
+def test_with_too_few_used_fixes_the_noise_is_unchanged(solved, monkeypatch):
     """Else it is the root of the variances that are likely."""
     logs = 2.0 * np.log([2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
-    monkeypatch.setattr(odometry_noise, "_average_modes", lambda seen: logs)
+    monkeypatch.setattr(odometry_noise, "_average_modes", lambda observed: logs)
     graph, solution, state_t = solved
     fixes = graph.find(PositionFactors)
-    rest = tuple(factor for factor in graph.factors if factor is not fixes)
+    remaining = tuple(factor for factor in graph.factors if factor is not fixes)
     for count, times in ((30, [2.0, 3.0, 4.0]), (29, [1.0, 1.0, 1.0])):
         place = fixes.place.copy()
         place[count:] += 1e3
-        some = FactorGraph((*rest, replace(fixes, position=place)))
-        found = odometry_noise.estimate_noise_factors(some, solution, state_t, np.ones(N_CONSTANTS))
-        assert found.tolist() == pytest.approx(times)
-    for without in (FactorGraph(rest), FactorGraph((fixes,))):
+        some = FactorGraph((*remaining, replace(fixes, position=place)))
+        result = odometry_noise.estimate_noise_factors(some, solution, state_t, np.ones(N_CONSTANTS))
+        assert result.tolist() == pytest.approx(times)
+    for without in (FactorGraph(remaining), FactorGraph((fixes,))):
         assert (
             odometry_noise.estimate_noise_factors(without, solution, state_t, np.ones(N_CONSTANTS)).tolist()
             == [1.0] * 3
@@ -200,19 +202,19 @@ def cost(log, count, squares):
 
 
 @pytest.mark.parametrize("logarithm", [3.0, 1.0, -3.0])
-def test_noise_is_the_most_likely_of_what_is_seen_and_what_was_expected(logarithm):
+def test_the_noise_maximises_likelihood_and_prior(logarithm):
     count, squares = 30, 30 * np.exp(logarithm)
     best = minimize_scalar(cost, args=(count, squares)).x
-    found = odometry_noise._average_modes([alone(count, squares)])
-    assert found[0] == pytest.approx(best, abs=0.02)
-    assert np.abs(found[1:]).max() < 0.1
+    result = odometry_noise._average_modes([alone(count, squares)])
+    assert result[0] == pytest.approx(best, abs=0.02)
+    assert np.abs(result[1:]).max() < 0.1
     # Two stretches tell as much as one that is twice as long.
     best = minimize_scalar(cost, args=(2 * count, 2 * squares)).x
     assert odometry_noise._average_modes([alone(count, squares)] * 2)[0] == pytest.approx(best, abs=0.02)
     assert odometry_noise._average_modes([]).tolist() == [0.0] * 6
 
 
-def test_less_noise_than_expected_is_believed_where_it_is_two_sigma_likelier():
+def test_less_noise_than_expected_is_accepted_at_two_sigma():
     def gain(squares):
         return cost(0.0, 20, squares) - minimize_scalar(cost, args=(20, squares)).fun
 
@@ -221,40 +223,40 @@ def test_less_noise_than_expected_is_believed_where_it_is_two_sigma_likelier():
         assert (odometry_noise._average_modes([alone(20, squares)])[0] < -0.5) == shrinks
 
 
-def test_the_posterior_falls_as_its_derivatives_say(monkeypatch):
-    seen = []
+def test_the_gradient_of_the_posterior_is_its_numerical_derivative(monkeypatch):
+    observed = []
     likely = odometry_noise._average_modes
-    monkeypatch.setattr(odometry_noise, "_average_modes", lambda item: seen.append(item) or likely(item))
+    monkeypatch.setattr(odometry_noise, "_average_modes", lambda item: observed.append(item) or likely(item))
     drive = make(4)
     fuse_graph(path_of(drive), fixes_of(drive))
     logs = np.array([1.0, -1.0, 2.0, 0.1, 3.0, -2.0])
-    _, slope = odometry_noise._negative_log_posterior(logs, seen[0])
+    _, slope = odometry_noise._negative_log_posterior(logs, observed[0])
     assert slope == pytest.approx(
-        numeric(lambda v: np.array([odometry_noise._negative_log_posterior(v, seen[0])[0]]), logs)[0],
+        numeric(lambda v: np.array([odometry_noise._negative_log_posterior(v, observed[0])[0]]), logs)[0],
         rel=1e-4,
         abs=1e-5,
     )
 
 
-def test_a_heading_that_strays_is_noticed_with_fixes_of_five_metres():
+def test_a_drifting_heading_is_detected_with_fixes_of_five_metres():
     honest, bold = [], []
     for seed in range(4):
         drive = make(seed)
         path = noisier(path_of(drive), np.random.default_rng([seed, 72]), 0.0, 0.0, 0.02)
-        for told, config in ((honest, GraphConfig()), (bold, GraphConfig(inflate_sigmas=False))):
+        for reported, config in ((honest, GraphConfig()), (bold, GraphConfig(inflate_sigmas=False))):
             result = fuse_graph(path, fixes_of(drive), None, config)
             error = errors_of(drive, result)
             sigma = np.column_stack([result.track.sigma_x, result.track.sigma_y])
-            told.append((rms(error), np.mean(np.sum((error[:, :2] / sigma) ** 2, axis=1))))
+            reported.append((rms(error), np.mean(np.sum((error[:, :2] / sigma) ** 2, axis=1))))
     assert np.mean(bold, axis=0)[1] > 4.0
     assert 0.7 * 2 < np.mean(honest, axis=0)[1] < 2 * 2
     assert np.mean(honest, axis=0)[0] < np.mean(bold, axis=0)[0]
 
 
-def test_on_a_real_car_with_fixes_of_five_metres_the_track_is_as_good_as_it_says():
+def test_on_a_real_car_with_fixes_of_five_metres_errors_agree_with_sigmas():
     wanted.recording("car")
     for path, constants, truth in car_gnss.paths([("right",)]).values():
         rows = [car_gnss.one(path, constants, truth, seed, 0.0) for seed in range(3)]
-        off, nees, fixes = np.mean(rows, axis=0)
-        assert off < 0.7 < 0.1 * fixes
+        error, nees, fixes = np.mean(rows, axis=0)
+        assert error < 0.7 < 0.1 * fixes
         assert nees < 4.0

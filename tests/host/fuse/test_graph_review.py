@@ -44,44 +44,44 @@ def alternating(count, size):
         (29, 2.0, 1.0),
     ],
 )
-def test_sigmas_grow_where_fixes_scatter_more_than_they_say_and_than_chance(count, size, growth, grown):
+def test_sigmas_grow_where_fixes_scatter_significantly_more_than_declared(count, size, growth, grown):
     graph, solution = graph_of(alternating(count, size), grown)
-    found, why = estimate_sigma_growth(graph, solution, grown)
+    result, reasons = estimate_sigma_growth(graph, solution, grown)
     if count < 30:
-        assert (found, why) == (grown, [])
+        assert (result, reasons) == (grown, [])
         return
-    assert found == pytest.approx(growth)
-    assert len(why) == (growth > 1.0)
-    assert all(f"{growth:.1f} times" in line for line in why)
+    assert result == pytest.approx(growth)
+    assert len(reasons) == (growth > 1.0)
+    assert all(f"{growth:.1f} times" in line for line in reasons)
 
 
-def test_without_fixes_sigmas_stay_as_they_are():
+def test_without_fixes_sigmas_are_unchanged():
     _, solution = graph_of(alternating(40, 2.0))
     assert estimate_sigma_growth(FactorGraph(()), solution, 1.3) == (1.3, [])
 
 
-@pytest.mark.parametrize("alike", [2, 5, 10])
-def test_fixes_that_are_alike_count_as_one(alike):
+@pytest.mark.parametrize("repeats", [2, 5, 10])
+def test_equal_successive_fixes_count_as_one(repeats):
     """The autocorrelation of errors that stay for k fixes is a triangle: 1 + 2 sum is k."""
     rng = np.random.default_rng(6)
-    off = np.repeat(rng.standard_normal((20_000 // alike, 2)), alike, axis=0)
-    found, why = estimate_sigma_growth(*graph_of(0.9 * off), 1.0)
+    error = np.repeat(rng.standard_normal((20_000 // repeats, 2)), repeats, axis=0)
+    result, reasons = estimate_sigma_growth(*graph_of(0.9 * error), 1.0)
     # What is below four sigma of chance is not summed up.
-    assert found == pytest.approx(np.sqrt(alike), rel=0.05)
-    assert f"{alike} count as one" in why[0]
+    assert result == pytest.approx(np.sqrt(repeats), rel=0.05)
+    assert f"{repeats} count as one" in reasons[0]
 
 
-def test_a_mean_that_all_fixes_share_is_no_likeness():
+def test_a_common_mean_of_all_fixes_is_no_correlation():
     rng = np.random.default_rng(7)
-    off = 0.7 * rng.standard_normal((2000, 2)) + [0.6, -0.4]
-    assert estimate_sigma_growth(*graph_of(off), 1.0) == (1.0, [])
+    error = 0.7 * rng.standard_normal((2000, 2)) + [0.6, -0.4]
+    assert estimate_sigma_growth(*graph_of(error), 1.0) == (1.0, [])
 
 
-def test_a_fix_that_hardly_counts_has_no_say():
+def test_fixes_of_low_weight_do_not_affect_the_growth():
     """Of five sigma and more."""
-    off = alternating(400, 1.0)
-    off[::10] *= 8.0
-    assert estimate_sigma_growth(*graph_of(off), 1.0)[0] == pytest.approx(1.0)
+    error = alternating(400, 1.0)
+    error[::10] *= 8.0
+    assert estimate_sigma_growth(*graph_of(error), 1.0)[0] == pytest.approx(1.0)
 
 
 def said(off, sigma=1.0, **changes):
@@ -91,12 +91,12 @@ def said(off, sigma=1.0, **changes):
     return review_solution(graph, solution, np.arange(len(off)) * 2.0, known)
 
 
-def test_fixes_that_jumped_are_told_by_their_stretch():
+def test_fixes_that_jumped_are_reported_run_by_run():
     assert said(alternating(20, 1.0)) == []
     for sigmas, words in ((4.8, 0), (5.2, 1)):
-        off = np.zeros((20, 2))
-        off[5:9, 0], off[7, 0] = 3.0 * sigmas, 3.0 * (sigmas + 1.0 * words)
-        lines = said(off, 3.0)
+        error = np.zeros((20, 2))
+        error[5:9, 0], error[7, 0] = 3.0 * sigmas, 3.0 * (sigmas + 1.0 * words)
+        lines = said(error, 3.0)
         assert len(lines) == words
         expected = f"4 fixes from t = 10.0 to 16.0 s are off by up to {3.0 * (sigmas + 1.0):.1f} m"
         assert all(expected in line for line in lines)
@@ -104,21 +104,21 @@ def test_fixes_that_jumped_are_told_by_their_stretch():
 
 
 @pytest.mark.parametrize(("known", "words"), [(True, "too few or too close"), (False, "nothing measures it")])
-def test_a_heading_that_is_known_to_seventeen_degrees_only_is_told(known, words):
+def test_a_heading_sigma_above_seventeen_degrees_is_reported(known, words):
     for sigma, lines in ((0.29, 0), (0.31, 1), (9.0, 1)):
-        found = said(np.zeros((20, 2)), covariance=np.full((20, 3, 3), sigma**2), known=known)
-        assert len(found) == lines
+        result = said(np.zeros((20, 2)), covariance=np.full((20, 3, 3), sigma**2), known=known)
+        assert len(result) == lines
         degrees = min(np.degrees(sigma), 180.0)
-        assert all(words in line and f"{degrees:.0f} degrees" in line for line in found)
+        assert all(words in line and f"{degrees:.0f} degrees" in line for line in result)
 
 
-def test_a_graph_that_has_not_settled_says_so():
+def test_a_graph_that_has_not_converged_is_reported():
     assert any(
         "not converged after 7 iterations" in line for line in said(np.zeros((20, 2)), converged=False)
     )
 
 
-def test_a_stretch_bridges_two_sound_ones():
+def test_a_run_of_outliers_bridges_two_inliers():
     def of(*flags):
         return find_runs(np.array(flags, bool))
 

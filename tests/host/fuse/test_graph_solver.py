@@ -24,50 +24,50 @@ from hubodo.fuse.graph.solver import solve_from_poor_guess, solve_graph
 
 def changed(graph, kind, **values):
     """The graph with other values in the factors of one kind."""
-    made = (replace(item, **values) if isinstance(item, kind) else item for item in graph.factors)
-    return FactorGraph(tuple(made))
+    output = (replace(item, **values) if isinstance(item, kind) else item for item in graph.factors)
+    return FactorGraph(tuple(output))
 
 
 @settings(max_examples=40)
 @given(n=st.integers(1, 40), seed=st.integers(0, 1000))
 def test_the_chain_solver_inverts_what_numpy_inverts(n, seed):
     rng = np.random.default_rng(seed)
-    whole = np.zeros((3 * n, 3 * n))
+    full = np.zeros((3 * n, 3 * n))
     for k in range(n):
         j = rng.normal(size=(5, 6))
         size = 6 if k + 1 < n else 3
-        whole[3 * k : 3 * k + size, 3 * k : 3 * k + size] += (j.T @ j)[:size, :size]
-    whole += 0.05 * np.eye(3 * n)
-    diagonal = np.array([whole[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] for k in range(n)])
-    upper = np.array([whole[3 * k : 3 * k + 3, 3 * k + 3 : 3 * k + 6] for k in range(n - 1)]).reshape(
+        full[3 * k : 3 * k + size, 3 * k : 3 * k + size] += (j.T @ j)[:size, :size]
+    full += 0.05 * np.eye(3 * n)
+    diagonal = np.array([full[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] for k in range(n)])
+    upper = np.array([full[3 * k : 3 * k + 3, 3 * k + 3 : 3 * k + 6] for k in range(n - 1)]).reshape(
         n - 1, 3, 3
     )
     right = rng.normal(size=(n, 3, 2))
-    found = solve_chain(diagonal, upper, right, covariance=True)
-    inverse = np.linalg.inv(whole)
-    assert np.allclose(found.x.reshape(-1, 2), inverse @ right.reshape(-1, 2), atol=1e-8)
+    result = solve_chain(diagonal, upper, right, covariance=True)
+    inverse = np.linalg.inv(full)
+    assert np.allclose(result.x.reshape(-1, 2), inverse @ right.reshape(-1, 2), atol=1e-8)
     for k in range(n):
-        assert np.allclose(found.covariance[k], inverse[3 * k : 3 * k + 3, 3 * k : 3 * k + 3], atol=1e-8)
+        assert np.allclose(result.covariance[k], inverse[3 * k : 3 * k + 3, 3 * k : 3 * k + 3], atol=1e-8)
         if k + 1 < n:
             assert np.allclose(
-                found.next_covariance[k], inverse[3 * k : 3 * k + 3, 3 * k + 3 : 3 * k + 6], atol=1e-8
+                result.next_covariance[k], inverse[3 * k : 3 * k + 3, 3 * k + 3 : 3 * k + 6], atol=1e-8
             )
 
 
-def test_the_chain_keeps_its_digits_where_tenths_of_millimetres_meet_five_metres():
+def test_the_chain_solver_is_accurate_where_tenths_of_millimetres_meet_five_metres():
     """10,000 poses, the stiffest case allowed: against the closed form of a random walk observed in noise."""
     n, q, r = 10_001, 1e-8, 25.0
     diagonal, upper = np.zeros((n, 3, 3)), np.tile(-np.eye(3) / q, (n - 1, 1, 1))
     diagonal += np.eye(3) / r
     diagonal[:-1] += np.eye(3) / q
     diagonal[1:] += np.eye(3) / q
-    found = solve_chain(diagonal, upper, np.zeros((n, 3, 1)), covariance=True)
+    result = solve_chain(diagonal, upper, np.zeros((n, 3, 1)), covariance=True)
     # Eigenvectors of the path graph are cosines, its eigenvalues 2 - 2 cos(pi j / n).
     j = np.arange(1, n)
     middle = (n - 1) // 2
     shape = np.sqrt(2.0 / n) * np.cos(np.pi * j * (middle + 0.5) / n)
     exact = r / n + np.sum(shape**2 / (1.0 / r + (2.0 - 2.0 * np.cos(np.pi * j / n)) / q))
-    assert found.covariance[middle, 0, 0] == pytest.approx(exact, rel=1e-5)
+    assert result.covariance[middle, 0, 0] == pytest.approx(exact, rel=1e-5)
 
 
 @pytest.mark.parametrize("seed", [4, 5])
@@ -112,7 +112,7 @@ def test_gtsam_finds_the_same_optimum_with_robust_losses():
     assert np.max(np.abs(constants - ours.constants)) < 1e-5
 
 
-def test_turning_the_world_turns_the_solution():
+def test_rotating_all_measurements_rotates_the_solution():
     drive = small_drive(np.random.default_rng(12))
     graph = drive.graph.with_losses(lambda factor: QUADRATIC)
     turn, c, s = 1.1, np.cos(1.1), np.sin(1.1)
@@ -130,5 +130,5 @@ def test_turning_the_world_turns_the_solution():
 
 def test_a_graph_without_fixes_and_headings_is_the_odometry():
     drive = build_graph(wiggly_path(np.random.default_rng(13)), [], GraphConfig())
-    found = solve_graph(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS))
-    assert np.allclose(found.poses, drive.odometry.odometry_pose, atol=1e-9)
+    result = solve_graph(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS))
+    assert np.allclose(result.poses, drive.odometry.odometry_pose, atol=1e-9)

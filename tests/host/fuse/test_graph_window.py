@@ -29,7 +29,7 @@ def weighted_dense(graph, poses, constants):
 
 
 @pytest.mark.parametrize("count", [1, 2, 17])
-def test_a_forgotten_pose_is_a_marginal_of_the_whole(count):
+def test_marginalising_poses_gives_the_marginal_of_the_full_graph(count):
     """Where it is linearised, the covariance of what stays is the block of the dense inverse.
 
     The weights of robust losses are as they are.
@@ -41,25 +41,25 @@ def test_a_forgotten_pose_is_a_marginal_of_the_whole(count):
         rng.normal(0, 1e-3, N_CONSTANTS),
     )
     small = marginalise_first_poses(drive.graph, poses, constants, count)
-    whole = np.linalg.inv(weighted_dense(drive.graph, poses, constants))
+    full = np.linalg.inv(weighted_dense(drive.graph, poses, constants))
     left = np.linalg.inv(weighted_dense(small, poses[count:], constants))
     scale = np.sqrt(np.diag(left))
-    assert np.max(np.abs(left - whole[3 * count :, 3 * count :]) / np.outer(scale, scale)) < 1e-4
+    assert np.max(np.abs(left - full[3 * count :, 3 * count :]) / np.outer(scale, scale)) < 1e-4
 
 
-def test_what_is_left_has_the_optimum_of_the_whole():
+def test_the_remaining_graph_has_the_optimum_of_the_full_graph():
     drive = small_drive(np.random.default_rng(33))
-    whole = solve_graph(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS), "all")
-    small = marginalise_first_poses(drive.graph, whole.poses, whole.constants, 20)
+    full = solve_graph(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS), "all")
+    small = marginalise_first_poses(drive.graph, full.poses, full.constants, 20)
     kinds = {type(factor) for factor in small.factors}
     assert MarginalPriorFactors in kinds
     assert not kinds & {PosePriorFactors, ConstantsPriorFactors}
-    shaken = whole.poses[20:] + np.random.default_rng(34).normal(0, 0.02, whole.poses[20:].shape)
-    again = solve_graph(small, shaken, np.zeros(N_CONSTANTS), "all")
-    assert np.max(np.abs(again.poses - whole.poses[20:])) < 1e-4
-    assert np.max(np.abs(again.constants - whole.constants)) < 1e-6
-    assert np.allclose(again.covariance, whole.covariance[20:], rtol=1e-3, atol=1e-9)
-    assert np.allclose(again.constants_covariance, whole.constants_covariance, rtol=1e-3, atol=1e-12)
+    shaken = full.poses[20:] + np.random.default_rng(34).normal(0, 0.02, full.poses[20:].shape)
+    repeated = solve_graph(small, shaken, np.zeros(N_CONSTANTS), "all")
+    assert np.max(np.abs(repeated.poses - full.poses[20:])) < 1e-4
+    assert np.max(np.abs(repeated.constants - full.constants)) < 1e-6
+    assert np.allclose(repeated.covariance, full.covariance[20:], rtol=1e-3, atol=1e-9)
+    assert np.allclose(repeated.constants_covariance, full.constants_covariance, rtol=1e-3, atol=1e-12)
 
 
 def test_a_fix_forgotten_as_refused_stays_refused():
@@ -67,7 +67,7 @@ def test_a_fix_forgotten_as_refused_stays_refused():
     positions = drive.graph.find(PositionFactors)
     place = positions.position.copy()
     place[2] += 40.0
-    moved = type(positions)(
+    shifted = type(positions)(
         positions.pose_index,
         place,
         positions.sigma,
@@ -75,48 +75,48 @@ def test_a_fix_forgotten_as_refused_stays_refused():
         positions.antenna,
         loss=positions.loss,
     )
-    rest = tuple(factor for factor in drive.graph.factors if factor is not positions)
-    lost = moved.select_poses(0, int(moved.pose_index[2])).append(
-        moved.select_poses(int(moved.pose_index[2]) + 1, len(drive.initial_poses)),
-        int(moved.pose_index[2]) + 1,
+    remaining = tuple(factor for factor in drive.graph.factors if factor is not positions)
+    lost = shifted.select_poses(0, int(shifted.pose_index[2])).append(
+        shifted.select_poses(int(shifted.pose_index[2]) + 1, len(drive.initial_poses)),
+        int(shifted.pose_index[2]) + 1,
     )
-    whole = solve_graph(FactorGraph((moved, *rest)), drive.initial_poses, np.zeros(N_CONSTANTS))
-    with_it = marginalise_first_poses(FactorGraph((moved, *rest)), whole.poses, whole.constants, 20)
-    without = marginalise_first_poses(FactorGraph((lost, *rest)), whole.poses, whole.constants, 20)
-    first, second = (solve_graph(graph, whole.poses[20:], whole.constants) for graph in (with_it, without))
+    full = solve_graph(FactorGraph((shifted, *remaining)), drive.initial_poses, np.zeros(N_CONSTANTS))
+    with_it = marginalise_first_poses(FactorGraph((shifted, *remaining)), full.poses, full.constants, 20)
+    without = marginalise_first_poses(FactorGraph((lost, *remaining)), full.poses, full.constants, 20)
+    first, second = (solve_graph(graph, full.poses[20:], full.constants) for graph in (with_it, without))
     assert np.allclose(first.poses, second.poses, atol=1e-6)
 
 
-def test_gtsam_has_the_same_optimum_and_marginals_of_a_graph_with_a_forgotten_past():
+def test_gtsam_has_the_same_optimum_and_marginals_of_a_marginalised_graph():
     drive = small_drive(np.random.default_rng(36), 30)
     graph = drive.graph.with_losses(lambda factor: QUADRATIC)
-    whole = solve_graph(graph, drive.initial_poses, np.zeros(N_CONSTANTS))
-    small = marginalise_first_poses(graph, whole.poses, whole.constants, 15)
-    ours = solve_graph(small, whole.poses[15:], whole.constants, "all")
-    poses, constants, cost = solve_with_gtsam(small, whole.poses[15:] + 0.01, np.zeros(N_CONSTANTS))
+    full = solve_graph(graph, drive.initial_poses, np.zeros(N_CONSTANTS))
+    small = marginalise_first_poses(graph, full.poses, full.constants, 15)
+    ours = solve_graph(small, full.poses[15:], full.constants, "all")
+    poses, constants, cost = solve_with_gtsam(small, full.poses[15:] + 0.01, np.zeros(N_CONSTANTS))
     assert cost == pytest.approx(ours.cost, rel=1e-6)
     assert np.max(np.abs(poses - ours.poses)) < 1e-4
     assert np.max(np.abs(constants - ours.constants)) < 1e-5
     # GTSAM's marginals of the whole, which never forgot anything.
-    blocks, of_constants = covariances_of_gtsam(graph, whole.poses, whole.constants)
+    blocks, of_constants = covariances_of_gtsam(graph, full.poses, full.constants)
     assert np.allclose(ours.covariance, blocks[15:], rtol=1e-3, atol=1e-9)
     assert np.allclose(ours.constants_covariance, of_constants, rtol=1e-3, atol=1e-12)
 
 
-def test_a_window_keeps_two_poses_however_short_it_is():
+def test_a_window_keeps_at_least_two_poses():
     drive = small_drive(np.random.default_rng(37), 12)
-    found = solve_graph(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS), "all")
+    result = solve_graph(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS), "all")
     window = PoseWindow(
         drive.graph,
         drive.odometry.pose_t,
-        found.poses,
-        found.constants,
-        found.covariance[-1],
-        found.constants_covariance,
+        result.poses,
+        result.constants,
+        result.covariance[-1],
+        result.constants_covariance,
     )
     assert window.without_poses_before(-1.0) is window
     short = window.without_poses_before(1e9)
     assert short.pose_t.tolist() == drive.odometry.pose_t[-2:].tolist()
-    again = short.with_solution()
-    assert np.allclose(again.poses, found.poses[-2:], atol=1e-4)
-    assert np.allclose(again.covariance, found.covariance[-1], rtol=1e-3, atol=1e-9)
+    repeated = short.with_solution()
+    assert np.allclose(repeated.poses, result.poses[-2:], atol=1e-4)
+    assert np.allclose(repeated.covariance, result.covariance[-1], rtol=1e-3, atol=1e-9)

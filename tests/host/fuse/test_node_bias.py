@@ -19,13 +19,13 @@ WAITING, TRACKING = 0.0, 2.0
 
 def said(*rows):
     """A table of (state, bias, sigma) as a node tells them five times a second."""
-    made = {name: np.zeros(len(rows)) for name in BIAS_FILTER_COLUMNS}
-    made["t"] = 0.2 * np.arange(len(rows))
-    made["state"] = np.array([row[0] for row in rows])
+    output = {name: np.zeros(len(rows)) for name in BIAS_FILTER_COLUMNS}
+    output["t"] = 0.2 * np.arange(len(rows))
+    output["state"] = np.array([row[0] for row in rows])
     for k, axis in enumerate("xyz"):
-        made[f"bias_{axis}"] = np.array([row[1][k] for row in rows])
-        made[f"sigma_{axis}"] = np.array([row[2][k] for row in rows])
-    return Table(made)
+        output[f"bias_{axis}"] = np.array([row[1][k] for row in rows])
+        output[f"sigma_{axis}"] = np.array([row[2][k] for row in rows])
+    return Table(output)
 
 
 NONE = (0.0, 0.0, 0.0)
@@ -33,57 +33,59 @@ OLD, NEW = (0.01, 0.02, 0.03), (0.02, -0.03, 0.04)
 UNKNOWN = (1e-4, math.nan, 2e-4)
 
 
-def test_the_last_bias_that_was_known_is_taken_with_its_sigma():
+def test_the_last_reported_bias_is_used_with_its_sigma():
     table = said((WAITING, NONE, NONE), (TRACKING, OLD, NONE), (TRACKING, NEW, UNKNOWN), (1.0, NONE, NONE))
-    made, used = add_node_biases(None, Recording({}, bias_filters={"left": table}), ("left", "right"))
+    output, used = add_node_biases(None, Recording({}, bias_filters={"left": table}), ("left", "right"))
     assert used == ("left",)
-    told = made.nodes["left"].effects["gyro_bias"].parameters
-    assert [told[axis].value for axis in "xyz"] == list(NEW)
-    assert [told[axis].sigma for axis in "xyz"] == [1e-4, 0.0, 2e-4]
+    reported = output.nodes["left"].effects["gyro_bias"].parameters
+    assert [reported[axis].value for axis in "xyz"] == list(NEW)
+    assert [reported[axis].sigma for axis in "xyz"] == [1e-4, 0.0, 2e-4]
 
 
-def test_a_node_without_a_bias_and_one_whose_bias_is_calibrated_change_nothing():
+def test_a_calibrated_bias_takes_precedence_and_a_missing_one_changes_nothing():
     known = Calibration(
         {"right": NodeCalibration({"gyro_bias": CalibratedEffect({"x": Quantity(0.5, 0.1)})})}
     )
     filters = {"left": said((WAITING, OLD, NONE)), "right": said((TRACKING, NEW, NONE))}
-    made, used = add_node_biases(known, Recording({}, bias_filters=filters), ("left", "right"))
-    assert (made, used) == (known, ())
+    output, used = add_node_biases(known, Recording({}, bias_filters=filters), ("left", "right"))
+    assert (output, used) == (known, ())
 
 
-def test_a_calibration_of_something_else_is_kept_beside_it():
+def test_other_calibrated_effects_are_preserved():
     known = Calibration(
         {"left": NodeCalibration({"wheel_radius": CalibratedEffect({"error": Quantity(0.01, 0.1)})})}
     )
     recording = Recording({}, bias_filters={"left": said((TRACKING, NEW, NONE))})
-    made, used = add_node_biases(known, recording, ("left",))
-    assert used == ("left",) and set(made.nodes["left"].effects) == {"wheel_radius", "gyro_bias"}
+    output, used = add_node_biases(known, recording, ("left",))
+    assert used == ("left",) and set(output.nodes["left"].effects) == {"wheel_radius", "gyro_bias"}
 
 
-@pytest.mark.parametrize("rest", [8.0, 0.3])
-def test_with_what_the_nodes_told_the_track_is_no_worse(rest):
+@pytest.mark.parametrize("remaining", [8.0, 0.3])
+def test_reported_biases_do_not_make_the_track_worse(remaining):
     """Drives by a generator that shares no code with the filter; the nodes told what they had at power-on."""
-    found = {True: [], False: []}
+    result = {True: [], False: []}
     seeds = range(4)
     for seed in seeds:
         rng = np.random.default_rng(seed)
-        plan = wheel_drives.loop(rng, length=60.0, rest=rest)
+        plan = wheel_drives.loop(rng, length=60.0, rest=remaining)
         drive = wheel_drives.drive(plan, rng, facing={"right": "right"})
         nodes = {
             name: Table(dict(zip(COLUMNS, [node.t, *node.gyro.T, *node.accel.T], strict=True)))
             for name, node in drive.nodes.items()
         }
-        told = {
+        reported = {
             name: said((TRACKING, [node.truth[f"bias_{axis}"] for axis in "xyz"], (1e-4, 1e-4, 1e-4)))
             for name, node in drive.nodes.items()
         }
         for with_bias in (True, False):
-            recording = Recording(nodes, bias_filters=told if with_bias else {})
-            made = compute_wheel_odometry(recording, VEHICLE, log="drive")
-            assert made.details.get("bias_from_node") == (["left", "right"] if with_bias else None)
-            x, y = (np.interp(drive.t, made.track.t, value) for value in (made.track.x, made.track.y))
-            off = np.hypot(x - drive.x, y - drive.y)
-            found[with_bias].append((off[-1], np.sqrt(np.mean(off**2))))
-    told, untold = (np.median(found[key], axis=0) / 60.0 for key in (True, False))
-    print(f"seeds {seeds}, rest {rest} s: final, rms of the path: told {told}, not told {untold}")
-    assert (told < 1.02 * untold + 1e-4).all()
+            recording = Recording(nodes, bias_filters=reported if with_bias else {})
+            output = compute_wheel_odometry(recording, VEHICLE, log="drive")
+            assert output.details.get("bias_from_node") == (["left", "right"] if with_bias else None)
+            x, y = (np.interp(drive.t, output.track.t, value) for value in (output.track.x, output.track.y))
+            error = np.hypot(x - drive.x, y - drive.y)
+            result[with_bias].append((error[-1], np.sqrt(np.mean(error**2))))
+    reported, without_truth = (np.median(result[key], axis=0) / 60.0 for key in (True, False))
+    print(
+        f"seeds {seeds}, rest {remaining} s: final, rms of the path: with {reported}, without {without_truth}"
+    )
+    assert (reported < 1.02 * without_truth + 1e-4).all()

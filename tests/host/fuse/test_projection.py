@@ -66,10 +66,10 @@ def test_the_local_frame_agrees_with_earth_centred_coordinates_in_the_corner_of_
     latitude, longitude = 59.9, 11.95
     frame = make_local_frame(latitude, longitude)
     lat, lon = latitude + np.array([1e-4, 2e-3, -1.5e-3]), longitude + np.array([4e-3, -2e-3, 1e-3])
-    there = np.array(CENTRED.transform(lat, lon, 0.0 * lat)).T - CENTRED.transform(latitude, longitude, 0.0)
+    target = np.array(CENTRED.transform(lat, lon, 0.0 * lat)).T - CENTRED.transform(latitude, longitude, 0.0)
     phi, lam = np.radians(latitude), np.radians(longitude)
-    east = there @ [-np.sin(lam), np.cos(lam), 0.0]
-    north = there @ [-np.sin(phi) * np.cos(lam), -np.sin(phi) * np.sin(lam), np.cos(phi)]
+    east = target @ [-np.sin(lam), np.cos(lam), 0.0]
+    north = target @ [-np.sin(phi) * np.cos(lam), -np.sin(phi) * np.sin(lam), np.cos(phi)]
     x, y = frame.to_local(lat, lon)
     assert abs(np.degrees(frame.convergence)) > 2.5
     assert np.max(np.hypot(x - east, y - north)) < 0.01

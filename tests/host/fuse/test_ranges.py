@@ -43,14 +43,14 @@ def samples() -> dict[str, Table]:
     return tables(clipped_drive(SLOW, SEED))
 
 
-def test_the_vehicle_file_goes_before_the_node_and_the_node_before_the_usual() -> None:
+def test_the_vehicle_file_precedes_the_node_and_the_node_the_default() -> None:
     usual = determine_ranges(NodeMount("left", "left"), {})
-    told = determine_ranges(NodeMount("left", "left"), TOLD)
+    reported = determine_ranges(NodeMount("left", "left"), TOLD)
     given = determine_ranges(NodeMount("left", "left", 20.0, 70.0), TOLD)
     assert (usual.gyro.value, usual.accel.value) == pytest.approx((math.radians(2000.0), 16.0 * GRAVITY))
-    assert (told.gyro.value, told.accel.value) == pytest.approx((math.radians(500.0), 4.0 * GRAVITY))
+    assert (reported.gyro.value, reported.accel.value) == pytest.approx((math.radians(500.0), 4.0 * GRAVITY))
     assert (given.gyro.value, given.accel.value) == (20.0, 70.0)
-    assert [r.gyro.source for r in (usual, told, given)] == [
+    assert [r.gyro.source for r in (usual, reported, given)] == [
         "default",
         "node",
         "vehicle file",
@@ -58,20 +58,20 @@ def test_the_vehicle_file_goes_before_the_node_and_the_node_before_the_usual() -
     assert 0.95 * 20.0 < given.clipping_limits["gyro_limit"] < 20.0
 
 
-def test_a_pile_of_samples_shows_the_limit(samples: dict[str, Table]) -> None:
-    found = determine_ranges(NodeMount(), {}, samples["left"])
-    assert found.gyro.value == pytest.approx(math.radians(500.0), rel=1e-3)
-    assert "samples" in found.gyro.source
-    assert not found.warnings, "nobody told another one"
-    told = determine_ranges(NodeMount(), {"gyro_range_dps": "2000"}, samples["left"])
-    assert told.gyro.value == found.gyro.value
-    assert "clip at" in told.warnings[0]
+def test_repeated_maxima_show_the_range(samples: dict[str, Table]) -> None:
+    result = determine_ranges(NodeMount(), {}, samples["left"])
+    assert result.gyro.value == pytest.approx(math.radians(500.0), rel=1e-3)
+    assert "samples" in result.gyro.source
+    assert not result.warnings, "nobody told another one"
+    reported = determine_ranges(NodeMount(), {"gyro_range_dps": "2000"}, samples["left"])
+    assert reported.gyro.value == result.gyro.value
+    assert "clip at" in reported.warnings[0]
 
 
-def test_no_pile_where_nothing_clips() -> None:
+def test_no_clipping_is_detected_without_repeated_maxima() -> None:
     rng = np.random.default_rng(SEED)
-    made = drive(legs([(6.0, 0.0, 0.0), (10.0, 3.0, 0.1), (3.0, 0.0, 0.0)]), rng)
-    for table in tables(made).values():
+    output = drive(legs([(6.0, 0.0, 0.0), (10.0, 3.0, 0.1), (3.0, 0.0, 0.0)]), rng)
+    for table in tables(output).values():
         assert "default" in determine_ranges(NodeMount(), {}, table).gyro.source
         wide = determine_ranges(NodeMount(), {"gyro_range_dps": "500"}, table)
         assert wide.gyro.value > np.abs(table.gyro).max()
@@ -99,10 +99,10 @@ def test_fuse_takes_the_range_and_says_whence(samples: dict[str, Table], tmp_pat
     begun = {
         name: Table({key: table[key][table.t < 34.0] for key in COLUMNS}) for name, table in samples.items()
     }
-    told = {f"node.{name}.{key}": text for name in samples for key, text in TOLD.items()}
-    assert node_metadata(told, "left") == TOLD
+    reported = {f"node.{name}.{key}": text for name in samples for key, text in TOLD.items()}
+    assert node_metadata(reported, "left") == TOLD
     for number, (imu, metadata, source) in enumerate(
-        [("", told, "node"), ("gyro_range = 8.72665", {}, "vehicle file"), ("", {}, "samples")]
+        [("", reported, "node"), ("gyro_range = 8.72665", {}, "vehicle file"), ("", {}, "samples")]
     ):
         folder = tmp_path / str(number)
         folder.mkdir()
@@ -110,9 +110,9 @@ def test_fuse_takes_the_range_and_says_whence(samples: dict[str, Table], tmp_pat
         write_recording(Recording(samples if metadata else begun, metadata=metadata), folder / "log.mcap")
         words = ["fuse", folder / "log.mcap", "--vehicle", folder / "vehicle.toml", "-o", folder / "out"]
         assert main([str(word) for word in words]) == 0
-        found = json.loads((folder / "out" / "fuse.json").read_text())
-        assert source in found["ranges"]["left"]["gyro_range"]["source"]
-        assert found["ranges"]["left"]["gyro_range"]["value"] == pytest.approx(math.radians(500.0), rel=1e-3)
+        result = json.loads((folder / "out" / "fuse.json").read_text())
+        assert source in result["ranges"]["left"]["gyro_range"]["source"]
+        assert result["ranges"]["left"]["gyro_range"]["value"] == pytest.approx(math.radians(500.0), rel=1e-3)
         if metadata:
-            assert found["distance"] == pytest.approx(length, rel=0.01)
+            assert result["distance"] == pytest.approx(length, rel=0.01)
     capsys.readouterr()

@@ -26,115 +26,117 @@ def wheel(noise=NONE, estimate_bias=False, facing="left", **spec):
     return RollingWheel(WheelSpec(R, facing, **spec), noise, estimate_bias)
 
 
-def test_the_distance_is_the_integral_of_the_rate_and_its_variance_that_of_what_is_random():
+def test_distance_and_variance_are_the_integrals_of_rate_and_noise():
     """Of a gyro, of the road in either direction, and of a speed that wanders between samples."""
     t = np.cumsum(np.random.default_rng(2).uniform(0.002, 0.2, 60))
     rate = 4.0 * np.sin(2.0 * t)
     step = np.diff(t)
-    way = R * 0.5 * (rate[1:] + rate[:-1]) * step
+    distance = R * 0.5 * (rate[1:] + rate[:-1]) * step
     for noise, variance in (
         (OdometryNoise(0.02, 0.0, 0.0, 0.0), (R * 0.02 * step) ** 2),
-        (OdometryNoise(0.0, 0.03, 0.0, 0.0), 0.03**2 * np.abs(way)),
+        (OdometryNoise(0.0, 0.03, 0.0, 0.0), 0.03**2 * np.abs(distance)),
         (OdometryNoise(0.0, 0.0, 0.0, 0.7), 0.7**2 * step**3 / 12.0),
     ):
-        made = wheel(noise)
-        assert made.add_samples(samples(t, rate)) == 0
-        times, distances, variances = np.transpose(made.knots)
+        output = wheel(noise)
+        assert output.add_samples(samples(t, rate)) == 0
+        times, distances, variances = np.transpose(output.knots)
         assert times == pytest.approx(t * S, abs=1.0)
-        assert distances == pytest.approx(np.append(0.0, np.cumsum(way)), abs=1e-8)
+        assert distances == pytest.approx(np.append(0.0, np.cumsum(distance)), abs=1e-8)
         assert variances == pytest.approx(np.append(0.0, np.cumsum(variance)), rel=1e-6, abs=1e-15)
     turned = wheel(facing="right", gyro_bias=0.1)
     turned.add_samples(samples(t, -rate + 0.1))
-    assert turned.knots[-1][1] == pytest.approx(np.sum(way))
+    assert turned.knots[-1][1] == pytest.approx(np.sum(distance))
 
 
-def test_between_knots_it_is_a_line_and_what_was_read_before_is_let_go():
-    made = wheel(OdometryNoise(0.02, 0.0, 0.0, 0.0))
-    made.add_samples(samples([0.0, 1.0, 3.0, 4.0], [2.0, 2.0, 4.0, 4.0]))
+def test_distance_is_linear_between_knots_and_older_knots_are_dropped():
+    output = wheel(OdometryNoise(0.02, 0.0, 0.0, 0.0))
+    output.add_samples(samples([0.0, 1.0, 3.0, 4.0], [2.0, 2.0, 4.0, 4.0]))
     ways, variances = R * np.array([0.0, 2.0, 8.0, 12.0]), (R * 0.02) ** 2 * np.array([0.0, 1.0, 5.0, 6.0])
     for t in (0.0, 0.25, 1.0, 1.5, 3.0, 4.0):
         expected = [np.interp(t, [0.0, 1.0, 3.0, 4.0], column) for column in (ways, variances)]
-        assert made.distance_at(round(t * S)) == pytest.approx(expected)
-    assert [knot[0] for knot in made.knots] == [4 * S]
-    assert made.distance_at(4 * S) == pytest.approx((ways[-1], variances[-1]))
+        assert output.distance_at(round(t * S)) == pytest.approx(expected)
+    assert [knot[0] for knot in output.knots] == [4 * S]
+    assert output.distance_at(4 * S) == pytest.approx((ways[-1], variances[-1]))
 
 
-def test_samples_that_are_not_newer_are_counted_and_left_out():
-    made = wheel()
-    assert made.add_samples(samples([0.0, 1.0, 1.0, 0.5, 2.0], [1.0, 1.0, 50.0, 50.0, 1.0])) == 2
-    assert made.knots[-1][:2] == (2 * S, pytest.approx(2.0 * R))
-    assert made.newest_t_ns == 2 * S
+def test_samples_that_are_not_newer_are_counted_and_dropped():
+    output = wheel()
+    assert output.add_samples(samples([0.0, 1.0, 1.0, 0.5, 2.0], [1.0, 1.0, 50.0, 50.0, 1.0])) == 2
+    assert output.knots[-1][:2] == (2 * S, pytest.approx(2.0 * R))
+    assert output.newest_t_ns == 2 * S
 
 
-def test_of_too_many_knots_every_second_one_and_the_newest_stay(monkeypatch):
+def test_with_too_many_knots_every_second_one_and_the_newest_remain(monkeypatch):
     monkeypatch.setattr("hubodo.fuse.rolling_wheel._MAX_KNOTS", 10)
     for count in (10, 11, 12):
-        made = wheel()
-        made.add_samples(samples(np.arange(float(count)), np.ones(count)))
-        kept = [knot[0] // S for knot in made.knots]
-        assert kept == (list(range(count)) if count == 10 else sorted({*range(0, count - 1, 2), count - 1}))
+        output = wheel()
+        output.add_samples(samples(np.arange(float(count)), np.ones(count)))
+        retained = [knot[0] // S for knot in output.knots]
+        assert retained == (
+            list(range(count)) if count == 10 else sorted({*range(0, count - 1, 2), count - 1})
+        )
 
 
 def rested(rate, seconds=0.6, hz=100.0, **options):
-    made = wheel(estimate_bias=True, **options)
+    output = wheel(estimate_bias=True, **options)
     t = 5.0 + np.arange(0.0, seconds, 1.0 / hz)
-    made.add_samples(samples(t, np.full(len(t), rate)))
-    return made
+    output.add_samples(samples(t, np.full(len(t), rate)))
+    return output
 
 
 @pytest.mark.parametrize("sigma", [0.05, 3e-4])
 @pytest.mark.parametrize("facing", ["left", "right"])
-def test_a_rest_of_half_a_second_measures_the_bias_and_what_was_rolled_by_it_is_undone(sigma, facing):
+def test_half_a_second_of_standstill_measures_the_bias_and_corrects_the_distance(sigma, facing):
     """As precisely as a bias is stable, 40 deg/h; then it may walk on for half a second."""
-    made = rested(0.01, gyro_bias=0.002, gyro_bias_sigma=sigma, facing=facing)
+    output = rested(0.01, gyro_bias=0.002, gyro_bias_sigma=sigma, facing=facing)
     share = sigma**2 / (sigma**2 + 2e-4**2)
     bias = 0.002 + share * 0.008
-    assert made.bias == pytest.approx(bias, rel=1e-6)
-    assert made.bias_sigma == pytest.approx(
+    assert output.bias == pytest.approx(bias, rel=1e-6)
+    assert output.bias_sigma == pytest.approx(
         math.sqrt(sigma**2 * 2e-4**2 / (sigma**2 + 2e-4**2) + 2e-5**2 * 0.5), rel=1e-6
     )
     sign = 1.0 if facing == "left" else -1.0
-    times, distances, _ = np.transpose(made.knots)
+    times, distances, _ = np.transpose(output.knots)
     assert distances == pytest.approx(sign * R * (0.01 - bias) * (times / S - 5.0), abs=1e-9)
 
 
-def test_it_is_ready_when_it_was_looked_at_whether_it_rests_or_not():
+def test_a_wheel_is_initialised_after_its_first_block_stationary_or_not():
     for seconds, ready in ((0.49, False), (0.52, True)):
         assert rested(0.01, seconds).is_initialised == ready
     rolls = rested(1.0)
     assert rolls.is_initialised and rolls.bias == 0.0 and rolls.bias_sigma == 0.05
     assert wheel().is_initialised
     # A later rest leaves what was rolled before as it was.
-    made = wheel(estimate_bias=True)
+    output = wheel(estimate_bias=True)
     t = np.arange(0.0, 1.05, 0.01)
-    made.add_samples(samples(t, np.where(t < 0.5, 2.0, 0.01)))
-    assert made.bias == pytest.approx(0.01, rel=1e-3)
-    half = next(knot[1] for knot in made.knots if knot[0] == round(0.49 * S))
+    output.add_samples(samples(t, np.where(t < 0.5, 2.0, 0.01)))
+    assert output.bias == pytest.approx(0.01, rel=1e-3)
+    half = next(knot[1] for knot in output.knots if knot[0] == round(0.49 * S))
     assert half == pytest.approx(R * 2.0 * 0.49)
 
 
 def judged(rate, turned=0.0, count=50):
     """Whether a block of two halves, of so many samples in half a second, is a rest."""
-    made = StandstillBlocks()
+    output = StandstillBlocks()
     t = np.arange(count + 1) / count * 0.5
-    told = [
-        made.add_sample(round(at * S), float(r), G * math.cos(a), -G * math.sin(a))
+    reported = [
+        output.add_sample(round(at * S), float(r), G * math.cos(a), -G * math.sin(a))
         for at, r, a in zip(t, *np.broadcast_arrays(rate, turned, t)[:2], strict=True)
     ]
-    assert told == [False] * count + [True]
-    return made
+    assert reported == [False] * count + [True]
+    return output
 
 
-def test_a_wheel_rests_where_its_gyro_is_steady_and_gravity_stays():
+def test_a_wheel_is_stationary_where_gyro_and_gravity_are_steady():
     for rate, rests in ((0.349, True), (0.351, False), (-0.349, True), (-0.351, False)):
         assert judged(rate).is_stationary == rests
     ripple = (-1.0) ** np.arange(51)
     for size, rests in ((0.0195, True), (0.0205, False)):
-        made = judged(0.1 + size * ripple)
-        assert made.is_stationary == rests
-        assert made.mean == pytest.approx(0.1, abs=1e-12)
+        output = judged(0.1 + size * ripple)
+        assert output.is_stationary == rests
+        assert output.mean == pytest.approx(0.1, abs=1e-12)
         # Of 50 samples, and of a bias that is not steadier than that.
-        assert made.variance == pytest.approx(size**2 / 50 + 2e-4**2)
+        assert output.variance == pytest.approx(size**2 / 50 + 2e-4**2)
     second = np.arange(51) >= 25
     for sign in (1.0, -1.0):
         for turned, rests in ((0.0049, True), (0.0051, False)):
@@ -151,7 +153,7 @@ def driven(wheels, noise, step):
     return [state for one in wheels for state in odometry.add_samples(one).states]
 
 
-def test_what_is_random_in_each_step_goes_into_the_pose_as_differences_say():
+def test_step_noise_propagates_to_the_pose_as_numerical_differences():
     """Each wheel rolls too far by the road's noise, and the vehicle slides sideways; a bend in each step."""
     road, lateral, step = 0.02, 0.03, 0.5
     t = np.arange(0.0, 6.01, step)
@@ -160,14 +162,14 @@ def test_what_is_random_in_each_step_goes_into_the_pose_as_differences_say():
     last = driven([samples(t, rates[0]), samples(t, rates[1], "right")], noise, S // 2)[-1]
     ways = R * 0.5 * step * (rates[:, 1:] + rates[:, :-1])
 
-    def pose(off):
+    def pose(error):
         x = y = heading = 0.0
-        for (left, right), (more_left, more_right, aside) in zip(ways.T, off.reshape(-1, 3), strict=True):
+        for (left, right), (more_left, more_right, aside) in zip(ways.T, error.reshape(-1, 3), strict=True):
             left, right = left + more_left, right + more_right
-            turn, way = (right - left) / B, 0.5 * (left + right)
+            turn, distance = (right - left) / B, 0.5 * (left + right)
             middle = heading + 0.5 * turn
-            x += way * math.cos(middle) - aside * math.sin(middle)
-            y += way * math.sin(middle) + aside * math.cos(middle)
+            x += distance * math.cos(middle) - aside * math.sin(middle)
+            y += distance * math.sin(middle) + aside * math.cos(middle)
             heading += turn
         return np.array([x, y, heading])
 
@@ -184,7 +186,7 @@ def test_what_is_random_in_each_step_goes_into_the_pose_as_differences_say():
     assert (last.speed, last.yaw_rate) == pytest.approx(tuple(mean @ ways[:, -1]))
 
 
-def test_poses_begin_with_the_first_whole_step_in_which_both_wheels_are_heard():
+def test_poses_begin_with_the_first_step_for_which_both_wheels_have_samples():
     t = np.arange(0.0, 1.0, 0.01)
     for late, first in ((0.333, 0.34), (0.0, 0.0)):
         for sides in (("left", "right"), ("right", "left")):
@@ -194,5 +196,5 @@ def test_poses_begin_with_the_first_whole_step_in_which_both_wheels_are_heard():
             assert states[0].distance == states[0].x == 0.0
             assert states[-1].t_ns == round(0.99 * S)
             assert states[-1].distance == pytest.approx(R * (0.99 - first))
-    apart = [samples(t, np.ones(100)), samples(t + 1.0, np.ones(100), "right")]
-    assert driven(apart, NONE, S // 100) == []
+    difference = [samples(t, np.ones(100)), samples(t + 1.0, np.ones(100), "right")]
+    assert driven(difference, NONE, S // 100) == []

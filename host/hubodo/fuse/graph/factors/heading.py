@@ -12,6 +12,7 @@ from hubodo.fuse.graph.factors.constants import COMPASS_OFFSET, N_CONSTANTS
 from hubodo.fuse.graph.factors.factor import FactorGroup, LinearisedFactors
 from hubodo.fuse.graph.factors.loss import Loss
 from hubodo.fuse.graph.odometry_steps import SegmentedOdometry
+from hubodo.recording import Table
 
 _MIN_HEADING_SIGMA = 1e-4
 """rad; no compass or antenna pair is more accurate, and a sigma of 0 is a mistake."""
@@ -31,6 +32,11 @@ class Headings:
     t: Array
     heading: Array
     sigma: Array | None = None
+
+    @classmethod
+    def from_table(cls, table: Table) -> Headings:
+        """Return the headings of a recording's table `heading`."""
+        return cls(table.t, table["heading"], table.columns.get("sigma"))
 
     @property
     def pose_times(self) -> Array:

@@ -17,7 +17,7 @@ MODEL = WarmupModel(start.C2 * DEG, start.C1 * DEG, start.T)
 def driven(case, seeds):
     """(M, 6000) errors in degrees of ours and of the mean of the rest, all runs at once; the last state."""
     runs = [start.run(case, np.random.default_rng(seed)) for seed in seeds]
-    output = np.array([made for _, made, _ in runs])
+    output = np.array([produced for _, produced, _ in runs])
     noise = BiasNoise(start.NOISE * DEG * math.sqrt(start.DT))
     ours = HeadingFilter(MODEL, noise, age=start.AGES[case], shape=(len(runs),))
     heading = []
@@ -31,21 +31,21 @@ def driven(case, seeds):
 
 
 @pytest.mark.parametrize("case", start.DRIFTS_DEG)
-def test_the_error_is_near_the_bound_and_as_large_as_the_filter_says(case):
+def test_the_error_is_near_the_lower_bound_and_agrees_with_the_sigma(case):
     """The bound is what white noise leaves of the rest; beside a cold gyro its mean is off by its warm-up."""
     seeds = range(16)
     errors, mean, state = driven(case, seeds)
     ends, sigma = errors[:, -1], state.sigma_heading / DEG
     bound = start.NOISE / math.sqrt(start.AVERAGED) * start.RUN * start.DT
     print(f"{case}, {seeds}: rms {np.sqrt(np.mean(ends**2)):.2f} deg, sigma {sigma:.2f}, bound {bound:.2f}")
-    rival = np.sqrt(np.mean(mean[:, -1] ** 2))
-    assert np.sqrt(np.mean(ends**2)) < (1.1 if case == "warmed up" else 0.5) * rival
+    reference_filter = np.sqrt(np.mean(mean[:, -1] ** 2))
+    assert np.sqrt(np.mean(ends**2)) < (1.1 if case == "warmed up" else 0.5) * reference_filter
     assert bound < sigma < 2 * bound
     # Chi-square with 16 degrees of freedom lies between 3.9 and 38 in 99.8 % of cases.
     assert 3.9 < np.sum((ends / sigma) ** 2) < 38
 
 
-def test_a_step_of_the_rate_leaves_no_peak():
+def test_a_step_of_the_rate_causes_no_error_peak():
     errors, _, _ = driven("random rates", [3])
     parts = errors[0].reshape(10, -1)
     jumps = np.abs(parts[1:, :100] - parts[:-1, -1:]).max()
@@ -53,7 +53,7 @@ def test_a_step_of_the_rate_leaves_no_peak():
     assert jumps < 0.6
 
 
-def test_it_is_filterpys_filter_of_two_states_in_rest_and_motion():
+def test_with_two_states_it_equals_filterpy_at_standstill_and_in_motion():
     noise, dt, walk = 0.01, 0.1, 0.001
     ours = HeadingFilter(
         WarmupModel(0.0), BiasNoise(noise * math.sqrt(dt), rate_random_walk=walk, offset=0.1)
@@ -65,10 +65,10 @@ def test_it_is_filterpys_filter_of_two_states_in_rest_and_motion():
     walked, turned = np.diag([0.0, walk**2 * dt]), np.array([[1.0, -dt], [0.0, 1.0]])
     rng = np.random.default_rng(5)
     for k in range(300):
-        z, rest = rng.normal(0.02, noise), k % 100 < 60
-        ours.update(z, dt, is_stationary=rest)
+        z, remaining = rng.normal(0.02, noise), k % 100 < 60
+        ours.update(z, dt, is_stationary=remaining)
         theirs.predict(F=np.eye(2), Q=walked)
-        if rest:
+        if remaining:
             theirs.update(z)
         else:
             read = np.diag([(noise * dt) ** 2, 0.0])
@@ -76,7 +76,7 @@ def test_it_is_filterpys_filter_of_two_states_in_rest_and_motion():
         agree(ours, theirs.x, theirs.P, [0.0, 1.0])
 
 
-def test_it_is_filterpys_filter_with_the_warm_ups_errors_and_flicker():
+def test_with_warm_up_errors_and_flicker_it_equals_filterpy():
     """All states, at uneven intervals: the offset, c1, T, the temperature, four Markov processes and more."""
     model = WarmupModel(0.002, 0.02, 300.0, temperature_coefficient=1e-4)
     sigmas = {"c1": 0.004, "time_constant": 40.0, "temperature_coefficient": 3e-5}
@@ -92,8 +92,8 @@ def test_it_is_filterpys_filter_with_the_warm_ups_errors_and_flicker():
     rng, age = np.random.default_rng(8), 20.0
     for k in range(200):
         dt, warm = rng.uniform(0.5, 2.0), rng.uniform(20.0, 30.0)
-        z, rest, doubt = rng.normal(0.02, 0.01), k % 100 < 40, 0.003 if k % 7 == 0 else 0.0
-        ours.update(z, dt, is_stationary=rest, temperature=warm, sigma=doubt)
+        z, remaining, doubt = rng.normal(0.02, 0.01), k % 100 < 40, 0.003 if k % 7 == 0 else 0.0
+        ours.update(z, dt, is_stationary=remaining, temperature=warm, sigma=doubt)
         t, age = age + 0.5 * dt, age + dt
         gone = math.exp(-t / 300.0)
         course = 0.002 + 0.02 * (1.0 - gone) + 1e-4 * (warm - 25.0)
@@ -101,7 +101,7 @@ def test_it_is_filterpys_filter_with_the_warm_ups_errors_and_flicker():
         keep = np.exp(-dt / constants)
         fade = np.diag([*[1.0] * 5, *keep])
         theirs.predict(F=fade, Q=np.diag([0.0, k_walk**2 * dt, 0, 0, 0, *each * (1.0 - keep**2)]))
-        if rest:
+        if remaining:
             theirs.update(z - course, H=np.array([h]), R=n**2 / dt + doubt**2)
         else:
             turned = np.eye(count)
@@ -121,21 +121,21 @@ def agree(ours, x, p, h, course=0.0):
     assert (state.sigma_heading, state.sigma_bias) == pytest.approx(spread, rel=1e-6, abs=1e-12)
 
 
-def test_many_runs_at_once_are_each_as_alone():
+def test_runs_processed_together_equal_single_runs():
     noise = BiasNoise(1e-3, 1e-4, 1e-5)
     rates = np.random.default_rng(9).normal(0.1, 0.01, (50, 3))
     together = HeadingFilter(MODEL, noise, shape=(3,))
-    alone = [HeadingFilter(MODEL, noise) for _ in range(3)]
+    single = [HeadingFilter(MODEL, noise) for _ in range(3)]
     for k, row in enumerate(rates):
         together.update(row, 0.1, is_stationary=k < 20)
-        for filter_, rate in zip(alone, row.tolist(), strict=True):
+        for filter_, rate in zip(single, row.tolist(), strict=True):
             filter_.update(rate, 0.1, is_stationary=k < 20)
-    ends = [filter_.state() for filter_ in alone]
+    ends = [filter_.state() for filter_ in single]
     assert together.state().heading == pytest.approx([float(end.heading) for end in ends], rel=1e-12)
     assert together.state().bias == pytest.approx([float(end.bias) for end in ends], rel=1e-12)
 
 
-def test_a_standstill_after_the_drive_mends_the_heading_of_the_drive():
+def test_a_standstill_after_the_drive_corrects_the_heading():
     """With a bias that walks, ten seconds of rest before and after tell more than those before alone."""
     noise = BiasNoise(1e-4, rate_random_walk=1e-3)
     before, both = (HeadingFilter(WarmupModel(0.0), noise) for _ in range(2))

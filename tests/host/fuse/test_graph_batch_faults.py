@@ -14,22 +14,22 @@ from hubodo.fuse.graph.review import estimate_sigma_growth
 
 
 @pytest.mark.parametrize(
-    ("begin", "end"),
+    ("start", "end"),
     [(80.0, 90.0), (80.0, 80.2), (-1.0, 10.0), (130.0, 1e9)],
     ids=["10 s", "once", "start", "to end"],
 )
-def test_a_jump_of_a_hundred_metres_is_survived_and_said(begin, end):
+def test_fixes_that_jump_by_a_hundred_metres_are_rejected_and_reported(start, end):
     drive = make(7)
-    jumped = (drive.fix_t > begin) & (drive.fix_t < end)
+    jumped = (drive.fix_t > start) & (drive.fix_t < end)
     result = fuse_graph(path_of(drive), north(fixes_of(drive), jumped, 100.0))
     error = errors_of(drive, result)
     assert rms(error) < 1.5
-    said = [text for text in result.warnings if "jumped" in text]
-    assert len(said) == 1
-    assert f"t = {drive.fix_t[jumped][0]:.1f}" in said[0]
+    messages = [text for text in result.warnings if "jumped" in text]
+    assert len(messages) == 1
+    assert f"t = {drive.fix_t[jumped][0]:.1f}" in messages[0]
 
 
-def test_a_jump_smaller_than_its_noise_widens_the_sigmas():
+def test_a_jump_smaller_than_the_noise_inflates_the_sigmas():
     drive = make(8)
     plain = fuse_graph(path_of(drive), fixes_of(drive))
     result = fuse_graph(
@@ -39,22 +39,22 @@ def test_a_jump_smaller_than_its_noise_widens_the_sigmas():
     assert any("correlated" in text for text in result.warnings)
 
 
-@pytest.mark.parametrize("alike", [1, 2, 3])
-def test_sigmas_grow_by_the_root_of_how_many_fixes_are_alike(alike):
+@pytest.mark.parametrize("repeats", [1, 2, 3])
+def test_sigmas_grow_by_the_root_of_the_number_of_equal_fixes(repeats):
     """A mean of numbers of which each comes so many times over is as unsure as that of so many fewer."""
     rng = np.random.default_rng(3)
-    errors = 0.8 * np.repeat(rng.standard_normal((6000 // alike, 2)), alike, axis=0)
+    errors = 0.8 * np.repeat(rng.standard_normal((6000 // repeats, 2)), repeats, axis=0)
     item = SimpleNamespace(residual=errors, squared_norms=np.zeros(len(errors)))
     loss = SimpleNamespace(weight=np.ones_like)
     factors = SimpleNamespace(linearise=lambda poses, constants: item, loss=loss)
-    growth, why = estimate_sigma_growth(
+    growth, reasons = estimate_sigma_growth(
         SimpleNamespace(find=lambda kind: factors), SimpleNamespace(poses=None, constants=None), 1.0
     )
-    assert growth == pytest.approx(alike**0.5, rel=0.03)
-    assert len(why) == (alike > 1) and all(f"{alike} count as one" in text for text in why)
+    assert growth == pytest.approx(repeats**0.5, rel=0.03)
+    assert len(reasons) == (repeats > 1) and all(f"{repeats} count as one" in text for text in reasons)
 
 
-def test_a_receiver_that_promises_too_much_is_not_believed():
+def test_overconfident_sigmas_of_a_receiver_are_inflated():
     drive = make(9)
     plain = fuse_graph(path_of(drive), fixes_of(drive, sigma=5.0))
     bold = fuse_graph(path_of(drive), fixes_of(drive, sigma=0.5))
@@ -64,23 +64,23 @@ def test_a_receiver_that_promises_too_much_is_not_believed():
 
 
 @pytest.mark.parametrize("delay", [2.0, -1.5])
-def test_a_clock_that_is_off_is_found_undone_and_said(delay):
+def test_a_clock_offset_is_estimated_corrected_and_reported(delay):
     drive = make(10, delay=delay)
     result = fuse_graph(path_of(drive), fixes_of(drive))
-    found = result.constants["gnss_delay"]
-    assert abs(found.value - delay) < 4.0 * found.sigma
+    estimate = result.constants["gnss_delay"]
+    assert abs(estimate.value - delay) < 4.0 * estimate.sigma
     assert rms(errors_of(drive, result)) < 1.0
     assert any("time stamps" in text for text in result.warnings)
 
 
-def test_a_clock_that_is_right_stays_untouched():
+def test_fixes_without_a_clock_offset_are_not_shifted():
     drive = make(11, sigma=0.05)
     result = fuse_graph(path_of(drive), fixes_of(drive, sigma=0.05))
     assert abs(result.constants["gnss_delay"].value) < 4.0 * result.constants["gnss_delay"].sigma
     assert result.warnings == ()
 
 
-def test_rows_that_are_no_place_on_earth_are_named_and_left_out():
+def test_rows_that_are_not_on_earth_are_reported_and_dropped():
     drive = make(14)
     fixes = fixes_of(drive)
     latitude = fixes.latitude_deg.copy()
@@ -94,7 +94,7 @@ def test_rows_that_are_no_place_on_earth_are_named_and_left_out():
         fuse_graph(path_of(drive), replace(fixes, latitude_deg=fixes.latitude_deg * 0.0 + 95.0))
 
 
-def test_fixes_of_another_clock_altogether_are_one_clear_error():
+def test_fixes_of_another_clock_raise_one_clear_error():
     drive = make(15, length=40.0)
     fixes = fixes_of(drive)
     with pytest.raises(InputError, match="clocks differ"):
@@ -116,14 +116,16 @@ def test_fixes_at_null_island_do_not_move_the_frame():
     assert any("km from the others" in text for text in result.warnings)
 
 
-def test_screening_keeps_what_the_wheels_can_have_rolled():
-    way = np.arange(100.0)
-    place = way + 0j
+def test_screening_keeps_fixes_consistent_with_the_distance_rolled():
+    distance = np.arange(100.0)
+    place = distance + 0j
     sigma = np.ones(100)
-    assert find_consistent_fixes(place, way, sigma).all()
-    jumped = place + np.where((way > 20) & (way < 30), 100j, 0)
-    assert np.array_equal(find_consistent_fixes(jumped, way, sigma), ~((way > 20) & (way < 30)))
+    assert find_consistent_fixes(place, distance, sigma).all()
+    jumped = place + np.where((distance > 20) & (distance < 30), 100j, 0)
+    assert np.array_equal(
+        find_consistent_fixes(jumped, distance, sigma), ~((distance > 20) & (distance < 30))
+    )
     rng = np.random.default_rng(0)
     noise = rng.standard_normal(100) + 1j * rng.standard_normal(100)
-    assert estimate_scatter(0.01 * place + noise, 0.01 * way, sigma) == 1.0
-    assert estimate_scatter(0.01 * place + 3.0 * noise, 0.01 * way, sigma) == pytest.approx(3.0, rel=0.2)
+    assert estimate_scatter(0.01 * place + noise, 0.01 * distance, sigma) == 1.0
+    assert estimate_scatter(0.01 * place + 3.0 * noise, 0.01 * distance, sigma) == pytest.approx(3.0, rel=0.2)

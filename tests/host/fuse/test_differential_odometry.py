@@ -64,7 +64,7 @@ def split(samples, size):
         yield WheelSamples(samples.side, samples.t_ns[part], samples.gyro[part], samples.accel[part])
 
 
-def test_a_straight_line_is_straight_and_as_long_as_speed_times_time():
+def test_a_straight_drive_has_the_length_of_speed_times_time():
     last = drive(config(), *pair(10, lambda t: FORWARD, lambda t: 0.0))[-1]
     seconds = (last.t_ns - T0) / NS_PER_S
     assert last.x == pytest.approx(FORWARD * seconds, abs=1e-9)
@@ -85,7 +85,7 @@ def test_a_circle_closes_on_the_left_and_the_midpoint_rule_leaves_the_chord_erro
 
 @pytest.mark.parametrize("left", ["left", "right"])
 @pytest.mark.parametrize("right", ["left", "right"])
-def test_where_a_node_faces_changes_the_sign_of_its_gyro_and_nothing_else(left, right):
+def test_the_facing_of_a_node_only_changes_the_sign_of_its_gyro(left, right):
     a = wheel("left", 2, lambda t: 4.0, facing=left)
     b = wheel("right", 2, lambda t: 5.0, facing=right)
     last = drive(config(left_facing=left, right_facing=right), a, b)[-1]
@@ -94,9 +94,9 @@ def test_where_a_node_faces_changes_the_sign_of_its_gyro_and_nothing_else(left, 
 
 
 @given(st.integers(1, 40), st.integers(1, 40), st.integers(0, 4))
-def test_portions_and_order_of_arrival_do_not_change_the_track(n_left, n_right, seed):
+def test_batch_sizes_and_order_of_arrival_do_not_change_the_track(n_left, n_right, seed):
     a, b = pair(1.0, lambda t: 1 + t, lambda t: 0.3 * t)
-    whole = drive(config(), a, b)
+    full = drive(config(), a, b)
     parts = [*split(a, n_left)], [*split(b, n_right)]
     rng = np.random.default_rng(seed)
     mixed = []
@@ -105,15 +105,15 @@ def test_portions_and_order_of_arrival_do_not_change_the_track(n_left, n_right, 
         queue = queues[int(rng.integers(2))]
         if queue:
             mixed.append(queue.pop(0))
-    assert drive(config(), *mixed) == whole
+    assert drive(config(), *mixed) == full
 
 
 @given(st.integers(-(10**9), 10**9))
-def test_a_shift_in_time_by_whole_steps_moves_the_stamps_only(steps):
+def test_a_shift_by_whole_steps_changes_the_time_stamps_only(steps):
     a, b = pair(0.5, lambda t: 1.0, lambda t: 0.2)
     shift = steps * 10_000_000
-    moved = [WheelSamples(w.side, w.t_ns + shift, w.gyro, w.accel) for w in (a, b)]
-    one, two = drive(config(), a, b), drive(config(), *moved)
+    shifted = [WheelSamples(w.side, w.t_ns + shift, w.gyro, w.accel) for w in (a, b)]
+    one, two = drive(config(), a, b), drive(config(), *shifted)
     assert [s.t_ns + shift for s in one] == [s.t_ns for s in two]
     assert [(s.x, s.y, s.heading) for s in one] == [(s.x, s.y, s.heading) for s in two]
 
@@ -125,7 +125,7 @@ def test_left_and_right_swapped_mirror_the_track():
     assert (one.x, -one.y, -one.heading) == pytest.approx((two.x, two.y, two.heading))
 
 
-def test_wheels_with_other_rates_and_phases_still_agree():
+def test_wheels_with_different_rates_and_phases_agree():
     a = wheel("left", 5, lambda t: 4.0, hz=416.0, start=0.0013)
     b = wheel("right", 5, lambda t: 4.0, hz=104.0, start=0.0047)
     states = drive(config(), a, b)
@@ -133,7 +133,7 @@ def test_wheels_with_other_rates_and_phases_still_agree():
     assert np.diff([s.t_ns for s in states]).tolist() == [10_000_000] * (len(states) - 1)
 
 
-def test_one_wheel_alone_waits_and_its_samples_are_not_forgotten():
+def test_samples_of_one_wheel_wait_for_the_other():
     a, b = pair(2, lambda t: 1.0, lambda t: 0.0)
     odometry = DifferentialOdometry(config())
     assert odometry.add_samples(a).outcome is SampleOutcome.WAITING
@@ -143,7 +143,7 @@ def test_one_wheel_alone_waits_and_its_samples_are_not_forgotten():
     assert handled.states[-1] == odometry.state()
 
 
-def test_samples_that_are_not_newer_are_left_out_and_said_to_be_late():
+def test_samples_that_are_not_newer_are_dropped_and_reported_as_late():
     a, b = pair(1, lambda t: 1.0, lambda t: 0.0)
     odometry = DifferentialOdometry(config())
     odometry.add_samples(a)
@@ -151,18 +151,18 @@ def test_samples_that_are_not_newer_are_left_out_and_said_to_be_late():
     assert odometry.add_samples(b).states[-1].x == pytest.approx(0.99, abs=0.02)
 
 
-def test_a_gap_is_bridged_on_the_chord_and_paid_for_in_variance():
+def test_a_gap_is_bridged_by_the_chord_with_increased_variance():
     a, b = pair(10, lambda t: FORWARD, lambda t: 0.0)
     hole = (a.t_ns < T0 + 4 * NS_PER_S) | (a.t_ns > T0 + 6 * NS_PER_S)
     holed = WheelSamples("left", a.t_ns[hole], a.gyro[hole], a.accel[hole])
-    whole, bridged = drive(config(), a, b)[-1], drive(config(), holed, b)[-1]
-    assert bridged.x == pytest.approx(whole.x, abs=1e-9)
+    full, bridged = drive(config(), a, b)[-1], drive(config(), holed, b)[-1]
+    assert bridged.x == pytest.approx(full.x, abs=1e-9)
     # A Brownian bridge of 2 s at 1 m/s per sqrt(s) leaves 2^3 / 12 m2 on one wheel.
-    extra = bridged.covariance[2][2] - whole.covariance[2][2]
+    extra = bridged.covariance[2][2] - full.covariance[2][2]
     assert extra == pytest.approx(2.0**3 / 12 / B**2, rel=0.02)
 
 
-def test_a_gyro_bias_is_learned_at_rest_and_taken_out_from_the_first_sample_on():
+def test_a_gyro_bias_is_estimated_at_standstill_and_corrected_from_the_first_sample_on():
     rng = np.random.default_rng(11)
 
     def speed(t):
@@ -184,7 +184,7 @@ def test_a_gyro_bias_is_learned_at_rest_and_taken_out_from_the_first_sample_on()
     assert abs(naive.heading) > 0.3  # what the bias would have done
 
 
-def test_slow_rolling_is_not_mistaken_for_rest():
+def test_slow_rolling_is_not_taken_as_standstill():
     a, b = pair(20, lambda t: 0.03, lambda t: 0.0)
     odometry = DifferentialOdometry(config(estimate_bias=True))
     odometry.add_samples(a)
@@ -205,14 +205,14 @@ def test_the_covariance_covers_many_noisy_drives():
     rng = np.random.default_rng(seed)
     for _ in range(50):
         both, track = rng.normal(0, 0.005), 1 + rng.normal(0, 0.01)
-        made = []
+        output = []
         for side, samples in zip(("left", "right"), silent, strict=True):
             scale = 1 + both + rng.normal(0, 0.002)
             gyro = samples.gyro * scale + rng.normal(0, 0.002)
             gyro[:, 2] += rng.normal(0, 0.02, len(gyro))
-            made.append(WheelSamples(side, samples.t_ns, gyro, samples.accel))
+            output.append(WheelSamples(side, samples.t_ns, gyro, samples.accel))
         off = OdometryConfig(cfg.left, cfg.right, B * track, estimate_bias=False, noise=noise)
-        last = drive(off, *made)[-1]
+        last = drive(off, *output)[-1]
         error = np.array([last.x - truth.x, last.y - truth.y, last.heading - truth.heading])
         total += float(error @ np.linalg.solve(np.array(truth.covariance), error))
     # 99.9 % of chi-square(150) lies within 99.5 to 213.6.
@@ -239,7 +239,7 @@ def constants_off(cfg, name, by):
 
 
 @pytest.mark.parametrize("name", CONSTANTS)
-def test_what_a_constant_does_to_the_pose_is_the_derivative_of_the_pose(name):
+def test_the_covariance_by_a_constant_error_is_that_of_the_pose_derivative(name):
     """Steps of half a second, within which the heading turns far, against central differences."""
     silent = dict.fromkeys(("gyro", "road", "lateral", "speed_walk", "radius", "radius_each", "track"), 0.0)
     sigma = 0.01
@@ -261,7 +261,7 @@ def test_what_a_constant_does_to_the_pose_is_the_derivative_of_the_pose(name):
     assert covariance == pytest.approx(expected, rel=1e-6, abs=1e-12)
 
 
-def test_on_a_straight_way_a_heading_that_strays_as_a_random_walk_carries_the_place_sideways():
+def test_on_a_straight_path_a_heading_random_walk_causes_lateral_variance():
     """With variance q of the heading a metre: q L at the end, q L^3 / 3 sideways, q L^2 / 2 of both."""
     noise = OdometryNoise(
         gyro=0.0, road=0.01, lateral=0.0, speed_walk=0.0, radius=0.0, radius_each=0.0, track=0.0
@@ -279,7 +279,7 @@ def test_on_a_straight_way_a_heading_that_strays_as_a_random_walk_carries_the_pl
     assert yaw_rate == pytest.approx(speed * 4 / B**2) and cross == 0.0
 
 
-def test_a_long_silence_of_one_wheel_does_not_fill_the_memory(monkeypatch):
+def test_a_long_outage_of_one_wheel_does_not_fill_the_memory(monkeypatch):
     monkeypatch.setattr("hubodo.fuse.rolling_wheel._MAX_KNOTS", 1 << 13)
     odometry = DifferentialOdometry(config())
     for k in range(15):
@@ -295,9 +295,9 @@ def test_a_long_silence_of_one_wheel_does_not_fill_the_memory(monkeypatch):
     assert last.distance == pytest.approx(2.0 * R * (last.t_ns - T0) / NS_PER_S)
 
 
-def test_a_recording_is_integrated_as_if_it_came_live_however_long_it_is(monkeypatch):
+def test_a_recording_is_integrated_bit_by_bit_as_live(monkeypatch):
     a, b = pair(12, lambda t: 1 + 0.1 * t, lambda t: 0.3 * math.sin(t))
-    whole = drive(config(), a, b)
+    full = drive(config(), a, b)
     monkeypatch.setattr("hubodo.fuse.rolling_wheel._MAX_KNOTS", 500)
-    assert integrate_wheels(config(), [a, b]) == whole
+    assert integrate_wheels(config(), [a, b]) == full
     assert integrate_wheels(config(), []) == []

@@ -28,7 +28,7 @@ Odometry noise 10 % of the increment, fixes 5 m in east and north, no constants 
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_five_metre_fixes_place_a_loop_within_a_metre_whatever_its_first_heading(seed):
+def test_with_five_metre_fixes_a_loop_is_accurate_to_a_metre_for_any_start_heading(seed):
     drive = make(seed)
     result = fuse_graph(path_of(drive), fixes_of(drive))
     assert rms(errors_of(drive, result)) < 1.0
@@ -36,7 +36,7 @@ def test_five_metre_fixes_place_a_loop_within_a_metre_whatever_its_first_heading
 
 
 @pytest.mark.parametrize("heading", np.linspace(-np.pi, np.pi, 9))
-def test_no_first_heading_leads_into_a_wrong_minimum(heading):
+def test_no_start_heading_leads_to_a_wrong_minimum(heading):
     drive = make(20, length=80.0, start_heading=heading)
     result = fuse_graph(path_of(drive), fixes_of(drive))
     error = errors_of(drive, result)
@@ -54,7 +54,7 @@ def of_the_prior(rng):
     return errors, np.array(undone)
 
 
-def test_poses_and_constants_are_as_far_from_the_truth_as_their_covariance_says():
+def test_errors_of_poses_and_constants_agree_with_their_covariance():
     """NEES of three dimensions at one pose of each of 30 drives, and of four constants.
 
     Seeds 0 to 29; both means within the 99.9 % band.
@@ -81,7 +81,7 @@ def test_precise_fixes_calibrate_the_wheels():
     drive = make(
         3, errors=errors, sigma=0.02, motion=lambda rng: gnss_drives.loop(rng, laps=4, speed=(0.4, 2.5))
     )
-    found = fuse_graph(path_of(drive), fixes_of(drive, sigma=0.02)).constants
+    result = fuse_graph(path_of(drive), fixes_of(drive, sigma=0.02)).constants
     true = {
         "wheel_radius": 1 / 1.008 - 1,
         "yaw_scale": 1 / 0.988 - 1,
@@ -89,9 +89,9 @@ def test_precise_fixes_calibrate_the_wheels():
         "curvature": -1e-3 / 0.988 / 1.008,
     }
     for name, value in true.items():
-        assert abs(found[name].value - value) < 4.0 * found[name].sigma, name
-    assert found["wheel_radius"].sigma < 3e-4
-    assert found["yaw_scale"].sigma < 1e-3
+        assert abs(result[name].value - value) < 4.0 * result[name].sigma, name
+    assert result["wheel_radius"].sigma < 3e-4
+    assert result["yaw_scale"].sigma < 1e-3
 
 
 def test_the_track_is_better_than_the_fixes_alone():
@@ -102,11 +102,11 @@ def test_the_track_is_better_than_the_fixes_alone():
         zero = np.zeros(1)
         ox, oy = result.frame.to_local(*gnss_drives.geodetic(zero, zero, *drive.origin))
         tx, ty, _ = drive.truth(drive.fix_t)
-        alone = np.sqrt(np.mean((x - ox - tx) ** 2 + (y - oy - ty) ** 2))
-        assert rms(errors_of(drive, result)) < alone
+        single = np.sqrt(np.mean((x - ox - tx) ** 2 + (y - oy - ty) ** 2))
+        assert rms(errors_of(drive, result)) < single
 
 
-def test_the_antenna_is_not_the_vehicle():
+def test_the_antenna_offset_is_accounted_for():
     """A lever arm left out shows at once with fixes of 2 cm."""
     drive = make(5, sigma=0.02, antenna=(0.6, -0.3))
     fixes = fixes_of(drive, sigma=0.02)
@@ -117,7 +117,7 @@ def test_the_antenna_is_not_the_vehicle():
     assert rms(errors_of(drive, unknown)) > 0.2
 
 
-def test_an_outage_of_a_minute_costs_less_than_a_percent_of_the_way_in_it():
+def test_the_error_after_an_outage_of_a_minute_is_below_a_percent_of_its_distance():
     drive = make(6)
     keep = (drive.fix_t < 80.0) | (drive.fix_t > 140.0)
     result = fuse_graph(path_of(drive), fixes_of(drive, keep))
@@ -129,14 +129,14 @@ def test_an_outage_of_a_minute_costs_less_than_a_percent_of_the_way_in_it():
     assert gap.percent is not None
     assert gap.percent < 1.0
     rolled = np.cumsum(drive.speed) * 1e-3
-    way = np.interp(gap.end, drive.t, rolled) - np.interp(gap.start, drive.t, rolled)
-    assert gap.distance == pytest.approx(way, rel=0.02)
-    (untold,) = find_gnss_outages(result.track, result.fix_t)
-    assert untold.error is None
-    assert untold.percent is None
+    distance = np.interp(gap.end, drive.t, rolled) - np.interp(gap.start, drive.t, rolled)
+    assert gap.distance == pytest.approx(distance, rel=0.02)
+    (without_truth,) = find_gnss_outages(result.track, result.fix_t)
+    assert without_truth.error is None
+    assert without_truth.percent is None
 
 
-def test_one_fix_places_the_track_and_leaves_its_direction_open():
+def test_one_fix_determines_the_position_but_not_the_direction():
     drive = make(12)
     result = fuse_graph(path_of(drive), fixes_of(drive, slice(300, 301)))
     assert any("one fix only" in text for text in result.warnings)
@@ -147,20 +147,20 @@ def test_one_fix_places_the_track_and_leaves_its_direction_open():
     assert result.track.sigma_x[-1] > 10.0
 
 
-def test_a_vehicle_that_stands_has_a_place_and_no_heading():
+def test_a_stationary_vehicle_has_a_position_but_no_heading():
     drive = make(13, motion=lambda rng: (np.zeros(30_000), np.zeros(30_000)))
     result = fuse_graph(path_of(drive), fixes_of(drive))
     assert rms(errors_of(drive, result)) < 4.0 * 5.0 / np.sqrt(len(drive.fix_t)) * np.sqrt(2.0)
     assert any("heading: known to" in text for text in result.warnings)
 
 
-def test_a_compass_tells_the_heading_where_fixes_cannot():
+def test_a_compass_determines_the_heading_where_fixes_cannot():
     drive = make(17)
     t = np.arange(0.5, drive.t[-1], 0.1)
     _, _, heading = drive.truth(t)
     rng = np.random.default_rng(17)
-    seen = np.mod(heading + 0.05 * rng.standard_normal(len(t)) + np.pi, 2.0 * np.pi) - np.pi
-    headings = Headings(t, seen, np.full(len(t), 0.05))
+    observed = np.mod(heading + 0.05 * rng.standard_normal(len(t)) + np.pi, 2.0 * np.pi) - np.pi
+    headings = Headings(t, observed, np.full(len(t), 0.05))
     result = fuse_graph(path_of(drive), fixes_of(drive, slice(300, 301)), headings)
     error = errors_of(drive, result)
     assert np.max(np.abs(error[:, 2])) < 0.15
@@ -169,7 +169,7 @@ def test_a_compass_tells_the_heading_where_fixes_cannot():
     assert without.track.x[0] == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_heading_drifting_by_turns_does_not_mislead_the_first_guess():
+def test_a_heading_that_drifts_by_turns_does_not_mislead_the_initial_guess():
     drive = make(
         18,
         errors=Errors(0.01, 0.02, 4e-3, 2e-2, 0.003, 0.003, 3e-4),
@@ -181,14 +181,14 @@ def test_a_heading_drifting_by_turns_does_not_mislead_the_first_guess():
     assert rms(errors_of(drive, result)) < 1.0
 
 
-def test_the_papers_settings_are_ten_percent_and_five_metres():
+def test_the_settings_of_the_paper_are_ten_percent_and_five_metres():
     drive = make(19)
     result = fuse_graph(path_of(drive), fixes_of(drive, sigma=1.0), None, PAPER)
     assert rms(errors_of(drive, result)) < 1.0
     assert np.all(result.graph.find(PositionFactors).sigma == 5.0)
     steps = result.graph.find(BetweenFactors).steps
-    moved = np.abs(np.add.reduceat(steps.correct_displacements(np.zeros(6)), steps.first_step))
-    assert np.allclose(steps.covariance[:, 0, 0], (0.1 * moved) ** 2 + 1e-6)
+    shifted = np.abs(np.add.reduceat(steps.correct_displacements(np.zeros(6)), steps.first_step))
+    assert np.allclose(steps.covariance[:, 0, 0], (0.1 * shifted) ** 2 + 1e-6)
     assert all(abs(value.value) < 1e-6 for value in result.constants.values())
 
 
@@ -201,7 +201,7 @@ def test_the_rate_of_the_odometry_does_not_matter():
     assert rms(first) == pytest.approx(rms(second), abs=0.01)
 
 
-def test_from_start_begins_at_nothing_and_its_sigma_with_it():
+def test_from_start_begins_at_zero_with_zero_sigma():
     drive = make(22)
     track = fuse_graph(path_of(drive), fixes_of(drive)).from_start
     assert track.x[0] == track.y[0] == 0.0
@@ -209,7 +209,7 @@ def test_from_start_begins_at_nothing_and_its_sigma_with_it():
     assert track.sigma_x.max() > 0.05
 
 
-def test_a_place_tenths_of_a_second_between_odometry_poses_is_on_the_arc():
+def test_a_fix_between_odometry_poses_is_interpolated_on_the_arc():
     """Output at the odometry's times, states at the fixes': the truth without noise within millimetres."""
     drive = make(23, length=60.0, errors=Errors(), sigma=1e-4, rate_hz=20.0)
     result = fuse_graph(path_of(drive), fixes_of(drive, sigma=0.005))

@@ -22,47 +22,47 @@ def most_fixes(place, way, sigma):
     for count in range(1, len(runs) + 1):
         for chosen in combinations(runs, count):
             if all(reachable(place, way, sigma, a[1] - 1, b[0]) for a, b in pairwise(chosen)):
-                most = max(most, sum(end - begin for begin, end in chosen))
+                most = max(most, sum(end - start for start, end in chosen))
     return most, len(runs)
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_the_runs_that_are_kept_are_the_most_that_can_be_reached_one_from_the_other(seed):
+def test_the_selected_runs_are_the_largest_mutually_reachable_set(seed):
     rng = np.random.default_rng(seed)
-    way = np.cumsum(rng.uniform(0.0, 4.0, 40))
+    distance = np.cumsum(rng.uniform(0.0, 4.0, 40))
     sigma = rng.uniform(0.2, 2.0, 40)
     jumps = np.where(rng.random(40) < 0.2, rng.normal(0.0, 30.0, 40), 0.0)
-    place = way + 1j * np.cumsum(jumps)
-    most, runs = most_fixes(place, way, sigma)
+    place = distance + 1j * np.cumsum(jumps)
+    most, runs = most_fixes(place, distance, sigma)
     assert 3 <= runs <= 15, f"seed {seed}"
-    kept = find_consistent_fixes(place, way, sigma)
-    assert kept.sum() == most
-    chosen = np.flatnonzero(kept)
-    assert all(reachable(place, way, sigma, a, b) for a, b in pairwise(chosen))
+    retained = find_consistent_fixes(place, distance, sigma)
+    assert retained.sum() == most
+    chosen = np.flatnonzero(retained)
+    assert all(reachable(place, distance, sigma, a, b) for a, b in pairwise(chosen))
 
 
-@pytest.mark.parametrize(("share", "kept"), [(0.99, 5), (1.01, 3)])
-def test_a_change_parts_fixes_beyond_the_way_and_six_sigma(share, kept):
-    way, sigma = np.array([0.0, 1.0, 2.0, 6.0, 7.0]), np.array([1.0, 1.0, 3.0, 4.0, 1.0])
+@pytest.mark.parametrize(("share", "retained"), [(0.99, 5), (1.01, 3)])
+def test_fixes_are_separated_by_a_change_beyond_distance_and_six_sigma(share, retained):
+    distance, sigma = np.array([0.0, 1.0, 2.0, 6.0, 7.0]), np.array([1.0, 1.0, 3.0, 4.0, 1.0])
     jump = share * (1.05 * 4.0 + 6.0 * 5.0)
     place = np.array([0.0, 1.0, 2.0, 2.0 + jump, 2.0 + jump + 1.0]) * np.exp(0.3j)
-    assert find_consistent_fixes(place, way, sigma).tolist() == [True] * 3 + [kept == 5] * 2
+    assert find_consistent_fixes(place, distance, sigma).tolist() == [True] * 3 + [retained == 5] * 2
 
 
-def test_where_more_than_four_hundred_changes_jump_the_sigmas_are_false():
-    for jumps, kept in ((400, 201), (401, 402)):
+def test_beyond_four_hundred_jumps_all_fixes_are_kept():
+    for jumps, retained in ((400, 201), (401, 402)):
         place = 100.0 * (np.arange(jumps + 1) % 2) + 0j
-        assert find_consistent_fixes(place, np.zeros(jumps + 1), np.ones(jumps + 1)).sum() == kept
+        assert find_consistent_fixes(place, np.zeros(jumps + 1), np.ones(jumps + 1)).sum() == retained
 
 
-def test_fixes_scatter_by_the_median_of_their_changes_beyond_the_way():
+def test_scatter_is_the_median_change_beyond_the_distance_rolled():
     """The median length of a change of two white errors is sqrt(2 ln 2) times sqrt(2) sigma."""
     sigma = np.where(np.arange(30) % 2, 3.0, 4.0)
-    for size, found in ((1.29, 1.0), (1.31, 1.31), (4.0, 4.0)):
+    for size, result in ((1.29, 1.0), (1.31, 1.31), (4.0, 4.0)):
         change = size * np.sqrt(2.0 * np.log(2.0)) * 5.0
-        way = 2.0 * np.arange(30.0)
+        distance = 2.0 * np.arange(30.0)
         place = (change + 2.0) * np.arange(30.0) * np.exp(1.1j)
-        assert estimate_scatter(place, way, sigma) == pytest.approx(found, rel=1e-4)
-        assert estimate_scatter(place[:29], way[:29], sigma[:29]) == 1.0
+        assert estimate_scatter(place, distance, sigma) == pytest.approx(result, rel=1e-4)
+        assert estimate_scatter(place[:29], distance[:29], sigma[:29]) == 1.0
     # What the wheels rolled is none of it, however little moved.
     assert estimate_scatter(np.zeros(30) + 0j, 50.0 * np.arange(30.0), sigma) == 1.0

@@ -16,24 +16,24 @@ def state(t_ns, x, y, heading, covariance):
 
 
 @pytest.mark.parametrize("heading", [0.0, 0.8, -2.0])
-def test_a_track_that_begins_at_a_heading_is_turned_with_its_sigmas(heading):
+def test_a_track_is_rotated_to_its_start_heading_with_its_sigmas(heading):
     rng = np.random.default_rng(3)
-    made, expected = [], []
+    output, expected = [], []
     for k in range(4):
         root = rng.standard_normal((3, 3))
         covariance = root @ root.T
         x, y, course = rng.standard_normal(3)
-        made.append(state(1_500_000_000 * k, x, y, course, covariance))
+        output.append(state(1_500_000_000 * k, x, y, course, covariance))
         # What lies along each axis afterwards, of many that scatter so.
         ahead = np.array([np.cos(heading), -np.sin(heading), 0.0])
         aside = np.array([np.sin(heading), np.cos(heading), 0.0])
         sigmas = [np.sqrt(axis @ covariance @ axis) for axis in (ahead, aside, np.array([0.0, 0.0, 1.0]))]
-        way = complex(x, y) * np.exp(1j * heading)
-        expected.append([1.5 * k, way.real, way.imag, course + heading, 0.7, *sigmas])
-    track = track_from_states(made, heading)
-    found = [track.t, track.x, track.y, track.heading, track.speed]
-    found += [track.sigma_x, track.sigma_y, track.sigma_heading]
-    np.testing.assert_allclose(np.transpose(found), expected, atol=1e-12)
+        distance = complex(x, y) * np.exp(1j * heading)
+        expected.append([1.5 * k, distance.real, distance.imag, course + heading, 0.7, *sigmas])
+    track = track_from_states(output, heading)
+    result = [track.t, track.x, track.y, track.heading, track.speed]
+    result += [track.sigma_x, track.sigma_y, track.sigma_heading]
+    np.testing.assert_allclose(np.transpose(result), expected, atol=1e-12)
 
 
 def test_without_states_there_is_no_track():
@@ -46,29 +46,29 @@ def straight(t=T):
     return Track(t, 3.0 + 2.0 * t, 0.0 * t, 0.0 * t, 0.0 * t + 2.0, *np.zeros((3, len(t))))
 
 
-def test_a_track_is_scored_where_both_begin_at_the_same_point():
+def test_truth_is_shifted_to_the_start_of_the_track():
     """It strays by 0.1 m a second to the left, and comes half of the way back at once."""
-    stray = np.where(T < 9.9, 0.1 * T, 0.5)
-    found = score_track(straight(), T, 2.0 * T - 40.0, 7.0 - stray, None)
-    path = float(np.sum(np.hypot(np.diff(2.0 * T), np.diff(stray))))
-    assert found.final_error == pytest.approx(0.5) and found.maximum_error == pytest.approx(0.95)
-    assert found.rms_error == pytest.approx(np.sqrt(np.mean(stray**2)))
+    drift = np.where(T < 9.9, 0.1 * T, 0.5)
+    result = score_track(straight(), T, 2.0 * T - 40.0, 7.0 - drift, None)
+    path = float(np.sum(np.hypot(np.diff(2.0 * T), np.diff(drift))))
+    assert result.final_error == pytest.approx(0.5) and result.maximum_error == pytest.approx(0.95)
+    assert result.rms_error == pytest.approx(np.sqrt(np.mean(drift**2)))
     for percent, error in (
-        (found.final_percent, found.final_error),
-        (found.rms_percent, found.rms_error),
-        (found.maximum_percent, found.maximum_error),
+        (result.final_percent, result.final_error),
+        (result.rms_percent, result.rms_error),
+        (result.maximum_percent, result.maximum_error),
     ):
         assert percent == pytest.approx(100.0 * error / path)
-    assert found.heading_rms is None
+    assert result.heading_rms is None
     assert straight().distance == pytest.approx(20.0)
 
 
 def test_only_their_common_time_is_scored():
-    off = 0.3 * np.clip(T - 4.0, 0.0, 2.0)
+    error = 0.3 * np.clip(T - 4.0, 0.0, 2.0)
     part = (T >= 4.0) & (T <= 8.0)
-    found = score_track(straight(), T[part], 2.0 * T[part], off[part], None)
-    assert found.final_error == pytest.approx(0.6)
-    assert found.rms_error == pytest.approx(np.sqrt(np.mean(off[part] ** 2)))
+    result = score_track(straight(), T[part], 2.0 * T[part], error[part], None)
+    assert result.final_error == pytest.approx(0.6)
+    assert result.rms_error == pytest.approx(np.sqrt(np.mean(error[part] ** 2)))
     short = straight(T[part])
     assert score_track(short, T, 2.0 * T, NONE, None).final_error == pytest.approx(0.0)
     assert score_track(short, T + 8.0, 2.0 * T, NONE, None) is None
@@ -79,15 +79,15 @@ def test_headings_are_compared_to_the_nearest_turn():
     """Told within half a turn, where the track's own goes on and on."""
     course = 1.5 * T
     track = Track(T, T, T, course, NONE, *np.zeros((3, len(T))))
-    for off, rms in ((0.2, 0.2), (-0.2, 0.2), (2.0 * np.pi + 0.1, 0.1), (3.0, 3.0)):
-        told = np.angle(np.exp(1j * (course - off)))
+    for error, rms in ((0.2, 0.2), (-0.2, 0.2), (2.0 * np.pi + 0.1, 0.1), (3.0, 3.0)):
+        reported = np.angle(np.exp(1j * (course - error)))
         # Halfway between two of them, as well.
-        found = score_track(track, T, T, T, told)
-        assert found.heading_rms == pytest.approx(rms)
-        assert score_track(track, T[::2], T[::2], T[::2], told[::2]).heading_rms == pytest.approx(rms)
+        result = score_track(track, T, T, T, reported)
+        assert result.heading_rms == pytest.approx(rms)
+        assert score_track(track, T[::2], T[::2], T[::2], reported[::2]).heading_rms == pytest.approx(rms)
 
 
-def test_a_truth_that_stands_has_no_percent():
-    found = score_track(straight(), T, NONE, NONE, None)
-    assert found.final_error == pytest.approx(20.0)
-    assert (found.final_percent, found.rms_percent, found.maximum_percent) == (None, None, None)
+def test_a_stationary_truth_has_no_percentages():
+    result = score_track(straight(), T, NONE, NONE, None)
+    assert result.final_error == pytest.approx(20.0)
+    assert (result.final_percent, result.rms_percent, result.maximum_percent) == (None, None, None)

@@ -27,59 +27,59 @@ def samples(kind, end, count=10, run=4, channel=2, repeats=0.0, largest=0.5):
 
 
 def seen(table, kind, told=TOLD):
-    found = determine_ranges(NodeMount(), told, table)
-    return getattr(found, kind).value, len(found.warnings)
+    result = determine_ranges(NodeMount(), told, table)
+    return getattr(result, kind).value, len(result.warnings)
 
 
 @pytest.mark.parametrize("channel", [0, 1, 2])
 @pytest.mark.parametrize(("kind", "declared", "end"), [("gyro", 20.0, 9.0), ("accel", 40.0, 20.0)])
-def test_ten_samples_at_the_end_of_all_four_of_them_in_a_row_make_a_pile(kind, declared, end, channel):
+def test_ten_samples_at_the_maximum_with_four_in_a_row_show_clipping(kind, declared, end, channel):
     for count, run, piles in ((10, 4, True), (9, 4, False), (10, 3, False), (30, 20, True)):
-        value, said = seen(samples(kind, end, count, run, channel), kind)
-        assert (value, said) == ((pytest.approx(end), 1) if piles else (pytest.approx(declared), 0))
+        value, messages = seen(samples(kind, end, count, run, channel), kind)
+        assert (value, messages) == ((pytest.approx(end), 1) if piles else (pytest.approx(declared), 0))
 
 
-def test_no_sensor_ends_before_120_degrees_a_second_or_two_g():
+def test_no_range_below_120_deg_per_s_or_two_g_is_detected():
     for kind, edge in (("gyro", math.radians(120.0)), ("accel", 1.9 * 9.80665)):
         for share, piles in ((0.98, False), (1.02, True)):
             assert seen(samples(kind, share * edge), kind)[1] == piles
 
 
 @pytest.mark.parametrize(("share", "piles"), [(0.19, True), (0.21, False)])
-def test_a_channel_that_repeats_itself_anywhere_says_nothing_of_its_end(share, piles):
+def test_a_channel_without_noise_shows_no_clipping(share, piles):
     """A fifth of its other samples."""
     assert seen(samples("gyro", 9.0, repeats=share), "gyro")[1] == piles
 
 
-def test_of_several_channels_that_end_the_least_is_where_they_do():
+def test_the_range_is_the_smallest_of_several_clipping_channels():
     first, second = samples("gyro", 9.0), samples("gyro", 12.0, channel=0)
     both = Table({**first.columns, "gx": second["gx"]})
     assert seen(both, "gyro")[0] == pytest.approx(9.0)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_an_end_within_a_hundredth_of_what_was_told_is_that(sign):
-    for off, said in ((0.009, 0), (0.012, 1)):
-        end = 20.0 * (1.0 + sign * off)
-        assert seen(samples("gyro", end), "gyro") == (pytest.approx(end if said else 20.0), said)
+def test_clipping_within_a_percent_of_the_declared_range_is_the_declared_range(sign):
+    for error, messages in ((0.009, 0), (0.012, 1)):
+        end = 20.0 * (1.0 + sign * error)
+        assert seen(samples("gyro", end), "gyro") == (pytest.approx(end if messages else 20.0), messages)
 
 
-def test_samples_that_go_beyond_what_was_told_end_nowhere_that_they_show():
-    for share, said in ((1.009, 0), (1.011, 1)):
+def test_samples_beyond_the_declared_range_show_no_clipping():
+    for share, messages in ((1.009, 0), (1.011, 1)):
         table = samples("gyro", 20.0 * share, 1, 1)
-        assert seen(table, "gyro") == (pytest.approx(1.01 * share * 20.0 if said else 20.0), said)
+        assert seen(table, "gyro") == (pytest.approx(1.01 * share * 20.0 if messages else 20.0), messages)
     # Where nobody told a range nothing has to be said.
     assert seen(samples("gyro", 50.0, 1, 1), "gyro", {}) == (pytest.approx(50.5), 0)
     assert seen(samples("gyro", 9.0, 1, 1), "gyro", {}) == (DEFAULT_RANGES["gyro"], 0)
 
 
 @pytest.mark.parametrize("text", ["", "wide", "nan", "inf", "0", "-500"])
-def test_what_a_node_tells_that_is_no_range_is_not_heard(text):
-    found = determine_ranges(NodeMount(), {"gyro_range_dps": text})
-    assert (found.gyro.value, found.gyro.source) == (DEFAULT_RANGES["gyro"], "default")
+def test_an_invalid_range_reported_by_a_node_is_ignored(text):
+    result = determine_ranges(NodeMount(), {"gyro_range_dps": text})
+    assert (result.gyro.value, result.gyro.source) == (DEFAULT_RANGES["gyro"], "default")
 
 
-def test_what_counts_as_clipped_begins_just_below_and_further_below_where_samples_are_corrected():
+def test_the_clipping_limit_is_lower_where_samples_are_corrected():
     for corrected, share in ((False, 0.995), (True, 0.97)):
         limits = determine_ranges(NodeMount(), TOLD, corrected=corrected).clipping_limits
         assert limits == pytest.approx({"gyro_limit": share * 20.0, "accel_limit": share * 40.0})

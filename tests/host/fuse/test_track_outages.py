@@ -30,7 +30,7 @@ def test_an_outage_is_more_than_ten_seconds_without_a_fix():
     assert find_gnss_outages(straight(), FIXES[:1]) == ()
 
 
-def test_without_truth_it_has_a_way_and_a_sigma():
+def test_without_truth_an_outage_has_a_distance_and_a_sigma():
     first, second = find_gnss_outages(straight(), FIXES)
     assert first.distance == pytest.approx(40.0) and second.distance == pytest.approx(21.0)
     assert first.sigma == pytest.approx(0.5 * 40.0) and second.sigma == pytest.approx(0.5 * 80.5)
@@ -45,7 +45,7 @@ def astray():
     )
 
 
-def test_truth_is_shifted_onto_the_track_where_there_are_fixes_and_what_is_left_is_its_error():
+def test_truth_is_aligned_while_there_are_fixes_and_the_rest_is_the_error():
     truth = (T, 2.0 * T + 700.0, astray() - 300.0)
     first, second = find_gnss_outages(straight(), FIXES, truth)
     # Fixes ten seconds apart cover the time between them: what is off there is none.
@@ -54,7 +54,7 @@ def test_truth_is_shifted_onto_the_track_where_there_are_fixes_and_what_is_left_
     assert (second.error, second.worst) == (pytest.approx(1.0), pytest.approx(1.0))
 
 
-def test_truth_that_ends_early_says_nothing_of_what_comes_later():
+def test_truth_that_ends_early_is_not_extrapolated():
     """Beyond its end it would stand still beside a track that goes on."""
     use = T <= 60.0
     truth = (T[use], 2.0 * T[use] + 700.0, astray()[use])
@@ -66,15 +66,15 @@ def test_truth_that_ends_early_says_nothing_of_what_comes_later():
     assert second.error == pytest.approx(1.0)
 
 
-def test_where_no_fix_is_near_truth_is_shifted_by_all_of_it():
+def test_without_fixes_nearby_truth_is_aligned_over_its_whole_duration():
     truth = (T, 2.0 * T + 700.0, NONE + 4.0)
     (gap,) = find_gnss_outages(straight(), np.array([0.0, 100.0]), truth)
     assert gap.error == pytest.approx(0.0) and gap.worst == pytest.approx(0.0)
-    (apart,) = find_gnss_outages(straight(), np.array([0.0, 100.0]), (T + 1e6, 2.0 * T, NONE))
-    assert apart.error == pytest.approx(200.0)
+    (difference,) = find_gnss_outages(straight(), np.array([0.0, 100.0]), (T + 1e6, 2.0 * T, NONE))
+    assert difference.error == pytest.approx(200.0)
 
 
-def test_a_vehicle_that_stood_has_no_percent_and_a_track_that_has_no_pose_there_no_outage():
+def test_a_standstill_has_no_percentage_and_a_gap_without_poses_no_outage():
     (gap, _) = find_gnss_outages(straight(0.0), FIXES, (T, NONE, NONE))
     assert gap.distance == 0.0 and gap.error == 0.0 and gap.percent is None
     coarse = Track(*(getattr(straight(), one.name)[::50] for one in fields(Track)))

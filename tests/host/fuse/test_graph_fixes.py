@@ -1,20 +1,17 @@
 """What is measured outside on its way into the graph: which fixes are usable, and a kind that is new."""
 
-from dataclasses import dataclass
-
 import numpy as np
 import pytest
 
+from example_factor import Gates
 from generators import gnss_drives
 from graph_drives import wiggly_path
 from gtsam_oracle import solve_with_gtsam
-from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.fuse.graph.batch import fuse_graph
 from hubodo.fuse.graph.build import build_graph
 from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.factors.constants import N_CONSTANTS
-from hubodo.fuse.graph.factors.factor import FactorGroup, LinearisedFactors
 from hubodo.fuse.graph.fixes import Fixes, localise_fix, localise_fixes
 from hubodo.fuse.graph.live import LiveGraph
 from hubodo.fuse.graph.odometry_steps import StepNoise
@@ -27,11 +24,11 @@ ROW = 3
 
 def fixes(latitude=47.0, longitude=8.0, sigma=None, count=9):
     """Good fixes about 47, 8 degrees, one a second, with one other in row 4."""
-    made = Fixes(np.arange(float(count)), np.full(count, 47.0), np.full(count, 8.0), np.full(count, 2.0))
-    made.latitude_deg[ROW], made.longitude_deg[ROW] = latitude, longitude
+    output = Fixes(np.arange(float(count)), np.full(count, 47.0), np.full(count, 8.0), np.full(count, 2.0))
+    output.latitude_deg[ROW], output.longitude_deg[ROW] = latitude, longitude
     if sigma is not None:
-        made.sigma[ROW] = sigma
-    return made
+        output.sigma[ROW] = sigma
+    return output
 
 
 @pytest.mark.parametrize(
@@ -47,34 +44,34 @@ def fixes(latitude=47.0, longitude=8.0, sigma=None, count=9):
         (47.0, -np.inf),
     ],
 )
-def test_what_is_no_place_on_earth_is_left_out_and_named(latitude, longitude):
-    found = localise_fixes(fixes(latitude, longitude), 0.0, 8.0, 5.0, True)
-    assert found.input_row.tolist() == [0, 1, 2, 4, 5, 6, 7, 8]
-    (text,) = found.warnings
+def test_fixes_that_are_not_on_earth_are_dropped_and_reported(latitude, longitude):
+    result = localise_fixes(fixes(latitude, longitude), 0.0, 8.0, 5.0, True)
+    assert result.input_row.tolist() == [0, 1, 2, 4, 5, 6, 7, 8]
+    (text,) = result.warnings
     assert "1 of 9 fixes" in text
     assert "row 4 (t = 3.000 s)" in text
     assert "not on Earth" in text
 
 
 @pytest.mark.parametrize(("latitude", "longitude"), [(90.0, 8.0), (-90.0, 8.0), (47.0, 188.0), (-47.0, 8.0)])
-def test_a_place_on_earth_far_from_the_others_is_left_out_for_that(latitude, longitude):
-    found = localise_fixes(fixes(latitude, longitude), 0.0, 8.0, 5.0, True)
-    assert ROW not in found.input_row
-    assert "from the others" in found.warnings[0]
+def test_a_fix_far_from_the_others_is_dropped(latitude, longitude):
+    result = localise_fixes(fixes(latitude, longitude), 0.0, 8.0, 5.0, True)
+    assert ROW not in result.input_row
+    assert "from the others" in result.warnings[0]
 
 
 @pytest.mark.parametrize("longitude", [8.0, 368.0 - 360.0, -352.0])
-def test_a_longitude_counts_modulo_a_turn(longitude):
-    found = localise_fixes(fixes(47.0, longitude), 0.0, 8.0, 5.0, True)
-    assert found.warnings == ()
-    assert np.max(np.abs(found.position)) < 1e-3
+def test_longitudes_are_taken_modulo_a_turn(longitude):
+    result = localise_fixes(fixes(47.0, longitude), 0.0, 8.0, 5.0, True)
+    assert result.warnings == ()
+    assert np.max(np.abs(result.position)) < 1e-3
 
 
 @pytest.mark.parametrize("place", [(90.0, 0.0), (47.0, 360.0), (47.0, -360.0)])
-def test_the_ends_of_the_scales_are_places(place):
+def test_extreme_latitudes_and_longitudes_are_valid(place):
     latitude, longitude = np.full(4, place[0]), np.full(4, place[1])
-    found = localise_fixes(Fixes(np.arange(4.0), latitude, longitude), 0.0, 3.0, 5.0, True)
-    assert len(found.t) == 4
+    result = localise_fixes(Fixes(np.arange(4.0), latitude, longitude), 0.0, 3.0, 5.0, True)
+    assert len(result.t) == 4
 
 
 @pytest.mark.parametrize(
@@ -88,18 +85,18 @@ def test_the_ends_of_the_scales_are_places(place):
         (1e-4, True, 0.005),
     ],
 )
-def test_a_sigma_that_says_nothing_is_the_configured_one(sigma, declared, used):
-    found = localise_fixes(fixes(sigma=sigma), 0.0, 8.0, 5.0, declared)
-    assert found.sigma[ROW] == used
-    own = Fixes(np.zeros(1), np.array([47.0]), np.array([8.0]), np.array([sigma]))
-    live = localise_fix(own, make_local_frame(47.0, 8.0), GraphConfig(use_declared_sigmas=declared), 1.0)
+def test_an_invalid_sigma_is_replaced_by_the_configured_one(sigma, declared, used):
+    result = localise_fixes(fixes(sigma=sigma), 0.0, 8.0, 5.0, declared)
+    assert result.sigma[ROW] == used
+    selected = Fixes(np.zeros(1), np.array([47.0]), np.array([8.0]), np.array([sigma]))
+    live = localise_fix(selected, make_local_frame(47.0, 8.0), GraphConfig(use_declared_sigmas=declared), 1.0)
     assert live.sigma[0] == used
 
 
-def test_fixes_outside_the_odometry_are_left_out_and_said_beyond_two_seconds():
-    found = localise_fixes(fixes(), 1.5, 6.5, 5.0, True)
-    assert found.input_row.tolist() == [2, 3, 4, 5, 6]
-    assert found.warnings == ()
+def test_fixes_outside_the_odometry_are_dropped_and_reported_beyond_two_seconds():
+    result = localise_fixes(fixes(), 1.5, 6.5, 5.0, True)
+    assert result.input_row.tolist() == [2, 3, 4, 5, 6]
+    assert result.warnings == ()
     later = localise_fixes(fixes(), 3.5, 20.0, 5.0, True)
     assert "2 of 9 fixes" in later.warnings[0]
     assert "outside the odometry" in later.warnings[0]
@@ -109,43 +106,7 @@ def test_fixes_outside_the_odometry_are_left_out_and_said_beyond_two_seconds():
         localise_fixes(fixes(count=9).__class__(*np.zeros((3, 0))), 0.0, 1.0, 5.0, True)
 
 
-@dataclass(frozen=True, eq=False)
-class Gates:
-    """A gate of known latitude that the vehicle passes: north of the frame is known, east is not."""
-
-    t: Array
-    north: Array
-
-    @property
-    def pose_times(self):
-        return self.t
-
-    def build_factors(self, cut, config):
-        inside = (self.t >= cut.pose_t[0]) & (self.t <= cut.pose_t[-1])
-        state = np.searchsorted(cut.pose_t, self.t[inside])
-        return GateFactors(state, self.north[inside], np.full(len(state), 0.02)) if len(state) else None
-
-
-@dataclass(frozen=True, eq=False)
-class GateFactors(FactorGroup):
-    """north = y + noise."""
-
-    north: Array
-    sigma: Array
-
-    def linearise(self, poses, constants):
-        residual = ((poses[self.pose_index, 1] - self.north) / self.sigma)[:, None]
-        by_state = np.zeros((len(residual), 1, 3))
-        by_state[:, 0, 1] = 1.0 / self.sigma
-        return LinearisedFactors(
-            self.pose_index, residual, by_state, None, np.zeros((len(residual), 1, N_CONSTANTS))
-        )
-
-    def describe_outliers(self, out, norm, state_t):
-        return [f"gate: passed {len(norm)} times"]
-
-
-def test_a_kind_of_factor_that_nobody_knew_is_solved_reviewed_and_judged_by_gtsam():
+def test_a_new_kind_of_factor_is_solved_as_by_gtsam_and_reviewed():
     path = wiggly_path(np.random.default_rng(51))
     gates = Gates(np.array([4.05, 11.0]), np.array([1.0, 2.5]))
     # Gates that contradict each other have one optimum where the odometry is firm.
@@ -157,7 +118,7 @@ def test_a_kind_of_factor_that_nobody_knew_is_solved_reviewed_and_judged_by_gtsa
     assert any("passed 2 times" in text for text in fuse_graph(path, None, None, None, [gates]).warnings)
 
 
-def test_a_kind_of_factor_that_nobody_knew_counts_live():
+def test_a_new_kind_of_factor_is_used_live():
     rng = np.random.default_rng([52, 46])
     drive = gnss_drives.drive(rng, gnss_drives.loop(rng, length=60.0), fix_hz=2.0)
     ends = []
@@ -182,7 +143,7 @@ def test_a_kind_of_factor_that_nobody_knew_counts_live():
     assert ends[1][0] < 4.0 * ends[1][1]
 
 
-def test_the_odometry_of_a_path_is_checked():
+def test_invalid_odometry_raises_an_input_error():
     t = np.arange(3.0)
     with pytest.raises(InputError, match="increasing time"):
         fuse_graph(Track(t[::-1], t, t, t), None)

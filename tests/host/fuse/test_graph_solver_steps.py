@@ -36,7 +36,7 @@ def dense(linear, n):
 
 
 @pytest.mark.parametrize("damping", [0.0, 0.3, 10.0])
-def test_a_step_is_that_of_the_dense_equations_with_the_diagonal_grown(drive, damping):
+def test_a_damped_step_is_that_of_the_dense_equations_with_an_increased_diagonal(drive, damping):
     n = len(drive.initial_poses)
     linear = drive.graph.linearise(drive.initial_poses, np.full(N_CONSTANTS, 0.01))
     h, slope = dense(linear, n)
@@ -45,20 +45,20 @@ def test_a_step_is_that_of_the_dense_equations_with_the_diagonal_grown(drive, da
     np.testing.assert_allclose(np.append(step.ravel(), change), expected, rtol=1e-5, atol=1e-7)
 
 
-def test_covariances_are_blocks_of_the_inverse_however_many_are_asked_for(drive):
-    found = solve_graph(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS), "all")
-    h, _ = dense(drive.graph.linearise(found.poses, found.constants), len(drive.initial_poses))
+def test_covariances_are_blocks_of_the_dense_inverse(drive):
+    result = solve_graph(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS), "all")
+    h, _ = dense(drive.graph.linearise(result.poses, result.constants), len(drive.initial_poses))
     inverse = np.linalg.inv(h)
     for k in (0, 1, len(drive.initial_poses) - 1):
-        own = slice(3 * k, 3 * k + 3)
-        np.testing.assert_allclose(found.covariance[k], inverse[own, own], rtol=1e-4, atol=1e-9)
-        np.testing.assert_allclose(found.start_covariance[k], inverse[own, :3], rtol=1e-4, atol=1e-9)
+        selected = slice(3 * k, 3 * k + 3)
+        np.testing.assert_allclose(result.covariance[k], inverse[selected, selected], rtol=1e-4, atol=1e-9)
+        np.testing.assert_allclose(result.start_covariance[k], inverse[selected, :3], rtol=1e-4, atol=1e-9)
     np.testing.assert_allclose(
-        found.constants_covariance, inverse[-N_CONSTANTS:, -N_CONSTANTS:], rtol=1e-4, atol=1e-12
+        result.constants_covariance, inverse[-N_CONSTANTS:, -N_CONSTANTS:], rtol=1e-4, atol=1e-12
     )
-    few = solve_graph(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS), "constants")
-    np.testing.assert_allclose(few.constants_covariance, found.constants_covariance, rtol=1e-6)
-    assert len(few.covariance) == len(few.start_covariance) == 0
+    subset = solve_graph(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS), "constants")
+    np.testing.assert_allclose(subset.constants_covariance, result.constants_covariance, rtol=1e-6)
+    assert len(subset.covariance) == len(subset.start_covariance) == 0
     none = solve_graph(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS))
     assert len(none.covariance) == len(none.constants_covariance) == 0
 
@@ -87,12 +87,12 @@ class OneNumber:
         return solve_graph(self, np.array([[x, 0.0, 0.0]]), np.zeros(N_CONSTANTS))
 
 
-def test_a_step_that_fails_is_damped_ten_times_as_much_and_one_that_does_not_a_tenth():
+def test_damping_grows_tenfold_after_a_failed_step_and_shrinks_tenfold_after_a_good_one():
     """Newton's steps to the zero of the arc tangent run away from 3, and do not when they are damped."""
     graph = OneNumber(math.atan, lambda x: 1.0 / (1.0 + x * x))
-    found = graph.solved(3.0)
-    assert found.converged and abs(found.poses[0, 0]) < 1e-4
-    assert found.iterations == len(graph.tried) - 1
+    result = graph.solved(3.0)
+    assert result.converged and abs(result.poses[0, 0]) < 1e-4
+    assert result.iterations == len(graph.tried) - 1
     at, damped = 3.0, []
     for tried in graph.tried[1:]:
         damped.append(-math.atan(at) * (1.0 + at * at) / (tried - at) - 1.0)
@@ -102,19 +102,19 @@ def test_a_step_that_fails_is_damped_ten_times_as_much_and_one_that_does_not_a_t
     assert damped[:10] == pytest.approx(expected[:10], rel=1e-3)
 
 
-def test_where_no_step_is_downhill_it_stays_where_it_is():
+def test_the_solver_stays_where_no_step_descends():
     """Anywhere else it costs four times as much: damped from 1e-4 to 1e10 of the diagonal."""
     graph = OneNumber(lambda x: 1e8 if x == 1e8 else 2e8, lambda x: 1.0)
-    found = graph.solved(1e8)
-    assert found.poses[0, 0] == 1e8 and found.converged
-    assert found.iterations == 16
+    result = graph.solved(1e8)
+    assert result.poses[0, 0] == 1e8 and result.converged
+    assert result.iterations == 16
     assert 1e8 / (1e8 - graph.tried[-1]) == pytest.approx(1e10, rel=1e-4)
     # A step of less than a tenth of a millimetre is none.
     assert OneNumber(lambda x: x, lambda x: -1.0).solved(9e-5).iterations == 1
     assert OneNumber(lambda x: x, lambda x: -1.0).solved(1.1e-4).iterations > 1
 
 
-def test_an_undamped_step_that_gains_next_to_nothing_has_arrived():
+def test_an_undamped_step_with_negligible_gain_has_converged():
     """1e-7 of the cost and one beside it, however long the step."""
     for gain, iterations in ((0.9e-7, 1), (1.1e-7, 2)):
         cost = 50.0

@@ -21,7 +21,7 @@ from hubodo.fuse.track import Track
 
 
 @pytest.mark.parametrize("speed", [1.2, -0.4])
-def test_a_vehicle_that_reverses_has_a_negative_speed_wherever_it_looks(speed):
+def test_a_reversing_vehicle_has_a_negative_speed_at_any_heading(speed):
     """0.1 s at a time on a circle to the left, from a heading of 2 rad."""
     t = np.arange(0.0, 8.0, 0.1)
     heading = 2.0 + 0.5 * t
@@ -32,23 +32,23 @@ def test_a_vehicle_that_reverses_has_a_negative_speed_wherever_it_looks(speed):
 
 
 @pytest.mark.parametrize("turn", [0.0, 1.3, -2.8])
-def test_the_first_guess_lies_on_the_fixes_however_far_off_and_turned_the_odometry_is(turn):
+def test_the_initial_guess_is_aligned_with_the_fixes_for_any_offset_and_rotation(turn):
     path = wiggly_path(np.random.default_rng(3))
-    way = (path.x + 1j * path.y) * np.exp(1j * turn)
+    distance = (path.x + 1j * path.y) * np.exp(1j * turn)
     at = slice(0, None, 5)
-    there = gnss_drives.geodetic(way.real[at], way.imag[at], 47.0, 8.0)
-    local = localise_fixes(Fixes(path.t[at], *there), path.t[0], path.t[-1], 0.1, True)
-    off = Track(path.t, path.x + 300.0, path.y - 200.0, path.heading)
-    drive = build_graph(off, [local], GraphConfig())
+    target = gnss_drives.geodetic(distance.real[at], distance.imag[at], 47.0, 8.0)
+    local = localise_fixes(Fixes(path.t[at], *target), path.t[0], path.t[-1], 0.1, True)
+    error = Track(path.t, path.x + 300.0, path.y - 200.0, path.heading)
+    drive = build_graph(error, [local], GraphConfig())
     use = np.searchsorted(drive.odometry.pose_t, local.t)
     assert drive.initial_poses[use, 0] == pytest.approx(local.position.real, abs=0.1)
     assert drive.initial_poses[use, 1] == pytest.approx(local.position.imag, abs=0.1)
-    apart = drive.initial_poses[use, 2] - path.heading[at] - turn
-    assert np.abs(np.angle(np.exp(1j * apart))).max() < 0.02
+    difference = drive.initial_poses[use, 2] - path.heading[at] - turn
+    assert np.abs(np.angle(np.exp(1j * difference))).max() < 0.02
 
 
 @pytest.mark.parametrize("t", [[0.0, 1.0, 0.5, 2.0], [0.0, 1.0, 1.0, 2.0], [0.0]])
-def test_an_odometry_whose_time_does_not_go_on_is_refused(t):
+def test_odometry_whose_time_does_not_increase_raises_an_input_error(t):
     with pytest.raises(InputError, match="increasing time"):
         fuse_graph(Track(np.array(t), *np.zeros((3, len(t)))), None)
 
@@ -56,20 +56,20 @@ def test_an_odometry_whose_time_does_not_go_on_is_refused(t):
 UNEVEN = np.array([0.0, 0.1, 0.3, 0.6, 1.0])
 
 
-def test_the_velocity_at_a_pose_is_that_of_the_two_steps_beside_it():
+def test_the_velocity_at_a_pose_is_that_of_its_two_adjacent_steps():
     """Steps at 1, 2, 3, 4 m/s; at either end the two that are nearest."""
-    way = np.append(0.0, np.cumsum(np.arange(1.0, 5.0) * np.diff(UNEVEN)))
-    path = Track(UNEVEN, way * np.cos(0.5), way * np.sin(0.5), np.full(5, 0.5))
-    whole = segment_odometry(path, UNEVEN[[0, 2, 4]], StepNoise()).velocity
+    distance = np.append(0.0, np.cumsum(np.arange(1.0, 5.0) * np.diff(UNEVEN)))
+    path = Track(UNEVEN, distance * np.cos(0.5), distance * np.sin(0.5), np.full(5, 0.5))
+    full = segment_odometry(path, UNEVEN[[0, 2, 4]], StepNoise()).velocity
     ends = [0.5 / 0.3, 1.3 / 0.5, 2.5 / 0.7]
-    np.testing.assert_allclose(whole, np.column_stack([ends, np.zeros(3)]), atol=1e-12)
+    np.testing.assert_allclose(full, np.column_stack([ends, np.zeros(3)]), atol=1e-12)
     inside = segment_odometry(path, np.array([0.0, 0.2, 0.6, 1.0]), StepNoise()).velocity
     np.testing.assert_allclose(inside[1], [2.0, 0.0], atol=1e-12)
-    alone = segment_odometry(path, np.array([0.65, 0.95]), StepNoise()).velocity
-    np.testing.assert_allclose(alone, [[4.0, 0.0]] * 2, atol=1e-12)
+    single = segment_odometry(path, np.array([0.65, 0.95]), StepNoise()).velocity
+    np.testing.assert_allclose(single, [[4.0, 0.0]] * 2, atol=1e-12)
 
 
-def test_a_cut_odometry_knows_its_heading_at_any_time_and_the_share_of_a_stretch():
+def test_segmented_odometry_interpolates_heading_and_elapsed_fraction():
     """Round and round, with headings told within half a turn."""
     t = np.arange(0.0, 20.0, 0.1)
     heading = 1.0 + 0.9 * t
@@ -78,91 +78,91 @@ def test_a_cut_odometry_knows_its_heading_at_any_time_and_the_share_of_a_stretch
     asked = np.linspace(2.0, 17.5, 53)
     np.testing.assert_allclose(cut.heading_at(asked), 1.0 + 0.9 * asked, atol=1e-9)
     np.testing.assert_allclose(cut.odometry_pose[:, 2], 1.0 + 0.9 * cut.pose_t, atol=1e-9)
-    begin, end = cut.pose_t[:-1][cut.segment], cut.pose_t[1:][cut.segment]
-    np.testing.assert_allclose(cut.elapsed_fraction, (cut.step_end_t - begin) / (end - begin))
-    np.testing.assert_allclose(cut.since_segment_start[:, 1], cut.step_end_t - begin, atol=1e-12)
-    np.testing.assert_allclose(cut.since_segment_start[:, 0], 0.9 * (cut.step_end_t - begin), atol=1e-9)
+    start, end = cut.pose_t[:-1][cut.segment], cut.pose_t[1:][cut.segment]
+    np.testing.assert_allclose(cut.elapsed_fraction, (cut.step_end_t - start) / (end - start))
+    np.testing.assert_allclose(cut.since_segment_start[:, 1], cut.step_end_t - start, atol=1e-12)
+    np.testing.assert_allclose(cut.since_segment_start[:, 0], 0.9 * (cut.step_end_t - start), atol=1e-9)
 
 
 def solved(rng):
     """What a graph may have found of three poses: all of it made up, covariances of a kind that may be."""
     root = 0.1 * rng.standard_normal((9, 9))
-    whole = (root @ root.T).reshape(3, 3, 3, 3)
+    full = (root @ root.T).reshape(3, 3, 3, 3)
     return SimpleNamespace(
         poses=np.array([[5.0, -2.0, 0.1], [7.2, -1.7, 0.3], [9.0, -1.0, -0.2]]),
         constants=np.array([0.02, 0.0, 0.0, 0.0, 0.3, 0.0]),
-        covariance=np.array([whole[k, :, k] for k in range(3)]),
-        start_covariance=np.array([whole[k, :, 0] for k in range(3)]),
+        covariance=np.array([full[k, :, k] for k in range(3)]),
+        start_covariance=np.array([full[k, :, 0] for k in range(3)]),
         constants_covariance=np.diag(np.arange(1.0, 1.0 + N_CONSTANTS) ** 2),
     )
 
 
-def test_between_its_poses_a_track_goes_as_the_odometry_does_and_what_lacks_is_spread_over_time():
+def test_between_poses_a_track_follows_the_odometry_and_spreads_the_misfit_over_time():
     """Of an odometry that goes straight on evenly that is a line from pose to pose."""
     t = np.arange(0.0, 4.1, 0.25)
     path = Track(t, 1.1 * t, np.zeros(len(t)), np.zeros(len(t)))
     cut = segment_odometry(path, np.array([0.0, 1.5, 4.0]), StepNoise())
-    found = solved(np.random.default_rng(31))
-    state, place = np.array([0, 2]), found.poses[[0, 2], :2] + [[0.0, 0.0], [20.0, 0.0]]
+    result = solved(np.random.default_rng(31))
+    state, place = np.array([0, 2]), result.poses[[0, 2], :2] + [[0.0, 0.0], [20.0, 0.0]]
     fixes = PositionFactors(state, place, np.ones(2), np.zeros((2, 2)))
-    drive = DriveGraph(FactorGraph((fixes,)), found.poses, cut, True)
-    made = build_result(path, drive, found, None, 1.5, StepNoise(), 0.7, ("said",))
-    x, y, heading = (np.interp(t, cut.pose_t, column) for column in found.poses.T)
-    np.testing.assert_allclose(made.track.x, x, atol=1e-12)
-    np.testing.assert_allclose(made.track.y, y, atol=1e-12)
-    np.testing.assert_allclose(made.track.heading, heading, atol=1e-12)
-    np.testing.assert_allclose(made.from_start.x, x - 5.0, atol=1e-12)
-    np.testing.assert_allclose(made.from_start.y, y + 2.0, atol=1e-12)
+    drive = DriveGraph(FactorGraph((fixes,)), result.poses, cut, True)
+    output = build_result(path, drive, result, None, 1.5, StepNoise(), 0.7, ("said",))
+    x, y, heading = (np.interp(t, cut.pose_t, column) for column in result.poses.T)
+    np.testing.assert_allclose(output.track.x, x, atol=1e-12)
+    np.testing.assert_allclose(output.track.y, y, atol=1e-12)
+    np.testing.assert_allclose(output.track.heading, heading, atol=1e-12)
+    np.testing.assert_allclose(output.from_start.x, x - 5.0, atol=1e-12)
+    np.testing.assert_allclose(output.from_start.y, y + 2.0, atol=1e-12)
     speed = np.hypot(np.diff(x), np.diff(y)) / 0.25
-    np.testing.assert_allclose(made.track.speed, np.append(speed[0], speed))
+    np.testing.assert_allclose(output.track.speed, np.append(speed[0], speed))
     # Variances, and those of the way since the first pose: the heading's is that towards north all along.
-    diagonal, cross = (np.einsum("kii->ki", part) for part in (found.covariance, found.start_covariance))
+    diagonal, cross = (np.einsum("kii->ki", part) for part in (result.covariance, result.start_covariance))
     since = diagonal + diagonal[0] - 2.0 * cross
     since[:, 2] = diagonal[:, 2]
-    for track, variance in ((made.track, diagonal), (made.from_start, since)):
+    for track, variance in ((output.track, diagonal), (output.from_start, since)):
         for sigma, column in zip(
             (track.sigma_x, track.sigma_y, track.sigma_heading), variance.T, strict=True
         ):
             np.testing.assert_allclose(sigma, np.sqrt(np.interp(t, cut.pose_t, np.maximum(column, 0.0))))
     # A fix twenty sigma off counts nothing; the delay is what was found and what was undone before.
-    np.testing.assert_allclose(made.fix_t, [-0.7, 3.3])
-    assert made.fix_weight.tolist() == [1.0, 0.0]
-    values = {name: made.constants[name] for name in CONSTANT_NAMES}
+    np.testing.assert_allclose(output.fix_t, [-0.7, 3.3])
+    assert output.fix_weight.tolist() == [1.0, 0.0]
+    values = {name: output.constants[name] for name in CONSTANT_NAMES}
     assert values["gnss_delay"].value == pytest.approx(1.0)
     assert values["wheel_radius"].value == pytest.approx(0.02)
     assert [values[name].sigma for name in CONSTANT_NAMES] == pytest.approx(np.arange(1.0, 1.0 + N_CONSTANTS))
 
 
-def test_with_constants_an_even_turn_stays_even_and_the_track_goes_through_the_poses():
+def test_with_constants_a_steady_turn_stays_steady_and_passes_through_the_poses():
     t = np.arange(0.0, 4.1, 0.25)
     path = Track(t, 1.1 * t, np.zeros(len(t)), np.zeros(len(t)))
     cut = segment_odometry(path, np.array([0.0, 1.5, 4.0]), StepNoise())
-    found = solved(np.random.default_rng(33))
-    found.constants = np.array([0.02, -0.03, 0.2, 0.1, 0.0, 0.0])
-    made = build_result(
-        path, DriveGraph(FactorGraph(()), found.poses, cut, True), found, None, 1.0, StepNoise(), 0.0, ()
+    result = solved(np.random.default_rng(33))
+    result.constants = np.array([0.02, -0.03, 0.2, 0.1, 0.0, 0.0])
+    output = build_result(
+        path, DriveGraph(FactorGraph(()), result.poses, cut, True), result, None, 1.0, StepNoise(), 0.0, ()
     ).track
-    x, y, heading = (np.interp(t, cut.pose_t, column) for column in found.poses.T)
-    np.testing.assert_allclose(made.heading, heading, atol=1e-12)
+    x, y, heading = (np.interp(t, cut.pose_t, column) for column in result.poses.T)
+    np.testing.assert_allclose(output.heading, heading, atol=1e-12)
     at_poses = np.isin(t, cut.pose_t)
-    np.testing.assert_allclose(made.x[at_poses], x[at_poses], atol=1e-12)
-    np.testing.assert_allclose(made.y[at_poses], y[at_poses], atol=1e-12)
+    np.testing.assert_allclose(output.x[at_poses], x[at_poses], atol=1e-12)
+    np.testing.assert_allclose(output.y[at_poses], y[at_poses], atol=1e-12)
     # Between them it bends to the side to which it turns.
-    bow = (made.y - y) * np.cos(heading) - (made.x - x) * np.sin(heading)
+    bow = (output.y - y) * np.cos(heading) - (output.x - x) * np.sin(heading)
     assert (bow[~at_poses] < 0.0).all()
 
 
-def test_without_fixes_a_track_says_of_none():
+def test_without_fixes_a_result_has_no_fix_times():
     path = Track(np.arange(3.0), np.arange(3.0), np.zeros(3), np.zeros(3))
-    cut, found = segment_odometry(path, np.arange(3.0), StepNoise()), solved(np.random.default_rng(32))
-    made = build_result(
-        path, DriveGraph(FactorGraph(()), found.poses, cut, True), found, None, 1.0, StepNoise(), 0.0, ()
+    cut, result = segment_odometry(path, np.arange(3.0), StepNoise()), solved(np.random.default_rng(32))
+    output = build_result(
+        path, DriveGraph(FactorGraph(()), result.poses, cut, True), result, None, 1.0, StepNoise(), 0.0, ()
     )
-    assert len(made.fix_t) == len(made.fix_weight) == 0
+    assert len(output.fix_t) == len(output.fix_weight) == 0
 
 
 @pytest.mark.parametrize("turns", [0, 3, -2])
-def test_a_first_heading_that_is_known_is_meant_to_the_nearest_turn(turns):
+def test_a_known_start_heading_is_taken_to_the_nearest_turn(turns):
     pose, config = np.array([5.0, 6.0, 0.4 + 2.0 * np.pi * turns]), GraphConfig(start_heading=-0.3)
     for on_map, place in ((True, 1e4), (False, 1e-3)):
         mean, sigma = _start_prior(pose, on_map, config)
@@ -174,14 +174,14 @@ def test_a_first_heading_that_is_known_is_meant_to_the_nearest_turn(turns):
     np.testing.assert_allclose(sigma, [[1e4, 1e4, np.pi / np.sqrt(3.0)]])
 
 
-def test_poses_stand_at_marks_and_ends_and_no_further_apart_than_they_may():
+def test_poses_are_at_samples_and_ends_and_within_the_maximum_spacing():
     path_t = np.arange(0.0, 10.05, 0.1)
-    made = _choose_pose_times(path_t, np.array([2.3, 2.9, 7.0]), 1.0)
-    assert np.isin([0.0, 2.3, 2.9, 7.0, path_t[-1]], made).all()
-    gaps = np.diff(made)
-    assert len(made) == 1 + 3 + 1 + 5 + 3 and gaps.max() <= 1.0 + 1e-9
+    output = _choose_pose_times(path_t, np.array([2.3, 2.9, 7.0]), 1.0)
+    assert np.isin([0.0, 2.3, 2.9, 7.0, path_t[-1]], output).all()
+    gaps = np.diff(output)
+    assert len(output) == 1 + 3 + 1 + 5 + 3 and gaps.max() <= 1.0 + 1e-9
     # Each gap is cut evenly.
     np.testing.assert_allclose(gaps, np.repeat([2.3 / 3, 0.6, 4.1 / 5, 1.0], [3, 1, 5, 3]), atol=1e-9)
     silent = np.append(path_t, path_t + 30.0)
-    made = _choose_pose_times(silent, path_t[:0], 1.0)
-    assert np.isin([0.0, path_t[-1], 30.0, silent[-1]], made).all() and len(made) == 22
+    output = _choose_pose_times(silent, path_t[:0], 1.0)
+    assert np.isin([0.0, path_t[-1], 30.0, silent[-1]], output).all() and len(output) == 22
