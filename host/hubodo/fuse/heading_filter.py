@@ -136,7 +136,7 @@ class HeadingFilter:
         return HeadingState(self._x[_HEADING_INDEX].copy(), self._bias, sigma, self._sigma_bias)
 
     def _propagate_bias(self, dt: float) -> None:
-        """Propagate the bias to the next sample: the offset walks, flicker noise decais driven."""
+        """Propagate the bias to the next sample: the offset walks, flicker noise decays and is driven."""
         self._p[_OFFSET_INDEX, _OFFSET_INDEX] += self._noise.rate_random_walk**2 * dt
         if self._noise.bias_instability:
             decay_factor = np.exp(-self._decay * dt)

@@ -185,7 +185,7 @@ def test_fixes_that_jump_are_reported_once_each_time(underway):
     assert underway.graph.state().last_fix_t == 6.0
     underway.along(9.0).along(10.0, 11.0, off=100.0)
     assert len(underway.said("jumped")) == 2
-    assert len(underway.said("count again from t = 9.0")) == 1
+    assert len(underway.said("used again from t = 9.0")) == 1
 
 
 def test_the_graph_restarts_after_rejecting_all_fixes_for_long_enough():

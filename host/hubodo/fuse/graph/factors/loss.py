@@ -47,7 +47,7 @@ class Loss:
         return np.asarray(inside + 0.5 * self.limit * (1.0 - remaining**3))
 
     def for_initial_guess(self) -> Loss:
-        """Return a loss under which outliers still pull, so that a poor initial guess is left."""
+        """Return a loss under which outliers keep their influence, for a poor initial guess."""
         return Loss("huber", _INITIAL_HUBER_LIMIT) if self.kind == "bounded" else self
 
 
