@@ -170,7 +170,7 @@ def test_a_jump_and_an_outage_are_bridged_and_reported():
     before, within = np.searchsorted(t, 69.0), np.searchsorted(t, 89.0)
     assert np.trace(covariance[within][:2, :2]) > np.trace(covariance[before][:2, :2])
     assert any("jumped" in text for text in live.warnings)
-    assert any("count again" in text for text in live.warnings)
+    assert any("are used again" in text for text in live.warnings)
     assert not any("anew" in text for text in live.warnings), "eight seconds are no reason to start anew"
 
 
