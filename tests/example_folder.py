@@ -3,26 +3,10 @@
 from pathlib import Path
 
 from in_process import hubodo
+from vehicles import FROM_REFERENCE, LOW_INPUT_NOISE, model_toml, vehicle_toml
 
-MODEL = """[vehicle]
-wheel_radius = 0.165
-track_width = 0.55
-[imu]
-gyro_noise = 0.002
-accel_noise = 0.02
-[nodes.left]
-side = "left"
-facing = "left"
-[nodes.right]
-side = "right"
-facing = "left"
-[inputs]
-speed = "reference.speed"
-yaw_rate = "reference.yaw_rate"
-speed_noise = 0.0005
-yaw_rate_noise = 0.0002
-"""
-VEHICLE = MODEL[: MODEL.index("[imu]")] + MODEL[MODEL.index("[nodes.left]") : MODEL.index("[inputs]")]
+MODEL = model_toml(0.165, 0.55, gyro_noise=0.002, accel_noise=0.02, inputs=FROM_REFERENCE + LOW_INPUT_NOISE)
+VEHICLE = vehicle_toml(0.165, 0.55)
 CAMBER = "\n[nodes.left.effects.wheel_camber]\nangle = 0.05\n"
 
 

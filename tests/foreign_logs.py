@@ -25,28 +25,11 @@ from hubodo.model.drive import loop_drive
 from hubodo.model.experiments import Experiment
 from hubodo.model.model_file import read_model
 from hubodo.recording import Recording
+from vehicles import FROM_REFERENCE, model_toml
 
 T0 = 1_700_000_000_000_000_000
 RADIUS = 0.25
-MODEL = """
-[vehicle]
-wheel_radius = 0.25
-track_width = 0.8
-[imu]
-gyro_noise = 0.004
-accel_noise = 0.05
-[nodes.left]
-side = "left"
-facing = "left"
-[nodes.right]
-side = "right"
-facing = "left"
-[inputs]
-speed = "reference.speed"
-yaw_rate = "reference.yaw_rate"
-speed_noise = 0.001
-yaw_rate_noise = 0.001
-"""
+MODEL = model_toml(RADIUS, 0.8, inputs=FROM_REFERENCE + "speed_noise = 0.001\nyaw_rate_noise = 0.001\n")
 SECONDS, RATE = 40.0, 100.0
 WRITERS = ("rosbag", "rosbag2", "mcap-ros2-support", "foxglove-sdk")
 TOPICS = {

@@ -9,42 +9,18 @@ from pathlib import Path
 from hubodo.cli import main
 from hubodo.log.csv_folder import read_folder, write_folder
 from hubodo.recording import Recording, Table
+from vehicles import model_toml
 
-WHEELCHAIR = """[vehicle]
-wheel_radius = 0.31
-track_width = {track_width}
-[imu]
-gyro_noise = 0.004
-accel_noise = 0.05
-[nodes.left]
-side = "left"
-facing = "left"
-[nodes.right]
-side = "right"
-facing = "left"
-[inputs]
-speed = "nodes"
-yaw_rate = "frame.gz"
-"""
-"""A wheelchair of which only the radius and the track are known, driven by what its gyros read."""
+_FROM_NODES = 'speed = "nodes"\nyaw_rate = "frame.gz"\n'
 
-CAR = """[vehicle]
-wheel_radius = 0.2924
-track_width = 1.42
-[imu]
-gyro_noise = 0.004
-accel_noise = 0.05
-[nodes.left]
-side = "left"
-facing = "left"
-[nodes.right]
-side = "right"
-facing = "right"
-[inputs]
-speed = "nodes"
-yaw_rate = "frame.gz"
-"""
+
+CAR = model_toml(0.2924, 1.42, inputs=_FROM_NODES, facing={"left": "left", "right": "right"})
 """A car of which only a tape measure's radius and track are known, driven by what its gyros read."""
+
+
+def wheelchair_model(track_width: float) -> str:
+    """Return the model of a wheelchair with known radius and track only, driven by its gyros."""
+    return model_toml(track_width=track_width, inputs=_FROM_NODES)
 
 
 @dataclass(frozen=True)

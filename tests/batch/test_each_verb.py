@@ -5,8 +5,8 @@ import json
 import pandas as pd
 import pytest
 
-from drive_model import DRIVE_MODEL, QUIET_INPUTS
 from in_process import hubodo
+from vehicles import DRIVE_MODEL, LOW_INPUT_NOISE
 
 VERBS = {
     "fuse": ("--vehicle", "MODEL"),
@@ -29,7 +29,7 @@ def drives(tmp_path_factory):
     """The model, and the logs of two vehicles of which the second leans its left wheel."""
     folder = tmp_path_factory.mktemp("drives")
     model = folder / "model.toml"
-    model.write_text(DRIVE_MODEL + QUIET_INPUTS)
+    model.write_text(DRIVE_MODEL + LOW_INPUT_NOISE)
     (folder / "leaning.toml").write_text(model.read_text() + CAMBER)
     for vehicle, model_file in (("van-1", model), ("van-2", folder / "leaning.toml")):
         (folder / "logs" / vehicle).mkdir(parents=True)

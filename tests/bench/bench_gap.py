@@ -28,7 +28,7 @@ import numpy as np
 from gap_matrix import cases, recording
 from gap_matrix.dose import MEDIUM, Meter
 from gap_matrix.effects import Effect as HiddenEffect
-from gap_runs import CAR, WHEELCHAIR
+from gap_runs import CAR, wheelchair_model
 from hubodo.effects import BY_NAME
 from hubodo.gap.judge.search import build_initial_state
 from hubodo.gap.problem.build import build_problem
@@ -47,7 +47,7 @@ WORKFLOW_LIMIT = 5.0  # s of processor
 MEMORY_LIMIT = 0.9  # GB
 GROWTH_LIMIT = 1.1  # times as much per minute in the longest log as in the shortest
 RECORDING_LIMIT = 100.0  # s of processor, on a computer that has much else to do
-RECORDINGS = {"wheelchair": WHEELCHAIR.format(track_width=0.92), "car/drive-1": CAR}
+RECORDINGS = {"wheelchair": wheelchair_model(0.92), "car/drive-1": CAR}
 EVALUATIONS = 50
 ARM, WATCHED, EVERY = 0.15, 60.0, 5.0  # m; s of the drive, and between looks
 EXPECTED_FINDING = f"left: the IMU sits {ARM:.2f} m off the hub"

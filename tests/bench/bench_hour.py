@@ -26,21 +26,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from generators import gnss_drives, wheel_drives
 from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
+from vehicles import vehicle_toml
 
 SEED, SIGMA, LIMIT, RUNS = 71, 5.0, 6.0, 5
 BEGIN = 1.0
 """s of the log at which the drive begins: a node's clock may be ahead of it."""
-VEHICLE = """
-[vehicle]
-wheel_radius = {radius}
-track_width = {track}
-[nodes.left]
-side = "left"
-facing = "left"
-[nodes.right]
-side = "right"
-facing = "left"
-"""
 
 
 def recording(seconds):
@@ -80,7 +70,7 @@ def main():
         recorded, drive = recording(seconds)
         log, vehicle, out = (str(Path(folder) / name) for name in ("hour.mcap", "vehicle.toml", "out"))
         write_recording(recorded, Path(log))
-        Path(vehicle).write_text(VEHICLE.format(radius=drive.radius, track=drive.track))
+        Path(vehicle).write_text(vehicle_toml(drive.radius, drive.track))
         rows = sum(len(node) for node in recorded.nodes.values())
         del recorded
         walls, busy, theirs = [], [], []

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 import zstandard
 
-from drive_model import DRIVE_MODEL
 from hubodo.log.mcap_file import McapFile
 from hubodo.log.recording_reader import open_log
 from in_process import hubodo
+from vehicles import DRIVE_MODEL
 
 CLAIMED = 1 << 30
 

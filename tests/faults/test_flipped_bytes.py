@@ -13,8 +13,9 @@ from hubodo.log.recording_reader import open_log
 from hubodo.log.recover import recover_log
 from hubodo.recording import Event
 from in_process import hubodo
+from vehicles import vehicle_toml
 
-VEHICLE = b"[vehicle]\nwheel_radius = 0.165\ntrack_width = 0.55\n"
+VEHICLE = vehicle_toml(facing={}).encode()
 
 
 def write_log(path: Path, compression: str) -> None:

@@ -18,36 +18,24 @@ from mcap.writer import CompressionType, Writer
 from rosbags.rosbag1 import Writer as Bag1
 from rosbags.typesys import Stores, get_typestore
 
-from drive_model import DRIVE_MODEL, QUIET_INPUTS
 from hubodo.log import ros2
 from hubodo.log.log_writer import LogWriter
 from hubodo.recording import Event
 from hubowire import FINGERPRINT, MESSAGES, Frame, FrameDecoder, encode, encode_frame
 from hubowire.codec import payload_layout
 from hubowire.messages import Filter, Health, Hello, ImuBatch, Mag, TimeReply
+from vehicles import DRIVE_MODEL, LOW_INPUT_NOISE, vehicle_toml
 
 MODEL = f"""
-{DRIVE_MODEL}{QUIET_INPUTS}[effects.gyro_bias]
+{DRIVE_MODEL}{LOW_INPUT_NOISE}[effects.gyro_bias]
 z = 0.002
 [nodes.left.effects.wheel_radius]
 error = 0.001
 """
-VEHICLE = """
-[vehicle]
-wheel_radius = 0.31
-track_width = 0.92
-antenna = [0.5, 0.0]
-latitude_deg = 47.4
-[imu]
-gyro_range = 35.0
-[nodes.left]
-side = "left"
-facing = "left"
-[nodes.right]
-side = "right"
-facing = "left"
-steered = false
-"""
+VEHICLE = (
+    vehicle_toml(more="antenna = [0.5, 0.0]\nlatitude_deg = 47.4\n", imu="gyro_range = 35.0\n")
+    + "steered = false\n"
+)
 CALIBRATION = """
 [nodes.left]
 serial = "abc"

@@ -5,18 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from generators.wheel_drives import ACCEL_STEP, GYRO_STEP, Errors, WheelDrive, drive, legs
+from vehicles import vehicle_toml
 
 RADIUS, TRACK = 0.15, 0.5
-VEHICLE_TOML = f"""[vehicle]
-wheel_radius = {RADIUS}
-track_width = {TRACK}
-[nodes.left]
-side = "left"
-facing = "left"
-[nodes.right]
-side = "right"
-facing = "left"
-"""
+VEHICLE_TOML = vehicle_toml(RADIUS, TRACK)
 
 
 def short_drive(seed: int, rate_hz: float = 208.0, errors: Errors | None = None) -> WheelDrive:

@@ -13,13 +13,10 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 from cryptography.x509.oid import NameOID
 
-from drive_model import DRIVE_MODEL, QUIET_INPUTS
 from example_effect import HUM
 from hubodo.ingest.link.keys import KeyRing
 from in_process import hubodo
-
-_IMU = DRIVE_MODEL.index("[imu]")
-_NODES, _INPUTS = DRIVE_MODEL.index("[nodes"), DRIVE_MODEL.index("[inputs]")
+from vehicles import DRIVE_MODEL, LOW_INPUT_NOISE, vehicle_toml
 
 
 @dataclass(frozen=True)
@@ -209,8 +206,8 @@ RUNS: tuple[Run, ...] = (
 
 def fill(folder: Path) -> None:
     """Make the files that the command lines name."""
-    (folder / "model.toml").write_text(DRIVE_MODEL + QUIET_INPUTS)
-    (folder / "vehicle.toml").write_text(DRIVE_MODEL[:_IMU] + DRIVE_MODEL[_NODES:_INPUTS])
+    (folder / "model.toml").write_text(DRIVE_MODEL + LOW_INPUT_NOISE)
+    (folder / "vehicle.toml").write_text(vehicle_toml())
     rng, count = np.random.default_rng(1), 2000
     gyro, accel = rng.normal(0.01, 0.002, (count, 3)), rng.normal([0.0, 0.0, 9.81], 0.02, (count, 3))
     np.savez(folder / "numbers.npz", gyro=gyro, accel=accel)

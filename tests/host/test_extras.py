@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from drive_model import DRIVE_MODEL
 from hubodo.errors import InputError
 from hubodo.extras import EXTRAS, require_extra
 from hubodo.verbs import VERBS
+from vehicles import DRIVE_MODEL
 
 ROOT = Path(__file__).resolve().parents[2]
 MODULES = {module for modules in EXTRAS.values() for module in modules}

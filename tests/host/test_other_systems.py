@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from fakes.fake_node import FakeNode
+from vehicles import vehicle_toml
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -83,10 +84,7 @@ def run(*lines, cwd):
 
 @pytest.mark.real_time
 def test_a_node_is_recorded_its_log_described_and_fused_without_anything_of_posix(tmp_path):
-    vehicle = (
-        '[vehicle]\nwheel_radius = 0.3\ntrack_width = 0.9\n[nodes.left]\nside = "left"\nfacing = "left"\n'
-    )
-    (tmp_path / "v.toml").write_text(vehicle)
+    (tmp_path / "v.toml").write_text(vehicle_toml(facing={"left": "left"}))
     with FakeNode(spin_raw=500) as node, Bridge(node) as bridge:
         done = run(
             f"record left={bridge.url} -o a.mcap --duration 2.5 --vehicle v.toml --log-format json --json",

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from in_process import hubodo
+from vehicles import vehicle_toml
 
 N = 3000
 NOISE = np.random.default_rng(1).normal(0.0, 1e-3, (N, 3))
@@ -47,8 +48,7 @@ def test_the_error_of_a_vehicle_that_does_not_move_has_no_percentage(tmp_path):
         accel = np.column_stack([np.zeros(N), np.full(N, 9.8), np.zeros(N)]) + 9.0 * NOISE
         write(log / f"{node}.csv", "t,gx,gy,gz,ax,ay,az", T, NOISE, accel)
     write(log / "truth.csv", "t,x,y,heading", T[::10], *np.zeros((3, N // 10)))
-    mounts = "".join(f'[nodes.{node}]\nside = "{node}"\nfacing = "left"\n' for node in ("left", "right"))
-    (tmp_path / "v.toml").write_text(f"[vehicle]\nwheel_radius = 0.3\ntrack_width = 0.9\n{mounts}")
+    (tmp_path / "v.toml").write_text(vehicle_toml())
     words = ("fuse", log, "--vehicle", tmp_path / "v.toml", "-o", tmp_path / "out", "--force")
     truth = json.loads(hubodo(*words, "--json").out)["truth"]
     assert truth["final_error"] < 0.01

@@ -10,18 +10,9 @@ from generators.gnss_drives import geodetic
 from hubodo.cli import main
 from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
+from vehicles import vehicle_toml
 
-VEHICLE = """
-[vehicle]
-wheel_radius = 0.25
-track_width = 0.8
-[nodes.left]
-side = "left"
-facing = "left"
-[nodes.right]
-side = "right"
-facing = "right"
-"""
+VEHICLE = vehicle_toml(0.25, 0.8, facing={"left": "left", "right": "right"})
 G = 9.80665
 
 

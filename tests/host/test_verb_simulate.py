@@ -17,26 +17,15 @@ from hubodo.log.recording_writer import write_recording
 from hubodo.model.bench import PoseSequence, TurntableProgramme
 from hubodo.model.inputs import EarthRotation
 from hubodo.recording import Recording, Table
+from vehicles import model_toml
 
 G = 9.80665
-MODEL = """
-[vehicle]
-wheel_radius = 0.31
-track_width = 0.92
-[imu]
-gyro_noise = 0.004
-accel_noise = 0.05
-[nodes.left]
-side = "left"
-facing = "left"
-[nodes.right]
-side = "right"
-facing = "right"
-[nodes.frame]
-[inputs]
-speed_noise = 0.003
-yaw_rate_noise = 0.002
-[effects.gyro_bias]
+_VEHICLE = model_toml(
+    facing={"left": "left", "right": "right"},
+    frame=True,
+    inputs="speed_noise = 0.003\nyaw_rate_noise = 0.002\n",
+)
+MODEL = f"""{_VEHICLE}[effects.gyro_bias]
 z = 0.02
 [nodes.left.effects.wheel_camber]
 angle = 0.1

@@ -13,7 +13,7 @@ from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
-from gap_runs import WHEELCHAIR
+from gap_runs import wheelchair_model
 from hubodo.cli import main as hubodo
 from wanted import SHARED
 
@@ -33,7 +33,7 @@ def main(argv=None):
         return 2
     args.out.mkdir(parents=True, exist_ok=True)
     model = args.out / "start.toml"
-    model.write_text(WHEELCHAIR.format(track_width=args.track_width), "utf-8")
+    model.write_text(wheelchair_model(args.track_width), "utf-8")
     return hubodo(["gap", str(model), str(folder), "-o", str(args.out)])
 
 

@@ -16,27 +16,19 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
 from hubodo.cli import main as hubodo
 from hubodo.log.recording_reader import read_recording
 from hubodo.log.recording_writer import write_recording
+from vehicles import model_toml
 
-MODEL = """[vehicle]
-wheel_radius = 0.31
-track_width = 0.55
-[imu]
-gyro_noise = 0.002
-accel_noise = 0.02
-[nodes.left]
-side = "left"
-facing = "left"
-[nodes.right]
-side = "right"
-facing = "left"
-[inputs]
-speed_noise = 0.001
-yaw_rate_noise = 0.0005
-clock_sigma = 0.005
-"""
+MODEL = model_toml(
+    track_width=0.55,
+    gyro_noise=0.002,
+    accel_noise=0.02,
+    inputs="speed_noise = 0.001\nyaw_rate_noise = 0.0005\nclock_sigma = 0.005\n",
+)
 HIDDEN = {
     "wheel_camber": ("left", {"angle": 0.03}),
     "wheel_radius": ("right", {"error": 0.004}),

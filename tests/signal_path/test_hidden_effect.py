@@ -10,26 +10,21 @@ from gap_runs import gap
 from hubodo.cli import main
 from hubodo.log.recording_reader import read_recording
 from hubodo.log.recording_writer import write_recording
+from vehicles import model_toml
 from virtual_runs import micropython_or_skip
 
 G = 9.80665
 CAMBER, LIMIT = 0.15, 9.5
 # The least that the search for effects accepts, and a little.
 SECONDS, SEED = 21.0, 2
-RIGHT = """
-[vehicle]
-wheel_radius = 0.165
-track_width = 0.55
-[imu]
-gyro_noise = 0.002
-accel_noise = 0.02
-[inputs]
-speed_noise = 0.001
-clock_sigma = 0.005
-[nodes.right]
-side = "right"
-facing = "left"
-"""
+RIGHT = model_toml(
+    0.165,
+    0.55,
+    gyro_noise=0.002,
+    accel_noise=0.02,
+    inputs="speed_noise = 0.001\nclock_sigma = 0.005\n",
+    facing={"right": "left"},
+)
 MODEL = f"""{RIGHT}
 [nodes.left]
 side = "left"

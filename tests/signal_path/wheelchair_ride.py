@@ -18,21 +18,12 @@ from hubodo.ingest.live.daemon import record
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.live.virtual_computer import VirtualComputer
 from hubodo.vehicle import load_vehicle
+from vehicles import vehicle_toml
 
 WHEELS = {"left": 1, "right": 2}
 ODR_ERROR = {"left": 0.031, "right": -0.017}
 START = 2.0  # s of chip time at which the ride begins: by then the node has booted
-VEHICLE = """
-[vehicle]
-wheel_radius = 0.31
-track_width = 0.92
-[nodes.left]
-side = "left"
-facing = "left"
-[nodes.right]
-side = "right"
-facing = "left"
-"""
+VEHICLE = vehicle_toml()
 
 
 def read_csv(path: Path) -> dict[str, np.ndarray]:

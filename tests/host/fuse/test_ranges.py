@@ -17,25 +17,18 @@ from hubodo.fuse.ranges import determine_ranges, node_metadata
 from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import NodeMount, load_vehicle
+from vehicles import vehicle_toml
 from wheel_runs import tables
 
 SEED = 100
 COLUMNS = ("t", "gx", "gy", "gz", "ax", "ay", "az")
 SLOW = CASES["500 °/s at 4 m/s"]
 TOLD = {"gyro_range_dps": "500", "accel_range_g": "4"}
-FILE = """[vehicle]
-wheel_radius = 0.15
-track_width = 0.5
-[imu]
-{imu}
-[nodes.left]
-side = "left"
-facing = "left"
-{left}
-[nodes.right]
-side = "right"
-facing = "left"
-"""
+
+
+def vehicle_file(imu: str, left: str = "") -> str:
+    """Return a vehicle file with a line in [imu] and one of the left node."""
+    return vehicle_toml(0.15, 0.5, imu=f"{imu}\n", facing={"right": "left", "left": "left"}) + left
 
 
 @pytest.fixture(scope="module")
@@ -80,12 +73,12 @@ def test_no_clipping_is_detected_without_repeated_maxima() -> None:
 
 def test_ranges_of_all_nodes_and_of_one(tmp_path: Path) -> None:
     path = tmp_path / "vehicle.toml"
-    path.write_text(FILE.format(imu="gyro_range = 8.7\naccel_range = 39", left="gyro_range = 17.4"))
+    path.write_text(vehicle_file("gyro_range = 8.7\naccel_range = 39", "gyro_range = 17.4"))
     nodes = load_vehicle(path).nodes
     assert (nodes["left"].gyro_range, nodes["left"].accel_range) == (17.4, 39.0)
     assert (nodes["right"].gyro_range, nodes["right"].accel_range) == (8.7, 39.0)
     for wrong in ("gyro_range = 0", 'gyro_range = "2000"', "gyro_range = nan"):
-        path.write_text(FILE.format(imu=wrong, left=""))
+        path.write_text(vehicle_file(wrong))
         with pytest.raises(ConfigError, match="gyro_range"):
             load_vehicle(path)
 
@@ -106,7 +99,7 @@ def test_fuse_takes_the_range_and_says_whence(samples: dict[str, Table], tmp_pat
     ):
         folder = tmp_path / str(number)
         folder.mkdir()
-        (folder / "vehicle.toml").write_text(FILE.format(imu=imu, left=""))
+        (folder / "vehicle.toml").write_text(vehicle_file(imu))
         write_recording(Recording(samples if metadata else begun, metadata=metadata), folder / "log.mcap")
         words = ["fuse", folder / "log.mcap", "--vehicle", folder / "vehicle.toml", "-o", folder / "out"]
         assert main([str(word) for word in words]) == 0

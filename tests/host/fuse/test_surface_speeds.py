@@ -17,20 +17,11 @@ from hubodo.fuse.wheel.track import run_wheel_filter
 from hubodo.log.csv_folder import write_folder
 from hubodo.recording import Recording, Table
 from in_process import hubodo
+from vehicles import vehicle_toml
 from wheel_runs import BOTH, config, pose_error, tables
 
 SEED = 9
-VEHICLE = """[vehicle]
-wheel_radius = 0.15
-track_width = 0.5
-[nodes.left]
-side = "left"
-facing = "left"
-[nodes.right]
-side = "right"
-facing = "left"
-[nodes.frame]
-"""
+VEHICLE = vehicle_toml(0.15, 0.5, frame=True)
 
 
 def driven(seed=SEED, length=80.0):

@@ -33,6 +33,7 @@ from hubodo.log.csv_folder import write_folder
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import NodeMount, Vehicle
 from hubodo.verbs import calibrate
+from vehicles import vehicle_toml
 from wheel_runs import config, tables
 
 ERRORS = replace(wheel_drives.Errors(), radius=0.02, track=0.03)
@@ -262,10 +263,7 @@ def test_the_verb_writes_a_calibration_file_that_reads_back(tmp_path: Path) -> N
     truth = Table({"t": told.t, "x": told.x, "y": told.y})
     write_folder(Recording(tables(drive), truth=truth), tmp_path / "log")
     vehicle = tmp_path / "v.toml"
-    vehicle.write_text(
-        f"[vehicle]\nwheel_radius = {drive.radius}\ntrack_width = {drive.track}\n"
-        '[nodes.left]\nside = "left"\nfacing = "left"\n[nodes.right]\nside = "right"\nfacing = "left"\n'
-    )
+    vehicle.write_text(vehicle_toml(drive.radius, drive.track))
     output = tmp_path / "c.toml"
     parser = argparse.ArgumentParser()
     calibrate.add_arguments(parser)

@@ -20,17 +20,9 @@ from hubodo.recording import Table
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs import watch_gap
 from hubodo.verbs.watch_gap import newest_log, run_gap_watch
+from vehicles import vehicle_toml
 
-VEHICLE = """[vehicle]
-wheel_radius = 0.31
-track_width = 0.92
-[nodes.left]
-side = "left"
-facing = "left"
-[nodes.right]
-side = "right"
-facing = "left"
-"""
+VEHICLE = vehicle_toml()
 NOISE = "[imu]\ngyro_noise = 0.004\naccel_noise = 0.05\n"
 ARM = "[nodes.left.effects.lever_arm]\nx = 0.12\ny = 0.09\n"
 

@@ -39,6 +39,7 @@ from hubodo.vehicle import NodeMount, Vehicle
 from hubowire import Frame, encode, encode_frame
 from hubowire.messages import ImuBatch
 from in_process import hubodo
+from vehicles import vehicle_toml
 from waiting import until
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -91,10 +92,7 @@ def test_logs_that_rotate_hold_sample_by_sample_what_a_single_one_would(pieces):
 
 def test_each_of_them_knows_its_nodes_and_can_be_decoded_again_and_read_by_every_verb(pieces, tmp_path):
     vehicle = tmp_path / "vehicle.toml"
-    vehicle.write_text(
-        "[vehicle]\nwheel_radius = 0.3\ntrack_width = 0.9\n"
-        + "".join(f'[nodes.{n}]\nside = "{n}"\nfacing = "left"\n' for n in ("left", "right"))
-    )
+    vehicle.write_text(vehicle_toml())
     for k, path in enumerate(pieces[0]):
         recording = read_recording(path)
         assert recording.warnings == ()

@@ -19,23 +19,14 @@ from hubodo.recording import Recording, Table
 from hubodo.sensors.allan.characterise import characterise_noise
 from hubodo.sensors.heading.standstill import estimate_angle_random_walk
 from hubodo.sensors.heading.track import VerticalAxis, _rms_change, estimate_heading
+from vehicles import vehicle_toml
 
 DEG = math.pi / 180.0
 DT = 0.02
-MODEL = """
-[vehicle]
-wheel_radius = 0.31
-track_width = 0.92
-[imu]
-gyro_noise = 0.0028284271
-accel_noise = 0.05
-[nodes.frame]
-[effects.gyro_bias]
-z = 0.01
-[effects.gyro_warmup]
-z = 0.006
-time_constant = 900
-"""
+MODEL = (
+    vehicle_toml(facing={}, imu="gyro_noise = 0.0028284271\naccel_noise = 0.05\n", frame=True)
+    + "[effects.gyro_bias]\nz = 0.01\n[effects.gyro_warmup]\nz = 0.006\ntime_constant = 900\n"
+)
 
 
 def run(*words, capsys):

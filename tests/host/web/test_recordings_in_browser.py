@@ -9,7 +9,6 @@ import pytest
 
 import wanted
 from browser_page import Page
-from drive_model import DRIVE_MODEL, QUIET_INPUTS
 from hubodo.errors import InputError
 from hubodo.web.address import Address
 from hubodo.web.app import make_app
@@ -17,11 +16,12 @@ from hubodo.web.config import Site
 from hubodo.web.library import RecordingLibrary
 from hubodo.web.server import serving
 from in_process import hubodo
+from vehicles import DRIVE_MODEL, LOW_INPUT_NOISE
 from waiting import until
 
 pytestmark = pytest.mark.real_time
 TOKEN = "correct-horse-battery"
-MODEL = DRIVE_MODEL + QUIET_INPUTS
+MODEL = DRIVE_MODEL + LOW_INPUT_NOISE
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import pytest
 
 import wanted
-from gap_runs import WHEELCHAIR
+from gap_runs import wheelchair_model
 from hubodo.gap.judge.round import judge_round
 from hubodo.gap.judge.search import build_initial_state
 from hubodo.gap.problem.build import build_problem
@@ -26,7 +26,7 @@ def first_round(tmp_path_factory):
         for name, table in read.nodes.items()
     }
     path = tmp_path_factory.mktemp("wheelchair") / "model.toml"
-    path.write_text(WHEELCHAIR.format(track_width=0.92), "utf-8")
+    path.write_text(wheelchair_model(0.92), "utf-8")
     state, _ = track_wheel_phase(build_initial_state(build_problem(Recording(thin), read_model(path))))
     return judge_round(Evaluation(state, estimate_weights(state)))
 

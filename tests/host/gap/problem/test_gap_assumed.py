@@ -16,6 +16,7 @@ from hubodo.log.csv_folder import read_folder, write_folder
 from hubodo.model.model_file import read_model
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import load_vehicle
+from vehicles import vehicle_toml
 
 
 def vehicle_file(case, path):
@@ -93,7 +94,7 @@ def test_an_upright_node_on_the_body_tells_the_yaw_rate(nothing, tmp_path):
 def test_a_log_that_says_no_speed_is_refused(nothing, tmp_path):
     read = read_folder(nothing)
     write_folder(Recording({"frame": read.nodes["left"]}), tmp_path / "log")
-    (tmp_path / "v.toml").write_text("[vehicle]\nwheel_radius = 0.3\ntrack_width = 0.9\n[nodes.frame]\n")
+    (tmp_path / "v.toml").write_text(vehicle_toml(facing={}, frame=True))
     made = without_model(tmp_path / "out", tmp_path / "log", tmp_path / "v.toml")
     assert made.code == 2
     assert "nothing tells the speed" in made.err
