@@ -31,7 +31,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from batch.fleet_logs import FleetLog, cut, write
-from hubodo.fleet.engine import connect_engine
+from hubodo.fleet.engine import connect_client
 
 VEHICLES, BROKEN_EACH, GAP_EACH = 40, 400, 100
 SCALING_LOGS, TURNS = 600, 3
@@ -142,7 +142,7 @@ def main():
         scratch = args.folder or Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="fleet-")))
         folder, out = scratch / "logs", scratch / "out"
         began = time.monotonic()
-        with connect_engine(None, 2, "auto") as client:
+        with connect_client(None, 2, "auto") as client:
             client.gather(client.map(make, [(folder, k, args.seconds) for k in range(args.logs)]))
         print(f"{args.logs} logs of {args.seconds:g} s made in {time.monotonic() - began:.0f} s")
         all_logs(folder, out)

@@ -13,7 +13,7 @@ import pytest
 from batch.cluster import cluster
 from batch.fleet_logs import FleetLog, write
 from hubodo.fleet import engine as engines
-from hubodo.fleet.engine import connect_engine, examine_each
+from hubodo.fleet.engine import connect_client, examine_each
 from in_process import hubodo
 
 pytestmark = pytest.mark.real_time
@@ -135,7 +135,7 @@ def test_a_scheduler_that_is_not_there_is_one_line(logs, tmp_path, monkeypatch):
 def test_nobody_without_the_certificate_of_a_run_reaches_its_workers():
     from distributed import Client
 
-    with connect_engine(None, 1, "auto") as client:
+    with connect_client(None, 1, "auto") as client:
         address = client.scheduler.address
         assert address.startswith("tls://127.0.0.1:")
         assert client.submit(sum, [1, 2]).result() == 3

@@ -1,1 +1,1 @@
-"""One analysis over many logs: found, shared out among processes, gathered in one table and on one page."""
+"""Run one analysis over many logs in parallel and collect the results in a table and a page."""

@@ -26,7 +26,7 @@ LOCAL_DASK_SETTINGS = {
 
 
 @contextmanager
-def connect_engine(scheduler: str | None, workers: int, memory_limit: str) -> Iterator[Client]:
+def connect_client(scheduler: str | None, workers: int, memory_limit: str) -> Iterator[Client]:
     """Yield a client of the scheduler at this address, or of local processes that end with the block.
 
     workers, memory_limit: number of local processes and memory of each, such as "2GB". Raises LinkError if

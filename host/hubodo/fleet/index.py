@@ -10,7 +10,7 @@ import pandas as pd
 
 from hubodo.errors import InputError
 from hubodo.fleet.result_store import find_logs_mentioning
-from hubodo.fleet.storage import TABLE, open_file_system
+from hubodo.fleet.storage import TABLE_FILE, open_file_system
 
 _INDEXED_VERB = "info"
 _LOG_QUANTITIES = ("duration", "gaps")
@@ -32,9 +32,9 @@ def read_index(output: str, query: IndexQuery) -> pd.DataFrame:
     Raises InputError if `hubodo batch info` has not written a table there.
     """
     fs, folder = open_file_system(output)
-    path = f"{folder}/{TABLE}"
+    path = f"{folder}/{TABLE_FILE}"
     if not fs.exists(path):
-        raise InputError(f"{output}: has no {TABLE}; hubodo batch info LOGS -o {output} writes it")
+        raise InputError(f"{output}: has no {TABLE_FILE}; hubodo batch info LOGS -o {output} writes it")
     table = pd.read_parquet(path, filesystem=fs, filters=[("verb", "=", _INDEXED_VERB)])
     logs = table.drop_duplicates("log").set_index("log")[["vehicle", "start", "size", "status", "error"]]
     log_rows = table[table.node == ""]

@@ -19,7 +19,7 @@ from hubodo.calibration.file import (
 )
 from hubodo.errors import InputError
 from hubodo.fleet.spread import robust_sigma
-from hubodo.fleet.storage import CALIBRATION, PRIORS, open_file_system, write_atomically
+from hubodo.fleet.storage import CALIBRATION_FILE, PRIORS_FILE, open_file_system, write_atomically
 
 _MIN_VEHICLES = 3
 """Minimum number of vehicles for a prior."""
@@ -35,11 +35,11 @@ def write_priors(output: str, rows: pa.Table) -> None:
     fs, folder = open_file_system(output)
     calibrations_by_vehicle: dict[str, list[Calibration]] = defaultdict(list)
     for vehicle, files in zip(rows["vehicle"].to_pylist(), rows["files"].to_pylist(), strict=True):
-        path = f"{folder}/{files}/{CALIBRATION}"
+        path = f"{folder}/{files}/{CALIBRATION_FILE}"
         if files and fs.exists(path):
             calibrations_by_vehicle[vehicle].append(parse_calibration(fs.cat_file(path).decode(), Path(path)))
     write_atomically(
-        fs, f"{folder}/{PRIORS}", format_calibration(fleet_calibration(calibrations_by_vehicle)).encode()
+        fs, f"{folder}/{PRIORS_FILE}", format_calibration(fleet_calibration(calibrations_by_vehicle)).encode()
     )
 
 

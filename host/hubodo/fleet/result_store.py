@@ -15,7 +15,7 @@ from hubodo.fleet.listing import LogLocation
 from hubodo.fleet.storage import open_file_system, write_atomically
 from hubodo.fleet.task import FAILED, Analysis
 
-MEASURED = pa.struct(
+QUANTITY_STRUCT = pa.struct(
     [
         ("node", pa.string()),
         ("quantity", pa.string()),
@@ -42,7 +42,7 @@ SCHEMA = pa.schema(
         ("files", pa.string()),
         ("cpu", pa.float64()),
         ("wall", pa.float64()),
-        ("quantities", pa.list_(MEASURED)),
+        ("quantities", pa.list_(QUANTITY_STRUCT)),
         ("result", pa.string()),
     ]
 )

@@ -14,10 +14,10 @@ from fsspec.implementations.local import LocalFileSystem
 from hubodo.atomic_files import atomic_files
 from hubodo.errors import InputError, LinkError
 
-TABLE = "table.parquet"
-PAGE = "fleet.html"
-CALIBRATION = "calibration.toml"
-PRIORS = "priors.toml"
+TABLE_FILE = "table.parquet"
+PAGE_FILE = "fleet.html"
+CALIBRATION_FILE = "calibration.toml"
+PRIORS_FILE = "priors.toml"
 
 
 def open_file_system(path_or_url: str) -> tuple[Any, str]:

@@ -8,7 +8,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from hubodo.fleet.missing_effects import add_q_values
-from hubodo.fleet.storage import TABLE, open_file_system, write_atomically
+from hubodo.fleet.storage import TABLE_FILE, open_file_system, write_atomically
 
 _LOG_COLUMNS = (
     "verb",
@@ -50,7 +50,7 @@ def unfold_quantities(rows: pa.Table) -> pa.Table:
 def update_table(output: str, verb: str, rows: pa.Table) -> pd.DataFrame:
     """Replace the rows of a verb in `OUT/table.parquet` and return the whole table."""
     fs, folder = open_file_system(output)
-    path, table = f"{folder}/{TABLE}", unfold_quantities(rows)
+    path, table = f"{folder}/{TABLE_FILE}", unfold_quantities(rows)
     if fs.exists(path):
         others = pq.read_table(path, filesystem=fs, filters=pc.field("verb") != verb)
         both = pa.concat_tables(

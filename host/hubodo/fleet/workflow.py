@@ -15,7 +15,7 @@ from hubodo.fleet.engine import examine_each
 from hubodo.fleet.listing import LogLocation
 from hubodo.fleet.page import build_fleet_page
 from hubodo.fleet.result_store import ResultStore
-from hubodo.fleet.storage import PAGE, open_file_system, report_store_errors, write_atomically
+from hubodo.fleet.storage import PAGE_FILE, open_file_system, report_store_errors, write_atomically
 from hubodo.fleet.table import update_table
 from hubodo.fleet.task import KNOWN, Analysis, examine_log
 
@@ -88,7 +88,7 @@ def run_batch(
         table = update_table(output, analysis.verb, rows)
         report_progress("drawing the page", 1.0)
         fs, folder = open_file_system(output)
-        write_atomically(fs, f"{folder}/{PAGE}", build_fleet_page(table).encode())
+        write_atomically(fs, f"{folder}/{PAGE_FILE}", build_fleet_page(table).encode())
     return BatchOutcome(rows, table, len(unfinished))
 
 

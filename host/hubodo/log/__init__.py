@@ -1,1 +1,1 @@
-"""The one door to recordings: MCAP, CSV folders, damage, conversion."""
+"""Read and write logs: MCAP, rosbags, CSV folders and number files."""

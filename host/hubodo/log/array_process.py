@@ -23,7 +23,7 @@ from hubodo.log.input_limits import MemoryBudget, check_regular, limit_bytes
 from hubodo.safe_text import json_text
 
 _CPU_BASE_S = 15  # s of processor time granted to any file
-_CPU_S_PER_BYTE = 1 / 3e6  # s; gzip in HDF5 is unpacked at some 100 MB/s, this allows for slow computers
+_CPU_S_PER_BYTE = 1 / 3e6  # s; HDF5 gzip expands at 100 MB/s; this allows for slow computers
 _MAX_PROTOCOL_LINE_BYTES = 1 << 24  # bytes; a line of the protocol contains the name of an array
 _FORMAT_NAMES = {"matlab": "MATLAB", "hdf5": "HDF5"}
 

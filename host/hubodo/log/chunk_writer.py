@@ -105,8 +105,8 @@ class ChunkWriter:
         self._clock = clock
         self._flush_deadline_ns: int | None = None
         self._records: list[bytes] = []
-        self._records_size = 0  # in _parts
-        self._pending_streams: list[RowBuffer] = []  # streams with rows that are not in _parts yet
+        self._records_size = 0  # bytes in _records
+        self._pending_streams: list[RowBuffer] = []  # row buffers whose rows are not in _records yet
         self._pending_rows_size = 0
         self._index: dict[int, _ChannelIndex] = {}
         self._next_sequence: dict[int, int] = {}

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.log.array_process import read_isolated
 from hubodo.log.input_limits import open_regular
@@ -18,8 +18,6 @@ from hubodo.log.number_text import read_text_table
 from hubodo.log.numpy_file import read_numpy
 
 FileKind = Literal["mcap", "rosbag", "sqlite", "text", "matlab", "hdf5", "numpy", "unknown"]
-FloatArray = NDArray[np.float64]
-
 _MAGIC_BYTES: tuple[tuple[bytes, FileKind], ...] = (
     (b"\x89MCAP0\r\n", "mcap"),
     (b"#ROSBAG V2.0", "rosbag"),
@@ -33,9 +31,7 @@ _MAGIC_BYTES: tuple[tuple[bytes, FileKind], ...] = (
 )
 _MATLAB_4 = re.compile(rb"[\0-\x34]\0\0\0.{8}[\0\1]\0\0\0[\2-\x40]\0\0\0[A-Za-z][A-Za-z0-9_]*\0", re.DOTALL)
 """Little-endian header of a MATLAB 4 file: type, rows, columns, imaginary flag, length of the name, name."""
-_ARRAY_READERS: Mapping[
-    str, Callable[[Path, tuple[str, ...]], tuple[dict[str, FloatArray], dict[str, str]]]
-] = {
+_ARRAY_READERS: Mapping[str, Callable[[Path, tuple[str, ...]], tuple[dict[str, Array], dict[str, str]]]] = {
     "numpy": read_numpy,
     "matlab": lambda path, names: read_isolated(path, "matlab", names),
     "hdf5": lambda path, names: read_isolated(path, "hdf5", names),
@@ -54,7 +50,7 @@ class NumberTable:
     units : by array name, where the file states them.
     """
 
-    values: FloatArray
+    values: Array
     names: tuple[str, ...]
     units: Mapping[str, str]
 
@@ -97,7 +93,7 @@ def read_numbers(path: Path, kind: FileKind, variable: str | None) -> NumberTabl
 
 
 def _join_arrays(
-    path: Path, arrays: Mapping[str, FloatArray], units: Mapping[str, str], wanted: tuple[str, ...]
+    path: Path, arrays: Mapping[str, Array], units: Mapping[str, str], wanted: tuple[str, ...]
 ) -> NumberTable:
     """Join the wanted arrays, or all, as columns. Raises InputError if they differ in length."""
     present = format_names(f"{name} {' x '.join(map(str, it.shape))}" for name, it in arrays.items())

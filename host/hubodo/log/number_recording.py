@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.log.number_file import FileKind, NumberTable, format_names, read_numbers
 from hubodo.log.roles import SELECT_BY_TYPE, TopicSelection
 from hubodo.log.units import si_factor
 from hubodo.recording import NODE_COLUMNS, NODE_OPTIONAL_COLUMNS, Recording, Table
-
-FloatArray = NDArray[np.float64]
 
 IMU_CHANNELS = NODE_COLUMNS[1:]
 _TIME_UNITS_S = {"t": 1.0, "t_ms": 1e-3, "t_us": 1e-6, "t_ns": 1e-9}
@@ -57,7 +55,7 @@ def read_number_file(path: Path, kind: FileKind, input_format: InputFormat) -> R
     names = _assign_columns(path, numbers, input_format)
     # A text file with the header of the CSV folder is in SI units; any other needs a unit.
     is_node_csv = kind == "text" and not input_format.columns and len(names) > 1
-    columns: dict[str, FloatArray] = {"t": _read_times(path, numbers, names, input_format)}
+    columns: dict[str, Array] = {"t": _read_times(path, numbers, names, input_format)}
     factors = _channel_factors(path, numbers, names, input_format, is_node_csv)
     for column, name in enumerate(names):
         if name in IMU_CHANNELS:
@@ -111,9 +109,7 @@ def _assign_columns(path: Path, numbers: NumberTable, input_format: InputFormat)
     )
 
 
-def _read_times(
-    path: Path, numbers: NumberTable, names: tuple[str, ...], input_format: InputFormat
-) -> FloatArray:
+def _read_times(path: Path, numbers: NumberTable, names: tuple[str, ...], input_format: InputFormat) -> Array:
     time_column = next((k for k, name in enumerate(names) if name in _TIME_UNITS_S), None)
     if time_column is None:
         if input_format.rate is None:

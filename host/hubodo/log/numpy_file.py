@@ -13,13 +13,11 @@ from typing import IO, cast
 
 import numpy as np
 from numpy.lib import format as npy
-from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.log.array_shapes import is_number_table, placeholder_rows, samples_as_rows
 from hubodo.log.input_limits import MemoryBudget, open_regular
-
-FloatArray = NDArray[np.float64]
 
 _ZIP_MAGIC = b"PK\x03\x04"
 _NUMPY_COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
@@ -29,7 +27,7 @@ _HEADER_ERRORS = (ValueError, TypeError, SyntaxError, RecursionError, MemoryErro
 _ZIP_ERRORS = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError)
 
 
-def read_numpy(path: Path, wanted: tuple[str, ...]) -> tuple[dict[str, FloatArray], dict[str, str]]:
+def read_numpy(path: Path, wanted: tuple[str, ...]) -> tuple[dict[str, Array], dict[str, str]]:
     """Return the numeric arrays of a .npy or .npz file by name, (N, C) each, and no units.
 
     wanted: names of the arrays to read, () for all. Raises InputError for a damaged file, Python objects or
@@ -47,8 +45,8 @@ def read_numpy(path: Path, wanted: tuple[str, ...]) -> tuple[dict[str, FloatArra
 
 def _read_npz(
     path: Path, stream: IO[bytes], wanted: tuple[str, ...], budget: MemoryBudget
-) -> dict[str, FloatArray]:
-    arrays: dict[str, FloatArray] = {}
+) -> dict[str, Array]:
+    arrays: dict[str, Array] = {}
     try:
         with zipfile.ZipFile(stream) as archive:
             entries = archive.infolist()
@@ -78,7 +76,7 @@ def _read_npy(
     file_bytes: int | None,
     *,
     keep: bool = True,
-) -> FloatArray | None:
+) -> Array | None:
     """Read one array; return None if it is not a table of numbers.
 
     file_bytes: size of the file, None if compressed. keep: False reads only the shape.

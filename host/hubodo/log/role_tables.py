@@ -7,13 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.log import ros2
 from hubodo.log.decode import ChannelRows
 from hubodo.log.joints import JointSpeeds
 
-FloatArray = NDArray[np.float64]
-Columns = dict[str, FloatArray]
+Columns = dict[str, Array]
 
 
 def position_columns(fix: ChannelRows) -> Columns:
@@ -86,11 +86,11 @@ def heading_columns(kind: str, rows: ChannelRows, topic: str) -> Columns:
     return columns
 
 
-def yaw_of_quaternions(quaternions: FloatArray) -> FloatArray:
+def yaw_of_quaternions(quaternions: Array) -> Array:
     """Return the unwrapped yaw (N,) in rad of quaternions (N, 4) in the order x, y, z, w."""
     x, y, z, w = quaternions.T
     if x.any() or y.any():
-        yaw: FloatArray = np.unwrap(np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))
+        yaw: Array = np.unwrap(np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z))
     else:
         yaw = np.unwrap(2 * np.arctan2(z, w))
     return yaw
@@ -98,7 +98,7 @@ def yaw_of_quaternions(quaternions: FloatArray) -> FloatArray:
 
 def wheel_speed_columns(
     speeds: JointSpeeds, joints: tuple[str, str], radius: float
-) -> tuple[NDArray[np.int64], Mapping[str, FloatArray]]:
+) -> tuple[NDArray[np.int64], Mapping[str, Array]]:
     """Return times (ns) and wheel surface speeds (m/s); right is interpolated at the times of left."""
     t_ns, left = speeds.velocity(joints[0])
     right_ns, right = speeds.velocity(joints[1])

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from hubodo.errors import InputError
 from hubodo.extras import require_extra
-from hubodo.fleet.storage import CALIBRATION, PRIORS
+from hubodo.fleet.storage import CALIBRATION_FILE, PRIORS_FILE
 from hubodo.log.input_limits import memory_limit
 from hubodo.progress import progress_line
 from hubodo.verbs import VERBS, load_verb
@@ -35,8 +35,8 @@ _OUTPUT_OF_VERB = {
     "fuse": "",
     "gap": "",
     "report": "report.html",
-    "calibrate": CALIBRATION,
-    "warmup": CALIBRATION,
+    "calibrate": CALIBRATION_FILE,
+    "warmup": CALIBRATION_FILE,
     "export": "tables",
 }
 """Output path of each verb inside the folder for one log; "" is the folder itself."""
@@ -150,7 +150,7 @@ def _add_batch_options(parser: argparse.ArgumentParser) -> None:
         parser,
         "--priors",
         action="store_true",
-        help=f"with calibrate and warmup: write the spread over all vehicles as priors to OUT/{PRIORS}",
+        help=f"with calibrate and warmup: write the spread over all vehicles as priors to OUT/{PRIORS_FILE}",
     )
     group = parser.add_argument_group("execution")
     group.add_argument(
@@ -197,7 +197,7 @@ def run(args: argparse.Namespace) -> BatchResult:
         If no log is found, or --priors is given with a verb that writes no calibration.
     """
     require_extra("batch", "hubodo batch")
-    from hubodo.fleet.engine import connect_engine
+    from hubodo.fleet.engine import connect_client
     from hubodo.fleet.listing import find_logs
     from hubodo.fleet.priors import write_priors
     from hubodo.fleet.storage import format_url, open_file_system
@@ -213,13 +213,13 @@ def run(args: argparse.Namespace) -> BatchResult:
     analysis = Analysis(
         f"{args.analysis} {kind}" if kind else args.analysis, options, read_option_files(options), run_on_log
     )
-    if args.priors and _OUTPUT_OF_VERB.get(args.analysis) != CALIBRATION:
+    if args.priors and _OUTPUT_OF_VERB.get(args.analysis) != CALIBRATION_FILE:
         raise InputError("--priors goes with calibrate and warmup")
     output = format_url(*open_file_system(args.output)).rstrip("/")
     places = find_logs(args.logs, output)
     with progress_line() as show:
         outcome = run_batch(
-            lambda: connect_engine(args.scheduler, args.workers, args.memory_limit),
+            lambda: connect_client(args.scheduler, args.workers, args.memory_limit),
             places,
             analysis,
             output,
