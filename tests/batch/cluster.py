@@ -23,7 +23,7 @@ class Cluster:
 
 @contextmanager
 def cluster(folder: Path, workers: int) -> Iterator[Cluster]:
-    """So many `dask worker`; yields once all are there. A scheduler of its own costs a second of imports."""
+    """Start `dask worker` processes and yield once all are connected to a scheduler of their own."""
     from distributed import Client, LocalCluster
 
     with ExitStack() as stack:

@@ -55,7 +55,7 @@ def make(place):
 
 
 def hubodo(*words):
-    """What the command prints with --json, s of clock, s of processor of all its processes."""
+    """Return the --json output of a command, its wall time and its processor time with children, s."""
     before, began = os.times(), time.monotonic()
     command = [sys.executable, "-m", "hubodo", *map(str, words), "--json"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
@@ -79,7 +79,7 @@ def all_logs(folder, out):
 
 
 def scaling(folder, scratch):
-    """What a second worker brings, with `allan`."""
+    """Measure the speed-up of `allan` with a second worker."""
     vehicles = sorted(folder.iterdir())
     chosen = [path for vehicle in vehicles for path in sorted(vehicle.iterdir())][:SCALING_LOGS]
     rates = {1: [], 2: []}

@@ -68,7 +68,7 @@ def test_a_log_that_cannot_be_read_is_a_row_that_says_why(fleet, tmp_path, here)
     assert white.value.to_numpy() == pytest.approx(NOISE / 100**0.5, rel=0.1)
 
 
-def test_what_is_finished_is_not_done_again_and_what_is_new_changed_or_moved_is_seen(fleet, tmp_path, here):
+def test_finished_logs_are_skipped_and_new_changed_or_renamed_ones_are_examined(fleet, tmp_path, here):
     folder, out = tmp_path / "logs", tmp_path / "out"
     paths = [write(folder, FleetLog("van-1", day, seed=day)) for day in range(3)]
 

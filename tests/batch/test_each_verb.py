@@ -75,7 +75,7 @@ def test_a_missing_effect_is_found_in_the_vehicle_that_has_it(drives, tmp_path, 
     assert {path.name for path in folder.iterdir()} == FILES["gap"]
 
 
-def test_a_model_that_changes_makes_results_anew(drives, tmp_path, here):
+def test_a_changed_model_causes_new_results(drives, tmp_path, here):
     model, logs = drives
     mine = tmp_path / "mine.toml"
 

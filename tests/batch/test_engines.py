@@ -35,7 +35,7 @@ def numbers(out):
 
 
 def batch(logs, out, *options, verb="allan"):
-    """What it says; other verbs than `allan` where only it matters that a log is done: they begin sooner."""
+    """Run a batch and return its --json output; verbs other than `allan` start faster."""
     logs = logs if isinstance(logs, list) else [logs]
     done = hubodo("batch", verb, *logs, "-o", out, "--json", *options)
     assert done.code == 0, done.err
@@ -60,7 +60,7 @@ def test_a_cluster_that_loses_a_worker_gives_the_numbers_of_this_computer(logs, 
 
 
 def test_a_log_that_kills_every_worker_is_a_row_and_is_tried_again(logs, tmp_path, here, monkeypatch):
-    """What is done to a log lets its worker die, as the kernel does where memory runs out."""
+    """The analysis kills its worker, as the kernel does when memory runs out."""
     import dask
 
     killer = write(tmp_path, FleetLog("van-9", 1.0, seed=99)).rename(tmp_path / "killer.mcap")
@@ -115,7 +115,7 @@ if __name__ == "__main__":
 
 
 def _none_left(group):
-    """Whether no process of the group is there, soon."""
+    """Return True once no process of the group exists."""
     for _ in range(100):
         try:
             os.killpg(group, 0)

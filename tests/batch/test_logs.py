@@ -81,7 +81,7 @@ def test_three_questions_of_the_readme_are_one_line_each(index, monkeypatch):
 
 
 def asked(question):
-    """Of DuckDB, in a process of its own: it grumbles when Python ends."""
+    """Return the rows of a DuckDB query, run in a process of its own because DuckDB warns at exit."""
     code = f"import duckdb, json; print(json.dumps(duckdb.sql({question!r}).fetchall()))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     return json.loads(done.stdout)

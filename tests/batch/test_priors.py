@@ -1,4 +1,4 @@
-"""What is usual in a fleet: the median of vehicles, the spread between them, in a file that verbs take."""
+"""Priors of a fleet: median over vehicles and spread between them, in a file that verbs read."""
 
 import numpy as np
 import pytest

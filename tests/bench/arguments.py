@@ -1,10 +1,10 @@
-"""What a benchmark over lengths of a recording can be asked."""
+"""Command line of benchmarks over lengths of a recording."""
 
 import argparse
 
 
 def parse_arguments(description: str | None, seconds: float) -> argparse.Namespace:
-    """Its command line: seconds of the shortest recording, rounds, seed, json."""
+    """Parse seconds of the shortest recording, rounds, seed and json."""
     parser = argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -175,7 +175,7 @@ class Contestant:
 
 
 def damaged_pieces(stream: bytes) -> np.ndarray:
-    """Where those pieces between delimiters end that are no frame: a log has them beside the frames."""
+    """Return the ends of the pieces between delimiters that are not frames."""
     decoder, ends, at = FrameDecoder(), [], 0
     for piece in stream.split(b"\0"):
         at += len(piece) + 1

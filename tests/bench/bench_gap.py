@@ -106,7 +106,7 @@ def measure(folder, model):
 
 
 def of_length(minutes):
-    """What one log of that length takes."""
+    """Return time and memory for one log of that length."""
     with tempfile.TemporaryDirectory() as name:
         # A process begins with the most memory of the one that starts it: this one stays small.
         own([str(minutes), "--make", name])
@@ -114,7 +114,7 @@ def of_length(minutes):
 
 
 def own(words):
-    """What this program prints in a process of its own."""
+    """Run this program in a process of its own and return its output."""
     command = [sys.executable, __file__, *words]
     return subprocess.run(command, check=True, capture_output=True, text=True).stdout
 

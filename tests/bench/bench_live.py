@@ -1,4 +1,4 @@
-"""What live odometry costs a sample, on the path that `record` runs, beside a Kalman filter of filterpy.
+"""Processor time of live odometry per sample, as run by `record`, beside a Kalman filter of filterpy.
 
     python tests/bench/bench_live.py [--seconds 120] [--seed 3]
 

@@ -1,4 +1,4 @@
-"""What the live page costs a recorder of four nodes at 208 Hz, while a client reads it: share of a core.
+"""Processor share of the live page of a recorder with four nodes at 208 Hz while a client reads it.
 
     python tests/bench/bench_web.py [--seconds 30]
 

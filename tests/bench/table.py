@@ -25,7 +25,7 @@ PEERS = ("numpy", "pymavlink", "mcap", "foxglove-sdk", "allantools", "filterpy",
 
 
 def machine():
-    """What the figures hold for."""
+    """Return the machine and versions for which the figures hold."""
     versions = ", ".join(f"{name} {version(name)}" for name in PEERS)
     place = f"{platform.machine()}, {os.cpu_count()} cores, {platform.system()}"
     return f"{place}, Python {platform.python_version()}; {versions}"

@@ -118,7 +118,7 @@ RECORDING = (
     Fault(
         "the log is deleted or replaced while recording", "noticed within a second, another begun, code 1",
         "event; messages lost",
-        (SERIES + "test_a_log_that_is_taken_away_is_noticed_within_a_second_and_recording_goes_on",
+        (SERIES + "test_a_deleted_or_renamed_log_is_noticed_within_a_second_and_recording_continues",
          WEEKS + "test_a_log_deleted_while_recording_is_told_everywhere_and_the_run_fails"),
     ),
     Fault(

@@ -26,7 +26,7 @@ Kind = Literal["passed", "defect", "slow", "memory"]
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a case. text: the exit code, or the error. seconds: of processor. peak: bytes."""
+    """The outcome of a case. text: exit code or error. seconds: processor time. peak: memory, bytes."""
 
     kind: Kind
     text: str

@@ -1,4 +1,4 @@
-"""What must hold for every input, checked in this process.
+"""Check in this process the properties that every input must satisfy.
 
 A command ends with 0, 1 or 2 and at most one line of error, which never speaks of a defect of hubodo; one
 that fails leaves nothing behind.

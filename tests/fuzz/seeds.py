@@ -107,7 +107,7 @@ def document(text: str) -> dict[str, Any]:
 
 
 def node_frames(seconds: float = 2.0) -> list[tuple[int, bytes]]:
-    """What a node at 208 Hz sends, as (ns from the start, frame with its delimiters)."""
+    """Return the frames of a node at 208 Hz, as (ns from the start, frame with its delimiters)."""
     messages: list[tuple[int, Any]] = [(0, HELLO)]
     period = 4_807_692
     for k in range(round(seconds * 208 / 8)):

@@ -36,8 +36,8 @@ TOLERANCE = 0.0
 ELSEWHERE = 1e-6
 """m, rad: by how much a recording may differ on another processor.
 
-Its fused operations and LAPACK kernels round each of some hundred filter steps anew, 1e-16 each, and gains of
-a badly known state magnify that by up to 1e8.
+Its fused operations and LAPACK kernels round each of some hundred filter steps differently, by 1e-16, and
+gains of a poorly known state magnify that by up to 1e8.
 """
 IGNORED = ("log time", "sequence number")
 """Of a message: they say when it was written, not what was found."""
@@ -103,7 +103,7 @@ TABLE = (
 
 
 def arithmetic() -> str:
-    """What the last bits of a result depend on besides the code: versions, and how this machine rounds.
+    """Return what the last bits of a result depend on besides the code: versions and rounding.
 
     Processors of one instruction set round differently, as BLAS and the C library choose kernels by model:
     hence the bits of some functions, products and solutions, of the sizes that the filters use.
@@ -138,7 +138,7 @@ def play(replay: Replay, folder: Path) -> dict[str, list[tuple[int, bytes]]]:
 
 
 def reference(replay: Replay, messages: dict[str, list[tuple[int, bytes]]]) -> dict[str, object]:
-    """What is stored: per topic the count and a hash over times and bytes; where the drive ended."""
+    """Return the stored values: per topic the count and a hash over times and bytes; the end of the drive."""
     stored: dict[str, object] = {}
     for topic in replay.outputs:
         digest = hashlib.sha256()

@@ -12,7 +12,7 @@ END = "x, y, heading, distance"
 
 @pytest.fixture(scope="module")
 def played(tmp_path_factory):
-    """What playing the recording at a place in TABLE gives, played once."""
+    """Return the result of playing one recording of TABLE, played once."""
 
     @cache
     def once(place):

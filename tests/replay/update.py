@@ -1,4 +1,4 @@
-"""Writes the references of the replay tests anew: run it when a change is meant to alter the numbers."""
+"""Rewrite the references of the replay tests, after a change that is meant to alter the numbers."""
 
 import json
 import tempfile

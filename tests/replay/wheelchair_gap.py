@@ -1,4 +1,4 @@
-"""What a model without any effect lacks to explain a real wheelchair: both wheels and the frame, 400 Hz.
+"""Find the effects that a model without any lacks for a real wheelchair: both wheels and frame, 400 Hz.
 
     python tests/replay/wheelchair_gap.py [-o out/wheelchair-gap] [--track-width 0.92]
 

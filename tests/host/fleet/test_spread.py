@@ -1,4 +1,4 @@
-"""What stands out, what wanders and what is missing in a fleet, from tables made for it; seeds are fixed."""
+"""Outliers, drifts and missing effects of a fleet, in generated tables with fixed seeds."""
 
 import numpy as np
 import pandas as pd
@@ -116,7 +116,7 @@ def test_of_what_is_believed_across_logs_no_more_than_one_in_twenty_is_chance():
     assert chance / believed < 0.05
 
 
-def test_an_effect_is_told_with_its_vehicles_and_the_week_since_when():
+def test_a_missing_effect_is_listed_with_its_vehicles_and_its_first_week():
     rng = np.random.default_rng(2)
 
     def p_of(vehicle, week):

@@ -94,7 +94,7 @@ def test_a_query_that_a_manipulated_file_never_ends_is_ended(tmp_path, monkeypat
 
 
 def test_messages_that_claim_more_bytes_than_the_file_has_are_refused(tmp_path, monkeypatch):
-    """As they do where many rows of a manipulated file share the pages of one."""
+    """In a manipulated file many rows may share the pages of one."""
     monkeypatch.setattr("hubodo.log.sqlite_bag._stored_bytes", lambda file: 20_000)
     done = info(bag(tmp_path))
     assert done.code == 2

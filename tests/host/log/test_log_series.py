@@ -58,7 +58,7 @@ class Written:
 
 
 def numbers(*paths):
-    """Of the messages in these logs, in their order; none of the logs has a warning."""
+    """Return the numbers of the messages in these logs, in order; none of the logs has a warning."""
     values = []
     for path in paths:
         with open_log(path) as log:
@@ -108,7 +108,7 @@ def test_logs_cut_by_size_stay_near_it_and_the_oldest_go_when_the_budget_is_used
     assert keep.exists()
 
 
-def test_names_in_a_folder_are_numbers_and_times_and_no_two_are_alike(tmp_path):
+def test_names_in_a_folder_are_numbers_and_times_and_all_distinct(tmp_path):
     written = Written(tmp_path, RotationRules())
     for _ in range(3):
         written.run(0.1)
@@ -267,7 +267,7 @@ def test_what_no_disk_takes_is_held_in_bounds_and_what_is_beyond_them_counted(tm
 
 
 @pytest.mark.parametrize("change", ["deleted", "replaced", "moved", "folder moved"])
-def test_a_log_that_is_taken_away_is_noticed_within_a_second_and_recording_goes_on(tmp_path, change):
+def test_a_deleted_or_renamed_log_is_noticed_within_a_second_and_recording_continues(tmp_path, change):
     folder = tmp_path / "logs"
     folder.mkdir()
     out = folder / "drive.mcap"
@@ -320,7 +320,7 @@ def test_a_disk_that_refuses_to_write_pauses_the_log_and_is_named(tmp_path, numb
 
 
 def test_a_limit_to_the_size_of_a_file_starts_the_next_and_the_first_can_still_be_read(tmp_path):
-    """As on a memory card, whose file system ends files at 4 GB."""
+    """A memory card, for example, has a file system that limits files to 4 GB."""
     written = Written(tmp_path / "drive.mcap", RotationRules())
     with TracedDisk() as disk:
         disk.largest_file = 300_000
@@ -355,7 +355,7 @@ def test_a_power_cut_at_any_moment_costs_at_most_five_seconds(tmp_path):
     assert 1.0 < worst < 5.0
 
 
-def test_a_disk_too_slow_to_promise_that_is_told(tmp_path):
+def test_a_disk_too_slow_for_that_guarantee_is_reported(tmp_path):
     with TracedDisk() as disk:
         disk.hang()
         written = Written(tmp_path / "drive.mcap", RotationRules()).run(6)
@@ -365,7 +365,7 @@ def test_a_disk_too_slow_to_promise_that_is_told(tmp_path):
     assert len(warnings) == 1
 
 
-def test_an_event_told_again_keeps_its_time_and_does_not_lengthen_the_log(tmp_path):
+def test_a_repeated_event_keeps_its_time_and_does_not_lengthen_the_log(tmp_path):
     written = Written(tmp_path / "drive.mcap", RotationRules())
     written.log.write_event(
         Event(T0 - 3600 * NS_PER_S, "started", "left", "long ago", {"power_on_ns": 1}), T0 + NS_PER_S

@@ -293,7 +293,7 @@ def test_an_existing_file_is_refused_and_left_alone(tmp_path: Path) -> None:
 
 
 def test_the_end_of_a_long_log_takes_no_memory_for_its_index(tmp_path):
-    """Of 6,000 chunks the index takes 0.6 MB; it is written as it is, not copied."""
+    """The index of 6,000 chunks takes 0.6 MB and is written without a copy."""
     log = LogWriter(tmp_path / "a.mcap", clock=None, compression="none")
     for k in range(6_000):
         log.write_raw_frame("usb0", k, b"frame")

@@ -148,7 +148,7 @@ def test_a_rosbag_of_either_generation_gives_its_imu_topics(tmp_path, generation
     assert table["az"][0] == 9.8
 
 
-def test_the_unit_of_a_log_that_is_not_in_si_is_said_by_the_same_option(tmp_path, capsys):
+def test_the_unit_of_a_log_that_is_not_in_si_is_given_by_the_same_option(tmp_path, capsys):
     rows = np.column_stack(
         [np.arange(4000) / 100.0, np.tile(RATES, (3, 1)).T, np.tile([0.0, 0.0, 1.0], (4000, 1))]
     )
@@ -164,7 +164,9 @@ def test_the_unit_of_a_log_that_is_not_in_si_is_said_by_the_same_option(tmp_path
     assert "/left/imu" in capsys.readouterr().out
 
 
-def test_an_import_in_other_units_is_warned_of_or_made_si_and_one_channel_is_no_log(tmp_path, capsys):
+def test_an_import_in_other_units_causes_a_warning_or_is_converted_and_one_channel_is_no_log(
+    tmp_path, capsys
+):
     t = np.arange(600) / 100.0
     rows = np.column_stack([t, *np.full((3, 600), 90.0), *np.full((2, 600), 0.0), np.ones(600)])
     (tmp_path / "log").mkdir()

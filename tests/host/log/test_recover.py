@@ -88,7 +88,7 @@ def test_a_log_cut_at_any_byte_gives_back_every_completed_chunk_and_invents_noth
 
 
 def _drawn(data: bytes, seed: int, count: int) -> list[int]:
-    """So many sizes of what is left, and all of it."""
+    """Return several sizes of a truncated file, and the full size."""
     return [*random.Random(seed).sample(range(8, len(data)), count), len(data)]
 
 

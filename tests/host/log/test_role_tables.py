@@ -123,7 +123,7 @@ def test_one_odometry_may_be_truth_and_a_twist_the_reference(tmp_path):
         read(path)
 
 
-def test_wheels_told_by_different_publishers_meet_on_the_times_of_the_left_one(tmp_path):
+def test_wheels_of_different_publishers_are_resampled_at_the_times_of_the_left_one(tmp_path):
     tables = read(bag(tmp_path / "bag", joint_states=joints))
     left = np.arange(1, COUNT, 3)
     np.testing.assert_allclose(tables.wheels.t, (left[left <= 27]) / 10, atol=1e-9)

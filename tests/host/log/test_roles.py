@@ -92,7 +92,7 @@ def test_a_robots_bag_is_fused_and_diagnosed_with_topics_as_they_are(robot, bag,
     assert json.loads((tmp_path / "gap" / "gap.json").read_text())["verdict"] == "no_gap"
 
 
-def test_a_bag_is_looked_at_at_rest_exported_and_imported(robot, bag, tmp_path):
+def test_a_bag_is_analysed_at_standstill_exported_and_imported(robot, bag, tmp_path):
     words = ("--topic", "left=/imu/left_wheel")
     done = hubodo("allan", bag, *words, "--node", "left", "--end", 4, "--json")
     assert done.code == 0, done.err
@@ -148,7 +148,7 @@ WHEELS = {"left": True, "right": True}
 
 
 @pytest.mark.parametrize(
-    ("found", "choice", "words"),
+    ("candidates", "choice", "words"),
     [
         (of(__a=FIX, __b=FIX), {}, r"/a \(.*NavSatFix\), /b .* could each be gnss; add --topic gnss=/a"),
         (of(__odom=ODOMETRY, __speed=TWIST), {}, r"could each be reference; add --topic reference=/odom"),
@@ -165,18 +165,18 @@ WHEELS = {"left": True, "right": True}
         ({"/j": TopicCandidate(ros2.JOINT_STATE, ("left_a", "left_b", "right"))}, {}, "/j:left_a,right, or"),
     ],
 )
-def test_two_candidates_for_a_role_are_refused_with_the_words_that_settle_it(found, choice, words):
+def test_two_candidates_for_a_role_are_refused_with_the_words_that_settle_it(candidates, choice, words):
     with pytest.raises(InputError, match=words):
-        assign_roles(found, TopicSelection(**choice), is_hubodo=False, log_name="bag")
+        assign_roles(candidates, TopicSelection(**choice), is_hubodo=False, log_name="bag")
     # A verb that does not need the role goes on and says so.
     notes = assign_roles(
-        found, TopicSelection(**choice, required_roles=frozenset()), is_hubodo=False, log_name="bag"
+        candidates, TopicSelection(**choice, required_roles=frozenset()), is_hubodo=False, log_name="bag"
     ).notes
     assert any("could each be" in note or "name the left" in note for note in notes)
 
 
 @pytest.mark.parametrize(
-    ("found", "choice", "nodes", "files"),
+    ("candidates", "choice", "nodes", "files"),
     [
         (of(__a=FIX, __b=FIX), {"explicit": {"gnss": "/b"}}, {}, {"gnss": "/b"}),
         (of(__a=FIX, __b=FIX), {"explicit": {"gnss": "-"}}, {}, {}),
@@ -193,8 +193,8 @@ def test_two_candidates_for_a_role_are_refused_with_the_words_that_settle_it(fou
         (of(__left__imu=IMU), {"node_is_on_wheel": WHEELS}, {"left": "/left/imu"}, {}),
     ],
 )
-def test_what_only_one_topic_can_be_is_found_by_type_and_name(found, choice, nodes, files):
-    roles = assign_roles(found, TopicSelection(**choice), is_hubodo=False, log_name="bag")
+def test_what_only_one_topic_can_be_is_found_by_type_and_name(candidates, choice, nodes, files):
+    roles = assign_roles(candidates, TopicSelection(**choice), is_hubodo=False, log_name="bag")
     assert (dict(roles.nodes), dict(roles.files)) == (nodes, files)
 
 
@@ -222,7 +222,7 @@ def test_the_bag_of_a_recorder_that_was_killed_and_one_in_parts_are_read(robot, 
     assert read.t_zero_ns == T0
 
 
-def test_what_a_damaged_bag_still_holds_is_kept_and_the_rest_is_told(bag, tmp_path):
+def test_the_intact_part_of_a_damaged_bag_is_read_and_the_loss_reported(bag, tmp_path):
     broken = shutil.copytree(bag, tmp_path / "bag")
     file = next(broken.glob("*.db3"))
     data = bytearray(file.read_bytes())

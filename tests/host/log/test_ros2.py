@@ -118,7 +118,7 @@ def test_measuring_any_bytes_gives_a_layout_or_a_value_error(name: str, payload:
     assert form.dtype.itemsize <= len(payload) + 4
 
 
-def test_a_length_beyond_the_message_is_refused_before_anything_is_made_of_it() -> None:
+def test_a_length_beyond_the_message_is_refused_before_anything_is_allocated() -> None:
     payload = b"\0\1\0\0" + struct.pack("<I", 0xFFFFFFF0) + bytes(100)
     with pytest.raises(ValueError, match="claims 4294967280 elements"):
         ros2.infer_layout(ros2.TF, payload)

@@ -1,4 +1,4 @@
-"""What other programs make of our logs: rosbags-convert takes them and brings them back, tf places nodes."""
+"""Other programs read these logs: rosbags-convert converts them in both directions, tf places the nodes."""
 
 import json
 import subprocess
@@ -114,7 +114,7 @@ def test_tf_static_says_where_the_nodes_sit(log):
     np.testing.assert_allclose(frame_poses["gnss"][1], np.eye(3), atol=1e-12)
 
 
-def test_static_frames_are_told_again_where_a_log_goes_on_in_another_file(tmp_path):
+def test_static_frames_are_repeated_where_a_log_continues_in_another_file(tmp_path):
     with LogWriter(tmp_path / "log.mcap") as log:
         log.repeat_static_frames(5)
         log.write_static_frames(7, VEHICLE)

@@ -10,7 +10,7 @@ def node(**columns):
     return Table({**{name: np.arange(4.0) for name in NODE_COLUMNS}, **columns})
 
 
-def test_rows_with_nan_in_a_required_column_are_dropped_and_nan_in_others_is_kept():
+def test_rows_with_nan_in_a_required_column_are_dropped_and_nan_in_others_is_allowed():
     nan, bad = np.array([np.nan, 1, 2, 3]), np.array([0, 1, np.inf, 3])
     tables, notes = drop_non_finite_rows({"left": node(gz=bad, temperature=nan), "right": node()})
     assert tables["left"].t.tolist() == [0, 1, 3] and np.isnan(tables["left"]["temperature"][0])
