@@ -18,7 +18,11 @@ LONGEST = (
     ),
     *("signal_path/test_flash_fleet.py", "chip", "host/fuse/test_graph_live.py"),
     *("batch/test_engines.py", "host/fuse/test_wheel_consistency.py", "host/fuse/test_wheel_clipped.py"),
-    *("host/ingest/test_held_up.py", "host/sensors/test_allan_fit.py", "host/sensors/test_scalar_imu.py"),
+    *(
+        "host/ingest/live/test_held_up.py",
+        "host/sensors/test_allan_fit.py",
+        "host/sensors/test_scalar_imu.py",
+    ),
     *("signal_path/test_flash_cut.py", "firmware/test_firmware_memory.py", "host/fuse/test_wheel_silence.py"),
     *("signal_path/test_doctor.py", "firmware/test_firmware_bias_filter.py", "host/fuse/test_wheel_car.py"),
     *("signal_path/test_north_table.py", "host/sensors/test_heading.py", "host/fuse/test_wheel_slip.py"),

@@ -1,7 +1,7 @@
-"""A fake node on a pseudo terminal: speaks hubowire from a thread, with unplugs, damage and resets on demand.
+"""A fake node on a pseudo terminal that sends hubowire frames, with unplugging, damage and resets on demand.
 
-It copies what the firmware does with requests: Ack or Nack for each, `Hello` for `GetHello`, two time
-stamps for `TimeRequest`, Nack UNKNOWN_MESSAGE for what a host does not send.
+It answers requests as the firmware does: Ack or Nack for each, `Hello` for `GetHello`, two time stamps for
+`TimeRequest`, Nack UNKNOWN_MESSAGE for messages that a host does not send.
 """
 
 from __future__ import annotations
@@ -47,14 +47,14 @@ TURN_NS = 1_000_000
 
 
 def sample(index: int) -> tuple[int, int, int, int, int, int]:
-    """The raw sample of that number: every one of 65536 is another, so a test can tell which came."""
+    """Return the raw sample of this number; all 65536 differ, so a test can identify each."""
     low = (index & 0x7FFF) - 0x4000
     return (low, -low, 300 + index % 7, (index * 7) % 2000 - 1000, 500, 2048)
 
 
 @dataclass
 class SentFrame:
-    """One frame as the fake put it on the line."""
+    """A frame as written to the line."""
 
     wire: bytes
     intact: bool  # its own bytes
@@ -67,9 +67,9 @@ class SentFrame:
 
 @dataclass
 class FakeNode:
-    """Runs between `start` and `stop`; `skew_ppm` speeds its clock up.
+    """A node that runs between `start` and `stop`; skew_ppm: rate error of its clock.
 
-    computer: in whose virtual time it lives, from now on; None: in real time, in a thread.
+    computer: its virtual time is used from now on; None: real time, in a thread.
     """
 
     node_id: int = 1
@@ -98,14 +98,14 @@ class FakeNode:
         self.rng = random.Random(self.seed)
         self.path = ""
         self.boots = self.plugs = 0
-        self.samples_made = 0
+        self.samples_created = 0
         self.boot_indices: list[int] = []  # samples made at each start
         self.dropped = 0
         self._stop = threading.Event()
         self._lock = threading.RLock()
         self._master = self._slave = -1
         self._folder = tempfile.TemporaryDirectory(prefix="hubodo-fake-")
-        self._way = Path()
+        self._line_noise = Path()
         self._virtual_ns = 0 if self.computer is None else self.computer.now_ns()
         self._on_port: SentBytes = []
         self._boot()
@@ -135,26 +135,26 @@ class FakeNode:
         self.stop()
 
     def plug(self) -> None:
-        """A new pseudo terminal under another name than the one before.
+        """Open a new pseudo terminal under another name than before.
 
-        A link to it: its own number may be another test's next, whose node a recorder here would then open.
+        The name is a symlink, because another test could reuse the number of the terminal.
         """
         with self._lock:
             self.plugs += 1
             self._delimited = True
-            self._unheard = 0
+            self._pending_bytes = 0
             self._listened_to = self.computer is None
             self._master, self._slave = os.openpty()
             tty.setraw(self._slave)
             os.set_blocking(self._master, False)
-            self._way = self.link or Path(self._folder.name, f"tty{self.plugs}")
-            self._way.unlink(missing_ok=True)
-            self._way.symlink_to(os.ttyname(self._slave))
-            self.path = str(self._way)
+            self._line_noise = self.link or Path(self._folder.name, f"tty{self.plugs}")
+            self._line_noise.unlink(missing_ok=True)
+            self._line_noise.symlink_to(os.ttyname(self._slave))
+            self.path = str(self._line_noise)
             self._decoder = FrameDecoder()
 
     def unplug(self, *, drain: bool = True) -> None:
-        """The device goes; what the host has not read yet is let through first, so that a test can count."""
+        """Remove the device after the host has read all pending bytes, so that a test can count them."""
         with self._lock:
             deadline = time.monotonic() + 2
             while drain and self._unread() and time.monotonic() < deadline:
@@ -163,31 +163,31 @@ class FakeNode:
                 os.close(self._slave)
                 os.close(self._master)
             self._master = self._slave = -1
-            self._way.unlink(missing_ok=True)
+            self._line_noise.unlink(missing_ok=True)
 
     def reset(self) -> None:
-        """The node restarts: clock, counters and sequence numbers from 0, a new boot id, Hello."""
+        """Restart the node: clock, counters and sequence numbers from 0, a new boot id, a Hello."""
         with self._lock:
             self._boot()
 
     def lose(self, batches: int) -> None:
-        """The node gives up that many frames, as its queue does when the link does not take them."""
+        """Drop this number of frames, as a full queue does."""
         with self._lock:
             for _ in range(batches):
                 self._seq(ImuBatch)
                 self._index += self.batch
-                self.samples_made += self.batch
+                self.samples_created += self.batch
                 self.dropped += 1
 
     # In virtual time; see `Device`.
 
-    def live_until(self, t_ns: int, heard: int | None) -> None:
-        self._listened_to = heard is not None
-        self._unheard += heard or 0
+    def live_until(self, t_ns: int, received: int | None) -> None:
+        self._listened_to = received is not None
+        self._pending_bytes += received or 0
         while self._virtual_ns < t_ns:
             self._virtual_ns = min(self._virtual_ns + TURN_NS, t_ns)
             self._turn()
-            while self._unheard > 0:
+            while self._pending_bytes > 0:
                 select.select([self._master], [], [])
                 self._listen()
 
@@ -211,7 +211,7 @@ class FakeNode:
         self._next_health = 0.5
         self._next_filter = 0.1
         self._streaming = True
-        self.boot_indices.append(self.samples_made)
+        self.boot_indices.append(self.samples_created)
 
     def _clock_us(self) -> int:
         return int((self._now() - self._t0) * 1e6 * (1 + self.skew_ppm * 1e-6))
@@ -287,17 +287,17 @@ class FakeNode:
         now = self._clock_us() * 1e-6
         while self._streaming and (self._index + self.batch) * period <= now:
             numbers = range(self._index, self._index + self.batch)
-            rows = tuple(sample(self.samples_made + k) for k in range(self.batch))
+            rows = tuple(sample(self.samples_created + k) for k in range(self.batch))
             if self.spin_raw is not None:
                 rows = tuple((0, 0, self.spin_raw, 0, 0, 2048) for _ in numbers)
             if self.rows:
-                at = [min(self.samples_made + k, len(self.rows) - 1) for k in range(self.batch)]
+                at = [min(self.samples_created + k, len(self.rows) - 1) for k in range(self.batch)]
                 rows = tuple(self.rows[k] for k in at)
             t_us = int(self._index * period * 1e6) % PERIOD
             batch = ImuBatch(t_us, round(period * 1e9), self._index & 0xFFFF, 16, 0, rows)
-            self._put(batch, self.samples_made, self.batch)
+            self._put(batch, self.samples_created, self.batch)
             self._index += self.batch
-            self.samples_made += self.batch
+            self.samples_created += self.batch
         if self.bias_q12 is not None and now >= self._next_filter:
             self._next_filter = now + 0.2
             t_us = int(self._index * period * 1e6) % PERIOD
@@ -317,7 +317,7 @@ class FakeNode:
             data = os.read(self._master, 4096)
         except (BlockingIOError, OSError):
             return
-        self._unheard -= len(data)
+        self._pending_bytes -= len(data)
         for frame in self._decoder.feed(data):
             message = decode(frame.type_id, frame.payload)
             if message is not None:

@@ -11,7 +11,7 @@ TICKS = 1 << 30
 
 
 class FakeTicks:
-    """now_us: time since the port started, not wrapped."""
+    """Ticks of the fake port; now_us: time since its start, not wrapped."""
 
     def __init__(self) -> None:
         self.now_us = 0.0
@@ -32,12 +32,12 @@ def ticks_add(ticks: int, delta: int) -> int:
     return (ticks + delta) % TICKS
 
 
-def ticks_diff(end: int, begin: int) -> int:
-    return (end - begin + TICKS // 2) % TICKS - TICKS // 2
+def ticks_diff(end: int, start: int) -> int:
+    return (end - start + TICKS // 2) % TICKS - TICKS // 2
 
 
 def install(ticks: FakeTicks) -> None:
-    """Makes the port's modules importable; what CPython's `time` has already stays."""
+    """Make the port's modules importable; existing functions of CPython's `time` stay."""
     micropython = types.ModuleType("micropython")
     micropython.const = micropython.native = micropython.viper = lambda value: value  # type: ignore[attr-defined]
     micropython.kbd_intr = lambda char: None  # type: ignore[attr-defined]

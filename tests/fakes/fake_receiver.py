@@ -1,4 +1,4 @@
-"""A fake GNSS receiver in virtual time: GGA, RMC and GST of wherever a function says it is."""
+"""A fake GNSS receiver in virtual time with GGA, RMC and GST sentences of a given trajectory."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from hubodo.ingest.live.virtual_computer import VirtualComputer
 
 
 def fake_receiver(computer: VirtualComputer, place: Callable[[float], tuple[float, float, float]]) -> Talker:
-    """place(s from now on) -> latitude, longitude in degrees, 1 sigma in m; told 50 ms after it was true."""
+    """Start a receiver; place(s from now on) -> latitude, longitude in degrees, 1 sigma in m; delay 50 ms."""
     start = computer.now_ns() * 1e-9
 
-    def say(since: float) -> bytes:
+    def sentences_at(since: float) -> bytes:
         return sentences(datetime.fromtimestamp(start + since, UTC), *place(since))
 
-    return Talker(computer, 0.2, say, late=0.05)
+    return Talker(computer, 0.2, sentences_at, late=0.05)
 
 
 def sentences(at: datetime, latitude: float, longitude: float, sigma: float) -> bytes:
-    """One epoch, as NMEA 0183 has it."""
+    """Return the sentences of one epoch (NMEA 0183)."""
     clock = at.strftime("%H%M%S.%f")[:-3]
     place = f"{_degrees(latitude, 2)},{'NS'[latitude < 0]},{_degrees(longitude, 3)},{'EW'[longitude < 0]}"
     lines = (

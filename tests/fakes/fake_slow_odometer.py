@@ -1,4 +1,4 @@
-"""A fake: an odometer that takes far longer than samples take to come."""
+"""A fake odometer that is much slower than the samples arrive."""
 
 import time
 
@@ -6,7 +6,7 @@ from hubodo.ingest.live.odometer import Odometer
 
 
 class FakeSlowOdometer(Odometer):
-    """Works, and holds the interpreter, for `busy_s` at each of the first `times` blocks."""
+    """An odometer that blocks the interpreter for `busy_s` at each of the first `times` blocks."""
 
     busy_s, times = 1.0, 3
 

@@ -1,6 +1,6 @@
-"""A turntable on a pseudo terminal that speaks the lines of `sensors/north/table.py`, refusals included.
+"""A fake turntable on a pseudo terminal with the protocol of `sensors/north/table.py`, including refusals.
 
-It turns in a thread of its own, so that it answers while it does, as the real one must.
+It turns in a thread of its own, so that it answers while it moves, as a real one must.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ DIGITS = 4
 
 
 class FakeTable:
-    """Runs inside `with`. off: degrees by which it misses. silent: never answers. jammed: does not turn.
+    """A turntable that runs inside `with`.
+
+    off: error of each move, degrees. silent: never answers. jammed: does not turn.
 
     stuck: stays busy for ever. limits: degrees. garbled: every so many answers, one is noise. version: that
     it says. good: moves before it is off, jammed or stuck. turning: lasts as long as a move, called with
@@ -72,7 +74,7 @@ class FakeTable:
                         os.write(self._far, answer.encode() + b"\n")
 
     def _answer(self, line: str) -> str:
-        word, _, rest = line.partition(" ")
+        word, _, incomplete = line.partition(" ")
         if line == "TABLE?":
             return f"TABLE {self._version} fake"
         if line == "LIMITS?":
@@ -85,11 +87,11 @@ class FakeTable:
             return "OK"
         if word != "GOTO":
             return "ERR unknown command"
-        return self._goto(rest)
+        return self._goto(incomplete)
 
-    def _goto(self, rest: str) -> str:
+    def _goto(self, incomplete: str) -> str:
         try:
-            wanted = float(rest)
+            wanted = float(incomplete)
         except ValueError:
             return "ERR no angle"
         if self._limits is not None and not self._limits[0] <= wanted <= self._limits[1]:

@@ -1,4 +1,4 @@
-"""`record` in a thread of the test, and what a lister of ports says about a device."""
+"""A recorder in a thread of the test, and a listed serial device."""
 
 import threading
 from dataclasses import dataclass
@@ -9,14 +9,14 @@ from hubodo.ingest.live.record_config import RecordConfig
 
 @dataclass
 class Device:
-    """What a port lister says about one device."""
+    """A serial device in the list of ports."""
 
     device: str
     serial_number: str | None
 
 
 class RecorderThread:
-    """`record` in a thread, so that the test can do things to the nodes meanwhile."""
+    """A recorder in a thread, so that the test can act on the nodes meanwhile."""
 
     def __init__(self, out, *ports, **kwargs):
         settings = {

@@ -1,4 +1,4 @@
-"""What is done to other devices at virtual times."""
+"""Scripted actions on other devices at virtual times."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from hubodo.units import NS_PER_S
 
 
 class Script:
-    """(s from now on, what is done then): in order, when all that was sent before has been read.
+    """Actions at times (s from now on), each after all bytes sent before were read.
 
-    It has to be there before the devices to which it does something.
+    It must be plugged in before the devices that it acts on.
     """
 
     path = ""
@@ -20,7 +20,7 @@ class Script:
         self._steps = [(computer.now_ns() + round(t * NS_PER_S), act) for t, act in steps]
         computer.plug_in(self)
 
-    def live_until(self, t_ns: int, heard: int | None) -> None:
+    def live_until(self, t_ns: int, sent_count: int | None) -> None:
         while self._steps and self._steps[0][0] <= t_ns:
             self._steps.pop(0)[1]()
 

@@ -17,7 +17,7 @@ def whole_tag(key: bytes, *parts: bytes) -> bytes:
 
 
 class SealedNode:
-    """Datagrams to the host, and what those of the host say."""
+    """A node's side of a session: datagrams to the host, and decoding of the host's."""
 
     def __init__(self, key: bytes) -> None:
         self.key = key
@@ -31,7 +31,7 @@ class SealedNode:
         return b"\xfe\x21" + self.nonce + tag(self.key, b"opening", self.nonce)
 
     def proof(self, answer: bytes) -> bytes | None:
-        """What follows an answer of the host; None when it is none to this opening."""
+        """Return the proof for an answer of the host; None if it does not belong to this opening."""
         nonces = answer[2:26]
         if answer[:2] != b"\xfd\x22" or len(answer) != 34 or nonces[:8] != self.nonce:
             return None
@@ -41,7 +41,7 @@ class SealedNode:
         return b"\xfe\x23" + nonces + tag(self._next, b"proof")
 
     def open(self, data: bytes) -> bytes | None:
-        """The frames in a datagram of the host; None when it proves nothing."""
+        """Return the frames in a datagram of the host; None if it is not authenticated."""
         for session in (self._next, self.session):
             if session is None or data[:5] != b"\xff" + whole_tag(session, b"id")[:4]:
                 continue

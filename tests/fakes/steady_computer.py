@@ -1,4 +1,4 @@
-"""A computer in virtual time whose nodes send prepared samples for days: no ports, as fast as it goes."""
+"""A computer in virtual time whose nodes send prepared samples for days, without ports, at full speed."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ _LATE_NS = 1_500_000
 
 
 class SteadyNode:
-    """A wheel node at rate_hz: it turns for ten minutes, and rests for five, again and again.
+    """A wheel node at rate_hz that alternately turns for ten minutes and stands still for five.
 
-    sent: samples so far. Its clock runs ppm fast.
+    sent: samples so far. ppm: rate error of its clock.
     """
 
     def __init__(self, node_id: int, rate_hz: float, batch: int, ppm: float) -> None:
@@ -41,7 +41,7 @@ class SteadyNode:
         self._resting = _bodies(node_id + 64, batch, 208, turning=False)
 
     def batch_at(self, k: int) -> bytes:
-        """Batch number k on the wire."""
+        """Return batch number k as on the wire."""
         index = k * self.batch
         t = index / self.rate_hz
         bodies = self._turning if t % 900 > 300 else self._resting
@@ -50,29 +50,29 @@ class SteadyNode:
         return self._wire(ImuBatch.type_id, head + bodies[k % len(bodies)])
 
     def reports(self, t: float) -> bytes:
-        """What it tells each second besides, at t by its clock."""
+        """Return the reports it sends each second, at t by its clock."""
         t_us = int(t * 1e6) % TICKS
         health = Health(t_us, 3700, 0, 0, 0, 0, 0, 0, 0, 1, 900, 1, 50_000, 40)
-        told = Filter(t_us, 2, 0, 2000, (256, 0, 0), (9, 9, 9), (256, 0, 1024), (41, 41, 82))
-        return self._message(health) + self._message(told)
+        report = Filter(t_us, 2, 0, 2000, (256, 0, 0), (9, 9, 9), (256, 0, 1024), (41, 41, 82))
+        return self._message(health) + self._message(report)
 
     def answers(self, data: bytes, t: float) -> bytes:
-        """To what its host sent, at t by its clock."""
-        made = b""
+        """Return the answers to the bytes of its host, at t by its clock."""
+        replies = b""
         for frame in self._decoder.feed(data):
             if frame.type_id == GetHello.type_id:
-                made += self._message(self.hello())
+                replies += self._message(self.hello())
             elif frame.type_id == TimeRequest.type_id:
                 now = int(t * 1e6) % TICKS
-                made += self._message(TimeReply(frame.payload, now, now))
-        return made
+                replies += self._message(TimeReply(frame.payload, now, now))
+        return replies
 
     def ticks(self, t: float) -> float:
-        """Host's seconds since the start to its own."""
+        """Return the node's ticks for host seconds since the start."""
         return t * self._fast
 
     def hello(self) -> Hello:
-        """Who it is."""
+        """Return its Hello."""
         return Hello(
             FINGERPRINT, (0, 1, 0), bytes([self.node_id]) * 8, 77, 0, 1, int(self.rate_hz * 1000), 2000, 16,
             70_000_000, 488_000, 62_500, 25_000_000, 0, self.batch, 0, 40, ((0x6B, 0x69, 1),),
@@ -88,7 +88,7 @@ class SteadyNode:
 
 
 def _bodies(seed: int, batch: int, turn: int, *, turning: bool = True) -> list[bytes]:
-    """Samples of whole turns of a wheel, `turn` samples each, batch by batch, with a sensor's noise."""
+    """Return samples of whole turns of a wheel, `turn` samples each, in batches, with sensor noise."""
     rng = np.random.default_rng(seed)
     angle = 2 * np.pi * np.arange(turn * batch) / turn * turning
     gyro = np.zeros((len(angle), 3))
@@ -100,7 +100,7 @@ def _bodies(seed: int, batch: int, turn: int, *, turning: bool = True) -> list[b
 
 
 class SteadyLink:
-    """One node's port."""
+    """The link to one node."""
 
     def __init__(self, label: str, node: SteadyNode, computer: SteadyComputer) -> None:
         self.label, self._node, self._computer = label, node, computer
@@ -109,7 +109,7 @@ class SteadyLink:
         self._computer.put(LinkUp(self.label, self._computer.now_ns(), self.label, False))
 
     def start(self) -> None:
-        self._computer.begin(self.label, self._node)
+        self._computer.start(self.label, self._node)
 
     def send(self, data: bytes, to: str = "") -> bool:
         self._computer.ask(self.label, self._node, data)
@@ -121,12 +121,12 @@ class SteadyLink:
 
 
 class SteadyComputer:
-    """See `Computer`. passed: called with hours of virtual time once a minute of it."""
+    """A `Computer` with prepared nodes; passed: called once per minute of virtual time with its hours."""
 
     def __init__(
         self, nodes: dict[str, SteadyNode], passed: Callable[[float], None] = lambda t: None
     ) -> None:
-        """nodes: by the label of their port."""
+        """Start with these nodes, by label of their port."""
         self.nodes, self._passed = nodes, passed
         self._start_ns = self._now_ns = time.time_ns()
         self._next_minute = 60.0
@@ -149,13 +149,13 @@ class SteadyComputer:
     def link(self, port: PortName, label: str, baud: int, lister: DeviceLister) -> SteadyLink:
         return SteadyLink(label, self.nodes[label], self)
 
-    def begin(self, label: str, node: SteadyNode) -> None:
-        """It sends from now on."""
+    def start(self, label: str, node: SteadyNode) -> None:
+        """Start sending."""
         self._batch(label, node, 0)
         self._report(label, node, 1)
 
     def ask(self, label: str, node: SteadyNode, data: bytes) -> None:
-        """Its answers come a little later."""
+        """Pass bytes to a node; its answers arrive 1 ms later."""
         t = node.ticks((self._now_ns - self._start_ns) / NS_PER_S + 0.0005)
         self._at(self._now_ns + 1_000_000, label, lambda: node.answers(data, t))
 
@@ -166,28 +166,28 @@ class SteadyComputer:
         if not self._due or self._due[0][0] > until:
             self._now_ns = until
             return None
-        t_ns, _, label, said, _ = heapq.heappop(self._due)
+        t_ns, _, label, body, _ = heapq.heappop(self._due)
         self._now_ns = max(t_ns, self._now_ns)
         if (t_ns - self._start_ns) / NS_PER_S >= self._next_minute:
             self._passed(self._next_minute / 3600)
             self._next_minute += 60.0
-        return Chunk(label, self._now_ns, said(), "")
+        return Chunk(label, self._now_ns, body(), "")
 
     def _batch(self, label: str, node: SteadyNode, k: int) -> None:
         t = (k + 1) * node.batch / node.rate_hz / node.ticks(1.0)
 
-        def said() -> bytes:
+        def body() -> bytes:
             self._batch(label, node, k + 1)
             return node.batch_at(k)
 
-        self._at(self._start_ns + int(t * NS_PER_S) + _LATE_NS, label, said)
+        self._at(self._start_ns + int(t * NS_PER_S) + _LATE_NS, label, body)
 
     def _report(self, label: str, node: SteadyNode, second: int) -> None:
-        def said() -> bytes:
+        def body() -> bytes:
             self._report(label, node, second + 1)
             return node.reports(node.ticks(second))
 
-        self._at(self._start_ns + second * NS_PER_S + _LATE_NS, label, said)
+        self._at(self._start_ns + second * NS_PER_S + _LATE_NS, label, body)
 
-    def _at(self, t_ns: int, label: str, said: Callable[[], bytes]) -> None:
-        heapq.heappush(self._due, (t_ns, next(self._order), label, said, 0))
+    def _at(self, t_ns: int, label: str, body: Callable[[], bytes]) -> None:
+        heapq.heappush(self._due, (t_ns, next(self._order), label, body, 0))

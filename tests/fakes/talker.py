@@ -1,4 +1,4 @@
-"""Something on a pseudo terminal that talks at even times, in virtual time, and keeps what it hears."""
+"""A device on a pseudo terminal that sends bytes periodically in virtual time and stores received bytes."""
 
 from __future__ import annotations
 
@@ -12,19 +12,20 @@ from hubodo.units import NS_PER_S
 
 
 class Talker:
-    """Runs inside `with`. say(s since the start) -> bytes, every `period` s; they come `late` s after that.
+    """A periodic sender that runs inside `with`.
 
-    heard: (s since the start, bytes) of its host.
+    say(s since the start) -> bytes, called every `period` s; they are sent `late` s after that. heard:
+    (s since the start, bytes) received from its host.
     """
 
     def __init__(
-        self, computer: VirtualComputer, period: float, say: Callable[[float], bytes], late: float = 0.0
+        self, computer: VirtualComputer, period: float, bytes_at: Callable[[float], bytes], late: float = 0.0
     ) -> None:
-        self._computer, self._say, self._late_ns = computer, say, round(late * NS_PER_S)
+        self._computer, self._bytes_at, self._late_ns = computer, bytes_at, round(late * NS_PER_S)
         self._start_ns, self._period_ns = computer.now_ns(), round(period * NS_PER_S)
         self._due_ns = self._start_ns + self._period_ns
         self._on_port: SentBytes = []
-        self.heard: list[tuple[float, bytes]] = []
+        self.received: list[tuple[float, bytes]] = []
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
         self.path = os.ttyname(self._slave)
@@ -37,17 +38,17 @@ class Talker:
         os.close(self._slave)
         os.close(self._master)
 
-    def live_until(self, t_ns: int, heard: int | None) -> None:
-        left = heard or 0
+    def live_until(self, t_ns: int, sent_count: int | None) -> None:
+        left = sent_count or 0
         while left:
             select.select([self._master], [], [])
             t = (self._computer.now_ns() - self._start_ns) / NS_PER_S
-            self.heard.append((t, os.read(self._master, left)))
-            left -= len(self.heard[-1][1])
+            self.received.append((t, os.read(self._master, left)))
+            left -= len(self.received[-1][1])
         while self._due_ns + self._late_ns <= t_ns:
-            said = self._say((self._due_ns - self._start_ns) / NS_PER_S)
-            if heard is not None and said:
-                self._on_port.append((self._due_ns + self._late_ns, os.write(self._master, said)))
+            data = self._bytes_at((self._due_ns - self._start_ns) / NS_PER_S)
+            if sent_count is not None and data:
+                self._on_port.append((self._due_ns + self._late_ns, os.write(self._master, data)))
             self._due_ns += self._period_ns
 
     def sent(self) -> SentBytes:

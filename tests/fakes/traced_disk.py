@@ -1,4 +1,4 @@
-"""The system calls under a log: recorded, refused with the true error numbers, or held up."""
+"""System calls of a log writer, recorded, refused with real error numbers, or delayed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 
 
 class TracedDisk:
-    """A context manager that stands between logs and the system for all files ending in .mcap.
+    """A context manager that intercepts system calls on all files ending in .mcap.
 
     refuses: the error of each write; largest_file: bytes beyond which none goes, as on FAT. moments: after
     each write of which `settle` heard, (host time, {file: the bytes that a disk is sure to have}).
@@ -23,9 +23,9 @@ class TracedDisk:
         self.largest_file: int | None = None
         self.moments: list[tuple[int, dict[str, bytes]]] = []
         self._safe: dict[str, bytes] = {}
-        self._written = self._seen = 0
-        self._go = threading.Event()
-        self._go.set()
+        self._written = self._settled_writes = 0
+        self._released = threading.Event()
+        self._released.set()
         self._patch = pytest.MonkeyPatch()
 
     def __enter__(self) -> TracedDisk:
@@ -39,19 +39,19 @@ class TracedDisk:
         self._patch.undo()
 
     def hang(self) -> None:
-        """Syncs take for ever from now on."""
-        self._go.clear()
+        """Block all syncs from now on."""
+        self._released.clear()
 
     def go_on(self) -> None:
-        """And no longer."""
-        self._go.set()
+        """Release the blocked syncs."""
+        self._released.set()
 
     def settle(self, series: object, now_ns: int) -> None:
-        """Lets a sync that was begun come to its end, and notes what a power cut would leave now."""
+        """Let a started sync finish and note the bytes that a power cut would leave."""
         while series._syncer.is_busy:
             time.sleep(0.0002)
-        if self._written != self._seen:
-            self._seen = self._written
+        if self._written != self._settled_writes:
+            self._settled_writes = self._written
             self.moments.append((now_ns, dict(self._safe)))
 
     def _traced_write(self, fd: int, data: bytes) -> int:
@@ -68,7 +68,7 @@ class TracedDisk:
 
     def _traced_sync(self, fd: int) -> None:
         size = os.fstat(fd).st_size
-        self._go.wait(60)
+        self._released.wait(60)
         path = Path(f"/proc/self/fd/{fd}").readlink()
         self._safe[path.name] = path.read_bytes()[:size]
         self._sync(fd)

@@ -1,4 +1,4 @@
-"""Nodes on UDP at 416 Hz in one thread, with keys or without, that know how many samples they have sent."""
+"""Nodes on UDP at 416 Hz in one thread, with or without keys, that count their samples."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _OPEN_EVERY_S, _SILENT_S = 1.0, 2.5
 
 
 class UdpNode:
-    """One node; key: None, it sends plain frames as soon as it has started."""
+    """One node; key: None to send plain frames from the start."""
 
     def __init__(self, to: tuple[str, int], serial: bytes, node_id: int, key: bytes | None) -> None:
         self.serial, self.samples_sent = serial, 0
@@ -33,7 +33,7 @@ class UdpNode:
         self.start()
 
     def start(self) -> None:
-        """Power on, or a restart: another socket, clock and counters from zero."""
+        """Power on or restart the node: new socket, clock and counters from zero."""
         if self._boot_id:
             self.socket.close()
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -42,18 +42,18 @@ class UdpNode:
         self._boot_id += 1
         self._index, self._seqs = 0, dict[int, int]()
         self._begun = self._due = self._began_to_send = time.monotonic()
-        self._open_at = self._heard = self._begun
+        self._open_at = self._last_received = self._begun
         self.joined_s = None
         self._sealed = None if self._key is None else SealedNode(self._key)
         if self._sealed is None:
-            self._join()
+            self._start_session()
 
     def turn(self, now: float) -> None:
         """Send what is due."""
         if (
             self._sealed is not None
             and now >= self._open_at
-            and (self._sealed.session is None or now - self._heard > _SILENT_S)
+            and (self._sealed.session is None or now - self._last_received > _SILENT_S)
         ):
             self._open_at = now + _OPEN_EVERY_S
             self._send(self._sealed.opening())
@@ -62,13 +62,13 @@ class UdpNode:
                 (k % 1000, 0, -5, 0, k % 1000, 2049) for k in range(self._index, self._index + BATCH)
             )
             t_us = (self._index * _PERIOD_NS // 1000) % (1 << 30)
-            self._say(ImuBatch(t_us, _PERIOD_NS, self._index & 0xFFFF, 160, 0, rows))
+            self._send_message(ImuBatch(t_us, _PERIOD_NS, self._index & 0xFFFF, 160, 0, rows))
             self._index += BATCH
             self.samples_sent += BATCH
             self._due += BATCH * _PERIOD_NS * 1e-9
 
     def listen(self) -> None:
-        """Take one datagram of the host and answer it."""
+        """Receive one datagram of the host and answer it."""
         try:
             data = self.socket.recv(2048)
         except OSError:
@@ -82,32 +82,32 @@ class UdpNode:
             frames = self._sealed.open(data)
             if frames is None:
                 return
-            self._heard = time.monotonic()
+            self._last_received = time.monotonic()
             if self.joined_s is None:
-                self._join()
+                self._start_session()
             data = frames
         for frame in FrameDecoder().feed(data):
             asked = decode(frame.type_id, frame.payload)
             if isinstance(asked, GetHello):
                 self._hello()
             elif isinstance(asked, TimeRequest):
-                self._say(TimeReply(asked.token, received_us, self._now_us()))
+                self._send_message(TimeReply(asked.token, received_us, self._now_us()))
 
-    def _join(self) -> None:
+    def _start_session(self) -> None:
         self._due = self._began_to_send = time.monotonic()
         self.joined_s = self._due - self._begun
         self._hello()
 
     def _hello(self) -> None:
         hello: Hello = replace(HELLO, serial=self.serial, boot_id=self._boot_id, rate_mhz=RATE_HZ * 1000)
-        self._say(hello)
+        self._send_message(hello)
 
     def _now_us(self) -> int:
-        """The first frame is sent at once, so its samples were measured before."""
+        """Return the node's time, us; the samples of the first frame were measured before it."""
         since = time.monotonic() - self._began_to_send + BATCH * _PERIOD_NS * 1e-9
         return int(1e6 * since) % (1 << 30)
 
-    def _say(self, message: Message) -> None:
+    def _send_message(self, message: Message) -> None:
         seq = self._seqs.get(message.type_id, 0)
         self._seqs[message.type_id] = (seq + 1) & 0xFFFF
         frame = encode_frame(Frame(message.type_id, self._node_id, seq, encode(message)))
@@ -120,10 +120,10 @@ class UdpNode:
 
 
 class UdpNodes:
-    """A thread in which nodes live while the context lasts; `restart` is done there too."""
+    """A thread that runs the nodes inside `with`; `restart` is carried out in it."""
 
     def __init__(self, to: tuple[str, int], keys: dict[bytes, bytes | None]) -> None:
-        """keys: serial of a board -> its key."""
+        """Start with keys by serial of the board."""
         self.nodes = [UdpNode(to, serial, k + 1, key) for k, (serial, key) in enumerate(keys.items())]
         self._restart: list[UdpNode] = []
         self._ended = threading.Event()
@@ -140,7 +140,7 @@ class UdpNodes:
             node.socket.close()
 
     def restart(self, node: UdpNode) -> None:
-        """As by a reset."""
+        """Restart a node as by a reset."""
         node.joined_s = None
         self._restart.append(node)
 

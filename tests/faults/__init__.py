@@ -1,1 +1,1 @@
-"""Faults, what is to happen, and the counter that moves."""
+"""Table of faults with their expected outcome and the counter that shows them."""

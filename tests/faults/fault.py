@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Fault:
-    """tests: `file::test` below tests/, of which all must pass."""
+    """A fault with its expected outcome; tests: `file::test` below tests/, all of which must pass."""
 
     what: str
     expected: str
-    told_by: str
+    reported_by: str
     tests: tuple[str, ...]

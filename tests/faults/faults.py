@@ -37,39 +37,41 @@ def main() -> int:
         words = [sys.executable, "-m", "pytest", "-q", f"--kills={args.kills}", f"--junit-xml={report}"]
         words += ["-o", "junit_family=xunit1"]  # with properties of tests
         code = subprocess.run([*words, "--timeout=1800", *(str(TESTS / test) for test in wanted)]).returncode
-        found, figures = outcomes(report), properties(report)
-    print(*(line for fault in FAULTS for line in rows(fault, found)), sep="\n")
-    survived = sum(set(endings(fault, found)) == {"passed"} for fault in FAULTS)
+        outcomes_by_fault, figures = outcomes(report), properties(report)
+    print(*(line for fault in FAULTS for line in rows(fault, outcomes_by_fault)), sep="\n")
+    survived = sum(set(endings(fault, outcomes_by_fault)) == {"passed"} for fault in FAULTS)
     print(f"\n{survived} of {len(FAULTS)} kinds of fault survived", *figures, sep="\n", flush=True)
     complete = print_figures(args.files, args.seconds, args.seed)
     return code or int(not complete)
 
 
 def outcomes(report: Path) -> dict[str, list[str]]:
-    """What became of each test, by its function: one word for each set of its parameters."""
-    found: dict[str, list[str]] = defaultdict(list)
+    """Return the outcomes of each test by function: one word per set of parameters."""
+    outcomes_by_fault: dict[str, list[str]] = defaultdict(list)
     for case in xml.parse(report).iter("testcase"):
         ended = [child.tag for child in case if child.tag in ("failure", "error", "skipped")]
-        found[case.attrib["name"].partition("[")[0]].append(ended[0] if ended else "passed")
-    return found
+        outcomes_by_fault[case.attrib["name"].partition("[")[0]].append(ended[0] if ended else "passed")
+    return outcomes_by_fault
 
 
 def properties(report: Path) -> list[str]:
     """Return the figures that tests have recorded."""
-    found = xml.parse(report).iter("property")
-    return [item.attrib["value"] for item in found if item.attrib["name"] == "figure"]
+    outcomes_by_fault = xml.parse(report).iter("property")
+    return [item.attrib["value"] for item in outcomes_by_fault if item.attrib["name"] == "figure"]
 
 
-def endings(fault: Fault, found: dict[str, list[str]]) -> list[str]:
-    """Return what became of each test of a fault."""
-    return [word for test in fault.tests for word in found.get(test.partition("::")[2], ["not run"])]
+def endings(fault: Fault, outcomes_by_fault: dict[str, list[str]]) -> list[str]:
+    """Return the outcome of each test of a fault."""
+    return [
+        word for test in fault.tests for word in outcomes_by_fault.get(test.partition("::")[2], ["not run"])
+    ]
 
 
-def rows(fault: Fault, found: dict[str, list[str]]) -> list[str]:
-    """The row of a fault, broken to the widths of the columns."""
-    ended = endings(fault, found)
+def rows(fault: Fault, outcomes_by_fault: dict[str, list[str]]) -> list[str]:
+    """Return the row of a fault, wrapped to the widths of the columns."""
+    ended = endings(fault, outcomes_by_fault)
     counts = ", ".join(f"{ended.count(word)} {word}" for word in dict.fromkeys(sorted(ended)))
-    texts = (fault.what, fault.expected, fault.told_by)
+    texts = (fault.what, fault.expected, fault.reported_by)
     columns = [textwrap.wrap(text, width) for text, width in zip(texts, _WIDTHS, strict=True)] + [[counts]]
     high = max(map(len, columns))
     cells = [column + [""] * (high - len(column)) for column in columns]

@@ -1,4 +1,4 @@
-"""`make faults`: what attacks and strangers' files cost, beside what they cost before."""
+"""`make faults`: cost of attacks and foreign files, beside the cost of earlier versions."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _SENTENCES = 60_000
 
 
 class Figure(NamedTuple):
-    """A row: what is done, what it did before, what it does now, and whether that is as it has to be."""
+    """A row: attack, earlier result, present result, and whether it meets the requirement."""
 
     what: str
     before: str
@@ -45,9 +45,9 @@ def print_figures(files: int, seconds: float, seed: int | None = None) -> bool:
 def _figures(files: int, seconds: float, seed: int) -> Iterator[Figure]:
     yield from _connections()
     yield from _floods(seconds)
-    for way in WAYS:
-        guessing = measure(way)
-        what = f"the owner's login beside 60 who guess by {way}"
+    for path in WAYS:
+        guessing = measure(path)
+        what = f"the owner's login beside 60 who guess by {path}"
         now = (
             f"{guessing.login_s:.2f} s from their address, {guessing.login_elsewhere_s:.2f} s from another; "
             f"{guessing.guesses_per_s:.0f} guesses/s"
@@ -74,23 +74,31 @@ def _floods(seconds: float) -> Iterator[Figure]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for what, before, flood in (
-            ("300 nodes without keys", "the recording ends", lambda: flood_of_nodes(_made(folder / "a"))),
-            ("12,000 addresses", "1 GB that is kept", lambda: flood_of_addresses(_made(folder / "b"))),
+            (
+                "300 nodes without keys",
+                "the recording ends",
+                lambda: flood_of_nodes(_create_folder(folder / "a")),
+            ),
+            (
+                "12,000 addresses",
+                "1 GB that is kept",
+                lambda: flood_of_addresses(_create_folder(folder / "b")),
+            ),
             (
                 f"300 handshakes a second for {seconds:g} s, forged or sent again",
                 "nodes with keys are kept out",
-                lambda: flood_of_openings(_made(folder / "c"), seconds),
+                lambda: flood_of_openings(_create_folder(folder / "c"), seconds),
             ),
         ):
             result = flood()
-            joined = "never in again" if result.joined_s is None else f"in after {result.joined_s:.2f} s"
+            text = "never in again" if result.joined_s is None else f"in after {result.joined_s:.2f} s"
             now = (
                 f"{result.lost} of {result.sent} samples of four nodes lost, {result.memory_mb:+.0f} MB; "
-                f"a node that restarts meanwhile is {joined}"
+                f"a node that restarts meanwhile is {text}"
             )
             yield Figure(what, before, now, result.lost == 0 and result.joined_s is not None)
 
 
-def _made(folder: Path) -> Path:
+def _create_folder(folder: Path) -> Path:
     folder.mkdir()
     return folder

@@ -1,4 +1,4 @@
-"""Floods of a UDP port on real sockets, beside four nodes at 416 Hz on a real `hubodo record`: what is lost.
+"""Floods of a UDP port on real sockets, beside four nodes at 416 Hz on a real `hubodo record`: samples lost.
 
 `python tests/faults/floods_udp.py --seconds 60` prints each; `make faults` does.
 """
@@ -36,7 +36,7 @@ _JOIN_S = 10.0
 
 @dataclass(frozen=True)
 class FloodResult:
-    """sent, recorded: samples of the four nodes; datagrams: of the flood. memory_mb: growth of the recorder.
+    """Result of a flood; sent, recorded: samples of four nodes; datagrams: of the flood; memory_mb: growth.
 
     joined_s: from a restart of a node in the middle of the flood until it was in; None if it never was.
     events: kinds in the log and how many of each.
@@ -52,12 +52,12 @@ class FloodResult:
 
     @property
     def lost(self) -> int:
-        """Samples sent and not recorded."""
+        """Samples sent but not recorded."""
         return self.sent - self.recorded
 
 
 def flood_of_nodes(folder: Path, count: int = 300, per_second: float = 300.0) -> FloodResult:
-    """Nodes without keys, each with a serial and an address of its own, that say Hello and send a frame."""
+    """Yield datagrams of nodes without keys, each with its own serial and address: a Hello and a frame."""
     hellos = [_stranger(k) for k in range(count)]
 
     def flood() -> Iterator[tuple[str, bytes]]:
@@ -68,7 +68,7 @@ def flood_of_nodes(folder: Path, count: int = 300, per_second: float = 300.0) ->
 
 
 def flood_of_addresses(folder: Path, count: int = 12_000, per_second: float = 1000.0) -> FloodResult:
-    """Frames without a Hello, five at once, each time from an address that has never been seen."""
+    """Yield frames without a Hello, five at a time, each time from a new address."""
     frame = _stranger(1).batch() * 5
 
     def flood() -> Iterator[tuple[str, bytes]]:
@@ -79,13 +79,13 @@ def flood_of_addresses(folder: Path, count: int = 12_000, per_second: float = 10
 
 
 def flood_of_openings(folder: Path, seconds: float, per_second: float = 300.0) -> FloodResult:
-    """Beside nodes with keys: openings, proofs and data made up, and those of the nodes sent again."""
+    """Yield forged openings, proofs and data, and replayed datagrams of nodes with keys."""
     rng = random.Random(1)
 
     def flood(recorded: list[bytes]) -> Iterator[tuple[str, bytes]]:
         for k in range(int(seconds * per_second)):
-            made_up = (b"\xfe\x21" + rng.randbytes(16), b"\xfe\x23" + rng.randbytes(32), rng.choice(recorded))
-            yield "127.0.0.1", made_up[k % 3]
+            forged = (b"\xfe\x21" + rng.randbytes(16), b"\xfe\x23" + rng.randbytes(32), rng.choice(recorded))
+            yield "127.0.0.1", forged[k % 3]
 
     return _run(folder, flood, per_second, with_keys=True)
 
@@ -100,7 +100,7 @@ Flood = Iterator[tuple[str, bytes]]
 def _run(
     folder: Path, flood: Flood | Callable[[list[bytes]], Flood], per_second: float, *, with_keys: bool
 ) -> FloodResult:
-    """One recording, with the flood in its middle and a restart of a node in the middle of that."""
+    """Record with a flood in the middle and a restart of a node during the flood."""
     log, to = folder / "drive.mcap", ("127.0.0.1", _free_port())
     ring = KeyRing(folder / "keys.toml", create=True)
     keys = {
@@ -133,7 +133,7 @@ def _run(
 
 
 def _wait_for(bank: UdpNodes) -> float | None:
-    """Seconds that the node took that was last to join; None when it has not after ten."""
+    """Return the seconds until the restarted node was recorded again; None after ten."""
     end = time.monotonic() + _JOIN_S
     while any(node.joined_s is None for node in bank.nodes) and time.monotonic() < end:
         time.sleep(0.01)
@@ -143,7 +143,7 @@ def _wait_for(bank: UdpNodes) -> float | None:
 def _send_flood(
     flood: Flood, to: tuple[str, int], per_second: float, in_the_middle: Callable[[], None]
 ) -> int:
-    """Send a flood, evenly; how many datagrams it had. From 127.0.0.1 all come from one socket."""
+    """Send a flood at a constant rate; return its number of datagrams. From 127.0.0.1 one socket is used."""
     datagrams = list(flood)
     begun = time.monotonic()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as single:
@@ -171,17 +171,17 @@ def _recorder(port: int, log: Path, words: list[str]) -> Iterator[subprocess.Pop
             until(lambda: log.exists() or process.poll() is not None)
             yield process
             process.send_signal(signal.SIGTERM)
-            _, said = process.communicate(timeout=60)
-            assert process.returncode == 0, said.decode()
+            _, line = process.communicate(timeout=60)
+            assert process.returncode == 0, line.decode()
         finally:
             process.kill()
 
 
 def _in_log(log: Path) -> tuple[int, dict[str, int]]:
-    """Samples of the four nodes, and events by kind."""
-    found, recorded, kinds = read_recording(log), 0, dict[str, int]()
+    """Return the samples of the four nodes and the number of events by kind."""
+    counts, recorded, kinds = read_recording(log), 0, dict[str, int]()
     with open_log(log) as records:
-        for name, table in found.nodes.items():
+        for name, table in counts.nodes.items():
             if records.metadata_records[f"node.{name}"]["serial"] in _SERIALS:
                 recorded += len(table.t)
         for message in records.messages():
@@ -194,7 +194,7 @@ def _in_log(log: Path) -> tuple[int, dict[str, int]]:
 
 
 def _memory(pid: int) -> int:
-    """Resident bytes."""
+    """Return the resident memory, bytes."""
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
@@ -220,10 +220,10 @@ def main() -> int:
         with tempfile.TemporaryDirectory() as folder:
             result = flood(Path(folder))
         lost += result.lost
-        joined = "never" if result.joined_s is None else f"{result.joined_s:.2f} s"
+        rejoined = "never" if result.joined_s is None else f"{result.joined_s:.2f} s"
         print(
             f"{name}: {result.datagrams} datagrams; {result.lost} of {result.sent} samples lost, "
-            f"memory {result.memory_mb:+.1f} MB, a restarted node is in after {joined}; {result.events}",
+            f"memory {result.memory_mb:+.1f} MB, a restarted node is in after {rejoined}; {result.events}",
             flush=True,
         )
     return int(lost != 0)

@@ -1,4 +1,4 @@
-"""How fast a token can be guessed, and how long its owner's login takes meanwhile; `make faults` prints both.
+"""Rate of guessing a token, and duration of its owner's login meanwhile; `make faults` prints both.
 
 `python tests/faults/guessing.py` prints them alone.
 """
@@ -31,9 +31,9 @@ Request = Callable[[http.client.HTTPConnection, str], int]
 
 @dataclass(frozen=True)
 class Guessing:
-    """What `GUESSERS` connections achieved that guess as fast as they are answered."""
+    """Guesses achieved by `GUESSERS` connections that guess as fast as they are answered."""
 
-    way: str
+    path: str
     guesses_per_s: float
     """Secrets that were compared, by all guessers together, all from one address."""
     login_s: float
@@ -67,9 +67,9 @@ def by_cookie(connection: http.client.HTTPConnection, secret: str) -> int:
 WAYS: dict[str, Request] = {"login form": by_login, "Authorization": by_bearer, "cookie": by_cookie}
 
 
-def measure(way: str, seconds: float = 4.0) -> Guessing:
+def measure(path: str, seconds: float = 4.0) -> Guessing:
     """Guess for `seconds` on one server, and log in meanwhile."""
-    ask, verified, stop = WAYS[way], [0] * GUESSERS, threading.Event()
+    ask, verified, stop = WAYS[path], [0] * GUESSERS, threading.Event()
 
     def guess(place: int, port: int) -> None:
         number = 0
@@ -87,29 +87,29 @@ def measure(way: str, seconds: float = 4.0) -> Guessing:
         serving(make_app(site, RecordingLibrary(Path(folder))), site) as port,
     ):
         threads = [threading.Thread(target=guess, args=(place, port)) for place in range(GUESSERS)]
-        begin = time.monotonic()
+        start = time.monotonic()
         for thread in threads:
             thread.start()
         try:
             stop.wait(seconds / 2)
             here = max(login_time(port, "127.0.0.1") for _ in range(3))
             elsewhere = login_time(port, "127.0.0.2")
-            stop.wait(max(begin + seconds - time.monotonic(), 0.0))
-            guesses_per_s = sum(verified) / (time.monotonic() - begin)
+            stop.wait(max(start + seconds - time.monotonic(), 0.0))
+            guesses_per_s = sum(verified) / (time.monotonic() - start)
         finally:
             stop.set()
             for thread in threads:
                 thread.join()
-    return Guessing(way, guesses_per_s, here, elsewhere)
+    return Guessing(path, guesses_per_s, here, elsewhere)
 
 
 def login_time(port: int, source: str) -> float:
     """Return how long a login with the valid token takes from an address of this computer, s."""
-    begin = time.monotonic()
+    start = time.monotonic()
     connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60, source_address=(source, 0))
     status = by_login(connection, TOKEN)
     connection.close()
-    return time.monotonic() - begin if status == 303 else float("inf")
+    return time.monotonic() - start if status == 303 else float("inf")
 
 
 def _status(connection: http.client.HTTPConnection) -> int:
@@ -119,8 +119,8 @@ def _status(connection: http.client.HTTPConnection) -> int:
 
 
 def main() -> int:
-    for way in WAYS:
-        print(measure(way), flush=True)
+    for path in WAYS:
+        print(measure(path), flush=True)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""A node's line without a port: what it says as bytes, and a recorder that listens, in a time of its own."""
+"""A node's line without a port: the node's bytes, a recorder that receives them, and simulated time."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ HELLO = Hello(
 
 @dataclass
 class Node:
-    """Counts frames and samples as a node does; a sample's gx and ay are its number."""
+    """A node that numbers frames and samples; gx and ay of a sample are its number."""
 
     hello: Hello = HELLO
     node_id: int = 1
@@ -45,17 +45,17 @@ class Node:
         numbers = range(self.index, self.index + BATCH)
         rows = tuple((k % 1000, 0, -5, 0, k % 1000, 2049) for k in numbers)
         t_us = (self.clock_us + self.index * PERIOD_NS // 1000) % (1 << 30)
-        made = self.frame(ImuBatch(t_us, PERIOD_NS, self.index & 0xFFFF, 160, 0, rows))
+        frame_bytes = self.frame(ImuBatch(t_us, PERIOD_NS, self.index & 0xFFFF, 160, 0, rows))
         self.index += BATCH
-        return made
+        return frame_bytes
 
     def restarts(self, boot_id: int) -> None:
         self.hello = replace(self.hello, boot_id=boot_id)
         self.index, self.seqs = 0, {}
 
 
-class Kept:
-    """A sink that keeps what it is given, by kind."""
+class StoredRecords:
+    """A sink that stores records by kind."""
 
     def __init__(self) -> None:
         self.records: list[LogRecord] = []
@@ -75,7 +75,7 @@ class Kept:
                 self.records.append(record)
 
     def numbers(self, node: str = "left") -> list[int]:
-        """The numbers of the samples that came, modulo 1000, in order."""
+        """Return the numbers of the samples received, modulo 1000, in order."""
         step = HELLO.gyro_lsb_ndps * 1e-9 * np.pi / 180
         rows = np.concatenate(self.rows.get(node, [np.empty((0, 3))]))
         return [round(x / step) for x in rows[:, 0]]
@@ -88,10 +88,10 @@ class Kept:
 
 
 class Line:
-    """A recorder of one link or more, and the time that passes on it."""
+    """A recorder of one or more links in simulated time."""
 
     def __init__(self, *labels: str, datagrams: bool = False) -> None:
-        self.sink, self.now, self.datagrams = Kept(), T0, datagrams
+        self.sink, self.now, self.datagrams = StoredRecords(), T0, datagrams
         names = dict.fromkeys(labels or ("usb0",))
         self.recorder = Recorder(names, self.sink, lambda *_: True, lambda: self.now)
         for label in names:
@@ -110,7 +110,7 @@ class Line:
         seconds: float = BATCH * PERIOD_NS / NS_PER_S,
         sender: str = "",
     ) -> None:
-        """Bytes that came, and the time until the next."""
+        """Receive bytes, then advance the time by `seconds`."""
         if data:
             self.recorder.handle(Chunk(label, self.now, data, sender))
         self.now += round(seconds * NS_PER_S)
@@ -120,7 +120,7 @@ class Line:
         for _ in range(round(seconds / 0.1)):
             self.says(b"", seconds=0.1)
 
-    def close(self) -> Kept:
+    def close(self) -> StoredRecords:
         self.recorder.close()
         return self.sink
 

@@ -1,4 +1,4 @@
-"""Faults that come with other people's files, texts and requests, and the tests that prove the outcome."""
+"""Faults caused by foreign files, texts and requests, with the tests that prove the outcome."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LIBRARY, GUARD, REQUESTS, RESTART = (
     "host/web/test_server_restart.py::",
 )  # fmt: skip
 EXTRAS, PARTIAL, PROGRAM = (
-    "host/test_extras.py::", "host/test_partial_logs.py::", "host/ingest/test_program_log.py::",
+    "host/test_extras.py::", "host/test_partial_logs.py::", "host/ingest/live/test_program_log.py::",
 )  # fmt: skip
 
 STRANGERS = (

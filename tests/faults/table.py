@@ -1,4 +1,4 @@
-"""The table of faults: what is done, what is to happen, what says so, which tests prove it."""
+"""The table of faults: cause, expected outcome, event or counter, and tests that prove it."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ STREAM, DISK, FLIPPED, BOMBS = (
     "faults/test_stream_faults.py::", "faults/test_full_disk.py::", "faults/test_flipped_bytes.py::",
     "faults/test_bombs.py::",
 )  # fmt: skip
-RECORD, DECODER = "host/test_verb_record.py::", "host/ingest/test_node_decoder.py::"
+RECORD, DECODER = "host/test_verb_record.py::", "host/ingest/node/test_decoder.py::"
 PORTS, RECOVER, WRITER = (
-    "host/ingest/test_ports_and_strangers.py::", "host/log/test_recover.py::",
+    "host/ingest/link/test_ports.py::", "host/log/test_recover.py::",
     "host/log/test_log_writer.py::",
 )  # fmt: skip
 KILL, JUMPS, UNIT = (
-    "faults/test_kill.py::", "host/ingest/test_clock_jumps.py::", "host/test_verb_service.py::",
+    "faults/test_kill.py::", "host/ingest/live/test_host_clock.py::", "host/test_verb_service.py::",
 )  # fmt: skip
 BULKHEADS, UNREAD, REPORTS, NMEA = (
-    "host/ingest/test_bulkheads.py::", "host/ingest/test_unread_output.py::",
-    "host/ingest/test_reports_alone.py::", "host/ingest/test_nmea.py::",
+    "host/ingest/live/test_bulkheads.py::", "host/ingest/live/test_timeout_stream.py::",
+    "host/ingest/node/test_node_session.py::", "host/ingest/gnss/test_nmea.py::",
 )  # fmt: skip
 WEEKS, SERIES, SEALED = (
-    "host/ingest/test_weeks.py::", "host/log/test_log_series.py::", "host/ingest/test_sealed.py::",
+    "host/ingest/live/test_loop.py::", "host/log/test_log_series.py::", "host/ingest/link/test_sealed.py::",
 )  # fmt: skip
 GUESSES, CONNECTIONS = "host/web/test_guess_limiter.py::", "host/web/test_bounded_connections.py::"
 
 FLOODS, LINKS, SENDERS = (
-    "faults/test_floods_udp.py::", "host/ingest/test_link_threads.py::", "host/ingest/test_senders.py::",
+    "faults/test_floods_udp.py::", "host/ingest/link/test_link.py::", "host/ingest/node/test_senders.py::",
 )  # fmt: skip
 
 RECORDING = (
@@ -52,7 +52,7 @@ RECORDING = (
     ),
     Fault(
         "wrong baud rate", "told with both rates; silence is not taken for it", "foreign, silent",
-        (STREAM + "test_silence_after_frames_is_no_stranger_and_another_baud_rate_is",
+        (STREAM + "test_silence_after_frames_is_not_foreign_data_and_another_baud_rate_is",
          PORTS + "test_bytes_at_another_baud_rate_are_counted_and_both_rates_of_a_node_are_named"),
     ),
     Fault(
@@ -61,11 +61,11 @@ RECORDING = (
     ),
     Fault(
         "the node crashes into its prompt", "told what to do", "foreign: MicroPython prompt",
-        (STREAM + "test_a_node_that_crashes_into_its_prompt_is_told_although_it_says_no_more",),
+        (STREAM + "test_a_node_that_crashes_into_its_prompt_is_reported_although_it_is_silent",),
     ),
     Fault(
         "the node is reset within a frame", "that frame is lost, the new start begins at 0", "damage, reset",
-        (STREAM + "test_a_node_that_is_reset_within_a_frame_loses_that_frame_and_begins_anew",
+        (STREAM + "test_a_node_that_is_reset_within_a_frame_loses_that_frame_only",
          DECODER + "test_a_restart_whose_hello_was_lost_is_suspected_and_settled_by_the_next_hello"),
     ),
     Fault(
@@ -74,7 +74,7 @@ RECORDING = (
     ),
     Fault(
         "two nodes with one id on one line", "kept raw, not mixed", "conflict; frames unread",
-        (STREAM + "test_two_nodes_with_one_id_on_one_line_are_told_and_not_mixed",
+        (STREAM + "test_two_nodes_with_one_id_on_one_line_are_reported_and_not_mixed",
          STREAM + "test_a_board_that_was_exchanged_while_unplugged_is_no_conflict"),
     ),
     Fault(
@@ -93,7 +93,7 @@ RECORDING = (
     ),
     Fault(
         "the port is back under another name", "found by its serial number", "connected at ...",
-        (PORTS + "test_a_device_is_found_again_under_another_name_by_the_serial_number_seen_first",),
+        (PORTS + "test_a_device_is_found_under_another_name_by_its_serial_number",),
     ),
     Fault(
         "killed at any moment", "all until a second before is recovered",
@@ -119,7 +119,7 @@ RECORDING = (
         "the log is deleted or replaced while recording", "noticed within a second, another begun, code 1",
         "event; messages lost",
         (SERIES + "test_a_deleted_or_renamed_log_is_noticed_within_a_second_and_recording_continues",
-         WEEKS + "test_a_log_deleted_while_recording_is_told_everywhere_and_the_run_fails"),
+         WEEKS + "test_a_log_deleted_while_recording_is_reported_everywhere_and_the_run_fails"),
     ),
     Fault(
         "the log is emptied or written to by another program",
@@ -139,7 +139,7 @@ RECORDING = (
         "the wall clock is set while recording", "the log goes on without a step",
         "event: clock, with the size",
         (JUMPS + "test_a_wall_clock_that_is_set_is_an_event_with_its_size_and_moves_no_sample",
-         JUMPS + "test_a_process_that_is_interrupted_between_two_readings_has_seen_no_step"),
+         JUMPS + "test_a_process_interrupted_between_two_readings_reports_no_step"),
     ),
     Fault(
         "a clock that nobody has set", "recorded and marked; the service waits for no network",
@@ -154,7 +154,7 @@ RECORDING = (
         (JUMPS + "test_a_computer_that_stood_still_for_ten_minutes_is_one_event_and_no_lost_sample",
          JUMPS + "test_what_a_node_sent_while_the_computer_stood_still_is_counted",
          JUMPS + "test_no_jump_of_the_hosts_clock_adds_or_hides_a_lost_sample",
-         PORTS + "test_a_frame_cut_in_two_by_a_standstill_does_not_make_its_node_a_stranger"),
+         PORTS + "test_a_frame_cut_by_a_suspension_is_not_foreign_data"),
     ),
     Fault(
         "the terminal is closed", "the log is whole, code 0; ignored under nohup", "exit code",
@@ -197,7 +197,7 @@ RECORDING = (
         "a byte of a log turned over", "noticed, whichever it is; a damaged attachment is not used",
         "info: damaged places",
         (FLIPPED + "test_each_turned_byte_is_noticed",
-         FLIPPED + "test_a_changed_radius_and_a_changed_zero_of_time_are_told_by_the_verbs"),
+         FLIPPED + "test_a_changed_radius_and_a_changed_zero_of_time_are_reported_by_the_verbs"),
     ),
     Fault(
         "a small file that claims to be huge", "not believed, memory bounded", "warning, or refused",
@@ -331,7 +331,7 @@ RECORDING = (
     ),
     Fault(
         "SIGTERM while nothing is sent", "obeyed", "code 0",
-        ("host/ingest/test_computer.py::"
+        ("host/ingest/live/test_computer.py::"
          "test_a_signal_whose_handler_outlasts_the_wait_does_not_make_it_endless",),
     ),
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Small files that claim to be huge: refused or left out within a bounded memory, never believed."""
+"""Small files that claim huge sizes are refused or skipped within bounded memory."""
 
 import resource
 import struct
@@ -23,20 +23,20 @@ CLAIMED = 1 << 30
 
 
 def chunk(compression: str, data: bytes, size: int) -> bytes:
-    """A chunk record as another writer might make it; without a checksum."""
+    """Return a chunk record without checksum, as another writer might create it."""
     name = compression.encode()
     body = struct.pack("<QQQII", 1, 2, size, 0, len(name)) + name + struct.pack("<Q", len(data)) + data
     return struct.pack("<BQ", 6, len(body)) + body
 
 
 def zeros(compression: str, size: int) -> bytes:
-    """So many zeros, compressed: a message record's opcode does not occur in them."""
+    """Return compressed zeros, which contain no opcode of a message record."""
     if compression == "zstd":
-        made = zstandard.ZstdCompressor(level=19).compressobj()
-        return b"".join(made.compress(bytes(1 << 20)) for _ in range(size >> 20)) + made.flush()
-    with lz4.frame.LZ4FrameCompressor(block_size=lz4.frame.BLOCKSIZE_MAX4MB) as made:
-        parts = [made.begin()] + [made.compress(bytes(1 << 20)) for _ in range(size >> 20)]
-        return b"".join([*parts, made.flush()])
+        packer = zstandard.ZstdCompressor(level=19).compressobj()
+        return b"".join(packer.compress(bytes(1 << 20)) for _ in range(size >> 20)) + packer.flush()
+    with lz4.frame.LZ4FrameCompressor(block_size=lz4.frame.BLOCKSIZE_MAX4MB) as packer:
+        parts = [packer.begin()] + [packer.compress(bytes(1 << 20)) for _ in range(size >> 20)]
+        return b"".join([*parts, packer.flush()])
 
 
 def bomb(path: Path, *chunks: bytes) -> Path:
@@ -48,7 +48,7 @@ def bomb(path: Path, *chunks: bytes) -> Path:
 
 
 def peak_megabytes(*words: object) -> float:
-    """Of the command in a process of its own."""
+    """Return the peak memory of the command in a process of its own, MB."""
     program = textwrap.dedent("""
         import re, sys
         from hubodo.cli import main
@@ -118,8 +118,8 @@ def test_one_wild_time_stamp_does_not_make_a_grid_of_gigabytes(tmp_path: Path) -
 def test_no_verb_lays_a_grid_up_to_a_wild_time_stamp(tmp_path: Path) -> None:
     model, vehicle, drive = tmp_path / "m.toml", tmp_path / "v.toml", tmp_path / "drive"
     model.write_text(DRIVE_MODEL)
-    head, _, rest = DRIVE_MODEL.partition("[imu]")
-    vehicle.write_text(head + rest[rest.index("[nodes") : rest.index("[inputs")])
+    head, _, remainder = DRIVE_MODEL.partition("[imu]")
+    vehicle.write_text(head + remainder[remainder.index("[nodes") : remainder.index("[inputs")])
     assert hubodo("simulate", model, "--duration", 25, "--rate", 50, "-o", drive).code == 0
     for file in drive.iterdir():
         head, _, last = file.read_text().strip().rpartition("\n")
@@ -141,7 +141,7 @@ def test_no_verb_lays_a_grid_up_to_a_wild_time_stamp(tmp_path: Path) -> None:
 
 @contextmanager
 def limited_memory(megabytes: int) -> Iterator[None]:
-    """No more than this beyond what is used now."""
+    """Limit the memory to this much beyond the present use."""
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     before = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + megabytes * 10**6, before[1]))

@@ -1,4 +1,4 @@
-"""Every byte of a small log turned over once: it is noticed, or nothing that is read differs."""
+"""A flip of any byte of a small log is detected, or all contents read are unchanged."""
 
 import json
 import random
@@ -19,7 +19,7 @@ VEHICLE = vehicle_toml(facing={}).encode()
 
 
 def write_log(path: Path, compression: str) -> None:
-    """Two links, an event, metadata, an attachment: every kind of record that a recording has."""
+    """Write a log with two links, an event, metadata and an attachment: every kind of MCAP record."""
     with LogWriter(
         path,
         t_zero_ns=1_700_000_000 * 10**9,
@@ -37,12 +37,12 @@ def write_log(path: Path, compression: str) -> None:
 
 
 def everything(path: Path) -> tuple[tuple[object, ...], tuple[str, ...]]:
-    """All that a log says by any way of reading, its attachments first, and what is wrong with it."""
+    """Return the contents of a log by all readers, attachments first, and its warnings."""
     with open_log(path) as log:
         by_time = list(log.messages())
         in_file = [chunk.data.tobytes() for chunk in log.chunks()]
-        said = (log.attachments, by_time, in_file, log.streams, log.metadata_records, log.t_zero_ns)
-        return (*said, log.scan.library, log.scan.profile), log.warnings()
+        output = (log.attachments, by_time, in_file, log.streams, log.metadata_records, log.t_zero_ns)
+        return (*output, log.scan.library, log.scan.profile), log.warnings()
 
 
 @pytest.mark.parametrize(("compression", "step"), [("zstd", 1), ("none", 5)])
@@ -59,24 +59,24 @@ def test_each_turned_byte_is_noticed(compression: str, step: int, tmp_path: Path
         turned[at] ^= 1 << rng.randrange(8)
         bad.write_bytes(turned)
         try:
-            found, warnings = everything(bad)
+            contents, warnings = everything(bad)
         except LogError:
             assert at < 8, f"byte {at}, seed {seed}: only the magic makes it no log"
             continue
         assert warnings, f"byte {at} of {len(data)} is not noticed, seed {seed}"
-        assert found[0] in ({}, truth[0]), f"byte {at}: a damaged attachment is given out, seed {seed}"
-        harmless += found == truth
+        assert contents[0] in ({}, truth[0]), f"byte {at}: a damaged attachment is given out, seed {seed}"
+        harmless += contents == truth
     print(f"{len(data[::step])} of {len(data)} bytes: all noticed; {harmless} change nothing read")
 
 
-def test_a_changed_radius_and_a_changed_zero_of_time_are_told_by_the_verbs(tmp_path: Path) -> None:
+def test_a_changed_radius_and_a_changed_zero_of_time_are_reported_by_the_verbs(tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     write_log(path, "zstd")
     data = path.read_bytes()
     path.write_bytes(data.replace(b"0.165", b"0.265"))
-    told = hubodo("info", path, "--json")
-    assert "vehicle.toml fails its checksum" in told.out
-    assert json.loads(told.out)["damaged"] == 1 and json.loads(told.out)["attachments"] == {}
+    warnings = hubodo("info", path, "--json")
+    assert "vehicle.toml fails its checksum" in warnings.out
+    assert json.loads(warnings.out)["damaged"] == 1 and json.loads(warnings.out)["attachments"] == {}
     assert "1 damaged places" in hubodo("info", path).out
     done = recover_log(path, tmp_path / "whole.mcap")
     assert not done.was_complete and "vehicle.toml" in done.losses[0]

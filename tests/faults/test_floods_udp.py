@@ -1,4 +1,4 @@
-"""Floods of a UDP port beside four nodes on a real recorder, short: `make faults` has them in full length."""
+"""Short floods of a UDP port beside four nodes on a real recorder; `make faults` runs them at full length."""
 
 import pytest
 

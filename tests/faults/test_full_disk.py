@@ -1,4 +1,4 @@
-"""Results on a disk that fills up, cannot be written or goes away: one line, code 1, nothing half."""
+"""A disk that fills up, is read-only or disappears: one line, exit code 1, no incomplete file."""
 
 import os
 import resource
@@ -36,7 +36,7 @@ VERBS = {
 
 @pytest.fixture(scope="module")
 def given(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A drive in two forms, a log with raw frames, an upright gyro, settings."""
+    """Create a drive in two formats, a log with raw frames, an upright gyro, and settings."""
     folder = tmp_path_factory.mktemp("given")
     (folder / "m.toml").write_text(seeds.MODEL)
     (folder / "v.toml").write_text(seeds.VEHICLE)
@@ -58,7 +58,7 @@ def run(words: tuple[str, ...], given: Path, out: Path):
 
 @contextmanager
 def no_more_than(size: int) -> Iterator[None]:
-    """No file may grow beyond: the system refuses to write, as on a full disk."""
+    """Limit the size of files: the system refuses further writes, as on a full disk."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     old = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
@@ -75,7 +75,7 @@ def files(folder: Path) -> dict[str, bytes]:
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_a_disk_that_fills_at_any_stage_leaves_nothing_half(verb: str, given: Path, tmp_path: Path) -> None:
-    """Full at the first byte, at the last, between the files: what has its name is whole."""
+    """The disk fills at the first byte, the last, or between files: files with final names are complete."""
     done = run(VERBS[verb], given, tmp_path)
     assert done.code == 0, done.err
     whole = files(tmp_path)
@@ -105,7 +105,7 @@ def test_a_calibration_that_cannot_be_written_stays_as_it_was(given: Path, tmp_p
 
 @pytest.fixture
 def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A file system of 64 kB of its own."""
+    """Mount a file system of 64 kB."""
     folder = tmp_path / "disk"
     folder.mkdir()
     mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", folder], capture_output=True)
@@ -155,13 +155,13 @@ def test_several_files_get_their_names_together_or_not_at_all(tmp_path: Path) ->
     assert files(tmp_path) == {"a": b"new", "b": b"new"}
 
 
-def test_a_folder_made_for_a_result_that_failed_is_taken_away(tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt), atomic_files(tmp_path / "x" / "y" / "a", make_folder=True):
+def test_a_folder_created_for_a_failed_result_is_removed(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt), atomic_files(tmp_path / "x" / "y" / "a", create_folder=True):
         raise KeyboardInterrupt
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_name_that_was_taken_meanwhile_is_not_overwritten(tmp_path: Path) -> None:
+def test_a_file_created_meanwhile_is_not_overwritten(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="exists already"), atomic_new_file(tmp_path / "a") as part:
         part.write_text("mine")
         (tmp_path / "a").write_text("theirs")

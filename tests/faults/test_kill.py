@@ -1,4 +1,4 @@
-"""A recorder killed at any moment: all that came until a second before is recovered, and nothing else.
+"""A recorder killed at any time: all data older than one second is recovered, and nothing else.
 
 Each is forked off this process, so that two hundred of them cost little more than their waiting:
 `make faults` says --kills 200.
@@ -24,12 +24,12 @@ from hubodo.log.recording_reader import open_log
 from hubodo.log.recover import recover_log
 from hubodo.units import NS_PER_S
 
-AT_ONCE = 10
+PARALLEL_RUNS = 10
 STEP_S = 0.01
 
 
-def record_for_ever(path: Path, told: int, silent_after: float) -> None:
-    """Rows with the time of receipt, told on a pipe as they are handed over; then only ticks."""
+def record_for_ever(path: Path, reported: int, silent_after: float) -> None:
+    """Write rows with their time of reception, reported on a pipe, then only ticks."""
     log, i, n, start = LogWriter(path), 0, 8, time.monotonic()
     while True:
         if time.monotonic() - start < silent_after:
@@ -37,7 +37,7 @@ def record_for_ever(path: Path, told: int, silent_after: float) -> None:
             now = time.time_ns()
             log.write_imu("left", now + np.arange(n), now, rows, rows)
             i += n
-            os.write(told, f"{now} {i}\n".encode())
+            os.write(reported, f"{now} {i}\n".encode())
         log.tick()
         time.sleep(STEP_S)
 
@@ -62,7 +62,7 @@ def rotate_for_ever(out: Path, report: int, steps: int) -> None:
 
 
 def start(recorder: Callable[..., None], path: Path, option: float) -> tuple[int, int]:
-    """The process of a recorder, and where it tells."""
+    """Start the process of a recorder; return it with its pipe."""
     reader, writer = os.pipe()
     child = os.fork()
     if child == 0:
@@ -75,7 +75,7 @@ def start(recorder: Callable[..., None], path: Path, option: float) -> tuple[int
     return child, reader
 
 
-def heard(reader: int) -> list[tuple[int, int]]:
+def received(reader: int) -> list[tuple[int, int]]:
     with os.fdopen(reader) as stream:
         rows = [line.split() for line in stream.read().splitlines()]
     return [(int(row[0]), int(row[1])) for row in rows if len(row) == 2]
@@ -92,9 +92,9 @@ def test_after_sigkill_all_that_came_until_one_second_before_is_there(
     seed = 7
     rng = random.Random(seed)
     lost_most = 0.0
-    for first in range(0, kills, AT_ONCE):
+    for first in range(0, kills, PARALLEL_RUNS):
         running, began = [], time.monotonic()
-        for number in range(first, min(first + AT_ONCE, kills)):
+        for number in range(first, min(first + PARALLEL_RUNS, kills)):
             silent = rng.choice((99.0, 0.4))
             child, reader = start(record_for_ever, tmp_path / f"{number}.mcap", silent)
             running.append((began + rng.uniform(0.0, 1.8), number, child, reader, silent))
@@ -103,13 +103,13 @@ def test_after_sigkill_all_that_came_until_one_second_before_is_there(
             killed_ns = time.time_ns()
             os.kill(child, signal.SIGKILL)
             os.waitpid(child, 0)
-            received = heard(reader)
-            due = max([i for now, i in received if now <= killed_ns - 1_000_000_000], default=0)
+            rows = received(reader)
+            due = max([i for now, i in rows if now <= killed_ns - 1_000_000_000], default=0)
             values = recovered(tmp_path / f"{number}.mcap", tmp_path / f"{number}-out.mcap")
             where = f"seed {seed}, kill {number}, {moment - began:.3f} s, silent after {silent}"
             assert values == list(range(len(values))), where
             assert len(values) >= due, f"{len(values)} of {due} due, {where}"
-            behind = [killed_ns - now for now, i in received if i > len(values)]
+            behind = [killed_ns - now for now, i in rows if i > len(values)]
             lost_most = max(lost_most, max(behind, default=0) / 1e9)
     record_property("figure", f"{kills} kills, seed {seed}: nothing older than {lost_most:.2f} s was lost")
 
@@ -117,12 +117,12 @@ def test_after_sigkill_all_that_came_until_one_second_before_is_there(
 def test_a_kill_while_logs_rotate_costs_half_a_second_and_every_earlier_log_is_whole(
     kills: int, tmp_path: Path, record_property: Callable[[str, object], None]
 ) -> None:
-    """What was 0.5 s old at the end of the last step is in a log; half of them begin one at each step."""
+    """Data 0.5 s old at the end of the last step is in a log; half of the recorders rotate at each step."""
     seed, lost_most, logs = 11, 0.0, 0
     rng = random.Random(seed)
-    for first in range(0, kills, AT_ONCE):
+    for first in range(0, kills, PARALLEL_RUNS):
         running, began = [], time.monotonic()
-        for number in range(first, min(first + AT_ONCE, kills)):
+        for number in range(first, min(first + PARALLEL_RUNS, kills)):
             steps = (1, 150)[number % 2]
             child, reader = start(rotate_for_ever, tmp_path / f"{number}.mcap", steps)
             running.append((began + rng.uniform(0.1, 1.0), number, child, reader))
@@ -130,7 +130,7 @@ def test_a_kill_while_logs_rotate_costs_half_a_second_and_every_earlier_log_is_w
             time.sleep(max(0.0, moment - time.monotonic()))
             os.kill(child, signal.SIGKILL)
             os.waitpid(child, 0)
-            reports = heard(reader)
+            reports = received(reader)
             last_step = max((now for now, i in reports if i < 0), default=0)
             due = max((i for now, i in reports if now <= last_step - NS_PER_S // 2), default=0)
             paths = LogNames(tmp_path / f"{number}.mcap", plain=False).existing_logs()
@@ -153,7 +153,7 @@ def is_whole(path: Path) -> bool:
 
 
 def recovered(path: Path, out: Path) -> list[float]:
-    """The numbers of the samples that come back; none where not even the head of the file was there."""
+    """Return the numbers of the recovered samples; none where the file had no header."""
     if not path.exists() or path.stat().st_size < 8:
         return []
     recover_log(path, out)

@@ -1,4 +1,4 @@
-"""Faults of a serial line, done to its bytes: what is lost is that alone, and a counter says so."""
+"""Faults of a serial line, injected into its bytes, cost only the damaged data and are counted."""
 
 import errno
 import os
@@ -35,18 +35,18 @@ def test_unplugged_at_every_byte_of_a_frame_costs_that_frame_and_is_the_named_ca
         line.says(torn[at:])  # the rest of what the node was sending comes first
         for _ in range(3):
             line.says(node.batch())
-        kept = line.close()
+        sink = line.close()
         lost = 0 if at in (0, length) else BATCH
         halves = 2 if at < length - 1 else 1  # the closing delimiter alone is none
         assert line.link().frames_cut == (halves if lost else 0), f"byte {at}"
         assert sum(line.link().damage.values()) == 0, f"byte {at}"
         expected = [k for k in range(7 * BATCH) if not (lost and 3 * BATCH <= k < 4 * BATCH)]
-        assert kept.numbers() == expected, f"byte {at}"
-        assert kept.causes() == [LINK_DOWN] * bool(lost), f"byte {at}"
+        assert sink.numbers() == expected, f"byte {at}"
+        assert sink.causes() == [LINK_DOWN] * bool(lost), f"byte {at}"
         assert line.link().connection.disconnections == 1
 
 
-def test_a_node_that_is_reset_within_a_frame_loses_that_frame_and_begins_anew():
+def test_a_node_that_is_reset_within_a_frame_loses_that_frame_only():
     node, line = Node(), Line()
     line.says(node.says_hello())
     line.says(node.batch())
@@ -54,13 +54,13 @@ def test_a_node_that_is_reset_within_a_frame_loses_that_frame_and_begins_anew():
     node.restarts(78)
     line.says(b"\0" + node.says_hello())  # the firmware begins with a delimiter
     line.says(node.batch())
-    kept = line.close()
+    sink = line.close()
     assert sum(line.link().damage.values()) == 1
-    assert kept.numbers() == [*range(BATCH), *range(BATCH)]
-    assert kept.kinds().count("reset") == 1
+    assert sink.numbers() == [*range(BATCH), *range(BATCH)]
+    assert sink.kinds().count("reset") == 1
 
 
-def test_two_nodes_with_one_id_on_one_line_are_told_and_not_mixed():
+def test_two_nodes_with_one_id_on_one_line_are_reported_and_not_mixed():
     one, other = Node(), Node(replace(HELLO, serial=b"serial02", boot_id=12), clock_us=5_000_000)
     line = Line()
     line.says(one.says_hello())
@@ -78,10 +78,10 @@ def test_two_nodes_with_one_id_on_one_line_are_told_and_not_mixed():
         line.says(one.says_hello(), seconds=5.0)  # the other was taken away
     line.says(one.batch())
     line.says(one.says_hello())
-    kept = line.close()
-    assert kept.kinds().count("conflict") == 1
-    assert kept.numbers() == [*range(4 * BATCH), *range(one.index - BATCH, one.index)]
-    frames = [raw for label, raw in kept.raws if label == "usb0"]
+    sink = line.close()
+    assert sink.kinds().count("conflict") == 1
+    assert sink.numbers() == [*range(4 * BATCH), *range(one.index - BATCH, one.index)]
+    frames = [raw for label, raw in sink.raws if label == "usb0"]
     assert len(frames) == line.link().frames, "each frame is in the raw log"
 
 
@@ -93,12 +93,12 @@ def test_a_board_that_was_exchanged_while_unplugged_is_no_conflict():
     line.plug()
     line.says(other.says_hello())
     line.says(other.batch())
-    kept = line.close()
-    assert "conflict" not in kept.kinds()
-    assert kept.numbers() == [*range(BATCH), *range(BATCH)]
+    sink = line.close()
+    assert "conflict" not in sink.kinds()
+    assert sink.numbers() == [*range(BATCH), *range(BATCH)]
 
 
-def test_silence_after_frames_is_no_stranger_and_another_baud_rate_is():
+def test_silence_after_frames_is_not_foreign_data_and_another_baud_rate_is():
     node, line = Node(), Line()
     line.says(node.says_hello())
     for _ in range(10):
@@ -115,7 +115,7 @@ def test_silence_after_frames_is_no_stranger_and_another_baud_rate_is():
     assert line.close().kinds().count("foreign") == 1
 
 
-def test_a_node_that_crashes_into_its_prompt_is_told_although_it_says_no_more():
+def test_a_node_that_crashes_into_its_prompt_is_reported_although_it_is_silent():
     node, line = Node(), Line()
     line.says(node.says_hello() + node.batch())
     line.says(b'Traceback (most recent call last):\r\n  File "main.py", line 3\r\nMemoryError\r\n>>> ')
@@ -124,7 +124,7 @@ def test_a_node_that_crashes_into_its_prompt_is_told_although_it_says_no_more():
 
 
 def test_a_port_that_babbles_at_three_megabytes_a_second_costs_the_others_nothing():
-    """Five seconds of it: memory and log stay bounded, what was not logged is counted, the node is whole."""
+    """Five seconds of noise: memory and log are bounded, unlogged bytes counted, no sample lost."""
     rng = random.Random(4)
     noise = [rng.randbytes(30_000) for _ in range(20)]
     line, node = Line("usb0", "usb1"), Node()
@@ -147,9 +147,9 @@ def test_a_port_that_babbles_at_three_megabytes_a_second_costs_the_others_nothin
     assert 500_000 < logged < 6 * 200_000 and babble.unlogged_bytes > 500_000
     assert grown < 6_000_000
     assert "no frame" in babble.foreign
-    kept = line.close()
-    assert any("were not logged" in event.text for event in kept.events if event.kind == "damage")
-    assert kept.numbers() == [k % 1000 for k in range(125 * BATCH)]
+    sink = line.close()
+    assert any("were not logged" in event.text for event in sink.events if event.kind == "damage")
+    assert sink.numbers() == [k % 1000 for k in range(125 * BATCH)]
 
 
 def test_a_clock_that_goes_backwards_waits_for_hello_and_loses_nothing():
@@ -164,9 +164,9 @@ def test_a_clock_that_goes_backwards_waits_for_hello_and_loses_nothing():
     for _ in range(5):
         line.says(node.batch())
     line.says(node.says_hello())
-    kept = line.close()
-    assert kept.numbers() == list(range(15 * BATCH))
-    assert "gap" not in kept.kinds() and "reset" not in kept.kinds()
+    sink = line.close()
+    assert sink.numbers() == list(range(15 * BATCH))
+    assert "gap" not in sink.kinds() and "reset" not in sink.kinds()
 
 
 @pytest.mark.parametrize("start", [65_530, 2**16 - BATCH])
@@ -177,9 +177,9 @@ def test_numbers_and_microseconds_that_turn_over_are_no_loss(start):
     line.says(node.says_hello())
     for _ in range(20):
         line.says(node.batch())
-    kept = line.close()
-    assert kept.numbers() == [k % 1000 for k in range(start, start + 20 * BATCH)]
-    assert "gap" not in kept.kinds()
+    sink = line.close()
+    assert sink.numbers() == [k % 1000 for k in range(start, start + 20 * BATCH)]
+    assert "gap" not in sink.kinds()
 
 
 @pytest.fixture

@@ -321,8 +321,8 @@ def test_sockets_carry_nodes_as_well(tmp_path):
         ports = (f"socket://127.0.0.1:{tcp_port}", f"udp://127.0.0.1:{udp_port}")
         with RecorderThread(out, *ports) as recorder:
             until(lambda: min(carried[1], carried[2]) > 100)
-            samples = left.samples_made
-            until(lambda: left.samples_made > samples + 100)
+            samples = left.samples_created
+            until(lambda: left.samples_created > samples + 100)
         result = recorder.result
         done.set()
         for thread in threads:
@@ -411,8 +411,8 @@ def test_nothing_is_sent_before_a_node_has_spoken_and_never_a_ctrl_c(tmp_path):
     node.stop()
     with Talker(computer, 0.1, lambda since: hello if since > 1.0 else b"") as port:
         record(RecordConfig(ports=(port.path,), duration=3.0), tmp_path / "ride.mcap", computer=computer)
-    assert port.heard[0][0] > 1.0
-    heard = b"".join(data for _, data in port.heard)
+    assert port.received[0][0] > 1.0
+    heard = b"".join(data for _, data in port.received)
     asked = {type(decode(frame.type_id, frame.payload)) for frame in FrameDecoder().feed(heard)}
     assert TimeRequest in asked
     assert b"\x03" not in heard

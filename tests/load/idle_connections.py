@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-HERE = Path(__file__).parent
+FOLDER = Path(__file__).parent
 NODES, RATE_HZ, BATCH = 4, 416, 8
 USUAL_LIMIT = 1024
 PATHS = {"--web": "/api/recordings", "--metrics": "/metrics"}
@@ -45,7 +45,7 @@ def main() -> int:
 
 @dataclass(frozen=True)
 class IdleResult:
-    """Samples sent and recorded, and the requests of a proper visitor meanwhile."""
+    """Samples sent and recorded, and requests of a regular client meanwhile."""
 
     option: str
     connections: str
@@ -76,7 +76,7 @@ def run(option: str, connections: int, seconds: float, *, slow: bool) -> IdleRes
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, connections + 500), hard))
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    words = [sys.executable, str(HERE / "nodes.py"), str(NODES), str(RATE_HZ), str(BATCH)]
+    words = [sys.executable, str(FOLDER / "nodes.py"), str(NODES), str(RATE_HZ), str(BATCH)]
     with (
         tempfile.TemporaryDirectory() as folder,
         subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as nodes,
@@ -130,7 +130,7 @@ def run(option: str, connections: int, seconds: float, *, slow: bool) -> IdleRes
         out, _ = recorder.communicate(timeout=60)
     result: dict[str, Any] = json.loads(out) if out.strip() else {"nodes": {}}
     recorded = sum(node["samples"] for name, node in result["nodes"].items() if name in names)
-    answered = [taken for taken in times if taken is not None]
+    answered = [durations for durations in times if durations is not None]
     return IdleResult(
         option,
         f"{len(idle)} {'slow' if slow else 'idle'}",
@@ -146,13 +146,13 @@ def run(option: str, connections: int, seconds: float, *, slow: bool) -> IdleRes
 
 def request_time(url: str) -> float | None:
     """Return how long a request takes, s; None where it is not answered with 200."""
-    begin = time.monotonic()
+    start = time.monotonic()
     try:
         with urllib.request.urlopen(url, timeout=10) as answer:
             answer.read()
     except OSError:
         return None
-    return time.monotonic() - begin
+    return time.monotonic() - start
 
 
 if __name__ == "__main__":

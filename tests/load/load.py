@@ -1,8 +1,8 @@
-"""`make load`: many nodes on one recorder in real time: what is lost, how late, where it breaks; not a test.
+"""`make load`: many nodes on one recorder in real time: loss, latency and limit; not a test.
 
-Nodes are in one process (nodes.py), the recorder in another; each node has a pseudo terminal, whose 4 kB are
-all that waits outside. Late: from the writing of a frame on its line until its samples are in the hands of
-the log, which gives them to the system within half a second.
+Nodes run in one process (nodes.py), the recorder in another; each node has a pseudo terminal with a buffer of
+4 kB. Latency: from the writing of a frame on its line until its samples are passed to the log writer, which
+writes them within half a second.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.log.log_writer import LogWriter
 from hubowire.messages import ImuBatch
 
-HERE = Path(__file__).parent
+FOLDER = Path(__file__).parent
 LIMIT_S = 0.05
 
 
@@ -49,18 +49,18 @@ def main() -> int:
         return 0
     busy = f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} before"
     print(f"{busy}; {args.rate:g} Hz in batches of {args.batch}")
-    kept = told(args.nodes, args.seconds, args)
+    passed = run_in_process(args.nodes, args.seconds, args)
     count = args.nodes
     while count * 3 // 2 <= args.to:
         count = count * 3 // 2
-        if not told(count, 20.0, args):
+        if not run_in_process(count, 20.0, args):
             print(f"breaks at {count} nodes")
             break
-    return 0 if kept else 1
+    return 0 if passed else 1
 
 
-def told(count: int, seconds: float, args: argparse.Namespace) -> bool:
-    """A run in a process of its own, printed; whether nothing was lost, and in time."""
+def run_in_process(count: int, seconds: float, args: argparse.Namespace) -> bool:
+    """Run in a process of its own and print the result; return True if nothing was lost or late."""
     words = ["--once", "--nodes", count, "--seconds", seconds, "--rate", args.rate, "--batch", args.batch]
     done = subprocess.run(
         [sys.executable, __file__, *map(str, words)], stdout=subprocess.PIPE, check=True, text=True
@@ -81,13 +81,13 @@ def told(count: int, seconds: float, args: argparse.Namespace) -> bool:
 
 
 def run(count: int, seconds: float, rate: float, batch: int) -> dict[str, Any]:
-    """One recording of so many nodes."""
-    words = [sys.executable, str(HERE / "nodes.py"), str(count), str(rate), str(batch)]
+    """Run one recording of `count` nodes."""
+    words = [sys.executable, str(FOLDER / "nodes.py"), str(count), str(rate), str(batch)]
     _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(hard, 8192), hard))
     late, stop = LatencyHistogram(), threading.Event()
-    written, kept_raw, period_ns = LogWriter.write_imu, LogWriter.write_raw_frame, round(1e9 / rate)
-    kept: list[bool] = []
+    written, write_raw_original, period_ns = LogWriter.write_imu, LogWriter.write_raw_frame, round(1e9 / rate)
+    is_batch: list[bool] = []
     # The first half second of a node waits for its clock.
     settled = time.monotonic() + 4.0
 
@@ -97,8 +97,8 @@ def run(count: int, seconds: float, rate: float, batch: int) -> dict[str, Any]:
             late.add(time.time_ns() - int(np.asarray(t_pub_ns).reshape(-1)[-1]) - period_ns)
 
     def write_raw_frame(log: LogWriter, link: str, t_log_ns: int, frame: bytes) -> None:
-        kept_raw(log, link, t_log_ns, frame)
-        kept.append(frame[1] == ImuBatch.type_id)
+        write_raw_original(log, link, t_log_ns, frame)
+        is_batch.append(frame[1] == ImuBatch.type_id)
 
     LogWriter.write_imu, LogWriter.write_raw_frame = write_imu, write_raw_frame  # type: ignore[method-assign]
     with (
@@ -109,22 +109,22 @@ def run(count: int, seconds: float, rate: float, batch: int) -> dict[str, Any]:
         paths = json.loads(nodes.stdout.readline())
         ports = tuple(f"n{place}={path}" for place, path in enumerate(paths))
         config = RecordConfig(ports=ports, duration=seconds + 1.0)
-        begin = threading.Timer(0.5, lambda: print("go", file=nodes.stdin, flush=True))
+        start = threading.Timer(0.5, lambda: print("go", file=nodes.stdin, flush=True))
         end = threading.Timer(0.5 + seconds, nodes.stdin.close)
         before = resource.getrusage(resource.RUSAGE_SELF)
-        begin.start()
+        start.start()
         end.start()
         result = record(config, Path(folder) / "load.mcap", stop=stop, console=Console(file=io.StringIO()))
         after = resource.getrusage(resource.RUSAGE_SELF)
-        said = json.loads(nodes.stdout.readline())
+        output = json.loads(nodes.stdout.readline())
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    found = result.as_json()
-    frames = sum(node["samples"] for node in found["nodes"].values()) // batch
+    result = result.as_json()
+    frames = sum(node["samples"] for node in result["nodes"].values()) // batch
     return {
         "frames": frames,
-        "lost": said["batches"] - sum(kept),
-        "undecoded": sum(kept) - frames,
-        "refused": said["refused"],
+        "lost": output["batches"] - sum(is_batch),
+        "undecoded": sum(is_batch) - frames,
+        "refused": output["refused"],
         "late_median": late.quantile(0.5),
         "late_p99": late.quantile(0.99),
         "late_worst": late.maximum,

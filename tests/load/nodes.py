@@ -1,7 +1,7 @@
-"""Many nodes in one process: each on a pseudo terminal of its own, with frames made once for all of them.
+"""Many nodes in one process, each on a pseudo terminal, with frames prepared once for all of them.
 
-`python tests/load/nodes.py 64 416 8`: prints the ports, then begins when it is told a line, and ends its
-input; the last line says how many frames of samples there were, and for how many no line had room.
+`python tests/load/nodes.py 64 416 8` prints the ports, starts at the first line of input and ends with its
+input; the last line gives the number of batches, and of batches for which a line had no room.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _TURN_S = 0.002
 
 
 class ManyNodes:
-    """count nodes at rate_hz in batches; the phases of their frames are spread over a period."""
+    """`count` nodes at rate_hz; the phases of their batches are spread over a period."""
 
     def __init__(self, count: int, rate_hz: float, batch: int) -> None:
         self.batch, self.period_ns = batch, round(1e9 / rate_hz)
@@ -37,7 +37,7 @@ class ManyNodes:
             os.set_blocking(master, False)
         self.paths = [os.ttyname(slave) for _, slave in self.ports]
         self.at = {master: place for place, (master, _) in enumerate(self.ports)}
-        self.heard = [FrameDecoder() for _ in self.ports]
+        self.received = [FrameDecoder() for _ in self.ports]
         self.answers = [0] * count
         self.batches = self.refused = 0
         self.start_ns = time.monotonic_ns()
@@ -46,11 +46,11 @@ class ManyNodes:
         return (time.monotonic_ns() - self.start_ns) // 1000
 
     def run(self) -> None:
-        """Until the input ends. Frame n of a node is due when its last sample is over."""
+        """Run until the input ends. Frame n of a node is due after its last sample."""
         listening = [master for master, _ in self.ports]
         frame_ns = self.batch * self.period_ns
         due = [(frame_ns * place // len(self.ports), 0) for place in range(len(self.ports))]
-        made: dict[int, bytes] = {}
+        frames: dict[int, bytes] = {}
         self.start_ns = time.monotonic_ns() - 1_000_000
         while True:
             ready = select.select([sys.stdin, *listening], [], [], _TURN_S)[0]
@@ -62,30 +62,30 @@ class ManyNodes:
             for place, (offset, number) in enumerate(due):
                 while offset + (number + 1) * frame_ns <= now:
                     self.batches += 1
-                    self.refused += not self.put(place, self.frame(number, place, made))
+                    self.refused += not self.put(place, self.frame(number, place, frames))
                     number += 1
                 due[place] = (offset, number)
-            if len(made) > 64:
-                for old in sorted(made)[:-32]:
-                    del made[old]
+            if len(frames) > 64:
+                for old in sorted(frames)[:-32]:
+                    del frames[old]
 
-    def frame(self, number: int, place: int, made: dict[int, bytes]) -> bytes:
-        """Frame n, with Hello before it every five seconds."""
-        if number not in made:
+    def frame(self, number: int, place: int, frames: dict[int, bytes]) -> bytes:
+        """Return frame n, preceded by a Hello every five seconds."""
+        if number not in frames:
             t_us = number * self.batch * self.period_ns // 1000 % (1 << 30)
             rows = tuple((100 + k, -5, 300, 10, k, 2048) for k in range(self.batch))
             index = number * self.batch & 0xFFFF
             body = encode(ImuBatch(t_us, self.period_ns, index, 160, 0, rows))
-            made[number] = encode_frame(Frame(ImuBatch.type_id, 1, number & 0xFFFF, body))
+            frames[number] = encode_frame(Frame(ImuBatch.type_id, 1, number & 0xFFFF, body))
         hello = number % round(5e9 / (self.batch * self.period_ns)) == 0
-        return (self.wire(place, self.hello) if hello else b"") + made[number]
+        return (self.wire(place, self.hello) if hello else b"") + frames[number]
 
     def wire(self, place: int, message: Message) -> bytes:
         self.answers[place] += 1
         return encode_frame(Frame(message.type_id, 1, self.answers[place] & 0xFFFF, encode(message)))
 
     def put(self, place: int, data: bytes) -> bool:
-        """Whether the line had room for all of it; what it has none for is lost."""
+        """Write to a line; return False if it had no room, in which case the data is lost."""
         try:
             return os.write(self.ports[place][0], data) == len(data)
         except BlockingIOError:
@@ -98,7 +98,7 @@ class ManyNodes:
         except OSError:
             return
         received = self.now_us()
-        for frame in self.heard[place].feed(data):
+        for frame in self.received[place].feed(data):
             asked = decode(frame.type_id, frame.payload)
             if isinstance(asked, GetHello):
                 self.put(place, self.wire(place, self.hello))

@@ -1,4 +1,4 @@
-"""`hubodo doctor` on an emulated board: what it says; a board whose flash is as `hubodo flash` leaves it."""
+"""`hubodo doctor` on an emulated board, with a file system as written by `hubodo flash`."""
 
 import contextlib
 import json
@@ -18,7 +18,7 @@ from virtual_runs import micropython_or_skip
 
 
 def doctor(capfd, port, *words):
-    """Exit code, {name: (verdict, seen, remedy)}."""
+    """Return the exit code and {name: (verdict, seen, remedy)}."""
     micropython_or_skip()
     code = main(["doctor", str(port), "--json", "--seconds", "3", *words])
     out, err = capfd.readouterr()
@@ -29,12 +29,12 @@ def doctor(capfd, port, *words):
     return code, {row["name"]: (row["verdict"], row["seen"], row["remedy"]) for row in result["checks"]}
 
 
-def wrongs(found):
-    return [check for check, (verdict, _, _) in found.items() if verdict == "wrong"]
+def wrongs(checks):
+    return [check for check, (verdict, _, _) in checks.items() if verdict == "wrong"]
 
 
 def lay_flashed(root):
-    """A file system as `hubodo flash` leaves it."""
+    """Create a file system as written by `hubodo flash`."""
     for name, content in build_image(firmware_folder(), None).items():
         path = root / ("" if name == MAIN else "fw_a") / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -44,9 +44,9 @@ def lay_flashed(root):
 
 @contextlib.contextmanager
 def board(flashed, tmp_path, motion=None, **settings):
-    """A virtual board that has said its first word, after every dip of its supply: each takes the port away.
+    """Yield a virtual board after its first output following each dip of its supply, which removes the port.
 
-    Its clock is paced unless told: on a real one a computer that has no time for it loses samples.
+    Its clock is paced unless given: a busy computer loses samples of a real board.
     """
     settings = {"clock": Clock("paced")} | settings
     if flashed is not None:
@@ -54,12 +54,12 @@ def board(flashed, tmp_path, motion=None, **settings):
     with VirtualNode(motion or StillMotion(), Flash(folder=tmp_path / "flash"), **settings) as node:
         dips = sum(isinstance(fault, BrownOut) for fault in settings.get("faults", ()))
         _wait_for(lambda: len(node.stats["resets"]) >= dips)
-        said = _said(node) if dips else 0
-        _wait_for(lambda: _said(node) > said and Path(node.port).exists())
+        bytes_before = _bytes_out(node) if dips else 0
+        _wait_for(lambda: _bytes_out(node) > bytes_before and Path(node.port).exists())
         yield node
 
 
-def _said(node):
+def _bytes_out(node):
     return node.stats["counts"].get("bytes_out", 0)
 
 

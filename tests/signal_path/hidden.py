@@ -1,4 +1,4 @@
-"""An effect hidden below the registers of an emulated chip, named from the log that the daemon wrote.
+"""An effect hidden below the registers of an emulated chip and identified from the daemon's log.
 
     python tests/signal_path/hidden.py [--seconds 40] [--seed 3] [--effects wheel_camber,...] [-o out/hidden]
 
@@ -39,7 +39,7 @@ HIDDEN = {
 
 
 def drive(folder, name, seconds, seed):
-    """The log of a ride with one effect hidden; nothing in it says which."""
+    """Record a ride with one hidden effect and return the log, which does not name it."""
     node, parameters = HIDDEN[name]
     lines = [f"[nodes.{node}.effects.{name}]", *(f"{key} = {value}" for key, value in parameters.items())]
     (folder / "hidden.toml").write_text(MODEL + "\n".join(lines) + "\n")
@@ -48,14 +48,14 @@ def drive(folder, name, seconds, seed):
     with redirect_stdout(StringIO()):
         code = hubodo([*words, "--rate", "208", "--duration", str(seconds), "--seed", str(seed)])
     assert code == 0
-    told = read_recording(folder / "told.mcap")
-    told.metadata.pop("simulated.model")
-    write_recording(told, folder / "drive.mcap")
+    recording = read_recording(folder / "told.mcap")
+    recording.metadata.pop("simulated.model")
+    write_recording(recording, folder / "drive.mcap")
     return folder / "drive.mcap"
 
 
 def named(folder):
-    """What `hubodo gap` finds in the ride."""
+    """Return the findings of `hubodo gap` in the ride."""
     with redirect_stdout(StringIO()):
         code = hubodo(
             ["gap", str(folder / "model.toml"), str(folder / "drive.mcap"), "-o", str(folder / "gap")]
@@ -89,11 +89,11 @@ def main(argv=None):
             drive(folder, name, args.seconds, args.seed + k)
         result = named(folder)
         node, parameters = HIDDEN[name]
-        found = [(it["effect"], it["scope"]) for it in result["found"]]
-        right += found == [(name, node)]
+        findings = [(it["effect"], it["scope"]) for it in result["found"]]
+        right += findings == [(name, node)]
         table.add_row(
             f"{name} ({node}) " + ", ".join(f"{key} {value:g}" for key, value in parameters.items()),
-            "\n".join(f"{effect} ({scope})" for effect, scope in found) or "nothing",
+            "\n".join(f"{effect} ({scope})" for effect, scope in findings) or "nothing",
             "\n".join(", ".join(map(_value, it["parameters"].items())) for it in result["found"]),
             "\n".join(f"{it['confidence']:.3f}" for it in result["found"]),
             "{before:.3f} → {after:.3f}, noise alone {floor:.3f}".format(**result["gap"]),

@@ -1,4 +1,4 @@
-"""A node recorded by the real daemon for some seconds of its own, and what has to be true of it."""
+"""A node recorded by the real daemon for some seconds of virtual time, and the checks of the log."""
 
 import json
 import signal
@@ -16,7 +16,7 @@ SECONDS = 4
 
 
 def recorder(port, log, *more):
-    """A daemon that listens to `port`; `more` words for it."""
+    """Start a daemon on `port` with additional arguments `more`."""
     words = ("record", str(port), "-o", str(log), "--json", *more)
     return subprocess.Popen(
         [sys.executable, "-m", "hubodo.cli", *words],
@@ -27,13 +27,13 @@ def recorder(port, log, *more):
 
 
 def stopped(daemon):
-    """(standard output, standard error) of a daemon that is told to stop."""
+    """Stop a daemon and return its standard output and standard error."""
     daemon.send_signal(signal.SIGINT)
     return daemon.communicate(timeout=300)
 
 
 def logged(log):
-    """[(frame, message)] of everything that the daemon kept."""
+    """Return [(frame, message)] of all logged frames."""
     decoder = FrameDecoder()
     with open_log(log) as records:
         raw = [
@@ -45,7 +45,7 @@ def logged(log):
 
 
 def judge(done, log, truth, seconds=SECONDS):
-    """Nothing lost or damaged, every sample the chip's own, and the node has heard the host: what it says."""
+    """Check that nothing is lost, each sample equals the chip's, and the node received the host."""
     out, errors = done
     result = json.loads(out) if out else errors
     (node,) = result["nodes"].values()
@@ -53,9 +53,9 @@ def judge(done, log, truth, seconds=SECONDS):
     (link,) = result["links"].values()
     assert link["frames_damaged"] == 0
     assert node["clock"]["source"] == "two way" and node["clock"]["exchanges"] >= 1
-    found = matched(logged(log), truth)
-    assert len(found) > 0.8 * (seconds - 1) * 416
-    places, numbers = np.diff(found[:, 0]), np.diff(found[:, 2])
+    matches = matched(logged(log), truth)
+    assert len(matches) > 0.8 * (seconds - 1) * 416
+    places, numbers = np.diff(matches[:, 0]), np.diff(matches[:, 2])
     hole = np.flatnonzero((places != 1) | (numbers != 1))
     assert not len(hole), (
         f"after sample {hole[0]}: {places[hole[0]]:.0f} on, by number {numbers[hole[0]]:.0f}"

@@ -1,4 +1,4 @@
-"""The demo from start to end, as anybody runs it: the track it draws, beside the truth and two rivals."""
+"""The demo from start to end: its track compared with the truth and two simpler methods."""
 
 import base64
 import io
@@ -26,30 +26,30 @@ MOVING, SEED = 5.0, 7
 
 @pytest.fixture(scope="module")
 def rides():
-    """What became of the nodes, once the demo has run."""
+    """Run the demo and return the state of its nodes."""
     return []
 
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory, rides):
-    """What it printed: a short drive."""
+    """Return the output of the demo with a short drive."""
     printed = io.StringIO()
     run = verb.record_drive
 
-    def kept(*words, **more):
+    def captured(*words, **more):
         rides.append(run(*words, **more))
         return rides[-1]
 
     words = ["demo", "--moving", str(MOVING), "--seed", str(SEED), "-o", str(tmp_path_factory.mktemp("demo"))]
     with redirect_stdout(printed), pytest.MonkeyPatch.context() as patch:
-        patch.setattr(verb, "record_drive", kept)
+        patch.setattr(verb, "record_drive", captured)
         assert main([*words, "--json"]) == 0
     return json.loads(printed.getvalue())
 
 
 @pytest.fixture(scope="module")
 def truth():
-    """x, y of the drive on a fine grid, integrated here."""
+    """Return x, y of the drive on a fine grid, integrated independently."""
     drive = make_scenario(SEED, MOVING).drive
     t = np.linspace(drive.speed.start, drive.speed.end, 40_001)
     heading = cumulative_trapezoid(drive.yaw_rate(t), t, initial=0.0)
@@ -60,7 +60,7 @@ def truth():
 
 
 def drawn(page):
-    """x, y of the track in the page."""
+    """Return x, y of the track in the page."""
     decoder, at = json.JSONDecoder(), page.index("Plotly.newPlot(")
     traces, _ = decoder.raw_decode(page, page.index("[{", at))
     (trace,) = (trace for trace in traces if trace["name"] == DRAWN)
@@ -73,7 +73,7 @@ def drawn(page):
 
 
 def dead_reckoning(log):
-    """Where a tape measure and the bare gyros say it ends: the two spin rates, no bias, no filter."""
+    """Return the end point by dead reckoning with taped geometry and the raw spin rates."""
     left, right = (read_recording(log).nodes[name] for name in ("left", "right"))
     t = np.arange(max(left.t[0], right.t[0]), min(left.t[-1], right.t[-1]), 0.002)
     spin = [np.interp(t, node.t, node["gz"]) for node in (left, right)]
@@ -93,11 +93,11 @@ def test_a_track_outside_its_own_sigmas_is_an_error_and_no_page(demo, rides, tmp
     fuse = verb.compute_wheel_odometry
 
     def bent(*words, **more):
-        """As if the odometry were 5 % longer and knew nothing of it."""
-        made = fuse(*words, **more)
-        return replace(made, track=replace(made.track, x=1.05 * made.track.x, y=1.05 * made.track.y))
+        """Return the result of odometry with a 5 % scale error."""
+        fused = fuse(*words, **more)
+        return replace(fused, track=replace(fused.track, x=1.05 * fused.track.x, y=1.05 * fused.track.y))
 
-    monkeypatch.setattr(verb, "wheel_odometry", bent)
+    monkeypatch.setattr(verb, "compute_wheel_odometry", bent)
     monkeypatch.setattr(verb, "record_drive", lambda *words, **more: rides[0])
     assert main(["demo", "--moving", str(MOVING), "--seed", str(SEED), "-o", str(tmp_path)]) == 1
     (line,) = capsys.readouterr().err.splitlines()
@@ -109,8 +109,8 @@ def test_the_report_lies_beside_the_page_and_it_warns_as_info_does(demo):
     assert Path(demo["report"]).parent == Path(demo["page"]).parent
     assert "drive.mcap" in Path(demo["report"]).read_text("utf-8")
     info = json.loads(hubodo("info", demo["log"], "--json").out)
-    told = sum(int(re.search(r": (\d+) samples missing", line)[1]) for line in demo["warnings"])
-    assert told == sum(gap["missing"] for gap in info["gaps"]) + len(info["warnings"])
+    missing = sum(int(re.search(r": (\d+) samples missing", line)[1]) for line in demo["warnings"])
+    assert missing == sum(gap["missing"] for gap in info["gaps"]) + len(info["warnings"])
     assert not any("/odom" in line or "/imu" in line for line in demo["warnings"])
 
 
@@ -137,7 +137,7 @@ def test_the_length_it_prints_is_that_of_the_drive(demo, truth):
     assert demo["fused"]["distance"] == pytest.approx(length, rel=0.01)
 
 
-def test_the_track_it_draws_ends_where_the_drive_ends_and_its_rivals_do_not(demo, truth):
+def test_the_track_ends_where_the_drive_ends_and_other_methods_do_not(demo, truth):
     track = drawn(Path(demo["page"]).read_text("utf-8"))
     end = truth[-1]
     error = float(np.hypot(*(track[-1] - end)))
@@ -152,10 +152,10 @@ def test_the_track_it_draws_ends_where_the_drive_ends_and_its_rivals_do_not(demo
     assert tape > 5 * error and still > 5 * printed["maximum_error"]
 
 
-def test_the_track_it_draws_is_the_way_of_the_drive(demo, truth):
-    """Each point of it lies beside the way, and the way comes by."""
+def test_the_track_is_the_path_of_the_drive(demo, truth):
+    """Each point of the track is near the true path, and vice versa."""
     track = drawn(Path(demo["page"]).read_text("utf-8"))
-    way = truth[::40]
-    apart = np.hypot(*(track[:, None, :] - way[None, :, :]).transpose(2, 0, 1))
+    path = truth[::40]
+    apart = np.hypot(*(track[:, None, :] - path[None, :, :]).transpose(2, 0, 1))
     assert apart.min(axis=1).max() < 0.01 * demo["true_length"]
     assert apart.min(axis=0).max() < 0.02 * demo["true_length"]

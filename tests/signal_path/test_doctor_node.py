@@ -1,4 +1,4 @@
-"""`hubodo doctor` on nodes that run: what is wrong with each is named, and nothing else."""
+"""`hubodo doctor` on running nodes names the fault of each, and nothing else."""
 
 import re
 import shutil
@@ -67,29 +67,29 @@ _LOOKS = 9
 def test_what_is_wrong_with_a_node_that_runs_is_named(flashed, tmp_path, capfd, case):
     settings, check, words = NODES[case]
     with board(flashed, tmp_path, **settings) as node:
-        code, found = doctor(capfd, node.port)
+        code, checks = doctor(capfd, node.port)
         for _ in range(_LOOKS if "clock" in settings else 0):
-            if wrongs(found)[:1] == [check]:
+            if wrongs(checks)[:1] == [check]:
                 break
-            code, found = doctor(capfd, node.port)
-    assert code == 1 and wrongs(found)[0] == check, list(found.values())
-    assert re.search(words, found[check][1]), found[check]
-    assert found[check][2], "and what to do"
+            code, checks = doctor(capfd, node.port)
+    assert code == 1 and wrongs(checks)[0] == check, list(checks.values())
+    assert re.search(words, checks[check][1]), checks[check]
+    assert checks[check][2], "and what to do"
 
 
-def test_a_node_that_is_moved_is_not_judged_by_gravity(flashed, tmp_path, capfd):
+def test_a_moving_node_is_not_checked_against_gravity(flashed, tmp_path, capfd):
     with board(flashed, tmp_path, motion=unique_motion(20)) as node:
-        _, found = doctor(capfd, node.port)
-    assert found["standstill"][:2] == ("unknown", "the board was moved"), list(found.values())
+        _, checks = doctor(capfd, node.port)
+    assert checks["standstill"][:2] == ("unknown", "the board was moved"), list(checks.values())
 
 
-def test_a_node_of_another_message_table_is_told_to_be_flashed(tmp_path, capfd):
+def test_a_node_of_another_message_table_is_to_be_flashed(tmp_path, capfd):
     shutil.copytree(FIRMWARE, tmp_path / "flash")
     wire = tmp_path / "flash" / "wire.py"
     wire.write_text(
         re.sub(r"FINGERPRINT = const\(0x\w+\)", "FINGERPRINT = const(0x12345678)", wire.read_text())
     )
     with board(None, tmp_path) as node:
-        code, found = doctor(capfd, node.port)
-    assert code == 1 and wrongs(found) == ["hello"]
-    assert "speaks 12345678" in found["identification"][1] and "hubodo flash" in found["identification"][2]
+        code, checks = doctor(capfd, node.port)
+    assert code == 1 and wrongs(checks) == ["hello"]
+    assert "speaks 12345678" in checks["identification"][1] and "hubodo flash" in checks["identification"][2]

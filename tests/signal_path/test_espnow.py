@@ -1,4 +1,4 @@
-"""Nodes by ESP-NOW to a receiver: what is lost on the air is sent again, what is given up is counted."""
+"""Nodes by ESP-NOW to a receiver: lost packets are retransmitted, dropped frames are counted."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ ON = bytes([EspNowCall.ACTIVE]) + b"\1\0" + (526).to_bytes(2, "little")
 
 @pytest.fixture(scope="module")
 def rough():
-    """A fifth of the packets and of their acknowledgements lost, others twice, others late."""
+    """Return a channel that loses a fifth of packets and acknowledgements, others late or twice."""
     return ride(PacketFaults(loss=0.2, duplication=0.05, delay=0.05), link="espnow")
 
 
@@ -45,15 +45,15 @@ def test_packets_that_come_twice_or_late_are_counted_and_change_nothing(rough):
 
 
 def test_a_receiver_that_stands_still_loses_what_its_buffer_does_not_hold_and_counts_it():
-    heard = ride(PacketFaults(), link="espnow", faults=(Stall(1.0, seconds=1.4),), seconds=3.6)
-    for k, sent in heard.sent.items():
-        found = matched(sent, heard.truths[k])
-        assert np.array_equal(np.diff(found[:, 0]), np.diff(found[:, 2])), "what is missing is numbered"
-        assert heard.signal(k).frames_lost > 0
-    at_receiver = of(heard.of_receiver, m.Health)[-1].frames_dropped
-    on_the_way = sum(heard.signal(k).frames_lost + heard.dropped[k] for k in heard.sent)
+    recorded = ride(PacketFaults(), link="espnow", faults=(Stall(1.0, seconds=1.4),), seconds=3.6)
+    for k, sent in recorded.sent.items():
+        matches = matched(sent, recorded.truths[k])
+        assert np.array_equal(np.diff(matches[:, 0]), np.diff(matches[:, 2])), "what is missing is numbered"
+        assert recorded.signal(k).frames_lost > 0
+    at_receiver = of(recorded.of_receiver, m.Health)[-1].frames_dropped
+    on_the_way = sum(recorded.signal(k).frames_lost + recorded.dropped[k] for k in recorded.sent)
     # The last counts are a second old at most: nothing was lost since.
-    lost = sum(all_lost(sent) for sent in heard.sent.values()) + all_lost(heard.of_receiver)
+    lost = sum(all_lost(sent) for sent in recorded.sent.values()) + all_lost(recorded.of_receiver)
     assert lost == on_the_way + at_receiver
 
 
@@ -61,10 +61,10 @@ def test_requests_reach_the_node_that_they_are_for():
     ask = [
         hubowire.encode_frame(hubowire.Frame(m.Ping.type_id, to, 70 + to, b"")) for to in (1, 2, RECEIVER, 9)
     ]
-    heard = ride(PacketFaults(), link="espnow", script=[(1.0, b"\0" + b"".join(ask))], seconds=2.4)
-    answers = {k: [a.request_seq for a in of(sent, m.Ack)] for k, sent in heard.sent.items()}
+    recorded = ride(PacketFaults(), link="espnow", script=[(1.0, b"\0" + b"".join(ask))], seconds=2.4)
+    answers = {k: [a.request_seq for a in of(sent, m.Ack)] for k, sent in recorded.sent.items()}
     assert answers == {1: [71], 2: [72]}
-    assert [a.request_seq for a in of(heard.of_receiver, m.Ack)] == [270]
+    assert [a.request_seq for a in of(recorded.of_receiver, m.Ack)] == [270]
 
 
 def test_the_station_refuses_what_esp_now_refuses():
@@ -102,7 +102,7 @@ def test_a_packet_that_the_small_buffer_does_not_hold_is_acknowledged_and_droppe
 
 
 def test_the_real_micropython_runs_it():
-    heard = ride(PacketFaults(loss=0.2), link="espnow", ids=(1,), interpreter="micropython", seconds=2.0)
-    found = matched(heard.sent[1], heard.truths[1])
-    assert np.all(np.diff(found[:, 0]) == 1) and len(found) >= len(heard.truths[1].t) - 32
-    assert all_lost(heard.sent[1]) == 0
+    recorded = ride(PacketFaults(loss=0.2), link="espnow", ids=(1,), interpreter="micropython", seconds=2.0)
+    matches = matched(recorded.sent[1], recorded.truths[1])
+    assert np.all(np.diff(matches[:, 0]) == 1) and len(matches) >= len(recorded.truths[1].t) - 32
+    assert all_lost(recorded.sent[1]) == 0

@@ -1,4 +1,4 @@
-"""`hubodo flash` for real: it speaks to the prompt of a virtual board through its pseudo terminal."""
+"""`hubodo flash` through the pseudo terminal and the prompt of a virtual board."""
 
 import json
 import os
@@ -18,7 +18,7 @@ from hubodo.flash.slots import main_for_slot
 
 @pytest.fixture(scope="module")
 def board():
-    """A board with nothing but MicroPython on it."""
+    """Yield a board with only MicroPython installed."""
     with VirtualNode(StillMotion(), seed=1) as node:
         yield node
 
@@ -35,10 +35,10 @@ def flash(capfd, *words):
 
 
 def test_an_empty_board_gets_every_file_and_runs_it(board, image, capfd):
-    code, found, err = flash(capfd, board.port, "--node", "right", "--rate-hz", 416)
+    code, report, err = flash(capfd, board.port, "--node", "right", "--rate-hz", 416)
     assert code == 0, err
-    assert found["node"] == 2
-    assert set(found["copied"]) == {*image, MANIFEST, "config.json"}
+    assert report["node"] == 2
+    assert set(report["copied"]) == {*image, MANIFEST, "config.json"}
     for name in set(image) - {"main.py"}:
         assert (board.flash / "fw_a" / name).read_bytes() == image[name]
     assert (board.flash / "main.py").read_bytes() == main_for_slot(image["main.py"], "/fw_a")
@@ -47,15 +47,15 @@ def test_an_empty_board_gets_every_file_and_runs_it(board, image, capfd):
 
 
 def test_a_node_that_streams_is_flashed_again_and_only_what_differs_is_copied(board, capfd):
-    code, found, err = flash(capfd, board.port, "--node", "left")
+    code, report, err = flash(capfd, board.port, "--node", "left")
     assert code == 0, err
-    assert found["node"] == 1
-    assert found["copied"] == ["config.json"]
+    assert report["node"] == 1
+    assert report["copied"] == ["config.json"]
     assert json.loads((board.flash / "config.json").read_text()) == {"node_id": 1, "rate_hz": 416}
 
 
 def test_a_calibration_becomes_the_settings_of_its_node(board, tmp_path, capfd):
-    """One for another board, or without this node, is refused and changes nothing."""
+    """A calibration of another board, or without this node, is refused and changes nothing."""
     text = """
 [nodes.left]
 serial = "{serial}"
@@ -76,37 +76,37 @@ time_constant = {{ value = 3600.0, sigma = 60.0 }}
     assert (board.flash / "config.json").read_text() == before
 
     path.write_text(text.format(serial=""))
-    code, found, err = flash(capfd, board.port, "--calibration", path)
+    code, report, err = flash(capfd, board.port, "--calibration", path)
     assert code == 0, err
-    assert found["copied"] == ["config.json"]
-    assert found["calibrated"] == {
+    assert report["copied"] == ["config.json"]
+    assert report["calibrated"] == {
         "bias_udps": [57296, 0, 0],
         "warmup_udps": [0, 0, -114592],
         "warmup_s": 3600,
     }
-    path.write_text(text.format(serial=found["serial"]))
+    path.write_text(text.format(serial=report["serial"]))
     code, again, err = flash(capfd, board.port, "--calibration", path)
     assert code == 0, err
-    assert again["copied"] == [] and again["calibrated"] == found["calibrated"]
-    assert json.loads((board.flash / "config.json").read_text()) == json.loads(before) | found["calibrated"]
+    assert again["copied"] == [] and again["calibrated"] == report["calibrated"]
+    assert json.loads((board.flash / "config.json").read_text()) == json.loads(before) | report["calibrated"]
 
 
-def test_a_node_with_its_firmware_at_the_root_is_taken_over(image, tmp_path, capfd):
-    """Damaged files are sent anew, sound ones copied on the node, old sources that would hide new ones go."""
+def test_a_node_with_its_firmware_at_the_root_is_migrated(image, tmp_path, capfd):
+    """Damaged files are sent again, valid ones copied on the node, sources that hide new ones deleted."""
     for name, content in {**image, "wire.mpy": b"damaged", "node.py": b"raise ValueError\n"}.items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(content)
     (tmp_path / "notes.txt").write_text("mine")
     with VirtualNode(StillMotion(), Flash(folder=tmp_path), seed=2) as node:
-        code, found, err = flash(capfd, node.port)
+        code, report, err = flash(capfd, node.port)
     assert code == 0, err
-    assert found["copied"] == [MANIFEST, "main.py", "wire.mpy"]
+    assert report["copied"] == [MANIFEST, "main.py", "wire.mpy"]
     for name in set(image) - {"main.py"}:
         assert (tmp_path / "fw_a" / name).read_bytes() == image[name]
     assert {path.name for path in tmp_path.iterdir()} == {"fw_a", "main.py", "notes.txt"}
 
 
-def test_a_port_that_is_read_by_somebody_else_is_said_to_be_busy(board, capfd):
+def test_a_port_read_by_another_program_is_reported_as_busy(board, capfd):
     import serial
 
     with serial.Serial(str(board.port), exclusive=True):
@@ -124,7 +124,7 @@ def test_a_port_that_is_not_there_is_one_clear_line(tmp_path, capfd):
 
 @pytest.fixture
 def silent_port(monkeypatch):
-    """(path, descriptor) of a terminal at whose other end nobody is; it is given up soon."""
+    """Yield (path, descriptor) of a terminal without a device, with a short timeout."""
     monkeypatch.setattr(hubodo.flash.board, "_SAYS_GOODBYE", 0.2)
     monkeypatch.setattr(hubodo.flash.board, "_COMES_BACK", 0.5)
     master, slave = os.openpty()
@@ -141,7 +141,7 @@ def test_a_port_where_nobody_answers_is_one_clear_line(silent_port, capfd):
 
 
 def test_the_port_is_opened_at_the_speed_of_a_console(silent_port, capfd):
-    """An ESP32's USB is a UART behind another chip: at another speed nothing of it can be read."""
+    """The USB port of an ESP32 is a UART behind a converter: its output is readable at one speed only."""
     flash(capfd, silent_port[0])
     assert termios.tcgetattr(silent_port[1])[4:6] == [termios.B115200] * 2
 

@@ -1,4 +1,4 @@
-"""A node whose power, or whose host, goes away while it is flashed runs what it had or what is new, whole."""
+"""A node that loses power or its host during flashing runs the complete old or the complete new firmware."""
 
 import ast
 import base64
@@ -21,7 +21,7 @@ from hubodo.flash.image import build_image, firmware_folder
 from hubodo.flash.slots import MAIN, main_for_slot
 from hubowire.messages import Hello
 
-TOLD = """
+REPORT_MODULES = """
 
 _main = main
 
@@ -35,25 +35,25 @@ def main():
 
 
 def firmware(folder, name):
-    """The firmware with `name` in every file; before it runs, the node says whose modules it has loaded."""
+    """Create a firmware with `name` in every file; the node reports whose modules it has loaded."""
     shutil.copytree(firmware_folder(), folder, ignore=shutil.ignore_patterns("__pycache__"))
     for path in folder.rglob("*.py"):
         if path.name != MAIN:
-            more = TOLD if path.name == "node.py" else ""
+            more = REPORT_MODULES if path.name == "node.py" else ""
             path.write_text(f"{path.read_text()}\nBUILD = {name!r}\n{more}")
     return folder
 
 
 @pytest.fixture(scope="module")
 def firmwares(tmp_path_factory):
-    """Folders of an old and of a new firmware, and the old one's files as a node holds them."""
+    """Create an old and a new firmware; return their folders and the old files as stored on a node."""
     root = tmp_path_factory.mktemp("firmware")
     old, new = firmware(root / "old", "old"), firmware(root / "new", "new")
     return old, new, build_image(old, None)
 
 
 def lay(image, root, slot):
-    """Puts an image onto a board's file system, in a slot or beside main.py."""
+    """Put an image on a board's file system, in a slot or beside main.py."""
     for name, content in image.items():
         path = root / ("" if name == MAIN else slot.lstrip("/")) / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -61,7 +61,7 @@ def lay(image, root, slot):
 
 
 def apply(change, root):
-    """One line of the journal on a copy of the file system."""
+    """Apply one line of the journal to a copy of the file system."""
     path = root / change["path"].lstrip("/")
     match change["what"]:
         case "write":
@@ -77,7 +77,7 @@ def apply(change, root):
 
 
 def comes_up_as(flash):
-    """Whose firmware a board with this file system runs after power-on; it must be whole, and say Hello."""
+    """Return the firmware that a board with this file system runs after power-on; check its Hello."""
     node = VirtualNode(
         StillMotion(),
         Flash(folder=flash),
@@ -90,8 +90,8 @@ def comes_up_as(flash):
         output, prompts = node.output, node.stats["counts"].get("at_prompt", 0)
     hellos = [f for f in hubowire.FrameDecoder().feed(output) if f.type_id == Hello.type_id]
     assert hellos and not prompts, output[-600:]
-    (said,) = re.findall(rb"builds (\[[^\]]*\])", output)
-    return ast.literal_eval(said.decode())
+    (builds,) = re.findall(rb"builds (\[[^\]]*\])", output)
+    return ast.literal_eval(builds.decode())
 
 
 def flash(port, new, monkeypatch, capfd, *words):
@@ -108,15 +108,15 @@ def flash(port, new, monkeypatch, capfd, *words):
 def test_power_lost_at_any_moment_leaves_the_old_or_the_new_firmware(
     firmwares, slot, tmp_path, monkeypatch, capfd
 ):
-    """What flashing does to the file system, change by change; then the board is switched on."""
+    """Apply the changes of flashing one by one; then power on the board."""
     _, new, image = firmwares
     before, journal = tmp_path / "before", tmp_path / "journal"
     lay(image, before, slot)
     (before / "config.json").write_text('{"node_id": 1}')
     shutil.copytree(before, tmp_path / "flash")
     with VirtualNode(StillMotion(), Flash(folder=tmp_path / "flash", journal=journal)) as node:
-        found = flash(node.port, new, monkeypatch, capfd, "--node", "right")
-    assert found["node"] == 2
+        report = flash(node.port, new, monkeypatch, capfd, "--node", "right")
+    assert report["node"] == 2
     changes = [json.loads(line) for line in journal.read_text().splitlines()]
     switch = next(k for k, c in enumerate(changes) if c.get("to") == f"/{MAIN}")
     assert any(change["path"] == "/stay_in_repl" for change in changes)
@@ -158,23 +158,23 @@ main(["flash", sys.argv[1]])
 
 
 def test_a_host_that_dies_while_it_copies_leaves_the_old_firmware(firmwares, tmp_path, monkeypatch, capfd):
-    """The board waits for the rest of a file then, and is flashed again without another start."""
+    """The board waits for the rest of a file and is flashed again without a restart."""
     _, new, image = firmwares
     lay(image, tmp_path / "flash", "/fw_a")
     with VirtualNode(StillMotion(), Flash(folder=tmp_path / "flash")) as node:
         host = subprocess.run([sys.executable, "-c", DYING, str(node.port), str(new)], check=False)
         assert host.returncode == -signal.SIGKILL
         shutil.copytree(tmp_path / "flash", tmp_path / "cut")
-        found = flash(node.port, new, monkeypatch, capfd)
+        report = flash(node.port, new, monkeypatch, capfd)
     copied = len(list((tmp_path / "cut").glob("fw_b/**/*.mpy")))
     assert copied == 9
     assert comes_up_as(tmp_path / "cut") == ["old"]
-    assert len(found["copied"]) == len(image) + 1 - copied, "what was there already is not sent again"
+    assert len(report["copied"]) == len(image) + 1 - copied, "what was there already is not sent again"
     assert comes_up_as(tmp_path / "flash") == ["new"]
 
 
 def test_a_slot_that_does_not_load_gives_way_to_the_other(firmwares, tmp_path):
-    """A file that this MicroPython does not take, and one that is missing; nothing of that slot stays."""
+    """One file is incompatible with this MicroPython, one is missing; nothing of that slot is used."""
     _, new, image = firmwares
     fresh = build_image(new, None)
     for name, content in (("outbox.mpy", b"M\x05\x00\x1f"), ("drivers/lis3mdl.mpy", None)):

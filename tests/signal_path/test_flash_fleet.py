@@ -1,4 +1,4 @@
-"""`hubodo flash` for many boards, through a pulled cable, and back: on virtual boards and real terminals."""
+"""`hubodo flash` for many boards, with a pulled cable, and rollback, on virtual boards and real terminals."""
 
 import json
 import shutil
@@ -21,7 +21,7 @@ SERIALS = ("e661410300000001", "e661410300000002", "e661410300000003")
 
 
 class FakePort:
-    """The part of pyserial's ListPortInfo that counts."""
+    """The attributes of pyserial's ListPortInfo that are used."""
 
     def __init__(self, device, vid):
         self.device, self.vid, self.serial_number = str(device), vid, None
@@ -29,7 +29,7 @@ class FakePort:
 
 @pytest.fixture(scope="module")
 def boards():
-    """Three boards with nothing but MicroPython on them."""
+    """Yield three boards with only MicroPython installed."""
     nodes = [VirtualNode(StillMotion(), board=BoardSettings(unique_id=serial)) for serial in SERIALS]
     try:
         yield [node.start() for node in nodes]
@@ -56,9 +56,9 @@ def test_all_boards_get_the_names_of_the_table_and_one_that_fails_stops_no_other
     monkeypatch.setattr(hubodo.flash.fleet.list_board_ports, "__defaults__", (lambda: ports,))
     fleet = tmp_path / "fleet.toml"
     fleet.write_text(f'[nodes]\n{SERIALS[0]} = "left"\n{SERIALS[1].upper()} = "right"\n')
-    code, found, err = flash(capfd, "--all", "--fleet", fleet)
-    assert code == 1 and (found["done"], found["failed"]) == (2, 1), err
-    by_port = {row["port"]: row for row in found["boards"]}
+    code, report, err = flash(capfd, "--all", "--fleet", fleet)
+    assert code == 1 and (report["done"], report["failed"]) == (2, 1), err
+    by_port = {row["port"]: row for row in report["boards"]}
     assert [by_port[str(board.port)].get("node") for board in boards] == [1, 2, None]
     assert "gone" in by_port[str(tmp_path / "gone")]["error"]
     stranger = by_port[str(boards[2].port)]
@@ -81,10 +81,10 @@ def test_a_board_whose_cable_is_pulled_goes_on_where_it_was(boards, monkeypatch,
         yield from pieces(content)
 
     monkeypatch.setattr(hubodo.flash.board, "_pieces", pulled)
-    code, found, err = flash(capfd, board.port, "--node", "frame")
+    code, report, err = flash(capfd, board.port, "--node", "frame")
     assert code == 0, err
-    assert found["went_away"] == 1 and found["node"] == 3
-    assert len(sent) == found["files"] + 2, "sent twice: the file in which it was pulled, and the settings"
+    assert report["went_away"] == 1 and report["node"] == 3
+    assert len(sent) == report["files"] + 2, "sent twice: the file in which it was pulled, and the settings"
     board.stop()
 
 
@@ -98,13 +98,13 @@ def test_a_roll_back_runs_what_ran_before_and_another_one_forth_again(boards, tm
     shutil.copytree(firmware_folder(), newer)
     (newer / "reports.py").write_text((newer / "reports.py").read_text().replace("(0, 1, 0)", "(9, 9, 9)"))
     monkeypatch.setattr(verb, "firmware_folder", lambda: newer)
-    code, found, err = flash(capfd, board.port)
-    assert code == 0 and found["firmware"] == "9.9.9", err
+    code, report, err = flash(capfd, board.port)
+    assert code == 0 and report["firmware"] == "9.9.9", err
     assert runs_from(board) != first
-    code, found, err = flash(capfd, board.port, "--roll-back")
-    assert code == 0 and found["firmware"] == "0.1.0" and runs_from(board) == first, err
-    code, found, err = flash(capfd, board.port, "--roll-back")
-    assert code == 0 and found["firmware"] == "9.9.9", err
+    code, report, err = flash(capfd, board.port, "--roll-back")
+    assert code == 0 and report["firmware"] == "0.1.0" and runs_from(board) == first, err
+    code, report, err = flash(capfd, board.port, "--roll-back")
+    assert code == 0 and report["firmware"] == "9.9.9", err
 
 
 @pytest.mark.parametrize(

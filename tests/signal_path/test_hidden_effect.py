@@ -1,4 +1,4 @@
-"""Effects hidden below the registers of an emulated chip are found in the log that was recorded."""
+"""Effects hidden below the registers of an emulated chip are identified in the recorded log."""
 
 import json
 import math
@@ -45,7 +45,7 @@ error = 0.05
 
 @pytest.fixture(scope="module")
 def ride(tmp_path_factory):
-    """Through chips, firmware and serial ports."""
+    """Record a ride through chips, firmware and serial ports."""
     micropython_or_skip()
     folder = tmp_path_factory.mktemp("hidden")
     (folder / "model.toml").write_text(MODEL)
@@ -55,14 +55,14 @@ def ride(tmp_path_factory):
 
 
 def driving(ride, node):
-    """The samples of a node during the drive."""
+    """Return the samples of a node during the drive."""
     table, truth = ride.nodes[node], ride.truth
     inside = (table.t > truth.t[0]) & (table.t < truth.t[-1])
     return table.t[inside], table.gyro[inside], table.accel[inside]
 
 
 def resting(ride, node):
-    """(gyro, accel) of a node before the drive."""
+    """Return (gyro, accel) of a node before the drive."""
     table = ride.nodes[node]
     before = table.t < ride.truth.t[0]
     return table.gyro[before], table.accel[before]
@@ -76,7 +76,7 @@ def test_both_nodes_come_through_whole(ride):
 
 
 def test_the_lean_of_one_wheel_is_in_its_log_and_not_in_the_other(ride):
-    """By hand: an axle that leans by the camber feels g sin(camber) along it."""
+    """Hand calculation: an axle tilted by the camber measures g sin(camber) along it."""
     for node, camber in (("left", CAMBER), ("right", 0.0)):
         _, accel = resting(ride, node)
         assert np.median(accel[:, 2]) == pytest.approx(G * math.sin(camber), abs=0.02)
@@ -89,7 +89,7 @@ def test_the_offset_of_a_gyro_is_in_the_log(ride):
 
 
 def test_wild_samples_are_in_the_log_of_the_node_that_has_them(ride):
-    """By hand: of 2 % with 1.2 m/s² each, 68 % lie beyond 0.5 m/s²; noise alone never does."""
+    """Hand calculation: of 2 % with 1 sigma 1.2 m/s², 68 % exceed 0.5 m/s²; noise alone never does."""
     wild = {}
     for node in ("left", "right"):
         _, accel = resting(ride, node)
@@ -105,19 +105,19 @@ def test_nothing_beyond_the_limit_of_one_accelerometer_is_in_its_log(ride):
 
 
 def test_a_wheel_that_is_larger_turns_less(ride):
-    """The way of the right wheel by its gyro is 5 % short of the way it went."""
+    """The distance of the right wheel by its gyro is 5 % short of the true distance."""
     t, gyro, _ = driving(ride, "right")
     truth = ride.truth
     heading, speed = (
         truth["heading"],
         np.hypot(np.gradient(truth["x"], truth.t), np.gradient(truth["y"], truth.t)),
     )
-    way = np.trapezoid(speed + np.gradient(heading, truth.t) * 0.275, truth.t)
-    assert np.trapezoid(gyro[:, 2], t) * 0.165 == pytest.approx(way / 1.05, rel=0.01)
+    path = np.trapezoid(speed + np.gradient(heading, truth.t) * 0.275, truth.t)
+    assert np.trapezoid(gyro[:, 2], t) * 0.165 == pytest.approx(path / 1.05, rel=0.01)
 
 
 def test_the_reference_runs_on_the_clock_of_the_nodes(ride):
-    """Speed and spin rise and fall together; what a busy computer delays counts as delay of the link."""
+    """Speed and spin are correlated; delays of a busy computer count as link delay."""
     t, gyro, _ = driving(ride, "right")
     reference = ride.reference
     v = reference["speed"] + 0.275 * reference["yaw_rate"]
@@ -129,10 +129,10 @@ def test_the_reference_runs_on_the_clock_of_the_nodes(ride):
 
 
 def test_the_search_names_the_larger_wheel_and_nothing_else(ride, tmp_path):
-    """From a model of the right node alone: more is wrong with the left one than so short a log shows."""
+    """Uses a model of the right node only: the log is too short for the effects of the left one."""
     write_recording(ride, tmp_path / "drive.mcap")
     (tmp_path / "model.toml").write_text(RIGHT)
-    made = gap(tmp_path / "out", tmp_path / "model.toml", tmp_path / "drive.mcap")
-    assert made.names == [("wheel_radius", "right")]
-    error = made.result["found"][0]["parameters"]["error"]
+    result = gap(tmp_path / "out", tmp_path / "model.toml", tmp_path / "drive.mcap")
+    assert result.names == [("wheel_radius", "right")]
+    error = result.result["found"][0]["parameters"]["error"]
     assert abs(error["value"] - 0.05) < 4.0 * error["sigma"]

@@ -1,4 +1,4 @@
-"""What goes wrong on a wheel, done to the real firmware: it is told, sampling goes on, nothing invented."""
+"""Faults injected into the real firmware are reported, sampling continues, and no data is invented."""
 
 import numpy as np
 import pytest
@@ -21,12 +21,12 @@ CTRL1_XL, CTRL2_G, FIFO_CTRL5 = 0x10, 0x11, 0x0A
 
 
 def holes(sent, truth):
-    """(place in the truth of every sample, how many are missing behind it in truth, and by its number).
+    """Return the index of each sample in the truth, and the samples missing after it in truth and by number.
 
-    Every sample is the chip's own, in order; where some are missing the batch says so.
+    Checks that each sample equals the chip's, in order, and that batches flag missing samples.
     """
-    found = matched(sent, truth)
-    k, number = found[:, 0].astype(int), np.unwrap(found[:, 2], period=65536)
+    matches = matched(sent, truth)
+    k, number = matches[:, 0].astype(int), np.unwrap(matches[:, 2], period=65536)
     says = np.array(
         [
             i == 0 and bool(b.flags & m.BatchFlag.GAP_BEFORE)
@@ -43,7 +43,7 @@ def holes(sent, truth):
 
 
 def polled_below_250(rate):
-    """Settings that show both ways of taking samples: the chip's FIFO is used from 250 Hz on."""
+    """Return settings for both ways of sampling: the chip's FIFO is used from 250 Hz."""
     return {"rate_hz": rate, "fifo": rate > 250}
 
 
@@ -53,7 +53,7 @@ def last_health(sent):
 
 @pytest.mark.parametrize("rate", [208, 1660])
 def test_a_processor_that_is_held_up_loses_samples_that_are_numbered_and_counted(rate):
-    """Stalls at seeded places, one beyond what the FIFO holds (0.41 s): index, count and truth agree."""
+    """Stalls at random times, one longer than the FIFO (0.41 s): index, count and truth agree."""
     seed = 11
     rng = np.random.default_rng(seed)
     stalls = [Stall(t=1.2 + 0.25 * i + 0.2 * rng.random(), seconds=0.03 * rng.random()) for i in range(10)]
@@ -81,11 +81,11 @@ def test_a_processor_that_is_held_up_loses_samples_that_are_numbered_and_counted
 
 
 def test_a_host_that_takes_too_little_costs_the_oldest_frames_and_not_one_sample_of_the_chip():
-    """115200 baud for 1660 Hz: half of the frames must go, and every one is counted."""
+    """115200 baud for 1660 Hz: half of the frames are dropped, and each is counted."""
     config = {"rate_hz": 1660, "link": "uart", "baud": 115200}
     sent, truth, _ = run(4, board=BoardSettings(uart_link=0), config=config)
-    found = matched(sent, truth)
-    missing, jump = np.diff(found[:, 0]) - 1, np.diff(found[:, 2]) - 1
+    matches = matched(sent, truth)
+    missing, jump = np.diff(matches[:, 0]) - 1, np.diff(matches[:, 2]) - 1
     at = max(i for i, (_, message) in enumerate(sent) if isinstance(message, m.Health))
     health = sent[at][1]
     seqs = [f.seq for f, message in sent if isinstance(message, m.ImuBatch)]
@@ -96,7 +96,7 @@ def test_a_host_that_takes_too_little_costs_the_oldest_frames_and_not_one_sample
     assert (health.samples_missed, health.fifo_overruns, health.faults) == (0, 0, 0)
     assert np.array_equal(missing, jump), "what did not come is numbered exactly"
     assert missing.sum() == 19 * lost, "at this rate a frame is full"
-    assert truth.t[int(found[-1, 0])] > 3.5
+    assert truth.t[int(matches[-1, 0])] > 3.5
 
 
 @pytest.mark.parametrize(
@@ -123,7 +123,7 @@ def test_a_burst_of_refused_transfers_is_counted_and_survived(chip, rate, count)
     assert truth.t[k[-1]] > 3.9
 
 
-def test_a_chip_that_never_answers_again_is_told_as_silent():
+def test_a_chip_that_never_answers_again_is_reported_as_silent():
     sent, truth, _ = run(4, faults=[BusNack(t=2.0, count=1_000_000)])
     k, _, _ = holes(sent, truth)
     assert 1.9 < truth.t[k[-1]] <= 2.0
@@ -149,11 +149,11 @@ def test_a_brown_out_of_the_board_is_a_restart_with_a_new_boot_id():
     assert [why for _, why in stats["resets"]] == ["brown-out"]
     hellos = of(sent, m.Hello)
     assert len({hello.boot_id for hello in hellos}) == 2
-    found = matched(sent, truth)
-    assert np.all(np.diff(found[:, 0]) > 0)
-    restart = int(np.flatnonzero(np.diff(found[:, 2]) < 0)[0])
-    assert found[restart + 1, 2] == 0, "numbers begin anew with the boot id"
-    assert truth.t[int(found[-1, 0])] > 3.9
+    matches = matched(sent, truth)
+    assert np.all(np.diff(matches[:, 0]) > 0)
+    restart = int(np.flatnonzero(np.diff(matches[:, 2]) < 0)[0])
+    assert matches[restart + 1, 2] == 0, "numbers restart with the boot id"
+    assert truth.t[int(matches[-1, 0])] > 3.9
 
 
 @pytest.mark.parametrize("rate", [208, 833])
@@ -192,8 +192,8 @@ FLIPS = [
 @pytest.mark.parametrize(("what", "rate", "flip"), FLIPS, ids=[row[0] for row in FLIPS])
 def test_a_setting_that_turns_over_is_found_within_a_second_and_set_again(what, rate, flip):
     sent, truth, _ = run(5, config=polled_below_250(rate), faults=[flip])
-    found = matched(sent, truth)
-    k = found[:, 0].astype(int)
+    matches = matched(sent, truth)
+    k = matches[:, 0].astype(int)
     assert truth.t[k[-1]] > 4.9
     true_lsb = np.array([0.07 * np.pi / 180] * 3 + [0.488e-3 * 9.80665] * 3)
     wrong = truth.t[(np.abs(truth.lsb / true_lsb - 1) > 1e-6).any(axis=1)]
@@ -204,7 +204,7 @@ def test_a_setting_that_turns_over_is_found_within_a_second_and_set_again(what, 
     assert flagged and health.i2c_errors + health.samples_missed > 0
     late = truth.t[k] > found_by
     assert np.median(np.diff(truth.t[k][late])) == pytest.approx(1 / rate, rel=0.01)
-    assert np.all(np.diff(found[late, 2]) == 1)
+    assert np.all(np.diff(matches[late, 2]) == 1)
 
 
 def test_another_chip_in_its_place_is_refused_while_running():

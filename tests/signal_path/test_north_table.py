@@ -24,9 +24,9 @@ SPEED = 180.0
 
 @dataclass(frozen=True)
 class Turned(StillMotion):
-    """Lies on a table: its z axis feels each turn, (begin, end, rad/s) on the board's clock.
+    """Motion of a node on a table: turns about z as (begin, end, rad/s) on the board's clock.
 
-    begun: when that clock was 0, s of this computer's; lived: how far it is.
+    begun: host time at which that clock was 0, s; lived: its present time.
     """
 
     begun: list = field(default_factory=list)
@@ -35,13 +35,13 @@ class Turned(StillMotion):
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(1))
 
     def angular_rate(self, t):
-        made = self.rng.normal(0.0, 0.002, (len(t), 3))
+        gyro = self.rng.normal(0.0, 0.002, (len(t), 3))
         # The board was switched on when its clock, which never runs ahead, was least behind.
         self.begun.append(time.monotonic() - float(np.max(t)))
         self.lived[0] = float(np.max(t))
         for start, end, rate in list(self.turns):
-            made[:, 2] += rate * ((t >= start) & (t < end))
-        return made
+            gyro[:, 2] += rate * ((t >= start) & (t < end))
+        return gyro
 
     def specific_force(self, t):
         return np.tile([0.0, 0.0, STANDARD_GRAVITY], (len(t), 1))
@@ -49,22 +49,22 @@ class Turned(StillMotion):
 
 @pytest.fixture
 def bench(tmp_path):
-    """A node on a port, and a table under it that turns at SPEED."""
+    """Yield a node on a port and a turntable under it with speed SPEED."""
     micropython_or_skip()
     motion = Turned()
 
-    def turning(begin, end, put):
-        length = abs(end - begin) / SPEED
+    def turning(start, end, put):
+        length = abs(end - start) / SPEED
         while not motion.begun:
             time.sleep(0.02)  # The board is being switched on.
         start = time.monotonic()
         # Told a little ahead: the board makes its samples just before it sends them.
         first = max(start - min(motion.begun), motion.lived[0]) + 0.2
         last = first + length
-        motion.turns.append((first, last, math.radians(math.copysign(SPEED, end - begin))))
+        motion.turns.append((first, last, math.radians(math.copysign(SPEED, end - start))))
         # Nor is it there before the board, which a busy computer makes wait, has felt all of it.
         while (share := (time.monotonic() - start) / (length + 0.4)) < 1.0 or motion.lived[0] < last:
-            put(begin + min(share, 1.0) * (end - begin))
+            put(start + min(share, 1.0) * (end - start))
             time.sleep(0.02)
 
     port = tmp_path / "tty"
@@ -91,14 +91,16 @@ def north(capsys, port, *words):
 def test_a_real_node_is_turned_and_feels_the_turns_that_the_table_tells(bench, tmp_path, capsys):
     port, table = bench
     out = tmp_path / "north.mcap"
-    found, _ = north(capsys, port, "--table", table.path, "--stops", 5, "-o", out)
+    north_result, _ = north(capsys, port, "--table", table.path, "--stops", 5, "-o", out)
     assert [angle % 360 for angle in table.visited] == [0, 180, 90, 270, 0]
     # A hub's gyro in five seconds: it must say that it does not know.
-    assert found["sigma_deg"] > 45 and any("does not determine north" in text for text in found["warnings"])
+    assert north_result["sigma_deg"] > 45 and any(
+        "does not determine north" in text for text in north_result["warnings"]
+    )
     # What the node felt of the turns is what the table said: one clock, one sign, one scale.
     log = read_recording(out)
     (name,) = log.nodes
     node = log.nodes[name]
-    felt = find_table_motion(node.t, node.gyro, np.array([0.0, 0.0, 1.0]), scale_sigma=0.01)
-    stood = np.degrees(felt.angle[~felt.moving])
+    motion = find_table_motion(node.t, node.gyro, np.array([0.0, 0.0, 1.0]), scale_sigma=0.01)
+    stood = np.degrees(motion.angle[~motion.moving])
     assert stood[0] == 0.0 and np.round(stood[1:4] / 90).tolist() == [2, 1, 3]

@@ -1,4 +1,4 @@
-"""The whole way on an emulated Pico: chips, MicroPython, USB, the daemon, the log; and `hubodo flash`."""
+"""The complete signal path on an emulated Pico: chips, MicroPython, USB, daemon, log; and `hubodo flash`."""
 
 import json
 
@@ -28,9 +28,9 @@ def _needs_an_image():
 
 @pytest.mark.real_time
 def test_a_pico_slower_than_real_time_is_recorded_whole_by_a_clock_as_slow(tmp_path):
-    """On that clock its samples are as far apart as on its own, not six times as far.
+    """The sample intervals equal the node's, not six times as much.
 
-    But for what a busy computer makes of it: a board that had to wait for it catches up.
+    Delays of a busy computer are excepted: a board that had to wait catches up.
     """
     port, log = tmp_path / "ttyACM0", tmp_path / "pico.mcap"
     node = VirtualNode(
@@ -47,8 +47,8 @@ def test_a_pico_slower_than_real_time_is_recorded_whole_by_a_clock_as_slow(tmp_p
         truth = node.chip.truth()
     judge(done, log, truth, SECONDS)
     (table,) = read_recording(log).nodes.values()
-    made = truth.t[: len(table)]
-    assert 0.8 < np.polyfit(made, table.t, 1)[0] < 1.25
+    true_times = truth.t[: len(table)]
+    assert 0.8 < np.polyfit(true_times, table.t, 1)[0] < 1.25
 
 
 def test_an_empty_pico_gets_every_file_over_usb_and_runs_it(tmp_path, capfd):

@@ -1,4 +1,4 @@
-"""Two nodes of one id on one UDP port, with keys, beside somebody without: each recorded whole, none else."""
+"""Two nodes with one id and with keys on one UDP port, beside an attacker: each is recorded completely."""
 
 import socket
 import threading
@@ -22,13 +22,13 @@ SECONDS = 5
 
 
 class Eavesdropper:
-    """Between nodes and host: passes datagrams on, and sends old ones and plain ones of its own."""
+    """An attacker between nodes and host who forwards, replays and forges datagrams."""
 
     def __init__(self, to):
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", 0))
         self.port = self.socket.getsockname()[1]
-        self._to, self._ways, self._kept, self.ended = to, {}, [], False
+        self._to, self._ways, self._stored, self.ended = to, {}, [], False
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -38,13 +38,13 @@ class Eavesdropper:
             if node not in self._ways:
                 self._ways[node] = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
                 threading.Thread(target=self._back, args=(node,), daemon=True).start()
-            way = self._ways[node]
-            way.sendto(data, self._to)
+            route = self._ways[node]
+            route.sendto(data, self._to)
             if data[:1] == b"\xff":
-                self._kept.append(data)
-                if len(self._kept) % 20 == 0:
-                    way.sendto(self._kept[0], self._to)
-                    way.sendto(data[9:-8], self._to)
+                self._stored.append(data)
+                if len(self._stored) % 20 == 0:
+                    route.sendto(self._stored[0], self._to)
+                    route.sendto(data[9:-8], self._to)
 
     def _back(self, node):
         while not self.ended:
@@ -84,21 +84,21 @@ def test_two_nodes_of_one_id_are_recorded_apart_and_what_is_sent_again_or_withou
 
 
 def judge(log, truths, first=None):
-    """Both boards are in it by their serials, each with samples of its own chip without a hole."""
-    found = read_recording(log)
-    assert set(found.nodes) == {"left", "left_2"}
+    """Check that both boards are in the log by serial, each with its own chip's samples without a gap."""
+    recording = read_recording(log)
+    assert set(recording.nodes) == {"left", "left_2"}
     with open_log(log) as records:
-        told = {name: records.metadata_records[f"node.{name}"]["serial"] for name in found.nodes}
+        serials = {name: records.metadata_records[f"node.{name}"]["serial"] for name in recording.nodes}
         events = [r.data for r in records.messages() if r.topic == "/hubodo/events"]
-    assert sorted(told.values()) == sorted(SERIALS)
+    assert sorted(serials.values()) == sorted(SERIALS)
     assert not [event for event in events if b"gap" in event]
-    for name, table in found.nodes.items():
+    for name, table in recording.nodes.items():
         gyro = np.column_stack([table.columns[axis] for axis in ("gx", "gy", "gz")])
-        truth = truths[SERIALS.index(told[name])]
-        made = truth.raw[:, :3] * truth.lsb[:, :3]
-        start = int(np.argmin(np.abs(made - gyro[0]).sum(axis=1)))
+        truth = truths[SERIALS.index(serials[name])]
+        expected = truth.raw[:, :3] * truth.lsb[:, :3]
+        start = int(np.argmin(np.abs(expected - gyro[0]).sum(axis=1)))
         assert len(gyro) > (SECONDS - 2) * 208
-        assert np.allclose(gyro, made[start : start + len(gyro)]), "its own chip's samples, one by one"
+        assert np.allclose(gyro, expected[start : start + len(gyro)]), "its own chip's samples, one by one"
         assert first is None or len(gyro) == len(first.nodes[name].t)
     for why in (b"sent again", b"without a key"):
         assert any(why in event for event in events)

@@ -33,13 +33,15 @@ def test_node_names_are_those_of_the_table():
 
 def test_no_sample_is_lost_between_the_chips_and_the_log(ride):
     for name in WHEELS:
-        found = ride.result["nodes"][name]
-        assert (found["samples_lost"], found["frames_lost"], found["gaps"]) == (0, 0, {}), found
+        node_result = ride.result["nodes"][name]
+        assert (node_result["samples_lost"], node_result["frames_lost"], node_result["gaps"]) == (0, 0, {}), (
+            node_result
+        )
         assert ride.stats[name]["fifo_dropped"] == 0
 
 
 def steps(ride: Ride, name: str) -> tuple[np.ndarray, np.ndarray, int]:
-    """Times (N,) s and raw steps (N, 6) of the exported samples, and their place in the chip's record."""
+    """Return times (N,) s, raw values (N, 6) of exported samples, and their index in the chip's record."""
     table = read_csv(exported(ride) / f"{name}.csv")
     gyro = np.column_stack([table[c] for c in ("gx", "gy", "gz")]) / np.deg2rad(0.070)
     accel = np.column_stack([table[c] for c in ("ax", "ay", "az")]) / (0.000488 * 9.80665)
@@ -58,8 +60,8 @@ def steps(ride: Ride, name: str) -> tuple[np.ndarray, np.ndarray, int]:
 
 
 @pytest.mark.parametrize("name", WHEELS)
-def test_every_exported_sample_is_the_step_that_the_chip_made(ride, name):
-    """The whole ride: raw integers recovered from the CSV equal the chip's own, one by one, in order."""
+def test_every_exported_sample_equals_the_raw_value_of_the_chip(ride, name):
+    """Raw integers recovered from the CSV equal the chip's own for the complete ride, in order."""
     t, raw, first = steps(ride, name)
     truth = ride.truth[name]
     np.testing.assert_array_equal(raw, truth.raw[first : first + len(raw)])
@@ -71,7 +73,7 @@ def test_every_exported_sample_is_the_step_that_the_chip_made(ride, name):
 
 
 def test_fusion_gives_the_path_length_of_the_wheel_speeds(ride):
-    """Against the plain integral of the recording's own wheel speeds, over the ride alone."""
+    """Compared with the integral of the recording's own wheel speeds over the ride."""
     log, vehicle, out = (str(ride.folder / name) for name in ("ride.mcap", "vehicle.toml", "fused"))
     assert main(["fuse", log, "--vehicle", vehicle, "-o", out]) == 0
     track = read_csv(ride.folder / "fused" / "track.csv")
@@ -86,14 +88,14 @@ def test_fusion_gives_the_path_length_of_the_wheel_speeds(ride):
 
     t, raw, first = steps(ride, "left")
     chip_t = ride.truth["left"].t[first : first + len(raw)]
-    begin, end = np.interp([START, START + 35.0], chip_t, t)
-    inside = (track["t"] >= begin) & (track["t"] <= end)
+    start, end = np.interp([START, START + 35.0], chip_t, t)
+    inside = (track["t"] >= start) & (track["t"] <= end)
     x, y = track["x"][inside], track["y"][inside]
     assert np.sum(np.hypot(np.diff(x), np.diff(y))) == pytest.approx(plain, rel=0.01)
 
 
 def test_the_firmware_that_ran_is_the_image_that_is_flashed(ride):
-    """Byte for byte: what lies on the virtual board is what `hubodo flash` would copy."""
+    """The files on the virtual board equal those that `hubodo flash` would copy, byte by byte."""
     image = build_image(firmware_folder(), None)
     for name, content in image.items():
         assert (ride.folder / "image" / name).read_bytes() == content

@@ -43,7 +43,7 @@ def recorded_motion(path: Path) -> RecordedMotion:
 
 @dataclass(frozen=True)
 class Ride:
-    """What one run through the whole path left behind."""
+    """Results of one run through the complete signal path."""
 
     folder: Path
     truth: dict[str, ChipTruth]
@@ -52,7 +52,7 @@ class Ride:
 
 
 def drive(data: Path, folder: Path) -> Ride:
-    """Through the whole path, in virtual time. data: of the recording."""
+    """Run the complete signal path in virtual time; data: samples of the real recording."""
     image = folder / "image"
     for name, content in build_image(firmware_folder(), None).items():
         (image / name).parent.mkdir(parents=True, exist_ok=True)

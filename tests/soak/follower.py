@@ -1,4 +1,4 @@
-"""A browser and a Prometheus beside a long recording: follow its live page, read its metrics each second.
+"""A client of the live page and of the metrics beside a long recording.
 
     python tests/soak/follower.py PAGE_PORT METRICS_PORT
 
@@ -16,7 +16,7 @@ from websockets.sync.client import connect
 
 
 class Follower:
-    """frames: messages of the live page; readings: of the metrics."""
+    """Counters of a client; frames: messages of the live page; readings: of the metrics."""
 
     def __init__(self, page: int, metrics: int) -> None:
         self.frames = self.readings = 0

@@ -1,4 +1,4 @@
-"""Hours of recording in virtual time: memory at each of them, its slope, and whether all samples came.
+"""Hours of recording in virtual time: memory per hour, its slope, and completeness of the samples.
 
     python tests/soak/soak.py [--hours 3] [--nodes 4] [--rate 416] [--batch 16]
         [--no-odometry] [--no-web] [--one-log] [--trace]
@@ -74,16 +74,16 @@ class Hours:
             self._before = now
 
     def slope(self) -> float:
-        """MB an hour after the first."""
+        """Slope of the memory after the first hour, MB per hour."""
         later = self.memory[1:]
         return float(np.polyfit(np.arange(len(later)), later, 1)[0]) if len(later) > 1 else 0.0
 
 
 class Follower:
-    """Another process that follows the live page and the metrics; frames, readings: of each, how many."""
+    """A process that reads the live page and the metrics; frames, readings: their numbers."""
 
     def __init__(self, page: int, metrics: int) -> None:
-        """page, metrics: the ports on which they are served."""
+        """Start the process with the ports of page and metrics."""
         self.frames = self.readings = 0
         words = [sys.executable, str(FOLLOWER), str(page), str(metrics)]
         self._process = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)

@@ -1,4 +1,4 @@
-"""Memory of a recorder: what it keeps of what went through it."""
+"""Memory of a recorder in relation to the data recorded."""
 
 import tracemalloc
 from pathlib import Path
@@ -13,12 +13,12 @@ LABELS = ("left", "right")
 
 
 def test_nodes_leave_nothing_in_memory_but_the_places_of_their_chunks(tmp_path):
-    """One log, which is the worst; 275 bytes for each of two chunks a second are its index."""
+    """A single log is the worst case: its index takes 275 bytes for each of two chunks per second."""
     nodes = {label: SteadyNode(k + 1, 208.0, 16, 20.0 * k) for k, label in enumerate(LABELS)}
-    computer, kept = SteadyComputer(nodes), {}
+    computer, memory = SteadyComputer(nodes), {}
 
-    def look(snapshot):
-        kept[round(snapshot.seconds)] = tracemalloc.get_traced_memory()[0]
+    def read_memory(snapshot):
+        memory[round(snapshot.seconds)] = tracemalloc.get_traced_memory()[0]
 
     with Path("/dev/null").open("w") as nowhere:
         config = RecordConfig(ports=tuple(f"{label}=/dev/{label}" for label in LABELS), duration=58.0)
@@ -29,10 +29,10 @@ def test_nodes_leave_nothing_in_memory_but_the_places_of_their_chunks(tmp_path):
                 tmp_path / "a.mcap",
                 computer=computer,
                 console=Console(file=nowhere),
-                watch={"test": look},
+                watch={"test": read_memory},
             )
         finally:
             tracemalloc.stop()
     assert sum(node["samples"] for node in result.nodes.values()) == sum(n.sent for n in nodes.values())
-    early, late = (min(kept[second + k] for k in range(8)) for second in (20, 49))
+    early, late = (min(memory[second + k] for k in range(8)) for second in (20, 49))
     assert late - early < 100_000

@@ -240,6 +240,22 @@ def write_results(fused: FusedRecording, folder: Path) -> None:
         report.write_text(text + "\n", "utf-8")
 
 
+def parse_smoothing_lag(smooth: float | str | None, method: str, option: str, hint: str = "") -> float:
+    """Return the lag of the smoother, s: 0 for the forward filter, infinity for the whole log.
+
+    smooth: seconds, "full" or None. option, hint: its name and a remedy in errors. Raises InputError.
+    """
+    try:
+        lag = math.inf if smooth == "full" else float(smooth or 0.0)
+    except ValueError:
+        lag = math.nan
+    if not lag >= 0.0:
+        raise InputError(f"{option} {smooth}: give seconds from 0 on, or full{hint}")
+    if lag > 0.0 and method != "filter":
+        raise InputError(f"{option} {smooth}: only the method filter can smooth")
+    return lag
+
+
 def _describe_smoothing(lag: float) -> dict[str, Any]:
     if lag == 0.0:
         return {"kind": "none"}

@@ -1,7 +1,6 @@
 """`hubodo fuse`: estimate the track of a vehicle from a log, with its uncertainty."""
 
 import argparse
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,8 +9,13 @@ from rich.console import Console
 from rich.table import Table as TextTable
 
 from hubodo.calibration.file import hash_source, read_calibration
-from hubodo.errors import InputError
-from hubodo.fuse.fusion import FusedRecording, check_no_results, fuse_recording, write_results
+from hubodo.fuse.fusion import (
+    FusedRecording,
+    check_no_results,
+    fuse_recording,
+    parse_smoothing_lag,
+    write_results,
+)
 from hubodo.fuse.wheel_odometry import METHODS
 from hubodo.log.any_log import read_log
 from hubodo.log.roles import NODES_ROLE
@@ -95,9 +99,7 @@ def run(args: argparse.Namespace) -> FusionResult:
     calibration = read_calibration(args.calibration) if args.calibration else None
     if not args.force:
         check_no_results(args.output)
-    lag = _smoothing_lag(args.smooth)
-    if lag > 0.0 and args.method != "filter":
-        raise InputError("--smooth goes with --method filter")
+    lag = parse_smoothing_lag(args.smooth, args.method, "--smooth", "; put LOG before --smooth")
     needed = (NODES_ROLE, "wheels") if args.no_graph else (NODES_ROLE, "wheels", "gnss")
     recording = read_log(args.log, input_format=log_form(args, vehicle, needed=needed))
     calibration_source = None
@@ -117,16 +119,3 @@ def run(args: argparse.Namespace) -> FusionResult:
     )
     write_results(fused, args.output)
     return FusionResult(fused, str(args.output))
-
-
-def _smoothing_lag(text: str | None) -> float:
-    """Return the lag of `--smooth` in seconds: 0 for the forward filter, infinity for the whole log."""
-    if text is None:
-        return 0.0
-    try:
-        lag = math.inf if text == "full" else float(text)
-    except ValueError:
-        lag = math.nan
-    if not lag >= 0.0:
-        raise InputError(f"--smooth {text}: give seconds from 0 on, or full; put LOG before --smooth")
-    return lag

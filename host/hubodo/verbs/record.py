@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import platform
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -173,24 +173,11 @@ def run(args: argparse.Namespace) -> RecordResult:
 
 
 def _options(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the settings given on the command line."""
-    given: dict[str, Any] = {
-        "ports": tuple(args.ports) or None,
-        "gnss": args.gnss,
-        "baud": args.baud,
-        "gnss_baud": args.gnss_baud,
-        "duration": args.duration,
-        "wait": args.wait or None,
-        **udp_settings(args),
-        "time_scale": args.time_scale,
-        "rotate_after": args.rotate_after,
-        "rotate_at_mb": args.rotate_at_mb,
-        "disk_budget_mb": args.disk_budget_mb,
-        "metrics": args.metrics,
-        "quiet": args.quiet or None,
-        "log_format": args.log_format,
-    }
-    return {key: value for key, value in given.items() if value is not None}
+    """Return the settings given on the command line; an option has the name of its setting."""
+    names = {item.name for item in fields(RecordConfig)} - {"output", "vehicle", "calibration"}
+    given = {name: getattr(args, name, None) for name in names}
+    given |= {"ports": tuple(args.ports) or None, **udp_settings(args)}
+    return {name: value for name, value in given.items() if value is not None and value is not False}
 
 
 def _metadata(config: RecordConfig) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Ports are read whatever number their descriptor has."""
+"""Ports with any descriptor number can be read."""
 
 import fcntl
 import os
@@ -12,7 +12,7 @@ from hubodo.ingest.readiness import can_read, can_write
 
 @pytest.fixture
 def high_pipe():
-    """A pipe whose descriptors are beyond those that `select` takes."""
+    """Return a pipe whose descriptors are beyond the limit of `select`."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     resource.setrlimit(resource.RLIMIT_NOFILE, (min(4096, hard), hard))
     low = os.pipe()

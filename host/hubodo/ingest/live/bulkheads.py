@@ -67,7 +67,7 @@ class Bulkheads:
     ----------
     now_ns
         Host time, ns since 1970.
-    hang_s
+    hang_timeout_s
         Seconds after which a part that has not returned is interrupted.
     """
 

@@ -1,0 +1,63 @@
+"""A delayed host reads late, but samples keep the node's own times."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fakes.fake_node import FakeNode
+from hubodo.ingest.live.daemon import record
+from hubodo.ingest.live.record_config import RecordConfig
+from hubodo.ingest.live.virtual_computer import VirtualComputer
+from hubodo.log.recording_reader import read_recording
+from hubodo.units import NS_PER_S
+
+RATE_HZ = 208.0
+
+
+class StarvedComputer(VirtualComputer):
+    """A computer stopped in some intervals (start s, end s): data is read at their ends."""
+
+    def __init__(self, stretches):
+        super().__init__()
+        zero_ns = self.now_ns()
+        self._stretches = [
+            (zero_ns + round(a * NS_PER_S), zero_ns + round(b * NS_PER_S)) for a, b in stretches
+        ]
+
+    def put(self, item):
+        super().put(replace(item, t_ns=self._awake(item.t_ns)))
+
+    def _step(self, t_ns):
+        super()._step(self._awake(t_ns))
+
+    def _awake(self, t_ns):
+        return next((end for start, end in self._stretches if start < t_ns < end), t_ns)
+
+
+def often(seed):
+    """Return intervals of up to 0.1 s that cover half of the time."""
+    rng = np.random.default_rng(seed)
+    edges = np.cumsum(rng.uniform(0.0, 0.1, 400))
+    return list(zip(edges[::2], edges[1::2], strict=True))
+
+
+# The first question for the clock is asked 30 ms after the start.
+@pytest.mark.parametrize(
+    "stretches",
+    [[(0.0302, 1.5)], [(0.0302, 0.35), (0.3702, 0.6)], [(3.0, 5.0)], often(1), often(2)],
+    ids=["at the first question", "twice at the start", "on the way", "often", "often, again"],
+)
+def test_intervals_stay_those_of_the_node_to_100_ppm(tmp_path, stretches):
+    out, computer = tmp_path / "ride.mcap", StarvedComputer(stretches)
+    start = computer.now_ns()
+    with FakeNode(computer=computer) as node:
+        record(RecordConfig(ports=(node.path,), duration=12.0), out, computer=computer)
+    log = read_recording(out)
+    t = log.nodes["left"].t + (log.t_zero_ns - start) * 1e-9
+    true = np.arange(len(t)) / RATE_HZ
+    print(f"times off by {np.abs(t - true).max():.6f} s at most")
+    # A stamp of the node is a whole number of us.
+    assert np.abs(np.diff(t) - 1 / RATE_HZ).max() < 1e-4 / RATE_HZ + 2e-6
+    assert np.abs((t[208:] - t[:-208]) - 1.0).max() < 1e-4 + 2e-6
+    assert np.abs(t - true).max() < 1e-3

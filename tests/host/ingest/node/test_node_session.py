@@ -1,0 +1,43 @@
+"""A node that sends reports but no samples and no clock replies."""
+
+import pytest
+
+from faults.line import T0, Line, Node
+from hubodo.log.records import Battery, BiasFilterRow
+from hubodo.units import NS_PER_S
+from hubowire.messages import Filter, Health
+
+PERIOD = 1 << 30
+
+
+def health(t_us, battery_mv=3700):
+    return Health(t_us, battery_mv, 0, 0, 0, 0, 0, 0, 0, 1, 900, 1, 50_000, 40)
+
+
+def report_times(sink):
+    """Return the host times of batteries and filter reports, ns."""
+    return [int(record.t_ns[0]) for record in sink.records if isinstance(record, Battery | BiasFilterRow)]
+
+
+def test_its_battery_is_stamped_when_it_was_received_not_in_1970():
+    line, node = Line(), Node()
+    line.says(node.says_hello())
+    for second in range(3):
+        line.says(node.frame(health(second * 1_000_000)), seconds=1.0)
+    line.close()
+    assert report_times(line.sink) == pytest.approx([T0 + k * NS_PER_S for k in range(3)], abs=0.1 * NS_PER_S)
+
+
+@pytest.mark.parametrize(
+    "last", [Filter(PERIOD - 1, 2, 0, 9, (1, 0, 0), (0, 0, 0), (1, 0, 1), (4, 4, 8)), None]
+)
+def test_microseconds_that_turn_over_give_no_negative_time(last):
+    line, node = Line(), Node()
+    line.says(node.says_hello())
+    line.says(node.frame(health(0)), seconds=1.0)
+    line.says(node.frame(last or health(PERIOD - 1)), seconds=1.0)
+    line.says(node.frame(health(2_000_000)), seconds=1.0)
+    sink = line.close()
+    assert "fault" not in sink.kinds()
+    assert len(report_times(sink)) == 3
+    assert all(abs(t_ns - T0) < 10 * NS_PER_S for t_ns in report_times(sink))
