@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +10,14 @@ from typing import TYPE_CHECKING, Any, Literal
 from hubodo.api.arguments import StrPath, as_calibration, as_vehicle
 from hubodo.api.plot import Plot
 from hubodo.errors import InputError
-from hubodo.fuse.fusion import FusedRecording, check_no_results, fuse_recording, track_to_table, write_results
+from hubodo.fuse.fusion import (
+    FusedRecording,
+    check_no_results,
+    fuse_recording,
+    parse_smoothing_lag,
+    track_to_table,
+    write_results,
+)
 from hubodo.fuse.track import Score, Track
 from hubodo.html_table import html_lines, html_table
 from hubodo.recording import Table
@@ -153,11 +159,7 @@ def fuse_log(
     antenna: tuple[float, float] | None,
 ) -> FusedTrack:
     """Estimate the track of a log; see `LoadedLog.fuse`."""
-    lag = math.inf if smooth == "full" else float(smooth)
-    if not lag >= 0.0:
-        raise InputError(f"smooth = {smooth}: give seconds from 0 on, or 'full'")
-    if lag > 0.0 and method != "filter":
-        raise InputError("smooth goes with method='filter'")
+    lag = parse_smoothing_lag(smooth, method, "smooth =")
     used_vehicle = log.vehicle if vehicle is None else as_vehicle(vehicle)
     if used_vehicle is None:
         raise InputError(f"{log.path}: holds no vehicle; give a vehicle file")

@@ -19,7 +19,7 @@ def test_quantiles_are_exact_to_a_bin_and_never_below_the_true_value():
     assert histogram.mean == pytest.approx(durations.mean() * 1e-9)
 
 
-def test_an_empty_histogram_has_no_values_and_a_long_duration_is_kept_exactly():
+def test_an_empty_histogram_has_no_values_and_a_long_duration_is_exact():
     histogram = LatencyHistogram()
     assert set(histogram.as_json().values()) == {None}
     histogram.add(3_000_000_001)
