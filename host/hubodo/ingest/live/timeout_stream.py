@@ -10,7 +10,7 @@ from typing import TextIO
 
 from hubodo.ingest.readiness import can_write
 
-_WRITE_TIMEOUT_S = 5.0
+_READER_TIMEOUT_S = 5.0
 _MAX_PIPE_WRITE_BYTES = 512
 """Bytes that a writable pipe accepts without blocking (POSIX: PIPE_BUF is at least 512)."""
 
@@ -22,7 +22,9 @@ class TimeoutStream(io.TextIOBase):
     TimeoutError when nothing is read and OSError when the reader is closed.
     """
 
-    def __init__(self, descriptor: int, encoding: str = "utf-8", timeout_s: float = _WRITE_TIMEOUT_S) -> None:
+    def __init__(
+        self, descriptor: int, encoding: str = "utf-8", timeout_s: float = _READER_TIMEOUT_S
+    ) -> None:
         self._descriptor = descriptor
         self._encoding = encoding
         self._timeout_s = timeout_s
@@ -60,7 +62,7 @@ class TimeoutStream(io.TextIOBase):
             self._unwritten = self._unwritten[written:]
 
 
-def standard_error(timeout_s: float = _WRITE_TIMEOUT_S) -> TextIO:
+def standard_error(timeout_s: float = _READER_TIMEOUT_S) -> TextIO:
     """Return a `TimeoutStream` on standard error, or `sys.stderr` itself where it is not descriptor 2."""
     stream = sys.stderr
     if stream is None:
