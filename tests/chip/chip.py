@@ -1,9 +1,9 @@
-"""What the firmware does on a Pico, without one: flashed onto an emulated board, run with each configuration.
+"""Measure the firmware on an emulated Pico: flashed onto an empty board, run with each configuration.
 
     python tests/chip/chip.py [--seconds 6] [--settings default,416] [--seed 1] [--profile] [--json]
 
-The board runs the MicroPython that real ones run; its time is that of the processor, cycle by cycle, but for
-what a miss of the cache before its flash costs (--miss). CPU: without waiting and without the I2C bus.
+The board runs the MicroPython of real ones; its time is counted in processor cycles, except for the cost of a
+miss of the flash cache, which is an estimate (--miss). CPU: without waits and I2C transfers.
 """
 
 import argparse
@@ -49,11 +49,11 @@ LARGE = {
     "gravity": {"rate_hz": 208, "fifo": True, "bias_kind": int(m.BiasKind.GRAVITY)},
     "rls": {"rate_hz": 208, "fifo": True, "filter_kind": int(m.FilterKind.RLS)},
 }
-AT_ONCE = 2
+PARALLEL_RUNS = 2
 
 
 def flashed(folder, pico):
-    """The files that `hubodo flash` put onto an empty board, in `folder`; s that it took."""
+    """Put the files of `hubodo flash` onto an empty board, in `folder`; return the duration in s."""
     began = time.monotonic()
     with VirtualNode(
         StillMotion(),
@@ -122,7 +122,7 @@ def main(argv=None):
             return run
 
         status.update(f"{len(args.settings)} runs of {args.seconds:g} emulated seconds")
-        with ThreadPoolExecutor(AT_ONCE) as pool:
+        with ThreadPoolExecutor(PARALLEL_RUNS) as pool:
             runs = list(pool.map(one, args.settings))
         times = estimator_times.estimator_times(firmware, Path(scratch), pico)
     if args.json:

@@ -1,4 +1,4 @@
-"""The firmware on an emulated Pico for some seconds: what came beside what the chip made."""
+"""Run the firmware on an emulated Pico for some seconds, and compare its output with that of the chip."""
 
 import dataclasses
 import time
@@ -27,12 +27,12 @@ USUAL = PicoSettings()
 
 @dataclass(frozen=True)
 class ChipRun:
-    """What one run showed. A pair is the least and the most; None: none came.
+    """Results of one run. A pair is the minimum and the maximum; None without samples.
 
-    samples: that arrived; lost: of those the chip made between the first and the last of them; waiting: of
-    those it made after the last.
-    burst_gap_ms, fifo_share: the longest time between two bursts from the FIFO, alone and over what it holds.
-    cpu_us: work per sample, without waiting and without the I2C bus; cpu_left: share of the time it waited.
+    samples: received; lost: of those measured between the first and the last of them; waiting: of those
+    measured after the last.
+    burst_gap_ms, fifo_share: longest time between two bursts from the FIFO, absolute and relative to its
+    capacity. cpu_us: processing per sample, without waits and I2C transfers; cpu_left: share of waiting time.
     allocations: per second of the loop.
     begin_us, later_us: time stamps minus truth, in the first second and after it.
     speed: emulated seconds per second.
@@ -64,9 +64,9 @@ def run_chip(
     seed: int = 1,
     pico: PicoSettings = USUAL,
 ) -> ChipRun:
-    """Power-on with `config`, `seconds` of emulated time. The chip is up to 2 % too fast, by the seed.
+    """Run `seconds` of emulated time from power-on with `config`; the seed makes the chip up to 2 % fast.
 
-    Raises ImageMissing and what a virtual node raises.
+    Raise ImageMissing and the errors of a virtual node.
     """
     symbols = find_image(pico.image, pico.bootrom).symbols
     odr_error = float(np.random.default_rng(seed).uniform(0.0, 0.02))
@@ -89,25 +89,25 @@ def run_chip(
         output, arrivals, truth = node.output, node.arrivals(), node.chip.truth()
         reads, meter = node.bus_log(), node.meter()
     sent = [(frame, decode(frame.type_id, frame.payload)) for frame in FrameDecoder().feed(output)]
-    found = matched(sent, truth) if of(sent, m.ImuBatch) else np.zeros((0, 3))
+    matches = matched(sent, truth) if of(sent, m.ImuBatch) else np.zeros((0, 3))
     bursts = np.array([r.t for r in reads if r.register == FIFO_DATA_L])
     gap = float(np.diff(bursts).max()) if len(bursts) > 1 else None
     rate = (len(truth.t) - 1) / (truth.t[-1] - truth.t[0]) if len(truth.t) > 1 else 0.0
-    taken = truth.t[found[:, 0].astype(int)] if len(found) else np.zeros(0)
-    early = taken < taken[0] + SETTLED if len(taken) else np.zeros(0, dtype=bool)
+    sample_times = truth.t[matches[:, 0].astype(int)] if len(matches) else np.zeros(0)
+    early = sample_times < sample_times[0] + SETTLED if len(sample_times) else np.zeros(0, dtype=bool)
     busy = meter["total_us"] - meter["idle_us"] - meter["transfer_us"] if meter else float("nan")
     return ChipRun(
         name,
-        samples=len(found),
-        lost=int((np.diff(found[:, 0]) - 1).sum()) if len(found) else len(truth.t),
-        waiting=len(truth.t) - 1 - int(found[-1, 0]) if len(found) else 0,
+        samples=len(matches),
+        lost=int((np.diff(matches[:, 0]) - 1).sum()) if len(matches) else len(truth.t),
+        waiting=len(truth.t) - 1 - int(matches[-1, 0]) if len(matches) else 0,
         burst_gap_ms=None if gap is None else gap * 1e3,
         fifo_share=None if gap is None else gap * rate / FIFO_SAMPLES,
         cpu_us=busy / (rate * meter["seconds"]) if meter else float("nan"),
         cpu_left=meter["idle_us"] / meter["total_us"] if meter else float("nan"),
         allocations=meter["allocations"] / meter["seconds"] if meter else float("nan"),
-        begin_us=_span(found[early, 1]),
-        later_us=_span(found[~early, 1]),
+        begin_us=_span(matches[early, 1]),
+        later_us=_span(matches[~early, 1]),
         hello_s=_hello(output, arrivals),
         speed=seconds / took,
         functions=tuple(_per_second(f, meter["seconds"]) for f in meter.get("functions", ())),
@@ -119,7 +119,7 @@ def _span(values):
 
 
 def _hello(output, arrivals):
-    """When the last byte of the first Hello came."""
+    """Return the time of the last byte of the first Hello, s."""
     decoder, before = FrameDecoder(), 0
     for t, count in arrivals:
         if any(f.type_id == m.Hello.type_id for f in decoder.feed(output[before:count])):

@@ -1,4 +1,4 @@
-"""What a node's estimators take of an emulated Pico's time, beside the time that Shah et al. give."""
+"""Time the estimators of a node on an emulated Pico, beside the times of Shah et al."""
 
 import re
 from dataclasses import dataclass
@@ -64,14 +64,17 @@ print("over")
 
 @dataclass(frozen=True)
 class EstimatorTime:
-    """What one sample takes of the estimator, µs."""
+    """Processing time of one sample by an estimator, µs."""
 
     what: str
     us: float
 
 
 def estimator_times(firmware: Path, scratch: Path, pico: PicoSettings) -> list[EstimatorTime]:
-    """Measured by the board's own clock. firmware: as it is flashed. Raises RuntimeError: it failed."""
+    """Time the estimators with the clock of the board.
+
+    firmware: as flashed. Raise RuntimeError if that fails.
+    """
     folder = scratch / "estimators"
     copytree(firmware, folder)
     (folder / "main.py").write_text(_place(folder) + PROGRAM)
@@ -83,15 +86,15 @@ def estimator_times(firmware: Path, scratch: Path, pico: PicoSettings) -> list[E
         board=BoardSettings(interpreter="rp2040", pico=pico),
     ) as node:
         node.wait(120)
-        said = node.output.decode(errors="replace")
-    rows = re.findall(r"^row (.+) (\d+) (\d+)\r?$", said, re.MULTILINE)
-    if "over" not in said:
-        raise RuntimeError(f"the estimators could not be timed: {said[-300:]}")
+        output = node.output.decode(errors="replace")
+    rows = re.findall(r"^row (.+) (\d+) (\d+)\r?$", output, re.MULTILINE)
+    if "over" not in output:
+        raise RuntimeError(f"the estimators could not be timed: {output[-300:]}")
     return [EstimatorTime(what, int(us) / int(samples)) for what, samples, us in rows]
 
 
 def _place(folder: Path) -> str:
-    """Where the firmware lies, as main.py would say."""
+    """Return the code that puts the firmware on sys.path, as main.py does."""
     slots = sorted(path.name for path in folder.glob("fw_?"))
     return f"import sys\nsys.path[0] = '/{slots[0]}'\n" if slots else ""
 

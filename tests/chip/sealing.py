@@ -1,4 +1,4 @@
-"""What it costs a node to prove a datagram, on an emulated Pico: python tests/chip/sealing.py"""
+"""Measure the cost of authenticating a datagram on an emulated Pico: python tests/chip/sealing.py"""
 
 import sys
 import tempfile
@@ -53,8 +53,8 @@ def main() -> None:
         )
         with node:
             node.wait(120)
-            said = node.output.decode(errors="replace")
-    print(said.partition("end")[0].strip())
+            output = node.output.decode(errors="replace")
+    print(output.partition("end")[0].strip())
 
 
 if __name__ == "__main__":

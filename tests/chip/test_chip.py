@@ -1,4 +1,4 @@
-"""The firmware on an emulated Pico keeps its promises: every sample, in time, nothing from the heap."""
+"""The firmware on an emulated Pico processes every sample in time, without allocation."""
 
 import numpy as np
 import pytest
@@ -44,9 +44,9 @@ def armv6m(folder):
 def run(request, tmp_path_factory):
     pico_or_skip()
     config, seconds = RUNS[request.param]
-    found = run_chip(request.param, config, armv6m(tmp_path_factory.mktemp("firmware")), seconds)
-    print(found)
-    return found
+    matches = run_chip(request.param, config, armv6m(tmp_path_factory.mktemp("firmware")), seconds)
+    print(matches)
+    return matches
 
 
 def test_no_sample_is_lost(run):
@@ -91,9 +91,9 @@ def test_a_bus_that_fails_a_chip_that_restarts_and_a_busy_processor_are_got_over
         node.wait(120)
         output, truth, stats = node.output, node.chip.truth(), node.stats
     sent = [(frame, decode(frame.type_id, frame.payload)) for frame in FrameDecoder().feed(output)]
-    found = matched(sent, truth)
-    assert truth.t[int(found[-1, 0])] > 2.5
-    missing = int((np.diff(found[:, 0]) - 1).sum())
+    matches = matched(sent, truth)
+    assert truth.t[int(matches[-1, 0])] > 2.5
+    missing = int((np.diff(matches[:, 0]) - 1).sum())
     announced = sum(bool(b.flags & m.BatchFlag.GAP_BEFORE) for b in of(sent, m.ImuBatch))
     assert missing > 0 and announced >= 1
     assert stats["counts"]["stalls"] == 1 and stats["bus"]["freed"] == 1 and stats["resets"] == []

@@ -1,4 +1,4 @@
-"""The wire a second time, from protocol/README.md alone: plain, slow, and sharing no line with hubowire."""
+"""An independent encoder, written from protocol/README.md alone: simple, slow, without code of hubowire."""
 
 # (field, bytes each, signed, how many); bytes 0 stands for a byte string; the last of a table repeats.
 PAYLOADS = {
@@ -88,7 +88,7 @@ TABLES = {"Hello": ("parts", 1, False), "ImuBatch": ("samples", 2, True)}
 
 
 def payload(message: str, values: dict) -> bytes:
-    """Payload bytes from field values as a vector file has them."""
+    """Return the payload of field values as in a vector file."""
     out = b""
     for name, size, signed, count in PAYLOADS[message]:
         value = values[name]
@@ -108,7 +108,7 @@ def payload(message: str, values: dict) -> bytes:
 
 
 def crc(data: bytes) -> int:
-    """CRC-16/CCITT-FALSE, a bit at a time, most significant bit first."""
+    """Return the CRC-16/CCITT-FALSE bit by bit, most significant bit first."""
     register = 0xFFFF
     for byte in data:
         for bit in range(7, -1, -1):
@@ -120,7 +120,7 @@ def crc(data: bytes) -> int:
 
 
 def cobs(data: bytes) -> bytes:
-    """COBS by walking backwards: each zero becomes the distance to the next one."""
+    """Return the COBS encoding, backwards: each zero becomes the distance to the next one."""
     out = [0, *data, 0]
     distance = 0
     for place in range(len(out) - 1, -1, -1):
@@ -132,7 +132,7 @@ def cobs(data: bytes) -> bytes:
 
 
 def frame(type_id: int, node: int, seq: int, body: bytes) -> bytes:
-    """A whole frame with its delimiter."""
+    """Return a frame with its delimiter."""
     checked = bytes([type_id, node, seq % 256, seq // 256]) + body
     value = crc(checked)
     return cobs(checked + bytes([value % 256, value // 256])) + b"\x00"

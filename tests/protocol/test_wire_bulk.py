@@ -1,4 +1,4 @@
-"""The vectorised decoder is the streaming one, only quicker."""
+"""The vectorised decoder returns the frames of the streaming decoder."""
 
 import numpy as np
 import pytest
@@ -81,7 +81,7 @@ def no_times(end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def is_sound_batch(frame: Frame) -> bool:
-    """Whether a frame is a batch of at least one sample, all of which are there."""
+    """Return True for a complete batch with at least one sample."""
     try:
         batch = decode(frame.type_id, frame.payload)
     except PayloadError:
@@ -91,9 +91,9 @@ def is_sound_batch(frame: Frame) -> bool:
 
 def check_by_node(frames: list[Frame], groups: list[FrameGroup]) -> None:
     """Batches and other frames of each node are the frames, in their order."""
-    found = group_by_node(groups, no_times)
-    assert set(found) == {frame.node for frame in frames}
-    for node, some in found.items():
+    by_node = group_by_node(groups, no_times)
+    assert set(by_node) == {frame.node for frame in frames}
+    for node, some in by_node.items():
         own = [frame for frame in frames if frame.node == node]
         batches = [decode(frame.type_id, frame.payload) for frame in own if is_sound_batch(frame)]
         assert [frame.seq for frame in own if is_sound_batch(frame)] == some.batches.seq.tolist()

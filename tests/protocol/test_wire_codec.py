@@ -1,4 +1,4 @@
-"""Messages to payloads and back, over their whole range and beyond it."""
+"""Encoding and decoding of messages, over their whole range and beyond it."""
 
 import dataclasses
 from typing import ClassVar
@@ -37,11 +37,11 @@ def test_bytes_of_a_newer_version_are_passed_over(sent: Message, more: bytes):
 def test_any_payload_is_a_message_or_a_payload_error_or_unknown(type_id: int, payload: bytes):
     known = {kind.type_id: kind for kind in MESSAGES}
     try:
-        seen = decode(type_id, payload)
+        decoded = decode(type_id, payload)
     except PayloadError:
         assert type_id in known
     else:
-        assert seen is None if type_id not in known else payload.startswith(encode(seen))
+        assert decoded is None if type_id not in known else payload.startswith(encode(decoded))
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The fingerprint changes with anything that changes what the bytes mean."""
+"""The fingerprint changes with everything that changes the meaning of the bytes."""
 
 import dataclasses
 from enum import IntEnum
@@ -24,9 +24,9 @@ def rebuilt(kind: type[Message], **change: dict) -> type[Message]:
         meta = dict(item.metadata) | change.get(item.name, {})
         name = meta.pop("name", item.name)
         rows.append((name, item.type, dataclasses.field(metadata=meta)))
-    made = dataclasses.make_dataclass(kind.__name__, rows, bases=(Message,), frozen=True)
-    made.type_id = kind.type_id
-    return made
+    changed_class = dataclasses.make_dataclass(kind.__name__, rows, bases=(Message,), frozen=True)
+    changed_class.type_id = kind.type_id
+    return changed_class
 
 
 def swapped(old: type[Message], new: type[Message]) -> tuple:
@@ -67,8 +67,10 @@ def test_any_code_of_an_enum_changes_it(enum: type[IntEnum]):
         codes = {item.name: item.value for item in enum}
         renamed = {("OTHER_NAME" if key == name else key): value for key, value in codes.items()}
         for changed in (codes | {name: 99}, codes | {"NEW": 98}, renamed):
-            made = IntEnum(enum.__name__, changed)
-            assert of(MESSAGES, tuple(made if item is enum else item for item in ENUMS)) != FINGERPRINT
+            changed_class = IntEnum(enum.__name__, changed)
+            assert (
+                of(MESSAGES, tuple(changed_class if item is enum else item for item in ENUMS)) != FINGERPRINT
+            )
 
 
 def test_the_text_has_no_class_variables_in_it():

@@ -1,4 +1,4 @@
-"""A decoder in C, written from the wire's README alone, agrees with all vectors, and the host on damage."""
+"""A decoder in C, written from the README alone, agrees with all vectors and with the host on damage."""
 
 import json
 import os
@@ -63,10 +63,10 @@ def test_vectors_in_a_row_and_damaged_streams_are_given_up_at_the_same_bytes_as_
     for stream, answer in zip(streams, decoder(streams, 13), strict=True):
         ours = FrameDecoder()
         frames = ours.feed(bytes.fromhex(stream))
-        found = [
+        decoded = [
             (row["type"], row["node"], row["seq"], bytes.fromhex(row["payload"])) for row in answer["frames"]
         ]
-        assert found == [(frame.type_id, frame.node, frame.seq, frame.payload) for frame in frames]
+        assert decoded == [(frame.type_id, frame.node, frame.seq, frame.payload) for frame in frames]
         counts = {"crc": ours.damage.crc, "cobs": ours.damage.cobs, "oversize": ours.damage.oversize}
         assert counts.items() <= answer["damage"].items()
         assert answer["damage"]["bytes_lost"] == ours.damage.bytes_lost

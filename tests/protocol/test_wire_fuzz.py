@@ -1,4 +1,4 @@
-"""Ten million random and mutated bytes through both host decoders: no exception, no growing memory."""
+"""Ten million random and mutated bytes through both host decoders: no exception, bounded memory."""
 
 import tracemalloc
 from collections.abc import Callable
@@ -91,12 +91,12 @@ def test_both_decoders_count_the_same_over_ten_million_bytes(seed: int):
 
 
 @pytest.mark.parametrize("make", [FrameDecoder, BulkDecoder])
-def test_what_is_kept_between_portions_never_exceeds_a_frame(make: Callable):
+def test_the_buffer_between_chunks_never_exceeds_a_frame(make: Callable):
     decoder = make()
     tracemalloc.start()
     for _ in range(2000):
         decoder.feed(b"\x55" * 500)
-    kept, _ = tracemalloc.get_traced_memory()
+    buffered, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()
-    assert decoder.pending_bytes < 250 and kept < 100_000
+    assert decoder.pending_bytes < 250 and buffered < 100_000
     assert decoder.damage.oversize == 1 and decoder.damage.bytes_lost == 1_000_000

@@ -1,4 +1,4 @@
-"""Generated files say what the table says, and the check finds one that does not."""
+"""Generated files agree with the message table, and the check detects a stale one."""
 
 import subprocess
 import sys

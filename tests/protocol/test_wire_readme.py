@@ -1,4 +1,4 @@
-"""What protocol/README.md says is enough, and true: layouts, fingerprint and examples read from the page."""
+"""protocol/README.md is sufficient and correct: layouts, fingerprint and examples are read from the page."""
 
 import hashlib
 import json
@@ -20,10 +20,10 @@ LETTERS = {"u8": "B", "i8": "b", "u16": "H", "i16": "h", "u32": "I", "i32": "i",
 def tables() -> dict[tuple[int, str], list[tuple[str, str, str, str]]]:
     """Field name, type, scale and unit of each message section of the page."""
     sections = re.split(r"^#### 0x([0-9A-F]{2}) (\w+)$", PAGE, flags=re.M)[1:]
-    found = {}
+    sections_by_id = {}
     for code, name, text in zip(sections[::3], sections[1::3], sections[2::3], strict=True):
-        found[int(code, 16), name] = ROW.findall(text.split("### ")[0].split("<!--")[0])
-    return found
+        sections_by_id[int(code, 16), name] = ROW.findall(text.split("### ")[0].split("<!--")[0])
+    return sections_by_id
 
 
 def split_type(words: str) -> tuple[str, int, bool]:
@@ -92,9 +92,9 @@ def test_the_vector_tool_makes_the_stored_vector_again_and_refuses_in_one_line(m
     values = ["request=70", "request_seq=7", "reason=3", "detail=412"]
     settings = [part for value in values for part in ("--set", value)]
     assert new_vector.main(["message", "Nack", "typical", "--node", "2", "--seq", "258", *settings]) == 0
-    made = json.loads((tmp_path / "nack.json").read_text())
+    vector_file = json.loads((tmp_path / "nack.json").read_text())
     stored = json.loads((ROOT / "protocol" / "vectors" / "nack.json").read_text())
-    assert made == [vector for vector in stored if vector["name"] == "typical"]
+    assert vector_file == [vector for vector in stored if vector["name"] == "typical"]
     assert new_vector.main(["stream", "bad_x", "noise", "050500", "--origin", "by hand"]) == 0
     assert json.loads((tmp_path / "bad_x.json").read_text())[0]["damage"]["cobs"] == 1
     capsys.readouterr()

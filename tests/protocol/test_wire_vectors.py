@@ -1,4 +1,4 @@
-"""Every stored vector against both host decoders and a second encoder written apart."""
+"""Every stored vector against both host decoders and an independent encoder."""
 
 import dataclasses
 import json
@@ -41,8 +41,10 @@ def test_every_message_has_a_typical_vector_and_extremes():
 
 
 def test_every_cause_of_damage_has_a_vector():
-    seen = {cause for some in FILES.values() for vector in some for cause, n in vector["damage"].items() if n}
-    assert seen >= {"crc", "cobs", "short", "oversize", "bytes_lost"}
+    causes = {
+        cause for some in FILES.values() for vector in some for cause, n in vector["damage"].items() if n
+    }
+    assert causes >= {"crc", "cobs", "short", "oversize", "bytes_lost"}
 
 
 @pytest.mark.parametrize("vector", VECTORS)
@@ -62,12 +64,12 @@ def test_bulk_decoder_gives_what_the_vector_says_in_portions_of_any_size(vector:
     stream = bytes.fromhex(vector["stream"])
     decoder = BulkDecoder()
     groups = [group for at in range(0, len(stream), size) for group in decoder.feed(stream[at : at + size])]
-    found = [
+    received = [
         (int(end), Frame(group.type_id, group.node, int(seq), payload.tobytes()))
         for group in groups
         for end, seq, payload in zip(group.end_offset, group.seq, group.payload, strict=True)
     ]
-    assert [frame for _, frame in sorted(found, key=lambda row: row[0])] == expected_frames(vector)
+    assert [frame for _, frame in sorted(received, key=lambda row: row[0])] == expected_frames(vector)
     assert dataclasses.asdict(decoder.damage) == vector["damage"]
     assert (decoder.idle_delimiters, decoder.pending_bytes) == (vector["idle_delimiters"], vector["pending"])
 
@@ -96,8 +98,8 @@ def test_a_second_encoder_written_apart_makes_the_same_bytes_from_the_values(mes
         assert payload.hex() == row["payload"]
         stream = second_encoder.frame(row["type"], row["node"], row["seq"], payload)
         assert stream.hex() == vector["stream"]
-        made = decode(row["type"], payload)
-        assert encode(made) == payload
+        decoded_message = decode(row["type"], payload)
+        assert encode(decoded_message) == payload
         assert encode_frame(Frame(row["type"], row["node"], row["seq"], payload)) == stream
 
 

@@ -1,4 +1,4 @@
-"""Effects on request: each formula a second time, one found in a log of foreign make; the list stays."""
+"""Effects on request: each against its formula, and identified in a log of an independent simulator."""
 
 import shutil
 
@@ -27,22 +27,24 @@ def the_list_as_it_was():
 def chain(facing=1.0):
     rng = np.random.default_rng(SEED)
     rate, force = rng.standard_normal((2, 3, len(T)))
-    made = SensorChain(T, 25.0 + 0.3 * T, rate, 0.0 * rate, force, np.zeros_like(rate), np.zeros_like(force))
-    made.facing, made.angle, made.spin = facing, 5.0 * T, np.full(len(T), 5.0)
-    made.speed, made.acceleration = 2.0 + np.sin(0.5 * T), 0.5 * np.cos(0.5 * T)
-    made.yaw_rate, made.yaw_acceleration = 0.4 * np.sin(0.3 * T), 0.12 * np.cos(0.3 * T)
-    return made
+    result = SensorChain(
+        T, 25.0 + 0.3 * T, rate, 0.0 * rate, force, np.zeros_like(rate), np.zeros_like(force)
+    )
+    result.facing, result.angle, result.spin = facing, 5.0 * T, np.full(len(T), 5.0)
+    result.speed, result.acceleration = 2.0 + np.sin(0.5 * T), 0.5 * np.cos(0.5 * T)
+    result.yaw_rate, result.yaw_acceleration = 0.4 * np.sin(0.3 * T), 0.12 * np.cos(0.3 * T)
+    return result
 
 
 def added(name, facing=1.0, **values):
     kind = next(kind for kind in FIELD if kind.name == name)
-    made = chain(facing)
-    kind(**values).add_offsets(made)
-    return made.gyro, made.accel
+    result = chain(facing)
+    kind(**values).add_offsets(result)
+    return result.gyro, result.accel
 
 
 @pytest.mark.parametrize("facing", [1.0, -1.0])
-def test_a_steered_wheel_turns_by_what_its_angle_says(facing):
+def test_a_steered_wheel_turns_at_the_rate_of_its_angle(facing):
     gyro, accel = added("wheel_steering", facing, arm=0.4)
     on = chain()
     angle = 0.4 * on.speed * on.yaw_rate / (on.speed**2 + 0.25)
@@ -53,7 +55,7 @@ def test_a_steered_wheel_turns_by_what_its_angle_says(facing):
     assert not gyro[2].any() and not accel.any()
 
 
-def test_play_turns_the_node_one_way_with_torque_and_the_other_without():
+def test_play_tilts_the_node_by_the_sign_of_the_torque():
     gyro, accel = added("axle_play", x=1e-3, y=-2e-3)
     on = chain()
     for k in (100, 500, 900):
@@ -74,20 +76,20 @@ def test_vibration_and_temperature_shift_the_accelerometer():
 
 def test_the_supply_above_3_7_volts_shifts_the_gyro():
     kind = next(kind for kind in FIELD if kind.name == "gyro_supply")
-    made = chain()
-    made.supply = 4.1 - 0.035 * T
-    kind(x=0.02, y=-0.01, z=0.03).add_offsets(made)
+    result = chain()
+    result.supply = 4.1 - 0.035 * T
+    kind(x=0.02, y=-0.01, z=0.03).add_offsets(result)
     # At 4.1 V 0.4 V too much, at 3.4 V 0.3 V too little: 8, -4, 12 mrad/s and -6, 3, -9 mrad/s.
-    np.testing.assert_allclose(made.gyro[:, 0], [0.008, -0.004, 0.012], atol=1e-15)
-    np.testing.assert_allclose(made.gyro[:, -1], [-0.006, 0.003, -0.009], atol=1e-15)
-    assert not made.accel.any()
+    np.testing.assert_allclose(result.gyro[:, 0], [0.008, -0.004, 0.012], atol=1e-15)
+    np.testing.assert_allclose(result.gyro[:, -1], [-0.006, 0.003, -0.009], atol=1e-15)
+    assert not result.accel.any()
     unknown = chain()
     kind(x=0.02).add_offsets(unknown)
     assert not unknown.gyro.any()
 
 
 @pytest.mark.parametrize("facing", [1.0, -1.0])
-def test_on_a_banked_road_gravity_leans(facing):
+def test_on_a_banked_road_gravity_has_a_lateral_component(facing):
     _, accel = added("road_bank", facing, angle=0.1)
     # Beside a level road, where it is (0, 0, 1) in the body: (0, sin, cos).
     change = 9.80665 * np.array([0.0, np.sin(0.1), np.cos(0.1) - 1.0])
@@ -102,26 +104,26 @@ def test_a_late_reference_makes_every_node_early():
     np.testing.assert_allclose(kind(0.1).true_time(T), T + 0.1)
 
 
-def test_they_are_there_on_request_only():
+def test_further_effects_are_candidates_on_request_only():
     assert not {kind.name for kind in FIELD} & set(BY_NAME)
     use_effects(field=True)
     assert list(BY_NAME) == [kind.name for kind in (*EFFECTS, *FIELD)]
 
 
 @pytest.mark.parametrize("kind", FIELD, ids=lambda kind: kind.name)
-def test_each_says_what_it_may_pass_for_and_what_tells_them_apart(kind):
+def test_each_effect_names_confusable_effects_and_manoeuvres(kind):
     assert kind.confusable_with
-    assert all(other in BY_NAME and way for other, way in kind.confusable_with.items())
+    assert all(other in BY_NAME and manoeuvre for other, manoeuvre in kind.confusable_with.items())
     assert kind.meaning
 
 
-def test_a_steered_wheel_of_foreign_make_is_named_on_request(tmp_path):
+def test_a_steered_wheel_of_an_independent_simulator_is_identified_on_request(tmp_path):
     setup = cases.setup(SEED, duration=60.0)
     hidden = beyond.hide(setup, "steered_wheel", 2000.0)
     recording.write(setup, [], tmp_path / "case", {}, hidden.records)
-    made = gap(tmp_path / "out", tmp_path / "case/model.toml", tmp_path / "case", "--candidates", "field")
-    assert made.names == [("wheel_steering", hidden.node)]
-    arm = made.result["found"][0]["parameters"]["arm"]
+    gap_run = gap(tmp_path / "out", tmp_path / "case/model.toml", tmp_path / "case", "--candidates", "field")
+    assert gap_run.names == [("wheel_steering", hidden.node)]
+    arm = gap_run.result["found"][0]["parameters"]["arm"]
     assert abs(arm["value"] - hidden.truth["yaw"]) < 3.0 * arm["sigma"]
 
 
@@ -139,17 +141,17 @@ def case(foreign, tmp_path):
     return shutil.copytree(foreign, tmp_path / "case")
 
 
-def test_a_reference_whose_antenna_sits_aside_is_named_on_request(case, tmp_path):
+def test_an_off_centre_reference_antenna_is_identified_on_request(case, tmp_path):
     """The foreign log with the speed of another point: v - r arm, its samples rewritten."""
     arm = -0.2
     head, rows = (case / "reference.csv").read_text().split("\n", 1)
     table = np.array([line.split(",") for line in rows.split()], float)
     table[:, 1] -= arm * table[:, 2]
     np.savetxt(case / "reference.csv", table, fmt="%.7f", delimiter=",", header=head, comments="")
-    made = gap(tmp_path / "out", case / "model.toml", case, "--candidates", "field")
-    assert made.names == [("reference_arm", "vehicle")]
-    found = made.result["found"][0]["parameters"]["arm"]
-    assert abs(found["value"] - arm) < 3.0 * found["sigma"]
+    gap_run = gap(tmp_path / "out", case / "model.toml", case, "--candidates", "field")
+    assert gap_run.names == [("reference_arm", "vehicle")]
+    value = gap_run.result["found"][0]["parameters"]["arm"]
+    assert abs(value["value"] - arm) < 3.0 * value["sigma"]
 
 
 def supplied(case, shift):
@@ -161,30 +163,30 @@ def supplied(case, shift):
         volts = np.round(4.1 - 0.4 / (1 + np.exp(25 * (0.3 - share))) - 0.3 * (share > 0.7), 3)
         if node == "left":
             table[:, 1:4] += (volts - 3.7)[:, None] * shift
-        made = np.column_stack([table, volts])
+        columns = np.column_stack([table, volts])
         np.savetxt(
-            case / f"{node}.csv", made, fmt="%.7f", delimiter=",", header=head + ",supply", comments=""
+            case / f"{node}.csv", columns, fmt="%.7f", delimiter=",", header=head + ",supply", comments=""
         )
 
 
-def test_a_gyro_that_hangs_on_its_supply_is_named_on_request(case, tmp_path):
+def test_a_supply_dependent_gyro_is_identified_on_request(case, tmp_path):
     shift = np.array([0.02, -0.015, 0.025])
     supplied(case, shift)
-    made = gap(tmp_path / "out", case / "model.toml", case, "--candidates", "field")
-    assert made.names == [("gyro_supply", "left")]
-    for axis, value in zip("xyz", shift, strict=True):
-        found = made.result["found"][0]["parameters"][axis]
-        assert abs(found["value"] - value) < 3.0 * found["sigma"], axis
+    gap_run = gap(tmp_path / "out", case / "model.toml", case, "--candidates", "field")
+    assert gap_run.names == [("gyro_supply", "left")]
+    for axis, true in zip("xyz", shift, strict=True):
+        value = gap_run.result["found"][0]["parameters"][axis]
+        assert abs(value["value"] - true) < 3.0 * value["sigma"], axis
 
 
-def test_of_a_supply_that_falls_and_moves_nothing_nothing_is_said(case, tmp_path):
+def test_a_falling_supply_without_effect_is_not_reported(case, tmp_path):
     supplied(case, np.zeros(3))
-    made = gap(tmp_path / "out", case / "model.toml", case, "--candidates", "field")
-    assert made.names == []
-    assert "gyro_supply" not in " ".join(made.result["warnings"])
+    gap_run = gap(tmp_path / "out", case / "model.toml", case, "--candidates", "field")
+    assert gap_run.names == []
+    assert "gyro_supply" not in " ".join(gap_run.result["warnings"])
 
 
-def test_a_log_without_the_supply_cannot_show_what_hangs_on_it(foreign, tmp_path):
+def test_a_log_without_supply_cannot_show_supply_effects(foreign, tmp_path):
     asked = gap(tmp_path / "asked", foreign / "model.toml", foreign, "--candidates", "field")
-    said = [line for line in asked.result["warnings"] if "gyro_supply" in line]
-    assert len(said) == 2 and all("was not recorded" in line for line in said)
+    warnings = [line for line in asked.result["warnings"] if "gyro_supply" in line]
+    assert len(warnings) == 2 and all("was not recorded" in line for line in warnings)

@@ -1,4 +1,4 @@
-"""Effects from files that the user names and from installed packages; what is wrong is said in a line."""
+"""Effects from user files and installed packages; errors are one line."""
 
 from importlib.metadata import EntryPoint
 
@@ -30,7 +30,7 @@ def test_a_file_adds_its_effects_after_those_of_the_list(tmp_path):
     assert BY_NAME["hum"](0.5).k == 0.5
 
 
-def test_a_file_that_was_changed_counts_as_it_is_now(tmp_path):
+def test_a_changed_file_replaces_its_effects(tmp_path):
     use_effects([written(tmp_path, HUM)])
     use_effects([written(tmp_path, HUM.replace("k more", "k now"))])
     assert BY_NAME["hum"].__doc__ == "gz reads k now."
@@ -63,7 +63,7 @@ def test_an_installed_package_offers_effects(tmp_path, monkeypatch):
         ('    k: float = parameter("rad/s", 0.01)\n', "", "parameter(unit, scale)"),
     ],
 )
-def test_what_is_wrong_with_a_file_is_said(tmp_path, old, new, says):
+def test_an_invalid_file_is_refused_with_the_reason(tmp_path, old, new, says):
     assert old in HUM
     path = written(tmp_path, HUM.replace(old, new))
     with pytest.raises(ConfigError, match=str(path)) as caught:
@@ -72,13 +72,13 @@ def test_what_is_wrong_with_a_file_is_said(tmp_path, old, new, says):
     assert "hum" not in BY_NAME
 
 
-def test_a_file_that_is_not_there_or_no_python_is_said(tmp_path):
+def test_a_missing_or_non_python_file_is_refused(tmp_path):
     with pytest.raises(ConfigError, match="cannot be read"):
         read_effects(tmp_path / "none.py")
     with pytest.raises(ConfigError, match="name a Python file"):
         read_effects(written(tmp_path, HUM, "hum.txt"))
 
 
-def test_names_that_are_free():
+def test_names_of_new_effects_are_checked():
     assert name_problem("bent_axle") == ""
     assert name_problem("Bent Axle") and name_problem("gyro_bias") and name_problem("")

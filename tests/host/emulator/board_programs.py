@@ -115,7 +115,7 @@ class Terminal:
         return True
 
     def until(self, end: bytes, timeout: float = 30.0) -> bytes:
-        """Everything up to and with `end`; what follows stays."""
+        """Return the output up to and including `end`; later output stays buffered."""
         limit = time.monotonic() + timeout
         while end not in self.data:
             assert time.monotonic() < limit, f"no {end!r} in {self.data[-500:]!r}"

@@ -1,4 +1,4 @@
-"""Programs run to their end on the virtual board, as fast as it can; what they printed."""
+"""Programs run to their end on the virtual board in virtual time; returns their output."""
 
 from __future__ import annotations
 

@@ -96,11 +96,11 @@ def test_registers_of_a_chip_stand_in_its_driver_and_its_emulation_alone():
         r"\b(CTRL1_XL|CTRL2_G|FIFO_CTRL\d|WAKE_UP_(?:SRC|THS|DUR)|MD1_CFG|PWR_MGMT_1|SMPLRT_DIV)\b"
     )
     allowed = ("firmware/drivers/", "host/hubodo/emulator/chips/")
-    found = [
+    files = [
         path.relative_to(ROOT).as_posix()
         for folder in ("firmware", "host/hubodo")
         for path in sorted((ROOT / folder).rglob("*.py"))
         if pattern.search(path.read_text("utf-8"))
     ]
-    assert {name for name in found if name.startswith("firmware/drivers/")}
-    assert [name for name in found if not name.startswith(allowed)] == []
+    assert {name for name in files if name.startswith("firmware/drivers/")}
+    assert [name for name in files if not name.startswith(allowed)] == []

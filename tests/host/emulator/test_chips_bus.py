@@ -1,4 +1,4 @@
-"""The emulated I2C bus and its pins: wire time, refusal, a slave that holds SDA."""
+"""The emulated I2C bus and its pins: bit timing, missing acknowledgements, a slave that holds SDA low."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The emulated LSM6DS33 against what the data sheet (DocID026899) and AN4650 say of the real one."""
+"""The emulated LSM6DS33 against its data sheet (DocID026899) and AN4650."""
 
 from __future__ import annotations
 
@@ -286,14 +286,14 @@ def test_disturbance_is_repeatable_by_seed() -> None:
     def noisy(t, gyro, accel, rng):  # type: ignore[no-untyped-def]
         return gyro + rng.normal(0, 0.01, gyro.shape), accel
 
-    def made(seed: int) -> np.ndarray:
+    def readings(seed: int) -> np.ndarray:
         chip = running(StillMotion(), Specimen(disturbance=noisy, seed=seed))
         read(chip, 3.0, 0x1E)
         return chip.quantised_samples()
 
-    assert np.array_equal(made(1), made(1))
-    assert not np.array_equal(made(1), made(2))
-    assert made(1)[:, :3].std() == pytest.approx(0.01 / math.radians(0.07), rel=0.1)
+    assert np.array_equal(readings(1), readings(1))
+    assert not np.array_equal(readings(1), readings(2))
+    assert readings(1)[:, :3].std() == pytest.approx(0.01 / math.radians(0.07), rel=0.1)
 
 
 def test_odr_error_beyond_ten_percent_is_refused() -> None:

@@ -1,4 +1,4 @@
-"""The motions that need no model: a recording and lying still."""
+"""Motions without a model: a recording, and standstill."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ctrl-C on the virtual board: it ends what runs, whenever it comes, and never strikes later."""
+"""Ctrl-C on the virtual board ends the running program, whenever it is received, and nothing later."""
 
 from __future__ import annotations
 
@@ -55,9 +55,9 @@ def test_ctrl_c_that_is_met_in_the_output_of_a_line_ends_the_wait_behind_it(
     flash = Flash(firmware(tmp_path / "fw", main="\n".join(lines)))
     with stepped(3.0, StillMotion(), flash, script=[(0.2, b"\x03")]) as board:
         assert board.wait(60)
-        said = board.output
-    assert 0 < said.count(b".", 0, said.index(b"KeyboardInterrupt")) < 40
-    assert b">>> " in said
+        output = board.output
+    assert 0 < output.count(b".", 0, output.index(b"KeyboardInterrupt")) < 40
+    assert b">>> " in output
 
 
 def test_a_loop_that_calls_nothing_is_ended_by_ctrl_c_within_seconds_and_the_prompt_comes(
@@ -71,7 +71,7 @@ def test_a_loop_that_calls_nothing_is_ended_by_ctrl_c_within_seconds_and_the_pro
 
 
 def streams(script: list[tuple[float, bytes]]) -> BoardStreams:
-    """Of a board that was never switched on: what `script` says comes with `take_input`."""
+    """Return the streams of a board that was never switched on; `read_input` reads the script."""
     settings, poll = BoardSettings(), select.poll()
     clock = BoardClock(Clock("stepped"))
     link = MemoryLink(script)
@@ -82,17 +82,17 @@ def streams(script: list[tuple[float, bytes]]) -> BoardStreams:
 
 def test_ctrl_c_is_what_the_program_that_runs_takes_it_for_when_the_board_learns_of_it_later() -> None:
     """A program changes what interrupts it without a word to the board; its next call tells."""
-    heard = streams([(0.0, b"a\x03b")])
-    heard.set_interrupt_char(CTRL_C)
-    heard.read_input()
-    heard.set_interrupt_char(-1)
-    assert not heard.flags() & FLAG_INTERRUPT
-    read = heard._read(0, b"\x10\0\0\0\0\0\0\0", 0.0).poll_reply(False)
+    board_streams = streams([(0.0, b"a\x03b")])
+    board_streams.set_interrupt_char(CTRL_C)
+    board_streams.read_input()
+    board_streams.set_interrupt_char(-1)
+    assert not board_streams.flags() & FLAG_INTERRUPT
+    read = board_streams._read(0, b"\x10\0\0\0\0\0\0\0", 0.0).poll_reply(False)
     assert read is not None and read.payload == b"\x03b"
 
-    heard = streams([(0.0, b"a\x03b")])
-    heard.set_interrupt_char(-1)
-    heard.read_input()
-    heard.set_interrupt_char(CTRL_C)
-    assert heard.flags() & FLAG_INTERRUPT
-    assert not heard.flags() & FLAG_INTERRUPT, "once"
+    board_streams = streams([(0.0, b"a\x03b")])
+    board_streams.set_interrupt_char(-1)
+    board_streams.read_input()
+    board_streams.set_interrupt_char(CTRL_C)
+    assert board_streams.flags() & FLAG_INTERRUPT
+    assert not board_streams.flags() & FLAG_INTERRUPT, "once"

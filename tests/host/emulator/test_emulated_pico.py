@@ -1,4 +1,4 @@
-"""The emulated Pico: what its own MicroPython sees of processor, chips, pins, flash and mishap."""
+"""The emulated Pico: processor, chips, pins, flash and faults as its own MicroPython sees them."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ print(round(machine.ADC(machine.Pin(29)).read_u16() * 9900 / 65535 / 20) * 20)
     ]
 
 
-def test_what_the_chip_made_comes_over_the_bus_byte_by_byte(tmp_path: Path) -> None:
+def test_samples_of_the_chip_are_transferred_over_the_bus(tmp_path: Path) -> None:
     """A burst of 32 samples from the FIFO takes 384 bytes of nine bits at 377.6 kHz: by hand 9.15 ms."""
     program = I2C + (
         "for r, v in ((0x12, 0x44), (0x08, 0x09), (0x0A, 0x36), (0x10, 0x64), (0x11, 0x6C)):\n"
@@ -110,13 +110,13 @@ def test_what_the_chip_made_comes_over_the_bus_byte_by_byte(tmp_path: Path) -> N
     motion = RecordedMotion(t, np.stack([t, 2 * t, 3 * t], 1), np.stack([t, -t, 9 + t], 1))
     node = run(tmp_path, program, 1.0, motion)
     raw, took = node.output[:384], int(node.output[384:].split(b"|")[1].split()[0])
-    made = node.chip.truth().raw[:32]
+    raw = node.chip.truth().raw[:32]
     node.stop()
-    np.testing.assert_array_equal(np.frombuffer(raw, "<i2").reshape(-1, 6), made)
+    np.testing.assert_array_equal(np.frombuffer(raw, "<i2").reshape(-1, 6), raw)
     assert 9150 < took < 9900
 
 
-def test_a_refused_transfer_and_a_stuck_bus_are_told_and_nine_clocks_free_it(tmp_path: Path) -> None:
+def test_a_refused_transfer_and_a_stuck_bus_are_reported_and_nine_clocks_free_it(tmp_path: Path) -> None:
     program = (
         I2C
         + """
@@ -214,15 +214,15 @@ def test_power_lost_in_the_middle_of_a_write_leaves_the_old_file_or_the_new_one(
     run(
         tmp_path, program, seconds, board=BoardSettings(pico=PicoSettings(miss_cycles=0, flash_image=chip))
     ).stop()
-    found = read_flash(chip).get("f", b"")
-    assert len(found) in (0, 4200)
-    assert len({found[k : k + 6] for k in range(0, len(found), 6)}) <= 1
+    stored = read_flash(chip).get("f", b"")
+    assert len(stored) in (0, 4200)
+    assert len({stored[k : k + 6] for k in range(0, len(stored), 6)}) <= 1
     again = run(tmp_path, "", 0.8, board=BoardSettings(pico=PicoSettings(miss_cycles=0, flash_image=chip)))
-    assert "f" in {p.name for p in again.flash.iterdir()} or not found
+    assert "f" in {p.name for p in again.flash.iterdir()} or not stored
     again.stop()
 
 
-def test_a_flash_chip_gives_back_the_files_it_was_made_with(tmp_path: Path) -> None:
+def test_a_flash_image_contains_its_files(tmp_path: Path) -> None:
     folder, chip, out = tmp_path / "files", tmp_path / "chip", tmp_path / "out"
     (folder / "a").mkdir(parents=True)
     (folder / "a" / "b.py").write_bytes(bytes(range(256)) * 40)
@@ -249,14 +249,14 @@ def test_the_form_that_micropython_org_gives_is_the_same_image(tmp_path: Path) -
         blocks.append(head + data.ljust(476, b"\0") + struct.pack("<I", 0x0AB16F30))
     packed = tmp_path / "RPI_PICO.uf2"
     packed.write_bytes(b"".join(blocks))
-    found = find_image(packed, find_image().bootrom)
-    assert found.contents()[: len(plain)] == plain and found.symbols is None
+    stored = find_image(packed, find_image().bootrom)
+    assert stored.contents()[: len(plain)] == plain and stored.symbols is None
     packed.write_bytes(blocks[0].replace(struct.pack("<I", 0xE48BFF56), struct.pack("<I", 0xE48BFF59)))
     with pytest.raises(ImageMissing, match="block 0 is not for the flash of an RP2040"):
-        found.contents()
+        stored.contents()
 
 
-def test_where_an_image_or_the_bootrom_comes_from_is_said_in_one_line(tmp_path: Path) -> None:
+def test_the_source_of_a_missing_image_or_bootrom_is_named_in_one_line(tmp_path: Path) -> None:
     with pytest.raises(ImageMissing, match=r"micropython\.org/download/RPI_PICO") as missing:
         find_image(tmp_path)
     assert "\n" not in str(missing.value)

@@ -1,4 +1,4 @@
-"""The emulated Pico's USB: what firmware and host see when one of them goes or does not read."""
+"""USB of the emulated Pico: firmware and host when the other side disconnects or does not read."""
 
 from __future__ import annotations
 

@@ -28,54 +28,54 @@ def lockstep_node(tmp_path):
     )
 
 
-def lived(node, step, asked=b""):
+def run_in_steps(node, step, asked=b""):
     """[(ns, bytes)] of what the node sends in steps of so many s; asked: what its host says at 1 s."""
     host = os.open(node.port, os.O_RDWR | os.O_NOCTTY)
     tty.setraw(host)
-    found = []
+    output = []
     for number in range(round(SECONDS / step)):
-        heard = os.write(host, asked) if number == round(1.0 / step) else 0
-        node.run_until((number + 1) * step, heard)
+        host_bytes = os.write(host, asked) if number == round(1.0 / step) else 0
+        node.run_until((number + 1) * step, host_bytes)
         for t_ns, count in node.await_limit():
             data = b""
             while len(data) < count:
                 data += os.read(host, count - len(data))
-            found.append((t_ns, data))
+            output.append((t_ns, data))
     os.close(host)
-    return found
+    return output
 
 
-def messages(found, kind):
+def messages(output, kind):
     decoder = FrameDecoder()
-    pieces = [(t_ns, frame) for t_ns, data in found for frame in decoder.feed(data)]
+    pieces = [(t_ns, frame) for t_ns, data in output for frame in decoder.feed(data)]
     return [(t_ns, decode(f.type_id, f.payload)) for t_ns, f in pieces if f.type_id == kind.type_id]
 
 
-def test_how_far_it_is_let_at_once_does_not_matter(tmp_path):
+def test_the_output_does_not_depend_on_the_step(tmp_path):
     runs = []
     for step in (0.01, 0.05):
         with lockstep_node(tmp_path) as node:
-            runs.append(messages(lived(node, step), ImuBatch))
+            runs.append(messages(run_in_steps(node, step), ImuBatch))
     assert len(runs[0]) > 50
     assert runs[0] == runs[1]
 
 
-def test_what_its_host_says_is_there_before_it_lives_on(tmp_path):
+def test_bytes_of_the_host_arrive_before_the_board_continues(tmp_path):
     with lockstep_node(tmp_path) as node:
-        found = lived(node, 0.01, request(1, TimeRequest(b"12345678")))
-    ((t_ns, reply),) = messages(found, TimeReply)
+        output = run_in_steps(node, 0.01, request(1, TimeRequest(b"12345678")))
+    ((t_ns, reply),) = messages(output, TimeReply)
     # Asleep, the firmware looks for its host's bytes every 4 ms.
     assert 1e9 <= t_ns < 1.01e9
     assert 1e6 <= reply.received_us <= reply.sent_us <= t_ns * 1e-3
 
 
-def test_it_never_goes_further_than_it_was_let(tmp_path):
+def test_the_board_never_runs_past_its_limit(tmp_path):
     with lockstep_node(tmp_path) as node:
-        assert all(t_ns <= SECONDS * 1e9 for t_ns, _ in lived(node, 0.05))
+        assert all(t_ns <= SECONDS * 1e9 for t_ns, _ in run_in_steps(node, 0.05))
         assert node.stats["t"] <= SECONDS
 
 
-def test_what_it_dies_of_is_said_to_who_leads_it(tmp_path):
+def test_a_failure_of_the_board_is_raised_by_the_caller(tmp_path):
     with lockstep_node(tmp_path) as node:
         node.run_until(0.5, 0)
         node.await_limit()

@@ -1,4 +1,4 @@
-"""The virtual board: what real MicroPython on it sees of chips, clock and memory."""
+"""The virtual board: chips, clock and memory as real MicroPython sees them."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ print(n * 1024 < free < 100 * 1024, n * 1024 > free - 24 * 1024)
 
 
 @pytest.mark.parametrize("kind", ["micropython", "cpython"])
-def test_what_comes_out_is_what_the_chip_made_sample_by_sample(tmp_path: Path, kind: str) -> None:
+def test_the_output_has_every_sample_of_the_chip(tmp_path: Path, kind: str) -> None:
     program = STREAM_FIFO % {"odr": 6, "n": 4000, "batch": 8, "nap": 3000}
     node = run(
         tmp_path,

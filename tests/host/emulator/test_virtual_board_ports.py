@@ -40,7 +40,7 @@ s.write(buf, n)
 
 @pytest.mark.parametrize("port", ["rp2", "esp32"])
 def test_a_uart_holds_a_write_up_until_all_of_it_is_in_its_buffer(tmp_path: Path, port: str) -> None:
-    """As both ports do; room beforehand is told by rp2 alone."""
+    """Both ports block; only rp2 reports beforehand whether there is space."""
     program = """
 import machine, time, select
 u = machine.UART(0, baudrate=9600, txbuf=64)

@@ -155,14 +155,14 @@ time.sleep(60)
 
 
 def _running(mark: str) -> list[int]:
-    found = []
+    processes = []
     for entry in Path("/proc").glob("[0-9]*"):
         try:
             if mark.encode() in (entry / "environ").read_bytes():
-                found.append(int(entry.name))
+                processes.append(int(entry.name))
         except OSError:
             continue
-    return found
+    return processes
 
 
 def test_nothing_outlives_a_parent_that_is_killed_not_even_a_busy_loop(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Nodes on a bench: a table that goes from stop to stop, and a node that is carried from pose to pose."""
+"""Nodes on a bench: a turntable with stops, and a node that is carried from pose to pose."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hubodo.earth import EARTH_RATE, STANDARD_GRAVITY
-from hubodo.model.bench import PoseSequence, TurntableProgramme
+from hubodo.model.bench import PoseSequence, TurntableProgramme, ease
 from hubodo.model.inputs import EarthRotation
 
 ANGLES, STOP, TURN = (0.7, 2.0, -1.0), 4.0, 2.0
@@ -16,12 +16,12 @@ ANGLES, STOP, TURN = (0.7, 2.0, -1.0), 4.0, 2.0
 def wanted_angle(t):
     """Each turn is the quintic without rate and acceleration at its ends."""
     number, into = divmod(t, STOP + TURN)
-    begin, end = (ANGLES[int(number + k) % len(ANGLES)] for k in (0, 1))
+    start_angle, end = (ANGLES[int(number + k) % len(ANGLES)] for k in (0, 1))
     s = max(into - STOP, 0.0) / TURN
-    return begin + (end - begin) * (10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5)
+    return start_angle + (end - start_angle) * (10.0 * s**3 - 15.0 * s**4 + 6.0 * s**5)
 
 
-def test_a_table_goes_through_its_stops_again_and_again_and_reports_where_it_is():
+def test_a_table_repeats_its_stops_and_records_its_angle():
     earth = EarthRotation(0.8, 0.3)
     inputs, table = TurntableProgramme(ANGLES, STOP, TURN).inputs_and_record(25.0, earth)
     t, angle, moving = table.T
@@ -37,7 +37,7 @@ def test_a_table_goes_through_its_stops_again_and_again_and_reports_where_it_is(
     assert inputs.yaw_rate.end == 25.0
 
 
-def test_a_table_may_be_looked_at_for_a_moment():
+def test_a_short_record_of_a_table_is_possible():
     inputs, table = TurntableProgramme(ANGLES, STOP, TURN).inputs_and_record(0.03)
     assert table.tolist() == [[0.0, 0.7, 0.0]]
     assert inputs.earth is None and not inputs.yaw_rate(np.array([0.0, 0.03])).any()
@@ -55,30 +55,30 @@ def carried():
 
 
 def resting(margin=0.0):
-    """Which pose a node rests in at T, -1 while it is turned; it rests on in the last one."""
+    """Return the pose at T, -1 during a turn; the last pose is held."""
     into = T % (REST + ROUND)
     number = np.minimum(T // (REST + ROUND), 3).astype(int)
     return np.where((into < REST - margin) & (into > margin) | (number == 3), number, -1)
 
 
-def test_it_takes_the_time_of_all_rests_and_of_the_turns_between():
+def test_the_duration_is_that_of_all_poses_and_of_the_turns_between():
     assert PoseSequence(POSES, REST, ROUND).duration == 4 * REST + 3 * ROUND
 
 
 @pytest.mark.parametrize("earth", [0, 1])
-def test_at_rest_it_feels_gravity_and_the_earth_in_the_axes_of_its_pose(carried, earth):
+def test_at_standstill_a_node_measures_gravity_and_earth_rate_in_the_axes_of_its_pose(carried, earth):
     rate, slope, force = carried[earth]
     turning = earth * EARTH_RATE * np.array([0.0, np.cos(LATITUDE), np.sin(LATITUDE)])
     for number, pose in enumerate(POSES):
         still = resting() == number
         assert still.sum() > 1500
-        for felt, world in ((rate, turning), (force, [0.0, 0.0, STANDARD_GRAVITY]), (slope, np.zeros(3))):
+        for motions, world in ((rate, turning), (force, [0.0, 0.0, STANDARD_GRAVITY]), (slope, np.zeros(3))):
             expected = pose.inv().apply(world)
-            assert np.abs(felt[:, still] - expected[:, None]).max() < 1e-9
+            assert np.abs(motions[:, still] - expected[:, None]).max() < 1e-9
 
 
-def test_what_it_feels_while_it_is_turned_is_one_motion(carried):
-    """What is fixed in the world turns against the rate, f' = -w x f, and the slope is the rate's."""
+def test_rate_and_force_during_a_turn_are_consistent(carried):
+    """A world-fixed vector f rotates against the rate w, f' = -w x f; the rate integrates its derivative."""
     step = T[1] - T[0]
     (rate, slope, force), (with_earth, with_slope, same) = carried
     moving = np.abs(rate).max(axis=0) > 0.0
@@ -96,10 +96,23 @@ def test_what_it_feels_while_it_is_turned_is_one_motion(carried):
     assert own == pytest.approx(-np.cross(rate, earth, axis=0), abs=1e-12)
 
 
-def test_a_turn_is_about_one_axis_by_the_least_angle(carried):
+def test_a_turn_is_about_one_axis_by_the_smallest_angle(carried):
     rate, *_ = carried[0]
     for number in range(3):
-        begin = number * (REST + ROUND) + REST
-        turn = (begin <= T) & (begin + ROUND >= T)
+        start_angle = number * (REST + ROUND) + REST
+        turn = (start_angle <= T) & (start_angle + ROUND >= T)
         whole = np.sum(rate[:, turn], axis=1) * (T[1] - T[0])
         assert whole == pytest.approx((POSES[number].inv() * POSES[number + 1]).as_rotvec(), abs=1e-4)
+
+
+def test_the_smooth_step_has_the_returned_derivatives():
+    """Compared with differences; constant at both ends, and beyond them."""
+    share = np.linspace(-0.2, 1.2, 1401)
+    value, first, second = ease(share)
+    np.testing.assert_allclose(np.gradient(value, share)[2:-2], first[2:-2], atol=1e-5)
+    np.testing.assert_allclose(np.gradient(first, share)[2:-2], second[2:-2], atol=0.07)
+    inner = (share > 0.01) & (share < 0.99)
+    np.testing.assert_allclose(np.gradient(first, share)[inner], second[inner], atol=1e-4)
+    assert value[0] == 0.0
+    assert value[-1] == 1.0
+    assert not first[[0, -1]].any()

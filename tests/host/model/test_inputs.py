@@ -1,4 +1,4 @@
-"""What changes the motion that drives the model: stamps that are late, a push, a speed that was measured."""
+"""Corrections of the motion: delayed stamps, extra speed, and a correction of a measured speed."""
 
 import numpy as np
 import pytest
@@ -29,13 +29,13 @@ def swaying(t):
 MOTION = ("speed", "acceleration", "distance", "yaw_rate", "yaw_acceleration", "heading")
 
 
-def moved(body, by):
+def shifted(body, by):
     return {name: getattr(body, name) + by.get(name, 0.0) for name in MOTION}
 
 
 @pytest.mark.parametrize("by", [0.01, -0.01])
-def test_stamps_that_are_late_see_what_was_before(by):
-    """To the square of so short a time."""
+def test_delayed_stamps_have_the_earlier_motion(by):
+    """The error is of second order in the delay."""
     late, before = DelayedMotion(by).apply(swaying(T)), swaying(T - by)
     for name in MOTION:
         off = np.abs(getattr(late, name) - getattr(before, name)).max()
@@ -44,14 +44,14 @@ def test_stamps_that_are_late_see_what_was_before(by):
     assert late.jerk is not None and np.array_equal(late.t, T)
 
 
-def test_what_is_driven_besides_adds_to_speed_and_acceleration_alone():
+def test_extra_speed_changes_speed_and_acceleration_only():
     body = swaying(T)
-    made = ExtraSpeed(0.3, -0.2).apply(body)
-    for name, value in moved(body, {"speed": 0.3, "acceleration": -0.2}).items():
-        np.testing.assert_allclose(getattr(made, name), value, rtol=1e-12)
+    corrected = ExtraSpeed(0.3, -0.2).apply(body)
+    for name, value in shifted(body, {"speed": 0.3, "acceleration": -0.2}).items():
+        np.testing.assert_allclose(getattr(corrected, name), value, rtol=1e-12)
 
 
-def test_what_is_before_another_change_is_applied_first():
+def test_an_inner_correction_is_applied_first():
     body = swaying(T)
     pushed = ExtraSpeed(0.3, -0.2)
     for last in (DelayedMotion(0.5, pushed), ExtraSpeed(0.1, 0.05, pushed)):
@@ -71,17 +71,17 @@ CORRECTION = SpeedCorrection(UNEVEN, 0.2 * np.sin(2.0 * UNEVEN))
 def test_a_correction_of_the_speed_has_its_derivative_and_its_integral():
     inner = slice(1, -1)
     np.testing.assert_allclose(CORRECTION.acceleration[inner], 0.4 * np.cos(2.0 * UNEVEN)[inner], atol=2e-3)
-    way = 0.1 * (np.cos(2.0 * UNEVEN[0]) - np.cos(2.0 * UNEVEN))
-    np.testing.assert_allclose(CORRECTION.distance, way, atol=1e-4)
+    distance = 0.1 * (np.cos(2.0 * UNEVEN[0]) - np.cos(2.0 * UNEVEN))
+    np.testing.assert_allclose(CORRECTION.distance, distance, atol=1e-4)
     assert CORRECTION.distance[0] == 0.0
 
 
 @pytest.mark.parametrize("first", [0, 1, 150])
 @pytest.mark.parametrize("count", [1, 50, 250])
-def test_at_its_own_times_it_is_what_it_is(first, count):
+def test_at_its_own_times_a_correction_is_exact(first, count):
     part = slice(first, first + count)
-    for found, whole in zip(CORRECTION.at(UNEVEN[part]), own(), strict=True):
-        np.testing.assert_array_equal(found, whole[part])
+    for interpolated, column in zip(CORRECTION.at(UNEVEN[part]), own(), strict=True):
+        np.testing.assert_array_equal(interpolated, column[part])
 
 
 def own():
@@ -89,22 +89,22 @@ def own():
 
 
 @pytest.mark.parametrize(
-    ("begin", "end"), [(-0.5, 9.5), (0.005, 1.0), (2.0, 2.1), (UNEVEN[7], 5.0), (7.0, 9.0)]
+    ("start", "end"), [(-0.5, 9.5), (0.005, 1.0), (2.0, 2.1), (UNEVEN[7], 5.0), (7.0, 9.0)]
 )
-def test_at_other_times_it_is_the_straight_line_between(begin, end):
-    t = np.linspace(begin, end, 123)
-    for found, whole in zip(CORRECTION.at(t), own(), strict=True):
-        np.testing.assert_array_equal(found, np.interp(t, UNEVEN, whole))
+def test_at_other_times_a_correction_is_interpolated_linearly(start, end):
+    t = np.linspace(start, end, 123)
+    for interpolated, column in zip(CORRECTION.at(t), own(), strict=True):
+        np.testing.assert_array_equal(interpolated, np.interp(t, UNEVEN, column))
     # One time that is not its own.
     shifted = UNEVEN[20:60].copy()
     shifted[-1] += 1e-3
     np.testing.assert_array_equal(CORRECTION.at(shifted)[2], np.interp(shifted, UNEVEN, CORRECTION.distance))
 
 
-def test_a_body_with_a_corrected_speed_has_all_that_follows_from_it():
+def test_a_corrected_speed_corrects_acceleration_and_distance():
     body = swaying(T)
     speed, acceleration, distance = CORRECTION.at(T)
-    made = CORRECTION.apply(body)
+    corrected = CORRECTION.apply(body)
     by = {"speed": speed, "acceleration": acceleration, "distance": distance}
-    for name, value in moved(body, by).items():
-        np.testing.assert_array_equal(getattr(made, name), value)
+    for name, value in shifted(body, by).items():
+        np.testing.assert_array_equal(getattr(corrected, name), value)

@@ -1,4 +1,4 @@
-"""How a wheel off its centre turns: its spin is that of its angle, and what the equation of rolling says."""
+"""Rolling of an eccentric wheel: spin is the derivative of the angle and satisfies the equation."""
 
 import numpy as np
 import pytest

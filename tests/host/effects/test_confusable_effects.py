@@ -1,6 +1,6 @@
-"""Effects that are said to pass for each other do so, until the manoeuvre that is said to part them.
+"""Confusable effects are confusable, until the manoeuvre that distinguishes them.
 
-The measure is the angle between what both do to the channels.
+The measure is the angle between the changes of the channels.
 """
 
 from dataclasses import dataclass
@@ -15,18 +15,20 @@ from hubodo.smoothing_spline import fit_interpolating_spline
 from hubodo.vehicle import NodeMount
 
 NOISE = np.repeat([0.004, 0.05], 3)[:, None]
-"""rad/s and m/s², 1 sigma of a sample: what the channels are weighed by."""
+"""rad/s and m/s², 1σ of a sample: weights of the channels."""
 
 CHANNELS = {"all": slice(0, 6), "gyro": slice(0, 3), "gz": slice(2, 3), "accel": slice(3, 6)}
-ALIKE, APART = 0.1, 0.1
-"""Sines: no more than so much of one is left over by the other; no less, and three times as much."""
+MAX_CONFUSABLE_SINE, MIN_DISTINCT_SINE = 0.1, 0.1
+"""Largest sine between confusable effects, and smallest one after the manoeuvre, which also triples it."""
 
 
 @dataclass(frozen=True)
 class Drive:
-    """speed, yaw rate and temperature at t. grades: sign of the grade on each leg of the same drive. powered:
-    s of power before the log begins. body: the node sits on the body, not on a wheel. beside: effects whose
-    sizes are not known either."""
+    """A drive: speed, yaw rate and temperature at t.
+
+    grades: sign of the grade on each leg of the same drive. powered: s of power before the start of the log.
+    body: the node is on the body, not on a wheel. beside: further effects of unknown size.
+    """
 
     speed: object = lambda t: 1.5
     yaw: object = lambda t: 0.0
@@ -47,7 +49,7 @@ class Drive:
 
 
 def halves(t):
-    """From 0.7 to 2.7 m/s in the middle."""
+    """Return a speed that rises from 0.7 to 2.7 m/s in the middle."""
     return 0.7 + 2.0 / (1.0 + np.exp(20.0 - t))
 
 
@@ -127,16 +129,16 @@ PAIRS = {
 
 
 def changes(drive, name):
-    """What each coordinate of an effect of a usual size does, (6, samples) in sigma, leg after leg.
+    """Return the change per coordinate of an effect, (6, samples) in sigma, for all legs.
 
-    Besides, what a turn of the wheel at the start does.
+    Also return the change by a rotation of the wheel at the start.
     """
     forward, kind = drive.forward(), BY_NAME[name]
     at = min(kind.initial_guesses(), key=lambda seed: abs(seed.values().get("time_constant", 25.0) - 25.0))
 
     def reads(effects, start=0.3):
-        made = forward.mean_reading(effects, NodeInitialState(start))
-        return np.concatenate([made.gyro, made.accel]) / NOISE
+        columns_matrix = forward.mean_reading(effects, NodeInitialState(start))
+        return np.concatenate([columns_matrix.gyro, columns_matrix.accel]) / NOISE
 
     columns = []
     for k, scale in enumerate(kind.coordinate_scales()):
@@ -152,22 +154,22 @@ def changes(drive, name):
 
 
 def spanned(columns, channels, without=None):
-    """Orthonormal directions of columns that are seen at all; `without` what else could have made them."""
+    """Return orthonormal directions of the visible columns, orthogonal to `without`."""
     rows = [column[CHANNELS[channels]].ravel() for column in columns]
-    seen = [row / np.linalg.norm(row) for row in rows if np.linalg.norm(row) > 0.3]
-    if not seen:
+    visible = [row / np.linalg.norm(row) for row in rows if np.linalg.norm(row) > 0.3]
+    if not visible:
         return np.empty((rows[0].size, 0))
-    made = np.array(seen).T
+    columns_matrix = np.array(visible).T
     if without is not None:
-        made = made - without @ (without.T @ made)
-    u, sizes, _ = np.linalg.svd(made, full_matrices=False)
+        columns_matrix = columns_matrix - without @ (without.T @ columns_matrix)
+    u, sizes, _ = np.linalg.svd(columns_matrix, full_matrices=False)
     return u[:, sizes > 1e-3]
 
 
-def left_over(one, other, drive, channels="all"):
-    """Sine of the smallest angle between what two effects can do; nan where one does nothing.
+def unexplained_sine(one, other, drive, channels="all"):
+    """Return the sine of the smallest angle between the changes of two effects; nan if one changes nothing.
 
-    The angle of the wheel at the start is not known to anybody, nor are the sizes of what is `beside`.
+    The initial wheel angle and the sizes of the effects in `beside` are unknown.
     """
     mine, start = changes(drive, one)
     beside = [column for name in drive.beside for column in changes(drive, name)[0]]
@@ -178,7 +180,7 @@ def left_over(one, other, drive, channels="all"):
     return float(np.sqrt(max(0.0, 1.0 - np.linalg.svd(a.T @ b, compute_uv=False).max() ** 2)))
 
 
-def test_every_look_alike_that_shows_in_the_mean_is_tried_here():
+def test_every_confusable_pair_that_is_visible_in_the_mean_is_tested_here():
     declared = {
         f"{kind.name} {other}"
         for kind in EFFECTS
@@ -189,10 +191,12 @@ def test_every_look_alike_that_shows_in_the_mean_is_tried_here():
 
 
 @pytest.mark.parametrize("pair", PAIRS)
-def test_a_look_alike_is_one_and_its_manoeuvre_tells_it_apart(pair):
+def test_a_confusable_pair_is_distinguished_by_its_manoeuvre(pair):
     one, other = pair.split()
     quiet, channels, manoeuvre = PAIRS[pair]
-    alike = left_over(one, other, quiet, channels)
-    apart = left_over(one, other, manoeuvre)
-    assert alike < ALIKE, f"alike {alike:.3f}, apart {apart:.3f}"
-    assert apart > max(APART, 3.0 * alike), f"alike {alike:.3f}, apart {apart:.3f}"
+    confusable_sine = unexplained_sine(one, other, quiet, channels)
+    distinct_sine = unexplained_sine(one, other, manoeuvre)
+    assert confusable_sine < MAX_CONFUSABLE_SINE, f"alike {confusable_sine:.3f}, apart {distinct_sine:.3f}"
+    assert distinct_sine > max(MIN_DISTINCT_SINE, 3.0 * confusable_sine), (
+        f"alike {confusable_sine:.3f}, apart {distinct_sine:.3f}"
+    )

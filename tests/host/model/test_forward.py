@@ -50,7 +50,7 @@ def forward(t=None, power_on=0.0):
     return NodeModel(drive(), t, NodeMount("left", "left"), 0.31, 0.92, power_on)
 
 
-def felt(effects=(), t=None, power_on=0.0):
+def noise_free(effects=(), t=None, power_on=0.0):
     """(gyro, accel), (3, N) each, without anything random."""
     reading = forward(t, power_on).mean_reading(list(effects), NodeInitialState(0.3))
     return reading.gyro, reading.accel
@@ -108,36 +108,36 @@ ADDS = {
 
 
 @pytest.mark.parametrize("name", ADDS)
-def test_each_effect_adds_what_its_formula_says(name):
+def test_each_effect_adds_the_value_of_its_formula(name):
     t = np.arange(0.0, END, 0.005)
-    rate, force = felt()
+    rate, force = noise_free()
     effect = sized(name)
-    gyro, accel = felt([effect], power_on=-30.0)
+    gyro, accel = noise_free([effect], power_on=-30.0)
     more, further = ADDS[name](effect, rate, force, t + 30.0, 20.0 + 25.0 * t / END)
     np.testing.assert_allclose(gyro, rate + more, rtol=0, atol=1e-12)
     np.testing.assert_allclose(accel, force + further, rtol=0, atol=1e-12)
     assert not np.allclose(gyro, rate, atol=1e-7) or not np.allclose(accel, force, atol=1e-7)
 
 
-def test_a_turned_node_reads_vectors_turned_back():
-    rate, force = felt()
-    gyro, accel = felt([NodeMisalignment(0.02, -0.05, 0.4)])
+def test_a_misaligned_node_measures_vectors_rotated_back():
+    rate, force = noise_free()
+    gyro, accel = noise_free([NodeMisalignment(0.02, -0.05, 0.4)])
     turn = Rotation.from_rotvec([0.02, -0.05, 0.4]).inv()
     np.testing.assert_allclose(gyro, turn.apply(rate.T).T, atol=1e-12)
     np.testing.assert_allclose(accel, turn.apply(force.T).T, atol=1e-12)
     # By hand: the node turned by a small angle about its own z: its x axis sees some of what was along y.
-    small = felt([NodeMisalignment(z=1e-6)])[1]
+    small = noise_free([NodeMisalignment(z=1e-6)])[1]
     np.testing.assert_allclose(small[0] - force[0], 1e-6 * force[1], rtol=1e-3, atol=1e-9)
 
 
 def test_the_lag_of_the_gyro_is_the_solution_of_its_differential_equation():
     t = np.arange(0.0, END, 0.005)
-    rate, _ = felt()
-    gyro, _ = felt([GyroLag(0.03)])
+    rate, _ = noise_free()
+    gyro, _ = noise_free([GyroLag(0.03)])
     fine = NodeModel(drive(), np.arange(0.0, END, 0.0005), NodeMount("left", "left"), 0.31, 0.92)
     true = fine.mean_reading([], NodeInitialState(0.3)).gyro
     signal = make_interp_spline(fine.t, true.T, 5)
-    found = solve_ivp(
+    solution = solve_ivp(
         lambda x, y: (signal(x) - y) / 0.03,
         (0.0, t[-1]),
         rate[:, 0],
@@ -146,24 +146,24 @@ def test_the_lag_of_the_gyro_is_the_solution_of_its_differential_equation():
         rtol=1e-8,
         atol=1e-9,
     )
-    np.testing.assert_allclose(gyro, found.y, rtol=0, atol=2e-6)
+    np.testing.assert_allclose(gyro, solution.y, rtol=0, atol=2e-6)
 
 
-def test_stamps_are_late_by_the_delay_and_stretched_by_the_skew():
+def test_stamps_have_the_delay_and_the_skew():
     t = np.arange(1.0, 6.0, 0.005)
-    rate, force = felt(t=t)
-    late_rate, late_force = felt([TimeOffset(0.04)], t=t + 0.04)
+    rate, force = noise_free(t=t)
+    late_rate, late_force = noise_free([TimeOffset(0.04)], t=t + 0.04)
     np.testing.assert_allclose(late_rate, rate, atol=1e-9)
     np.testing.assert_allclose(late_force, force, atol=1e-8)
-    skewed_rate, _ = felt([ClockSkew(300.0)], t=t * 1.0003)
+    skewed_rate, _ = noise_free([ClockSkew(300.0)], t=t * 1.0003)
     np.testing.assert_allclose(skewed_rate, rate, atol=1e-8)
-    assert not np.allclose(felt([TimeOffset(0.04)], t=t)[0], rate, atol=1e-3)
+    assert not np.allclose(noise_free([TimeOffset(0.04)], t=t)[0], rate, atol=1e-3)
 
 
-def test_what_is_beyond_the_limit_reads_the_limit_and_steps_come_after_it():
-    """By hand: limit 1.0 and steps of 0.3: the largest reading is three steps, 0.9."""
-    rate, force = felt()
-    gyro, accel = felt([GyroSaturation(1.0), AccelSaturation(6.0)])
+def test_readings_are_clipped_before_they_are_quantised():
+    """Calculated by hand: limit 1.0 and steps of 0.3: the largest reading is three steps, 0.9."""
+    rate, force = noise_free()
+    gyro, accel = noise_free([GyroSaturation(1.0), AccelSaturation(6.0)])
     np.testing.assert_array_equal(gyro, np.minimum(np.maximum(rate, -1.0), 1.0))
     np.testing.assert_array_equal(accel, np.minimum(np.maximum(force, -6.0), 6.0))
     assert (rate > 1.0).any()
@@ -174,14 +174,14 @@ def test_what_is_beyond_the_limit_reads_the_limit_and_steps_come_after_it():
 
 def test_rounding_is_to_the_nearest_step():
     gyro, _ = sent([GyroQuantization(0.01)])
-    rate, _ = felt()
+    rate, _ = noise_free()
     assert np.abs(gyro - rate).max() <= 0.005 + 1e-12
     assert np.unique(np.round(gyro / 0.01, 6)).size < gyro.size / 3
 
 
-def test_a_stale_sample_has_all_six_values_of_the_one_before():
+def test_a_repeated_sample_has_all_six_values_of_its_predecessor():
     gyro, accel = sent([SampleRepeat(0.3)], seed=4)
-    rate, force = felt()
+    rate, force = noise_free()
     stale = gyro[2, 1:] == gyro[2, :-1]
     assert np.mean(stale) == pytest.approx(0.3, abs=0.04)
     for read, true in ((gyro, rate), (accel, force)):
@@ -189,7 +189,7 @@ def test_a_stale_sample_has_all_six_values_of_the_one_before():
         np.testing.assert_array_equal(read[:, 1:][:, ~stale], true[:, 1:][:, ~stale])
 
 
-def test_wild_samples_come_as_often_and_as_large_as_said():
+def test_outliers_have_their_probability_and_size():
     noise = Noise(0.01, 0.1)
     t = np.linspace(0.0, END, 40001)[:-1]
     plain, wild = sent([], 5, noise, t), sent([Outliers(0.02, 50.0)], 5, noise, t)
@@ -199,9 +199,9 @@ def test_wild_samples_come_as_often_and_as_large_as_said():
         assert np.std(off) == pytest.approx(50.0 * one, rel=0.1)
 
 
-def test_a_random_walk_spreads_with_the_square_root_of_time_even_on_uneven_stamps():
+def test_a_random_walk_grows_with_the_square_root_of_time_also_for_uneven_stamps():
     t = np.sort(np.random.default_rng(1).uniform(0.0, END, 400))
-    rate, _ = felt(t=t)
+    rate, _ = noise_free(t=t)
     walks = np.stack([sent([GyroRateRandomWalk(0.02)], seed, t=t)[0] - rate for seed in range(200)])
     assert walks[..., 0] == pytest.approx(0.0)
     for at in (100, 399):
@@ -212,14 +212,14 @@ def test_a_random_walk_spreads_with_the_square_root_of_time_even_on_uneven_stamp
 def test_noise_has_the_size_that_the_model_file_gives():
     noise = Noise(0.02, 0.3)
     gyro, accel = sent([], 2, noise)
-    rate, force = felt()
+    rate, force = noise_free()
     assert np.std(gyro - rate) == pytest.approx(0.02, rel=0.05)
     assert np.std(accel - force) == pytest.approx(0.3, rel=0.05)
 
 
 @pytest.mark.parametrize("kind", EFFECTS)
-def test_an_effect_of_size_nothing_changes_nothing(kind):
-    plain, with_it = felt(), felt([kind()])
+def test_an_effect_with_default_parameters_changes_nothing(kind):
+    plain, with_it = noise_free(), noise_free([kind()])
     for a, b in zip(plain, with_it, strict=True):
         np.testing.assert_array_equal(a, b)
     for a, b in zip(sent([]), sent([kind()]), strict=True):
@@ -227,13 +227,13 @@ def test_an_effect_of_size_nothing_changes_nothing(kind):
 
 
 @pytest.mark.parametrize("kind", EFFECTS)
-def test_each_effect_changes_what_is_sent_and_nothing_else_is_needed_for_it(kind):
+def test_each_effect_alone_changes_the_readings(kind):
     some = {"limit": 2.0} if "limit" in kind.parameters() else {}
     noise = Noise(0.01, 0.1)
     plain, with_it = sent([], 3, noise), sent([sized(kind.name, **some)], 3, noise)
     assert any(not np.array_equal(a, b) for a, b in zip(plain, with_it, strict=True))
     assert kind.visible_in == "scatter" or any(
-        not np.array_equal(a, b) for a, b in zip(felt(), felt([sized(kind.name)]), strict=True)
+        not np.array_equal(a, b) for a, b in zip(noise_free(), noise_free([sized(kind.name)]), strict=True)
     )
 
 
@@ -249,12 +249,12 @@ def slow_chain(values, w, f, age, warm):
     for triad, vector in (("gyro", w), ("accel", f)):
         n = values[f"{triad}_nonorthogonality"]
         matrix = np.array([[0, n["xz"], -n["xy"]], [-n["yz"], 0, n["yx"]], [n["zy"], -n["zx"], 0]])
-        made = vector + of(f"{triad}_scale_factor", "xyz") * vector + matrix @ vector
+        result = vector + of(f"{triad}_scale_factor", "xyz") * vector + matrix @ vector
         if triad == "gyro":
-            shown = made
+            shown = result
             shown[2] += values["gyro_cubic"]["z"] * vector[2] ** 3
         else:
-            read = made
+            read = result
     warmup = values["gyro_warmup"]
     shown = shown + of("gyro_bias", "xyz")
     shown = shown + of("gyro_warmup", "xyz") * (1 - np.exp(-age / warmup["time_constant"]))
@@ -289,30 +289,30 @@ def test_all_effects_of_the_sensor_together_act_in_the_order_of_the_chain(seed):
     values["gyro_quantization"]["step"] = 0.01
     effects: list[Effect] = [BY_NAME[name](**values[name]) for name in SENSOR]
     t = np.sort(rng.uniform(0.0, END, 30))
-    rate, force = felt(t=t)
-    made = forward(t).draw_reading(effects, NodeInitialState(0.3), QUIET, rng)
+    rate, force = noise_free(t=t)
+    result = forward(t).draw_reading(effects, NodeInitialState(0.3), QUIET, rng)
     for i in range(len(t)):
         gyro, accel = slow_chain(values, rate[:, i], force[:, i], t[i], 20.0 + 25.0 * t[i] / END)
         # A value that lies halfway between two steps may round either way.
-        assert np.abs(made.gyro[:, i] - gyro).max() < 0.0101
-        assert np.mean(np.abs(made.gyro[:, i] - gyro) < 1e-9) > 0.5
-        np.testing.assert_allclose(made.accel[:, i], accel, atol=1e-9)
+        assert np.abs(result.gyro[:, i] - gyro).max() < 0.0101
+        assert np.mean(np.abs(result.gyro[:, i] - gyro) < 1e-9) > 0.5
+        np.testing.assert_allclose(result.accel[:, i], accel, atol=1e-9)
 
 
-def test_g_sensitivity_answers_the_force_before_the_accelerometers_own_errors():
+def test_g_sensitivity_responds_to_the_true_force():
     effects = [sized("gyro_g_sensitivity"), sized("accel_bias", x=5.0), sized("accel_scale_factor", x=0.5)]
-    np.testing.assert_array_equal(felt(effects)[0], felt(effects[:1])[0])
+    np.testing.assert_array_equal(noise_free(effects)[0], noise_free(effects[:1])[0])
 
 
 def test_effects_are_applied_by_stage_whatever_order_they_are_given_in():
     effects = [sized(name) for name in SENSOR if not name.endswith(("saturation", "quantization"))]
-    one, two = felt(effects), felt(effects[::-1])
+    one, two = noise_free(effects), noise_free(effects[::-1])
     np.testing.assert_allclose(one[0], two[0], atol=1e-12)
     np.testing.assert_allclose(one[1], two[1], atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", EFFECTS)
-def test_coordinates_and_back_give_the_same_effect(kind):
+def test_an_effect_is_recovered_from_its_coordinates(kind):
     effect = sized(kind.name)
     back = effect.with_coordinates(effect.coordinates())
     assert back.values() == pytest.approx(effect.values())
@@ -322,11 +322,11 @@ def test_coordinates_and_back_give_the_same_effect(kind):
 
 def test_warm_up_starts_at_power_on():
     late, early = (
-        felt([GyroWarmup(z=1.0, time_constant=5.0)]),
-        felt([GyroWarmup(z=1.0, time_constant=5.0)], power_on=-5.0),
+        noise_free([GyroWarmup(z=1.0, time_constant=5.0)]),
+        noise_free([GyroWarmup(z=1.0, time_constant=5.0)], power_on=-5.0),
     )
     np.testing.assert_allclose(early[0][2, 0] - late[0][2, 0], 1 - np.exp(-1))
-    assert late[0][2, 0] == felt()[0][2, 0]
+    assert late[0][2, 0] == noise_free()[0][2, 0]
 
 
 def test_a_node_off_the_wheels_goes_through_the_same_chain():
@@ -341,8 +341,8 @@ def test_the_table_of_effects_in_the_readme_is_the_list_of_effects():
     readme = Path(__file__).parents[3] / "host/hubodo/model/README.md"
     table = readme.read_text("utf-8").partition("<!-- generated: effects -->")[2].partition("<!-- end")[0]
     rows = re.findall(r"^\| `(\w+)` \| (.*?) \| (.*?) \|", table, re.MULTILINE)
-    told = {name: (level, re.findall(r"`(\w+)`", parameters)) for name, level, parameters in rows}
-    assert list(told) == [kind.name for kind in EFFECTS]
+    documented = {name: (level, re.findall(r"`(\w+)`", parameters)) for name, level, parameters in rows}
+    assert list(documented) == [kind.name for kind in EFFECTS]
     for kind in EFFECTS:
-        assert told[kind.name] == (kind.level, list(kind.parameters())), kind.name
+        assert documented[kind.name] == (kind.level, list(kind.parameters())), kind.name
     assert len(BY_NAME) == len(EFFECTS) == 28

@@ -1,4 +1,4 @@
-"""What the class of an effect says of itself: signs by facing, what the odometry believes, its inverse."""
+"""Declarations of effects: signs by facing, odometry priors, variances and inverses."""
 
 import math
 import subprocess
@@ -51,7 +51,7 @@ def facing_right(effect):
 
 
 @pytest.mark.parametrize("kind", EFFECTS, ids=lambda kind: kind.name)
-def test_a_node_facing_right_with_turned_signs_reads_the_same_with_y_and_z_negated(kind):
+def test_a_node_facing_right_with_flipped_parameters_reads_the_same_with_y_and_z_negated(kind):
     effect = sized(kind)
     left, right = reads([effect], "left"), reads([facing_right(effect)], "right")
     for one, other in zip(left, right, strict=True):
@@ -72,7 +72,7 @@ def test_each_sign_is_needed(kind):
 
 
 @pytest.mark.parametrize("kind", [k for k in EFFECTS if k.level != "node"], ids=lambda kind: kind.name)
-def test_what_belongs_to_wheel_or_vehicle_is_the_same_in_the_mirror(kind):
+def test_effects_of_wheel_and_vehicle_are_symmetric_in_left_and_right(kind):
     """The mirror image of the vehicle turns the other way.
 
     Its left wheel is the right one and its node faces the other way; forces mirror as vectors, rates as axial
@@ -105,67 +105,67 @@ def shaken(effects, power_on=-30.0):
 
 
 def correction(effects):
-    found = {
+    priors = {
         it.name: CalibratedEffect({name: Quantity(value, 0.0) for name, value in it.values().items()})
         for it in effects
     }
-    return SampleCorrection.from_calibration(NodeCalibration(found))
+    return SampleCorrection.from_calibration(NodeCalibration(priors))
 
 
 @pytest.mark.parametrize("kind", [k for k in EFFECTS if k.is_invertible], ids=lambda kind: kind.name)
-def test_forward_and_back_is_the_identity(kind):
+def test_an_invertible_effect_is_removed_exactly(kind):
     true, read, age, warm = shaken([sized(kind)])
     assert max(np.abs(r - w).max() for r, w in zip(read, true, strict=True)) > 1e-3
     back = correction([sized(kind)]).apply(read[0].T, read[1].T, age=age, temperature=warm)
-    for made, wanted in zip(back, true, strict=True):
-        np.testing.assert_allclose(made.T, wanted, rtol=0, atol=1e-12)
+    for result, wanted in zip(back, true, strict=True):
+        np.testing.assert_allclose(result.T, wanted, rtol=0, atol=1e-12)
 
 
-def test_forward_and_back_is_the_identity_of_all_together():
+def test_all_invertible_effects_together_are_removed_exactly():
     effects = [sized(kind) for kind in EFFECTS if kind.is_invertible]
     true, read, age, warm = shaken(effects)
     back = correction(effects).apply(read[0].T, read[1].T, age=age, temperature=warm)
-    for made, wanted in zip(back, true, strict=True):
-        np.testing.assert_allclose(made.T, wanted, rtol=0, atol=1e-11)
+    for result, wanted in zip(back, true, strict=True):
+        np.testing.assert_allclose(result.T, wanted, rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize("kind", [k for k in EFFECTS if not k.is_invertible], ids=lambda kind: kind.name)
-def test_what_is_not_undone_stays_as_it_was_read(kind):
+def test_an_effect_that_is_not_invertible_leaves_readings_unchanged(kind):
     """It is no error of the sensor, or nobody can take it back: what is read then is what was read."""
-    made = {name: 3.0 * kind.scale(name) for name in kind.parameters()}
-    effect = kind(**{name: min(value, 1.0) if "prob" in name else value for name, value in made.items()})
+    result = {name: 3.0 * kind.scale(name) for name in kind.parameters()}
+    effect = kind(**{name: min(value, 1.0) if "prob" in name else value for name, value in result.items()})
     _, read, age, warm = shaken([])
     back = correction([effect]).apply(read[0].T, read[1].T, age=age, temperature=warm)
-    for made, wanted in zip(back, read, strict=True):
-        np.testing.assert_array_equal(made.T, wanted)
+    for result, wanted in zip(back, read, strict=True):
+        np.testing.assert_array_equal(result.T, wanted)
 
 
-def test_a_walk_wanders_as_fast_as_it_says():
+def test_a_random_walk_grows_at_its_variance_rate():
     """The variance of an increment over a time is the drift times that time (Brownian motion)."""
     seed, step, ahead = 5, 0.01, 50
     t = np.arange(0.0, 400.0, step)
     walk = GyroRateRandomWalk(3e-3)
     still = MotionInputs(fit_interpolating_spline(t, 0.0 * t), fit_interpolating_spline(t, 0.0 * t))
-    made = NodeModel(still, t, NodeMount(), 0.31, 0.92).draw_noise_free(
+    result = NodeModel(still, t, NodeMount(), 0.31, 0.92).draw_noise_free(
         [walk], NodeInitialState(), np.random.default_rng(seed)
     )
-    gone = made.gyro[:, ahead::ahead] - made.gyro[:, :-ahead:ahead]
+    gone = result.gyro[:, ahead::ahead] - result.gyro[:, :-ahead:ahead]
     # 2400 increments: their variance is known to 3 %.
     assert np.mean(gone**2) == pytest.approx(walk.random_walk_variance_rate() * ahead * step, rel=0.12), (
         f"seed {seed}"
     )
 
 
-def test_a_corrected_speed_moves_the_place_and_pulls():
+def test_a_speed_correction_changes_distance_and_acceleration():
     """0.3 + 0.02 t m/s more: 0.3 t + 0.01 t² m farther and 0.02 m/s² more, by hand."""
     t = np.arange(0.0, 10.5, 0.5)
     zero = np.zeros(len(t))
     still = BodyMotion(t, *[zero] * 10)
-    made = SpeedCorrection(t, 0.3 + 0.02 * t).apply(still)
-    np.testing.assert_allclose(made.speed, 0.3 + 0.02 * t, atol=1e-15)
-    np.testing.assert_allclose(made.distance, 0.3 * t + 0.01 * t**2, atol=1e-12)
-    np.testing.assert_allclose(made.acceleration, 0.02, atol=1e-12)
-    np.testing.assert_array_equal(made.yaw_rate, zero)
+    result = SpeedCorrection(t, 0.3 + 0.02 * t).apply(still)
+    np.testing.assert_allclose(result.speed, 0.3 + 0.02 * t, atol=1e-15)
+    np.testing.assert_allclose(result.distance, 0.3 * t + 0.01 * t**2, atol=1e-12)
+    np.testing.assert_allclose(result.acceleration, 0.02, atol=1e-12)
+    np.testing.assert_array_equal(result.yaw_rate, zero)
 
 
 def test_the_tables_of_the_readme_are_those_of_the_classes():
@@ -174,14 +174,14 @@ def test_the_tables_of_the_readme_are_those_of_the_classes():
     assert run.returncode == 0, run.stderr
 
 
-def test_what_the_odometry_believes_is_positive_and_a_process_keeps_its_size():
-    found = {
+def test_odometry_priors_are_positive_and_processes_are_stationary():
+    priors = {
         (kind.name, name): kind.odometry_prior(name)
         for kind in EFFECTS
         for name in kind.parameters()
         if kind.odometry_prior(name) is not None
     }
-    assert {f"{effect}.{name}" for effect, name in found} == {
+    assert {f"{effect}.{name}" for effect, name in priors} == {
         *(f"gyro_scale_factor.{axis}" for axis in "xyz"),
         *(f"gyro_bias.{axis}" for axis in "xyz"),
         *(f"accel_bias.{axis}" for axis in "xyz"),
@@ -191,19 +191,19 @@ def test_what_the_odometry_believes_is_positive_and_a_process_keeps_its_size():
         *("wheel_camber.angle", "wheel_radius.error", "track_width.error", "road_grade.angle"),
         "time_offset.delay",
     }
-    for place, one in found.items():
+    for place, one in priors.items():
         assert one.sigma > 0.0 and one.random_walk >= 0.0 and one.origin, place
         if math.isfinite(one.correlation_time):
             # Gauss-Markov: what it forgets in a second is what the walk brings.
             assert one.random_walk**2 == pytest.approx(2.0 / one.correlation_time * one.sigma**2), place
 
 
-def test_g_sensitivity_has_nine_parameters_of_which_a_drive_moves_three():
+def test_three_of_nine_g_sensitivities_are_fitted_to_a_drive():
     kind = next(kind for kind in EFFECTS if kind.name == "gyro_g_sensitivity")
     bench = kind(xy=2e-3, yz=1e-3)
     assert kind.fitted_parameters() == ("x", "y", "z") and len(bench.coordinates()) == 3
-    moved = bench.with_coordinates(np.array([1e-4, 2e-4, 3e-4]))
-    assert (moved.x, moved.y, moved.z, moved.xy, moved.yz) == (1e-4, 2e-4, 3e-4, 2e-3, 1e-3)
+    changed = bench.with_coordinates(np.array([1e-4, 2e-4, 3e-4]))
+    assert (changed.x, changed.y, changed.z, changed.xy, changed.yz) == (1e-4, 2e-4, 3e-4, 2e-3, 1e-3)
     plain_gyro, plain_force = reads([], "left")
     added = reads([bench], "left")[0] - plain_gyro
     np.testing.assert_allclose(added[0], 2e-3 * plain_force[1], rtol=0, atol=1e-12)
@@ -211,7 +211,7 @@ def test_g_sensitivity_has_nine_parameters_of_which_a_drive_moves_three():
     np.testing.assert_allclose(added[2], 0.0, rtol=0, atol=1e-15)
 
 
-def test_what_tells_two_effects_apart_does_not_depend_on_which_is_named_first():
+def test_the_distinguishing_manoeuvre_does_not_depend_on_the_order_of_the_effects():
     words = "drive long and fast: gravity in ax and ay counts the turns of the wheel"
     assert distinguishing_manoeuvre("gyro_scale_factor", "wheel_radius") == words
     assert distinguishing_manoeuvre("wheel_radius", "gyro_scale_factor") == words
@@ -222,8 +222,8 @@ def test_what_tells_two_effects_apart_does_not_depend_on_which_is_named_first():
     )
 
 
-def test_what_an_effect_says_that_it_spreads_samples_by_is_what_it_does():
-    """Of what is rounded, whatever it was; and of wild samples, in units of the noise, beside the others."""
+def test_the_added_variance_is_that_of_simulated_readings():
+    """Rounding adds a constant variance; outliers add a multiple of the noise variance."""
     rng, count = np.random.default_rng(8), 400_000
     noise, step = Noise(0.004, 0.05), 0.02
     rate = rng.uniform(-3.0, 3.0, (3, count))
@@ -235,5 +235,5 @@ def test_what_an_effect_says_that_it_spreads_samples_by_is_what_it_does():
     chain.gyro = np.zeros((3, count))
     wild = Outliers(probability=0.05, sigma=10.0)
     wild.add_outliers(chain, noise, rng)
-    found = np.var(chain.gyro), np.var(chain.accel)
-    assert wild.added_variance(noise) == pytest.approx(found, rel=0.05)
+    priors = np.var(chain.gyro), np.var(chain.accel)
+    assert wild.added_variance(noise) == pytest.approx(priors, rel=0.05)

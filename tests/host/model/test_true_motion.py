@@ -17,7 +17,6 @@ from hubodo.effects.mounting import LeverArm
 from hubodo.effects.vehicle import RoadGrade, TrackWidth
 from hubodo.effects.wheel import TyreGrowth, WheelCamber, WheelEccentricity, WheelRadius, WheelSlip
 from hubodo.model.forward import NodeInitialState, NodeModel
-from hubodo.model.frames import node_from_body
 from hubodo.model.inputs import EarthRotation, MotionInputs
 from hubodo.smoothing_spline import constant_spline, fit_interpolating_spline
 from hubodo.vehicle import NodeMount
@@ -66,10 +65,10 @@ class RigidWheel:
         self.out, self.out_at = get(WheelEccentricity, "amplitude"), get(WheelEccentricity, "phase")
         self.camber, self.grade = get(WheelCamber, "angle"), get(RoadGrade, "angle")
         self.arm = np.array([get(LeverArm, axis) for axis in "xyz"])
-        found = solve_ivp(
+        solution = solve_ivp(
             self.rates, (0, END), [0, 0, 0, start], "DOP853", dense_output=True, rtol=1e-12, atol=1e-13
         )
-        self.at = found.sol
+        self.at = solution.sol
 
     def rates(self, t, state):
         _, _, heading, angle = state
@@ -157,22 +156,25 @@ def steady(v=0.0, r=0.0, angle=0.0, effects=(), side="left", facing="left", radi
 
 
 @pytest.mark.parametrize(("angle", "force"), [(0.0, [G, 0, 0]), (np.pi / 2, [0, -G, 0]), (np.pi, [-G, 0, 0])])
-def test_at_rest_gravity_turns_with_the_wheel_angle(angle, force):
-    """By hand: at angle 0 the node's x axis points up; after a quarter turn forwards it points forward."""
+def test_at_standstill_gravity_rotates_with_the_wheel_angle(angle, force):
+    """Calculated by hand: at angle 0 the node's x axis points up.
+
+    After a quarter turn forwards it points forward.
+    """
     gyro, accel = steady(angle=angle)
     np.testing.assert_allclose(accel, force, atol=1e-12)
     assert not gyro.any()
 
 
 def test_constant_speed_adds_the_centripetal_force_of_the_lever_arm():
-    """By hand: omega = v / R = 5 rad/s, arm 0.1 m on x: 2.5 m/s² towards the axle, along -x."""
+    """Calculated by hand: omega = v / R = 5 rad/s, arm 0.1 m on x: 2.5 m/s² towards the axle, along -x."""
     gyro, accel = steady(v=1.5, effects=[LeverArm(x=0.1)])
     np.testing.assert_allclose(gyro, [0, 0, 5.0])
     np.testing.assert_allclose(accel, [G - 2.5, 0, 0], atol=1e-12)
 
 
 def test_turning_on_the_spot_rolls_the_left_wheel_back_and_the_right_one_forward():
-    """By hand: r = 2 rad/s, track 1 m, R 0.25 m: wheel rates -4 and +4 rad/s, and the turn itself across."""
+    """Calculated by hand: r = 2 rad/s, track 1 m, R 0.25 m: wheel rates -4 and +4 rad/s."""
     for side, rate in (("left", -4.0), ("right", 4.0)):
         gyro, _ = steady(r=2.0, side=side, radius=0.25)
         np.testing.assert_allclose(gyro, [2.0, 0.0, rate])
@@ -189,14 +191,17 @@ def test_signs_of_the_spin_axis(side, facing, spin_sign, camber_sign):
     assert gyro[2] == pytest.approx(spin_sign * spin + camber_sign * 0.7 * np.sin(0.1))
 
 
-def test_across_the_axle_the_turn_of_the_vehicle_goes_round_with_the_wheel():
+def test_across_the_axle_the_yaw_rate_rotates_with_the_wheel():
     """gx = r cos(camber) cos(theta), gy = -r cos(camber) sin(theta) on a node facing left."""
     gyro, _ = steady(v=1.0, r=0.7, angle=0.6, effects=[WheelCamber(0.1)])
     np.testing.assert_allclose(gyro[:2], 0.7 * np.cos(0.1) * np.array([np.cos(0.6), -np.sin(0.6)]))
 
 
-def test_a_climb_tips_gravity_forward():
-    """By hand, 30 degrees: half of g along x of the body; a node at wheel angle 0 has x up and y forward."""
+def test_on_a_grade_gravity_has_a_forward_component():
+    """Calculated by hand for 30 degrees: half of g along x of the body.
+
+    A node at wheel angle 0 has x up and y forward.
+    """
     climb = [RoadGrade(np.deg2rad(30))]
     np.testing.assert_allclose(steady(effects=climb)[1], [G * np.sqrt(3) / 2, G / 2, 0], atol=1e-12)
     still = MotionInputs(constant_spline(0.0, 0.0, 1.0), constant_spline(0.0, 0.0, 1.0))
@@ -204,8 +209,8 @@ def test_a_climb_tips_gravity_forward():
     np.testing.assert_allclose(body.accel[:, 0], [G / 2, 0, G * np.sqrt(3) / 2])
 
 
-def test_a_wheel_that_is_off_its_centre_turns_unevenly_within_a_turn_and_evenly_over_turns():
-    """By hand: 1 rad/s over 1 + A cos(theta - p): slowest where the radius is largest."""
+def test_an_eccentric_wheel_turns_unevenly_within_a_turn_and_evenly_over_turns():
+    """Calculated by hand: 1 rad/s over 1 + A cos(theta - p): slowest where the radius is largest."""
     inputs = MotionInputs(constant_spline(0.3, 0.0, 20.0), constant_spline(0.0, 0.0, 20.0))
     t = np.linspace(0.0, 4 * np.pi, 801)
     forward = NodeModel(inputs, t, NodeMount("left", "left"), 0.3, 1.0)
@@ -215,8 +220,8 @@ def test_a_wheel_that_is_off_its_centre_turns_unevenly_within_a_turn_and_evenly_
     assert reading.rolling.angle[-1] == pytest.approx(1.0 + 4 * np.pi, abs=1e-9)
 
 
-def test_a_node_on_the_body_feels_what_a_car_feels():
-    """By hand: 2 m/s round a circle of 4 m: 1 m/s² to the left, and the lever arm 0.4 m forward 0.1 to it."""
+def test_a_node_on_the_body_measures_the_motion_of_the_body():
+    """Calculated by hand: 2 m/s on a circle of 4 m: 1 m/s² left; an arm of 0.4 m adds 0.1."""
     inputs = MotionInputs(constant_spline(2.0, 0.0, 1.0), constant_spline(0.5, 0.0, 1.0))
     forward = NodeModel(inputs, np.zeros(1), NodeMount(), R, B)
     plain, off = (
@@ -231,7 +236,10 @@ def test_a_node_on_the_body_feels_what_a_car_feels():
 
 
 def test_the_earth_turns_under_a_bench_about_its_own_axis():
-    """By hand in east, north, up: Earth rate lies north and up; body x at azimuth A - heading from north."""
+    """Calculated by hand in east, north, up: Earth rate lies north and up.
+
+    Body x at azimuth A - heading from north.
+    """
     latitude, azimuth = 0.8, 0.6
     t = np.linspace(0.0, 4.0, 401)
     inputs = MotionInputs(
@@ -289,24 +297,12 @@ def test_a_mirrored_drive_on_the_other_wheel_reads_mirrored(v, a, r, start, camb
 def test_the_same_drive_at_another_time_reads_the_same(start, later, side):
     grid = np.linspace(0.0, 2.0, 201)
     readings = []
-    for begin in (0.0, later):
+    for start_time in (0.0, later):
         inputs = MotionInputs(
-            fit_interpolating_spline(grid + begin, speed(grid)),
-            fit_interpolating_spline(grid + begin, yaw(grid)),
+            fit_interpolating_spline(grid + start_time, speed(grid)),
+            fit_interpolating_spline(grid + start_time, yaw(grid)),
         )
-        forward = NodeModel(inputs, grid + begin, NodeMount(side, "right"), R, B)
+        forward = NodeModel(inputs, grid + start_time, NodeMount(side, "right"), R, B)
         readings.append(forward.mean_reading(TOGETHER, NodeInitialState(start)))
     np.testing.assert_allclose(readings[1].gyro, readings[0].gyro, atol=1e-6)
     np.testing.assert_allclose(readings[1].accel, readings[0].accel, atol=1e-5)
-
-
-@given(
-    theta=st.floats(-100, 100),
-    camber=st.floats(-0.5, 0.5),
-    side=st.sampled_from(SIDES),
-    facing=st.sampled_from(SIDES),
-)
-def test_node_axes_are_right_handed_and_orthonormal(theta, camber, side, facing):
-    rotation = node_from_body(np.array([theta]), side, facing, camber)[0]
-    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
-    assert np.linalg.det(rotation) == pytest.approx(1.0)
