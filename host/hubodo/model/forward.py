@@ -10,8 +10,8 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.effects.base import Effect, Geometry, Noise, SensorChain
 from hubodo.model.inputs import BodyMotion, MotionCorrection, MotionInputs
-from hubodo.model.true_motion import lever_arm_force, motion_on_body, motion_on_wheel
 from hubodo.model.rolling import WheelRotation, wheel_rotation
+from hubodo.model.true_motion import lever_arm_force, motion_on_body, motion_on_wheel
 from hubodo.vehicle import NodeMount, facing_sign, side_sign
 
 _CACHED_BODIES = 3  # motions of the vehicle that are kept, by time stamps
