@@ -9,13 +9,13 @@ STREAM, DISK, FLIPPED, BOMBS = (
     "faults/test_stream_faults.py::", "faults/test_full_disk.py::", "faults/test_flipped_bytes.py::",
     "faults/test_bombs.py::",
 )  # fmt: skip
-RECORD, DECODER = "host/test_verb_record.py::", "host/ingest/node/test_decoder.py::"
+RECORD, DECODER = "host/verbs/test_verb_record.py::", "host/ingest/node/test_decoder.py::"
 PORTS, RECOVER, WRITER = (
     "host/ingest/link/test_ports.py::", "host/log/test_recover.py::",
     "host/log/test_log_writer.py::",
 )  # fmt: skip
 KILL, JUMPS, UNIT = (
-    "faults/test_kill.py::", "host/ingest/live/test_host_clock.py::", "host/test_verb_service.py::",
+    "faults/test_kill.py::", "host/ingest/live/test_host_clock.py::", "host/verbs/test_verb_service.py::",
 )  # fmt: skip
 BULKHEADS, UNREAD, REPORTS, NMEA = (
     "host/ingest/live/test_bulkheads.py::", "host/ingest/live/test_timeout_stream.py::",

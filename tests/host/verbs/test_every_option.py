@@ -59,11 +59,13 @@ def of_verb(verb):
 
 
 def options(parser):
-    """{destination: (default, spelling)} of the options of one parser."""
+    """{destination: (default, spelling)} of the options of one parser, but for those that every verb has."""
     return {
         action.dest: (action.default, action.option_strings[-1])
         for action in parser._actions
-        if action.option_strings and not isinstance(action, argparse._HelpAction)
+        if action.option_strings
+        and not isinstance(action, argparse._HelpAction)
+        and action.dest not in ("json", "debug")
     }
 
 

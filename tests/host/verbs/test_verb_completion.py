@@ -15,7 +15,7 @@ from hubodo.verbs import VERBS
 from in_process import hubodo
 from wanted import program
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 ASKED = """

@@ -48,7 +48,7 @@ from hubowire.messages import Hello, TimeRequest
 from in_process import hubodo
 from waiting import until
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 DPS_LSB = np.radians(0.07)
 TROLLEY = Vehicle(0.3, 0.9, {"left": NodeMount("left", "left"), "right": NodeMount("right", "left")})
 

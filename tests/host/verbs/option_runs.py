@@ -187,7 +187,7 @@ RUNS: tuple[Run, ...] = (
     Run(
         "record {port} -o out-{n}.mcap --duration 1 --gnss {port} --baud 115200 --gnss-baud 38400",
         2,
-        "named twice",
+        "give each port once",
     ),
     Run(
         "record {port} -o out-{n}.mcap --duration 1 --foxglove 127.0.0.1:0 --metrics 127.0.0.1:0 --wait "
