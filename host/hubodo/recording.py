@@ -96,9 +96,17 @@ class Table:
         return np.column_stack([self.columns[name] for name in ("ax", "ay", "az")])
 
     def frame(self) -> pd.DataFrame:
-        """Return the columns as a pandas data frame with `t` as its index.
+        """Return the columns as a pandas data frame.
 
-        Raises InputError where pandas is not installed.
+        Returns
+        -------
+        pandas.DataFrame
+            The columns, indexed by `t`.
+
+        Raises
+        ------
+        InputError
+            If pandas is not installed.
         """
         try:
             import pandas as pd
@@ -192,7 +200,13 @@ class Recording:
     warnings: tuple[str, ...] = ()
 
     def files(self) -> dict[str, Table]:
-        """Return the tables of the CSV folder by file name without suffix, nodes first."""
+        """Return the tables of the CSV folder by file name without suffix, nodes first.
+
+        Returns
+        -------
+        dict of str to Table
+            The tables that the recording has.
+        """
         named = {name: getattr(self, name) for name in TABLE_FILE_COLUMNS}
         return {**self.nodes, **{name: table for name, table in named.items() if table is not None}}
 

@@ -62,7 +62,18 @@ class Vehicle:
     name: str = ""
 
     def on(self, side: Side) -> str | None:
-        """Return the name of the first node on that wheel, None without one."""
+        """Return the name of the first node on a wheel.
+
+        Parameters
+        ----------
+        side : {"left", "right"}
+            The wheel.
+
+        Returns
+        -------
+        str or None
+            Name of the node, if there is one.
+        """
         return next((name for name, mount in self.nodes.items() if mount.side == side), None)
 
 

@@ -86,19 +86,53 @@ class NodeCalibration:
 
 @dataclass(frozen=True)
 class Calibration:
-    """Content of a calibration file: nodes by name, and effects of the whole vehicle."""
+    """The content of a calibration file.
+
+    Attributes
+    ----------
+    nodes : mapping of str to NodeCalibration
+        Calibrated effects of each node, by name.
+    vehicle : mapping of str to CalibratedEffect
+        Calibrated effects of the vehicle, by name.
+    """
 
     nodes: Mapping[str, NodeCalibration] = field(default_factory=dict)
     vehicle: Mapping[str, CalibratedEffect] = field(default_factory=dict)
 
     def with_node(self, name: str, effects: Mapping[str, CalibratedEffect], serial: str = "") -> Calibration:
-        """Return a copy with these effects of a node added; effects of the same name are replaced."""
+        """Return a copy with effects of a node added; effects of the same name are replaced.
+
+        Parameters
+        ----------
+        name : str
+            Name of the node.
+        effects : mapping of str to CalibratedEffect
+            Effects by name.
+        serial : str
+            Serial number of the board; "" keeps the present one.
+
+        Returns
+        -------
+        Calibration
+            The extended copy.
+        """
         old = self.nodes.get(name, NodeCalibration())
         new = NodeCalibration({**old.effects, **effects}, serial or old.serial)
         return replace(self, nodes={**self.nodes, name: new})
 
     def with_vehicle(self, effects: Mapping[str, CalibratedEffect]) -> Calibration:
-        """Return a copy with these effects of the vehicle added or replaced."""
+        """Return a copy with effects of the vehicle added or replaced.
+
+        Parameters
+        ----------
+        effects : mapping of str to CalibratedEffect
+            Effects by name.
+
+        Returns
+        -------
+        Calibration
+            The extended copy.
+        """
         return replace(self, vehicle={**self.vehicle, **effects})
 
 

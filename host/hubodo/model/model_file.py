@@ -60,10 +60,23 @@ class InputSources:
 
 @dataclass(frozen=True)
 class Model:
-    """Contents of a model file.
+    """The content of a model file.
 
-    `effects` is sorted: those of all nodes first, then by node, each in the order of `EFFECTS`. Raise
-    ValueError for an effect of the vehicle under a node, and for a duplicate effect.
+    Attributes
+    ----------
+    vehicle : Vehicle
+        Geometry and nodes.
+    noise : Noise
+        White noise of gyros and accelerometers, 1σ per sample.
+    inputs : InputSources
+        Sources of speed and yaw rate, with their noise.
+    effects : tuple of ScopedEffect
+        Effects of all nodes first, then by node, each in the order of `EFFECTS`.
+
+    Raises
+    ------
+    ValueError
+        If an effect of the vehicle is assigned to a node, or an effect is duplicate.
     """
 
     vehicle: Vehicle
@@ -89,8 +102,23 @@ class Model:
     def effects_of(self, node: str) -> tuple[Effect, ...]:
         """Return the effects of one node, in the order of `EFFECTS`.
 
-        An effect of the node replaces one of all nodes with the same name. A node on no wheel has no effects
-        of wheels. Raise KeyError for an unknown node.
+        An effect of the node replaces one of all nodes with the same name. A node that is on no wheel has no effects
+        of wheels.
+
+        Parameters
+        ----------
+        node : str
+            Name of the node.
+
+        Returns
+        -------
+        tuple of Effect
+            The effects.
+
+        Raises
+        ------
+        KeyError
+            If the node is unknown.
         """
         on_wheel = self.vehicle.nodes[node].side is not None
         effects = {item.effect.name: item.effect for item in self.effects if item.node is None}
@@ -99,7 +127,18 @@ class Model:
         return tuple(effect for effect in ordered if on_wheel or effect.level != "wheel")
 
     def with_effects(self, *added: ScopedEffect) -> Model:
-        """Return the model with these effects; each replaces its namesake of the same node."""
+        """Return the model with effects added; each replaces its namesake of the same node.
+
+        Parameters
+        ----------
+        added : ScopedEffect
+            The effects.
+
+        Returns
+        -------
+        Model
+            The extended copy.
+        """
         keys = {(item.node, item.effect.name) for item in added}
         others = [item for item in self.effects if (item.node, item.effect.name) not in keys]
         return replace(self, effects=(*others, *added))

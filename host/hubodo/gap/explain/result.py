@@ -41,18 +41,30 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Finding:
-    """One effect that was added.
+    """An effect that was detected and added to the model.
 
-    effect: its name, or `empirical:` and the unnamed term
-    scope: name of a node, `all` or `vehicle`
-    parameters: by name, with sigmas
-    gap, held_out_gap: before and after it was added, on all samples and on samples not fitted
-    p_value: how often the best candidate would gain as much by chance
-    confidence: probability that it is the cause
-    where: channels, times and regimes in which the residual stood out, in words
-    runner_up: the next most probable effect and its probability
-    inseparable_from: effects that this log cannot distinguish from it
-    rivals: (effect, scope, gain, probability) of all hypotheses, the most probable first
+    Attributes
+    ----------
+    effect : str
+        Name of the effect, or `empirical:` and the term without a name.
+    scope : str
+        Name of a node, `all` or `vehicle`.
+    parameters : mapping of str to Estimate
+        Estimated parameters with sigmas.
+    gap, held_out_gap : BeforeAfter
+        Gap before and after the effect was added, on all and on held-out samples.
+    p_value : float
+        Probability of at least this gain of the best candidate under the null hypothesis.
+    confidence : float
+        Posterior probability of the effect.
+    where : str
+        Channels, times and regimes of the residual that it explains, as text.
+    runner_up : tuple or None
+        Second most probable effect and its probability.
+    inseparable_from : tuple of str
+        Effects that this log cannot separate from it.
+    rivals : tuple
+        Effect, scope, gain and probability of all hypotheses, the most probable first.
     """
 
     effect: str
@@ -68,7 +80,13 @@ class Finding:
     rivals: tuple[tuple[str, str, float, float], ...]
 
     def as_json(self) -> dict[str, Any]:
-        """Return the entry of `found` in `gap.json`."""
+        """Return the entry of `found` in `gap.json`.
+
+        Returns
+        -------
+        dict
+            The JSON object.
+        """
         runner = self.runner_up
         return {
             "effect": self.effect,
