@@ -102,8 +102,8 @@ class Model:
     def effects_of(self, node: str) -> tuple[Effect, ...]:
         """Return the effects of one node, in the order of `EFFECTS`.
 
-        An effect of the node replaces one of all nodes with the same name. A node that is on no wheel has no effects
-        of wheels.
+        An effect of the node replaces one of all nodes with the same name. A node that is on no wheel has no
+        effects of wheels.
 
         Parameters
         ----------
