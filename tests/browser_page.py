@@ -1,4 +1,4 @@
-"""A page in headless Chromium: what tests do to it and ask of it. Screenshots are kept in out/screenshots."""
+"""A page in headless Chromium, controlled and queried by tests. Screenshots are saved in out/screenshots."""
 
 import os
 from pathlib import Path
@@ -11,7 +11,7 @@ IN_PAGE = (HERE / "in_page.js").read_text()
 
 
 class Page:
-    """A browser on the page."""
+    """A browser with one page."""
 
     def __init__(self, url, profile):
         webdriver = wanted.module("selenium.webdriver")

@@ -1,4 +1,4 @@
-"""What all tests share: one hypothesis profile, helpers that can be imported, and who goes first."""
+"""Shared set-up of all tests: hypothesis profile, import path of the helpers, order of execution."""
 
 import ctypes
 import gc
@@ -9,7 +9,7 @@ from pathlib import Path
 from hypothesis import HealthCheck, settings
 
 HERE = Path(__file__).parent
-LONGEST = (
+LONGEST_FILES = (
     *("host/web/test_page_in_browser.py", "host/fuse/test_wheel_calibration.py", "gap_matrix"),
     *(
         "signal_path/test_doctor_node.py",
@@ -28,7 +28,7 @@ LONGEST = (
     *("signal_path/test_north_table.py", "host/sensors/test_heading.py", "host/fuse/test_wheel_slip.py"),
     *("signal_path", "firmware", "host/fuse", "host/sensors", "host/gap"),
 )
-"""They go first: so no process is left with one of them when the others are done.
+"""The longest files run first, so that no process is left with one of them at the end.
 
 The first of each line waits more than it works, so that some processes wait while others work.
 """
@@ -56,10 +56,10 @@ def pytest_addoption(parser):
 
 @cache
 def _place(path):
-    """Of a file among those that go first."""
+    """Return the rank of a file among the longest; shorter files come last."""
     within = path.relative_to(HERE).as_posix() + "/"
-    long = [index for index, name in enumerate(LONGEST) if within.startswith(name + "/")]
-    return long[0] if long else len(LONGEST)
+    long = [index for index, name in enumerate(LONGEST_FILES) if within.startswith(name + "/")]
+    return long[0] if long else len(LONGEST_FILES)
 
 
 def pytest_collection_modifyitems(items):

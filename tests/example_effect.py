@@ -1,4 +1,4 @@
-"""A file with an effect of a user's own, as `--effects` reads it."""
+"""A user-defined effect in a file for `--effects`."""
 
 HUM = '''"""An effect."""
 

@@ -1,4 +1,4 @@
-"""The files that examples of the documentation name, made by the program itself."""
+"""Generate the files that the examples of the documentation use."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ CAMBER = "\n[nodes.left.effects.wheel_camber]\nangle = 0.05\n"
 
 
 def fill(folder: Path) -> Path:
-    """model.toml, vehicle.toml, drive.mcap with a leaning left wheel, night.mcap."""
+    """Write model.toml, vehicle.toml, drive.mcap with a cambered left wheel, and night.mcap."""
     (folder / "model.toml").write_text(MODEL)
     (folder / "vehicle.toml").write_text(VEHICLE)
     (folder / "leaning.toml").write_text(MODEL + CAMBER)

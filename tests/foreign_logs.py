@@ -1,4 +1,4 @@
-"""Logs as other programs write them, of one drive: two wheel IMUs, odometry, fixes, joints, something else.
+"""Logs of one drive as other programs write them: two wheel IMUs, odometry, fixes, joints, an unknown type.
 
 Topics, frames and times are those of a robot that knows nothing of hubodo: messages are recorded in bursts,
 up to 70 ms after their stamps.
@@ -44,7 +44,7 @@ TOPICS = {
 
 @dataclass(frozen=True)
 class RosMessage:
-    """One message to be written. t: s of its stamp; values: what `message` makes of it."""
+    """A message to write. t: stamp, s; values: its content, converted by `message`."""
 
     topic: str
     t: float
@@ -52,7 +52,7 @@ class RosMessage:
 
 
 def drive(folder: Path) -> Recording:
-    """A loop of two nodes with the reference and the truth; its model.toml is in the folder."""
+    """Return a loop of two nodes with reference and truth; its model.toml is in the folder."""
     (folder / "model.toml").write_text(MODEL, "utf-8")
     model = read_model(folder / "model.toml")
     inputs = loop_drive(np.random.default_rng(3), rest_time=5.0, driving_time=SECONDS - 6.0)
@@ -60,7 +60,7 @@ def drive(folder: Path) -> Recording:
 
 
 def messages(recording: Recording, *, leave_out: tuple[str, ...] = ()) -> list[RosMessage]:
-    """All that the robot said, by time."""
+    """Return all messages of the robot, by time."""
     sent: list[RosMessage] = []
     for node in ("left", "right"):
         table = recording.nodes[node]
@@ -87,14 +87,14 @@ def messages(recording: Recording, *, leave_out: tuple[str, ...] = ()) -> list[R
 
 
 def received(sent: list[RosMessage]) -> Iterator[tuple[int, int, RosMessage]]:
-    """Stamp and time of recording, ns: in bursts of 50 ms, some ms after the last of them."""
+    """Yield stamp and recording time, ns, of each message: recorded in bursts of 50 ms."""
     for number, it in enumerate(sent):
         stamp = T0 + round(it.t * 1e9)
         yield stamp, T0 + (int(it.t / 0.05) + 1) * 50_000_000 + 20_000_000 + number, it
 
 
 def write(path: Path, writer: str, sent: list[RosMessage]) -> Path:
-    """The log by one of WRITERS; the path that was written."""
+    """Write the log with one of WRITERS and return its path."""
     return {
         "rosbag": _rosbag,
         "rosbag2": _rosbag2,
@@ -104,7 +104,7 @@ def write(path: Path, writer: str, sent: list[RosMessage]) -> Path:
 
 
 def message(store: Any, it: RosMessage, stamp: int, *, ros1: bool = False, array: Any = np.array) -> Any:
-    """An object of the typestore. array: makes its arrays."""
+    """Return the message as an object of the typestore. array: constructor of its arrays."""
     types = store.types
 
     def of(name: str, *values: Any) -> Any:

@@ -15,7 +15,7 @@ _FROM_NODES = 'speed = "nodes"\nyaw_rate = "frame.gz"\n'
 
 
 CAR = model_toml(0.2924, 1.42, inputs=_FROM_NODES, facing={"left": "left", "right": "right"})
-"""A car of which only a tape measure's radius and track are known, driven by what its gyros read."""
+"""A car of which only radius and track (by tape measure) are known, driven by its gyros."""
 
 
 def wheelchair_model(track_width: float) -> str:
@@ -25,7 +25,7 @@ def wheelchair_model(track_width: float) -> str:
 
 @dataclass(frozen=True)
 class Run:
-    """What a run of the verb left: exit code, both streams, and the folder it wrote."""
+    """The result of a run: exit code, both output streams and the output folder."""
 
     code: int
     out: str
@@ -42,7 +42,7 @@ class Run:
 
 
 def gap(folder, model, log, *words):
-    """`hubodo gap` in this process."""
+    """Run `hubodo gap` in this process."""
     out, err = io.StringIO(), io.StringIO()
     with redirect_stdout(out), redirect_stderr(err):
         code = main(["gap", str(model), str(log), "-o", str(folder), *words])
@@ -50,7 +50,7 @@ def gap(folder, model, log, *words):
 
 
 def changed(case, folder, nodes=lambda name, columns: columns, reference=lambda columns: columns):
-    """A copy of a case's CSV folder; nodes and reference get the columns of a file and give new ones."""
+    """Return a copy of a case's CSV folder with changed columns of nodes and reference."""
     read = read_folder(case)
     recording = Recording(
         {name: Table(nodes(name, dict(table.columns))) for name, table in read.nodes.items()},
@@ -61,7 +61,7 @@ def changed(case, folder, nodes=lambda name, columns: columns, reference=lambda 
 
 
 def changed_model(case, path, *swaps):
-    """A copy of a case's model.toml with (old, new) texts exchanged."""
+    """Return a copy of a case's model.toml with (old, new) texts replaced."""
     text = (Path(case) / "model.toml").read_text("utf-8")
     for old, new in swaps:
         assert old in text

@@ -1,4 +1,4 @@
-"""The command line in this process: its exit code, what it printed, and on which computer it recorded."""
+"""Run the command line in this process, optionally on a virtual computer."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hubodo.ingest.live.computer import Computer
 
 @dataclass(frozen=True)
 class Done:
-    """What a run of `hubodo` left."""
+    """The exit code and output of a run of `hubodo`."""
 
     code: int
     out: str
@@ -23,7 +23,7 @@ class Done:
 
 
 def hubodo(*words: object, computer: Computer | None = None) -> Done:
-    """Runs it; computer: None, this one."""
+    """Run `hubodo` with these arguments. computer: None for the real one."""
     out, err = io.StringIO(), io.StringIO()
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
         for module in (daemon, node_stream) if computer is not None else ():

@@ -1,4 +1,4 @@
-"""Rides of nodes that send by radio to a receiver: boards on one radio_medium, in virtual time."""
+"""Rides of nodes that send to a receiver by radio, as virtual boards on one radio medium."""
 
 from dataclasses import dataclass
 
@@ -18,8 +18,8 @@ SECONDS = 3.2
 
 
 @dataclass
-class Heard:
-    """What the receiver's host got: of each node its frames and its chip's truth; of the receiver itself."""
+class RadioRun:
+    """The frames that the receiver's host got from each node and the receiver, and each chip's truth."""
 
     sent: dict
     truths: dict
@@ -44,7 +44,7 @@ def ride(
     cut=0,
     interpreter="cpython",
 ):
-    """All boards on one radio_medium, in virtual time: what their radios do is what is looked at."""
+    """Run all boards on one radio medium in virtual time."""
     radio_medium = RadioMedium(weather, seed=7)
 
     def board(config, motion, *, chip=0.0, **settings):
@@ -79,7 +79,7 @@ def ride(
         sent = [(f, hubowire.decode(f.type_id, f.payload)) for f in decoder.feed(receiver.output)]
         assert decoder.damage.frames == cut
         assert all(one.stats["resets"] == [] and not one.stats["counts"].get("at_prompt") for one in boards)
-        return Heard(
+        return RadioRun(
             {k: [x for x in sent if x[0].node == k] for k in ids},
             {k: node.chip.truth() for k, node in nodes.items()},
             [x for x in sent if x[0].node == RECEIVER],
@@ -91,11 +91,11 @@ def ride(
             one.stop()
 
 
-def nothing_lost(heard):
-    """Every sample of every node has come, but for those on the way at the end; nobody counts a loss."""
-    for k, sent in heard.sent.items():
-        matches = matched(sent, heard.truths[k])
+def nothing_lost(run):
+    """Assert that every sample arrived except those in flight at the end, and that no loss was counted."""
+    for k, sent in run.sent.items():
+        matches = matched(sent, run.truths[k])
         assert np.all(np.diff(matches[:, 0]) == 1) and matches[0, 0] <= 8
-        assert len(matches) >= len(heard.truths[k].t) - 32, "all but the last"
-        assert all_lost(sent) == 0 and heard.dropped[k] == 0
-        assert heard.signal(k).frames_lost == 0
+        assert len(matches) >= len(run.truths[k].t) - 32, "all but the last"
+        assert all_lost(sent) == 0 and run.dropped[k] == 0
+        assert run.signal(k).frames_lost == 0

@@ -1,4 +1,4 @@
-"""The real firmware on the virtual board, run to its end; what it sent beside what its chip made."""
+"""Run the real firmware on the virtual board and compare what it sent with the truth of its chip."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -21,7 +21,7 @@ _CLOCK = Clock()
 
 
 def micropython_or_skip():
-    """Without node or its MicroPython the test skips; see `wanted`."""
+    """Skip the test if Node.js or MicroPython is missing; see `wanted`."""
     try:
         check_available("micropython")
     except InterpreterMissing as missing:
@@ -80,7 +80,7 @@ def matched(sent, truth, ticks_start_us=0):
 
 
 def all_lost(sent, *, since_boot=False):
-    """Frames missing by their sequence numbers, over all types; since_boot: also those before the first."""
+    """Count missing frames of all types by sequence number; since_boot: also those before the first."""
     last: dict[int, int] = {frame.type_id: -1 for frame, _ in sent} if since_boot else {}
     lost = 0
     for frame, _ in sent:
@@ -95,7 +95,7 @@ def request(seq, message, node=1):
 
 
 def pico_or_skip():
-    """Without node, its emulator or an image of MicroPython the test skips; see `wanted`."""
+    """Skip the test if Node.js, the emulator or the image of MicroPython is missing; see `wanted`."""
     try:
         check_available("rp2040")
     except (InterpreterMissing, ImageMissing) as missing:

@@ -1,11 +1,11 @@
-"""Waiting in tests: for what happens, never for the clock."""
+"""Wait in tests for a condition, never for a fixed time."""
 
 import time
 from collections.abc import Callable
 
 
 def until(happened: Callable[[], object]) -> None:
-    """However long it takes on a busy machine; fails where it is as good as certain that it never will."""
+    """Wait until the condition is true, however busy the machine; fail after five minutes."""
     end = time.monotonic() + 300
     while not happened():
         assert time.monotonic() < end, "it did not happen"

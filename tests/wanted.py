@@ -1,4 +1,4 @@
-"""What a test wants and a machine may lack: it skips with one line, or fails where nothing may be missing."""
+"""Requirements of tests that a machine may lack: skip with one line, or fail where nothing may be missing."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ SHARED = Path(os.environ.get("HUBODO_SHARED", Path(__file__).resolve().parents[2
 
 
 def lacking(text: str) -> NoReturn:
-    """Skip the test; where CI is set, or the recordings are there as on a complete machine, fail it."""
+    """Skip the test; fail it if CI is set or the recordings exist, as on a complete machine."""
     if os.environ.get("CI") or SHARED.is_dir():
         pytest.fail(text, pytrace=False)
     pytest.skip(text, allow_module_level=True)
 
 
 def module(name: str) -> ModuleType:
-    """A package that is an extra, such as `gtsam`; see `lacking` for where it is not installed."""
+    """Import an optional package such as `gtsam`, or call `lacking`."""
     try:
         return importlib.import_module(name)
     except ImportError:
@@ -30,7 +30,7 @@ def module(name: str) -> ModuleType:
 
 
 def program(*names: str) -> str:
-    """The first of these programs that is there."""
+    """Return the path of the first of these programs that is installed."""
     for name in names:
         if path := shutil.which(name):
             return path
@@ -38,7 +38,7 @@ def program(*names: str) -> str:
 
 
 def recording(name: str) -> Path:
-    """Folder of one real recording, which lies beside the checkout and never inside it."""
+    """Return the folder of one real recording, which is stored beside the checkout."""
     folder = SHARED / "data" / name
     if not folder.is_dir():
         lacking(f"recording {name!r} is not at {folder}; set HUBODO_SHARED to the folder that holds data/")

@@ -1,4 +1,4 @@
-"""Drives of `generators.wheel_drives` as the wheel filter takes them: tables, settings, errors at the end."""
+"""Run drives of `generators.wheel_drives` through the wheel filter and return errors at the end."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _COLUMNS = ("t", "gx", "gy", "gz", "ax", "ay", "az")
 
 
 def tables(drive: wheel_drives.WheelDrive) -> dict[str, Table]:
-    """What the nodes recorded."""
+    """Return the tables that the nodes recorded."""
     return {
         name: Table(dict(zip(_COLUMNS, np.column_stack([node.t, node.gyro, node.accel]).T, strict=True)))
         for name, node in drive.nodes.items()
@@ -33,7 +33,7 @@ def config(
     limits: dict[str, float] | None = None,
     **changes: object,
 ) -> WheelConfig:
-    """The filter's settings for a drive, with the vehicle as declared; limits: where the nodes clip."""
+    """Return the filter's settings for a drive with the declared vehicle; limits: where nodes clip."""
     nodes = {
         name: WheelNode(name, (facing or {}).get(name, "left"), **(limits or {}))  # type: ignore[arg-type]
         for name in names
@@ -42,36 +42,36 @@ def config(
 
 
 def short(seed: int, **options: object) -> wheel_drives.WheelDrive:
-    """Once round in 25 m."""
+    """Return a loop of 25 m."""
     rng = np.random.default_rng(seed)
     return wheel_drives.drive(wheel_drives.loop(rng, 25.0, 5.0), rng, **options)  # type: ignore[arg-type]
 
 
 def truth(drive: wheel_drives.WheelDrive, t: float) -> np.ndarray:
-    """x, y, heading at time t, (3,)."""
+    """Return x, y, heading at time t, (3,)."""
     return np.array([np.interp(t, drive.t, column) for column in (drive.x, drive.y, drive.heading)])
 
 
 def end_error(drive: wheel_drives.WheelDrive, run: WheelRun) -> float:
-    """m between the end of a track and the truth."""
+    """Return the distance in m between the end of a track and the truth."""
     return float(np.hypot(*_error(drive, run.track, -1)[:2]))
 
 
 def nees(drive: wheel_drives.WheelDrive, run: WheelRun) -> float:
-    """Squared error of x, y, heading at the end over their covariance: chi-square of 3 where it is honest."""
+    """Return the NEES of x, y, heading at the end: chi-square with 3 degrees of freedom if consistent."""
     error = _error(drive, run.track, -1)
     return float(error @ np.linalg.solve(run.track.covariance[-1, :3, :3], error))
 
 
 def pose_error(drive: wheel_drives.WheelDrive, track: WheelTrack, at: int) -> tuple[np.ndarray, np.ndarray]:
-    """Error of x, y and heading, to the nearest turn, of one pose, (3,), and its covariance, (3, 3)."""
+    """Return the error (3,) of x, y and heading (wrapped) of one pose, and its covariance (3, 3)."""
     error = _error(drive, track, at)
     error[2] = math.remainder(error[2], 2.0 * math.pi)
     return error, track.covariance[at, :3, :3]
 
 
 def _error(drive: wheel_drives.WheelDrive, track: WheelTrack, at: int) -> np.ndarray:
-    """Of x, y and heading, (3,). A track begins with the first whole window: so does its truth."""
+    """Return the error of x, y and heading, (3,), relative to the first complete window."""
     start = truth(drive, track.t[0] - WINDOW_S)
     x, y, heading = truth(drive, track.t[at]) - start
     displacement = complex(x, y) * cmath.exp(-1j * start[2])

@@ -43,7 +43,7 @@ def errors(vehicle, standstill, seed):
     """m: for each prior, position error 10 s after the start and at the end."""
     rng = np.random.default_rng(seed)
     drive = wheel_drives.drive(
-        wheel_drives.loop(rng, length=60.0, rest=standstill), rng, facing={"right": "right"}
+        wheel_drives.loop(rng, length=60.0, standstill_s=standstill), rng, facing={"right": "right"}
     )
     nodes, filters = {}, {}
     for name in vehicle.nodes:

@@ -13,8 +13,7 @@ import numpy as np
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
-from generators.rests import drive_with_rest  # noqa: E402
-
+from generators.standstills import drive_with_standstill  # noqa: E402
 from hubodo.fuse.wheel.track import run_wheel_filter  # noqa: E402
 from wheel_runs import config, end_error, nees, tables  # noqa: E402
 
@@ -39,7 +38,7 @@ def main() -> int:
             for remaining in args.rests:
                 result = []
                 for seed in range(args.seed, args.seed + args.drives):
-                    drive = drive_with_rest(seed, LENGTH, remaining, where, noise, idling)
+                    drive = drive_with_standstill(seed, LENGTH, remaining, where, noise, idling)
                     output = run_wheel_filter(config(drive), tables(drive))
                     result.append((100.0 * end_error(drive, output) / drive.length, nees(drive, output)))
                 errors, honest = np.array(result).T

@@ -15,8 +15,7 @@ import numpy as np
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
-from generators.silences import MEANWHILE, paused_drive, silent_drive  # noqa: E402
-
+from generators.outages import MEANWHILE, drive_with_outage, paused_drive  # noqa: E402
 from generators.wheel_drives import WheelDrive  # noqa: E402
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample  # noqa: E402
 from hubodo.fuse.wheel.track import run_wheel_filter  # noqa: E402
@@ -49,7 +48,7 @@ def main() -> int:
 def _silence(names: tuple[str, ...], seconds: float, meanwhile: str, seeds: range) -> tuple[float, float]:
     rows = []
     for seed in seeds:
-        drive, heard = silent_drive(seed, seconds, meanwhile)
+        drive, heard = drive_with_outage(seed, seconds, meanwhile)
         track = run_wheel_filter(config(drive, names), tables(drive)).track
         row = []
         for place in (int(np.searchsorted(track.t, heard)), -1):

@@ -18,9 +18,8 @@ import numpy as np
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
-from generators.told_positions import Receiver, positions  # noqa: E402
-
 from generators import wheel_drives  # noqa: E402
+from generators.external_positions import Receiver, positions  # noqa: E402
 from hubodo.errors import CalibrationError  # noqa: E402
 from hubodo.fuse.wheel.calibration.calibrate import WheelCalibration, calibrate_wheels  # noqa: E402
 from hubodo.fuse.wheel.calibration.positions import Positions  # noqa: E402

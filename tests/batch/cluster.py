@@ -1,4 +1,4 @@
-"""A Dask cluster on loopback: a scheduler of this process, and processes that work, ended with the test."""
+"""A Dask cluster on loopback for a test: a scheduler in this process, workers in others."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
-"""One Dask cluster for all tests of a file that do not ask how it is started: idle ones still work."""
+"""One Dask cluster shared by all tests of a file that do not test its start."""
 
 import pytest
 
 
 @pytest.fixture(scope="module")
 def here():
-    """The options that send a batch there.
+    """Yield the options that send a batch to the shared cluster.
 
     Its worker is a thread of this process, which a batch talks to as to any other: what it would import
     has been imported, while a process of its own begins with seconds of that. Those are in `test_engines`.

@@ -39,7 +39,7 @@ YEAR_LOGS = 24_000
 
 
 def make(place):
-    """One log; place: folder, number, seconds."""
+    """Write one log. place: folder, number, seconds."""
     folder, number, seconds = place
     vehicle, day = f"van-{number % VEHICLES:02}", number // VEHICLES * 7.0 + number % 7
     log = FleetLog(
@@ -101,7 +101,7 @@ def _work(out):
 
 
 def year(out, scratch):
-    """Listing, searching, summing up."""
+    """Measure listing, searching and summing up."""
     index = scratch / "year"
     (index / "finished").mkdir(parents=True)
     rows = pa.concat_tables(pq.read_table(path) for path in (out / "finished").iterdir()).to_pandas()

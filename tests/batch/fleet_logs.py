@@ -1,4 +1,4 @@
-"""Logs of a made-up fleet, quickly: vehicles, days, nodes at rest with a bias, gaps, a broken file."""
+"""Generate logs of a fleet quickly: vehicles, days, stationary nodes with a bias, gaps, a broken file."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class FleetLog:
 
 
 def write(folder: Path, log: FleetLog) -> Path:
-    """The log in the folder of its vehicle; its name is its time."""
+    """Write the log into the folder of its vehicle, named by its time."""
     rng = np.random.default_rng(log.seed)
     start = MONDAY + timedelta(days=log.day)
     t = np.arange(int(log.seconds * log.rate)) / log.rate
@@ -64,7 +64,7 @@ def write(folder: Path, log: FleetLog) -> Path:
 
 
 def cut(folder: Path, log: FleetLog) -> Path:
-    """The same, of which nothing but the first bytes reached the disk, and not even those of an MCAP file."""
+    """Write a log of which only a few bytes, not even MCAP magic, reached the disk."""
     path = write(folder, log)
     path.write_bytes(b"\0" * 4096)
     return path

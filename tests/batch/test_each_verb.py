@@ -1,4 +1,4 @@
-"""Each verb that `hubodo batch` takes says of a log what it says of it alone, and its files are kept."""
+"""Each verb of `hubodo batch` gives the same result as on a single log, and its files are stored."""
 
 import json
 
@@ -26,7 +26,7 @@ CAMBER = "\n[nodes.left.effects.wheel_camber]\nangle = 0.2\n"
 
 @pytest.fixture(scope="module")
 def drives(tmp_path_factory):
-    """The model, and the logs of two vehicles of which the second leans its left wheel."""
+    """Return the model and the logs of two vehicles, the second with a cambered left wheel."""
     folder = tmp_path_factory.mktemp("drives")
     model = folder / "model.toml"
     model.write_text(DRIVE_MODEL + LOW_INPUT_NOISE)

@@ -1,4 +1,4 @@
-"""The same numbers from every engine, though a worker dies on the way; what is finished is kept."""
+"""Every engine gives the same numbers even if a worker dies; finished results are stored."""
 
 import json
 import os

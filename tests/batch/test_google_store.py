@@ -1,4 +1,4 @@
-"""Logs and results at Google: an emulated Cloud Storage on loopback, spoken to by the ordinary client."""
+"""Logs and results in Google Cloud Storage, emulated on loopback, with the ordinary client."""
 
 import json
 
@@ -15,7 +15,7 @@ BUCKET = "drives"
 
 @pytest.fixture
 def store(monkeypatch):
-    """A client of the store, which workers find, too, by the variable that Google's own tools read."""
+    """Return a client of the store; workers find it by the environment variable of Google's tools."""
     from gcp_storage_emulator.server import create_server
 
     # The client's asking for a bucket's kind speaks gRPC, which the emulated store does not.

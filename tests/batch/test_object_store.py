@@ -1,4 +1,4 @@
-"""Logs and results in an object store: a real S3 server on loopback, spoken to by the ordinary client."""
+"""Logs and results in an S3 server on loopback, with the ordinary client."""
 
 import json
 
@@ -15,7 +15,7 @@ BUCKET = "drives"
 
 @pytest.fixture(scope="module")
 def server():
-    """Its address; one for all tests, for a process keeps the client that it has once made."""
+    """Yield the address of the server, shared by all tests because a process caches its client."""
     from moto.server import ThreadedMotoServer
 
     server = ThreadedMotoServer(ip_address="127.0.0.1", port=0)
@@ -26,7 +26,7 @@ def server():
 
 @pytest.fixture
 def store(server, monkeypatch):
-    """A client of an S3 server that workers find, too, by the variables that AWS' own tools read."""
+    """Return a client of the server; workers find it by the environment variables of the AWS tools."""
     import boto3
 
     for name, value in (

@@ -30,7 +30,7 @@ print(tracemalloc.get_traced_memory()[1] / 2**20)
 
 
 def peak_mib(who, count):
-    """Memory in MiB beyond the samples themselves, in a process of its own."""
+    """Return the memory in MiB beyond the samples themselves, in a process of its own."""
     done = subprocess.run(
         [sys.executable, "-c", _MEMORY, who, str(count)], capture_output=True, text=True, check=True
     )

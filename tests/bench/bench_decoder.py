@@ -58,11 +58,11 @@ class Row:
     peak_bytes: int
     ratio: float
     ratios: tuple[float, ...]
-    """The same in each round."""
+    """Ratio of each round."""
 
 
 def samples(rng: np.random.Generator, count: int) -> list[tuple[int, ...]]:
-    """Raw samples as from a wheel at 8 rad/s: small transverse rates, a spin, gravity going round."""
+    """Return raw samples of a wheel at 8 rad/s: small transverse rates, spin, rotating gravity."""
     theta = np.arange(count) * 8.0 / 208
     mean = np.stack(
         [theta * 0, theta * 0, theta * 0 + 6548, 2049 * np.cos(theta), -2049 * np.sin(theta), theta * 0]
@@ -72,7 +72,7 @@ def samples(rng: np.random.Generator, count: int) -> list[tuple[int, ...]]:
 
 
 def our_payloads(some: list[tuple[int, ...]], batch: int) -> list[bytes]:
-    """ImuBatch payloads of `batch` samples."""
+    """Return ImuBatch payloads of `batch` samples."""
     period_us = PERIOD_NS / 1000
     return [
         encode(
@@ -92,7 +92,7 @@ HELLO_S = 5.0
 
 
 def our_stream(payloads: list[bytes], seconds: float) -> bytes:
-    """The batches, and Hello as a node says it: at the start and every few seconds."""
+    """Return the batches, with Hello at the start and every few seconds as a node sends it."""
     every = max(1, int(len(payloads) / seconds * HELLO_S))
     out = bytearray()
     for seq, body in enumerate(payloads):
@@ -103,7 +103,7 @@ def our_stream(payloads: list[bytes], seconds: float) -> bytes:
 
 
 def raw_imu_stream(some: list[tuple[int, ...]]) -> bytes:
-    """The same samples, time and temperature as MAVLink 2 RAW_IMU."""
+    """Return the same samples, time and temperature as MAVLink 2 RAW_IMU."""
     out, sender = bytearray(), mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     for n, (gx, gy, gz, ax, ay, az) in enumerate(some):
         message = mavlink.MAVLink_raw_imu_message(
@@ -115,7 +115,7 @@ def raw_imu_stream(some: list[tuple[int, ...]]) -> bytes:
 
 
 def encapsulated_stream(payloads: list[bytes]) -> bytes:
-    """The same payload bytes in MAVLink 2 ENCAPSULATED_DATA; trailing zeros do not travel."""
+    """Return the same payload bytes in MAVLink 2 ENCAPSULATED_DATA, without trailing zeros."""
     out, sender = bytearray(), mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
     for seq, body in enumerate(payloads):
         data = list(body.ljust(253, b"\0"))
@@ -128,7 +128,7 @@ T0 = 1_700_000_000_000_000_000
 
 
 def run_again(stream: bytes, damaged: np.ndarray, portion: int, ns_per_byte: float, batch: int) -> int:
-    """Many at once; a frame arrives when its samples were taken."""
+    """Decode many frames at once; each arrives when its samples were taken."""
 
     def arrival(end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return T0 + (end * ns_per_byte).astype(np.int64), np.searchsorted(damaged, end)
@@ -143,7 +143,7 @@ def run_again(stream: bytes, damaged: np.ndarray, portion: int, ns_per_byte: flo
 
 
 def run_record(stream: bytes, damaged: np.ndarray, portion: int, ns_per_byte: float, batch: int) -> int:
-    """Frame by frame."""
+    """Decode frame by frame."""
     decoder, node = FrameDecoder(), NodeDecoder("left")
     for at in range(0, len(stream), portion):
         t_ns = T0 + int((at + portion) * ns_per_byte)
@@ -165,7 +165,7 @@ def run_pymavlink(stream: bytes, damaged: np.ndarray, portion: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Contestant:
-    """A decoder with its stream, which holds so many messages."""
+    """A decoder with its stream and number of messages."""
 
     name: str
     run: Callable[[bytes, np.ndarray, int], int]
@@ -185,7 +185,7 @@ def damaged_pieces(stream: bytes) -> np.ndarray:
 
 
 def peak_bytes(one: Contestant, stream: bytes, damaged: np.ndarray) -> int:
-    """Peak memory beside the stream, in a run of its own."""
+    """Return the peak memory beyond the stream, in a run of its own."""
     tracemalloc.start()
     one.run(stream[: 4 << 20], damaged, one.portion)
     peak = tracemalloc.get_traced_memory()[1]
@@ -216,7 +216,7 @@ def contest(
 
 
 def bench(count: int, repeats: int, seed: int) -> list[Row]:
-    """All rows; `count` messages for pymavlink, more of the same for the quicker decoders."""
+    """Run all contestants: `count` messages for pymavlink, more for the faster decoders."""
     some = samples(np.random.default_rng(seed), 16 * count)
     seconds = len(some) * PERIOD_NS * 1e-9
     singles, eights, batches = (our_payloads(some, size) for size in (1, 8, 16))

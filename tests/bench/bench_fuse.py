@@ -96,7 +96,7 @@ def peer(drive):
 
 
 def live(drive):
-    """Processor time of a fix once the window is full, and of the longest step, a start; s."""
+    """Return the processor time of a fix with a full window, and of the longest step, s."""
     graph, place, steps, begun = LiveGraph(), 0, [], 0.0
     for t, *pose in zip(drive.odo_t, drive.odo_x, drive.odo_y, drive.odo_heading, strict=True):
         if t > LIVE:

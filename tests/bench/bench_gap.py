@@ -54,7 +54,7 @@ EXPECTED_FINDING = f"left: the IMU sits {ARM:.2f} m off the hub"
 
 
 def make(folder, seconds):
-    """The log: both nodes at 100 Hz."""
+    """Return the log: both nodes at 100 Hz."""
     setup = cases.sampled_at(cases.setup(SEED, duration=seconds), 100.0, np.random.default_rng(SEED))
     effect, _ = Meter(setup).dose(cases.hidden_effect(setup, HIDDEN, "left"), MEDIUM)
     recording.write(setup, [effect], folder, {})
@@ -62,7 +62,7 @@ def make(folder, seconds):
 
 
 def once(folder, model_file=None):
-    """Seconds of processor of each part in the order they come, and the names found."""
+    """Return the processor time of each part in order, s, and the names found."""
     marks = [("read the CSV folder", time.process_time())]
 
     def mark(words, share):
@@ -81,7 +81,7 @@ def once(folder, model_file=None):
 
 
 def forward(folder):
-    """Seconds of the fastest of many evaluations at the same delay, each with another radius, camber, arm."""
+    """Return the fastest of many evaluations at one delay, s, each with another radius, camber and arm."""
     problem = build_problem(read_folder(folder), read_model(folder / "model.toml"))
     durations = []
     for k in range(EVALUATIONS):
@@ -99,7 +99,7 @@ def forward(folder):
 
 
 def measure(folder, model):
-    """One run on a log, as a line of JSON: seconds of processor, GB at most, names."""
+    """Print one run on a log as a line of JSON: processor seconds, peak GB, names."""
     parts, effects = once(folder, model)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
     print(json.dumps({"seconds": sum(parts.values()), "memory": peak, "found": effects}))
@@ -120,7 +120,7 @@ def own(words):
 
 
 def by_parts(rounds):
-    """Prints the parts of 240 s; whether they are as they ought to be."""
+    """Print the parts of 240 s; return True if they are within their limits."""
     with tempfile.TemporaryDirectory() as name:
         folder = make(Path(name), SECONDS)
         seconds, samples = forward(folder)
@@ -142,7 +142,7 @@ def by_parts(rounds):
 
 
 def by_length(lengths):
-    """Prints what logs of several lengths take; whether that grows no faster than they do."""
+    """Print time and memory for logs of several lengths; return True if they grow at most linearly."""
     measurement = {minutes: of_length(minutes) for minutes in lengths}
     for minutes, one in measurement.items():
         print(
@@ -159,7 +159,7 @@ def by_length(lengths):
 
 
 def on_recordings():
-    """Prints what real logs take, from models without any effect; whether that is bearable."""
+    """Print time for real logs with models without effects; return True if within the limits."""
     good = True
     with tempfile.TemporaryDirectory() as name:
         model = Path(name) / "model.toml"
@@ -179,7 +179,7 @@ def on_recordings():
 
 
 def while_recording():
-    """Prints when what is wrong is said of a drive that grows, and what looking at it takes."""
+    """Print when a growing drive's effect is reported, and the time of each search."""
     with tempfile.TemporaryDirectory() as name:
         setup = cases.setup(SEED, duration=WATCHED)
         hidden = HiddenEffect("lever_arm", "left", {"x": 0.8 * ARM, "y": 0.6 * ARM, "z": 0.0})

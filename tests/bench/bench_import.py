@@ -28,7 +28,7 @@ AIM = 0.5
 
 
 def make(folder, seconds, seed):
-    """The folder; how many rows."""
+    """Write the folder and return the number of rows."""
     rng, count = np.random.default_rng(seed), int(seconds * 100)
     for name in ("left", "right"):
         values = rng.normal(size=(count, 6)).round(6)
@@ -63,7 +63,7 @@ def peer(folder, path):
 
 
 def bench(seconds, rounds, seed):
-    """A row for each length: rows, seconds of both."""
+    """Return one result per length: rows, seconds of both."""
     results = []
     for times in (1, 10, 100):
         with tempfile.TemporaryDirectory() as place:

@@ -33,7 +33,7 @@ LIMIT_US, LONGEST_MS = 30.0, 2.0
 
 
 def blocks(drive):
-    """Blocks of both nodes in the order in which they end."""
+    """Return blocks of both nodes in order of their ends."""
     blocks = []
     for name, node in drive.nodes.items():
         t_ns = np.round(node.t * 1e9).astype(np.int64)

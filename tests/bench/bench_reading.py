@@ -29,7 +29,7 @@ _STAMP = struct.Struct("<iI")
 
 
 def make(path, seconds, seed):
-    """A log of that length; how many samples."""
+    """Write a log of that length and return the number of samples."""
     rng, count = np.random.default_rng(seed), int(seconds * RATE_HZ) // BATCH * BATCH
     t_ns = 1_700_000_000_000_000_000 + np.round(np.arange(count) / RATE_HZ * 1e9).astype(np.int64)
     gyro = np.round(rng.normal(size=(count, 3)) / 0.00122) * 0.00122
@@ -80,7 +80,7 @@ def timed(read, path):
 
 
 def bench(seconds, rounds, seed):
-    """A row for each size: samples, seconds of each reader, times."""
+    """Return one result per size: samples, seconds of each reader, speed-ups."""
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         for times in (1, 10, 100):

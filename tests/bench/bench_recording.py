@@ -31,7 +31,7 @@ Job = Callable[[Path], int]
 
 
 def imu_peer(path: Path) -> int:
-    """The mcap package, Imu messages encoded beforehand: only the writing counts."""
+    """Write Imu messages encoded beforehand with the mcap package: only writing is measured."""
     with path.open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.ZSTD)
         writer.start("ros2", "peer")
@@ -56,7 +56,7 @@ def imu_foxglove(path: Path) -> int:
 
 
 def imu_ours(batch: int) -> Job:
-    """LogWriter.write_imu with batches as they come off the wire: encoding counts as well."""
+    """Write batches from the wire with LogWriter.write_imu: encoding is measured as well."""
 
     def job(path: Path) -> int:
         with LogWriter(path) as log:
@@ -69,7 +69,7 @@ def imu_ours(batch: int) -> Job:
 
 
 def small_peer(path: Path) -> int:
-    """The mcap package with payloads of 48 bytes."""
+    """Write payloads of 48 bytes with the mcap package."""
     with path.open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.ZSTD)
         writer.start("ros2", "peer")
@@ -81,7 +81,7 @@ def small_peer(path: Path) -> int:
 
 
 def small_single(path: Path) -> int:
-    """LogWriter.write, one message a call."""
+    """Write one message per call with LogWriter.write."""
     with LogWriter(path) as log:
         channel = log.add_channel("/raw", "", "", b"", "hubodo")
         for i in range(MESSAGES):
@@ -108,7 +108,7 @@ _ENCODED = _encoded()
 
 
 def rate(job: Job, folder: Path) -> float:
-    """Messages per second, files closed and footers written."""
+    """Return messages per second, including closing the files."""
     path = folder / "bench.mcap"
     start = time.process_time()
     count = job(path)

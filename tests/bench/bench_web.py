@@ -43,7 +43,7 @@ with connect(f"ws://127.0.0.1:{sys.argv[1]}/live", max_size=None) as live:
 
 
 class TimedPage(LivePage):
-    """Counts the processor time that it takes from the thread of the recording."""
+    """A wrapper that counts the processor time used in the recording thread."""
 
     spent = 0.0
 
@@ -54,7 +54,7 @@ class TimedPage(LivePage):
 
 
 class TimedEar:
-    """Counts the processor time of all that is heard of the log."""
+    """A listener that counts the processor time of the records it receives."""
 
     def __init__(self, hear):
         self.hear, self.spent = hear, 0.0

@@ -1,4 +1,4 @@
-"""The table of all that the benchmarks have measured beside their peers, and what has become slower.
+"""Print the table of all benchmark ratios to peers, and those that have become slower.
 
     python tests/bench/table.py [--expect]
 
@@ -32,7 +32,7 @@ def machine():
 
 
 def measured():
-    """Each name with its median, smallest and largest ratio."""
+    """Return the median, smallest and largest ratio by name."""
     rows = [json.loads(file.read_text()) for file in sorted(OUT.glob("*.json")) if file.name != "table.json"]
     return {
         row["name"]: {

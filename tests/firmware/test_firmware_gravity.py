@@ -45,7 +45,7 @@ def init_of(check=lambda x: x, samples=20_000, **changed):
 def drive(seed, seconds=100.0, *, noise=1.07, top=1.0, **changed):
     """(N, 6) int raw samples, bias (3,) in steps, gyro and accel in SI."""
     rng = np.random.default_rng([5, seed])
-    rate = spin_drives.wheel_rate(rng, seconds, DT, rest=1.0, top=top)
+    rate = spin_drives.wheel_rate(rng, seconds, DT, standstill_s=1.0, top=top)
     bias = rng.normal(0.0, 4.0, 3)
     gyro, accel = spin_drives.rolling_node(
         rng, rate, DT, bias=bias * STEP, noise=noise * STEP, arm=ARM, tilt=(0.005, -0.005), **changed

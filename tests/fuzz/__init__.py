@@ -1,1 +1,1 @@
-"""Inputs made from chance, and what must hold whatever they are."""
+"""Fuzzing: random inputs and the properties that hold for all of them."""

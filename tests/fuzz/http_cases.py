@@ -1,4 +1,4 @@
-"""Requests to the live page: bodies that are no JSON, or JSON that nobody means."""
+"""Requests to the live page with bodies that are invalid JSON or nonsensical."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def request(case: Case, folder: Path) -> None:
     wishes: list[Any] = []
 
     class Page:
-        """Stands for the page of a recording: takes wishes."""
+        """A stand-in for the page of a recording that accepts requests."""
 
         newest = file = None
 

@@ -1,4 +1,4 @@
-"""One case in a process of its own, with limits: whatever it does, the next one runs."""
+"""Run one case in a process with limits, so that the next one always runs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from fuzz.judge import judge
 PROCESSOR_S = 30
 """Processor time after which a case counts as hanging."""
 WALL_S = 120
-"""The same for one that waits: a busy machine may give a case a quarter of its time."""
+"""Wall time after which a case counts as hanging, on a machine that may be busy."""
 PEAK_BYTES = 1 << 30
 """Memory that a case may take beyond that of an idle process, four times what reading a file may."""
 

@@ -26,7 +26,7 @@ from hubodo.vehicle import load_vehicle
 from in_process import Done, hubodo
 
 LONGEST_S = 60
-"""A case that takes longer hangs."""
+"""Time after which a case counts as hanging."""
 READING_BYTES = 256 << 20
 """Memory that reading one file may take: the limit of --max-memory while cases are run."""
 
@@ -64,7 +64,7 @@ def judge(case: Case) -> Done:
 
 @contextmanager
 def time_limit(case: Case) -> Iterator[None]:
-    """Ends a case that hangs."""
+    """Stop a hanging case."""
 
     def late(*_: object) -> None:
         raise Defect(f"{' '.join(case.words)}: takes more than {LONGEST_S} s")
@@ -79,7 +79,7 @@ def time_limit(case: Case) -> Iterator[None]:
 
 
 def _receive(case: Case, folder: Path) -> None:
-    """The stream through link, node, odometry into a log, which then reads without a complaint."""
+    """Pass a stream through link, node and odometry into a log that must read without warnings."""
     rng, label = random.Random(int(case.words[1])), "gnss" if "gnss" in case.words else "left"
     now = seeds.T0
     with LogWriter(folder / "log.mcap", t_zero_ns=seeds.T0, clock=lambda: now) as log:

@@ -1,4 +1,4 @@
-"""MCAP files changed where they mean something: records, their fields, their texts, the inside of chunks."""
+"""Mutate MCAP files at meaningful places: records, fields, texts, contents of chunks."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ Record = tuple[int, bytes]
 
 
 def split(data: bytes) -> list[Record]:
-    """Records of a file or a chunk, as far as their lengths make sense."""
+    """Split a file or chunk into records, as far as their lengths are valid."""
     records, at = [], 0
     while at + 9 <= len(data):
         opcode, length = struct.unpack_from("<BQ", data, at)
@@ -67,7 +67,7 @@ def join_records(records: list[Record]) -> bytes:
 
 
 def mutated(rng: random.Random, data: bytes) -> bytes:
-    """A file of which some records are changed; checksums are made right or left out, so that it is read."""
+    """Return a file with some changed records, with valid or absent checksums so that it is read."""
     if rng.random() < 0.15:
         return bytes(torn(rng, data))
     records = split(data[len(MAGIC) : -len(MAGIC)])
@@ -80,7 +80,7 @@ def mutated(rng: random.Random, data: bytes) -> bytes:
 
 
 def torn(rng: random.Random, data: bytes) -> bytearray:
-    """Bytes changed, cut out or doubled anywhere."""
+    """Return data with bytes changed, removed or repeated anywhere."""
     changed = bytearray(data)
     for _ in range(rng.randint(1, 6)):
         at, size = rng.randrange(len(changed) or 1), rng.choice((1, 4, 8, 60, 500))
@@ -127,7 +127,7 @@ def _change(rng: random.Random, records: list[Record]) -> None:
 
 
 def _retyped(rng: random.Random, content: bytes) -> bytes:
-    """The schema with the name of another type, or with a definition that is cut off or not text."""
+    """Return the schema with the name of another type or a damaged definition."""
     try:
         (size,) = struct.unpack_from("<I", content, 2)
         name, remainder = content[6 : 6 + size], content[6 + size :]
@@ -146,7 +146,7 @@ def _retyped(rng: random.Random, content: bytes) -> bytes:
 
 
 def _rechunked(rng: random.Random, content: bytes) -> bytes:
-    """The chunk with changed messages in it, in another compression as it comes."""
+    """Return the chunk with changed messages, in a random compression."""
     try:
         start, end, _, _, length = struct.unpack_from("<QQQII", content)
         name = content[32 : 32 + length].decode()
@@ -185,7 +185,7 @@ def _change_inside(rng: random.Random, records: list[Record]) -> None:
 
 
 def _field(rng: random.Random, content: bytes) -> bytes:
-    """One field of a record: a number, a double, a length, a bit of text or of JSON."""
+    """Change one field of a record: a number, a double, a length, text or JSON."""
     changed = bytearray(content)
     if not changed:
         return bytes(rng.randrange(9))

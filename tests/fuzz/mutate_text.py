@@ -1,4 +1,4 @@
-"""CSV and TOML changed where they mean something: cells, rows, headers; values, keys, tables."""
+"""Mutate CSV and TOML at meaningful places: cells, rows, headers; values, keys, tables."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ VALUES: tuple[Any, ...] = (
 
 
 def mutated_csv(rng: random.Random, text: str) -> bytes:
-    """A file of which some cells, rows or the header are changed."""
+    """Return a CSV file with changed cells, rows or header."""
     lines = text.rstrip("\n").split("\n")
     for _ in range(rng.randint(1, 4)):
         _change_rows(rng, lines)
@@ -98,7 +98,7 @@ def _number(line: str) -> float:
 
 
 def mutated_toml(rng: random.Random, document: dict[str, Any]) -> bytes:
-    """A document of which some values or keys are changed, or its text."""
+    """Return a document with changed values, keys or text."""
     document = _copied(document)
     for _ in range(rng.randint(1, 3)):
         _change_table(rng, document)
@@ -153,7 +153,7 @@ def _change_table(rng: random.Random, table: dict[str, Any]) -> None:
 
 
 def toml_text(document: dict[str, Any]) -> str:
-    """The document in inline tables, which any value can be written as."""
+    """Return the document as inline tables, which can hold any value."""
     return "".join(f"{_key(key)} = {_value(value)}\n" for key, value in document.items())
 
 

@@ -1,4 +1,4 @@
-"""NMEA sentences with changed fields under valid checksums: what a broken or hostile receiver may send."""
+"""NMEA sentences with changed fields and valid checksums, as of a broken or hostile receiver."""
 
 from __future__ import annotations
 

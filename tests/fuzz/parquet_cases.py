@@ -28,7 +28,7 @@ COLUMNS: tuple[Any, ...] = (
 
 
 def parquet_case(rng: random.Random, files: dict[str, str]) -> Case:
-    """A folder of tables of which one is changed. files: the CSV files that they are made of."""
+    """Return a folder of tables, one of them changed. files: the CSV files to convert."""
     tables = {name.replace(".csv", ".parquet"): _table(text) for name, text in files.items()}
     name = rng.choice(list(tables))
     content = {k: _bytes(table, "snappy") for k, table in tables.items()}

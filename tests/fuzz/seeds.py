@@ -1,4 +1,4 @@
-"""Small whole inputs that fuzzing starts from: logs of ours and others, a CSV folder, files of settings."""
+"""Small valid inputs to mutate: logs of hubodo and other programs, a CSV folder, settings."""
 
 from __future__ import annotations
 
@@ -225,7 +225,7 @@ def ros1_bag() -> bytes:
 
 
 def wild_frame(rng: random.Random) -> bytes:
-    """A frame of any message whose fields are anything."""
+    """Return a frame of a random message with random fields."""
     kind = rng.choice(MESSAGES if not isinstance(MESSAGES, dict) else list(MESSAGES.values()))
     size = rng.choice(
         (payload_layout(kind).fixed.size, rng.randrange(64), payload_layout(kind).fixed.size + 12)
@@ -235,7 +235,7 @@ def wild_frame(rng: random.Random) -> bytes:
 
 
 def bent_frame(rng: random.Random, wire: bytes) -> bytes:
-    """The frame with some bytes of its payload changed and a right checksum."""
+    """Return the frame with changed payload bytes and a valid checksum."""
     decoder = FrameDecoder()
     frames = [
         frame for part in decoder.split_frames(wire) if isinstance(frame := decoder.decode_frame(part), Frame)

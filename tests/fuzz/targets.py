@@ -1,4 +1,4 @@
-"""The readers that are fuzzed, each with what makes a case of it from a random source."""
+"""The fuzzed readers, each with the function that draws a case."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from in_process import hubodo
 
 @cache
 def unchanged() -> dict[str, bytes]:
-    """Files that are beside the changed one, by name."""
+    """Return the unchanged files beside the changed one, by name."""
     return {**SETTINGS, **{f"log/{name}": text.encode() for name, text in drive().items()}}
 
 
 def mcap_case(rng: random.Random) -> Case:
-    """A log of ours, or another writer's, changed."""
+    """Return a changed log of hubodo or of another writer."""
     data = mutated(rng, rng.choice(_logs()))
     words = rng.choice((
         *LOG_READERS[:3] * 2, *LOG_READERS, ("export", "LOG", "--format", "rosbag2", "-o", "FOLDER/out"),
@@ -37,7 +37,7 @@ def mcap_case(rng: random.Random) -> Case:
 
 
 def csv_case(rng: random.Random) -> Case:
-    """A CSV folder of which one file is changed, or a file of numbers."""
+    """Return a CSV folder with one changed file, or a number file."""
     files = {name: text for name, text in unchanged().items() if name.startswith("log/")}
     name = rng.choice(list(files))
     files[name] = mutated_csv(rng, drive()[name[4:]])
@@ -52,7 +52,7 @@ def csv_case(rng: random.Random) -> Case:
 
 
 def toml_case(rng: random.Random) -> Case:
-    """A model, vehicle or calibration file changed."""
+    """Return a changed model, vehicle or calibration file."""
     files = {name: text for name, text in unchanged().items() if name.startswith("log/")}
     kind = rng.choice(("m.toml", "v.toml", "c.toml", "h.toml", "d.toml", "k.toml", "f.toml"))
     source = {
@@ -92,7 +92,7 @@ def toml_case(rng: random.Random) -> Case:
 
 
 def frames_case(rng: random.Random) -> Case:
-    """A node's stream changed on the way: bytes, wild fields under right checksums, another order."""
+    """Return a node's stream with changed bytes, random fields with valid checksums, or another order."""
     wires = [wire for _, wire in seeds.node_frames()]
     for _ in range(rng.randint(1, 12)):
         at = rng.randrange(len(wires))
@@ -115,7 +115,7 @@ def frames_case(rng: random.Random) -> Case:
 
 
 def option_case(rng: random.Random) -> Case:
-    """A verb with a value of an option that cannot be meant."""
+    """Return a verb with a nonsensical option value."""
     files = {name: text for name, text in unchanged().items() if name.startswith("log/")}
     words = list(at(rng.choice(LOG_READERS), "FOLDER/log"))
     if rng.random() < 0.5:
@@ -182,7 +182,7 @@ def _logs() -> list[bytes]:
 
 @cache
 def drive() -> dict[str, str]:
-    """A short drive of two nodes as the files of a CSV folder, every kind of file there is."""
+    """Return a short drive of two nodes as a CSV folder with every kind of file."""
     folder = Path(tempfile.mkdtemp(prefix="hubodo-fuzz-"))
     try:
         (folder / "m.toml").write_text(seeds.MODEL)

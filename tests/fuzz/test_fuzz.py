@@ -1,4 +1,4 @@
-"""Some inputs of each reader by chance, and the corpus: cases that once showed a defect, replayed."""
+"""Random inputs of each reader, and the corpus of cases that once showed a defect."""
 
 import random
 
@@ -20,7 +20,7 @@ EXAMPLES = {
 
 @pytest.mark.parametrize("name", TARGETS)
 def test_no_input_shows_a_defect(name: str) -> None:
-    """A seed gives the same case in `python tests/fuzz/fuzz.py`, which goes on for as long as one likes."""
+    """A seed gives the same case in `python tests/fuzz/fuzz.py`, which runs for any time."""
 
     @settings(max_examples=EXAMPLES[name], derandomize=True, database=None)
     @given(seed=st.integers(0, 2**40))

@@ -1,4 +1,4 @@
-"""Drives whose sensors reach their ends: too fast for the gyro about the axle, or for the accelerometers."""
+"""Drives whose sensors clip: too fast for the gyro about the axle, or for the accelerometers."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from generators.wheel_drives import ACCEL_STEP, GRAVITY, Ends, Errors, WheelDrive, drive, ramps
 
 WIDE = Ends(np.radians(2000.0))
-"""Of a sensor whose words end at 2000 deg/s, as those of an MPU-6050; and at 16 g."""
+"""Sensor ranges: 2000 deg/s and 16 g, as of an MPU-6050."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Clipped:
 
     @property
     def limits(self) -> dict[str, float]:
-        """Just below the ends, as `WheelNode` takes them."""
+        """Clipping limits just below the ranges, for `WheelNode`."""
         return {"gyro_limit": 0.998 * self.ends.gyro, "accel_limit": 0.998 * self.ends.accel}
 
 
@@ -49,7 +49,7 @@ CASES = {
 
 
 def clipped_drive(case: Clipped, seed: int, errors: Errors | None = None) -> WheelDrive:
-    """Slow legs with bends, a fast stretch with one bend, braking, a second fast one, and back to rest."""
+    """Return slow legs with bends, a fast leg with one bend, braking, a second fast leg, and a stop."""
     rng = np.random.default_rng(seed)
     v, slow = case.speed, 0.35 * case.speed
     turns = rng.uniform(-1.0, 1.0, 6) * np.array([0.5, 0.5, 1.5 / v, 1.5 / v, 0.5, 1.5 / v])

@@ -1,4 +1,4 @@
-"""Positions as receivers tell them: an antenna away from the axle, late, with errors that last, and jumps.
+"""Positions as receivers report them: antenna lever arm, latency, correlated errors and jumps.
 
 Nothing is taken from hubodo. The slow error is a Gauss-Markov process of first order, drawn exactly.
 """

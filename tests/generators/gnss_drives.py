@@ -20,7 +20,7 @@ WGS84 = pyproj.Geod(ellps="WGS84")
 
 @dataclass(frozen=True)
 class Errors:
-    """What the odometer gets wrong.
+    """Errors of the odometer.
 
     Fractions scale, turn; rate rad/s; curve rad/m; and 1 sigma of white noise: along and sideways m per
     sqrt(m), heading rad per sqrt(s).
@@ -36,7 +36,7 @@ class Errors:
 
 
 def drawn(rng: np.random.Generator) -> Errors:
-    """A wheel node's odometry: 0.2 % of radius, 0.5 % of turn, 20 deg/h of drift, noise of a smooth road."""
+    """Draw the errors of a wheel node's odometry: 0.2 % radius, 0.5 % turn, 20 deg/h drift, road noise."""
     normal = rng.standard_normal
     return Errors(0.002 * normal(), 0.005 * normal(), 1e-4 * normal(), 2e-4 * normal(), 0.003, 0.003, 3e-4)
 
@@ -69,9 +69,9 @@ class GnssDrive:
         return (np.interp(t, self.t, v) for v in (self.x, self.y, self.heading))
 
 
-def loop(rng, length=250.0, speed=(0.8, 1.8), laps=1, rest=5.0, wiggle=0.25):
+def loop(rng, length=250.0, speed=(0.8, 1.8), laps=1, standstill_s=5.0, wiggle=0.25):
     """(speed, yaw rate) at 1 kHz: `laps` rounds of `length` metres in random legs, from rest to rest."""
-    parts, done = [(rest, 0.0, 0.0)], 0.0
+    parts, done = [(standstill_s, 0.0, 0.0)], 0.0
     while done < laps * length:
         v = rng.uniform(*speed)
         duration = min(rng.uniform(3.0, 8.0), (laps * length - done) / v + 0.3)
@@ -94,7 +94,7 @@ def drive(
     antenna=(0.0, 0.0),
     delay=0.0,
 ):
-    """Run a motion. delay: s by which the place of a fix is later than its time stamp says."""
+    """Run a motion. delay: latency of fixes relative to their time stamps, s."""
     speed, yaw = motion
     errors = errors or drawn(rng)
     t = np.arange(len(speed)) * STEP
@@ -128,8 +128,8 @@ def geodetic(east, north, latitude_deg, longitude_deg):
     return np.asarray(latitude), np.asarray(longitude)
 
 
-def _odometer(rng, t, x, y, heading, way, errors):
-    dt, ds = np.diff(t), np.diff(way)
+def _odometer(rng, t, x, y, heading, distance, errors):
+    dt, ds = np.diff(t), np.diff(distance)
     turn = np.diff(heading)
     middle = 0.5 * (heading[1:] + heading[:-1])
     chord = (np.diff(x) + 1j * np.diff(y)) * np.exp(-1j * middle)
@@ -145,7 +145,7 @@ def _odometer(rng, t, x, y, heading, way, errors):
 
 
 def _integral(value):
-    """By Simpson's rule on pairs of steps, the trapezoid between.
+    """Integrate by Simpson's rule on pairs of steps, with the trapezoid between.
 
     Exact far below a micrometre for smooth motion.
     """
@@ -156,7 +156,7 @@ def _integral(value):
 
 
 def _smooth(value, seconds=0.4):
-    """Two passes of a raised cosine; by Fourier transform, as a kernel of hundreds of samples takes long."""
+    """Smooth by two passes of a raised cosine, by Fourier transform for speed."""
     width = int(seconds / STEP)
     kernel = np.hanning(2 * width + 3)
     kernel /= kernel.sum()

@@ -1,8 +1,8 @@
-"""Drives of all kinds, drawn at random: vehicle, speed, rests, road, grip, and every error of the nodes.
+"""Random drives of all kinds: vehicle, speed, standstills, road, slip, and every error of the nodes.
 
-Each has a vehicle of its own (wheels of 5 to 35 cm), a top speed of 0.05 to 20 m/s, rests of 0 to 120 s at
-the start and on the way, noise of half to ten times a data sheet's, flicker, tilts, arms, clocks and road
-drawn anew; every third goes over hills on a rough road, every fourth loses its grip once.
+Each draws a vehicle (wheels of 5 to 35 cm), a top speed of 0.05 to 20 m/s, standstills of 0 to 120 s at the
+start and in between, noise of half to ten times a data sheet's, flicker, tilts, lever arms, clocks and road;
+every third goes over hills on a rough road, every fourth slips once.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ FASTEST_SPIN = 33.0
 
 @dataclass(frozen=True)
 class Drawn:
-    """A drive and what is told of it."""
+    """A drive and its description."""
 
     drive: wheel_drives.WheelDrive
     top_speed: float
@@ -30,7 +30,7 @@ class Drawn:
 
 
 def drawn(seed: int) -> Drawn:
-    """The drive of a seed."""
+    """Return the drive of a seed."""
     rng = np.random.default_rng(seed)
     top = float(np.exp(rng.uniform(np.log(0.05), np.log(20.0))))
     radius = max(float(rng.uniform(0.05, 0.35)), 1.15 * top / FASTEST_SPIN)
@@ -45,9 +45,9 @@ def drawn(seed: int) -> Drawn:
         parts.append((duration, speed, turn))
         moving += duration
         if rng.uniform() < 0.15:
-            rest = float(rng.choice([2.0, 10.0, 60.0]))
-            parts.append((rest, 0.0, 0.0))
-            rested += rest
+            standstill_s = float(rng.choice([2.0, 10.0, 60.0]))
+            parts.append((standstill_s, 0.0, 0.0))
+            rested += standstill_s
     parts.append((4.0, 0.0, 0.0))
     plan = wheel_drives.ramps(parts)
     hilly = seed % 3 == 0 and top > 0.3

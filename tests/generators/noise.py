@@ -1,4 +1,4 @@
-"""Rate noise of known Q, N, B, K, R, and what electronics make of it, without any code of hubodo.
+"""Rate noise of known Q, N, B, K, R, filtered as by electronics, without any code of hubodo.
 
 Flicker noise by the fractional difference of Kasdin (Proc. IEEE 83(5), 1995, eq. 104..): white noise of
 variance B^2 through h_0 = 1, h_k = h_{k-1} (k - 1/2) / k has the one-sided density B^2 / (pi f) of IEEE 952's
@@ -49,17 +49,17 @@ def relaxing(samples, dt, rng, b, *, per_decade=3):
 
 
 def one_pole(rates, dt, corner):
-    """Rates through a low-pass of one pole at corner (Hz), gain 1 at rest."""
+    """Filter rates by a one-pole low-pass at corner (Hz), DC gain 1."""
     keep = np.exp(-2.0 * np.pi * corner * dt)
     return lfilter([1.0 - keep], [1.0, -keep], rates - rates[0]) + rates[0]
 
 
 def two_pole(rates, dt, corner):
-    """Rates through a Butterworth low-pass of second order, as the second filter of many chips."""
+    """Filter rates by a second-order Butterworth low-pass, the second filter of many chips."""
     return sosfilt(butter(2, 2.0 * corner * dt, output="sos"), rates - rates[0]) + rates[0]
 
 
 def bartlett(rates, taps):
-    """Rates through a triangular window of 2 taps - 1 samples, as the ADIS16405 offers."""
+    """Filter rates by a triangular window of 2 taps - 1 samples, as offered by the ADIS16405."""
     window = np.convolve(np.ones(taps), np.ones(taps)) / taps**2
     return fftconvolve(rates - rates[0], window)[: len(rates)] + rates[0]

@@ -106,7 +106,7 @@ def maytag(error, dt, azimuth, latitude, angles, stop, turn, *, transient=0.0, r
 
 
 def carousel(error, dt, azimuth, latitude, period, duration):
-    """The table turns anticlockwise without a stop, one turn per `period` s."""
+    """Return angles of a table that turns anticlockwise continuously, one turn per `period` s."""
     t = np.arange(round(duration / dt)) * dt
     angle = 2 * np.pi * t / period
     rate = earth_in_sensor(azimuth, angle, latitude) + error[: len(t)]

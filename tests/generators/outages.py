@@ -1,4 +1,4 @@
-"""Wheel drives whose nodes fall silent for a while, or that pause: what a radio, a cable or a battery does.
+"""Wheel drives with outages of their nodes (radio, cable, battery) or pauses.
 
 Made by `wheel_drives`, so without the model under test.
 """
@@ -21,24 +21,26 @@ MEANWHILE = {
     "turns": [(1.0, SPEED, 0.35)],
     "speeds up": [(1.0, 1.8, -0.1)],
 }
-"""Share of the silence, m/s, rad/s."""
+"""Fraction of the outage, speed in m/s, yaw rate in rad/s."""
 
 
-def silent_drive(seed: int, seconds: float, meanwhile: str, rest: float = 6.0) -> tuple[WheelDrive, float]:
-    """A rest, a drive at walking pace, `seconds` of silence of both nodes, and a drive; when it begins, s."""
+def drive_with_outage(
+    seed: int, seconds: float, meanwhile: str, standstill_s: float = 6.0
+) -> tuple[WheelDrive, float]:
+    """Return a drive at walking pace with an outage of both nodes of `seconds`, and the end of it, s."""
     rng = np.random.default_rng(seed)
     turn = float(rng.uniform(-0.2, 0.2))
     after = (AFTER, float(rng.uniform(0.8, 1.5)), float(rng.uniform(-0.3, 0.3)))
-    parts = [(rest, 0.0, 0.0), (BEFORE, SPEED, turn)]
+    parts = [(standstill_s, 0.0, 0.0), (BEFORE, SPEED, turn)]
     parts += [(share * seconds, speed, rate) for share, speed, rate in MEANWHILE[meanwhile]]
     drive = wheel_drives.drive(wheel_drives.legs([*parts, after, (2.0, 0.0, 0.0)]), rng)
-    begin = rest + BEFORE + float(rng.uniform(-0.5, 0.5))
+    start = standstill_s + BEFORE + float(rng.uniform(-0.5, 0.5))
     for name, node in drive.nodes.items():
         # A cable or a radio is lost for both at once, but for what is on its way.
-        own = begin + float(rng.uniform(0.0, 0.05))
+        own = start + float(rng.uniform(0.0, 0.05))
         keep = (node.t < own) | (node.t > own + seconds)
         drive.nodes[name] = replace(node, t=node.t[keep], gyro=node.gyro[keep], accel=node.accel[keep])
-    return drive, begin + seconds + 0.05
+    return drive, start + seconds + 0.05
 
 
 def paused_drive(seed: int, seconds: float, length: float = 40.0) -> tuple[WheelDrive, float, float]:
@@ -62,14 +64,21 @@ def paused_drive(seed: int, seconds: float, length: float = 40.0) -> tuple[Wheel
     return drive, middle, float(drive.t[-1]) + seconds
 
 
-def stood_elsewhere(seed: int, seconds: float = 60.0) -> tuple[WheelDrive, float]:
-    """A drive whose nodes fall silent at rest, and are heard again at rest elsewhere; when that is, s."""
+def driven_during_outage(seed: int, seconds: float = 60.0) -> tuple[WheelDrive, float]:
+    """Return a drive moved during an outage between two standstills, and the end of the outage, s."""
     rng = np.random.default_rng(seed)
-    way = [(4.0, 0.0, 0.0), (seconds - 8.0, SPEED, 0.15), (4.0, 0.0, 0.0)]
-    parts = [(6.0, 0.0, 0.0), (8.0, SPEED, 0.1), (5.0, 0.0, 0.0), *way, (5.0, 0.0, 0.0), (8.0, SPEED, -0.1)]
+    unrecorded = [(4.0, 0.0, 0.0), (seconds - 8.0, SPEED, 0.15), (4.0, 0.0, 0.0)]
+    parts = [
+        (6.0, 0.0, 0.0),
+        (8.0, SPEED, 0.1),
+        (5.0, 0.0, 0.0),
+        *unrecorded,
+        (5.0, 0.0, 0.0),
+        (8.0, SPEED, -0.1),
+    ]
     drive = wheel_drives.drive(wheel_drives.legs([*parts, (2.0, 0.0, 0.0)]), rng)
-    begin = 17.5
+    start = 17.5
     for name, node in drive.nodes.items():
-        keep = (node.t < begin) | (node.t > begin + seconds)
+        keep = (node.t < start) | (node.t > start + seconds)
         drive.nodes[name] = replace(node, t=node.t[keep], gyro=node.gyro[keep], accel=node.accel[keep])
-    return drive, begin + seconds
+    return drive, start + seconds

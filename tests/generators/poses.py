@@ -16,7 +16,7 @@ EARTH = 7.2921159e-5
 
 @dataclass(frozen=True)
 class Errors:
-    """Bias b, scale e and the six angles xz, xy, yz, yx, zy, zx of one triad."""
+    """Bias b, scale error e and the six misalignment angles xz, xy, yz, yx, zy, zx of one triad."""
 
     b: tuple = (0.0, 0.0, 0.0)
     e: tuple = (0.0, 0.0, 0.0)
@@ -49,7 +49,7 @@ def carry(
     accel,
     *,
     poses=24,
-    rest=6.0,
+    standstill_s=6.0,
     turn=2.5,
     dt=0.01,
     gyro_noise=0.004,
@@ -71,7 +71,7 @@ def carry(
     if latitude is not None:
         earth = EARTH * np.array([0.0, np.cos(latitude), np.sin(latitude)])
     for k in range(len(attitudes)):
-        still = round(rest / dt)
+        still = round(standstill_s / dt)
         node = attitudes[k]
         rates.append(np.tile(node.inv().apply(earth), (still, 1)))
         forces.append(np.tile(node.inv().apply(up), (still, 1)))
@@ -98,7 +98,7 @@ def carry(
 
 
 def laid_on_faces(rng, off_deg, times=1):
-    """Attitudes of a box laid on each of its six faces, off by `off_deg` degrees about each axis, 1 sigma."""
+    """Return attitudes of a box on its six faces, with errors of `off_deg` degrees (1 sigma) per axis."""
     flat = Rotation.from_euler(
         "xyz", [[0, 0, 0], [180, 0, 0], [90, 0, 0], [-90, 0, 0], [0, 90, 0], [0, -90, 0]], True
     )

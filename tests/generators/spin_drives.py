@@ -27,19 +27,19 @@ class SpinDrive:
     rate: np.ndarray
     z: np.ndarray
     bias: np.ndarray
-    rest: int
+    n_standstill: int
     dt: float
 
 
-def wheel_rate(rng, duration, dt, *, top=1.0, acceleration=0.5, rest=20.0):
+def wheel_rate(rng, duration, dt, *, top=1.0, acceleration=0.5, standstill_s=20.0):
     """(N,) rad/s: speeds of 0.3 ..
 
     `top` m/s held for 3 .. 8 s, changed at `acceleration` m/s^2, corners rounded over 0.2 s; every fifth leg
     is a stop. It stands for the first `rest` seconds.
     """
-    wanted = [np.zeros(int(rest / dt))]
+    wanted = [np.zeros(int(standstill_s / dt))]
     held, leg = 0.0, 0
-    while held < duration - rest:
+    while held < duration - standstill_s:
         seconds = rng.uniform(3.0, 8.0)
         leg += 1
         speed = 0.0 if leg % 5 == 0 else rng.uniform(0.3, top)
@@ -54,7 +54,7 @@ def wheel_rate(rng, duration, dt, *, top=1.0, acceleration=0.5, rest=20.0):
     return np.convolve(speed, kernel / kernel.sum(), mode="same") / RADIUS
 
 
-def sensed(rng, rate, dt, *, noise=9e-4, bias=0.02, walk=1e-5, rest=20.0):
+def sensed(rng, rate, dt, *, noise=9e-4, bias=0.02, walk=1e-5, standstill_s=20.0):
     """The gyro on that wheel.
 
     noise: rad/s per sample; bias: rad/s, 1 sigma of the constant; walk: rad/s per sqrt(s); rest: s at the
@@ -63,7 +63,7 @@ def sensed(rng, rate, dt, *, noise=9e-4, bias=0.02, walk=1e-5, rest=20.0):
     count = len(rate)
     drift = bias * rng.standard_normal() + np.cumsum(walk * np.sqrt(dt) * rng.standard_normal(count))
     z = rate + drift + noise * rng.standard_normal(count)
-    return SpinDrive(np.arange(count) * dt, rate, z, drift, int(0.9 * rest / dt), dt)
+    return SpinDrive(np.arange(count) * dt, rate, z, drift, int(0.9 * standstill_s / dt), dt)
 
 
 def rolling_node(rng, rate, dt, *, bias, noise=9e-4, vibration=0.2, arm=(0.01, 0.0), tilt=(0.0, 0.0)):

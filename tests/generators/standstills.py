@@ -1,4 +1,4 @@
-"""Wheel drives with a rest in them: any length, at the start or on the way, and an engine that idles.
+"""Wheel drives with a standstill of any length, at the start or in the middle, and an idling engine.
 
 Made by `wheel_drives`, so without the model under test.
 """
@@ -18,8 +18,8 @@ PER_SAMPLE = wheel_drives.GYRO_DENSITY * np.sqrt(52.0)
 _IDLING_HZ = 25.0
 
 
-def drive_with_rest(
-    seed: int, length: float, rest: float, where: str, gyro_noise: float, idling: float = 0.0
+def drive_with_standstill(
+    seed: int, length: float, standstill_s: float, where: str, gyro_noise: float, idling: float = 0.0
 ) -> WheelDrive:
     """Once round in `length` m, with `rest` s of standing at the `start` or in the `middle`.
 
@@ -28,7 +28,7 @@ def drive_with_rest(
     """
     rng = np.random.default_rng(seed)
     plan = wheel_drives.loop(rng, length, 5.0)
-    still, middle = np.zeros(int(rest * wheel_drives.RATE_HZ)), len(plan.speed) // 2
+    still, middle = np.zeros(int(standstill_s * wheel_drives.RATE_HZ)), len(plan.speed) // 2
     place, share = 0, np.ones(len(plan.speed))
     if where == "middle":
         # Down to nothing and up again in a second and a half each.

@@ -10,7 +10,7 @@ C1, C2, T, NOISE, DT = 0.300, -0.326, 63.6 * 60.0, 0.2, 0.05
 STEP = 0.300 / 2.3
 AVERAGED = 2000
 RUN = 6000
-"""Samples of the five minutes."""
+"""Number of samples in five minutes."""
 
 # Mean rate error of the paper's three runs of five minutes (-70.8, +27.4, -84.7 deg): the offset of the day
 # is chosen so that the simulated run drifts as much, since C2 alone does not reach the warm run's sign.
@@ -19,17 +19,17 @@ AGES = {"cold start": 0.0, "warmed up": 8 * 3600.0, "random rates": 600.0}
 
 
 def bias(t):
-    """Bias in deg/s at t seconds since power-on, without the offset of the day."""
+    """Return the bias in deg/s at t seconds since power-on, without the daily offset."""
     return C2 + C1 * (1.0 - np.exp(-t / T))
 
 
 def digitise(rate):
-    """What the 12-bit converter makes of a rate in deg/s."""
+    """Quantise a rate in deg/s by the 12-bit converter."""
     return np.clip(np.rint(rate / STEP), -2048, 2047) * STEP
 
 
 def overnight(interval, duration, rng):
-    """Time and output at rest for a night."""
+    """Return time and output at standstill for a night."""
     t = np.arange(0.0, duration, interval)
     return t, digitise(bias(t) + rng.normal(0.0, NOISE, len(t)))
 

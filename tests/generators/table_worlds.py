@@ -1,4 +1,4 @@
-"""Kinds of records on a turntable as people bring them, by name; each drawn from a seed."""
+"""Typical records on a turntable by name, each drawn from a seed."""
 
 import numpy as np
 
@@ -8,11 +8,11 @@ from hubodo.recording import Table
 LATITUDE = np.radians(45)
 NOISE = {"n": np.radians(0.003), "b": 1 * DEG_H, "k": 1e-8}
 FOUR = [180, -90, 180, -270] * 3
-"""Degrees turned: four ways and back, so that no cable winds up."""
+"""Turns in degrees: four directions and back, so that no cable winds up."""
 
 
 def recorded(seed, programme, *, noise=NOISE, scale=None, **world):
-    """A node's table, azimuth of table zero, error of the gyro's scale, and the stops in truth."""
+    """Return a node's table, the azimuth of table zero, the gyro scale error and the true stops."""
     rng = np.random.default_rng(seed)
     azimuth = rng.uniform(-np.pi, np.pi)
     scale = 0.01 * rng.standard_normal() if scale is None else scale
@@ -28,7 +28,7 @@ def even(stops=12, turns=FOUR, *, stop=20.0, rate=60.0):
 
 
 def odd(seed):
-    """Unequal stops, one cut short, slow and fast turns, a nudge."""
+    """Return a programme with unequal stops, one cut short, slow and fast turns and a nudge."""
     rng = np.random.default_rng(1000 + seed)
     stops = [*rng.uniform(10, 40, 5), 2.5, *rng.uniform(10, 40, 6)]
     rates = list(rng.uniform(4, 180, 11))

@@ -1,4 +1,4 @@
-"""The bias of gyros that warm up, each in its own way, without any code of hubodo. deg/s and s.
+"""Bias of gyros during warm-up, in several forms, without any code of hubodo. deg/s and s.
 
 Sizes are those of MEMS and piezoelectric gyros: 0.05 to 0.5 deg/s within minutes to an hour.
 """
@@ -12,7 +12,7 @@ NOISE = 0.1
 FORMS = ("one exponential", "two exponentials", "power law", "1/sqrt", "heat with a lag")
 ADDED = ("", "random walk", "flicker")
 WALK, FLICKER = 1e-4, 20.0 / 3600.0
-"""K in deg/s/sqrt(s), which is 6 deg/h after 5 min, and B in deg/s."""
+"""Random walk K in deg/s/sqrt(s) (6 deg/h after 5 min) and bias instability B in deg/s."""
 
 
 def warm_up(form, added, seconds, rng):

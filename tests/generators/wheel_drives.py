@@ -1,4 +1,4 @@
-"""Drives as nodes on wheels would record them, made without the model under test.
+"""Drives as nodes on wheels record them, generated without the model under test.
 
 Positions and rotations of a rigid wheel are written down in the world at 1 kHz and differentiated
 numerically: rate from the change of the rotation, specific force from the second difference of the sensing
@@ -27,7 +27,7 @@ ACCEL_DENSITY = 90e-6 * GRAVITY
 
 @dataclass(frozen=True)
 class Errors:
-    """1 sigma of what is drawn anew for each drive and node; all zero: perfect sensors on a flat road.
+    """1 sigma of the errors drawn for each drive and node; all zero: perfect sensors on a flat road.
 
     radius, track: fractions. scale: of each gyro and accelerometer axis (accel_scale). bias, warmup: rad/s.
     tilt: rad of the spin axis. arm: m in each direction. accel_bias: m/s². g_sensitivity: (rad/s)/(m/s²).
@@ -64,7 +64,7 @@ PERFECT = Errors(*([0.0] * 16))
 
 @dataclass(frozen=True)
 class Ends:
-    """Where the words of a sensor end, rad/s and m/s²: 2**15 steps from zero."""
+    """Ranges of the sensors, rad/s and m/s²: 2**15 LSB."""
 
     gyro: float = 2**15 * GYRO_STEP
     accel: float = 2**15 * ACCEL_STEP
@@ -72,7 +72,7 @@ class Ends:
 
 @dataclass(frozen=True)
 class Node:
-    """What a node recorded, and what is true of it.
+    """The record of a node and its true errors.
 
     t: (N,) s; gyro: (N, 3) rad/s; accel: (N, 3) m/s², node axes.
     """
@@ -100,7 +100,7 @@ class WheelDrive:
 
 @dataclass(frozen=True)
 class Plan:
-    """What the vehicle is made to do.
+    """The planned motion of the vehicle.
 
     speed, yaw_rate: m/s along the road, rad/s at 1 kHz, smooth. slip: m/s that each named wheel turns beyond
     the road under it. height: m of the road, the same under both wheels; None where it is level.
@@ -113,7 +113,7 @@ class Plan:
 
 
 def _smooth(value: np.ndarray, seconds: float = 0.3) -> np.ndarray:
-    """Two passes of a raised cosine; by Fourier transform, as a kernel of hundreds of samples takes long."""
+    """Smooth by two passes of a raised cosine, by Fourier transform for speed."""
     width = int(seconds * RATE_HZ)
     kernel = np.hanning(2 * width + 3)
     size = next_fast_len(len(value) + 4 * width + 4, real=True)
@@ -126,7 +126,7 @@ def _smooth(value: np.ndarray, seconds: float = 0.3) -> np.ndarray:
 
 
 def legs(parts: list[tuple[float, float, float]]) -> Plan:
-    """Legs of (duration s, speed m/s, yaw rate rad/s), rounded."""
+    """Return a plan of legs (duration s, speed m/s, yaw rate rad/s) with smooth transitions."""
     counts = [int(part[0] * RATE_HZ) for part in parts]
     speed = np.repeat([part[1] for part in parts], counts)
     yaw_rate = np.repeat([part[2] for part in parts], counts)
@@ -136,12 +136,12 @@ def legs(parts: list[tuple[float, float, float]]) -> Plan:
 def loop(
     rng: np.random.Generator,
     length: float = 250.0,
-    rest: float = 8.0,
+    standstill_s: float = 8.0,
     speed: tuple[float, float] = (0.8, 1.8),
 ) -> Plan:
     """Once round in `length` metres with random legs between, from rest to rest; speed: m/s of the slowest
     leg and the fastest."""
-    parts, done = [(rest, 0.0, 0.0)] if rest > 0.0 else [], 0.0
+    parts, done = [(standstill_s, 0.0, 0.0)] if standstill_s > 0.0 else [], 0.0
     while done < length:
         duration, now = float(rng.uniform(3.0, 8.0)), float(rng.uniform(*speed))
         duration = min(duration, (length - done) / now + 0.5)
@@ -152,12 +152,12 @@ def loop(
     return legs(parts)
 
 
-def ramps(parts: list[tuple[float, float, float]], hardest: float = 2.5, begin: float = 0.0) -> Plan:
+def ramps(parts: list[tuple[float, float, float]], hardest: float = 2.5, start_speed: float = 0.0) -> Plan:
     """Legs of (duration s, speed m/s, yaw rate rad/s), with no more than `hardest` m/s² between their speeds.
 
     begin: m/s before the first leg.
     """
-    speeds, now = [], begin
+    speeds, now = [], start_speed
     for duration, speed, _ in parts:
         speed_steps = np.minimum(
             hardest / RATE_HZ * np.arange(1, int(duration * RATE_HZ) + 1), abs(speed - now)
@@ -241,7 +241,7 @@ def _integral(value: np.ndarray) -> np.ndarray:
 
 
 def _wander(rate: float, count: int, rng: np.random.Generator) -> np.ndarray:
-    """An angle whose rate has the spread `rate` and which stays near zero (second-order noise about 1 Hz)."""
+    """Return an angle near zero whose rate has the spread `rate` (second-order noise around 1 Hz)."""
     if rate == 0.0:
         return np.zeros(count)
     white = _smooth(rng.standard_normal(count), 0.25)
@@ -346,6 +346,6 @@ def _words(value: np.ndarray, end: float) -> np.ndarray:
 
 
 def with_slip(plan: Plan, node: str, start: float, duration: float, speed: float) -> Plan:
-    """The plan with one wheel spinning `speed` m/s too fast from `start` for `duration` seconds."""
+    """Return the plan with one wheel spinning `speed` m/s too fast from `start` for `duration` seconds."""
     t = np.arange(len(plan.speed)) / RATE_HZ
     return replace(plan, slip={node: _smooth(speed * ((t > start) & (t < start + duration)), 0.15)})

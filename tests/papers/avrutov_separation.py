@@ -66,7 +66,7 @@ def trial(seed, gyro_noise, bias, latitude):
     gyro, accel = drawn(rng, bias), drawn(rng, 0.1)
     attitudes = Rotation.random(POSES, rng=rng)
     noise = {"gyro_noise": gyro_noise, "accel_noise": ACCEL_NOISE}
-    data = carry(rng, gyro, accel, attitudes=attitudes, rest=REST, latitude=LATITUDE, **noise)
+    data = carry(rng, gyro, accel, attitudes=attitudes, standstill_s=REST, latitude=LATITUDE, **noise)
     found = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY, latitude=latitude)
     symmetric = np.real(sqrtm(matrix(accel) @ matrix(accel).T))
     truth = (matrix(gyro) @ np.linalg.solve(symmetric, matrix(accel)).T).ravel()[OFF_DIAGONAL]

@@ -52,11 +52,11 @@ def drive(seed, acceleration, noise):
 
 
 def static_bias(made):
-    return float(made.z[: made.rest].mean())
+    return float(made.z[: made.n_standstill].mean())
 
 
 def rmse(estimate, made):
-    return float(np.sqrt(np.mean((estimate - made.rate)[made.rest :] ** 2)))
+    return float(np.sqrt(np.mean((estimate - made.rate)[made.n_standstill :] ** 2)))
 
 
 def kalman(made, rate_step, noise):

@@ -193,7 +193,7 @@ def test_while_driving_gravity_gives_the_rate_and_so_the_bias():
     for seed in range(24):
         rng = np.random.default_rng([30, seed])
         dt, bias = 0.01, rng.normal(0.0, 0.02, 3)
-        rate = spin_drives.wheel_rate(rng, 240.0, dt, rest=1.0)
+        rate = spin_drives.wheel_rate(rng, 240.0, dt, standstill_s=1.0)
         gyro, accel = spin_drives.rolling_node(rng, rate, dt, bias=bias, noise=gyro_noise, tilt=(0.01, -0.01))
         known = rate_from_gravity(
             gyro, accel, dt, stretch=1000, phase_sigma=0.2 / 9.8,
@@ -215,7 +215,7 @@ def test_a_scale_that_is_not_known_is_in_what_it_tells_of_itself():
     z, alone = [], []
     for seed in range(24):
         rng = np.random.default_rng([31, seed])
-        rate = spin_drives.wheel_rate(rng, 120.0, 0.01, rest=1.0)
+        rate = spin_drives.wheel_rate(rng, 120.0, 0.01, standstill_s=1.0)
         gyro, accel = spin_drives.rolling_node(rng, rate, 0.01, bias=np.zeros(3), vibration=0.8)
         gyro *= 1.0 + rng.normal(0.0, 0.01)
         arm, radius = 0.01 + 0j, spin_drives.RADIUS

@@ -67,7 +67,7 @@ def test_reported_biases_do_not_make_the_track_worse(remaining):
     seeds = range(4)
     for seed in seeds:
         rng = np.random.default_rng(seed)
-        plan = wheel_drives.loop(rng, length=60.0, rest=remaining)
+        plan = wheel_drives.loop(rng, length=60.0, standstill_s=remaining)
         drive = wheel_drives.drive(plan, rng, facing={"right": "right"})
         nodes = {
             name: Table(dict(zip(COLUMNS, [node.t, *node.gyro.T, *node.accel.T], strict=True)))

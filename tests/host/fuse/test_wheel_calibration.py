@@ -10,10 +10,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from generators.told_positions import Receiver, positions
 from scipy.stats import chi2
 
 from generators import wheel_drives
+from generators.external_positions import Receiver, positions
 from hubodo.calibration.file import Calibration, read_calibration
 from hubodo.errors import CalibrationError
 from hubodo.fuse.wheel.calibration.aided_filter import run_aided_filter

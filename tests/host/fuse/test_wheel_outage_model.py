@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from generators.silences import MEANWHILE, paused_drive, silent_drive, stood_elsewhere
 from scipy.stats import chi2
 
+from generators.outages import MEANWHILE, drive_with_outage, driven_during_outage, paused_drive
 from hubodo.fuse.wheel.entries import HEADING, RATE_BEYOND_RANGE, SPEED, WHEEL_ANGLE, YAW_RATE, X, Y
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
 from hubodo.fuse.wheel.heading_error_inflation import HeadingErrorInflation
@@ -177,7 +177,7 @@ def test_after_a_silence_the_sigma_is_what_a_vehicle_can_do(seconds, least, most
     soon, late = [], []
     for meanwhile in MEANWHILE:
         for seed in range(SEED, SEED + 2):
-            drive, heard = silent_drive(seed, seconds, meanwhile)
+            drive, heard = drive_with_outage(seed, seconds, meanwhile)
             track = run_wheel_filter(config(drive), tables(drive)).track
             place = int(np.searchsorted(track.t, heard))
             sigma = float(np.sqrt(np.trace(track.covariance[place, :2, :2])))
@@ -253,7 +253,7 @@ def test_a_pause_in_which_the_vehicle_stood_is_told_and_its_position_is_as_far_a
 
 def test_wheels_that_stand_otherwise_after_a_pause_do_not_keep_the_heading():
     """It was driven on while nothing was heard, from rest to rest."""
-    drive, heard = stood_elsewhere(SEED)
+    drive, heard = driven_during_outage(SEED)
     found = run_wheel_filter(config(drive), tables(drive))
     assert [silence.was_stationary for silence in found.report.outages] == [False]
     place = int(np.searchsorted(found.track.t, heard + 2.0))
@@ -263,7 +263,7 @@ def test_wheels_that_stand_otherwise_after_a_pause_do_not_keep_the_heading():
 
 
 def test_smoothing_goes_over_a_silence_and_ends_as_the_filter():
-    drive, heard = silent_drive(SEED, 3.0, "goes on")
+    drive, heard = drive_with_outage(SEED, 3.0, "goes on")
     plain, smooth = (run_wheel_filter(config(drive), tables(drive), lag).track for lag in (0.0, np.inf))
     np.testing.assert_allclose(smooth.covariance[-1], plain.covariance[-1], rtol=1e-6, atol=1e-12)
     assert smooth.x[-1] == pytest.approx(plain.x[-1], abs=1e-6)

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from generators.rests import drive_with_rest
 
 from generators import wheel_drives
+from generators.standstills import drive_with_standstill
 from hubodo.fuse.wheel.motion_state import MotionState, StandstillDetector
 from hubodo.fuse.wheel.track import WheelRun, run_wheel_filter
 from hubodo.fuse.wheel.window import WINDOW_S, Window
@@ -17,7 +17,7 @@ SEED = 12
 @pytest.mark.parametrize("rest", [40.0, 120.0])
 @pytest.mark.parametrize("gyro_noise, idling", [(0.002, 0.0), (0.02, 0.0), (0.002, 0.03)])
 def test_a_rest_costs_nothing(rest: float, where: str, gyro_noise: float, idling: float) -> None:
-    drive = drive_with_rest(SEED, 40.0, rest, where, gyro_noise, idling)
+    drive = drive_with_standstill(SEED, 40.0, rest, where, gyro_noise, idling)
     found = run_wheel_filter(config(drive), tables(drive))
     percent = 100.0 * end_error(drive, found) / drive.length
     print(f"seed {SEED}: {percent:.2f} % off at the end, NEES {nees(drive, found):.1f}")

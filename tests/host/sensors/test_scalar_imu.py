@@ -137,7 +137,7 @@ def test_a_rate_table_gives_the_gyros_scale_and_the_turns_between_rests_their_fr
 
 
 def test_rests_are_those_that_were_made():
-    data = carry(np.random.default_rng(9), GYRO, ACCEL, poses=12, rest=5.0, turn=2.0)
+    data = carry(np.random.default_rng(9), GYRO, ACCEL, poses=12, standstill_s=5.0, turn=2.0)
     rests = find_standstills(data.t, data.gyro, data.accel)
     starts = np.arange(12) * 7.0
     assert len(rests) == 12
@@ -267,7 +267,7 @@ def test_six_faces_show_bias_and_scale_and_leave_the_angles_out(off_deg):
 def test_gyros_calibrated_by_few_turns_are_as_far_off_as_they_say():
     z = []
     for seed in range(12):
-        data = carry(np.random.default_rng(100 + seed), GYRO, ACCEL, poses=10, rest=3.0, turn=1.5)
+        data = carry(np.random.default_rng(100 + seed), GYRO, ACCEL, poses=10, standstill_s=3.0, turn=1.5)
         found = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
         # ACCEL is symmetric, so its frame is the node's.
         z.append(z_scores(found.gyro.triad, np.sqrt(np.diag(found.gyro.covariance)), GYRO)[3:])
