@@ -1,4 +1,4 @@
-"""When a node was switched on, by what a log knows of it, and how old its samples are then."""
+"""Power-on times of nodes from the events of a log, and the age of samples."""
 
 import numpy as np
 import pytest

@@ -30,7 +30,7 @@ def config(**kwargs):
 
 
 def wheel(side, seconds, rate, *, hz=200.0, facing="left", start=0.0, bias=0.0, noise=0.0, rng=None):
-    """Samples of a wheel that turns at `rate(t)` rad/s; gravity turns in its plane as in a real one."""
+    """Return samples of a wheel at `rate(t)` rad/s; gravity rotates in its plane."""
     t = np.arange(start, seconds, 1 / hz)
     spin = np.array([rate(x) for x in t])
     angle = np.concatenate([[0.0], np.cumsum(0.5 * (spin[1:] + spin[:-1])) / hz])
@@ -45,7 +45,7 @@ def wheel(side, seconds, rate, *, hz=200.0, facing="left", start=0.0, bias=0.0, 
 
 
 def pair(seconds, speed, yaw, **kwargs):
-    """Both wheels of a vehicle with v(t), r(t): v_w = v - r y_w, y_w = +-B/2."""
+    """Return samples of both wheels of a vehicle with v(t), r(t): v_w = v - r y_w, y_w = ±B/2."""
     return (
         wheel("left", seconds, lambda t: (speed(t) - yaw(t) * B / 2) / R, **kwargs),
         wheel("right", seconds, lambda t: (speed(t) + yaw(t) * B / 2) / R, **kwargs),
@@ -184,7 +184,7 @@ def test_a_gyro_bias_is_estimated_at_standstill_and_corrected_from_the_first_sam
     assert abs(naive.heading) > 0.3  # what the bias would have done
 
 
-def test_slow_rolling_is_not_taken_as_standstill():
+def test_slow_rolling_is_not_a_standstill():
     a, b = pair(20, lambda t: 0.03, lambda t: 0.0)
     odometry = DifferentialOdometry(config(estimate_bias=True))
     odometry.add_samples(a)
@@ -194,7 +194,7 @@ def test_slow_rolling_is_not_taken_as_standstill():
 
 
 def test_the_covariance_covers_many_noisy_drives():
-    """Normalised error squared of 50 drives, 3 degrees of freedom each: their sum is chi-square(150)."""
+    """The normalised squared errors of 50 drives, 3 degrees of freedom each, sum to a chi-square(150)."""
     noise = OdometryNoise(
         gyro=0.02, road=0.0, lateral=0.0, speed_walk=0.0, radius=0.005, radius_each=0.002, track=0.01
     )
@@ -223,7 +223,7 @@ CONSTANTS = ("radius", "radius_each", "track", "left_bias", "right_bias")
 
 
 def constants_off(cfg, name, by):
-    """The configuration with one of its constants off; of `radius_each` the left wheel's."""
+    """Return the configuration with one constant changed; for `radius_each` that of the left wheel."""
     left, right, track = cfg.left, cfg.right, cfg.track_width
     if name.startswith("radius"):
         left = replace(left, radius=left.radius * (1 + by))
@@ -240,7 +240,7 @@ def constants_off(cfg, name, by):
 
 @pytest.mark.parametrize("name", CONSTANTS)
 def test_the_covariance_by_a_constant_error_is_that_of_the_pose_derivative(name):
-    """Steps of half a second, within which the heading turns far, against central differences."""
+    """Steps of half a second with large turns are compared with central differences."""
     silent = dict.fromkeys(("gyro", "road", "lateral", "speed_walk", "radius", "radius_each", "track"), 0.0)
     sigma = 0.01
     noise = OdometryNoise(**silent | ({name: sigma} if name in silent else {}))
@@ -262,7 +262,7 @@ def test_the_covariance_by_a_constant_error_is_that_of_the_pose_derivative(name)
 
 
 def test_on_a_straight_path_a_heading_random_walk_causes_lateral_variance():
-    """With variance q of the heading a metre: q L at the end, q L^3 / 3 sideways, q L^2 / 2 of both."""
+    """Heading variance q per metre gives q L at the end, q L^3 / 3 lateral, q L^2 / 2 cross-covariance."""
     noise = OdometryNoise(
         gyro=0.0, road=0.01, lateral=0.0, speed_walk=0.0, radius=0.0, radius_each=0.0, track=0.0
     )
@@ -270,10 +270,10 @@ def test_on_a_straight_path_a_heading_random_walk_causes_lateral_variance():
     last = drive(known, *pair(0.2, lambda t: FORWARD, lambda t: 0.0))[-1]
     (xx, xy, xh), (_, yy, yh), (_, _, hh) = last.covariance
     assert hh == pytest.approx(2 * 0.01**2 * last.x / B**2)
-    # Chords of 10 ms in place of the integral: 1 / 4 n^2 of it.
+    # Chords of 10 ms instead of the integral: off by 1 / 4 n^2.
     assert yy == pytest.approx(hh * last.x**2 / 3, rel=2e-3)
     assert yh == pytest.approx(hh * last.x / 2, rel=2e-3)
-    # Wheels that err alike and each for itself: the mean of two, and their difference over the track.
+    # Common and independent errors of two wheels: their mean, and their difference over the track width.
     assert xx == pytest.approx(hh * B**2 / 4) and xy == xh == 0.0
     (speed, cross), (_, yaw_rate) = last.twist_covariance
     assert yaw_rate == pytest.approx(speed * 4 / B**2) and cross == 0.0

@@ -1,4 +1,4 @@
-"""The odometry laid onto fixes: the turn and shift that least squares have, stretch by stretch, with lies."""
+"""Alignment of odometry with fixes: rotation and shift as by least squares, with outliers."""
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from hubodo.fuse.graph.alignment import align_odometry
 
 
 def places(rng, n, step=1.0):
-    """A way that bends, complex, m."""
+    """Return a winding path, complex, m."""
     return np.cumsum(step * np.exp(1j * np.cumsum(0.2 * rng.standard_normal(n))))
 
 
@@ -40,7 +40,7 @@ def test_a_heading_that_drifts_by_turns_is_followed_section_by_section():
     rng = np.random.default_rng(22)
     n = 800
     odometry, drift = places(rng, n), 0.3 + 4.0 * np.pi * np.arange(n) / n
-    # What the heading is off by bends the way besides.
+    # The heading error bends the path as well.
     fixes = np.cumsum(np.diff(odometry, prepend=0.0) * np.exp(1j * drift)) + 0.3 * white(rng, n)
     alignment_result = align_odometry(odometry, fixes, np.full(n, 0.3))
     inner = slice(20, -20)
@@ -63,7 +63,7 @@ def test_four_outliers_in_ten_fixes_change_nothing(seed):
 
 @pytest.mark.parametrize(("share", "result"), [(0.98, False), (1.02, True)])
 def test_the_rotation_is_observable_where_lever_arms_exceed_sigmas(share, result):
-    """Two fixes at a and -a, of sigma s: 2 a² / s² must be one."""
+    """The limit for two fixes at a and -a with sigma s is 2 a² / s² = 1."""
     a = 2.0 * np.sqrt(0.5 * share)
     odometry, fixes = np.array([a, -a]) + 3.0j, np.array([a, -a]) * 1j + 7.0
     alignment_result = align_odometry(odometry, fixes, np.full(2, 2.0))
@@ -86,8 +86,7 @@ def test_the_position_of_a_stationary_vehicle_is_the_median_of_the_fixes():
 
 @pytest.mark.parametrize("start", [0, 7])
 def test_a_section_ends_where_the_rotation_is_known_to_a_tenth_of_a_radian(start):
-    """Of m fixes d apart on a line, of sigma s: s² / (d² m (m² - 1) / 12) is its variance; looked at are 8,
-    12, 18, 27 and so on."""
+    """The variance for m fixes at distance d on a line, sigma s, is s² / (d² m (m² - 1) / 12)."""
     sigma = np.full(60, 3.0)
     for count in (8, 12, 18, 27):
         edge = 3.0 * np.sqrt(100.0 / (count * (count**2 - 1) / 12.0))
@@ -102,11 +101,11 @@ def test_a_section_ends_where_the_rotation_is_known_to_a_tenth_of_a_radian(start
 
 @pytest.mark.parametrize(("n", "last"), [(24, 14), (25, 5)])
 def test_a_remainder_shorter_than_half_a_section_is_merged_into_the_last_section(monkeypatch, n, last):
-    """Ten fixes a stretch: of 24 the last four go along, of 25 the last five are one of their own."""
-    inspected, look = [], alignment._find_inliers
+    """Sections have ten fixes: the last 4 of 24 are merged, the last 5 of 25 are a section."""
+    inspected, find_inliers = [], alignment._find_inliers
     monkeypatch.setattr(alignment, "_find_section_end", lambda o, sigma, start: min(start + 10, len(o)))
     monkeypatch.setattr(
-        alignment, "_find_inliers", lambda o, g, sigma: inspected.append(len(o)) or look(o, g, sigma)
+        alignment, "_find_inliers", lambda o, g, sigma: inspected.append(len(o)) or find_inliers(o, g, sigma)
     )
     distance = 5.0 * np.arange(n) + 0j
     assert align_odometry(distance, distance, np.ones(n)).position == pytest.approx(distance)
@@ -114,13 +113,13 @@ def test_a_remainder_shorter_than_half_a_section_is_merged_into_the_last_section
 
 
 def test_an_inlier_lies_within_four_and_a_half_sigmas():
-    """In the middle of 31, whose mean it shifts by a 31st of that as long as it counts itself."""
+    """An error in one of 31 fixes shifts their mean by a 31st of it while it is an inlier."""
     odometry = 4.0 * np.arange(31.0) + 0j
     for error, inside in ((4.55, True), (4.75, False), (-4.55, True), (-4.75, False)):
         fixes = odometry + np.where(np.arange(31) == 15, 1j * 2.0 * error, 0.0)
         agrees = alignment._find_inliers(odometry, fixes, np.full(31, 2.0))
         assert agrees.tolist() == [k != 15 or inside for k in range(31)]
-    # Far off at either end it would turn the whole.
+    # An outlier at either end would rotate the path.
     for place in (0, 30):
         fixes = odometry + np.where(np.arange(31) == place, 40.0j, 0.0)
         agrees = alignment._find_inliers(odometry, fixes, np.full(31, 2.0))

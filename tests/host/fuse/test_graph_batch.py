@@ -45,7 +45,7 @@ def test_no_start_heading_leads_to_a_wrong_minimum(heading):
 
 
 def of_the_prior(rng):
-    """Errors drawn from what the graph expects, and what the graph should add for them to be gone."""
+    """Return errors drawn from the priors, and the constants that correct them."""
     sigma, noise = ConstantSigmas(), StepNoise()
     size = np.array([sigma.wheel_radius, sigma.yaw_scale, sigma.yaw_rate, sigma.curvature])
     scale, turn, rate, curve = size * rng.standard_normal(4)
@@ -113,7 +113,7 @@ def test_the_antenna_offset_is_accounted_for():
     known = fuse_graph(path_of(drive), fixes, None, GraphConfig(antenna=(0.6, -0.3)))
     unknown = fuse_graph(path_of(drive), fixes)
     assert rms(errors_of(drive, known)) < 0.02
-    # An arm forward passes for a delay, one to the side for nothing else.
+    # A forward lever arm looks like a delay, a lateral one like nothing else.
     assert rms(errors_of(drive, unknown)) > 0.2
 
 
@@ -210,7 +210,7 @@ def test_from_start_begins_at_zero_with_zero_sigma():
 
 
 def test_a_fix_between_odometry_poses_is_interpolated_on_the_arc():
-    """Output at the odometry's times, states at the fixes': the truth without noise within millimetres."""
+    """Poses between graph poses, which are at the fixes, equal the noiseless truth to millimetres."""
     drive = make(23, length=60.0, errors=Errors(), sigma=1e-4, rate_hz=20.0)
     result = fuse_graph(path_of(drive), fixes_of(drive, sigma=0.005))
     error = errors_of(drive, result)

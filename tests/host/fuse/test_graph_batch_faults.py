@@ -1,4 +1,4 @@
-"""Fixes that jump, promise too much, lie or come by another clock: survived, and said."""
+"""Faulty fixes in a batch: jumps, overconfident sigmas, outliers and clock offsets."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -41,7 +41,7 @@ def test_a_jump_smaller_than_the_noise_inflates_the_sigmas():
 
 @pytest.mark.parametrize("repeats", [1, 2, 3])
 def test_sigmas_grow_by_the_root_of_the_number_of_equal_fixes(repeats):
-    """A mean of numbers of which each comes so many times over is as unsure as that of so many fewer."""
+    """The mean of values repeated k times has the variance of the mean of the distinct values."""
     rng = np.random.default_rng(3)
     errors = 0.8 * np.repeat(rng.standard_normal((6000 // repeats, 2)), repeats, axis=0)
     item = SimpleNamespace(residual=errors, squared_norms=np.zeros(len(errors)))

@@ -1,4 +1,4 @@
-"""The graph over an odometry with a silence, hours perhaps: poses stand there at what was measured alone."""
+"""Construction of the graph: poses in an odometry outage."""
 
 import numpy as np
 

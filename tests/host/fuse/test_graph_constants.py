@@ -1,4 +1,4 @@
-"""What the graph expects of the wheel filter's track: its own sigmas, and never less than a tyre changes."""
+"""Prior sigmas of the constants from the wheel filter, bounded below by hourly changes of tyre and road."""
 
 import numpy as np
 import pytest

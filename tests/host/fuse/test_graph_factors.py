@@ -1,4 +1,4 @@
-"""Factors of the graph: derivatives, parts, losses, and what the odometry's stretches are worth."""
+"""Factors of the graph: derivatives, splits, losses, and the covariance of odometry segments."""
 
 from dataclasses import replace
 
@@ -29,7 +29,7 @@ def between(rng):
 
 
 def some(rng, count=4):
-    """Numbers of a few poses."""
+    """Return indices of a few poses."""
     return np.sort(rng.choice(POSES, count, replace=False))
 
 
@@ -54,7 +54,7 @@ FACTORS = {
         rng.normal(0, 1, (1, 3 + N_CONSTANTS)),
     ),
 }
-"""Of each kind some factors at random, of sigmas that differ from row to row."""
+"""Random factors of each kind, with sigmas that differ from row to row."""
 
 
 def test_every_kind_of_factor_of_a_drive_and_a_window_has_an_example_here():
@@ -89,7 +89,7 @@ def test_every_jacobian_is_the_derivative_of_its_residual(kind, seed):
 
 @pytest.mark.parametrize("kind", [PositionFactors, HeadingFactors, PosePriorFactors])
 def test_residuals_are_whitened_by_their_own_sigma(kind):
-    """Twice the sigma, half the residual, row by row: whitening against its definition."""
+    """Whitening divides each residual by its sigma."""
     rng = np.random.default_rng(48)
     factors = FACTORS[kind](rng)
     poses, constants = rng.normal(0, 1, (POSES, 3)), rng.normal(0, 0.01, N_CONSTANTS)
@@ -128,7 +128,7 @@ def test_the_cost_of_a_loss_is_the_integral_of_its_weight(loss):
 def test_a_fix_far_off_has_no_influence():
     loss = PositionFactors.loss
     assert loss.weight(np.array([9.0, 20.0**2])).tolist() == [1.0, 0.0]
-    # For a first guess it does, and what is never refused keeps its loss.
+    # For an initial guess it has, and a loss that never rejects is kept.
     assert loss.for_initial_guess().weight(np.array(400.0)) == pytest.approx(0.1)
     assert BetweenFactors.loss.for_initial_guess() == BetweenFactors.loss
 
@@ -144,7 +144,7 @@ def test_compounded_steps_are_the_odometry_itself():
 
 
 def test_constants_correct_an_odometer_with_those_errors():
-    """Against the generator's odometer, which has its own integration."""
+    """The reference is the generator's odometer, which has its own integration."""
     errors = gnss_drives.Errors(scale=0.01, turn=0.02, rate=2e-3, curve=5e-3)
     rng = np.random.default_rng(9)
     drive = gnss_drives.drive(rng, gnss_drives.loop(rng, length=60.0), errors)
@@ -195,7 +195,7 @@ ENDS = np.array([0.0, 0.75, 2.0])
 
 
 def test_the_inflation_of_a_step_cut_by_a_pose_is_divided_by_time():
-    """Straight on, so that it adds up: 1.5 steps and 2.5 of four, beside what wheels that roll leave open."""
+    """Variances add up on a straight path: 1.5 and 2.5 of four steps, beside the noise of rolling wheels."""
     inflated = replace(STRAIGHT, step_inflation=np.array([1.0, 2.0, 4.0, 8.0]))
     for times in ((1.0, 1.0, 1.0), (2.0, 3.0, 1.0)):
         rolled, reported = (
@@ -211,7 +211,7 @@ def test_the_inflation_of_a_step_cut_by_a_pose_is_divided_by_time():
 
 
 def test_a_relative_error_applies_to_length_and_turn_of_each_segment():
-    """A tenth of 3 m and 5 m, and of a turn of 0.3 rad and 0.5 rad."""
+    """Segments are 3 m and 5 m long and turn by 0.3 rad and 0.5 rad; the error is a tenth."""
     bent = replace(STRAIGHT, heading=0.4 * STRAIGHT.t)
     steps = segment_odometry(bent, ENDS, StepNoise(relative_error=0.1)).steps
     length = 0.1 * np.array([3.0, 5.0])
@@ -223,7 +223,7 @@ def test_a_relative_error_applies_to_length_and_turn_of_each_segment():
 
 
 def test_an_odometry_outage_adds_the_variance_of_a_brownian_bridge():
-    """A Brownian bridge over T seconds has an integral of variance T³ / 12; beside it, way and time."""
+    """A Brownian bridge over T seconds has an integral of variance T³ / 12; other noise adds."""
     holes = Track(np.array([0.0, 0.1, 4.1]), np.array([0.0, 0.2, 3.2]), np.zeros(3), np.zeros(3))
     noise = StepNoise(
         along=0.3, sideways=0.2, heading=0.02, heading_per_distance=0.05, speed_walk=0.7, yaw_walk=0.4
@@ -233,5 +233,5 @@ def test_an_odometry_outage_adds_the_variance_of_a_brownian_bridge():
         turn = 0.02**2 * time + 0.05**2 * distance + 0.4**2 * hole
         assert result[0, 0] == pytest.approx(0.3**2 * distance + 0.7**2 * hole, rel=1e-6)
         assert result[2, 2] == pytest.approx(turn, rel=1e-6)
-        # A turn within the step swings half of it.
+        # A turn within the step rotates half of it.
         assert result[1, 1] == pytest.approx(0.2**2 * distance + (0.5 * distance) ** 2 * turn, rel=1e-5)

@@ -1,4 +1,4 @@
-"""What is measured outside on its way into the graph: which fixes are usable, and a kind that is new."""
+"""Screening of fixes before the graph, and samples of a new kind of sensor."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ ROW = 3
 
 
 def fixes(latitude=47.0, longitude=8.0, sigma=None, count=9):
-    """Good fixes about 47, 8 degrees, one a second, with one other in row 4."""
+    """Return good fixes about 47, 8 degrees, one a second, with a different one in row 4."""
     output = Fixes(np.arange(float(count)), np.full(count, 47.0), np.full(count, 8.0), np.full(count, 2.0))
     output.latitude_deg[ROW], output.longitude_deg[ROW] = latitude, longitude
     if sigma is not None:
@@ -61,7 +61,7 @@ def test_a_fix_far_from_the_others_is_dropped(latitude, longitude):
 
 
 @pytest.mark.parametrize("longitude", [8.0, 368.0 - 360.0, -352.0])
-def test_longitudes_are_taken_modulo_a_turn(longitude):
+def test_longitudes_are_reduced_modulo_a_turn(longitude):
     result = localise_fixes(fixes(47.0, longitude), 0.0, 8.0, 5.0, True)
     assert result.warnings == ()
     assert np.max(np.abs(result.position)) < 1e-3
@@ -109,7 +109,7 @@ def test_fixes_outside_the_odometry_are_dropped_and_reported_beyond_two_seconds(
 def test_a_new_kind_of_factor_is_solved_as_by_gtsam_and_reviewed():
     path = wiggly_path(np.random.default_rng(51))
     gates = Gates(np.array([4.05, 11.0]), np.array([1.0, 2.5]))
-    # Gates that contradict each other have one optimum where the odometry is firm.
+    # Contradictory gates have a single optimum where the odometry is accurate.
     drive = build_graph(path, [gates], GraphConfig(noise=StepNoise(along=0.005, sideways=0.005)))
     ours = solve_graph(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS))
     poses, _, cost = solve_with_gtsam(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS))

@@ -1,4 +1,4 @@
-"""Fixes held against the way rolled: which runs of them are kept, and how much they scatter."""
+"""Screening of fixes by the distance rolled: consistent runs, and scatter."""
 
 from itertools import combinations, pairwise
 
@@ -8,20 +8,20 @@ import pytest
 from hubodo.fuse.graph.fixes import estimate_scatter, find_consistent_fixes
 
 
-def reachable(place, way, sigma, a, b):
-    """Whether the wheels may have rolled from fix a to a later fix b: 5 % longer, and six sigma of both."""
-    return abs(place[b] - place[a]) <= 1.05 * (way[b] - way[a]) + 6.0 * np.hypot(sigma[a], sigma[b])
+def reachable(place, distance, sigma, a, b):
+    """Return True if fix b is within 105 % of the distance rolled and six sigma of fix a."""
+    return abs(place[b] - place[a]) <= 1.05 * (distance[b] - distance[a]) + 6.0 * np.hypot(sigma[a], sigma[b])
 
 
-def most_fixes(place, way, sigma):
-    """How many fixes the longest of all sequences of runs has."""
-    cuts = [k for k in range(1, len(place)) if not reachable(place, way, sigma, k - 1, k)]
+def most_fixes(place, distance, sigma):
+    """Return the number of fixes in the longest sequence of runs, and the number of runs."""
+    cuts = [k for k in range(1, len(place)) if not reachable(place, distance, sigma, k - 1, k)]
     edges = [0, *cuts, len(place)]
     runs = list(pairwise(edges))
     most = 0
     for count in range(1, len(runs) + 1):
         for chosen in combinations(runs, count):
-            if all(reachable(place, way, sigma, a[1] - 1, b[0]) for a, b in pairwise(chosen)):
+            if all(reachable(place, distance, sigma, a[1] - 1, b[0]) for a, b in pairwise(chosen)):
                 most = max(most, sum(end - start for start, end in chosen))
     return most, len(runs)
 
@@ -49,14 +49,14 @@ def test_fixes_are_separated_by_a_change_beyond_distance_and_six_sigma(share, re
     assert find_consistent_fixes(place, distance, sigma).tolist() == [True] * 3 + [retained == 5] * 2
 
 
-def test_beyond_four_hundred_jumps_all_fixes_are_kept():
+def test_beyond_four_hundred_jumps_no_fix_is_dropped():
     for jumps, retained in ((400, 201), (401, 402)):
         place = 100.0 * (np.arange(jumps + 1) % 2) + 0j
         assert find_consistent_fixes(place, np.zeros(jumps + 1), np.ones(jumps + 1)).sum() == retained
 
 
 def test_scatter_is_the_median_change_beyond_the_distance_rolled():
-    """The median length of a change of two white errors is sqrt(2 ln 2) times sqrt(2) sigma."""
+    """The median norm of the change of two white errors is sqrt(2 ln 2) times sqrt(2) sigma."""
     sigma = np.where(np.arange(30) % 2, 3.0, 4.0)
     for size, result in ((1.29, 1.0), (1.31, 1.31), (4.0, 4.0)):
         change = size * np.sqrt(2.0 * np.log(2.0)) * 5.0
@@ -64,5 +64,5 @@ def test_scatter_is_the_median_change_beyond_the_distance_rolled():
         place = (change + 2.0) * np.arange(30.0) * np.exp(1.1j)
         assert estimate_scatter(place, distance, sigma) == pytest.approx(result, rel=1e-4)
         assert estimate_scatter(place[:29], distance[:29], sigma[:29]) == 1.0
-    # What the wheels rolled is none of it, however little moved.
+    # The distance rolled is subtracted, however small the change.
     assert estimate_scatter(np.zeros(30) + 0j, 50.0 * np.arange(30.0), sigma) == 1.0

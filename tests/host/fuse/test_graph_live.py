@@ -13,7 +13,7 @@ from hubodo.fuse.track import Track
 
 
 def run(drive, fixes, late=0.15, seconds=None, limits=None, headings=(), since=0.0):
-    """Feeds a drive in order of arrival.
+    """Feed a drive to a live graph in order of arrival.
 
     Gives (T, 3) errors and (T, 3, 3) covariances at each state from `since` on, their times, and the graph.
     """
@@ -66,7 +66,7 @@ def test_a_batch_is_solved_as_soon_as_the_fixes_can_determine_the_heading(monkey
 
     monkeypatch.setattr(initialisation, "fuse_graph", batch)
     first, tried = run(drive, fixes)[0][0], tries.copy()
-    # It stands for five seconds, and a track of 3 m tells nothing beside fixes of 5 m.
+    # The vehicle stands for five seconds, and 3 m of track are not observable with fixes of 5 m.
     assert tried[0] > 7.0
     tries.clear()
     monkeypatch.setattr(initialisation, "_MAX_SIGMA_RATIO_TO_START", np.inf)
@@ -93,7 +93,7 @@ def test_the_live_error_agrees_with_its_covariance(lag):
 
 @pytest.mark.parametrize(("lag", "difference"), [(1e3, 0.05), (10.0, 0.3)])
 def test_the_last_live_pose_is_that_of_the_batch_solution(lag, difference):
-    """In sigmas of the batch: all but equal in a window over everything, and near in a short one.
+    """The difference in sigmas of the batch is nearly zero with a full window, small with a short one.
 
     The short one linearised what it forgot before it knew the rest.
     """
@@ -113,7 +113,7 @@ def test_the_last_live_pose_is_that_of_the_batch_solution(lag, difference):
 
 
 def test_the_noise_of_the_newest_odometry_enters_the_covariance_in_map_axes():
-    """A metre on, known to 0.2 m forward and 0.1 m to the left, and loose by half a metre anywhere."""
+    """A step of a metre with sigma 0.2 m forward, 0.1 m left, and an inflation of half a metre."""
     drive, fixes = drive_and_fixes(1, length=40.0, fix_hz=2.0)
     live = LiveGraph()
     for t, x, y, heading in zip(drive.odo_t[:-30], drive.odo_x, drive.odo_y, drive.odo_heading, strict=False):
@@ -143,7 +143,7 @@ def test_the_noise_of_the_newest_odometry_enters_the_covariance_in_map_axes():
 
 
 def test_fixes_are_used_again_as_soon_as_the_odometry_corrects_itself():
-    """80 m back in one step, said to be loose; else it is the fixes that seem to have jumped."""
+    """The odometry steps back by 80 m with an inflation; without it the fixes seem to have jumped."""
     for inflated, counts in ((6400.0, True), (0.0, False)):
         live = LiveGraph()
         drive, fixes = drive_and_fixes(1, length=200.0, fix_hz=2.0)
@@ -171,14 +171,14 @@ def test_a_jump_and_an_outage_are_bridged_and_reported():
     assert np.trace(covariance[within][:2, :2]) > np.trace(covariance[before][:2, :2])
     assert any("jumped" in text for text in live.warnings)
     assert any("are used again" in text for text in live.warnings)
-    assert not any("anew" in text for text in live.warnings), "eight seconds are no reason to start anew"
+    assert not any("restarts" in text for text in live.warnings), "eight seconds are no reason to restart"
 
 
-def test_fixes_refused_for_long_start_the_graph_anew():
+def test_fixes_rejected_for_long_restart_the_graph():
     drive, fixes = drive_and_fixes(5, jump=(40.0, 1e9), fix_hz=3.0)
     t, *_, live = run(drive, fixes, limits=LiveLimits(restart_after=20.0, start_history=15.0), since=50.0)
     assert any("restarts" in text for text in live.warnings)
-    # What it looks back at is there already.
+    # The measurements for the restart are already available.
     assert np.diff(t).max() < 1.0
     state = live.state()
     x, y = state.frame.to_local(*gnss_drives.geodetic(0.0, 100.0, *drive.origin))
@@ -187,7 +187,7 @@ def test_fixes_refused_for_long_start_the_graph_anew():
 
 
 def test_a_heading_and_a_fix_at_the_same_time_are_both_used():
-    """A receiver with two antennas tells both at once: a heading each second beside the fixes."""
+    """A receiver with two antennas gives a heading each second beside the fixes."""
     drive, fixes = drive_and_fixes(6, length=60.0, fix_hz=2.0)
     rng = np.random.default_rng(6)
     headings = [
@@ -195,7 +195,7 @@ def test_a_heading_and_a_fix_at_the_same_time_are_both_used():
     ]
     reported = {"late": -0.15, "since": drive.odo_t[-1]}
     plain, helped = (run(drive, fixes, headings=each, **reported)[2][-1] for each in ((), headings))
-    # Their noise averages out; at worst they lack their offset, known to 0.03 rad and better by the fixes.
+    # Their noise averages out; the remaining error is their offset, prior 0.03 rad, improved by the fixes.
     assert helped[2, 2] < 1.0 / (1.0 / plain[2, 2] + 0.03**-2)
 
 

@@ -1,4 +1,4 @@
-"""Step by step through a live graph: when it tries, what it takes, what it keeps, and what it says."""
+"""The live graph step by step: start attempts, accepted samples, window contents, warnings."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -17,20 +17,20 @@ CONFIG = GraphConfig(start_heading=START, gnss_sigma=0.1, inflate_sigmas=False, 
 
 
 def pose(t):
-    """Of the odometry: a bend to the left at an even pace, from nowhere."""
+    """Return the odometry's pose on a steady left bend from the origin."""
     heading = TURN * t
     return SPEED / TURN * np.sin(heading), SPEED / TURN * (1.0 - np.cos(heading)), heading
 
 
 class Drive:
-    """A live graph that is fed up to a time; fixes lie on the bend, but for `off`, m east."""
+    """A live graph fed up to a time; fixes lie on the bend, shifted by `off`, m east."""
 
     def __init__(self, limits=None, config=CONFIG):
         self.graph, self.t = LiveGraph(config, limits), 0.0
         assert self.graph.add_odometry(0.0, *pose(0.0)) is SampleStatus.INITIALISING
 
-    def go(self, until):
-        """Ten poses a second; the times of the graph's poses after each."""
+    def feed(self, until):
+        """Feed ten poses a second and return the times of the graph's poses after each."""
         received = []
         while self.t < until - 0.05:
             self.t = round(self.t + 0.1, 1)
@@ -44,37 +44,37 @@ class Drive:
         return self.graph.add_fix(t, *(float(value[0]) for value in there))
 
     def along(self, *times, off=0.0):
-        """Each fix just before the odometry gets there."""
+        """Feed each fix just before the odometry of its time."""
         for t in times:
-            self.go(t - 0.1)
+            self.feed(t - 0.1)
             self.fix(t, off)
-            self.go(t)
+            self.feed(t)
         return self
 
     @property
     def window(self):
         return self.graph._running.window
 
-    def said(self, words):
+    def warnings_with(self, words):
         return [line for line in self.graph.warnings if words in line]
 
 
 @pytest.fixture
 def underway():
-    """At 6 s, with a fix each second."""
+    """Return a graph at 6 s, with a fix each second."""
     return Drive().along(1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 
 
 def test_the_graph_starts_with_three_fixes_at_the_next_attempt():
     drive = Drive().along(1.0, 2.0, 3.0)
     assert drive.graph.state() is None
-    received = drive.go(5.0)
+    received = drive.feed(5.0)
     assert received[0] is SampleStatus.INITIALISING and received[-1] is SampleStatus.ACCEPTED
     state = drive.graph.state()
     x, y, heading = pose(drive.t)
     assert state.t == drive.t and state.last_fix_t == 3.0
     assert state.heading == pytest.approx(START + heading, abs=0.01)
-    # The frame stands at the middle fix.
+    # The frame's origin is the middle fix.
     distance = complex(x, y) - complex(*pose(2.0)[:2])
     assert complex(state.x, state.y) == pytest.approx(distance * np.exp(1j * START), abs=0.05)
 
@@ -86,11 +86,11 @@ def test_start_attempts_follow_the_retry_interval_from_the_second_pose_on(monkey
         live, "start_graph", lambda path, samples, *_: tries.append((path.t[-1], len(samples)))
     )
     drive = Drive(LiveLimits(retry_interval=retry, start_history=4.0))
-    drive.along(1.0, 2.0, 3.0, 4.0, 5.0, 6.0).go(9.0)
+    drive.along(1.0, 2.0, 3.0, 4.0, 5.0, 6.0).feed(9.0)
     times = [t for t, _ in tries]
     assert times[0] == 0.1
     assert all(retry - 1e-6 < b - a < retry + 0.11 for a, b in pairwise(times))
-    # It looks at what was measured in the last four seconds, when it has been added.
+    # A start uses the measurements of the last four seconds.
     for t, count in tries:
         assert count == pytest.approx(sum(t - 4.1 <= fix <= t for fix in range(1, 7)), abs=1)
     assert drive.graph._odometry._poses[0][0] > drive.t - 4.2
@@ -103,9 +103,9 @@ def test_without_fixes_poses_are_added_after_the_maximum_latency(patience, knot)
     )
     last = 5.0
     for t in np.arange(5.1, 12.0, 0.1):
-        drive.go(t)
+        drive.feed(t)
         newest = drive.window.pose_t[-1]
-        # As soon as it is a pose more than so late.
+        # As soon as the latency exceeds the maximum by one pose.
         assert drive.t - newest <= patience + knot + 1e-6
         assert newest - last < knot + 1e-6
         last = newest
@@ -116,12 +116,12 @@ def test_without_fixes_poses_are_added_after_the_maximum_latency(patience, knot)
 
 
 def test_poses_are_added_before_a_fix_long_after_the_last_pose(underway):
-    underway.go(7.4)
+    underway.feed(7.4)
     underway.fix(7.4)
     assert underway.window.pose_t[-2:].tolist() == [6.0, 7.4]
-    underway.go(8.9)
+    underway.feed(8.9)
     assert underway.fix(8.95) is SampleStatus.ACCEPTED
-    underway.go(9.0)
+    underway.feed(9.0)
     assert underway.window.pose_t[-3:] == pytest.approx([7.4, 8.4, 8.95])
 
 
@@ -139,7 +139,7 @@ def test_a_fix_is_accepted_until_the_graph_has_passed_its_time(underway):
     assert underway.fix(6.0) is SampleStatus.TOO_LATE
     assert underway.fix(6.0 + 5e-7) is SampleStatus.TOO_LATE
     assert underway.fix(5.9) is SampleStatus.TOO_LATE
-    underway.go(6.5)
+    underway.feed(6.5)
     assert underway.fix(6.3) is SampleStatus.ACCEPTED
     assert underway.window.pose_t[-1] == 6.3
 
@@ -148,9 +148,9 @@ def test_fixes_ahead_of_the_odometry_wait_in_order_of_time(underway):
     for t in (6.45, 6.25, 6.65, 6.35):
         assert underway.fix(t) is SampleStatus.ACCEPTED
     assert underway.window.pose_t[-1] == 6.0
-    underway.go(6.5)
+    underway.feed(6.5)
     assert underway.window.pose_t[-4:].tolist() == [6.0, 6.25, 6.35, 6.45]
-    underway.go(6.7)
+    underway.feed(6.7)
     assert underway.window.pose_t[-1] == 6.65
 
 
@@ -161,43 +161,43 @@ def test_the_first_of_two_simultaneous_fixes_is_used(underway):
     before, poses = count(), len(underway.window.pose_t)
     underway.fix(6.25)
     underway.fix(6.25 + 5e-7, off=50.0)
-    underway.go(6.4)
+    underway.feed(6.4)
     assert (count(), len(underway.window.pose_t)) == (before + 1, poses + 1)
-    assert not underway.said("jumped")
+    assert not underway.warnings_with("jumped")
     underway.fix(6.45)
     underway.fix(6.45 + 5e-6)
-    underway.go(6.6)
+    underway.feed(6.6)
     assert count() == before + 3
 
 
 @pytest.mark.parametrize(("gap", "messages"), [(1.9, False), (2.1, True)])
 def test_the_return_of_fixes_is_reported_after_two_seconds(underway, gap, messages):
     underway.along(6.0 + gap)
-    lines = underway.said("fixes are used again")
+    lines = underway.warnings_with("fixes are used again")
     assert len(lines) == messages
     assert all(f"t = {6.0 + gap:.1f} s" in line for line in lines)
 
 
 def test_fixes_that_jump_are_reported_once_each_time(underway):
     underway.along(7.0, 8.0, off=100.0)
-    (line,) = underway.said("jumped")
+    (line,) = underway.warnings_with("jumped")
     assert "a fix at t = 7.0 s jumped; fixes after t = 6.0 s are rejected" in line
     assert underway.graph.state().last_fix_t == 6.0
     underway.along(9.0).along(10.0, 11.0, off=100.0)
-    assert len(underway.said("jumped")) == 2
-    assert len(underway.said("used again from t = 9.0")) == 1
+    assert len(underway.warnings_with("jumped")) == 2
+    assert len(underway.warnings_with("used again from t = 9.0")) == 1
 
 
 def test_the_graph_restarts_after_rejecting_all_fixes_for_long_enough():
     drive = Drive(LiveLimits(restart_after=5.0, start_history=4.0)).along(*np.arange(1.0, 7.0))
     drive.along(*np.arange(7.0, 12.0), off=100.0)
-    assert not drive.said("restarts") and drive.graph._running is not None
-    drive.go(11.9)
+    assert not drive.warnings_with("restarts") and drive.graph._running is not None
+    drive.feed(11.9)
     drive.fix(12.0, off=100.0)
-    drive.go(12.0)
-    assert len(drive.said("rejected since t = 6.0 s; the graph restarts at 12.0 s")) == 1
-    drive.go(12.3)
-    # What it looks back at lies where the fixes are now.
+    drive.feed(12.0)
+    assert len(drive.warnings_with("rejected since t = 6.0 s; the graph restarts at 12.0 s")) == 1
+    drive.feed(12.3)
+    # The measurements for the restart agree with the present fixes.
     state = drive.graph.state()
     assert state is not None and state.last_fix_t == 12.0
 

@@ -1,4 +1,4 @@
-"""The graph finds how noisy an odometry is from what the fixes say of it."""
+"""Variance components of the odometry's noise, estimated from fixes."""
 
 from dataclasses import replace
 
@@ -22,7 +22,7 @@ from hubodo.fuse.track import Track
 
 
 def noisier(path, rng, along, sideways, heading):
-    """A path with noise of so many m, m and rad per root of a metre in its steps."""
+    """Return a path with noise in its steps: m, m and rad per √m along, across and in heading."""
     place, head = path.x + 1j * path.y, np.unwrap(path.heading)
     distance = np.diff(place) * np.exp(-0.5j * (head[1:] + head[:-1]))
     root = np.sqrt(np.abs(distance))
@@ -42,7 +42,7 @@ def test_precise_fixes_identify_each_noise_component():
         path = noisier(path_of(drive), np.random.default_rng([seed, 71]), *wanted_noise)
         noise = fuse_graph(path, fixes_of(drive, sigma=0.05), None, GraphConfig(noise=base)).noise
         result.append(np.array(noise.sigma_factors) * [base.along, base.sideways, base.heading_per_distance])
-    # Of 250 m a variance of each metre's step is known to a tenth, less where noise of the fixes hides it.
+    # 250 m determine a variance per metre to a tenth, less where the fixes' noise masks it.
     assert np.mean(result, axis=0) == pytest.approx(wanted_noise, rel=0.3)
 
 
@@ -54,7 +54,7 @@ def test_sections_reach_from_the_first_fix_to_the_last(hours):
     assert 3 <= len(result) <= 4
     assert result[0][0] == good[0] and result[-1][-1] == good[-1]
     middles = [np.mean(t[one]) for one in result]
-    # Ten minutes each, evenly apart but for one stretch.
+    # Ten minutes each, evenly spaced except for one section.
     assert all(np.ptp(t[one]) == pytest.approx(600.0, abs=10.0) for one in result)
     assert np.ptp(np.diff(middles)) <= 600.0
 
@@ -64,14 +64,14 @@ def test_sections_do_not_overlap_and_have_at_least_thirty_fixes():
     full = np.concatenate(odometry_noise._choose_sections(np.arange(len(t)), t))
     assert full.tolist() == list(range(len(t)))
     for retained, count in ((30, 4), (29, 3)):
-        # Of the second quarter so many fixes are good.
+        # The second quarter has that many good fixes.
         good = np.delete(np.arange(len(t)), np.arange(100 + retained, 200))
         assert len(odometry_noise._choose_sections(good, t)) == count
 
 
 @pytest.fixture(scope="module")
 def solved():
-    """A graph of 85 fixes of which each has a sigma of its own, solved."""
+    """Return a solved graph of 85 fixes with different sigmas."""
     rng = np.random.default_rng(14)
     drive = small_drive(rng, fixes=100, config=GraphConfig(antenna=(0.0, 0.0)))
     output = (
@@ -80,14 +80,14 @@ def solved():
     )
     graph = FactorGraph(tuple(output))
     result = solve_graph(graph, drive.initial_poses, np.zeros(N_CONSTANTS))
-    # Constants far from none, but for a delay, by which the place of a fix would swing with the heading.
+    # Constants far from zero, except for the delay, which would couple the fix's position with the heading.
     constants = np.array([0.02, -0.03, 0.004, 0.002, 0.0, 0.05])
     assert GNSS_DELAY == 4
     return graph, replace(result, constants=constants), drive.odometry.pose_t
 
 
 def test_the_components_are_the_covariance_of_odometry_noise_at_the_fixes(solved):
-    """Beside poses put together from the increments, each of them pushed a little forward, left and round."""
+    """The reference compounds the increments, each perturbed a little forward, left and in heading."""
     graph, solution, state_t = solved
     between, fixes = graph.find(BetweenFactors), graph.find(PositionFactors)
     rows, observed = (item.linearise(solution.poses, solution.constants) for item in (between, fixes))
@@ -108,7 +108,7 @@ def test_the_components_are_the_covariance_of_odometry_noise_at_the_fixes(solved
     edges = np.linspace(0, len(chosen), 61).astype(int)
 
     def means(pushed, constants, start):
-        """Of blocks of fixes, where they would be, east above north."""
+        """Return the positions of averaged fixes, east above north."""
         moves = np.add.reduceat(steps.moves(constants), steps.first) + pushed[:, 0] + 1j * pushed[:, 1]
         turns = steps.turns(constants) + pushed[:, 2]
         pose = solution.poses[first] + start
@@ -158,7 +158,7 @@ def test_fix_errors_have_a_white_and_a_correlated_component(solved):
     result = odometry_noise._model_section(
         chosen, observed, fixes.sigma, rows, between, solution, state_t, np.ones(N_CONSTANTS)
     )
-    # Fewer than sixty: each is a mean of its own.
+    # With fewer than sixty fixes each is a block of its own.
     sigma, t = fixes.sigma[:40], state_t[fixes.state[:40]]
     assert result.unit_covariances[3] == pytest.approx(np.diag(np.tile(sigma**2, 2)))
     for part, lasts in zip(result.unit_covariances[4:], (15.0, 150.0), strict=True):
@@ -168,7 +168,7 @@ def test_fix_errors_have_a_white_and_a_correlated_component(solved):
 
 
 def test_with_too_few_used_fixes_the_noise_is_unchanged(solved, monkeypatch):
-    """Else it is the root of the variances that are likely."""
+    """The factor is the root of the most likely variance where there are enough fixes."""
     logs = 2.0 * np.log([2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
     monkeypatch.setattr(odometry_noise, "_average_modes", lambda observed: logs)
     graph, solution, state_t = solved
@@ -188,7 +188,7 @@ def test_with_too_few_used_fixes_the_noise_is_unchanged(solved, monkeypatch):
 
 
 def alone(count, squares):
-    """What says something of the noise along only: so many white numbers, of that sum of squares."""
+    """Return a model of the noise along only: `count` white numbers with that sum of squares."""
     parts = np.zeros((6, count, count))
     parts[0] = np.eye(count)
     return odometry_noise._SectionModel(
@@ -197,7 +197,7 @@ def alone(count, squares):
 
 
 def cost(log, count, squares):
-    """Minus the logarithm of its posterior: a factor of two either way is one sigma of the logarithm."""
+    """Return the negative log posterior; a factor of two is one sigma of the logarithm."""
     return 0.5 * (log / 1.4) ** 2 + 0.5 * count * log + 0.5 * squares * np.exp(-log)
 
 
@@ -208,7 +208,7 @@ def test_the_noise_maximises_likelihood_and_prior(logarithm):
     result = odometry_noise._average_modes([alone(count, squares)])
     assert result[0] == pytest.approx(best, abs=0.02)
     assert np.abs(result[1:]).max() < 0.1
-    # Two stretches tell as much as one that is twice as long.
+    # Two sections carry the information of one twice as long.
     best = minimize_scalar(cost, args=(2 * count, 2 * squares)).x
     assert odometry_noise._average_modes([alone(count, squares)] * 2)[0] == pytest.approx(best, abs=0.02)
     assert odometry_noise._average_modes([]).tolist() == [0.0] * 6

@@ -1,4 +1,4 @@
-"""What the graph gives at the odometry's times: signed speeds, and a first guess that lies on the fixes."""
+"""Result of the graph at the odometry's times, and the initial guess aligned with the fixes."""
 
 from types import SimpleNamespace
 
@@ -22,7 +22,7 @@ from hubodo.fuse.track import Track
 
 @pytest.mark.parametrize("speed", [1.2, -0.4])
 def test_a_reversing_vehicle_has_a_negative_speed_at_any_heading(speed):
-    """0.1 s at a time on a circle to the left, from a heading of 2 rad."""
+    """The path is a circle to the left at 10 Hz, from a heading of 2 rad."""
     t = np.arange(0.0, 8.0, 0.1)
     heading = 2.0 + 0.5 * t
     x, y = (speed / 0.5 * part for part in (np.sin(heading) - np.sin(2.0), np.cos(2.0) - np.cos(heading)))
@@ -57,7 +57,7 @@ UNEVEN = np.array([0.0, 0.1, 0.3, 0.6, 1.0])
 
 
 def test_the_velocity_at_a_pose_is_that_of_its_two_adjacent_steps():
-    """Steps at 1, 2, 3, 4 m/s; at either end the two that are nearest."""
+    """Steps have 1, 2, 3, 4 m/s; at either end the two nearest are used."""
     distance = np.append(0.0, np.cumsum(np.arange(1.0, 5.0) * np.diff(UNEVEN)))
     path = Track(UNEVEN, distance * np.cos(0.5), distance * np.sin(0.5), np.full(5, 0.5))
     full = segment_odometry(path, UNEVEN[[0, 2, 4]], StepNoise()).velocity
@@ -70,7 +70,7 @@ def test_the_velocity_at_a_pose_is_that_of_its_two_adjacent_steps():
 
 
 def test_segmented_odometry_interpolates_heading_and_elapsed_fraction():
-    """Round and round, with headings told within half a turn."""
+    """The path is several circles, with headings wrapped to half a turn."""
     t = np.arange(0.0, 20.0, 0.1)
     heading = 1.0 + 0.9 * t
     path = Track(t, np.sin(heading), -np.cos(heading), np.angle(np.exp(1j * heading)))
@@ -85,7 +85,7 @@ def test_segmented_odometry_interpolates_heading_and_elapsed_fraction():
 
 
 def solved(rng):
-    """What a graph may have found of three poses: all of it made up, covariances of a kind that may be."""
+    """Return an invented solution of three poses with valid covariances."""
     root = 0.1 * rng.standard_normal((9, 9))
     full = (root @ root.T).reshape(3, 3, 3, 3)
     return SimpleNamespace(
@@ -98,7 +98,7 @@ def solved(rng):
 
 
 def test_between_poses_a_track_follows_the_odometry_and_spreads_the_misfit_over_time():
-    """Of an odometry that goes straight on evenly that is a line from pose to pose."""
+    """Odometry on a straight line at constant speed gives a line from pose to pose."""
     t = np.arange(0.0, 4.1, 0.25)
     path = Track(t, 1.1 * t, np.zeros(len(t)), np.zeros(len(t)))
     cut = segment_odometry(path, np.array([0.0, 1.5, 4.0]), StepNoise())
@@ -115,7 +115,7 @@ def test_between_poses_a_track_follows_the_odometry_and_spreads_the_misfit_over_
     np.testing.assert_allclose(output.from_start.y, y + 2.0, atol=1e-12)
     speed = np.hypot(np.diff(x), np.diff(y)) / 0.25
     np.testing.assert_allclose(output.track.speed, np.append(speed[0], speed))
-    # Variances, and those of the way since the first pose: the heading's is that towards north all along.
+    # Variances, and those of the displacement since the first pose; the heading's is absolute in both.
     diagonal, cross = (np.einsum("kii->ki", part) for part in (result.covariance, result.start_covariance))
     since = diagonal + diagonal[0] - 2.0 * cross
     since[:, 2] = diagonal[:, 2]
@@ -124,7 +124,7 @@ def test_between_poses_a_track_follows_the_odometry_and_spreads_the_misfit_over_
             (track.sigma_x, track.sigma_y, track.sigma_heading), variance.T, strict=True
         ):
             np.testing.assert_allclose(sigma, np.sqrt(np.interp(t, cut.pose_t, np.maximum(column, 0.0))))
-    # A fix twenty sigma off counts nothing; the delay is what was found and what was undone before.
+    # A fix twenty sigma off has no weight; the delay includes the shift that was removed before.
     np.testing.assert_allclose(output.fix_t, [-0.7, 3.3])
     assert output.fix_weight.tolist() == [1.0, 0.0]
     values = {name: output.constants[name] for name in CONSTANT_NAMES}
@@ -147,7 +147,7 @@ def test_with_constants_a_steady_turn_stays_steady_and_passes_through_the_poses(
     at_poses = np.isin(t, cut.pose_t)
     np.testing.assert_allclose(output.x[at_poses], x[at_poses], atol=1e-12)
     np.testing.assert_allclose(output.y[at_poses], y[at_poses], atol=1e-12)
-    # Between them it bends to the side to which it turns.
+    # Between poses it bends to the side to which it turns.
     bow = (output.y - y) * np.cos(heading) - (output.x - x) * np.sin(heading)
     assert (bow[~at_poses] < 0.0).all()
 
@@ -162,14 +162,14 @@ def test_without_fixes_a_result_has_no_fix_times():
 
 
 @pytest.mark.parametrize("turns", [0, 3, -2])
-def test_a_known_start_heading_is_taken_to_the_nearest_turn(turns):
+def test_a_known_start_heading_is_wrapped_to_the_nearest_turn(turns):
     pose, config = np.array([5.0, 6.0, 0.4 + 2.0 * np.pi * turns]), GraphConfig(start_heading=-0.3)
     for on_map, place in ((True, 1e4), (False, 1e-3)):
         mean, sigma = _start_prior(pose, on_map, config)
         np.testing.assert_allclose(mean, [[5.0, 6.0, -0.3 + 2.0 * np.pi * turns]], atol=1e-12)
         np.testing.assert_allclose(sigma, [[place, place, 0.02]])
     mean, sigma = _start_prior(pose, True, GraphConfig())
-    # Of a heading that is not known all are alike.
+    # Without a known heading all are equally likely.
     np.testing.assert_allclose(mean, pose[None])
     np.testing.assert_allclose(sigma, [[1e4, 1e4, np.pi / np.sqrt(3.0)]])
 
@@ -180,7 +180,7 @@ def test_poses_are_at_samples_and_ends_and_within_the_maximum_spacing():
     assert np.isin([0.0, 2.3, 2.9, 7.0, path_t[-1]], output).all()
     gaps = np.diff(output)
     assert len(output) == 1 + 3 + 1 + 5 + 3 and gaps.max() <= 1.0 + 1e-9
-    # Each gap is cut evenly.
+    # Each gap is divided evenly.
     np.testing.assert_allclose(gaps, np.repeat([2.3 / 3, 0.6, 4.1 / 5, 1.0], [3, 1, 5, 3]), atol=1e-9)
     silent = np.append(path_t, path_t + 30.0)
     output = _choose_pose_times(silent, path_t[:0], 1.0)

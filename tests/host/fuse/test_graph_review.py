@@ -1,4 +1,4 @@
-"""What is said of a solved graph: how far its fixes may be trusted, and what a user should know."""
+"""Review of a solved graph: inflation of the fixes' sigmas, and warnings."""
 
 from types import SimpleNamespace
 
@@ -13,7 +13,7 @@ from hubodo.fuse.graph.review import estimate_sigma_growth, review_solution
 
 
 def graph_of(off, sigma=1.0):
-    """(graph, solution) of fixes that are off by so many m east and north, (n, 2)."""
+    """Return (graph, solution) with fixes off by (n, 2) m east and north."""
     count = len(off)
     fixes = PositionFactors(np.arange(count), -np.asarray(off), np.full(count, sigma), np.zeros((count, 2)))
     solution = SimpleNamespace(
@@ -27,14 +27,14 @@ def graph_of(off, sigma=1.0):
 
 
 def alternating(count, size):
-    """Errors of one size, each unlike the one before."""
+    """Return errors of equal size with alternating signs."""
     return size * np.column_stack([(-1.0) ** np.arange(count), (-1.0) ** (np.arange(count) // 2)])
 
 
 @pytest.mark.parametrize("grown", [1.0, 1.5])
 @pytest.mark.parametrize(
     ("count", "size", "growth"),
-    # A tenth more shows in no track; and of 50 fixes four sigma of chance are 1.25.
+    # An excess of a tenth has no effect; with 50 fixes four sigma of chance are 1.25.
     [
         (2000, 1.09, 1.0),
         (2000, 1.11, 1.11),
@@ -66,7 +66,7 @@ def test_equal_successive_fixes_count_as_one(repeats):
     rng = np.random.default_rng(6)
     error = np.repeat(rng.standard_normal((20_000 // repeats, 2)), repeats, axis=0)
     result, reasons = estimate_sigma_growth(*graph_of(0.9 * error), 1.0)
-    # What is below four sigma of chance is not summed up.
+    # Autocorrelations below four sigma of chance are not summed.
     assert result == pytest.approx(np.sqrt(repeats), rel=0.05)
     assert f"{repeats} count as one" in reasons[0]
 
@@ -78,13 +78,13 @@ def test_a_common_mean_of_all_fixes_is_no_correlation():
 
 
 def test_fixes_of_low_weight_do_not_affect_the_growth():
-    """Of five sigma and more."""
+    """Fixes five sigma off and more have a low weight."""
     error = alternating(400, 1.0)
     error[::10] *= 8.0
     assert estimate_sigma_growth(*graph_of(error), 1.0)[0] == pytest.approx(1.0)
 
 
-def said(off, sigma=1.0, **changes):
+def review_warnings(off, sigma=1.0, **changes):
     graph, solution = graph_of(off, sigma)
     known = changes.pop("known", True)
     vars(solution).update(changes)
@@ -92,21 +92,21 @@ def said(off, sigma=1.0, **changes):
 
 
 def test_fixes_that_jumped_are_reported_run_by_run():
-    assert said(alternating(20, 1.0)) == []
+    assert review_warnings(alternating(20, 1.0)) == []
     for sigmas, words in ((4.8, 0), (5.2, 1)):
         error = np.zeros((20, 2))
         error[5:9, 0], error[7, 0] = 3.0 * sigmas, 3.0 * (sigmas + 1.0 * words)
-        lines = said(error, 3.0)
+        lines = review_warnings(error, 3.0)
         assert len(lines) == words
         expected = f"4 fixes from t = 10.0 to 16.0 s are off by up to {3.0 * (sigmas + 1.0):.1f} m"
         assert all(expected in line for line in lines)
-    assert any("one fix only" in line for line in said(np.zeros((1, 2))))
+    assert any("one fix only" in line for line in review_warnings(np.zeros((1, 2))))
 
 
 @pytest.mark.parametrize(("known", "words"), [(True, "too few or too close"), (False, "nothing measures it")])
 def test_a_heading_sigma_above_seventeen_degrees_is_reported(known, words):
     for sigma, lines in ((0.29, 0), (0.31, 1), (9.0, 1)):
-        result = said(np.zeros((20, 2)), covariance=np.full((20, 3, 3), sigma**2), known=known)
+        result = review_warnings(np.zeros((20, 2)), covariance=np.full((20, 3, 3), sigma**2), known=known)
         assert len(result) == lines
         degrees = min(np.degrees(sigma), 180.0)
         assert all(words in line and f"{degrees:.0f} degrees" in line for line in result)
@@ -114,7 +114,8 @@ def test_a_heading_sigma_above_seventeen_degrees_is_reported(known, words):
 
 def test_a_graph_that_has_not_converged_is_reported():
     assert any(
-        "not converged after 7 iterations" in line for line in said(np.zeros((20, 2)), converged=False)
+        "not converged after 7 iterations" in line
+        for line in review_warnings(np.zeros((20, 2)), converged=False)
     )
 
 

@@ -1,4 +1,4 @@
-"""Solvers of the graph: linear algebra, and other solvers' optimum."""
+"""Solver of the graph: linear algebra, and the optimum of other solvers."""
 
 from dataclasses import replace
 
@@ -23,7 +23,7 @@ from hubodo.fuse.graph.solver import solve_from_poor_guess, solve_graph
 
 
 def changed(graph, kind, **values):
-    """The graph with other values in the factors of one kind."""
+    """Return the graph with other values in the factors of one kind."""
     output = (replace(item, **values) if isinstance(item, kind) else item for item in graph.factors)
     return FactorGraph(tuple(output))
 
@@ -55,7 +55,7 @@ def test_the_chain_solver_inverts_what_numpy_inverts(n, seed):
 
 
 def test_the_chain_solver_is_accurate_where_tenths_of_millimetres_meet_five_metres():
-    """10,000 poses, the stiffest case allowed: against the closed form of a random walk observed in noise."""
+    """The stiffest case allowed, 10,000 poses, equals the closed form of a random walk observed in noise."""
     n, q, r = 10_001, 1e-8, 25.0
     diagonal, upper = np.zeros((n, 3, 3)), np.tile(-np.eye(3) / q, (n - 1, 1, 1))
     diagonal += np.eye(3) / r
@@ -87,7 +87,7 @@ def test_the_optimum_and_its_covariance_are_those_of_scipy(seed):
     ours = solve_graph(graph, drive.initial_poses, np.zeros(N_CONSTANTS), "all")
     assert ours.converged
     assert ours.cost == pytest.approx(theirs.cost, rel=1e-8)
-    # A numeric Jacobian leaves scipy some micrometres.
+    # With a numeric Jacobian scipy is off by micrometres.
     assert np.max(np.abs((np.append(ours.poses.ravel(), ours.constants) - theirs.x) / scale)) < 1e-3
     j = numeric(residuals, np.append(ours.poses.ravel(), ours.constants))
     covariance = np.linalg.inv(j.T @ j)

@@ -1,4 +1,4 @@
-"""Steps of the graph's solver: damped as dense equations are, more where they fail, less where not."""
+"""Steps of the solver: damping as in dense equations, increased after failures, decreased after success."""
 
 import math
 
@@ -19,7 +19,7 @@ def drive():
 
 
 def dense(linear, n):
-    """H and gradient over all poses and then the constants, each row times the root of its weight."""
+    """Return H and gradient over all poses and then the constants, from weighted rows."""
     size = 3 * n + N_CONSTANTS
     h, slope = np.zeros((size, size)), np.zeros(size)
     for item, loss in linear:
@@ -64,7 +64,7 @@ def test_covariances_are_blocks_of_the_dense_inverse(drive):
 
 
 class OneNumber:
-    """A graph of one pose whose x has one residual; beside it all else is zero, and one stays as it is."""
+    """A graph of one pose whose x has one residual; all other residuals are zero."""
 
     def __init__(self, residual, slope, beside=0.0):
         self.residual, self.slope, self.beside = residual, slope, beside
@@ -88,7 +88,7 @@ class OneNumber:
 
 
 def test_damping_grows_tenfold_after_a_failed_step_and_shrinks_tenfold_after_a_good_one():
-    """Newton's steps to the zero of the arc tangent run away from 3, and do not when they are damped."""
+    """Newton's method for the zero of the arc tangent diverges from 3, and converges with damping."""
     graph = OneNumber(math.atan, lambda x: 1.0 / (1.0 + x * x))
     result = graph.solved(3.0)
     assert result.converged and abs(result.poses[0, 0]) < 1e-4
@@ -103,19 +103,19 @@ def test_damping_grows_tenfold_after_a_failed_step_and_shrinks_tenfold_after_a_g
 
 
 def test_the_solver_stays_where_no_step_descends():
-    """Anywhere else it costs four times as much: damped from 1e-4 to 1e10 of the diagonal."""
+    """Every other point costs four times as much, so damping grows from 1e-4 to 1e10 of the diagonal."""
     graph = OneNumber(lambda x: 1e8 if x == 1e8 else 2e8, lambda x: 1.0)
     result = graph.solved(1e8)
     assert result.poses[0, 0] == 1e8 and result.converged
     assert result.iterations == 16
     assert 1e8 / (1e8 - graph.tried[-1]) == pytest.approx(1e10, rel=1e-4)
-    # A step of less than a tenth of a millimetre is none.
+    # A step below a tenth of a millimetre counts as none.
     assert OneNumber(lambda x: x, lambda x: -1.0).solved(9e-5).iterations == 1
     assert OneNumber(lambda x: x, lambda x: -1.0).solved(1.1e-4).iterations > 1
 
 
 def test_an_undamped_step_with_negligible_gain_has_converged():
-    """1e-7 of the cost and one beside it, however long the step."""
+    """The limit of the gain is 1e-7 of (cost + 1), however long the step."""
     for gain, iterations in ((0.9e-7, 1), (1.1e-7, 2)):
         cost = 50.0
         slope = math.sqrt(2.0 * gain * (1.0 + cost)) / 5.0

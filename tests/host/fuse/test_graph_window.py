@@ -1,4 +1,4 @@
-"""What a window forgets, it keeps as a prior: against the whole graph, and against GTSAM's marginals."""
+"""Marginalisation in a window, compared with the full graph and with GTSAM's marginals."""
 
 import numpy as np
 import pytest
@@ -15,7 +15,7 @@ from hubodo.fuse.graph.window import PoseWindow, marginalise_first_poses
 
 
 def weighted_dense(graph, poses, constants):
-    """Information of all poses and constants, (3 n + COUNT) square, by numerical differentiation."""
+    """Return the information of poses and constants by numerical differentiation."""
     n = len(poses)
 
     def residuals(z):
@@ -30,7 +30,7 @@ def weighted_dense(graph, poses, constants):
 
 @pytest.mark.parametrize("count", [1, 2, 17])
 def test_marginalising_poses_gives_the_marginal_of_the_full_graph(count):
-    """Where it is linearised, the covariance of what stays is the block of the dense inverse.
+    """At the linearisation point, the covariance of the remaining poses is the block of the dense inverse.
 
     The weights of robust losses are as they are.
     """
@@ -97,7 +97,7 @@ def test_gtsam_has_the_same_optimum_and_marginals_of_a_marginalised_graph():
     assert cost == pytest.approx(ours.cost, rel=1e-6)
     assert np.max(np.abs(poses - ours.poses)) < 1e-4
     assert np.max(np.abs(constants - ours.constants)) < 1e-5
-    # GTSAM's marginals of the whole, which never forgot anything.
+    # GTSAM's marginals of the full graph.
     blocks, of_constants = covariances_of_gtsam(graph, full.poses, full.constants)
     assert np.allclose(ours.covariance, blocks[15:], rtol=1e-3, atol=1e-9)
     assert np.allclose(ours.constants_covariance, of_constants, rtol=1e-3, atol=1e-12)

@@ -1,4 +1,4 @@
-"""Heading from a gyro whose warm-up is known: against filterpy, and with honest sigmas."""
+"""Heading filter with a warm-up model, compared with filterpy; errors agree with sigmas."""
 
 import math
 
@@ -15,7 +15,7 @@ MODEL = WarmupModel(start.C2 * DEG, start.C1 * DEG, start.T)
 
 
 def driven(case, seeds):
-    """(M, 6000) errors in degrees of ours and of the mean of the rest, all runs at once; the last state."""
+    """Return (M, 6000) errors in degrees of the filter and of a plain mean, and the last state."""
     runs = [start.run(case, np.random.default_rng(seed)) for seed in seeds]
     output = np.array([produced for _, produced, _ in runs])
     noise = BiasNoise(start.NOISE * DEG * math.sqrt(start.DT))
@@ -32,7 +32,7 @@ def driven(case, seeds):
 
 @pytest.mark.parametrize("case", start.DRIFTS_DEG)
 def test_the_error_is_near_the_lower_bound_and_agrees_with_the_sigma(case):
-    """The bound is what white noise leaves of the rest; beside a cold gyro its mean is off by its warm-up."""
+    """The lower bound is the white noise over the standstill; a cold gyro's mean has its warm-up."""
     seeds = range(16)
     errors, mean, state = driven(case, seeds)
     ends, sigma = errors[:, -1], state.sigma_heading / DEG
@@ -61,7 +61,7 @@ def test_with_two_states_it_equals_filterpy_at_standstill_and_in_motion():
     theirs = KalmanFilter(2, 1, dim_u=1)
     theirs.x, theirs.P = np.zeros((2, 1)), np.diag([0.0, 0.1**2])
     theirs.H, theirs.R = np.array([[0.0, 1.0]]), np.array([[noise**2]])
-    # The bias walks before the sample is taken, the heading moves with the bias after that walk.
+    # The bias is propagated before the sample, and the heading uses the propagated bias.
     walked, turned = np.diag([0.0, walk**2 * dt]), np.array([[1.0, -dt], [0.0, 1.0]])
     rng = np.random.default_rng(5)
     for k in range(300):
@@ -77,7 +77,7 @@ def test_with_two_states_it_equals_filterpy_at_standstill_and_in_motion():
 
 
 def test_with_warm_up_errors_and_flicker_it_equals_filterpy():
-    """All states, at uneven intervals: the offset, c1, T, the temperature, four Markov processes and more."""
+    """The case has all states and uneven intervals: offset, c1, T, temperature, Markov processes."""
     model = WarmupModel(0.002, 0.02, 300.0, temperature_coefficient=1e-4)
     sigmas = {"c1": 0.004, "time_constant": 40.0, "temperature_coefficient": 3e-5}
     n, b, k_walk = 1e-3, 2e-3, 1e-5
@@ -114,7 +114,7 @@ def test_with_warm_up_errors_and_flicker_it_equals_filterpy():
 
 
 def agree(ours, x, p, h, course=0.0):
-    """Heading and bias, and the sigma of both."""
+    """Return heading and bias, and the sigma of both."""
     state = ours.state()
     assert (state.heading, state.bias) == pytest.approx((x[0, 0], course + h @ x[:, 0]), rel=1e-9, abs=1e-15)
     spread = math.sqrt(max(p[0, 0], 0.0)), math.sqrt(h @ p @ np.array(h))
@@ -136,7 +136,7 @@ def test_runs_processed_together_equal_single_runs():
 
 
 def test_a_standstill_after_the_drive_corrects_the_heading():
-    """With a bias that walks, ten seconds of rest before and after tell more than those before alone."""
+    """A drifting bias is known better with ten seconds of standstill before and after than before alone."""
     noise = BiasNoise(1e-4, rate_random_walk=1e-3)
     before, both = (HeadingFilter(WarmupModel(0.0), noise) for _ in range(2))
     for filter_ in (before, both):
@@ -144,7 +144,7 @@ def test_a_standstill_after_the_drive_corrects_the_heading():
             filter_.update(0.0, 0.1, is_stationary=k < 100)
     for _ in range(100):
         both.update(0.0, 0.1, is_stationary=True)
-    # A bridge of a walk over T has a quarter of the variance of its integral: K^2 T^3 / 12 of K^2 T^3 / 3.
+    # The integral of a Brownian bridge has a quarter of the variance of a random walk: K^2 T^3 / 12.
     assert both.state().sigma_heading / before.state().sigma_heading == pytest.approx(0.5, rel=0.02)
 
 

@@ -1,4 +1,4 @@
-"""The bias that a node told of itself as a prior: used where no calibration knows it, and no worse for it."""
+"""The gyro bias reported by a node as a prior where no calibration has one."""
 
 import math
 
@@ -17,8 +17,8 @@ COLUMNS = ("t", "gx", "gy", "gz", "ax", "ay", "az")
 WAITING, TRACKING = 0.0, 2.0
 
 
-def said(*rows):
-    """A table of (state, bias, sigma) as a node tells them five times a second."""
+def bias_table(*rows):
+    """Return a table of (state, bias, sigma) as a node reports them five times a second."""
     output = {name: np.zeros(len(rows)) for name in BIAS_FILTER_COLUMNS}
     output["t"] = 0.2 * np.arange(len(rows))
     output["state"] = np.array([row[0] for row in rows])
@@ -34,7 +34,9 @@ UNKNOWN = (1e-4, math.nan, 2e-4)
 
 
 def test_the_last_reported_bias_is_used_with_its_sigma():
-    table = said((WAITING, NONE, NONE), (TRACKING, OLD, NONE), (TRACKING, NEW, UNKNOWN), (1.0, NONE, NONE))
+    table = bias_table(
+        (WAITING, NONE, NONE), (TRACKING, OLD, NONE), (TRACKING, NEW, UNKNOWN), (1.0, NONE, NONE)
+    )
     output, used = add_node_biases(None, Recording({}, bias_filters={"left": table}), ("left", "right"))
     assert used == ("left",)
     reported = output.nodes["left"].effects["gyro_bias"].parameters
@@ -46,7 +48,7 @@ def test_a_calibrated_bias_takes_precedence_and_a_missing_one_changes_nothing():
     known = Calibration(
         {"right": NodeCalibration({"gyro_bias": CalibratedEffect({"x": Quantity(0.5, 0.1)})})}
     )
-    filters = {"left": said((WAITING, OLD, NONE)), "right": said((TRACKING, NEW, NONE))}
+    filters = {"left": bias_table((WAITING, OLD, NONE)), "right": bias_table((TRACKING, NEW, NONE))}
     output, used = add_node_biases(known, Recording({}, bias_filters=filters), ("left", "right"))
     assert (output, used) == (known, ())
 
@@ -55,14 +57,14 @@ def test_other_calibrated_effects_are_preserved():
     known = Calibration(
         {"left": NodeCalibration({"wheel_radius": CalibratedEffect({"error": Quantity(0.01, 0.1)})})}
     )
-    recording = Recording({}, bias_filters={"left": said((TRACKING, NEW, NONE))})
+    recording = Recording({}, bias_filters={"left": bias_table((TRACKING, NEW, NONE))})
     output, used = add_node_biases(known, recording, ("left",))
     assert used == ("left",) and set(output.nodes["left"].effects) == {"wheel_radius", "gyro_bias"}
 
 
 @pytest.mark.parametrize("remaining", [8.0, 0.3])
 def test_reported_biases_do_not_make_the_track_worse(remaining):
-    """Drives by a generator that shares no code with the filter; the nodes told what they had at power-on."""
+    """The generator shares no code with the filter; the nodes report their bias at power-on."""
     result = {True: [], False: []}
     seeds = range(4)
     for seed in seeds:
@@ -74,7 +76,7 @@ def test_reported_biases_do_not_make_the_track_worse(remaining):
             for name, node in drive.nodes.items()
         }
         reported = {
-            name: said((TRACKING, [node.truth[f"bias_{axis}"] for axis in "xyz"], (1e-4, 1e-4, 1e-4)))
+            name: bias_table((TRACKING, [node.truth[f"bias_{axis}"] for axis in "xyz"], (1e-4, 1e-4, 1e-4)))
             for name, node in drive.nodes.items()
         }
         for with_bias in (True, False):

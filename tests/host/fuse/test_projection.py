@@ -62,7 +62,7 @@ def test_metres_and_bearings_are_those_of_the_geodesic(latitude, longitude, bear
 
 
 def test_the_local_frame_agrees_with_earth_centred_coordinates_in_the_corner_of_a_zone():
-    """Convergence is 2.6 degrees there: unturned, 250 m would be 11 m off."""
+    """The convergence is 2.6 degrees there: without correction 250 m would be off by 11 m."""
     latitude, longitude = 59.9, 11.95
     frame = make_local_frame(latitude, longitude)
     lat, lon = latitude + np.array([1e-4, 2e-3, -1.5e-3]), longitude + np.array([4e-3, -2e-3, 1e-3])

@@ -1,4 +1,4 @@
-"""Where a node clips: the vehicle file, the node's own word, or its samples; and what is said of it."""
+"""Clipping ranges of a node from the vehicle file, the node, or its samples, and their warnings."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from wheel_runs import tables
 SEED = 100
 COLUMNS = ("t", "gx", "gy", "gz", "ax", "ay", "az")
 SLOW = CASES["500 °/s at 4 m/s"]
-TOLD = {"gyro_range_dps": "500", "accel_range_g": "4"}
+DECLARED = {"gyro_range_dps": "500", "accel_range_g": "4"}
 
 
 def vehicle_file(imu: str, left: str = "") -> str:
@@ -38,8 +38,8 @@ def samples() -> dict[str, Table]:
 
 def test_the_vehicle_file_precedes_the_node_and_the_node_the_default() -> None:
     usual = determine_ranges(NodeMount("left", "left"), {})
-    reported = determine_ranges(NodeMount("left", "left"), TOLD)
-    given = determine_ranges(NodeMount("left", "left", 20.0, 70.0), TOLD)
+    reported = determine_ranges(NodeMount("left", "left"), DECLARED)
+    given = determine_ranges(NodeMount("left", "left", 20.0, 70.0), DECLARED)
     assert (usual.gyro.value, usual.accel.value) == pytest.approx((math.radians(2000.0), 16.0 * GRAVITY))
     assert (reported.gyro.value, reported.accel.value) == pytest.approx((math.radians(500.0), 4.0 * GRAVITY))
     assert (given.gyro.value, given.accel.value) == (20.0, 70.0)
@@ -92,8 +92,8 @@ def test_fuse_takes_the_range_and_says_whence(samples: dict[str, Table], tmp_pat
     begun = {
         name: Table({key: table[key][table.t < 34.0] for key in COLUMNS}) for name, table in samples.items()
     }
-    reported = {f"node.{name}.{key}": text for name in samples for key, text in TOLD.items()}
-    assert node_metadata(reported, "left") == TOLD
+    reported = {f"node.{name}.{key}": text for name in samples for key, text in DECLARED.items()}
+    assert node_metadata(reported, "left") == DECLARED
     for number, (imu, metadata, source) in enumerate(
         [("", reported, "node"), ("gyro_range = 8.72665", {}, "vehicle file"), ("", {}, "samples")]
     ):

@@ -1,4 +1,4 @@
-"""One rolling wheel of the differential odometry: distance, variance, bias at rest; two of them as noise."""
+"""One rolling wheel: distance, variance, bias at standstill; noise of two of them in the odometry."""
 
 import math
 
@@ -14,7 +14,7 @@ NONE = OdometryNoise(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def samples(t, rate, side="left", turned=0.0):
-    """turned: rad that gravity has turned by, at each time."""
+    """Return samples of one wheel; turned: rad by which gravity has rotated at each time."""
     count = len(t)
     gyro, accel = np.zeros((2, count, 3))
     gyro[:, 2] = rate
@@ -27,7 +27,7 @@ def wheel(noise=NONE, estimate_bias=False, facing="left", **spec):
 
 
 def test_distance_and_variance_are_the_integrals_of_rate_and_noise():
-    """Of a gyro, of the road in either direction, and of a speed that wanders between samples."""
+    """The noise terms are gyro, road in either direction, and a random walk of the speed."""
     t = np.cumsum(np.random.default_rng(2).uniform(0.002, 0.2, 60))
     rate = 4.0 * np.sin(2.0 * t)
     step = np.diff(t)
@@ -87,7 +87,7 @@ def rested(rate, seconds=0.6, hz=100.0, **options):
 @pytest.mark.parametrize("sigma", [0.05, 3e-4])
 @pytest.mark.parametrize("facing", ["left", "right"])
 def test_half_a_second_of_standstill_measures_the_bias_and_corrects_the_distance(sigma, facing):
-    """As precisely as a bias is stable, 40 deg/h; then it may walk on for half a second."""
+    """The sigma is the bias instability, 40 deg/h, and half a second of random walk."""
     output = rested(0.01, gyro_bias=0.002, gyro_bias_sigma=sigma, facing=facing)
     share = sigma**2 / (sigma**2 + 2e-4**2)
     bias = 0.002 + share * 0.008
@@ -106,7 +106,7 @@ def test_a_wheel_is_initialised_after_its_first_block_stationary_or_not():
     rolls = rested(1.0)
     assert rolls.is_initialised and rolls.bias == 0.0 and rolls.bias_sigma == 0.05
     assert wheel().is_initialised
-    # A later rest leaves what was rolled before as it was.
+    # A later standstill does not change the distance rolled before.
     output = wheel(estimate_bias=True)
     t = np.arange(0.0, 1.05, 0.01)
     output.add_samples(samples(t, np.where(t < 0.5, 2.0, 0.01)))
@@ -116,7 +116,7 @@ def test_a_wheel_is_initialised_after_its_first_block_stationary_or_not():
 
 
 def judged(rate, turned=0.0, count=50):
-    """Whether a block of two halves, of so many samples in half a second, is a rest."""
+    """Return True if a block of two halves, with that many samples in each half second, is a standstill."""
     output = StandstillBlocks()
     t = np.arange(count + 1) / count * 0.5
     reported = [
@@ -135,7 +135,7 @@ def test_a_wheel_is_stationary_where_gyro_and_gravity_are_steady():
         output = judged(0.1 + size * ripple)
         assert output.is_stationary == rests
         assert output.mean == pytest.approx(0.1, abs=1e-12)
-        # Of 50 samples, and of a bias that is not steadier than that.
+        # The variance of the mean of 50 samples, and of the bias instability.
         assert output.variance == pytest.approx(size**2 / 50 + 2e-4**2)
     second = np.arange(51) >= 25
     for sign in (1.0, -1.0):
@@ -154,7 +154,7 @@ def driven(wheels, noise, step):
 
 
 def test_step_noise_propagates_to_the_pose_as_numerical_differences():
-    """Each wheel rolls too far by the road's noise, and the vehicle slides sideways; a bend in each step."""
+    """Each wheel has road noise and the vehicle slides sideways; each step is a bend."""
     road, lateral, step = 0.02, 0.03, 0.5
     t = np.arange(0.0, 6.01, step)
     rates = np.array([2.0 + 0.5 * np.sin(t), 3.0 + np.cos(1.3 * t)])
@@ -179,7 +179,7 @@ def test_step_noise_propagates_to_the_pose_as_numerical_differences():
     variances = np.column_stack([*(road**2 * ways), lateral**2 * 0.5 * ways.sum(axis=0)])
     expected = slopes.T @ np.diag(variances.ravel()) @ slopes
     np.testing.assert_allclose(last.covariance, expected, rtol=1e-6, atol=1e-12)
-    # Of the last step, as means over it.
+    # Means over the last step.
     mean = np.array([[0.5, 0.5], [-1.0 / B, 1.0 / B]]) / step
     twist = mean @ np.diag(variances[-1, :2]) @ mean.T
     np.testing.assert_allclose(last.twist_covariance, twist, rtol=1e-6)

@@ -1,4 +1,4 @@
-"""A track made of odometry states, turned to where it begins; and how far a track is from the truth."""
+"""A track from odometry states, rotated to its start heading, and its error against the truth."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def test_a_track_is_rotated_to_its_start_heading_with_its_sigmas(heading):
         covariance = root @ root.T
         x, y, course = rng.standard_normal(3)
         output.append(state(1_500_000_000 * k, x, y, course, covariance))
-        # What lies along each axis afterwards, of many that scatter so.
+        # Standard deviation along each axis after the rotation.
         ahead = np.array([np.cos(heading), -np.sin(heading), 0.0])
         aside = np.array([np.sin(heading), np.cos(heading), 0.0])
         sigmas = [np.sqrt(axis @ covariance @ axis) for axis in (ahead, aside, np.array([0.0, 0.0, 1.0]))]
@@ -42,12 +42,12 @@ def test_without_states_there_is_no_track():
 
 
 def straight(t=T):
-    """2 m/s along x, from x = 3."""
+    """Return a track at Return a track at 2 m/s along x, from x = 3."""
     return Track(t, 3.0 + 2.0 * t, 0.0 * t, 0.0 * t, 0.0 * t + 2.0, *np.zeros((3, len(t))))
 
 
 def test_truth_is_shifted_to_the_start_of_the_track():
-    """It strays by 0.1 m a second to the left, and comes half of the way back at once."""
+    """The truth drifts by 0.1 m/s to the left, and jumps back by half of it at the end."""
     drift = np.where(T < 9.9, 0.1 * T, 0.5)
     result = score_track(straight(), T, 2.0 * T - 40.0, 7.0 - drift, None)
     path = float(np.sum(np.hypot(np.diff(2.0 * T), np.diff(drift))))
@@ -76,12 +76,12 @@ def test_only_their_common_time_is_scored():
 
 
 def test_headings_are_compared_to_the_nearest_turn():
-    """Told within half a turn, where the track's own goes on and on."""
+    """The truth's heading is wrapped, the track's is not."""
     course = 1.5 * T
     track = Track(T, T, T, course, NONE, *np.zeros((3, len(T))))
     for error, rms in ((0.2, 0.2), (-0.2, 0.2), (2.0 * np.pi + 0.1, 0.1), (3.0, 3.0)):
         reported = np.angle(np.exp(1j * (course - error)))
-        # Halfway between two of them, as well.
+        # Also halfway between two of them.
         result = score_track(track, T, T, T, reported)
         assert result.heading_rms == pytest.approx(rms)
         assert score_track(track, T[::2], T[::2], T[::2], reported[::2]).heading_rms == pytest.approx(rms)

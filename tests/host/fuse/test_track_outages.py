@@ -1,4 +1,4 @@
-"""How far a track is off where fixes are missing, of one whose errors are made by hand."""
+"""GNSS outages of a track with known errors."""
 
 from dataclasses import fields
 
@@ -12,12 +12,12 @@ NONE = np.zeros(len(T))
 
 
 def straight(speed=2.0):
-    """Along x, 1 sigma of the place 0.3 t and 0.4 t."""
+    """Return a track along x with position sigmas 0.3 t and 0.4 t."""
     return Track(T, speed * T, NONE, NONE, np.full(len(T), speed), 0.3 * T, 0.4 * T, NONE)
 
 
 FIXES = np.concatenate([np.arange(0.0, 21.0), np.arange(40.0, 61.0), [70.0], np.arange(80.5, 101.0)])
-"""Missing from 20 to 40 s, and from 70 to 80.5 s; ten seconds are no outage."""
+"""Fixes are missing from 20 to 40 s and from 70 to 80.5 s; ten seconds are no outage."""
 
 
 def test_an_outage_is_more_than_ten_seconds_without_a_fix():
@@ -38,7 +38,7 @@ def test_without_truth_an_outage_has_a_distance_and_a_sigma():
 
 
 def astray():
-    """m off to the left: within the first outage up to 5 and then back to 3, within the second up to 1."""
+    """Return the error to the left, m: up to 5 and back to 3 in the first outage, up to 1 in the second."""
     first = np.interp(T, [20.0, 30.0, 40.0], [0.0, 5.0, 3.0])
     return np.where((T > 20.0) & (T <= 40.0), first, 0.0) + np.where(
         (T > 70.0) & (T <= 80.5), np.clip((T - 70.0) / 10.0, 0.0, 1.0), 0.0
@@ -48,14 +48,14 @@ def astray():
 def test_truth_is_aligned_while_there_are_fixes_and_the_rest_is_the_error():
     truth = (T, 2.0 * T + 700.0, astray() - 300.0)
     first, second = find_gnss_outages(straight(), FIXES, truth)
-    # Fixes ten seconds apart cover the time between them: what is off there is none.
+    # Fixes ten seconds apart cover the time between them, which is no outage.
     assert (first.error, first.worst) == (pytest.approx(3.0), pytest.approx(5.0))
     assert first.percent == pytest.approx(100.0 * 3.0 / 40.0)
     assert (second.error, second.worst) == (pytest.approx(1.0), pytest.approx(1.0))
 
 
 def test_truth_that_ends_early_is_not_extrapolated():
-    """Beyond its end it would stand still beside a track that goes on."""
+    """Beyond its end the truth is not extrapolated."""
     use = T <= 60.0
     truth = (T[use], 2.0 * T[use] + 700.0, astray()[use])
     first, _ = find_gnss_outages(straight(), FIXES, truth)

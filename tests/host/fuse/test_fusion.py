@@ -1,0 +1,62 @@
+"""Fusion of a recording: its tables, its files, and what it reports without truth."""
+
+import math
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from hubodo.errors import InputError
+from hubodo.fuse.fusion import (
+    SAMPLES_BY_TABLE,
+    TRACK_COLUMNS,
+    FusedRecording,
+    check_no_results,
+    score_against_truth,
+    track_to_table,
+    write_results,
+)
+from hubodo.fuse.track import Track
+from hubodo.recording import Recording, Table
+
+T = np.arange(4.0)
+TRACK = Track(T, 2.0 * T, 0.0 * T, 0.0 * T, 0.0 * T + 2.0, *np.full((3, 4), 0.1))
+
+
+def fused(lag=0.0, methods=("wheel filter",)):
+    return FusedRecording("log", TRACK, methods, lag, ("left",), {"distance": 6.0}, None, None, ())
+
+
+def test_every_table_with_samples_is_one_of_a_recording():
+    assert set(SAMPLES_BY_TABLE) <= {item.name for item in fields(Recording)}
+
+
+def test_track_csv_has_the_promised_columns():
+    assert tuple(track_to_table(TRACK)) == TRACK_COLUMNS
+
+
+def test_without_truth_there_is_no_score():
+    assert score_against_truth(TRACK, Recording({})) is None
+    truth = Table({"t": T, "x": 2.0 * T, "y": 0.0 * T + 1.0})
+    assert score_against_truth(TRACK, Recording({}, truth=truth)).final_error == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize(
+    ("lag", "methods", "smoothing", "causal"),
+    [
+        (0.0, ("filter",), {"kind": "none"}, True),
+        (2.0, ("filter",), {"kind": "fixed lag", "lag": 2.0}, False),
+        (math.inf, ("filter",), {"kind": "full"}, False),
+        (0.0, ("filter", "graph"), {"kind": "none"}, False),
+    ],
+)
+def test_only_a_filter_without_lag_and_graph_is_causal(lag, methods, smoothing, causal):
+    content = fused(lag, methods).as_json()
+    assert content["smoothing"] == smoothing and content["causal"] is causal
+
+
+def test_results_are_not_overwritten_unasked(tmp_path):
+    check_no_results(tmp_path / "out")
+    write_results(fused(), tmp_path / "out")
+    with pytest.raises(InputError, match=r"track\.csv: exists"):
+        check_no_results(tmp_path / "out")

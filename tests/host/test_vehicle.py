@@ -1,0 +1,44 @@
+"""Vehicle files: geometry and mounting, and errors that name file, table and key."""
+
+import tomllib
+
+import pytest
+
+from hubodo.errors import ConfigError
+from hubodo.vehicle import NodeMount, facing_sign, parse_vehicle, side_sign
+
+SIZES = "[vehicle]\nwheel_radius = 0.2\ntrack_width = 0.5\n"
+
+
+def vehicle(text):
+    return parse_vehicle(tomllib.loads(text), "v.toml")
+
+
+def test_a_node_inherits_ranges_that_it_does_not_have_itself():
+    text = (
+        f'{SIZES}[imu]\ngyro_range = 17.0\naccel_range = 80.0\n[nodes.a]\nside = "left"\nfacing = "right"\n'
+    )
+    parsed = vehicle(f"{text}gyro_range = 35.0\n")
+    assert parsed.nodes["a"] == NodeMount("left", "right", 35.0, 80.0)
+    assert parsed.on("left") == "a" and parsed.on("right") is None
+
+
+def test_left_is_positive():
+    assert side_sign("left") == facing_sign("left") == 1.0
+    assert side_sign("right") == facing_sign("right") == -1.0
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", r"\[vehicle\] is missing"),
+        (SIZES.replace("0.5", "0.0"), "track_width = 0.0: must be a finite number above 0"),
+        (f'{SIZES}[nodes.a]\nside = "left"\n', r"\[nodes.a\]: facing is missing"),
+        (f"{SIZES}antenna = [1.0]\n", r"antenna: give \[forward, left\] in metres"),
+        (f"{SIZES}latitude_deg = 91.0\n", "degrees north, from -90 to 90"),
+        (f"{SIZES}wheel_radios = 1.0\n", "did you mean 'wheel_radius'"),
+    ],
+)
+def test_an_invalid_value_is_named_with_file_and_key(text, message):
+    with pytest.raises(ConfigError, match=f"v.toml: .*{message}"):
+        vehicle(text)
