@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the same files: they are compiled once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check docs package chip bench soak papers accuracy road gap-matrix gap-limit gap-reliability gap-several gap-beyond gap-rides mutants faults fuzz load fleet audit browser compiler setup clean
+.PHONY: demo test check docs package chip bench soak papers accuracy road sensitivity gap-matrix gap-limit gap-reliability gap-several gap-beyond gap-rides mutants faults fuzz load fleet audit browser compiler setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job, end to end, with no hardware
@@ -63,6 +63,9 @@ road: setup          ## a real car, rests, silences, slip, sensors at their ends
 	$(BIN)/python tests/accuracy/clipped.py
 	$(BIN)/python tests/accuracy/slip.py
 	$(BIN)/python tests/accuracy/wheel_calibration.py
+
+sensitivity: setup   ## each constant of the wheel filter at half and twice its value; hours, continues where it stopped
+	$(BIN)/python tests/accuracy/sensitivity.py
 
 gap-matrix: setup    ## hidden effects named, missed and wrongly named, on the test seeds; some seventy minutes
 	$(BIN)/python tests/gap_matrix/matrix.py --seeds test

@@ -154,7 +154,7 @@ def test_what_fades_within_a_time_has_faded_and_what_wanders_ends_at_its_prior()
         for entry, place in at.items():
             if entry not in (WHEEL_ANGLE, RATE_BEYOND_RANGE) and place not in begin.columns.vehicle.values():
                 most = max(entry.prior**2, begin.p[place, place])
-                added = begin.walk[place] * 10.0
+                added = begin.walk_variances[place] * 10.0
                 assert soon[1][place, place] == pytest.approx(min(p0[place, place] + added, most), rel=1e-9)
                 wandered += added > 0.0
                 assert late[1][place, place] == pytest.approx(most if added else p0[place, place], rel=1e-9)

@@ -25,14 +25,14 @@ class InitialState:
     Attributes
     ----------
     x, p : states, and their covariance (n, n).
-    walk : (n,), variance of the random walk of each state per second.
+    walk_variances : (n,), variance of the random walk of each state per second.
     columns : layout of the state.
     wheels : in the order of the nodes.
     """
 
     x: list[float]
     p: Array
-    walk: Array
+    walk_variances: Array
     columns: StateLayout
     wheels: list[Wheel] = field(default_factory=list)
 
@@ -59,7 +59,7 @@ def initial_state(config: WheelConfig) -> InitialState:
         initial.wheels.append(Wheel(name, node, geometry, detector, columns, view, tracker))
         for entry in WHEEL_ENTRIES:
             _set_prior(initial, columns[entry], entry, node.priors.get(entry))
-        initial.walk[columns[WHEEL_ANGLE]] = config.noise.gyro * config.noise.gyro
+        initial.walk_variances[columns[WHEEL_ANGLE]] = config.noise.gyro * config.noise.gyro
     return initial
 
 
@@ -69,6 +69,6 @@ def _set_prior(initial: InitialState, column: int, entry: Entry, calibrated: Qua
     initial.x[column] = prior.value
     initial.p[column, column] = prior.sigma * prior.sigma
     # The noise of a Gauss-Markov process follows from its correlation time.
-    initial.walk[column] = (
+    initial.walk_variances[column] = (
         entry.random_walk * entry.random_walk if math.isinf(entry.correlation_time) else 0.0
     )

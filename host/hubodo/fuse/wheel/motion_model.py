@@ -68,7 +68,7 @@ class MotionModel:
         self._values = np.empty(len(self._variable_elements))
         self._columns = layout.vehicle
         # The process noise of x and y depends on the distance; it is set for each window.
-        self._walk = initial.walk * WINDOW_S
+        self._walk = initial.walk_variances * WINDOW_S
         self._lateral_slip = config.noise.lateral_slip**2
         self._decays = [math.exp(-WINDOW_S / entry.correlation_time) for entry in gauss_markov]
         self._decaying = list(

@@ -106,7 +106,7 @@ class StandstillDetector:
         limits, margin = self.limits, 3.0 * sigma
         spin = window.spin / WINDOW_S - spin_bias
         if window.missing > 0.0 or abs(spin) >= limits.max_rocking_rate + margin:
-            # Early exit: most windows of a drive are like this.
+            # Early exit, taken in most windows of a drive.
             self._quiet_windows.clear()
             return MotionState.MOVING
         across = window.raw_across / WINDOW_S - across_bias

@@ -20,7 +20,7 @@ def odometry_inflation(track: WheelTrack) -> Array:
     displacement = np.diff(track.x) + 1j * np.diff(track.y)
     correction = np.abs(displacement - track.speed[1:] * dt * np.exp(1j * course)) ** 2
     variance_growth = np.maximum(0.0, np.diff(track.covariance[:, 0, 0] + track.covariance[:, 1, 1]))
-    # Over an outage the distance is not that at the speed of its end.
+    # The speed at the end of an outage does not predict the distance during it.
     return np.where(dt < 1.5 * WINDOW_S, correction, 0.0) + np.where(
         track.inertial_speed[1:] > 0.0, variance_growth, 0.0
     )

@@ -196,7 +196,7 @@ class OutageModel:
     def __init__(self, config: WheelConfig, initial: InitialState) -> None:
         columns = initial.columns
         self._at = columns.vehicle
-        self._walk = initial.walk.copy()
+        self._walk = initial.walk_variances.copy()
         self._max_variance = np.full(columns.size, np.inf)
         self._gauss_markov: list[tuple[int, float, float]] = []
         self._wheels = [(at[WHEEL_ANGLE], at[RATE_BEYOND_RANGE]) for at in columns.wheels]

@@ -11,12 +11,12 @@ class SlipSchedule:
 
     Attributes
     ----------
-    wheels : number of wheels.
+    n_wheels : number of wheels.
     slipping : for each wheel whether it slips, by window number; windows without slip are not in it.
     speed_variance : (m/s)², added to the variance of the speed before a window, by window number.
     """
 
-    wheels: int
+    n_wheels: int
     slipping: dict[int, tuple[bool, ...]] = field(default_factory=dict)
     speed_variance: dict[int, float] = field(default_factory=dict)
 
@@ -49,4 +49,4 @@ class SlipSchedule:
 
     def slipping_wheels(self, number: int) -> tuple[bool, ...]:
         """Return for each wheel whether it slips in a window."""
-        return self.slipping.get(number, (False,) * self.wheels)
+        return self.slipping.get(number, (False,) * self.n_wheels)

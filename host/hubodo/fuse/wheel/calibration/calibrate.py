@@ -96,7 +96,7 @@ class WheelCalibration:
     def effects(self, name: str, **provenance: object) -> dict[str, CalibratedEffect]:
         """Return the effects of one node for a calibration file.
 
-        Provenance: other fields of CalibratedEffect.
+        provenance: other fields of CalibratedEffect.
         """
         return _effects(self.nodes[name], provenance)
 

@@ -20,6 +20,7 @@ _MIN_SEGMENT_LENGTH = 20.0
 """m of a segment in which odometry drifts by more than the position error. Estimated."""
 
 Antenna = tuple[float, float]
+"""Position of the antenna on the vehicle, m forward and left."""
 
 
 @dataclass(frozen=True)

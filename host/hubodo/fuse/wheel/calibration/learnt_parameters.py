@@ -96,7 +96,7 @@ def _extract_entry(
     not_observable: list[str],
     drive_extent: str,
 ) -> None:
-    """Add an entry to the found effects if it was determined, else a line to `unseen`."""
+    """Add an entry to the found effects if it was determined, else a line to `not_observable`."""
     if not entry.excitation:
         return
     name, facing = ("vehicle", None) if wheel is None else (wheel.name, wheel.node.facing)

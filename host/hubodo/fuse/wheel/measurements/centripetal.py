@@ -43,15 +43,15 @@ def measure(w: LinearisedWindow, noise: WheelNoise) -> Row | None:
 
     Variance: (1 m/s²)² for accelerometer scale and bumps at a force of many g (estimated), and vibration.
     """
-    x, at = w.x, w.columns
-    arm = complex(x[at[LEVER_ARM_X]], x[at[LEVER_ARM_Y]])
+    x, columns = w.x, w.columns
+    arm = complex(x[columns[LEVER_ARM_X]], x[columns[LEVER_ARM_Y]])
     length = abs(arm)
     if length < _MIN_ARM_LENGTH:
         return None
     unit = arm / length
     along, rate = unit.conjugate(), w.axle_rate
     gravity = STANDARD_GRAVITY * w.camber_cos * w.rotation.conjugate() * w.window.carrier.conjugate()
-    steady = gravity + complex(x[at[ACCEL_BIAS_X]], x[at[ACCEL_BIAS_Y]]) * WINDOW_S
+    steady = gravity + complex(x[columns[ACCEL_BIAS_X]], x[columns[ACCEL_BIAS_Y]]) * WINDOW_S
     arm_force = w.window.raw_force - steady
     # The direction of the arm matters for the residual perpendicular to it.
     across = (arm_force * along).imag / length

@@ -36,23 +36,23 @@ class Position(NamedTuple):
     sigma: float
 
 
-def measure(x: list[float], at: Mapping[Entry, int], position: Position) -> tuple[Row, Row]:
+def measure(x: list[float], columns: Mapping[Entry, int], position: Position) -> tuple[Row, Row]:
     """Return the rows of x and y: residuals (m), variances of the white error, derivatives."""
     variance = position.sigma**2
-    sin, cos = math.sin(x[at[HEADING]]), math.cos(x[at[HEADING]])
-    delay, speed = x[at[POSITION_DELAY]], x[at[SPEED]]
-    forward, left = x[at[ANTENNA_X]] - delay * speed, x[at[ANTENNA_Y]]
+    sin, cos = math.sin(x[columns[HEADING]]), math.cos(x[columns[HEADING]])
+    delay, speed = x[columns[POSITION_DELAY]], x[columns[SPEED]]
+    forward, left = x[columns[ANTENNA_X]] - delay * speed, x[columns[ANTENNA_Y]]
     east, north = cos * forward - sin * left, sin * forward + cos * left
     by_east = (-north, -delay * cos, cos, -sin, -speed * cos)
     by_north = (east, -delay * sin, sin, cos, -speed * sin)
     return (
         (
-            position.x - x[at[X]] - east - x[at[POSITION_ERROR_X]],
+            position.x - x[columns[X]] - east - x[columns[POSITION_ERROR_X]],
             variance,
             {X: 1.0, POSITION_ERROR_X: 1.0, **dict(zip(_SHARED_STATES, by_east, strict=True))},
         ),
         (
-            position.y - x[at[Y]] - north - x[at[POSITION_ERROR_Y]],
+            position.y - x[columns[Y]] - north - x[columns[POSITION_ERROR_Y]],
             variance,
             {Y: 1.0, POSITION_ERROR_Y: 1.0, **dict(zip(_SHARED_STATES, by_north, strict=True))},
         ),

@@ -44,16 +44,17 @@ def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
 
     Variance: at standstill, creep; while driving, road roughness along the path.
     """
-    x, at, rate, r = w.x, w.columns, w.rolling_rate, w.yaw_rate
+    x, columns, rate, r = w.x, w.columns, w.rolling_rate, w.yaw_rate
     geometry = w.geometry
-    rolling_radius = geometry.radius * (1.0 + x[at[WHEEL_RADIUS]])
-    contact = geometry.contact_y * (1.0 + x[at[TRACK_WIDTH]])
+    rolling_radius = geometry.radius * (1.0 + x[columns[WHEEL_RADIUS]])
+    contact = geometry.contact_y * (1.0 + x[columns[TRACK_WIDTH]])
     # The change of a searched spin is no measurement; it would look like a clock delay.
     rate_change = (
         geometry.delay_factor * geometry.radius * w.axle_rate_change if w.window.spin_clipped == 0.0 else 0.0
     )
     return (
-        (rolling_radius * rate - x[at[SPEED]] + r * contact) * WINDOW_S + x[at[TIME_OFFSET]] * rate_change,
+        (rolling_radius * rate - x[columns[SPEED]] + r * contact) * WINDOW_S
+        + x[columns[TIME_OFFSET]] * rate_change,
         rolling_radius * rolling_radius * w.gyro_noise
         + (
             _STANDSTILL_CREEP_VARIANCE

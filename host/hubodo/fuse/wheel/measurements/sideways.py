@@ -52,7 +52,7 @@ def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
 
     Variance: accelerometer white noise; at standstill, residual motion; while driving, vibration and sway.
     """
-    x, at, window = w.x, w.columns, w.window
+    x, columns, window = w.x, w.columns, w.window
     variance = noise.accel + STANDSTILL_FORCE_VARIANCE
     if not w.is_stationary:
         variance = noise.accel + noise.vibration * window.axial_variance + noise.lateral_force
@@ -60,17 +60,20 @@ def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
     leak = window.raw_force
     # Rates across the axle caused by the vehicle's turning alone, less bias and leaked spin.
     spin, tilt = (
-        window.spin / WINDOW_S + x[at[RATE_BEYOND_RANGE]],
-        complex(-x[at[MISALIGNMENT_Y]], x[at[MISALIGNMENT_X]]),
+        window.spin / WINDOW_S + x[columns[RATE_BEYOND_RANGE]],
+        complex(-x[columns[MISALIGNMENT_Y]], x[columns[MISALIGNMENT_X]]),
     )
-    yawing = window.raw_across - (complex(x[at[GYRO_BIAS_X]], x[at[GYRO_BIAS_Y]]) + tilt * spin) * WINDOW_S
-    arm_x, arm_y = x[at[LEVER_ARM_X]], x[at[LEVER_ARM_Y]]
+    yawing = (
+        window.raw_across
+        - (complex(x[columns[GYRO_BIAS_X]], x[columns[GYRO_BIAS_Y]]) + tilt * spin) * WINDOW_S
+    )
+    arm_x, arm_y = x[columns[LEVER_ARM_X]], x[columns[LEVER_ARM_Y]]
     sway, by_bias, by_tilt = 2.0 * spin * yawing, -2.0 * spin * WINDOW_S, 2.0 * spin * spin * WINDOW_S
     by_spin = 2.0 * yawing - 2.0 * spin * WINDOW_S * tilt
     lateral, level = w.camber_cos * r * radius, w.geometry.side * STANDARD_GRAVITY
-    residual = window.axial - x[at[AXIAL_LEAK_X]] * leak.real + x[at[AXIAL_LEAK_Y]] * leak.imag
+    residual = window.axial - x[columns[AXIAL_LEAK_X]] * leak.real + x[columns[AXIAL_LEAK_Y]] * leak.imag
     residual = residual - arm_x * sway.real - arm_y * sway.imag
-    residual -= (level * w.camber_sin + lateral * about_axle + x[at[ACCEL_BIAS_Z]]) * WINDOW_S
+    residual -= (level * w.camber_sin + lateral * about_axle + x[columns[ACCEL_BIAS_Z]]) * WINDOW_S
     return (
         residual,
         variance,

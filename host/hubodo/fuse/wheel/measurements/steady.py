@@ -63,15 +63,17 @@ class NodeFixedTerms(NamedTuple):
     radius: float
 
 
-def measure(x: list[float], at: Mapping[Entry, int], terms: NodeFixedTerms) -> tuple[Row, Row, Row, Row]:
+def measure(x: list[float], columns: Mapping[Entry, int], terms: NodeFixedTerms) -> tuple[Row, Row, Row, Row]:
     """Return four rows: force x, y (m/s²) and rate x, y (rad/s).
 
     Variance: effect of a spin error, and the residual noise.
     """
-    arm = complex(x[at[LEVER_ARM_X]], x[at[LEVER_ARM_Y]])
-    tilt = complex(-x[at[MISALIGNMENT_Y]], x[at[MISALIGNMENT_X]])
-    force = terms.force - complex(x[at[ACCEL_BIAS_X]], x[at[ACCEL_BIAS_Y]]) - arm * terms.lever_factor
-    rate = terms.rate - complex(x[at[GYRO_BIAS_X]], x[at[GYRO_BIAS_Y]]) - tilt * terms.spin
+    arm = complex(x[columns[LEVER_ARM_X]], x[columns[LEVER_ARM_Y]])
+    tilt = complex(-x[columns[MISALIGNMENT_Y]], x[columns[MISALIGNMENT_X]])
+    force = (
+        terms.force - complex(x[columns[ACCEL_BIAS_X]], x[columns[ACCEL_BIAS_Y]]) - arm * terms.lever_factor
+    )
+    rate = terms.rate - complex(x[columns[GYRO_BIAS_X]], x[columns[GYRO_BIAS_Y]]) - tilt * terms.spin
     share = (_SPEED_ERROR_SIGMA / (terms.radius * terms.spin)) ** 2
     force_variance_total = _FORCE_SIGMA**2 + terms.force_variance + 4.0 * share * abs(terms.force) ** 2
     rate_variance_total = _RATE_SIGMA**2 + terms.rate_variance + share * abs(terms.rate) ** 2

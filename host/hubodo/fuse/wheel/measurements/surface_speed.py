@@ -22,15 +22,15 @@ _SURFACE_SPEED_SHARE = 0.01
 """Share of the speed, 1 sigma of slip and bounce from window to window. Estimated."""
 
 
-def measure(x: list[float], at: Mapping[Entry, int], side: float, contact: float, speed: float) -> Row:
+def measure(x: list[float], columns: Mapping[Entry, int], side: float, contact: float, speed: float) -> Row:
     """Return residual (m/s), variance and derivatives.
 
     side: +1 left, -1 right; contact: m, lateral position of the contact; speed: m/s, as reported.
     """
     entry = ENCODER_LEFT if side > 0.0 else ENCODER_RIGHT
-    scale, y = 1.0 + x[at[entry]], contact * (1.0 + x[at[TRACK_WIDTH]])
-    rate = x[at[YAW_RATE]]
-    contact_speed = x[at[SPEED]] - rate * y
+    scale, y = 1.0 + x[columns[entry]], contact * (1.0 + x[columns[TRACK_WIDTH]])
+    rate = x[columns[YAW_RATE]]
+    contact_speed = x[columns[SPEED]] - rate * y
     return (
         speed - scale * contact_speed,
         _SURFACE_SPEED_SIGMA**2 + (_SURFACE_SPEED_SHARE * speed) ** 2,

@@ -57,19 +57,19 @@ def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
     Variance: gyro white noise; while driving, vibration and the second-order term of the delay, half of its
     square times the change of r'.
     """
-    x, at, r = w.x, w.columns, w.yaw_rate + w.geometry.ground_rate
-    level_yaw_rate, scale_difference = w.camber_cos * r, x[at[GYRO_SCALE_DIFFERENCE]]
+    x, columns, r = w.x, w.columns, w.yaw_rate + w.geometry.ground_rate
+    level_yaw_rate, scale_difference = w.camber_cos * r, x[columns[GYRO_SCALE_DIFFERENCE]]
     # Derivative by the yaw rate, s.
-    scale = (1.0 + x[at[GYRO_SCALE_ACROSS]]) * WINDOW_S + scale_difference * w.double_carrier.real
+    scale = (1.0 + x[columns[GYRO_SCALE_ACROSS]]) * WINDOW_S + scale_difference * w.double_carrier.real
     # During a spin search an angle error changes the yaw rate as well.
     yaw_change = w.geometry.delay_factor * w.yaw_change if w.window.spin_clipped == 0.0 else 0.0
-    residual = w.across.real - scale * level_yaw_rate - x[at[YAW_RATE_FROM_GRAVITY]] * WINDOW_S
-    residual += x[at[TIME_OFFSET]] * yaw_change
+    residual = w.across.real - scale * level_yaw_rate - x[columns[YAW_RATE_FROM_GRAVITY]] * WINDOW_S
+    residual += x[columns[TIME_OFFSET]] * yaw_change
     variance = max(noise.gyro, w.gyro_noise)
     if not w.is_stationary:
         variance += noise.axle_flex * w.window.axial_variance
         variance += (
-            0.5 * x[at[TIME_OFFSET]] ** 2 * w.geometry.delay_factor * w.yaw_change_step / WINDOW_S
+            0.5 * x[columns[TIME_OFFSET]] ** 2 * w.geometry.delay_factor * w.yaw_change_step / WINDOW_S
         ) ** 2
     # A faster wheel is half a window further at the middle.
     by_angle = w.across.imag - 2.0 * scale_difference * level_yaw_rate * w.double_carrier.imag

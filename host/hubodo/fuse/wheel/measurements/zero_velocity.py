@@ -21,10 +21,10 @@ fro within a second. Estimated.
 """
 
 
-def measure(x: list[float], at: Mapping[Entry, int], motion_state: MotionState) -> tuple[Row, Row]:
+def measure(x: list[float], columns: Mapping[Entry, int], motion_state: MotionState) -> tuple[Row, Row]:
     """Return the rows of speed (m/s) and yaw rate (rad/s) for a vehicle at standstill or rocking."""
     speed, yaw_rate = _ZERO_VELOCITY_SIGMA[motion_state]
     return (
-        (-x[at[SPEED]], speed * speed, {SPEED: 1.0}),
-        (-x[at[YAW_RATE]], yaw_rate * yaw_rate, {YAW_RATE: 1.0}),
+        (-x[columns[SPEED]], speed * speed, {SPEED: 1.0}),
+        (-x[columns[YAW_RATE]], yaw_rate * yaw_rate, {YAW_RATE: 1.0}),
     )
