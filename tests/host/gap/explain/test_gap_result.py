@@ -1,33 +1,14 @@
 """gap.json has the form that its schema publishes, and nothing beside it."""
 
 import copy
-import json
-from importlib import resources
 
 import jsonschema
 import pytest
 
 from gap_runs import gap
+from gap_schema import check, schema
 from hubodo.effects import BY_NAME
 from hubodo.gap.explain.result import SCHEMA_VERSION
-
-
-def schema():
-    text = resources.files("hubodo.gap.explain").joinpath("gap.schema.json").read_text("utf-8")
-    return json.loads(text)
-
-
-def strict(made):
-    """The schema without leave for fields that it does not name: a test sees what nobody wrote down."""
-    if isinstance(made, dict):
-        made = {key: strict(value) for key, value in made.items()}
-        if "properties" in made and isinstance(made["properties"], dict):
-            made.setdefault("additionalProperties", False)
-    return [strict(item) for item in made] if isinstance(made, list) else made
-
-
-def check(result):
-    jsonschema.Draft202012Validator(strict(schema())).validate(result)
 
 
 def test_the_schema_is_one_and_of_this_version():

@@ -6,10 +6,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import pytest
-from test_gap_json import check
 
 from gap_matrix.make_case import make
 from gap_runs import Run, changed_model, gap
+from gap_schema import check
 from hubodo.cli import main
 from hubodo.gap.judge import journal
 from hubodo.gap.judge.round import judge_round

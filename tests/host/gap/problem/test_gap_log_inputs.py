@@ -4,6 +4,7 @@ import numpy as np
 
 from gap_matrix.make_case import make
 from gap_runs import changed_model, gap
+from hubodo.gap.problem.log_inputs import read_trace
 from hubodo.log.csv_folder import read_folder, write_folder
 from hubodo.recording import Recording, Table
 
@@ -68,3 +69,11 @@ def test_an_input_that_scatters_more_than_declared_is_said_and_not_taken_for_an_
     assert 0.0004 < float(said[0].split()[3]) < 0.0006
     as_declared = gap(tmp_path / "declared", nothing / "model.toml", nothing)
     assert not any("scatters" in line for line in as_declared.result["warnings"])
+
+
+def test_a_column_is_read_where_it_is_finite_and_missing_where_it_nowhere_is():
+    t = np.arange(4.0)
+    table = Table({"t": t + 100.0, "temperature": np.array([20.0, np.nan, 22.0, 23.0]), "supply": t * np.nan})
+    trace = read_trace(table, "temperature", 100.0)
+    assert trace.values.tolist() == [20.0, 22.0, 23.0]
+    assert read_trace(table, "supply", 100.0) is None and read_trace(table, "humidity", 100.0) is None

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from gap_runs import changed, changed_model, gap
+from hubodo.gap.problem.plausibility import check_plausibility
 
 
 def refused(run, *words):
@@ -50,7 +51,7 @@ def test_arguments_that_cannot_be_are_refused(case, tmp_path):
     both = ("--accept", "gyro_bias", "--reject", "gyro_bias")
     refused(gap(tmp_path / "c", model, case, *both), "both name gyro_bias")
     refused(gap(taken, model, case), "is a file")
-    refused(gap(case, model, case), "is the model that is read")
+    refused(gap(case, model, case), "is the input model")
     refused(gap(tmp_path / "d", model, tmp_path / "nowhere"), "nowhere")
     assert model.read_text("utf-8").startswith("[vehicle]")
 
@@ -137,3 +138,8 @@ def test_noise_that_is_declared_wrong_is_said_with_the_estimate(case, tmp_path, 
     assert ("smaller" if factor > 1.0 else "larger") in said
     estimate = float(said.split("about ")[1].split()[0])
     assert estimate == pytest.approx(float(declared[0].split("=")[1]), rel=0.1)
+
+
+def test_a_drive_with_turns_and_stops_is_plausible_and_shows_all_but_the_temperature(problem):
+    lines = check_plausibility(problem.nodes, problem.inputs, problem.speed_sources, "log")
+    assert all("temperature" in line for line in lines)

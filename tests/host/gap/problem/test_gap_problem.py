@@ -5,6 +5,7 @@ import numpy as np
 from gap_matrix import cases, effects, recording
 from gap_runs import gap
 from hubodo.gap.problem.build import build_problem
+from hubodo.gap.problem.problem import CHANNELS, Problem
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 
@@ -45,3 +46,9 @@ def test_what_shows_in_the_mean_and_what_shows_from_sample_to_sample_are_both_fo
     repeated = next(it for it in made.result["found"] if it["effect"] == "sample_repeat")
     value = repeated["parameters"]["probability"]
     assert abs(value["value"] - 0.05) < 4.0 * value["sigma"]
+
+
+def test_a_log_at_fifty_hertz_is_not_decimated_and_every_node_keeps_its_channels(problem):
+    assert isinstance(problem, Problem) and problem.decimate() is None
+    part = problem.select({node.name: slice(0, 50) for node in problem.nodes})
+    assert [node.y.shape for node in part.nodes] == [(len(CHANNELS), 50)] * 2

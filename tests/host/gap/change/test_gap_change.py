@@ -1,0 +1,18 @@
+"""The result of comparing two logs."""
+
+import pytest
+
+from hubodo.gap.change.change import CHANGE_P_VALUE, ChangeResult
+
+
+@pytest.mark.parametrize(("p_value", "has_changed"), [(0.1 * CHANGE_P_VALUE, True), (0.5, False)])
+def test_logs_differ_where_chance_explains_it_in_less_than_one_of_a_hundred(p_value, has_changed):
+    result = ChangeResult(p_value, (), (), None, None, ("a warning",))
+    assert result.has_changed is has_changed
+    assert result.as_json() == {
+        "changed": has_changed,
+        "p_value": p_value,
+        "changes": [],
+        "unnamed": [],
+        "warnings": ["a warning"],
+    }

@@ -1,0 +1,14 @@
+"""Confidence of a finding."""
+
+from types import SimpleNamespace
+
+from hubodo.gap.explain.finding import _limit_confidence
+
+STRONG, FAINT = SimpleNamespace(gain=500.0), SimpleNamespace(gain=20.0)
+
+
+def test_confidence_is_limited_by_what_fits_as_well_or_better():
+    assert _limit_confidence(0.999, STRONG, {"lever_arm": 100.0}, False) == 0.999
+    assert _limit_confidence(0.999, STRONG, {"lever_arm": -10.0}, False) <= 0.8
+    assert _limit_confidence(0.999, STRONG, {"lever_arm": 100.0}, True) <= 0.8
+    assert _limit_confidence(0.999, FAINT, {"lever_arm": 100.0}, False) < 0.999
