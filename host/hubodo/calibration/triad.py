@@ -88,7 +88,7 @@ def effects_from_triad(
         },
         f"{sensor}_nonorthogonality": {
             name: Quantity(angles[name], float(matrix_sigma[i, j]))
-            for name, (i, j, _) in CrossAxis.places.items()
+            for name, (i, j, _) in CrossAxis.matrix_entries.items()
             if in_matrix[i, j]
         },
     }

@@ -17,7 +17,7 @@ from hubodo.effects.base import REFERENCE_VOLTS
 from hubodo.effects.field import FIELD
 from hubodo.errors import ConfigError
 
-GROUP = "hubodo.effects"
+ENTRY_POINT_GROUP = "hubodo.effects"
 """Group of the entry points under which installed packages offer effects."""
 _EFFECT_NAME_PATTERN = re.compile(r"[a-z][a-z0-9_]*")
 _BUILT_IN_NAMES = frozenset(effect.name for effect in (*EFFECTS, *FIELD))
@@ -38,12 +38,14 @@ def use_effects(files: Iterable[Path] = (), field: bool = False) -> None:
     """
     if field:
         BY_NAME.update({effect.name: effect for effect in FIELD})
-    for entry in entry_points(group=GROUP):
+    for entry in entry_points(group=ENTRY_POINT_GROUP):
         try:
             effects = list(_effects_of_entry(entry.load()))
         except (ImportError, AttributeError) as error:
-            raise ConfigError(f"{GROUP} of {entry.value}: {error}; repair or remove that package") from None
-        _add(effects, f"{GROUP} of {entry.value}")
+            raise ConfigError(
+                f"{ENTRY_POINT_GROUP} of {entry.value}: {error}; repair or remove that package"
+            ) from None
+        _add(effects, f"{ENTRY_POINT_GROUP} of {entry.value}")
     for path in files:
         _add(read_effects(path), str(path))
 

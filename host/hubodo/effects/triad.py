@@ -43,7 +43,7 @@ class LinearEffect(Effect):
 class CrossAxis(LinearEffect):
     """Six small cross-axis angles, after Avrutov, eq. 1: the x axis reads xz times y, and so on."""
 
-    places: ClassVar[Mapping[str, tuple[int, int, float]]] = {
+    matrix_entries: ClassVar[Mapping[str, tuple[int, int, float]]] = {
         "xz": (0, 1, 1.0),
         "xy": (0, 2, -1.0),
         "yz": (1, 0, -1.0),
@@ -63,14 +63,14 @@ class CrossAxis(LinearEffect):
     def matrix(self) -> Array:
         """Return the (3, 3) matrix of the angles, with a zero diagonal."""
         matrix = np.zeros((3, 3))
-        for name, (row, column, sign) in self.places.items():
+        for name, (row, column, sign) in self.matrix_entries.items():
             matrix[row, column] = sign * getattr(self, name)
         return matrix
 
     @classmethod
     def of_matrix(cls, matrix: Array) -> Self:
         """Return the angles in a (3, 3) matrix; its diagonal is ignored."""
-        return cls(**{name: sign * float(matrix[i, j]) for name, (i, j, sign) in cls.places.items()})
+        return cls(**{name: sign * float(matrix[i, j]) for name, (i, j, sign) in cls.matrix_entries.items()})
 
 
 @dataclass(frozen=True)

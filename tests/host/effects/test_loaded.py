@@ -40,8 +40,10 @@ def test_a_changed_file_replaces_its_effects(tmp_path):
 def test_an_installed_package_offers_effects(tmp_path, monkeypatch):
     written(tmp_path, HUM, "offered_hum.py")
     monkeypatch.syspath_prepend(str(tmp_path))
-    entry = EntryPoint("hum", "offered_hum", loaded.GROUP)
-    monkeypatch.setattr(loaded, "entry_points", lambda group: [entry] if group == loaded.GROUP else [])
+    entry = EntryPoint("hum", "offered_hum", loaded.ENTRY_POINT_GROUP)
+    monkeypatch.setattr(
+        loaded, "entry_points", lambda group: [entry] if group == loaded.ENTRY_POINT_GROUP else []
+    )
     use_effects()
     assert "hum" in BY_NAME
 

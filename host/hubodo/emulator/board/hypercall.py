@@ -27,7 +27,7 @@ FLAG_OPEN = 8
 """A host has the port open."""
 FLAG_PLUGGED = 16
 """The cable is plugged in, and the terminal exists."""
-FLAG_OVER = 32
+FLAG_BOARD_OFF = 32
 """Sent instead of a reply: the board is off or restarts, and the interpreter has to stop."""
 
 COUNT_MASK, COUNT_ROOM = 0x3FFF, 0x4000

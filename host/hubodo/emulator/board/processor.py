@@ -7,7 +7,7 @@ import select
 from typing import NamedTuple, NoReturn
 
 from hubodo.emulator.board.clock import BoardClock
-from hubodo.emulator.board.hypercall import FLAG_OVER, REQUEST, RESPONSE, op_codes
+from hubodo.emulator.board.hypercall import FLAG_BOARD_OFF, REQUEST, RESPONSE, op_codes
 from hubodo.emulator.board.models import MODELS
 from hubodo.emulator.board.reset_registers import ResetCause, ResetRegisters
 from hubodo.emulator.board.settings import BoardSettings, Flash
@@ -140,7 +140,7 @@ class Processor:
         self._poll.unregister(interpreter.requests)
         self._cpu += self._own_cpu()
         if self._settings.interpreter == "micropython" and not self._has_replied and not self._buffer:
-            self.answer(0, FLAG_OVER, b"", 0.0, 0.0)
+            self.answer(0, FLAG_BOARD_OFF, b"", 0.0, 0.0)
             interpreter.release()
         else:
             interpreter.kill()

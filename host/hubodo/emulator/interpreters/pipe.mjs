@@ -1,11 +1,11 @@
-// The two pipes between an interpreter in node and its board: hypercall.py says what goes through them.
+// The two pipes between an interpreter in node and its board; hypercall.py defines the protocol.
 import fs from "node:fs";
 
 const ANSWER = 24;
-const FLAG_OVER = 32;
+const FLAG_BOARD_OFF = 32;
 export const HEADER = 16, FLAG_INPUT = 1, FLAG_ROOM = 2, FLAG_INTERRUPT = 4, FLAG_OPEN = 8, FLAG_PLUGGED = 16;
 
-/** What is thrown where the board is switched off instead of an answer. */
+/** Thrown when the board is switched off instead of replying. */
 export class Over extends Error {}
 
 export function die(error) {
@@ -25,11 +25,11 @@ export class Pipe {
     this.response = Buffer.alloc(ANSWER + 65536);
     this.answer = new DataView(this.response.buffer, this.response.byteOffset);
     this.flags = 0;
-    this.length = 0; // of the answer's payload, which is at response[ANSWER..]
-    this.time = 0; // ns at which the call was over
-    this.quiet = 0; // ns up to which there is nothing to ask for, as far as is known
+    this.length = 0; // length of the reply payload, at response[ANSWER..]
+    this.time = 0; // ns, end of the call
+    this.quiet = 0; // ns up to which the flags of the board do not change, as far as known
     this._then = null;
-    this._ahead = 0; // bytes of the next board's settings that have come already
+    this._ahead = 0; // bytes of the settings of the next board that were received already
   }
 
   /** Sends a request at `t` ns with `n` payload bytes already at request[HEADER..]; `then(status)` once it is settled. */
@@ -49,7 +49,7 @@ export class Pipe {
     this._then = then;
   }
 
-  /** Waits for the answer that is still out, if there is one. */
+  /** Waits for a pending reply, if any. */
   settle() {
     const then = this._then;
     if (then === null) return;
@@ -58,7 +58,7 @@ export class Pipe {
     this.length = this.answer.getUint32(4, true);
     this._readAll(ANSWER + this.length, have);
     this.flags = this.response[2];
-    if (this.flags & FLAG_OVER) {
+    if (this.flags & FLAG_BOARD_OFF) {
       this._ahead = have - ANSWER;
       this.response.copyWithin(0, ANSWER, have);
       throw new Over();
@@ -77,7 +77,7 @@ export class Pipe {
     return have;
   }
 
-  /** Waits for what the next board has to tell at its start. */
+  /** Waits for the settings of the next board. */
   start() {
     const have = this._readAll(4, this._ahead), end = 4 + this.response.readUInt32LE(0);
     this._readAll(end, have);
@@ -85,7 +85,7 @@ export class Pipe {
     return JSON.parse(this.response.toString("utf8", 4, end));
   }
 
-  /** The payload of the last answer, valid until the next one. */
+  /** Payload of the last reply, valid until the next one. */
   get payload() {
     return this.response.subarray(ANSWER, ANSWER + this.length);
   }

@@ -32,7 +32,7 @@ class BoardCalls:
         self.rate = 1 + CONFIG["clock_ppm"] * 1e-6
         self.t0 = int(CONFIG["t0_ns"])
         self.status = 0
-        self.aim = (0, 0, 0, 1)
+        self.transfer_target = (0, 0, 0, 1)
         self.port, self.timeout = 0, 0
         self.socket, self.peer = 0, bytes(6)
         self.spi_unit = 0
@@ -41,10 +41,10 @@ class BoardCalls:
         """Return the true time, ns since power-on."""
         return self.t if STEPPED else real_time.monotonic_ns() - self.t0
 
-    def pace(self, lead):
-        """Sleep while virtual time is ahead of wall time by more than `lead` ns."""
+    def pace(self, max_lead_ns):
+        """Sleep while virtual time is ahead of wall time by chunk than `max_lead_ns` ns."""
         ahead = self.t - (real_time.monotonic_ns() - self.t0) / CONFIG["pace"] if PACED else 0
-        if ahead > lead:
+        if ahead > max_lead_ns:
             real_time.sleep(ahead * CONFIG["pace"] / 1e9)
 
     def spend(self, ns):
@@ -59,21 +59,24 @@ class BoardCalls:
             self.t = max(self.t, t)
             self.pace(150e3)
             return
-        left = t - self.now()
-        while left > 0:
-            if left > 70e3:
-                real_time.sleep((left - 35e3) / 1e9)
-            left = t - self.now()
+        remaining_ns = t - self.now()
+        while remaining_ns > 0:
+            if remaining_ns > 70e3:
+                real_time.sleep((remaining_ns - 35e3) / 1e9)
+            remaining_ns = t - self.now()
 
-    def ask(self, op, a=0, payload=b""):
+    def ask(self, op, argument=0, payload=b""):
         """Send a request to the board; return the status and the payload of its reply."""
-        os.write(REQUEST_FD, REQUEST.pack(OP[op], self.interrupt_char, a, len(payload), self.now()) + payload)
+        os.write(
+            REQUEST_FD,
+            REQUEST.pack(OP[op], self.interrupt_char, argument, len(payload), self.now()) + payload,
+        )
         data = os.read(RESPONSE_FD, 1 << 17)
         while len(data) < RESPONSE.size or len(data) < RESPONSE.size + RESPONSE.unpack_from(data)[3]:
-            more = os.read(RESPONSE_FD, 1 << 17)
-            if not more:
+            chunk = os.read(RESPONSE_FD, 1 << 17)
+            if not chunk:
                 os._exit(1)
-            data += more
+            data += chunk
         status, self.flags, _, n, t, self.quiet = RESPONSE.unpack_from(data)
         self.wait_until(t)
         self.spend(CONFIG["call_cost_ns"])
@@ -130,7 +133,7 @@ class BoardCalls:
 
     def i2c_to(self, bus_mode, to, memory, size):
         """Set bus, address and register of the next transfer."""
-        self.aim = (bus_mode, to, memory, size)
+        self.transfer_target = (bus_mode, to, memory, size)
         self.status = 0
 
     def result(self):
@@ -169,11 +172,11 @@ class BoardCalls:
     def spi_to(self, unit):
         self.spi_unit = unit
 
-    def uart_init(self, port, baud, to_send, to_read):
-        return self.ask("UART_INIT", port, struct.pack("<IHH", baud, to_send, to_read))[0]
+    def uart_init(self, port, baud, send_buffer, receive_buffer):
+        return self.ask("UART_INIT", port, struct.pack("<IHH", baud, send_buffer, receive_buffer))[0]
 
-    def wlan(self, what):
-        return self.ask("WLAN", what)[0]
+    def wlan(self, command):
+        return self.ask("WLAN", command)[0]
 
     def udp_open(self):
         return self.ask("UDP_OPEN")[0]

@@ -22,14 +22,14 @@ class I2cDevice:
     """The device /dev/i2c of runner.mjs."""
 
     def readinto(self, buf):
-        mode, address, memory, size = board.aim
+        mode, address, memory, size = board.transfer_target
         request = struct.pack("<BBHH", address, size, memory, len(buf))
         board.status, data = board.ask("I2C_READ" if mode & 1 else "I2C_READ_MEM", mode >> 1, request)
         memoryview(buf).cast("B")[: len(data)] = data
         return len(data)
 
     def write(self, buf, *part):
-        mode, address, memory, size = board.aim
+        mode, address, memory, size = board.transfer_target
         request = struct.pack("<BBH", address, size, memory) + _part(buf, part)
         board.status, _ = board.ask("I2C_WRITE" if mode & 1 else "I2C_WRITE_MEM", mode >> 1, request)
         return len(buf)
@@ -51,14 +51,14 @@ class ExchangeDevice:
     """The devices /dev/spi and /dev/espnow of runner.mjs: a write is a request, a read returns the reply."""
 
     def __init__(self, op):
-        self._op, self._came = op, b""
+        self._op, self._reply = op, b""
 
     def write(self, buf, *part):
-        board.status, self._came = board.ask(self._op, board.spi_unit, _part(buf, part))
-        return len(self._came)
+        board.status, self._reply = board.ask(self._op, board.spi_unit, _part(buf, part))
+        return len(self._reply)
 
     def readinto(self, buf):
-        data = self._came[: len(buf)]
+        data = self._reply[: len(buf)]
         memoryview(buf).cast("B")[: len(data)] = data
         return len(data)
 
@@ -86,12 +86,12 @@ class Bytes:
         return board.write_port(0, _part(buf, part))
 
     def readinto(self, buf):
-        view, at = memoryview(buf), 0
-        while at < len(view):
-            data = board.read_port(0, len(view) - at, 100)
-            view[at : at + len(data)] = data
-            at += len(data)
-        return at
+        view, position = memoryview(buf), 0
+        while position < len(view):
+            data = board.read_port(0, len(view) - position, 100)
+            view[position : position + len(data)] = data
+            position += len(data)
+        return position
 
     def read(self, n=1):
         buf = bytearray(n)
@@ -121,8 +121,8 @@ class Text:
         pass
 
     def ioctl(self, request, flags):
-        have = board.fresh_flags()
-        return flags & ((1 if have & FLAG_INPUT else 0) | (4 if have & FLAG_ROOM else 0))
+        board_flags = board.fresh_flags()
+        return flags & ((1 if board_flags & FLAG_INPUT else 0) | (4 if board_flags & FLAG_ROOM else 0))
 
 
 class Poll:
@@ -131,18 +131,22 @@ class Poll:
     def __init__(self):
         self._entries = {}
 
-    def register(self, thing, flags=5):
-        self._entries[id(thing)] = (thing, flags)
+    def register(self, stream, flags=5):
+        self._entries[id(stream)] = (stream, flags)
 
     modify = register
 
-    def unregister(self, thing):
-        self._entries.pop(id(thing), None)
+    def unregister(self, stream):
+        self._entries.pop(id(stream), None)
 
     def ipoll(self, timeout_ms=-1, flags=0):
         end = None if timeout_ms < 0 else board.now() + timeout_ms * 1e6
         while True:
-            ready = [(thing, got) for thing, mask in self._entries.values() if (got := thing.ioctl(3, mask))]
+            ready = [
+                (stream, events)
+                for stream, mask in self._entries.values()
+                if (events := stream.ioctl(3, mask))
+            ]
             if ready or (end is not None and board.now() >= end):
                 return ready
             board.sleep_us(500)

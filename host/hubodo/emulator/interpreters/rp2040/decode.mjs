@@ -1,7 +1,7 @@
-// Which of the ARMv6-M instructions a halfword is, looked up once for all of them: the fast core switches on it.
+// Table of the ARMv6-M instruction of every halfword; the fast core switches on it.
 
 const FORMS = [
-  // name, bits shifted out, what is left: the encodings of the ARMv6-M manual, chapter A5.
+  // Name, shift, remaining bits: encodings of the ARMv6-M manual, chapter A5.
   ["LSL_I", 11, 0b00000], ["LSR_I", 11, 0b00001], ["ASR_I", 11, 0b00010],
   ["ADD_R", 9, 0b0001100], ["SUB_R", 9, 0b0001101], ["ADD_3", 9, 0b0001110], ["SUB_3", 9, 0b0001111],
   ["MOV_I", 11, 0b00100], ["CMP_I", 11, 0b00101], ["ADD_8", 11, 0b00110], ["SUB_8", 11, 0b00111],
@@ -24,6 +24,6 @@ const FORMS = [
   ["BGT", 8, 0xdc], ["BLE", 8, 0xdd], ["B", 11, 0b11100], ["BL", 11, 0b11110],
 ];
 
-/** The form of every halfword: its place in the list from 1 on, or 0 for what is left to the emulator's own core. */
+/** Instruction of every halfword: index in the list from 1 on, or 0 if rp2040js executes it. */
 export const FORM_OF = new Uint8Array(65536);
 FORMS.forEach(([, shift, bits], k) => FORM_OF.fill(k + 1, bits << shift, (bits + 1) << shift));

@@ -1,4 +1,4 @@
-// The flash chip: a file that holds at every moment what was programmed, written through the bootrom's routines.
+// The flash chip: a file with its programmed contents at every moment, written by the routines of the bootrom.
 import fs from "node:fs";
 
 const SECTOR = 4096, PAGE = 256;
@@ -9,7 +9,7 @@ const ROM_TABLE_AT = 0x14;
 const SSI = 0x18000, ENABLED = 0x08, RECEIVED = 0x24, DATA = 0x60;
 const IO_QSPI = 0x40018, SELECT_CONTROL = 0x0c, OVERRIDE = 0x300, DRIVEN_LOW = 0x200;
 
-/** Addresses of the bootrom's routines by their two letters: RP2040 data sheet, 2.8.3. */
+/** Addresses of bootrom routines by their two-letter codes: RP2040 data sheet, 2.8.3. */
 export function romRoutines(rom) {
   const found = {};
   for (let at = rom.readUInt16LE(ROM_TABLE_AT); rom.readUInt16LE(at) !== 0; at += 4) {
@@ -19,7 +19,7 @@ export function romRoutines(rom) {
 }
 
 export class Flash {
-  /** path: the image of the whole chip; uniqueId: hexadecimal, 8 bytes; rom: the bootrom (Buffer). */
+  /** path: image of the chip; uniqueId: hexadecimal, 8 bytes; rom: the bootrom (Buffer). */
   constructor(path, uniqueId, rom) {
     this._file = fs.openSync(path, "r+");
     this.contents = fs.readFileSync(path);
@@ -30,7 +30,7 @@ export class Flash {
     this.erased = this.programmed = 0;
   }
 
-  /** Puts the contents into a fresh RP2040 and answers its serial interface. */
+  /** Loads the contents into a new RP2040 and connects its serial interface. */
   plug(mcu) {
     this._memory = mcu.flash;
     mcu.flash.set(this.contents);
@@ -68,7 +68,7 @@ export class Flash {
     fs.writeSync(this._file, this.contents, at, bytes, at);
   }
 
-  // The serial interface gives a byte for each that is sent; the unique id is asked for with the chip select held low.
+  // The serial interface returns a byte for each byte sent; the unique id is read while chip select is low.
   _answerCommands(mcu) {
     const ssi = mcu.peripherals[SSI], select = mcu.peripherals[IO_QSPI];
     let answers = [], sent = -1, command = 0, control = 0;

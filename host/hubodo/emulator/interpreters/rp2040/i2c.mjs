@@ -1,6 +1,6 @@
-// The I2C controllers: what rp2040js does at once takes its bits' time here, and the board's own chips answer.
+// The I2C controllers: transfers, instantaneous in rp2040js, take the time of their bits here, with the chips of the board.
 
-// Of rp2040js: the controller's state, its register that switches it on, the interrupt that says its queue is empty.
+// From rp2040js: state of the controller, its enable register, its interrupt for an empty queue.
 const IDLE = 0, ENABLE_REGISTER = 0x6c, SPIKES_REGISTER = 0xa0, ENABLED = 1, ABORTED = 2, QUEUE_EMPTY = 1 << 4;
 const READING = 1, I2C_FUNCTION = 3, FIRST_RESERVED_PIN = 30;
 const BYTE_BITS = 9, ETIMEDOUT = 110; // as hypercall.py has it
@@ -18,14 +18,14 @@ export class I2cController {
     this._pins = pins;
     this._then = null;
     this._alarm = mcu.clock.createAlarm(() => this._then());
-    this._written = []; // bytes of the transfer that runs, for the chip when the next condition comes
-    this._held = false; // SDA is held low: no start condition until the controller is switched off
+    this._written = []; // bytes of the current transfer, sent to the chip at the next condition
+    this._held = false; // SDA is held low: no start condition until the controller is disabled
     this._settings = "";
     this._spikes = 7; // cycles; rp2040js takes even numbers only
     this._wire();
   }
 
-  // RP2040 data sheet, 4.3.14.1; slower than the 400 kHz that the SDK reckons with. Edges take no time here.
+  // RP2040 data sheet, 4.3.14.1; slower than the 400 kHz assumed by the SDK. Edges take no time here.
   get _bitNs() {
     const high = this._bus.sclHighPeriod + this._spikes + 7, low = this._bus.sclLowPeriod + 1;
     return ((high + low) * 1e9) / this._mcu.clkSys;
@@ -70,7 +70,7 @@ export class I2cController {
       }
       this._later(1, () => bus.completeStop());
     };
-    // An abort empties the queue; the SDK waits to be told so.
+    // An abort empties the queue; the SDK waits for its flag.
     const abort = bus.abort.bind(bus);
     bus.abort = (reason) => {
       abort(reason);

@@ -1,7 +1,7 @@
-// The board as the emulated machine sees it: requests at the machine's own time, and what their answers bring about.
+// Interface of the emulated machine to the board: requests at the time of the machine, and the effects of replies.
 import { HEADER, Pipe } from "../pipe.mjs";
 
-const NO_INTERRUPT_CHAR = -1; // ctrl-C is a byte like any other: the chip's own MicroPython looks for it
+const NO_INTERRUPT_CHAR = -1; // ctrl-C is an ordinary byte: the MicroPython of the chip detects it
 const STALLED_NS = 1e6;
 
 export class Line {
@@ -10,25 +10,25 @@ export class Line {
     this.op = config.ops;
     this.now = now;
     this.contact = -1e18;
-    this.stalledUntil = 0; // the processor is busy with something else until then, ns
+    this.stalledUntil = 0; // ns up to which the processor is stalled
     this._pipe = new Pipe(config.pipes);
   }
 
-  /** Whether the board may have something to tell that is older than `ns`. */
+  /** Returns true if the flags of the board may be older than `ns`. */
   stale(ns) {
     const now = this.now();
     return now - this.contact >= ns && now >= this._pipe.quiet;
   }
 
-  /** What the board's last answer said of the link. */
+  /** State of the link in the last reply. */
   get flags() {
     return this._pipe.flags;
   }
 
-  /** Asks with a payload of `bytes`; `then(status, payload)` once settled, at the latest by the next request. */
+  /** Sends a request with payload `bytes`; `then(status, payload)` is called once settled, at the latest by the next request. */
   begin(op, a, bytes, then) {
     const pipe = this._pipe;
-    // An answer that is still out may ask in its turn; the payload is written after that.
+    // A pending reply may trigger another request; the payload is written after that.
     pipe.settle();
     for (let k = 0; k < bytes.length; k++) pipe.request[HEADER + k] = bytes[k];
     const asked = this.now();
@@ -39,12 +39,12 @@ export class Line {
     });
   }
 
-  /** Waits for the answer that is out. */
+  /** Waits for the pending reply. */
   settle() {
     this._pipe.settle();
   }
 
-  /** Asks and waits: the status, and the payload as a copy in `payload`. */
+  /** Sends a request and waits: returns the status, with a copy of the payload in `payload`. */
   ask(op, a = 0, bytes = []) {
     let result = 0;
     this.begin(op, a, bytes, (status, payload) => {

@@ -1,7 +1,7 @@
-// What the processor does from a moment on: cycles asleep, in transfers and at work, allocations, function by function.
+// Activity profile of the processor from a given time on: cycles asleep, in transfers and busy, allocations, functions.
 import { Profile } from "./profile.mjs";
 
-// Functions of MicroPython in which the firmware waits, moves bytes over I2C, and takes memory from the heap.
+// Functions of MicroPython that wait, transfer bytes over I2C, and allocate memory.
 const IDLE = "mp_hal_delay_us", TRANSFER = "machine_i2c_transfer_single", ALLOCATION = "gc_alloc";
 
 /** Calls of one function, with the cycles between its entry and its return. */
@@ -16,7 +16,7 @@ class Span {
 
   _enter(core) {
     this.calls++;
-    if (this._began >= 0) return; // called by itself
+    if (this._began >= 0) return; // recursive call
     this._began = this._pico.cycles;
     const asleep = this._pico.asleep, stack = core.SP;
     const done = this._pico.hook(core.LR & ~1, (there) => {
@@ -32,7 +32,7 @@ class Span {
 }
 
 export class Meter {
-  /** symbols: address by name; profile: whether function by function too. Counts from now on. */
+  /** symbols: address by name; profile: true to count each function too. Counts from now on. */
   constructor(pico, symbols, profile) {
     const at = (name) => {
       const found = symbols.get(name);
@@ -48,11 +48,11 @@ export class Meter {
     this._profile = profile ? new Profile(pico, at) : null;
   }
 
-  /** Everything so far; times in s and µs of the device's own clock. */
+  /** Returns the profile so far; times in s and µs of the device clock. */
   report() {
     const pico = this._pico, from = this._from;
     const us = (cycles) => (cycles * pico.cycleNs) / 1000;
-    // Asleep outside the function that waits: in a wait of another kind.
+    // Asleep outside the wait functions: another kind of wait.
     const elsewhere = (pico.asleep - from.asleep - this._idle.asleep - this._transfers.asleep) / 1000;
     return {
       from_s: from.now / 1e9,

@@ -1,4 +1,4 @@
-// The machine: an RP2040 with its flash chip, bus and USB, that keeps flash and scratch registers through resets.
+// The machine: an RP2040 with flash chip, bus and USB; flash and scratch registers survive resets.
 import { ConsoleLogger, LogLevel, RP2040 } from "rp2040js";
 import { I2cController } from "./i2c.mjs";
 import { Pins } from "./pins.mjs";
@@ -22,9 +22,9 @@ export class Pico {
     this.cycleNs = 1e9 / CLOCK_HZ;
     this.resets = 0;
     this.asleep = 0; // ns spent in WFI and WFE
-    this.cacheMisses = 0; // before the reset
-    this.hooks = new Map(); // pc → functions(core) that are called before the instruction there
-    this.waits = new Map(); // pc of a loop that only waits → (core) => device µs until which it does
+    this.cacheMisses = 0; // before the last reset
+    this.hooks = new Map(); // pc → functions (core) called before the instruction there
+    this.waits = new Map(); // pc of a busy-wait loop → (core) => device µs at which it ends
     this.onReset = () => {};
     this._reason = 0;
     this._scratch = null;
@@ -38,12 +38,12 @@ export class Pico {
     this._boot(this._ticksStartNs);
   }
 
-  /** True time since the board was switched on, ns. */
+  /** True time since power-on, ns. */
   get now() {
     return this._bootedAt + (this.clock.nanos - this._zero) / this.rate;
   }
 
-  /** Cycles of the processor since it was switched on, sleep included. */
+  /** Cycles of the processor since power-on, sleep included. */
   get cycles() {
     return (this.now * this.rate) / this.cycleNs;
   }
@@ -66,7 +66,7 @@ export class Pico {
     if (this._scratch) watchdog.scratchData.set(this._scratch);
     watchdog.onWatchdogTrigger = () => {
       mcu.stopped = true;
-      // Its alarm would go off again at once, for ever.
+      // Otherwise its alarm would fire again immediately, forever.
       watchdog.alarm.enable = false;
     };
     this.cache = this.missCycles ? new XipCache(this.missCycles) : null;
@@ -92,7 +92,7 @@ export class Pico {
     this._boot(0);
   }
 
-  /** Calls `hook(core)` before the instruction at `pc`, until the function that is returned is called. */
+  /** Calls `hook(core)` before the instruction at `pc`; returns a function that removes it. */
   hook(pc, hook) {
     const known = this.hooks.get(pc);
     if (known) known.push(hook);
@@ -108,7 +108,7 @@ export class Pico {
     };
   }
 
-  // Before an instruction that is marked: answers the cycles that pass before it.
+  // Runs before a marked instruction; returns the cycles that pass before it.
   _marked(pc) {
     if (pc === this.flash.eraseAt || pc === this.flash.programAt) {
       this._busyUntil = this.clock.nanos + this.flash.serve(this.core);
@@ -122,7 +122,7 @@ export class Pico {
     return wait === undefined ? 0 : this._skipWait(wait(this.core));
   }
 
-  // Nothing happens in such a loop until its end or an alarm: the last microsecond is executed.
+  // Such a loop is skipped up to its end or an alarm; only its last microsecond is executed.
   _skipWait(untilUs) {
     let until = Math.min(untilUs * 1000, this._sliceEnd);
     const next = this.clock.nextAlarm;
@@ -130,7 +130,7 @@ export class Pico {
     return Math.max(0, Math.floor((until - this.clock.nanos - 1000) / this.cycleNs));
   }
 
-  /** Runs until the device's clock is at `until` ns, or a reset. */
+  /** Runs until the device clock reaches `until` ns, or until a reset. */
   run(until) {
     const { clock, core, fast, cycleNs } = this;
     this._sliceEnd = until;

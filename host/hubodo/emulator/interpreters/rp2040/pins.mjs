@@ -1,4 +1,4 @@
-// The two pins of the bus when the firmware moves them by hand, and the analogue ones: both ask the board.
+// Bus pins that the firmware drives directly, and analogue pins: both query the board.
 
 const SIO_FUNCTION = 5, OPEN_DRAIN = 2, NO_PULL = 0xff;
 const DRIVEN_LOW = 0; // a GPIOPinState of rp2040js
@@ -19,7 +19,7 @@ export class Pins {
     };
   }
 
-  /** The bus is on these pins from now on. */
+  /** Sets the pins of the bus. */
   watch(scl, sda) {
     for (const stop of this._watched) stop();
     this._bus = [scl, sda];
@@ -30,7 +30,7 @@ export class Pins {
     this.look();
   }
 
-  /** Puts onto the pins of the bus what firmware that reads them shall see: high unless somebody holds one low. */
+  /** Sets the input levels of the bus pins: high unless a chip holds one low. */
   look() {
     const [scl, sda] = this._bus, line = this._line;
     this._mcu.gpio[scl].setInputValue(this._levels.get(scl) === 1);

@@ -1,7 +1,7 @@
-// Cycles of each Python function, exclusive and inclusive, told by entry and exit of MicroPython's bytecode loop.
+// Cycles of each Python function, exclusive and inclusive, from entry and exit of MicroPython's bytecode loop.
 
 const LOOP = "mp_execute_bytecode", NAMES = "qstr_find_strn";
-// C functions that appear as functions of their own, by what they do.
+// C functions that are listed separately, by purpose.
 const OWN = {
   mp_hal_delay_us: "[sleep]",
   machine_i2c_transfer_single: "[I2C transfer]",
@@ -38,7 +38,7 @@ export class Profile {
     }
   }
 
-  // Memory as it is, without the cache taking note.
+  // Memory access without effect on the cache.
   _u8(address) {
     return this._pico.mcu.readUint8(address);
   }
@@ -127,13 +127,13 @@ export class Profile {
       const done = this._pico.hook(core.LR & ~1, (there) => {
         if (there.SP !== stack) return;
         done();
-        // An exception leaves several at a stroke.
+        // An exception leaves several functions at once.
         while (this._stack.length >= depth) this._leave();
       });
     });
   }
 
-  /** All functions, the most costly first; us: cycles to µs. heap: their frame does not fit the stack's limit. */
+  /** Returns all functions, the most expensive first; us: converts cycles to µs. heap: their frame exceeds the stack limit. */
   report(us) {
     this._book();
     const rows = [this._outside, ...this._functions.values()].filter((it) => it.own > 0);

@@ -1,5 +1,5 @@
-// Every instruction once with operands of many kinds, on a processor that is then thrown away. V8 compiles the fast
-// core for what it has met: where it meets something new it throws the code away and takes half a second for it again.
+// Warm-up of the fast core: every instruction with operands of many kinds, on a processor that is then discarded. V8
+// optimises the core for the operands it has seen; a new kind discards the code and costs another half second.
 import v8 from "node:v8";
 import { RP2040 } from "rp2040js";
 import { FORM_OF } from "./decode.mjs";
@@ -7,11 +7,11 @@ import { FastCore } from "./thumb.mjs";
 import { XipCache } from "./xip_cache.mjs";
 
 const RAM = 0x20000000, FLASH = 0x10000000, ROM = 0, CODE = 0x8000, ROUNDS = 50, END = 16;
-// Numbers, and addresses in RAM, in flash, of the SIO and of a register behind the APB bridge, which take any value.
+// Numbers, and addresses in RAM, flash, SIO and a register behind the APB bridge, which accept any value.
 const OPERANDS = [0, 1, -1, 33, 0x7fffffff, RAM + 0x100, RAM + 0x203, FLASH + 0x40, 0xd0000010, 0x4005800c].map((it) => it | 0);
 const BARRIER = [0xf3bf, 0x8f4f], SPECIAL = [0xf3ef, 0x8010];
 
-/** Marsaglia's xorshift: the same numbers at each start. */
+/** Marsaglia's xorshift generator with a fixed seed. */
 function drawer(state) {
   return (n) => {
     state ^= state << 13;
@@ -21,13 +21,13 @@ function drawer(state) {
   };
 }
 
-/** Before a FastCore is used in earnest. */
+/** Warms up the fast core before its first use. */
 export function rehearse() {
-  // Slices are short: code for going on within one is compiled in vain, and what is not compiled yet is not worth running.
+  // Slices are short: on-stack replacement within one is useless, and unoptimised code is slow.
   v8.setFlagsFromString("--no-use-osr");
   v8.setFlagsFromString("--no-concurrent-recompilation");
   const mcu = new RP2040();
-  // Addresses are drawn blindly: nobody is told of those that are nowhere.
+  // Random addresses may be invalid: their warnings are suppressed.
   mcu.logger = { debug() {}, info() {}, warn() {}, error() {} };
   mcu.sio = { readUint32: () => 0, writeUint32() {} };
   const fast = new FastCore(mcu, 125e6, new XipCache(50)), draw = drawer(1);
@@ -57,10 +57,10 @@ export function rehearse() {
     for (const ops of ofForm.slice(1)) one(base, [ops[draw(ops.length)], BARRIER[1]], 1);
     one(base, SPECIAL, 1);
     one(base, BARRIER, 1);
-    // A call, and several instructions in a row.
+    // A call, and several consecutive instructions.
     one(base, [0xf000, 0xf800 + draw(4)], 1);
     one(base, [0x0040, 0x1c49, 0x4348, 0xb403, 0xbc03], END);
-    // The end of an exception.
+    // Return from an exception.
     fast.ram32.fill(0xfffffff9, 0x400, 0x500);
     one(base, [0xbd00], 1);
   }

@@ -1,4 +1,4 @@
-// The interpreter of a virtual node: an emulated RP2040 with the Pico's MicroPython, its board behind two pipes.
+// Interpreter of a virtual node: an emulated RP2040 with the MicroPython of the Pico, connected to its board by two pipes.
 import fs from "node:fs";
 import { Flash } from "./flash.mjs";
 import { Line } from "./line.mjs";
@@ -13,7 +13,7 @@ const bootrom = fs.readFileSync(config.bootrom);
 const flash = new Flash(config.flash_image, config.unique_id, bootrom);
 const rate = 1 + config.clock_ppm * 1e-6;
 const pico = new Pico({ flash, bootrom, missCycles: config.miss_cycles, rate, ticksStartUs: config.ticks_start_us });
-const booted = config.t_ns; // of an earlier processor on the same board
+const booted = config.t_ns; // time of an earlier processor of the same board
 const line = new Line(config, () => booted + pico.now);
 const symbols = config.symbols === null ? null : readSymbols(config.symbols);
 for (const [pc, until] of waitLoops(flash.contents, symbols)) pico.waits.set(pc, until);
@@ -21,7 +21,7 @@ for (const [pc, until] of waitLoops(flash.contents, symbols)) pico.waits.set(pc,
 pico.onReset = (reason) => line.ask(line.op.RESTARTED, reason);
 pico.connect(line);
 
-// ---- time: a paced clock waits for the wall clock, one emulated second of which may take several ----
+// ---- time: a paced clock waits for wall time; an emulated second may take several seconds of it ----
 
 const nap = new Int32Array(new SharedArrayBuffer(4));
 const zero = BigInt(config.t0_ns);
@@ -33,7 +33,7 @@ function pace() {
   if (ahead > LEAST_NAP_NS) Atomics.wait(nap, 0, 0, ahead / 1e6);
 }
 
-// ---- metering: counted here, kept by the board ----
+// ---- profiling: counted here, stored by the board ----
 
 const METER_NS = 100e6;
 let meter = null, told = 0;

@@ -1,6 +1,6 @@
-// The fast core: runs ARMv6-M instructions on rp2040js's registers and memory until so many cycles are over.
-// What is rare (exceptions, special registers, sleep) it leaves to rp2040js. Cycles: Cortex-M0+ manual, 3.3.
-// One function with one switch: so the compiler keeps flags, counter and memory in the host's registers.
+// The fast core: executes ARMv6-M instructions on the registers and memory of rp2040js for a number of cycles.
+// Rare instructions (exceptions, special registers, sleep) are left to rp2040js. Cycles: Cortex-M0+ manual, 3.3.
+// One function with one switch, so that the compiler keeps flags, counter and memory in host registers.
 import { FORM_OF } from "./decode.mjs";
 
 const RAM = 0x20000000, FLASH = 0x10000000, SIO = 0xd, APB = 0x4;
@@ -30,11 +30,11 @@ export class FastCore {
     this.ramMarks = new Uint8Array(mcu.sram.length >> 1);
     this.romMarks = new Uint8Array(0x2000);
     this.onMark = () => 0;
-    this.limit = 0; // cycles at which the slice ends: earlier when a peripheral sets an alarm or an interrupt
-    this.began = 0; // ns at which it began
+    this.limit = 0; // cycle at which the slice ends; earlier if a peripheral sets an alarm or an interrupt
+    this.began = 0; // ns, start of the slice
   }
 
-  /** Marks `pc`, so that `onMark` is called before the instruction there; or takes the mark away. */
+  /** Sets or clears a mark at `pc`: `onMark` is called before a marked instruction. */
   mark(pc, on) {
     if (pc >= RAM) this.ramMarks[(pc - RAM) >> 1] = on ? 1 : 0;
     else if (pc >= FLASH) this.flashMarks[(pc - FLASH) >> 1] = on ? 1 : 0;
@@ -46,7 +46,7 @@ export class FastCore {
     this.limit = 0;
   }
 
-  // The world outside RAM and flash may look at the clock, set alarms and interrupts.
+  // Accesses outside RAM and flash may read the clock and set alarms and interrupts.
   _before(spent) {
     this.clock.nanosCounter = this.began + spent * this.cycleNs;
   }
@@ -86,14 +86,14 @@ export class FastCore {
     this._after();
   }
 
-  /** Runs at least one instruction and until `limit` cycles are over, or before: returns the cycles spent. */
+  /** Executes at least one instruction, up to `limit` cycles; returns the cycles spent. */
   run(limit) {
     const { registers: R, ram8, ram16, ram32, core, cache, cycleNs } = this;
     this.began = this.clock.nanosCounter;
     this.limit = limit;
     let spent = 0, pc = R[PC] & ~1, line = -1;
     let code = this.rom16, marks = this.romMarks, base = 0, size = 0;
-    // N and Z as the signs of two results, V as the sign of a third: worked out where a branch asks.
+    // N and Z are the signs of two results, V that of a third: evaluated only at branches.
     let n = core.N ? -1 : 0, z = core.Z ? 0 : 1, c = core.C ? 1 : 0, v = core.V ? -1 : 0;
     let cached = false;
     do {
@@ -433,7 +433,7 @@ export class FastCore {
         case 59: // POP
           a = R[SP];
           if (op & 0x100) {
-            // Whether it ends an exception stands above the other registers.
+            // An EXC_RETURN value is above all other addresses.
             for (b = op & 0xff, r = a; b !== 0; b &= b - 1) r += 4;
             if (ram32[(r - RAM) >> 2] >>> 28 === 15) {
               pc -= 2;
@@ -541,7 +541,7 @@ export class FastCore {
     return spent;
   }
 
-  // One instruction by the core of rp2040js, and the end of the slice if it slept, switched or let in an interrupt.
+  // Executes one instruction by rp2040js; ends the slice if it slept, switched mode or took an interrupt.
   _rare(pc, spent, n, z, c, v) {
     const { core, registers: R } = this;
     R[PC] = pc;

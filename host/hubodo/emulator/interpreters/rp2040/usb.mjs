@@ -1,4 +1,4 @@
-// The USB cable and the host at its end: enumerates, opens and closes the port, takes packets when it has room.
+// The USB cable and the host: enumerates the device, opens and closes the port, accepts packets when it has space.
 import { USBCDC } from "rp2040js";
 import { FLAG_INPUT, FLAG_OPEN, FLAG_PLUGGED, FLAG_ROOM } from "../pipe.mjs";
 
@@ -11,7 +11,7 @@ const DTR = 1, RTS = 2;
 // rp2040js enumerates a CDC device; it raises both lines as soon as that is done.
 class Cdc extends USBCDC {
   open = false;
-  asking = false; // the device has not said yet that it heard
+  asking = false; // the device has not acknowledged yet
   constructor(usb) {
     super(usb);
     const written = usb.onEndpointWrite;
@@ -32,9 +32,9 @@ export class UsbHost {
     this._mcu = mcu;
     this._usb = mcu.usbCtrl;
     this._line = line;
-    this._input = []; // bytes from the host that the device has not taken yet
-    this._room = 0; // bytes for which the device waits
-    this._held = null; // [offset, value]: a packet that the host does not take at present
+    this._input = []; // bytes from the host that the device has not read yet
+    this._room = 0; // free bytes of the receive buffer of the device
+    this._held = null; // [offset, value]: a packet that the host does not accept yet
     this._plugged = false;
     this._enabled = false; // by the firmware
     this._alarm = mcu.clock.createAlarm(() => this._offer());
@@ -46,7 +46,7 @@ export class UsbHost {
   _wire() {
     const usb = this._usb;
     const updated = usb.DPRAMUpdated.bind(usb), write = usb.writeUint32.bind(usb);
-    // rp2040js says that a packet is gone as soon as it is there: it goes when the host has taken it.
+    // rp2040js completes a packet at once; here it completes when the host accepts it.
     usb.DPRAMUpdated = (offset, value) => {
       const endpoint = (offset - IN_CONTROL) >> 3;
       if (value & AVAILABLE && !(offset & OUT_CONTROL) && endpoint === this._cdc?.inEndpoint) {
@@ -56,14 +56,14 @@ export class UsbHost {
     };
     this._deliver = updated;
     usb.writeUint32 = (offset, value) => {
-      // Written ones clear it, which rp2040js leaves out.
+      // Writing ones clears it, which rp2040js omits.
       if (offset === SIE_STATUS) usb.sieStatus &= ~(usb.rawWriteValue & SUSPENDED);
       write(offset, value);
     };
     this._attach();
   }
 
-  // A device that has just come: everything about it is asked anew.
+  // A newly attached device is enumerated again.
   _attach() {
     const usb = this._usb, cdc = new Cdc(usb);
     this._cdc = cdc;
@@ -103,7 +103,7 @@ export class UsbHost {
     this._usb.endpointReadDone(this._cdc.outEndpoint, packet);
   }
 
-  /** Looks at what the board says of its link: cable, port, bytes. */
+  /** Polls the state of the link: cable, port, bytes. */
   refresh() {
     const line = this._line;
     const plugged = (line.flags & FLAG_PLUGGED) !== 0;

@@ -1,16 +1,16 @@
-// The cache between the processor and its flash chip: 16 KiB, two ways, lines of 8 bytes, least recently used goes out.
-// What a miss costs is an estimate of the caller's: the chip's data sheet does not say.
+// The XIP cache between processor and flash chip: 16 KiB, two ways, lines of 8 bytes, least recently used is evicted.
+// The cost of a miss is an estimate of the caller: the data sheet of the chip does not specify it.
 
 const SETS = 1024;
 
 export class XipCache {
-  /** missCycles: how long the processor waits for a line that is not there. */
+  /** missCycles: cycles of a miss. */
   constructor(missCycles) {
     this.missCycles = missCycles;
-    this.stall = 0; // cycles to be waited for what was touched since; whoever counts them sets it to 0
+    this.stall = 0; // cycles of the misses since the last count, which resets it to 0
     this.misses = 0;
     this._tags = new Int32Array(2 * SETS).fill(-1);
-    this._last = new Uint8Array(SETS); // the way that was used last
+    this._last = new Uint8Array(SETS); // the way used last
   }
 
   /** The processor reads at `offset` of the flash. */
@@ -27,7 +27,7 @@ export class XipCache {
     }
   }
 
-  /** Forgets all, as after the flash was written. */
+  /** Invalidates all lines, as after a write to flash. */
   flush() {
     this._tags.fill(-1);
   }

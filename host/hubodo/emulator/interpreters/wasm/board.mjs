@@ -1,10 +1,10 @@
-// The board as the interpreter asks it: one call at a time, at the clock's time; ctrl-C comes with the answers.
+// Calls of the interpreter to the board: one at a time, at the time of the clock; replies report ctrl-C.
 import { FLAG_INPUT, FLAG_INTERRUPT, HEADER } from "../pipe.mjs";
 
 const CTRL_C = 3, NAP_NS = 10e6, MOST_BYTES = 32768, INPUT_BYTES = 256, NOTHING = Buffer.alloc(0);
 
 export class Board {
-  /** config: see runner.mjs; `interpreter`, MicroPython, is given once it is loaded. */
+  /** config: see runner.mjs; `interpreter`, MicroPython, is set once it is loaded. */
   constructor(config, clock, pipe) {
     this.op = config.ops;
     this.clock = clock;
@@ -21,17 +21,17 @@ export class Board {
     this.view = this._pipe.view;
   }
 
-  /** What the last answer said. */
+  /** Flags of the last reply. */
   get flags() {
     return this._pipe.flags;
   }
 
-  /** Payload of the last answer, valid until the next call. */
+  /** Payload of the last reply, valid until the next call. */
   get payload() {
     return this._pipe.payload;
   }
 
-  /** Asks with `n` payload bytes already in the request. Ctrl-C that comes before the user's code is kept for it. */
+  /** Sends a request with `n` payload bytes already in it. Ctrl-C before the user's code is kept for it. */
   ask(op, a = 0, n = 0) {
     let result = 0;
     const interruptChar = this.booting ? CTRL_C : this.interpreter._module._mp_hal_get_interrupt_char();
@@ -47,7 +47,7 @@ export class Board {
     return result;
   }
 
-  /** The user's code begins: ctrl-C that came before is for it. */
+  /** Marks the start of the user's code, which receives an earlier ctrl-C. */
   beginUser() {
     this.booting = false;
     if (this._interrupted) this._interrupt();
@@ -59,14 +59,14 @@ export class Board {
     this._input = NOTHING;
   }
 
-  /** Whether ctrl-C came since the last look: MicroPython meets it at its next jump, so nothing may wait before that. */
+  /** Returns true if ctrl-C is new: MicroPython raises it at its next jump, so nothing may block before that. */
   takeInterrupt() {
     const told = this._told;
     this._told = false;
     return told;
   }
 
-  /** Whether the board may have something to tell that is older than `ns`. */
+  /** Returns true if the flags of the board may be older than `ns`. */
   _stale(ns) {
     const now = this.clock.now();
     return now - this._contact >= ns && now >= this._pipe.quiet;
@@ -93,7 +93,7 @@ export class Board {
     return this.takeInterrupt();
   }
 
-  /** Until a byte waits on standard input, at most `ms`, or for ever when it is negative. */
+  /** Waits for a byte on standard input, at most `ms`; forever if negative. */
   waitInput(ms) {
     const { clock } = this, { refresh_ns: refresh } = this._config;
     for (const end = ms < 0 ? Infinity : clock.now() + (ms * 1e6) / clock.rate; !this._told; ) {
@@ -119,7 +119,7 @@ export class Board {
     this.put(0, bytes, 0, bytes.length);
   }
 
-  /** At most `most` bytes of standard input that came within `timeoutMs`; firmware wants single ones, all that wait are fetched. */
+  /** Returns at most `most` bytes of standard input received within `timeoutMs`; all available bytes are fetched at once. */
   input(most, timeoutMs) {
     if (this._input.length) this.clock.spend(this._config.tick_cost_ns);
     else this._input = Buffer.from(this.get(0, INPUT_BYTES, timeoutMs));
@@ -128,7 +128,7 @@ export class Board {
     return taken;
   }
 
-  /** Bytes that came on a port within `timeoutMs`: they are the payload. */
+  /** Reads the bytes received on a port within `timeoutMs` into the payload. */
   get(port, most, timeoutMs) {
     this.view.setUint32(HEADER, most, true);
     this.view.setInt32(HEADER + 4, timeoutMs, true);

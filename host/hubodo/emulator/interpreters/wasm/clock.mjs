@@ -1,4 +1,4 @@
-// Time: ns since the board was switched on, on the board's CLOCK_MONOTONIC or stepped here; and the device's own clock.
+// Time: ns since power-on, from CLOCK_MONOTONIC or stepped here; and the device clock.
 const LEAST_NAP_NS = 150e3, LEAD_NS = 2e6, SPIN_NS = 70e3;
 const nap = new Int32Array(new SharedArrayBuffer(4));
 
@@ -23,14 +23,14 @@ export class Clock {
     return this._stepped ? this._now : this._real();
   }
 
-  // A paced clock is stepped, but waits for the wall clock once it is `lead` ns ahead of it.
+  // A paced clock is stepped, but waits for wall time when it is `lead` ns ahead.
   _keepPace(lead) {
     if (!this._paced) return;
     const ahead = this._now - this._real();
     if (ahead > lead) Atomics.wait(nap, 0, 0, (ahead * this._pace) / 1e6);
   }
 
-  /** What was done takes so many ns, where the clock is stepped. */
+  /** Advances a stepped clock by the duration of an action, ns. */
   spend(ns) {
     if (!this._stepped) return;
     this._now += ns;
@@ -48,7 +48,7 @@ export class Clock {
     }
   }
 
-  /** µs of the device's own clock. */
+  /** Time of the device clock, µs. */
   deviceUs() {
     return this._ticksStart + ((this.now() - this._booted) * this.rate) / 1000;
   }

@@ -1,4 +1,4 @@
-// Devices: what the board's modules open as files, so that a buffer passes without allocation.
+// Device files of the board modules: buffers are transferred without allocation.
 import { HEADER } from "../pipe.mjs";
 
 const MEM = 0;
@@ -26,7 +26,7 @@ class I2c {
   }
 }
 
-/** What `machine`, `socket` and the standard streams of the board read and write, and how they are aimed. */
+/** Devices of `machine`, `socket` and the standard streams, and their transfer targets. */
 export class Devices {
   constructor(board) {
     this.board = board;
@@ -81,7 +81,7 @@ export class Devices {
     };
   }
 
-  // What is written goes out at once; what came in meanwhile, or answers it, is read once.
+  // A write is sent at once; the data received meanwhile, or the reply, can be read once.
   _exchange(name) {
     const { board } = this;
     let came = Buffer.alloc(0);
@@ -104,7 +104,7 @@ export class Devices {
   _udp() {
     const { board, peer } = this, { op } = board;
     return {
-      // readinto goes on until its buffer is full: one datagram, then end of file.
+      // readinto repeats until its buffer is full: one datagram, then end of file.
       read: (_stream, buffer, offset, length) => {
         if (!this.armed) return 0;
         this.armed = false;
@@ -126,7 +126,7 @@ export class Devices {
     };
   }
 
-  /** What MicroPython calls before it reads or writes, and after. */
+  /** Functions that MicroPython calls before and after it reads or writes. */
   forModule() {
     const { peer } = this;
     return {

@@ -1,10 +1,10 @@
-// Flash: a host directory, mirrored on every close, removal and rename, as a board keeps what was closed.
+// Flash: a host directory, mirrored at every close, removal and rename, as a board stores closed files.
 import fs from "node:fs";
 import path from "node:path";
 
 export const FLASH = "/flash";
 
-/** Lays what the host has in `config.flash` at FLASH, and keeps the two alike from then on. */
+/** Copies the host folder `config.flash` to FLASH, and keeps both synchronised. */
 export function mirrorFlash(FS, config) {
   function load(from, to) {
     for (const entry of fs.readdirSync(from, { withFileTypes: true })) {
@@ -23,7 +23,7 @@ export function mirrorFlash(FS, config) {
   const absolute = (p) => (p.startsWith("/") ? p : `${FS.cwd()}/${p}`.replace("//", "/"));
   const { close, unlink, mkdir, rmdir, rename } = FS;
 
-  // What is on the host is a change that stays, and a line of the journal where one is kept.
+  // A change is permanent once on the host; it is also a line of the journal, if there is one.
   function changed(what, p, more) {
     if (config.flash_journal) fs.appendFileSync(config.flash_journal, `${JSON.stringify({ what, path: p, ...more })}\n`);
   }
@@ -32,7 +32,7 @@ export function mirrorFlash(FS, config) {
     const host = stream.path && (stream.flags & 3) !== 0 ? onHost(stream.path) : null;
     const node = stream.node;
     close(stream);
-    // A file without bytes has no typed array to take them from.
+    // An empty file has no typed array.
     if (host === null || !FS.isFile(node.mode)) return;
     const bytes = Buffer.from(node.usedBytes ? node.contents.subarray(0, node.usedBytes) : "");
     fs.writeFileSync(host, bytes);
@@ -69,7 +69,7 @@ export function mirrorFlash(FS, config) {
   };
 }
 
-/** The board's own modules at /rom. */
+/** Mounts the modules of the board at /rom. */
 export function layRom(FS, rom) {
   FS.mkdir("/rom");
   for (const name of fs.readdirSync(rom)) FS.writeFile(`/rom/${name}`, fs.readFileSync(path.join(rom, name)));

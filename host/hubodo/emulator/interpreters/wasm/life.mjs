@@ -1,4 +1,4 @@
-// One life of a board's processor: from power-on or reset through boot.py, main.py and the prompt, until it is over.
+// One session of a processor: from power-on or reset through boot.py, main.py and the prompt, until it is switched off.
 import { FLAG_INPUT, FLAG_ROOM } from "../pipe.mjs";
 import { Board } from "./board.mjs";
 import { Clock } from "./clock.mjs";
@@ -8,12 +8,12 @@ import { FLASH, layRom, mirrorFlash } from "./flash.mjs";
 import { boardModule, TICKS_MASK } from "./module.mjs";
 
 const RAW_BANNER = "raw REPL; CTRL-B to exit\r\n";
-// Raw paste needs a blocking read inside the interpreter, which this build has not: "R", 0 declines it.
+// Raw paste needs a blocking read inside the interpreter, which this build lacks: "R", 0 declines it.
 const RAW_PASTE = [5, 0x41, 1];
-// Where a ctrl-C that still waits strikes, as a port raises it when a file is over.
+// Raises a pending ctrl-C, as a port does at the end of a file.
 const A_JUMP = "[0 for _ in (0, 0)]";
 
-/** load: MicroPython, from what changes its imports and from its options. Ends by `Over` alone. */
+/** load: loads MicroPython with changed imports and options. Ends only by `Over`. */
 export async function live(config, pipe, load) {
   const clock = new Clock(config);
   const board = new Board(config, clock, pipe);
@@ -26,7 +26,7 @@ export async function live(config, pipe, load) {
   link.prompt(mp, config.raw);
 }
 
-// The interpreter's own clocks are the device's, and its memory does not grow: a board has what it has.
+// The clocks of the interpreter are those of the device, and its memory cannot grow, as on a board.
 function ownTimeAndMemory(imports, config, clock) {
   imports.env.mp_js_ticks_ms = () => {
     clock.spend(config.tick_cost_ns);
@@ -38,7 +38,7 @@ function ownTimeAndMemory(imports, config, clock) {
   withLinuxErrno(imports);
 }
 
-function repeatable(seed) { // Mulberry32: the same numbers after each start
+function repeatable(seed) { // Mulberry32 generator with a fixed seed
   let state = seed >>> 0;
   return () => {
     state = (state + 0x6D2B79F5) >>> 0;
@@ -56,13 +56,13 @@ function furnish(mp, board, clock, config) {
   layRom(FS, config.rom);
   mirrorFlash(FS, config);
 
-  // What is left of the memory beyond the heap is taken away, but for what system calls need.
+  // Memory beyond the heap is reserved, except for the needs of system calls.
   const spare = mp._module._malloc(config.slack_bytes);
   for (let size = 1 << 22; size >= 1024; size >>= 1) while (mp._module._malloc(size));
   mp._module._free(spare);
 }
 
-/** The standard streams, and what is said there: they are the board's link. */
+/** Standard streams: the link of the board. */
 class Link {
   constructor(board, FS) {
     this.board = board;
@@ -120,7 +120,7 @@ class Link {
     }
   }
 
-  /** As a port does: boot.py, main.py. */
+  /** Runs boot.py and main.py, as a port does. */
   runFiles(mp, config) {
     const { board } = this;
     const exists = (name) => mp.FS.analyzePath(`${FLASH}/${name}`).exists;
@@ -139,7 +139,7 @@ class Link {
     board.ask(board.op.IDLE);
   }
 
-  /** raw: the prompt is the one for programs. */
+  /** raw: the raw prompt, for programs. */
   prompt(mp, raw) {
     this._muted = raw;
     mp.replInit();

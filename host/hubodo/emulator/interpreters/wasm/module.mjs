@@ -1,4 +1,4 @@
-// The module `_board`, over which the board's machine, network and time are written: one function for each call.
+// The module `_board`, on which machine, network and time of the board are built: one function per call.
 import { HEADER } from "../pipe.mjs";
 import { linux } from "./errno.mjs";
 import { FLASH } from "./flash.mjs";
@@ -45,7 +45,7 @@ function machine(board, clock, config) {
       board.ask(op.ADC_READ, channel);
       return board.payload.readUInt16LE(0);
     },
-    // Feeding a watchdog more often than some dozens of times in its timeout is not told to the board.
+    // The board is told of a watchdog feed at most a few dozen times per timeout.
     wdt(start, ms) {
       if (start) timeoutNs = ms * 1e6;
       else if (clock.now() - lastFed < timeoutNs / FEEDS) {

@@ -1,11 +1,11 @@
-// The interpreter of virtual nodes: MicroPython (WebAssembly) whose world is the board behind two pipes.
-// It runs one board after the other: the second finds all of MicroPython compiled.
+// Interpreter of virtual nodes: MicroPython (WebAssembly), connected to its board by two pipes.
+// It serves one board after another; MicroPython is compiled only once.
 import v8 from "node:v8";
 import "./table.mjs";
 import { die, Over, Pipe } from "../pipe.mjs";
 import { live } from "./life.mjs";
 
-// What MicroPython's code would gain from the second compiler is less than that takes, but for rides of minutes.
+// The optimising compiler pays off only for rides of minutes.
 v8.setFlagsFromString("--liftoff-only");
 
 const { micropython, pipes } = JSON.parse(process.argv[2]);
@@ -13,7 +13,7 @@ const pipe = new Pipe(pipes);
 const { loadMicroPython } = await import(micropython);
 
 const instantiate = WebAssembly.instantiate;
-let compiled = null, adapt = null; // how the next instance's imports are changed
+let compiled = null, adapt = null; // changes of the imports of the next instance
 
 WebAssembly.instantiate = async (bytes, imports) => {
   compiled ??= await WebAssembly.compile(bytes);
@@ -22,7 +22,7 @@ WebAssembly.instantiate = async (bytes, imports) => {
 };
 
 for (;;) {
-  const config = pipe.start(); // what the board's processor.py tells
+  const config = pipe.start(); // settings from processor.py
   try {
     await live(config, pipe, (adapted, options) => {
       adapt = adapted;

@@ -1,4 +1,4 @@
-// The tables of functions, looked up quickly: this build of MicroPython checks each call between its parts against them.
+// Fast lookup of function tables, which this build of MicroPython checks at each indirect call.
 const { get, set } = WebAssembly.Table.prototype;
 const KNOWN = Symbol("known");
 
