@@ -1,4 +1,4 @@
-"""Known noise terms behind foreign electronics, over many seeds: how near they come, whether sigma holds.
+"""Noise terms of independently simulated electronics over many seeds: errors and consistency of sigma.
 
     python tests/accuracy/allan_truth.py [SEEDS]
 
@@ -43,11 +43,11 @@ RECORDS = {
     "steps of one sigma": (MIDDLE, {"n": 1e-3}, [lambda x: np.rint(x / 0.01) * 0.01]),
 }
 STEPS = 0.01**2 / 12.0 / HZ
-"""What rounding to steps of 0.01 rad/s adds to N², rad²/s."""
+"""Return the increase of N², rad²/s, by rounding to steps of 0.01 rad/s."""
 
 
 def bounds(samples, truth):
-    """Relative 1 sigma of each term by Whittle's information, quantisation, white, flicker and walk."""
+    """Return the relative 1 sigma of each noise term by Whittle's information matrix."""
     dt = 1.0 / HZ
     f = np.geomspace(0.5 / (samples * dt), 0.5 / dt, 20_000)
     shapes = {
@@ -63,8 +63,8 @@ def bounds(samples, truth):
     return dict(zip(names, np.sqrt(np.diag(np.linalg.inv(information))), strict=True))
 
 
-def made(title, samples, truth, electronics, seed):
-    """(samples,) rates, and the truth of what is in them."""
+def simulate_rates(title, samples, truth, electronics, seed):
+    """Return simulated rates, (samples,), and the true noise terms."""
     rng = np.random.default_rng([seed, list(RECORDS).index(title), 952])
     terms = dict(truth)
     slow = relaxing(samples, 1.0 / HZ, rng, terms.pop("b")) if "relaxing" in electronics else 0.0
@@ -85,7 +85,7 @@ def main(argv=None):
     for title, (samples, truth, electronics) in RECORDS.items():
         result = {name: [] for name in "QNBKR"}
         for seed in range(seeds):
-            rates, true = made(title, samples, truth, electronics, seed)
+            rates, true = simulate_rates(title, samples, truth, electronics, seed)
             terms = characterise_noise(np.arange(samples) / HZ, rates, "gz").fit.terms
             for name, term in terms.items():
                 result[name].append(term)
@@ -94,7 +94,7 @@ def main(argv=None):
         )
         low = bounds(samples, true)
         for name, terms in result.items():
-            told(name, terms, true.get(name.lower(), 0.0), low.get(name.lower()), sums)
+            print_term(name, terms, true.get(name.lower(), 0.0), low.get(name.lower()), sums)
     print(
         f"{time.monotonic() - began:.0f} s. "
         f"Claimed and true: within 2 sigma {sums['inside']} of {sums['claimed']}. "
@@ -105,8 +105,8 @@ def main(argv=None):
     return not (held and sums["false"] < 0.01 * sums["absent"])
 
 
-def told(name, terms, true, bound, sums):
-    """A line for a term that is there, or that was claimed and is not; counted in sums."""
+def print_term(name, terms, true, bound, sums):
+    """Print a line for a term that is present, or falsely detected, and add it to the sums."""
     claimed = [term for term in terms if term.value is not None]
     limits = [term.limit for term in terms if term.value is None and term.limit is not None]
     if not true:

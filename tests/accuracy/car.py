@@ -40,13 +40,13 @@ def drives() -> dict[str, Recording]:
 
 
 def truth_of(log: Recording) -> Table:
-    """The truth, which every drive has."""
+    """Return the truth, which every drive has."""
     assert log.truth is not None
     return log.truth
 
 
 def calibration_from(log: Recording, names: tuple[str, ...]) -> Calibration:
-    """What these nodes' drive tells. Raises CalibrationError."""
+    """Return the calibration from a drive of these nodes. Raises CalibrationError."""
     truth = truth_of(log)
     reported = Positions(truth.t, truth["x"], truth["y"], np.full(len(truth), TRUTH_SIGMA))
     result = calibrate_wheels(wheel_config(with_nodes(names), list(names)), log.nodes, reported)
@@ -57,7 +57,7 @@ def calibration_from(log: Recording, names: tuple[str, ...]) -> Calibration:
 
 
 def largest_percent(log: Recording, names: tuple[str, ...], calibration: Calibration | None) -> float:
-    """Largest distance from the truth in % of the path."""
+    """Return the largest distance from the truth in % of the path."""
     track = run_wheel_filter(wheel_config(with_nodes(names), list(names), calibration), log.nodes).track
     return _largest(track, truth_of(log))
 
@@ -77,7 +77,7 @@ def _largest(track: WheelTrack, truth: Table) -> float:
 
 
 def main() -> int:
-    """A line for each drive, and each pair of drives."""
+    """Print a line for each drive, and each pair of drives."""
     logs = drives()
     for names in SETS:
         target = {name: log for name, log in logs.items() if set(names) <= set(log.nodes)}

@@ -37,7 +37,7 @@ WORSE = {
 
 
 def paths(sets=SETS):
-    """(drive, nodes) -> odometry, what the graph is to expect of it, truth."""
+    """Return (drive, nodes) -> odometry, prior sigmas of its constants, truth."""
     result = {}
     for name, log in drives().items():
         for names in sets:
@@ -50,7 +50,7 @@ def paths(sets=SETS):
 
 
 def worse(path, rng, step, heading, walk):
-    """The odometry with noise of each step, m and rad per root of a metre, and a yaw rate that wanders."""
+    """Return the odometry with step noise, m and rad per √m, and a random walk of the yaw rate."""
     place, head, dt = path.x + 1j * path.y, np.unwrap(path.heading), np.diff(path.t)
     distance = np.diff(place) * np.exp(-0.5j * (head[1:] + head[:-1]))
     root, noise = np.sqrt(np.abs(distance)), rng.standard_normal((4, len(distance)))
@@ -62,7 +62,7 @@ def worse(path, rng, step, heading, walk):
 
 
 def one(path, constants, truth, seed, outage, estimated=True):
-    """rms m and NEES over the drive or its outage, and rms m of the fixes."""
+    """Return rms error, m, and NEES over the drive or its outage, and rms error of the fixes, m."""
     rng = np.random.default_rng([seed, 61])
     start, end = max(path.t[0], truth.t[0]), min(path.t[-1], truth.t[-1])
     t = np.arange(start, end, 1.0 / RATE_HZ)
@@ -85,7 +85,7 @@ def one(path, constants, truth, seed, outage, estimated=True):
 
 
 def main(argv=None):
-    """A line for each kind of odometry, whole and in outages."""
+    """Print a line for each kind of odometry, for whole drives and for outages."""
     arguments = sys.argv[1:] if argv is None else argv
     seeds = int(arguments[0]) if arguments else 6
     first = int(arguments[1]) if len(arguments) > 1 else 0

@@ -1,4 +1,4 @@
-"""Sensors at their ends: error at the end in % of the distance, and how honest the sigmas are.
+"""Clipped sensors: final error in % of the distance, and consistency of the sigmas.
 
 python tests/accuracy/clipped.py [--drives 20] [--seed 100] [--cases "20 m/s" ...]
 
@@ -29,7 +29,7 @@ WHEELS = {"one": ("left",), "two": BOTH}
 
 
 def main() -> int:
-    """A line for each case, with one wheel and with two."""
+    """Print a line for each case, with one wheel and with two."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -38,7 +38,7 @@ LAID = {f"wheels laid on their first {length:g} m, rms m": length for length in 
 
 
 def odometry(drive, names):
-    """The wheel filter's track, and what the graph is to expect of it."""
+    """Return the wheel filter's track, and the prior sigmas of its constants."""
     config = WheelConfig(drive.radius, drive.track, {name: WheelNode(name, "left") for name in names})
     columns = ("t", "gx", "gy", "gz", "ax", "ay", "az")
     nodes = {
@@ -51,7 +51,7 @@ def odometry(drive, names):
 
 
 def off(track, frame, drive):
-    """Error of a track, m, at its times, and its squared size in sigmas."""
+    """Return the error of a track at its times, m, and its normalised square."""
     zero = np.zeros(1)
     x, y = frame.to_local(*gnss_drives.geodetic(zero, zero, *ORIGIN))
     ex = track.x - x[0] - np.interp(track.t, drive.t, drive.x)
@@ -60,7 +60,7 @@ def off(track, frame, drive):
 
 
 def laid(path, t, place, length):
-    """The wheels' places, east + i north, turned and shifted onto the fixes of their first metres."""
+    """Return the wheels' positions, east + i north, aligned with the fixes of the first metres."""
     selected = path.x + 1j * path.y
     rolled = np.append(0.0, np.cumsum(np.abs(np.diff(selected))))
     first = np.interp(t, path.t, rolled) < length

@@ -1,4 +1,4 @@
-"""The map while driving: loops of 120 m with fixes of 5 m at 5 Hz, every pose judged when it was made.
+"""Live map: loops of 120 m with fixes of 5 m at 5 Hz; each pose is scored as published.
 
     python tests/accuracy/live_map.py [DRIVES [FIRST_SEED]]
 
@@ -26,7 +26,7 @@ JUMP, OUTAGE = (50.0, 58.0), (70.0, 90.0)
 
 
 def one(seed, faulty):
-    """rms m, rms heading deg, worst m, NEES at the end, s of processor time a fix."""
+    """Return rms m, rms heading deg, largest m, final NEES, and processor time per fix, s."""
     rng = np.random.default_rng([seed, 46])
     drive = gnss_drives.drive(rng, gnss_drives.loop(rng, length=120.0), sigma=SIGMA)
     jumped = faulty & (drive.fix_t > JUMP[0]) & (drive.fix_t < JUMP[1])

@@ -1,4 +1,4 @@
-"""Drives of all kinds, drawn at random, and whether one wheel and two are as far off as they say.
+"""Random drives of all kinds: error and consistency of the sigmas with one wheel and with two.
 
     python tests/accuracy/mixed.py [--drives 200] [--first-seed 5000]
 
@@ -32,7 +32,7 @@ DEGREES = 3
 
 
 def plain(drive: wheel_drives.WheelDrive, rests: bool = True) -> float:
-    """m at the end of differential odometry from the spin gyros, less their mean of the first half second.
+    """Return the final error, m, of differential odometry from the spin gyros less their initial mean.
 
     rests: whether the vehicle stands then; else they are taken as they are.
     """
@@ -48,7 +48,7 @@ def plain(drive: wheel_drives.WheelDrive, rests: bool = True) -> float:
 
 
 def main() -> int:
-    """Prints the drives by kind; 1 where the mean NEES of all leaves its bounds."""
+    """Print the drives by kind; return 1 where the mean NEES leaves its bounds."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -31,7 +31,7 @@ PRIORS = {"none": None, "with the floor": FLOOR, "with its own sigma": NODE_SIGM
 
 
 def reported(bias):
-    """The `Filter` table of a node that estimated this bias (x, y, z), rad/s."""
+    """Return the `Filter` table of a node that estimated this bias (x, y, z), rad/s."""
     table = {name: np.zeros(2) for name in BIAS_FILTER_COLUMNS}
     table["t"][:], table["state"][:] = (0.0, 0.2), FilterState.TRACKING
     for axis, value in zip("xyz", bias, strict=True):
@@ -40,7 +40,7 @@ def reported(bias):
 
 
 def errors(vehicle, standstill, seed):
-    """m: for each prior, position error 10 s after the start and at the end."""
+    """Return for each prior the position error, m, 10 s after the start and at the end."""
     rng = np.random.default_rng(seed)
     drive = wheel_drives.drive(
         wheel_drives.loop(rng, length=60.0, standstill_s=standstill), rng, facing={"right": "right"}

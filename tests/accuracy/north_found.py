@@ -1,4 +1,4 @@
-"""North from the gyro alone, without a file of the table: errors, and whether sigma holds, by kind of record.
+"""North from the gyro alone, without table angles: errors and consistency of sigma by kind of record.
 
 .venv/bin/python tests/accuracy/north_found.py [--seeds N]
 """

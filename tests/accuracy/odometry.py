@@ -4,7 +4,7 @@
 
 The drives come from tests/generators/wheel_drives.py, which shares no code with the filter. Nothing is
 calibrated beforehand: radius, track and all sensor errors are off by what `Errors` says, and the filter is
-told the nominal values.
+with the nominal values.
 """
 
 # ruff: noqa: E402 (BLAS must know its threads before numpy is loaded)
@@ -35,7 +35,7 @@ NAMES = {"one node, left": ("left",), "one node, right": ("right",), "two nodes"
 
 
 def main() -> None:
-    """Prints both tables."""
+    """Print both tables."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--drives", type=int, default=200)
     parser.add_argument("--first-seed", type=int, default=1000)
@@ -45,7 +45,7 @@ def main() -> None:
 
 
 def simulated(drives: int, first_seed: int) -> None:
-    """Final error, heading error and coverage over many drives."""
+    """Print final error, heading error and coverage over many drives."""
     start = time.monotonic()
     rows: dict[str, list[tuple[float, ...]]] = {}
     for seed in range(first_seed, first_seed + drives):
@@ -54,7 +54,9 @@ def simulated(drives: int, first_seed: int) -> None:
         for name, nodes in NAMES.items():
             rows.setdefault(f"wheel filter, {name}", []).append(_filtered(drive, nodes))
         rows.setdefault("plain differential odometry", []).append(_differential(drive))
-        rows.setdefault("the same, told each gyro's true scale", []).append(_differential(drive, told=True))
+        rows.setdefault("the same, with each gyro's true scale", []).append(
+            _differential(drive, with_true_scale=True)
+        )
         rows.setdefault("raw gyros, static bias, left", []).append(_raw_gyro(drive))
     seeds = f"{first_seed}..{first_seed + drives - 1}"
     print(f"\nSimulation: {drives} loops of 250 m, seeds {seeds}, one sigma of errors:")
@@ -97,23 +99,23 @@ def _tables(drive: wheel_drives.WheelDrive) -> dict[str, Table]:
     }
 
 
-def _differential(drive: wheel_drives.WheelDrive, told: bool = False) -> tuple[float, ...]:
-    """Both spin gyros less their mean at rest; heading from the difference of the wheels.
+def _differential(drive: wheel_drives.WheelDrive, with_true_scale: bool = False) -> tuple[float, ...]:
+    """Compute odometry from both spin gyros less their standstill mean, heading from the wheels' difference.
 
-    told: divided by their true scale, as if gravity had counted the turns.
+    with_true_scale: rates are divided by the true scale, as if gravity had counted the turns.
     """
     t = np.arange(0.2, drive.t[-1] - 0.2, 0.01)
     speed = {}
     for name, node in drive.nodes.items():
         spin = node.gyro[:, 2] - node.gyro[node.t < REST, 2].mean()
-        spin = spin / (1.0 + node.truth["spin_scale"]) if told else spin
+        spin = spin / (1.0 + node.truth["spin_scale"]) if with_true_scale else spin
         speed[name] = np.interp(t, node.t, spin) * drive.radius
     yaw_rate = (speed["right"] - speed["left"]) / drive.track
     return _reckoned(drive, t, 0.5 * (speed["left"] + speed["right"]), yaw_rate)
 
 
 def _raw_gyro(drive: wheel_drives.WheelDrive) -> tuple[float, ...]:
-    """One node: all gyros less their mean at rest.
+    """Compute odometry from one node, gyros less their standstill mean.
 
     The wheel angle is summed from the spin, and the yaw turned back by it.
     """
@@ -149,7 +151,7 @@ def _percent(drive: wheel_drives.WheelDrive, error: np.ndarray) -> float:
 
 
 def wheelchair() -> None:
-    """Heading of the wheels against the frame's own gyro, which the filter never sees."""
+    """Compare the heading of the wheels with the frame's gyro, which the filter does not use."""
     root = Path(os.environ.get("HUBODO_SHARED", Path(__file__).resolve().parents[3] / "shared"))
     folder = root / "data" / "wheelchair"
     if not folder.is_dir():
@@ -163,7 +165,7 @@ def wheelchair() -> None:
     print(f"{'':34s}{'rms':>9s}{'final':>9s}{'max':>9s}{'1 sigma at the end':>21s}")
     for name, names in NAMES.items():
         nodes = {node: WheelNode(node, "left") for node in names}  # type: ignore[arg-type]
-        # The track was not measured; 0.92 m is a guess of 5 %.
+        # The track width was not measured; 0.92 m is a guess, accurate to 5 %.
         track = run_wheel_filter(
             WheelConfig(0.31, 0.92, nodes, priors={TRACK_WIDTH: Quantity(0.0, 0.05)}), recording.nodes
         ).track
@@ -175,7 +177,7 @@ def wheelchair() -> None:
     print("required: rms 1.50, final 2.00")
     rocking = np.degrees(rate[frame.t < 4.5].mean())
     print(
-        "The frame rocks while it stands (first 4.5 s), so its bias cannot be told from turning there:\n"
+        "The frame rocks while it stands (first 4.5 s), so its bias and rotation cannot be separated there:\n"
         f"the mean of these seconds, {rocking:.3f} °/s, taken as a bias would shift the end by 2°."
     )
 

@@ -1,9 +1,9 @@
-"""An IMU laid down by hand in poses as people choose: what is found, and whether it is as sure as it says.
+"""Calibration of an IMU laid down by hand in arbitrary poses: errors and consistency of sigmas.
 
     python tests/accuracy/poses.py [--seeds 60] [--first 0]
 
-Errors of both triads are drawn anew for each seed (bias 0.3 m/s² and 0.02 rad/s, scale and angles 1 %). For
-every parameter that a set of poses shows, the error in units of its sigma; beside it the trivial rival, a
+Errors of both triads are drawn for each seed (bias 0.3 m/s² and 0.02 rad/s, scale and angles 1 %). For
+every parameter that a set of poses shows, the error in units of its sigma; beside it the trivial baseline, a
 node that nobody calibrates.
 """
 
@@ -34,23 +34,23 @@ KINDS = {"bias": range(3), "scale": (3, 7, 11), "angles": (4, 5, 6, 8, 9, 10)}
 
 
 def drawn(rng, bias):
-    """Errors of one triad, 1 % of scale and angles."""
+    """Return errors of one triad, 1 % of scale and angles."""
     names = ("xz", "xy", "yz", "yx", "zy", "zx")
     angles = {name: 0.01 * rng.standard_normal() for name in names}
     return Errors(tuple(bias * rng.standard_normal(3)), tuple(0.01 * rng.standard_normal(3)), angles)
 
 
 def matrix(errors):
-    """(3, 3) of a triad, from what it measures of unit vectors."""
+    """Return the (3, 3) matrix of a triad, from its measurements of unit vectors."""
     return errors.measure(np.eye(3)).T - np.array(errors.b)[:, None]
 
 
 def trial(rng, poses):
-    """Of both triads (12,) error, sigma, and error without calibration; NaN where nothing is claimed."""
+    """Return (12,) error, sigma, and uncalibrated error of both triads; NaN without an estimate."""
     accel, gyro = drawn(rng, 0.3), drawn(rng, 0.02)
     data = carry(rng, gyro, accel, attitudes=poses(rng))
     result = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
-    # By convention the matrix of the accelerometers is symmetric; the gyros are told in that frame.
+    # By convention the accelerometer matrix is symmetric; the gyros refer to that frame.
     symmetric = np.real(sqrtm(matrix(accel) @ matrix(accel).T))
     frame = np.linalg.solve(symmetric, matrix(accel))
     truth = {"accel": (accel.b, symmetric), "gyro": (gyro.b, matrix(gyro) @ frame.T)}

@@ -1,4 +1,4 @@
-"""Standing still: what a rest costs, however long, with a noisy gyro or an engine that idles.
+"""Standstill: error accumulated in a rest of any length, with a noisy gyro or an idling engine.
 
 python tests/accuracy/rests.py [--drives 4] [--seed 40] [--rests 5 60 600 1800]
 """
@@ -22,7 +22,7 @@ LENGTH = 150.0
 
 
 def main() -> int:
-    """A line for each kind, place and length of the rest."""
+    """Print a line for each kind, position and length of the standstill."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,4 +1,4 @@
-"""Silences on the way and pauses at rest: what they cost, how sure the track is, and the most a sample takes.
+"""Outages while driving and at standstill: error, consistency, and processor time of a sample.
 
 python tests/accuracy/silence.py [--drives 6] [--seed 70] [--silences 1 3 20 60] [--pauses 0.5 600 7200]
 """
@@ -23,7 +23,7 @@ from wheel_runs import BOTH, config, pose_error, tables  # noqa: E402
 
 
 def main() -> int:
-    """A line for each silence and kind of driving on, with two wheels and one; then one for each pause."""
+    """Print a line for each outage and drive, with two wheels and one; then one for each pause."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -48,10 +48,10 @@ def main() -> int:
 def _silence(names: tuple[str, ...], seconds: float, meanwhile: str, seeds: range) -> tuple[float, float]:
     rows = []
     for seed in seeds:
-        drive, heard = drive_with_outage(seed, seconds, meanwhile)
+        drive, outage_end = drive_with_outage(seed, seconds, meanwhile)
         track = run_wheel_filter(config(drive, names), tables(drive)).track
         row = []
-        for place in (int(np.searchsorted(track.t, heard)), -1):
+        for place in (int(np.searchsorted(track.t, outage_end)), -1):
             error, covariance = pose_error(drive, track, place)
             row += [np.sum(error[:2] ** 2), np.trace(covariance[:2, :2]), error[2] ** 2, covariance[2, 2]]
             row.append(float(error @ np.linalg.solve(covariance, error)))
@@ -88,7 +88,7 @@ def _pause(seconds: float, seeds: range) -> None:
 
 
 def _worst_call(drive: WheelDrive, times: int = 3) -> float:
-    """s of CPU, the most that one sample takes: of several runs the least for each sample."""
+    """Return the largest CPU time of a sample, s: the minimum over several runs for each sample."""
     samples = sorted(
         (
             WheelSample(name, t, tuple(gyro), tuple(accel))

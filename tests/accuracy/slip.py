@@ -1,9 +1,9 @@
-"""Wheels that leave the road, spin on it, steer, or do not belong together; what it costs and what is said.
+"""Wheels that slip, lift, steer, or are not one axle: errors, detections and false alarms.
 
     python tests/accuracy/slip.py [--drives 16] [--first-seed 100]
 
 Loops of 120 m on a hilly, rough road with noise that is not white, made by tests/generators, which shares no
-code with the filter. Nothing is calibrated beforehand. `quiet` drives hold nothing to be found: what is, is a
+code with the filter. Nothing is calibrated beforehand. `quiet` drives contain no slip: each detection is a
 false alarm.
 """
 
@@ -36,17 +36,17 @@ from hubodo.vehicle import NodeMount, Vehicle
 from wheel_runs import BOTH, config, end_error, nees, pose_error, tables
 
 ERRORS = replace(wheel_drives.Errors(), flicker=1e-4, accel_flicker=3e-3)
-"""Those of other drives, and bias instability: 20 deg/h of the gyros, 0.3 mg of the accelerometers."""
+"""Errors as of other drives, and bias instability: 20 deg/h of gyros, 0.3 mg of accelerometers."""
 
 _SLACK = 0.5
-"""s by which what is found may begin sooner or end later than what happened, and still be that."""
+"""s; tolerance of start and end of a detected slip."""
 
 Change = Callable[[Plan, tuple[str, ...], float], Plan]
 
 
 @dataclass(frozen=True)
 class Case:
-    """What happens to a plan: to which wheels (0: one of them, in turn), for how long (s), and how."""
+    """An event of a drive: its wheels (0: one of them, in turn), duration (s), and kind."""
 
     wheels: int
     duration: float
@@ -82,16 +82,16 @@ LIFTED = "one wheel, lifted 6 s, runs out in 1 s"
 
 @dataclass(frozen=True)
 class Outcome:
-    """error: % of the path at the end; nees: of x, y, heading there. found: of the wheels; false: alarms."""
+    """Final error in % of the path, NEES of the final pose, detected wheels, and false alarms."""
 
     error: float
     nees: float
-    found: int
+    detected: int
     false: int
 
 
-def made(case: Case, seed: int) -> tuple[WheelDrive, tuple[str, ...], float]:
-    """A drive, the nodes that record it, and when it happens, s."""
+def make_drive(case: Case, seed: int) -> tuple[WheelDrive, tuple[str, ...], float]:
+    """A drive, the nodes that record it, and the time of its event, s."""
     rng = np.random.default_rng(seed)
     plan = slip_drives.driven_loop(rng)
     names = BOTH if case.wheels == 2 else (BOTH[seed % 2],)
@@ -100,8 +100,8 @@ def made(case: Case, seed: int) -> tuple[WheelDrive, tuple[str, ...], float]:
 
 
 def outcome(case: Case, seed: int) -> Outcome:
-    """One drive."""
-    drive, names, start = made(case, seed)
+    """Return the result of one drive."""
+    drive, names, start = make_drive(case, seed)
     result = run_wheel_filter(config(drive, names), tables(drive))
     hits = alarms = 0
     for slips in result.report.slips.values():
@@ -111,12 +111,12 @@ def outcome(case: Case, seed: int) -> Outcome:
     return Outcome(100.0 * end_error(drive, result) / drive.length, nees(drive, result), hits, alarms)
 
 
-def line(name: str, case: Case, found: Sequence[Outcome]) -> str:
-    """A row of the table."""
-    error = np.percentile([one.error for one in found], [50, 90])
-    honest = np.mean([one.nees for one in found])
-    wheels = case.wheels * len(found)
-    hits, alarms = sum(one.found for one in found), sum(one.false for one in found)
+def line(name: str, case: Case, outcomes: Sequence[Outcome]) -> str:
+    """Print a row of the table."""
+    error = np.percentile([one.error for one in outcomes], [50, 90])
+    honest = np.mean([one.nees for one in outcomes])
+    wheels = case.wheels * len(outcomes)
+    hits, alarms = sum(one.detected for one in outcomes), sum(one.false for one in outcomes)
     if "nothing" in name:
         hits, alarms = 0, hits + alarms
     messages = f"found {hits:3d} of {0 if 'nothing' in name else wheels:3d}, false alarms {alarms}"
@@ -124,16 +124,16 @@ def line(name: str, case: Case, found: Sequence[Outcome]) -> str:
 
 
 def way_through(case: Case, seed: int, lag: float) -> tuple[float, float]:
-    """m off in the middle of what happens, and NEES there, of a track that knows `lag` s of what follows."""
-    drive, names, start = made(case, seed)
+    """Return error, m, and NEES in the middle of an event, of a track smoothed with `lag` s."""
+    drive, names, start = make_drive(case, seed)
     track = run_wheel_filter(config(drive, names), tables(drive), lag).track
     error, covariance = pose_error(drive, track, int(np.searchsorted(track.t, start + 0.5 * case.duration)))
     return float(np.hypot(*error[:2])), float(error @ np.linalg.solve(covariance, error))
 
 
 def with_fixes(case: Case, seed: int, sigma: float = 1.0) -> tuple[float, float]:
-    """Largest m off, and mean NEES of x and y while it happens, beside fixes of sigma, m, twice a second."""
-    drive, names, start = made(case, seed)
+    """Return largest error, m, and mean NEES of x and y during an event, with fixes at 2 Hz."""
+    drive, names, start = make_drive(case, seed)
     rng = np.random.default_rng([seed, 71])
     t = np.arange(drive.t[0], drive.t[-1], 0.5)
     east, north = (
@@ -155,21 +155,21 @@ def with_fixes(case: Case, seed: int, sigma: float = 1.0) -> tuple[float, float]
 
 
 def steered_outcome(seed: int, side: str) -> tuple[Outcome, bool]:
-    """Two nodes, one on a steered wheel, told as an axle; whether the fixed one was chosen.
+    """Return whether the fixed wheel was chosen of two declared as an axle, one of them steered.
 
-    found: 1 where the user is told that the two are no axle.
+    detected: 1 where the user is warned that the two are no axle.
     """
     drive = slip_drives.steered(np.random.default_rng(seed), ERRORS, side)
-    made = run_wheel_filter(config(drive), tables(drive))
-    messages = any("steers" in line or "not those of an axle" in line for line in made.report.warnings)
-    right = [wheel.name for wheel in made.filter.core.wheels] == [BOTH[1] if side == BOTH[0] else BOTH[0]]
-    error = 100.0 * end_error(drive, made) / drive.length
-    return Outcome(error, nees(drive, made), int(messages), 0), right
+    run = run_wheel_filter(config(drive), tables(drive))
+    messages = any("steers" in line or "not those of an axle" in line for line in run.report.warnings)
+    right = [wheel.name for wheel in run.filter.core.wheels] == [BOTH[1] if side == BOTH[0] else BOTH[0]]
+    error = 100.0 * end_error(drive, run) / drive.length
+    return Outcome(error, nees(drive, run), int(messages), 0), right
 
 
 def exchanged_outcome(seed: int) -> Outcome:
-    """The nodes of the two sides exchanged."""
-    drive, _, _ = made(CASES["two wheels, nothing happens"], seed)
+    """Swap the nodes of the two sides."""
+    drive, _, _ = make_drive(CASES["two wheels, nothing happens"], seed)
     recorded = tables(drive)
     result = run_wheel_filter(config(drive), {"left": recorded["right"], "right": recorded["left"]})
     messages = any("exchanged" in line for line in result.report.warnings)
@@ -177,7 +177,7 @@ def exchanged_outcome(seed: int) -> Outcome:
 
 
 def careless_outcome(seed: int) -> Outcome:
-    """Radii and track by a tape that is 2 % and 3 % off, 1 sigma; false: 1 where they pass for two axles."""
+    """Radii and track width with errors of 2 % and 3 % (1σ); false: 1 where they are rejected as an axle."""
     rng = np.random.default_rng(seed)
     errors = replace(wheel_drives.Errors(), radius=0.02, track=0.03)
     drive = wheel_drives.drive(wheel_drives.loop(rng, 130.0, 6.0), rng, errors)
@@ -187,7 +187,7 @@ def careless_outcome(seed: int) -> Outcome:
 
 
 def pair_errors(seeds: Sequence[int], tape: float) -> dict[str, np.ndarray]:
-    """% of the path at the end, of each wheel alone and of both; tape: 1 sigma of the track as measured."""
+    """Return final errors in % of the path, of each wheel and of both; tape: 1 sigma of the track width."""
     errors: dict[str, list[float]] = {}
     for seed in seeds:
         rng = np.random.default_rng(seed)
@@ -199,7 +199,7 @@ def pair_errors(seeds: Sequence[int], tape: float) -> dict[str, np.ndarray]:
 
 
 def real_alarms() -> dict[str, int]:
-    """Slips found on real drives, on which nobody saw one."""
+    """Print slips detected on real drives, in which none was observed."""
     runs: dict[str, WheelRun] = {}
     for name, log in car.drives().items():
         for names in car.SETS:
@@ -217,7 +217,7 @@ def real_alarms() -> dict[str, int]:
 
 
 def main() -> int:
-    """The table."""
+    """Print the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,4 +1,4 @@
-"""Whether the sigma of a warm-up's forecast holds, whatever form the warm-up has.
+"""Consistency of a warm-up forecast's sigma for warm-ups of any form.
 
 python tests/accuracy/warmup_forms.py [SEEDS]
 
@@ -24,11 +24,11 @@ RECORD = 3600
 AGES = np.array([RECORD // 2, RECORD + 3600, RECORD + 3 * 3600])
 PLACES = ("inside", "1 h on", "3 h on")
 HALF = 30
-"""s: a bias is meant as the mean over a minute."""
+"""s; a bias is the mean over a minute."""
 
 
 def one(form, added, seed):
-    """Errors (3,) and sigmas (3,) in deg/s by each way; the accepted model is absent where there is none."""
+    """Return errors (3,) and sigmas (3,) in deg/s by method; the accepted model only where there is one."""
     rng = np.random.default_rng([seed, warm_ups.FORMS.index(form), warm_ups.ADDED.index(added)])
     t, bias, temperature = warm_ups.warm_up(form, added, AGES[-1] + HALF + 1, rng)
     current = slice(0, RECORD)
@@ -54,7 +54,7 @@ def one(form, added, seed):
 
 
 def in_file(fit, sigma, temperature):
-    """What a reader of the file makes of it, who knows of no correlation and differentiates by hand."""
+    """Return the forecast computed from the file alone, without correlations."""
     total = np.full(len(AGES), sigma["c2"] ** 2)
     for which in ("", "_second"):
         if f"c1{which}" in sigma:
@@ -68,7 +68,7 @@ def in_file(fit, sigma, temperature):
 
 
 def ensemble(form, added, seeds):
-    """By way: errors and sigmas, (M, 3) each."""
+    """Return errors and sigmas by method, (M, 3) each."""
     rows = [one(form, added, seed) for seed in seeds]
     ways = sorted(
         {distance for row in rows for distance in row}, key=list(rows[0]).index if len(rows[0]) == 5 else None

@@ -1,4 +1,4 @@
-"""Calibration of wheels from positions of several kinds: are values as far from the truth as they say?
+"""Calibration of wheels from positions of several kinds: consistency of errors and sigmas.
 
     python tests/accuracy/wheel_calibration.py [--drives 20] [--length 200] [--seed 1000]
 
@@ -46,7 +46,7 @@ Sigmas = dict[str, list[float]]
 
 
 def main() -> int:
-    """One block for each kind of positions."""
+    """Print one block for each kind of positions."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -81,17 +81,19 @@ def main() -> int:
     return 0
 
 
-def _add(errors: Sigmas, drive: wheel_drives.WheelDrive, found: WheelCalibration, receiver: Receiver) -> None:
-    """Errors of what was seen, in sigmas."""
-    for name, effects in found.nodes.items():
+def _add(
+    errors: Sigmas, drive: wheel_drives.WheelDrive, calibration: WheelCalibration, receiver: Receiver
+) -> None:
+    """Return the errors of observable parameters, in sigmas."""
+    for name, effects in calibration.nodes.items():
         for (effect, parameter), truth in TRUTH_OF.items():
             if parameter in effects.get(effect, {}):
                 q = effects[effect][parameter]
                 errors[f"{effect}.{parameter}"].append((q.value - drive.nodes[name].truth[truth]) / q.sigma)
-    if "track_width" in found.vehicle:
-        q = found.vehicle["track_width"]["error"]
+    if "track_width" in calibration.vehicle:
+        q = calibration.vehicle["track_width"]["error"]
         errors["track_width.error"].append((q.value - drive.nodes["left"].truth["track"]) / q.sigma)
-    for q, value in zip(found.antenna, receiver.antenna, strict=True):
+    for q, value in zip(calibration.antenna, receiver.antenna, strict=True):
         errors["antenna"].append((q.value - value) / q.sigma)
 
 

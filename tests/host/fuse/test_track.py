@@ -42,7 +42,7 @@ def test_without_states_there_is_no_track():
 
 
 def straight(t=T):
-    """Return a track at Return a track at 2 m/s along x, from x = 3."""
+    """Return a track at 2 m/s along x, from x = 3."""
     return Track(t, 3.0 + 2.0 * t, 0.0 * t, 0.0 * t, 0.0 * t + 2.0, *np.zeros((3, len(t))))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from accuracy.slip import CASES, made, with_fixes
+from accuracy.slip import CASES, make_drive, with_fixes
 from hubodo.fuse.wheel.entries import HEADING, SPEED, X, Y
 from hubodo.fuse.wheel.odometry_inflation import odometry_inflation
 from hubodo.fuse.wheel.slip_monitor import SlipMonitor
@@ -81,7 +81,7 @@ def ran_out() -> list[tuple[Any, float, dict[float, Any]]]:
     lags, kinds = (0.0, 10.0, math.inf), ("runs out in 3 s", "half its speed in 6 s")
     found = []
     for kind, seed in ((kinds[0], 306), (kinds[0], 301), (kinds[0], 110), (kinds[1], 114), (kinds[1], 510)):
-        drive, names, start = made(CASES[f"one wheel, lifted 6 s, {kind}"], seed)
+        drive, names, start = make_drive(CASES[f"one wheel, lifted 6 s, {kind}"], seed)
         tracks = {lag: run_wheel_filter(config(drive, names), tables(drive), lag).track for lag in lags}
         found.append((drive, start, tracks))
     return found

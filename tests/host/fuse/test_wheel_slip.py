@@ -7,7 +7,7 @@ import pytest
 
 import wanted
 from accuracy import slip
-from accuracy.slip import CASES, careless_outcome, made, outcome, real_alarms
+from accuracy.slip import CASES, careless_outcome, make_drive, outcome, real_alarms
 from generators import mixed_drives
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
@@ -24,7 +24,7 @@ LIFT = CASES["one wheel, lifted 6 s, runs out in 1 s"]
 @pytest.fixture(scope="module")
 def lifted():
     """A drive of 120 m in which the left wheel is in the air for six seconds, seed 102; when; its run."""
-    drive, names, start = made(LIFT, 102)
+    drive, names, start = make_drive(LIFT, 102)
     return drive, names, start, run_wheel_filter(config(drive, names), tables(drive))
 
 
@@ -87,7 +87,7 @@ def test_each_kind_is_found_on_the_right_wheels_and_nothing_else_is(name):
     case = CASES[name]
     found = outcome(case, 110)
     print(name, found)
-    assert found.found == (0 if "nothing" in name else case.wheels)
+    assert found.detected == (0 if "nothing" in name else case.wheels)
     assert found.false == 0
     # Without a slip, hills, roughness and a node that nobody calibrated cost up to 3 %.
     assert found.error < 3.5 and found.nees < 16.0
@@ -107,7 +107,7 @@ def test_no_slip_is_seen_on_real_drives():
 
 
 def test_a_slip_is_told_live_when_it_is_over_and_each_one_once():
-    drive, names, start = made(CASES["two wheels, 1.5 s of double spin"], 112)
+    drive, names, start = make_drive(CASES["two wheels, 1.5 s of double spin"], 112)
     mounts = {name: NodeMount(name, "left") for name in names}
     odometer = Odometer(Vehicle(drive.radius, drive.track, mounts), 0)
     heard: list[tuple[float, str]] = []
@@ -138,16 +138,16 @@ def test_a_wheel_that_steers_is_left_out_and_the_user_told_which(side):
     """Seed 101: a tricycle, two nodes told to be one axle."""
     found, fixed_kept = slip.steered_outcome(101, side)
     print(side, found)
-    assert found.found == 1 and fixed_kept
+    assert found.detected == 1 and fixed_kept
     assert found.error < 2.0 and found.nees < 16.0
 
 
 def test_exchanged_sides_cost_no_more_than_one_wheel():
     """Seed 100: the node that is told to be left sits on the right wheel, and is taken as that."""
     found = slip.exchanged_outcome(100)
-    drive, _, _ = made(CASES["two wheels, nothing happens"], 100)
+    drive, _, _ = make_drive(CASES["two wheels, nothing happens"], 100)
     right = run_wheel_filter(config(drive, ("right",)), tables(drive))
-    assert found.found == 1
+    assert found.detected == 1
     assert found.error == pytest.approx(100.0 * end_error(drive, right) / drive.length, abs=0.01)
 
 
