@@ -343,8 +343,8 @@ def test_half_of_what_the_warm_up_moves_meanwhile_is_added_to_the_mean():
             static.drift(axis, round(3.0 / (n / 8) * 2**18))
         ended = static.update(flat, at, 8)
     assert ended
-    found = [static.bias_q14[axis] / 2**14 for axis in range(3)]
-    assert found == pytest.approx([23.0] * 3, abs=4 / math.sqrt(n))
+    estimated = [static.bias_q14[axis] / 2**14 for axis in range(3)]
+    assert estimated == pytest.approx([23.0] * 3, abs=4 / math.sqrt(n))
     static.drift(0, 1 << 17)
     assert static.now_q14(0) - static.bias_q14[0] == 1 << 13, "and from then on all of it"
 

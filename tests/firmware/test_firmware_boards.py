@@ -78,9 +78,9 @@ def test_a_board_without_a_divider_measures_no_battery_until_it_is_told_where(mo
 def test_the_battery_is_not_measured_where_wi_fi_has_its_pin(tmp_path, model, measured):
     config = {"link": "udp", "ssid": "x", "password": "y", "host": "127.0.0.1"}
     probe = "def health(node):\n    print('battery', node.board.battery_mv())\n"
-    said, _ = output(tmp_path, 3.0, health=probe, board=BoardSettings(model=model), config=config)
-    found = {int(line.split()[1]) for line in said.decode().splitlines() if line.startswith("battery")}
-    assert found and (min(found) > 3600 if measured else found == {0})
+    printed, _ = output(tmp_path, 3.0, health=probe, board=BoardSettings(model=model), config=config)
+    volts_mv = {int(line.split()[1]) for line in printed.decode().splitlines() if line.startswith("battery")}
+    assert volts_mv and (min(volts_mv) > 3600 if measured else volts_mv == {0})
 
 
 @pytest.mark.parametrize("model", ["pico", "pico_2_w", "esp32"])
@@ -101,9 +101,9 @@ def test_each_kind_of_restart_is_told_as_what_it_was(model, chip):
 @pytest.mark.parametrize("model", ["pico", "pico_2", "esp32"])
 def test_a_watchdog_that_ran_out_is_told_from_a_reboot(tmp_path, model):
     stall = "from time import sleep_ms\n\ndef health(node):\n    sleep_ms(9000)\n"
-    said, resets = output(tmp_path, 11.0, health=stall, board=BoardSettings(model=model))
+    printed, resets = output(tmp_path, 11.0, health=stall, board=BoardSettings(model=model))
     assert resets[0][1] == "watchdog"
-    sent = [(f, hubowire.decode(f.type_id, f.payload)) for f in hubowire.FrameDecoder().feed(said)]
+    sent = [(f, hubowire.decode(f.type_id, f.payload)) for f in hubowire.FrameDecoder().feed(printed)]
     causes = [hello.reset_cause for hello in of(sent, m.Hello)]
     assert causes[0] == m.ResetCause.POWER_ON and causes[-1] == m.ResetCause.WATCHDOG
 
@@ -111,12 +111,12 @@ def test_a_watchdog_that_ran_out_is_told_from_a_reboot(tmp_path, model):
 WARM_UP = {"bias_udps": [0, 0, 0], "warmup_udps": [1_400_000, 0, 0], "warmup_s": 10, "gain_bias_q30": 0}
 
 
-def told_bias(sent):
+def reported_biases(sent):
     """(steps, boot) of the x axis in each Filter message, boots numbered from 0."""
-    boot, rows, seen = -1, [], None
+    boot, rows, last_boot = -1, [], None
     for _, message in sent:
-        if isinstance(message, m.Hello) and message.boot_id != seen:
-            seen, boot = message.boot_id, boot + 1
+        if isinstance(message, m.Hello) and message.boot_id != last_boot:
+            last_boot, boot = message.boot_id, boot + 1
         if isinstance(message, m.Filter) and message.state == m.FilterState.TRACKING:
             rows.append((message.bias_q12[0] / 4096, boot))
     return rows
@@ -135,7 +135,7 @@ def test_a_chip_that_kept_its_power_is_warm_and_one_that_lost_it_is_cold(model, 
         faults=faults,
         config=WARM_UP,
     )
-    rows = np.array(told_bias(sent))
+    rows = np.array(reported_biases(sent))
     full = 1.4 / (0.07 if chip == "lsm6ds33" else 2000 / 32768)
     first, warm, cold = (rows[rows[:, 1] == boot, 0] for boot in (0, 1, 2))
     assert first[-1] < 0.25 * full, "cold after power-on"
@@ -151,6 +151,6 @@ def test_a_change_of_range_does_not_make_a_cold_chip_warm():
         (1.2, request(3, m.Start())),
     ]
     sent, _, _ = run(3, motion=StillMotion(), script=script, config=WARM_UP)
-    steps = np.array([row[0] for row in told_bias(sent)])
+    steps = np.array([row[0] for row in reported_biases(sent)])
     assert of(sent, m.Hello)[-1].gyro_range_dps == 1000
     assert steps[-1] < 0.4 * 1.4 / 0.035

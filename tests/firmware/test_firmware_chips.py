@@ -221,9 +221,9 @@ def test_the_thermometer_is_read_beside_the_fifo_as_the_data_sheet_orders_its_by
 
     def read(address, first, raw):
         # Registers that follow have bytes of their own.
-        said = word.to_bytes(2, order, signed=True) + b"\xa5\x5a\xa5\x5a\xa5\x5a"
+        returned = word.to_bytes(2, order, signed=True) + b"\xa5\x5a\xa5\x5a\xa5\x5a"
         assert (address, first) == (chip.address, register)
-        raw[:] = said[: len(raw)]
+        raw[:] = returned[: len(raw)]
 
     chip.i2c = SimpleNamespace(readfrom_mem_into=read)
     chip.read_temperature()

@@ -5,9 +5,9 @@ import shutil
 import numpy as np
 
 import hubowire
-from hubodo.emulator.board import process
 from hubodo.emulator.board.settings import Clock, Flash, Host, SensorBoard
-from hubodo.emulator.chips.imu import Imu, dps_lsb, g_lsb
+from hubodo.emulator.chips import catalogue
+from hubodo.emulator.chips.imu import Imu, accel_per_lsb, rad_per_lsb
 from hubodo.emulator.chips.registers import Register
 from hubodo.emulator.chips.sampling import quantise
 from hubodo.emulator.virtual_node import VirtualNode
@@ -77,6 +77,8 @@ REGISTERS = {
 class Toy6(Imu):
     """The emulated chip: samples at 100 or 200 Hz, a flag that reading a sample clears."""
 
+    chip_name = "toy6"
+
     def __init__(self, motion, specimen):
         self._sample, self._is_new = bytes(14), False
         super().__init__(motion, specimen, 0x68, REGISTERS, (0x00, 0xA5))
@@ -89,23 +91,23 @@ class Toy6(Imu):
         self.clock.stop()
         self._sample, self._is_new = bytes(14), False
 
-    def written(self, t, register):
+    def on_register_changed(self, t, register):
         self._sync(t)
         if self.values[CTRL] & 0x80:
             self.power_on(t)
         elif self.values[CTRL]:
-            self.begin(t, 100.0 * self.values[CTRL], dps_lsb(0.07), g_lsb(0.0005))
+            self.start_sampling(t, 100.0 * self.values[CTRL], rad_per_lsb(0.07), accel_per_lsb(0.0005))
 
     def _sync(self, t):
         while self.clock.time_of_next <= t:
-            made = self.clock.step(t)
-            if made is None:
+            sample = self.clock.step(t)
+            if sample is None:
                 return
-            _, words, temperature = made
+            _, words, temperature = sample
             self._sample = bytes(words) + temperature.to_bytes(2, "little", signed=True)
             self._is_new = True
 
-    def fetch(self, t, register):
+    def read_register(self, t, register):
         self._sync(t)
         if register == STATUS:
             return int(self._is_new)
@@ -124,7 +126,7 @@ def test_a_driver_is_one_file_and_one_row_and_its_chip_is_sampled(tmp_path, monk
     text = parts.read_text()
     assert row in text
     parts.write_text(text.replace(row, '    ("drivers.toy6", "TOY6", (0x68, 0x69)),\n' + row))
-    monkeypatch.setitem(process.IMUS, "toy6", Toy6)
+    monkeypatch.setattr(catalogue, "IMU_CHIPS", (*catalogue.IMU_CHIPS, Toy6))
     node = VirtualNode(
         unique_motion(5),
         Flash(firmware, {"rate_hz": 200, "mag_rate_hz": 0}),

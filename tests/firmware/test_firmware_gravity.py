@@ -65,8 +65,8 @@ def fed(init, table, check=int):
 @hypothesis_settings(max_examples=300)
 @given(st.integers(-65535, 65535), st.integers(-65535, 65535))
 def test_the_direction_is_that_of_atan2(y, x):
-    found = gravity_init.angle(SmallInt(y), SmallInt(x))
-    off = found * 2 * math.pi / 65536 - math.atan2(y, x)
+    result = gravity_init.angle(SmallInt(y), SmallInt(x))
+    off = result * 2 * math.pi / 65536 - math.atan2(y, x)
     assert abs((off + math.pi) % (2 * math.pi) - math.pi) <= (3e-4 if x or y else math.pi)
 
 
@@ -74,18 +74,18 @@ def test_a_stretch_gives_the_rate_of_the_float_version():
     """A line's slope there, a sum with parabolic weights here; arm and radius taken out of both."""
     table, _ = drive(1, 60.0, vibration=0.05)
     init, n = init_of(), 512
-    flat, found = table.reshape(-1).tolist(), []
+    flat, result = table.reshape(-1).tolist(), []
     sums = init._sums
     for at in range(0, len(flat) - 5, 6):
         if sums.add(flat, at) and init.is_usable(sums):
-            found.append([init.rate_q14 / 2**14, *(mean / 2**14 for mean in sums.mean_q14)])
-    found = np.array(found)
+            result.append([init.rate_q14 / 2**14, *(mean / 2**14 for mean in sums.mean_q14)])
+    result = np.array(result)
     known = rate_from_gravity(
         table[:, :3] * STEP, table[:, 3:] * ACCEL_STEP, DT,
         stretch=n, phase_sigma=0.02, radius=spin_drives.RADIUS, arm=0.012 - 0.007j,
     )  # fmt: skip
-    assert len(found) == len(known.rate) > 15
-    apart = found - np.column_stack([known.rate, known.gyro]) / STEP
+    assert len(result) == len(known.rate) > 15
+    apart = result - np.column_stack([known.rate, known.gyro]) / STEP
     print(f"rate and means apart by at most {np.abs(apart).max(axis=0)} steps")
     # Weights are whole numbers up to 2^13: 1e-4 of how much the rate changes, which is up to 500 steps.
     assert np.abs(apart[:, 1:]).max() < 0.05
@@ -128,13 +128,13 @@ def test_while_driving_the_errors_along_the_axle_are_as_large_as_it_says():
 def test_a_scale_error_of_the_gyro_is_no_bias_when_it_is_told():
     table, bias = drive(3)
     table[:, 2] = np.round(bias[2] + (table[:, 2] - bias[2]) * 1.01)
-    found = {}
+    result = {}
     for ppm in (0, 10_000):
         init = init_of(gyro_scale_ppm=ppm)
         assert fed(init, table)
-        found[ppm] = init.bias_q14[2] / 2**14 - bias[2]
-    print(f"one percent of scale: bias off by {found}")
-    assert abs(found[10_000]) < 0.6 and found[0] > 10 * abs(found[10_000])
+        result[ppm] = init.bias_q14[2] / 2**14 - bias[2]
+    print(f"one percent of scale: bias off by {result}")
+    assert abs(result[10_000]) < 0.6 and result[0] > 10 * abs(result[10_000])
 
 
 def test_a_scale_that_is_not_known_and_vibration_beyond_the_settings_are_in_sigma():
@@ -147,8 +147,8 @@ def test_a_scale_that_is_not_known_and_vibration_beyond_the_settings_are_in_sigm
             if what == "scale":
                 error = np.random.default_rng([8, seed]).normal(0.0, 0.01)
                 table[:, 2] = np.round(bias[2] + (table[:, 2] - bias[2]) * (1.0 + error))
-            told = {"gyro_scale_sigma_ppm": 10_000} if what == "scale" else {"phase_mrad": 5}
-            init = init_of(samples=12_000, bias_sigma_udps=5_000_000, **told)
+            deviation = {"gyro_scale_sigma_ppm": 10_000} if what == "scale" else {"phase_mrad": 5}
+            init = init_of(samples=12_000, bias_sigma_udps=5_000_000, **deviation)
             assert fed(init, table) and init.state == wire.FILTER_STATE_TRACKING
             z.append((init.bias_q14[2] / 2**14 - bias[2]) / (init.sigma_q12[2] / 2**12))
         worst[what] = z
@@ -196,18 +196,18 @@ def test_the_float_filter_makes_of_these_stretches_what_the_node_makes():
     init, stretches = init_of(), []
     update = init.filter.update
 
-    def kept(mean_q14, rate_q14, doubt):
+    def recorded(mean_q14, rate_q14, doubt):
         stretches.append(
             (np.array(mean_q14) / 2**14, rate_q14 / 2**14, (doubt >> 8) * 2.0 ** ((doubt & 255) - 128))
         )
         update(mean_q14, rate_q14, doubt)
 
-    init.filter.update = kept
+    init.filter.update = recorded
     assert fed(init, table)
     variance = (75 / 70 * STEP) ** 2 * 1.2 / 512
     known = PseudoMeasurementFilter(variance * np.eye(3), sigma=300 / 70 * STEP)
     for mean, rate, doubt in stretches:
         known.update((mean * STEP).tolist(), rate * STEP, math.sqrt(doubt) * STEP)
-    found, expected = np.array(init.bias_q14) / 2**14, np.array(known.bias) / STEP
-    print(f"{len(stretches)} stretches: apart by {found - expected} steps")
-    assert found == pytest.approx(expected, abs=0.01)
+    result, expected = np.array(init.bias_q14) / 2**14, np.array(known.bias) / STEP
+    print(f"{len(stretches)} stretches: apart by {result - expected} steps")
+    assert result == pytest.approx(expected, abs=0.01)

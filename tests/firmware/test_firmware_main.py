@@ -73,16 +73,16 @@ class Interrupted:
         self.count += 1
         if self.count in self.comes and self.char == 3:
             self.raise_at = self.raise_at or self.count + self.delay
-        self.look(self.count)
+        self.poll(self.count)
 
-    def look(self, count):
+    def poll(self, count):
         if self.raise_at is not None and count >= max(self.raise_at, FIRST_CALL):
             self.raise_at = None
             raise KeyboardInterrupt
 
     def sleep_ms(self, ms):
         self.slept.append(ms)
-        self.look(1 << 30)
+        self.poll(1 << 30)
 
     def main(self):
         assert self.char == -1, "ctrl-C is an ordinary byte when the node starts"
@@ -138,23 +138,23 @@ BROKEN = "import part\nimport other_that_nobody_has\n"
     [([SOUND], "a"), ([SOUND, SOUND], "a"), ([BROKEN, SOUND], "b"), ([BROKEN, BROKEN, SOUND], "c")],
 )
 def test_the_first_slot_that_loads_runs_with_parts_of_its_own_alone(slots, capsys, monkeypatch, nodes, runs):
-    seen = []
-    monkeypatch.setattr(sys, "print_exception", seen.append, raising=False)
+    calls = []
+    monkeypatch.setattr(sys, "print_exception", calls.append, raising=False)
     known = types.ModuleType("known_before")
     sys.modules["known_before"] = known
     folders, ran = slots(*nodes)
     Interrupted(set(), 0).run(folders)
     assert ran == [runs] and sys.path[0] == folders["abc".index(runs)]
-    assert [type(error) for error in seen] == [ModuleNotFoundError] * "abc".index(runs)
+    assert [type(error) for error in calls] == [ModuleNotFoundError] * "abc".index(runs)
     assert sys.modules["known_before"] is known
 
 
 @pytest.mark.parametrize("nodes", [[BROKEN], [BROKEN, BROKEN]])
 def test_where_no_slot_loads_the_last_error_is_told(slots, monkeypatch, nodes):
     """At the prompt, which is where a board without firmware that runs has to end."""
-    seen = []
-    monkeypatch.setattr(sys, "print_exception", seen.append, raising=False)
+    calls = []
+    monkeypatch.setattr(sys, "print_exception", calls.append, raising=False)
     folders, ran = slots(*nodes)
     with pytest.raises(ModuleNotFoundError, match="nobody_has"):
         Interrupted(set(), 0).run(folders)
-    assert not ran and len(seen) == len(nodes) - 1
+    assert not ran and len(calls) == len(nodes) - 1

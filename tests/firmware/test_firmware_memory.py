@@ -10,7 +10,7 @@ from hubowire import messages
 
 SAMPLES, FEWER_SAMPLES = 70_000, 12_000
 """More than a counter of 16 bits holds, by the longest way; fewer by the others, which count as it does."""
-LONGEST = "lsm6ds33-416"
+LONGEST_CASE = "lsm6ds33-416"
 
 HEAP = 96 * 1024
 
@@ -149,7 +149,7 @@ ESTIMATORS = {1: "KalmanFilter", 2: "RlsFilter"}
 
 
 def samples_of(case):
-    if case == LONGEST:
+    if case == LONGEST_CASE:
         return SAMPLES
     return 2 * FEWER_SAMPLES if case == "lsm6ds33-1660" else FEWER_SAMPLES
 

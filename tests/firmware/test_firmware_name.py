@@ -46,8 +46,8 @@ def test_damaged_replies_never_raise_and_never_hang():
         for _ in range(rng.randrange(4)):
             if len(damaged) > 2:
                 damaged[rng.randrange(2, len(damaged))] = rng.randrange(256)
-        found = answer(bytes(damaged), query)
-        assert found is None or is_address(found)
+        address = answer(bytes(damaged), query)
+        assert address is None or is_address(address)
 
 
 @pytest.mark.parametrize(

@@ -33,12 +33,12 @@ def test_every_sample_arrives_in_order_and_its_time_is_known(chip, rate, odr_err
     sent, truth, _ = run(
         5, sensors=SensorBoard(chip, specimen=Specimen(odr_error=odr_error)), config={"rate_hz": rate}
     )
-    found = matched(sent, truth)
+    rows = matched(sent, truth)
     # Between waking and its configuration an MPU runs at its own rate: those samples are not asked for.
-    assert np.array_equal(found[:, 0] - found[0, 0], np.arange(len(found)))
-    assert np.array_equal(found[:, 2], np.arange(len(found)))
-    assert truth.t[int(found[0, 0])] < 0.03 and len(truth.t) - found[-1, 0] <= 20
-    settled = found[truth.t[found[:, 0].astype(int)] > 3.5, 1]
+    assert np.array_equal(rows[:, 0] - rows[0, 0], np.arange(len(rows)))
+    assert np.array_equal(rows[:, 2], np.arange(len(rows)))
+    assert truth.t[int(rows[0, 0])] < 0.03 and len(truth.t) - rows[-1, 0] <= 20
+    settled = rows[truth.t[rows[:, 0].astype(int)] > 3.5, 1]
     print(f"{chip} {rate} Hz: time error {settled.mean():.0f} +- {settled.std():.0f} us")
     # At 416 Hz the chip is looked at only 26 times a second, and the estimate settles more slowly.
     assert np.abs(settled).max() < (400 if rate == 416 else 200)
@@ -51,9 +51,9 @@ def test_every_sample_arrives_in_order_and_its_time_is_known(chip, rate, odr_err
 def test_times_run_on_when_the_ticks_begin_anew():
     start = PERIOD - 2_000_000
     sent, truth, _ = run(4, clock=Clock(ticks_start_us=start))
-    found = matched(sent, truth, start)
-    assert np.array_equal(found[:, 0], np.arange(len(found)))
-    assert np.abs(found[len(found) // 2 :, 1]).max() < 200
+    rows = matched(sent, truth, start)
+    assert np.array_equal(rows[:, 0], np.arange(len(rows)))
+    assert np.abs(rows[len(rows) // 2 :, 1]).max() < 200
     assert {batch.t_us < PERIOD // 2 for batch in of(sent, m.ImuBatch)} == {True, False}
 
 
@@ -74,8 +74,8 @@ FAULTS = [
 )
 def test_after_a_fault_samples_go_on_and_what_is_lost_is_flagged(chip, rate, fault):
     sent, truth, _ = run(5, sensors=SensorBoard(chip), config={"rate_hz": rate}, faults=[fault])
-    found = matched(sent, truth)
-    k = found[:, 0]
+    rows = matched(sent, truth)
+    k = rows[:, 0]
     assert np.all(np.diff(k) > 0), "no sample twice, none out of order"
     assert truth.t[int(k[-1])] > 4.8, "still sampling at the end"
     gaps = np.flatnonzero(
@@ -84,7 +84,7 @@ def test_after_a_fault_samples_go_on_and_what_is_lost_is_flagged(chip, rate, fau
     flagged = [batch for batch in of(sent, m.ImuBatch) if batch.flags & m.BatchFlag.GAP_BEFORE]
     assert len(flagged) == len(gaps)
     health = of(sent, m.Health)[-1]
-    jumps = np.diff(found[:, 2]) - 1
+    jumps = np.diff(rows[:, 2]) - 1
     assert jumps.sum() == health.samples_missed
     if len(gaps):
         between = np.diff(truth.t[k.astype(int)])[gaps]
@@ -100,19 +100,19 @@ def test_after_a_fault_samples_go_on_and_what_is_lost_is_flagged(chip, rate, fau
 @pytest.mark.parametrize("chip", ["lsm6ds33", "mpu6050"])
 def test_the_fifo_serves_low_rates_when_asked_to(chip):
     sent, truth, stats = run(4, sensors=SensorBoard(chip), config={"rate_hz": 208, "fifo": True})
-    found = matched(sent, truth)
-    assert np.array_equal(found[:, 0] - found[0, 0], np.arange(len(found)))
+    rows = matched(sent, truth)
+    assert np.array_equal(rows[:, 0] - rows[0, 0], np.arange(len(rows)))
     # One look at the chip in eight samples: the estimate needs longer to find the edge.
-    assert np.abs(found[len(found) * 3 // 4 :, 1]).max() < 1000
+    assert np.abs(rows[len(rows) * 3 // 4 :, 1]).max() < 1000
     # Polled, each sample takes more than two; here only the 0.4 s in which the period is measured do.
-    assert stats["bus"]["transactions"] < 1.5 * len(found)
+    assert stats["bus"]["transactions"] < 1.5 * len(rows)
 
 
 def test_a_chip_that_becomes_faster_is_followed_without_losing_a_sample():
     sent, truth, _ = run(5, faults=[OdrStep(t=2.0, ratio=1.02)])
-    found = matched(sent, truth)
-    assert np.array_equal(found[:, 0], np.arange(len(found)))
-    assert len(truth.t) - len(found) <= 8
+    rows = matched(sent, truth)
+    assert np.array_equal(rows[:, 0], np.arange(len(rows)))
+    assert len(truth.t) - len(rows) <= 8
 
 
 @pytest.mark.parametrize("rate", [208, 416])
@@ -120,9 +120,9 @@ def test_a_chip_that_answers_only_later_is_found_and_read_in_whole_batches(rate)
     """Nobody answers when the node starts; the FIFO needs slots that the later search has shaped."""
     sent, truth, _ = run(5, config={"rate_hz": rate}, faults=[BusNack(t=0.0, count=1)])
     assert any(hello.rate_mhz == 0 for hello in of(sent, m.Hello)), "it began without a chip"
-    found = matched(sent, truth)
-    assert len(found) > 3 * rate
-    assert np.array_equal(np.diff(found[:, 0]), np.ones(len(found) - 1))
+    rows = matched(sent, truth)
+    assert len(rows) > 3 * rate
+    assert np.array_equal(np.diff(rows[:, 0]), np.ones(len(rows) - 1))
 
 
 def test_another_chip_at_the_address_is_refused_and_named():
@@ -158,12 +158,12 @@ class Mag:
 
 def a_node(**parts):
     """As much of a node as its loop looks at, on the ticks of the fake port."""
-    made = object.__new__(Node)
+    node_ = object.__new__(Node)
     known = {"chip": None, "mag": None, "failures": 0, "paused": False, "i2c_errors": 0}
-    made.parts = SimpleNamespace(**{**known, **parts})
-    made.outbox = Outbox(4, 1)
-    made._mag_words, made._mag_waits = array("h", bytes(8)), 0
-    return made
+    node_.parts = SimpleNamespace(**{**known, **parts})
+    node_.outbox = Outbox(4, 1)
+    node_._mag_words, node_._mag_waits = array("h", bytes(8)), 0
+    return node_
 
 
 def test_a_field_is_told_with_its_time_and_asked_for_again_shortly_before_the_next():
@@ -219,21 +219,21 @@ def test_an_error_of_the_magnetometer_counts_and_one_of_the_bus_leaves_it_alone(
 def test_it_listens_until_a_tenth_of_a_millisecond_before_what_is_due_and_sleeps_the_rest(
     look_ms, due_us, waiting, waits, sleeps_us
 ):
-    node, heard = a_node(), []
+    node, frames = a_node(), []
     PORT_TICKS.now_us = 50_000_000
     node._duty_ms = 50_000 + look_ms
-    node.link = SimpleNamespace(wait=heard.append)
+    node.link = SimpleNamespace(wait=frames.append)
     node.outbox = SimpleNamespace(count=waiting)
     if due_us is not None:
         node.parts.chip, node.sampler = "a chip", SimpleNamespace(due_us=50_000_000 + due_us)
     node._idle(50_000_000)
-    assert heard == ([] if waits is None else [waits])
+    assert frames == ([] if waits is None else [waits])
     assert PORT_TICKS.now_us - 50_000_000 == sleeps_us
     node.parts.paused = True
-    heard.clear()
+    frames.clear()
     PORT_TICKS.now_us = 50_000_000
     node._idle(50_000_000)
-    assert heard == ([1 if waiting else look_ms] if look_ms else []), (
+    assert frames == ([1 if waiting else look_ms] if look_ms else []), (
         "no sample is due on a bus that is left alone"
     )
 

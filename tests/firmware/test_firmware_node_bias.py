@@ -160,7 +160,7 @@ def test_the_kind_of_initialisation_is_chosen_while_running(kind):
         assert abs(found[2] - steps[2]) < 3 * sigma[2] and sigma[2] < sigma[0] / 4
 
 
-class Told:
+class FakeCommands:
     """Notes what is called on it, in order."""
 
     def __init__(self, **answers):
@@ -176,14 +176,14 @@ class Told:
 
 
 def node_in(state, ended=False, estimator=True):
-    made = object.__new__(Node)
-    made.sampler = SimpleNamespace(first_index=100)
-    made.init = Told(update=ended, now_q14=lambda axis: 10 + axis)
-    made.init.state, made.init.refused = state, 7
-    made.estimator = Told() if estimator else None
-    made.commands, made.slow = Told(), None
-    made._next_index = 100
-    return made
+    fake = object.__new__(Node)
+    fake.sampler = SimpleNamespace(first_index=100)
+    fake.init = FakeCommands(update=ended, now_q14=lambda axis: 10 + axis)
+    fake.init.state, fake.init.refused = state, 7
+    fake.estimator = FakeCommands() if estimator else None
+    fake.commands, fake.slow = FakeCommands(), None
+    fake._next_index = 100
+    return fake
 
 
 @pytest.mark.parametrize("estimator", [True, False])
@@ -191,16 +191,16 @@ def node_in(state, ended=False, estimator=True):
 def test_samples_go_to_what_looks_for_the_bias_or_once_it_is_known_to_the_filter(state, estimator):
     node = node_in(state, estimator=estimator)
     node._batch_done("samples", 6, 8)
-    looked = [("update", "samples", 6, 8)]
-    assert node.init.calls == (looked if state == m.FilterState.INITIALISING else [])
+    updates = [("update", "samples", 6, 8)]
+    assert node.init.calls == (updates if state == m.FilterState.INITIALISING else [])
     if estimator:
-        assert node.estimator.calls == (looked if state == m.FilterState.TRACKING else [])
+        assert node.estimator.calls == (updates if state == m.FilterState.TRACKING else [])
     assert node.commands.calls == [] and node._next_index == 108
 
 
 def test_a_filter_begins_with_the_bias_of_each_axis_once_that_is_found_and_the_host_is_told():
     node = node_in(m.FilterState.INITIALISING, ended=True)
-    node.slow = Told()
+    node.slow = FakeCommands()
     node._batch_done("samples", 0, 4)
     assert node.estimator.calls == [("reset", axis, 10 + axis) for axis in range(3)]
     assert node.commands.calls == [("bias_done", 7)]
@@ -213,8 +213,8 @@ def test_a_filter_begins_with_the_bias_of_each_axis_once_that_is_found_and_the_h
 def test_a_warm_up_moves_the_bias_and_what_runs_alike():
     node = node_in(m.FilterState.TRACKING)
     node._drift(SimpleNamespace(step_q18=[1, -2, 3]))
-    moved = [("drift", 0, 1), ("drift", 1, -2), ("drift", 2, 3)]
-    assert node.init.calls == node.estimator.calls == moved
+    drifts = [("drift", 0, 1), ("drift", 1, -2), ("drift", 2, 3)]
+    assert node.init.calls == node.estimator.calls == drifts
 
 
 def test_the_bias_of_the_settings_is_taken_over_once_for_a_size_of_step_with_what_has_grown_since(

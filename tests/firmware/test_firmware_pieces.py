@@ -31,12 +31,12 @@ class Receiver:
             self.pieces.add(b"\xff" + packet + b"\xff", 1, len(packet), ms)
 
     def frames(self):
-        found = []
+        completed = []
         while (slot := self.outbox.oldest()) is not None:
-            found.append(bytes(slot.raw[START : slot.end]))
+            completed.append(bytes(slot.raw[START : slot.end]))
             self.outbox.advance(self.outbox.sent * -1 if self.outbox.sent < 0 else 0)
             self.outbox.advance(slot.end - START)
-        return found
+        return completed
 
     def counts(self):
         return self.pieces.frames, self.pieces.lost, self.pieces.repeated
@@ -138,21 +138,21 @@ def test_the_first_number_is_any_and_none_before_it_is_lost(receiver, first):
     assert receiver.counts() == (3, 0, 0)
 
 
-@pytest.mark.parametrize("behind, taken", [(15, True), (16, False)])
-@pytest.mark.parametrize("at_once", [True, False])
+@pytest.mark.parametrize("behind, n_completed", [(15, True), (16, False)])
+@pytest.mark.parametrize("n_parallel", [True, False])
 def test_a_frame_that_was_overtaken_by_up_to_fifteen_is_taken_and_one_that_came_is_not(
-    receiver, behind, taken, at_once
+    receiver, behind, n_completed, n_parallel
 ):
     frame, newest = frame_of(20), 60 + behind
     receiver.add(*packets_of(59, frame))
-    for number in [newest] if at_once else range(61, newest + 1):
+    for number in [newest] if n_parallel else range(61, newest + 1):
         receiver.add(*packets_of(number, frame))
     frames, lost, twice = receiver.counts()
-    assert lost == (behind if at_once else 1) and twice == 0
+    assert lost == (behind if n_parallel else 1) and twice == 0
     receiver.add(*packets_of(60, frame))
-    assert receiver.counts() == (frames + taken, lost - taken, twice + (not taken))
+    assert receiver.counts() == (frames + n_completed, lost - n_completed, twice + (not n_completed))
     receiver.add(*packets_of(60, frame), *packets_of(newest, frame), *packets_of(newest - 16, frame))
-    assert receiver.counts()[0] == frames + taken
+    assert receiver.counts()[0] == frames + n_completed
 
 
 def test_a_frame_with_a_zero_inside_is_no_frame(receiver):

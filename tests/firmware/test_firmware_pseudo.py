@@ -33,8 +33,8 @@ def value(x):
 
 
 def node_settings(**changed):
-    told = {"noise_udps": NOISE_UDPS, "bias_sigma_udps": SIGMA_UDPS, "gyro_scale_sigma_ppm": 0}
-    return {**settings.DEFAULTS, **told, **changed}
+    fixed = {"noise_udps": NOISE_UDPS, "bias_sigma_udps": SIGMA_UDPS, "gyro_scale_sigma_ppm": 0}
+    return {**settings.DEFAULTS, **fixed, **changed}
 
 
 def init_of(kind, check=lambda x: x, samples=4096, **changed):
@@ -79,14 +79,14 @@ def float_filter(table, stretch, rate, at_rest):
 
 
 def motion(kind, count, rate):
-    made = np.zeros((count, 3))
+    motion_samples = np.zeros((count, 3))
     if kind == "table":
-        made[:, 2] = rate
+        motion_samples[:, 2] = rate
     if kind == "tumbling":
         t = np.arange(count) / 208
         axis = np.column_stack([np.cos(t), np.sin(t) * np.cos(0.3 * t), np.sin(t) * np.sin(0.3 * t)])
-        made = rate * axis
-    return made
+        motion_samples = rate * axis
+    return motion_samples
 
 
 @pytest.mark.parametrize(
@@ -102,10 +102,10 @@ def test_it_is_the_float_filter_to_a_hundredth_of_a_step(kind, stretch, rate):
     init = init_of(code, bias_stretch=stretch, table_rate_udps=udps)
     assert fed(init, table) and init.state == wire.FILTER_STATE_TRACKING and init.samples == 4096
     expected, sigma = float_filter(table, stretch, udps / 70_000, kind == "rest")
-    found = np.array(init.bias_q14) / 2**14
+    result = np.array(init.bias_q14) / 2**14
     shown = np.array(init.sigma_q12) / 2**12
-    print(f"{kind} {stretch}: off float {found - expected}, off truth {found - bias}, sigma {sigma}, {shown}")
-    assert found == pytest.approx(expected, abs=0.01)
+    print(f"{kind} {stretch}: vs float {result - expected}, vs truth {result - bias}, sigma {sigma}, {shown}")
+    assert result == pytest.approx(expected, abs=0.01)
     assert shown == pytest.approx(sigma, rel=0.01, abs=2**-12)
 
 
@@ -113,8 +113,8 @@ def test_on_a_table_the_variance_of_a_sample_is_that_of_the_noise_it_was_told():
     """Filter carries it in steps squared / 256."""
     noise_udps = 20 * 70_000
     init = init_of(wire.BIAS_KIND_TABLE, noise_udps=noise_udps, table_rate_udps=300_000_000)
-    made = motion("table", 4096, 300_000_000 / 70_000)
-    assert fed(init, rows(made, np.zeros(3), 1, 20.0))
+    motion_samples = motion("table", 4096, 300_000_000 / 70_000)
+    assert fed(init, rows(motion_samples, np.zeros(3), 1, 20.0))
     assert list(init.variance_q8) == [20**2 * 256] * 3
 
 
@@ -214,10 +214,10 @@ NUMBERS = st.integers(-(1 << 29) + 1, (1 << 29) - 1)
 @hypothesis_settings(max_examples=200)
 @given(st.tuples(*[st.integers(-(1 << 27), 1 << 27)] * 3), st.integers(0, (1 << 27) - 1))
 def test_the_difference_of_squares_is_exact_to_its_own_precision(d, rate):
-    found = value(pseudo_filter.difference([SmallInt(x) for x in d], SmallInt(rate)))
+    result = value(pseudo_filter.difference([SmallInt(x) for x in d], SmallInt(rate)))
     exact = (sum(x * x for x in d) - rate * rate) / 2**24
     # 2^-13 from the digits that are cut off, and the rounding of a small float.
-    assert found == pytest.approx(exact, rel=2e-4, abs=1e-9)
+    assert result == pytest.approx(exact, rel=2e-4, abs=1e-9)
 
 
 @hypothesis_settings(max_examples=40, deadline=None)
@@ -257,5 +257,5 @@ def test_the_whole_initialisation_stays_within_31_bits(kind, stretch):
 def test_the_mean_by_long_division_is_the_floor(total, divisor):
     if abs(total) // divisor >= 1 << 15:
         total %= divisor << 15
-    found = pseudo_init.mean_q14(SmallInt(total >> 15), SmallInt(total & 0x7FFF), SmallInt(divisor))
-    assert found == (total << 14) // divisor
+    result = pseudo_init.mean_q14(SmallInt(total >> 15), SmallInt(total & 0x7FFF), SmallInt(divisor))
+    assert result == (total << 14) // divisor

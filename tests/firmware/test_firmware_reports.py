@@ -32,18 +32,18 @@ def node(**parts):
     )
 
 
-def sent(told):
+def sent(reporting):
     """The one message that waited in its outbox."""
-    wire = bytes(told.outbox.oldest().raw[1 + told.outbox.sent : told.outbox.oldest().end])
-    told.outbox.advance(len(wire))
+    wire = bytes(reporting.outbox.oldest().raw[1 + reporting.outbox.sent : reporting.outbox.oldest().end])
+    reporting.outbox.advance(len(wire))
     (frame,) = hubowire.FrameDecoder().feed(wire)
     return hubowire.decode(frame.type_id, frame.payload)
 
 
 def test_without_a_chip_hello_says_nothing_of_one():
-    told = node(chips=((0x6B, 0x33, 0),))
-    reports.hello(told)
-    hello = sent(told)
+    reporting = node(chips=((0x6B, 0x33, 0),))
+    reports.hello(reporting)
+    hello = sent(reporting)
     of_a_chip = (
         hello.rate_mhz, hello.gyro_range_dps, hello.accel_range_g, hello.gyro_lsb_ndps, hello.accel_lsb_ng,
         hello.temperature_lsb_udegc, hello.temperature_offset_udegc, hello.mag_lsb_ft,
@@ -53,31 +53,33 @@ def test_without_a_chip_hello_says_nothing_of_one():
 
 
 def test_the_state_of_the_filter_has_each_axis_in_its_place():
-    told = node()
-    told.estimator = SimpleNamespace(
+    reporting = node()
+    reporting.estimator = SimpleNamespace(
         saturations=4, rate_q8=lambda axis: -(100 + axis), bias_q12=lambda axis: 200 + axis
     )
-    told.init = SimpleNamespace(state=2, samples=2000, variance_q8=[300, 301, 302], sigma_q12=[400, 401, 402])
-    told.sampler.newest_us = 77
-    reports.filter_state(told)
-    assert sent(told) == Filter(
+    reporting.init = SimpleNamespace(
+        state=2, samples=2000, variance_q8=[300, 301, 302], sigma_q12=[400, 401, 402]
+    )
+    reporting.sampler.newest_us = 77
+    reports.filter_state(reporting)
+    assert sent(reporting) == Filter(
         77, 2, 4, 2000, (-100, -101, -102), (200, 201, 202), (300, 301, 302), (400, 401, 402)
     )
 
 
 def test_health_counts_to_the_end_of_a_counter_and_no_further_and_measures_the_longest_turn_anew():
-    told = node(i2c_errors=65534, recoveries=1 << 20)
-    reports.health(told)
-    health = sent(told)
+    reporting = node(i2c_errors=65534, recoveries=1 << 20)
+    reports.health(reporting)
+    health = sent(reporting)
     assert (health.i2c_errors, health.bus_recoveries, health.fifo_overruns) == (65534, 65535, 65535)
     assert (health.samples_missed, health.frames_damaged, health.worst_loop_us) == (65535, 3, 1234)
-    assert told.longest_us == 0
+    assert reporting.longest_us == 0
 
 
 def test_a_battery_below_what_was_set_is_a_fault_while_it_is_and_one_that_is_not_measured_is_none():
-    told = node()
+    reporting = node()
     for millivolts, fault in ((3499, Fault.LOW_BATTERY), (3500, 0), (0, 0)):
-        told.board.battery_mv = lambda volts=millivolts: volts
-        reports.health(told)
-        health = sent(told)
+        reporting.board.battery_mv = lambda volts=millivolts: volts
+        reports.health(reporting)
+        health = sent(reporting)
         assert (health.battery_mv, health.faults) == (millivolts, fault)

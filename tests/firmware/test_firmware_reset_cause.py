@@ -13,7 +13,7 @@ RP2350 = {"reason": 0x400D8008, "chip_reset": 0x4010002C}
 # CHIP_RESET. RP2040: HAD_POR 8, HAD_RUN 16; RP2350: HAD_POR 16, HAD_BOR 17, HAD_RUN_LOW 18.
 
 
-def told(monkeypatch, name, cause, **registers):
+def reported_cause(monkeypatch, name, cause, **registers):
     """What the firmware says where the port says `cause`; registers that are not named hold nothing."""
     places = RP2350 if "RP2350" in name else RP2040
     mem32 = {address: registers.get(key, 0) for key, address in places.items()}
@@ -37,14 +37,14 @@ def told(monkeypatch, name, cause, **registers):
     ],
 )
 def test_chip_reset_tells_a_pulled_run_pin_from_power(monkeypatch, name, chip_reset, cause):
-    assert told(monkeypatch, name, PWRON, chip_reset=chip_reset) == cause
+    assert reported_cause(monkeypatch, name, PWRON, chip_reset=chip_reset) == cause
 
 
 @pytest.mark.parametrize("name", ["Pico with RP2040", "Pico 2 with RP2350"])
 def test_a_watchdog_that_was_forced_is_a_reset_that_was_asked_for(monkeypatch, name):
     """REASON: TIMER 0, FORCE 1."""
-    assert told(monkeypatch, name, WDT, reason=1, chip_reset=1 << 16) == ResetCause.WATCHDOG
-    assert told(monkeypatch, name, WDT, reason=2, chip_reset=1 << 16) == ResetCause.SOFT
+    assert reported_cause(monkeypatch, name, WDT, reason=1, chip_reset=1 << 16) == ResetCause.WATCHDOG
+    assert reported_cause(monkeypatch, name, WDT, reason=2, chip_reset=1 << 16) == ResetCause.SOFT
 
 
 @pytest.mark.parametrize(
@@ -57,4 +57,4 @@ def test_a_watchdog_that_was_forced_is_a_reset_that_was_asked_for(monkeypatch, n
     ],
 )
 def test_of_another_processor_the_port_alone_tells(monkeypatch, cause, meant):
-    assert told(monkeypatch, "Generic ESP32 module with ESP32", cause) == meant
+    assert reported_cause(monkeypatch, "Generic ESP32 module with ESP32", cause) == meant

@@ -65,8 +65,8 @@ def test_each_sample_moves_it_as_the_float_version_with_the_same_history(forgett
             off = np.empty(COUNT)
             for n, z in enumerate((table[:, axis] * STEP).tolist()):
                 off[n] = abs(theirs.update(z) / STEP - rates[n, axis])
-                n_, _, *rest = theirs._state
-                theirs._state = (n_, rates[n, axis] * STEP, *rest)
+                n_, _, *others = theirs._state
+                theirs._state = (n_, rates[n, axis] * STEP, *others)
             worst[NAMES[3 * which + axis]] = (float(np.median(off)), float(off.max()))
     print(f"lambda {forgetting / 2**20:.2f}: median and worst difference in steps {worst}")
     assert worst["still"][1] < 1 / 32

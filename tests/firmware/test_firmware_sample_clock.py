@@ -20,31 +20,31 @@ class Beat:
 
     def __init__(self, period_us, nominal_us, *, number=int, slack_us=3.0, seed=1):
         self.rng, self.number, self.slack_us = random.Random(seed), number, slack_us
-        self.period_us, self.t_us, self.seen = period_us, 0.0, 0
+        self.period_us, self.t_us, self.n_counted = period_us, 0.0, 0
         self.zero_us = self.rng.random() * period_us
         PORT_TICKS.now_us = 0
         self.clock = SampleClock()
         self.clock.start(number(round(nominal_us * 1000)))
         self.errors: list[tuple[float, float, float]] = []
 
-    def made(self, t_us):
+    def taken_by(self, t_us):
         return max(0, int((t_us - self.zero_us) // self.period_us))
 
     def time_of(self, count):
         return self.zero_us + count * self.period_us
 
-    def look(self, after_us):
+    def poll(self, after_us):
         """A look `after_us` from now, known to `slack_us`; True when samples were new."""
         self.t_us += after_us
-        new = self.made(self.t_us) - self.seen
-        self.seen += new
+        new = self.taken_by(self.t_us) - self.n_counted
+        self.n_counted += new
         before = self.rng.random() * self.slack_us
         early, late = (
             int(t) % fake_port.TICKS for t in (self.t_us - before, self.t_us - before + self.slack_us + 1)
         )
         self.clock.update(self.number(early), self.number(late), self.number(new))
-        if self.seen:
-            ticks = self.time_of(self.seen) % fake_port.TICKS
+        if self.n_counted:
+            ticks = self.time_of(self.n_counted) % fake_port.TICKS
             error = (
                 int(self.clock.t_us) - ticks + fake_port.TICKS / 2
             ) % fake_port.TICKS - fake_port.TICKS / 2
@@ -54,9 +54,9 @@ class Beat:
     def aimed(self, batch):
         """A look when a sampler would take it."""
         clock = self.clock
-        ahead = 1 if clock.is_wide() else batch - (self.seen % batch)
+        ahead = 1 if clock.is_wide() else batch - (self.n_counted % batch)
         due = fake_port.ticks_diff(int(clock.aim_us(self.number(ahead))), int(self.t_us) % fake_port.TICKS)
-        self.look(max(due + self.rng.uniform(-50, 80), 20))
+        self.poll(max(due + self.rng.uniform(-50, 80), 20))
 
 
 def settled(period_us=2400.0):
@@ -112,16 +112,16 @@ def test_a_sample_that_comes_far_from_its_window_is_believed_and_the_beat_doubte
     assert clock._count == 0
 
 
-@pytest.mark.parametrize(("beyond_us", "told"), [(-5000, True), (-20, True), (20, False), (5000, False)])
-def test_a_sample_has_its_number_only_if_no_other_of_the_beat_could_have_come_instead(beyond_us, told):
+@pytest.mark.parametrize(("beyond_us", "identified"), [(-5000, True), (-20, True), (20, False), (5000, False)])
+def test_a_sample_has_its_number_only_if_no_other_of_the_beat_could_have_come_instead(beyond_us, identified):
     """Windows of half width h, a period T apart: both touch what is wider than T - 2 h."""
     beat = Beat(10_000.0, 10_000.0)
-    while beat.seen < 4:
-        beat.look(400.0)
+    while beat.n_counted < 4:
+        beat.poll(400.0)
     half_us = beat.clock.half_ahead_ns(1) / 1000
     assert 0.05 < 2 * half_us / 10_000 < 0.25
     early = beat.clock.ahead_us(1) - 500
-    assert beat.clock.identifies(early, early + round(10_000 - 2 * half_us) + beyond_us) == told
+    assert beat.clock.identifies(early, early + round(10_000 - 2 * half_us) + beyond_us) == identified
 
 
 @pytest.mark.parametrize("seed", range(1, 4))
@@ -147,11 +147,11 @@ def test_a_beat_that_wanders_is_followed():
     beat = Beat(2400.0, 2403.846)
     while beat.t_us < 20e6:
         beat.aimed(16)
-        if beat.made(beat.t_us) == beat.seen:
+        if beat.taken_by(beat.t_us) == beat.n_counted:
             # The beat changes from here on: the newest sample stays where it was.
-            now = beat.time_of(beat.seen)
+            now = beat.time_of(beat.n_counted)
             beat.period_us *= 1 - 20e-6 * 0.0384
-            beat.zero_us = now - beat.seen * beat.period_us
+            beat.zero_us = now - beat.n_counted * beat.period_us
     t, error, _ = np.array(beat.errors).T
     print(f"worst {np.abs(error[t > 1e6]).max():.0f} us, {beat.period_us:.2f} us in the end")
     assert np.abs(error[t > 1e6]).max() < 150 and beat.period_us < 2400.0 * 0.9997
@@ -163,13 +163,13 @@ def test_after_a_step_of_the_beat_the_window_is_found_again(ratio):
     while beat.t_us < 6e6:
         beat.aimed(16)
         if beat.t_us > 3e6 and beat.period_us == 2400.0:
-            now = beat.time_of(beat.seen)
+            now = beat.time_of(beat.n_counted)
             beat.period_us *= ratio
-            beat.zero_us = now - beat.seen * beat.period_us
+            beat.zero_us = now - beat.n_counted * beat.period_us
     t, error, _ = np.array(beat.errors).T
     print(f"worst on the way {np.abs(error[t > 3e6]).max():.0f} us")
     assert np.abs(error[t > 4e6]).max() < 100
-    assert beat.clock.index == beat.seen - 1
+    assert beat.clock.index == beat.n_counted - 1
 
 
 def test_every_intermediate_of_the_clock_is_a_small_integer(monkeypatch):
@@ -194,8 +194,8 @@ def test_every_intermediate_of_the_clock_is_a_small_integer(monkeypatch):
             )
             if lost and rng.random() < 0.1:
                 clock.gap(lost)
-            beat.look(rng.choice((period_us, 16 * period_us, 90_000.0, 682 * period_us, 3e7)))
-            beat.look(1.0)
+            beat.poll(rng.choice((period_us, 16 * period_us, 90_000.0, 682 * period_us, 3e7)))
+            beat.poll(1.0)
             for samples in (-682, -1, 1, 682, int(1e8 / period_us)):
                 clock.ahead_us(SmallInt(samples)), clock.aim_us(SmallInt(abs(samples)))
             if rng.random() < 0.01:

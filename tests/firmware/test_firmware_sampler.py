@@ -95,13 +95,13 @@ def test_a_look_at_the_fifo_that_was_held_up_for_half_a_period_is_taken_again(mo
         rig.bus.spend(1920 if looks > 100 and looks % 10 == 0 else 0)
         return found
 
-    def heard(early_us, late_us, samples):
+    def recorded(early_us, late_us, samples):
         if looks > 100:
             widths.append(time.ticks_diff(late_us, early_us))
         seen(early_us, late_us, samples)
 
     monkeypatch.setattr(rig.driver, "fifo_level", held_up)
-    monkeypatch.setattr(rig.sampler.clock, "update", heard)
+    monkeypatch.setattr(rig.sampler.clock, "update", recorded)
     rig.run()
     print(f"{looks} looks, {len(widths)} of them heard, known to {max(widths)} us")
     assert len(widths) > 50 and max(widths) < 1202

@@ -77,8 +77,8 @@ with open("/result", "w") as file:
 
 def test_the_hmac_is_that_of_rfc_4231(tmp_path):
     rows = [(key, data) for key, data, _ in RFC_4231]
-    found, _ = real_micropython.run(tmp_path, FAKES, VECTORS.format(rows=repr(rows)), WRITE)
-    assert found == [expected for _, _, expected in RFC_4231]
+    result, _ = real_micropython.run(tmp_path, FAKES, VECTORS.format(rows=repr(rows)), WRITE)
+    assert result == [expected for _, _, expected in RFC_4231]
     assert all(hmac.digest(k, d, "sha256").hex() == e for k, d, e in RFC_4231), "the table is typed well"
 
 
@@ -95,8 +95,8 @@ def host(tmp_path):
 def datagrams_of_a_node(tmp_path, coming):
     """Runs a node that gets these datagrams; what it sent, and what became of its frames."""
     text = SESSION.format(key=KEY.hex(), coming=repr([data.hex() for data in coming]))
-    found, _ = real_micropython.run(tmp_path, FAKES, text, WRITE)
-    return [bytes.fromhex(data) for data in found["sent"]], found
+    result, _ = real_micropython.run(tmp_path, FAKES, text, WRITE)
+    return [bytes.fromhex(data) for data in result["sent"]], result
 
 
 def test_a_node_sends_nothing_but_a_handshake_before_a_session_and_obeys_nobody_else(tmp_path, host):
@@ -109,9 +109,9 @@ def test_a_node_sends_nothing_but_a_handshake_before_a_session_and_obeys_nobody_
     opening = twin.opening()
     answer = host.open(opening, "node 1").answer
     (tmp_path / "first").mkdir()
-    sent, found = datagrams_of_a_node(tmp_path / "first", [answer])
+    sent, result = datagrams_of_a_node(tmp_path / "first", [answer])
     handshake = [opening, twin.proof(answer)]
-    assert sent == handshake and found["waits"] == 1
+    assert sent == handshake and result["waits"] == 1
     acknowledgement = host.open(sent[1], "node 1").answer
     host.open(_first_frame(twin, acknowledgement), "node 1")
     ping = b"\0" + hubowire.encode_frame(hubowire.Frame(m.Ping.type_id, 1, 77, b""))
@@ -120,10 +120,10 @@ def test_a_node_sends_nothing_but_a_handshake_before_a_session_and_obeys_nobody_
     changed = changed[:-1] + bytes([changed[-1] ^ 1])
     false_answer = answer[:-1] + bytes([answer[-1] ^ 1])
     coming = [ping, false_answer, answer, acknowledgement, order, ping, changed, order, answer]
-    sent, found = datagrams_of_a_node(tmp_path, coming)
-    assert found["waits"] == 1, "the frame waits for the session"
-    assert found["frames"] == [[m.Ping.type_id, 77]]
-    assert found["damaged"] == 6, "every other datagram is counted"
+    sent, result = datagrams_of_a_node(tmp_path, coming)
+    assert result["waits"] == 1, "the frame waits for the session"
+    assert result["frames"] == [[m.Ping.type_id, 77]]
+    assert result["damaged"] == 6, "every other datagram is counted"
     assert sent[:2] == handshake and len(sent) == 4
     assert [struct.unpack_from("<I", data, 5)[0] for data in sent[2:]] == [0, 1]
     plain = [data[9:-8] for data in sent[2:]]
@@ -147,7 +147,7 @@ def test_a_session_stands_until_the_host_uses_the_next_and_a_proof_repeated_make
     host.open(twin.proof(first), "node 1")
     second = host.open(twin.opening(), "node 1").answer
     acknowledgement = host.open(twin.proof(second), "node 1").answer
-    sent, found = datagrams_of_a_node(tmp_path, [first, second, acknowledgement])
-    assert found["damaged"] == 0 and len(sent) == 5
+    sent, result = datagrams_of_a_node(tmp_path, [first, second, acknowledgement])
+    assert result["damaged"] == 0 and len(sent) == 5
     opened = [host.open(data, "node 1") for data in sent[3:]]
     assert all(data.serial == SERIAL for data in opened) and not host.refused

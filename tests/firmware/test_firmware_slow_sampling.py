@@ -39,7 +39,7 @@ def rolls(moves_at, seconds, how):
     return RecordedMotion(t, gyro, accel, temperature_c=25.0, start=0.0)
 
 
-def told(sent):
+def reported(sent):
     """What a host makes of it."""
     decoder = NodeDecoder("left")
     out = []
@@ -61,7 +61,7 @@ def test_a_node_that_rests_slows_down_and_wakes_within_two_samples_and_nothing_i
     assert np.median(steps[truth.t[:-1] > ended + 0.1]) == pytest.approx(1 / 416, rel=0.01)
     hellos = [h.rate_mhz for h in of(sent, m.Hello)]
     assert sorted(set(hellos)) == [26000, 416000]
-    items, decoder = told(sent)
+    items, decoder = reported(sent)
     assert decoder.counts.samples_lost == decoder.counts.gaps == 0
     assert not [e for e in items if isinstance(e, Event) and e.kind == "gap"]
     rates = [round(e.data["rate_hz"]) for e in items if isinstance(e, Event) and e.kind == "rate"]
@@ -91,7 +91,7 @@ def test_the_rest_is_the_same_over_an_mpu_without_the_event():
     slow = np.flatnonzero(steps > 0.015)
     assert 3.0 < truth.t[slow[0]] < 3.7
     assert MOVES_AT < truth.t[slow[-1] + 1] < MOVES_AT + 3 / 50 + 0.01
-    _, decoder = told(sent)
+    _, decoder = reported(sent)
     assert decoder.counts.samples_lost == 0
 
 
@@ -120,28 +120,28 @@ def resting(after_s=3, chip=None):
     settings = {"rest_after_s": after_s, "rest_dps": 2, "rest_mg": 20}
     parts = SimpleNamespace(chip=chip or Woken(), paused=False)
     sampler = SimpleNamespace(count=0, slot=SimpleNamespace(values=[0] * FIRST_ROW + STILL * 4))
-    made, changes = SlowSampling(SimpleNamespace(parts=parts, settings=settings, sampler=sampler)), []
+    sampling, changes = SlowSampling(SimpleNamespace(parts=parts, settings=settings, sampler=sampler)), []
 
     def change(_chip, to_rest):
         changes.append(to_rest)
-        made.is_slow, made._in_motion = to_rest, False
+        sampling.is_slow, sampling._in_motion = to_rest, False
 
-    made._change = change
-    made.use(STILL, 0, 1)
-    made.step(0)
-    return made, changes
+    sampling._change = change
+    sampling.use(STILL, 0, 1)
+    sampling.step(0)
+    return sampling, changes
 
 
 @pytest.mark.parametrize("after_s", [1, 3, 5000])
 def test_it_rests_when_nothing_has_differed_for_that_many_seconds(after_s):
-    made, changes = resting(after_s)
+    sampling, changes = resting(after_s)
     for ms in range(20, 1000 * after_s, 980):
-        made.use(STILL * 4, 0, 4)
-        made.step(ms)
+        sampling.use(STILL * 4, 0, 4)
+        sampling.step(ms)
         assert not changes
-    made.step(1000 * after_s - 1)
+    sampling.step(1000 * after_s - 1)
     assert not changes
-    made.step(1000 * after_s)
+    sampling.step(1000 * after_s)
     assert changes == [True]
 
 
@@ -158,46 +158,46 @@ def test_it_rests_when_nothing_has_differed_for_that_many_seconds(after_s):
     ],
 )
 def test_what_differs_by_more_than_2_deg_s_or_20_mg_moves(column, change, moves):
-    made, changes = resting()
+    sampling, changes = resting()
     other = list(STILL)
     other[column] += change
-    made.step(2000)
-    made.use(other * 4, 0, 4)
-    made.step(2500)
-    made.step(3000)
+    sampling.step(2000)
+    sampling.use(other * 4, 0, 4)
+    sampling.step(2500)
+    sampling.step(3000)
     assert changes == ([] if moves else [True])
-    made.step(5499)
+    sampling.step(5499)
     assert changes == ([] if moves else [True])
     if moves:
         # What it moved to is what it rests at.
-        made.use(other * 4, 0, 4)
-        made.step(5500)
+        sampling.use(other * 4, 0, 4)
+        sampling.step(5500)
         assert changes == [True]
 
 
 def test_of_a_full_batch_its_middle_and_its_end_are_looked_at_and_at_rest_each_sample_once():
     jolt = [value + 500 for value in STILL]
-    for place, seen in ((0, False), (1, False), (2, True), (3, True)):
-        made, _ = resting()
-        made.use([0, 0, *STILL * place, *jolt, *STILL * (3 - place)], 2, 4)
-        assert made._in_motion == seen
-    made, changes = resting()
-    made.step(3000)
-    looked = []
+    for place, differs in ((0, False), (1, False), (2, True), (3, True)):
+        sampling, _ = resting()
+        sampling.use([0, 0, *STILL * place, *jolt, *STILL * (3 - place)], 2, 4)
+        assert sampling._in_motion == differs
+    sampling, changes = resting()
+    sampling.step(3000)
+    compared = []
 
-    def look(_values, at):
-        assert len(looked) < 9
-        looked.append(at)
+    def compare(_values, at):
+        assert len(compared) < 9
+        compared.append(at)
 
-    made._compare = look
-    made._node.sampler.count = 2
-    made.step(3020)
-    made.step(3040)
-    assert looked == [FIRST_ROW, FIRST_ROW + 6]
-    made.use([0] * 40, 4, 4)
-    assert looked[2:] == [4 + 12, 4 + 18], "those that came since"
-    made.use([0] * 40, 4, 1)
-    assert looked[4:] == [4]
+    sampling._compare = compare
+    sampling._node.sampler.count = 2
+    sampling.step(3020)
+    sampling.step(3040)
+    assert compared == [FIRST_ROW, FIRST_ROW + 6]
+    sampling.use([0] * 40, 4, 4)
+    assert compared[2:] == [4 + 12, 4 + 18], "those that came since"
+    sampling.use([0] * 40, 4, 1)
+    assert compared[4:] == [4]
     assert changes == [True]
 
 
@@ -212,16 +212,16 @@ def test_of_a_full_batch_its_middle_and_its_end_are_looked_at_and_at_rest_each_s
 )
 def test_a_jolt_that_the_chip_has_felt_ends_a_rest(flag, answer, wakes):
     chip = Woken()
-    made, changes = resting(chip=chip)
-    made.step(3000)
+    sampling, changes = resting(chip=chip)
+    sampling.step(3000)
     chip.MOTION_FLAG, chip.answer = flag, answer
-    made.step(3020)
+    sampling.step(3020)
     assert changes == ([True, False] if wakes else [True])
 
 
 def test_without_a_chip_or_on_a_bus_that_is_left_alone_nothing_changes():
     for nothing in ({"chip": None}, {"paused": True}):
-        made, changes = resting()
-        vars(made._node.parts).update(nothing)
-        made.step(3000)
+        sampling, changes = resting()
+        vars(sampling._node.parts).update(nothing)
+        sampling.step(3000)
         assert not changes

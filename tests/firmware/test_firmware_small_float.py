@@ -44,8 +44,8 @@ def test_products_quotients_and_roots_are_right_to_the_last_bits(x, y):
 @settings(max_examples=300)
 @given(NUMBERS, NUMBERS)
 def test_sums_are_right_to_the_last_bits_of_the_larger(x, y):
-    found = value(small_float.plus(x, y))
-    assert abs(found - (value(x) + value(y))) <= 2 * ULP * max(abs(value(x)), abs(value(y)))
+    result = value(small_float.plus(x, y))
+    assert abs(result - (value(x) + value(y))) <= 2 * ULP * max(abs(value(x)), abs(value(y)))
     assert value(small_float.minus(x)) == -value(x)
     assert small_float.plus(x, small_float.minus(x)) == 0
 

@@ -70,31 +70,31 @@ def station(monkeypatch):
 
 def live(station, wlan, seconds):
     """Whether the station was joined, second by second."""
-    joined = []
+    joined_at = []
     for _ in range(seconds):
-        joined.append(station.is_joined(int(PORT_TICKS.ms())))
+        joined_at.append(station.is_joined(int(PORT_TICKS.ms())))
         PORT_TICKS.sleep_us(1_000_000)
-    return joined
+    return joined_at
 
 
 @pytest.mark.parametrize("port", ["rp2", "esp32"])
 def test_tries_follow_each_other_after_pauses_that_double_up_to_half_a_minute(station, port):
     node, wlan = station(port, WifiEnvironment(outages=((0, 200),), join_time=JOIN_S))
-    joined = live(node, wlan, 300)
+    joined_at = live(node, wlan, 300)
     # A failure is seen at the next second after JOIN_S; then comes the pause.
     pauses = [round(b - a) - 3 for a, b in zip(wlan.asked, wlan.asked[1:], strict=False)]
     assert pauses == [1, 2, 4, 8, 16, *(len(pauses) - 5) * [30]] and len(pauses) >= 8
-    assert wlan.asked[0] < 1 and joined.index(True) < 200 + 30 + 3 + 2
-    assert all(joined[joined.index(True) :])
+    assert wlan.asked[0] < 1 and joined_at.index(True) < 200 + 30 + 3 + 2
+    assert all(joined_at[joined_at.index(True) :])
 
 
 @pytest.mark.parametrize("port", ["rp2", "esp32"])
 def test_after_a_loss_the_first_try_comes_at_once_and_the_pauses_begin_anew(station, port):
     """A Pico W tells "joining" from the loss on, and nothing joins; an ESP32 leaves it to the node."""
     node, wlan = station(port, WifiEnvironment(outages=((99.5, 102.8),), join_time=JOIN_S))
-    joined = live(node, wlan, 120)
+    joined_at = live(node, wlan, 120)
     assert [round(t) for t in wlan.asked] == [0, 100, 104]
-    assert joined[3:100] == [True] * 97 and joined[100:107] == [False] * 7 and all(joined[107:])
+    assert joined_at[3:100] == [True] * 97 and joined_at[100:107] == [False] * 7 and all(joined_at[107:])
 
 
 def test_a_join_that_hangs_is_given_up_after_a_quarter_of_a_minute(station):
@@ -106,6 +106,6 @@ def test_a_join_that_hangs_is_given_up_after_a_quarter_of_a_minute(station):
 def test_an_esp32_that_is_joining_already_refuses_once_and_is_brought_round(station):
     node, wlan = station("esp32", WifiEnvironment(join_time=20.0))
     wlan.port.connect(0.0)
-    joined = live(node, wlan, 45)
+    joined_at = live(node, wlan, 45)
     assert wlan.refused == 1 and wlan.asked[0] == pytest.approx(1, abs=0.1)
-    assert not any(joined[:20])
+    assert not any(joined_at[:20])

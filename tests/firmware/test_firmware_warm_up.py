@@ -73,8 +73,8 @@ def test_no_intermediate_needs_more_than_31_bits():
 
 def test_the_settings_are_in_millionths_of_a_degree_per_second():
     s = {**settings.DEFAULTS, "bias_udps": [-210_000, 0, 29_000_000], "warmup_udps": [300_000, 0, -70_000]}
-    found = [bias_choice.known_bias_q18(s, axis, CHIP) / 2**18 for axis in range(3)]
-    assert found == pytest.approx([-3.0, 0.0, 29_000 / 70], abs=2**-18)
+    known = [bias_choice.known_bias_q18(s, axis, CHIP) / 2**18 for axis in range(3)]
+    assert known == pytest.approx([-3.0, 0.0, 29_000 / 70], abs=2**-18)
     PORT_TICKS.now_us = 0.0
     (warm,) = bias_choice.warm_up(s, CHIP, False)
     assert [warm.drift_q18(axis) for axis in range(3)] == [0, 0, 0]

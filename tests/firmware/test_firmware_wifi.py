@@ -50,13 +50,13 @@ def ride(seconds, port, air, *, host="127.0.0.1", listeners=("127.0.0.1",), inte
     """(what each listener received, truth, the board's statistics)."""
     if interpreter == "micropython":
         micropython_or_skip()
-    heard = [Listener(listeners[0])]
-    heard += [Listener(address, heard[0].port) for address in listeners[1:]]
+    listeners_ = [Listener(listeners[0])]
+    listeners_ += [Listener(address, listeners_[0].port) for address in listeners[1:]]
     config = {
         "link": "udp",
         "ssid": "net",
         "host": host,
-        "port": heard[0].port,
+        "port": listeners_[0].port,
         "mag_rate_hz": 0,
         "rate_hz": RATE_HZ,
     }
@@ -71,20 +71,20 @@ def ride(seconds, port, air, *, host="127.0.0.1", listeners=("127.0.0.1",), inte
     with node:
         node.wait(100)
         truth, stats = node.chip.truth(), node.stats
-    return [listener.end() for listener in heard], truth, stats
+    return [listener.end() for listener in listeners_], truth, stats
 
 
 def judge(sent, truth, stats):
     """Nothing but frames was lost, each counted, the node never held up for long; times of what came, s."""
     assert stats["resets"] == [] and stats["counts"].get("at_prompt", 0) == 0
-    told = of(sent, m.Health)
-    assert (told[-1].samples_missed, told[-1].fifo_overruns, told[-1].faults) == (0, 0, 0)
-    assert max(health.worst_loop_us for health in told) < LONGEST_US
-    found = matched(sent, truth)
-    assert np.array_equal(np.diff(found[:, 0]), np.diff(found[:, 2])), "what is missing is numbered"
-    at = max(i for i, (_, message) in enumerate(sent) if message is told[-1])
-    assert 0 <= all_lost(sent[: at + 1], since_boot=True) - told[-1].frames_dropped <= 24
-    return truth.t[found[:, 0].astype(int)]
+    reports = of(sent, m.Health)
+    assert (reports[-1].samples_missed, reports[-1].fifo_overruns, reports[-1].faults) == (0, 0, 0)
+    assert max(health.worst_loop_us for health in reports) < LONGEST_US
+    rows = matched(sent, truth)
+    assert np.array_equal(np.diff(rows[:, 0]), np.diff(rows[:, 2])), "what is missing is numbered"
+    at = max(i for i, (_, message) in enumerate(sent) if message is reports[-1])
+    assert 0 <= all_lost(sent[: at + 1], since_boot=True) - reports[-1].frames_dropped <= 24
+    return truth.t[rows[:, 0].astype(int)]
 
 
 @pytest.mark.parametrize("port", PORTS)
@@ -103,10 +103,10 @@ def test_a_network_that_goes_is_joined_again_and_only_the_oldest_frames_are_gone
     t = judge(sent, truth, stats)
     gaps = np.flatnonzero(np.diff(t) > 0.5)
     assert len(gaps) == 2, "one hole for each loss"
-    for (begin, end), gap in zip(air.outages, gaps, strict=True):
-        assert t[gap] == pytest.approx(begin, abs=0.2)
+    for (first_t, end), gap in zip(air.outages, gaps, strict=True):
+        assert t[gap] == pytest.approx(first_t, abs=0.2)
         # Pauses double: the last is as long as all before it, and no longer than 30 s.
-        assert end - 2 * QUEUE_S - 1 < t[gap + 1] < end + min(30, end - begin) + 4
+        assert end - 2 * QUEUE_S - 1 < t[gap + 1] < end + min(30, end - first_t) + 4
     assert t[-1] > 71.5
 
 
