@@ -112,7 +112,9 @@ def test_a_sample_that_comes_far_from_its_window_is_believed_and_the_beat_doubte
     assert clock._count == 0
 
 
-@pytest.mark.parametrize(("beyond_us", "identified"), [(-5000, True), (-20, True), (20, False), (5000, False)])
+@pytest.mark.parametrize(
+    ("beyond_us", "identified"), [(-5000, True), (-20, True), (20, False), (5000, False)]
+)
 def test_a_sample_has_its_number_only_if_no_other_of_the_beat_could_have_come_instead(beyond_us, identified):
     """Windows of half width h, a period T apart: both touch what is wider than T - 2 h."""
     beat = Beat(10_000.0, 10_000.0)
