@@ -29,7 +29,7 @@ from hubodo.web.config import Site
 from hubodo.web.hub import FrameHub
 from hubodo.web.library import RecordingLibrary
 from hubodo.web.live_page import LivePage
-from hubodo.web.server import serving
+from hubodo.web.server import serve_in_thread
 
 NODES, RATE_HZ, LIMIT = 4, 208.0, 0.05
 CLIENT = """
@@ -80,7 +80,7 @@ def main() -> int:
             stack.enter_context(FakeNode(node_id=k + 1, rate_hz=RATE_HZ, rows=rows.get(k + 1, ())))
             for k in range(NODES)
         ]
-        port = stack.enter_context(serving(make_app(site, RecordingLibrary(folder), hub), site))
+        port = stack.enter_context(serve_in_thread(make_app(site, RecordingLibrary(folder), hub), site))
         ports = [node.path for node in nodes]
         vehicle = load_vehicle(folder / "vehicle.toml")
         recorder = RecorderThread(folder / "x.mcap", *ports, vehicle=vehicle, audience=page)

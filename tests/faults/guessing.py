@@ -19,7 +19,7 @@ from hubodo.web.address import Address
 from hubodo.web.app import make_app
 from hubodo.web.config import Site
 from hubodo.web.library import RecordingLibrary
-from hubodo.web.server import serving
+from hubodo.web.server import serve_in_thread
 
 TOKEN = "correct-horse-battery"
 GUESSERS = 60
@@ -84,7 +84,7 @@ def measure(path: str, seconds: float = 4.0) -> Guessing:
     site = Site(Address("127.0.0.1", 0), TOKEN)
     with (
         tempfile.TemporaryDirectory() as folder,
-        serving(make_app(site, RecordingLibrary(Path(folder))), site) as port,
+        serve_in_thread(make_app(site, RecordingLibrary(Path(folder))), site) as port,
     ):
         threads = [threading.Thread(target=guess, args=(place, port)) for place in range(GUESSERS)]
         start = time.monotonic()

@@ -17,7 +17,7 @@ import serial
 from hubodo.errors import WireMismatch
 from hubodo.flash.image import ARCHITECTURES, hash_files
 from hubodo.flash.manifest import MANIFEST, Manifest, is_complete, read_manifest
-from hubodo.flash.prompt import NEXT_CHUNK, BoardGone, FlashError, RawPrompt
+from hubodo.flash.prompt import NEXT_CHUNK, BoardDisconnected, FlashError, RawPrompt
 from hubodo.flash.slots import (
     MAIN,
     NEW,
@@ -33,10 +33,10 @@ from hubowire import FINGERPRINT, Frame, FrameDecoder, decode, encode, encode_fr
 from hubowire.messages import GetHello, Hello, Reboot, RebootMode
 
 _SHA256_HEX_LENGTH = 64
-_PORT_RETURN_TIMEOUT_S = 15.0
+_PROMPT_RETURN_TIMEOUT_S = 15.0
 _REBOOT_TIMEOUT_S = 2.0
 _PROMPT_TIMEOUT_S = 1.0
-_WRITE_TIMEOUT_S = 10.0
+_SERIAL_WRITE_TIMEOUT_S = 10.0
 CONSOLE_BAUD = 115200
 """Baud rate of MicroPython's console behind a USB converter; native USB ignores it."""
 _PROMPT = b">>> "
@@ -112,7 +112,7 @@ class FlashBoard:
         with contextlib.suppress(*_LINK_GONE), link:
             link.write(b"\0" + request)
             self._wait_prompt(link)
-        end = time.monotonic() + _PORT_RETURN_TIMEOUT_S
+        end = time.monotonic() + _PROMPT_RETURN_TIMEOUT_S
         while time.monotonic() < end:
             with contextlib.suppress(*_LINK_GONE):
                 self._prompt = RawPrompt(self._open())
@@ -126,7 +126,7 @@ class FlashBoard:
 
     def _open(self) -> serial.Serial:
         return serial.Serial(
-            self.port, CONSOLE_BAUD, timeout=0.1, write_timeout=_WRITE_TIMEOUT_S, exclusive=True
+            self.port, CONSOLE_BAUD, timeout=0.1, write_timeout=_SERIAL_WRITE_TIMEOUT_S, exclusive=True
         )
 
     @staticmethod
@@ -149,7 +149,7 @@ class FlashBoard:
         try:
             return self._prompt.run(code, pieces)
         except _LINK_GONE as error:
-            raise BoardGone(
+            raise BoardDisconnected(
                 f"{self.port}: disconnected ({error}); check plug and cable, then try again"
             ) from None
 
@@ -192,11 +192,15 @@ class FlashBoard:
         if flash_plan.send:
             self._copy(flash_plan.send, progress)
             held, _ = self.list_hashes(image)
-            damaged = [path for path, digest in sorted(flash_plan.expect.items()) if held.get(path) != digest]
+            damaged = [
+                path
+                for path, digest in sorted(flash_plan.expected_hashes.items())
+                if held.get(path) != digest
+            ]
             if damaged:
                 raise FlashError(f"{self.port}: {', '.join(damaged)} differ from what was sent; flash again")
-        if flash_plan.swap or flash_plan.forget:
-            self.run(SWAP.format(swap=flash_plan.swap, new=NEW, forget=flash_plan.forget, folders=folders))
+        if flash_plan.swap or flash_plan.obsolete:
+            self.run(SWAP.format(swap=flash_plan.swap, new=NEW, forget=flash_plan.obsolete, folders=folders))
         return sorted(_name(path, flash_plan.slot) for path in flash_plan.send)
 
     def _copy(self, files: dict[str, bytes], progress: Callable[[str], None]) -> None:

@@ -62,16 +62,16 @@ class CheckResult:
         }
 
 
-def ok(check: str, observation: str) -> CheckResult:
+def passed_check(check: str, observation: str) -> CheckResult:
     """Return a passed check."""
     return CheckResult(check, "ok", observation)
 
 
-def wrong(check: str, observation: str, remedy: str) -> CheckResult:
+def failed_check(check: str, observation: str, remedy: str) -> CheckResult:
     """Return a failed check."""
     return CheckResult(check, "wrong", observation, remedy)
 
 
-def unknown(check: str, observation: str, remedy: str = "") -> CheckResult:
+def unknown_check(check: str, observation: str, remedy: str = "") -> CheckResult:
     """Return a check without a verdict."""
     return CheckResult(check, "unknown", observation, remedy)

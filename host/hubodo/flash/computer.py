@@ -36,7 +36,7 @@ def serial_ports() -> list[UsbPort]:
 
 
 @dataclass(frozen=True)
-class Holder:
+class PortHolder:
     """A process that has a port open."""
 
     pid: int
@@ -66,18 +66,18 @@ class HostComputer:
         """Return True on Linux, where /proc and /etc are inspected."""
         return sys.platform.startswith("linux")
 
-    def may_use(self, path: str) -> bool:
+    def is_accessible(self, path: str) -> bool:
         """Return True if this user may read and write a port or folder; True for non-paths such as COM3."""
         return not Path(path).exists() or os.access(path, os.R_OK | os.W_OK)
 
-    def port_holders(self, device: str) -> list[Holder]:
+    def port_holders(self, device: str) -> list[PortHolder]:
         """Return the processes that have a port open, as far as this user may see them."""
         real, holders = os.path.realpath(device), []
         for process in self._processes():
             if process.name == str(os.getpid()):
                 continue
             if real in self._open_files(process):
-                holders.append(Holder(int(process.name), self._command(process)))
+                holders.append(PortHolder(int(process.name), self._command(process)))
         return holders
 
     def find_running(self, *names: str) -> str | None:
@@ -118,7 +118,7 @@ class HostComputer:
             return None
         return None if state < 0 else state != _TIME_ERROR
 
-    def disk_free(self) -> int:
+    def free_disk_bytes(self) -> int:
         """Return the free bytes in the folder for logs; raise OSError."""
         return shutil.disk_usage(self.folder.absolute()).free
 

@@ -81,7 +81,8 @@ def check_computer(computer: HostComputer, receive: Receive = listen_briefly) ->
     free = [
         port
         for port in usb
-        if computer.may_use(port.device) and not (computer.is_linux and computer.port_holders(port.device))
+        if computer.is_accessible(port.device)
+        and not (computer.is_linux and computer.port_holders(port.device))
     ]
     boards = [port for port in free if port.vid in _BOARD_VENDORS]
     with ThreadPoolExecutor(max(1, len(boards))) as pool:
@@ -100,7 +101,7 @@ def _packages(computer: HostComputer) -> Iterator[ComputerCheck]:
 
 def _permissions(computer: HostComputer, usb: list[UsbPort]) -> ComputerCheck:
     group, member, session = computer.serial_group(usb[0].device if usb else None)
-    forbidden = [port.device for port in usb if not computer.may_use(port.device)]
+    forbidden = [port.device for port in usb if not computer.is_accessible(port.device)]
     if forbidden:
         remedy = f"sudo usermod -aG {group} $USER, then log out and in again"
         if member and not session:
@@ -156,7 +157,7 @@ def _clock(computer: HostComputer, now: float) -> ComputerCheck:
 def _disk(computer: HostComputer) -> ComputerCheck:
     folder = computer.folder.absolute()
     try:
-        free = computer.disk_free()
+        free = computer.free_disk_bytes()
     except OSError as error:
         return ComputerCheck("disk", "bad", f"{folder}: {error.strerror}", "change to an existing folder")
     hours = free / _LOG_BYTES_PER_S / 3600
@@ -175,7 +176,7 @@ def _disk(computer: HostComputer) -> ComputerCheck:
 
 
 def _writable(computer: HostComputer) -> bool:
-    return computer.may_use(str(computer.folder.absolute()))
+    return computer.is_accessible(str(computer.folder.absolute()))
 
 
 def _ports(computer: HostComputer, usb: list[UsbPort], others: int) -> Iterator[ComputerCheck]:
@@ -206,22 +207,22 @@ def _board(port: UsbPort, receive: Receive) -> ComputerCheck:
     except LinkError as error:
         problem, _, remedy = str(error).removeprefix(f"{port.device}: ").partition("; ")
         return ComputerCheck(check, "bad", problem, remedy)
-    if reception.hello is not None and reception.refusal is None:
+    if reception.hello is not None and reception.mismatch is None:
         hello = reception.hello
         kind = Board(hello.board).name if hello.board in set(Board) else str(hello.board)
         version = ".".join(map(str, hello.firmware))
         name = node_name(reception.node or 0)
         observation = f"node {name!r}, firmware {version} on {kind}, serial {hello.serial.hex()}"
         return ComputerCheck(check, "ok", observation)
-    if reception.refusal is not None:
+    if reception.mismatch is not None:
         return ComputerCheck(
-            check, "bad", reception.refusal.partition(": ")[0], f"hubodo flash {port.device}"
+            check, "bad", reception.mismatch.partition(": ")[0], f"hubodo flash {port.device}"
         )
     if reception.prompt:
         return ComputerCheck(
             check, "warn", "MicroPython without a running node", f"hubodo flash {port.device}"
         )
-    if reception.frames:
+    if reception.n_frames:
         return ComputerCheck(check, "warn", "frames, but no identification", command)
-    observation = f"{reception.received} bytes, but no valid frame" if reception.received else "silent"
+    observation = f"{reception.n_bytes} bytes, but no valid frame" if reception.n_bytes else "silent"
     return ComputerCheck(check, "warn", observation, command)

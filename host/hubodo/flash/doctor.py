@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 from hubodo.errors import LinkError
 from hubodo.flash.board import BoardIdentity, FlashBoard
-from hubodo.flash.check_result import CHECKS, CheckResult, ok, unknown, wrong
+from hubodo.flash.check_result import CHECKS, CheckResult, failed_check, passed_check, unknown_check
 from hubodo.flash.image import build_image, firmware_folder, hash_files
 from hubodo.flash.prompt import FlashError
 from hubodo.flash.reception import Reception, listen
 from hubodo.flash.reception_checks import check_protocol, check_reception
 from hubodo.flash.slots import CONFIG, SLOTS, main_for_slot, plan_flash
-from hubodo.flash.wiring import check_wiring, find_board_pins, test_lines
+from hubodo.flash.wiring import check_wiring, find_board_pins, measure_lines
 from hubowire.messages import Board
 
 MIN_MICROPYTHON = (1, 24)
@@ -30,7 +30,7 @@ class Examination:
     results: tuple[CheckResult, ...]
 
     @property
-    def healthy(self) -> bool:
+    def is_healthy(self) -> bool:
         """Return True if no check failed."""
         return not any(result.verdict == "wrong" for result in self.results)
 
@@ -48,9 +48,9 @@ def examine(
         reception = listen(port, baud, seconds, briefly=repl)
     except LinkError as error:
         problem, _, remedy = str(error).removeprefix(f"{port}: ").partition("; ")
-        return _complete(port, [wrong("port", problem, remedy)])
-    results = [ok("port", f"{port} opens")]
-    if not reception.prompt and not (repl and reception.frames):
+        return _complete(port, [failed_check("port", problem, remedy)])
+    results = [passed_check("port", f"{port} opens")]
+    if not reception.prompt and not (repl and reception.n_frames):
         return _complete(port, results + check_reception(reception, baud))
     note("checking over the prompt")
     try:
@@ -59,7 +59,7 @@ def examine(
     except FlashError as error:
         remedy = "reconnect the board; a node that sends by UART or Wi-Fi has its prompt on USB"
         return _complete(
-            port, [*results, check_protocol(reception, baud), wrong("MicroPython", str(error), remedy)]
+            port, [*results, check_protocol(reception, baud), failed_check("MicroPython", str(error), remedy)]
         )
     if not has_firmware:
         return _complete(port, [*results, check_protocol(reception, baud), *prompt_results])
@@ -74,7 +74,7 @@ def _check_over_prompt(board: FlashBoard) -> tuple[list[CheckResult], bool]:
     board.interrupt()
     identity, config = board.identify(), board.config()
     kind, pins = find_board_pins(identity.machine, config)
-    wires = check_wiring(test_lines(pins, board.run))
+    wires = check_wiring(measure_lines(pins, board.run))
     files, has_firmware = _files(board, identity)
     if has_firmware:
         board.reset()
@@ -85,11 +85,13 @@ def _interpreter(identity: BoardIdentity, kind: Board, *, has_pin_setting: bool)
     text = f"{'.'.join(map(str, identity.version))} on {identity.machine or identity.platform}"
     if identity.version < MIN_MICROPYTHON:
         oldest = ".".join(map(str, MIN_MICROPYTHON))
-        return wrong("MicroPython", text, f"install MicroPython {oldest} or later: micropython.org/download")
+        return failed_check(
+            "MicroPython", text, f"install MicroPython {oldest} or later: micropython.org/download"
+        )
     if kind in (Board.OTHER, Board.RP2) and not has_pin_setting:
         remedy = 'if the sensor is not on GPIO4 (SDA) and 5 (SCL), set /config.json: {"pins": {"sda": ..}}'
-        return unknown("MicroPython", f"{text}: unknown board without default pins", remedy)
-    return ok("MicroPython", text)
+        return unknown_check("MicroPython", f"{text}: unknown board without default pins", remedy)
+    return passed_check("MicroPython", text)
 
 
 def _files(board: FlashBoard, identity: BoardIdentity) -> tuple[CheckResult, bool]:
@@ -97,11 +99,11 @@ def _files(board: FlashBoard, identity: BoardIdentity) -> tuple[CheckResult, boo
     image = build_image(firmware_folder(), identity.architecture)
     held, running = board.list_hashes(image)
     if not any(path.endswith(("/node.mpy", "/node.py")) for path in held):
-        return wrong("files", "no firmware on the board", f"hubodo flash {board.port}"), False
+        return failed_check("files", "no firmware on the board", f"hubodo flash {board.port}"), False
     hashes = hash_files(image | {slot: main_for_slot(image["main.py"], slot) for slot in SLOTS})
     flash_plan = plan_flash(image, hashes, held, running)
     if flash_plan.slot is None:
-        return ok("files", f"{len(image) - 1} files in {running}, identical to this host's"), True
+        return passed_check("files", f"{len(image) - 1} files in {running}, identical to this host's"), True
     location = running or "the root"
     differing = sorted(
         name
@@ -115,7 +117,7 @@ def _files(board: FlashBoard, identity: BoardIdentity) -> tuple[CheckResult, boo
         if differing
         else f"in {location}: the files of this host, but another main.py or additional files"
     )
-    return wrong("files", observation, f"hubodo flash {board.port}"), True
+    return failed_check("files", observation, f"hubodo flash {board.port}"), True
 
 
 def _listen_to_started(port: str, baud: int, seconds: float) -> Reception:
@@ -126,7 +128,7 @@ def _listen_to_started(port: str, baud: int, seconds: float) -> Reception:
     reception, end = Reception(), time.monotonic() + _PORT_RETURN_TIMEOUT_S
     while time.monotonic() < end:
         try:
-            is_settled = reception.frames > 0
+            is_settled = reception.n_frames > 0
             reception = listen(port, baud, seconds if is_settled else _SETTLING_S)
             if is_settled or reception.prompt:
                 break
@@ -144,5 +146,5 @@ def _complete(port: str, results: list[CheckResult]) -> Examination:
     for name, reason in CHECKS.items():
         if first_wrong is not None and names.index(name) > names.index(first_wrong):
             reason = f"first fix: {first_wrong}"
-        complete.append(by_name.get(name) or unknown(name, reason))
+        complete.append(by_name.get(name) or unknown_check(name, reason))
     return Examination(port, tuple(complete))

@@ -28,7 +28,7 @@ class _UsbPort(Protocol):
     vid: int | None
 
 
-class NotInTable(HubodoError):
+class BoardNotListed(HubodoError):
     """The error for a board that the fleet table does not name; it is left unchanged."""
 
 
@@ -102,7 +102,7 @@ def orders_by_serial(order: SettingsOrder, fleet: dict[str, int] | None) -> Call
         if fleet is None:
             return order
         if serial not in fleet:
-            raise NotInTable(f"serial {serial} is not in the table; skipped")
+            raise BoardNotListed(f"serial {serial} is not in the table; skipped")
         return replace(order, settings={**order.settings, "node_id": fleet[serial]})
 
     return order_for
@@ -115,5 +115,5 @@ def flash_each(ports: Iterable[str], flash: Callable[[str], FlashedBoard | Rolle
         try:
             boards.append(flash(port))
         except HubodoError as error:
-            boards.append(FailedBoard(port, str(error), isinstance(error, NotInTable)))
+            boards.append(FailedBoard(port, str(error), isinstance(error, BoardNotListed)))
     return FleetOutcome(tuple(boards))

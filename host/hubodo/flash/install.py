@@ -15,7 +15,7 @@ from hubodo.flash.image import build_image
 from hubodo.flash.manifest import add_manifest
 from hubodo.flash.node_settings import FROM_CALIBRATION
 from hubodo.flash.order import CONFIG, SettingsOrder
-from hubodo.flash.prompt import BoardGone, FlashError
+from hubodo.flash.prompt import BoardDisconnected, FlashError
 from hubodo.safe_text import json_text
 from hubowire import FINGERPRINT
 from hubowire.messages import Hello
@@ -49,7 +49,7 @@ class FlashedBoard:
         Settings from the calibration.
     keyed
         True if the node has a key for UDP.
-    again
+    n_disconnections
         Number of disconnections during flashing.
     seconds
         Duration, s.
@@ -98,7 +98,7 @@ class RolledBackBoard:
     firmware: tuple[int, ...]
 
     @property
-    def other_version(self) -> bool:
+    def is_other_version(self) -> bool:
         """Return True if this host cannot decode the previous firmware."""
         return self.fingerprint != FINGERPRINT
 
@@ -109,7 +109,7 @@ class RolledBackBoard:
             "node": self.node,
             "firmware": ".".join(map(str, self.firmware)),
             "fingerprint": f"{self.fingerprint:08x}",
-            "other_version": self.other_version,
+            "other_version": self.is_other_version,
         }
 
 
@@ -126,7 +126,7 @@ def install_firmware(
     while True:
         try:
             return _install(port, order, folder, report_progress, n_reconnections, started)
-        except BoardGone:
+        except BoardDisconnected:
             n_reconnections += 1
             if n_reconnections > _MAX_RECONNECTIONS:
                 raise
@@ -150,14 +150,14 @@ def _install(
         serial = board.unique_id()
         try:
             board_order = order(serial)
-            config = board_order.config(board.config(), serial) if board_order.changes else {}
+            config = board_order.config(board.config(), serial) if board_order.has_changes else {}
         except HubodoError:
             _restart(board)
             raise
         report_progress(f"{port}: compiling for {identity.architecture or 'bytecode'}")
         image = add_manifest(build_image(folder, identity.architecture))
-        files = len(image) + board_order.changes
-        if board_order.changes:
+        files = len(image) + board_order.has_changes
+        if board_order.has_changes:
             image[CONFIG] = json_text(config).encode()
         copied = board.copy(image, lambda name: report_progress(f"{port}: copying {name}"))
         report_progress(f"{port}: starting")

@@ -40,7 +40,7 @@ class SettingsOrder:
     keys: KeyRing | None = None
 
     @property
-    def changes(self) -> bool:
+    def has_changes(self) -> bool:
         """Return True if the order changes any setting."""
         return bool(self.settings) or self.calibration is not None or self.keys is not None
 

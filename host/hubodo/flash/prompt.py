@@ -25,7 +25,7 @@ class FlashError(HubodoError):
     """The error for a board that does not answer or holds other data than sent."""
 
 
-class BoardGone(FlashError):
+class BoardDisconnected(FlashError):
     """The error for a port that disconnected during an operation."""
 
 

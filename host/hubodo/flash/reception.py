@@ -25,19 +25,19 @@ _TAIL_BYTES = 4096
 
 @dataclass
 class Reception:
-    """The data received from a port; all but `received`, `frames` and `tail` belong to the first node.
+    """The data received from a port; all but `n_bytes`, `n_frames` and `tail` belong to the first node.
 
     Attributes
     ----------
-    received
+    n_bytes
         Number of bytes.
-    frames, damaged
+    n_frames, n_damaged
         Number of valid and of damaged frames.
     prompt
         True if a MicroPython prompt answered.
-    gone
+    disconnection
         Reason if the port disconnected.
-    node, hello, refusal
+    node, hello, mismatch
         Id and identification of the node, or the reason why it cannot be decoded.
     blocks, reports, counts
         Samples, health messages and losses.
@@ -47,14 +47,14 @@ class Reception:
         The last bytes.
     """
 
-    received: int = 0
-    frames: int = 0
-    damaged: int = 0
+    n_bytes: int = 0
+    n_frames: int = 0
+    n_damaged: int = 0
     prompt: bool = False
-    gone: str = ""
+    disconnection: str = ""
     node: int | None = None
     hello: Hello | None = None
-    refusal: str | None = None
+    mismatch: str | None = None
     blocks: list[ImuBlock] = field(default_factory=list)
     reports: list[Health] = field(default_factory=list)
     counts: NodeCounts = field(default_factory=NodeCounts)
@@ -73,7 +73,7 @@ def listen(port: str, baud: int, seconds: float, *, briefly: bool = False) -> Re
         with contextlib.suppress(LinkDown):
             _Listener(link, reception).run(seconds, briefly)
             return reception
-        reception.gone = f"{port} disconnected while it was read"
+        reception.disconnection = f"{port} disconnected while it was read"
         return reception
     finally:
         link.close()
@@ -97,35 +97,35 @@ class _Listener:
             if (
                 now - requested_ns > _REQUEST_PERIOD_NS
                 and reception.hello is None
-                and reception.refusal is None
+                and reception.mismatch is None
             ):
                 requested_ns = now
-                if reception.frames:
+                if reception.n_frames:
                     self._request(GetHello())
-                elif not reception.received:
+                elif not reception.n_bytes:
                     self._link.write(b"\r\x02", "")
             if reception.hello is not None and now - clock_ns > _CLOCK_PERIOD_NS:
                 clock_ns = now
                 token = self._seq.to_bytes(8, "little").replace(b"\x03", b"\x83")
                 self._sent_ns[token] = time.monotonic_ns()
                 self._request(TimeRequest(token))
-            if (briefly and reception.frames) or (reception.prompt and not reception.frames):
+            if (briefly and reception.n_frames) or (reception.prompt and not reception.n_frames):
                 break
         for item in self._node.close():
             self._store(item)
-        reception.counts, reception.refusal = self._node.counts, self._node.mismatch_text
+        reception.counts, reception.mismatch = self._node.counts, self._node.mismatch_text
 
     def _process(self, data: bytes, now: int) -> None:
         reception = self._reception
-        reception.received += len(data)
+        reception.n_bytes += len(data)
         reception.tail = (reception.tail + data)[-_TAIL_BYTES:]
         for frame in self._frames.feed(data):
-            reception.frames += 1
+            reception.n_frames += 1
             reception.node = frame.node if reception.node is None else reception.node
             if frame.node == reception.node:
                 for item in self._node.decode_frame(frame, now, LinkCounts(self._damaged())):
                     self._store(item)
-        reception.hello, reception.refusal, reception.damaged = (
+        reception.hello, reception.mismatch, reception.n_damaged = (
             self._node.hello,
             self._node.mismatch_text,
             self._damaged(),

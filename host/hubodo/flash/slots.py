@@ -68,9 +68,9 @@ class FlashPlan:
         Content by path.
     swap
         Names at the root that are replaced.
-    expect
+    expected_hashes
         Hash by path, to verify before the swap.
-    forget
+    obsolete
         Paths of an older installation at the root, to delete.
     """
 
@@ -79,8 +79,8 @@ class FlashPlan:
     copy: tuple[tuple[str, str], ...]
     send: dict[str, bytes]
     swap: tuple[str, ...]
-    expect: dict[str, str]
-    forget: tuple[str, ...]
+    expected_hashes: dict[str, str]
+    obsolete: tuple[str, ...]
 
 
 def plan_flash(

@@ -6,7 +6,7 @@ IDENTIFY = (
 )
 SERIAL = "import machine,binascii;print(binascii.hexlify((bytes(machine.unique_id())+bytes(8))[:8]).decode())"
 # Reads each file in small chunks into one buffer, as a node has little memory.
-HASH = """
+HASH_FUNCTION = """
 import os,hashlib,binascii
 b=bytearray(512)
 m=memoryview(b)
@@ -20,7 +20,7 @@ def sha(n):
             h.update(m[:k])
 """
 LIST_HASHES = (
-    HASH
+    HASH_FUNCTION
     + """
 def walk(d):
     for e in list(os.ilistdir(d or '/')):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hubodo.flash.check_result import CheckResult, ok, wrong
+from hubodo.flash.check_result import CheckResult, failed_check, passed_check
 from hubodo.flash.image import firmware_folder
 from hubowire.messages import Board
 
@@ -105,11 +105,11 @@ def _without_imports(path: Path) -> ast.Module:
     return tree
 
 
-def test_lines(pins: Mapping[str, int], run: Callable[[str], str]) -> WiringState:
+def measure_lines(pins: Mapping[str, int], run: Callable[[str], str]) -> WiringState:
     """Test the lines; `run` executes code on the board and returns its output."""
     text = run(_TEST_CODE.format(sda=pins["sda"], scl=pins["scl"], registers=_IDENTITY_REGISTERS))
-    sda, scl, found, swapped = ast.literal_eval(text.strip().splitlines()[-1])
-    return WiringState(pins["sda"], pins["scl"], sda, scl, tuple(found), tuple(swapped))
+    sda, scl, devices, swapped = ast.literal_eval(text.strip().splitlines()[-1])
+    return WiringState(pins["sda"], pins["scl"], sda, scl, tuple(devices), tuple(swapped))
 
 
 def check_wiring(wires: WiringState) -> CheckResult:
@@ -119,36 +119,36 @@ def check_wiring(wires: WiringState) -> CheckResult:
     low = [f"{name} (GPIO{pin})" for name, pin, levels in lines if not levels[1]]
     floating = [f"{name} (GPIO{pin})" for name, pin, levels in lines if levels == (0, 1)]
     if len(low) == 2:
-        return wrong(
+        return failed_check(
             "wiring",
             f"both lines are held low: {' and '.join(low)}",
             "the sensor board has no supply: connect 3V3 to VIN or 3V, and GND to GND",
         )
     if low:
-        return wrong(
+        return failed_check(
             "wiring",
             f"{low[0]} is held low",
             "power-cycle the board; if it persists: a short to GND or another pin, or a defective chip",
         )
     if floating:
-        return wrong(
+        return failed_check(
             "wiring",
             f"no pull-up on {' and '.join(floating)}",
             "connect the sensor board; a bare chip needs 4.7 kΩ from SDA and from SCL to 3V3",
         )
     if wires.devices:
-        return ok(
+        return passed_check(
             "wiring",
             f"{names}, both pulled up; " + ", ".join(describe_device(*chip) for chip in wires.devices),
         )
     if wires.swapped_devices:
         addresses = ", ".join(f"0x{address:02X}" for address, _ in wires.swapped_devices)
-        return wrong(
+        return failed_check(
             "wiring",
             f"SDA and SCL are exchanged: {addresses} answers with the lines swapped",
             f"connect SDA of the sensor board to GPIO{wires.sda} and SCL to GPIO{wires.scl}",
         )
-    return wrong(
+    return failed_check(
         "wiring",
         f"{names}, both pulled up, but nothing answers",
         "check for wires on other pins, a chip in SPI mode (CS must be high), or a defective chip",

@@ -103,8 +103,8 @@ def rate_exposure(unit: str) -> float | None:
             )
         except (OSError, subprocess.TimeoutExpired):
             return None
-    _, marker, rest = result.stdout.partition("Overall exposure level for ")
-    words = rest.partition(":")[2].split()
+    _, marker, rating = result.stdout.partition("Overall exposure level for ")
+    words = rating.partition(":")[2].split()
     return float(words[0]) if marker and words else None
 
 

@@ -38,7 +38,7 @@ EXAMPLE = "hubodo allan night.mcap --node left --channel gz --figure gz.png --re
 
 
 @dataclass(frozen=True)
-class Characterised:
+class ChannelAllanResult:
     """The Allan analysis of one channel of a node.
 
     Attributes
@@ -90,10 +90,10 @@ class Characterised:
 
 
 @dataclass(frozen=True)
-class Compared:
+class AllanComparison:
     """The Allan analyses of several channels, with data sheets for comparison."""
 
-    sensors: tuple[Characterised, ...]
+    sensors: tuple[ChannelAllanResult, ...]
     sheets: tuple[Datasheet, ...]
 
     def as_json(self) -> dict[str, Any]:
@@ -161,12 +161,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
 
 
-def run(args: argparse.Namespace) -> Characterised | Compared:
+def run(args: argparse.Namespace) -> ChannelAllanResult | AllanComparison:
     """Compute the Allan deviation of each requested channel; write page and figure where asked.
 
     Returns
     -------
-    Characterised or Compared
+    ChannelAllanResult or AllanComparison
         The analysis of the only channel, or of several channels side by side.
 
     Raises
@@ -183,7 +183,9 @@ def run(args: argparse.Namespace) -> Characterised | Compared:
             recording = read_log(log, input_format=form, progress=show)
         for node in _nodes(log, recording, args.node):
             sensors += [_characterised(args, log, recording, node, channel) for channel in channels]
-    result: Characterised | Compared = sensors[0] if len(sensors) == 1 else Compared(tuple(sensors), sheets)
+    result: ChannelAllanResult | AllanComparison = (
+        sensors[0] if len(sensors) == 1 else AllanComparison(tuple(sensors), sheets)
+    )
     named = _named(sensors)
     title = "Allan deviation of " + (named[0][0] if len(named) == 1 else f"{len(named)} channels")
     # The page first: the figure needs a package that may be missing.
@@ -196,7 +198,7 @@ def run(args: argparse.Namespace) -> Characterised | Compared:
 
 def _characterised(
     args: argparse.Namespace, log: Path, recording: Recording, node: str, channel: str
-) -> Characterised:
+) -> ChannelAllanResult:
     if args.as_is:
         args.trust_still = True
     data = select_standstill(args, log, recording, node, channel, cut=True)
@@ -213,7 +215,7 @@ def _characterised(
         )
     except InputError as error:
         raise InputError(f"{log}, node {node}, {channel}: {error}") from None
-    return Characterised(str(log), node, report)
+    return ChannelAllanResult(str(log), node, report)
 
 
 def _channels(text: str) -> list[str]:
@@ -248,7 +250,7 @@ def _nodes(log: Path, recording: Recording, asked: str | None) -> list[str]:
     return chosen
 
 
-def _named(sensors: list[Characterised] | tuple[Characterised, ...]) -> list[NamedAnalysis]:
+def _named(sensors: list[ChannelAllanResult] | tuple[ChannelAllanResult, ...]) -> list[NamedAnalysis]:
     """Label each result with node and channel, and with the log where there are several."""
     logs = len({sensor.log for sensor in sensors}) > 1
     return [

@@ -19,7 +19,7 @@ from hubodo.log.logfile import open_log
 from hubowire.messages import NODE_IDS
 
 Completer = Callable[..., list[str]]
-_LOG_SUFFIXES = (".mcap", ".bag", ".db3", ".csv", ".csv.gz", ".mat", ".h5", ".hdf5", ".npy", ".npz")
+_COMPLETED_LOG_SUFFIXES = (".mcap", ".bag", ".db3", ".csv", ".csv.gz", ".mat", ".h5", ".hdf5", ".npy", ".npz")
 _NON_NODE_FILES = ("gnss", "heading", "reference", "table", "truth", "wheels")
 _IMU_TOPIC = re.compile(r"/([^/]+)/imu")
 
@@ -56,7 +56,7 @@ def _completer(action: argparse.Action) -> Completer | None:
     if action.dest in ("node", "nodes"):
         return _nodes
     if metavar in ("LOG", "FILE.mcap"):
-        return _Files(*_LOG_SUFFIXES)
+        return _Files(*_COMPLETED_LOG_SUFFIXES)
     for prefix, suffixes in (
         ("TOML", (".toml",)),
         ("MODEL", (".toml",)),

@@ -33,12 +33,12 @@ class BoardDiagnosis:
     @property
     def failed(self) -> bool:
         """Return True if a check failed."""
-        return not self.examination.healthy
+        return not self.examination.is_healthy
 
     def as_json(self) -> dict[str, Any]:
         """Return the JSON result."""
         checks = [result.as_json() for result in self.examination.results]
-        return {"port": self.examination.port, "ok": self.examination.healthy, "checks": checks}
+        return {"port": self.examination.port, "ok": self.examination.is_healthy, "checks": checks}
 
     def render(self, console: Console) -> None:
         """Print one row for each check, with the remedy."""

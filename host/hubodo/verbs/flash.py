@@ -52,7 +52,7 @@ class BoardResult:
                 value = ", ".join(f"{name} {setting}" for name, setting in value.items()) or "-"
             table.add_row(key, str(value))
         console.print(table)
-        if isinstance(self.board, RolledBackBoard) and self.board.other_version:
+        if isinstance(self.board, RolledBackBoard) and self.board.is_other_version:
             console.print(
                 "this host runs another version: install the hubodo that flashed the board, or flash it again"
             )
@@ -176,6 +176,6 @@ def _order(args: argparse.Namespace, is_fleet: bool) -> SettingsOrder:
         args.calibration,
         KeyRing(args.key_file, create=True) if args.key_file is not None else None,
     )
-    if args.roll_back and (order.changes or args.fleet is not None):
+    if args.roll_back and (order.has_changes or args.fleet is not None):
         raise InputError("--roll-back changes no settings; remove the other options")
     return order

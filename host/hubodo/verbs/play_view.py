@@ -228,7 +228,7 @@ def _foxglove(
         return
     from hubodo.web.address import parse_address
     from hubodo.web.config import FOXGLOVE_PORT
-    from hubodo.web.foxglove_live import FoxgloveClients, FoxgloveLog
+    from hubodo.web.foxglove_live import FoxgloveClients, FoxgloveReplay
 
     address = parse_address(args.foxglove, FOXGLOVE_PORT)
     clients = FoxgloveClients(address)
@@ -236,7 +236,7 @@ def _foxglove(
     try:
         with open_log(args.log) as log:
             zero_ns = log.t_zero_ns or 0
-            replayer = FoxgloveLog(clients, log, zero_ns + round(first * 1e9))
+            replayer = FoxgloveReplay(clients, log, zero_ns + round(first * 1e9))
             yield lambda now: replayer.send_until(zero_ns + round(now * 1e9))
     finally:
         clients.finish()

@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> None:
     from hubodo.web.app import make_app
     from hubodo.web.config import web_site
     from hubodo.web.library import RecordingLibrary
-    from hubodo.web.server import serving
+    from hubodo.web.server import serve_in_thread
 
     if not args.folder.is_dir():
         raise InputError(f"{args.folder}: is no folder; give a folder of logs")
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> None:
     with (
         program_log("serve"),
         stop_on_signals(threading.Event()) as stopping,
-        serving(app, site) as port,
+        serve_in_thread(app, site) as port,
     ):
         url = replace(site, address=replace(site.address, port=port)).url
         print(f"hubodo serve: {args.folder} at {url}; stop with ctrl-C", file=sys.stderr, flush=True)

@@ -45,7 +45,7 @@ EXAMPLE = "hubodo warmup cold_start.mcap --node left --channel gz -o calibration
 
 
 @dataclass(frozen=True)
-class WarmedUp:
+class WarmupModelResult:
     """The warm-up model of one gyro axis.
 
     Attributes
@@ -133,12 +133,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
 
 
-def run(args: argparse.Namespace) -> WarmedUp:
+def run(args: argparse.Namespace) -> WarmupModelResult:
     """Fit the warm-up models; extend the calibration file and write page and figure where asked.
 
     Returns
     -------
-    WarmedUp
+    WarmupModelResult
         Models, whiteness tests and forecasts.
 
     Raises
@@ -182,7 +182,7 @@ def run(args: argparse.Namespace) -> WarmedUp:
     if args.figure is not None:
         save_figure(warmup_figure(report, title), args.figure)
     output = None if args.output is None else str(args.output)
-    return WarmedUp(str(args.log), data.node, output, report, tuple(args.at))
+    return WarmupModelResult(str(args.log), data.node, output, report, tuple(args.at))
 
 
 def _remove_superseded(

@@ -22,18 +22,18 @@ class Actions:
         self._page = page
 
     @property
-    def newest(self) -> Snapshot | None:
+    def latest_snapshot(self) -> Snapshot | None:
         """Return the newest snapshot."""
-        return self._page.newest
+        return self._page.latest_snapshot
 
     def now_ns(self) -> int:
         """Return the time of the recording's own clock, ns."""
         return self._page.now_ns()
 
     @property
-    def file(self) -> Path | None:
+    def current_log(self) -> Path | None:
         """Return the log that is being written, or None."""
-        return self._page.file
+        return self._page.current_log
 
     def request_action(self, action: str, body: dict[str, Any]) -> None:
         """Queue an action; raise RequestRefused if it is invalid. Its outcome becomes an event."""

@@ -59,7 +59,7 @@ def split_host(text: str) -> str:
     return text.partition(":")[0].lower().removesuffix(".")
 
 
-def host_allowed(name: str, address: Address, extra_names: frozenset[str]) -> bool:
+def is_host_allowed(name: str, address: Address, extra_names: frozenset[str]) -> bool:
     """Return True if a browser used a name that belongs to this server (protection against DNS rebinding).
 
     A page of another site can make its own name point to this computer, but neither an IP number nor the

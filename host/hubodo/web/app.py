@@ -19,13 +19,13 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from hubodo.ingest.live.metrics_server import respond
 from hubodo.web.actions import Actions
 from hubodo.web.config import Site
-from hubodo.web.guard import COOKIE, AccessGuard, client_address, request_session, too_many_guesses
+from hubodo.web.guard import COOKIE, AccessGuard, client_address, request_session, too_many_guesses_response
 from hubodo.web.guess_limiter import GuessLimiter, TooManyGuesses
 from hubodo.web.hub import FrameHub
 from hubodo.web.jobs import SCRATCH, Job, JobQueue
 from hubodo.web.library import RecordingFile, RecordingLibrary
 from hubodo.web.request_body import RequestRefused, json_response, parse_form, read_body, read_json
-from hubodo.web.secrets import SESSION_S, Secrets
+from hubodo.web.secrets import SESSION_LIFETIME_S, AccessSecrets
 
 STATIC = Path(__file__).parent / "static"
 _SEND_TIMEOUT_S = 20.0
@@ -36,13 +36,13 @@ _GENERATED_PAGE_POLICY = (
 """Content security policy of generated pages: scripts may draw, but not access the server."""
 
 
-class Pages:
+class RequestHandlers:
     """The request handlers and their dependencies; used only on the server's event loop."""
 
     def __init__(
         self,
         site: Site,
-        secrets: Secrets,
+        secrets: AccessSecrets,
         limiter: GuessLimiter,
         library: RecordingLibrary,
         hub: FrameHub | None,
@@ -99,14 +99,14 @@ class Pages:
                 client_address(request.scope), lambda: self._secrets.is_token(token)
             )
         except TooManyGuesses:
-            return too_many_guesses()
+            return too_many_guesses_response()
         if not is_valid:
             return HTMLResponse(text.replace("{{error}}", "Invalid token."), 403)
         answer = RedirectResponse("/", 303)
         answer.set_cookie(
             COOKIE,
             self._secrets.begin_session(),
-            max_age=SESSION_S,
+            max_age=SESSION_LIFETIME_S,
             httponly=True,
             samesite="strict",
             secure=self._site.cert is not None,
@@ -149,7 +149,7 @@ class Pages:
             await following.aclose()  # type: ignore[attr-defined]
 
     async def _recordings(self, request: Request) -> Response:
-        current = None if self._actions is None else self._actions.file
+        current = None if self._actions is None else self._actions.current_log
         return json_response(self._library.as_json(current))
 
     async def _download(self, request: Request) -> Response:
@@ -178,7 +178,7 @@ class Pages:
 
     async def _machine(self, request: Request) -> Response:
         actions = self._actions
-        newest, now_ns = (None, 0) if actions is None else (actions.newest, actions.now_ns())
+        newest, now_ns = (None, 0) if actions is None else (actions.latest_snapshot, actions.now_ns())
         status, kind, body = respond(request.url.path, newest, now_ns)
         return Response(body, status, media_type=kind)
 
@@ -199,7 +199,7 @@ class Pages:
             raise RequestRefused(400, "kind must be info, report or gap")
         publish = None if kind == "info" else functools.partial(self._library.derived.publish, folder_parts)
         try:
-            self._library.derived.check(folder_parts)
+            self._library.derived.check_folder(folder_parts)
         except OSError:
             raise RequestRefused(409, "a symbolic link blocks the output folder; remove it") from None
         job = self._jobs.start(kind, entry.name, words, publish)
@@ -237,8 +237,8 @@ def make_app(
     actions: Actions | None = None,
 ) -> Starlette:
     """Return the application; hub and actions are None if only recordings are served."""
-    secrets, limiter = Secrets(site.token), GuessLimiter()
-    pages = Pages(site, secrets, limiter, library, hub, actions)
+    secrets, limiter = AccessSecrets(site.token), GuessLimiter()
+    pages = RequestHandlers(site, secrets, limiter, library, hub, actions)
 
     @contextlib.asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:

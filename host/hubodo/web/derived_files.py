@@ -42,7 +42,7 @@ class DerivedFiles:
         except OSError:
             return None
 
-    def check(self, parts: Sequence[str]) -> None:
+    def check_folder(self, parts: Sequence[str]) -> None:
         """Raise OSError if a component of the folder exists and is no folder."""
         with contextlib.suppress(FileNotFoundError), self._folder_of(parts, create=False):
             pass

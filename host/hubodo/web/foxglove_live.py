@@ -174,7 +174,7 @@ class FoxgloveLive:
             self._log.write_record(record)
 
 
-class FoxgloveLog:
+class FoxgloveReplay:
     """A log replayed to clients: each message up to a time, once."""
 
     def __init__(self, clients: FoxgloveClients, log: Log, start_ns: int) -> None:

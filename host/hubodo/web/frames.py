@@ -59,14 +59,16 @@ def _sigma(variance: float, digits: int) -> float | None:
     return round(math.sqrt(variance), digits) if variance >= 0.0 and math.isfinite(variance) else None
 
 
-def slow_frame(recorder: Recorder, now: Snapshot) -> Frame:
+def slow_frame(recorder: Recorder, snapshot: Snapshot) -> Frame:
     """Return the slow part of a frame from a snapshot of the recorder."""
     biases = {} if recorder.odometer is None else recorder.odometer.biases()
     sessions = {node.name: node for node in recorder.nodes.values()}
-    log = now.log
+    log = snapshot.log
     return {
-        "seconds": round(now.seconds, 1),
-        "nodes": {node.name: _node(node, sessions[node.name], biases.get(node.name)) for node in now.nodes},
+        "seconds": round(snapshot.seconds, 1),
+        "nodes": {
+            node.name: _node(node, sessions[node.name], biases.get(node.name)) for node in snapshot.nodes
+        },
         "links": {
             link.label: {
                 "up": link.where is not None,
@@ -76,9 +78,9 @@ def slow_frame(recorder: Recorder, now: Snapshot) -> Frame:
                 "downs": link.disconnections,
                 "foreign": link.foreign or "",
             }
-            for link in now.links
+            for link in snapshot.links
         },
-        "gnss": {receiver.label: receiver.fixes for receiver in now.gnss},
+        "gnss": {receiver.label: receiver.fixes for receiver in snapshot.gnss},
         "log": {
             "file": log.path.name,
             "size": log.size,

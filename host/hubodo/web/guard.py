@@ -14,10 +14,10 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from hubodo.listening.server_thread import admit_connection
-from hubodo.web.address import host_allowed, split_host
+from hubodo.web.address import is_host_allowed, split_host
 from hubodo.web.config import Site
 from hubodo.web.guess_limiter import GuessLimiter, TooManyGuesses
-from hubodo.web.secrets import Secrets
+from hubodo.web.secrets import AccessSecrets
 
 COOKIE = "hubodo"
 CSRF_HEADER = "x-hubodo-token"
@@ -54,7 +54,7 @@ class Identity(Enum):
 class AccessGuard:
     """ASGI middleware that checks each request before the application."""
 
-    def __init__(self, app: ASGIApp, site: Site, secrets: Secrets, limiter: GuessLimiter) -> None:
+    def __init__(self, app: ASGIApp, site: Site, secrets: AccessSecrets, limiter: GuessLimiter) -> None:
         self._app = app
         self._site = site
         self._secrets = secrets
@@ -78,7 +78,7 @@ class AccessGuard:
     async def _refusal(self, scope: Scope) -> Response | None:
         headers = Headers(scope=scope)
         name = split_host(headers.get("host", ""))
-        if not host_allowed(name, self._site.address, self._site.hosts):
+        if not is_host_allowed(name, self._site.address, self._site.hosts):
             return _plain_response(421, "unknown host name; add it to [web] hosts")
         origin = headers.get("origin")
         is_read = scope["type"] == "http" and scope["method"] in _READ_METHODS
@@ -89,7 +89,7 @@ class AccessGuard:
         try:
             identity = await self._identify(scope, headers)
         except TooManyGuesses:
-            return too_many_guesses()
+            return too_many_guesses_response()
         if identity is Identity.UNKNOWN:
             if is_read and "text/html" in headers.get("accept", ""):
                 return RedirectResponse("/login", 303)
@@ -136,7 +136,7 @@ def request_session(scope: Scope) -> str | None:
     return session if isinstance(session, str) else None
 
 
-def too_many_guesses() -> Response:
+def too_many_guesses_response() -> Response:
     """Return the response to too many guesses."""
     answer = _plain_response(429, "too many invalid tokens from this address; wait a second")
     answer.headers["retry-after"] = "1"

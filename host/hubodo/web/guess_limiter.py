@@ -69,7 +69,7 @@ class GuessLimiter:
 
         host: IP number of the visitor. is_valid: compares the visitor's secret in constant time.
         """
-        network = network_of(host)
+        network = network_of_address(host)
         allowance, now = self._allowance(network), self._clock()
         is_clean = allowance.is_full(now) and not self._held[network]
         if allowance.level(now) >= 1.0 and self._total.level(now) >= 1.0:
@@ -104,7 +104,7 @@ class GuessLimiter:
         return self._allowances[network]
 
 
-def network_of(host: str) -> str:
+def network_of_address(host: str) -> str:
     """Return what counts as one visitor: an IPv4 address, or the /64 network of an IPv6 address."""
     try:
         number = ipaddress.ip_address(host.partition("%")[0])

@@ -55,7 +55,7 @@ class FrameHub:
                 self._loop = None
 
     @property
-    def slow(self) -> Frame | None:
+    def latest_slow_frame(self) -> Frame | None:
         """The newest slow part of a frame."""
         return self._slow
 

@@ -31,7 +31,7 @@ SCRATCH = "{scratch}"
 _PROGRESS_BAR = re.compile(r"([^\r\n]*?)\s*[━╸╺ ]*\s(\d+)%")
 _TERMINAL_ESCAPE = re.compile(r"\x1b(\[[0-9;?]*[A-Za-z]|.)")
 
-Publish = Callable[[Path], None]
+PublishFiles = Callable[[Path], None]
 
 
 @dataclass
@@ -72,7 +72,7 @@ class Job:
     progress: float = 0.0
     text: str = ""
     result: Any = None
-    publish: Publish | None = None
+    publish: PublishFiles | None = None
     limit: float = 3600.0
     task: asyncio.Task[None] | None = field(default=None, repr=False)
     _lines: str = field(default="", repr=False)
@@ -97,15 +97,15 @@ class Job:
         if bars:
             self.text, self.progress = bars[-1][0].strip(), int(bars[-1][1]) / 100.0
 
-    def finish(self, code: int, printed: bytes) -> None:
+    def finish(self, exit_code: int, output: bytes) -> None:
         """Set result and final state from exit code and standard output."""
         try:
-            self.result = json.loads(printed) if printed.strip() else None
+            self.result = json.loads(output) if output.strip() else None
         except ValueError:
-            code = code or 1
-        if code and self.result is None:
+            exit_code = exit_code or 1
+        if exit_code and self.result is None:
             lines = [line.strip() for line in self._lines.replace("\r", "\n").split("\n") if line.strip()]
-            self.state, self.text = "failed", lines[-1] if lines else f"exit code {code}"
+            self.state, self.text = "failed", lines[-1] if lines else f"exit code {exit_code}"
             return
         self.state, self.progress, self.text = "done", 1.0, ""
 
@@ -125,7 +125,7 @@ class JobQueue:
         """Return a job by its number, or None if it is no longer known."""
         return self._jobs.get(number)
 
-    def start(self, kind: str, name: str, words: Sequence[str], publish: Publish | None) -> Job | None:
+    def start(self, kind: str, name: str, words: Sequence[str], publish: PublishFiles | None) -> Job | None:
         """Queue `hubodo WORDS --json`; return None if too many jobs are waiting.
 
         SCRATCH at the start of a word stands for the scratch folder. An unfinished job with the same words is

@@ -20,7 +20,7 @@ from hubodo.web.foxglove_live import FoxgloveLive
 from hubodo.web.hub import FrameHub
 from hubodo.web.library import RecordingLibrary
 from hubodo.web.live_page import LivePage
-from hubodo.web.server import serving
+from hubodo.web.server import serve_in_thread
 
 
 @contextlib.contextmanager
@@ -51,7 +51,7 @@ def live_audience(
         hub, faults = FrameHub(_about(vehicle)), ServerFaults()
         page = LivePage(hub.put, live, faults)
         app = make_app(site, RecordingLibrary(folder, models), hub, Actions(page))
-        port = stack.enter_context(serving(app, site, faults))
+        port = stack.enter_context(serve_in_thread(app, site, faults))
         greetings.append(f"live page at {replace(site, address=replace(site.address, port=port)).url}")
         page.greetings = greetings
         yield page

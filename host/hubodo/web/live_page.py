@@ -27,13 +27,16 @@ RecorderTask = Callable[[Recorder], None]
 
 
 class LivePage:
-    """An `Audience` for the live page; only `wish`, `file` and `newest` may be used from other threads."""
+    """An `Audience` for the live page.
+
+    Only `submit_task`, `current_log` and `latest_snapshot` may be used from other threads.
+    """
 
     def __init__(
         self, put: Callable[[Frame], None], other: Audience | None = None, server: ServerFaults | None = None
     ) -> None:
         """Create the audience: `put` gets each frame, `other` also watches, `server` holds faults."""
-        self.newest: Snapshot | None = None
+        self.latest_snapshot: Snapshot | None = None
         self._shown = 0.0  # s, by the monotonic clock
         self.greetings: list[str] = []
         """Lines that the recorder prints once for the user."""
@@ -50,20 +53,20 @@ class LivePage:
         self._origin: tuple[float, float] | None = None
 
     @property
-    def file(self) -> Path | None:
+    def current_log(self) -> Path | None:
         """Return the log that is being written, or None."""
-        newest = self.newest
+        newest = self.latest_snapshot
         return newest.log.path if newest is not None and newest.log.recording else None
 
     def now_ns(self) -> int:
         """Return the time of the recording's monotonic clock, ns; callable from any thread."""
-        newest = self.newest
+        newest = self.latest_snapshot
         return 0 if newest is None else newest.t_ns + int((time.monotonic() - self._shown) * NS_PER_S)
 
-    def submit_task(self, wish: RecorderTask) -> bool:
+    def submit_task(self, task: RecorderTask) -> bool:
         """Queue a task for the thread of the recording; return False if too many are waiting."""
         try:
-            self._wishes.put_nowait(wish)
+            self._wishes.put_nowait(task)
         except queue.Full:
             return False
         return True
@@ -88,7 +91,7 @@ class LivePage:
 
     def show(self, snapshot: Snapshot) -> None:
         """Take a snapshot; raise ServerEnded once if the page's server was restarted. See `Audience`."""
-        self.newest = self._slow = snapshot
+        self.latest_snapshot = self._slow = snapshot
         self._shown = time.monotonic()
         self._server.raise_next()
 

@@ -9,14 +9,14 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 
-SESSION_S = 30 * 86_400
+SESSION_LIFETIME_S = 30 * 86_400
 """Lifetime of a session after the login, regardless of the browser."""
 _MAX_SESSIONS = 256
 _MAX_CLOCK_STEP_S = 300.0
 """Tolerance for sessions issued in the future, in case the clock was set back."""
 
 
-class Secrets:
+class AccessSecrets:
     """The secrets of the server, compared in constant time; `csrf` is known to its pages.
 
     A session is `ISSUED.NONCE.MAC`: seconds since 1970, a random number, and the HMAC-SHA256 of both under
@@ -58,7 +58,7 @@ class Secrets:
         if not authentic or not (issued.isascii() and issued.isdigit() and len(issued) < 20):
             return False
         age = self._now() - int(issued)
-        if not -_MAX_CLOCK_STEP_S <= age < SESSION_S or _digest(secret) in self._ended:
+        if not -_MAX_CLOCK_STEP_S <= age < SESSION_LIFETIME_S or _digest(secret) in self._ended:
             return False
         self._remember(secret, int(issued))
         return True
@@ -75,7 +75,7 @@ class Secrets:
             self._ended.popitem(last=False)
 
     def _remember(self, session: str, issued: int) -> None:
-        self._verified[_digest(session)] = issued + SESSION_S
+        self._verified[_digest(session)] = issued + SESSION_LIFETIME_S
         while len(self._verified) > _MAX_SESSIONS:
             self._verified.popitem(last=False)
 

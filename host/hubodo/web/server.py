@@ -16,7 +16,7 @@ _MAX_MESSAGE_BYTES = 4096
 
 
 @contextlib.contextmanager
-def serving(app: ASGIApp, site: Site, faults: ServerFaults | None = None) -> Iterator[int]:
+def serve_in_thread(app: ASGIApp, site: Site, faults: ServerFaults | None = None) -> Iterator[int]:
     """Serve inside the block and yield the port; `faults` collects errors that end the server.
 
     Raises InputError if the address or the certificate cannot be used.

@@ -46,13 +46,13 @@ class FakeComputer(HostComputer):
     def serial_group(self, device):
         return self.member
 
-    def may_use(self, path):
+    def is_accessible(self, path):
         return path not in self.forbidden
 
     def is_clock_synchronised(self):
         return self.kept
 
-    def disk_free(self):
+    def free_disk_bytes(self):
         if self.free < 0:
             raise FileNotFoundError(2, "No such file or directory")
         return self.free
@@ -181,13 +181,13 @@ def refuse(port):
     [
         (lambda port: Reception(prompt=True), "warn", "without a running node", "hubodo flash /dev/ttyACM0"),
         (
-            lambda port: Reception(received=70),
+            lambda port: Reception(n_bytes=70),
             "warn",
             "70 bytes, but no valid frame",
             "hubodo doctor /dev/ttyACM0",
         ),
         (lambda port: Reception(), "warn", "silent", "hubodo doctor /dev/ttyACM0"),
-        (lambda port: Reception(refusal="speaks 1: ..."), "bad", "speaks 1", "hubodo flash /dev/ttyACM0"),
+        (lambda port: Reception(mismatch="speaks 1: ..."), "bad", "speaks 1", "hubodo flash /dev/ttyACM0"),
         (refuse, "bad", "busy: another program has it", "close that program"),
     ],
 )

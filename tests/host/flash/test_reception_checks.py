@@ -25,6 +25,6 @@ def test_a_clock_is_judged_by_the_quickest_answers(ppm, count, verdict, words):
     trip = np.where(np.arange(count) % 2, 1_000_000, 31_000_000)
     node = ((sent + 500_000) * (1 + ppm * 1e-6)).astype(int)
     exchanges = list(zip((sent + trip // 2).tolist(), node.tolist(), trip.tolist(), strict=True))
-    heard = Reception(frames=1, node=1, hello=HELLO, exchanges=exchanges)
+    heard = Reception(n_frames=1, node=1, hello=HELLO, exchanges=exchanges)
     (clock,) = (result for result in check_reception(heard, 115200) if result.check == "clock")
     assert clock.verdict == verdict and re.search(words, clock.observation), clock

@@ -19,7 +19,7 @@ from hubodo.web.address import Address
 from hubodo.web.app import make_app
 from hubodo.web.config import Site
 from hubodo.web.library import RecordingLibrary
-from hubodo.web.server import serving
+from hubodo.web.server import serve_in_thread
 from waiting import until
 
 IDLE, CAPACITY, OF_THE_SERVER = 300, 16, 4
@@ -33,7 +33,7 @@ def small(monkeypatch):
 @contextmanager
 def page(tmp_path, **site):
     place = Site(Address("127.0.0.1", 0), **site)
-    with serving(make_app(place, RecordingLibrary(tmp_path)), place) as port:
+    with serve_in_thread(make_app(place, RecordingLibrary(tmp_path)), place) as port:
         yield port, "/api/recordings"
 
 

@@ -133,14 +133,14 @@ def test_a_client_is_told_of_every_topic_of_the_log_and_its_messages_decode(tmp_
 
 
 def test_a_log_is_played_to_a_client_message_by_message(tmp_path):
-    from hubodo.web.foxglove_live import FoxgloveClients, FoxgloveLog
+    from hubodo.web.foxglove_live import FoxgloveClients, FoxgloveReplay
 
     with LogWriter(tmp_path / "x.mcap", t_zero_ns=10**18) as log:
         for k in range(10):
             write(log, 10 * k)
     clients = FoxgloveClients(HERE)
     with open_log(tmp_path / "x.mcap") as log, ExitStack() as stack:
-        played = FoxgloveLog(clients, log, 10**18)
+        played = FoxgloveReplay(clients, log, 10**18)
         client = stack.enter_context(Client(clients.port))
         while client.topics() != TOPICS:
             client.hear()

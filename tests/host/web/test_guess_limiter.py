@@ -15,9 +15,9 @@ from hubodo.web.guess_limiter import (
     TOTAL_ALLOWANCE,
     GuessLimiter,
     TooManyGuesses,
-    network_of,
+    network_of_address,
 )
-from hubodo.web.secrets import SESSION_S, Secrets
+from hubodo.web.secrets import SESSION_LIFETIME_S, AccessSecrets
 
 TOKEN = "correct-horse-battery"
 
@@ -170,18 +170,26 @@ def test_valid_secrets_use_up_nothing():
 
 
 def test_a_visitor_is_an_ipv4_number_or_an_ipv6_network():
-    assert network_of("192.0.2.1") == network_of("::ffff:192.0.2.1") != network_of("192.0.2.2")
-    assert network_of("2001:db8::1") == network_of("2001:db8::ffff:1%eth0") != network_of("2001:db8:0:1::1")
-    assert network_of("testclient") == "testclient"
+    assert (
+        network_of_address("192.0.2.1")
+        == network_of_address("::ffff:192.0.2.1")
+        != network_of_address("192.0.2.2")
+    )
+    assert (
+        network_of_address("2001:db8::1")
+        == network_of_address("2001:db8::ffff:1%eth0")
+        != network_of_address("2001:db8:0:1::1")
+    )
+    assert network_of_address("testclient") == "testclient"
 
 
 def test_a_session_ends_after_thirty_days_and_with_another_token():
     now = [1_700_000_000.0]
-    known = Secrets(TOKEN, lambda: now[0])
+    known = AccessSecrets(TOKEN, lambda: now[0])
     session = known.begin_session()
-    restarted = Secrets(TOKEN, lambda: now[0])
+    restarted = AccessSecrets(TOKEN, lambda: now[0])
     assert restarted.is_session(session) and restarted.is_known_session(session)
-    assert not Secrets("another-secret-token", lambda: now[0]).is_session(session)
+    assert not AccessSecrets("another-secret-token", lambda: now[0]).is_session(session)
     issued, nonce, mac = session.split(".")
     for forged in (
         f"{int(issued) + 1}.{nonce}.{mac}",
@@ -192,15 +200,15 @@ def test_a_session_ends_after_thirty_days_and_with_another_token():
         "١.a.b",
     ):
         assert not restarted.is_session(forged), forged
-    now[0] += SESSION_S - 1
+    now[0] += SESSION_LIFETIME_S - 1
     assert restarted.is_session(session) and restarted.is_known_session(session)
     now[0] += 1
     assert not restarted.is_session(session) and not restarted.is_known_session(session)
-    assert SESSION_S <= 30 * 86_400
+    assert SESSION_LIFETIME_S <= 30 * 86_400
 
 
 def test_a_session_that_was_ended_is_invalid_and_others_are_not():
-    known = Secrets(TOKEN)
+    known = AccessSecrets(TOKEN)
     session, other = known.begin_session(), known.begin_session()
     known.end_session(session)
     assert not known.is_session(session) and not known.is_known_session(session)

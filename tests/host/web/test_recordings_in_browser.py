@@ -14,7 +14,7 @@ from hubodo.web.address import Address
 from hubodo.web.app import make_app
 from hubodo.web.config import Site
 from hubodo.web.library import RecordingLibrary
-from hubodo.web.server import serving
+from hubodo.web.server import serve_in_thread
 from in_process import hubodo
 from vehicles import DRIVE_MODEL, LOW_INPUT_NOISE
 from waiting import until
@@ -39,7 +39,7 @@ def folder(tmp_path_factory):
 def test_with_the_token_gap_runs_on_a_click_with_progress_and_its_page_opens(folder, tmp_path):
     site = Site(Address("127.0.0.1", 0), TOKEN)
     with (
-        serving(make_app(site, RecordingLibrary(folder)), site) as port,
+        serve_in_thread(make_app(site, RecordingLibrary(folder)), site) as port,
         Page(f"http://127.0.0.1:{port}/", tmp_path / "profile") as page,
     ):
         page.open()
@@ -76,12 +76,12 @@ def test_with_a_certificate_it_is_served_over_https_alone(folder, tmp_path):
     words += ["-addext", "subjectAltName=IP:127.0.0.1", "-keyout", str(key), "-out", str(cert)]
     subprocess.run(words, check=True, capture_output=True)
     site = Site(Address("127.0.0.1", 0), cert=cert, key=key)
-    with serving(make_app(site, RecordingLibrary(folder)), site) as port:
+    with serve_in_thread(make_app(site, RecordingLibrary(folder)), site) as port:
         trusting = ssl.create_default_context(cafile=str(cert))
         with urllib.request.urlopen(f"https://127.0.0.1:{port}/api/recordings", context=trusting) as answer:
             assert b"ride.mcap" in answer.read()
         with pytest.raises(OSError):
             urllib.request.urlopen(f"http://127.0.0.1:{port}/api/recordings")
     cert.write_text("no certificate")
-    with pytest.raises(InputError, match="PEM"), serving(None, site):
+    with pytest.raises(InputError, match="PEM"), serve_in_thread(None, site):
         pass

@@ -14,7 +14,7 @@ from hubodo.web.app import make_app
 from hubodo.web.config import Site
 from hubodo.web.library import RecordingLibrary
 from hubodo.web.live_page import LivePage
-from hubodo.web.server import serving
+from hubodo.web.server import serve_in_thread
 from waiting import until
 
 
@@ -56,7 +56,7 @@ def test_metrics_are_served_again_and_the_errors_reported_once_each(failing_twic
 def test_the_page_is_served_again_and_the_errors_reported_once_each(tmp_path, failing_twice):
     place, faults = Site(Address("127.0.0.1", 0)), ServerFaults()
     live = LivePage(lambda frame: None, server=faults)
-    with serving(make_app(place, RecordingLibrary(tmp_path)), place, faults) as port:
+    with serve_in_thread(make_app(place, RecordingLibrary(tmp_path)), place, faults) as port:
         until(lambda: len(faults._errors) == 2)
         assert status(port, "/api/recordings") == 200
         for _ in range(2):

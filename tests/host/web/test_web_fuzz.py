@@ -14,7 +14,7 @@ from hubodo.web.app import make_app
 from hubodo.web.config import Site
 from hubodo.web.hub import FrameHub
 from hubodo.web.library import RecordingLibrary
-from hubodo.web.server import serving
+from hubodo.web.server import serve_in_thread
 
 TOKEN = "correct-horse-battery"
 PIECES = [
@@ -33,7 +33,7 @@ NAMES = ("Host", "Origin", "Cookie", "Authorization", "Accept", "X-Hubodo-Token"
 class Wishes:
     """Stands for `Actions`."""
 
-    file = newest = None
+    current_log = latest_snapshot = None
 
     def request_action(self, action, body):
         _mark(str(body.get("text", "")))
@@ -49,7 +49,7 @@ def server(request, tmp_path_factory):
     # A guess need not take its time here.
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("hubodo.web.guess_limiter.HOLD_S", 0.0)
-        with serving(app, site) as port:
+        with serve_in_thread(app, site) as port:
             yield port, app.state.secrets.csrf
 
 
@@ -102,7 +102,7 @@ def test_no_request_makes_the_server_fail(server, data):
 )
 def test_what_once_made_it_fail_is_refused(tmp_path, request_line, headers, body, status):
     site = Site(Address("127.0.0.1", 0), TOKEN)
-    with serving(make_app(site, RecordingLibrary(tmp_path), None, Wishes()), site) as port:
+    with serve_in_thread(make_app(site, RecordingLibrary(tmp_path), None, Wishes()), site) as port:
         lines = {"Host": "127.0.0.1", "Content-Length": str(len(body)), **headers}
         head = "".join(f"{name}: {value}\r\n" for name, value in lines.items())
         assert status_of(port, f"{request_line} HTTP/1.1\r\n{head}\r\n".encode("latin-1") + body) == status

@@ -21,7 +21,7 @@ HERE = "http://127.0.0.1:8642"
 class Wishes:
     """Stands for `Actions`."""
 
-    file = newest = None
+    current_log = latest_snapshot = None
 
     def __init__(self):
         self.done = []
@@ -142,7 +142,7 @@ def test_a_program_gives_the_token_with_each_request(tmp_path):
 def test_secrets_are_compared_in_constant_time(monkeypatch):
     compared = []
     monkeypatch.setattr(secrets.hmac, "compare_digest", lambda given, wanted: compared.append(given))
-    known = secrets.Secrets(TOKEN)
+    known = secrets.AccessSecrets(TOKEN)
     for check in (known.is_token, known.is_session, known.is_csrf):
         check("guess")
     assert compared == [b"guess"] * 3

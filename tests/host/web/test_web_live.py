@@ -30,7 +30,7 @@ from hubodo.web.hub import HISTORY_FRAMES, FrameHub
 from hubodo.web.library import RecordingLibrary
 from hubodo.web.live_page import LivePage
 from hubodo.web.request_body import RequestRefused
-from hubodo.web.server import serving
+from hubodo.web.server import serve_in_thread
 from hubodo.web.thin_path import ThinnedPath
 from hubowire.messages import BiasInit, Reason
 
@@ -219,7 +219,7 @@ def test_a_browser_that_never_reads_keeps_neither_the_recording_nor_another_brow
     hub = FrameHub({"pad": "x" * 20_000})
     site = Site(Address("127.0.0.1", 0))
     frames = iter({**frame(k), "pad": "y" * 2000} for k in range(10**9))
-    with serving(make_app(site, RecordingLibrary(tmp_path), hub), site) as port:
+    with serve_in_thread(make_app(site, RecordingLibrary(tmp_path), hub), site) as port:
         deaf = socket.create_connection(("127.0.0.1", port))
         deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         deaf.sendall(
@@ -243,10 +243,10 @@ def test_a_port_that_is_taken_is_told_and_a_stopped_server_has_let_go_of_its_own
     site = Site(Address("127.0.0.1", 0))
     with (
         ExitStack() as stack,
-        serving(make_app(site, RecordingLibrary(tmp_path), FrameHub({})), site) as port,
+        serve_in_thread(make_app(site, RecordingLibrary(tmp_path), FrameHub({})), site) as port,
     ):
         taken = Site(Address("127.0.0.1", port))
-        with pytest.raises(Exception, match="cannot listen"), serving(None, taken):
+        with pytest.raises(Exception, match="cannot listen"), serve_in_thread(None, taken):
             pass
         stack.enter_context(connect(f"ws://127.0.0.1:{port}/live"))
     with pytest.raises(OSError):
