@@ -179,7 +179,7 @@ def test_a_window_made_again_without_excess_is_the_same_window(fast: WheelDrive)
         if window.samples is None or window.missing:
             continue
         again = rederotate_window(window, 0.0)
-        for name in ("across", "carrier", "force", "swing"):
+        for name in ("across", "carrier", "force", "rate_carrier"):
             assert abs(getattr(again, name) - getattr(window, name)) < 1e-9, (window.number, name)
         assert abs(again.lever - window.lever) < 1e-7
 

@@ -27,7 +27,7 @@ SOUND = Window(
     raw_across=0j,
     raw_force=(9.8 + 1j * FORWARD) * WINDOW_S,
     axial_variance=0.05,
-    swing=0.0,
+    rate_carrier=0.0,
     lever=0j,
 )
 

@@ -32,7 +32,7 @@ SOUND = Window(
     raw_across=0.01 + 0.02j,
     raw_force=0.95 + 0.04j,
     axial_variance=0.05,
-    swing=0.495,
+    rate_carrier=0.495,
     lever=-2.5 + 0j,
 )
 

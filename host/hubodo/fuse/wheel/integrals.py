@@ -85,7 +85,7 @@ def differences(first: int, edge_values: Array) -> list[Window]:
         "missing": mean[MISSING].tolist(),
         "clock_angle": middle.tolist(),
         "across_change": ((across_at_edge[1:] - across_at_edge[:-1]) * rotation_back).tolist(),
-        "swing": rotated[SR],
+        "rate_carrier": rotated[SR],
         "samples": [None] * count,
         "lever": [1j * a * c - q for a, c, q in zip(change, rotated[ER], rotated[QR], strict=True)],
     }

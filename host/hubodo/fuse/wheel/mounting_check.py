@@ -160,26 +160,29 @@ class MountingCheck:
         """Return True while more windows are needed."""
         return not self.verdict and self.count < _MAX_CHECK_WINDOWS
 
-    def add(self, yaws: tuple[float, float], left: float, right: float) -> float | None:
+    def add(self, yaw_rates: tuple[float, float], left_speed: float, right_speed: float) -> float | None:
         """Add a window: yaw rates of the left and the right gyro, rad/s, and wheel speeds, m/s.
 
         Return the side to distrust, +1 or -1, or BOTH_WHEELS, once, when the two wheels are not the declared
         axle.
         """
-        if max(abs(left), abs(right)) < _MIN_CHECK_SPEED:
+        if max(abs(left_speed), abs(right_speed)) < _MIN_CHECK_SPEED:
             return None
-        yaw_rate = 0.5 * (yaws[0] + yaws[1])
-        self.wheel_distances[0] += left * WINDOW_S
-        self.wheel_distances[1] += right * WINDOW_S
+        yaw_rate = 0.5 * (yaw_rates[0] + yaw_rates[1])
+        self.wheel_distances[0] += left_speed * WINDOW_S
+        self.wheel_distances[1] += right_speed * WINDOW_S
         self.turned_angle += abs(yaw_rate) * WINDOW_S
         self.count += 1
-        first, second = yaws
+        first, second = yaw_rates
         yaw_squares, residual_squares = self.yaw_rate_squares, self.yaw_residual_squares
         yaw_squares[0] += first * first
         yaw_squares[1] += second * second
         yaw_squares[2] += (first - second) ** 2
         # As declared; left node reversed; right node reversed; both reversed or sides exchanged.
-        declared, turned_rate = (right - left) / self.track_width, (right + left) / self.track_width
+        declared, turned_rate = (
+            (right_speed - left_speed) / self.track_width,
+            (right_speed + left_speed) / self.track_width,
+        )
         residual = (yaw_rate - declared) ** 2
         residual_squares[0] += residual
         residual_squares[1] += (yaw_rate - turned_rate) ** 2

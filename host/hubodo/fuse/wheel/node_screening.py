@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.arrays import Array
-from hubodo.fuse.wheel.preintegration import LONGEST_STEP
+from hubodo.fuse.wheel.preintegration import MAX_SAMPLE_STEP
 from hubodo.recording import Table
 
 _MIN_FROZEN_S = 0.5
@@ -54,11 +54,11 @@ def screen_samples(nodes: Mapping[str, Table]) -> tuple[dict[str, Table], tuple[
 
 def find_own_gaps(tables: Sequence[Table]) -> list[list[float]]:
     """Return, for each table, the start times (s) of gaps that no other table has at the same time."""
-    starts = [table.t[:-1][np.diff(table.t) > LONGEST_STEP] for table in tables]
+    starts = [table.t[:-1][np.diff(table.t) > MAX_SAMPLE_STEP] for table in tables]
     mask = []
     for own in starts:
         others = np.concatenate([np.empty(0), *(other for other in starts if other is not own)])
-        is_shared = np.abs(own[:, None] - others[None, :]) < LONGEST_STEP
+        is_shared = np.abs(own[:, None] - others[None, :]) < MAX_SAMPLE_STEP
         mask.append(own[~is_shared.any(axis=1)].tolist())
     return mask
 

@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 
 from hubodo.errors import InputError
-from hubodo.fuse.wheel.preintegration import LONGEST_STEP
+from hubodo.fuse.wheel.preintegration import MAX_SAMPLE_STEP
 from hubodo.recording import Table
 
 _MIN_SAMPLE_STEP_S = 1.0 / 7000.0
@@ -23,15 +23,15 @@ def check_times(nodes: Mapping[str, Table], log: str) -> None:
         if len(table) < 3:
             continue
         step = float(np.median(np.diff(table.t)))
-        if step <= LONGEST_STEP:
+        if step <= MAX_SAMPLE_STEP:
             continue
         description = (
             f"{log}: {name}: samples are {step:g} s apart, from t = {table.t[0]:g} to {table.t[-1]:g} s"
         )
         for unit, per_second in _UNITS_PER_SECOND.items():
-            if _MIN_SAMPLE_STEP_S <= step / per_second <= LONGEST_STEP:
+            if _MIN_SAMPLE_STEP_S <= step / per_second <= MAX_SAMPLE_STEP:
                 raise InputError(f"{description}; they look like {unit}: divide t by {per_second:.0f}")
-        raise InputError(f"{description}; a wheel needs {1.0 / LONGEST_STEP:g} samples a second or more")
+        raise InputError(f"{description}; a wheel needs {1.0 / MAX_SAMPLE_STEP:g} samples a second or more")
     names = [name for name, table in nodes.items() if len(table)]
     for first_name, second_name in combinations(names, 2):
         a, b = nodes[first_name].t, nodes[second_name].t

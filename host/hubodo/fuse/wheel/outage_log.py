@@ -41,7 +41,7 @@ class WheelOutage:
 
 @dataclass
 class OutageLog:
-    """The outages of a drive, oldest first; only the first `_MAX_LISTED` are listed."""
+    """The outages of a drive, oldest first; only the first `_MAX_LISTED_OUTAGES` are listed."""
 
     listed: list[WheelOutage] = field(default_factory=list)
     count: int = 0

@@ -12,14 +12,14 @@ from hubodo.fuse.wheel.window import WINDOW_S, Window
 from hubodo.fuse.wheel.window_samples import slice_samples
 from hubodo.vehicle import Facing, facing_sign
 
-LONGEST_BRIDGE = 0.8
+MAX_BRIDGED_GAP = 0.8
 """s between samples up to which a gap is interpolated linearly; a longer gap is a pause.
 
 Shorter than the time for which the filter waits for a late node, so that log and live run see the same
 pauses. At walking pace the curvature of the wheel's rate is not visible in gravity meanwhile. Estimated.
 """
 
-LONGEST_STEP = 0.08
+MAX_SAMPLE_STEP = 0.08
 """s between samples; longer is a gap. The slowest rate of an LSM6DS33 is 13 Hz, 0.077 s."""
 
 _SAMPLES_PER_BLOCK = 4096
@@ -35,7 +35,7 @@ class WindowBuilder:
 
     Integrals run over the linear interpolation from the first sample after a pause; a window is the
     difference of two of them. Sums are made sequentially, as in a live run. No windows cover a pause (a gap
-    longer than LONGEST_BRIDGE). The first sample after a pause counts once a second one follows, because a
+    longer than MAX_BRIDGED_GAP). The first sample after a pause counts once a second one follows, because a
     single wrong time stamp is no pause.
 
     Attributes
@@ -72,7 +72,7 @@ class WindowBuilder:
         out.
         """
         row = (*gyro, *accel)
-        if self._newest is None or 0.0 < t - self._newest <= LONGEST_BRIDGE:
+        if self._newest is None or 0.0 < t - self._newest <= MAX_BRIDGED_GAP:
             # The pending sample that jumped ahead has no successor.
             self.refused += self._pending_sample is not None
             self._pending_sample = None
@@ -80,7 +80,7 @@ class WindowBuilder:
         if t <= self._newest:
             self.refused += 1
             return []
-        if self._pending_sample is not None and 0.0 < t - self._pending_sample[0] <= LONGEST_BRIDGE:
+        if self._pending_sample is not None and 0.0 < t - self._pending_sample[0] <= MAX_BRIDGED_GAP:
             pending, self._pending_sample = self._pending_sample, None
             self._restart()
             return [*self._append_sample(*pending), *self._append_sample(t, row)]
@@ -111,7 +111,7 @@ class WindowBuilder:
 
     def _is_continuous(self, t: float) -> bool:
         """Return True if a sample at `t` continues the record and no other sample is pending."""
-        is_continuous = self._newest is None or 0.0 < t - self._newest <= LONGEST_BRIDGE
+        is_continuous = self._newest is None or 0.0 < t - self._newest <= MAX_BRIDGED_GAP
         return is_continuous and self._pending_sample is None
 
     def _count_unbroken(self, t: Array) -> int:
@@ -119,7 +119,7 @@ class WindowBuilder:
         if not self._is_continuous(float(t[0])):
             return 0
         steps = np.diff(t)
-        broken = np.flatnonzero(~((steps > 0.0) & (steps <= LONGEST_BRIDGE)))
+        broken = np.flatnonzero(~((steps > 0.0) & (steps <= MAX_BRIDGED_GAP)))
         return int(broken[0]) + 1 if len(broken) else len(t)
 
     def _restart(self) -> None:
@@ -176,7 +176,7 @@ class WindowBuilder:
         angle = np.cumsum(totals[GZ])
         rows = np.concatenate([rows_before, integrands(gyro, accel, angle[1:], sign, limits)], axis=1)
         totals[:-1, 1:] = 0.5 * (rows[:, :-1] + rows[:, 1:]) * step
-        totals[-1, 1:] = np.where(step > LONGEST_STEP, step, 0.0)
+        totals[-1, 1:] = np.where(step > MAX_SAMPLE_STEP, step, 0.0)
         np.cumsum(totals, axis=1, out=totals)
         windows = self._with_samples(self._close_windows(t, rows, totals), t, rows)
         self._last_integrals = (t[-1:].copy(), rows[:, -1:].copy(), totals[:, -1:].copy())

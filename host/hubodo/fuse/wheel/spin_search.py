@@ -68,7 +68,7 @@ def rederotate_window(window: Window, excess: float, slope: float = 0.0) -> Wind
     if samples is None:
         return window
     rate_change = (window.rate_end - window.rate_start) / WINDOW_S + slope
-    across = carrier = force = swing = lever = 0j
+    across = carrier = force = rate_carrier = lever = 0j
     for weight, time, rate, angle, w, f, _ in zip(*samples, strict=True):
         rate += excess + slope * time
         # Both ends of the window are equally far from its middle in angle.
@@ -77,14 +77,14 @@ def rederotate_window(window: Window, excess: float, slope: float = 0.0) -> Wind
         across += weighted_rotation * w
         carrier += weighted_rotation
         force += weighted_rotation * f
-        swing += weighted_rotation * rate
+        rate_carrier += weighted_rotation * rate
         # The same sum as for the force: with few samples a turn it differs from the integral.
         lever += weighted_rotation * complex(-rate * rate, rate_change)
     return window._replace(
         across=across,
         carrier=carrier,
         force=force,
-        swing=swing,
+        rate_carrier=rate_carrier,
         lever=lever,
         rate_start=window.rate_start - 0.5 * slope * WINDOW_S,
         rate_end=window.rate_end + 0.5 * slope * WINDOW_S,

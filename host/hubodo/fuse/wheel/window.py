@@ -38,7 +38,7 @@ class Window(NamedTuple):
     or ay, az were saturated.
     missing : share of the time without samples.
     clock_angle : rad, carrier angle at the middle since the first sample.
-    swing : rad, ∫ gz e^(ic).
+    rate_carrier : rad, ∫ gz e^(ic).
     lever : rad/s, difference of i gz e^(ic) between the edges.
     across_change : rad/s, difference of (gx + i gy) e^(ic) between the edges.
     samples : the samples themselves if gz was clipped, else None.
@@ -62,7 +62,7 @@ class Window(NamedTuple):
     axial_clipped: float = 0.0
     missing: float = 0.0
     clock_angle: float = 0.0
-    swing: complex = 0.0
+    rate_carrier: complex = 0.0
     lever: complex = 0j
     across_change: complex = 0j
     samples: WindowSamples | None = None

@@ -60,8 +60,8 @@ def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
             RATE_BEYOND_RANGE: -by_rate,
             GYRO_BIAS_X: w.carrier.imag,
             GYRO_BIAS_Y: w.carrier.real,
-            MISALIGNMENT_Y: -w.swing.imag,
-            MISALIGNMENT_X: w.swing.real,
+            MISALIGNMENT_Y: -w.rate_carrier.imag,
+            MISALIGNMENT_X: w.rate_carrier.real,
             CAMBER: -by_rate * w.rate_by_camber
             - scale_difference * w.camber_sin * (w.yaw_rate + w.geometry.ground_rate) * w.double_carrier.imag,
             GYRO_SCALE_DIFFERENCE: level_yaw_rate * w.double_carrier.imag,

@@ -134,7 +134,7 @@ class LinearisedWindow:
     axle_rate : rad/s, rate about the axle relative to the vehicle's axes.
     rolling_rate : rad/s, rate at which the wheel rolls; rate_by_...: its derivatives (by RATE_BEYOND_RANGE:
     1).
-    rotation : e^(iθ_m); carrier, swing, lever: terms of the window times it.
+    rotation : e^(iθ_m); carrier, rate_carrier, lever: terms of the window times it.
     across, force : rad and m/s, derotated, corrected for the node's errors.
     axle_rate_change : rad/s, change of the rate about the axle over the window.
     double_carrier : s, integral of e^(2iθ).
@@ -160,7 +160,7 @@ class LinearisedWindow:
             "rate_by_yaw_rate",
             "rolling_rate",
             "rotation",
-            "swing",
+            "rate_carrier",
             "window",
         ),
         *("x", "yaw_change", "yaw_change_step", "yaw_rate"),
@@ -189,11 +189,14 @@ class LinearisedWindow:
         self.double_carrier = (
             turn * turn * (WINDOW_S if abs(spin) < _MIN_WINDOW_ANGLE else WINDOW_S * math.sin(spin) / spin)
         )
-        self.carrier, self.swing = carrier, swing = window.carrier * turn, window.swing * turn
+        self.carrier, self.rate_carrier = carrier, rate_carrier = (
+            window.carrier * turn,
+            window.rate_carrier * turn,
+        )
         self.lever = lever = window.lever * turn
         # A node rotated by the small vector m reads Ω - m x Ω: gx gains -m_y, gy gains m_x of the spin.
         self.across = (
-            window.across * turn - complex(bias_x, bias_y) * carrier - complex(-tilt_y, tilt_x) * swing
+            window.across * turn - complex(bias_x, bias_y) * carrier - complex(-tilt_y, tilt_x) * rate_carrier
         )
         self.force = window.force * turn - complex(force_x, force_y) * carrier - complex(arm_x, arm_y) * lever
         self.axle_rate_change = window.rate_end - window.rate_start
