@@ -20,6 +20,19 @@ from hubodo.errors import ConfigError
 ENTRY_POINT_GROUP = "hubodo.effects"
 """Group of the entry points under which installed packages offer effects."""
 _EFFECT_NAME_PATTERN = re.compile(r"[a-z][a-z0-9_]*")
+_STAGES = (
+    "true_time",
+    "adjust_geometry",
+    "rotate_into_node",
+    "low_pass_rate",
+    "add_scale_errors",
+    "add_offsets",
+    "add_random_walk",
+    "add_outliers",
+    "clip_readings",
+    "quantize_readings",
+    "repeat_samples",
+)
 _BUILT_IN_NAMES = frozenset(effect.name for effect in (*EFFECTS, *FIELD))
 
 
@@ -111,7 +124,7 @@ def _add(effects: Iterable[type[Effect]], where: str) -> None:
 
 
 def _check(effect: type[Effect], where: str) -> None:
-    """Raise ConfigError if an effect lacks name, meaning or parameters, or if one of its stages fails."""
+    """Raise ConfigError if an effect lacks name, meaning, parameters or a stage, or if a stage fails."""
     missing = [it for it in ("name", "meaning") if not isinstance(getattr(effect, it, None), str)]
     if missing or inspect.isabstract(effect):
         raise ConfigError(f"{where}: {effect.__name__}: {' and '.join(missing)} missing")
@@ -122,6 +135,8 @@ def _check(effect: type[Effect], where: str) -> None:
         guess = effect.initial_guesses()[0]
         if not effect.parameters() or len(guess.coordinates()) != len(effect.coordinate_scales()):
             raise ValueError("declare each field as parameter(unit, scale)")
+        if all(getattr(effect, stage) is getattr(Effect, stage) for stage in _STAGES):
+            raise ValueError(f"override one of {', '.join(_STAGES)}")
         _run_stages(guess)
     except Exception as error:  # noqa: BLE001 - code of a user may raise anything
         raise ConfigError(f"{where}: {effect.__name__}: {type(error).__name__}: {error}") from None

@@ -63,6 +63,7 @@ def test_an_installed_package_offers_effects(tmp_path, monkeypatch):
         ("class Hum(Effect)", "class Hum(Effect", "SyntaxError"),
         ("(Effect):", "():", "defines no effect"),
         ('    k: float = parameter("rad/s", 0.01)\n', "", "parameter(unit, scale)"),
+        ("def add_offsets(", "def offset(", "override one of true_time"),
     ],
 )
 def test_an_invalid_file_is_refused_with_the_reason(tmp_path, old, new, says):
