@@ -58,9 +58,9 @@ class SentFrame:
 
     wire: bytes
     intact: bool  # its own bytes
-    whole: bool  # and the delimiter before it, without which nobody can tell where it begins
+    whole: bool  # and the delimiter before it, which marks its start
     type_id: int
-    plug: int  # how many times the device had been plugged in
+    plug: int  # number of times the device was plugged in before
     index: int = -1
     count: int = 0
 
@@ -75,21 +75,21 @@ class FakeNode:
     node_id: int = 1
     rate_hz: float = 208.0
     batch: int = 8
-    damage: float = 0.0  # share of bytes that are changed on the way
+    damage: float = 0.0  # share of bytes damaged on the line
     skew_ppm: float = 0.0
     fingerprint: int = FINGERPRINT
     firmware: tuple[int, int, int] = (0, 1, 0)
     serial: bytes = b"FAKE0001"
-    link: Path | None = None  # a symlink to the pseudo terminal of the moment; None: another at each plug
+    link: Path | None = None  # symlink to the present pseudo terminal; None: a new name at each plug
     seed: int = 1
     answers: bool = True
     hello_period: float = 5.0  # s, as the firmware
     spin_raw: int | None = None  # gz of every sample, instead of the numbered ones
-    bias_q12: tuple[int, int, int] | None = None  # what its filter says five times a second
+    bias_q12: tuple[int, int, int] | None = None  # bias reported by its filter five times a second
     refuse: int | None = None  # the Reason for which settings and initialisations are refused
-    battery_mv: int = 3700  # what its next reports say; 0: it measures none
-    charge: int = 255  # % of it, 255: not known
-    rows: Sequence[tuple[int, ...]] = ()  # the samples of a drive, the last one for ever after
+    battery_mv: int = 3700  # supply voltage of its next reports; 0: not measured
+    charge: int = 255  # %, 255: unknown
+    rows: Sequence[tuple[int, ...]] = ()  # samples of a drive, the last one repeated afterwards
     computer: VirtualComputer | None = None
     frames: list[SentFrame] = field(default_factory=list)
     requests: list[Message] = field(default_factory=list)
@@ -99,7 +99,7 @@ class FakeNode:
         self.path = ""
         self.boots = self.plugs = 0
         self.samples_created = 0
-        self.boot_indices: list[int] = []  # samples made at each start
+        self.boot_indices: list[int] = []  # samples created at each start
         self.dropped = 0
         self._stop = threading.Event()
         self._lock = threading.RLock()
@@ -112,7 +112,7 @@ class FakeNode:
         self.plug()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
-    # What a test does to it.
+    # Actions of tests.
 
     def start(self) -> FakeNode:
         if self.computer is None:
@@ -181,7 +181,7 @@ class FakeNode:
 
     # In virtual time; see `Device`.
 
-    def live_until(self, t_ns: int, received: int | None) -> None:
+    def advance_to(self, t_ns: int, received: int | None) -> None:
         self._listened_to = received is not None
         self._pending_bytes += received or 0
         while self._virtual_ns < t_ns:
@@ -195,7 +195,7 @@ class FakeNode:
         sent, self._on_port = self._on_port, []
         return sent
 
-    # Its inside.
+    # Implementation.
 
     def _now(self) -> float:
         return time.monotonic() if self.computer is None else self._virtual_ns * 1e-9

@@ -43,7 +43,7 @@ def install(ticks: FakeTicks) -> None:
     micropython.kbd_intr = lambda char: None  # type: ignore[attr-defined]
     sys.modules["micropython"] = micropython
     machine = types.ModuleType("machine")
-    # Of buses and pins the names alone: tests bring their own.
+    # Only the names of buses and pins: tests supply their own.
     machine.SPI = machine.Pin = None  # type: ignore[attr-defined]
     sys.modules["machine"] = machine
     functions = {

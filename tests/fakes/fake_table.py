@@ -55,7 +55,7 @@ class FakeTable:
 
     def __exit__(self, *_: object) -> None:
         os.close(self._near)
-        # A number that is closed while the thread reads from it would soon be another table's.
+        # A descriptor closed while the thread reads could be reused by another table.
         self._thread.join(2.0)
         with contextlib.suppress(OSError):
             os.close(self._far)

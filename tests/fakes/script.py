@@ -20,7 +20,7 @@ class Script:
         self._steps = [(computer.now_ns() + round(t * NS_PER_S), act) for t, act in steps]
         computer.plug_in(self)
 
-    def live_until(self, t_ns: int, sent_count: int | None) -> None:
+    def advance_to(self, t_ns: int, sent_count: int | None) -> None:
         while self._steps and self._steps[0][0] <= t_ns:
             self._steps.pop(0)[1]()
 

@@ -38,7 +38,7 @@ class Talker:
         os.close(self._slave)
         os.close(self._master)
 
-    def live_until(self, t_ns: int, sent_count: int | None) -> None:
+    def advance_to(self, t_ns: int, sent_count: int | None) -> None:
         left = sent_count or 0
         while left:
             select.select([self._master], [], [])

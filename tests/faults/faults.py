@@ -14,7 +14,7 @@ from pathlib import Path
 TESTS = Path(__file__).parents[1]
 sys.path.insert(0, str(TESTS))
 
-# The folder of the tests is to be found first.
+# The folder of the tests must come first in the path.
 from faults.fault import Fault  # noqa: E402
 from faults.figures import print_figures  # noqa: E402
 from faults.table import FAULTS  # noqa: E402

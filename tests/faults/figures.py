@@ -12,7 +12,7 @@ from typing import NamedTuple
 TESTS = Path(__file__).parents[1]
 sys.path.insert(0, str(TESTS))
 
-# The folder of the tests is to be found first.
+# The folder of the tests must come first in the path.
 from faults.floods_udp import flood_of_addresses, flood_of_nodes, flood_of_openings  # noqa: E402
 from faults.guessing import WAYS, measure  # noqa: E402
 from fuzz.fuzz import decode_sentences, fuzz_reader  # noqa: E402

@@ -62,7 +62,7 @@ def flood_of_nodes(folder: Path, count: int = 300, per_second: float = 300.0) ->
 
     def flood() -> Iterator[tuple[str, bytes]]:
         for k, node in enumerate(hellos):
-            yield f"127.1.{k >> 8}.{1 + k % 255}", node.says_hello() + node.batch()
+            yield f"127.1.{k >> 8}.{1 + k % 255}", node.hello_frame() + node.batch()
 
     return _run(folder, flood(), per_second, with_keys=False)
 
@@ -123,7 +123,7 @@ def _run(
             joined_s = _wait_for(bank)
             more = bank.nodes[-1].samples_sent + 100
             until(lambda: bank.nodes[-1].samples_sent > more)
-        time.sleep(0.3)  # what is on its way
+        time.sleep(0.3)  # data in transit
         after = _memory(process.pid)
     recorded, events = _in_log(log)
     sent = sum(node.samples_sent for node in bank.nodes)

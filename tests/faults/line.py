@@ -30,7 +30,7 @@ class Node:
     hello: Hello = HELLO
     node_id: int = 1
     index: int = 0
-    clock_us: int = 0  # by which its clock is ahead of the samples' times
+    clock_us: int = 0  # offset of its clock from the sample times
     seqs: dict[int, int] = field(default_factory=dict)
 
     def frame(self, message: Message) -> bytes:
@@ -38,7 +38,7 @@ class Node:
         self.seqs[message.type_id] = (seq + 1) & 0xFFFF
         return encode_frame(Frame(message.type_id, self.node_id, seq, encode(message)))
 
-    def says_hello(self) -> bytes:
+    def hello_frame(self) -> bytes:
         return self.frame(self.hello)
 
     def batch(self) -> bytes:
@@ -49,7 +49,7 @@ class Node:
         self.index += BATCH
         return frame_bytes
 
-    def restarts(self, boot_id: int) -> None:
+    def restart(self, boot_id: int) -> None:
         self.hello = replace(self.hello, boot_id=boot_id)
         self.index, self.seqs = 0, {}
 
@@ -103,7 +103,7 @@ class Line:
     def unplug(self, label: str = "usb0") -> None:
         self.recorder.handle(LinkLost(label, self.now, "unplugged"))
 
-    def says(
+    def receive(
         self,
         data: bytes,
         label: str = "usb0",
@@ -116,9 +116,9 @@ class Line:
         self.now += round(seconds * NS_PER_S)
         self.recorder.tick(self.now)
 
-    def waits(self, seconds: float) -> None:
+    def wait(self, seconds: float) -> None:
         for _ in range(round(seconds / 0.1)):
-            self.says(b"", seconds=0.1)
+            self.receive(b"", seconds=0.1)
 
     def close(self) -> StoredRecords:
         self.recorder.close()

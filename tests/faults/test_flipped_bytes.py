@@ -73,7 +73,7 @@ def test_a_changed_radius_and_a_changed_zero_of_time_are_reported_by_the_verbs(t
     path = tmp_path / "log.mcap"
     write_log(path, "zstd")
     data = path.read_bytes()
-    path.write_bytes(data.replace(b"0.165", b"0.265"))
+    path.write_bytes(data.replace(b"0.31", b"0.41"))
     warnings = hubodo("info", path, "--json")
     assert "vehicle.toml fails its checksum" in warnings.out
     assert json.loads(warnings.out)["damaged"] == 1 and json.loads(warnings.out)["attachments"] == {}

@@ -20,24 +20,24 @@ from hubodo.units import NS_PER_S
 
 def test_unplugged_at_every_byte_of_a_frame_costs_that_frame_and_is_the_named_cause():
     whole = Node()
-    whole.says_hello()
+    whole.hello_frame()
     length = len(whole.batch())
     for at in range(length + 1):
         node, line = Node(), Line()
-        line.says(node.says_hello())
+        line.receive(node.hello_frame())
         for _ in range(3):
-            line.says(node.batch())
+            line.receive(node.batch())
         torn = node.batch()
-        line.says(torn[:at])
+        line.receive(torn[:at])
         line.unplug()
-        line.waits(0.3)
+        line.wait(0.3)
         line.plug()
-        line.says(torn[at:])  # the rest of what the node was sending comes first
+        line.receive(torn[at:])  # the remainder of the interrupted frame comes first
         for _ in range(3):
-            line.says(node.batch())
+            line.receive(node.batch())
         sink = line.close()
         lost = 0 if at in (0, length) else BATCH
-        halves = 2 if at < length - 1 else 1  # the closing delimiter alone is none
+        halves = 2 if at < length - 1 else 1  # the final delimiter alone is not a frame
         assert line.link().frames_cut == (halves if lost else 0), f"byte {at}"
         assert sum(line.link().damage.values()) == 0, f"byte {at}"
         expected = [k for k in range(7 * BATCH) if not (lost and 3 * BATCH <= k < 4 * BATCH)]
@@ -48,12 +48,12 @@ def test_unplugged_at_every_byte_of_a_frame_costs_that_frame_and_is_the_named_ca
 
 def test_a_node_that_is_reset_within_a_frame_loses_that_frame_only():
     node, line = Node(), Line()
-    line.says(node.says_hello())
-    line.says(node.batch())
-    line.says(node.batch()[:20])
-    node.restarts(78)
-    line.says(b"\0" + node.says_hello())  # the firmware begins with a delimiter
-    line.says(node.batch())
+    line.receive(node.hello_frame())
+    line.receive(node.batch())
+    line.receive(node.batch()[:20])
+    node.restart(78)
+    line.receive(b"\0" + node.hello_frame())  # the firmware starts with a delimiter
+    line.receive(node.batch())
     sink = line.close()
     assert sum(line.link().damage.values()) == 1
     assert sink.numbers() == [*range(BATCH), *range(BATCH)]
@@ -63,21 +63,21 @@ def test_a_node_that_is_reset_within_a_frame_loses_that_frame_only():
 def test_two_nodes_with_one_id_on_one_line_are_reported_and_not_mixed():
     one, other = Node(), Node(replace(HELLO, serial=b"serial02", boot_id=12), clock_us=5_000_000)
     line = Line()
-    line.says(one.says_hello())
+    line.receive(one.hello_frame())
     for _ in range(4):
-        line.says(one.batch())
-    line.says(other.says_hello())
+        line.receive(one.batch())
+    line.receive(other.hello_frame())
     for k in range(60):
-        line.says((one, other)[k % 2].batch())
+        line.receive((one, other)[k % 2].batch())
         if k % 20 == 0:
-            line.says(one.says_hello() + other.says_hello())
+            line.receive(one.hello_frame() + other.hello_frame())
     node = next(iter(line.recorder.nodes.values()))
     assert node.decoder.counts.frames_undecoded == 60
     assert sum("serial" in notice.text for notice in line.recorder.notices) == 1
     for _ in range(5):
-        line.says(one.says_hello(), seconds=5.0)  # the other was taken away
-    line.says(one.batch())
-    line.says(one.says_hello())
+        line.receive(one.hello_frame(), seconds=5.0)  # the other was removed
+    line.receive(one.batch())
+    line.receive(one.hello_frame())
     sink = line.close()
     assert sink.kinds().count("conflict") == 1
     assert sink.numbers() == [*range(4 * BATCH), *range(one.index - BATCH, one.index)]
@@ -87,12 +87,12 @@ def test_two_nodes_with_one_id_on_one_line_are_reported_and_not_mixed():
 
 def test_a_board_that_was_exchanged_while_unplugged_is_no_conflict():
     one, other, line = Node(), Node(replace(HELLO, serial=b"serial02", boot_id=12)), Line()
-    line.says(one.says_hello())
-    line.says(one.batch())
+    line.receive(one.hello_frame())
+    line.receive(one.batch())
     line.unplug()
     line.plug()
-    line.says(other.says_hello())
-    line.says(other.batch())
+    line.receive(other.hello_frame())
+    line.receive(other.batch())
     sink = line.close()
     assert "conflict" not in sink.kinds()
     assert sink.numbers() == [*range(BATCH), *range(BATCH)]
@@ -100,26 +100,26 @@ def test_a_board_that_was_exchanged_while_unplugged_is_no_conflict():
 
 def test_silence_after_frames_is_not_foreign_data_and_another_baud_rate_is():
     node, line = Node(), Line()
-    line.says(node.says_hello())
+    line.receive(node.hello_frame())
     for _ in range(10):
-        line.says(node.batch() + b"\x05\x01")  # the next frame has begun
-    line.waits(4.0)
+        line.receive(node.batch() + b"\x05\x01")  # the start of the next frame
+    line.wait(4.0)
     assert line.link().foreign is None and line.recorder.fatal_error() is None
     assert line.recorder.notices == []
-    line.waits(2.0)
+    line.wait(2.0)
     assert ["no data for 5 s" in notice.text for notice in line.recorder.notices] == [True]
     rng = random.Random(3)
     for _ in range(40):
-        line.says(bytes(rng.choice((0x80, 0xF8, 0x00, 0xE6, 0x98)) for _ in range(80)), seconds=0.1)
+        line.receive(bytes(rng.choice((0x80, 0xF8, 0x00, 0xE6, 0x98)) for _ in range(80)), seconds=0.1)
     assert "baud rate" in line.link().foreign
     assert line.close().kinds().count("foreign") == 1
 
 
 def test_a_node_that_crashes_into_its_prompt_is_reported_although_it_is_silent():
     node, line = Node(), Line()
-    line.says(node.says_hello() + node.batch())
-    line.says(b'Traceback (most recent call last):\r\n  File "main.py", line 3\r\nMemoryError\r\n>>> ')
-    line.waits(4.0)
+    line.receive(node.hello_frame() + node.batch())
+    line.receive(b'Traceback (most recent call last):\r\n  File "main.py", line 3\r\nMemoryError\r\n>>> ')
+    line.wait(4.0)
     assert "MicroPython prompt" in line.link().foreign
 
 
@@ -128,12 +128,12 @@ def test_a_port_that_babbles_at_three_megabytes_a_second_costs_the_others_nothin
     rng = random.Random(4)
     noise = [rng.randbytes(30_000) for _ in range(20)]
     line, node = Line("usb0", "usb1"), Node()
-    line.says(node.says_hello(), "usb0")
+    line.receive(node.hello_frame(), "usb0")
     tracemalloc.start()
     for k in range(500):
         line.recorder.handle(Chunk("usb1", line.now, noise[k % 20], ""))
         if k % 4 == 0:
-            line.says(node.batch(), "usb0", 0.0)
+            line.receive(node.batch(), "usb0", 0.0)
         line.now += NS_PER_S // 100
         line.recorder.tick(line.now)
         if k == 20:
@@ -154,16 +154,16 @@ def test_a_port_that_babbles_at_three_megabytes_a_second_costs_the_others_nothin
 
 def test_a_clock_that_goes_backwards_waits_for_hello_and_loses_nothing():
     node, line = Node(clock_us=60_000_000), Line()
-    line.says(node.says_hello())
+    line.receive(node.hello_frame())
     for _ in range(5):
-        line.says(node.batch())
+        line.receive(node.batch())
     node.clock_us -= 30_000_000
     for _ in range(5):
-        line.says(node.batch())
-    line.says(node.says_hello())
+        line.receive(node.batch())
+    line.receive(node.hello_frame())
     for _ in range(5):
-        line.says(node.batch())
-    line.says(node.says_hello())
+        line.receive(node.batch())
+    line.receive(node.hello_frame())
     sink = line.close()
     assert sink.numbers() == list(range(15 * BATCH))
     assert "gap" not in sink.kinds() and "reset" not in sink.kinds()
@@ -174,9 +174,9 @@ def test_numbers_and_microseconds_that_turn_over_are_no_loss(start):
     node = Node(index=start, clock_us=(1 << 30) - 100_000)
     node.seqs = {2: 65_533, 1: 65_535}
     line = Line()
-    line.says(node.says_hello())
+    line.receive(node.hello_frame())
     for _ in range(20):
-        line.says(node.batch())
+        line.receive(node.batch())
     sink = line.close()
     assert sink.numbers() == [k % 1000 for k in range(start, start + 20 * BATCH)]
     assert "gap" not in sink.kinds()
@@ -235,10 +235,10 @@ def test_a_second_reader_of_ours_is_refused(port):
 
 def test_a_line_that_says_ever_other_names_is_one_conflict_of_bounded_length():
     line, node = Line(), Node()
-    line.says(node.says_hello())
+    line.receive(node.hello_frame())
     for number in range(2000):
         node.hello = replace(node.hello, serial=b"%08d" % number)
-        line.says(node.says_hello(), seconds=0.001)
+        line.receive(node.hello_frame(), seconds=0.001)
     (decoder,) = (node.decoder for node in line.recorder.nodes.values())
     assert len(decoder._serials_received) <= 8
     events = [event for event in line.close().events if event.kind == "conflict"]

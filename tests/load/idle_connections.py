@@ -125,7 +125,7 @@ def run(option: str, connections: int, seconds: float, *, slow: bool) -> IdleRes
         with suppress(OSError):
             nodes.stdin.close()
         sent = json.loads(nodes.stdout.readline())["batches"] * BATCH
-        # At once: another program may be given a terminal of the name that a node had.
+        # At once, because another program could reuse the name of a node's terminal.
         recorder.terminate()
         out, _ = recorder.communicate(timeout=60)
     result: dict[str, Any] = json.loads(out) if out.strip() else {"nodes": {}}

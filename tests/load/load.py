@@ -88,7 +88,7 @@ def run(count: int, seconds: float, rate: float, batch: int) -> dict[str, Any]:
     late, stop = LatencyHistogram(), threading.Event()
     written, write_raw_original, period_ns = LogWriter.write_imu, LogWriter.write_raw_frame, round(1e9 / rate)
     is_batch: list[bool] = []
-    # The first half second of a node waits for its clock.
+    # Samples of the first half second are held for clock synchronisation.
     settled = time.monotonic() + 4.0
 
     def write_imu(log: LogWriter, node: str, t_pub_ns: Any, t_log_ns: Any, gyro: Any, accel: Any) -> None:

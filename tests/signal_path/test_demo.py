@@ -143,7 +143,7 @@ def test_the_track_ends_where_the_drive_ends_and_other_methods_do_not(demo, trut
     error = float(np.hypot(*(track[-1] - end)))
     printed = demo["fused"]["truth"]
     print(f"seed {SEED}: ends {error:.3f} m from the truth, {printed['final_error']:.3f} m by its own words")
-    # Every n-th point of the track is drawn: at rest the last of them is the end.
+    # Every n-th point of the track is drawn; at standstill the last one is the end.
     assert error == pytest.approx(printed["final_error"], abs=2e-3)
     assert error < 0.01 * demo["true_length"]
     tape = float(np.hypot(*(dead_reckoning(demo["log"]) - end)))

@@ -21,7 +21,7 @@ def flashed(tmp_path_factory):
 def test_a_sound_board_is_ok_in_every_check_and_runs_on(flashed, tmp_path, capfd):
     with board(flashed, tmp_path, board=BoardSettings(model="pico_w")) as node:
         _, checks = doctor(capfd, node.port, "--repl")
-        # The clock of a board that waits for a busy computer is late: test_reception_checks.py judges it.
+        # The clock of a board delayed by a busy computer is late; test_reception_checks.py tests it.
         assert {row[0] for check, row in checks.items() if check != "clock"} == {"ok"}, list(checks.values())
         assert "Raspberry Pi Pico W" in checks["MicroPython"][1]
         assert "0x6B answers 0x69: LSM6DS33" in checks["wiring"][1] and "GPIO4" in checks["wiring"][1]

@@ -91,5 +91,5 @@ def test_a_node_of_another_message_table_is_to_be_flashed(tmp_path, capfd):
     )
     with board(None, tmp_path) as node:
         code, checks = doctor(capfd, node.port)
-    assert code == 1 and wrongs(checks) == ["hello"]
+    assert code == 1 and wrongs(checks) == ["identification"]
     assert "speaks 12345678" in checks["identification"][1] and "hubodo flash" in checks["identification"][2]

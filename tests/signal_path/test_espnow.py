@@ -52,7 +52,7 @@ def test_a_receiver_that_stands_still_loses_what_its_buffer_does_not_hold_and_co
         assert recorded.signal(k).frames_lost > 0
     at_receiver = of(recorded.of_receiver, m.Health)[-1].frames_dropped
     on_the_way = sum(recorded.signal(k).frames_lost + recorded.dropped[k] for k in recorded.sent)
-    # The last counts are a second old at most: nothing was lost since.
+    # The last counters are at most one second old, and nothing was lost since.
     lost = sum(all_lost(sent) for sent in recorded.sent.values()) + all_lost(recorded.of_receiver)
     assert lost == on_the_way + at_receiver
 

@@ -135,7 +135,7 @@ def test_power_lost_at_any_moment_leaves_the_old_or_the_new_firmware(
     assert comes_up_as(half) == ["new"]
 
 
-# A host that is killed when it has sent the first piece of its tenth file.
+# A host killed after sending the first piece of its tenth file.
 DYING = """
 import os, signal, sys
 from pathlib import Path

@@ -67,7 +67,7 @@ def test_all_boards_get_the_names_of_the_table_and_one_that_fails_stops_no_other
     assert main(["flash", "--all", "--fleet", str(fleet)]) == 1
     shown, _ = capfd.readouterr()
     assert "left" in shown and "right" in shown and "FAILED" in shown
-    boards[1].stop()  # no other test wants it: it would sample beside them all
+    boards[1].stop()  # no other test uses it, and it would sample beside them
 
 
 def test_a_board_whose_cable_is_pulled_goes_on_where_it_was(boards, monkeypatch, capfd):

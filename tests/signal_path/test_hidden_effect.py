@@ -15,7 +15,7 @@ from virtual_runs import micropython_or_skip
 
 G = 9.80665
 CAMBER, LIMIT = 0.15, 9.5
-# The least that the search for effects accepts, and a little.
+# Slightly more than the minimum duration of the search for effects.
 SECONDS, SEED = 21.0, 2
 RIGHT = model_toml(
     0.165,

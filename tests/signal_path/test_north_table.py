@@ -36,7 +36,7 @@ class Turned(StillMotion):
 
     def angular_rate(self, t):
         gyro = self.rng.normal(0.0, 0.002, (len(t), 3))
-        # The board was switched on when its clock, which never runs ahead, was least behind.
+        # Power-on time: the minimum delay of the board's clock, which is never ahead.
         self.begun.append(time.monotonic() - float(np.max(t)))
         self.lived[0] = float(np.max(t))
         for start, end, rate in list(self.turns):
@@ -56,13 +56,13 @@ def bench(tmp_path):
     def turning(start, end, put):
         length = abs(end - start) / SPEED
         while not motion.begun:
-            time.sleep(0.02)  # The board is being switched on.
+            time.sleep(0.02)  # The board is powering on.
         start = time.monotonic()
-        # Told a little ahead: the board makes its samples just before it sends them.
+        # Set slightly ahead, because the board creates its samples just before sending them.
         first = max(start - min(motion.begun), motion.lived[0]) + 0.2
         last = first + length
         motion.turns.append((first, last, math.radians(math.copysign(SPEED, end - start))))
-        # Nor is it there before the board, which a busy computer makes wait, has felt all of it.
+        # The move does not end before the board, delayed by a busy computer, has measured all of it.
         while (share := (time.monotonic() - start) / (length + 0.4)) < 1.0 or motion.lived[0] < last:
             put(start + min(share, 1.0) * (end - start))
             time.sleep(0.02)
@@ -93,11 +93,11 @@ def test_a_real_node_is_turned_and_feels_the_turns_that_the_table_tells(bench, t
     out = tmp_path / "north.mcap"
     north_result, _ = north(capsys, port, "--table", table.path, "--stops", 5, "-o", out)
     assert [angle % 360 for angle in table.visited] == [0, 180, 90, 270, 0]
-    # A hub's gyro in five seconds: it must say that it does not know.
+    # A gyro of this noise cannot find north in five seconds, and the result must say so.
     assert north_result["sigma_deg"] > 45 and any(
         "does not determine north" in text for text in north_result["warnings"]
     )
-    # What the node felt of the turns is what the table said: one clock, one sign, one scale.
+    # The turns measured by the node equal those of the table: same clock, sign and scale.
     log = read_recording(out)
     (name,) = log.nodes
     node = log.nodes[name]

@@ -16,7 +16,7 @@ from hubodo.flash.slots import MAIN, SLOTS, main_for_slot
 from hubodo.log.recording_reader import read_recording
 from virtual_runs import pico_or_skip, unique_motion
 
-# Seconds of the wall for one of its own: an idle core would do with 2, but a busy one has to keep up as well.
+# Seconds of real time per second of the board: 2 suffice on an idle core, not on a busy one.
 PACE = 6
 SECONDS = 1.8
 

@@ -42,7 +42,7 @@ def test_without_acknowledgements_what_is_lost_is_the_frames_whose_packets_were_
     at = max(i for i, (_, x) in enumerate(recorded.of_receiver) if x is signals[-1])
     assert at > 0
     lost = all_lost(sent, since_boot=True)
-    # An ImuBatch of 8 samples takes four packets: 0.8^4 of them come whole.
+    # An ImuBatch of 8 samples takes four packets: a share of 0.8^4 arrives complete.
     batches = len(of(sent, m.ImuBatch))
     share = batches / (len(truth.t) / 8)
     assert abs(share - 0.8**4) < 0.15, share

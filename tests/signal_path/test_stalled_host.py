@@ -14,7 +14,7 @@ DRIVER_US = 520_000
 
 def test_a_host_that_stops_reading_for_ten_seconds_finds_the_newest_samples_and_the_loss_counted():
     micropython_or_skip()
-    # FIFO: above 250 Hz by itself, and 680 samples deep: the driver's wait is ridden out.
+    # The FIFO, used above 250 Hz and 680 samples deep, covers the wait of the driver.
     deaf = [(BEGIN_S, BEGIN_S + STALL_S)]
     with stepped(SECONDS, unique_motion(SECONDS), Flash(FIRMWARE, {"rate_hz": 416}), deaf=deaf) as node:
         node.wait(100)
@@ -38,7 +38,7 @@ def test_a_host_that_stops_reading_for_ten_seconds_finds_the_newest_samples_and_
     t = truth.t[matches[:, 0].astype(int)]
     assert t[-1] > truth.t[-1] - 0.3, "the newest came"
     at = max(i for i, (_, message) in enumerate(sent) if message is health_reports[-1])
-    # One frame at most is cut where the driver waited too long; without its end it takes the next along.
+    # At most one frame is cut by the timeout of the driver, and without its delimiter the next is lost too.
     assert decoder.damage.frames <= 1
     assert 0 <= all_lost(sent[: at + 1]) - health_reports[-1].frames_dropped <= 2
     assert health_reports[-1].frames_dropped > 26 * (STALL_S - 5)

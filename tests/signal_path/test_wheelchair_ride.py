@@ -48,8 +48,8 @@ def steps(ride: Ride, name: str) -> tuple[np.ndarray, np.ndarray, int]:
     values = np.column_stack([gyro, accel])
     raw = np.rint(values).astype(np.int64)
     np.testing.assert_allclose(values, raw, atol=1e-6)
-    # The node throws away what the chip made before its FIFO was switched on. At the start of the ride all
-    # samples differ from each other, so that only one place fits.
+    # The node discards samples from before its FIFO was enabled. At the start of the ride all
+    # samples differ, so that only one position matches.
     truth = ride.truth[name]
     middle = len(raw) // 2
     first = next(

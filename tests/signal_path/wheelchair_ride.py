@@ -22,7 +22,7 @@ from vehicles import vehicle_toml
 
 WHEELS = {"left": 1, "right": 2}
 ODR_ERROR = {"left": 0.031, "right": -0.017}
-START = 2.0  # s of chip time at which the ride begins: by then the node has booted
+START = 2.0  # chip time at the start of the ride, s; the node has booted by then
 VEHICLE = vehicle_toml()
 
 

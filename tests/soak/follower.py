@@ -41,7 +41,7 @@ class Follower:
                         answer.read()
                 self.readings += 1
             except urllib.error.URLError:
-                pass  # not yet, or no longer
+                pass  # not yet available, or closed already
             time.sleep(1.0)
 
 

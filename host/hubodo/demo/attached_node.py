@@ -15,7 +15,7 @@ class AttachedNode:
         self.path = os.path.realpath(node.port)
         self._node, self._zero_ns = node, computer.now_ns()
 
-    def live_until(self, t_ns: int, sent_count: int | None) -> None:
+    def advance_to(self, t_ns: int, sent_count: int | None) -> None:
         """Run the node until `t_ns`; see `Device`."""
         self._node.run_until((t_ns - self._zero_ns) * 1e-9, sent_count or 0)
 

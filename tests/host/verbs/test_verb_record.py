@@ -206,7 +206,9 @@ def test_what_the_node_says_of_its_bias_is_in_the_log_its_summary_its_page_and_s
     assert "x +0.070 ± 0.001, y -0.035, z +0.007 ± 0.001 °/s, from 2000 samples" in shown.getvalue()
     json.dumps(LogInfo(summary).as_json(), allow_nan=False)
     made = log_page("ride", recording, summary)
-    assert any(line.startswith("left: its own filter's bias, at the end x +0.070") for line in made.facts)
+    assert any(
+        line.startswith("left: bias of the node's own filter at the end: x +0.070") for line in made.facts
+    )
     assert "left: bias of the node's own filter" in made.html
     write_recording(recording, again)
     for column in table:

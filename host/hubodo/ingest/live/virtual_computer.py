@@ -34,7 +34,7 @@ class Device(Protocol):
 
     path: str
 
-    def live_until(self, t_ns: int, sent_count: int | None) -> None:
+    def advance_to(self, t_ns: int, sent_count: int | None) -> None:
         """Start to advance to `t_ns` with `sent_count` more bytes of its host; None: its port is closed."""
         ...
 
@@ -108,7 +108,7 @@ class VirtualComputer:
         links = {link.device_path: link for link in self._links if link.device_path}
         for device in self._devices:
             link = links.get(self._resolve(device.path))
-            device.live_until(t_ns, None if link is None else link.take_count())
+            device.advance_to(t_ns, None if link is None else link.take_count())
         sent = [(links.get(self._resolve(device.path)), device.sent()) for device in self._devices]
         self._now_ns = t_ns
         chunks = [chunk for link, counts in sent if link is not None for chunk in link.read(counts)]

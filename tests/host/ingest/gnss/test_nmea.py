@@ -47,7 +47,7 @@ def test_an_epoch_becomes_one_fix_with_the_sentences_own_time(talker):
     assert fix.utc_ns == calendar.timegm((2026, 5, 17, 12, 35, 19)) * NS_PER_S
     assert fix.latitude_deg == pytest.approx(48 + 7.038 / 60, abs=1e-9)
     assert fix.longitude_deg == pytest.approx(11 + 31 / 60, abs=1e-9)
-    assert fix.altitude == pytest.approx(545.4 + 46.9)  # above the ellipsoid
+    assert fix.altitude == pytest.approx(545.4 + 46.9)  # height above the ellipsoid
     assert fix.status == 2
     assert fix.received_ns == NOW
 
@@ -70,7 +70,7 @@ def test_empty_fields_are_legal_and_give_no_invented_numbers():
     without_height = line("GNGGA,123519,4807.038,N,01131.000,E,1,08,0.9,,,,,,")
     (fix,) = fixes(without_height)
     assert math.isnan(fix.altitude)
-    assert fix.utc_ns is None  # no RMC, no date
+    assert fix.utc_ns is None  # without RMC the date is unknown
 
 
 def test_a_position_without_a_fix_is_not_one():
@@ -84,7 +84,7 @@ def test_bad_checksums_and_foreign_sentences_are_counted_and_cost_nothing_else()
     got = [*decoder.feed(data, NOW), *decoder.flush()]
     assert len(got) == 2
     assert decoder.counts.checksum_errors == 1
-    assert got[0].utc_ns is None  # its RMC, and with it the date, was the damaged one
+    assert got[0].utc_ns is None  # its RMC, which has the date, was damaged
     assert got[1].utc_ns is not None
 
 
@@ -102,7 +102,7 @@ def test_portions_do_not_matter(size):
 def test_a_fix_is_given_as_soon_as_the_usual_sentences_are_there():
     decoder = NmeaDecoder()
     list(decoder.feed(epoch("123519.00"), NOW))
-    assert len(list(decoder.feed(epoch("123520.00"), NOW))) == 2  # not one epoch late
+    assert len(list(decoder.feed(epoch("123520.00"), NOW))) == 2  # without waiting for the next epoch
 
 
 def test_midnight_between_date_and_time_is_assigned_to_the_correct_day():

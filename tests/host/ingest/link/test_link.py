@@ -217,7 +217,7 @@ def test_pauses_double_to_eight_seconds_and_a_valid_frame_resets_them():
 @pytest.mark.parametrize(
     ("data", "expected"),
     [
-        (Node().says_hello(), True),
+        (Node().hello_frame(), True),
         (b"$GPGLL,5300.97914,N,00259.98174,E,125926,A*28\r\n", True),
         (b"$GPGLL,5300.97914,N,00259.98174,E,125926,A*29\r\n", False),
         (b"login: ", False),
@@ -236,7 +236,7 @@ def test_a_connection_has_carried_something_valid_after_a_frame_or_a_sentence(da
 def test_connections_without_a_frame_are_few_events_and_a_frame_makes_the_next_loss_one():
     sink = StoredRecords()
     session, now = LinkSession("bridge", sink), T0
-    for _ in range(450):  # an hour of tries eight seconds apart
+    for _ in range(450):  # one hour of attempts eight seconds apart
         session.handle_up(LinkUp("bridge", now, "socket://x:1", False))
         session.handle_lost(LinkLost("bridge", now, "closed by the other side"))
         list(session.tick(now))
@@ -247,7 +247,7 @@ def test_connections_without_a_frame_are_few_events_and_a_frame_makes_the_next_l
     sink.events.clear()
     session.handle_up(LinkUp("bridge", now, "socket://x:1", False))
     assert not sink.events
-    assert list(session.route_frames(Chunk("bridge", now, b"\0" + Node().says_hello(), "")))
+    assert list(session.route_frames(Chunk("bridge", now, b"\0" + Node().hello_frame(), "")))
     assert [event.kind for event in sink.events] == ["connected"]
     assert sink.events[0] in session.connection.take_notices()
     session.handle_lost(LinkLost("bridge", now, "unplugged"))

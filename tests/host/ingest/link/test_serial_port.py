@@ -89,7 +89,7 @@ def test_what_is_written_arrives_and_a_full_line_holds_nobody_up_for_ever(opens)
         link.write(b"\0hello\x03\x11\x13\xff", "")
         assert os.read(terminal.near, 100) == b"\0hello\x03\x11\x13\xff"
         for _ in range(5):
-            link.write(bytes(30_000), "")  # nobody reads
+            link.write(bytes(30_000), "")  # the other side does not read
         link.close()
 
 

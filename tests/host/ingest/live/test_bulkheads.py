@@ -73,7 +73,7 @@ PARTS = {
     "what is shown at once": (view.LineView, "show_notice", always, "terminal"),
     "JSON lines": (view.JsonView, "_write_line", always, "terminal"),
     "the page": (LivePage, "poll", always, "page"),
-    "what the page follows": (LogObserver, "hear", always, "page"),
+    "what the page follows": (LogObserver, "observe", always, "page"),
     "the page's status": (LivePage, "show", always, "page"),
     "metrics": (MetricsServer, "show", always, "metrics"),
     "the service manager": (ServiceNotifier, "show", always, "service manager"),
@@ -227,7 +227,7 @@ def test_a_part_that_hangs_at_every_call_costs_no_sample_of_the_others(tmp_path,
         result, *_ = recording(tmp_path, nodes, stack, seconds=1.5)
         assert intact(result, "right", nodes["right"]) > 0
     faults = [e for e in read_recording(tmp_path / "ride.mcap").events if e.kind == "fault"]
-    if part != "terminal":  # which has a thread of its own, and five seconds
+    if part != "terminal":  # which runs in a thread with a limit of five seconds
         assert {event.source for event in faults} == {part}
         assert "no return within 0.3 s; interrupted" in faults[0].text
         assert faults[0].data["total"] == 1, "suspended for a second, not called again at once"

@@ -35,7 +35,7 @@ def test_frames_are_recorded_without_loss_while_the_fusion_is_slow(tmp_path, mon
     (node_result,) = running.result.as_json()["nodes"].values()
     assert (node_result["samples_lost"], node_result["gaps"]) == (0, {})
     assert node.dropped == 0
-    # All but what was under way at the end, and what came before the port was listened to.
+    # All except data in transit at the end, and data sent before the port was opened.
     assert len(read_recording(out).nodes["left"]) > 208 * 3.5
 
 
@@ -54,7 +54,7 @@ def held(out, vehicle, nodes, seconds, rows=None):
         env={**os.environ, "PYTHONPATH": f"{ROOT / 'host'}:{ROOT / 'protocol'}"},
     )
     until(lambda: all(node.requests for node in nodes.values()))
-    # The drive begins when somebody listens; up to then its first rows are all that the nodes feel.
+    # The drive begins when the port is opened; until then the nodes repeat its first rows.
     for name in rows or ():
         nodes[name].samples_created, nodes[name].rows = 0, rows[name]
     time.sleep(3.0)
@@ -100,7 +100,7 @@ def test_what_the_line_could_not_hold_is_counted_as_a_gap(tmp_path):
     (node_result,) = result["nodes"].values()
     print(f"{node_result['samples']} samples, {node_result['samples_lost']} lost, {dropped} frames given up")
     assert dropped["left"] > 100
-    # On a busy computer the line runs over before and after, too: the node's own time says how often.
+    # On a busy computer the line also overflows before and after: the node's own time shows how often.
     assert node_result["samples_lost"] > 0.98 * 8 * dropped["left"]
     times = read_recording(out).nodes["left"].t
     assert len(times) == node_result["samples"]

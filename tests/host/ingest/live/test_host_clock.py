@@ -62,7 +62,7 @@ def decoded(start_us, frames_lost, host_jump_s):
     st.floats(-20_000, 20_000),
 )
 @example(0, 0, 600.0)
-@example(0, 15_000, -577.0)  # the host's clock stood still meanwhile
+@example(0, 15_000, -577.0)  # the host's clock did not advance meanwhile
 @example(0, 30_000, -1154.0)
 def test_no_jump_of_the_hosts_clock_adds_or_hides_a_lost_sample(start_us, frames_lost, host_jump_s):
     """A jump by whole periods of the node's clock, within 0.1 %, is equivalent to silence of that length."""
@@ -118,7 +118,7 @@ def test_a_computer_that_stood_still_for_ten_minutes_is_one_event_and_no_lost_sa
     assert [round(event.data["standstill_s"]) for event in events] == [600]
     assert shown.getvalue().count("did not run for 600.0 s") == 1
     assert "no data for 5 s" not in shown.getvalue()
-    # Samples are on the new time soon: the offset of the node's clock is measured again at once.
+    # Samples use the new time soon, because the clock offset is measured again at once.
     times = read_recording(tmp_path / "ride.mcap").nodes["left"].t
     assert np.count_nonzero(np.diff(times) > 1.0) == 1
     assert times[-1] == pytest.approx(606.0, abs=0.3)
@@ -164,7 +164,7 @@ def test_a_paused_machine_whose_clock_stood_still_with_it_has_every_lost_sample_
 def test_a_frame_cut_in_two_by_a_standstill_is_due_to_it_and_one_in_an_instant_is_damaged():
     ledger, before, now = GapClassifier("left"), LinkCounts(), LinkCounts(damaged_frames=1)
     start_ns = 10 * NS_PER_S
-    # What the line held is read, and stamped, when the computer goes on.
+    # Data buffered on the line is read and stamped when the computer resumes.
     long, short = (
         WireGap("ImuBatch", 17 * NS_PER_S, 17 * NS_PER_S + 1, 3, 24, (start_ns, start_ns + lasts_ns))
         for lasts_ns in (6 * NS_PER_S, NS_PER_S)

@@ -82,7 +82,7 @@ def test_logs_that_rotate_hold_sample_by_sample_what_a_single_one_would(pieces):
         for column in one:
             if column != "t":
                 np.testing.assert_array_equal(many[column], one[column])
-        # A node is asked for its clock once more at each cut, which only sharpens the times.
+        # Each rotation sends an additional clock request, which only improves the times.
         np.testing.assert_allclose(many["t"], one["t"], rtol=0, atol=5e-4)
     t = np.concatenate([read_recording(path).odometry.t for path in cut])
     assert len(t) > 1000
@@ -103,7 +103,7 @@ def test_each_of_them_knows_its_nodes_and_can_be_decoded_again_and_read_by_every
         assert done.code == 0, done.err
         for name in ("left", "right"):
             before, after = recording.nodes[name], read_recording(again).nodes[name]
-            # Samples that were held for their clock when the log was cut have their frames in the log before.
+            # Samples held for clock synchronisation during a rotation have their frames in the previous log.
             assert abs(len(after) - len(before)) <= 16
         assert hubodo("info", path).code == 0
         assert hubodo("export", path, "-o", tmp_path / f"csv{k}").code == 0

@@ -42,7 +42,7 @@ def often(seed):
     return list(zip(edges[::2], edges[1::2], strict=True))
 
 
-# The first question for the clock is asked 30 ms after the start.
+# The first clock request is sent 30 ms after the start.
 @pytest.mark.parametrize(
     "stretches",
     [[(0.0302, 1.5)], [(0.0302, 0.35), (0.3702, 0.6)], [(3.0, 5.0)], often(1), often(2)],
@@ -57,7 +57,7 @@ def test_intervals_stay_those_of_the_node_to_100_ppm(tmp_path, stretches):
     t = log.nodes["left"].t + (log.t_zero_ns - start) * 1e-9
     true = np.arange(len(t)) / RATE_HZ
     print(f"times off by {np.abs(t - true).max():.6f} s at most")
-    # A stamp of the node is a whole number of us.
+    # Time stamps of the node are in whole us.
     assert np.abs(np.diff(t) - 1 / RATE_HZ).max() < 1e-4 / RATE_HZ + 2e-6
     assert np.abs((t[208:] - t[:-208]) - 1.0).max() < 1e-4 + 2e-6
     assert np.abs(t - true).max() < 1e-3

@@ -105,9 +105,9 @@ def test_ten_unplugs_one_percent_of_damage_and_a_reset_of_the_real_firmware_are_
     assert causes["node restarted"] == 1
     assert causes["link down"] >= 9
     assert sum(count for cause, count in causes.items() if cause.startswith("damaged bytes")) > 10
-    # What the port held when it was pulled was on the way, not received: a few frames each time.
+    # Data buffered in the port when it was unplugged was not received: a few frames each time.
     assert sum(missing.values()) <= 40, f"seed {seed}"
-    # Nothing invented: each recorded sample is one that the chip made.
+    # Each recorded sample equals one of the chip.
     table = recording.nodes["left"]
     raw = np.rint(np.hstack([table.gyro / GYRO_STEP, table.accel / ACCEL_STEP])).astype(int)
     raw_rows = {tuple(row) for row in truth.raw.tolist()}

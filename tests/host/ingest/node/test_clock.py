@@ -73,7 +73,7 @@ def test_a_lopsided_delay_that_never_averages_out_stays_inside_two_sigmas(seed):
     t = last(run_exchanges(sync, clock, rng, seconds=300, request_delay=quick, reply_delay=slow))
     device_us = clock.us(t)
     error = abs(error_ns(sync, clock, device_us))
-    assert error > 1e6  # the delay is really lopsided: an average alone would be sure and wrong
+    assert error > 1e6  # the delay is asymmetric: an average alone would be precise but wrong
     assert error < 2 * sync.sigma_ns(device_us * 1000), f"seed {seed}"
 
 
@@ -156,7 +156,7 @@ def test_a_node_that_cannot_answer_is_followed_by_its_earliest_arrivals():
     device_us = clock.us(t)
     late = error_ns(sync, clock, device_us)
     assert 0 < late < 2 * sync.sigma_ns(device_us * 1000)
-    assert late < 6e6  # near the least delay of 4 ms, not near the mean of 7 ms
+    assert late < 6e6  # near the minimum delay of 4 ms, not the mean of 7 ms
     assert abs(estimate.drift * 1e6 - 70) < 25
 
 
@@ -178,7 +178,7 @@ def test_a_restart_forgets_and_a_stepped_clock_is_found_out():
         at = t + k * NS_PER_S
         there = at + 300_000
         used.append(sync.add_exchange(int(at), stepped.us(there), stepped.us(there), int(there + 300_000)))
-    assert used[0] is False  # one odd exchange moves nothing
+    assert used[0] is False  # a single outlier has no effect
     assert used[-1] is True
     assert sync.estimate().resets == 1
     assert abs(error_ns(sync, stepped, stepped.us(at))) < 1e6

@@ -252,7 +252,7 @@ def test_another_wire_version_is_refused_by_name_and_nothing_is_decoded():
     assert isinstance(refused, WireMismatchReport)
     for part in ("'left'", "deadbeef", "1.2.3", f"{FINGERPRINT:08x}", "flash"):
         assert part in refused.text
-    assert list(decoder.decode_frame(talker.hello(), T0, QUIET)) == []  # said once
+    assert list(decoder.decode_frame(talker.hello(), T0, QUIET)) == []  # reported once
     assert feed(decoder, talker) == []
     assert not decoder.wants_hello
 

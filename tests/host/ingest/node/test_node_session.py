@@ -21,9 +21,9 @@ def report_times(sink):
 
 def test_its_battery_is_stamped_when_it_was_received_not_in_1970():
     line, node = Line(), Node()
-    line.says(node.says_hello())
+    line.receive(node.hello_frame())
     for second in range(3):
-        line.says(node.frame(health(second * 1_000_000)), seconds=1.0)
+        line.receive(node.frame(health(second * 1_000_000)), seconds=1.0)
     line.close()
     assert report_times(line.sink) == pytest.approx([T0 + k * NS_PER_S for k in range(3)], abs=0.1 * NS_PER_S)
 
@@ -33,10 +33,10 @@ def test_its_battery_is_stamped_when_it_was_received_not_in_1970():
 )
 def test_microseconds_that_turn_over_give_no_negative_time(last):
     line, node = Line(), Node()
-    line.says(node.says_hello())
-    line.says(node.frame(health(0)), seconds=1.0)
-    line.says(node.frame(last or health(PERIOD - 1)), seconds=1.0)
-    line.says(node.frame(health(2_000_000)), seconds=1.0)
+    line.receive(node.hello_frame())
+    line.receive(node.frame(health(0)), seconds=1.0)
+    line.receive(node.frame(last or health(PERIOD - 1)), seconds=1.0)
+    line.receive(node.frame(health(2_000_000)), seconds=1.0)
     sink = line.close()
     assert "fault" not in sink.kinds()
     assert len(report_times(sink)) == 3

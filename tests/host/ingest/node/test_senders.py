@@ -23,7 +23,7 @@ def stranger(number):
 
 def known_node(line):
     node = Node()
-    line.says(node.says_hello(), sender="node 1")
+    line.receive(node.hello_frame(), sender="node 1")
     return node
 
 
@@ -35,13 +35,13 @@ def test_of_298_nodes_on_a_datagram_port_64_are_recorded_and_the_rest_reported_b
     line = Line(datagrams=True)
     node = known_node(line)
     for k in range(297):
-        line.says(stranger(k).says_hello(), sender=f"10.0.0.{k} 5", seconds=0.001)
-        line.says(node.batch(), sender="node 1", seconds=0.02)
+        line.receive(stranger(k).hello_frame(), sender=f"10.0.0.{k} 5", seconds=0.001)
+        line.receive(node.batch(), sender="node 1", seconds=0.02)
     assert len(line.recorder.nodes) == MAX_NODES == 64
     assert line.link().senders.frames_refused == 298 - 64
     (event,) = refusals(line)
     assert "--key-file" in event.text and event in line.recorder.notices
-    line.waits(11)
+    line.wait(11)
     assert refusals(line)[-1].data["frames_refused"] == 298 - 64
     assert len(refusals(line)) == 2, "said at once, then every ten seconds at most"
     numbers = line.close().numbers()
@@ -57,7 +57,7 @@ def test_twelve_thousand_addresses_take_no_memory_and_cost_the_known_node_nothin
         for k in range(first, last):
             line.recorder.handle(Chunk(LABEL, line.now, frame, f"127.{k >> 8}.{k & 255}.1 5"))
             if k % 50 == 0:
-                line.says(node.batch(), sender="node 1", seconds=0.02)
+                line.receive(node.batch(), sender="node 1", seconds=0.02)
             line.sink.raws.clear()
 
     flood(0, 1000)
@@ -76,18 +76,18 @@ def test_one_stranger_that_never_says_hello_holds_a_bounded_number_of_frames():
     line = Line(datagrams=True)
     noise = stranger(1)
     for _ in range(5000):
-        line.says(noise.batch(), sender="evil 1", seconds=0.0)
-    line.says(noise.says_hello(), sender="evil 1", seconds=1.0)
+        line.receive(noise.batch(), sender="evil 1", seconds=0.0)
+    line.receive(noise.hello_frame(), sender="evil 1", seconds=1.0)
     assert 0 < len(line.close().numbers()) // 8 <= 2048
 
 
 def test_a_node_that_comes_after_sixteen_senders_has_a_topic_of_its_own_from_its_hello_on():
     line = Line(datagrams=True)
     for k in range(20):
-        line.says(stranger(k).batch(), sender=f"evil {k}")
+        line.receive(stranger(k).batch(), sender=f"evil {k}")
     nodes = [stranger(100 + k) for k in range(3)]
     for k, node in enumerate(nodes):
-        line.says(node.says_hello() + node.batch(), sender=f"node {k}")
+        line.receive(node.hello_frame() + node.batch(), sender=f"node {k}")
     topics = {label for label, _ in line.sink.raws}
     assert topics == {LABEL, *(f"{LABEL}/{k}" for k in range(2, 20))}
     assert [label for label, _ in line.sink.raws[-2:]] == [f"{LABEL}/19"] * 2
@@ -99,15 +99,15 @@ def test_frames_before_a_hello_wait_for_it_and_the_sender_is_asked_twice_a_secon
     line.recorder._send = lambda label, data, to: asked.append(to) or True
     node = stranger(1)
     for _ in range(50):
-        line.says(node.batch(), sender="node 1", seconds=0.02)
+        line.receive(node.batch(), sender="node 1", seconds=0.02)
     assert asked == ["node 1"] * 2
-    line.says(node.says_hello(), sender="node 1", seconds=1.0)
+    line.receive(node.hello_frame(), sender="node 1", seconds=1.0)
     assert line.close().numbers() == [k % 1000 for k in range(400)]
 
 
 def test_senders_identified_by_a_serial_that_many_claim_are_bounded_too():
     table, node = SenderTable(datagrams=True), stranger(1)
-    (hello,) = FrameDecoder().feed(node.says_hello())
+    (hello,) = FrameDecoder().feed(node.hello_frame())
     for k in range(5 * MAX_SENDERS):
         assert table.route((hello, k, None), f"evil {k}").board == 0
     assert not table.is_identified("evil 0", 1) and table.is_identified(f"evil {5 * MAX_SENDERS - 1}", 1)
@@ -119,7 +119,7 @@ def test_a_line_has_64_nodes_at_most_too():
     ids = list(range(1, 250))
     rng.shuffle(ids)
     for node_id in ids:
-        line.says(Node(node_id=node_id).says_hello(), seconds=0.01)
+        line.receive(Node(node_id=node_id).hello_frame(), seconds=0.01)
     assert len(line.recorder.nodes) == MAX_NODES
     assert line.link().senders.frames_refused == len(ids) - MAX_NODES
 
@@ -140,7 +140,7 @@ def test_names_never_run_out():
 def test_a_refusal_is_an_event_of_the_log_with_its_counts():
     line = Line(datagrams=True)
     for k in range(70):
-        line.says(stranger(k).says_hello(), sender=f"evil {k}", seconds=0.001)
+        line.receive(stranger(k).hello_frame(), sender=f"evil {k}", seconds=0.001)
     line.now += NS_PER_S
     line.recorder.tick(line.now)
     event = refusals(line)[0]

@@ -64,7 +64,7 @@ def test_a_restart_takes_nothing_over():
     clock = SettableClock()
     times = SlewedTimes(clock)
     last = times.to_host_ns(samples(0, 1000))[-1]
-    # From 0 again, 1 ms after what the clock before would have said.
+    # Starts from 0, 1 ms after the time by the previous clock.
     clock.correct(1000 * PERIOD_NS + 1_000_000, reset=True)
     again = times.to_host_ns(samples(0, 10))
     np.testing.assert_array_equal(again, last + PERIOD_NS + 1_000_000 + samples(0, 10))

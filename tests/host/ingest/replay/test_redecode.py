@@ -53,7 +53,7 @@ def test_a_recording_of_two_nodes_comes_out_the_same_to_the_bit(tmp_path):
     assert set(before) == events_of_kinds | {"/port_side/bias_filter"}
     for topic, rows in before.items():
         assert [row[1:] for row in rows] == [row[1:] for row in after[topic]], topic
-        # What waited for a node's clock stood behind what another node sent meanwhile.
+        # Records held for a node's clock were written after those of another node.
         late = np.array([a[0] - b[0] for a, b in zip(rows, after[topic], strict=True)])
         assert np.median(late) == 0 and late.min() >= 0 and late.max() < 5e8
     raw = ("/raw/port_side", "/raw/port_side/damaged")
@@ -108,7 +108,7 @@ def test_portions_of_any_size_give_the_same(tmp_path, monkeypatch):
 def test_what_was_refused_then_is_decoded_by_a_host_of_its_version(tmp_path, monkeypatch):
     out, again, computer = tmp_path / "ride.mcap", tmp_path / "again.mcap", VirtualComputer()
     with FakeNode(fingerprint=0xDEADBEEF, computer=computer) as node, pytest.raises(WireMismatch):
-        computer.next_report(0.1)  # its first Hello is not heard: frames of samples come before the next
+        computer.next_report(0.1)  # its first Hello is lost: batches arrive before the next
         record(RecordConfig(ports=(node.path,), duration=2), out, computer=computer)
     with pytest.raises(WireMismatch, match="deadbeef"):
         redecode_log(out, again)
