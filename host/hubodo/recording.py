@@ -29,10 +29,7 @@ BIAS_FILTER_COLUMNS = (
     "saturations",
     *(f"{what}_{axis}" for what in ("rate", "bias", "noise", "sigma") for axis in "xyz"),
 )
-"""sigma: of the initial bias; samples:
-
-from which it was computed; noise: 1 sigma of a sample at standstill.
-"""
+"""sigma is of the initial bias, computed from `samples` samples; noise is 1 sigma of a stationary sample."""
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,7 @@ def check_bounds(settings: object, name_of: Callable[[str], str]) -> None:
             raise ConfigError(f"{name_of(item.name)} {value}: must be at least {at_least:g}")
 
 
-def write_example_toml(tables: Mapping[str, type], head: str) -> str:
+def format_example_toml(tables: Mapping[str, type], head: str) -> str:
     """Return the text of a TOML file with every setting explained, and commented out."""
     lines = [f"# {line}" for line in head.splitlines()]
     for name, shape in tables.items():

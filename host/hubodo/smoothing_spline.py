@@ -38,7 +38,7 @@ class SplineValues(NamedTuple):
 
     value: Array
     slope: Array
-    curvature: Array
+    second_derivative: Array
     integral: Array
 
 
@@ -83,10 +83,10 @@ class SmoothingSpline:
         s = inside - knots[piece]
         integral_before, *powers = coefficients.take(piece, axis=1)
         value, integral = powers[-1], powers[-1] / len(powers)
-        slope = curvature = np.zeros_like(s)
+        slope = second_derivative = np.zeros_like(s)
         # Horner's rule for all four at once.
         for count, power in zip(range(len(powers) - 1, 0, -1), powers[-2::-1], strict=True):
-            curvature = curvature * s + 2.0 * slope
+            second_derivative = second_derivative * s + 2.0 * slope
             slope = slope * s + value
             value = value * s + power
             integral = integral * s + power / count
@@ -95,9 +95,9 @@ class SmoothingSpline:
         if beyond.any():
             # A tolerance of one nanosecond: a time at the end may be rounded beyond it.
             at_end = np.abs(beyond) < 1e-9
-            slope, curvature = np.where(at_end, slope, 0.0), np.where(at_end, curvature, 0.0)
+            slope, second_derivative = np.where(at_end, slope, 0.0), np.where(at_end, second_derivative, 0.0)
             integral += value * beyond
-        return SplineValues(value, slope, curvature, integral)
+        return SplineValues(value, slope, second_derivative, integral)
 
     @cached_property
     def _polynomials(self) -> tuple[Array, Array]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import pytest
 
 from hubodo.errors import ConfigError
-from hubodo.settings_table import check_bounds, setting, write_example_toml
+from hubodo.settings_table import check_bounds, format_example_toml, setting
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ def test_a_value_out_of_bounds_is_named_as_the_user_knows_it():
 
 
 def test_the_example_changes_nothing_and_is_valid_uncommented():
-    text = write_example_toml({"web": Web}, "Head.")
+    text = format_example_toml({"web": Web}, "Head.")
     assert tomllib.loads(text) == {"web": {}}
     lines = [line.removeprefix("#") if "=" in line else line for line in text.splitlines()]
     assert tomllib.loads("\n".join(lines)) == {"web": {"port": 8000, "rate": 10, "hosts": ["a", "b"]}}

@@ -17,10 +17,7 @@ DAY_TO_DAY_BIAS_SIGMA = math.radians(1.0)
 """rad/s, 1 sigma: how far a MEMS gyro's bias is from its calibration after the next power-on."""
 
 _FLICKER_TIME_RATIO, _MIN_FLICKER_TIME, _MAX_FLICKER_TIME = 5.0, 1.0, 1e5
-"""Flicker noise is a sum of first-order Markov processes:
-
-ratio of time constants, shortest and longest, s.
-"""
+"""Ratio, minimum and maximum (s) of the time constants of the Markov processes that form flicker noise."""
 _HEADING_INDEX, _OFFSET_INDEX = 0, 1
 
 

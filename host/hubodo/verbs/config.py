@@ -11,7 +11,7 @@ from rich.console import Console
 
 from hubodo.errors import ConfigError, InputError
 from hubodo.ingest.live.record_config import RecordConfig, load_record_config
-from hubodo.settings_table import write_example_toml
+from hubodo.settings_table import format_example_toml
 from hubodo.web.config import WebConfig, load_web_config
 
 EXAMPLE = "hubodo config example > hubodo.toml; hubodo config check hubodo.toml"
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> ConfigCheck | ConfigExample:
             raise InputError(
                 "config example prints to the terminal; redirect it: hubodo config example > FILE"
             )
-        return ConfigExample(write_example_toml(SETTINGS, _EXAMPLE_HEADER))
+        return ConfigExample(format_example_toml(SETTINGS, _EXAMPLE_HEADER))
     if args.file is None:
         raise InputError("config check needs a FILE, such as hubodo.toml")
     return _check_file(args.file)

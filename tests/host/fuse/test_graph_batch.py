@@ -185,8 +185,8 @@ def test_the_settings_of_the_paper_are_ten_percent_and_five_metres():
     drive = make(19)
     result = fuse_graph(path_of(drive), fixes_of(drive, sigma=1.0), None, PAPER)
     assert rms(errors_of(drive, result)) < 1.0
-    assert np.all(result.graph.find(PositionFactors).sigma == 5.0)
-    steps = result.graph.find(BetweenFactors).steps
+    assert np.all(result.graph.find_group(PositionFactors).sigma == 5.0)
+    steps = result.graph.find_group(BetweenFactors).steps
     shifted = np.abs(np.add.reduceat(steps.correct_displacements(np.zeros(6)), steps.first_step))
     assert np.allclose(steps.covariance[:, 0, 0], (0.1 * shifted) ** 2 + 1e-6)
     assert all(abs(value.value) < 1e-6 for value in result.constants.values())

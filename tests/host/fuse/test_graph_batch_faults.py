@@ -48,7 +48,7 @@ def test_sigmas_grow_by_the_root_of_the_number_of_equal_fixes(repeats):
     loss = SimpleNamespace(weight=np.ones_like)
     factors = SimpleNamespace(linearise=lambda poses, constants: item, loss=loss)
     growth, reasons = estimate_sigma_growth(
-        SimpleNamespace(find=lambda kind: factors), SimpleNamespace(poses=None, constants=None), 1.0
+        SimpleNamespace(find_group=lambda kind: factors), SimpleNamespace(poses=None, constants=None), 1.0
     )
     assert growth == pytest.approx(repeats**0.5, rel=0.03)
     assert len(reasons) == (repeats > 1) and all(f"{repeats} count as one" in text for text in reasons)

@@ -156,7 +156,7 @@ def test_fixes_ahead_of_the_odometry_wait_in_order_of_time(underway):
 
 def test_the_first_of_two_simultaneous_fixes_is_used(underway):
     def count():
-        return len(underway.window.graph.find(PositionFactors).pose_index)
+        return len(underway.window.graph.find_group(PositionFactors).pose_index)
 
     before, poses = count(), len(underway.window.pose_t)
     underway.fix(6.25)

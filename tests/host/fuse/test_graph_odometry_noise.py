@@ -89,7 +89,7 @@ def solved():
 def test_the_components_are_the_covariance_of_odometry_noise_at_the_fixes(solved):
     """The reference compounds the increments, each perturbed a little forward, left and in heading."""
     graph, solution, state_t = solved
-    between, fixes = graph.find(BetweenFactors), graph.find(PositionFactors)
+    between, fixes = graph.find_group(BetweenFactors), graph.find_group(PositionFactors)
     rows, observed = (item.linearise(solution.poses, solution.constants) for item in (between, fixes))
     chosen, prior = np.arange(10, 95), np.array([0.01, 0.02, 1e-3, 2e-3, 0.3, 0.4])
     result = odometry_noise._model_section(
@@ -152,7 +152,7 @@ def test_the_components_are_the_covariance_of_odometry_noise_at_the_fixes(solved
 
 def test_fix_errors_have_a_white_and_a_correlated_component(solved):
     graph, solution, state_t = solved
-    between, fixes = graph.find(BetweenFactors), graph.find(PositionFactors)
+    between, fixes = graph.find_group(BetweenFactors), graph.find_group(PositionFactors)
     rows, observed = (item.linearise(solution.poses, solution.constants) for item in (between, fixes))
     chosen = np.arange(40)
     result = odometry_noise._model_section(
@@ -172,7 +172,7 @@ def test_with_too_few_used_fixes_the_noise_is_unchanged(solved, monkeypatch):
     logs = 2.0 * np.log([2.0, 3.0, 4.0, 5.0, 6.0, 7.0])
     monkeypatch.setattr(odometry_noise, "_average_modes", lambda observed: logs)
     graph, solution, state_t = solved
-    fixes = graph.find(PositionFactors)
+    fixes = graph.find_group(PositionFactors)
     remaining = tuple(factor for factor in graph.factors if factor is not fixes)
     for count, times in ((30, [2.0, 3.0, 4.0]), (29, [1.0, 1.0, 1.0])):
         place = fixes.place.copy()

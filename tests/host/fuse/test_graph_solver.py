@@ -101,7 +101,7 @@ def test_the_optimum_and_its_covariance_are_those_of_scipy(seed):
 def test_gtsam_finds_the_same_optimum_with_robust_losses():
     rng = np.random.default_rng(6)
     drive = small_drive(rng, 60)
-    place = drive.graph.find(PositionFactors).position.copy()
+    place = drive.graph.find_group(PositionFactors).position.copy()
     place[20:24] += 30.0
     graph = changed(drive.graph, PositionFactors, position=place)
     ours = solve_from_poor_guess(graph, drive.initial_poses, np.zeros(N_CONSTANTS))
@@ -117,9 +117,9 @@ def test_rotating_all_measurements_rotates_the_solution():
     graph = drive.graph.with_losses(lambda factor: QUADRATIC)
     turn, c, s = 1.1, np.cos(1.1), np.sin(1.1)
     matrix = np.array([[c, -s], [s, c]])
-    mean = graph.find(PosePriorFactors).mean[0]
-    turned = changed(graph, PositionFactors, position=graph.find(PositionFactors).position @ matrix.T)
-    turned = changed(turned, HeadingFactors, heading=graph.find(HeadingFactors).heading + turn)
+    mean = graph.find_group(PosePriorFactors).mean[0]
+    turned = changed(graph, PositionFactors, position=graph.find_group(PositionFactors).position @ matrix.T)
+    turned = changed(turned, HeadingFactors, heading=graph.find_group(HeadingFactors).heading + turn)
     turned = changed(turned, PosePriorFactors, mean=np.append(matrix @ mean[:2], mean[2] + turn)[None])
     first = solve_graph(graph, drive.initial_poses, np.zeros(N_CONSTANTS))
     poses = np.column_stack([drive.initial_poses[:, :2] @ matrix.T, drive.initial_poses[:, 2] + turn])

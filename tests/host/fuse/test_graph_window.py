@@ -64,7 +64,7 @@ def test_the_remaining_graph_has_the_optimum_of_the_full_graph():
 
 def test_a_fix_forgotten_as_refused_stays_refused():
     drive = small_drive(np.random.default_rng(35), 40)
-    positions = drive.graph.find(PositionFactors)
+    positions = drive.graph.find_group(PositionFactors)
     place = positions.position.copy()
     place[2] += 40.0
     shifted = type(positions)(

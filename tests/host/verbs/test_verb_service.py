@@ -13,7 +13,7 @@ import pytest
 from hubodo.ingest.live.record_config import CONFIG_TABLES, RecordConfig, load_record_config
 from hubodo.service import systemd_unit, udev_rules
 from hubodo.service.installation import ServiceLocation, inaccessible_parent
-from hubodo.settings_table import write_example_toml
+from hubodo.settings_table import format_example_toml
 from hubodo.verbs.config import SETTINGS
 from in_process import hubodo
 
@@ -191,7 +191,7 @@ def test_every_setting_is_explained_and_every_table_of_the_file_has_settings():
     assert tuple(SETTINGS) == CONFIG_TABLES
     for shape in SETTINGS.values():
         assert all(item.metadata.get("says") for item in dataclasses.fields(shape))
-    assert write_example_toml(SETTINGS, "head").startswith("# head\n")
+    assert format_example_toml(SETTINGS, "head").startswith("# head\n")
 
 
 @pytest.mark.parametrize(

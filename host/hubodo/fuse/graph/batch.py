@@ -1,7 +1,4 @@
-"""Batch solution of odometry, GNSS fixes and headings:
-
-one track and its constants (Shah et al. section IV).
-"""
+"""Batch solution of odometry, GNSS fixes and headings for a whole drive (Shah et al. section IV)."""
 
 from __future__ import annotations
 

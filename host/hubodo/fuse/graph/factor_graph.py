@@ -27,7 +27,7 @@ class FactorGraph:
         """Return the cost that the solver minimises: robust losses, half of the squared residuals."""
         return total_cost(self.linearise(poses, constants))
 
-    def find(self, kind: type[Kind]) -> Kind | None:
+    def find_group(self, kind: type[Kind]) -> Kind | None:
         """Return the factors of a kind, None without any."""
         return next((factor for factor in self.factors if isinstance(factor, kind)), None)
 

@@ -126,7 +126,7 @@ def localise_fixes(fixes: Fixes, start: float, end: float, sigma: float, use_dec
         raise InputError("gnss: no fix in it; leave it out, or check the receiver")
     warnings: list[str] = []
     latitude, longitude = np.asarray(fixes.latitude_deg), np.asarray(fixes.longitude_deg)
-    # What is not finite is within no bound.
+    # NaN and infinity fail this test, too.
     on_earth = (np.abs(latitude) <= 90.0) & (np.abs(longitude) <= 360.0)
     _add_warning(
         warnings,

@@ -1,7 +1,4 @@
-"""The live factor graph:
-
-a window over the last minute, with the factors and the solver of the batch solution.
-"""
+"""The live factor graph over a window of the last minute, with the factors and the solver of the batch."""
 
 from __future__ import annotations
 

@@ -101,7 +101,7 @@ def estimate_noise_factors(graph: FactorGraph, solution: Solution, pose_t: Array
 
     constants: (N_CONSTANTS,) prior 1 sigma of the constants. Returns ones where there are too few fixes.
     """
-    between, positions = graph.find(BetweenFactors), graph.find(PositionFactors)
+    between, positions = graph.find_group(BetweenFactors), graph.find_group(PositionFactors)
     if between is None or positions is None:
         return np.ones(3)
     fixes = positions.linearise(solution.poses, solution.constants)

@@ -204,7 +204,7 @@ def _segment_covariance(
         q[:, 1, 1] += inflation
     cumulative = np.cumsum(displacements)
     segment_base = (cumulative - displacements)[first_step]
-    # A mid_turn within a step swings half of it, on average.
+    # A turn within a step rotates half of it, on average.
     remaining = segment_displacement[segment] + segment_base[segment] - cumulative + 0.5 * displacements
     cos, sin = np.cos(mid_turn), np.sin(mid_turn)
     j = np.zeros((len(chord), 3, 3))

@@ -100,7 +100,7 @@ def build_result(
     from_start = _interpolate_track(path, odometry, graph, solution, variance_since_start)
     from_start = replace(from_start, x=from_start.x - track.x[0], y=from_start.y - track.y[0])
     fix_t, weight = path.t[:0], np.zeros(0)
-    positions = graph.find(PositionFactors)
+    positions = graph.find_group(PositionFactors)
     if positions is not None:
         item = positions.linearise(solution.poses, solution.constants)
         fix_t, weight = odometry.pose_t[item.pose_index], positions.loss.weight(item.squared_norms)

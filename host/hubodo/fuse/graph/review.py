@@ -35,7 +35,7 @@ def estimate_sigma_growth(
     than n independent ones: the variance of a mean grows by 1 + 2 sum of the autocorrelations, summed until
     they vanish (Geyer 1992). Only an excess beyond four sigma of chance counts.
     """
-    positions = graph.find(PositionFactors)
+    positions = graph.find_group(PositionFactors)
     if positions is None:
         return applied_growth, []
     linearised = positions.linearise(solution.poses, solution.constants)

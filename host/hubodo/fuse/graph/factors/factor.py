@@ -1,7 +1,4 @@
-"""The common shape of all factors:
-
-residuals with derivatives, a robust loss, and the poses they are tied to.
-"""
+"""The common interface of all factors, residuals with derivatives and a robust loss, and of their samples."""
 
 from __future__ import annotations
 
@@ -23,10 +20,7 @@ if TYPE_CHECKING:  # both are built from factors
 Flags = NDArray[np.bool_]
 
 _MAX_RUN_GAP = 3
-"""Difference of index up to which two outliers belong to one run:
-
-one or two inliers in between are chance.
-"""
+"""Difference of index up to which two outliers belong to one run, with up to two inliers in between."""
 
 
 class LinearisedFactors(NamedTuple):

@@ -32,11 +32,10 @@ class PosePriorFactors(FactorGroup):
 
 @dataclass(frozen=True, eq=False)
 class ConstantsPriorFactors(FactorGroup):
-    """Priors of the constants:
+    """Priors of the constants, mean and 1 sigma, (M, N_CONSTANTS) each.
 
-    mean and 1 sigma, (M, N_CONSTANTS) each; a sigma of 0 holds a constant at its mean.
-
-    They are stored with a pose of the chain, but do not depend on it.
+    A sigma of 0 holds a constant at its mean. The priors are stored with a pose of the chain, but do not
+    depend on it.
     """
 
     mean: Array
