@@ -47,7 +47,7 @@ function slow() {
   say(at("file-name"), log.file);
   say(at("file-time"), clock(feed.slow.seconds));
   say(at("file-size"), log.size < 1e8 ? `${(log.size / MB).toFixed(1)} MB` : `${(log.size / GB).toFixed(2)} GB`);
-  say(at("disk-left"), log.free === null ? "not known" : `${(log.free / GB).toFixed(log.free < 1e10 ? 2 : 0)} GB`);
+  say(at("disk-left"), log.free === null ? "unknown" : `${(log.free / GB).toFixed(log.free < 1e10 ? 2 : 0)} GB`);
   if (log.free !== null) {
     at("disk-used").style.width = `${(100 * (1 - log.free / log.disk)).toFixed(1)}%`;
     at("disk-used").className = log.free < 0.05 * log.disk ? "low" : "";
@@ -123,7 +123,7 @@ function place() {
 // What a receiver has told that is not on the map yet.
 function fixes() {
   const counts = Object.values(feed.slow?.gnss ?? {});
-  return counts.length ? `; GNSS: ${counts[0]} fixes, heading not known yet` : "";
+  return counts.length ? `; GNSS: ${counts[0]} fixes, heading not yet known` : "";
 }
 
 function legend(list, entries) {

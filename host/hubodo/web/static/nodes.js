@@ -45,8 +45,8 @@ export class NodeCards {
       cells.append(element("div", {}, element("dt", {}, title), value, chart));
       parts[key] = { value, chart };
     }
-    const button = element("button", { type: "button", class: "quiet" }, "Find bias at rest");
-    button.title = "Hold the wheel still for some ten seconds";
+    const button = element("button", { type: "button", class: "quiet" }, "Initialise bias at standstill");
+    button.title = "Keep the wheel still for about ten seconds";
     button.addEventListener("click", () => this.ask("bias", { node: name }));
     const chart = element("canvas", { role: "img" });
     const legend = element("ul", { class: "legend" });
@@ -62,7 +62,7 @@ export class NodeCards {
     const [tone, words] = health(node, link);
     state.dataset.state = tone;
     say(state, words);
-    say(where, link ? link.where || "not there" : "");
+    say(where, link ? link.where || "not connected" : "");
     const whole = node.samples + node.lost;
     value(parts.rate, node.rate.toFixed(1), "Hz");
     value(parts.lost, whole ? ((100 * node.lost) / whole).toFixed(2) : "–", `% (${node.lost})`);
@@ -76,7 +76,7 @@ export class NodeCards {
     chart.setAttribute("aria-label", `Node: ${biasWords(own)}; host: ${biasWords(node.host_bias)}; degrees per second about x, y, z`);
     const busy = node.bias !== null && node.bias.state === "initialising";
     button.disabled = busy || !link?.up;
-    say(button, busy ? "Finding…" : "Find bias at rest");
+    say(button, busy ? "Initialising…" : "Initialise bias at standstill");
   }
 
   drawn({ parts, chart, tone }, name, node, past, now) {
@@ -98,7 +98,7 @@ export class NodeCards {
 }
 
 function health(node, link) {
-  if (node.refused) { return ["bad", "other version"]; }
+  if (node.refused) { return ["bad", "version mismatch"]; }
   if (!link?.up) { return ["bad", "link down"]; }
   if (node.silent > 3) { return ["bad", `silent for ${node.silent.toFixed(0)} s`]; }
   if (node.faults.length) { return ["warn", node.faults.join(", ").replaceAll("_", " ")]; }
