@@ -1,4 +1,4 @@
-"""Pairs of effects that look alike, and for each a drive or a log on which nothing tells one from the other.
+"""Pairs of confusable effects, each with a log that does not distinguish them.
 
 On an ordinary drive with all channels each pair can be told apart. Where it cannot, the right answer is both
 names, or little confidence in one.
@@ -24,10 +24,10 @@ DRIVES = ("told apart", "blunt")
 
 @dataclass(frozen=True)
 class Pair:
-    """Two effects in the form in which they look alike.
+    """Two effects in the form in which they are confusable.
 
     motion, temperature: of the blunt log. dead: `gyro`, `accel` or neither, whose channels are all zero
-    there. why: what makes it blunt.
+        there. why: what makes it blunt.
     """
 
     one: Effect
@@ -107,7 +107,7 @@ PAIRS = (
 
 
 def blunt(seed: int, pair: Pair, seconds: float = SECONDS) -> Setup:
-    """The setup of a seed on the blunt log of a pair."""
+    """Return the setup of a seed on the log that does not distinguish a pair."""
     setup = cases.setup(seed, duration=seconds, vibration=0.0)
     rng = np.random.default_rng((seed, 9))
     t = setup.drive.motion.t
@@ -130,7 +130,7 @@ def blunt(seed: int, pair: Pair, seconds: float = SECONDS) -> Setup:
 
 
 def records(setup: Setup, hidden: Iterable[Effect], dead: str = "") -> dict[str, Record]:
-    """What both nodes write, with zeros for what is dead."""
+    """Return the records of both nodes, with zeros on dead channels."""
     made = {node: cases.record(setup, node, hidden) for node in effects.SIDES}
     alive = np.repeat([dead != "gyro", dead != "accel"], 3)
     return {node: replace(one, values=one.values * alive) for node, one in made.items()}

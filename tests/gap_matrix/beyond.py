@@ -1,4 +1,4 @@
-"""Kinds that no list has and a person would name: what each adds, and its true formula.
+"""Kinds of effect outside the vocabulary: what each adds to the readings, and its true formula.
 
 Each is added to what a node feels, before its noise, and dosed like any other effect; the slipping clock is
 in the stamps instead. `truth` is by the names that the parameters of a scaffolded effect can have: what leans
@@ -45,7 +45,7 @@ Draw = Callable[[np.random.Generator, Setup, Channels, Array], Unit]
 
 
 def hide(setup: Setup, name: str, nats: float) -> Beyond:
-    """The kind as this seed draws it, worth so many nats where it is. KeyError for another name."""
+    """Return the kind as drawn by this seed, scaled to a gain in nats. Raises KeyError for another name."""
     rng = np.random.default_rng((setup.seed, 9, *name.encode()))
     node = str(rng.choice(SIDES))
     if name == "slipping_clock":
@@ -169,5 +169,5 @@ def _six(**channels: Array) -> Array:
 
 
 def _facing(felt: Channels) -> float:
-    """+1 where the z axis points left, from what gravity shows: f_y = -facing g sin(angle)."""
+    """Return +1 where the z axis points left, read off gravity: f_y = -facing g sin(angle)."""
     return float(-np.sign(np.sum(felt.force[1] * np.sin(felt.angle))))

@@ -1,4 +1,4 @@
-"""A case: a vehicle, its nodes and a drive from one seed, and the effects hidden in what the nodes write."""
+"""Cases: vehicle, nodes and drive from one seed, and the effects hidden in the records."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ def setup(
     vibration: float | None = None,
     speed_noise: float = 0.0005,
 ) -> Setup:
-    """Everything from the seed; the same seed with another hidden effect is the same drive and noise.
+    """Return the setup of a seed; the drive and the noise do not depend on the hidden effect.
 
     duration: s, else one of drives.DURATIONS. vibration: of both nodes, else drawn. speed_noise: m/s, of the
-    reference.
+        reference.
     """
     rng, on_road, chips = (_rng(seed, k) for k in (0, 1, 2))
     if duration is None:
@@ -82,7 +82,10 @@ def setup(
 
 
 def sampled_at(setup: Setup, rate_hz: float, rng: np.random.Generator, jitter: float | None = None) -> Setup:
-    """The same drive with both nodes sampled at another rate. jitter: as in `Noise`, else as it is."""
+    """Return the same drive with both nodes sampled at another rate.
+
+    jitter: as in `Noise`, default unchanged
+    """
     noise = {
         side: replace(one, rate_hz=rate_hz, jitter=one.jitter if jitter is None else jitter)
         for side, one in setup.noise.items()
@@ -92,14 +95,17 @@ def sampled_at(setup: Setup, rate_hz: float, rng: np.random.Generator, jitter: f
 
 
 def hidden_effect(setup: Setup, name: str, scope: str | None = None) -> Effect:
-    """The effect as this seed draws it, at its typical size. ValueError when the model file declares it."""
+    """Return the effect drawn by this seed at its typical size.
+
+    Raises ValueError if the model file declares it.
+    """
     if name in [effect.name for effect in setup.known]:
         raise ValueError(f"{name}: already in the model file of this case")
     return effects.draw(name, _rng(setup.seed, 6, *name.encode()), scope)
 
 
 def wheel(setup: Setup, node: str, present: Iterable[Effect]) -> Wheel:
-    """The wheel of a node with what is present, known or hidden."""
+    """Return the wheel of a node with the effects present, known or hidden."""
     found = effects.settings(present, node)
 
     def of(name: str, key: str) -> float:
@@ -122,13 +128,13 @@ def wheel(setup: Setup, node: str, present: Iterable[Effect]) -> Wheel:
 
 
 def channels(setup: Setup, node: str, present: Iterable[Effect], turned: float = 0.0) -> Channels:
-    """What a perfect node would feel; `turned`: rad added to its wheel's angle at the start."""
+    """Return the ideal readings of a node; `turned`: rad added to its initial wheel angle."""
     true = wheel(setup, node, present)
     return world.feel(setup.drive.motion, replace(true, start_angle=true.start_angle + turned))
 
 
 def record(setup: Setup, node: str, hidden: Iterable[Effect], added: Array | float = 0.0) -> Record:
-    """What the node writes. added: as in `sensor.read`."""
+    """Return the record of a node; `added`: as in `sensor.read`."""
     present = [*setup.known, *hidden]
     return sensor.read(
         channels(setup, node, present),
@@ -142,7 +148,7 @@ def record(setup: Setup, node: str, hidden: Iterable[Effect], added: Array | flo
 
 
 def reference(setup: Setup) -> Array:
-    """(n, 4): t, speed, yaw rate, temperature; speed and yaw rate with their declared noise."""
+    """Return (n, 4): t, speed, yaw rate, temperature; speed and yaw rate with their declared noise."""
     motion, rng = setup.drive.motion, _rng(setup.seed, 4)
     every = round(REFERENCE_STEP / motion.step)
     rows = np.stack([motion.t, motion.speed, motion.yaw_rate, setup.drive.temperature], 1)[::every]

@@ -1,4 +1,4 @@
-"""How strong an effect is on one drive: the log-likelihood that knowing it would gain, in nats.
+"""Strength of an effect on one drive: the log-likelihood gained by knowing it, in nats.
 
 The gain is what a filter gains that knows everything, the effect included, over one that knows everything but
 the effect. Neither is given the wheel's angle: it starts anywhere and walks as the speed reference's noise
@@ -30,7 +30,7 @@ IN_THE_WORLD = {
 
 @dataclass(frozen=True)
 class _Node:
-    """One node without the effect: its channels, how they answer the wheel's angle, the noise; all (n, 6)."""
+    """One node without the effect: ideal readings, derivative by wheel angle, and noise, (n, 6) each."""
 
     felt: Channels
     clean: Array
@@ -40,7 +40,7 @@ class _Node:
 
 
 class Meter:
-    """Measures effects on one setup; keeps what does not depend on the effect.
+    """A meter of effects on one setup, which stores what does not depend on the effect.
 
     dead: `gyro` or `accel`, whose channels say nothing.
     """
@@ -155,7 +155,7 @@ class Meter:
 
 
 def _next_size(low: float, high: float, size: float, wanted: float) -> float:
-    """Where a gain that grows as the square of the size is `wanted` times larger, if inside (low, high).
+    """Return the size at which a quadratic gain is `wanted` times larger, if inside (low, high).
 
     Else half way between the bounds; else outwards, while one is not known yet.
     """
@@ -168,7 +168,7 @@ def _next_size(low: float, high: float, size: float, wanted: float) -> float:
 
 
 def angle_free_gain(difference: Array, turning: Array, sigma: Array, drift: Array) -> float:
-    """½ d' (R + H P H')⁻¹ d for a difference d (n, 6) of the channels.
+    """Return ½ d' (R + H P H')⁻¹ d for a difference d, (n, 6), of the channels.
 
     Noise R = diag(sigma²); an angle that enters by H = `turning`, unknown at first, then walking with the
     variances `drift` (n,). It is the quadratic form of a Kalman filter's innovations when d is what it sees.
@@ -188,7 +188,7 @@ def angle_free_gain(difference: Array, turning: Array, sigma: Array, drift: Arra
 
 
 def quantization_gain(step: float, sigma: Array) -> float:
-    """Of noise of variance sigma² + (step² - LSB²) / 12 over sigma²: what the residuals' size shows.
+    """Return the gain of noise variance sigma² + (step² - LSB²) / 12 over sigma².
 
     That the values lie on a coarse lattice shows far more, to whoever looks at values instead.
     """
@@ -197,7 +197,7 @@ def quantization_gain(step: float, sigma: Array) -> float:
 
 
 def random_walk_gain(k: float, sigma: Array, interval: float) -> float:
-    """Of white noise plus a walk from zero, k √interval per sample, over white noise.
+    """Return the gain of white noise plus a walk, k √interval per sample, over white noise alone.
 
     The walk's covariance min(i, j) has the eigenvalues 1 / (4 sin²((2 j - 1) π / (4 n + 2))).
     """
@@ -208,7 +208,7 @@ def random_walk_gain(k: float, sigma: Array, interval: float) -> float:
 
 
 def outlier_gain(probability: float, size: float, count: int) -> float:
-    """Of the mixture (1 - p) N(0, 1) + p N(0, 1 + size²) over N(0, 1), `count` times, by quadrature."""
+    """Return the gain of the mixture (1 - p) N(0, 1) + p N(0, 1 + size²) over N(0, 1), by quadrature."""
     hits = sensor.chosen(probability, count) / count
     wide = np.hypot(1.0, size)
     x = np.linspace(0.0, 9.0 * wide, 6001)
@@ -218,7 +218,7 @@ def outlier_gain(probability: float, size: float, count: int) -> float:
 
 
 def repeat_gain(probability: float, clean: Array, sigma: Array) -> float:
-    """Of samples that equal their predecessor in six rounded channels.
+    """Return the gain of samples that equal their predecessor in six rounded channels.
 
     That is certain where a sample is stale, and else the less likely the narrower the roundings are and the
     further the channels have moved on.
@@ -230,7 +230,7 @@ def repeat_gain(probability: float, clean: Array, sigma: Array) -> float:
 
 
 def clipping_gain(limit: float, clean: Array, sigma: Array, lsb: float) -> float:
-    """A clipped value stands for all that would lie beyond, instead of for one step of the chip."""
+    """Return the gain of clipped values, which stand for the whole tail beyond the limit."""
     z = (limit - np.abs(clean)) / sigma
     beyond = norm.logsf(z)
     each = np.exp(beyond) * (beyond - norm.logpdf(z) - np.log(lsb / sigma))

@@ -1,4 +1,4 @@
-"""Random drives and benches: what the vehicle does and how warm the nodes are, from a seeded rng.
+"""Random drives and benches: motion of the vehicle and temperature of the nodes, from a seeded generator.
 
 A drive is a blend of sections, each of another kind (jerk-limited legs, sums of sines, filtered noise), that
 starts at rest, turns both ways and stops now and then. Speeds reach 3 to 6 m/s. No section is limited to the
@@ -36,7 +36,7 @@ class Drive:
 
 
 def draw(rng: np.random.Generator, duration: float, kind: str = "drive") -> Drive:
-    """A drive or bench of `duration` s. ValueError when kind is not one of KINDS."""
+    """Return a drive or bench of `duration` s. Raises ValueError if kind is not one of KINDS."""
     if kind not in KINDS:
         raise ValueError(f"kind {kind!r}: one of {', '.join(KINDS)}")
     t = np.arange(round(duration / STEP) + 1) * STEP
@@ -54,13 +54,16 @@ def draw(rng: np.random.Generator, duration: float, kind: str = "drive") -> Driv
 
 
 def _ease(x: Array) -> Array:
-    """From 0 to 1 with two continuous derivatives, x clipped to 0..1."""
+    """Return a smooth step from 0 to 1 with two continuous derivatives."""
     x = np.clip(x, 0.0, 1.0)
     return x**3 * (10.0 + x * (6.0 * x - 15.0))
 
 
 def _gate(rng, t, top):
-    """1 while it may move, 0 at the start, at the end and at a few stops; 1.3 to 3.4 m/s² from `top` m/s."""
+    """Return a factor, 0 at the start, at the end and at a few stops, otherwise 1.
+
+    The acceleration is 1.3 to 3.4 m/s² from `top` m/s.
+    """
     ramps = iter(top * rng.uniform(0.55, 1.4, max(20, 4 + int(t[-1] / 17.0))))
     gate = _ease((t - rng.uniform(2.0, 5.0)) / next(ramps))
     gate = gate * _ease((t[-1] - rng.uniform(0.5, 2.5) - t) / next(ramps))
@@ -76,7 +79,7 @@ def _gate(rng, t, top):
 
 
 def _blend(rng, t, makers):
-    """Sections of 15 to 40 s, each of a kind drawn anew, that fade into each other within 2 s."""
+    """Return sections of 15 to 40 s, each of a random kind, with transitions of 2 s."""
     bounds = [0.0]
     while bounds[-1] < t[-1]:
         bounds.append(bounds[-1] + rng.uniform(15.0, 40.0))
@@ -90,7 +93,7 @@ def _blend(rng, t, makers):
 
 
 def _legs(rng, t, level, change, jerk):
-    """Levels held for a while, joined by S-curves of at most `change()` per second and `jerk` per second²."""
+    """Return constant levels joined by S-curves of at most `change()` per second and `jerk` per second²."""
     first = now_at = level()
     knots, pulls, now = [0.0], [0.0], 0.0
     while now < t[-1]:
@@ -106,7 +109,7 @@ def _legs(rng, t, level, change, jerk):
 
 
 def _sines(rng, t, low, high):
-    """Sum of sines of unit variance, frequencies log-uniform in Hz."""
+    """Return a sum of sines of unit variance, with log-uniform frequencies in Hz."""
     count = int(rng.integers(3, 9))
     frequency = np.exp(rng.uniform(np.log(low), np.log(high), count))
     size = rng.uniform(0.3, 1.0, count) / (1.0 + frequency / 0.3)
@@ -117,7 +120,7 @@ def _sines(rng, t, low, high):
 
 
 def _noise(rng, t, low, high):
-    """Gaussian noise of unit variance through a low-pass of the third order, there and back, at 50 Hz."""
+    """Return Gaussian noise of unit variance through a zero-phase third-order low-pass, at 50 Hz."""
     coarse = np.arange(-20.0, t[-1] + 21.0, 0.02)
     corner = np.exp(rng.uniform(np.log(low), np.log(high)))
     made = sosfiltfilt(butter(3, corner, fs=50.0, output="sos"), rng.standard_normal(len(coarse)))
@@ -161,7 +164,7 @@ def _turn_noise(rng, t):
 
 
 def _weather(rng, t):
-    """°C on a drive: a trend, slow waves and a change of place; 3 to 12 °C from lowest to highest."""
+    """Return the temperature on a drive, °C: trend, slow waves and a change of place, range 3 to 12 °C."""
     u = t / t[-1]
     shape = rng.uniform(-1.0, 1.0) * u
     for _ in range(3):
@@ -173,7 +176,7 @@ def _weather(rng, t):
 
 
 def _warming(rng, t):
-    """°C on a bench: rises by 4 to 12 °C as x / (1 + x), a hyperbola, with a slow wave on it."""
+    """Return the temperature on a bench, °C: a hyperbolic rise of 4 to 12 °C with a slow wave."""
     x = t / rng.uniform(30.0, 200.0)
     rise = x / (1.0 + x)
     wave = rng.uniform(0.05, 0.15) * np.sin(2 * np.pi * t / rng.uniform(40.0, 120.0))
@@ -181,7 +184,7 @@ def _warming(rng, t):
 
 
 def _table(rng, t):
-    """rad/s of a table that turns for a while and rests for a while, each way."""
+    """Return the rate of a table, rad/s, that turns and stops in both directions."""
     made, now = np.zeros(len(t)), rng.uniform(3.0, 6.0)
     while now < t[-1] - 8.0:
         length, ramp = rng.uniform(4.0, 15.0), rng.uniform(0.4, 1.5)

@@ -1,4 +1,4 @@
-"""The effects that can be hidden: their parameters at a typical size, whose they are, and how they scale."""
+"""Effects that can be hidden: parameters at a typical size, level and scaling."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ PAIRS = ("xz", "xy", "yz", "yx", "zy", "zx")
 
 @dataclass(frozen=True)
 class Effect:
-    """An effect that is hidden.
+    """A hidden effect.
 
     scope: `left`, `right`, `all` (both nodes, same numbers) or `vehicle`. parameters: as in the model file,
-    SI. size: times the typical magnitude.
+        SI. size: times the typical magnitude.
     """
 
     name: str
@@ -41,7 +41,7 @@ class _Kind:
 
 
 def _direction(typical: float, names: Iterable[str] = AXES):
-    """A vector of length `typical`, any direction."""
+    """Return a random vector of length `typical`."""
 
     def draw(rng):
         drawn = rng.standard_normal(len(tuple(names)))
@@ -99,7 +99,7 @@ KINDS: dict[str, _Kind] = {
 
 
 def draw(name: str, rng: np.random.Generator, scope: str | None = None) -> Effect:
-    """The effect at its typical size: signs, directions and, unless given, the scope are drawn.
+    """Draw the effect at its typical size: signs, directions and, unless given, the scope.
 
     ValueError when the name or the scope is none of the vocabulary's.
     """
@@ -113,7 +113,7 @@ def draw(name: str, rng: np.random.Generator, scope: str | None = None) -> Effec
 
 
 def scaled(effect: Effect, factor: float) -> Effect:
-    """`factor` times as strong; a limit is divided by it."""
+    """Return the effect `factor` times as strong; a limit is divided by it."""
     kind = KINDS[effect.name]
     times = 1.0 / factor if kind.limit else factor
     grown = {key: value if key == kind.lasting else value * times for key, value in effect.parameters.items()}
@@ -121,12 +121,12 @@ def scaled(effect: Effect, factor: float) -> Effect:
 
 
 def possible(effect: Effect) -> bool:
-    """Whether a real wheel, node or clock could be like that."""
+    """Return True if a real wheel, node or clock could have it."""
     kind = KINDS[effect.name]
     sizes = [abs(value) for key, value in effect.parameters.items() if key != kind.lasting]
     return min(sizes) >= kind.most if kind.limit else max(sizes) <= kind.most
 
 
 def settings(effects: Iterable[Effect], node: str) -> dict[str, Mapping[str, float]]:
-    """What concerns one node, by name."""
+    """Return the parameters that concern one node, by name."""
     return {effect.name: effect.parameters for effect in effects if effect.concerns(node)}

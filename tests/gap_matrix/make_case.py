@@ -38,10 +38,14 @@ def make(
     speed_noise: float = 0.0005,
     rate_hz: float | None = None,
 ) -> list[effects.Effect]:
-    """Writes a case and gives what is hidden in it.
+    """Write a case and return the hidden effects.
 
-    names: none, one or more, each with its own dose. strength: of STRENGTHS, or nats. factor: times the
-    typical size instead. rate_hz: of both nodes, else drawn. ValueError as `Meter.dose`.
+    names: none, one or more, each with its own dose
+    strength: one of STRENGTHS, or nats
+    factor: multiple of the typical size, instead of a strength
+    rate_hz: of both nodes, default drawn
+
+    Raises ValueError as `Meter.dose`.
     """
     setup = cases.setup(seed, kind, duration, known, vibration, speed_noise)
     if rate_hz is not None:
@@ -71,7 +75,7 @@ def make(
 
 
 def main() -> int:
-    """Prints what is hidden."""
+    """Write a case and print the hidden effects."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

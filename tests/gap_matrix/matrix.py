@@ -1,4 +1,4 @@
-"""The matrix of hidden effects: makes logs, has them diagnosed, prints what was named and what was not.
+"""The matrix of hidden effects: make logs, diagnose them, print what was named.
 
     python tests/gap_matrix/matrix.py [--tables singles,nulls,pairs,open,alike,controls] [--seeds test] ...
 
@@ -32,7 +32,7 @@ from gap_matrix.judge.run import run
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Runs what is missing, prints the tables."""
+    """Run the missing cells and print the tables."""
     args = _arguments(argv)
     wanted = Wanted(
         tables=args.tables,

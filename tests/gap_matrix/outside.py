@@ -1,4 +1,4 @@
-"""Eight effects that no vocabulary here has: each with the channels it shows in and what it depends on.
+"""Eight effects outside the vocabulary, each with the channels and the quantity that show it.
 
 All are added to what a node feels, before its noise; one node of the two has it. What is linear is dosed like
 any other effect (`dose.Meter`); bit errors are counted, since a single one is worth thousands of nats.
@@ -28,10 +28,10 @@ _SHOWS = 0.2
 
 @dataclass(frozen=True)
 class Outsider:
-    """What is hidden: its kind, its node, how large.
+    """A hidden effect outside the vocabulary: its kind, node and size.
 
     added: (n, 6). channels: `left.gx` and so on, where it shows. words: of which one should stand in a
-    description of what it depends on.
+        description of what it depends on.
     """
 
     name: str
@@ -53,7 +53,10 @@ class _Kind:
 
 
 def hide(setup: Setup, name: str, strength: str, meter: Meter | None = None) -> Outsider:
-    """The outsider as this seed draws it, medium or strong. KeyError when the name is none of KINDS."""
+    """Return the effect drawn by this seed, medium or strong.
+
+    Raises KeyError if the name is not one of KINDS.
+    """
     kind = KINDS[name]
     rng = np.random.default_rng((setup.seed, 8, *name.encode()))
     node = str(rng.choice(SIDES))
@@ -72,7 +75,7 @@ def hide(setup: Setup, name: str, strength: str, meter: Meter | None = None) -> 
 
 
 def records(setup: Setup, outsider: Outsider) -> dict[str, sensor.Record]:
-    """What both nodes write."""
+    """Return the records of both nodes."""
     return {
         node: cases.record(setup, node, [], outsider.added if node == outsider.node else 0.0)
         for node in SIDES
@@ -178,11 +181,11 @@ def _six(**channels: Array) -> Array:
 
 
 def _gyro(rng, shape: Array) -> Array:
-    """The shape in a drawn direction of the three gyro axes."""
+    """Return the shape in a random direction of the three gyro axes."""
     direction = rng.standard_normal(3)
     return np.outer(shape, [*(direction / np.linalg.norm(direction)), 0.0, 0.0, 0.0])
 
 
 def _facing(felt: Channels) -> float:
-    """+1 where the z axis points left, from what gravity shows: f_y = -facing g sin(angle)."""
+    """Return +1 where the z axis points left, read off gravity: f_y = -facing g sin(angle)."""
     return float(-np.sign(np.sum(felt.force[1] * np.sin(felt.angle))))

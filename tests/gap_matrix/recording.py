@@ -1,4 +1,4 @@
-"""The files of a case: the CSV folder that `import` takes, model.toml without what is hidden, hidden.json."""
+"""Files of a case: a CSV folder, model.toml without the hidden effects, and hidden.json."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def write(
     truth: dict[str, Any],
     records: Mapping[str, Record] | None = None,
 ) -> None:
-    """Writes left.csv, right.csv, reference.csv, model.toml and, of `truth` and the effects, hidden.json.
+    """Write left.csv, right.csv, reference.csv, model.toml and, from `truth` and the effects, hidden.json.
 
     records: of the nodes, where they are not what the setup with the hidden effects gives.
     """
@@ -53,7 +53,7 @@ def write(
 
 
 def model_file(setup: Setup) -> str:
-    """model.toml: the nominal vehicle, the declared noise and the known effects; nothing that is hidden."""
+    """Return model.toml: nominal vehicle, declared noise and known effects, nothing hidden."""
     noise = setup.noise[SIDES[0]]
     lines = [
         "[vehicle]",

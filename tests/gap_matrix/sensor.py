@@ -1,4 +1,4 @@
-"""The sensor chain: what a node makes of a perfect rate and force, and which time it writes beside it.
+"""Sensor chain of the independent simulator: from ideal rate and force to records with time stamps.
 
 `clean` is the part without chance (mounting, low-pass, scale, bias), at any times; `read` adds the rest: rate
 random walk, white noise, outliers, saturation, the chip's steps, stale samples and stamps.
@@ -45,21 +45,20 @@ class Record:
 
 
 def sample_times(duration: float, noise: Noise, rng: np.random.Generator) -> Array:
-    """(n,) s: when samples are truly taken, uneven, inside the first and last 20 ms of the drive."""
+    """Return the true sample times, (n,) s, uneven and away from both ends of the drive by 20 ms."""
     period = 1.0 / noise.rate_hz
     even = np.arange(0.02 + rng.uniform(0.0, period), duration - 0.02 - 2.0 * period, period)
     return even + period * noise.jitter * rng.uniform(-1.0, 1.0, len(even))
 
 
 def stamps(taken: Array, settings: Settings) -> Array:
-    """(n,) s: what a sample taken at `taken` carries."""
+    """Return the time stamps, (n,) s, of samples taken at `taken`."""
     skew = settings.get("clock_skew", {}).get("ppm", 0.0) * 1e-6
     return taken * (1.0 + skew) + settings.get("time_offset", {}).get("delay", 0.0)
 
 
 def clean(channels: Channels, settings: Settings, taken: Array, temperature: Array) -> Array:
-    """(n, 6) at the true times `taken`, with all that is not chance, not clipping and not rounding.
-    temperature: (N,) °C along the motion."""
+    """Return the readings, (n, 6), at the true times `taken`, without noise, clipping and rounding."""
     rate, force = channels.rate, channels.force
     if "node_misalignment" in settings:
         turned = Rotation.from_rotvec(_vector(settings["node_misalignment"])).as_matrix()
@@ -83,7 +82,7 @@ def clean(channels: Channels, settings: Settings, taken: Array, temperature: Arr
 
 
 def accel_sigma(noise: Noise, speed: Array) -> Array:
-    """(n,) m/s²: what the accelerometer's noise truly is at a speed."""
+    """Return the true noise of the accelerometer, (n,) m/s², at a speed."""
     return noise.accel * (1.0 + noise.vibration * np.abs(speed))
 
 
@@ -96,7 +95,7 @@ def read(
     rng: np.random.Generator,
     added: Array | float = 0.0,
 ) -> Record:
-    """What the node writes. added: (n, 6), what comes on top before the noise.
+    """Return the record of a node; added: (n, 6), added before the noise.
 
     Outliers and stale samples come in the number their probability says, at random places, so that a weak
     effect is never absent by luck; each channel has its own outliers.
@@ -129,12 +128,12 @@ def read(
 
 
 def chosen(probability: float, count: int) -> int:
-    """How many of `count` are hit: at least one."""
+    """Return the number of hits among `count` samples, at least one."""
     return max(1, round(probability * count))
 
 
 def one_pole(value: Array, time_constant: float, step: float) -> Array:
-    """Low-pass along the last axis, exact for an input that is linear between samples; starts settled."""
+    """Return the low-pass along the last axis, exact for piecewise linear input, starting settled."""
     x = step / time_constant
     decay = np.exp(-x)
     new = 1.0 - (1.0 - decay) / x
@@ -144,7 +143,7 @@ def one_pole(value: Array, time_constant: float, step: float) -> Array:
 
 
 def sampled(rows: Array, step: float, at: Array) -> Array:
-    """(k, n): rows (k, N) on the even grid, at the times `at`, by the cubic through four neighbours."""
+    """Return rows, (k, N) on the even grid, at the times `at`, by the cubic through four neighbours."""
     position = at / step
     first = np.clip(position.astype(int) - 1, 0, rows.shape[1] - 4)
     u = position - first

@@ -1,4 +1,4 @@
-"""The physics: a rigid wheel in the world at 1 kHz, differentiated numerically into rate and specific force.
+"""Physics of the independent simulator: a rigid wheel at 1 kHz, differentiated numerically.
 
 Nothing is written in node axes. The wheel angle comes from the rolled arc (fourth-order quadrature, an
 eccentric wheel by Newton's method on its arc length), the node's axes are three vectors in the world, its
@@ -20,10 +20,10 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Motion:
-    """What the vehicle does.
+    """Motion of the vehicle.
 
     speed, yaw_rate: (N,) m/s, rad/s of the body origin every `step` s from t = 0, with continuous first
-    derivatives.
+        derivatives.
     """
 
     speed: Array
@@ -52,8 +52,8 @@ class Wheel:
     """One wheel and the node on it, as they truly are.
 
     side: +1 left, -1 right. facing: +1 when the node's z axis points left, -1 right. radius, track: m.
-    growth: s²/rad². slip: s²/m. eccentricity: amplitude of the radius as a fraction, at angle `phase`.
-    camber, grade, start_angle: rad. arm: (3,) m from the axle to the sensing point, node axes.
+        growth: s²/rad². slip: s²/m. eccentricity: amplitude of the radius as a fraction, at angle `phase`.
+        camber, grade, start_angle: rad. arm: (3,) m from the axle to the sensing point, node axes.
     """
 
     side: float
@@ -72,7 +72,7 @@ class Wheel:
 
 @dataclass(frozen=True)
 class Channels:
-    """What a perfect node feels: angle (N,) rad, rate (3, N) rad/s, force (3, N) m/s², along Motion.t."""
+    """Ideal readings: angle, (N,) rad, rate, (3, N) rad/s, force, (3, N) m/s², along Motion.t."""
 
     motion: Motion = field(repr=False)
     angle: Array
@@ -81,7 +81,7 @@ class Channels:
 
 
 def feel(motion: Motion, wheel: Wheel) -> Channels:
-    """Rate and specific force at the sensing point, in the axes of the node before its mounting error."""
+    """Return rate and specific force at the sensing point, in node axes before the mounting error."""
     forward, left, up = motion.axes
     lean = wheel.side * wheel.camber
     wheel_up = np.cos(lean) * up - np.sin(lean) * left
@@ -102,15 +102,14 @@ def feel(motion: Motion, wheel: Wheel) -> Channels:
 
 
 def contact_speed(motion: Motion, wheel: Wheel) -> Array:
-    """(N,) m/s at which the wheel's contact moves over the ground."""
+    """Return the speed of the wheel's contact point over the ground, (N,) m/s."""
     return motion.speed - motion.yaw_rate * wheel.side * 0.5 * wheel.track
 
 
 def wheel_angle(motion: Motion, wheel: Wheel) -> Array:
-    """(N,) rad: w (1 + growth w²) (1 + eccentricity cos(angle - phase)) = rolled speed / radius, solved.
+    """Return the wheel angle, (N,) rad.
 
-    Without growth the arc is the known function angle + eccentricity sin(angle - phase) of the angle, so the
-    equation is a quadrature and an inversion. Growth stretches the arc by what the last round found.
+    Solves w (1 + growth w²) (1 + eccentricity cos(angle - phase)) = rolled speed / radius.
     """
     rolled = contact_speed(motion, wheel)
     rolled = rolled * (1.0 + wheel.slip * slope(rolled, motion.step)) / wheel.radius
@@ -138,19 +137,22 @@ def _grown_rate(rolled: Array, angle: Array, wheel: Wheel) -> Array:
 
 
 def dot(a: Array, b: Array) -> Array:
-    """(N,): products of two fields of vectors (3, N)."""
+    """Return the products, (N,), of two fields of vectors, (3, N)."""
     return np.einsum("in,in->n", a, b)
 
 
 def integral(value: Array, step: float) -> Array:
-    """(N,): from the first sample, by the cubic through four samples; a plain trapezoid at both ends."""
+    """Return the integral, (N,), from the first sample by the cubic through four samples.
+
+    The ends use a trapezoid.
+    """
     piece = 0.5 * (value[1:] + value[:-1])
     piece[1:-1] += (value[1:-2] + value[2:-1] - value[:-3] - value[3:]) / 24.0
     return step * np.concatenate([[0.0], np.cumsum(piece)])
 
 
 def slope(value: Array, step: float) -> Array:
-    """First derivative along the last axis, fourth order; two samples at each end repeat their neighbour."""
+    """Return the first derivative along the last axis, fourth order; two samples at each end repeat."""
     made = np.empty_like(value)
     made[..., 2:-2] = 8.0 * (value[..., 3:-1] - value[..., 1:-3]) - (value[..., 4:] - value[..., :-4])
     made[..., 2:-2] /= 12.0 * step
@@ -158,7 +160,7 @@ def slope(value: Array, step: float) -> Array:
 
 
 def curvature(value: Array, step: float) -> Array:
-    """Second derivative along the last axis, fourth order; ends as in `slope`."""
+    """Return the second derivative along the last axis, fourth order; ends as in `slope`."""
     made = np.empty_like(value)
     made[..., 2:-2] = 16.0 * (value[..., 3:-1] + value[..., 1:-3]) - (value[..., 4:] + value[..., :-4])
     made[..., 2:-2] -= 30.0 * value[..., 2:-2]

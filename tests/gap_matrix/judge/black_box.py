@@ -1,4 +1,4 @@
-"""A model of the residual that names nothing: it shrinks the gap too, so shrinking is no naming.
+"""A black-box model of the residual, which reduces the gap without naming any effect.
 
 Each channel of each node by ridge regression on smooth functions of what drives the wheel: harmonics of its
 angle, times powers of speed and turning, plus temperature and time. Fitted to what is not held out.
@@ -24,7 +24,7 @@ HARMONICS = 3
 
 
 def held_out(folder: Path) -> dict[str, float]:
-    """The gap on what the workflow holds out, before and after, of the model that nothing was added to."""
+    """Return the held-out gap before and after fitting the black box."""
     recording, model = read_folder(folder), read_model(folder / "model.toml")
     everything = _Everything()
     residuals = find_gap(recording, model, reject=everything).residual_steps[0]
@@ -47,7 +47,7 @@ class _Everything(frozenset[str]):
 
 
 def _columns(node: NodeData) -> Array:
-    """(N, k), each of unit size."""
+    """Return regressors, (N, k), of unit size."""
     body = node.forward.inputs.at(node.t)
     side = {"left": 0.5, "right": -0.5}.get(node.mount.side or "", 0.0)
     angle = (body.distance - side * node.forward.track_width * body.heading) / node.forward.wheel_radius

@@ -1,4 +1,4 @@
-"""Whether confidences mean what they say: shares of right names by confidence, as a table and a diagram."""
+"""Calibration of confidences: share of correct names by confidence, as a table and a diagram."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _INTERVAL = 0.9
 
 @dataclass(frozen=True)
 class Given:
-    """A name that was given: how sure, and whether it is right."""
+    """A name with its confidence, and whether it is correct."""
 
     confidence: float
     right: bool
@@ -26,7 +26,10 @@ class Given:
 
 @dataclass(frozen=True)
 class Bin:
-    """Names given with a confidence from low to high. interval: of the share that is right, exact, 90 %."""
+    """Names with a confidence from low to high, and the exact 90 % interval of the share that is correct.
+
+    interval: of the share that is right, exact, 90 %.
+    """
 
     low: float
     high: float
@@ -50,7 +53,7 @@ class Bin:
 
 
 def binned(given: Sequence[Given], edges: Sequence[float] = EDGES) -> list[Bin]:
-    """The bins that have names in them; each has its lower edge, the last one both."""
+    """Return the bins that contain names; each includes its lower edge, the last one both."""
     made = []
     for low, high in pairwise(edges):
         here = [it for it in given if low <= it.confidence < high or (it.confidence == high == edges[-1])]
@@ -64,7 +67,7 @@ def binned(given: Sequence[Given], edges: Sequence[float] = EDGES) -> list[Bin]:
 
 
 def diagram(bins: Sequence[Bin], title: str, path: Path) -> None:
-    """The share of right names over the confidence, with its intervals; .png, .svg."""
+    """Write a diagram of the share of correct names over confidence, with intervals, as .png or .svg."""
     figure = new_figure(6.0, 4.6)
     axes = figure.add_subplot()
     # By place, not by value: most that matters lies between 0.9 and 1.

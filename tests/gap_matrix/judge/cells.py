@@ -1,4 +1,4 @@
-"""The cells of every table: what is hidden in which drive, from which seed; the same for the same options."""
+"""Cells of all tables: the hidden effects, the drive and the seed of each log."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Wanted:
-    """How much of each table. names: only these effects (kinds in the open set), all when empty."""
+    """The extent of each table; names: only these effects (kinds in the open set), default all."""
 
     tables: Sequence[str] = TABLES
     seeds: str = "development"
@@ -62,7 +62,7 @@ class Wanted:
 
 
 def cells(wanted: Wanted) -> list[Cell]:
-    """All cells of the tables that are wanted, in their order."""
+    """Return all cells of the requested tables, in their order."""
     makers = {
         "singles": _singles,
         "nulls": _nulls,
@@ -81,7 +81,7 @@ def _seeds(wanted: Wanted, table: str, number: int) -> tuple[int, ...]:
 
 
 def _singles(wanted: Wanted) -> Iterator[Cell]:
-    """The same drives and noise for each strength of an effect."""
+    """Yield the same drives and noise for each strength of an effect."""
     for k, name in enumerate(effects.KINDS):
         if wanted.names and name not in wanted.names:
             continue
@@ -92,7 +92,7 @@ def _singles(wanted: Wanted) -> Iterator[Cell]:
 
 
 def _nulls(wanted: Wanted) -> Iterator[Cell]:
-    """Drives of one to four minutes.
+    """Yield drives of one to four minutes.
 
     Every tenth is a bench, every tenth a turntable, every fourth has effects that the model file declares.
     """
@@ -106,7 +106,7 @@ def _nulls(wanted: Wanted) -> Iterator[Cell]:
 
 
 def pair_list(count: int) -> list[tuple[tuple[str, float], tuple[str, float]]]:
-    """The first `count` of the fixed list: two names, each with its nats from medium to strong."""
+    """Return the first `count` pairs of the fixed list: two names with their gains from medium to strong."""
     rng = np.random.default_rng(PAIR_LIST_SEED)
     everything = list(combinations(effects.KINDS, 2))
     made = []
@@ -163,7 +163,7 @@ def _controls(wanted: Wanted) -> Iterator[Cell]:
 
 
 def _long(wanted: Wanted) -> Iterator[Cell]:
-    """Ten minutes, 3 % of radius, 5 mm/s of noise in the reference: a wheel is lost within seconds."""
+    """Yield drives of ten minutes with a radius error of 3 %, in which a wheel is lost."""
     for drive in range(wanted.drives):
         yield Cell(
             "long",

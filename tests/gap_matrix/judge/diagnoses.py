@@ -1,4 +1,4 @@
-"""Who is judged: the gap workflow, one that never finds anything, and one that guesses."""
+"""Diagnoses to score: the gap workflow, one that never finds anything, and one that guesses."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Diagnosis = Callable[[Path, "frozenset[str]"], dict[str, Any]]
 
 
 class AllBut(frozenset[str]):
-    """A set of names in which everything is, but for some: also names that nobody listed."""
+    """A set of all names, even unknown ones, except some."""
 
     def __new__(cls, kept: Iterable[str]) -> AllBut:
         kept = frozenset(kept)
@@ -33,17 +33,17 @@ class AllBut(frozenset[str]):
 
 
 def workflow(folder: Path, reject: frozenset[str] = frozenset()) -> dict[str, Any]:
-    """What `hubodo gap` would write."""
+    """Return the result that `hubodo gap` would write."""
     return find_gap(read_folder(folder), read_model(folder / "model.toml"), reject=reject).as_json()
 
 
 def silent(folder: Path, reject: frozenset[str] = frozenset()) -> dict[str, Any]:
-    """Never finds anything."""
+    """Return a result without findings."""
     return _answer([])
 
 
 def guess(folder: Path, reject: frozenset[str] = frozenset()) -> dict[str, Any]:
-    """Always names one effect, any, and is sure of it."""
+    """Return a result with one random effect at high confidence."""
     digest = hashlib.sha256((folder / "left.csv").read_bytes()).digest()
     rng = np.random.default_rng(list(digest))
     name = str(rng.choice([name for name in KINDS if name not in reject] or list(KINDS)))
@@ -68,7 +68,10 @@ DIAGNOSES: dict[str, Diagnosis] = {"gap": workflow, "silent": silent, "guess": g
 
 
 def fingerprint() -> str:
-    """Of the sources of logs and diagnoses: results of others are not comparable."""
+    """Return a fingerprint of the sources of logs and diagnoses.
+
+    Results of other sources are not comparable.
+    """
     made = hashlib.sha256()
     for path in sorted(_sources()):
         made.update(path.read_bytes())

@@ -1,4 +1,4 @@
-"""Single rows of results in words: an answer in a line, and each failure in detail."""
+"""Rows of results as text: one line per result, and each failure in detail."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Row = dict[str, Any]
 
 
 def answer(result: Any) -> str:
-    """An answer in one line."""
+    """Return a result as one line."""
     found = [
         f"{it['effect']} ({it['scope']}) {it['confidence']:.3g}"
         + (f" = {'/'.join(it['inseparable_from'])}" if it["inseparable_from"] else "")
@@ -21,13 +21,13 @@ def answer(result: Any) -> str:
 
 
 def line(row: Row) -> str:
-    """A row in one line."""
+    """Return a row as one line."""
     text = row.get("unmade") or (row["error"].splitlines()[-1] if "error" in row else answer(row["result"]))
     return f"{'ok' if right(row) else '!!'} {row['key']} -> {text}"
 
 
 def right(row: Row) -> bool:
-    """Whether a row needs nobody's attention."""
+    """Return True if a row needs no attention."""
     if "result" not in row or "error" in row:
         return False
     result, truth = row["result"], row["truth"]
@@ -45,7 +45,7 @@ def right(row: Row) -> bool:
 
 
 def failures(rows: Sequence[Row]) -> str:
-    """All that is known of each row that went wrong, in its names or by more than 3 sigma in a parameter."""
+    """Return the details of rows with a wrong name or a parameter off by more than 3 sigma."""
     return "\n".join(_failure(row) for row in rows if not right(row) or _off(row))
 
 
@@ -72,7 +72,7 @@ def _failure(row: Row) -> str:
 
 
 def head_of(result: Any) -> str:
-    """The first name with its doubt and how many follow."""
+    """Return the first name with its confidence and the number of others."""
     if not result["found"]:
         return "nothing"
     head = result["found"][0]

@@ -1,4 +1,4 @@
-"""From a cell to files: makes the log of a cell and says what is true of it."""
+"""Logs of cells: writes the files of a cell and returns its truth."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BLOCK = 5.0  # s
 
 
 def make(cell: Cell, folder: Path) -> dict[str, Any]:
-    """Writes the folder of a cell. Returns its truth; the first seed that can show what is hidden is taken.
+    """Write the folder of a cell and return its truth; uses the first seed in which the effect is visible.
 
     ValueError when none of the cell's seeds can.
     """
@@ -93,7 +93,7 @@ def _look_alike(cell: Cell, seed: int, folder: Path) -> dict[str, Any]:
 
 
 def permuted(setup: Setup, records: Mapping[str, Record]) -> dict[str, Record]:
-    """The temperature of each node in blocks of BLOCK seconds, shuffled: as smooth, but not what it was."""
+    """Return the temperature of each node with shuffled blocks of BLOCK seconds."""
     rng = np.random.default_rng((setup.seed, 10))
     made = {}
     for node, one in records.items():

@@ -1,4 +1,4 @@
-"""What the confidence of `gap` is worth: names it gives in some thousand short logs, and how many are right.
+"""Reliability of confidences: names in some thousand short logs, and the share that is correct.
 
     python tests/gap_matrix/judge/reliability.py [--cases 2000] [--seeds test] [--kinds single,blunt]
 
@@ -35,12 +35,12 @@ _TOLD = 3.0
 
 
 def right(found: Mapping[str, Any]) -> bool:
-    """Whether a name is hidden, and where it is said to be."""
+    """Return True if a name is hidden, in the scope that is given."""
     return found["lost"] is not None and found["lost"] < _TOLD
 
 
 def given(made: Sequence[Row]) -> list[Given]:
-    """All names of the vocabulary that were given."""
+    """Return all names of the vocabulary that were given."""
     return [
         Given(it["confidence"], right(it))
         for row in made
@@ -50,7 +50,7 @@ def given(made: Sequence[Row]) -> list[Given]:
 
 
 def told(made: Sequence[Row]) -> str:
-    """The table: names by confidence, of all trials and by kind."""
+    """Return the table of names by confidence, of all trials and by kind."""
     out = [f"{len(made)} logs, {sum('error' in row for row in made)} broken; 90 % intervals, exact"]
     for kind, here in [("all", list(made)), *((k, [r for r in made if r["kind"] == k]) for k in KINDS)]:
         if not here:
@@ -67,13 +67,13 @@ def told(made: Sequence[Row]) -> str:
 
 
 def _sure(names: Sequence[Given]) -> str:
-    """In words, of a kind: how those fare that are surer than 0.9."""
+    """Return in words how names above 0.9 fare, for one kind."""
     sure = [it for it in names if it.confidence >= 0.9]
     return f"at 0.9 and more: {sum(it.right for it in sure)} of {len(sure)} right"
 
 
 def wrong(made: Sequence[Row], least: float) -> str:
-    """Each name that is wrong and surer than `least`, in a line."""
+    """Return each wrong name with a confidence above `least`, one per line."""
     return "\n".join(
         f"{row['key']} ({row['words']}) hidden "
         + (", ".join(f"{h['name']} {h['scope']} {h['nats']:.0f}" for h in row["hidden"]) or "nothing")
@@ -87,7 +87,7 @@ def wrong(made: Sequence[Row], least: float) -> str:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Judges what is missing, prints the table, draws the diagram."""
+    """Judge the missing trials, print the table and draw the diagram."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

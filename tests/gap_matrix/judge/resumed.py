@@ -1,4 +1,4 @@
-"""Rows of a long run in a file of JSON lines: what it lacks is made by a few processes, the rest is read."""
+"""Resumable long runs: rows in a file of JSON lines; missing ones are computed in a few processes."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ def rows(
     jobs: int,
     say: Callable[[int, int, Row], None] = lambda done, of, row: None,
 ) -> list[Row]:
-    """The row of each item, in the order of the plan.
+    """Return the row of each item, in the order of the plan.
 
     path: where they are kept, each with its `key`. make: a function of a module, as processes need it. say:
-    gets how many of those that were missing are made, and the last one.
+        gets how many of those that were missing are made, and the last one.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     done = {row["key"]: row for row in kept(path)}
@@ -37,7 +37,7 @@ def rows(
 
 
 def kept(path: Path) -> list[Row]:
-    """Rows of an earlier run; a last line that was cut off is left."""
+    """Return the rows of an earlier run, without an incomplete last line."""
     if not path.exists():
         return []
     lines = path.read_text(encoding="utf-8").splitlines(keepends=True)

@@ -1,4 +1,4 @@
-"""One cell from start to end: make the log, diagnose it, and what its table wants beside, as a row."""
+"""Run of one cell: make the log, diagnose it, add comparisons, and return a row."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from gap_matrix.judge.diagnoses import DIAGNOSES, AllBut, Diagnosis
 
 
 def run(cell: Cell, diagnosis: str) -> dict[str, Any]:
-    """The row of a cell.
+    """Return the row of a cell.
 
     What goes wrong in a diagnosis is a row with `error`; a cell that no seed of its list can make has
     `unmade`.
@@ -46,7 +46,7 @@ def run(cell: Cell, diagnosis: str) -> dict[str, Any]:
 
 
 def _beside(cell: Cell, diagnose: Diagnosis, folder: Path, result: dict[str, Any]) -> dict[str, Any]:
-    """What singles and controls compare with: the search with only the true name, only the runner-up, ..."""
+    """Return comparisons for singles and controls, such as a search with only the true name."""
     if cell.table not in ("singles", "controls") or not cell.hidden:
         return {}
     name = cell.hidden[0][0]
@@ -67,7 +67,7 @@ def _beside(cell: Cell, diagnose: Diagnosis, folder: Path, result: dict[str, Any
 
 
 def _runner_up(result: dict[str, Any], truth: str) -> str:
-    """The name that comes second to the truth, or that stands in its place."""
+    """Return the name that comes second to the truth, or replaces it."""
     for found in result["found"]:
         if found["effect"] != truth and found["effect"] in KINDS:
             return str(found["effect"])
@@ -77,6 +77,6 @@ def _runner_up(result: dict[str, Any], truth: str) -> str:
 
 
 def _forced(diagnose: Diagnosis, folder: Path, name: str) -> dict[str, Any]:
-    """The held-out gap when nothing but one name may be found."""
+    """Return the held-out gap when only one name is permitted."""
     made = diagnose(folder, AllBut([name]))
     return {"held_out_gap": made["held_out_gap"], "found": [found["effect"] for found in made["found"]]}

@@ -1,10 +1,10 @@
-"""Kinds that no list has: hidden, given a name, looked for again under it; how often, and how near the truth.
+"""Kinds of effect outside the list: hidden, scaffolded and searched again under their new name.
 
     python tests/gap_matrix/judge/scaffolded.py [--seeds 0:5] [--nats 2000] [--seconds 90]
 
-named: `--scaffold` made an effect of the right formula on the right node. within 3 σ: of its
-parameters. again: with it loaded, the next search finds it first, by that name, and leaves no gap. Logs in
-which nothing, or an effect of the list, is hidden may give no name.
+named: `--scaffold` made an effect of the right formula on the right node. within 3 σ: of its parameters.
+    again: with it loaded, the next search finds it first, by that name, and leaves no gap. Logs in which
+    nothing, or an effect of the list, is hidden may give no name.
 """
 
 # ruff: noqa: E402 (BLAS must know its threads before numpy is loaded)
@@ -40,7 +40,7 @@ _NO_GAP = 0.003
 
 @dataclass
 class Score:
-    """Of one kind. pulls: (found - true) / sigma of every parameter that has a truth."""
+    """Score of one kind; pulls: (estimate - truth) / sigma of every parameter with a known truth."""
 
     runs: int = 0
     named: int = 0
@@ -63,7 +63,7 @@ class Score:
 def hidden(
     folder: Path, name: str, seed: int, nats: float, seconds: float, rate_hz: float | None = None
 ) -> beyond.Beyond:
-    """Writes the case. rate_hz: of both nodes, else drawn."""
+    """Write the case; `rate_hz`: of both nodes, default drawn."""
     setup = cases.setup(seed, duration=seconds)
     if rate_hz is not None:
         setup = cases.sampled_at(setup, rate_hz, np.random.default_rng(seed))
@@ -73,13 +73,13 @@ def hidden(
 
 
 def scaffolded(folder: Path, name: str) -> Scaffold | None:
-    """What the log asks for under that name."""
+    """Return the scaffold of a log under that name."""
     found = find_gap(read_folder(folder), read_model(folder / "model.toml"))
     return build_scaffold(found.search, name, folder)
 
 
 def found_again(folder: Path, made: Scaffold) -> tuple[bool, float, float]:
-    """Whether the next search gives that name first, and the gap before and after."""
+    """Return True if the next search finds that name first, and the gap before and after."""
     path = folder / f"{made.name}.py"
     path.write_text(made.source, "utf-8")
     use_effects([path])
@@ -95,7 +95,7 @@ def found_again(folder: Path, made: Scaffold) -> tuple[bool, float, float]:
 def tried(
     score: Score, name: str, seed: int, nats: float, seconds: float, rate_hz: float | None = None
 ) -> None:
-    """One case of a kind."""
+    """Run one case of a kind."""
     with tempfile.TemporaryDirectory() as folder:
         case = Path(folder) / "case"
         truth = hidden(case, name, seed, nats, seconds, rate_hz)
@@ -119,7 +119,7 @@ def tried(
 
 
 def made_of_nothing(seed: int, seconds: float) -> list[str]:
-    """Names that came of logs in which there is nothing to name."""
+    """Return the names scaffolded from logs without hidden effects."""
     wrong = []
     for listed in LISTED:
         with tempfile.TemporaryDirectory() as folder:
@@ -132,7 +132,7 @@ def made_of_nothing(seed: int, seconds: float) -> list[str]:
 
 
 def main() -> int:
-    """Prints a row for each kind."""
+    """Print a row for each kind."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,4 +1,4 @@
-"""What one answer is worth against the truth: pure functions; nothing here knows a workflow."""
+"""Scores of one result against the truth, as pure functions."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ Json = Mapping[str, Any]
 
 
 def names(result: Json) -> list[str]:
-    """What was named, in order, empirical terms included."""
+    """Return the names of a result in order, unnamed terms included."""
     return [found["effect"] for found in result["found"]]
 
 
 def first(result: Json) -> str:
-    """The first name, `nothing` where there is none."""
+    """Return the first name, `nothing` if there is none."""
     return str((names(result) or ["nothing"])[0])
 
 
@@ -30,24 +30,24 @@ def named_first(result: Json, truth: Json) -> bool:
 
 
 def exact(result: Json, truth: Json) -> bool:
-    """All that is hidden is named, in any scope, and nothing else."""
+    """Return True if all hidden effects are named, in any scope, and nothing else."""
     return set(names(result)) == {effect["name"] for effect in truth["effects"]}
 
 
 def jaccard(result: Json, truth: Json) -> float:
-    """Names in both over names in either; 1 where both are empty."""
+    """Return names in both over names in either; 1 if both are empty."""
     found, true = set(names(result)), {effect["name"] for effect in truth["effects"]}
     return len(found & true) / len(found | true) if found | true else 1.0
 
 
 def scope_right(result: Json, truth: Json) -> bool:
-    """The first that is hidden is named first, and where it is."""
+    """Return True if the first hidden effect is named first, in its scope."""
     true = truth["effects"][0]
     return named_first(result, truth) and result["found"][0]["scope"] == true["scope"]
 
 
 def sure_and_wrong(result: Json, truth: Json) -> list[str]:
-    """Names of the vocabulary that are wrong, with a confidence above SURE.
+    """Return the wrong names of the vocabulary with a confidence above SURE.
 
     Those that have the truth beside them as inseparable are not among them.
     """
@@ -63,7 +63,7 @@ def sure_and_wrong(result: Json, truth: Json) -> list[str]:
 
 
 def in_the_set(result: Json, truth: Json) -> bool:
-    """The truth is named first, or called inseparable from what is."""
+    """Return True if the truth is named first, or called inseparable from the first name."""
     if not result["found"]:
         return False
     head = result["found"][0]
@@ -71,7 +71,7 @@ def in_the_set(result: Json, truth: Json) -> bool:
 
 
 def admits_doubt(result: Json, truth: Json) -> bool:
-    """Both of a pair are given, or none with confidence."""
+    """Return True if both of a pair are given, or none with confidence."""
     if not result["found"]:
         return True
     head = result["found"][0]
@@ -80,7 +80,7 @@ def admits_doubt(result: Json, truth: Json) -> bool:
 
 
 def deviations(result: Json, truth: Json) -> tuple[list[float], int]:
-    """Errors, in reported sigmas, of the parameters of what is found where it is; how many had no sigma."""
+    """Return errors in reported sigma of the parameters of correct findings, and the number without sigma."""
     made, skipped = [], 0
     for true in truth["effects"]:
         for found in result["found"]:
@@ -99,13 +99,13 @@ def deviations(result: Json, truth: Json) -> tuple[list[float], int]:
 
 
 def closed(gap: Mapping[str, float], oracle: Mapping[str, float], least: float = 1e-4) -> float | None:
-    """Share of what the oracle closes of the held-out gap; None where the oracle closes less than `least`."""
+    """Return the share of the oracle's reduction of the held-out gap; None if that is below `least`."""
     possible = oracle["before"] - oracle["after"]
     return None if possible < least else (gap["before"] - gap["after"]) / possible
 
 
 def described(result: Json, truth: Json) -> tuple[bool, bool]:
-    """Whether an empirical term, or what is said to remain, has the channel; and has one of the words too."""
+    """Return whether an unnamed term or `remaining` has the channel, and also one of the words."""
     true = truth["outside"]
     texts = [
         (found["effect"], found["scope"], f"{found['effect']} {found['where']}")

@@ -1,4 +1,4 @@
-"""Three to five effects hidden at once: what `gap` names, what it names beside, whether the order matters.
+"""Three to five effects hidden at once: names found, false names, and dependence on the order.
 
     python tests/gap_matrix/judge/several.py [--sets 40] [--orders 5] [--seeds test]
 
@@ -40,7 +40,7 @@ Names = frozenset[tuple[str, str]]
 
 
 def named_from(folder: Path, first: str | None = None) -> Names:
-    """What a search of a log ends with. first: a name that it has to begin with; it may leave again."""
+    """Return the names at the end of a search; `first`: a name added first, which may be removed again."""
     problem = build_problem(read_folder(folder), read_model(folder / "model.toml"))
     found = search_effects(build_initial_state(problem), [] if first is None else [first])
     last, _ = drop_chance_effects(*reconsider_effects(found))
@@ -48,7 +48,7 @@ def named_from(folder: Path, first: str | None = None) -> Names:
 
 
 def orders(seed: int, kind: str = "several", stranger: str = "accel_bias") -> dict[str, Names]:
-    """By the name that came first, `as it comes` for none: what the search ends with."""
+    """Return the final names by the name that was added first."""
     with tempfile.TemporaryDirectory(prefix="gap_orders_") as folder:
         trial(seed, kind).write(Path(folder))
         made = {"as it comes": named_from(Path(folder))}
@@ -58,13 +58,13 @@ def orders(seed: int, kind: str = "several", stranger: str = "accel_bias") -> di
 
 
 def ordered(seed: int) -> Row:
-    """The row of a set in all orders."""
+    """Return the row of a set in all orders."""
     made = {first: sorted(map(list, names)) for first, names in orders(seed).items()}
     return {"key": f"orders/{seed}", "seed": seed, "orders": made}
 
 
 def told(made: Sequence[Row]) -> str:
-    """The table of all sets."""
+    """Return the table of all sets."""
     whole = [row for row in made if "error" not in row]
     hits, false, sure, exact, lines = [], 0, 0, [], []
     for row in whole:
@@ -98,7 +98,7 @@ def told(made: Sequence[Row]) -> str:
 
 
 def told_orders(made: Sequence[Row]) -> str:
-    """Of how many sets the order does not matter, and where it does."""
+    """Return the number of sets whose result does not depend on the order, and the others in detail."""
     out, same = [], []
     for row in made:
         usual = row["orders"]["as it comes"]
@@ -112,7 +112,7 @@ def told_orders(made: Sequence[Row]) -> str:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Judges what is missing, prints the tables."""
+    """Judge the missing sets and print the tables."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

@@ -1,4 +1,4 @@
-"""Rows of results as the tables that are printed: shares with their intervals, confusions, gaps closed."""
+"""Printed tables of results: shares with intervals, confusions, reductions of the gap."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Test = Callable[[Any, Any], bool]
 
 
 def all_tables(rows: Sequence[Row]) -> Iterator[str]:
-    """One text for each table that has rows."""
+    """Return the text of each table that has rows."""
     makers = {
         "singles": _singles,
         "nulls": _nulls,
@@ -43,7 +43,7 @@ def all_tables(rows: Sequence[Row]) -> Iterator[str]:
 
 
 def share(hits: Sequence[bool]) -> str:
-    """`7/10 70 % (35..93)`: with the Clopper-Pearson 95 % interval."""
+    """Return `7/10 70 % (35..93)`, with the Clopper-Pearson 95 % interval."""
     if not hits:
         return "0/0"
     found = binomtest(int(sum(hits)), len(hits)).proportion_ci(0.95, "exact")
@@ -109,7 +109,7 @@ def _parameters(rows: Sequence[Row]) -> str:
 
 
 def _closed(rows: Sequence[Row], key: str) -> str:
-    """Of the rows in which the oracle closes anything."""
+    """Return shares of the rows in which the oracle reduces the gap."""
     shares = []
     for row in rows:
         gap = row["result"]["held_out_gap"] if key == "oracle" else row[key]["held_out_gap"]
@@ -162,7 +162,7 @@ def _pairs(rows: Sequence[Row]) -> str:
 
 
 def _open(rows: Sequence[Row]) -> str:
-    """By kind in counts, together with intervals."""
+    """Return counts by kind, and totals with intervals."""
     out = ["Open set: one hidden effect that is outside the vocabulary (95 % intervals, exact)"]
     out.append(f"  {'kind, of logs':34s}{'wrong, sure':>12s}{'channel':>9s}{'and dependence':>16s}   sure of")
     for name, here in _groups(rows, "name", "variant"):

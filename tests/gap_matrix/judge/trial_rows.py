@@ -1,4 +1,4 @@
-"""One trial from start to end: its log is made, `gap` asked in this process, and the answer is a row."""
+"""Trials from start to end: make the log, run `gap` in this process, return the answer as a row."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from hubodo.model.model_file import read_model
 
 
 def judged(item: tuple[int, str]) -> Row:
-    """The row of a trial. What goes wrong in a diagnosis is a row with `error`."""
+    """Return the row of a trial; a diagnosis that fails gives a row with `error`."""
     seed, kind = item
     begin = time.process_time()
     made = trial(seed, kind)

@@ -1,4 +1,4 @@
-"""Trials of a name's confidence: short logs of many kinds, each made by the foreign generator from one seed.
+"""Trials of reliability: short logs of many kinds by the independent simulator, from one seed each.
 
 What is hidden is drawn from faint to strong, on drives that show everything and on blunt ones that do not.
 """
@@ -34,7 +34,7 @@ _DRAWS = 30
 
 @dataclass(frozen=True)
 class Trial:
-    """What is in a log, and the log's own form.
+    """The hidden effects of a log, and the form of the log.
 
     hidden: of the vocabulary; outsider: what is not. dead: as in `alike.Pair`.
     """
@@ -63,7 +63,7 @@ class Trial:
 
 
 def kinds(count: int, mix: Mapping[str, int] = MIX) -> list[str]:
-    """The kinds of so many trials, evenly mixed: the first so many are as the whole."""
+    """Return the kinds of `count` trials, evenly mixed also in the first trials."""
     share = {kind: weight / sum(mix.values()) for kind, weight in mix.items()}
     made: list[str] = []
     for k in range(count):
@@ -72,7 +72,7 @@ def kinds(count: int, mix: Mapping[str, int] = MIX) -> list[str]:
 
 
 def trial(seed: int, kind: str) -> Trial:
-    """The trial of a seed. ValueError when kind is none of KINDS."""
+    """Return the trial of a seed. Raises ValueError if kind is not one of KINDS."""
     rng = np.random.default_rng((seed, 20))
     if kind == "null":
         form = str(rng.choice(["drive", "drive", "drive", "bench", "turntable"]))
@@ -101,7 +101,7 @@ def _setup(seed, rng, form="drive", known: Sequence[str] = ()) -> Setup:
 
 
 def _blunt(setup: Setup, rng: np.random.Generator, words: str) -> Setup:
-    """The same log on a drive that tells less."""
+    """Return the same log on a less informative drive."""
     motion = setup.drive.motion
     still, speed = np.zeros(len(motion.t)), np.full(len(motion.t), rng.uniform(1.5, 4.0))
     turn = still + rng.choice([-1.0, 1.0]) * rng.uniform(0.2, 0.5)
@@ -118,7 +118,7 @@ def _blunt(setup: Setup, rng: np.random.Generator, words: str) -> Setup:
 
 
 def _drawn(made: Trial, rng: np.random.Generator, count: int) -> tuple[Effect, ...]:
-    """So many effects, each at a size that shows; those that the drive cannot show are drawn again."""
+    """Draw effects, each at a visible size; those that the drive cannot show are drawn again."""
     low = {"several": np.log(150.0)}.get(made.kind, np.log(FAINTEST))
     hidden: list[Effect] = []
     for _ in range(_DRAWS):
@@ -147,7 +147,7 @@ def _alike(seed: int, rng: np.random.Generator, kind: str) -> Trial:
 
 
 def lost(meter: Meter, effect: Effect, scope: str) -> float:
-    """Nats by which an effect stays ahead of itself in another scope, the same size on all of its nodes."""
+    """Return the nats by which an effect beats itself in another scope of the same size."""
     if scope == effect.scope or "vehicle" in (scope, effect.scope):
         return 0.0
     gain = {node: meter.gain(replace(effect, scope=node)) for node in SIDES}

@@ -1,4 +1,4 @@
-"""Two drives of one vehicle: what `gap --before --after` says when nothing has changed, and when it has.
+"""Two drives of one vehicle: result of `gap --before --after` with and without a change.
 
     python tests/gap_matrix/judge/two_drives.py [--nulls 60] [--changes 10] [--first 0] [--seconds 90]
 
@@ -43,7 +43,7 @@ _OTHER = 100_000
 
 
 def pair(seed: int, seconds: float, rate_hz: float | None = None) -> tuple[Setup, Setup]:
-    """One vehicle on two drives. rate_hz: of all nodes, else drawn."""
+    """Return one vehicle on two drives; `rate_hz`: of all nodes, default drawn."""
     first, other = cases.setup(seed, duration=seconds), cases.setup(_OTHER + seed, duration=seconds)
     noise = {
         side: replace(
@@ -64,7 +64,7 @@ def pair(seed: int, seconds: float, rate_hz: float | None = None) -> tuple[Setup
 def compared(
     setups: Sequence[Setup], before: Sequence[Effect], after: Sequence[Effect], folder: Path
 ) -> ChangeResult:
-    """What is said of the two drives with these effects in them."""
+    """Return the comparison of two drives with these effects."""
     for setup, hidden, name in zip(setups, (before, after), ("before", "after"), strict=True):
         recording.write(setup, hidden, folder / name, {})
     logs = [read_folder(folder / name) for name in ("before", "after")]
@@ -72,7 +72,7 @@ def compared(
 
 
 def null(seed: int, seconds: float, folder: Path, rate_hz: float | None = None) -> ChangeResult:
-    """Nothing has changed."""
+    """Compare two drives without a change."""
     setups = pair(seed, seconds, rate_hz)
     lasting = []
     if seed % 2:
@@ -84,14 +84,14 @@ def null(seed: int, seconds: float, folder: Path, rate_hz: float | None = None) 
 def changed(
     name: str, seed: int, seconds: float, folder: Path, rate_hz: float | None = None
 ) -> tuple[Effect, ChangeResult]:
-    """One effect more in the second drive."""
+    """Compare two drives with one more effect in the second."""
     setups = pair(seed, seconds, rate_hz)
     hidden = Meter(setups[1]).dose(cases.hidden_effect(setups[1], name), STRENGTHS["strong"])[0]
     return hidden, compared(setups, [], [hidden], folder)
 
 
 def main() -> int:
-    """Prints both tables."""
+    """Print both tables."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

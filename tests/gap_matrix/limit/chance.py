@@ -1,11 +1,11 @@
-"""Effects of chance: what the best test of one of known size would see, drawn from the generator's own noise.
+"""Effects of chance: power of the best test of known size, drawn from the simulator's own noise.
 
 The statistic is the ln likelihood ratio T of the effect at its size against nothing (Neyman and Pearson
 1933), drawn where the effect is there. Where it is not, T exceeds t as often as e^-T [T > t] is in the mean
 of these same draws, so that thresholds of rare false alarms need no rare draws.
 
-No other name makes readings lonely, stale, clipped or a lattice: these are chosen among their scopes, by
-likelihoods of each node that do not know the effect's numbers. For the walk see `oracle.py`.
+No other effect makes readings isolated, stale, clipped or quantised: these are chosen among their scopes, by
+    likelihoods of each node that do not know the effect's numbers. For the walk see `oracle.py`.
 """
 
 from __future__ import annotations
@@ -34,7 +34,10 @@ _SHARES, _SIZES = np.geomspace(1e-5, 0.1, 13), np.linspace(2.5, 8.0, 6)
 
 
 def threshold(drawn: Array, alarm: float) -> float:
-    """The t that T exceeds with chance `alarm` where nothing is there; drawn: (R,) of T where it is."""
+    """Return the value that T exceeds with probability `alarm` without the effect.
+
+    drawn: (R,) of T with the effect
+    """
     ordered = np.sort(drawn)[::-1]
     exceeded = np.cumsum(np.exp(np.clip(-ordered, -700.0, 700.0))) / len(ordered)
     beyond = np.flatnonzero(exceeded > alarm)
@@ -42,7 +45,7 @@ def threshold(drawn: Array, alarm: float) -> float:
 
 
 def statistic(setup: Setup, meter: Meter, effect: Effect, rng: np.random.Generator) -> tuple[Array, Array]:
-    """(DRAWS,) of T, summed over the nodes that the effect concerns; (DRAWS,) whether its scope is chosen."""
+    """Return draws of T, (DRAWS,), over all nodes concerned, and whether its scope is chosen."""
     total, beside = np.zeros(DRAWS), dict[str, Array]()
     for node in SIDES:
         clean, sigma = meter.readings(node)
@@ -53,10 +56,11 @@ def statistic(setup: Setup, meter: Meter, effect: Effect, rng: np.random.Generat
 
 
 def _scope_chosen(effect: Effect, beside: Mapping[str, Array]) -> Array:
-    """Whether its scope is more probable than the others together.
+    """Return True if its scope is more probable than the others together.
 
     beside: of each node (DRAWS, K), ln likelihood ratio of the effect with each of K numbers that it could
-    have, as likely as each other beforehand, against its absence there. `all`: the same numbers on all nodes.
+        have, as likely as each other beforehand, against its absence there. `all`: the same numbers on all
+        nodes.
     """
     scores = {node: logsumexp(each, axis=1) for node, each in beside.items()}
     scores["all"] = logsumexp(sum(beside.values()), axis=1)
@@ -90,19 +94,22 @@ def _of_node(
 
 
 def _certain(there: bool) -> Array:
-    """(DRAWS, 1): a lattice is there or not, beyond doubt."""
+    """Return (DRAWS, 1) draws of an effect whose presence is certain."""
     return np.full((DRAWS, 1), 1e3 if there else -1e3)
 
 
 def _wider(step: float, sigma: Array, rng: np.random.Generator) -> Array:
-    """Noise that rounding makes wider; that readings lie on a lattice is no effect, every chip's do."""
+    """Return draws of noise widened by rounding; the lattice itself is no effect, as every chip has one."""
     ratio = 1.0 + max(step**2 - GYRO_LSB**2, 0.0) / 12.0 / float(np.mean(sigma**2))
     squares = rng.chisquare(len(sigma), DRAWS)
     return 0.5 * ((ratio - 1.0) * squares - len(sigma) * np.log(ratio))
 
 
 def _walk(k: float, sigma: Array, interval: float, rng: np.random.Generator) -> Array:
-    """White noise with a walk in it, wave by wave: eigenvalues 1 / (4 sin²((2 j - 1) π / (4 n + 2)))."""
+    """Return draws of white noise with a walk, by modes.
+
+    Eigenvalues: 1 / (4 sin²((2 j - 1) π / (4 n + 2))).
+    """
     j, n = np.arange(1, _WAVES + 1), len(sigma)
     spread = 1.0 / (4.0 * np.sin((2.0 * j - 1.0) * np.pi / (4.0 * n + 2.0)) ** 2)
     more = k**2 * interval * spread * np.mean(sigma**-2.0)
@@ -111,7 +118,7 @@ def _walk(k: float, sigma: Array, interval: float, rng: np.random.Generator) -> 
 
 
 def _mixture(probability: float, size: float, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """(1 - p) N(0, 1) + p N(0, 1 + size²) against N(0, 1), readings counted in bins of their size."""
+    """Return draws of (1 - p) N(0, 1) + p N(0, 1 + size²) against N(0, 1), from counts in bins of size."""
     edges = np.concatenate([np.linspace(0.0, 6.0, 121), np.linspace(6.2, 60.0, 120), [np.inf]])
     own = -np.diff(norm.sf(edges))
 
@@ -129,7 +136,7 @@ def _mixture(probability: float, size: float, count: int, rng: np.random.Generat
 
 
 def _stale(probability: float, clean: Array, sigma: Array, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Samples equal to their predecessor in all six channels, against how likely that is anyhow."""
+    """Return draws of samples equal to their predecessor, against their natural frequency."""
     moved = np.diff(clean, axis=0) / sigma[1:]
     by_chance = np.sum(np.log(LSB / (2.0 * np.sqrt(np.pi) * sigma[1:])) - 0.25 * moved**2, 1)
     hits = rng.binomial(len(by_chance), probability, DRAWS) if probability else np.zeros(DRAWS, int)
@@ -147,7 +154,7 @@ def _stale(probability: float, clean: Array, sigma: Array, rng: np.random.Genera
 def _clipped(
     limit: float, there: bool, clean: Array, sigma: Array, lsb: float, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """A clipped value stands for all that would lie beyond, instead of for one step of the chip.
+    """Return draws of clipped values, which stand for the whole tail beyond the limit.
 
     A node without the effect shows that it has none by a reading beyond the limit.
     """

@@ -1,4 +1,4 @@
-"""The price of choosing: how probable the name that is there is, beside all others, in draws of the noise.
+"""Cost of selection: probability of the true name among all others, in draws of the noise.
 
 Close to nothing a drive is a linear model with Gaussian noise. Of each name in each scope the marginal
 likelihood is known in closed form then, its coordinates integrated over their prior: any direction, any size
@@ -39,7 +39,7 @@ class Option:
 
 
 class Choice:
-    """All options of a drive, and noise that was drawn for them once.
+    """All options of a drive, with noise drawn for them once.
 
     gram: (D, D) information about the directions, everything that is always free taken out.
     """
@@ -99,7 +99,7 @@ class Choice:
 
 
 def seen(scores: Array, gram: Array, basis: Array, value: Array, alarm: float) -> Array:
-    """(R,) whether a test of one name alone sees it; value: (k,) where its coordinates are.
+    """Return whether a test of one name alone detects it, (R,); value: (k,) of its coordinates.
 
     Scores (R, D). Its coordinates are fitted freely; of a single one the sign is known.
     """

@@ -1,4 +1,4 @@
-"""How often something is seen, over the logarithm of its size: a probit curve, and where to look next."""
+"""Detection probability over the logarithm of size: a probit curve, and the next sizes to try."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _LOOKS = (-1.2, -0.5, 0.0, 0.4, 0.9, 1.5)
 
 @dataclass(frozen=True)
 class Curve:
-    """Seen with chance Φ((x - middle) / width) at ln size x.
+    """A probit curve: detection probability Φ((x - middle) / width) at ln size x.
 
     weight: (M, W) how likely each middle and width of the grid is.
     """
@@ -42,7 +42,7 @@ class Curve:
 
 
 def fitted(x: Sequence[float], seen: Sequence[bool]) -> Curve:
-    """The mean of all curves, each as likely as trials and what was thought beforehand make it."""
+    """Return the posterior mean of all curves, given trials and prior."""
     z = (np.asarray(x)[:, None, None] - _MIDDLES[:, None]) / _WIDTHS
     hit = np.asarray(seen, bool)[:, None, None]
     logs = np.where(hit, norm.logcdf(z), norm.logsf(z)).sum(axis=0)
@@ -55,7 +55,7 @@ def fitted(x: Sequence[float], seen: Sequence[bool]) -> Curve:
 
 
 def next_look(x: Sequence[float], seen: Sequence[bool], count: int) -> list[float]:
-    """`count` ln sizes at which another trial would tell most, in an order that favours none."""
+    """Return the `count` most informative ln sizes for further trials, in an unbiased order."""
     if not len(x):
         asked = np.interp(np.linspace(0, 5, count), range(6), FIRST_LOOK)
     else:
@@ -65,5 +65,5 @@ def next_look(x: Sequence[float], seen: Sequence[bool], count: int) -> list[floa
 
 
 def size_seen(share: Callable[[float], float], wanted: float) -> float:
-    """The size at which `share`, which grows with it, is `wanted`."""
+    """Return the size at which `share`, which increases with size, equals `wanted`."""
     return float(np.exp(brentq(lambda x: share(float(np.exp(x))) - wanted, np.log(1e-6), np.log(1e6))))

@@ -1,4 +1,4 @@
-"""The figure of limits: how far the sizes that are named lie above those that can be seen at all."""
+"""Figure of limits: ratio of the smallest named sizes to the smallest detectable ones."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hubodo.report.drawing import new_figure, save_figure
 
 
 def draw(limits: Sequence[Limit], path: Path) -> None:
-    """Ratios to what is seen at 50 and 90 %, a row for each effect, what is told, and every trial."""
+    """Draw ratios to the sizes detected in 50 and 90 %, one row per effect, with every trial."""
     figure = new_figure(8.0, 1.2 + 0.26 * len(limits))
     axes = figure.add_subplot()
     for row, it in enumerate(limits):

@@ -1,12 +1,12 @@
-"""The smallest size of each effect that `gap` names, beside the limit of what the same drives can tell.
+"""The smallest size of each effect that `gap` names, beside the limit of what the same drives can show.
 
     python tests/gap_matrix/limit/gap_limit.py [--effects a,b] [--drives 18] [--seed 12000] [--jobs 2]
 
 Named: the first finding has the right name and scope and a confidence above 0.5. The limit is that of an
-oracle which knows name, scope and sign (`oracle.py`), at one false alarm in a hundred logs, which all names
-in all scopes share; and that of one which has to choose among the names, too (`choice.py`). Trials come in
-three stages, each where the curve of those before it says most, in units of what the oracle sees in that very
-drive. Each is a line of JSON: what was interrupted goes on.
+    oracle which knows name, scope and sign (`oracle.py`), at one false alarm in a hundred logs, which all
+    names in all scopes share; and that of one which has to choose among the names, too (`choice.py`). Trials
+    come in three stages, each where the curve of those before it says most, in units of what the oracle sees
+    in that very drive. Each is a line of JSON: what was interrupted goes on.
 """
 
 # ruff: noqa: E402 (BLAS must know its threads before numpy is loaded)
@@ -42,7 +42,7 @@ SECONDS = 60.0
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Runs what is missing, prints the table, draws the figure."""
+    """Run the missing trials, print the table and draw the figure."""
     args = _arguments(argv)
     args.out.mkdir(parents=True, exist_ok=True)
     done = Done(args.out / f"{args.seed}-{args.drives}-{_sources()}.jsonl", args.jobs)
@@ -66,7 +66,7 @@ def main(argv: list[str] | None = None) -> int:
 
 
 class Done:
-    """What is done, by key; a file of JSON lines that grows."""
+    """Finished results by key, in a growing file of JSON lines."""
 
     def __init__(self, path: Path, jobs: int) -> None:
         self.path, self._jobs = path, jobs
@@ -88,7 +88,7 @@ def _made(item: tuple[str, partial[Row]]) -> Row:
 
 
 def _stage(done: Done, stage: int, names: list[str], seeds: list[int]) -> dict[str, partial[Row]]:
-    """The trials of a stage, each effect in a part of the drives."""
+    """Return the trials of a stage, each effect in a part of the drives."""
     own = np.array_split(seeds, STAGES)[stage]
     wanted = {}
     for name in names:

@@ -1,10 +1,11 @@
-"""What anybody could see of an effect in one drive who knows its name, its scope and its sign: the limit.
+"""The oracle: detection limit of an effect in one drive if name, scope and sign are known.
 
 An effect that moves the mean: the likelihood-ratio test of its coordinates, everything that the model leaves
-free refitted, from the very matrices that `gap` screens with. Far from nothing its statistic is a non-central
-chi square, whose non-centrality is the information about the effect times the square of its size (Wald 1943);
-with one coordinate its sign is known, too, and the test is one-sided. An effect of chance: see `chance.py`.
-Whoever does not know the name has to choose it among all, too: told is what is seen and chosen (`choice.py`).
+    free refitted, from the very matrices that `gap` screens with. Far from nothing its statistic is a
+    non-central chi square, whose non-centrality is the information about the effect times the square of its
+    size (Wald 1943); with one coordinate its sign is known, too, and the test is one-sided. An effect of
+    chance: see `chance.py`. Whoever does not know the name has to choose it among all, too: told is what is
+    seen and chosen (`choice.py`).
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ TYPICAL_WALK, WAVE_SCALE = 5e-4, 0.01
 
 @dataclass(frozen=True)
 class Seen:
-    """What the matrices of a drive say of one effect at its typical size.
+    """Matrices of a drive for one effect at its typical size.
 
     centre: non-centrality. freedom: its coordinates that are seen at all.
     """
@@ -66,13 +67,13 @@ class Seen:
 
 @dataclass(frozen=True)
 class Power:
-    """How often an effect is seen in one drive.
+    """Detection probability of an effect in one drive, by size.
 
     factors: (G,) times its typical size. one: (G,) share of logs in which a test of it alone sees it, with
-    the false alarms of a whole log. priced: the same where all names in all scopes share these. told: seen
-    so, and its name and scope more probable than all others together. rival: what is most probable beside,
-    where half are told. seen: of what moves the mean. least: the factor of a single hit, of what comes in
-    hits.
+        the false alarms of a whole log. priced: the same where all names in all scopes share these. told:
+        seen so, and its name and scope more probable than all others together. rival: what is most probable
+        beside, where half are told. seen: of what moves the mean. least: the factor of a single hit, of what
+        comes in hits.
     """
 
     factors: Array
@@ -90,12 +91,12 @@ class Power:
 
 
 def half_seen(factors: Sequence[float] | Array, share: Sequence[float] | Array) -> float:
-    """The factor at which a share that grows with it is one half."""
+    """Return the factor at which an increasing share equals one half."""
     return float(np.exp(np.interp(0.5, share, np.log(factors))))
 
 
 def oracle(setup: Setup, names: Sequence[str] = tuple(KINDS)) -> dict[str, Power]:
-    """By name, in a drive in which nothing is hidden; the effects as its seed draws them."""
+    """Return the powers by name, in a drive without hidden effects; the effects are drawn by its seed."""
     hidden = {name: cases.hidden_effect(setup, name) for name in names}
     of_mean = [effect for name, effect in hidden.items() if name not in chance.EFFECTS]
     walk = hidden.get(WALK)
@@ -118,7 +119,7 @@ def _nothing_hidden(setup: Setup) -> Evaluation:
 
 
 class _Linear:
-    """A drive as a linear model: what moves the mean, and the slow waves that walks are made of."""
+    """A drive as a linear model: sensitivity of the mean, and slow waves that make up random walks."""
 
     def __init__(self, point: Evaluation, hidden: Sequence[Effect], seed: int) -> None:
         nodes = [node.name for node in point.problem.nodes]
@@ -195,14 +196,14 @@ class _Linear:
 
 
 def _begin(effect: Effect) -> HubodoEffect:
-    """The effect of the product where it is absent; what says what it is like is known."""
+    """Return the product's effect at zero, with the parameters that are known."""
     if effect.name == "gyro_warmup":
         return GyroWarmup(time_constant=effect.parameters["time_constant"])
     return BY_NAME[effect.name].initial_guesses()[0]
 
 
 def _along(factors: Array, told: Callable[[float], tuple[float, str]]) -> tuple[Array, str]:
-    """(G,) the share that is told, from every second factor, and the rival where it is one half."""
+    """Return the share that is distinguished, (G,), and the strongest alternative at one half."""
     made = [told(float(factor)) for factor in factors[::2]]
     shares = np.maximum.accumulate([share for share, _ in made])
     rival = made[min(int(np.searchsorted(shares, 0.5)), len(made) - 1)][1]
@@ -210,7 +211,7 @@ def _along(factors: Array, told: Callable[[float], tuple[float, str]]) -> tuple[
 
 
 def _of_mean(seen: Seen, told: Callable[[float], tuple[float, str]]) -> Power:
-    """Power along the size."""
+    """Return the power by size of an effect in the mean."""
     freedom = seen.freedom
 
     def power(centre: Array, alarm: float) -> Array:
@@ -227,7 +228,7 @@ def _of_mean(seen: Seen, told: Callable[[float], tuple[float, str]]) -> Power:
 
 
 def _of_chance(setup: Setup, meter: Meter, effect: Effect) -> Power:
-    """Power along the size, from draws of the statistic where the effect is there."""
+    """Return the power by size, from draws of the statistic with the effect."""
 
     def power(factor: float) -> tuple[float, float, float]:
         drawn, chosen = chance.statistic(

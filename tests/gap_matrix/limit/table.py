@@ -1,7 +1,7 @@
-"""The table of limits: sizes named, seen and told in half and in nine of ten drives, and their ratios.
+"""Table of limits: sizes named, detected and distinguished in 50 and 90 % of the drives, and their ratios.
 
 Seen: by an oracle that knows name, scope and sign, at false alarms that all names share. Told: by one that
-has to choose, too: seen, and name and scope more probable than all others together.
+    has to choose, too: seen, and name and scope more probable than all others together.
 """
 
 from __future__ import annotations
@@ -56,7 +56,12 @@ class Limit:
 
 
 def limit(name: str, trials: Sequence[Row], powers: Sequence[Row], typical: float) -> Limit:
-    """trials: of one effect. powers: of the oracle, a drive each. typical: size at factor 1."""
+    """Return the limits of one effect.
+
+    trials: of that effect
+    powers: of the oracle, one per drive
+    typical: size at factor 1
+    """
     curve = fitted([row["x"] for row in trials], [row["named"] for row in trials])
     halves = np.log([half_seen(own["factors"], own["priced"]) for own in powers])
 
@@ -97,7 +102,7 @@ def limit(name: str, trials: Sequence[Row], powers: Sequence[Row], typical: floa
 
 
 def _instead(missed: Sequence[Row]) -> str:
-    """What was said in place of the name, the most frequent first."""
+    """Return the names given instead, the most frequent first."""
     said = Counter(_said(row) for row in missed)
     return ", ".join(f"{words} {count}" for words, count in said.most_common(3))
 
@@ -112,13 +117,13 @@ def _said(row: Row) -> str:
 
 
 def _as_promised(trials: Sequence[Row]) -> float:
-    """Gain in the logs over the one that the oracle counts on, median; nan for what is of chance."""
+    """Return the median gain in the logs over the oracle's; nan for effects of chance."""
     made = [row["screened"] / row["expected"] for row in trials if row.get("expected") and row["screened"]]
     return float(np.median(made)) if made else float("nan")
 
 
 def text(limits: Sequence[Limit], rows: Mapping[str, Row], seeds: Sequence[int]) -> str:
-    """All of it in words and numbers."""
+    """Return the table as text."""
     lines = [
         "",
         "named: first, in its scope, confidence above 0.5. seen: by an oracle that knows name, scope, sign,",
@@ -153,7 +158,7 @@ def text(limits: Sequence[Limit], rows: Mapping[str, Row], seeds: Sequence[int])
 
 
 def _summary(what: str, ratios: Sequence[tuple[str, tuple[float, float]]]) -> str:
-    """How many are near what the oracle needs, and which are not."""
+    """Return the number of effects near the oracle, and the others by name."""
     beyond = [f"{name} {half:.2f}" for name, (half, _) in ratios if half > WANTED]
     return (
         f"at most {WANTED} times what is {what}, at 50 %: {len(ratios) - len(beyond)} of {len(ratios)}; "

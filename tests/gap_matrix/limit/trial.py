@@ -1,4 +1,4 @@
-"""One trial: an effect of a given size hidden in a drive, and whether `gap` names it first and in place."""
+"""Trial of one effect of a given size in a drive, and whether `gap` names it first in its scope."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ RATE_HZ = 50.0
 
 
 def typical(effect: Effect) -> float:
-    """Its magnitude at factor 1: the length of what grows with it."""
+    """Return its magnitude at factor 1: the length of the scaled parameters."""
     kind = KINDS[effect.name]
     return float(np.linalg.norm([v for key, v in effect.parameters.items() if key != kind.lasting]))
 
 
 def largest_possible(effect: Effect, factor: float) -> float:
-    """The factor, less where no real wheel could be like that."""
+    """Return the factor, reduced where no real wheel could have it."""
     while not effects.possible(scaled(effect, factor)):
         factor *= 0.9
     return factor
 
 
 def in_whole_hits(setup: Setup, effect: Effect, factor: float) -> float:
-    """The factor that the whole number of hits amounts to, where an effect comes in hits."""
+    """Return the factor of the integer number of hits, for effects that occur as hits."""
     probability = effect.parameters.get("probability")
     if probability is None:
         return factor
@@ -46,7 +46,7 @@ def in_whole_hits(setup: Setup, effect: Effect, factor: float) -> float:
 
 
 def tried(setup: Setup, effect: Effect | None) -> dict[str, Any]:
-    """What `gap` says of the drive. effect: None for nothing. named: first, in its scope, and sure."""
+    """Return the result of `gap` for the drive; named: first, in its scope, and with confidence."""
     begin = time.process_time()
     result = _diagnosed(setup, [] if effect is None else [effect])
     found = [[it.effect, it.scope, round(it.confidence, 4), list(it.inseparable_from)] for it in result.found]
@@ -81,5 +81,5 @@ def _diagnosed(setup: Setup, hidden: list[Effect]) -> GapResult:
 
 
 def drive(seed: int, seconds: float) -> Setup:
-    """A drive of this length; what its nodes sample at half their usual rate tells as much of names."""
+    """Return a drive of this length with nodes at half their usual rate."""
     return cases.sampled_at(cases.setup(seed, duration=seconds), RATE_HZ, np.random.default_rng(seed))
