@@ -147,6 +147,19 @@ def test_beside_nodes_the_track_is_honest_and_surer(names):
     assert np.mean(honest) < 2.0 * 3.0
 
 
+def test_smoothing_beside_an_encoder_ends_as_the_filter_does():
+    """Its measurements count in the last step too."""
+    drive, wheels = driven()
+    speeds = average_surface_speeds(wheels)
+    settings = config(drive, ("left",), encoder_aided=True)
+    plain, *smoothed = (
+        run_wheel_filter(settings, tables(drive), lag, speeds).track for lag in (0.0, 2.0, np.inf)
+    )
+    for track in smoothed:
+        assert track.covariance[-1] == pytest.approx(plain.covariance[-1], rel=1e-6, abs=1e-12)
+        assert (track.x[-1], track.y[-1]) == pytest.approx((plain.x[-1], plain.y[-1]), abs=1e-9)
+
+
 def test_they_carry_the_vehicle_over_a_silence_of_its_node():
     drive, wheels = driven()
     node = drive.nodes["left"]

@@ -1,0 +1,63 @@
+"""History of the wheel filter: what can be replayed, and what ends it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from hubodo.fuse.wheel.corrections import Correction, ExternalCorrection, StateReset, WindowCorrection
+from hubodo.fuse.wheel.entries import HEADING
+from hubodo.fuse.wheel.filter_core import FilterCore
+from hubodo.fuse.wheel.history import History
+from hubodo.fuse.wheel.records import StepRecord
+from wheel_runs import config, short
+
+
+def filled(numbers: range, n_steps: int = 5) -> History:
+    history = History(n_steps)
+    for number in numbers:
+        history.append(StepRecord(number, (), (), [], np.empty(0)))
+    return history
+
+
+def test_the_newest_steps_can_be_replayed() -> None:
+    history = filled(range(8))
+    assert history.is_replayable and history.first_replayable == 3 and history.newest.number == 7
+    assert [record.number for record in history.pop_since(5)] == [5, 6, 7]
+    assert history.newest.number == 4 and history.first_replayable == 3
+    history.append(StepRecord(5, (), (), [], np.empty(0)))
+    assert [record.number for record in history.pop_since(0)] == [3, 4, 5]
+    assert not history.is_replayable
+
+
+def test_nothing_before_a_barrier_can_be_replayed() -> None:
+    history = filled(range(4))
+    history.set_barrier()
+    assert not history.is_replayable and history.pop_since(0) == [] and history.newest.number == 3
+    history.append(StepRecord(4, (), (), [], np.empty(0)))
+    assert history.first_replayable == 4
+    assert [record.number for record in history.pop_since(0)] == [4]
+
+
+@pytest.mark.parametrize(
+    ("kind", "replayable"), [(WindowCorrection, True), (ExternalCorrection, False), (Correction, False)]
+)
+def test_the_type_of_a_correction_says_whether_a_replay_repeats_it(
+    kind: type[Correction], replayable: bool
+) -> None:
+    core = FilterCore(config(short(1)))
+    core.history.append(StepRecord(0, (), (), [], np.empty(0)))
+    n, column = len(core.x), core.columns.vehicle[HEADING]
+    change, reduction = np.zeros(n), np.zeros((n, n))
+    change[column], reduction[column, column] = 0.3, -0.2
+    before = core.x[column], core.p[column, column]
+    core.apply(kind(change, reduction))
+    assert (core.x[column], core.p[column, column]) == pytest.approx((before[0] + 0.3, before[1] + 0.2))
+    assert core.history.is_replayable == replayable
+
+
+def test_a_reset_by_its_owner_cannot_be_replayed() -> None:
+    core = FilterCore(config(short(1)))
+    core.history.append(StepRecord(0, (), (), [], np.empty(0)))
+    core.apply(StateReset([3, 5]))
+    assert not core.history.is_replayable

@@ -1,0 +1,49 @@
+"""Mode of a wheel: every combination of what decides it, and the measurements that it allows."""
+
+from __future__ import annotations
+
+import pytest
+
+from hubodo.fuse.wheel.measurement_update import _usage_by_mode
+from hubodo.fuse.wheel.measurements import MEASUREMENTS, forward, roll, rolling, sideways, yaw
+from hubodo.fuse.wheel.wheel_mode import WheelMode, select_mode
+
+ROLLING, DISTRUSTED, SLIPPING, UNKNOWN, LOST, OUTAGE, DISABLED = WheelMode
+
+
+@pytest.mark.parametrize(
+    ("best", "angle_known", "is_slipping", "mode"),
+    [
+        (ROLLING, True, False, ROLLING),
+        (ROLLING, True, True, SLIPPING),
+        (ROLLING, False, False, UNKNOWN),
+        (ROLLING, False, True, LOST),
+        (DISTRUSTED, True, False, DISTRUSTED),
+        (DISTRUSTED, True, True, SLIPPING),
+        (DISTRUSTED, False, False, LOST),
+        (DISTRUSTED, False, True, LOST),
+        (DISABLED, True, False, DISABLED),
+        (DISABLED, False, True, DISABLED),
+    ],
+)
+def test_mode(best: WheelMode, angle_known: bool, is_slipping: bool, mode: WheelMode) -> None:
+    assert select_mode(best, angle_known, is_slipping, 0.49) is mode
+    assert select_mode(best, angle_known, is_slipping, 0.5) is (DISABLED if best is DISABLED else OUTAGE)
+
+
+@pytest.mark.parametrize(
+    ("mode", "used"),
+    [
+        (ROLLING, {yaw, roll, forward, sideways, rolling}),
+        (DISTRUSTED, {yaw, roll, forward, sideways}),
+        (SLIPPING, {yaw, roll}),
+        (UNKNOWN, {rolling}),
+        (LOST, set()),
+        (OUTAGE, set()),
+        (DISABLED, set()),
+    ],
+)
+def test_measurements_of_a_mode(mode: WheelMode, used: set[object]) -> None:
+    usage = _usage_by_mode(MEASUREMENTS)[mode]
+    assert {it for it, is_used in zip(MEASUREMENTS, usage, strict=True) if is_used} == used
+    assert mode.knows_angle == (yaw in used)
