@@ -20,12 +20,16 @@ LONGEST_FILES = (
     *("batch/test_engines.py", "host/fuse/test_wheel_consistency.py", "host/fuse/test_wheel_clipped.py"),
     *(
         "host/ingest/live/test_held_up.py",
-        "host/sensors/test_allan_fit.py",
-        "host/sensors/test_scalar_imu.py",
+        "host/sensors/allan/test_allan_fit.py",
+        "host/sensors/imu/test_imu_calibrate.py",
     ),
     *("signal_path/test_flash_cut.py", "firmware/test_firmware_memory.py", "host/fuse/test_wheel_silence.py"),
     *("signal_path/test_doctor.py", "firmware/test_firmware_bias_filter.py", "host/fuse/test_wheel_car.py"),
-    *("signal_path/test_north_table.py", "host/sensors/test_heading.py", "host/fuse/test_wheel_slip.py"),
+    *(
+        "signal_path/test_north_table.py",
+        "host/sensors/heading/test_heading.py",
+        "host/fuse/test_wheel_slip.py",
+    ),
     *("signal_path", "firmware", "host/fuse", "host/sensors", "host/gap"),
 )
 """The longest files run first, so that no process is left with one of them at the end.

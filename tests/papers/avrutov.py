@@ -118,12 +118,12 @@ def main():
     for count in AVERAGES:
         errors = {}
         for d in DECIMALS:
-            found = []
+            result = []
             for _ in range(9):
                 noise = NOISE_LSB * 10.0**-d * rng.standard_normal((count, *u.shape))
                 mean = np.round(u + noise, d).mean(axis=0)
-                found.append(ours(mean, NOISE_LSB * 10.0**-d / np.sqrt(count)))
-            good = [e for e in found if e is not None]
+                result.append(ours(mean, NOISE_LSB * 10.0**-d / np.sqrt(count)))
+            good = [e for e in result if e is not None]
             errors[d] = float(np.median(good)) if len(good) > 4 else None
         show(f"ours, 9 poses, {count} averaged", errors)
         curves[f"ours, {count} averaged"] = errors

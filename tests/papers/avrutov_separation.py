@@ -67,15 +67,15 @@ def trial(seed, gyro_noise, bias, latitude):
     attitudes = Rotation.random(POSES, rng=rng)
     noise = {"gyro_noise": gyro_noise, "accel_noise": ACCEL_NOISE}
     data = carry(rng, gyro, accel, attitudes=attitudes, standstill_s=REST, latitude=LATITUDE, **noise)
-    found = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY, latitude=latitude)
+    result = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY, latitude=latitude)
     symmetric = np.real(sqrtm(matrix(accel) @ matrix(accel).T))
     truth = (matrix(gyro) @ np.linalg.solve(symmetric, matrix(accel)).T).ravel()[OFF_DIAGONAL]
-    ours = found.gyro.triad.matrix.ravel()[OFF_DIAGONAL] - truth
-    sigma = np.sqrt(np.diag(found.gyro.covariance))[3:][OFF_DIAGONAL]
+    ours = result.gyro.triad.matrix.ravel()[OFF_DIAGONAL] - truth
+    sigma = np.sqrt(np.diag(result.gyro.covariance))[3:][OFF_DIAGONAL]
     theirs = None
     if latitude is not None:
         alone = fit_scalar_calibration(
-            found.standstills.gyro, EARTH, found.standstills.gyro_sigma, name="gyro"
+            result.standstills.gyro, EARTH, result.standstills.gyro_sigma, name="gyro"
         )
         theirs = alone.triad.matrix.ravel()[OFF_DIAGONAL] - truth
     return theirs, ours, sigma, truth, bound(attitudes, gyro_noise)

@@ -68,11 +68,11 @@ def taught(seed: int) -> Known:
     return Known(model, sigma)
 
 
-def ours(known: Known, t: np.ndarray, output: np.ndarray, age: float, rest: float, step: float):
+def ours(known: Known, t: np.ndarray, output: np.ndarray, age: float, stationary: float, step: float):
     """The track by what `hubodo heading` calls, with its own defaults; output in deg/s."""
     rate = output * DEG
     axis = VerticalAxis(t, rate, rate)
-    spans = standstills_from_user(t, [(0.0, rest)])
+    spans = standstills_from_user(t, [(0.0, stationary)])
     noise = BiasNoise(
         estimate_angle_random_walk(t, rate, spans), TYPICAL_BIAS_INSTABILITY, warmup=known.sigma
     )
@@ -88,61 +88,63 @@ def generator(case: str, seed: int) -> np.random.Generator:
 def one_run(case: str, seed: int, known: Known) -> tuple[dict[str, np.ndarray], float, float]:
     """Errors of each way over time (deg), raw at the end, and what ours says of its end; five minutes."""
     t, rate, output, day = start_day.run(case, generator(case, seed))
-    age, rest = start_gyro.AGES[case], start_day.REST
-    moving = round(rest / start_day.DT)
+    age, stationary = start_gyro.AGES[case], start_day.REST
+    moving = round(stationary / start_day.DT)
     truth = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))]) * start_day.DT
-    track = ours(known, t, output, age, rest, 0.1)
+    track = ours(known, t, output, age, stationary, 0.1)
     errors = {"ours": track.heading / DEG - np.interp(track.t, t, truth)}
     (mean,) = (values for name, values in track.baselines.items() if name.startswith("less"))
     errors["mean of the rest"] = mean / DEG - np.interp(track.t, t, truth)
     every = round(start_gyro.DT / start_day.DT)
     model = WarmupModel(start_gyro.C2 * DEG, start_gyro.C1 * DEG, start_gyro.T)
-    begin = output[:moving].mean()
+    start = output[:moving].mean()
     for name, noise in (("paper's filter", None), ("its bias quiet", 0.0)):
         paper = SixState(
             model.c1, model.c2, model.time_constant, start_gyro.NOISE * DEG, start_gyro.DT, bias_noise=noise
         )
-        filtered = paper.run(output[moving::every] * DEG, begin * DEG, start_gyro.AVERAGED)[0] / DEG
+        filtered = paper.run(output[moving::every] * DEG, start * DEG, start_gyro.AVERAGED)[0] / DEG
         errors[name] = filtered - truth[moving::every]
     course = day.bias(age + t)
-    told = output - course - (output[:moving] - course[:moving]).mean()
-    errors["bound"] = (np.cumsum(told) * start_day.DT - truth)[moving:]
+    reported = output - course - (output[:moving] - course[:moving]).mean()
+    errors["bound"] = (np.cumsum(reported) * start_day.DT - truth)[moving:]
     raw = float(np.sum(output[moving:] - rate[moving:]) * start_day.DT)
     return errors, raw, float(track.sigma[-1] / DEG)
 
 
 def five_minutes(case: str, seeds: range, nights: list[Known]) -> dict[str, np.ndarray]:
     """By way: (M,) errors at the end; "worst <way>" the largest of each run; "sigma" of ours; "raw"."""
-    made: dict[str, list[float]] = {name: [] for way in WAYS for name in (way, f"worst {way}")}
-    made |= {"sigma": [], "raw": []}
+    built: dict[str, list[float]] = {
+        name: [] for direction in WAYS for name in (direction, f"worst {direction}")
+    }
+    built |= {"sigma": [], "raw": []}
     for seed in seeds:
         errors, raw, sigma = one_run(case, seed, nights[seed % len(nights)])
-        for way in WAYS:
-            made[way].append(float(errors[way][-1]))
-            made[f"worst {way}"].append(float(np.abs(errors[way]).max()))
-        made["sigma"].append(sigma)
-        made["raw"].append(raw)
-    return {name: np.array(values) for name, values in made.items()}
+        for direction in WAYS:
+            built[direction].append(float(errors[direction][-1]))
+            built[f"worst {direction}"].append(float(np.abs(errors[direction]).max()))
+        built["sigma"].append(sigma)
+        built["raw"].append(raw)
+    return {name: np.array(values) for name, values in built.items()}
 
 
-def hours(rest: float, cold: bool, seeds: range, nights: list[Known]) -> dict[str, np.ndarray]:
+def hours(stationary: float, cold: bool, seeds: range, nights: list[Known]) -> dict[str, np.ndarray]:
     """By way: errors (M, 3) in degrees at the times of HOURS after a rest of so many s; "sigma" of ours."""
-    made: dict[str, list[list[float]]] = {"mean of the rest": [], "ours": [], "sigma": []}
+    built: dict[str, list[list[float]]] = {"mean of the rest": [], "ours": [], "sigma": []}
     dt = 0.1
     for seed in seeds:
-        rng = np.random.default_rng([seed, round(rest), cold])
+        rng = np.random.default_rng([seed, round(stationary), cold])
         age = 0.0 if cold else 8 * 3600.0
-        t = np.arange(0.0, rest + HOURS[-1][0] + 1.0, dt)
+        t = np.arange(0.0, stationary + HOURS[-1][0] + 1.0, dt)
         day = start_day.Day(**{**vars(start_day.day(rng)), "scale": 0.0})
         # At 10 Hz a noise of 10 Hz is white: of the same density, 2 tau sigma^2.
         noise = start_gyro.NOISE * math.sqrt(2.0 / (2.0 * math.pi * start_day.BANDWIDTH) / dt)
         output = start_gyro.digitise(day.bias(age + t) + rng.normal(0.0, noise, len(t)))
-        track = ours(nights[seed % len(nights)], t, output, age, rest, 2.0)
+        track = ours(nights[seed % len(nights)], t, output, age, stationary, 2.0)
         (mean,) = (values for name, values in track.baselines.items() if name.startswith("less"))
-        at = [rest + after for after, _ in HOURS]
+        at = [stationary + after for after, _ in HOURS]
         for name, values in (("mean of the rest", mean), ("ours", track.heading), ("sigma", track.sigma)):
-            made[name].append((np.interp(at, track.t, values) / DEG).tolist())
-    return {name: np.array(values) for name, values in made.items()}
+            built[name].append((np.interp(at, track.t, values) / DEG).tolist())
+    return {name: np.array(values) for name, values in built.items()}
 
 
 def by_the_verbs(case: str, seed: int) -> tuple[float, float]:
@@ -155,8 +157,8 @@ def by_the_verbs(case: str, seed: int) -> tuple[float, float]:
         _log(drive, t, output)
         asked = ["--calibration", file, "--age", start_gyro.AGES[case], "--rest", 0, start_day.REST]
         _hubodo("warmup", night, "-o", file, "--trust-still")
-        found = _hubodo("heading", drive, *asked, "--scale-sigma", start_day.SCALE)
-    return float(found["turned_deg"]["heading"]), float(found["sigma_deg"])
+        result = _hubodo("heading", drive, *asked, "--scale-sigma", start_day.SCALE)
+    return float(result["turned_deg"]["heading"]), float(result["sigma_deg"])
 
 
 def _log(path: Path, t: np.ndarray, output: np.ndarray) -> None:
@@ -184,18 +186,18 @@ def judged(runs: dict[str, dict[str, np.ndarray]], long: dict[str, np.ndarray]) 
     """What is not as claimed, in words. runs: `five_minutes` by case. long: `hours` after a cold start."""
     wrong = []
     # Three independent runs: their squares over the mean square are chi-square with three degrees of freedom.
-    surprise = sum((PAPER[case][1] / rms(made["paper's filter"])) ** 2 for case, made in runs.items())
+    surprise = sum((PAPER[case][1] / rms(built["paper's filter"])) ** 2 for case, built in runs.items())
     if not 0.01 < chi2.cdf(surprise, len(runs)) < 0.99:
         wrong.append("the paper's filter, rebuilt, is not as far off as in the paper")
     for case in ("cold start", "warmed up"):
         if not 4.0 < rms(runs[case]["paper's filter"]) < 17.0:
             wrong.append(f"{case}: the paper's filter is not near the paper's 8.6 and 0.6")
-    for case, made in runs.items():
-        if rms(made["ours"]) > 1.1 * rms(made["mean of the rest"]):
+    for case, built in runs.items():
+        if rms(built["ours"]) > 1.1 * rms(built["mean of the rest"]):
             wrong.append(f"{case}: the mean of the rest is better")
-        if rms(made["ours"]) > 1.35 * rms(made["bound"]):
+        if rms(built["ours"]) > 1.35 * rms(built["bound"]):
             wrong.append(f"{case}: more than a third beyond the bound")
-        if not 0.7 < rms(made["ours"] / made["sigma"]) < 1.3:
+        if not 0.7 < rms(built["ours"] / built["sigma"]) < 1.3:
             wrong.append(f"{case}: the sigma does not hold")
     if rms(long["ours"][:, -1]) > 0.5 * rms(long["mean of the rest"][:, -1]):
         wrong.append("three hours after a cold start the model saves less than half of the error")
@@ -204,22 +206,25 @@ def judged(runs: dict[str, dict[str, np.ndarray]], long: dict[str, np.ndarray]) 
     return wrong
 
 
-def print_case(case: str, made: dict[str, np.ndarray]) -> None:
+def print_case(case: str, built: dict[str, np.ndarray]) -> None:
     raw, end, worst = PAPER[case]
     print(
-        f"{case:14}{'end, rms':12}{end:>8.1f}" + "".join(f"{rms(made[way]):>18.1f}" for way in WAYS), end=""
+        f"{case:14}{'end, rms':12}{end:>8.1f}"
+        + "".join(f"{rms(built[direction]):>18.1f}" for direction in WAYS),
+        end="",
     )
-    print(f"{np.mean(made['sigma']):>12.1f}{rms(made['ours'] / made['sigma']):>14.2f}")
+    print(f"{np.mean(built['sigma']):>12.1f}{rms(built['ours'] / built['sigma']):>14.2f}")
     print(
-        f"{'':14}{'end, median':12}{'':8}" + "".join(f"{np.median(np.abs(made[way])):>18.1f}" for way in WAYS)
+        f"{'':14}{'end, median':12}{'':8}"
+        + "".join(f"{np.median(np.abs(built[direction])):>18.1f}" for direction in WAYS)
     )
     print(
         f"{'':14}{'worst':12}{worst:>8.1f}"
-        + "".join(f"{np.median(made[f'worst {way}']):>18.1f}" for way in WAYS)
+        + "".join(f"{np.median(built[f'worst {direction}']):>18.1f}" for direction in WAYS)
     )
-    below = np.mean(np.abs(made["paper's filter"]) < end)
+    below = np.mean(np.abs(built["paper's filter"]) < end)
     print(
-        f"{'':14}raw {raw} in the paper, {np.median(np.abs(made['raw'])):.1f} here; the paper's filter is "
+        f"{'':14}raw {raw} in the paper, {np.median(np.abs(built['raw'])):.1f} here; the paper's filter is "
         f"nearer than in the paper in {below:.0%} of runs"
     )
 
@@ -232,19 +237,19 @@ def main(argv: list[str] | None = None) -> int:
     print_fit(0)
     nights = [taught(seed) for seed in range(NIGHTS)]
     for seed, known in enumerate(nights):
-        told = ", ".join(
+        reported = ", ".join(
             f"{name} {getattr(known.model, name):.4g} ± {s:.1g}" for name, s in known.sigma.items()
         )
-        print(f"night {seed}: {told}")
+        print(f"night {seed}: {reported}")
     print("\nError of the orientation in degrees after a rest of 2 s and five minutes")
     print(
         f"{'':26}{'paper':>8}"
-        + "".join(f"{way:>18}" for way in WAYS)
+        + "".join(f"{direction:>18}" for direction in WAYS)
         + f"{'ours says':>12}{'error/sigma':>14}"
     )
     runs = {case: five_minutes(case, seeds, nights) for case in PAPER}
-    for case, made in runs.items():
-        print_case(case, made)
+    for case, built in runs.items():
+        print_case(case, built)
     print("\nby the verbs themselves, warmup -o and heading --calibration, beside the above")
     apart = 0.0
     for case in PAPER:
@@ -258,12 +263,12 @@ def main(argv: list[str] | None = None) -> int:
     few = range(min(len(seeds), 20))
     long = {}
     for cold in (True, False):
-        for rest in (2.0, 60.0):
-            long[cold, rest] = made = hours(rest, cold, few, nights)
-            print(f"{'cold' if cold else 'after 8 h'}, rest of {rest:g} s{'':10}"[:28], end="")
+        for stationary in (2.0, 60.0):
+            long[cold, stationary] = built = hours(stationary, cold, few, nights)
+            print(f"{'cold' if cold else 'after 8 h'}, rest of {stationary:g} s{'':10}"[:28], end="")
             for k in range(3):
-                mean, own = rms(made["mean of the rest"][:, k]), rms(made["ours"][:, k])
-                print(f"{mean:>10.1f}{own:>10.1f}{np.mean(made['sigma'][:, k]):>12.1f}", end="")
+                mean, own = rms(built["mean of the rest"][:, k]), rms(built["ours"][:, k])
+                print(f"{mean:>10.1f}{own:>10.1f}{np.mean(built['sigma'][:, k]):>12.1f}", end="")
             print()
     wrong = judged(runs, long[True, 60.0])
     if apart > 0.05:

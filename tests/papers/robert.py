@@ -94,25 +94,25 @@ def programme(sensor, seed, azimuth, directions, stop, stops):
     return record_of(maytag(error, DT, azimuth, LATITUDE, list(angles), stop, TURN, rng=rng))
 
 
-def oracle(found, sensor):
+def oracle(result, sensor):
     """Generalised least squares that is told the truth of the noise: estimate and covariance of the seen.
 
     The covariance is the Cramér-Rao bound; bias and ramp are unknown to it as to us.
     """
-    return oracle_of(found.averages[0], sensor)
+    return oracle_of(result.averages[0], sensor)
 
 
 def oracle_of(a, sensor):
     inverse = np.linalg.inv(drift_covariance(drift_of(sensor), a.start, a.end))
-    seen = [a.cos, a.sin] if np.ptp(a.sin) > 0.1 else [a.cos]
-    x = np.column_stack([*seen, np.ones(len(a.y)), a.start - a.start.mean()])
+    observed = [a.cos, a.sin] if np.ptp(a.sin) > 0.1 else [a.cos]
+    x = np.column_stack([*observed, np.ones(len(a.y)), a.start - a.start.mean()])
     spread = np.linalg.inv(x.T @ inverse @ x)
-    return (spread @ x.T @ inverse @ a.y)[: len(seen)], spread[: len(seen), : len(seen)]
+    return (spread @ x.T @ inverse @ a.y)[: len(observed)], spread[: len(observed), : len(observed)]
 
 
-def azimuth_oracle(found, sensor, azimuth):
+def azimuth_oracle(result, sensor, azimuth):
     """Error of azimuth and its bound, rad, of the oracle, which knows the length of Earth rate."""
-    return azimuth_oracle_of(found.averages[0], sensor, azimuth)
+    return azimuth_oracle_of(result.averages[0], sensor, azimuth)
 
 
 def azimuth_oracle_of(averages, sensor, azimuth):
@@ -130,32 +130,32 @@ def two_point(sensor, stop, stops, seeds):
     rows = []
     for seed in range(seeds):
         record = programme(sensor, seed, 0.0, TWO, stop, stops)
-        found = find_north([record], LATITUDE, "maytag", settle=SETTLE, near=0.0)
-        rate, sigma = found.rate_components()
-        told, spread = oracle(found, sensor)
-        others = [found.filters[name].rate[0] for name in CLASSICAL_FILTERS]
-        rows.append([others[0], rate[0], sigma[0] + HORIZONTAL, told[0], *others[1:]])
+        result = find_north([record], LATITUDE, "maytag", settle=SETTLE, near=0.0)
+        rate, sigma = result.rate_components()
+        reported, spread = oracle(result, sensor)
+        others = [result.filters[name].rate[0] for name in CLASSICAL_FILTERS]
+        rows.append([others[0], rate[0], sigma[0] + HORIZONTAL, reported[0], *others[1:]])
     return (np.array(rows) / HORIZONTAL - 1) * 100, float(np.sqrt(spread[0, 0])) / HORIZONTAL * 100
 
 
 def four_point(sensor, stop, stops, seeds, first=20_000):
     """Degrees at any azimuth: (seeds, 5) nearest neighbour, ours, sigma, oracle, bound; the posteriors."""
-    rows, kept = [], []
+    rows, retained = [], []
     for seed in range(seeds):
         azimuth = np.random.default_rng(10_000 + seed // 4).uniform(-np.pi, np.pi)
         record = programme(sensor, first + seed, azimuth, FOUR, stop, stops)
-        found = find_north([record], LATITUDE, "maytag4", settle=SETTLE)
-        theirs = found.filters["nearest"].azimuth
+        result = find_north([record], LATITUDE, "maytag4", settle=SETTLE)
+        theirs = result.filters["nearest"].azimuth
         rows.append(
             [
                 float(wrap_angle(theirs - azimuth)),
-                float(wrap_angle(found.azimuth - azimuth)),
-                found.sigma,
-                *azimuth_oracle(found, sensor, azimuth),
+                float(wrap_angle(result.azimuth - azimuth)),
+                result.sigma,
+                *azimuth_oracle(result, sensor, azimuth),
             ]
         )
-        kept.append((found, azimuth))
-    return np.degrees(np.array(rows)), kept
+        retained.append((result, azimuth))
+    return np.degrees(np.array(rows)), retained
 
 
 def maytag_rows(seeds):
@@ -193,23 +193,23 @@ def maytag_rows(seeds):
         bound,
         stim[:, 3],
     )
-    four, kept = four_point(ADXRS646, 34.0, 20, seeds)
+    four, retained = four_point(ADXRS646, 34.0, 20, seeds)
     row("maytag 4, ADXRS646, 20 stops of 34 s, deg", "-", four[:, 0], four[:, 1], four[:, 4], four[:, 3])
     sigma(four[:, 1], four[:, 2])
     stim, _ = four_point(STIM210, 16.0, 40, seeds // 2)
     row("maytag 4, STIM210, 40 stops of 16 s, deg", "-", stim[:, 0], stim[:, 1], stim[:, 4], stim[:, 3])
     sigma(stim[:, 1], stim[:, 2])
-    several(kept, four)
+    several(retained, four)
 
 
-def several(kept, four):
+def several(retained, four):
     """Four gyros on one table: their mean as the thesis has it, and ours."""
     rows = []
-    for k in range(0, len(kept) - 3, 4):
-        found = [north for north, _ in kept[k : k + 4]]
-        azimuth = kept[k][1]
-        mean = np.mean([north.filters["nearest"].rate for north in found], axis=0)
-        ours, spread = fuse_azimuths([(north.posterior, north.horizontal) for north in found])
+    for k in range(0, len(retained) - 3, 4):
+        result = [north for north, _ in retained[k : k + 4]]
+        azimuth = retained[k][1]
+        mean = np.mean([north.filters["nearest"].rate for north in result], axis=0)
+        ours, spread = fuse_azimuths([(north.posterior, north.horizontal) for north in result])
         theirs = wrap_angle(np.arctan2(mean[1], mean[0]) - azimuth)
         bound = rms(four[k : k + 4, 4]) / 2
         rows.append([*np.degrees([theirs, wrap_angle(ours - azimuth), spread]), bound])
@@ -225,16 +225,16 @@ def moving_rows(name, sensor, seeds):
         rng = np.random.default_rng(30_000 + seed)
         azimuth = rng.uniform(-np.pi, np.pi)
         record = record_of(carousel(sensor.error(7300, DT, rng), DT, azimuth, LATITUDE, 40.0, 720.0))
-        found = find_north([record], LATITUDE, "carousel")
+        result = find_north([record], LATITUDE, "carousel")
         angle = record.table.angle_at(record.t)
         wave = np.column_stack([np.cos(angle), np.sin(angle), np.ones(len(angle))])
         c, s, _ = np.linalg.lstsq(wave, record.rate, rcond=None)[0]
         turned.append(
             [
                 wrap_angle(np.arctan2(s, c) - azimuth),
-                wrap_angle(found.azimuth - azimuth),
-                found.sigma,
-                *azimuth_oracle(found, sensor, azimuth),
+                wrap_angle(result.azimuth - azimuth),
+                result.sigma,
+                *azimuth_oracle(result, sensor, azimuth),
             ]
         )
         table = SimulatedTable(sensor.error(9000, DT, rng), DT, azimuth, LATITUDE)
@@ -272,12 +272,12 @@ def noise_rows(seeds):
         sigma(rows[:, 1], rows[:, 2])
 
 
-def row(what, paper, theirs, ours, bound, told=None):
+def row(what, paper, theirs, ours, bound, reported=None):
     """One line of the table; told: errors of who knows the noise, on the same records."""
     bound = rms(np.atleast_1d(bound))
     line = f"{what:56s} | {paper:28s} | {rms(theirs):7.2f} | {rms(ours):6.2f} | {bound:6.2f} |"
-    if told is not None:
-        ratio, spread = paired(ours, told)
+    if reported is not None:
+        ratio, spread = paired(ours, reported)
         line += f" {ratio:.3f} ± {spread:.3f} of who knows the noise;"
     ratio, spread = paired(theirs, ours)
     print(f"{line} the thesis' way {ratio:.3f} ± {spread:.3f} of ours ({len(ours)} seeds)", flush=True)
@@ -298,10 +298,10 @@ def ergodic(name, sensor, seed, stop=34.0, stops=1800):
     width, gap = int(stop / DT), int(TURN / DT)
     error = sensor.error(stops * (width + gap), DT, rng).reshape(stops, width + gap)[:, :width].mean(axis=1)
     sign = np.where(np.arange(stops) % 2 == 0, 1, -1)
-    found = fit_ergodicity(find_opposite_pairs(sign).rates(error + sign * HORIZONTAL))
+    result = fit_ergodicity(find_opposite_pairs(sign).rates(error + sign * HORIZONTAL))
     print(
-        f"{name}: Allan deviation of {stops - 1} estimates falls with slope {found.slope:.3f} ± "
-        f"{found.sigma:.3f} (thesis: -1/2), seed {seed}"
+        f"{name}: Allan deviation of {stops - 1} estimates falls with slope {result.slope:.3f} ± "
+        f"{result.sigma:.3f} (thesis: -1/2), seed {seed}"
     )
 
 
@@ -332,10 +332,10 @@ def real_noise(folder, parts):
         for part, azimuth in zip(np.array_split(error, parts), np.linspace(-3, 3, parts), strict=True):
             table = SimulatedTable(part, dt, azimuth, LATITUDE)
             angles = np.resize(FOUR, int(len(part) * dt / 36.0) - 1)
-            t, rate, made = simulate_stops(table, angles, 34.0)
-            found = find_north([AxisRecord(t, rate, made)], LATITUDE, "maytag4", settle=SETTLE)
-            theirs = wrap_angle(found.filters["nearest"].azimuth - azimuth)
-            rows.append([theirs, wrap_angle(found.azimuth - azimuth), found.sigma, found.bound])
+            t, rate, built = simulate_stops(table, angles, 34.0)
+            result = find_north([AxisRecord(t, rate, built)], LATITUDE, "maytag4", settle=SETTLE)
+            theirs = wrap_angle(result.filters["nearest"].azimuth - azimuth)
+            rows.append([theirs, wrap_angle(result.azimuth - azimuth), result.sigma, result.bound])
     rows = np.degrees(np.array(rows))
     row(f"maytag 4, real ADIS16405, {t[-1] / 60:.0f} min, deg", "-", rows[:, 0], rows[:, 1], rows[:, 3])
     sigma(rows[:, 1], rows[:, 2])
@@ -358,7 +358,7 @@ def main():
     parser.add_argument("--seeds", type=int, default=240)
     parser.add_argument("--static", type=Path, help="CSV folder of a node at rest")
     args = parser.parse_args()
-    begin = time.time()
+    start = time.time()
     print(f"Robert 2014 at 32.7574 deg: Earth rate there {np.degrees(HORIZONTAL):.6f} deg/s (thesis 0.0035)")
     print(f"rms over seeds from 0, 10000, 20000, 30000, 70000 on; {args.seeds} of the longest\n")
     print(f"{'':56s} | {'paper':28s} | rebuilt | ours   | bound  |")
@@ -379,7 +379,7 @@ def main():
         ("0.01 deg/sqrt(h), 0.05 deg/h", with_minimum(0.01, 0.05, 1000)),
     ):
         minute(name, sensor)
-    print(f"run time {time.time() - begin:.0f} s, processor {time.process_time():.0f} s")
+    print(f"run time {time.time() - start:.0f} s, processor {time.process_time():.0f} s")
 
 
 if __name__ == "__main__":

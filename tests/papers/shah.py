@@ -51,17 +51,17 @@ def drive(seed, acceleration, noise):
     return spin_drives.sensed(rng, rate, DT, noise=noise)
 
 
-def static_bias(made):
-    return float(made.z[: made.n_standstill].mean())
+def static_bias(built):
+    return float(built.z[: built.n_standstill].mean())
 
 
-def rmse(estimate, made):
-    return float(np.sqrt(np.mean((estimate - made.rate)[made.n_standstill :] ** 2)))
+def rmse(estimate, built):
+    return float(np.sqrt(np.mean((estimate - built.rate)[built.rest :] ** 2)))
 
 
-def kalman(made, rate_step, noise):
+def kalman(built, rate_step, noise):
     gain = steady_state_gain(rate_step, BIAS_STEP, noise, DT)
-    return RateBiasKalman(gain, DT, bias=static_bias(made)).run(made.z).rate
+    return RateBiasKalman(gain, DT, bias=static_bias(built)).run(built.z).rate
 
 
 def tuned_step(acceleration, noise):
@@ -69,31 +69,31 @@ def tuned_step(acceleration, noise):
 
     A random walk is not what a driver does, so no value can be computed.
     """
-    made = drive(TRAINING_SEED, acceleration, noise)
+    built = drive(TRAINING_SEED, acceleration, noise)
     steps = np.geomspace(1e-3, 30.0, 60) * noise
-    return min(steps, key=lambda step: rmse(kalman(made, step, noise), made))
+    return min(steps, key=lambda step: rmse(kalman(built, step, noise), built))
 
 
-def row(name, raw, found, chosen="-", bound="-"):
-    cells = "  ".join(f"{found[n]:8.4f} ({found[n] / found['Kalman']:6.2f})" for n in NAMES)
+def row(name, raw, result, chosen="-", bound="-"):
+    cells = "  ".join(f"{result[n]:8.4f} ({result[n] / result['Kalman']:6.2f})" for n in NAMES)
     print(f"  {name:50}{raw:>9}  {cells}  {chosen:>16}{bound:>9}")
 
 
-def chosen(made, step, noise):
+def chosen(built, step, noise):
     """(way, its estimate's error in rad/s) by the smallest held-out error, which needs no truth."""
-    told = held_out(made.z, DT)
-    way = min(told, key=told.get)
-    if way == "raw":
-        return way, rmse(made.z - static_bias(made), made)
-    if way == "Kalman":
-        return way, rmse(kalman(made, step, noise), made)
-    factor = float(way.split()[1])
-    return way, rmse(RecursiveLeastSquares(factor, bias=static_bias(made)).run(made.z), made)
+    reported = held_out(built.z, DT)
+    direction = min(reported, key=reported.get)
+    if direction == "raw":
+        return direction, rmse(built.z - static_bias(built), built)
+    if direction == "Kalman":
+        return direction, rmse(kalman(built, step, noise), built)
+    factor = float(direction.split()[1])
+    return direction, rmse(RecursiveLeastSquares(factor, bias=static_bias(built)).run(built.z), built)
 
 
-def bound(made, noise):
+def bound(built, noise):
     """rad/s: the best gain for this very drive, with its truth in hand."""
-    return min(rmse(kalman(made, step, noise), made) for step in np.geomspace(1e-3, 30.0, 60) * noise)
+    return min(rmse(kalman(built, step, noise), built) for step in np.geomspace(1e-3, 30.0, 60) * noise)
 
 
 def table_rmse(seeds):
@@ -111,24 +111,25 @@ def table_rmse(seeds):
     for name, (acceleration, noise) in DRIVES.items():
         step = tuned_step(acceleration, noise)
         drives = [drive(seed, acceleration, noise) for seed in range(seeds)]
-        raw = statistics.median(rmse(made.z - static_bias(made), made) for made in drives)
-        best = statistics.median(rmse(kalman(made, step, noise), made) for made in drives)
-        picked = [chosen(made, step, noise) for made in drives]
-        ways = statistics.mode(way for way, _ in picked)
+        raw = statistics.median(rmse(built.z - static_bias(built), built) for built in drives)
+        best = statistics.median(rmse(kalman(built, step, noise), built) for built in drives)
+        picked = [chosen(built, step, noise) for built in drives]
+        ways = statistics.mode(direction for direction, _ in picked)
         ours = f"{statistics.median(error for _, error in picked):.4f} {ways}"
-        least = f"{statistics.median(bound(made, noise) for made in drives):.4f}"
+        least = f"{statistics.median(bound(built, noise) for built in drives):.4f}"
         for reading, lagged in (("as printed", False), ("yhat - y of n - 1", True)):
-            found = {"Kalman": best}
+            result = {"Kalman": best}
             for factor in FACTORS:
-                found[f"RLS {factor}"] = statistics.median(
+                result[f"RLS {factor}"] = statistics.median(
                     rmse(
-                        RecursiveLeastSquares(factor, bias=static_bias(made), lagged=lagged).run(made.z), made
+                        RecursiveLeastSquares(factor, bias=static_bias(built), lagged=lagged).run(built.z),
+                        built,
                     )
-                    for made in drives
+                    for built in drives
                 )
-            row(f"rebuilt, {name}, {reading}", f"{raw:.4f}", found, ours, least)
-            wins.append(min(found, key=found.get) == "Kalman")
-            if found["RLS 0.98"] < found["RLS 0.92"]:
+            row(f"rebuilt, {name}, {reading}", f"{raw:.4f}", result, ours, least)
+            wins.append(min(result, key=result.get) == "Kalman")
+            if result["RLS 0.98"] < result["RLS 0.92"]:
                 order.append(f"{name}, {reading}")
     print(f"  Kalman wins in {sum(wins)} of {len(wins)} rows; in the paper it wins.")
     print(f"  RLS 0.98 before RLS 0.92, the paper's order, in {len(order)}: {'; '.join(order) or '-'}.")
@@ -148,21 +149,21 @@ def held_out(values, dt):
     The Kalman filter's gain is the best of the first half. No truth is needed: the noise of the sample that
     was left out is the same for all.
     """
-    seen, wanted = values[::2], values[1::2]
-    count = min(len(seen), len(wanted))
-    seen, wanted = seen[:count], wanted[:count]
+    observed, wanted = values[::2], values[1::2]
+    count = min(len(observed), len(wanted))
+    observed, wanted = observed[:count], wanted[:count]
     learn, judge = slice(100, count // 2), slice(count // 2, None)
 
     def error(estimate, part):
         return float(np.sqrt(np.mean((estimate - wanted)[part] ** 2)))
 
     gains = [KalmanGain(rate, 1e-9) for rate in np.geomspace(0.05, 5.0, 12) / dt]
-    tracks = [RateBiasKalman(gain, 2.0 * dt, rate=float(seen[0])).run(seen).rate for gain in gains]
-    found = {"raw": error(seen, judge)}
-    found["Kalman"] = error(min(tracks, key=lambda track: error(track, learn)), judge)
+    tracks = [RateBiasKalman(gain, 2.0 * dt, rate=float(observed[0])).run(observed).rate for gain in gains]
+    result = {"raw": error(observed, judge)}
+    result["Kalman"] = error(min(tracks, key=lambda track: error(track, learn)), judge)
     for factor in FACTORS:
-        found[f"RLS {factor}"] = error(RecursiveLeastSquares(factor).run(seen), judge)
-    return found
+        result[f"RLS {factor}"] = error(RecursiveLeastSquares(factor).run(observed), judge)
+    return result
 
 
 def table_real():
@@ -176,10 +177,10 @@ def table_real():
             print(f"  {path} is not here")
             continue
         table = read_folder(path).nodes[node]
-        found = held_out(table["gz"], float(np.median(np.diff(table.t))))
-        print(f"  {f'{name} {node} gz, driving':34}" + "".join(f"{1e3 * x:10.2f}" for x in found.values()))
-        gains.append(1.0 - found["Kalman"] / found["raw"])
-        losses += [found[way] / found["raw"] for way in NAMES[1:]]
+        result = held_out(table["gz"], float(np.median(np.diff(table.t))))
+        print(f"  {f'{name} {node} gz, driving':34}" + "".join(f"{1e3 * x:10.2f}" for x in result.values()))
+        gains.append(1.0 - result["Kalman"] / result["raw"])
+        losses += [result[direction] / result["raw"] for direction in NAMES[1:]]
     if gains:
         print(
             f"  On real wheels the Kalman filter gains {min(gains):.0%} to {max(gains):.0%} on raw samples; "
@@ -244,15 +245,15 @@ def table_run_time():
             *(lambda f=f: RecursiveLeastSquares(f).update for f in FACTORS),
         ],
     }
-    taken = {name: [[] for _ in makes] for name, makes in makers.items()}
+    used = {name: [[] for _ in makes] for name, makes in makers.items()}
     for _ in range(7):
         for name, makes in makers.items():
-            for rounds, make in zip(taken[name], makes, strict=True):
+            for rounds, make in zip(used[name], makes, strict=True):
                 rounds.append(per_update_us(make(), values))
     print("Table I, run time per update in us, median of 7 rounds of 5000, in turn")
     print(f"  {'':24}" + "  ".join(f"{n:>9}" for n in NAMES))
     print(f"  {'paper':24}" + "  ".join(f"{PAPER_MS[n] * 1e3:9.1f}" for n in NAMES))
-    for name, columns in taken.items():
+    for name, columns in used.items():
         print(f"  {name:24}" + "  ".join(f"{statistics.median(rounds):9.3f}" for rounds in columns))
     print(
         "  Written in matrices RLS is cheaper than eq. 6-8 at each sample, as in the paper. With the constant"
@@ -274,17 +275,17 @@ def figure_3(seed, png):
     print(
         f"  {'':26}{'bias found':>12} {'its error':>10} {'sigma':>9} {'mean after':>11} {'shift, bins':>12}"
     )
-    found = {"mean of the samples": (z[:, 2].mean(), sigma / math.sqrt(len(z)))}
+    result = {"mean of the samples": (z[:, 2].mean(), sigma / math.sqrt(len(z)))}
     for name, printed in (("eq. 1-3 as printed", True), ("eq. 1-3, moments mended", False)):
         filter_ = PseudoMeasurementFilter(sigma**2 * np.eye(3), sigma=0.02, as_printed=printed)
         filter_.run(z)
-        found[name] = (filter_.bias[2], math.sqrt(filter_.covariance[2, 2]))
-    for name, (value, spread) in found.items():
+        result[name] = (filter_.bias[2], math.sqrt(filter_.covariance[2, 2]))
+    for name, (value, spread) in result.items():
         after = z[:, 2].mean() - value
         shift = round(value / BIN)
         print(f"  {name:26}{value:12.6f} {value - bias[2]:10.1e} {spread:9.1e} {after:11.1e} {shift:12d}")
     if png:
-        draw(z[:, 2], found["eq. 1-3, moments mended"][0], png)
+        draw(z[:, 2], result["eq. 1-3, moments mended"][0], png)
 
 
 def draw(z, bias, path):

@@ -13,9 +13,9 @@ SEEDS = range(2)
 def runs(scale):
     """As large as the paper's, with sigmas that are `scale` times too small."""
     rng = np.random.default_rng(1)
-    made = {way: 7.0 * rng.normal(size=200) for way in barshan.WAYS}
-    made["mean of the rest"] = made["bound"] = made["ours"]
-    return dict.fromkeys(barshan.PAPER, made | {"sigma": np.full(200, 7.0 / scale)})
+    built = {direction: 7.0 * rng.normal(size=200) for direction in barshan.WAYS}
+    built["mean of the rest"] = built["bound"] = built["ours"]
+    return dict.fromkeys(barshan.PAPER, built | {"sigma": np.full(200, 7.0 / scale)})
 
 
 def test_a_model_that_helps_passes_and_none_or_a_wrong_one_is_told():

@@ -105,9 +105,9 @@ def nees(errors, covariances):
 def test_the_errors_are_as_large_as_the_covariance_says(kind, spread):
     errors, covariances = ensemble(kind, spread)
     low, high = chi2.ppf([0.001, 0.999], 3 * RUNS) / RUNS
-    found = nees(errors, covariances)
-    print(f"{kind}, seed 20: NEES {found:.2f}, band {low:.2f} .. {high:.2f}")
-    assert low < found < high
+    result = nees(errors, covariances)
+    print(f"{kind}, seed 20: NEES {result:.2f}, band {low:.2f} .. {high:.2f}")
+    assert low < result < high
 
 
 def test_at_rest_the_printed_filter_is_sure_of_a_wrong_bias():

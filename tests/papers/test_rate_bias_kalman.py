@@ -102,10 +102,12 @@ def test_a_batch_is_the_live_filter(cut, seed):
     live, batch = RateBiasKalman(gain, 0.01, bias=0.02), RateBiasKalman(gain, 0.01, bias=0.02)
     rates = [(live.update(value), live.bias) for value in z.tolist()]
     parts = [batch.run(z[:cut]), batch.run(z[cut:])]
-    made = np.column_stack([np.concatenate([p.rate for p in parts]), np.concatenate([p.bias for p in parts])])
+    built = np.column_stack(
+        [np.concatenate([p.rate for p in parts]), np.concatenate([p.bias for p in parts])]
+    )
     # One rounding of s is kept for 1 / take = 15 samples.
-    assert np.abs(made - rates).max() <= 15 * np.spacing(8.0)
-    assert (batch.rate, batch.bias) == (made[-1, 0], made[-1, 1])
+    assert np.abs(built - rates).max() <= 15 * np.spacing(8.0)
+    assert (batch.rate, batch.bias) == (built[-1, 0], built[-1, 1])
 
 
 @pytest.mark.parametrize("gain", [(0.0, 1.0), (-1.0, 0.0), (1.0, -1e-9), (math.nan, 0.0), (math.inf, 0.0)])

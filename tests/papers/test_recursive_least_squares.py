@@ -13,8 +13,8 @@ from hubodo.sensors.warmup.recursive_least_squares import _INITIAL_VARIANCE, Rec
 
 def regressors(y, rates, lagged):
     before = np.append(0.0, rates[:-1])
-    taken = np.append(0.0, y[:-1]) if lagged else y
-    return np.column_stack([np.arange(1.0, len(y) + 1), before - taken])
+    used = np.append(0.0, y[:-1]) if lagged else y
+    return np.column_stack([np.arange(1.0, len(y) + 1), before - used])
 
 
 @pytest.mark.parametrize("lagged", [False, True])

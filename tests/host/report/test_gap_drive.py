@@ -9,13 +9,13 @@ from hubodo.effects import EFFECTS
 from hubodo.gap.explain.indistinguishable import INDISTINGUISHABLE_CAUSES
 from hubodo.report.gap_drive import _SEGMENTS_BY_KEYWORD, drive_figure, parse_manoeuvre
 
-WAYS = sorted({way for effect in EFFECTS for way in effect.confusable_with.values()})
+WAYS = sorted({direction for effect in EFFECTS for direction in effect.confusable_with.values()})
 
 
 @pytest.mark.parametrize("words", WAYS)
 def test_every_manoeuvre_of_the_effects_is_drawn(words):
-    made = drive_figure(parse_manoeuvre(words))
-    t, speed = made.data[0].x, np.asarray(made.data[0].y)
+    built = drive_figure(parse_manoeuvre(words))
+    t, speed = built.data[0].x, np.asarray(built.data[0].y)
     assert speed[0] == speed[-1] == 0.0
     assert np.ptp(t) > 10.0
 
@@ -30,15 +30,17 @@ def test_turns_both_ways_are_turns_both_ways_and_two_speeds_are_two():
 
 
 def test_the_path_is_that_of_the_speed_and_the_turns():
-    made = drive_figure(((10.0, 2.0, 0.0),))
-    x, y = (np.asarray(getattr(made.data[2], axis)) for axis in "xy")
+    built = drive_figure(((10.0, 2.0, 0.0),))
+    x, y = (np.asarray(getattr(built.data[2], axis)) for axis in "xy")
     assert x[-1] == pytest.approx(20.0, abs=0.2)
     assert not np.any(y)
 
 
 def test_no_word_of_a_manoeuvre_is_without_use():
     assert [
-        word for word in _SEGMENTS_BY_KEYWORD if not any(word in way for way in WAYS) and word != "longer"
+        word
+        for word in _SEGMENTS_BY_KEYWORD
+        if not any(word in direction for direction in WAYS) and word != "longer"
     ] == []
 
 

@@ -18,12 +18,12 @@ class Links(HTMLParser):
 
 
 def test_nothing_is_fetched_and_text_is_escaped():
-    made = new_plotly_figure("t", "v")
-    made.add_scatter(x=[0, 1], y=[1, 2])
+    built = new_plotly_figure("t", "v")
+    built.add_scatter(x=[0, 1], y=[1, 2])
     text = render_page(
         "A <title>",
         "lead & more",
-        [Section("one", "a < b", [PageTable(("h",), [("<script>x</script>",)])], [made])],
+        [Section("one", "a < b", [PageTable(("h",), [("<script>x</script>",)])], [built])],
     )
     links = Links()
     links.feed(text)

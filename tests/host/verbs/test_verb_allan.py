@@ -121,7 +121,7 @@ def test_several_sensors_make_one_table_one_figure_and_one_page_with_a_data_shee
         (("--datasheet", "LSM9"), "no such file, and no chip of LSM6DS33"),
         (("--channel", "gz,ax"), "gyro and accelerometer have different units"),
         (("--channel", "wz"), "choose from gx"),
-        (("--channel", "gx"), "has no gx; say --channel with gz"),
+        (("--channel", "gx"), "has no gx; use --channel with gz"),
         (("--rate", "0"), "--rate: 0: write a number above 0"),
         (("--unit", "deg/s"), "at most one for the gyro"),
     ],

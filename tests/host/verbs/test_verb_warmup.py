@@ -209,7 +209,7 @@ def test_what_is_no_sensor_at_rest_in_si_units_is_refused_in_one_line(tmp_path, 
         assert words in line
         assert "\n" not in line
     assert main(["allan", str(rest), "--node", "frame"]) == 2
-    assert "say --node with one of: left" in capsys.readouterr().err
+    assert "give --node with one of: left" in capsys.readouterr().err
 
 
 def test_a_temperature_step_takes_only_the_slow_terms_from_allan(tmp_path):

@@ -116,8 +116,8 @@ class PseudoMeasurementFilter:
             variance = np.minimum(variance * self._surprise / self._count, self._begun)
         square = float(self._rate @ self._rate)
         across = float(np.sum(np.diag(self.covariance) ** 2)) / (2.0 * square**2) if square else 0.0
-        made: Array = variance + (scale_sigma**2 + across) * self._rate**2
-        return made
+        built: Array = variance + (scale_sigma**2 + across) * self._rate**2
+        return built
 
     def update(
         self, gyro: Sequence[float], rate: float = 0.0, rate_sigma: float = 0.0
@@ -146,10 +146,10 @@ class PseudoMeasurementFilter:
             weight = 4.0 * known / square if known and square > 0.0 else 0.0
         if weight:
             sxx, syy, szz, sxy, sxz, syz = self._noise
-            felt = sxx * ax + syy * ay + szz * az
+            measured = sxx * ax + syy * ay + szz * az
             if self._correlated:
-                felt += 2.0 * (sxy * dx * dy + sxz * dx * dz + syz * dy * dz)
-            variance += weight * felt
+                measured += 2.0 * (sxy * dx * dy + sxz * dx * dz + syz * dy * dz)
+            variance += weight * measured
         if rate_sigma:
             doubt = rate_sigma * rate_sigma
             innovation += doubt
@@ -179,8 +179,8 @@ class PseudoMeasurementFilter:
             (*self.update(sample, magnitude, sigma), *self._p[:3])
             for sample, magnitude, sigma in zip(samples.tolist(), rates, sigmas, strict=True)
         )
-        made: Array = np.fromiter(rows, np.dtype((np.float64, 6)), len(samples))
-        return BiasTrack(made[:, :3], made[:, 3:])
+        built: Array = np.fromiter(rows, np.dtype((np.float64, 6)), len(samples))
+        return BiasTrack(built[:, :3], built[:, 3:])
 
 
 @dataclass(frozen=True)

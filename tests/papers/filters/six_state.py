@@ -37,13 +37,13 @@ class SixState:
         transition, drive = self._transition()
         state = np.zeros((6, len(runs)))
         state[5] = bias
-        made = np.empty((3, *runs.shape))
+        built = np.empty((3, *runs.shape))
         for k, gain in enumerate(self._gains(transition, runs.shape[1], averaged)):
             state = transition @ state
             state[5] += drive
             state += gain[:, None] * (runs[:, k] - state[1] - state[5])
-            made[:, :, k] = state[[0, 1, 5]]
-        shaped = made.reshape(3, *np.shape(rates))
+            built[:, :, k] = state[[0, 1, 5]]
+        shaped = built.reshape(3, *np.shape(rates))
         return shaped[0], shaped[1], shaped[2]
 
     def _transition(self) -> tuple[Array, float]:
@@ -58,12 +58,12 @@ class SixState:
 
     def _process_noise(self) -> Array:
         """Eq. (11), discretised: white noise on the derivative above the highest state of each chain."""
-        made = np.zeros((6, 6))
-        made[:4, :4] = self.highest_derivative**2 * _white_noise(4, self.dt)
-        made[4:, 4:] = (self.noise if self.bias_noise is None else self.bias_noise) ** 2 * _white_noise(
+        built = np.zeros((6, 6))
+        built[:4, :4] = self.highest_derivative**2 * _white_noise(4, self.dt)
+        built[4:, 4:] = (self.noise if self.bias_noise is None else self.bias_noise) ** 2 * _white_noise(
             2, self.dt
         )
-        return made
+        return built
 
     def _gains(self, transition: Array, count: int, averaged: int) -> Array:
         """(N, 6) Kalman gains."""
@@ -87,5 +87,5 @@ def _white_noise(order: int, dt: float) -> Array:
     powers = order - 1 - np.arange(order)
     factorials = np.array([math.factorial(p) for p in powers], float)
     total = powers[:, None] + powers[None, :] + 1
-    made: Array = dt**total / (np.outer(factorials, factorials) * total)
-    return made
+    built: Array = dt**total / (np.outer(factorials, factorials) * total)
+    return built

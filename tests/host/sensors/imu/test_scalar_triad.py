@@ -25,12 +25,12 @@ angles = st.fixed_dictionaries({name: st.floats(-0.1, 0.1) for name in ("xz", "x
 def made_of(b, e, d):
     """The triad of a calibration with these biases, scale errors and angles."""
     parts = {"gyro_bias": b, "gyro_scale_factor": e}
-    found = {
+    result = {
         name: CalibratedEffect({a: Quantity(v, 0.0) for a, v in zip("xyz", values, strict=True)})
         for name, values in parts.items()
     }
     angles = CalibratedEffect({name: Quantity(angle, 0.0) for name, angle in d.items()})
-    return triad_from_effects({**found, "gyro_nonorthogonality": angles}, "gyro")
+    return triad_from_effects({**result, "gyro_nonorthogonality": angles}, "gyro")
 
 
 @given(three, three, angles, st.lists(three, min_size=1, max_size=5))
@@ -51,8 +51,8 @@ def test_the_bias_comes_off_before_the_matrix_is_undone():
 @given(three, three, angles)
 def test_a_triad_survives_the_calibration_file(b, e, d):
     triad = made_of(b, e, d)
-    made = effects_from_triad(triad, np.full(12, 1e-3), "gyro")
-    back = triad_from_effects({name: CalibratedEffect(p) for name, p in made.items()}, "gyro")
+    built = effects_from_triad(triad, np.full(12, 1e-3), "gyro")
+    back = triad_from_effects({name: CalibratedEffect(p) for name, p in built.items()}, "gyro")
     assert np.allclose(back.matrix, triad.matrix, atol=1e-15) and np.allclose(back.bias, triad.bias, atol=0)
 
 

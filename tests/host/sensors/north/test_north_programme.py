@@ -38,8 +38,10 @@ def test_what_remains_after_drift_from_stop_to_stop_is_seen_in_means_of_four_and
 def test_what_a_minute_can_do_at_best_is_the_bound_of_its_white_noise():
     """Even coverage: sqrt(2 / T) N / horizontal."""
     drift, horizontal = DriftNoise(1e-5, 2e-6, 1e-7), 5e-5
-    found = SimpleNamespace(posterior=SimpleNamespace(drift=drift), horizontal_rate=horizontal, elapsed=600.0)
-    bound = result_json.programme_json(found)["one_minute_white_noise_bound_deg"]
+    result = SimpleNamespace(
+        posterior=SimpleNamespace(drift=drift), horizontal_rate=horizontal, elapsed=600.0
+    )
+    bound = result_json.programme_json(result)["one_minute_white_noise_bound_deg"]
     assert bound == pytest.approx(np.degrees(np.sqrt(2.0 / 60.0) * 1e-5 / horizontal))
 
 

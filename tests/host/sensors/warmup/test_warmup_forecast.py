@@ -25,10 +25,10 @@ def record(bias, seed, noise=0.1):
 def test_the_bias_an_hour_and_three_after_the_record_is_within_the_sigma(form):
     """`tests/accuracy/warmup_forms.py` counts many seeds."""
     seed = 0
-    for way, (error, sigma) in warmup_forms.one(form, "", seed).items():
-        if way in ("forecast", "accepted model", "file"):
-            print(f"{form}, seed {seed}, {way}: {error * 3600} of {sigma * 3600} deg/h")
-            assert np.all(np.abs(error) < 3.5 * sigma), way
+    for direction, (error, sigma) in warmup_forms.one(form, "", seed).items():
+        if direction in ("forecast", "accepted model", "file"):
+            print(f"{form}, seed {seed}, {direction}: {error * 3600} of {sigma * 3600} deg/h")
+            assert np.all(np.abs(error) < 3.5 * sigma), direction
 
 
 def test_a_form_that_is_not_the_exponential_widens_what_is_written():
@@ -44,13 +44,13 @@ def test_a_form_that_is_not_the_exponential_widens_what_is_written():
     )
     print(f"off {off / DEG * 3600} deg/h, believed {believed / DEG * 3600}, counted {counted / DEG * 3600}")
     assert np.all(np.abs(off) > 3.0 * believed) and np.all(np.abs(off) < 2.5 * counted)
-    told = report.as_json()
+    reported = report.as_json()
     assert (
-        told["c1"]["sigma"]
+        reported["c1"]["sigma"]
         == report.sigma["c1"]
         == report.calibrated_effects()["gyro_warmup"].parameters["z"].sigma
     )
-    assert [row["age"] for row in told["prediction"]][-1] == pytest.approx(t[-1] + 3 * 3600.0, abs=2.0)
+    assert [row["age"] for row in reported["prediction"]][-1] == pytest.approx(t[-1] + 3 * 3600.0, abs=2.0)
 
 
 def test_two_exponentials_are_written_and_taken_out_as_two():
@@ -59,8 +59,8 @@ def test_two_exponentials_are_written_and_taken_out_as_two():
     _, output = record(bias, 4, noise=0.05)
     report = characterise_warmup(t, output, "gz")
     assert report.accepted.fit.kind == "two exponentials"
-    told = report.as_json()
-    assert told["c1"]["value"] is None and "two exponentials" in told["c1"]["reason"]
+    reported = report.as_json()
+    assert reported["c1"]["value"] is None and "two exponentials" in reported["c1"]["reason"]
     effects = report.calibrated_effects()
     assert effects["gyro_warmup"].value("time_constant") == pytest.approx(200.0, rel=0.1)
     assert effects["gyro_warmup"].value("time_constant_second") == pytest.approx(1500.0, rel=0.1)
@@ -92,9 +92,9 @@ def test_the_slow_noise_is_a_walk_and_flicker_of_the_sizes_it_is_told():
     t = np.array([0.0, 10.0, 40.0])
     assert noise.slow_covariance(t, t) == pytest.approx(0.09 * np.minimum.outer(t, t))
     flicker = RecordNoise(0.0, 1.0, 0.0, 0.0, 1.0)
-    made = np.array([gyro_noise(4096, 1.0, np.random.default_rng(s), b=1.0) for s in range(60)])
+    built = np.array([gyro_noise(4096, 1.0, np.random.default_rng(s), b=1.0) for s in range(60)])
     for lag in (8, 64, 512):
-        theirs = np.mean((made[:, lag:] - made[:, :-lag]) ** 2)
+        theirs = np.mean((built[:, lag:] - built[:, :-lag]) ** 2)
         ours = 2.0 * float(
             (flicker.slow_variance(t[:1]) - flicker.slow_covariance(t[:1], np.array([float(lag)])))[0, 0]
         )

@@ -39,18 +39,18 @@ def runs(noise):
 def test_azimuth_is_within_a_tenth_of_the_bound_and_sigma_holds(name):
     noise = NOISES[name]
     drift = DriftNoise(noise["n"], noise.get("b", 0.0), noise.get("k", 0.0))
-    ours, told, z = [], [], []
+    ours, reported, z = [], [], []
     for azimuth, record in runs(noise):
-        found = find_north([record], LATITUDE, "maytag4", settle=0.3)
+        result = find_north([record], LATITUDE, "maytag4", settle=0.3)
         knowing = find_north([record], LATITUDE, "maytag4", settle=0.3, drift=drift)
-        ours.append(float(wrap_angle(found.azimuth - azimuth)))
-        told.append(float(wrap_angle(knowing.azimuth - azimuth)))
-        z.append(ours[-1] / found.sigma)
+        ours.append(float(wrap_angle(result.azimuth - azimuth)))
+        reported.append(float(wrap_angle(knowing.azimuth - azimuth)))
+        z.append(ours[-1] / result.sigma)
         bound = knowing.bound
-    ratio = np.sqrt(np.mean(np.square(ours)) / np.mean(np.square(told)))
+    ratio = np.sqrt(np.mean(np.square(ours)) / np.mean(np.square(reported)))
     print(name, ratio, np.degrees(bound), np.mean(np.square(z)), f"seeds 0 to {SEEDS - 1}")
     assert ratio < 1.1
     # Who knows the noise is at the bound: chi-square, 99.9 %.
     low, high = chi2.ppf([0.0005, 0.9995], SEEDS) / SEEDS
-    assert low < np.mean(np.square(told)) / bound**2 < high
+    assert low < np.mean(np.square(reported)) / bound**2 < high
     assert low < np.mean(np.square(z)) < high

@@ -50,15 +50,15 @@ def test_samples_are_judged_in_ten_stretches_from_start_to_end_by_what_the_model
 ):
     temperature = 20.0 + 3.0 * np.sin(np.arange(count) / 50.0) if warm else None
     record, noise = record_of(count, dt, temperature, missing=range(40, 60))
-    found = assess_fit(fit_of(), record, AGE, temperature)
-    assert (found.autocorrelation.length, found.autocorrelation.sequences) == (length, sequences)
+    result = assess_fit(fit_of(), record, AGE, temperature)
+    assert (result.autocorrelation.length, result.autocorrelation.sequences) == (length, sequences)
     lag = np.array([1, 7, length // 2])
     sums = np.zeros(4)
     for k in range(sequences):
         first = int(k * (count - length) / max(sequences - 1, 1))
         part = noise[first : first + length]
         sums += [part @ part, *(part[:-step] @ part[step:] for step in lag)]
-    assert found.autocorrelation.autocorrelation[lag - 1] == pytest.approx(sums[1:] / sums[0], abs=1e-9)
+    assert result.autocorrelation.autocorrelation[lag - 1] == pytest.approx(sums[1:] / sums[0], abs=1e-9)
 
 
 def test_means_are_judged_by_the_residual_of_the_fit_and_both_must_be_white():
@@ -67,7 +67,7 @@ def test_means_are_judged_by_the_residual_of_the_fit_and_both_must_be_white():
     coloured.values[1:] += 0.8 * np.diff(coloured.values) + 2e-3 * np.sin(np.arange(3_999) / 3.0)
     drifting = fit_of()
     drifting.residual = np.cumsum(drifting.residual)
-    seen = [
+    observed = [
         (one.autocorrelation.is_white, one.ljung_box.is_white, one.is_white)
         for one in (
             assess_fit(fit_of(), record, AGE, None),
@@ -75,7 +75,7 @@ def test_means_are_judged_by_the_residual_of_the_fit_and_both_must_be_white():
             assess_fit(fit_of(), coloured, AGE, None),
         )
     ]
-    assert seen == [(True, True, True), (True, False, False), (False, True, False)]
+    assert observed == [(True, True, True), (True, False, False), (False, True, False)]
 
 
 def assessed(kind, bic, statistic=50.0, white=False, determined=True):
@@ -140,8 +140,8 @@ def test_the_most_likely_of_the_white_models_follows(offer):
 @pytest.mark.parametrize("statistic, follows", [(79.0, True), (81.0, False)])
 def test_where_none_is_white_the_least_coloured_follows_if_it_is_by_a_fifth(offer, statistic, follows):
     least = assessed(WARM, 50.0, statistic)
-    found, _ = offer(assessed(TWO, 20.0, statistic + 0.5), least, assessed(BOTH, 10.0, 99.0))
-    assert found is (least if follows else None)
+    result, _ = offer(assessed(TWO, 20.0, statistic + 0.5), least, assessed(BOTH, 10.0, 99.0))
+    assert result is (least if follows else None)
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ def test_the_density_of_an_octave_and_a_slope_integrates_to_the_same_for_any_noi
 def integral(factor, density):
     place = np.array([factor])
     tau = place / RATE_HZ
-    told = Likelihood(
+    reported = Likelihood(
         place, tau, tau, covariance_tensor(place, SAMPLES, 1.0 / RATE_HZ), 0.0, SAMPLES / RATE_HZ, misfit=0.03
     )
     x = np.array([ABSENT_LOG_SQUARE] * 4 + [0.0, 0.0])
@@ -36,9 +36,9 @@ def integral(factor, density):
     # Each by itself, as they are independent; both are wide enough for a few per cent of the one and for the
     # least-squares slope of white noise, N sqrt(12 / T³).
     roots = np.cbrt(density**2 / tau) * np.linspace(0.3, 1.7, 301)
-    slopes = density * np.sqrt(12.0 / told.duration**3) * np.linspace(-8.0, 8.0, 301)
-    along = [replace(told, avar=np.array([root**3])).cost(x) for root in roots]
-    across = [replace(told, avar=np.array([roots[150] ** 3]), slope=slope).cost(x) for slope in slopes]
+    slopes = density * np.sqrt(12.0 / reported.duration**3) * np.linspace(-8.0, 8.0, 301)
+    along = [replace(reported, avar=np.array([root**3])).cost(x) for root in roots]
+    across = [replace(reported, avar=np.array([roots[150] ** 3]), slope=slope).cost(x) for slope in slopes]
     over_roots = np.trapezoid(np.exp(-0.5 * np.array(along)), roots)
     over_slopes = np.trapezoid(np.exp(-0.5 * np.array(across)), slopes)
     return over_roots * over_slopes * np.exp(0.5 * along[150])

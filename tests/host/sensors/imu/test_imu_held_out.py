@@ -13,24 +13,27 @@ GRAVITY = 9.81744
 
 def test_length_and_turns_agree_on_what_was_not_fitted():
     node = read_folder(wanted.recording("multipose")).nodes["node"]
-    found = calibrate_imu(node.t, node.gyro, node.accel, gravity=GRAVITY)
-    held, turns = found.accel_held_out, found.gyro.held_out
-    print(f"\nrests {len(found.standstills)}, condition number {found.accel.poses.condition:.3g}")
+    result = calibrate_imu(node.t, node.gyro, node.accel, gravity=GRAVITY)
+    held, turns = result.accel_held_out, result.gyro.held_out
+    print(f"\nrests {len(result.standstills)}, condition number {result.accel.poses.condition:.3g}")
     print(f"length less gravity, held out: {held.rms_before:.4f} before, {held.rms:.4f} m/s² rms after")
     print(
         f"turns, held out: {np.degrees(turns.rms_before):.2f} before, {np.degrees(turns.rms):.3f} degrees "
         f"rms after"
     )
-    assert len(held.error) == len(found.standstills) >= 30
+    assert len(held.error) == len(result.standstills) >= 30
     assert held.rms < 0.01 and held.rms_before > 0.5
     assert np.degrees(turns.error.max()) < 0.5
-    assert len(turns.error) == len(found.standstills) - 1
+    assert len(turns.error) == len(result.standstills) - 1
 
 
 def test_the_first_minutes_predict_the_last_rests():
     node = read_folder(wanted.recording("multipose")).nodes["node"]
-    rests = find_standstills(node.t, node.gyro, node.accel)
-    first, last = rests.select(rests.t[:, 0] < 340), rests.select(rests.t[:, 0] >= 340)
-    found = fit_scalar_calibration(first.accel, GRAVITY, first.accel_sigma)
-    error = np.linalg.norm(found.triad.apply(last.accel), axis=1) - GRAVITY
+    standstills = find_standstills(node.t, node.gyro, node.accel)
+    first, last = (
+        standstills.select(standstills.t[:, 0] < 340),
+        standstills.select(standstills.t[:, 0] >= 340),
+    )
+    result = fit_scalar_calibration(first.accel, GRAVITY, first.accel_sigma)
+    error = np.linalg.norm(result.triad.apply(last.accel), axis=1) - GRAVITY
     assert np.sqrt(np.mean(error**2)) < 0.01

@@ -48,29 +48,29 @@ def seek(table, **options):
     return seek_east(table, table.measure, HORIZONTAL, tally=table, **options)
 
 
-def felt(angle):
+def measured(angle):
     return HORIZONTAL * math.cos(angle + 1e-3 - AZIMUTH)
 
 
 def test_each_step_finds_its_component_whatever_bias_and_ramp_and_comes_back_from_halfway_round():
     table = Table(known=(None, (AZIMUTH, 0.01)))
-    found = seek(table, steps=6, stop=12.0)
-    assert table.seconds == 12.0 and table.stops == 18 and len(found.steps) == 6
-    for step, told in zip(found.steps, np.reshape(table.told, (6, 3)), strict=True):
-        assert step.rate == pytest.approx(felt(step.angle), abs=1e-9 * HORIZONTAL)
-        assert told == pytest.approx(np.array([0.0, math.pi, 0.0]) + step.angle + 1e-3)
+    result = seek(table, steps=6, stop=12.0)
+    assert table.seconds == 12.0 and table.stops == 18 and len(result.steps) == 6
+    for step, reported in zip(result.steps, np.reshape(table.told, (6, 3)), strict=True):
+        assert step.rate == pytest.approx(measured(step.angle), abs=1e-9 * HORIZONTAL)
+        assert reported == pytest.approx(np.array([0.0, math.pi, 0.0]) + step.angle + 1e-3)
 
 
 def test_from_nowhere_two_steps_a_quarter_turn_apart_say_where_east_is_and_the_last_one_looks_north():
     """East is clockwise of north seen from above: its angle is a quarter turn less than that of north."""
     table = Table(known=(None, (AZIMUTH, 0.01)))
-    found = seek(table, steps=5)
-    angles = [step.angle for step in found.steps]
+    result = seek(table, steps=5)
+    angles = [step.angle for step in result.steps]
     assert angles[:2] == [0.0, math.pi / 2]
     assert angles[2:4] == pytest.approx([AZIMUTH - math.pi / 2 - 1e-3] * 2)
-    assert angles[4] == pytest.approx(AZIMUTH - 1e-3) and found.steps[4].rate == pytest.approx(HORIZONTAL)
-    assert found.angle == pytest.approx(AZIMUTH - math.pi / 2 - 1e-3)
-    assert (found.azimuth, found.sigma) == (AZIMUTH, 0.01)
+    assert angles[4] == pytest.approx(AZIMUTH - 1e-3) and result.steps[4].rate == pytest.approx(HORIZONTAL)
+    assert result.angle == pytest.approx(AZIMUTH - math.pi / 2 - 1e-3)
+    assert (result.azimuth, result.sigma) == (AZIMUTH, 0.01)
 
 
 def test_what_is_known_of_north_replaces_the_two_steps():
@@ -104,9 +104,9 @@ def test_a_step_that_reads_more_than_earth_rate_turns_by_no_more_than_a_quarter(
 @pytest.mark.parametrize("off", [0.0, 1.0, math.pi])
 def test_a_loop_that_stood_at_west_is_turned_about_by_its_last_step(off):
     table = Table(((AZIMUTH + off, 0.01), (AZIMUTH, 0.01)))
-    found = seek(table, steps=30)
-    assert wrap_angle(found.angle - (AZIMUTH - math.pi / 2)) == pytest.approx(0.0, abs=0.05)
-    assert -math.pi < found.angle <= math.pi
+    result = seek(table, steps=30)
+    assert wrap_angle(result.angle - (AZIMUTH - math.pi / 2)) == pytest.approx(0.0, abs=0.05)
+    assert -math.pi < result.angle <= math.pi
 
 
 @pytest.mark.parametrize("sigma, steps", [(0.05, 9), (0.03, 5), (None, 9)])

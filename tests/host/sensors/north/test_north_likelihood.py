@@ -26,7 +26,7 @@ DRIFT = DriftNoise(2e-5, 3e-6, 4e-7, 1e-5)
 ANGLES = np.array([0.0, 0.5, 1.0, 1.5]) * np.pi
 
 
-def record(count, seed, drift=DRIFT, angles=ANGLES, felt=False, error=0.0):
+def record(count, seed, drift=DRIFT, angles=ANGLES, measured=False, error=0.0):
     """Averages of 4 s every 5 s with a bias and a ramp; the table went on turning one way all the time.
 
     error: of the gyro's scale, by which all angles were felt too small.
@@ -39,12 +39,12 @@ def record(count, seed, drift=DRIFT, angles=ANGLES, felt=False, error=0.0):
     true = angle + error * turned
     y = HORIZONTAL * np.cos(true - AZIMUTH) + 1e-3 + 2e-7 * start
     y = y + np.linalg.cholesky(drift_covariance(drift, start, end)) @ rng.standard_normal(count)
-    return Averages(start, end, y, np.cos(angle), np.sin(angle), turned if felt else 0.0 * turned)
+    return Averages(start, end, y, np.cos(angle), np.sin(angle), turned if measured else 0.0 * turned)
 
 
 @cache
-def two_records(felt=False, error=0.0):
-    return record(24, 1, felt=felt, error=error), record(17, 2, felt=felt, error=error)
+def two_records(measured=False, error=0.0):
+    return record(24, 1, measured=measured, error=error), record(17, 2, measured=measured, error=error)
 
 
 def information_of(drift, piece):
@@ -96,37 +96,37 @@ def agree(posterior, expected, within):
 
 def test_of_a_known_drift_the_rates_are_those_of_weighed_least_squares():
     records = two_records()
-    found = estimate_earth_rate(records, HORIZONTAL, DRIFT)
+    result = estimate_earth_rate(records, HORIZONTAL, DRIFT)
     whole, angle, y, _, _ = stacked(DRIFT, records)
     rate, spread = least_squares(whole, np.column_stack([np.cos(angle), np.sin(angle)]), y)
-    assert found.order == RAMP_ORDER and found.drift == DRIFT
-    assert found.rate == pytest.approx(rate, abs=1e-6 * HORIZONTAL)
-    assert found.rate_covariance == near(spread, 1e-5)
-    assert not found.angle_covariance.any()
-    off = HORIZONTAL * np.stack([np.cos(found.azimuth), np.sin(found.azimuth)]) - rate[:, None]
-    agree(found, -0.5 * np.einsum("ik,ij,jk->k", off, np.linalg.inv(spread), off), 1e-5)
-    assert found.density.sum() == pytest.approx(1.0)
+    assert result.order == RAMP_ORDER and result.drift == DRIFT
+    assert result.rate == pytest.approx(rate, abs=1e-6 * HORIZONTAL)
+    assert result.rate_covariance == near(spread, 1e-5)
+    assert not result.angle_covariance.any()
+    off = HORIZONTAL * np.stack([np.cos(result.azimuth), np.sin(result.azimuth)]) - rate[:, None]
+    agree(result, -0.5 * np.einsum("ik,ij,jk->k", off, np.linalg.inv(spread), off), 1e-5)
+    assert result.density.sum() == pytest.approx(1.0)
     across = HORIZONTAL * np.array([-np.sin(0.3), np.cos(0.3)])
     bound = 1 / np.sqrt(across @ np.linalg.solve(spread, across))
-    assert azimuth_cramer_rao_bound(records, found, 0.3, HORIZONTAL) == pytest.approx(bound, rel=1e-5)
+    assert azimuth_cramer_rao_bound(records, result, 0.3, HORIZONTAL) == pytest.approx(bound, rel=1e-5)
 
 
 def test_the_bound_grows_with_the_noise_without_end():
     """Beyond a radian too, where it says that nothing can be told."""
     records = two_records()
-    found = estimate_earth_rate(records, HORIZONTAL, DRIFT)
-    louder = replace(found, drift=DriftNoise(*(1e3 * np.array([DRIFT.n, DRIFT.b, DRIFT.k, DRIFT.q]))))
-    bound = azimuth_cramer_rao_bound(records, found, AZIMUTH, HORIZONTAL)
+    result = estimate_earth_rate(records, HORIZONTAL, DRIFT)
+    louder = replace(result, drift=DriftNoise(*(1e3 * np.array([DRIFT.n, DRIFT.b, DRIFT.k, DRIFT.q]))))
+    bound = azimuth_cramer_rao_bound(records, result, AZIMUTH, HORIZONTAL)
     assert azimuth_cramer_rao_bound(records, louder, AZIMUTH, HORIZONTAL) == pytest.approx(1e3 * bound)
     assert 1e3 * bound > np.pi
 
 
 def test_bias_and_ramp_of_each_record_do_not_matter():
     first, second = two_records()
-    moved = Averages(
+    shifted = Averages(
         second.start, second.end, second.y - 3e-3 + 4e-7 * second.start, second.cos, second.sin, second.turned
     )
-    assert estimate_earth_rate([first, moved], HORIZONTAL, DRIFT).rate == pytest.approx(
+    assert estimate_earth_rate([first, shifted], HORIZONTAL, DRIFT).rate == pytest.approx(
         estimate_earth_rate([first, second], HORIZONTAL, DRIFT).rate, abs=1e-6 * HORIZONTAL
     )
 
@@ -134,7 +134,7 @@ def test_bias_and_ramp_of_each_record_do_not_matter():
 def test_where_the_drift_is_unknown_each_size_counts_by_its_restricted_likelihood():
     """The noise level of each integrated out: a power of its sum of squares, by the degrees of freedom."""
     records = two_records()
-    found = estimate_earth_rate(records, HORIZONTAL)
+    result = estimate_earth_rate(records, HORIZONTAL)
     count = sum(len(piece.y) for piece in records)
     freedom = count - 4
     logs, rates, spreads, drifts = [], [], [], []
@@ -146,55 +146,55 @@ def test_where_the_drift_is_unknown_each_size_counts_by_its_restricted_likelihoo
             rate, spread = least_squares(whole, both, y)
             left = y - both @ rate
             level = left @ whole @ left / (freedom - 2)
-            off = y[:, None] - HORIZONTAL * np.cos(angle[:, None] - found.azimuth)
+            off = y[:, None] - HORIZONTAL * np.cos(angle[:, None] - result.azimuth)
             squares = np.einsum("ik,ij,jk->k", off, whole, off)
             logs.append(-0.5 * freedom * np.log(squares) - 0.5 * logdet)
             rates.append(rate)
             spreads.append(spread * level)
             drifts.append(np.sqrt(level) * np.array([drift.n, drift.b, drift.k, drift.q]))
     share = np.exp(np.array(logs) - np.max(logs))
-    agree(found, np.log(share.sum(axis=0)), 1e-4)
+    agree(result, np.log(share.sum(axis=0)), 1e-4)
     weight = share.sum(axis=1) / share.sum()
     mean = weight @ np.array(rates)
     among = np.einsum("k,ki,kj->ij", weight, rates - mean, rates - mean)
     # The weights are over the whole circle there, near the peak here: it is one narrow peak.
-    assert found.rate == pytest.approx(mean, abs=1e-3 * HORIZONTAL)
+    assert result.rate == pytest.approx(mean, abs=1e-3 * HORIZONTAL)
     spread = np.average(spreads, axis=0, weights=weight) + among
-    assert found.rate_covariance == near(spread, 0.01)
-    likely = found.drift
+    assert result.rate_covariance == near(spread, 0.01)
+    likely = result.drift
     best = drifts[share.max(axis=1).argmax()]
     assert [likely.n, likely.b, likely.k, likely.q] == pytest.approx(best, rel=1e-4, abs=0.0)
 
 
 @pytest.mark.parametrize("sigma", [1e-4, 2e-3])
 def test_a_small_error_of_the_gyros_scale_is_one_more_unknown_with_a_prior(sigma):
-    records = two_records(felt=True)
-    found = estimate_earth_rate(records, HORIZONTAL, DRIFT, scale_sigma=sigma)
+    records = two_records(measured=True)
+    result = estimate_earth_rate(records, HORIZONTAL, DRIFT, scale_sigma=sigma)
     whole, angle, y, turned, _ = stacked(DRIFT, records)
-    best = found.azimuth[found.density.argmax()]
+    best = result.azimuth[result.density.argmax()]
     both = np.column_stack([np.cos(angle), np.sin(angle)])
     slope = -HORIZONTAL * np.sin(angle - best) * turned
     rate, spread = least_squares(whole, np.column_stack([both, slope]), y, [0.0, 0.0, sigma**-2])
-    assert found.rate == pytest.approx(rate[:2], abs=1e-6 * HORIZONTAL)
-    assert found.rate_covariance == near(spread[:2, :2], 1e-4)
+    assert result.rate == pytest.approx(rate[:2], abs=1e-6 * HORIZONTAL)
+    assert result.rate_covariance == near(spread[:2, :2], 1e-4)
     alone = least_squares(whole, both, y)[1]
-    assert found.angle_covariance == near(spread[:2, :2] - alone, 1e-3)
+    assert result.angle_covariance == near(spread[:2, :2] - alone, 1e-3)
 
 
 @pytest.mark.parametrize("sigma", [2e-4, 2e-3, 4e-3])
 def test_of_any_error_of_the_gyros_scale_each_size_counts_by_its_prior(sigma):
     """Integrated by brute force over errors, none of them straight; angles up to 36 rad."""
-    records = two_records(felt=True, error=0.5 * sigma)
-    found = estimate_earth_rate(records, HORIZONTAL, DRIFT, scale_sigma=sigma)
+    records = two_records(measured=True, error=0.5 * sigma)
+    result = estimate_earth_rate(records, HORIZONTAL, DRIFT, scale_sigma=sigma)
     whole, angle, y, turned, _ = stacked(DRIFT, records)
-    bulk = np.flatnonzero(log_of(found.density) > -2.0)[::2]
+    bulk = np.flatnonzero(log_of(result.density) > -2.0)[::2]
     errors = np.linspace(-4 * sigma, 4 * sigma, 81)[:, None, None]
-    off = y[:, None] - HORIZONTAL * np.cos((angle + errors * turned)[..., None] - found.azimuth[bulk])[:, 0]
+    off = y[:, None] - HORIZONTAL * np.cos((angle + errors * turned)[..., None] - result.azimuth[bulk])[:, 0]
     rows = -0.5 * (errors[:, 0] / sigma) ** 2 - 0.5 * np.einsum(
         "eik,ij,ejk->ek", off, whole, off, optimize=True
     )
     expected = np.log(np.exp(rows - rows.max()).sum(axis=0))
-    ours = log_of(found.density)[bulk]
+    ours = log_of(result.density)[bulk]
     assert len(bulk) > 5
     assert ours - ours.max() == pytest.approx(expected - expected.max(), abs=0.03)
 
@@ -202,10 +202,10 @@ def test_of_any_error_of_the_gyros_scale_each_size_counts_by_its_prior(sigma):
 def test_an_error_of_scale_is_weighed_against_noise_that_is_unknown_too():
     """Of all errors the one with the smallest sum of squares counts, weighed by the level of the noise."""
     sigma = 2e-3
-    records = two_records(felt=True)
-    found = estimate_earth_rate(records, HORIZONTAL, scale_sigma=sigma)
+    records = two_records(measured=True)
+    result = estimate_earth_rate(records, HORIZONTAL, scale_sigma=sigma)
     freedom = sum(len(piece.y) for piece in records) - 4
-    rows, azimuth = [], found.azimuth[np.flatnonzero(log_of(found.density) > -4.0)[::10]]
+    rows, azimuth = [], result.azimuth[np.flatnonzero(log_of(result.density) > -4.0)[::10]]
     for f in likelihood.FLICKER_RATIOS:
         for w in likelihood.WALK_RATIOS:
             drift = DriftNoise(1.0, np.sqrt(f / LENGTH), np.sqrt(w) / LENGTH)
@@ -223,24 +223,24 @@ def test_an_error_of_scale_is_weighed_against_noise_that_is_unknown_too():
                 row.append(known - 0.5 * freedom * np.log(squares) - 0.5 * logdet + 0.5 * np.log(level))
             rows.append(row)
     expected = np.log(np.exp(np.array(rows) - np.max(rows)).sum(axis=0))
-    ours = np.interp(azimuth, found.azimuth, log_of(found.density))
+    ours = np.interp(azimuth, result.azimuth, log_of(result.density))
     assert len(azimuth) > 5
     assert ours - ours.max() == pytest.approx(expected - expected.max(), abs=1e-3)
 
 
 def test_stops_on_one_line_say_nothing_across_it():
     line = 0.4
-    seen = record(24, 3, angles=np.array([line, line + np.pi]))
-    found = estimate_earth_rate([seen], HORIZONTAL, DRIFT)
+    observed = record(24, 3, angles=np.array([line, line + np.pi]))
+    result = estimate_earth_rate([observed], HORIZONTAL, DRIFT)
     along, across = np.array([np.cos(line), np.sin(line)]), np.array([-np.sin(line), np.cos(line)])
-    assert found.rate @ across == pytest.approx(0.0, abs=1e-9 * HORIZONTAL)
-    assert np.sqrt(across @ found.rate_covariance @ across) > 1e3 * HORIZONTAL
-    assert single_measured_direction(found) in (pytest.approx(line), pytest.approx(line - np.pi))
+    assert result.rate @ across == pytest.approx(0.0, abs=1e-9 * HORIZONTAL)
+    assert np.sqrt(across @ result.rate_covariance @ across) > 1e3 * HORIZONTAL
+    assert single_measured_direction(result) in (pytest.approx(line), pytest.approx(line - np.pi))
     assert single_measured_direction(estimate_earth_rate(two_records(), HORIZONTAL, DRIFT)) is None
-    whole, angle, y, _, _ = stacked(DRIFT, [seen])
+    whole, angle, y, _, _ = stacked(DRIFT, [observed])
     (rate,), ((variance,),) = least_squares(whole, np.cos(angle - line)[:, None], y)
-    assert found.rate @ along == pytest.approx(rate, abs=1e-6 * HORIZONTAL)
-    assert along @ found.rate_covariance @ along == pytest.approx(variance, rel=1e-5, abs=0)
+    assert result.rate @ along == pytest.approx(rate, abs=1e-6 * HORIZONTAL)
+    assert along @ result.rate_covariance @ along == pytest.approx(variance, rel=1e-5, abs=0)
 
 
 def test_a_curve_that_explains_more_than_drift_is_taken_out_whatever_its_size():
@@ -306,14 +306,14 @@ def test_shaking_is_told_from_other_noise_and_not_believed_where_there_is_none(q
     end, angle, n = start + LENGTH, np.resize(np.repeat(ANGLES, 4), 120), 2e-5
     noise = np.linalg.cholesky(drift_covariance(DriftNoise(n, 0.0, 0.0, q), start, end))
     y = noise @ np.random.default_rng(4).standard_normal(120) + HORIZONTAL * np.cos(angle - AZIMUTH)
-    found = estimate_earth_rate(
+    result = estimate_earth_rate(
         [Averages(start, end, y, np.cos(angle), np.sin(angle), 0 * y)], HORIZONTAL
     ).drift
     if q:
         # Of 120 differences; the sizes that are tried are sqrt(10) apart.
-        assert found.q == pytest.approx(q, rel=0.3, abs=0.0)
+        assert result.q == pytest.approx(q, rel=0.3, abs=0.0)
     else:
-        assert found.q == 0.0 and found.n == pytest.approx(n, rel=0.25, abs=0.0)
+        assert result.q == 0.0 and result.n == pytest.approx(n, rel=0.25, abs=0.0)
 
 
 @pytest.mark.parametrize("beyond", [0.97, 1.03])
@@ -326,13 +326,13 @@ def test_noise_that_was_given_is_widened_as_a_whole_from_four_sigmas_of_its_vari
     more = left @ whole @ left / (freedom - 2)
     wanted = beyond * (1 + 4 * np.sqrt(2 / freedom))
     given = np.array([DRIFT.n, DRIFT.b, DRIFT.k, DRIFT.q]) * np.sqrt(more / wanted)
-    found = estimate_earth_rate(records, HORIZONTAL, DriftNoise(*given)).drift
-    now = np.array([found.n, found.b, found.k, found.q])
+    result = estimate_earth_rate(records, HORIZONTAL, DriftNoise(*given)).drift
+    now = np.array([result.n, result.b, result.k, result.q])
     assert now == pytest.approx(given * (np.sqrt(wanted) if beyond > 1 else 1.0), rel=1e-5, abs=0.0)
 
 
-@pytest.mark.parametrize("rows, told", [(14, False), (15, True), (16, True)])
-def test_each_full_turn_of_a_carousel_tells_its_own_rates_whatever_its_bias_and_slope(rows, told):
+@pytest.mark.parametrize("rows, reported", [(14, False), (15, True), (16, True)])
+def test_each_full_turn_of_a_carousel_tells_its_own_rates_whatever_its_bias_and_slope(rows, reported):
     rates, y, angle, turn = [], [], [], []
     for k, size in enumerate((16, rows)):
         at = 2 * np.pi * np.arange(size) / 16
@@ -347,7 +347,7 @@ def test_each_full_turn_of_a_carousel_tells_its_own_rates_whatever_its_bias_and_
         turn.append(np.full(size, float(k)))
     y, angle, turn = map(np.concatenate, (y, angle, turn))
     start = 4.0 * np.arange(len(y))
-    seen = Averages(start, start + 4.0, y, np.cos(angle), np.sin(angle), 0 * y)
-    along, across = fit_each_turn(seen, turn)
-    wanted = rates if told else rates[:1]
+    observed = Averages(start, start + 4.0, y, np.cos(angle), np.sin(angle), 0 * y)
+    along, across = fit_each_turn(observed, turn)
+    wanted = rates if reported else rates[:1]
     assert np.column_stack([along, across]) == pytest.approx(np.array(wanted), rel=1e-6, abs=0.0)

@@ -31,8 +31,8 @@ def test_it_agrees_with_the_published_values_of_nist_sp_1065():
     for k in range(1000):
         numbers[k] = state / 2147483647
         state = 16807 * state % 2147483647
-    found = allan_deviation(numbers, 1.0, [1, 10, 100])
-    assert found.adev == pytest.approx([2.922319e-01, 9.159953e-02, 3.241343e-02], rel=1e-6)
+    result = allan_deviation(numbers, 1.0, [1, 10, 100])
+    assert result.adev == pytest.approx([2.922319e-01, 9.159953e-02, 3.241343e-02], rel=1e-6)
 
 
 @given(
@@ -79,9 +79,9 @@ def test_gaps_and_outliers_are_found_reported_and_left_empty():
     t = np.arange(count) * 0.01 + rng.normal(0, 2e-4, count)
     values = rng.normal(0, 0.1, count)
     values[[1000, 7000]] = [3.0, -2.0]
-    kept = np.ones(count, bool)
-    kept[5000:5100] = kept[9000] = False
-    grid = place_on_grid(t[kept], values[kept])
+    retained = np.ones(count, bool)
+    retained[5000:5100] = retained[9000] = False
+    grid = place_on_grid(t[retained], values[retained])
     assert len(grid.values) == count
     assert [(round(at / 0.01), missing) for at, missing in grid.gaps] == [(4999, 100), (8999, 1)]
     assert np.rint(grid.outliers / 0.01).tolist() == [1000, 7000]
@@ -104,8 +104,8 @@ def test_stamps_that_come_in_bursts_are_said_and_spread_evenly():
 def test_gaussian_noise_and_coarse_steps_have_no_outliers():
     for seed in range(20):
         values = np.random.default_rng(seed).normal(0, 0.4, 100_000)
-        for made in (values, np.rint(values), np.rint(values * 20)):
-            assert len(place_on_grid(np.arange(100_000) * 0.01, made).outliers) == 0, seed
+        for built in (values, np.rint(values), np.rint(values * 20)):
+            assert len(place_on_grid(np.arange(100_000) * 0.01, built).outliers) == 0, seed
 
 
 @pytest.mark.parametrize(

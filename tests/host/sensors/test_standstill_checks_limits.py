@@ -38,11 +38,11 @@ def test_the_noise_of_a_gyro_is_the_deviation_of_its_samples_and_knocks_are_none
     """1 sigma of a sample, told to the scatter of 8,000."""
     gyro = gyro_of(noise) * np.array([0.2, 1.0, 0.5])
     gyro[::500] += 3.0
-    said = refused(gyro)
-    assert (said == "") == accepted
-    if said:
-        assert float(re.search(r"noise (\S+) per sample", said)[1]) == pytest.approx(noise, rel=0.04)
-        assert "random walk" not in said and "deg/s" in said and "mdeg/s" not in said
+    text_part = refused(gyro)
+    assert (text_part == "") == accepted
+    if text_part:
+        assert float(re.search(r"noise (\S+) per sample", text_part)[1]) == pytest.approx(noise, rel=0.04)
+        assert "random walk" not in text_part and "deg/s" in text_part and "mdeg/s" not in text_part
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -66,11 +66,11 @@ def test_sixteen_quarters_of_a_second_are_the_least_for_white_noise():
 @pytest.mark.parametrize("share, accepted", [(0.9, True), (1.1, False)])
 def test_white_noise_that_no_gyro_has_is_refused_by_its_angle_random_walk(share, accepted):
     interval = 0.04
-    said = refused(gyro_of(share * GYRO_WHITE / np.sqrt(interval)), interval)
-    assert (said == "") == accepted
-    if said:
-        told = float(re.search(r"walk of (\S+) ", said)[1])
-        assert told == pytest.approx(np.degrees(share * GYRO_WHITE) * 60, rel=0.1)
+    text_part = refused(gyro_of(share * GYRO_WHITE / np.sqrt(interval)), interval)
+    assert (text_part == "") == accepted
+    if text_part:
+        reported = float(re.search(r"walk of (\S+) ", text_part)[1])
+        assert reported == pytest.approx(np.degrees(share * GYRO_WHITE) * 60, rel=0.1)
 
 
 @pytest.mark.parametrize("beyond, unit", [(0.95, "deg/s"), (1.05, "mdeg/s")])
@@ -129,26 +129,26 @@ def found_in(values):
     return find_disturbances(np.arange(len(values)) / SIZE, values)
 
 
-@pytest.mark.parametrize("sigmas, moved", [(9.8, False), (10.2, True)])
+@pytest.mark.parametrize("sigmas, shifted", [(9.8, False), (10.2, True)])
 @pytest.mark.parametrize("wander", [0.5, 0.0])
-def test_a_step_of_ten_of_the_usual_steps_is_movement(sigmas, moved, wander):
+def test_a_step_of_ten_of_the_usual_steps_is_movement(sigmas, shifted, wander):
     """Usual: the median step told as a sigma, no less than what noise alone makes of means, 1 / sqrt(100)."""
     usual = max(1.4826 * 2 * wander, 0.1)
     values = quiet(40, wander)
     values[20 * SIZE :] += sigmas * usual - 2 * wander
-    assert bool(found_in(values)) == moved
-    if moved:
-        ((begin, end),) = found_in(values)
-        assert begin == 19.0 and end == pytest.approx(21.0)
+    assert bool(found_in(values)) == shifted
+    if shifted:
+        ((start, end),) = found_in(values)
+        assert start == 19.0 and end == pytest.approx(21.0)
 
 
-@pytest.mark.parametrize("times, moved", [(2.80, False), (2.90, True)])
-def test_a_second_that_is_far_noisier_is_movement(times, moved):
+@pytest.mark.parametrize("times, shifted", [(2.80, False), (2.90, True)])
+def test_a_second_that_is_far_noisier_is_movement(times, shifted):
     """Twice, and six sigma of how a deviation of 100 samples scatters, 1 / sqrt(200)."""
     assert 2.80 < 2 * (1 + 6 / np.sqrt(2 * SIZE)) < 2.90
     values = np.hstack([quiet(40, 0.0), quiet(40, 0.0)])
     values[20 * SIZE : 21 * SIZE, 1] *= times
-    assert bool(found_in(values)) == moved
+    assert bool(found_in(values)) == shifted
 
 
 @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
@@ -180,10 +180,10 @@ def test_means_are_over_a_second_and_over_eight_samples_at_least(rate, seconds):
 
 def test_a_channel_that_never_changes_hides_no_movement_of_another():
     still = np.zeros((40 * SIZE, 1))
-    moved = quiet(40, 0.0)
-    moved[20 * SIZE :] += 5.0
+    shifted = quiet(40, 0.0)
+    shifted[20 * SIZE :] += 5.0
     assert found_in(np.hstack([still, quiet(40, 0.0)])) == []
-    assert found_in(np.hstack([still, moved])) == found_in(moved) != []
+    assert found_in(np.hstack([still, shifted])) == found_in(shifted) != []
 
 
 @pytest.mark.parametrize("gap, stretches", [(5, 1), (6, 2)])
@@ -196,11 +196,11 @@ def test_movements_within_five_seconds_belong_together(gap, stretches):
     assert spans[0][0] == 19.0 and spans[-1][1] == pytest.approx(20 + gap + 1 + 2)
 
 
-@pytest.mark.parametrize("blocks, moved", [(11, False), (12, True)])
-def test_movement_is_told_from_twelve_seconds_on_and_at_the_end_it_ends_there(blocks, moved):
+@pytest.mark.parametrize("blocks, shifted", [(11, False), (12, True)])
+def test_movement_is_told_from_twelve_seconds_on_and_at_the_end_it_ends_there(blocks, shifted):
     values = quiet(blocks, 0.0)
     values[-SIZE:] += 5.0
-    assert found_in(values) == ([(blocks - 2.0, blocks - 1 / SIZE)] if moved else [])
+    assert found_in(values) == ([(blocks - 2.0, blocks - 1 / SIZE)] if shifted else [])
 
 
 def test_spans_that_touch_are_one_and_all_are_in_order():
@@ -208,33 +208,33 @@ def test_spans_that_touch_are_one_and_all_are_in_order():
     for _ in range(50):
         begins = rng.integers(0, 30, 8)
         spans = [(float(b), float(b + n)) for b, n in zip(begins, rng.integers(1, 6, 8), strict=True)]
-        made = _merge_spans(spans)
+        built = _merge_spans(spans)
         held = [
-            {k + 0.5 for k in range(40) if any(b < k + 0.5 < e for b, e in those)} for those in (spans, made)
+            {k + 0.5 for k in range(40) if any(b < k + 0.5 < e for b, e in those)} for those in (spans, built)
         ]
         assert held[0] == held[1]
-        assert all(before[1] < after[0] for before, after in pairwise(made))
+        assert all(before[1] < after[0] for before, after in pairwise(built))
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize("degrees, told", [(1.4, False), (1.6, True), (8.0, True)])
-def test_a_step_of_temperature_is_more_than_a_degree_and_a_half_within_a_minute(degrees, told, sign):
+@pytest.mark.parametrize("degrees, reported", [(1.4, False), (1.6, True), (8.0, True)])
+def test_a_step_of_temperature_is_more_than_a_degree_and_a_half_within_a_minute(degrees, reported, sign):
     t = np.arange(0.0, 1800.0, 0.5)
-    found = find_temperature_step(t, 25.0 + sign * degrees * np.clip((t - 900.0) / 30.0, 0.0, 1.0))
-    assert (found is not None) == told
-    if told:
-        assert found.change == pytest.approx(sign * degrees) and 840.0 <= found.t <= 960.0
+    result = find_temperature_step(t, 25.0 + sign * degrees * np.clip((t - 900.0) / 30.0, 0.0, 1.0))
+    assert (result is not None) == reported
+    if reported:
+        assert result.change == pytest.approx(sign * degrees) and 840.0 <= result.t <= 960.0
 
 
-@pytest.mark.parametrize("times, told", [(3.5, False), (4.5, True)])
-def test_a_step_is_four_times_what_the_minute_before_did(times, told):
+@pytest.mark.parametrize("times, reported", [(3.5, False), (4.5, True)])
+def test_a_step_is_four_times_what_the_minute_before_did(times, reported):
     """As in a warm-up the temperature changes already."""
     t = np.arange(0.0, 965.0, 0.5)
     temperature = np.interp(t, [0.0, 600.0, 900.0, 960.0], [20.0, 20.0, 25.0, 25.0 + times])
-    assert (find_temperature_step(t, temperature) is not None) == told
+    assert (find_temperature_step(t, temperature) is not None) == reported
 
 
-@pytest.mark.parametrize("seconds, told", [(172.0, False), (190.0, True)])
-def test_three_minutes_are_the_least_to_tell_a_step(seconds, told):
+@pytest.mark.parametrize("seconds, reported", [(172.0, False), (190.0, True)])
+def test_three_minutes_are_the_least_to_tell_a_step(seconds, reported):
     t = np.arange(0.0, seconds, 1.0)
-    assert (find_temperature_step(t, 25.0 + 5.0 * (t >= 65.0)) is not None) == told
+    assert (find_temperature_step(t, 25.0 + 5.0 * (t >= 65.0)) is not None) == reported

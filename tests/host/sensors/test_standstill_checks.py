@@ -57,9 +57,9 @@ def test_a_turn_a_knock_and_a_tilt_are_movement_and_noise_is_not(seed):
     knocked[2500:2540, 3] += np.random.default_rng(seed).normal(0, 2.0, 40)
     tilted = rows.copy()
     tilted[4000:, 3] += 0.2
-    for made, when in ((turned, 30.0), (knocked, 25.0), (tilted, 40.0)):
-        begin, end = first_disturbance(t, made)
-        assert begin <= when <= end, (seed, when)
+    for built, when in ((turned, 30.0), (knocked, 25.0), (tilted, 40.0)):
+        start, end = first_disturbance(t, built)
+        assert start <= when <= end, (seed, when)
     with pytest.raises(InputError, match=r"moved between .* --end"):
         check_standstill(t, turned)
 
@@ -88,9 +88,9 @@ def test_a_temperature_step_is_found_and_a_warm_up_is_none():
     noise = np.random.default_rng(0).normal(0, 0.1, len(t))
     warming = 22 + 20 * (1 - np.exp(-t / 900)) + noise
     assert find_temperature_step(t, warming) is None
-    found = find_temperature_step(t, 25 + noise + 5.0 * (t > 1800))
-    assert found.t == pytest.approx(1800, abs=70)
-    assert found.change == pytest.approx(5.0, abs=0.3)
+    result = find_temperature_step(t, 25 + noise + 5.0 * (t > 1800))
+    assert result.t == pytest.approx(1800, abs=70)
+    assert result.change == pytest.approx(5.0, abs=0.3)
     # A room that is aired changes the part within minutes, not at once.
     slow = find_temperature_step(
         t, 25 + noise - np.where(t > 1800, 8.0 * (1 - np.exp(-(t - 1800) / 240)), 0.0)

@@ -66,13 +66,13 @@ def test_start_is_recovered_with_sigmas_that_hold():
 def test_the_recursion_of_eq_6_follows_the_model_from_any_age(c1, constant, dt, age):
     model = WarmupModel(0.1, c1, constant, -0.5 * c1, 3.0 * constant)
     recursion = BiasRecursion(model, dt, age)
-    found = []
+    result = []
     for _ in range(300):
-        found.append(recursion.value())
+        result.append(recursion.value())
         recursion.advance()
     exact = model.bias(age + np.arange(300) * dt)
     # The backward difference is a time constant longer by dt / 2 in the mean: an error below |C1| dt / T.
-    assert np.max(np.abs(found - exact)) <= 1.5 * abs(c1) * dt / constant + 1e-12
+    assert np.max(np.abs(result - exact)) <= 1.5 * abs(c1) * dt / constant + 1e-12
 
 
 def test_the_temperature_drives_the_bias_where_the_model_says_so():
@@ -132,9 +132,9 @@ def test_a_second_exponential_is_asked_for_where_there_is_one():
         assert not report.exponential.is_white, seed
         assert report.next_model.fit.kind == "two exponentials", seed
         # The faster one comes first: grid order.
-        found = report.next_model.fit.values
-        assert found["time_constant"] == pytest.approx(300, rel=0.25), seed
-        assert found["time_constant_second"] == pytest.approx(start.T, rel=0.25), seed
+        result = report.next_model.fit.values
+        assert result["time_constant"] == pytest.approx(300, rel=0.25), seed
+        assert result["time_constant_second"] == pytest.approx(start.T, rel=0.25), seed
 
 
 def test_the_temperature_is_asked_for_where_it_drives_the_bias():
@@ -144,15 +144,15 @@ def test_the_temperature_is_asked_for_where_it_drives_the_bias():
         driven = output + 0.01 * DEG * (temperature - 25)
         report = characterise_warmup(t, driven, "gz", temperature=temperature)
         assert not report.exponential.ljung_box.is_white, seed
-        found = report.next_model.fit
-        assert found.kind == "exponential and temperature", seed
+        result = report.next_model.fit
+        assert result.kind == "exponential and temperature", seed
         assert (
-            abs(found.values["temperature_coefficient"] - 0.01 * DEG)
-            < 4.5 * found.sigma["temperature_coefficient"]
+            abs(result.values["temperature_coefficient"] - 0.01 * DEG)
+            < 4.5 * result.sigma["temperature_coefficient"]
         )
         assert (
             report.calibrated_effects()["gyro_temperature"].value("z")
-            == found.values["temperature_coefficient"]
+            == result.values["temperature_coefficient"]
         )
 
 
@@ -168,11 +168,11 @@ def test_the_right_model_is_white_and_nothing_more_is_offered():
 
 def test_what_is_a_rate_is_told_in_degrees_per_second_too_and_a_time_is_not():
     t, output = night(0)
-    told = characterise_warmup(t, output, "gz").as_json()
+    reported = characterise_warmup(t, output, "gz").as_json()
     for name in ("c1", "c2"):
-        assert told[name]["value_deg_per_s"] == pytest.approx(np.degrees(told[name]["value"]))
-        assert told[name]["unit"] == "rad/s"
-    assert told["time_constant"]["unit"] == "s" and "value_deg_per_s" not in told["time_constant"]
+        assert reported[name]["value_deg_per_s"] == pytest.approx(np.degrees(reported[name]["value"]))
+        assert reported[name]["unit"] == "rad/s"
+    assert reported["time_constant"]["unit"] == "s" and "value_deg_per_s" not in reported["time_constant"]
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -182,17 +182,17 @@ def test_no_number_is_given_for_a_bias_that_only_wanders_or_does_nothing(seed):
     still = rng.normal(0, 0.12 * DEG, len(t))
     walk = rng.normal(0, 0.012 * DEG, len(t)) + np.cumsum(rng.normal(0, 1.7e-3 * DEG, len(t)))
     for output in (still, walk):
-        found = characterise_warmup(t, output, "gz").as_json()
-        assert found["c1"]["value"] is None, seed
-        assert found["time_constant"]["reason"], seed
-        assert found["c2"]["value"] is not None
+        result = characterise_warmup(t, output, "gz").as_json()
+        assert result["c1"]["value"] is None, seed
+        assert result["time_constant"]["reason"], seed
+        assert result["c2"]["value"] is not None
 
 
 def test_a_record_that_ends_before_the_curve_bends_says_how_long_one_is_needed():
     t, output = night(0, duration=900.0, noise=0.02, step=1.0)
-    found = characterise_warmup(t, output, "gz").as_json()
-    assert found["c1"]["value"] is None
-    assert "record from power-on for" in found["c1"]["reason"]
+    result = characterise_warmup(t, output, "gz").as_json()
+    assert result["c1"]["value"] is None
+    assert "record from power-on for" in result["c1"]["reason"]
 
 
 def test_too_short_constant_and_stepped_records_are_refused_in_words():
@@ -206,10 +206,10 @@ def test_too_short_constant_and_stepped_records_are_refused_in_words():
 
 def test_gaps_and_an_age_at_the_start_do_not_move_the_parameters():
     t, output = night(4)
-    kept = np.ones(len(t), bool)
-    kept[(t >= 4000.0) & (t < 5500.0)] = False
+    retained = np.ones(len(t), bool)
+    retained[(t >= 4000.0) & (t < 5500.0)] = False
     later = t >= 600
     whole = characterise_warmup(t, output, "gz").exponential.fit
-    cut = characterise_warmup(t[kept & later], output[kept & later], "gz", age=600.0).exponential.fit
+    cut = characterise_warmup(t[retained & later], output[retained & later], "gz", age=600.0).exponential.fit
     for name, value in whole.values.items():
         assert abs(cut.values[name] - value) < 3 * cut.sigma[name], name

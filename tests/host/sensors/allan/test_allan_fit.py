@@ -46,7 +46,7 @@ def test_the_covariance_of_all_points_is_that_of_many_simulated_records():
     factors = averaging_factors(samples)[:8]
     for truth in ({"n": 1.0}, {"k": 1.0}, {"q": 1.0}):
         rng = np.random.default_rng(seed)
-        found = np.array(
+        result = np.array(
             [
                 allan_deviation(gyro_noise(samples, 1.0, rng, **truth), 1.0, factors).adev ** 2
                 for _ in range(runs)
@@ -57,7 +57,7 @@ def test_the_covariance_of_all_points_is_that_of_many_simulated_records():
         # A random walk of sums is not one averaged over the interval: their first factors differ.
         first = 2 if "k" in truth else 0
         spread = np.sqrt(np.diag(model))[first:]
-        error = (np.cov(found.T)[first:, first:] - model[first:, first:]) / np.outer(spread, spread)
+        error = (np.cov(result.T)[first:, first:] - model[first:, first:]) / np.outer(spread, spread)
         # A correlation from 1500 runs is known to 0.026 (0.037 on the diagonal); 28 of them reach 3.5 of
         # these.
         assert np.max(np.abs(error)) < 0.13, (truth, seed)
@@ -152,7 +152,7 @@ def test_points_that_a_late_start_leaves_out_are_no_degrees_of_freedom():
     ],
     ids=["one pole at 40 Hz", "one pole at 5 Hz", "two poles at 30 Hz", "sixteen taps"],
 )
-def test_behind_a_low_pass_the_white_noise_is_what_it_was_before_it_within_sigma(electronics, said):
+def test_behind_a_low_pass_the_white_noise_is_what_it_was_before_it_within_sigma(electronics, text_part):
     """Of six records one may be beyond two sigma; three would be once in five hundred."""
     samples, beyond = 1 << 18, []
     for seed in range(6):
@@ -160,7 +160,7 @@ def test_behind_a_low_pass_the_white_noise_is_what_it_was_before_it_within_sigma
         fit = characterise_noise(np.arange(samples) * DT, noise, "gz").fit
         term = fit.terms["N"]
         beyond.append(abs(term.value / 1e-3 - 1.0) > 2.0 * term.sigma / term.value)
-        assert term.sigma / term.value < 2.5 * said, seed
+        assert term.sigma / term.value < 2.5 * text_part, seed
         assert all(fit.terms[name].value is None for name in "QR"), seed
     assert sum(beyond) < 3, beyond
 
@@ -195,15 +195,15 @@ def test_what_the_record_cannot_show_is_null_with_reason_limit_and_a_length_that
     short, seed = 1 << 15, 3
     noise = gyro_noise(1 << 22, DT, np.random.default_rng(seed), **truth)
     report = characterise_noise(np.arange(short) * DT, noise[:short], "gz")
-    found = report.as_json()["coefficients"]["K"]
-    assert found["value"] is None
-    assert "does not rise" in found["reason"]
-    assert found["limit_95"] > truth["k"]
+    result = report.as_json()["coefficients"]["K"]
+    assert result["value"] is None
+    assert "does not rise" in result["reason"]
+    assert result["limit_95"] > truth["k"]
     assert report.best_tau is None
     assert any("a longer record would show" in note for note in report.notes)
     # What was promised for the limit: a walk of that size is seen in a record of that length.
-    needed = round(found["record_needed_s"] / DT)
-    walk = gyro_noise(needed, DT, np.random.default_rng(seed), n=1e-3, k=found["limit_95"])
+    needed = round(result["record_needed_s"] / DT)
+    walk = gyro_noise(needed, DT, np.random.default_rng(seed), n=1e-3, k=result["limit_95"])
     assert characterise_noise(np.arange(needed) * DT, walk, "gz").fit.terms["K"].value is not None
 
 
@@ -233,8 +233,8 @@ def test_a_ramp_that_is_not_claimed_is_within_its_limit_on_the_side_where_it_was
     likelihood = Likelihood.from_points(points, np.ones(9, bool), slope)
     best = likelihood.maximise((N, R))
     sigma = float(slope_sigma(np.exp(best.x), samples * DT))
-    found = upper_limit(likelihood, best, R, (slope / sigma) ** 2, 9.0)
-    assert abs(slope) + 1.6 * sigma < found < abs(slope) + 3.5 * sigma
+    result = upper_limit(likelihood, best, R, (slope / sigma) ** 2, 9.0)
+    assert abs(slope) + 1.6 * sigma < result < abs(slope) + 3.5 * sigma
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -321,7 +321,7 @@ def test_the_real_gyro_at_rest_has_the_random_walk_of_its_data_sheet():
     """
     rows = np.loadtxt(wanted.recording("static") / "node.csv.gz", delimiter=",", skiprows=1, max_rows=200_000)
     report = characterise_noise(rows[:, 0], rows[:, 3], "gz")
-    found = report.as_json()["coefficients"]["N"]
-    assert found["value_deg_per_sqrt_h"] == pytest.approx(2.2, abs=0.4)
+    result = report.as_json()["coefficients"]["N"]
+    assert result["value_deg_per_sqrt_h"] == pytest.approx(2.2, abs=0.4)
     _, theirs, _, _ = allantools.oadev(rows[:, 3], rate=100.0, data_type="freq", taus=report.points.tau)
     assert report.points.adev == pytest.approx(theirs, rel=1e-10)

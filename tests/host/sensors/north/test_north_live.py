@@ -64,15 +64,15 @@ def north(node, capsys, *words):
     return json.loads(out) if status == 0 else (status, err)
 
 
-def off_by(found, azimuth_deg):
-    return (found["azimuth_deg"] - azimuth_deg + 180.0) % 360.0 - 180.0
+def off_by(result, azimuth_deg):
+    return (result["azimuth_deg"] - azimuth_deg + 180.0) % 360.0 - 180.0
 
 
 @pytest.fixture
 def computer(monkeypatch):
-    made = VirtualComputer()
-    monkeypatch.setattr(node_stream, "ThisComputer", lambda: made)
-    return made
+    built = VirtualComputer()
+    monkeypatch.setattr(node_stream, "ThisComputer", lambda: built)
+    return built
 
 
 def lasting(computer):
@@ -93,27 +93,27 @@ def turning(computer):
 
 @pytest.fixture
 def table(turning):
-    with FakeTable(turning=turning) as made:
-        yield made
+    with FakeTable(turning=turning) as built:
+        yield built
 
 
 def test_the_table_is_turned_from_stop_to_stop_and_the_log_is_kept(table, computer, tmp_path, capsys):
     azimuth, out = 222.0, tmp_path / "north.mcap"
     words = ["--table", table.path, "--method", "maytag4", "--stop", 1.2, "--stops", 8, "-o", out]
     with FineNode(rows=OnTable(table, azimuth, 1), computer=computer) as node:
-        found = north(node, capsys, *words)
-    assert abs(off_by(found, azimuth)) < 4 * found["sigma_deg"] < 80
+        result = north(node, capsys, *words)
+    assert abs(off_by(result, azimuth)) < 4 * result["sigma_deg"] < 80
     # It takes the nearer way: 270 degrees from 90 on are -90 from where 0 is.
     assert [angle % 360 for angle in table.visited] == [0, 180, 90, 270, 0, 180, 90, 270]
     assert all(abs(b - a) <= 180 for a, b in pairwise(table.visited))
-    assert found["output"] == str(out) and found["gyros"][0]["stops"]["count"] == 8
+    assert result["output"] == str(out) and result["gyros"][0]["stops"]["count"] == 8
     # The log that was kept gives the same answer, and holds the raw frames beside.
     words = ["north", str(out), "--latitude_deg", str(LATITUDE_DEG), "--method", "maytag4"]
     assert main([*words, "--settle", "0.2", "--json"]) == 0
     again = json.loads(capsys.readouterr().out)
-    assert again["azimuth_deg"] == found["azimuth_deg"] and again["sigma_deg"] == found["sigma_deg"]
+    assert again["azimuth_deg"] == result["azimuth_deg"] and again["sigma_deg"] == result["sigma_deg"]
     log = read_recording(out)
-    print(found["azimuth_deg"], found["sigma_deg"])
+    print(result["azimuth_deg"], result["sigma_deg"])
     assert set(log.table["moving"]) == {0.0, 1.0} and len(log.nodes["left"]) > 8 * 1.2 * 200
 
 
@@ -121,15 +121,15 @@ def test_the_axis_is_turned_until_it_points_east_and_left_there(table, computer,
     azimuth = 75.0
     words = ["--table", table.path, "--method", "east", "--stop", 1.0, "--stops", 15, "--axis", "y"]
     with FineNode(rows=OnTable(table, azimuth, 2), computer=computer) as node:
-        found = north(node, capsys, *words)
-    east = found["east"]
-    print(found["azimuth_deg"], found["sigma_deg"], east["table_angle_deg"])
+        result = north(node, capsys, *words)
+    east = result["east"]
+    print(result["azimuth_deg"], result["sigma_deg"], east["table_angle_deg"])
     assert len(east["steps"]) == 5
     assert table.at % 360 == pytest.approx(east["table_angle_deg"], abs=1e-3)
     # y looks a quarter turn anticlockwise of the table's angle, so to azimuth - angle - 90; east is 90.
     points = (azimuth - east["table_angle_deg"] - 90.0) % 360.0
-    assert abs((points - 90.0 + 180.0) % 360.0 - 180.0) < 4 * found["sigma_deg"] < 80
-    assert abs(off_by(found, azimuth)) < 4 * found["sigma_deg"]
+    assert abs((points - 90.0 + 180.0) % 360.0 - 180.0) < 4 * result["sigma_deg"] < 80
+    assert abs(off_by(result, azimuth)) < 4 * result["sigma_deg"]
 
 
 def test_without_a_table_port_the_operator_is_told_what_to_do(table, computer, turning, capsys, monkeypatch):
@@ -138,18 +138,18 @@ def test_without_a_table_port_the_operator_is_told_what_to_do(table, computer, t
 
         def readline(self, *_):
             asked = capsys.readouterr().err
-            told.append(asked.rpartition("turn the table")[2])
+            reported.append(asked.rpartition("turn the table")[2])
             turning()
-            table.at = float(told[-1].partition(" on its scale")[0].split()[-1].rstrip("°"))
+            table.at = float(reported[-1].partition(" on its scale")[0].split()[-1].rstrip("°"))
             return "\n"
 
-    told = []
+    reported = []
     monkeypatch.setattr("sys.stdin", Hand())
     with FineNode(rows=OnTable(table, 10.0, 3), computer=computer) as node:
-        found = north(node, capsys, "--method", "maytag", "--stop", 1.0, "--stops", 6, "--near-deg", 10)
-    assert abs(off_by(found, 10.0)) < 4 * found["sigma_deg"]
-    assert len(told) == 6 and all("press Enter" in line for line in told)
-    assert "by 180.0° anticlockwise" in told[1] and "by 180.0° clockwise" in told[2]
+        result = north(node, capsys, "--method", "maytag", "--stop", 1.0, "--stops", 6, "--near-deg", 10)
+    assert abs(off_by(result, 10.0)) < 4 * result["sigma_deg"]
+    assert len(reported) == 6 and all("press Enter" in line for line in reported)
+    assert "by 180.0° anticlockwise" in reported[1] and "by 180.0° clockwise" in reported[2]
 
 
 @pytest.mark.parametrize(
@@ -214,11 +214,11 @@ def test_a_table_in_trouble_ends_it_and_what_was_recorded_stays(
 def test_it_ends_when_sigma_is_reached(table, computer, capsys):
     words = ["--table", table.path, "--method", "maytag4", "--stop", 1.2, "--stops", 40, "--sigma-deg", 20]
     with FineNode(rows=OnTable(table, 300.0, 7), computer=computer) as node:
-        found = north(node, capsys, *words)
-    count = found["gyros"][0]["stops"]["count"]
-    print(count, found["azimuth_deg"], found["sigma_deg"])
-    assert count < 40 and count % 4 == 0 and found["sigma_deg"] < 22
-    assert abs(off_by(found, 300.0)) < 4 * found["sigma_deg"]
+        result = north(node, capsys, *words)
+    count = result["gyros"][0]["stops"]["count"]
+    print(count, result["azimuth_deg"], result["sigma_deg"])
+    assert count < 40 and count % 4 == 0 and result["sigma_deg"] < 22
+    assert abs(off_by(result, 300.0)) < 4 * result["sigma_deg"]
 
 
 @pytest.mark.parametrize("method", ["maytag4", "east"])
@@ -240,15 +240,15 @@ def test_a_run_that_was_cut_short_is_gone_on_with_from_its_log(
         FakeTable(turning=lasting(later)) as table,
         FineNode(rows=OnTable(table, azimuth, 9), computer=later) as node,
     ):
-        found = north(node, capsys, "--table", table.path, *words, "--resume", first, "-o", second)
-    assert isinstance(found, dict), found
-    stops = found["gyros"][0]["stops"]["count"]
+        result = north(node, capsys, "--table", table.path, *words, "--resume", first, "-o", second)
+    assert isinstance(result, dict), result
+    stops = result["gyros"][0]["stops"]["count"]
     assert stops == (7 + 12 if method == "maytag4" else stops) and stops > 14
-    assert abs(off_by(found, azimuth)) < 4 * found["sigma_deg"] < 100
+    assert abs(off_by(result, azimuth)) < 4 * result["sigma_deg"] < 100
     if method == "maytag4":
         again = ["north", str(first), str(second), "--latitude-deg", str(LATITUDE_DEG), "--method", method]
         assert main([*again, "--settle", "0.2", "--json"]) == 0
-        assert json.loads(capsys.readouterr().out)["azimuth_deg"] == found["azimuth_deg"]
+        assert json.loads(capsys.readouterr().out)["azimuth_deg"] == result["azimuth_deg"]
 
 
 def test_what_is_no_table_is_said_before_anything_is_recorded(computer, tmp_path, capsys, monkeypatch):

@@ -117,16 +117,16 @@ def test_the_portions_in_which_samples_come_do_not_change_a_bit():
     whole = correction.apply(gyro, accel, age=age, temperature=temperature)
     for size in (1, 7, 8, 333):
         parts = [slice(k, k + size) for k in range(0, 1000, size)]
-        made = [correction.apply(gyro[p], accel[p], age=age[p], temperature=temperature[p]) for p in parts]
+        built = [correction.apply(gyro[p], accel[p], age=age[p], temperature=temperature[p]) for p in parts]
         for k in (0, 1):
-            np.testing.assert_array_equal(np.concatenate([m[k] for m in made]), whole[k])
+            np.testing.assert_array_equal(np.concatenate([m[k] for m in built]), whole[k])
 
 
 def test_a_channel_at_its_limit_is_still_seen_to_be_clipped():
     node = NodeCalibration({"gyro_bias": CalibratedEffect({"z": Quantity(0.5, 0.01)})})
     raw = np.array([[0.0, 0.0, 35.0], [0.0, 0.0, -35.0], [0.0, 0.0, 30.0]])
-    made, _ = SampleCorrection.from_calibration(node).apply(raw, np.zeros((3, 3)))
-    np.testing.assert_allclose(made[:, 2], [35.0, -35.5, 29.5])
+    built, _ = SampleCorrection.from_calibration(node).apply(raw, np.zeros((3, 3)))
+    np.testing.assert_allclose(built[:, 2], [35.0, -35.5, 29.5])
 
 
 def test_the_calibration_of_another_node_is_refused_by_both_serials():
@@ -160,16 +160,16 @@ def test_warm_up_counts_from_power_on_where_the_log_tells_it_and_says_so_where_n
 
 def test_what_hangs_on_the_supply_is_taken_out_where_the_log_tells_it(monkeypatch):
     monkeypatch.setitem(BY_NAME, "gyro_supply", GyroSupply)
-    found = CalibratedEffect({"x": Quantity(0.02, 1e-3), "z": Quantity(-0.01, 1e-3)})
-    calibration = Calibration({"left": NodeCalibration({"gyro_supply": found})})
+    result = CalibratedEffect({"x": Quantity(0.02, 1e-3), "z": Quantity(-0.01, 1e-3)})
+    calibration = Calibration({"left": NodeCalibration({"gyro_supply": result})})
     columns = {name: np.full(3, 0.5) for name in ("gx", "gy", "gz", "ax", "ay", "az")}
     unknown = Table({"t": np.arange(3.0), **columns})
-    told = Table({**unknown.columns, "supply": np.array([4.1, np.nan, 3.5])})
-    made = apply_calibration({"left": told}, calibration).nodes["left"]
+    reported = Table({**unknown.columns, "supply": np.array([4.1, np.nan, 3.5])})
+    built = apply_calibration({"left": reported}, calibration).nodes["left"]
     # 0.4 V above 3.7 V, 0.1 V, which is between its neighbours, and 0.2 V below.
-    np.testing.assert_allclose(made["gx"], [0.492, 0.498, 0.504], atol=1e-15)
-    np.testing.assert_allclose(made["gz"], [0.504, 0.501, 0.498], atol=1e-15)
-    np.testing.assert_array_equal(made["gy"], 0.5)
+    np.testing.assert_allclose(built["gx"], [0.492, 0.498, 0.504], atol=1e-15)
+    np.testing.assert_allclose(built["gz"], [0.504, 0.501, 0.498], atol=1e-15)
+    np.testing.assert_array_equal(built["gy"], 0.5)
     left = apply_calibration({"left": unknown}, calibration)
     np.testing.assert_array_equal(left.nodes["left"]["gx"], 0.5)
     assert "no supply, so gyro_supply" in left.warnings[0]
@@ -191,9 +191,9 @@ def test_numbers_that_no_sensor_has_are_refused(effect, values, words):
 
 def test_a_drive_comes_out_alike_whether_the_samples_are_corrected_or_the_filter_is_told():
     """And what was applied is not applied again by the filter's priors."""
-    made = short_drive(11)
+    built = short_drive(11)
     effects = {}
-    for name, node in made.nodes.items():
+    for name, node in built.nodes.items():
         k = node.truth
         bias = {axis: Quantity(k[f"bias_{axis}"], 1e-3) for axis in "xyz"}
         scale = {"z": Quantity(k["spin_scale"], 1e-3)}
@@ -208,15 +208,15 @@ def test_a_drive_comes_out_alike_whether_the_samples_are_corrected_or_the_filter
     tables = {
         name: Table(dict(zip(("t", "gx", "gy", "gz", "ax", "ay", "az"), np.column_stack(
             [node.t, node.gyro, node.accel]).T, strict=True)))
-        for name, node in made.nodes.items()
+        for name, node in built.nodes.items()
     }  # fmt: skip
     vehicle = Vehicle(RADIUS, TRACK, {n: NodeMount(n, "left") for n in ("left", "right")})
     applied = apply_calibration(tables, calibration)
     assert applied.summaries["left"]["applied"] == ["gyro_bias", "gyro_scale_factor"]
     corrected = run_wheel_filter(wheel_config(vehicle, list(tables), applied.remaining), applied.nodes).track
-    told = run_wheel_filter(wheel_config(vehicle, list(tables), calibration), tables).track
+    reported = run_wheel_filter(wheel_config(vehicle, list(tables), calibration), tables).track
     twice = run_wheel_filter(wheel_config(vehicle, list(tables), calibration), applied.nodes).track
-    same = np.hypot(corrected.x - told.x, corrected.y - told.y).max()
+    same = np.hypot(corrected.x - reported.x, corrected.y - reported.y).max()
     wrong = np.hypot(corrected.x - twice.x, corrected.y - twice.y).max()
     assert same < 0.01 < wrong, f"seed 11: {same} m, {wrong} m"
 
@@ -233,6 +233,6 @@ def test_what_is_left_over_keeps_sigmas_and_what_is_no_error_of_the_sensor():
 def test_applying_what_is_left_over_changes_nothing():
     node = zero_applied_effects(Calibration({"left": drawn(6)})).nodes["left"]
     gyro, accel, age, temperature = true_motion(6)
-    made = SampleCorrection.from_calibration(node).apply(gyro, accel, age=age, temperature=temperature)
-    np.testing.assert_array_equal(made[0], gyro)
-    np.testing.assert_array_equal(made[1], accel)
+    built = SampleCorrection.from_calibration(node).apply(gyro, accel, age=age, temperature=temperature)
+    np.testing.assert_array_equal(built[0], gyro)
+    np.testing.assert_array_equal(built[1], accel)

@@ -29,11 +29,11 @@ def sphere(count):
 
 
 def test_the_papers_case_comes_back_to_the_last_digit_because_nothing_is_linearised_away():
-    found = fit_scalar_calibration(PAPER.measure(sphere(20)), 1.0, np.full((20, 3), 1e-12))
+    result = fit_scalar_calibration(PAPER.measure(sphere(20)), 1.0, np.full((20, 3), 1e-12))
     truth = np.array([2e-4, 2e-4, 2e-4, 2e-4, 4e-4, 4e-4, 4e-4, 4e-4, 4e-4])
-    assert np.abs(found.parameters / truth - 1).max() < 1e-9
+    assert np.abs(result.parameters / truth - 1).max() < 1e-9
     # The paper's angles are antisymmetric, which is what the symmetric convention assumes: all six come back.
-    for name, angle in found.triad.nonorthogonality.items():
+    for name, angle in result.triad.nonorthogonality.items():
         assert angle == pytest.approx(PAPER.d[name], rel=1e-9)
 
 
@@ -47,15 +47,15 @@ def test_any_errors_of_ten_per_cent_are_found_from_any_sufficient_poses_without_
         return
     b, e, s = rng.uniform(-0.1, 0.1, (3, 3))
     matrix = np.eye(3) + np.diag(e) + np.array([[0, s[0], s[1]], [s[0], 0, s[2]], [s[1], s[2], 0]]) / 4
-    found = fit_scalar_calibration(9.8 * (directions @ matrix.T + b), 9.8, np.full((count, 3), 1e-8))
-    assert np.abs(found.triad.bias - 9.8 * b).max() < 1e-6
-    assert np.abs(found.triad.matrix - matrix).max() < 1e-6
+    result = fit_scalar_calibration(9.8 * (directions @ matrix.T + b), 9.8, np.full((count, 3), 1e-8))
+    assert np.abs(result.triad.bias - 9.8 * b).max() < 1e-6
+    assert np.abs(result.triad.matrix - matrix).max() < 1e-6
 
 
 def test_a_general_optimiser_finds_the_same_minimum():
     rng = np.random.default_rng(5)
     u = PAPER.measure(sphere(30)) + 0.01 * rng.standard_normal((30, 3))
-    found = fit_scalar_calibration(u, 1.0, np.full((30, 3), 0.01))
+    result = fit_scalar_calibration(u, 1.0, np.full((30, 3), 0.01))
 
     def residual(p):
         m = np.eye(3) + np.diag(p[3:6])
@@ -68,7 +68,7 @@ def test_a_general_optimiser_finds_the_same_minimum():
 
     other = least_squares(residual, np.zeros(9), xtol=1e-14, ftol=1e-14, gtol=1e-14).x
     # Weights are frozen in each Gauss-Newton step and not here: a difference of second order in the noise.
-    assert np.abs(found.parameters - other).max() < 0.1 * np.sqrt(np.diag(found.covariance)).min()
+    assert np.abs(result.parameters - other).max() < 0.1 * np.sqrt(np.diag(result.covariance)).min()
 
 
 def test_the_rows_of_matrix_5_are_the_derivative_of_the_length():
@@ -92,23 +92,23 @@ def test_sigmas_cover_the_scatter_over_200_seeds_whichever_convention():
             rng = np.random.default_rng(seed)
             sigma = np.full((14, 3), 1e-3)
             u = PAPER.measure(sphere(14)) + 1e-3 * rng.standard_normal((14, 3))
-            found = fit_scalar_calibration(u, 1.0, sigma, convention=convention)
+            result = fit_scalar_calibration(u, 1.0, sigma, convention=convention)
             if convention == "symmetric":
                 truth = np.array([2e-4, 2e-4, 2e-4, 2e-4, 4e-4, 4e-4, 4e-4, 4e-4, 4e-4])
                 # Five degrees of freedom: the widening by chi² acts in half of the runs, so it is taken
                 # back here.
                 z.append(
-                    (found.parameters - truth)
-                    / np.sqrt(np.diag(found.covariance) / max(1, found.reduced_chi2))
+                    (result.parameters - truth)
+                    / np.sqrt(np.diag(result.covariance) / max(1, result.reduced_chi2))
                 )
             else:
                 exact = fit_scalar_calibration(
                     PAPER.measure(sphere(14)), 1.0, sigma * 1e-6, convention=convention
                 )
-                spread = found.sigma / np.sqrt(max(1, found.reduced_chi2))
+                spread = result.sigma / np.sqrt(max(1, result.reduced_chi2))
                 own = spread > 0
                 off = np.concatenate(
-                    [found.triad.bias - exact.triad.bias, (found.triad.matrix - exact.triad.matrix).ravel()]
+                    [result.triad.bias - exact.triad.bias, (result.triad.matrix - exact.triad.matrix).ravel()]
                 )
                 z.append(off[own] / spread[own])
         rms = np.sqrt(np.mean(np.square(z), axis=0))
@@ -128,9 +128,9 @@ def test_x_first_leaves_sensor_x_on_its_axis_and_measures_the_same_lengths():
 
 def test_lengths_are_told_before_and_after_in_the_unit_of_the_measurement():
     measured = 9.81 * Errors((0.02, -0.01, 0.03), (0.03, -0.02, 0.01)).measure(sphere(24))
-    found = fit_scalar_calibration(measured, 9.81, np.full((24, 3), 1e-6))
-    np.testing.assert_allclose(found.residual_before, np.linalg.norm(measured, axis=1) - 9.81, atol=1e-9)
-    assert np.abs(found.residual).max() < 1e-6 < 0.1 < np.abs(found.residual_before).max()
+    result = fit_scalar_calibration(measured, 9.81, np.full((24, 3), 1e-6))
+    np.testing.assert_allclose(result.residual_before, np.linalg.norm(measured, axis=1) - 9.81, atol=1e-9)
+    assert np.abs(result.residual).max() < 1e-6 < 0.1 < np.abs(result.residual_before).max()
 
 
 def circle(count, axis):

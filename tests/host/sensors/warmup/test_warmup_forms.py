@@ -16,10 +16,10 @@ def test_the_marginal_likelihood_is_the_density_of_all_that_could_have_been_read
     root = rng.standard_normal((12, 12))
     noise = root @ root.T + np.eye(12)
     y = rng.standard_normal(12)
-    mean, covariance, told = _posterior(columns, spread, factorise(noise.copy()), y)
+    mean, covariance, reported = _posterior(columns, spread, factorise(noise.copy()), y)
     prior = np.diag(spread**2)
     whole = columns @ prior @ columns.T + noise
-    assert told == pytest.approx(multivariate_normal.logpdf(y, cov=whole))
+    assert reported == pytest.approx(multivariate_normal.logpdf(y, cov=whole))
     gain = prior @ columns.T @ np.linalg.inv(whole)
     assert mean == pytest.approx(gain @ y)
     assert covariance == pytest.approx(prior - gain @ columns @ prior)

@@ -178,12 +178,12 @@ def test_the_covariance_is_that_of_simulated_drift():
     start = np.arange(12) * 12.0
     model = drift_covariance(drift, start, start + 10)
     w = filter_weights("nearest", np.where(np.arange(12) % 2 == 0, 1, -1))
-    found = []
+    result = []
     for seed in range(400):
         x = gyro_noise(1440, 0.1, np.random.default_rng(seed), b=1.0, k=0.05)
-        found.append(w @ np.array([x[int(10 * s) : int(10 * s) + 100].mean() for s in start]))
+        result.append(w @ np.array([x[int(10 * s) : int(10 * s) + 100].mean() for s in start]))
     # 400 values: 3.5 % on a standard deviation.
-    assert np.std(found) == pytest.approx(np.sqrt(w @ model @ w), rel=0.12)
+    assert np.std(result) == pytest.approx(np.sqrt(w @ model @ w), rel=0.12)
 
 
 @pytest.mark.parametrize("squeezed", [0.3, 0.1, 1e-3, 0.0])
@@ -195,12 +195,12 @@ def test_a_stop_whose_stamps_stand_closer_than_its_samples_is_left_out(squeezed)
         own = 0.01 * (squeezed if stop == 0 else 1.0)
         t = np.append(t, (t[-1] + 1.5 if stop else 0.0) + own * np.arange(200))
     angle = np.repeat(np.pi / 2 * np.arange(5), 200)
-    seen = average_spans(t, rng.normal(0.0, 0.002, 1000), angle, spans, 0.25)
-    assert len(seen.y) == 4 * 8 and seen.start[0] >= 1.5
-    assert (seen.start[1:] >= seen.end[:-1] - 1e-9).all()
-    assert np.isfinite(estimate_earth_rate([seen], 4.9e-5).rate_covariance).all()
+    observed = average_spans(t, rng.normal(0.0, 0.002, 1000), angle, spans, 0.25)
+    assert len(observed.y) == 4 * 8 and observed.start[0] >= 1.5
+    assert (observed.start[1:] >= observed.end[:-1] - 1e-9).all()
+    assert np.isfinite(estimate_earth_rate([observed], 4.9e-5).rate_covariance).all()
     with pytest.raises(InputError, match="no part of any stop"):
-        estimate_earth_rate([seen.slice_rows(0, 0)], 4.9e-5)
+        estimate_earth_rate([observed.slice_rows(0, 0)], 4.9e-5)
 
 
 def test_gravity_tells_which_way_y_points_and_refuses_a_vertical_axis():

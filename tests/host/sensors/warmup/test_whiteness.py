@@ -14,33 +14,33 @@ from hubodo.sensors.warmup.whiteness import autocorrelation_test, ljung_box
 @pytest.mark.parametrize("count, lags", [(16, 3), (60, 12), (101, 20), (500, 20)])
 def test_ljung_box_is_the_formula_of_1978_about_the_mean(count, lags):
     noise = 3.0 + np.random.default_rng(count).normal(size=count)
-    found = ljung_box(noise)
+    result = ljung_box(noise)
     off = noise - np.mean(noise)
     r = [sum(off[i] * off[i - k] for i in range(k, count)) / sum(off**2) for k in range(1, lags + 1)]
     statistic = count * (count + 2) * sum(value**2 / (count - k) for k, value in enumerate(r, 1))
-    assert found.lags == lags and found.statistic == pytest.approx(statistic)
-    assert found.p_value == pytest.approx(chi2.sf(statistic, lags))
-    assert ljung_box(noise, 2).statistic < found.statistic and ljung_box(noise, 2).lags == 2
+    assert result.lags == lags and result.statistic == pytest.approx(statistic)
+    assert result.p_value == pytest.approx(chi2.sf(statistic, lags))
+    assert ljung_box(noise, 2).statistic < result.statistic and ljung_box(noise, 2).lags == 2
 
 
 @pytest.mark.parametrize("sequences, length", [(1, 16), (4, 50), (10, 200)])
 def test_the_autocorrelation_is_judged_by_lags_beyond_two_of_their_own_standard_errors(sequences, length):
     noise = np.random.default_rng(length).normal(size=sequences * length)
     noise[1:] += 0.3 * noise[:-1]
-    found = autocorrelation_test(noise, sequences, length)
+    result = autocorrelation_test(noise, sequences, length)
     parts = noise.reshape(sequences, length)
     r = [np.mean([(row[: length - k] @ row[k:]) / length for row in parts]) for k in range(length)]
     one = 1 / np.sqrt(sequences * length)
-    assert found.autocorrelation == pytest.approx(np.array(r[1:]) / r[0]) and found.standard_error == one
+    assert result.autocorrelation == pytest.approx(np.array(r[1:]) / r[0]) and result.standard_error == one
     # A lag k has N - k products: the biased estimate is as much narrower, and the last tenth is not judged.
     own = [one * np.sqrt(1 - k / length) for k in range(1, length)]
     judged = [k for k in range(1, length) if k <= 0.9 * length]
     beyond = sum(abs(r[k] / r[0]) > 2 * own[k - 1] for k in judged)
-    assert found.p_value == pytest.approx(binom.sf(beyond - 1, len(judged), 2 * norm.sf(2)))
+    assert result.p_value == pytest.approx(binom.sf(beyond - 1, len(judged), 2 * norm.sf(2)))
     inside = [np.mean(np.abs(r[1:]) / r[0] <= times * one) for times in (1, 2)]
-    assert [found.share_within_one_sigma, found.share_within_two_sigma] == pytest.approx(inside)
+    assert [result.share_within_one_sigma, result.share_within_two_sigma] == pytest.approx(inside)
     expected = [np.mean([1 - 2 * norm.sf(times * one / sigma) for sigma in own]) for times in (1, 2)]
-    assert [found.expected_share_within_one_sigma, found.expected_share_within_two_sigma] == pytest.approx(
+    assert [result.expected_share_within_one_sigma, result.expected_share_within_two_sigma] == pytest.approx(
         expected
     )
 
@@ -49,8 +49,8 @@ def test_the_autocorrelation_is_judged_by_lags_beyond_two_of_their_own_standard_
     "count, sequences, length", [(450, 2, 200), (399, 1, 200), (100, 1, 100), (5000, 10, 200)]
 )
 def test_of_a_short_residual_as_many_sequences_are_taken_as_fit_side_by_side(count, sequences, length):
-    found = autocorrelation_test(np.random.default_rng(1).normal(size=count))
-    assert (found.sequences, found.length) == (sequences, length)
+    result = autocorrelation_test(np.random.default_rng(1).normal(size=count))
+    assert (result.sequences, result.length) == (sequences, length)
 
 
 @pytest.mark.parametrize("test", [ljung_box, autocorrelation_test])
@@ -68,9 +68,9 @@ def test_noise_behind_a_pole_makes_neighbouring_means_differ_less_as_its_integra
     step = 0.01
     noise = lfilter([1.0], [1.0, -np.exp(-step / pole)], np.random.default_rng(2).normal(size=500_000))
 
-    def mean_of(begin):
+    def mean_of(start):
         correlation = lambda u, v: np.exp(-abs(u - v) / pole) / (2 * pole)  # noqa: E731
-        return dblquad(correlation, 0.0, tau, begin, begin + tau, epsabs=1e-4)[0] / tau
+        return dblquad(correlation, 0.0, tau, start, start + tau, epsabs=1e-4)[0] / tau
 
     expected = 1.0 - (mean_of(0.0) - mean_of(tau))
     spans = [(0, 100), (100, len(noise) - 50), (len(noise) - 50, len(noise))]
@@ -90,8 +90,8 @@ def test_the_white_noise_of_rests_is_the_density_at_low_frequency_whatever_the_l
     """A pole passes what is slow as it is; between rests the bias may have moved."""
     n, count = 3e-4, 200_000
     share = np.exp(-step / pole) if pole else 0.0
-    made = np.random.default_rng(4).normal(0.0, n / np.sqrt(step), count)
-    rate = lfilter([1.0 - share], [1.0, -share], made)
+    built = np.random.default_rng(4).normal(0.0, n / np.sqrt(step), count)
+    rate = lfilter([1.0 - share], [1.0, -share], built)
     rate[count // 3 :] += 0.1
     t = 7.0 + step * np.arange(count)
     spans = [(0, count // 3), (count // 3, count // 2), (count // 2 + 5000, count)]
@@ -101,11 +101,11 @@ def test_the_white_noise_of_rests_is_the_density_at_low_frequency_whatever_the_l
     assert estimate_angle_random_walk(t, rate, []) is None
 
 
-@pytest.mark.parametrize("samples, told", [(15, False), (16, True)])
-def test_sixteen_means_are_the_least_and_short_rests_have_shorter_ones(samples, told):
+@pytest.mark.parametrize("samples, reported", [(15, False), (16, True)])
+def test_sixteen_means_are_the_least_and_short_rests_have_shorter_ones(samples, reported):
     noise = np.random.default_rng(5).normal(size=samples)
-    found = estimate_angle_random_walk(0.01 * np.arange(samples), noise, [(0, samples)])
-    assert (found is not None) == told
-    if told:
+    result = estimate_angle_random_walk(0.01 * np.arange(samples), noise, [(0, samples)])
+    assert (result is not None) == reported
+    if reported:
         # One sample each: the Allan deviation of a sample, as far as it is white.
-        assert found == pytest.approx(np.sqrt(np.mean(np.diff(noise) ** 2) / 2 * 0.01))
+        assert result == pytest.approx(np.sqrt(np.mean(np.diff(noise) ** 2) / 2 * 0.01))

@@ -20,10 +20,10 @@ BIAS = np.array([0.02, -0.05, 0.01])
 G = np.array([[1e-4, 2e-4, 0.0], [0.0, -2e-4, 1e-4], [1e-4, 0.0, -1e-4]])
 
 
-def rests_in(count, sigma=1e-6, g=0.0, noise=1e-6, seed=1, away=1.0):
+def rests_in(count, sigma=1e-6, g=0.0, noise=1e-6, seed=1, offset=1.0):
     """Rates and force of rests in directions that are `away` from one another."""
     rng = np.random.default_rng(seed)
-    force = 9.81 * (np.array([0.0, 0.0, 1.0]) + away * rng.standard_normal((count, 3)))
+    force = 9.81 * (np.array([0.0, 0.0, 1.0]) + offset * rng.standard_normal((count, 3)))
     rate = BIAS + g * force @ G.T + noise * rng.standard_normal((count, 3))
     return rate, np.full((count, 3), sigma) * np.array([1.0, 2.0, 3.0]), force
 
@@ -58,8 +58,8 @@ def test_from_eight_rests_on_what_force_does_is_solved_for_by_least_squares(coun
         variance = max(squares[0] / (count - 4), known[0, k] ** 2)
         spread = np.sqrt(variance * np.diag(np.linalg.inv(columns.T @ columns)))
         assert np.append(bias[k], g[k]) == pytest.approx(solved, rel=1e-9, abs=1e-12)
-        found = np.append(np.sqrt(covariance[k, k]), g_sigma[k])
-        assert found == pytest.approx(spread, rel=1e-6, abs=0.0)
+        result = np.append(np.sqrt(covariance[k, k]), g_sigma[k])
+        assert result == pytest.approx(spread, rel=1e-6, abs=0.0)
     assert np.count_nonzero(covariance) == 3
 
 
@@ -77,20 +77,20 @@ def test_an_answer_to_force_is_believed_from_one_in_a_thousand_on(p, believed):
     assert (estimate_static_bias(1e-6 * (left + explained), known, force)[2] is not None) == believed
 
 
-@pytest.mark.parametrize("condition, told", [(29.5, True), (30.5, False)])
-def test_rests_in_nearly_one_attitude_do_not_tell_an_answer_to_force(condition, told):
+@pytest.mark.parametrize("condition, reported", [(29.5, True), (30.5, False)])
+def test_rests_in_nearly_one_attitude_do_not_tell_an_answer_to_force(condition, reported):
     """From a condition number of 30 of the equations on."""
 
-    def condition_of(away):
-        columns = np.column_stack([np.ones(12), rests_in(12, away=away)[2]])
+    def condition_of(offset):
+        columns = np.column_stack([np.ones(12), rests_in(12, offset=offset)[2]])
         return np.linalg.cond(columns / np.sqrt((columns**2).sum(axis=0)))
 
-    away = brentq(lambda away: condition_of(away) - condition, 0.03, 0.5)
-    found = estimate_static_bias(*rests_in(12, 1e-8, g=1.0, noise=1e-9, away=away))[2]
-    assert (found is not None) == told
+    offset = brentq(lambda offset: condition_of(offset) - condition, 0.03, 0.5)
+    result = estimate_static_bias(*rests_in(12, 1e-8, g=1.0, noise=1e-9, offset=offset))[2]
+    assert (result is not None) == reported
 
 
-def rests(count=9, sigma=1e-7, loud=1.0, seconds=12.0):
+def standstills(count=9, sigma=1e-7, loud=1.0, seconds=12.0):
     """Return standstills as `find_standstills` does; loud: noise factor of the last one."""
     rate, _, force = rests_in(count)
     gyro_sigma = np.full((count, 3), sigma) * np.sqrt([0.5, 1.0, 1.5])
@@ -106,17 +106,17 @@ ACCEL = SimpleNamespace(triad=Triad(np.zeros(3), np.eye(3)))
 @pytest.fixture
 def parts(monkeypatch):
     """The parts that are put together: what they are given, and what they are made to say."""
-    seen = SimpleNamespace(follows=None, earth=None, measured=None)
+    observed = SimpleNamespace(follows=None, earth=None, measured=None)
 
-    def collect_turns(t, gyro, follows, rests, force):
-        seen.follows, seen.force = follows, force
+    def collect_turns(t, gyro, follows, standstills, force):
+        observed.follows, observed.force = follows, force
         return SimpleNamespace(select=lambda used: "turns")
 
     def refuse(*_, **__):
         raise CalibrationError("not seen")
 
     def scalar_calibration(measured, reference, sigma, **options):
-        seen.measured, seen.reference, seen.sigma = measured, reference, sigma
+        observed.measured, observed.reference, observed.sigma = measured, reference, sigma
         triad = Triad(BIAS, np.eye(3) + 0.01 * np.arange(9.0).reshape(3, 3))
         full = np.diag(np.arange(1.0, 13.0))
         return SimpleNamespace(triad=triad, full_covariance=full, sigma=np.sqrt(np.diag(full)))
@@ -125,14 +125,20 @@ def parts(monkeypatch):
     monkeypatch.setattr(room, "calibrate_from_turns", refuse)
     monkeypatch.setattr(room, "fit_scalar_calibration", scalar_calibration)
     monkeypatch.setattr(room, "align_by_earth_rate", refuse)
-    seen.set = lambda name, made: monkeypatch.setattr(room, name, made)
-    return seen
+    observed.set = lambda name, built: monkeypatch.setattr(room, name, built)
+    return observed
 
 
-def gyro_of(rests, latitude=None, notes=None):
+def gyro_of(standstills, latitude=None, notes=None):
     every = np.arange(30.0).reshape(10, 3)
     return room._calibrate_gyro(
-        np.arange(10.0), np.zeros((10, 3)), every, rests, ACCEL, latitude, [] if notes is None else notes
+        np.arange(10.0),
+        np.zeros((10, 3)),
+        every,
+        standstills,
+        ACCEL,
+        latitude,
+        [] if notes is None else notes,
     )
 
 
@@ -140,51 +146,51 @@ def gyro_of(rests, latitude=None, notes=None):
 @pytest.mark.parametrize("loud", [1.0, 4.0])
 def test_earth_rate_serves_where_the_noisiest_rest_knows_it_ten_times_better(parts, share, serves, loud):
     notes = []
-    found = gyro_of(rests(sigma=share * EARTH / loud, loud=loud), 0.8, notes)
-    assert ("Earth rate in 9 standstills" in found.method) == serves
+    result = gyro_of(standstills(sigma=share * EARTH / loud, loud=loud), 0.8, notes)
+    assert ("Earth rate in 9 standstills" in result.method) == serves
     needed = [note for note in notes if "too noisy" in note]
     assert len(needed) == (not serves)
-    assert "Earth rate" not in gyro_of(rests(sigma=1e-9)).method
+    assert "Earth rate" not in gyro_of(standstills(sigma=1e-9)).method
 
 
 def test_gyros_too_noisy_for_earth_rate_are_told_how_long_a_rest_they_need(parts):
     """Noise of a mean falls with the root of its time: ten times too noisy is a hundred times too short."""
     notes = []
-    gyro_of(rests(sigma=EARTH, seconds=12.0), 0.8, notes)
+    gyro_of(standstills(sigma=EARTH, seconds=12.0), 0.8, notes)
     assert "standstills of 1200 s" in notes[0]
 
 
 def test_without_turns_there_is_the_bias_and_earth_rate_is_in_its_sigma(parts):
     """Earth rate points another way in each rest, a third of its square along each axis."""
-    at, notes = rests(count=5), []
-    found = gyro_of(at, notes=notes)
+    at, notes = standstills(count=5), []
+    result = gyro_of(at, notes=notes)
     bias, covariance, *_ = estimate_static_bias(at.gyro, at.gyro_sigma, at.accel)
-    assert found.triad.bias == pytest.approx(bias) and found.is_observable.tolist() == 9 * [False]
+    assert result.triad.bias == pytest.approx(bias) and result.is_observable.tolist() == 9 * [False]
     expected = np.zeros((12, 12))
     expected[:3, :3] = covariance + np.eye(3) * EARTH**2 / 15
-    assert found.covariance * 1e12 == pytest.approx(expected * 1e12)
+    assert result.covariance * 1e12 == pytest.approx(expected * 1e12)
     assert notes == ["gyro scale and misalignments left out: not seen"]
-    assert "bias alone, from 5 standstills" in found.method
+    assert "bias alone, from 5 standstills" in result.method
 
 
 @pytest.mark.parametrize("g", [0.0, 1.0])
 def test_what_is_taken_off_before_turns_is_the_bias_and_what_force_does_at_each_moment(parts, g):
-    at = rests(count=12)
+    at = standstills(count=12)
     rate, _, force = rests_in(12, g=g, noise=1e-9)
     at = Standstills(at.start, at.end, at.t, rate, force, 1e-3 * at.gyro_sigma, at.accel_sigma)
-    found = gyro_of(at)
+    result = gyro_of(at)
     every = np.arange(30.0).reshape(10, 3)
-    assert (found.g_sensitivity is not None) == bool(g)
+    assert (result.g_sensitivity is not None) == bool(g)
     assert np.broadcast_to(parts.follows, (10, 3)) == pytest.approx(BIAS + g * every @ G.T, abs=1e-7)
 
 
 def test_turns_move_the_bias_and_their_covariance_holds_the_accelerometers_frame_too(parts):
-    seen = np.ones(9, bool)
+    observed = np.ones(9, bool)
     turns = SimpleNamespace(
         matrix=2 * np.eye(3),
         bias_change=np.array([1e-3, 2e-3, 3e-3]),
         covariance=np.eye(12),
-        is_observable=seen,
+        is_observable=observed,
         used=np.arange(4),
         dropped=("one was dropped",),
         deficit="",
@@ -193,29 +199,29 @@ def test_turns_move_the_bias_and_their_covariance_holds_the_accelerometers_frame
     parts.set("calibrate_from_turns", lambda _, sigma: sigmas.append(sigma) or turns)
     parts.set("accel_frame_covariance", lambda *_: 3 * np.eye(12))
     parts.set("cross_validate_turns", lambda turns, sigma: (turns, sigma))
-    at = rests(count=5)
-    found = gyro_of(at, notes=notes)
-    assert found.triad.bias == pytest.approx(at.gyro.mean(axis=0) + turns.bias_change)
-    assert found.covariance == pytest.approx(4 * np.eye(12)) and notes == ["one was dropped"]
+    at = standstills(count=5)
+    result = gyro_of(at, notes=notes)
+    assert result.triad.bias == pytest.approx(at.gyro.mean(axis=0) + turns.bias_change)
+    assert result.covariance == pytest.approx(4 * np.eye(12)) and notes == ["one was dropped"]
     _, covariance, *_ = estimate_static_bias(at.gyro, at.gyro_sigma, at.accel)
     wanted = np.sqrt(np.diag(covariance) + EARTH**2 / 15)
     assert sigmas[0] == pytest.approx(wanted, rel=1e-7, abs=0.0)
-    assert found.held_out[0] == "turns" and found.held_out[1] == pytest.approx(wanted, rel=1e-7, abs=0.0)
-    assert "all six misalignments" in found.method
-    seen[4], turns.deficit = False, "axis y"
+    assert result.held_out[0] == "turns" and result.held_out[1] == pytest.approx(wanted, rel=1e-7, abs=0.0)
+    assert "all six misalignments" in result.method
+    observed[4], turns.deficit = False, "axis y"
     part = gyro_of(at, notes=notes)
     assert "what they show" in part.method and "all six" not in part.method and "left out: axis y" in notes
 
 
 def test_by_earth_rate_the_covariance_takes_in_the_angle_between_both_triads(parts):
     angle, spread = np.array([0.02, -0.01, 0.03]), np.diag([1e-2, 4e-2, 9e-2])
-    told = []
+    reported = []
 
     def align(force, rate, noise, latitude):
-        told.append((noise, latitude))
+        reported.append((noise, latitude))
         return SimpleNamespace(angle=angle, covariance=spread)
 
-    at, notes = rests(), []
+    at, notes = standstills(), []
     plain = room._calibrate_by_earth_rate(at, at.accel, 0.8, notes)
     assert parts.measured is at.gyro and parts.reference == pytest.approx(EARTH)
     assert plain.covariance == pytest.approx(
@@ -223,27 +229,27 @@ def test_by_earth_rate_the_covariance_takes_in_the_angle_between_both_triads(par
     ) and plain.is_observable.tolist() == 9 * [True]
     assert "symmetric convention alone" in notes[0]
     parts.set("align_by_earth_rate", align)
-    found = room._calibrate_by_earth_rate(at, at.accel, 0.8, notes)
-    assert told[0][0] == pytest.approx(np.sqrt((at.gyro_sigma**2).mean(axis=1)), abs=0.0)
+    result = room._calibrate_by_earth_rate(at, at.accel, 0.8, notes)
+    assert reported[0][0] == pytest.approx(np.sqrt((at.gyro_sigma**2).mean(axis=1)), abs=0.0)
 
     def matrix(more):
         both = Rotation.from_rotvec(more) * Rotation.from_rotvec(angle)
         return (plain.triad.matrix @ both.as_matrix().T).ravel()
 
-    assert found.triad.matrix.ravel() == pytest.approx(
+    assert result.triad.matrix.ravel() == pytest.approx(
         matrix(np.zeros(3))
-    ) and found.is_observable.tolist() == 9 * [True]
+    ) and result.is_observable.tolist() == 9 * [True]
     slope = np.array([(matrix(1e-4 * e) - matrix(-1e-4 * e)) / 2e-4 for e in np.eye(3)]).T
     expected = np.diag(np.arange(1.0, 13.0))
     expected[3:, 3:] += slope @ spread @ slope.T
-    assert found.covariance == pytest.approx(expected, abs=1e-5)
+    assert result.covariance == pytest.approx(expected, abs=1e-5)
 
 
 def test_a_table_gives_sizes_and_turns_the_nearest_rotation_to_their_frame(parts):
     steady, sigma = np.ones((9, 3)), np.full((9, 3), 1e-4)
     asked = []
     parts.set("find_steady_turns", lambda t, gyro, rate, bias: asked.append(bias) or (steady, sigma))
-    at, notes = rests(), []
+    at, notes = standstills(), []
 
     def by_table():
         return room._calibrate_by_table(np.zeros(4), np.zeros((4, 3)), at, at.accel, 1.5, notes)
@@ -260,20 +266,22 @@ def test_a_table_gives_sizes_and_turns_the_nearest_rotation_to_their_frame(parts
     )
     sigmas = []
     parts.set("calibrate_from_turns", lambda _, sigma: sigmas.append(sigma) or turns)
-    found = by_table()
-    assert sigmas[0] == pytest.approx(np.sqrt([1.0, 2.0, 3.0])) and found.is_observable.tolist() == 9 * [True]
+    result = by_table()
+    assert sigmas[0] == pytest.approx(np.sqrt([1.0, 2.0, 3.0])) and result.is_observable.tolist() == 9 * [
+        True
+    ]
     rotation, _ = polar(np.linalg.inv(plain.triad.matrix) @ turns.matrix)
-    assert found.triad.matrix == pytest.approx(plain.triad.matrix @ rotation)
-    more = found.covariance - plain.covariance
+    assert result.triad.matrix == pytest.approx(plain.triad.matrix @ rotation)
+    more = result.covariance - plain.covariance
     assert more[3:, 3:] == pytest.approx(turns.covariance[3:, 3:]) and not more[:3].any()
-    assert found.turns is turns and found.triad.bias == pytest.approx(BIAS)
+    assert result.turns is turns and result.triad.bias == pytest.approx(BIAS)
     turns.deficit = "axis y"
     assert by_table().turns is None and "axis y" in notes[-1]
 
 
 @pytest.mark.parametrize("sufficient", [True, False])
 def test_the_notes_say_first_how_both_triads_were_found_and_what_the_poses_left_out(monkeypatch, sufficient):
-    at = rests()
+    at = standstills()
     at = Standstills(
         at.start, at.end, at.t, at.gyro, at.accel, at.gyro_sigma, at.accel_sigma, ("a rest crept",)
     )
@@ -288,8 +296,8 @@ def test_the_notes_say_first_how_both_triads_were_found_and_what_the_poses_left_
     monkeypatch.setattr(room, "fit_scalar_calibration", solve)
     monkeypatch.setattr(room, "cross_validate_accel", lambda *_: None)
     monkeypatch.setattr(room, "_calibrate_gyro", lambda *_: SimpleNamespace(method="some turns"))
-    found = calibrate_imu(np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)), convention="symmetric")
-    first, second, *others = found.notes
+    result = calibrate_imu(np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)), convention="symmetric")
+    first, second, *others = result.notes
     assert (
         "symmetric convention, from the norm of gravity in 9 standstills" in first
         and second == "gyros: some turns"
@@ -331,14 +339,14 @@ def test_the_file_names_each_element_of_the_answer_to_force_by_gyro_and_axis():
     gyro = GyroCalibration(
         Triad(BIAS, np.eye(3)), np.diag(np.arange(1.0, 13.0) ** 2), np.zeros(9, bool), "", g, g / 10
     )
-    found = ImuCalibration(rests(), 9.81, accel, None, gyro, ()).effect_parameters()
-    told = {name: (q.value, q.sigma) for name, q in found["gyro_g_sensitivity"].items()}
+    result = ImuCalibration(standstills(), 9.81, accel, None, gyro, ()).effect_parameters()
+    reported = {name: (q.value, q.sigma) for name, q in result["gyro_g_sensitivity"].items()}
     for i, row in enumerate("xyz"):
         for j, column in enumerate("xyz"):
             name = column if row == "z" else row + column
-            assert told[name] == pytest.approx((g[i, j], g[i, j] / 10))
-    bias = found["gyro_bias"]
+            assert reported[name] == pytest.approx((g[i, j], g[i, j] / 10))
+    bias = result["gyro_bias"]
     assert [(bias[a].value, bias[a].sigma) for a in "xyz"] == [
         pytest.approx((b, s)) for b, s in zip(BIAS, (1.0, 2.0, 3.0), strict=True)
     ]
-    assert "gyro_scale_factor" not in found
+    assert "gyro_scale_factor" not in result

@@ -29,7 +29,7 @@ def record_of(run):
     return AxisRecord(run.t, run.rate, table_of(run))
 
 
-def made(seed, method, azimuth, *, sensor=TACTICAL, stops=20, stop=20.0, latitude=LATITUDE, transient=0.0):
+def built(seed, method, azimuth, *, sensor=TACTICAL, stops=20, stop=20.0, latitude=LATITUDE, transient=0.0):
     rng = np.random.default_rng(seed)
     error = sensor.error(int(stops * (stop + 2) / DT) + 10, DT, rng)
     return maytag(
@@ -50,9 +50,9 @@ def test_stops_find_the_azimuth_with_an_honest_sigma_over_25_seeds(method):
     z = []
     for seed in range(25):
         azimuth = np.random.default_rng(seed).uniform(-np.pi, np.pi)
-        run = made(seed, method, azimuth)
-        found = find_north([record_of(run)], LATITUDE, method, settle=1.0, near=azimuth)
-        z.append(float(wrap_angle(found.azimuth - azimuth)) / found.sigma)
+        run = built(seed, method, azimuth)
+        result = find_north([record_of(run)], LATITUDE, method, settle=1.0, near=azimuth)
+        z.append(float(wrap_angle(result.azimuth - azimuth)) / result.sigma)
     # rms of 25 values scatters by 14 %; three of that. No value beyond 4.
     assert 0.58 < np.sqrt(np.mean(np.square(z))) < 1.42, z
     assert np.abs(z).max() < 4
@@ -64,10 +64,10 @@ def test_a_carousel_finds_the_azimuth_with_an_honest_sigma_near_the_white_noise_
         rng = np.random.default_rng(seed)
         azimuth = rng.uniform(-np.pi, np.pi)
         run = carousel(TACTICAL.error(3700, DT, rng), DT, azimuth, LATITUDE, 30.0, 360.0)
-        found = find_north([record_of(run)], LATITUDE, "carousel")
-        z.append(float(wrap_angle(found.azimuth - azimuth)) / found.sigma)
-        ratio.append(found.sigma / found.white_bound)
-        assert len(found.rates) == len(found.rates_across) == 12
+        result = find_north([record_of(run)], LATITUDE, "carousel")
+        z.append(float(wrap_angle(result.azimuth - azimuth)) / result.sigma)
+        ratio.append(result.sigma / result.white_bound)
+        assert len(result.rates) == len(result.rates_across) == 12
     # rms of 14 values scatters by 19 %.
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.57, z
     # Turning fast against this drift, it cannot be better than white noise and need not be much worse.
@@ -78,10 +78,10 @@ def test_the_white_noise_bound_is_sqrt_2_over_t_times_n_over_horizontal_rate():
     rng = np.random.default_rng(1)
     run = carousel(Sensor(0.42, 0, 0).error(36100, DT, rng), DT, 1.0, np.radians(45), 60.0, 3600.0)
     drift = DriftNoise(np.radians(0.42) / 60, 0.0, 0.0)
-    found = find_north([record_of(run)], np.radians(45), "carousel", drift=drift)
+    result = find_north([record_of(run)], np.radians(45), "carousel", drift=drift)
     # The field's own number: 0.42 deg/rt-h and one hour give 3.2 degrees with one axis.
-    assert np.degrees(found.white_bound) == pytest.approx(3.2, abs=0.05)
-    assert found.sigma == pytest.approx(found.white_bound, rel=0.02)
+    assert np.degrees(result.white_bound) == pytest.approx(3.2, abs=0.05)
+    assert result.sigma == pytest.approx(result.white_bound, rel=0.02)
 
 
 def test_east_seeking_stops_east_and_never_west():
@@ -90,10 +90,10 @@ def test_east_seeking_stops_east_and_never_west():
         # Start pointing west, or nearly: the loop's other zero.
         azimuth = -np.pi / 2 + rng.uniform(-0.05, 0.05)
         table = SimulatedTable(TACTICAL.error(9000, DT, rng), DT, azimuth, LATITUDE)
-        found = seek_east(table, table.measure, horizontal_earth_rate(LATITUDE), stop=20.0, steps=8)
-        assert abs(wrap_angle(azimuth - found.angle - np.pi / 2)) < np.radians(5)
-        assert abs(wrap_angle(found.azimuth - azimuth)) < 4 * found.sigma
-        assert len(found.steps) == 8
+        result = seek_east(table, table.measure, horizontal_earth_rate(LATITUDE), stop=20.0, steps=8)
+        assert abs(wrap_angle(azimuth - result.angle - np.pi / 2)) < np.radians(5)
+        assert abs(wrap_angle(result.azimuth - azimuth)) < 4 * result.sigma
+        assert len(result.steps) == 8
 
 
 def test_a_log_of_an_east_seeking_session_gives_the_azimuth():
@@ -101,9 +101,9 @@ def test_a_log_of_an_east_seeking_session_gives_the_azimuth():
     table = SimulatedTable(TACTICAL.error(9000, DT, rng), DT, 0.7, LATITUDE)
     angles = [0, np.pi, 0, np.pi / 2, 1.5 * np.pi, np.pi / 2, -0.9, -0.9 + np.pi, -0.9, -0.87, -0.87 + np.pi]
     t, rate, made_table = simulate_stops(table, np.array(angles), 30.0)
-    found = find_north([AxisRecord(t, rate, made_table)], LATITUDE, "east")
-    assert abs(wrap_angle(found.azimuth - 0.7)) < 4 * found.sigma < np.radians(10)
-    assert len(found.rates) == 7
+    result = find_north([AxisRecord(t, rate, made_table)], LATITUDE, "east")
+    assert abs(wrap_angle(result.azimuth - 0.7)) < 4 * result.sigma < np.radians(10)
+    assert len(result.rates) == 7
 
 
 @settings(max_examples=8)
@@ -112,8 +112,8 @@ def test_turning_table_zero_turns_the_answer(azimuth, latitude, shift):
     angles = np.resize(POINTS["maytag4"], 12)
     quiet = SimulatedTable(1e-7 * np.random.default_rng(0).standard_normal(4000), DT, azimuth, latitude)
     t, rate, table = simulate_stops(quiet, angles, 20.0)
-    found = find_north([AxisRecord(t, rate, table)], latitude, "maytag4")
-    assert abs(wrap_angle(found.azimuth - azimuth)) < 1e-2
+    result = find_north([AxisRecord(t, rate, table)], latitude, "maytag4")
+    assert abs(wrap_angle(result.azimuth - azimuth)) < 1e-2
     turned = TableMotion(table.t, table.angle + shift, table.moving)
     again = find_north([AxisRecord(t, rate, turned)], latitude, "maytag4")
     assert abs(wrap_angle(again.azimuth - azimuth - shift)) < 1e-2
@@ -123,11 +123,11 @@ def test_turning_table_zero_turns_the_answer(azimuth, latitude, shift):
 
 @pytest.mark.parametrize("shift", [0.4, 2.0])
 def test_the_component_of_a_line_has_the_same_sigma_whichever_way_the_line_points(shift):
-    run = made(2, "maytag", 0.7)
+    run = built(2, "maytag", 0.7)
     (plain,), (sigma,) = find_north([record_of(run)], LATITUDE, "maytag").rate_components()
     turned = AxisRecord(run.t, run.rate, table_of(run), shift)
-    (rate,), (found,) = find_north([turned], LATITUDE, "maytag").rate_components()
-    assert rate == pytest.approx(plain, rel=1e-4, abs=0.0) and found == pytest.approx(
+    (rate,), (result,) = find_north([turned], LATITUDE, "maytag").rate_components()
+    assert rate == pytest.approx(plain, rel=1e-4, abs=0.0) and result == pytest.approx(
         sigma, rel=1e-4, abs=0.0
     )
 
@@ -142,55 +142,55 @@ def test_signs_from_first_principles():
         (0, np.pi / 2, 0),
         (np.pi / 2, np.pi / 2, 1),
     ):
-        felt = earth_in_sensor(azimuth, np.array([angle]), LATITUDE)[0]
-        assert felt == pytest.approx(share * horizontal_earth_rate(LATITUDE), rel=1e-5, abs=1e-12)
+        measured = earth_in_sensor(azimuth, np.array([angle]), LATITUDE)[0]
+        assert measured == pytest.approx(share * horizontal_earth_rate(LATITUDE), rel=1e-5, abs=1e-12)
 
 
 def test_stops_along_one_line_say_that_two_azimuths_remain():
-    run = made(1, "maytag", np.radians(60))
-    found = find_north([record_of(run)], LATITUDE, "maytag", settle=1.0)
-    assert len(found.candidates) == 2
-    assert min(abs(wrap_angle(c - np.radians(60))) for c in found.candidates) < 4 * found.sigma
-    assert float(wrap_angle(sum(found.candidates))) == pytest.approx(0, abs=1e-6)
-    assert "two azimuths" in found.warnings[0]
+    run = built(1, "maytag", np.radians(60))
+    result = find_north([record_of(run)], LATITUDE, "maytag", settle=1.0)
+    assert len(result.candidates) == 2
+    assert min(abs(wrap_angle(c - np.radians(60))) for c in result.candidates) < 4 * result.sigma
+    assert float(wrap_angle(sum(result.candidates))) == pytest.approx(0, abs=1e-6)
+    assert "two azimuths" in result.warnings[0]
     west = find_north([record_of(run)], LATITUDE, "maytag", settle=1.0, near=np.radians(-50))
-    assert west.azimuth == pytest.approx(-found.azimuth)
+    assert west.azimuth == pytest.approx(-result.azimuth)
 
 
 def test_pointing_north_two_points_give_one_azimuth_with_the_sigma_of_the_flat_cosine():
-    run = made(2, "maytag", 0.0)
-    found = find_north([record_of(run)], LATITUDE, "maytag", settle=1.0)
-    assert len(found.candidates) == 1 and abs(found.azimuth) < 1e-9
-    rate, sigma = found.rate_components()
+    run = built(2, "maytag", 0.0)
+    result = find_north([record_of(run)], LATITUDE, "maytag", settle=1.0)
+    assert len(result.candidates) == 1 and abs(result.azimuth) < 1e-9
+    rate, sigma = result.rate_components()
     assert abs(rate[0] - horizontal_earth_rate(LATITUDE)) < 4 * sigma[0]
     # cos is flat there: a rate known to 1 % leaves 8 degrees.
-    assert found.sigma > 2 * sigma[0] / horizontal_earth_rate(LATITUDE)
+    assert result.sigma > 2 * sigma[0] / horizontal_earth_rate(LATITUDE)
 
 
 def test_four_gyros_halve_the_sigma_and_stay_honest():
     off, gain = [], []
     for seed in range(8):
-        runs = [made(100 * seed + k, "maytag4", 0.4) for k in range(4)]
-        found = [find_north([record_of(r)], LATITUDE, "maytag4", settle=1.0) for r in runs]
-        azimuth, sigma = fuse_azimuths([(f.posterior, f.horizontal_rate) for f in found])
+        runs = [built(100 * seed + k, "maytag4", 0.4) for k in range(4)]
+        result = [find_north([record_of(r)], LATITUDE, "maytag4", settle=1.0) for r in runs]
+        azimuth, sigma = fuse_azimuths([(f.posterior, f.horizontal_rate) for f in result])
         off.append((azimuth - 0.4) / sigma)
-        gain.append(np.mean([f.sigma for f in found]) / sigma)
+        gain.append(np.mean([f.sigma for f in result]) / sigma)
     assert np.median(gain) == pytest.approx(2, rel=0.15)
     assert np.sqrt(np.mean(np.square(off))) < 1.7
 
 
 def test_one_minute_of_a_noisy_gyro_says_that_it_does_not_know():
-    run = made(3, "maytag4", 1.0, sensor=Sensor(1.0, 20, 100), stops=8, stop=6.0)
-    found = find_north([record_of(run)], LATITUDE, "maytag4")
-    assert found.sigma > np.radians(45)
-    assert any("does not determine north" in text for text in found.warnings)
+    run = built(3, "maytag4", 1.0, sensor=Sensor(1.0, 20, 100), stops=8, stop=6.0)
+    result = find_north([record_of(run)], LATITUDE, "maytag4")
+    assert result.sigma > np.radians(45)
+    assert any("does not determine north" in text for text in result.warnings)
 
 
 def test_the_density_of_a_record_without_earth_rate_in_it_is_flat():
-    run = made(4, "maytag4", 1.0, sensor=Sensor(50.0, 0, 0))
-    found = find_north([record_of(run)], LATITUDE, "maytag4")
+    run = built(4, "maytag4", 1.0, sensor=Sensor(50.0, 0, 0))
+    result = find_north([record_of(run)], LATITUDE, "maytag4")
     # Uniform over the circle: pi/sqrt(3).
-    assert summarise_azimuth(found.posterior)[1] == pytest.approx(np.pi / np.sqrt(3), rel=0.1)
+    assert summarise_azimuth(result.posterior)[1] == pytest.approx(np.pi / np.sqrt(3), rel=0.1)
 
 
 @pytest.mark.parametrize(

@@ -42,8 +42,8 @@ def matrix(errors):
 
 def z_scores(triad, sigma, errors):
     truth = np.concatenate([errors.b, matrix(errors).ravel()])
-    found = np.concatenate([triad.bias, triad.matrix.ravel()])
-    return (found - truth) / sigma
+    result = np.concatenate([triad.bias, triad.matrix.ravel()])
+    return (result - truth) / sigma
 
 
 @pytest.mark.parametrize("steps", [1, 2, 7, 200])
@@ -68,23 +68,23 @@ def test_what_a_triad_changes_of_where_gravity_is_carried_is_as_differences_have
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_both_triads_come_back_from_rests_and_turns_within_their_sigmas(seed):
     data = carry(np.random.default_rng(seed), GYRO, ACCEL)
-    found = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
-    assert len(found.standstills) == 24
+    result = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
+    assert len(result.standstills) == 24
     # Of 24 standard normal numbers the largest exceeds 4.2 once in 1,500 runs.
-    assert np.abs(z_scores(found.accel.triad, found.accel.sigma, ACCEL)).max() < 4.2
-    assert np.abs(z_scores(found.gyro.triad, np.sqrt(np.diag(found.gyro.covariance)), GYRO)).max() < 4.2
-    assert found.accel_held_out.rms < 0.005 < 0.2 < found.accel_held_out.rms_before
-    assert np.degrees(found.gyro.held_out.error.max()) < 0.5
-    assert "turns between standstills" in found.gyro.method
+    assert np.abs(z_scores(result.accel.triad, result.accel.sigma, ACCEL)).max() < 4.2
+    assert np.abs(z_scores(result.gyro.triad, np.sqrt(np.diag(result.gyro.covariance)), GYRO)).max() < 4.2
+    assert result.accel_held_out.rms < 0.005 < 0.2 < result.accel_held_out.rms_before
+    assert np.degrees(result.gyro.held_out.error.max()) < 0.5
+    assert "turns between standstills" in result.gyro.method
 
 
 def test_g_sensitivity_is_told_from_bias_and_left_out_where_there_is_none():
     g = np.array([[1e-4, 2e-4, 0], [0, -2e-4, 1e-4], [1e-4, 0, -1e-4]])
     rng = np.random.default_rng(4)
     data = carry(rng, GYRO, ACCEL, g_sensitivity=g)
-    found = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
-    assert np.abs((found.gyro.g_sensitivity - g) / found.gyro.g_sensitivity_sigma).max() < 4
-    assert np.abs(z_scores(found.gyro.triad, np.sqrt(np.diag(found.gyro.covariance)), GYRO)).max() < 4.2
+    result = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
+    assert np.abs((result.gyro.g_sensitivity - g) / result.gyro.g_sensitivity_sigma).max() < 4
+    assert np.abs(z_scores(result.gyro.triad, np.sqrt(np.diag(result.gyro.covariance)), GYRO)).max() < 4.2
     plain = carry(rng, GYRO, ACCEL)
     assert calibrate_imu(plain.t, plain.gyro, plain.accel, gravity=GRAVITY).gyro.g_sensitivity is None
 
@@ -94,10 +94,10 @@ def test_precise_gyros_are_calibrated_by_earth_rate_and_their_six_angles_by_the_
     latitude = np.radians(50)
     rng = np.random.default_rng(6)
     data = carry(rng, small, ACCEL, poses=30, gyro_noise=1e-6, latitude=latitude)
-    found = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY, latitude=latitude)
-    assert "Earth rate" in found.gyro.method and "angle between gravity and Earth rate" in found.gyro.method
-    assert np.abs(z_scores(found.gyro.triad, np.sqrt(np.diag(found.gyro.covariance)), small)).max() < 4.2
-    sigma = np.sqrt(np.diag(found.gyro.covariance))
+    result = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY, latitude=latitude)
+    assert "Earth rate" in result.gyro.method and "angle between gravity and Earth rate" in result.gyro.method
+    assert np.abs(z_scores(result.gyro.triad, np.sqrt(np.diag(result.gyro.covariance)), small)).max() < 4.2
+    sigma = np.sqrt(np.diag(result.gyro.covariance))
     assert sigma[3:].max() < 0.003
 
 
@@ -108,12 +108,12 @@ def test_poses_that_do_not_show_the_gyros_by_earth_rate_still_show_their_bias():
     rng = np.random.default_rng(7)
     attitudes = Rotation.from_rotvec(np.outer(np.linspace(0, 2 * np.pi, 12, endpoint=False), [1.0, 0, 0]))
     data = carry(rng, Errors(), Errors(), attitudes=attitudes, gyro_noise=1e-6, latitude=latitude)
-    found = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY, latitude=latitude)
-    assert any("Earth rate cannot be used" in note and "bias x" in note for note in found.notes)
-    assert "turns between standstills" in found.gyro.method and {"gyro_bias"} <= set(
-        found.effect_parameters()
+    result = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY, latitude=latitude)
+    assert any("Earth rate cannot be used" in note and "bias x" in note for note in result.notes)
+    assert "turns between standstills" in result.gyro.method and {"gyro_bias"} <= set(
+        result.effect_parameters()
     )
-    assert list(found.effect_parameters()["gyro_scale_factor"]) == ["x"]
+    assert list(result.effect_parameters()["gyro_scale_factor"]) == ["x"]
 
 
 def test_a_rate_table_gives_the_gyros_scale_and_the_turns_between_rests_their_frame():
@@ -129,21 +129,21 @@ def test_a_rate_table_gives_the_gyros_scale_and_the_turns_between_rests_their_fr
     gyro = np.vstack([data.gyro, *(b for b, _ in blocks)])
     accel = np.vstack([data.accel, *(ACCEL.measure(spin) for _ in blocks)])
     t = np.arange(len(gyro)) * dt
-    found = calibrate_imu(t, gyro, accel, gravity=GRAVITY, table_rate=rate)
-    assert "table rate" in found.gyro.method
-    assert np.abs(z_scores(found.gyro.triad, np.sqrt(np.diag(found.gyro.covariance)), GYRO)).max() < 4.2
+    result = calibrate_imu(t, gyro, accel, gravity=GRAVITY, table_rate=rate)
+    assert "table rate" in result.gyro.method
+    assert np.abs(z_scores(result.gyro.triad, np.sqrt(np.diag(result.gyro.covariance)), GYRO)).max() < 4.2
     with pytest.raises(CalibrationError, match="no steady turn"):
         calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY, table_rate=8.0)
 
 
 def test_rests_are_those_that_were_made():
     data = carry(np.random.default_rng(9), GYRO, ACCEL, poses=12, standstill_s=5.0, turn=2.0)
-    rests = find_standstills(data.t, data.gyro, data.accel)
+    standstills = find_standstills(data.t, data.gyro, data.accel)
     starts = np.arange(12) * 7.0
-    assert len(rests) == 12
+    assert len(standstills) == 12
     # The raised cosine begins so gently that the first tenths of a turn are below the noise.
-    assert np.abs(rests.t[:, 0] - starts).max() < 0.5
-    assert np.abs(rests.t[:, 1] - (starts + 5.0)).max() < 0.5
+    assert np.abs(standstills.t[:, 0] - starts).max() < 0.5
+    assert np.abs(standstills.t[:, 1] - (starts + 5.0)).max() < 0.5
 
 
 def test_the_error_of_a_mean_is_the_larger_of_single_samples_and_of_blocks():
@@ -160,19 +160,19 @@ def test_how_well_poses_show_the_frame_is_the_condition_of_what_they_show():
     attitudes = Rotation.random(12, random_state=13).as_matrix()
     latitude = 0.8
     up, earth = (attitudes @ each for each in ([0.0, 0.0, 1.0], [np.cos(latitude), 0.0, np.sin(latitude)]))
-    found = align_by_earth_rate(GRAVITY * up, 7.292115e-5 * earth, 1e-8, latitude)
-    assert found.angle == pytest.approx(np.zeros(3), abs=1e-9)
-    assert found.condition == pytest.approx(np.linalg.cond(np.cross(earth, up)))
+    result = align_by_earth_rate(GRAVITY * up, 7.292115e-5 * earth, 1e-8, latitude)
+    assert result.angle == pytest.approx(np.zeros(3), abs=1e-9)
+    assert result.condition == pytest.approx(np.linalg.cond(np.cross(earth, up)))
 
 
 def test_a_rest_that_crept_and_one_that_quietly_turned_are_left_out_by_name():
     rng = np.random.default_rng(10)
     data = carry(rng, Errors(), Errors(), poses=14)
     accel, gyro = data.accel.copy(), data.gyro.copy()
-    rests = find_standstills(data.t, gyro, accel)
-    i, j = rests.start[3], rests.end[3]
+    standstills = find_standstills(data.t, gyro, accel)
+    i, j = standstills.start[3], standstills.end[3]
     accel[i:j, 0] += np.linspace(0, 0.2, j - i)
-    i, j = rests.start[6] - 30, rests.end[6] + 30
+    i, j = standstills.start[6] - 30, standstills.end[6] + 30
     gyro[i:j] += data.true_force[i:j] / GRAVITY * 0.05
     again = find_standstills(data.t, gyro, accel)
     assert len(again) == 12
@@ -182,9 +182,9 @@ def test_a_rest_that_crept_and_one_that_quietly_turned_are_left_out_by_name():
 
 def test_gyros_in_degrees_per_second_are_found_out_by_the_turns():
     data = carry(np.random.default_rng(11), Errors(), Errors(), poses=14, gyro_noise=0.001)
-    found = calibrate_imu(data.t, np.degrees(data.gyro), data.accel, gravity=GRAVITY)
-    assert any("degrees per second" in note for note in found.notes)
-    assert set(found.effect_parameters()) == {
+    result = calibrate_imu(data.t, np.degrees(data.gyro), data.accel, gravity=GRAVITY)
+    assert any("degrees per second" in note for note in result.notes)
+    assert set(result.effect_parameters()) == {
         "accel_bias",
         "accel_scale_factor",
         "accel_nonorthogonality",
@@ -252,14 +252,14 @@ def test_six_faces_show_bias_and_scale_and_leave_the_angles_out(off_deg):
     for seed in range(6):
         rng = np.random.default_rng(seed)
         data = carry(rng, GYRO, ACCEL, attitudes=laid_on_faces(rng, off_deg))
-        found = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
-        made = found.effect_parameters()
-        assert {"accel_bias", "accel_scale_factor", "gyro_bias"} <= set(made)
-        assert "accel_nonorthogonality" not in made
-        assert any("xz - yz" in note and "midway" in note for note in found.notes)
+        result = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
+        built = result.effect_parameters()
+        assert {"accel_bias", "accel_scale_factor", "gyro_bias"} <= set(built)
+        assert "accel_nonorthogonality" not in built
+        assert any("xz - yz" in note and "midway" in note for note in result.notes)
         for axis, true in zip("xyz", ACCEL.b, strict=True):
-            z.append((made["accel_bias"][axis].value - true) / made["accel_bias"][axis].sigma)
-            assert made["accel_scale_factor"][axis].sigma < 0.002
+            z.append((built["accel_bias"][axis].value - true) / built["accel_bias"][axis].sigma)
+            assert built["accel_scale_factor"][axis].sigma < 0.002
     # More than that has one in a thousand of so many values of unit deviation; smaller is cautious.
     assert 0.3 < np.sqrt(np.mean(np.square(z))) < np.sqrt(chi2.isf(1e-3, len(z)) / len(z))
 
@@ -268,41 +268,46 @@ def test_gyros_calibrated_by_few_turns_are_as_far_off_as_they_say():
     z = []
     for seed in range(12):
         data = carry(np.random.default_rng(100 + seed), GYRO, ACCEL, poses=10, standstill_s=3.0, turn=1.5)
-        found = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
+        result = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
         # ACCEL is symmetric, so its frame is the node's.
-        z.append(z_scores(found.gyro.triad, np.sqrt(np.diag(found.gyro.covariance)), GYRO)[3:])
+        z.append(z_scores(result.gyro.triad, np.sqrt(np.diag(result.gyro.covariance)), GYRO)[3:])
     # 108 correlated values; nine turns leave nine degrees of freedom, so the sigmas are those of Student's t.
     assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.2
 
 
 def test_angles_of_the_accelerometers_widen_the_gyros_that_were_judged_by_them():
     data = carry(np.random.default_rng(31), GYRO, ACCEL, poses=14, gyro_noise=1e-5)
-    found = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
-    coarse = replace(found.accel, full_covariance=found.accel.full_covariance * 10**2)
+    result = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
+    coarse = replace(result.accel, full_covariance=result.accel.full_covariance * 10**2)
     turns = collect_turns(
         data.t,
         data.gyro,
-        found.gyro.triad.bias,
-        found.standstills,
-        found.accel.triad.apply(found.standstills.accel),
+        result.gyro.triad.bias,
+        result.standstills,
+        result.accel.triad.apply(result.standstills.accel),
     )
     fine, wide = (
-        np.diag(accel_frame_covariance(found.gyro.turns, turns, found.standstills, it))
-        for it in (found.accel, coarse)
+        np.diag(accel_frame_covariance(result.gyro.turns, turns, result.standstills, it))
+        for it in (result.accel, coarse)
     )
     assert wide == pytest.approx(fine * 10**2, rel=1e-2)
     # By refitting with one angle moved: what the linear answer must be.
-    moved = Triad(
-        found.accel.triad.bias, found.accel.triad.matrix + 1e-4 * np.array([[0, 1, 0], [1, 0, 0], [0, 0, 0]])
+    shifted = Triad(
+        result.accel.triad.bias,
+        result.accel.triad.matrix + 1e-4 * np.array([[0, 1, 0], [1, 0, 0], [0, 0, 0]]),
     )
     again = calibrate_from_turns(
         collect_turns(
-            data.t, data.gyro, found.gyro.triad.bias, found.standstills, moved.apply(found.standstills.accel)
+            data.t,
+            data.gyro,
+            result.gyro.triad.bias,
+            result.standstills,
+            shifted.apply(result.standstills.accel),
         ),
         np.full(3, 1e-5),
     )
     basis = np.zeros(12)
     basis[[4, 6]] = 1e-4
-    one = replace(found.accel, full_covariance=np.outer(basis, basis))
-    answer = np.sqrt(np.diag(accel_frame_covariance(found.gyro.turns, turns, found.standstills, one)))[3:]
-    assert answer == pytest.approx(np.abs((again.matrix - found.gyro.turns.matrix).ravel()), abs=2e-6)
+    one = replace(result.accel, full_covariance=np.outer(basis, basis))
+    answer = np.sqrt(np.diag(accel_frame_covariance(result.gyro.turns, turns, result.standstills, one)))[3:]
+    assert answer == pytest.approx(np.abs((again.matrix - result.gyro.turns.matrix).ravel()), abs=2e-6)

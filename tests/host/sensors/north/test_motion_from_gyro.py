@@ -24,9 +24,9 @@ def test_north_is_found_within_sigma_in_records_as_they_come(world):
     z = []
     for seed in range(6):
         node, azimuth, *_ = WORLDS[world](seed)
-        found, _ = found_in(node)
-        z.append(float(wrap_angle(found.azimuth - azimuth)) / found.sigma)
-        assert found.sigma < np.radians(30)
+        result, _ = found_in(node)
+        z.append(float(wrap_angle(result.azimuth - azimuth)) / result.sigma)
+        assert result.sigma < np.radians(30)
     print(world, np.round(z, 2))
     # Six values of unit scatter: their rms is below 1.75 in 99.9 %.
     assert np.sqrt(np.mean(np.square(z))) < 1.75
@@ -38,41 +38,41 @@ def test_stops_begin_and_end_where_the_table_stood_and_turns_are_told_to_the_sca
     stops = split_stops(node.t, node.gyro[:, 0], motion)
     # The nudge cuts the first stop into two; of the one of 2.5 s nothing is left.
     assert len(stops) == len(stood)
-    for (begin, end), angle in zip(stops.t, stops.angle, strict=True):
-        true = stood[(stood[:, 0] - 0.1 < begin) & (end < stood[:, 1] + 0.1)]
+    for (start, end), angle in zip(stops.t, stops.angle, strict=True):
+        true = stood[(stood[:, 0] - 0.1 < start) & (end < stood[:, 1] + 0.1)]
         assert len(true) == 1
-        felt = np.degrees(angle) / (1 + scale)
-        assert min(abs(felt - true[0, 2] - nudged) for nudged in (0.0, 1.3)) < 5 * np.degrees(
+        measured = np.degrees(angle) / (1 + scale)
+        assert min(abs(measured - true[0, 2] - nudged) for nudged in (0.0, 1.3)) < 5 * np.degrees(
             motion.turn_sigma
         )
-        assert end - begin > true[0, 1] - true[0, 0] - 4.5 or angle < 0.1
+        assert end - start > true[0, 1] - true[0, 0] - 4.5 or angle < 0.1
 
 
 def test_the_scale_of_the_gyro_is_in_sigma_and_a_step_that_is_asked_for_takes_it_out():
     """Turning onwards, 11 turns of 90 degrees are known to 1 %, 10 degrees at the last of them."""
     node, azimuth, *_ = recorded(3, even(turns=[90] * 11), scale=0.02)
-    felt, _ = found_in(node)
+    measured, _ = found_in(node)
     exact, _ = found_in(node, step=np.pi / 2)
-    assert felt.angle_sigma > np.radians(2.0) and exact.angle_sigma == 0.0
-    assert exact.sigma < felt.sigma
+    assert measured.angle_sigma > np.radians(2.0) and exact.angle_sigma == 0.0
+    assert exact.sigma < measured.sigma
     assert np.degrees(exact.stops[0].angle) == pytest.approx(90.0 * np.arange(12))
-    for found in (felt, exact):
-        assert abs(wrap_angle(found.azimuth - azimuth)) < 3.5 * found.sigma
+    for result in (measured, exact):
+        assert abs(wrap_angle(result.azimuth - azimuth)) < 3.5 * result.sigma
 
 
 def test_a_fine_gyro_finds_the_error_of_its_own_scale_from_earth_rate():
     """Of 15 degrees at the last of 11 turns most is found: sigma is far below what the prior leaves."""
     node, azimuth, *_ = recorded(4, even(turns=[90] * 11), noise={"n": np.radians(3e-4)}, scale=0.015)
-    found, _ = found_in(node)
-    assert abs(wrap_angle(found.azimuth - azimuth)) < 4 * found.sigma < np.radians(10)
-    assert found.angle_sigma < np.radians(3)
+    result, _ = found_in(node)
+    assert abs(wrap_angle(result.azimuth - azimuth)) < 4 * result.sigma < np.radians(10)
+    assert result.angle_sigma < np.radians(3)
 
 
 def test_a_gyro_that_warms_up_by_half_a_degree_per_second_is_not_taken_for_a_table_that_turns():
     node, azimuth, *_ = warming(8)
-    found, _ = found_in(node)
-    assert len(found.stops[0]) == 12
-    assert abs(wrap_angle(found.azimuth - azimuth)) < 4 * found.sigma
+    result, _ = found_in(node)
+    assert len(result.stops[0]) == 12
+    assert abs(wrap_angle(result.azimuth - azimuth)) < 4 * result.sigma
 
 
 def test_single_samples_far_off_are_left_out_and_said():
@@ -82,10 +82,10 @@ def test_single_samples_far_off_are_left_out_and_said():
     columns = {name: values.copy() for name, values in node.columns.items()}
     for name in ("gx", "gz"):
         columns[name][rng.integers(10, len(node) - 10, 20)] += rng.choice([-5.0, 5.0], 20)
-    found, warnings = found_in(Table(columns))
+    result, warnings = found_in(Table(columns))
     assert any("outliers of the gyro are replaced" in text for text in warnings)
-    assert abs(wrap_angle(found.azimuth - clean.azimuth)) < 0.3 * clean.sigma
-    assert abs(wrap_angle(found.azimuth - azimuth)) < 4 * found.sigma
+    assert abs(wrap_angle(result.azimuth - clean.azimuth)) < 0.3 * clean.sigma
+    assert abs(wrap_angle(result.azimuth - azimuth)) < 4 * result.sigma
 
 
 def test_a_turn_beyond_the_range_of_the_gyro_is_refused_unless_the_table_has_steps():
@@ -101,9 +101,9 @@ def test_turns_of_either_way_have_their_sign_and_a_node_that_hangs_too(turns):
     node, azimuth, *_ = recorded(5, even(8, turns, stop=30.0), noise={"n": np.radians(1e-4)}, scale=0.0)
     # A node that hangs: turned by half a turn about x, which stays.
     columns = {**node.columns, **{name: -node[name] for name in ("gy", "gz", "ay", "az")}}
-    for seen in (node, Table(columns)):
-        found, _ = found_in(seen)
-        assert abs(wrap_angle(found.azimuth - azimuth)) < 4 * found.sigma < np.radians(4)
+    for observed in (node, Table(columns)):
+        result, _ = found_in(observed)
+        assert abs(wrap_angle(result.azimuth - azimuth)) < 4 * result.sigma < np.radians(4)
 
 
 def test_the_vertical_earth_rate_that_a_leaning_table_lets_in_is_taken_out():
@@ -111,9 +111,9 @@ def test_the_vertical_earth_rate_that_a_leaning_table_lets_in_is_taken_out():
     node, azimuth, *_ = recorded(
         6, even(stop=30.0), noise={"n": np.radians(1e-4)}, scale=0.0, lean=(0.04, 0.0)
     )
-    found, warnings = found_in(node)
+    result, warnings = found_in(node)
     assert any("tilted by 2.2" in text for text in warnings)
-    assert abs(wrap_angle(found.azimuth - azimuth)) < 4 * found.sigma < np.radians(3)
+    assert abs(wrap_angle(result.azimuth - azimuth)) < 4 * result.sigma < np.radians(3)
 
 
 @pytest.mark.parametrize(

@@ -54,16 +54,16 @@ def log(path, gz, dt=DT, *, down=False, t=None, **tables):
     return path
 
 
-def drive(seed, *, rest=20.0, turns=8, scale=0.0, bias=0.01):
+def drive(seed, *, stationary=20.0, turns=8, scale=0.0, bias=0.01):
     """Rest, then turns of 2 s with 8 s between: rate as measured, and the true heading. All (N,)."""
     rng = np.random.default_rng(seed)
-    count = round((rest + 10.0 * turns) / DT)
+    count = round((stationary + 10.0 * turns) / DT)
     t = np.arange(count) * DT
-    phase = np.mod(t - rest, 10.0)
+    phase = np.mod(t - stationary, 10.0)
     angles = rng.uniform(-2.0, 2.0, turns)
-    which = np.clip(((t - rest) // 10.0).astype(int), 0, turns - 1)
+    which = np.clip(((t - stationary) // 10.0).astype(int), 0, turns - 1)
     # A turn of the angle a in 2 s: rate a (1 - cos(pi s)) / 2, s the time in it in s.
-    moving = (t >= rest) & (phase < 2.0)
+    moving = (t >= stationary) & (phase < 2.0)
     rate = np.where(moving, 0.5 * angles[which] * (1.0 - np.cos(math.pi * phase)), 0.0)
     heading = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * DT)])
     assert heading[-1] == pytest.approx(angles.sum(), abs=1e-3)
@@ -110,18 +110,18 @@ def test_on_a_table_the_warm_up_is_taken_out_and_the_rest_is_in_sigma(simulated,
     allan.write_text(noise_file(N=4e-3 * math.sqrt(DT)))
     # At rest for the first twenty seconds alone: then nothing but the model knows of the warm-up.
     words = ["heading", table, "--node", "frame", "--rest", 0, 19.5, "--allan", allan, "--scale-sigma", 0.001]
-    found = run(*words, "--calibration", calibration, capsys=capsys)
-    print(found["score"], found["sigma_deg"])
-    assert found["score"]["against"] == "table.csv"
-    assert abs(found["score"]["end_in_sigma"]) < 3.0
+    result = run(*words, "--calibration", calibration, capsys=capsys)
+    print(result["score"], result["sigma_deg"])
+    assert result["score"]["against"] == "table.csv"
+    assert abs(result["score"]["end_in_sigma"]) < 3.0
     # As 4e-3 rad/s at 50 Hz: over 19.5 s 1.3e-4 rad/s of bias are left, 4.2 degrees in 580 s; the walk
     # adds 0.8.
-    assert found["sigma_deg"] == pytest.approx(math.hypot(4.25, 0.78), rel=0.15)
+    assert result["sigma_deg"] == pytest.approx(math.hypot(4.25, 0.78), rel=0.15)
     # C1 (t - T (1 - e^(-t/T))), t = 580 s: 0.006 rad/s times 153 s is 53 degrees; the mean takes some.
-    mean = found["score"]["less the mean of the first standstill"]["end_deg"]
+    mean = result["score"]["less the mean of the first standstill"]["end_deg"]
     assert mean == pytest.approx(51.0, abs=10.0)
-    assert found["score"]["integrated as it is"]["end_deg"] > 300.0
-    assert found["rests"] == [[0.0, pytest.approx(19.5, abs=0.05)]]
+    assert result["score"]["integrated as it is"]["end_deg"] > 300.0
+    assert result["rests"] == [[0.0, pytest.approx(19.5, abs=0.05)]]
 
 
 def test_every_stop_of_the_table_mends_the_heading(simulated, tmp_path, capsys):
@@ -131,15 +131,15 @@ def test_every_stop_of_the_table_mends_the_heading(simulated, tmp_path, capsys):
     # An hour and a half after power-on the bench shows the noise alone.
     allan.write_text(json.dumps(run("allan", bench, "--node", "frame", "--start", 5400, capsys=capsys)))
     words = ["-o", files["csv"], "--figure", files["png"], "--report", files["html"], "--allan", allan]
-    found = run("heading", table, "--node", "frame", *words, capsys=capsys)
-    assert len(found["rests"]) == 28
-    assert found["noise"]["N"] == pytest.approx(4e-3 * math.sqrt(DT), rel=0.05)
-    assert found["sigma_deg"] < 1.0 and abs(found["score"]["end_in_sigma"]) < 3.0
-    assert found["score"]["heading"]["rms_deg"] < 0.6
+    result = run("heading", table, "--node", "frame", *words, capsys=capsys)
+    assert len(result["rests"]) == 28
+    assert result["noise"]["N"] == pytest.approx(4e-3 * math.sqrt(DT), rel=0.05)
+    assert result["sigma_deg"] < 1.0 and abs(result["score"]["end_in_sigma"]) < 3.0
+    assert result["score"]["heading"]["rms_deg"] < 0.6
     course = read_table(files["csv"], ("t", "heading", "sigma")).table
-    assert course["heading"][-1] == pytest.approx(found["heading"])
-    assert course["sigma"][-1] == pytest.approx(found["sigma"])
-    assert np.all(np.diff(course.t) > 0.0) and course.t[-1] == pytest.approx(found["duration"], abs=0.1)
+    assert course["heading"][-1] == pytest.approx(result["heading"])
+    assert course["sigma"][-1] == pytest.approx(result["sigma"])
+    assert np.all(np.diff(course.t) > 0.0) and course.t[-1] == pytest.approx(result["duration"], abs=0.1)
     assert files["png"].read_bytes().startswith(b"\x89PNG")
     page = files["html"].read_text("utf-8")
     assert "Heading of frame z" in page and "<script" not in page
@@ -153,14 +153,14 @@ def test_a_node_upside_down_counts_the_same_way(tmp_path, capsys, down):
     zeros = np.zeros(len(t))
     truth = Table({"t": t, "x": zeros, "y": zeros, "heading": heading + 0.7})
     path = log(tmp_path / "log", rate, down=down, truth=truth)
-    found = run("heading", path, "-o", tmp_path / "h.csv", capsys=capsys)
-    assert found["upwards"] is not down
-    assert found["score"]["against"] == "truth.csv"
-    assert abs(found["score"]["end_in_sigma"]) < 3.5
+    result = run("heading", path, "-o", tmp_path / "h.csv", capsys=capsys)
+    assert result["upwards"] is not down
+    assert result["score"]["against"] == "truth.csv"
+    assert abs(result["score"]["end_in_sigma"]) < 3.5
     # The course begins at the truth's heading; the bias is told as the axis has it from above.
     course = read_table(tmp_path / "h.csv", ("t", "heading", "sigma")).table
     assert course["heading"][0] == pytest.approx(0.7, abs=0.01)
-    assert found["bias"]["value"] == pytest.approx(0.01, abs=5e-4)
+    assert result["bias"]["value"] == pytest.approx(0.01, abs=5e-4)
 
 
 def test_errors_are_as_large_as_sigma_over_many_drives(tmp_path, capsys):
@@ -170,9 +170,9 @@ def test_errors_are_as_large_as_sigma_over_many_drives(tmp_path, capsys):
         scale = 0.01 * np.random.default_rng([seed, 1]).normal()
         rate, heading = drive(seed, turns=5, scale=scale)
         table = Table({"t": np.arange(len(rate)) * DT, "heading": heading})
-        found = run("heading", log(tmp_path / f"{seed}", rate, heading=table), capsys=capsys)
-        assert found["score"]["against"] == "heading.csv"
-        off.append(found["score"]["end_in_sigma"])
+        result = run("heading", log(tmp_path / f"{seed}", rate, heading=table), capsys=capsys)
+        assert result["score"]["against"] == "heading.csv"
+        off.append(result["score"]["end_in_sigma"])
     print("error at the end over sigma, seeds 0..19:", np.round(off, 2))
     # Chi-square with 20 degrees lies below 45.3 in 99.9 % of cases. Sigma also holds 30 degrees an hour of
     # flicker, which these gyros lack: no lower bound but that of a sigma three times too large.
@@ -185,7 +185,7 @@ def test_the_start_gyro_comes_within_its_sigma_of_the_truth(tmp_path, capsys):
     lines = [f"z = {{ value = {start.C1 * DEG}, sigma = 1e-5 }}"]
     lines += [f"time_constant = {{ value = {start.T}, sigma = 10.0 }}"]
     calibration.write_text("\n".join(["[nodes.frame.effects.gyro_warmup]", *lines]) + "\n")
-    rest = start.AVERAGED * start.DT
+    stationary = start.AVERAGED * start.DT
     off = []
     for seed in range(5):
         rate, output, age = start.run("random rates", np.random.default_rng(seed))
@@ -193,10 +193,20 @@ def test_the_start_gyro_comes_within_its_sigma_of_the_truth(tmp_path, capsys):
         # A sample stands for the time about it: half of the one before, half of its own.
         heading = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * start.DT)]) * DEG
         path = log(tmp_path / str(seed), output * DEG, start.DT, heading=Table({"t": t, "heading": heading}))
-        words = ["--calibration", calibration, "--age", age, "--rest", 0, rest - start.DT, "--scale-sigma", 0]
-        found = run("heading", path, *words, capsys=capsys)
-        off.append(found["score"]["heading"]["end_deg"])
-        assert abs(off[-1]) < 3.5 * found["sigma_deg"] < 20.0
+        words = [
+            "--calibration",
+            calibration,
+            "--age",
+            age,
+            "--rest",
+            0,
+            stationary - start.DT,
+            "--scale-sigma",
+            0,
+        ]
+        result = run("heading", path, *words, capsys=capsys)
+        off.append(result["score"]["heading"]["end_deg"])
+        assert abs(off[-1]) < 3.5 * result["sigma_deg"] < 20.0
     print("degrees off after five minutes, seeds 0..4:", np.round(off, 2))
     assert np.sqrt(np.mean(np.square(off))) < 84.7 / 20.0
 
@@ -213,10 +223,10 @@ def test_a_real_gyro_at_rest_that_is_taken_to_move_drifts_as_sigma_says():
             for first in range(0, len(values) - 100 * seconds, 100 * seconds):
                 part = slice(first, first + 100 * seconds)
                 one = VerticalAxis(node.t[part], values[part], values[part])
-                for noise, made in ((BiasNoise(n, b, k), off), (BiasNoise(n), white)):
+                for noise, built in ((BiasNoise(n, b, k), off), (BiasNoise(n), white)):
                     track = estimate_heading(one, ((0, 6000),), WarmupModel(0.0), noise, step=10.0)
-                    made.append(float(track.heading[-1] / track.sigma[-1]))
-    size, alone = (float(np.sqrt(np.mean(np.square(made)))) for made in (off, white))
+                    built.append(float(track.heading[-1] / track.sigma[-1]))
+    size, alone = (float(np.sqrt(np.mean(np.square(built)))) for built in (off, white))
     print(f"{len(off)} stretches: error over sigma {size:.2f} rms; with white noise alone {alone:.2f}")
     # Of so many independent ones the rms scatters by 5 %.
     assert 0.85 < size < 1.15
@@ -227,16 +237,16 @@ def test_what_turned_in_a_gap_is_in_sigma(tmp_path, capsys):
     rate, heading = drive(5)
     t = np.arange(len(rate)) * DT
     # The middle of the fourth turn is lost.
-    kept = (t < 50.4) | (t > 51.6)
-    found = {}
-    for name, rows in (("whole", np.full(len(t), True)), ("gap", kept)):
+    retained = (t < 50.4) | (t > 51.6)
+    result = {}
+    for name, rows in (("whole", np.full(len(t), True)), ("gap", retained)):
         table = Table({"t": t, "heading": heading})
         path = log(tmp_path / name, rate[rows], t=t[rows], heading=table)
-        found[name] = run("heading", path, capsys=capsys)
-    assert found["gap"]["gaps"] == [[pytest.approx(50.38), pytest.approx(51.62)]]
-    assert found["whole"]["gaps"] == [] and "gap" in found["gap"]["notes"][-1]
-    assert found["gap"]["sigma_deg"] > 5 * found["whole"]["sigma_deg"]
-    assert abs(found["gap"]["score"]["end_in_sigma"]) < 3.0
+        result[name] = run("heading", path, capsys=capsys)
+    assert result["gap"]["gaps"] == [[pytest.approx(50.38), pytest.approx(51.62)]]
+    assert result["whole"]["gaps"] == [] and "gap" in result["gap"]["notes"][-1]
+    assert result["gap"]["sigma_deg"] > 5 * result["whole"]["sigma_deg"]
+    assert abs(result["gap"]["score"]["end_in_sigma"]) < 3.0
 
 
 def test_a_smooth_ride_is_not_taken_for_a_standstill(tmp_path, capsys):
@@ -249,9 +259,9 @@ def test_a_smooth_ride_is_not_taken_for_a_standstill(tmp_path, capsys):
     path = log(tmp_path / "log", rate + np.where(turning, 0.5 * DEG, 0.0))
     status, err = run("heading", path, capsys=capsys)
     assert status == 2 and "differ by 0.5 deg/s" in err and "--rest FROM TO" in err
-    found = run("heading", path, "--rest", 0, 19, "--rest", 81, 119, capsys=capsys)
+    result = run("heading", path, "--rest", 0, 19, "--rest", 81, 119, capsys=capsys)
     # Even noise turns a little: 0.1 rad/s over 40 s at 50 Hz is 0.09 rad.
-    assert found["turned_deg"]["heading"] == pytest.approx(10.0, abs=4 * math.degrees(0.09))
+    assert result["turned_deg"]["heading"] == pytest.approx(10.0, abs=4 * math.degrees(0.09))
     # A bias that drifts as a warm-up does is no such leap.
     warm = rate + 0.005 * (1.0 - np.exp(-t / 300.0))
     assert len(run("heading", log(tmp_path / "warm", warm), capsys=capsys)["rests"]) == 3
@@ -279,9 +289,9 @@ def test_a_real_car_is_asked_when_it_stood_and_keeps_its_heading_on_the_road(tmp
 def test_the_noise_of_a_standstill_is_the_allan_deviation_there():
     values = gyro_noise(30_000, 0.01, np.random.default_rng(2), n=1e-3, b=1e-4, k=0.0)
     t = np.arange(len(values)) * 0.01
-    found = estimate_angle_random_walk(t, values, ((0, 14_000), (16_000, 30_000)))
+    result = estimate_angle_random_walk(t, values, ((0, 14_000), (16_000, 30_000)))
     _, adev, *_ = allantools.adev(values, rate=100.0, data_type="freq", taus=[1.0])
-    assert found == pytest.approx(adev[0], rel=0.03)
+    assert result == pytest.approx(adev[0], rel=0.03)
     assert estimate_angle_random_walk(t, values, ()) is None
     assert estimate_angle_random_walk(t, values, ((0, 15),)) is None
 
@@ -327,8 +337,8 @@ def test_without_rest_a_calibration_stands_in_and_sigma_says_what_that_is_worth(
     assert status == 2 and "neither a standstill nor a calibration" in err
     calibration = tmp_path / "c.toml"
     calibration.write_text("[nodes.frame.effects.gyro_bias]\nz = { value = 0.01, sigma = 1e-5 }\n")
-    found = run("heading", path, "--allan", allan, "--calibration", calibration, capsys=capsys)
-    assert found["rests"] == [] and set(found["turned_deg"]) == {"heading", "integrated as it is"}
+    result = run("heading", path, "--allan", allan, "--calibration", calibration, capsys=capsys)
+    assert result["rests"] == [] and set(result["turned_deg"]) == {"heading", "integrated as it is"}
     # A degree per second from day to day, for 60 s.
-    assert found["sigma_deg"] == pytest.approx(60.0, rel=0.02)
-    assert abs(found["turned_deg"]["heading"] - math.degrees(0.3 * (1 - math.cos(t[-1])))) < 1.0
+    assert result["sigma_deg"] == pytest.approx(60.0, rel=0.02)
+    assert abs(result["turned_deg"]["heading"] - math.degrees(0.3 * (1 - math.cos(t[-1])))) < 1.0
