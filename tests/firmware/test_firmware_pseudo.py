@@ -74,7 +74,7 @@ def float_filter(table, stretch, rate, at_rest):
     else:
         known = PseudoMeasurementFilter(noise**2 * np.eye(3), sigma=SIGMA * STEP)
     known.run(means[1 if at_rest else 0 :] * STEP, rate * STEP)
-    variance = np.diag(known.covariance) if at_rest else known.told_variance(0.0)
+    variance = np.diag(known.covariance) if at_rest else known.given_variance(0.0)
     return np.array(known.bias) / STEP, np.sqrt(variance) / STEP
 
 

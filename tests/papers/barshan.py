@@ -47,14 +47,14 @@ HOURS = ((300.0, "5 min"), (3600.0, "1 h"), (3 * 3600.0, "3 h"))
 
 @dataclass(frozen=True)
 class Known:
-    """What a night taught of the warm-up: the model, and 1 sigma of its parameters by name; SI."""
+    """A warm-up model from one night, and the sigmas of its parameters by name; SI."""
 
     model: WarmupModel
     sigma: dict[str, float]
 
 
 def taught(seed: int) -> Known:
-    """By `characterise_warmup`, as `hubodo warmup -o` writes it."""
+    """Return the model of `characterise_warmup`, as written by `hubodo warmup -o`."""
     t, output = start_day.overnight(np.random.default_rng([seed, 7]))
     report = characterise_warmup(t, output * DEG, "gz")
     effects = report.calibrated_effects()
@@ -112,7 +112,7 @@ def one_run(case: str, seed: int, known: Known) -> tuple[dict[str, np.ndarray], 
 
 
 def five_minutes(case: str, seeds: range, nights: list[Known]) -> dict[str, np.ndarray]:
-    """By way: (M,) errors at the end; "worst <way>" the largest of each run; "sigma" of ours; "raw"."""
+    """Return by method the (M,) errors at the end; "worst <method>": largest of each run; "sigma"; "raw"."""
     built: dict[str, list[float]] = {
         name: [] for direction in WAYS for name in (direction, f"worst {direction}")
     }
@@ -128,7 +128,7 @@ def five_minutes(case: str, seeds: range, nights: list[Known]) -> dict[str, np.n
 
 
 def hours(stationary: float, cold: bool, seeds: range, nights: list[Known]) -> dict[str, np.ndarray]:
-    """By way: errors (M, 3) in degrees at the times of HOURS after a rest of so many s; "sigma" of ours."""
+    """Return by method the (M, 3) errors in degrees at HOURS after an initial standstill; "sigma" of ours."""
     built: dict[str, list[list[float]]] = {"mean of the rest": [], "ours": [], "sigma": []}
     dt = 0.1
     for seed in seeds:
@@ -183,7 +183,7 @@ def rms(values: np.ndarray) -> float:
 
 
 def judged(runs: dict[str, dict[str, np.ndarray]], long: dict[str, np.ndarray]) -> list[str]:
-    """What is not as claimed, in words. runs: `five_minutes` by case. long: `hours` after a cold start."""
+    """Return the violated claims as text. runs: `five_minutes` by case. long: `hours` after a cold start."""
     wrong = []
     # Three independent runs: their squares over the mean square are chi-square with three degrees of freedom.
     surprise = sum((PAPER[case][1] / rms(built["paper's filter"])) ** 2 for case, built in runs.items())

@@ -284,7 +284,7 @@ def row(what, paper, theirs, ours, bound, reported=None):
 
 
 def sigma(errors, sigmas):
-    """Whether sigma holds: NEES of 1, and how often one and two of them hold."""
+    """Return the consistency of sigma: NEES (expected 1), and the shares within one and two sigma."""
     z = errors / sigmas
     print(
         f"  sigma {rms(sigmas):.2f}, NEES {np.mean(z**2):.2f}, "

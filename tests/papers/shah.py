@@ -56,7 +56,7 @@ def static_bias(built):
 
 
 def rmse(estimate, built):
-    return float(np.sqrt(np.mean((estimate - built.rate)[built.rest :] ** 2)))
+    return float(np.sqrt(np.mean((estimate - built.rate)[built.n_standstill :] ** 2)))
 
 
 def kalman(built, rate_step, noise):

@@ -11,14 +11,14 @@ SEEDS = range(2)
 
 
 def runs(scale):
-    """As large as the paper's, with sigmas that are `scale` times too small."""
+    """Return errors as large as those of the paper, with sigmas too small by `scale`."""
     rng = np.random.default_rng(1)
     built = {direction: 7.0 * rng.normal(size=200) for direction in barshan.WAYS}
     built["mean of the rest"] = built["bound"] = built["ours"]
     return dict.fromkeys(barshan.PAPER, built | {"sigma": np.full(200, 7.0 / scale)})
 
 
-def test_a_model_that_helps_passes_and_none_or_a_wrong_one_is_told():
+def test_a_useful_model_passes_and_a_missing_or_wrong_one_is_reported():
     known = barshan.taught(0)
     long = barshan.hours(60.0, True, SEEDS, [known])
     assert barshan.judged(runs(1.0), long) == []
@@ -30,7 +30,7 @@ def test_a_model_that_helps_passes_and_none_or_a_wrong_one_is_told():
     )
 
 
-def test_a_sigma_that_does_not_hold_and_a_paper_that_was_made_too_good_are_told():
+def test_wrong_sigmas_and_paper_results_that_are_too_good_are_reported():
     long = {name: np.full((2, 3), value) for name, value in (("ours", 1.0), ("sigma", 1.0))}
     long["mean of the rest"] = np.full((2, 3), 100.0)
     assert any("sigma does not hold" in line for line in barshan.judged(runs(3.0), long))

@@ -111,7 +111,7 @@ def test_the_errors_are_as_large_as_the_covariance_says(kind, spread):
 
 
 def test_at_rest_the_printed_filter_is_sure_of_a_wrong_bias():
-    """Why eq. 3 is not the default: measured here, with the same samples."""
+    """Eq. 3 is not the default, because its errors on the same samples are larger."""
     printed, ours = ensemble("rest", 0.02, as_printed=True), ensemble("rest", 0.02)
     rms = [float(np.sqrt(np.mean(errors**2))) for errors, _ in (printed, ours)]
     print(f"rest, seed 20: printed rms {rms[0]:.1e} NEES {nees(*printed):.0f}; ours {rms[1]:.1e}")
@@ -222,7 +222,7 @@ def test_a_scale_that_is_not_known_is_in_what_it_tells_of_itself():
         known = rate_from_gravity(gyro, accel, 0.01, stretch=500, phase_sigma=0.02, radius=radius, arm=arm)
         filter_ = PseudoMeasurementFilter(known.share * 9e-4**2 * np.eye(3), sigma=[0.02, 0.02, 0.1])
         filter_.run(known.gyro, known.rate, known.sigma)
-        z.append(filter_.bias[2] / math.sqrt(filter_.told_variance(0.01)[2]))
+        z.append(filter_.bias[2] / math.sqrt(filter_.given_variance(0.01)[2]))
         alone.append(filter_.bias[2] / math.sqrt(filter_.covariance[2, 2]))
     print(f"seeds [31, 0..23]: errors / sigma {np.round(z, 2)}; of the covariance alone {np.round(alone, 1)}")
     low, high = chi2.ppf([0.001, 0.999], len(z))

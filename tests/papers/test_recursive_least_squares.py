@@ -51,7 +51,7 @@ def test_it_is_the_fading_filter_of_filterpy():
         assert ours.update(value) == pytest.approx(estimate, rel=1e-7)
 
 
-def test_white_noise_at_a_constant_rate_is_kept_to_the_golden_ratio():
+def test_white_noise_at_a_constant_rate_is_reduced_to_the_golden_ratio():
     """-b_2 = a with a^2 + a = 1; the variance that is left is a of the noise's (module docstring)."""
     golden = (math.sqrt(5.0) - 1.0) / 2.0
     noise, seed = 0.1, 11
@@ -132,5 +132,5 @@ def test_samples_that_are_not_one_row_of_numbers_are_refused(samples):
 
 
 @pytest.mark.parametrize("forgetting", [1e-3, 1.0])
-def test_the_ends_of_the_range_of_forgetting_are_taken(forgetting):
+def test_the_limits_of_the_forgetting_factor_are_accepted(forgetting):
     assert math.isfinite(RecursiveLeastSquares(forgetting).update(1.0))

@@ -11,10 +11,10 @@ class Links(HTMLParser):
 
     def __init__(self):
         super().__init__()
-        self.found = []
+        self.links = []
 
     def handle_starttag(self, tag, attrs):
-        self.found += [value for key, value in attrs if key in ("src", "href")]
+        self.links += [value for key, value in attrs if key in ("src", "href")]
 
 
 def test_nothing_is_fetched_and_text_is_escaped():
@@ -27,7 +27,7 @@ def test_nothing_is_fetched_and_text_is_escaped():
     )
     links = Links()
     links.feed(text)
-    assert links.found == []
+    assert links.links == []
     assert "<title>A &lt;title&gt;</title>" in text
     assert "&lt;script&gt;x&lt;/script&gt;" in text
     assert not re.search(r"@import|url\(http", text.split("<script>")[0])

@@ -1,4 +1,4 @@
-"""Is it a sensor at rest in SI units? Wrong units by magnitude, movement, temperature steps."""
+"""Standstill checks: wrong units by magnitude, motion, temperature steps."""
 
 import numpy as np
 import pytest

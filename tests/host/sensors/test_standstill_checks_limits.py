@@ -1,4 +1,4 @@
-"""Where the limits of a sensor at rest lie, both sides of each: units, noise, movement, temperature."""
+"""Thresholds of the standstill checks, from both sides: units, noise, motion, temperature."""
 
 import re
 from itertools import pairwise
@@ -25,7 +25,7 @@ def gyro_of(noise, offset=0.0, count=8000, seed=1):
 
 
 def refused(gyro, interval=None):
-    """What is said of the gyro, "" where it is accepted."""
+    """Return the error text for the gyro, or "" if it is accepted."""
     try:
         check_units(gyro, None, interval)
     except InputError as error:
@@ -53,7 +53,7 @@ def test_the_offset_of_a_gyro_is_that_of_its_worst_axis_either_way(sign):
 
 @pytest.mark.parametrize("interval", [0.25, 0.1, 0.01])
 def test_white_noise_is_that_of_the_worst_axis_whatever_the_rate(interval):
-    """Of independent samples each tells sigma times the root of its interval."""
+    """White noise has an angle random walk of sigma times the root of the interval."""
     gyro = gyro_of(0.01, 0.2) * np.array([0.3, 1.0, 0.5])
     assert angle_random_walk(gyro, interval) == pytest.approx(0.01 * np.sqrt(interval), rel=0.1)
 
@@ -75,7 +75,7 @@ def test_white_noise_that_no_gyro_has_is_refused_by_its_angle_random_walk(share,
 
 @pytest.mark.parametrize("beyond, unit", [(0.95, "deg/s"), (1.05, "mdeg/s")])
 @pytest.mark.parametrize("what", ["noise", "offset", "white"])
-def test_what_is_far_beyond_degrees_is_taken_for_thousandths_of_them(what, beyond, unit):
+def test_rates_far_above_deg_per_s_are_identified_as_mdeg_per_s(what, beyond, unit):
     gyro, interval = {
         "noise": (gyro_of(30 * beyond * GYRO_NOISE), None),
         "offset": (gyro_of(1e-3, 60 * beyond * GYRO_OFFSET), None),
@@ -197,7 +197,7 @@ def test_movements_within_five_seconds_belong_together(gap, stretches):
 
 
 @pytest.mark.parametrize("blocks, shifted", [(11, False), (12, True)])
-def test_movement_is_told_from_twelve_seconds_on_and_at_the_end_it_ends_there(blocks, shifted):
+def test_motion_is_detected_in_records_of_at_least_twelve_seconds(blocks, shifted):
     values = quiet(blocks, 0.0)
     values[-SIZE:] += 5.0
     assert found_in(values) == ([(blocks - 2.0, blocks - 1 / SIZE)] if shifted else [])
@@ -228,7 +228,7 @@ def test_a_step_of_temperature_is_more_than_a_degree_and_a_half_within_a_minute(
 
 @pytest.mark.parametrize("times, reported", [(3.5, False), (4.5, True)])
 def test_a_step_is_four_times_what_the_minute_before_did(times, reported):
-    """As in a warm-up the temperature changes already."""
+    """The temperature already changes before the step, as in a warm-up."""
     t = np.arange(0.0, 965.0, 0.5)
     temperature = np.interp(t, [0.0, 600.0, 900.0, 960.0], [20.0, 20.0, 25.0, 25.0 + times])
     assert (find_temperature_step(t, temperature) is not None) == reported

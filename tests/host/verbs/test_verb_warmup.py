@@ -185,7 +185,7 @@ def test_nothing_is_written_where_nothing_was_earned(rest, tmp_path, capsys):
     assert not out.exists()
 
 
-def test_what_is_no_sensor_at_rest_in_si_units_is_refused_in_one_line(tmp_path, rest, capsys):
+def test_records_that_are_not_stationary_or_not_in_si_are_refused_in_one_line(tmp_path, rest, capsys):
     noise = gyro_noise(6000, 0.01, np.random.default_rng(SEED), n=1e-3)
     turned = noise.copy()
     turned[3000:3300] += 1.0

@@ -104,7 +104,7 @@ class PseudoMeasurementFilter:
         xx, yy, zz, xy, xz, yz = self._p
         return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
-    def told_variance(self, scale_sigma: float) -> Array:
+    def given_variance(self, scale_sigma: float) -> Array:
         """(3,) of the bias, with what the covariance does not count: vibration, scale, the other axes.
 
         Innovations beyond their variance widen it, up to what it began with. Two errors are constants in
@@ -185,7 +185,7 @@ class PseudoMeasurementFilter:
 
 @dataclass(frozen=True)
 class KnownRate:
-    """What a rolling wheel knows of its rate, M stretches: for `PseudoMeasurementFilter.run`.
+    """Rate magnitudes of a rolling wheel in M segments, for `PseudoMeasurementFilter.run`.
 
     gyro: (M, 3) rad/s, weighted means. rate, sigma: (M,) rad/s, the mean magnitude with the same weights, and
     its 1 sigma. share: the covariance of such a mean is `share` times that of a sample.

@@ -35,6 +35,6 @@ class BiasRecursion:
         return bias
 
     def advance(self) -> None:
-        """On to the next sample."""
+        """Advance to the next sample."""
         for part in self._parts:
             part[0] = part[1] * part[0] + part[2]

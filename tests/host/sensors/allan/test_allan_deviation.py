@@ -92,7 +92,7 @@ def test_gaps_and_outliers_are_found_reported_and_left_empty():
     assert "2 outliers" in grid.notes[1]
 
 
-def test_stamps_that_come_in_bursts_are_said_and_spread_evenly():
+def test_bursty_time_stamps_are_reported_and_spread_evenly():
     values = np.random.default_rng(SEED).normal(size=5000)
     t = np.repeat(np.arange(500) * 0.1, 10) + np.tile(np.arange(10) * 1e-4, 500)
     grid = place_on_grid(t, values)

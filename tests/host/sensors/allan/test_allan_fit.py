@@ -1,4 +1,4 @@
-"""Noise terms from the Allan deviation: foreign oracles, known truth, and what cannot be shown."""
+"""Noise terms from the Allan deviation: independent oracles, known truth, and hidden terms."""
 
 import allantools
 import numpy as np
@@ -75,7 +75,7 @@ def test_generalised_covariance_gives_the_allan_variance_of_ieee_952():
         assert variance == pytest.approx(2 * mean**2, rel=1e-9), TERMS[term]
 
 
-def test_the_slope_of_noise_wanders_as_stated():
+def test_the_slope_of_noise_has_the_stated_sigma():
     samples, seed = 4000, 5
     t = (np.arange(samples) - (samples - 1) / 2) * 1.0
     rng = np.random.default_rng(seed)
@@ -123,7 +123,7 @@ def test_the_fit_has_a_degree_of_freedom_for_each_point_that_no_term_takes():
     ("samples", "octaves", "left"), [(12, 2, 1), (24, 3, 1), (50, 4, 1), (100, 5, 1), (200, 6, 2)]
 )
 def test_no_more_terms_are_fitted_than_points_can_hold(samples, octaves, left):
-    """Of N, band, K and B in this order as many as leave a point over."""
+    """Only as many of N, band, K and B, in this order, are fitted as leave one degree of freedom."""
     points = allan_deviation(gyro_noise(samples, DT, np.random.default_rng(1), n=1e-3), DT)
     fit = fit_noise(points, 0.0, lambda: points)
     assert (len(fit.factors), fit.dof) == (octaves, left)
@@ -153,7 +153,7 @@ def test_points_that_a_late_start_leaves_out_are_no_degrees_of_freedom():
     ids=["one pole at 40 Hz", "one pole at 5 Hz", "two poles at 30 Hz", "sixteen taps"],
 )
 def test_behind_a_low_pass_the_white_noise_is_what_it_was_before_it_within_sigma(electronics, text_part):
-    """Of six records one may be beyond two sigma; three would be once in five hundred."""
+    """One of six records may be beyond two sigma; three would occur once in five hundred."""
     samples, beyond = 1 << 18, []
     for seed in range(6):
         noise = electronics(gyro_noise(samples, DT, np.random.default_rng([seed, 18]), n=1e-3))
@@ -179,7 +179,7 @@ def test_a_walk_that_is_not_claimed_is_below_its_limit():
     assert hidden - held < 3
 
 
-def test_a_ramp_comes_back_and_is_not_seen_where_there_is_none():
+def test_a_ramp_is_recovered_and_not_reported_if_absent():
     samples, ramp = 1 << 17, 2e-6
     for seed in range(3):
         noise = gyro_noise(samples, DT, np.random.default_rng(seed), n=1e-3)
@@ -190,7 +190,7 @@ def test_a_ramp_comes_back_and_is_not_seen_where_there_is_none():
         assert abs(term.value - ramp) < 4 * term.sigma, seed
 
 
-def test_what_the_record_cannot_show_is_null_with_reason_limit_and_a_length_that_suffices():
+def test_hidden_terms_are_null_with_reason_limit_and_sufficient_record_length():
     truth = {"n": 1e-3, "k": 2e-5}
     short, seed = 1 << 15, 3
     noise = gyro_noise(1 << 22, DT, np.random.default_rng(seed), **truth)
@@ -227,7 +227,7 @@ def test_white_noise_is_known_as_well_as_so_many_samples_tell_it():
 
 
 @pytest.mark.parametrize("slope", [0.0, 3e-6, -3e-6])
-def test_a_ramp_that_is_not_claimed_is_within_its_limit_on_the_side_where_it_was_seen(slope):
+def test_the_limit_of_an_insignificant_ramp_covers_its_signed_estimate(slope):
     samples = 1 << 12
     points = allan_deviation(gyro_noise(samples, DT, np.random.default_rng(5), n=1e-3), DT, 2 ** np.arange(9))
     likelihood = Likelihood.from_points(points, np.ones(9, bool), slope)
@@ -238,7 +238,7 @@ def test_a_ramp_that_is_not_claimed_is_within_its_limit_on_the_side_where_it_was
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_quantisation_as_strong_as_the_white_noise_in_single_samples_is_told_from_it(seed):
+def test_quantisation_as_strong_as_white_noise_is_distinguished_from_it(seed):
     """3 Q²/tau² = N²/tau at the first averaging time: there its variance is twice that of the white noise."""
     samples, n = 1 << 15, 1e-3
     q = n * np.sqrt(DT / 3.0)
@@ -275,7 +275,7 @@ def test_intervals_of_95_percent_cover_the_truth_95_times_in_a_hundred():
     assert -2.3 < (inside / total - 0.95) / one_sigma < 2.0
 
 
-def test_a_temperature_step_takes_the_slow_terms_away_and_leaves_the_white_noise():
+def test_a_temperature_step_suppresses_slow_terms_but_not_white_noise():
     noise = gyro_noise(1 << 16, DT, np.random.default_rng(0), n=1e-3, b=3e-3, k=1e-3)
     report = characterise_noise(
         np.arange(1 << 16) * DT, noise, "gz", temperature_step=TemperatureStep(100.0, 5.0)

@@ -1,4 +1,4 @@
-"""The likelihood of octaves and slope is a density: whatever the terms, it integrates to the same."""
+"""The likelihood of octaves and slope is a density: it integrates to the same value for all terms."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""`hubodo heading`: errors as large as its sigma says, on simulated tables, a foreign gyro and a real one."""
+"""`hubodo heading`: errors consistent with sigma on simulated tables, another simulator and a real gyro."""
 
 import json
 import math
@@ -36,7 +36,7 @@ def run(*words, capsys):
 
 
 def noise_file(**values):
-    """As `hubodo allan --json` prints it of a record that shows these terms and no other."""
+    """Return the output of `hubodo allan --json` for a record with exactly these terms."""
     return json.dumps({"coefficients": {name: {"value": values.get(name)} for name in "NBKQR"}})
 
 
@@ -84,7 +84,7 @@ def simulated(tmp_path_factory):
 
 
 def test_how_far_a_rate_goes_within_a_lag_is_its_slope_times_that():
-    """Up to the last time that has another so much later; beyond the record there is its scatter alone."""
+    """The rms change uses all pairs within the record; for longer lags it is the standard deviation."""
     t = np.arange(0.0, 10.0, 0.1)
     axis = VerticalAxis(t, 0.4 * t, 0.4 * t)
     assert _rms_change(axis, 0.25) == pytest.approx(0.4 * 0.25)
@@ -101,7 +101,7 @@ def test_means_are_over_as_many_samples_as_come_next_to_the_step_and_over_one_at
     np.testing.assert_allclose(track.heading, 0.3 * track.t, rtol=1e-9, atol=1e-12)
 
 
-def test_on_a_table_the_warm_up_is_taken_out_and_the_rest_is_in_sigma(simulated, tmp_path, capsys):
+def test_on_a_table_the_warm_up_is_corrected_and_its_uncertainty_is_in_sigma(simulated, tmp_path, capsys):
     bench, table = simulated / "bench.mcap", simulated / "table.mcap"
     calibration, allan = tmp_path / "c.toml", tmp_path / "allan.json"
     capsys.readouterr()
@@ -211,7 +211,7 @@ def test_the_start_gyro_comes_within_its_sigma_of_the_truth(tmp_path, capsys):
     assert np.sqrt(np.mean(np.square(off))) < 84.7 / 20.0
 
 
-def test_a_real_gyro_at_rest_that_is_taken_to_move_drifts_as_sigma_says():
+def test_a_stationary_real_gyro_treated_as_moving_drifts_within_sigma():
     """ADIS16405: a minute at rest, then two or five minutes in which its turning is not known to be zero."""
     node = read_folder(wanted.recording("static")).nodes["node"]
     off, white = [], []
@@ -249,7 +249,7 @@ def test_what_turned_in_a_gap_is_in_sigma(tmp_path, capsys):
     assert abs(result["gap"]["score"]["end_in_sigma"]) < 3.0
 
 
-def test_a_smooth_ride_is_not_taken_for_a_standstill(tmp_path, capsys):
+def test_steady_motion_is_not_mistaken_for_a_standstill(tmp_path, capsys):
     """Three quiet stretches, in the second of which the vehicle turns evenly by half a degree a second."""
     rng = np.random.default_rng(6)
     t = np.arange(6000) * DT
@@ -327,7 +327,7 @@ def test_wrong_use_is_refused_in_one_line(tmp_path, capsys, words, text):
     assert any(part in err for part in text.split("|")), err
 
 
-def test_without_rest_a_calibration_stands_in_and_sigma_says_what_that_is_worth(tmp_path, capsys):
+def test_without_standstill_the_calibrated_bias_is_used_with_its_sigma(tmp_path, capsys):
     rng = np.random.default_rng(3)
     t = np.arange(3000) * DT
     path = log(tmp_path / "log", 0.3 * np.sin(t) + rng.normal(0.0, 2e-3, len(t)) + 0.01)

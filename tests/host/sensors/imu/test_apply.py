@@ -122,7 +122,7 @@ def test_the_portions_in_which_samples_come_do_not_change_a_bit():
             np.testing.assert_array_equal(np.concatenate([m[k] for m in built]), whole[k])
 
 
-def test_a_channel_at_its_limit_is_still_seen_to_be_clipped():
+def test_a_saturated_channel_is_still_detected_after_calibration():
     node = NodeCalibration({"gyro_bias": CalibratedEffect({"z": Quantity(0.5, 0.01)})})
     raw = np.array([[0.0, 0.0, 35.0], [0.0, 0.0, -35.0], [0.0, 0.0, 30.0]])
     built, _ = SampleCorrection.from_calibration(node).apply(raw, np.zeros((3, 3)))
@@ -158,7 +158,7 @@ def test_warm_up_counts_from_power_on_where_the_log_tells_it_and_says_so_where_n
     assert known.warnings == ()
 
 
-def test_what_hangs_on_the_supply_is_taken_out_where_the_log_tells_it(monkeypatch):
+def test_supply_dependence_is_corrected_if_the_log_has_the_voltage(monkeypatch):
     monkeypatch.setitem(BY_NAME, "gyro_supply", GyroSupply)
     result = CalibratedEffect({"x": Quantity(0.02, 1e-3), "z": Quantity(-0.01, 1e-3)})
     calibration = Calibration({"left": NodeCalibration({"gyro_supply": result})})
@@ -189,7 +189,7 @@ def test_numbers_that_no_sensor_has_are_refused(effect, values, words):
         SampleCorrection.from_calibration(node)
 
 
-def test_a_drive_comes_out_alike_whether_the_samples_are_corrected_or_the_filter_is_told():
+def test_correcting_samples_or_passing_the_calibration_to_the_filter_gives_the_same_drive():
     """And what was applied is not applied again by the filter's priors."""
     built = short_drive(11)
     effects = {}

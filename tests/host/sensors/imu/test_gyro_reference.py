@@ -1,4 +1,4 @@
-"""What a gyro triad is calibrated by: Earth rate, a table or turns; where each begins and what it gives."""
+"""Selection of the gyro reference (Earth rate, rate table or turns), its thresholds and its results."""
 
 from types import SimpleNamespace
 
@@ -41,7 +41,7 @@ def test_of_few_rests_the_bias_is_their_mean_and_as_uncertain_as_they_scatter_or
 
 
 def test_two_rests_are_as_uncertain_as_each_is_known():
-    """What two scatter by says nothing."""
+    """Two standstills do not give a scatter."""
     rate, known, force = rests_in(2, 1e-7, g=1.0)
     covariance = estimate_static_bias(rate, known, force)[1]
     assert covariance * 1e14 == pytest.approx(np.diag([1.0, 4.0, 9.0]) / 2)
@@ -79,7 +79,7 @@ def test_an_answer_to_force_is_believed_from_one_in_a_thousand_on(p, believed):
 
 @pytest.mark.parametrize("condition, reported", [(29.5, True), (30.5, False)])
 def test_rests_in_nearly_one_attitude_do_not_tell_an_answer_to_force(condition, reported):
-    """From a condition number of 30 of the equations on."""
+    """No g-sensitivity is estimated from a condition number of 30 on."""
 
     def condition_of(offset):
         columns = np.column_stack([np.ones(12), rests_in(12, offset=offset)[2]])
@@ -144,7 +144,7 @@ def gyro_of(standstills, latitude=None, notes=None):
 
 @pytest.mark.parametrize("share, serves", [(0.0995, True), (0.1005, False)])
 @pytest.mark.parametrize("loud", [1.0, 4.0])
-def test_earth_rate_serves_where_the_noisiest_rest_knows_it_ten_times_better(parts, share, serves, loud):
+def test_earth_rate_is_used_if_every_standstill_has_ten_times_lower_noise(parts, share, serves, loud):
     notes = []
     result = gyro_of(standstills(sigma=share * EARTH / loud, loud=loud), 0.8, notes)
     assert ("Earth rate in 9 standstills" in result.method) == serves
@@ -153,14 +153,14 @@ def test_earth_rate_serves_where_the_noisiest_rest_knows_it_ten_times_better(par
     assert "Earth rate" not in gyro_of(standstills(sigma=1e-9)).method
 
 
-def test_gyros_too_noisy_for_earth_rate_are_told_how_long_a_rest_they_need(parts):
+def test_for_noisy_gyros_the_standstill_needed_for_earth_rate_is_reported(parts):
     """Noise of a mean falls with the root of its time: ten times too noisy is a hundred times too short."""
     notes = []
     gyro_of(standstills(sigma=EARTH, seconds=12.0), 0.8, notes)
     assert "standstills of 1200 s" in notes[0]
 
 
-def test_without_turns_there_is_the_bias_and_earth_rate_is_in_its_sigma(parts):
+def test_without_turns_only_the_bias_is_estimated_with_earth_rate_in_its_sigma(parts):
     """Earth rate points another way in each rest, a third of its square along each axis."""
     at, notes = standstills(count=5), []
     result = gyro_of(at, notes=notes)
@@ -174,7 +174,7 @@ def test_without_turns_there_is_the_bias_and_earth_rate_is_in_its_sigma(parts):
 
 
 @pytest.mark.parametrize("g", [0.0, 1.0])
-def test_what_is_taken_off_before_turns_is_the_bias_and_what_force_does_at_each_moment(parts, g):
+def test_bias_and_g_sensitivity_are_subtracted_sample_by_sample_before_turns(parts, g):
     at = standstills(count=12)
     rate, _, force = rests_in(12, g=g, noise=1e-9)
     at = Standstills(at.start, at.end, at.t, rate, force, 1e-3 * at.gyro_sigma, at.accel_sigma)
@@ -280,7 +280,7 @@ def test_a_table_gives_sizes_and_turns_the_nearest_rotation_to_their_frame(parts
 
 
 @pytest.mark.parametrize("sufficient", [True, False])
-def test_the_notes_say_first_how_both_triads_were_found_and_what_the_poses_left_out(monkeypatch, sufficient):
+def test_notes_start_with_the_methods_of_both_triads_and_unobservable_parameters(monkeypatch, sufficient):
     at = standstills()
     at = Standstills(
         at.start, at.end, at.t, at.gyro, at.accel, at.gyro_sigma, at.accel_sigma, ("a rest crept",)

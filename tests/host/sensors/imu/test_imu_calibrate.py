@@ -1,4 +1,4 @@
-"""Both triads from one record: by turns, by Earth rate, by a rate table; and records that must be refused."""
+"""Calibration of both triads by turns, Earth rate or a rate table, and records that must be refused."""
 
 import argparse
 import json
@@ -66,7 +66,7 @@ def test_what_a_triad_changes_of_where_gravity_is_carried_is_as_differences_have
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_both_triads_come_back_from_rests_and_turns_within_their_sigmas(seed):
+def test_both_triads_are_recovered_from_standstills_and_turns_within_sigma(seed):
     data = carry(np.random.default_rng(seed), GYRO, ACCEL)
     result = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
     assert len(result.standstills) == 24
@@ -78,7 +78,7 @@ def test_both_triads_come_back_from_rests_and_turns_within_their_sigmas(seed):
     assert "turns between standstills" in result.gyro.method
 
 
-def test_g_sensitivity_is_told_from_bias_and_left_out_where_there_is_none():
+def test_g_sensitivity_is_separated_from_bias_and_omitted_if_absent():
     g = np.array([[1e-4, 2e-4, 0], [0, -2e-4, 1e-4], [1e-4, 0, -1e-4]])
     rng = np.random.default_rng(4)
     data = carry(rng, GYRO, ACCEL, g_sensitivity=g)
@@ -101,7 +101,7 @@ def test_precise_gyros_are_calibrated_by_earth_rate_and_their_six_angles_by_the_
     assert sigma[3:].max() < 0.003
 
 
-def test_poses_that_do_not_show_the_gyros_by_earth_rate_still_show_their_bias():
+def test_poses_unsuited_for_earth_rate_still_determine_the_gyro_bias():
     # Nine poses of the scalar method all with east along one axis of the node: rows of east x up lie in a
     # plane.
     latitude = np.radians(50)
@@ -136,7 +136,7 @@ def test_a_rate_table_gives_the_gyros_scale_and_the_turns_between_rests_their_fr
         calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY, table_rate=8.0)
 
 
-def test_rests_are_those_that_were_made():
+def test_detected_standstills_are_those_simulated():
     data = carry(np.random.default_rng(9), GYRO, ACCEL, poses=12, standstill_s=5.0, turn=2.0)
     standstills = find_standstills(data.t, data.gyro, data.accel)
     starts = np.arange(12) * 7.0

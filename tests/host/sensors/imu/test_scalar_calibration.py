@@ -1,4 +1,4 @@
-"""The scalar method: truth comes back, sigmas are honest, degenerate sets end in words."""
+"""Scalar calibration: truth is recovered within sigma, and degenerate pose sets are refused."""
 
 import itertools
 
@@ -28,7 +28,7 @@ def sphere(count):
     return np.column_stack([ring * np.cos(angle), ring * np.sin(angle), z])
 
 
-def test_the_papers_case_comes_back_to_the_last_digit_because_nothing_is_linearised_away():
+def test_the_case_of_the_paper_is_recovered_exactly_without_linearisation_error():
     result = fit_scalar_calibration(PAPER.measure(sphere(20)), 1.0, np.full((20, 3), 1e-12))
     truth = np.array([2e-4, 2e-4, 2e-4, 2e-4, 4e-4, 4e-4, 4e-4, 4e-4, 4e-4])
     assert np.abs(result.parameters / truth - 1).max() < 1e-9
@@ -126,7 +126,7 @@ def test_x_first_leaves_sensor_x_on_its_axis_and_measures_the_same_lengths():
     assert np.abs(lengths[0] - lengths[1]).max() < 1e-12
 
 
-def test_lengths_are_told_before_and_after_in_the_unit_of_the_measurement():
+def test_norm_errors_before_and_after_are_in_the_unit_of_the_measurement():
     measured = 9.81 * Errors((0.02, -0.01, 0.03), (0.03, -0.02, 0.01)).measure(sphere(24))
     result = fit_scalar_calibration(measured, 9.81, np.full((24, 3), 1e-6))
     np.testing.assert_allclose(result.residual_before, np.linalg.norm(measured, axis=1) - 9.81, atol=1e-9)
@@ -158,7 +158,7 @@ def circle(count, axis):
         "two circles",
     ],
 )
-def test_degenerate_pose_sets_end_in_the_parameter_and_the_pose_that_helps(poses, blind, helps, noise):
+def test_degenerate_pose_sets_are_refused_with_parameter_and_helpful_pose(poses, blind, helps, noise):
     rng = np.random.default_rng(3)
     u = PAPER.measure(poses) + noise * rng.standard_normal(poses.shape)
     with pytest.raises(CalibrationError) as caught:
@@ -167,7 +167,7 @@ def test_degenerate_pose_sets_end_in_the_parameter_and_the_pose_that_helps(poses
     assert blind in text and helps in text.partition("that would help: ")[2]
 
 
-def test_a_set_degenerate_only_once_large_errors_are_taken_off_is_refused_too():
+def test_a_set_that_is_degenerate_only_after_correction_is_refused():
     poses = circle(14, 2)
     big = Errors((0.1, -0.1, 0.12), (0.05, -0.05, 0.03), {"xz": 0.02})
     with pytest.raises(CalibrationError):

@@ -22,7 +22,7 @@ three = st.tuples(small, small, small)
 angles = st.fixed_dictionaries({name: st.floats(-0.1, 0.1) for name in ("xz", "xy", "yz", "yx", "zy", "zx")})
 
 
-def made_of(b, e, d):
+def triad_effects(b, e, d):
     """The triad of a calibration with these biases, scale errors and angles."""
     parts = {"gyro_bias": b, "gyro_scale_factor": e}
     result = {
@@ -36,7 +36,7 @@ def made_of(b, e, d):
 @given(three, three, angles, st.lists(three, min_size=1, max_size=5))
 def test_apply_undoes_the_forward_model_written_out_by_hand(b, e, d, true):
     true = np.array(true)
-    triad = made_of(b, e, d)
+    triad = triad_effects(b, e, d)
     raw = Errors(b, e, d).measure(true)
     assert np.allclose(triad.apply(raw), true, atol=1e-12)
     assert np.allclose(triad.apply(raw[0]), true[0], atol=1e-12)
@@ -50,7 +50,7 @@ def test_the_bias_comes_off_before_the_matrix_is_undone():
 
 @given(three, three, angles)
 def test_a_triad_survives_the_calibration_file(b, e, d):
-    triad = made_of(b, e, d)
+    triad = triad_effects(b, e, d)
     built = effects_from_triad(triad, np.full(12, 1e-3), "gyro")
     back = triad_from_effects({name: CalibratedEffect(p) for name, p in built.items()}, "gyro")
     assert np.allclose(back.matrix, triad.matrix, atol=1e-15) and np.allclose(back.bias, triad.bias, atol=0)

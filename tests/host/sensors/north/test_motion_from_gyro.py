@@ -1,4 +1,4 @@
-"""Stops and angles from the gyro alone: every odd record is split, and sigma counts the angles found."""
+"""Stops and angles from the gyro alone: unusual records are split, and sigma includes the angle errors."""
 
 import numpy as np
 import pytest
@@ -32,7 +32,7 @@ def test_north_is_found_within_sigma_in_records_as_they_come(world):
     assert np.sqrt(np.mean(np.square(z))) < 1.75
 
 
-def test_stops_begin_and_end_where_the_table_stood_and_turns_are_told_to_the_scale_of_the_gyro():
+def test_stops_match_the_table_and_turn_angles_match_to_the_gyro_scale():
     node, _, scale, stood = recorded(1, odd(1))
     motion = find_table_motion(node.t, node.gyro, np.array([0.0, 0.0, 1.0]), scale_sigma=0.01)
     stops = split_stops(node.t, node.gyro[:, 0], motion)
@@ -61,21 +61,21 @@ def test_the_scale_of_the_gyro_is_in_sigma_and_a_step_that_is_asked_for_takes_it
 
 
 def test_a_fine_gyro_finds_the_error_of_its_own_scale_from_earth_rate():
-    """Of 15 degrees at the last of 11 turns most is found: sigma is far below what the prior leaves."""
+    """Most of the 15 degrees at the last of 11 turns is estimated: sigma is far below that of the prior."""
     node, azimuth, *_ = recorded(4, even(turns=[90] * 11), noise={"n": np.radians(3e-4)}, scale=0.015)
     result, _ = found_in(node)
     assert abs(wrap_angle(result.azimuth - azimuth)) < 4 * result.sigma < np.radians(10)
     assert result.angle_sigma < np.radians(3)
 
 
-def test_a_gyro_that_warms_up_by_half_a_degree_per_second_is_not_taken_for_a_table_that_turns():
+def test_warm_up_of_half_a_degree_per_second_is_not_mistaken_for_a_turn():
     node, azimuth, *_ = warming(8)
     result, _ = found_in(node)
     assert len(result.stops[0]) == 12
     assert abs(wrap_angle(result.azimuth - azimuth)) < 4 * result.sigma
 
 
-def test_single_samples_far_off_are_left_out_and_said():
+def test_single_outliers_are_replaced_and_reported():
     node, azimuth, *_ = recorded(9, even())
     clean, _ = found_in(node)
     rng = np.random.default_rng(9)
@@ -106,7 +106,7 @@ def test_turns_of_either_way_have_their_sign_and_a_node_that_hangs_too(turns):
         assert abs(wrap_angle(result.azimuth - azimuth)) < 4 * result.sigma < np.radians(4)
 
 
-def test_the_vertical_earth_rate_that_a_leaning_table_lets_in_is_taken_out():
+def test_vertical_earth_rate_on_a_tilted_table_is_corrected():
     """2.3 degrees of lean at 45 degrees north would turn the answer by as much."""
     node, azimuth, *_ = recorded(
         6, even(stop=30.0), noise={"n": np.radians(1e-4)}, scale=0.0, lean=(0.04, 0.0)

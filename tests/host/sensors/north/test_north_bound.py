@@ -1,4 +1,4 @@
-"""Ours against who knows the noise, which no code of hubodo made; `make papers` has more seeds."""
+"""North estimates against the bound for known noise from an independent generator (more in `make papers`)."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The loop that turns an axis to east, on a table without noise: each step keeps Robert's rule."""
+"""East seeking on a table without noise: each step follows the rule of Robert."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""North: every method finds the azimuth within its sigma, on tables that share none of its equations."""
+"""North: every method estimates the azimuth within its sigma, on independently simulated tables."""
 
 import numpy as np
 import pytest
@@ -100,8 +100,8 @@ def test_a_log_of_an_east_seeking_session_gives_the_azimuth():
     rng = np.random.default_rng(3)
     table = SimulatedTable(TACTICAL.error(9000, DT, rng), DT, 0.7, LATITUDE)
     angles = [0, np.pi, 0, np.pi / 2, 1.5 * np.pi, np.pi / 2, -0.9, -0.9 + np.pi, -0.9, -0.87, -0.87 + np.pi]
-    t, rate, made_table = simulate_stops(table, np.array(angles), 30.0)
-    result = find_north([AxisRecord(t, rate, made_table)], LATITUDE, "east")
+    t, rate, table_motion = simulate_stops(table, np.array(angles), 30.0)
+    result = find_north([AxisRecord(t, rate, table_motion)], LATITUDE, "east")
     assert abs(wrap_angle(result.azimuth - 0.7)) < 4 * result.sigma < np.radians(10)
     assert len(result.rates) == 7
 

@@ -1,4 +1,4 @@
-"""The likelihood of north, against the same one written anew with whole covariance matrices.
+"""The likelihood of north, against an independent implementation with full covariance matrices.
 
 A record's averages are a Gaussian vector about C cos + S sin + bias + ramp; the covariance of its drift is
 checked by itself in `test_north_parts.py`.
@@ -200,7 +200,7 @@ def test_of_any_error_of_the_gyros_scale_each_size_counts_by_its_prior(sigma):
 
 
 def test_an_error_of_scale_is_weighed_against_noise_that_is_unknown_too():
-    """Of all errors the one with the smallest sum of squares counts, weighed by the level of the noise."""
+    """The scale error with the smallest sum of squares is used, weighted by the noise level."""
     sigma = 2e-3
     records = two_records(measured=True)
     result = estimate_earth_rate(records, HORIZONTAL, scale_sigma=sigma)
@@ -243,7 +243,7 @@ def test_stops_on_one_line_say_nothing_across_it():
     assert along @ result.rate_covariance @ along == pytest.approx(variance, rel=1e-5, abs=0)
 
 
-def test_a_curve_that_explains_more_than_drift_is_taken_out_whatever_its_size():
+def test_a_significant_curve_is_removed_whatever_its_size():
     first, second = two_records()
     time = first.start + first.end
     time = 2 * (time - time.min()) / np.ptp(time) - 1
@@ -261,7 +261,7 @@ def test_a_curve_that_explains_more_than_drift_is_taken_out_whatever_its_size():
 
 
 def gain_of(size, whole, bend, y, angle):
-    """By how much the log likelihood of the best azimuth and drift grows with a curve in the model."""
+    """Return the gain of log likelihood, at the best azimuth and drift, by a curve in the model."""
     lines, curves, best = bend[:, :2], bend, []
     for basis in (lines, curves):
         rows = []
@@ -279,8 +279,8 @@ def gain_of(size, whole, bend, y, angle):
     return best[1] - best[0]
 
 
-def test_a_curve_is_seen_from_six_of_log_likelihood_on():
-    """Of the likelihood that knows the polynomial: restricted ones of two polynomials do not compare."""
+def test_a_curve_is_accepted_from_a_log_likelihood_gain_of_six():
+    """Unrestricted likelihood, because restricted ones of two polynomials are not comparable."""
     (one,) = [record(24, 5, drift=DriftNoise(2e-5, 0.0, 0.0))]
     time = (one.start + one.end) / 2
     bend = np.polynomial.legendre.legvander(2 * (time - time.mean()) / np.ptp(time), 3)
@@ -300,7 +300,7 @@ def test_a_curve_is_seen_from_six_of_log_likelihood_on():
 
 
 @pytest.mark.parametrize("q", [0.0, 3e-4])
-def test_shaking_is_told_from_other_noise_and_not_believed_where_there_is_none(q):
+def test_vibration_is_distinguished_from_other_noise_and_rejected_if_absent(q):
     """Intervals that touch: what shakes an angle adds to one what it takes from the next."""
     start = LENGTH * np.arange(120.0)
     end, angle, n = start + LENGTH, np.resize(np.repeat(ANGLES, 4), 120), 2e-5

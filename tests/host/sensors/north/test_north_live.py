@@ -97,7 +97,7 @@ def table(turning):
         yield built
 
 
-def test_the_table_is_turned_from_stop_to_stop_and_the_log_is_kept(table, computer, tmp_path, capsys):
+def test_the_table_turns_from_stop_to_stop_and_the_log_is_saved(table, computer, tmp_path, capsys):
     azimuth, out = 222.0, tmp_path / "north.mcap"
     words = ["--table", table.path, "--method", "maytag4", "--stop", 1.2, "--stops", 8, "-o", out]
     with FineNode(rows=OnTable(table, azimuth, 1), computer=computer) as node:
@@ -132,7 +132,7 @@ def test_the_axis_is_turned_until_it_points_east_and_left_there(table, computer,
     assert abs(off_by(result, azimuth)) < 4 * result["sigma_deg"]
 
 
-def test_without_a_table_port_the_operator_is_told_what_to_do(table, computer, turning, capsys, monkeypatch):
+def test_without_a_table_port_the_operator_gets_instructions(table, computer, turning, capsys, monkeypatch):
     class Hand(io.StringIO):
         """Reads what was asked on stderr and turns the table so."""
 
@@ -251,7 +251,7 @@ def test_a_run_that_was_cut_short_is_gone_on_with_from_its_log(
         assert json.loads(capsys.readouterr().out)["azimuth_deg"] == result["azimuth_deg"]
 
 
-def test_what_is_no_table_is_said_before_anything_is_recorded(computer, tmp_path, capsys, monkeypatch):
+def test_a_device_that_is_no_table_is_reported_before_recording(computer, tmp_path, capsys, monkeypatch):
     out = tmp_path / "north.mcap"
     monkeypatch.setattr(north_live, "TABLE_TIMEOUT_S", 0.1)
     with FakeTable(silent=True) as table, FineNode(computer=computer) as node:
@@ -262,7 +262,7 @@ def test_what_is_no_table_is_said_before_anything_is_recorded(computer, tmp_path
     assert not out.exists()
 
 
-def test_a_node_that_falls_silent_is_said(table, computer, capsys):
+def test_a_node_that_stops_sending_is_reported(table, computer, capsys):
     with FineNode(rows=OnTable(table, 0.0, 6), answers=False, computer=computer) as node:
         node.unplug()
         node.plug()
@@ -271,7 +271,7 @@ def test_a_node_that_falls_silent_is_said(table, computer, capsys):
     assert status == 1 and "no samples for 8 s" in err
 
 
-def test_a_stop_without_enough_samples_is_made_again_and_the_third_is_the_end(table, computer, capsys):
+def test_a_stop_with_too_few_samples_is_repeated_at_most_twice(table, computer, capsys):
     words = ["--table", table.path, "--method", "maytag4", "--stop", 1, "--stops", 8]
     with FineNode(rows=OnTable(table, 0.0, 1), computer=computer, rate_hz=12.0, batch=2) as node:
         status, err = north(node, capsys, *words)

@@ -1,4 +1,4 @@
-"""The parts of north-finding: stops, filters, drift covariance, tables on a wire."""
+"""Parts of north finding: stops, filters, drift covariance, serial turntables."""
 
 import numpy as np
 import pytest
@@ -80,7 +80,7 @@ def test_without_transients_little_is_cut():
     assert max(split_stops(run.t, run.rate, table_of(run)).cut) <= 1.0
 
 
-def test_a_table_that_turned_while_it_was_said_to_be_still_is_found_by_the_vertical_gyro():
+def test_a_table_that_moves_during_a_stop_is_detected_by_the_vertical_gyro():
     run = run_of(3)
     vertical = run.vertical.copy()
     inside = (run.t > 50) & (run.t < 55)
@@ -125,7 +125,7 @@ def test_the_wider_filters_relate_each_stop_to_two_and_three_opposite_ones_on_ea
     )
 
 
-def test_filters_refuse_what_they_cannot_do():
+def test_filters_refuse_unknown_names_and_missing_directions():
     with pytest.raises(InputError, match="in the same direction"):
         filter_weights("nearest", np.array([1, 1, 1]))
     with pytest.raises(InputError, match="unknown"):
@@ -188,7 +188,7 @@ def test_the_covariance_is_that_of_simulated_drift():
 
 @pytest.mark.parametrize("squeezed", [0.3, 0.1, 1e-3, 0.0])
 def test_a_stop_whose_stamps_stand_closer_than_its_samples_is_left_out(squeezed):
-    """As a computer stamps them that made the node wait; four more stops tell all the same."""
+    """Some stamps are too close, as from a delayed node; four other stops still give the result."""
     rng, t, spans = np.random.default_rng(1), np.zeros(0), []
     for stop in range(5):
         spans.append((len(t), len(t) + 200))
@@ -236,7 +236,7 @@ def test_a_gyro_in_degrees_per_second_is_found_out_by_the_turns_of_the_table():
         )
 
 
-def test_a_leaning_table_is_named_with_what_it_costs():
+def test_a_tilted_table_is_reported_with_its_consequence():
     run = run_of(6)
     rng = np.random.default_rng(0)
     angle = np.interp(run.t, run.table_t, run.table_angle)
@@ -257,7 +257,7 @@ def test_a_serial_table_is_driven_over_a_real_port():
         assert fake.visited == [pytest.approx(-90.0)]
 
 
-def test_a_table_with_limits_looks_the_same_way_from_the_other_side():
+def test_a_table_with_limits_reaches_an_angle_by_the_other_turn():
     with FakeTable(limits=(-180.0, 185.0)) as fake, Serial(fake.path, 115200, timeout=5) as port:
         table = SerialTable(port)
         reached = [np.degrees(table.turn_to(np.radians(angle))) for angle in (0, 180, 270, 90, 450, -200)]
@@ -288,7 +288,7 @@ def test_a_table_that_is_turning_already_is_waited_for_and_noise_on_the_line_is_
         ({"version": 2}, "protocol version 2", 0),
     ],
 )
-def test_a_table_that_misses_or_does_not_answer_is_an_error_and_it_is_told_to_stop(fault, words, stopped):
+def test_a_table_that_misses_or_does_not_answer_is_an_error_and_is_stopped(fault, words, stopped):
     with (
         FakeTable(**fault) as fake,
         Serial(fake.path, 115200, timeout=0.1) as port,
@@ -298,7 +298,7 @@ def test_a_table_that_misses_or_does_not_answer_is_an_error_and_it_is_told_to_st
     assert fake.stopped == stopped or not stopped
 
 
-def test_who_turns_a_table_by_hand_is_told_which_way_and_how_far():
+def test_manual_turns_are_requested_with_direction_and_angle():
     lines = []
     table = ManualTable(lines.append)
     for degrees in (0.0, 180.0, 90.0, -37.5):

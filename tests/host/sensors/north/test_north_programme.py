@@ -1,4 +1,4 @@
-"""What the next record of north should be, what a minute can do, and how narrow a peak may be."""
+"""Recommended north programmes, ergodicity, and narrow posterior peaks."""
 
 from types import SimpleNamespace
 
@@ -29,7 +29,7 @@ def test_independent_estimates_have_slope_minus_one_half_and_drifting_ones_do_no
     assert fit_ergodicity(rng.standard_normal(10)) is None
 
 
-def test_what_remains_after_drift_from_stop_to_stop_is_seen_in_means_of_four_and_more():
+def test_the_slope_after_drift_between_stops_is_fitted_to_means_of_four_or_more():
     """64 estimates: means of 4, 8 and 16 of them, a quarter of all at most."""
     rng = np.random.default_rng(5)
     assert fit_ergodicity(rng.standard_normal(64)).factors.tolist() == [4, 8, 16]
@@ -46,7 +46,7 @@ def test_what_a_minute_can_do_at_best_is_the_bound_of_its_white_noise():
 
 
 @pytest.mark.parametrize("sigma", [1e-2, 1e-4, 1e-7])
-def test_a_peak_narrower_than_the_grid_is_looked_at_closely(sigma):
+def test_a_peak_narrower_than_the_grid_is_refined(sigma):
     """A quarter of a degree apart at first; mean and spread of a Gaussian."""
 
     def log_density(azimuth):

@@ -136,7 +136,7 @@ def test_a_log_without_a_table_finds_its_stops_and_says_so(tmp_path, capsys):
     assert status == 0 and stepped["gyros"][0]["angle_sigma_deg"] == 0.0
 
 
-def test_the_whole_calibration_is_applied_and_said(tmp_path, capsys):
+def test_the_whole_calibration_is_applied_and_reported(tmp_path, capsys):
     """Bias, scale, what follows temperature, age and force: a log with all of them ends as one without."""
     rng = np.random.default_rng(11)
     run = stops(9, 250.0)
@@ -207,7 +207,7 @@ def test_page_and_figure_show_estimates_fit_and_what_to_do(tmp_path, capsys):
 
 
 def test_a_plan_says_which_stops_reach_a_sigma_and_they_do(tmp_path, capsys):
-    """From a record at rest, and from what hubodo allan --json prints of it."""
+    """Plan from a stationary record, and from the output of hubodo allan --json for it."""
     rng = np.random.default_rng(21)
     count = 72_000
     sensor = Sensor(0.05, 0.5, 1.0)

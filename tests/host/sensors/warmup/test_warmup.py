@@ -1,4 +1,4 @@
-"""Warm-up: fit against foreign oracles, whiteness tests, choice of the next model, what is not earned."""
+"""Warm-up: fit against independent oracles, whiteness tests, next model, undetermined parameters."""
 
 import numpy as np
 import pytest
@@ -166,7 +166,7 @@ def test_the_right_model_is_white_and_nothing_more_is_offered():
     assert asked <= 1
 
 
-def test_what_is_a_rate_is_told_in_degrees_per_second_too_and_a_time_is_not():
+def test_rates_are_also_given_in_deg_per_s_and_times_are_not():
     t, output = night(0)
     reported = characterise_warmup(t, output, "gz").as_json()
     for name in ("c1", "c2"):
@@ -176,7 +176,7 @@ def test_what_is_a_rate_is_told_in_degrees_per_second_too_and_a_time_is_not():
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_no_number_is_given_for_a_bias_that_only_wanders_or_does_nothing(seed):
+def test_no_warm_up_is_reported_for_a_random_walk_or_a_constant_bias(seed):
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 3 * 3600.0, 3.0)
     still = rng.normal(0, 0.12 * DEG, len(t))

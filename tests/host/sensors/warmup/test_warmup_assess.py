@@ -45,9 +45,7 @@ def fit_of(**fields):
     ],
 )
 @pytest.mark.parametrize("warm", [False, True])
-def test_samples_are_judged_in_ten_stretches_from_start_to_end_by_what_the_model_leaves(
-    count, dt, length, sequences, warm
-):
+def test_samples_are_tested_in_ten_segments_by_the_residual_of_the_model(count, dt, length, sequences, warm):
     temperature = 20.0 + 3.0 * np.sin(np.arange(count) / 50.0) if warm else None
     record, noise = record_of(count, dt, temperature, missing=range(40, 60))
     result = assess_fit(fit_of(), record, AGE, temperature)
@@ -61,7 +59,7 @@ def test_samples_are_judged_in_ten_stretches_from_start_to_end_by_what_the_model
     assert result.autocorrelation.autocorrelation[lag - 1] == pytest.approx(sums[1:] / sums[0], abs=1e-9)
 
 
-def test_means_are_judged_by_the_residual_of_the_fit_and_both_must_be_white():
+def test_block_means_are_tested_by_the_residual_of_the_fit_and_both_tests_must_pass():
     record, _ = record_of(4_000, 1.0)
     coloured, _ = record_of(4_000, 1.0)
     coloured.values[1:] += 0.8 * np.diff(coloured.values) + 2e-3 * np.sin(np.arange(3_999) / 3.0)
@@ -153,7 +151,7 @@ def test_a_model_must_be_determined_and_pay_for_its_parameters(offer, bic, deter
     assert offer(model, span=None)[0] is (model if follows else None)
 
 
-def test_the_verdict_names_the_model_that_follows_and_whether_that_is_enough():
+def test_the_remark_names_the_next_model_and_whether_its_residual_is_white():
     assert "no other model is significantly better" in describe_next_model(FIRST, None)
     white, coloured = (describe_next_model(FIRST, assessed(TWO, 0.0, 7.25, white)) for white in (True, False))
     for words in (white, coloured):

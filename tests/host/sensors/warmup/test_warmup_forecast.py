@@ -1,4 +1,4 @@
-"""Forecasts of the bias: sigmas that hold whatever form a warm-up has, and what is written of it."""
+"""Forecasts of the bias: sigmas for any form of the warm-up, and the calibration that is written."""
 
 import numpy as np
 import pytest
@@ -53,7 +53,7 @@ def test_a_form_that_is_not_the_exponential_widens_what_is_written():
     assert [row["age"] for row in reported["prediction"]][-1] == pytest.approx(t[-1] + 3 * 3600.0, abs=2.0)
 
 
-def test_two_exponentials_are_written_and_taken_out_as_two():
+def test_two_exponentials_are_written_and_corrected_as_two():
     t = np.arange(2 * 3600.0)
     bias = 0.05 + 0.3 * -np.expm1(-t / 200.0) - 0.2 * -np.expm1(-t / 1500.0)
     _, output = record(bias, 4, noise=0.05)
@@ -86,7 +86,7 @@ def test_a_model_that_the_record_does_not_determine_is_not_offered():
     assert wild > 2, "else nothing was shown"
 
 
-def test_the_slow_noise_is_a_walk_and_flicker_of_the_sizes_it_is_told():
+def test_slow_noise_is_random_walk_and_flicker_of_the_given_levels():
     """Beside the sum of squares of foreign noise: a walk by its steps, flicker by its growth with time."""
     noise = RecordNoise(0.0, 0.0, 0.3, 0.0, 1.0)
     t = np.array([0.0, 10.0, 40.0])

@@ -1,4 +1,4 @@
-"""What the forms of a warm-up are compared by: their marginal likelihood, beside scipy's densities."""
+"""Marginal likelihood of the warm-up forms, against the densities of scipy."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The two tests of whiteness, and what a filter's pole does to means: formulas of the papers written anew."""
+"""Whiteness tests and the effect of a low-pass on means, against independent implementations."""
 
 import numpy as np
 import pytest
@@ -48,7 +48,7 @@ def test_the_autocorrelation_is_judged_by_lags_beyond_two_of_their_own_standard_
 @pytest.mark.parametrize(
     "count, sequences, length", [(450, 2, 200), (399, 1, 200), (100, 1, 100), (5000, 10, 200)]
 )
-def test_of_a_short_residual_as_many_sequences_are_taken_as_fit_side_by_side(count, sequences, length):
+def test_short_residuals_are_split_into_as_many_disjoint_sequences_as_fit(count, sequences, length):
     result = autocorrelation_test(np.random.default_rng(1).normal(size=count))
     assert (result.sequences, result.length) == (sequences, length)
 
@@ -64,7 +64,7 @@ def test_sixteen_samples_that_differ_are_the_least(test):
 
 @pytest.mark.parametrize("pole, tau", [(0.05, 1.0), (0.3, 1.0), (0.05, 0.5)])
 def test_noise_behind_a_pole_makes_neighbouring_means_differ_less_as_its_integrals_say(pole, tau):
-    """Of the correlation e^(-|u - v| / T) / 2T: variance of a mean less what it shares with the next one."""
+    """For the correlation e^(-|u - v| / T) / 2T: variance of a mean minus covariance with the next."""
     step = 0.01
     noise = lfilter([1.0], [1.0, -np.exp(-step / pole)], np.random.default_rng(2).normal(size=500_000))
 
@@ -77,7 +77,7 @@ def test_noise_behind_a_pole_makes_neighbouring_means_differ_less_as_its_integra
     assert _bandwidth_reduction(noise + 5.0, spans, step, tau) == pytest.approx(expected, rel=0.05)
 
 
-def test_white_noise_is_taken_for_white_and_no_more_than_half_is_believed():
+def test_white_noise_is_not_corrected_and_corrections_are_at_most_one_half():
     rng = np.random.default_rng(3)
     assert _bandwidth_reduction(rng.normal(size=10_000), [(0, 10_000)], 0.01, 1.0) == 0.0
     assert _bandwidth_reduction(np.ones(100), [(0, 100)], 0.01, 1.0) == 0.0
