@@ -33,8 +33,7 @@ class AllanAnalysis:
         low, high: (P,) 95 % confidence interval of the deviation (chi-square).
         fit: fitted noise terms.
         best_tau, best_deviation: averaging time (s) of the smallest fitted deviation, and that deviation;
-        None if
-            the record is too short to show a minimum.
+            None if the record is too short to show a minimum.
         maytag_stop: recommended length of a stop in maytagging, s; None if no drift is visible.
         maytag_turn: duration of a turn between stops for which `maytag_stop` was computed, s.
         record: the samples on an even grid, with gaps and outliers.

@@ -95,8 +95,7 @@ class NoiseFit:
         terms: noise terms by name.
         theta: (5,) squares of Q, N, B, K, R, including terms that are not significant.
         band: relative change, by the sensor's bandwidth, of the white noise variance at the first
-        averaging time
-            fitted; -0.2 means that it is smaller by a fifth.
+            averaging time fitted; -0.2 means that it is smaller by a fifth.
         factors: (P,) averaging factors used in the fit.
         chi2, dof: chi-square of the fit and its degrees of freedom.
         misfit: relative model error of maximum likelihood, usually 0; all sigmas include it.

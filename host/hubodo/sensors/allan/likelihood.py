@@ -34,8 +34,8 @@ class NoiseParameters:
     Attributes:
         theta: (5,) or (M, 5) squares of Q, N, B, K, R.
         ramp: R with its sign.
-        band: relative change of the white noise variance at the first averaging time used; negative behind a
-            low-pass.
+        band: relative change of the white noise variance at the first averaging time used; negative behind
+            a low-pass.
     """
 
     theta: Array
@@ -75,7 +75,7 @@ class Likelihood:
         duration: length of the record, s.
         misfit: relative error of the model, independent from point to point.
         detrended: the points are those of the record minus its slope, so that only the slope informs the
-        ramp.
+            ramp.
     """
 
     factors: NDArray[np.int64]

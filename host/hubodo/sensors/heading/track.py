@@ -41,8 +41,8 @@ class HeadingTrack:
         t: (M,) s.
         heading, sigma: (M,) rad.
         bias, sigma_bias: (M,) of the axis including warm-up, rad/s.
-        baselines: (M,) headings by name, rad: the integrated raw rate, and that minus its mean in the first
-            standstill.
+        baselines: (M,) headings by name, rad: the integrated raw rate, and that minus its mean in the
+            first standstill.
         gaps: (start, end) of the gaps without samples, s.
     """
 

@@ -36,11 +36,13 @@ class GyroCalibration:
     """The calibration of the gyro triad.
 
     Attributes:
-        triad: bias at zero specific force, rad/s, and M in the accelerometer's frame unless `method` differs.
+        triad: bias at zero specific force, rad/s, and M in the accelerometer's frame unless `method`
+            differs.
         covariance: (12, 12) of the bias and of M row by row.
         is_observable: (9,) True for the elements of M that were determined.
         method: reference and data used.
-        g_sensitivity, g_sensitivity_sigma: (3, 3) (rad/s)/(m/s²), one row per gyro; None if not significant.
+        g_sensitivity, g_sensitivity_sigma: (3, 3) (rad/s)/(m/s²), one row per gyro; None if not
+            significant.
         turns: calibration by turns, if used.
         held_out: errors on turns that were not fitted, if available.
     """

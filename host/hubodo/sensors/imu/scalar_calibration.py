@@ -57,14 +57,12 @@ class ScalarCalibration:
         parameters: (9,) [b, scale errors, differences of two angles] in the order of the paper.
         covariance: (9, 9) of the parameters.
         full_covariance: (12, 12) of b and of M row by row, within the convention; for unobservable
-        elements it is
-            that of the factory tolerances.
+            elements it is that of the factory tolerances.
         is_observable: (12,) True for the elements of b and M that the poses determine.
         reference: norm of the true vector.
         residual, residual_before: (R,) norm minus reference with and without correction.
         reduced_chi2: of the fit, relative to the standard errors of the standstills; the covariance is
-        scaled by it
-            if it exceeds 1. None without degrees of freedom.
+            scaled by it if it exceeds 1. None without degrees of freedom.
         poses: observability of the parameters.
         convention: of the misalignments.
         iterations: Gauss-Newton steps.

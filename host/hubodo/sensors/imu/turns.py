@@ -48,9 +48,9 @@ class TurnCalibration:
         bias_change: (3,) correction of the bias, rad/s.
         covariance: (12, 12) of the bias and of M row by row.
         response: (12, T, 3) derivative of the estimates by the misclosure of each turn, the vector (3,)
-        from gravity
-            measured by the accelerometers to gravity propagated by the gyros.
-        is_observable: (9,) True for the elements of M that the turns determine; the others follow the prior.
+            from gravity measured by the accelerometers to gravity propagated by the gyros.
+        is_observable: (9,) True for the elements of M that the turns determine; the others follow the
+            prior.
         used: (T,) number of each turn, from 0.
         angle: (T,) angle by which gravity turned, rad.
         error: (T,) angle between propagated and measured gravity after calibration, rad.

@@ -23,7 +23,7 @@ class Averages:
         y: (M,) mean rate, rad/s.
         cos, sin: (M,) means of cosine and sine of the sensing axis's angle.
         turned: (M,) rotation since the first stop as measured by the gyro, rad; zero if the table gave the
-        angles.
+            angles.
     """
 
     start: Array

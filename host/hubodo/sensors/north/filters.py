@@ -51,8 +51,7 @@ class ClassicalEstimate:
 
     Attributes:
         rate, sigma: components of Earth rate, rad/s, and their sigmas under the fitted drift: along table
-        zero and
-            a quarter turn from it if both were measured, otherwise along the stops.
+            zero and a quarter turn from it if both were measured, otherwise along the stops.
         azimuth: rad, if both components were measured.
     """
 

@@ -40,14 +40,16 @@ class NorthEstimate:
         method: "maytag", "maytag4", "carousel" or "east".
         azimuth, sigma: of table zero, clockwise from north, rad.
         angle_sigma: part of sigma that is due to angles measured by the gyro itself, rad.
-        candidates: azimuths that the records cannot distinguish (two if all stops are along one line), rad.
+        candidates: azimuths that the records cannot distinguish (two if all stops are along one line),
+            rad.
         direction: angle of the first stop, rad.
         rates: single estimates of Earth rate along `direction`, rad/s (east seeking: each along its own
-        stop). rates_across: single estimates a quarter turn anticlockwise from it, rad/s. duration,
+            stop). rates_across: single estimates a quarter turn anticlockwise from it, rad/s. duration,
         elapsed: time of measurement, and time including turns, s. horizontal_rate: Earth rate along the
-        axis when it points north, rad/s. bound: Cramér-Rao bound of sigma for the gyro's noise and these
-        stops, rad. white_bound: the same for white noise only, rad. posterior: posterior of Earth rate and
-        azimuth. filters: estimates of the classical filters, for one record. stops: of each record.
+            axis when it points north, rad/s. bound: Cramér-Rao bound of sigma for the gyro's noise and
+            these stops, rad. white_bound: the same for white noise only, rad. posterior: posterior of
+            Earth rate and azimuth. filters: estimates of the classical filters, for one record. stops: of
+            each record.
         averages: data of the likelihood, one per record. warnings: one line each.
     """
 

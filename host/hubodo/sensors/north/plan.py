@@ -29,7 +29,8 @@ class StopPlan:
 
     Attributes:
         drift: noise of the gyro.
-        programmes: for each of `PLAN_TIMES_S` the best programme and the white-noise bound of that time, rad.
+        programmes: for each of `PLAN_TIMES_S` the best programme and the white-noise bound of that time,
+            rad.
         target_programme: shortest programme that reaches the requested sigma; None if a day is too short.
     """
 

@@ -24,7 +24,7 @@ class NorthResiduals:
         angle: (M,) of the sensing axis, rad.
         residual: (M,) earth - model, including the drift, rad/s.
         whitened: (M,) residual whitened by the covariance of noise and drift; unit variance if the model
-        holds.
+            holds.
     """
 
     t: Array

@@ -34,8 +34,7 @@ class TableMotion:
         angle: (K,) anticlockwise seen from above, rad.
         moving: (K,) bool.
         scale_sigma, turn_sigma: if the gyro measured the angles, sigma of their common relative error, and
-        sigma (rad)
-            of the noise of each turn; 0 for exact angles.
+            sigma (rad) of the noise of each turn; 0 for exact angles.
     """
 
     t: Array

@@ -35,8 +35,7 @@ class SufficientStatistics:
 
     Attributes:
         gram: (5, 5) inner products of the columns of `Averages`, whitened and without bias and ramp, in
-        units of
-            N² / mean interval.
+            units of N² / mean interval.
         logdet, unrestricted_logdet: log determinant of the restricted and of the full covariance.
     """
 

@@ -34,7 +34,7 @@ class WarmupFit:
         bic: Bayesian information criterion; smaller is better.
         evaluations: number of model evaluations by Levenberg-Marquardt.
         variance_inflation: largest ratio of a variance to that for a white residual; 1 if the residual is
-        white.
+            white.
     """
 
     kind: WarmupKind

@@ -30,12 +30,12 @@ class AutocorrelationTest:
         lags: (L,) in samples.
         autocorrelation: (L,) relative to R(0).
         standard_error: 1 / sqrt(M N), the bound of the paper.
-        share_within_one_sigma, share_within_two_sigma: share of the lags within one and two standard errors.
+        share_within_one_sigma, share_within_two_sigma: share of the lags within one and two standard
+            errors.
         expected_share_within_one_sigma, expected_share_within_two_sigma: the same for white noise, whose
-        biased
-            estimate has a standard error that decreases with the lag.
+            biased estimate has a standard error that decreases with the lag.
         p_value: probability, for white noise, of at least as many lags beyond two of their own standard
-        errors.
+            errors.
     """
 
     sequences: int

@@ -143,7 +143,7 @@ def test_points_that_a_late_start_leaves_out_are_no_degrees_of_freedom():
 
 
 @pytest.mark.parametrize(
-    ("electronics", "said"),
+    ("electronics", "text_part"),
     [
         (lambda x: one_pole(x, DT, 40.0), 0.006),
         (lambda x: one_pole(x, DT, 5.0), 0.018),
