@@ -17,7 +17,7 @@ from hubodo.report.page import COLOURS
 # Duration (s), speed (m/s) and yaw rate (rad/s) of one segment of a drive; transitions are smoothed.
 DriveSegment = tuple[float, float, float]
 _WARM_UP_SEGMENTS: tuple[DriveSegment, ...] = ((8.0, 1.5, 0.0),)
-# What a manoeuvre's words ask for, in the words of the effects' own `alike`.
+# Segments by keyword of the manoeuvres in the effects' `confusable_with`.
 _SEGMENTS_BY_KEYWORD: Mapping[str, tuple[DriveSegment, ...]] = {
     "both ways": ((8.0, 2.5, 0.6), (3.0, 2.5, 0.0), (8.0, 2.5, -0.6)),
     "two speeds": ((10.0, 1.0, 0.0), (10.0, 3.0, 0.0)),

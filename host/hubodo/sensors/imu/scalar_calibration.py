@@ -162,7 +162,7 @@ class _NormFit:
         """Minimise by Gauss-Newton with step halving; return the (9,) parameters and the number of steps.
 
         Steps are restricted to directions in which the poses are more informative than the prior: along
-        the others precise norms form a narrow curved valley. held: index of a parameter that is not
+        the others precise norms form a narrow curved valley. fixed: index of a parameter that is not
         changed.
         """
         p, scale = start, self.factory.sigma.copy()

@@ -66,7 +66,7 @@ def build_axis_record(
     """Return the record of an axis, and remarks for the user.
 
     node: calibrated samples. table: `table.csv`, or None to derive the stops from the gyro. latitude: rad.
-    found: options for that. Raises InputError for too few samples, and as in `find_table_motion`,
+    angle_options: options for that. Raises InputError for too few samples, and as in `find_table_motion`,
     `estimate_mount` and `check_turn_direction`.
     """
     if len(node) < _MIN_RECORD_SAMPLES:

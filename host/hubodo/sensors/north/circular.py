@@ -47,7 +47,7 @@ def fuse_azimuths(
 ) -> tuple[float, float]:
     """Return azimuth and sigma, rad, of several gyros with independent errors on one table.
 
-    found: posterior of each gyro, and Earth rate along it when it points north, rad/s. The rates are
+    gyros: posterior of each gyro, and Earth rate along it when it points north, rad/s. The rates are
     combined by their information matrices under the constraint of that norm. angle_sigma: common sigma of
     the table angles, rad.
     """

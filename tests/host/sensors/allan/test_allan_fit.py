@@ -153,7 +153,7 @@ def test_points_that_a_late_start_leaves_out_are_no_degrees_of_freedom():
     ids=["one pole at 40 Hz", "one pole at 5 Hz", "two poles at 30 Hz", "sixteen taps"],
 )
 def test_behind_a_low_pass_the_white_noise_is_what_it_was_before_it_within_sigma(electronics, text_part):
-    """One of six records may be beyond two sigma; three would occur once in five hundred."""
+    """At most two of six records are beyond two sigma; three would occur once in 500."""
     samples, beyond = 1 << 18, []
     for seed in range(6):
         noise = electronics(gyro_noise(samples, DT, np.random.default_rng([seed, 18]), n=1e-3))

@@ -64,7 +64,7 @@ def test_sixteen_samples_that_differ_are_the_least(test):
 
 @pytest.mark.parametrize("pole, tau", [(0.05, 1.0), (0.3, 1.0), (0.05, 0.5)])
 def test_noise_behind_a_pole_makes_neighbouring_means_differ_less_as_its_integrals_say(pole, tau):
-    """For the correlation e^(-|u - v| / T) / 2T: variance of a mean minus covariance with the next."""
+    """Variance of a mean minus its covariance with the next, for the correlation e^(-|u - v| / T) / 2T."""
     step = 0.01
     noise = lfilter([1.0], [1.0, -np.exp(-step / pole)], np.random.default_rng(2).normal(size=500_000))
 
