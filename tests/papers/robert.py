@@ -273,7 +273,7 @@ def noise_rows(seeds):
 
 
 def row(what, paper, theirs, ours, bound, reported=None):
-    """One line of the table; told: errors of who knows the noise, on the same records."""
+    """One line of the table; reported: errors of who knows the noise, on the same records."""
     bound = rms(np.atleast_1d(bound))
     line = f"{what:56s} | {paper:28s} | {rms(theirs):7.2f} | {rms(ours):6.2f} | {bound:6.2f} |"
     if reported is not None:

@@ -204,7 +204,7 @@ def _bridge_gaps(moving: Mask, width: int) -> Mask:
 def _extend_turns(moving: Mask, deviation: Array, step: float) -> Mask:
     """Return the mask extended by the undetected ends of turns, for a rate profile of a squared sine.
 
-    Such a rate is below a share s of its peak for the first arcsin(sqrt(s)) / pi of the turn. off: rate
+    Such a rate is below a share s of its peak for the first arcsin(sqrt(s)) / pi of the turn. deviation: rate
     minus bias, rad/s.
     """
     rows = moving.copy()

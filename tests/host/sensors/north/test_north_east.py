@@ -21,7 +21,7 @@ class Table:
     """
 
     def __init__(self, known=((AZIMUTH, 0.01),), disturbed=None):
-        self.angle, self.stops, self.told = 0.0, 0, []
+        self.angle, self.stops, self.angles_sent = 0.0, 0, []
         self.known, self.disturbed = known, disturbed or {}
 
     def turn_to(self, angle):
@@ -36,7 +36,7 @@ class Table:
 
     def add_stop(self, t, rate, angle):
         assert len(t) == len(rate)
-        self.told.append(angle)
+        self.angles_sent.append(angle)
         self.stops += 1
         return float(rate.mean())
 
@@ -56,7 +56,7 @@ def test_each_step_finds_its_component_whatever_bias_and_ramp_and_comes_back_fro
     table = Table(known=(None, (AZIMUTH, 0.01)))
     result = seek(table, steps=6, stop=12.0)
     assert table.seconds == 12.0 and table.stops == 18 and len(result.steps) == 6
-    for step, reported in zip(result.steps, np.reshape(table.told, (6, 3)), strict=True):
+    for step, reported in zip(result.steps, np.reshape(table.angles_sent, (6, 3)), strict=True):
         assert step.rate == pytest.approx(measured(step.angle), abs=1e-9 * HORIZONTAL)
         assert reported == pytest.approx(np.array([0.0, math.pi, 0.0]) + step.angle + 1e-3)
 
