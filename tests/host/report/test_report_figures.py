@@ -1,0 +1,61 @@
+"""Data of figures and texts of pages: bins, envelopes, formats, and files of a gap result."""
+
+import numpy as np
+import pytest
+
+from hubodo.errors import InputError
+from hubodo.report.allan import explain_term, format_duration, format_value
+from hubodo.report.curves import Curve, plot_curves
+from hubodo.report.gap_figures import bin_means, envelope
+from hubodo.report.gap_files import check_gap_folder, replace_non_finite
+from hubodo.report.north import summarise_north
+
+
+def test_the_envelope_contains_all_values():
+    values = np.random.default_rng(4).normal(size=10_000)
+    t, low, mean, high = envelope(np.arange(10_000.0), values)
+    assert len(t) == 500 and low.min() == pytest.approx(values.min(), abs=1e-3)
+    assert np.all(low <= mean) and np.all(mean <= high)
+    assert high.max() == pytest.approx(values.max(), abs=1e-3)
+
+
+def test_bin_means_follow_the_dependence():
+    x = np.random.default_rng(5).uniform(0.0, 1.0, 30_000)
+    centre, mean, error = bin_means(x, 3.0 * x)
+    assert mean == pytest.approx(3.0 * centre, abs=0.01) and np.all(error > 0.0)
+
+
+@pytest.mark.parametrize(
+    "seconds, text", [(30.0, "30 s"), (600.0, "10 min"), (9000.0, "2.5 h"), (3e5, "3.47 days")]
+)
+def test_durations_are_given_in_a_suitable_unit(seconds, text):
+    assert format_duration(seconds) == text
+
+
+def test_values_are_given_with_their_unit():
+    assert format_value(1.23456e-4, "rad/s") == "0.0001235 rad/s"
+    assert "white noise" in explain_term("N")
+    assert summarise_north(np.radians(-10.0), np.radians(0.5)).startswith("Table zero points 350.00° ± 0.50°")
+
+
+def test_non_finite_numbers_are_null():
+    assert replace_non_finite({"a": [1.0, float("nan")], "b": float("inf")}) == {"a": [1.0, None], "b": None}
+
+
+def test_a_folder_with_another_model_is_refused(tmp_path):
+    (tmp_path / "model.toml").write_text("")
+    with pytest.raises(InputError, match="not a result of gap"):
+        check_gap_folder(tmp_path, None)
+    with pytest.raises(InputError, match="is the input model"):
+        check_gap_folder(tmp_path, tmp_path / "model.toml")
+    (tmp_path / "gap.json").write_text("{}")
+    check_gap_folder(tmp_path, None)
+
+
+def test_a_second_axis_and_a_band_are_plotted():
+    t = np.arange(10.0)
+    figure = plot_curves(
+        [Curve(t, t, "a", "#000000", sigma=t)], "t", "a", right=("b", [Curve(t, -t, "b", "#111111")])
+    )
+    assert [axes.get_ylabel() for axes in figure.axes] == ["a", "b"]
+    assert len(figure.axes[0].collections) == 1
