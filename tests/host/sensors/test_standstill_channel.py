@@ -30,7 +30,7 @@ def test_a_span_of_a_channel_is_returned_and_an_unmeasured_channel_is_named():
         read_standstill_channel(recording_of(), "left", "ax", log="night")
 
 
-def test_a_moved_sensor_is_refused_or_cut():
+def test_motion_is_refused_or_cut():
     rate = RNG.normal(0.0, 1e-3, len(T)) + np.where((T > 9.0) & (T < 11.0), 0.5, 0.0)
     with pytest.raises(InputError, match="the sensor was moved"):
         read_standstill_channel(recording_of(gz=rate), "left", "gz", log="night")
