@@ -96,11 +96,6 @@ class SampleClock:
         self._recorded_indices: list[int] = []
         self._next_time = _NEVER
 
-    @property
-    def is_running(self) -> bool:
-        """True while the chip is sampling."""
-        return self._measure is not None
-
     def start(self, t_on: float, nominal_hz: float, measure: MeasureFunction, lsb: Array) -> None:
         """Restart sampling at t_on; `measure` returns (n, columns) words of `lsb` for (n,) s."""
         self.stop()
