@@ -209,7 +209,7 @@ def test_what_the_node_says_of_its_bias_is_in_the_log_its_summary_its_page_and_s
     assert any(
         line.startswith("left: bias of the node's own filter at the end: x +0.070") for line in made.facts
     )
-    assert "left: bias of the node's own filter" in made.html
+    assert "left: bias of the node" in made.html
     write_recording(recording, again)
     for column in table:
         np.testing.assert_array_equal(read_recording(again).bias_filters["left"][column], table[column])
