@@ -9,7 +9,7 @@ import sys
 import time
 
 import numpy as np
-from told import record_speedup
+from speedups import record_speedup
 
 ROUNDS = 5
 RATIO = 0.25

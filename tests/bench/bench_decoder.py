@@ -27,7 +27,7 @@ ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT / part) for part in ("host", "protocol", "tests/protocol")]
 
 from pymavlink.dialects.v20 import common as mavlink  # noqa: E402
-from told import record_speedup  # noqa: E402
+from speedups import record_speedup  # noqa: E402
 from wire_strategies import dirty  # noqa: E402
 
 from hubodo.ingest.node.bulk import BulkDecoder  # noqa: E402

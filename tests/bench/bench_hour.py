@@ -19,7 +19,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from bench_fuse import hour, peer
-from told import record_speedup
+from speedups import record_speedup
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas
-from asked import parse_arguments
+from arguments import parse_arguments
 from mcap.writer import CompressionType, Writer
-from told import record_speedup
+from speedups import record_speedup
 
 from hubodo.log import ros2
 from hubodo.log.csv_folder import read_folder

@@ -15,10 +15,10 @@ import time
 from pathlib import Path
 
 import numpy as np
-from asked import parse_arguments
+from arguments import parse_arguments
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from told import record_speedup
+from speedups import record_speedup
 
 from hubodo.log.log_writer import LogWriter
 from hubodo.log.recording_reader import read_recording

@@ -17,7 +17,7 @@ import foxglove
 import numpy as np
 from foxglove.mcap import MCAPWriteOptions
 from mcap.writer import CompressionType, Writer
-from told import record_speedup
+from speedups import record_speedup
 
 from hubodo.log import ros2
 from hubodo.log.log_writer import LogWriter

@@ -2,7 +2,7 @@
 
     python tests/bench/table.py [--expect]
 
-Reads what `told.py` has kept under out/bench, writes table.md and table.json there, and compares the medians
+Reads what `speedups.py` has kept under out/bench, writes table.md and table.json there, and compares the medians
 with expected.json beside this file: ratios, which differ less from machine to machine than seconds do. Below
 the expected one by more than its margin is slower: exit code 1. --expect makes this run's medians the
 expected ones.
@@ -17,7 +17,7 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
-from told import OUT
+from speedups import OUT
 
 EXPECTED = Path(__file__).with_name("expected.json")
 MARGIN = 0.35
