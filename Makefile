@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the same files: they are compiled once.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test check docs package chip bench soak papers accuracy road sensitivity gap-matrix gap-limit gap-reliability gap-several gap-beyond gap-rides mutants faults fuzz load fleet audit browser compiler setup clean
+.PHONY: demo test quick check docs package chip bench soak papers accuracy road sensitivity gap-matrix gap-limit gap-reliability gap-several gap-beyond gap-rides mutants faults fuzz load fleet audit browser compiler setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job, end to end, with no hardware
@@ -15,6 +15,14 @@ demo: setup          ## the main job, end to end, with no hardware
 
 test: setup browser compiler  ## everything that can be proven without hardware
 	$(BIN)/python -m pytest --numprocesses 5 --dist loadfile --no-loadscope-reorder
+
+QUICK := tests/protocol tests/host/effects tests/host/model tests/host/log tests/host/gap tests/host/fuse
+# Left out: tests of the graph, of many noisy drives, and of whole recordings, which take most of the time.
+SLOW := graph_* wheel_consistency* wheel_honest* wheel_rollback* wheel_clipped* rate_beyond_range* surface_speeds* \
+	ranges* node_bias* gap_watch* gap_null_distribution*
+quick: setup         ## what a change of protocol, effects, model, log, gap or wheel filter needs first; a minute
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder -m "not real_time" \
+		$(foreach name,$(SLOW),--ignore-glob='*/test_$(name)') $(QUICK)
 
 check: setup         ## format, lint, types, generated files, firmware for both boards
 	tools/check
