@@ -3,9 +3,9 @@
     python tests/bench/table.py [--expect]
 
 Reads the results that `speedups.py` stored under out/bench, writes table.md and table.json there, and
-compares the medians with expected.json beside this file. These are ratios to peers, which differ less between
-machines than seconds do. A median below the expected one by more than its margin counts as slower: exit code 1.
---expect stores the medians of this run as the expected ones.
+compares the medians with expected.json beside this file. These are ratios to peers, which differ less
+between machines than seconds do. A median below the expected one by more than its margin counts as slower:
+exit code 1. --expect stores the medians of this run as the expected ones.
 """
 
 import argparse
