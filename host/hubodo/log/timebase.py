@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from hubodo.units import NS_PER_S
 
-MAX_EXACT_S = 2**53 / NS_PER_S
-"""s; beyond this time (104 days) float64 does not resolve 1 ns."""
+MAX_EXACT_S = 2.0**23
+"""s; from this time on (97 days) the spacing of float64 exceeds 1 ns."""
 
 _DECIMAL = re.compile(rb"\s*([+-]?)(\d{1,10})(?:\.(\d{0,9})0*)?\s*")
 
