@@ -76,12 +76,12 @@ def select_wheel_nodes(
             known = ", ".join(on_wheels) or "none"
             raise InputError(f"node {name!r}: not on a wheel in the vehicle file (those are: {known})")
         if name not in recording.nodes:
-            raise InputError(f"{log}: no node {name!r} in the log (in_log: {in_log})")
+            raise InputError(f"{log}: no node {name!r} in the log (there: {in_log})")
     selected = tuple(name for name in on_wheels if name in recording.nodes and (not wanted or name in wanted))
     if not selected:
         raise InputError(
             f"{log}: none of the vehicle's wheel nodes ({', '.join(on_wheels) or 'none'}) is in the log "
-            f"(in_log: {in_log}); name the nodes in the vehicle file as in the log, or say which "
+            f"(there: {in_log}); name the nodes in the vehicle file as in the log, or say which "
             "topic is which with --topic"
         )
     return selected

@@ -160,7 +160,7 @@ def test_fixes_are_used_again_as_soon_as_the_odometry_corrects_itself():
             if t > 33.0:
                 break
         assert (live.state().last_fix_t > 32.0) == counts
-        assert any("refused" in line for line in live.warnings) != counts
+        assert any("rejected" in line for line in live.warnings) != counts
 
 
 def test_a_jump_and_an_outage_are_bridged_and_reported():
