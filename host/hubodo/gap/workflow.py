@@ -105,8 +105,8 @@ def _build_result(
     terms = [term for term in final.state.terms if term.is_fitted]
     given = [term for term in final.state.terms if not term.is_fitted]
     stages = [_refit_stage(initial_state, terms[:k], final) for k in range(len(terms))]
-    held_out_gaps = [_held_out_gap(finding.without_cache(), held_out_split) for finding in (*stages, final)]
-    residuals = [*(finding.without_cache().residuals for finding in stages), final.residuals]
+    held_out_gaps = [_held_out_gap(stage.without_cache(), held_out_split) for stage in (*stages, final)]
+    residuals = [*(stage.without_cache().residuals for stage in stages), final.residuals]
     unexplained_items, has_structure = list_unexplained(final, residuals[-1])
     del final  # Free the cached results of the final evaluation, which are large.
     findings = []

@@ -86,7 +86,7 @@ class Journal:
             with self._path.open("x" if self._head else "a", encoding="utf-8") as file:
                 file.write(f"{self._head}{json.dumps(entry)}\n")
         except OSError as error:
-            # The error lacks the path; half a round is useless.
+            # Add the path, which the error of a write lacks; an incomplete round is removed.
             self._path.unlink(missing_ok=True)
             raise OSError(error.errno, error.strerror, str(self._path)) from None
         self._head = ""

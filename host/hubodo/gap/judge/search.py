@@ -163,7 +163,7 @@ def _initial_attitude(node: NodeData) -> NodeInitialState:
     if norm < 1.0:
         return NodeInitialState()
     z = up / norm
-    # The node reads Rᵀ z.
+    # The node measures Rᵀ z for an upward specific force z.
     axis = np.cross(z, [0.0, 0.0, 1.0])
     sine = float(np.linalg.norm(axis))
     angle = float(np.arctan2(sine, z[2]))

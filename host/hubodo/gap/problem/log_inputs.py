@@ -20,7 +20,8 @@ from hubodo.vehicle import facing_sign
 
 # Ratio of the standard deviation to the sample-to-sample noise up to which an input is taken for constant.
 _MAX_CONSTANT_RATIO = 1.04
-# An input may scatter by this many times its declared noise; this share of a gyro's noise has no effect.
+# Ratio of measured to declared noise of an input above which the measured one is used; input noise below this
+# share of a gyro's noise is negligible.
 _MAX_NOISE_RATIO, _NEGLIGIBLE_NOISE_SHARE = 1.5, 0.1
 
 

@@ -184,7 +184,7 @@ def build_tone(frequency: float, duration: float) -> Shape:
 
 
 def build_step(time: float) -> Shape:
-    """Return a step at a time, s."""
+    """Return a step shape that begins at a time, s."""
     parameter = ShapeParameter("since", "s", time, 1.0, fitted=False)
     return Shape("1.0", "", (("", "(chain.t >= self.since)"),), f"from {time:.1f} s on", (parameter,))
 

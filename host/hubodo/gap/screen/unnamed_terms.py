@@ -33,7 +33,7 @@ _PERIODIC_TERMS = [f"cos({k}*theta)" for k in range(1, 7)] + [
     f"spin^2*{ALL_HARMONICS}",
 ]
 _PRODUCT_TERMS = ["spin*acceleration", "spin*yaw_rate", "spin^2*spin"]
-# Without a constant, which is the effect of a bias.
+# Factors and products of the library. A constant is missing because a bias is a named effect.
 TERM_LIBRARY: tuple[str, ...] = (
     *(name for name in FACTORS if name != "1"),
     *_PRODUCT_TERMS,
