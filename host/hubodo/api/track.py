@@ -56,7 +56,7 @@ class FusedTrack(Track):
     step_inflation : array
         Variance of each step beyond that of rolling wheels, m²; empty as `yaw_rate`.
     fused : Fused
-        The complete result: `methods`, `nodes`, `learnt`, `warnings`.
+        The complete result: `methods`, `nodes`, `details`, `warnings`.
     truth : Table or None
         The table `truth` of the log.
     """
