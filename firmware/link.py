@@ -26,7 +26,7 @@ def _write(stream, raw, at, size):
 class Link:
     """Base class of links. A subclass defines `_accept`, bytes accepted, and `_byte`, the next byte or -1."""
 
-    CHUNK = _WHOLE
+    limit = _WHOLE
     """Largest number of bytes offered to the stream at once."""
     ON_CONSOLE = False
     """True if frames share the console with the REPL, so that ctrl-C must be an ordinary byte."""
@@ -51,7 +51,7 @@ class Link:
             slot = outbox.oldest()
             at = START + outbox.sent
             size = slot.end - at
-            accepted = self._accept(slot.raw, at, size if size < self.CHUNK else self.CHUNK)
+            accepted = self._accept(slot.raw, at, size if size < self.limit else self.limit)
             if not accepted:
                 return
             outbox.advance(accepted)
@@ -88,11 +88,11 @@ class UsbLink(Link):
 
     ON_CONSOLE = True
     CHUNK = _WHOLE
-    """CHUNK while the host keeps up."""
+    """`limit` while the host keeps up."""
 
     def __init__(self):
         super().__init__()
-        self.CHUNK = self.CHUNK
+        self.limit = self.CHUNK
         self._in = sys.stdin.buffer
         self._out = sys.stdout.buffer
         self._one = bytearray(1)
@@ -102,10 +102,10 @@ class UsbLink(Link):
 
     def _accept(self, raw, at, size):
         if not _ready(self._writable, select.POLLOUT):
-            self.CHUNK = 1
+            self.limit = 1
             return 0
-        if self.CHUNK < self.CHUNK:
-            self.CHUNK <<= 1
+        if self.limit < self.CHUNK:
+            self.limit <<= 1
         return _write(self._out, raw, at, size)
 
     def _byte(self):

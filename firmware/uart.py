@@ -46,7 +46,7 @@ class UartLink(Link):
 
     def __init__(self, uart, baud, size):
         super().__init__()
-        self.CHUNK = _CHUNK
+        self.limit = _CHUNK
         self._uart = uart
         self._one = bytearray(1)
         self._pace = Pace(baud, size // 2)

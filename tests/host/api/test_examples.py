@@ -61,7 +61,7 @@ def test_the_files_of_the_first_drive_are_those_of_the_examples(examples):
 
 
 def test_what_is_public_is_listed_once_and_can_be_had():
-    homes = set(hubodo._HOME) | {"__version__"}
+    homes = set(hubodo._MODULE_OF_NAME) | {"__version__"}
     assert sorted(hubodo.__all__) == sorted(homes)
     for name in hubodo.__all__:
         assert getattr(hubodo, name) is not None

@@ -95,22 +95,30 @@ def test_the_components_are_the_covariance_of_odometry_noise_at_the_fixes(solved
     result = odometry_noise._model_section(
         chosen, observed, fixes.sigma, rows, between, solution, state_t, prior
     )
-    state = fixes.state[chosen]
+    state = fixes.pose_index[chosen]
     first, last = int(state[0]), int(state[-1])
     steps = between.steps
     gap = np.diff(solution.poses, axis=0)
     ahead = np.exp(1j * solution.poses[:-1, 2])
     distance = (gap[:, 0] + 1j * gap[:, 1]) / ahead
-    reported = np.add.reduceat(steps.moves(solution.constants), steps.first)
+    reported = np.add.reduceat(steps.correct_displacements(solution.constants), steps.first_step)
     noise = np.column_stack(
-        [(distance - reported).real, (distance - reported).imag, gap[:, 2] - steps.turns(solution.constants)]
+        [
+            (distance - reported).real,
+            (distance - reported).imag,
+            gap[:, 2] - steps.correct_turns(solution.constants),
+        ]
     )
     edges = np.linspace(0, len(chosen), 61).astype(int)
 
     def means(pushed, constants, start):
         """Return the positions of averaged fixes, east above north."""
-        moves = np.add.reduceat(steps.moves(constants), steps.first) + pushed[:, 0] + 1j * pushed[:, 1]
-        turns = steps.turns(constants) + pushed[:, 2]
+        moves = (
+            np.add.reduceat(steps.correct_displacements(constants), steps.first_step)
+            + pushed[:, 0]
+            + 1j * pushed[:, 1]
+        )
+        turns = steps.correct_turns(constants) + pushed[:, 2]
         pose = solution.poses[first] + start
         heading = pose[2] + np.append(0.0, np.cumsum(turns[first:last]))
         place = complex(*pose[:2]) + np.append(0.0, np.cumsum(moves[first:last] * np.exp(1j * heading[:-1])))
@@ -144,7 +152,7 @@ def test_the_components_are_the_covariance_of_odometry_noise_at_the_fixes(solved
     certain = by_constants * prior, by_start * [30.0, 30.0, 0.5]
     expected = sum(lever @ lever.T for lever in certain)
     np.testing.assert_allclose(result.start_covariance, expected, rtol=1e-5, atol=1e-9 * expected.max())
-    measured = blocks(fixes.place[chosen] @ [1.0, 1j])
+    measured = blocks(fixes.position[chosen] @ [1.0, 1j])
     alone = measured - means(noise, constants, np.zeros(3))
     alone += pushed @ noise[first:last].ravel() + by_constants @ constants
     assert result.y == pytest.approx(alone, abs=1e-6)
@@ -159,7 +167,7 @@ def test_fix_errors_have_a_white_and_a_correlated_component(solved):
         chosen, observed, fixes.sigma, rows, between, solution, state_t, np.ones(N_CONSTANTS)
     )
     # With fewer than sixty fixes each is a block of its own.
-    sigma, t = fixes.sigma[:40], state_t[fixes.state[:40]]
+    sigma, t = fixes.sigma[:40], state_t[fixes.pose_index[:40]]
     assert result.unit_covariances[3] == pytest.approx(np.diag(np.tile(sigma**2, 2)))
     for part, lasts in zip(result.unit_covariances[4:], (15.0, 150.0), strict=True):
         repeats = (0.05 * np.median(sigma)) ** 2 * np.exp(-np.abs(np.subtract.outer(t, t)) / lasts)
@@ -175,7 +183,7 @@ def test_with_too_few_used_fixes_the_noise_is_unchanged(solved, monkeypatch):
     fixes = graph.find_group(PositionFactors)
     remaining = tuple(factor for factor in graph.factors if factor is not fixes)
     for count, times in ((30, [2.0, 3.0, 4.0]), (29, [1.0, 1.0, 1.0])):
-        place = fixes.place.copy()
+        place = fixes.position.copy()
         place[count:] += 1e3
         some = FactorGraph((*remaining, replace(fixes, position=place)))
         result = odometry_noise.estimate_noise_factors(some, solution, state_t, np.ones(N_CONSTANTS))

@@ -14,7 +14,8 @@ from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
 from hubodo.fuse.wheel.initial_state import initial_state
 from hubodo.fuse.wheel.slip_detector import ForwardResidual, SlipDetector
 from hubodo.fuse.wheel.track import run_wheel_filter, track_from_poses
-from hubodo.ingest.live.odometer import Block, Odometer
+from hubodo.ingest.live.odometer import Odometer
+from hubodo.log.records import ImuBlock
 from hubodo.vehicle import NodeMount, Vehicle
 from wheel_runs import config, end_error, nees, tables, truth
 
@@ -117,7 +118,7 @@ def test_a_slip_is_told_live_when_it_is_over_and_each_one_once():
             part = slice(place, place + size)
             t_ns = np.round(node.t[part] * 1e9).astype(np.int64)
             if len(t_ns):
-                odometer.handle(Block(name, t_ns, node.gyro[part], node.accel[part], None, None))
+                odometer.handle(ImuBlock(name, node.gyro[part], node.accel[part], None, 0, t_ns=t_ns))
         heard += [(node.t[part][-1], line) for line in odometer.warnings() if len(node.t[part])]
     odometer.finish()
     heard += [(np.inf, line) for line in odometer.warnings(end=True)]

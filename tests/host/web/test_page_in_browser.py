@@ -118,7 +118,7 @@ def test_it_has_the_last_minute_at_once_on_opening(page):
     )
     shown = page.run("return document.getElementById('file-time').textContent")
     assert seconds >= min(55, 60 * int(shown.split(":")[1]) + int(shown.split(":")[2]) - 3)
-    assert "switched on" in page.text("events")
+    assert "powered on" in page.text("events")
     assert page.console() == []
 
 
