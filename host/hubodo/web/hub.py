@@ -37,7 +37,6 @@ class FrameHub:
         self._changed = asyncio.Event()
         self._trails = {"o": ThinnedPath(), "m": ThinnedPath(), "g": ThinnedPath()}
         self._events: deque[Frame] = deque(maxlen=_MAX_HISTORY_EVENTS)
-        self._slow: Frame | None = None
 
     def attach(self, loop: asyncio.AbstractEventLoop, **about: Any) -> None:
         """Set the event loop, and add items to what pages receive first."""
@@ -53,11 +52,6 @@ class FrameHub:
                 self._loop.call_soon_threadsafe(self._process_incoming)
             except RuntimeError:  # the server has stopped
                 self._loop = None
-
-    @property
-    def latest_slow_frame(self) -> Frame | None:
-        """The newest slow part of a frame."""
-        return self._slow
 
     async def subscribe(self) -> AsyncIterator[str]:
         """Yield JSON texts for a page: the history, then new frames."""
@@ -92,7 +86,6 @@ class FrameHub:
             if key in frame:
                 trail.add(frame[key][0], frame[key][1])
         self._events.extend(frame.get("e", ()))
-        self._slow = frame.get("s", self._slow)
 
     def _first_message(self) -> str:
         overview = {

@@ -94,7 +94,7 @@ class MeasurementUpdate:
         self._noise = WindowNoise(config.noise, config.radius)
         self._measures = [measurement.measure for measurement in self._rows.measurements]
         self._usage = _usage_by_mode(self._rows.measurements)
-        self._yaw, self._forward = (self._rows.measurements.index(one) for one in (yaw, forward))
+        self._yaw = self._rows.measurements.index(yaw)
         wheels = range(len(columns.wheels))
         self._rolling_block, self._turning_block = (
             [np.ix_(self._rows.rows_of_wheel(wheel), columns.columns_of(wheel, entries)) for wheel in wheels]
