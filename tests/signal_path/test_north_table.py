@@ -53,18 +53,18 @@ def bench(tmp_path):
     micropython_or_skip()
     motion = Turned()
 
-    def turning(start, end, put):
-        length = abs(end - start) / SPEED
+    def turning(from_deg, to_deg, put):
+        length = abs(to_deg - from_deg) / SPEED
         while not motion.begun:
             time.sleep(0.02)  # The board is powering on.
         start = time.monotonic()
         # Set slightly ahead, because the board creates its samples just before sending them.
         first = max(start - min(motion.begun), motion.lived[0]) + 0.2
         last = first + length
-        motion.turns.append((first, last, math.radians(math.copysign(SPEED, end - start))))
+        motion.turns.append((first, last, math.radians(math.copysign(SPEED, to_deg - from_deg))))
         # The move does not end before the board, delayed by a busy computer, has measured all of it.
         while (share := (time.monotonic() - start) / (length + 0.4)) < 1.0 or motion.lived[0] < last:
-            put(start + min(share, 1.0) * (end - start))
+            put(from_deg + min(share, 1.0) * (to_deg - from_deg))
             time.sleep(0.02)
 
     port = tmp_path / "tty"
