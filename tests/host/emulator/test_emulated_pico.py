@@ -110,9 +110,9 @@ def test_samples_of_the_chip_are_transferred_over_the_bus(tmp_path: Path) -> Non
     motion = RecordedMotion(t, np.stack([t, 2 * t, 3 * t], 1), np.stack([t, -t, 9 + t], 1))
     node = run(tmp_path, program, 1.0, motion)
     raw, took = node.output[:384], int(node.output[384:].split(b"|")[1].split()[0])
-    raw = node.chip.truth().raw[:32]
+    expected = node.chip.truth().raw[:32]
     node.stop()
-    np.testing.assert_array_equal(np.frombuffer(raw, "<i2").reshape(-1, 6), raw)
+    np.testing.assert_array_equal(np.frombuffer(raw, "<i2").reshape(-1, 6), expected)
     assert 9150 < took < 9900
 
 
