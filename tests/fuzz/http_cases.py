@@ -56,18 +56,18 @@ def request(case: Case, folder: Path) -> None:
     from hubodo.web.hub import FrameHub
     from hubodo.web.library import RecordingLibrary
 
-    wishes: list[Any] = []
+    tasks: list[Any] = []
 
     class Page:
         """A stand-in for the page of a recording that accepts requests."""
 
-        newest = file = None
+        latest_snapshot = current_log = None
 
-        def wish(self, wish: Any) -> bool:
-            wishes.append(wish)
+        def submit_task(self, task: Any) -> bool:
+            tasks.append(task)
             return True
 
-        def record(self, on: bool) -> bool:
+        def set_recording(self, on: bool) -> bool:
             return True
 
     app = make_app(Site(Address("127.0.0.1", 8642)), RecordingLibrary(folder), FrameHub({}), Actions(Page()))  # type: ignore[arg-type]
@@ -79,8 +79,8 @@ def request(case: Case, folder: Path) -> None:
         raise Defect(f"{' '.join(case.words)}: status {answer.status_code}")
     with LogWriter(folder / "log.mcap", clock=lambda: 5, t_zero_ns=0) as log:
         recorder = Recorder({"left": None}, log, lambda link, data, to: True, lambda: 5, t_zero_ns=0)
-        for wish in wishes:
-            wish(recorder)
+        for task in tasks:
+            task(recorder)
         for notice in recorder.notices:
             str(getattr(notice, "text", notice)).encode()
         recorder.close()

@@ -32,8 +32,8 @@ for owner, names in (
 ):
     for name in names:
         delattr(owner, name)
-from hubodo.flash.computer import Surroundings
-Surroundings.linux = False
+from hubodo.flash.computer import HostComputer
+HostComputer.is_linux = False
 for words in sys.argv[1].split("\\n"):
     code = main(words.split())
     if code:

@@ -126,7 +126,7 @@ def test_a_port_that_is_not_there_is_one_clear_line(tmp_path, capfd):
 def silent_port(monkeypatch):
     """Yield (path, descriptor) of a terminal without a device, with a short timeout."""
     monkeypatch.setattr(hubodo.flash.board, "_REBOOT_TIMEOUT_S", 0.2)
-    monkeypatch.setattr(hubodo.flash.board, "_COMES_BACK", 0.5)
+    monkeypatch.setattr(hubodo.flash.board, "_PROMPT_RETURN_TIMEOUT_S", 0.5)
     master, slave = os.openpty()
     yield os.ttyname(slave), slave
     os.close(master)

@@ -9,8 +9,9 @@ from datetime import date
 import pandas as pd
 
 from hubodo.errors import InputError
+from hubodo.fleet.file_names import TABLE_FILE
 from hubodo.fleet.result_store import find_logs_mentioning
-from hubodo.fleet.storage import TABLE_FILE, open_file_system
+from hubodo.fleet.storage import open_file_system
 
 _INDEXED_VERB = "info"
 _LOG_QUANTITIES = ("duration", "gaps")

@@ -18,8 +18,9 @@ from hubodo.calibration.file import (
     parse_calibration,
 )
 from hubodo.errors import InputError
+from hubodo.fleet.file_names import CALIBRATION_FILE, PRIORS_FILE
 from hubodo.fleet.spread import robust_sigma
-from hubodo.fleet.storage import CALIBRATION_FILE, PRIORS_FILE, open_file_system, write_atomically
+from hubodo.fleet.storage import open_file_system, write_atomically
 
 _MIN_VEHICLES = 3
 """Minimum number of vehicles for a prior."""

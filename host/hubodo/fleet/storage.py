@@ -14,11 +14,6 @@ from fsspec.implementations.local import LocalFileSystem
 from hubodo.atomic_files import atomic_files
 from hubodo.errors import InputError, LinkError
 
-TABLE_FILE = "table.parquet"
-PAGE_FILE = "fleet.html"
-CALIBRATION_FILE = "calibration.toml"
-PRIORS_FILE = "priors.toml"
-
 
 def open_file_system(path_or_url: str) -> tuple[Any, str]:
     """Return the file system of a path or URL, and the path in it. Raises InputError if unsupported."""

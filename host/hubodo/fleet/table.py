@@ -7,8 +7,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from hubodo.fleet.file_names import TABLE_FILE
 from hubodo.fleet.missing_effects import add_q_values
-from hubodo.fleet.storage import TABLE_FILE, open_file_system, write_atomically
+from hubodo.fleet.storage import open_file_system, write_atomically
 
 _LOG_COLUMNS = (
     "verb",

@@ -12,10 +12,11 @@ import pandas as pd
 import pyarrow as pa
 
 from hubodo.fleet.engine import examine_each
+from hubodo.fleet.file_names import PAGE_FILE
 from hubodo.fleet.listing import LogLocation
 from hubodo.fleet.page import build_fleet_page
 from hubodo.fleet.result_store import ResultStore
-from hubodo.fleet.storage import PAGE_FILE, open_file_system, report_store_errors, write_atomically
+from hubodo.fleet.storage import open_file_system, report_store_errors, write_atomically
 from hubodo.fleet.table import update_table
 from hubodo.fleet.task import KNOWN, Analysis, examine_log
 

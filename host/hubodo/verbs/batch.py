@@ -14,7 +14,7 @@ from rich.table import Table
 
 from hubodo.errors import InputError
 from hubodo.extras import require_extra
-from hubodo.fleet.storage import CALIBRATION_FILE, PRIORS_FILE
+from hubodo.fleet.file_names import CALIBRATION_FILE, PRIORS_FILE
 from hubodo.log.input_limits import memory_limit
 from hubodo.progress import progress_line
 from hubodo.verbs import VERBS, load_verb

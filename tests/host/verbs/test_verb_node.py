@@ -79,10 +79,15 @@ def test_what_makes_no_sense_is_refused_in_one_line_before_the_port_is_touched(c
 @pytest.mark.parametrize(
     ("reason", "words", "code", "said"),
     [
-        (Reason.BAD_VALUE, ["set", "rate_hz=105"], 2, "refuses SetConfig: not a value that it can take (7)"),
-        (Reason.NOT_STORED, ["set", "batch=4"], 1, "refuses SetConfig: its flash did not take"),
+        (Reason.BAD_VALUE, ["set", "rate_hz=105"], 2, "refuses SetConfig: invalid value (7)"),
+        (
+            Reason.NOT_STORED,
+            ["set", "batch=4"],
+            1,
+            "the setting could not be written to its flash",
+        ),
         (Reason.WHEEL_TURNS, ["bias"], 1, "refuses BiasInit: the wheel turns; hold it still"),
-        (99, ["bias"], 1, "refuses BiasInit: reason 99, which this host does not know"),
+        (99, ["bias"], 1, "refuses BiasInit: reason 99, unknown to this host"),
     ],
 )
 def test_a_refusal_of_the_node_is_one_line_with_the_right_code(capsys, reason, words, code, said):

@@ -77,7 +77,7 @@ def test_a_recording_with_the_page_tells_its_end_and_the_servers_errors_in_json(
         with pytest.raises(urllib.error.HTTPError):
             urllib.request.urlopen(url, timeout=60)
 
-    monkeypatch.setattr("hubodo.web.app.Pages._index", broken)
+    monkeypatch.setattr("hubodo.web.app.RequestHandlers._index", broken)
     asked = []
 
     def record(*args, **named):
