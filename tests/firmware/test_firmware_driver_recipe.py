@@ -99,8 +99,8 @@ class Toy6(Imu):
             self.start_sampling(t, 100.0 * self.values[CTRL], rad_per_lsb(0.07), accel_per_lsb(0.0005))
 
     def _sync(self, t):
-        while self.clock.time_of_next <= t:
-            sample = self.clock.step(t)
+        while self.clock.next_sample_time <= t:
+            sample = self.clock.next_sample(t)
             if sample is None:
                 return
             _, words, temperature = sample

@@ -190,8 +190,11 @@ class VirtualNode:
         service.board.running = True
 
         def run() -> None:
-            service.run()
-            board_end.close()
+            try:
+                service.run()
+            finally:
+                # A caller that waits for a board that failed gets an error instead of waiting forever.
+                board_end.close()
 
         self._thread = threading.Thread(target=run, name="virtual-board", daemon=True)
         self._thread.start()
