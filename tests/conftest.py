@@ -23,7 +23,11 @@ LONGEST_FILES = (
         "host/sensors/allan/test_allan_fit.py",
         "host/sensors/imu/test_imu_calibrate.py",
     ),
-    *("signal_path/test_flash_cut.py", "firmware/test_firmware_memory.py", "host/fuse/test_wheel_silence.py"),
+    *(
+        "signal_path/test_flash_cut.py",
+        "firmware/test_firmware_memory.py",
+        "host/fuse/test_wheel_outage_model.py",
+    ),
     *("signal_path/test_doctor.py", "firmware/test_firmware_bias_filter.py", "host/fuse/test_wheel_car.py"),
     *(
         "signal_path/test_north_table.py",
@@ -39,10 +43,10 @@ The first of each line waits more than it works, so that some processes wait whi
 
 sys.path.insert(0, str(HERE))
 
-# What is imported and collected stays: the collector would look at it hundreds of times.
+# Imported modules and collected tests stay alive, so collecting garbage among them is wasted.
 gc.disable()
 
-# Arrays of megabytes come and go: what one leaves is given to the next, and not back to the system.
+# Freed arrays of megabytes are reused instead of being returned to the system.
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 if mallopt := getattr(ctypes.CDLL(None), "mallopt", None):
     mallopt(_M_MMAP_THRESHOLD, 1 << 30)
@@ -71,7 +75,7 @@ def pytest_collection_modifyitems(items):
 
 
 def pytest_collection_finish():
-    # Thousands of tests stay: the collector need not look at them again and again.
+    # The collected tests stay alive: collect once, then leave them alone.
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)
