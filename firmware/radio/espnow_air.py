@@ -29,7 +29,7 @@ class Reception:
         self.number = -1
         self.new_ms = 0
 
-    def new(self, number, ms):
+    def is_new(self, number, ms):
         """Return True if a packet of that number is new; count those missing before it."""
         self.received += 1
         last = self.number
@@ -81,7 +81,7 @@ class EspNowAir:
         if raw[NUMBER] & TO_ALL:
             self._send(sender, ANSWER)
         node.strong += rssi > _STRONG_DBM
-        if not node.new(raw[NUMBER] & ~TO_ALL, ms):
+        if not node.is_new(raw[NUMBER] & ~TO_ALL, ms):
             return
         node.frames += 1
         slot = self._slot
