@@ -39,7 +39,7 @@ def angle(y, x):
 class GravitySums:
     """Means of the gyro and of the rotation rate of gravity over an interval, with equal parabolic weights.
 
-    n: samples of an interval, 32 to 1024. arm_x, arm_y: lever arm, and `radius`, scaled as `take` needs them.
+    n: samples of an interval, 32 to 1024. arm_x, arm_y: lever arm, and `radius`, scaled as `add` needs them.
     turns_q14: mean rate of the last interval, 2^-16 turns per sample; turned: its angle, 2^-16 turns.
 
     With phi the angle about z, w its rate and w' its derivative, the specific force in the plane of the

@@ -50,7 +50,7 @@ _CTRL_C_WAIT_MS = const(3000)
 
 
 class Node:
-    """One node on one board. `turn` runs the loop once; `leave` is set to a RebootMode when it must end."""
+    """One node on one board. `step` runs the loop once; `leave` is set to a RebootMode when it must end."""
 
     def __init__(self, board, link):
         self.board = board

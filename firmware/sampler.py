@@ -48,7 +48,7 @@ class Sampler:
 
     use(values, first, count): called with the rows of a batch before they are sealed into a frame.
     `fifo_samples` or `polled_samples` does the reading, into `slot`.
-    `turn` raises the OSError of a failed transfer; `begin` resumes after it.
+    `step` raises the OSError of a failed transfer; `start` resumes after it.
     """
 
     def __init__(self, outbox, use):
@@ -57,7 +57,7 @@ class Sampler:
         self.missed = self.discarded = self.overruns = 0
         """discarded: polled samples that were discarded: torn, or of unknown index."""
         self.last_us = ticks_us()
-        """Ticks at which the last sample was read, or of `begin` if none was since."""
+        """Ticks at which the last sample was read, or of `start` if none was since."""
         self.due_us = self.last_us
         self.batch = 1
         self.slot = Slot()

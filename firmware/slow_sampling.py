@@ -17,7 +17,7 @@ _COUNT_MS = const(1000)
 
 
 class SlowSampling:
-    """Switches between two sample rates. Call `use` with each batch, `turn` every 20 ms."""
+    """Switches between two sample rates. Call `use` with each batch, `step` every 20 ms."""
 
     def __init__(self, node):
         self._node = node

@@ -25,7 +25,7 @@ class WarmUp:
 
     def __init__(self, c1_q18, time_constant_ms, now_ms, age_ms):
         self.step_q18 = [0] * _N_AXES
-        """Change of the bias by the last `turn`."""
+        """Change of the bias by the last `step`."""
         self._c1 = c1_q18
         self._left = list(c1_q18)
         self._step_ms, self._part = time_constant_ms // _STEPS_PER_T, time_constant_ms % _STEPS_PER_T

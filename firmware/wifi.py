@@ -74,7 +74,7 @@ class Station:
 
 
 class UdpLink(Link):
-    """A link by UDP; frames wait without network or host. `turn` must be called every second."""
+    """A link by UDP; frames wait without network or host. `step` must be called every second."""
 
     def __init__(self, settings):
         super().__init__()

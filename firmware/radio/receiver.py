@@ -33,7 +33,7 @@ class _NoSensors:
 
 
 class Receiver:
-    """One receiver on one board. `turn` runs the loop once; `leave` is set to a RebootMode to end it."""
+    """One receiver on one board. `step` runs the loop once; `leave` is set to a RebootMode to end it."""
 
     def __init__(self, board, link):
         self.board, self.link, self.settings = board, link, board.settings

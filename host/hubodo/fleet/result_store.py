@@ -80,7 +80,7 @@ class ResultStore:
         return frozenset(self._read(["key"], pc.field("status") != FAILED)["key"].to_pylist())
 
     def rows(self, locations: Sequence[LogLocation]) -> pa.Table:
-        """Return the rows, without `result`, of those logs that have a result and are unchanged since."""
+        """Return the rows, without `result`, of logs that have a result and are unchanged since."""
         stored = self._read(_COLUMNS_WITHOUT_RESULT, pc.field("status") != FAILED)
         return _last_row_of_each_log(_rows_of_unchanged(stored, locations))
 

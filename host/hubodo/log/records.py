@@ -46,6 +46,8 @@ class ImuBlock:
         (N,) host time; empty until the node's clock is synchronised.
     power_on_ns
         Host time of the node's power-on; None if unknown.
+    t_log_ns
+        Host time at which the log records the block.
     supply
         Newest supply voltage before the samples, V; None if unknown.
     """

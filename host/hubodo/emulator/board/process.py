@@ -87,7 +87,7 @@ class BoardService:
         self._quit = self._awaiting_limit = False
 
     def run(self) -> None:
-        """Run the board until told to quit or until the connection closes; report a fatal error there."""
+        """Run the board until the quit command or the end of the connection; report a fatal error there."""
         error: HubodoError | None = None
         try:
             self.board.serve(self._connection.fileno(), self._command)

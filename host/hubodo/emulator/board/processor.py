@@ -132,7 +132,7 @@ class Processor:
     def kill(self) -> None:
         """End the interpreter at once, as a reset does.
 
-        One that waits for a reply is told that its board is off, and is released for reuse.
+        One that waits for a reply is informed that its board is off, and is released for reuse.
         """
         interpreter = self._interpreter
         if interpreter is None:

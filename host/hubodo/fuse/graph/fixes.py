@@ -33,7 +33,7 @@ _MAX_RUNS = 400
 _RAYLEIGH_MEDIAN = 1.1774
 """sqrt(2 ln 2), the median norm of a pair of standard normal variables."""
 _MIN_FIXES_FOR_SCATTER = 30
-"""Fixes; the median change of so many has a standard deviation of an eighth."""
+"""Fixes; the median change of this many has a standard deviation of an eighth."""
 _MIN_SCATTER = 1.3
 """More than twice that standard deviation."""
 

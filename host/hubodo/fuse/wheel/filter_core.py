@@ -38,7 +38,7 @@ from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
 from hubodo.fuse.wheel.window_processor import WindowProcessor
 
 _SYMMETRISATION_STEPS = 16
-"""Steps between symmetrisations of the covariance; rounding makes 1e-15 of asymmetry in so many."""
+"""Steps between symmetrisations of the covariance; rounding causes an asymmetry of 1e-15 over this number."""
 
 _MIN_ROLLING_START_SPEED = 3.0
 """m/s, three prior sigmas of SPEED; a first window that is faster is not a start from standstill."""
@@ -53,7 +53,7 @@ class FilterCore(WindowProcessor):
 
     Attributes
     ----------
-    windows, steps : numbers of windows so far, and of those that were received.
+    windows, steps : numbers of windows so far, and of received ones.
     mounting_check, outages : what they have seen of the drive.
     pose_columns : columns of the states of a pose.
     """

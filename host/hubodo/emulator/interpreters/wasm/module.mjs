@@ -45,7 +45,7 @@ function machine(board, clock, config) {
       board.ask(op.ADC_READ, channel);
       return board.payload.readUInt16LE(0);
     },
-    // The board is told of a watchdog feed at most a few dozen times per timeout.
+    // A watchdog feed is reported to the board at most a few dozen times per timeout.
     wdt(start, ms) {
       if (start) timeoutNs = ms * 1e6;
       else if (clock.now() - lastFed < timeoutNs / FEEDS) {
