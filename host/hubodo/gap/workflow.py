@@ -60,11 +60,12 @@ def find_problem_gap(
 
     accept: effects added before the search starts
     reject: effects not considered
-    report_progress: called with the activity and the completed share
+    report_progress: called with the activity and the completed share, which never decreases
     journal: stores the rounds, and provides those of an interrupted search. With a journal, a
         KeyboardInterrupt ends the search with its intermediate result, if there is one
     """
-    report_progress("tracking the wheels", 0.02)
+    report_progress = _hold_share(report_progress)
+    report_progress("tracking the wheels", 0.0)
     initial_state, results = build_initial_state(problem), list[SearchResult]()
     observer = SearchObserver(journal or Journal(), report_progress, results.append)
     try:
@@ -80,6 +81,22 @@ def find_problem_gap(
     effects = {term.effect.name for term in result.final.state.terms}
     ineffective = [f"{name}: accepted, but not visible in this log" for name in accept if name not in effects]
     return _build_result(initial_state, result, rounds, (*problem.warnings, *ineffective))
+
+
+def _hold_share(report_progress: ReportProgress) -> ReportProgress:
+    """Return a callback that reports the largest share so far.
+
+    The number of rounds is not known in advance: the search of all samples begins again at the round that the
+    decimated search began at, and a reconsideration that drops an effect begins again at the first.
+    """
+    largest = 0.0
+
+    def report(words: str, share: float) -> None:
+        nonlocal largest
+        largest = max(largest, share)
+        report_progress(words, largest)
+
+    return report
 
 
 def _build_unfinished_result(
