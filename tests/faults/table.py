@@ -24,6 +24,7 @@ BULKHEADS, UNREAD, REPORTS, NMEA = (
 WEEKS, SERIES, SEALED = (
     "host/ingest/live/test_loop.py::", "host/log/test_log_series.py::", "host/ingest/link/test_sealed.py::",
 )  # fmt: skip
+LOCALIZER = "host/ingest/live/test_localizer.py::"
 GUESSES, CONNECTIONS = "host/web/test_guess_limiter.py::", "host/web/test_bounded_connections.py::"
 
 FLOODS, LINKS, SENDERS = (
@@ -243,7 +244,7 @@ RECORDING = (
     ),
     Fault(
         "the graph of the map fails or stalls", "another one in the same map frame", "event: fault of map",
-        ("host/test_live_map.py::test_a_graph_that_fails_is_reported_and_replaced_by_one_in_the_same_map_frame",
+        (LOCALIZER + "test_a_graph_that_fails_is_reported_and_replaced_by_one_in_the_same_map_frame",
          BULKHEADS + "test_an_output_thread_that_stalls_is_replaced_and_its_late_return_counts_for_nothing"),
     ),
     Fault(

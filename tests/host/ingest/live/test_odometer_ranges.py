@@ -1,4 +1,4 @@
-"""The odometer of a recording takes the ranges that a node tells when it begins."""
+"""The odometer uses the measurement ranges that a node reports at its start."""
 
 from __future__ import annotations
 
@@ -16,20 +16,22 @@ VEHICLE = Vehicle(CASE.radius, CASE.track, {"left": NodeMount("left", "left")})
 
 
 @pytest.mark.parametrize(
-    ("told", "worst"), [({"gyro_range_dps": "500", "accel_range_g": "16"}, 0.01), ({}, None)]
+    ("reported_ranges", "max_error"), [({"gyro_range_dps": "500", "accel_range_g": "16"}, 0.01), ({}, None)]
 )
-def test_the_way_is_whole_where_the_node_tells_its_range(told: dict[str, str], worst: float | None) -> None:
+def test_the_distance_of_a_clipped_gyro_is_estimated_if_the_node_reports_its_range(
+    reported_ranges: dict[str, str], max_error: float | None
+) -> None:
     drive = clipped_drive(CASE, SEED)
     node, odometer = drive.nodes["left"], Odometer(VEHICLE, 0, rate_hz=10.0)
-    odometer.update_ranges("left", told)
-    odometer.update_ranges("frame", told)
+    odometer.update_ranges("left", reported_ranges)
+    odometer.update_ranges("frame", reported_ranges)
     t_ns = np.round(node.t * 1e9).astype(np.int64)
     for first in range(0, len(t_ns), 26):
         part = slice(first, first + 26)
         odometer.handle(ImuBlock("left", node.gyro[part], node.accel[part], None, 0, t_ns=t_ns[part]))
     odometer.finish()
-    off = abs(odometer.distance / drive.length - 1.0)
-    if worst is None:
-        assert off > 0.3, "a node that is taken for one of 2000 deg/s loses what it could not say"
+    error = abs(odometer.distance / drive.length - 1.0)
+    if max_error is None:
+        assert error > 0.3, "with an assumed range of 2000 deg/s the saturated samples shorten the distance"
     else:
-        assert off < worst, f"seed {SEED}"
+        assert error < max_error, f"seed {SEED}"

@@ -1,4 +1,4 @@
-"""What Windows lacks is not needed to record, to look at a log and to fuse it."""
+"""Recording, info, fuse and doctor run without the modules and functions that Python lacks on Windows."""
 
 import contextlib
 import json
@@ -14,11 +14,11 @@ import pytest
 from fakes.fake_node import FakeNode
 from vehicles import vehicle_toml
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
-WITHOUT = """
+RUN_WITHOUT_POSIX = """
 import os, signal, sys
-import serial, serial.tools.list_ports  # there it has another part for the system
+import serial, serial.tools.list_ports  # pyserial has a Windows part, which needs none of these
 from hubodo.cli import main
 for module in ("fcntl", "termios", "tty", "pty", "pwd", "grp", "resource", "readline", "syslog"):
     for name in [name for name in sys.modules if name == module]:
@@ -42,7 +42,7 @@ for words in sys.argv[1].split("\\n"):
 
 
 class Bridge:
-    """A fake node at the end of a TCP connection."""
+    """A TCP server that forwards the bytes of a fake node."""
 
     def __init__(self, node):
         self._server = socket.create_server(("127.0.0.1", 0))
@@ -74,16 +74,16 @@ class Bridge:
 
 
 def run(*lines, cwd):
-    """Each line a command of `hubodo`, in one process without what Windows lacks."""
+    """Run each line as a `hubodo` command, in one process without the functions that Windows lacks."""
     environment = {**os.environ, "PYTHONPATH": f"{ROOT / 'host'}:{ROOT / 'protocol'}"}
-    command = [sys.executable, "-c", WITHOUT, "\n".join(lines)]
+    command = [sys.executable, "-c", RUN_WITHOUT_POSIX, "\n".join(lines)]
     return subprocess.run(
         command, cwd=cwd, env=environment, capture_output=True, text=True, timeout=300, check=False
     )
 
 
 @pytest.mark.real_time
-def test_a_node_is_recorded_its_log_described_and_fused_without_anything_of_posix(tmp_path):
+def test_record_info_and_fuse_run_without_posix(tmp_path):
     (tmp_path / "v.toml").write_text(vehicle_toml(facing={"left": "left"}))
     with FakeNode(spin_raw=500) as node, Bridge(node) as bridge:
         done = run(
@@ -93,24 +93,24 @@ def test_a_node_is_recorded_its_log_described_and_fused_without_anything_of_posi
             cwd=tmp_path,
         )
     assert done.returncode == 0, done.stderr
-    said = [json.loads(line) for line in done.stderr.splitlines() if line.startswith("{")]
-    assert [one["event"] for one in said][:1] == ["started"]
+    entries = [json.loads(line) for line in done.stderr.splitlines() if line.startswith("{")]
+    assert [entry["event"] for entry in entries][:1] == ["started"]
     recorded, info = (json.loads(line) for line in done.stdout.splitlines()[:2])
     assert recorded["nodes"]["left"]["samples"] > 200
-    # On a busy computer the line to the bridge may run over; what it holds is not lost.
+    # On a busy computer the pseudo terminal may overflow: the fake node counts the frames it drops.
     assert recorded["nodes"]["left"]["samples_lost"] <= 8 * node.dropped
     assert info["complete"] is True
     assert (tmp_path / "out" / "track.csv").stat().st_size > 1000
 
 
-def test_a_serial_port_is_refused_in_words_there_too(tmp_path):
+def test_a_missing_serial_port_is_one_line_without_posix(tmp_path):
     done = run("record COM3 -o a.mcap", cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.startswith("hubodo record: COM3: no such device; plug it in, or choose one of:")
     assert not list(tmp_path.iterdir())
 
 
-def test_the_computer_is_looked_at_there_too(tmp_path):
+def test_doctor_runs_without_posix(tmp_path):
     done = run("doctor --json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert {"clock", "disk", "packages"} <= {check["check"] for check in json.loads(done.stdout)["checks"]}

@@ -1,4 +1,4 @@
-"""Everything that the set-up installs has a locked version and the hashes of its files."""
+"""Lock files: every installed package has a locked version and the hashes of its files."""
 
 import json
 import re
@@ -18,19 +18,19 @@ def test_every_version_of_a_lock_file_has_hashes(name):
     assert pins
     for pin, *hashes in pins:
         assert re.fullmatch(r"[\w.-]+==[\w.]+", pin), pin
-        assert hashes and all(re.fullmatch(r"--hash=sha256:[0-9a-f]{64}", one) for one in hashes), pin
+        assert hashes and all(re.fullmatch(r"--hash=sha256:[0-9a-f]{64}", digest) for digest in hashes), pin
 
 
 def test_the_set_up_installs_nothing_from_a_lock_file_without_its_hash():
     script = (ROOT / "tools" / "setup").read_text().replace("\\\n", " ")
     installs = [shlex.split(line) for line in script.splitlines() if " pip install " in line]
-    locked = [words for words in installs if "-r" in words]
-    assert {words[words.index("-r") + 1] for words in locked} == {
+    locked = [command for command in installs if "-r" in command]
+    assert {command[command.index("-r") + 1] for command in locked} == {
         "requirements.lock", "tools/stubs-$board.lock", "requirements-node.lock"
     }  # fmt: skip
-    assert all("--require-hashes" in words for words in locked)
-    others = [words for words in installs if words not in locked]
-    assert others and all({"--no-deps", "--no-build-isolation"} <= set(words) for words in others)
+    assert all("--require-hashes" in command for command in locked)
+    others = [command for command in installs if command not in locked]
+    assert others and all({"--no-deps", "--no-build-isolation"} <= set(command) for command in others)
 
 
 def test_every_package_of_node_has_its_integrity():
