@@ -5,7 +5,15 @@ from __future__ import annotations
 import pytest
 
 from hubodo.fuse.wheel.measurement_update import _usage_by_mode
-from hubodo.fuse.wheel.measurements import MEASUREMENTS, forward, roll, rolling, sideways, yaw
+from hubodo.fuse.wheel.measurements import (
+    MEASUREMENTS,
+    Measurement,
+    forward,
+    roll,
+    rolling,
+    sideways,
+    yaw,
+)
 from hubodo.fuse.wheel.wheel_mode import WheelMode, select_mode
 
 ROLLING, DISTRUSTED, SLIPPING, UNKNOWN, LOST, OUTAGE, DISABLED = WheelMode
@@ -44,6 +52,7 @@ def test_mode(best: WheelMode, angle_known: bool, is_slipping: bool, mode: Wheel
     ],
 )
 def test_measurements_of_a_mode(mode: WheelMode, used: set[object]) -> None:
-    usage = _usage_by_mode(MEASUREMENTS)[mode]
-    assert {it for it, is_used in zip(MEASUREMENTS, usage, strict=True) if is_used} == used
+    listed: tuple[Measurement, ...] = (yaw, roll, forward, sideways, rolling)
+    usage = dict(zip(MEASUREMENTS, _usage_by_mode(MEASUREMENTS)[mode], strict=True))
+    assert {measurement for measurement in listed if usage[measurement]} == used
     assert mode.knows_angle == (yaw in used)

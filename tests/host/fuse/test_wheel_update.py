@@ -8,15 +8,22 @@ import pytest
 from scipy.optimize import brentq
 from scipy.stats import norm
 
+from hubodo.earth import STANDARD_GRAVITY
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import CAMBER, GYRO_BIAS_X, SPEED, YAW_RATE
 from hubodo.fuse.wheel.initial_state import InitialState, initial_state
 from hubodo.fuse.wheel.measurement_update import MeasurementUpdate, UpdateResult
-from hubodo.fuse.wheel.measurements import MEASUREMENTS
+from hubodo.fuse.wheel.measurements import BETWEEN_WHEELS, MEASUREMENTS
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.mounting_check import inflate_outlier_variances, track_width_test
 from hubodo.fuse.wheel.wheel_mode import WheelMode
 from hubodo.fuse.wheel.window import WINDOW_S, Window
+
+ROWS, ROWS_BETWEEN = len(MEASUREMENTS), len(BETWEEN_WHEELS)
+"""Rows of one wheel, and those of them that compare wheels."""
+
+CHANNELS = {"yaw", "roll", "forward", "sideways", "rolling"}
+"""Measurements whose channels are listed in this file; an added one has its own `usable`."""
 
 UPRIGHT = cmath.exp(-0.25j)
 """Gravity as a wheel feels it that stood upright when the window began and turns by half a radian in it."""
@@ -68,16 +75,16 @@ def test_a_clipped_channel_silences_what_is_made_of_it_and_nothing_else(
     flags: dict[str, float], silent: set[str]
 ) -> None:
     window = SOUND._replace(**flags)
-    found = {one.__name__.rpartition(".")[2] for one in MEASUREMENTS if not one.usable(window)}  # type: ignore[attr-defined]
-    assert found == silent
+    unusable = {one.__name__.rpartition(".")[2] for one in MEASUREMENTS if not one.usable(window)}  # type: ignore[attr-defined]
+    assert unusable & CHANNELS == silent
     update, begin = _begun("left")
-    assert _work_in(update, begin, window).dof == 5 - len(silent)
+    assert _work_in(update, begin, window).dof == ROWS - len(unusable)
     # The other wheel's rows stay.
     update, begin = _begun("left", "right")
-    assert _work_in(update, begin, window, SOUND).dof == 10 - len(silent)
+    assert _work_in(update, begin, window, SOUND).dof == 2 * ROWS - len(unusable)
 
 
-@pytest.mark.parametrize(("missing", "count"), [(0.0, 5), (0.499, 5), (0.5, 0), (1.0, 0)])
+@pytest.mark.parametrize(("missing", "count"), [(0.0, ROWS), (0.499, ROWS), (0.5, 0), (1.0, 0)])
 def test_a_window_that_is_half_a_gap_says_nothing(missing: float, count: int) -> None:
     update, begin = _begun("left")
     assert _work_in(update, begin, SOUND._replace(missing=missing)).dof == count
@@ -96,7 +103,13 @@ def test_a_gap_in_a_window_makes_all_its_variances_grow_alike() -> None:
 
 
 @pytest.mark.parametrize(
-    ("joined", "trusted", "count"), [(True, True, 10), (False, True, 6), (True, False, 9), (False, False, 5)]
+    ("joined", "trusted", "count"),
+    [
+        (True, True, 2 * ROWS),
+        (False, True, ROWS + ROWS_BETWEEN),
+        (True, False, 2 * ROWS - ROWS_BETWEEN),
+        (False, False, ROWS),
+    ],
 )
 def test_a_wheel_whose_angle_is_not_known_tells_how_it_rolls_and_one_that_is_distrusted_does_not_give_speed(
     joined: bool, trusted: bool, count: int
@@ -139,7 +152,7 @@ def test_a_row_that_stands_out_counts_as_three_sigma() -> None:
     """With states that are known exactly rows are independent: the others keep their weight."""
     update, begin = _begun("left")
     begin.p[:] = 0.0
-    quiet = SOUND._replace(across=0j, force=0.97 * UPRIGHT, axial=0.0)
+    quiet = SOUND._replace(across=0j, force=STANDARD_GRAVITY * WINDOW_S * UPRIGHT, axial=0.0)
     assert _work_in(update, begin, quiet).nis < 1e-6
     sigma = math.sqrt(1.0 / (_work_in(update, begin, quiet._replace(axial=1e-3)).nis / 1e-6))
     for times, nis in ((2.9, 2.9**2), (5.0, 9.0), (500.0, 9.0)):
