@@ -7,9 +7,12 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from generators import wheel_drives
+from hubodo.fuse.wheel.calibration.held_out import ErrorSummary, HeldOutErrors
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
+from hubodo.fuse.wheel.filter import WheelSample
 from hubodo.fuse.wheel.track import WheelRun, WheelTrack
 from hubodo.fuse.wheel.window import WINDOW_S
 from hubodo.recording import Table
@@ -39,6 +42,28 @@ def config(
         for name in names
     }
     return replace(WheelConfig(drive.radius, drive.track, nodes), **changes)  # type: ignore[arg-type]
+
+
+def sample_columns(drive: wheel_drives.WheelDrive) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Return times, gyro and accelerometer samples of each node, as `WheelFilter.handle_many` takes them."""
+    return {name: (node.t, node.gyro, node.accel) for name, node in drive.nodes.items()}
+
+
+def samples_in_time_order(drive: wheel_drives.WheelDrive) -> list[WheelSample]:
+    """Return the samples of all nodes one by one, sorted by time."""
+    samples = [
+        WheelSample(name, t, tuple(gyro), tuple(accel))
+        for name, node in drive.nodes.items()
+        for t, gyro, accel in zip(node.t.tolist(), node.gyro.tolist(), node.accel.tolist(), strict=True)
+    ]
+    return sorted(samples, key=lambda sample: sample.t)
+
+
+def skip_held_out_segments(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Skip the held-out segments of a wheel calibration, which take most of its time."""
+    module = "hubodo.fuse.wheel.calibration.calibrate.measure_held_out_errors"
+    zero = ErrorSummary(0.0, 0.0)
+    monkeypatch.setattr(module, lambda *_: HeldOutErrors(zero, zero, 0))
 
 
 def short(seed: int, **options: object) -> wheel_drives.WheelDrive:

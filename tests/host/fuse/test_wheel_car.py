@@ -1,4 +1,4 @@
-"""A real car that no simulation knows: what one drive teaches makes the others better."""
+"""The wheel filter on logs of a real car: calibration on one drive improves the others."""
 
 from functools import cache
 
@@ -6,7 +6,7 @@ import pytest
 
 import wanted
 from accuracy import car
-from hubodo.fuse.wheel.calibration.held_out import ErrorSummary, HeldOutErrors
+from wheel_runs import skip_held_out_segments
 
 
 @pytest.fixture(scope="module")
@@ -16,42 +16,36 @@ def logs():
 
 
 @pytest.fixture(scope="module")
-def tape(logs):
-    """Largest distance, %, by a tape measure, of a drive with some of its nodes: asked for more than once."""
+def uncalibrated_error(logs):
+    """Return a cached function for the largest distance error, %, of a drive with tape-measured sizes."""
     return cache(lambda name, nodes: car.largest_percent(logs[name], nodes, None))
 
 
-def _leave_nothing_out(monkeypatch):
-    """Other drives judge: no stretches of this one need to, which takes most of the time."""
-    nothing = HeldOutErrors(ErrorSummary(0.0, 0.0), ErrorSummary(0.0, 0.0), 0)
-    monkeypatch.setattr("hubodo.fuse.wheel.calibration.calibrate.measure_held_out_errors", lambda *_: nothing)
-
-
 @pytest.mark.parametrize("first", ["drive-1", "drive-3"])
-def test_one_wheel_calibrated_on_a_drive_is_better_than_a_tape_measure_on_others(
-    logs, tape, first, monkeypatch
+def test_one_wheel_calibrated_on_one_drive_beats_tape_measured_sizes_on_others(
+    logs, uncalibrated_error, first, monkeypatch
 ):
-    """A tape measure gives 0.5 to 0.8 % of the way at most from the truth."""
-    _leave_nothing_out(monkeypatch)
+    """Tape-measured sizes give a largest error of 0.5 to 0.8 % of the distance."""
+    skip_held_out_segments(monkeypatch)
     calibration = car.calibration_from(logs[first], ("right",))
     for name in set(logs) - {first}:
-        before = tape(name, ("right",))
-        found = car.largest_percent(logs[name], ("right",), calibration)
-        print(f"{first} to {name}: {before:.2f} % by tape measure, {found:.2f} % calibrated")
-        assert found < 0.5 and found < 0.6 * before
+        before = uncalibrated_error(name, ("right",))
+        after = car.largest_percent(logs[name], ("right",), calibration)
+        print(f"{first} to {name}: {before:.2f} % by tape measure, {after:.2f} % calibrated")
+        assert after < 0.5 and after < 0.6 * before
 
 
 @pytest.mark.parametrize(("first", "other"), [("drive-1", "drive-2"), ("drive-2", "drive-1")])
-def test_two_wheels_calibrated_on_a_drive_are_better_than_a_tape_measure_on_the_other(
-    logs, tape, first, other, monkeypatch
+def test_two_wheels_calibrated_on_one_drive_beat_tape_measured_sizes_on_the_other(
+    logs, uncalibrated_error, first, other, monkeypatch
 ):
-    """Though the truth of drive-2 jumps, and wanders by what a tape measure is off.
+    """The reference of drive-2 jumps, and drifts by as much as tape-measured sizes do.
 
-    Stretches of drive-1 that are left out do not say otherwise.
+    The held-out segments of drive-1 confirm its calibration as well.
     """
     if first == "drive-2":
-        _leave_nothing_out(monkeypatch)
+        skip_held_out_segments(monkeypatch)
     calibration = car.calibration_from(logs[first], ("left", "right"))
-    found = car.largest_percent(logs[other], ("left", "right"), calibration)
-    assert found < 0.4
-    assert found < 0.8 * tape(other, ("left", "right"))
+    after = car.largest_percent(logs[other], ("left", "right"), calibration)
+    assert after < 0.4
+    assert after < 0.8 * uncalibrated_error(other, ("left", "right"))

@@ -1,4 +1,4 @@
-"""History of the wheel filter: what can be replayed, and what ends it."""
+"""History of the wheel filter: the steps that can be replayed, and the events that prevent a replay."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from hubodo.fuse.wheel.records import StepRecord
 from wheel_runs import config, short
 
 
-def filled(numbers: range, n_steps: int = 5) -> History:
+def history_of(numbers: range, n_steps: int = 5) -> History:
+    """Return a history that holds at most `n_steps` of the steps with these numbers."""
     history = History(n_steps)
     for number in numbers:
         history.append(StepRecord(number, (), (), [], np.empty(0)))
     return history
 
 
-def test_the_newest_steps_can_be_replayed() -> None:
-    history = filled(range(8))
+def test_only_the_newest_steps_can_be_replayed() -> None:
+    history = history_of(range(8))
     assert history.is_replayable and history.first_replayable == 3 and history.newest.number == 7
     assert [record.number for record in history.pop_since(5)] == [5, 6, 7]
     assert history.newest.number == 4 and history.first_replayable == 3
@@ -31,7 +32,7 @@ def test_the_newest_steps_can_be_replayed() -> None:
 
 
 def test_nothing_before_a_barrier_can_be_replayed() -> None:
-    history = filled(range(4))
+    history = history_of(range(4))
     history.set_barrier()
     assert not history.is_replayable and history.pop_since(0) == [] and history.newest.number == 3
     history.append(StepRecord(4, (), (), [], np.empty(0)))
@@ -42,7 +43,7 @@ def test_nothing_before_a_barrier_can_be_replayed() -> None:
 @pytest.mark.parametrize(
     ("kind", "replayable"), [(WindowCorrection, True), (ExternalCorrection, False), (Correction, False)]
 )
-def test_the_type_of_a_correction_says_whether_a_replay_repeats_it(
+def test_only_a_window_correction_keeps_the_history_replayable(
     kind: type[Correction], replayable: bool
 ) -> None:
     core = FilterCore(config(short(1)))
@@ -56,7 +57,7 @@ def test_the_type_of_a_correction_says_whether_a_replay_repeats_it(
     assert core.history.is_replayable == replayable
 
 
-def test_a_reset_by_its_owner_cannot_be_replayed() -> None:
+def test_a_state_reset_ends_the_replayable_history() -> None:
     core = FilterCore(config(short(1)))
     core.history.append(StepRecord(0, (), (), [], np.empty(0)))
     core.apply(StateReset([3, 5]))

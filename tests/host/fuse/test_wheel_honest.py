@@ -1,4 +1,4 @@
-"""What makes sigmas too small, cause by cause: errors beside their sigmas over seeds, both bounds."""
+"""Known causes of overconfidence, one test each: NEES over seeds inside two-sided chi-square bands."""
 
 import numpy as np
 import pytest
@@ -12,11 +12,11 @@ from hubodo.fuse.wheel.track import run_wheel_filter
 from wheel_runs import BOTH, config, nees, tables
 
 ERRORS = Errors(radius=WHEEL_RADIUS.prior, track=TRACK_WIDTH.prior, clock=0.0)
-"""Drawn as the priors have them, with clocks that agree."""
+"""Errors drawn from the priors, with synchronised clocks."""
 
 
-def _curves(rng: np.random.Generator, speed: float, turn: float) -> Plan:
-    """A minute of curves to the left after a rest. speed: m/s, turn: rad/s, at most."""
+def _left_curves(rng: np.random.Generator, speed: float, turn: float) -> Plan:
+    """Return a plan: standstill, then about a minute of left curves up to `speed`, m/s, and `turn`, rad/s."""
     parts = [(5.0, 0.0, 0.0)]
     for _ in range(10):
         duration, rate = float(rng.uniform(4.0, 9.0)), turn * float(rng.uniform(0.5, 1.0))
@@ -24,51 +24,53 @@ def _curves(rng: np.random.Generator, speed: float, turn: float) -> Plan:
     return wheel_drives.ramps([*parts, (4.0, 0.0, 0.0)])
 
 
-def test_clocks_and_gyros_that_differ_do_not_pass_for_another_axle() -> None:
-    """Four of the drives of seeds 6000..6099 that were farthest beyond their sigmas with two wheels.
+def test_clock_and_gyro_scale_differences_are_not_mistaken_for_another_axle() -> None:
+    """Use the four two-wheel drives of seeds 6000..6099 with the largest NEES.
 
-    Gyros across the axle whose scales differ, on wheels slower than their curves, and a clock that is late
-    where the yaw rate changes: without either in what is expected of the yaw the mean is 10.
+    Scales of the gyros across the axle differ on slow wheels in curves, and a clock is late while the yaw
+    rate changes: without both in the yaw innovation the mean NEES is 10.
     """
-    found = []
+    nees_values = []
     for seed in (6017, 6024, 6050, 6066):
         drive = drawn(seed).drive
-        found.append(nees(drive, run_wheel_filter(config(drive, BOTH), tables(drive))))
-    print(np.round(found, 1))
-    low, high = chi2.ppf([0.005, 0.995], 3 * len(found))
-    assert low < sum(found) < high
+        nees_values.append(nees(drive, run_wheel_filter(config(drive, BOTH), tables(drive))))
+    print(np.round(nees_values, 1))
+    low, high = chi2.ppf([0.005, 0.995], 3 * len(nees_values))
+    assert low < sum(nees_values) < high
 
 
-def test_the_difference_of_two_scales_is_found_by_a_wheel_that_turns_slowly() -> None:
-    """0.15 m/s on wheels of 0.3 m, seed 6320: to a fifth of what is believed beforehand."""
+def test_a_slowly_turning_wheel_observes_the_gyro_scale_difference() -> None:
+    """At 0.15 m/s on wheels of 0.3 m the sigma falls below a fifth of the prior. Seed 6320."""
     rng = np.random.default_rng(6320)
-    drive = wheel_drives.drive(_curves(rng, 0.15, 0.6), rng, ERRORS, 0.3, 1.2)
+    drive = wheel_drives.drive(_left_curves(rng, 0.15, 0.6), rng, ERRORS, 0.3, 1.2)
     core = run_wheel_filter(config(drive), tables(drive)).filter.core
     for wheel in core.wheels:
-        place = wheel.columns[GYRO_SCALE_DIFFERENCE]
-        sigma = core.p[place, place] ** 0.5
+        column = wheel.columns[GYRO_SCALE_DIFFERENCE]
+        sigma = core.p[column, column] ** 0.5
         assert sigma < 0.2 * GYRO_SCALE_DIFFERENCE.prior
-        assert abs(core.x[place] - drive.nodes[wheel.name].truth["scale_difference"]) < 4.0 * sigma + 1e-3
+        assert abs(core.x[column] - drive.nodes[wheel.name].truth["scale_difference"]) < 4.0 * sigma + 1e-3
 
 
-def test_a_heading_that_is_off_makes_the_way_shorter() -> None:
-    """One wheel whose scale is not known, four turns one way: the errors lie on a bow. Seeds 6366..6371.
+def test_a_heading_error_inflates_the_position_covariance_along_the_path() -> None:
+    """One wheel of unknown scale, turning one way only: position errors lie on an arc. Seeds 6366..6371.
 
-    Without what the bow adds the mean is 26.
+    Without the second-order term of that arc the mean NEES is 26.
     """
-    found = []
+    nees_values = []
     for seed in range(6366, 6372):
         rng = np.random.default_rng(seed)
-        drive = wheel_drives.drive(_curves(rng, 3.0, 0.45), rng, ERRORS)
-        found.append(nees(drive, run_wheel_filter(config(drive, ("left",)), tables(drive))))
-    print(np.round(found, 1))
-    low, high = chi2.ppf([0.005, 0.995], 3 * len(found))
-    assert low < sum(found) < high
+        drive = wheel_drives.drive(_left_curves(rng, 3.0, 0.45), rng, ERRORS)
+        nees_values.append(nees(drive, run_wheel_filter(config(drive, ("left",)), tables(drive))))
+    print(np.round(nees_values, 1))
+    low, high = chi2.ppf([0.005, 0.995], 3 * len(nees_values))
+    assert low < sum(nees_values) < high
 
 
 @pytest.mark.parametrize(("seed", "names"), [(6056, ("left",)), (6180, BOTH)])
-def test_a_wheel_that_slips_faster_than_its_gyro_shows_is_searched_for_anew(seed, names) -> None:
-    """Its angle came out half a turn off, its yaw the other way, and both as known: NEES 68713 and 291."""
+def test_a_wheel_slipping_beyond_the_gyro_range_reinitialises_its_angle(seed, names) -> None:
+    """The new search prevents an angle half a turn wrong and a reversed yaw: NEES 68713 and 291 without
+    it.
+    """
     drive = drawn(seed).drive
-    found = run_wheel_filter(config(drive, names), tables(drive))
-    assert nees(drive, found) < chi2.ppf(0.999, 3)
+    run = run_wheel_filter(config(drive, names), tables(drive))
+    assert nees(drive, run) < chi2.ppf(0.999, 3)

@@ -1,4 +1,4 @@
-"""Where a vehicle is between two poses, by the last samples: the sensors of a wheel, turned round."""
+"""The live state between two poses: extrapolation with the rates of the newest samples."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ from hubodo.fuse.wheel.records import Pose
 
 R, TRACK, EARTH, LIMIT = 0.3, 0.6, 3e-3, 34.0
 SPEED, YAW_RATE, LEAN, ANGLE = 1.7, 0.8, 0.15, 1.1
-LATE = 0.04
-"""s from the pose to the sample."""
+SAMPLE_DELAY = 0.04
+"""Time from the pose to the sample, s."""
 
-OFF = {
+ERRORS = {
     GYRO_BIAS_X: 0.03,
     GYRO_BIAS_Y: -0.02,
     GYRO_BIAS_Z: 0.05,
@@ -49,112 +49,125 @@ OFF = {
 }
 
 
-def at(still: MotionState, speed: float = SPEED, yaw_rate: float = YAW_RATE) -> Pose:
-    return Pose(5.0, 2.0, 3.0, 0.4, speed, yaw_rate, np.eye(5), still, 0.0, 0)
+def pose_with(motion_state: MotionState, speed: float = SPEED, yaw_rate: float = YAW_RATE) -> Pose:
+    return Pose(5.0, 2.0, 3.0, 0.4, speed, yaw_rate, np.eye(5), motion_state, 0.0, 0)
 
 
-def filtered(*sides: str, facing: str = "left", still: MotionState = MotionState.MOVING) -> WheelFilter:
-    """With a pose at 5 s, and wheels whose errors are known."""
+def filter_with_pose(
+    *sides: str, facing: str = "left", motion_state: MotionState = MotionState.MOVING
+) -> WheelFilter:
+    """Return a filter with a pose at 5 s whose wheels have the known errors ERRORS."""
     nodes = {side: WheelNode(side, facing, gyro_limit=LIMIT) for side in sides}  # type: ignore[arg-type]
-    made = WheelFilter(WheelConfig(R, TRACK, nodes, ground_rate=EARTH))
-    made._pose = at(still)
-    for wheel in made.core.wheels:
+    wheel_filter = WheelFilter(WheelConfig(R, TRACK, nodes, ground_rate=EARTH))
+    wheel_filter._pose = pose_with(motion_state)
+    for wheel in wheel_filter.core.wheels:
         wheel.angle_initialised = True
-        made.core.x[wheel.columns[WHEEL_ANGLE]] = ANGLE
-        for entry, value in OFF.items():
-            made.core.x[wheel.columns[entry]] = value
-    return made
+        wheel_filter.core.x[wheel.columns[WHEEL_ANGLE]] = ANGLE
+        for entry, value in ERRORS.items():
+            wheel_filter.core.x[wheel.columns[entry]] = value
+    return wheel_filter
 
 
-def sample(made: WheelFilter, side: str, speed: float = SPEED, yaw_rate: float = YAW_RATE) -> WheelSample:
-    """What the node on a wheel reads while the vehicle goes so: made the way that the errors come about."""
-    (wheel,) = [wheel for wheel in made.core.wheels if wheel.name == side]
+def simulate_sample(
+    wheel_filter: WheelFilter, side: str, speed: float = SPEED, yaw_rate: float = YAW_RATE
+) -> WheelSample:
+    """Return the sample of a node on a wheel of a vehicle in that motion, from a forward error model."""
+    (wheel,) = [wheel for wheel in wheel_filter.core.wheels if wheel.name == side]
     sign = 1.0 if side == "left" else -1.0
-    contact = 0.5 * sign * TRACK * (1.0 + OFF[TRACK_WIDTH])
-    rolls = (speed - yaw_rate * contact) / (R * (1.0 + OFF[WHEEL_RADIUS]))
-    about = rolls + sign * yaw_rate * math.sin(LEAN)
-    angle = ANGLE + about * LATE
-    felt = (1.0 + OFF[GYRO_SCALE_ACROSS]) * math.cos(LEAN) * (yaw_rate + EARTH) + OFF[YAW_RATE_FROM_GRAVITY]
-    # Upwards in axes of the node, which turn with the wheel.
-    true = np.array([felt * math.cos(angle), -felt * math.sin(angle), about])
-    tilted = Rotation.from_rotvec([OFF[MISALIGNMENT_X], OFF[MISALIGNMENT_Y], 0.0]).inv().apply(true)
-    read = np.array([tilted[0] + OFF[GYRO_BIAS_X], tilted[1] + OFF[GYRO_BIAS_Y], 0.0])
-    read[2] = (1.0 + OFF[GYRO_SCALE_Z]) * about + OFF[GYRO_BIAS_Z]
+    contact = 0.5 * sign * TRACK * (1.0 + ERRORS[TRACK_WIDTH])
+    rolling_rate = (speed - yaw_rate * contact) / (R * (1.0 + ERRORS[WHEEL_RADIUS]))
+    spin_rate = rolling_rate + sign * yaw_rate * math.sin(LEAN)
+    angle = ANGLE + spin_rate * SAMPLE_DELAY
+    rate_across = (1.0 + ERRORS[GYRO_SCALE_ACROSS]) * math.cos(LEAN) * (yaw_rate + EARTH) + ERRORS[
+        YAW_RATE_FROM_GRAVITY
+    ]
+    # The vertical rate in axes of the node, which turn with the wheel.
+    true_rates = np.array([rate_across * math.cos(angle), -rate_across * math.sin(angle), spin_rate])
+    tilted_rates = (
+        Rotation.from_rotvec([ERRORS[MISALIGNMENT_X], ERRORS[MISALIGNMENT_Y], 0.0]).inv().apply(true_rates)
+    )
+    reading = np.array([tilted_rates[0] + ERRORS[GYRO_BIAS_X], tilted_rates[1] + ERRORS[GYRO_BIAS_Y], 0.0])
+    reading[2] = (1.0 + ERRORS[GYRO_SCALE_Z]) * spin_rate + ERRORS[GYRO_BIAS_Z]
     if wheel.node.facing == "right":
-        read[1:] = -read[1:]
-    return WheelSample(side, 5.0 + LATE, (read[0], read[1], read[2]), (0.0, 0.0, 0.0))
+        reading[1:] = -reading[1:]
+    return WheelSample(side, 5.0 + SAMPLE_DELAY, (reading[0], reading[1], reading[2]), (0.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize("facing", ["left", "right"])
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_a_sample_shows_speed_and_yaw_rate_with_the_errors_of_its_node_taken_out(
-    side: str, facing: str
-) -> None:
-    made = filtered(side, facing=facing)
-    made._last_samples[side] = sample(made, side)
-    t, speed, yaw_rate = made._rates_from_sample(made.core.wheels[0], made._pose)
-    # A tilt is undone to its first order.
+def test_rates_from_a_sample_are_corrected_for_the_errors_of_its_node(side: str, facing: str) -> None:
+    wheel_filter = filter_with_pose(side, facing=facing)
+    wheel_filter._last_samples[side] = simulate_sample(wheel_filter, side)
+    t, speed, yaw_rate = wheel_filter._rates_from_sample(wheel_filter.core.wheels[0], wheel_filter._pose)
+    # The tilt is corrected to first order.
     assert (t, speed, yaw_rate) == (
-        5.0 + LATE,
+        5.0 + SAMPLE_DELAY,
         pytest.approx(SPEED, abs=1e-4),
         pytest.approx(YAW_RATE, abs=1e-4),
     )
 
 
 @pytest.mark.parametrize("facing", ["left", "right"])
-def test_beyond_its_limit_a_gyro_is_believed_with_the_excess_alone(facing: str) -> None:
-    made = filtered("left", facing=facing)
-    x, wheel = made.core.x, made.core.wheels[0]
-    for entry in OFF:
+def test_beyond_its_limit_a_gyro_is_corrected_by_the_excess_rate_alone(facing: str) -> None:
+    wheel_filter = filter_with_pose("left", facing=facing)
+    x, wheel = wheel_filter.core.x, wheel_filter.core.wheels[0]
+    for entry in ERRORS:
         x[wheel.columns[entry]] = 0.0
     x[wheel.columns[GYRO_BIAS_Z]], x[wheel.columns[RATE_BEYOND_RANGE]] = 0.5, 12.0
-    spin = LIMIT if facing == "left" else -LIMIT
-    made._last_samples["left"] = WheelSample("left", 5.0, (0.0, 0.0, spin), (0.0, 0.0, 0.0))
-    _, speed, yaw_rate = made._rates_from_sample(wheel, made._pose)
+    limit_reading = LIMIT if facing == "left" else -LIMIT
+    wheel_filter._last_samples["left"] = WheelSample("left", 5.0, (0.0, 0.0, limit_reading), (0.0, 0.0, 0.0))
+    _, speed, yaw_rate = wheel_filter._rates_from_sample(wheel, wheel_filter._pose)
     assert speed - yaw_rate * 0.5 * TRACK == pytest.approx(R * (LIMIT + 12.0))
-    # Just below it what is known of bias and scale counts, and no excess.
-    made._last_samples["left"] = WheelSample("left", 5.0, (0.0, 0.0, 0.999 * spin), (0.0, 0.0, 0.0))
-    _, speed, yaw_rate = made._rates_from_sample(wheel, made._pose)
+    # Just below the limit, bias and scale are corrected and no excess rate is added.
+    wheel_filter._last_samples["left"] = WheelSample(
+        "left", 5.0, (0.0, 0.0, 0.999 * limit_reading), (0.0, 0.0, 0.0)
+    )
+    _, speed, yaw_rate = wheel_filter._rates_from_sample(wheel, wheel_filter._pose)
     assert speed - yaw_rate * 0.5 * TRACK == pytest.approx(R * (0.999 * LIMIT - 0.5))
 
 
-def shown(made: WheelFilter, **told: tuple[float, float, float]) -> Any:
-    made._sample_rates.update({side: _SampleRates(*rates) for side, rates in told.items()})
-    return made.state()
+def state_from_rates(wheel_filter: WheelFilter, **rates_by_side: tuple[float, float, float]) -> Any:
+    """Return the live state for (time, speed, yaw rate) of the newest sample of each side."""
+    wheel_filter._sample_rates.update({side: _SampleRates(*rates) for side, rates in rates_by_side.items()})
+    return wheel_filter.state()
 
 
-def test_a_vehicle_goes_on_along_the_bend_at_the_mean_of_both_wheels() -> None:
-    """From 1.7 m/s and 0.8 rad/s to 2.1 and 1.0 in 0.04 s, by the newest sample of the two."""
-    state = shown(filtered("left", "right"), left=(5.02, 2.0, 0.9), right=(5.04, 2.2, 1.1))
+def test_the_state_follows_an_arc_at_the_mean_rates_of_both_wheels() -> None:
+    """Speed and yaw rate change from 1.7 m/s and 0.8 rad/s to 2.1 m/s and 1.0 rad/s in 0.04 s."""
+    state = state_from_rates(filter_with_pose("left", "right"), left=(5.02, 2.0, 0.9), right=(5.04, 2.2, 1.1))
     assert (state.t, state.speed, state.yaw_rate) == (5.04, pytest.approx(2.1), pytest.approx(1.0))
     heading = 0.4 + 0.9 * 0.04
     assert state.heading == pytest.approx(heading)
-    arc = 1.9 / 0.9
-    assert state.x == pytest.approx(2.0 + arc * (math.sin(heading) - math.sin(0.4)), abs=1e-5)
-    assert state.y == pytest.approx(3.0 - arc * (math.cos(heading) - math.cos(0.4)), abs=1e-5)
+    radius = 1.9 / 0.9
+    assert state.x == pytest.approx(2.0 + radius * (math.sin(heading) - math.sin(0.4)), abs=1e-5)
+    assert state.y == pytest.approx(3.0 - radius * (math.cos(heading) - math.cos(0.4)), abs=1e-5)
     assert state.motion_state is MotionState.MOVING and np.array_equal(state.covariance, np.eye(5))
 
 
-def test_a_sample_from_before_the_pose_says_nothing_and_one_of_its_time_does() -> None:
-    state = shown(filtered("left", "right"), left=(4.99, 9.0, 9.0), right=(5.04, 2.1, 1.0))
+def test_samples_older_than_the_pose_are_ignored() -> None:
+    state = state_from_rates(filter_with_pose("left", "right"), left=(4.99, 9.0, 9.0), right=(5.04, 2.1, 1.0))
     assert (state.t, state.speed, state.yaw_rate) == (5.04, 2.1, 1.0)
-    state = shown(filtered("left", "right"), left=(4.99, 9.0, 9.0))
+    state = state_from_rates(filter_with_pose("left", "right"), left=(4.99, 9.0, 9.0))
     assert (state.t, state.x, state.y, state.speed) == (5.0, 2.0, 3.0, SPEED)
-    state = shown(filtered("left", "right"), left=(5.0, 2.1, 1.0))
+    state = state_from_rates(filter_with_pose("left", "right"), left=(5.0, 2.1, 1.0))
     assert (state.t, state.x, state.y, state.speed) == (5.0, 2.0, 3.0, 2.1)
 
 
-@pytest.mark.parametrize("still", [MotionState.STANDSTILL, MotionState.ROCKING])
-def test_a_vehicle_that_stands_stays_where_it_is_while_time_goes_on(still: MotionState) -> None:
-    state = shown(filtered("left", "right", still=still), left=(5.02, 9.0, 9.0), right=(5.04, 9.0, 9.0))
+@pytest.mark.parametrize("motion_state", [MotionState.STANDSTILL, MotionState.ROCKING])
+def test_at_standstill_only_the_time_of_the_state_advances(motion_state: MotionState) -> None:
+    state = state_from_rates(
+        filter_with_pose("left", "right", motion_state=motion_state),
+        left=(5.02, 9.0, 9.0),
+        right=(5.04, 9.0, 9.0),
+    )
     assert (state.t, state.x, state.y, state.heading) == (5.04, 2.0, 3.0, 0.4)
-    assert (state.speed, state.yaw_rate, state.motion_state) == (SPEED, YAW_RATE, still)
+    assert (state.speed, state.yaw_rate, state.motion_state) == (SPEED, YAW_RATE, motion_state)
 
 
-def test_only_wheels_whose_angle_is_known_are_asked() -> None:
-    made = filtered("left", "right")
+def test_only_wheels_with_a_known_angle_contribute_rates() -> None:
+    wheel_filter = filter_with_pose("left", "right")
     for side in ("left", "right"):
-        made._last_samples[side] = sample(made, side)
-    made.core.wheels[1].angle_initialised = False
-    assert made.state() is not None and set(made._sample_rates) == {"left"}
-    assert WheelFilter(made.config).state() is None
+        wheel_filter._last_samples[side] = simulate_sample(wheel_filter, side)
+    wheel_filter.core.wheels[1].angle_initialised = False
+    assert wheel_filter.state() is not None and set(wheel_filter._sample_rates) == {"left"}
+    assert WheelFilter(wheel_filter.config).state() is None

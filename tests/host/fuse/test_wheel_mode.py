@@ -1,4 +1,4 @@
-"""Mode of a wheel: every combination of what decides it, and the measurements that it allows."""
+"""Mode of a wheel: every combination of its inputs, and the measurements that each mode allows."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ ROLLING, DISTRUSTED, SLIPPING, UNKNOWN, LOST, OUTAGE, DISABLED = WheelMode
 
 
 @pytest.mark.parametrize(
-    ("best", "angle_known", "is_slipping", "mode"),
+    ("best_mode", "angle_known", "is_slipping", "mode"),
     [
         (ROLLING, True, False, ROLLING),
         (ROLLING, True, True, SLIPPING),
@@ -34,9 +34,13 @@ ROLLING, DISTRUSTED, SLIPPING, UNKNOWN, LOST, OUTAGE, DISABLED = WheelMode
         (DISABLED, False, True, DISABLED),
     ],
 )
-def test_mode(best: WheelMode, angle_known: bool, is_slipping: bool, mode: WheelMode) -> None:
-    assert select_mode(best, angle_known, is_slipping, 0.49) is mode
-    assert select_mode(best, angle_known, is_slipping, 0.5) is (DISABLED if best is DISABLED else OUTAGE)
+def test_mode_for_every_combination_of_inputs(
+    best_mode: WheelMode, angle_known: bool, is_slipping: bool, mode: WheelMode
+) -> None:
+    assert select_mode(best_mode, angle_known, is_slipping, 0.49) is mode
+    assert select_mode(best_mode, angle_known, is_slipping, 0.5) is (
+        DISABLED if best_mode is DISABLED else OUTAGE
+    )
 
 
 @pytest.mark.parametrize(
@@ -51,7 +55,7 @@ def test_mode(best: WheelMode, angle_known: bool, is_slipping: bool, mode: Wheel
         (DISABLED, set()),
     ],
 )
-def test_measurements_of_a_mode(mode: WheelMode, used: set[object]) -> None:
+def test_each_mode_uses_its_measurements(mode: WheelMode, used: set[object]) -> None:
     listed: tuple[Measurement, ...] = (yaw, roll, forward, sideways, rolling)
     usage = dict(zip(MEASUREMENTS, _usage_by_mode(MEASUREMENTS)[mode], strict=True))
     assert {measurement for measurement in listed if usage[measurement]} == used
