@@ -25,6 +25,7 @@ from hubodo.fuse.wheel.entries import (
     StateLayout,
 )
 from hubodo.fuse.wheel.filter import WheelFilter
+from hubodo.fuse.wheel.integrals import cosine_and_sine
 from hubodo.fuse.wheel.measurements import (
     MEASUREMENTS,
     LinearisedWindow,
@@ -38,7 +39,6 @@ from hubodo.fuse.wheel.measurements import (
 from hubodo.fuse.wheel.measurements.shared import Row
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.preintegration import WindowBuilder
-from hubodo.fuse.wheel.sine import cosine_and_sine
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 from wheel_runs import sample_columns
 

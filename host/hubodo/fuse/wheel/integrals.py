@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.wheel.sine import cosine_and_sine
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 
 # Rows of the integrands: gz; real and imaginary parts of the terms rotated by the carrier (gyros across the
@@ -107,3 +107,14 @@ def _complex(real: Array, imaginary: Array) -> list[Any]:
     pair = np.empty(real.shape, complex)
     pair.real, pair.imag = real, imaginary
     return list(pair.tolist())
+
+
+def cosine_and_sine(angle: Array) -> tuple[Array, Array]:
+    """Return cosine and sine of angles (N,), rad, computed angle by angle.
+
+    One sample and a million then give the same bits. numpy may treat the ends of an array with other
+    instructions than its middle, so the last bit would depend on how samples are split into blocks.
+    """
+    values = angle.tolist()
+    cosine = np.fromiter(map(math.cos, values), np.float64, len(values))
+    return cosine, np.fromiter(map(math.sin, values), np.float64, len(values))

@@ -8,8 +8,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.integrals import CZ, GZ, MISSING, SAMPLE_ROWS, WI, WR, differences, integrands
-from hubodo.fuse.wheel.window import WINDOW_S, Window
-from hubodo.fuse.wheel.window_samples import slice_samples
+from hubodo.fuse.wheel.window import WINDOW_S, Window, slice_samples
 from hubodo.vehicle import Facing, facing_sign
 
 MAX_BRIDGED_GAP = 0.8
