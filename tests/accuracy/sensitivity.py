@@ -1,11 +1,12 @@
 """Sensitivity of the wheel filter to its constants: each at half and at twice its value.
 
-    python tests/accuracy/sensitivity.py [--seeds 1] [--only PART] [--results out/sensitivity.jsonl]
+    python tests/accuracy/sensitivity.py [--seeds 1] [--only PART ...] [--results out/sensitivity.jsonl]
 
-Constants are found by walking the modules of `hubodo.fuse.wheel`. For each the tool runs a small set of
-seeded drives (loops with slip, one wheel and two, a clipped gyro, an outage) and prints by how much the mean
-error at the end and the mean NEES change. "none" means that no pose changes at all on these drives. Runs are
-stored in the results file, so an interrupted run continues where it stopped.
+Constants are found by walking the modules of `hubodo.fuse.wheel`. For each the tool runs two sets of seeded
+drives: five usual ones (loops with slip, one wheel and two, a clipped gyro, an outage), and the short ones
+of `generators/fault_drives.py` (mounting, standstill beside an engine, clipping, outages, clocks, slip). It
+prints by how much the mean error at the end and the mean NEES change, and on how many drives a pose, a slip
+or a warning changes. Runs are stored in the results file, so an interrupted run continues where it stopped.
 """
 
 # ruff: noqa: E402 (BLAS must know its threads before numpy is loaded)
@@ -13,6 +14,7 @@ stored in the results file, so an interrupted run continues where it stopped.
 from __future__ import annotations
 
 import argparse
+import hashlib
 import importlib
 import json
 import os
@@ -34,11 +36,13 @@ import hubodo.fuse.wheel
 from accuracy import slip
 from generators.clipped_drives import CASES as CLIPPED
 from generators.clipped_drives import clipped_drive
+from generators.fault_drives import FAULTS, FaultDrive
 from generators.outages import drive_with_outage
-from generators.wheel_drives import WheelDrive
 from hubodo.fuse.wheel.config import WheelNoise
 from hubodo.fuse.wheel.motion_state import StandstillLimits
+from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds, average_surface_speeds
 from hubodo.fuse.wheel.track import run_wheel_filter
+from hubodo.recording import Table
 from wheel_runs import BOTH, config, end_error, nees, tables
 
 FACTORS = (0.5, 2.0)
@@ -51,16 +55,11 @@ LAYOUT = {
 }
 """Constants that define the data or follow from others."""
 
-UNUSED = (
-    "calibration.",
-    "drive_warnings",
-    "node_times",
-    "node_screening",
-    "surface_speeds",
-    "smoother",
-    "fixed_lag",
-)
+UNUSED = ("calibration.", "node_times", "node_screening", "surface_speeds", "smoother", "fixed_lag")
 """Modules that these drives do not use."""
+
+MAX_NEES = 30.0
+"""Largest NEES of one drive in a mean, so that a track that is wrong altogether does not hide all others."""
 
 SLIPS = (
     "one wheel, lifted 6 s, stopped by something",
@@ -81,20 +80,12 @@ class Number(NamedTuple):
         return f"{self.owner}.{self.name}" + ("" if self.index is None else f"[{self.index}]")
 
 
-class Drive(NamedTuple):
-    """A seeded drive, its nodes, and saturation limits."""
-
-    drive: WheelDrive
-    nodes: tuple[str, ...]
-    limits: dict[str, float] | None
-
-
 class Result(NamedTuple):
-    """Mean error, % of the distance, mean NEES of 3, and a digest of all poses."""
+    """Error, % of the distance, NEES of 3, and a digest of poses, slips and warnings, of each drive."""
 
-    error: float
-    nees: float
-    poses: float
+    errors: list[float]
+    nees: list[float]
+    digests: list[str]
 
 
 def find_numbers() -> list[Number]:
@@ -165,28 +156,59 @@ def scaled(number: Number, factor: float) -> Iterator[None]:
             setattr(user, number.name, before)
 
 
-def make_drives(seeds: int) -> list[Drive]:
-    """Return the set of drives."""
-    drives = []
-    for seed in range(100, 100 + seeds):
+def make_drives(seeds: range) -> dict[str, list[FaultDrive]]:
+    """Return both sets of drives."""
+    usual, faults = [], []
+    for seed in seeds:
         for name in SLIPS:
-            drive, nodes, _ = slip.made(slip.CASES[name], seed)
-            drives.append(Drive(drive, nodes, None))
+            drive, nodes, _ = slip.make_drive(slip.CASES[name], seed)
+            usual.append(FaultDrive(drive, nodes))
         case = CLIPPED["20 m/s"]
-        drives.append(Drive(clipped_drive(case, seed), BOTH, case.limits))
-        drives.append(Drive(drive_with_outage(seed, 20.0, "turns")[0], BOTH, None))
-    return drives
+        usual.append(FaultDrive(clipped_drive(case, seed), BOTH, case.limits))
+        usual.append(FaultDrive(drive_with_outage(seed, 20.0, "turns")[0]))
+        faults += [make(seed) for make in FAULTS.values()]
+    return {"usual": usual, "faults": faults}
 
 
-def measure(drives: list[Drive]) -> Result:
-    """Run the filter over all drives."""
-    errors, honesty, poses = [], [], 0.0
-    for drive, nodes, limits in drives:
-        run = run_wheel_filter(config(drive, nodes, limits=limits), tables(drive))
-        errors.append(100.0 * end_error(drive, run) / drive.length)
-        honesty.append(nees(drive, run))
-        poses += float(np.sum(run.track.x) + np.sum(run.track.y) + np.sum(run.track.covariance))
-    return Result(float(np.mean(errors)), float(np.mean(honesty)), poses)
+def encoder_speeds(it: FaultDrive) -> SurfaceSpeeds:
+    """Return the speeds of an encoder with a scale error of 1 % on each wheel that does not slip."""
+    t = np.arange(0.0, it.drive.t[-1], 0.02)
+    speed, heading = (np.interp(t, it.drive.t, column) for column in (it.drive.speed, it.drive.heading))
+    half = 0.5 * it.drive.track * np.gradient(heading, t)
+    return average_surface_speeds(
+        Table({"t": t, "left": 1.01 * (speed - half), "right": 0.99 * (speed + half)})
+    )
+
+
+def measure(drives: list[FaultDrive]) -> Result:
+    """Run the filter over all drives; a drive that it cannot finish has an infinite error."""
+    result = Result([], [], [])
+    for it in drives:
+        settings = config(it.drive, it.nodes, limits=it.limits, encoder_aided=it.has_encoder)
+        speeds = encoder_speeds(it) if it.has_encoder else None
+        try:
+            run = run_wheel_filter(settings, tables(it.drive), 0.0, speeds)
+            numbers = 100.0 * end_error(it.drive, run) / it.drive.length, nees(it.drive, run)
+            digest = hashlib.sha256(repr((run.report.warnings, run.report.slips)).encode())
+            for column in (run.track.x, run.track.y, run.track.heading, run.track.covariance):
+                digest.update(np.ascontiguousarray(column).tobytes())
+            text = digest.hexdigest()[:16]
+        except (ValueError, IndexError, ArithmeticError, np.linalg.LinAlgError) as error:
+            numbers, text = (float("inf"), float("inf")), type(error).__name__
+        result.errors.append(numbers[0])
+        result.nees.append(numbers[1])
+        result.digests.append(text)
+    return result
+
+
+def compare(result: Result, usual: Result) -> str:
+    """Return the changes of mean error and mean NEES, and the number of drives that change."""
+    changed = sum(one != other for one, other in zip(result.digests, usual.digests, strict=True))
+    if not changed:
+        return "none"
+    error = float(np.mean(result.errors) - np.mean(usual.errors))
+    honest = np.mean(np.minimum(result.nees, MAX_NEES)) - np.mean(np.minimum(usual.nees, MAX_NEES))
+    return f"{error:+.2f}, {honest:+.2f} ({changed})"
 
 
 def main() -> int:
@@ -195,41 +217,43 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--only", default="")
+    parser.add_argument("--only", nargs="*", default=[""], help="parts of names; all without it")
+    parser.add_argument("--sets", nargs="+", default=["usual", "faults"], choices=["usual", "faults"])
     parser.add_argument("--results", type=Path, default=Path("out/sensitivity.jsonl"))
     args = parser.parse_args()
     args.results.parent.mkdir(parents=True, exist_ok=True)
     lines = args.results.read_text("utf-8").splitlines() if args.results.exists() else []
     done = {row["key"]: Result(*row["result"]) for row in map(json.loads, lines)}
-    drives = make_drives(args.seeds)
+    seeds = range(100, 100 + args.seeds)
+    sets = {name: drives for name, drives in make_drives(seeds).items() if name in args.sets}
 
-    def result_of(key: str, number: Number | None = None, factor: float = 1.0) -> Result:
-        key = f"{args.seeds} {key}"
+    def result_of(key: str, drives: list[FaultDrive]) -> Result:
         if key not in done:
-            try:
-                if number is None:
-                    done[key] = measure(drives)
-                else:
-                    with scaled(number, factor):
-                        done[key] = measure(drives)
-            except (ValueError, IndexError, ArithmeticError, np.linalg.LinAlgError):
-                done[key] = Result(float("inf"), float("inf"), float("inf"))
+            done[key] = measure(drives)
             with args.results.open("a", encoding="utf-8") as file:
                 file.write(json.dumps({"key": key, "result": list(done[key])}) + "\n")
         return done[key]
 
-    usual = result_of("usual")
-    seeds = f"seeds 100 to {99 + args.seeds}"
-    print(f"{len(drives)} drives, {seeds}: error {usual.error:.2f} %, NEES {usual.nees:.2f}")
-    print("| constant | value | half: error %, NEES | twice: error %, NEES |\n|---|---|---|---|")
+    usual = {name: result_of(f"{name} {args.seeds}", drives) for name, drives in sets.items()}
+    for name, result in usual.items():
+        honest = np.mean(np.minimum(result.nees, MAX_NEES))
+        print(
+            f"{name}: {len(result.errors)} drives, seeds {seeds[0]} to {seeds[-1]}: "
+            f"error {np.mean(result.errors):.2f} %, NEES {honest:.2f}"
+        )
+    columns = " | ".join(f"{name}, {size}" for name in sets for size in ("half", "twice"))
+    print(f"change of error in %, of NEES (drives that change)\n| constant | value | {columns} |")
+    print("|---" * (2 + len(FACTORS) * len(sets)) + "|")
     for number in find_numbers():
-        if args.only in str(number):
-            cells = []
+        if not any(part in str(number) for part in args.only):
+            continue
+        cells = []
+        for name, drives in sets.items():
             for factor in FACTORS:
-                found = result_of(f"{number} {factor}", number, factor)
-                change = f"{found.error - usual.error:+.2f}, {found.nees - usual.nees:+.2f}"
-                cells.append("none" if found.poses == usual.poses else change)
-            print(f"| `{number}` | {number.value:g} | {cells[0]} | {cells[1]} |", flush=True)
+                with scaled(number, factor):
+                    result = result_of(f"{name} {args.seeds} {number} {factor}", drives)
+                cells.append(compare(result, usual[name]))
+        print(f"| `{number}` | {number.value:g} | {' | '.join(cells)} |", flush=True)
     return 0
 
 
