@@ -34,7 +34,7 @@ from hubodo.fuse.wheel.motion_model import MotionModel
 from hubodo.fuse.wheel.motion_prediction import MotionPrediction, detect_wheel_motion, vehicle_motion
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.outage_model import free_motion_variances, vehicle_agility
-from hubodo.fuse.wheel.wheel_mode import WheelMode
+from hubodo.fuse.wheel.wheel import WheelMode
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
 
 T, G = WINDOW_S, STANDARD_GRAVITY

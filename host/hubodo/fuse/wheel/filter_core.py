@@ -33,7 +33,7 @@ from hubodo.fuse.wheel.records import (
 )
 from hubodo.fuse.wheel.slip_monitor import HISTORY_WINDOWS, SlipMonitor
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
-from hubodo.fuse.wheel.wheel_mode import WheelMode
+from hubodo.fuse.wheel.wheel import WheelMode
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
 from hubodo.fuse.wheel.window_processor import WindowProcessor
 

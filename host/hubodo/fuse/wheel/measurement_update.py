@@ -40,8 +40,7 @@ from hubodo.fuse.wheel.measurements import (
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.records import WheelWindows
 from hubodo.fuse.wheel.slip_detector import ForwardResidual
-from hubodo.fuse.wheel.wheel import Wheel
-from hubodo.fuse.wheel.wheel_mode import WheelMode
+from hubodo.fuse.wheel.wheel import Wheel, WheelMode
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 
 _GAP_VARIANCE_FACTOR = 1e4

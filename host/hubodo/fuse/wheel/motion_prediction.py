@@ -25,8 +25,7 @@ from hubodo.fuse.wheel.measurements import WindowNoise, forward, zero_velocity
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.outage_model import free_motion_variances, vehicle_agility
 from hubodo.fuse.wheel.records import WheelWindows
-from hubodo.fuse.wheel.wheel import reset_state
-from hubodo.fuse.wheel.wheel_mode import MAX_MISSING_SHARE
+from hubodo.fuse.wheel.wheel import MAX_MISSING_SHARE, reset_state
 from hubodo.fuse.wheel.window import WINDOW_S
 
 _SPEED_STEP_SIGMA, _YAW_RATE_STEP_SIGMA = 0.5, 0.5

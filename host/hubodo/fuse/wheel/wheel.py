@@ -1,10 +1,11 @@
-"""One wheel of the filter: its columns in the state, its detectors, its wheel angle and its counts."""
+"""One wheel of the filter: its columns in the state, its mode, its detectors, its angle and its counts."""
 
 from __future__ import annotations
 
 import cmath
 import math
 from dataclasses import dataclass, field, replace
+from enum import Enum
 
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
@@ -15,8 +16,10 @@ from hubodo.fuse.wheel.measurements.steady import NodeFixedTerms
 from hubodo.fuse.wheel.motion_state import StandstillDetector
 from hubodo.fuse.wheel.slip_detector import SlipDetector
 from hubodo.fuse.wheel.spin_search import SpinTracker, find_spin
-from hubodo.fuse.wheel.wheel_mode import MAX_MISSING_SHARE, WheelMode, select_mode
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
+
+MAX_MISSING_SHARE = 0.5
+"""Share of a window without samples from which on the window is not used at all. Estimated."""
 
 _MAX_GRAVITY_JUMP = 0.7
 """rad of change in the direction of gravity across a gap, beyond which the wheel angle is reinitialised.
@@ -36,6 +39,44 @@ manoeuvre and longer than a bump. Estimated."""
 
 _UPRIGHT_WINDOWS, _MIN_UPRIGHT_RATE = 300, 1.0
 """Windows, 30 s, of a wheel faster than this rate, rad/s, in which gravity must rotate with it. Estimated."""
+
+
+class WheelMode(Enum):
+    """Use of a wheel in one window; the diagram is in the README of this folder.
+
+    ROLLING: all measurements. DISTRUSTED_SPEED: all but its speed, after the mounting check. SLIPPING: yaw
+    and roll rate only. UNKNOWN_ANGLE: its speed only, until gravity has shown the wheel angle. LOST:
+    nothing; it slips or its speed is distrusted while the angle is unknown. OUTAGE: nothing; samples are
+    missing. DISABLED: nothing for the rest of the drive, after the mounting check.
+    """
+
+    ROLLING = "rolling"
+    DISTRUSTED_SPEED = "distrusted speed"
+    SLIPPING = "slipping"
+    UNKNOWN_ANGLE = "unknown angle"
+    LOST = "lost"
+    OUTAGE = "outage"
+    DISABLED = "disabled"
+
+    @property
+    def knows_angle(self) -> bool:
+        """Return True if the wheel angle is known, so that node axes can be rotated into the vehicle's."""
+        return self in (WheelMode.ROLLING, WheelMode.DISTRUSTED_SPEED, WheelMode.SLIPPING)
+
+
+def select_mode(best: WheelMode, angle_known: bool, is_slipping: bool, missing: float) -> WheelMode:
+    """Return the mode of a wheel in a window.
+
+    best: mode that the mounting check allows: ROLLING, DISTRUSTED_SPEED or DISABLED. missing: share of the
+    window without samples.
+    """
+    if best is WheelMode.DISABLED:
+        return best
+    if missing >= MAX_MISSING_SHARE:
+        return WheelMode.OUTAGE
+    if not angle_known:
+        return WheelMode.UNKNOWN_ANGLE if best is WheelMode.ROLLING and not is_slipping else WheelMode.LOST
+    return WheelMode.SLIPPING if is_slipping else best
 
 
 @dataclass

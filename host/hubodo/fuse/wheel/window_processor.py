@@ -24,8 +24,7 @@ from hubodo.fuse.wheel.rate_beyond_range import reset_misaligned_angle
 from hubodo.fuse.wheel.records import WheelWindows
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 from hubodo.fuse.wheel.state_vector import StateVector
-from hubodo.fuse.wheel.wheel import Wheel
-from hubodo.fuse.wheel.wheel_mode import WheelMode
+from hubodo.fuse.wheel.wheel import Wheel, WheelMode
 from hubodo.fuse.wheel.window import Window
 
 
