@@ -24,8 +24,7 @@ from hubodo.fuse.rolling_wheel import WheelSamples, WheelSpec
 from hubodo.fuse.track import Track, track_from_states
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.entries import GYRO_SCALE_ACROSS, WHEEL_RADIUS, YAW_RATE_FROM_GRAVITY
-from hubodo.fuse.wheel.node_screening import screen_samples
-from hubodo.fuse.wheel.node_times import check_times
+from hubodo.fuse.wheel.node_screening import check_times, screen_samples
 from hubodo.fuse.wheel.odometry_inflation import odometry_inflation
 from hubodo.fuse.wheel.surface_speeds import average_surface_speeds
 from hubodo.fuse.wheel.track import WheelRun, WheelTrack, run_wheel_filter

@@ -26,7 +26,7 @@ from hubodo.fuse.wheel.calibration.calibrate import WheelCalibration, WheelPrior
 from hubodo.fuse.wheel.calibration.learnt_parameters import quantities_as_json
 from hubodo.fuse.wheel.calibration.positions import Positions
 from hubodo.fuse.wheel.config import wheel_config
-from hubodo.fuse.wheel.node_times import check_times
+from hubodo.fuse.wheel.node_screening import check_times
 from hubodo.fuse.wheel_odometry import add_latitude, determine_log_ranges
 from hubodo.log.any_log import read_log
 from hubodo.log.roles import NODES_ROLE

@@ -12,7 +12,7 @@ from rich.console import Console
 from hubodo.atomic_files import write_atomically
 from hubodo.calibration.file import read_calibration
 from hubodo.errors import InputError
-from hubodo.fuse.wheel.node_times import check_times
+from hubodo.fuse.wheel.node_screening import check_times
 from hubodo.ingest.replay.odometry_setup import OdometrySetup, read_odometry_setup
 from hubodo.log.any_log import open_source, read_log
 from hubodo.log.logfile import Log

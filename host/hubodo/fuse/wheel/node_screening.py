@@ -1,16 +1,22 @@
-"""Reject samples of wheel nodes before filtering: frozen sensors and clocks that went back."""
+"""Checks of wheel nodes before filtering: times in seconds that overlap, frozen sensors, clocks set back."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.arrays import Array
+from hubodo.errors import InputError
 from hubodo.fuse.wheel.preintegration import MAX_SAMPLE_STEP
 from hubodo.recording import Table
+
+_MIN_SAMPLE_STEP_S = 1.0 / 7000.0
+"""s between samples at 7 kHz; the fastest rate of an LSM6DS33 is 6.66 kHz."""
+
+_UNITS_PER_SECOND = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
 
 _MIN_FROZEN_S = 0.5
 """s without a change of any bit; sensor noise changes a bit of six axes within a few samples."""
@@ -27,6 +33,32 @@ records.
 
 Two records mixed one to one take half of the usual duration. Estimated.
 """
+
+
+def check_times(nodes: Mapping[str, Table], log: str) -> None:
+    """Raise InputError if samples are too slow, in another unit, or if nodes have no common time."""
+    for name, table in nodes.items():
+        if len(table) < 3:
+            continue
+        step = float(np.median(np.diff(table.t)))
+        if step <= MAX_SAMPLE_STEP:
+            continue
+        description = (
+            f"{log}: {name}: samples are {step:g} s apart, from t = {table.t[0]:g} to {table.t[-1]:g} s"
+        )
+        for unit, per_second in _UNITS_PER_SECOND.items():
+            if _MIN_SAMPLE_STEP_S <= step / per_second <= MAX_SAMPLE_STEP:
+                raise InputError(f"{description}; they look like {unit}: divide t by {per_second:.0f}")
+        raise InputError(f"{description}; a wheel needs {1.0 / MAX_SAMPLE_STEP:g} samples a second or more")
+    names = [name for name, table in nodes.items() if len(table)]
+    for first_name, second_name in combinations(names, 2):
+        a, b = nodes[first_name].t, nodes[second_name].t
+        if a[0] > b[-1] or b[0] > a[-1]:
+            raise InputError(
+                f"{log}: {first_name} lasts from t = {a[0]:.1f} to {a[-1]:.1f} s, {second_name} from "
+                f"{b[0]:.1f} to {b[-1]:.1f} s: no time in common; put both on one clock, or fuse one alone "
+                "with --nodes"
+            )
 
 
 def screen_samples(nodes: Mapping[str, Table]) -> tuple[dict[str, Table], tuple[str, ...]]:
