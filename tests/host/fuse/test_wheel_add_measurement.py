@@ -1,0 +1,88 @@
+"""The recipe "add a measurement" of CONTRIBUTING.md, carried out in a copy of the package."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from package_copy import ROOT, PackageCopy
+
+TESTS_OF_ROWS = (
+    "host/fuse/test_wheel_model.py",
+    "host/fuse/test_wheel_update.py",
+    "host/fuse/test_wheel_mode.py",
+)
+"""Tests that differentiate every measurement, and those that count rows."""
+RUNS = """
+import json
+import numpy as np
+from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
+from hubodo.fuse.wheel.measurements import MEASUREMENTS
+from hubodo.fuse.wheel.motion_state import MotionState
+from wheel_runs import config, short
+
+drive = short(3)
+result = {"rows": len(MEASUREMENTS)}
+for names in (("left",), ("left", "right")):
+    nodes = {name: drive.nodes[name] for name in names}
+    bulk, live = WheelFilter(config(drive, names)), WheelFilter(config(drive, names))
+    bulk_poses = [*bulk.handle_many({n: (it.t, it.gyro, it.accel) for n, it in nodes.items()}).poses]
+    samples = [
+        WheelSample(name, t, tuple(gyro), tuple(accel))
+        for name, node in nodes.items()
+        for t, gyro, accel in zip(node.t.tolist(), node.gyro.tolist(), node.accel.tolist())
+    ]
+    live_poses = []
+    for sample in sorted(samples, key=lambda sample: sample.t):
+        live_poses += live.handle(sample).poses
+    bulk_poses += bulk.finish().poses
+    live_poses += live.finish().poses
+    moving = [pose for pose in bulk_poses if pose.motion_state is MotionState.MOVING]
+    result[len(names)] = {
+        "nis": sum(pose.nis for pose in moving),
+        "dof": max(pose.dof for pose in moving),
+        "live": [[pose.x.hex(), pose.y.hex(), pose.covariance.tobytes().hex()] for pose in live_poses],
+        "bulk": [[pose.x.hex(), pose.y.hex(), pose.covariance.tobytes().hex()] for pose in bulk_poses],
+    }
+print(json.dumps(result))
+"""
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory) -> PackageCopy:
+    """A copy of the package with the example measurement: one file and one line."""
+    copy = PackageCopy(tmp_path_factory.mktemp("copy"))
+    measurements = copy.package / "fuse/wheel/measurements"
+    shutil.copy(ROOT / "tests/example_measurement.py", measurements / "vertical.py")
+    copy.replace(
+        "fuse/wheel/measurements/__init__.py",
+        ("(yaw, roll, forward, sideways)", "(yaw, roll, forward, sideways, vertical)"),
+        (
+            "import forward, roll, rolling, sideways, yaw",
+            "import forward, roll, rolling, sideways, vertical, yaw",
+        ),
+    )
+    return copy
+
+
+def test_an_added_measurement_counts_in_nis_and_dof_of_each_pose_and_live_and_bulk_stay_equal(
+    copy: PackageCopy, tmp_path: Path
+) -> None:
+    before = json.loads(PackageCopy(tmp_path).run("-c", RUNS))
+    after = json.loads(copy.run("-c", RUNS))
+    assert after["rows"] == before["rows"] + 1
+    for wheels in (1, 2):
+        run, reference = after[str(wheels)], before[str(wheels)]
+        assert run["dof"] == reference["dof"] + wheels
+        assert run["nis"] != reference["nis"]
+        assert run["bulk"] == run["live"]
+        assert run["bulk"] != reference["bulk"]
+
+
+def test_the_derivatives_of_an_added_measurement_are_tested_and_no_test_that_counts_rows_fails(
+    copy: PackageCopy,
+) -> None:
+    # Sides, facings and four seeds.
+    assert copy.run_tests("host/fuse/test_wheel_model.py", "-k", "vertical") == 16
+    copy.run_tests(*TESTS_OF_ROWS)
