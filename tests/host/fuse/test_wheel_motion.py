@@ -1,4 +1,4 @@
-"""How states and covariance go through a window: beside arcs, differences, and the noise that is declared."""
+"""Propagation of states and covariance through a window: against arcs, differences and declared noise."""
 
 from __future__ import annotations
 
@@ -38,17 +38,17 @@ from hubodo.fuse.wheel.wheel import WheelMode
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
 
 T, G = WINDOW_S, STANDARD_GRAVITY
-FASTEST = 1.0
+MAX_SPEED = 1.0
 Pairs = tuple[tuple[Any, Window], ...]
 
 
-def vehicle(*names: str) -> tuple[WheelConfig, InitialState, Pairs]:
-    """Wheels whose angles are known, each in a window of its own."""
+def make_vehicle(*names: str) -> tuple[WheelConfig, InitialState, Pairs]:
+    """Return configuration, initial state and one window per wheel; all wheel angles are known."""
     nodes = {name: WheelNode(name, "left") for name in names}  # type: ignore[arg-type]
     config = WheelConfig(0.2, 0.6, nodes, position_aided=True)
-    begin = initial_state(config)
+    initial = initial_state(config)
     windows = []
-    for number, wheel in enumerate(begin.wheels):
+    for number, wheel in enumerate(initial.wheels):
         wheel.angle_initialised = True
         rate = 6.0 + number
         windows.append(
@@ -62,18 +62,19 @@ def vehicle(*names: str) -> tuple[WheelConfig, InitialState, Pairs]:
                 axial_variance=0.3,
             )
         )
-    return config, begin, tuple(zip(begin.wheels, windows, strict=True))
+    return config, initial, tuple(zip(initial.wheels, windows, strict=True))
 
 
-def somewhere(begin: InitialState, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """States away from zero, and a covariance in which all has to do with all."""
+def random_state(initial: InitialState, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return a random state away from zero and a fully correlated covariance."""
     rng = np.random.default_rng(seed)
-    size = begin.columns.size
+    size = initial.columns.size
     root = rng.standard_normal((size, size)) / np.sqrt(size)
     return 0.05 * rng.standard_normal(size), root @ root.T
 
 
-def changed(pairs: Pairs, **flags: float) -> Pairs:
+def replace_windows(pairs: Pairs, **flags: float) -> Pairs:
+    """Return the same wheels with fields of their windows replaced."""
     return tuple((wheel, window._replace(**flags)) for wheel, window in pairs)
 
 
@@ -83,262 +84,275 @@ BOTH = ("left", "right")
 @pytest.mark.parametrize("names", [BOTH, ("right",)])
 @pytest.mark.parametrize(("speed", "yaw_rate"), [(3.0, 2.0), (-3.0, 2.0), (1.0, -0.5)])
 @pytest.mark.parametrize("clipped", [0.0, 1.0])
-def test_a_vehicle_goes_along_an_arc_and_its_wheels_turn_by_what_their_gyros_show(
+def test_a_vehicle_moves_along_an_arc_and_wheel_angles_integrate_the_corrected_gyros(
     names: tuple[str, ...], speed: float, yaw_rate: float, clipped: float
 ) -> None:
-    config, begin, pairs = vehicle(*names)
-    pairs = changed(pairs, spin_clipped=clipped)
-    before, p = somewhere(begin, 5)
-    at = begin.columns.vehicle
-    before[at[SPEED]], before[at[YAW_RATE]], before[at[HEADING]] = speed, yaw_rate, 0.7
-    for wheel in begin.wheels:
+    config, initial, pairs = make_vehicle(*names)
+    pairs = replace_windows(pairs, spin_clipped=clipped)
+    before, p = random_state(initial, 5)
+    columns = initial.columns.vehicle
+    before[columns[SPEED]], before[columns[YAW_RATE]], before[columns[HEADING]] = speed, yaw_rate, 0.7
+    for wheel in initial.wheels:
         before[wheel.columns[CAMBER]] = 0.2
     x = before.tolist()
-    MotionModel(config, begin).advance(x, p, pairs)
+    MotionModel(config, initial).advance(x, p, pairs)
     expected = before.copy()
-    end = 0.7 + yaw_rate * T
-    expected[at[HEADING]] = end
-    # To the fourth order of the angle of the arc, 0.2 rad.
-    expected[at[X]] += speed / yaw_rate * (math.sin(end) - math.sin(0.7))
-    expected[at[Y]] -= speed / yaw_rate * (math.cos(end) - math.cos(0.7))
-    for entry, place in at.items():
-        expected[place] *= math.exp(-T / entry.correlation_time)
+    end_heading = 0.7 + yaw_rate * T
+    expected[columns[HEADING]] = end_heading
+    # Equal up to the fourth order of the arc angle, 0.2 rad.
+    expected[columns[X]] += speed / yaw_rate * (math.sin(end_heading) - math.sin(0.7))
+    expected[columns[Y]] -= speed / yaw_rate * (math.cos(end_heading) - math.cos(0.7))
+    for entry, column in columns.items():
+        expected[column] *= math.exp(-T / entry.correlation_time)
     for wheel, window in pairs:
-        own = {entry: before[place] for entry, place in wheel.columns.items()}
+        wheel_states = {entry: before[column] for entry, column in wheel.columns.items()}
         rate = window.spin / T
         if not clipped:
-            rate = (rate - own[GYRO_BIAS_Z]) / (1.0 + own[GYRO_SCALE_Z])
-        rate += own[RATE_BEYOND_RANGE] - wheel.geometry.side * yaw_rate * math.sin(0.2)
+            rate = (rate - wheel_states[GYRO_BIAS_Z]) / (1.0 + wheel_states[GYRO_SCALE_Z])
+        rate += wheel_states[RATE_BEYOND_RANGE] - wheel.geometry.side * yaw_rate * math.sin(0.2)
         expected[wheel.columns[WHEEL_ANGLE]] += rate * T
     assert x == pytest.approx(expected, abs=3e-7)
 
 
 def test_a_wheel_angle_stays_within_half_a_turn() -> None:
-    config, begin, pairs = vehicle("left")
-    x, place = list(begin.x), begin.wheels[0].columns[WHEEL_ANGLE]
-    x[place] = 3.0
-    MotionModel(config, begin).advance(x, begin.p, pairs)
-    assert x[place] == pytest.approx(3.0 + 0.6 - 2.0 * math.pi)
+    config, initial, pairs = make_vehicle("left")
+    x, column = list(initial.x), initial.wheels[0].columns[WHEEL_ANGLE]
+    x[column] = 3.0
+    MotionModel(config, initial).advance(x, initial.p, pairs)
+    assert x[column] == pytest.approx(3.0 + 0.6 - 2.0 * math.pi)
 
 
 @pytest.mark.parametrize("names", [BOTH, ("right",)])
 @pytest.mark.parametrize("clipped", [0.0, 1.0])
-def test_the_transition_of_a_window_is_the_derivative_of_the_motion(
+def test_the_transition_matrix_is_the_derivative_of_the_motion(
     names: tuple[str, ...], clipped: float
 ) -> None:
-    config, begin, pairs = vehicle(*names)
-    pairs = changed(pairs, spin_clipped=clipped)
-    before, p = somewhere(begin, 6)
-    at = begin.columns.vehicle
-    before[at[SPEED]], before[at[YAW_RATE]], before[at[HEADING]] = 3.0, 0.1, 0.7
-    motion = MotionModel(config, begin)
+    config, initial, pairs = make_vehicle(*names)
+    pairs = replace_windows(pairs, spin_clipped=clipped)
+    before, p = random_state(initial, 6)
+    columns = initial.columns.vehicle
+    before[columns[SPEED]], before[columns[YAW_RATE]], before[columns[HEADING]] = 3.0, 0.1, 0.7
+    motion = MotionModel(config, initial)
 
-    def after(x: np.ndarray) -> np.ndarray:
-        made = x.tolist()
-        motion.advance(made, p.copy(), pairs)
-        return np.array(made)
+    def propagate(x: np.ndarray) -> np.ndarray:
+        state = x.tolist()
+        motion.advance(state, p.copy(), pairs)
+        return np.array(state)
 
     step = 1e-5
     numeric = [
-        (after(before + step * unit) - after(before - step * unit)) / (2.0 * step)
+        (propagate(before + step * unit) - propagate(before - step * unit)) / (2.0 * step)
         for unit in np.eye(len(before))
     ]
-    after(before)
-    # That a chord of a bend is shorter is left out of what the yaw rate does to it: v T² (r T) / 12.
+    propagate(before)
+    # The transition neglects that the yaw rate shortens the chord of an arc: v T² (r T) / 12.
     np.testing.assert_allclose(motion.transition(), np.array(numeric).T, atol=3e-5)
 
 
 @pytest.mark.parametrize("names", [BOTH, ("right",)])
 @pytest.mark.parametrize("speed", [3.0, -3.0])
 @pytest.mark.parametrize(("missing", "gyro"), [(0.0, 0.0), (0.0, 4e-4), (0.3, 0.0)])
-def test_the_covariance_goes_through_a_window_as_the_transition_says_and_by_what_is_random_in_it(
+def test_the_covariance_follows_the_transition_and_the_declared_process_noise(
     names: tuple[str, ...], speed: float, missing: float, gyro: float
 ) -> None:
-    """What wanders; 1 mm for a metre across the way; the noise of gyros; a rad/s where nothing is heard."""
-    config, begin, pairs = vehicle(*names)
-    pairs = changed(pairs, missing=missing)
-    before, p = somewhere(begin, 7)
-    at = begin.columns.vehicle
-    before[at[SPEED]], before[at[YAW_RATE]], before[at[HEADING]] = speed, 0.5, 0.7
-    for wheel in begin.wheels:
+    """Process noise: random walks, 1 mm per root metre sideways, gyro noise, 1 rad/s for a missing part."""
+    config, initial, pairs = make_vehicle(*names)
+    pairs = replace_windows(pairs, missing=missing)
+    before, p = random_state(initial, 7)
+    columns = initial.columns.vehicle
+    before[columns[SPEED]], before[columns[YAW_RATE]], before[columns[HEADING]] = speed, 0.5, 0.7
+    for wheel in initial.wheels:
         wheel.standstill.noise = gyro
-    motion, found = MotionModel(config, begin), p.copy()
+    motion, second = MotionModel(config, initial), p.copy()
     for number in range(2):
         x = before.tolist()
-        motion.advance(x, found, pairs)
+        motion.advance(x, second, pairs)
         if number == 0:
-            first = found.copy()
+            first = second.copy()
     f = motion.transition()
     noise = np.zeros_like(p)
-    for wheel in begin.wheels:
-        for entry, place in wheel.columns.items():
+    for wheel in initial.wheels:
+        for entry, column in wheel.columns.items():
             if entry is TIME_OFFSET and len(names) == 1:
                 continue
-            lasting = math.isinf(entry.correlation_time)
-            noise[place, place] = (
+            is_random_walk = math.isinf(entry.correlation_time)
+            noise[column, column] = (
                 entry.random_walk**2 * T
-                if lasting
+                if is_random_walk
                 else entry.prior**2 * -math.expm1(-2.0 * T / entry.correlation_time)
             )
         angle = wheel.columns[WHEEL_ANGLE]
         noise[angle, angle] = max(config.noise.gyro**2 * T, gyro * T * T) + (missing * T) ** 2
-    across = np.array([-math.sin(0.7 + 0.025), math.cos(0.7 + 0.025)])
-    places = [at[X], at[Y]]
-    noise[np.ix_(places, places)] += 0.001**2 * abs(speed) * T * np.outer(across, across)
+    sideways = np.array([-math.sin(0.7 + 0.025), math.cos(0.7 + 0.025)])
+    xy = [columns[X], columns[Y]]
+    noise[np.ix_(xy, xy)] += 0.001**2 * abs(speed) * T * np.outer(sideways, sideways)
     np.testing.assert_allclose(first, f @ p @ f.T + noise, rtol=1e-6, atol=1e-12)
-    np.testing.assert_allclose(found, f @ first @ f.T + noise, rtol=1e-6, atol=1e-12)
-    # So little is random that it would be lost beside what was not known.
-    still = np.zeros_like(p)
-    MotionModel(config, begin).advance(before.tolist(), still, pairs)
-    np.testing.assert_allclose(still, noise, rtol=1e-3, atol=1e-20)
+    np.testing.assert_allclose(second, f @ first @ f.T + noise, rtol=1e-6, atol=1e-12)
+    # From a zero covariance, as the process noise is small beside the covariance above.
+    from_zero = np.zeros_like(p)
+    MotionModel(config, initial).advance(before.tolist(), from_zero, pairs)
+    np.testing.assert_allclose(from_zero, noise, rtol=1e-3, atol=1e-20)
 
 
-def predicted(
+def predict(
     pairs: Pairs,
-    begin: InitialState,
+    initial: InitialState,
     x: np.ndarray,
     p: np.ndarray,
-    made: MotionPrediction | None = None,
-    carry: bool = True,
-    told: bool = False,
-    stillness: MotionState = MotionState.MOVING,
+    prediction: MotionPrediction | None = None,
+    propagate_speed: bool = True,
+    speed_aided: bool = False,
+    motion_state: MotionState = MotionState.MOVING,
 ) -> tuple[np.ndarray, np.ndarray, MotionPrediction]:
-    """States and covariance after a window that is expected."""
-    made = made or MotionPrediction(begin.columns, WindowNoise(WheelConfig(0.2, 0.6, {"a": LEFT}).noise, 0.2))
+    """Return states, covariance and the prediction object after a predicted window."""
+    prediction = prediction or MotionPrediction(
+        initial.columns, WindowNoise(WheelConfig(0.2, 0.6, {"a": LEFT}).noise, 0.2)
+    )
     after, p = x.tolist(), p.copy()
-    made.predict(after, p, pairs, stillness, carry, told, FASTEST)
-    return np.array(after), p, made
+    prediction.predict(after, p, pairs, motion_state, propagate_speed, speed_aided, MAX_SPEED)
+    return np.array(after), p, prediction
 
 
 LEFT = WheelNode("left", "left")
 
 
-def felt(wheel: Any, window: Window, x: np.ndarray) -> float:
-    """m/s of forward force, less that of lever arm, bias and slope: the model of forward.py, written anew."""
-    own = {f"{entry}": x[place] for entry, place in wheel.columns.items()}
-    rate = (window.spin / T - own["gyro_bias.z"]) / (1.0 + own["gyro_scale_factor.z"]) + own[
+def forward_gain(wheel: Any, window: Window, x: np.ndarray) -> float:
+    """Return the speed gain, m/s, by an independent copy of the model of forward.py."""
+    states = {f"{entry}": x[place] for entry, place in wheel.columns.items()}
+    rate = (window.spin / T - states["gyro_bias.z"]) / (1.0 + states["gyro_scale_factor.z"]) + states[
         str(RATE_BEYOND_RANGE)
     ]
-    rolls = rate - wheel.geometry.side * own[str(YAW_RATE)] * math.sin(own[str(CAMBER)])
-    turn = cmath.exp(1j * (own[str(WHEEL_ANGLE)] + 0.5 * rolls * T))
-    force = window.force - complex(own["accel_bias.x"], own["accel_bias.y"]) * window.carrier
-    force -= complex(own["lever_arm.x"], own["lever_arm.y"]) * window.lever
-    return (turn * force).imag - own[str(SLOPE)] * T
+    rolling_rate = rate - wheel.geometry.side * states[str(YAW_RATE)] * math.sin(states[str(CAMBER)])
+    rotation = cmath.exp(1j * (states[str(WHEEL_ANGLE)] + 0.5 * rolling_rate * T))
+    force = window.force - complex(states["accel_bias.x"], states["accel_bias.y"]) * window.carrier
+    force -= complex(states["lever_arm.x"], states["lever_arm.y"]) * window.lever
+    return (rotation * force).imag - states[str(SLOPE)] * T
 
 
 @pytest.mark.parametrize("names", [BOTH, ("right",)])
-def test_a_speed_that_is_carried_gains_what_the_accelerometers_feel_with_all_that_this_owes(
+def test_an_inertially_propagated_speed_integrates_the_forward_acceleration(
     names: tuple[str, ...],
 ) -> None:
-    config, begin, pairs = vehicle(*names)
-    before, p = somewhere(begin, 8)
-    speed, yaw_rate = begin.columns.vehicle[SPEED], begin.columns.vehicle[YAW_RATE]
-    x, found, made = predicted(pairs, begin, before, p)
-    gain = np.mean([felt(*pair, before) for pair in pairs])
-    assert abs(gain) < 0.5, "the hardest that is believed would hide it"
+    config, initial, pairs = make_vehicle(*names)
+    before, p = random_state(initial, 8)
+    speed, yaw_rate = initial.columns.vehicle[SPEED], initial.columns.vehicle[YAW_RATE]
+    x, covariance, prediction = predict(pairs, initial, before, p)
+    gain = np.mean([forward_gain(*pair, before) for pair in pairs])
+    assert abs(gain) < 0.5, "the limit of the acceleration would hide an error"
     assert x[speed] - before[speed] == pytest.approx(gain)
     assert np.delete(x - before, speed) == pytest.approx(0.0)
 
-    def after(at: np.ndarray) -> float:
-        return predicted(pairs, begin, at, p)[0][speed]
+    def predicted_speed(state: np.ndarray) -> float:
+        return predict(pairs, initial, state, p)[0][speed]
 
-    slope = [(after(before + 1e-6 * u) - after(before - 1e-6 * u)) / 2e-6 for u in np.eye(len(before))]
-    assert made.speed_row == pytest.approx(np.array(slope), abs=1e-7)
+    derivatives = [
+        (predicted_speed(before + 1e-6 * u) - predicted_speed(before - 1e-6 * u)) / 2e-6
+        for u in np.eye(len(before))
+    ]
+    assert prediction.speed_row == pytest.approx(np.array(derivatives), abs=1e-7)
     f = np.eye(len(before))
-    f[speed] = slope
+    f[speed] = derivatives
     noise = config.noise
     white = noise.accel**2 * T + (noise.vibration_share * T) ** 2 * 0.3 + (noise.forward_force * T) ** 2
     expected = f @ p @ f.T
     expected[speed, speed] += white / len(pairs)
     expected[yaw_rate, yaw_rate] += 0.5**2
-    np.testing.assert_allclose(found, expected, atol=1e-6)
-    # Of two windows half of each.
-    harder = changed(pairs, force=pairs[0][1].force + 0.02j)
-    x, _, made = predicted(harder, begin, before, p, made)
-    second = np.mean([felt(*pair, before) for pair in harder])
-    assert x[speed] - before[speed] == pytest.approx(0.5 * (gain + second))
-    made.clear_force()
-    x, *_ = predicted(harder, begin, before, p, made)
-    assert x[speed] - before[speed] == pytest.approx(second)
+    np.testing.assert_allclose(covariance, expected, atol=1e-6)
+    # With two windows the gain is the mean of both.
+    stronger = replace_windows(pairs, force=pairs[0][1].force + 0.02j)
+    x, _, prediction = predict(stronger, initial, before, p, prediction)
+    next_gain = np.mean([forward_gain(*pair, before) for pair in stronger])
+    assert x[speed] - before[speed] == pytest.approx(0.5 * (gain + next_gain))
+    prediction.clear_force()
+    x, *_ = predict(stronger, initial, before, p, prediction)
+    assert x[speed] - before[speed] == pytest.approx(next_gain)
 
 
-@pytest.mark.parametrize("carry", [True, False])
-@pytest.mark.parametrize("push", [80j, -80j])
-def test_nobody_brakes_or_drives_harder_than_half_of_gravity(carry: bool, push: complex) -> None:
-    _, begin, pairs = vehicle("left")
-    speed = begin.columns.vehicle[SPEED]
+@pytest.mark.parametrize("propagate_speed", [True, False])
+@pytest.mark.parametrize("acceleration", [80j, -80j])
+def test_the_predicted_acceleration_is_limited_to_five_metres_per_second_squared(
+    propagate_speed: bool, acceleration: complex
+) -> None:
+    _, initial, pairs = make_vehicle("left")
+    speed = initial.columns.vehicle[SPEED]
     _, window = pairs[0]
-    upright = changed(pairs, force=push * T * cmath.exp(-0.5j * window.spin), lever=0j)
-    x, *_ = predicted(upright, begin, np.zeros(begin.columns.size), begin.p, carry=carry)
-    assert x[speed] == pytest.approx(math.copysign(5.0, push.imag) * T)
+    upright = replace_windows(pairs, force=acceleration * T * cmath.exp(-0.5j * window.spin), lever=0j)
+    x, *_ = predict(
+        upright, initial, np.zeros(initial.columns.size), initial.p, propagate_speed=propagate_speed
+    )
+    assert x[speed] == pytest.approx(math.copysign(5.0, acceleration.imag) * T)
 
 
-def test_an_accelerometer_that_tells_nothing_has_no_part_in_a_carried_speed() -> None:
-    _, begin, pairs = vehicle(*BOTH)
-    before, p = somewhere(begin, 9)
-    speed, yaw_rate = begin.columns.vehicle[SPEED], begin.columns.vehicle[YAW_RATE]
-    alone = felt(*pairs[0], before)
-    for unsound in ({"missing": 0.01}, {"force_clipped": 0.01}):
-        mixed = (pairs[0], *changed(pairs[1:], **unsound))
-        assert predicted(mixed, begin, before, p)[0][speed] - before[speed] == pytest.approx(alone)
-        x, found, made = predicted(changed(pairs, **unsound), begin, before, p)
-        assert x == pytest.approx(before) and made.speed_row is None
-        assert found[speed, speed] == pytest.approx(p[speed, speed] + 0.5**2)
-        assert found[yaw_rate, yaw_rate] == pytest.approx(p[yaw_rate, yaw_rate] + 0.5**2)
-    for word, value in (("angle_initialised", False), ("best_mode", WheelMode.DISABLED)):
-        usual = getattr(begin.wheels[1], word)
-        setattr(begin.wheels[1], word, value)
-        assert predicted(pairs, begin, before, p)[0][speed] - before[speed] == pytest.approx(alone)
-        setattr(begin.wheels[1], word, usual)
+def test_unusable_accelerometers_do_not_contribute_to_the_propagated_speed() -> None:
+    _, initial, pairs = make_vehicle(*BOTH)
+    before, p = random_state(initial, 9)
+    speed, yaw_rate = initial.columns.vehicle[SPEED], initial.columns.vehicle[YAW_RATE]
+    gain_of_first = forward_gain(*pairs[0], before)
+    for unusable in ({"missing": 0.01}, {"force_clipped": 0.01}):
+        mixed = (pairs[0], *replace_windows(pairs[1:], **unusable))
+        assert predict(mixed, initial, before, p)[0][speed] - before[speed] == pytest.approx(gain_of_first)
+        x, covariance, prediction = predict(replace_windows(pairs, **unusable), initial, before, p)
+        assert x == pytest.approx(before) and prediction.speed_row is None
+        assert covariance[speed, speed] == pytest.approx(p[speed, speed] + 0.5**2)
+        assert covariance[yaw_rate, yaw_rate] == pytest.approx(p[yaw_rate, yaw_rate] + 0.5**2)
+    for attribute, value in (("angle_initialised", False), ("best_mode", WheelMode.DISABLED)):
+        original = getattr(initial.wheels[1], attribute)
+        setattr(initial.wheels[1], attribute, value)
+        assert predict(pairs, initial, before, p)[0][speed] - before[speed] == pytest.approx(gain_of_first)
+        setattr(initial.wheels[1], attribute, original)
 
 
-def free(begin: InitialState, pairs: Pairs, **options: bool) -> tuple[float, float]:
-    """What is added to the variances of speed and yaw rate."""
-    size = begin.columns.size
-    _, p, _ = predicted(pairs, begin, np.zeros(size), np.zeros((size, size)), **options)  # type: ignore[arg-type]
-    added = p.diagonal()[[begin.columns.vehicle[SPEED], begin.columns.vehicle[YAW_RATE]]]
+def added_variances(initial: InitialState, pairs: Pairs, **options: bool) -> tuple[float, float]:
+    """Return the variances that a window adds to speed and yaw rate."""
+    size = initial.columns.size
+    _, p, _ = predict(pairs, initial, np.zeros(size), np.zeros((size, size)), **options)  # type: ignore[arg-type]
+    added = p.diagonal()[[initial.columns.vehicle[SPEED], initial.columns.vehicle[YAW_RATE]]]
     assert p.sum() == pytest.approx(added.sum())
     return float(added[0]), float(added[1])
 
 
-def test_speed_and_yaw_rate_are_free_where_they_are_seen_and_wander_where_they_are_not() -> None:
-    _, begin, pairs = vehicle(*BOTH)
-    wander = free_motion_variances(vehicle_agility(FASTEST))
-    seen, gone = 0.25, Window(missing=0.5)
-    assert max(wander) < 0.5 * seen
-    one = (pairs[0], (begin.wheels[1], gone))
-    none = tuple((wheel, gone) for wheel in begin.wheels)
-    carried = {"carry": True, "told": False}
-    for joined, heard, told, expected in (
-        (True, pairs, False, (seen, seen)),
-        (False, pairs, False, (seen, seen)),
-        (True, one, False, (seen, seen)),
-        (False, one, False, (seen, wander[1])),
-        (False, one, True, (seen, seen)),
-        (True, none, False, wander),
-        (False, none, False, wander),
-        (False, none, True, (seen, seen)),
+def test_process_noise_depends_on_whether_speed_and_yaw_rate_are_measured() -> None:
+    _, initial, pairs = make_vehicle(*BOTH)
+    unmeasured = free_motion_variances(vehicle_agility(MAX_SPEED))
+    measured, missing_window = 0.25, Window(missing=0.5)
+    assert max(unmeasured) < 0.5 * measured
+    one_received = (pairs[0], (initial.wheels[1], missing_window))
+    none_received = tuple((wheel, missing_window) for wheel in initial.wheels)
+    propagation = {"propagate_speed": True, "speed_aided": False}
+    for angle_known, received, speed_aided, expected in (
+        (True, pairs, False, (measured, measured)),
+        (False, pairs, False, (measured, measured)),
+        (True, one_received, False, (measured, measured)),
+        (False, one_received, False, (measured, unmeasured[1])),
+        (False, one_received, True, (measured, measured)),
+        (True, none_received, False, unmeasured),
+        (False, none_received, False, unmeasured),
+        (False, none_received, True, (measured, measured)),
     ):
-        for wheel in begin.wheels:
-            wheel.angle_initialised = joined
-        assert free(begin, heard, carry=False, told=told) == pytest.approx(expected)
-        if heard is not pairs:
-            along, turning = free(begin, heard, **carried)
-            assert turning == pytest.approx(seen if joined and heard is one else wander[1])
-            # What an accelerometer tells is not free.
-            assert (along == pytest.approx(seen)) != (joined and heard is one)
+        for wheel in initial.wheels:
+            wheel.angle_initialised = angle_known
+        assert added_variances(
+            initial, received, propagate_speed=False, speed_aided=speed_aided
+        ) == pytest.approx(expected)
+        if received is not pairs:
+            speed_variance, yaw_variance = added_variances(initial, received, **propagation)
+            assert yaw_variance == pytest.approx(
+                measured if angle_known and received is one_received else unmeasured[1]
+            )
+            # A speed propagated by an accelerometer gets no large process noise.
+            assert (speed_variance == pytest.approx(measured)) != (angle_known and received is one_received)
 
 
 @pytest.mark.parametrize("names", [BOTH, ("left",)])
 @pytest.mark.parametrize("clipped", [0.0, 1.0])
-def test_a_speed_that_is_seen_goes_on_with_the_forward_force_that_is_felt(
+def test_a_measured_speed_is_predicted_with_the_forward_acceleration(
     names: tuple[str, ...], clipped: float
 ) -> None:
-    """In axes of the wheel at the middle of the window, less the slope: without lever arm and bias."""
-    _, begin, pairs = vehicle(*names)
-    pairs = changed(pairs, spin_clipped=clipped)
-    before, p = somewhere(begin, 10)
-    x, _, made = predicted(pairs, begin, before, p, carry=False)
+    """The force is rotated at the middle of the window and reduced by the slope; no lever arm, no bias."""
+    _, initial, pairs = make_vehicle(*names)
+    pairs = replace_windows(pairs, spin_clipped=clipped)
+    before, p = random_state(initial, 10)
+    x, _, prediction = predict(pairs, initial, before, p, propagate_speed=False)
     forces = []
     for wheel, window in pairs:
         rate = window.spin / T
@@ -347,53 +361,57 @@ def test_a_speed_that_is_seen_goes_on_with_the_forward_force_that_is_felt(
         rate += before[wheel.columns[RATE_BEYOND_RANGE]]
         angle = before[wheel.columns[WHEEL_ANGLE]] + 0.5 * rate * T
         forces.append((window.force * cmath.exp(1j * angle)).imag)
-    at = begin.columns.vehicle
-    gain = np.mean(forces) - before[at[SLOPE]] * T
+    columns = initial.columns.vehicle
+    gain = np.mean(forces) - before[columns[SLOPE]] * T
     assert abs(gain) < 0.5
-    assert x[at[SPEED]] - before[at[SPEED]] == pytest.approx(gain)
-    assert made.speed_row is None and made.reset_states == []
+    assert x[columns[SPEED]] - before[columns[SPEED]] == pytest.approx(gain)
+    assert prediction.speed_row is None and prediction.reset_states == []
 
 
 @pytest.mark.parametrize(
-    ("stillness", "sigmas"), [(MotionState.STANDSTILL, (1e-3, 1e-4)), (MotionState.ROCKING, (0.03, 0.03))]
+    ("motion_state", "sigmas"), [(MotionState.STANDSTILL, (1e-3, 1e-4)), (MotionState.ROCKING, (0.03, 0.03))]
 )
-def test_a_vehicle_that_stands_has_no_speed_and_knows_nothing_of_the_one_before(
-    stillness: MotionState, sigmas: tuple[float, float]
+def test_standstill_resets_speed_and_yaw_rate_without_correlation_to_the_past(
+    motion_state: MotionState, sigmas: tuple[float, float]
 ) -> None:
-    _, begin, pairs = vehicle(*BOTH)
-    before, p = somewhere(begin, 11)
-    places = [begin.columns.vehicle[SPEED], begin.columns.vehicle[YAW_RATE]]
-    _, _, made = predicted(pairs, begin, before, p)
-    x, found, made = predicted(pairs, begin, before, p, made, carry=False, stillness=stillness)
+    _, initial, pairs = make_vehicle(*BOTH)
+    before, p = random_state(initial, 11)
+    speed_columns = [initial.columns.vehicle[SPEED], initial.columns.vehicle[YAW_RATE]]
+    _, _, prediction = predict(pairs, initial, before, p)
+    x, covariance, prediction = predict(
+        pairs, initial, before, p, prediction, propagate_speed=False, motion_state=motion_state
+    )
     expected, mean = p.copy(), before.copy()
-    expected[places], expected[:, places], mean[places] = 0.0, 0.0, 0.0
-    expected[places, places] = np.square(sigmas)
-    np.testing.assert_allclose(found, expected)
+    expected[speed_columns], expected[:, speed_columns], mean[speed_columns] = 0.0, 0.0, 0.0
+    expected[speed_columns, speed_columns] = np.square(sigmas)
+    np.testing.assert_allclose(covariance, expected)
     assert x == pytest.approx(mean)
-    assert made.reset_states == places
-    # What was felt before it stood is no part of what is felt after.
-    harder = changed(pairs, force=pairs[0][1].force + 0.02j)
-    gained = predicted(harder, begin, before, p, made)[0][places[0]] - before[places[0]]
-    assert gained == pytest.approx(np.mean([felt(*pair, before) for pair in harder]))
+    assert prediction.reset_states == speed_columns
+    # The force before the standstill does not enter the mean after it.
+    stronger = replace_windows(pairs, force=pairs[0][1].force + 0.02j)
+    gain = predict(stronger, initial, before, p, prediction)[0][speed_columns[0]] - before[speed_columns[0]]
+    assert gain == pytest.approx(np.mean([forward_gain(*pair, before) for pair in stronger]))
 
 
-def test_how_still_a_wheel_is_is_asked_with_its_biases_and_the_least_known_of_them() -> None:
-    _, begin, pairs = vehicle(*BOTH)
-    before, p = somewhere(begin, 12)
-    for least in (GYRO_BIAS_X, GYRO_BIAS_Y, GYRO_BIAS_Z):
-        asked = []
-        for wheel in begin.wheels:
-            wheel.standstill = SimpleNamespace(detect=lambda *args, seen=asked: seen.append(args) or args[1])  # type: ignore[assignment]
+def test_wheel_motion_is_detected_with_the_biases_and_their_largest_sigma() -> None:
+    _, initial, pairs = make_vehicle(*BOTH)
+    before, p = random_state(initial, 12)
+    for least_known in (GYRO_BIAS_X, GYRO_BIAS_Y, GYRO_BIAS_Z):
+        calls = []
+        for wheel in initial.wheels:
+            wheel.standstill = SimpleNamespace(
+                detect=lambda *args, calls=calls: calls.append(args) or args[1]
+            )  # type: ignore[assignment]
             for entry in (GYRO_BIAS_X, GYRO_BIAS_Y, GYRO_BIAS_Z):
-                p[wheel.columns[entry], wheel.columns[entry]] = 0.04 if entry is least else 0.01
-        told = detect_wheel_motion(pairs, before.tolist(), p)
-        for (wheel, window), args, said in zip(pairs, asked, told, strict=True):
+                p[wheel.columns[entry], wheel.columns[entry]] = 0.04 if entry is least_known else 0.01
+        states = detect_wheel_motion(pairs, before.tolist(), p)
+        for (wheel, window), args, state in zip(pairs, calls, states, strict=True):
             bias = {entry: before[place] for entry, place in wheel.columns.items()}
             across = complex(bias[GYRO_BIAS_X], bias[GYRO_BIAS_Y])
-            assert args == (window, said, across, pytest.approx(0.2)) and said == bias[GYRO_BIAS_Z]
+            assert args == (window, state, across, pytest.approx(0.2)) and state == bias[GYRO_BIAS_Z]
 
 
-def test_a_vehicle_is_as_still_as_its_wheel_that_is_least_and_not_lost() -> None:
+def test_the_vehicle_moves_as_its_most_moving_wheel_that_does_not_slip() -> None:
     moving, rocking, resting = MotionState.MOVING, MotionState.ROCKING, MotionState.STANDSTILL
     assert vehicle_motion([resting, rocking], [False, False]) is rocking
     assert vehicle_motion([moving, resting], [True, False]) is resting

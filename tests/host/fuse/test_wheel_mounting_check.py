@@ -1,4 +1,4 @@
-"""Two wheels beside each other: which mounting, which axle, and when that is said."""
+"""Mounting check of two wheels: which mounting, which axle, and when a verdict is given."""
 
 from __future__ import annotations
 
@@ -11,51 +11,51 @@ from hubodo.fuse.wheel.mounting_check import BOTH_WHEELS, MountingCheck, track_w
 TRACK = 0.5
 
 
-def windows(agreement, count, left, right, yaws):
-    """(number of the window with a verdict, what was said) of `count` windows alike; None where none is.
+def check_constant_windows(check, count, left, right, yaw_rates):
+    """Return (window number, verdict) of the first verdict in `count` equal windows, else None.
 
-    yaws: rad/s that the gyros of the left and the right wheel feel, by number of the window.
+    yaw_rates: rad/s of the left and the right gyro, or a function of the window number that returns them.
     """
     for number in range(1, count + 1):
-        said = agreement.add(yaws(number) if callable(yaws) else yaws, left, right)
-        if said is not None:
-            return number, said
+        verdict = check.add(yaw_rates(number) if callable(yaw_rates) else yaw_rates, left, right)
+        if verdict is not None:
+            return number, verdict
     return None
 
 
-def rolling(yaw_rate, speed=1.0):
-    """m/s of the left and the right wheel of a vehicle that turns so."""
+def wheel_speeds(yaw_rate, speed=1.0):
+    """Return the speeds, m/s, of the left and the right wheel at a yaw rate, rad/s."""
     return speed - 0.5 * TRACK * yaw_rate, speed + 0.5 * TRACK * yaw_rate
 
 
-def test_what_is_mounted_as_declared_is_never_blamed_and_settled_after_five_minutes():
-    agreement = MountingCheck(TRACK)
+def test_a_correct_mounting_is_confirmed_after_five_minutes_without_a_verdict():
+    check = MountingCheck(TRACK)
     for number in range(3000):
-        assert agreement.is_undecided
+        assert check.is_undecided
         yaw_rate = 0.8 * math.sin(0.01 * number)
-        assert agreement.add((yaw_rate, yaw_rate), *rolling(yaw_rate)) is None
-    assert not agreement.is_undecided and not agreement.verdict
-    assert agreement.usable_side == 0.0 and not agreement.sides_swapped and not agreement.other_wheel_steers
+        assert check.add((yaw_rate, yaw_rate), *wheel_speeds(yaw_rate)) is None
+    assert not check.is_undecided and not check.verdict
+    assert check.usable_side == 0.0 and not check.sides_swapped and not check.other_wheel_steers
 
 
 @pytest.mark.parametrize(
-    ("left", "right", "counts"),
+    ("left", "right", "count"),
     [(0.09, 0.09, 0), (0.09, -0.09, 0), (0.11, 0.0, 1), (0.0, 0.11, 1), (-0.11, 0.0, 1), (0.0, -0.11, 1)],
 )
-def test_a_window_counts_where_one_wheel_moves(left, right, counts):
-    agreement = MountingCheck(TRACK)
-    agreement.add((0.3, 0.5), left, right)
-    assert agreement.count == counts
-    assert agreement.wheel_distances == pytest.approx([0.1 * left * counts, 0.1 * right * counts])
-    assert agreement.turned_angle == pytest.approx(0.1 * 0.4 * counts)
+def test_a_window_counts_if_a_wheel_exceeds_the_minimum_speed(left, right, count):
+    check = MountingCheck(TRACK)
+    check.add((0.3, 0.5), left, right)
+    assert check.count == count
+    assert check.wheel_distances == pytest.approx([0.1 * left * count, 0.1 * right * count])
+    assert check.turned_angle == pytest.approx(0.1 * 0.4 * count)
 
 
 YAW = 0.5
-LEFT, RIGHT = rolling(YAW)
+LEFT, RIGHT = wheel_speeds(YAW)
 
 
 @pytest.mark.parametrize(
-    ("left", "right", "said", "alone", "exchanged", "words"),
+    ("left", "right", "verdict", "usable_side", "swapped", "text"),
     [
         (-LEFT, RIGHT, 1.0, -1.0, False, "the node on the left wheel"),
         (LEFT, -RIGHT, -1.0, 1.0, False, "the node on the right wheel"),
@@ -63,127 +63,137 @@ LEFT, RIGHT = rolling(YAW)
         (RIGHT, LEFT, BOTH_WHEELS, 1.0, True, "the sides of the two nodes are exchanged"),
     ],
 )
-@pytest.mark.parametrize("turning", [1.0, -1.0])
-def test_each_wrong_mounting_is_named_after_a_second_of_a_bend(
-    left, right, said, alone, exchanged, words, turning
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_each_wrong_mounting_is_named_after_one_second_of_turning(
+    left, right, verdict, usable_side, swapped, text, direction
 ):
-    agreement = MountingCheck(TRACK)
-    if turning < 0.0:
-        # The mirrored bend changes both speeds with each other.
+    check = MountingCheck(TRACK)
+    if direction < 0.0:
+        # In the mirrored bend the two speeds are exchanged.
         left, right = math.copysign(right, left), math.copysign(left, right)
-    assert windows(agreement, 50, left, right, (turning * YAW, turning * YAW)) == (10, said)
-    assert words in agreement.verdict and not agreement.is_undecided
-    assert (agreement.usable_side, agreement.sides_swapped) == (alone, exchanged)
+    assert check_constant_windows(check, 50, left, right, (direction * YAW, direction * YAW)) == (10, verdict)
+    assert text in check.verdict and not check.is_undecided
+    assert (check.usable_side, check.sides_swapped) == (usable_side, swapped)
 
 
-@pytest.mark.parametrize("turning", [1.0, -1.0])
-def test_sides_that_are_exchanged_are_named_where_the_vehicle_turns_on_the_spot(turning):
-    agreement = MountingCheck(TRACK)
-    left, right = rolling(turning * YAW, speed=0.0)
-    assert windows(agreement, 50, right, left, (turning * YAW, turning * YAW)) == (10, BOTH_WHEELS)
-    assert "the sides of the two nodes are exchanged" in agreement.verdict and agreement.sides_swapped
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_swapped_sides_are_named_while_turning_on_the_spot(direction):
+    check = MountingCheck(TRACK)
+    left, right = wheel_speeds(direction * YAW, speed=0.0)
+    assert check_constant_windows(check, 50, right, left, (direction * YAW, direction * YAW)) == (
+        10,
+        BOTH_WHEELS,
+    )
+    assert "the sides of the two nodes are exchanged" in check.verdict and check.sides_swapped
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_a_mounting_explains_the_yaw_where_it_misses_it_by_less_than_two_tenths(sign):
-    """Of a left node that is mounted the other way round, with gyros that feel `off` besides."""
-    for off, found in ((0.19, (10, 1.0)), (0.21, None)):
-        felt = YAW + sign * off
-        assert windows(MountingCheck(TRACK), 15, -LEFT, RIGHT, (felt, felt)) == found
+def test_a_mounting_is_accepted_up_to_a_yaw_residual_of_two_tenths(sign):
+    """The left node is reversed; both gyros have an additional error of `offset`, rad/s."""
+    for offset, expected in ((0.19, (10, 1.0)), (0.21, None)):
+        yaw_rate = YAW + sign * offset
+        assert (
+            check_constant_windows(MountingCheck(TRACK), 15, -LEFT, RIGHT, (yaw_rate, yaw_rate)) == expected
+        )
 
 
-@pytest.mark.parametrize("off", [0.0, 0.05])
-def test_another_mounting_is_believed_where_the_declared_one_is_six_times_as_wrong(off):
-    """Sides exchanged at a yaw rate r that the gyros feel with an error: 2 r + off against off, and 0.02."""
-    edge = 0.5 * (math.sqrt(6.0 * (off**2 + 0.02**2)) - off)
-    for share, found in ((0.98, None), (1.02, (10, BOTH_WHEELS))):
-        left, right = rolling(share * edge)
-        felt = share * edge + off
-        assert windows(MountingCheck(TRACK), 15, right, left, (felt, felt)) == found
+@pytest.mark.parametrize("offset", [0.0, 0.05])
+def test_another_mounting_is_accepted_at_a_sixth_of_the_squared_residual(offset):
+    """Sides swapped, gyro error `offset`: residuals 2 r + offset against offset, with a floor of 0.02
+    rad/s.
+    """
+    limit = 0.5 * (math.sqrt(6.0 * (offset**2 + 0.02**2)) - offset)
+    for factor, expected in ((0.98, None), (1.02, (10, BOTH_WHEELS))):
+        left, right = wheel_speeds(factor * limit)
+        yaw_rate = factor * limit + offset
+        assert check_constant_windows(MountingCheck(TRACK), 15, right, left, (yaw_rate, yaw_rate)) == expected
 
 
-@pytest.mark.parametrize(("first", "side"), [(True, 1.0), (False, -1.0)])
-def test_the_wheel_that_turns_more_than_the_other_is_the_one_that_steers(first, side):
-    """By 0.03 rad/s and a tenth of the yaw rate, after two seconds."""
-    edge = math.hypot(0.03, 0.1 * 0.6)
-    for share, found in ((0.98, None), (1.02, (20, side))):
-        more = 0.6 + share * edge
-        yaws = (more, 0.6) if first else (0.6, more)
-        agreement = MountingCheck(TRACK)
-        assert windows(agreement, 40, *rolling(0.5 * (0.6 + more)), yaws) == found
-        assert agreement.other_wheel_steers == (found is not None)
-        assert agreement.usable_side == (-side if found else 0.0)
-        assert bool(agreement.verdict) == agreement.other_wheel_steers
-    assert "steers" in agreement.verdict
+@pytest.mark.parametrize(("left_steers", "side"), [(True, 1.0), (False, -1.0)])
+def test_the_wheel_with_the_larger_yaw_rate_is_the_steered_one(left_steers, side):
+    """The limit is 0.03 rad/s and a tenth of the yaw rate, judged after two seconds."""
+    limit = math.hypot(0.03, 0.1 * 0.6)
+    for factor, expected in ((0.98, None), (1.02, (20, side))):
+        larger = 0.6 + factor * limit
+        yaw_rates = (larger, 0.6) if left_steers else (0.6, larger)
+        check = MountingCheck(TRACK)
+        assert check_constant_windows(check, 40, *wheel_speeds(0.5 * (0.6 + larger)), yaw_rates) == expected
+        assert check.other_wheel_steers == (expected is not None)
+        assert check.usable_side == (-side if expected else 0.0)
+        assert bool(check.verdict) == check.other_wheel_steers
+    assert "steers" in check.verdict
 
 
-def test_a_wheel_is_said_to_steer_where_it_has_at_least_half_of_the_difference_to_itself():
-    """Beside a steady bend one swings by s to and fro, the other by -b s: (1 - b²) of (1 + b)² is its own."""
-    for share, found in ((0.52, (20, 1.0)), (0.48, None)):
+def test_a_steered_wheel_has_at_least_half_of_the_difference_to_itself():
+    """One wheel oscillates by s about a steady bend, the other by -b s: its share is (1 - b²) of (1 + b)²."""
+    for share, expected in ((0.52, (20, 1.0)), (0.48, None)):
         b = (1.0 - share) / (1.0 + share)
 
-        def swinging(number, b=b):
+        def oscillating(number, b=b):
             s = 0.3 * (-1.0) ** number
             return 0.6 + s, 0.6 - b * s
 
-        assert windows(MountingCheck(TRACK), 21, *rolling(0.6), swinging) == found
+        assert check_constant_windows(MountingCheck(TRACK), 21, *wheel_speeds(0.6), oscillating) == expected
 
 
-def winding(agreement, count, rate, off=0.0, sizes=(1.0, 1.0)):
-    """As `windows`, through bends to both sides in turn: yaw rates are felt as they are, and rolled as `off`.
+def check_alternating_bends(check, count, rate, offset=0.0, size_factors=(1.0, 1.0)):
+    """Return (window number, verdict) of the first verdict in bends that alternate in direction, else None.
 
-    sizes: times as fast as it rolls that a wheel seems to, left and right.
+    The gyros measure `rate`, the wheels roll at `rate + offset`; size_factors scale the speed of the left and
+    the right wheel.
     """
     for number in range(1, count + 1):
         side = 1.0 if number % 2 else -1.0
-        left, right = rolling(side * (rate + off))
-        said = agreement.add((side * rate, side * rate), sizes[0] * left, sizes[1] * right)
-        if said is not None:
-            return number, said
+        left, right = wheel_speeds(side * (rate + offset))
+        verdict = check.add((side * rate, side * rate), size_factors[0] * left, size_factors[1] * right)
+        if verdict is not None:
+            return number, verdict
     return None
 
 
-@pytest.mark.parametrize("turning", [1.0, -1.0])
+@pytest.mark.parametrize("direction", [1.0, -1.0])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_speeds_that_make_another_yaw_than_is_felt_are_not_of_that_axle(turning, sign):
-    """By 0.04 rad/s and a fifth of the yaw rate, once three rad were turned."""
+def test_a_yaw_rate_from_speeds_unlike_the_gyros_means_another_axle(direction, sign):
+    """The limit is 0.04 rad/s and a fifth of the yaw rate, judged after 3 rad of turning."""
     rate = 0.52
-    edge = math.hypot(0.04, 0.2 * rate)
-    for share, found in ((0.98, None), (1.05, (58, -1.0))):
-        agreement = MountingCheck(TRACK)
-        assert winding(agreement, 100, turning * rate, sign * share * edge) == found
-        assert agreement.other_wheel_steers == bool(found) and agreement.usable_side == float(bool(found))
-    assert "axle of 0.5 m" in agreement.verdict
+    limit = math.hypot(0.04, 0.2 * rate)
+    for factor, expected in ((0.98, None), (1.05, (58, -1.0))):
+        check = MountingCheck(TRACK)
+        assert check_alternating_bends(check, 100, direction * rate, sign * factor * limit) == expected
+        assert check.other_wheel_steers == bool(expected) and check.usable_side == float(bool(expected))
+    assert "axle of 0.5 m" in check.verdict
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("rate", [0.0, 0.52, -0.52])
-def test_wheels_of_unequal_size_are_still_an_axle(rate, sign):
-    """4 m/s on a track of half a metre, by a tenth, which is 0.8 rad/s; by more no tape is off."""
-    for more, found in ((0.04, None), (0.095, None), (0.2, (100, -1.0))):
-        agreement, said = MountingCheck(TRACK), None
+def test_wheels_of_unequal_size_up_to_a_tenth_belong_to_one_axle(rate, sign):
+    """At 4 m/s on a track of 0.5 m a tenth appears as 0.8 rad/s; tape measures are never worse."""
+    for size_difference, expected in ((0.04, None), (0.095, None), (0.2, (100, -1.0))):
+        check, verdict = MountingCheck(TRACK), None
         for number in range(1, 101):
-            left, right = rolling(rate, 4.0)
-            agreement.turned_angle = max(agreement.turned_angle, 4.0 * (number == 100))
-            said = agreement.add(
-                (rate, rate), left * (1.0 - 0.5 * sign * more), right * (1.0 + 0.5 * sign * more)
+            left, right = wheel_speeds(rate, 4.0)
+            check.turned_angle = max(check.turned_angle, 4.0 * (number == 100))
+            verdict = check.add(
+                (rate, rate),
+                left * (1.0 - 0.5 * sign * size_difference),
+                right * (1.0 + 0.5 * sign * size_difference),
             )
-        assert (None if said is None else (number, said)) == found, more
+        assert (None if verdict is None else (number, verdict)) == expected, size_difference
 
 
-def test_a_wheel_that_slips_for_a_moment_is_no_other_axle():
-    """However wild, a window counts as sixteen that are at the edge: four of them in 58 make a verdict."""
-    for wild, found in ((3, None), (4, (58, -1.0))):
-        agreement = MountingCheck(TRACK)
-        said = windows(agreement, wild, *rolling(0.52 + 4.0), (0.52, 0.52))
-        assert said is None
-        last = windows(agreement, 58 - wild, *rolling(0.52), (0.52, 0.52))
-        assert last == (found and (58 - wild, -1.0))
+def test_a_short_slip_does_not_mean_another_axle():
+    """A window counts at most as sixteen at the limit: four outliers among 58 windows give a verdict."""
+    for outliers, expected in ((3, None), (4, (58, -1.0))):
+        check = MountingCheck(TRACK)
+        verdict = check_constant_windows(check, outliers, *wheel_speeds(0.52 + 4.0), (0.52, 0.52))
+        assert verdict is None
+        last = check_constant_windows(check, 58 - outliers, *wheel_speeds(0.52), (0.52, 0.52))
+        assert last == (expected and (58 - outliers, -1.0))
 
 
 @pytest.mark.parametrize("prior", [0.02, 0.1])
-def test_a_tape_is_not_asked_before_the_drive_has_shown_the_track_to_a_hundredth(prior):
-    for shown, asked in ((0.0099, True), (0.0101, False)):
-        variance = 1.0 / (1.0 / shown**2 + 1.0 / prior**2)
-        assert (track_width_test(0.0, variance, prior) is not None) == asked
+def test_the_track_width_is_tested_once_the_drive_determines_it_to_one_percent(prior):
+    for drive_sigma, expected in ((0.0099, True), (0.0101, False)):
+        variance = 1.0 / (1.0 / drive_sigma**2 + 1.0 / prior**2)
+        assert (track_width_test(0.0, variance, prior) is not None) == expected
     assert track_width_test(0.0, prior**2, prior) is None
