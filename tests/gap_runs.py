@@ -34,36 +34,38 @@ class Run:
 
     @property
     def result(self):
+        """Return the content of gap.json."""
         return json.loads((self.folder / "gap.json").read_text("utf-8"))
 
     @property
     def names(self):
+        """Return effect name and scope of each finding."""
         return [(it["effect"], it["scope"]) for it in self.result["found"]]
 
 
-def gap(folder, model, log, *words):
+def run_gap(folder, model, log, *options):
     """Run `hubodo gap` in this process."""
     out, err = io.StringIO(), io.StringIO()
     with redirect_stdout(out), redirect_stderr(err):
-        code = main(["gap", str(model), str(log), "-o", str(folder), *words])
+        code = main(["gap", str(model), str(log), "-o", str(folder), *options])
     return Run(code, out.getvalue(), err.getvalue(), Path(folder))
 
 
-def changed(case, folder, nodes=lambda name, columns: columns, reference=lambda columns: columns):
-    """Return a copy of a case's CSV folder with changed columns of nodes and reference."""
-    read = read_folder(case)
+def write_changed_log(case, folder, nodes=lambda name, columns: columns, reference=lambda columns: columns):
+    """Write a copy of a case's CSV folder with changed columns of nodes and reference."""
+    log = read_folder(case)
     recording = Recording(
-        {name: Table(nodes(name, dict(table.columns))) for name, table in read.nodes.items()},
-        reference=Table(reference(dict(read.reference.columns))),
+        {name: Table(nodes(name, dict(table.columns))) for name, table in log.nodes.items()},
+        reference=Table(reference(dict(log.reference.columns))),
     )
     write_folder(recording, folder)
     return folder
 
 
-def changed_model(case, path, *swaps):
-    """Return a copy of a case's model.toml with (old, new) texts replaced."""
+def write_changed_model(case, path, *replacements):
+    """Write a copy of a case's model.toml with each text of (old, new) pairs replaced."""
     text = (Path(case) / "model.toml").read_text("utf-8")
-    for old, new in swaps:
+    for old, new in replacements:
         assert old in text
         text = text.replace(old, new)
     path.write_text(text, "utf-8")

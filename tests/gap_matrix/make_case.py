@@ -23,7 +23,7 @@ from gap_matrix import cases, drives, effects, recording
 from gap_matrix.dose import STRENGTHS, Meter
 
 
-def make(
+def write_case(
     folder: Path,
     seed: int,
     names: Sequence[str],
@@ -98,7 +98,7 @@ def main() -> int:
     parser.add_argument("-o", dest="folder", type=Path, required=True)
     args = parser.parse_args()
     try:
-        hidden = make(
+        hidden = write_case(
             args.folder,
             args.seed,
             [name for name in args.effect if name != "none"],

@@ -5,7 +5,7 @@ import pytest
 
 from gap_matrix import cases, effects, recording
 from gap_matrix.dose import STRONG, Meter
-from gap_matrix.make_case import make
+from gap_matrix.make_case import write_case
 from hubodo.effects import BY_NAME
 from hubodo.gap.judge.search import SearchObserver, SearchResult, build_initial_state, search_effects
 from hubodo.gap.problem.build import build_problem
@@ -58,7 +58,7 @@ def test_an_effect_is_named_first(name, tmp_path):
 
 def test_a_wheel_that_is_lost_within_seconds_is_named_by_its_radius(tmp_path):
     """3 % of radius and a coarse reference: its angle, which both wheels' shared noise holds, runs away."""
-    (hidden,) = make(
+    (hidden,) = write_case(
         tmp_path, 980, ["wheel_radius"], factor=10.0, duration=LOST_S, rate_hz=LOST_RATE_HZ, speed_noise=0.005
     )
     result = find_gap(read_folder(tmp_path), read_model(tmp_path / "model.toml"))

@@ -226,7 +226,7 @@ def test_counted_effects_have_the_number_their_probability_says(minute):
 
 
 def test_a_written_case_is_complete_and_its_model_file_hides_what_is_hidden(tmp_path):
-    hidden = make_case.make(
+    hidden = make_case.write_case(
         tmp_path, SEED, ["wheel_camber", "gyro_bias"], "faint", duration=60.0, known=["lever_arm"]
     )
     model = tomllib.loads((tmp_path / "model.toml").read_text())

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from gap_matrix.judge.scaffolded import Score, hidden, scaffolded, tried
-from gap_matrix.make_case import make
-from gap_runs import gap
+from gap_matrix.make_case import write_case
+from gap_runs import run_gap
 from hubodo.cli import main
 from hubodo.effects import BY_NAME
 
@@ -40,7 +40,7 @@ def test_an_effect_that_nobody_listed_gets_its_formula_and_is_found_again_by_its
 
 @pytest.mark.parametrize("listed", ["lever_arm", "gyro_nonorthogonality"])
 def test_no_effect_is_made_of_a_log_that_the_list_explains(listed, tmp_path):
-    make(tmp_path / "case", SEED, [listed], "strong", duration=SECONDS, rate_hz=RATE_HZ)
+    write_case(tmp_path / "case", SEED, [listed], "strong", duration=SECONDS, rate_hz=RATE_HZ)
     assert scaffolded(tmp_path / "case", "nothing") is None
 
 
@@ -50,14 +50,14 @@ def bent(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bent")
     case = folder / "case"
     truth = hidden(case, "bent_axle", SEED, NATS, SECONDS, RATE_HZ)
-    return case, truth, gap(folder / "out", case / "model.toml", case, "--scaffold", "bent_axle")
+    return case, truth, run_gap(folder / "out", case / "model.toml", case, "--scaffold", "bent_axle")
 
 
 def test_the_verb_writes_the_class_and_the_next_runs_know_it(bent, tmp_path):
     case, truth, first = bent
     assert first.code == 0, first.err
     written = first.folder / "bent_axle.py"
-    again = gap(tmp_path / "again", case / "model.toml", case, "--effects", str(written))
+    again = run_gap(tmp_path / "again", case / "model.toml", case, "--effects", str(written))
     assert again.names == [("bent_axle", truth.node)]
     for name, value in again.result["found"][0]["parameters"].items():
         assert abs(value["value"] - truth.truth[name]) < 3.0 * value["sigma"], name
@@ -68,7 +68,7 @@ def test_the_verb_writes_the_class_and_the_next_runs_know_it(bent, tmp_path):
     with redirect_stdout(out):
         assert main(["simulate", str(again.folder / "model.toml"), *words]) == 0
     assert json.loads(out.getvalue())["effects"][truth.node] == ["bent_axle"]
-    left = gap(tmp_path / "left", again.folder / "model.toml", case, "--effects", str(written))
+    left = run_gap(tmp_path / "left", again.folder / "model.toml", case, "--effects", str(written))
     assert left.result["verdict"] == "no_gap"
 
 
@@ -108,7 +108,7 @@ def test_the_written_file_is_as_ruff_has_it(bent):
 
 
 def test_with_nothing_left_the_verb_says_so_and_fails(nothing_hidden, tmp_path):
-    made = gap(tmp_path / "out", nothing_hidden / "model.toml", nothing_hidden, "--scaffold", "ghost")
+    made = run_gap(tmp_path / "out", nothing_hidden / "model.toml", nothing_hidden, "--scaffold", "ghost")
     assert made.code == 1
     assert "no new effect is needed" in made.out
     assert not (made.folder / "ghost.py").exists()
@@ -116,5 +116,5 @@ def test_with_nothing_left_the_verb_says_so_and_fails(nothing_hidden, tmp_path):
 
 @pytest.fixture
 def nothing_hidden(tmp_path):
-    make(tmp_path / "case", SEED, [], duration=SECONDS, rate_hz=RATE_HZ)
+    write_case(tmp_path / "case", SEED, [], duration=SECONDS, rate_hz=RATE_HZ)
     return tmp_path / "case"

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from gap_runs import gap
+from gap_runs import run_gap
 from hubodo.cli import main
 from hubodo.log.recording_reader import read_recording
 from hubodo.log.recording_writer import write_recording
@@ -132,7 +132,7 @@ def test_the_search_names_the_larger_wheel_and_nothing_else(ride, tmp_path):
     """Uses a model of the right node only: the log is too short for the effects of the left one."""
     write_recording(ride, tmp_path / "drive.mcap")
     (tmp_path / "model.toml").write_text(RIGHT)
-    result = gap(tmp_path / "out", tmp_path / "model.toml", tmp_path / "drive.mcap")
+    result = run_gap(tmp_path / "out", tmp_path / "model.toml", tmp_path / "drive.mcap")
     assert result.names == [("wheel_radius", "right")]
     error = result.result["found"][0]["parameters"]["error"]
     assert abs(error["value"] - 0.05) < 4.0 * error["sigma"]

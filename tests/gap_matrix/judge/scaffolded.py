@@ -25,7 +25,7 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[2])]
 import numpy as np
 
 from gap_matrix import beyond, cases, recording
-from gap_matrix.make_case import make
+from gap_matrix.make_case import write_case
 from hubodo.effects import BY_NAME
 from hubodo.effects.loaded import use_effects
 from hubodo.gap.scaffold.scaffold import Scaffold, build_scaffold
@@ -124,7 +124,7 @@ def made_of_nothing(seed: int, seconds: float) -> list[str]:
     for listed in LISTED:
         with tempfile.TemporaryDirectory() as folder:
             case = Path(folder) / "case"
-            make(case, seed, [] if listed is None else [listed], "strong", duration=seconds)
+            write_case(case, seed, [] if listed is None else [listed], "strong", duration=seconds)
             made = scaffolded(case, "nothing")
             if made is not None:
                 wrong.append(f"{listed or 'nothing'}, seed {seed}: {sorted(made.parameters)} ({made.scope})")

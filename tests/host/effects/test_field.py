@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gap_matrix import beyond, cases, recording
-from gap_runs import gap
+from gap_runs import run_gap
 from hubodo.effects import BY_NAME, EFFECTS
 from hubodo.effects.base import SensorChain
 from hubodo.effects.field import FIELD
@@ -121,7 +121,9 @@ def test_a_steered_wheel_of_an_independent_simulator_is_identified_on_request(tm
     setup = cases.setup(SEED, duration=60.0)
     hidden = beyond.hide(setup, "steered_wheel", 2000.0)
     recording.write(setup, [], tmp_path / "case", {}, hidden.records)
-    gap_run = gap(tmp_path / "out", tmp_path / "case/model.toml", tmp_path / "case", "--candidates", "field")
+    gap_run = run_gap(
+        tmp_path / "out", tmp_path / "case/model.toml", tmp_path / "case", "--candidates", "field"
+    )
     assert gap_run.names == [("wheel_steering", hidden.node)]
     arm = gap_run.result["found"][0]["parameters"]["arm"]
     assert abs(arm["value"] - hidden.truth["yaw"]) < 3.0 * arm["sigma"]
@@ -148,7 +150,7 @@ def test_an_off_centre_reference_antenna_is_identified_on_request(case, tmp_path
     table = np.array([line.split(",") for line in rows.split()], float)
     table[:, 1] -= arm * table[:, 2]
     np.savetxt(case / "reference.csv", table, fmt="%.7f", delimiter=",", header=head, comments="")
-    gap_run = gap(tmp_path / "out", case / "model.toml", case, "--candidates", "field")
+    gap_run = run_gap(tmp_path / "out", case / "model.toml", case, "--candidates", "field")
     assert gap_run.names == [("reference_arm", "vehicle")]
     value = gap_run.result["found"][0]["parameters"]["arm"]
     assert abs(value["value"] - arm) < 3.0 * value["sigma"]
@@ -172,7 +174,7 @@ def supplied(case, shift):
 def test_a_supply_dependent_gyro_is_identified_on_request(case, tmp_path):
     shift = np.array([0.02, -0.015, 0.025])
     supplied(case, shift)
-    gap_run = gap(tmp_path / "out", case / "model.toml", case, "--candidates", "field")
+    gap_run = run_gap(tmp_path / "out", case / "model.toml", case, "--candidates", "field")
     assert gap_run.names == [("gyro_supply", "left")]
     for axis, true in zip("xyz", shift, strict=True):
         value = gap_run.result["found"][0]["parameters"][axis]
@@ -181,12 +183,12 @@ def test_a_supply_dependent_gyro_is_identified_on_request(case, tmp_path):
 
 def test_a_falling_supply_without_effect_is_not_reported(case, tmp_path):
     supplied(case, np.zeros(3))
-    gap_run = gap(tmp_path / "out", case / "model.toml", case, "--candidates", "field")
+    gap_run = run_gap(tmp_path / "out", case / "model.toml", case, "--candidates", "field")
     assert gap_run.names == []
     assert "gyro_supply" not in " ".join(gap_run.result["warnings"])
 
 
 def test_a_log_without_supply_cannot_show_supply_effects(foreign, tmp_path):
-    asked = gap(tmp_path / "asked", foreign / "model.toml", foreign, "--candidates", "field")
+    asked = run_gap(tmp_path / "asked", foreign / "model.toml", foreign, "--candidates", "field")
     warnings = [line for line in asked.result["warnings"] if "gyro_supply" in line]
     assert len(warnings) == 2 and all("was not recorded" in line for line in warnings)

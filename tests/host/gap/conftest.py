@@ -1,9 +1,9 @@
-"""Cases shared by the tests of this folder: a cambered wheel, and a log without hidden effects; 60 s each."""
+"""Fixtures shared by the tests of this folder: logs of 60 s with and without a hidden effect."""
 
 import pytest
 
-from gap_matrix.make_case import make
-from gap_runs import gap
+from gap_matrix.make_case import write_case
+from gap_runs import run_gap
 from hubodo.gap.judge.search import build_initial_state
 from hubodo.gap.problem.build import build_problem
 from hubodo.gap.process_noise.evaluation import Evaluation
@@ -15,37 +15,38 @@ SEED = 3
 
 
 @pytest.fixture(scope="session")
-def camber(tmp_path_factory):
-    """Return a folder and the effect hidden in it: camber of the right wheel by some millirad."""
-    folder = tmp_path_factory.mktemp("camber")
-    return folder, make(folder, SEED, ["wheel_camber"], "strong", scope="right", duration=60.0, rate_hz=50.0)[
-        0
-    ]
+def camber_case(tmp_path_factory):
+    """Return the folder of a case and its hidden effect: a few millirad of camber of the right wheel."""
+    folder = tmp_path_factory.mktemp("camber_case")
+    (hidden,) = write_case(
+        folder, SEED, ["wheel_camber"], "strong", scope="right", duration=60.0, rate_hz=50.0
+    )
+    return folder, hidden
 
 
 @pytest.fixture(scope="session")
-def named(camber, tmp_path_factory):
-    """Run the verb on the case with camber."""
-    folder, _ = camber
-    return gap(tmp_path_factory.mktemp("named") / "out", folder / "model.toml", folder)
+def camber_run(camber_case, tmp_path_factory):
+    """Return the run of `hubodo gap` on the case with camber."""
+    folder, _ = camber_case
+    return run_gap(tmp_path_factory.mktemp("camber_run") / "out", folder / "model.toml", folder)
 
 
 @pytest.fixture(scope="session")
-def nothing(tmp_path_factory):
+def clean_log(tmp_path_factory):
     """Return a folder with a log without hidden effects."""
-    folder = tmp_path_factory.mktemp("nothing")
-    make(folder, SEED, [], duration=60.0, rate_hz=50.0, vibration=0.0)
+    folder = tmp_path_factory.mktemp("clean_log")
+    write_case(folder, SEED, [], duration=60.0, rate_hz=50.0, vibration=0.0)
     return folder
 
 
 @pytest.fixture(scope="session")
-def problem(nothing):
-    """Return the problem of the log without hidden effects."""
-    return build_problem(read_folder(nothing), read_model(nothing / "model.toml"))
+def problem(clean_log):
+    """Return the gap problem of the log without hidden effects."""
+    return build_problem(read_folder(clean_log), read_model(clean_log / "model.toml"))
 
 
 @pytest.fixture(scope="session")
 def evaluation(problem):
-    """Return the evaluation of the model file's own effects, with tracked wheels."""
+    """Return the evaluation of the unchanged model on the clean log, with tracked wheel phases."""
     state, _ = track_wheel_phase(build_initial_state(problem))
     return Evaluation(state, estimate_weights(state))

@@ -1,4 +1,4 @@
-"""The recipe for a new effect (CONTRIBUTING.md): one class and one line, in a copy of the package."""
+"""The recipe of CONTRIBUTING.md for a new effect, one class and one line, in a copy of the package."""
 
 import json
 import os
@@ -56,7 +56,7 @@ HIDDEN = "[nodes.left.effects.third_harmonic]\namplitude = 0.1\n"
 
 @pytest.fixture(scope="module")
 def package(tmp_path_factory):
-    """A folder with a copy of the package in which the recipe was followed."""
+    """Return a folder with a copy of the package to which the effect was added by the recipe."""
     folder = tmp_path_factory.mktemp("package")
     source = Path(hubodo.__file__).parent
     shutil.copytree(source, folder / "hubodo", ignore=shutil.ignore_patterns("__pycache__"))
@@ -70,20 +70,22 @@ def package(tmp_path_factory):
     return folder
 
 
-def run(package, *words):
-    """Run a verb of the copied package."""
+def run_verb(package, *arguments):
+    """Run a verb of the copied package and return its output."""
     code = "import sys, hubodo.cli; sys.exit(hubodo.cli.main(sys.argv[1:]))"
-    command = [sys.executable, "-c", code, *map(str, words)]
+    command = [sys.executable, "-c", code, *map(str, arguments)]
     environment = {**os.environ, "PYTHONPATH": str(package)}
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, cwd=package, timeout=120)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    process = subprocess.run(
+        command, env=environment, capture_output=True, text=True, cwd=package, timeout=120
+    )
+    assert process.returncode == 0, process.stderr
+    return process.stdout
 
 
-def test_a_class_and_a_line_are_enough_to_simulate_an_effect_and_to_find_it(package, tmp_path):
+def test_one_class_and_one_line_suffice_to_simulate_an_effect_and_to_find_it(package, tmp_path):
     (tmp_path / "true.toml").write_text(MODEL + HIDDEN, "utf-8")
     (tmp_path / "model.toml").write_text(MODEL, "utf-8")
-    run(
+    run_verb(
         package,
         "simulate",
         tmp_path / "true.toml",
@@ -94,9 +96,9 @@ def test_a_class_and_a_line_are_enough_to_simulate_an_effect_and_to_find_it(pack
         "-o",
         tmp_path / "log.mcap",
     )
-    run(package, "gap", tmp_path / "model.toml", tmp_path / "log.mcap", "-o", tmp_path / "gap")
-    (found,) = json.loads((tmp_path / "gap" / "gap.json").read_text("utf-8"))["found"]
-    assert (found["effect"], found["scope"]) == ("third_harmonic", "left")
-    amplitude = found["parameters"]["amplitude"]
+    run_verb(package, "gap", tmp_path / "model.toml", tmp_path / "log.mcap", "-o", tmp_path / "gap")
+    (finding,) = json.loads((tmp_path / "gap" / "gap.json").read_text("utf-8"))["found"]
+    assert (finding["effect"], finding["scope"]) == ("third_harmonic", "left")
+    amplitude = finding["parameters"]["amplitude"]
     assert amplitude["value"] == pytest.approx(0.1, abs=4.0 * amplitude["sigma"])
     assert "third_harmonic" in (tmp_path / "gap" / "model.toml").read_text("utf-8")

@@ -1,14 +1,14 @@
-"""The report opens in a real browser, alone and without a complaint, and its figures are drawn."""
+"""The report opens in a real browser without network or console messages and draws its figures."""
 
 import subprocess
 
 import wanted
 
 
-def test_the_report_opens_without_errors_and_draws_its_figures(named, tmp_path):
-    page = named.folder / "report.html"
+def test_the_report_opens_without_errors_and_draws_its_figures(camber_run, tmp_path):
+    page = camber_run.folder / "report.html"
     assert page.stat().st_size < 6e6
-    shown = subprocess.run(
+    browser = subprocess.run(
         [
             wanted.program("chromium", "chromium-browser", "google-chrome"),
             "--headless",
@@ -26,9 +26,9 @@ def test_the_report_opens_without_errors_and_draws_its_figures(named, tmp_path):
         timeout=300,
         check=True,
     )
-    complaints = [line for line in shown.stderr.splitlines() if "CONSOLE" in line]
-    assert complaints == []
+    console_messages = [line for line in browser.stderr.splitlines() if "CONSOLE" in line]
+    assert console_messages == []
     figures = page.read_text("utf-8").count('class="figure"')
-    assert shown.stdout.count('class="main-svg"') >= figures >= 5
-    assert "The wheel leans (right)" in shown.stdout
-    assert "[nodes.right.effects.wheel_camber]" in shown.stdout
+    assert browser.stdout.count('class="main-svg"') >= figures >= 5
+    assert "The wheel leans (right)" in browser.stdout
+    assert "[nodes.right.effects.wheel_camber]" in browser.stdout

@@ -6,7 +6,7 @@ from hubodo.gap.change.change import CHANGE_P_VALUE, ChangeResult
 
 
 @pytest.mark.parametrize(("p_value", "has_changed"), [(0.1 * CHANGE_P_VALUE, True), (0.5, False)])
-def test_logs_differ_where_chance_explains_it_in_less_than_one_of_a_hundred(p_value, has_changed):
+def test_a_p_value_below_the_threshold_means_that_the_logs_differ(p_value, has_changed):
     result = ChangeResult(p_value, (), (), None, None, ("a warning",))
     assert result.has_changed is has_changed
     assert result.as_json() == {

@@ -1,4 +1,4 @@
-"""What a series goes with is said rightly: spin, turns, revolutions, temperature, time, tones."""
+"""Identification of the regime in which a residual occurs: spin, turns, temperature, time, tones."""
 
 import numpy as np
 import pytest
@@ -6,79 +6,80 @@ import pytest
 from hubodo.gap.explain.regimes import Regimes, Trajectory, describe_interval
 
 T = np.arange(0.0, 100.0, 0.01)
-SPIN = 8.0 + 4.0 * np.sin(0.2 * T) + 2.0 * np.sin(0.71 * T + 1.0)
-ANGLE = np.cumsum(SPIN) * 0.01
-YAW = 0.5 * np.sin(0.13 * T) + 0.3 * np.sin(0.55 * T)
-WARM = 25.0 + 4.0 * np.sin(0.031 * T)
-COURSE = Trajectory(
+SPIN_RATE = 8.0 + 4.0 * np.sin(0.2 * T) + 2.0 * np.sin(0.71 * T + 1.0)
+WHEEL_ANGLE = np.cumsum(SPIN_RATE) * 0.01
+YAW_RATE = 0.5 * np.sin(0.13 * T) + 0.3 * np.sin(0.55 * T)
+TEMPERATURE = 25.0 + 4.0 * np.sin(0.031 * T)
+TRAJECTORY = Trajectory(
     T,
-    ANGLE,
-    SPIN,
-    np.gradient(SPIN, T),
-    0.3 * SPIN,
-    np.gradient(0.3 * SPIN, T),
-    YAW,
-    np.gradient(YAW, T),
-    WARM,
+    WHEEL_ANGLE,
+    SPIN_RATE,
+    np.gradient(SPIN_RATE, T),
+    0.3 * SPIN_RATE,
+    np.gradient(0.3 * SPIN_RATE, T),
+    YAW_RATE,
+    np.gradient(YAW_RATE, T),
+    TEMPERATURE,
 )
-CASES = {
+SERIES_BY_REGIME = {
     "all the time": np.ones_like(T),
-    "in proportion to the spin": SPIN,
-    "with the square of the spin": SPIN**2,
-    "with the cube of the spin": SPIN**3,
-    "only while the spin rate changes": np.gradient(SPIN, T),
-    "in turns": YAW,
-    "in turns, to either side alike": YAW**2,
-    "in turns at speed": YAW * SPIN,
-    "only while turns begin and end": np.gradient(YAW, T),
-    "with the temperature": WARM - 25.0,
+    "in proportion to the spin": SPIN_RATE,
+    "with the square of the spin": SPIN_RATE**2,
+    "with the cube of the spin": SPIN_RATE**3,
+    "only while the spin rate changes": np.gradient(SPIN_RATE, T),
+    "in turns": YAW_RATE,
+    "in turns, to either side alike": YAW_RATE**2,
+    "in turns at speed": YAW_RATE * SPIN_RATE,
+    "only while turns begin and end": np.gradient(YAW_RATE, T),
+    "with the temperature": TEMPERATURE - 25.0,
     "more and more with time": T,
-    "once per revolution": np.cos(ANGLE + 1.0),
-    "once per revolution, in turns": YAW * np.cos(ANGLE + 1.0),
-    "once per revolution, with the square of the spin": SPIN**2 * np.cos(ANGLE),
-    "twice per revolution": np.sin(2.0 * ANGLE),
-    "three times per revolution": np.cos(3.0 * ANGLE),
+    "once per revolution": np.cos(WHEEL_ANGLE + 1.0),
+    "once per revolution, in turns": YAW_RATE * np.cos(WHEEL_ANGLE + 1.0),
+    "once per revolution, with the square of the spin": SPIN_RATE**2 * np.cos(WHEEL_ANGLE),
+    "twice per revolution": np.sin(2.0 * WHEEL_ANGLE),
+    "three times per revolution": np.cos(3.0 * WHEEL_ANGLE),
     "as it settles after the start, in some 15 s": -np.expm1(-T / 15.0),
     "from 83 s on": (T >= 83.0).astype(float),
     "as a tone at 12.5 Hz": np.sin(2.0 * np.pi * 12.5 * T + 0.3),
 }
 
 
-@pytest.mark.parametrize("words", CASES)
-def test_a_change_is_told_by_what_made_it(words):
-    assert Regimes(COURSE).find_regime(CASES[words]).words == words
+@pytest.mark.parametrize("regime", SERIES_BY_REGIME)
+def test_the_regime_of_a_noiseless_series_is_found(regime):
+    assert Regimes(TRAJECTORY).find_regime(SERIES_BY_REGIME[regime]).words == regime
 
 
-@pytest.mark.parametrize("words", CASES)
-def test_it_is_told_below_the_noise_too(words):
+@pytest.mark.parametrize("regime", SERIES_BY_REGIME)
+def test_the_regime_of_a_series_below_the_noise_is_found(regime):
     seed = 7
     noise = np.random.default_rng(seed).standard_normal(len(T))
-    change = CASES[words] / np.sqrt(np.mean(CASES[words] ** 2))
-    assert Regimes(COURSE).find_regime(0.5 * change + noise, 1.0).words == words, seed
+    signal = SERIES_BY_REGIME[regime] / np.sqrt(np.mean(SERIES_BY_REGIME[regime] ** 2))
+    assert Regimes(TRAJECTORY).find_regime(0.5 * signal + noise, 1.0).words == regime, seed
 
 
 @pytest.mark.parametrize(
-    ("share", "words"), [(0.2, "with the temperature, among others"), (0.02, "at no particular time")]
+    ("share", "expected_text"), [(0.2, "with the temperature, among others"), (0.02, "at no particular time")]
 )
-def test_what_explains_little_is_one_among_others_and_what_explains_hardly_anything_is_not_named(
-    share, words
+def test_a_regime_with_a_small_share_is_qualified_and_one_with_a_tiny_share_is_not_named(
+    share, expected_text
 ):
     seed = 9
     noise = np.random.default_rng(seed).standard_normal(len(T))
-    change = CASES["with the temperature"] / np.sqrt(np.mean(CASES["with the temperature"] ** 2))
-    assert (
-        Regimes(COURSE).find_regime(np.sqrt(share) * change + np.sqrt(1.0 - share) * noise).words == words
-    ), seed
+    signal = SERIES_BY_REGIME["with the temperature"] / np.sqrt(
+        np.mean(SERIES_BY_REGIME["with the temperature"] ** 2)
+    )
+    series = np.sqrt(share) * signal + np.sqrt(1.0 - share) * noise
+    assert Regimes(TRAJECTORY).find_regime(series).words == expected_text, seed
 
 
-def test_noise_goes_with_nothing():
+def test_white_noise_belongs_to_no_regime():
     seed = 8
     noise = np.random.default_rng(seed).standard_normal(len(T))
-    found = Regimes(COURSE).find_regime(noise, 1.0)
-    assert found.share < 0.3
-    assert found.words.startswith("at no particular time") or "among others" in found.words, seed
+    result = Regimes(TRAJECTORY).find_regime(noise, 1.0)
+    assert result.share < 0.3
+    assert result.words.startswith("at no particular time") or "among others" in result.words, seed
 
 
-def test_a_short_stretch_is_named():
+def test_a_short_interval_is_described_and_the_whole_log_is_not():
     assert describe_interval(T, np.where((T > 20.0) & (T < 30.0), np.sin(T), 0.0)) == "between 20 and 30 s"
     assert describe_interval(T, np.ones_like(T)) == ""

@@ -5,7 +5,7 @@ import numpy as np
 from hubodo.gap.judge.held_out import split_held_out
 
 
-def test_some_samples_are_held_out_and_have_no_weight(evaluation):
+def test_held_out_samples_have_infinite_sigma(evaluation):
     split = split_held_out(evaluation.problem)
     weights = split.exclude_from(evaluation.weights)
     for node in evaluation.problem.nodes:

@@ -1,4 +1,4 @@
-"""A search that is stopped leaves what it has found, and goes on from there to the same end."""
+"""An interrupted search writes its findings, and a resumed one ends with the same result."""
 
 import json
 import shutil
@@ -7,52 +7,52 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from gap_matrix.make_case import make
-from gap_runs import Run, changed_model, gap
-from gap_schema import check
+from gap_matrix.make_case import write_case
+from gap_runs import Run, run_gap, write_changed_model
+from gap_schema import validate_result
 from hubodo.cli import main
 from hubodo.gap.judge import journal
 from hubodo.gap.judge.round import judge_round
-from hubodo.verbs import gap as verb
+from hubodo.verbs import gap as gap_verb
 
 SEED = 4
 HIDDEN = ("wheel_camber", "gyro_bias")
-WORDS = ("--explain", "gyro_lag")
-LEFT = ("gap.json", "model.toml", "report.html", "unfinished.jsonl")
+OPTIONS = ("--explain", "gyro_lag")
+FILES_AFTER_INTERRUPT = ("gap.json", "model.toml", "report.html", "unfinished.jsonl")
 
 
 @pytest.fixture(scope="module")
 def case(tmp_path_factory):
-    """A folder in which two effects are hidden."""
+    """Return the folder of a case with two hidden effects."""
     folder = tmp_path_factory.mktemp("two")
-    make(folder, SEED, list(HIDDEN), "strong", scope="left", duration=40.0, rate_hz=30.0)
+    write_case(folder, SEED, list(HIDDEN), "strong", scope="left", duration=40.0, rate_hz=30.0)
     return folder
 
 
 @dataclass(frozen=True)
-class Whole:
-    """The run that nobody stopped, and the steps that it said: what is tried, how far it is."""
+class UninterruptedRun:
+    """A run that was not interrupted, and its progress reports (text, share done)."""
 
     run: Run
-    said: list[tuple[str, float]]
+    progress: list[tuple[str, float]]
 
 
 @pytest.fixture(scope="module")
-def whole(case, tmp_path_factory):
-    said = []
+def uninterrupted(case, tmp_path_factory):
+    progress = []
 
     @contextmanager
-    def listening():
-        yield lambda words, share: said.append((words, share))
+    def record_progress():
+        yield lambda text, share: progress.append((text, share))
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(verb, "progress_line", listening)
-        folder = tmp_path_factory.mktemp("whole") / "out"
-        return Whole(gap(folder, case / "model.toml", case, *WORDS), said)
+        patch.setattr(gap_verb, "progress_line", record_progress)
+        folder = tmp_path_factory.mktemp("uninterrupted") / "out"
+        return UninterruptedRun(run_gap(folder, case / "model.toml", case, *OPTIONS), progress)
 
 
-class Rounds(list):
-    """The rounds that are judged; `stop_at` is the number of the one in which ctrl-C comes."""
+class RoundRecorder(list):
+    """A recorder of the arguments of each judged round; Ctrl-C arrives in round `stop_at`."""
 
     stop_at = None
 
@@ -64,114 +64,125 @@ class Rounds(list):
 
 
 @pytest.fixture
-def rounds(monkeypatch):
-    """Those of a run that nobody stops."""
-    seen = Rounds()
-    monkeypatch.setattr(journal, "judge_round", seen)
-    return seen
+def judged_rounds(monkeypatch):
+    """Return a recorder of the rounds judged in a run that is not interrupted."""
+    recorder = RoundRecorder()
+    monkeypatch.setattr(journal, "judge_round", recorder)
+    return recorder
 
 
 @pytest.fixture(scope="module")
-def stopped(case, tmp_path_factory):
-    """Runs that were stopped in a round, each made once; what one left lies in the folder that is given."""
-    made = {}
+def interrupt_run(case, tmp_path_factory):
+    """Return a function that interrupts a run in a given round and copies its output to a folder.
 
-    def run(stop_at, folder):
-        if stop_at not in made:
-            seen = Rounds()
-            seen.stop_at = stop_at
+    Each round is run once; further calls copy the same output.
+    """
+    runs = {}
+
+    def interrupt_in_round(stop_at, folder):
+        if stop_at not in runs:
+            recorder = RoundRecorder()
+            recorder.stop_at = stop_at
             with pytest.MonkeyPatch.context() as patch:
-                patch.setattr(journal, "judge_round", seen)
-                kept = tmp_path_factory.mktemp("stopped") / "out"
-                made[stop_at] = gap(kept, case / "model.toml", case, *WORDS)
-        if made[stop_at].folder.exists():
-            shutil.copytree(made[stop_at].folder, folder)
-        return replace(made[stop_at], folder=folder)
+                patch.setattr(journal, "judge_round", recorder)
+                output = tmp_path_factory.mktemp("interrupted") / "out"
+                runs[stop_at] = run_gap(output, case / "model.toml", case, *OPTIONS)
+        if runs[stop_at].folder.exists():
+            shutil.copytree(runs[stop_at].folder, folder)
+        return replace(runs[stop_at], folder=folder)
 
-    return run
+    return interrupt_in_round
 
 
-def names(run):
+def found_effects(run):
     return sorted(name for name, _ in run.names)
 
 
-def test_a_search_that_is_stopped_leaves_what_it_found_and_says_so(stopped, tmp_path):
-    left = stopped(2, tmp_path / "out")
-    assert left.code == 130
-    assert "holds the intermediate result; --resume continues" in left.err
-    assert left.err.count("\n") == 1
-    assert sorted(path.name for path in left.folder.iterdir()) == sorted(LEFT)
-    check(left.result)
-    assert left.result["finished"] is False
-    assert len(left.names) == 1 and left.names[0][0] in HIDDEN
-    assert any("interrupted" in line for line in left.result["warnings"])
-    assert left.names[0][0] in (left.folder / "model.toml").read_text("utf-8")
-    assert "interrupted" in (left.folder / "report.html").read_text("utf-8")
+def test_an_interrupted_search_writes_its_findings_and_reports_the_interruption(interrupt_run, tmp_path):
+    run = interrupt_run(2, tmp_path / "out")
+    assert run.code == 130
+    assert "holds the intermediate result; --resume continues" in run.err
+    assert run.err.count("\n") == 1
+    assert sorted(path.name for path in run.folder.iterdir()) == sorted(FILES_AFTER_INTERRUPT)
+    validate_result(run.result)
+    assert run.result["finished"] is False
+    assert len(run.names) == 1 and run.names[0][0] in HIDDEN
+    assert any("interrupted" in line for line in run.result["warnings"])
+    assert run.names[0][0] in (run.folder / "model.toml").read_text("utf-8")
+    assert "interrupted" in (run.folder / "report.html").read_text("utf-8")
 
 
-def test_a_search_that_is_stopped_before_it_found_anything_leaves_nothing(stopped, tmp_path):
-    left = stopped(1, tmp_path / "out")
-    assert left.code == 130
-    assert not left.folder.exists()
+def test_a_search_interrupted_before_its_first_finding_writes_nothing(interrupt_run, tmp_path):
+    run = interrupt_run(1, tmp_path / "out")
+    assert run.code == 130
+    assert not run.folder.exists()
 
 
-def test_with_resume_it_ends_as_if_it_had_never_been_stopped(case, whole, stopped, rounds, tmp_path):
-    first = stopped(4, tmp_path / "out")
-    assert first.code == 130
-    found = names(first)
-    made = gap(tmp_path / "out", case / "model.toml", case, *WORDS, "--resume")
-    assert made.code == 0, made.err
-    assert made.result == whole.run.result
-    assert names(made) == sorted(HIDDEN)
-    assert made.out.replace(str(made.folder), "") == whole.run.out.replace(str(whole.run.folder), "")
-    assert not (made.folder / "unfinished.jsonl").exists()
-    # None of the whole rounds was judged again: the one that was stopped comes first.
-    assert len(rounds[0][0].state.terms) == 1
-    assert rounds[0][0].state.terms[0].effect.name in found
+def test_a_resumed_search_ends_with_the_result_of_an_uninterrupted_one(
+    case, uninterrupted, interrupt_run, judged_rounds, tmp_path
+):
+    interrupted = interrupt_run(4, tmp_path / "out")
+    assert interrupted.code == 130
+    effects_before = found_effects(interrupted)
+    resumed = run_gap(tmp_path / "out", case / "model.toml", case, *OPTIONS, "--resume")
+    assert resumed.code == 0, resumed.err
+    assert resumed.result == uninterrupted.run.result
+    assert found_effects(resumed) == sorted(HIDDEN)
+    assert resumed.out.replace(str(resumed.folder), "") == uninterrupted.run.out.replace(
+        str(uninterrupted.run.folder), ""
+    )
+    assert not (resumed.folder / "unfinished.jsonl").exists()
+    # No complete round is judged again: the first one judged is the interrupted one.
+    assert len(judged_rounds[0][0].state.terms) == 1
+    assert judged_rounds[0][0].state.terms[0].effect.name in effects_before
 
 
-def test_a_file_that_a_kill_cut_off_gives_the_whole_rounds_in_it(case, whole, stopped, rounds, tmp_path):
-    path = stopped(4, tmp_path / "out").folder / "unfinished.jsonl"
+def test_a_truncated_journal_restores_its_complete_rounds(
+    case, uninterrupted, interrupt_run, judged_rounds, tmp_path
+):
+    path = interrupt_run(4, tmp_path / "out").folder / "unfinished.jsonl"
     head, first, second, *_ = path.read_text("utf-8").splitlines()
     path.write_text(f"{head}\n{first}\n{second[: len(second) // 2]}", "utf-8")
-    made = gap(tmp_path / "out", case / "model.toml", case, *WORDS, "--resume")
-    assert made.result == whole.run.result
-    # The second was judged again; it begins where the first one's effect was added.
-    assert len(rounds[0][0].state.terms) == 1
+    resumed = run_gap(tmp_path / "out", case / "model.toml", case, *OPTIONS, "--resume")
+    assert resumed.result == uninterrupted.run.result
+    # Round 2 is judged again, and starts from the state that has the effect of round 1.
+    assert len(judged_rounds[0][0].state.terms) == 1
 
 
-def test_another_model_or_other_options_are_refused(case, stopped, tmp_path):
-    unfinished = stopped(2, tmp_path / "out").folder / "unfinished.jsonl"
+def test_resuming_with_another_model_or_other_options_is_refused(case, interrupt_run, tmp_path):
+    unfinished = interrupt_run(2, tmp_path / "out").folder / "unfinished.jsonl"
     before = unfinished.read_bytes()
-    other = changed_model(case, tmp_path / "other.toml", ("track_width = 0.", "track_width = 1."))
-    for model, words in ((other, ()), (case / "model.toml", ("--reject", "gyro_lag"))):
-        refused = gap(tmp_path / "out", model, case, *WORDS, *words, "--resume")
-        assert refused.code == 2
-        assert "is of another log, model, choice of options or version of hubodo" in refused.err
+    other = write_changed_model(case, tmp_path / "other.toml", ("track_width = 0.", "track_width = 1."))
+    for model, options in ((other, ()), (case / "model.toml", ("--reject", "gyro_lag"))):
+        run = run_gap(tmp_path / "out", model, case, *OPTIONS, *options, "--resume")
+        assert run.code == 2
+        assert "is of another log, model, choice of options or version of hubodo" in run.err
     assert unfinished.read_bytes() == before
 
 
-def test_a_comparison_of_two_logs_is_not_resumed(case, tmp_path):
-    both = ("--after", str(case), "-o", str(tmp_path / "out"), "--resume")
-    assert main(["gap", str(case / "model.toml"), "--before", str(case), *both]) == 2
+def test_resuming_a_comparison_of_two_logs_is_refused(case, tmp_path):
+    options = ("--after", str(case), "-o", str(tmp_path / "out"), "--resume")
+    assert main(["gap", str(case / "model.toml"), "--before", str(case), *options]) == 2
 
 
-def test_without_a_search_to_go_on_with_resume_is_refused(case, tmp_path):
-    refused = gap(tmp_path / "out", case / "model.toml", case, "--resume")
-    assert (refused.code, refused.err.count("\n")) == (2, 1)
-    assert "contains no interrupted search; leave out --resume" in refused.err
-    assert not refused.folder.exists()
+def test_resuming_without_an_interrupted_search_is_refused(case, tmp_path):
+    run = run_gap(tmp_path / "out", case / "model.toml", case, "--resume")
+    assert (run.code, run.err.count("\n")) == (2, 1)
+    assert "contains no interrupted search; leave out --resume" in run.err
+    assert not run.folder.exists()
 
 
-def test_each_step_says_what_is_tried_and_how_far_it_is(whole):
-    assert whole.run.code == 0
-    words = [text for text, _ in whole.said]
-    assert "round 1: every effect in every scope" in words
-    assert any(text.startswith("round 1: wheel_camber (") for text in words)
-    assert "reconsidering wheel_camber (left)" in words
-    searched = [
-        share for text, share in whole.said if text.startswith(("round", "reconsidering", "measuring"))
+def test_progress_names_each_step_and_its_share_increases(uninterrupted):
+    assert uninterrupted.run.code == 0
+    steps = [text for text, _ in uninterrupted.progress]
+    assert "round 1: every effect in every scope" in steps
+    assert any(text.startswith("round 1: wheel_camber (") for text in steps)
+    assert "reconsidering wheel_camber (left)" in steps
+    search_shares = [
+        share
+        for text, share in uninterrupted.progress
+        if text.startswith(("round", "reconsidering", "measuring"))
     ]
-    assert searched == sorted(searched)
-    assert all(0.0 <= share <= 1.0 for _, share in whole.said)
-    assert json.loads((whole.run.folder / "gap.json").read_text("utf-8"))["finished"] is True
+    assert search_shares == sorted(search_shares)
+    assert all(0.0 <= share <= 1.0 for _, share in uninterrupted.progress)
+    assert json.loads((uninterrupted.run.folder / "gap.json").read_text("utf-8"))["finished"] is True

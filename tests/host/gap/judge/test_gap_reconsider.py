@@ -1,13 +1,13 @@
-"""Reconsideration of the effects that were added."""
+"""Reconsideration of the effects added to the model."""
 
 from types import SimpleNamespace
 
 from hubodo.gap.judge.reconsider import reconsider_effects
 
 
-def test_a_single_effect_that_was_judged_beside_all_others_is_not_judged_again():
+def test_a_single_effect_already_compared_with_all_others_is_not_reconsidered():
     term = SimpleNamespace(key=("gyro_bias", "left"), is_fitted=True)
-    judged = SimpleNamespace(best=SimpleNamespace(key=term.key))
-    final = SimpleNamespace(state=SimpleNamespace(terms=(term,)))
-    result = SimpleNamespace(final=final, rounds=(judged,), used_decimation=False)
-    assert reconsider_effects(result) == (result, {term.key: judged})
+    last_round = SimpleNamespace(best=SimpleNamespace(key=term.key))
+    evaluation = SimpleNamespace(state=SimpleNamespace(terms=(term,)))
+    result = SimpleNamespace(final=evaluation, rounds=(last_round,), used_decimation=False)
+    assert reconsider_effects(result) == (result, {term.key: last_round})

@@ -1,4 +1,4 @@
-"""Terms as directions, and terms moved along them."""
+"""Terms decomposed into directions, and terms moved along directions."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from hubodo.gap.state.terms import ALL, ModelTerm
 def test_a_term_on_all_nodes_moves_the_same_coordinate_of_each(problem):
     term = ModelTerm(BY_NAME["gyro_bias"](), ALL)
     directions, basis = directions_of_terms(problem, [term])
-    assert [(it.node, it.coordinate) for it in directions] == [
+    assert [(direction.node, direction.coordinate) for direction in directions] == [
         (name, k) for name in ("left", "right") for k in range(3)
     ]
     np.testing.assert_array_equal(basis, build_basis(6, [[0, 1, 2], [3, 4, 5]]))
@@ -22,5 +22,5 @@ def test_a_step_to_impossible_parameters_is_shortened():
     for sign in (1.0, -1.0):
         step = np.zeros(len(coordinates))
         step[-1] = sign * 50.0
-        (moved,) = move_terms([term], [step])
-        assert moved.effect.is_valid()
+        (shifted_term,) = move_terms([term], [step])
+        assert shifted_term.effect.is_valid()

@@ -1,9 +1,9 @@
-"""Where gyros measured the speed, every node answers every effect as the model evaluated anew does."""
+"""Sensitivity columns of every effect against finite differences, with the speed measured by the gyros."""
 
 import numpy as np
 import pytest
 
-from gap_runs import changed_model
+from gap_runs import write_changed_model
 from hubodo.effects import BY_NAME, EFFECTS
 from hubodo.effects.empirical import empirical
 from hubodo.gap.judge.search import build_initial_state
@@ -16,96 +16,97 @@ from hubodo.gap.state.terms import ALL, VEHICLE, ModelTerm
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 
-STEP = 1e-6
-"""Of a usual size, one way: what is bent shows as much of its bend."""
-OTHER = 1e-3
-"""Of the largest answer of a column: by that much two ways of differentiating may differ."""
-IN_MEAN = [effect for effect in EFFECTS if effect.visible_in == "mean"]
-UNNAMED = empirical("empirical:gz,ax ~ harmonics(theta)")
+STEP_IN_TYPICAL_SIZES = 1e-6
+"""Forward difference, in typical sizes of a parameter: small enough for curvature not to matter."""
+MAX_RELATIVE_DIFFERENCE = 1e-3
+"""Permitted difference between the derivatives, relative to the largest value of a column."""
+EFFECTS_ON_MEAN = [effect for effect in EFFECTS if effect.visible_in == "mean"]
+EMPIRICAL_TERM = empirical("empirical:gz,ax ~ harmonics(theta)")
 
 
 @pytest.fixture(scope="module")
-def state(nothing, tmp_path_factory):
-    """A model with an arm and a camber, driven by what its own gyros measured."""
+def state(clean_log, tmp_path_factory):
+    """Return a state with a lever arm and camber whose speed input is measured by the gyros of its nodes."""
     path = tmp_path_factory.mktemp("shared") / "model.toml"
-    model = changed_model(nothing, path, ('speed = "reference.speed"', 'speed = "nodes"'))
-    problem = build_problem(read_folder(nothing), read_model(model))
+    model = write_changed_model(clean_log, path, ('speed = "reference.speed"', 'speed = "nodes"'))
+    problem = build_problem(read_folder(clean_log), read_model(model))
     terms = [ModelTerm(BY_NAME["lever_arm"](x=0.02, y=-0.01, z=0.01), ALL)]
     terms += [ModelTerm(BY_NAME["wheel_camber"](angle=0.1), ALL)]
     return track_wheel_phase(build_initial_state(problem).with_terms(terms))[0]
 
 
-def evaluated(state, direction, node):
-    """(6, N) the channels of a node at a state moved along a direction, all of it worked out anew."""
-    moved = direction.shifted_effect(STEP)
-    kept = [term for term in state.terms if term.effect.name != moved.name]
-    at = [ModelTerm(moved, direction.node or VEHICLE)]
-    # Of an effect that all nodes have, the others keep theirs.
-    there = next((term.effect for term in state.terms if term.effect.name == moved.name), None)
-    if there is not None and direction.node:
-        others = [node.name for node in state.problem.nodes if node.name != direction.node]
-        at += [ModelTerm(there, other) for other in others]
-    return stack_channels(state.with_terms([*kept, *at]).predictions[node])
+def predict_shifted(state, direction, node):
+    """Return the predicted channels (6, N) of a node after one step along a direction."""
+    shifted = direction.shifted_effect(STEP_IN_TYPICAL_SIZES)
+    unchanged = [term for term in state.terms if term.effect.name != shifted.name]
+    changed = [ModelTerm(shifted, direction.node or VEHICLE)]
+    # If all nodes have the effect, the other nodes keep its present parameters.
+    present = next((term.effect for term in state.terms if term.effect.name == shifted.name), None)
+    if present is not None and direction.node:
+        other_names = [node.name for node in state.problem.nodes if node.name != direction.node]
+        changed += [ModelTerm(present, name) for name in other_names]
+    return stack_channels(state.with_terms([*unchanged, *changed]).predictions[node])
 
 
-def columns(at, directions):
-    """(P, 6, N) for each node: how it answers every direction, looked at in one go."""
-    samples = {node.name: slice(0, len(node.t)) for node in at.problem.nodes}
-    made, part = DirectionSensitivities(at, directions), at.select(samples)
-    return {node.name: made.columns(node, part, samples) for node in part.problem.nodes}
+def compute_columns(state, directions):
+    """Return the sensitivity columns (P, 6, N) of each node to all P directions."""
+    samples = {node.name: slice(0, len(node.t)) for node in state.problem.nodes}
+    sensitivities, part = DirectionSensitivities(state, directions), state.select(samples)
+    return {node.name: sensitivities.columns(node, part, samples) for node in part.problem.nodes}
 
 
-def assert_columns_are_those_evaluated_anew(at, directions):
-    found = columns(at, directions)
+def assert_columns_match_finite_differences(state, directions):
+    columns_of_node = compute_columns(state, directions)
     for k, direction in enumerate(directions):
-        for node in at.problem.nodes:
-            expected = (
-                evaluated(at, direction, node.name) - stack_channels(at.predictions[node.name])
-            ) / STEP
-            error = np.abs(found[node.name][k] - expected).max()
-            assert error <= OTHER * np.abs(expected).max() + 1e-6, (direction, node.name)
+        for node in state.problem.nodes:
+            before = stack_channels(state.predictions[node.name])
+            expected = (predict_shifted(state, direction, node.name) - before) / STEP_IN_TYPICAL_SIZES
+            error = np.abs(columns_of_node[node.name][k] - expected).max()
+            assert error <= MAX_RELATIVE_DIFFERENCE * np.abs(expected).max() + 1e-6, (direction, node.name)
 
 
-@pytest.mark.parametrize("there", [*IN_MEAN, UNNAMED], ids=lambda effect: effect.name)
-def test_columns_are_those_of_the_model_evaluated_anew_beside_each_effect(state, there):
-    seed = there.initial_guesses()[0]
-    size = seed.coordinates() + 0.5 * there.coordinate_scales()
-    at = state.with_term(ModelTerm(seed.with_coordinates(size), VEHICLE if there.level == "vehicle" else ALL))
-    directions = list_directions(at)[:: 1 if there.name == "lever_arm" else 7]
-    own = at.effects["left"][there]
-    node = "" if there.level == "vehicle" else "left"
-    directions += [Direction(own, node, k) for k in range(len(own.coordinates()))][::5]
-    assert_columns_are_those_evaluated_anew(at, directions)
+@pytest.mark.parametrize("effect", [*EFFECTS_ON_MEAN, EMPIRICAL_TERM], ids=lambda effect: effect.name)
+def test_columns_match_finite_differences_in_the_presence_of_each_effect(state, effect):
+    guess = effect.initial_guesses()[0]
+    coordinates = guess.coordinates() + 0.5 * effect.coordinate_scales()
+    scope, node = (VEHICLE, "") if effect.level == "vehicle" else (ALL, "left")
+    state_with_effect = state.with_term(ModelTerm(guess.with_coordinates(coordinates), scope))
+    # Every seventh direction, to save time; all of them for one effect.
+    directions = list_directions(state_with_effect)[:: 1 if effect.name == "lever_arm" else 7]
+    instance = state_with_effect.effects["left"][effect]
+    directions += [Direction(instance, node, k) for k in range(len(instance.coordinates()))][::5]
+    assert_columns_match_finite_differences(state_with_effect, directions)
 
 
-def test_beside_a_limit_what_is_added_beyond_it_is_not_read(state):
+def test_columns_match_finite_differences_when_the_gyro_saturates(state):
     limit = 0.5 * float(np.abs(state.predictions["left"].gyro).max())
-    at = state.with_term(ModelTerm(BY_NAME["gyro_saturation"](limit=limit), ALL))
-    directions = [it for it in list_directions(at) if it.effect.name in ("gyro_bias", "gyro_scale_factor")]
-    assert_columns_are_those_evaluated_anew(at, directions)
+    saturated = state.with_term(ModelTerm(BY_NAME["gyro_saturation"](limit=limit), ALL))
+    names = ("gyro_bias", "gyro_scale_factor")
+    directions = [it for it in list_directions(saturated) if it.effect.name in names]
+    assert_columns_match_finite_differences(saturated, directions)
 
 
-def test_what_one_gyro_measured_otherwise_is_felt_by_the_other_node(state):
+def test_a_gyro_bias_of_one_node_changes_predictions_of_the_other(state):
     directions = [it for it in list_directions(state) if it.effect.name == "gyro_bias" and it.node == "left"]
-    felt = columns(state, directions)
-    assert np.abs(felt["right"][2]).max() > 1e-3
+    assert np.abs(compute_columns(state, directions)["right"][2]).max() > 1e-3
 
 
-@pytest.mark.parametrize("there", ["gyro_lag", "tyre_growth", "lever_arm"])
-def test_columns_of_a_part_are_a_part_of_the_columns(state, there):
-    """Also where what a node reads hangs on how it moved before."""
-    seed = BY_NAME[there].initial_guesses()[0]
-    at = state.with_term(
-        ModelTerm(seed.with_coordinates(seed.coordinates() + 0.5 * seed.coordinate_scales()), ALL)
-    )
-    directions = list_directions(at)
-    whole, made = columns(at, directions), DirectionSensitivities(at, directions)
+@pytest.mark.parametrize("name", ["gyro_lag", "tyre_growth", "lever_arm"])
+def test_columns_of_a_slice_are_a_slice_of_the_columns(state, name):
+    """The slice of a lagged reading includes the effect of the motion before the slice."""
+    guess = BY_NAME[name].initial_guesses()[0]
+    effect = guess.with_coordinates(guess.coordinates() + 0.5 * guess.coordinate_scales())
+    state_with_effect = state.with_term(ModelTerm(effect, ALL))
+    directions = list_directions(state_with_effect)
+    all_columns = compute_columns(state_with_effect, directions)
+    sensitivities = DirectionSensitivities(state_with_effect, directions)
     samples = {
-        node.name: slice(len(node.t) // 3, len(node.t) // 2 + k) for k, node in enumerate(at.problem.nodes)
+        node.name: slice(len(node.t) // 3, len(node.t) // 2 + k)
+        for k, node in enumerate(state_with_effect.problem.nodes)
     }
-    part = at.select(samples)
+    part = state_with_effect.select(samples)
     for node in part.problem.nodes:
-        expected = whole[node.name][:, :, samples[node.name]]
+        expected = all_columns[node.name][:, :, samples[node.name]]
         sizes = np.abs(expected).max(axis=(1, 2), keepdims=True) + 1e-6
-        found = made.columns(node, part, samples)
-        np.testing.assert_allclose(found / sizes, expected / sizes, atol=1e-4)
+        columns_of_part = sensitivities.columns(node, part, samples)
+        np.testing.assert_allclose(columns_of_part / sizes, expected / sizes, atol=1e-4)

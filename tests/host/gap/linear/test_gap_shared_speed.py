@@ -1,4 +1,4 @@
-"""A speed measured by gyros couples the nodes; a reference does not."""
+"""Coupling of nodes by a speed that their gyros measure; a speed reference does not couple them."""
 
 from hubodo.effects import BY_NAME
 from hubodo.gap.linear.shared_speed import SpeedCoupling

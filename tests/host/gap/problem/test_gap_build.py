@@ -1,4 +1,4 @@
-"""Building of a problem: nodes that take part, and limits at which readings saturate."""
+"""Construction of a gap problem: its nodes, its time span and saturation limits of the readings."""
 
 import numpy as np
 

@@ -1,9 +1,9 @@
-"""The workflow on a bench at rest, and on a drive whose inputs are what its own gyros measured."""
+"""Inputs from the log: a bench at rest, gyros as inputs, declared noise of inputs, columns with gaps."""
 
 import numpy as np
 
-from gap_matrix.make_case import make
-from gap_runs import changed_model, gap
+from gap_matrix.make_case import write_case
+from gap_runs import run_gap, write_changed_model
 from hubodo.gap.problem.log_inputs import read_trace
 from hubodo.log.csv_folder import read_folder, write_folder
 from hubodo.recording import Recording, Table
@@ -12,8 +12,8 @@ SEED = 12
 GRAVITY = 9.80665
 
 
-def test_a_gyro_bias_is_named_on_a_bench_at_rest_and_what_rest_cannot_show_is_said(tmp_path):
-    hidden = make(
+def test_a_gyro_bias_is_found_at_rest_and_the_missing_motion_raises_a_warning(tmp_path):
+    hidden = write_case(
         tmp_path / "log",
         SEED,
         ["gyro_bias"],
@@ -23,31 +23,31 @@ def test_a_gyro_bias_is_named_on_a_bench_at_rest_and_what_rest_cannot_show_is_sa
         duration=40.0,
         rate_hz=50.0,
     )
-    made = gap(tmp_path / "out", tmp_path / "log" / "model.toml", tmp_path / "log")
-    assert made.code == 0, made.err
-    assert made.names == [("gyro_bias", "left")]
-    for axis, value in made.result["found"][0]["parameters"].items():
+    run = run_gap(tmp_path / "out", tmp_path / "log" / "model.toml", tmp_path / "log")
+    assert run.code == 0, run.err
+    assert run.names == [("gyro_bias", "left")]
+    for axis, value in run.result["found"][0]["parameters"].items():
         assert abs(value["value"] - hidden[0].parameters[axis]) < 4.0 * value["sigma"], (axis, value)
-    assert any("nothing moves" in line for line in made.result["warnings"])
+    assert any("nothing moves" in line for line in run.result["warnings"])
 
 
-def body_node(reference, rng):
-    """A node on the vehicle, its axes those of the body, as the reference moves it."""
+def simulate_body_node(reference, rng):
+    """Return the readings of a node on the vehicle body, aligned with its axes, for the reference motion."""
     t = reference.t[1:-1:2]
-    slope = np.gradient(np.convolve(reference["speed"], np.ones(25) / 25, "same"), reference.t)[1:-1:2]
-    speed, yaw = reference["speed"][1:-1:2], reference["yaw_rate"][1:-1:2]
+    acceleration = np.gradient(np.convolve(reference["speed"], np.ones(25) / 25, "same"), reference.t)[1:-1:2]
+    speed, yaw_rate = reference["speed"][1:-1:2], reference["yaw_rate"][1:-1:2]
     zero = np.zeros_like(t)
-    values = np.stack([zero, zero, yaw, slope, yaw * speed, zero + GRAVITY])
+    values = np.stack([zero, zero, yaw_rate, acceleration, yaw_rate * speed, zero + GRAVITY])
     values += rng.standard_normal(values.shape) * np.repeat([0.002, 0.3], 3)[:, None]
     return Table({"t": t, **dict(zip(("gx", "gy", "gz", "ax", "ay", "az"), values, strict=True))})
 
 
-def test_without_a_reference_the_gyros_of_the_log_drive_the_model(tmp_path):
-    make(tmp_path / "case", SEED, ["lever_arm"], "strong", scope="left", duration=40.0, rate_hz=50.0)
-    read = read_folder(tmp_path / "case")
-    frame = body_node(read.reference, np.random.default_rng(SEED))
-    write_folder(Recording({**read.nodes, "frame": frame}), tmp_path / "log")
-    model = changed_model(
+def test_the_gyros_of_the_log_replace_a_missing_reference(tmp_path):
+    write_case(tmp_path / "case", SEED, ["lever_arm"], "strong", scope="left", duration=40.0, rate_hz=50.0)
+    log = read_folder(tmp_path / "case")
+    frame = simulate_body_node(log.reference, np.random.default_rng(SEED))
+    write_folder(Recording({**log.nodes, "frame": frame}), tmp_path / "log")
+    model = write_changed_model(
         tmp_path / "case",
         tmp_path / "model.toml",
         ('speed = "reference.speed"', 'speed = "nodes"'),
@@ -55,23 +55,27 @@ def test_without_a_reference_the_gyros_of_the_log_drive_the_model(tmp_path):
         ("speed_noise = 0.0005", "speed_noise = 0.001"),
         ("yaw_rate_noise = 0.0002", "yaw_rate_noise = 0.002"),
     )
-    made = gap(tmp_path / "out", model, tmp_path / "log")
-    assert made.code == 0, made.err
-    assert made.names[:1] == [("lever_arm", "left")]
+    run = run_gap(tmp_path / "out", model, tmp_path / "log")
+    assert run.code == 0, run.err
+    assert run.names[:1] == [("lever_arm", "left")]
 
 
-def test_an_input_that_scatters_more_than_declared_is_said_and_not_taken_for_an_effect(nothing, tmp_path):
-    model = changed_model(nothing, tmp_path / "model.toml", ("speed_noise = 0.0005", "speed_noise = 0.00001"))
-    made = gap(tmp_path / "out", model, nothing)
-    assert made.names == []
-    said = [line for line in made.result["warnings"] if line.startswith("reference.speed scatters by 0.00")]
-    assert len(said) == 1
-    assert 0.0004 < float(said[0].split()[3]) < 0.0006
-    as_declared = gap(tmp_path / "declared", nothing / "model.toml", nothing)
-    assert not any("scatters" in line for line in as_declared.result["warnings"])
+def test_an_input_noisier_than_declared_raises_a_warning_and_no_finding(clean_log, tmp_path):
+    model = write_changed_model(
+        clean_log, tmp_path / "model.toml", ("speed_noise = 0.0005", "speed_noise = 0.00001")
+    )
+    run = run_gap(tmp_path / "out", model, clean_log)
+    assert run.names == []
+    warnings = [
+        line for line in run.result["warnings"] if line.startswith("reference.speed scatters by 0.00")
+    ]
+    assert len(warnings) == 1
+    assert 0.0004 < float(warnings[0].split()[3]) < 0.0006
+    run_with_true_noise = run_gap(tmp_path / "declared", clean_log / "model.toml", clean_log)
+    assert not any("scatters" in line for line in run_with_true_noise.result["warnings"])
 
 
-def test_a_column_is_read_where_it_is_finite_and_missing_where_it_nowhere_is():
+def test_non_finite_values_of_a_column_are_dropped_and_an_empty_column_is_missing():
     t = np.arange(4.0)
     table = Table({"t": t + 100.0, "temperature": np.array([20.0, np.nan, 22.0, 23.0]), "supply": t * np.nan})
     trace = read_trace(table, "temperature", 100.0)

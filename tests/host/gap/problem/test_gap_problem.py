@@ -1,20 +1,20 @@
-"""A log that is sampled fast is searched with some of its samples first, and loses nothing by it."""
+"""Decimation: a fast log is searched with a part of its samples first, and no effect is missed."""
 
 import numpy as np
 
 from gap_matrix import cases, effects, recording
-from gap_runs import gap
+from gap_runs import run_gap
 from hubodo.gap.problem.build import build_problem
 from hubodo.gap.problem.problem import CHANNELS, Problem
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 
-SEED, SECONDS = 9, 33.0
+SEED, DURATION = 9, 33.0  # s
 
 
-def sampled(folder, rate_hz):
-    """A folder: a sensor off the axle, and samples that come twice."""
-    setup = cases.setup(SEED, duration=SECONDS)
+def write_sampled_case(folder, rate_hz):
+    """Write a case with a lever arm and repeated samples on the left node."""
+    setup = cases.setup(SEED, duration=DURATION)
     setup = cases.sampled_at(setup, rate_hz, np.random.default_rng(SEED), jitter=0.02)
     hidden = [
         cases.hidden_effect(setup, "lever_arm", "left"),
@@ -25,25 +25,26 @@ def sampled(folder, rate_hz):
     return folder
 
 
-def problem_of(folder):
+def read_problem(folder):
+    """Return the gap problem of a case folder."""
     return build_problem(read_folder(folder), read_model(folder / "model.toml"))
 
 
-def test_every_fourth_sample_stays_and_the_inputs_are_left_whole(tmp_path):
-    whole = problem_of(sampled(tmp_path, 400.0))
-    light = whole.decimate()
-    for few, all_of_them in zip(light.nodes, whole.nodes, strict=True):
-        assert (few.t == all_of_them.t[::4]).all()
-        assert (few.y == all_of_them.y[:, ::4]).all()
-        assert few.forward.inputs is all_of_them.forward.inputs
-    assert light.decimate() is None
+def test_decimation_takes_every_fourth_sample_and_all_inputs(tmp_path):
+    problem = read_problem(write_sampled_case(tmp_path, 400.0))
+    decimated = problem.decimate()
+    for decimated_node, node in zip(decimated.nodes, problem.nodes, strict=True):
+        assert (decimated_node.t == node.t[::4]).all()
+        assert (decimated_node.y == node.y[:, ::4]).all()
+        assert decimated_node.forward.inputs is node.forward.inputs
+    assert decimated.decimate() is None
 
 
-def test_what_shows_in_the_mean_and_what_shows_from_sample_to_sample_are_both_found(tmp_path):
-    case = sampled(tmp_path / "case", 200.0)
-    made = gap(tmp_path / "out", case / "model.toml", case)
-    assert sorted(made.names) == [("lever_arm", "left"), ("sample_repeat", "left")]
-    repeated = next(it for it in made.result["found"] if it["effect"] == "sample_repeat")
+def test_an_effect_on_the_mean_and_one_on_single_samples_are_both_found(tmp_path):
+    case = write_sampled_case(tmp_path / "case", 200.0)
+    run = run_gap(tmp_path / "out", case / "model.toml", case)
+    assert sorted(run.names) == [("lever_arm", "left"), ("sample_repeat", "left")]
+    repeated = next(finding for finding in run.result["found"] if finding["effect"] == "sample_repeat")
     value = repeated["parameters"]["probability"]
     assert abs(value["value"] - 0.05) < 4.0 * value["sigma"]
 

@@ -1,4 +1,4 @@
-"""A point of the search works out what follows from it once, and no other point gets it by mistake."""
+"""Evaluation of a state: predictions and residuals are computed once and never shared with another state."""
 
 from dataclasses import replace
 
@@ -19,86 +19,102 @@ from hubodo.model.model_file import read_model
 
 
 @pytest.fixture
-def point(nothing):
-    problem = build_problem(read_folder(nothing), read_model(nothing / "model.toml"))
+def evaluation(clean_log):
+    problem = build_problem(read_folder(clean_log), read_model(clean_log / "model.toml"))
     state, _ = track_wheel_phase(build_initial_state(problem))
     return Evaluation(state, estimate_weights(state))
 
 
 @pytest.fixture
-def evaluations(monkeypatch):
-    """A list that grows by one with each evaluation of the forward model."""
-    seen, mean = [], NodeModel.mean_reading
+def model_calls(monkeypatch):
+    """Return a list that grows by one with each call of the forward model."""
+    calls, mean_reading = [], NodeModel.mean_reading
 
-    def counted(self, *arguments):
-        seen.append(self)
-        return mean(self, *arguments)
+    def record_call(self, *arguments):
+        calls.append(self)
+        return mean_reading(self, *arguments)
 
-    monkeypatch.setattr(NodeModel, "mean_reading", counted)
-    return seen
+    monkeypatch.setattr(NodeModel, "mean_reading", record_call)
+    return calls
 
 
-def test_each_node_is_evaluated_once_however_often_its_readings_are_asked_for(point, evaluations):
-    state = replace(point.state)
+def test_predictions_of_each_node_are_computed_once_and_cached(evaluation, model_calls):
+    state = replace(evaluation.state)
     for _ in range(3):
         assert set(state.predictions) == {"left", "right"}
         assert all(np.isfinite(state.residual(node)).all() for node in state.problem.nodes)
-    assert len(evaluations) == 2
+    assert len(model_calls) == 2
     for _ in range(3):
         assert set(state.phase_columns) == {"left", "right"}
-    assert len(evaluations) == 6
+    assert len(model_calls) == 6
 
 
-def test_residuals_and_all_that_is_measured_in_them_cost_one_evaluation_and_one_slope(point, evaluations):
-    fresh = Evaluation(replace(point.state), point.weights)
+def test_residuals_gap_and_floor_share_one_evaluation_and_one_derivative(evaluation, model_calls):
+    fresh = Evaluation(replace(evaluation.state), evaluation.weights)
     compute_gap(fresh.residuals), compute_gap_floor(fresh.residuals), fresh.mean_residuals
-    assert len(evaluations) == 6
+    assert len(model_calls) == 6
 
 
-def test_another_model_has_readings_of_its_own(point):
-    was = {name: stack_channels(reading) for name, reading in point.state.predictions.items()}
-    biased = point.state.with_term(ModelTerm(BY_NAME["gyro_bias"](x=0.1), ALL))
+def test_a_changed_state_does_not_reuse_cached_predictions(evaluation):
+    readings_before = {
+        name: stack_channels(reading) for name, reading in evaluation.state.predictions.items()
+    }
+    biased = evaluation.state.with_term(ModelTerm(BY_NAME["gyro_bias"](x=0.1), ALL))
     for name, reading in biased.predictions.items():
-        more = stack_channels(reading) - was[name]
-        np.testing.assert_allclose(more, np.array([[0.1], [0], [0], [0], [0], [0]]) + 0.0 * more, atol=1e-12)
-        np.testing.assert_array_equal(stack_channels(point.state.predictions[name]), was[name])
-    ahead = replace(
-        point.state,
-        phase_offsets={**point.state.phase_offsets, "left": point.state.phase_offsets["left"] + 1e-4},
+        change = stack_channels(reading) - readings_before[name]
+        np.testing.assert_allclose(
+            change, np.array([[0.1], [0], [0], [0], [0], [0]]) + 0.0 * change, atol=1e-12
+        )
+        np.testing.assert_array_equal(
+            stack_channels(evaluation.state.predictions[name]), readings_before[name]
+        )
+    shifted = replace(
+        evaluation.state,
+        phase_offsets={
+            **evaluation.state.phase_offsets,
+            "left": evaluation.state.phase_offsets["left"] + 1e-4,
+        },
     )
-    turned = (stack_channels(ahead.predictions["left"]) - was["left"]) / 1e-4
-    np.testing.assert_allclose(turned, point.state.phase_columns["left"], atol=2e-3)
-    np.testing.assert_array_equal(stack_channels(ahead.predictions["right"]), was["right"])
+    slope = (stack_channels(shifted.predictions["left"]) - readings_before["left"]) / 1e-4
+    np.testing.assert_allclose(slope, evaluation.state.phase_columns["left"], atol=2e-3)
+    np.testing.assert_array_equal(stack_channels(shifted.predictions["right"]), readings_before["right"])
 
 
-def test_with_other_weights_the_readings_stay_and_the_residuals_do_not(point):
-    walks = {name: 100.0 * walk for name, walk in point.weights.wheel_walks.items()}
-    loose = replace(point, weights=replace(point.weights, wheel_walks=walks))
-    assert loose.state.predictions is point.state.predictions
-    # A wheel that may wander more takes more of the residual with it.
-    assert compute_gap(loose.residuals) < compute_gap(point.residuals)
-    assert point.without_cache().state.terms == point.state.terms
-    assert compute_gap(point.without_cache().residuals) == compute_gap(point.residuals)
+def test_changed_weights_keep_predictions_and_change_residuals(evaluation):
+    walks = {name: 100.0 * walk for name, walk in evaluation.weights.wheel_walks.items()}
+    with_wider_walks = replace(evaluation, weights=replace(evaluation.weights, wheel_walks=walks))
+    assert with_wider_walks.state.predictions is evaluation.state.predictions
+    # A wheel phase with a larger walk absorbs more of the residual.
+    assert compute_gap(with_wider_walks.residuals) < compute_gap(evaluation.residuals)
+    assert evaluation.without_cache().state.terms == evaluation.state.terms
+    assert compute_gap(evaluation.without_cache().residuals) == compute_gap(evaluation.residuals)
 
 
-def test_a_residual_and_what_was_predicted_are_what_was_measured(point):
-    for residual in point.residuals.values():
+def test_residual_plus_prediction_is_the_measurement(evaluation):
+    for residual in evaluation.residuals.values():
         np.testing.assert_allclose(residual.value + residual.predicted, residual.node.y, atol=1e-12)
 
 
-def test_stale_samples_are_compared_in_the_gap_with_what_the_model_said_before_them(point):
-    """So are coarse steps: they widen what is declared in the gap, and nowhere else."""
-    late = np.arange(5, min(len(node.t) for node in point.problem.nodes), 10)
+def test_repeated_samples_are_compared_with_the_prediction_of_the_sample_before(evaluation):
+    """Quantization steps, too, widen the declared sigma in the gap only, not in the mean residuals."""
+    stale_indices = np.arange(5, min(len(node.t) for node in evaluation.problem.nodes), 10)
     noise = {}
-    for name, one in point.weights.noise.items():
-        noise[name] = replace(one, is_new=~np.isin(np.arange(len(one.is_new)), late))
+    for name, channel_noise in evaluation.weights.noise.items():
+        indices = np.arange(len(channel_noise.is_new))
+        noise[name] = replace(channel_noise, is_new=~np.isin(indices, stale_indices))
     effects = (BY_NAME["sample_repeat"](probability=0.1), BY_NAME["gyro_quantization"](step=0.05))
-    state = point.state.with_terms([ModelTerm(effect, ALL) for effect in effects])
-    stale = Evaluation(state, replace(point.weights, noise=noise))
-    for name, residual in stale.residuals.items():
-        mean = stale.mean_residuals[name]
-        np.testing.assert_allclose(residual.predicted[:, late], mean.predicted[:, late - 1], atol=1e-12)
-        np.testing.assert_allclose(residual.predicted[:, late - 1], mean.predicted[:, late - 1], atol=1e-12)
-        wider = residual.declared_sigma[:3] ** 2 - mean.declared_sigma[:3] ** 2
-        np.testing.assert_allclose(wider, 0.05**2 / 12.0, rtol=1e-9)
-        np.testing.assert_allclose(residual.declared_sigma[3:], mean.declared_sigma[3:], rtol=1e-12)
+    state = evaluation.state.with_terms([ModelTerm(effect, ALL) for effect in effects])
+    stale_evaluation = Evaluation(state, replace(evaluation.weights, noise=noise))
+    for name, residual in stale_evaluation.residuals.items():
+        mean_residual = stale_evaluation.mean_residuals[name]
+        np.testing.assert_allclose(
+            residual.predicted[:, stale_indices], mean_residual.predicted[:, stale_indices - 1], atol=1e-12
+        )
+        np.testing.assert_allclose(
+            residual.predicted[:, stale_indices - 1],
+            mean_residual.predicted[:, stale_indices - 1],
+            atol=1e-12,
+        )
+        quantization_variance = residual.declared_sigma[:3] ** 2 - mean_residual.declared_sigma[:3] ** 2
+        np.testing.assert_allclose(quantization_variance, 0.05**2 / 12.0, rtol=1e-9)
+        np.testing.assert_allclose(residual.declared_sigma[3:], mean_residual.declared_sigma[3:], rtol=1e-12)

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gap_residuals import SIGMA, shown, white
+from gap_residuals import SIGMA, build_residual, draw_readings
 from hubodo.gap.process_noise.residual import compute_gap, compute_gap_floor
 
 
-def test_noise_as_declared_has_a_gap_of_one_and_twice_as_much_of_two():
-    clean, y = white(np.random.default_rng(5))
-    residual = shown(y, clean)
+def test_the_gap_is_one_for_declared_noise_and_two_for_twice_that():
+    clean, y = draw_readings(np.random.default_rng(5))
+    residual = build_residual(y, clean)
     assert compute_gap({"left": residual}) == pytest.approx(1.0, rel=0.02)
     assert compute_gap({"left": replace(residual, value=2.0 * residual.value)}) == pytest.approx(
         2.0, rel=0.02
@@ -20,9 +20,9 @@ def test_noise_as_declared_has_a_gap_of_one_and_twice_as_much_of_two():
 
 
 def test_a_mask_restricts_the_gap_to_its_samples():
-    clean, y = white(np.random.default_rng(6))
+    clean, y = draw_readings(np.random.default_rng(6))
     y[:, :100] += 10.0 * SIGMA
     inside = np.arange(y.shape[1]) < 100
-    residuals = {"left": shown(y, clean)}
+    residuals = {"left": build_residual(y, clean)}
     assert compute_gap(residuals, {"left": inside}) > 9.0
     assert compute_gap(residuals, {"left": ~inside}) < 1.1

@@ -10,9 +10,9 @@ from hubodo.gap.process_noise.segments import split_segments, window_edges, wind
 def test_segments_contain_each_sample_and_each_window_once(problem):
     segments = split_segments(problem)
     grid = window_grid(problem)
-    np.testing.assert_array_equal(np.concatenate([it.window_starts for it in segments]), grid)
+    np.testing.assert_array_equal(np.concatenate([segment.window_starts for segment in segments]), grid)
     for node in problem.nodes:
-        bounds = [(it.samples[node.name].start, it.samples[node.name].stop) for it in segments]
+        bounds = [(segment.samples[node.name].start, segment.samples[node.name].stop) for segment in segments]
         assert bounds[0][0] == 0 and bounds[-1][1] == len(node.t)
         assert all(end == start for (_, end), (start, _) in pairwise(bounds))
 

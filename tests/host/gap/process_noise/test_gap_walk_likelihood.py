@@ -7,23 +7,23 @@ from scipy.stats import multivariate_normal
 from hubodo.gap.process_noise.walk_likelihood import smooth_walk, walk_log_likelihoods
 
 
-def test_likelihoods_differ_as_those_of_the_dense_covariance():
+def test_likelihood_ratios_match_those_of_the_dense_covariance():
     rng = np.random.default_rng(7)
     steps, variance = rng.uniform(0.5, 1.5, 19), rng.uniform(0.5, 2.0, 20)
     observed = rng.standard_normal(20).cumsum()
     times = np.concatenate([[0.0], np.cumsum(steps)])
     intensities, starts = np.array([0.1, 2.0]), np.array([1.0, 3.0])
-    found = walk_log_likelihoods(observed, variance, steps, intensities, starts)
+    log_likelihoods = walk_log_likelihoods(observed, variance, steps, intensities, starts)
     dense = [
         multivariate_normal(
             np.zeros(20), np.diag(variance) + start + q * np.minimum.outer(times, times)
         ).logpdf(observed)
         for q, start in zip(intensities, starts, strict=True)
     ]
-    assert found[1] - found[0] == pytest.approx(dense[1] - dense[0])
+    assert log_likelihoods[1] - log_likelihoods[0] == pytest.approx(dense[1] - dense[0])
 
 
-def test_a_walk_without_steps_is_smoothed_to_the_mean_and_a_wild_one_to_the_observations():
+def test_a_walk_of_zero_intensity_is_smoothed_to_the_mean_and_a_large_one_to_the_observations():
     observed, variance, steps = np.array([1.0, 2.0, 6.0]), np.ones(3), np.ones(2)
     np.testing.assert_allclose(smooth_walk(observed, variance, steps, 1e-9), 3.0, atol=1e-4)
     np.testing.assert_allclose(smooth_walk(observed, variance, steps, 1e9), observed, atol=1e-4)

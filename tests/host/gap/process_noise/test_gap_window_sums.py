@@ -1,20 +1,20 @@
-"""Residuals are limited so that no single sample dominates."""
+"""Winsorised residuals: no single sample dominates a sum."""
 
 import numpy as np
 
 from hubodo.gap.process_noise.window_sums import winsorise
 
 
-def test_usual_residuals_stay_and_a_wild_one_is_pulled_in_to_six_sigma():
+def test_an_outlier_is_limited_to_six_sigma_and_other_residuals_are_unchanged():
     z = np.clip(np.random.default_rng(2).standard_normal((6, 500)), -5.0, 5.0)
-    wild = z.copy()
-    wild[2, 17] = 400.0
-    limited = winsorise(wild)
+    with_outlier = z.copy()
+    with_outlier[2, 17] = 400.0
+    limited = winsorise(with_outlier)
     assert limited[2, 17] == 6.0
-    wild[2, 17] = limited[2, 17]
-    np.testing.assert_array_equal(limited, wild)
+    with_outlier[2, 17] = limited[2, 17]
+    np.testing.assert_array_equal(limited, with_outlier)
 
 
-def test_where_all_residuals_are_large_they_stay():
+def test_residuals_that_are_all_large_are_unchanged():
     z = 50.0 + np.random.default_rng(3).standard_normal((1, 500))
     np.testing.assert_array_equal(winsorise(z), z)

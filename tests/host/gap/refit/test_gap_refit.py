@@ -1,10 +1,10 @@
-"""A refit: by how much the scatter of blocks tempers a gain, and weights that agree with what was fitted."""
+"""Refit: reduction of a gain by the scatter of block scores, and weights consistent with the fit."""
 
 from types import SimpleNamespace
 
 import numpy as np
 
-from gap_matrix.make_case import make
+from gap_matrix.make_case import write_case
 from hubodo.effects import BY_NAME
 from hubodo.gap.judge.search import build_initial_state
 from hubodo.gap.problem.build import build_problem
@@ -17,47 +17,51 @@ from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 
 
-def tempering(score):
-    """Of a fit of one coordinate with unit information in all."""
+def compute_tempering(score):
+    """Return the tempering factor of a fit of one coordinate with unit information in total."""
     return Refit.tempering.fget(SimpleNamespace(covariance=np.eye(1), block_scores=score))
 
 
-def test_independent_blocks_hardly_temper_a_gain_and_alike_ones_do():
+def test_correlated_blocks_reduce_a_gain_and_independent_ones_hardly_do():
     rng = np.random.default_rng(1)
-    alone = [tempering(rng.standard_normal((15, 1)) / np.sqrt(15.0)) for _ in range(400)]
-    beyond = float(np.mean(np.array(alone) > 1.0))
-    print(f"seed 1, 400 fits of 15 blocks: mean {np.mean(alone):.3f}, above 1 in {beyond:.2f}")
-    assert np.mean(alone) < 1.1
-    assert 0.05 < beyond < 0.3
-    together = [tempering(3.0 * rng.standard_normal((60, 1)) / np.sqrt(60.0)) for _ in range(400)]
-    assert 6.0 < np.median(together) < 9.5
+    independent = [compute_tempering(rng.standard_normal((15, 1)) / np.sqrt(15.0)) for _ in range(400)]
+    share_above_one = float(np.mean(np.array(independent) > 1.0))
+    print(f"seed 1, 400 fits of 15 blocks: mean {np.mean(independent):.3f}, above 1 in {share_above_one:.2f}")
+    assert np.mean(independent) < 1.1
+    assert 0.05 < share_above_one < 0.3
+    dependent = [compute_tempering(3.0 * rng.standard_normal((60, 1)) / np.sqrt(60.0)) for _ in range(400)]
+    assert 6.0 < np.median(dependent) < 9.5
 
 
-def test_what_moves_a_wheel_rightly_leaves_it_less_to_wander_and_the_fit_is_weighed_with_that(
+def test_the_true_effect_reduces_the_phase_walk_and_the_fit_is_repeated_with_the_smaller_walk(
     tmp_path, monkeypatch
 ):
-    """A tyre that grows: without its size the wheel seems to wander hundreds of times as much."""
+    """The phase walk is overestimated a hundredfold as long as the model has no tyre growth."""
     seed = 3
-    (hidden,) = make(tmp_path, seed, ["tyre_growth"], "strong", scope="right", duration=60.0, rate_hz=50.0)
+    (hidden,) = write_case(
+        tmp_path, seed, ["tyre_growth"], "strong", scope="right", duration=60.0, rate_hz=50.0
+    )
     problem = build_problem(read_folder(tmp_path), read_model(tmp_path / "model.toml"))
     state = build_initial_state(problem).with_term(ModelTerm(BY_NAME["tyre_growth"](), "right"))
     tracked, _ = track_wheel_phase(state)
-    once, fits = fit_tracked(Evaluation(tracked, estimate_weights(tracked))), []
+    first_fit, fits = fit_tracked(Evaluation(tracked, estimate_weights(tracked))), []
 
-    def counted(point):
-        fits.append(point)
-        return fit_tracked(point)
+    def record_fit(evaluation):
+        fits.append(evaluation)
+        return fit_tracked(evaluation)
 
-    monkeypatch.setattr(refit, "fit_tracked", counted)
-    made = refit_with_weights(state)
-    assert len(fits) == 2, "the second agrees"
-    wanders = {}
-    for name, fit in (("once", once), ("made", made)):
+    monkeypatch.setattr(refit, "fit_tracked", record_fit)
+    final_fit = refit_with_weights(state)
+    assert len(fits) == 2, "weights and state agree after the second fit"
+    walk_ratios = {}
+    for name, fit in (("first", first_fit), ("final", final_fit)):
         _, walks = track_wheel_phase(fit.evaluation.state)
-        wanders[name] = fit.evaluation.weights.wheel_walks["right"] / walks["right"]
-    assert wanders["once"] > 100.0
-    assert 0.9 < wanders["made"] < 1.1
-    (growth,) = (term.effect.k for term in made.evaluation.state.terms if term.effect.name == "tyre_growth")
-    sigma = np.sqrt(made.covariance[0, 0]) / np.sqrt(once.covariance[0, 0])
-    assert sigma < 0.5, "what wanders less is known better"
-    assert abs(growth / hidden.parameters["k"] - 1.0) < 0.05
+        walk_ratios[name] = fit.evaluation.weights.wheel_walks["right"] / walks["right"]
+    assert walk_ratios["first"] > 100.0
+    assert 0.9 < walk_ratios["final"] < 1.1
+    (growth_estimate,) = (
+        term.effect.k for term in final_fit.evaluation.state.terms if term.effect.name == "tyre_growth"
+    )
+    sigma_ratio = np.sqrt(final_fit.covariance[0, 0] / first_fit.covariance[0, 0])
+    assert sigma_ratio < 0.5, "a smaller phase walk reduces the uncertainty"
+    assert abs(growth_estimate / hidden.parameters["k"] - 1.0) < 0.05

@@ -4,7 +4,7 @@ from hubodo.gap.explain.result import Estimate
 from hubodo.gap.scaffold.scaffold import Scaffold
 
 
-def test_a_scaffold_is_described_with_its_parameters_in_lines_and_in_json():
+def test_text_and_json_of_a_scaffold_list_its_parameters():
     scaffold = Scaffold(
         "bent_axle",
         "left",

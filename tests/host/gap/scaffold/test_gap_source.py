@@ -1,4 +1,4 @@
-"""The class that a scaffold writes says whether it can be worked out some samples at a time."""
+"""The source of a scaffolded effect class, and its has_memory flag."""
 
 import pytest
 
@@ -9,10 +9,9 @@ WEIGHTS = [shape.weight for shape in list_shapes()]
 
 
 @pytest.mark.parametrize("weight", sorted(set(WEIGHTS)))
-def test_a_formula_that_looks_beyond_its_own_sample_says_that_it_remembers(weight):
+def test_has_memory_is_set_if_the_formula_uses_other_samples(weight):
     shape = next(shape for shape in list_shapes() if shape.weight == weight)
-    made = [Summand(shape, (CHANNELS[2],))]
-    assert compile_effect("odd_one", made).has_memory == ("temperature_rate" in weight)
-    assert ("has_memory: ClassVar[bool] = True" in render_source("odd_one", made)) == (
-        "temperature_rate" in weight
-    )
+    has_memory = "temperature_rate" in weight
+    summands = [Summand(shape, (CHANNELS[2],))]
+    assert compile_effect("odd_one", summands).has_memory == has_memory
+    assert ("has_memory: ClassVar[bool] = True" in render_source("odd_one", summands)) == has_memory

@@ -1,4 +1,4 @@
-"""Detection of outliers, against sums over mixtures written out."""
+"""Detection of outliers, against explicit mixture likelihoods."""
 
 from dataclasses import replace
 
@@ -6,90 +6,90 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from gap_residuals import SEEDS, SIGMA, shown, white
+from gap_residuals import SEEDS, SIGMA, build_residual, draw_readings
 from hubodo.gap.scatter.outliers import detect_outliers, find_spiky_channels
 
 
-def beside_neighbours(residual, row):
-    """z of a channel less the median of two neighbours on either side, and its robust sigma."""
+def subtract_neighbours(residual, row):
+    """Return z of a channel minus the median of two neighbours on either side, and its robust sigma."""
     z = residual.value[row] / SIGMA[row]
-    around = np.pad(z, 2, mode="reflect")
-    z = z - [np.median(np.delete(around[k : k + 5], 2)) for k in range(len(z))]
+    padded = np.pad(z, 2, mode="reflect")
+    z = z - [np.median(np.delete(padded[k : k + 5], 2)) for k in range(len(z))]
     return z, np.median(np.abs(z)) / norm.ppf(0.75)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_step_of_a_coarse_lattice_is_no_wild_reading(seed):
-    clean, y = white(np.random.default_rng(seed))
+def test_coarse_quantization_steps_are_not_detected_as_outliers(seed):
+    clean, y = draw_readings(np.random.default_rng(seed))
     clean[:2] = 0.0
     step = 3.0 * SIGMA[0, 0]
     y[:2] = SIGMA[0] * np.random.default_rng(seed).standard_normal((2, y.shape[1]))
     y[:3] = step * np.round(y[:3] / step)
-    assert detect_outliers([shown(y, clean)]) == []
+    assert detect_outliers([build_residual(y, clean)]) == []
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_outliers_gain_the_mixture_over_the_noise_alone_and_are_counted(seed):
+def test_the_gain_of_outliers_is_the_log_ratio_of_a_mixture_to_a_gaussian(seed):
     rng = np.random.default_rng(seed)
     share, sigma = 0.01, 12.0
-    clean, y = white(rng, 4000)
-    hit = rng.random(y.shape) < share
-    one = shown(y + hit * sigma * SIGMA * rng.standard_normal(y.shape), clean)
-    found = detect_outliers([one])
-    assert [it.term.effect.name for it in found] == ["outliers"]
-    values, sigmas = found[0].term.effect.values(), found[0].sigmas
+    clean, y = draw_readings(rng, 4000)
+    is_outlier = rng.random(y.shape) < share
+    residual = build_residual(y + is_outlier * sigma * SIGMA * rng.standard_normal(y.shape), clean)
+    proposals = detect_outliers([residual])
+    assert [it.term.effect.name for it in proposals] == ["outliers"]
+    values, sigmas = proposals[0].term.effect.values(), proposals[0].sigmas
     assert abs(values["probability"] - share) < 4.0 * sigmas["probability"] + 0.002
     assert abs(values["sigma"] - sigma) < 4.0 * sigmas["sigma"] + 1.0
     gain = 0.0
     for row in range(6):
-        z, one_sigma = beside_neighbours(one, row)
-        z, wide = z / one_sigma, np.hypot(1.0, values["sigma"] / one_sigma)
+        z, one_sigma = subtract_neighbours(residual, row)
+        z, wide_sigma = z / one_sigma, np.hypot(1.0, values["sigma"] / one_sigma)
         p = values["probability"]
-        mixed = np.log((1.0 - p) * norm.pdf(z) + p * norm.pdf(z, scale=wide))
-        alone = max(float(norm.logpdf(z, scale=scale).sum()) for scale in np.linspace(0.9, 1.3, 21))
-        gain += float(mixed.sum()) - alone
-    assert found[0].gain == pytest.approx(gain, rel=0.02)
+        mixture = np.log((1.0 - p) * norm.pdf(z) + p * norm.pdf(z, scale=wide_sigma))
+        gaussian = max(float(norm.logpdf(z, scale=scale).sum()) for scale in np.linspace(0.9, 1.3, 21))
+        gain += float(mixture.sum()) - gaussian
+    assert proposals[0].gain == pytest.approx(gain, rel=0.02)
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_of_one_wild_reading_nobody_knows_how_often_it_comes_or_how_wide_they_are(seed):
-    """A count of one: 1 sigma of a Poisson rate is the rate, of a Gaussian's sigma 1 / sqrt 2 of it.
+def test_a_single_outlier_leaves_probability_and_sigma_uncertain(seed):
+    """Given one count, 1 sigma of a Poisson rate is the rate, that of a Gaussian sigma is sigma / sqrt(2).
 
-    The rates that are tried are a factor of 1.3 apart, of which the count has the root.
+    The tolerance follows from the grid of rates, whose steps are a factor of 1.3.
     """
-    clean, y = white(np.random.default_rng(seed), 400)
+    clean, y = draw_readings(np.random.default_rng(seed), 400)
     y[4, 250] += 30.0 * SIGMA[4, 0]
-    (found,) = detect_outliers([shown(y, clean)])
-    values = found.term.effect.values()
-    assert found.sigmas["probability"] == pytest.approx(values["probability"], rel=0.14)
-    assert found.sigmas["sigma"] == pytest.approx(values["sigma"] / np.sqrt(2.0), rel=0.14)
-    assert "about 1 isolated" in found.where
+    (proposal,) = detect_outliers([build_residual(y, clean)])
+    values = proposal.term.effect.values()
+    assert proposal.sigmas["probability"] == pytest.approx(values["probability"], rel=0.14)
+    assert proposal.sigmas["sigma"] == pytest.approx(values["sigma"] / np.sqrt(2.0), rel=0.14)
+    assert "about 1 isolated" in proposal.where
 
 
-def test_wild_readings_of_one_channel_or_side_by_side_are_no_outliers():
+def test_spikes_of_one_channel_and_bursts_are_not_detected_as_outliers():
     rng = np.random.default_rng(1)
-    clean, y = white(rng, 4000)
-    hit = rng.random(4000) < 0.01
+    clean, y = draw_readings(rng, 4000)
+    is_outlier = rng.random(4000) < 0.01
     spiky = y.copy()
-    spiky[4] += 12.0 * SIGMA[4] * hit * rng.standard_normal(4000)
-    one = shown(spiky, clean)
-    assert detect_outliers([one]) == []
-    assert [row for row, _, _ in find_spiky_channels(one)] == [4]
+    spiky[4] += 12.0 * SIGMA[4] * is_outlier * rng.standard_normal(4000)
+    residual = build_residual(spiky, clean)
+    assert detect_outliers([residual]) == []
+    assert [row for row, _, _ in find_spiky_channels(residual)] == [4]
     bursts = y.copy()
-    for at in np.flatnonzero(hit[:-4]):
-        bursts[:, at : at + 4] += 12.0 * SIGMA * rng.standard_normal((6, 1)) * [1.0, -1.0, 1.0, -1.0]
-    assert detect_outliers([shown(bursts, clean)]) == []
+    for index in np.flatnonzero(is_outlier[:-4]):
+        bursts[:, index : index + 4] += 12.0 * SIGMA * rng.standard_normal((6, 1)) * [1.0, -1.0, 1.0, -1.0]
+    assert detect_outliers([build_residual(bursts, clean)]) == []
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_wild_readings_are_judged_by_the_scatter_around_them_whatever_noise_was_found(seed):
+def test_spikes_are_detected_relative_to_the_local_scatter_not_the_estimated_noise(seed):
     rng = np.random.default_rng(seed)
-    clean, y = white(rng)
+    clean, y = draw_readings(rng)
     y[2, 30::60] += 20.0 * SIGMA[2]
-    one = shown(y, clean)
-    wide = replace(one, noise=replace(one.noise, group_sigmas=3.0 * SIGMA))
-    ((row, count, size),) = find_spiky_channels(one)
+    residual = build_residual(y, clean)
+    with_larger_noise = replace(residual, noise=replace(residual.noise, group_sigmas=3.0 * SIGMA))
+    ((row, count, size),) = find_spiky_channels(residual)
     assert (row, count) == (2, 25)
-    # Beside the middle of four neighbours, whose own variance is 0.3.
+    # The median of four neighbours has a variance of 0.3.
     assert size == pytest.approx(20.0 / np.sqrt(1.3), rel=0.1)
-    assert find_spiky_channels(wide) == [(row, count, pytest.approx(size))]
+    assert find_spiky_channels(with_larger_noise) == [(row, count, pytest.approx(size))]

@@ -1,4 +1,4 @@
-"""Detection of quantization, against densities written out."""
+"""Detection of quantization, against explicit log densities."""
 
 from dataclasses import replace
 
@@ -7,55 +7,59 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import norm
 
-from gap_residuals import SEEDS, SIGMA, shown, white
+from gap_residuals import SEEDS, SIGMA, build_residual, draw_readings
 from hubodo.gap.scatter.quantization import detect_quantization, find_lattice_step
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_coarse_steps_gain_the_density_with_the_variance_of_rounding_in_it(seed):
-    """Wild readings are left to another likelihood."""
+def test_the_gain_of_quantization_is_the_log_density_ratio_with_rounding_variance(seed):
+    """Outliers beyond 4 sigma are excluded; the outlier detector handles them."""
     step = 0.04
-    clean, y = white(np.random.default_rng(seed))
+    clean, y = draw_readings(np.random.default_rng(seed))
     y[:3] = step * np.round(y[:3] / step)
     y[0, ::100] += 10.0 * step
-    one = shown(y, clean)
-    assert find_lattice_step(one) == pytest.approx(step, rel=1e-5)
-    found = detect_quantization([one])
-    assert [it.term.effect.name for it in found] == ["gyro_quantization"]
-    wide = np.sqrt(SIGMA[:3] ** 2 + step**2 / 12.0)
-    off = one.value[:3]
-    calm = np.abs(off) < 4.0 * wide
-    each = norm.logpdf(off, scale=wide) - norm.logpdf(off, scale=SIGMA[:3])
-    assert found[0].gain == pytest.approx(float(each[calm].sum()), rel=1e-9)
+    residual = build_residual(y, clean)
+    assert find_lattice_step(residual) == pytest.approx(step, rel=1e-5)
+    proposals = detect_quantization([residual])
+    assert [it.term.effect.name for it in proposals] == ["gyro_quantization"]
+    wide_sigma = np.sqrt(SIGMA[:3] ** 2 + step**2 / 12.0)
+    values = residual.value[:3]
+    is_inlier = np.abs(values) < 4.0 * wide_sigma
+    gains = norm.logpdf(values, scale=wide_sigma) - norm.logpdf(values, scale=SIGMA[:3])
+    assert proposals[0].gain == pytest.approx(float(gains[is_inlier].sum()), rel=1e-9)
 
 
-def test_coarse_steps_get_no_more_credit_than_one_and_a_half_times_what_they_are_worth():
-    """Where the noise is larger for other reasons; worth: divergence of the wider density, by quadrature."""
+def test_the_gain_of_quantization_is_capped_at_one_and_a_half_times_its_divergence():
+    """The cap applies if the noise has other causes; the Kullback-Leibler divergence is a quadrature."""
     step = 0.04
     rng = np.random.default_rng(1)
-    clean, y = white(rng)
+    clean, y = draw_readings(rng)
     y[:3] = step * np.round((y[:3] + 0.03 * rng.standard_normal(y[:3].shape)) / step)
-    narrow = norm(scale=SIGMA[0, 0])
-    wide = norm(scale=np.hypot(SIGMA[0, 0], step / np.sqrt(12.0)))
-    worth, _ = quad(lambda x: wide.pdf(x) * (wide.logpdf(x) - narrow.logpdf(x)), -0.2, 0.2)
-    found = detect_quantization([shown(y, clean)])
-    assert found[0].gain == pytest.approx(1.5 * worth * 3 * y.shape[1], rel=1e-6)
+    narrow_density = norm(scale=SIGMA[0, 0])
+    wide_density = norm(scale=np.hypot(SIGMA[0, 0], step / np.sqrt(12.0)))
+    divergence_per_sample, _ = quad(
+        lambda x: wide_density.pdf(x) * (wide_density.logpdf(x) - narrow_density.logpdf(x)), -0.2, 0.2
+    )
+    proposals = detect_quantization([build_residual(y, clean)])
+    assert proposals[0].gain == pytest.approx(1.5 * divergence_per_sample * 3 * y.shape[1], rel=1e-6)
 
 
-def test_a_lattice_is_seen_in_a_log_in_which_one_axis_hardly_reads_anything_twice():
+def test_the_lattice_step_is_found_though_one_axis_hardly_repeats_a_value():
     step = 0.012
-    clean, y = white(np.random.default_rng(1), 400)
+    clean, y = draw_readings(np.random.default_rng(1), 400)
     clean[2] += np.linspace(0.0, 60.0, 400)
     y[2] += np.linspace(0.0, 60.0, 400)
     y[:3] = step * np.round(y[:3] / step)
     assert len(np.unique(y[2])) > 350
-    assert find_lattice_step(shown(y, clean)) == pytest.approx(step, rel=1e-5)
+    assert find_lattice_step(build_residual(y, clean)) == pytest.approx(step, rel=1e-5)
 
 
-def test_noise_that_is_far_larger_than_rounding_is_none_of_its_making():
+def test_noise_far_above_the_rounding_error_is_not_explained_by_quantization():
     step = 0.02
-    clean, y = white(np.random.default_rng(1))
+    clean, y = draw_readings(np.random.default_rng(1))
     y[:3] = step * np.round((y[:3] + 0.06 * np.random.default_rng(2).standard_normal(y[:3].shape)) / step)
-    one = shown(y, clean)
-    wide = np.concatenate([np.hypot(SIGMA[:3], 0.06), SIGMA[3:]])
-    assert detect_quantization([replace(one, noise=replace(one.noise, group_sigmas=wide))]) == []
+    residual = build_residual(y, clean)
+    wide_sigma = np.concatenate([np.hypot(SIGMA[:3], 0.06), SIGMA[3:]])
+    assert (
+        detect_quantization([replace(residual, noise=replace(residual.noise, group_sigmas=wide_sigma))]) == []
+    )

@@ -4,28 +4,28 @@ import numpy as np
 import pytest
 from scipy.stats import norm, poisson
 
-from gap_residuals import SEEDS, SIGMA, repeated, shown
+from gap_residuals import SEEDS, SIGMA, build_residual, draw_readings_with_repeats
 from hubodo.gap.scatter.repeats import detect_repeats
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_repeats_gain_a_poisson_ratio_and_what_the_older_model_explains_of_them(seed):
+def test_the_gain_of_repeats_is_a_poisson_ratio_plus_the_better_fit_of_stale_predictions(seed):
     step = 0.3 * SIGMA
-    clean, y, fresh = repeated(np.random.default_rng(seed), 0.02, step)
-    one = shown(y, clean, fresh=fresh)
-    found = detect_repeats([one])
-    count, seen = y.shape[1], int((~fresh).sum())
-    assert found[0].term.effect.probability == pytest.approx(seen / count)
-    # Two Gaussian draws in the same step of the lattice, in all six channels.
+    clean, y, is_new = draw_readings_with_repeats(np.random.default_rng(seed), 0.02, step)
+    residual = build_residual(y, clean, is_new=is_new)
+    proposals = detect_repeats([residual])
+    count, n_repeats = y.shape[1], int((~is_new).sum())
+    assert proposals[0].term.effect.probability == pytest.approx(n_repeats / count)
+    # Probability that two Gaussian draws fall into the same lattice step, in all six channels.
     edges = step[0, 0] * (np.arange(-80, 81) - 0.5)
-    same = float(np.sum(np.diff(norm.cdf(edges, scale=SIGMA[0, 0])) ** 2))
-    by_chance = max(count * same**6, 1e-3)
-    ratio = poisson.logpmf(seen, seen) - poisson.logpmf(seen, by_chance)
-    older = 0.0
-    for at in np.flatnonzero(~fresh):
-        source = at
-        while not fresh[source]:
+    p_same_step = float(np.sum(np.diff(norm.cdf(edges, scale=SIGMA[0, 0])) ** 2))
+    expected_by_chance = max(count * p_same_step**6, 1e-3)
+    ratio = poisson.logpmf(n_repeats, n_repeats) - poisson.logpmf(n_repeats, expected_by_chance)
+    gain_of_stale_model = 0.0
+    for index in np.flatnonzero(~is_new):
+        source = index
+        while not is_new[source]:
             source -= 1
-        now, then = ((one.value[:, k] / SIGMA[:, 0]).clip(-6.0, 6.0) for k in (at, source))
-        older += float(np.sum(norm.logpdf(then) - norm.logpdf(now)))
-    assert found[0].gain == pytest.approx(ratio + older, rel=2e-3)
+        own, stale = ((residual.value[:, k] / SIGMA[:, 0]).clip(-6.0, 6.0) for k in (index, source))
+        gain_of_stale_model += float(np.sum(norm.logpdf(stale) - norm.logpdf(own)))
+    assert proposals[0].gain == pytest.approx(ratio + gain_of_stale_model, rel=2e-3)

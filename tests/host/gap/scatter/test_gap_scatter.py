@@ -1,11 +1,18 @@
-"""All scatter detectors: no proposal without a cause, none for an effect in the model."""
+"""All scatter detectors: no proposal for white noise, none for an effect that the model has."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from gap_residuals import SEEDS, SIGMA, repeated, shown, walking, white
+from gap_residuals import (
+    SEEDS,
+    SIGMA,
+    build_residual,
+    draw_readings,
+    draw_readings_with_repeats,
+    draw_readings_with_walk,
+)
 from hubodo.gap.scatter.limits import detect_limits
 from hubodo.gap.scatter.outliers import detect_outliers, find_spiky_channels
 from hubodo.gap.scatter.quantization import detect_quantization
@@ -14,28 +21,30 @@ from hubodo.gap.scatter.repeats import detect_repeats
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_nothing_is_proposed_where_noise_is_all_there_is(seed):
-    clean, y = white(np.random.default_rng(seed))
-    one = shown(y, clean)
-    for look in (
+def test_no_detector_proposes_an_effect_for_white_noise(seed):
+    clean, y = draw_readings(np.random.default_rng(seed))
+    residual = build_residual(y, clean)
+    for detect in (
         detect_limits,
         detect_outliers,
         detect_quantization,
         detect_random_walk,
         detect_repeats,
     ):
-        assert look([one, replace(one, node=replace(one.node, name="right"))]) == [], look.__name__
-    assert find_spiky_channels(one) == []
+        assert detect([residual, replace(residual, node=replace(residual.node, name="right"))]) == [], (
+            detect.__name__
+        )
+    assert find_spiky_channels(residual) == []
 
 
-def test_what_the_model_has_already_is_not_proposed_again():
+def test_effects_of_the_model_are_not_proposed_again():
     rng = np.random.default_rng(1)
-    clean, y = walking(rng, 0.003)
-    assert detect_random_walk([shown(y, clean, effects=["gyro_rate_random_walk"])]) == []
-    clean, y, fresh = repeated(rng, 0.02, 0.3 * SIGMA)
-    assert detect_repeats([shown(y, clean, fresh=fresh, effects=["sample_repeat"])]) == []
-    clean, y = white(rng)
+    clean, y = draw_readings_with_walk(rng, 0.003)
+    assert detect_random_walk([build_residual(y, clean, effects=["gyro_rate_random_walk"])]) == []
+    clean, y, is_new = draw_readings_with_repeats(rng, 0.02, 0.3 * SIGMA)
+    assert detect_repeats([build_residual(y, clean, is_new=is_new, effects=["sample_repeat"])]) == []
+    clean, y = draw_readings(rng)
     y = np.clip(0.04 * np.round(y / 0.04), -5.0, 5.0)
-    known = ["gyro_quantization", "gyro_saturation", "accel_saturation"]
-    one = shown(y, clean, limits=(5.0, 5.0), effects=known)
-    assert detect_limits([one]) == detect_quantization([one]) == []
+    effects = ["gyro_quantization", "gyro_saturation", "accel_saturation"]
+    residual = build_residual(y, clean, limits=(5.0, 5.0), effects=effects)
+    assert detect_limits([residual]) == detect_quantization([residual]) == []

@@ -6,7 +6,7 @@ from hubodo.gap.screen.candidates import list_candidates, list_directions
 from hubodo.gap.state.terms import ALL, VEHICLE
 
 
-def test_an_effect_is_a_candidate_on_each_node_and_on_all_and_one_of_the_vehicle_once(evaluation):
+def test_an_effect_is_a_candidate_on_each_node_and_on_all_nodes_and_a_vehicle_effect_once(evaluation):
     directions = list_directions(evaluation.state)
     candidates = list_candidates(evaluation.problem, directions)
     scopes = [it.term.scope for it in candidates if it.name == "gyro_bias"]

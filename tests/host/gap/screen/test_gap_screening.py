@@ -9,8 +9,8 @@ from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 
 
-def test_a_strong_hidden_effect_comes_first(camber):
-    folder, hidden = camber
+def test_a_strong_hidden_effect_comes_first(camber_case):
+    folder, hidden = camber_case
     problem = build_problem(read_folder(folder), read_model(folder / "model.toml"))
     state, _ = track_wheel_phase(build_initial_state(problem))
     best = screen_candidates(Evaluation(state, estimate_weights(state))).candidates[0]
