@@ -55,7 +55,7 @@ LAYOUT = {
 }
 """Constants that define the data or follow from others."""
 
-UNUSED = ("calibration.", "node_times", "node_screening", "surface_speeds", "smoother", "fixed_lag")
+UNUSED = ("calibration.", "node_screening", "surface_speeds", "smoother", "fixed_lag")
 """Modules that these drives do not use."""
 
 MAX_NEES = 30.0

@@ -10,8 +10,8 @@ from generators import wheel_drives
 from generators.gnss_drives import geodetic
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import ENCODER_LEFT, ENCODER_RIGHT, SPEED, TRACK_WIDTH, YAW_RATE
-from hubodo.fuse.wheel.initial_state import initial_state
 from hubodo.fuse.wheel.measurements.surface_speed import STATES, measure
+from hubodo.fuse.wheel.state_vector import initial_state
 from hubodo.fuse.wheel.surface_speeds import average_surface_speeds
 from hubodo.fuse.wheel.track import run_wheel_filter
 from hubodo.log.csv_folder import write_folder

@@ -28,12 +28,12 @@ from hubodo.fuse.wheel.entries import (
     X,
     Y,
 )
-from hubodo.fuse.wheel.initial_state import InitialState, initial_state
 from hubodo.fuse.wheel.measurements import WindowNoise
 from hubodo.fuse.wheel.motion_model import MotionModel
 from hubodo.fuse.wheel.motion_prediction import MotionPrediction, detect_wheel_motion, vehicle_motion
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.outage_model import free_motion_variances, vehicle_agility
+from hubodo.fuse.wheel.state_vector import InitialState, initial_state
 from hubodo.fuse.wheel.wheel import WheelMode
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
 

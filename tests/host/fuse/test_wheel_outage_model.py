@@ -12,7 +12,6 @@ from generators.outages import MEANWHILE, drive_with_outage, driven_during_outag
 from hubodo.fuse.wheel.entries import HEADING, RATE_BEYOND_RANGE, SPEED, WHEEL_ANGLE, YAW_RATE, X, Y
 from hubodo.fuse.wheel.filter import WheelFilter
 from hubodo.fuse.wheel.heading_error_inflation import HeadingErrorInflation
-from hubodo.fuse.wheel.initial_state import initial_state
 from hubodo.fuse.wheel.outage_model import (
     UNIFORM_ANGLE_SIGMA,
     OutageModel,
@@ -20,6 +19,7 @@ from hubodo.fuse.wheel.outage_model import (
     predict_free_motion,
     vehicle_agility,
 )
+from hubodo.fuse.wheel.state_vector import initial_state
 from hubodo.fuse.wheel.track import run_wheel_filter, track_from_poses
 from wheel_runs import config, pose_error, samples_in_time_order, tables, truth
 

@@ -12,10 +12,10 @@ import pytest
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import HEADING, LEVER_ARM_X, LEVER_ARM_Y, RATE_BEYOND_RANGE, WHEEL_ANGLE, X, Y
-from hubodo.fuse.wheel.initial_state import initial_state
 from hubodo.fuse.wheel.preintegration import WindowBuilder
 from hubodo.fuse.wheel.rate_beyond_range import derotate_window, reset_misaligned_angle
 from hubodo.fuse.wheel.spin_search import SpinTracker, _Samples, find_spin, rederotate_window
+from hubodo.fuse.wheel.state_vector import initial_state
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 
 G, R, LIMIT = STANDARD_GRAVITY, 0.3, 34.0

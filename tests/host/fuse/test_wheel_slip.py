@@ -11,8 +11,8 @@ from accuracy.slip import CASES, careless_outcome, make_drive, outcome, real_ala
 from generators import mixed_drives
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
-from hubodo.fuse.wheel.initial_state import initial_state
 from hubodo.fuse.wheel.slip_detector import ForwardResidual, SlipDetector
+from hubodo.fuse.wheel.state_vector import initial_state
 from hubodo.fuse.wheel.track import run_wheel_filter, track_from_poses
 from hubodo.ingest.live.odometer import Odometer
 from hubodo.log.records import ImuBlock

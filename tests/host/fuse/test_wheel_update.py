@@ -11,11 +11,11 @@ from scipy.stats import norm
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import CAMBER, GYRO_BIAS_X, SPEED, YAW_RATE
-from hubodo.fuse.wheel.initial_state import InitialState, initial_state
 from hubodo.fuse.wheel.measurement_update import MeasurementUpdate, UpdateResult
 from hubodo.fuse.wheel.measurements import BETWEEN_WHEELS, MEASUREMENTS
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.mounting_check import inflate_outlier_variances, track_width_test
+from hubodo.fuse.wheel.state_vector import InitialState, initial_state
 from hubodo.fuse.wheel.wheel import WheelMode
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 

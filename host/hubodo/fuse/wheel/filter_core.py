@@ -10,11 +10,9 @@ import numpy as np
 
 from hubodo.fuse.wheel.axle_rate import remove_tilt_rate
 from hubodo.fuse.wheel.config import WheelConfig
-from hubodo.fuse.wheel.corrections import ExternalCorrection, StateReset
 from hubodo.fuse.wheel.entries import HEADING, RATE_BEYOND_RANGE, SPEED, WHEEL_ANGLE, X, Y
 from hubodo.fuse.wheel.heading_error_inflation import HeadingErrorInflation
 from hubodo.fuse.wheel.history import History
-from hubodo.fuse.wheel.initial_state import initial_state
 from hubodo.fuse.wheel.measurement_update import UpdateResult
 from hubodo.fuse.wheel.measurements import surface_speed
 from hubodo.fuse.wheel.motion_prediction import detect_wheel_motion, vehicle_motion
@@ -33,6 +31,7 @@ from hubodo.fuse.wheel.records import (
 )
 from hubodo.fuse.wheel.slip_monitor import HISTORY_WINDOWS, SlipMonitor
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
+from hubodo.fuse.wheel.state_vector import ExternalCorrection, StateReset, initial_state
 from hubodo.fuse.wheel.wheel import WheelMode
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
 from hubodo.fuse.wheel.window_processor import WindowProcessor

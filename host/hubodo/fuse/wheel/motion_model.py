@@ -30,8 +30,8 @@ from hubodo.fuse.wheel.entries import (
     X,
     Y,
 )
-from hubodo.fuse.wheel.initial_state import InitialState
 from hubodo.fuse.wheel.records import WheelWindows
+from hubodo.fuse.wheel.state_vector import InitialState
 from hubodo.fuse.wheel.wheel import Wheel
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 

@@ -19,7 +19,7 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import HEADING, RATE_BEYOND_RANGE, SPEED, WHEEL_ANGLE, YAW_RATE, X, Y
-from hubodo.fuse.wheel.initial_state import InitialState
+from hubodo.fuse.wheel.state_vector import InitialState
 from hubodo.fuse.wheel.window import WINDOW_S
 
 _SPEED_SIGMA, _SPEED_SIGMA_FACTOR, _SPEED_TIME_S = 2.0, 1.5, 16.0

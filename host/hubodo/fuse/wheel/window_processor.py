@@ -10,10 +10,8 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
-from hubodo.fuse.wheel.corrections import ExternalCorrection
 from hubodo.fuse.wheel.entries import SPEED, TRACK_WIDTH
 from hubodo.fuse.wheel.history import History
-from hubodo.fuse.wheel.initial_state import InitialState
 from hubodo.fuse.wheel.measurement_update import MeasurementUpdate, UpdateResult
 from hubodo.fuse.wheel.measurements import WindowNoise, centripetal, steady
 from hubodo.fuse.wheel.motion_model import MotionModel
@@ -23,7 +21,7 @@ from hubodo.fuse.wheel.mounting_check import track_width_test
 from hubodo.fuse.wheel.rate_beyond_range import reset_misaligned_angle
 from hubodo.fuse.wheel.records import WheelWindows
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
-from hubodo.fuse.wheel.state_vector import StateVector
+from hubodo.fuse.wheel.state_vector import ExternalCorrection, InitialState, StateVector
 from hubodo.fuse.wheel.wheel import Wheel, WheelMode
 from hubodo.fuse.wheel.window import Window
 
