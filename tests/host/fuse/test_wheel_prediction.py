@@ -1,4 +1,4 @@
-"""How the speed goes on from window to window, and where gravity shows that a wheel is."""
+"""Speed prediction of one wheel by its accelerometer, and its wheel angle from gravity."""
 
 import cmath
 from types import SimpleNamespace
@@ -15,8 +15,8 @@ from hubodo.fuse.wheel.wheel import WheelMode
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
 
 FORWARD = 0.4
-# A wheel that stands with its node upright feels gravity along x, and 0.4 m/s² of braking along y.
-SOUND = Window(
+# An upright node at standstill measures gravity along x; 0.4 m/s² of acceleration appears along y.
+VALID_WINDOW = Window(
     spin=0.0,
     rate_start=0.0,
     rate_end=0.0,
@@ -32,145 +32,147 @@ SOUND = Window(
 )
 
 
-def gained(angle_known: bool = True, best: WheelMode = WheelMode.ROLLING, **flags: float) -> float:
-    """m/s that the speed gained in a window."""
-    begin = initial_state(WheelConfig(0.15, 0.5, {"left": WheelNode("left", "left")}))
-    (wheel,) = begin.wheels
-    wheel.angle_initialised, wheel.best_mode = angle_known, best
-    x, place = list(begin.x), begin.columns.vehicle[SPEED]
-    pairs = ((wheel, SOUND._replace(**flags)),)
+def speed_gain(angle_known: bool = True, best_mode: WheelMode = WheelMode.ROLLING, **flags: float) -> float:
+    """Return the predicted speed gain of a window, m/s."""
+    initial = initial_state(WheelConfig(0.15, 0.5, {"left": WheelNode("left", "left")}))
+    (wheel,) = initial.wheels
+    wheel.angle_initialised, wheel.best_mode = angle_known, best_mode
+    x, column = list(initial.x), initial.columns.vehicle[SPEED]
+    pairs = ((wheel, VALID_WINDOW._replace(**flags)),)
     noise = SimpleNamespace()
-    MotionPrediction(begin.columns, noise).predict(  # type: ignore[arg-type]
-        x, np.array(begin.p), pairs, MotionState.MOVING, False, False, 1.0
+    MotionPrediction(initial.columns, noise).predict(  # type: ignore[arg-type]
+        x, np.array(initial.p), pairs, MotionState.MOVING, False, False, 1.0
     )
-    return x[place] - begin.x[place]
+    return x[column] - initial.x[column]
 
 
-def test_a_sound_accelerometer_carries_the_speed() -> None:
-    assert gained() == pytest.approx(FORWARD * WINDOW_S)
+def test_a_valid_accelerometer_propagates_the_speed() -> None:
+    assert speed_gain() == pytest.approx(FORWARD * WINDOW_S)
 
 
 @pytest.mark.parametrize(
-    "unsound",
-    [{"angle_known": False}, {"best": WheelMode.DISABLED}, {"missing": 0.01}, {"force_clipped": 0.01}],
+    "unusable",
+    [{"angle_known": False}, {"best_mode": WheelMode.DISABLED}, {"missing": 0.01}, {"force_clipped": 0.01}],
 )
-def test_one_that_is_not_sound_carries_nothing(unsound: dict[str, float]) -> None:
-    assert gained(**unsound) == 0.0  # type: ignore[arg-type]
+def test_an_unusable_accelerometer_does_not_propagate_the_speed(unusable: dict[str, float]) -> None:
+    assert speed_gain(**unusable) == 0.0  # type: ignore[arg-type]
 
 
 GRAVITY, SPIN = 9.80665, 3.0
 
 
-def rolling(number: int, begin: float = 0.7, camber: float = 0.0, **changes: float) -> Window:
-    """A window of a wheel that rolls evenly: its angle was `begin` at 0 s, and the carrier goes along."""
+def rolling_window(number: int, start_angle: float = 0.7, camber: float = 0.0, **changes: float) -> Window:
+    """Return a window of a wheel at constant spin rate with `start_angle` at 0 s; the carrier follows it."""
     middle = SPIN * (number + 0.5) * WINDOW_S
     return Window(
         number=number,
         spin=SPIN * WINDOW_S,
-        force=GRAVITY * WINDOW_S * cmath.rect(np.cos(camber), -(begin + middle)),
+        force=GRAVITY * WINDOW_S * cmath.rect(np.cos(camber), -(start_angle + middle)),
         axial=GRAVITY * WINDOW_S * np.sin(camber),
         clock_angle=middle,
         **changes,
     )
 
 
-def a_wheel(side: str = "left"):  # type: ignore[no-untyped-def]
-    """(wheel, its states, their covariance)."""
-    begin = initial_state(WheelConfig(0.15, 0.5, {side: WheelNode(side, "left")}))  # type: ignore[arg-type]
-    return begin.wheels[0], list(begin.x), begin.p.copy()
+def make_wheel(side: str = "left"):  # type: ignore[no-untyped-def]
+    """Return a wheel, its states and their covariance."""
+    initial = initial_state(WheelConfig(0.15, 0.5, {side: WheelNode(side, "left")}))  # type: ignore[arg-type]
+    return initial.wheels[0], list(initial.x), initial.p.copy()
 
 
-def after_a_gap(number: int):  # type: ignore[no-untyped-def]
-    """A wheel whose angle is known, heard again in the window of that number: 0.6 s are missing."""
-    wheel, x, p = a_wheel()
-    wheel.gather_gravity(rolling(0))
+def wheel_after_gap(number: int):  # type: ignore[no-untyped-def]
+    """Return a wheel of known angle in the window of that number, after a gap of 0.6 s."""
+    wheel, x, p = make_wheel()
+    wheel.gather_gravity(rolling_window(0))
     wheel.initialise_angle(x, p, True)
     for before in range(1, number):
-        wheel.gather_gravity(rolling(before))
-    wheel.gather_gravity(rolling(number, missing=0.6))
+        wheel.gather_gravity(rolling_window(before))
+    wheel.gather_gravity(rolling_window(number, missing=0.6))
     return wheel
 
 
-@pytest.mark.parametrize("begin", [0.7, -2.9, 3.1])
+@pytest.mark.parametrize("start_angle", [0.7, -2.9, 3.1])
 @pytest.mark.parametrize("windows", [1, 10])
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_the_angle_of_a_wheel_and_its_lean_are_read_from_gravity(
-    side: str, windows: int, begin: float
+def test_wheel_angle_and_camber_are_initialised_from_gravity(
+    side: str, windows: int, start_angle: float
 ) -> None:
-    for at_begin, turned in ((True, 4 * SPIN * WINDOW_S), (False, (4 + windows) * SPIN * WINDOW_S)):
-        wheel, x, p = a_wheel(side)
+    for at_begin, turned_angle in ((True, 4 * SPIN * WINDOW_S), (False, (4 + windows) * SPIN * WINDOW_S)):
+        wheel, x, p = make_wheel(side)
         for number in range(4, 4 + windows):
-            wheel.gather_gravity(rolling(number, begin, 0.05))
+            wheel.gather_gravity(rolling_window(number, start_angle, 0.05))
         assert wheel.alignment_count == windows and not wheel.angle_initialised
         p += 0.3
         assert wheel.initialise_angle(x, p, at_begin) == [wheel.columns[WHEEL_ANGLE]]
-        off = cmath.phase(cmath.exp(1j * (x[wheel.columns[WHEEL_ANGLE]] - begin - turned)))
-        assert off == pytest.approx(0.0, abs=1e-9)
+        angle_error = cmath.phase(
+            cmath.exp(1j * (x[wheel.columns[WHEEL_ANGLE]] - start_angle - turned_angle))
+        )
+        assert angle_error == pytest.approx(0.0, abs=1e-9)
         assert abs(x[wheel.columns[WHEEL_ANGLE]]) <= np.pi
         assert x[wheel.columns[CAMBER]] == pytest.approx(0.05 * wheel.geometry.side, abs=1e-9)
         assert wheel.angle_initialised
-        place = wheel.columns[WHEEL_ANGLE]
-        assert np.count_nonzero(p[place]) == np.count_nonzero(p[:, place]) == 1
-        assert p[place, place] == WHEEL_ANGLE.prior**2
+        column = wheel.columns[WHEEL_ANGLE]
+        assert np.count_nonzero(p[column]) == np.count_nonzero(p[:, column]) == 1
+        assert p[column, column] == WHEEL_ANGLE.prior**2
 
 
-@pytest.mark.parametrize(("jumps", "lost"), [(0.0, 0), (0.1, 0), (-0.1, 0), (2.0, 1), (-2.0, 1)])
-def test_gravity_that_lies_elsewhere_after_a_gap_says_that_the_angle_was_lost(
-    jumps: float, lost: int
-) -> None:
-    wheel = after_a_gap(41)
+@pytest.mark.parametrize(("jump", "losses"), [(0.0, 0), (0.1, 0), (-0.1, 0), (2.0, 1), (-2.0, 1)])
+def test_a_changed_gravity_direction_after_a_gap_drops_the_angle(jump: float, losses: int) -> None:
+    wheel = wheel_after_gap(41)
     assert wheel.missing_windows == 1
     for number in range(42, 120):
-        wheel.gather_gravity(rolling(number, 0.7 + jumps))
-    assert (wheel.angle_losses, wheel.angle_initialised) == (lost, not lost)
+        wheel.gather_gravity(rolling_window(number, 0.7 + jump))
+    assert (wheel.angle_losses, wheel.angle_initialised) == (losses, not losses)
     wheel.gather_gravity(EMPTY_WINDOW)
     assert not wheel.angle_initialised and wheel.missing_windows == 2
 
 
 @pytest.mark.parametrize("clipped", ["spin_clipped", "force_clipped"])
-def test_a_window_that_was_cut_off_says_nothing_of_where_gravity_lies(clipped: str) -> None:
-    wheel = after_a_gap(40)
+def test_clipped_windows_are_ignored_in_the_gravity_check(clipped: str) -> None:
+    wheel = wheel_after_gap(40)
     for number in range(41, 200):
-        wheel.gather_gravity(rolling(number, 2.7, **({clipped: 0.5} if number < 80 else {})))
+        wheel.gather_gravity(rolling_window(number, 2.7, **({clipped: 0.5} if number < 80 else {})))
     assert (wheel.angle_losses, wheel.angle_initialised) == (0, True)
 
 
-def test_a_bump_in_one_of_the_three_windows_after_a_gap_costs_no_angle() -> None:
-    wheel = after_a_gap(40)
+def test_a_bump_in_one_of_three_windows_after_a_gap_keeps_the_angle() -> None:
+    wheel = wheel_after_gap(40)
     for number in range(41, 60):
-        wheel.gather_gravity(rolling(number, 0.7 + 2.0 * (number == 41)))
+        wheel.gather_gravity(rolling_window(number, 0.7 + 2.0 * (number == 41)))
     assert (wheel.angle_losses, wheel.angle_initialised) == (0, True)
 
 
-def test_a_wheel_that_changes_sides_touches_the_road_on_the_other() -> None:
-    wheel, *_ = a_wheel()
-    seen = wheel.geometry.contact_y
+def test_swapping_the_side_mirrors_the_contact_point() -> None:
+    wheel, *_ = make_wheel()
+    contact_y = wheel.geometry.contact_y
     wheel.swap_side()
-    assert wheel.geometry.contact_y == wheel.view.geometry.contact_y == -seen != 0.0
+    assert wheel.geometry.contact_y == wheel.view.geometry.contact_y == -contact_y != 0.0
 
 
-def test_a_wheel_counts_what_it_has_turned_and_how_upright_it_was() -> None:
-    """A node upside down sees gravity from below."""
-    wheel, *_ = a_wheel()
+def test_a_wheel_counts_its_turned_angle_and_upright_windows() -> None:
+    """Gravity is reversed in a node that is mounted upside down."""
+    wheel, *_ = make_wheel()
     wheel.angle_initialised = True
     for number in range(50):
-        wheel.count_window(rolling(number), SPIN, 0.7 + SPIN * number * WINDOW_S)
+        wheel.count_window(rolling_window(number), SPIN, 0.7 + SPIN * number * WINDOW_S)
     assert (wheel.upright_count, wheel.upright_sum) == (50, pytest.approx(50.0))
     assert wheel.turned_angle == wheel.net_angle == pytest.approx(50 * SPIN * WINDOW_S)
     for number in range(10):
-        wheel.count_window(rolling(number), -SPIN, 0.7 + np.pi + 2.0 * SPIN * (number + 0.5) * WINDOW_S)
+        wheel.count_window(
+            rolling_window(number), -SPIN, 0.7 + np.pi + 2.0 * SPIN * (number + 0.5) * WINDOW_S
+        )
     assert wheel.turned_angle == pytest.approx(60 * SPIN * WINDOW_S)
     assert wheel.net_angle == pytest.approx(40 * SPIN * WINDOW_S)
     assert wheel.upright_count == 60 and wheel.clipped_windows == 0
-    wheel.count_window(rolling(0, force_clipped=0.1), SPIN, 0.7)
-    wheel.count_window(rolling(0), 0.99, 0.7)
+    wheel.count_window(rolling_window(0, force_clipped=0.1), SPIN, 0.7)
+    wheel.count_window(rolling_window(0), 0.99, 0.7)
     wheel.angle_initialised = False
-    wheel.count_window(rolling(0, spin_clipped=0.1), SPIN, 0.7)
+    wheel.count_window(rolling_window(0, spin_clipped=0.1), SPIN, 0.7)
     assert wheel.upright_count == 60 and wheel.clipped_windows == 1
 
 
 @pytest.mark.parametrize(
-    ("changes", "rolls"),
+    ("changes", "is_rolling"),
     [
         ({}, True),
         ({"angle_initialised": False}, False),
@@ -178,11 +180,11 @@ def test_a_wheel_counts_what_it_has_turned_and_how_upright_it_was() -> None:
         ({"is_slipping": True}, False),
     ],
 )
-def test_only_a_wheel_that_is_known_trusted_and_on_the_road_tells_the_speed(
-    changes: dict[str, bool], rolls: bool
+def test_only_a_wheel_of_known_angle_trusted_and_not_slipping_measures_the_speed(
+    changes: dict[str, bool], is_rolling: bool
 ) -> None:
-    wheel, *_ = a_wheel()
+    wheel, *_ = make_wheel()
     wheel.angle_initialised = True
     vars(wheel).update(changes)
-    assert (wheel.mode(rolling(0)) is WheelMode.ROLLING) == rolls
+    assert (wheel.mode(rolling_window(0)) is WheelMode.ROLLING) == is_rolling
     assert wheel.mode(EMPTY_WINDOW) is not WheelMode.ROLLING

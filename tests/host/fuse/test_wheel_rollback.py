@@ -1,4 +1,4 @@
-"""Once a slip is over: in which windows the wheel was lost, and how far the speed is doubted in them."""
+"""Slips found late: the windows marked as slipping and the covariance added for a wrong speed."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from wheel_runs import config, pose_error, tables
 ENTRIES = (X, Y, HEADING, SPEED)
 
 
-def doubted(wrong: float, windows: int) -> Any:
-    """Covariance of a core whose speed was wrong in so many windows, and where it headed in 400."""
+def position_inflation(speed_variance: float, n_windows: int) -> Any:
+    """Return the covariance after `n_windows` with a wrong speed, and the headings of 400 windows."""
     rng = np.random.default_rng(4)
     headings = 0.4 + np.cumsum(0.02 * rng.standard_normal(400))
     monitor = SlipMonitor()
@@ -31,26 +31,26 @@ def doubted(wrong: float, windows: int) -> Any:
     core = SimpleNamespace(
         p=np.zeros((4, 4)), columns=SimpleNamespace(vehicle={name: k for k, name in enumerate(ENTRIES)})
     )
-    monitor._inflate_position(core, wrong, windows)  # type: ignore[arg-type]
+    monitor._inflate_position(core, speed_variance, n_windows)  # type: ignore[arg-type]
     return core.p, headings
 
 
-def test_a_speed_that_was_wrong_may_have_been_so_all_the_while_wherever_it_headed() -> None:
-    """Beside all speeds that are off by no more: none takes the place further off than is doubted."""
-    wrong = 1.5**2
-    p, headings = doubted(wrong, 80)
-    assert p[3, 3] == pytest.approx(wrong)
-    ahead = np.exp(1j * headings[-80:])
-    way = np.array([ahead.real, ahead.imag])
-    assert p[:2, :2] == pytest.approx(wrong * 8.0 * (way @ way.T) * 0.1)
+def test_position_inflation_bounds_every_bounded_speed_error() -> None:
+    """Random speed errors up to that size never move the position beyond one sigma."""
+    speed_variance = 1.5**2
+    p, headings = position_inflation(speed_variance, 80)
+    assert p[3, 3] == pytest.approx(speed_variance)
+    directions = np.exp(1j * headings[-80:])
+    headings_xy = np.array([directions.real, directions.imag])
+    assert p[:2, :2] == pytest.approx(speed_variance * 8.0 * (headings_xy @ headings_xy.T) * 0.1)
     rng = np.random.default_rng(5)
     for _ in range(50):
-        off = math.sqrt(wrong) * np.clip(rng.standard_normal(80).cumsum() * 0.3, -1.0, 1.0)
-        place = 0.1 * (way @ off)
-        assert place @ np.linalg.solve(p[:2, :2], place) <= 1.0
+        speed_errors = math.sqrt(speed_variance) * np.clip(rng.standard_normal(80).cumsum() * 0.3, -1.0, 1.0)
+        displacement = 0.1 * (headings_xy @ speed_errors)
+        assert displacement @ np.linalg.solve(p[:2, :2], displacement) <= 1.0
 
 
-def test_windows_are_marked_and_unmarked_for_one_wheel_and_the_other_stays_as_it_is() -> None:
+def test_slipping_windows_are_marked_per_wheel() -> None:
     slips = SlipSchedule(2)
     slips.mark(1, range(4, 8))
     slips.mark(0, range(6, 10))
@@ -68,7 +68,7 @@ def test_windows_are_marked_and_unmarked_for_one_wheel_and_the_other_stays_as_it
     )
 
 
-def test_a_doubt_grows_evenly_to_what_the_speed_was_wrong_by_and_two_add_up() -> None:
+def test_speed_inflation_is_spread_evenly_over_its_windows_and_adds_up() -> None:
     slips = SlipSchedule(2)
     slips.inflate_speed(range(10, 14), 0.8)
     slips.inflate_speed(range(12, 14), 0.2)
@@ -76,64 +76,69 @@ def test_a_doubt_grows_evenly_to_what_the_speed_was_wrong_by_and_two_add_up() ->
 
 
 @pytest.fixture(scope="module")
-def ran_out() -> list[tuple[Any, float, dict[float, Any]]]:
-    """Five drives whose wheel runs out in the air so slowly that it is found late; when; tracks by lag."""
+def late_slips() -> list[tuple[Any, float, dict[float, Any]]]:
+    """Return five drives whose lifted wheel spins down so slowly that the slip is found late.
+
+    Each with the start of the slip, s, and the tracks by lag, s.
+    """
     lags, kinds = (0.0, 10.0, math.inf), ("runs out in 3 s", "half its speed in 6 s")
-    found = []
+    drives = []
     for kind, seed in ((kinds[0], 306), (kinds[0], 301), (kinds[0], 110), (kinds[1], 114), (kinds[1], 510)):
         drive, names, start = make_drive(CASES[f"one wheel, lifted 6 s, {kind}"], seed)
         tracks = {lag: run_wheel_filter(config(drive, names), tables(drive), lag).track for lag in lags}
-        found.append((drive, start, tracks))
-    return found
+        drives.append((drive, start, tracks))
+    return drives
 
 
 @pytest.mark.parametrize("lag", [0.0, 10.0, math.inf])
-def test_a_slip_that_began_unseen_is_taken_back_and_what_is_left_is_in_sigma(
-    ran_out: list[tuple[Any, float, dict[float, Any]]], lag: float
+def test_slip_onset_is_rolled_back_and_the_residual_error_is_within_sigma(
+    late_slips: list[tuple[Any, float, dict[float, Any]]], lag: float
 ) -> None:
-    """At the end; without going back before where it was found one had 2239 of 3, and 3 to 4 % of the way."""
-    ends = [_at(drive, tracks[lag], tracks[lag].t[-1]) for drive, _, tracks in ran_out]
+    """Rollback reaches back before the detection; otherwise a NEES of 2239 and 3 to 4 % of the distance."""
+    ends = [_nees_and_error(drive, tracks[lag], tracks[lag].t[-1]) for drive, _, tracks in late_slips]
     print(ends)
-    assert sum(nees for nees, _ in ends) < chi2.ppf(0.995, 3 * len(ends))
-    assert all(off < 0.011 * drive.length for (_, off), (drive, *_) in zip(ends, ran_out, strict=True))
+    assert sum(end_nees for end_nees, _ in ends) < chi2.ppf(0.995, 3 * len(ends))
+    assert all(error < 0.011 * drive.length for (_, error), (drive, *_) in zip(ends, late_slips, strict=True))
 
 
 @pytest.mark.parametrize("lag", [10.0, math.inf])
-def test_smoothing_knows_the_way_through_such_a_slip(
-    ran_out: list[tuple[Any, float, dict[float, Any]]], lag: float
+def test_smoothing_reconstructs_the_path_during_a_late_slip(
+    late_slips: list[tuple[Any, float, dict[float, Any]]], lag: float
 ) -> None:
-    """In its middle and two seconds after it, where the track of the moment is metres off."""
-    for drive, start, tracks in ran_out:
+    """Compare in the middle and two seconds after the slip, where the forward track is metres off."""
+    for drive, start, tracks in late_slips:
         for t in (start + 3.0, start + 8.0):
-            found, at_once = (_at(drive, tracks[one], t) for one in (lag, 0.0))
-            print(t, found, at_once)
-            assert found[1] < 1.2 and found[0] < chi2.ppf(0.999, 3)
-    worst = max(_at(drive, tracks[0.0], start + 3.0)[0] for drive, start, tracks in ran_out)
-    assert worst > 500.0, "nothing was hidden from the track of the moment"
+            smoothed, forward = (_nees_and_error(drive, tracks[each_lag], t) for each_lag in (lag, 0.0))
+            print(t, smoothed, forward)
+            assert smoothed[1] < 1.2 and smoothed[0] < chi2.ppf(0.999, 3)
+    largest_forward_nees = max(
+        _nees_and_error(drive, tracks[0.0], start + 3.0)[0] for drive, start, tracks in late_slips
+    )
+    assert largest_forward_nees > 500.0, "the forward filter must not know of the slip at that time"
 
 
-def test_beside_fixes_a_slip_that_began_unseen_costs_no_more_than_what_they_err_by() -> None:
-    """Fixes of 1 m at 2 Hz. The graph had been told such a way as if the wheels had rolled it: 6 to 21 m."""
-    found = [
+def test_with_fixes_a_late_slip_costs_no_more_than_the_error_of_the_fixes() -> None:
+    """Fixes of 1 m at 2 Hz. Without inflated odometry covariance the graph had errors of 6 to 21 m."""
+    outcomes = [
         with_fixes(CASES["one wheel, lifted 6 s, runs out in 3 s"], seed) for seed in (110, 111, 300, 302)
     ]
-    print(found)
-    assert all(off < 2.0 and 0.1 < honest < 4.0 for off, honest in found)
+    print(outcomes)
+    assert all(error < 2.0 and 0.1 < nees < 4.0 for error, nees in outcomes)
 
 
-def test_a_way_is_loose_by_what_it_jumps_and_by_what_grows_as_no_wheel_tells_the_speed() -> None:
-    """2 m/s straight on; 3 m back in the fourth step; a second of silence; a step that is carried."""
+def test_odometry_inflation_covers_rollbacks_and_propagated_steps() -> None:
+    """At 2 m/s straight on: a rollback of 3 m in the fourth step, an outage of 1 s, an inertial step."""
     t = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 1.4, 1.5, 1.6])
     x = 2.0 * t - 3.0 * (t > 0.35)
     covariance = np.zeros((8, 5, 5))
     covariance[:, 0, 0] = covariance[:, 1, 1] = 0.1 * np.arange(8)
-    nothing = np.zeros(8)
-    carrying = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
-    track = WheelTrack(t, x, nothing, nothing, 2.0 + nothing, nothing, covariance, *[nothing] * 3, carrying)
+    zeros = np.zeros(8)
+    is_inertial = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
+    track = WheelTrack(t, x, zeros, zeros, 2.0 + zeros, zeros, covariance, *[zeros] * 3, is_inertial)
     assert odometry_inflation(track) == pytest.approx([0.0, 0.0, 0.0, 9.0, 0.0, 0.2, 0.0], abs=1e-12)
 
 
-def _at(drive: Any, track: Any, t: float) -> tuple[float, float]:
-    """NEES of x, y and heading, and m off, at a time."""
+def _nees_and_error(drive: Any, track: Any, t: float) -> tuple[float, float]:
+    """Return the NEES of x, y and heading and the position error, m, at time t, s."""
     error, covariance = pose_error(drive, track, int(np.searchsorted(track.t, t)))
     return float(error @ np.linalg.solve(covariance, error)), float(np.hypot(*error[:2]))

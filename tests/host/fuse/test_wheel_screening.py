@@ -1,4 +1,4 @@
-"""Samples of wheel nodes that are left out: a sensor that froze, a clock that went back; and gaps of one."""
+"""Screening of wheel nodes: frozen sensors, clocks that went back, and gaps of a single node."""
 
 import numpy as np
 import pytest
@@ -7,10 +7,10 @@ from hubodo.fuse.wheel.node_screening import find_own_gaps, find_runs, screen_sa
 from hubodo.recording import Table
 
 STEP = 1.0 / 128.0
-"""s; a time that adds up to the last bit."""
+"""Sample interval, s; a power of two, so that sums of it are exact."""
 
 
-def node(t, gyro=None, accel=None):
+def node_table(t, gyro=None, accel=None):
     rng = np.random.default_rng(len(t))
     rows = np.hstack(
         [part if part is not None else rng.standard_normal((len(t), 3)) for part in (gyro, accel)]
@@ -18,116 +18,120 @@ def node(t, gyro=None, accel=None):
     return Table({"t": t, **dict(zip(("gx", "gy", "gz", "ax", "ay", "az"), rows.T, strict=True))})
 
 
-def frozen(repeats, first=50, count=300):
-    """One whose sample `first` comes again so many times."""
+def frozen_node(repeats, first=50, count=300):
+    """Return a node whose sample `first` is repeated that many times."""
     t = np.arange(count) * STEP
-    table = node(t)
+    table = node_table(t)
     rows = np.hstack([table.gyro, table.accel])
     rows[first + 1 : first + 1 + repeats] = rows[first]
-    return node(t, rows[:, :3], rows[:, 3:])
+    return node_table(t, rows[:, :3], rows[:, 3:])
 
 
-def turning(size, axis=2, step=STEP):
-    """A wheel whose rate goes to and fro by so many rad/s, about a mean."""
+def rotating_node(size, axis=2, step=STEP):
+    """Return a node of a wheel whose rate alternates by ± `size` rad/s about a mean."""
     t = np.arange(round(300 * STEP / step)) * step
     gyro = np.zeros((len(t), 3))
     gyro[:, axis] = 4.0 + size * (-1.0) ** np.arange(len(t))
-    return node(t, gyro)
+    return node_table(t, gyro)
 
 
-def left_out(kept, whole):
-    return sorted(set(whole.t.tolist()) - set(kept.t.tolist()))
+def removed_times(screened, original):
+    """Return the times of the samples that screening removed."""
+    return sorted(set(original.t.tolist()) - set(screened.t.tolist()))
 
 
-@pytest.mark.parametrize(("repeats", "out"), [(64, 0), (65, 65), (120, 120)])
-def test_half_a_second_without_a_change_is_left_out_where_the_other_wheel_turns(repeats, out):
-    table = frozen(repeats)
-    kept, said = screen_samples({"left": table, "right": turning(1.0)})
-    assert left_out(kept["left"], table) == table.t[51 : 51 + out].tolist()
-    assert len(said) == (out > 0)
+@pytest.mark.parametrize(("repeats", "n_removed"), [(64, 0), (65, 65), (120, 120)])
+def test_samples_frozen_for_half_a_second_are_removed_if_the_other_wheel_turns(repeats, n_removed):
+    table = frozen_node(repeats)
+    screened, warnings = screen_samples({"left": table, "right": rotating_node(1.0)})
+    assert removed_times(screened["left"], table) == table.t[51 : 51 + n_removed].tolist()
+    assert len(warnings) == (n_removed > 0)
     span = f"left: from t = {table.t[51]:.1f} to {table.t[50 + repeats]:.1f} s not one bit"
-    assert all(span in line and "froze" in line for line in said)
+    assert all(span in line and "froze" in line for line in warnings)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
-@pytest.mark.parametrize(("size", "out"), [(0.09, 0), (0.11, 100)])
-def test_a_node_may_repeat_itself_while_the_other_wheel_stands(size, axis, out):
-    table = frozen(100)
-    kept, _ = screen_samples({"left": table, "right": turning(size, axis)})
-    assert len(left_out(kept["left"], table)) == out
+@pytest.mark.parametrize(("size", "n_removed"), [(0.09, 0), (0.11, 100)])
+def test_frozen_samples_stay_while_the_other_wheel_is_stationary(size, axis, n_removed):
+    table = frozen_node(100)
+    screened, _ = screen_samples({"left": table, "right": rotating_node(size, axis)})
+    assert len(removed_times(screened["left"], table)) == n_removed
     assert screen_samples({"left": table})[0]["left"] is table
 
 
-def test_another_wheel_that_is_hardly_heard_meanwhile_tells_nothing():
-    """Of the 100 samples it says two, or three."""
-    table = frozen(100)
-    for times, out in (([0.5, 1.0], 0), ([0.5, 0.8, 1.1], 100)):
+def test_the_other_wheel_needs_three_samples_to_show_that_it_turns():
+    """During the 100 frozen samples the other wheel has two, or three."""
+    table = frozen_node(100)
+    for times, n_removed in (([0.5, 1.0], 0), ([0.5, 0.8, 1.1], 100)):
         t = np.array([0.1, *times, 2.0])
-        other = node(t, np.column_stack([np.zeros((len(t), 2)), 5.0 * (-1.0) ** np.arange(len(t))]))
-        kept, _ = screen_samples({"left": table, "right": other})
-        assert len(left_out(kept["left"], table)) == out
+        other = node_table(t, np.column_stack([np.zeros((len(t), 2)), 5.0 * (-1.0) ** np.arange(len(t))]))
+        screened, _ = screen_samples({"left": table, "right": other})
+        assert len(removed_times(screened["left"], table)) == n_removed
 
 
 @pytest.mark.parametrize("channel", range(6))
-def test_one_bit_of_one_channel_is_a_change(channel):
-    table = frozen(100)
+def test_a_single_bit_of_one_channel_is_a_change(channel):
+    table = frozen_node(100)
     rows = np.hstack([table.gyro, table.accel])
     rows[51:151:2, channel] = np.nextafter(rows[50, channel], np.inf)
-    other = node(table.t, rows[:, :3], rows[:, 3:])
-    assert screen_samples({"left": other, "right": turning(1.0)})[0]["left"] is other
+    other = node_table(table.t, rows[:, :3], rows[:, 3:])
+    assert screen_samples({"left": other, "right": rotating_node(1.0)})[0]["left"] is other
 
 
-def crowded(times, share, before=100, after=100):
-    """A node that says so many samples at a share of its usual distance, from number `before` on."""
-    steps = np.concatenate([np.full(before, 1.0), np.full(times, share), np.full(after, 1.0)])
-    return node(0.01 * np.cumsum(steps))
+def interleaved_node(count, factor, before=100, after=100):
+    """Return a node with `count` samples at a fraction of the usual interval, after `before` usual ones."""
+    steps = np.concatenate([np.full(before, 1.0), np.full(count, factor), np.full(after, 1.0)])
+    return node_table(0.01 * np.cumsum(steps))
 
 
 @pytest.mark.parametrize(
-    ("times", "share", "out"), [(40, 0.59, 41), (40, 0.61, 0), (20, 0.59, 21), (19, 0.59, 0), (20, 0.01, 59)]
+    ("count", "factor", "n_removed"),
+    [(40, 0.59, 41), (40, 0.61, 0), (20, 0.59, 21), (19, 0.59, 0), (20, 0.01, 59)],
 )
-def test_twenty_samples_in_six_tenths_of_their_time_are_of_two_times(times, share, out):
-    table = crowded(times, share)
-    kept, said = screen_samples({"left": table, "right": turning(1.0)})
-    assert len(left_out(kept["left"], table)) == pytest.approx(out, abs=0 if share > 0.1 else 20)
-    if share > 0.1 and out:
-        assert left_out(kept["left"], table) == table.t[99 : 99 + out].tolist()
-    assert len(said) == (out > 0)
-    assert all("its clock went back" in line for line in said)
+def test_twenty_samples_within_0_6_of_their_duration_are_interleaved(count, factor, n_removed):
+    table = interleaved_node(count, factor)
+    screened, warnings = screen_samples({"left": table, "right": rotating_node(1.0)})
+    assert len(removed_times(screened["left"], table)) == pytest.approx(
+        n_removed, abs=0 if factor > 0.1 else 20
+    )
+    if factor > 0.1 and n_removed:
+        assert removed_times(screened["left"], table) == table.t[99 : 99 + n_removed].tolist()
+    assert len(warnings) == (n_removed > 0)
+    assert all("its clock went back" in line for line in warnings)
 
 
-def test_of_fewer_than_eighty_samples_nothing_is_usual():
-    for before, out in ((59, 0), (60, 21)):
-        table = crowded(20, 0.59, before, 0)
+def test_interleaving_needs_eighty_samples_for_the_usual_interval():
+    for before, n_removed in ((59, 0), (60, 21)):
+        table = interleaved_node(20, 0.59, before, 0)
         assert len(table) == before + 20
-        assert len(left_out(screen_samples({"left": table})[0]["left"], table)) == out
+        assert len(removed_times(screen_samples({"left": table})[0]["left"], table)) == n_removed
 
 
-def test_what_is_both_is_said_once():
-    t = crowded(60, 0.5).t
-    table = frozen(120, 95, len(t))
-    both = node(t, table.gyro, table.accel)
-    kept, said = screen_samples({"left": both, "right": turning(1.0)})
-    assert [("clock" in line, "froze" in line) for line in said] == [(True, False), (False, True)]
-    assert left_out(kept["left"], both) == t[96:216].tolist()
+def test_a_run_that_is_interleaved_and_frozen_is_removed_once():
+    t = interleaved_node(60, 0.5).t
+    table = frozen_node(120, 95, len(t))
+    both = node_table(t, table.gyro, table.accel)
+    screened, warnings = screen_samples({"left": both, "right": rotating_node(1.0)})
+    assert [("clock" in line, "froze" in line) for line in warnings] == [(True, False), (False, True)]
+    assert removed_times(screened["left"], both) == t[96:216].tolist()
 
 
-def test_a_gap_that_another_table_has_as_well_is_not_its_own():
-    def with_gaps(*begins):
+def test_a_common_gap_of_two_tables_is_not_an_own_gap():
+    def with_gaps(*starts):
         t = np.arange(0.0, 20.0, 0.05)
-        for begin in begins:
-            t = t[(t < begin + 0.01) | (t > begin + 0.5)]
-        return node(t)
+        for start in starts:
+            t = t[(t < start + 0.01) | (t > start + 0.5)]
+        return node_table(t)
 
     left, right = with_gaps(3.0, 8.0, 12.0), with_gaps(3.05, 8.1, 15.0)
-    found = find_own_gaps([left, right])
-    # A gap begins with the last sample before it; 0.08 s apart they are one.
-    assert found == [pytest.approx([8.0, 12.0]), pytest.approx([8.1, 15.0])]
+    gaps = find_own_gaps([left, right])
+    # A gap starts at the last sample before it; starts up to 0.08 s apart belong to one gap.
+    assert gaps == [pytest.approx([8.0, 12.0]), pytest.approx([8.1, 15.0])]
     assert find_own_gaps([left]) == [pytest.approx([3.0, 8.0, 12.0])]
     for step, count in ((0.079, 0), (0.081, 1)):
-        assert len(find_own_gaps([node(np.array([0.0, 0.05, 0.05 + step]))])[0]) == count
+        assert len(find_own_gaps([node_table(np.array([0.0, 0.05, 0.05 + step]))])[0]) == count
 
 
-def test_stretches_are_the_first_and_last_of_flags_in_a_row():
+def test_runs_are_the_first_and_last_index_of_consecutive_flags():
     assert find_runs(np.array([1, 1, 0, 1, 0, 0, 1], bool)) == [(0, 1), (3, 3), (6, 6)]
     assert find_runs(np.zeros(3, bool)) == []
