@@ -22,7 +22,7 @@ class PackageCopy:
         self.package = folder / "hubodo"
         shutil.copytree(ROOT / "host/hubodo", self.package, ignore=shutil.ignore_patterns("__pycache__"))
         paths = (folder, ROOT / "protocol", ROOT / "tests")
-        self._environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, paths))}
+        self._environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, paths)), "COLUMNS": "200"}
 
     def replace(self, file: str, *changes: tuple[str, str]) -> None:
         """Replace texts, each of which occurs once, in a file of the package."""

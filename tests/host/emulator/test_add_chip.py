@@ -1,13 +1,10 @@
 """The recipe "add an emulated chip" of the emulator's README, carried out in a copy of the package."""
 
-import os
 import re
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[3]
+from package_copy import ROOT, PackageCopy
+
 CHIP = '''"""A made-up IMU with an identity register and one output byte."""
 
 from hubodo.emulator.chips.imu import Imu, Specimen, accel_per_lsb, rad_per_lsb
@@ -61,34 +58,22 @@ with node:
 
 
 def test_a_new_chip_is_one_file_and_one_line(tmp_path: Path):
-    shutil.copytree(
-        ROOT / "host" / "hubodo", tmp_path / "hubodo", ignore=shutil.ignore_patterns("__pycache__")
+    copy = PackageCopy(tmp_path)
+    (copy.package / "emulator" / "chips" / "made_up.py").write_text(CHIP)
+    copy.replace(
+        "emulator/chips/catalogue.py",
+        ("Mpu6050, Mpu6500)", "Mpu6050, Mpu6500, MadeUp)"),
+        ("\n\nclass ImuKind", "from hubodo.emulator.chips.made_up import MadeUp\n\n\nclass ImuKind"),
     )
-    chips = tmp_path / "hubodo" / "emulator" / "chips"
-    (chips / "made_up.py").write_text(CHIP)
-    catalogue = chips / "catalogue.py"
-    text = catalogue.read_text("utf-8")
-    text = text.replace("Mpu6050, Mpu6500)", "Mpu6050, Mpu6500, MadeUp)")
-    text = text.replace("\n\nclass ", "from hubodo.emulator.chips.made_up import MadeUp\n\n\nclass ", 1)
-    catalogue.write_text(text, "utf-8")
     firmware = tmp_path / "firmware"
     firmware.mkdir()
     (firmware / "main.py").write_text(MAIN)
-    paths = (tmp_path, ROOT / "protocol")
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, paths))}
-
-    def run(*command: str) -> str:
-        done = subprocess.run(
-            [sys.executable, *command], env=environment, capture_output=True, text=True, timeout=120
-        )
-        assert done.returncode == 0, done.stderr
-        return done.stdout
 
     # 1 g is 10 LSB of 0.1 g.
-    output = run("-c", RUN, str(firmware))
+    output = copy.run("-c", RUN, firmware)
     assert "found [85] b'\\xa5' b'\\n'" in output
     assert int(output.split()[-1]) >= 4
-    assert "made_up" in run("-m", "hubodo.emulator", "--help")
+    assert "made_up" in copy.run("-m", "hubodo.emulator", "--help")
 
 
 def test_registers_of_a_chip_stand_in_its_driver_and_its_emulation_alone():

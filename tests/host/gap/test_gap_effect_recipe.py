@@ -1,15 +1,11 @@
 """The recipe of CONTRIBUTING.md for a new effect, one class and one line, in a copy of the package."""
 
 import json
-import os
-import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
-import hubodo
+from package_copy import PackageCopy
 
 EFFECT = '''"""A made-up effect: the accelerometer reads a third harmonic of the wheel angle."""
 
@@ -55,34 +51,26 @@ HIDDEN = "[nodes.left.effects.third_harmonic]\namplitude = 0.1\n"
 
 
 @pytest.fixture(scope="module")
-def package(tmp_path_factory):
-    """Return a folder with a copy of the package to which the effect was added by the recipe."""
-    folder = tmp_path_factory.mktemp("package")
-    source = Path(hubodo.__file__).parent
-    shutil.copytree(source, folder / "hubodo", ignore=shutil.ignore_patterns("__pycache__"))
-    (folder / "hubodo" / "effects" / "third_harmonic.py").write_text(EFFECT, "utf-8")
-    listing = folder / "hubodo" / "effects" / "__init__.py"
-    text = listing.read_text("utf-8")
-    text = text.replace(
-        "\nEFFECTS:", "from hubodo.effects.third_harmonic import ThirdHarmonic\n\nEFFECTS:", 1
-    ).replace("    GyroBias,\n    GyroWarmup,\n", "    GyroBias,\n    ThirdHarmonic,\n    GyroWarmup,\n", 1)
-    listing.write_text(text, "utf-8")
-    return folder
-
-
-def run_verb(package, *arguments):
-    """Run a verb of the copied package and return its output."""
-    code = "import sys, hubodo.cli; sys.exit(hubodo.cli.main(sys.argv[1:]))"
-    command = [sys.executable, "-c", code, *map(str, arguments)]
-    environment = {**os.environ, "PYTHONPATH": str(package)}
-    process = subprocess.run(
-        command, env=environment, capture_output=True, text=True, cwd=package, timeout=120
+def package(tmp_path_factory: pytest.TempPathFactory) -> PackageCopy:
+    """Return a copy of the package to which the effect was added by the recipe."""
+    copy = PackageCopy(tmp_path_factory.mktemp("package"))
+    (copy.package / "effects" / "third_harmonic.py").write_text(EFFECT, "utf-8")
+    copy.replace(
+        "effects/__init__.py",
+        ("\nEFFECTS:", "from hubodo.effects.third_harmonic import ThirdHarmonic\n\nEFFECTS:"),
+        ("    GyroBias,\n    GyroWarmup,\n", "    GyroBias,\n    ThirdHarmonic,\n    GyroWarmup,\n"),
     )
-    assert process.returncode == 0, process.stderr
-    return process.stdout
+    return copy
 
 
-def test_one_class_and_one_line_suffice_to_simulate_an_effect_and_to_find_it(package, tmp_path):
+def run_verb(package: PackageCopy, *arguments: object) -> str:
+    """Run a verb of the copied package and return its output."""
+    return package.run("-m", "hubodo", *arguments)
+
+
+def test_one_class_and_one_line_suffice_to_simulate_an_effect_and_to_find_it(
+    package: PackageCopy, tmp_path: Path
+) -> None:
     (tmp_path / "true.toml").write_text(MODEL + HIDDEN, "utf-8")
     (tmp_path / "model.toml").write_text(MODEL, "utf-8")
     run_verb(
