@@ -14,6 +14,11 @@ from hubodo.fuse.wheel.entries import VEHICLE_ENTRIES, WHEEL_ENTRIES, Entry
 from hubodo.fuse.wheel.motion_state import StandstillLimits
 from hubodo.vehicle import Facing, Side, Vehicle
 
+GATE_SIGMA = 3.0
+"""Sigmas beyond which an innovation loses weight, a residual disagrees or a speed error is significant: one
+in 370 Gaussian values.
+"""
+
 _MIN_CALIBRATION_SIGMA = {GyroBias.name: 0.005, WheelRadius.name: 0.001}
 """Smallest 1 sigma of a calibrated parameter on another drive.
 

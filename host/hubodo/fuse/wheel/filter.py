@@ -38,15 +38,15 @@ from hubodo.fuse.wheel.preintegration import WindowBuilder
 from hubodo.fuse.wheel.records import Pose, StepInput
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
 from hubodo.fuse.wheel.wheel import Wheel
-from hubodo.fuse.wheel.window import EMPTY_WINDOW, Window
+from hubodo.fuse.wheel.window import EMPTY_WINDOW, SECOND_WINDOWS, Window
 from hubodo.vehicle import facing_sign
 
-ALIGNMENT_WINDOWS = 10
-"""Windows from which wheel angles are initialised before the first pose: 1 s of gravity, in which no vehicle
-brakes or turns all the time."""
+ALIGNMENT_WINDOWS = SECOND_WINDOWS
+"""Windows from which wheel angles are initialised before the first pose: no vehicle brakes or turns all the
+time."""
 
-_MAX_NODE_DELAY_WINDOWS = 10
-"""Windows by which a node may lag behind the other before its windows are missing: 1 s of radio delay."""
+_MAX_NODE_DELAY_WINDOWS = SECOND_WINDOWS
+"""Windows by which a node may lag behind the other before its windows are missing."""
 
 _MAX_STEPS_PER_SAMPLE = 3
 """Steps taken at most for one sample; the rest waits for the next windows. When a late node is received

@@ -9,7 +9,7 @@ from operator import itemgetter
 import numpy as np
 
 from hubodo.fuse.wheel.axle_rate import remove_tilt_rate
-from hubodo.fuse.wheel.config import WheelConfig
+from hubodo.fuse.wheel.config import GATE_SIGMA, WheelConfig
 from hubodo.fuse.wheel.entries import HEADING, RATE_BEYOND_RANGE, SPEED, WHEEL_ANGLE, X, Y
 from hubodo.fuse.wheel.heading_error_inflation import HeadingErrorInflation
 from hubodo.fuse.wheel.history import History
@@ -39,8 +39,8 @@ from hubodo.fuse.wheel.window_processor import WindowProcessor
 _SYMMETRISATION_STEPS = 16
 """Steps between symmetrisations of the covariance; rounding causes an asymmetry of 1e-15 over this number."""
 
-_MIN_ROLLING_START_SPEED = 3.0
-"""m/s, three prior sigmas of SPEED; a first window that is faster is not a start from standstill."""
+_MIN_ROLLING_START_SPEED = GATE_SIGMA * SPEED.prior
+"""m/s; a first window that is faster is not a start from standstill."""
 
 _STANDSTILL_MEMORY_WINDOWS = 5
 """Windows after the last standstill in which an outage still counts as starting at standstill: one wheel may

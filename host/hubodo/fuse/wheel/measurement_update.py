@@ -12,7 +12,7 @@ from scipy.linalg.lapack import dpotrf, dtrtri
 
 from hubodo.arrays import Array
 from hubodo.fuse.wheel import mounting_check
-from hubodo.fuse.wheel.config import WheelConfig
+from hubodo.fuse.wheel.config import GATE_SIGMA, WheelConfig
 from hubodo.fuse.wheel.entries import (
     GYRO_BIAS_X,
     GYRO_BIAS_Y,
@@ -46,7 +46,7 @@ from hubodo.fuse.wheel.window import WINDOW_S, Window
 _GAP_VARIANCE_FACTOR = 1e4
 """Variance factor of a window that is all gap, beyond any information of a row. Estimated."""
 
-_GATE_NIS = mounting_check.GATE_SIGMA**2
+_GATE_NIS = GATE_SIGMA**2
 """Normalised innovation squared below which no single row can exceed the gate."""
 
 _MIN_ROLLING_SNR = 5.0**2

@@ -10,13 +10,13 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import NamedTuple
 
-from hubodo.fuse.wheel.window import WINDOW_S, Window
+from hubodo.fuse.wheel.window import MANOEUVRE_WINDOWS, SECOND_WINDOWS, WINDOW_S, Window
 
-_STANDSTILL_WINDOWS = 10
-"""Windows in which a wheel must stand still: 1 s, longer than a wheel pauses when it reverses."""
+_STANDSTILL_WINDOWS = SECOND_WINDOWS
+"""Windows in which a wheel must stand still: longer than a wheel pauses when it reverses."""
 
-_ROCKING_WINDOWS = 20
-"""Windows in which rocking is detected: 2 s, in which hands that rock a wheel move it to and fro."""
+_ROCKING_WINDOWS = MANOEUVRE_WINDOWS
+"""Windows in which rocking is detected: hands that rock a wheel move it to and fro in them."""
 
 
 class MotionState(IntEnum):

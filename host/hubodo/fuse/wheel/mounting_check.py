@@ -9,10 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.wheel.window import WINDOW_S
-
-GATE_SIGMA = 3.0
-"""Innovations beyond it lose weight; one in 370 Gaussian ones does."""
+from hubodo.fuse.wheel.config import GATE_SIGMA
+from hubodo.fuse.wheel.window import MANOEUVRE_WINDOWS, SECOND_WINDOWS, WINDOW_S
 
 BOTH_WHEELS = 0.0
 """Verdict of `MountingCheck`: both wheels are distrusted."""
@@ -20,19 +18,17 @@ BOTH_WHEELS = 0.0
 _MIN_CHECK_SPEED = 0.1
 """m/s, a tenth of walking pace; slower wheels say nothing about their mounting. Estimated."""
 
-_MIN_VERDICT_WINDOWS, _MAX_CHECK_WINDOWS = 10, 3000
-"""Windows before a verdict, 1 s, so that one bump causes none; windows after which the mounting counts as
-confirmed, 5 min. Estimated.
-"""
+_MAX_CHECK_WINDOWS = 3000
+"""Windows after which the mounting counts as confirmed, 5 min. Estimated."""
 
 _MAX_YAW_RMS, _YAW_RMS_FLOOR = 0.2, 0.02
 """rad/s, rms yaw-rate residual up to which a mounting explains the gyros; and 1 % of brisk turns, the
 residual of a correct mounting. Estimated.
 """
 
-_STEERING_YAW_RMS, _MIN_STEERING_WINDOWS, _MIN_STEERING_SHARE = (0.03, 0.1), 20, 0.5
-"""Yaw-rate difference of two nodes on one axle: rms in rad/s, and as a share of the yaw rate; windows before
-it is judged (2 s); share of its square by which one wheel must turn more than the other to be named.
+_STEERING_YAW_RMS, _MIN_STEERING_SHARE = (0.03, 0.1), 0.5
+"""Yaw-rate difference of two nodes on one axle: rms in rad/s, and as a share of the yaw rate; share of its
+square by which one wheel must turn more than the other to be named.
 
 On real drives nodes on one axle differ by 0.005 rad/s (a car) and 0.03 at 0.6 rad/s (a wheelchair). A
 steered wheel turns more than the vehicle in the long run, because its own steering is not correlated with
@@ -189,9 +185,9 @@ class MountingCheck:
         residual_squares[2] += (yaw_rate + turned_rate) ** 2
         residual_squares[3] += (yaw_rate + declared) ** 2
         self._compare_sizes(yaw_rate - declared, turned_rate, 0.5 * (first * first + second * second))
-        if self.count < _MIN_VERDICT_WINDOWS:
+        if self.count < SECOND_WINDOWS:
             return None
-        distrusted_side = self._check_steering() if self.count >= _MIN_STEERING_WINDOWS else None
+        distrusted_side = self._check_steering() if self.count >= MANOEUVRE_WINDOWS else None
         if distrusted_side is None:
             distrusted_side = self._check_mounting()
         if distrusted_side is None and self.turned_angle > _MIN_TURNED_ANGLE:

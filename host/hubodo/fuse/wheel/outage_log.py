@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.records import WheelWindows
-from hubodo.fuse.wheel.window import WINDOW_S
+from hubodo.fuse.wheel.window import SECOND_WINDOWS, WINDOW_S
 
-_CONFIRMATION_WINDOWS = 20
+_CONFIRMATION_WINDOWS = SECOND_WINDOWS + SECOND_WINDOWS
 """Windows after an outage in which standstill may be confirmed: one second for detection, one for a late
 second wheel.
 """

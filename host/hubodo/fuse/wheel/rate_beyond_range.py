@@ -20,15 +20,13 @@ from hubodo.fuse.wheel.entries import (
     X,
     Y,
 )
+from hubodo.fuse.wheel.measurements.steady import GRAVITY_SPEED_SIGMA
 from hubodo.fuse.wheel.spin_search import rederotate_window
 from hubodo.fuse.wheel.wheel import Wheel, reset_state
-from hubodo.fuse.wheel.window import WINDOW_S, Window
+from hubodo.fuse.wheel.window import BUMP_WINDOWS, WINDOW_S, Window
 
 _RATE_STEP_ACCELERATION = 3.0
 """m/s², hard driving, by which the rate beyond range may change from window to window. Estimated."""
-
-_OBSERVED_SPEED_SIGMA = 0.15
-"""m/s, 1 sigma of the mean speed of a window from gravity: braking that starts or ends in it. Estimated."""
 
 _MAX_ANGLE_SIGMA = 1.0
 """rad, 1 sigma of the wheel angle in a clipped window above which the phase of gravity is ambiguous; also the
@@ -38,9 +36,6 @@ _MIN_ARM_SIGMA = 0.004
 """m, 1 sigma below which the lever arm is not learnt while gravity is searched: the arm that was assumed is
 removed from the force before the search, so a wrong arm passes for a wrong spin. From 24 wheels whose drives
 start clipped: errors of 1 to 6 mm, where the covariance claims 0.6."""
-
-_MISALIGNED_WINDOWS = 3
-"""Consecutive windows with gravity elsewhere before the angle is reset; a pothole fills one. Estimated."""
 
 
 def derotate_window(x: list[float], p: Array, wheel: Wheel, window: Window) -> tuple[Window, list[int]]:
@@ -70,7 +65,7 @@ def derotate_window(x: list[float], p: Array, wheel: Wheel, window: Window) -> t
     reset_columns = []
     if tracker.is_observed:
         x[beyond] = tracker.excess
-        reset_state(p, beyond, (_OBSERVED_SPEED_SIGMA / wheel.geometry.radius) ** 2)
+        reset_state(p, beyond, (GRAVITY_SPEED_SIGMA / wheel.geometry.radius) ** 2)
         reset_columns.append(beyond)
     else:
         # Without gravity the other measurements have estimated it; after a gap, the last search.
@@ -119,7 +114,7 @@ def reset_misaligned_angle(x: list[float], p: Array, wheel: Wheel, window: Windo
     phase = cmath.phase(wheel.view.force / complex(STANDARD_GRAVITY, change))
     is_misaligned = wheel.spin_tracker.is_observed and abs(phase) > _MAX_ANGLE_SIGMA
     wheel.misaligned_windows = wheel.misaligned_windows + 1 if is_misaligned else 0
-    if wheel.misaligned_windows < _MISALIGNED_WINDOWS:
+    if wheel.misaligned_windows < BUMP_WINDOWS:
         return []
     wheel.misaligned_windows, wheel.angle_losses = 0, wheel.angle_losses + 1
     x[columns[WHEEL_ANGLE]] -= phase

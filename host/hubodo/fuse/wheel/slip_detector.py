@@ -13,7 +13,9 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from hubodo.fuse.wheel.window import WINDOW_S
+from hubodo.fuse.wheel.axle_rate import MIN_ROLLING_RATE
+from hubodo.fuse.wheel.config import GATE_SIGMA
+from hubodo.fuse.wheel.window import MANOEUVRE_WINDOWS, WINDOW_S
 
 SUM_LENGTHS_WINDOWS = (1, 2, 3, 4, 5, 7, 10, 14, 20, 30, 40, 60)
 """Windows per sum. What grows for longer than six seconds is indistinguishable from a slope."""
@@ -36,17 +38,17 @@ _ACCEL_RIPPLE, _SLOPE_TIME_S = 0.15, 2.0
 gravity) and once by a bias; s in which the slope state follows a ripple. On a wheel that turns slower than
 that, the ripple looks like a slope that ends. Estimated."""
 
-_AGREEMENT_WINDOWS, _MIN_AGREEMENT_RATE, _STANDSTILL_LIMIT_WINDOWS = 20, 1.0, 300
-"""Consecutive windows (2 s), of a wheel faster than this rate (rad/s), in which the accelerometer must
-agree with the wheel before it may contradict it; windows of standstill (30 s), in which learnt parameters
-of a noisy node drift, after which it must agree again. Estimated."""
+_AGREEMENT_WINDOWS, _STANDSTILL_LIMIT_WINDOWS = MANOEUVRE_WINDOWS, 300
+"""Consecutive windows, of a wheel faster than `MIN_ROLLING_RATE`, in which the accelerometer must agree with
+the wheel before it may contradict it; windows of standstill (30 s), in which learnt parameters of a noisy
+node drift, after which it must agree again. Estimated."""
 
 _NEAR_WINDOWS = 5
 """Windows near the vehicle speed after which a slip ends: longer than a wheel that spins down takes to pass
 through that speed. Estimated."""
 
-_AGREEMENT_SIGMA, _AGREEMENT_SPEED = 3.0, 0.05
-"""Sigmas, and m/s in addition, within which a residual or a speed agrees."""
+_AGREEMENT_SPEED = 0.05
+"""m/s, in addition to `GATE_SIGMA` sigmas, within which a speed agrees. Estimated."""
 
 _NEAR_SHARE, _JUMP_SHARE = 0.35, 0.5
 """Shares of the largest slip: a wheel that rolls again is nearer than the first to the vehicle speed, as an
@@ -174,8 +176,8 @@ class SlipDetector:
             self.clear_sums()
             return None
         if self._agreeing_windows < _AGREEMENT_WINDOWS:
-            if abs(rate) > _MIN_AGREEMENT_RATE:
-                agrees = forward.residual**2 < _AGREEMENT_SIGMA**2 * forward.variance
+            if abs(rate) > MIN_ROLLING_RATE:
+                agrees = forward.residual**2 < GATE_SIGMA**2 * forward.variance
                 self._agreeing_windows = self._agreeing_windows + 1 if agrees else 0
             return None
         ripple = _ACCEL_RIPPLE / math.hypot(1.0, _SLOPE_TIME_S * rate)
@@ -237,12 +239,11 @@ class SlipDetector:
             return True
         if abs(slip) > abs(current.speed):
             current.speed = slip
-        limit = min(_AGREEMENT_SIGMA * math.sqrt(variance), _NEAR_SHARE * abs(current.speed))
+        limit = min(GATE_SIGMA * math.sqrt(variance), _NEAR_SHARE * abs(current.speed))
         is_near = abs(slip) < limit + _AGREEMENT_SPEED
         if (
             forward is None
-            or forward.residual**2
-            > _AGREEMENT_SIGMA**2 * forward.variance + (_RESIDUAL_DRIFT * WINDOW_S) ** 2
+            or forward.residual**2 > GATE_SIGMA**2 * forward.variance + (_RESIDUAL_DRIFT * WINDOW_S) ** 2
         ):
             self.consistent_windows, self._log_ratio = 0, 0.0
             # A wheel that keeps to the speed of another wheel need not agree with its accelerometer.

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hubodo.fuse.wheel.config import GATE_SIGMA
 from hubodo.fuse.wheel.entries import HEADING, SPEED, X, Y
 from hubodo.fuse.wheel.measurement_update import UpdateResult
 from hubodo.fuse.wheel.measurements import rolling
@@ -15,9 +16,6 @@ from hubodo.fuse.wheel.slip_detector import MAX_SLIP_WINDOWS, SUM_LENGTHS_WINDOW
 from hubodo.fuse.wheel.wheel import Wheel
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 from hubodo.fuse.wheel.window_processor import WindowProcessor
-
-_EARLIER_ONSET_SIGMA = 3.0
-"""Significance of a speed error which shows that a wheel slipped before its slip was detected."""
 
 HISTORY_WINDOWS = MAX_SLIP_WINDOWS + SUM_LENGTHS_WINDOWS[-1]
 """Windows to keep: the longest slip, and the longest time before its detection."""
@@ -127,7 +125,7 @@ class SlipMonitor:
         square = slip * slip - variance
         if square <= 0.0:
             return None
-        is_significant = slip * slip > _EARLIER_ONSET_SIGMA**2 * variance
+        is_significant = slip * slip > GATE_SIGMA**2 * variance
         first = open_slip.earliest if is_significant else ended.first
         core.slip_schedule.mark(index, range(first, end))
         core.slip_schedule.inflate_speed(range(first, end), square)

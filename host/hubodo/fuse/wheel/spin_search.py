@@ -50,9 +50,9 @@ _RATE_TOLERANCE = 2.0
 saturated gyro bounds the rate from below. Estimated.
 """
 
-_VIBRATION_TIME_S = 0.1
+_VIBRATION_TIME_S = WINDOW_S
 """s of correlation of a wheel bouncing on its tyre: a cycle of 10 Hz, which rotates like a wheel at 20 m/s
-and so hardly averages out. Estimated.
+and so hardly averages out.
 """
 
 _TRACKING_RANGE = 8.0

@@ -24,12 +24,12 @@ from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.slip_detector import Slip
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
 from hubodo.fuse.wheel.wheel import Wheel
-from hubodo.fuse.wheel.window import WINDOW_S
+from hubodo.fuse.wheel.window import SECOND_WINDOWS, WINDOW_S
 from hubodo.recording import Table
 from hubodo.vehicle import side_sign
 
-_CLOCK_JUMP_WINDOWS = 10
-"""Windows in which the wheels disagree, 1 s, after which a clock is doubted. Estimated."""
+_CLOCK_JUMP_WINDOWS = SECOND_WINDOWS
+"""Windows in which the wheels disagree after which a clock is doubted."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,7 @@ from enum import Enum
 
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
+from hubodo.fuse.wheel.axle_rate import MIN_ROLLING_RATE
 from hubodo.fuse.wheel.config import WheelNode
 from hubodo.fuse.wheel.entries import CAMBER, RATE_BEYOND_RANGE, WHEEL_ANGLE, Entry
 from hubodo.fuse.wheel.measurements import LinearisedWindow, WheelGeometry
@@ -16,7 +17,7 @@ from hubodo.fuse.wheel.measurements.steady import NodeFixedTerms
 from hubodo.fuse.wheel.motion_state import StandstillDetector
 from hubodo.fuse.wheel.slip_detector import SlipDetector
 from hubodo.fuse.wheel.spin_search import SpinTracker, find_spin
-from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
+from hubodo.fuse.wheel.window import BUMP_WINDOWS, EMPTY_WINDOW, WINDOW_S, Window
 
 MAX_MISSING_SHARE = 0.5
 """Share of a window without samples from which on the window is not used at all. Estimated."""
@@ -27,18 +28,16 @@ _MAX_GRAVITY_JUMP = 0.7
 Twice the tilt by hard braking (prior of WHEEL_ANGLE). Estimated.
 """
 
-_GAP_CHECK_WINDOWS = 3
-"""Windows after a gap over which gravity is averaged for that test: a bump fills one. Estimated."""
-
 _SEARCHED_RATE_SIGMA = 1.0
 """rad/s, 1 sigma of a searched spin; the vehicle may brake unevenly meanwhile. Estimated."""
 
-_GRAVITY_MEMORY, _GRAVITY_UPDATE = 0.8, 0.2
-"""Exponential smoothing of the direction of gravity before a gap: half a second of memory, shorter than a
-manoeuvre and longer than a bump. Estimated."""
+_GRAVITY_UPDATE = 0.2
+"""Weight of a window in the exponential smoothing of the direction of gravity before a gap: half a second of
+memory, shorter than a manoeuvre and longer than a bump. Estimated."""
 
-_UPRIGHT_WINDOWS, _MIN_UPRIGHT_RATE = 300, 1.0
-"""Windows, 30 s, of a wheel faster than this rate, rad/s, in which gravity must rotate with it. Estimated."""
+_UPRIGHT_WINDOWS = 300
+"""Windows (30 s) of a wheel faster than `MIN_ROLLING_RATE` in which gravity must rotate with it. Estimated.
+"""
 
 
 class WheelMode(Enum):
@@ -152,7 +151,7 @@ class Wheel:
         self.clipped_windows += window.spin_clipped > 0.0
         if (
             self.upright_count < _UPRIGHT_WINDOWS
-            and abs(rate) > _MIN_UPRIGHT_RATE
+            and abs(rate) > MIN_ROLLING_RATE
             and self.angle_initialised
             and window.force_clipped == 0.0
         ):
@@ -198,13 +197,14 @@ class Wheel:
         gravity = window.force * cmath.exp(1j * window.clock_angle)
         if self._n_after_gap is None or self._gravity_before_gap == 0j:
             self._n_after_gap = None
-            self._gravity_before_gap = _GRAVITY_MEMORY * self._gravity_before_gap + _GRAVITY_UPDATE * gravity
+            memory = (1.0 - _GRAVITY_UPDATE) * self._gravity_before_gap
+            self._gravity_before_gap = memory + _GRAVITY_UPDATE * gravity
             return
         self._gravity_after_gap, self._n_after_gap = self._gravity_after_gap + gravity, self._n_after_gap + 1
-        if self._n_after_gap < _GAP_CHECK_WINDOWS:
+        if self._n_after_gap < BUMP_WINDOWS:
             return
         jump = abs(cmath.phase(self._gravity_after_gap * self._gravity_before_gap.conjugate()))
-        self._gravity_before_gap, self._n_after_gap = self._gravity_after_gap / _GAP_CHECK_WINDOWS, None
+        self._gravity_before_gap, self._n_after_gap = self._gravity_after_gap / BUMP_WINDOWS, None
         if jump > _MAX_GRAVITY_JUMP:
             self.angle_losses += 1
             self.drop_angle()

@@ -14,6 +14,17 @@ WINDOW_S = 0.1
 At 2000 deg/s half a turn; an error of 1 % in spin rotates the ends of a window by 2 mrad/(rad/s).
 """
 
+SECOND_WINDOWS = round(1.0 / WINDOW_S)
+"""Windows in a second: longer than a bump, than the pause of a wheel that reverses and than the delay of a
+radio, and shorter than a manoeuvre. Estimated.
+"""
+
+MANOEUVRE_WINDOWS = 20
+"""Windows in 2 s, in which hands rock a wheel to and fro and a driver turns a steering wheel. Estimated."""
+
+BUMP_WINDOWS = 3
+"""Consecutive windows that no bump or pothole fills; each of them fills one. Estimated."""
+
 _FULL_SHARE = 1.0 - 1e-9
 """Share of a window from which on all of it is clipped, but for rounding."""
 

@@ -34,8 +34,10 @@ STATES = (
 N_ROWS = 4
 """Force x and y, rate x and y; each row is linearised after the update with the one before."""
 
-_SPEED_ERROR_SIGMA = 0.15
-"""m/s, error of the speed from the rotation of gravity: vehicles brake unevenly. Estimated."""
+GRAVITY_SPEED_SIGMA = 0.15
+"""m/s, 1 sigma of a speed from the rotation of gravity: braking is uneven, and starts or ends in a window.
+Estimated.
+"""
 
 _FORCE_SIGMA, _RATE_SIGMA = 0.3, 0.02
 """m/s² and rad/s, 1 sigma of other terms that do not rotate for a second: bumps and starting turns.
@@ -74,7 +76,7 @@ def measure(x: list[float], columns: Mapping[Entry, int], terms: NodeFixedTerms)
         terms.force - complex(x[columns[ACCEL_BIAS_X]], x[columns[ACCEL_BIAS_Y]]) - arm * terms.lever_factor
     )
     rate = terms.rate - complex(x[columns[GYRO_BIAS_X]], x[columns[GYRO_BIAS_Y]]) - tilt * terms.spin
-    share = (_SPEED_ERROR_SIGMA / (terms.radius * terms.spin)) ** 2
+    share = (GRAVITY_SPEED_SIGMA / (terms.radius * terms.spin)) ** 2
     force_variance_total = _FORCE_SIGMA**2 + terms.force_variance + 4.0 * share * abs(terms.force) ** 2
     rate_variance_total = _RATE_SIGMA**2 + terms.rate_variance + share * abs(terms.rate) ** 2
     by_arm = terms.lever_factor
