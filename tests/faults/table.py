@@ -36,7 +36,7 @@ RECORDING = (
         "unplugged at every byte of a frame", "that frame is lost, the rest comes",
         "frames cut; gap: link down",
         (STREAM + "test_unplugged_at_every_byte_of_a_frame_costs_that_frame_and_is_the_named_cause",
-         RECORD + "test_ten_unplugs_damage_and_a_reset_lose_no_whole_frame_and_leave_no_gap_unnamed"),
+         RECORD + "test_ten_disconnections_damage_and_a_reset_lose_no_frame_and_every_gap_has_a_cause"),
     ),
     Fault(
         "EIO, ENODEV while reading", "the link is down, then looked for", "disconnected",
@@ -71,7 +71,7 @@ RECORDING = (
     ),
     Fault(
         "two nodes with one id on two ports", "both recorded, the second renamed", "notice",
-        (RECORD + "test_two_nodes_with_one_name_are_both_kept",),
+        (RECORD + "test_two_nodes_with_one_name_are_both_recorded",),
     ),
     Fault(
         "two nodes with one id on one line", "kept raw, not mixed", "conflict; frames unread",
@@ -89,8 +89,8 @@ RECORDING = (
     ),
     Fault(
         "a node of an older protocol", "refused by name, raw frames kept", "mismatch; frames unread",
-        (RECORD + "test_a_node_of_another_version_is_refused_by_name_and_its_raw_frames_kept",
-         RECORD + "test_a_node_of_another_version_beside_a_good_one_does_not_end_the_recording"),
+        (RECORD + "test_a_node_with_another_protocol_is_refused_by_name_and_its_raw_frames_stored",
+         RECORD + "test_a_node_with_another_protocol_does_not_end_the_recording_of_a_valid_one"),
     ),
     Fault(
         "the port is back under another name", "found by its serial number", "connected at ...",
@@ -101,7 +101,7 @@ RECORDING = (
         "recover: messages kept, bytes lost",
         (KILL + "test_after_sigkill_all_that_came_until_one_second_before_is_there",
          KILL + "test_a_kill_while_logs_rotate_costs_half_a_second_and_every_earlier_log_is_whole",
-         RECORD + "test_killed_without_warning_all_but_the_last_second_is_recovered",
+         RECORD + "test_after_a_kill_all_but_the_last_second_is_recovered",
          RECOVER + "test_a_log_cut_at_any_byte_gives_back_every_completed_chunk_and_invents_nothing"),
     ),
     Fault(
@@ -147,7 +147,7 @@ RECORDING = (
         "event: clock; metadata; info",
         (JUMPS + "test_a_log_of_a_clock_that_nobody_has_set_says_so_and_so_does_info",
          JUMPS + "test_the_state_of_a_clock_is_what_its_time_and_timesyncd_say",
-         UNIT + "test_the_unit_asks_for_a_synchronised_clock_but_waits_for_no_network"),
+         UNIT + "test_the_unit_wants_a_synchronised_clock_but_does_not_wait_for_the_network"),
     ),
     Fault(
         "the computer stands still, or its clock jumps", "what was lost is counted, nothing else",
@@ -217,17 +217,17 @@ RECORDING = (
     ),
     Fault(
         "idle or slow connections to the page or the metrics", "shed; a visitor is answered", "nothing",
-        (CONNECTIONS + "test_three_hundred_idle_connections_are_shed_and_a_visitor_is_answered",
-         CONNECTIONS + "test_requests_that_come_byte_by_byte_do_not_keep_a_visitor_out",
-         CONNECTIONS + "test_connections_that_wait_in_the_tls_handshake_are_shed_too",
-         CONNECTIONS + "test_without_a_descriptor_left_a_pending_connection_is_shed"),
+        (CONNECTIONS + "test_of_three_hundred_idle_connections_most_are_closed_and_a_visitor_is_served",
+         CONNECTIONS + "test_requests_sent_byte_by_byte_do_not_block_a_visitor",
+         CONNECTIONS + "test_connections_waiting_in_the_tls_handshake_are_closed_too",
+         CONNECTIONS + "test_without_a_free_descriptor_a_pending_connection_is_closed"),
     ),
     Fault(
         "60 visitors guess the token", "at most 90 guesses/s for an address; its owner waits 0.75 s",
         "status 429 beyond 64 at once",
-        (GUESSES + "test_an_address_gets_a_bounded_number_of_guesses_whatever_its_connections",
-         GUESSES + "test_an_owner_waits_for_a_hold_at_most_beside_sixty_who_guess_from_the_same_address",
-         GUESSES + "test_an_owner_elsewhere_is_never_refused_however_many_guess"),
+        (GUESSES + "test_the_guesses_of_an_address_are_limited_whatever_its_number_of_connections",
+         GUESSES + "test_beside_sixty_guessing_connections_of_one_address_its_owner_waits_one_hold_at_most",
+         GUESSES + "test_an_owner_at_another_address_is_never_refused"),
     ),
     Fault(
         "a part of the recorder raises at every call", "that part alone is lost, 16 kinds of part",
@@ -324,7 +324,7 @@ RECORDING = (
     Fault(
         "the wall clock is set", "the status is as old as time has passed", "/healthz 200",
         ("host/web/test_web_live.py::"
-         "test_the_age_of_a_snapshot_is_elapsed_time_whatever_the_wall_clock_is_set_to",),
+         "test_the_age_of_a_snapshot_does_not_depend_on_the_wall_clock",),
     ),
     Fault(
         "a line that says ever other serials", "one conflict, bounded memory", "conflict; frames unread",

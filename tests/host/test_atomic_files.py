@@ -1,4 +1,4 @@
-"""Files are written completely or not at all, and replace nothing unasked."""
+"""Files are written completely or not at all, and existing files are not replaced unless requested."""
 
 import pytest
 
@@ -44,7 +44,7 @@ def test_an_existing_path_is_not_free(tmp_path):
         pass
 
 
-def test_a_file_created_meanwhile_is_not_replaced(tmp_path):
+def test_a_file_created_by_others_while_writing_is_not_replaced(tmp_path):
     with pytest.raises(InputError, match="exists already"), atomic_new_file(tmp_path / "a") as part:
         part.write_text("ours")
         (tmp_path / "a").write_text("theirs")

@@ -1,4 +1,4 @@
-"""The Earth's rate about the vertical."""
+"""The vertical component of the Earth rate."""
 
 import pytest
 

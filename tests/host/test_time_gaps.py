@@ -1,4 +1,4 @@
-"""Gaps in time that no single recording has raise an error."""
+"""Implausibly long gaps in the times of a recording raise an error."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""TOML files: every key is checked, and values are written so that they are read again."""
+"""TOML files: every key is checked, and written values are read back unchanged."""
 
 import tomllib
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ def test_an_invalid_table_is_reported(table, message):
 
 
 @pytest.mark.parametrize("text", ["plain", 'with "quotes" and \\', "new\nline", "\x7f"])
-def test_written_keys_and_texts_are_read_again(text):
+def test_written_keys_and_texts_are_read_back(text):
     assert tomllib.loads(f"{toml_key(text)} = {toml_text(text)}") == {text: text}
 
 

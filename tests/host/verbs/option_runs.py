@@ -1,4 +1,4 @@
-"""Command lines that between them exercise every option of every verb, and the files that they need."""
+"""Command lines that together exercise every option of every verb, and the files that they need."""
 
 from __future__ import annotations
 
@@ -21,29 +21,33 @@ from vehicles import DRIVE_MODEL, LOW_INPUT_NOISE, vehicle_toml
 
 @dataclass(frozen=True)
 class Run:
-    """Command lines, with ` ; ` between them. code, says: exit code of the last one, and words on stderr.
+    """Command lines separated by ` ; `, with the exit code of the last one and a text of its stderr.
 
-    {n} is the number of the run, {port} that of a fake node.
+    {n} stands for the number of the run, {port} for the port of a fake node.
     """
 
-    words: str
+    command_lines: str
     code: int = 0
-    says: str = ""
+    message: str = ""
 
 
 def _logs(
-    verb: str, needs: str = "", code: int = 0, says: str = "", bag: int | None = None
+    verb: str, needs: str = "", code: int = 0, message: str = "", bag: int | None = None
 ) -> tuple[Run, Run]:
-    """The options of every verb that reads logs: a file of numbers, and topics of another program's log.
+    """Return runs for the options of a verb that reads logs: a number file, and topics of a foreign log.
 
-    bag: the exit code for the latter, where it is another one.
+    bag: the exit code for the foreign log, if different.
     """
     numbers = (
         "numbers.npz --variable gyro,accel --rate 100 --unit rad/s --unit m/s^2 --columns gx,gy,gz,ax,ay,az"
     )
     return (
-        Run(f"{verb} {numbers} {needs} --max-memory 900 --json --debug", code, says),
-        Run(f"{verb} bag --topic left=/left/imu --topic right=- {needs}", code if bag is None else bag, says),
+        Run(f"{verb} {numbers} {needs} --max-memory 900 --json --debug", code, message),
+        Run(
+            f"{verb} bag --topic left=/left/imu --topic right=- {needs}",
+            code if bag is None else bag,
+            message,
+        ),
     )
 
 
@@ -204,28 +208,28 @@ RUNS: tuple[Run, ...] = (
 )
 
 
-def fill(folder: Path) -> None:
-    """Make the files that the command lines name."""
+def create_files(folder: Path) -> None:
+    """Create the files that the command lines name."""
     (folder / "model.toml").write_text(DRIVE_MODEL + LOW_INPUT_NOISE)
     (folder / "vehicle.toml").write_text(vehicle_toml())
     rng, count = np.random.default_rng(1), 2000
     gyro, accel = rng.normal(0.01, 0.002, (count, 3)), rng.normal([0.0, 0.0, 9.81], 0.02, (count, 3))
     np.savez(folder / "numbers.npz", gyro=gyro, accel=accel)
     np.savetxt(folder / "rated.csv", np.c_[np.degrees(gyro), accel], delimiter=",")
-    for words in (
+    for command_lines in (
         "model.toml --duration 24 --seed 3 -o drive.mcap",
         "model.toml --drive rest --duration 20 --rate 100 -o rest.mcap",
         "model.toml --drive poses --duration 80 --rate 50 -o poses.mcap",
         "model.toml --drive turntable --duration 80 --rate 50 --latitude-deg 48 -o table.mcap",
     ):
-        _done("simulate", words, folder)
-    _done("export", "rest.mcap --format rosbag2 -o bag", folder)
-    _done("export", "drive.mcap -o csv", folder)
-    _done("calibrate", "imu poses.mcap --node left -o calibration.toml", folder)
+        _run("simulate", command_lines, folder)
+    _run("export", "rest.mcap --format rosbag2 -o bag", folder)
+    _run("export", "drive.mcap -o csv", folder)
+    _run("calibrate", "imu poses.mcap --node left -o calibration.toml", folder)
     numbers = (
         "numbers.npz --variable gyro,accel --rate 100 --unit rad/s --unit m/s^2 --columns gx,gy,gz,ax,ay,az"
     )
-    _done("import", f"{numbers} -o upright.mcap", folder)
+    _run("import", f"{numbers} -o upright.mcap", folder)
     (folder / "allan.json").write_text(hubodo("allan", folder / "rest.mcap", "--node", "left", "--json").out)
     (folder / "hum.py").write_text(HUM)
     (folder / "hubodo.toml").write_text(
@@ -234,25 +238,26 @@ def fill(folder: Path) -> None:
     (folder / "fleet.toml").write_text('[nodes]\ne6614103e7452d2f = "left"\n')
     (folder / "token").write_text("correct-horse-battery\n")
     KeyRing(folder / "keys.toml", create=True).get_or_create_key("e6614103e7452d2f")
-    _certify(folder)
+    _write_certificate(folder)
     for secret in ("token", "key.pem"):
         (folder / secret).chmod(0o600)
 
 
-def _certify(folder: Path) -> None:
-    """A certificate of its own, in files as `openssl req -x509` writes them."""
+def _write_certificate(folder: Path) -> None:
+    """Write a self-signed certificate and its key in the format of `openssl req -x509`."""
     key = ec.generate_private_key(ec.SECP256R1())
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "localhost")])
     now = datetime.now(UTC)
-    made = x509.CertificateBuilder().subject_name(name).issuer_name(name).public_key(key.public_key())
-    made = made.serial_number(1).not_valid_before(now).not_valid_after(now + timedelta(days=1))
-    (folder / "cert.pem").write_bytes(made.sign(key, hashes.SHA256()).public_bytes(Encoding.PEM))
+    certificate = x509.CertificateBuilder().subject_name(name).issuer_name(name).public_key(key.public_key())
+    certificate = certificate.serial_number(1).not_valid_before(now).not_valid_after(now + timedelta(days=1))
+    (folder / "cert.pem").write_bytes(certificate.sign(key, hashes.SHA256()).public_bytes(Encoding.PEM))
     text = key.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption())
     (folder / "key.pem").write_bytes(text)
 
 
-def _done(verb: str, words: str, folder: Path) -> None:
+def _run(verb: str, arguments: str, folder: Path) -> None:
     done = hubodo(
-        verb, *(folder / word if "." in word or word in ("bag", "csv") else word for word in words.split())
+        verb,
+        *(folder / word if "." in word or word in ("bag", "csv") else word for word in arguments.split()),
     )
     assert done.code == 0, done.err

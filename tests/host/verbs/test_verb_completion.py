@@ -1,4 +1,4 @@
-"""What the shell offers while `hubodo ...` is typed."""
+"""Shell completion of `hubodo` commands: verbs, options, ports, files and nodes."""
 
 import json
 import os
@@ -18,7 +18,7 @@ from wanted import program
 ROOT = Path(__file__).resolve().parents[3]
 
 
-ASKED = """
+COMPLETE_LINES = """
 import io, json, os, sys
 from types import SimpleNamespace
 from hubodo.cli import build_parser
@@ -34,7 +34,7 @@ ports = [SimpleNamespace(device="/dev/ttyACM0", serial_number="E661")]
 ports += [SimpleNamespace(device="/dev/ttyS0", serial_number=None)]
 completers.list_devices = lambda: ports
 os.environ.update(_ARGCOMPLETE="1", _ARGCOMPLETE_IFS="\\n", _ARGCOMPLETE_COMP_WORDBREAKS="")
-said = {}
+offers = {}
 for line in json.loads(sys.argv[1]):
     os.environ.update(COMP_LINE=line, COMP_POINT=str(len(line)))
     out = io.TextIOWrapper(io.BytesIO())
@@ -42,25 +42,25 @@ for line in json.loads(sys.argv[1]):
         parser = build_parser(completers.typed_words())
         completers.complete_command(parser, output_stream=out, exit_method=end)
     except Ended:
-        said[line] = [word.strip() for word in out.buffer.getvalue().decode().split("\\n") if word]
-print(json.dumps(said))
+        offers[line] = [word.strip() for word in out.buffer.getvalue().decode().split("\\n") if word]
+print(json.dumps(offers))
 """
 ENVIRONMENT = {**os.environ, "PYTHONPATH": f"{ROOT / 'host'}:{ROOT / 'protocol'}"}
 
 
 @pytest.fixture
 def offers(tmp_path):
-    """What is offered at the end of a line; in a process of its own, as the descriptors are the shell's."""
+    """Return a function for the completions at the end of each line, computed in a separate process."""
 
-    def ask(*lines):
-        command = [sys.executable, "-c", ASKED, json.dumps(lines)]
+    def complete(*lines):
+        command = [sys.executable, "-c", COMPLETE_LINES, json.dumps(lines)]
         done = subprocess.run(
             command, cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, check=True
         )
-        said = json.loads(done.stdout)
-        return [said[line] for line in lines]
+        offers_by_line = json.loads(done.stdout)
+        return [offers_by_line[line] for line in lines]
 
-    return ask
+    return complete
 
 
 def test_verbs_options_and_ports_are_offered(offers):
@@ -77,7 +77,7 @@ def test_verbs_options_and_ports_are_offered(offers):
     assert (named, flash, gnss) == (["left=/dev/ttyACM0"], ["/dev/ttyACM0"], ["E661"])
 
 
-def test_files_and_the_nodes_of_the_log_that_was_named_are_offered(offers, tmp_path):
+def test_files_and_the_nodes_of_the_given_log_are_offered(offers, tmp_path):
     table = Table({name: [0.0, 0.1] for name in ("t", "gx", "gy", "gz", "ax", "ay", "az")})
     write_recording(Recording(nodes={"rear": table, "front": table}), tmp_path / "a.mcap")
     for name in ("v.toml", "notes.txt", ".hidden.mcap", "rides/b.mcap", "csv/hub.csv", "csv/truth.csv"):
@@ -110,7 +110,7 @@ def test_a_script_is_printed_for_each_shell(shell):
 
 
 def test_bash_completes_with_the_script(tmp_path):
-    """The script in a real bash, which asks a real `hubodo`."""
+    """Load the script in a real bash, which calls a real `hubodo`."""
     (tmp_path / "ride.mcap").touch()
     (tmp_path / "hubodo").write_text(
         f"#!{sys.executable}\nimport sys\nfrom hubodo.cli import main\nsys.exit(main())\n"

@@ -1,4 +1,4 @@
-"""Configuration: every key is accounted for, and an error names file, key and the nearest known one."""
+"""Configuration files: every key is checked, and an error names file, key and the most similar known key."""
 
 import pytest
 
@@ -28,14 +28,14 @@ z = 0.002
 """
 
 
-def written(tmp_path, text):
+def write_file(tmp_path, text):
     path = tmp_path / "some.toml"
     path.write_text(text)
     return path
 
 
 def test_a_model_file_is_also_a_vehicle_file(tmp_path):
-    vehicle = load_vehicle(written(tmp_path, VEHICLE))
+    vehicle = load_vehicle(write_file(tmp_path, VEHICLE))
     assert isinstance(vehicle, Vehicle)
     assert (vehicle.wheel_radius, vehicle.track_width) == (0.31, 0.92)
     assert vehicle.on("left") == "left"
@@ -44,7 +44,7 @@ def test_a_model_file_is_also_a_vehicle_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "says"),
+    ("old", "new", "message"),
     [
         (
             "wheel_radius = 0.31",
@@ -64,27 +64,27 @@ def test_a_model_file_is_also_a_vehicle_file(tmp_path):
         ("[nodes.frame]", "[nodes]\nframe = 3", "must be a table"),
     ],
 )
-def test_each_mistake_in_a_vehicle_is_named(tmp_path, old, new, says):
-    path = written(tmp_path, VEHICLE.replace(old, new, 1))
+def test_each_mistake_in_a_vehicle_file_is_named(tmp_path, old, new, message):
+    path = write_file(tmp_path, VEHICLE.replace(old, new, 1))
     with pytest.raises(ConfigError) as caught:
         load_vehicle(path)
-    assert says in str(caught.value)
+    assert message in str(caught.value)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_a_missing_file_is_said_to_be_missing(tmp_path):
+def test_a_missing_file_is_reported(tmp_path):
     with pytest.raises(ConfigError, match="no such file"):
         load_vehicle(tmp_path / "nope.toml")
 
 
 def test_an_empty_recorder_file_means_all_defaults(tmp_path):
-    assert load_record_config(written(tmp_path, "")) == RecordConfig()
+    assert load_record_config(write_file(tmp_path, "")) == RecordConfig()
 
 
 def test_a_recorder_file_is_read_with_its_types(tmp_path):
     text = '[record]\nports = ["left=/dev/ttyACM0"]\nduration = 60\nwait = true\ncompression = "lz4"\n'
-    config = load_record_config(written(tmp_path, text))
+    config = load_record_config(write_file(tmp_path, text))
     assert config.ports == ("left=/dev/ttyACM0",)
     assert config.duration == 60.0
     assert config.wait is True
@@ -92,7 +92,7 @@ def test_a_recorder_file_is_read_with_its_types(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("line", "says"),
+    ("line", "message"),
     [
         ("bauds = 9600", "did you mean 'baud'"),
         ("baud = 0", "above 0"),
@@ -105,6 +105,6 @@ def test_a_recorder_file_is_read_with_its_types(tmp_path):
         ("odometry_rate_hz = 0", "above 0"),
     ],
 )
-def test_each_mistake_in_a_recorder_file_is_named(tmp_path, line, says):
-    with pytest.raises(ConfigError, match=says):
-        load_record_config(written(tmp_path, f"[record]\n{line}\n"))
+def test_each_mistake_in_a_recorder_file_is_named(tmp_path, line, message):
+    with pytest.raises(ConfigError, match=message):
+        load_record_config(write_file(tmp_path, f"[record]\n{line}\n"))

@@ -1,4 +1,4 @@
-"""`hubodo fuse` on recordings whose path is known by hand."""
+"""`hubodo fuse` on recordings with a path in closed form."""
 
 import json
 from dataclasses import replace
@@ -16,22 +16,22 @@ VEHICLE = vehicle_toml(0.25, 0.8, facing={"left": "left", "right": "right"})
 G = 9.80665
 
 
-def circle(rest: float = 6.0, drive: float = 14.0) -> Recording:
-    """Rest, then round a circle of 2 m radius, all written down by hand; the right node faces right.
+def circle(standstill: float = 6.0, drive: float = 14.0) -> Recording:
+    """Return a standstill followed by a circle of 2 m radius, in closed form; the right node faces right.
 
-    Speed rises and falls as a raised cosine of mean 1 m/s, so that way, heading and place are closed forms.
+    The speed is a raised cosine with mean 1 m/s, so distance, heading and position have closed forms.
     """
     rate = 200.0
-    t = np.arange(0.0, rest + drive, 1 / rate)
-    going = np.clip(t - rest, 0.0, drive)
+    t = np.arange(0.0, standstill + drive, 1 / rate)
+    driving_time = np.clip(t - standstill, 0.0, drive)
     w = 2 * np.pi / drive
-    v = np.where(t >= rest, 1.0 - np.cos(w * going), 0.0)
-    dv = np.where(t >= rest, w * np.sin(w * going), 0.0)
-    way = going - np.sin(w * going) / w
+    v = np.where(t >= standstill, 1.0 - np.cos(w * driving_time), 0.0)
+    dv = np.where(t >= standstill, w * np.sin(w * driving_time), 0.0)
+    distance = driving_time - np.sin(w * driving_time) / w
     yaw, dyaw = v / 2.0, dv / 2.0
     nodes = {}
     for name, y, sign in (("left", 0.4, 1.0), ("right", -0.4, -1.0)):
-        angle = (1.0 - y / 2.0) * way / 0.25
+        angle = (1.0 - y / 2.0) * distance / 0.25
         forward, sideways = dv - dyaw * y, yaw * (v - yaw * y)
         nodes[name] = Table(
             {
@@ -44,7 +44,7 @@ def circle(rest: float = 6.0, drive: float = 14.0) -> Recording:
                 "az": sign * sideways,
             }
         )
-    heading = 0.3 + way / 2.0
+    heading = 0.3 + distance / 2.0
     truth = Table(
         {
             "t": t,
@@ -63,30 +63,30 @@ def folder(tmp_path):
     return tmp_path
 
 
-def call(folder, *words):
+def run_fuse(folder, *arguments):
     log, vehicle = str(folder / "log.mcap"), str(folder / "vehicle.toml")
-    return main(["fuse", log, "--vehicle", vehicle, "-o", str(folder / "out"), *words])
+    return main(["fuse", log, "--vehicle", vehicle, "-o", str(folder / "out"), *arguments])
 
 
 @pytest.mark.parametrize(
-    "words",
+    "arguments",
     [(), ("--smooth",), ("--smooth", "2"), ("--method", "differential"), ("--nodes", "right")],
 )
-def test_a_circle_is_measured_and_scored_against_the_truth(folder, capsys, words):
-    assert call(folder, "--json", *words) == 0
+def test_the_circle_is_estimated_and_compared_with_the_truth(folder, capsys, arguments):
+    assert run_fuse(folder, "--json", *arguments) == 0
     result = json.loads(capsys.readouterr().out)
     assert result == json.loads((folder / "out" / "fuse.json").read_text())
     assert result["distance"] == pytest.approx(14.0, rel=5e-3)
     assert result["truth"]["final_error"] < 0.1
     assert result["truth"]["heading_rms"] < 0.02
-    if not words:
+    if not arguments:
         for side in ("left", "right"):
             bias = result["nodes"][side]["gyro_bias"]["z"]
             assert bias["value"] == pytest.approx(0.013, abs=max(1e-3, 3 * bias["sigma"]))
 
 
 @pytest.mark.parametrize(
-    ("words", "smoothing", "causal"),
+    ("arguments", "smoothing", "causal"),
     [
         ((), {"kind": "none"}, True),
         (("--smooth", "0"), {"kind": "none"}, True),
@@ -95,8 +95,8 @@ def test_a_circle_is_measured_and_scored_against_the_truth(folder, capsys, words
         (("--smooth", "1.5"), {"kind": "fixed lag", "lag": 1.5}, False),
     ],
 )
-def test_fuse_json_says_how_far_ahead_of_a_pose_was_looked(folder, capsys, words, smoothing, causal):
-    assert call(folder, "--json", *words) == 0
+def test_fuse_json_names_the_smoothing_and_whether_it_is_causal(folder, capsys, arguments, smoothing, causal):
+    assert run_fuse(folder, "--json", *arguments) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["smoothing"] == smoothing
     assert result["causal"] is causal
@@ -104,27 +104,27 @@ def test_fuse_json_says_how_far_ahead_of_a_pose_was_looked(folder, capsys, words
 
 
 @pytest.mark.parametrize("word", ["-1", "nan", "soon"])
-def test_a_lag_that_is_no_time_is_refused_in_one_line(folder, capsys, word):
-    assert call(folder, "--smooth=" + word) == 2
+def test_an_invalid_smoothing_lag_is_refused_in_one_line(folder, capsys, word):
+    assert run_fuse(folder, "--smooth=" + word) == 2
     complaint = capsys.readouterr().err
     assert "--smooth" in complaint
     assert complaint.count("\n") == 1
 
 
 @pytest.mark.parametrize("node", ["left", "right"])
-@pytest.mark.parametrize("words", [(), ("--smooth", "1"), ("--smooth",)])
-def test_one_node_claims_neither_track_width_nor_clock_offset(folder, capsys, node, words):
-    assert call(folder, "--json", "--nodes", node, *words) == 0
+@pytest.mark.parametrize("arguments", [(), ("--smooth", "1"), ("--smooth",)])
+def test_one_node_gives_neither_track_width_nor_clock_offset(folder, capsys, node, arguments):
+    assert run_fuse(folder, "--json", "--nodes", node, *arguments) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["vehicle"] == {}
     assert list(result["nodes"]) == [node]
-    # Without a map a wheel's radius is as sure as the tape measure, and no surer.
+    # Without absolute positions the sigma of a radius stays that of the tape measure.
     radius = result["nodes"][node]["wheel_radius"]["error"]
     assert radius["sigma"] == pytest.approx(0.004, rel=0.01)
 
 
 def test_the_track_begins_at_the_origin_with_the_heading_of_the_truth(folder):
-    assert call(folder) == 0
+    assert run_fuse(folder) == 0
     lines = (folder / "out" / "track.csv").read_text().splitlines()
     assert lines[0] == "t,x,y,heading,speed,sigma_x,sigma_y,sigma_heading"
     first = [float(cell) for cell in lines[1].split(",")]
@@ -132,11 +132,11 @@ def test_the_track_begins_at_the_origin_with_the_heading_of_the_truth(folder):
     assert first[3] == pytest.approx(0.3)
 
 
-def test_a_log_without_truth_claims_no_error(tmp_path, capsys):
+def test_a_log_without_truth_has_no_error(tmp_path, capsys):
     recording = circle()
     write_recording(Recording(recording.nodes), tmp_path / "log.mcap")
     (tmp_path / "vehicle.toml").write_text(VEHICLE)
-    assert call(tmp_path, "--json") == 0
+    assert run_fuse(tmp_path, "--json") == 0
     result = json.loads(capsys.readouterr().out)
     assert "truth" not in result
     # `error` alone is a parameter of wheel_radius and track_width.
@@ -144,26 +144,26 @@ def test_a_log_without_truth_claims_no_error(tmp_path, capsys):
 
 
 def test_results_are_not_overwritten_without_force(folder, capsys):
-    assert call(folder) == 0
-    assert call(folder) == 2
+    assert run_fuse(folder) == 0
+    assert run_fuse(folder) == 2
     assert "exists" in capsys.readouterr().err
-    assert call(folder, "--force") == 0
+    assert run_fuse(folder, "--force") == 0
 
 
-def test_a_missing_wheel_is_said_and_the_other_carries_on(tmp_path, capsys):
+def test_a_missing_wheel_is_reported_and_the_other_one_is_used(tmp_path, capsys):
     write_recording(Recording({"left": circle().nodes["left"]}), tmp_path / "log.mcap")
     (tmp_path / "vehicle.toml").write_text(VEHICLE)
-    assert call(tmp_path, "--json") == 0
+    assert run_fuse(tmp_path, "--json") == 0
     assert any("right: not in the log" in line for line in json.loads(capsys.readouterr().out)["warnings"])
-    assert call(tmp_path, "--force", "--method", "differential") == 2
+    assert run_fuse(tmp_path, "--force", "--method", "differential") == 2
     assert "needs a node on each wheel" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("words", [("--nodes", "front"), ()], ids=["asked for", "in the vehicle file"])
-def test_a_node_that_is_nowhere_is_one_clear_line_and_leaves_nothing(tmp_path, capsys, words):
+@pytest.mark.parametrize("arguments", [("--nodes", "front"), ()], ids=["asked for", "in the vehicle file"])
+def test_an_unknown_node_is_refused_in_one_line_and_nothing_is_written(tmp_path, capsys, arguments):
     write_recording(Recording({"hub": circle().nodes["left"]}), tmp_path / "log.mcap")
     (tmp_path / "vehicle.toml").write_text(VEHICLE)
-    assert call(tmp_path, *words) == 2
+    assert run_fuse(tmp_path, *arguments) == 2
     complaint = capsys.readouterr().err
     assert complaint.count("\n") == 1
     assert "front" in complaint or "there: hub" in complaint
@@ -171,7 +171,7 @@ def test_a_node_that_is_nowhere_is_one_clear_line_and_leaves_nothing(tmp_path, c
 
 
 def with_gnss(recording: Recording, sigma: float = 1.5) -> Recording:
-    """The circle with fixes at 5 Hz from a receiver of `sigma` metres; seed 5."""
+    """Return the circle with GNSS fixes at 5 Hz of `sigma` m (1 sigma), seed 5."""
     rng = np.random.default_rng(5)
     truth = recording.truth
     t = np.arange(truth.t[0], truth.t[-1], 0.2)
@@ -184,19 +184,19 @@ def with_gnss(recording: Recording, sigma: float = 1.5) -> Recording:
 def test_fixes_make_the_track_absolute_through_the_graph(tmp_path, capsys):
     write_recording(with_gnss(circle()), tmp_path / "log.mcap")
     (tmp_path / "vehicle.toml").write_text(VEHICLE)
-    assert call(tmp_path, "--json") == 0
+    assert run_fuse(tmp_path, "--json") == 0
     result = json.loads(capsys.readouterr().out)
     assert len(result["methods"]) == 2
     assert "factor graph with" in result["methods"][1]
     assert result["causal"] is False
     assert result["truth"]["rms_error"] < 0.5
-    # What these few fixes did not show of the odometry's constants is not claimed.
+    # Constants of the odometry that these few fixes do not observe are not reported.
     assert "turn" not in result["graph"]["constants"]
-    assert call(tmp_path, "--json", "--force", "--no-graph") == 0
+    assert run_fuse(tmp_path, "--json", "--force", "--no-graph") == 0
     assert len(json.loads(capsys.readouterr().out)["methods"]) == 1
 
 
-def test_wheel_speeds_of_another_sensor_stand_in_for_nodes(tmp_path, capsys):
+def test_wheel_speeds_of_another_sensor_replace_nodes(tmp_path, capsys):
     recording = circle()
     w = 2 * np.pi / 14.0
     t = recording.truth.t
@@ -205,24 +205,24 @@ def test_wheel_speeds_of_another_sensor_stand_in_for_nodes(tmp_path, capsys):
     body = recording.nodes["left"]
     write_recording(Recording({"frame": body}, wheels=wheels, truth=recording.truth), tmp_path / "log.mcap")
     (tmp_path / "vehicle.toml").write_text(VEHICLE)
-    assert call(tmp_path, "--json") == 0
+    assert run_fuse(tmp_path, "--json") == 0
     result = json.loads(capsys.readouterr().out)
     assert result["methods"] == ["differential odometry on wheel speeds"]
     assert result["truth"]["final_error"] < 0.01
 
 
 @pytest.mark.parametrize("latitude", [91.0, 400.0])
-def test_fixes_that_are_no_place_on_earth_are_one_clear_line(tmp_path, capsys, latitude):
+def test_impossible_fixes_are_refused_in_one_line(tmp_path, capsys, latitude):
     recording = with_gnss(circle())
     columns = {**recording.gnss.columns, "latitude_deg": np.full(len(recording.gnss), latitude)}
     write_recording(replace(recording, gnss=Table(columns)), tmp_path / "log.mcap")
     (tmp_path / "vehicle.toml").write_text(VEHICLE)
-    assert call(tmp_path) == 2
+    assert run_fuse(tmp_path) == 2
     assert "not on Earth" in capsys.readouterr().err
 
 
 def test_a_calibration_is_applied_and_named(tmp_path, capsys):
-    """A known bias is taken out before the filter starts, and fuse.json says whose calibration it was."""
+    """A known bias is removed before the filter starts, and fuse.json names the calibration."""
     recording = circle()
     write_recording(replace(recording, metadata={"serial.left": "aa01"}), tmp_path / "log.mcap")
     (tmp_path / "vehicle.toml").write_text(VEHICLE)
@@ -231,7 +231,7 @@ def test_a_calibration_is_applied_and_named(tmp_path, capsys):
         '[nodes.left]\nserial = "aa01"\n[nodes.left.effects.gyro_bias]\nmethod = "by hand"\n'
         f'source_sha256 = "{"0" * 64}"\ndate = "2026-01-01"\nz = {{ value = 0.013, sigma = 1e-5 }}\n'
     )
-    assert call(tmp_path, "--json", "--calibration", str(calibration)) == 0
+    assert run_fuse(tmp_path, "--json", "--calibration", str(calibration)) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["calibration"]["file"] == str(calibration)
     assert result["calibrated"]["left"]["applied"] == ["gyro_bias"]
@@ -239,5 +239,5 @@ def test_a_calibration_is_applied_and_named(tmp_path, capsys):
     assert result["nodes"]["right"]["gyro_bias"]["z"]["value"] == pytest.approx(0.013, abs=1e-3)
 
     calibration.write_text(calibration.read_text().replace("aa01", "bb02"))
-    assert call(tmp_path, "--force", "--calibration", str(calibration)) == 2
+    assert run_fuse(tmp_path, "--force", "--calibration", str(calibration)) == 2
     assert "bb02" in capsys.readouterr().err

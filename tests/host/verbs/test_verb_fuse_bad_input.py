@@ -1,4 +1,4 @@
-"""`hubodo fuse` on logs in which something is wrong: larger sigmas that say why, or one clear line."""
+"""`hubodo fuse` on faulty logs: a warning with larger sigmas, or a refusal in one line."""
 
 import csv
 import json
@@ -16,7 +16,7 @@ from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
 
 SEED = 21
-REST = (6.0, 0.0, 0.0)
+STANDSTILL = (6.0, 0.0, 0.0)
 MOVING = [(8.0, 1.2, 0.2), (8.0, 1.4, -0.3), (8.0, 1.0, 0.25), (8.0, 1.3, -0.1)]
 END = (2.0, 0.0, 0.0)
 COLUMNS = ("t", "gx", "gy", "gz", "ax", "ay", "az")
@@ -24,8 +24,8 @@ ORIGIN = (47.37, 8.54)
 
 
 @dataclass(frozen=True)
-class Found:
-    """What `fuse` made: fuse.json, the columns of track.csv, and the sigma of the place at its end, m."""
+class FuseResult:
+    """The result of `fuse`: fuse.json, the columns of track.csv, and the sigma of the final position in m."""
 
     json: dict
     track: dict[str, np.ndarray]
@@ -36,40 +36,40 @@ class Found:
         return "\n".join(self.json["warnings"])
 
     @property
-    def covered(self) -> bool:
-        """Whether the truth at the end is within three sigma."""
+    def is_within_3_sigma(self) -> bool:
+        """Return True if the final position error is within three sigma."""
         return self.json["truth"]["final_error"] < 3.0 * self.sigma
 
 
 @dataclass(frozen=True)
 class Folder:
-    """Runs `fuse` on a recording."""
+    """A folder in which `fuse` runs on a recording."""
 
     path: Path
     capsys: pytest.CaptureFixture | None = None
 
-    def fuse(self, recording: Recording, *words: str) -> Found:
-        assert self.code(recording, *words) == 0
+    def fuse(self, recording: Recording, *arguments: str) -> FuseResult:
+        assert self.exit_code(recording, *arguments) == 0
         result = json.loads((self.path / "out" / "fuse.json").read_text())
         with (self.path / "out" / "track.csv").open() as file:
             head, *rows = csv.reader(file)
         track = dict(zip(head, np.array(rows, float).T, strict=True))
-        return Found(result, track, float(np.hypot(track["sigma_x"][-1], track["sigma_y"][-1])))
+        return FuseResult(result, track, float(np.hypot(track["sigma_x"][-1], track["sigma_y"][-1])))
 
-    def refused(self, recording: Recording, *words: str) -> str:
-        assert self.code(recording, *words) == 2
-        complaint = self.capsys.readouterr().err
-        assert complaint.count("\n") == 1
+    def refusal(self, recording: Recording, *arguments: str) -> str:
+        assert self.exit_code(recording, *arguments) == 2
+        error = self.capsys.readouterr().err
+        assert error.count("\n") == 1
         assert not (self.path / "out").exists()
-        return complaint
+        return error
 
-    def code(self, recording: Recording, *words: str) -> int:
+    def exit_code(self, recording: Recording, *arguments: str) -> int:
         log, vehicle = self.path / "log.mcap", self.path / "vehicle.toml"
         log.unlink(missing_ok=True)
         write_recording(recording, log)
         vehicle.write_text(VEHICLE_TOML)
         out = ("-o", str(self.path / "out"), "--force", "--json")
-        return main(["fuse", str(log), "--vehicle", str(vehicle), *out, *words])
+        return main(["fuse", str(log), "--vehicle", str(vehicle), *out, *arguments])
 
 
 @pytest.fixture
@@ -78,22 +78,22 @@ def folder(tmp_path, capsys):
 
 
 @pytest.fixture(scope="module")
-def whole(sound, tmp_path_factory):
-    """What is made of a log in which nothing is wrong."""
-    return Folder(tmp_path_factory.mktemp("sound")).fuse(sound)
+def valid_result(valid_recording, tmp_path_factory):
+    """Return the result of a log without faults."""
+    return Folder(tmp_path_factory.mktemp("sound")).fuse(valid_recording)
 
 
 @pytest.fixture(scope="module")
-def whole_with_fixes(with_fixes, tmp_path_factory):
+def valid_result_with_fixes(with_fixes, tmp_path_factory):
     return Folder(tmp_path_factory.mktemp("fixes")).fuse(with_fixes)
 
 
-def driven(parts=(REST, *MOVING, END), **options):
+def simulate_drive(parts=(STANDSTILL, *MOVING, END), **options):
     rng = np.random.default_rng(SEED)
     return wheel_drives.drive(wheel_drives.legs(list(parts)), rng, **options)
 
 
-def recorded(drive):
+def to_recording(drive):
     nodes = {
         name: Table(dict(zip(COLUMNS, np.column_stack([node.t, node.gyro, node.accel]).T, strict=True)))
         for name, node in drive.nodes.items()
@@ -104,211 +104,235 @@ def recorded(drive):
 
 @pytest.fixture(scope="module")
 def drive():
-    return driven()
+    return simulate_drive()
 
 
 @pytest.fixture(scope="module")
-def sound(drive):
-    return recorded(drive)
+def valid_recording(drive):
+    return to_recording(drive)
 
 
 @pytest.fixture(scope="module")
-def with_fixes(drive, sound):
-    """The same with fixes of 1.5 m at 5 Hz."""
+def with_fixes(drive, valid_recording):
+    """Return the valid recording with GNSS fixes of 1.5 m (1 sigma) at 5 Hz."""
     rng = np.random.default_rng(SEED)
     t = np.arange(0.05, drive.t[-1], 0.2)
     x, y = (np.interp(t, drive.t, v) + 1.5 * rng.standard_normal(len(t)) for v in (drive.x, drive.y))
     latitude, longitude = geodetic(x, y, *ORIGIN)
     columns = {"t": t, "latitude_deg": latitude, "longitude_deg": longitude, "altitude": 400.0 + 0.0 * t}
-    return replace(sound, gnss=Table({**columns, "sigma": np.full(len(t), 1.5)}))
+    return replace(valid_recording, gnss=Table({**columns, "sigma": np.full(len(t), 1.5)}))
 
 
-def changed(table, **columns):
+def with_columns(table, **columns):
     return Table({**table.columns, **columns})
 
 
-def test_a_sound_log_says_nothing(whole, whole_with_fixes):
-    for found in (whole, whole_with_fixes):
-        assert found.json["warnings"] == []
-        assert found.covered
+def test_a_valid_log_gives_no_warning(valid_result, valid_result_with_fixes):
+    for result in (valid_result, valid_result_with_fixes):
+        assert result.json["warnings"] == []
+        assert result.is_within_3_sigma
 
 
-def test_without_a_rest_at_the_start_the_heading_is_less_sure_and_that_is_said(folder, whole):
-    found = folder.fuse(recorded(driven([*MOVING, END])))
-    assert "no rest at the start" in found.warnings
-    assert found.track["sigma_heading"][-1] > 1.05 * whole.track["sigma_heading"][-1]
-    assert found.covered
-    # The heading at the start is that of the truth where the first window begins, not at the first sample.
-    assert found.json["truth"]["heading_rms"] < 0.01
+def test_without_an_initial_standstill_the_heading_sigma_is_larger_with_a_warning(folder, valid_result):
+    result = folder.fuse(to_recording(simulate_drive([*MOVING, END])))
+    assert "no rest at the start" in result.warnings
+    assert result.track["sigma_heading"][-1] > 1.05 * valid_result.track["sigma_heading"][-1]
+    assert result.is_within_3_sigma
+    # The initial heading is that of the truth at the first window, not at the first sample.
+    assert result.json["truth"]["heading_rms"] < 0.01
 
 
-@pytest.mark.parametrize("parts", [[(20.0, 0.0, 0.0)], [REST, (10.0, 0.2, 0.8), (10.0, 0.125, 0.5), END]])
-def test_a_wheel_that_never_turns_is_named(folder, parts):
-    """At rest, and on the spot about the left wheel."""
-    found = folder.fuse(recorded(driven(parts)))
-    assert "left: the wheel turned only 0.0" in found.warnings
-    assert found.json["truth"]["final_error"] < max(3.0 * found.sigma, 0.01)
-    scale = found.json["nodes"]["left"]["gyro_scale_factor"]["z"]
+@pytest.mark.parametrize(
+    "parts", [[(20.0, 0.0, 0.0)], [STANDSTILL, (10.0, 0.2, 0.8), (10.0, 0.125, 0.5), END]]
+)
+def test_a_wheel_that_never_rolls_is_named(folder, parts):
+    """The vehicle stands still, or turns on the spot about the left wheel."""
+    result = folder.fuse(to_recording(simulate_drive(parts)))
+    assert "left: the wheel turned only 0.0" in result.warnings
+    assert result.json["truth"]["final_error"] < max(3.0 * result.sigma, 0.01)
+    scale = result.json["nodes"]["left"]["gyro_scale_factor"]["z"]
     assert scale["sigma"] == pytest.approx(0.015, rel=0.1)
 
 
-@pytest.mark.parametrize("begin", [0.0, 20.0])
-def test_a_node_that_freezes_is_found_and_the_other_carries_on(folder, sound, begin, whole):
-    left = sound.nodes["left"]
-    at = np.maximum(np.searchsorted(left.t, begin), 1) - 1
-    frozen = {name: np.where(left.t > begin, v[at], v) for name, v in left.columns.items() if name != "t"}
-    found = folder.fuse(replace(sound, nodes={**sound.nodes, "left": changed(left, **frozen)}))
-    assert "it froze" in found.warnings
-    assert found.sigma > whole.sigma
-    assert found.covered
+@pytest.mark.parametrize("freeze_start", [0.0, 20.0])
+def test_frozen_samples_of_a_node_are_detected_and_the_other_wheel_is_used(
+    folder, valid_recording, freeze_start, valid_result
+):
+    left = valid_recording.nodes["left"]
+    last_row = np.maximum(np.searchsorted(left.t, freeze_start), 1) - 1
+    frozen = {
+        name: np.where(left.t > freeze_start, v[last_row], v)
+        for name, v in left.columns.items()
+        if name != "t"
+    }
+    result = folder.fuse(
+        replace(valid_recording, nodes={**valid_recording.nodes, "left": with_columns(left, **frozen)})
+    )
+    assert "it froze" in result.warnings
+    assert result.sigma > valid_result.sigma
+    assert result.is_within_3_sigma
 
 
 @pytest.mark.parametrize("node", ["left", "right"])
-def test_a_node_mounted_the_wrong_way_round_is_found_named_and_costs_sigma(folder, node, whole):
-    found = folder.fuse(recorded(driven(facing={node: "right"})))
-    assert f"the node on the {node} wheel is mounted the other way round" in found.warnings
-    # The other one alone tells the way from the start.
-    assert found.sigma > 1.3 * whole.sigma
-    assert found.covered
+def test_a_node_facing_the_wrong_way_is_named_and_sigma_increases(folder, node, valid_result):
+    result = folder.fuse(to_recording(simulate_drive(facing={node: "right"})))
+    assert f"the node on the {node} wheel is mounted the other way round" in result.warnings
+    # The other wheel alone gives the distance from the start.
+    assert result.sigma > 1.3 * valid_result.sigma
+    assert result.is_within_3_sigma
 
 
-def test_both_nodes_the_wrong_way_round_are_named(folder):
-    found = folder.fuse(recorded(driven(facing={"left": "right", "right": "right"})))
-    assert "both nodes are mounted the other way round" in found.warnings
-    assert found.covered
+def test_two_nodes_facing_the_wrong_way_are_named(folder):
+    result = folder.fuse(to_recording(simulate_drive(facing={"left": "right", "right": "right"})))
+    assert "both nodes are mounted the other way round" in result.warnings
+    assert result.is_within_3_sigma
 
 
-def test_exchanged_sides_are_named(folder, sound):
-    left, right = sound.nodes["left"], sound.nodes["right"]
-    found = folder.fuse(replace(sound, nodes={"left": right, "right": left}))
-    assert "sides of the two nodes are exchanged" in found.warnings
-    assert found.covered
+def test_exchanged_sides_are_named(folder, valid_recording):
+    left, right = valid_recording.nodes["left"], valid_recording.nodes["right"]
+    result = folder.fuse(replace(valid_recording, nodes={"left": right, "right": left}))
+    assert "sides of the two nodes are exchanged" in result.warnings
+    assert result.is_within_3_sigma
 
 
-def test_one_node_alone_the_wrong_way_round_does_not_know_ahead_from_behind(folder):
-    found = folder.fuse(recorded(driven(facing={"left": "right"})), "--nodes", "left")
-    assert "rolled backwards nearly all the way" in found.warnings
-    assert found.sigma > 10.0
-    assert found.covered
+def test_with_one_node_a_wrong_facing_cannot_be_distinguished_from_driving_backwards(folder):
+    result = folder.fuse(to_recording(simulate_drive(facing={"left": "right"})), "--nodes", "left")
+    assert "rolled backwards nearly all the way" in result.warnings
+    assert result.sigma > 10.0
+    assert result.is_within_3_sigma
 
 
-def test_a_missing_node_is_said_and_costs_sigma(folder, sound, whole):
-    found = folder.fuse(replace(sound, nodes={"left": sound.nodes["left"]}))
-    assert "right: not in the log" in found.warnings
-    assert found.sigma > whole.sigma
-    assert found.covered
-    assert "track_width" not in found.json["vehicle"]
+def test_a_missing_node_is_reported_and_sigma_increases(folder, valid_recording, valid_result):
+    result = folder.fuse(replace(valid_recording, nodes={"left": valid_recording.nodes["left"]}))
+    assert "right: not in the log" in result.warnings
+    assert result.sigma > valid_result.sigma
+    assert result.is_within_3_sigma
+    assert "track_width" not in result.json["vehicle"]
 
 
-def stepped(table, at, by):
-    """The clock steps by so many s; the rows by time, as a log's reader gives them."""
-    t = np.where(table.t > at, table.t + by, table.t)
+def with_clock_step(table, at, step):
+    """Return the table with a clock step of `step` s at time `at`, sorted by time."""
+    t = np.where(table.t > at, table.t + step, table.t)
     order = np.argsort(t, kind="stable")
     order = order[np.append(True, np.diff(t[order]) > 0.0)]
     return Table({name: (t if name == "t" else v)[order] for name, v in table.columns.items()})
 
 
-@pytest.mark.parametrize("by", [-5.0, -0.3, 0.3, 5.0])
-def test_the_clock_of_one_node_that_jumps_is_said_and_the_other_carries_on(folder, sound, by, whole):
-    left = stepped(sound.nodes["left"], 20.0, by)
-    found = folder.fuse(replace(sound, nodes={**sound.nodes, "left": left}))
-    assert "left: " in found.warnings
-    assert "clock jumped" in found.warnings or "clock went back" in found.warnings
-    assert found.sigma > whole.sigma
-    assert found.covered
+@pytest.mark.parametrize("step", [-5.0, -0.3, 0.3, 5.0])
+def test_a_clock_step_of_one_node_is_reported_and_the_other_wheel_is_used(
+    folder, valid_recording, step, valid_result
+):
+    left = with_clock_step(valid_recording.nodes["left"], 20.0, step)
+    result = folder.fuse(replace(valid_recording, nodes={**valid_recording.nodes, "left": left}))
+    assert "left: " in result.warnings
+    assert "clock jumped" in result.warnings or "clock went back" in result.warnings
+    assert result.sigma > valid_result.sigma
+    assert result.is_within_3_sigma
 
 
-@pytest.mark.parametrize("by", [-5.0, -0.3, 0.3, 5.0])
-def test_clocks_that_jump_together_leave_a_hole_that_the_sigma_tells(folder, sound, by, whole):
-    nodes = {name: stepped(table, 20.0, by) for name, table in sound.nodes.items()}
-    # The truth stays on the clock of before, so it is right up to the jump alone.
-    before = {name: v[sound.truth.t < min(20.0, 20.0 + by)] for name, v in sound.truth.columns.items()}
-    found = folder.fuse(replace(sound, nodes=nodes, truth=Table(before)))
-    assert "clock jumped" in found.warnings or "not heard" in found.warnings
-    # In 0.3 s a vehicle turns by 3 degrees, in 5 s by 60.
-    assert found.sigma > (5.0 if abs(by) < 1.0 else 50.0) * whole.sigma
-    assert found.track["sigma_heading"][-1] > 10.0 * whole.track["sigma_heading"][-1]
-    assert found.json["truth"]["final_error"] < 0.1
+@pytest.mark.parametrize("step", [-5.0, -0.3, 0.3, 5.0])
+def test_a_clock_step_of_both_nodes_is_an_outage_that_increases_sigma(
+    folder, valid_recording, step, valid_result
+):
+    nodes = {name: with_clock_step(table, 20.0, step) for name, table in valid_recording.nodes.items()}
+    # The truth keeps the clock before the step, so it is valid only up to the step.
+    before = {
+        name: v[valid_recording.truth.t < min(20.0, 20.0 + step)]
+        for name, v in valid_recording.truth.columns.items()
+    }
+    result = folder.fuse(replace(valid_recording, nodes=nodes, truth=Table(before)))
+    assert "clock jumped" in result.warnings or "not heard" in result.warnings
+    # A vehicle may turn by 3 degrees in 0.3 s, by 60 in 5 s.
+    assert result.sigma > (5.0 if abs(step) < 1.0 else 50.0) * valid_result.sigma
+    assert result.track["sigma_heading"][-1] > 10.0 * valid_result.track["sigma_heading"][-1]
+    assert result.json["truth"]["final_error"] < 0.1
 
 
-def test_a_clock_that_jumps_by_more_than_an_hour_is_a_pause(folder, sound):
-    nodes = {name: stepped(table, 20.0, 4000.0) for name, table in sound.nodes.items()}
-    found = folder.fuse(replace(sound, nodes=nodes))
-    assert "left and right: not heard from t = 19.9" in found.warnings
-    assert "where it went is not known" in found.warnings
-    assert found.track["t"][-1] > 4030.0
-    assert 30.0 < found.sigma < 1000.0
-    (pause,) = found.json["silences"]
+def test_a_clock_step_of_more_than_an_hour_is_an_outage_of_unknown_motion(folder, valid_recording):
+    nodes = {name: with_clock_step(table, 20.0, 4000.0) for name, table in valid_recording.nodes.items()}
+    result = folder.fuse(replace(valid_recording, nodes=nodes))
+    assert "left and right: not heard from t = 19.9" in result.warnings
+    assert "where it went is not known" in result.warnings
+    assert result.track["t"][-1] > 4030.0
+    assert 30.0 < result.sigma < 1000.0
+    (pause,) = result.json["silences"]
     assert pause["end"] - pause["begin"] == pytest.approx(4000.0, abs=0.3)
     assert pause["stood"] is False
 
 
-@pytest.mark.parametrize(("begin", "end"), [(20.0, 28.0), (20.0, 99.0), (20.0, 20.2)])
-def test_fixes_that_jump_by_100_m_are_left_out_said_and_missed(
-    folder, with_fixes, begin, end, whole_with_fixes
+@pytest.mark.parametrize(("jump_start", "jump_end"), [(20.0, 28.0), (20.0, 99.0), (20.0, 20.2)])
+def test_fixes_that_jump_by_100_m_are_rejected_with_a_warning_and_sigma_increases(
+    folder, with_fixes, jump_start, jump_end, valid_result_with_fixes
 ):
     fixes = with_fixes.gnss
-    away = np.where((fixes.t > begin) & (fixes.t <= end), 100.0, 0.0)
-    latitude, _ = geodetic(0.0, away, fixes["latitude_deg"], fixes["longitude_deg"])
-    moved = changed(fixes, latitude_deg=latitude)
-    found = folder.fuse(replace(with_fixes, gnss=moved))
-    assert "jumped, by 1" in found.warnings
-    assert found.sigma > whole_with_fixes.sigma
-    assert found.covered
+    north_offset = np.where((fixes.t > jump_start) & (fixes.t <= jump_end), 100.0, 0.0)
+    latitude, _ = geodetic(0.0, north_offset, fixes["latitude_deg"], fixes["longitude_deg"])
+    jumped = with_columns(fixes, latitude_deg=latitude)
+    result = folder.fuse(replace(with_fixes, gnss=jumped))
+    assert "jumped, by 1" in result.warnings
+    assert result.sigma > valid_result_with_fixes.sigma
+    assert result.is_within_3_sigma
 
 
 @pytest.mark.parametrize("latitude", [91.0, -1234.0])
-def test_a_latitude_that_is_none_costs_its_fix_and_is_said(folder, with_fixes, latitude, whole_with_fixes):
+def test_fixes_with_an_impossible_latitude_are_rejected_with_a_warning(
+    folder, with_fixes, latitude, valid_result_with_fixes
+):
     fixes = with_fixes.gnss
-    half = np.where(np.arange(len(fixes)) < len(fixes) // 2, latitude, fixes["latitude_deg"])
-    found = folder.fuse(replace(with_fixes, gnss=changed(fixes, latitude_deg=half)))
-    assert "are not on Earth" in found.warnings
-    assert found.sigma > whole_with_fixes.sigma
-    assert found.covered
+    half_impossible = np.where(np.arange(len(fixes)) < len(fixes) // 2, latitude, fixes["latitude_deg"])
+    result = folder.fuse(replace(with_fixes, gnss=with_columns(fixes, latitude_deg=half_impossible)))
+    assert "are not on Earth" in result.warnings
+    assert result.sigma > valid_result_with_fixes.sigma
+    assert result.is_within_3_sigma
 
 
-def test_fixes_none_of_which_is_on_earth_are_one_clear_line(folder, with_fixes):
+def test_fixes_that_are_all_impossible_are_refused_in_one_line(folder, with_fixes):
     nowhere = np.full(len(with_fixes.gnss), 91.0)
-    recording = replace(with_fixes, gnss=changed(with_fixes.gnss, latitude_deg=nowhere))
-    assert "not on Earth" in folder.refused(recording)
+    recording = replace(with_fixes, gnss=with_columns(with_fixes.gnss, latitude_deg=nowhere))
+    assert "not on Earth" in folder.refusal(recording)
 
 
-def test_one_fix_places_the_track_and_no_more(folder, with_fixes, whole):
+def test_a_single_fix_gives_only_the_position(folder, with_fixes, valid_result):
     one = Table({name: v[100:101] for name, v in with_fixes.gnss.columns.items()})
-    found = folder.fuse(replace(with_fixes, gnss=one))
-    assert "one fix only" in found.warnings
-    assert found.sigma > whole.sigma
-    assert found.covered
+    result = folder.fuse(replace(with_fixes, gnss=one))
+    assert "one fix only" in result.warnings
+    assert result.sigma > valid_result.sigma
+    assert result.is_within_3_sigma
 
 
-def test_fixes_of_another_time_are_one_clear_line(folder, with_fixes):
-    late = changed(with_fixes.gnss, t=with_fixes.gnss.t + 1000.0)
-    assert "outside the odometry" in folder.refused(replace(with_fixes, gnss=late))
+def test_fixes_outside_the_time_of_the_odometry_are_refused_in_one_line(folder, with_fixes):
+    late = with_columns(with_fixes.gnss, t=with_fixes.gnss.t + 1000.0)
+    assert "outside the odometry" in folder.refusal(replace(with_fixes, gnss=late))
 
 
-def test_a_receiver_whose_clock_jumps_is_said_and_costs_sigma(folder, with_fixes, whole_with_fixes):
+def test_a_clock_step_of_the_receiver_is_reported_and_sigma_increases(
+    folder, with_fixes, valid_result_with_fixes
+):
     fixes = with_fixes.gnss
-    found = folder.fuse(replace(with_fixes, gnss=changed(fixes, t=fixes.t + 3.0 * (fixes.t > 20.0))))
-    assert "sigmas were widened" in found.warnings
-    assert found.sigma > 1.3 * whole_with_fixes.sigma
-    assert found.covered
+    result = folder.fuse(replace(with_fixes, gnss=with_columns(fixes, t=fixes.t + 3.0 * (fixes.t > 20.0))))
+    assert "sigmas were widened" in result.warnings
+    assert result.sigma > 1.3 * valid_result_with_fixes.sigma
+    assert result.is_within_3_sigma
 
 
 @pytest.mark.parametrize(
-    ("columns", "share", "words"),
+    ("columns", "factor", "options"),
     [(("gx", "gy", "gz"), 180.0 / np.pi, "--unit deg/s"), (("ax", "ay", "az"), 1 / 9.80665, "--unit g")],
     ids=["degrees per second", "g"],
 )
-def test_a_node_in_other_units_is_refused_and_put_right_when_told(
-    folder, whole, sound, columns, share, words
+def test_samples_in_other_units_are_refused_and_converted_with_the_option_unit(
+    folder, valid_result, valid_recording, columns, factor, options
 ):
-    left = sound.nodes["left"]
-    other = changed(left, **{name: left[name] * share for name in columns})
-    right = sound.nodes["right"]
-    wrong = replace(
-        sound,
-        nodes={"left": other, "right": changed(right, **{name: right[name] * share for name in columns})},
+    left = valid_recording.nodes["left"]
+    scaled_left = with_columns(left, **{name: left[name] * factor for name in columns})
+    right = valid_recording.nodes["right"]
+    recording = replace(
+        valid_recording,
+        nodes={
+            "left": scaled_left,
+            "right": with_columns(right, **{name: right[name] * factor for name in columns}),
+        },
     )
-    assert words in folder.refused(wrong)
-    told = folder.fuse(wrong, *words.split())
-    assert told.track["x"][-1] == pytest.approx(whole.track["x"][-1], abs=1e-3)
+    assert options in folder.refusal(recording)
+    converted = folder.fuse(recording, *options.split())
+    assert converted.track["x"][-1] == pytest.approx(valid_result.track["x"][-1], abs=1e-3)

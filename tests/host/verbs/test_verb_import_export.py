@@ -1,4 +1,4 @@
-"""`hubodo import` and `hubodo export` as a user meets them: output, exit codes, one line on stderr."""
+"""`hubodo import` and `hubodo export`: output, exit codes, and errors of one line."""
 
 import csv
 import json
@@ -13,14 +13,14 @@ GOOD = "t,gx,gy,gz,ax,ay,az,left wheel\n" + "".join(f"{i / 8},{i},2,3,4,5,6,-0.0
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    made = tmp_path / "drive"
-    made.mkdir()
-    (made / "left.csv").write_text(GOOD)
-    (made / "gnss.csv").write_text("t,latitude_deg,longitude_deg,altitude\n0.5,50.1,7.2,100\n")
-    return made
+    drive = tmp_path / "drive"
+    drive.mkdir()
+    (drive / "left.csv").write_text(GOOD)
+    (drive / "gnss.csv").write_text("t,latitude_deg,longitude_deg,altitude\n0.5,50.1,7.2,100\n")
+    return drive
 
 
-def test_import_and_export_are_each_others_inverse(folder: Path, tmp_path: Path, capsys) -> None:
+def test_export_is_the_inverse_of_import(folder: Path, tmp_path: Path, capsys) -> None:
     assert main(["import", str(folder), "-o", str(tmp_path / "a.mcap")]) == 0
     assert main(["export", str(tmp_path / "a.mcap"), "-o", str(tmp_path / "back")]) == 0
     for name in ("left.csv", "gnss.csv"):
@@ -31,7 +31,7 @@ def test_import_and_export_are_each_others_inverse(folder: Path, tmp_path: Path,
     assert capsys.readouterr().err == ""
 
 
-def test_json_tells_rows_messages_and_what_repair_dropped(folder: Path, tmp_path: Path, capsys) -> None:
+def test_json_has_rows_messages_and_the_rows_dropped_by_repair(folder: Path, tmp_path: Path, capsys) -> None:
     (folder / "left.csv").write_text(GOOD + "nan,1,2,3,4,5,6,7\n")
     assert main(["import", str(folder), "-o", str(tmp_path / "a.mcap"), "--repair", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
@@ -69,7 +69,7 @@ def test_an_existing_output_exits_2_and_stays(folder: Path, tmp_path: Path, caps
     "argv",
     [["import"], ["import", "x"], ["export", "x", "-o", "y", "--format", "xml"], ["nonsense"], []],
 )
-def test_wrong_use_exits_2_with_one_line(argv: list[str], capsys) -> None:
+def test_wrong_usage_exits_2_with_one_line(argv: list[str], capsys) -> None:
     assert main(argv) == 2
     err = capsys.readouterr().err
     assert err.count("\n") == 1
@@ -83,14 +83,16 @@ def test_export_of_a_foreign_file_exits_2(tmp_path: Path, capsys) -> None:
     assert not (tmp_path / "out").exists()
 
 
-def test_debug_adds_the_traceback_and_nothing_else_does(tmp_path: Path, capsys) -> None:
+def test_only_debug_adds_the_traceback(tmp_path: Path, capsys) -> None:
     assert main(["info", str(tmp_path / "absent.mcap")]) == 2
     assert "Traceback" not in capsys.readouterr().err
     assert main(["info", str(tmp_path / "absent.mcap"), "--debug"]) == 2
     assert "Traceback" in capsys.readouterr().err
 
 
-def test_export_to_a_place_without_rights_exits_1_with_one_line(folder: Path, tmp_path: Path, capsys) -> None:
+def test_export_to_a_folder_without_permission_exits_1_with_one_line(
+    folder: Path, tmp_path: Path, capsys
+) -> None:
     assert main(["import", str(folder), "-o", str(tmp_path / "a.mcap")]) == 0
     capsys.readouterr()
     assert main(["export", str(tmp_path / "a.mcap"), "-o", "/proc/nowhere"]) in (1, 2)

@@ -16,24 +16,26 @@ T0 = 1_700_000_000_000_000_000
 
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
-    """Two nodes at 208 Hz for 2 s, 20 µs of jitter; left misses 10 samples, explained, and 3, unexplained."""
+    """Write two nodes at 208 Hz, 20 µs jitter; left lacks 10 samples with an event, and 3 without."""
     path, seed = tmp_path / "drive.mcap", 2
     rng = np.random.default_rng(seed)
-    with LogWriter(path, t_zero_ns=T0, metadata={"fingerprint": "abc", "firmware.left": "1.2.3"}) as made:
+    with LogWriter(path, t_zero_ns=T0, metadata={"fingerprint": "abc", "firmware.left": "1.2.3"}) as writer:
         t = T0 + np.arange(416) * PERIOD_NS + rng.normal(0, 20_000, 416).astype(np.int64)
-        here = np.ones(416, bool)
-        here[100:110] = here[300:303] = False
-        for node, keep in (("left", here), ("right", np.ones(416, bool))):
-            rows = np.zeros((int(keep.sum()), 3))
-            made.write_imu(node, t[keep], t[keep] + 5_000_000, rows, rows)
-        made.write_event(
+        left_received = np.ones(416, bool)
+        left_received[100:110] = left_received[300:303] = False
+        for node, received in (("left", left_received), ("right", np.ones(416, bool))):
+            rows = np.zeros((int(received.sum()), 3))
+            writer.write_imu(node, t[received], t[received] + 5_000_000, rows, rows)
+        writer.write_event(
             Event(
                 int(t[99]), "gap", "usb0", "unplugged",
                 {"node": "left", "samples_lost": 10, "cause": "USB unplugged", "duration_s": 0.05},
             )
         )  # fmt: skip
         for battery in (3900, 3700):
-            made.write_event(Event(int(t[-1]), "health", "left", "", {"node": "left", "battery_mv": battery}))
+            writer.write_event(
+                Event(int(t[-1]), "health", "left", "", {"node": "left", "battery_mv": battery})
+            )
     return path
 
 
@@ -42,23 +44,21 @@ def info(path: Path, capsys) -> dict:
     return json.loads(capsys.readouterr().out)
 
 
-def test_rates_are_measured_and_jitter_is_that_of_the_samples(log: Path, capsys) -> None:
-    told = info(log, capsys)
-    left, right = (s for s in told["streams"] if s["topic"].endswith("/imu"))
+def test_rate_jitter_and_gaps_of_each_stream_are_correct(log: Path, capsys) -> None:
+    result = info(log, capsys)
+    left, right = (s for s in result["streams"] if s["topic"].endswith("/imu"))
     for stream in (left, right):
         assert stream["period"] == pytest.approx(PERIOD_NS / 1e9, rel=1e-3)
         assert stream["rate"] == pytest.approx(208.33, rel=1e-3)
         assert stream["jitter"] == pytest.approx(20e-6 * 2**0.5, rel=0.2)
     assert (left["messages"], left["gaps"], left["missing"]) == (403, 2, 13)
     assert (right["messages"], right["gaps"], right["missing"]) == (416, 0, 0)
-    assert told["complete"] is True
-    assert told["duration"] == pytest.approx(2.0, abs=0.01)
-    assert told["metadata"]["firmware.left"] == "1.2.3"
+    assert result["complete"] is True
+    assert result["duration"] == pytest.approx(2.0, abs=0.01)
+    assert result["metadata"]["firmware.left"] == "1.2.3"
 
 
-def test_each_gap_is_found_in_the_data_and_explained_by_its_event_where_there_is_one(
-    log: Path, capsys
-) -> None:
+def test_each_gap_in_the_data_is_listed_with_the_cause_of_its_event_if_any(log: Path, capsys) -> None:
     first, second = info(log, capsys)["gaps"]
     assert (first["missing"], first["cause"]) == (10, "USB unplugged")
     assert first["t"] == pytest.approx(99 * 0.0048, abs=1e-3)
@@ -66,8 +66,8 @@ def test_each_gap_is_found_in_the_data_and_explained_by_its_event_where_there_is
     assert (second["missing"], second["cause"]) == (3, "not explained by any event")
 
 
-def test_recorded_losses_are_added_up_by_node_stream_and_cause(tmp_path: Path, capsys) -> None:
-    with LogWriter(tmp_path / "x.mcap", t_zero_ns=0) as made:
+def test_recorded_losses_are_summed_by_node_stream_and_cause(tmp_path: Path, capsys) -> None:
+    with LogWriter(tmp_path / "x.mcap", t_zero_ns=0) as writer:
         for i in range(5):
             data = {
                 "node": "left",
@@ -76,7 +76,7 @@ def test_recorded_losses_are_added_up_by_node_stream_and_cause(tmp_path: Path, c
                 "frames_lost": 1,
             }
             data |= {"cause": "damage" if i % 2 else "unplugged", "duration_s": 0.5}
-            made.write_event(Event(i, "gap", "left", f"gap {i}", data))
+            writer.write_event(Event(i, "gap", "left", f"gap {i}", data))
     expected = {"node": "left", "stream": "ImuBatch"}
     assert info(tmp_path / "x.mcap", capsys)["losses"] == [
         expected | {"cause": "damage", "gaps": 2, "samples": 4, "frames": 2, "unknown": 0, "duration": 1.0},
@@ -91,28 +91,28 @@ def test_the_last_health_report_of_each_node_is_shown(log: Path, capsys) -> None
     assert info(log, capsys)["health"] == {"left": {"node": "left", "battery_mv": 3700}}
 
 
-def test_the_table_and_json_tell_the_same(log: Path, capsys) -> None:
-    told = info(log, capsys)
+def test_the_table_has_the_content_of_the_json(log: Path, capsys) -> None:
+    result = info(log, capsys)
     assert main(["info", str(log)]) == 0
     text = capsys.readouterr().out
-    for stream in told["streams"]:
+    for stream in result["streams"]:
         assert stream["topic"] in text
         assert str(stream["messages"]) in text
-    for words in ("USB unplugged", "not explained by any event", "battery_mv 3700", "firmware.left: 1.2.3"):
-        assert words in text
+    for part in ("USB unplugged", "not explained by any event", "battery_mv 3700", "firmware.left: 1.2.3"):
+        assert part in text
     assert "[" not in text.split("\n")[1]
 
 
 def test_a_cut_log_is_described_with_a_warning_and_exit_0(log: Path, tmp_path: Path, capsys) -> None:
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(log.read_bytes()[:-700])
-    told = info(cut, capsys)
-    assert told["complete"] is False
-    assert "was not closed" in told["warnings"][-1]
+    result = info(cut, capsys)
+    assert result["complete"] is False
+    assert "was not closed" in result["warnings"][-1]
 
 
 @pytest.mark.parametrize("content", [b"", b"not a log", b"\x89MCAP0\r"])
-def test_what_is_no_log_exits_2_with_one_line(content: bytes, tmp_path: Path, capsys) -> None:
+def test_a_file_that_is_not_a_log_exits_2_with_one_line(content: bytes, tmp_path: Path, capsys) -> None:
     (tmp_path / "x.mcap").write_bytes(content)
     assert main(["info", str(tmp_path / "x.mcap")]) == 2
     out, err = capsys.readouterr()
@@ -123,6 +123,6 @@ def test_what_is_no_log_exits_2_with_one_line(content: bytes, tmp_path: Path, ca
 
 def test_an_empty_but_valid_log_is_described(tmp_path: Path, capsys) -> None:
     LogWriter(tmp_path / "empty.mcap").close()
-    told = info(tmp_path / "empty.mcap", capsys)
-    assert (told["messages"], told["streams"], told["duration"], told["warnings"]) == (0, [], 0.0, [])
+    result = info(tmp_path / "empty.mcap", capsys)
+    assert (result["messages"], result["streams"], result["duration"], result["warnings"]) == (0, [], 0.0, [])
     assert main(["info", str(tmp_path / "empty.mcap")]) == 0

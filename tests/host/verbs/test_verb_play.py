@@ -1,4 +1,4 @@
-"""`hubodo play`: recordings come out again frame for frame, imports within the steps they were given."""
+"""`hubodo play`: recordings are replayed frame by frame, imports within their quantisation steps."""
 
 import itertools
 import json
@@ -23,7 +23,7 @@ from in_process import hubodo
 
 
 def replay(frames, out, *, speed=1.0, seconds, link=None):
-    """Plays into a recorder; the recording of it."""
+    """Replay frames into a recorder; return its result, its recording and the player."""
     with PtyPlayer(link, speed) as player:
         done = threading.Event()
 
@@ -42,7 +42,7 @@ def replay(frames, out, *, speed=1.0, seconds, link=None):
 
 @pytest.fixture(scope="module")
 def ride(tmp_path_factory):
-    """A short recording of one fake node with damage on its line."""
+    """Record one fake node for 2 s with damaged bytes on its line."""
     out, computer = tmp_path_factory.mktemp("ride") / "ride.mcap", VirtualComputer()
     with FakeNode(node_id=1, damage=0.0005, seed=3, computer=computer) as node:
         record(RecordConfig(ports=(f"left={node.path}",), duration=2.0), out, computer=computer)
@@ -61,12 +61,12 @@ def test_a_recording_played_to_a_port_is_recorded_again_sample_for_sample(ride, 
     assert player.undelivered == 0
     np.testing.assert_array_equal(table.gyro, original.gyro)
     np.testing.assert_array_equal(table.accel, original.accel)
-    # The distances of samples survive; the clock that answers stands on the same device times.
+    # The sample intervals are preserved, because the replayed clock answers use the same device times.
     np.testing.assert_allclose(table.t - table.t[0], original.t - original.t[0], atol=5e-3)
     assert result.nodes["left"]["clock"]["source"] == "two way"
 
 
-def test_damaged_pieces_are_played_as_they_came_and_answers_to_the_old_host_are_not(ride):
+def test_damaged_bytes_are_replayed_and_answers_to_the_old_host_are_left_out(ride):
     frames = all_frames(ride)
     assert any(item.frame is None for item in frames)
     assert all(
@@ -77,13 +77,13 @@ def test_damaged_pieces_are_played_as_they_came_and_answers_to_the_old_host_are_
     assert all(a.t <= b.t for a, b in itertools.pairwise(frames))
 
 
-def test_as_fast_as_possible_loses_nothing(ride, tmp_path):
+def test_replay_at_full_speed_loses_nothing(ride, tmp_path):
     original = read_recording(ride).nodes["left"]
     _, again, _ = replay(all_frames(ride), tmp_path / "again.mcap", speed=0.0, seconds=6)
     np.testing.assert_array_equal(again.nodes["left"].gyro, original.gyro)
 
 
-def imported(tmp_path, names=("left", "pole"), uneven=False):
+def write_import(tmp_path, names=("left", "pole"), uneven=False):
     rng = np.random.default_rng(5)
     tables = {}
     for name in names:
@@ -102,8 +102,8 @@ def imported(tmp_path, names=("left", "pole"), uneven=False):
 
 
 @pytest.mark.parametrize("uneven", [False, True])
-def test_an_import_is_played_within_half_a_step_and_the_stated_time_error(tmp_path, uneven):
-    recording, _ = imported(tmp_path, uneven=uneven)
+def test_an_import_is_replayed_within_half_a_step_and_the_reported_time_error(tmp_path, uneven):
+    recording, _ = write_import(tmp_path, uneven=uneven)
     frames, quantisation = synthesise_frames(recording, None, None)
     _, again, _ = replay(frames, tmp_path / "again.mcap", seconds=5)
     assert [q.node_id for q in quantisation] == [1, 4]
@@ -116,20 +116,20 @@ def test_an_import_is_played_within_half_a_step_and_the_stated_time_error(tmp_pa
         assert q.time_error <= 20.5e-6 + 1e-6
 
 
-def test_a_part_is_played_from_start_up_to_end(ride):
+def test_start_and_end_select_a_part(ride):
     with open_log(ride) as log:
         frames = list(recorded_frames(log, raw_links(log), log.t_zero_ns, 1.0, 1.5))
     assert frames
     assert all(1.0 <= item.t < 1.5 for item in frames)
 
 
-def test_the_view_without_waiting_ends_with_a_result(ride):
+def test_playing_without_waiting_ends_with_a_result(ride):
     done = hubodo("play", ride, "--speed", "0", "--json")
     assert done.code == 0, done.err
     assert json.loads(done.out)["frames"] is None
 
 
-def test_a_symlink_leads_to_the_port_while_it_plays(tmp_path):
+def test_a_symlink_leads_to_the_port_while_playing(tmp_path):
     link = tmp_path / "ttyRIDE"
     with PtyPlayer(link, 1.0) as player:
         assert player.path == str(link)
@@ -138,7 +138,7 @@ def test_a_symlink_leads_to_the_port_while_it_plays(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("args", "says"),
+    ("args", "message"),
     [
         (("--speed", "-1"), "--speed"),
         (("--speed", "nan"), "--speed"),
@@ -147,14 +147,14 @@ def test_a_symlink_leads_to_the_port_while_it_plays(tmp_path):
         (("--to", "pty", "--only", "rear"), "no frames of link 'rear'; there are left"),
     ],
 )
-def test_impossible_wishes_are_refused_in_one_line(ride, args, says):
+def test_invalid_options_are_refused_in_one_line(ride, args, message):
     done = hubodo("play", ride, *args)
     assert done.code == 2
-    assert says in done.err
+    assert message in done.err
     assert len(done.err.strip().splitlines()) == 1
 
 
-def test_what_is_no_log_is_refused(tmp_path):
+def test_a_file_that_is_not_a_log_is_refused(tmp_path):
     path = tmp_path / "x.mcap"
     path.write_bytes(b"not a log")
     done = hubodo("play", path)

@@ -12,7 +12,7 @@ from hubodo.log.log_writer import LogWriter
 
 @pytest.fixture
 def cut(tmp_path: Path) -> Path:
-    """A recording of 300 samples cut in its second half."""
+    """Write a recording of 300 samples and cut it in its second half."""
     with LogWriter(tmp_path / "log.mcap", t_zero_ns=0, chunk_bytes=4000, clock=None) as log:
         for i in range(0, 300, 5):
             t = np.arange(i, i + 5) * 10_000_000
@@ -23,20 +23,20 @@ def cut(tmp_path: Path) -> Path:
     return path
 
 
-def test_the_account_agrees_with_what_info_finds_in_the_new_log(cut: Path, tmp_path: Path, capsys) -> None:
+def test_the_report_agrees_with_info_on_the_new_log(cut: Path, tmp_path: Path, capsys) -> None:
     assert main(["recover", str(cut), "-o", str(tmp_path / "new.mcap"), "--json"]) == 0
-    told = json.loads(capsys.readouterr().out)
+    report = json.loads(capsys.readouterr().out)
     assert main(["info", str(tmp_path / "new.mcap"), "--json"]) == 0
     info = json.loads(capsys.readouterr().out)
-    assert {s["topic"]: s["messages"] for s in info["streams"]} == told["messages"]
+    assert {s["topic"]: s["messages"] for s in info["streams"]} == report["messages"]
     assert info["complete"] is True
     assert info["warnings"] == []
-    assert told["was_whole"] is False
-    assert told["bytes_lost"] > 0
-    assert 100 < told["messages"]["/left/imu"] < 300
+    assert report["was_whole"] is False
+    assert report["bytes_lost"] > 0
+    assert 100 < report["messages"]["/left/imu"] < 300
 
 
-def test_people_are_told_what_is_kept_and_what_is_lost(cut: Path, tmp_path: Path, capsys) -> None:
+def test_the_text_output_names_recovered_and_lost_data(cut: Path, tmp_path: Path, capsys) -> None:
     assert main(["recover", str(cut), "-o", str(tmp_path / "new.mcap")]) == 0
     text = capsys.readouterr().out
     assert "/left/imu: recovered" in text
@@ -44,7 +44,7 @@ def test_people_are_told_what_is_kept_and_what_is_lost(cut: Path, tmp_path: Path
     assert "bytes at the end are lost" in text
 
 
-def test_a_whole_log_is_said_to_be_whole(cut: Path, tmp_path: Path, capsys) -> None:
+def test_a_complete_log_needs_no_repair(cut: Path, tmp_path: Path, capsys) -> None:
     assert main(["recover", str(tmp_path / "log.mcap"), "-o", str(tmp_path / "new.mcap")]) == 0
     assert "nothing had to be repaired" in capsys.readouterr().out
 

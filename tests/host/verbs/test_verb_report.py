@@ -25,16 +25,16 @@ from hubodo.verbs.report import add_arguments, run
 COLUMNS = ("t", "gx", "gy", "gz", "ax", "ay", "az")
 
 
-def report(*words):
+def report(*arguments):
     parser = argparse.ArgumentParser()
     add_arguments(parser)
-    return run(parser.parse_args([str(word) for word in words]))
+    return run(parser.parse_args([str(word) for word in arguments]))
 
 
-def still_node(rng, seconds=90.0, rate=50.0, warm=0.0):
+def static_node(rng, seconds=90.0, rate=50.0, warm_up=0.0):
     t = np.arange(0.0, seconds, 1.0 / rate)
     gyro = 1e-3 * rng.standard_normal((len(t), 3)) + 0.01
-    gyro[:, 2] += warm * -np.expm1(-t / 15.0)
+    gyro[:, 2] += warm_up * -np.expm1(-t / 15.0)
     accel = 0.01 * rng.standard_normal((len(t), 3)) + [0.0, 0.0, 9.80665]
     return Table(
         dict(zip(COLUMNS, np.column_stack([t, gyro, accel]).T, strict=True))
@@ -43,29 +43,31 @@ def still_node(rng, seconds=90.0, rate=50.0, warm=0.0):
 
 
 def drive_recording(seed):
-    made = short_drive(seed)
+    drive = short_drive(seed)
     nodes = {
         name: Table(
             dict(zip(COLUMNS, np.column_stack([np.round(n.t + 1, 9), n.gyro, n.accel]).T, strict=True))
         )
-        for name, n in made.nodes.items()
+        for name, n in drive.nodes.items()
     }
-    at = slice(None, None, 20)
-    truth = Table({"t": made.t[at] + 1, "x": made.x[at], "y": made.y[at], "heading": made.heading[at]})
+    rows = slice(None, None, 20)
+    truth = Table(
+        {"t": drive.t[rows] + 1, "x": drive.x[rows], "y": drive.y[rows], "heading": drive.heading[rows]}
+    )
     return Recording(nodes, truth=truth)
 
 
-def test_a_drive_is_shown_with_its_error_and_what_is_absent_is_said(tmp_path):
+def test_the_report_of_a_drive_shows_its_error_and_names_missing_data(tmp_path):
     log, vehicle = tmp_path / "drive.mcap", tmp_path / "v.toml"
     write_recording(drive_recording(21), log)
     vehicle.write_text(VEHICLE_TOML)
-    found = report(log, "--vehicle", vehicle, "-o", tmp_path / "r.html")
+    result = report(log, "--vehicle", vehicle, "-o", tmp_path / "r.html")
     page = (tmp_path / "r.html").read_text("utf-8")
-    assert found.size == len(page.encode())
-    assert any("drive of" in line for line in found.facts)
-    (error,) = (line for line in found.facts if line.startswith("position error at the end"))
+    assert result.size == len(page.encode())
+    assert any("drive of" in line for line in result.facts)
+    (error,) = (line for line in result.facts if line.startswith("position error at the end"))
     assert float(re.search(r"([\d.]+) % of the path", error)[1]) < 3.0, f"seed 21: {error}"
-    absent = " ".join(found.missing)
+    missing = " ".join(result.missing)
     for part in (
         "calibration: none",
         "temperature: none",
@@ -74,31 +76,31 @@ def test_a_drive_is_shown_with_its_error_and_what_is_absent_is_said(tmp_path):
         "warm-up",
         "scale and cross-axis",
     ):
-        assert part in absent
-    # Self-contained: nothing is fetched.
+        assert part in missing
+    # The page is self-contained and loads nothing.
     assert not re.search(r'(?:src|href)="(?:https?:)?//', page) and "<script" not in page
-    assert found.size < 1_000_000
-    assert page.count("<svg") >= 2, "path and speed"
+    assert result.size < 1_000_000
+    assert page.count("<svg") >= 2, "one figure for the path, one for the speed"
     assert "heading, °" in page and "odometry" in page and "truth" in page
     for heading in ("Findings", "Gaps and losses", "Drive", "Not available from this log"):
         assert f"<h2>{heading}" in page
 
 
-def test_a_node_at_rest_shows_noise_and_warm_up(tmp_path):
+def test_the_report_of_a_static_node_shows_noise_and_warm_up(tmp_path):
     rng = np.random.default_rng(4)
-    write_folder(Recording({"bench": still_node(rng, 120.0, warm=0.02)}), tmp_path / "csv")
-    found = report(tmp_path / "csv", "-o", tmp_path / "r.html")
+    write_folder(Recording({"bench": static_node(rng, 120.0, warm_up=0.02)}), tmp_path / "csv")
+    result = report(tmp_path / "csv", "-o", tmp_path / "r.html")
     page = (tmp_path / "r.html").read_text("utf-8")
-    assert any(line.startswith(("bench: stationary", "bench: standstills")) for line in found.facts)
+    assert any(line.startswith(("bench: stationary", "bench: standstills")) for line in result.facts)
     assert "bench: noise" in page
-    assert any(line.startswith("bench gz: The bias starts at") for line in found.facts), found
-    assert any("arrival times" in line for line in found.missing)
-    assert any("vehicle" in line for line in found.missing)
+    assert any(line.startswith("bench gz: The bias starts at") for line in result.facts), result
+    assert any("arrival times" in line for line in result.missing)
+    assert any("vehicle" in line for line in result.missing)
 
 
 def test_gaps_and_the_calibration_in_use_are_in_the_page(tmp_path):
     rng = np.random.default_rng(6)
-    node = still_node(rng, 60.0)
+    node = static_node(rng, 60.0)
     keep = (node.t < 30.0) | (node.t > 31.0)
     table = Table({name: column[keep] for name, column in node.columns.items()})
     zero = 1_700_000_000 * 10**9
@@ -122,7 +124,7 @@ def test_gaps_and_the_calibration_in_use_are_in_the_page(tmp_path):
 
 def test_the_calibration_of_another_node_is_refused(tmp_path):
     recording = Recording(
-        {"left": still_node(np.random.default_rng(1), 20.0)}, metadata={"serial.left": "bb02"}
+        {"left": static_node(np.random.default_rng(1), 20.0)}, metadata={"serial.left": "bb02"}
     )
     write_recording(recording, tmp_path / "log.mcap")
     effects = {"gyro_bias": CalibratedEffect({"z": Quantity(0.01, 0.001)})}
@@ -134,7 +136,7 @@ def test_the_calibration_of_another_node_is_refused(tmp_path):
 
 
 def test_a_page_is_not_overwritten_unless_asked(tmp_path):
-    recording = Recording({"left": still_node(np.random.default_rng(1), 10.0)})
+    recording = Recording({"left": static_node(np.random.default_rng(1), 10.0)})
     write_folder(recording, tmp_path / "csv")
     page = tmp_path / "r.html"
     page.write_text("mine", "utf-8")

@@ -22,7 +22,7 @@ CONFIG = '[record]\nports = ["left=/dev/hubodo/E66"]\nvehicle = "v.toml"\n'
 
 @pytest.fixture
 def installed(tmp_path):
-    """(root of a system, what was printed) after an installation into it."""
+    """Install the service into a folder; return the folder and the JSON output."""
     (tmp_path / "hubodo.toml").write_text(CONFIG)
     (tmp_path / "v.toml").write_text("[vehicle]\n")
     root = tmp_path / "image"
@@ -31,21 +31,21 @@ def installed(tmp_path):
     return root, json.loads(done.out)
 
 
-def test_an_installation_puts_unit_rules_and_settings_in_place_and_runs_nothing_in_another_system(installed):
-    root, told = installed
+def test_an_installation_writes_unit_rules_and_settings_and_runs_nothing_with_root(installed):
+    root, result = installed
     assert (root / "etc/hubodo/hubodo.toml").read_text() == CONFIG
     assert (root / "etc/hubodo/v.toml").exists()
     text = (root / "etc/systemd/system/hubodo.service").read_text()
     assert "record --config /etc/hubodo/hubodo.toml --wait -o ${STATE_DIRECTORY}" in text
     assert (root / "etc/udev/rules.d/70-hubodo.rules").read_text() == udev_rules.rules_text()
-    assert told["commands"] == []
+    assert result["commands"] == []
     again = hubodo("service", "install", "--root", root)
-    assert again.code == 0, "settings that are there stay"
+    assert again.code == 0, "existing settings are kept"
     assert (root / "etc/hubodo/hubodo.toml").read_text() == CONFIG
 
 
 @pytest.mark.parametrize("user", [False, True])
-def test_the_unit_asks_for_a_synchronised_clock_but_waits_for_no_network(user):
+def test_the_unit_wants_a_synchronised_clock_but_does_not_wait_for_the_network(user):
     text = systemd_unit.unit_text(Path("/usr/bin/hubodo"), Path("/etc/hubodo/hubodo.toml"), user=user)
     lines = [line.partition("=") for line in text.splitlines() if not line.startswith("#")]
     wants, after = (
@@ -56,7 +56,7 @@ def test_the_unit_asks_for_a_synchronised_clock_but_waits_for_no_network(user):
     assert not any(key == "Requires" for key, _, _ in lines)
 
 
-def test_what_was_installed_can_be_removed_and_settings_stay(installed):
+def test_uninstall_removes_unit_and_rules_and_keeps_the_settings(installed):
     root, _ = installed
     done = hubodo("service", "uninstall", "--root", root)
     assert done.code == 0
@@ -77,43 +77,43 @@ def test_a_dry_run_shows_everything_and_writes_nothing(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("config", "says"),
+    ("config", "message"),
     [
         ("[record]\n", "has no port"),
         ("[record]\nprots = []\n", "did you mean 'ports'"),
         (None, "hubodo config example"),
     ],
 )
-def test_settings_that_would_not_start_are_refused_before_anything_is_written(tmp_path, config, says):
-    words = ["service", "install", "--root", tmp_path / "image"]
+def test_invalid_settings_are_refused_before_anything_is_written(tmp_path, config, message):
+    arguments = ["service", "install", "--root", tmp_path / "image"]
     if config is not None:
         (tmp_path / "hubodo.toml").write_text(config)
-        words += ["--config", tmp_path / "hubodo.toml"]
-    done = hubodo(*words)
+        arguments += ["--config", tmp_path / "hubodo.toml"]
+    done = hubodo(*arguments)
     assert done.code == 2
-    assert says in done.err
+    assert message in done.err
     assert not (tmp_path / "image").exists()
 
 
-def test_without_systemd_it_says_what_to_run_instead(monkeypatch):
+def test_without_systemd_the_error_names_the_command_to_run_instead(monkeypatch):
     monkeypatch.setattr(shutil, "which", lambda name: None)
-    for does in ("install", "status", "uninstall"):
-        done = hubodo("service", does)
+    for action in ("install", "status", "uninstall"):
+        done = hubodo("service", action)
         assert done.code == 2
         assert "hubodo record --config hubodo.toml --wait" in done.err
 
 
-def test_a_user_has_a_unit_of_its_own_and_no_rules(tmp_path, monkeypatch):
+def test_a_user_service_has_its_own_unit_and_no_udev_rules(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
-    place = ServiceLocation(is_user_service=True)
-    assert place.unit == tmp_path / "config/systemd/user/hubodo.service"
-    assert place.rules is None
-    assert place.systemctl("start") == ("systemctl", "--user", "start")
-    assert "DynamicUser" not in systemd_unit.unit_text(tmp_path / "hubodo", place.config, user=True)
+    location = ServiceLocation(is_user_service=True)
+    assert location.unit == tmp_path / "config/systemd/user/hubodo.service"
+    assert location.rules is None
+    assert location.systemctl("start") == ("systemctl", "--user", "start")
+    assert "DynamicUser" not in systemd_unit.unit_text(tmp_path / "hubodo", location.config, user=True)
 
 
 @pytest.mark.parametrize("user", [False, True])
-def test_systemd_understands_every_line_of_the_unit(tmp_path, user):
+def test_systemd_accepts_every_line_of_the_unit(tmp_path, user):
     if shutil.which("systemd-analyze") is None:
         pytest.skip("no systemd-analyze here")
     program = tmp_path / "a folder" / "hubodo"
@@ -134,27 +134,27 @@ def test_systemd_understands_every_line_of_the_unit(tmp_path, user):
         capture_output=True,
         text=True,
     )
-    said = [line for line in done.stderr.splitlines() if systemd_unit.UNIT_NAME in line]
-    assert said == []
+    messages = [line for line in done.stderr.splitlines() if systemd_unit.UNIT_NAME in line]
+    assert messages == []
 
 
-def test_the_unit_is_fenced_in_by_systemds_own_measure(tmp_path):
+def test_systemd_rates_the_security_of_the_unit_as_good(tmp_path):
     if shutil.which("systemd-analyze") is None:
         pytest.skip("no systemd-analyze here")
-    found = systemd_unit.rate_exposure(
+    exposure = systemd_unit.rate_exposure(
         systemd_unit.unit_text(tmp_path / "hubodo", tmp_path / "hubodo.toml", user=False)
     )
-    assert found is not None
-    assert found <= 2.5
+    assert exposure is not None
+    assert exposure <= 2.5
 
 
-def test_a_program_that_the_service_may_not_reach_is_told(tmp_path):
+def test_a_program_in_a_private_folder_is_detected(tmp_path):
     hidden = tmp_path / "home"
     hidden.mkdir(mode=0o700)
     assert inaccessible_parent(hidden / "bin/hubodo") is not None
 
 
-def test_every_rule_is_made_of_known_keys_and_jumps_to_a_label():
+def test_udev_rules_are_well_formed_and_jump_to_an_existing_label():
     text = udev_rules.rules_text()
     for line in text.splitlines():
         if not line.startswith("#"):
@@ -170,7 +170,7 @@ def test_every_rule_is_made_of_known_keys_and_jumps_to_a_label():
         subprocess.run(["udevadm", "verify", "-"], input=text, text=True, check=True)
 
 
-def test_the_example_file_changes_nothing_and_uncommented_is_right_line_by_line(tmp_path):
+def test_the_example_file_has_the_defaults_and_is_valid_if_uncommented(tmp_path):
     done = hubodo("config", "example")
     assert done.code == 0
     path = tmp_path / "hubodo.toml"
@@ -195,7 +195,7 @@ def test_every_setting_is_explained_and_every_table_of_the_file_has_settings():
 
 
 @pytest.mark.parametrize(
-    ("line", "says"),
+    ("line", "message"),
     [
         ("rotate_aftr = 3", "did you mean 'rotate_after'"),
         ("disk_budget_mb = 100", "only closed logs are removed"),
@@ -206,12 +206,12 @@ def test_every_setting_is_explained_and_every_table_of_the_file_has_settings():
         ('vehicle = "none.toml"', "no such file"),
     ],
 )
-def test_a_check_names_each_mistake_with_its_key(tmp_path, line, says):
+def test_config_check_names_each_mistake_with_its_key(tmp_path, line, message):
     path = tmp_path / "hubodo.toml"
     path.write_text(f"[record]\n{line}\n")
     done = hubodo("config", "check", path)
     assert done.code == 2
-    assert says in done.err
+    assert message in done.err
     assert "\n" not in done.err.strip()
 
 

@@ -32,59 +32,61 @@ angle = 0.1
 """
 
 
-def written(folder, text=MODEL, name="model.toml"):
+def write_model(folder, text=MODEL, name="model.toml"):
     path = folder / name
     path.write_text(text, "utf-8")
     return path
 
 
-def simulate(folder, *words, model=MODEL, out="log.mcap"):
-    """(exit code, recording)."""
+def simulate(folder, *arguments, model=MODEL, out="log.mcap"):
+    """Run `hubodo simulate`; return its exit code and the recording."""
     path = folder / out
-    code = main(["simulate", str(written(folder, model)), "-o", str(path), *map(str, words)])
+    code = main(["simulate", str(write_model(folder, model)), "-o", str(path), *map(str, arguments)])
     return code, read_recording(path) if path.suffix == ".mcap" else read_folder(path)
 
 
 def test_a_random_drive_has_nodes_a_noisy_reference_and_the_truth(tmp_path, capsys):
     code, log = simulate(tmp_path, "--duration", 40, "--seed", 3, "--json")
-    said = json.loads(capsys.readouterr().out)
-    assert (code, said["seed"], said["samples"]) == (0, 3, {"left": 8000, "right": 8000, "frame": 8000})
-    assert said["effects"]["left"] == ["wheel_camber", "gyro_bias"]
+    result = json.loads(capsys.readouterr().out)
+    assert (code, result["seed"], result["samples"]) == (0, 3, {"left": 8000, "right": 8000, "frame": 8000})
+    assert result["effects"]["left"] == ["wheel_camber", "gyro_bias"]
     assert log.metadata["simulated.seed"] == "3"
-    # By hand from the truth: its speed is that of the reference but for the noise.
+    # Derived from the truth: the reference differs from its speed only by the noise.
     truth, reference = log.truth, log.reference
     speed = np.hypot(np.gradient(truth["x"], truth.t), np.gradient(truth["y"], truth.t))
-    off = reference["speed"] - np.interp(reference.t, truth.t, speed)
-    assert np.std(off) == pytest.approx(0.003, rel=0.2), "seed 3"
-    turned = np.gradient(truth["heading"], truth.t)
-    assert np.std(reference["yaw_rate"] - np.interp(reference.t, truth.t, turned)) == pytest.approx(
+    speed_error = reference["speed"] - np.interp(reference.t, truth.t, speed)
+    assert np.std(speed_error) == pytest.approx(0.003, rel=0.2), "seed 3"
+    yaw_rate = np.gradient(truth["heading"], truth.t)
+    assert np.std(reference["yaw_rate"] - np.interp(reference.t, truth.t, yaw_rate)) == pytest.approx(
         0.002, rel=0.2
     )
-    # The right node faces right: it reads minus the spin, plus its bias; the left one leans.
+    # The right node faces right: it measures the negative spin rate plus bias; the left wheel is cambered.
     right, left = log.nodes["right"], log.nodes["left"]
-    v = np.interp(right.t, truth.t, speed) + np.interp(right.t, truth.t, turned) * 0.46
+    v = np.interp(right.t, truth.t, speed) + np.interp(right.t, truth.t, yaw_rate) * 0.46
     assert np.mean(right["gz"] + v / 0.31) == pytest.approx(0.02, abs=1e-3)
-    # Along the leaning axle: gravity, and the turn's pull to the left.
-    hub = 0.46 - 0.31 * math.sin(0.1)
-    aside = np.interp(left.t, truth.t, turned * (speed - turned * hub))
-    assert np.mean(left["az"] - np.cos(0.1) * aside) == pytest.approx(G * math.sin(0.1), abs=5e-3)
+    # Along the cambered axle: gravity, and the centripetal acceleration to the left.
+    hub_offset = 0.46 - 0.31 * math.sin(0.1)
+    lateral_acceleration = np.interp(left.t, truth.t, yaw_rate * (speed - yaw_rate * hub_offset))
+    assert np.mean(left["az"] - np.cos(0.1) * lateral_acceleration) == pytest.approx(
+        G * math.sin(0.1), abs=5e-3
+    )
     assert np.mean(log.nodes["frame"]["az"]) == pytest.approx(G, abs=5e-3)
     assert np.std(log.nodes["frame"]["az"]) == pytest.approx(0.05, rel=0.05)
 
 
-def test_the_same_seed_draws_the_same_and_another_node_changes_no_noise(tmp_path):
-    words = ("--duration", 10, "--seed", 8)
+def test_a_seed_is_reproducible_and_the_noise_does_not_depend_on_other_nodes(tmp_path):
+    arguments = ("--duration", 10, "--seed", 8)
     for name in "abc":
         (tmp_path / name).mkdir()
-    first, again = simulate(tmp_path / "a", *words)[1], simulate(tmp_path / "b", *words)[1]
-    fewer = simulate(tmp_path / "c", *words, model=MODEL.replace("[nodes.frame]\n", ""))[1]
+    first, again = simulate(tmp_path / "a", *arguments)[1], simulate(tmp_path / "b", *arguments)[1]
+    fewer = simulate(tmp_path / "c", *arguments, model=MODEL.replace("[nodes.frame]\n", ""))[1]
     for other in (again, fewer):
         np.testing.assert_array_equal(other.nodes["left"]["gx"], first.nodes["left"]["gx"])
         np.testing.assert_array_equal(other.reference["speed"], first.reference["speed"])
     assert "frame" not in fewer.nodes
 
 
-def test_a_name_without_mcap_gets_the_csv_folder(tmp_path):
+def test_an_output_name_without_mcap_gives_a_csv_folder(tmp_path):
     _, folder = simulate(tmp_path, "--duration", 6, out="drive")
     (tmp_path / "again").mkdir()
     _, log = simulate(tmp_path / "again", "--duration", 6)
@@ -94,10 +96,10 @@ def test_a_name_without_mcap_gets_the_csv_folder(tmp_path):
     ]  # fmt: skip
 
 
-def test_rest_with_a_warm_up_follows_the_temperature(tmp_path):
+def test_at_standstill_the_bias_follows_the_temperature(tmp_path):
     model = MODEL + "[effects.gyro_temperature]\nz = 0.01\n"
-    words = ("--drive", "rest", "--duration", 60, "--temperature", 20, 40, "--settle", 15)
-    _, log = simulate(tmp_path, *words, model=model)
+    arguments = ("--drive", "rest", "--duration", 60, "--temperature", 20, 40, "--settle", 15)
+    _, log = simulate(tmp_path, *arguments, model=model)
     node = log.nodes["frame"]
     warm = 20 + 20 * (1 - np.exp(-node.t / 15))
     np.testing.assert_allclose(node["temperature"], warm, atol=0.03)
@@ -106,65 +108,65 @@ def test_rest_with_a_warm_up_follows_the_temperature(tmp_path):
     assert not log.truth["x"].any()
 
 
-def test_a_supply_that_falls_moves_what_hangs_on_it_and_is_in_the_log(tmp_path):
+def test_a_falling_supply_changes_the_dependent_bias_and_is_in_the_log(tmp_path):
     model = MODEL + "[effects.gyro_supply]\nz = 0.1\n"
-    words = ("--drive", "rest", "--duration", 60, "--candidates", "field")
-    _, log = simulate(tmp_path, *words, "--supply", 4.1, 3.4, model=model)
+    arguments = ("--drive", "rest", "--duration", 60, "--candidates", "field")
+    _, log = simulate(tmp_path, *arguments, "--supply", 4.1, 3.4, model=model)
     node = log.nodes["frame"]
     volts = 4.1 - 0.7 * node.t / 60
     np.testing.assert_allclose(node["supply"], volts, atol=1e-4)
     np.testing.assert_allclose(np.polyfit(volts - 3.7, node["gz"], 1), [0.1, 0.02], atol=1e-3)
     (tmp_path / "again").mkdir()
-    _, log = simulate(tmp_path / "again", *words, model=model)
+    _, log = simulate(tmp_path / "again", *arguments, model=model)
     assert "supply" not in log.nodes["frame"]
     assert log.nodes["frame"]["gz"].mean() == pytest.approx(0.02, abs=1e-3)
 
 
-QUIET = MODEL.replace("0.004", "2e-5").replace("accel_noise = 0.05", "accel_noise = 0.002")
+LOW_NOISE_MODEL = MODEL.replace("0.004", "2e-5").replace("accel_noise = 0.05", "accel_noise = 0.002")
 
 
 def test_north_is_found_on_a_simulated_turntable(tmp_path, capsys):
-    words = ["--drive", "turntable", "--duration", 300, "--latitude_deg", 48.1, "--azimuth_deg", 37.0]
-    code, log = simulate(tmp_path, *words, "--angles_deg", 0, 180, 90, 270, model=QUIET)
+    arguments = ["--drive", "turntable", "--duration", 300, "--latitude_deg", 48.1, "--azimuth_deg", 37.0]
+    code, log = simulate(tmp_path, *arguments, "--angles_deg", 0, 180, 90, 270, model=LOW_NOISE_MODEL)
     assert code == 0
     assert set(np.unique(log.table["moving"])) == {0.0, 1.0}
     capsys.readouterr()
-    words = ["--node", "frame", "--axis", "x", "--latitude_deg", "48.1", "--method", "maytag4", "--json"]
-    assert main(["north", str(tmp_path / "log.mcap"), *words]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["azimuth_deg"] == pytest.approx(37.0, abs=5 * found["sigma_deg"])
-    assert found["sigma_deg"] < 1.0
+    arguments = ["--node", "frame", "--axis", "x", "--latitude_deg", "48.1", "--method", "maytag4", "--json"]
+    assert main(["north", str(tmp_path / "log.mcap"), *arguments]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["azimuth_deg"] == pytest.approx(37.0, abs=5 * result["sigma_deg"])
+    assert result["sigma_deg"] < 1.0
 
 
-def test_calibrating_simulated_poses_finds_the_errors_and_its_file_simulates_them_again(tmp_path, capsys):
+def test_calibrating_simulated_poses_estimates_the_errors_and_its_file_reproduces_them(tmp_path, capsys):
     model = (
-        QUIET
+        LOW_NOISE_MODEL
         + "[effects.gyro_scale_factor]\nx = 0.03\ny = -0.02\n[nodes.frame.effects.accel_bias]\nx = 0.3\n"
     )
     assert simulate(tmp_path, "--drive", "poses", "--duration", 160, "--seed", 5, model=model)[0] == 0
     calibration = tmp_path / "c.toml"
-    words = ["calibrate", "imu", str(tmp_path / "log.mcap"), "--node", "frame", "-o", str(calibration)]
-    assert main(words) == 0
+    arguments = ["calibrate", "imu", str(tmp_path / "log.mcap"), "--node", "frame", "-o", str(calibration)]
+    assert main(arguments) == 0
     capsys.readouterr()
-    plain = QUIET.replace("[effects.gyro_bias]\nz = 0.02\n", "")
+    plain = LOW_NOISE_MODEL.replace("[effects.gyro_bias]\nz = 0.02\n", "")
     again = tmp_path / "again"
     again.mkdir()
-    words = ("--drive", "rest", "--duration", 20, "--calibration", calibration, "--json")
-    code, log = simulate(again, *words, model=plain)
+    arguments = ("--drive", "rest", "--duration", 20, "--calibration", calibration, "--json")
+    code, log = simulate(again, *arguments, model=plain)
     assert code == 0
-    said = json.loads(capsys.readouterr().out)
-    assert {"gyro_bias", "gyro_scale_factor", "accel_bias"} <= set(said["effects"]["frame"])
-    assert said["effects"]["right"] == []
+    result = json.loads(capsys.readouterr().out)
+    assert {"gyro_bias", "gyro_scale_factor", "accel_bias"} <= set(result["effects"]["frame"])
+    assert result["effects"]["right"] == []
     assert np.mean(log.nodes["frame"]["gz"]) == pytest.approx(0.02, abs=5e-4)
     assert np.mean(log.nodes["frame"]["ax"]) == pytest.approx(0.3, abs=0.01)
 
 
-def test_nodes_off_their_wheels_have_no_effects_of_wheels(tmp_path, capsys):
+def test_nodes_on_a_turntable_have_no_wheel_effects(tmp_path, capsys):
     simulate(tmp_path, "--drive", "turntable", "--duration", 30, "--json")
     assert json.loads(capsys.readouterr().out)["effects"]["left"] == ["gyro_bias"]
 
 
-def test_the_reference_of_a_log_is_driven_again(tmp_path):
+def test_the_reference_of_a_log_can_be_driven_again(tmp_path):
     _, first = simulate(tmp_path, "--duration", 30, "--seed", 4)
     again = tmp_path / "again"
     again.mkdir()
@@ -176,15 +178,15 @@ def test_the_reference_of_a_log_is_driven_again(tmp_path):
 
 
 def test_a_drive_follows_the_fixes_of_a_log(tmp_path):
-    """The fixes come by way of Earth-centred coordinates; the drive must have their speeds and turns."""
+    """The fixes are converted with independent code; the drive must have their speeds and turns."""
     rng = np.random.default_rng(2)
-    made = gnss_drive(rng, gnss_loop(rng, length=120.0), sigma=0.3)
-    t = made.fix_t
+    source = gnss_drive(rng, gnss_loop(rng, length=120.0), sigma=0.3)
+    t = source.fix_t
     gnss = Table(
         {
             "t": t,
-            "latitude_deg": made.fix_latitude_deg,
-            "longitude_deg": made.fix_longitude_deg,
+            "latitude_deg": source.fix_latitude_deg,
+            "longitude_deg": source.fix_longitude_deg,
             "altitude": 0 * t,
         }
     )
@@ -192,15 +194,17 @@ def test_a_drive_follows_the_fixes_of_a_log(tmp_path):
     write_recording(Recording({"any": node}, gnss=gnss), tmp_path / "gnss.mcap")
     code, log = simulate(tmp_path, "--drive", "gnss", "--from", tmp_path / "gnss.mcap")
     assert code == 0
-    speed = np.interp(log.reference.t + t[0], made.t, made.speed)
+    speed = np.interp(log.reference.t + t[0], source.t, source.speed)
     assert np.std(log.reference["speed"] - speed) < 0.1, "seed 2"
-    at = np.array([20.0, 60.0])
-    turned = np.interp(at, log.truth.t, log.truth["heading"])
-    assert np.diff(turned) == pytest.approx(np.diff(np.interp(at + t[0], made.t, made.heading)), abs=0.2)
+    times = np.array([20.0, 60.0])
+    heading = np.interp(times, log.truth.t, log.truth["heading"])
+    assert np.diff(heading) == pytest.approx(
+        np.diff(np.interp(times + t[0], source.t, source.heading)), abs=0.2
+    )
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("arguments", "message"),
     [
         (["--duration", "1"], "--duration: 1: write a number from 5"),
         (["--rate", "0.1"], "--rate: 0.1: write a number from 1"),
@@ -222,35 +226,35 @@ def test_a_drive_follows_the_fixes_of_a_log(tmp_path):
         (["--calibration", "nope.toml"], "nope.toml"),
     ],
 )
-def test_each_mistake_is_one_line_and_leaves_nothing(tmp_path, capsys, words, says):
+def test_each_mistake_is_one_line_and_leaves_nothing(tmp_path, capsys, arguments, message):
     out = tmp_path / "log.mcap"
-    assert main(["simulate", str(written(tmp_path)), "-o", str(out), *words]) == 2
-    complaint = capsys.readouterr().err
-    assert says in complaint
-    assert complaint.count("\n") == 1
+    assert main(["simulate", str(write_model(tmp_path)), "-o", str(out), *arguments]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
     assert not out.exists()
 
 
-def test_a_mistake_in_the_model_and_a_name_that_is_taken_are_refused(tmp_path, capsys):
-    bad = written(tmp_path, MODEL.replace("gyro_bias", "gyro_bais"))
+def test_a_mistake_in_the_model_and_an_existing_output_are_refused(tmp_path, capsys):
+    bad = write_model(tmp_path, MODEL.replace("gyro_bias", "gyro_bais"))
     assert main(["simulate", str(bad), "-o", str(tmp_path / "log.mcap")]) == 2
     assert "did you mean 'gyro_bias'" in capsys.readouterr().err
     (tmp_path / "taken.mcap").write_bytes(b"")
-    assert main(["simulate", str(written(tmp_path)), "-o", str(tmp_path / "taken.mcap")]) == 2
+    assert main(["simulate", str(write_model(tmp_path)), "-o", str(tmp_path / "taken.mcap")]) == 2
     assert "exists already" in capsys.readouterr().err
-    strange = written(tmp_path, MODEL.replace("nodes.frame", "nodes.box"))
+    strange = write_model(tmp_path, MODEL.replace("nodes.frame", "nodes.box"))
     assert main(["simulate", str(strange), "-o", str(tmp_path / "l.mcap"), "--virtual-node"]) == 2
     assert "no node is called 'box' in the protocol" in capsys.readouterr().err
 
 
-def test_a_number_in_the_place_of_an_input_is_driven(tmp_path):
+def test_an_input_can_be_a_constant(tmp_path):
     model = MODEL.replace("[inputs]", "[inputs]\nspeed = 1.5\nyaw_rate = 0")
     _, log = simulate(tmp_path, "--duration", 10, model=model)
     assert np.mean(log.nodes["left"]["gz"]) == pytest.approx(1.5 / 0.31 + 0.02, abs=1e-3)
     assert log.truth["x"][-1] == pytest.approx(15.0, abs=0.01)
 
 
-def test_a_table_stands_and_turns_by_its_programme():
+def test_a_turntable_follows_its_programme():
     inputs, report = TurntableProgramme((0.0, np.pi), 5.0, 2.0).inputs_and_record(21.0, EarthRotation(0.5))
     np.testing.assert_allclose(
         inputs.yaw_rate.integral(np.array([4.9, 7.0, 11.9, 14.0])), [0, np.pi, np.pi, 0], atol=1e-6
@@ -263,27 +267,27 @@ def test_a_table_stands_and_turns_by_its_programme():
     np.testing.assert_allclose(angle[(t >= 7.0) & (t < 12.0)], np.pi, atol=1e-6)
 
 
-def test_a_node_carried_by_hand_turns_as_its_attitudes_say():
-    """Against attitudes differentiated numerically."""
-    made = PoseSequence(
+def test_rates_and_forces_of_hand_held_poses_match_their_attitudes():
+    """Compare with numerically differentiated attitudes."""
+    poses = PoseSequence(
         Rotation.random(4, rng=np.random.default_rng(1)), rest_time=1.0, turn_time=2.0, latitude=0.8
     )
-    assert made.duration == 10.0
+    assert poses.duration == 10.0
     h = 1e-5
 
     def attitude(t):
         number = min(int(t // 3.0), 3)
         s = np.clip((t - 3.0 * number - 1.0) / 2.0, 0.0, 1.0)
-        share = s**3 * (10 - 15 * s + 6 * s * s)
-        by = (made.attitudes[number].inv() * made.attitudes[min(number + 1, 3)]).as_rotvec()
-        return made.attitudes[number] * Rotation.from_rotvec(share * by)
+        fraction = s**3 * (10 - 15 * s + 6 * s * s)
+        rotation = (poses.attitudes[number].inv() * poses.attitudes[min(number + 1, 3)]).as_rotvec()
+        return poses.attitudes[number] * Rotation.from_rotvec(fraction * rotation)
 
     for t in (0.5, 1.7, 2.4, 5.1, 8.0, 9.9):
-        rate, slope, force = (a[:, 0] for a in made(np.array([t])))
-        turning = (attitude(t - h).inv() * attitude(t + h)).as_rotvec() / (2 * h)
+        rate, slope, force = (a[:, 0] for a in poses(np.array([t])))
+        body_rate = (attitude(t - h).inv() * attitude(t + h)).as_rotvec() / (2 * h)
         world = attitude(t).inv()
         earth = world.apply(EARTH_RATE * np.array([0, np.cos(0.8), np.sin(0.8)]))
-        np.testing.assert_allclose(rate, turning + earth, atol=1e-7)
+        np.testing.assert_allclose(rate, body_rate + earth, atol=1e-7)
         np.testing.assert_allclose(force, world.apply([0, 0, G]), atol=1e-9)
-        ends = made(np.array([t - h, t + h]))[0]
+        ends = poses(np.array([t - h, t + h]))[0]
         np.testing.assert_allclose(slope, (ends[:, 1] - ends[:, 0]) / (2 * h), atol=1e-6)

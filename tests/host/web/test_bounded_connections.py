@@ -1,4 +1,4 @@
-"""Connections that say nothing, or say it slowly: they are shed, and a visitor is answered beside them."""
+"""Idle and slow connections are closed when the limit is reached, so that other visitors are served."""
 
 import errno
 import http.client
@@ -22,18 +22,18 @@ from hubodo.web.library import RecordingLibrary
 from hubodo.web.server import serve_in_thread
 from waiting import until
 
-IDLE, CAPACITY, OF_THE_SERVER = 300, 16, 4
+N_IDLE, CAPACITY, SERVER_DESCRIPTORS = 300, 16, 4
 
 
 @pytest.fixture(autouse=True)
-def small(monkeypatch):
+def small_capacity(monkeypatch):
     monkeypatch.setattr(listener, "connection_capacity", lambda: CAPACITY)
 
 
 @contextmanager
 def page(tmp_path, **site):
-    place = Site(Address("127.0.0.1", 0), **site)
-    with serve_in_thread(make_app(place, RecordingLibrary(tmp_path)), place) as port:
+    own_site = Site(Address("127.0.0.1", 0), **site)
+    with serve_in_thread(make_app(own_site, RecordingLibrary(tmp_path)), own_site) as port:
         yield port, "/api/recordings"
 
 
@@ -51,21 +51,21 @@ def get(port, path, **headers):
     return connection, answer.status
 
 
-def descriptors_open():
+def count_descriptors():
     return len(list(Path("/proc/self/fd").iterdir()))
 
 
 @pytest.mark.parametrize("server", [page, metrics])
-def test_three_hundred_idle_connections_are_shed_and_a_visitor_is_answered(tmp_path, server):
+def test_of_three_hundred_idle_connections_most_are_closed_and_a_visitor_is_served(tmp_path, server):
     with server(tmp_path) as (port, path), ExitStack() as stack:
-        before = descriptors_open()
-        for _ in range(IDLE):
+        before = count_descriptors()
+        for _ in range(N_IDLE):
             stack.enter_context(socket.create_connection(("127.0.0.1", port), timeout=60))
         assert get(port, path)[1] in (200, 503)
-        until(lambda: descriptors_open() - before - IDLE <= CAPACITY + OF_THE_SERVER)
+        until(lambda: count_descriptors() - before - N_IDLE <= CAPACITY + SERVER_DESCRIPTORS)
 
 
-def test_requests_that_come_byte_by_byte_do_not_keep_a_visitor_out(tmp_path):
+def test_requests_sent_byte_by_byte_do_not_block_a_visitor(tmp_path):
     with page(tmp_path) as (port, path), ExitStack() as stack:
         slow = [stack.enter_context(socket.create_connection(("127.0.0.1", port))) for _ in range(100)]
         for text in (b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX: ", b"a", b"a"):
@@ -77,9 +77,9 @@ def test_requests_that_come_byte_by_byte_do_not_keep_a_visitor_out(tmp_path):
             assert get(port, path)[1] == 200
 
 
-def test_connections_that_wait_in_the_tls_handshake_are_shed_too(tmp_path):
+def test_connections_waiting_in_the_tls_handshake_are_closed_too(tmp_path):
     cert, key = tmp_path / "cert.pem", tmp_path / "key.pem"
-    words = [
+    command = [
         wanted.program("openssl"),
         "req",
         "-x509",
@@ -88,17 +88,17 @@ def test_connections_that_wait_in_the_tls_handshake_are_shed_too(tmp_path):
         "-pkeyopt",
         "ec_paramgen_curve:P-256",
     ]
-    words += ["-nodes", "-days", "2", "-subj", "/CN=x", "-keyout", str(key), "-out", str(cert)]
-    subprocess.run(words, check=True, capture_output=True)
+    command += ["-nodes", "-days", "2", "-subj", "/CN=x", "-keyout", str(key), "-out", str(cert)]
+    subprocess.run(command, check=True, capture_output=True)
     key.chmod(0o600)
     with page(tmp_path, cert=cert, key=key) as (port, _), ExitStack() as stack:
-        before = descriptors_open()
-        for _ in range(IDLE):
+        before = count_descriptors()
+        for _ in range(N_IDLE):
             stack.enter_context(socket.create_connection(("127.0.0.1", port), timeout=60))
-        until(lambda: descriptors_open() - before - IDLE <= CAPACITY + OF_THE_SERVER)
+        until(lambda: count_descriptors() - before - N_IDLE <= CAPACITY + SERVER_DESCRIPTORS)
 
 
-def test_a_connection_whose_request_was_answered_is_kept_when_others_are_shed(tmp_path):
+def test_an_answered_connection_stays_open_when_others_are_closed(tmp_path):
     with page(tmp_path) as (port, path), ExitStack() as stack:
         connection, _ = get(port, path)
         for _ in range(2 * CAPACITY):
@@ -115,21 +115,25 @@ class Clock:
 
 
 @pytest.fixture
-def bounded():
+def listener_and_visitors():
     clock = Clock()
-    made = BoundedListener.listen_on("127.0.0.1", 0, capacity=4, clock=clock)
-    made.setblocking(False)
+    bounded_listener = BoundedListener.listen_on("127.0.0.1", 0, capacity=4, clock=clock)
+    bounded_listener.setblocking(False)
     with ExitStack() as stack:
-        yield made, clock, lambda host="127.0.0.1": stack.enter_context(visit(made, host))
-    made.close()
+        yield (
+            bounded_listener,
+            clock,
+            lambda host="127.0.0.1": stack.enter_context(open_connection(bounded_listener, host)),
+        )
+    bounded_listener.close()
 
 
-def visit(made, host):
-    return socket.create_connection(made.getsockname(), source_address=(host, 0), timeout=60)
+def open_connection(bounded_listener, host):
+    return socket.create_connection(bounded_listener.getsockname(), source_address=(host, 0), timeout=60)
 
 
-def ended(visitor):
-    """Whether the server has shut the connection down."""
+def is_closed(visitor):
+    """Return True if the server has closed the connection."""
     visitor.settimeout(0.05)
     try:
         return visitor.recv(1) == b""
@@ -139,81 +143,88 @@ def ended(visitor):
         return True
 
 
-def accepted(made, visitors):
-    """The connections that the listener gives for them."""
-    held = []
-    until(lambda: held.extend(filter(None, [_one(made)])) or len(held) == len(visitors))
-    return held
+def accepted(bounded_listener, visitors):
+    """Return the connections that the listener accepts from these visitors."""
+    connections = []
+    until(
+        lambda: (
+            connections.extend(filter(None, [_accept_one(bounded_listener)]))
+            or len(connections) == len(visitors)
+        )
+    )
+    return connections
 
 
-def _one(made):
+def _accept_one(bounded_listener):
     try:
-        return made.accept()[0]
+        return bounded_listener.accept()[0]
     except BlockingIOError:
         return None
 
 
-def test_the_host_with_most_pending_connections_pays_for_a_new_one(bounded):
-    made, _, visitor = bounded
+def test_the_oldest_connection_of_the_host_with_most_pending_ones_is_closed_for_a_new_one(
+    listener_and_visitors,
+):
+    bounded_listener, _, visitor = listener_and_visitors
     owner = visitor("127.0.0.2")
     flood = [visitor() for _ in range(5)]
-    held = accepted(made, [owner, *flood])
-    assert [ended(one) for one in [owner, *flood]] == [False, True, True, False, False, False]
-    for connection in held:
+    connections = accepted(bounded_listener, [owner, *flood])
+    assert [is_closed(one) for one in [owner, *flood]] == [False, True, True, False, False, False]
+    for connection in connections:
         connection.close()
 
 
-def test_where_every_connection_is_admitted_a_new_one_is_closed(bounded):
-    made, _, visitor = bounded
+def test_a_new_connection_is_closed_if_every_open_one_is_admitted(listener_and_visitors):
+    bounded_listener, _, visitor = listener_and_visitors
     visitors = [visitor() for _ in range(4)]
-    held = accepted(made, visitors)
+    connections = accepted(bounded_listener, visitors)
     for one in visitors:
-        made.admit(one.getsockname())
+        bounded_listener.admit(one.getsockname())
     refused = visitor()
-    until(lambda: _one(made) is None and ended(refused))
-    assert not any(map(ended, visitors))
-    held.pop().close()
+    until(lambda: _accept_one(bounded_listener) is None and is_closed(refused))
+    assert not any(map(is_closed, visitors))
+    connections.pop().close()
     late = visitor()
-    accepted(made, [late])[0].close()
-    for connection in held:
+    accepted(bounded_listener, [late])[0].close()
+    for connection in connections:
         connection.close()
 
 
-def test_a_connection_that_was_not_admitted_in_time_is_shut_down(bounded):
-    made, clock, visitor = bounded
+def test_a_connection_that_is_not_admitted_in_time_is_closed(listener_and_visitors):
+    bounded_listener, clock, visitor = listener_and_visitors
     visitors = [visitor(), visitor()]
-    held = accepted(made, visitors)
-    made.admit(visitors[0].getsockname())
+    connections = accepted(bounded_listener, visitors)
+    bounded_listener.admit(visitors[0].getsockname())
     clock.now = ADMISSION_TIMEOUT_S - 1
-    made.expire()
-    assert not any(map(ended, visitors))
+    bounded_listener.expire()
+    assert not any(map(is_closed, visitors))
     clock.now = ADMISSION_TIMEOUT_S
-    made.expire()
-    assert [ended(one) for one in visitors] == [False, True]
-    for connection in held:
+    bounded_listener.expire()
+    assert [is_closed(one) for one in visitors] == [False, True]
+    for connection in connections:
         connection.close()
 
 
-def test_without_a_descriptor_left_a_pending_connection_is_shed(bounded, monkeypatch):
-    made, _, visitor = bounded
+def test_without_a_free_descriptor_a_pending_connection_is_closed(listener_and_visitors, monkeypatch):
+    bounded_listener, _, visitor = listener_and_visitors
     first = visitor()
-    held = accepted(made, [first])
+    connections = accepted(bounded_listener, [first])
 
     def full(_):
         raise OSError(errno.EMFILE, "too many open files")
 
     monkeypatch.setattr(socket.socket, "accept", full)
     with pytest.raises(BlockingIOError):
-        made.accept()
-    assert ended(first)
-    # Nothing is pending now: the loop of asyncio pauses for a second on this error.
+        bounded_listener.accept()
+    assert is_closed(first)
+    # No connection is pending: the error reaches asyncio, whose loop then pauses for a second.
     with pytest.raises(OSError, match="too many"):
-        made.accept()
-    held[0].close()
+        bounded_listener.accept()
+    connections[0].close()
 
 
-def test_the_soft_limit_of_descriptors_is_raised_and_shared_out():
-    words = (
+def test_the_soft_limit_of_descriptors_is_raised_and_divided():
+    program = (
         "import resource; from hubodo.listening.descriptors import *; "
         "resource.setrlimit(resource.RLIMIT_NOFILE, (256, {hard})); raise_descriptor_limit(); "
         "print(resource.getrlimit(resource.RLIMIT_NOFILE)[0], connection_capacity())"
@@ -221,11 +232,13 @@ def test_the_soft_limit_of_descriptors_is_raised_and_shared_out():
     limits = {}
     for hard in (256, 2000, 8000):
         if hard <= resource.getrlimit(resource.RLIMIT_NOFILE)[1]:
-            run = [sys.executable, "-c", words.format(hard=hard)]
+            run = [sys.executable, "-c", program.format(hard=hard)]
             limits[hard] = subprocess.run(run, capture_output=True, text=True, check=True).stdout.split()
     assert {hard: (int(soft), int(share)) for hard, (soft, share) in limits.items()}.items() <= {
         256: (256, 32),
         2000: (2000, 128),
         8000: (descriptors.WANTED_DESCRIPTORS, 128),
     }.items()
-    assert MAX_ACCEPT_BATCH + 128 < 1024 // 4, "two servers leave most of the usual 1024 to the recording"
+    assert MAX_ACCEPT_BATCH + 128 < 1024 // 4, (
+        "two servers leave most of the usual 1024 descriptors to the recording"
+    )

@@ -1,4 +1,4 @@
-"""Foxglove's live protocol, spoken to by a plain WebSocket client: the topics of the log, its bytes."""
+"""Foxglove's live protocol, tested with a plain WebSocket client: topics and messages of the log."""
 
 import json
 import struct
@@ -26,11 +26,11 @@ from waiting import until
 wanted.module("foxglove")
 Ros2 = wanted.module("mcap_ros2.decoder").DecoderFactory
 
-HERE = Address("127.0.0.1", 0)
+LOOPBACK = Address("127.0.0.1", 0)
 
 
 class Client:
-    """Speaks foxglove.sdk.v1: hears of channels, asks for all, and decodes their messages."""
+    """A client for foxglove.sdk.v1 that subscribes to all advertised channels and decodes their messages."""
 
     def __init__(self, port):
         self.connection = connect(
@@ -40,7 +40,7 @@ class Client:
             max_queue=None,
             open_timeout=300,
         )
-        self.channels, self.asked, self.messages = {}, {}, []
+        self.channels, self.subscriptions, self.messages = {}, {}, []
 
     def __enter__(self):
         self.socket = self.connection.__enter__()
@@ -49,23 +49,23 @@ class Client:
     def __exit__(self, *error):
         self.connection.__exit__(*error)
 
-    def hear(self):
-        said = self.socket.recv(timeout=300)
-        if isinstance(said, bytes):
-            opcode, subscription, t_ns = struct.unpack_from("<BIQ", said)
+    def receive(self):
+        data = self.socket.recv(timeout=300)
+        if isinstance(data, bytes):
+            opcode, subscription, t_ns = struct.unpack_from("<BIQ", data)
             assert opcode == 1
-            channel = self.asked[subscription]
-            self.messages.append((channel["topic"], t_ns, self.decoded(channel, said[13:])))
+            channel = self.subscriptions[subscription]
+            self.messages.append((channel["topic"], t_ns, self.decode(channel, data[13:])))
             return
-        told = json.loads(said)
-        if told["op"] == "advertise":
-            fresh = {channel["id"]: channel for channel in told["channels"]}
-            self.channels |= fresh
-            self.asked |= fresh
-            wish = [{"id": number, "channelId": number} for number in fresh]
-            self.socket.send(json.dumps({"op": "subscribe", "subscriptions": wish}))
+        message = json.loads(data)
+        if message["op"] == "advertise":
+            new_channels = {channel["id"]: channel for channel in message["channels"]}
+            self.channels |= new_channels
+            self.subscriptions |= new_channels
+            subscriptions = [{"id": number, "channelId": number} for number in new_channels]
+            self.socket.send(json.dumps({"op": "subscribe", "subscriptions": subscriptions}))
 
-    def decoded(self, channel, payload):
+    def decode(self, channel, payload):
         if channel["encoding"] != "cdr":
             return payload
         schema = Schema(
@@ -80,8 +80,8 @@ class Client:
         return {channel["topic"] for channel in self.channels.values()}
 
 
-def write(sink, k):
-    """What a recorder writes, number k."""
+def write_records(sink, k):
+    """Write the k-th set of records of a recorder."""
     t_ns = np.array([k, k + 1], np.int64) * 1_000_000 + 10**18
     now, position, zeros = int(t_ns[0]), np.array([[k, 2.0]] * 2), np.zeros(2)
     imu = ImuBlock("left", np.full((2, 3), 0.5 + k), np.full((2, 3), 9.8), 25.0, now, t_ns=t_ns, t_log_ns=now)
@@ -104,25 +104,25 @@ TOPICS = {
 }
 
 
-def test_a_client_is_told_of_every_topic_of_the_log_and_its_messages_decode(tmp_path):
+def test_every_topic_of_the_log_is_advertised_and_its_messages_can_be_decoded(tmp_path):
     from hubodo.web.foxglove_live import FoxgloveLive
 
-    with FoxgloveLive(HERE) as live, LogWriter(tmp_path / "x.mcap") as log, ExitStack() as stack:
+    with FoxgloveLive(LOOPBACK) as live, LogWriter(tmp_path / "x.mcap") as log, ExitStack() as stack:
         bulkheads = Bulkheads(time.time_ns)
         sink = TeeSink(log, live.attach(log, None, bulkheads), bulkheads)
-        write(sink, 0)
+        write_records(sink, 0)
         until(lambda: live.clients._channels and not live._thread.waiting_count)
         client = stack.enter_context(Client(live.clients.port))
         while client.topics() != TOPICS:
-            client.hear()
+            client.receive()
         until(lambda: live.clients.has_subscribers)
         live._thread.put(None)
         turn = 0
         while {topic for topic, _, _ in client.messages} != TOPICS:
             turn += 1
-            write(sink, turn)
-            live._thread.put(None)  # as `poll` does fifty times a second
-            client.hear()
+            write_records(sink, turn)
+            live._thread.put(None)  # as `poll` does fifty times per second
+            client.receive()
         imu = next(message for topic, _, message in client.messages if topic == "/left/imu")
         assert imu.angular_velocity.x % 1.0 == 0.5
         assert imu.linear_acceleration.z == 9.8
@@ -132,29 +132,29 @@ def test_a_client_is_told_of_every_topic_of_the_log_and_its_messages_decode(tmp_
         assert json.loads(event.data)["text"].startswith("number")
 
 
-def test_a_log_is_played_to_a_client_message_by_message(tmp_path):
+def test_a_log_is_replayed_to_a_client_message_by_message(tmp_path):
     from hubodo.web.foxglove_live import FoxgloveClients, FoxgloveReplay
 
     with LogWriter(tmp_path / "x.mcap", t_zero_ns=10**18) as log:
         for k in range(10):
-            write(log, 10 * k)
-    clients = FoxgloveClients(HERE)
+            write_records(log, 10 * k)
+    clients = FoxgloveClients(LOOPBACK)
     with open_log(tmp_path / "x.mcap") as log, ExitStack() as stack:
-        played = FoxgloveReplay(clients, log, 10**18)
+        replay = FoxgloveReplay(clients, log, 10**18)
         client = stack.enter_context(Client(clients.port))
         while client.topics() != TOPICS:
-            client.hear()
+            client.receive()
         until(lambda: sum(channel.has_sinks() for channel in clients._channels.values()) == 7)
-        played.send_until(10**18 + 45_000_000)
+        replay.send_until(10**18 + 45_000_000)
         while len(client.messages) < 5 * 10:
-            client.hear()
+            client.receive()
         rates = [m.angular_velocity.x for topic, _, m in client.messages if topic == "/left/imu"]
         assert rates == [0.5 + 10 * k for k in range(5) for _ in range(2)]
         assert max(t_ns for _, t_ns, _ in client.messages) <= 10**18 + 45_000_000
     clients.finish()
 
 
-def test_it_is_for_this_computer_alone_and_says_so_when_it_is_not_installed(tmp_path, monkeypatch):
+def test_foxglove_listens_on_loopback_only_and_names_its_extra_if_missing(tmp_path, monkeypatch):
     from hubodo.web.foxglove_live import FoxgloveClients
 
     with pytest.raises(InputError, match="ssh -L"):
@@ -166,10 +166,10 @@ def test_it_is_for_this_computer_alone_and_says_so_when_it_is_not_installed(tmp_
     assert list(tmp_path.iterdir()) == []
 
 
-def test_playing_serves_the_clients_while_it_lasts(tmp_path):
+def test_play_serves_foxglove_until_its_end(tmp_path):
     with LogWriter(tmp_path / "x.mcap", t_zero_ns=10**18) as log:
         for k in range(10):
-            write(log, 10 * k)
+            write_records(log, 10 * k)
     done = hubodo("play", tmp_path / "x.mcap", "--speed", 0, "--foxglove", "127.0.0.1:0", "--json")
     assert done.code == 0 and "Foxglove: open connection ws://127.0.0.1:" in done.err
     done = hubodo("play", tmp_path / "x.mcap", "--to", "pty", "--foxglove")

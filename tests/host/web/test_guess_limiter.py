@@ -1,4 +1,4 @@
-"""How often a secret can be guessed, and that an owner does not wait for the guesses of others."""
+"""The rate of guesses at a secret is limited, and the owner is not delayed by the guesses of others."""
 
 import asyncio
 import heapq
@@ -22,8 +22,8 @@ from hubodo.web.secrets import SESSION_LIFETIME_S, AccessSecrets
 TOKEN = "correct-horse-battery"
 
 
-class Time:
-    """A clock that moves on when everybody sleeps."""
+class SimulatedClock:
+    """A clock that advances when all tasks sleep."""
 
     def __init__(self):
         self.now, self._sleeping, self._numbers = 0.0, [], itertools.count()
@@ -48,23 +48,23 @@ class Time:
 
 
 class Visitors:
-    """A server that compares secrets, and those who send them."""
+    """A guess limiter with simulated visitors who guess or log in."""
 
     def __init__(self):
-        self.time = Time()
+        self.time = SimulatedClock()
         self.limiter = GuessLimiter(self.time, self.time.sleep)
         self.compared = self.refused = 0
         self.tasks = []
 
-    def wrong(self):
+    def compare_wrong_secret(self):
         self.compared += 1
         return False
 
-    def guess_for_ever(self, host):
+    def guess_repeatedly(self, host):
         async def guess():
             while True:
                 try:
-                    await self.limiter.verify(host, self.wrong)
+                    await self.limiter.verify(host, self.compare_wrong_secret)
                 except TooManyGuesses:
                     self.refused += 1
                     await self.time.sleep(0.2)
@@ -72,8 +72,8 @@ class Visitors:
         self.tasks.append(asyncio.ensure_future(guess()))
 
     async def login_s(self, host):
-        """How long the owner waits; None where the comparison is refused."""
-        begin, done = self.time.now, []
+        """Log in as the owner; return the delay in s, or None if the comparison is refused."""
+        start, done = self.time.now, []
 
         async def login():
             try:
@@ -85,13 +85,13 @@ class Visitors:
         while not done:
             await self.time.run_until(self.time.now + 0.01)
         await task
-        return self.time.now - begin if done[0] else None
+        return self.time.now - start if done[0] else None
 
 
 def run(scenario):
-    """Runs it on a loop of its own, with visitors that end with it."""
+    """Run a scenario in a new event loop and cancel its visitors at the end."""
 
-    async def whole():
+    async def run_and_cancel():
         visitors = Visitors()
         try:
             return await scenario(visitors)
@@ -99,27 +99,27 @@ def run(scenario):
             for task in visitors.tasks:
                 task.cancel()
 
-    return asyncio.run(whole())
+    return asyncio.run(run_and_cancel())
 
 
 @pytest.mark.parametrize("connections", [1, 60, 150])
-def test_an_address_gets_a_bounded_number_of_guesses_whatever_its_connections(connections):
+def test_the_guesses_of_an_address_are_limited_whatever_its_number_of_connections(connections):
     async def scenario(visitors):
         for _ in range(connections):
-            visitors.guess_for_ever("192.0.2.1")
+            visitors.guess_repeatedly("192.0.2.1")
         await visitors.time.run_until(5.0)
         return visitors.compared, visitors.refused
 
     compared, refused = run(scenario)
-    most = min(connections, HELD_PER_ADDRESS) / HOLD_S + ALLOWANCE_PER_S
-    assert compared <= 5.0 * most + ALLOWANCE + 1
+    max_rate = min(connections, HELD_PER_ADDRESS) / HOLD_S + ALLOWANCE_PER_S
+    assert compared <= 5.0 * max_rate + ALLOWANCE + 1
     assert (refused > 0) == (connections > HELD_PER_ADDRESS)
 
 
-def test_an_owner_waits_for_a_hold_at_most_beside_sixty_who_guess_from_the_same_address():
+def test_beside_sixty_guessing_connections_of_one_address_its_owner_waits_one_hold_at_most():
     async def scenario(visitors):
         for _ in range(60):
-            visitors.guess_for_ever("192.0.2.1")
+            visitors.guess_repeatedly("192.0.2.1")
         waits = []
         for _ in range(30):
             await visitors.time.run_until(visitors.time.now + 0.37)
@@ -131,27 +131,27 @@ def test_an_owner_waits_for_a_hold_at_most_beside_sixty_who_guess_from_the_same_
     assert max(waits) <= HOLD_S + 0.011 < 1.0
 
 
-@pytest.mark.parametrize("guessing", [1, 10])
-def test_an_owner_elsewhere_is_never_refused_however_many_guess(guessing):
+@pytest.mark.parametrize("n_guessing_hosts", [1, 10])
+def test_an_owner_at_another_address_is_never_refused(n_guessing_hosts):
     async def scenario(visitors):
-        for place in range(guessing):
+        for host in range(n_guessing_hosts):
             for _ in range(70):
-                visitors.guess_for_ever(f"192.0.2.{place}")
+                visitors.guess_repeatedly(f"192.0.2.{host}")
         await visitors.time.run_until(4.0)
         return [await visitors.login_s("198.51.100.1") for _ in range(3)]
 
     waits = run(scenario)
     assert None not in waits
-    assert max(waits) <= (0.011 if guessing == 1 else HOLD_S + 0.011)
+    assert max(waits) <= (0.011 if n_guessing_hosts == 1 else HOLD_S + 0.011)
 
 
-def test_many_addresses_that_guess_a_few_times_each_are_held_too_and_their_table_is_bounded(monkeypatch):
+def test_guesses_from_many_addresses_are_limited_and_their_table_is_bounded(monkeypatch):
     monkeypatch.setattr(guess_limiter, "_MAX_ADDRESSES", 50)
 
     async def scenario(visitors):
-        for place in range(200):
+        for host in range(200):
             for _ in range(3):
-                visitors.guess_for_ever(f"2001:db8:0:{place:x}::1")
+                visitors.guess_repeatedly(f"2001:db8:0:{host:x}::1")
         for _ in range(10):
             await asyncio.sleep(0)
         return visitors.compared, len(visitors.limiter._allowances)
@@ -161,7 +161,7 @@ def test_many_addresses_that_guess_a_few_times_each_are_held_too_and_their_table
     assert remembered == 50
 
 
-def test_valid_secrets_use_up_nothing():
+def test_valid_secrets_do_not_use_the_allowance():
     async def scenario(visitors):
         waits = [await visitors.login_s("192.0.2.1") for _ in range(100)]
         return max(waits)
@@ -169,7 +169,7 @@ def test_valid_secrets_use_up_nothing():
     assert run(scenario) <= 0.011
 
 
-def test_a_visitor_is_an_ipv4_number_or_an_ipv6_network():
+def test_visitors_are_counted_by_ipv4_address_or_ipv6_network():
     assert (
         network_of_address("192.0.2.1")
         == network_of_address("::ffff:192.0.2.1")
@@ -185,8 +185,8 @@ def test_a_visitor_is_an_ipv4_number_or_an_ipv6_network():
 
 def test_a_session_ends_after_thirty_days_and_with_another_token():
     now = [1_700_000_000.0]
-    known = AccessSecrets(TOKEN, lambda: now[0])
-    session = known.begin_session()
+    access = AccessSecrets(TOKEN, lambda: now[0])
+    session = access.begin_session()
     restarted = AccessSecrets(TOKEN, lambda: now[0])
     assert restarted.is_session(session) and restarted.is_known_session(session)
     assert not AccessSecrets("another-secret-token", lambda: now[0]).is_session(session)
@@ -208,8 +208,8 @@ def test_a_session_ends_after_thirty_days_and_with_another_token():
 
 
 def test_a_session_that_was_ended_is_invalid_and_others_are_not():
-    known = AccessSecrets(TOKEN)
-    session, other = known.begin_session(), known.begin_session()
-    known.end_session(session)
-    assert not known.is_session(session) and not known.is_known_session(session)
-    assert known.is_session(other)
+    access = AccessSecrets(TOKEN)
+    session, other = access.begin_session(), access.begin_session()
+    access.end_session(session)
+    assert not access.is_session(session) and not access.is_known_session(session)
+    assert access.is_session(other)

@@ -1,4 +1,4 @@
-"""The page in a real browser: shows the recording, takes wishes, survives a restart, can be read by all."""
+"""The live page in a real browser: content, buttons, restart of the recorder, accessibility."""
 
 import contextlib
 import os
@@ -22,15 +22,15 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 def free_port():
-    """Below those that the system hands out by itself: one of them may be another test's a moment later."""
+    """Return a free port below the ephemeral range, whose ports another test may use a moment later."""
     for port in random.Random(os.getpid()).sample(range(15_000, 30_000), 100):
         with contextlib.suppress(OSError), socket.create_server(("127.0.0.1", port)):
             return port
     raise OSError("no port is free")
 
 
-class Rig:
-    """Two fake nodes in real time, and a recorder with its page that can be ended and begun again."""
+class RecorderWithPage:
+    """Two fake nodes in real time, and a recorder with its page that can be stopped and started."""
 
     def __init__(self, folder):
         self.folder, self.logs = folder, 0
@@ -49,52 +49,52 @@ class Rig:
         ]
         self.process = None
 
-    def begin(self):
+    def start(self):
         self.logs += 1
         ports = [node.path for node in self.nodes]
-        words = ["record", *ports, "-o", self.folder / f"ride{self.logs}.mcap"]
-        words += ["--vehicle", self.folder / "vehicle.toml", f"--web=127.0.0.1:{self.port}"]
+        command = ["record", *ports, "-o", self.folder / f"ride{self.logs}.mcap"]
+        command += ["--vehicle", self.folder / "vehicle.toml", f"--web=127.0.0.1:{self.port}"]
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "hubodo.cli", *map(str, words)],
+            [sys.executable, "-m", "hubodo.cli", *map(str, command)],
             env={**os.environ, "PYTHONPATH": f"{ROOT / 'host'}:{ROOT / 'protocol'}"},
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
         )
-        until(self.listens)
+        until(self.is_listening)
 
-    def listens(self):
+    def is_listening(self):
         assert self.process.poll() is None, self.process.stderr.read()
         with contextlib.suppress(OSError):
             socket.create_connection(("127.0.0.1", self.port), timeout=1).close()
             return True
 
-    def end(self):
+    def stop(self):
         self.process.terminate()
         return self.process.communicate(timeout=300)[1].decode()
 
 
 @pytest.fixture(scope="module")
-def rig(tmp_path_factory):
-    made = Rig(tmp_path_factory.mktemp("rig"))
-    with made.nodes[0], made.nodes[1]:
-        made.begin()
-        yield made
-        made.end()
+def recorder(tmp_path_factory):
+    running = RecorderWithPage(tmp_path_factory.mktemp("rig"))
+    with running.nodes[0], running.nodes[1]:
+        running.start()
+        yield running
+        running.stop()
 
 
 @pytest.fixture(scope="module")
-def page(rig, tmp_path_factory):
-    with Page(f"http://127.0.0.1:{rig.port}/", tmp_path_factory.mktemp("profile")) as made:
-        opened(made)
-        yield made
+def page(recorder, tmp_path_factory):
+    with Page(f"http://127.0.0.1:{recorder.port}/", tmp_path_factory.mktemp("profile")) as browser_page:
+        open_page(browser_page)
+        yield browser_page
 
 
-def opened(page):
+def open_page(page):
     page.open()
     until(lambda: page.run("return document.querySelectorAll('.node').length") == 2)
 
 
-def test_it_shows_path_speeds_heading_nodes_log_and_events_without_a_complaint(page):
+def test_the_page_shows_path_speeds_heading_nodes_log_and_events_without_console_errors(page):
     until(lambda: page.text("now-speed").replace("−", "").replace(".", "").isdigit())
     assert page.text("state") == "recording"
     assert page.text("file-name") == "ride1.mcap"
@@ -103,18 +103,18 @@ def test_it_shows_path_speeds_heading_nodes_log_and_events_without_a_complaint(p
     until(lambda: all(page.drawn(name) for name in ("map", "speeds", "headings", "compass")))
     for name in ("left", "right"):
         script = f"return document.querySelector(`[aria-label='Node {name}']`).innerText"
-        for words in ("streaming", " Hz", "3.70 V", "26.0 °C"):
-            until(lambda script=script, words=words: words in page.run(script))
+        for text in ("streaming", " Hz", "3.70 V", "26.0 °C"):
+            until(lambda script=script, text=text: text in page.run(script))
     until(lambda: "connected" in page.text("events"))
     assert page.console() == []
 
 
-def test_it_has_the_last_minute_at_once_on_opening(page):
-    opened(page)
+def test_the_page_opens_with_the_last_minute(page):
+    open_page(page)
     seconds = page.run(
         "const live = new WebSocket(`ws://${location.host}/live`);"
         "return new Promise((done) => { live.onmessage = (event) => { live.close();"
-        "const past = JSON.parse(event.data).history; done(past.at(-1).t - past[0].t); }; });"
+        "const history = JSON.parse(event.data).history; done(history.at(-1).t - history[0].t); }; });"
     )
     shown = page.run("return document.getElementById('file-time').textContent")
     assert seconds >= min(55, 60 * int(shown.split(":")[1]) + int(shown.split(":")[2]) - 3)
@@ -122,23 +122,23 @@ def test_it_has_the_last_minute_at_once_on_opening(page):
     assert page.console() == []
 
 
-def test_its_buttons_work(page, rig):
+def test_the_buttons_mark_initialise_the_bias_and_stop_and_start_the_log(page, recorder):
     page.run("document.getElementById('mark-text').value = 'a bump'")
     page.click("#mark button")
     until(lambda: "a bump" in page.text("events"))
     page.click("[aria-label='Node right'] .bias button")
     until(lambda: "right: bias initialisation over 2000 samples: done" in page.text("events"))
-    assert [m for m in rig.nodes[1].requests if isinstance(m, BiasInit)] == [BiasInit(2000)]
+    assert [m for m in recorder.nodes[1].requests if isinstance(m, BiasInit)] == [BiasInit(2000)]
     page.click("#record")
     until(lambda: page.text("state") != "recording")
     assert page.text("record") == "Start recording"
     page.click("#record")
     until(lambda: page.text("state") == "recording")
-    assert len(list(rig.folder.glob("ride1*.mcap"))) == 2
+    assert len(list(recorder.folder.glob("ride1*.mcap"))) == 2
     assert page.console() == []
 
 
-def test_recordings_are_listed_and_say_what_they_hold(page):
+def test_recordings_are_listed_with_their_content(page):
     page.click("[data-view=recordings]")
     until(lambda: page.run("return document.querySelectorAll('.recording').length") == 2)
     page.click("[aria-label='ride1.mcap'] button")
@@ -151,17 +151,17 @@ def test_recordings_are_listed_and_say_what_they_hold(page):
     assert page.console() == []
 
 
-def test_everything_is_reached_with_the_keyboard_and_shows_where_it_is(page):
+def test_every_control_is_reachable_by_keyboard_with_a_visible_focus(page):
     keys = wanted.module("selenium.webdriver.common.keys").Keys
     actions = wanted.module("selenium.webdriver").ActionChains
     page.run("document.activeElement.blur(); window.scrollTo(0, 0)")
-    want = page.ask("reachable()")
+    n_controls = page.ask("reachable()")
     reached = set()
-    for _ in range(want + 3):
+    for _ in range(n_controls + 3):
         actions(page.driver).send_keys(keys.TAB).perform()
         reached.add(page.run("return [...document.querySelectorAll('*')].indexOf(document.activeElement)"))
         assert page.ask("focusShown()")
-    assert len(reached) >= want
+    assert len(reached) >= n_controls
     page.run("document.activeElement.blur()")
     actions(page.driver).send_keys("m").perform()
     actions(page.driver).send_keys("by hand" + keys.ENTER).perform()
@@ -169,7 +169,7 @@ def test_everything_is_reached_with_the_keyboard_and_shows_where_it_is(page):
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_all_its_words_can_be_read_in_both_schemes_and_on_a_phone_nothing_is_cut(page, scheme):
+def test_all_texts_have_contrast_in_both_schemes_and_nothing_is_cut_off_on_a_phone(page, scheme):
     page.colours(scheme)
     try:
         page.size(1400, 1500)
@@ -190,16 +190,16 @@ def test_all_its_words_can_be_read_in_both_schemes_and_on_a_phone_nothing_is_cut
         page.colours("light")
 
 
-def test_it_survives_a_restart_of_the_recorder_and_its_buttons_work_again(page, rig):
-    assert f"hubodo record: live page at http://127.0.0.1:{rig.port}/" in rig.end()
+def test_the_page_reconnects_after_a_restart_of_the_recorder(page, recorder):
+    assert f"hubodo record: live page at http://127.0.0.1:{recorder.port}/" in recorder.stop()
     until(lambda: page.run("return !document.getElementById('lost').hidden"))
     assert page.text("state") == "no connection"
     page.keep("lost")
-    rig.begin()
+    recorder.start()
     until(lambda: page.run("return document.getElementById('lost').hidden"))
     until(lambda: page.text("file-name") == "ride2.mcap")
     page.run("document.getElementById('mark-text').value = 'again'")
     page.click("#mark button")
     until(lambda: "again" in page.text("events"))
-    complaints = [line for line in page.console() if "ERR_CONNECTION_REFUSED" not in line]
-    assert [line for line in complaints if "WebSocket connection" not in line] == []
+    errors = [line for line in page.console() if "ERR_CONNECTION_REFUSED" not in line]
+    assert [line for line in errors if "WebSocket connection" not in line] == []

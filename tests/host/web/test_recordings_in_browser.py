@@ -1,4 +1,4 @@
-"""Recordings without a recorder, for those who know the token: in a real browser, over https too."""
+"""`hubodo serve` in a real browser: login, `gap` on a click, and https."""
 
 import ssl
 import subprocess
@@ -26,17 +26,17 @@ MODEL = DRIVE_MODEL + LOW_INPUT_NOISE
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A model, and a recording of what it does not know: a wheel that leans."""
-    made = tmp_path_factory.mktemp("rides")
-    (made / "model.toml").write_text(MODEL)
+    """Create a model and a recording with an effect that it lacks: a cambered wheel."""
+    rides = tmp_path_factory.mktemp("rides")
+    (rides / "model.toml").write_text(MODEL)
     leaning = tmp_path_factory.mktemp("truth") / "leaning.toml"
     leaning.write_text(MODEL + "[nodes.right.effects.wheel_camber]\nangle = 0.1\n")
-    done = hubodo("simulate", leaning, "--duration", 24, "-o", made / "ride.mcap")
+    done = hubodo("simulate", leaning, "--duration", 24, "-o", rides / "ride.mcap")
     assert done.code == 0, done.err
-    return made
+    return rides
 
 
-def test_with_the_token_gap_runs_on_a_click_with_progress_and_its_page_opens(folder, tmp_path):
+def test_after_login_gap_runs_on_a_click_with_progress_and_its_page_opens(folder, tmp_path):
     site = Site(Address("127.0.0.1", 0), TOKEN)
     with (
         serve_in_thread(make_app(site, RecordingLibrary(folder)), site) as port,
@@ -52,13 +52,15 @@ def test_with_the_token_gap_runs_on_a_click_with_progress_and_its_page_opens(fol
         page.run(
             "[...document.querySelectorAll('.recording button')].find((b) => b.innerText === 'Gap').click()"
         )
-        seen = set()
+        progress_texts = set()
         while not page.run("return document.querySelector('[data-made=gap], .wrong')"):
-            seen.add(page.run("return document.querySelector('.note [role=status]')?.innerText"))
+            progress_texts.add(page.run("return document.querySelector('.note [role=status]')?.innerText"))
             time.sleep(0.1)
-        assert any(text.startswith("round ") for text in seen), page.run("return document.body.innerText")
-        said = page.run("return document.querySelector('.recording').innerText")
-        assert "explained: gap" in said and "wheel camber (right)" in said
+        assert any(text.startswith("round ") for text in progress_texts), page.run(
+            "return document.body.innerText"
+        )
+        result_text = page.run("return document.querySelector('.recording').innerText")
+        assert "explained: gap" in result_text and "wheel camber (right)" in result_text
         assert page.console() == []
         page.keep("gap")
         page.open("pages/gap/ride.mcap")
@@ -67,14 +69,14 @@ def test_with_the_token_gap_runs_on_a_click_with_progress_and_its_page_opens(fol
     assert (folder / "pages" / "ride.mcap" / "gap" / "gap.json").is_file()
 
 
-def test_with_a_certificate_it_is_served_over_https_alone(folder, tmp_path):
+def test_with_a_certificate_only_https_is_served(folder, tmp_path):
     cert, key = tmp_path / "cert.pem", tmp_path / "key.pem"
-    words = [
+    command = [
         wanted.program("openssl"),
         *["req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=localhost"],
     ]
-    words += ["-addext", "subjectAltName=IP:127.0.0.1", "-keyout", str(key), "-out", str(cert)]
-    subprocess.run(words, check=True, capture_output=True)
+    command += ["-addext", "subjectAltName=IP:127.0.0.1", "-keyout", str(key), "-out", str(cert)]
+    subprocess.run(command, check=True, capture_output=True)
     site = Site(Address("127.0.0.1", 0), cert=cert, key=key)
     with serve_in_thread(make_app(site, RecordingLibrary(folder)), site) as port:
         trusting = ssl.create_default_context(cafile=str(cert))

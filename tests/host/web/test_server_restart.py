@@ -1,4 +1,4 @@
-"""A server that fails is started again, and whoever shows the recording reports why."""
+"""A server that fails is restarted, and the reason is reported."""
 
 import http.client
 from contextlib import closing, suppress
@@ -20,7 +20,7 @@ from waiting import until
 
 @pytest.fixture
 def failing_twice(monkeypatch):
-    """The loop of a server ends twice, by an error and without one, before it serves."""
+    """Let the loop of a server end twice, with and without an error, before it serves."""
     main_loop, failures = uvicorn.Server.main_loop, iter((True, False))
     monkeypatch.setattr(server_thread, "_MIN_PAUSE_S", 0.01)
 
@@ -35,7 +35,7 @@ def failing_twice(monkeypatch):
 
 
 def status(port, path):
-    """The status of the first answer; a server that ends resets the connections that it has."""
+    """Return the status of the first answer; a server that ends resets its connections."""
     while True:
         connection = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
         with closing(connection), suppress(ConnectionError):
@@ -43,7 +43,7 @@ def status(port, path):
             return connection.getresponse().status
 
 
-def test_metrics_are_served_again_and_the_errors_reported_once_each(failing_twice):
+def test_the_metrics_server_restarts_and_each_error_is_reported_once(failing_twice):
     with MetricsServer("127.0.0.1:0", lambda: 0) as server:
         until(lambda: len(server._faults._errors) == 2)
         assert status(server.port, "/healthz") == 503, "starting"
@@ -53,7 +53,7 @@ def test_metrics_are_served_again_and_the_errors_reported_once_each(failing_twic
         server.show(None)
 
 
-def test_the_page_is_served_again_and_the_errors_reported_once_each(tmp_path, failing_twice):
+def test_the_page_server_restarts_and_each_error_is_reported_once(tmp_path, failing_twice):
     place, faults = Site(Address("127.0.0.1", 0)), ServerFaults()
     live = LivePage(lambda frame: None, server=faults)
     with serve_in_thread(make_app(place, RecordingLibrary(tmp_path)), place, faults) as port:

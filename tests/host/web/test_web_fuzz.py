@@ -1,4 +1,4 @@
-"""Headers, paths and bodies made from chance: the server refuses them, and never fails."""
+"""Random headers, paths and bodies are refused, and the server never fails."""
 
 import socket
 import string
@@ -30,8 +30,8 @@ METHODS = ("GET", "POST", "PUT", "HEAD", "DELETE", "OPTIONS", "X")
 NAMES = ("Host", "Origin", "Cookie", "Authorization", "Accept", "X-Hubodo-Token", "Content-Type", "Upgrade")
 
 
-class Wishes:
-    """Stands for `Actions`."""
+class FakeActions:
+    """A substitute for `Actions` that only checks the text of a mark."""
 
     current_log = latest_snapshot = None
 
@@ -41,21 +41,21 @@ class Wishes:
 
 @pytest.fixture(scope="module", params=[None, TOKEN])
 def server(request, tmp_path_factory):
-    """(port, CSRF secret) of a server without a token, and of one with it."""
+    """Start a server without and with a token; yield its port and CSRF secret."""
     folder = tmp_path_factory.mktemp("rides")
     LogWriter(folder / "x.mcap", t_zero_ns=0).close()
     site = Site(Address("127.0.0.1", 0), request.param)
-    app = make_app(site, RecordingLibrary(folder), FrameHub({}), Wishes())
-    # A guess need not take its time here.
+    app = make_app(site, RecordingLibrary(folder), FrameHub({}), FakeActions())
+    # Guesses are not delayed in this test.
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("hubodo.web.guess_limiter.HOLD_S", 0.0)
         with serve_in_thread(app, site) as port:
             yield port, app.state.secrets.csrf
 
 
-def line(words):
-    """Without what would end the line: h11 refuses that itself."""
-    return words.replace("\r", "").replace("\n", "").replace("\0", "")
+def one_line(raw):
+    """Return the text without line ends and NUL, which h11 refuses itself."""
+    return raw.replace("\r", "").replace("\n", "").replace("\0", "")
 
 
 def status_of(port, request):
@@ -69,12 +69,12 @@ def status_of(port, request):
 
 @settings(max_examples=150)
 @given(st.data())
-def test_no_request_makes_the_server_fail(server, data):
+def test_no_random_request_causes_a_server_error(server, data):
     port, csrf = server
     method = data.draw(st.sampled_from(METHODS))
-    path = "/" + line(data.draw(text)).replace(" ", "%20").lstrip("/")
-    headers = data.draw(st.dictionaries(st.sampled_from(NAMES), text.map(line), max_size=4))
-    if data.draw(st.booleans()):  # past the guard, to what is behind it
+    path = "/" + one_line(data.draw(text)).replace(" ", "%20").lstrip("/")
+    headers = data.draw(st.dictionaries(st.sampled_from(NAMES), text.map(one_line), max_size=4))
+    if data.draw(st.booleans()):  # pass the access control, to test the code behind it
         headers = {
             name: value for name, value in headers.items() if name not in ("Host", "Origin", "Upgrade")
         }
@@ -100,9 +100,9 @@ def test_no_request_makes_the_server_fail(server, data):
         ("POST /api/do/mark", {"Authorization": f"Bearer {TOKEN}"}, b'{"text": "\\u001b[2J"}', 202),
     ],
 )
-def test_what_once_made_it_fail_is_refused(tmp_path, request_line, headers, body, status):
+def test_requests_that_once_caused_a_failure_are_refused(tmp_path, request_line, headers, body, status):
     site = Site(Address("127.0.0.1", 0), TOKEN)
-    with serve_in_thread(make_app(site, RecordingLibrary(tmp_path), None, Wishes()), site) as port:
+    with serve_in_thread(make_app(site, RecordingLibrary(tmp_path), None, FakeActions()), site) as port:
         lines = {"Host": "127.0.0.1", "Content-Length": str(len(body)), **headers}
         head = "".join(f"{name}: {value}\r\n" for name, value in lines.items())
         assert status_of(port, f"{request_line} HTTP/1.1\r\n{head}\r\n".encode("latin-1") + body) == status

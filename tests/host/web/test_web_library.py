@@ -1,4 +1,4 @@
-"""The recordings of a folder and what is made of them: found by name, and nothing outside by any name."""
+"""Recordings of a folder and their derived files: reached by name, and no file outside the folder."""
 
 import os
 import shutil
@@ -26,15 +26,15 @@ SITE = Site(Address("127.0.0.1", 8642))
 @pytest.fixture(scope="module")
 def log(tmp_path_factory):
     path = tmp_path_factory.mktemp("log") / "ride.mcap"
-    with LogWriter(path, t_zero_ns=0) as made:
+    with LogWriter(path, t_zero_ns=0) as writer:
         t_ns = np.arange(1, 200, dtype=np.int64) * 10_000_000
-        made.write_imu("left", t_ns, t_ns, np.zeros((199, 3)), np.full((199, 3), 9.8))
+        writer.write_imu("left", t_ns, t_ns, np.zeros((199, 3)), np.full((199, 3), 9.8))
     return path
 
 
 @pytest.fixture
 def folder(tmp_path, log):
-    """A folder with two recordings, and beside it what is nobody's business."""
+    """Create a folder with two recordings, and files in and beside it that must not be served."""
     (tmp_path / "secret.mcap").write_text("secret")
     inside = tmp_path / "rides"
     (inside / "may").mkdir(parents=True)
@@ -51,14 +51,14 @@ def folder(tmp_path, log):
 @pytest.fixture
 def browser(folder):
     app = make_app(SITE, RecordingLibrary(folder))
-    with TestClient(app, base_url="http://127.0.0.1:8642") as made:
-        made.headers["x-hubodo-token"] = app.state.secrets.csrf
-        yield made
+    with TestClient(app, base_url="http://127.0.0.1:8642") as client:
+        client.headers["x-hubodo-token"] = app.state.secrets.csrf
+        yield client
 
 
-def job(browser, **asked):
-    """Runs it to its end."""
-    started = browser.post("/api/jobs", json=asked)
+def run_job(browser, **body):
+    """Run a job to its end and return its final state."""
+    started = browser.post("/api/jobs", json=body)
     assert started.status_code == 202, started.text
     path = f"/api/jobs/{started.json()['id']}"
     until(lambda: browser.get(path).json()["state"] in ("done", "failed", "cancelled"))
@@ -67,7 +67,7 @@ def job(browser, **asked):
 
 def test_recordings_are_listed_and_downloaded_by_their_names(browser, log):
     answer = browser.get("/api/recordings").json()
-    assert {one["name"] for one in answer["recordings"]} == {"a.mcap", "may/b ü?.mcap"}
+    assert {recording["name"] for recording in answer["recordings"]} == {"a.mcap", "may/b ü?.mcap"}
     assert answer["models"] == ["model.toml"]
     for name in ("a.mcap", "may/b%20%C3%BC%3F.mcap"):
         assert browser.get(f"/api/recordings/{name}").content == log.read_bytes()
@@ -81,7 +81,7 @@ def test_recordings_are_listed_and_downloaded_by_their_names(browser, log):
         *("out/secret.mcap", ".hidden.mcap", "notes.txt", "model.toml", "a.mcap%00", "", "may", "pages"),
     ],
 )
-def test_no_name_leads_out_of_the_folder(browser, name):
+def test_no_name_reaches_a_file_outside_the_folder(browser, name):
     for where in ("/api/recordings", "/pages/report", "/pages/gap"):
         answer = browser.get(f"{where}/{name}")
         assert answer.status_code in (307, 404) or (name == "" and where == "/api/recordings")
@@ -90,14 +90,14 @@ def test_no_name_leads_out_of_the_folder(browser, name):
     assert browser.get(f"/static/{name}").status_code == 404
 
 
-def test_a_model_is_one_of_the_folder_and_a_kind_one_of_three(browser):
+def test_a_model_must_be_in_the_folder_and_the_kind_of_job_must_be_known(browser):
     ask = {"name": "a.mcap", "kind": "gap"}
     for model in ("../model.toml", "/etc/hosts", None):
         assert browser.post("/api/jobs", json={**ask, "model": model}).status_code == 404
     assert browser.post("/api/jobs", json={**ask, "kind": "recover"}).status_code == 400
 
 
-def test_what_was_made_is_shown_while_it_is_newer_than_the_recording_and_can_ask_for_nothing(browser, folder):
+def test_a_report_is_served_while_newer_than_the_recording_and_without_network_access(browser, folder):
     page = folder / "pages" / "a.mcap" / "report.html"
     page.parent.mkdir(parents=True)
     page.write_text("<p>made</p>")
@@ -105,7 +105,10 @@ def test_what_was_made_is_shown_while_it_is_newer_than_the_recording_and_can_ask
     assert shown.text == "<p>made</p>"
     assert shown.headers["content-security-policy"].startswith("sandbox allow-scripts")
     assert "connect-src" not in shown.headers["content-security-policy"]
-    assert {one["name"]: one["report"] for one in browser.get("/api/recordings").json()["recordings"]} == {
+    assert {
+        recording["name"]: recording["report"]
+        for recording in browser.get("/api/recordings").json()["recordings"]
+    } == {
         "a.mcap": True,
         "may/b ü?.mcap": False,
     }
@@ -120,28 +123,28 @@ def test_what_was_made_is_shown_while_it_is_newer_than_the_recording_and_can_ask
     assert browser.get("/pages/report/a.mcap").status_code == 404
 
 
-def test_a_verb_runs_at_a_visitors_wish_and_its_failure_is_told_in_its_own_line(browser, folder):
-    answer = job(browser, kind="info", name="a.mcap")
+def test_a_job_runs_a_verb_and_shows_its_error_line(browser, folder):
+    answer = run_job(browser, kind="info", name="a.mcap")
     assert answer["state"] == "done", answer
     assert answer["result"]["streams"][0]["messages"] == 199
     (folder / "a.mcap").write_bytes(b"no log at all")
-    answer = job(browser, kind="info", name="a.mcap")
+    answer = run_job(browser, kind="info", name="a.mcap")
     assert answer["state"] == "failed"
     assert "a.mcap" in answer["text"] and "Traceback" not in answer["text"]
 
 
-def test_progress_is_read_from_what_people_would_see():
-    going = Job(1, "gap", "a.mcap", ())
-    going.read_output("\x1b[2Kreading a.mcap \x1b[38;5;237m━━━━━━━╸━━━━━\x1b[0m  12%\r")
-    assert (going.text, going.progress) == ("reading a.mcap", 0.12)
-    going.read_output("\x1b[2Kgoing through candidates ━━━━━━━━━━━━━━")
-    going.read_output("╺━━  73%\r")
-    assert (going.text, going.progress) == ("going through candidates", 0.73)
-    going.finish(2, b"")
-    assert going.state == "failed"
+def test_progress_is_read_from_the_progress_bar():
+    gap_job = Job(1, "gap", "a.mcap", ())
+    gap_job.read_output("\x1b[2Kreading a.mcap \x1b[38;5;237m━━━━━━━╸━━━━━\x1b[0m  12%\r")
+    assert (gap_job.text, gap_job.progress) == ("reading a.mcap", 0.12)
+    gap_job.read_output("\x1b[2Kgoing through candidates ━━━━━━━━━━━━━━")
+    gap_job.read_output("╺━━  73%\r")
+    assert (gap_job.text, gap_job.progress) == ("going through candidates", 0.73)
+    gap_job.finish(2, b"")
+    assert gap_job.state == "failed"
 
 
-def test_what_a_job_makes_is_put_into_pages_and_never_through_a_link(browser, folder):
+def test_results_of_a_job_are_stored_in_pages_and_never_through_a_link(browser, folder):
     victim = folder.parent / "victim"
     victim.mkdir()
     for link in ("pages/a.mcap", "pages"):
@@ -153,7 +156,7 @@ def test_what_a_job_makes_is_put_into_pages_and_never_through_a_link(browser, fo
     page = folder / "pages" / "a.mcap" / "report.html"
     page.parent.mkdir(parents=True)
     page.symlink_to(victim / "report.html")
-    answer = job(browser, kind="report", name="a.mcap")
+    answer = run_job(browser, kind="report", name="a.mcap")
     assert answer["state"] == "done", answer
     assert page.is_file() and not page.is_symlink()
     assert browser.get("/pages/report/a.mcap").text == page.read_text()
@@ -161,79 +164,79 @@ def test_what_a_job_makes_is_put_into_pages_and_never_through_a_link(browser, fo
 
 
 def test_a_link_that_appears_while_a_job_runs_is_not_followed(tmp_path):
-    made, source, victim = DerivedFiles(tmp_path / "rides"), tmp_path / "scratch", tmp_path / "victim"
+    derived, source, victim = DerivedFiles(tmp_path / "rides"), tmp_path / "scratch", tmp_path / "victim"
     for path in (source, victim, tmp_path / "rides" / "pages"):
         path.mkdir(parents=True)
     (source / "report.html").write_text("report")
-    made.check_folder(("a.mcap", "gap"))
+    derived.check_folder(("a.mcap", "gap"))
     (tmp_path / "rides" / "pages" / "a.mcap").symlink_to(victim)
     with pytest.raises(OSError):
-        made.publish(("a.mcap", "gap"), source)
+        derived.publish(("a.mcap", "gap"), source)
     assert list(victim.iterdir()) == []
     (tmp_path / "rides" / "pages" / "a.mcap").unlink()
-    made.publish(("a.mcap", "gap"), source)
-    assert made.read(("a.mcap", "gap", "report.html"), 0.0) == b"report"
+    derived.publish(("a.mcap", "gap"), source)
+    assert derived.read(("a.mcap", "gap", "report.html"), 0.0) == b"report"
 
 
-def test_names_that_are_no_utf8_are_listed_escaped_and_downloaded_by_that_name(browser, folder, log):
+def test_names_that_are_not_utf8_are_listed_escaped_and_downloaded_by_that_name(browser, folder, log):
     raw = os.fsencode(folder)
     for name in (b"/caf\xe9.mcap", b"/back\\xe9.mcap", b"/line\n.mcap", b"/caf\xe9.toml"):
         shutil.copy(log, raw + name)
     answer = browser.get("/api/recordings").json()
-    listed = {one["name"] for one in answer["recordings"]}
+    listed = {recording["name"] for recording in answer["recordings"]}
     assert {r"caf\xe9.mcap", r"back\\xe9.mcap", r"line\n.mcap", "a.mcap"} <= listed
     assert r"caf\xe9.toml" in answer["models"]
     for name in listed:
         answer = browser.get(f"/api/recordings/{quote(name)}")
         assert answer.status_code == 200 and answer.content == log.read_bytes(), name
-    assert job(browser, kind="info", name=r"caf\xe9.mcap")["state"] == "done"
+    assert run_job(browser, kind="info", name=r"caf\xe9.mcap")["state"] == "done"
 
 
 @pytest.fixture
 def long_job(monkeypatch, tmp_path):
-    """A verb that never ends and has started a process of its own; gives the numbers of both."""
-    numbers = tmp_path / "numbers"
+    """Replace the verb by one that never ends and starts a child; return a function for both process ids."""
+    id_file = tmp_path / "numbers"
     program = (
         "import os, pathlib, signal, subprocess, sys, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); "
         "child = subprocess.Popen([sys.executable, '-c', 'import time; time.sleep(1000)']); "
-        f"pathlib.Path({str(numbers)!r}).write_text(f'{{os.getpid()}} {{child.pid}}\\n'); time.sleep(1000)"
+        f"pathlib.Path({str(id_file)!r}).write_text(f'{{os.getpid()}} {{child.pid}}\\n'); time.sleep(1000)"
     )
     script = tmp_path / "verb"
     script.write_text(f"#!{sys.executable}\n{program}\n")
     script.chmod(0o700)
     monkeypatch.setattr("hubodo.web.jobs.sys.executable", str(script))
 
-    def started():
-        until(lambda: numbers.is_file() and numbers.read_text().endswith("\n"))
-        return [int(number) for number in numbers.read_text().split()]
+    def process_ids():
+        until(lambda: id_file.is_file() and id_file.read_text().endswith("\n"))
+        return [int(number) for number in id_file.read_text().split()]
 
-    return started
+    return process_ids
 
 
-def runs(number):
+def is_running(process_id):
     try:
-        return Path(f"/proc/{number}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+        return Path(f"/proc/{process_id}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
         return False
 
 
-def test_a_job_that_is_cancelled_ends_with_all_that_it_started_and_the_next_one_runs(browser, long_job):
+def test_a_cancelled_job_ends_with_its_child_processes(browser, long_job):
     first = browser.post("/api/jobs", json={"kind": "info", "name": "a.mcap"}).json()
     second = browser.post("/api/jobs", json={"kind": "report", "name": "a.mcap"}).json()
-    numbers = long_job()
-    assert first["limit"] == 3600 and all(map(runs, numbers))
+    process_ids = long_job()
+    assert first["limit"] == 3600 and all(map(is_running, process_ids))
     for started in (second, first):
         answer = browser.post(f"/api/jobs/{started['id']}/cancel", json={})
         assert answer.status_code == 202 and answer.json()["state"] == "cancelled"
-    until(lambda: not any(map(runs, numbers)))
+    until(lambda: not any(map(is_running, process_ids)))
     assert browser.post("/api/jobs/99/cancel", json={}).status_code == 404
     assert browser.get(f"/api/jobs/{first['id']}").json()["text"] == "cancelled"
 
 
-def test_a_job_is_stopped_at_its_time_limit_and_says_so(folder, long_job):
+def test_a_job_is_stopped_at_its_time_limit_and_reports_it(folder, long_job):
     app = make_app(replace(SITE, job_limit=0.5), RecordingLibrary(folder))
     with TestClient(app, base_url="http://127.0.0.1:8642") as browser:
         browser.headers["x-hubodo-token"] = app.state.secrets.csrf
-        answer = job(browser, kind="info", name="a.mcap")
+        answer = run_job(browser, kind="info", name="a.mcap")
     assert answer["state"] == "failed" and "time limit ([web] job_limit)" in answer["text"]
-    assert not any(map(runs, long_job()))
+    assert not any(map(is_running, long_job()))

@@ -1,4 +1,4 @@
-"""A recording told to pages: what they see, what they may ask, and that none of them holds it up."""
+"""Live pages of a recording: frames, requests, and that no page delays the recording."""
 
 import asyncio
 import json
@@ -36,8 +36,8 @@ from hubowire.messages import BiasInit, Reason
 
 
 @pytest.fixture(scope="module")
-def watched(tmp_path_factory):
-    """Eleven seconds of a drive with their frames; on the way a mark, a wish that is refused, a pause."""
+def recorded_page(tmp_path_factory):
+    """Record with a mark, a refused bias request and a pause: (frames, result, nodes, folder)."""
     folder, frames, computer = tmp_path_factory.mktemp("watched"), [], VirtualComputer()
     (folder / "vehicle.toml").write_text(VEHICLE_TOML)
     page = LivePage(frames.append)
@@ -67,8 +67,8 @@ def watched(tmp_path_factory):
     return frames, result, nodes, folder
 
 
-def test_ten_frames_a_second_say_where_the_vehicle_is_and_how_its_wheels_turn(watched):
-    frames, result, _, _ = watched
+def test_ten_frames_per_second_hold_the_pose_and_the_wheel_speeds(recorded_page):
+    frames, result, _, _ = recorded_page
     assert len(frames) == pytest.approx(110, abs=2)
     last = frames[-1]
     assert last["o"][7] == pytest.approx(result.odometry["distance"], abs=0.1)
@@ -79,8 +79,8 @@ def test_ten_frames_a_second_say_where_the_vehicle_is_and_how_its_wheels_turn(wa
     assert json.dumps(frames, allow_nan=False)
 
 
-def test_once_a_second_they_say_how_nodes_links_log_and_disk_fare(watched):
-    slow = [frame["s"] for frame in watched[0] if "s" in frame]
+def test_once_per_second_a_frame_holds_the_state_of_nodes_links_log_and_disk(recorded_page):
+    slow = [frame["s"] for frame in recorded_page[0] if "s" in frame]
     assert len(slow) == pytest.approx(11, abs=1)
     left = slow[-1]["nodes"]["left"]
     assert (left["battery"], left["lost"], left["clock"]["source"]) == (3.7, 0, "two way")
@@ -92,11 +92,11 @@ def test_once_a_second_they_say_how_nodes_links_log_and_disk_fare(watched):
     assert slow[-1]["links"][left["link"]]["up"]
 
 
-def test_a_mark_and_a_wish_and_what_the_node_said_to_it_are_events_of_page_and_log(watched):
-    frames, _, nodes, folder = watched
-    told = [event for frame in frames for event in frame.get("e", ())]
+def test_a_mark_a_request_and_the_answer_of_the_node_are_events_of_page_and_log(recorded_page):
+    frames, _, nodes, folder = recorded_page
+    shown = [event for frame in frames for event in frame.get("e", ())]
     recorded = read_recording(folder / "ride.mcap").events
-    for events in ([(e["kind"], e["text"]) for e in told], [(e.kind, e.text) for e in recorded]):
+    for events in ([(e["kind"], e["text"]) for e in shown], [(e.kind, e.text) for e in recorded]):
         assert ("mark", "a bump") in events
         assert ("request", "left: bias initialisation over 2000 samples: sent") in events
         refused = next(text for kind, text in events if kind == "answer")
@@ -105,8 +105,8 @@ def test_a_mark_and_a_wish_and_what_the_node_said_to_it_are_events_of_page_and_l
     assert not [m for m in nodes["right"].requests if isinstance(m, BiasInit)]
 
 
-def test_a_stop_ends_the_log_and_a_start_begins_another_while_the_page_goes_on(watched):
-    frames, result, _, folder = watched
+def test_a_stop_ends_the_log_and_a_start_begins_another_without_a_gap_on_the_page(recorded_page):
+    frames, result, _, folder = recorded_page
     logs = sorted(folder.glob("*.mcap"), key=lambda path: len(path.name))
     assert len(logs) == 2
     spans = []
@@ -116,9 +116,9 @@ def test_a_stop_ends_the_log_and_a_start_begins_another_while_the_page_goes_on(w
         recording = read_recording(path)
         spans.append((recording.nodes["left"].t[0], recording.nodes["left"].t[-1]))
         assert recording.metadata["node.left.serial"]
-    between = spans[1][0] + read_recording(logs[1]).t_zero_ns * 1e-9
-    between -= spans[0][1] + read_recording(logs[0]).t_zero_ns * 1e-9
-    assert between == pytest.approx(2.0, abs=0.7)
+    pause = spans[1][0] + read_recording(logs[1]).t_zero_ns * 1e-9
+    pause -= spans[0][1] + read_recording(logs[0]).t_zero_ns * 1e-9
+    assert pause == pytest.approx(2.0, abs=0.7)
     assert result.nodes["left"]["samples_lost"] == 0
     messages = sum(stream.messages for path in logs for stream in summarise(path).streams)
     assert messages == result.messages
@@ -128,7 +128,7 @@ def test_a_stop_ends_the_log_and_a_start_begins_another_while_the_page_goes_on(w
 
 
 @pytest.mark.parametrize(
-    ("action", "asked"),
+    ("action", "body"),
     [
         ("bias", {"node": "left", "samples": 10}),
         ("bias", {"samples": "many"}),
@@ -136,13 +136,13 @@ def test_a_stop_ends_the_log_and_a_start_begins_another_while_the_page_goes_on(w
         ("record", {}),
     ],
 )
-def test_a_wish_that_makes_no_sense_is_refused(action, asked):
+def test_an_invalid_request_is_refused(action, body):
     page = LivePage(lambda frame: None)
     with pytest.raises(RequestRefused):
-        Actions(page).request_action(action, asked)
+        Actions(page).request_action(action, body)
 
 
-def test_wishes_are_bounded_while_the_recording_is_busy():
+def test_the_number_of_waiting_requests_is_limited():
     page = LivePage(lambda frame: None)
     for _ in range(16):
         Actions(page).request_action("mark", {})
@@ -154,7 +154,7 @@ def frame(k):
     return {"t": k * 0.1, "n": {}, "o": [k, 0, 0, 0, 0, 0, 0, 0]}
 
 
-def test_a_page_that_opens_has_the_last_minute_and_all_of_the_path_at_once_and_then_what_comes():
+def test_a_page_opens_with_the_last_minute_and_the_whole_path_and_then_gets_new_frames():
     async def run():
         hub = FrameHub({"version": "1"})
         hub.attach(asyncio.get_running_loop(), csrf="c")
@@ -163,43 +163,43 @@ def test_a_page_that_opens_has_the_last_minute_and_all_of_the_path_at_once_and_t
             if k % 50 == 0:
                 await asyncio.sleep(0)
         await asyncio.sleep(0.01)
-        following = hub.subscribe()
-        first = json.loads(await anext(following))
+        subscription = hub.subscribe()
+        first = json.loads(await anext(subscription))
         hub.put(frame(5000))
-        then = json.loads(await anext(following))
-        await following.aclose()
-        return first, then
+        next_frame = json.loads(await anext(subscription))
+        await subscription.aclose()
+        return first, next_frame
 
-    first, then = asyncio.run(run())
+    first, next_frame = asyncio.run(run())
     assert first["hello"]["csrf"] == "c"
     assert len(first["history"]) == HISTORY_FRAMES
     assert first["history"][-1]["o"][0] == 3 * HISTORY_FRAMES - 1
     assert first["hello"]["trails"]["o"][0] == [0, 0]
     assert len(first["hello"]["events"]) == 200
-    assert then["o"][0] == 5000
+    assert next_frame["o"][0] == 5000
 
 
-def test_a_page_that_reads_slowly_begins_anew_instead_of_being_queued_for():
+def test_a_page_that_reads_slowly_is_reset_instead_of_queueing_its_frames():
     async def run():
         hub = FrameHub({})
         hub.attach(asyncio.get_running_loop())
-        following = hub.subscribe()
-        await anext(following)
+        subscription = hub.subscribe()
+        await anext(subscription)
         for k in range(400):
             hub.put(frame(k))
             await asyncio.sleep(0)
-        behind = json.loads(await anext(following))
+        reset_frame = json.loads(await anext(subscription))
         hub.put(frame(400))
-        after = json.loads(await anext(following))
-        await following.aclose()
-        return behind, after
+        next_frame = json.loads(await anext(subscription))
+        await subscription.aclose()
+        return reset_frame, next_frame
 
-    behind, after = asyncio.run(run())
-    assert "hello" in behind and len(behind["history"]) == 400
-    assert after["o"][0] == 400
+    reset_frame, next_frame = asyncio.run(run())
+    assert "hello" in reset_frame and len(reset_frame["history"]) == 400
+    assert next_frame["o"][0] == 400
 
 
-def test_the_path_of_days_stays_small_and_keeps_its_ends():
+def test_a_long_path_is_thinned_and_its_ends_stay():
     trail = ThinnedPath()
     for k in range(100_000):
         trail.add(k * 0.05, 1.0)
@@ -214,39 +214,39 @@ def test_east_and_north_are_metres_on_the_ground():
     assert local_east_north(0.0, -179.999, (0.0, 179.999))[0] == pytest.approx(222.6, abs=0.2)
 
 
-def test_a_browser_that_never_reads_keeps_neither_the_recording_nor_another_browser_waiting(tmp_path):
-    """What such a browser does not take stays in the buffers of its own socket, and is then let go."""
+def test_a_browser_that_never_reads_delays_neither_the_recording_nor_other_browsers(tmp_path):
+    """Frames for such a browser fill the buffers of its socket; further ones are dropped."""
     hub = FrameHub({"pad": "x" * 20_000})
     site = Site(Address("127.0.0.1", 0))
     frames = iter({**frame(k), "pad": "y" * 2000} for k in range(10**9))
     with serve_in_thread(make_app(site, RecordingLibrary(tmp_path), hub), site) as port:
-        deaf = socket.create_connection(("127.0.0.1", port))
-        deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        deaf.sendall(
+        unread_socket = socket.create_connection(("127.0.0.1", port))
+        unread_socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        unread_socket.sendall(
             b"GET /live HTTP/1.1\r\nHost: 127.0.0.1\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
             b"Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\nSec-WebSocket-Version: 13\r\n\r\n"
         )
-        assert b"101" in deaf.recv(12)
-        with connect(f"ws://127.0.0.1:{port}/live", max_size=None) as other:
-            other.recv(timeout=300)
+        assert b"101" in unread_socket.recv(12)
+        with connect(f"ws://127.0.0.1:{port}/live", max_size=None) as reading_browser:
+            reading_browser.recv(timeout=300)
             for _ in range(100):
                 for _ in range(30):
                     hub.put(next(frames))
-                seen = json.loads(other.recv(timeout=300))
-                assert seen
+                received = json.loads(reading_browser.recv(timeout=300))
+                assert received
             assert len(hub._incoming) <= hub._incoming.maxlen
             assert len(hub._frames) <= HISTORY_FRAMES
-        deaf.close()
+        unread_socket.close()
 
 
-def test_a_port_that_is_taken_is_told_and_a_stopped_server_has_let_go_of_its_own(tmp_path):
+def test_a_port_in_use_is_refused_and_a_stopped_server_releases_its_port(tmp_path):
     site = Site(Address("127.0.0.1", 0))
     with (
         ExitStack() as stack,
         serve_in_thread(make_app(site, RecordingLibrary(tmp_path), FrameHub({})), site) as port,
     ):
-        taken = Site(Address("127.0.0.1", port))
-        with pytest.raises(Exception, match="cannot listen"), serve_in_thread(None, taken):
+        site_in_use = Site(Address("127.0.0.1", port))
+        with pytest.raises(Exception, match="cannot listen"), serve_in_thread(None, site_in_use):
             pass
         stack.enter_context(connect(f"ws://127.0.0.1:{port}/live"))
     with pytest.raises(OSError):
@@ -254,7 +254,7 @@ def test_a_port_that_is_taken_is_told_and_a_stopped_server_has_let_go_of_its_own
     assert "hubodo web" not in {thread.name for thread in threading.enumerate()}
 
 
-def test_the_age_of_a_snapshot_is_elapsed_time_whatever_the_wall_clock_is_set_to(monkeypatch):
+def test_the_age_of_a_snapshot_does_not_depend_on_the_wall_clock(monkeypatch):
     page, elapsed = LivePage(lambda frame: None), iter((100.0, 112.5))
     assert page.now_ns() == 0
     monkeypatch.setattr(time, "monotonic", lambda: next(elapsed))
