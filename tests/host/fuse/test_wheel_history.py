@@ -7,8 +7,7 @@ import pytest
 
 from hubodo.fuse.wheel.entries import HEADING
 from hubodo.fuse.wheel.filter_core import FilterCore
-from hubodo.fuse.wheel.history import History
-from hubodo.fuse.wheel.records import StepRecord
+from hubodo.fuse.wheel.records import History, StepRecord
 from hubodo.fuse.wheel.state_vector import Correction, ExternalCorrection, StateReset, WindowCorrection
 from wheel_runs import config, short
 

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from generators.outages import MEANWHILE, drive_with_outage, driven_during_outage, paused_drive
 from hubodo.fuse.wheel.entries import HEADING, RATE_BEYOND_RANGE, SPEED, WHEEL_ANGLE, YAW_RATE, X, Y
 from hubodo.fuse.wheel.filter import WheelFilter
-from hubodo.fuse.wheel.heading_error_inflation import HeadingErrorInflation
+from hubodo.fuse.wheel.motion_model import HeadingErrorInflation
 from hubodo.fuse.wheel.outage_model import (
     UNIFORM_ANGLE_SIGMA,
     OutageModel,

@@ -11,10 +11,9 @@ import numpy as np
 from hubodo.fuse.wheel.axle_rate import remove_tilt_rate
 from hubodo.fuse.wheel.config import GATE_SIGMA, WheelConfig
 from hubodo.fuse.wheel.entries import HEADING, RATE_BEYOND_RANGE, SPEED, WHEEL_ANGLE, X, Y
-from hubodo.fuse.wheel.heading_error_inflation import HeadingErrorInflation
-from hubodo.fuse.wheel.history import History
 from hubodo.fuse.wheel.measurement_update import UpdateResult
 from hubodo.fuse.wheel.measurements import surface_speed
+from hubodo.fuse.wheel.motion_model import HeadingErrorInflation
 from hubodo.fuse.wheel.motion_prediction import detect_wheel_motion, vehicle_motion
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.mounting_check import BOTH_WHEELS, MountingCheck
@@ -23,6 +22,7 @@ from hubodo.fuse.wheel.outage_model import OutageModel, vehicle_agility
 from hubodo.fuse.wheel.rate_beyond_range import derotate_window
 from hubodo.fuse.wheel.records import (
     POSE_ENTRIES,
+    History,
     Pose,
     SmoothingTerms,
     StepInput,

@@ -13,10 +13,10 @@ from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
 from hubodo.fuse.wheel.config import GATE_SIGMA, WheelConfig
 from hubodo.fuse.wheel.entries import HEADING, TIME_OFFSET, WHEEL_ANGLE, WHEEL_ENTRIES, Entry, StateLayout
-from hubodo.fuse.wheel.history import History
 from hubodo.fuse.wheel.measurements import LinearisedWindow, Row, WheelGeometry, position
 from hubodo.fuse.wheel.measurements.position import Position
 from hubodo.fuse.wheel.motion_state import StandstillDetector
+from hubodo.fuse.wheel.records import History
 from hubodo.fuse.wheel.spin_search import SpinTracker
 from hubodo.fuse.wheel.wheel import Wheel
 from hubodo.vehicle import side_sign

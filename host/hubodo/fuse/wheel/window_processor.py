@@ -11,7 +11,6 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import SPEED, TRACK_WIDTH
-from hubodo.fuse.wheel.history import History
 from hubodo.fuse.wheel.measurement_update import MeasurementUpdate, UpdateResult
 from hubodo.fuse.wheel.measurements import WindowNoise, centripetal, steady
 from hubodo.fuse.wheel.motion_model import MotionModel
@@ -19,7 +18,7 @@ from hubodo.fuse.wheel.motion_prediction import MotionPrediction, vehicle_motion
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.mounting_check import track_width_test
 from hubodo.fuse.wheel.rate_beyond_range import reset_misaligned_angle
-from hubodo.fuse.wheel.records import WheelWindows
+from hubodo.fuse.wheel.records import History, WheelWindows
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 from hubodo.fuse.wheel.state_vector import ExternalCorrection, InitialState, StateVector
 from hubodo.fuse.wheel.wheel import Wheel, WheelMode
