@@ -1,113 +1,61 @@
-"""Supply voltage of a node: battery messages in the log, column of its table, CSV export and import."""
+"""Health reports of a node: events of counters that have grown, supply, and JSON."""
 
+import dataclasses
 import math
-from dataclasses import dataclass
 
-import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 
-from fakes.fake_node import FakeNode
-from fakes.script import Script
-from generators.fake_drive import RADIUS, TRACK, raw_rows, short_drive
-from hubodo.calibration.file import CalibratedEffect, Calibration, NodeCalibration, Quantity
-from hubodo.effects import BY_NAME
-from hubodo.effects.field import GyroSupply
-from hubodo.ingest.live.daemon import record
-from hubodo.ingest.live.record_config import RecordConfig
-from hubodo.ingest.live.virtual_computer import VirtualComputer
-from hubodo.ingest.replay.playback import Playback, recorded_messages, to_messages
-from hubodo.log.any_log import read_log
-from hubodo.log.csv_folder import read_folder, write_folder
-from hubodo.log.recording_reader import open_log, read_recording
-from hubodo.log.recording_writer import write_recording
-from hubodo.vehicle import NodeMount, Vehicle
+from fakes.node_messages import health
+from hubodo.ingest.node.health import SupplyHistory, health_json, read_supply, report_worsening
+from hubowire.messages import Fault
 
 
-@dataclass
-class Rode:
-    """Logs of a node whose battery voltage drops, and of one without measurement."""
-
-    path: object
-    half_ns: int
+def test_a_report_without_new_errors_is_no_event() -> None:
+    before = health(i2c_errors=3, faults=Fault.LOW_BATTERY)
+    assert list(report_worsening("left", before, before, 5)) == []
+    assert list(report_worsening("left", None, health(), 5)) == []
 
 
-@pytest.fixture(scope="module")
-def rode(tmp_path_factory):
-    path, computer = tmp_path_factory.mktemp("rode") / "ride.mcap", VirtualComputer()
-    begun_ns = computer.now_ns()
-    Script(computer, (4.0, lambda: setattr(left, "battery_mv", 3500)))
-    with (
-        FakeNode(node_id=1, computer=computer, battery_mv=4100, charge=80) as left,
-        FakeNode(node_id=2, computer=computer, battery_mv=0) as right,
-    ):
-        record(RecordConfig(ports=(left.path, right.path), duration=8.0), path, computer=computer)
-    return Rode(path, begun_ns + 4_000_000_000)
+def test_the_event_lists_new_faults_and_the_growth_of_each_counter() -> None:
+    before = health(i2c_errors=3, frames_dropped=2, faults=Fault.LOW_BATTERY)
+    now = health(i2c_errors=5, frames_dropped=9, faults=Fault.LOW_BATTERY | Fault.BUS_STUCK)
+    (event,) = report_worsening("left", before, now, 77)
+    assert (event.t_ns, event.kind, event.source) == (77, "health", "left")
+    assert event.text == "left: bus stuck, i2c errors +2, frames dropped +7"
+    assert event.data == {"node": "left", **health_json("left", now)}
 
 
-def test_other_programs_read_a_battery_of_which_the_unknown_is_unknown(rode):
-    with rode.path.open("rb") as file:
-        reader = make_reader(file, decoder_factories=[DecoderFactory()])
-        decoded = [it.decoded_message for it in reader.iter_decoded_messages(topics=["/left/battery"])]
-    assert len(decoded) > 4
-    volts = [round(message.voltage, 6) for message in decoded]
-    assert volts == sorted(volts, reverse=True) and set(volts) == {4.1, 3.5}
-    for message in decoded:
-        assert message.header.frame_id == "left"
-        assert message.percentage == pytest.approx(0.8) and message.present
-        assert math.isnan(message.current) and math.isnan(message.temperature)
+def test_counters_of_the_first_report_count_from_zero() -> None:
+    (event,) = report_worsening("left", None, health(samples_missed=4), 0)
+    assert event.text == "left: samples missed +4"
 
 
-def test_a_node_that_measures_no_supply_has_none(rode):
-    with open_log(rode.path) as log:
-        assert not [message for message in log.messages() if message.topic == "/right/battery"]
-    assert "supply" not in read_recording(rode.path).nodes["right"]
+def test_counters_that_a_restart_set_back_are_no_growth() -> None:
+    assert list(report_worsening("left", health(i2c_errors=9), health(i2c_errors=1), 0)) == []
 
 
-def test_its_table_has_the_supply_of_the_time_at_which_it_was_measured(rode):
-    recording = read_recording(rode.path)
-    left = recording.nodes["left"]
-    after = left.t - (rode.half_ns - recording.t_zero_ns) / 1e9
-    # Reports arrive twice a second; the voltage is interpolated between them.
-    np.testing.assert_allclose(left["supply"][after < -1.1], 4.1, atol=1e-6)
-    np.testing.assert_allclose(left["supply"][after > 1.1], 3.5, atol=1e-6)
-    assert (after < -1.1).any() and (after > 1.1).any()
+@pytest.mark.parametrize(("percent", "charge"), [(0, 0.0), (55, 0.55), (100, 1.0)])
+def test_supply_is_in_volts_and_a_share(percent: int, charge: float) -> None:
+    assert read_supply(health(battery_mv=3712, battery_percent=percent)) == (3.712, charge)
 
 
-def test_it_goes_through_csv_and_an_import_to_the_last_bit(rode, tmp_path):
-    left = read_recording(rode.path).nodes["left"]
-    write_folder(read_recording(rode.path), tmp_path / "csv")
-    again = read_folder(tmp_path / "csv")
-    assert again.nodes["left"]["supply"].tolist() == left["supply"].tolist()
-    assert "supply" not in again.nodes["right"]
-    write_recording(again, tmp_path / "again.mcap")
-    assert read_recording(tmp_path / "again.mcap").nodes["left"]["supply"].tolist() == left["supply"].tolist()
-    with open_log(tmp_path / "again.mcap") as log:
-        kinds = {stream.topic: stream.schema for stream in log.streams.values()}
-    assert kinds["/left/battery"] == "sensor_msgs/msg/BatteryState" and "/right/battery" not in kinds
+def test_a_charge_above_100_percent_means_unknown() -> None:
+    assert math.isnan(read_supply(health(battery_percent=255))[1])
 
 
-def test_a_file_of_numbers_may_have_it(tmp_path):
-    rows = "0,0,0,0,0,0,9.8,3.9\n1,0,0,0,0,0,9.8,3.8\n"
-    (tmp_path / "gyro.csv").write_text("t,gx,gy,gz,ax,ay,az,supply\n" + rows)
-    (table,) = read_log(tmp_path / "gyro.csv").nodes.values()
-    assert table["supply"].tolist() == [3.9, 3.8]
+def test_json_has_every_field_of_the_message() -> None:
+    fields = health_json("right", health(worst_loop_us=1234))
+    assert fields["node"] == "right" and fields["worst_loop_us"] == 1234
+    assert set(fields) - {"node"} == {field.name for field in dataclasses.fields(health())}
 
 
-def test_live_odometry_takes_out_what_hangs_on_it_and_the_log_gives_the_same_again(tmp_path, monkeypatch):
-    monkeypatch.setitem(BY_NAME, "gyro_supply", GyroSupply)
-    effect = CalibratedEffect({"z": Quantity(0.1, 1e-3)})
-    calibration = Calibration({"left": NodeCalibration({"gyro_supply": effect})})
-    vehicle = Vehicle(RADIUS, TRACK, {"left": NodeMount("left", "left")})
-    path, computer, drive = tmp_path / "ride.mcap", VirtualComputer(), short_drive(5)
-    Script(computer, (4.0, lambda: setattr(left, "battery_mv", 3500)))
-    with FakeNode(rows=raw_rows(drive, "left"), computer=computer, battery_mv=4100) as left:
-        config = RecordConfig(ports=(f"left={left.path}",), duration=8.0)
-        record(config, path, vehicle=vehicle, calibration=calibration, computer=computer)
-    again, without = (
-        to_messages(playback.odometry_rows(), playback.t_zero_ns)
-        for playback in (Playback(path, vehicle=vehicle, calibration=one) for one in (calibration, None))
-    )
-    assert len(again["/odom"]) > 1000
-    assert again == recorded_messages(path) != without
+def test_the_supply_at_a_time_is_the_newest_one_measured_before() -> None:
+    history = SupplyHistory()
+    assert history.voltage_at(10) is None
+    for t_ns in range(0, 200, 10):
+        history.add(t_ns, t_ns / 100)
+    assert history.voltage_at(190) == history.voltage_at(500) == 1.9
+    assert history.voltage_at(189) == 1.8
+    # Of 20 voltages the eight newest are stored.
+    assert history.voltage_at(120) == 1.2
+    assert history.voltage_at(119) is None

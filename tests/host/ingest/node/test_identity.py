@@ -1,0 +1,40 @@
+"""Identification of a node as text."""
+
+from fakes.node_messages import hello
+from hubodo.ingest.node.identity import code_name, describe_firmware_difference, hello_metadata
+from hubowire.messages import Part, ResetCause
+
+
+def test_metadata_is_the_hello_in_decimal_and_hexadecimal_text() -> None:
+    fields = hello_metadata(
+        hello(fingerprint=0x00ABCDEF, rate_mhz=416_667, parts=((0x6B, 0x69, Part.LSM6DS33),))
+    )
+    assert fields["fingerprint"] == "00abcdef"
+    assert fields["firmware"] == "1.4.2"
+    assert fields["serial"] == "0011223344556677"
+    assert fields["rate_hz"] == "416.667"
+    assert fields["parts"] == "0x6b who_am_i 0x69 LSM6DS33"
+    assert all(isinstance(value, str) for value in fields.values())
+
+
+def test_a_chip_that_the_host_does_not_know_is_unknown_and_no_error() -> None:
+    assert hello_metadata(hello(parts=((0x10, 0x20, 200), (0x6B, 0x69, 1))))["parts"] == (
+        "0x10 who_am_i 0x20 unknown; 0x6b who_am_i 0x69 LSM6DS33"
+    )
+
+
+def test_equal_firmware_is_no_warning() -> None:
+    assert describe_firmware_difference({}) is None
+    assert describe_firmware_difference({"left": (1, 4, 2), "right": (1, 4, 2)}) is None
+
+
+def test_different_firmware_is_listed_by_node_in_alphabetical_order() -> None:
+    text = describe_firmware_difference({"right": (1, 4, 2), "left": (1, 3, 0)})
+    assert text is not None
+    assert "left 1.3.0, right 1.4.2" in text
+    assert "hubodo flash" in text
+
+
+def test_a_code_is_its_name_and_an_unknown_one_its_number() -> None:
+    assert code_name(ResetCause, ResetCause.BROWN_OUT) == "brown_out"
+    assert code_name(ResetCause, 99) == "99"
