@@ -1,4 +1,4 @@
-"""When a wheel that spun by itself is believed again: touched down, gone on evenly, or given up on."""
+"""End of a slip: after touching the road, after smooth agreement, or because the slip lasts too long."""
 
 from __future__ import annotations
 
@@ -8,121 +8,139 @@ import pytest
 
 from hubodo.fuse.wheel.slip_detector import ForwardResidual, SlipDetector
 
-CALM = ForwardResidual(0.0, 1e-4, 0.0, 0.0, 0.0, 0.0)
-SHAKEN = CALM._replace(residual=1.0)
-SPUN = 2.0
-"""m/s that it turned faster than the road at most."""
+AGREEING = ForwardResidual(0.0, 1e-4, 0.0, 0.0, 0.0, 0.0)
+DISAGREEING = AGREEING._replace(residual=1.0)
+LARGEST_SLIP = 2.0
+"""Largest speed by which the wheel was faster than the road, m/s."""
 
 
-def followed(*phases, carried=None, fastest=2.0, sign=1.0):
-    """(window in which it is believed again, last of the slip) of a wheel that has slipped from window 0 on.
+def detect_slip_end(*phases, inertial_speed=None, max_speed=2.0, sign=1.0):
+    """Return (window in which the slip ends, its last slipping window); None while it lasts.
 
-    phases: (windows, push, slip in m/s, its 1 sigma). None where it is not.
+    The wheel slips from window 0 on. phases: (number of windows, ForwardResidual, slip in m/s, its sigma).
     """
-    grip, number = SlipDetector(), 0
-    grip.start_slip(0)
-    for windows, push, slip, sigma in ((1, SHAKEN, SPUN, 0.2), *phases):
+    detector, number = SlipDetector(), 0
+    detector.start_slip(0)
+    for windows, forward, slip, sigma in ((1, DISAGREEING, LARGEST_SLIP, 0.2), *phases):
         for _ in range(windows):
             number += 1
-            if push is not None:
-                push = push._replace(speed_gain=math.copysign(push.speed_gain, push.speed_gain * sign))
-            if grip.detect_end(number, push, sign * slip, sigma**2, carried, fastest):
-                assert not grip.is_slipping and abs(grip.slips[-1].speed) == SPUN
-                assert math.copysign(1.0, grip.slips[-1].speed) == sign
-                return number, grip.slips[-1].last
-    assert grip.is_slipping
+            if forward is not None:
+                forward = forward._replace(
+                    speed_gain=math.copysign(forward.speed_gain, forward.speed_gain * sign)
+                )
+            if detector.detect_end(number, forward, sign * slip, sigma**2, inertial_speed, max_speed):
+                assert not detector.is_slipping and abs(detector.slips[-1].speed) == LARGEST_SLIP
+                assert math.copysign(1.0, detector.slips[-1].speed) == sign
+                return number, detector.slips[-1].last
+    assert detector.is_slipping
     return None
 
 
-def touching(by):
-    """A window in which it loses `by`, m/s, by itself."""
-    return (1, SHAKEN._replace(speed_gain=-by), SPUN, 0.2)
+def touchdown(lost_speed):
+    """Return a phase of one window in which the wheel loses `lost_speed`, m/s, by itself."""
+    return (1, DISAGREEING._replace(speed_gain=-lost_speed), LARGEST_SLIP, 0.2)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize("carried", [None, 1.0])
-def test_one_that_lost_half_of_its_slip_at_once_is_believed_after_half_a_second_near_the_road(carried, sign):
-    def back(*windows):
-        grip = SlipDetector()
-        grip.start_slip(0)
+@pytest.mark.parametrize("inertial_speed", [None, 1.0])
+def test_after_losing_half_of_its_slip_at_once_a_wheel_is_trusted_after_half_a_second(inertial_speed, sign):
+    def windows_to_end(*windows):
+        detector = SlipDetector()
+        detector.start_slip(0)
         for number, (gain, slip) in enumerate(windows, 1):
-            push = SHAKEN._replace(speed_gain=sign * gain)
-            assert not grip.detect_end(number, push, sign * slip, 0.04, carried, 2.0)
+            forward = DISAGREEING._replace(speed_gain=sign * gain)
+            assert not detector.detect_end(number, forward, sign * slip, 0.04, inertial_speed, 2.0)
         for number in range(len(windows) + 1, 60):
-            if grip.detect_end(number, CALM, 0.0, 0.04, carried, 2.0):
-                return number - len(windows), grip.slips[-1].last - len(windows)
+            if detector.detect_end(number, AGREEING, 0.0, 0.04, inertial_speed, 2.0):
+                return number - len(windows), detector.slips[-1].last - len(windows)
         return None
 
-    at_once, lingering = (5, 0), (30, 0)
-    assert back((0.0, SPUN), (-1.02, SPUN)) == at_once
-    assert back((0.0, SPUN), (-0.98, SPUN)) == lingering
-    assert back((0.0, SPUN), (-0.6, SPUN), (-0.6, SPUN)) == at_once
-    # What it gains meanwhile counts against that, what it gained before does not.
-    assert back((0.0, SPUN), (-1.1, SPUN), (0.2, SPUN)) == lingering
-    assert back((5.0, SPUN), (-1.02, SPUN)) == at_once
+    fast_end, slow_end = (5, 0), (30, 0)
+    assert windows_to_end((0.0, LARGEST_SLIP), (-1.02, LARGEST_SLIP)) == fast_end
+    assert windows_to_end((0.0, LARGEST_SLIP), (-0.98, LARGEST_SLIP)) == slow_end
+    assert windows_to_end((0.0, LARGEST_SLIP), (-0.6, LARGEST_SLIP), (-0.6, LARGEST_SLIP)) == fast_end
+    # A gain after the loss counts against it, a gain before the loss does not.
+    assert windows_to_end((0.0, LARGEST_SLIP), (-1.1, LARGEST_SLIP), (0.2, LARGEST_SLIP)) == slow_end
+    assert windows_to_end((5.0, LARGEST_SLIP), (-1.02, LARGEST_SLIP)) == fast_end
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-@pytest.mark.parametrize(("sigma", "edge"), [(1.0, 0.35 * SPUN + 0.05), (0.1, 3 * 0.1 + 0.05)])
-def test_near_is_what_sigma_says_but_no_more_than_a_third_of_the_slip(sigma, edge, sign):
-    for slip, found in ((edge - 0.01, (31, 1)), (edge + 0.01, None)):
-        assert followed((40, CALM, slip, sigma), sign=sign) == found
+@pytest.mark.parametrize(("sigma", "limit"), [(1.0, 0.35 * LARGEST_SLIP + 0.05), (0.1, 3 * 0.1 + 0.05)])
+def test_near_the_road_speed_means_three_sigma_but_at_most_a_third_of_the_slip(sigma, limit, sign):
+    for slip, expected in ((limit - 0.01, (31, 1)), (limit + 0.01, None)):
+        assert detect_slip_end((40, AGREEING, slip, sigma), sign=sign) == expected
 
 
-def test_beside_another_wheel_one_that_keeps_to_its_speed_is_believed_however_it_shakes():
-    for push in (SHAKEN, None, CALM):
-        assert followed((40, push, 0.0, 0.2)) == (31, 1)
-    # Five windows do only where the accelerometer agrees as well.
-    assert followed(touching(1.5), (40, SHAKEN, 0.0, 0.2)) == (32, 2)
-    assert followed((20, SHAKEN, 0.0, 0.2), (1, SHAKEN, 1.0, 0.2), (40, SHAKEN, 0.0, 0.2)) == (52, 22)
-    assert followed((20, CALM, 0.0, 0.2), (1, CALM, 1.0, 0.2), (40, CALM, 0.0, 0.2)) == (52, 22)
+def test_near_the_speed_of_another_wheel_a_slip_ends_whatever_the_accelerometer_measures():
+    for forward in (DISAGREEING, None, AGREEING):
+        assert detect_slip_end((40, forward, 0.0, 0.2)) == (31, 1)
+    # Five windows are enough only if the accelerometer agrees as well.
+    assert detect_slip_end(touchdown(1.5), (40, DISAGREEING, 0.0, 0.2)) == (32, 2)
+    assert detect_slip_end(
+        (20, DISAGREEING, 0.0, 0.2), (1, DISAGREEING, 1.0, 0.2), (40, DISAGREEING, 0.0, 0.2)
+    ) == (52, 22)
+    assert detect_slip_end((20, AGREEING, 0.0, 0.2), (1, AGREEING, 1.0, 0.2), (40, AGREEING, 0.0, 0.2)) == (
+        52,
+        22,
+    )
 
 
-@pytest.mark.parametrize("push", [SHAKEN, None])
-def test_where_the_speed_is_carried_it_has_to_agree_with_its_accelerometer(push):
-    assert followed((190, push, 0.0, 0.2), carried=1.0) is None
-    assert followed((20, CALM, 0.0, 0.2), (1, push, 0.0, 0.2), (40, CALM, 0.0, 0.2), carried=1.0) == (52, 22)
+@pytest.mark.parametrize("forward", [DISAGREEING, None])
+def test_with_an_inertial_speed_a_slip_ends_only_if_the_accelerometer_agrees(forward):
+    assert detect_slip_end((190, forward, 0.0, 0.2), inertial_speed=1.0) is None
+    assert detect_slip_end(
+        (20, AGREEING, 0.0, 0.2), (1, forward, 0.0, 0.2), (40, AGREEING, 0.0, 0.2), inertial_speed=1.0
+    ) == (52, 22)
 
 
-def test_one_that_agrees_for_ten_seconds_is_believed_against_a_speed_that_was_carried():
-    assert followed((150, CALM, 1.0, 0.1), carried=1.0) == (101, 100)
-    assert followed((150, CALM, 1.0, 0.1)) is None
-    assert followed((95, CALM, 1.0, 0.1), (1, None, 1.0, 0.1), (95, CALM, 1.0, 0.1), carried=1.0) is None
+def test_ten_seconds_of_agreement_outweigh_an_inertial_speed():
+    assert detect_slip_end((150, AGREEING, 1.0, 0.1), inertial_speed=1.0) == (101, 100)
+    assert detect_slip_end((150, AGREEING, 1.0, 0.1)) is None
+    assert (
+        detect_slip_end(
+            (95, AGREEING, 1.0, 0.1), (1, None, 1.0, 0.1), (95, AGREEING, 1.0, 0.1), inertial_speed=1.0
+        )
+        is None
+    )
 
 
-def test_it_agrees_within_three_sigmas_and_what_stays():
-    """0.05 m/s² for 0.1 s beside noise of 0.01 m/s."""
-    edge = math.hypot(3 * 0.01, 0.05 * 0.1)
-    for share, found in ((0.99, (101, 100)), (1.01, None)):
+def test_a_residual_agrees_within_three_sigma_and_the_drift():
+    """Drift of 0.05 m/s² for 0.1 s, and white noise of 0.01 m/s."""
+    limit = math.hypot(3 * 0.01, 0.05 * 0.1)
+    for factor, expected in ((0.99, (101, 100)), (1.01, None)):
         for sign in (1.0, -1.0):
-            push = CALM._replace(residual=sign * share * edge)
-            assert followed((110, push, 1.0, 0.1), carried=1.0) == found
+            forward = AGREEING._replace(residual=sign * factor * limit)
+            assert detect_slip_end((110, forward, 1.0, 0.1), inertial_speed=1.0) == expected
 
 
 @pytest.mark.parametrize(
     ("residual", "gain", "windows"),
     [(0.0, 0.02, 10), (0.01, 0.021, 5), (-0.01, 0.03, 14), (0.01, -0.02, 100), (0.0, 0.3, 5)],
 )
-def test_one_that_follows_the_changes_of_speed_is_believed_as_soon_as_that_is_likely(residual, gain, windows):
-    """By the logarithm of the likelihoods of what is felt, residual + gain, were it 0 or as the wheel has it:
-    20 of it, of noise of 0.01 m/s. Its sum never falls below none at all, and no window alone decides."""
-    push = CALM._replace(residual=residual, speed_gain=gain)
-    each = min(0.5 * ((residual + gain) ** 2 - residual**2) / 0.01**2, 20.0 / 5)
-    if each > 0.0:
-        assert windows == math.ceil(20.0 / each - 1e-9)
-    assert followed((150, push, 1.0, 0.1), carried=1.0) == (1 + windows, windows)
-    against = CALM._replace(residual=0.01, speed_gain=-0.015)
-    assert followed((20, against, 1.0, 0.1), (150, push, 1.0, 0.1), carried=1.0) == (
+def test_a_wheel_that_follows_the_changes_of_speed_is_trusted_at_a_log_ratio_of_twenty(
+    residual, gain, windows
+):
+    """Log likelihood ratio of residual + gain: free spinning (mean 0) against following (mean: the gain).
+
+    Noise of 0.01 m/s. The sum never falls below zero, and one window contributes at most a fifth of 20.
+    """
+    following = AGREEING._replace(residual=residual, speed_gain=gain)
+    ratio_per_window = min(0.5 * ((residual + gain) ** 2 - residual**2) / 0.01**2, 20.0 / 5)
+    if ratio_per_window > 0.0:
+        assert windows == math.ceil(20.0 / ratio_per_window - 1e-9)
+    assert detect_slip_end((150, following, 1.0, 0.1), inertial_speed=1.0) == (1 + windows, windows)
+    contradicting = AGREEING._replace(residual=0.01, speed_gain=-0.015)
+    assert detect_slip_end((20, contradicting, 1.0, 0.1), (150, following, 1.0, 0.1), inertial_speed=1.0) == (
         21 + min(windows, 80),
         20 + min(windows, 80),
     )
-    some = (min(windows, 95) - 1, push, 1.0, 0.1)
-    assert followed(some, (1, SHAKEN, 1.0, 0.1), some, carried=1.0) is None
-    assert followed((150, push, 1.0, 0.1)) is None
+    incomplete = (min(windows, 95) - 1, following, 1.0, 0.1)
+    assert detect_slip_end(incomplete, (1, DISAGREEING, 1.0, 0.1), incomplete, inertial_speed=1.0) is None
+    assert detect_slip_end((150, following, 1.0, 0.1)) is None
 
 
 @pytest.mark.parametrize(
-    ("carried", "slip", "sigma", "given_up"),
+    ("inertial_speed", "slip", "sigma", "discarded"),
     [
         (3.6, -0.2, 0.1, True),
         (-3.6, 0.2, 0.1, True),
@@ -134,69 +152,78 @@ def test_one_that_follows_the_changes_of_speed_is_believed_as_soon_as_that_is_li
         (None, 1.0, 3.51, False),
     ],
 )
-def test_a_carried_speed_half_as_fast_again_as_ever_is_given_up_for_a_slower_wheel(
-    carried, slip, sigma, given_up
+def test_an_inertial_speed_above_1_5_times_the_maximum_is_discarded_for_a_slower_wheel(
+    inertial_speed, slip, sigma, discarded
 ):
-    """1.5 times 2 m/s and 0.5 m/s beside that; nor is one believed that is not known as well as that."""
-    grip = SlipDetector()
-    grip.start_slip(7)
-    assert grip.detect_end(9, SHAKEN, slip, sigma**2, carried, 2.0) == given_up
-    assert grip.slips[-1].last == (8 if given_up else None)
+    """The limit is 1.5 times 2 m/s plus 0.5 m/s; a sigma of that size discards the inertial speed as well."""
+    detector = SlipDetector()
+    detector.start_slip(7)
+    assert detector.detect_end(9, DISAGREEING, slip, sigma**2, inertial_speed, 2.0) == discarded
+    assert detector.slips[-1].last == (8 if discarded else None)
 
 
-def settled(grip):
-    """Whether its accelerometer may contradict the wheel at once."""
-    return any(grip.detect_onset(1000 + n, CALM._replace(residual=0.5), 2.0) is not None for n in range(15))
+def can_detect_onset(detector):
+    """Return True if the detector may report a slip at once, without new agreement."""
+    return any(
+        detector.detect_onset(1000 + n, AGREEING._replace(residual=0.5), 2.0) is not None for n in range(15)
+    )
 
 
-def rolled(windows=20):
-    grip = SlipDetector()
+def detector_after_rolling(windows=20):
+    """Return a detector after that many windows of agreement."""
+    detector = SlipDetector()
     for number in range(windows):
-        assert grip.detect_onset(number, CALM, 2.0) is None
-    return grip
+        assert detector.detect_onset(number, AGREEING, 2.0) is None
+    return detector
 
 
-def test_a_slip_that_ended_by_itself_may_be_followed_by_the_next_and_one_given_up_on_may_not():
-    assert settled(rolled()) and not settled(rolled(19))
-    ended = rolled()
+def test_the_next_slip_is_detected_at_once_only_after_a_slip_that_ended_by_itself():
+    assert can_detect_onset(detector_after_rolling()) and not can_detect_onset(detector_after_rolling(19))
+    ended = detector_after_rolling()
     ended.start_slip(20)
     for number in range(21, 55):
-        ended.detect_end(number, CALM, 0.0, 0.04, None, 2.0)
-    assert not ended.is_slipping and settled(ended)
-    for given_up in ({"number": 220}, {"number": 21, "inertial_speed": 9.0}):
-        grip = rolled()
-        grip.start_slip(20)
-        told = {"forward": SHAKEN, "slip": -8.0, "variance": 0.04, "inertial_speed": None, "max_speed": 2.0}
-        assert grip.detect_end(**{**told, **given_up})
-        assert grip.slips[-1].last == given_up["number"] - 1
-        assert not settled(grip)
+        ended.detect_end(number, AGREEING, 0.0, 0.04, None, 2.0)
+    assert not ended.is_slipping and can_detect_onset(ended)
+    for cause in ({"number": 220}, {"number": 21, "inertial_speed": 9.0}):
+        detector = detector_after_rolling()
+        detector.start_slip(20)
+        arguments = {
+            "forward": DISAGREEING,
+            "slip": -8.0,
+            "variance": 0.04,
+            "inertial_speed": None,
+            "max_speed": 2.0,
+        }
+        assert detector.detect_end(**{**arguments, **cause})
+        assert detector.slips[-1].last == cause["number"] - 1
+        assert not can_detect_onset(detector)
 
 
-def test_a_wheel_that_was_not_heard_begins_anew_as_one_that_rolls():
-    slipping, rolling = rolled(), rolled()
+def test_an_outage_ends_a_slip_and_requires_new_agreement():
+    slipping, rolling = detector_after_rolling(), detector_after_rolling()
     slipping.start_slip(20)
-    for grip in (slipping, rolling):
-        grip.end_by_outage(45)
-        assert not grip.is_slipping and not settled(grip)
+    for detector in (slipping, rolling):
+        detector.end_by_outage(45)
+        assert not detector.is_slipping and not can_detect_onset(detector)
     assert [slip.last for slip in slipping.slips] == [45]
     assert rolling.slips == []
 
 
-def test_a_new_slip_knows_nothing_of_the_one_before():
-    grip = SlipDetector()
+def test_a_new_slip_starts_without_the_history_of_the_last():
+    detector = SlipDetector()
     for first in (0, 50):
-        grip.start_slip(first)
-        assert not grip.detect_end(
-            first + 1, SHAKEN._replace(speed_gain=-3.0 + 0.06 * first), SPUN, 0.04, 1.0, 2.0
+        detector.start_slip(first)
+        assert not detector.detect_end(
+            first + 1, DISAGREEING._replace(speed_gain=-3.0 + 0.06 * first), LARGEST_SLIP, 0.04, 1.0, 2.0
         )
-        calm = [grip.detect_end(first + n, CALM, 0.0, 0.04, 1.0, 2.0) for n in range(2, 40)]
-        assert calm.index(True) == (4 if first == 0 else 29)
+        ended = [detector.detect_end(first + n, AGREEING, 0.0, 0.04, 1.0, 2.0) for n in range(2, 40)]
+        assert ended.index(True) == (4 if first == 0 else 29)
 
 
-def test_a_slip_is_told_in_seconds_and_words():
-    grip = SlipDetector()
-    grip.start_slip(12)
-    slip = grip.slips[-1]
+def test_a_slip_is_described_with_times_and_speed():
+    detector = SlipDetector()
+    detector.start_slip(12)
+    slip = detector.slips[-1]
     assert slip.start == pytest.approx(1.2) and slip.end == math.inf
     assert slip.description.startswith("t = 1.2 s and on")
     slip.last, slip.speed = 34, -0.44

@@ -1,4 +1,4 @@
-"""Smoothing, with a lag and of the whole log, beside the joint distribution of all states."""
+"""Fixed-lag and full smoothing against the joint distribution of the states of all steps."""
 
 from __future__ import annotations
 
@@ -11,49 +11,50 @@ from hubodo.fuse.wheel.records import Pose, SmoothingTerms
 from hubodo.fuse.wheel.smoother import smoothed_pose, step_back
 
 SIZE, STEPS = 7, 6
-PLACES = [1, 0, 2, 4, 6]
+POSE_COLUMNS = [1, 0, 2, 4, 6]
 
 
-class Chain:
-    """States that go on linearly, one measurement of them in each step, filtered as the wheel filter does.
+class LinearChain:
+    """A linear system with one measurement per step, filtered in the order of the wheel filter.
 
-    In step 2 state 3 is begun anew; in step 3 state 5 is made of others before the measurement; before step 4
-    lies a time in which all change.
+    State 3 is reset in step 2; state 5 is a combination of others before the measurement of step 3; a further
+    transition, as over an outage, precedes step 4.
     """
 
     def __init__(self, seed: int) -> None:
         rng = np.random.default_rng(seed)
 
-        def near_one() -> np.ndarray:
+        def random_transition() -> np.ndarray:
             return np.eye(SIZE) + 0.2 * rng.standard_normal((SIZE, SIZE))
 
-        self.f = [near_one() for _ in range(STEPS)]
-        self.passed = near_one()
-        self.by = rng.standard_normal(SIZE)
+        self.f = [random_transition() for _ in range(STEPS)]
+        self.outage_transition = random_transition()
+        self.combination = rng.standard_normal(SIZE)
         self.h = rng.standard_normal((STEPS, SIZE))
         self.z = rng.standard_normal(STEPS)
         self.noise = []
         for _ in range(STEPS):
             root = 0.3 * rng.standard_normal((SIZE, SIZE))
             self.noise.append(root @ root.T)
-        self.shortened = [np.diag(rng.uniform(0.1, 0.2, 2)) for _ in range(STEPS)]
+        self.inflation = [np.diag(rng.uniform(0.1, 0.2, 2)) for _ in range(STEPS)]
 
-    def into(self, step: int) -> np.ndarray:
-        """Derivatives of the states before a step's measurement by those after that of the step before."""
-        whole = self.f[step - 1]
+    def transition_to(self, step: int) -> np.ndarray:
+        """Return the derivative of the states before a step's measurement by those after the previous one."""
+        transition = self.f[step - 1]
         if step == 2:
-            whole = whole.copy()
-            whole[3] = 0.0
+            transition = transition.copy()
+            transition[3] = 0.0
         if step == 3:
-            whole = whole.copy()
-            whole[5] = self.by @ self.f[2]
-        return self.passed @ whole if step == 4 else whole
+            transition = transition.copy()
+            transition[5] = self.combination @ self.f[2]
+        return self.outage_transition @ transition if step == 4 else transition
 
     def filtered(self) -> list[tuple[Pose, SmoothingTerms]]:
-        x, p, made = np.zeros(SIZE), np.eye(SIZE), []
+        """Return pose and smoothing terms of every step of a Kalman filter."""
+        x, p, records = np.zeros(SIZE), np.eye(SIZE), []
         for step in range(STEPS):
             if step:
-                f = self.into(step)
+                f = self.transition_to(step)
                 x, p = f @ x, f @ p @ f.T + self.noise[step]
             before = x.tolist(), p.copy()
             h = self.h[step]
@@ -65,62 +66,64 @@ class Chain:
                 p.copy(),
                 [3] if step == 2 else [],
                 self.f[step],
-                self.shortened[step],
-                (5, self.by) if step == 3 else None,
-                self.passed if step == 4 else None,
+                self.inflation[step],
+                (5, self.combination) if step == 3 else None,
+                self.outage_transition if step == 4 else None,
             )
-            pose = Pose(0.1 * step, *(self.f[step] @ x)[PLACES], np.zeros((5, 5)), MotionState.MOVING, 1.0, 2)
-            made.append((pose, terms))
-        return made
+            pose = Pose(
+                0.1 * step, *(self.f[step] @ x)[POSE_COLUMNS], np.zeros((5, 5)), MotionState.MOVING, 1.0, 2
+            )
+            records.append((pose, terms))
+        return records
 
-    def joint(self, upto: int) -> tuple[np.ndarray, np.ndarray]:
-        """Mean and covariance of the states of all steps, of what was measured up to one of them."""
+    def joint(self, last_measured: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return mean and covariance of the states of all steps given the measurements up to one step."""
         size = SIZE * STEPS
-        information, right = np.zeros((size, size)), np.zeros(size)
+        information, information_vector = np.zeros((size, size)), np.zeros(size)
         information[:SIZE, :SIZE] = np.eye(SIZE)
         for step in range(STEPS):
-            own = slice(SIZE * step, SIZE * (step + 1))
+            block = slice(SIZE * step, SIZE * (step + 1))
             if step:
-                both = np.zeros((SIZE, size))
-                both[:, own] = np.eye(SIZE)
-                both[:, SIZE * (step - 1) : SIZE * step] = -self.into(step)
-                information += both.T @ np.linalg.inv(self.noise[step]) @ both
-            if step <= upto:
-                information[own, own] += np.outer(self.h[step], self.h[step]) / 0.5
-                right[own] += self.h[step] * self.z[step] / 0.5
+                rows = np.zeros((SIZE, size))
+                rows[:, block] = np.eye(SIZE)
+                rows[:, SIZE * (step - 1) : SIZE * step] = -self.transition_to(step)
+                information += rows.T @ np.linalg.inv(self.noise[step]) @ rows
+            if step <= last_measured:
+                information[block, block] += np.outer(self.h[step], self.h[step]) / 0.5
+                information_vector[block] += self.h[step] * self.z[step] / 0.5
         covariance = np.linalg.inv(information)
-        return covariance @ right, covariance
+        return covariance @ information_vector, covariance
 
-    def pose(self, step: int, upto: int) -> tuple[np.ndarray, np.ndarray]:
-        """Pose and covariance at the end of a step, of what was measured up to another one."""
-        mean, covariance = self.joint(upto)
-        own = slice(SIZE * step, SIZE * (step + 1))
-        rows = self.f[step][PLACES]
-        spread = rows @ covariance[own, own] @ rows.T
-        spread[:2, :2] += self.shortened[step]
-        return rows @ mean[own], spread
+    def pose(self, step: int, last_measured: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return pose and covariance at the end of a step given the measurements up to another step."""
+        mean, covariance = self.joint(last_measured)
+        block = slice(SIZE * step, SIZE * (step + 1))
+        rows = self.f[step][POSE_COLUMNS]
+        pose_covariance = rows @ covariance[block, block] @ rows.T
+        pose_covariance[:2, :2] += self.inflation[step]
+        return rows @ mean[block], pose_covariance
 
 
 @pytest.fixture(scope="module", params=[1, 2])
-def chain(request: pytest.FixtureRequest) -> Chain:
-    return Chain(request.param)
+def linear_chain(request: pytest.FixtureRequest) -> LinearChain:
+    return LinearChain(request.param)
 
 
 @pytest.mark.parametrize("lag", [0, 1, 2, 10])
-def test_with_a_lag_each_pose_is_that_of_what_was_measured_until_so_many_steps_later(
-    chain: Chain, lag: int
+def test_a_fixed_lag_pose_uses_the_measurements_up_to_lag_steps_later(
+    linear_chain: LinearChain, lag: int
 ) -> None:
-    late, found, times = FixedLagSmoother(lag, PLACES), [], []
-    for number, (at_once, terms) in enumerate(chain.filtered()):
-        pose = late.add(at_once, terms)
-        times.append(pose is not None)
-        found += [] if pose is None else [pose]
-        assert len(found) == max(0, number + 1 - lag)
-    found += late.finish()
-    assert late.finish() == []
-    assert [pose.t for pose in found] == pytest.approx(0.1 * np.arange(STEPS))
-    for step, pose in enumerate(found):
-        mean, covariance = chain.pose(step, min(step + lag, STEPS - 1))
+    smoother, poses, is_ready = FixedLagSmoother(lag, POSE_COLUMNS), [], []
+    for number, (forward_pose, terms) in enumerate(linear_chain.filtered()):
+        pose = smoother.add(forward_pose, terms)
+        is_ready.append(pose is not None)
+        poses += [] if pose is None else [pose]
+        assert len(poses) == max(0, number + 1 - lag)
+    poses += smoother.finish()
+    assert smoother.finish() == []
+    assert [pose.t for pose in poses] == pytest.approx(0.1 * np.arange(STEPS))
+    for step, pose in enumerate(poses):
+        mean, covariance = linear_chain.pose(step, min(step + lag, STEPS - 1))
         np.testing.assert_allclose(pose[1:6], mean, atol=1e-7)
         assert (pose.motion_state, pose.nis, pose.dof) == (MotionState.MOVING, 1.0, 2)
         if lag:
@@ -128,44 +131,44 @@ def test_with_a_lag_each_pose_is_that_of_what_was_measured_until_so_many_steps_l
             assert np.array_equal(pose.covariance, pose.covariance.T)
 
 
-def test_step_by_step_back_each_state_is_that_of_the_whole_log(chain: Chain) -> None:
-    records = chain.filtered()
-    mean, covariance = chain.joint(STEPS - 1)
+def test_backward_steps_give_the_joint_estimate_of_all_measurements(linear_chain: LinearChain) -> None:
+    records = linear_chain.filtered()
+    mean, covariance = linear_chain.joint(STEPS - 1)
     x, p = np.array(records[-1][1].x), records[-1][1].p
     for step in reversed(range(STEPS)):
         if step < STEPS - 1:
             x, p = step_back(records[step][1], records[step + 1][1], x, p, [])
             assert np.array_equal(p, p.T)
-        own = slice(SIZE * step, SIZE * (step + 1))
-        np.testing.assert_allclose(x, mean[own], atol=1e-7)
-        np.testing.assert_allclose(p, covariance[own, own], atol=1e-7)
-        made = smoothed_pose(*records[step], x, p, PLACES)
-        expected, spread = chain.pose(step, STEPS - 1)
-        np.testing.assert_allclose(made[1:6], expected, atol=1e-7)
-        np.testing.assert_allclose(made.covariance, spread, atol=1e-7)
-        assert made.t == records[step][0].t
+        block = slice(SIZE * step, SIZE * (step + 1))
+        np.testing.assert_allclose(x, mean[block], atol=1e-7)
+        np.testing.assert_allclose(p, covariance[block, block], atol=1e-7)
+        pose = smoothed_pose(*records[step], x, p, POSE_COLUMNS)
+        expected, expected_covariance = linear_chain.pose(step, STEPS - 1)
+        np.testing.assert_allclose(pose[1:6], expected, atol=1e-7)
+        np.testing.assert_allclose(pose.covariance, expected_covariance, atol=1e-7)
+        assert pose.t == records[step][0].t
 
 
-@pytest.mark.parametrize("turns", [1.0, -2.0])
-def test_a_wheel_that_is_turns_further_is_where_it_is(chain: Chain, turns: float) -> None:
-    (_, one), (_, later) = chain.filtered()[:2]
+@pytest.mark.parametrize("n_turns", [1.0, -2.0])
+def test_backward_steps_ignore_full_turns_of_a_wheel_angle(linear_chain: LinearChain, n_turns: float) -> None:
+    (_, earlier), (_, later) = linear_chain.filtered()[:2]
     x, p = np.array(later.x), later.p
-    further = x.copy()
-    further[4] += 2.0 * np.pi * turns
-    angles = step_back(one, later, further, p, [4])[0]
-    assert angles == pytest.approx(step_back(one, later, x, p, [4])[0])
-    assert np.abs(angles - step_back(one, later, further, p, [])[0]).max() > 0.01
+    turned = x.copy()
+    turned[4] += 2.0 * np.pi * n_turns
+    states = step_back(earlier, later, turned, p, [4])[0]
+    assert states == pytest.approx(step_back(earlier, later, x, p, [4])[0])
+    assert np.abs(states - step_back(earlier, later, turned, p, [])[0]).max() > 0.01
 
 
-def test_a_state_without_spread_tells_nothing_of_the_past() -> None:
-    chain = Chain(3)
-    (_, one), (_, later) = chain.filtered()[:2]
-    known = later.prior_p.copy()
-    known[4], known[:, 4] = 0.0, 0.0
-    after = known.copy()
-    sure = later._replace(prior_p=known, p=after)
+def test_a_state_of_zero_variance_does_not_change_the_past() -> None:
+    linear_chain = LinearChain(3)
+    (_, earlier), (_, later) = linear_chain.filtered()[:2]
+    singular = later.prior_p.copy()
+    singular[4], singular[:, 4] = 0.0, 0.0
+    posterior = singular.copy()
+    singular_terms = later._replace(prior_p=singular, p=posterior)
     x = np.array(later.prior_x)
     x[4] += 100.0
-    smoothed, spread = step_back(one, sure, x, after, [])
-    np.testing.assert_allclose(smoothed, one.x, atol=1e-9)
-    np.testing.assert_allclose(spread, one.p, atol=1e-9)
+    smoothed, covariance = step_back(earlier, singular_terms, x, posterior, [])
+    np.testing.assert_allclose(smoothed, earlier.x, atol=1e-9)
+    np.testing.assert_allclose(covariance, earlier.p, atol=1e-9)

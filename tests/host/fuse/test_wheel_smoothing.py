@@ -1,4 +1,4 @@
-"""Smoothing of the wheel filter: what a lag gives, and that it ends where the filter does."""
+"""Smoothing of the wheel filter with several lags: sigma decreases and the last pose stays the same."""
 
 import itertools
 
@@ -12,36 +12,38 @@ from hubodo.fuse.wheel.track import run_wheel_filter, track_from_poses
 from wheel_runs import config, short, tables
 
 
-def test_smoothing_lowers_the_error_along_the_way_and_keeps_the_end() -> None:
+def test_smoothing_reduces_sigma_and_keeps_the_last_pose() -> None:
     drive = short(9)
-    plain, smooth = (run_wheel_filter(config(drive), tables(drive), lag=value) for value in (0.0, np.inf))
-    assert smooth.track.x[-1] == pytest.approx(plain.track.x[-1], abs=1e-6)
-    middle = len(plain.track.t) // 2
-    assert smooth.track.covariance[middle, 2, 2] <= plain.track.covariance[middle, 2, 2]
-    for found in (plain, smooth):
-        # A pose stands at the end of its window.
-        assert found.report.duration == pytest.approx(found.track.t[-1] - found.track.t[0] + 0.1)
-        assert found.report.end == found.track.t[-1]
-    assert "smoothed" in smooth.report.method
-    assert "not causal" in smooth.report.method
+    forward, smoothed = (run_wheel_filter(config(drive), tables(drive), lag=value) for value in (0.0, np.inf))
+    assert smoothed.track.x[-1] == pytest.approx(forward.track.x[-1], abs=1e-6)
+    middle = len(forward.track.t) // 2
+    assert smoothed.track.covariance[middle, 2, 2] <= forward.track.covariance[middle, 2, 2]
+    for run in (forward, smoothed):
+        # A pose belongs to the end of its window.
+        assert run.report.duration == pytest.approx(run.track.t[-1] - run.track.t[0] + 0.1)
+        assert run.report.end == run.track.t[-1]
+    assert "smoothed" in smoothed.report.method
+    assert "not causal" in smoothed.report.method
 
 
-def test_a_lag_as_long_as_the_log_is_the_whole_log_and_no_lag_is_the_filter() -> None:
+def test_a_lag_of_zero_is_the_filter_and_one_of_the_log_length_is_full_smoothing() -> None:
     drive = short(9)
     settings, recorded = config(drive), tables(drive)
-    plain, whole = run_wheel_filter(settings, recorded), run_wheel_filter(settings, recorded, lag=np.inf)
+    forward, full = run_wheel_filter(settings, recorded), run_wheel_filter(settings, recorded, lag=np.inf)
     steps = run_wheel_filter(settings, recorded, lag=1.0).filter.recorded_steps
     assert steps is not None
-    as_it_was = track_from_poses(smooth_with_lag(settings, steps, ALIGNMENT_WINDOWS, 0, SlipSchedule(2)))
-    as_whole = track_from_poses(
+    zero_lag = track_from_poses(smooth_with_lag(settings, steps, ALIGNMENT_WINDOWS, 0, SlipSchedule(2)))
+    longest_lag = track_from_poses(
         smooth_with_lag(settings, steps, ALIGNMENT_WINDOWS, len(steps), SlipSchedule(2))
     )
     for name in ("t", "x", "y", "heading", "speed", "yaw_rate", "covariance"):
-        np.testing.assert_array_equal(getattr(as_it_was, name), getattr(plain.track, name))
-        np.testing.assert_allclose(getattr(as_whole, name), getattr(whole.track, name), rtol=1e-6, atol=1e-8)
+        np.testing.assert_array_equal(getattr(zero_lag, name), getattr(forward.track, name))
+        np.testing.assert_allclose(
+            getattr(longest_lag, name), getattr(full.track, name), rtol=1e-6, atol=1e-8
+        )
 
 
-def test_a_longer_lag_never_makes_the_heading_less_sure_and_ends_as_the_filter() -> None:
+def test_a_longer_lag_never_increases_the_heading_sigma_and_keeps_the_last_pose() -> None:
     drive = short(9)
     settings, recorded = config(drive), tables(drive)
     tracks = [run_wheel_filter(settings, recorded, lag=lag).track for lag in (0.0, 0.5, 2.0, 8.0, np.inf)]

@@ -1,4 +1,4 @@
-"""The wheel filter on a real wheelchair with 18 degrees of camber; the frame's own gyro is the witness."""
+"""The wheel filter on a real wheelchair with 18° of camber; the gyro of the frame is the reference."""
 
 import numpy as np
 import pytest
@@ -13,25 +13,25 @@ from hubodo.log.csv_folder import read_folder
 
 @pytest.mark.parametrize("names", [("left",), ("right",), ("left", "right")])
 @pytest.mark.parametrize("lag", [0.0, np.inf])
-def test_heading_of_the_wheels_is_that_of_the_frame(names: tuple[str, ...], lag: float) -> None:
+def test_the_heading_from_wheels_equals_that_of_the_frame_gyro(names: tuple[str, ...], lag: float) -> None:
     recording = read_folder(wanted.recording("wheelchair"))
     frame = recording.nodes["frame"]
     rate = frame["gz"]
-    witness = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(frame.t))])
+    reference = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(frame.t))])
     nodes = {name: WheelNode(name, "left") for name in names}  # type: ignore[arg-type]
-    # The track was not measured: 0.92 m within 5 %.
-    found = run_wheel_filter(
+    # The track width was not measured: 0.92 m within 5 %.
+    run = run_wheel_filter(
         WheelConfig(0.31, 0.92, nodes, priors={TRACK_WIDTH: Quantity(0.0, 0.05)}), recording.nodes, lag
     )
-    error = np.degrees(found.track.heading - np.interp(found.track.t, frame.t, witness))
+    error = np.degrees(run.track.heading - np.interp(run.track.t, frame.t, reference))
     error -= error[0]
     assert np.sqrt(np.mean(error**2)) < 1.5
     assert abs(error[-1]) < 2.0
-    # Camber and lever arm of the two wheels are alike; scale of a spin gyro is off by less than 1.5 %.
+    # Camber is equal on both wheels; the scale error of a spin gyro is below 1.5 %.
     for name in names:
-        effects = found.report.nodes[name]
+        effects = run.report.nodes[name]
         assert np.degrees(effects["wheel_camber"]["angle"].value) == pytest.approx(18.5, abs=1.5)
         assert abs(effects["gyro_scale_factor"]["z"].value) < 0.015
     if len(names) == 2:
-        width = 0.92 * (1.0 + found.report.vehicle["track_width"]["error"].value)
+        width = 0.92 * (1.0 + run.report.vehicle["track_width"]["error"].value)
         assert width == pytest.approx(0.91, abs=0.03)
