@@ -82,7 +82,7 @@ def test_pins_are_those_of_the_firmware_and_a_setting_replaces_its_own(
     machine: str, board: Board, pins: tuple[int, int]
 ) -> None:
     """Names as MicroPython reports them; pins as in the wiring table of firmware/README.md."""
-    found, numbers = find_board_pins(machine, {})
-    assert (found, numbers["sda"], numbers["scl"]) == (board, *pins)
+    detected, numbers = find_board_pins(machine, {})
+    assert (detected, numbers["sda"], numbers["scl"]) == (board, *pins)
     _, changed = find_board_pins(machine, {"pins": {"sda": 16}})
     assert changed == {**numbers, "sda": 16}
