@@ -20,10 +20,11 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 import wanted  # noqa: E402
 from hubodo.calibration.file import Calibration  # noqa: E402
 from hubodo.errors import CalibrationError  # noqa: E402
+from hubodo.fuse.track import Track  # noqa: E402
 from hubodo.fuse.wheel.calibration.calibrate import calibrate_wheels  # noqa: E402
 from hubodo.fuse.wheel.calibration.positions import Positions  # noqa: E402
 from hubodo.fuse.wheel.config import wheel_config  # noqa: E402
-from hubodo.fuse.wheel.track import WheelTrack, run_wheel_filter  # noqa: E402
+from hubodo.fuse.wheel.track import run_wheel_filter  # noqa: E402
 from hubodo.log.csv_folder import read_folder  # noqa: E402
 from hubodo.recording import Recording, Table  # noqa: E402
 from hubodo.vehicle import NodeMount, Vehicle  # noqa: E402
@@ -66,7 +67,7 @@ def with_nodes(names: tuple[str, ...]) -> Vehicle:
     return replace(CAR, nodes={name: CAR.nodes[name] for name in names})
 
 
-def _largest(track: WheelTrack, truth: Table) -> float:
+def _largest(track: Track, truth: Table) -> float:
     inside = (track.t >= truth.t[0]) & (track.t <= truth.t[-1])
     t = track.t[inside]
     ours = (track.x + 1j * track.y)[inside]

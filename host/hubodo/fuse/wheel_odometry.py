@@ -25,9 +25,8 @@ from hubodo.fuse.track import Track, track_from_states
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.entries import GYRO_SCALE_ACROSS, WHEEL_RADIUS, YAW_RATE_FROM_GRAVITY
 from hubodo.fuse.wheel.node_screening import check_times, screen_samples
-from hubodo.fuse.wheel.odometry_inflation import odometry_inflation
 from hubodo.fuse.wheel.surface_speeds import average_surface_speeds
-from hubodo.fuse.wheel.track import WheelRun, WheelTrack, run_wheel_filter
+from hubodo.fuse.wheel.track import WheelRun, run_wheel_filter
 from hubodo.fuse.wheel.window import WINDOW_S
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import Side, Vehicle
@@ -228,12 +227,11 @@ def graph_constant_sigmas(result: WheelRun) -> ConstantSigmas:
     return sigmas_for_wheel_filter(radius, scale, rate)
 
 
-def _with_start_pose(filtered: WheelTrack, heading: float, sigma: float) -> Track:
+def _with_start_pose(track: Track, heading: float, sigma: float) -> Track:
     """Return the filter's track with its start prepended.
 
     The filter's first pose is the end of its first window.
     """
-    track = filtered.to_track()
     start = {
         "t": track.t[0] - WINDOW_S,
         "heading": heading,
@@ -241,9 +239,8 @@ def _with_start_pose(filtered: WheelTrack, heading: float, sigma: float) -> Trac
         "yaw_rate": track.yaw_rate[0],
         "sigma_heading": sigma,
     }
-    names = [item.name for item in fields(Track) if item.name != "step_inflation"]
-    poses = {name: np.append(start.get(name, 0.0), getattr(track, name)) for name in names}
-    return Track(**poses, step_inflation=np.append(0.0, odometry_inflation(filtered)))
+    names = [item.name for item in fields(Track)]
+    return Track(**{name: np.append(start.get(name, 0.0), getattr(track, name)) for name in names})
 
 
 def _steering_warnings(vehicle: Vehicle, names: Sequence[str], used: Collection[str]) -> tuple[str, ...]:

@@ -12,7 +12,6 @@ from scipy.stats import chi2
 
 from accuracy.slip import CASES, make_drive, with_fixes
 from hubodo.fuse.wheel.entries import HEADING, SPEED, X, Y
-from hubodo.fuse.wheel.odometry_inflation import odometry_inflation
 from hubodo.fuse.wheel.slip_monitor import SlipMonitor
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 from hubodo.fuse.wheel.track import WheelTrack, run_wheel_filter
@@ -134,8 +133,17 @@ def test_odometry_inflation_covers_rollbacks_and_propagated_steps() -> None:
     covariance[:, 0, 0] = covariance[:, 1, 1] = 0.1 * np.arange(8)
     zeros = np.zeros(8)
     is_inertial = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
-    track = WheelTrack(t, x, zeros, zeros, 2.0 + zeros, zeros, covariance, *[zeros] * 3, is_inertial)
-    assert odometry_inflation(track) == pytest.approx([0.0, 0.0, 0.0, 9.0, 0.0, 0.2, 0.0], abs=1e-12)
+    track = WheelTrack(
+        *(t, x, zeros, zeros, 2.0 + zeros),
+        covariance=covariance,
+        motion_state=zeros,
+        nis=zeros,
+        dof=zeros,
+        inertial_speed=is_inertial,
+    )
+    assert track.with_covariance(covariance).step_inflation == pytest.approx(
+        [0.0, 0.0, 0.0, 9.0, 0.0, 0.2, 0.0], abs=1e-12
+    )
 
 
 def _nees_and_error(drive: Any, track: Any, t: float) -> tuple[float, float]:

@@ -10,15 +10,13 @@ import numpy as np
 import pytest
 
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
-from hubodo.fuse.wheel.drive_warnings import list_warnings
+from hubodo.fuse.wheel.drive_report import WheelReport, _path_length, list_warnings
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.outage_log import OutageLog
 from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.track import (
-    WheelReport,
     WheelRun,
     _mirrored_covariance,
-    _path_length,
     _rerun_single_wheel,
     _rerun_without_clock_jump,
     track_from_poses,
@@ -136,9 +134,8 @@ def test_a_track_contains_the_poses_as_columns() -> None:
     assert track.motion_state.tolist() == [0.0, 1.0, 2.0, 0.0]
     assert track.nis.tolist() == [0.0, 0.5, 1.0, 1.5] and track.dof.tolist() == [0.0, 1.0, 2.0, 3.0]
     assert track.covariance.shape == (4, 5, 5)
-    plain = track.to_track()
     variance = np.einsum("nii->in", track.covariance)
-    sigmas = [plain.sigma_x, plain.sigma_y, plain.sigma_heading]
+    sigmas = [track.sigma_x, track.sigma_y, track.sigma_heading]
     assert np.array(sigmas) == pytest.approx(np.sqrt(np.maximum(variance, 0.0))[:3])
 
 

@@ -1,29 +1,23 @@
-"""Wheel odometry of a recording: track, learnt parameters and warnings."""
+"""Track of a recording: runs of the wheel filter, one wheel alone where the two do not form an axle."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.calibration.file import Quantity
 from hubodo.fuse.track import Track
 from hubodo.fuse.wheel import smoother
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
-from hubodo.fuse.wheel.drive_warnings import list_warnings, rolled_mostly_backwards
-from hubodo.fuse.wheel.entries import OBSERVABLE_WITH_TWO_WHEELS, VEHICLE_ENTRIES, WHEEL_ENTRIES, Entry
+from hubodo.fuse.wheel.drive_report import WheelReport, build_report, rolled_mostly_backwards
 from hubodo.fuse.wheel.filter import ALIGNMENT_WINDOWS, WheelFilter
 from hubodo.fuse.wheel.fixed_lag import smooth_with_lag
 from hubodo.fuse.wheel.node_screening import find_own_gaps
-from hubodo.fuse.wheel.outage_log import WheelOutage
 from hubodo.fuse.wheel.records import Pose
-from hubodo.fuse.wheel.slip_detector import Slip
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
-from hubodo.fuse.wheel.wheel import Wheel
 from hubodo.fuse.wheel.window import SECOND_WINDOWS, WINDOW_S
 from hubodo.recording import Table
 from hubodo.vehicle import side_sign
@@ -32,101 +26,52 @@ _CLOCK_JUMP_WINDOWS = SECOND_WINDOWS
 """Windows in which the wheels disagree after which a clock is doubted."""
 
 
-@dataclass(frozen=True, eq=False)
-class WheelTrack:
-    """Poses of the body origin, arrays of length N.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WheelTrack(Track):
+    """A track of the wheel filter, with its covariance and statistics; the heading is unwrapped.
 
     Attributes
     ----------
-    t : s on the log's clock.
-    x, y : m from the start.
-    heading : rad, unwrapped.
-    speed, yaw_rate : m/s and rad/s, means over the window that ends at t.
     covariance : (N, 5, 5) of x, y, heading, speed, yaw_rate.
     motion_state : values of `MotionState`.
     nis, dof : normalised innovation squared of each step and its degrees of freedom.
     inertial_speed : 1 where only accelerometers measured the speed.
     """
 
-    t: Array
-    x: Array
-    y: Array
-    heading: Array
-    speed: Array
-    yaw_rate: Array
     covariance: Array
     motion_state: Array
     nis: Array
     dof: Array
     inertial_speed: Array
 
-    def to_track(self) -> Track:
-        """Return the common track type, with sigmas instead of covariances."""
-        sigma = np.sqrt(np.maximum(np.einsum("nii->in", self.covariance), 0.0))
-        x, y, heading = sigma[:3]
-        return Track(self.t, self.x, self.y, self.heading, self.speed, x, y, heading, self.yaw_rate)
+    def with_covariance(self, covariance: Array) -> WheelTrack:
+        """Return the track with another covariance, and the sigmas and step inflations of it."""
+        sigma_x, sigma_y, sigma_heading = np.sqrt(np.maximum(np.einsum("nii->in", covariance), 0.0))[:3]
+        return replace(
+            self,
+            covariance=covariance,
+            sigma_x=sigma_x,
+            sigma_y=sigma_y,
+            sigma_heading=sigma_heading,
+            step_inflation=_step_inflation(self, covariance),
+        )
 
 
-@dataclass(frozen=True)
-class WheelReport:
-    """Parameters learnt from a drive, and what happened in it.
+def _step_inflation(track: WheelTrack, covariance: Array) -> Array:
+    """Return the variance of each step beyond that of rolling wheels, (N - 1,) m² in any direction.
 
-    Attributes
-    ----------
-    distance : m along the track.
-    duration, end : s; end is the time of the last pose.
-    method : sentence.
-    vehicle, nodes : effect -> parameter -> value and sigma as in a calibration file, nodes by name and in
-    their own axes. Entries that one wheel cannot observe are left out; a mean of two parameters is listed
-    for both.
-    counts : by node, windows slipping, clipped and missing, samples refused.
-    slips : by node, the periods in which its wheel slipped.
-    warnings : one line each, except for slips.
-    outages : periods without any wheel, s, and whether the vehicle was stationary.
+    While only accelerometers measure the speed, it is the growth of the position variance. A step that does
+    not agree with its speed is a correction of earlier steps, so it may be wrong by its whole length.
     """
-
-    distance: float
-    duration: float
-    end: float
-    method: str
-    vehicle: Mapping[str, Mapping[str, Quantity]]
-    nodes: Mapping[str, Mapping[str, Mapping[str, Quantity]]]
-    counts: Mapping[str, Mapping[str, int]]
-    slips: Mapping[str, tuple[Slip, ...]]
-    warnings: tuple[str, ...]
-    outages: tuple[WheelOutage, ...] = ()
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the entries of fuse.json."""
-        return {
-            "distance": self.distance,
-            "duration": self.duration,
-            "method": self.method,
-            "vehicle": _quantities_json(self.vehicle),
-            "nodes": {name: _quantities_json(effects) for name, effects in self.nodes.items()},
-            "counts": {name: dict(value) for name, value in self.counts.items()},
-            "silences": [
-                {"begin": outage.start, "end": outage.end, "stood": outage.was_stationary}
-                for outage in self.outages
-            ],
-            "slips": [
-                {"node": name, "from": slip.start, "to": min(slip.end, self.end), "speed": slip.speed}
-                for name, outlier_windows in self.slips.items()
-                for slip in outlier_windows
-            ],
-            "warnings": [
-                *(
-                    f"{name}: {slip.description}"
-                    for name, outlier_windows in self.slips.items()
-                    for slip in outlier_windows
-                ),
-                *self.warnings,
-            ],
-        }
-
-
-def _quantities_json(effects: Mapping[str, Mapping[str, Quantity]]) -> dict[str, dict[str, dict[str, float]]]:
-    return {name: {key: asdict(item) for key, item in result.items()} for name, result in effects.items()}
+    dt = np.diff(track.t)
+    course = 0.5 * (track.heading[:-1] + track.heading[1:])
+    displacement = np.diff(track.x) + 1j * np.diff(track.y)
+    correction = np.abs(displacement - track.speed[1:] * dt * np.exp(1j * course)) ** 2
+    variance_growth = np.maximum(0.0, np.diff(covariance[:, 0, 0] + covariance[:, 1, 1]))
+    # The speed at the end of an outage does not predict the distance during it.
+    return np.where(dt < 1.5 * WINDOW_S, correction, 0.0) + np.where(
+        track.inertial_speed[1:] > 0.0, variance_growth, 0.0
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,8 +123,9 @@ def run_wheel_filter(
         poses = smooth_with_lag(config, steps, ALIGNMENT_WINDOWS, ahead, wheel_filter.core.slip_schedule)
     track = track_from_poses(poses)
     if len(wheel_filter.core.wheels) == 1 and rolled_mostly_backwards(wheel_filter.core.wheels[0]):
-        track = replace(track, covariance=_mirrored_covariance(track))
-    return WheelRun(track, build_report(wheel_filter, track, lag), wheel_filter)
+        track = track.with_covariance(_mirrored_covariance(track))
+    report = build_report(wheel_filter, track, track.motion_state, lag)
+    return WheelRun(track, report, wheel_filter)
 
 
 def _rerun_without_clock_jump(
@@ -264,71 +210,13 @@ def track_from_poses(poses: Sequence[Pose]) -> WheelTrack:
     nis = np.array([pose.nis for pose in poses])
     dofs = np.array([pose.dof for pose in poses], np.float64)
     inertial = np.array([pose.inertial_speed for pose in poses], np.float64)
-    return WheelTrack(t, x, y, heading, speed, yaw_rate, covariance, motion_states, nis, dofs, inertial)
-
-
-def build_report(wheel_filter: WheelFilter, track: WheelTrack, lag: float = 0.0) -> WheelReport:
-    """Return what a filter knows after its last pose; lag: as for `run_wheel_filter`."""
-    wheels = wheel_filter.core.wheels
-    names = " and ".join(wheel.name for wheel in wheels)
-    causality = "filtered, each pose from the past alone"
-    if lag > 0.0:
-        ahead = f"what came up to {lag:g} s after it" if math.isfinite(lag) else "the whole log"
-        causality = f"smoothed, each pose from {ahead}: not causal"
-    observable = [
-        entry for entry in VEHICLE_ENTRIES if len(wheels) == 2 or entry not in OBSERVABLE_WITH_TWO_WHEELS
-    ]
-    vehicle = _quantities(wheel_filter, None, observable)
-    nodes = {wheel.name: _quantities(wheel_filter, wheel, WHEEL_ENTRIES) for wheel in wheels}
-    counts = {
-        wheel.name: {
-            "windows_slipping": wheel.outlier_windows + wheel_filter.core.slip_schedule.count_windows(index),
-            "windows_clipped": wheel.clipped_windows,
-            "windows_unheard": wheel.missing_windows,
-            "samples_refused": wheel_filter.refused[wheel.name],
-        }
-        for index, wheel in enumerate(wheels)
-    }
-    outlier_windows = {
-        wheel.name: tuple(wheel.slip_detector.slips) for wheel in wheels if wheel.slip_detector.slips
-    }
-    duration, end = float(track.t[-1] - track.t[0]) + WINDOW_S, float(track.t[-1])
-    warning_lines = tuple(list_warnings(wheel_filter, track.motion_state))
-    outages = tuple(wheel_filter.core.outages.listed)
-    encoder_note = " with the surface speeds of another odometer" if wheel_filter.config.encoder_aided else ""
-    method = f"wheel filter on {names}{encoder_note}, {causality}"
-    return WheelReport(
-        _path_length(track),
-        duration,
-        end,
-        method,
-        vehicle,
-        nodes,
-        counts,
-        outlier_windows,
-        warning_lines,
-        outages,
+    track = WheelTrack(
+        *(t, x, y, heading, speed),
+        yaw_rate=yaw_rate,
+        covariance=covariance,
+        motion_state=motion_states,
+        nis=nis,
+        dof=dofs,
+        inertial_speed=inertial,
     )
-
-
-def _path_length(track: WheelTrack) -> float:
-    """Return the length of the track, m, backwards too; the chord across an outage."""
-    chord = np.hypot(np.diff(track.x), np.diff(track.y))
-    rolled_distance = np.abs(track.speed) * WINDOW_S
-    is_outage = np.diff(track.t) > 1.5 * WINDOW_S
-    return float(rolled_distance[0] + np.sum(np.where(is_outage, chord, rolled_distance[1:])))
-
-
-def _quantities(
-    wheel_filter: WheelFilter, wheel: Wheel | None, entries: Sequence[Entry]
-) -> dict[str, dict[str, Quantity]]:
-    """Return effect -> parameter -> value and sigma of the learnable entries, in the node's own axes."""
-    result: dict[str, dict[str, Quantity]] = {}
-    for entry in entries:
-        if entry.is_learnable:
-            quantity = wheel_filter.core.estimate(None if wheel is None else wheel.name, entry)
-            factor = (1.0 if wheel is None else entry.sign(wheel.node.facing)) / entry.factor
-            for parameter in entry.parameters:
-                scaled = Quantity(quantity.value * factor, quantity.sigma * abs(factor))
-                result.setdefault(entry.effect, {})[parameter] = scaled
-    return result
+    return track.with_covariance(covariance)

@@ -18,7 +18,6 @@ from hubodo.arrays import Array
 from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.live import LiveGraph, LiveState
 from hubodo.fuse.projection import LocalFrame
-from hubodo.fuse.wheel.odometry_inflation import odometry_inflation
 from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.track import track_from_poses
 from hubodo.log import topics
@@ -117,7 +116,7 @@ class Localizer:
     def add_pose(self, pose: Pose) -> MapPose | None:
         """Add a pose of the wheel filter; return the pose on the map, None while the heading is unknown."""
         inflation = (
-            0.0 if self._pose is None else float(odometry_inflation(track_from_poses([self._pose, pose]))[0])
+            0.0 if self._pose is None else float(track_from_poses([self._pose, pose]).step_inflation[0])
         )
         self._pose = pose
         self._graph.add_odometry(pose.t, pose.x, pose.y, pose.heading, inflation)

@@ -21,7 +21,7 @@ from hubodo.calibration.file import Calibration
 from hubodo.errors import InputError
 from hubodo.fuse.ranges import NodeRanges, determine_ranges
 from hubodo.fuse.wheel.config import WheelConfig, wheel_config
-from hubodo.fuse.wheel.drive_warnings import START_WINDOWS, list_warnings
+from hubodo.fuse.wheel.drive_report import START_WINDOWS, list_warnings
 from hubodo.fuse.wheel.entries import GYRO_BIAS_X, GYRO_BIAS_Y, GYRO_BIAS_Z
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample, WheelState
 from hubodo.fuse.wheel.motion_state import MotionState

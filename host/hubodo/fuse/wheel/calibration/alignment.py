@@ -9,8 +9,8 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.errors import CalibrationError
+from hubodo.fuse.track import Track
 from hubodo.fuse.wheel.calibration.positions import Positions
-from hubodo.fuse.wheel.track import WheelTrack
 
 _MAX_MIRRORED_SHARE = 0.1
 """Ratio of squared errors below which the mirror image is taken as true: a third of the distance. Estimated.
@@ -23,7 +23,7 @@ An uncalibrated filter drifts by less than a centimetre in it. Estimated.
 """
 
 
-def align_heading(track: WheelTrack, target: Positions) -> float:
+def align_heading(track: Track, target: Positions) -> float:
     """Return the start heading that aligns the track with the positions, rad.
 
     Only the first part of the drive is used, long against the position noise: later the track has drifted.
@@ -43,7 +43,7 @@ def align_heading(track: WheelTrack, target: Positions) -> float:
     )
 
 
-def check_axes(track: WheelTrack, target: Positions) -> None:
+def check_axes(track: Track, target: Positions) -> None:
     """Raise CalibrationError if the track fits the mirror image of the positions far better."""
     declared, mirrored = (
         float(np.mean(position_errors(track, positions, (0.0, 0.0)) ** 2))
@@ -57,12 +57,12 @@ def check_axes(track: WheelTrack, target: Positions) -> None:
         )
 
 
-def rotated_track_at(track: WheelTrack, target: Positions, heading: float) -> Array:
+def rotated_track_at(track: Track, target: Positions, heading: float) -> Array:
     """Return the track at the times of the positions, rotated by a heading, (M,) complex x + iy in m."""
     return np.asarray(_track_points(track, target.t) * np.exp(1j * heading))
 
 
-def position_errors(track: WheelTrack, target: Positions, antenna: tuple[float, float]) -> Array:
+def position_errors(track: Track, target: Positions, antenna: tuple[float, float]) -> Array:
     """Return the distances between positions and the antenna of the best aligned track, (M,) m.
 
     Planar rigid alignment by least squares (Umeyama 1991, without scale).
@@ -78,5 +78,5 @@ def position_errors(track: WheelTrack, target: Positions, antenna: tuple[float, 
     return distances
 
 
-def _track_points(track: WheelTrack, t: Array) -> Array:
+def _track_points(track: Track, t: Array) -> Array:
     return np.asarray(np.interp(t, track.t, track.x) + 1j * np.interp(t, track.t, track.y))

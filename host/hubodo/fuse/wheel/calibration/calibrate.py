@@ -10,12 +10,14 @@ import numpy as np
 
 from hubodo.calibration.file import CalibratedEffect, Quantity
 from hubodo.errors import CalibrationError
+from hubodo.fuse.track import Track
 from hubodo.fuse.wheel.calibration.aided_filter import AidedRun, run_aided_filter
 from hubodo.fuse.wheel.calibration.alignment import align_heading, check_axes, rotated_track_at
 from hubodo.fuse.wheel.calibration.held_out import Antenna, HeldOutErrors, measure_held_out_errors
 from hubodo.fuse.wheel.calibration.learnt_parameters import LearntParameters, extract_parameters
 from hubodo.fuse.wheel.calibration.positions import Positions, estimate_white_sigma
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode, priors_from_calibration
+from hubodo.fuse.wheel.drive_report import build_report
 from hubodo.fuse.wheel.entries import (
     ANTENNA_X,
     ANTENNA_Y,
@@ -30,7 +32,7 @@ from hubodo.fuse.wheel.entries import (
 from hubodo.fuse.wheel.filter import ALIGNMENT_WINDOWS, WheelFilter
 from hubodo.fuse.wheel.filter_core import FilterCore
 from hubodo.fuse.wheel.records import Pose, StepInput
-from hubodo.fuse.wheel.track import WheelTrack, build_report, track_from_poses
+from hubodo.fuse.wheel.track import track_from_poses
 from hubodo.recording import Table
 
 _MIN_SLOW_SIGMA, _N_SLOW_SIGMAS, _FIRST_SLOW_INDEX = 0.03, 11, 3
@@ -173,8 +175,8 @@ class _CalibrationDrive:
         self.steps: Sequence[StepInput] = plain_filter.recorded_steps
         # A position-aided filter cannot roll back to the start of a slip: use the schedule of the plain run.
         self.slips = plain_filter.core.slip_schedule
-        self.track = track_from_poses(poses)
-        self.warnings = build_report(plain_filter, self.track).warnings
+        self.track = track = track_from_poses(poses)
+        self.warnings = build_report(plain_filter, track, track.motion_state).warnings
         check_axes(self.track, positions_used)
         heading = align_heading(self.track, positions_used)
         track_points = rotated_track_at(self.track, positions_used, heading)
@@ -233,7 +235,7 @@ class _CalibrationDrive:
             core, self.before, float(np.ptp(self.track.heading)), float(np.sum(step_lengths))
         )
 
-    def fitted(self, positions_used: Positions, until: float, slow: float) -> tuple[WheelTrack, Antenna]:
+    def fitted(self, positions_used: Positions, until: float, slow: float) -> tuple[Track, Antenna]:
         """Return track and antenna of a plain filter that was calibrated on these positions.
 
         until: s, end of the track.

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from hubodo.arrays import Array
+from hubodo.fuse.track import Track
 from hubodo.fuse.wheel.calibration.alignment import position_errors
 from hubodo.fuse.wheel.calibration.positions import Positions
-from hubodo.fuse.wheel.track import WheelTrack
 
 _HELD_OUT_SEGMENTS = 4
 """Segments held out in turn; with fewer the rest teaches too little, with more they hardly drift. Estimated.
@@ -60,8 +60,8 @@ class HeldOutErrors:
 
 def measure_held_out_errors(
     positions: Positions,
-    plain: WheelTrack,
-    fitted: Callable[[Positions, float], tuple[WheelTrack, Antenna]],
+    plain: Track,
+    fitted: Callable[[Positions, float], tuple[Track, Antenna]],
     antenna: Antenna,
 ) -> HeldOutErrors:
     """Return the errors on each of four segments, calibrated on the other three.

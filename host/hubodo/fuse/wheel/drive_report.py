@@ -1,0 +1,226 @@
+"""Report of a drive: learnt parameters, counts, slips, outages, and warnings for the user."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.calibration.file import Quantity
+from hubodo.fuse.track import Track
+from hubodo.fuse.wheel.entries import OBSERVABLE_WITH_TWO_WHEELS, VEHICLE_ENTRIES, WHEEL_ENTRIES, Entry
+from hubodo.fuse.wheel.filter import WheelFilter
+from hubodo.fuse.wheel.motion_state import MotionState
+from hubodo.fuse.wheel.outage_log import WheelOutage
+from hubodo.fuse.wheel.slip_detector import Slip
+from hubodo.fuse.wheel.wheel import Wheel
+from hubodo.fuse.wheel.window import WINDOW_S
+
+START_WINDOWS = int(3.0 / WINDOW_S)
+"""Windows at the start in which a standstill is expected; later it counts only if there was one at all."""
+_FULL_TURN = 2.0 * math.pi
+
+
+@dataclass(frozen=True)
+class WheelReport:
+    """Parameters learnt from a drive, and what happened in it.
+
+    Attributes
+    ----------
+    distance : m along the track.
+    duration, end : s; end is the time of the last pose.
+    method : sentence.
+    vehicle, nodes : effect -> parameter -> value and sigma as in a calibration file, nodes by name and in
+    their own axes. Entries that one wheel cannot observe are left out; a mean of two parameters is listed
+    for both.
+    counts : by node, windows slipping, clipped and missing, samples refused.
+    slips : by node, the periods in which its wheel slipped.
+    warnings : one line each, except for slips.
+    outages : periods without any wheel, s, and whether the vehicle was stationary.
+    """
+
+    distance: float
+    duration: float
+    end: float
+    method: str
+    vehicle: Mapping[str, Mapping[str, Quantity]]
+    nodes: Mapping[str, Mapping[str, Mapping[str, Quantity]]]
+    counts: Mapping[str, Mapping[str, int]]
+    slips: Mapping[str, tuple[Slip, ...]]
+    warnings: tuple[str, ...]
+    outages: tuple[WheelOutage, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the entries of fuse.json."""
+        return {
+            "distance": self.distance,
+            "duration": self.duration,
+            "method": self.method,
+            "vehicle": _quantities_json(self.vehicle),
+            "nodes": {name: _quantities_json(effects) for name, effects in self.nodes.items()},
+            "counts": {name: dict(value) for name, value in self.counts.items()},
+            "silences": [
+                {"begin": outage.start, "end": outage.end, "stood": outage.was_stationary}
+                for outage in self.outages
+            ],
+            "slips": [
+                {"node": name, "from": slip.start, "to": min(slip.end, self.end), "speed": slip.speed}
+                for name, outlier_windows in self.slips.items()
+                for slip in outlier_windows
+            ],
+            "warnings": [
+                *(
+                    f"{name}: {slip.description}"
+                    for name, outlier_windows in self.slips.items()
+                    for slip in outlier_windows
+                ),
+                *self.warnings,
+            ],
+        }
+
+
+def _quantities_json(effects: Mapping[str, Mapping[str, Quantity]]) -> dict[str, dict[str, dict[str, float]]]:
+    return {name: {key: asdict(item) for key, item in result.items()} for name, result in effects.items()}
+
+
+def build_report(
+    wheel_filter: WheelFilter, track: Track, motion_states: Array, lag: float = 0.0
+) -> WheelReport:
+    """Return the report of a filter after its last pose.
+
+    track, motion_states: of all poses; lag: as for `run_wheel_filter`.
+    """
+    wheels = wheel_filter.core.wheels
+    names = " and ".join(wheel.name for wheel in wheels)
+    causality = "filtered, each pose from the past alone"
+    if lag > 0.0:
+        ahead = f"what came up to {lag:g} s after it" if math.isfinite(lag) else "the whole log"
+        causality = f"smoothed, each pose from {ahead}: not causal"
+    observable = [
+        entry for entry in VEHICLE_ENTRIES if len(wheels) == 2 or entry not in OBSERVABLE_WITH_TWO_WHEELS
+    ]
+    vehicle = _quantities(wheel_filter, None, observable)
+    nodes = {wheel.name: _quantities(wheel_filter, wheel, WHEEL_ENTRIES) for wheel in wheels}
+    counts = {
+        wheel.name: {
+            "windows_slipping": wheel.outlier_windows + wheel_filter.core.slip_schedule.count_windows(index),
+            "windows_clipped": wheel.clipped_windows,
+            "windows_unheard": wheel.missing_windows,
+            "samples_refused": wheel_filter.refused[wheel.name],
+        }
+        for index, wheel in enumerate(wheels)
+    }
+    outlier_windows = {
+        wheel.name: tuple(wheel.slip_detector.slips) for wheel in wheels if wheel.slip_detector.slips
+    }
+    duration, end = float(track.t[-1] - track.t[0]) + WINDOW_S, float(track.t[-1])
+    warning_lines = tuple(list_warnings(wheel_filter, motion_states))
+    outages = tuple(wheel_filter.core.outages.listed)
+    encoder_note = " with the surface speeds of another odometer" if wheel_filter.config.encoder_aided else ""
+    method = f"wheel filter on {names}{encoder_note}, {causality}"
+    return WheelReport(
+        _path_length(track),
+        duration,
+        end,
+        method,
+        vehicle,
+        nodes,
+        counts,
+        outlier_windows,
+        warning_lines,
+        outages,
+    )
+
+
+def _path_length(track: Track) -> float:
+    """Return the length of the track, m, backwards too; the chord across an outage."""
+    chord = np.hypot(np.diff(track.x), np.diff(track.y))
+    rolled_distance = np.abs(track.speed) * WINDOW_S
+    is_outage = np.diff(track.t) > 1.5 * WINDOW_S
+    return float(rolled_distance[0] + np.sum(np.where(is_outage, chord, rolled_distance[1:])))
+
+
+def _quantities(
+    wheel_filter: WheelFilter, wheel: Wheel | None, entries: Sequence[Entry]
+) -> dict[str, dict[str, Quantity]]:
+    """Return effect -> parameter -> value and sigma of the learnable entries, in the node's own axes."""
+    result: dict[str, dict[str, Quantity]] = {}
+    for entry in entries:
+        if entry.is_learnable:
+            quantity = wheel_filter.core.estimate(None if wheel is None else wheel.name, entry)
+            factor = (1.0 if wheel is None else entry.sign(wheel.node.facing)) / entry.factor
+            for parameter in entry.parameters:
+                scaled = Quantity(quantity.value * factor, quantity.sigma * abs(factor))
+                result.setdefault(entry.effect, {})[parameter] = scaled
+    return result
+
+
+def list_warnings(wheel_filter: WheelFilter, motion_states: Array) -> list[str]:
+    """Return one line for each warning; motion_states: (N,) of the poses."""
+    lines = []
+    start = motion_states[:START_WINDOWS]
+    if not np.any(start != MotionState.MOVING):
+        lines.append(
+            "no rest at the start: gyro biases had to be found while driving; the heading is less sure for "
+            "the first turns of the wheel. Stand still for five seconds before driving off"
+        )
+    elif not np.any(start == MotionState.STANDSTILL) and not np.any(motion_states == MotionState.STANDSTILL):
+        lines.append("the vehicle was rocked at the start, never quite still: gyro biases are less sure")
+    if wheel_filter.core.mounting_check.verdict:
+        lines.append(f"{wheel_filter.core.mounting_check.verdict}; until then its speed is not used")
+    lines += wheel_filter.core.outages.list_warnings(
+        " and ".join(wheel.name for wheel in wheel_filter.core.wheels)
+    )
+    windows, outage_windows = wheel_filter.core.windows, wheel_filter.core.outages.windows
+    for wheel in wheel_filter.core.wheels:
+        lines += _wheel_warnings(wheel, windows, outage_windows, wheel_filter.refused[wheel.name])
+    return lines
+
+
+def _wheel_warnings(wheel: Wheel, windows: int, outage_windows: int, refused: int) -> list[str]:
+    duration = windows * WINDOW_S
+    if wheel.missing_windows >= windows:
+        return [f"{wheel.name}: no samples; the track comes from the other wheel alone"]
+    wheel_lines = []
+    if wheel.missing_windows - outage_windows > 5:
+        missing_time = wheel.missing_windows * WINDOW_S
+        wheel_lines.append(f"not heard for {missing_time:.1f} s of {duration:.1f} s; sigmas grow there")
+    if wheel.angle_losses:
+        wheel_lines.append(
+            f"the wheel angle was lost over a gap and reinitialised ({wheel.angle_losses} times): "
+            "its clock jumped, or it turned on while it was not heard"
+        )
+    if refused:
+        wheel_lines.append(
+            f"{refused} samples left out because their time went back, or jumped ahead for one of them"
+        )
+    if wheel.turned_angle < _FULL_TURN:
+        turns = wheel.turned_angle / _FULL_TURN
+        wheel_lines.append(f"the wheel turned only {turns:.2f} times; scale, tilt and lever arm stay unknown")
+    elif rolled_mostly_backwards(wheel):
+        wheel_lines.append(
+            "rolled backwards nearly all the way; if the vehicle drove forwards, the node faces the other "
+            "way: change its facing"
+        )
+    if wheel.upright_count >= 50 and wheel.upright_sum < 0.5 * wheel.upright_count:
+        wheel_lines.append(
+            "gravity does not turn with gz; an axis is mirrored, or the node is not on the wheel"
+        )
+    if wheel.clipped_windows:
+        clipped_time = wheel.clipped_windows * WINDOW_S
+        wheel_lines.append(
+            f"gz at its limit for {clipped_time:.1f} s; spin there is from gravity and centripetal force"
+        )
+    if wheel.outlier_windows > max(5, 0.05 * windows):
+        outlier_time = wheel.outlier_windows * WINDOW_S
+        wheel_lines.append(f"disagreed with the other wheel for {outlier_time:.1f} s and lost weight: slip?")
+    return [f"{wheel.name}: {line}" for line in wheel_lines]
+
+
+def rolled_mostly_backwards(wheel: Wheel) -> bool:
+    """Return True if a wheel rolled backwards nearly all the way, as with a wrong facing."""
+    return wheel.turned_angle >= _FULL_TURN and wheel.net_angle < -0.8 * wheel.turned_angle
