@@ -1,0 +1,138 @@
+"""State vector of the wheel filter: priors, single rows and positions against textbook Kalman equations."""
+
+import numpy as np
+import pytest
+
+from hubodo.calibration.file import Quantity
+from hubodo.fuse.wheel.config import GATE_SIGMA, WheelConfig, WheelNode
+from hubodo.fuse.wheel.entries import (
+    ANTENNA_X,
+    GYRO_BIAS_Z,
+    HEADING,
+    SLOPE,
+    SPEED,
+    TIME_OFFSET,
+    TRACK_WIDTH,
+    WHEEL_ANGLE,
+    YAW_RATE,
+    X,
+    Y,
+)
+from hubodo.fuse.wheel.measurements.position import Position
+from hubodo.fuse.wheel.records import History
+from hubodo.fuse.wheel.state_vector import StateVector, initial_state
+
+
+def _state(*names: str, seed: int | None = None, **settings: object) -> StateVector:
+    """Return the initial state; seed: of states and of a full covariance in its place."""
+    nodes = {name: WheelNode(name, "left") for name in names or ("left", "right")}  # type: ignore[arg-type]
+    state = StateVector(initial_state(WheelConfig(0.15, 0.5, nodes, **settings)), History(5))  # type: ignore[arg-type]
+    if seed is not None:
+        print("seed", seed)
+        rng = np.random.default_rng(seed)
+        root = rng.standard_normal((len(state.x), len(state.x))) / len(state.x) ** 0.5
+        state.x, state.p = rng.standard_normal(len(state.x)).tolist(), root @ root.T
+    return state
+
+
+def _kalman(
+    x: np.ndarray, p: np.ndarray, h: np.ndarray, z: np.ndarray, r: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the update in information form, (n,) and (n, n): P⁻¹ + Hᵀ R⁻¹ H."""
+    inverse = np.linalg.inv(r)
+    after = np.linalg.inv(np.linalg.inv(p) + h.T @ inverse @ h)
+    return x + after @ h.T @ inverse @ z, after
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_single_row_is_the_kalman_update(seed: int) -> None:
+    state = _state(seed=seed)
+    x, p = np.array(state.x), state.p.copy()
+    columns = state.wheels[1].columns
+    h = np.zeros((1, len(x)))
+    h[0, columns[SPEED]], h[0, columns[GYRO_BIAS_Z]] = 2.0, -0.7
+    expected = _kalman(x, p, h, np.array([0.3]), np.array([[0.5]]))
+    state.update_with_row((0.3, 0.5, {SPEED: 2.0, GYRO_BIAS_Z: -0.7}), columns)
+    assert np.array(state.x) == pytest.approx(expected[0], abs=1e-9)
+    assert state.p == pytest.approx(expected[1], abs=1e-9)
+
+
+def test_an_outlier_has_the_innovation_variance_of_a_residual_at_the_gate() -> None:
+    state = _state(seed=1)
+    x, p, column = np.array(state.x), state.p.copy(), state.columns.vehicle[SPEED]
+    residual = 100.0
+    state.update_with_row((residual, 0.5, {SPEED: 1.0}), state.columns.vehicle)
+    s = (residual / GATE_SIGMA) ** 2
+    assert np.array(state.x) - x == pytest.approx(p[:, column] * residual / s)
+    assert state.p == pytest.approx(p - np.outer(p[:, column], p[:, column]) / s)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_position_is_the_kalman_update_with_numerical_derivatives(seed: int) -> None:
+    state = _state(seed=seed, position_aided=True)
+    x, p, measured = np.array(state.x), state.p.copy(), Position(3.0, -2.0, 0.5)
+    innovation = state.position_innovation(measured)
+
+    def residual(states: np.ndarray) -> np.ndarray:
+        state.x = states.tolist()
+        return state.position_innovation(measured).z
+
+    step = 1e-6
+    h = -np.column_stack(
+        [(residual(x + step * unit) - residual(x - step * unit)) / (2 * step) for unit in np.eye(len(x))]
+    )
+    state.x = x.tolist()
+    r = 0.25 * np.eye(2)
+    assert innovation.s == pytest.approx(h @ p @ h.T + r, abs=1e-6)
+    assert innovation.nis == pytest.approx(
+        innovation.z @ np.linalg.inv(h @ p @ h.T + r) @ innovation.z, rel=1e-5
+    )
+    assert innovation.cost == pytest.approx(innovation.nis + np.log(np.linalg.det(innovation.s)))
+    expected = _kalman(x, p, h, innovation.z, r)
+    state.update_with_position(innovation)
+    assert np.array(state.x) == pytest.approx(expected[0], abs=1e-5)
+    assert state.p == pytest.approx(expected[1], abs=1e-5)
+
+
+def test_inflation_adds_variance_to_its_entries_alone() -> None:
+    state = _state(seed=4)
+    x, p, vehicle = list(state.x), state.p.copy(), state.columns.vehicle
+    state.inflate({X: 2.0, HEADING: 0.5})
+    p[vehicle[X], vehicle[X]] += 2.0
+    p[vehicle[HEADING], vehicle[HEADING]] += 0.5
+    assert state.x == x
+    assert np.array_equal(state.p, p)
+
+
+def test_the_state_starts_at_standstill_at_the_origin_with_the_priors_of_the_entries() -> None:
+    state = _state()
+    assert set(state.x) == {0.0}
+    for entry in (SPEED, YAW_RATE, TRACK_WIDTH, TIME_OFFSET, SLOPE, X, Y):
+        assert state.estimate(None, entry) == Quantity(0.0, pytest.approx(entry.prior)), entry
+    for name in ("left", "right"):
+        assert state.estimate(name, WHEEL_ANGLE).sigma == pytest.approx(WHEEL_ANGLE.prior)
+    assert np.array_equal(state.p, np.diag(np.diag(state.p)))
+
+
+def test_priors_of_a_calibration_and_the_start_heading_replace_those_of_the_entries() -> None:
+    nodes = {"left": WheelNode("left", "left", priors={GYRO_BIAS_Z: Quantity(0.02, 0.001)})}
+    config = WheelConfig(
+        0.15, 0.5, nodes, priors={TRACK_WIDTH: Quantity(0.01, 0.002)}, start_heading=1.2, heading_sigma=0.1
+    )
+    state = StateVector(initial_state(config), History(5))
+    assert state.estimate("left", GYRO_BIAS_Z) == Quantity(0.02, 0.001)
+    assert state.estimate(None, TRACK_WIDTH) == Quantity(0.01, 0.002)
+    assert state.estimate(None, HEADING) == Quantity(1.2, pytest.approx(0.1))
+
+
+def test_one_wheel_has_no_delay_against_another_and_only_an_aided_filter_an_antenna() -> None:
+    assert _state("left").estimate(None, TIME_OFFSET) == Quantity(0.0, 0.0)
+    assert ANTENNA_X not in _state().columns.vehicle
+    assert _state(position_aided=True).estimate(None, ANTENNA_X).sigma == pytest.approx(ANTENNA_X.prior)
+
+
+def test_a_steered_wheel_has_its_contact_at_the_body_origin() -> None:
+    nodes = {"left": WheelNode("left", "left"), "right": WheelNode("right", "left", steered=True)}
+    wheels = initial_state(WheelConfig(0.15, 0.5, nodes)).wheels
+    assert [wheel.geometry.contact_y for wheel in wheels] == [0.25, 0.0]
+    assert [wheel.geometry.side for wheel in wheels] == [1.0, -1.0]
