@@ -13,7 +13,7 @@ GUARDS = (
     "host/fuse/test_track.py",
     "host/api/test_public_names.py",
 )
-"""Tests of the rooms that a new factor touches."""
+"""Tests of the parts of the package that a new factor touches."""
 FUSE_WITH_GATE = """
 import numpy as np
 from graph_drives import wiggly_path
@@ -30,7 +30,7 @@ print(*result.warnings)
 
 @pytest.fixture(scope="module")
 def copy(tmp_path_factory: pytest.TempPathFactory) -> PackageCopy:
-    """A copy of the package with the example factor added."""
+    """Return a copy of the package with the example factor added."""
     copy = PackageCopy(tmp_path_factory.mktemp("copy"))
     shutil.copy(ROOT / "tests/example_factor.py", copy.package / "fuse/graph/factors/gate.py")
     copy.add_lines(
@@ -53,5 +53,5 @@ def test_a_factor_added_by_the_recipe_is_fused_and_reported(copy: PackageCopy) -
     assert "gate: passed 2 times" in copy.run("-c", FUSE_WITH_GATE)
 
 
-def test_no_test_of_the_rooms_fails_for_an_added_factor(copy: PackageCopy) -> None:
+def test_the_tests_of_the_touched_parts_pass_with_an_added_factor(copy: PackageCopy) -> None:
     assert copy.run_tests(*GUARDS) > 0

@@ -1,4 +1,4 @@
-"""Factors of the graph: derivatives, splits, losses, and the covariance of odometry segments."""
+"""Factors of the graph: Jacobians, splitting, losses, and the covariance of odometry segments."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 from generators import gnss_drives
-from graph_drives import numeric, small_drive, wiggly_path
+from graph_drives import central_differences, small_drive_graph, wiggly_path
 from hubodo.fuse.graph.factors.between import BetweenFactors
 from hubodo.fuse.graph.factors.constants import N_CONSTANTS
 from hubodo.fuse.graph.factors.heading import HeadingFactors
@@ -21,34 +21,42 @@ from hubodo.fuse.track import Track
 POSES = 9
 
 
-def between(rng):
+def random_between_factors(rng):
     path = wiggly_path(rng, 60)
     edges = np.sort(rng.choice(np.arange(1, 59), POSES - 2, replace=False))
     noise = StepNoise(*rng.uniform(0.002, 0.05, 4))
     return BetweenFactors.from_steps(segment_odometry(path, path.t[[0, *edges, 59]], noise).steps)
 
 
-def some(rng, count=4):
-    """Return indices of a few poses."""
+def random_poses(rng, count=4):
+    """Return the indices of a few poses."""
     return np.sort(rng.choice(POSES, count, replace=False))
 
 
-def sigmas(rng, *shape):
+def random_sigmas(rng, *shape):
     return np.exp(rng.uniform(-2.0, 2.0, shape))
 
 
 FACTORS = {
-    BetweenFactors: between,
+    BetweenFactors: random_between_factors,
     PositionFactors: lambda rng: PositionFactors(
-        some(rng), rng.normal(0, 5, (4, 2)), sigmas(rng, 4), rng.normal(0, 2, (4, 2)), (0.4, -0.7)
+        random_poses(rng),
+        rng.normal(0, 5, (4, 2)),
+        random_sigmas(rng, 4),
+        rng.normal(0, 2, (4, 2)),
+        (0.4, -0.7),
     ),
-    HeadingFactors: lambda rng: HeadingFactors(some(rng), rng.uniform(-9, 9, 4), sigmas(rng, 4)),
-    PosePriorFactors: lambda rng: PosePriorFactors(some(rng, 2), rng.normal(0, 3, (2, 3)), sigmas(rng, 2, 3)),
+    HeadingFactors: lambda rng: HeadingFactors(
+        random_poses(rng), rng.uniform(-9, 9, 4), random_sigmas(rng, 4)
+    ),
+    PosePriorFactors: lambda rng: PosePriorFactors(
+        random_poses(rng, 2), rng.normal(0, 3, (2, 3)), random_sigmas(rng, 2, 3)
+    ),
     ConstantsPriorFactors: lambda rng: ConstantsPriorFactors(
-        some(rng, 1), rng.normal(0, 1, (1, N_CONSTANTS)), sigmas(rng, 1, N_CONSTANTS)
+        random_poses(rng, 1), rng.normal(0, 1, (1, N_CONSTANTS)), random_sigmas(rng, 1, N_CONSTANTS)
     ),
     MarginalPriorFactors: lambda rng: MarginalPriorFactors(
-        some(rng, 1),
+        random_poses(rng, 1),
         rng.normal(0, 3, (1, 3 + N_CONSTANTS, 3 + N_CONSTANTS)),
         rng.normal(0, 1, (1, 3 + N_CONSTANTS)),
         rng.normal(0, 1, (1, 3 + N_CONSTANTS)),
@@ -58,9 +66,9 @@ FACTORS = {
 
 
 def test_every_kind_of_factor_of_a_drive_and_a_window_has_an_example_here():
-    drive = small_drive(np.random.default_rng(46))
-    later = marginalise_first_poses(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS), 3)
-    assert {type(group) for group in (*drive.graph.factors, *later.factors)} == set(FACTORS)
+    drive = small_drive_graph(np.random.default_rng(46))
+    marginalised = marginalise_first_poses(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS), 3)
+    assert {type(group) for group in (*drive.graph.factors, *marginalised.factors)} == set(FACTORS)
 
 
 @pytest.mark.parametrize("kind", FACTORS)
@@ -76,7 +84,7 @@ def test_every_jacobian_is_the_derivative_of_its_residual(kind, seed):
     def residuals(z):
         return factors.linearise(z[: 3 * POSES].reshape(POSES, 3), z[3 * POSES :]).residual.ravel()
 
-    expected = numeric(residuals, np.append(poses.ravel(), constants))
+    expected = central_differences(residuals, np.append(poses.ravel(), constants))
     result = np.zeros_like(expected)
     for i, k in enumerate(item.pose_index):
         part = slice(i * width, (i + 1) * width)
@@ -93,9 +101,9 @@ def test_residuals_are_whitened_by_their_own_sigma(kind):
     rng = np.random.default_rng(48)
     factors = FACTORS[kind](rng)
     poses, constants = rng.normal(0, 1, (POSES, 3)), rng.normal(0, 0.01, N_CONSTANTS)
-    plain = type(factors)(**{**vars(factors), "sigma": np.ones_like(factors.sigma)})
-    selected = factors.sigma[:, None] if factors.sigma.ndim == 1 else factors.sigma
-    expected = plain.linearise(poses, constants).residual / selected
+    unit_sigma = type(factors)(**{**vars(factors), "sigma": np.ones_like(factors.sigma)})
+    sigma = factors.sigma[:, None] if factors.sigma.ndim == 1 else factors.sigma
+    expected = unit_sigma.linearise(poses, constants).residual / sigma
     assert np.allclose(factors.linearise(poses, constants).residual, expected)
 
 
@@ -106,8 +114,8 @@ def test_factors_split_and_appended_again_are_unchanged(kind):
     poses, constants = rng.normal(0, 1, (POSES, 3)), rng.normal(0, 0.01, N_CONSTANTS)
     full = factors.linearise(poses, constants)
     for cut in range(POSES + 1):
-        repeated = factors.select_poses(0, cut).append(factors.select_poses(cut, POSES), cut)
-        item = repeated.linearise(poses, constants)
+        reassembled = factors.select_poses(0, cut).append(factors.select_poses(cut, POSES), cut)
+        item = reassembled.linearise(poses, constants)
         assert item.pose_index.tolist() == full.pose_index.tolist()
         assert np.array_equal(item.residual, full.residual)
     for i, k in enumerate(full.pose_index):
@@ -125,39 +133,43 @@ def test_the_cost_of_a_loss_is_the_integral_of_its_weight(loss):
         assert float(loss.cost(np.array(s))) == pytest.approx(area, rel=1e-6)
 
 
-def test_a_fix_far_off_has_no_influence():
+def test_an_outlier_fix_has_no_influence():
     loss = PositionFactors.loss
     assert loss.weight(np.array([9.0, 20.0**2])).tolist() == [1.0, 0.0]
-    # For an initial guess it has, and a loss that never rejects is kept.
+    # For an initial guess an outlier keeps some weight; a loss that never rejects is unchanged.
     assert loss.for_initial_guess().weight(np.array(400.0)) == pytest.approx(0.1)
     assert BetweenFactors.loss.for_initial_guess() == BetweenFactors.loss
 
 
-def test_compounded_steps_are_the_odometry_itself():
+def test_compounded_steps_reproduce_the_odometry():
     rng = np.random.default_rng(8)
     path = wiggly_path(rng)
     state_t = np.concatenate([[path.t[0]], np.sort(rng.uniform(0.1, 19.0, 30)), [path.t[-1]]])
-    cut = segment_odometry(path, state_t, StepNoise())
-    item = BetweenFactors.from_steps(cut.steps).linearise(cut.odometry_pose, np.zeros(N_CONSTANTS))
+    segments = segment_odometry(path, state_t, StepNoise())
+    item = BetweenFactors.from_steps(segments.steps).linearise(segments.odometry_pose, np.zeros(N_CONSTANTS))
     assert np.max(np.abs(item.residual)) < 1e-9
-    assert np.allclose(cut.odometry_pose[:, 0], np.interp(state_t, path.t, path.x))
+    assert np.allclose(segments.odometry_pose[:, 0], np.interp(state_t, path.t, path.x))
 
 
-def test_constants_correct_an_odometer_with_those_errors():
+def test_the_constants_correct_the_errors_of_an_odometer():
     """The reference is the generator's odometer, which has its own integration."""
     errors = gnss_drives.Errors(scale=0.01, turn=0.02, rate=2e-3, curve=5e-3)
     rng = np.random.default_rng(9)
     drive = gnss_drives.drive(rng, gnss_drives.loop(rng, length=60.0), errors)
     path = Track(drive.odo_t, drive.odo_x, drive.odo_y, drive.odo_heading)
-    cut = segment_odometry(path, np.array([path.t[0], path.t[-1]]), StepNoise())
-    undo = np.array([1 / 1.01 - 1, 1 / 1.02 - 1, -2e-3 / 1.02, -5e-3 / 1.02 / 1.01, 0.0, 0.0])
-    shifted = complex(cut.steps.correct_displacements(undo).sum()) * np.exp(1j * drive.heading[0])
+    segments = segment_odometry(path, np.array([path.t[0], path.t[-1]]), StepNoise())
+    corrections = np.array([1 / 1.01 - 1, 1 / 1.02 - 1, -2e-3 / 1.02, -5e-3 / 1.02 / 1.01, 0.0, 0.0])
+    displacement = complex(segments.steps.correct_displacements(corrections).sum()) * np.exp(
+        1j * drive.heading[0]
+    )
     x, y, heading = drive.truth(path.t[-1])
-    assert abs(shifted - (x + 1j * y)) < 2e-3
-    assert float(cut.steps.correct_turns(undo)[0]) == pytest.approx(heading - drive.heading[0], abs=1e-3)
+    assert abs(displacement - (x + 1j * y)) < 2e-3
+    assert float(segments.steps.correct_turns(corrections)[0]) == pytest.approx(
+        heading - drive.heading[0], abs=1e-3
+    )
 
 
-def test_the_covariance_of_a_segment_is_that_of_many_noisy_simulations():
+def test_the_covariance_of_a_segment_equals_a_monte_carlo_simulation():
     rng = np.random.default_rng(10)
     path = wiggly_path(rng, 60)
     noise = StepNoise(along=0.02, sideways=0.01, heading=0.02, heading_per_distance=0.0)
@@ -165,17 +177,17 @@ def test_the_covariance_of_a_segment_is_that_of_many_noisy_simulations():
     expected = segment_odometry(path, ends, noise).steps.covariance[0]
     step = np.diff(path.x + 1j * path.y) * np.exp(-0.5j * (path.heading[1:] + path.heading[:-1]))
     turn = np.diff(path.heading)
-    output = []
+    samples = []
     for _ in range(4000):
         root = np.sqrt(np.abs(step))
         noisy = step + root * (0.02 * rng.standard_normal(59) + 0.01j * rng.standard_normal(59))
-        course = path.heading[0] + np.append(
+        heading = path.heading[0] + np.append(
             0.0, np.cumsum(turn + 0.02 * np.sqrt(0.1) * rng.standard_normal(59))
         )
-        end = np.sum(noisy * np.exp(0.5j * (course[1:] + course[:-1]))) * np.exp(-1j * path.heading[0])
-        output.append([end.real, end.imag, course[-1]])
-    result = np.cov(np.array(output).T)
-    # 4000 draws: the standard error of a variance is 2.2 %; four of them.
+        end = np.sum(noisy * np.exp(0.5j * (heading[1:] + heading[:-1]))) * np.exp(-1j * path.heading[0])
+        samples.append([end.real, end.imag, heading[-1]])
+    result = np.cov(np.array(samples).T)
+    # With 4000 draws the standard error of a variance is 2.2 %; the tolerance is four of them.
     assert np.allclose(np.diag(result), np.diag(expected), rtol=0.09)
     scale = np.sqrt(np.diag(expected))
     assert np.allclose(result / np.outer(scale, scale), expected / np.outer(scale, scale), atol=0.09)
@@ -186,52 +198,59 @@ def test_odometry_at_a_higher_rate_has_the_same_segment_covariance():
     fine_t = np.linspace(path.t[0], path.t[-1], 991)
     fine = Track(fine_t, *(np.interp(fine_t, path.t, v) for v in (path.x, path.y, path.heading)))
     ends = np.array([path.t[0], 4.05, path.t[-1]])
-    coarse, other = (segment_odometry(p, ends, StepNoise()).steps.covariance for p in (path, fine))
-    assert np.allclose(coarse, other, rtol=0.02, atol=1e-9)
+    covariance_of_coarse, covariance_of_fine = (
+        segment_odometry(p, ends, StepNoise()).steps.covariance for p in (path, fine)
+    )
+    assert np.allclose(covariance_of_coarse, covariance_of_fine, rtol=0.02, atol=1e-9)
 
 
 STRAIGHT = Track(0.5 * np.arange(5.0), 2.0 * np.arange(5.0), np.zeros(5), np.zeros(5))
 ENDS = np.array([0.0, 0.75, 2.0])
 
 
-def test_the_inflation_of_a_step_cut_by_a_pose_is_divided_by_time():
+def test_the_inflation_of_a_step_divided_by_a_pose_is_split_in_proportion_to_time():
     """Variances add up on a straight path: 1.5 and 2.5 of four steps, beside the noise of rolling wheels."""
     inflated = replace(STRAIGHT, step_inflation=np.array([1.0, 2.0, 4.0, 8.0]))
-    for times in ((1.0, 1.0, 1.0), (2.0, 3.0, 1.0)):
-        rolled, reported = (
-            segment_odometry(path, ENDS, StepNoise(sigma_factors=times)).steps
+    for factors in ((1.0, 1.0, 1.0), (2.0, 3.0, 1.0)):
+        plain, with_inflation = (
+            segment_odometry(path, ENDS, StepNoise(sigma_factors=factors)).steps
             for path in (STRAIGHT, inflated)
         )
-        beyond = reported.covariance - rolled.covariance
-        np.testing.assert_allclose(beyond[:, 0, 0], [2.0, 13.0])
-        np.testing.assert_allclose(beyond[:, 1, 1], [2.0, 13.0])
-        np.testing.assert_allclose(beyond[:, 2, 2], 0.0, atol=1e-12)
+        added = with_inflation.covariance - plain.covariance
+        np.testing.assert_allclose(added[:, 0, 0], [2.0, 13.0])
+        np.testing.assert_allclose(added[:, 1, 1], [2.0, 13.0])
+        np.testing.assert_allclose(added[:, 2, 2], 0.0, atol=1e-12)
     with pytest.raises(ValueError, match="step_inflation"):
         check_odometry(replace(STRAIGHT, step_inflation=np.zeros(5)))
 
 
 def test_a_relative_error_applies_to_length_and_turn_of_each_segment():
     """Segments are 3 m and 5 m long and turn by 0.3 rad and 0.5 rad; the error is a tenth."""
-    bent = replace(STRAIGHT, heading=0.4 * STRAIGHT.t)
-    steps = segment_odometry(bent, ENDS, StepNoise(relative_error=0.1)).steps
+    turning = replace(STRAIGHT, heading=0.4 * STRAIGHT.t)
+    steps = segment_odometry(turning, ENDS, StepNoise(relative_error=0.1)).steps
     length = 0.1 * np.array([3.0, 5.0])
     for axis, sigma in ((0, length), (1, length), (2, 0.1 * np.array([0.3, 0.5]))):
         np.testing.assert_allclose(np.sqrt(steps.covariance[:, axis, axis]), sigma, rtol=0.02)
-    stands = replace(STRAIGHT, x=np.zeros(5))
-    for covariance in segment_odometry(stands, ENDS, StepNoise(relative_error=0.1)).steps.covariance:
+    stationary = replace(STRAIGHT, x=np.zeros(5))
+    for covariance in segment_odometry(stationary, ENDS, StepNoise(relative_error=0.1)).steps.covariance:
         assert np.linalg.eigvalsh(covariance).min() > 0.0
 
 
 def test_an_odometry_outage_adds_the_variance_of_a_brownian_bridge():
     """A Brownian bridge over T seconds has an integral of variance T³ / 12; other noise adds."""
-    holes = Track(np.array([0.0, 0.1, 4.1]), np.array([0.0, 0.2, 3.2]), np.zeros(3), np.zeros(3))
+    path = Track(np.array([0.0, 0.1, 4.1]), np.array([0.0, 0.2, 3.2]), np.zeros(3), np.zeros(3))
     noise = StepNoise(
         along=0.3, sideways=0.2, heading=0.02, heading_per_distance=0.05, speed_walk=0.7, yaw_walk=0.4
     )
-    short, long = segment_odometry(holes, holes.t, noise).steps.covariance
-    for result, distance, time, hole in ((short, 0.2, 0.1, 0.0), (long, 3.0, 4.0, 4.0**3 / 12.0)):
-        turn = 0.02**2 * time + 0.05**2 * distance + 0.4**2 * hole
-        assert result[0, 0] == pytest.approx(0.3**2 * distance + 0.7**2 * hole, rel=1e-6)
-        assert result[2, 2] == pytest.approx(turn, rel=1e-6)
+    regular, across_outage = segment_odometry(path, path.t, noise).steps.covariance
+    for result, distance, duration, bridge in (
+        (regular, 0.2, 0.1, 0.0),
+        (across_outage, 3.0, 4.0, 4.0**3 / 12.0),
+    ):
+        heading_variance = 0.02**2 * duration + 0.05**2 * distance + 0.4**2 * bridge
+        assert result[0, 0] == pytest.approx(0.3**2 * distance + 0.7**2 * bridge, rel=1e-6)
+        assert result[2, 2] == pytest.approx(heading_variance, rel=1e-6)
         # A turn within the step rotates half of it.
-        assert result[1, 1] == pytest.approx(0.2**2 * distance + (0.5 * distance) ** 2 * turn, rel=1e-5)
+        assert result[1, 1] == pytest.approx(
+            0.2**2 * distance + (0.5 * distance) ** 2 * heading_variance, rel=1e-5
+        )

@@ -1,4 +1,4 @@
-"""Screening of fixes before the graph, and samples of a new kind of sensor."""
+"""Preparation of fixes before the graph, and factors of a new kind of sensor."""
 
 import numpy as np
 import pytest
@@ -23,12 +23,12 @@ ROW = 3
 
 
 def fixes(latitude=47.0, longitude=8.0, sigma=None, count=9):
-    """Return good fixes about 47, 8 degrees, one a second, with a different one in row 4."""
-    output = Fixes(np.arange(float(count)), np.full(count, 47.0), np.full(count, 8.0), np.full(count, 2.0))
-    output.latitude_deg[ROW], output.longitude_deg[ROW] = latitude, longitude
+    """Return fixes at 47° north, 8° east, one per second, with other values in row 4."""
+    table = Fixes(np.arange(float(count)), np.full(count, 47.0), np.full(count, 8.0), np.full(count, 2.0))
+    table.latitude_deg[ROW], table.longitude_deg[ROW] = latitude, longitude
     if sigma is not None:
-        output.sigma[ROW] = sigma
-    return output
+        table.sigma[ROW] = sigma
+    return table
 
 
 @pytest.mark.parametrize(
@@ -61,7 +61,7 @@ def test_a_fix_far_from_the_others_is_dropped(latitude, longitude):
 
 
 @pytest.mark.parametrize("longitude", [8.0, 368.0 - 360.0, -352.0])
-def test_longitudes_are_reduced_modulo_a_turn(longitude):
+def test_longitudes_are_reduced_modulo_360_degrees(longitude):
     result = localise_fixes(fixes(47.0, longitude), 0.0, 8.0, 5.0, True)
     assert result.warnings == ()
     assert np.max(np.abs(result.position)) < 1e-3
@@ -88,8 +88,10 @@ def test_extreme_latitudes_and_longitudes_are_valid(place):
 def test_an_invalid_sigma_is_replaced_by_the_configured_one(sigma, declared, used):
     result = localise_fixes(fixes(sigma=sigma), 0.0, 8.0, 5.0, declared)
     assert result.sigma[ROW] == used
-    selected = Fixes(np.zeros(1), np.array([47.0]), np.array([8.0]), np.array([sigma]))
-    live = localise_fix(selected, make_local_frame(47.0, 8.0), GraphConfig(use_declared_sigmas=declared), 1.0)
+    single_fix = Fixes(np.zeros(1), np.array([47.0]), np.array([8.0]), np.array([sigma]))
+    live = localise_fix(
+        single_fix, make_local_frame(47.0, 8.0), GraphConfig(use_declared_sigmas=declared), 1.0
+    )
     assert live.sigma[0] == used
 
 
@@ -97,16 +99,16 @@ def test_fixes_outside_the_odometry_are_dropped_and_reported_beyond_two_seconds(
     result = localise_fixes(fixes(), 1.5, 6.5, 5.0, True)
     assert result.input_row.tolist() == [2, 3, 4, 5, 6]
     assert result.warnings == ()
-    later = localise_fixes(fixes(), 3.5, 20.0, 5.0, True)
-    assert "2 of 9 fixes" in later.warnings[0]
-    assert "outside the odometry" in later.warnings[0]
+    two_missed = localise_fixes(fixes(), 3.5, 20.0, 5.0, True)
+    assert "2 of 9 fixes" in two_missed.warnings[0]
+    assert "outside the odometry" in two_missed.warnings[0]
     with pytest.raises(InputError, match="outside the odometry"):
         localise_fixes(fixes(), 100.0, 200.0, 5.0, True)
     with pytest.raises(InputError, match="no fix in it"):
         localise_fixes(fixes(count=9).__class__(*np.zeros((3, 0))), 0.0, 1.0, 5.0, True)
 
 
-def test_a_new_kind_of_factor_is_solved_as_by_gtsam_and_reviewed():
+def test_a_new_kind_of_factor_has_the_optimum_of_gtsam_and_is_reviewed():
     path = wiggly_path(np.random.default_rng(51))
     gates = Gates(np.array([4.05, 11.0]), np.array([1.0, 2.5]))
     # Contradictory gates have a single optimum where the odometry is accurate.
@@ -121,26 +123,28 @@ def test_a_new_kind_of_factor_is_solved_as_by_gtsam_and_reviewed():
 def test_a_new_kind_of_factor_is_used_live():
     rng = np.random.default_rng([52, 46])
     drive = gnss_drives.drive(rng, gnss_drives.loop(rng, length=60.0), fix_hz=2.0)
-    ends = []
-    for known in (False, True):
-        live, place = LiveGraph(), 0
+    errors_and_sigmas = []
+    for with_gates in (False, True):
+        live, next_fix = LiveGraph(), 0
         for i, t in enumerate(drive.odo_t):
             live.add_odometry(t, drive.odo_x[i], drive.odo_y[i], drive.odo_heading[i])
-            while drive.fix_t[place] < t and place < len(drive.fix_t) - 1:
+            while drive.fix_t[next_fix] < t and next_fix < len(drive.fix_t) - 1:
                 live.add_fix(
-                    drive.fix_t[place], drive.fix_latitude_deg[place], drive.fix_longitude_deg[place]
+                    drive.fix_t[next_fix], drive.fix_latitude_deg[next_fix], drive.fix_longitude_deg[next_fix]
                 )
-                place += 1
+                next_fix += 1
             state = live.state()
-            if known and state is not None and i % 50 == 0:
+            if with_gates and state is not None and i % 50 == 0:
                 _, oy = state.frame.to_local(*gnss_drives.geodetic(0.0, 0.0, *drive.origin))
                 north = list(drive.truth(t + 0.05))[1] + oy
                 live.add_samples(t + 0.05, Gates(np.array([t + 0.05]), np.array([float(north)])))
         state = live.state()
         _, oy = state.frame.to_local(*gnss_drives.geodetic(0.0, 0.0, *drive.origin))
-        ends.append((abs(state.y - oy - list(drive.truth(state.t))[1]), np.sqrt(state.covariance[1, 1])))
-    assert ends[1][1] < 0.5 * ends[0][1]
-    assert ends[1][0] < 4.0 * ends[1][1]
+        errors_and_sigmas.append(
+            (abs(state.y - oy - list(drive.truth(state.t))[1]), np.sqrt(state.covariance[1, 1]))
+        )
+    assert errors_and_sigmas[1][1] < 0.5 * errors_and_sigmas[0][1]
+    assert errors_and_sigmas[1][0] < 4.0 * errors_and_sigmas[1][1]
 
 
 def test_invalid_odometry_raises_an_input_error():

@@ -12,6 +12,7 @@ PATH = wiggly_path(np.random.default_rng(61))
 
 
 def single_fixes(times, sigma=0.1):
+    """Return one fix of the path at each time."""
     x, y = (np.interp(times, PATH.t, column) for column in (PATH.x, PATH.y))
     latitude, longitude = gnss_drives.geodetic(x, y, 47.0, 8.0)
     rows = zip(times, latitude, longitude, np.full(len(times), sigma), strict=True)
@@ -20,9 +21,9 @@ def single_fixes(times, sigma=0.1):
 
 def test_two_fixes_do_not_start_a_graph_and_three_do():
     assert start_graph(PATH, single_fixes([2.0, 15.0]), GraphConfig(), 0.15) is None
-    running = start_graph(PATH, single_fixes([2.0, 9.0, 15.0]), GraphConfig(), 0.15)
-    assert running is not None and running.last_fix_t == 15.0
-    assert running.window.pose_t[-1] == PATH.t[-1]
+    started = start_graph(PATH, single_fixes([2.0, 9.0, 15.0]), GraphConfig(), 0.15)
+    assert started is not None and started.last_fix_t == 15.0
+    assert started.window.pose_t[-1] == PATH.t[-1]
 
 
 def test_fixes_that_cannot_determine_the_heading_do_not_start_a_graph():
@@ -31,5 +32,5 @@ def test_fixes_that_cannot_determine_the_heading_do_not_start_a_graph():
 
 def test_a_fix_that_is_not_newer_than_those_before_is_dropped():
     fixes = single_fixes([2.0, 9.0, 15.0])
-    running = start_graph(PATH, [*fixes, fixes[0]], GraphConfig(), 0.15)
-    assert running is not None and running.last_fix_t == 15.0
+    started = start_graph(PATH, [*fixes, fixes[0]], GraphConfig(), 0.15)
+    assert started is not None and started.last_fix_t == 15.0

@@ -1,4 +1,4 @@
-"""Result of the graph at the odometry's times, and the initial guess aligned with the fixes."""
+"""Result of the graph at the times of the odometry, and the initial guess aligned with the fixes."""
 
 from types import SimpleNamespace
 
@@ -34,16 +34,16 @@ def test_a_reversing_vehicle_has_a_negative_speed_at_any_heading(speed):
 @pytest.mark.parametrize("turn", [0.0, 1.3, -2.8])
 def test_the_initial_guess_is_aligned_with_the_fixes_for_any_offset_and_rotation(turn):
     path = wiggly_path(np.random.default_rng(3))
-    distance = (path.x + 1j * path.y) * np.exp(1j * turn)
-    at = slice(0, None, 5)
-    target = gnss_drives.geodetic(distance.real[at], distance.imag[at], 47.0, 8.0)
-    local = localise_fixes(Fixes(path.t[at], *target), path.t[0], path.t[-1], 0.1, True)
-    error = Track(path.t, path.x + 300.0, path.y - 200.0, path.heading)
-    drive = build_graph(error, [local], GraphConfig())
-    use = np.searchsorted(drive.odometry.pose_t, local.t)
-    assert drive.initial_poses[use, 0] == pytest.approx(local.position.real, abs=0.1)
-    assert drive.initial_poses[use, 1] == pytest.approx(local.position.imag, abs=0.1)
-    difference = drive.initial_poses[use, 2] - path.heading[at] - turn
+    rotated = (path.x + 1j * path.y) * np.exp(1j * turn)
+    every_fifth = slice(0, None, 5)
+    coordinates = gnss_drives.geodetic(rotated.real[every_fifth], rotated.imag[every_fifth], 47.0, 8.0)
+    local = localise_fixes(Fixes(path.t[every_fifth], *coordinates), path.t[0], path.t[-1], 0.1, True)
+    displaced = Track(path.t, path.x + 300.0, path.y - 200.0, path.heading)
+    drive = build_graph(displaced, [local], GraphConfig())
+    pose_index = np.searchsorted(drive.odometry.pose_t, local.t)
+    assert drive.initial_poses[pose_index, 0] == pytest.approx(local.position.real, abs=0.1)
+    assert drive.initial_poses[pose_index, 1] == pytest.approx(local.position.imag, abs=0.1)
+    difference = drive.initial_poses[pose_index, 2] - path.heading[every_fifth] - turn
     assert np.abs(np.angle(np.exp(1j * difference))).max() < 0.02
 
 
@@ -56,8 +56,8 @@ def test_odometry_whose_time_does_not_increase_raises_an_input_error(t):
 UNEVEN = np.array([0.0, 0.1, 0.3, 0.6, 1.0])
 
 
-def test_the_velocity_at_a_pose_is_that_of_its_two_adjacent_steps():
-    """Steps have 1, 2, 3, 4 m/s; at either end the two nearest are used."""
+def test_the_velocity_at_a_pose_is_the_mean_of_its_two_adjacent_steps():
+    """Steps have 1, 2, 3 and 4 m/s; at either end the two nearest are used."""
     distance = np.append(0.0, np.cumsum(np.arange(1.0, 5.0) * np.diff(UNEVEN)))
     path = Track(UNEVEN, distance * np.cos(0.5), distance * np.sin(0.5), np.full(5, 0.5))
     full = segment_odometry(path, UNEVEN[[0, 2, 4]], StepNoise()).velocity
@@ -74,18 +74,20 @@ def test_segmented_odometry_interpolates_heading_and_elapsed_fraction():
     t = np.arange(0.0, 20.0, 0.1)
     heading = 1.0 + 0.9 * t
     path = Track(t, np.sin(heading), -np.cos(heading), np.angle(np.exp(1j * heading)))
-    cut = segment_odometry(path, np.array([2.0, 5.03, 11.0, 17.5]), StepNoise())
-    asked = np.linspace(2.0, 17.5, 53)
-    np.testing.assert_allclose(cut.heading_at(asked), 1.0 + 0.9 * asked, atol=1e-9)
-    np.testing.assert_allclose(cut.odometry_pose[:, 2], 1.0 + 0.9 * cut.pose_t, atol=1e-9)
-    start, end = cut.pose_t[:-1][cut.segment], cut.pose_t[1:][cut.segment]
-    np.testing.assert_allclose(cut.elapsed_fraction, (cut.step_end_t - start) / (end - start))
-    np.testing.assert_allclose(cut.since_segment_start[:, 1], cut.step_end_t - start, atol=1e-12)
-    np.testing.assert_allclose(cut.since_segment_start[:, 0], 0.9 * (cut.step_end_t - start), atol=1e-9)
+    segments = segment_odometry(path, np.array([2.0, 5.03, 11.0, 17.5]), StepNoise())
+    times = np.linspace(2.0, 17.5, 53)
+    np.testing.assert_allclose(segments.heading_at(times), 1.0 + 0.9 * times, atol=1e-9)
+    np.testing.assert_allclose(segments.odometry_pose[:, 2], 1.0 + 0.9 * segments.pose_t, atol=1e-9)
+    start, end = segments.pose_t[:-1][segments.segment], segments.pose_t[1:][segments.segment]
+    np.testing.assert_allclose(segments.elapsed_fraction, (segments.step_end_t - start) / (end - start))
+    np.testing.assert_allclose(segments.since_segment_start[:, 1], segments.step_end_t - start, atol=1e-12)
+    np.testing.assert_allclose(
+        segments.since_segment_start[:, 0], 0.9 * (segments.step_end_t - start), atol=1e-9
+    )
 
 
-def solved(rng):
-    """Return an invented solution of three poses with valid covariances."""
+def invented_solution(rng):
+    """Return a made-up solution of three poses with valid covariances."""
     root = 0.1 * rng.standard_normal((9, 9))
     full = (root @ root.T).reshape(3, 3, 3, 3)
     return SimpleNamespace(
@@ -97,17 +99,17 @@ def solved(rng):
     )
 
 
-def test_between_poses_a_track_follows_the_odometry_and_spreads_the_misfit_over_time():
-    """Odometry on a straight line at constant speed gives a line from pose to pose."""
+def test_between_poses_the_track_follows_the_odometry_with_the_correction_spread_over_time():
+    """Odometry along a straight line at constant speed gives straight lines between poses."""
     t = np.arange(0.0, 4.1, 0.25)
     path = Track(t, 1.1 * t, np.zeros(len(t)), np.zeros(len(t)))
-    cut = segment_odometry(path, np.array([0.0, 1.5, 4.0]), StepNoise())
-    result = solved(np.random.default_rng(31))
-    state, place = np.array([0, 2]), result.poses[[0, 2], :2] + [[0.0, 0.0], [20.0, 0.0]]
-    fixes = PositionFactors(state, place, np.ones(2), np.zeros((2, 2)))
-    drive = DriveGraph(FactorGraph((fixes,)), result.poses, cut, True)
-    output = build_result(path, drive, result, None, 1.5, StepNoise(), 0.7, ("said",))
-    x, y, heading = (np.interp(t, cut.pose_t, column) for column in result.poses.T)
+    segments = segment_odometry(path, np.array([0.0, 1.5, 4.0]), StepNoise())
+    result = invented_solution(np.random.default_rng(31))
+    state, positions = np.array([0, 2]), result.poses[[0, 2], :2] + [[0.0, 0.0], [20.0, 0.0]]
+    fixes = PositionFactors(state, positions, np.ones(2), np.zeros((2, 2)))
+    drive = DriveGraph(FactorGraph((fixes,)), result.poses, segments, True)
+    output = build_result(path, drive, result, None, 1.5, StepNoise(), 0.7, ("a warning",))
+    x, y, heading = (np.interp(t, segments.pose_t, column) for column in result.poses.T)
     np.testing.assert_allclose(output.track.x, x, atol=1e-12)
     np.testing.assert_allclose(output.track.y, y, atol=1e-12)
     np.testing.assert_allclose(output.track.heading, heading, atol=1e-12)
@@ -115,15 +117,18 @@ def test_between_poses_a_track_follows_the_odometry_and_spreads_the_misfit_over_
     np.testing.assert_allclose(output.from_start.y, y + 2.0, atol=1e-12)
     speed = np.hypot(np.diff(x), np.diff(y)) / 0.25
     np.testing.assert_allclose(output.track.speed, np.append(speed[0], speed))
-    # Variances, and those of the displacement since the first pose; the heading's is absolute in both.
-    diagonal, cross = (np.einsum("kii->ki", part) for part in (result.covariance, result.start_covariance))
+    # Variances of the position, and of the displacement since the first pose; the heading is absolute in
+    # both.
+    diagonal, cross = (
+        np.einsum("kii->ki", matrices) for matrices in (result.covariance, result.start_covariance)
+    )
     since = diagonal + diagonal[0] - 2.0 * cross
     since[:, 2] = diagonal[:, 2]
     for track, variance in ((output.track, diagonal), (output.from_start, since)):
         for sigma, column in zip(
             (track.sigma_x, track.sigma_y, track.sigma_heading), variance.T, strict=True
         ):
-            np.testing.assert_allclose(sigma, np.sqrt(np.interp(t, cut.pose_t, np.maximum(column, 0.0))))
+            np.testing.assert_allclose(sigma, np.sqrt(np.interp(t, segments.pose_t, np.maximum(column, 0.0))))
     # A fix twenty sigma off has no weight; the delay includes the shift that was removed before.
     np.testing.assert_allclose(output.fix_t, [-0.7, 3.3])
     assert output.fix_weight.tolist() == [1.0, 0.0]
@@ -136,27 +141,44 @@ def test_between_poses_a_track_follows_the_odometry_and_spreads_the_misfit_over_
 def test_with_constants_a_steady_turn_stays_steady_and_passes_through_the_poses():
     t = np.arange(0.0, 4.1, 0.25)
     path = Track(t, 1.1 * t, np.zeros(len(t)), np.zeros(len(t)))
-    cut = segment_odometry(path, np.array([0.0, 1.5, 4.0]), StepNoise())
-    result = solved(np.random.default_rng(33))
+    segments = segment_odometry(path, np.array([0.0, 1.5, 4.0]), StepNoise())
+    result = invented_solution(np.random.default_rng(33))
     result.constants = np.array([0.02, -0.03, 0.2, 0.1, 0.0, 0.0])
     output = build_result(
-        path, DriveGraph(FactorGraph(()), result.poses, cut, True), result, None, 1.0, StepNoise(), 0.0, ()
+        path,
+        DriveGraph(FactorGraph(()), result.poses, segments, True),
+        result,
+        None,
+        1.0,
+        StepNoise(),
+        0.0,
+        (),
     ).track
-    x, y, heading = (np.interp(t, cut.pose_t, column) for column in result.poses.T)
+    x, y, heading = (np.interp(t, segments.pose_t, column) for column in result.poses.T)
     np.testing.assert_allclose(output.heading, heading, atol=1e-12)
-    at_poses = np.isin(t, cut.pose_t)
+    at_poses = np.isin(t, segments.pose_t)
     np.testing.assert_allclose(output.x[at_poses], x[at_poses], atol=1e-12)
     np.testing.assert_allclose(output.y[at_poses], y[at_poses], atol=1e-12)
-    # Between poses it bends to the side to which it turns.
-    bow = (output.y - y) * np.cos(heading) - (output.x - x) * np.sin(heading)
-    assert (bow[~at_poses] < 0.0).all()
+    # Between poses the path bows out opposite to the side of the turn.
+    lateral_offset = (output.y - y) * np.cos(heading) - (output.x - x) * np.sin(heading)
+    assert (lateral_offset[~at_poses] < 0.0).all()
 
 
 def test_without_fixes_a_result_has_no_fix_times():
     path = Track(np.arange(3.0), np.arange(3.0), np.zeros(3), np.zeros(3))
-    cut, result = segment_odometry(path, np.arange(3.0), StepNoise()), solved(np.random.default_rng(32))
+    segments, result = (
+        segment_odometry(path, np.arange(3.0), StepNoise()),
+        invented_solution(np.random.default_rng(32)),
+    )
     output = build_result(
-        path, DriveGraph(FactorGraph(()), result.poses, cut, True), result, None, 1.0, StepNoise(), 0.0, ()
+        path,
+        DriveGraph(FactorGraph(()), result.poses, segments, True),
+        result,
+        None,
+        1.0,
+        StepNoise(),
+        0.0,
+        (),
     )
     assert len(output.fix_t) == len(output.fix_weight) == 0
 
@@ -164,24 +186,24 @@ def test_without_fixes_a_result_has_no_fix_times():
 @pytest.mark.parametrize("turns", [0, 3, -2])
 def test_a_known_start_heading_is_wrapped_to_the_nearest_turn(turns):
     pose, config = np.array([5.0, 6.0, 0.4 + 2.0 * np.pi * turns]), GraphConfig(start_heading=-0.3)
-    for on_map, place in ((True, 1e4), (False, 1e-3)):
+    for on_map, position_sigma in ((True, 1e4), (False, 1e-3)):
         mean, sigma = _start_prior(pose, on_map, config)
         np.testing.assert_allclose(mean, [[5.0, 6.0, -0.3 + 2.0 * np.pi * turns]], atol=1e-12)
-        np.testing.assert_allclose(sigma, [[place, place, 0.02]])
+        np.testing.assert_allclose(sigma, [[position_sigma, position_sigma, 0.02]])
     mean, sigma = _start_prior(pose, True, GraphConfig())
-    # Without a known heading all are equally likely.
+    # Without a known heading all directions are equally likely.
     np.testing.assert_allclose(mean, pose[None])
     np.testing.assert_allclose(sigma, [[1e4, 1e4, np.pi / np.sqrt(3.0)]])
 
 
 def test_poses_are_at_samples_and_ends_and_within_the_maximum_spacing():
     path_t = np.arange(0.0, 10.05, 0.1)
-    output = _choose_pose_times(path_t, np.array([2.3, 2.9, 7.0]), 1.0)
-    assert np.isin([0.0, 2.3, 2.9, 7.0, path_t[-1]], output).all()
-    gaps = np.diff(output)
-    assert len(output) == 1 + 3 + 1 + 5 + 3 and gaps.max() <= 1.0 + 1e-9
+    pose_times = _choose_pose_times(path_t, np.array([2.3, 2.9, 7.0]), 1.0)
+    assert np.isin([0.0, 2.3, 2.9, 7.0, path_t[-1]], pose_times).all()
+    gaps = np.diff(pose_times)
+    assert len(pose_times) == 1 + 3 + 1 + 5 + 3 and gaps.max() <= 1.0 + 1e-9
     # Each gap is divided evenly.
     np.testing.assert_allclose(gaps, np.repeat([2.3 / 3, 0.6, 4.1 / 5, 1.0], [3, 1, 5, 3]), atol=1e-9)
-    silent = np.append(path_t, path_t + 30.0)
-    output = _choose_pose_times(silent, path_t[:0], 1.0)
-    assert np.isin([0.0, path_t[-1], 30.0, silent[-1]], output).all() and len(output) == 22
+    with_outage = np.append(path_t, path_t + 30.0)
+    pose_times = _choose_pose_times(with_outage, path_t[:0], 1.0)
+    assert np.isin([0.0, path_t[-1], 30.0, with_outage[-1]], pose_times).all() and len(pose_times) == 22

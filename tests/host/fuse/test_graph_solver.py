@@ -1,4 +1,4 @@
-"""Solver of the graph: linear algebra, and the optimum of other solvers."""
+"""Solver of the graph: linear algebra, and the same optimum as other solvers."""
 
 from dataclasses import replace
 
@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
-from graph_drives import numeric, small_drive, wiggly_path
+from graph_drives import central_differences, small_drive_graph, wiggly_path
 from gtsam_oracle import solve_with_gtsam
 from hubodo.fuse.graph.build import build_graph
 from hubodo.fuse.graph.chain import solve_chain
@@ -22,15 +22,15 @@ from hubodo.fuse.graph.factors.prior import PosePriorFactors
 from hubodo.fuse.graph.solver import solve_from_poor_guess, solve_graph
 
 
-def changed(graph, kind, **values):
+def replace_factors(graph, kind, **values):
     """Return the graph with other values in the factors of one kind."""
-    output = (replace(item, **values) if isinstance(item, kind) else item for item in graph.factors)
-    return FactorGraph(tuple(output))
+    factors = (replace(item, **values) if isinstance(item, kind) else item for item in graph.factors)
+    return FactorGraph(tuple(factors))
 
 
 @settings(max_examples=40)
 @given(n=st.integers(1, 40), seed=st.integers(0, 1000))
-def test_the_chain_solver_inverts_what_numpy_inverts(n, seed):
+def test_the_chain_solver_equals_a_dense_inverse(n, seed):
     rng = np.random.default_rng(seed)
     full = np.zeros((3 * n, 3 * n))
     for k in range(n):
@@ -54,8 +54,8 @@ def test_the_chain_solver_inverts_what_numpy_inverts(n, seed):
             )
 
 
-def test_the_chain_solver_is_accurate_where_tenths_of_millimetres_meet_five_metres():
-    """The stiffest case allowed, 10,000 poses, equals the closed form of a random walk observed in noise."""
+def test_the_chain_solver_is_accurate_for_steps_of_0_1_mm_and_fixes_of_five_metres():
+    """The stiffest valid case, 10,000 poses, against the closed form of a random walk observed in noise."""
     n, q, r = 10_001, 1e-8, 25.0
     diagonal, upper = np.zeros((n, 3, 3)), np.tile(-np.eye(3) / q, (n - 1, 1, 1))
     diagonal += np.eye(3) / r
@@ -71,8 +71,8 @@ def test_the_chain_solver_is_accurate_where_tenths_of_millimetres_meet_five_metr
 
 
 @pytest.mark.parametrize("seed", [4, 5])
-def test_the_optimum_and_its_covariance_are_those_of_scipy(seed):
-    drive = small_drive(np.random.default_rng(seed))
+def test_the_optimum_and_its_covariance_equal_those_of_scipy(seed):
+    drive = small_drive_graph(np.random.default_rng(seed))
     graph, n = drive.graph.with_losses(lambda factor: QUADRATIC), len(drive.initial_poses)
 
     def residuals(z):
@@ -89,7 +89,7 @@ def test_the_optimum_and_its_covariance_are_those_of_scipy(seed):
     assert ours.cost == pytest.approx(theirs.cost, rel=1e-8)
     # With a numeric Jacobian scipy is off by micrometres.
     assert np.max(np.abs((np.append(ours.poses.ravel(), ours.constants) - theirs.x) / scale)) < 1e-3
-    j = numeric(residuals, np.append(ours.poses.ravel(), ours.constants))
+    j = central_differences(residuals, np.append(ours.poses.ravel(), ours.constants))
     covariance = np.linalg.inv(j.T @ j)
     for k in (0, n // 2, n - 1):
         part = slice(3 * k, 3 * k + 3)
@@ -98,37 +98,43 @@ def test_the_optimum_and_its_covariance_are_those_of_scipy(seed):
     assert np.allclose(ours.constants_covariance, covariance[3 * n :, 3 * n :], rtol=1e-3, atol=1e-12)
 
 
-def test_gtsam_finds_the_same_optimum_with_robust_losses():
+def test_the_optimum_with_robust_losses_equals_that_of_gtsam():
     rng = np.random.default_rng(6)
-    drive = small_drive(rng, 60)
-    place = drive.graph.find_group(PositionFactors).position.copy()
-    place[20:24] += 30.0
-    graph = changed(drive.graph, PositionFactors, position=place)
+    drive = small_drive_graph(rng, 60)
+    position = drive.graph.find_group(PositionFactors).position.copy()
+    position[20:24] += 30.0
+    graph = replace_factors(drive.graph, PositionFactors, position=position)
     ours = solve_from_poor_guess(graph, drive.initial_poses, np.zeros(N_CONSTANTS))
-    shaken = ours.poses + rng.normal(0, 1, ours.poses.shape) * [0.2, 0.2, 0.02]
-    poses, constants, cost = solve_with_gtsam(graph, shaken, np.zeros(N_CONSTANTS))
+    perturbed = ours.poses + rng.normal(0, 1, ours.poses.shape) * [0.2, 0.2, 0.02]
+    poses, constants, cost = solve_with_gtsam(graph, perturbed, np.zeros(N_CONSTANTS))
     assert cost == pytest.approx(ours.cost, rel=1e-8)
     assert np.max(np.abs(poses - ours.poses)) < 1e-4
     assert np.max(np.abs(constants - ours.constants)) < 1e-5
 
 
 def test_rotating_all_measurements_rotates_the_solution():
-    drive = small_drive(np.random.default_rng(12))
+    drive = small_drive_graph(np.random.default_rng(12))
     graph = drive.graph.with_losses(lambda factor: QUADRATIC)
-    turn, c, s = 1.1, np.cos(1.1), np.sin(1.1)
+    angle, c, s = 1.1, np.cos(1.1), np.sin(1.1)
     matrix = np.array([[c, -s], [s, c]])
     mean = graph.find_group(PosePriorFactors).mean[0]
-    turned = changed(graph, PositionFactors, position=graph.find_group(PositionFactors).position @ matrix.T)
-    turned = changed(turned, HeadingFactors, heading=graph.find_group(HeadingFactors).heading + turn)
-    turned = changed(turned, PosePriorFactors, mean=np.append(matrix @ mean[:2], mean[2] + turn)[None])
+    rotated = replace_factors(
+        graph, PositionFactors, position=graph.find_group(PositionFactors).position @ matrix.T
+    )
+    rotated = replace_factors(
+        rotated, HeadingFactors, heading=graph.find_group(HeadingFactors).heading + angle
+    )
+    rotated = replace_factors(
+        rotated, PosePriorFactors, mean=np.append(matrix @ mean[:2], mean[2] + angle)[None]
+    )
     first = solve_graph(graph, drive.initial_poses, np.zeros(N_CONSTANTS))
-    poses = np.column_stack([drive.initial_poses[:, :2] @ matrix.T, drive.initial_poses[:, 2] + turn])
-    second = solve_graph(turned, poses, np.zeros(N_CONSTANTS))
+    poses = np.column_stack([drive.initial_poses[:, :2] @ matrix.T, drive.initial_poses[:, 2] + angle])
+    second = solve_graph(rotated, poses, np.zeros(N_CONSTANTS))
     assert np.allclose(second.poses[:, :2], first.poses[:, :2] @ matrix.T, atol=1e-5)
     assert np.allclose(second.constants, first.constants, atol=1e-7)
 
 
-def test_a_graph_without_fixes_and_headings_is_the_odometry():
+def test_a_graph_without_fixes_and_headings_reproduces_the_odometry():
     drive = build_graph(wiggly_path(np.random.default_rng(13)), [], GraphConfig())
     result = solve_graph(drive.graph, drive.initial_poses, np.zeros(N_CONSTANTS))
     assert np.allclose(result.poses, drive.odometry.odometry_pose, atol=1e-9)
