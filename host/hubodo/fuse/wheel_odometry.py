@@ -18,11 +18,10 @@ from hubodo.fuse.graph.factors.constants import (
     sigmas_for_wheel_filter,
     sigmas_for_wheel_speeds,
 )
-from hubodo.fuse.node_bias import add_node_biases
 from hubodo.fuse.ranges import NodeRanges, determine_ranges, node_metadata
 from hubodo.fuse.rolling_wheel import WheelSamples, WheelSpec
 from hubodo.fuse.track import Track, track_from_states
-from hubodo.fuse.wheel.config import wheel_config
+from hubodo.fuse.wheel.config import add_node_biases, wheel_config
 from hubodo.fuse.wheel.entries import GYRO_SCALE_ACROSS, WHEEL_RADIUS, YAW_RATE_FROM_GRAVITY
 from hubodo.fuse.wheel.node_screening import check_times, screen_samples
 from hubodo.fuse.wheel.surface_speeds import average_surface_speeds

@@ -7,7 +7,7 @@ import pytest
 
 from generators import wheel_drives
 from hubodo.calibration.file import CalibratedEffect, Calibration, NodeCalibration, Quantity
-from hubodo.fuse.node_bias import add_node_biases
+from hubodo.fuse.wheel.config import add_node_biases
 from hubodo.fuse.wheel_odometry import compute_wheel_odometry
 from hubodo.recording import BIAS_FILTER_COLUMNS, Recording, Table
 from hubodo.vehicle import NodeMount, Vehicle

@@ -1,18 +1,22 @@
-"""Settings of the wheel filter: geometry, noise densities and priors."""
+"""Settings of the wheel filter: geometry, noise densities, and priors from calibrations and from nodes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from hubodo.calibration.file import CalibratedEffect, Calibration, Quantity
 from hubodo.earth import vertical_earth_rate
 from hubodo.effects.gyro import GyroBias
+from hubodo.effects.triad import XYZ
 from hubodo.effects.wheel import WheelRadius
 from hubodo.fuse.ranges import NodeRanges
 from hubodo.fuse.wheel.entries import VEHICLE_ENTRIES, WHEEL_ENTRIES, Entry
 from hubodo.fuse.wheel.motion_state import StandstillLimits
+from hubodo.recording import Recording, Table
 from hubodo.vehicle import Facing, Side, Vehicle
+from hubowire.messages import FilterState
 
 GATE_SIGMA = 3.0
 """Sigmas beyond which an innovation loses weight, a residual disagrees or a speed error is significant: one
@@ -167,3 +171,36 @@ def priors_from_calibration(
         least = _MIN_CALIBRATION_SIGMA.get(entry.effect, 0.0)
         known[entry] = Quantity(entry.sign(facing) * value, max(sigma, least))
     return known
+
+
+def add_node_biases(
+    calibration: Calibration | None, recording: Recording, names: Iterable[str]
+) -> tuple[Calibration | None, tuple[str, ...]]:
+    """Return the calibration with the bias last reported by each node, and these nodes' names.
+
+    A bias in the calibration takes precedence. `priors_from_calibration` raises the sigma to its minimum for
+    another temperature and another day, and uses that minimum where the node does not know its sigma.
+    """
+    reporting_nodes = []
+    for name in names:
+        node = calibration.nodes.get(name) if calibration is not None else None
+        table = recording.bias_filters.get(name)
+        if table is None or (node is not None and GyroBias.name in node.effects):
+            continue
+        effect = _read_last_bias(table)
+        if effect is not None:
+            calibration = (calibration or Calibration()).with_node(name, {GyroBias.name: effect})
+            reporting_nodes.append(name)
+    return calibration, tuple(reporting_nodes)
+
+
+def _read_last_bias(table: Table) -> CalibratedEffect | None:
+    """Return the bias in the last row in which the firmware was tracking, None without such a row."""
+    is_tracking = table["state"] == FilterState.TRACKING
+    if not is_tracking.any():
+        return None
+    parameters = {}
+    for axis in XYZ:
+        bias, sigma = (float(table[f"{what}_{axis}"][is_tracking][-1]) for what in ("bias", "sigma"))
+        parameters[axis] = Quantity(bias, 0.0 if math.isnan(sigma) else sigma)
+    return CalibratedEffect(parameters, method="bias filter of the node")
