@@ -8,7 +8,7 @@ from pathlib import Path
 
 from hypothesis import HealthCheck, settings
 
-HERE = Path(__file__).parent
+TESTS = Path(__file__).parent
 LONGEST_FILES = (
     *("host/web/test_page_in_browser.py", "host/fuse/test_wheel_calibration.py", "gap_matrix"),
     *(
@@ -41,7 +41,7 @@ LONGEST_FILES = (
 The first of each line waits more than it works, so that some processes wait while others work.
 """
 
-sys.path.insert(0, str(HERE))
+sys.path.insert(0, str(TESTS))
 
 # Imported modules and collected tests stay alive, so collecting garbage among them is wasted.
 gc.disable()
@@ -65,7 +65,7 @@ def pytest_addoption(parser):
 @cache
 def _place(path):
     """Return the rank of a file among the longest; shorter files come last."""
-    within = path.relative_to(HERE).as_posix() + "/"
+    within = path.relative_to(TESTS).as_posix() + "/"
     long = [index for index, name in enumerate(LONGEST_FILES) if within.startswith(name + "/")]
     return long[0] if long else len(LONGEST_FILES)
 

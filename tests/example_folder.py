@@ -10,7 +10,7 @@ VEHICLE = vehicle_toml(0.165, 0.55)
 CAMBER = "\n[nodes.left.effects.wheel_camber]\nangle = 0.05\n"
 
 
-def fill(folder: Path) -> Path:
+def write_example_files(folder: Path) -> Path:
     """Write model.toml, vehicle.toml, drive.mcap with a cambered left wheel, and night.mcap."""
     (folder / "model.toml").write_text(MODEL)
     (folder / "vehicle.toml").write_text(VEHICLE)

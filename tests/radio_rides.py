@@ -11,7 +11,7 @@ from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from hubowire import messages as m
-from virtual_runs import FIRMWARE, all_lost, matched, of, unique_motion
+from virtual_runs import FIRMWARE, count_missing_frames, match_samples, messages_of, unique_motion
 
 RECEIVER = 200
 SECONDS = 3.2
@@ -28,7 +28,7 @@ class RadioRun:
     dropped: dict
 
     def signal(self, node_id):
-        return [s for s in of(self.of_receiver, m.Signal) if s.of_node == node_id][-1]
+        return [s for s in messages_of(self.of_receiver, m.Signal) if s.of_node == node_id][-1]
 
 
 def ride(
@@ -38,7 +38,7 @@ def ride(
     ids=(1, 2),
     tries=15,
     faults=(),
-    deaf=(),
+    host_pauses=(),
     script=(),
     seconds=SECONDS,
     cut=0,
@@ -67,7 +67,7 @@ def ride(
     common = {"link": link, "rate_hz": 208, "radio_tries": tries}
     nodes = {k: board({"node_id": k, **common}, unique_motion(seconds), chip=0.013 * (k - 1)) for k in ids}
     config = {"node_id": RECEIVER, "receiver": link, "radio_nodes": list(ids), "mag_rate_hz": 0}
-    host = Host("memory", read_pauses=tuple(deaf), script=tuple(script))
+    host = Host("memory", read_pauses=tuple(host_pauses), script=tuple(script))
     receiver = board(config, StillMotion(), host=host, faults=tuple(faults))
     boards = [*nodes.values(), receiver]
     try:
@@ -84,18 +84,18 @@ def ride(
             {k: node.chip.truth() for k, node in nodes.items()},
             [x for x in sent if x[0].node == RECEIVER],
             dict(radio_medium.counts),
-            {k: of([x for x in sent if x[0].node == k], m.Health)[-1].frames_dropped for k in ids},
+            {k: messages_of([x for x in sent if x[0].node == k], m.Health)[-1].frames_dropped for k in ids},
         )
     finally:
         for one in boards:
             one.stop()
 
 
-def nothing_lost(run):
+def assert_nothing_lost(run):
     """Assert that every sample arrived except those in flight at the end, and that no loss was counted."""
     for k, sent in run.sent.items():
-        matches = matched(sent, run.truths[k])
+        matches = match_samples(sent, run.truths[k])
         assert np.all(np.diff(matches[:, 0]) == 1) and matches[0, 0] <= 8
-        assert len(matches) >= len(run.truths[k].t) - 32, "all but the last"
-        assert all_lost(sent) == 0 and run.dropped[k] == 0
+        assert len(matches) >= len(run.truths[k].t) - 32, "only the last samples may be missing"
+        assert count_missing_frames(sent) == 0 and run.dropped[k] == 0
         assert run.signal(k).frames_lost == 0

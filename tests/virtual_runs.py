@@ -29,45 +29,48 @@ def micropython_or_skip():
 
 
 def unique_motion(seconds):
-    """No two samples within seconds of each other are alike, so that each can be found again."""
+    """Return a motion in which no two samples are equal, so that each sample sent can be identified."""
     t = np.arange(0, seconds + 1, 0.002)
     gyro = np.stack([3 * np.sin(7 * t), 2 * np.cos(3.1 * t), 9 * np.sin(0.9 * t)], axis=1)
     accel = np.stack([5 * np.sin(2.3 * t), 5 * np.cos(4.7 * t), 9 + np.sin(t)], axis=1)
     return RecordedMotion(t, gyro, accel, temperature_c=25.0, start=0.0)
 
 
-def stepped(seconds, motion, flash, *, script=(), deaf=(), clock=_CLOCK, **settings):
-    """A node whose virtual time runs as fast as it can; script, deaf: what its host says, when it is deaf."""
+def virtual_node(seconds, motion, flash, *, script=(), host_pauses=(), clock=_CLOCK, **settings):
+    """Return a node in virtual time; script: input from its host, host_pauses: when it does not read."""
     return VirtualNode(
         motion,
         flash,
         clock=replace(clock, kind="stepped", run_for=seconds),
-        host=Host("memory", script=tuple(script), read_pauses=tuple(deaf)),
+        host=Host("memory", script=tuple(script), read_pauses=tuple(host_pauses)),
         own_process=False,
         **settings,
     )
 
 
 def run(seconds, *, motion=None, config=None, **settings):
-    """([(frame, message)] that it sent, its chip's truth, the board's statistics); settings: of `stepped`."""
+    """Run a node; return the (frame, message) pairs sent, the truth of its chip, and statistics."""
     micropython_or_skip()
-    with stepped(seconds, motion or unique_motion(seconds), Flash(FIRMWARE, config), **settings) as node:
+    with virtual_node(seconds, motion or unique_motion(seconds), Flash(FIRMWARE, config), **settings) as node:
         node.wait(100)
         sent = hubowire.FrameDecoder().feed(node.output)
         return [(f, hubowire.decode(f.type_id, f.payload)) for f in sent], node.chip.truth(), node.stats
 
 
-def of(sent, kind):
+def messages_of(sent, kind):
     return [message for _, message in sent if isinstance(message, kind)]
 
 
-def matched(sent, truth, ticks_start_us=0):
-    """(index in the truth, time error in us, number on the wire) of every sample sent; all must be real."""
+def match_samples(sent, truth, ticks_start_us=0):
+    """Return (index in the truth, time error in us, number on the wire) of every sample sent.
+
+    Each sample sent must be one of the chip, in order.
+    """
     known: dict[tuple[int, ...], list[int]] = {}
     for k, row in enumerate(truth.raw.tolist()):
         known.setdefault(tuple(row), []).append(k)
     rows = []
-    for batch in of(sent, m.ImuBatch):
+    for batch in messages_of(sent, m.ImuBatch):
         for i, row in enumerate(batch.samples):
             after = rows[-1][0] if rows else -1
             later = [k for k in known.get(tuple(row), ()) if k > after]
@@ -79,7 +82,7 @@ def matched(sent, truth, ticks_start_us=0):
     return np.array(rows)
 
 
-def all_lost(sent, *, since_boot=False):
+def count_missing_frames(sent, *, since_boot=False):
     """Count missing frames of all types by sequence number; since_boot: also those before the first."""
     last: dict[int, int] = {frame.type_id: -1 for frame, _ in sent} if since_boot else {}
     lost = 0

@@ -4,9 +4,9 @@ import time
 from collections.abc import Callable
 
 
-def until(happened: Callable[[], object]) -> None:
+def until(condition: Callable[[], object]) -> None:
     """Wait until the condition is true, however busy the machine; fail after five minutes."""
     end = time.monotonic() + 300
-    while not happened():
-        assert time.monotonic() < end, "it did not happen"
+    while not condition():
+        assert time.monotonic() < end, "the condition stayed false"
         time.sleep(0.02)

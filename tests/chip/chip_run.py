@@ -15,7 +15,7 @@ from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
 from hubodo.emulator.virtual_node import VirtualNode
 from hubowire import FrameDecoder, decode
 from hubowire import messages as m
-from virtual_runs import matched, of, unique_motion
+from virtual_runs import match_samples, messages_of, unique_motion
 
 FIFO_SAMPLES = FIFO_WORDS // 6
 STARTED = 1.5
@@ -89,7 +89,7 @@ def run_chip(
         output, arrivals, truth = node.output, node.arrivals(), node.chip.truth()
         reads, meter = node.bus_log(), node.meter()
     sent = [(frame, decode(frame.type_id, frame.payload)) for frame in FrameDecoder().feed(output)]
-    matches = matched(sent, truth) if of(sent, m.ImuBatch) else np.zeros((0, 3))
+    matches = match_samples(sent, truth) if messages_of(sent, m.ImuBatch) else np.zeros((0, 3))
     bursts = np.array([r.t for r in reads if r.register == FIFO_DATA_L])
     gap = float(np.diff(bursts).max()) if len(bursts) > 1 else None
     rate = (len(truth.t) - 1) / (truth.t[-1] - truth.t[0]) if len(truth.t) > 1 else 0.0

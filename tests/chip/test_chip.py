@@ -11,7 +11,7 @@ from hubodo.flash.image import build_image, firmware_folder
 from hubodo.flash.slots import MAIN, SLOTS, main_for_slot
 from hubowire import FrameDecoder, decode
 from hubowire import messages as m
-from virtual_runs import matched, of, pico_or_skip, unique_motion
+from virtual_runs import match_samples, messages_of, pico_or_skip, unique_motion
 
 # name: (configuration, emulated seconds)
 RUNS = {
@@ -91,9 +91,9 @@ def test_a_bus_that_fails_a_chip_that_restarts_and_a_busy_processor_are_got_over
         node.wait(120)
         output, truth, stats = node.output, node.chip.truth(), node.stats
     sent = [(frame, decode(frame.type_id, frame.payload)) for frame in FrameDecoder().feed(output)]
-    matches = matched(sent, truth)
+    matches = match_samples(sent, truth)
     assert truth.t[int(matches[-1, 0])] > 2.5
     missing = int((np.diff(matches[:, 0]) - 1).sum())
-    announced = sum(bool(b.flags & m.BatchFlag.GAP_BEFORE) for b in of(sent, m.ImuBatch))
+    announced = sum(bool(b.flags & m.BatchFlag.GAP_BEFORE) for b in messages_of(sent, m.ImuBatch))
     assert missing > 0 and announced >= 1
     assert stats["counts"]["stalls"] == 1 and stats["bus"]["freed"] == 1 and stats["resets"] == []

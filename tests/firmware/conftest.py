@@ -1,4 +1,4 @@
-"""Puts the firmware's files and a stand-in for its port where tests can import them."""
+"""Makes the firmware files and a fake port of MicroPython importable."""
 
 import sys
 from pathlib import Path
@@ -7,5 +7,5 @@ from fakes import fake_port
 
 fake_port.install(fake_port.PORT_TICKS)
 sys.path.insert(0, str(Path(__file__).parents[2] / "firmware"))
-# CPython would take these native twins for its own: the plain versions are tested, the twins beside them.
+# CPython could import these native versions: tests use the plain ones, and compare the native ones with them.
 sys.modules["fast_float"] = None  # type: ignore[assignment]

@@ -1,4 +1,4 @@
-"""The emulated chips behind a bus that the firmware's drivers, run by CPython, can talk to."""
+"""Emulated chips on a bus that the firmware drivers can use in CPython."""
 
 import random
 import time
@@ -8,9 +8,9 @@ from hubodo.emulator.board.bus import I2cBus
 
 
 class EmulatedBus:
-    """machine.I2C over an I2cBus, on the ticks of the fake port.
+    """A substitute for machine.I2C over an emulated bus, in the ticks of the fake port.
 
-    stalls: (mean seconds between, longest seconds) of a processor held up at any call of bus or clock.
+    stalls: (mean interval in s, longest duration in s) of random delays of the processor.
     """
 
     def __init__(self, *chips, faults=(), call_us=40, stalls=None, seed=1):
@@ -23,19 +23,19 @@ class EmulatedBus:
 
     @property
     def t(self):
-        """Seconds of the chips' time."""
+        """Return the time of the chips in s."""
         return (PORT_TICKS.now_us - self.zero_us) * 1e-6
 
     def spend(self, us):
-        """Lets time pass, and now and then more than was asked for."""
+        """Advance the time, sometimes by more than requested (a stall)."""
         PORT_TICKS.now_us += us
         if self.stalls is None:
             return
         mean, longest = self.stalls
         if self._rng.random() < us * 1e-6 / mean:
-            held_us = self._rng.random() * longest * 1e6
-            self.stalled_us += held_us
-            PORT_TICKS.now_us += held_us
+            stall_us = self._rng.random() * longest * 1e6
+            self.stalled_us += stall_us
+            PORT_TICKS.now_us += stall_us
 
     def _after(self, status, end):
         PORT_TICKS.now_us = max(PORT_TICKS.now_us, self.zero_us + end * 1e6)
@@ -59,7 +59,7 @@ class EmulatedBus:
         self._after(status, end)
 
     def ticks_us(self):
-        """For `ticks_us` of a firmware module: a look at the clock takes its time, and may be held up too."""
+        """Replace `ticks_us` of a firmware module: reading the clock takes 5 µs and may stall."""
         now = time.ticks_us()
         self.spend(5)
         return now

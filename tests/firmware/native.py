@@ -1,4 +1,4 @@
-"""The firmware's native twins, run by CPython: a pointer is the array itself, integers are not cut."""
+"""Load the native code of the firmware in CPython: pointers are arrays, and integers do not overflow."""
 
 import builtins
 import importlib.util
@@ -8,7 +8,7 @@ from pathlib import Path
 
 @cache
 def load(name="fast"):
-    """The module of that name."""
+    """Import a file with native code as a plain Python module."""
     for pointer in ("ptr8", "ptr16", "ptr32"):
         setattr(builtins, pointer, lambda memory: memory)
     path = Path(__file__).parents[2] / "firmware" / f"{name}.py"

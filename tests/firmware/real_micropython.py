@@ -1,4 +1,4 @@
-"""Runs Python in real MicroPython under node, with the firmware and a fake port on its file system."""
+"""Run Python in real MicroPython under Node.js, with the firmware and a fake port in its file system."""
 
 import json
 import os
@@ -14,7 +14,7 @@ LIMIT_S = 150
 
 
 def node_or_skip():
-    """The node program; without it or the MicroPython package the test skips; see `wanted`."""
+    """Return the path of Node.js; skip the test without it or the MicroPython package; see `wanted`."""
     node = shutil.which("node", path=f"{ROOT / '.venv/bin'}{os.pathsep}{os.environ.get('PATH', '')}")
     package = ROOT / "node_modules" / "@micropython"
     if not (node and package.exists()):
@@ -24,16 +24,16 @@ def node_or_skip():
 
 
 def board_files():
-    """[(path on the board, path here)] of the firmware and the fake port."""
+    """Return (path on the board, path here) of the firmware and the fake port."""
     firmware = ROOT / "firmware"
     files = [(f"/{p.relative_to(firmware).as_posix()}", str(p)) for p in sorted(firmware.rglob("*.py"))]
     return files + [(f"/{p.name}", str(p)) for p in sorted((FAKES / "micropython").glob("*.py"))]
 
 
 def run(tmp_path, *pieces):
-    """(what the last piece left in /result, what went to stdout as bytes)."""
+    """Run pieces of code; return the content of /result and the bytes on stdout."""
     node = node_or_skip()
-    # Modules are found from the script's own folder: it must see node_modules.
+    # Node.js searches modules from the folder of the script, which must contain node_modules.
     job, out = tmp_path / "job.json", tmp_path / "stdout"
     files = [(there, here) for there, here in board_files() if there != "/main.py"]
     job.write_text(json.dumps({"files": files, "run": pieces, "out": str(out)}))

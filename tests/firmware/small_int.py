@@ -1,20 +1,20 @@
-"""An int that refuses what MicroPython would have to put on the heap."""
+"""An int that raises an error where MicroPython would allocate a long integer on the heap."""
 
 LIMIT = 1 << 30
 
 
 class NotSmall(AssertionError):
-    """A result beyond +-2^30."""
+    """Raised for a result outside ±2^30."""
 
 
 class SmallInt(int):
-    """Every result of arithmetic is a SmallInt again, or NotSmall is raised; `widest`: of all `of`."""
+    """An int whose arithmetic returns SmallInt or raises NotSmall; `widest`: largest value passed to `of`."""
 
     widest = 0
 
     @classmethod
     def of(cls, value):
-        """A SmallInt of what was computed elsewhere."""
+        """Return a SmallInt and update `widest`."""
         cls.widest = max(cls.widest, value)
         return SmallInt(value) + 0
 
@@ -22,7 +22,7 @@ class SmallInt(int):
 def _checked(name):
     plain, new = getattr(int, name), int.__new__
 
-    # Millions of them in a test: no call but those that make the number.
+    # A test creates millions of them: no calls except for the creation of the number.
     def operation(self, *others):
         value = plain(self, *others)
         if value is NotImplemented:

@@ -1,4 +1,4 @@
-"""The node on each kind of board: its pins, its battery, and what it makes of each kind of restart."""
+"""The node on each kind of board: pins, battery, and the cause of each kind of restart."""
 
 import shutil
 
@@ -11,7 +11,7 @@ from hubodo.emulator.board.settings import BoardSettings, Flash, SensorBoard
 from hubodo.emulator.chips.faults import BrownOut, Reset
 from hubodo.emulator.motion import StillMotion
 from hubowire import messages as m
-from virtual_runs import FIRMWARE, matched, micropython_or_skip, of, request, run, stepped
+from virtual_runs import FIRMWARE, match_samples, messages_of, micropython_or_skip, request, run, virtual_node
 
 BOARDS = {
     "pico": m.Board.PICO,
@@ -23,16 +23,16 @@ BOARDS = {
     "esp32_c3": m.Board.ESP32_C3,
 }
 PICOS = ["pico", "pico_w", "pico_2", "pico_2_w"]
-UARTS = {"esp32": 2, "esp32_s3": 1, "esp32_c3": 1, **dict.fromkeys(PICOS, 0)}
+UART_NUMBERS = {"esp32": 2, "esp32_s3": 1, "esp32_c3": 1, **dict.fromkeys(PICOS, 0)}
 
 
-def output(tmp_path, seconds, *, health, config=None, **settings):
-    """(bytes on the console, resets) of a node whose `reports.health` is the text given."""
+def run_with_health(tmp_path, seconds, *, health, config=None, **settings):
+    """Run a node with another `reports.health`; return the bytes on its console and its resets."""
     micropython_or_skip()
     shutil.copytree(FIRMWARE, tmp_path / "firmware")
     reports = tmp_path / "firmware" / "reports.py"
     reports.write_text(f"{reports.read_text()}\n\n{health}")
-    with stepped(seconds, StillMotion(), Flash(tmp_path / "firmware", config), **settings) as node:
+    with virtual_node(seconds, StillMotion(), Flash(tmp_path / "firmware", config), **settings) as node:
         node.wait(100)
         return node.output, node.stats["resets"]
 
@@ -40,21 +40,21 @@ def output(tmp_path, seconds, *, health, config=None, **settings):
 @pytest.mark.parametrize("link", ["usb", "uart"])
 @pytest.mark.parametrize("model", MODELS)
 def test_every_board_finds_its_sensor_on_its_own_pins(model, link):
-    """Wired as the README says; the emulated port refuses pins and units that the board has not."""
-    uart = UARTS[model] if link == "uart" else None
+    """The wiring is that of the README; the emulated port refuses pins and units that the board lacks."""
+    uart = UART_NUMBERS[model] if link == "uart" else None
     sent, truth, stats = run(2, board=BoardSettings(model=model, uart_link=uart), config={"link": link})
-    hello, health = of(sent, m.Hello)[-1], of(sent, m.Health)[-1]
+    hello, health = messages_of(sent, m.Hello)[-1], messages_of(sent, m.Health)[-1]
     assert m.Board(hello.board) == BOARDS[model]
     assert health.faults == 0 and health.i2c_errors == 0
-    assert len(matched(sent, truth)) > 300
+    assert len(match_samples(sent, truth)) > 300
     assert stats["resets"] == []
 
 
 @pytest.mark.parametrize("model", PICOS)
-def test_a_full_battery_on_vsys_is_measured_and_is_no_fault(model):
-    """On a Pico W the divider reads 0.03 V unless the radio is out of the way."""
+def test_a_full_battery_on_vsys_is_measured_without_a_fault(model):
+    """The radio of a Pico W shares the pin, and the divider reads 0.03 V unless the radio is deselected."""
     sent, _, _ = run(2, board=BoardSettings(model=model, battery_mv=4800))
-    reports = of(sent, m.Health)
+    reports = messages_of(sent, m.Health)
     assert reports and {report.faults & m.Fault.LOW_BATTERY for report in reports} == {0}
     assert all(abs(report.battery_mv - 4800) < 15 for report in reports)
 
@@ -62,49 +62,54 @@ def test_a_full_battery_on_vsys_is_measured_and_is_no_fault(model):
 @pytest.mark.parametrize("model", ["pico", "pico_w"])
 def test_a_flat_battery_is_a_fault(model):
     sent, _, _ = run(2, board=BoardSettings(model=model, battery_mv=3100))
-    assert of(sent, m.Health)[-1].faults == m.Fault.LOW_BATTERY
+    assert messages_of(sent, m.Health)[-1].faults == m.Fault.LOW_BATTERY
 
 
 @pytest.mark.parametrize("model", ["esp32", "esp32_s3", "esp32_c3"])
-def test_a_board_without_a_divider_measures_no_battery_until_it_is_told_where(model):
+def test_a_board_without_a_divider_measures_the_battery_only_with_a_configured_pin(model):
     sent, _, _ = run(2, board=BoardSettings(model=model))
-    assert {(h.battery_mv, h.faults) for h in of(sent, m.Health)} == {(0, 0)}
+    assert {(h.battery_mv, h.faults) for h in messages_of(sent, m.Health)} == {(0, 0)}
     pins = {"battery": MODELS[model].battery_pin}
     sent, _, _ = run(2, board=BoardSettings(model=model, battery_mv=4100), config={"pins": pins})
-    assert all(abs(h.battery_mv - 4100) < 15 for h in of(sent, m.Health))
+    assert all(abs(h.battery_mv - 4100) < 15 for h in messages_of(sent, m.Health))
 
 
 @pytest.mark.parametrize(("model", "measured"), [("pico", True), ("pico_w", False), ("pico_2_w", False)])
-def test_the_battery_is_not_measured_where_wi_fi_has_its_pin(tmp_path, model, measured):
+def test_the_battery_is_not_measured_while_wi_fi_uses_its_pin(tmp_path, model, measured):
     config = {"link": "udp", "ssid": "x", "password": "y", "host": "127.0.0.1"}
     probe = "def health(node):\n    print('battery', node.board.battery_mv())\n"
-    printed, _ = output(tmp_path, 3.0, health=probe, board=BoardSettings(model=model), config=config)
+    printed, _ = run_with_health(tmp_path, 3.0, health=probe, board=BoardSettings(model=model), config=config)
     volts_mv = {int(line.split()[1]) for line in printed.decode().splitlines() if line.startswith("battery")}
     assert volts_mv and (min(volts_mv) > 3600 if measured else volts_mv == {0})
 
 
 @pytest.mark.parametrize("model", ["pico", "pico_2_w", "esp32"])
 @pytest.mark.parametrize("chip", ["lsm6ds33", "mpu6050", "mpu6500"])
-def test_each_kind_of_restart_is_told_as_what_it_was(model, chip):
-    """Power-on, a reboot that was asked for, the reset pin, a dip of the supply."""
+def test_the_cause_of_each_restart_is_reported(model, chip):
+    """The node restarts by power-on, a requested reboot, the reset pin and a brown-out."""
     script = [(1.0, request(1, m.Reboot(m.RebootMode.RUN)))]
     faults = [Reset(2.5), BrownOut(4.0)]
     sent, _, stats = run(
         5.5, sensors=SensorBoard(chip), board=BoardSettings(model=model), script=script, faults=faults
     )
-    assert [why for _, why in stats["resets"]] == ["machine.reset", "reset pin", "brown-out"]
-    boots = {hello.boot_id: m.ResetCause(hello.reset_cause) for hello in of(sent, m.Hello)}
-    dip = m.ResetCause.BROWN_OUT if model == "pico_2_w" else m.ResetCause.POWER_ON
-    assert list(boots.values()) == [m.ResetCause.POWER_ON, m.ResetCause.SOFT, m.ResetCause.HARD, dip]
+    assert [cause for _, cause in stats["resets"]] == ["machine.reset", "reset pin", "brown-out"]
+    boots = {hello.boot_id: m.ResetCause(hello.reset_cause) for hello in messages_of(sent, m.Hello)}
+    brown_out_cause = m.ResetCause.BROWN_OUT if model == "pico_2_w" else m.ResetCause.POWER_ON
+    assert list(boots.values()) == [
+        m.ResetCause.POWER_ON,
+        m.ResetCause.SOFT,
+        m.ResetCause.HARD,
+        brown_out_cause,
+    ]
 
 
 @pytest.mark.parametrize("model", ["pico", "pico_2", "esp32"])
-def test_a_watchdog_that_ran_out_is_told_from_a_reboot(tmp_path, model):
+def test_a_watchdog_reset_is_distinguished_from_a_reboot(tmp_path, model):
     stall = "from time import sleep_ms\n\ndef health(node):\n    sleep_ms(9000)\n"
-    printed, resets = output(tmp_path, 11.0, health=stall, board=BoardSettings(model=model))
+    printed, resets = run_with_health(tmp_path, 11.0, health=stall, board=BoardSettings(model=model))
     assert resets[0][1] == "watchdog"
     sent = [(f, hubowire.decode(f.type_id, f.payload)) for f in hubowire.FrameDecoder().feed(printed)]
-    causes = [hello.reset_cause for hello in of(sent, m.Hello)]
+    causes = [hello.reset_cause for hello in messages_of(sent, m.Hello)]
     assert causes[0] == m.ResetCause.POWER_ON and causes[-1] == m.ResetCause.WATCHDOG
 
 
@@ -112,7 +117,7 @@ WARM_UP = {"bias_udps": [0, 0, 0], "warmup_udps": [1_400_000, 0, 0], "warmup_s":
 
 
 def reported_biases(sent):
-    """(steps, boot) of the x axis in each Filter message, boots numbered from 0."""
+    """Return (bias in steps, boot number from 0) of the x axis in each Filter message."""
     boot, rows, last_boot = -1, [], None
     for _, message in sent:
         if isinstance(message, m.Hello) and message.boot_id != last_boot:
@@ -124,8 +129,8 @@ def reported_biases(sent):
 
 @pytest.mark.parametrize("model", ["pico", "esp32"])
 @pytest.mark.parametrize("chip", ["lsm6ds33", "mpu6050"])
-def test_a_chip_that_kept_its_power_is_warm_and_one_that_lost_it_is_cold(model, chip):
-    """1.4 deg/s of warm-up within 10 s: all of it is there at once after a reset, none after a dip."""
+def test_the_warm_up_continues_after_a_reset_and_restarts_after_a_brown_out(model, chip):
+    """The warm-up is 1.4 deg/s within 10 s: complete after a reset, restarted by a brown-out."""
     faults = [Reset(2.0), BrownOut(4.0)]
     sent, _, _ = run(
         6,
@@ -138,13 +143,13 @@ def test_a_chip_that_kept_its_power_is_warm_and_one_that_lost_it_is_cold(model, 
     rows = np.array(reported_biases(sent))
     full = 1.4 / (0.07 if chip == "lsm6ds33" else 2000 / 32768)
     first, warm, cold = (rows[rows[:, 1] == boot, 0] for boot in (0, 1, 2))
-    assert first[-1] < 0.25 * full, "cold after power-on"
+    assert first[-1] < 0.25 * full, "the chip is cold after power-on"
     assert np.all(np.abs(warm - full) < 0.02 * full), "the reset pin does not cool the chip"
-    assert cold[-1] < 0.25 * full, "a dip of the supply does"
+    assert cold[-1] < 0.25 * full, "a brown-out lets it start cold"
 
 
 def test_a_change_of_range_does_not_make_a_cold_chip_warm():
-    """Stop and Start make the driver anew, and find the chip as they left it."""
+    """Stop and Start create a new driver, while the chip keeps running."""
     script = [
         (1.0, request(1, m.Stop())),
         (1.1, request(2, m.SetConfig(m.ConfigKey.GYRO_RANGE_DPS, 1000))),
@@ -152,5 +157,5 @@ def test_a_change_of_range_does_not_make_a_cold_chip_warm():
     ]
     sent, _, _ = run(3, motion=StillMotion(), script=script, config=WARM_UP)
     steps = np.array([row[0] for row in reported_biases(sent)])
-    assert of(sent, m.Hello)[-1].gyro_range_dps == 1000
+    assert messages_of(sent, m.Hello)[-1].gyro_range_dps == 1000
     assert steps[-1] < 0.4 * 1.4 / 0.035

@@ -1,4 +1,4 @@
-"""Drivers of single chips on the emulated bus, against what the data sheets say."""
+"""Drivers of single chips on the emulated bus, compared with the data sheets."""
 
 from array import array
 from types import SimpleNamespace
@@ -30,7 +30,7 @@ from virtual_runs import unique_motion
         (Mpu6500, 0x73, Part.MPU6500, 333.87, 21.0),
     ],
 )
-def test_an_mpu_is_known_by_its_id_and_read_by_its_own_thermometer(
+def test_an_mpu_is_recognised_by_its_id_with_its_own_temperature_scale(
     silicon, identity, part, per_degree, at_zero
 ):
     chip = MPU6050(EmulatedBus(silicon(unique_motion(1), Specimen(who_am_i=identity))))
@@ -40,8 +40,8 @@ def test_an_mpu_is_known_by_its_id_and_read_by_its_own_thermometer(
 
 
 @pytest.mark.parametrize(("samples", "level"), [(40, 40), (85, 85), (86, -1), (300, -1)])
-def test_the_fifo_of_an_mpu_holds_85_samples_and_says_when_it_ran_over(samples, level):
-    """1024 bytes, 12 a sample."""
+def test_the_fifo_of_an_mpu_holds_85_samples_and_reports_an_overrun(samples, level):
+    """The FIFO has 1024 bytes, a sample 12."""
     chip = MPU6050(EmulatedBus(Mpu6050(unique_motion(4)), call_us=0), odr_hz=100, fifo=True)
     PORT_TICKS.now_us += samples * 10_000 + 5_000
     assert chip.fifo_level() == level
@@ -50,9 +50,9 @@ def test_the_fifo_of_an_mpu_holds_85_samples_and_says_when_it_ran_over(samples, 
     assert chip.fifo_level() in (2, 3)
 
 
-@pytest.mark.parametrize(("words", "next_word", "whole"), [(14, 2, 1), (16, 4, 2), (3, 2, 0), (15, 0, 2)])
-def test_the_fifo_of_an_lsm6ds33_goes_on_with_the_next_whole_sample(words, next_word, whole):
-    """Words that wait, and which of the six of a sample comes next: what is torn is read and thrown away."""
+@pytest.mark.parametrize(("words", "next_word", "complete"), [(14, 2, 1), (16, 4, 2), (3, 2, 0), (15, 0, 2)])
+def test_the_fifo_of_an_lsm6ds33_resumes_at_the_next_complete_sample(words, next_word, complete):
+    """Incomplete samples are discarded; next_word: position within a sample of six words."""
     chip = LSM6DS33(EmulatedBus(Lsm6ds33(unique_motion(4)), call_us=0), fifo=True)
     thrown = []
 
@@ -63,37 +63,37 @@ def test_the_fifo_of_an_lsm6ds33_goes_on_with_the_next_whole_sample(words, next_
             thrown.append(len(into) // 2)
 
     chip.i2c = SimpleNamespace(readfrom_mem_into=read)
-    assert chip.fifo_level() == whole
+    assert chip.fifo_level() == complete
     assert sum(thrown) == (6 - next_word if next_word and words >= 6 - next_word else 0)
 
 
 @pytest.mark.parametrize(
-    ("looks", "whole", "needed"),
+    ("reads", "complete", "n_reads"),
     [
-        ([(0xF2, 0x01)], 83, 1),  # 498 words: too far from a carry to be torn
+        ([(0xF2, 0x01)], 83, 1),  # 498 words: too far from a carry for a torn read
         ([(0xFE, 0x01), (0xFE, 0x01)], 85, 2),  # 510 words, twice the same
-        ([(0xFC, 0x01), (0x02, 0x01)], 43, 2),  # 252 that became 258 between the bytes
+        ([(0xFC, 0x01), (0x02, 0x01)], 43, 2),  # 252, which became 258 between the two bytes
         ([(0xFC, 0x01), (0xFC, 0x00), (0xFC, 0x00)], 42, 3),
         ([(0x00, 0x4C)], -1, 1),
     ],
 )
-def test_a_count_of_the_fifo_near_a_carry_is_believed_when_two_looks_agree(looks, whole, needed):
-    """Low and high byte of each look, the flag of an overrun in the latter."""
+def test_a_fifo_level_near_a_carry_is_accepted_if_two_reads_agree(reads, complete, n_reads):
+    """reads: low and high byte of each read of the level; the high byte has the overrun flag."""
     chip = LSM6DS33(EmulatedBus(Lsm6ds33(unique_motion(4)), call_us=0), fifo=True)
-    left = list(looks)
+    left = list(reads)
 
     def read(_address, register, into):
         assert register == 0x3A
         into[:] = bytes([*left.pop(0), 0, 0])[: len(into)]
 
     chip.i2c = SimpleNamespace(readfrom_mem_into=read)
-    assert chip.fifo_level() == whole
-    assert len(looks) - len(left) == needed
+    assert chip.fifo_level() == complete
+    assert len(reads) - len(left) == n_reads
 
 
 @pytest.mark.parametrize(("gauss", "per_gauss"), [(4, 6842), (8, 3421), (12, 2281), (16, 1711)])
-def test_the_magnetometer_reads_each_axis_of_the_field_in_its_own_place(gauss, per_gauss):
-    """Steps per gauss: ST DocID024204, table 3."""
+def test_the_magnetometer_reads_all_axes_in_order(gauss, per_gauss):
+    """The steps per gauss are those of ST DocID024204, table 3."""
     field = (21e-6, -4e-6, -43e-6)
     chip = LIS3MDL(EmulatedBus(Lis3mdl(StillMotion(field_tesla=field))), range_gauss=gauss)
     words = array("h", bytes(10))
@@ -104,19 +104,19 @@ def test_the_magnetometer_reads_each_axis_of_the_field_in_its_own_place(gauss, p
     assert chip.lsb_ft == pytest.approx(1e11 / per_gauss, rel=1e-7)
 
 
-class Nordic:
-    """SPI to registers and queues as in the nRF24L01+ product specification 1.0, tables 20 and 28."""
+class EmulatedNrf24:
+    """An emulated nRF24L01+ on SPI (product specification 1.0, tables 20 and 28)."""
 
     def __init__(self):
         self.registers, self.commands, self.enabled_at = {}, [], []
         self.times_us = []
         self.waiting, self.selected, self.enabled = [], False, None
-        self.deaf = None
+        self.ignored_register = None
         self.csn = SimpleNamespace(value=self._select)
         self.ce = SimpleNamespace(value=self._enable)
 
     def _select(self, level):
-        """A command begins where the line goes low, and ends where it goes high."""
+        """Set the select line: low begins a command, high ends it."""
         assert level in (0, 1) and self.selected == bool(level)
         self.selected = not level
 
@@ -136,7 +136,7 @@ class Nordic:
         self.commands.append(out)
         self.times_us.append(PORT_TICKS.now_us)
         if out[0] >> 5 == 1:
-            self.registers[out[0] & 0x1F] = bytes(5) if out[0] & 0x1F == self.deaf else out[1:]
+            self.registers[out[0] & 0x1F] = bytes(5) if out[0] & 0x1F == self.ignored_register else out[1:]
         elif out[0] == 0x60:
             into[1] = len(self.waiting[0]) if self.waiting else 0
         elif out[0] == 0x61:
@@ -148,8 +148,8 @@ class Nordic:
 
 
 @pytest.mark.parametrize(("kbps", "setup"), [(250, 0x26), (1000, 0x06), (2000, 0x0E)])
-def test_a_radio_is_set_up_while_it_is_not_enabled(kbps, setup):
-    chip = Nordic()
+def test_a_radio_is_configured_while_disabled(kbps, setup):
+    chip = EmulatedNrf24()
     Nrf24(chip, chip.csn, chip.ce, 76, kbps)
     assert chip.enabled_at == [(False, 0)] and not chip.selected
     expected = {0x03: 3, 0x05: 76, 0x06: setup, 0x1D: 7, 0x1C: 0x3F, 0x01: 0x3F, 0x07: 0x70}
@@ -157,21 +157,21 @@ def test_a_radio_is_set_up_while_it_is_not_enabled(kbps, setup):
     assert bytes([0xE1]) in chip.commands and bytes([0xE2]) in chip.commands
     with pytest.raises(ValueError, match="radio_kbps 500"):
         Nrf24(chip, chip.csn, chip.ce, 76, 500)
-    for lost in (0x03, 0x05):
-        chip = Nordic()
-        chip.deaf = lost
+    for register in (0x03, 0x05):
+        chip = EmulatedNrf24()
+        chip.ignored_register = register
         with pytest.raises(OSError, match="no nRF24"):
             Nrf24(chip, chip.csn, chip.ce, 76, kbps)
 
 
 def test_a_radio_sends_to_one_address_and_listens_to_several():
-    chip = Nordic()
+    chip = EmulatedNrf24()
     radio = Nrf24(chip, chip.csn, chip.ce, 76, 1000)
     radio.send_to(b"\x01abcd", 15, 500)
     assert chip.registers[0x10] == chip.registers[0x0A] == b"\x01abcd"
     assert (chip.registers[0x02], chip.registers[0x04], chip.registers[0x00]) == (b"\x01", b"\x1f", b"\x0e")
     assert chip.enabled
-    # Tpd2stby, table 16: 4.5 ms until its crystal runs; so long it waits after power comes and is asked for.
+    # Tpd2stby, table 16: the crystal needs 4.5 ms, which the driver waits after power-on and after power-up.
     first, second = (np.diff(chip.times_us)[k] for k in (0, -1))
     assert 4500 <= first < 10_000 and 4500 <= second < 10_000
     radio.listen_to([b"\x01abcd", b"\x02abcd", b"\x03abcd"])
@@ -183,8 +183,8 @@ def test_a_radio_sends_to_one_address_and_listens_to_several():
     assert (chip.registers[0x02], chip.registers[0x00]) == (b"\x0e", b"\x0f")
 
 
-def test_packets_go_to_and_come_from_a_radio_whole():
-    chip = Nordic()
+def test_packets_are_sent_and_received_completely():
+    chip = EmulatedNrf24()
     radio = Nrf24(chip, chip.csn, chip.ce, 76, 1000)
     for size in (1, 32):
         packet = bytes(range(7, 7 + size))
@@ -198,7 +198,7 @@ def test_packets_go_to_and_come_from_a_radio_whole():
     assert (radio.read(), bytes(radio.came[1:])) == (32, bytes(range(32)))
     assert radio.read() == 0
     chip.waiting = [bytes(33)]
-    assert radio.read() == 0 and not chip.waiting, "a broken length: the queue is thrown away"
+    assert radio.read() == 0 and not chip.waiting, "an invalid length: the queue is discarded"
     chip.registers[0x09] = b"\x01"
     assert (radio.is_strong(), radio.status()) == (1, 0x0E)
     chip.registers[0x09] = b"\x00"
@@ -214,13 +214,13 @@ def test_packets_go_to_and_come_from_a_radio_whole():
     "driver, silicon, register, order",
     [(LSM6DS33, Lsm6ds33, 0x20, "little"), (MPU6050, Mpu6050, 0x41, "big")],  # OUT_TEMP_L; TEMP_OUT_H
 )
-def test_the_thermometer_is_read_beside_the_fifo_as_the_data_sheet_orders_its_bytes(
+def test_the_temperature_is_read_beside_the_fifo_in_the_byte_order_of_the_data_sheet(
     driver, silicon, register, order, word
 ):
     chip = driver(EmulatedBus(silicon(unique_motion(1), Specimen())), fifo=True)
 
     def read(address, first, raw):
-        # Registers that follow have bytes of their own.
+        # The following registers have other values.
         returned = word.to_bytes(2, order, signed=True) + b"\xa5\x5a\xa5\x5a\xa5\x5a"
         assert (address, first) == (chip.address, register)
         raw[:] = returned[: len(raw)]

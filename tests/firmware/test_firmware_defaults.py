@@ -1,4 +1,4 @@
-"""What a node and its host assume of each other before either is told anything."""
+"""Defaults of node and host agree."""
 
 import inspect
 
@@ -9,7 +9,7 @@ from hubodo.ingest.live.record_config import RecordConfig
 from hubowire import budget
 
 
-def test_the_node_s_uart_and_record_speak_the_same_rate_unless_told_otherwise():
+def test_node_and_recorder_have_the_same_default_baud_rate():
     rates = {
         settings.DEFAULTS["baud"],
         RecordConfig().baud,
@@ -18,7 +18,7 @@ def test_the_node_s_uart_and_record_speak_the_same_rate_unless_told_otherwise():
     assert rates == {budget.UART_BAUD}
 
 
-def test_that_rate_carries_every_rate_of_the_chips_and_the_console_s_does_not():
+def test_the_default_baud_rate_carries_every_sample_rate_and_that_of_the_console_does_not():
     loads = {
         (baud, rate): budget.link_load(budget.serial_link(baud), rate, 16)
         for baud in (budget.UART_BAUD, budget.CONSOLE_BAUD)

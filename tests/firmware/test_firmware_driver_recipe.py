@@ -1,4 +1,4 @@
-"""The recipe for a driver, carried out: one file and one row in a copy of the firmware, one emulated chip."""
+"""The recipe "add a driver" of CONTRIBUTING.md, carried out in a copy with an emulated chip."""
 
 import shutil
 
@@ -12,7 +12,7 @@ from hubodo.emulator.chips.registers import Register
 from hubodo.emulator.chips.sampling import quantise
 from hubodo.emulator.virtual_node import VirtualNode
 from hubowire import messages as m
-from virtual_runs import FIRMWARE, matched, of, unique_motion
+from virtual_runs import FIRMWARE, match_samples, messages_of, unique_motion
 
 DRIVER = '''"""TOY6, a chip that does not exist: gyro and accelerometer, polled, of one range each."""
 
@@ -75,7 +75,7 @@ REGISTERS = {
 
 
 class Toy6(Imu):
-    """The emulated chip: samples at 100 or 200 Hz, a flag that reading a sample clears."""
+    """An emulated chip that samples at 100 or 200 Hz, with a flag that reading a sample clears."""
 
     chip_name = "toy6"
 
@@ -117,7 +117,7 @@ class Toy6(Imu):
         return self.values[register]
 
 
-def test_a_driver_is_one_file_and_one_row_and_its_chip_is_sampled(tmp_path, monkeypatch):
+def test_a_new_driver_is_one_file_and_one_row(tmp_path, monkeypatch):
     firmware = tmp_path / "firmware"
     shutil.copytree(FIRMWARE, firmware, ignore=shutil.ignore_patterns("__pycache__"))
     (firmware / "drivers" / "toy6.py").write_text(DRIVER)
@@ -140,8 +140,8 @@ def test_a_driver_is_one_file_and_one_row_and_its_chip_is_sampled(tmp_path, monk
         frames = hubowire.FrameDecoder().feed(node.output)
         sent = [(frame, hubowire.decode(frame.type_id, frame.payload)) for frame in frames]
         truth = node.chip.truth()
-    hello = of(sent, m.Hello)[-1]
+    hello = messages_of(sent, m.Hello)[-1]
     assert hello.parts == ((0x68, 0xA5, 0),) and hello.rate_mhz == 200_000
-    rows = matched(sent, truth)
-    assert len(rows) > 900 and np.all(np.diff(rows[:, 0]) == 1), "every sample, in order"
-    assert of(sent, m.Health)[-1].faults == 0
+    rows = match_samples(sent, truth)
+    assert len(rows) > 900 and np.all(np.diff(rows[:, 0]) == 1), "every sample arrives in order"
+    assert messages_of(sent, m.Health)[-1].faults == 0

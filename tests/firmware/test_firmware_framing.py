@@ -1,4 +1,4 @@
-"""The node's frames are the host's frames."""
+"""Framing of the node agrees with that of the host."""
 
 import json
 import random
@@ -19,7 +19,7 @@ CASES = [
     for path in sorted((ROOT / "protocol" / "vectors").glob("*.json"))
     for case in json.loads(path.read_text())
 ]
-WHOLE = [
+UNDAMAGED = [
     case
     for case in CASES
     if not (
@@ -37,7 +37,7 @@ FRAMES = st.builds(
 )
 
 
-def sealed(frame):
+def encode_on_node(frame):
     raw = Slot().raw
     raw[framing.BODY : framing.PAYLOAD] = bytes((frame.type_id, frame.node, frame.seq & 255, frame.seq >> 8))
     raw[framing.PAYLOAD : framing.PAYLOAD + len(frame.payload)] = frame.payload
@@ -45,7 +45,7 @@ def sealed(frame):
     return bytes(raw[framing.START : end])
 
 
-def read(stream):
+def decode_on_node(stream):
     reader = framing.FrameReader()
     frames = []
     for byte in stream:
@@ -62,47 +62,47 @@ def frames_of(case):
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_every_vector_reads_on_the_node_as_on_the_host(case):
-    # A delimiter ends what the vector leaves open, so that both ends have counted it.
+def test_the_node_decodes_every_vector_like_the_host(case):
+    # A delimiter ends an open frame of the vector, so that both sides count it.
     stream = bytes.fromhex(case["stream"]) + b"\0"
     host = hubowire.FrameDecoder()
     host.feed(stream)
-    frames, damaged = read(stream)
+    frames, damaged = decode_on_node(stream)
     assert frames[: len(case["frames"])] == frames_of(case)
     assert damaged == host.damage.frames
 
 
-@pytest.mark.parametrize("case", WHOLE)
-def test_every_undamaged_vector_is_sealed_to_the_same_bytes(case):
-    assert b"".join(map(sealed, frames_of(case))).hex() == case["stream"]
+@pytest.mark.parametrize("case", UNDAMAGED)
+def test_the_node_encodes_every_undamaged_vector_to_the_same_bytes(case):
+    assert b"".join(map(encode_on_node, frames_of(case))).hex() == case["stream"]
 
 
 @given(FRAMES)
-def test_what_the_node_seals_is_what_the_host_encodes(frame):
-    assert sealed(frame) == hubowire.encode_frame(frame)
+def test_node_and_host_encode_frames_to_the_same_bytes(frame):
+    assert encode_on_node(frame) == hubowire.encode_frame(frame)
 
 
 @given(st.lists(FRAMES, max_size=5))
-def test_what_the_host_encodes_reads_back_on_the_node(frames):
-    assert read(b"".join(map(hubowire.encode_frame, frames))) == (frames, 0)
+def test_the_node_decodes_frames_of_the_host(frames):
+    assert decode_on_node(b"".join(map(hubowire.encode_frame, frames))) == (frames, 0)
 
 
 @given(st.binary(max_size=2000))
-def test_any_bytes_give_the_frames_the_host_would_see_and_never_an_exception(noise):
+def test_random_bytes_give_the_same_frames_as_on_the_host_and_no_exception(noise):
     decoder = hubowire.FrameDecoder()
-    assert read(noise)[0] == decoder.feed(noise)
+    assert decode_on_node(noise)[0] == decoder.feed(noise)
 
 
 @given(FRAMES, st.integers(0, 10**6))
-def test_no_single_wrong_bit_gives_a_frame(frame, at):
+def test_a_frame_with_a_wrong_bit_is_never_accepted(frame, at):
     stream = bytearray(hubowire.encode_frame(frame))
     bit = at % (8 * (len(stream) - 1))
     stream[bit // 8] ^= 1 << bit % 8
-    frames, _ = read(stream)
+    frames, _ = decode_on_node(stream)
     assert frame not in frames
 
 
-def test_the_native_crc_gives_the_same_as_the_plain_one():
+def test_the_native_crc_equals_the_plain_one():
     fast, rng = native.load(), random.Random(4)
     for _ in range(200):
         data = rng.randbytes(rng.randrange(1, 250))
@@ -111,7 +111,7 @@ def test_the_native_crc_gives_the_same_as_the_plain_one():
 
 
 @given(st.lists(st.sampled_from((0, 0, 1, 255)) | st.integers(0, 255), max_size=hubowire.MAX_PAYLOAD))
-def test_the_native_seal_gives_the_same_bytes_as_the_plain_one(body):
+def test_the_native_encoder_gives_the_same_bytes_as_the_plain_one(body):
     end = framing.PAYLOAD + len(body)
     ours, theirs = Slot().raw, Slot().raw
     ours[framing.PAYLOAD : end] = theirs[framing.PAYLOAD : end] = bytes(body)

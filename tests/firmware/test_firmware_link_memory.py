@@ -1,4 +1,4 @@
-"""In real MicroPython: the links beside USB send and listen without an allocation."""
+"""Links other than USB send and receive without an allocation, in real MicroPython."""
 
 import pytest
 import real_micropython
@@ -44,14 +44,14 @@ sys.modules["network"], sys.modules["socket"] = network, socket
 import link, framing, outbox
 """
 
-OPEN = {
+OPEN_LINK = {
     "uart": "import uart\nport = uart.UartLink(Sink(), 921600, 512)",
     "console": "import uart\nport = uart.ConsoleLink()\nport._out = Sink()",
     "udp": "import wifi\n"
     "port = wifi.UdpLink({'ssid': 'a', 'password': 'b', 'host': '10.0.0.7', 'port': 47110})",
 }
 
-LOCKED = """
+RUN_LOCKED = """
 box = outbox.Outbox(4, 1)
 def turn():
     box.post(2, 200)
@@ -76,8 +76,8 @@ with open("/result", "w") as file:
 """
 
 
-@pytest.mark.parametrize("kind", OPEN)
-def test_a_link_takes_every_frame_without_an_allocation(tmp_path, kind):
-    result, _ = real_micropython.run(tmp_path, FAKES, OPEN[kind], LOCKED)
+@pytest.mark.parametrize("kind", OPEN_LINK)
+def test_a_link_sends_every_frame_without_an_allocation(tmp_path, kind):
+    result, _ = real_micropython.run(tmp_path, FAKES, OPEN_LINK[kind], RUN_LOCKED)
     assert (result["allocated"], result["dropped"]) == (0, 0)
     assert result["taken"] >= 5000 * 200

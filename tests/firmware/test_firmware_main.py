@@ -1,4 +1,4 @@
-"""The first file that a node runs: no ctrl-C ends it, and of firmware in slots the first that loads runs."""
+"""main.py of the node: ctrl-C never ends it, and the first firmware slot that loads is run."""
 
 import ast
 import itertools
@@ -14,8 +14,8 @@ MAIN = FIRMWARE / "main.py"
 
 
 @cache
-def code_of(slots=None):
-    """main.py with a call of `tick` before each of its statements; with `slots` named in it, as flashed."""
+def compile_main(slots=None):
+    """Compile main.py with a call of `tick` before each statement, and with the given slots."""
 
     class Ticking(ast.NodeTransformer):
         def generic_visit(self, node):
@@ -35,10 +35,10 @@ def code_of(slots=None):
 
 
 @pytest.fixture(autouse=True)
-def _modules_as_before(monkeypatch):
+def _fresh_modules(monkeypatch):
     monkeypatch.setattr(sys, "path", ["", *sys.path])
     before = dict(sys.modules)
-    # After power-on nothing is loaded; other tests of this process have loaded the firmware.
+    # After power-on no module is loaded, while other tests of this process have loaded the firmware.
     for name, module in before.items():
         if str(getattr(module, "__file__", None) or "").startswith(str(FIRMWARE)):
             del sys.modules[name]
@@ -47,11 +47,11 @@ def _modules_as_before(monkeypatch):
     sys.modules.update(before)
 
 
-class Interrupted:
-    """Runs main.py; ctrl-C comes before given statements, and is raised some later, as ports do.
+class InterruptedMain:
+    """Runs main.py with ctrl-C before given statements; the exception is raised later, as on real ports.
 
-    A port looks for it at jumps, in calls and in sleeps. Until then it pends, whatever `kbd_intr` says in
-    the meantime.
+    A port checks for ctrl-C at jumps, calls and sleeps. Until then it is pending, even if `kbd_intr`
+    disables it in the meantime.
     """
 
     def __init__(self, comes, delay):
@@ -67,7 +67,7 @@ class Interrupted:
         sys.modules["time"] = types.SimpleNamespace(sleep_ms=self.sleep_ms)
         if slots is None:
             sys.modules["node"] = types.SimpleNamespace(main=self.main)
-        exec(code_of(slots), {"__name__": "__main__", "tick": self.tick})
+        exec(compile_main(slots), {"__name__": "__main__", "tick": self.tick})
 
     def tick(self):
         self.count += 1
@@ -86,19 +86,19 @@ class Interrupted:
 
     def main(self):
         assert self.char == -1, "ctrl-C is an ordinary byte when the node starts"
-        assert self.raise_at is None, "and none pends"
+        assert self.raise_at is None, "no ctrl-C is pending"
         self.started += 1
 
 
 FIRST_CALL, STATEMENTS = 5, 26
-"""Statements in the order in which they run: before the first call things are only named; then the end."""
+"""Number of the first statement with a call, and of all statements, in the order of execution."""
 
 
 @pytest.mark.parametrize("delay", [0, 1, 2, 5, 100])
-def test_the_node_starts_once_wherever_two_ctrl_c_come_and_however_late_they_are_raised(delay):
+def test_the_node_starts_once_with_two_ctrl_c_at_any_statements_and_any_delay(delay):
     for first in range(1, STATEMENTS):
         for second in (0, *range(first + 1, STATEMENTS)):
-            interrupted = Interrupted({first, second}, delay)
+            interrupted = InterruptedMain({first, second}, delay)
             try:
                 interrupted.run()
             except KeyboardInterrupt:
@@ -106,55 +106,55 @@ def test_the_node_starts_once_wherever_two_ctrl_c_come_and_however_late_they_are
             assert interrupted.started == 1, (first, second)
 
 
-def test_a_ctrl_c_that_pends_is_waited_for_where_no_other_can_come():
-    """A millisecond: as long as a host takes for the next."""
-    plain = Interrupted(set(), 0)
+def test_main_waits_for_a_pending_ctrl_c():
+    """main.py waits for 1 ms, in which a pending ctrl-C is raised."""
+    plain = InterruptedMain(set(), 0)
     plain.run()
     assert plain.slept == [1]
 
 
 @pytest.fixture
 def slots(tmp_path):
-    """Two folders of firmware whose node has said where it ran; what each is to hold may be given."""
+    """Return a function that creates firmware slots; each node records its slot when it runs."""
     ran = []
-    sys.modules["told"] = types.SimpleNamespace(ran=ran)
+    sys.modules["run_record"] = types.SimpleNamespace(ran=ran)
 
-    def made(*nodes):
+    def create_slots(*nodes):
         for name, text in zip("abc", nodes, strict=False):
             (tmp_path / name).mkdir()
-            (tmp_path / name / "part.py").write_text(f"WHOSE = {name!r}\n")
+            (tmp_path / name / "part.py").write_text(f"SLOT = {name!r}\n")
             (tmp_path / name / "node.py").write_text(text)
         return tuple(str(tmp_path / name) for name in "abc"[: len(nodes)]), ran
 
-    return made
+    return create_slots
 
 
-SOUND = "import part, told\ndef main():\n    told.ran.append(part.WHOSE)\n"
+VALID = "import part, run_record\ndef main():\n    run_record.ran.append(part.SLOT)\n"
 BROKEN = "import part\nimport other_that_nobody_has\n"
 
 
 @pytest.mark.parametrize(
     "nodes, runs",
-    [([SOUND], "a"), ([SOUND, SOUND], "a"), ([BROKEN, SOUND], "b"), ([BROKEN, BROKEN, SOUND], "c")],
+    [([VALID], "a"), ([VALID, VALID], "a"), ([BROKEN, VALID], "b"), ([BROKEN, BROKEN, VALID], "c")],
 )
-def test_the_first_slot_that_loads_runs_with_parts_of_its_own_alone(slots, capsys, monkeypatch, nodes, runs):
+def test_the_first_slot_that_loads_runs_with_its_own_modules(slots, capsys, monkeypatch, nodes, runs):
     calls = []
     monkeypatch.setattr(sys, "print_exception", calls.append, raising=False)
     known = types.ModuleType("known_before")
     sys.modules["known_before"] = known
     folders, ran = slots(*nodes)
-    Interrupted(set(), 0).run(folders)
+    InterruptedMain(set(), 0).run(folders)
     assert ran == [runs] and sys.path[0] == folders["abc".index(runs)]
     assert [type(error) for error in calls] == [ModuleNotFoundError] * "abc".index(runs)
     assert sys.modules["known_before"] is known
 
 
 @pytest.mark.parametrize("nodes", [[BROKEN], [BROKEN, BROKEN]])
-def test_where_no_slot_loads_the_last_error_is_told(slots, monkeypatch, nodes):
-    """At the prompt, which is where a board without firmware that runs has to end."""
+def test_if_no_slot_loads_the_last_error_is_raised(slots, monkeypatch, nodes):
+    """The error ends at the prompt, where a board without working firmware has to end."""
     calls = []
     monkeypatch.setattr(sys, "print_exception", calls.append, raising=False)
     folders, ran = slots(*nodes)
     with pytest.raises(ModuleNotFoundError, match="nobody_has"):
-        Interrupted(set(), 0).run(folders)
+        InterruptedMain(set(), 0).run(folders)
     assert not ran and len(calls) == len(nodes) - 1

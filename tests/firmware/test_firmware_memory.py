@@ -1,4 +1,4 @@
-"""In real MicroPython: the node allocates nothing while it samples, and fits its heap."""
+"""The node allocates nothing while sampling, and fits its heap, in real MicroPython."""
 
 from collections import Counter
 
@@ -71,7 +71,7 @@ board = FakeBoard(bus, values)
 watch()
 """
 
-# This MicroPython collects garbage between such pieces only, a board's whenever it needs to.
+# This MicroPython port collects garbage only between the pieces, that of a board whenever necessary.
 NODE = (
     "node = Node(board, link)\nwatch()",
     "chip = node.parts.chip",
@@ -79,7 +79,7 @@ NODE = (
     "for _ in range(20):\n    node.step()\nwatch()",
 )
 
-LOCKED = """
+RUN_LOCKED = """
 def locked(samples):
     failure = None
     before = gc.mem_alloc()
@@ -155,25 +155,25 @@ def samples_of(case):
 
 
 def run(folder, case):
-    """(result, stream)."""
+    """Run a case; return its result and the stream sent."""
     imu, rate, period, spin, settings, modules = CASES[case]
     imports = [f"import {name}\nwatch()" for name in dict.fromkeys((f"drivers.{imu}", *MODULES, *modules))]
     bus = BUS.format(imu=imu, period=period, spin=spin)
     board = BOARD.format(rate=rate, settings=repr(settings))
     node = [piece.format(samples=8192 if spin else 2000) for piece in NODE]
-    locked = LOCKED.format(samples=samples_of(case))
+    locked = RUN_LOCKED.format(samples=samples_of(case))
     return real_micropython.run(folder, bus, START, *imports, board, *node, locked)
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_samples_go_from_chip_to_link_without_an_allocation(tmp_path, case):
+def test_samples_pass_from_chip_to_link_without_an_allocation(tmp_path, case):
     _, _, _, spin, settings, _ = CASES[case]
     result, stream = run(tmp_path, case)
     assert result["failure"] is None, stream[-3000:]
     assert result["allocated"] == 0
     assert result["dropped"] == result["missed"] == 0
     kinds = [INITS[settings.get("bias_kind", 0)], ESTIMATORS[settings.get("filter_kind", 1)]]
-    assert result["kinds"] == kinds, "what the settings ask for is what ran"
+    assert result["kinds"] == kinds, "the configured initialisation and filter have run"
     print(f"{case}: heap high water {result['high']} bytes in {result['turns']} turns")
     assert result["high"] <= HEAP
 
@@ -184,7 +184,7 @@ def test_samples_go_from_chip_to_link_without_an_allocation(tmp_path, case):
     rows = [row for batch in batches for row in batch.samples]
     assert len(rows) >= samples_of(case) - 16
     if not spin:
-        # What came while everything was set up is not sent.
+        # Samples taken during the set-up are not sent.
         first = rows[0][0]
         assert first <= 1
         assert rows == [

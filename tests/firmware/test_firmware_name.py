@@ -1,4 +1,4 @@
-"""Names asked for by the node itself: queries that a name server reads, replies read or refused."""
+"""Name resolution by the node: queries, valid and invalid replies."""
 
 import random
 
@@ -7,16 +7,16 @@ from name import answer, is_address, question
 
 from hubodo.emulator.board.network import WifiEnvironment
 
-AIR = WifiEnvironment(dns_records=((0.0, "laptop.lan", "192.168.1.77"),))
+NETWORK = WifiEnvironment(dns_records=((0.0, "laptop.lan", "192.168.1.77"),))
 
 
-def test_the_address_in_a_reply_behind_another_name_is_found():
+def test_the_address_is_found_in_a_reply_with_an_alias():
     query = question("laptop.lan", 0xBEEF)
-    assert answer(AIR.answer_dns(0.0, query), query) == "192.168.1.77"
+    assert answer(NETWORK.answer_dns(0.0, query), query) == "192.168.1.77"
 
 
-def test_a_query_is_the_bytes_of_rfc_1035():
-    """Written down by hand from section 4.1."""
+def test_a_query_has_the_bytes_of_rfc_1035():
+    """The expected bytes are written by hand from section 4.1."""
     assert question("a.bc", 0x0102) == bytes.fromhex(
         "0102 0100 0001 0000 0000 0000 01 61 02 6263 00 0001 0001"
     )
@@ -27,22 +27,22 @@ def test_a_query_is_the_bytes_of_rfc_1035():
     [
         b"",
         b"\xbe\xef",
-        AIR.answer_dns(0.0, question("laptop.lan", 0xBEF0)),
-        AIR.answer_dns(0.0, question("other.lan", 0xBEEF)),
+        NETWORK.answer_dns(0.0, question("laptop.lan", 0xBEF0)),
+        NETWORK.answer_dns(0.0, question("other.lan", 0xBEEF)),
         question("laptop.lan", 0xBEEF),
-        AIR.answer_dns(0.0, question("laptop.lan", 0xBEEF))[:-1],
+        NETWORK.answer_dns(0.0, question("laptop.lan", 0xBEEF))[:-1],
     ],
     ids=["nothing", "two bytes", "another number", "no such name", "the query itself", "cut"],
 )
-def test_what_is_no_answer_is_none(reply):
+def test_invalid_replies_give_no_address(reply):
     assert answer(reply, question("laptop.lan", 0xBEEF)) is None
 
 
-def test_damaged_replies_never_raise_and_never_hang():
+def test_damaged_replies_raise_no_exception_and_do_not_hang():
     query, rng = question("laptop.lan", 0xBEEF), random.Random(5)
-    whole = AIR.answer_dns(0.0, query)
+    reply = NETWORK.answer_dns(0.0, query)
     for _ in range(5000):
-        damaged = bytearray(whole[: rng.randrange(len(whole) + 1)])
+        damaged = bytearray(reply[: rng.randrange(len(reply) + 1)])
         for _ in range(rng.randrange(4)):
             if len(damaged) > 2:
                 damaged[rng.randrange(2, len(damaged))] = rng.randrange(256)
@@ -51,8 +51,8 @@ def test_damaged_replies_never_raise_and_never_hang():
 
 
 @pytest.mark.parametrize(
-    ("host", "known"),
+    ("host", "expected"),
     [("192.168.1.5", True), ("laptop.lan", False), ("", False), ("1.2.3", False), ("1.2.3.x", False)],
 )
-def test_addresses_are_not_asked_for(host, known):
-    assert is_address(host) == known
+def test_addresses_are_distinguished_from_names(host, expected):
+    assert is_address(host) == expected

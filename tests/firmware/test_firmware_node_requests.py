@@ -1,4 +1,4 @@
-"""What a host asks the whole node: requests, settings, the way to the prompt and ctrl-C."""
+"""Requests of the host to the complete node: settings, reboot to the prompt, ctrl-C."""
 
 import shutil
 
@@ -8,12 +8,20 @@ import hubowire
 from hubodo.emulator.board.settings import Clock, Flash, Host
 from hubodo.emulator.virtual_node import VirtualNode
 from hubowire import messages as m
-from virtual_runs import FIRMWARE, matched, micropython_or_skip, of, request, run, unique_motion
+from virtual_runs import (
+    FIRMWARE,
+    match_samples,
+    messages_of,
+    micropython_or_skip,
+    request,
+    run,
+    unique_motion,
+)
 
 
 def test_every_request_is_answered():
     token = b"hostTIME"
-    asked = [
+    requests = [
         m.GetHello(),
         m.Ping(),
         m.TimeRequest(token),
@@ -26,19 +34,19 @@ def test_every_request_is_answered():
         m.BiasInit(2000),
         m.Start(),
     ]
-    script = [(1.0 + 0.1 * i, request(100 + i, message)) for i, message in enumerate(asked)]
+    script = [(1.0 + 0.1 * i, request(100 + i, message)) for i, message in enumerate(requests)]
     script.append((2.5, hubowire.encode_frame(hubowire.Frame(0x7F, 1, 200, b""))))
     script.append((2.6, request(201, m.Ping(), node=2)))
     script.append((2.7, b"\x05noise\x00"))
     sent, _, _ = run(4, script=script)
-    acks = {(a.request, a.request_seq) for a in of(sent, m.Ack)}
+    acks = {(a.request, a.request_seq) for a in messages_of(sent, m.Ack)}
     assert acks == {
         (m.Ping.type_id, 101),
         (m.SetConfig.type_id, 103),
         (m.Stop.type_id, 108),
         (m.Start.type_id, 110),
     }
-    nacks = {(n.request, n.request_seq, n.reason, n.detail) for n in of(sent, m.Nack)}
+    nacks = {(n.request, n.request_seq, n.reason, n.detail) for n in messages_of(sent, m.Nack)}
     assert nacks == {
         (m.SetConfig.type_id, 104, m.Reason.BAD_VALUE, 209),
         (m.SetConfig.type_id, 105, m.Reason.BAD_VALUE, 3),
@@ -47,26 +55,26 @@ def test_every_request_is_answered():
         (m.BiasInit.type_id, 109, m.Reason.NO_IMU, 0),
         (0x7F, 200, m.Reason.UNKNOWN_MESSAGE, 0x7F),
     }
-    (reply,) = of(sent, m.TimeReply)
+    (reply,) = messages_of(sent, m.TimeReply)
     assert reply.token == token
     assert 1.19e6 < reply.received_us <= reply.sent_us < 1.21e6
-    batches = of(sent, m.ImuBatch)
-    assert {len(batch.samples) for batch in batches[-5:]} == {4}, "the new batch size since Start"
+    batches = messages_of(sent, m.ImuBatch)
+    assert {len(batch.samples) for batch in batches[-5:]} == {4}, "Start applies the new batch size"
     assert sum(batch.flags & 1 for batch in batches) == 1, "the pause is a gap"
-    assert of(sent, m.Health)[-1].samples_missed == 0, "nothing was missed while stopped"
-    assert of(sent, m.Health)[-1].frames_damaged == 1
+    assert messages_of(sent, m.Health)[-1].samples_missed == 0, "nothing was missed while stopped"
+    assert messages_of(sent, m.Health)[-1].frames_damaged == 1
 
 
-def test_a_settings_file_that_makes_no_sense_gives_the_defaults():
+def test_invalid_settings_are_replaced_by_defaults():
     config = {"rate_hz": "fast", "batch": 200, "node_id": 2, "unknown": 1}
     sent, _, _ = run(2, config=config)
-    hello = of(sent, m.Hello)[-1]
+    hello = messages_of(sent, m.Hello)[-1]
     assert (hello.rate_mhz, hello.batch) == (416_000, 16)
     assert {frame.node for frame, _ in sent} == {2}
 
 
 @pytest.mark.parametrize("watchdog", [True, False])
-def test_reboot_to_the_repl_ends_at_a_prompt_that_listens_to_ctrl_c(watchdog):
+def test_reboot_to_the_repl_ends_at_a_prompt_that_accepts_ctrl_c(watchdog):
     script = [(1.0, request(1, m.Reboot(m.RebootMode.REPL))), (3.0, b"\x03print(6 * 7)\r")]
     node = VirtualNode(
         unique_motion(12),
@@ -82,17 +90,17 @@ def test_reboot_to_the_repl_ends_at_a_prompt_that_listens_to_ctrl_c(watchdog):
 
 
 @pytest.mark.parametrize("at", [0.0001, 0.0005, 0.002, 0.01])
-def test_a_ctrl_c_while_the_node_boots_does_not_strand_it_at_the_prompt(at):
-    """Hosts may send any byte; two, as some do to be sure."""
+def test_ctrl_c_while_booting_does_not_end_at_the_prompt(at):
+    """Hosts may send ctrl-C, some of them twice."""
     script = [(at, b"\x03"), (at + 0.001, b"\x03"), (0.5, b"\0" + request(1, m.Ping()))]
     sent, truth, stats = run(1, script=script)
     assert stats["counts"].get("at_prompt", 0) == 0 and stats["resets"] == []
-    assert [ack.request_seq for ack in of(sent, m.Ack)] == [1]
-    assert truth.t[int(matched(sent, truth)[-1, 0])] > 0.9
+    assert [ack.request_seq for ack in messages_of(sent, m.Ack)] == [1]
+    assert truth.t[int(match_samples(sent, truth)[-1, 0])] > 0.9
 
 
 @pytest.mark.parametrize("link", ["usb", "uart"])
-def test_a_firmware_that_fails_leaves_ctrl_c_for_the_prompt(tmp_path, link):
+def test_a_firmware_that_fails_ends_at_a_prompt_that_accepts_ctrl_c(tmp_path, link):
     firmware = tmp_path / "firmware"
     shutil.copytree(FIRMWARE, firmware)
     (firmware / "reports.py").write_text(
@@ -111,7 +119,7 @@ def test_a_firmware_that_fails_leaves_ctrl_c_for_the_prompt(tmp_path, link):
         assert node.stats["counts"]["at_prompt"] == 1 and node.stats["resets"] == []
 
 
-def test_on_the_console_of_a_node_that_sends_by_uart_ctrl_c_is_ctrl_c():
+def test_ctrl_c_works_on_the_console_of_a_node_that_sends_by_uart():
     node = VirtualNode(
         unique_motion(3),
         Flash(FIRMWARE, {"link": "uart", "watchdog": False}),

@@ -27,7 +27,7 @@ class Receiver:
 
     def add(self, *packets, ms=0):
         for packet in packets:
-            # A packet lies somewhere in the radio's own bytes.
+            # A packet is part of a longer buffer of the radio.
             self.pieces.add(b"\xff" + packet + b"\xff", 1, len(packet), ms)
 
     def frames(self):
@@ -47,7 +47,7 @@ def receiver():
     return Receiver()
 
 
-def test_frames_of_any_size_arrive_whole_in_whatever_order_their_pieces_come(receiver):
+def test_frames_of_any_size_are_reassembled_from_pieces_in_any_order(receiver):
     rng = np.random.default_rng(1)
     for number, size in enumerate([*range(2, 251), *rng.integers(2, 251, 300)]):
         frame = frame_of(int(size), number)
@@ -56,14 +56,14 @@ def test_frames_of_any_size_arrive_whole_in_whatever_order_their_pieces_come(rec
     assert receiver.counts() == (number + 1, 0, 0)
 
 
-def test_two_frames_may_come_in_turns(receiver):
+def test_pieces_of_two_frames_may_be_interleaved(receiver):
     first, second = frame_of(100), frame_of(90)
     a, b = packets_of(7, first), packets_of(8, second)
     receiver.add(a[0], b[0], a[1], b[1], b[2], a[2], a[3])
     assert receiver.frames() == [second, first] and receiver.counts() == (2, 0, 0)
 
 
-def test_what_comes_twice_is_counted_and_delivered_once(receiver):
+def test_repeated_pieces_are_counted_and_delivered_once(receiver):
     frames = [frame_of(70, k) for k in range(16)]
     for k, frame in enumerate(frames):
         receiver.add(*packets_of(250 + k, frame), packets_of(250 + k, frame)[1])
@@ -75,7 +75,7 @@ def test_what_comes_twice_is_counted_and_delivered_once(receiver):
     assert receiver.counts() == (16, 0, 18)
 
 
-def test_numbers_that_never_came_are_lost_until_they_do(receiver):
+def test_missing_numbers_are_lost_until_they_arrive(receiver):
     frame = frame_of(20)
     receiver.add(*packets_of(10, frame), *packets_of(14, frame))
     assert receiver.counts() == (2, 3, 0)
@@ -85,7 +85,7 @@ def test_numbers_that_never_came_are_lost_until_they_do(receiver):
     assert receiver.counts() == (3, 2, 2)
 
 
-def test_of_three_unfinished_frames_the_oldest_is_given_up(receiver):
+def test_of_three_incomplete_frames_the_oldest_is_dropped(receiver):
     frames = [frame_of(50, k) for k in range(3)]
     packets = [packets_of(k, frame) for k, frame in enumerate(frames)]
     for k in range(3):
@@ -96,7 +96,7 @@ def test_of_three_unfinished_frames_the_oldest_is_given_up(receiver):
 
 
 @pytest.mark.parametrize("waited, lost", [(LATE_MS, 0), (LATE_MS + 1, 1)])
-def test_the_rest_of_a_frame_is_waited_for_two_seconds(receiver, waited, lost):
+def test_an_incomplete_frame_is_dropped_after_two_seconds(receiver, waited, lost):
     frame = frame_of(50)
     packets = packets_of(3, frame)
     receiver.add(packets[0], ms=1000)
@@ -109,13 +109,13 @@ def test_the_rest_of_a_frame_is_waited_for_two_seconds(receiver, waited, lost):
 @pytest.mark.parametrize(
     "packet",
     [
-        bytes([1, 0x00]),  # Nothing but a head;
+        bytes([1, 0x00]),  # only a header;
         bytes([1, 0x09]) + bytes(30),  # ten pieces, more than the longest frame has;
-        bytes([1, 0x21]) + b"abc",  # a place behind the last;
-        bytes([1, 0x01]) + bytes(29),  # short before the last.
+        bytes([1, 0x21]) + b"abc",  # an index beyond the last piece;
+        bytes([1, 0x01]) + bytes(29),  # a short piece before the last one.
     ],
 )
-def test_what_is_no_piece_changes_nothing(receiver, packet):
+def test_invalid_packets_are_ignored(receiver, packet):
     receiver.add(packet)
     assert receiver.frames() == [] and receiver.pieces.received == 1 and receiver.counts() == (0, 0, 0)
     frame, other = frame_of(250), frame_of(200)
@@ -124,7 +124,7 @@ def test_what_is_no_piece_changes_nothing(receiver, packet):
     assert receiver.frames() == [frame, other]
 
 
-def test_a_frame_is_never_longer_than_the_longest(receiver):
+def test_a_frame_beyond_the_longest_is_refused(receiver):
     receiver.add(*packets_of(1, frame_of(251)))
     assert receiver.frames() == []
     receiver.add(*packets_of(2, frame_of(250)))
@@ -132,29 +132,29 @@ def test_a_frame_is_never_longer_than_the_longest(receiver):
 
 
 @pytest.mark.parametrize("first", [0, 1, 200, 255])
-def test_the_first_number_is_any_and_none_before_it_is_lost(receiver, first):
+def test_the_first_number_may_be_any_and_earlier_ones_are_not_lost(receiver, first):
     for k in range(3):
         receiver.add(*packets_of(first + k, frame_of(31, k)))
     assert receiver.counts() == (3, 0, 0)
 
 
-@pytest.mark.parametrize("behind, n_completed", [(15, True), (16, False)])
-@pytest.mark.parametrize("n_parallel", [True, False])
-def test_a_frame_that_was_overtaken_by_up_to_fifteen_is_taken_and_one_that_came_is_not(
-    receiver, behind, n_completed, n_parallel
+@pytest.mark.parametrize("n_overtaking, is_accepted", [(15, True), (16, False)])
+@pytest.mark.parametrize("are_others_missing", [True, False])
+def test_a_frame_overtaken_by_up_to_fifteen_others_is_accepted_once(
+    receiver, n_overtaking, is_accepted, are_others_missing
 ):
-    frame, newest = frame_of(20), 60 + behind
+    frame, newest = frame_of(20), 60 + n_overtaking
     receiver.add(*packets_of(59, frame))
-    for number in [newest] if n_parallel else range(61, newest + 1):
+    for number in [newest] if are_others_missing else range(61, newest + 1):
         receiver.add(*packets_of(number, frame))
-    frames, lost, twice = receiver.counts()
-    assert lost == (behind if n_parallel else 1) and twice == 0
+    frames, lost, repeated = receiver.counts()
+    assert lost == (n_overtaking if are_others_missing else 1) and repeated == 0
     receiver.add(*packets_of(60, frame))
-    assert receiver.counts() == (frames + n_completed, lost - n_completed, twice + (not n_completed))
+    assert receiver.counts() == (frames + is_accepted, lost - is_accepted, repeated + (not is_accepted))
     receiver.add(*packets_of(60, frame), *packets_of(newest, frame), *packets_of(newest - 16, frame))
-    assert receiver.counts()[0] == frames + n_completed
+    assert receiver.counts()[0] == frames + is_accepted
 
 
-def test_a_frame_with_a_zero_inside_is_no_frame(receiver):
+def test_a_frame_with_a_zero_inside_is_refused(receiver):
     receiver.add(*packets_of(1, b"ab\0cd\0"), *packets_of(2, b"abcd"), *packets_of(3, b"abc\0"))
     assert receiver.frames() == [b"abc\0"] and receiver.counts() == (1, 2, 0)

@@ -23,7 +23,7 @@ ACCEL_LSB_NG = 488_000
 STEP = math.radians(LSB_NDPS * 1e-9)
 NOISE_UDPS = 75_000
 NOISE = NOISE_UDPS / 70_000
-"""Gyro steps."""
+"""Noise of a sample in gyro steps."""
 SIGMA_UDPS = 5_000_000
 SIGMA = SIGMA_UDPS / 70_000
 
@@ -32,19 +32,19 @@ def value(x):
     return (x >> 8) * 2.0 ** ((x & 255) - 128) if x else 0.0
 
 
-def node_settings(**changed):
+def node_settings(**overrides):
     fixed = {"noise_udps": NOISE_UDPS, "bias_sigma_udps": SIGMA_UDPS, "gyro_scale_sigma_ppm": 0}
-    return {**settings.DEFAULTS, **fixed, **changed}
+    return {**settings.DEFAULTS, **fixed, **overrides}
 
 
-def init_of(kind, check=lambda x: x, samples=4096, **changed):
-    init = pseudo_init.PseudoInit(kind, node_settings(**changed), SimpleNamespace(period_ns=4_807_692))
+def create_init(kind, check=lambda x: x, samples=4096, **overrides):
+    init = pseudo_init.PseudoInit(kind, node_settings(**overrides), SimpleNamespace(period_ns=4_807_692))
     init.start(check(samples), LSB_NDPS, ACCEL_LSB_NG)
     return init
 
 
-def fed(init, table, check=int):
-    """Whether it has ended, after the rows of (N, 6) in batches of eight."""
+def run_init(init, table, check=int):
+    """Update with samples (N, 6) in batches of eight; return True if the initialisation has ended."""
     flat = [check(x) for x in table.reshape(-1).tolist()]
     for start in range(0, len(flat), 48):
         if init.update(flat, start, min(8, (len(flat) - start) // 6)):
@@ -53,7 +53,7 @@ def fed(init, table, check=int):
 
 
 def rows(rate, bias, seed, noise=NOISE):
-    """(N, 6) int: the rate (N, 3) in steps with bias and noise, the accelerometer at rest."""
+    """Return samples (N, 6): the rate (N, 3) in steps with bias and noise, and static accelerations."""
     rng = np.random.default_rng(seed)
     table = np.zeros((len(rate), 6), dtype=np.int64)
     table[:, :3] = np.round(rate + bias + rng.normal(0, noise, rate.shape))
@@ -62,20 +62,20 @@ def rows(rate, bias, seed, noise=NOISE):
 
 
 def float_filter(table, stretch, rate, at_rest):
-    """(bias, sigma) in steps of the float filter with the means of the same stretches.
+    """Return bias and sigma, in steps, of the float filter with the means of the same segments.
 
-    At rest the first is where it begins.
+    At standstill the first mean is the initial bias.
     """
     count = len(table) // stretch
     means = table[: count * stretch, :3].reshape(count, stretch, 3).mean(axis=1)
     noise = NOISE * STEP / math.sqrt(stretch)
     if at_rest:
-        known = PseudoMeasurementFilter(noise**2 * np.eye(3), means[0] * STEP, noise)
+        estimator = PseudoMeasurementFilter(noise**2 * np.eye(3), means[0] * STEP, noise)
     else:
-        known = PseudoMeasurementFilter(noise**2 * np.eye(3), sigma=SIGMA * STEP)
-    known.run(means[1 if at_rest else 0 :] * STEP, rate * STEP)
-    variance = np.diag(known.covariance) if at_rest else known.given_variance(0.0)
-    return np.array(known.bias) / STEP, np.sqrt(variance) / STEP
+        estimator = PseudoMeasurementFilter(noise**2 * np.eye(3), sigma=SIGMA * STEP)
+    estimator.run(means[1 if at_rest else 0 :] * STEP, rate * STEP)
+    variance = np.diag(estimator.covariance) if at_rest else estimator.given_variance(0.0)
+    return np.array(estimator.bias) / STEP, np.sqrt(variance) / STEP
 
 
 def motion(kind, count, rate):
@@ -94,50 +94,53 @@ def motion(kind, count, rate):
     [("rest", 16, 0), ("rest", 1, 0), ("rest", 250, 0), ("table", 16, 4285.7), ("table", 250, 142.9),
      ("tumbling", 1, 1428.6)],
 )  # fmt: skip
-def test_it_is_the_float_filter_to_a_hundredth_of_a_step(kind, stretch, rate):
+def test_the_integer_filter_agrees_with_the_float_filter_within_a_hundredth_of_a_step(kind, stretch, rate):
     seed, bias = 12, np.array([31.3, -52.8, 17.1])
     table = rows(motion(kind, 4096, rate), bias, seed)
     code = wire.BIAS_KIND_REST if kind == "rest" else wire.BIAS_KIND_TABLE
     udps = round(rate * 70_000)
-    init = init_of(code, bias_stretch=stretch, table_rate_udps=udps)
-    assert fed(init, table) and init.state == wire.FILTER_STATE_TRACKING and init.samples == 4096
+    init = create_init(code, bias_stretch=stretch, table_rate_udps=udps)
+    assert run_init(init, table) and init.state == wire.FILTER_STATE_TRACKING and init.samples == 4096
     expected, sigma = float_filter(table, stretch, udps / 70_000, kind == "rest")
     result = np.array(init.bias_q14) / 2**14
-    shown = np.array(init.sigma_q12) / 2**12
-    print(f"{kind} {stretch}: vs float {result - expected}, vs truth {result - bias}, sigma {sigma}, {shown}")
+    reported_sigma = np.array(init.sigma_q12) / 2**12
+    print(
+        f"{kind} {stretch}: vs float {result - expected}, vs truth {result - bias}, "
+        f"sigma {sigma}, {reported_sigma}"
+    )
     assert result == pytest.approx(expected, abs=0.01)
-    assert shown == pytest.approx(sigma, rel=0.01, abs=2**-12)
+    assert reported_sigma == pytest.approx(sigma, rel=0.01, abs=2**-12)
 
 
-def test_on_a_table_the_variance_of_a_sample_is_that_of_the_noise_it_was_told():
-    """Filter carries it in steps squared / 256."""
+def test_on_a_table_the_variance_of_a_sample_is_that_of_the_configured_noise():
+    """The message Filter has the variance in steps squared / 256."""
     noise_udps = 20 * 70_000
-    init = init_of(wire.BIAS_KIND_TABLE, noise_udps=noise_udps, table_rate_udps=300_000_000)
+    init = create_init(wire.BIAS_KIND_TABLE, noise_udps=noise_udps, table_rate_udps=300_000_000)
     motion_samples = motion("table", 4096, 300_000_000 / 70_000)
-    assert fed(init, rows(motion_samples, np.zeros(3), 1, 20.0))
+    assert run_init(init, rows(motion_samples, np.zeros(3), 1, 20.0))
     assert list(init.variance_q8) == [20**2 * 256] * 3
 
 
-def test_on_a_table_the_doubt_of_the_scale_is_that_of_its_rate():
-    """100 deg/s and one percent: a degree a second along the axis, and nothing across."""
+def test_on_a_table_the_scale_uncertainty_is_proportional_to_the_rate():
+    """A scale uncertainty of 1 % at 100 deg/s gives 1 deg/s along the axis and nothing across."""
     rate = 100 / 0.07
-    init = init_of(wire.BIAS_KIND_TABLE, table_rate_udps=100_000_000, gyro_scale_sigma_ppm=10_000)
-    assert fed(init, rows(motion("table", 4096, rate), np.zeros(3), 5))
+    init = create_init(wire.BIAS_KIND_TABLE, table_rate_udps=100_000_000, gyro_scale_sigma_ppm=10_000)
+    assert run_init(init, rows(motion("table", 4096, rate), np.zeros(3), 5))
     sigma = np.array(init.sigma_q12) / 2**12
     across = SIGMA**2 / rate
     assert sigma[2] == pytest.approx(math.hypot(0.01 * rate, across), rel=0.01)
     assert sigma[:2] == pytest.approx(np.full(2, SIGMA), rel=0.02)
 
 
-def test_at_rest_its_errors_are_as_large_as_it_says():
-    """Sixty biases from the prior; the normalised errors are chi-square with 180 degrees of freedom."""
+def test_at_standstill_the_errors_agree_with_sigma():
+    """The normalised errors of 60 biases from the prior are chi-square with 180 degrees of freedom."""
     total, runs = 0.0, 60
     for run in range(runs):
         bias = np.random.default_rng([3, run]).normal(0.0, SIGMA, 3)
         # Quantisation adds 1/12 step^2 to the noise of 1.15.
         table = rows(np.zeros((2000, 3)), bias, [4, run], math.sqrt(NOISE**2 - 1 / 12))
-        init = init_of(wire.BIAS_KIND_REST, samples=2000)
-        assert fed(init, table)
+        init = create_init(wire.BIAS_KIND_REST, samples=2000)
+        assert run_init(init, table)
         errors = np.array(init.bias_q14) / 2**14 - bias
         total += float(np.sum((errors / (np.array(init.sigma_q12) / 2**12)) ** 2))
     low, high = chi2.ppf([0.001, 0.999], 3 * runs)
@@ -145,17 +148,19 @@ def test_at_rest_its_errors_are_as_large_as_it_says():
     assert low < total < high
 
 
-def test_a_table_shows_the_bias_along_its_axis_and_the_rest_keeps_its_doubt():
+def test_a_table_gives_the_bias_along_its_axis_and_leaves_the_other_sigmas_unchanged():
     table = rows(motion("table", 4096, 1428.6), np.array([2.0, -1.0, 3.0]), 7)
-    init = init_of(wire.BIAS_KIND_TABLE, table_rate_udps=round(1428.6 * 70_000), bias_sigma_udps=150_000)
-    assert fed(init, table)
+    init = create_init(wire.BIAS_KIND_TABLE, table_rate_udps=round(1428.6 * 70_000), bias_sigma_udps=150_000)
+    assert run_init(init, table)
     sigma = np.array(init.sigma_q12) / 2**12
     assert init.bias_q14[2] / 2**14 == pytest.approx(3.0, abs=4 * sigma[2]) and sigma[2] < 0.03
-    assert sigma[:2] == pytest.approx(np.full(2, 150 / 70), rel=0.01), "nothing was seen across the axis"
+    assert sigma[:2] == pytest.approx(np.full(2, 150 / 70), rel=0.01), (
+        "the bias across the axis is not observable"
+    )
 
 
 @pytest.mark.parametrize("kind", ["steadily", "with gravity", "in one jerk"])
-def test_a_wheel_that_turns_is_refused_at_rest_and_what_was_known_stays(kind):
+def test_a_turning_wheel_is_refused_and_the_bias_unchanged(kind):
     table = rows(np.zeros((2000, 3)), 5.0, 8)
     if kind == "steadily":
         table[:, 2] += 800
@@ -163,17 +168,15 @@ def test_a_wheel_that_turns_is_refused_at_rest_and_what_was_known_stays(kind):
         table[1000, 1] = 3000
     else:
         table[:, 3] = np.round(2049 * np.sin(np.linspace(0, 0.5, 2000)))
-    init = init_of(wire.BIAS_KIND_REST, samples=2000)
+    init = create_init(wire.BIAS_KIND_REST, samples=2000)
     init.bias_q14[0] = 77
-    assert fed(init, table) and init.refused == wire.REASON_WHEEL_TURNS
+    assert run_init(init, table) and init.refused == wire.REASON_WHEEL_TURNS
     assert init.state == wire.FILTER_STATE_WAITING and init.bias_q14[0] == 77
 
 
 @pytest.mark.parametrize("axis", range(3))
 @pytest.mark.parametrize("bias_dps, refused", [(29.7, False), (-29.7, False), (30.3, True), (-30.3, True)])
-def test_a_bias_beyond_thirty_degrees_a_second_is_refused_on_each_axis_and_to_either_side(
-    axis, bias_dps, refused
-):
+def test_a_bias_beyond_30_deg_per_s_is_refused_on_each_axis_with_either_sign(axis, bias_dps, refused):
     bias = np.zeros(3)
     bias[axis] = bias_dps / 0.07
     init = pseudo_init.PseudoInit(
@@ -181,16 +184,16 @@ def test_a_bias_beyond_thirty_degrees_a_second_is_refused_on_each_axis_and_to_ei
         node_settings(table_rate_udps=round(1428.6 * 70_000), bias_sigma_udps=10_000),
         SimpleNamespace(period_ns=4_807_692),
     )
-    for which in range(3):
-        init.give(which, round(bias[which] * 2**14))
+    for k in range(3):
+        init.give(k, round(bias[k] * 2**14))
     init.start(4096, LSB_NDPS, ACCEL_LSB_NG)
-    assert fed(init, rows(motion("table", 4096, 1428.6), bias, 3))
+    assert run_init(init, rows(motion("table", 4096, 1428.6), bias, 3))
     assert init.refused == (wire.REASON_WHEEL_TURNS if refused else 0)
     assert init.samples == (0 if refused else 4096)
 
 
-def test_it_begins_from_the_bias_that_is_known_and_follows_the_warm_up():
-    """Half a step of warm-up while it runs: the end is what counts, not the mean of the time."""
+def test_the_initialisation_starts_from_the_known_bias_and_follows_the_warm_up():
+    """The warm-up changes the bias during the initialisation: the result is the bias at the end."""
     init = pseudo_init.PseudoInit(
         wire.BIAS_KIND_REST, node_settings(bias_sigma_udps=100_000), SimpleNamespace(period_ns=4_807_692)
     )
@@ -216,7 +219,7 @@ NUMBERS = st.integers(-(1 << 29) + 1, (1 << 29) - 1)
 def test_the_difference_of_squares_is_exact_to_its_own_precision(d, rate):
     result = value(pseudo_filter.difference([SmallInt(x) for x in d], SmallInt(rate)))
     exact = (sum(x * x for x in d) - rate * rate) / 2**24
-    # 2^-13 from the digits that are cut off, and the rounding of a small float.
+    # Tolerance: 2^-13 of truncation, and the rounding of a small float.
     assert result == pytest.approx(exact, rel=2e-4, abs=1e-9)
 
 
@@ -229,16 +232,16 @@ def test_the_difference_of_squares_is_exact_to_its_own_precision(d, rate):
 )
 @example([(0, -117979, 268490238), (0, 0, 0)], 0, 1, 1)
 def test_no_intermediate_needs_more_than_31_bits_and_the_variance_stays_positive(means, rate, sigma, noise):
-    known = pseudo_filter.PseudoFilter()
-    known.bias_q16 = [SmallInt(0)] * 3
-    known.reset(
+    estimator = pseudo_filter.PseudoFilter()
+    estimator.bias_q16 = [SmallInt(0)] * 3
+    estimator.reset(
         small_float.number(SmallInt(sigma), SmallInt(-10)), small_float.number(SmallInt(noise), SmallInt(-20))
     )
     for mean in means:
-        known.update([SmallInt(x) for x in mean], SmallInt(rate), SmallInt(0))
+        estimator.update([SmallInt(x) for x in mean], SmallInt(rate), SmallInt(0))
         for axis in range(3):
-            assert value(known.variance(axis)) > 0.0
-            assert abs(known.bias_q16[axis]) <= 1 << 29
+            assert value(estimator.variance(axis)) > 0.0
+            assert abs(estimator.bias_q16[axis]) <= 1 << 29
 
 
 @pytest.mark.parametrize("kind", [wire.BIAS_KIND_REST, wire.BIAS_KIND_TABLE])
@@ -247,14 +250,14 @@ def test_the_whole_initialisation_stays_within_31_bits(kind, stretch):
     extreme = np.full((2048, 6), 32767, dtype=np.int64)
     extreme[::2] = -32768
     table = rows(np.zeros((2048, 3)), 400.0, 2) if kind == wire.BIAS_KIND_REST else extreme
-    init = init_of(kind, SmallInt, 2000, bias_stretch=stretch, table_rate_udps=1_000_000_000)
+    init = create_init(kind, SmallInt, 2000, bias_stretch=stretch, table_rate_udps=1_000_000_000)
     init.filter.bias_q16 = [SmallInt(x) for x in init.filter.bias_q16]
-    assert fed(init, table, SmallInt)
+    assert run_init(init, table, SmallInt)
 
 
 @hypothesis_settings(max_examples=200)
 @given(st.integers(-(1 << 38), 1 << 38), st.integers(1, (1 << 24) - 1))
-def test_the_mean_by_long_division_is_the_floor(total, divisor):
+def test_the_mean_by_long_division_is_rounded_down(total, divisor):
     if abs(total) // divisor >= 1 << 15:
         total %= divisor << 15
     result = pseudo_init.mean_q14(SmallInt(total >> 15), SmallInt(total & 0x7FFF), SmallInt(divisor))

@@ -1,4 +1,4 @@
-"""Why a processor started, from what its registers hold by the data sheets of RP2040 and RP2350."""
+"""The cause of a reset from the registers of the processor (data sheets of RP2040 and RP2350)."""
 
 from types import SimpleNamespace
 
@@ -14,9 +14,9 @@ RP2350 = {"reason": 0x400D8008, "chip_reset": 0x4010002C}
 
 
 def reported_cause(monkeypatch, name, cause, **registers):
-    """What the firmware says where the port says `cause`; registers that are not named hold nothing."""
-    places = RP2350 if "RP2350" in name else RP2040
-    mem32 = {address: registers.get(key, 0) for key, address in places.items()}
+    """Return the cause reported by the firmware for a cause of the port and register values (default 0)."""
+    addresses = RP2350 if "RP2350" in name else RP2040
+    mem32 = {address: registers.get(key, 0) for key, address in addresses.items()}
     causes = SimpleNamespace(PWRON_RESET=PWRON, WDT_RESET=WDT, reset_cause=lambda: cause, mem32=mem32)
     if "RP2" not in name:
         causes.HARD_RESET = HARD
@@ -36,19 +36,19 @@ def reported_cause(monkeypatch, name, cause, **registers):
         ("Raspberry Pi Pico 2 with RP2350", 1 << 17 | 1 << 18, ResetCause.HARD),
     ],
 )
-def test_chip_reset_tells_a_pulled_run_pin_from_power(monkeypatch, name, chip_reset, cause):
+def test_chip_reset_distinguishes_the_run_pin_from_power_on(monkeypatch, name, chip_reset, cause):
     assert reported_cause(monkeypatch, name, PWRON, chip_reset=chip_reset) == cause
 
 
 @pytest.mark.parametrize("name", ["Pico with RP2040", "Pico 2 with RP2350"])
-def test_a_watchdog_that_was_forced_is_a_reset_that_was_asked_for(monkeypatch, name):
-    """REASON: TIMER 0, FORCE 1."""
+def test_a_forced_watchdog_reset_is_a_soft_reset(monkeypatch, name):
+    """Bits of the register REASON: TIMER 0, FORCE 1."""
     assert reported_cause(monkeypatch, name, WDT, reason=1, chip_reset=1 << 16) == ResetCause.WATCHDOG
     assert reported_cause(monkeypatch, name, WDT, reason=2, chip_reset=1 << 16) == ResetCause.SOFT
 
 
 @pytest.mark.parametrize(
-    ("cause", "meant"),
+    ("cause", "expected"),
     [
         (PWRON, ResetCause.POWER_ON),
         (HARD, ResetCause.SOFT),
@@ -56,5 +56,5 @@ def test_a_watchdog_that_was_forced_is_a_reset_that_was_asked_for(monkeypatch, n
         (77, ResetCause.UNKNOWN),
     ],
 )
-def test_of_another_processor_the_port_alone_tells(monkeypatch, cause, meant):
-    assert reported_cause(monkeypatch, "Generic ESP32 module with ESP32", cause) == meant
+def test_on_other_processors_the_cause_of_the_port_is_used(monkeypatch, cause, expected):
+    assert reported_cause(monkeypatch, "Generic ESP32 module with ESP32", cause) == expected

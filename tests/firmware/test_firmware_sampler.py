@@ -22,13 +22,13 @@ from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.chips.lsm6ds33 import Lsm6ds33
 from hubodo.emulator.chips.mpu6050 import Mpu6050
 from hubowire import messages as m
-from virtual_runs import matched, unique_motion
+from virtual_runs import match_samples, unique_motion
 
 CHIPS = {"lsm6ds33": (Lsm6ds33, LSM6DS33), "mpu6050": (Mpu6050, MPU6050)}
 
 
-class Rig:
-    """A driver and a sampler on an emulated chip; `sent` is what the link would carry."""
+class SamplerRun:
+    """A driver and a sampler on an emulated chip; `sent` has the messages for the link."""
 
     def __init__(self, monkeypatch, chip, rate, seconds, *, turn_us=200, fifo=False, odr_error=0.02, **bus):
         silicon, driver = CHIPS[chip]
@@ -59,51 +59,51 @@ class Rig:
             PORT_TICKS.now_us += min(max(ahead, 0), 1000)
         return self
 
-    def missed_before_the_last(self, jump):
-        """What was counted as missed, but for what was lost behind the last batch: no number shows it yet."""
+    def missed_before_last_batch(self, jump):
+        """Return the count of missed samples without those after the last batch."""
         last = self.sent[0][1].index + len(jump) + jump.sum()
         assert (last - self.sent[-1][1].index) % 65536 == len(self.sent[-1][1].samples) - 1
         waiting = self.sampler.count + self.sampler._reader.left
         return self.sampler.missed - (self.sampler.clock.index - last - waiting)
 
-    def holes(self):
-        """(place in the truth, missing behind it, missing by number, time error in us) of every sample."""
+    def gaps(self):
+        """Return index in the truth, samples missing after it, the same by number, and time error in us."""
         truth = self.chip.truth()
-        found = matched(self.sent, truth, round(self.bus.zero_us) % fake_port.TICKS)
-        says = [
+        matches = match_samples(self.sent, truth, round(self.bus.zero_us) % fake_port.TICKS)
+        is_flagged = [
             i == 0 and bool(batch.flags & m.BatchFlag.GAP_BEFORE)
             for _, batch in self.sent
             for i in range(len(batch.samples))
         ]
-        number = np.unwrap(found[:, 2], period=65536)
-        missing, jump = np.diff(found[:, 0]) - 1, np.diff(number) - 1
-        assert np.all(np.array(says)[1:][(missing > 0) | (jump > 0)]), (
-            "every hole and every jump is announced"
+        number = np.unwrap(matches[:, 2], period=65536)
+        missing, jump = np.diff(matches[:, 0]) - 1, np.diff(number) - 1
+        assert np.all(np.array(is_flagged)[1:][(missing > 0) | (jump > 0)]), (
+            "every gap and every jump of the numbers is flagged"
         )
-        return found[:, 0].astype(int), missing, jump, found[:, 1]
+        return matches[:, 0].astype(int), missing, jump, matches[:, 1]
 
 
-def test_a_look_at_the_fifo_that_was_held_up_for_half_a_period_is_taken_again(monkeypatch):
-    """Every tenth takes 0.8 periods longer: none of those tells the clock anything."""
-    rig, looks, widths = Rig(monkeypatch, "lsm6ds33", 416, 5), 0, []
-    level, seen = rig.driver.fifo_level, rig.sampler.clock.update
+def test_a_fifo_poll_delayed_by_more_than_half_a_period_is_repeated(monkeypatch):
+    """Every tenth poll takes 0.8 periods longer: it is repeated and does not update the clock."""
+    sampler_run, n_polls, widths = SamplerRun(monkeypatch, "lsm6ds33", 416, 5), 0, []
+    level, update = sampler_run.driver.fifo_level, sampler_run.sampler.clock.update
 
-    def held_up():
-        nonlocal looks
-        looks += 1
-        found = level()
-        rig.bus.spend(1920 if looks > 100 and looks % 10 == 0 else 0)
-        return found
+    def delayed_level():
+        nonlocal n_polls
+        n_polls += 1
+        fifo_level = level()
+        sampler_run.bus.spend(1920 if n_polls > 100 and n_polls % 10 == 0 else 0)
+        return fifo_level
 
-    def recorded(early_us, late_us, samples):
-        if looks > 100:
+    def recording_update(early_us, late_us, samples):
+        if n_polls > 100:
             widths.append(time.ticks_diff(late_us, early_us))
-        seen(early_us, late_us, samples)
+        update(early_us, late_us, samples)
 
-    monkeypatch.setattr(rig.driver, "fifo_level", held_up)
-    monkeypatch.setattr(rig.sampler.clock, "update", recorded)
-    rig.run()
-    print(f"{looks} looks, {len(widths)} of them heard, known to {max(widths)} us")
+    monkeypatch.setattr(sampler_run.driver, "fifo_level", delayed_level)
+    monkeypatch.setattr(sampler_run.sampler.clock, "update", recording_update)
+    sampler_run.run()
+    print(f"{n_polls} looks, {len(widths)} of them used, uncertainty up to {max(widths)} us")
     assert len(widths) > 50 and max(widths) < 1202
 
 
@@ -120,76 +120,76 @@ def test_a_look_at_the_fifo_that_was_held_up_for_half_a_period_is_taken_again(mo
         ("mpu6050", 1000, (0.02, 0.02)),
     ],
 )
-def test_a_processor_held_up_at_any_call_never_shifts_a_number(monkeypatch, chip, rate, stalls, seed):
-    """Held up at random calls of bus and clock: each hole has the size it truly has, where it truly is."""
-    rig = Rig(monkeypatch, chip, rate, 8, stalls=stalls, seed=seed).run()
-    k, missing, jump, error = rig.holes()
+def test_stalls_of_the_processor_never_shift_a_sample_number(monkeypatch, chip, rate, stalls, seed):
+    """The processor stalls at random calls of bus and clock: each gap has its true size and position."""
+    sampler_run = SamplerRun(monkeypatch, chip, rate, 8, stalls=stalls, seed=seed).run()
+    k, missing, jump, error = sampler_run.gaps()
     print(
-        f"seed {seed}: {rig.bus.stalled_us / 1e6:.1f} s held up, {missing.sum():.0f} of {k[-1]} samples lost"
+        f"seed {seed}: {sampler_run.bus.stalled_us / 1e6:.1f} s stalled, {missing.sum():.0f} of {k[-1]} lost"
     )
-    assert rig.bus.stalled_us > 50_000
+    assert sampler_run.bus.stalled_us > 50_000
     np.testing.assert_array_equal(jump, missing)
-    assert jump.sum() == rig.missed_before_the_last(jump)
+    assert jump.sum() == sampler_run.missed_before_last_batch(jump)
     assert np.abs(error[len(error) // 2 :]).max() < 500
 
 
 @pytest.mark.parametrize(("chip", "rate", "turn_us"), [("lsm6ds33", 1660, 12_000), ("mpu6050", 1000, 20_000)])
-def test_under_overload_what_is_counted_as_missed_is_what_the_numbers_skip(monkeypatch, chip, rate, turn_us):
-    """The loop takes longer than a batch lasts: the FIFO overflows again and again."""
-    rig = Rig(monkeypatch, chip, rate, 8, turn_us=turn_us).run()
-    _, missing, jump, _ = rig.holes()
-    assert rig.sampler.overruns > 5 and missing.sum() > 2000
-    assert jump.sum() == rig.missed_before_the_last(jump)
+def test_under_overload_the_missed_samples_equal_the_jumps_of_the_numbers(monkeypatch, chip, rate, turn_us):
+    """The loop takes longer than a batch lasts, so that the FIFO overflows repeatedly."""
+    sampler_run = SamplerRun(monkeypatch, chip, rate, 8, turn_us=turn_us).run()
+    _, missing, jump, _ = sampler_run.gaps()
+    assert sampler_run.sampler.overruns > 5 and missing.sum() > 2000
+    assert jump.sum() == sampler_run.missed_before_last_batch(jump)
     assert jump.sum() == pytest.approx(missing.sum(), rel=0.005)
 
 
 @pytest.mark.parametrize("words", range(1, 6))
-def test_a_misread_of_the_fifo_costs_at_most_the_samples_it_tore(monkeypatch, words):
-    """Words that a failed burst took unseen: the pattern shows where the next whole sample begins."""
-    rig = Rig(monkeypatch, "lsm6ds33", 416, 4)
+def test_a_failed_fifo_read_loses_at_most_the_affected_samples(monkeypatch, words):
+    """A failed burst removes words from the FIFO: its pattern shows where the next complete sample begins."""
+    sampler_run = SamplerRun(monkeypatch, "lsm6ds33", 416, 4)
     at = [1.5, 2.5]
 
     def misread(t):
-        if at and t > at[0] and rig.sampler._reader.left:
+        if at and t > at[0] and sampler_run.sampler._reader.left:
             at.pop(0)
-            rig.bus.bus.read_mem(t, 0x6B, b"\x3e", 2 * words)
+            sampler_run.bus.bus.read_mem(t, 0x6B, b"\x3e", 2 * words)
 
-    rig.run(misread)
-    k, missing, jump, _ = rig.holes()
+    sampler_run.run(misread)
+    k, missing, jump, _ = sampler_run.gaps()
     assert not at
-    assert rig.driver.realigned == 2
+    assert sampler_run.driver.realigned == 2
     assert 2 <= missing.sum() <= 2 * 17
     assert np.abs(np.cumsum(jump) - np.cumsum(missing)).max() <= 1
-    assert len(rig.chip.truth().t) - k[-1] <= 17
+    assert len(sampler_run.chip.truth().t) - k[-1] <= 17
 
 
-def test_the_native_search_for_the_end_of_the_scale_finds_what_the_plain_one_does():
+def test_the_native_saturation_check_equals_the_plain_one():
     fast, rng = native.load(), random.Random(2)
     ends = (-32768, -32767, 32766, 32767)
-    found = set()
+    results = set()
     for _ in range(300):
         values = [rng.choice(ends) if rng.random() < 0.02 else rng.randrange(-9, 9) for _ in range(30)]
         at, last = sorted((rng.randrange(31), rng.randrange(31)))
         plain = sampler.saturated_plain(values, at, last)
         assert plain == any(v in (-32768, 32767) for v in values[at:last])
-        # A pointer to 16 bits has no sign.
+        # A 16-bit pointer is unsigned.
         assert bool(fast.saturated([v & 0xFFFF for v in values], at, last)) == plain
-        found.add(plain)
-    assert found == {True, False}
+        results.add(plain)
+    assert results == {True, False}
 
 
-def filled(depth, count):
-    """An outbox into which `count` frames were put, each with its number as payload."""
+def create_outbox(depth, count):
+    """Return an outbox after posting `count` frames with their number as payload."""
     box = Outbox(depth, 7)
     for number in range(count):
-        note = box.note()
-        note[outbox_module.PAYLOAD] = number & 0xFF
+        slot = box.note()
+        slot[outbox_module.PAYLOAD] = number & 0xFF
         box.post(5, 1)
     return box
 
 
-def frames(box):
-    """(sequence number, payload) of what the link would still get."""
+def send_all(box):
+    """Return (sequence number, payload) of all frames that the link still gets."""
     decoder, out = hubowire.FrameDecoder(), []
     while (slot := box.oldest()) is not None:
         wire = bytes(slot.raw[1 + box.sent : slot.end])
@@ -199,17 +199,17 @@ def frames(box):
 
 
 @pytest.mark.parametrize("count", [0, 1, 3, 4, 5, 11, 300])
-def test_the_queue_drops_the_oldest_and_counts_every_one(count):
-    box = filled(4, count)
+def test_the_queue_drops_the_oldest_frames_and_counts_them(count):
+    box = create_outbox(4, count)
     assert (box.dropped, box.count, box.high_water) == (max(0, count - 4), min(count, 4), min(count, 4))
-    assert frames(box) == [(n, n & 0xFF) for n in range(max(0, count - 4), count)]
+    assert send_all(box) == [(n, n & 0xFF) for n in range(max(0, count - 4), count)]
     assert (box.count, box.sent, box.high_water) == (0, 0 if count else -1, min(count, 4)), (
-        "the high water stays"
+        "the high-water mark is unchanged"
     )
 
 
-def test_a_frame_that_is_half_on_the_wire_is_not_the_one_that_goes():
-    box = filled(4, 4)
+def test_a_partly_sent_frame_is_not_dropped():
+    box = create_outbox(4, 4)
     first = bytes(box.oldest().raw[1 : box.oldest().end])
     box.advance(3)
     for _ in range(6):
@@ -217,4 +217,4 @@ def test_a_frame_that_is_half_on_the_wire_is_not_the_one_that_goes():
     assert box.dropped == 6
     assert bytes(box.oldest().raw[1 : box.oldest().end]) == first
     box.advance(len(first) - 3)
-    assert [seq for seq, _ in frames(box)] == [7, 8, 9]
+    assert [seq for seq, _ in send_all(box)] == [7, 8, 9]

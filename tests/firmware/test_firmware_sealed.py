@@ -1,4 +1,4 @@
-"""In real MicroPython: HMAC-SHA256 of the node, and its half of a session, against CPython's."""
+"""HMAC-SHA256 and sessions of the node in real MicroPython, compared with CPython."""
 
 import hmac
 import json
@@ -34,7 +34,7 @@ KEY = bytes(range(32))
 VECTORS = """
 from sealed import Hmac
 import binascii
-found = [binascii.hexlify(Hmac(key).digest(data[:3], data[3:])).decode() for key, data in {rows}]
+result = [binascii.hexlify(Hmac(key).digest(data[:3], data[3:])).decode() for key, data in {rows}]
 """
 
 SESSION = """
@@ -66,20 +66,22 @@ for data in {coming}:
 port.send(box)
 box.post(6, 3)
 port.send(box)
-found = {{"sent": Pipe.sent, "waits": waits, "frames": frames, "damaged": port.reader.damaged}}
+result = {{"sent": Pipe.sent, "waits": waits, "frames": frames, "damaged": port.reader.damaged}}
 """
 
 WRITE = """
 with open("/result", "w") as file:
-    json.dump(found, file)
+    json.dump(result, file)
 """
 
 
-def test_the_hmac_is_that_of_rfc_4231(tmp_path):
+def test_the_hmac_agrees_with_rfc_4231(tmp_path):
     rows = [(key, data) for key, data, _ in RFC_4231]
     result, _ = real_micropython.run(tmp_path, FAKES, VECTORS.format(rows=repr(rows)), WRITE)
     assert result == [expected for _, _, expected in RFC_4231]
-    assert all(hmac.digest(k, d, "sha256").hex() == e for k, d, e in RFC_4231), "the table is typed well"
+    assert all(hmac.digest(k, d, "sha256").hex() == e for k, d, e in RFC_4231), (
+        "the table agrees with hmac of Python"
+    )
 
 
 SERIAL = "e661410300000001"
@@ -93,16 +95,16 @@ def host(tmp_path):
 
 
 def datagrams_of_a_node(tmp_path, coming):
-    """Runs a node that gets these datagrams; what it sent, and what became of its frames."""
+    """Run a node that receives these datagrams; return the datagrams sent, and the result of the script."""
     text = SESSION.format(key=KEY.hex(), coming=repr([data.hex() for data in coming]))
     result, _ = real_micropython.run(tmp_path, FAKES, text, WRITE)
     return [bytes.fromhex(data) for data in result["sent"]], result
 
 
-def test_a_node_sends_nothing_but_a_handshake_before_a_session_and_obeys_nobody_else(tmp_path, host):
-    """Orders come sealed, plain, changed, sent again and of another session: the first alone is one.
+def test_before_a_session_a_node_only_sends_the_handshake_and_accepts_only_its_host(tmp_path, host):
+    """Requests come sealed, plain, changed, repeated and from another session: only the first is valid.
 
-    What the host says depends on the node's proof, not on its frames: a first run gives the proof.
+    The messages of the host depend on the proof of the node, which a first run gives.
     """
     twin = SealedNode(KEY)
     twin.nonce = bytes(range(8))
@@ -121,7 +123,7 @@ def test_a_node_sends_nothing_but_a_handshake_before_a_session_and_obeys_nobody_
     false_answer = answer[:-1] + bytes([answer[-1] ^ 1])
     coming = [ping, false_answer, answer, acknowledgement, order, ping, changed, order, answer]
     sent, result = datagrams_of_a_node(tmp_path, coming)
-    assert result["waits"] == 1, "the frame waits for the session"
+    assert result["waits"] == 1, "the frame waits until the session starts"
     assert result["frames"] == [[m.Ping.type_id, 77]]
     assert result["damaged"] == 6, "every other datagram is counted"
     assert sent[:2] == handshake and len(sent) == 4
@@ -134,13 +136,13 @@ def test_a_node_sends_nothing_but_a_handshake_before_a_session_and_obeys_nobody_
 
 
 def _first_frame(twin, acknowledgement):
-    """With which a node takes a session into use."""
+    """Return the first datagram of a session, which makes the host use it."""
     assert twin.open(acknowledgement) == b""
     return twin.seal(b"")
 
 
-def test_a_session_stands_until_the_host_uses_the_next_and_a_proof_repeated_makes_another(tmp_path, host):
-    """The first acknowledgement is lost: the node opens again with the same nonce, and gets in."""
+def test_a_session_is_valid_until_the_host_uses_the_next_and_a_repeated_proof_starts_another(tmp_path, host):
+    """The first acknowledgement is lost: the node repeats its opening with the same nonce and connects."""
     twin = SealedNode(KEY)
     twin.nonce = bytes(range(8))
     first = host.open(twin.opening(), "node 1").answer

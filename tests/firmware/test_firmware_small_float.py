@@ -1,4 +1,4 @@
-"""Small floats: every operation right to 2^-18, within 31 bits."""
+"""Small floats: every operation is accurate to 2^-18 and uses 31 bits."""
 
 import math
 
@@ -25,7 +25,7 @@ NOT_ZERO = NUMBERS.filter(bool)
 
 @settings(max_examples=300)
 @given(st.integers(-(1 << 30) + 1, (1 << 30) - 1), st.integers(-80, 80))
-def test_an_integer_becomes_a_number_and_comes_back(m, e):
+def test_an_integer_can_be_converted_and_back(m, e):
     x = small_float.number(SmallInt(m), SmallInt(e))
     assert math.isclose(value(x), m * 2.0**e, rel_tol=ULP)
     back = small_float.integer(x, -e)
@@ -34,7 +34,7 @@ def test_an_integer_becomes_a_number_and_comes_back(m, e):
 
 @settings(max_examples=300)
 @given(NOT_ZERO, NOT_ZERO)
-def test_products_quotients_and_roots_are_right_to_the_last_bits(x, y):
+def test_products_quotients_and_roots_are_accurate_to_2_to_the_minus_18(x, y):
     assert math.isclose(value(small_float.times(x, y)), value(x) * value(y), rel_tol=ULP)
     assert math.isclose(value(small_float.over(x, y)), value(x) / value(y), rel_tol=ULP)
     size = x if value(x) > 0 else small_float.minus(x)
@@ -43,14 +43,14 @@ def test_products_quotients_and_roots_are_right_to_the_last_bits(x, y):
 
 @settings(max_examples=300)
 @given(NUMBERS, NUMBERS)
-def test_sums_are_right_to_the_last_bits_of_the_larger(x, y):
+def test_sums_are_accurate_relative_to_the_larger_operand(x, y):
     result = value(small_float.plus(x, y))
     assert abs(result - (value(x) + value(y))) <= 2 * ULP * max(abs(value(x)), abs(value(y)))
     assert value(small_float.minus(x)) == -value(x)
     assert small_float.plus(x, small_float.minus(x)) == 0
 
 
-def test_what_is_too_small_is_zero_and_what_is_too_large_stays_at_the_end():
+def test_underflow_gives_zero_and_overflow_saturates():
     tiny, huge = small_float.number(1, -100), small_float.number(1, 120)
     assert value(small_float.ONE) == 1.0
     assert small_float.times(tiny, tiny) == 0
@@ -63,7 +63,7 @@ def test_what_is_too_small_is_zero_and_what_is_too_large_stays_at_the_end():
 
 @settings(max_examples=300)
 @given(NUMBERS, NUMBERS, st.integers(-(1 << 30) + 1, (1 << 30) - 1), st.integers(-160, 160))
-def test_the_native_twins_give_the_same_bits(x, y, m, e):
+def test_the_native_functions_give_the_same_bits(x, y, m, e):
     fast = native.load("fast_float")
     x, y = int(x), int(y)
     assert fast.number(m, e) == small_float.number_plain(m, e)

@@ -1,4 +1,4 @@
-"""The node's station beside a fake WLAN interface that behaves as each port's: when it tries to join."""
+"""Times at which the Wi-Fi station of the node tries to join, with a fake WLAN interface."""
 
 import sys
 import types
@@ -13,12 +13,12 @@ JOIN_S = 2.5
 
 
 class FakeWlan:
-    """network.WLAN over the virtual board's station, on the ticks of the fake port."""
+    """A substitute for network.WLAN over the station of the virtual board, in the ticks of the fake port."""
 
     def __init__(self, port, air):
         self.port = WlanStation(port, air)
         self.zero_us = PORT_TICKS.now_us
-        self.asked = []
+        self.connect_times = []
         self.refused = 0
         self.port.activate(True, 0.0)
 
@@ -37,7 +37,7 @@ class FakeWlan:
         if self.port.connect(self.t) == CONNECT_REFUSED:
             self.refused += 1
             raise OSError("Wifi Internal State Error")
-        self.asked.append(self.t)
+        self.connect_times.append(self.t)
 
     def disconnect(self):
         self.port.disconnect()
@@ -51,7 +51,7 @@ class FakeWlan:
 
 @pytest.fixture
 def station(monkeypatch):
-    """station(port, air): (the firmware's Station, its FakeWlan), on a `network` of that port."""
+    """Return a function of port and network that creates the Station of the firmware and its FakeWlan."""
 
     def make(port, air):
         network = types.SimpleNamespace(
@@ -68,8 +68,8 @@ def station(monkeypatch):
     sys.modules.pop("wifi", None)
 
 
-def live(station, wlan, seconds):
-    """Whether the station was joined, second by second."""
+def run_station(station, wlan, seconds):
+    """Run the station; return for each second whether it was joined."""
     joined_at = []
     for _ in range(seconds):
         joined_at.append(station.is_joined(int(PORT_TICKS.ms())))
@@ -78,34 +78,34 @@ def live(station, wlan, seconds):
 
 
 @pytest.mark.parametrize("port", ["rp2", "esp32"])
-def test_tries_follow_each_other_after_pauses_that_double_up_to_half_a_minute(station, port):
+def test_pauses_between_attempts_double_up_to_half_a_minute(station, port):
     node, wlan = station(port, WifiEnvironment(outages=((0, 200),), join_time=JOIN_S))
-    joined_at = live(node, wlan, 300)
-    # A failure is seen at the next second after JOIN_S; then comes the pause.
-    pauses = [round(b - a) - 3 for a, b in zip(wlan.asked, wlan.asked[1:], strict=False)]
+    joined_at = run_station(node, wlan, 300)
+    # A failure is detected at the next full second after JOIN_S; then the pause begins.
+    pauses = [round(b - a) - 3 for a, b in zip(wlan.connect_times, wlan.connect_times[1:], strict=False)]
     assert pauses == [1, 2, 4, 8, 16, *(len(pauses) - 5) * [30]] and len(pauses) >= 8
-    assert wlan.asked[0] < 1 and joined_at.index(True) < 200 + 30 + 3 + 2
+    assert wlan.connect_times[0] < 1 and joined_at.index(True) < 200 + 30 + 3 + 2
     assert all(joined_at[joined_at.index(True) :])
 
 
 @pytest.mark.parametrize("port", ["rp2", "esp32"])
-def test_after_a_loss_the_first_try_comes_at_once_and_the_pauses_begin_anew(station, port):
-    """A Pico W tells "joining" from the loss on, and nothing joins; an ESP32 leaves it to the node."""
+def test_after_a_loss_the_first_attempt_is_immediate_and_the_pauses_are_reset(station, port):
+    """A Pico W reports "joining" after the loss without joining; an ESP32 leaves the retry to the node."""
     node, wlan = station(port, WifiEnvironment(outages=((99.5, 102.8),), join_time=JOIN_S))
-    joined_at = live(node, wlan, 120)
-    assert [round(t) for t in wlan.asked] == [0, 100, 104]
+    joined_at = run_station(node, wlan, 120)
+    assert [round(t) for t in wlan.connect_times] == [0, 100, 104]
     assert joined_at[3:100] == [True] * 97 and joined_at[100:107] == [False] * 7 and all(joined_at[107:])
 
 
-def test_a_join_that_hangs_is_given_up_after_a_quarter_of_a_minute(station):
+def test_a_join_that_hangs_is_aborted_after_15_s(station):
     node, wlan = station("rp2", WifiEnvironment(join_time=1e9))
-    live(node, wlan, 60)
-    assert [round(t) for t in wlan.asked] == [0, 16, 33, 52]
+    run_station(node, wlan, 60)
+    assert [round(t) for t in wlan.connect_times] == [0, 16, 33, 52]
 
 
-def test_an_esp32_that_is_joining_already_refuses_once_and_is_brought_round(station):
+def test_an_esp32_that_is_already_joining_refuses_once_and_then_connects(station):
     node, wlan = station("esp32", WifiEnvironment(join_time=20.0))
     wlan.port.connect(0.0)
-    joined_at = live(node, wlan, 45)
-    assert wlan.refused == 1 and wlan.asked[0] == pytest.approx(1, abs=0.1)
+    joined_at = run_station(node, wlan, 45)
+    assert wlan.refused == 1 and wlan.connect_times[0] == pytest.approx(1, abs=0.1)
     assert not any(joined_at[:20])

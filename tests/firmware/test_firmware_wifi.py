@@ -1,4 +1,4 @@
-"""Wi-Fi that comes late, goes and comes back, on both ports: joined again, the host found, no sample lost."""
+"""Wi-Fi outages on both ports: the node reconnects, finds the host again, and loses no sample."""
 
 import socket
 import threading
@@ -11,18 +11,25 @@ from hubodo.emulator.board.network import WifiEnvironment
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host
 from hubodo.emulator.virtual_node import VirtualNode
 from hubowire import messages as m
-from virtual_runs import FIRMWARE, all_lost, matched, micropython_or_skip, of, unique_motion
+from virtual_runs import (
+    FIRMWARE,
+    count_missing_frames,
+    match_samples,
+    messages_of,
+    micropython_or_skip,
+    unique_motion,
+)
 
 PORTS = ["rp2", "esp32"]
 RATE_HZ = 104
 QUEUE_S = 24 * 8 / RATE_HZ
-"""What the node keeps while nobody is heard: 24 frames of 8 samples."""
-LONGEST_US = 80_000
-"""A join holds the virtual board's processor for 50 ms."""
+"""Samples that the node queues while disconnected: 24 frames of 8."""
+MAX_LOOP_US = 80_000
+"""Limit of one loop; a join blocks the processor of the virtual board for 50 ms."""
 
 
 class Listener:
-    """A host's UDP socket, read all the time; `received` is [(frame, message)]."""
+    """A UDP socket of the host that is read continuously."""
 
     def __init__(self, address="127.0.0.1", port=0):
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -37,7 +44,7 @@ class Listener:
         while data := self.socket.recv(2048):
             self.datagrams.append(data)
 
-    def end(self):
+    def stop(self):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as last:
             last.sendto(b"", self.socket.getsockname())
         self._thread.join(5)
@@ -46,8 +53,8 @@ class Listener:
         return [(f, hubowire.decode(f.type_id, f.payload)) for f in frames]
 
 
-def ride(seconds, port, air, *, host="127.0.0.1", listeners=("127.0.0.1",), interpreter="micropython"):
-    """(what each listener received, truth, the board's statistics)."""
+def run_node(seconds, port, air, *, host="127.0.0.1", listeners=("127.0.0.1",), interpreter="micropython"):
+    """Run a node; return the messages of each listener, the truth and the statistics of the board."""
     if interpreter == "micropython":
         micropython_or_skip()
     listeners_ = [Listener(listeners[0])]
@@ -71,74 +78,74 @@ def ride(seconds, port, air, *, host="127.0.0.1", listeners=("127.0.0.1",), inte
     with node:
         node.wait(100)
         truth, stats = node.chip.truth(), node.stats
-    return [listener.end() for listener in listeners_], truth, stats
+    return [listener.stop() for listener in listeners_], truth, stats
 
 
-def judge(sent, truth, stats):
-    """Nothing but frames was lost, each counted, the node never held up for long; times of what came, s."""
+def check_and_get_times(sent, truth, stats):
+    """Check that only counted frames were lost and no loop was long; return the times received in s."""
     assert stats["resets"] == [] and stats["counts"].get("at_prompt", 0) == 0
-    reports = of(sent, m.Health)
+    reports = messages_of(sent, m.Health)
     assert (reports[-1].samples_missed, reports[-1].fifo_overruns, reports[-1].faults) == (0, 0, 0)
-    assert max(health.worst_loop_us for health in reports) < LONGEST_US
-    rows = matched(sent, truth)
-    assert np.array_equal(np.diff(rows[:, 0]), np.diff(rows[:, 2])), "what is missing is numbered"
+    assert max(health.worst_loop_us for health in reports) < MAX_LOOP_US
+    rows = match_samples(sent, truth)
+    assert np.array_equal(np.diff(rows[:, 0]), np.diff(rows[:, 2])), "the numbers show the missing samples"
     at = max(i for i, (_, message) in enumerate(sent) if message is reports[-1])
-    assert 0 <= all_lost(sent[: at + 1], since_boot=True) - reports[-1].frames_dropped <= 24
+    assert 0 <= count_missing_frames(sent[: at + 1], since_boot=True) - reports[-1].frames_dropped <= 24
     return truth.t[rows[:, 0].astype(int)]
 
 
 @pytest.mark.parametrize("port", PORTS)
-def test_a_network_that_comes_late_gets_the_newest_samples(port):
-    (sent,), truth, stats = ride(30, port, WifiEnvironment(outages=((0, 12),), join_time=2.0))
-    t = judge(sent, truth, stats)
-    assert 12 - QUEUE_S < t[0] < 12 + 8 + 2 + 2, "tries follow each other after 1, 2, 4, 8 s"
+def test_a_late_network_gets_the_newest_samples(port):
+    (sent,), truth, stats = run_node(30, port, WifiEnvironment(outages=((0, 12),), join_time=2.0))
+    t = check_and_get_times(sent, truth, stats)
+    assert 12 - QUEUE_S < t[0] < 12 + 8 + 2 + 2, "pauses between attempts are 1, 2, 4 and 8 s"
     assert t[-1] > 29.5
 
 
 @pytest.mark.parametrize("interpreter", ["micropython", "cpython"])
 @pytest.mark.parametrize("port", PORTS)
-def test_a_network_that_goes_is_joined_again_and_only_the_oldest_frames_are_gone(port, interpreter):
+def test_after_an_outage_the_node_reconnects_and_only_the_oldest_frames_are_lost(port, interpreter):
     air = WifiEnvironment(outages=((5, 9), (15, 40)), join_time=1.5)
-    (sent,), truth, stats = ride(72, port, air, interpreter=interpreter)
-    t = judge(sent, truth, stats)
+    (sent,), truth, stats = run_node(72, port, air, interpreter=interpreter)
+    t = check_and_get_times(sent, truth, stats)
     gaps = np.flatnonzero(np.diff(t) > 0.5)
-    assert len(gaps) == 2, "one hole for each loss"
-    for (first_t, end), gap in zip(air.outages, gaps, strict=True):
+    assert len(gaps) == 2, "one gap per outage"
+    for (first_t, stop), gap in zip(air.outages, gaps, strict=True):
         assert t[gap] == pytest.approx(first_t, abs=0.2)
-        # Pauses double: the last is as long as all before it, and no longer than 30 s.
-        assert end - 2 * QUEUE_S - 1 < t[gap + 1] < end + min(30, end - first_t) + 4
+        # Pauses double: the last one is at most as long as the outage, and at most 30 s.
+        assert stop - 2 * QUEUE_S - 1 < t[gap + 1] < stop + min(30, stop - first_t) + 4
     assert t[-1] > 71.5
 
 
 @pytest.mark.parametrize("port", PORTS)
-def test_a_station_that_is_joining_already_at_power_on_is_brought_round(port):
-    """After a soft reset an ESP32 goes on with what it was told before, and refuses to be told anew."""
-    (sent,), truth, stats = ride(12, port, WifiEnvironment(join_time=2.5, joining_at_power_on=True))
-    assert judge(sent, truth, stats)[-1] > 11.5
+def test_a_station_that_is_already_joining_at_power_on_connects(port):
+    """After a soft reset an ESP32 continues its earlier connection attempt and refuses a new one."""
+    (sent,), truth, stats = run_node(12, port, WifiEnvironment(join_time=2.5, joining_at_power_on=True))
+    assert check_and_get_times(sent, truth, stats)[-1] > 11.5
 
 
 @pytest.mark.parametrize("host", ["laptop.lan", "laptop.local"])
 @pytest.mark.parametrize("port", PORTS)
-def test_a_host_is_found_by_its_name_and_again_after_a_loss_where_it_has_moved(port, host):
-    """The name server is silent when the node first asks, and again later: no turn waits for it."""
+def test_a_host_is_found_by_name_and_again_at_a_new_address_after_an_outage(port, host):
+    """The name server is silent at first and again later: no loop waits for it."""
     air = WifiEnvironment(
         outages=((10, 12),),
         dns_outages=((0, 4), (11, 16)),
         dns_records=((0, host, "127.0.0.1"), (11, host, "127.0.0.2")),
     )
-    (before, after), truth, stats = ride(30, port, air, host=host, listeners=("127.0.0.1", "127.0.0.2"))
-    t = judge(before + after, truth, stats)
-    first, second = (truth.t[matched(part, truth)[:, 0].astype(int)] for part in (before, after))
+    (before, after), truth, stats = run_node(30, port, air, host=host, listeners=("127.0.0.1", "127.0.0.2"))
+    t = check_and_get_times(before + after, truth, stats)
+    first, second = (truth.t[match_samples(part, truth)[:, 0].astype(int)] for part in (before, after))
     assert 4 - QUEUE_S < first[0] < 6.5 and 9.5 < first[-1] < 10.1
     assert 16 - 2 < second[0] < 19 and second[-1] > 29.5
     assert (np.diff(t) > 0.5).sum() == 1
 
 
-def test_a_host_that_moves_while_nobody_is_heard_is_found_within_half_a_minute():
+def test_a_host_with_a_new_address_is_found_within_half_a_minute():
     air = WifiEnvironment(dns_records=((0, "laptop.lan", "127.0.0.1"), (8, "laptop.lan", "127.0.0.2")))
-    (before, after), truth, stats = ride(
+    (before, after), truth, stats = run_node(
         45, "rp2", air, host="laptop.lan", listeners=("127.0.0.1", "127.0.0.2")
     )
-    judge(before + after, truth, stats)
-    t = truth.t[matched(after, truth)[:, 0].astype(int)]
+    check_and_get_times(before + after, truth, stats)
+    t = truth.t[match_samples(after, truth)[:, 0].astype(int)]
     assert 25 < t[0] < 8 + 30 and t[-1] > 44.5

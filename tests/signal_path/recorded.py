@@ -10,7 +10,7 @@ import numpy as np
 from hubodo.log.hubodo_messages import decode_bytes_message
 from hubodo.log.recording_reader import open_log
 from hubowire import FrameDecoder, decode
-from virtual_runs import matched
+from virtual_runs import match_samples
 
 SECONDS = 4
 
@@ -53,7 +53,7 @@ def judge(done, log, truth, seconds=SECONDS):
     (link,) = result["links"].values()
     assert link["frames_damaged"] == 0
     assert node["clock"]["source"] == "two way" and node["clock"]["exchanges"] >= 1
-    matches = matched(logged(log), truth)
+    matches = match_samples(logged(log), truth)
     assert len(matches) > 0.8 * (seconds - 1) * 416
     places, numbers = np.diff(matches[:, 0]), np.diff(matches[:, 2])
     hole = np.flatnonzero((places != 1) | (numbers != 1))

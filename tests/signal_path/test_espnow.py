@@ -20,8 +20,8 @@ from hubodo.emulator.chips.espnow import (
 from hubodo.emulator.chips.faults import Stall
 from hubodo.emulator.chips.nrf24 import PacketFaults
 from hubowire import messages as m
-from radio_rides import RECEIVER, nothing_lost, ride
-from virtual_runs import all_lost, matched, of
+from radio_rides import RECEIVER, assert_nothing_lost, ride
+from virtual_runs import count_missing_frames, match_samples, messages_of
 
 ON = bytes([EspNowCall.ACTIVE]) + b"\1\0" + (526).to_bytes(2, "little")
 
@@ -34,7 +34,7 @@ def rough():
 
 def test_a_fifth_of_the_packets_lost_loses_no_sample_of_two_nodes(rough):
     assert rough.air["packets lost"] > 40 and rough.air["answers lost"] > 30
-    nothing_lost(rough)
+    assert_nothing_lost(rough)
 
 
 def test_packets_that_come_twice_or_late_are_counted_and_change_nothing(rough):
@@ -47,13 +47,15 @@ def test_packets_that_come_twice_or_late_are_counted_and_change_nothing(rough):
 def test_a_receiver_that_stands_still_loses_what_its_buffer_does_not_hold_and_counts_it():
     recorded = ride(PacketFaults(), link="espnow", faults=(Stall(1.0, seconds=1.4),), seconds=3.6)
     for k, sent in recorded.sent.items():
-        matches = matched(sent, recorded.truths[k])
+        matches = match_samples(sent, recorded.truths[k])
         assert np.array_equal(np.diff(matches[:, 0]), np.diff(matches[:, 2])), "what is missing is numbered"
         assert recorded.signal(k).frames_lost > 0
-    at_receiver = of(recorded.of_receiver, m.Health)[-1].frames_dropped
+    at_receiver = messages_of(recorded.of_receiver, m.Health)[-1].frames_dropped
     on_the_way = sum(recorded.signal(k).frames_lost + recorded.dropped[k] for k in recorded.sent)
     # The last counters are at most one second old, and nothing was lost since.
-    lost = sum(all_lost(sent) for sent in recorded.sent.values()) + all_lost(recorded.of_receiver)
+    lost = sum(count_missing_frames(sent) for sent in recorded.sent.values()) + count_missing_frames(
+        recorded.of_receiver
+    )
     assert lost == on_the_way + at_receiver
 
 
@@ -62,9 +64,9 @@ def test_requests_reach_the_node_that_they_are_for():
         hubowire.encode_frame(hubowire.Frame(m.Ping.type_id, to, 70 + to, b"")) for to in (1, 2, RECEIVER, 9)
     ]
     recorded = ride(PacketFaults(), link="espnow", script=[(1.0, b"\0" + b"".join(ask))], seconds=2.4)
-    answers = {k: [a.request_seq for a in of(sent, m.Ack)] for k, sent in recorded.sent.items()}
+    answers = {k: [a.request_seq for a in messages_of(sent, m.Ack)] for k, sent in recorded.sent.items()}
     assert answers == {1: [71], 2: [72]}
-    assert [a.request_seq for a in of(recorded.of_receiver, m.Ack)] == [270]
+    assert [a.request_seq for a in messages_of(recorded.of_receiver, m.Ack)] == [270]
 
 
 def test_the_station_refuses_what_esp_now_refuses():
@@ -103,6 +105,6 @@ def test_a_packet_that_the_small_buffer_does_not_hold_is_acknowledged_and_droppe
 
 def test_the_real_micropython_runs_it():
     recorded = ride(PacketFaults(loss=0.2), link="espnow", ids=(1,), interpreter="micropython", seconds=2.0)
-    matches = matched(recorded.sent[1], recorded.truths[1])
+    matches = match_samples(recorded.sent[1], recorded.truths[1])
     assert np.all(np.diff(matches[:, 0]) == 1) and len(matches) >= len(recorded.truths[1].t) - 32
-    assert all_lost(recorded.sent[1]) == 0
+    assert count_missing_frames(recorded.sent[1]) == 0

@@ -9,7 +9,7 @@ from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.log.hubodo_messages import decode_bytes_message
 from hubodo.log.recording_reader import open_log
 from hubowire import messages as m
-from virtual_runs import FIRMWARE, micropython_or_skip, of, unique_motion
+from virtual_runs import FIRMWARE, messages_of, micropython_or_skip, unique_motion
 from waiting import until
 
 
@@ -52,4 +52,4 @@ def test_a_node_on_wifi_sends_a_datagram_for_each_frame_and_is_recorded_whole(tm
         ]
     assert {data.count(0) for data in raw} == {1}
     assert stats["calls"]["UDP_SEND"] >= len(raw)
-    assert of(logged(log), m.Hello)[0].serial == bytes.fromhex("e6614103e7452d2f")
+    assert messages_of(logged(log), m.Hello)[0].serial == bytes.fromhex("e6614103e7452d2f")

@@ -15,7 +15,7 @@ from hubodo.emulator.chips.faults import (
 )
 from hubodo.emulator.chips.imu import Specimen
 from hubowire import messages as m
-from virtual_runs import all_lost, matched, of, run
+from virtual_runs import count_missing_frames, match_samples, messages_of, run
 
 CTRL1_XL, CTRL2_G, FIFO_CTRL5 = 0x10, 0x11, 0x0A
 
@@ -25,12 +25,12 @@ def holes(sent, truth):
 
     Checks that each sample equals the chip's, in order, and that batches flag missing samples.
     """
-    matches = matched(sent, truth)
+    matches = match_samples(sent, truth)
     k, number = matches[:, 0].astype(int), np.unwrap(matches[:, 2], period=65536)
     says = np.array(
         [
             i == 0 and bool(b.flags & m.BatchFlag.GAP_BEFORE)
-            for b in of(sent, m.ImuBatch)
+            for b in messages_of(sent, m.ImuBatch)
             for i in range(len(b.samples))
         ]
     )
@@ -48,7 +48,7 @@ def polled_below_250(rate):
 
 
 def last_health(sent):
-    return of(sent, m.Health)[-1]
+    return messages_of(sent, m.Health)[-1]
 
 
 @pytest.mark.parametrize("rate", [208, 1660])
@@ -75,23 +75,25 @@ def test_a_processor_that_is_held_up_loses_samples_that_are_numbered_and_counted
     assert np.abs(np.cumsum(jump) - np.cumsum(missing)).max() <= 1 + 0.002 * missing.sum()
     assert truth.t[k[-1]] > 5.9
     assert health.fifo_overruns == (1 if rate == 1660 else 0)
-    assert any(b.flags & m.BatchFlag.FIFO_OVERRUN for b in of(sent, m.ImuBatch)) == (rate == 1660)
+    assert any(b.flags & m.BatchFlag.FIFO_OVERRUN for b in messages_of(sent, m.ImuBatch)) == (rate == 1660)
     assert health.faults == 0
-    assert 700_000 <= max(h.worst_loop_us for h in of(sent, m.Health)) < 720_000
+    assert 700_000 <= max(h.worst_loop_us for h in messages_of(sent, m.Health)) < 720_000
 
 
 def test_a_host_that_takes_too_little_costs_the_oldest_frames_and_not_one_sample_of_the_chip():
     """115200 baud for 1660 Hz: half of the frames are dropped, and each is counted."""
     config = {"rate_hz": 1660, "link": "uart", "baud": 115200}
     sent, truth, _ = run(4, board=BoardSettings(uart_link=0), config=config)
-    matches = matched(sent, truth)
+    matches = match_samples(sent, truth)
     missing, jump = np.diff(matches[:, 0]) - 1, np.diff(matches[:, 2]) - 1
     at = max(i for i, (_, message) in enumerate(sent) if isinstance(message, m.Health))
     health = sent[at][1]
     seqs = [f.seq for f, message in sent if isinstance(message, m.ImuBatch)]
     lost = seqs[-1] - seqs[0] + 1 - len(seqs)
     assert lost > 20
-    assert 0 <= all_lost(sent[: at + 1]) - health.frames_dropped <= 24, "those that went while it waited"
+    assert 0 <= count_missing_frames(sent[: at + 1]) - health.frames_dropped <= 24, (
+        "those that went while it waited"
+    )
     assert health.queue_high_water == 24
     assert (health.samples_missed, health.fifo_overruns, health.faults) == (0, 0, 0)
     assert np.array_equal(missing, jump), "what did not come is numbered exactly"
@@ -147,9 +149,9 @@ def test_a_held_bus_is_freed_with_nine_clocks(chip, rate):
 def test_a_brown_out_of_the_board_is_a_restart_with_a_new_boot_id():
     sent, truth, stats = run(4, faults=[BrownOut(t=2.0)])
     assert [why for _, why in stats["resets"]] == ["brown-out"]
-    hellos = of(sent, m.Hello)
+    hellos = messages_of(sent, m.Hello)
     assert len({hello.boot_id for hello in hellos}) == 2
-    matches = matched(sent, truth)
+    matches = match_samples(sent, truth)
     assert np.all(np.diff(matches[:, 0]) > 0)
     restart = int(np.flatnonzero(np.diff(matches[:, 2]) < 0)[0])
     assert matches[restart + 1, 2] == 0, "numbers restart with the boot id"
@@ -173,7 +175,7 @@ def test_samples_that_the_chip_did_not_take_are_a_gap(rate, n):
     given_up = missing.sum()
     assert jump.sum() == missed == pytest.approx(n + given_up, abs=1)
     assert given_up <= (0 if rate == 208 else 40)
-    silent = any(h.faults & m.Fault.IMU_SILENT for h in of(sent, m.Health))
+    silent = any(h.faults & m.Fault.IMU_SILENT for h in messages_of(sent, m.Health))
     assert silent == (n >= 104), "the report 0.2 s later sees a silence of half a second, not one of 10 ms"
     assert last_health(sent).faults == 0
     assert truth.t[k[-1]] > 4.9
@@ -192,14 +194,14 @@ FLIPS = [
 @pytest.mark.parametrize(("what", "rate", "flip"), FLIPS, ids=[row[0] for row in FLIPS])
 def test_a_setting_that_turns_over_is_found_within_a_second_and_set_again(what, rate, flip):
     sent, truth, _ = run(5, config=polled_below_250(rate), faults=[flip])
-    matches = matched(sent, truth)
+    matches = match_samples(sent, truth)
     k = matches[:, 0].astype(int)
     assert truth.t[k[-1]] > 4.9
     true_lsb = np.array([0.07 * np.pi / 180] * 3 + [0.488e-3 * 9.80665] * 3)
     wrong = truth.t[(np.abs(truth.lsb / true_lsb - 1) > 1e-6).any(axis=1)]
     found_by = flip.t + 1.2
     assert not len(wrong) or flip.t - 0.1 < wrong[-1] < found_by
-    flagged = [b for b in of(sent, m.ImuBatch) if b.flags & m.BatchFlag.GAP_BEFORE]
+    flagged = [b for b in messages_of(sent, m.ImuBatch) if b.flags & m.BatchFlag.GAP_BEFORE]
     health = last_health(sent)
     assert flagged and health.i2c_errors + health.samples_missed > 0
     late = truth.t[k] > found_by
@@ -212,4 +214,4 @@ def test_another_chip_in_its_place_is_refused_while_running():
     k, _, _ = holes(sent, truth)
     assert 1.9 < truth.t[k[-1]] < 3.2, "its id is looked at every second"
     assert last_health(sent).faults == m.Fault.WRONG_WHO_AM_I
-    assert (0x6B, 0x6A, 0) in of(sent, m.Hello)[-1].parts
+    assert (0x6B, 0x6A, 0) in messages_of(sent, m.Hello)[-1].parts

@@ -1,4 +1,4 @@
-"""The examples in docstrings, README and documentation run as they stand, and show what they say."""
+"""The examples in docstrings, README and documentation run and print the output shown."""
 
 import doctest
 import re
@@ -17,11 +17,11 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "host" / "docs").rglob("*.md"))]
 
 
 def blocks(page, language):
-    """The fenced blocks of a page in that language."""
+    """Return the fenced blocks of a page in one language."""
     return re.findall(rf"^```{language}\n(.*?)^```", page.read_text("utf-8"), re.MULTILINE | re.DOTALL)
 
 
-def named(pages):
+def page_params(pages):
     return [pytest.param(page, id=page.relative_to(ROOT).as_posix()) for page in pages]
 
 
@@ -32,8 +32,8 @@ def test_the_examples_of_a_module_run(module, examples, monkeypatch):
     assert done.attempted and not done.failed
 
 
-@pytest.mark.parametrize("page", named(page for page in PAGES if blocks(page, "pycon")))
-def test_the_python_of_a_page_runs(page, examples, monkeypatch):
+@pytest.mark.parametrize("page", page_params(page for page in PAGES if blocks(page, "pycon")))
+def test_the_python_examples_of_a_page_run(page, examples, monkeypatch):
     monkeypatch.chdir(examples)
     text = "\n".join(blocks(page, "pycon"))
     test = doctest.DocTestParser().get_doctest(text, {}, page.name, str(page), 0)
@@ -41,7 +41,7 @@ def test_the_python_of_a_page_runs(page, examples, monkeypatch):
     assert done.attempted and not done.failed
 
 
-@pytest.mark.parametrize("page", named(page for page in PAGES if blocks(page, "sh")))
+@pytest.mark.parametrize("page", page_params(page for page in PAGES if blocks(page, "sh")))
 def test_the_commands_of_a_page_run(page, examples, monkeypatch):
     monkeypatch.chdir(examples)
     lines = [line.partition("#")[0] for block in blocks(page, "sh") for line in block.splitlines()]
@@ -52,17 +52,19 @@ def test_the_commands_of_a_page_run(page, examples, monkeypatch):
 
 
 def test_the_files_of_the_first_drive_are_those_of_the_examples(examples):
-    vehicle, rest = (re.sub(r" *#.*", "", text) for text in blocks(ROOT / "host/docs/first-drive.md", "toml"))
+    vehicle, model_tables = (
+        re.sub(r" *#.*", "", text) for text in blocks(ROOT / "host/docs/first-drive.md", "toml")
+    )
     assert hubodo.load_vehicle(examples / "vehicle.toml") == hubodo.load_vehicle(examples / "model.toml")
-    (examples / "told.toml").write_text(vehicle)
-    assert hubodo.load_vehicle(examples / "told.toml") == hubodo.load_vehicle(examples / "vehicle.toml")
-    (examples / "told.toml").write_text(vehicle + rest)
-    assert hubodo.read_model(examples / "told.toml") == hubodo.read_model(examples / "model.toml")
+    (examples / "from_page.toml").write_text(vehicle)
+    assert hubodo.load_vehicle(examples / "from_page.toml") == hubodo.load_vehicle(examples / "vehicle.toml")
+    (examples / "from_page.toml").write_text(vehicle + model_tables)
+    assert hubodo.read_model(examples / "from_page.toml") == hubodo.read_model(examples / "model.toml")
 
 
-def test_what_is_public_is_listed_once_and_can_be_had():
-    homes = set(hubodo._MODULE_OF_NAME) | {"__version__"}
-    assert sorted(hubodo.__all__) == sorted(homes)
+def test_every_public_name_is_listed_once_and_accessible():
+    listed = set(hubodo._MODULE_OF_NAME) | {"__version__"}
+    assert sorted(hubodo.__all__) == sorted(listed)
     for name in hubodo.__all__:
         assert getattr(hubodo, name) is not None
     assert set(hubodo.__all__) <= set(dir(hubodo))

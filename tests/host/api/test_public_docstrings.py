@@ -1,4 +1,4 @@
-"""Each public name has a NumPy-style docstring with the sections that it needs, and each argument in them."""
+"""Each public name has a NumPy-style docstring with all required sections and parameters."""
 
 import dataclasses
 import inspect
@@ -12,29 +12,29 @@ PUBLIC = sorted(set(hubodo.__all__) - {"__version__"})
 HEADING = re.compile(r"^(\w+)\n-{3,}$", re.MULTILINE)
 
 
-def sections(thing) -> dict[str, str]:
-    """The text of each section by its heading, "" for what stands before the first."""
-    text = inspect.getdoc(thing) or ""
+def sections(public_object) -> dict[str, str]:
+    """Return the text of each section by its heading, with "" for the text before the first heading."""
+    text = inspect.getdoc(public_object) or ""
     parts = HEADING.split(text)
     return {"": parts[0], **dict(zip(parts[1::2], parts[2::2], strict=True))}
 
 
 def entries(section: str) -> set[str]:
-    """The names that a section documents: its lines without indent, before a colon, split at commas."""
+    """Return the names that a section documents: lines without indent, up to a colon, split at commas."""
     lines = [line for line in section.splitlines() if line and not line.startswith(" ")]
     return {name.strip() for line in lines for name in line.partition(" :")[0].replace("*", "").split(",")}
 
 
-def missing(name: str) -> list[str]:
-    thing = getattr(hubodo, name)
-    if not inspect.isclass(thing):
-        return missing_of_function(name, thing)
-    lacking = [] if sections(thing)[""].strip() else [f"{name}: a docstring"]
-    if dataclasses.is_dataclass(thing):
-        documented = entries(sections(thing).get("Attributes", ""))
-        fields = {field.name for field in dataclasses.fields(thing) if not field.name.startswith("_")}
+def missing_sections(name: str) -> list[str]:
+    public_object = getattr(hubodo, name)
+    if not inspect.isclass(public_object):
+        return missing_of_function(name, public_object)
+    lacking = [] if sections(public_object)[""].strip() else [f"{name}: a docstring"]
+    if dataclasses.is_dataclass(public_object):
+        documented = entries(sections(public_object).get("Attributes", ""))
+        fields = {field.name for field in dataclasses.fields(public_object) if not field.name.startswith("_")}
         lacking += [f"{name}: Attributes {field}" for field in sorted(fields - documented)]
-    for key, member in vars(thing).items():
+    for key, member in vars(public_object).items():
         if not key.startswith("_") and isinstance(member, property):
             lacking += [] if inspect.getdoc(member) else [f"{name}.{key}: a docstring"]
         elif not key.startswith("_") and inspect.isfunction(member):
@@ -55,11 +55,11 @@ def missing_of_function(name: str, function) -> list[str]:
 
 
 @pytest.mark.parametrize("name", PUBLIC)
-def test_a_public_name_has_the_sections_that_it_needs(name):
-    assert missing(name) == []
+def test_a_public_name_has_all_required_sections(name):
+    assert missing_sections(name) == []
 
 
-def test_a_missing_section_is_noticed():
+def test_missing_sections_are_detected():
     def area(width: float, height: float) -> float:
         """Return the area.
 

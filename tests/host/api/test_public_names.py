@@ -1,6 +1,6 @@
-"""What is public stays as it was promised: names may come, but none goes and no argument changes unmeant.
+"""Public names and signatures stay as promised: names may be added, but none is removed or changed.
 
-Update after names have come, or after a change that is told in CHANGELOG.md:
+Update the promise after adding names, or after a change that CHANGELOG.md describes:
 
     PYTHONPATH=host:protocol python tests/host/api/test_public_names.py
 """
@@ -13,15 +13,15 @@ import hubodo
 PROMISED = Path(__file__).with_name("public_names.txt")
 
 
-def described():
-    """A line for each public name and each public member of a public class."""
+def public_lines():
+    """Yield a line for each public name and each public member of a public class."""
     for name in sorted(set(hubodo.__all__) - {"__version__"}):
-        thing = getattr(hubodo, name)
-        if inspect.isclass(thing):
-            yield f"class {name}({', '.join(base.__name__ for base in thing.__bases__)})"
-            yield from sorted(f"{name}.{line}" for line in members(thing))
+        public_object = getattr(hubodo, name)
+        if inspect.isclass(public_object):
+            yield f"class {name}({', '.join(base.__name__ for base in public_object.__bases__)})"
+            yield from sorted(f"{name}.{line}" for line in members(public_object))
         else:
-            yield f"{name}{inspect.signature(thing)}"
+            yield f"{name}{inspect.signature(public_object)}"
 
 
 def members(kind):
@@ -33,9 +33,9 @@ def members(kind):
         yield f"{name}{inspect.signature(member)}" if inspect.isfunction(member) else name
 
 
-def test_no_public_name_is_gone_and_none_takes_other_arguments():
-    assert set(PROMISED.read_text("utf-8").splitlines()) <= set(described())
+def test_no_public_name_or_signature_was_removed_or_changed():
+    assert set(PROMISED.read_text("utf-8").splitlines()) <= set(public_lines())
 
 
 if __name__ == "__main__":
-    PROMISED.write_text("\n".join(described()) + "\n", "utf-8")
+    PROMISED.write_text("\n".join(public_lines()) + "\n", "utf-8")

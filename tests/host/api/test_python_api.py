@@ -1,4 +1,4 @@
-"""`hubodo.open` gives what the verbs give, in arrays and frames, shown shortly, refused in one line."""
+"""The Python interface: results equal those of the verbs, short representations, errors of one line."""
 
 import json
 
@@ -21,16 +21,18 @@ def night(examples):
     return hubodo.open(examples / "night.mcap")
 
 
-def test_a_track_is_the_one_of_the_verb_and_is_written_as_it_writes_it(drive, examples, tmp_path):
+def test_a_track_and_its_files_equal_those_of_the_verb(drive, examples, tmp_path):
     track = drive.fuse(smooth=2.0)
-    words = ("--vehicle", examples / "vehicle.toml", "--smooth", 2, "-o", tmp_path / "verb")
-    assert run("fuse", drive.path, *words).code == 0
+    arguments = ("--vehicle", examples / "vehicle.toml", "--smooth", 2, "-o", tmp_path / "verb")
+    assert run("fuse", drive.path, *arguments).code == 0
     track.save(tmp_path / "api")
     texts = [(tmp_path / side / "track.csv").read_text() for side in ("verb", "api")]
     assert texts[0] == texts[1]
-    told = [json.loads((tmp_path / side / "fuse.json").read_text()) for side in ("verb", "api")]
-    assert told[0].pop("output") == str(tmp_path / "verb") and told[1].pop("output") == str(tmp_path / "api")
-    assert told[0] == told[1] == track.as_json()
+    results = [json.loads((tmp_path / side / "fuse.json").read_text()) for side in ("verb", "api")]
+    assert results[0].pop("output") == str(tmp_path / "verb") and results[1].pop("output") == str(
+        tmp_path / "api"
+    )
+    assert results[0] == results[1] == track.as_json()
     with pytest.raises(hubodo.InputError, match="exists"):
         track.save(tmp_path / "api")
 
@@ -46,28 +48,37 @@ def test_a_frame_holds_the_columns_by_time(drive):
 
 
 def test_a_frame_by_utc_has_exact_times(drive, examples):
-    zero = 1_700_000_000_123_456_789
-    moved = hubodo.LoadedLog(drive.path, hubodo.Recording(drive.nodes, t_zero_ns=zero))
-    index = moved.frame("left", utc=True).index
-    assert index[1] == pd.Timestamp(zero + 5_000_000, tz="UTC")
+    zero_ns = 1_700_000_000_123_456_789
+    dated = hubodo.LoadedLog(drive.path, hubodo.Recording(drive.nodes, t_zero_ns=zero_ns))
+    index = dated.frame("left", utc=True).index
+    assert index[1] == pd.Timestamp(zero_ns + 5_000_000, tz="UTC")
     with pytest.raises(hubodo.InputError, match="date"):
         hubodo.LoadedLog(drive.path, hubodo.Recording(drive.nodes)).frame("left", utc=True)
 
 
-def test_allan_and_warmup_are_those_of_the_verbs(night):
-    for verb, found in (("allan", night.allan("left", "gy")), ("warmup", night.warmup("left", "gy"))):
+def test_allan_and_warmup_equal_those_of_the_verbs(night):
+    for verb, result in (("allan", night.allan("left", "gy")), ("warmup", night.warmup("left", "gy"))):
         done = run(verb, night.path, "--node", "left", "--channel", "gy", "--json")
-        told = json.loads(done.out)
-        assert {key: told[key] for key in found.as_json()} == json.loads(json.dumps(found.as_json()))
+        verb_result = json.loads(done.out)
+        assert {key: verb_result[key] for key in result.as_json()} == json.loads(json.dumps(result.as_json()))
 
 
-def test_gap_is_that_of_the_verb(drive, examples, tmp_path):
-    found = hubodo.simulate(examples / "leaning.toml", duration=30.0, seed=3)
-    log = found.save(tmp_path / "leaning.mcap")
-    gap = found.gap(examples / "model.toml", reject=["empirical"])
-    words = ("gap", examples / "model.toml", log, "--reject", "empirical", "-o", tmp_path / "gap", "--json")
-    told = json.loads(run(*words).out)
-    assert told["found"] == json.loads(json.dumps(gap.as_json()["found"]))
+def test_gap_equals_that_of_the_verb(drive, examples, tmp_path):
+    simulated = hubodo.simulate(examples / "leaning.toml", duration=30.0, seed=3)
+    log = simulated.save(tmp_path / "leaning.mcap")
+    gap = simulated.gap(examples / "model.toml", reject=["empirical"])
+    arguments = (
+        "gap",
+        examples / "model.toml",
+        log,
+        "--reject",
+        "empirical",
+        "-o",
+        tmp_path / "gap",
+        "--json",
+    )
+    verb_result = json.loads(run(*arguments).out)
+    assert verb_result["found"] == json.loads(json.dumps(gap.as_json()["found"]))
     assert [it.effect for it in gap.found] == ["wheel_camber"] and gap.after < 1.1 < gap.before
     gap.save(tmp_path / "api")
     for name in ("gap.json", "model.toml"):
@@ -79,44 +90,46 @@ def test_gap_is_that_of_the_verb(drive, examples, tmp_path):
     assert "wheel_camber" in gap._repr_html_() and "gap" in gap.plot()._repr_html_()
 
 
-def test_a_real_ride_turns_as_the_gyro_on_its_frame_says():
+def test_the_heading_of_a_real_ride_agrees_with_its_frame_gyro():
     log = hubodo.open(wanted.recording("wheelchair"))
     mounts = {name: hubodo.NodeMount(name, "left") for name in ("left", "right")}
     track = log.fuse(hubodo.Vehicle(0.31, 0.92, mounts))
     frame = log["frame"]
-    turned = np.concatenate(([0.0], np.cumsum(np.diff(frame.t) * (frame["gz"][1:] + frame["gz"][:-1]) / 2.0)))
-    off = track.heading - np.interp(track.t, frame.t, turned)
-    assert np.degrees(np.ptp(track.heading)) > 90.0 and np.degrees(np.ptp(off)) < 3.0
+    gyro_heading = np.concatenate(
+        ([0.0], np.cumsum(np.diff(frame.t) * (frame["gz"][1:] + frame["gz"][:-1]) / 2.0))
+    )
+    difference = track.heading - np.interp(track.t, frame.t, gyro_heading)
+    assert np.degrees(np.ptp(track.heading)) > 90.0 and np.degrees(np.ptp(difference)) < 3.0
 
 
-def test_a_simulated_log_is_that_of_the_verb(examples, tmp_path):
-    words = ("--drive", "loop", "--duration", 20, "--seed", 5, "--temperature", 20, 30)
-    assert run("simulate", examples / "model.toml", *words, "-o", tmp_path / "verb").code == 0
-    drawn = hubodo.simulate(examples / "model.toml", "loop", duration=20, seed=5, temperature=(20, 30))
-    drawn.save(tmp_path / "api")
+def test_a_simulated_log_equals_that_of_the_verb(examples, tmp_path):
+    arguments = ("--drive", "loop", "--duration", 20, "--seed", 5, "--temperature", 20, 30)
+    assert run("simulate", examples / "model.toml", *arguments, "-o", tmp_path / "verb").code == 0
+    simulated = hubodo.simulate(examples / "model.toml", "loop", duration=20, seed=5, temperature=(20, 30))
+    simulated.save(tmp_path / "api")
     for name in ("left.csv", "right.csv", "reference.csv", "truth.csv"):
         assert (tmp_path / "verb" / name).read_text() == (tmp_path / "api" / name).read_text()
-    assert drawn.fuse().score.final_percent < 5.0
+    assert simulated.fuse().score.final_percent < 5.0
 
 
-def test_everything_shows_itself_shortly_and_as_html(drive, night):
+def test_results_have_a_short_representation_and_one_in_html(drive, night):
     track, allan, warmup = drive.fuse(), night.allan("left"), night.warmup("left")
-    for shown in (drive, drive["left"], drive.recording, track, allan, warmup, track.plot(), drive.plot()):
-        assert len(repr(shown)) < 250 and repr(shown).startswith(type(shown).__name__ + "(")
-    for shown in (drive, drive["left"], track, allan, warmup):
-        assert shown._repr_html_().count("<tr>") > 2
+    for result in (drive, drive["left"], drive.recording, track, allan, warmup, track.plot(), drive.plot()):
+        assert len(repr(result)) < 250 and repr(result).startswith(type(result).__name__ + "(")
+    for result in (drive, drive["left"], track, allan, warmup):
+        assert result._repr_html_().count("<tr>") > 2
     for plot in (drive.plot("ax"), track.plot(), allan.plot(["MPU-6050"]), warmup.plot()):
         assert "<svg" in plot._repr_html_()
 
 
-def test_a_plot_is_saved_as_its_suffix_says(drive, tmp_path):
+def test_the_suffix_selects_the_format_of_a_plot(drive, tmp_path):
     plot = drive.plot()
     assert plot.save(tmp_path / "a.png").read_bytes().startswith(b"\x89PNG")
     with pytest.raises(hubodo.InputError, match=r"\.png, \.svg, \.pdf"):
         plot.save(tmp_path / "a.gif")
 
 
-def test_files_are_written_and_read_by_paths_that_are_text(examples, tmp_path):
+def test_files_can_be_written_and_read_by_text_paths(examples, tmp_path):
     model = hubodo.read_model(str(examples / "leaning.toml"))
     hubodo.write_model(model, str(tmp_path / "model.toml"))
     assert hubodo.read_model(str(tmp_path / "model.toml")) == model
@@ -131,14 +144,14 @@ def test_a_log_is_a_mapping_of_its_tables(drive):
     assert drive["truth"] is drive.recording.truth and drive.duration == pytest.approx(60.0, abs=0.1)
 
 
-def test_a_table_without_rows_or_numbers_shows_itself():
+def test_a_table_without_rows_or_numbers_has_a_representation():
     assert repr(hubodo.Table({"t": np.array([])})) == "Table(0 rows, t)"
     empty = hubodo.Table({"t": np.arange(3.0), "gx": np.full(3, np.nan)})
     assert "<tr><td>gx</td><td></td>" in empty._repr_html_()
 
 
 @pytest.mark.parametrize(
-    ("wrong", "error", "says"),
+    ("invalid_call", "error", "message"),
     [
         (lambda log, folder: hubodo.open(folder / "no.mcap"), hubodo.LogError, "no.mcap"),
         (lambda log, folder: log["middle"], hubodo.InputError, "no table 'middle'; it has left, right"),
@@ -156,7 +169,7 @@ def test_a_table_without_rows_or_numbers_shows_itself():
         (lambda log, folder: hubodo.open(log.path).fuse(), hubodo.InputError, "holds no vehicle"),
     ],
 )
-def test_what_cannot_be_is_refused_in_one_line(wrong, error, says, drive, examples):
-    with pytest.raises(error, match=says) as caught:
-        wrong(drive, examples)
+def test_invalid_calls_are_refused_in_one_line(invalid_call, error, message, drive, examples):
+    with pytest.raises(error, match=message) as caught:
+        invalid_call(drive, examples)
     assert "\n" not in str(caught.value)

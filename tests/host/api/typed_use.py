@@ -1,4 +1,4 @@
-"""How a program with types uses the package; mypy, in tools/check, says whether it may."""
+"""A typed program that uses the package; tools/check runs mypy on it."""
 
 from typing import assert_type
 
@@ -9,7 +9,7 @@ import hubodo
 
 
 def use(path: str) -> float:
-    """Never run."""
+    """Use the public interface; this function is only type-checked."""
     log = hubodo.open(path, vehicle="vehicle.toml")
     assert_type(log, hubodo.LoadedLog)
     assert_type(log["left"]["gz"], NDArray[np.float64])

@@ -17,7 +17,7 @@ from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host
 from hubodo.emulator.board.streams import CTRL_C, BoardStreams
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
-from virtual_runs import stepped
+from virtual_runs import virtual_node
 
 
 def node(tmp_path: Path, main: str | None = None) -> VirtualNode:
@@ -53,7 +53,7 @@ def test_ctrl_c_that_is_met_in_the_output_of_a_line_ends_the_wait_behind_it(
     """The board is asked for nothing but these outputs: with one of them comes that ctrl-C came."""
     lines = ["import time, sys, select", *["time.sleep_us(9000)", "sys.stdout.write('.')"] * 40, WAITS[waits]]
     flash = Flash(firmware(tmp_path / "fw", main="\n".join(lines)))
-    with stepped(3.0, StillMotion(), flash, script=[(0.2, b"\x03")]) as board:
+    with virtual_node(3.0, StillMotion(), flash, script=[(0.2, b"\x03")]) as board:
         assert board.wait(60)
         output = board.output
     assert 0 < output.count(b".", 0, output.index(b"KeyboardInterrupt")) < 40

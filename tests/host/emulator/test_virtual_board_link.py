@@ -19,7 +19,7 @@ from hubodo.emulator.board.link import LineNoise
 from hubodo.emulator.board.settings import Flash, Host
 from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
-from virtual_runs import stepped
+from virtual_runs import virtual_node
 
 HOST = Host(wait=True)
 ECHO = """
@@ -178,8 +178,8 @@ with open('/spent', 'w') as f: f.write(str(spent))
 def test_a_host_that_holds_the_port_and_does_not_read_costs_each_write_half_a_second_and_then_bytes(
     tmp_path: Path,
 ) -> None:
-    with stepped(
-        5.0, StillMotion(), Flash(firmware(tmp_path / "fw", main=FLOOD)), deaf=[(0.0, 5.0)]
+    with virtual_node(
+        5.0, StillMotion(), Flash(firmware(tmp_path / "fw", main=FLOOD)), host_pauses=[(0.0, 5.0)]
     ) as board:
         assert board.wait(60)
         assert int((board.flash / "spent").read_text()) == pytest.approx(2 * 500, abs=20)

@@ -1,4 +1,4 @@
-"""`hubodo doctor` without a port: what it says of a computer, and what to do."""
+"""`hubodo doctor` without a port: findings about the computer, with remedies."""
 
 import json
 import os
@@ -18,39 +18,39 @@ from hubodo.flash.reception import Reception
 from hubodo.verbs import doctor as verb
 from in_process import hubodo
 
-PICO, CONVERTER = (0x2E8A, 0x0005), (0x10C4, 0xEA60)
+PICO_USB_ID, CONVERTER_USB_ID = (0x2E8A, 0x0005), (0x10C4, 0xEA60)
 
 
 @dataclass
 class Port:
-    """As pyserial lists one."""
+    """A serial port as listed by pyserial."""
 
     device: str
-    vid: int | None = PICO[0]
-    pid: int | None = PICO[1]
+    vid: int | None = PICO_USB_ID[0]
+    pid: int | None = PICO_USB_ID[1]
     description: str = "Board in FS mode"
     serial_number: str | None = "E6611"
 
 
 @dataclass(frozen=True)
 class FakeComputer(HostComputer):
-    """One on which everything is as it should be, but for what a test says."""
+    """A computer without problems, except for those that a test sets."""
 
     linux: bool = True
-    member: tuple = ("dialout", True, True)
+    group_membership: tuple = ("dialout", True, True)
     forbidden: tuple = ()
-    kept: bool | None = True
+    clock_synchronised: bool | None = True
     free: int = 50_000_000_000
-    lacking: dict = field(default_factory=dict)
+    missing: dict = field(default_factory=dict)
 
     def serial_group(self, device):
-        return self.member
+        return self.group_membership
 
     def is_accessible(self, path):
         return path not in self.forbidden
 
     def is_clock_synchronised(self):
-        return self.kept
+        return self.clock_synchronised
 
     def free_disk_bytes(self):
         if self.free < 0:
@@ -58,19 +58,19 @@ class FakeComputer(HostComputer):
         return self.free
 
     def missing_packages(self):
-        return self.lacking
+        return self.missing
 
 
-def looked(tmp_path, *ports, hear=lambda port: Reception(prompt=True), **facts):
-    """{check: [finding]} and all findings."""
+def findings_of(tmp_path, *ports, listen=lambda port: Reception(prompt=True), **facts):
+    """Check a fake computer and return its findings by check."""
     computer = FakeComputer(folder=tmp_path, root=tmp_path, ports=lambda: ports, **facts)
-    found = {}
-    for finding in check_computer(computer, hear):
-        found.setdefault(finding.check, []).append(finding)
-    return found
+    findings = {}
+    for finding in check_computer(computer, listen):
+        findings.setdefault(finding.check, []).append(finding)
+    return findings
 
 
-def process(root, pid, name, *files):
+def add_process(root, pid, name, *files):
     folder = root / "proc" / str(pid)
     (folder / "fd").mkdir(parents=True)
     (folder / "comm").write_text(f"{name}\n")
@@ -78,56 +78,58 @@ def process(root, pid, name, *files):
         (folder / "fd" / str(number)).symlink_to(file)
 
 
-def test_a_sound_computer_without_a_board_is_told_to_plug_one_in(tmp_path):
-    found = looked(tmp_path, Port("/dev/ttyS0", None, None))
-    assert {check for check, (finding, *_) in found.items() if finding.verdict != "ok"} == {"ports"}
-    (ports,) = found["ports"]
+def test_without_a_board_the_remedy_is_to_plug_one_in(tmp_path):
+    findings = findings_of(tmp_path, Port("/dev/ttyS0", None, None))
+    assert {check for check, (finding, *_) in findings.items() if finding.verdict != "ok"} == {"ports"}
+    (ports,) = findings["ports"]
     assert ports.verdict == "warn" and "1 serial ports that are not on USB" in ports.observation
     assert "data cable" in ports.remedy
 
 
-def test_who_has_a_port_is_named_and_a_held_port_is_not_listened_to(tmp_path):
+def test_the_process_that_holds_a_port_is_named_and_the_port_is_not_opened(tmp_path):
     device = tmp_path / "ttyACM0"
     device.touch()
-    process(tmp_path, 4242, "screen", "/dev/null", device)
-    process(tmp_path, 17, "bash", "/dev/null")
-    found = looked(tmp_path, Port(str(device)), hear=lambda port: pytest.fail("it was listened to"))
-    (port,) = found["ports"]
+    add_process(tmp_path, 4242, "screen", "/dev/null", device)
+    add_process(tmp_path, 17, "bash", "/dev/null")
+    findings = findings_of(
+        tmp_path, Port(str(device)), listen=lambda port: pytest.fail("the port was opened")
+    )
+    (port,) = findings["ports"]
     assert port.verdict == "warn" and "open in screen (process 4242)" in port.observation
     assert "2e8a:0005" in port.observation and "E6611" in port.observation and "stop screen" in port.remedy
 
 
-def test_a_file_that_is_closed_while_we_look_hides_no_holder(tmp_path):
+def test_a_file_closed_during_the_search_does_not_hide_the_holder_of_a_port(tmp_path):
     device = tmp_path / "ttyACM0"
     device.touch()
-    process(tmp_path, 4242, "screen", "/dev/null", device, "/dev/null")
+    add_process(tmp_path, 4242, "screen", "/dev/null", device, "/dev/null")
     descriptors = tmp_path / "proc" / "4242" / "fd"
-    for gone in ("0", "2"):  # listed, but no link any more: readlink refuses
-        (descriptors / gone).unlink()
-        (descriptors / gone).touch()
+    for closed in ("0", "2"):  # listed, but no longer a link: readlink fails
+        (descriptors / closed).unlink()
+        (descriptors / closed).touch()
     (holder,) = HostComputer(root=tmp_path).port_holders(str(device))
     assert (holder.pid, holder.command) == (4242, "screen")
 
 
-def test_who_has_a_port_is_seen_on_this_computer_too():
-    """A real port, held by a real process other than this one."""
+def test_the_holder_of_a_real_port_is_found():
+    """A real port is held by another real process."""
     master, slave = os.openpty()
     try:
         with serial.Serial(os.ttyname(slave), exclusive=True):
-            assert HostComputer().port_holders(os.ttyname(slave)) == [], "not by ourselves"
-            waits = subprocess.Popen(["cat"], stdin=subprocess.PIPE, pass_fds=[slave])
+            assert HostComputer().port_holders(os.ttyname(slave)) == [], "the own process is not reported"
+            holder_process = subprocess.Popen(["cat"], stdin=subprocess.PIPE, pass_fds=[slave])
             try:
                 (holder,) = HostComputer().port_holders(os.ttyname(slave))
-                assert (holder.pid, holder.command) == (waits.pid, "cat")
+                assert (holder.pid, holder.command) == (holder_process.pid, "cat")
             finally:
-                waits.communicate()
+                holder_process.communicate()
     finally:
         os.close(master)
         os.close(slave)
 
 
 @pytest.mark.parametrize(
-    ("member", "forbidden", "verdict", "remedy"),
+    ("group_membership", "forbidden", "verdict", "remedy"),
     [
         (("dialout", False, False), True, "bad", "sudo usermod -aG dialout $USER"),
         (("dialout", True, False), True, "bad", "log out and in again"),
@@ -135,49 +137,53 @@ def test_who_has_a_port_is_seen_on_this_computer_too():
         (("dialout", True, True), False, "ok", ""),
     ],
 )
-def test_rights_are_judged_by_the_ports_that_are_there(tmp_path, member, forbidden, verdict, remedy):
+def test_permissions_are_checked_for_the_existing_ports(
+    tmp_path, group_membership, forbidden, verdict, remedy
+):
     port = Port(str(tmp_path / "ttyACM0"))
     ports = [port] if forbidden else []
-    found = looked(tmp_path, *ports, member=member, forbidden=(port.device,))
-    (rights,) = found["rights"]
+    findings = findings_of(tmp_path, *ports, group_membership=group_membership, forbidden=(port.device,))
+    (rights,) = findings["rights"]
     assert rights.verdict == verdict and remedy in rights.remedy
-    assert not any(check.startswith("board on") for check in found)
+    assert not any(check.startswith("board on") for check in findings)
 
 
-def test_modem_manager_is_a_warning_until_udev_tells_it_to_keep_away(tmp_path):
-    process(tmp_path, 99, "ModemManager")
-    process(tmp_path, 100, "brltty")
-    found = looked(tmp_path)
-    assert (found["ModemManager"][0].verdict, found["brltty"][0].verdict) == ("warn", "warn")
-    rule = found["ModemManager"][0].remedy.split("'")[1]
+def test_modem_manager_is_a_warning_until_a_udev_rule_excludes_the_ports(tmp_path):
+    add_process(tmp_path, 99, "ModemManager")
+    add_process(tmp_path, 100, "brltty")
+    findings = findings_of(tmp_path)
+    assert (findings["ModemManager"][0].verdict, findings["brltty"][0].verdict) == ("warn", "warn")
+    rule = findings["ModemManager"][0].remedy.split("'")[1]
     rules = tmp_path / "etc/udev/rules.d"
     rules.mkdir(parents=True)
     (rules / "70-hubodo.rules").write_text(rule)
-    assert looked(tmp_path)["ModemManager"][0].verdict == "ok"
+    assert findings_of(tmp_path)["ModemManager"][0].verdict == "ok"
 
 
-def test_clock_disk_and_packages_are_told_with_what_to_do(tmp_path, monkeypatch):
-    assert looked(tmp_path, kept=False)["clock"][0].verdict == "warn"
-    assert looked(tmp_path, kept=None)["clock"][0].verdict == "ok"
+def test_clock_disk_and_packages_have_findings_with_remedies(tmp_path, monkeypatch):
+    assert findings_of(tmp_path, clock_synchronised=False)["clock"][0].verdict == "warn"
+    assert findings_of(tmp_path, clock_synchronised=None)["clock"][0].verdict == "ok"
     disks = {
-        free: looked(tmp_path, free=free)["disk"][0].verdict
+        free: findings_of(tmp_path, free=free)["disk"][0].verdict
         for free in (100_000_000, 3_000_000_000, 9_000_000_000)
     }
     assert list(disks.values()) == ["bad", "warn", "ok"]
-    assert looked(tmp_path, free=-1)["disk"][0].verdict == "bad"
-    assert "not writable" in looked(tmp_path, forbidden=(str(tmp_path),))["disk"][0].observation
-    (packages,) = looked(tmp_path, lacking={"hubodo flash": "mpremote missing → pip install x"})["packages"]
+    assert findings_of(tmp_path, free=-1)["disk"][0].verdict == "bad"
+    assert "not writable" in findings_of(tmp_path, forbidden=(str(tmp_path),))["disk"][0].observation
+    (packages,) = findings_of(tmp_path, missing={"hubodo flash": "mpremote missing → pip install x"})[
+        "packages"
+    ]
     assert packages.observation == "for hubodo flash: mpremote missing" and packages.remedy == "pip install x"
     monkeypatch.setattr(computer_checks.time, "time", lambda: 1000.0)
-    assert looked(tmp_path)["clock"][0].verdict == "bad", "1970"
+    assert findings_of(tmp_path)["clock"][0].verdict == "bad", "the clock shows 1970"
 
 
-def refuse(port):
+def listen_to_busy_port(port):
     raise LinkError(f"{port}: busy: another program has it; close that program")
 
 
 @pytest.mark.parametrize(
-    ("hear", "verdict", "seen", "remedy"),
+    ("listen", "verdict", "observation", "remedy"),
     [
         (lambda port: Reception(prompt=True), "warn", "without a running node", "hubodo flash /dev/ttyACM0"),
         (
@@ -188,21 +194,27 @@ def refuse(port):
         ),
         (lambda port: Reception(), "warn", "silent", "hubodo doctor /dev/ttyACM0"),
         (lambda port: Reception(mismatch="speaks 1: ..."), "bad", "speaks 1", "hubodo flash /dev/ttyACM0"),
-        (refuse, "bad", "busy: another program has it", "close that program"),
+        (listen_to_busy_port, "bad", "busy: another program has it", "close that program"),
     ],
 )
-def test_a_board_that_is_no_node_is_told_with_what_to_do(tmp_path, hear, verdict, seen, remedy):
-    (board,) = looked(tmp_path, Port("/dev/ttyACM0"), hear=hear)["board on /dev/ttyACM0"]
-    assert board.verdict == verdict and seen in board.observation and board.remedy == remedy
+def test_a_board_without_a_running_node_has_a_finding_with_a_remedy(
+    tmp_path, listen, verdict, observation, remedy
+):
+    (board,) = findings_of(tmp_path, Port("/dev/ttyACM0"), listen=listen)["board on /dev/ttyACM0"]
+    assert board.verdict == verdict and observation in board.observation and board.remedy == remedy
 
 
-def test_what_hangs_behind_a_converter_is_asked_nothing(tmp_path):
-    found = looked(tmp_path, Port("/dev/ttyUSB0", *CONVERTER), hear=lambda port: pytest.fail("it was"))
-    assert found["ports"][0].verdict == "ok"
+def test_a_device_behind_a_usb_converter_is_not_opened(tmp_path):
+    findings = findings_of(
+        tmp_path,
+        Port("/dev/ttyUSB0", *CONVERTER_USB_ID),
+        listen=lambda port: pytest.fail("the port was opened"),
+    )
+    assert findings["ports"][0].verdict == "ok"
 
 
 @pytest.mark.real_time
-def test_nodes_are_found_with_their_firmware_and_bad_findings_give_exit_code_1(tmp_path, monkeypatch):
+def test_running_nodes_are_found_with_their_firmware_and_problems_give_exit_code_1(tmp_path, monkeypatch):
     with FakeNode(node_id=1) as left, FakeNode(node_id=2) as right:
         ports = [Port(left.path), Port(right.path)]
         for free, code in ((50_000_000_000, 0), (1000, 1)):

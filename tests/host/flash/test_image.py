@@ -1,4 +1,4 @@
-"""The firmware image: what is compiled for which processor, and that it loads where it runs."""
+"""The firmware image: files compiled for each processor."""
 
 import re
 
@@ -15,7 +15,7 @@ from hubodo.flash.image import (
 )
 
 
-def test_main_stays_source_and_everything_else_is_compiled():
+def test_all_files_except_main_are_compiled():
     image = build_image(firmware_folder(), "armv6m")
     assert "main.py" in image
     assert {name for name in image if name.endswith(".py")} == {"main.py"}
@@ -24,15 +24,15 @@ def test_main_stays_source_and_everything_else_is_compiled():
     }
 
 
-def test_bytecode_alone_leaves_out_files_of_machine_code():
+def test_an_image_of_bytecode_leaves_out_files_with_native_code():
     left_out = set(read_sources(firmware_folder())) - {
         re.sub(r"\.mpy$", ".py", name) for name in build_image(firmware_folder(), None)
     }
     assert left_out == {name for name, text in read_sources(firmware_folder()).items() if needs_native(text)}
 
 
-def test_compiled_files_name_the_processor_they_are_for():
-    """Byte 2 of a .mpy file: architecture number in bits 2 to 6 (MicroPython's py/persistentcode.h)."""
+def test_compiled_native_files_name_their_architecture():
+    """The architecture number is in bits 2 to 6 of byte 2 of a .mpy file (py/persistentcode.h)."""
     native = [
         name.removesuffix(".py") + ".mpy"
         for name, text in read_sources(firmware_folder()).items()
@@ -45,7 +45,7 @@ def test_compiled_files_name_the_processor_they_are_for():
             assert image[name][2] >> 2 & 0x1F == ARCHITECTURES.index(architecture)
 
 
-def test_the_same_sources_give_the_same_bytes():
+def test_the_image_is_reproducible():
     assert hash_files(build_image(firmware_folder(), None)) == hash_files(
         build_image(firmware_folder(), None)
     )

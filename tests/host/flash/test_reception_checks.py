@@ -1,4 +1,4 @@
-"""What was heard from a port, judged without one: the clock by its quickest answers."""
+"""Checks of the data received from a port: the rate of the node's clock."""
 
 import re
 
@@ -11,7 +11,7 @@ from hubodo.flash.reception_checks import check_reception
 
 
 @pytest.mark.parametrize(
-    ("ppm", "count", "verdict", "words"),
+    ("ppm", "count", "verdict", "observation"),
     [
         (40.0, 60, "ok", r"\+40 ± 500 ppm against this host's, over 2\.0 s"),
         (-40.0, 60, "ok", "-40 ± "),
@@ -19,12 +19,12 @@ from hubodo.flash.reception_checks import check_reception
         (40.0, 7, "unknown", "7 answers to requests"),
     ],
 )
-def test_a_clock_is_judged_by_the_quickest_answers(ppm, count, verdict, words):
-    """Every other answer was held up for 30 ms on its way to the host; the others took 1 ms, evenly."""
+def test_the_clock_rate_is_estimated_from_the_fastest_answers(ppm, count, verdict, observation):
+    """Every other answer was delayed by 30 ms on its way to the host; round trips of the others took 1 ms."""
     sent = np.arange(count) * 50_000_000
-    trip = np.where(np.arange(count) % 2, 1_000_000, 31_000_000)
+    round_trip = np.where(np.arange(count) % 2, 1_000_000, 31_000_000)
     node = ((sent + 500_000) * (1 + ppm * 1e-6)).astype(int)
-    exchanges = list(zip((sent + trip // 2).tolist(), node.tolist(), trip.tolist(), strict=True))
-    heard = Reception(n_frames=1, node=1, hello=HELLO, exchanges=exchanges)
-    (clock,) = (result for result in check_reception(heard, 115200) if result.check == "clock")
-    assert clock.verdict == verdict and re.search(words, clock.observation), clock
+    exchanges = list(zip((sent + round_trip // 2).tolist(), node.tolist(), round_trip.tolist(), strict=True))
+    reception = Reception(n_frames=1, node=1, hello=HELLO, exchanges=exchanges)
+    (clock,) = (result for result in check_reception(reception, 115200) if result.check == "clock")
+    assert clock.verdict == verdict and re.search(observation, clock.observation), clock

@@ -53,7 +53,7 @@ def test_after_login_gap_runs_on_a_click_with_progress_and_its_page_opens(folder
             "[...document.querySelectorAll('.recording button')].find((b) => b.innerText === 'Gap').click()"
         )
         progress_texts = set()
-        while not page.run("return document.querySelector('[data-made=gap], .wrong')"):
+        while not page.run("return document.querySelector('[data-derived=gap], .error')"):
             progress_texts.add(page.run("return document.querySelector('.note [role=status]')?.innerText"))
             time.sleep(0.1)
         assert any(text.startswith("round ") for text in progress_texts), page.run(

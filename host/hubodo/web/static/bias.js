@@ -1,19 +1,19 @@
-// The gyro's bias by axis, as two know it: the node's own filter, and the host's while it drives; with bands.
+// The gyro bias by axis with its 1σ interval, as estimated by the node and by the host while driving.
 
-import { begin, colour, font, label, roundStep } from "./canvas.js";
+import { beginDrawing, colour, font, formatTick, roundStep } from "./canvas.js";
 
 const DEG = 180 / Math.PI;
 
-// own, host: {bias: [3], sigma: [3]} in rad/s, or null.
-export function drawBias(canvas, own, host, stroke) {
-  const { pen, width, height } = begin(canvas);
-  const left = 18, right = width - 8, rows = 3, high = (height - 18) / rows;
-  const half = reach(own, host);
-  const x = (v) => (left + right) / 2 + (v / half) * ((right - left) / 2 - 2);
-  const step = roundStep(2 * half, width < 300 ? 3 : 5);
+// nodeBias, hostBias: {bias: [3], sigma: [3]} in rad/s, or null; nodeColour: colour of the node.
+export function drawBias(canvas, nodeBias, hostBias, nodeColour) {
+  const { pen, width, height } = beginDrawing(canvas);
+  const left = 18, right = width - 8, rows = 3, rowHeight = (height - 18) / rows;
+  const halfSpan = halfRange(nodeBias, hostBias);
+  const x = (v) => (left + right) / 2 + (v / halfSpan) * ((right - left) / 2 - 2);
+  const step = roundStep(2 * halfSpan, width < 300 ? 3 : 5);
   pen.font = font(11);
   pen.lineWidth = 1;
-  for (let v = Math.ceil(-half / step) * step; v <= half + 1e-9; v += step) {
+  for (let v = Math.ceil(-halfSpan / step) * step; v <= halfSpan + 1e-9; v += step) {
     pen.strokeStyle = colour(Math.abs(v) < step / 2 ? "dim" : "grid");
     pen.beginPath();
     pen.moveTo(Math.round(x(v)) + 0.5, 2);
@@ -21,24 +21,24 @@ export function drawBias(canvas, own, host, stroke) {
     pen.stroke();
     pen.fillStyle = colour("dim");
     pen.textAlign = "center";
-    pen.fillText(label(v, step), Math.min(Math.max(x(v), left + 12), right - 12), height - 3);
+    pen.fillText(formatTick(v, step), Math.min(Math.max(x(v), left + 12), right - 12), height - 3);
   }
   "xyz".split("").forEach((axis, k) => {
-    const y = 2 + high * (k + 0.5);
+    const y = 2 + rowHeight * (k + 0.5);
     pen.fillStyle = colour("ink");
     pen.font = font(12, 600);
     pen.textAlign = "left";
     pen.textBaseline = "middle";
     pen.fillText(axis, 2, y);
     pen.textBaseline = "alphabetic";
-    interval(pen, x, left, right, y - high * 0.17, host, k, colour("fused"), false);
-    interval(pen, x, left, right, y + high * 0.17, own, k, stroke, true);
+    interval(pen, x, left, right, y - rowHeight * 0.17, hostBias, k, colour("fused"), false);
+    interval(pen, x, left, right, y + rowHeight * 0.17, nodeBias, k, nodeColour, true);
   });
 }
 
-function interval(pen, x, left, right, y, told, axis, stroke, round) {
-  if (!told || told.bias[axis] === null) { return; }
-  const value = told.bias[axis] * DEG, sigma = (told.sigma[axis] ?? 0) * DEG;
+function interval(pen, x, left, right, y, estimate, axis, stroke, isRound) {
+  if (!estimate || estimate.bias[axis] === null) { return; }
+  const value = estimate.bias[axis] * DEG, sigma = (estimate.sigma[axis] ?? 0) * DEG;
   const clamp = (v) => Math.min(Math.max(v, left), right);
   pen.strokeStyle = pen.fillStyle = stroke;
   pen.globalAlpha = 0.35;
@@ -50,7 +50,7 @@ function interval(pen, x, left, right, y, told, axis, stroke, round) {
   pen.stroke();
   pen.globalAlpha = 1;
   pen.beginPath();
-  if (round) {
+  if (isRound) {
     pen.arc(clamp(x(value)), y, 3.4, 0, 7);
   } else {
     const at = clamp(x(value));
@@ -62,19 +62,19 @@ function interval(pen, x, left, right, y, told, axis, stroke, round) {
   pen.fill();
 }
 
-// deg/s to each side of zero: all values, and of the bands as much as is of use beside them.
-function reach(own, host) {
-  const all = [own, host].filter(Boolean);
-  const values = all.flatMap((told) => told.bias).filter((v) => v !== null).map((v) => Math.abs(v) * DEG);
-  const sigmas = all.flatMap((told) => told.sigma).filter((v) => v !== null).map((v) => v * DEG);
-  const most = Math.max(0.02, ...values), band = Math.max(0, ...sigmas);
-  return 1.15 * (most + Math.min(band, 2 * most));
+// Returns the halfSpan range in deg/s: estimates values, and the intervals up to twice the largest value.
+function halfRange(nodeBias, hostBias) {
+  const estimates = [nodeBias, hostBias].filter(Boolean);
+  const values = estimates.flatMap((estimate) => estimate.bias).filter((v) => v !== null).map((v) => Math.abs(v) * DEG);
+  const sigmas = estimates.flatMap((estimate) => estimate.sigma).filter((v) => v !== null).map((v) => v * DEG);
+  const maxValue = Math.max(0.02, ...values), maxSigma = Math.max(0, ...sigmas);
+  return 1.15 * (maxValue + Math.min(maxSigma, 2 * maxValue));
 }
 
-export function biasWords(told) {
-  if (!told) { return "not known"; }
-  return told.bias.map((v, k) => {
-    const sigma = told.sigma[k];
+export function biasText(estimate) {
+  if (!estimate) { return "not known"; }
+  return estimate.bias.map((v, k) => {
+    const sigma = estimate.sigma[k];
     return (v * DEG).toFixed(3) + (sigma === null ? "" : ` ± ${(sigma * DEG).toFixed(3)}`);
   }).join(", ");
 }

@@ -1,6 +1,6 @@
-// What all drawings share: a canvas in the pixels of the screen, the colours of the page, round numbers.
+// Shared by all drawings: canvas in screen pixels, colours of the page, round tick steps.
 
-export function begin(canvas) {
+export function beginDrawing(canvas) {
   const ratio = Math.min(window.devicePixelRatio || 1, 2);
   const width = canvas.clientWidth, height = canvas.clientHeight;
   if (canvas.width !== Math.round(width * ratio) || canvas.height !== Math.round(height * ratio)) {
@@ -14,25 +14,25 @@ export function begin(canvas) {
   return { pen, width, height };
 }
 
-let read = null;
-export function forgetColours() { read = null; }
+let palette = null;
+export function resetColours() { palette = null; }
 
 export function colour(name) {
-  if (!read) { read = { style: getComputedStyle(document.documentElement), known: {} }; }
-  return (read.known[name] ??= read.style.getPropertyValue(`--${name}`).trim());
+  if (!palette) { palette = { style: getComputedStyle(document.documentElement), known: {} }; }
+  return (palette.known[name] ??= palette.style.getPropertyValue(`--${name}`).trim());
 }
 
-export function ofNode(name, side) {
+export function colourNameOfNode(name, side) {
   return side ?? (name === "left" || name === "right" ? name : "other");
 }
 
-// The step of 1, 2 or 5 times a power of ten that divides a span into at most so many parts.
+// Returns the step of 1, 2 or 5 times a power of ten that divides a span into at most `parts` parts.
 export function roundStep(span, parts) {
   const raw = Math.max(span, 1e-12) / parts, power = 10 ** Math.floor(Math.log10(raw));
   return [1, 2, 5, 10].find((step) => step * power >= raw * 0.999) * power;
 }
 
-export function label(value, step) {
+export function formatTick(value, step) {
   const digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
   const text = value.toFixed(Math.min(digits, 6));
   return (Number(text) === 0 ? text.replace("-", "") : text).replace("-", "−");

@@ -1,9 +1,9 @@
-// The path on a grid of metres, or east and north of an origin; where the vehicle is and how sure that is.
+// The map: path, GNSS fixes, and the vehicle with its 1σ circle, on a grid in metres.
 
-import { begin, colour, font, label, roundStep } from "./canvas.js";
+import { beginDrawing, colour, font, formatTick, roundStep } from "./canvas.js";
 
-const LEAST = 4; // m across at least
-const NEAR = 12; // m around the vehicle when following
+const MIN_SPAN = 4; // m
+const FOLLOW_SPAN = 12; // m around the vehicle
 
 export class PathMap {
   constructor(canvas) {
@@ -12,12 +12,12 @@ export class PathMap {
     this.view = null;
   }
 
-  // trail, fixes: [[x, y]]; pose: {x, y, heading, sigma} or null; north: whether x is east.
+  // trail, fixes: [[x, y]]; pose: {x, y, heading, sigma} or null; north: true if x is east.
   draw({ trail, fixes, pose, north }) {
-    const { pen, width, height } = begin(this.canvas);
-    const target = this.window(trail, fixes, pose, width, height);
-    // The view glides: a jump would lose the eye.
-    const view = this.view && !reduced() ? blend(this.view, target, 0.25) : target;
+    const { pen, width, height } = beginDrawing(this.canvas);
+    const target = this.fitWindow(trail, fixes, pose, width, height);
+    // The view moves smoothly, so that the eye can follow.
+    const view = this.view && !prefersReducedMotion() ? blend(this.view, target, 0.25) : target;
     this.view = view;
     const x = (v) => width / 2 + (v - view.x) * view.scale;
     const y = (v) => height / 2 - (v - view.y) * view.scale;
@@ -44,20 +44,20 @@ export class PathMap {
     if (north) { northArrow(pen, width); }
   }
 
-  window(trail, fixes, pose, width, height) {
+  fitWindow(trail, fixes, pose, width, height) {
     let [x0, x1, y0, y1] = [Infinity, -Infinity, Infinity, -Infinity];
     if (this.follow && pose) {
-      [x0, x1, y0, y1] = [pose.x - NEAR / 2, pose.x + NEAR / 2, pose.y - NEAR / 2, pose.y + NEAR / 2];
+      [x0, x1, y0, y1] = [pose.x - FOLLOW_SPAN / 2, pose.x + FOLLOW_SPAN / 2, pose.y - FOLLOW_SPAN / 2, pose.y + FOLLOW_SPAN / 2];
     } else {
-      const places = pose ? [...trail, ...fixes, [pose.x, pose.y]] : [...trail, ...fixes];
-      for (const [x, y] of places) {
+      const points = pose ? [...trail, ...fixes, [pose.x, pose.y]] : [...trail, ...fixes];
+      for (const [x, y] of points) {
         x0 = Math.min(x0, x); x1 = Math.max(x1, x);
         y0 = Math.min(y0, y); y1 = Math.max(y1, y);
       }
-      if (!places.length) { [x0, x1, y0, y1] = [-LEAST, LEAST, -LEAST, LEAST]; }
+      if (!points.length) { [x0, x1, y0, y1] = [-MIN_SPAN, MIN_SPAN, -MIN_SPAN, MIN_SPAN]; }
     }
-    const across = Math.max(x1 - x0, LEAST), along = Math.max(y1 - y0, LEAST);
-    const scale = Math.min((width - 70) / across, (height - 70) / along);
+    const spanX = Math.max(x1 - x0, MIN_SPAN), spanY = Math.max(y1 - y0, MIN_SPAN);
+    const scale = Math.min((width - 70) / spanX, (height - 70) / spanY);
     return { x: (x0 + x1) / 2, y: (y0 + y1) / 2, scale: Math.max(scale, 1e-6) };
   }
 
@@ -72,25 +72,25 @@ export class PathMap {
       stroke(pen, x(v), 0, x(v), height);
       if (x(v) > 40 && x(v) < barStart(view.scale, width) - 24) {
         pen.textAlign = "center";
-        pen.fillText(label(v, step), x(v), height - 6);
+        pen.fillText(formatTick(v, step), x(v), height - 6);
       }
     }
     for (let v = Math.ceil(bottom / step) * step; y(v) > 0; v += step) {
       stroke(pen, 0, y(v), width, y(v));
       pen.textAlign = "left";
-      if (y(v) > 12 && y(v) < height - 24) { pen.fillText(label(v, step), 4, y(v) - 4); }
+      if (y(v) > 12 && y(v) < height - 24) { pen.fillText(formatTick(v, step), 4, y(v) - 4); }
     }
   }
 }
 
-function reduced() { return window.matchMedia("(prefers-reduced-motion: reduce)").matches; }
+function prefersReducedMotion() { return window.matchMedia("(prefers-reduced-motion: reduce)").matches; }
 
-function blend(from, to, share) {
-  const near = Math.abs(from.x - to.x) * to.scale < 0.5 && Math.abs(from.scale / to.scale - 1) < 0.005;
-  const far = Math.abs(Math.log(from.scale / to.scale)) > 3;
-  if (far || (near && Math.abs(from.y - to.y) * to.scale < 0.5)) { return to; }
-  const mix = (a, b) => a + (b - a) * share;
-  return { x: mix(from.x, to.x), y: mix(from.y, to.y), scale: from.scale * (to.scale / from.scale) ** share };
+function blend(from, to, fraction) {
+  const isClose = Math.abs(from.x - to.x) * to.scale < 0.5 && Math.abs(from.scale / to.scale - 1) < 0.005;
+  const isFar = Math.abs(Math.log(from.scale / to.scale)) > 3;
+  if (isFar || (isClose && Math.abs(from.y - to.y) * to.scale < 0.5)) { return to; }
+  const mix = (a, b) => a + (b - a) * fraction;
+  return { x: mix(from.x, to.x), y: mix(from.y, to.y), scale: from.scale * (to.scale / from.scale) ** fraction };
 }
 
 function stroke(pen, x0, y0, x1, y1) {
@@ -140,18 +140,18 @@ const barMetres = (scale) => roundStep(90 / scale, 1.6);
 const barStart = (scale, width) => width - 14 - barMetres(scale) * scale;
 
 function scaleBar(pen, scale, width, height) {
-  const metres = barMetres(scale), long = metres * scale, x = barStart(scale, width), y = height - 12;
+  const metres = barMetres(scale), length = metres * scale, x = barStart(scale, width), y = height - 12;
   pen.strokeStyle = pen.fillStyle = colour("ink");
   pen.lineWidth = 2;
   pen.beginPath();
   pen.moveTo(x, y - 5);
   pen.lineTo(x, y);
-  pen.lineTo(x + long, y);
-  pen.lineTo(x + long, y - 5);
+  pen.lineTo(x + length, y);
+  pen.lineTo(x + length, y - 5);
   pen.stroke();
   pen.font = font(12, 600);
   pen.textAlign = "center";
-  pen.fillText(metres >= 1000 ? `${metres / 1000} km` : `${label(metres, metres)} m`, x + long / 2, y - 8);
+  pen.fillText(metres >= 1000 ? `${metres / 1000} km` : `${formatTick(metres, metres)} m`, x + length / 2, y - 8);
 }
 
 function northArrow(pen, width) {
@@ -168,9 +168,9 @@ function northArrow(pen, width) {
   pen.fillText("N", x, y + 18);
 }
 
-// A dial with the heading as a needle; rad anticlockwise from east.
-export function compass(canvas, heading, north) {
-  const { pen, width, height } = begin(canvas);
+// Draws a compass; heading: rad anticlockwise from east, or null.
+export function drawCompass(canvas, heading, north) {
+  const { pen, width, height } = beginDrawing(canvas);
   const x = width / 2, y = height / 2, r = Math.min(width, height) / 2 - 4;
   pen.strokeStyle = colour("line");
   pen.lineWidth = 2;
@@ -203,9 +203,9 @@ export function compass(canvas, heading, north) {
   pen.restore();
 }
 
-function wedge(pen, long) {
+function wedge(pen, length) {
   pen.beginPath();
-  pen.moveTo(long, 0);
+  pen.moveTo(length, 0);
   pen.lineTo(0, 5);
   pen.lineTo(0, -5);
   pen.fill();

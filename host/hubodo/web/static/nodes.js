@@ -1,8 +1,8 @@
-// A card for each node: link, rate, losses, clock, supply, temperature, bias; and what it can be asked.
+// A card for each node: link, rate, losses, clock, battery, temperature, bias, and a button for bias initialisation.
 
-import { colour, ofNode } from "./canvas.js";
-import { biasWords, drawBias } from "./bias.js";
-import { spark } from "./strip.js";
+import { colour, colourNameOfNode } from "./canvas.js";
+import { biasText, drawBias } from "./bias.js";
+import { drawSparkline } from "./strip.js";
 
 const CELLS = [
   ["rate", "Rate", 1], ["lost", "Lost", 0.001], ["clock", "Clock offset", 0.0002],
@@ -10,29 +10,29 @@ const CELLS = [
 ];
 
 export class NodeCards {
-  // ask(action, body): sends a wish.
-  constructor(place, ask) {
-    this.place = place;
-    this.ask = ask;
+  // request(action, body): sends a request to the server.
+  constructor(container, request) {
+    this.container = container;
+    this.request = request;
     this.cards = new Map();
   }
 
   clear() {
-    this.place.replaceChildren();
+    this.container.replaceChildren();
     this.cards.clear();
   }
 
-  // slow: what came last; past: [{t, nodes}] of the last minute; sides: name -> side.
-  update(slow, past, now, sides) {
-    for (const name of Object.keys(slow.nodes).sort()) {
+  // status: the newest one; history: [{t, nodes}] of the last minute; sides: name -> side.
+  update(status, history, now, sides) {
+    for (const name of Object.keys(status.nodes).sort()) {
       if (!this.cards.has(name)) { this.cards.set(name, this.card(name, sides[name])); }
-      this.fill(this.cards.get(name), slow.nodes[name], slow.links[slow.nodes[name].link]);
-      this.drawn(this.cards.get(name), name, slow.nodes[name], past, now);
+      this.fill(this.cards.get(name), status.nodes[name], status.links[status.nodes[name].link]);
+      this.drawCharts(this.cards.get(name), name, status.nodes[name], history, now);
     }
   }
 
   card(name, side) {
-    const tone = ofNode(name, side);
+    const tone = colourNameOfNode(name, side);
     const card = element("article", { class: "card node", "aria-label": `Node ${name}` });
     card.style.setProperty("--own", `var(--${tone})`);
     const state = element("span", { class: "chip", role: "status" });
@@ -47,51 +47,51 @@ export class NodeCards {
     }
     const button = element("button", { type: "button", class: "quiet" }, "Initialise bias at standstill");
     button.title = "Keep the wheel still for about ten seconds";
-    button.addEventListener("click", () => this.ask("bias", { node: name }));
+    button.addEventListener("click", () => this.request("bias", { node: name }));
     const chart = element("canvas", { role: "img" });
     const legend = element("ul", { class: "legend" });
-    legend.append(key("node", tone), key("host", "fused"));
+    legend.append(legendEntry("node", tone), legendEntry("host", "fused"));
     const bias = element("div", { class: "bias" },
       element("div", { class: "head" }, element("h2", {}, "Gyro bias, °/s"), legend, button), chart);
     card.append(head, cells, bias);
-    this.place.append(card);
+    this.container.append(card);
     return { card, state, where, parts, chart, button, tone };
   }
 
   fill({ state, where, parts, chart, button }, node, link) {
-    const [tone, words] = health(node, link);
-    state.dataset.state = tone;
-    say(state, words);
-    say(where, link ? link.where || "not connected" : "");
-    const whole = node.samples + node.lost;
-    value(parts.rate, node.rate.toFixed(1), "Hz");
-    value(parts.lost, whole ? ((100 * node.lost) / whole).toFixed(2) : "–", `% (${node.lost})`);
+    const [level, text] = health(node, link);
+    state.dataset.state = level;
+    setText(state, text);
+    setText(where, link ? link.where || "not connected" : "");
+    const total = node.samples + node.lost;
+    setValue(parts.rate, node.rate.toFixed(1), "Hz");
+    setValue(parts.lost, total ? ((100 * node.lost) / total).toFixed(2) : "–", `% (${node.lost})`);
     const clock = node.clock;
-    value(parts.clock, clock.sigma === null ? "–" : `± ${(clock.sigma * 1e3).toFixed(2)}`, clock.sigma === null ? "" : "ms");
+    setValue(parts.clock, clock.sigma === null ? "–" : `± ${(clock.sigma * 1e3).toFixed(2)}`, clock.sigma === null ? "" : "ms");
     parts.clock.value.title = clock.offset === null ? "" : `host minus node: ${clock.offset.toFixed(6)} s, ${clock.source}`;
-    value(parts.ppm, clock.ppm === null ? "–" : signed(clock.ppm), clock.ppm === null ? "" : `± ${clock.ppm_sigma.toFixed(1)} ppm`);
-    value(parts.battery, node.battery === null ? "–" : node.battery.toFixed(2), node.battery === null ? "" : "V");
-    value(parts.temperature, node.temperature === null ? "–" : node.temperature.toFixed(1), node.temperature === null ? "" : "°C");
-    const own = node.bias && node.bias.state === "tracking" ? node.bias : null;
-    chart.setAttribute("aria-label", `Node: ${biasWords(own)}; host: ${biasWords(node.host_bias)}; degrees per second about x, y, z`);
-    const busy = node.bias !== null && node.bias.state === "initialising";
-    button.disabled = busy || !link?.up;
-    say(button, busy ? "Initialising…" : "Initialise bias at standstill");
+    setValue(parts.ppm, clock.ppm === null ? "–" : signed(clock.ppm), clock.ppm === null ? "" : `± ${clock.ppm_sigma.toFixed(1)} ppm`);
+    setValue(parts.battery, node.battery === null ? "–" : node.battery.toFixed(2), node.battery === null ? "" : "V");
+    setValue(parts.temperature, node.temperature === null ? "–" : node.temperature.toFixed(1), node.temperature === null ? "" : "°C");
+    const nodeBias = node.bias && node.bias.state === "tracking" ? node.bias : null;
+    chart.setAttribute("aria-label", `Node: ${biasText(nodeBias)}; host: ${biasText(node.host_bias)}; degrees per second about x, y, z`);
+    const isBusy = node.bias !== null && node.bias.state === "initialising";
+    button.disabled = isBusy || !link?.up;
+    setText(button, isBusy ? "Initialising…" : "Initialise bias at standstill");
   }
 
-  drawn({ parts, chart, tone }, name, node, past, now) {
-    const own = past.map(({ t, nodes }) => [t, nodes[name]]).filter(([, told]) => told);
-    const first = own.find(([, told]) => told.clock.offset !== null)?.[1].clock.offset ?? 0;
-    const of = {
-      rate: (told) => told.rate,
-      lost: (told) => told.lost,
-      clock: (told) => (told.clock.offset === null ? null : told.clock.offset - first),
-      ppm: (told) => told.clock.ppm,
-      battery: (told) => told.battery,
-      temperature: (told) => told.temperature,
+  drawCharts({ parts, chart, tone }, name, node, history, now) {
+    const statuses = history.map(({ t, nodes }) => [t, nodes[name]]).filter(([, status]) => status);
+    const firstOffset = statuses.find(([, status]) => status.clock.offset !== null)?.[1].clock.offset ?? 0;
+    const valueOf = {
+      rate: (status) => status.rate,
+      lost: (status) => status.lost,
+      clock: (status) => (status.clock.offset === null ? null : status.clock.offset - firstOffset),
+      ppm: (status) => status.clock.ppm,
+      battery: (status) => status.battery,
+      temperature: (status) => status.temperature,
     };
-    for (const [cell, , least] of CELLS) {
-      spark(parts[cell].chart, own.map(([t, told]) => [t, of[cell](told)]), now, colour(tone), least);
+    for (const [cell, , minSpan] of CELLS) {
+      drawSparkline(parts[cell].chart, statuses.map(([t, status]) => [t, valueOf[cell](status)]), now, colour(tone), minSpan);
     }
     drawBias(chart, node.bias && node.bias.state === "tracking" ? node.bias : null, node.host_bias, colour(tone));
   }
@@ -105,13 +105,13 @@ function health(node, link) {
   return ["good", "streaming"];
 }
 
-function value({ value: place }, text, unit) {
-  if (place.dataset.text === text + unit) { return; }
-  place.dataset.text = text + unit;
-  place.replaceChildren(text, " ", element("small", {}, unit));
+function setValue({ value: cell }, text, unit) {
+  if (cell.dataset.text === text + unit) { return; }
+  cell.dataset.text = text + unit;
+  cell.replaceChildren(text, " ", element("small", {}, unit));
 }
 
-function key(text, tone) {
+function legendEntry(text, tone) {
   const mark = element("i");
   mark.style.background = `var(--${tone})`;
   return element("li", {}, mark, text);
@@ -121,13 +121,13 @@ export function signed(number, digits = 1) {
   return (number < 0 ? "−" : "+") + Math.abs(number).toFixed(digits);
 }
 
-export function say(place, text) {
-  if (place.textContent !== text) { place.textContent = text; }
+export function setText(target, text) {
+  if (target.textContent !== text) { target.textContent = text; }
 }
 
 export function element(tag, attributes = {}, ...children) {
-  const made = document.createElement(tag);
-  for (const [name, text] of Object.entries(attributes)) { made.setAttribute(name, text); }
-  made.append(...children);
-  return made;
+  const node = document.createElement(tag);
+  for (const [name, text] of Object.entries(attributes)) { node.setAttribute(name, text); }
+  node.append(...children);
+  return node;
 }

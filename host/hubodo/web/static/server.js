@@ -1,26 +1,26 @@
-// What the page asks of the server besides the live feed, and how it tells what came of it.
+// Requests to the server besides the live feed, and messages about their results.
 
 const csrf = document.querySelector('meta[name="csrf"]');
 
 export async function call(path, body) {
-  const asked = body === undefined ? {} : {
+  const options = body === undefined ? {} : {
     method: "POST",
     headers: { "content-type": "application/json", "x-hubodo-token": csrf.content },
     body: JSON.stringify(body),
   };
-  const answer = await fetch(path, asked);
+  const answer = await fetch(path, options);
   if (!answer.ok) {
     const text = await answer.text();
-    let words = text.trim();
-    try { words = JSON.parse(text).error; } catch { /* plain words */ }
-    throw new Error(words || `the server says ${answer.status}`);
+    let message = text.trim();
+    try { message = JSON.parse(text).error; } catch { /* plain text */ }
+    throw new Error(message || `the server answers with status ${answer.status}`);
   }
   return answer.json();
 }
 
-// A restarted recorder knows other secrets than the page that stayed open.
-export function renew(fresh) {
-  if (fresh) { csrf.content = fresh; }
+// Replaces the CSRF secret: a restarted recorder has a new one, while the page stays open.
+export function replaceCsrfSecret(secret) {
+  if (secret) { csrf.content = secret; }
 }
 
 export async function send(action, body) {
@@ -33,7 +33,7 @@ export async function send(action, body) {
   }
 }
 
-// Ends the session on the server too; the page that follows asks for the token.
+// Ends the session, also on the server; the login page asks for the token again.
 export async function logOut() {
   try {
     await call("/logout", {});
@@ -43,11 +43,11 @@ export async function logOut() {
   }
 }
 
-let hiding = 0;
+let hideTimer = 0;
 export function toast(text) {
-  const place = document.getElementById("toast");
-  place.textContent = text;
-  place.hidden = false;
-  clearTimeout(hiding);
-  hiding = setTimeout(() => { place.hidden = true; }, 4000);
+  const box = document.getElementById("toast");
+  box.textContent = text;
+  box.hidden = false;
+  clearTimeout(hideTimer);
+  hideTimer = setTimeout(() => { box.hidden = true; }, 4000);
 }

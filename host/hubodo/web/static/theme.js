@@ -1,21 +1,21 @@
-// Light, dark, or as the system has it; what was chosen is kept.
+// Colour scheme: light, dark or system setting; the choice is stored in the browser.
 
 const CHOICES = ["system", "light", "dark"];
-const WORDS = { system: "as the system has them", light: "light", dark: "dark" };
-const MARKS = { system: "◐", light: "○", dark: "●" };
+const LABELS = { system: "system setting", light: "light", dark: "dark" };
+const SYMBOLS = { system: "◐", light: "○", dark: "●" };
 const dark = window.matchMedia("(prefers-color-scheme: dark)");
 
-export function theme(button, changed) {
-  let chosen = localStorage.getItem("theme") ?? "system";
+export function theme(button, onChange) {
+  let choice = localStorage.getItem("theme") ?? "system";
   const apply = () => {
-    document.documentElement.dataset.theme = chosen === "system" ? (dark.matches ? "dark" : "light") : chosen;
-    button.textContent = MARKS[chosen];
-    button.setAttribute("aria-label", `Colours: ${WORDS[chosen]}`);
-    changed();
+    document.documentElement.dataset.theme = choice === "system" ? (dark.matches ? "dark" : "light") : choice;
+    button.textContent = SYMBOLS[choice];
+    button.setAttribute("aria-label", `Colours: ${LABELS[choice]}`);
+    onChange();
   };
   button.addEventListener("click", () => {
-    chosen = CHOICES[(CHOICES.indexOf(chosen) + 1) % CHOICES.length];
-    localStorage.setItem("theme", chosen);
+    choice = CHOICES[(CHOICES.indexOf(choice) + 1) % CHOICES.length];
+    localStorage.setItem("theme", choice);
     apply();
   });
   dark.addEventListener("change", apply);
