@@ -6,6 +6,7 @@ Times are (n,) ns or one int on the host clock: `t_pub_ns` of measurement, `t_lo
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +16,6 @@ from hubodo.log.chunk_writer import ChunkWriter
 from hubodo.log.frames import GNSS_FRAME, sensor_frames
 from hubodo.log.hubodo_messages import encode_bytes_message, encode_string_message
 from hubodo.log.message_records import RowBuffer
-from hubodo.log.records import LogRecord
 from hubodo.log.ros2 import UNKNOWN_VARIANCE
 from hubodo.recording import Event
 from hubodo.safe_text import json_text
@@ -23,12 +23,20 @@ from hubodo.units import NS_PER_S
 from hubodo.vehicle import Vehicle
 
 
+class WritableRecord(Protocol):
+    """A record that writes itself with the methods of a `LogWriter`; `records.py` holds all kinds."""
+
+    def write_to(self, log: LogWriter, /) -> None:
+        """Write the record."""
+        ...
+
+
 class LogWriter(ChunkWriter):
     """A writer of hubodo logs; a context manager for one thread. Parameters as `ChunkWriter`."""
 
     _static_frames: tuple[RowBuffer, dict[str, ArrayLike]] | None = None
 
-    def write_record(self, record: LogRecord, /) -> None:
+    def write_record(self, record: WritableRecord, /) -> None:
         """Write a record of any kind."""
         record.write_to(self)
 

@@ -7,19 +7,17 @@ measurement, `t_log_ns` of reception.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from itertools import pairwise
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hubodo.arrays import Array
 from hubodo.log import topics
+from hubodo.log.log_writer import LogWriter
 from hubodo.recording import Event
-
-if TYPE_CHECKING:
-    from hubodo.log.log_writer import LogWriter
 
 Times = NDArray[np.int64]
 
@@ -63,23 +61,6 @@ class ImuBlock:
     power_on_ns: int | None = None
     supply: float | None = None
 
-    def stamp(
-        self, t_ns: Times, t_log_ns: int, power_on_ns: int | None = None, supply: float | None = None
-    ) -> ImuBlock:
-        """Return the block with host times."""
-        return ImuBlock(
-            self.node,
-            self.gyro,
-            self.accel,
-            self.temperature,
-            self.received_ns,
-            self.device_ns,
-            t_ns,
-            t_log_ns,
-            power_on_ns,
-            supply,
-        )
-
     def write_to(self, log: LogWriter) -> None:
         """Write samples and temperature."""
         log.write_imu(self.node, self.t_ns, self.t_log_ns, self.gyro, self.accel)
@@ -104,10 +85,6 @@ class ImuRun:
     first_rows: Times
     t_ns: Times = field(default_factory=_no_times)
     t_log_ns: Times = field(default_factory=_no_times)
-
-    def stamp(self, t_ns: Times, t_log_ns: Times) -> ImuRun:
-        """Return the run with host times."""
-        return replace(self, t_ns=t_ns, t_log_ns=t_log_ns)
 
     def split(self) -> Iterator[ImuBlock]:
         """Yield the blocks one by one, without host times."""

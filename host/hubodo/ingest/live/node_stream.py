@@ -18,8 +18,8 @@ from hubodo.ingest.link.link import LinkReport
 from hubodo.ingest.link.ports import attach_keys, list_devices, parse_port
 from hubodo.ingest.live.computer import Computer, ThisComputer
 from hubodo.ingest.live.recorder import Recorder
-from hubodo.log.log_writer import LogWriter
-from hubodo.log.records import ImuBlock, LogRecord
+from hubodo.log.log_writer import LogWriter, WritableRecord
+from hubodo.log.records import ImuBlock
 from hubodo.units import NS_PER_S
 from hubowire.budget import UART_BAUD
 
@@ -54,7 +54,7 @@ class _BufferingLog(LogWriter):
         self.imu_blocks: queue.SimpleQueue[tuple[str, Array, Array, Array]] = queue.SimpleQueue()
         self._zero_ns = t_zero_ns
 
-    def write_record(self, record: LogRecord, /) -> None:
+    def write_record(self, record: WritableRecord, /) -> None:
         """Write a record to the log and queue it if it is a block of samples."""
         super().write_record(record)
         if isinstance(record, ImuBlock):

@@ -297,7 +297,8 @@ class NodeSession:
                 yield from self._handle_block(block)
             return
         t_ns = self._imu_times.to_host_ns(run.device_ns)
-        self._sink.write_record(run.stamp(t_ns, self._order.next_times(run.received_ns)))
+        t_log_ns = self._order.next_times(run.received_ns)
+        self._sink.write_record(replace(run, t_ns=t_ns, t_log_ns=t_log_ns))
         self.span_ns = [self.span_ns[0] if self.span_ns else int(t_ns[0]), int(t_ns[-1])]
 
     def update_signal(self, signal: Signal) -> Iterator[ImuBlock]:
@@ -385,7 +386,13 @@ class NodeSession:
             self._log_start(boot, int(t_ns[0]))
             self._unlogged_boot = None
         supply = self._supply_history.voltage_at(int(t_ns[0]))
-        block = item.stamp(t_ns, self._order.next_time(item.received_ns), self.power_on_ns, supply)
+        block = replace(
+            item,
+            t_ns=t_ns,
+            t_log_ns=self._order.next_time(item.received_ns),
+            power_on_ns=self.power_on_ns,
+            supply=supply,
+        )
         self._sink.write_record(block)
         self.span_ns = [self.span_ns[0] if self.span_ns else int(t_ns[0]), int(t_ns[-1])]
         self._rate_window.add(item.received_ns, len(t_ns))
