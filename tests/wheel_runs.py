@@ -66,13 +66,13 @@ def skip_held_out_segments(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, lambda *_: HeldOutErrors(zero, zero, 0))
 
 
-def short(seed: int, **options: object) -> wheel_drives.WheelDrive:
+def short_loop(seed: int, **options: object) -> wheel_drives.WheelDrive:
     """Return a loop of 25 m."""
     rng = np.random.default_rng(seed)
     return wheel_drives.drive(wheel_drives.loop(rng, 25.0, 5.0), rng, **options)  # type: ignore[arg-type]
 
 
-def truth(drive: wheel_drives.WheelDrive, t: float) -> np.ndarray:
+def true_pose(drive: wheel_drives.WheelDrive, t: float) -> np.ndarray:
     """Return x, y, heading at time t, (3,)."""
     return np.array([np.interp(t, drive.t, column) for column in (drive.x, drive.y, drive.heading)])
 
@@ -97,8 +97,8 @@ def pose_error(drive: wheel_drives.WheelDrive, track: WheelTrack, at: int) -> tu
 
 def _error(drive: wheel_drives.WheelDrive, track: WheelTrack, at: int) -> np.ndarray:
     """Return the error of x, y and heading, (3,), relative to the first complete window."""
-    start = truth(drive, track.t[0] - WINDOW_S)
-    x, y, heading = truth(drive, track.t[at]) - start
+    start = true_pose(drive, track.t[0] - WINDOW_S)
+    x, y, heading = true_pose(drive, track.t[at]) - start
     displacement = complex(x, y) * cmath.exp(-1j * start[2])
     return np.array(
         [track.x[at] - displacement.real, track.y[at] - displacement.imag, track.heading[at] - heading]

@@ -22,7 +22,7 @@ def test_a_reference_is_smoothed_and_starts_at_zero():
 
 
 def test_fixes_on_a_circle_have_its_speed_and_yaw_rate():
-    """The circle has a radius of 20 m at 0.1 rad/s: 2 m/s."""
+    """The circle has a radius of 20 m and is driven at 0.1 rad/s, so at 2 m/s."""
     latitude, longitude = gnss_drives.geodetic(20.0 * np.sin(0.1 * T), -20.0 * np.cos(0.1 * T), 47.0, 8.0)
     table = Table({"t": T, "latitude_deg": latitude, "longitude_deg": longitude, "altitude": 0.0 * T})
     inputs = estimate_drive_from_fixes(Recording({}, gnss=table), "log")
@@ -30,7 +30,7 @@ def test_fixes_on_a_circle_have_its_speed_and_yaw_rate():
     assert inputs.yaw_rate(INNER) == pytest.approx(np.full(len(INNER), 0.1), rel=0.02)
 
 
-def test_fewer_than_twenty_rows_are_no_drive():
+def test_fewer_than_twenty_rows_are_refused():
     short = Table({"t": T[:19], "speed": T[:19], "yaw_rate": T[:19]})
     with pytest.raises(InputError, match="has 19 of the 20 rows of reference"):
         read_reference_drive(Recording({}, reference=short), "log")

@@ -23,11 +23,11 @@ T = np.arange(4.0)
 TRACK = Track(T, 2.0 * T, 0.0 * T, 0.0 * T, 0.0 * T + 2.0, *np.full((3, 4), 0.1))
 
 
-def fused(lag=0.0, methods=("wheel filter",)):
+def fused_recording(lag=0.0, methods=("wheel filter",)):
     return FusedRecording("log", TRACK, methods, lag, ("left",), {"distance": 6.0}, None, None, ())
 
 
-def test_every_table_with_samples_is_one_of_a_recording():
+def test_sample_tables_are_tables_of_a_recording():
     assert set(SAMPLES_BY_TABLE) <= {item.name for item in fields(Recording)}
 
 
@@ -51,12 +51,12 @@ def test_without_truth_there_is_no_score():
     ],
 )
 def test_only_a_filter_without_lag_and_graph_is_causal(lag, methods, smoothing, causal):
-    content = fused(lag, methods).as_json()
+    content = fused_recording(lag, methods).as_json()
     assert content["smoothing"] == smoothing and content["causal"] is causal
 
 
-def test_results_are_not_overwritten_unasked(tmp_path):
+def test_existing_results_are_not_overwritten(tmp_path):
     check_no_results(tmp_path / "out")
-    write_results(fused(), tmp_path / "out")
+    write_results(fused_recording(), tmp_path / "out")
     with pytest.raises(InputError, match=r"track\.csv: exists"):
         check_no_results(tmp_path / "out")

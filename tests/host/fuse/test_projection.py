@@ -1,4 +1,4 @@
-"""UTM and the local frame: against geodesics, hand-checked zones, and a projection-free conversion."""
+"""UTM zones and the local frame, against geodesics and Earth-centred coordinates."""
 
 import numpy as np
 import pyproj
@@ -10,7 +10,7 @@ from hubodo.errors import InputError
 from hubodo.fuse.projection import find_epsg, make_local_frame
 
 WGS84 = pyproj.Geod(ellps="WGS84")
-CENTRED = pyproj.Transformer.from_crs("EPSG:4979", "EPSG:4978")
+TO_EARTH_CENTRED = pyproj.Transformer.from_crs("EPSG:4979", "EPSG:4978")
 
 
 @pytest.mark.parametrize(
@@ -56,17 +56,19 @@ def test_metres_and_bearings_are_those_of_the_geodesic(latitude, longitude, bear
     lon, lat, _ = WGS84.fwd(longitude, latitude, bearing, distance)
     x, y = (float(v[0]) for v in frame.to_local(np.array([lat]), np.array([lon])))
     east, north = distance * np.sin(np.radians(bearing)), distance * np.cos(np.radians(bearing))
-    # Curvature of the grid's meridians over 2 km, grows towards the pole as tan(latitude) d^2 / (2 R).
-    slack = 1e-3 + distance**2 / 6.37e6 * (1.0 + abs(np.tan(np.radians(latitude))))
-    assert np.hypot(x - east, y - north) < slack
+    # The curvature of the grid meridians over 2 km grows towards the pole as tan(latitude) d² / (2 R).
+    tolerance = 1e-3 + distance**2 / 6.37e6 * (1.0 + abs(np.tan(np.radians(latitude))))
+    assert np.hypot(x - east, y - north) < tolerance
 
 
 def test_the_local_frame_agrees_with_earth_centred_coordinates_in_the_corner_of_a_zone():
-    """The convergence is 2.6 degrees there: without correction 250 m would be off by 11 m."""
+    """The convergence is 2.6° there; without correction a point at 250 m would be displaced by 11 m."""
     latitude, longitude = 59.9, 11.95
     frame = make_local_frame(latitude, longitude)
     lat, lon = latitude + np.array([1e-4, 2e-3, -1.5e-3]), longitude + np.array([4e-3, -2e-3, 1e-3])
-    target = np.array(CENTRED.transform(lat, lon, 0.0 * lat)).T - CENTRED.transform(latitude, longitude, 0.0)
+    target = np.array(TO_EARTH_CENTRED.transform(lat, lon, 0.0 * lat)).T - TO_EARTH_CENTRED.transform(
+        latitude, longitude, 0.0
+    )
     phi, lam = np.radians(latitude), np.radians(longitude)
     east = target @ [-np.sin(lam), np.cos(lam), 0.0]
     north = target @ [-np.sin(phi) * np.cos(lam), -np.sin(phi) * np.sin(lam), np.cos(phi)]
@@ -75,25 +77,26 @@ def test_the_local_frame_agrees_with_earth_centred_coordinates_in_the_corner_of_
     assert np.max(np.hypot(x - east, y - north)) < 0.01
 
 
-def test_to_geodetic_is_the_inverse():
+def test_to_geodetic_is_the_inverse_of_to_local():
     frame = make_local_frame(-33.9, 18.4)
     x, y = np.array([0.0, 1234.5, -800.0]), np.array([10.0, -3.25, 900.0])
-    back = frame.to_local(*frame.to_geodetic(x, y))
-    assert np.allclose(back, (x, y), atol=1e-6)
+    round_trip = frame.to_local(*frame.to_geodetic(x, y))
+    assert np.allclose(round_trip, (x, y), atol=1e-6)
 
 
-@pytest.mark.parametrize("edge", [12.0, 179.9999, -180.0])
-def test_a_drive_over_the_border_of_a_zone_has_no_seam(edge):
-    frame = make_local_frame(47.0, edge)
-    lon = edge + np.linspace(-0.01, 0.01, 201)
+@pytest.mark.parametrize("border", [12.0, 179.9999, -180.0])
+def test_a_drive_across_a_zone_border_is_continuous(border):
+    frame = make_local_frame(47.0, border)
+    lon = border + np.linspace(-0.01, 0.01, 201)
     x, y = frame.to_local(np.full(201, 47.0), (lon + 180.0) % 360.0 - 180.0)
-    # Steps of 7.6 m; the scale of the grid changes by 1e-5 per km at its edge, a seam would be kilometres.
+    # Steps of 7.6 m; the scale of the grid changes by 1e-5 per km at its edge, a change of zone by
+    # kilometres.
     assert np.ptp(np.diff(x)) < 2e-4
     # A parallel curves away from east: 200 x 7.6^2 tan(47 deg) / R = 1.9 mm.
     assert np.ptp(np.diff(y)) < 2.5e-3
 
 
 @pytest.mark.parametrize("place", [(90.5, 0.0), (float("nan"), 0.0), (0.0, float("inf"))])
-def test_no_place_on_earth_is_refused(place):
+def test_a_place_that_is_not_on_earth_is_refused(place):
     with pytest.raises(InputError, match="not on Earth"):
         make_local_frame(*place)

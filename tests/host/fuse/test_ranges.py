@@ -1,4 +1,4 @@
-"""Clipping ranges of a node from the vehicle file, the node, or its samples, and their warnings."""
+"""Clipping ranges of a node: from the vehicle file, the node or its samples, with warnings."""
 
 from __future__ import annotations
 
@@ -33,17 +33,18 @@ def vehicle_file(imu: str, left: str = "") -> str:
 
 @pytest.fixture(scope="module")
 def samples() -> dict[str, Table]:
+    """Return the tables of a drive whose gyros clip at 500 deg/s."""
     return tables(clipped_drive(SLOW, SEED))
 
 
-def test_the_vehicle_file_precedes_the_node_and_the_node_the_default() -> None:
-    usual = determine_ranges(NodeMount("left", "left"), {})
+def test_the_range_of_the_vehicle_file_precedes_that_of_the_node_and_the_default() -> None:
+    default = determine_ranges(NodeMount("left", "left"), {})
     reported = determine_ranges(NodeMount("left", "left"), DECLARED)
     given = determine_ranges(NodeMount("left", "left", 20.0, 70.0), DECLARED)
-    assert (usual.gyro.value, usual.accel.value) == pytest.approx((math.radians(2000.0), 16.0 * GRAVITY))
+    assert (default.gyro.value, default.accel.value) == pytest.approx((math.radians(2000.0), 16.0 * GRAVITY))
     assert (reported.gyro.value, reported.accel.value) == pytest.approx((math.radians(500.0), 4.0 * GRAVITY))
     assert (given.gyro.value, given.accel.value) == (20.0, 70.0)
-    assert [r.gyro.source for r in (usual, reported, given)] == [
+    assert [r.gyro.source for r in (default, reported, given)] == [
         "default",
         "node",
         "vehicle file",
@@ -51,45 +52,46 @@ def test_the_vehicle_file_precedes_the_node_and_the_node_the_default() -> None:
     assert 0.95 * 20.0 < given.clipping_limits["gyro_limit"] < 20.0
 
 
-def test_repeated_maxima_show_the_range(samples: dict[str, Table]) -> None:
+def test_repeated_maxima_determine_the_range(samples: dict[str, Table]) -> None:
     result = determine_ranges(NodeMount(), {}, samples["left"])
     assert result.gyro.value == pytest.approx(math.radians(500.0), rel=1e-3)
     assert "samples" in result.gyro.source
-    assert not result.warnings, "nobody told another one"
+    assert not result.warnings, "no other range is declared"
     reported = determine_ranges(NodeMount(), {"gyro_range_dps": "2000"}, samples["left"])
     assert reported.gyro.value == result.gyro.value
     assert "clip at" in reported.warnings[0]
 
 
-def test_no_clipping_is_detected_without_repeated_maxima() -> None:
+def test_without_repeated_maxima_no_clipping_is_detected() -> None:
     rng = np.random.default_rng(SEED)
-    output = drive(legs([(6.0, 0.0, 0.0), (10.0, 3.0, 0.1), (3.0, 0.0, 0.0)]), rng)
-    for table in tables(output).values():
+    unclipped = drive(legs([(6.0, 0.0, 0.0), (10.0, 3.0, 0.1), (3.0, 0.0, 0.0)]), rng)
+    for table in tables(unclipped).values():
         assert "default" in determine_ranges(NodeMount(), {}, table).gyro.source
-        wide = determine_ranges(NodeMount(), {"gyro_range_dps": "500"}, table)
-        assert wide.gyro.value > np.abs(table.gyro).max()
-        assert "beyond" in wide.warnings[0]
+        too_small = determine_ranges(NodeMount(), {"gyro_range_dps": "500"}, table)
+        assert too_small.gyro.value > np.abs(table.gyro).max()
+        assert "beyond" in too_small.warnings[0]
 
 
-def test_ranges_of_all_nodes_and_of_one(tmp_path: Path) -> None:
+def test_the_range_of_a_node_precedes_that_of_all_nodes(tmp_path: Path) -> None:
     path = tmp_path / "vehicle.toml"
     path.write_text(vehicle_file("gyro_range = 8.7\naccel_range = 39", "gyro_range = 17.4"))
     nodes = load_vehicle(path).nodes
     assert (nodes["left"].gyro_range, nodes["left"].accel_range) == (17.4, 39.0)
     assert (nodes["right"].gyro_range, nodes["right"].accel_range) == (8.7, 39.0)
-    for wrong in ("gyro_range = 0", 'gyro_range = "2000"', "gyro_range = nan"):
-        path.write_text(vehicle_file(wrong))
+    for invalid in ("gyro_range = 0", 'gyro_range = "2000"', "gyro_range = nan"):
+        path.write_text(vehicle_file(invalid))
         with pytest.raises(ConfigError, match="gyro_range"):
             load_vehicle(path)
 
 
-def test_fuse_takes_the_range_and_says_whence(samples: dict[str, Table], tmp_path: Path, capsys) -> None:
-    """34 % off and sure of it, before; the log of a recorder holds what the node said.
+def test_fuse_reports_the_range_and_its_source(samples: dict[str, Table], tmp_path: Path, capsys) -> None:
+    """The distance was wrong by 34 % with a small sigma when the range was ignored.
 
-    Once over the whole drive, and over as much as shows the range: 34 s, of which it is too fast for 8.
+    The range comes from the node on the whole drive, from the file and from samples on its first 34 s, of
+    which 8 s are beyond the range.
     """
     length = clipped_drive(SLOW, SEED).length
-    begun = {
+    first_samples = {
         name: Table({key: table[key][table.t < 34.0] for key in COLUMNS}) for name, table in samples.items()
     }
     reported = {f"node.{name}.{key}": text for name in samples for key, text in DECLARED.items()}
@@ -100,9 +102,11 @@ def test_fuse_takes_the_range_and_says_whence(samples: dict[str, Table], tmp_pat
         folder = tmp_path / str(number)
         folder.mkdir()
         (folder / "vehicle.toml").write_text(vehicle_file(imu))
-        write_recording(Recording(samples if metadata else begun, metadata=metadata), folder / "log.mcap")
-        words = ["fuse", folder / "log.mcap", "--vehicle", folder / "vehicle.toml", "-o", folder / "out"]
-        assert main([str(word) for word in words]) == 0
+        write_recording(
+            Recording(samples if metadata else first_samples, metadata=metadata), folder / "log.mcap"
+        )
+        arguments = ["fuse", folder / "log.mcap", "--vehicle", folder / "vehicle.toml", "-o", folder / "out"]
+        assert main([str(argument) for argument in arguments]) == 0
         result = json.loads((folder / "out" / "fuse.json").read_text())
         assert source in result["ranges"]["left"]["gyro_range"]["source"]
         assert result["ranges"]["left"]["gyro_range"]["value"] == pytest.approx(math.radians(500.0), rel=1e-3)

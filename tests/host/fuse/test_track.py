@@ -18,19 +18,19 @@ def state(t_ns, x, y, heading, covariance):
 @pytest.mark.parametrize("heading", [0.0, 0.8, -2.0])
 def test_a_track_is_rotated_to_its_start_heading_with_its_sigmas(heading):
     rng = np.random.default_rng(3)
-    output, expected = [], []
+    states, expected = [], []
     for k in range(4):
         root = rng.standard_normal((3, 3))
         covariance = root @ root.T
-        x, y, course = rng.standard_normal(3)
-        output.append(state(1_500_000_000 * k, x, y, course, covariance))
+        x, y, state_heading = rng.standard_normal(3)
+        states.append(state(1_500_000_000 * k, x, y, state_heading, covariance))
         # Standard deviation along each axis after the rotation.
         ahead = np.array([np.cos(heading), -np.sin(heading), 0.0])
         aside = np.array([np.sin(heading), np.cos(heading), 0.0])
         sigmas = [np.sqrt(axis @ covariance @ axis) for axis in (ahead, aside, np.array([0.0, 0.0, 1.0]))]
-        distance = complex(x, y) * np.exp(1j * heading)
-        expected.append([1.5 * k, distance.real, distance.imag, course + heading, 0.7, *sigmas])
-    track = track_from_states(output, heading)
+        position = complex(x, y) * np.exp(1j * heading)
+        expected.append([1.5 * k, position.real, position.imag, state_heading + heading, 0.7, *sigmas])
+    track = track_from_states(states, heading)
     result = [track.t, track.x, track.y, track.heading, track.speed]
     result += [track.sigma_x, track.sigma_y, track.sigma_heading]
     np.testing.assert_allclose(np.transpose(result), expected, atol=1e-12)
@@ -63,25 +63,25 @@ def test_truth_is_shifted_to_the_start_of_the_track():
     assert straight().distance == pytest.approx(20.0)
 
 
-def test_only_their_common_time_is_scored():
+def test_only_the_common_time_of_track_and_truth_is_scored():
     error = 0.3 * np.clip(T - 4.0, 0.0, 2.0)
-    part = (T >= 4.0) & (T <= 8.0)
-    result = score_track(straight(), T[part], 2.0 * T[part], error[part], None)
+    selected = (T >= 4.0) & (T <= 8.0)
+    result = score_track(straight(), T[selected], 2.0 * T[selected], error[selected], None)
     assert result.final_error == pytest.approx(0.6)
-    assert result.rms_error == pytest.approx(np.sqrt(np.mean(error[part] ** 2)))
-    short = straight(T[part])
-    assert score_track(short, T, 2.0 * T, NONE, None).final_error == pytest.approx(0.0)
-    assert score_track(short, T + 8.0, 2.0 * T, NONE, None) is None
-    assert score_track(short, T + 7.5, 2.0 * T, NONE, None) is not None
+    assert result.rms_error == pytest.approx(np.sqrt(np.mean(error[selected] ** 2)))
+    shorter_track = straight(T[selected])
+    assert score_track(shorter_track, T, 2.0 * T, NONE, None).final_error == pytest.approx(0.0)
+    assert score_track(shorter_track, T + 8.0, 2.0 * T, NONE, None) is None
+    assert score_track(shorter_track, T + 7.5, 2.0 * T, NONE, None) is not None
 
 
 def test_headings_are_compared_to_the_nearest_turn():
-    """The truth's heading is wrapped, the track's is not."""
-    course = 1.5 * T
-    track = Track(T, T, T, course, NONE, *np.zeros((3, len(T))))
+    """The heading of the truth is wrapped, that of the track is not."""
+    heading = 1.5 * T
+    track = Track(T, T, T, heading, NONE, *np.zeros((3, len(T))))
     for error, rms in ((0.2, 0.2), (-0.2, 0.2), (2.0 * np.pi + 0.1, 0.1), (3.0, 3.0)):
-        reported = np.angle(np.exp(1j * (course - error)))
-        # Also halfway between two of them.
+        reported = np.angle(np.exp(1j * (heading - error)))
+        # Also between samples of the truth.
         result = score_track(track, T, T, T, reported)
         assert result.heading_rms == pytest.approx(rms)
         assert score_track(track, T[::2], T[::2], T[::2], reported[::2]).heading_rms == pytest.approx(rms)

@@ -37,7 +37,7 @@ def test_without_truth_an_outage_has_a_distance_and_a_sigma():
     assert first.error is first.percent is first.worst is None
 
 
-def astray():
+def lateral_error():
     """Return the error to the left, m: up to 5 and back to 3 in the first outage, up to 1 in the second."""
     first = np.interp(T, [20.0, 30.0, 40.0], [0.0, 5.0, 3.0])
     return np.where((T > 20.0) & (T <= 40.0), first, 0.0) + np.where(
@@ -46,7 +46,7 @@ def astray():
 
 
 def test_truth_is_aligned_while_there_are_fixes_and_the_rest_is_the_error():
-    truth = (T, 2.0 * T + 700.0, astray() - 300.0)
+    truth = (T, 2.0 * T + 700.0, lateral_error() - 300.0)
     first, second = find_gnss_outages(straight(), FIXES, truth)
     # Fixes ten seconds apart cover the time between them, which is no outage.
     assert (first.error, first.worst) == (pytest.approx(3.0), pytest.approx(5.0))
@@ -55,27 +55,27 @@ def test_truth_is_aligned_while_there_are_fixes_and_the_rest_is_the_error():
 
 
 def test_truth_that_ends_early_is_not_extrapolated():
-    """Beyond its end the truth is not extrapolated."""
-    use = T <= 60.0
-    truth = (T[use], 2.0 * T[use] + 700.0, astray()[use])
+    """The truth covers the first outage, and then only the second one."""
+    early = T <= 60.0
+    truth = (T[early], 2.0 * T[early] + 700.0, lateral_error()[early])
     first, _ = find_gnss_outages(straight(), FIXES, truth)
     assert (first.error, first.worst) == (pytest.approx(3.0), pytest.approx(5.0))
     late = T >= 50.0
-    truth = (T[late], 2.0 * T[late] + 700.0, astray()[late])
+    truth = (T[late], 2.0 * T[late] + 700.0, lateral_error()[late])
     *_, second = find_gnss_outages(straight(), FIXES, truth)
     assert second.error == pytest.approx(1.0)
 
 
-def test_without_fixes_nearby_truth_is_aligned_over_its_whole_duration():
+def test_without_fixes_the_truth_is_aligned_over_its_whole_duration():
     truth = (T, 2.0 * T + 700.0, NONE + 4.0)
-    (gap,) = find_gnss_outages(straight(), np.array([0.0, 100.0]), truth)
-    assert gap.error == pytest.approx(0.0) and gap.worst == pytest.approx(0.0)
-    (difference,) = find_gnss_outages(straight(), np.array([0.0, 100.0]), (T + 1e6, 2.0 * T, NONE))
-    assert difference.error == pytest.approx(200.0)
+    (outage,) = find_gnss_outages(straight(), np.array([0.0, 100.0]), truth)
+    assert outage.error == pytest.approx(0.0) and outage.worst == pytest.approx(0.0)
+    (without_common_time,) = find_gnss_outages(straight(), np.array([0.0, 100.0]), (T + 1e6, 2.0 * T, NONE))
+    assert without_common_time.error == pytest.approx(200.0)
 
 
 def test_a_standstill_has_no_percentage_and_a_gap_without_poses_no_outage():
-    (gap, _) = find_gnss_outages(straight(0.0), FIXES, (T, NONE, NONE))
-    assert gap.distance == 0.0 and gap.error == 0.0 and gap.percent is None
-    coarse = Track(*(getattr(straight(), one.name)[::50] for one in fields(Track)))
+    (outage, _) = find_gnss_outages(straight(0.0), FIXES, (T, NONE, NONE))
+    assert outage.distance == 0.0 and outage.error == 0.0 and outage.percent is None
+    coarse = Track(*(getattr(straight(), field.name)[::50] for field in fields(Track)))
     assert find_gnss_outages(coarse, FIXES) == ()

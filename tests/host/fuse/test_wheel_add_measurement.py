@@ -13,16 +13,16 @@ TESTS_OF_ROWS = (
     "host/fuse/test_wheel_update.py",
     "host/fuse/test_wheel_mode.py",
 )
-"""Tests that differentiate every measurement, and those that count rows."""
+"""Tests that differentiate every measurement, and tests that count rows."""
 RUNS = """
 import json
 import numpy as np
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
 from hubodo.fuse.wheel.measurements import MEASUREMENTS
 from hubodo.fuse.wheel.motion_state import MotionState
-from wheel_runs import config, short
+from wheel_runs import config, short_loop
 
-drive = short(3)
+drive = short_loop(3)
 result = {"rows": len(MEASUREMENTS)}
 for names in (("left",), ("left", "right")):
     nodes = {name: drive.nodes[name] for name in names}
@@ -51,7 +51,7 @@ print(json.dumps(result))
 
 @pytest.fixture(scope="module")
 def copy(tmp_path_factory: pytest.TempPathFactory) -> PackageCopy:
-    """A copy of the package with the example measurement: one file and one line."""
+    """Return a copy of the package with the example measurement added by one file and one line."""
     copy = PackageCopy(tmp_path_factory.mktemp("copy"))
     measurements = copy.package / "fuse/wheel/measurements"
     shutil.copy(ROOT / "tests/example_measurement.py", measurements / "vertical.py")
@@ -66,7 +66,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> PackageCopy:
     return copy
 
 
-def test_an_added_measurement_counts_in_nis_and_dof_of_each_pose_and_live_and_bulk_stay_equal(
+def test_an_added_measurement_counts_in_nis_and_dof_and_live_stays_equal_to_bulk(
     copy: PackageCopy, tmp_path: Path
 ) -> None:
     before = json.loads(PackageCopy(tmp_path).run("-c", RUNS))
@@ -80,9 +80,9 @@ def test_an_added_measurement_counts_in_nis_and_dof_of_each_pose_and_live_and_bu
         assert run["bulk"] != reference["bulk"]
 
 
-def test_the_derivatives_of_an_added_measurement_are_tested_and_no_test_that_counts_rows_fails(
+def test_the_tests_of_measurements_cover_an_added_one_and_pass(
     copy: PackageCopy,
 ) -> None:
-    # Sides, facings and four seeds.
+    # Two sides, two facings, four seeds.
     assert copy.run_tests("host/fuse/test_wheel_model.py", "-k", "vertical") == 16
     copy.run_tests(*TESTS_OF_ROWS)

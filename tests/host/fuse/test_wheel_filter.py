@@ -18,12 +18,12 @@ from wheel_runs import (
     end_error,
     sample_columns,
     samples_in_time_order,
-    short,
+    short_loop,
     tables,
-    truth,
+    true_pose,
 )
 
-SHORT = short(3)
+SHORT = short_loop(3)
 _bulk_filter = WheelFilter(config(SHORT))
 SHORT_BULK = track_from_poses(
     [*_bulk_filter.handle_many(sample_columns(SHORT)).poses, *_bulk_filter.finish().poses]
@@ -66,7 +66,7 @@ def test_blocks_of_any_size_equal_bulk_bit_by_bit(seed: int) -> None:
 
 
 def test_the_live_state_extrapolates_smoothly_between_poses() -> None:
-    drive = short(4)
+    drive = short_loop(4)
     live = WheelFilter(config(drive))
     max_delay, max_error, max_jump = 0.0, 0.0, 0.0
     error = None
@@ -74,7 +74,7 @@ def test_the_live_state_extrapolates_smoothly_between_poses() -> None:
         live.handle(sample)
         state = live.state()
         if state is not None and sample.t > 8.0:
-            x, y, _ = truth(drive, state.t)
+            x, y, _ = true_pose(drive, state.t)
             previous, error = error, np.array([state.x - x, state.y - y])
             max_error = max(max_error, float(np.hypot(*error)))
             if previous is not None:
@@ -141,7 +141,7 @@ def test_a_spin_rate_beyond_the_gyro_range_is_estimated_from_gravity_and_centrip
 
 @pytest.mark.parametrize("node", BOTH)
 def test_a_node_with_reversed_facing_is_named_in_a_warning(node: str) -> None:
-    drive = short(12, facing={node: "right"})
+    drive = short_loop(12, facing={node: "right"})
     run = run_wheel_filter(config(drive), tables(drive))
     assert any(node in line and "facing" in line for line in run.report.warnings), run.report.warnings
     # From then on its speed is not used, and sigma covers the error made before.
@@ -150,7 +150,7 @@ def test_a_node_with_reversed_facing_is_named_in_a_warning(node: str) -> None:
 
 
 def test_swapped_sides_are_named_in_a_warning() -> None:
-    drive = short(13)
+    drive = short_loop(13)
     recorded = tables(drive)
     run = run_wheel_filter(config(drive), {"left": recorded["right"], "right": recorded["left"]})
     assert any("exchanged" in line for line in run.report.warnings)
@@ -163,8 +163,8 @@ def test_a_drive_without_standstill_gives_a_track_and_a_warning() -> None:
     run = run_wheel_filter(config(drive), tables(drive))
     assert any("no rest at the start" in line for line in run.report.warnings)
     start = run.track.t[0]
-    x0, y0, h0 = truth(drive, start)
-    x, y, _ = truth(drive, run.track.t[-1])
+    x0, y0, h0 = true_pose(drive, start)
+    x, y, _ = true_pose(drive, run.track.t[-1])
     cos, sin = np.cos(h0), np.sin(h0)
     displacement = np.array([cos * (x - x0) + sin * (y - y0), -sin * (x - x0) + cos * (y - y0)])
     error = np.hypot(run.track.x[-1] - displacement[0], run.track.y[-1] - displacement[1])
@@ -219,7 +219,7 @@ def test_a_wrong_time_stamp_costs_one_sample_in_bulk_and_live() -> None:
 
 
 def test_a_gap_of_both_nodes_increases_sigma_to_cover_the_error() -> None:
-    drive = short(16)
+    drive = short_loop(16)
     for name, node in drive.nodes.items():
         keep = (node.t < 12.0) | (node.t > 15.0)
         drive.nodes[name] = replace(node, t=node.t[keep], gyro=node.gyro[keep], accel=node.accel[keep])
@@ -227,7 +227,7 @@ def test_a_gap_of_both_nodes_increases_sigma_to_cover_the_error() -> None:
     before, after = (int(np.searchsorted(run.track.t, t)) for t in (11.9, 15.2))
     position_sigma = np.sqrt(np.trace(run.track.covariance[after, :2, :2]))
     assert position_sigma > 0.5 > np.sqrt(np.trace(run.track.covariance[before, :2, :2]))
-    x, y, _ = truth(drive, run.track.t[after])
+    x, y, _ = true_pose(drive, run.track.t[after])
     assert np.hypot(run.track.x[after] - x, run.track.y[after] - y) < 4.0 * position_sigma
     assert sum("left and right: not heard from t = 11.9" in line for line in run.report.warnings) == 1
 

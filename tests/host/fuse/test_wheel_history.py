@@ -9,7 +9,7 @@ from hubodo.fuse.wheel.entries import HEADING
 from hubodo.fuse.wheel.filter_core import FilterCore
 from hubodo.fuse.wheel.records import History, StepRecord
 from hubodo.fuse.wheel.state_vector import Correction, ExternalCorrection, StateReset, WindowCorrection
-from wheel_runs import config, short
+from wheel_runs import config, short_loop
 
 
 def history_of(numbers: range, n_steps: int = 5) -> History:
@@ -45,7 +45,7 @@ def test_nothing_before_a_barrier_can_be_replayed() -> None:
 def test_only_a_window_correction_keeps_the_history_replayable(
     kind: type[Correction], replayable: bool
 ) -> None:
-    core = FilterCore(config(short(1)))
+    core = FilterCore(config(short_loop(1)))
     core.history.append(StepRecord(0, (), (), [], np.empty(0)))
     n, column = len(core.x), core.columns.vehicle[HEADING]
     change, reduction = np.zeros(n), np.zeros((n, n))
@@ -57,7 +57,7 @@ def test_only_a_window_correction_keeps_the_history_replayable(
 
 
 def test_a_state_reset_ends_the_replayable_history() -> None:
-    core = FilterCore(config(short(1)))
+    core = FilterCore(config(short_loop(1)))
     core.history.append(StepRecord(0, (), (), [], np.empty(0)))
     core.apply(StateReset([3, 5]))
     assert not core.history.is_replayable

@@ -21,7 +21,7 @@ from hubodo.fuse.wheel.outage_model import (
 )
 from hubodo.fuse.wheel.state_vector import initial_state
 from hubodo.fuse.wheel.track import run_wheel_filter, track_from_poses
-from wheel_runs import config, pose_error, samples_in_time_order, tables, truth
+from wheel_runs import config, pose_error, samples_in_time_order, tables, true_pose
 
 SEED = 3
 MAX_CPU_S = 2e-3
@@ -245,7 +245,7 @@ def test_a_pause_of_any_length_costs_no_cpu_time_and_live_equals_bulk_bit_by_bit
     live = track_from_poses([*poses, *live_filter.finish().poses])
     for name in ("t", "x", "y", "heading", "speed", "covariance"):
         assert getattr(live, name).tobytes() == getattr(bulk, name).tobytes(), name
-    _, _, heading = truth(drive, drive.t[-1])
+    _, _, heading = true_pose(drive, drive.t[-1])
     heading_error = float(bulk.heading[-1] - heading)
     error_deg = np.degrees(heading_error)
     print(f"seed {SEED}, {pause:g} s: {1e3 * max_seconds:.2f} ms at most, heading error {error_deg:+.2f}°")

@@ -17,7 +17,7 @@ from hubodo.fuse.wheel.track import run_wheel_filter, track_from_poses
 from hubodo.ingest.live.odometer import Odometer
 from hubodo.log.records import ImuBlock
 from hubodo.vehicle import NodeMount, Vehicle
-from wheel_runs import config, end_error, nees, tables, truth
+from wheel_runs import config, end_error, nees, tables, true_pose
 
 LIFT = CASES["one wheel, lifted 6 s, runs out in 1 s"]
 
@@ -78,7 +78,7 @@ def test_smoothing_uses_the_speeds_before_and_after_a_lift(lifted_run, lag):
     assert sigma.max() < 0.3 * forward_sigma.max()
     speed_error = np.abs(track.speed - np.interp(track.t - 0.05, drive.t, drive.speed))[inside]
     assert (speed_error < 3.0 * sigma).all() and speed_error[-1] < 0.1
-    x, y, _ = truth(drive, track.t[-1])
+    x, y, _ = true_pose(drive, track.t[-1])
     assert np.hypot(track.x[-1] - x, track.y[-1] - y) < 1.05 * end_error(drive, run) + 0.02
 
 

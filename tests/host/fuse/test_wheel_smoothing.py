@@ -9,11 +9,11 @@ from hubodo.fuse.wheel.filter import ALIGNMENT_WINDOWS
 from hubodo.fuse.wheel.fixed_lag import smooth_with_lag
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 from hubodo.fuse.wheel.track import run_wheel_filter, track_from_poses
-from wheel_runs import config, short, tables
+from wheel_runs import config, short_loop, tables
 
 
 def test_smoothing_reduces_sigma_and_keeps_the_last_pose() -> None:
-    drive = short(9)
+    drive = short_loop(9)
     forward, smoothed = (run_wheel_filter(config(drive), tables(drive), lag=value) for value in (0.0, np.inf))
     assert smoothed.track.x[-1] == pytest.approx(forward.track.x[-1], abs=1e-6)
     middle = len(forward.track.t) // 2
@@ -27,7 +27,7 @@ def test_smoothing_reduces_sigma_and_keeps_the_last_pose() -> None:
 
 
 def test_a_lag_of_zero_is_the_filter_and_one_of_the_log_length_is_full_smoothing() -> None:
-    drive = short(9)
+    drive = short_loop(9)
     settings, recorded = config(drive), tables(drive)
     forward, full = run_wheel_filter(settings, recorded), run_wheel_filter(settings, recorded, lag=np.inf)
     steps = run_wheel_filter(settings, recorded, lag=1.0).filter.recorded_steps
@@ -44,7 +44,7 @@ def test_a_lag_of_zero_is_the_filter_and_one_of_the_log_length_is_full_smoothing
 
 
 def test_a_longer_lag_never_increases_the_heading_sigma_and_keeps_the_last_pose() -> None:
-    drive = short(9)
+    drive = short_loop(9)
     settings, recorded = config(drive), tables(drive)
     tracks = [run_wheel_filter(settings, recorded, lag=lag).track for lag in (0.0, 0.5, 2.0, 8.0, np.inf)]
     for shorter, longer in itertools.pairwise(tracks):

@@ -11,7 +11,7 @@ from hubodo.fuse.wheel.filter_core import FilterCore
 from hubodo.fuse.wheel.track import run_wheel_filter
 from hubodo.fuse.wheel.wheel import WheelMode
 from hubodo.fuse.wheel.window import WINDOW_S, Window
-from wheel_runs import BOTH, config, sample_columns, short, tables
+from wheel_runs import BOTH, config, sample_columns, short_loop, tables
 
 
 def _core_after_drive(drive: wheel_drives.WheelDrive) -> FilterCore:
@@ -24,7 +24,7 @@ def _core_after_drive(drive: wheel_drives.WheelDrive) -> FilterCore:
 
 def test_the_mean_turned_angle_of_both_wheels_is_the_distance_driven() -> None:
     """The difference of the wheels on a loop cancels in their mean; radii deviate from the declared ones."""
-    drive = short(21)
+    drive = short_loop(21)
     wheels = _core_after_drive(drive).wheels
     distances = drive.radius * np.mean([[wheel.turned_angle, wheel.net_angle] for wheel in wheels], axis=0)
     assert distances == pytest.approx([drive.length, drive.length], rel=0.02)
@@ -35,7 +35,7 @@ def test_the_mean_turned_angle_of_both_wheels_is_the_distance_driven() -> None:
 def test_a_reversed_node_is_named_in_any_order_of_nodes(
     order: tuple[str, str], reversed_node: str | None
 ) -> None:
-    drive = short(22, facing={reversed_node: "right"} if reversed_node else {})
+    drive = short_loop(22, facing={reversed_node: "right"} if reversed_node else {})
     warnings = [
         line
         for line in run_wheel_filter(config(drive, order), tables(drive)).report.warnings
@@ -46,7 +46,7 @@ def test_a_reversed_node_is_named_in_any_order_of_nodes(
 
 
 def test_with_swapped_sides_one_wheel_continues_on_its_true_side() -> None:
-    drive = short(22)
+    drive = short_loop(22)
     wheel_filter, nodes = WheelFilter(config(drive)), drive.nodes
     recorded = {"left": nodes["right"], "right": nodes["left"]}
     wheel_filter.handle_many({name: (node.t, node.gyro, node.accel) for name, node in recorded.items()})
@@ -66,7 +66,7 @@ def test_with_swapped_sides_one_wheel_continues_on_its_true_side() -> None:
 
 def test_the_rate_that_leaks_through_a_tilt_is_removed_from_the_spin() -> None:
     rng = np.random.default_rng(8)
-    core = FilterCore(config(short(1)))
+    core = FilterCore(config(short_loop(1)))
     wheel = core.wheels[0]
     for _ in range(20):
         tilt, rate = 0.02 * rng.standard_normal(2), rng.standard_normal(3)

@@ -11,14 +11,14 @@ from hubodo.log.csv_folder import write_folder
 from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
 from in_process import hubodo
-from wheel_runs import short, tables
+from wheel_runs import short_loop, tables
 
 SEED, SECONDS = 5, 5.0
 
 
 def drive_with_times(scale, offset):
     """Return a short drive with its truth: times multiplied by `scale`, the right node `offset` s later."""
-    drive = short(SEED)
+    drive = short_loop(SEED)
     nodes = {
         name: Table({**table.columns, "t": (table.t + offset * (name == "right")) * scale})
         for name, table in tables(drive).items()
