@@ -70,7 +70,7 @@ def test_repeated_fixes_count_as_one(repeats):
     rng = np.random.default_rng(6)
     error = np.repeat(rng.standard_normal((20_000 // repeats, 2)), repeats, axis=0)
     result, reasons = estimate_sigma_growth(*graph_with_errors(0.9 * error), 1.0)
-    # Autocorrelations below four sigma of chance are not summed.
+    # Autocorrelations below four sigma of chance are left out of the sum.
     assert result == pytest.approx(np.sqrt(repeats), rel=0.05)
     assert f"{repeats} count as one" in reasons[0]
 

@@ -7,7 +7,7 @@ from hubodo.fuse.differential_odometry import OdometryState
 from hubodo.fuse.track import Track, score_track, track_from_states
 
 T = np.arange(0.0, 10.5, 0.5)
-NONE = np.zeros(len(T))
+ZEROS = np.zeros(len(T))
 
 
 def state(t_ns, x, y, heading, covariance):
@@ -70,15 +70,15 @@ def test_only_the_common_time_of_track_and_truth_is_scored():
     assert result.final_error == pytest.approx(0.6)
     assert result.rms_error == pytest.approx(np.sqrt(np.mean(error[selected] ** 2)))
     shorter_track = straight(T[selected])
-    assert score_track(shorter_track, T, 2.0 * T, NONE, None).final_error == pytest.approx(0.0)
-    assert score_track(shorter_track, T + 8.0, 2.0 * T, NONE, None) is None
-    assert score_track(shorter_track, T + 7.5, 2.0 * T, NONE, None) is not None
+    assert score_track(shorter_track, T, 2.0 * T, ZEROS, None).final_error == pytest.approx(0.0)
+    assert score_track(shorter_track, T + 8.0, 2.0 * T, ZEROS, None) is None
+    assert score_track(shorter_track, T + 7.5, 2.0 * T, ZEROS, None) is not None
 
 
 def test_headings_are_compared_to_the_nearest_turn():
     """The heading of the truth is wrapped, that of the track is not."""
     heading = 1.5 * T
-    track = Track(T, T, T, heading, NONE, *np.zeros((3, len(T))))
+    track = Track(T, T, T, heading, ZEROS, *np.zeros((3, len(T))))
     for error, rms in ((0.2, 0.2), (-0.2, 0.2), (2.0 * np.pi + 0.1, 0.1), (3.0, 3.0)):
         reported = np.angle(np.exp(1j * (heading - error)))
         # Also between samples of the truth.
@@ -88,6 +88,6 @@ def test_headings_are_compared_to_the_nearest_turn():
 
 
 def test_a_stationary_truth_has_no_percentages():
-    result = score_track(straight(), T, NONE, NONE, None)
+    result = score_track(straight(), T, ZEROS, ZEROS, None)
     assert result.final_error == pytest.approx(20.0)
     assert (result.final_percent, result.rms_percent, result.maximum_percent) == (None, None, None)

@@ -8,12 +8,12 @@ import pytest
 from hubodo.fuse.track import Track, find_gnss_outages
 
 T = np.arange(0.0, 100.5, 0.5)
-NONE = np.zeros(len(T))
+ZEROS = np.zeros(len(T))
 
 
 def straight(speed=2.0):
     """Return a track along x with position sigmas 0.3 t and 0.4 t."""
-    return Track(T, speed * T, NONE, NONE, np.full(len(T), speed), 0.3 * T, 0.4 * T, NONE)
+    return Track(T, speed * T, ZEROS, ZEROS, np.full(len(T), speed), 0.3 * T, 0.4 * T, ZEROS)
 
 
 FIXES = np.concatenate([np.arange(0.0, 21.0), np.arange(40.0, 61.0), [70.0], np.arange(80.5, 101.0)])
@@ -67,15 +67,15 @@ def test_truth_that_ends_early_is_not_extrapolated():
 
 
 def test_without_fixes_the_truth_is_aligned_over_its_whole_duration():
-    truth = (T, 2.0 * T + 700.0, NONE + 4.0)
+    truth = (T, 2.0 * T + 700.0, ZEROS + 4.0)
     (outage,) = find_gnss_outages(straight(), np.array([0.0, 100.0]), truth)
     assert outage.error == pytest.approx(0.0) and outage.worst == pytest.approx(0.0)
-    (without_common_time,) = find_gnss_outages(straight(), np.array([0.0, 100.0]), (T + 1e6, 2.0 * T, NONE))
+    (without_common_time,) = find_gnss_outages(straight(), np.array([0.0, 100.0]), (T + 1e6, 2.0 * T, ZEROS))
     assert without_common_time.error == pytest.approx(200.0)
 
 
 def test_a_standstill_has_no_percentage_and_a_gap_without_poses_no_outage():
-    (outage, _) = find_gnss_outages(straight(0.0), FIXES, (T, NONE, NONE))
+    (outage, _) = find_gnss_outages(straight(0.0), FIXES, (T, ZEROS, ZEROS))
     assert outage.distance == 0.0 and outage.error == 0.0 and outage.percent is None
     coarse = Track(*(getattr(straight(), field.name)[::50] for field in fields(Track)))
     assert find_gnss_outages(coarse, FIXES) == ()

@@ -84,8 +84,8 @@ def test_states_used_by_the_spin_search_do_not_become_overconfident() -> None:
 
 
 @pytest.mark.parametrize("seed", [117, 118, 300, 302])
-def test_terms_fixed_in_the_node_determine_arm_and_tilt_within_a_second(seed: int) -> None:
-    """Terms that do not rotate with gravity show them: 50 m/s² on a lever arm, 2 rad/s through a tilt.
+def test_node_fixed_terms_determine_lever_arm_and_tilt_within_a_second(seed: int) -> None:
+    """Node-fixed terms show both: 50 m/s² on a lever arm, a yaw rate of 2 rad/s through a tilt.
 
     Without these terms lever arms of centimetres were 4 to 23 sigma off and turned into heading errors in
     curves: mean NEES 6.6 with one wheel and 5.0 with two over 24 drives.

@@ -167,7 +167,7 @@ def test_a_yaw_rate_from_speeds_unlike_the_gyros_means_another_axle(direction, s
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("rate", [0.0, 0.52, -0.52])
 def test_wheels_of_unequal_size_up_to_a_tenth_belong_to_one_axle(rate, sign):
-    """At 4 m/s on a track of 0.5 m a tenth appears as 0.8 rad/s; tape measures are never worse."""
+    """A size difference of 10 % at 4 m/s on a track of 0.5 m appears as 0.8 rad/s; tapes are never worse."""
     for size_difference, expected in ((0.04, None), (0.095, None), (0.2, (100, -1.0))):
         check, verdict = MountingCheck(TRACK), None
         for number in range(1, 101):

@@ -126,7 +126,7 @@ def test_with_fixes_a_late_slip_costs_no_more_than_the_error_of_the_fixes() -> N
 
 
 def test_odometry_inflation_covers_rollbacks_and_propagated_steps() -> None:
-    """At 2 m/s straight on: a rollback of 3 m in the fourth step, an outage of 1 s, an inertial step."""
+    """At 2 m/s straight ahead: a rollback of 3 m in the fourth step, an outage of 1 s, one inertial step."""
     t = np.array([0.0, 0.1, 0.2, 0.3, 0.4, 1.4, 1.5, 1.6])
     x = 2.0 * t - 3.0 * (t > 0.35)
     covariance = np.zeros((8, 5, 5))

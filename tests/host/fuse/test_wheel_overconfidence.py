@@ -68,9 +68,7 @@ def test_a_heading_error_inflates_the_position_covariance_along_the_path() -> No
 
 @pytest.mark.parametrize(("seed", "names"), [(6056, ("left",)), (6180, BOTH)])
 def test_a_wheel_slipping_beyond_the_gyro_range_reinitialises_its_angle(seed, names) -> None:
-    """The new search prevents an angle half a turn wrong and a reversed yaw: NEES 68713 and 291 without
-    it.
-    """
+    """An angle half a turn wrong and a reversed yaw gave a NEES of 68713 and 291 before."""
     drive = drawn(seed).drive
     run = run_wheel_filter(config(drive, names), tables(drive))
     assert nees(drive, run) < chi2.ppf(0.999, 3)
