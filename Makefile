@@ -19,7 +19,7 @@ test: setup browser compiler  ## everything that can be proven without hardware
 QUICK := tests/protocol tests/host/effects tests/host/model tests/host/log tests/host/gap tests/host/fuse
 # Left out: the graph, many noisy drives, whole recordings and recipes, which take most of the time.
 SLOW := graph_* wheel_calibration* wheel_car* wheel_clipped* wheel_consistency* wheel_honest* wheel_rollback* \
-	surface_speeds* ranges* node_bias* gap_watch* gap_null_distribution* gap_explanation* gap_process_noise* *_recipe* *add_* field*
+	surface_speeds* ranges* node_bias* gap_watch* gap_null_distribution* gap_explanation* gap_process_noise* *add_* field*
 quick: setup         ## what a change of protocol, effects, model, log, gap or wheel filter needs first; a minute
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder -m "not real_time" \
 		$(foreach name,$(SLOW),--ignore-glob='*/test_$(name)') $(QUICK)
