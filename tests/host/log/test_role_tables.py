@@ -1,152 +1,101 @@
-"""Messages that play a part: headings, truth, twists, joints of several publishers, stamps not set."""
-
-from pathlib import Path
+"""Columns of a role from decoded messages: yaw of quaternions, fixes, wheel speeds."""
 
 import numpy as np
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from hubodo.errors import InputError
-from hubodo.log.any_log import read_log
-from hubodo.log.number_recording import InputFormat
-from hubodo.log.roles import TopicSelection
+from hubodo.log import ros2
+from hubodo.log.decode import ChannelRows
+from hubodo.log.joints import JointSpeeds
+from hubodo.log.role_tables import gnss_columns, heading_columns, wheel_speed_columns, yaw_of_quaternions
 
-STORE = get_typestore(Stores.ROS2_HUMBLE)
-T0, COUNT, PERIOD = 1_700_000_000_000_000_000, 30, 100_000_000
-YAW = np.linspace(2.5, 4.5, COUNT)
-
-
-def of(kind: str, *values):
-    return STORE.types[kind](*values)
+T0 = 1_700_000_000_000_000_000
 
 
-def vector(x=0.0, y=0.0, z=0.0):
-    return of("geometry_msgs/msg/Vector3", x, y, z)
+def _rows(count: int, **values: np.ndarray) -> ChannelRows:
+    t_ns, fields = T0 + np.arange(count), {name.replace("__", "."): array for name, array in values.items()}
+    return ChannelRows(np.arange(count), t_ns, t_ns, t_ns, fields, 0)
 
 
-def header(k: int, *, stamped: bool = True):
-    ns = T0 + k * PERIOD if stamped else 0
-    return of("std_msgs/msg/Header", of("builtin_interfaces/msg/Time", ns // 10**9, ns % 10**9), "f")
-
-
-def turned(k: int, roll: float = 0.0):
-    """A heading with a roll on top of it: yaw is no half angle of z alone."""
-    turn = Rotation.from_euler("ZX", [YAW[k], roll]).as_quat()
-    return of("geometry_msgs/msg/Quaternion", *map(float, turn))
-
-
-def imu(k: int, known: float = 0.01):
-    covariance = np.diag([0.0 if known > 0 else -1.0, 0.0, max(known, 0.0)]).ravel()
-    return of(
-        "sensor_msgs/msg/Imu",
-        header(k),
-        turned(k, 0.3),
-        covariance,
-        vector(),
-        np.zeros(9),
-        vector(),
-        np.zeros(9),
+@given(st.lists(st.floats(-2.0, 2.0), min_size=1, max_size=30), st.floats(-1.2, 1.2), st.floats(-1.2, 1.2))
+def test_yaw_is_that_of_the_rotation_whatever_roll_and_pitch_and_has_no_jumps(
+    steps: list[float], pitch: float, roll: float
+) -> None:
+    """Against the matrix of SciPy: the direction of the x axis, seen from above."""
+    yaw = np.cumsum(steps)
+    rotation = Rotation.from_euler("ZYX", np.column_stack([yaw, np.full((len(yaw), 2), (pitch, roll))]))
+    computed = yaw_of_quaternions(rotation.as_quat())
+    x_axis = rotation.as_matrix()[:, :2, 0]
+    assert np.column_stack([np.cos(computed), np.sin(computed)]) == pytest.approx(
+        x_axis / np.linalg.norm(x_axis, axis=1)[:, None], abs=1e-9
     )
+    assert np.diff(computed) == pytest.approx(np.diff(yaw), abs=1e-9)
 
 
-def odometry(k: int):
-    pose = of("geometry_msgs/msg/Pose", of("geometry_msgs/msg/Point", float(k), 2.0, 5.0), turned(k))
-    twist = of("geometry_msgs/msg/Twist", vector(1.0), vector(z=0.5))
-    return of(
-        "nav_msgs/msg/Odometry", header(k), "base",
-        of("geometry_msgs/msg/PoseWithCovariance", pose, np.zeros(36)),
-        of("geometry_msgs/msg/TwistWithCovariance", twist, np.zeros(36)),
-    )  # fmt: skip
+def test_a_level_rotation_keeps_full_precision_and_its_sign_does_not_matter() -> None:
+    yaw = np.array([1e-9, 3.0, 3.3, 6.4])
+    quaternions = np.column_stack([0 * yaw, 0 * yaw, np.sin(yaw / 2), np.cos(yaw / 2)])
+    assert yaw_of_quaternions(quaternions) == pytest.approx(yaw, rel=1e-12)
+    quaternions[2] *= -1.0
+    assert yaw_of_quaternions(quaternions) == pytest.approx(yaw, rel=1e-12)
 
 
-def twist(k: int):
-    return of(
-        "geometry_msgs/msg/TwistStamped",
-        header(k),
-        of("geometry_msgs/msg/Twist", vector(0.1 * k), vector(z=-1.0)),
-    )
+def _fixes(**changes: np.ndarray) -> ChannelRows:
+    covariance = np.zeros((4, 9))
+    covariance[:, 0], covariance[:, 4], covariance[:, 8] = 1.0, 3.0, 99.0
+    values = {
+        "latitude": np.array([48.0, 48.1, np.nan, 48.3]),
+        "longitude": np.full(4, 11.0),
+        "altitude": np.full(4, 500.0),
+        "status__status": np.array([0, -1, 0, 2]),
+        "position_covariance": covariance,
+        "position_covariance_type": np.full(4, 2),
+    }
+    return _rows(4, **{**values, **changes})
 
 
-def joints(k: int):
-    """Two publishers by turns, one for each wheel; a number of the right one is missing."""
-    kind = "sensor_msgs/msg/JointState"
-    if k % 3 == 2:
-        return of(kind, header(k), ["arm"], np.ones(1), np.zeros(0), np.zeros(0))
-    name, speed = (["l_wheel"], 0.5 * k) if k % 3 else (["r_wheel"], np.nan if k == 6 else 0.25 * k)
-    return of(kind, header(k), name, np.zeros(1), np.array([speed]), np.zeros(0))
+def test_rows_without_a_fix_are_omitted_and_sigma_is_the_horizontal_one() -> None:
+    rows, columns = gnss_columns(_fixes())
+    assert rows.sequence.tolist() == [0, 3]
+    assert columns["latitude_deg"].tolist() == [48.0, 48.3]
+    # Root of the mean of the variances east and north; the vertical one has no part in it.
+    assert columns["sigma"] == pytest.approx(np.sqrt([2.0, 2.0]))
 
 
-def bag(path: Path, **topics) -> Path:
-    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        for topic, make in topics.items():
-            kind = make(0).__msgtype__
-            link = writer.add_connection("/" + topic, kind, typestore=STORE)
-            for k in range(COUNT):
-                writer.write(link, T0 + k * PERIOD + 5_000_000, STORE.serialize_cdr(make(k), kind))
-    return path
+@pytest.mark.parametrize("kinds", [[0, 0, 0, 0], [2, 2, 2, 0]])
+def test_a_single_fix_of_unknown_covariance_leaves_the_table_without_sigma(kinds: list[int]) -> None:
+    assert "sigma" not in gnss_columns(_fixes(position_covariance_type=np.array(kinds)))[1]
 
 
-def read(path: Path, **roles):
-    return read_log(
-        path, input_format=InputFormat(topic_selection=TopicSelection(explicit=roles, wheel_radius=0.5))
-    )
+def test_an_imu_without_orientation_cannot_be_the_heading() -> None:
+    quaternions = np.tile([0.0, 0.0, 0.0, 1.0], (2, 1))
+    covariance = np.zeros((2, 9))
+    covariance[:, 8] = 0.04
+    rows = _rows(2, orientation=quaternions, orientation_covariance=covariance)
+    assert heading_columns(ros2.IMU, rows, "/imu")["sigma"] == pytest.approx([0.2, 0.2])
+    covariance[1, 0] = -1.0
+    with pytest.raises(InputError, match=r"/imu: declares that it has no orientation \(covariance -1\)"):
+        heading_columns(ros2.IMU, rows, "/imu")
 
 
-def test_a_heading_is_the_yaw_of_an_orientation_with_its_sigma(tmp_path):
-    path = bag(tmp_path / "bag", compass=imu, odom=odometry)
-    heading = read(path, heading="/compass").heading
-    np.testing.assert_allclose(np.exp(1j * heading["heading"]), np.exp(1j * YAW), atol=1e-12)
-    assert np.ptp(heading["heading"]) == pytest.approx(2.0)
-    assert heading["sigma"] == pytest.approx(0.1)
-    other = read(path, heading="odom").heading
-    np.testing.assert_allclose(np.exp(1j * other["heading"]), np.exp(1j * YAW), atol=1e-12)
-    assert "sigma" not in other
-    assert read(path).heading is None
+def test_right_is_interpolated_at_the_times_of_left_where_both_were_received() -> None:
+    """Times since 1970 in ns, which float64 cannot hold."""
+    speeds = JointSpeeds()
+    speeds.rows = {
+        "l": [(T0 + k * 100, float(k)) for k in range(10)],
+        "r": [(T0 + 150 + k * 100, 10.0 + k) for k in range(5)],
+    }
+    t_ns, columns = wheel_speed_columns(speeds, ("l", "r"), 0.5)
+    assert (t_ns - T0).tolist() == [200, 300, 400, 500]
+    assert columns["left"].tolist() == [1.0, 1.5, 2.0, 2.5]
+    assert columns["right"] == pytest.approx(0.5 * np.array([10.5, 11.5, 12.5, 13.5]))
 
 
-def test_an_imu_that_has_no_orientation_is_no_heading(tmp_path):
-    path = bag(tmp_path / "bag", compass=lambda k: imu(k, -1.0))
-    with pytest.raises(InputError, match="no orientation"):
-        read(path, heading="/compass")
-
-
-def test_one_odometry_may_be_truth_and_a_twist_the_reference(tmp_path):
-    path = bag(tmp_path / "bag", odom=odometry, speed=twist)
-    tables = read(path, truth="/odom", reference="/speed")
-    assert tables.truth["x"].tolist() == list(map(float, range(COUNT)))
-    np.testing.assert_allclose(np.exp(1j * tables.truth["heading"]), np.exp(1j * YAW), atol=1e-12)
-    assert tables.reference["speed"] == pytest.approx(0.1 * np.arange(COUNT))
-    assert set(tables.reference["yaw_rate"]) == {-1.0}
-    with pytest.raises(InputError, match="could each be reference"):
-        read(path)
-
-
-def test_wheels_of_different_publishers_are_resampled_at_the_times_of_the_left_one(tmp_path):
-    tables = read(bag(tmp_path / "bag", joint_states=joints))
-    left = np.arange(1, COUNT, 3)
-    np.testing.assert_allclose(tables.wheels.t, (left[left <= 27]) / 10, atol=1e-9)
-    assert tables.wheels["left"] == pytest.approx(0.5 * 0.5 * left[left <= 27])
-    assert tables.wheels["right"] == pytest.approx(0.5 * 0.25 * left[left <= 27])
-
-
-def test_a_stamp_that_was_never_set_is_the_time_of_recording(tmp_path):
-    def fix(k: int):
-        status = of("sensor_msgs/msg/NavSatStatus", 0 if k else -1, 1)
-        return of(
-            "sensor_msgs/msg/NavSatFix",
-            header(k, stamped=False),
-            status,
-            47.0,
-            8.0,
-            400.0 + k,
-            np.zeros(9),
-            0,
-        )
-
-    tables = read(bag(tmp_path / "bag", fix=fix))
-    assert tables.t_zero_ns == T0 + 5_000_000
-    assert tables.gnss.t[:2] == pytest.approx([0.1, 0.2])
-    assert len(tables.gnss) == COUNT - 1
-    assert "sigma" not in tables.gnss
+def test_wheels_that_were_never_received_together_give_no_rows() -> None:
+    speeds = JointSpeeds()
+    speeds.rows = {"l": [(T0, 1.0), (T0 + 1, 1.0)], "r": [(T0 + 5, 1.0)]}
+    t_ns, columns = wheel_speed_columns(speeds, ("l", "r"), 0.5)
+    assert len(t_ns) == len(columns["left"]) == len(columns["right"]) == 0
