@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Callable, Mapping
-from dataclasses import field, fields
+from dataclasses import Field, field, fields
 from typing import Any, cast
 
 from hubodo.errors import ConfigError
@@ -21,21 +21,37 @@ def setting(
     example: Any = None,
     above: float | None = None,
     at_least: float | None = None,
+    at_most: float | None = None,
+    metavar: str | None = None,
 ) -> Any:
     """Return a field of a settings dataclass.
 
-    meaning: explanation with the unit; the default is appended to it. example: a value to show where the
-    default is not a good one. above, at_least: bounds of a number, which must also be finite.
+    meaning: explanation with the unit, for hubodo.toml and the command line; the default is appended to it.
+    example: a value to show where the default is not a good one. above, at_least, at_most: bounds of a
+    number, which must also be finite. metavar: placeholder of the value on the command line.
     """
     return field(
-        default=default, metadata={"says": meaning, "example": example, "above": above, "least": at_least}
+        default=default,
+        metadata={
+            "says": meaning,
+            "example": example,
+            "above": above,
+            "least": at_least,
+            "most": at_most,
+            "metavar": metavar,
+        },
     )
+
+
+def describe_default(item: Field[Any]) -> str:
+    """Return " (default: ...)" for a setting; nothing if it is absent by default."""
+    return "" if item.default in (None, ()) else f" (default: {_format_value(item.default)})"
 
 
 def check_bounds(settings: object, name_of: Callable[[str], str]) -> None:
     """Raise ConfigError at the first number out of its bounds; name_of: the user's name of a setting."""
     for item in fields(cast(Any, settings)):
-        above, at_least = item.metadata.get("above"), item.metadata.get("least")
+        above, at_least, at_most = (item.metadata.get(bound) for bound in ("above", "least", "most"))
         value = getattr(settings, item.name)
         if value is None or (above is None and at_least is None):
             continue
@@ -44,6 +60,8 @@ def check_bounds(settings: object, name_of: Callable[[str], str]) -> None:
             raise ConfigError(f"{name_of(item.name)} {value}: must be {bound}, and finite")
         if at_least is not None and value < at_least:
             raise ConfigError(f"{name_of(item.name)} {value}: must be at least {at_least:g}")
+        if at_most is not None and value > at_most:
+            raise ConfigError(f"{name_of(item.name)} {value}: must be at most {at_most:g}")
 
 
 def format_example_toml(tables: Mapping[str, type], head: str) -> str:
@@ -54,11 +72,10 @@ def format_example_toml(tables: Mapping[str, type], head: str) -> str:
         for item in fields(shape):
             example = item.metadata.get("example")
             example = item.default if example is None else example
-            default = "" if item.default in (None, ()) else f" (default: {_format_value(item.default)})"
             lines += [
                 "",
                 *textwrap.wrap(
-                    item.metadata["says"] + default,
+                    item.metadata["says"] + describe_default(item),
                     _MAX_LINE_LENGTH,
                     initial_indent="# ",
                     subsequent_indent="# ",

@@ -11,7 +11,7 @@ from hubodo.settings_table import check_bounds, format_example_toml, setting
 
 @dataclass(frozen=True)
 class Web:
-    port: int = setting(8000, "port of the page", at_least=1)
+    port: int = setting(8000, "port of the page", at_least=1, at_most=65535)
     rate: float | None = setting(None, "Hz at most", example=10.0, above=0.0)
     hosts: tuple[str, ...] = setting((), "allowed hosts", example=("a", "b"))
 
@@ -20,6 +20,7 @@ def test_a_value_out_of_bounds_is_named_as_the_user_knows_it():
     check_bounds(Web(), "--{}".format)
     for settings, message in (
         (Web(port=0), "--port 0: must be at least 1"),
+        (Web(port=65536), "--port 65536: must be at most 65535"),
         (Web(rate=0.0), "--rate 0.0: must be above 0"),
         (Web(rate=float("inf")), "and finite"),
     ):

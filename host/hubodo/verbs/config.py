@@ -18,7 +18,8 @@ EXAMPLE = "hubodo config example > hubodo.toml; hubodo config check hubodo.toml"
 SETTINGS: dict[str, type] = {"record": RecordConfig, "web": WebConfig}
 """Settings class of each table of hubodo.toml."""
 _EXAMPLE_HEADER = """hubodo.toml: settings for `hubodo record --config hubodo.toml`; options override it.
-Commented-out lines show what can be set; `hubodo config check hubodo.toml` checks the file."""
+Commented-out lines show what can be set; `hubodo config check hubodo.toml` checks the file.
+Paths are relative to this file."""
 
 
 @dataclass(frozen=True)

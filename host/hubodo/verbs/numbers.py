@@ -6,6 +6,7 @@ import argparse
 import math
 from collections.abc import Callable
 
+from hubodo.ingest.live.record_config import MAX_BAUD
 from hubodo.toml_file import MAX_TOML_NUMBER
 
 UNCALIBRATED_SCALE_SIGMA = 0.01
@@ -52,5 +53,5 @@ def bounded_integer(low: int, high: int) -> Callable[[str], int]:
 positive_number = bounded_number(above=0.0)
 non_negative_number = bounded_number(0.0)
 latitude = bounded_number(-90.0, 90.0)
-baud_rate = bounded_integer(1, 50_000_000)
+baud_rate = bounded_integer(1, MAX_BAUD)
 seed = bounded_integer(0, 2**63 - 1)

@@ -13,13 +13,12 @@ from hubodo.ingest.live.record_config import RecordConfig, check_record_config, 
 from hubodo.listening.descriptors import raise_descriptor_limit
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.effect_options import add_effects_option, register_effects
-from hubodo.verbs.numbers import baud_rate, positive_number
+from hubodo.verbs.setting_options import add_setting_option, setting_help
 from hubodo.verbs.udp_options import add_udp_arguments, udp_settings
 from hubodo.verbs.watch_gap import run_gap_watch
 from hubodo.verbs.web_options import add_web_arguments, live_views
 from hubodo.version import __version__
 from hubowire import FINGERPRINT
-from hubowire.budget import CONSOLE_BAUD, UART_BAUD
 
 if TYPE_CHECKING:
     from hubodo.ingest.live.status import RecordResult
@@ -27,86 +26,31 @@ if TYPE_CHECKING:
 EXAMPLE = "hubodo record left=/dev/ttyACM0 right=/dev/ttyACM1 --vehicle wheelchair.toml -o ride.mcap"
 
 
+_FIRST_OPTIONS = ("gnss", "baud", "gnss_baud", "duration", "time_scale")
+_LOG_OPTIONS = ("rotate_after", "rotate_at_mb", "disk_budget_mb", "metrics", "wait", "quiet", "log_format")
+"""Settings that are options as well, in the order of `--help`; the others are in hubodo.toml alone."""
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `hubodo record`, most of which can be set in hubodo.toml too."""
-    parser.add_argument(
-        "ports",
-        nargs="*",
-        metavar="PORT",
-        help="[NAME=]/dev/..., USB serial number, socket://HOST:PORT (connect) or udp://HOST:PORT (listen)",
-    )
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        metavar="FILE.mcap",
-        help="log to write, which must not exist, or a folder",
-    )
+    parser.add_argument("ports", nargs="*", metavar="PORT", help=setting_help(RecordConfig, "ports"))
+    add_setting_option(parser, RecordConfig, "output", "-o", parse=Path)
     parser.add_argument(
         "--config", type=Path, metavar="TOML", help="hubodo.toml; options on the command line override it"
     )
-    parser.add_argument("--vehicle", type=Path, metavar="TOML", help="vehicle file; enables live odometry")
-    parser.add_argument(
-        "--calibration",
-        type=Path,
-        metavar="TOML",
-        help="calibration for the live odometry; the log holds raw samples",
-    )
+    for name in ("vehicle", "calibration"):
+        add_setting_option(parser, RecordConfig, name, parse=Path)
     add_effects_option(parser)
-    parser.add_argument(
-        "--gnss",
-        metavar="PORT",
-        help="GNSS receiver (NMEA); with --vehicle it places the odometry on the map (map → odom)",
-    )
-    parser.add_argument(
-        "--baud",
-        type=baud_rate,
-        help=f"baud rate of the nodes (default {UART_BAUD}; {CONSOLE_BAUD} for an ESP32 behind a USB "
-        f"converter; irrelevant for the USB port of a Pico)",
-    )
-    parser.add_argument("--gnss-baud", type=baud_rate, help="baud rate of the GNSS receiver (default 9600)")
-    parser.add_argument("--duration", type=positive_number, metavar="S", help="stop after this time, s")
-    parser.add_argument(
-        "--time-scale",
-        type=positive_number,
-        metavar="N",
-        help="for emulated nodes: each second of the log takes N seconds",
-    )
+    for name in _FIRST_OPTIONS:
+        add_setting_option(parser, RecordConfig, name)
     add_web_arguments(parser)
     add_udp_arguments(parser)
-    _add_log_arguments(parser)
-
-
-def _add_log_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments for log rotation, disk budget and messages."""
-    parser.add_argument(
-        "--rotate-after", type=positive_number, metavar="S", help="start a new log after this time, s"
-    )
-    parser.add_argument(
-        "--rotate-at-mb", type=positive_number, metavar="MB", help="start a new log at this size"
-    )
-    parser.add_argument(
-        "--disk-budget-mb",
-        type=positive_number,
-        metavar="MB",
-        help="disk budget of all logs of this name; the oldest are deleted first (default: none is deleted)",
-    )
-    parser.add_argument("--metrics", metavar="HOST:PORT", help="serve /metrics for Prometheus, and /healthz")
-    parser.add_argument(
-        "--wait",
-        action="store_true",
-        help="wait for missing or busy ports and for free disk space",
-    )
+    for name in _LOG_OPTIONS:
+        add_setting_option(parser, RecordConfig, name)
     parser.add_argument(
         "--watch-gap",
         action="store_true",
         help="with --vehicle: analyse the growing log and report mounting and wheel errors once",
-    )
-    parser.add_argument("--quiet", action="store_true", help="no live view; warnings are still printed")
-    parser.add_argument(
-        "--log-format",
-        choices=("text", "json"),
-        help="format of the messages on stderr; json: one object per line, for services (default: text)",
     )
 
 

@@ -5,22 +5,14 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from hubodo.ingest.live.record_config import RecordConfig
+from hubodo.verbs.setting_options import add_setting_option
+
 
 def add_udp_arguments(parser: argparse.ArgumentParser) -> None:
     """Add --key-file and --insecure-udp."""
-    parser.add_argument(
-        "--key-file",
-        type=Path,
-        metavar="TOML",
-        help="keys of nodes on UDP, as written by `hubodo flash --key-file`; messages without a valid key "
-        "are rejected, by the nodes too",
-    )
-    parser.add_argument(
-        "--insecure-udp",
-        action="store_true",
-        help="accept UDP without keys from other machines: anybody on the network can then send samples and "
-        "commands (not needed for 127.0.0.1)",
-    )
+    add_setting_option(parser, RecordConfig, "key_file", parse=Path)
+    add_setting_option(parser, RecordConfig, "insecure_udp")
 
 
 def udp_settings(args: argparse.Namespace) -> dict[str, object]:

@@ -16,51 +16,76 @@ from hubowire.budget import CONSOLE_BAUD, UART_BAUD
 CONFIG_TABLES = ("record", "web")
 """Tables of hubodo.toml."""
 
+MAX_BAUD = 50_000_000
+"""Far beyond any serial port."""
+
 
 @dataclass(frozen=True, slots=True)
 class RecordConfig:
-    """Table ``[record]`` of hubodo.toml: defaults of `hubodo record`, overridden by the command line."""
+    """Table ``[record]`` of hubodo.toml: defaults of `hubodo record`, overridden by the command line.
+
+    Each setting is written here alone: file, check, example and command line take it from its field.
+    """
 
     ports: tuple[str, ...] = setting(
         (),
         "Nodes: [NAME=]/dev/..., a USB serial number, socket://HOST:PORT or udp://HOST:PORT (to listen on).",
         example=("left=/dev/hubodo/E66058388366A231", "right=/dev/hubodo/E66058388355B142"),
+        metavar="PORT",
     )
     output: str | None = setting(
         None,
-        "The log, or a folder in which logs are named by UTC time. Paths in this file are relative to it.",
+        "Log to write, which must not exist, or a folder in which logs are named by UTC time.",
         example="logs",
+        metavar="FILE.mcap",
     )
     vehicle: str | None = setting(
-        None, "Geometry of the vehicle: enables live odometry.", example="vehicle.toml"
+        None, "Geometry of the vehicle: enables live odometry.", example="vehicle.toml", metavar="TOML"
     )
     calibration: str | None = setting(
         None,
-        "Applied to the samples of the odometry; the log holds the raw samples.",
+        "Calibration of the live odometry; the log holds the raw samples.",
         example="calibration.toml",
+        metavar="TOML",
     )
     key_file: str | None = setting(
         None,
-        "Keys of nodes on UDP, written by `hubodo flash --key-file`: datagrams without a key are refused.",
+        "Keys of nodes on UDP, written by `hubodo flash --key-file`; messages without a valid key are "
+        "rejected, by the nodes too.",
         example="keys.toml",
+        metavar="TOML",
     )
     insecure_udp: bool = setting(
         False,
-        "Accept UDP without keys from other machines: anybody on the network can send samples.",
+        "Accept UDP without keys from other machines: anybody on the network can then send samples and "
+        "commands (not needed for 127.0.0.1).",
         example=True,
     )
-    gnss: str | None = setting(None, "Port of a GNSS receiver with NMEA output.", example="/dev/ttyUSB0")
-    gnss_baud: int = setting(9600, "Baud rate of the receiver's serial port.", above=0)
+    gnss: str | None = setting(
+        None,
+        "Port of a GNSS receiver with NMEA output; with a vehicle it places the odometry on the map.",
+        example="/dev/ttyUSB0",
+        metavar="PORT",
+    )
+    gnss_baud: int = setting(
+        9600, "Baud rate of the GNSS receiver.", above=0, at_most=MAX_BAUD, metavar="BAUD"
+    )
     baud: int = setting(
         UART_BAUD,
         f"Baud rate of the nodes' serial ports; {CONSOLE_BAUD} for an ESP32 on its converter, any on USB.",
         above=0,
+        at_most=MAX_BAUD,
+        metavar="BAUD",
     )
     wait: bool = setting(
         False, "Wait for ports that are missing or busy, and for free disk space.", example=True
     )
     duration: float | None = setting(
-        None, "s; without it the recording continues until it is stopped.", example=3600.0, above=0
+        None,
+        "Duration, s; without it the recording continues until it is stopped.",
+        example=3600.0,
+        above=0,
+        metavar="S",
     )
     compression: Literal["zstd", "lz4", "none"] = setting(
         "zstd", 'Compression of the log: "zstd", "lz4" or "none".'
@@ -70,19 +95,27 @@ class RecordConfig:
     )
     clock_request_period: float = setting(1.0, "s between two clock requests to a node.", above=0)
     time_scale: float = setting(
-        1.0, "For emulated nodes slower than real time: seconds of real time per second of the log.", above=0
+        1.0,
+        "For emulated nodes slower than real time: seconds of real time per second of the log.",
+        above=0,
+        metavar="N",
     )
     rotate_after: float | None = setting(
-        None, "s after which a new log is started; each log is complete in itself.", example=3600.0, above=0
+        None,
+        "Time after which a new log is started, s; each log is complete in itself.",
+        example=3600.0,
+        above=0,
+        metavar="S",
     )
     rotate_at_mb: float | None = setting(
-        None, "Size at which a new log is started, MB.", example=500.0, above=0
+        None, "Size at which a new log is started, MB.", example=500.0, above=0, metavar="MB"
     )
     disk_budget_mb: float | None = setting(
         None,
-        "Maximum size of all logs of this name, MB; the oldest is removed first. Without it none is removed.",
+        "Maximum size of all logs of this name, MB; the oldest is removed first; without it none is removed.",
         example=20_000.0,
         above=0,
+        metavar="MB",
     )
     disk_reserve_mb: float = setting(
         20.0,
@@ -90,9 +123,11 @@ class RecordConfig:
         at_least=0,
     )
     metrics: str | None = setting(
-        None, "HOST:PORT on which /metrics for Prometheus and /healthz are served.", example="127.0.0.1:9464"
+        None,
+        "Address on which /metrics for Prometheus and /healthz are served.",
+        example="127.0.0.1:9464",
+        metavar="HOST:PORT",
     )
-
     quiet: bool = setting(False, "No live view; notices are still shown.", example=True)
     log_format: Literal["text", "json"] = setting(
         "text", 'Format of messages on stderr: "text", or "json", one object per line, for services.'
