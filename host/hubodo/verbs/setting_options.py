@@ -59,8 +59,9 @@ def _find_field(settings: type, name: str) -> tuple[Field[Any], Any]:
 
 def _number_type(hint: type, bounds: Mapping[str, Any]) -> Callable[[str], float]:
     """Return the type of an option for a number; bounds: metadata of its field."""
+    least, above = bounds["least"], bounds["above"]
     most = MAX_TOML_NUMBER if bounds["most"] is None else bounds["most"]
+    low = -MAX_TOML_NUMBER if least is None else least
     if hint is int:
-        return bounded_integer(int(bounds["above"]) + 1, int(most))
-    low = -MAX_TOML_NUMBER if bounds["least"] is None else bounds["least"]
-    return bounded_number(low, most, above=bounds["above"])
+        return bounded_integer(int(low if above is None else above + 1), int(most))
+    return bounded_number(low, most, above=above)

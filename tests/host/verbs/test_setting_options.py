@@ -19,28 +19,33 @@ class Kiln:
     door_open: bool = setting(False, "Open the door.")
     fuel: Literal["gas", "wood"] = setting("gas", "Fuel of the kiln.")
     shelves: int = setting(3, "Number of shelves.", above=0, at_most=9, metavar="N")
+    vents: int = setting(0, "Number of open vents.", at_least=0, metavar="N")
     ramp: float | None = setting(None, "K/s; 50 % is usual.", above=0, metavar="RATE")
     cone: str | None = setting(None, "HOST:PORT of the pyrometer.", metavar="HOST:PORT")
 
 
 def parse(*words: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser(exit_on_error=False)
-    for name in ("door_open", "fuel", "shelves", "ramp", "cone"):
+    for name in ("door_open", "fuel", "shelves", "vents", "ramp", "cone"):
         add_setting_option(parser, Kiln, name, *(("-n",) if name == "shelves" else ()))
     return parser.parse_args(words)
 
 
 def test_an_option_that_is_not_given_leaves_the_setting_alone() -> None:
-    assert vars(parse()) == {"door_open": False, "fuel": None, "shelves": None, "ramp": None, "cone": None}
+    absent = dict.fromkeys(("fuel", "shelves", "vents", "ramp", "cone"))
+    assert vars(parse()) == {"door_open": False, **absent}
 
 
 def test_an_option_has_the_type_of_its_setting() -> None:
-    given = parse("--door-open", "--fuel", "wood", "-n", "9", "--ramp", "0.5", "--cone", "kiln:1")
-    assert vars(given) == {"door_open": True, "fuel": "wood", "shelves": 9, "ramp": 0.5, "cone": "kiln:1"}
+    given = parse(
+        "--door-open", "--fuel", "wood", "-n", "9", "--vents", "0", "--ramp", "0.5", "--cone", "a:1"
+    )
+    values = {"fuel": "wood", "shelves": 9, "vents": 0, "ramp": 0.5, "cone": "a:1"}
+    assert vars(given) == {"door_open": True, **values}
 
 
 @pytest.mark.parametrize(
-    "words", [["-n", "0"], ["-n", "10"], ["-n", "2.5"], ["--ramp", "0"], ["--fuel", "oil"]]
+    "words", [["-n", "0"], ["-n", "10"], ["-n", "2.5"], ["--vents", "-1"], ["--ramp", "0"], ["--fuel", "oil"]]
 )
 def test_an_option_refuses_values_outside_the_bounds_of_its_setting(words: list[str]) -> None:
     with pytest.raises(argparse.ArgumentError, match=words[0]):
