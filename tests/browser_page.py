@@ -5,9 +5,9 @@ from pathlib import Path
 
 import wanted
 
-HERE = Path(__file__).parent
-SCREENSHOTS = HERE.parent / "out" / "screenshots"
-IN_PAGE = (HERE / "in_page.js").read_text()
+TESTS = Path(__file__).parent
+SCREENSHOTS = TESTS.parent / "out" / "screenshots"
+IN_PAGE = (TESTS / "in_page.js").read_text()
 
 
 class Page:
@@ -18,8 +18,8 @@ class Page:
         self.url = url
         options = webdriver.ChromeOptions()
         options.binary_location = wanted.program("chromium", "chromium-browser", "google-chrome")
-        for word in ("--headless=new", "--disable-gpu", "--no-first-run", f"--user-data-dir={profile}"):
-            options.add_argument(word)
+        for argument in ("--headless=new", "--disable-gpu", "--no-first-run", f"--user-data-dir={profile}"):
+            options.add_argument(argument)
         if hasattr(os, "geteuid") and os.geteuid() == 0:
             options.add_argument("--no-sandbox")
         options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
@@ -45,14 +45,14 @@ class Page:
     def open(self, path=""):
         self.driver.get(self.url + path)
 
-    def run(self, script, *given):
-        return self.driver.execute_script(script, *given)
+    def run(self, script, *arguments):
+        return self.driver.execute_script(script, *arguments)
 
-    def ask(self, call):
+    def call_in_page(self, call):
         return self.run(f"{IN_PAGE}\nreturn {call};")
 
-    def drawn(self, name):
-        return self.ask(f"coloursOf('{name}')") > 3
+    def is_drawn(self, name):
+        return self.call_in_page(f"countColours('{name}')") > 3
 
     def text(self, name):
         return self.run("return document.getElementById(arguments[0]).textContent", name)
@@ -60,9 +60,9 @@ class Page:
     def click(self, selector):
         self.run("document.querySelector(arguments[0]).click()", selector)
 
-    def console(self):
+    def console_messages(self):
         return [line["message"] for line in self.driver.get_log("browser")]
 
-    def keep(self, name):
+    def save_screenshot(self, name):
         SCREENSHOTS.mkdir(parents=True, exist_ok=True)
         assert self.driver.save_screenshot(str(SCREENSHOTS / f"{name}.png"))

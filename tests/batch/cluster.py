@@ -10,12 +10,12 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-LONGEST_S = 90.0
+TIMEOUT_S = 90.0
 
 
 @dataclass(frozen=True)
 class Cluster:
-    """address: of the scheduler. workers: the processes, each without a nanny: what is killed stays dead."""
+    """Address of the scheduler, and worker processes that are not restarted when killed (no nanny)."""
 
     address: str
     workers: tuple[subprocess.Popen[bytes], ...]
@@ -23,7 +23,7 @@ class Cluster:
 
 @contextmanager
 def cluster(folder: Path, workers: int) -> Iterator[Cluster]:
-    """Start `dask worker` processes and yield once all are connected to a scheduler of their own."""
+    """Start `dask worker` processes and yield once all are connected to their scheduler."""
     from distributed import Client, LocalCluster
 
     with ExitStack() as stack:
@@ -34,8 +34,8 @@ def cluster(folder: Path, workers: int) -> Iterator[Cluster]:
             stack.enter_context(_process(folder, "worker", address, "--name", str(number), *words))
             for number in range(workers)
         )
-        with Client(address, timeout=LONGEST_S) as client:
-            client.wait_for_workers(workers, timeout=LONGEST_S)
+        with Client(address, timeout=TIMEOUT_S) as client:
+            client.wait_for_workers(workers, timeout=TIMEOUT_S)
         yield Cluster(address, started)
 
 

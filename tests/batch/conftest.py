@@ -7,10 +7,10 @@ import pytest
 def here():
     """Yield the options that send a batch to the shared cluster.
 
-    Its worker is a thread of this process, which a batch talks to as to any other: what it would import
-    has been imported, while a process of its own begins with seconds of that. Those are in `test_engines`.
+    Its worker is a thread of this process, so that no import takes time; workers in separate processes are
+    tested in `test_engines`.
     """
-    # Seconds of imports, too, for processes that run none of these tests.
+    # Imported here, as the import takes seconds in processes that run none of these tests.
     import dask
     from distributed import LocalCluster
 

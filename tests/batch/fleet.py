@@ -1,12 +1,11 @@
-"""Thousands of logs through `hubodo batch`: time, what a second worker brings, a year's index; not a test.
+"""Thousands of logs through `hubodo batch`: time, speed-up by a second worker, index of a year; not a test.
 
     python tests/batch/fleet.py [--logs 2000] [--seconds 300] [--folder FOLDER]
 
-Two nodes at 100 Hz; one log in a hundred has a gap, one in four hundred is no log any more. Everything is the
-real command; its time is that of the clock, from start to end, and that of the processor, of all its
-processes. Scaling: `allan` on some logs, one worker and two by turns; `busy` is the share of the time in
-which workers worked. A year is 24,000 logs of five minutes: the rows of the index of the logs made, again and
-again with other names and times, for no more than its index is left of 2,000 hours.
+Two nodes at 100 Hz; one log in a hundred has a gap, one in four hundred is broken. The real command is run; times
+are wall time and processor time of all its processes. Scaling: `allan` on some logs, with one and two workers in
+turn; `busy` is the share of time in which workers worked. A year is 24,000 logs of five minutes: the rows of the
+index repeated with other names and times.
 """
 
 from __future__ import annotations
@@ -33,12 +32,12 @@ import pyarrow.parquet as pq
 from batch.fleet_logs import FleetLog, cut, write
 from hubodo.fleet.engine import connect_client
 
-VEHICLES, BROKEN_EACH, GAP_EACH = 40, 400, 100
+VEHICLES, BROKEN_EVERY, GAP_EVERY = 40, 400, 100
 SCALING_LOGS, TURNS = 600, 3
 YEAR_LOGS = 24_000
 
 
-def make(place):
+def write_log(place):
     """Write one log. place: folder, number, seconds."""
     folder, number, seconds = place
     vehicle, day = f"van-{number % VEHICLES:02}", number // VEHICLES * 7.0 + number % 7
@@ -47,11 +46,11 @@ def make(place):
         day,
         seconds,
         bias=0.01 + 1e-3 * (number % VEHICLES),
-        missing=150 if number % GAP_EACH == 7 else 0,
+        missing=150 if number % GAP_EVERY == 7 else 0,
         seed=number,
         nodes=("left", "right"),
     )
-    (cut if number % BROKEN_EACH == 11 else write)(folder, log)
+    (cut if number % BROKEN_EVERY == 11 else write)(folder, log)
 
 
 def hubodo(*words):
@@ -64,8 +63,8 @@ def hubodo(*words):
     return json.loads(done.stdout), wall, cpu
 
 
-def all_logs(folder, out):
-    """`info` of all, and once more."""
+def measure_info(folder, out):
+    """Run `info` on all logs, twice."""
     done, wall, cpu = hubodo("batch", "info", folder, "-o", out, "--workers", 2)
     size, count = done["size_bytes"], done["logs"]
     print(f"info, {count} logs, {size / 1e9:.2f} GB, 2 workers: {wall:.0f} s, {count / wall:.1f} logs/s")
@@ -73,12 +72,12 @@ def all_logs(folder, out):
     print(
         f"  processor a log: {1e3 * done['cpu_s'] / count:.0f} ms of work, {1e3 * cpu / count:.0f} ms in all"
     )
-    print(f"  {_work(out) / wall:.2f} of 2 workers at work on average, start and page among it")
+    print(f"  {_work_time(out) / wall:.2f} of 2 workers at work on average, start and page among it")
     again, wall, cpu = hubodo("batch", "info", folder, "-o", out, "--workers", 2)
     print(f"info again: {again['fresh']} done, {wall:.1f} s, {cpu:.1f} s of processor")
 
 
-def scaling(folder, scratch):
+def measure_scaling(folder, scratch):
     """Measure the speed-up of `allan` with a second worker."""
     vehicles = sorted(folder.iterdir())
     chosen = [path for vehicle in vehicles for path in sorted(vehicle.iterdir())][:SCALING_LOGS]
@@ -89,26 +88,26 @@ def scaling(folder, scratch):
             out = scratch / f"scaling-{turn}-{workers}"
             _, wall, _ = hubodo("batch", "allan", *chosen, "--node", "all", "-o", out, "--workers", workers)
             rates[workers].append(len(chosen) / wall)
-            busy[workers].append(_work(out) / (workers * wall))
+            busy[workers].append(_work_time(out) / (workers * wall))
     one, two = (statistics.median(rates[workers]) for workers in (1, 2))
     print(f"allan, {len(chosen)} logs, 1 and 2 workers: {one:.2f}, {two:.2f} logs/s: {two / one:.2f} times")
     print(f"  busy: {statistics.median(busy[1]):.2f}, {statistics.median(busy[2]):.2f} of the time")
 
 
-def _work(out):
-    """s that workers spent on logs."""
+def _work_time(out):
+    """Return the time in s that workers spent on logs."""
     return sum(pd.read_parquet(path, columns=["wall"]).wall.sum() for path in (out / "finished").iterdir())
 
 
-def year(out, scratch):
+def measure_year(out, scratch):
     """Measure listing, searching and summing up."""
     index = scratch / "year"
     (index / "finished").mkdir(parents=True)
     rows = pa.concat_tables(pq.read_table(path) for path in (out / "finished").iterdir()).to_pandas()
     table = pd.read_parquet(out / "table.parquet")
     times = -(-YEAR_LOGS // len(rows))
-    pq.write_table(pa.Table.from_pandas(_again(rows, times)), index / "finished" / "0.parquet")
-    pq.write_table(pa.Table.from_pandas(_again(table, times)), index / "table.parquet")
+    pq.write_table(pa.Table.from_pandas(_repeat_logs(rows, times)), index / "finished" / "0.parquet")
+    pq.write_table(pa.Table.from_pandas(_repeat_logs(table, times)), index / "table.parquet")
     size = sum(path.stat().st_size for path in index.rglob("*.parquet"))
     for words in ((), ("--from", "2026-07-01", "--to", "2026-07-31"), ("--search", "not explained")):
         summary, wall, cpu = hubodo("logs", index, *words)
@@ -121,7 +120,7 @@ def year(out, scratch):
     print(f"the largest process had {most:.0f} MB")
 
 
-def _again(frame, times):
+def _repeat_logs(frame, times):
     shifted_rows = []
     for number in range(times):
         shifted = frame.assign(log=frame.log + f".{number}", vehicle="van-00")
@@ -143,11 +142,11 @@ def main():
         folder, out = scratch / "logs", scratch / "out"
         began = time.monotonic()
         with connect_client(None, 2, "auto") as client:
-            client.gather(client.map(make, [(folder, k, args.seconds) for k in range(args.logs)]))
+            client.gather(client.map(write_log, [(folder, k, args.seconds) for k in range(args.logs)]))
         print(f"{args.logs} logs of {args.seconds:g} s made in {time.monotonic() - began:.0f} s")
-        all_logs(folder, out)
-        scaling(folder, scratch)
-        year(out, scratch)
+        measure_info(folder, out)
+        measure_scaling(folder, scratch)
+        measure_year(out, scratch)
 
 
 if __name__ == "__main__":

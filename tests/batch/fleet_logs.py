@@ -21,7 +21,7 @@ NOISE = 3e-3
 
 @dataclass(frozen=True)
 class FleetLog:
-    """A log. day: since MONDAY. bias: rad/s of z; warming: what is added at first and dies away in 30 s.
+    """A log. day: since MONDAY. bias: rad/s of z; warming: initial bias that decays within 30 s.
 
     missing: samples left out at two thirds.
     """

@@ -1,4 +1,4 @@
-"""`hubodo batch` on this computer: one table of all logs, with the numbers of the verb for each alone."""
+"""`hubodo batch` on this computer: one table of all logs with the results of the verb for each log."""
 
 import json
 import os
@@ -12,7 +12,7 @@ from in_process import hubodo
 
 @pytest.fixture(scope="module")
 def fleet(tmp_path_factory):
-    """Three logs of two vehicles, one with a gap, and one that is no log any more."""
+    """Create three logs of two vehicles, one with a gap, and a broken file."""
     folder = tmp_path_factory.mktemp("fleet")
     paths = [
         write(folder, FleetLog("van-1", 0.0, seed=1)),
@@ -34,7 +34,7 @@ def number(read, log, quantity, node=""):
     return float(one.value.iloc[0])
 
 
-def test_the_table_has_the_numbers_of_info_of_each_log_its_vehicle_and_its_date(fleet, tmp_path, here):
+def test_the_table_has_the_results_of_info_with_vehicle_and_date(fleet, tmp_path, here):
     folder, paths = fleet
     done = hubodo("batch", "info", folder, "-o", tmp_path / "out", *here, "--json")
     assert done.code == 0, done.err
@@ -54,7 +54,7 @@ def test_the_table_has_the_numbers_of_info_of_each_log_its_vehicle_and_its_date(
     assert number(read, paths[1], "missing_share", "left") == pytest.approx(150 / 2000)
 
 
-def test_a_log_that_cannot_be_read_is_a_row_that_says_why(fleet, tmp_path, here):
+def test_an_unreadable_log_is_a_row_with_the_reason(fleet, tmp_path, here):
     folder, paths = fleet
     done = hubodo("batch", "allan", folder, "--node", "all", "-o", tmp_path / "out", *here, "--json")
     assert done.code == 0, done.err
@@ -68,7 +68,7 @@ def test_a_log_that_cannot_be_read_is_a_row_that_says_why(fleet, tmp_path, here)
     assert white.value.to_numpy() == pytest.approx(NOISE / 100**0.5, rel=0.1)
 
 
-def test_finished_logs_are_skipped_and_new_changed_or_renamed_ones_are_examined(fleet, tmp_path, here):
+def test_finished_logs_are_skipped_and_new_changed_or_renamed_ones_analysed(fleet, tmp_path, here):
     folder, out = tmp_path / "logs", tmp_path / "out"
     paths = [write(folder, FleetLog("van-1", day, seed=day)) for day in range(3)]
 

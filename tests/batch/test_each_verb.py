@@ -43,7 +43,7 @@ def finished(out):
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_a_verb_says_what_it_says_alone(drives, tmp_path, here, verb):
+def test_a_verb_gives_the_result_of_a_single_run(drives, tmp_path, here, verb):
     model, logs = drives
     log, out = logs / "van-2" / "a.mcap", tmp_path / "out"
     options = [model if word == "MODEL" else word for word in VERBS[verb]]
@@ -54,7 +54,11 @@ def test_a_verb_says_what_it_says_alone(drives, tmp_path, here, verb):
     assert alone.code == 0, alone.err
     mine, theirs = json.loads(row.result), json.loads(alone.out)
     for result in (mine, theirs):
-        for key in ("output", "folder", "size"):  # where it is written; of a page with that name in it
+        for key in (
+            "output",
+            "folder",
+            "size",
+        ):  # output paths, and the size of a page that contains its path
             result.pop(key, None)
     assert mine == theirs
     assert {path.name for path in (out / row.files).rglob("*") if path.is_file()} >= FILES[verb]

@@ -42,7 +42,7 @@ def batch(logs, out, *options, verb="allan"):
     return json.loads(done.out)
 
 
-def test_a_cluster_that_loses_a_worker_gives_the_numbers_of_this_computer(logs, tmp_path, here, monkeypatch):
+def test_a_cluster_that_loses_a_worker_gives_the_results_of_a_local_run(logs, tmp_path, here, monkeypatch):
     assert batch(logs, tmp_path / "here", *here)["done"] == 12
     with cluster(tmp_path, 2) as running:
 
@@ -59,13 +59,13 @@ def test_a_cluster_that_loses_a_worker_gives_the_numbers_of_this_computer(logs, 
     pd.testing.assert_frame_equal(numbers(tmp_path / "here"), numbers(tmp_path / "there"))
 
 
-def test_a_log_that_kills_every_worker_is_a_row_and_is_tried_again(logs, tmp_path, here, monkeypatch):
+def test_a_log_that_kills_every_worker_is_a_failed_row_and_is_retried(logs, tmp_path, here, monkeypatch):
     """The analysis kills its worker, as the kernel does when memory runs out."""
     import dask
 
     killer = write(tmp_path, FleetLog("van-9", 1.0, seed=99)).rename(tmp_path / "killer.mcap")
     monkeypatch.setattr("hubodo.verbs.batch.run_on_log", _die_at_killer)
-    # The second worker that dies of it is the last, not Dask's fourth: each takes seconds to start.
+    # Dask gives up after two killed workers instead of four, as each takes seconds to start.
     with dask.config.set({"distributed.scheduler.allowed-failures": 1}):
         first = batch([logs / "van-0", killer], tmp_path / "out", "--workers", 1, verb="info")
     assert (first["done"], first["failed"]) == (4, 1)
@@ -83,7 +83,7 @@ def _die_at_killer(verb, options, log, folder):
     return run_on_log(verb, options, log, folder)
 
 
-def test_ctrl_c_keeps_what_is_finished_and_ends_with_130(logs, tmp_path, here):
+def test_ctrl_c_stores_finished_results_and_exits_with_130(logs, tmp_path, here):
     out = tmp_path / "out"
     words = ["batch", "info", str(logs), "-o", str(out), "--workers", "1"]
     command = [sys.executable, "-c", INTERRUPTED, *words]
@@ -125,14 +125,14 @@ def _none_left(group):
     return False
 
 
-def test_a_scheduler_that_is_not_there_is_one_line(logs, tmp_path, monkeypatch):
+def test_a_missing_scheduler_is_refused_in_one_line(logs, tmp_path, monkeypatch):
     monkeypatch.setattr(engines, "_SCHEDULER_TIMEOUT_S", 0.5)
     done = hubodo("batch", "info", logs, "-o", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9")
     assert done.code == 1
     assert done.err.count("\n") == 1 and "tcp://127.0.0.1:9: no scheduler answers" in done.err
 
 
-def test_nobody_without_the_certificate_of_a_run_reaches_its_workers():
+def test_workers_accept_no_connection_without_the_certificate_of_the_run():
     from distributed import Client
 
     with connect_client(None, 1, "auto") as client:

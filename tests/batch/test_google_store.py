@@ -18,7 +18,7 @@ def store(monkeypatch):
     """Return a client of the store; workers find it by the environment variable of Google's tools."""
     from gcp_storage_emulator.server import create_server
 
-    # The client's asking for a bucket's kind speaks gRPC, which the emulated store does not.
+    # The client queries the kind of a bucket by gRPC, which the emulated store lacks.
     monkeypatch.setenv("GCSFS_EXPERIMENTAL_ZB_HNS_SUPPORT", "false")
     server = create_server("127.0.0.1", 0, in_memory=True, default_bucket=BUCKET)
     server.start()
@@ -30,7 +30,7 @@ def store(monkeypatch):
     server.stop()
 
 
-def test_a_google_bucket_gives_the_numbers_of_a_folder_and_takes_the_results(store, here, tmp_path):
+def test_a_google_bucket_gives_the_results_of_a_folder_and_stores_them(store, here, tmp_path):
     folder = tmp_path / "logs"
     for day in range(2):
         path = write(folder, FleetLog(f"van-{day}", day, seed=day))

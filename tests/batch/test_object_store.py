@@ -44,7 +44,7 @@ def store(server, monkeypatch):
     return client
 
 
-def test_a_bucket_gives_the_numbers_of_a_folder_and_takes_the_results(store, here, tmp_path):
+def test_a_bucket_gives_the_results_of_a_folder_and_stores_them(store, here, tmp_path):
     folder = tmp_path / "logs"
     paths = [write(folder, FleetLog(f"van-{day % 2}", day, seed=day)) for day in range(3)]
     paths.append(cut(folder, FleetLog("van-1", 9, seed=9)))
@@ -73,7 +73,7 @@ def test_a_bucket_gives_the_numbers_of_a_folder_and_takes_the_results(store, her
     assert b"4 logs of 2 vehicles" in page
 
 
-def test_files_that_a_verb_writes_go_beside_the_table(store, here, tmp_path):
+def test_files_of_a_verb_are_stored_beside_the_table(store, here, tmp_path):
     write(tmp_path / "logs", FleetLog("van-1", 0, seed=1))
     words = ["batch", "export", tmp_path / "logs", "--format", "parquet", "-o", f"s3://{BUCKET}/out"]
     done = hubodo(*words, *here)
@@ -83,6 +83,6 @@ def test_files_that_a_verb_writes_go_beside_the_table(store, here, tmp_path):
     assert any(name.endswith("/left.parquet") for name in names)
 
 
-def test_a_bucket_that_is_not_there_is_one_line(store, tmp_path):
+def test_a_missing_bucket_is_refused_in_one_line(store, tmp_path):
     done = hubodo("batch", "info", "s3://nobody/", "-o", tmp_path / "out")
     assert done.code == 2 and done.err.count("\n") == 1 and "s3://nobody/" in done.err

@@ -10,7 +10,7 @@ from hubodo.fleet.priors import fleet_calibration
 from in_process import hubodo
 
 
-def of(bias, sigma):
+def calibration_of(bias, sigma):
     return Calibration().with_node(
         "left", {"gyro_bias": CalibratedEffect({"z": Quantity(bias, sigma)})}, "A1"
     )
@@ -20,23 +20,26 @@ def bias_of(calibration):
     return calibration.nodes["left"].effects["gyro_bias"].parameters["z"]
 
 
-def test_the_spread_between_vehicles_is_the_sigma_and_poor_calibrations_of_one_count_little():
+def test_the_sigma_is_the_spread_between_vehicles_and_poor_calibrations_have_little_weight():
     rng = np.random.default_rng(4)
     true = rng.normal(0.02, 0.005, 400)
-    fleet = {f"van-{k}": [of(bias, 1e-4), of(bias + 1.0, 1.0)] for k, bias in enumerate(true)}
+    fleet = {
+        f"van-{k}": [calibration_of(bias, 1e-4), calibration_of(bias + 1.0, 1.0)]
+        for k, bias in enumerate(true)
+    }
     prior = bias_of(fleet_calibration(fleet))
     assert prior.value == pytest.approx(0.02, abs=3 * 1.25 * 0.005 / 20)
     assert prior.sigma == pytest.approx(0.005, rel=0.2)
     assert fleet_calibration(fleet).nodes["left"].serial == ""
 
 
-def test_what_is_the_same_in_all_is_no_better_known_than_in_one_and_two_vehicles_are_no_fleet():
-    assert bias_of(fleet_calibration({name: [of(0.02, 1e-3)] for name in "abc"})).sigma == 1e-3
+def test_equal_calibrations_do_not_reduce_the_sigma_and_two_vehicles_give_no_prior():
+    assert bias_of(fleet_calibration({name: [calibration_of(0.02, 1e-3)] for name in "abc"})).sigma == 1e-3
     with pytest.raises(InputError, match="3 vehicles or more"):
-        fleet_calibration({name: [of(0.02, 1e-3)] for name in "ab"})
+        fleet_calibration({name: [calibration_of(0.02, 1e-3)] for name in "ab"})
 
 
-def test_priors_are_written_when_asked_for_and_are_a_calibration_file(tmp_path, here):
+def test_priors_are_written_on_request_as_a_calibration_file(tmp_path, here):
     for number in range(3):
         log = FleetLog(f"van-{number}", number, 150.0, 50.0, 0.01 + 0.002 * number, 0.03, seed=number)
         write(tmp_path / "logs", log)

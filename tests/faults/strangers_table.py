@@ -24,14 +24,14 @@ STRANGERS = (
     Fault(
         "NULL, text or numbers where a bag holds bytes", "those rows are left out", "warning, with a count",
         (BAGS + "test_rows_with_values_of_another_type_are_left_out_and_counted",
-         BAGS + "test_a_topic_without_a_text_is_left_out_with_its_messages",
+         BAGS + "test_a_topic_with_an_invalid_name_or_type_is_left_out_with_its_messages",
          BAGS + "test_messages_that_do_not_fit_their_type_are_counted"),
     ),
     Fault(
         "views, triggers, generated columns in a bag", "only stored tables are read, within bounded work",
         "refused, code 2",
         (BAGS + "test_only_stored_tables_are_read",
-         BAGS + "test_a_query_that_a_manipulated_file_never_ends_is_ended"),
+         BAGS + "test_an_endless_query_of_a_manipulated_file_is_aborted"),
     ),
     Fault(
         "a bag that claims or expands to gigabytes", "refused within --max-memory", "code 2",
@@ -43,33 +43,33 @@ STRANGERS = (
     Fault(
         "a bag that names files outside its folder", "no such file is opened", "refused",
         (BAGS + "test_no_file_outside_the_folder_is_opened",
-         BAGS + "test_a_definition_in_a_ros1_bag_is_compared_and_never_compiled"),
+         BAGS + "test_a_message_definition_in_a_ros1_bag_is_compared_and_never_compiled"),
     ),
     Fault(
         "topics of ours with messages of another type", "no table is made of them", "warning",
-        (MCAP + "test_a_topic_of_ours_with_messages_of_another_type_is_no_table",),
+        (MCAP + "test_a_hubodo_topic_with_messages_of_another_type_gives_no_table",),
     ),
     Fault(
         "an incomplete schema on export", "that topic is left out of the rosbag2", "named",
-        (MCAP + "test_a_topic_whose_schema_is_no_type_is_left_out_of_a_rosbag2",),
+        (MCAP + "test_a_topic_with_an_invalid_schema_is_left_out_of_a_rosbag2",),
     ),
     Fault(
         "an MCAP file made to take time or memory", "bounded work and memory", "warning or code 2",
-        (MCAP + "test_messages_are_located_a_bounded_number_of_times",
-         MCAP + "test_what_is_decoded_stays_within_the_memory_limit",
+        (MCAP + "test_the_number_of_searches_for_messages_is_bounded",
+         MCAP + "test_decoded_messages_stay_within_the_memory_limit",
          MCAP + "test_chunks_that_overlap_in_time_stay_within_the_memory_limit",
-         MCAP + "test_damaged_chunks_and_what_is_between_them_are_read_once"),
+         MCAP + "test_damaged_chunks_and_the_bytes_between_them_are_read_once"),
     ),
     Fault(
         "gzip bombs, endless lines, 100,000 columns of CSV", "refused within --max-memory", "code 2, the row",
-        (CSV + "test_a_gzipped_file_expands_only_to_what_one_of_its_size_can_hold",
-         CSV + "test_a_line_without_an_end_is_not_collected",
-         CSV + "test_columns_are_bounded_and_a_repeated_one_is_found_at_once",
+        (CSV + "test_a_gzipped_file_expands_only_up_to_the_limit_of_its_size",
+         CSV + "test_an_endless_line_is_refused_before_it_fills_memory",
+         CSV + "test_the_number_of_columns_is_limited_and_a_repeated_one_refused",
          CSV + "test_rows_stay_within_the_memory_limit"),
     ),
     Fault(
         "numbers of 5,000 digits", "refused in one short line", "code 2, row or key",
-        (CSV + "test_a_cell_of_thousands_of_digits_is_named_shortly",
+        (CSV + "test_a_cell_of_thousands_of_digits_is_refused_in_a_short_line",
          SETTINGS + "test_a_hostile_toml_file_is_refused_in_one_short_line"),
     ),
     Fault(
@@ -87,8 +87,8 @@ STRANGERS = (
     Fault(
         "MATLAB and HDF5 bombs, links to other files", "a limited process, links refused", "code 2",
         (NUMBERS + "test_a_matlab_file_is_decoded_within_the_limit",
-         NUMBERS + "test_hdf5_that_points_to_another_file_or_claims_too_much_is_refused",
-         NUMBERS + "test_a_library_that_crashes_takes_nothing_with_it"),
+         NUMBERS + "test_hdf5_with_links_to_other_files_or_false_sizes_is_refused",
+         NUMBERS + "test_a_crash_of_a_library_is_an_error_of_one_line"),
     ),
     Fault(
         "settings with nan, 1e300, dates, deep nesting", "refused with the key", "code 2",

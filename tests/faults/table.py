@@ -102,7 +102,7 @@ RECORDING = (
         (KILL + "test_after_sigkill_all_that_came_until_one_second_before_is_there",
          KILL + "test_a_kill_while_logs_rotate_costs_half_a_second_and_every_earlier_log_is_whole",
          RECORD + "test_after_a_kill_all_but_the_last_second_is_recovered",
-         RECOVER + "test_a_log_cut_at_any_byte_gives_back_every_completed_chunk_and_invents_nothing"),
+         RECOVER + "test_from_a_log_cut_at_any_byte_every_complete_chunk_is_recovered_and_nothing_else"),
     ),
     Fault(
         "disk full at any stage of a verb", "code 1, nothing half, what was there stays", "the file's name",
@@ -113,28 +113,28 @@ RECORDING = (
     Fault(
         "disk full while recording", "what did not fit is lost; room begins another log",
         "NOT RECORDING; /healthz 503",
-        (WRITER + "test_a_full_disk_costs_what_was_pending_and_leaves_a_valid_log",
-         SERIES + "test_a_full_disk_stops_the_log_and_room_starts_another_that_loses_only_what_did_not_fit"),
+        (WRITER + "test_a_full_disk_loses_only_pending_messages_and_leaves_a_valid_log",
+         SERIES + "test_a_full_disk_pauses_the_log_and_free_space_starts_another"),
     ),
     Fault(
         "the log is deleted or replaced while recording", "noticed within a second, another begun, code 1",
         "event; messages lost",
-        (SERIES + "test_a_deleted_or_renamed_log_is_noticed_within_a_second_and_recording_continues",
+        (SERIES + "test_a_deleted_or_renamed_log_is_detected_within_a_second_and_recording_continues",
          WEEKS + "test_a_log_deleted_while_recording_is_reported_everywhere_and_the_run_fails"),
     ),
     Fault(
         "the log is emptied or written to by another program",
         "noticed within a second, another begun, code 1",
         "event; messages lost",
-        (SERIES + "test_a_log_that_another_program_shortens_is_noticed_within_a_second_and_the_next_begins",
+        (SERIES + "test_a_log_truncated_by_another_program_is_detected_within_a_second_and_the_next_starts",
          SERIES + "test_a_log_deleted_or_changed_just_before_its_end_is_counted_as_well",
          WEEKS + "test_a_log_emptied_while_recording_is_reported_everywhere_and_the_run_fails"),
     ),
     Fault(
         "a clock that is behind, and a disk budget", "the oldest logs by number are removed", "names of logs",
-        (SERIES + "test_a_clock_that_is_behind_does_not_make_the_newest_logs_the_oldest",
-         SERIES + "test_recorders_of_other_names_share_a_folder_and_keep_their_own_numbers",
-         SERIES + "test_numbers_go_on_in_a_folder_whatever_else_is_named_like_a_log"),
+        (SERIES + "test_with_a_clock_that_is_behind_the_oldest_logs_are_still_deleted_first",
+         SERIES + "test_recorders_with_other_names_in_one_folder_have_separate_numbers",
+         SERIES + "test_numbers_continue_in_a_folder_with_other_files"),
     ),
     Fault(
         "the wall clock is set while recording", "the log goes on without a step",
@@ -173,12 +173,12 @@ RECORDING = (
     ),
     Fault(
         "logs are cut by time and size", "every message once, as in a single log", "one head each",
-        (SERIES + "test_logs_cut_by_time_hold_together_every_message_once_in_order_and_each_its_head",
+        (SERIES + "test_logs_rotated_by_time_hold_every_message_once_in_order_and_each_has_the_metadata",
          WEEKS + "test_logs_that_rotate_hold_sample_by_sample_what_a_single_one_would"),
     ),
     Fault(
         "the power is cut", "at most five seconds are lost", "recover: bytes lost",
-        (SERIES + "test_a_power_cut_at_any_moment_costs_at_most_five_seconds",),
+        (SERIES + "test_a_power_cut_loses_at_most_five_seconds",),
     ),
     Fault(
         "datagrams forged, changed, sent again", "refused", "event: refused, by cause",

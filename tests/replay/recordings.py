@@ -1,6 +1,6 @@
-"""The recordings that are replayed, and what of their odometry is kept as the reference.
+"""The recordings that are replayed, and the references of their odometry.
 
-Update after a change that is meant to alter the numbers:
+Update after a change that intentionally changes the results:
 
     python tests/replay/update.py
 """
@@ -33,7 +33,7 @@ REFERENCES = Path(__file__).with_name("references.json")
 UPDATE = "python tests/replay/update.py"
 TOLERANCE = 0.0
 """On the arithmetic that the references were made with: same rounding, Python and numpy."""
-ELSEWHERE = 1e-6
+TOLERANCE_ELSEWHERE = 1e-6
 """m, rad: by how much a recording may differ on another processor.
 
 Its fused operations and LAPACK kernels round each of some hundred filter steps differently, by 1e-16, and
@@ -42,13 +42,13 @@ gains of a poorly known state magnify that by up to 1e8.
 IGNORED = ("log time", "sequence number")
 """Of a message: they say when it was written, not what was found."""
 
-BOTH = Vehicle(RADIUS, TRACK, {name: NodeMount(name, "left") for name in ("left", "right")})
-CHAIR = Vehicle(0.31, 0.92, {name: NodeMount(name, "left") for name in ("left", "right")})
+TWO_WHEELS = Vehicle(RADIUS, TRACK, {name: NodeMount(name, "left") for name in ("left", "right")})
+WHEELCHAIR = Vehicle(0.31, 0.92, {name: NodeMount(name, "left") for name in ("left", "right")})
 
 
 @dataclass(frozen=True)
 class Replay:
-    """One row: how the recording comes about, and what it is played with. outputs: topics compared."""
+    """A recording, its source and the options of its playback. outputs: topics compared."""
 
     name: str
     recording: Callable[[], Recording]
@@ -94,19 +94,19 @@ _CALIBRATION = Calibration(
 )
 
 TABLE = (
-    Replay("two wheels", _generated(1, "left", "right"), BOTH),
-    Replay("one wheel of a vehicle with two", _generated(2, "right"), BOTH),
-    Replay("416 Hz", _generated(3, "left", "right", rate_hz=416.0), BOTH),
-    Replay("calibrated", _generated(4, "left", "right"), BOTH, _CALIBRATION),
-    Replay("wheelchair", _wheelchair, CHAIR),
+    Replay("two wheels", _generated(1, "left", "right"), TWO_WHEELS),
+    Replay("one wheel of a vehicle with two", _generated(2, "right"), TWO_WHEELS),
+    Replay("416 Hz", _generated(3, "left", "right", rate_hz=416.0), TWO_WHEELS),
+    Replay("calibrated", _generated(4, "left", "right"), TWO_WHEELS, _CALIBRATION),
+    Replay("wheelchair", _wheelchair, WHEELCHAIR),
 )
 
 
 def arithmetic() -> str:
-    """Return what the last bits of a result depend on besides the code: versions and rounding.
+    """Return a description of the versions and the rounding on which the last bits of a result depend.
 
-    Processors of one instruction set round differently, as BLAS and the C library choose kernels by model:
-    hence the bits of some functions, products and solutions, of the sizes that the filters use.
+    Processors of one instruction set may round differently, as BLAS and the C library choose kernels by
+    model: the description contains the bits of some functions, products and solutions of typical sizes.
     """
     x = np.sin(np.arange(1.0, 1297.0)).reshape(36, 36)
     digest = hashlib.sha256()
@@ -125,7 +125,7 @@ def arithmetic() -> str:
 
 
 def play(replay: Replay, folder: Path) -> dict[str, list[tuple[int, bytes]]]:
-    """The recording written to a log, and what playing the log gives: topic -> (publish time, bytes)."""
+    """Write the recording to a log and play it; return (publish time, bytes) by topic."""
     log = folder / "replay.mcap"
     write_recording(replay.recording(), log)
     playback = Playback(log, vehicle=replay.vehicle, calibration=replay.calibration)

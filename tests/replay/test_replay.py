@@ -1,11 +1,11 @@
-"""Recordings through the odometry again: to the last bit what the stored references say."""
+"""Playback of recordings reproduces the stored odometry bit by bit."""
 
 import json
 from copy import deepcopy
 from functools import cache
 
 import pytest
-from recordings import ELSEWHERE, REFERENCES, TABLE, TOLERANCE, UPDATE, arithmetic, play, reference
+from recordings import REFERENCES, TABLE, TOLERANCE, TOLERANCE_ELSEWHERE, UPDATE, arithmetic, play, reference
 
 END = "x, y, heading, distance"
 
@@ -22,14 +22,14 @@ def played(tmp_path_factory):
 
 
 @pytest.mark.parametrize("place", range(len(TABLE)), ids=[replay.name for replay in TABLE])
-def test_playing_a_recording_gives_the_stored_odometry_bit_for_bit(place, played):
+def test_playback_gives_the_stored_odometry_bit_by_bit(place, played):
     replay, references = TABLE[place], json.loads(REFERENCES.read_text())
     stored = references.get(replay.name)
     result = deepcopy(played(place))
     tolerance = TOLERANCE
     if references["arithmetic"] != arithmetic():
-        tolerance = ELSEWHERE
-        assert result[END] == pytest.approx(stored[END], rel=0, abs=ELSEWHERE)
+        tolerance = TOLERANCE_ELSEWHERE
+        assert result[END] == pytest.approx(stored[END], rel=0, abs=TOLERANCE_ELSEWHERE)
         for fields in (result, stored):
             del fields[END]
             for topic in replay.outputs:
@@ -37,10 +37,10 @@ def test_playing_a_recording_gives_the_stored_odometry_bit_for_bit(place, played
     off = [field for field in result if stored is None or result[field] != stored.get(field)]
     assert not off, (
         f"{replay.name}: {', '.join(off)} differ (tolerance {tolerance}): stored {stored}, found {result}; "
-        f"if that is meant, run {UPDATE}"
+        f"if intended, run {UPDATE}"
     )
 
 
-def test_a_second_run_gives_the_same_bits_and_another_drive_others(played, tmp_path):
+def test_a_second_playback_gives_the_same_bits_and_another_drive_others(played, tmp_path):
     assert reference(TABLE[0], play(TABLE[0], tmp_path)) == played(0)
     assert played(3)["/odom"] != played(0)["/odom"]

@@ -1,4 +1,4 @@
-"""Rewrite the references of the replay tests, after a change that is meant to alter the numbers."""
+"""Rewrite the references of the replay tests, after a change that intentionally changes the results."""
 
 import json
 import tempfile

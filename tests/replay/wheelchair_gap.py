@@ -1,8 +1,8 @@
-"""Find the effects that a model without any lacks for a real wheelchair: both wheels and frame, 400 Hz.
+"""Run `gap` on a real wheelchair, starting from a model without effects: both wheels and frame, 400 Hz.
 
     python tests/replay/wheelchair_gap.py [-o out/wheelchair-gap] [--track-width 0.92]
 
-Nothing but the gyros of the log drives the model: the speed is that of both wheels, the yaw rate the frame's.
+The model is driven by the gyros of the log only: speed from both wheels, yaw rate from the frame.
 """
 
 # ruff: noqa: E402 (the tests' own modules lie one folder up)

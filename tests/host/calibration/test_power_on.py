@@ -12,7 +12,7 @@ ZERO = 1_700_000_000 * NS_PER_S
 
 
 def started(at, power_on, source="left", kind="started"):
-    """An event at so many s of the log; power_on: s, None where it is not told."""
+    """Return a start event at time `at` in s; power_on: time in s, or None if not reported."""
     data = {} if power_on is None else {"power_on_ns": round(ZERO + power_on * NS_PER_S)}
     return Event(round(ZERO + at * NS_PER_S), kind, source, "", data)
 
@@ -37,7 +37,7 @@ def test_the_age_of_a_sample_counts_from_the_start_before_it():
     starts = find_starts([started(5.0, -3.0), started(20.0, 19.0)], "left")
     t = np.array([4.0, 5.0, 19.99, 20.0, 25.0])
     np.testing.assert_allclose(time_since_power_on(t, starts, ZERO), [7.0, 8.0, 22.99, 1.0, 6.0], atol=1e-6)
-    # Where no start is known the first sample is one.
+    # Without a known start the first sample is used.
     np.testing.assert_allclose(time_since_power_on(t, [], ZERO), t - 4.0)
     assert len(time_since_power_on(np.empty(0), [], ZERO)) == 0
 

@@ -28,7 +28,7 @@ def test_files_csv_folders_and_bags_are_logs_but_hidden_files_results_and_output
     assert [log.folder for log in logs] == ["van-1", "van-2", "van-2"]
 
 
-def test_a_log_that_changes_has_another_stamp(drives):
+def test_a_changed_log_has_another_stamp(drives):
     path = drives / "van-1" / "a.mcap"
     (before,) = find_logs([str(path)], str(drives / "out"))
     assert find_logs([str(path)], str(drives / "out")) == [before]

@@ -30,11 +30,11 @@ LOG = {
 
 
 def rows(number, **columns):
-    """A table of so many logs; columns as in table.parquet."""
+    """Return a table of `number` logs with columns as in table.parquet."""
     return pd.DataFrame({"log": [f"/logs/{k}.mcap" for k in range(number)], **LOG, **columns})
 
 
-def test_q_values_are_the_definition_of_benjamini_and_hochberg():
+def test_q_values_follow_the_definition_of_benjamini_and_hochberg():
     p = np.random.default_rng(3).uniform(size=40) ** 3
     order = np.argsort(p)
     by_hand = np.empty(40)
@@ -43,7 +43,7 @@ def test_q_values_are_the_definition_of_benjamini_and_hochberg():
     assert benjamini_hochberg(p) == pytest.approx(by_hand)
 
 
-def test_sound_logs_are_seldom_named_and_one_that_is_off_always_is():
+def test_normal_logs_are_seldom_outliers_and_a_deviating_one_always_is():
     rng = np.random.default_rng(7)
     named = 0
     for _ in range(100):
@@ -55,7 +55,7 @@ def test_sound_logs_are_seldom_named_and_one_that_is_off_always_is():
     assert named <= 10
 
 
-def test_of_counts_that_are_the_same_in_most_logs_the_others_stand_out_and_no_sigma_hides_behind_a_poor_log():
+def test_deviating_counts_and_values_are_outliers_despite_logs_with_large_sigmas():
     counts = np.zeros(100)
     counts[3] = 7.0
     assert list(np.flatnonzero(normalised_deviations(counts, np.full(100, np.nan)))) == [3]
@@ -67,7 +67,7 @@ def test_of_counts_that_are_the_same_in_most_logs_the_others_stand_out_and_no_si
     assert np.isnan(normalised_deviations(values[:4], sigmas[:4])).all()
 
 
-def test_a_bias_that_drifts_is_named_with_its_slope_and_one_that_scatters_is_not():
+def test_a_drifting_bias_is_reported_with_its_slope_and_a_scattering_one_is_not():
     rng = np.random.default_rng(5)
     starts = [MONDAY + pd.Timedelta(weeks=k) for k in range(WEEKS)]
     tables = [
@@ -87,7 +87,7 @@ def test_a_bias_that_drifts_is_named_with_its_slope_and_one_that_scatters_is_not
 
 
 def gap_table(rng, p_of):
-    """A log a vehicle and week; p_of(vehicle, week): of the best effect in it; gap tells those below 0.01."""
+    """Return one log per vehicle and week; p_of: p-value of its best effect, reported if below 0.01."""
     table_rows = []
     for vehicle, week in np.ndindex(VEHICLES, WEEKS):
         start = MONDAY + pd.Timedelta(weeks=week, days=float(rng.uniform(0, 6)))
@@ -99,7 +99,7 @@ def gap_table(rng, p_of):
     return add_q_values(pd.DataFrame(table_rows))
 
 
-def test_of_what_is_believed_across_logs_no_more_than_one_in_twenty_is_chance():
+def test_the_false_discovery_rate_across_logs_is_at_most_5_percent():
     rng = np.random.default_rng(11)
     chance = believed = 0
     for _ in range(20):

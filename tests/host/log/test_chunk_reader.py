@@ -1,4 +1,4 @@
-"""Messages of a chunk: those that its index announces are those found one by one, or it is not believed."""
+"""Messages of a chunk: an index is used only if it agrees with the data."""
 
 import os
 
@@ -13,7 +13,7 @@ from hubodo.log.recording_reader import open_log
 
 @pytest.fixture(scope="module")
 def chunks(tmp_path_factory: pytest.TempPathFactory):
-    """Chunks of a recorder and of another writer, whose channels stand inside: (data, announced places)."""
+    """Return (writer, data, indexed offsets) of chunks of hubodo and of another writer."""
     folder = tmp_path_factory.mktemp("chunks")
     with LogWriter(folder / "ours.mcap", chunk_bytes=20_000, clock=None) as log:
         for first in range(0, 400, 8):
@@ -40,40 +40,40 @@ def chunks(tmp_path_factory: pytest.TempPathFactory):
     return records
 
 
-def test_announced_places_are_those_that_are_found_one_by_one(chunks):
+def test_indexed_offsets_are_those_found_by_reading_all_records(chunks):
     assert {name for name, _, _ in chunks} == {"ours", "theirs"}
-    for name, data, places in chunks:
-        one_by_one, at_once = parse_messages(data), parse_messages(data, places)
-        assert np.array_equal(one_by_one.offsets, places) and len(places) > 3, name
-        assert np.array_equal(at_once.headers, one_by_one.headers)
-        assert at_once.definitions == one_by_one.definitions and at_once.is_complete
+    for name, data, offsets in chunks:
+        sequential, indexed = parse_messages(data), parse_messages(data, offsets)
+        assert np.array_equal(sequential.offsets, offsets) and len(offsets) > 3, name
+        assert np.array_equal(indexed.headers, sequential.headers)
+        assert indexed.definitions == sequential.definitions and indexed.is_complete
 
 
-def lies(places: np.ndarray, rng: np.random.Generator):
-    """The places with one that is missing, moved, twice, before or beyond the data; and none."""
-    row = int(rng.integers(len(places)))
-    yield np.delete(places, row)
-    yield np.insert(places, row, places[row])
-    for by in (1, -1, 1 << 40, -(1 << 40)):
-        shifted = places.copy()
-        shifted[row] += by
+def false_offsets(offsets: np.ndarray, rng: np.random.Generator):
+    """Yield the offsets with one missing, repeated, shifted, or outside the data; then no offset."""
+    row = int(rng.integers(len(offsets)))
+    yield np.delete(offsets, row)
+    yield np.insert(offsets, row, offsets[row])
+    for shift in (1, -1, 1 << 40, -(1 << 40)):
+        shifted = offsets.copy()
+        shifted[row] += shift
         yield np.sort(shifted)
-    yield places[:0]
+    yield offsets[:0]
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_places_that_are_not_true_change_nothing(chunks, seed: int):
+def test_false_offsets_do_not_change_the_messages(chunks, seed: int):
     rng = np.random.default_rng(seed)
     for name, data, places in chunks:
         expected = parse_messages(data)
-        for wrong in lies(places, rng):
+        for wrong in false_offsets(places, rng):
             records = parse_messages(data, wrong)
             assert np.array_equal(records.offsets, expected.offsets), name
             assert records.definitions == expected.definitions and records.is_complete == expected.is_complete
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_damaged_data_is_read_up_to_the_damage_as_one_by_one(chunks, seed: int):
+def test_damaged_data_is_read_up_to_the_damage_with_or_without_an_index(chunks, seed: int):
     rng = np.random.default_rng(seed)
     for name, data, places in chunks:
         bad = bytearray(data)

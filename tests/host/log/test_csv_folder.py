@@ -1,4 +1,4 @@
-"""The CSV folder: nothing lost on the way through a log, every fault named."""
+"""The CSV folder: import and export preserve every number, and every fault is named."""
 
 import gzip
 import json
@@ -33,11 +33,11 @@ FILES = {
     "table": (["t", "angle", "moving"], []),
     "truth": (["t", "x", "y"], ["heading"]),
 }
-AWKWARD = st.sampled_from(
+SPECIAL_NUMBERS = st.sampled_from(
     ["-0.0", "0", "1e-310", "-5e-324", "1.7976931348623157e308", "0.1", "1E5", "+3", ".5", "7.", "00.10",
      "0.30000000000000004", "123456789012345680", "2.2250738585072014e-308", " 1 ", '"2.5"']
 )  # fmt: skip
-NUMBER = AWKWARD | st.floats(allow_nan=False, allow_infinity=False).map(repr)
+NUMBER = SPECIAL_NUMBERS | st.floats(allow_nan=False, allow_infinity=False).map(repr)
 TIMES = st.lists(
     st.floats(-1e6, 1e6) | st.floats(0, 2.1e9)
     | st.sampled_from([0.0, 1e-310, 2e-310, 5e-324, 0.1, 1.7e9 + 0.0025])
@@ -71,7 +71,7 @@ def csv_file(draw: st.DrawFn, name: str, rows: int) -> bytes:
 
 
 def parse(data: bytes) -> dict[str, list[float]]:
-    """A second reader, unlike the one under test: the csv module row by row."""
+    """Parse with the csv module row by row, independently of the reader under test."""
     import csv
 
     lines = [
@@ -112,7 +112,7 @@ def test_import_then_export_gives_back_every_number_of_every_column(
 
 
 @pytest.mark.parametrize("name", ["wheelchair", "multipose"])
-def test_a_real_recording_comes_back_number_for_number(name: str, tmp_path: Path) -> None:
+def test_import_and_export_preserve_every_number_of_a_real_recording(name: str, tmp_path: Path) -> None:
     folder = wanted.recording(name)
     write_recording(read_folder(folder), tmp_path / "log.mcap")
     write_folder(read_recording(tmp_path / "log.mcap"), tmp_path / "out")
@@ -122,7 +122,7 @@ def test_a_real_recording_comes_back_number_for_number(name: str, tmp_path: Path
         assert parse(returned) == parse(original)
 
 
-def test_a_million_real_rows_go_in_and_come_back(tmp_path: Path) -> None:
+def test_import_and_export_preserve_a_million_real_rows(tmp_path: Path) -> None:
     folder = wanted.recording("static")
     recording = read_folder(folder)
     assert len(recording.nodes["node"]) == 1_000_000
@@ -144,7 +144,7 @@ GOOD = "t,gx,gy,gz,ax,ay,az\n" + "".join(f"{i / 100},1,2,3,4,5,6\n" for i in ran
 
 
 def with_row(row: str) -> str:
-    """GOOD with its eighth row (line 9 of the file) replaced."""
+    """Return GOOD with its eighth row (line 9 of the file) replaced."""
     lines = GOOD.splitlines()
     lines[8] = row
     return "\n".join(lines) + "\n"
@@ -178,9 +178,7 @@ def test_a_faulty_row_is_refused_with_file_row_and_remedy(row: str, text: str, t
 
 
 @pytest.mark.parametrize(("row", "text"), FAULTS.items())
-def test_repair_drops_the_faulty_row_and_keeps_account_of_it_in_the_log(
-    row: str, text: str, tmp_path: Path
-) -> None:
+def test_repair_drops_the_faulty_row_and_records_it_in_the_log(row: str, text: str, tmp_path: Path) -> None:
     folder = folder_with(tmp_path, left=GOOD, right=with_row(row))
     write_recording(read_folder(folder, repair=True), tmp_path / "log.mcap")
     returned = read_recording(tmp_path / "log.mcap")
@@ -211,7 +209,7 @@ def test_repair_counts_each_kind_in_each_file(tmp_path: Path) -> None:
     ]
 
 
-def test_repair_gives_up_one_wild_time_stamp_rather_than_all_rows_after_it(tmp_path: Path) -> None:
+def test_repair_drops_one_wild_time_stamp_and_not_all_rows_after_it(tmp_path: Path) -> None:
     recording = read_folder(folder_with(tmp_path, left=with_row("5000,1,2,3,4,5,6")), repair=True)
     assert recording.nodes["left"].t.tolist() == [i / 100 for i in range(10) if i != 7]
 
@@ -282,7 +280,7 @@ def test_a_file_that_is_not_utf8_is_refused_with_its_row(tmp_path: Path) -> None
         read_folder(folder)
 
 
-def test_negative_times_survive_a_log_whose_times_cannot_be_negative(tmp_path: Path) -> None:
+def test_negative_times_are_preserved_although_times_of_a_log_cannot_be_negative(tmp_path: Path) -> None:
     text = GOOD.replace("\n0.0,", "\n-1.25,")
     write_recording(read_folder(folder_with(tmp_path, left=text)), tmp_path / "log.mcap")
     returned = read_recording(tmp_path / "log.mcap")
@@ -290,7 +288,7 @@ def test_negative_times_survive_a_log_whose_times_cannot_be_negative(tmp_path: P
     assert returned.nodes["left"].t[0] == -1.25
 
 
-def test_seconds_since_1970_with_nine_decimals_come_back_to_the_last_digit(tmp_path: Path) -> None:
+def test_seconds_since_1970_with_nine_decimals_are_preserved(tmp_path: Path) -> None:
     times = [f"17000000{i:02d}.{(i * 7919 * 12347) % 10**9:09d}" for i in range(10)]
     times += ["1700000010", "1700000010.5", "1700000011.000000001", "1700000012.1234567890000"]
     rows = "".join(f"1,{t},2,3,4,5,6\n" for t in times)
@@ -321,7 +319,7 @@ def test_a_killed_import_leaves_no_file_of_that_name(tmp_path: Path) -> None:
     assert not target.exists()
 
 
-def test_export_overwrites_nothing_and_leaves_nothing_half_done(tmp_path: Path) -> None:
+def test_export_overwrites_no_file_and_leaves_no_incomplete_one(tmp_path: Path) -> None:
     recording = read_folder(folder_with(tmp_path, left=GOOD))
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "mine.txt").write_text("kept")
@@ -348,7 +346,7 @@ def test_parquet_holds_the_same_numbers(tmp_path: Path) -> None:
         assert np.array_equal(table[name].to_numpy(), recording.nodes["left"][name])
 
 
-def test_parquet_without_pyarrow_says_what_to_install(
+def test_parquet_without_pyarrow_names_the_package_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recording = read_folder(folder_with(tmp_path, left=GOOD))
@@ -359,7 +357,7 @@ def test_parquet_without_pyarrow_says_what_to_install(
 
 
 @given(t=st.floats(-2e9, 2e9), zero=st.integers(0, 10**18))
-def test_whole_nanoseconds_come_back_from_a_log_as_the_nearest_float(t: float, zero: int) -> None:
+def test_whole_nanoseconds_are_read_as_the_nearest_float(t: float, zero: int) -> None:
     t_ns = to_ns(np.array([t]), zero)
     exact = Decimal(t) * 10**9
     assert abs(Decimal(int(t_ns[0]) - zero) - exact) <= Decimal("0.6")

@@ -14,7 +14,7 @@ def logs(tmp_path):
     return paths
 
 
-def test_the_oldest_logs_are_removed_until_the_budget_holds_but_none_in_use(logs, tmp_path):
+def test_the_oldest_unused_logs_are_removed_until_the_budget_holds(logs, tmp_path):
     reports = []
     space = DiskSpace(LogNames(tmp_path / "drive.mcap", plain=False), 3000, reports.append)
     space.enforce_budget([logs[0]], expected=500)

@@ -1,4 +1,4 @@
-"""Bags that nobody recorded: what they claim is checked, and what is usable in them is read."""
+"""Manipulated bags: sizes and paths are checked, and usable messages are read."""
 
 import json
 import os
@@ -21,7 +21,7 @@ ROWS = 90
 
 
 def bag(folder: Path, *statements: str, mode: str = "") -> Path:
-    """A rosbag2 folder whose database was changed by statements."""
+    """Create a rosbag2 folder and change its database by SQL statements."""
     bag_folder = folder / "bag"
     bag_folder.mkdir()
     form = "zstd" if mode else ""
@@ -57,7 +57,7 @@ def test_rows_with_values_of_another_type_are_left_out_and_counted(column, value
 
 
 @pytest.mark.parametrize("column", ["name", "type", "serialization_format"])
-def test_a_topic_without_a_text_is_left_out_with_its_messages(column, tmp_path):
+def test_a_topic_with_an_invalid_name_or_type_is_left_out_with_its_messages(column, tmp_path):
     summary = json.loads(info(bag(tmp_path, f"UPDATE topics SET {column} = NULL WHERE id = 2")).out)
     assert [stream["topic"] for stream in summary["streams"]] == ["/left/imu", "/odom"]
     assert any("1 rows are not of the types" in line for line in summary["warnings"])
@@ -86,7 +86,7 @@ def test_only_stored_tables_are_read(statements, tmp_path):
     assert "messages is a view or is computed, not a stored table" in info(bag(tmp_path, *statements)).err
 
 
-def test_a_query_that_a_manipulated_file_never_ends_is_ended(tmp_path, monkeypatch):
+def test_an_endless_query_of_a_manipulated_file_is_aborted(tmp_path, monkeypatch):
     monkeypatch.setattr("hubodo.log.sqlite_bag._MIN_STEPS", 0)
     monkeypatch.setattr("hubodo.log.sqlite_bag._STEPS_PER_BYTE", 0)
     monkeypatch.setattr("hubodo.log.sqlite_bag._STEPS_BETWEEN_CHECKS", 10)
@@ -94,7 +94,7 @@ def test_a_query_that_a_manipulated_file_never_ends_is_ended(tmp_path, monkeypat
 
 
 def test_messages_that_claim_more_bytes_than_the_file_has_are_refused(tmp_path, monkeypatch):
-    """In a manipulated file many rows may share the pages of one."""
+    """Many rows of a manipulated file may share the same pages."""
     monkeypatch.setattr("hubodo.log.sqlite_bag._stored_bytes", lambda file: 20_000)
     done = info(bag(tmp_path))
     assert done.code == 2
@@ -148,7 +148,7 @@ def test_a_fifo_in_a_bag_is_refused(name, tmp_path):
 
 
 def ros1_bag(path: Path, count: int = 50) -> Path:
-    """A bag of ROS 1 with one topic of temperatures, compressed."""
+    """Create a compressed ROS 1 bag with one topic of temperatures."""
     store, kind = get_typestore(Stores.ROS1_NOETIC), "sensor_msgs/msg/Temperature"
     types = store.types
     writer = Bag1(path)
@@ -164,7 +164,7 @@ def ros1_bag(path: Path, count: int = 50) -> Path:
     return path
 
 
-def test_a_definition_in_a_ros1_bag_is_compared_and_never_compiled(tmp_path):
+def test_a_message_definition_in_a_ros1_bag_is_compared_and_never_compiled(tmp_path):
     path = ros1_bag(tmp_path / "x.bag")
     summary = json.loads(info(path).out)
     assert [(s["messages"], s["rate"]) for s in summary["streams"]] == [(50, 1.0)]
@@ -174,7 +174,7 @@ def test_a_definition_in_a_ros1_bag_is_compared_and_never_compiled(tmp_path):
     assert [topic.is_cdr for topic in Rosbag1(path).topics] == [True]
     path.write_bytes(data.replace(digest, digest[::-1]))
     assert [topic.is_cdr for topic in Rosbag1(path).topics] == [False]
-    renamed = path.rename(tmp_path / "y.log")  # the content says what it is
+    renamed = path.rename(tmp_path / "y.log")  # the content decides
     assert json.loads(info(renamed).out)["messages"] == 50
 
 

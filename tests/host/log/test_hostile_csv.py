@@ -1,4 +1,4 @@
-"""CSV folders that no sensor wrote: bombs, endless rows, FIFOs, thousands of digits and columns."""
+"""Hostile CSV folders: decompression bombs, endless rows, FIFOs, thousands of digits and columns."""
 
 import gzip
 import os
@@ -39,30 +39,30 @@ def test_rows_stay_within_the_memory_limit(tmp_path):
     assert hubodo("export", folder, "-o", tmp_path / "out", "--max-memory", 0.4).code == 0
 
 
-def test_a_gzipped_file_expands_only_to_what_one_of_its_size_can_hold(tmp_path, monkeypatch):
+def test_a_gzipped_file_expands_only_up_to_the_limit_of_its_size(tmp_path, monkeypatch):
     monkeypatch.setattr(csv_table, "_MIN_EXPANDED_BYTES", 50_000)
     bomb = HEAD + ROWS + b"# nothing\n" * 2_000_000
     assert "MB of room, the most for a file of its size is" in refusal(log(tmp_path, bomb, packed=True))
 
 
 @pytest.mark.parametrize("where", ["header", "rows"])
-def test_a_line_without_an_end_is_not_collected(where, tmp_path):
+def test_an_endless_line_is_refused_before_it_fills_memory(where, tmp_path):
     data = (b"" if where == "header" else HEAD) + b"0" * (8 * MAX_LINE_BYTES)
     words = "no header" if where == "header" else f"a row is longer than {MAX_LINE_BYTES} bytes"
     assert words in refusal(log(tmp_path, data, packed=True))
 
 
-def test_a_file_of_comments_is_no_table(tmp_path):
+def test_a_file_of_comments_is_refused(tmp_path):
     assert "row 10001: no header" in refusal(log(tmp_path, b"#\n" * 20_000 + HEAD + ROWS))
 
 
-def test_a_cell_of_thousands_of_digits_is_named_shortly(tmp_path):
+def test_a_cell_of_thousands_of_digits_is_refused_in_a_short_line(tmp_path):
     assert "row 2: NaN or infinity: gz is '99" in refusal(
         log(tmp_path, HEAD + b"0,1,2,%s,4,5,6\n" % (b"9" * 5000))
     )
 
 
-def test_columns_are_bounded_and_a_repeated_one_is_found_at_once(tmp_path):
+def test_the_number_of_columns_is_limited_and_a_repeated_one_refused(tmp_path):
     names = HEAD[:-1] + b"".join(b",c%d" % i for i in range(100_000))
     assert f"{MAX_COLUMNS} at most" in refusal(log(tmp_path, names + b"\n"))
 

@@ -1,4 +1,4 @@
-"""MCAP files that nobody recorded: wrong types, incomplete schemas, much work for few bytes."""
+"""Hostile MCAP files: wrong types, incomplete schemas, high cost per byte."""
 
 import struct
 from collections.abc import Iterable
@@ -16,7 +16,7 @@ from hubodo.log.logfile import open_log
 from hubodo.log.mcap_file import McapFile
 from in_process import hubodo
 
-OURS = {"hubodo": {"t_zero_ns": str(T0)}}
+HUBODO_METADATA = {"hubodo": {"t_zero_ns": str(T0)}}
 
 
 def imu(frame: str, gz: float) -> bytes:
@@ -36,7 +36,7 @@ def write(
     definition: bytes | None = None,
     chunk_size: int = 1 << 28,
 ) -> Path:
-    """Messages of topics and types at 1 kHz ; definition: in place of the right one."""
+    """Write messages of topics and types at 1 kHz; definition: replaces the valid one."""
     with path.open("wb") as stream:
         writer, channels = Writer(stream, chunk_size=chunk_size), {}
         writer.start("ros2", "test")
@@ -64,9 +64,9 @@ def write(
         ("/left/temperature", "left", '["t"]'),
     ],
 )
-def test_a_topic_of_ours_with_messages_of_another_type_is_no_table(topic, name, columns, tmp_path):
+def test_a_hubodo_topic_with_messages_of_another_type_gives_no_table(topic, name, columns, tmp_path):
     rows = [("/right/imu", ros2.IMU, IMU[0]), (topic, ros2.ODOMETRY, ODOMETRY)] * 5
-    path = write(tmp_path / "x.mcap", rows, {**OURS, "hubodo.csv": {name: columns}})
+    path = write(tmp_path / "x.mcap", rows, {**HUBODO_METADATA, "hubodo.csv": {name: columns}})
     assert name not in read_log(path).files()
     assert "right" in read_log(path).nodes
     for words in (("info", path, "--json"), ("export", path, "-o", tmp_path / "out")):
@@ -85,16 +85,16 @@ def test_a_topic_of_ours_with_messages_of_another_type_is_no_table(topic, name, 
     ],
     ids=["a part is missing", "cut off", "recursive", "5000 digits", "not text"],
 )
-def test_a_topic_whose_schema_is_no_type_is_left_out_of_a_rosbag2(definition, tmp_path):
+def test_a_topic_with_an_invalid_schema_is_left_out_of_a_rosbag2(definition, tmp_path):
     rows = [("/hubodo/x", ros2.IMU, IMU[0])] * 3
-    path = write(tmp_path / "x.mcap", rows, OURS, definition)
+    path = write(tmp_path / "x.mcap", rows, HUBODO_METADATA, definition)
     done = hubodo("export", path, "--format", "rosbag2", "-o", tmp_path / "bag")
     assert done.code == 0, done.err
     assert "ROS 2 type is incomplete: /hubodo/x" in done.out
 
 
 @pytest.mark.parametrize("kind", ["undecodable", "alternating"])
-def test_messages_are_located_a_bounded_number_of_times(kind, tmp_path, monkeypatch):
+def test_the_number_of_searches_for_messages_is_bounded(kind, tmp_path, monkeypatch):
     n = 4000
     payloads = [ros2.ENCAPSULATION + b"\xff" * 8] * 2 if kind == "undecodable" else IMU
     path = write(tmp_path / "x.mcap", (("/imu", ros2.IMU, payloads[i % 2]) for i in range(n)))
@@ -115,7 +115,7 @@ def test_messages_are_located_a_bounded_number_of_times(kind, tmp_path, monkeypa
         assert np.array_equal(table["gz"], np.arange(n) % 2)
 
 
-def test_a_channel_of_ever_new_layouts_is_decoded_up_to_a_bound(tmp_path, monkeypatch):
+def test_a_channel_with_a_new_layout_in_each_message_is_decoded_up_to_a_limit(tmp_path, monkeypatch):
     monkeypatch.setattr(decode, "MAX_LAYOUT_CHANGES", 50)
     payloads = [ros2.ENCAPSULATION + b"\xff" * 8] * 200
     path = write(tmp_path / "x.mcap", (("/imu", ros2.IMU, payload) for payload in payloads))
@@ -126,7 +126,7 @@ def test_a_channel_of_ever_new_layouts_is_decoded_up_to_a_bound(tmp_path, monkey
     assert len(measured) == 50
 
 
-def test_what_is_decoded_stays_within_the_memory_limit(tmp_path):
+def test_decoded_messages_stay_within_the_memory_limit(tmp_path):
     rows = (("/imu", ros2.IMU, IMU[0]) for _ in range(20_000))
     path = write(tmp_path / "x.mcap", rows, chunk_size=1 << 20)
     for limit, what in ((5, "the array of its samples"), (2, "a chunk")):
@@ -151,7 +151,7 @@ def test_chunks_that_overlap_in_time_stay_within_the_memory_limit(tmp_path):
     assert "chunks that overlap in time" in done.err
 
 
-def test_damaged_chunks_and_what_is_between_them_are_read_once(tmp_path, monkeypatch):
+def test_damaged_chunks_and_the_bytes_between_them_are_read_once(tmp_path, monkeypatch):
     file = McapFile(tmp_path / "x.mcap")
     head = struct.pack("<QQQII", 1, 2, 4, 0, 0) + struct.pack("<Q", 4) + b"\xff" * 4
     n = 300

@@ -1,4 +1,4 @@
-"""A file of numbers whose header or contents cannot be believed is refused in one line, in bounded memory."""
+"""Numeric files with implausible headers or contents are refused in one line, within the memory limit."""
 
 import gzip
 import os
@@ -48,7 +48,7 @@ def read(path: Path, variable: str | None = None) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("content", "says"),
+    ("content", "message"),
     [
         (npy("(1000000000000,)"), "needs 16000000 MB of memory"),
         (npy("(4294967296, 4294967296)"), "no array of numbers"),
@@ -62,9 +62,11 @@ def read(path: Path, variable: str | None = None) -> np.ndarray:
         (npy("(3,)" + " " * 20_000), "header of x is damaged"),
     ],
 )
-def test_a_numpy_header_is_compared_with_the_file_before_memory_is_allocated(tmp_path, content, says) -> None:
+def test_a_numpy_header_is_compared_with_the_file_before_memory_is_allocated(
+    tmp_path, content, message
+) -> None:
     (tmp_path / "x.npy").write_bytes(content)
-    with pytest.raises(InputError, match=rf"x\.npy: .*{says}"):
+    with pytest.raises(InputError, match=rf"x\.npy: .*{message}"):
         read(tmp_path / "x.npy")
 
 
@@ -85,7 +87,7 @@ def test_an_archive_that_expands_beyond_the_limit_or_is_ambiguous_is_refused(tmp
     encrypted.write_bytes(data)
     cut = archive("cut.npz", small)
     cut.write_bytes(cut.read_bytes()[:-30])
-    for path, says in (
+    for path, message in (
         (bomb, "the array a needs 64 MB of memory, the limit is 20 MB"),
         (archive("twice.npz", small, small), "two arrays of one name"),
         (archive("short.npz", ("a.npy", npy("(500,)"))), "its data end earlier"),
@@ -93,14 +95,14 @@ def test_an_archive_that_expands_beyond_the_limit_or_is_ambiguous_is_refused(tmp
         (encrypted, "damaged .npz file .*encrypted"),
         (cut, "damaged .npz file"),
     ):
-        with pytest.raises(InputError, match=says):
+        with pytest.raises(InputError, match=message):
             read(path)
     both = archive("both.npz", ("big.npy", npy("(4000000,)", body=bytes(32_000_000))), small)
-    assert read(both, "a").shape == (100, 1)  # the array that is not wanted is not expanded
+    assert read(both, "a").shape == (100, 1)  # the array that is not selected is not expanded
 
 
 @pytest.mark.parametrize(
-    ("content", "says"),
+    ("content", "message"),
     [
         (mat((1 << 30, 1), 1), "needs more than 10 MB to decode"),
         (mat((2**31 - 1, 1), data=element(9, BODY)), "cannot be read"),
@@ -109,9 +111,9 @@ def test_an_archive_that_expands_beyond_the_limit_or_is_ambiguous_is_refused(tmp
     ],
     ids=["cells", "dimensions", "compressed", "version 4"],
 )
-def test_a_matlab_file_is_decoded_within_the_limit(tmp_path, content, says) -> None:
+def test_a_matlab_file_is_decoded_within_the_limit(tmp_path, content, message) -> None:
     (tmp_path / "x.mat").write_bytes(content)
-    with pytest.raises(InputError, match=rf"x\.mat: .*{says}"):
+    with pytest.raises(InputError, match=rf"x\.mat: .*{message}"):
         read(tmp_path / "x.mat")
 
 
@@ -121,7 +123,7 @@ def test_both_generations_of_matlab_files_are_read(tmp_path) -> None:
         np.testing.assert_array_equal(read(tmp_path / "x.mat")[:, 0], np.arange(50.0))
 
 
-def test_hdf5_that_points_to_another_file_or_claims_too_much_is_refused(tmp_path) -> None:
+def test_hdf5_with_links_to_other_files_or_false_sizes_is_refused(tmp_path) -> None:
     (tmp_path / "other.bin").write_bytes(BODY)
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file["gz"] = np.arange(100.0)
@@ -129,7 +131,7 @@ def test_hdf5_that_points_to_another_file_or_claims_too_much_is_refused(tmp_path
     layout[:] = h5py.VirtualSource(str(tmp_path / "other.h5"), "gz", (100,))
     own = np.arange(9.0)
     elsewhere, zeros = h5py.ExternalLink("other.h5", "/gz"), np.zeros(4_000_000)
-    for name, says, build in (
+    for name, message, build in (
         ("storage", "not followed", lambda f: f.create_dataset("gz", 100, "f8", external="other.bin")),
         ("virtual", "not followed", lambda f: f.create_virtual_dataset("gz", layout)),
         ("link", "not followed", lambda f: f.update(gz=elsewhere, own=own)),
@@ -138,13 +140,13 @@ def test_hdf5_that_points_to_another_file_or_claims_too_much_is_refused(tmp_path
     ):
         with h5py.File(tmp_path / f"{name}.h5", "w") as file:
             build(file)
-        with pytest.raises(InputError, match=rf"{name}\.h5: gz .*{says}"):
+        with pytest.raises(InputError, match=rf"{name}\.h5: gz .*{message}"):
             read(tmp_path / f"{name}.h5")
     assert read(tmp_path / "link.h5", "own").shape == (9, 1)
 
 
-def test_a_library_that_crashes_takes_nothing_with_it(tmp_path, monkeypatch) -> None:
-    # An interpreter that ends by a signal stands for a library that does.
+def test_a_crash_of_a_library_is_an_error_of_one_line(tmp_path, monkeypatch) -> None:
+    # An interpreter killed by a signal stands for a crashing library.
     script = tmp_path / "python"
     script.write_text("#!/bin/sh\nkill -SEGV $$\n")
     script.chmod(0o755)
@@ -159,7 +161,7 @@ def test_rows_of_text_are_read_within_the_limit(tmp_path) -> None:
         file.write(b"t,gz\n" + b"1.0,2\n" * 1_000_000)
     with pytest.raises(InputError, match=r"bomb\.csv\.gz: its table needs 2[0-9] MB of memory"):
         read(tmp_path / "bomb.csv.gz")
-    for content, says in (
+    for content, message in (
         (b"t,gz\n0,1\n1,2020-01-02\n", "row 3: '2020-01-02' is not a number"),
         (b"t,gz\n0,1\n1,\xff\n", "not UTF-8"),
         (b"t,gx,gz\n0,1\n1,2\n", "row 2 has 2 columns, the first 3"),
@@ -168,7 +170,7 @@ def test_rows_of_text_are_read_within_the_limit(tmp_path) -> None:
         (b"1," * 600_000 + b"1\n", "row 1 is longer than"),
     ):
         (tmp_path / "x.csv").write_bytes(content)
-        with pytest.raises(InputError, match=says):
+        with pytest.raises(InputError, match=message):
             read(tmp_path / "x.csv")
     (tmp_path / "x.csv").write_bytes(b"\xef\xbb\xbft,gz\r\n# comment\r\n0,1\r\n1," + b"9" * 5000 + b"\r\n")
     np.testing.assert_array_equal(read(tmp_path / "x.csv"), [[0.0, 1.0], [1.0, np.inf]])
@@ -182,7 +184,7 @@ def test_a_pipe_in_place_of_a_file_of_numbers_is_refused(tmp_path) -> None:
     assert "not a regular file" in done.err
 
 
-def test_a_span_whose_square_vanishes_is_no_sensor(tmp_path) -> None:
+def test_values_whose_variance_underflows_are_refused(tmp_path) -> None:
     np.save(tmp_path / "x.npy", 1e-300 * np.arange(300.0))
     words = ("--rate", 100, "--unit", "rad/s", "--trust-units", "--as-is")
     done = hubodo("allan", tmp_path / "x.npy", *words)

@@ -1,4 +1,4 @@
-"""A file's claims about itself are checked before memory is allocated or a path is opened."""
+"""Sizes and paths in a file are checked before memory is allocated or a path is opened."""
 
 import argparse
 import gzip
@@ -25,7 +25,7 @@ def test_the_limit_is_a_quarter_of_the_memory_unless_a_block_sets_another() -> N
     assert limit_bytes() == default
 
 
-def test_claims_of_one_file_add_up(tmp_path) -> None:
+def test_sizes_of_one_file_are_summed(tmp_path) -> None:
     budget = MemoryBudget(tmp_path / "x", limit=100)
     budget.claim(60, "the first part")
     with pytest.raises(
@@ -70,7 +70,7 @@ def test_every_verb_that_reads_a_log_has_max_memory() -> None:
         load_verb(verb).add_arguments(parser)
         words = parser.format_help()
         if verb == "calibrate":
-            continue  # a verb of verbs, both of which are below
+            continue  # its two subcommands follow
         if "log" in {action.dest for action in parser._actions} and "--max-memory" not in words:
             reading.add(verb)
     assert not reading
@@ -79,7 +79,7 @@ def test_every_verb_that_reads_a_log_has_max_memory() -> None:
 
 
 @pytest.mark.parametrize("n_bytes", [10**18, 10**400, 10**5000], ids=["19 digits", "401", "5001"])
-def test_a_claim_of_any_number_of_digits_is_one_short_line(n_bytes, tmp_path):
+def test_a_size_of_any_number_of_digits_is_refused_in_one_short_line(n_bytes, tmp_path):
     with pytest.raises(InputError, match="needs over an exabyte of memory") as refused:
         check_claim(n_bytes, tmp_path / "x.npy", "the array")
     assert len(str(refused.value)) < 300 + len(str(tmp_path))

@@ -1,4 +1,4 @@
-"""The layouts for Foxglove and PlotJuggler show fields that our logs have."""
+"""The layouts for Foxglove and PlotJuggler show fields that exist in logs of hubodo."""
 
 import json
 import re
@@ -28,7 +28,7 @@ def plotjuggler() -> list[str]:
     ]
 
 
-def test_every_panel_of_foxglove_has_its_place():
+def test_every_foxglove_panel_is_placed_in_the_layout():
     layout = json.loads((FOLDER / "foxglove.json").read_text("utf-8"))
 
     def placed(part) -> list[str]:
@@ -38,7 +38,7 @@ def test_every_panel_of_foxglove_has_its_place():
 
 
 @pytest.mark.parametrize(("paths", "separator"), [(foxglove(), "."), (plotjuggler(), "/")])
-def test_every_curve_is_a_field_of_a_topic_of_ours(paths, separator):
+def test_every_curve_is_a_field_of_a_hubodo_topic(paths, separator):
     assert len(paths) > 8
     for path in paths:
         topic = next(topic for topic in TYPES if path.startswith(topic + separator))

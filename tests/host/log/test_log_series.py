@@ -1,4 +1,4 @@
-"""Logs one after the other: what is in them together is what one log would hold, and each stands alone."""
+"""A series of logs: together they hold the messages of one log, and each is complete in itself."""
 
 import errno
 import itertools
@@ -24,7 +24,7 @@ T0 = 1_774_000_000 * NS_PER_S
 
 
 class Clock:
-    """Host time that a test sets."""
+    """A host clock set by the test."""
 
     def __init__(self):
         self.now = T0
@@ -33,8 +33,8 @@ class Clock:
         return self.now
 
 
-class Written:
-    """A log over a series, with a message every 10 ms: its number, and a kilobyte that does not compress."""
+class RecordedSeries:
+    """A recording into a series of logs, with a numbered incompressible message of 1 kB every 10 ms."""
 
     def __init__(self, out, rules, **options):
         self.clock = Clock()
@@ -57,7 +57,7 @@ class Written:
         return self.series
 
 
-def numbers(*paths):
+def message_numbers(*paths):
     """Return the numbers of the messages in these logs, in order; none of the logs has a warning."""
     values = []
     for path in paths:
@@ -71,8 +71,8 @@ def numbers(*paths):
     return values
 
 
-def test_logs_cut_by_time_hold_together_every_message_once_in_order_and_each_its_head(tmp_path):
-    written = Written(tmp_path / "drive.mcap", RotationRules(max_duration=10.0)).run(34.5)
+def test_logs_rotated_by_time_hold_every_message_once_in_order_and_each_has_the_metadata(tmp_path):
+    written = RecordedSeries(tmp_path / "drive.mcap", RotationRules(max_duration=10.0)).run(34.5)
     written.log.add_metadata("node.left", {"serial": "1"})
     series = written.run(10).close()
     assert [path.name for path in series.paths][:2] == [
@@ -80,36 +80,36 @@ def test_logs_cut_by_time_hold_together_every_message_once_in_order_and_each_its
         "drive-000002-20260320T094650Z.mcap",
     ]
     assert len(series.paths) == 5
-    assert numbers(*series.paths) == list(range(4450))
+    assert message_numbers(*series.paths) == list(range(4450))
     for path in series.paths:
         with open_log(path) as log:
             assert log.metadata_records["hubodo"]["a"] == "b"
             assert log.t_zero_ns == T0
             assert [file.name for file in log.scan.attachments] == ["vehicle.toml"]
-            assert len(numbers(path)) > 400
+            assert len(message_numbers(path)) > 400
     with open_log(series.paths[-1]) as log:
         assert log.metadata_records["node.left"] == {"serial": "1"}
     assert not series.has_losses
     assert series.size == sum(path.stat().st_size for path in series.paths)
 
 
-def test_logs_cut_by_size_stay_near_it_and_the_oldest_go_when_the_budget_is_used_up(tmp_path):
+def test_logs_rotated_by_size_stay_near_it_and_the_oldest_are_deleted_beyond_the_budget(tmp_path):
     keep = tmp_path / "drive-of-mine.mcap"
     keep.write_bytes(bytes(10))
     rules = RotationRules(max_size=200_000, budget=800_000)
-    series = Written(tmp_path / "drive.mcap", rules).run(40).close()
+    series = RecordedSeries(tmp_path / "drive.mcap", rules).run(40).close()
     left = [path for path in series.paths if path.exists()]
     assert series.disk_space.removed == len(series.paths) - len(left) > 10
     assert left == series.paths[-len(left) :]
     assert sum(path.stat().st_size for path in left) < 1_000_000
     assert max(path.stat().st_size for path in left) < 300_000
-    values = numbers(*left)
+    values = message_numbers(*left)
     assert values == list(range(values[0], 4000))
     assert keep.exists()
 
 
-def test_names_in_a_folder_are_numbers_and_times_and_all_distinct(tmp_path):
-    written = Written(tmp_path, RotationRules())
+def test_names_of_logs_have_a_number_and_a_time_and_are_unique(tmp_path):
+    written = RecordedSeries(tmp_path, RotationRules())
     for _ in range(3):
         written.run(0.1)
         written.log.flush()
@@ -117,11 +117,11 @@ def test_names_in_a_folder_are_numbers_and_times_and_all_distinct(tmp_path):
     paths = written.close().paths
     assert [path.name for path in paths] == [f"00000{k}-20260320T094640Z.mcap" for k in (1, 2, 3, 4)]
     assert written.series._names.existing_logs() == paths
-    assert numbers(*paths) == list(range(30))
+    assert message_numbers(*paths) == list(range(30))
 
 
-def test_a_clock_that_is_behind_does_not_make_the_newest_logs_the_oldest(tmp_path):
-    """Logs of an earlier version, then logs of a clock that is right, then of one that is a year behind."""
+def test_with_a_clock_that_is_behind_the_oldest_logs_are_still_deleted_first(tmp_path):
+    """Logs of an earlier version are followed by logs of a correct clock, then of one a year behind."""
     for name in (
         "drive-20260101T000000Z.mcap",
         "drive-20260101T000000Z-2.mcap",
@@ -131,8 +131,8 @@ def test_a_clock_that_is_behind_does_not_make_the_newest_logs_the_oldest(tmp_pat
     mine = tmp_path / "drive-by-the-sea.mcap"
     mine.write_bytes(bytes(10))
     rules = RotationRules(max_size=200_000, budget=800_000)
-    earlier = Written(tmp_path / "drive.mcap", rules).run(4).close()
-    behind = Written(tmp_path / "drive.mcap", rules)
+    earlier = RecordedSeries(tmp_path / "drive.mcap", rules).run(4).close()
+    behind = RecordedSeries(tmp_path / "drive.mcap", rules)
     behind.clock.now -= 365 * 86_400 * NS_PER_S
     series = behind.run(30).close()
     left = [path for path in series.paths if path.exists()]
@@ -143,27 +143,29 @@ def test_a_clock_that_is_behind_does_not_make_the_newest_logs_the_oldest(tmp_pat
 
 
 @pytest.mark.parametrize("other", ["drive-000007-20260101T000000Z.mcap", "000007-20260101T000000Z.mcap"])
-def test_recorders_of_other_names_share_a_folder_and_keep_their_own_numbers(tmp_path, other):
+def test_recorders_with_other_names_in_one_folder_have_separate_numbers(tmp_path, other):
     (tmp_path / other).write_bytes(bytes(900_000))
-    written = Written(tmp_path / "left.mcap", RotationRules(max_size=200_000, budget=500_000)).run(10)
+    written = RecordedSeries(tmp_path / "left.mcap", RotationRules(max_size=200_000, budget=500_000)).run(10)
     assert written.close().paths[0].name.startswith("left-000001-")
     assert (tmp_path / other).exists()
 
 
-def test_numbers_go_on_in_a_folder_whatever_else_is_named_like_a_log(tmp_path):
+def test_numbers_continue_in_a_folder_with_other_files(tmp_path):
     for name in ("000041-20260101T000000Z.mcap", "000042-20260101T000000Z.mcap.tmp", "000043-.mcap"):
         (tmp_path / name).write_bytes(b"")
     (tmp_path / f"{'9' * 30}-20260101T000000Z.mcap").write_bytes(b"")
-    series = Written(tmp_path, RotationRules(budget=10**9)).run(0.1).close()
+    series = RecordedSeries(tmp_path, RotationRules(budget=10**9)).run(0.1).close()
     assert series.path.name == "000042-20260320T094640Z.mcap"
 
 
 @pytest.mark.parametrize("size", [0, 5_000])
 @pytest.mark.parametrize("rotates", [False, True])
-def test_a_log_that_another_program_shortens_is_noticed_within_a_second_and_the_next_begins(
+def test_a_log_truncated_by_another_program_is_detected_within_a_second_and_the_next_starts(
     tmp_path, size, rotates
 ):
-    written = Written(tmp_path / "drive.mcap", RotationRules(max_duration=60.0 if rotates else None)).run(3)
+    written = RecordedSeries(
+        tmp_path / "drive.mcap", RotationRules(max_duration=60.0 if rotates else None)
+    ).run(3)
     first = written.series.path
     os.truncate(first, size)
     written.run(1)
@@ -171,13 +173,13 @@ def test_a_log_that_another_program_shortens_is_noticed_within_a_second_and_the_
     assert written.series.path != first
     series = written.run(2).close()
     assert 250 < series.messages_lost < 400
-    assert numbers(series.path) == list(range(series.messages_lost, 600))
+    assert message_numbers(series.path) == list(range(series.messages_lost, 600))
     assert series.has_losses
 
 
 @pytest.mark.parametrize("change", ["shortened", "deleted", "written to"])
 def test_a_log_deleted_or_changed_just_before_its_end_is_counted_as_well(tmp_path, change):
-    written = Written(tmp_path / "drive.mcap", RotationRules()).run(3)
+    written = RecordedSeries(tmp_path / "drive.mcap", RotationRules()).run(3)
     path = written.series.path
     if change == "deleted":
         path.unlink()
@@ -201,7 +203,7 @@ def test_an_existing_log_and_a_missing_folder_are_refused(tmp_path):
 
 @contextmanager
 def small_disk(folder, megabytes):
-    """A real file system of that size."""
+    """Mount a real file system of this size."""
     folder.mkdir()
     if os.geteuid() != 0 or shutil.which("mount") is None:
         pytest.skip("only root can mount a file system")
@@ -217,41 +219,39 @@ def small_disk(folder, megabytes):
 
 
 @pytest.mark.parametrize("reserve", [0, 500_000])
-def test_a_full_disk_stops_the_log_and_room_starts_another_that_loses_only_what_did_not_fit(
-    tmp_path, reserve
-):
+def test_a_full_disk_pauses_the_log_and_free_space_starts_another(tmp_path, reserve):
     with small_disk(tmp_path / "disk", 4) as disk:
         ballast = disk / "ballast"
         ballast.write_bytes(bytes(3_000_000))
-        written = Written(disk / "drive.mcap", RotationRules(reserve=reserve)).run(14)
+        written = RecordedSeries(disk / "drive.mcap", RotationRules(reserve=reserve)).run(14)
         assert not written.series.is_recording
         assert (
             "left on the disk" in written.series.pause_reason
             or "no space left" in written.series.pause_reason
         )
-        until_full = numbers(disk / "drive.mcap") if reserve else None
+        until_full = message_numbers(disk / "drive.mcap") if reserve else None
         written.run(2)
         ballast.unlink()
         written.run(2)
         assert written.series.is_recording
         assert written.series.pause_reason is None
         series = written.close()
-        values = numbers(*series.paths)
+        values = message_numbers(*series.paths)
         assert len(series.paths) == 2
         assert "no longer" not in " ".join(series.notices)
         if reserve:
             assert values[: len(until_full)] == until_full
-            assert values == list(range(1800)), "nothing is lost while it can be held"
+            assert values == list(range(1800)), "no message is lost while the buffer has room"
             assert not series.has_losses
         else:
             assert values == list(range(len(values)))
             assert len(values) + series.messages_lost == 1800
 
 
-def test_what_no_disk_takes_is_held_in_bounds_and_what_is_beyond_them_counted(tmp_path):
+def test_data_that_cannot_be_written_is_buffered_up_to_a_limit_and_losses_are_counted(tmp_path):
     folder = tmp_path / "logs"
     folder.mkdir()
-    written = Written(folder / "drive.mcap", RotationRules()).run(1)
+    written = RecordedSeries(folder / "drive.mcap", RotationRules()).run(1)
     shutil.rmtree(folder)
     written.run(1)
     assert "folder does not exist" in written.series.pause_reason
@@ -259,7 +259,7 @@ def test_what_no_disk_takes_is_held_in_bounds_and_what_is_beyond_them_counted(tm
     assert sum(len(held.records) for held in written.series._pending) < MAX_PENDING_BYTES + 200_000
     folder.mkdir()
     series = written.run(1).close()
-    values = numbers(series.path)
+    values = message_numbers(series.path)
     assert values == list(range(20_300 - len(values), 20_300))
     assert len(values) * 1000 > 0.9 * MAX_PENDING_BYTES
     assert series.messages_lost == 20_300 - len(values)
@@ -267,11 +267,11 @@ def test_what_no_disk_takes_is_held_in_bounds_and_what_is_beyond_them_counted(tm
 
 
 @pytest.mark.parametrize("change", ["deleted", "replaced", "moved", "folder moved"])
-def test_a_deleted_or_renamed_log_is_noticed_within_a_second_and_recording_continues(tmp_path, change):
+def test_a_deleted_or_renamed_log_is_detected_within_a_second_and_recording_continues(tmp_path, change):
     folder = tmp_path / "logs"
     folder.mkdir()
     out = folder / "drive.mcap"
-    written = Written(out, RotationRules()).run(2)
+    written = RecordedSeries(out, RotationRules()).run(2)
     if change == "deleted":
         out.unlink()
     elif change == "replaced":
@@ -296,32 +296,32 @@ def test_a_deleted_or_renamed_log_is_noticed_within_a_second_and_recording_conti
     if "moved" in change:
         mine = tmp_path / ("mine.mcap" if change == "moved" else "older/drive.mcap")
         assert lost == 0
-        assert numbers(mine, series.path) == list(range(written.numbers.__next__()))
+        assert message_numbers(mine, series.path) == list(range(written.numbers.__next__()))
     else:
         assert "deleted or replaced" in notice
         assert 150 < lost < 300
-        assert numbers(series.path) == list(range(lost, next(written.numbers)))
+        assert message_numbers(series.path) == list(range(lost, next(written.numbers)))
         assert series.has_losses
     if change == "replaced":
         assert out.read_bytes() == b"another"
 
 
 @pytest.mark.parametrize("number", [errno.EROFS, errno.EIO, errno.EDQUOT])
-def test_a_disk_that_refuses_to_write_pauses_the_log_and_is_named(tmp_path, number):
-    written = Written(tmp_path / "drive.mcap", RotationRules()).run(1)
+def test_a_write_error_pauses_the_log_and_is_reported(tmp_path, number):
+    written = RecordedSeries(tmp_path / "drive.mcap", RotationRules()).run(1)
     with TracedDisk() as disk:
         disk.refuses = number
         written.run(3)
         assert os.strerror(number).lower() in written.series.pause_reason
         assert not written.series.is_recording
     series = written.run(2).close()
-    assert numbers(*series.paths) == list(range(600))
+    assert message_numbers(*series.paths) == list(range(600))
     assert len(series.paths) == 2
 
 
-def test_a_limit_to_the_size_of_a_file_starts_the_next_and_the_first_can_still_be_read(tmp_path):
+def test_at_the_file_size_limit_the_next_log_starts_and_the_first_stays_readable(tmp_path):
     """A memory card, for example, has a file system that limits files to 4 GB."""
-    written = Written(tmp_path / "drive.mcap", RotationRules())
+    written = RecordedSeries(tmp_path / "drive.mcap", RotationRules())
     with TracedDisk() as disk:
         disk.largest_file = 300_000
         series = written.run(5).close()
@@ -329,27 +329,27 @@ def test_a_limit_to_the_size_of_a_file_starts_the_next_and_the_first_can_still_b
     assert any("hubodo recover" in notice for notice in series.notices)
     whole = tmp_path / "whole.mcap"
     recover_log(series.paths[0], whole)
-    assert numbers(whole, series.paths[1]) == list(range(500))
+    assert message_numbers(whole, series.paths[1]) == list(range(500))
 
 
-def test_a_power_cut_at_any_moment_costs_at_most_five_seconds(tmp_path):
-    """All prefixes of what was written: of each, the disk is sure to have what the last sync covered."""
+def test_a_power_cut_loses_at_most_five_seconds(tmp_path):
+    """A cut may leave any prefix of the bytes written, at least up to the last sync."""
     with TracedDisk() as disk:
-        written = Written(tmp_path / "drive.mcap", RotationRules(max_duration=9.0))
+        written = RecordedSeries(tmp_path / "drive.mcap", RotationRules(max_duration=9.0))
         for _ in range(2000):
             written.run(0.01)
             disk.settle(written.series, written.clock.now)
         written.close()
     assert len(disk.moments) > 30
     worst = 0.0
-    # What is safe stays so until the next moment, just before which a cut costs most.
+    # The synced data stays constant until the next sync, just before which a cut loses most.
     for turn, ((_, safe), (t_ns, _)) in enumerate(itertools.pairwise(disk.moments)):
         values = []
         for k, (name, data) in enumerate(safe.items()):
             cut, whole = tmp_path / f"{turn}-{k}-{name}", tmp_path / f"{turn}-{k}-whole.mcap"
             cut.write_bytes(data)
             recover_log(cut, whole)
-            values += numbers(whole)
+            values += message_numbers(whole)
         assert values == list(range(len(values)))
         worst = max(worst, (t_ns - T0) * 1e-9 - len(values) / 100)
     assert 1.0 < worst < 5.0
@@ -358,7 +358,7 @@ def test_a_power_cut_at_any_moment_costs_at_most_five_seconds(tmp_path):
 def test_a_disk_too_slow_for_that_guarantee_is_reported(tmp_path):
     with TracedDisk() as disk:
         disk.hang()
-        written = Written(tmp_path / "drive.mcap", RotationRules()).run(6)
+        written = RecordedSeries(tmp_path / "drive.mcap", RotationRules()).run(6)
         warnings = [notice for notice in written.series.notices if "power cut" in notice]
         disk.go_on()
         written.close()
@@ -366,7 +366,7 @@ def test_a_disk_too_slow_for_that_guarantee_is_reported(tmp_path):
 
 
 def test_a_repeated_event_keeps_its_time_and_does_not_lengthen_the_log(tmp_path):
-    written = Written(tmp_path / "drive.mcap", RotationRules())
+    written = RecordedSeries(tmp_path / "drive.mcap", RotationRules())
     written.log.write_event(
         Event(T0 - 3600 * NS_PER_S, "started", "left", "long ago", {"power_on_ns": 1}), T0 + NS_PER_S
     )

@@ -1,4 +1,4 @@
-"""The log being written: foreign readers agree with every number, nothing waits longer than its bound."""
+"""Writing a log: independent readers decode every number, and messages are on disk within a bounded time."""
 
 import errno
 import json
@@ -56,7 +56,7 @@ def numbers(seed: int = 5, n: int = 300) -> dict[str, np.ndarray]:
 
 
 def write_everything(log: LogWriter, d: dict[str, np.ndarray]) -> None:
-    """Every kind of message, in batches of mixed sizes, received 3 ms after it was measured."""
+    """Write every kind of message in batches of different sizes, received 3 ms after its measurement."""
     for first in range(0, len(d["t"]), 37):
         p = slice(first, first + 37)
         t, received = d["t"][p], d["t"][p] + 3_000_000
@@ -76,8 +76,8 @@ def write_everything(log: LogWriter, d: dict[str, np.ndarray]) -> None:
         log.write_event(Event(int(received[0]), "gap", "left", "lost", {"samples_lost": first}))
 
 
-def check(topic: str, i: int, m: object, d: dict[str, np.ndarray]) -> None:
-    """One message as a foreign reader decoded it (attributes as in ROS) against what was written."""
+def check_message(topic: str, i: int, m: object, d: dict[str, np.ndarray]) -> None:
+    """Compare a message decoded by an independent reader (attributes as in ROS) with the data written."""
     if topic.startswith("/hubodo/columns"):
         assert list(m.data) == [d["speed"][i], d["yaw_rate"][i]]
         assert (len(m.layout.dim), m.layout.dim[0].size) == (1, 2)
@@ -141,7 +141,7 @@ def test_rosbags_reads_every_type_with_the_same_numbers(compression, tmp_path: P
             if connection.topic in counts:
                 i = counts[connection.topic]
                 assert received == data["t"][i] + 3_000_000
-                check(connection.topic, i, reader.deserialize(raw, connection.msgtype), data)
+                check_message(connection.topic, i, reader.deserialize(raw, connection.msgtype), data)
                 counts[connection.topic] += 1
     assert set(counts.values()) == {300}
 
@@ -156,7 +156,7 @@ def test_mcap_ros2_support_reads_every_type_with_the_same_numbers(tmp_path: Path
         for _, channel, message, decoded in reader.iter_decoded_messages(topics=list(ROS_TOPICS)):
             i = counts[channel.topic]
             assert (message.publish_time, message.sequence) == (data["t"][i], i)
-            check(channel.topic, i, decoded, data)
+            check_message(channel.topic, i, decoded, data)
             counts[channel.topic] += 1
         summary = reader.get_summary()
         assert summary is not None
@@ -165,11 +165,11 @@ def test_mcap_ros2_support_reads_every_type_with_the_same_numbers(tmp_path: Path
     assert set(counts.values()) == {300}
 
 
-def test_the_mcap_package_finds_every_checksum_right(tmp_path: Path) -> None:
+def test_the_mcap_package_accepts_every_checksum(tmp_path: Path) -> None:
     with LogWriter(tmp_path / "log.mcap", chunk_bytes=50_000, metadata={"fingerprint": "abc"}) as log:
         write_everything(log, numbers())
         log.add_attachment("hubodo.toml", "application/toml", b"rate_hz = 208\n")
-    # The checksums that the mcap package does not verify, by the letter of the specification.
+    # Checksums that the mcap package does not verify, computed as specified.
     data = (tmp_path / "log.mcap").read_bytes()
     start, offsets, crc = struct.unpack("<QQI", data[-28:-8])
     assert crc == zlib.crc32(data[start:-12])
@@ -187,7 +187,7 @@ def test_the_mcap_package_finds_every_checksum_right(tmp_path: Path) -> None:
         assert len(list(reader.iter_messages())) == 300 * len(ROS_TOPICS) + 2 * 9
 
 
-def test_our_reader_gives_back_what_a_live_recording_wrote(tmp_path: Path) -> None:
+def test_the_reader_returns_the_data_of_a_live_recording(tmp_path: Path) -> None:
     d = numbers()
     with LogWriter(tmp_path / "log.mcap", t_zero_ns=T0, metadata={"fingerprint": "abc"}) as log:
         write_everything(log, d)
@@ -219,7 +219,7 @@ def test_our_reader_gives_back_what_a_live_recording_wrote(tmp_path: Path) -> No
     assert recording.warnings == ()
 
 
-def test_raw_frames_and_events_come_back_byte_for_byte(tmp_path: Path) -> None:
+def test_raw_frames_and_events_are_preserved_byte_by_byte(tmp_path: Path) -> None:
     frames = [os.urandom(n) for n in (0, 1, 250, 12)]
     with LogWriter(tmp_path / "log.mcap") as log:
         for i, frame in enumerate(frames):
@@ -234,7 +234,7 @@ def test_raw_frames_and_events_come_back_byte_for_byte(tmp_path: Path) -> None:
 
 
 class Clock:
-    """A clock that a test turns by hand; it stands in for time.monotonic_ns."""
+    """A substitute for time.monotonic_ns that the test sets."""
 
     now = 0
 
@@ -242,36 +242,36 @@ class Clock:
         return self.now
 
 
-def on_disk(path: Path) -> int:
-    """Messages that a reader finds now, as if the writer were killed."""
+def count_on_disk(path: Path) -> int:
+    """Return the number of messages readable now, as if the writer were killed."""
     with open_log(path) as log:
         return sum(len(messages.offsets) for messages in log.chunks())
 
 
-def test_nothing_waits_longer_than_its_bound_even_if_no_further_message_comes(tmp_path: Path) -> None:
+def test_messages_are_on_disk_within_the_bound_even_without_further_ones(tmp_path: Path) -> None:
     clock = Clock()
     log = LogWriter(tmp_path / "log.mcap", pending_s=0.5, clock=clock)
     log.write_raw_frame("usb0", 1, b"first")
     clock.now = 499_999_999
     log.tick()
-    assert on_disk(log.path) == 0
+    assert count_on_disk(log.path) == 0
     clock.now = 500_000_000
     log.tick()
-    assert on_disk(log.path) == 1
+    assert count_on_disk(log.path) == 1
     log.write_raw_frame("usb0", 2, b"second")
     clock.now += 400_000_000
     log.write_raw_frame("usb0", 3, b"third")
     clock.now += 100_000_000
     log.write_raw_frame("usb0", 4, b"fourth")
-    assert on_disk(log.path) == 4
+    assert count_on_disk(log.path) == 4
     log.close()
 
 
-def test_an_event_is_on_disk_at_once_with_all_that_came_before_it(tmp_path: Path) -> None:
+def test_an_event_is_on_disk_at_once_with_all_earlier_messages(tmp_path: Path) -> None:
     log = LogWriter(tmp_path / "log.mcap", clock=Clock())
     log.write_raw_frame("usb0", 1, b"before")
     log.write_event(Event(2, "disconnected", "usb0", "unplugged", {}))
-    assert on_disk(log.path) == 2
+    assert count_on_disk(log.path) == 2
     log.close()
 
 
@@ -279,11 +279,11 @@ def test_a_full_chunk_is_written_without_waiting(tmp_path: Path) -> None:
     log = LogWriter(tmp_path / "log.mcap", clock=Clock(), chunk_bytes=10_000)
     for i in range(100):
         log.write_raw_frame("usb0", i, bytes(200))
-    assert on_disk(log.path) >= 81
+    assert count_on_disk(log.path) >= 81
     log.close()
 
 
-def test_an_existing_file_is_refused_and_left_alone(tmp_path: Path) -> None:
+def test_an_existing_file_is_refused_and_unchanged(tmp_path: Path) -> None:
     (tmp_path / "log.mcap").write_bytes(b"precious")
     with pytest.raises(InputError, match="exists already"):
         LogWriter(tmp_path / "log.mcap")
@@ -292,7 +292,7 @@ def test_an_existing_file_is_refused_and_left_alone(tmp_path: Path) -> None:
         LogWriter(tmp_path / "absent" / "log.mcap")
 
 
-def test_the_end_of_a_long_log_takes_no_memory_for_its_index(tmp_path):
+def test_closing_a_long_log_needs_no_copy_of_its_index(tmp_path):
     """The index of 6,000 chunks takes 0.6 MB and is written without a copy."""
     log = LogWriter(tmp_path / "a.mcap", clock=None, compression="none")
     for k in range(6_000):
@@ -310,11 +310,11 @@ def test_the_end_of_a_long_log_takes_no_memory_for_its_index(tmp_path):
         assert read.warnings() == ()
 
 
-def test_a_full_disk_costs_what_was_pending_and_leaves_a_valid_log(tmp_path: Path, monkeypatch) -> None:
+def test_a_full_disk_loses_only_pending_messages_and_leaves_a_valid_log(tmp_path: Path, monkeypatch) -> None:
     real, room = os.write, [None]
 
     def write(fd: int, data: bytes) -> int:
-        """The real write until `room` bytes are left, then half of it, then no space."""
+        """Write until `room` bytes are left, then write half of the data, then raise ENOSPC."""
         if room[0] is None:
             return real(fd, data)
         if not room[0]:

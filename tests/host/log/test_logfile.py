@@ -1,4 +1,4 @@
-"""Reading whole, cut, damaged and foreign logs: what is there comes back, what is lost is named."""
+"""Reading complete, truncated, damaged and foreign logs: readable messages are returned, losses reported."""
 
 import random
 import resource
@@ -28,7 +28,7 @@ N = 400
 
 
 def small_log(path: Path, compression="zstd", chunk_bytes: int = 20_000) -> Path:
-    """Two nodes at 100 Hz for 4 s, in a dozen chunks or more."""
+    """Write two nodes at 100 Hz for 4 s, in a dozen chunks or more."""
     with LogWriter(path, t_zero_ns=0, compression=compression, chunk_bytes=chunk_bytes, clock=None) as log:
         for first in range(0, N, 8):
             i = np.arange(first, first + 8)
@@ -39,12 +39,12 @@ def small_log(path: Path, compression="zstd", chunk_bytes: int = 20_000) -> Path
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def complete_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return small_log(tmp_path_factory.mktemp("log") / "whole.mcap")
 
 
 def assert_true_rows(path: Path) -> int:
-    """Every row read is one that was written; returns how many."""
+    """Assert that every row read was written; return their number."""
     nodes = read_recording(path).nodes
     for table in nodes.values():
         i = np.rint(table.t * 100)
@@ -54,9 +54,11 @@ def assert_true_rows(path: Path) -> int:
     return sum(map(len, nodes.values()))
 
 
-def test_a_cut_log_reads_up_to_the_cut_and_says_what_is_lost(whole: Path, tmp_path: Path) -> None:
-    data = whole.read_bytes()
-    with open_log(whole) as log:
+def test_a_truncated_log_is_read_up_to_the_cut_and_the_loss_reported(
+    complete_log: Path, tmp_path: Path
+) -> None:
+    data = complete_log.read_bytes()
+    with open_log(complete_log) as log:
         places = [(place.offset, place.offset + place.length) for place in log.scan.chunks]
     assert len(places) > 10
     cut = tmp_path / "cut.mcap"
@@ -68,7 +70,7 @@ def test_a_cut_log_reads_up_to_the_cut_and_says_what_is_lost(whole: Path, tmp_pa
     assert assert_true_rows(cut) == n_rows > 250
 
 
-def test_a_log_of_a_writer_that_never_closed_reads_whole(tmp_path: Path) -> None:
+def test_a_log_that_was_never_closed_is_read_completely(tmp_path: Path) -> None:
     log = LogWriter(tmp_path / "log.mcap", clock=None)
     log.write_raw_frame("usb0", 5, b"x")
     log.flush()
@@ -81,7 +83,7 @@ def test_a_log_of_a_writer_that_never_closed_reads_whole(tmp_path: Path) -> None
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
-def test_a_flipped_bit_costs_its_chunk_which_is_named_with_its_time(compression, tmp_path: Path) -> None:
+def test_a_flipped_bit_loses_its_chunk_which_is_reported_with_its_time(compression, tmp_path: Path) -> None:
     path = small_log(tmp_path / "log.mcap", compression)
     with open_log(path) as log:
         place = log.scan.chunks[3]
@@ -97,10 +99,10 @@ def test_a_flipped_bit_costs_its_chunk_which_is_named_with_its_time(compression,
         assert len(list(log.messages())) == assert_true_rows(path)
 
 
-def test_any_flipped_bit_never_invents_a_row_and_never_costs_more_than_its_neighbourhood(
-    whole: Path, tmp_path: Path
+def test_a_flipped_bit_creates_no_row_and_loses_at_most_its_neighbourhood(
+    complete_log: Path, tmp_path: Path
 ) -> None:
-    seed, data, path = 11, whole.read_bytes(), tmp_path / "flipped.mcap"
+    seed, data, path = 11, complete_log.read_bytes(), tmp_path / "flipped.mcap"
     rng = random.Random(seed)
     for _ in range(150):
         at, bit = rng.randrange(8, len(data)), rng.randrange(8)
@@ -119,7 +121,7 @@ def test_any_flipped_bit_never_invents_a_row_and_never_costs_more_than_its_neigh
         (b"\x89MC", "is not an MCAP file"),
     ],
 )
-def test_a_file_that_is_no_log_is_refused_in_one_line(content: bytes, reason: str, tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_log_is_refused_in_one_line(content: bytes, reason: str, tmp_path: Path) -> None:
     path = tmp_path / "log.mcap"
     path.write_bytes(content)
     with pytest.raises(LogError, match=reason) as caught:
@@ -135,7 +137,7 @@ def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:
 
 
 @given(tail=st.binary(max_size=300))
-def test_magic_followed_by_anything_is_read_without_a_crash(tail: bytes, tmp_path_factory) -> None:
+def test_random_bytes_after_the_magic_cause_no_crash(tail: bytes, tmp_path_factory) -> None:
     path = tmp_path_factory.getbasetemp() / "anything.mcap"
     path.write_bytes(b"\x89MCAP0\r\n" + tail)
     assert read_recording(path).nodes == {}
@@ -149,7 +151,7 @@ HUGE = {
 
 
 @pytest.mark.parametrize("kind", HUGE)
-def test_lengths_that_lie_cost_no_memory(kind: str, tmp_path: Path) -> None:
+def test_false_lengths_allocate_no_memory(kind: str, tmp_path: Path) -> None:
     path = small_log(tmp_path / "log.mcap")
     with open_log(path) as log:
         place = log.scan.chunks[2]
@@ -213,7 +215,7 @@ def test_messages_of_changing_frame_names_are_all_decoded_in_order(tmp_path: Pat
     assert "12 messages of /x/imu do not match" in recording.warnings[0]
 
 
-def test_rows_that_repeat_a_time_are_left_out_and_counted(tmp_path: Path) -> None:
+def test_rows_with_a_repeated_time_are_left_out_and_counted(tmp_path: Path) -> None:
     with LogWriter(tmp_path / "log.mcap", t_zero_ns=0) as log:
         t = [10, 20, 20, 15, 30]
         log.write_imu("left", t, t, np.arange(15.0).reshape(5, 3), np.zeros((5, 3)))
@@ -224,7 +226,7 @@ def test_rows_that_repeat_a_time_are_left_out_and_counted(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("window", [(None, None), (50, 150), (0, 1), (199, None), (None, 3)])
-def test_messages_come_by_log_time_across_chunks_that_overlap(window, tmp_path: Path) -> None:
+def test_messages_of_overlapping_chunks_are_sorted_by_log_time(window, tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
     with LogWriter(tmp_path / "log.mcap", chunk_bytes=500, clock=None) as log:
         for t in rng.integers(0, 200, 1000).tolist():
@@ -240,8 +242,8 @@ def test_messages_come_by_log_time_across_chunks_that_overlap(window, tmp_path: 
     assert odd == [t for t in expected if t % 2]
 
 
-def test_messages_of_one_time_come_in_the_order_of_the_file(tmp_path: Path) -> None:
-    """Frames of one read have one time; a chunk that begins with something older is not read before them."""
+def test_messages_with_equal_times_keep_the_order_of_the_file(tmp_path: Path) -> None:
+    """Frames with equal times keep the order of the file, even if a later chunk starts earlier."""
     path = tmp_path / "log.mcap"
     first = b"first" + bytes(200)  # fills a chunk
     with path.open("wb") as stream:
@@ -261,7 +263,7 @@ def test_messages_of_one_time_come_in_the_order_of_the_file(tmp_path: Path) -> N
         assert [m.data for m in log.messages()] == [b"older", first, b"second", b"third"]
 
 
-def test_iterating_messages_keeps_few_chunks_in_memory(tmp_path: Path) -> None:
+def test_iteration_holds_few_chunks_in_memory(tmp_path: Path) -> None:
     with LogWriter(tmp_path / "log.mcap", compression="zstd", clock=None) as log:
         channel = log.add_channel("/x", "", "", b"", "json")
         for t in range(200_000):
@@ -274,15 +276,15 @@ def test_iterating_messages_keeps_few_chunks_in_memory(tmp_path: Path) -> None:
     assert grown < 60_000, f"{grown} kB for 200 MB of messages"
 
 
-def test_a_log_mangled_in_any_way_is_read_or_refused_but_never_crashes(tmp_path: Path) -> None:
+def test_a_randomly_damaged_log_is_read_or_refused_without_a_crash(tmp_path: Path) -> None:
     seed = 1
     rng = random.Random(seed)
-    whole = tmp_path / "whole.mcap"
+    complete_log = tmp_path / "whole.mcap"
     t = np.arange(40) / 7 + 1e-11
     node = Table({name: t if name == "t" else np.ones(40) for name in (*NODE_COLUMNS, "temperature", "own")})
     table = Table({"t": t, "angle": t, "moving": t})
-    write_recording(Recording({"left": node}, table=table), whole, compression="none")
-    data = whole.read_bytes()
+    write_recording(Recording({"left": node}, table=table), complete_log, compression="none")
+    data = complete_log.read_bytes()
     for attempt in range(150):
         mangled = bytearray(data)
         for _ in range(rng.randint(1, 12)):

@@ -1,4 +1,4 @@
-"""Files of other programs through the one door: what they say is taken, what they do not say is asked for."""
+"""Number files of other programs: their metadata is used, and missing metadata must be given."""
 
 import gzip
 import json
@@ -22,8 +22,8 @@ RATES = np.random.default_rng(5).normal(0.1, 0.02, 4000)
 """deg/s"""
 
 
-def read_file(path, form, count=4000):
-    ((name, table),) = read_log(path, input_format=form).nodes.items()
+def read_file(path, file_format, count=4000):
+    ((name, table),) = read_log(path, input_format=file_format).nodes.items()
     assert len(table) == count
     return name, table
 
@@ -54,7 +54,7 @@ def test_one_column_with_a_rate_and_a_unit_is_a_channel(tmp_path, suffix):
 
 
 @pytest.mark.parametrize(
-    ("form", "words"),
+    ("file_format", "words"),
     [
         (InputFormat(100.0), "the unit of gz is missing; give --unit"),
         (InputFormat(None, ("deg/s",)), "has no time column; give its samples per second with --rate"),
@@ -64,21 +64,21 @@ def test_one_column_with_a_rate_and_a_unit_is_a_channel(tmp_path, suffix):
         (InputFormat(100.0, ("deg/s",), ("wz",)), "--columns: 'wz' is none of"),
     ],
 )
-def test_what_a_file_does_not_say_is_asked_for(tmp_path, form, words):
+def test_missing_metadata_must_be_given(tmp_path, file_format, words):
     path = write_text(tmp_path / "gyro.csv", "\n".join(map(repr, RATES.tolist())))
     with pytest.raises(InputError, match=words):
-        read_log(path, input_format=form)
+        read_log(path, input_format=file_format)
 
 
-def test_columns_are_named_by_the_user_or_by_a_header_of_ours(tmp_path):
+def test_columns_are_named_by_the_user_or_by_a_hubodo_header(tmp_path):
     body = "\n".join(f"{1000 * k};{k / 7};{9.81};x" for k in range(50))
     path = write_text(tmp_path / "wheel.txt", "stamp;rate;down;mark\n" + body.replace(";x", ";1"))
     with pytest.raises(
         InputError, match=r"4 columns \(stamp, rate, down, mark\); name them, as in --columns"
     ):
         read_log(path)
-    form = InputFormat(None, ("0.5 deg/s", "m/s²"), ("t_us", "gy", "az", "-"))
-    _, table = read_file(path, form, 50)
+    file_format = InputFormat(None, ("0.5 deg/s", "m/s²"), ("t_us", "gy", "az", "-"))
+    _, table = read_file(path, file_format, 50)
     assert table.t[1] == pytest.approx(1e-3)
     assert table["gy"][7] == pytest.approx(0.5 * DEG)
     assert table["az"][0] == 9.81
@@ -103,7 +103,7 @@ def test_a_faulty_row_is_named(tmp_path, content, words):
         read_log(path, input_format=InputFormat(None, ("deg/s",), ()))
 
 
-def test_structures_of_matlab_and_units_of_hdf5_are_understood(tmp_path):
+def test_matlab_structures_and_hdf5_units_are_read(tmp_path):
     t = np.arange(300) / 50.0
     savemat(tmp_path / "a.mat", {"imu": {"t": t, "gz": t * 0 + 2.0, "note": "x"}, "other": np.zeros(7)})
     with pytest.raises(InputError, match=r"imu\.t 300 x 1.*give --variable"):
@@ -114,8 +114,8 @@ def test_structures_of_matlab_and_units_of_hdf5_are_understood(tmp_path):
         file["t"] = t
         file["gyro"] = np.tile([[1.0], [2.0], [3.0]], 300)
         file["gyro"].attrs["units"] = "deg/s"
-    form = InputFormat(None, (), ("t", "gx", "gy", "gz"), "t,gyro")
-    _, table = read_file(tmp_path / "b.h5", form, 300)
+    file_format = InputFormat(None, (), ("t", "gx", "gy", "gz"), "t,gyro")
+    _, table = read_file(tmp_path / "b.h5", file_format, 300)
     assert table["gy"][5] == pytest.approx(2.0 * DEG)
     (tmp_path / "torn.mat").write_bytes((tmp_path / "a.mat").read_bytes()[:300])
     with pytest.raises(InputError, match=r"torn\.mat: cannot be read"):
@@ -164,7 +164,7 @@ def test_the_unit_of_a_log_that_is_not_in_si_is_given_by_the_same_option(tmp_pat
     assert "/left/imu" in capsys.readouterr().out
 
 
-def test_an_import_in_other_units_causes_a_warning_or_is_converted_and_one_channel_is_no_log(
+def test_an_import_in_other_units_is_converted_or_causes_a_warning_and_one_channel_is_refused(
     tmp_path, capsys
 ):
     t = np.arange(600) / 100.0

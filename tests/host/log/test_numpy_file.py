@@ -8,7 +8,7 @@ from hubodo.log.numpy_file import read_numpy
 
 
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
-def test_wanted_arrays_are_read_and_of_the_others_only_the_shape(save, tmp_path):
+def test_selected_arrays_are_read_and_of_the_others_only_the_shape(save, tmp_path):
     gyro = np.arange(30, dtype=np.int16).reshape(10, 3)
     save(tmp_path / "x.npz", gyro=gyro, t=np.arange(10.0), label=np.array("text"))
     arrays, _ = read_numpy(tmp_path / "x.npz", ("gyro",))

@@ -1,4 +1,4 @@
-"""Parquet files of `export --format parquet` are a log again; hostile ones are refused in one line."""
+"""Parquet files of `export --format parquet` are read as a log; hostile ones are refused in one line."""
 
 import json
 import random
@@ -32,13 +32,13 @@ def folder(tmp_path: Path) -> Path:
 
 
 def rewrite(file: Path, **columns: object) -> None:
-    """The file with other columns; None leaves one out."""
+    """Rewrite the file with other columns; None removes a column."""
     arrow, parquet = wanted.module("pyarrow"), wanted.module("pyarrow.parquet")
     table = {**parquet.read_table(file).to_pydict(), **columns}
     parquet.write_table(arrow.table({name: it for name, it in table.items() if it is not None}), file)
 
 
-def test_an_exported_folder_is_the_log_again(folder, tmp_path):
+def test_an_exported_folder_is_read_as_the_same_log(folder, tmp_path):
     read = read_log(folder)
     for name, table in RECORDING.files().items():
         assert set(read.files()[name]) == set(table)
@@ -86,7 +86,7 @@ def test_a_table_beyond_the_memory_limit_is_not_read(folder):
     assert "left.parquet: the table needs 43200 bytes of memory" in done.err
 
 
-def test_bytes_changed_anywhere_are_no_defect(folder):
+def test_randomly_changed_bytes_cause_no_internal_error(folder):
     good, seed = (folder / "left.parquet").read_bytes(), 5
     for case in range(60):
         rng = random.Random(f"{seed} {case}")

@@ -1,4 +1,4 @@
-"""Recovery: every message of a completed chunk comes back, nothing is invented, the account is true."""
+"""Recovery: every message of a complete chunk is recovered, none is invented, and the report is correct."""
 
 import random
 from pathlib import Path
@@ -18,7 +18,7 @@ from hubodo.recording import Event
 
 
 def write_small(path: Path, compression="zstd", n: int = 14) -> None:
-    """A few chunks of two links, with metadata, and an attachment and an event if there are many."""
+    """Write a few chunks of two links with metadata, and with attachment and event if n is large."""
     with LogWriter(
         path,
         t_zero_ns=0,
@@ -41,8 +41,8 @@ def messages(path: Path) -> list[LogMessage]:
         return list(log.messages())
 
 
-def judge(path: Path) -> list[tuple[str, int, int, int, bytes]]:
-    """All messages as the mcap package, which is not ours, finds them by index, checksums verified."""
+def read_with_mcap(path: Path) -> list[tuple[str, int, int, int, bytes]]:
+    """Return all messages as read by the mcap package by its index, with verified checksums."""
     with path.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
         payloads = [
@@ -57,7 +57,7 @@ def judge(path: Path) -> list[tuple[str, int, int, int, bytes]]:
 
 
 @pytest.mark.parametrize("compression", ["zstd", "none", "lz4"])
-def test_a_log_cut_at_any_byte_gives_back_every_completed_chunk_and_invents_nothing(
+def test_from_a_log_cut_at_any_byte_every_complete_chunk_is_recovered_and_nothing_else(
     compression, tmp_path: Path
 ) -> None:
     whole = tmp_path / "whole.mcap"
@@ -69,15 +69,15 @@ def test_a_log_cut_at_any_byte_gives_back_every_completed_chunk_and_invents_noth
             total += len(chunk.offsets)
             ends.append(place.offset + place.length)
             counts.append(total)
-    everything = sorted(judge(whole), key=lambda m: (m[1], m[0]))
+    everything = sorted(read_with_mcap(whole), key=lambda m: (m[1], m[0]))
     written_order = _file_order(whole)
     cut, out = tmp_path / "cut.mcap", tmp_path / "out.mcap"
     assert len(ends) >= 4
     seed = 3
-    for size in _cuts(data, seed) if compression == "zstd" else _drawn(data, seed, 100):
+    for size in _cuts(data, seed) if compression == "zstd" else _random_sizes(data, seed, 100):
         cut.write_bytes(data[:size])
         done = recover_log(cut, out)
-        payloads = judge(out)
+        payloads = read_with_mcap(out)
         complete = max([count for end, count in zip(ends, counts, strict=True) if end <= size], default=0)
         assert len(payloads) >= complete, f"cut at byte {size}"
         assert set(payloads) == set(written_order[: len(payloads)]), f"cut at byte {size}"
@@ -87,14 +87,14 @@ def test_a_log_cut_at_any_byte_gives_back_every_completed_chunk_and_invents_noth
     assert sorted(payloads, key=lambda m: (m[1], m[0])) == everything
 
 
-def _drawn(data: bytes, seed: int, count: int) -> list[int]:
+def _random_sizes(data: bytes, seed: int, count: int) -> list[int]:
     """Return several sizes of a truncated file, and the full size."""
     return [*random.Random(seed).sample(range(8, len(data)), count), len(data)]
 
 
 def _cuts(data: bytes, seed: int) -> list[int]:
-    """Sizes at every byte of the head of a record and of its last four, and 400 that fall anywhere."""
-    sizes, at = set(_drawn(data, seed, 400)), 8
+    """Return sizes at each byte of the header and the last four bytes of each record, and 400 random."""
+    sizes, at = set(_random_sizes(data, seed, 400)), 8
     while at < len(data) - 8:
         end = at + 9 + int.from_bytes(data[at + 1 : at + 9], "little")
         sizes.update(range(at, min(at + 21, end)), range(end - 4, end + 1))
@@ -121,7 +121,7 @@ def test_less_than_the_magic_is_refused(size: int, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["cut.mcap"]
 
 
-def test_metadata_attachments_and_an_account_are_in_the_recovered_log(tmp_path: Path) -> None:
+def test_metadata_attachments_and_a_report_are_in_the_recovered_log(tmp_path: Path) -> None:
     write_small(tmp_path / "whole.mcap")
     data = (tmp_path / "whole.mcap").read_bytes()
     (tmp_path / "cut.mcap").write_bytes(data[: len(data) // 2])
@@ -137,34 +137,36 @@ def test_metadata_attachments_and_an_account_are_in_the_recovered_log(tmp_path: 
     assert 0 < done.bytes_lost < 2000
 
 
-def test_damaged_chunks_and_lost_records_cost_only_themselves(tmp_path: Path) -> None:
+def test_damaged_chunks_and_lost_records_lose_no_other_data(tmp_path: Path) -> None:
     write_small(tmp_path / "whole.mcap")
     data = bytearray((tmp_path / "whole.mcap").read_bytes())
     with open_log(tmp_path / "whole.mcap") as log:
         places = list(log.scan.chunks)
         sizes = [len(chunk.offsets) for chunk in log.chunks()]
     data[places[1].data_offset + 20] ^= 1
-    data[places[2].offset + 3] ^= 0x80  # the length of the record: nothing behind it is where it seems
+    data[places[2].offset + 3] ^= 0x80  # the length of the record: the positions of all later ones are lost
     (tmp_path / "bad.mcap").write_bytes(data)
     done = recover_log(tmp_path / "bad.mcap", tmp_path / "out.mcap")
-    lost = set(_file_order(tmp_path / "whole.mcap")) - set(judge(tmp_path / "out.mcap"))
+    lost = set(_file_order(tmp_path / "whole.mcap")) - set(read_with_mcap(tmp_path / "out.mcap"))
     assert len(lost) == sizes[1] + sizes[2]
     assert len(done.losses) == 2
     assert not done.was_complete
 
 
 @pytest.mark.parametrize("at", range(8))
-def test_a_damaged_magic_costs_nothing(at: int, tmp_path: Path) -> None:
+def test_a_damaged_magic_loses_nothing(at: int, tmp_path: Path) -> None:
     write_small(tmp_path / "whole.mcap")
     data = bytearray((tmp_path / "whole.mcap").read_bytes())
     data[at] ^= 1
     (tmp_path / "bad.mcap").write_bytes(data)
     recover_log(tmp_path / "bad.mcap", tmp_path / "out.mcap")
-    assert judge(tmp_path / "out.mcap") == judge(tmp_path / "whole.mcap")
+    assert read_with_mcap(tmp_path / "out.mcap") == read_with_mcap(tmp_path / "whole.mcap")
 
 
 @pytest.mark.parametrize("chunked", [True, False])
-def test_a_cut_log_of_another_writer_becomes_one_that_rosbags_opens(chunked: bool, tmp_path: Path) -> None:
+def test_a_truncated_log_of_another_writer_is_recovered_to_one_that_rosbags_reads(
+    chunked: bool, tmp_path: Path
+) -> None:
     with (tmp_path / "foreign.mcap").open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.ZSTD, use_chunking=chunked, chunk_size=1000)
         writer.start("ros2", "somebody else")
@@ -183,7 +185,7 @@ def test_a_cut_log_of_another_writer_becomes_one_that_rosbags_opens(chunked: boo
     assert len(values) > 50
 
 
-def test_nothing_is_overwritten_and_the_input_stays_as_it_is(tmp_path: Path) -> None:
+def test_no_file_is_overwritten_and_the_input_unchanged(tmp_path: Path) -> None:
     write_small(tmp_path / "log.mcap")
     before = (tmp_path / "log.mcap").read_bytes()
     with pytest.raises(InputError, match="is the log itself"):

@@ -1,4 +1,4 @@
-"""Logs that other programs wrote, with their topics and times, through the one door and through the verbs."""
+"""Logs of other programs with their topics and times: reading them, and running verbs on them."""
 
 import json
 import shutil
@@ -24,7 +24,7 @@ FIXES = ("--topic", "gnss=/gps/fix")
 
 @pytest.fixture(scope="module")
 def robot(tmp_path_factory):
-    """The drive, what was said of it, and the folder of its vehicle.toml."""
+    """Return the drive, its messages, and the folder of its vehicle.toml."""
     folder = tmp_path_factory.mktemp("robot")
     driven = drive(folder)
     (folder / "vehicle.toml").write_text(VEHICLE, "utf-8")
@@ -42,7 +42,7 @@ def bag(logs) -> Path:
 
 
 @pytest.mark.parametrize("writer", WRITERS)
-def test_whoever_wrote_it_the_numbers_are_those_that_were_measured(writer, robot, logs):
+def test_the_samples_are_the_same_for_every_writer(writer, robot, logs):
     driven = robot[0]
     form = InputFormat(
         topic_selection=TopicSelection(node_is_on_wheel={"left": True, "right": True}, wheel_radius=RADIUS)
@@ -63,7 +63,7 @@ def test_whoever_wrote_it_the_numbers_are_those_that_were_measured(writer, robot
 
 
 @pytest.mark.parametrize("writer", WRITERS)
-def test_rates_are_those_of_the_stamps_not_of_the_bursts_in_which_a_recorder_wrote(writer, logs):
+def test_rates_are_those_of_the_stamps_and_not_of_the_bursts_of_the_recorder(writer, logs):
     done = hubodo("info", logs[writer], "--json")
     shown = json.loads(done.out)
     streams = {stream["topic"]: stream for stream in shown["streams"]}
@@ -73,7 +73,7 @@ def test_rates_are_those_of_the_stamps_not_of_the_bursts_in_which_a_recorder_wro
     assert shown["topics"]["gnss"] == "/gps/fix"
 
 
-def test_a_robots_bag_is_fused_and_diagnosed_with_topics_as_they_are(robot, bag, tmp_path):
+def test_fuse_and_gap_run_on_the_bag_of_a_robot_with_its_own_topics(robot, bag, tmp_path):
     folder = robot[2]
     topic_options = ["--topic", "left=/imu/left_wheel", "--topic", "right=/imu/right_wheel", *FIXES]
     for number, words in enumerate((topic_options, [])):
@@ -92,7 +92,7 @@ def test_a_robots_bag_is_fused_and_diagnosed_with_topics_as_they_are(robot, bag,
     assert json.loads((tmp_path / "gap" / "gap.json").read_text())["verdict"] == "no_gap"
 
 
-def test_a_bag_is_analysed_at_standstill_exported_and_imported(robot, bag, tmp_path):
+def test_allan_export_and_import_run_on_a_bag(robot, bag, tmp_path):
     words = ("--topic", "left=/imu/left_wheel")
     done = hubodo("allan", bag, *words, "--node", "left", "--end", 4, "--json")
     assert done.code == 0, done.err
@@ -106,7 +106,7 @@ def test_a_bag_is_analysed_at_standstill_exported_and_imported(robot, bag, tmp_p
     assert read_log(tmp_path / "ours.mcap").metadata["topics"].startswith("left = /imu/left_wheel")
 
 
-def test_the_vehicle_file_says_it_once_for_all(bag, tmp_path):
+def test_topics_can_be_set_in_the_vehicle_file(bag, tmp_path):
     vehicle = tmp_path / "vehicle.toml"
     topics = 'l = "/imu/left_wheel"\nr = "/imu/right_wheel"\nwheels = "-"\ngnss = "/gone"\n'
     named = VEHICLE.replace("[nodes.left]", "[nodes.l]").replace("[nodes.right]", "[nodes.r]")
@@ -131,7 +131,7 @@ def test_the_vehicle_file_says_it_once_for_all(bag, tmp_path):
         ("left", "write NAME=/TOPIC"),
     ],
 )
-def test_a_topic_that_cannot_be_meant_is_refused_with_what_could(words, error, robot, bag, tmp_path):
+def test_an_unsuitable_topic_is_refused_with_the_suitable_ones(words, error, robot, bag, tmp_path):
     vehicle = robot[2] / "vehicle.toml"
     done = hubodo("fuse", bag, "--vehicle", vehicle, "--topic", words, "-o", tmp_path / "out")
     assert done.code == 2
@@ -139,7 +139,7 @@ def test_a_topic_that_cannot_be_meant_is_refused_with_what_could(words, error, r
     assert not (tmp_path / "out").exists()
 
 
-def of(**kinds: str) -> dict[str, TopicCandidate]:
+def candidates_by_topic(**kinds: str) -> dict[str, TopicCandidate]:
     return {topic.replace("__", "/"): TopicCandidate(kind) for topic, kind in kinds.items()}
 
 
@@ -150,25 +150,33 @@ WHEELS = {"left": True, "right": True}
 @pytest.mark.parametrize(
     ("candidates", "choice", "words"),
     [
-        (of(__a=FIX, __b=FIX), {}, r"/a \(.*NavSatFix\), /b .* could each be gnss; add --topic gnss=/a"),
-        (of(__odom=ODOMETRY, __speed=TWIST), {}, r"could each be reference; add --topic reference=/odom"),
         (
-            of(__x__imu=IMU, __y=IMU),
+            candidates_by_topic(__a=FIX, __b=FIX),
+            {},
+            r"/a \(.*NavSatFix\), /b .* could each be gnss; add --topic gnss=/a",
+        ),
+        (
+            candidates_by_topic(__odom=ODOMETRY, __speed=TWIST),
+            {},
+            r"could each be reference; add --topic reference=/odom",
+        ),
+        (
+            candidates_by_topic(__x__imu=IMU, __y=IMU),
             {"node_is_on_wheel": WHEELS},
             r"each be node left; add --topic left=/x/imu",
         ),
         (
-            of(__front__left=IMU, __rear__left=IMU, __right=IMU),
+            candidates_by_topic(__front__left=IMU, __rear__left=IMU, __right=IMU),
             {"node_is_on_wheel": WHEELS},
             "/front/left, /rear/left .* could each be node left",
         ),
         ({"/j": TopicCandidate(ros2.JOINT_STATE, ("left_a", "left_b", "right"))}, {}, "/j:left_a,right, or"),
     ],
 )
-def test_two_candidates_for_a_role_are_refused_with_the_words_that_settle_it(candidates, choice, words):
+def test_two_candidates_for_a_role_are_refused_with_the_option_to_use(candidates, choice, words):
     with pytest.raises(InputError, match=words):
         assign_roles(candidates, TopicSelection(**choice), is_hubodo=False, log_name="bag")
-    # A verb that does not need the role goes on and says so.
+    # A verb that does not need the role continues with a warning.
     notes = assign_roles(
         candidates, TopicSelection(**choice, required_roles=frozenset()), is_hubodo=False, log_name="bag"
     ).notes
@@ -178,22 +186,27 @@ def test_two_candidates_for_a_role_are_refused_with_the_words_that_settle_it(can
 @pytest.mark.parametrize(
     ("candidates", "choice", "nodes", "files"),
     [
-        (of(__a=FIX, __b=FIX), {"explicit": {"gnss": "/b"}}, {}, {"gnss": "/b"}),
-        (of(__a=FIX, __b=FIX), {"explicit": {"gnss": "-"}}, {}, {}),
-        (of(__cmd_vel=TWIST, __odom=ODOMETRY), {}, {}, {"reference": "/odom"}),
-        (of(__truth=ODOMETRY, __odom=ODOMETRY), {}, {}, {"reference": "/odom", "truth": "/truth"}),
-        (of(__imu__data=IMU), {"node_is_on_wheel": {"hub": True}}, {"hub": "/imu/data"}, {}),
-        (of(__imu__data=IMU), {}, {"imu_data": "/imu/data"}, {}),
+        (candidates_by_topic(__a=FIX, __b=FIX), {"explicit": {"gnss": "/b"}}, {}, {"gnss": "/b"}),
+        (candidates_by_topic(__a=FIX, __b=FIX), {"explicit": {"gnss": "-"}}, {}, {}),
+        (candidates_by_topic(__cmd_vel=TWIST, __odom=ODOMETRY), {}, {}, {"reference": "/odom"}),
         (
-            of(__leftWheel=IMU, __imu=IMU),
+            candidates_by_topic(__truth=ODOMETRY, __odom=ODOMETRY),
+            {},
+            {},
+            {"reference": "/odom", "truth": "/truth"},
+        ),
+        (candidates_by_topic(__imu__data=IMU), {"node_is_on_wheel": {"hub": True}}, {"hub": "/imu/data"}, {}),
+        (candidates_by_topic(__imu__data=IMU), {}, {"imu_data": "/imu/data"}, {}),
+        (
+            candidates_by_topic(__leftWheel=IMU, __imu=IMU),
             {"node_is_on_wheel": WHEELS},
             {"left": "/leftWheel", "imu": "/imu"},
             {},
         ),
-        (of(__left__imu=IMU), {"node_is_on_wheel": WHEELS}, {"left": "/left/imu"}, {}),
+        (candidates_by_topic(__left__imu=IMU), {"node_is_on_wheel": WHEELS}, {"left": "/left/imu"}, {}),
     ],
 )
-def test_what_only_one_topic_can_be_is_found_by_type_and_name(candidates, choice, nodes, files):
+def test_roles_with_a_single_candidate_are_found_by_type_and_name(candidates, choice, nodes, files):
     roles = assign_roles(candidates, TopicSelection(**choice), is_hubodo=False, log_name="bag")
     assert (dict(roles.nodes), dict(roles.files)) == (nodes, files)
 
@@ -206,7 +219,7 @@ def test_a_node_is_named_like_its_topic(topic, name):
     assert node_name_of_topic(topic) == name
 
 
-def test_the_bag_of_a_recorder_that_was_killed_and_one_in_parts_are_read(robot, bag, tmp_path):
+def test_bags_of_a_killed_recorder_and_in_several_files_are_read(robot, bag, tmp_path):
     whole = read_log(bag, input_format=InputFormat(topic_selection=TopicSelection(wheel_radius=RADIUS)))
     killed = shutil.copytree(bag, tmp_path / "killed")
     (killed / "metadata.yaml").unlink()

@@ -1,4 +1,4 @@
-"""Our ROS 2 messages against rosbags, an implementation that is not ours."""
+"""ROS 2 messages compared with rosbags, an independent implementation."""
 
 import dataclasses
 import json
@@ -36,8 +36,8 @@ def test_definitions_have_the_type_hash_of_ros2_humble(name: str) -> None:
     assert own.hash_rihs01(name) == STORE.hash_rihs01(name)
 
 
-def fill(layout: ros2.CdrLayout, seed: int) -> np.ndarray:
-    """A record with every number different from its neighbours, so that a swapped field shows."""
+def create_record(layout: ros2.CdrLayout, seed: int) -> np.ndarray:
+    """Return a record in which adjacent numbers differ, so that exchanged fields are detected."""
     rng = np.random.default_rng(seed)
     record = np.zeros(1, layout.dtype)  # numpy's copy() leaves padding bytes undefined
     record[0] = layout.template
@@ -52,18 +52,18 @@ def fill(layout: ros2.CdrLayout, seed: int) -> np.ndarray:
     return record
 
 
-def expect(message: object, record: np.ndarray, prefix: str = "") -> int:
-    """Compare each leaf of a decoded message with the field of the same path; returns how many there were."""
+def compare_fields(message: object, record: np.ndarray, prefix: str = "") -> int:
+    """Compare each value of a decoded message with the field of the same path; return their number."""
     count = 0
     for field in dataclasses.fields(message):  # type: ignore[arg-type]
         value, path = getattr(message, field.name), prefix + field.name
         if field.name.isupper() or field.name == "__msgtype__":
             continue
         if dataclasses.is_dataclass(value):
-            count += expect(value, record, path + ".")
+            count += compare_fields(value, record, path + ".")
         elif isinstance(value, list):
             assert len(value) == record[path + ".length"][0]
-            count += sum(expect(item, record, f"{path}[{i}].") for i, item in enumerate(value))
+            count += sum(compare_fields(item, record, f"{path}[{i}].") for i, item in enumerate(value))
         elif isinstance(value, str):
             assert record[path].tobytes() == value.encode() + b"\0"
             count += 1
@@ -75,20 +75,18 @@ def expect(message: object, record: np.ndarray, prefix: str = "") -> int:
 
 @pytest.mark.parametrize("name", ALL[:-1])
 @given(frame=FRAMES, child=FRAMES, seed=st.integers(0, 2**32 - 1))
-def test_rosbags_reads_our_bytes_and_writes_the_very_same(
-    name: str, frame: str, child: str, seed: int
-) -> None:
+def test_rosbags_decodes_and_encodes_the_same_bytes(name: str, frame: str, child: str, seed: int) -> None:
     layout = ros2.stamped_layout(name, frame, child)
-    record = fill(layout, seed)
+    record = create_record(layout, seed)
     message = STORE.deserialize_cdr(record.tobytes(), name)
-    assert expect(message, record) >= 5
+    assert compare_fields(message, record) >= 5
     assert bytes(STORE.serialize_cdr(message, name)) == record.tobytes()
 
 
 @given(count=st.integers(0, 9), seed=st.integers(0, 2**32 - 1))
 def test_rows_of_columns_are_a_float64_multi_array_of_one_dimension(count: int, seed: int) -> None:
     layout = ros2.columns_layout([f"c{i}" for i in range(count)])
-    record = fill(layout, seed)
+    record = create_record(layout, seed)
     record["layout.dim[0].size"], record["layout.dim[0].stride"], record["layout.data_offset"] = (
         count,
         count,
@@ -103,14 +101,14 @@ def test_rows_of_columns_are_a_float64_multi_array_of_one_dimension(count: int, 
 
 @pytest.mark.parametrize("name", ALL[:-1])
 @given(frame=FRAMES, child=FRAMES)
-def test_a_layout_measured_from_bytes_is_the_one_that_wrote_them(name: str, frame: str, child: str) -> None:
+def test_a_layout_derived_from_bytes_is_that_of_the_writer(name: str, frame: str, child: str) -> None:
     layout = ros2.stamped_layout(name, frame, child)
     assert ros2.infer_layout(name, layout.template.tobytes()).dtype == layout.dtype
 
 
 @pytest.mark.parametrize("name", ALL)
 @given(payload=st.binary(max_size=200))
-def test_measuring_any_bytes_gives_a_layout_or_a_value_error(name: str, payload: bytes) -> None:
+def test_a_layout_of_random_bytes_is_found_or_raises_a_value_error(name: str, payload: bytes) -> None:
     try:
         form = ros2.infer_layout(name, b"\0\1\0\0" + payload)
     except ValueError:
@@ -124,7 +122,7 @@ def test_a_length_beyond_the_message_is_refused_before_anything_is_allocated() -
         ros2.infer_layout(ros2.TF, payload)
 
 
-def test_big_endian_messages_are_measured_in_their_own_order() -> None:
+def test_layouts_of_big_endian_messages_are_derived() -> None:
     message = types.SimpleNamespace(seconds=7, frame=b"left\0", value=21.5)
     payload = b"\0\0\0\0" + struct.pack(
         ">iII5s3x4xdd", message.seconds, 9, 5, message.frame, message.value, 0.0

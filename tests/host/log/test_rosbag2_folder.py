@@ -1,4 +1,4 @@
-"""Other programs read these logs: rosbags-convert converts them in both directions, tf places the nodes."""
+"""Logs for other programs: rosbags-convert converts them in both directions, tf has the node poses."""
 
 import json
 import subprocess
@@ -35,7 +35,7 @@ T = np.arange(200) / 100
 
 
 def full_recording() -> Recording:
-    """Two nodes, a reference, fixes, a truth with headings, and an event."""
+    """Return two nodes, reference, fixes, truth with headings, and an event."""
     node = {name: RNG.normal(size=200) for name in ("gx", "gy", "gz", "ax", "ay", "az")}
     heading = np.unwrap(RNG.normal(0.0, 0.2, 200)) + 3.0
     return Recording(
@@ -59,7 +59,7 @@ def log(recording, tmp_path_factory) -> Path:
     return path
 
 
-def same(read: Recording, recording: Recording) -> None:
+def assert_same(read: Recording, recording: Recording) -> None:
     for name, table in recording.files().items():
         assert list(read.files()[name]) == list(table)
         for column in table:
@@ -70,20 +70,18 @@ def same(read: Recording, recording: Recording) -> None:
 
 
 @pytest.mark.parametrize("name", ["db3", "again.mcap", "ros1.bag"])
-def test_rosbags_convert_takes_our_log_and_nothing_is_lost_on_the_way(name, log, recording, tmp_path):
+def test_rosbags_convert_preserves_the_log(name, log, recording, tmp_path):
     form = ["--dst-storage", "mcap"] if name.endswith(".mcap") else []
     words = ["-m", "rosbags.convert", "--src", str(log), "--dst", str(tmp_path / name), *form]
     done = subprocess.run([sys.executable, *words], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
-    same(read_log(tmp_path / name), recording)
+    assert_same(read_log(tmp_path / name), recording)
 
 
-def test_an_exported_rosbag2_is_the_same_messages_and_a_player_latches_the_static_frames(
-    log, recording, tmp_path
-):
+def test_an_exported_rosbag2_has_the_same_messages_and_latched_static_frames(log, recording, tmp_path):
     done = hubodo("export", log, "--format", "rosbag2", "-o", tmp_path / "bag")
     assert done.code == 0, done.err
-    same(read_log(tmp_path / "bag"), recording)
+    assert_same(read_log(tmp_path / "bag"), recording)
     with AnyReader([tmp_path / "bag"]) as reader, open_log(log) as ours:
         (static,) = (it for it in reader.connections if it.topic == topics.TF_STATIC)
         assert static.ext.offered_qos_profiles[0].durability.name == "TRANSIENT_LOCAL"
@@ -93,7 +91,7 @@ def test_an_exported_rosbag2_is_the_same_messages_and_a_player_latches_the_stati
     assert (done.code, "exists already" in done.err) == (2, True)
 
 
-def test_tf_static_says_where_the_nodes_sit(log):
+def test_tf_static_has_the_poses_of_the_nodes(log):
     with log.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         ((*_, message),) = reader.iter_decoded_messages(topics=[topics.TF_STATIC])
@@ -114,7 +112,7 @@ def test_tf_static_says_where_the_nodes_sit(log):
     np.testing.assert_allclose(frame_poses["gnss"][1], np.eye(3), atol=1e-12)
 
 
-def test_static_frames_are_repeated_where_a_log_continues_in_another_file(tmp_path):
+def test_static_frames_are_repeated_in_the_next_log(tmp_path):
     with LogWriter(tmp_path / "log.mcap") as log:
         log.repeat_static_frames(5)
         log.write_static_frames(7, VEHICLE)
@@ -126,14 +124,14 @@ def test_static_frames_are_repeated_where_a_log_continues_in_another_file(tmp_pa
     assert [part.transform.translation.z for part in transforms[1]] == [0.3, 0.3, 0.0, 0.0]
 
 
-def test_a_truth_without_headings_has_none_after_a_detour(recording, tmp_path):
+def test_a_truth_without_headings_has_none_after_export_and_import(recording, tmp_path):
     truth = Table({name: recording.truth[name] for name in ("t", "x", "y")})
     write_recording(Recording(recording.nodes, truth=truth), tmp_path / "ours.mcap")
     assert hubodo("export", tmp_path / "ours.mcap", "--format", "rosbag2", "-o", tmp_path / "bag").code == 0
     assert list(read_log(tmp_path / "bag").truth) == ["t", "x", "y"]
 
 
-def test_raw_frames_and_events_are_messages_that_a_foreign_reader_decodes(tmp_path):
+def test_an_independent_reader_decodes_raw_frames_and_events(tmp_path):
     with LogWriter(tmp_path / "log.mcap") as log:
         for i, frame in enumerate(FRAMES):
             log.write_raw_frame("usb0", i, frame)
@@ -147,7 +145,7 @@ def test_raw_frames_and_events_are_messages_that_a_foreign_reader_decodes(tmp_pa
     assert json.loads(decoded[-1][1])["data"] == {"cause": 3}
 
 
-def test_logs_whose_events_and_frames_are_bare_are_read_as_ever(tmp_path):
+def test_logs_of_earlier_versions_with_bare_events_and_frames_are_read(tmp_path):
     event = {"t_ns": 5, "kind": "reset", "source": "left", "text": "brown-out", "data": {"cause": 3}}
     with LogWriter(tmp_path / "old.mcap", t_zero_ns=0) as log:
         events = log.add_channel(topics.EVENTS, "", "", b"", "json")

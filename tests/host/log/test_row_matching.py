@@ -10,7 +10,7 @@ SEQUENCES = st.lists(st.integers(0, 30), min_size=1, unique=True)
 
 
 @given(st.lists(SEQUENCES, min_size=1, max_size=4))
-def test_rows_present_in_all_channels_meet_and_the_others_are_counted(channels):
+def test_rows_of_all_channels_are_joined_and_the_others_counted(channels):
     common, n_incomplete = match_sequences([np.array(numbers) for numbers in channels])
     expected = set.intersection(*map(set, channels))
     assert common.tolist() == sorted(expected) or common.tolist() == channels[0]

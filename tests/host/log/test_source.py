@@ -17,6 +17,6 @@ from hubodo.log.source import Stream, is_hubodo_log
         ("/hubodo_robot/imu", {"someone": {}}, False),
     ],
 )
-def test_metadata_or_in_a_copy_without_it_topics_tell_a_log_of_hubodo(topic, records, expected):
+def test_a_log_of_hubodo_is_recognised_by_metadata_or_topics(topic, records, expected):
     streams = {1: Stream(1, topic, "sensor_msgs/msg/Imu", "cdr", {})}
     assert is_hubodo_log(SimpleNamespace(streams=streams, metadata_records=records)) is expected

@@ -10,7 +10,7 @@ from hubodo.recording import Event
 PERIOD_NS = 5_000_000
 
 
-def test_missing_samples_are_gaps_with_the_cause_that_the_log_has_for_them(tmp_path):
+def test_missing_samples_are_gaps_with_the_cause_in_the_log(tmp_path):
     t_ns = np.delete(np.arange(1000) * PERIOD_NS, slice(400, 405))
     with LogWriter(tmp_path / "log.mcap", t_zero_ns=0, clock=None) as log:
         log.write_imu("left", t_ns, t_ns, np.zeros((len(t_ns), 3)), np.zeros((len(t_ns), 3)))

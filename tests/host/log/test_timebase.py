@@ -27,7 +27,7 @@ def test_decimal_seconds_are_exact_in_both_directions(t_ns):
 
 @given(st.integers(0, int(MAX_EXACT_S * 1e9)), st.integers(0, 2**60))
 @example(8_388_607_999_999_999, 0)
-def test_nanoseconds_below_the_limit_come_back_exactly(t_ns, t_zero_ns):
+def test_nanoseconds_below_the_limit_are_converted_exactly(t_ns, t_zero_ns):
     t = to_seconds(np.array([t_zero_ns + t_ns]), t_zero_ns)
     assert to_ns(t, t_zero_ns).tolist() == [t_zero_ns + t_ns]
     assert round_trips_exactly(t, t_zero_ns)

@@ -44,8 +44,8 @@ def test_after_login_gap_runs_on_a_click_with_progress_and_its_page_opens(folder
     ):
         page.open()
         assert page.run("return location.pathname") == "/login"
-        assert page.ask("faintWords()") == []
-        page.keep("login")
+        assert page.call_in_page("lowContrastTexts()") == []
+        page.save_screenshot("login")
         page.run(f"document.getElementById('token').value = '{TOKEN}'; document.forms[0].submit()")
         until(lambda: page.run("return document.querySelectorAll('.recording').length") == 1)
         assert page.run("return document.getElementById('view-live').hidden")
@@ -61,8 +61,8 @@ def test_after_login_gap_runs_on_a_click_with_progress_and_its_page_opens(folder
         )
         result_text = page.run("return document.querySelector('.recording').innerText")
         assert "explained: gap" in result_text and "wheel camber (right)" in result_text
-        assert page.console() == []
-        page.keep("gap")
+        assert page.console_messages() == []
+        page.save_screenshot("gap")
         page.open("pages/gap/ride.mcap")
         assert "wheel leans" in page.run("return document.body.innerText")
         until(lambda: page.run("return document.querySelectorAll('.main-svg').length") > 0)
