@@ -2,10 +2,10 @@
 
     python tests/batch/fleet.py [--logs 2000] [--seconds 300] [--folder FOLDER]
 
-Two nodes at 100 Hz; one log in a hundred has a gap, one in four hundred is broken. The real command is run; times
-are wall time and processor time of all its processes. Scaling: `allan` on some logs, with one and two workers in
-turn; `busy` is the share of time in which workers worked. A year is 24,000 logs of five minutes: the rows of the
-index repeated with other names and times.
+Two nodes at 100 Hz; one log in a hundred has a gap, one in four hundred is broken. The real command is run;
+times are wall time and processor time of all its processes. Scaling: `allan` on some logs, with one and two
+workers in turn; `busy` is the share of time in which workers worked. A year is 24,000 logs of five minutes:
+the rows of the index repeated with other names and times.
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ def test_the_fifo_is_never_more_than_half_full(run):
     assert run.waiting <= FIFO_SHARE * FIFO_SAMPLES
 
 
-def test_the_loop_takes_nothing_from_the_heap(run):
+def test_the_loop_allocates_nothing(run):
     assert run.allocations <= ALLOCATIONS
 
 
@@ -71,7 +71,7 @@ def test_stamps_are_right_from_the_first_sample_on(run):
     assert max(map(abs, run.later_us)) <= LATER_US
 
 
-def test_hello_comes_soon_after_power_on(run):
+def test_hello_is_sent_soon_after_power_on(run):
     assert run.hello_s <= HELLO_S
 
 

@@ -157,7 +157,7 @@ STRANGERS = (
     ),
     Fault(
         "libraries that warn or raise in threads", "a line each, JSON where asked for", "event: program",
-        (PROGRAM + "test_what_libraries_say_is_one_line_each",
-         PROGRAM + "test_a_recording_with_the_page_tells_its_end_and_the_servers_errors_in_json"),
+        (PROGRAM + "test_each_message_of_a_library_is_one_line",
+         PROGRAM + "test_a_recording_with_the_page_reports_its_end_and_server_errors_in_json"),
     ),
 )  # fmt: skip

@@ -65,7 +65,7 @@ def peak_megabytes(*words: object) -> float:
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4"])
-def test_a_log_of_some_kilobytes_takes_no_gigabytes(compression: str, tmp_path: Path) -> None:
+def test_a_log_of_some_kilobytes_does_not_allocate_gigabytes(compression: str, tmp_path: Path) -> None:
     some = 1 << 25 if compression == "zstd" else 1 << 23
     packed = zeros(compression, some)
     liars = [chunk(compression, packed, some)] * 40 + [chunk(compression, packed, CLAIMED)]
@@ -80,7 +80,7 @@ def test_a_log_of_some_kilobytes_takes_no_gigabytes(compression: str, tmp_path: 
         assert any("more than such a file can hold" in line for line in log.warnings())
 
 
-def test_a_chunk_cut_off_at_the_end_is_not_believed_either(tmp_path: Path) -> None:
+def test_the_size_in_a_truncated_chunk_is_checked_too(tmp_path: Path) -> None:
     packed = zeros("zstd", 1 << 28)
     whole = bomb(tmp_path / "whole.mcap", chunk("zstd", packed + bytes(1000), 1 << 28)).read_bytes()
     cut = tmp_path / "cut.mcap"
@@ -107,7 +107,7 @@ def noise(path: Path, stamps: np.ndarray) -> Path:
     return path
 
 
-def test_one_wild_time_stamp_does_not_make_a_grid_of_gigabytes(tmp_path: Path) -> None:
+def test_a_wild_time_stamp_creates_no_grid_of_gigabytes(tmp_path: Path) -> None:
     t = np.arange(3000) * 0.01
     t[-1] = 2e9
     done = hubodo("allan", noise(tmp_path / "log", t), "--node", "left", "--channel", "gz", "--trust-still")
@@ -115,7 +115,7 @@ def test_one_wild_time_stamp_does_not_make_a_grid_of_gigabytes(tmp_path: Path) -
     assert "2e+09 s" in done.err and "--end" in done.err
 
 
-def test_no_verb_lays_a_grid_up_to_a_wild_time_stamp(tmp_path: Path) -> None:
+def test_no_verb_creates_a_grid_up_to_a_wild_time_stamp(tmp_path: Path) -> None:
     model, vehicle, drive = tmp_path / "m.toml", tmp_path / "v.toml", tmp_path / "drive"
     model.write_text(DRIVE_MODEL)
     head, _, remainder = DRIVE_MODEL.partition("[imu]")
@@ -164,7 +164,7 @@ def test_an_array_that_claims_more_than_its_file_holds_is_refused(tmp_path: Path
     assert done.code == 2
 
 
-def test_memory_that_is_not_there_is_a_failure_in_one_line(tmp_path: Path) -> None:
+def test_a_failed_allocation_is_an_error_of_one_line(tmp_path: Path) -> None:
     for name, count in (("small", 5_000), ("large", 20_000_000)):
         np.save(tmp_path / name, 1e-3 * np.random.default_rng(1).standard_normal(count))
     words = ["--rate", 100, "--unit", "rad/s"]

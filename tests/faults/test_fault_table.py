@@ -23,6 +23,6 @@ def test_its_tests_are_there(fault):
         assert function in functions(TESTS / file), test
 
 
-def test_a_row_says_what_failed():
+def test_a_row_of_the_table_shows_failed_tests():
     name = FAULTS[0].tests[0].partition("::")[2]
     assert any("1 failure" in line for line in rows(FAULTS[0], {name: ["passed", "failure"]}))

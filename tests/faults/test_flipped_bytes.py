@@ -46,7 +46,7 @@ def everything(path: Path) -> tuple[tuple[object, ...], tuple[str, ...]]:
 
 
 @pytest.mark.parametrize(("compression", "step"), [("zstd", 1), ("none", 5)])
-def test_each_turned_byte_is_noticed(compression: str, step: int, tmp_path: Path) -> None:
+def test_each_changed_byte_is_detected(compression: str, step: int, tmp_path: Path) -> None:
     seed, path, bad = 5, tmp_path / "log.mcap", tmp_path / "bad.mcap"
     rng = random.Random(seed)
     write_log(path, compression)

@@ -7,21 +7,21 @@ from faults.floods_udp import flood_of_addresses, flood_of_nodes, flood_of_openi
 pytestmark = pytest.mark.real_time
 
 
-def test_three_hundred_nodes_cost_the_four_that_are_known_nothing(tmp_path):
+def test_three_hundred_nodes_lose_no_sample_of_the_four_known_ones(tmp_path):
     result = flood_of_nodes(tmp_path, per_second=300)
     assert result.lost == 0 and result.sent > 2000
     assert result.events["refused"] >= 1
     assert result.events["started"] <= 64 + 1, "and the restart"
 
 
-def test_thousands_of_addresses_cost_the_four_nodes_nothing_and_memory_little(tmp_path):
+def test_thousands_of_addresses_lose_no_sample_of_four_nodes_and_need_little_memory(tmp_path):
     result = flood_of_addresses(tmp_path, count=1500, per_second=1000)
     assert result.lost == 0 and result.sent > 2000
     assert result.events["refused"] >= 1, "senders that were dropped are reported"
     assert result.memory_mb < 40
 
 
-def test_openings_forged_and_sent_again_keep_no_node_out_and_cost_no_sample(tmp_path):
+def test_forged_and_replayed_handshakes_keep_no_node_out_and_lose_no_sample(tmp_path):
     result = flood_of_openings(tmp_path, seconds=2)
     assert result.lost == 0 and result.sent > 2000
     assert result.joined_s is not None, "the node that restarts in the middle of the flood gets in"

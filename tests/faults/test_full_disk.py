@@ -74,7 +74,9 @@ def files(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_a_disk_that_fills_at_any_stage_leaves_nothing_half(verb: str, given: Path, tmp_path: Path) -> None:
+def test_a_disk_that_fills_at_any_stage_leaves_no_incomplete_file(
+    verb: str, given: Path, tmp_path: Path
+) -> None:
     """The disk fills at the first byte, the last, or between files: files with final names are complete."""
     done = run(VERBS[verb], given, tmp_path)
     assert done.code == 0, done.err
@@ -116,7 +118,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.mark.parametrize("verb", ["import", "export", "recover", "report", "simulate", "fuse"])
-def test_a_file_system_that_is_truly_full(verb: str, given: Path, small_disk: Path) -> None:
+def test_a_full_file_system(verb: str, given: Path, small_disk: Path) -> None:
     (small_disk / "other").write_bytes(bytes(60_000))
     done = run(VERBS[verb], given, small_disk)
     assert done.code == 1 and "No space left on device" in done.err and done.err.count("\n") == 1
@@ -124,14 +126,14 @@ def test_a_file_system_that_is_truly_full(verb: str, given: Path, small_disk: Pa
 
 
 @pytest.mark.parametrize("verb", ["import", "export", "report", "fuse", "calibrate wheels"])
-def test_a_folder_that_may_only_be_read(verb: str, given: Path, small_disk: Path) -> None:
+def test_a_read_only_folder(verb: str, given: Path, small_disk: Path) -> None:
     subprocess.run(["mount", "-o", "remount,ro", small_disk], check=True)
     done = run(VERBS[verb], given, small_disk)
     assert done.code == 1 and "Read-only file system" in done.err and done.err.count("\n") == 1
     assert str(small_disk) in done.err and ".part" not in done.err
 
 
-def test_a_folder_that_is_gone_when_the_result_is_there(tmp_path: Path) -> None:
+def test_a_folder_removed_before_the_result_is_written(tmp_path: Path) -> None:
     folder = tmp_path / "out"
     folder.mkdir()
     with pytest.raises(FileNotFoundError, match=r"out/a\.txt"), atomic_files(folder / "a.txt") as (part,):
@@ -161,14 +163,14 @@ def test_a_folder_created_for_a_failed_result_is_removed(tmp_path: Path) -> None
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_file_created_meanwhile_is_not_overwritten(tmp_path: Path) -> None:
+def test_a_file_created_by_others_while_writing_is_not_overwritten(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="exists already"), atomic_new_file(tmp_path / "a") as part:
         part.write_text("mine")
         (tmp_path / "a").write_text("theirs")
     assert files(tmp_path) == {"a": b"theirs"}
 
 
-def test_what_is_no_file_is_written_to_as_it_is(tmp_path: Path) -> None:
+def test_devices_and_pipes_are_written_directly(tmp_path: Path) -> None:
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)

@@ -86,7 +86,7 @@ def kills(request: pytest.FixtureRequest) -> int:
     return int(request.config.getoption("--kills"))
 
 
-def test_after_sigkill_all_that_came_until_one_second_before_is_there(
+def test_after_sigkill_all_data_up_to_one_second_before_is_recovered(
     kills: int, tmp_path: Path, record_property: Callable[[str, object], None]
 ) -> None:
     seed = 7
@@ -114,7 +114,7 @@ def test_after_sigkill_all_that_came_until_one_second_before_is_there(
     record_property("figure", f"{kills} kills, seed {seed}: nothing older than {lost_most:.2f} s was lost")
 
 
-def test_a_kill_while_logs_rotate_costs_half_a_second_and_every_earlier_log_is_whole(
+def test_a_kill_during_rotation_loses_half_a_second_and_earlier_logs_are_complete(
     kills: int, tmp_path: Path, record_property: Callable[[str, object], None]
 ) -> None:
     """Data 0.5 s old at the end of the last step is in a log; half of the recorders rotate at each step."""

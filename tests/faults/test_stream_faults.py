@@ -18,7 +18,7 @@ from hubodo.ingest.node.gaps import LINK_DOWN
 from hubodo.units import NS_PER_S
 
 
-def test_unplugged_at_every_byte_of_a_frame_costs_that_frame_and_is_the_named_cause():
+def test_a_disconnection_at_any_byte_of_a_frame_loses_that_frame_with_its_cause():
     whole = Node()
     whole.hello_frame()
     length = len(whole.batch())
@@ -98,7 +98,7 @@ def test_a_board_that_was_exchanged_while_unplugged_is_no_conflict():
     assert sink.numbers() == [*range(BATCH), *range(BATCH)]
 
 
-def test_silence_after_frames_is_not_foreign_data_and_another_baud_rate_is():
+def test_silence_after_frames_is_not_foreign_data_but_another_baud_rate_is():
     node, line = Node(), Line()
     line.receive(node.hello_frame())
     for _ in range(10):
@@ -123,7 +123,7 @@ def test_a_node_that_crashes_into_its_prompt_is_reported_although_it_is_silent()
     assert "MicroPython prompt" in line.link().foreign
 
 
-def test_a_port_that_babbles_at_three_megabytes_a_second_costs_the_others_nothing():
+def test_a_port_with_random_data_at_3_mb_per_s_loses_no_sample_of_the_others():
     """Five seconds of noise: memory and log are bounded, unlogged bytes counted, no sample lost."""
     rng = random.Random(4)
     noise = [rng.randbytes(30_000) for _ in range(20)]
@@ -152,7 +152,7 @@ def test_a_port_that_babbles_at_three_megabytes_a_second_costs_the_others_nothin
     assert sink.numbers() == [k % 1000 for k in range(125 * BATCH)]
 
 
-def test_a_clock_that_goes_backwards_waits_for_hello_and_loses_nothing():
+def test_with_a_node_clock_stepped_back_samples_wait_for_hello_without_loss():
     node, line = Node(clock_us=60_000_000), Line()
     line.receive(node.hello_frame())
     for _ in range(5):
@@ -170,7 +170,7 @@ def test_a_clock_that_goes_backwards_waits_for_hello_and_loses_nothing():
 
 
 @pytest.mark.parametrize("start", [65_530, 2**16 - BATCH])
-def test_numbers_and_microseconds_that_turn_over_are_no_loss(start):
+def test_a_wrap_of_numbers_or_microseconds_is_no_loss(start):
     node = Node(index=start, clock_us=(1 << 30) - 100_000)
     node.seqs = {2: 65_533, 1: 65_535}
     line = Line()
@@ -193,7 +193,7 @@ def port():
     transport.close()
 
 
-def test_a_device_that_is_pulled_ends_the_link(port):
+def test_a_disconnected_device_ends_the_link(port):
     master, transport = port
     os.write(master, b"abc")
     assert transport.read(1.0) == (b"abc", "")
@@ -210,7 +210,7 @@ def test_a_device_that_is_pulled_ends_the_link(port):
         (b"", "read by another program"),
     ],
 )
-def test_a_port_that_fails_or_is_ready_without_data_is_down_and_says_how(port, answer, says, monkeypatch):
+def test_a_port_that_fails_or_is_ready_without_data_is_down_with_a_reason(port, answer, says, monkeypatch):
     master, transport = port
     os.write(master, b"abc")
 
@@ -226,14 +226,14 @@ def test_a_port_that_fails_or_is_ready_without_data_is_down_and_says_how(port, a
     os.close(master)
 
 
-def test_a_second_reader_of_ours_is_refused(port):
+def test_a_second_hubodo_reader_of_a_port_is_refused(port):
     master, transport = port
     with pytest.raises(Exception, match="busy"):
         SerialTransport(transport.where, 115200)
     os.close(master)
 
 
-def test_a_line_that_says_ever_other_names_is_one_conflict_of_bounded_length():
+def test_a_line_with_many_serial_numbers_is_one_conflict_with_bounded_memory():
     line, node = Line(), Node()
     line.receive(node.hello_frame())
     for number in range(2000):

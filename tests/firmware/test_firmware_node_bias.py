@@ -15,7 +15,7 @@ from hubowire import messages as m
 from virtual_runs import match_samples, messages_of, request, run
 
 
-def test_the_bias_of_a_wheel_at_rest_is_found_and_of_a_turning_one_refused():
+def test_the_bias_of_a_static_wheel_is_estimated_and_of_a_turning_one_refused():
     rate = (0.02, -0.05, 0.1)
     init = [(0.5, request(7, m.BiasInit(2000)))]
     sent, _, _ = run(12, motion=StillMotion(rate=rate), script=init, config={"rate_hz": 416})

@@ -65,7 +65,7 @@ def test_a_busy_dirty_link_gives_the_same_frames_and_counters(
         assert damage.frames == 0 and many.bytes_framed == len(stream)
 
 
-def test_the_end_of_each_frame_is_where_its_delimiter_stands_in_the_stream():
+def test_the_end_of_each_frame_is_the_position_of_its_delimiter():
     stream = b"\x05\x05\0" + b"".join(encode_frame(Frame(2, 1, n, bytes(n))) for n in range(40))
     decoder = BulkDecoder()
     groups = [group for at in range(0, len(stream), 33) for group in decoder.feed(stream[at : at + 33])]

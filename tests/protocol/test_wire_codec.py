@@ -72,12 +72,12 @@ def test_the_identity_of_any_hello_can_be_read(hello: Hello, more: bytes):
     assert hello_identity(encode(hello)[:7]) == expected
 
 
-def test_an_identity_that_is_not_there_is_refused():
+def test_a_missing_identity_is_refused():
     with pytest.raises(PayloadError, match="needs 7 bytes, 6 came"):
         hello_identity(bytes(6))
 
 
-def test_the_seven_bytes_of_identity_stand_first_in_hello():
+def test_hello_begins_with_seven_bytes_of_identity():
     first, second = wire_fields(Hello)[:2]
     assert (first.name, first.type, second.name, second.type) == ("fingerprint", "I", "firmware", "3B")
 
@@ -101,6 +101,6 @@ def test_type_ids_are_unique_and_the_direction_is_bit_six():
     assert Ack.type_id < 0x40 <= TimeRequest.type_id
 
 
-def test_every_message_class_stands_in_the_table():
+def test_every_message_class_is_in_the_table():
     there = {kind.__name__ for kind in Message.__subclasses__() if kind.__module__ == Message.__module__}
     assert there == {kind.__name__ for kind in MESSAGES}

@@ -45,7 +45,7 @@ def test_any_name_type_scale_or_unit_changes_it(kind: type[Message], field: str,
     assert of(swapped(kind, rebuilt(kind, **{field: change}))) != FINGERPRINT
 
 
-def test_words_alone_do_not_change_it():
+def test_descriptions_do_not_change_the_fingerprint():
     kind, field = FIELDS[0]
     assert of(swapped(kind, rebuilt(kind, **{field: {"doc": "said otherwise"}}))) == FINGERPRINT
 

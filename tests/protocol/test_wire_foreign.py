@@ -73,7 +73,7 @@ def test_vectors_in_a_row_and_damaged_streams_are_given_up_at_the_same_bytes_as_
         assert (answer["idle_delimiters"], answer["pending"]) == (ours.idle_delimiters, ours.pending_bytes)
 
 
-def test_frames_come_out_of_a_log_by_leaving_sixteen_bytes_out(decoder, tmp_path):
+def test_frames_in_a_log_follow_a_header_of_sixteen_bytes(decoder, tmp_path):
     frames = [bytes.fromhex(vector["stream"]) for stem, vector in VECTORS if stem in ("hello", "imu_batch")]
     with LogWriter(tmp_path / "log.mcap") as log:
         for i, frame in enumerate(frames):

@@ -129,7 +129,7 @@ def test_the_frame_after_any_noise_and_one_delimiter_is_delivered(noise: int):
     assert decoder.damage.bytes_lost == noise + 1
 
 
-def test_after_a_cut_the_first_whole_frame_is_delivered_and_the_torn_one_counted():
+def test_after_a_cut_the_first_complete_frame_is_delivered_and_the_partial_one_counted():
     frame = Frame(0x42, 1, 2, b"")
     decoder = FrameDecoder()
     decoder.feed(encode_frame(frame)[:5])

@@ -50,7 +50,7 @@ def portions(seed: int):
 @pytest.mark.parametrize(
     ("make", "feed", "bound"), [(FrameDecoder, streaming, 3 << 20), (BulkDecoder, in_bulk, 16 << 20)]
 )
-def test_ten_million_bytes_raise_nothing_and_memory_stays_bounded(
+def test_ten_million_random_bytes_raise_no_exception_and_memory_is_bounded(
     make: Callable, feed: Callable, bound: int, seed: int
 ):
     print(f"seed {seed}")

@@ -49,7 +49,9 @@ def test_every_cause_of_damage_has_a_vector():
 
 @pytest.mark.parametrize("vector", VECTORS)
 @pytest.mark.parametrize("size", [1, 2, 7, 10_000])
-def test_streaming_decoder_gives_what_the_vector_says_in_portions_of_any_size(vector: dict, size: int):
+def test_the_streaming_decoder_returns_the_frames_of_the_vector_for_blocks_of_any_size(
+    vector: dict, size: int
+):
     stream = bytes.fromhex(vector["stream"])
     decoder = FrameDecoder()
     frames = [frame for at in range(0, len(stream), size) for frame in decoder.feed(stream[at : at + size])]
@@ -60,7 +62,7 @@ def test_streaming_decoder_gives_what_the_vector_says_in_portions_of_any_size(ve
 
 @pytest.mark.parametrize("vector", VECTORS)
 @pytest.mark.parametrize("size", [1, 10_000])
-def test_bulk_decoder_gives_what_the_vector_says_in_portions_of_any_size(vector: dict, size: int):
+def test_the_bulk_decoder_returns_the_frames_of_the_vector_for_blocks_of_any_size(vector: dict, size: int):
     stream = bytes.fromhex(vector["stream"])
     decoder = BulkDecoder()
     groups = [group for at in range(0, len(stream), size) for group in decoder.feed(stream[at : at + size])]

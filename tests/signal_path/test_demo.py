@@ -82,14 +82,14 @@ def dead_reckoning(log):
     return np.array([np.trapezoid(speed * np.cos(heading), t), np.trapezoid(speed * np.sin(heading), t)])
 
 
-def test_both_nodes_came_through_whole(demo):
+def test_both_nodes_are_recorded_completely(demo):
     assert sorted(demo["recorded"]["nodes"]) == ["left", "right"]
     assert str(Path(demo["page"]).parent) not in (Path(demo["page"]).parent / "demo.json").read_text("utf-8")
     for node in demo["recorded"]["nodes"].values():
         assert (node["samples_lost"], node["frames_lost"], node["gaps"]) == (0, 0, {})
 
 
-def test_a_track_outside_its_own_sigmas_is_an_error_and_no_page(demo, rides, tmp_path, monkeypatch, capsys):
+def test_a_track_outside_its_sigmas_is_an_error_without_a_page(demo, rides, tmp_path, monkeypatch, capsys):
     fuse = verb.compute_wheel_odometry
 
     def bent(*words, **more):
@@ -105,7 +105,7 @@ def test_a_track_outside_its_own_sigmas_is_an_error_and_no_page(demo, rides, tmp
     assert not list(tmp_path.rglob("index.html"))
 
 
-def test_the_report_lies_beside_the_page_and_it_warns_as_info_does(demo):
+def test_the_report_is_beside_the_page_with_the_warnings_of_info(demo):
     assert Path(demo["report"]).parent == Path(demo["page"]).parent
     assert "drive.mcap" in Path(demo["report"]).read_text("utf-8")
     info = json.loads(hubodo("info", demo["log"], "--json").out)

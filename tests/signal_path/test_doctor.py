@@ -108,6 +108,6 @@ def test_silence_and_bytes_without_a_frame_are_distinguished(capfd, noisy):
     assert ("baud" if noisy else "data cable") in checks["protocol"][2]
 
 
-def test_too_short_a_look_is_refused(tmp_path, capfd):
+def test_too_short_a_listening_time_is_refused(tmp_path, capfd):
     assert main(["doctor", str(tmp_path / "tty"), "--seconds", "1"]) == 2
     assert "--seconds: 1: write a number from 3" in capfd.readouterr().err

@@ -64,7 +64,7 @@ _LOOKS = 9
 
 
 @pytest.mark.parametrize("case", NODES)
-def test_what_is_wrong_with_a_node_that_runs_is_named(flashed, tmp_path, capfd, case):
+def test_problems_of_a_running_node_are_named(flashed, tmp_path, capfd, case):
     settings, check, words = NODES[case]
     with board(flashed, tmp_path, **settings) as node:
         code, checks = doctor(capfd, node.port)

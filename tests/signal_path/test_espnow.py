@@ -37,14 +37,14 @@ def test_a_fifth_of_the_packets_lost_loses_no_sample_of_two_nodes(rough):
     assert_nothing_lost(rough)
 
 
-def test_packets_that_come_twice_or_late_are_counted_and_change_nothing(rough):
+def test_repeated_and_late_packets_are_counted_and_ignored(rough):
     signals = [rough.signal(k) for k in rough.sent]
     assert sum(signal.pieces_twice for signal in signals) > 5
     for signal in signals:
         assert signal.pieces == signal.pieces_strong == signal.frames + signal.pieces_twice
 
 
-def test_a_receiver_that_stands_still_loses_what_its_buffer_does_not_hold_and_counts_it():
+def test_a_stopped_receiver_counts_packets_that_overflow_its_buffer():
     recorded = ride(PacketFaults(), link="espnow", faults=(Stall(1.0, seconds=1.4),), seconds=3.6)
     for k, sent in recorded.sent.items():
         matches = match_samples(sent, recorded.truths[k])
@@ -69,7 +69,7 @@ def test_requests_reach_the_node_that_they_are_for():
     assert [a.request_seq for a in messages_of(recorded.of_receiver, m.Ack)] == [270]
 
 
-def test_the_station_refuses_what_esp_now_refuses():
+def test_the_fake_station_refuses_the_same_calls_as_esp_now():
     station, mac = EspNow(RadioMedium(), b"\2\0\0\0\0\1"), b"\2\0\0\0\0\2"
 
     def call(what, data=b""):

@@ -46,7 +46,7 @@ def test_an_empty_board_gets_every_file_and_runs_it(board, image, capfd):
     assert json.loads((board.flash / "config.json").read_text()) == {"node_id": 2, "rate_hz": 416}
 
 
-def test_a_node_that_streams_is_flashed_again_and_only_what_differs_is_copied(board, capfd):
+def test_a_streaming_node_is_flashed_and_only_changed_files_are_copied(board, capfd):
     code, report, err = flash(capfd, board.port, "--node", "left")
     assert code == 0, err
     assert report["node"] == 1
@@ -116,7 +116,7 @@ def test_a_port_read_by_another_program_is_reported_as_busy(board, capfd):
     assert err.count("\n") == 1
 
 
-def test_a_port_that_is_not_there_is_one_clear_line(tmp_path, capfd):
+def test_a_missing_port_is_refused_in_one_line(tmp_path, capfd):
     code, _, err = flash(capfd, tmp_path / "ttyNONE")
     assert code == 1
     assert "ttyNONE: cannot be opened" in err
@@ -133,7 +133,7 @@ def silent_port(monkeypatch):
     os.close(slave)
 
 
-def test_a_port_where_nobody_answers_is_one_clear_line(silent_port, capfd):
+def test_a_silent_port_is_refused_in_one_line(silent_port, capfd):
     code, _, err = flash(capfd, silent_port[0])
     assert code == 1
     assert err.count("\n") == 1

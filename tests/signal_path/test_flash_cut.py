@@ -173,7 +173,7 @@ def test_a_host_that_dies_while_it_copies_leaves_the_old_firmware(firmwares, tmp
     assert comes_up_as(tmp_path / "flash") == ["new"]
 
 
-def test_a_slot_that_does_not_load_gives_way_to_the_other(firmwares, tmp_path):
+def test_if_a_slot_does_not_load_the_other_one_runs(firmwares, tmp_path):
     """One file is incompatible with this MicroPython, one is missing; nothing of that slot is used."""
     _, new, image = firmwares
     fresh = build_image(new, None)

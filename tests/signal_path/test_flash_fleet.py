@@ -70,7 +70,7 @@ def test_all_boards_get_the_names_of_the_table_and_one_that_fails_stops_no_other
     boards[1].stop()  # no other test uses it, and it would sample beside them
 
 
-def test_a_board_whose_cable_is_pulled_goes_on_where_it_was(boards, monkeypatch, capfd):
+def test_flashing_resumes_after_a_disconnection(boards, monkeypatch, capfd):
     board, sent, pieces = boards[2], [], hubodo.flash.board._pieces
 
     def pulled(content):
@@ -88,7 +88,9 @@ def test_a_board_whose_cable_is_pulled_goes_on_where_it_was(boards, monkeypatch,
     board.stop()
 
 
-def test_a_roll_back_runs_what_ran_before_and_another_one_forth_again(boards, tmp_path, monkeypatch, capfd):
+def test_a_roll_back_runs_the_previous_firmware_and_a_second_one_the_newer(
+    boards, tmp_path, monkeypatch, capfd
+):
     board = boards[0]
     first = runs_from(board)
     code, _, err = flash(capfd, board.port, "--roll-back")
@@ -118,6 +120,6 @@ def test_a_roll_back_runs_what_ran_before_and_another_one_forth_again(boards, tm
         (("/dev/a", "--fleet", "/nowhere.toml"), "no such file"),
     ],
 )
-def test_wrong_use_is_one_line_that_says_what_to_do(words, says, capfd):
+def test_wrong_usage_is_one_line_with_a_remedy(words, says, capfd):
     code, _, err = flash(capfd, *words)
     assert code == 2 and says in err and err.count("\n") == 1

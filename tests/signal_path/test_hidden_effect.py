@@ -68,7 +68,7 @@ def resting(ride, node):
     return table.gyro[before], table.accel[before]
 
 
-def test_both_nodes_come_through_whole(ride):
+def test_both_nodes_are_recorded_completely(ride):
     for node in ("left", "right"):
         t, _, _ = driving(ride, node)
         assert len(t) == pytest.approx(SECONDS * 208, rel=0.02)

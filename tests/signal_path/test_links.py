@@ -13,7 +13,7 @@ from virtual_runs import FIRMWARE, messages_of, micropython_or_skip, unique_moti
 from waiting import until
 
 
-def test_a_node_on_its_uart_is_recorded_whole(tmp_path):
+def test_a_node_on_its_uart_is_recorded_completely(tmp_path):
     micropython_or_skip()
     port, log = tmp_path / "ttyS0", tmp_path / "uart.mcap"
     config = {"link": "uart", "rate_hz": 416}
@@ -28,7 +28,7 @@ def test_a_node_on_its_uart_is_recorded_whole(tmp_path):
     judge(done, log, truth)
 
 
-def test_a_node_on_wifi_sends_a_datagram_for_each_frame_and_is_recorded_whole(tmp_path):
+def test_a_node_on_wifi_sends_a_datagram_per_frame_and_is_recorded_completely(tmp_path):
     micropython_or_skip()
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))

@@ -52,7 +52,7 @@ def last_health(sent):
 
 
 @pytest.mark.parametrize("rate", [208, 1660])
-def test_a_processor_that_is_held_up_loses_samples_that_are_numbered_and_counted(rate):
+def test_samples_lost_by_a_stalled_processor_are_numbered_and_counted(rate):
     """Stalls at random times, one longer than the FIFO (0.41 s): index, count and truth agree."""
     seed = 11
     rng = np.random.default_rng(seed)
@@ -80,7 +80,7 @@ def test_a_processor_that_is_held_up_loses_samples_that_are_numbered_and_counted
     assert 700_000 <= max(h.worst_loop_us for h in messages_of(sent, m.Health)) < 720_000
 
 
-def test_a_host_that_takes_too_little_costs_the_oldest_frames_and_not_one_sample_of_the_chip():
+def test_a_slow_host_loses_the_oldest_frames_and_no_sample_is_missed():
     """115200 baud for 1660 Hz: half of the frames are dropped, and each is counted."""
     config = {"rate_hz": 1660, "link": "uart", "baud": 115200}
     sent, truth, _ = run(4, board=BoardSettings(uart_link=0), config=config)
@@ -159,7 +159,7 @@ def test_a_brown_out_of_the_board_is_a_restart_with_a_new_boot_id():
 
 
 @pytest.mark.parametrize("rate", [208, 833])
-def test_a_brown_out_of_the_chip_alone_costs_a_gap_that_is_counted(rate):
+def test_a_brown_out_of_the_chip_alone_is_a_counted_gap(rate):
     sent, truth, _ = run(4, config=polled_below_250(rate), faults=[BrownOut(t=2.0, affected="chips")])
     k, _, jump = holes(sent, truth)
     hole = np.diff(truth.t[k]) * rate - 1
@@ -168,7 +168,7 @@ def test_a_brown_out_of_the_chip_alone_costs_a_gap_that_is_counted(rate):
 
 
 @pytest.mark.parametrize(("rate", "n"), [(208, 1), (208, 104), (208, 400), (1660, 2), (1660, 830)])
-def test_samples_that_the_chip_did_not_take_are_a_gap(rate, n):
+def test_samples_missed_by_the_chip_are_a_gap(rate, n):
     sent, truth, _ = run(5, config=polled_below_250(rate), faults=[MissedSamples(t=2.0, n=n)])
     k, missing, jump = holes(sent, truth)
     missed = last_health(sent).samples_missed
@@ -192,7 +192,7 @@ FLIPS = [
 
 
 @pytest.mark.parametrize(("what", "rate", "flip"), FLIPS, ids=[row[0] for row in FLIPS])
-def test_a_setting_that_turns_over_is_found_within_a_second_and_set_again(what, rate, flip):
+def test_a_flipped_chip_setting_is_detected_within_a_second_and_restored(what, rate, flip):
     sent, truth, _ = run(5, config=polled_below_250(rate), faults=[flip])
     matches = match_samples(sent, truth)
     k = matches[:, 0].astype(int)

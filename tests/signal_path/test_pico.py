@@ -27,7 +27,7 @@ def _needs_an_image():
 
 
 @pytest.mark.real_time
-def test_a_pico_slower_than_real_time_is_recorded_whole_by_a_clock_as_slow(tmp_path):
+def test_a_pico_slower_than_real_time_is_recorded_completely_with_a_slow_clock(tmp_path):
     """The sample intervals equal the node's, not six times as much.
 
     Delays of a busy computer are excepted: a board that had to wait catches up.

@@ -22,18 +22,18 @@ def test_with_acknowledgements_a_fifth_of_the_packets_lost_loses_no_sample_of_tw
     assert_nothing_lost(rough)
 
 
-def test_packets_that_come_twice_are_counted_and_change_nothing(rough):
+def test_repeated_packets_are_counted_and_ignored(rough):
     for k in rough.sent:
         assert rough.signal(k).pieces_twice > 3
         assert rough.signal(k).pieces > rough.signal(k).pieces_twice + 100
 
 
-def test_a_receiver_says_who_it_is_and_that_it_samples_nothing(rough):
+def test_a_receiver_identifies_itself_without_an_imu(rough):
     hello = messages_of(rough.of_receiver, m.Hello)[0]
     assert (hello.parts, hello.rate_mhz, hello.serial.hex()) == ((), 0, "e66141c8000000c8")
 
 
-def test_without_acknowledgements_what_is_lost_is_the_frames_whose_packets_were_and_nothing_else():
+def test_without_acknowledgements_only_frames_with_lost_packets_are_lost():
     recorded = ride(PacketFaults(loss=0.2), ids=(1,), tries=0)
     sent, truth = recorded.sent[1], recorded.truths[1]
     matches = match_samples(sent, truth)
@@ -51,7 +51,7 @@ def test_without_acknowledgements_what_is_lost_is_the_frames_whose_packets_were_
     assert recorded.dropped[1] == 0, "the node has given up none: they were lost on the air"
 
 
-def test_a_receiver_that_stands_still_makes_its_nodes_wait_and_only_they_give_up_the_oldest():
+def test_while_a_receiver_stops_its_nodes_queue_frames_and_drop_the_oldest():
     recorded = ride(PacketFaults(), faults=(Stall(1.0, seconds=1.4),), seconds=3.6)
     for k, sent in recorded.sent.items():
         matches = match_samples(sent, recorded.truths[k])

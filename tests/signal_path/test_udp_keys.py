@@ -51,7 +51,7 @@ class Eavesdropper:
             self.socket.sendto(self._ways[node].recv(2048), node)
 
 
-def test_two_nodes_of_one_id_are_recorded_apart_and_what_is_sent_again_or_without_a_key_is_not(tmp_path):
+def test_nodes_of_one_id_are_recorded_separately_and_replayed_or_unkeyed_data_is_refused(tmp_path):
     ring = KeyRing(tmp_path / "keys.toml", create=True)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))

@@ -12,7 +12,7 @@ from hubodo.ingest.live.record_config import RecordConfig
 LABELS = ("left", "right")
 
 
-def test_nodes_leave_nothing_in_memory_but_the_places_of_their_chunks(tmp_path):
+def test_memory_grows_only_by_the_chunk_index(tmp_path):
     """A single log is the worst case: its index takes 275 bytes for each of two chunks per second."""
     nodes = {label: SteadyNode(k + 1, 208.0, 16, 20.0 * k) for k, label in enumerate(LABELS)}
     computer, memory = SteadyComputer(nodes), {}

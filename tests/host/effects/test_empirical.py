@@ -104,6 +104,6 @@ def test_all_harmonics_are_six_of_each():
     "name",
     ["gz ~ t", "empirical:gz t", "empirical:gw ~ t", "empirical:gz ~ velocity", "empirical:gz ~ cos(theta)"],
 )
-def test_what_is_not_of_the_library_is_refused(name):
+def test_unknown_terms_are_refused(name):
     with pytest.raises(ValueError):
         empirical(name)

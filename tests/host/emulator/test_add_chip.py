@@ -76,7 +76,7 @@ def test_a_new_chip_is_one_file_and_one_line(tmp_path: Path):
     assert "made_up" in copy.run("-m", "hubodo.emulator", "--help")
 
 
-def test_registers_of_a_chip_stand_in_its_driver_and_its_emulation_alone():
+def test_registers_of_a_chip_occur_only_in_its_driver_and_emulation():
     pattern = re.compile(
         r"\b(CTRL1_XL|CTRL2_G|FIFO_CTRL\d|WAKE_UP_(?:SRC|THS|DUR)|MD1_CFG|PWR_MGMT_1|SMPLRT_DIV)\b"
     )

@@ -15,7 +15,7 @@ def bus(*faults: object) -> I2cBus:
     return I2cBus([Lsm6ds33(StillMotion(), Specimen(faults=faults))], faults)  # type: ignore[arg-type]
 
 
-def test_reading_twelve_bytes_takes_their_bits_at_400_khz() -> None:
+def test_reading_twelve_bytes_takes_the_time_of_their_bits_at_400_khz() -> None:
     status, data, end = bus().read_mem(1.0, 0x6B, b"\x22", 12)
     bits = 1 + 9 + 9 + 1 + 9 + 12 * 9 + 1
     assert status == len(data) == 12

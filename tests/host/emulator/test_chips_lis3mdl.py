@@ -48,7 +48,7 @@ def test_scale_is_that_of_the_range(code: int, per_gauss: int) -> None:
     assert words.tolist() == [round(g * per_gauss) for g in (0.2, -0.1, 0.4)]
 
 
-def test_status_rises_at_eighty_hertz_falls_by_reading_and_tells_of_overrun() -> None:
+def test_status_is_set_at_80_hz_cleared_by_reading_and_shows_overrun() -> None:
     chip = running()
     assert read(chip, 1.0 + 0.9 / 80, 0x27)[0] == 0
     assert read(chip, 1.0 + 1.1 / 80, 0x27)[0] == 0x0F

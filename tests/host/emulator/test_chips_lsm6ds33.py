@@ -156,7 +156,7 @@ def test_quantisation_rounds_to_nearest_and_saturates() -> None:
     assert quantise(np.array([0.49, 0.51, -0.51, 1e9, -1e9]), 1.0).tolist() == [0, 1, -1, 32767, -32768]
 
 
-def test_fifo_gives_back_every_sample_in_whole_patterns() -> None:
+def test_the_fifo_returns_every_sample_in_complete_patterns() -> None:
     chip = running(fifo=True)
     status = read(chip, 2.0, 0x3A, 4)
     n = (status[0] | (status[1] & 0x0F) << 8) // 6
@@ -165,13 +165,13 @@ def test_fifo_gives_back_every_sample_in_whole_patterns() -> None:
     assert np.array_equal(got, chip.truth().raw[:n])
 
 
-def test_fifo_bytes_come_the_same_one_by_one() -> None:
+def test_the_fifo_can_be_read_byte_by_byte() -> None:
     chip, other = running(fifo=True), running(fifo=True)
     singly = b"".join(read(chip, 1.5, 0x3E, 1) + read(chip, 1.5, 0x3F, 1) for _ in range(12))
     assert singly == read(other, 1.5, 0x3E, 24)
 
 
-def test_fifo_that_runs_over_drops_the_oldest_words_and_says_where_the_pattern_stands() -> None:
+def test_a_fifo_overrun_drops_the_oldest_words_and_reports_the_pattern_position() -> None:
     chip = running(fifo=True)
     status = read(chip, 4.0, 0x3A, 4)
     assert status[1] & 0x40 and status[1] & 0x20
@@ -232,7 +232,7 @@ def test_without_auto_increment_a_burst_stays_on_its_register() -> None:
     assert read(chip, 0.0, 0x0F, 3) == b"\x69\x69\x69"
 
 
-def test_a_burst_across_a_new_sample_is_torn_between_words_and_with_bdu_never_inside_one() -> None:
+def test_a_burst_across_a_new_sample_mixes_words_and_with_bdu_never_their_bytes() -> None:
     chip = running(odr=5)
     due = 1.0 + 2 / 208
     read(chip, due - 3e-3, 0x22, 12)
@@ -243,7 +243,7 @@ def test_a_burst_across_a_new_sample_is_torn_between_words_and_with_bdu_never_in
     assert read(chip, due + 1e-3, 0x1E)[0] & 3 == 0
 
 
-def test_missed_samples_leave_a_hole_of_whole_periods() -> None:
+def test_missed_samples_leave_a_gap_of_whole_periods() -> None:
     chip = running(part=Specimen(faults=(MissedSamples(2.0, 5),)))
     read(chip, 3.0, 0x1E)
     truth = chip.truth()
@@ -270,7 +270,7 @@ def test_nack_fault_refuses_so_many_addresses() -> None:
     chip.acknowledge(1.5)
 
 
-def test_upsets_change_what_the_registers_say() -> None:
+def test_bit_flips_change_register_values() -> None:
     part = Specimen(faults=(WrongWhoAmI(1.0, 0x42), BitFlip(2.0, 0x11, 2), BrownOut(3.0, affected="chips")))
     chip = running(part=part)
     chip.acknowledge(1.5)

@@ -44,7 +44,7 @@ def test_identity(chip: Mpu6050, identity: int) -> None:
     assert read(chip, 0.0, 0x75)[0] == identity
 
 
-def test_identity_can_be_what_buyers_met() -> None:
+def test_the_identity_of_clones_can_be_set() -> None:
     assert read(Mpu6050(StillMotion(), Specimen(who_am_i=0x98)), 0.0, 0x75)[0] == 0x98
 
 

@@ -60,7 +60,7 @@ def test_ctrl_c_that_is_met_in_the_output_of_a_line_ends_the_wait_behind_it(
     assert b">>> " in output
 
 
-def test_a_loop_that_calls_nothing_is_ended_by_ctrl_c_within_seconds_and_the_prompt_comes(
+def test_ctrl_c_ends_a_loop_without_calls_within_seconds_at_the_prompt(
     tmp_path: Path,
 ) -> None:
     with node(tmp_path, "print('on')\nwhile True: pass") as board, Terminal(board.port) as host:
@@ -80,7 +80,7 @@ def streams(script: list[tuple[float, bytes]]) -> BoardStreams:
     )
 
 
-def test_ctrl_c_is_what_the_program_that_runs_takes_it_for_when_the_board_learns_of_it_later() -> None:
+def test_a_delayed_ctrl_c_is_handled_by_the_program_running_then() -> None:
     """A program changes what interrupts it without a word to the board; its next call tells."""
     board_streams = streams([(0.0, b"a\x03b")])
     board_streams.set_interrupt_char(CTRL_C)

@@ -145,7 +145,7 @@ print(pulses, low, sda.value(), who())
     assert printed(node) == ["-5 -5 105", "110 5", "9 0 1 105"]
 
 
-def test_an_unfed_watchdog_restarts_it_and_says_so(tmp_path: Path) -> None:
+def test_an_unfed_watchdog_restarts_the_board_with_its_cause(tmp_path: Path) -> None:
     program = READY + "import machine\nprint(machine.reset_cause())\ndog = machine.WDT(timeout=300)\n"
     program += "time.sleep_ms(200)\ndog.feed()\n" * 2
     node = run(tmp_path, program + "while True: time.sleep_ms(1)", 2.2)
@@ -154,7 +154,7 @@ def test_an_unfed_watchdog_restarts_it_and_says_so(tmp_path: Path) -> None:
     assert printed(node)[:2] == ["1", "3"]
 
 
-def test_brown_out_takes_the_chips_along_and_the_reset_pin_does_not(tmp_path: Path) -> None:
+def test_a_brown_out_resets_the_chips_and_the_reset_pin_does_not(tmp_path: Path) -> None:
     program = I2C + "print(i2c.readfrom_mem(0x6B, 0x10, 1)[0])\ni2c.writeto_mem(0x6B, 0x10, b'\\x64')\n"
     program += "while True: time.sleep_ms(1)\n"
     node = run(tmp_path, program, 3.2, faults=[Reset(1.2), BrownOut(2.2)])
@@ -162,7 +162,7 @@ def test_brown_out_takes_the_chips_along_and_the_reset_pin_does_not(tmp_path: Pa
     assert printed(node)[:3] == ["0", "100", "0"]
 
 
-def test_a_processor_that_is_held_up_misses_the_time(tmp_path: Path) -> None:
+def test_a_stalled_processor_loses_time(tmp_path: Path) -> None:
     program = READY + "worst = 0\nlast = time.ticks_us()\nfor _ in range(3000):\n"
     program += (
         "    now = time.ticks_us()\n    worst = max(worst, time.ticks_diff(now, last))\n    last = now\n"
@@ -171,7 +171,7 @@ def test_a_processor_that_is_held_up_misses_the_time(tmp_path: Path) -> None:
     assert printed(run(tmp_path, program, 1.9, faults=[Stall(0.8, 0.08)])) == ["80"]
 
 
-def test_its_clock_gains_what_the_settings_say_and_its_ticks_begin_where_they_say(tmp_path: Path) -> None:
+def test_clock_drift_and_first_tick_follow_the_settings(tmp_path: Path) -> None:
     program = (
         READY + "import machine\nprint(time.ticks_us() // 1000000)\ntime.sleep_ms(1000)\nmachine.reset()\n"
     )
@@ -281,7 +281,7 @@ for f, a, b in ((add, 12345678, 56781234), (div, 99999991, 45481), (div, 9999999
 """
 
 
-def test_arithmetic_takes_as_long_as_was_measured_on_a_real_one(tmp_path: Path) -> None:
+def test_arithmetic_takes_the_time_measured_on_a_real_pico(tmp_path: Path) -> None:
     """Published for an RP2040 at 125 MHz whose interpreter is in RAM: 80, 126 and 134 ms."""
     usual = find_image().firmware
     image = usual.with_name(f"{usual.stem}-vm-in-sram{usual.suffix}")
@@ -305,7 +305,7 @@ while True:
 """
 
 
-def test_the_fast_core_does_what_the_emulators_own_core_does(tmp_path: Path) -> None:
+def test_the_fast_core_agrees_with_the_core_of_the_emulator(tmp_path: Path) -> None:
     """Instruction by instruction from power-on into a program: registers and flags."""
     make_flash(tmp_path / "chip", find_image().contents(), firmware(tmp_path / "fw", main=BUSY))
     script = Path(__file__).with_name("lockstep.mjs")

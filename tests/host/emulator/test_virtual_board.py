@@ -173,7 +173,7 @@ def test_the_stepped_clock_gives_the_same_bytes_each_time(tmp_path: Path) -> Non
     first.stop(), second.stop()
 
 
-def test_ticks_wrap_at_two_to_the_thirty_and_run_by_the_devices_own_clock(tmp_path: Path) -> None:
+def test_ticks_wrap_at_2_to_the_30_and_follow_the_device_clock(tmp_path: Path) -> None:
     program = """
 import time
 a = time.ticks_us(); time.sleep_ms(1000); b = time.ticks_us()
@@ -192,7 +192,7 @@ def test_a_skewed_clock_sleeps_and_counts_by_itself(tmp_path: Path) -> None:
     assert printed(slow)[0] == "2000"
 
 
-def test_a_refused_transfer_and_a_stuck_bus_are_what_the_rp2_port_raises(tmp_path: Path) -> None:
+def test_a_refused_transfer_and_a_stuck_bus_raise_the_errors_of_the_rp2_port(tmp_path: Path) -> None:
     program = """
 import machine, time
 i2c = machine.I2C(0, scl=machine.Pin(5), sda=machine.Pin(4), freq=400000)

@@ -13,7 +13,7 @@ from hubodo.emulator.motion import StillMotion
 from hubodo.emulator.virtual_node import VirtualNode
 
 
-def test_udp_reaches_the_host_and_comes_back(tmp_path: Path) -> None:
+def test_udp_datagrams_pass_in_both_directions(tmp_path: Path) -> None:
     import socket
 
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as host:
@@ -66,7 +66,7 @@ with open('/r', 'w') as f: f.write('%d %d %d %d' % (a, full, len(p.poll(0)), too
     assert took_us == pytest.approx((100 - 64) * 10 / 9600 * 1e6, abs=200)
 
 
-def test_an_esp32_s_console_is_a_uart_that_says_yes_and_holds_up(tmp_path: Path) -> None:
+def test_the_console_of_an_esp32_is_a_blocking_uart(tmp_path: Path) -> None:
     program = """
 import time, select, sys
 p = select.poll(); p.register(sys.stdout, select.POLLOUT)

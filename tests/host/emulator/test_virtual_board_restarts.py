@@ -33,7 +33,7 @@ def test_an_unfed_watchdog_restarts_the_board(tmp_path: Path) -> None:
     assert printed(node)[:2] == ["1", "3"]
 
 
-def test_brown_out_takes_the_chips_along_and_the_reset_pin_does_not(tmp_path: Path) -> None:
+def test_a_brown_out_resets_the_chips_and_the_reset_pin_does_not(tmp_path: Path) -> None:
     program = """
 import machine, time
 i2c = machine.I2C(0, scl=machine.Pin(5), sda=machine.Pin(4), freq=400000)
@@ -100,14 +100,14 @@ def test_a_driver_that_reads_an_unknown_register_ends_the_run_with_a_name(tmp_pa
         node.wait(20)
 
 
-def test_flash_holds_the_firmwares_own_bytes(tmp_path: Path) -> None:
+def test_the_flash_contains_the_firmware_byte_by_byte(tmp_path: Path) -> None:
     node = run(tmp_path, WHO, 0.5, flash=Flash(folder=tmp_path / "flash"))
     node.stop()
     same = [hashlib.sha256((tmp_path / d / "main.py").read_bytes()).digest() for d in ("fw", "flash")]
     assert same[0] == same[1]
 
 
-def test_an_interpreter_that_had_a_board_before_knows_nothing_of_it(
+def test_an_interpreter_has_no_state_of_an_earlier_board(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Reset in the middle of a loop that catches all there is; the next board starts no process."""

@@ -3,7 +3,7 @@
 from hubodo.flash.check_result import CHECKS, CheckResult, failed_check, passed_check, unknown_check
 
 
-def test_each_verdict_has_its_word() -> None:
+def test_each_verdict_has_a_label() -> None:
     assert passed_check("port", "open").verdict == "ok"
     assert failed_check("port", "missing", "plug it in").verdict == "wrong"
     assert unknown_check("port", "not tried").verdict == "unknown"

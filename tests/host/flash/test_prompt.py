@@ -51,7 +51,7 @@ def test_a_board_that_does_not_answer_is_not_at_the_prompt() -> None:
     assert not RawPrompt(FakeBoard(lambda data: b"")).enter(0.01)  # type: ignore[arg-type]
 
 
-def test_what_the_code_prints_is_returned_whole() -> None:
+def test_the_output_of_the_code_is_returned_completely() -> None:
     raw = RawPrompt(_runs("1\r\nz\u00fcrich\r\n".encode()))  # type: ignore[arg-type]
     assert raw.run("print(1)") == "1\r\nz\u00fcrich\r\n"
     # The next run starts with an empty buffer.

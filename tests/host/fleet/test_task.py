@@ -36,7 +36,7 @@ def test_files_of_a_verb_are_stored_and_its_result_is_extracted(tmp_path):
         (ZeroDivisionError("a defect"), FAILED, "ZeroDivisionError: a defect"),
     ],
 )
-def test_an_error_is_one_line_in_the_row_and_tells_whether_a_retry_helps(error, status, text, tmp_path):
+def test_an_error_is_one_line_in_the_row_with_its_retry_flag(error, status, text, tmp_path):
     def run(*_):
         raise error
 

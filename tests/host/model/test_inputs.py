@@ -78,7 +78,7 @@ def test_a_correction_of_the_speed_has_its_derivative_and_its_integral():
 
 @pytest.mark.parametrize("first", [0, 1, 150])
 @pytest.mark.parametrize("count", [1, 50, 250])
-def test_at_its_own_times_a_correction_is_exact(first, count):
+def test_a_correction_is_exact_at_its_sample_times(first, count):
     part = slice(first, first + count)
     for interpolated, column in zip(CORRECTION.at(UNEVEN[part]), own(), strict=True):
         np.testing.assert_array_equal(interpolated, column[part])

@@ -197,7 +197,7 @@ def _with(kind):
 @settings(max_examples=25)
 @given(model=models(), words=st.text(max_size=20))
 @example(model=_with(EFFECTS[0]), words='two\nlines\r# "x" = \\ \x7f\x85\u2028')
-def test_what_is_written_reads_back_equal(tmp_path_factory, model, words):
+def test_a_written_model_is_read_back_equal(tmp_path_factory, model, words):
     path = tmp_path_factory.getbasetemp() / "made.toml"
     comments = {(item.effect.name, item.node): words for item in model.effects}
     write_model(model, path, comments)
@@ -211,7 +211,7 @@ def test_each_effect_reads_back_equal(tmp_path, kind):
     assert read_model(tmp_path / "m.toml") == model
 
 
-def test_units_and_comments_stand_beside_what_they_are_about():
+def test_units_and_comments_are_beside_their_parameters():
     vehicle = Vehicle(0.3, 0.9, {"left": NodeMount("left", "left")})
     model = Model(
         vehicle,

@@ -36,7 +36,7 @@ def test_the_path_is_that_of_the_speed_and_the_turns():
     assert not np.any(y)
 
 
-def test_no_word_of_a_manoeuvre_is_without_use():
+def test_every_described_manoeuvre_is_used():
     assert [
         word
         for word in _SEGMENTS_BY_KEYWORD
@@ -44,7 +44,7 @@ def test_no_word_of_a_manoeuvre_is_without_use():
     ] == []
 
 
-def test_the_readme_says_what_no_drive_can_tell_apart():
+def test_the_readme_lists_the_indistinguishable_effects():
     readme = (Path(__file__).parents[3] / "host/hubodo/gap/README.md").read_text("utf-8")
     for one, other, why in INDISTINGUISHABLE_CAUSES:
         assert f"| {one} | {other} | {why} |" in readme

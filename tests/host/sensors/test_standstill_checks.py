@@ -74,7 +74,7 @@ def test_slow_drifts_coarse_steps_and_single_outliers_are_no_movement():
     assert first_disturbance(t, np.rint(rows / 0.05) * 0.05) is None
 
 
-def test_the_real_record_at_rest_is_at_rest_and_the_one_turned_by_hand_is_not():
+def test_the_real_static_record_is_static_and_the_hand_rotated_one_is_not():
     rows = np.loadtxt(wanted.recording("static") / "node.csv.gz", delimiter=",", skiprows=1, max_rows=150_000)
     check_units(rows[:, 1:4], rows[:, 4:7])
     check_standstill(rows[:, 0], rows[:, 1:7])
@@ -83,7 +83,7 @@ def test_the_real_record_at_rest_is_at_rest_and_the_one_turned_by_hand_is_not():
     assert first_disturbance(rows[:, 0], rows[:, 1:7])[0] == pytest.approx(51.0, abs=1.0)
 
 
-def test_a_temperature_step_is_found_and_a_warm_up_is_none():
+def test_a_temperature_step_is_detected_and_a_warm_up_is_not_one():
     t = np.arange(0.0, 3600.0, 1.0)
     noise = np.random.default_rng(0).normal(0, 0.1, len(t))
     warming = 22 + 20 * (1 - np.exp(-t / 900)) + noise

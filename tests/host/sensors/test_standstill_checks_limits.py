@@ -109,7 +109,7 @@ def test_a_column_that_was_not_measured_is_passed_over_and_the_others_are_not():
         (0.0, None),
     ],
 )
-def test_the_length_of_gravity_tells_the_unit(size, words):
+def test_the_norm_of_gravity_identifies_the_unit(size, words):
     accel = np.tile([0.0, 0.0, -size], (50, 1))
     if words is None:
         check_units(None, accel)
@@ -227,7 +227,7 @@ def test_a_step_of_temperature_is_more_than_a_degree_and_a_half_within_a_minute(
 
 
 @pytest.mark.parametrize("times, reported", [(3.5, False), (4.5, True)])
-def test_a_step_is_four_times_what_the_minute_before_did(times, reported):
+def test_a_step_is_four_times_the_change_of_the_minute_before(times, reported):
     """The temperature already changes before the step, as in a warm-up."""
     t = np.arange(0.0, 965.0, 0.5)
     temperature = np.interp(t, [0.0, 600.0, 900.0, 960.0], [20.0, 20.0, 25.0, 25.0 + times])
@@ -235,6 +235,6 @@ def test_a_step_is_four_times_what_the_minute_before_did(times, reported):
 
 
 @pytest.mark.parametrize("seconds, reported", [(172.0, False), (190.0, True)])
-def test_three_minutes_are_the_least_to_tell_a_step(seconds, reported):
+def test_a_step_is_detected_from_three_minutes_on(seconds, reported):
     t = np.arange(0.0, seconds, 1.0)
     assert (find_temperature_step(t, 25.0 + 5.0 * (t >= 65.0)) is not None) == reported

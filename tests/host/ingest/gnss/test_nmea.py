@@ -77,7 +77,7 @@ def test_a_position_without_a_fix_is_not_one():
     assert fixes(epoch(quality=0)) == []
 
 
-def test_bad_checksums_and_foreign_sentences_are_counted_and_cost_nothing_else():
+def test_bad_checksums_and_unknown_sentences_are_counted_and_ignored():
     decoder = NmeaDecoder()
     bad = epoch().replace(b"4807.0380000,N,01131.0000000,E,0.10", b"4807.0380001,N,01131.0000000,E,0.10")
     data = bad + line("GNXYZ,1,2,3") + b"garbage\r\n\xff\xfe$GP\r\n" + epoch("123520.00")
@@ -89,7 +89,7 @@ def test_bad_checksums_and_foreign_sentences_are_counted_and_cost_nothing_else()
 
 
 @given(st.integers(1, 40))
-def test_portions_do_not_matter(size):
+def test_the_block_size_does_not_matter(size):
     data = epoch("123519.00") + epoch("123520.00") + epoch("123521.00")
     decoder, got = NmeaDecoder(), []
     for k in range(0, len(data), size):
@@ -237,6 +237,6 @@ def test_sentences_with_hostile_fields_and_valid_checksums_are_counted_and_nothi
         assert fix.sigma is None or all(0 < sigma <= 1e5 for sigma in fix.sigma), f"seed {seed}"
 
 
-def test_sigmas_of_zero_are_not_known_sigmas():
+def test_sigmas_of_zero_are_treated_as_unknown():
     zeros = line("GNGST,123519.00,0.0,0.0,0.0,0.0,0.0,0.0,0.0")
     assert fixes(epoch(gst=False) + zeros)[0].sigma is None

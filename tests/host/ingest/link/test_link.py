@@ -104,7 +104,7 @@ def goes_on(link, reports):
 
 
 @pytest.mark.parametrize("call", ["open", "read", "write", "close"])
-def test_an_unexpected_exception_ends_that_attempt_alone_and_the_link_is_tried_again(links, call):
+def test_an_unexpected_exception_ends_that_attempt_and_the_link_is_retried(links, call):
     good, bad, ways, reports = links
     ways["bad"] = lambda: Script(call, fails)
     good.start()
@@ -122,7 +122,7 @@ def test_an_unexpected_exception_ends_that_attempt_alone_and_the_link_is_tried_a
 
 
 @pytest.mark.parametrize("call", ["open", "read", "write", "close"])
-def test_a_transport_that_hangs_holds_up_neither_who_sends_nor_who_ends_nor_another_link(links, call):
+def test_a_hanging_transport_blocks_neither_sending_nor_closing_nor_other_links(links, call):
     good, bad, ways, reports = links
     ways["bad"] = lambda: Script(call, hangs)
     good.start()
@@ -140,7 +140,7 @@ def test_a_transport_that_hangs_holds_up_neither_who_sends_nor_who_ends_nor_anot
     goes_on(good, reports)
 
 
-def test_the_first_attempt_says_in_one_line_what_is_unexpected(links):
+def test_an_unexpected_error_of_the_first_attempt_is_one_line(links):
     _, bad, ways, _ = links
     ways["bad"] = lambda: Script("open", fails)
     with pytest.raises(
@@ -162,12 +162,12 @@ def test_a_list_of_ports_that_cannot_be_read_is_a_reason_not_an_end(tmp_path):
 
 
 @pytest.mark.parametrize("transport", [TcpTransport, UdpTransport])
-def test_a_host_name_that_no_resolver_takes_is_named(transport):
+def test_an_invalid_host_name_is_reported(transport):
     with pytest.raises(LinkError, match=r"//a\.\.b:5: \w.*; "):
         transport("a..b", 5)
 
 
-def test_a_datagram_that_cannot_be_sent_says_nothing_about_the_port():
+def test_a_failed_datagram_does_not_close_the_port():
     udp = UdpTransport("127.0.0.1", 0)
     for address in ("255.255.255.255 9", "127.0.0.1 0", "240.0.0.1 9"):
         udp.write(b"x", address)

@@ -45,7 +45,7 @@ def test_each_kind_of_port_is_understood(text, name, kind, where, label):
 
 
 @pytest.mark.parametrize("text", ["", "left=", "http://x:1", "socket://x", "udp://:5", "socket://h:x", "a b"])
-def test_what_is_no_port_is_refused_with_what_to_write(text):
+def test_an_invalid_port_is_refused_with_the_valid_forms(text):
     with pytest.raises(InputError, match="write"):
         parse_port(text)
 

@@ -38,7 +38,7 @@ def met(ring, serial=SERIALS[0]):
     return sealer, node
 
 
-def test_what_a_node_seals_comes_through_with_its_serial_and_answers_go_where_it_sent_from(ring):
+def test_a_sealed_datagram_is_opened_with_its_serial_and_answered_to_its_address(ring):
     sealer, node = met(ring, SERIALS[1])
     assert sealer.seal(b"first\0", SERIALS[1]) is None, "a session begins when the node uses it"
     opened = sealer.open(node.seal(b"frame\0"), "there 2")
@@ -51,7 +51,7 @@ def test_what_a_node_seals_comes_through_with_its_serial_and_answers_go_where_it
 
 
 @pytest.mark.parametrize("at", [1, 5, 9, 12, -1])
-def test_a_datagram_of_which_a_bit_is_changed_is_refused(ring, at):
+def test_a_datagram_with_a_changed_bit_is_refused(ring, at):
     sealer, node = met(ring)
     datagram = bytearray(node.seal(b"frame\0"))
     datagram[at] ^= 0x10
@@ -75,7 +75,7 @@ def test_a_handshake_of_which_a_bit_is_changed_begins_no_session(ring, at):
     assert sealer.refused.total() == 2 and not sealer._sessions
 
 
-def test_numbers_count_once_and_may_overtake_each_other(ring):
+def test_each_number_is_accepted_once_in_any_order(ring):
     sealer, node = met(ring)
     sent = [node.seal(b"%d\0" % k) for k in range(100)]
     order = [*range(50), 52, 51, 50, 55, *range(56, 100)]
@@ -85,7 +85,7 @@ def test_numbers_count_once_and_may_overtake_each_other(ring):
     assert sealer.refused == {"sent again": 3}
 
 
-def test_nothing_of_an_earlier_session_counts_neither_openings_nor_proofs_nor_frames(ring):
+def test_datagrams_of_an_earlier_session_are_refused(ring):
     sealer, node = DatagramSealer(ring), SealedNode(ring.keys[SERIALS[0]])
     old = [*meet(sealer, node), node.seal(b"a\0"), node.seal(b"b\0")]
     assert sealer.open(old[2], "here 1").frames
@@ -101,7 +101,7 @@ def test_nothing_of_an_earlier_session_counts_neither_openings_nor_proofs_nor_fr
     assert restarted.refused == {"of no session": 2}
 
 
-def test_the_session_before_stands_until_the_node_uses_the_next(ring):
+def test_the_earlier_session_is_valid_until_the_node_uses_the_next(ring):
     sealer, node = met(ring)
     assert sealer.open(node.seal(b"a\0"), "here 1").frames
     acknowledgement = sealer.open(node.proof(sealer.open(node.opening(), "here 1").answer), "here 1").answer
@@ -112,7 +112,7 @@ def test_the_session_before_stands_until_the_node_uses_the_next(ring):
     assert len(sealer._sessions) == 1 and not sealer.refused
 
 
-def test_thousands_of_openings_forged_or_sent_again_store_nothing_and_keep_no_node_out(ring):
+def test_thousands_of_forged_or_replayed_handshakes_store_nothing_and_keep_no_node_out(ring):
     """Hundreds of them arrive between any two datagrams of a handshake."""
     sealer, node, rng = DatagramSealer(ring), SealedNode(ring.keys[SERIALS[0]]), random.Random(1)
     recorded = [node.opening()]
@@ -145,7 +145,7 @@ def test_thousands_of_openings_forged_or_sent_again_store_nothing_and_keep_no_no
     assert sealer.seal(b"order\0", SERIALS[0])[1] == "here 1"
 
 
-def test_nothing_in_clear_tells_two_sessions_of_a_board_together(ring):
+def test_no_plain_text_links_two_sessions_of_a_board(ring):
     """No four bytes of both sides occur in two sessions, at different times."""
     sent_bytes = []
     for now_ns in (0x1112131415161718, 0x2122232425262728):
@@ -162,14 +162,14 @@ def test_nothing_in_clear_tells_two_sessions_of_a_board_together(ring):
     assert not sent_bytes[0] & sent_bytes[1]
 
 
-def test_a_node_with_the_first_handshake_is_named_with_what_to_do(ring):
+def test_a_node_with_the_first_handshake_is_refused_with_a_remedy(ring):
     sealer = DatagramSealer(ring)
     ident = hashlib.sha256(b"hubodo key" + ring.keys[SERIALS[1]]).digest()[:4]
     assert sealer.open(b"\xfe" + ident + os.urandom(8), "here 1") == NOTHING
     assert sealer.refused == {f"of the older handshake of node {SERIALS[1]}: flash it again": 1}
 
 
-def test_who_has_no_key_is_refused_by_cause(ring):
+def test_senders_without_a_key_are_refused_with_the_cause(ring):
     sealer, node = met(ring)
     stranger = SealedNode(bytes(32))
     for data in (
@@ -207,7 +207,7 @@ def test_keys_are_readable_by_their_owner_only_and_an_invalid_file_is_named(ring
         KeyRing(ring.path)
 
 
-def test_udp_from_other_machines_wants_keys_or_a_word(ring):
+def test_udp_from_other_machines_requires_keys_or_an_option(ring):
     for host in ("127.0.0.1", "localhost", "[::1]"):
         assert attach_keys(parse_port(f"udp://{host}:9"), None, insecure=False).keys is None
     for host in ("0.0.0.0", "192.168.1.2", "[::]", "laptop.local"):

@@ -55,7 +55,7 @@ class Terminal:
         self.unplug()
 
 
-def test_bytes_come_whole_in_order_and_in_lumps(opens):
+def test_bytes_arrive_complete_in_order_and_in_blocks(opens):
     sent = random.Random(3).randbytes(60_000)
     with Terminal() as terminal:
         link = opens(terminal.path)
@@ -83,7 +83,7 @@ def test_silence_is_no_bytes_and_no_error(opens):
         link.close()
 
 
-def test_what_is_written_arrives_and_a_full_line_holds_nobody_up_for_ever(opens):
+def test_written_bytes_arrive_and_a_full_line_does_not_block_forever(opens):
     with Terminal() as terminal:
         link = opens(terminal.path)
         link.write(b"\0hello\x03\x11\x13\xff", "")
@@ -179,7 +179,7 @@ def test_a_loop_and_a_socket_are_read_by_pyserials_urls():
         link.close()
 
 
-def test_a_recording_by_the_portable_way_survives_unplugging_like_the_native_one(tmp_path, monkeypatch):
+def test_a_recording_by_pyserial_survives_unplugging_like_the_native_one(tmp_path, monkeypatch):
     monkeypatch.setattr(transport, "open_serial", partial(open_serial, portable=True))
     out, computer = tmp_path / "ride.mcap", VirtualComputer()
     with FakeNode(node_id=1, computer=computer) as node:

@@ -145,7 +145,7 @@ def intact(result, name, node):
 
 
 @pytest.mark.parametrize("kind", PARTS)
-def test_a_part_that_raises_at_every_call_costs_no_sample_of_the_others(tmp_path, monkeypatch, kind):
+def test_a_part_that_raises_at_every_call_loses_no_sample_of_the_others(tmp_path, monkeypatch, kind):
     def fault():
         raise Injected("by the test")
 
@@ -219,7 +219,7 @@ HANGING = (
 
 @pytest.mark.real_time
 @pytest.mark.parametrize(("kind", "fault"), HANGING)
-def test_a_part_that_hangs_at_every_call_costs_no_sample_of_the_others(tmp_path, monkeypatch, kind, fault):
+def test_a_part_that_hangs_at_every_call_loses_no_sample_of_the_others(tmp_path, monkeypatch, kind, fault):
     monkeypatch.setattr(daemon, "Bulkheads", partial(Bulkheads, hang_timeout_s=0.3))
     with ExitStack() as stack:
         nodes = drive_nodes(stack, None, rate_hz=416.0)
@@ -234,7 +234,7 @@ def test_a_part_that_hangs_at_every_call_costs_no_sample_of_the_others(tmp_path,
 
 
 @pytest.mark.parametrize("fault", [sleeps, None])
-def test_foxglove_that_raises_or_hangs_at_every_call_costs_no_sample(tmp_path, monkeypatch, fault):
+def test_a_foxglove_server_that_raises_or_hangs_loses_no_sample(tmp_path, monkeypatch, fault):
     pytest.importorskip("foxglove")
     from hubodo.web.foxglove_live import FoxgloveLive
 
@@ -303,7 +303,7 @@ def test_a_suspended_part_is_tried_again_after_pauses_that_double_up_to_a_minute
     assert bulkheads.run("page", lambda: None) is True, "a success has ended the row of faults"
 
 
-def test_a_part_within_a_part_is_to_blame_alone():
+def test_a_fault_is_attributed_to_the_innermost_part():
     bulkheads, done = Bulkheads(Clock()), []
 
     def outer():
@@ -328,7 +328,7 @@ def test_the_log_is_never_interrupted():
     assert ended == ["written"]
 
 
-def test_an_output_thread_that_stalls_is_replaced_and_its_late_return_counts_for_nothing():
+def test_a_stalled_output_thread_is_replaced_and_its_late_return_ignored():
     stalled, handled = threading.Event(), []
     bulkheads = Bulkheads(lambda: 0)
     threads = iter(range(100))
@@ -379,7 +379,7 @@ def test_a_full_mailbox_drops_the_oldest_and_counts_them():
     assert (handled, output.dropped) == ([0, 5, 6, 7], 4)
 
 
-def test_a_log_that_cannot_be_written_ends_the_recording_with_what_there_is_readable(tmp_path, monkeypatch):
+def test_a_log_that_cannot_be_written_ends_the_recording_and_stays_readable(tmp_path, monkeypatch):
     computer, written = VirtualComputer(), []
 
     def until_the_disk_breaks(original):

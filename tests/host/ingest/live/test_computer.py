@@ -27,7 +27,7 @@ def test_a_signal_whose_handler_outlasts_the_wait_does_not_make_it_endless():
         signal.signal(signal.SIGUSR2, before)
 
 
-def test_news_come_in_order_and_wake_who_waits():
+def test_notifications_arrive_in_order_and_end_the_wait():
     computer = ThisComputer()
     assert computer.next_report(0.0) is None and computer.next_report(0.01) is None
     threading.Timer(0.02, computer.put, (1,)).start()

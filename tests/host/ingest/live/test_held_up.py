@@ -68,7 +68,7 @@ def held(out, vehicle, nodes, seconds, rows=None):
     return json.loads(printed), dropped
 
 
-def test_a_recorder_that_was_stopped_has_all_that_the_line_held_and_a_track_within_its_sigma(tmp_path):
+def test_a_stopped_recorder_gets_all_buffered_data_and_a_track_within_sigma(tmp_path):
     drive, out = short_drive(SEED), tmp_path / "a.mcap"
     rows = {name: raw_rows(drive, name) for name in ("left", "right")}
     (tmp_path / "vehicle.toml").write_text(VEHICLE_TOML)
@@ -92,7 +92,7 @@ def test_a_recorder_that_was_stopped_has_all_that_the_line_held_and_a_track_with
     assert off < 3.0 * sigma + 0.05
 
 
-def test_what_the_line_could_not_hold_is_counted_as_a_gap(tmp_path):
+def test_data_beyond_the_line_buffer_is_counted_as_a_gap(tmp_path):
     """At 1660 samples per second the line buffers less than five seconds."""
     out = tmp_path / "a.mcap"
     with FakeNode(rate_hz=1660.0) as node:

@@ -125,7 +125,7 @@ def test_a_computer_that_stood_still_for_ten_minutes_is_one_event_and_no_lost_sa
     assert np.count_nonzero(times > 590) > 2.0 * 416
 
 
-def test_what_a_node_sent_while_the_computer_stood_still_is_counted(tmp_path):
+def test_samples_sent_during_a_standstill_of_the_computer_are_counted(tmp_path):
     """The node drops 390 frames in 15 s of suspension during which the computer's clock continues."""
     computer = JumpingComputer()
     node = FakeNode(rate_hz=416.0, batch=16, computer=computer)
@@ -196,7 +196,7 @@ def test_a_wall_clock_that_is_set_is_an_event_with_its_size_and_moves_no_sample(
     assert f"UTC is t {step:+.3f} s" in hubodo("info", out).out
 
 
-def test_a_log_of_a_clock_that_nobody_has_set_says_so_and_so_does_info(tmp_path):
+def test_a_log_with_an_unset_clock_is_marked_and_info_reports_it(tmp_path):
     out, computer = tmp_path / "ride.mcap", JumpingComputer(ClockState.UNSET)
     _, events = recorded(out, computer, 1.0)
     assert "is not set, it shows 2026-05-28" in events[0].text
@@ -205,7 +205,7 @@ def test_a_log_of_a_clock_that_nobody_has_set_says_so_and_so_does_info(tmp_path)
     assert "the computer's clock was unset" in hubodo("info", out).out
 
 
-def test_the_state_of_a_clock_is_what_its_time_and_timesyncd_say(tmp_path):
+def test_the_state_of_a_clock_follows_from_its_time_and_timesyncd(tmp_path):
     folder = tmp_path / "timesync"
     now_ns = 1_780_000_000 * NS_PER_S
     assert clock_state(1_000 * NS_PER_S, folder) == "unset"

@@ -72,7 +72,7 @@ def concatenated(paths, pick):
     return {key: np.concatenate([table[key] for table in tables]) for key in tables[0]}
 
 
-def test_logs_that_rotate_hold_sample_by_sample_what_a_single_one_would(pieces):
+def test_rotated_logs_hold_the_samples_of_a_single_log(pieces):
     cut, whole = pieces
     assert len(cut) == 4
     assert all(path.name.startswith(f"drive-00000{k}-2026") for k, path in enumerate(cut, 1))
@@ -145,7 +145,7 @@ class Manager:
 
 
 @pytest.mark.real_time
-def test_a_service_says_ready_alive_and_stopping_begins_a_log_on_hangup_and_ends_whole(tmp_path):
+def test_a_service_notifies_systemd_rotates_on_hangup_and_ends_with_a_complete_log(tmp_path):
     manager, logs = Manager(tmp_path), tmp_path / "logs"
     logs.mkdir()
     env = {
@@ -190,7 +190,7 @@ def test_a_service_says_ready_alive_and_stopping_begins_a_log_on_hangup_and_ends
     )
 
 
-def test_what_a_service_says_goes_where_the_manager_listens_and_nowhere_without_one(tmp_path):
+def test_notifications_go_to_the_socket_of_systemd_if_there_is_one(tmp_path):
     manager, now = Manager(tmp_path), [0.0]
     notifier = ServiceNotifier(
         {"NOTIFY_SOCKET": str(manager.path), "WATCHDOG_USEC": "3000000"}, lambda: now[0]
@@ -242,7 +242,7 @@ def test_a_log_emptied_while_recording_is_reported_everywhere_and_the_run_fails(
     assert recording.nodes["left"].t[0] > 1.0
 
 
-def test_a_folder_that_goes_pauses_the_log_but_not_the_odometry_and_health_says_so(tmp_path):
+def test_a_removed_folder_pauses_the_log_but_not_the_odometry_and_health_reports_it(tmp_path):
     folder, computer, snapshots = tmp_path / "logs", VirtualComputer(), []
     folder.mkdir()
     Script(computer, (4.0, lambda: folder.rename(tmp_path / "gone")))
@@ -278,7 +278,7 @@ class Ended:
     def stop(self, timeout_s=0.0): ...
 
 
-def test_whatever_is_queued_at_the_end_goes_into_the_log_and_decoding_has_its_time(tmp_path):
+def test_data_queued_at_the_end_is_logged_and_decoded_within_a_time_limit(tmp_path):
     """64 nodes with 200 queued batches each; by the shutdown clock decoding one takes 5 ms."""
     computer, out = VirtualComputer(), tmp_path / "ride.mcap"
     labels = [f"n{k}" for k in range(64)]
@@ -412,7 +412,7 @@ def in_terminal(out, node, *words, hangup=signal.SIG_DFL):
 
 @pytest.mark.real_time
 @pytest.mark.parametrize("words", [(), ("--json", "--log-format", "json")])
-def test_a_terminal_that_is_closed_ends_the_recording_whole_with_exit_code_0(tmp_path, words):
+def test_a_closed_terminal_ends_the_recording_with_a_complete_log_and_exit_code_0(tmp_path, words):
     out = tmp_path / "ride.mcap"
     with FakeNode() as node:
         child, terminal = in_terminal(out, node, *words)
@@ -426,7 +426,7 @@ def test_a_terminal_that_is_closed_ends_the_recording_whole_with_exit_code_0(tmp
 
 
 @pytest.mark.real_time
-def test_where_hangups_are_ignored_as_by_nohup_a_closed_terminal_ends_nothing(tmp_path):
+def test_under_nohup_a_closed_terminal_does_not_end_the_recording(tmp_path):
     out = tmp_path / "ride.mcap"
     with FakeNode() as node:
         child, terminal = in_terminal(out, node, hangup=signal.SIG_IGN)

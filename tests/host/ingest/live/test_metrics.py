@@ -62,7 +62,7 @@ def test_the_text_has_the_promised_names_and_the_recorders_numbers(recording):
     assert metrics["hubodo_disk_free_bytes", None] > 0
 
 
-def test_health_names_what_is_wrong_and_only_that(recording):
+def test_health_names_only_the_problems(recording):
     now = recording[0][-1]
     assert assess_health(now)[0], assess_health(now)[1]
     hung = assess_health(now, now.t_ns + 60 * 10**9)

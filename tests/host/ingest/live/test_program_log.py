@@ -39,7 +39,7 @@ def everything_that_libraries_say():
 
 
 @pytest.mark.parametrize("log_format", ["json", "text"])
-def test_what_libraries_say_is_one_line_each(capsys, log_format, recwarn):
+def test_each_message_of_a_library_is_one_line(capsys, log_format, recwarn):
     before = threading.excepthook
     with warnings.catch_warnings(), program_log("record", log_format):
         warnings.simplefilter("always")
@@ -67,7 +67,7 @@ def test_what_libraries_say_is_one_line_each(capsys, log_format, recwarn):
     assert all(word in text for word, text in zip(says, texts, strict=True))
 
 
-def test_a_recording_with_the_page_tells_its_end_and_the_servers_errors_in_json(tmp_path, monkeypatch):
+def test_a_recording_with_the_page_reports_its_end_and_server_errors_in_json(tmp_path, monkeypatch):
     """The format set in hubodo.toml applies too, also with --debug."""
 
     def broken(self, request):

@@ -34,7 +34,7 @@ def test_a_step_of_the_wall_clock_has_no_effect(passing):
     assert clock() - start == 3 * NS_PER_S
 
 
-def test_time_goes_on_while_the_computer_is_suspended(passing):
+def test_elapsed_time_continues_while_the_computer_is_suspended(passing):
     clock = computer.steady_clock()
     start = clock()
     passing(603.0, asleep=600.0)
@@ -48,7 +48,7 @@ def test_a_slowed_clock_is_slow_from_its_start_on(passing):
     assert clock() - start == 3 * NS_PER_S // 2
 
 
-def test_slowed_time_is_no_wall_clock_that_somebody_sets(passing):
+def test_slewed_time_is_not_reported_as_a_clock_step(passing):
     slowed = computer.ThisComputer(2.0)
     clock, events = HostClock(slowed), []
     for second in range(10):
@@ -57,7 +57,7 @@ def test_slowed_time_is_no_wall_clock_that_somebody_sets(passing):
     assert [event.data for event in events if "step_s" in event.data] == []
 
 
-def test_time_that_stands_still_is_refused(tmp_path, capfd):
+def test_a_clock_that_does_not_advance_is_refused(tmp_path, capfd):
     words = ["record", str(tmp_path / "ttyNONE"), "-o", str(tmp_path / "x.mcap"), "--time-scale", "0"]
     assert main(words) == 2
     assert "--time-scale: 0: write a number above 0" in capfd.readouterr().err

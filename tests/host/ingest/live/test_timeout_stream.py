@@ -38,7 +38,7 @@ def recorder(out, node, *words, **streams):
 
 
 @pytest.mark.parametrize("log_format", ["text", "json"])
-def test_a_reader_that_hangs_holds_up_neither_the_log_nor_the_end(tmp_path, log_format):
+def test_a_hanging_reader_blocks_neither_the_log_nor_the_exit(tmp_path, log_format):
     out, (reading, writing) = tmp_path / "a.mcap", full_pipe()
     with FakeNode(rate_hz=416.0) as node:
         words = ("--log-format", log_format, "--metrics", "127.0.0.1:0")
@@ -52,7 +52,7 @@ def test_a_reader_that_hangs_holds_up_neither_the_log_nor_the_end(tmp_path, log_
     assert not [event for event in read_recording(out).events if event.kind == "gap"]
 
 
-def test_a_reader_that_is_gone_ends_nothing(tmp_path):
+def test_a_closed_reader_does_not_end_the_recording(tmp_path):
     out, (reading, writing) = tmp_path / "a.mcap", os.pipe()
     os.close(reading)
     with FakeNode(rate_hz=416.0) as node:
@@ -66,7 +66,7 @@ def test_a_reader_that_is_gone_ends_nothing(tmp_path):
     assert [event.source for event in log.events if event.kind == "fault"] == ["terminal"]
 
 
-def test_closed_standard_streams_are_no_place_for_the_log(tmp_path):
+def test_the_log_does_not_use_descriptors_of_closed_standard_streams(tmp_path):
     out = tmp_path / "a.mcap"
     with FakeNode() as node:
         command = f'exec "{sys.executable}" -m hubodo.cli record {node.path} -o {out} --duration 1 >&- 2>&-'

@@ -24,7 +24,7 @@ def opened(computer, path, label):
     return link
 
 
-def test_time_passes_while_somebody_waits_and_by_no_more_than_that():
+def test_virtual_time_advances_only_while_waiting():
     computer = VirtualComputer()
     start = computer.now_ns()
     time.sleep(0.01)
@@ -34,7 +34,7 @@ def test_time_passes_while_somebody_waits_and_by_no_more_than_that():
     assert computer.next_report(9.0) == "news" and computer.now_ns() == start + NS_PER_S // 4
 
 
-def test_what_devices_send_comes_in_the_order_and_with_the_time_of_its_sending():
+def test_bytes_of_devices_arrive_in_order_at_their_sending_time():
     computer = VirtualComputer()
     start = computer.now_ns()
     with (

@@ -87,7 +87,7 @@ def test_an_insignificant_drift_is_not_used_and_a_significant_one_is():
     assert sync.estimate().drift_used
 
 
-def test_it_counts_its_exchanges_and_its_resets():
+def test_exchanges_and_resets_are_counted():
     sync = ClockSync()
     assert (sync.source, sync.exchanges, sync.resets) == ("none", 0, 0)
     sync.add_arrival(1_000_000, T0)
@@ -112,7 +112,7 @@ def test_after_one_answer_the_node_read_its_clock_amid_the_round_trip_for_all_th
     assert sync.sigma_ns(5_005_000_000) == pytest.approx(trip / np.sqrt(12.0) * np.sqrt(2.0), rel=0.01)
 
 
-def test_sigma_grows_while_nobody_answers():
+def test_sigma_grows_without_answers():
     rng, sync, clock = np.random.default_rng(1), ClockSync(), SimulatedClock(60)
     t = last(run_exchanges(sync, clock, rng, seconds=60, request_delay=quick, reply_delay=quick))
     near = clock.us(t) * 1000
@@ -160,7 +160,7 @@ def test_a_node_that_cannot_answer_is_followed_by_its_earliest_arrivals():
     assert abs(estimate.drift * 1e6 - 70) < 25
 
 
-def test_an_answer_takes_over_from_arrivals():
+def test_an_answer_replaces_arrival_times():
     sync, clock = ClockSync(), SimulatedClock(0)
     sync.add_arrival(clock.us(T0 + NS_PER_S), T0 + NS_PER_S + 15_000_000)
     t = T0 + 2 * NS_PER_S
@@ -169,7 +169,7 @@ def test_an_answer_takes_over_from_arrivals():
     assert abs(error_ns(sync, clock, clock.us(t))) < 200_000
 
 
-def test_a_restart_forgets_and_a_stepped_clock_is_found_out():
+def test_a_restart_resets_the_clock_estimate_and_a_clock_step_is_detected():
     rng, sync, clock = np.random.default_rng(3), ClockSync(), SimulatedClock(10)
     t = last(run_exchanges(sync, clock, rng, seconds=20, request_delay=quick, reply_delay=quick))
     stepped = SimulatedClock(10, start_us=5_000_000)

@@ -4,7 +4,7 @@ from hubodo.ingest.node.clock_exchanges import ClockExchanges
 from hubodo.units import NS_PER_S
 
 
-def test_tokens_are_printable_and_none_comes_twice():
+def test_tokens_are_printable_and_unique():
     """Ctrl-C stops a booting board; nodes 1 and 2 receive each other's requests."""
     nodes = [ClockExchanges(node, NS_PER_S) for node in (1, 2)]
     tokens = [node.next_token() for node in nodes for _ in range(5000)]
@@ -19,7 +19,7 @@ def test_a_burst_at_the_start_then_one_a_period():
     assert times == [*range(0, 160, 20), 1140, 2140, 3140]
 
 
-def test_an_answer_finds_its_question_once_and_the_oldest_are_forgotten():
+def test_an_answer_matches_its_request_once_and_the_oldest_requests_are_dropped():
     asked = ClockExchanges(1, NS_PER_S)
     tokens = [asked.next_token() for _ in range(40)]
     for t, token in enumerate(tokens):

@@ -95,7 +95,7 @@ def feed(decoder, talker, count=1, link=QUIET, **kwargs):
     return out
 
 
-def test_samples_come_out_in_si_units_at_device_times():
+def test_samples_have_si_units_and_device_times():
     talker, decoder = started(start_us=1_000)
     (block,) = blocks(feed(decoder, talker))
     assert block.gyro.shape == (BATCH, 3)
@@ -106,7 +106,7 @@ def test_samples_come_out_in_si_units_at_device_times():
     np.testing.assert_array_equal(block.device_ns, 1_000_000 + PERIOD_NS * np.arange(BATCH))
 
 
-def test_frames_before_the_first_hello_are_held_and_decoded_when_it_arrives():
+def test_frames_before_the_first_hello_are_queued_and_decoded_when_it_arrives():
     talker, decoder = Talker(), NodeDecoder("left")
     assert feed(decoder, talker, 5) == []
     assert decoder.wants_hello
@@ -117,7 +117,7 @@ def test_frames_before_the_first_hello_are_held_and_decoded_when_it_arrives():
     assert not decoder.wants_hello
 
 
-def test_the_frames_held_without_hello_are_bounded():
+def test_the_number_of_frames_queued_without_hello_is_bounded():
     talker, decoder = Talker(), NodeDecoder("left")
     feed(decoder, talker, 2100)
     out = list(decoder.decode_frame(talker.hello(), talker.host_ns(), QUIET))
@@ -133,7 +133,7 @@ def test_a_hello_that_is_cut_off_counts_as_one_frame_that_was_not_read(size):
 
 
 @given(st.integers(1, 9000), st.integers(0, 65535))
-def test_lost_samples_are_counted_exactly_even_across_turns_of_both_counters(batches, index):
+def test_lost_samples_are_counted_exactly_across_wraps_of_both_counters(batches, index):
     talker, decoder = started(index=index)
     feed(decoder, talker)
     talker.index += batches * BATCH
@@ -152,7 +152,7 @@ def test_lost_samples_are_counted_exactly_even_across_turns_of_both_counters(bat
         (QUIET, BatchFlag.FIFO_OVERRUN, CHIP_OVERRUN),
     ],
 )
-def test_a_gap_names_its_cause_at_once_where_link_or_flags_tell(link, flags, cause):
+def test_a_gap_has_its_cause_at_once_if_link_or_flags_show_it(link, flags, cause):
     talker, decoder = started()
     feed(decoder, talker, 3)
     before_ns = talker.host_ns()
@@ -179,7 +179,7 @@ def test_the_same_damage_does_not_explain_a_later_gap():
 
 
 @pytest.mark.parametrize(("dropped", "cause"), [(3, DROPPED_BY_NODE), (0, LOST_IN_TRANSIT)])
-def test_an_unexplained_gap_waits_for_the_nodes_own_account(dropped, cause):
+def test_an_unexplained_gap_waits_for_the_health_report(dropped, cause):
     talker, decoder = started()
     feed(decoder, talker, 2)
     talker.lose(3)
@@ -330,7 +330,7 @@ def test_the_nodes_own_bias_is_given_in_si_units_at_its_device_time():
     np.testing.assert_allclose(output.bias_sigma, (step * 41 / 4096, math.nan, step), rtol=1e-12)
 
 
-def test_a_filter_of_a_node_without_an_imu_says_nothing():
+def test_a_filter_report_of_a_node_without_an_imu_is_ignored():
     talker, decoder = started(hello=replace(HELLO, gyro_lsb_ndps=0))
     sent = Filter(5_000, 0, 0, 0, (0, 0, 0), (0, 0, 0), (0, 0, 0), (0, 0, 0))
     assert list(decoder.decode_frame(talker.frame(sent), T0 + 7_000_000, QUIET)) == []

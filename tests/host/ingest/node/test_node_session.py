@@ -19,7 +19,7 @@ def report_times(sink):
     return [int(record.t_ns[0]) for record in sink.records if isinstance(record, Battery | BiasFilterRow)]
 
 
-def test_its_battery_is_stamped_when_it_was_received_not_in_1970():
+def test_a_battery_report_without_samples_has_the_time_of_reception():
     line, node = Line(), Node()
     line.receive(node.hello_frame())
     for second in range(3):
@@ -31,7 +31,7 @@ def test_its_battery_is_stamped_when_it_was_received_not_in_1970():
 @pytest.mark.parametrize(
     "last", [Filter(PERIOD - 1, 2, 0, 9, (1, 0, 0), (0, 0, 0), (1, 0, 1), (4, 4, 8)), None]
 )
-def test_microseconds_that_turn_over_give_no_negative_time(last):
+def test_a_wrap_of_the_microseconds_gives_no_negative_time(last):
     line, node = Line(), Node()
     line.receive(node.hello_frame())
     line.receive(node.frame(health(0)), seconds=1.0)

@@ -196,7 +196,7 @@ def check(came, portions, *, datagrams=False, downs=2):
     st.lists(st.integers(1, 60), min_size=1, max_size=20),
     st.booleans(),
 )
-def test_whatever_happens_many_at_once_are_the_same_as_one_by_one(seed, actions, sizes, datagrams):
+def test_bulk_decoding_equals_decoding_one_by_one(seed, actions, sizes, datagrams):
     node = Node(np.random.default_rng(seed), 1)
     if seed % 3:
         node.send(node.hello)
@@ -259,7 +259,7 @@ def test_frames_of_two_nodes_are_separated():
 
 
 @given(st.lists(st.lists(st.integers(0, 50), min_size=1, max_size=8), max_size=6))
-def test_log_times_of_blocks_at_once_are_those_one_by_one(received):
+def test_bulk_log_times_equal_those_one_by_one(received):
     single, many = LogTimeSequence(), LogTimeSequence()
     for times in received:
         assert many.next_times(np.array(times, np.int64)).tolist() == [single.next_time(t) for t in times]

@@ -31,7 +31,7 @@ def refusals(line):
     return [event for event in line.sink.events if event.kind == "refused"]
 
 
-def test_of_298_nodes_on_a_datagram_port_64_are_recorded_and_the_rest_reported_by_rate():
+def test_of_298_nodes_on_a_udp_port_64_are_recorded_and_the_others_reported():
     line = Line(datagrams=True)
     node = known_node(line)
     for k in range(297):
@@ -48,7 +48,7 @@ def test_of_298_nodes_on_a_datagram_port_64_are_recorded_and_the_rest_reported_b
     assert numbers == [k % 1000 for k in range(297 * 8)], "the known node loses nothing"
 
 
-def test_twelve_thousand_addresses_take_no_memory_and_cost_the_known_node_nothing():
+def test_twelve_thousand_addresses_use_no_memory_and_lose_nothing_of_the_known_node():
     line = Line(datagrams=True)
     node, noise = known_node(line), stranger(1)
     frame = noise.batch()
@@ -72,7 +72,7 @@ def test_twelve_thousand_addresses_take_no_memory_and_cost_the_known_node_nothin
     assert line.close().numbers() == [k % 1000 for k in range(240 * 8)]
 
 
-def test_one_stranger_that_never_says_hello_holds_a_bounded_number_of_frames():
+def test_a_sender_without_hello_queues_a_bounded_number_of_frames():
     line = Line(datagrams=True)
     noise = stranger(1)
     for _ in range(5000):
@@ -131,7 +131,7 @@ def test_the_request_for_a_hello_is_cached_and_has_no_byte_that_stops_a_board():
         assert identification_request(node_id) is request and b"\x03" not in request
 
 
-def test_names_never_run_out():
+def test_there_is_always_a_free_name():
     used = {"left", *(f"left_{k}" for k in range(2, 400))}
     assert assign_name(None, 1, used) == ("left_400", True)
     assert unique_name("a", {"a"}) == "a_2" and unique_name("a", {}) == "a"

@@ -74,7 +74,7 @@ def test_a_restart_takes_nothing_over():
     st.lists(st.tuples(st.integers(1, 30), st.integers(-8_000_000, 8_000_000)), max_size=12),
     st.integers(1, 7),
 )
-def test_portions_do_not_matter_and_no_time_comes_twice(parts, size):
+def test_the_block_size_does_not_matter_and_no_time_is_repeated(parts, size):
     whole_clock, part_clock = SettableClock(), SettableClock()
     whole, part, number, times = SlewedTimes(whole_clock), SlewedTimes(part_clock), 0, []
     for count, by in parts:

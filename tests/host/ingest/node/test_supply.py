@@ -75,7 +75,7 @@ def test_its_table_has_the_supply_of_the_time_at_which_it_was_measured(rode):
     assert (after < -1.1).any() and (after > 1.1).any()
 
 
-def test_it_goes_through_csv_and_an_import_to_the_last_bit(rode, tmp_path):
+def test_the_supply_is_preserved_bit_by_bit_by_csv_export_and_import(rode, tmp_path):
     left = read_recording(rode.path).nodes["left"]
     write_folder(read_recording(rode.path), tmp_path / "csv")
     again = read_folder(tmp_path / "csv")
@@ -95,7 +95,7 @@ def test_a_file_of_numbers_may_have_it(tmp_path):
     assert table["supply"].tolist() == [3.9, 3.8]
 
 
-def test_live_odometry_takes_out_what_hangs_on_it_and_the_log_gives_the_same_again(tmp_path, monkeypatch):
+def test_live_odometry_corrects_the_supply_effect_and_playback_reproduces_it(tmp_path, monkeypatch):
     monkeypatch.setitem(BY_NAME, "gyro_supply", GyroSupply)
     effect = CalibratedEffect({"z": Quantity(0.1, 1e-3)})
     calibration = Calibration({"left": NodeCalibration({"gyro_supply": effect})})

@@ -37,7 +37,7 @@ def events_of_kinds(path, *kinds):
     return [(event.t_ns, event.kind, event.source, event.text, event.data) for event in events]
 
 
-def test_a_recording_of_two_nodes_comes_out_the_same_to_the_bit(tmp_path):
+def test_decoding_a_recording_of_two_nodes_again_gives_the_same_bits(tmp_path):
     out, again, computer = tmp_path / "ride.mcap", tmp_path / "again.mcap", VirtualComputer()
     with (
         FakeNode(node_id=1, skew_ppm=60, bias_q12=(1, 2, 3), computer=computer) as left,
@@ -105,7 +105,7 @@ def test_portions_of_any_size_give_the_same(tmp_path, monkeypatch):
     )
 
 
-def test_what_was_refused_then_is_decoded_by_a_host_of_its_version(tmp_path, monkeypatch):
+def test_frames_of_another_protocol_are_decoded_by_a_host_of_that_version(tmp_path, monkeypatch):
     out, again, computer = tmp_path / "ride.mcap", tmp_path / "again.mcap", VirtualComputer()
     with FakeNode(fingerprint=0xDEADBEEF, computer=computer) as node, pytest.raises(WireMismatch):
         computer.next_report(0.1)  # its first Hello is lost: batches arrive before the next
@@ -120,7 +120,7 @@ def test_what_was_refused_then_is_decoded_by_a_host_of_its_version(tmp_path, mon
     np.testing.assert_allclose(np.diff(left.t), 1 / 208, atol=1e-3)
 
 
-def test_the_verb_decodes_again_and_refuses_what_holds_no_frames(tmp_path, capsys):
+def test_the_verb_decodes_again_and_refuses_logs_without_frames(tmp_path, capsys):
     out, again, computer = tmp_path / "ride.mcap", tmp_path / "again.mcap", VirtualComputer()
     with FakeNode(computer=computer) as node:
         result = record(RecordConfig(ports=(node.path,), duration=1.5), out, computer=computer)

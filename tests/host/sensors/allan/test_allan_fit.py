@@ -152,7 +152,7 @@ def test_points_that_a_late_start_leaves_out_are_no_degrees_of_freedom():
     ],
     ids=["one pole at 40 Hz", "one pole at 5 Hz", "two poles at 30 Hz", "sixteen taps"],
 )
-def test_behind_a_low_pass_the_white_noise_is_what_it_was_before_it_within_sigma(electronics, text_part):
+def test_white_noise_before_a_low_pass_is_estimated_within_sigma(electronics, text_part):
     """At most two of six records are beyond two sigma; three would occur once in 500."""
     samples, beyond = 1 << 18, []
     for seed in range(6):
@@ -207,7 +207,7 @@ def test_hidden_terms_are_null_with_reason_limit_and_sufficient_record_length():
     assert characterise_noise(np.arange(needed) * DT, walk, "gz").fit.terms["K"].value is not None
 
 
-def test_white_noise_is_known_as_well_as_so_many_samples_tell_it():
+def test_the_sigma_of_white_noise_is_that_of_the_number_of_samples():
     """1 sigma of N, relative: 1 / sqrt(2 n) at best, and as single differences have it, 2 n / 3 degrees."""
     samples = 1 << 14
     points = allan_deviation(
@@ -249,7 +249,7 @@ def test_quantisation_as_strong_as_white_noise_is_distinguished_from_it(seed):
     assert (fit.factors[0], fit.band) == (1, 0.0)
 
 
-def test_white_noise_alone_shows_nothing_else_in_most_records():
+def test_white_noise_alone_gives_no_other_term_in_most_records():
     """One false alarm in a thousand for each of four terms: of eight records two have one once in 2000."""
     wrong = 0
     for seed in range(8):
@@ -309,7 +309,7 @@ def test_the_maytag_stop_is_the_one_that_wins_on_simulated_stops():
     assert errors[stop] < 1.25 * min(errors.values()), errors
 
 
-def test_too_short_a_record_is_refused_with_what_to_do():
+def test_too_short_a_record_is_refused_with_a_remedy():
     with pytest.raises(InputError, match="record at least 256 samples"):
         characterise_noise(np.arange(100) * DT, np.random.default_rng(0).normal(size=100), "gz")
 

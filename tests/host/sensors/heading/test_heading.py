@@ -83,7 +83,7 @@ def simulated(tmp_path_factory):
     return path
 
 
-def test_how_far_a_rate_goes_within_a_lag_is_its_slope_times_that():
+def test_the_rate_change_within_a_lag_is_the_slope_times_the_lag():
     """The rms change uses all pairs within the record; for longer lags it is the standard deviation."""
     t = np.arange(0.0, 10.0, 0.1)
     axis = VerticalAxis(t, 0.4 * t, 0.4 * t)
@@ -179,7 +179,7 @@ def test_errors_are_as_large_as_sigma_over_many_drives(tmp_path, capsys):
     assert 20 / 9 < np.sum(np.square(off)) < 45.3
 
 
-def test_the_start_gyro_comes_within_its_sigma_of_the_truth(tmp_path, capsys):
+def test_the_error_of_the_start_gyro_agrees_with_sigma(tmp_path, capsys):
     """Cold START of the paper: 71 degrees of drift in five minutes, by a generator without code of ours."""
     calibration = tmp_path / "c.toml"
     lines = [f"z = {{ value = {start.C1 * DEG}, sigma = 1e-5 }}"]
@@ -233,7 +233,7 @@ def test_a_stationary_real_gyro_treated_as_moving_drifts_within_sigma():
     assert alone > 1.5
 
 
-def test_what_turned_in_a_gap_is_in_sigma(tmp_path, capsys):
+def test_sigma_includes_the_rotation_during_a_gap(tmp_path, capsys):
     rate, heading = drive(5)
     t = np.arange(len(rate)) * DT
     # The middle of the fourth turn is lost.
@@ -267,7 +267,7 @@ def test_steady_motion_is_not_mistaken_for_a_standstill(tmp_path, capsys):
     assert len(run("heading", log(tmp_path / "warm", warm), capsys=capsys)["rests"]) == 3
 
 
-def test_a_real_car_is_asked_when_it_stood_and_keeps_its_heading_on_the_road(tmp_path, capsys):
+def test_the_heading_of_a_real_car_uses_given_standstills(tmp_path, capsys):
     """Its truth is the course of an antenna: at a standstill and in parking it says nothing."""
     path = wanted.recording("car") / "drive-1"
     status, err = run("heading", path, "--node", "frame", capsys=capsys)

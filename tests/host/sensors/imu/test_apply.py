@@ -101,7 +101,7 @@ def chain(node, gyro, accel, age, temperature):
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10_000))
-def test_applying_to_what_the_chain_makes_of_the_truth_gives_the_truth(seed):
+def test_the_correction_inverts_the_sensor_chain(seed):
     node = drawn(seed)
     correction = SampleCorrection.from_calibration(node)
     gyro, accel, age, temperature = true_motion(seed)
@@ -111,7 +111,7 @@ def test_applying_to_what_the_chain_makes_of_the_truth_gives_the_truth(seed):
     np.testing.assert_allclose(back[1], accel, rtol=0, atol=1e-11)
 
 
-def test_the_portions_in_which_samples_come_do_not_change_a_bit():
+def test_the_size_of_sample_blocks_does_not_change_the_result():
     correction = SampleCorrection.from_calibration(drawn(3))
     gyro, accel, age, temperature = true_motion(4, 1000)
     whole = correction.apply(gyro, accel, age=age, temperature=temperature)
@@ -138,7 +138,7 @@ def test_the_calibration_of_another_node_is_refused_by_both_serials():
         apply_calibration({"left": table}, calibration, metadata={key: "AA01"})
 
 
-def test_warm_up_counts_from_power_on_where_the_log_tells_it_and_says_so_where_not():
+def test_warm_up_counts_from_the_logged_power_on_and_warns_without_one():
     effects = {
         "gyro_warmup": CalibratedEffect({"z": Quantity(1.0, 0.1), "time_constant": Quantity(100.0, 1.0)})
     }
@@ -221,7 +221,7 @@ def test_correcting_samples_or_passing_the_calibration_to_the_filter_gives_the_s
     assert same < 0.01 < wrong, f"seed 11: {same} m, {wrong} m"
 
 
-def test_what_is_left_over_keeps_sigmas_and_what_is_no_error_of_the_sensor():
+def test_the_residual_calibration_keeps_sigmas_and_effects_of_the_vehicle():
     node = drawn(5)
     arm = CalibratedEffect({"x": Quantity(0.01, 0.001)})
     node = replace(node, effects={**node.effects, "lever_arm": arm})
@@ -230,7 +230,7 @@ def test_what_is_left_over_keeps_sigmas_and_what_is_no_error_of_the_sensor():
     assert left["gyro_bias"].parameters["x"] == Quantity(0.0, 1e-3)
 
 
-def test_applying_what_is_left_over_changes_nothing():
+def test_applying_the_residual_calibration_changes_nothing():
     node = zero_applied_effects(Calibration({"left": drawn(6)})).nodes["left"]
     gyro, accel, age, temperature = true_motion(6)
     built = SampleCorrection.from_calibration(node).apply(gyro, accel, age=age, temperature=temperature)

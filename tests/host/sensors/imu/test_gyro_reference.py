@@ -64,7 +64,7 @@ def test_from_eight_rests_on_what_force_does_is_solved_for_by_least_squares(coun
 
 
 @pytest.mark.parametrize("p, believed", [(0.9e-3, True), (1.1e-3, False)])
-def test_an_answer_to_force_is_believed_from_one_in_a_thousand_on(p, believed):
+def test_a_g_sensitivity_is_accepted_below_a_p_value_of_one_in_a_thousand(p, believed):
     """An F-test of nine slopes in three gyros together."""
     count = 14
     noise = np.random.default_rng(3).standard_normal((count, 3))
@@ -78,7 +78,7 @@ def test_an_answer_to_force_is_believed_from_one_in_a_thousand_on(p, believed):
 
 
 @pytest.mark.parametrize("condition, reported", [(29.5, True), (30.5, False)])
-def test_rests_in_nearly_one_attitude_do_not_tell_an_answer_to_force(condition, reported):
+def test_standstills_in_similar_attitudes_do_not_show_a_g_sensitivity(condition, reported):
     """No g-sensitivity is estimated from a condition number of 30 on."""
 
     def condition_of(offset):

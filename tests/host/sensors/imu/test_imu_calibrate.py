@@ -155,7 +155,7 @@ def test_the_error_of_a_mean_is_the_larger_of_single_samples_and_of_blocks():
     assert standard_error(slow, 10) == pytest.approx(sem(slow[::10]))
 
 
-def test_how_well_poses_show_the_frame_is_the_condition_of_what_they_show():
+def test_the_observability_of_the_frame_is_the_condition_number_of_the_poses():
     """Seed 13: a turn of the frame changes the angle from Earth rate to up by their cross product."""
     attitudes = Rotation.random(12, random_state=13).as_matrix()
     latitude = 0.8
@@ -165,7 +165,7 @@ def test_how_well_poses_show_the_frame_is_the_condition_of_what_they_show():
     assert result.condition == pytest.approx(np.linalg.cond(np.cross(earth, up)))
 
 
-def test_a_rest_that_crept_and_one_that_quietly_turned_are_left_out_by_name():
+def test_drifting_and_rotating_standstills_are_left_out_with_a_warning():
     rng = np.random.default_rng(10)
     data = carry(rng, Errors(), Errors(), poses=14)
     accel, gyro = data.accel.copy(), data.gyro.copy()
@@ -180,7 +180,7 @@ def test_a_rest_that_crept_and_one_that_quietly_turned_are_left_out_by_name():
     assert any("turned at 0.05" in text for text in again.rejected)
 
 
-def test_gyros_in_degrees_per_second_are_found_out_by_the_turns():
+def test_gyros_in_degrees_per_second_are_detected_by_the_rotations():
     data = carry(np.random.default_rng(11), Errors(), Errors(), poses=14, gyro_noise=0.001)
     result = calibrate_imu(data.t, np.degrees(data.gyro), data.accel, gravity=GRAVITY)
     assert any("degrees per second" in note for note in result.notes)
@@ -202,7 +202,7 @@ def test_gyros_in_degrees_per_second_are_found_out_by_the_turns():
     ],
     ids=["short", "constant", "in g", "four poses"],
 )
-def test_bad_records_end_in_words(change, words):
+def test_unusable_records_are_refused_with_a_reason(change, words):
     data = carry(np.random.default_rng(12), Errors(), Errors(), poses=12)
     with pytest.raises(CalibrationError, match=words):
         calibrate_imu(*change(data.t, data.gyro, data.accel), gravity=GRAVITY)
@@ -216,7 +216,7 @@ def test_impossible_places_are_refused():
         calibrate_imu(data.t, data.gyro, data.accel, latitude=2.0)
 
 
-def test_the_verb_writes_a_file_that_undoes_the_errors_and_keeps_what_was_there(tmp_path, capsys):
+def test_the_verb_writes_a_file_that_corrects_the_errors_and_keeps_other_entries(tmp_path, capsys):
     data = carry(np.random.default_rng(14), GYRO, ACCEL, poses=20)
     folder = tmp_path / "log"
     folder.mkdir()

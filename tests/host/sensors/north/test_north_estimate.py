@@ -223,7 +223,7 @@ def test_impossible_latitudes_are_refused(latitude, words):
         "constant",
     ],
 )
-def test_bad_records_end_in_words(change, error, words):
+def test_unusable_records_are_refused_with_a_reason(change, error, words):
     rng = np.random.default_rng(0)
     angles = np.resize(change.get("angles", [0.0, np.pi]), change.get("stops", 4))
     run = maytag(TACTICAL.error(2000, DT, rng), DT, 0.0, LATITUDE, list(angles), 10.0, 2.0)

@@ -166,7 +166,7 @@ def test_without_a_table_port_the_operator_gets_instructions(table, computer, tu
         (["--axis", "z"], "degrees from level"),
     ],
 )
-def test_what_cannot_be_done_live_is_refused_in_one_line(table, computer, capsys, words, text):
+def test_options_without_a_live_mode_are_refused_in_one_line(table, computer, capsys, words, text):
     with FineNode(rows=OnTable(table, 0.0, 4), computer=computer) as node:
         status, err = north(node, capsys, "--table", table.path, *words)
     assert status == 2 and text in err.splitlines()[-1]
@@ -197,7 +197,7 @@ def test_a_log_and_live_exclude_each_other(tmp_path, capsys):
 
 
 @pytest.mark.parametrize("fault, text", [({"jammed": True}, "ERR jammed"), ({"off": 3.0}, "stopped at")])
-def test_a_table_in_trouble_ends_it_and_what_was_recorded_stays(
+def test_a_fault_of_the_table_ends_the_run_and_keeps_the_recording(
     computer, turning, tmp_path, capsys, fault, text
 ):
     out = tmp_path / "north.mcap"

@@ -133,7 +133,7 @@ def test_filters_refuse_unknown_names_and_missing_directions():
     assert list(stop_signs(np.radians([0, 181, 90, 359, 5]), 0.0)) == [1, -1, 0, 1, 0]
 
 
-def test_random_walk_and_flicker_covariances_are_the_integrals_they_stand_for():
+def test_random_walk_and_flicker_covariances_equal_their_integrals():
     start, end = np.array([0.0, 2.0, 7.0]), np.array([1.5, 5.0, 8.0])
     walk = random_walk_covariance(start, end)
     for i in range(3):
@@ -203,7 +203,7 @@ def test_a_stop_whose_stamps_stand_closer_than_its_samples_is_left_out(squeezed)
         estimate_earth_rate([observed.slice_rows(0, 0)], 4.9e-5)
 
 
-def test_gravity_tells_which_way_y_points_and_refuses_a_vertical_axis():
+def test_gravity_gives_the_direction_of_y_and_a_vertical_axis_is_refused():
     accel, gyro = np.zeros((200, 3)), np.zeros((200, 3))
     accel[:, 2] = 9.81
     assert estimate_mount(gyro, accel, "y").mounting_angle == pytest.approx(np.pi / 2)
@@ -213,7 +213,7 @@ def test_gravity_tells_which_way_y_points_and_refuses_a_vertical_axis():
         estimate_mount(gyro, accel, "z")
 
 
-def test_a_table_file_that_counts_clockwise_is_found_out():
+def test_a_table_file_with_clockwise_angles_is_detected():
     run = run_of(5)
     count = len(run.t)
     gyro = np.column_stack([run.rate, np.zeros(count), run.vertical])
@@ -227,7 +227,7 @@ def test_a_table_file_that_counts_clockwise_is_found_out():
         )
 
 
-def test_a_gyro_in_degrees_per_second_is_found_out_by_the_turns_of_the_table():
+def test_a_gyro_in_degrees_per_second_is_detected_by_the_table_rotations():
     run = run_of(5)
     gyro = np.degrees(np.column_stack([run.rate, run.rate, run.vertical]))
     with pytest.raises(InputError, match="degrees per second"):

@@ -75,7 +75,7 @@ def test_the_recursion_of_eq_6_follows_the_model_from_any_age(c1, constant, dt, 
     assert np.max(np.abs(result - exact)) <= 1.5 * abs(c1) * dt / constant + 1e-12
 
 
-def test_the_temperature_drives_the_bias_where_the_model_says_so():
+def test_the_temperature_drives_the_bias_in_a_temperature_model():
     model = WarmupModel(0.1, temperature_coefficient=0.01)
     assert model.bias(np.zeros(2), np.array([25.0, 35.0])) == pytest.approx([0.1, 0.2])
     assert BiasRecursion(model, 0.1).value(35.0) == pytest.approx(0.2)
@@ -125,7 +125,7 @@ def night(seed, duration=6 * 3600.0, noise=0.05, step=3.0):
     return t, (start.bias(t) + np.random.default_rng(seed).normal(0, noise / step**0.5, len(t))) * DEG
 
 
-def test_a_second_exponential_is_asked_for_where_there_is_one():
+def test_a_second_exponential_is_recommended_if_present():
     for seed in range(5):
         t, output = night(seed)
         report = characterise_warmup(t, output - 0.2 * DEG * (1 - np.exp(-t / 300)), "gz")
@@ -137,7 +137,7 @@ def test_a_second_exponential_is_asked_for_where_there_is_one():
         assert result["time_constant_second"] == pytest.approx(start.T, rel=0.25), seed
 
 
-def test_the_temperature_is_asked_for_where_it_drives_the_bias():
+def test_a_temperature_model_is_recommended_if_it_drives_the_bias():
     for seed in range(3):
         t, output = night(seed)
         temperature = 25 + 5 * np.sin(t / 3000) + 3 * (1 - np.exp(-t / 700))
@@ -156,7 +156,7 @@ def test_the_temperature_is_asked_for_where_it_drives_the_bias():
         )
 
 
-def test_the_right_model_is_white_and_nothing_more_is_offered():
+def test_the_correct_model_has_white_residuals_and_no_recommendation():
     asked = 0
     for seed in range(20):
         t, output = night(seed)
@@ -188,14 +188,14 @@ def test_no_warm_up_is_reported_for_a_random_walk_or_a_constant_bias(seed):
         assert result["c2"]["value"] is not None
 
 
-def test_a_record_that_ends_before_the_curve_bends_says_how_long_one_is_needed():
+def test_for_too_short_a_record_the_required_length_is_reported():
     t, output = night(0, duration=900.0, noise=0.02, step=1.0)
     result = characterise_warmup(t, output, "gz").as_json()
     assert result["c1"]["value"] is None
     assert "record from power-on for" in result["c1"]["reason"]
 
 
-def test_too_short_constant_and_stepped_records_are_refused_in_words():
+def test_too_short_constant_and_stepped_records_are_refused_with_a_reason():
     with pytest.raises(InputError, match="too short for a warm-up"):
         characterise_warmup(np.arange(100) * 0.1, np.random.default_rng(0).normal(size=100), "gz")
     with pytest.raises(InputError, match="stuck"):

@@ -31,7 +31,7 @@ def test_the_bias_an_hour_and_three_after_the_record_is_within_the_sigma(form):
             assert np.all(np.abs(error) < 3.5 * sigma), direction
 
 
-def test_a_form_that_is_not_the_exponential_widens_what_is_written():
+def test_another_form_than_the_exponential_increases_the_written_sigmas():
     """0.3 / sqrt(1 + t / 600): accepted for an hour; believed, it is 50 deg/h off at 3.3."""
     t, output = record(0.3 / np.sqrt(1.0 + np.arange(3600.0) / 600.0), 3)
     report = characterise_warmup(t, output, "gz")
@@ -104,7 +104,7 @@ def test_slow_noise_is_random_walk_and_flicker_of_the_given_levels():
 
 
 @pytest.mark.parametrize(("walk", "chosen"), [(0.0, "mean"), (2e-3, "Kalman")])
-def test_the_way_to_go_on_from_a_rest_is_chosen_by_held_out_error(walk, chosen):
+def test_the_estimator_after_a_standstill_is_selected_by_held_out_error(walk, chosen):
     for seed in range(3):
         noise = gyro_noise(60_000, 0.01, np.random.default_rng(seed), n=1e-3, k=walk)
         choice = choose_bias_method(noise, 0.01)

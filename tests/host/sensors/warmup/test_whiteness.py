@@ -24,7 +24,7 @@ def test_ljung_box_is_the_formula_of_1978_about_the_mean(count, lags):
 
 
 @pytest.mark.parametrize("sequences, length", [(1, 16), (4, 50), (10, 200)])
-def test_the_autocorrelation_is_judged_by_lags_beyond_two_of_their_own_standard_errors(sequences, length):
+def test_the_autocorrelation_test_counts_lags_beyond_two_standard_errors(sequences, length):
     noise = np.random.default_rng(length).normal(size=sequences * length)
     noise[1:] += 0.3 * noise[:-1]
     result = autocorrelation_test(noise, sequences, length)
