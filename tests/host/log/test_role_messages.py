@@ -1,4 +1,4 @@
-"""Messages that play a part: headings, truth, twists, joints of several publishers, stamps not set."""
+"""Tables of roles: headings, truth, twists, joints of several publishers, messages without a stamp."""
 
 from pathlib import Path
 
@@ -18,31 +18,33 @@ T0, COUNT, PERIOD = 1_700_000_000_000_000_000, 30, 100_000_000
 YAW = np.linspace(2.5, 4.5, COUNT)
 
 
-def of(kind: str, *values):
+def ros_message(kind: str, *values):
     return STORE.types[kind](*values)
 
 
 def vector(x=0.0, y=0.0, z=0.0):
-    return of("geometry_msgs/msg/Vector3", x, y, z)
+    return ros_message("geometry_msgs/msg/Vector3", x, y, z)
 
 
 def header(k: int, *, stamped: bool = True):
     ns = T0 + k * PERIOD if stamped else 0
-    return of("std_msgs/msg/Header", of("builtin_interfaces/msg/Time", ns // 10**9, ns % 10**9), "f")
+    return ros_message(
+        "std_msgs/msg/Header", ros_message("builtin_interfaces/msg/Time", ns // 10**9, ns % 10**9), "f"
+    )
 
 
-def turned(k: int, roll: float = 0.0):
-    """A heading with a roll on top of it: yaw is no half angle of z alone."""
+def orientation(k: int, roll: float = 0.0):
+    """Return an orientation with yaw and roll, where yaw is not given by z alone."""
     turn = Rotation.from_euler("ZX", [YAW[k], roll]).as_quat()
-    return of("geometry_msgs/msg/Quaternion", *map(float, turn))
+    return ros_message("geometry_msgs/msg/Quaternion", *map(float, turn))
 
 
 def imu(k: int, known: float = 0.01):
     covariance = np.diag([0.0 if known > 0 else -1.0, 0.0, max(known, 0.0)]).ravel()
-    return of(
+    return ros_message(
         "sensor_msgs/msg/Imu",
         header(k),
-        turned(k, 0.3),
+        orientation(k, 0.3),
         covariance,
         vector(),
         np.zeros(9),
@@ -52,30 +54,32 @@ def imu(k: int, known: float = 0.01):
 
 
 def odometry(k: int):
-    pose = of("geometry_msgs/msg/Pose", of("geometry_msgs/msg/Point", float(k), 2.0, 5.0), turned(k))
-    twist = of("geometry_msgs/msg/Twist", vector(1.0), vector(z=0.5))
-    return of(
+    pose = ros_message(
+        "geometry_msgs/msg/Pose", ros_message("geometry_msgs/msg/Point", float(k), 2.0, 5.0), orientation(k)
+    )
+    twist = ros_message("geometry_msgs/msg/Twist", vector(1.0), vector(z=0.5))
+    return ros_message(
         "nav_msgs/msg/Odometry", header(k), "base",
-        of("geometry_msgs/msg/PoseWithCovariance", pose, np.zeros(36)),
-        of("geometry_msgs/msg/TwistWithCovariance", twist, np.zeros(36)),
+        ros_message("geometry_msgs/msg/PoseWithCovariance", pose, np.zeros(36)),
+        ros_message("geometry_msgs/msg/TwistWithCovariance", twist, np.zeros(36)),
     )  # fmt: skip
 
 
 def twist(k: int):
-    return of(
+    return ros_message(
         "geometry_msgs/msg/TwistStamped",
         header(k),
-        of("geometry_msgs/msg/Twist", vector(0.1 * k), vector(z=-1.0)),
+        ros_message("geometry_msgs/msg/Twist", vector(0.1 * k), vector(z=-1.0)),
     )
 
 
 def joints(k: int):
-    """Two publishers by turns, one for each wheel; a number of the right one is missing."""
+    """Return messages of two publishers in turn, one per wheel; one value of the right one is missing."""
     kind = "sensor_msgs/msg/JointState"
     if k % 3 == 2:
-        return of(kind, header(k), ["arm"], np.ones(1), np.zeros(0), np.zeros(0))
+        return ros_message(kind, header(k), ["arm"], np.ones(1), np.zeros(0), np.zeros(0))
     name, speed = (["l_wheel"], 0.5 * k) if k % 3 else (["r_wheel"], np.nan if k == 6 else 0.25 * k)
-    return of(kind, header(k), name, np.zeros(1), np.array([speed]), np.zeros(0))
+    return ros_message(kind, header(k), name, np.zeros(1), np.array([speed]), np.zeros(0))
 
 
 def bag(path: Path, **topics) -> Path:
@@ -106,7 +110,7 @@ def test_a_heading_is_the_yaw_of_an_orientation_with_its_sigma(tmp_path):
     assert read(path).heading is None
 
 
-def test_an_imu_that_has_no_orientation_is_no_heading(tmp_path):
+def test_an_imu_without_orientation_gives_no_heading(tmp_path):
     path = bag(tmp_path / "bag", compass=lambda k: imu(k, -1.0))
     with pytest.raises(InputError, match="no orientation"):
         read(path, heading="/compass")
@@ -131,10 +135,10 @@ def test_wheels_of_different_publishers_are_resampled_at_the_times_of_the_left_o
     assert tables.wheels["right"] == pytest.approx(0.5 * 0.25 * left[left <= 27])
 
 
-def test_a_stamp_that_was_never_set_is_the_time_of_recording(tmp_path):
+def test_a_message_without_a_stamp_has_the_time_of_recording(tmp_path):
     def fix(k: int):
-        status = of("sensor_msgs/msg/NavSatStatus", 0 if k else -1, 1)
-        return of(
+        status = ros_message("sensor_msgs/msg/NavSatStatus", 0 if k else -1, 1)
+        return ros_message(
             "sensor_msgs/msg/NavSatFix",
             header(k, stamped=False),
             status,
