@@ -75,27 +75,27 @@ road: setup          ## a real car, rests, silences, slip, sensors at their ends
 sensitivity: setup   ## each constant of the wheel filter at half and twice its value; hours, continues where it stopped
 	$(BIN)/python tests/accuracy/sensitivity.py
 
-gap-matrix: setup    ## hidden effects named, missed and wrongly named, on the test seeds; some seventy minutes
+gap-matrix: setup    ## hidden effects found, missed and falsely named, on the test seeds; about seventy minutes
 	$(BIN)/python tests/gap_matrix/matrix.py --seeds test
 
-gap-limit: setup     ## the smallest size of each effect that is named, beside what an oracle sees and can tell; some twenty minutes
+gap-limit: setup     ## smallest size of each effect that is named, compared with detection and identification by an oracle; about twenty minutes
 	$(BIN)/python tests/gap_matrix/limit/gap_limit.py --seed 412000
 
-gap-reliability: setup ## what the confidence of a name is worth: two thousand short logs, on the test seeds; some thirty minutes
+gap-reliability: setup ## share of correct names by stated confidence in two thousand short logs, on the test seeds; about thirty minutes
 	$(BIN)/python tests/gap_matrix/judge/reliability.py --seeds test
 
-gap-several: setup   ## three to five effects hidden at once, in any order, on the test seeds; some ten minutes
+gap-several: setup   ## three to five effects hidden at once, searched in several orders, on the test seeds; about ten minutes
 	$(BIN)/python tests/gap_matrix/judge/several.py --seeds test
 
-gap-beyond: setup    ## nine kinds that no list has, given a name and found by it; two drives of one vehicle compared; some fifteen minutes
+gap-beyond: setup    ## scaffolding of nine effects outside the vocabulary, and comparison of two drives of one vehicle; about fifteen minutes
 	$(BIN)/python tests/gap_matrix/judge/scaffolded.py --seeds 20:23
 	$(BIN)/python tests/gap_matrix/judge/two_drives.py --first 100 --seconds 60
 
-gap-rides: setup     ## five effects hidden in virtual nodes, and a real wheelchair; some four minutes
+gap-rides: setup     ## five effects hidden in virtual nodes, and a recording of a real wheelchair; about four minutes
 	$(BIN)/python tests/signal_path/hidden.py
 	$(BIN)/python tests/replay/wheelchair_gap.py
 
-mutants: setup       ## small mistakes put into the core one at a time, and how many a test notices; goes on where it was interrupted
+mutants: setup       ## mutation testing of the core: the share of mutants that the tests kill; an interrupted run continues
 	$(BIN)/python tests/mutants/score.py --seed 1 --count 125 --demand 0.85
 
 faults: setup        ## the table of faults, each done and judged, two hundred kills among them, floods and a thousand changed files; some twenty minutes

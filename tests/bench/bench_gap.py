@@ -26,7 +26,7 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 import numpy as np
 
 from gap_matrix import cases, recording
-from gap_matrix.dose import MEDIUM, Meter
+from gap_matrix.dose import MEDIUM_NATS, GainMeter
 from gap_matrix.effects import Effect as HiddenEffect
 from gap_runs import CAR, wheelchair_model
 from hubodo.effects import BY_NAME
@@ -55,9 +55,9 @@ EXPECTED_FINDING = f"left: the IMU sits {ARM:.2f} m off the hub"
 
 def make(folder, seconds):
     """Return the log: both nodes at 100 Hz."""
-    setup = cases.sampled_at(cases.setup(SEED, duration=seconds), 100.0, np.random.default_rng(SEED))
-    effect, _ = Meter(setup).dose(cases.hidden_effect(setup, HIDDEN, "left"), MEDIUM)
-    recording.write(setup, [effect], folder, {})
+    setup = cases.resample_nodes(cases.draw_setup(SEED, duration=seconds), 100.0, np.random.default_rng(SEED))
+    effect, _ = GainMeter(setup).scale_to_gain(cases.draw_hidden_effect(setup, HIDDEN, "left"), MEDIUM_NATS)
+    recording.write_case_files(setup, [effect], folder, {})
     return folder
 
 
@@ -181,9 +181,9 @@ def on_recordings():
 def while_recording():
     """Print when a growing drive's effect is reported, and the time of each search."""
     with tempfile.TemporaryDirectory() as name:
-        setup = cases.setup(SEED, duration=WATCHED)
+        setup = cases.draw_setup(SEED, duration=WATCHED)
         hidden = HiddenEffect("lever_arm", "left", {"x": 0.8 * ARM, "y": 0.6 * ARM, "z": 0.0})
-        recording.write(setup, [hidden], Path(name), {})
+        recording.write_case_files(setup, [hidden], Path(name), {})
         log, vehicle = read_folder(Path(name)), read_model(Path(name) / "model.toml").vehicle
     watch, findings, durations = GapWatch(vehicle), [], []
     for seconds in np.arange(EVERY, WATCHED + EVERY, EVERY):

@@ -1,8 +1,8 @@
-"""Kinds of effect outside the vocabulary: what each adds to the readings, and its true formula.
+"""Effects outside the vocabulary that `gap --scaffold` has to find: their readings and their true formulas.
 
-Each is added to what a node feels, before its noise, and dosed like any other effect; the slipping clock is
-in the stamps instead. `truth` is by the names that the parameters of a scaffolded effect can have: what leans
-to the left is az on a node facing left, and its opposite on one facing right.
+Each is added to the ideal readings of a node before the noise, at a size of a given gain in nats; a slip of
+the clock changes the time stamps instead. `truth` has the parameter names that a scaffolded effect can have.
+A lean to the left reads +az on a node facing left and -az on one facing right.
 """
 
 from __future__ import annotations
@@ -14,17 +14,22 @@ import numpy as np
 
 from gap_matrix import cases, sensor
 from gap_matrix.cases import Setup
-from gap_matrix.dose import Meter
+from gap_matrix.dose import GainMeter
 from gap_matrix.effects import SIDES
-from gap_matrix.world import Array, Channels, integral, slope
+from gap_matrix.world import Array, IdealReadings, differentiate, integrate
 
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
-SLIP = 0.004  # s
+CLOCK_SLIP_S = 0.004
 
 
 @dataclass(frozen=True)
-class Beyond:
-    """What is hidden. node: the one that has it, or all. truth: of the parameters that tell it."""
+class UnlistedEffect:
+    """A hidden effect outside the vocabulary.
+
+    node: name of the node that has it, or `all`
+    records: simulated records of both nodes
+    truth: true values of the parameters that describe it
+    """
 
     name: str
     node: str
@@ -33,109 +38,150 @@ class Beyond:
 
 
 @dataclass(frozen=True)
-class Unit:
-    """One size of it. added: (n, 6). truth: amplitudes, of a unit; places: what does not grow with it."""
+class UnitEffect:
+    """An effect at unit size.
+
+    added: (n, 6) change of the readings
+    truth: amplitudes at unit size
+    fixed_parameters: parameters that do not scale with the size
+    """
 
     added: Array
     truth: Mapping[str, float]
-    places: Mapping[str, float]
+    fixed_parameters: Mapping[str, float]
 
 
-Draw = Callable[[np.random.Generator, Setup, Channels, Array], Unit]
+DrawFunction = Callable[[np.random.Generator, Setup, IdealReadings, Array], UnitEffect]
 
 
-def hide(setup: Setup, name: str, nats: float) -> Beyond:
-    """Return the kind as drawn by this seed, scaled to a gain in nats. Raises KeyError for another name."""
+def hide_effect(setup: Setup, name: str, nats: float) -> UnlistedEffect:
+    """Return an effect with parameters drawn by the seed, scaled to a gain in nats.
+
+    Raises KeyError if the name is not one of EFFECT_NAMES.
+    """
     rng = np.random.default_rng((setup.seed, 9, *name.encode()))
     node = str(rng.choice(SIDES))
     if name == "slipping_clock":
         return _slipping_clock(rng, setup, node)
-    meter, kind = Meter(setup), KINDS[name]
-    nodes = SIDES if name in SHARED else (node,)
+    meter, draw_unit = GainMeter(setup), KINDS[name]
+    nodes = SIDES if name in KINDS_ON_BOTH_NODES else (node,)
     state = rng.bit_generator.state
     units = {}
-    for one in nodes:
+    for side in nodes:
+        # All nodes draw the same parameters.
         rng.bit_generator.state = state
-        units[one] = kind(rng, setup, cases.channels(setup, one, setup.known), setup.taken[one])
-    size = float(np.sqrt(nats / sum(meter.gain_of(one, unit.added) for one, unit in units.items())))
-    made = {
-        one: cases.record(setup, one, [], size * units[one].added if one in units else 0.0) for one in SIDES
+        units[side] = draw_unit(
+            rng, setup, cases.compute_node_readings(setup, side, setup.known), setup.sample_times[side]
+        )
+    scale = float(
+        np.sqrt(nats / sum(meter.gain_of_difference(side, unit.added) for side, unit in units.items()))
+    )
+    records = {
+        side: cases.simulate_node_record(setup, side, [], scale * units[side].added if side in units else 0.0)
+        for side in SIDES
     }
     unit = units[nodes[0]]
-    truth = {key: size * value for key, value in unit.truth.items()} | dict(unit.places)
-    return Beyond(name, "all" if len(nodes) > 1 else node, made, truth)
+    truth = {key: scale * value for key, value in unit.truth.items()} | dict(unit.fixed_parameters)
+    return UnlistedEffect(name, "all" if len(nodes) > 1 else node, records, truth)
 
 
-def _steered_wheel(rng, setup, felt, taken) -> Unit:
-    """The wheel turns about the vertical with the bend of the path, v r / (v² + 1/4), and its node too."""
-    speed, turning = felt.motion.speed, felt.motion.yaw_rate
-    rate = slope(speed * turning / (speed**2 + 0.25), felt.motion.step)
-    rate, c, s = _at(felt, taken, rate, np.cos(felt.angle), np.sin(felt.angle))
-    return Unit(_six(gx=rate * c, gy=-_facing(felt) * rate * s), {"yaw": 1.0}, {})
-
-
-def _unbalanced_wheel(rng, setup, felt, taken) -> Unit:
-    """The wheel hops once per revolution, as the square of its spin."""
-    phase = rng.uniform(-np.pi, np.pi)
-    spin = slope(felt.angle, felt.motion.step)
-    hop, c, s = _at(felt, taken, spin**2 * np.cos(felt.angle - phase), np.cos(felt.angle), np.sin(felt.angle))
-    truth = {"up_cos": np.cos(phase), "up_sin": np.sin(phase)}
-    return Unit(_six(ax=hop * c, ay=-_facing(felt) * hop * s), truth, {})
-
-
-def _supply_ripple(rng, setup, felt, taken) -> Unit:
-    """A ripple of the supply shifts one axis across the axle at its own frequency."""
-    frequency, phase, axis = rng.uniform(3.0, 30.0), rng.uniform(-np.pi, np.pi), str(rng.choice(["gx", "gy"]))
-    tone = np.cos(2.0 * np.pi * frequency * taken - phase)
-    truth = {f"{axis}_cos": np.cos(phase), f"{axis}_sin": np.sin(phase)}
-    return Unit(_six(**{axis: tone}), truth, {"frequency": frequency})
-
-
-def _road_camber(rng, setup, felt, taken) -> Unit:
-    """The road is banked to one side of the world: the vehicle leans by where it heads."""
-    heading, phase = integral(felt.motion.yaw_rate, felt.motion.step), rng.uniform(-np.pi, np.pi)
-    (lean,) = _at(felt, taken, np.cos(heading - phase))
-    return Unit(_six(az=_facing(felt) * lean), {"left_cos": np.cos(phase), "left_sin": np.sin(phase)}, {})
-
-
-def _bent_axle(rng, setup, felt, taken) -> Unit:
-    """The hub is pushed to the side and back once per revolution, as the square of the spin."""
-    phase = rng.uniform(-np.pi, np.pi)
-    (push,) = _at(felt, taken, slope(felt.angle, felt.motion.step) ** 2 * np.cos(felt.angle - phase))
-    facing = _facing(felt)
-    left = {"left_cos": np.cos(phase), "left_sin": np.sin(phase)}
-    own = {"az_cos": facing * np.cos(phase), "az_sin": facing * np.sin(phase)}
-    return Unit(_six(az=facing * push), {**left, **own}, {})
-
-
-def _flat_spot(rng, setup, felt, taken) -> Unit:
-    """A kick upwards whenever one place of the tyre is below, growing as the square of the spin."""
-    place, width = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.1, 0.25)
-    spin, c, s = _at(felt, taken, slope(felt.angle, felt.motion.step), np.cos(felt.angle), np.sin(felt.angle))
-    off = np.arctan2(s * np.cos(place) - c * np.sin(place), c * np.cos(place) + s * np.sin(place))
-    kick = spin**2 * np.exp(-0.5 * (off / width) ** 2)
-    return Unit(
-        _six(ax=kick * c, ay=-_facing(felt) * kick * s), {"up": 1.0}, {"place": place, "width": width}
+def _steered_wheel(rng, setup, ideal, sample_times) -> UnitEffect:
+    """Return a steered wheel: it turns about the vertical by the curvature of the path, v r / (v² + 1/4)."""
+    speed, yaw_rate = ideal.motion.speed, ideal.motion.yaw_rate
+    rate = differentiate(speed * yaw_rate / (speed**2 + 0.25), ideal.motion.step)
+    rate, cosine, sine = _interpolate(ideal, sample_times, rate, np.cos(ideal.angle), np.sin(ideal.angle))
+    return UnitEffect(
+        _stack_channels(gx=rate * cosine, gy=-_facing_sign(ideal) * rate * sine), {"yaw": 1.0}, {}
     )
 
 
-def _cross_talk(rng, setup, felt, taken) -> Unit:
-    """A gyro axis across the axle picks up some of what the other wheel's node sends: its spin."""
+def _unbalanced_wheel(rng, setup, ideal, sample_times) -> UnitEffect:
+    """Return an unbalanced wheel: a vertical force once per revolution, proportional to spin²."""
+    phase = rng.uniform(-np.pi, np.pi)
+    spin = differentiate(ideal.angle, ideal.motion.step)
+    hop_term, cosine, sine = _interpolate(
+        ideal, sample_times, spin**2 * np.cos(ideal.angle - phase), np.cos(ideal.angle), np.sin(ideal.angle)
+    )
+    truth = {"up_cos": np.cos(phase), "up_sin": np.sin(phase)}
+    return UnitEffect(
+        _stack_channels(ax=hop_term * cosine, ay=-_facing_sign(ideal) * hop_term * sine), truth, {}
+    )
+
+
+def _supply_ripple(rng, setup, ideal, sample_times) -> UnitEffect:
+    """Return a supply ripple: a tone of fixed frequency on one gyro axis across the axle."""
+    frequency, phase, axis = rng.uniform(3.0, 30.0), rng.uniform(-np.pi, np.pi), str(rng.choice(["gx", "gy"]))
+    tone_term = np.cos(2.0 * np.pi * frequency * sample_times - phase)
+    truth = {f"{axis}_cos": np.cos(phase), f"{axis}_sin": np.sin(phase)}
+    return UnitEffect(_stack_channels(**{axis: tone_term}), truth, {"frequency": frequency})
+
+
+def _road_camber(rng, setup, ideal, sample_times) -> UnitEffect:
+    """Return road camber: the road is banked in a fixed direction, so the lean depends on the heading."""
+    heading, phase = integrate(ideal.motion.yaw_rate, ideal.motion.step), rng.uniform(-np.pi, np.pi)
+    (lean_term,) = _interpolate(ideal, sample_times, np.cos(heading - phase))
+    return UnitEffect(
+        _stack_channels(az=_facing_sign(ideal) * lean_term),
+        {"left_cos": np.cos(phase), "left_sin": np.sin(phase)},
+        {},
+    )
+
+
+def _bent_axle(rng, setup, ideal, sample_times) -> UnitEffect:
+    """Return a bent axle: a lateral force on the hub once per revolution, proportional to spin²."""
+    phase = rng.uniform(-np.pi, np.pi)
+    (push_term,) = _interpolate(
+        ideal, sample_times, differentiate(ideal.angle, ideal.motion.step) ** 2 * np.cos(ideal.angle - phase)
+    )
+    facing = _facing_sign(ideal)
+    left = {"left_cos": np.cos(phase), "left_sin": np.sin(phase)}
+    own = {"az_cos": facing * np.cos(phase), "az_sin": facing * np.sin(phase)}
+    return UnitEffect(_stack_channels(az=facing * push_term), {**left, **own}, {})
+
+
+def _flat_spot(rng, setup, ideal, sample_times) -> UnitEffect:
+    """Return a flat spot: an upward impulse when one spot of the tyre touches the road, as spin²."""
+    position, width = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.1, 0.25)
+    spin, cosine, sine = _interpolate(
+        ideal,
+        sample_times,
+        differentiate(ideal.angle, ideal.motion.step),
+        np.cos(ideal.angle),
+        np.sin(ideal.angle),
+    )
+    offset = np.arctan2(
+        sine * np.cos(position) - cosine * np.sin(position),
+        cosine * np.cos(position) + sine * np.sin(position),
+    )
+    kick_term = spin**2 * np.exp(-0.5 * (offset / width) ** 2)
+    return UnitEffect(
+        _stack_channels(ax=kick_term * cosine, ay=-_facing_sign(ideal) * kick_term * sine),
+        {"up": 1.0},
+        {"place": position, "width": width},
+    )
+
+
+def _cross_talk(rng, setup, ideal, sample_times) -> UnitEffect:
+    """Return cross talk: a gyro axis across the axle picks up the spin rate of the other wheel."""
     axis = str(rng.choice(["gx", "gy"]))
-    # The arcs of both wheels together are twice that of the middle.
-    spin = 2.0 * felt.motion.speed / setup.radius - slope(felt.angle, felt.motion.step)
-    (spin,) = _at(felt, taken, spin)
-    return Unit(_six(**{axis: spin}), {axis: 1.0}, {})
+    # The spin rates of both wheels sum to twice that of the body centre.
+    spin = 2.0 * ideal.motion.speed / setup.radius - differentiate(ideal.angle, ideal.motion.step)
+    (spin,) = _interpolate(ideal, sample_times, spin)
+    return UnitEffect(_stack_channels(**{axis: spin}), {axis: 1.0}, {})
 
 
-def _magnet(rng, setup, felt, taken) -> Unit:
-    """A magnet on the frame that a gyro axis across the axle passes once per revolution."""
+def _magnet(rng, setup, ideal, sample_times) -> UnitEffect:
+    """Return a magnet on the frame: a gyro axis across the axle is disturbed once per revolution."""
     phase, axis = rng.uniform(-np.pi, np.pi), str(rng.choice(["gx", "gy"]))
-    (once,) = _at(felt, taken, np.cos(felt.angle - phase))
-    return Unit(_six(**{axis: once}), {f"{axis}_cos": np.cos(phase), f"{axis}_sin": np.sin(phase)}, {})
+    (once_per_revolution,) = _interpolate(ideal, sample_times, np.cos(ideal.angle - phase))
+    return UnitEffect(
+        _stack_channels(**{axis: once_per_revolution}),
+        {f"{axis}_cos": np.cos(phase), f"{axis}_sin": np.sin(phase)},
+        {},
+    )
 
 
-KINDS: Mapping[str, Draw] = {
+KINDS: Mapping[str, DrawFunction] = {
     "steered_wheel": _steered_wheel,
     "unbalanced_wheel": _unbalanced_wheel,
     "supply_ripple": _supply_ripple,
@@ -145,29 +191,31 @@ KINDS: Mapping[str, Draw] = {
     "cross_talk": _cross_talk,
     "magnet": _magnet,
 }
-SHARED = ("road_camber",)
-NAMES = (*KINDS, "slipping_clock")
+KINDS_ON_BOTH_NODES = ("road_camber",)
+EFFECT_NAMES = (*KINDS, "slipping_clock")
 
 
-def _slipping_clock(rng, setup: Setup, node: str) -> Beyond:
-    """From some moment on the stamps of a node are later than before."""
-    slipped = float(rng.uniform(0.35, 0.65) * setup.drive.duration)
-    late = SLIP * float(rng.choice([-1.0, 1.0]))
-    made = {one: cases.record(setup, one, []) for one in SIDES}
-    t = made[node].t
-    made[node] = replace(made[node], t=t + late * (t >= slipped))
-    return Beyond("slipping_clock", node, made, {"delay": late, "since": slipped})
+def _slipping_clock(rng, setup: Setup, node: str) -> UnlistedEffect:
+    """Return a clock slip: from a random time on, the stamps of a node are shifted by CLOCK_SLIP_S."""
+    slip_time = float(rng.uniform(0.35, 0.65) * setup.drive.duration)
+    delay = CLOCK_SLIP_S * float(rng.choice([-1.0, 1.0]))
+    records = {side: cases.simulate_node_record(setup, side, []) for side in SIDES}
+    t = records[node].t
+    records[node] = replace(records[node], t=t + delay * (t >= slip_time))
+    return UnlistedEffect("slipping_clock", node, records, {"delay": delay, "since": slip_time})
 
 
-def _at(felt: Channels, taken: Array, *rows: Array) -> Array:
-    return sensor.sampled(np.vstack(rows), felt.motion.step, taken)
+def _interpolate(ideal: IdealReadings, sample_times: Array, *rows: Array) -> Array:
+    """Return rows of the even 1 kHz grid at the sample times."""
+    return sensor.interpolate_cubic(np.vstack(rows), ideal.motion.step, sample_times)
 
 
-def _six(**channels: Array) -> Array:
+def _stack_channels(**channels: Array) -> Array:
+    """Return (n, 6) readings with zeros on the channels that are not given."""
     first = next(iter(channels.values()))
     return np.stack([channels.get(name, np.zeros(len(first))) for name in CHANNELS], 1)
 
 
-def _facing(felt: Channels) -> float:
-    """Return +1 where the z axis points left, read off gravity: f_y = -facing g sin(angle)."""
-    return float(-np.sign(np.sum(felt.force[1] * np.sin(felt.angle))))
+def _facing_sign(ideal: IdealReadings) -> float:
+    """Return +1 if the z axis points left, from gravity: f_y = -facing g sin(angle)."""
+    return float(-np.sign(np.sum(ideal.force[1] * np.sin(ideal.angle))))

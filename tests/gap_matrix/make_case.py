@@ -1,9 +1,9 @@
-"""Writes one case: a CSV folder with model.toml, and hidden.json with what is hidden in it.
+"""Write one case: a CSV folder with model.toml, and hidden.json with the hidden effects.
 
 python tests/gap_matrix/make_case.py --effect wheel_camber --strength medium --seed 3 -o DIR
 """
 
-# ruff: noqa: E402 (BLAS must know its threads before numpy is loaded)
+# ruff: noqa: E402 (the number of BLAS threads is set before numpy is imported)
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# The package is found from its parent; this folder itself must not stand on the path, or its names would.
+# gap_matrix is imported from its parent folder; with this folder on the path, its modules would shadow
+# others.
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 import numpy as np
 
 from gap_matrix import cases, drives, effects, recording
-from gap_matrix.dose import STRENGTHS, Meter
+from gap_matrix.dose import STRENGTHS, GainMeter
 
 
 def write_case(
@@ -40,37 +41,40 @@ def write_case(
 ) -> list[effects.Effect]:
     """Write a case and return the hidden effects.
 
-    names: none, one or more, each with its own dose
-    strength: one of STRENGTHS, or nats
+    names: hidden effects, possibly none, each scaled to the strength
+    strength: one of STRENGTHS, or a gain in nats
     factor: multiple of the typical size, instead of a strength
-    rate_hz: of both nodes, default drawn
+    scope: of each effect, default drawn
+    kind: one of drives.KINDS
+    rate_hz: sample rate of both nodes, default drawn
+    For the other parameters see `cases.draw_setup`.
 
-    Raises ValueError as `Meter.dose`.
+    Raises ValueError if the drive shows too little of an effect.
     """
-    setup = cases.setup(seed, kind, duration, known, vibration, speed_noise)
+    setup = cases.draw_setup(seed, kind, duration, known, vibration, speed_noise)
     if rate_hz is not None:
-        setup = cases.sampled_at(setup, rate_hz, np.random.default_rng(seed))
-    drawn = [cases.hidden_effect(setup, name, scope) for name in names]
+        setup = cases.resample_nodes(setup, rate_hz, np.random.default_rng(seed))
+    drawn_effects = [cases.draw_hidden_effect(setup, name, scope) for name in names]
     target = STRENGTHS[strength] if isinstance(strength, str) else strength
-    meter = Meter(setup) if drawn else None
+    meter = GainMeter(setup) if drawn_effects else None
     hidden, gains = [], []
-    for effect in drawn:
-        made, gain = (
-            meter.dose(effect, target)
+    for effect in drawn_effects:
+        scaled_effect, gain = (
+            meter.scale_to_gain(effect, target)
             if factor is None
-            else (effects.scaled(effect, factor), meter.gain(effects.scaled(effect, factor)))
+            else (effects.scale_effect(effect, factor), meter.gain(effects.scale_effect(effect, factor)))
         )
-        hidden.append(made)
+        hidden.append(scaled_effect)
         gains.append(gain)
     truth = {
-        "strength": strength if drawn and factor is None else None,
-        "target_nats": target if drawn and factor is None else None,
+        "strength": strength if drawn_effects and factor is None else None,
+        "target_nats": target if drawn_effects and factor is None else None,
         "gain_nats": gains,
         "kind": kind,
         "duration": setup.drive.duration,
         "known": [effect.name for effect in setup.known],
     }
-    recording.write(setup, hidden, folder, truth)
+    recording.write_case_files(setup, hidden, folder, truth)
     return hidden
 
 
@@ -83,17 +87,21 @@ def main() -> int:
         "--effect", action="append", required=True, choices=[*effects.KINDS, "none"], metavar="NAME"
     )
     parser.add_argument("--strength", default="medium", choices=list(STRENGTHS))
-    parser.add_argument("--nats", type=float, help="gain instead of a named strength")
-    parser.add_argument("--factor", type=float, help="times the typical size, instead of a dose")
-    parser.add_argument("--scope", help="left, right, all or vehicle; else drawn")
+    parser.add_argument("--nats", type=float, help="gain, instead of a named strength")
+    parser.add_argument("--factor", type=float, help="multiple of the typical size, instead of a strength")
+    parser.add_argument("--scope", help="left, right, all or vehicle; default drawn")
     parser.add_argument("--seed", type=int, required=True)
     parser.add_argument("--kind", default="drive", choices=drives.KINDS)
-    parser.add_argument("--seconds", type=float, help="else drawn from 60, 120, 240")
+    parser.add_argument("--seconds", type=float, help="default drawn from 60, 120, 240")
     parser.add_argument(
-        "--known", action="append", default=[], choices=cases.KNOWN, help="declared in model.toml"
+        "--known",
+        action="append",
+        default=[],
+        choices=cases.DECLARABLE_EFFECTS,
+        help="declared in model.toml",
     )
     parser.add_argument(
-        "--vibration", type=float, help="growth of the accelerometer's noise per m/s; else drawn"
+        "--vibration", type=float, help="relative growth of the accelerometer noise per m/s; default drawn"
     )
     parser.add_argument("-o", dest="folder", type=Path, required=True)
     args = parser.parse_args()

@@ -1,12 +1,12 @@
-"""The matrix of hidden effects: make logs, diagnose them, print what was named.
+"""The matrix of hidden effects: write logs, diagnose them and print tables of the effects found.
 
     python tests/gap_matrix/matrix.py [--tables singles,nulls,pairs,open,alike,controls] [--seeds test] ...
 
-Results are appended to a file of JSON lines, by seeds and by the sources they came from; a run that was
-interrupted goes on where it was. The test seeds are for the last run only: nothing may be tuned on them.
+Results are appended to a file of JSON lines per seed range and source fingerprint, so that an interrupted run
+continues. The test seeds are for the final run only: nothing may be tuned on them.
 """
 
-# ruff: noqa: E402 (BLAS must know its threads before numpy is loaded)
+# ruff: noqa: E402 (the number of BLAS threads is set before numpy is imported)
 
 from __future__ import annotations
 
@@ -19,87 +19,94 @@ from functools import partial
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# The package is found from its parent; this folder itself must not stand on the path, or its names would.
+# gap_matrix is imported from its parent folder; with this folder on the path, its modules would shadow
+# others.
 sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 from gap_matrix import effects, outside
 from gap_matrix.dose import STRENGTHS
 from gap_matrix.judge import lines, tables
-from gap_matrix.judge.cells import PAIR_LIST_SEED, SEEDS, TABLES, Wanted, cells
-from gap_matrix.judge.diagnoses import DIAGNOSES, fingerprint
-from gap_matrix.judge.resumed import Row, kept, rows
-from gap_matrix.judge.run import run
+from gap_matrix.judge.cells import PAIR_LIST_SEED, SEED_RANGES, TABLES, TableExtent, list_cells
+from gap_matrix.judge.diagnoses import DIAGNOSES, compute_fingerprint
+from gap_matrix.judge.resumed import Row, compute_rows, read_rows
+from gap_matrix.judge.run import run_cell
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the missing cells and print the tables."""
-    args = _arguments(argv)
-    wanted = Wanted(
+    args = _parse_arguments(argv)
+    extent = TableExtent(
         tables=args.tables,
         seeds=args.seeds,
         names=args.effects,
         strengths=args.strengths,
-        drives=args.drives,
-        nulls=args.nulls,
-        pairs=args.pairs,
+        n_drives=args.drives,
+        n_nulls=args.nulls,
+        n_pairs=args.pairs,
     )
-    path = args.out / f"{args.seeds}-{args.diagnosis}-{fingerprint()}.jsonl"
-    plan = cells(wanted)
-    first, known = SEEDS[args.seeds][0], {row["key"] for row in kept(path)}
+    path = args.out / f"{args.seeds}-{args.diagnosis}-{compute_fingerprint()}.jsonl"
+    plan = list_cells(extent)
+    first, finished_keys = SEED_RANGES[args.seeds][0], {row["key"] for row in read_rows(path)}
     print(
-        f"{len(plan)} cells, {args.seeds} seeds {first}..{first + len(SEEDS[args.seeds]) - 1}, pair list "
-        f"seed {PAIR_LIST_SEED}; {sum(cell.key in known for cell in plan)} in {path}"
+        f"{len(plan)} cells, {args.seeds} seeds {first}..{first + len(SEED_RANGES[args.seeds]) - 1}, "
+        f"pair list seed {PAIR_LIST_SEED}; {sum(cell.key in finished_keys for cell in plan)} in {path}"
     )
-    begin = time.monotonic()
+    start_time = time.monotonic()
 
-    def say(done: int, of: int, row: Row) -> None:
+    def report_progress(done: int, total: int, row: Row) -> None:
         if args.progress:
-            print(f"{done}/{of} {time.monotonic() - begin:.0f} s {lines.line(row)}", flush=True)
+            print(f"{done}/{total} {time.monotonic() - start_time:.0f} s {lines.format_row(row)}", flush=True)
 
-    judged = partial(run, diagnosis=args.diagnosis)
-    made = rows(path, plan, lambda cell: cell.key, judged, args.jobs, say)
-    for text in tables.all_tables(made):
+    run_one = partial(run_cell, diagnosis=args.diagnosis)
+    result_rows = compute_rows(path, plan, lambda cell: cell.key, run_one, args.jobs, report_progress)
+    for text in tables.format_tables(result_rows):
         print(f"\n{text}")
     if args.failures:
-        print(f"\n{lines.failures(made)}")
+        print(f"\n{lines.format_failures(result_rows)}")
     return 0
 
 
-def _arguments(argv: list[str] | None) -> argparse.Namespace:
+def _parse_arguments(argv: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     names = [*effects.KINDS, *outside.KINDS]
-    parser.add_argument("--tables", type=_of(TABLES), default=list(TABLES), help=", ".join(TABLES))
-    parser.add_argument("--seeds", choices=list(SEEDS), default="development")
+    parser.add_argument("--tables", type=_list_parser(TABLES), default=list(TABLES), help=", ".join(TABLES))
+    parser.add_argument("--seeds", choices=list(SEED_RANGES), default="development")
     parser.add_argument(
-        "--effects", type=_of(names), default=[], help="only these, of the vocabulary or outside"
+        "--effects",
+        type=_list_parser(names),
+        default=[],
+        help="only these, inside or outside the vocabulary; default all",
     )
     parser.add_argument(
-        "--strengths", type=_of(STRENGTHS), default=list(STRENGTHS), help=", ".join(STRENGTHS)
+        "--strengths", type=_list_parser(STRENGTHS), default=list(STRENGTHS), help=", ".join(STRENGTHS)
     )
-    parser.add_argument("--drives", type=int, default=5, help="per cell")
+    parser.add_argument("--drives", type=int, default=5, help="drives per cell")
     parser.add_argument("--nulls", type=int, default=200)
     parser.add_argument("--pairs", type=int, default=40)
     parser.add_argument("--jobs", type=int, default=2, help="processes")
-    parser.add_argument("--diagnosis", choices=list(DIAGNOSES), default="gap", help="who is judged")
-    parser.add_argument("--progress", action="store_true", help="a line for each cell")
-    parser.add_argument("--failures", action="store_true", help="each failure in detail, after the tables")
+    parser.add_argument("--diagnosis", choices=list(DIAGNOSES), default="gap", help="the diagnosis to score")
+    parser.add_argument("--progress", action="store_true", help="print a line for each cell")
+    parser.add_argument(
+        "--failures", action="store_true", help="print each failure in detail after the tables"
+    )
     parser.add_argument("-o", dest="out", type=Path, default=Path("out/gap-matrix"))
     return parser.parse_args(argv)
 
 
-def _of(known: Iterable[str]):
-    known = list(known)
+def _list_parser(names: Iterable[str]):
+    """Return a parser of a comma-separated list that allows only these names."""
+    permitted = list(names)
 
-    def chosen(text: str) -> list[str]:
-        given = text.split(",")
-        unknown = [name for name in given if name not in known]
+    def parse_list(text: str) -> list[str]:
+        requested = text.split(",")
+        unknown = [name for name in requested if name not in permitted]
         if unknown:
-            raise argparse.ArgumentTypeError(f"{', '.join(unknown)}: not one of {', '.join(known)}")
-        return given
+            raise argparse.ArgumentTypeError(f"{', '.join(unknown)}: not one of {', '.join(permitted)}")
+        return requested
 
-    return chosen
+    return parse_list
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Eight effects outside the vocabulary, each with the channels and the quantity that show it.
+"""Eight effects outside the vocabulary, with the channels they change and the words that describe them.
 
-All are added to what a node feels, before its noise; one node of the two has it. What is linear is dosed like
-any other effect (`dose.Meter`); bit errors are counted, since a single one is worth thousands of nats.
+Each is added to the ideal readings of one of the two nodes before the noise. Linear ones are scaled to a gain
+in nats (`dose.GainMeter`); bit errors are a given number, since a single one gains thousands of nats.
 """
 
 from __future__ import annotations
@@ -13,25 +13,29 @@ import numpy as np
 
 from gap_matrix import cases, sensor
 from gap_matrix.cases import Setup
-from gap_matrix.dose import MEDIUM, STRONG, Meter
+from gap_matrix.dose import MEDIUM_NATS, STRONG_NATS, GainMeter
 from gap_matrix.effects import SIDES
 from gap_matrix.sensor import ACCEL_LSB, GYRO_LSB
-from gap_matrix.world import Array, Channels, slope
+from gap_matrix.world import Array, IdealReadings, differentiate
 
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 LSB = (GYRO_LSB,) * 3 + (ACCEL_LSB,) * 3
-BIT_ERRORS = {"medium": 10, "strong": 40}
-NATS = {"medium": MEDIUM, "strong": STRONG}
-# A channel that has at least this share of the strongest one's energy is one that shows it.
-_SHOWS = 0.2
+BIT_ERROR_COUNTS = {"medium": 10, "strong": 40}
+NATS = {"medium": MEDIUM_NATS, "strong": STRONG_NATS}
+# A channel shows an effect if it has at least this share of the energy of the strongest channel.
+_VISIBLE_ENERGY_SHARE = 0.2
 
 
 @dataclass(frozen=True)
-class Outsider:
-    """A hidden effect outside the vocabulary: its kind, node and size.
+class OutsideEffect:
+    """A hidden effect outside the vocabulary.
 
-    added: (n, 6). channels: `left.gx` and so on, where it shows. words: of which one should stand in a
-        description of what it depends on.
+    node: name of the node that has it
+    size: multiple of its unit size, or number of bit errors
+    gain: expected gain in nats
+    added: (n, 6) change of the readings
+    channels: channels that show it, such as `left.gx`
+    expected_words: words of which a correct description of its dependence contains at least one
     """
 
     name: str
@@ -40,127 +44,149 @@ class Outsider:
     gain: float
     added: Array
     channels: tuple[str, ...]
-    words: tuple[str, ...]
+    expected_words: tuple[str, ...]
 
 
-Draw = Callable[[np.random.Generator, Setup, Channels, Array], Array]
+DrawFunction = Callable[[np.random.Generator, Setup, IdealReadings, Array], Array]
 
 
 @dataclass(frozen=True)
 class _Kind:
-    draw: Draw  # (n, 6) at a usual size
-    words: tuple[str, ...]
+    """A kind of effect outside the vocabulary."""
+
+    draw: DrawFunction  # returns the change (n, 6) of the readings at unit size
+    expected_words: tuple[str, ...]
 
 
-def hide(setup: Setup, name: str, strength: str, meter: Meter | None = None) -> Outsider:
-    """Return the effect drawn by this seed, medium or strong.
+def hide_effect(setup: Setup, name: str, strength: str, meter: GainMeter | None = None) -> OutsideEffect:
+    """Return an effect with parameters drawn by the seed, medium or strong.
 
     Raises KeyError if the name is not one of KINDS.
     """
     kind = KINDS[name]
     rng = np.random.default_rng((setup.seed, 8, *name.encode()))
     node = str(rng.choice(SIDES))
-    felt = cases.channels(setup, node, setup.known)
-    meter = meter or Meter(setup)
-    taken = setup.taken[node]
+    ideal = cases.compute_node_readings(setup, node, setup.known)
+    meter = meter or GainMeter(setup)
+    sample_times = setup.sample_times[node]
     if name == "bit_error":
-        added, size = _bit_errors(rng, setup, node, felt, BIT_ERRORS[strength]), float(BIT_ERRORS[strength])
+        added, size = (
+            _bit_errors(rng, setup, node, ideal, BIT_ERROR_COUNTS[strength]),
+            float(BIT_ERROR_COUNTS[strength]),
+        )
     else:
-        unit = kind.draw(rng, setup, felt, taken)
-        size = float(np.sqrt(NATS[strength] / meter.gain_of(node, unit)))
-        added = size * unit
-    energy = meter.energy(node, added)
-    shown = tuple(f"{node}.{CHANNELS[k]}" for k in np.flatnonzero(energy >= _SHOWS * energy.max()))
-    return Outsider(name, node, size, meter.gain_of(node, added), added, shown, kind.words)
+        unit_change = kind.draw(rng, setup, ideal, sample_times)
+        size = float(np.sqrt(NATS[strength] / meter.gain_of_difference(node, unit_change)))
+        added = size * unit_change
+    energy = meter.channel_energies(node, added)
+    visible_channels = tuple(
+        f"{node}.{CHANNELS[k]}" for k in np.flatnonzero(energy >= _VISIBLE_ENERGY_SHARE * energy.max())
+    )
+    return OutsideEffect(
+        name, node, size, meter.gain_of_difference(node, added), added, visible_channels, kind.expected_words
+    )
 
 
-def records(setup: Setup, outsider: Outsider) -> dict[str, sensor.Record]:
-    """Return the records of both nodes."""
+def simulate_records(setup: Setup, effect: OutsideEffect) -> dict[str, sensor.Record]:
+    """Return the simulated records of both nodes."""
     return {
-        node: cases.record(setup, node, [], outsider.added if node == outsider.node else 0.0)
+        node: cases.simulate_node_record(setup, node, [], effect.added if node == effect.node else 0.0)
         for node in SIDES
     }
 
 
-def _flat_spot(rng, setup, felt, taken):
-    """A kick upwards whenever one place of the tyre is below, growing as the square of the speed."""
-    speed, c, s = _at(felt, taken, felt.motion.speed, np.cos(felt.angle), np.sin(felt.angle))
-    place = rng.uniform(-np.pi, np.pi)
-    off = np.arctan2(s * np.cos(place) - c * np.sin(place), c * np.cos(place) + s * np.sin(place))
-    kick = (speed / 3.0) ** 2 * np.exp(-0.5 * (off / 0.12) ** 2)
-    facing = _facing(felt)
-    return _six(ax=kick * c, ay=-facing * kick * s)
+def _flat_spot(rng, setup, ideal, sample_times):
+    """Return a flat spot: an upward impulse when one spot of the tyre touches the road, as speed²."""
+    speed, cosine, sine = _interpolate(
+        ideal, sample_times, ideal.motion.speed, np.cos(ideal.angle), np.sin(ideal.angle)
+    )
+    position = rng.uniform(-np.pi, np.pi)
+    offset = np.arctan2(
+        sine * np.cos(position) - cosine * np.sin(position),
+        cosine * np.cos(position) + sine * np.sin(position),
+    )
+    impulse = (speed / 3.0) ** 2 * np.exp(-0.5 * (offset / 0.12) ** 2)
+    facing = _facing_sign(ideal)
+    return _stack_channels(ax=impulse * cosine, ay=-facing * impulse * sine)
 
 
-def _loose_mount(rng, setup, felt, taken):
-    """The node tips to the other end of its play, across the axle, when the torque turns round."""
-    pull = slope(felt.motion.speed, felt.motion.step)
-    side, flips = 1.0, np.empty(len(pull))
-    for k, a in enumerate(pull.tolist()):
-        if a * side < -0.3:
-            side = -side
-        flips[k] = side
-    tip = 1e-3 * sensor.one_pole(flips[None], 0.03, felt.motion.step)[0]
+def _mount_with_play(rng, setup, ideal, sample_times):
+    """Return a mount with play: the node tilts across the axle by its play when the torque changes sign."""
+    acceleration = differentiate(ideal.motion.speed, ideal.motion.step)
+    end_stop, end_stops = 1.0, np.empty(len(acceleration))
+    for k, a in enumerate(acceleration.tolist()):
+        if a * end_stop < -0.3:
+            end_stop = -end_stop
+        end_stops[k] = end_stop
+    tilt = 1e-3 * sensor.apply_low_pass(end_stops[None], 0.03, ideal.motion.step)[0]
     heading = rng.uniform(-np.pi, np.pi)
     axis = np.array([np.cos(heading), np.sin(heading), 0.0])
-    rate = slope(tip, felt.motion.step) * axis[:, None] - tip * np.cross(axis, felt.rate, axisb=0).T
-    force = -tip * np.cross(axis, felt.force, axisb=0).T
-    return sensor.sampled(np.vstack([rate, force]), felt.motion.step, taken).T
+    rate = (
+        differentiate(tilt, ideal.motion.step) * axis[:, None] - tilt * np.cross(axis, ideal.rate, axisb=0).T
+    )
+    force = -tilt * np.cross(axis, ideal.force, axisb=0).T
+    return sensor.interpolate_cubic(np.vstack([rate, force]), ideal.motion.step, sample_times).T
 
 
-def _rectified_vibration(rng, setup, felt, taken):
-    """Shaking, which grows with the speed, shifts the gyro's zero as its square."""
-    (speed,) = _at(felt, taken, felt.motion.speed)
-    return _gyro(rng, 1e-3 * speed**2)
+def _rectified_vibration(rng, setup, ideal, sample_times):
+    """Return vibration rectification: a gyro bias proportional to speed²."""
+    (speed,) = _interpolate(ideal, sample_times, ideal.motion.speed)
+    return _along_random_gyro_axis(rng, 1e-3 * speed**2)
 
 
-def _supply_step(rng, setup, felt, taken):
-    """The supply drops at some moment and the gyro's zero with it, for good."""
-    at = rng.uniform(0.3, 0.7) * taken[-1]
-    return _gyro(rng, 1e-3 * (taken > at))
+def _supply_step(rng, setup, ideal, sample_times):
+    """Return a supply step: a permanent step of the gyro bias at a random time."""
+    step_time = rng.uniform(0.3, 0.7) * sample_times[-1]
+    return _along_random_gyro_axis(rng, 1e-3 * (sample_times > step_time))
 
 
-def _motor_tone(rng, setup, felt, taken):
-    """A machine on the frame that runs at its own speed, felt by one axis of the accelerometer."""
-    tone = 0.05 * np.sin(2.0 * np.pi * rng.uniform(6.0, 40.0) * taken + rng.uniform(-np.pi, np.pi))
-    return _six(**{str(rng.choice(["ax", "ay", "az"])): tone})
+def _motor_tone(rng, setup, ideal, sample_times):
+    """Return a motor tone: a sine of fixed frequency on one accelerometer axis."""
+    tone = 0.05 * np.sin(2.0 * np.pi * rng.uniform(6.0, 40.0) * sample_times + rng.uniform(-np.pi, np.pi))
+    return _stack_channels(**{str(rng.choice(["ax", "ay", "az"])): tone})
 
 
-def _temperature_gradient(rng, setup, felt, taken):
-    """The gyro's zero moves while the temperature changes, not with the temperature."""
-    (pace,) = _at(felt, taken, slope(setup.drive.temperature, felt.motion.step))
-    return _gyro(rng, 0.05 * pace)
+def _temperature_gradient(rng, setup, ideal, sample_times):
+    """Return a temperature gradient effect: a gyro bias proportional to the rate of the temperature."""
+    (temperature_rate,) = _interpolate(
+        ideal, sample_times, differentiate(setup.drive.temperature, ideal.motion.step)
+    )
+    return _along_random_gyro_axis(rng, 0.05 * temperature_rate)
 
 
-def _magnet(rng, setup, felt, taken):
-    """A magnet on the frame that the node passes once per revolution, in one gyro axis across the axle.
+def _magnet(rng, setup, ideal, sample_times):
+    """Return a magnet on the frame: a disturbance once per revolution of one gyro axis across the axle.
 
-    Along the axle the gyro's answer to gravity would look the same: that one is in the vocabulary.
+    The axis along the axle is excluded: there it equals the g-sensitivity, which is in the vocabulary.
     """
     angle = rng.uniform(-np.pi, np.pi)
-    (once,) = _at(felt, taken, np.cos(felt.angle - angle))
-    return _six(**{str(rng.choice(["gx", "gy"])): 1e-3 * once})
+    (once_per_revolution,) = _interpolate(ideal, sample_times, np.cos(ideal.angle - angle))
+    return _stack_channels(**{str(rng.choice(["gx", "gy"])): 1e-3 * once_per_revolution})
 
 
-def _bit_errors(rng, setup: Setup, node: str, felt: Channels, count: int) -> Array:
-    """A bit of the high byte of one axis is read wrong, at random moments."""
+def _bit_errors(rng, setup: Setup, node: str, ideal: IdealReadings, count: int) -> Array:
+    """Return bit errors: one bit of the high byte of one axis is inverted in random samples."""
     axis, bit = int(rng.integers(6)), int(rng.integers(8, 12))
-    clean = sensor.clean(felt, {}, setup.taken[node], setup.drive.temperature)[:, axis]
-    hit = rng.permutation(len(clean))[:count]
-    is_set = np.round(clean[hit] / LSB[axis]).astype(int) >> bit & 1
+    clean = sensor.compute_clean_readings(ideal, {}, setup.sample_times[node], setup.drive.temperature)[
+        :, axis
+    ]
+    hit_indices = rng.permutation(len(clean))[:count]
+    is_set = np.round(clean[hit_indices] / LSB[axis]).astype(int) >> bit & 1
     added = np.zeros((len(clean), 6))
-    added[hit, axis] = np.where(is_set, -1.0, 1.0) * 2.0**bit * LSB[axis]
+    added[hit_indices, axis] = np.where(is_set, -1.0, 1.0) * 2.0**bit * LSB[axis]
     return added
 
 
-def _no_draw(rng, setup, felt, taken):
-    raise TypeError("bit errors are counted, not drawn at a size")
+def _no_draw(rng, setup, ideal, sample_times):
+    """Raise TypeError, as bit errors have no unit size."""
+    raise TypeError("bit errors have a number, not a size")
 
 
 KINDS: Mapping[str, _Kind] = {
     "tyre_flat_spot": _Kind(_flat_spot, ("revolution", "theta", "wheel angle", "impulse", "pulse")),
     "loose_mount": _Kind(
-        _loose_mount, ("torque", "accelerat", "brak", "changes", "hysteresis", "backlash", "loose", "step")
+        _mount_with_play,
+        ("torque", "accelerat", "brak", "changes", "hysteresis", "backlash", "loose", "step"),
     ),
     "vibration_rectification": _Kind(_rectified_vibration, ("speed", "spin", "vibration")),
     "supply_step": _Kind(_supply_step, ("step", "jump", "switch", "steps")),
@@ -171,21 +197,23 @@ KINDS: Mapping[str, _Kind] = {
 }
 
 
-def _at(felt: Channels, taken: Array, *rows: Array) -> Array:
-    return sensor.sampled(np.vstack(rows), felt.motion.step, taken)
+def _interpolate(ideal: IdealReadings, sample_times: Array, *rows: Array) -> Array:
+    """Return rows of the even 1 kHz grid at the sample times."""
+    return sensor.interpolate_cubic(np.vstack(rows), ideal.motion.step, sample_times)
 
 
-def _six(**channels: Array) -> Array:
+def _stack_channels(**channels: Array) -> Array:
+    """Return (n, 6) readings with zeros on the channels that are not given."""
     first = next(iter(channels.values()))
     return np.stack([channels.get(name, np.zeros(len(first))) for name in CHANNELS], 1)
 
 
-def _gyro(rng, shape: Array) -> Array:
-    """Return the shape in a random direction of the three gyro axes."""
+def _along_random_gyro_axis(rng, signal: Array) -> Array:
+    """Return readings (n, 6) with the signal along a random direction of the three gyro axes."""
     direction = rng.standard_normal(3)
-    return np.outer(shape, [*(direction / np.linalg.norm(direction)), 0.0, 0.0, 0.0])
+    return np.outer(signal, [*(direction / np.linalg.norm(direction)), 0.0, 0.0, 0.0])
 
 
-def _facing(felt: Channels) -> float:
-    """Return +1 where the z axis points left, read off gravity: f_y = -facing g sin(angle)."""
-    return float(-np.sign(np.sum(felt.force[1] * np.sin(felt.angle))))
+def _facing_sign(ideal: IdealReadings) -> float:
+    """Return +1 if the z axis points left, from gravity: f_y = -facing g sin(angle)."""
+    return float(-np.sign(np.sum(ideal.force[1] * np.sin(ideal.angle))))

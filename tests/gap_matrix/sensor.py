@@ -1,7 +1,7 @@
-"""Sensor chain of the independent simulator: from ideal rate and force to records with time stamps.
+"""Sensor chain of the independent simulator: from ideal rate and specific force to records with time stamps.
 
-`clean` is the part without chance (mounting, low-pass, scale, bias), at any times; `read` adds the rest: rate
-random walk, white noise, outliers, saturation, the chip's steps, stale samples and stamps.
+`compute_clean_readings` is the deterministic part (mounting, low-pass, scale, bias). `simulate_record` adds
+rate random walk, white noise, outliers, saturation, quantization, stale samples and time stamps.
 """
 
 from __future__ import annotations
@@ -13,20 +13,26 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
-from gap_matrix.world import GRAVITY, Array, Channels
+from gap_matrix.world import GRAVITY, Array, IdealReadings
 
 GYRO_LSB = float(np.radians(0.070))
 ACCEL_LSB = 0.488e-3 * GRAVITY
 TEMPERATURE_LSB = 1.0 / 16.0
 ZERO_TEMPERATURE = 25.0
-Settings = Mapping[str, Mapping[str, float]]  # effects of one node: name to parameters, as in the model file
+EffectParameters = Mapping[
+    str, Mapping[str, float]
+]  # parameters of one node by effect name, as in the model file
 
 
 @dataclass(frozen=True)
 class Noise:
-    """What surrounds every node, hidden effect or not. gyro, accel: 1 sigma per sample, declared. vibration:
-    by how much the accelerometer's sigma grows per m/s, as a fraction; declared nowhere. rate_hz: true sample
-    rate. jitter: half width of a sample time's spread, fraction of the period."""
+    """Noise and sampling of a node, independent of hidden effects.
+
+    gyro, accel: 1 sigma per sample as declared in the model file, rad/s and m/s²
+    vibration: relative growth of the accelerometer sigma per m/s, not declared
+    rate_hz: true sample rate
+    jitter: half width of the uniform jitter of sample times, as a fraction of the period
+    """
 
     gyro: float = 0.004
     accel: float = 0.05
@@ -37,133 +43,175 @@ class Noise:
 
 @dataclass(frozen=True)
 class Record:
-    """A node's file. t: (n,) stamps, s. values: (n, 6) rad/s and m/s². temperature: (n,) °C as written."""
+    """The record of a node.
+
+    t: (n,) time stamps, s
+    values: (n, 6) readings, rad/s and m/s²
+    temperature: (n,) measured temperature, °C
+    """
 
     t: Array
     values: Array
     temperature: Array
 
 
-def sample_times(duration: float, noise: Noise, rng: np.random.Generator) -> Array:
-    """Return the true sample times, (n,) s, uneven and away from both ends of the drive by 20 ms."""
+def draw_sample_times(duration: float, noise: Noise, rng: np.random.Generator) -> Array:
+    """Return the true sample times, (n,) s, with jitter and at least 20 ms from both ends of the drive."""
     period = 1.0 / noise.rate_hz
-    even = np.arange(0.02 + rng.uniform(0.0, period), duration - 0.02 - 2.0 * period, period)
-    return even + period * noise.jitter * rng.uniform(-1.0, 1.0, len(even))
+    even_times = np.arange(0.02 + rng.uniform(0.0, period), duration - 0.02 - 2.0 * period, period)
+    return even_times + period * noise.jitter * rng.uniform(-1.0, 1.0, len(even_times))
 
 
-def stamps(taken: Array, settings: Settings) -> Array:
-    """Return the time stamps, (n,) s, of samples taken at `taken`."""
-    skew = settings.get("clock_skew", {}).get("ppm", 0.0) * 1e-6
-    return taken * (1.0 + skew) + settings.get("time_offset", {}).get("delay", 0.0)
+def compute_time_stamps(sample_times: Array, effect_parameters: EffectParameters) -> Array:
+    """Return the time stamps, (n,) s, of samples at true times, with skew and offset of the clock."""
+    skew = effect_parameters.get("clock_skew", {}).get("ppm", 0.0) * 1e-6
+    return sample_times * (1.0 + skew) + effect_parameters.get("time_offset", {}).get("delay", 0.0)
 
 
-def clean(channels: Channels, settings: Settings, taken: Array, temperature: Array) -> Array:
-    """Return the readings, (n, 6), at the true times `taken`, without noise, clipping and rounding."""
+def compute_clean_readings(
+    channels: IdealReadings, effect_parameters: EffectParameters, sample_times: Array, temperature: Array
+) -> Array:
+    """Return the readings, (n, 6), at the true sample times, without noise, clipping and rounding."""
     rate, force = channels.rate, channels.force
-    if "node_misalignment" in settings:
-        turned = Rotation.from_rotvec(_vector(settings["node_misalignment"])).as_matrix()
-        rate, force = turned.T @ rate, turned.T @ force
-    if "gyro_lag" in settings:
-        rate = one_pole(rate, settings["gyro_lag"]["time_constant"], channels.motion.step)
-    at = sampled(np.vstack([rate, force, temperature]), channels.motion.step, taken)
-    true_force, warmth = at[3:6], at[6]
-    gyro = _scaled(at[0:3], settings, "gyro") + _vector(settings.get("gyro_bias", {}))[:, None]
-    force = _scaled(true_force, settings, "accel") + _vector(settings.get("accel_bias", {}))[:, None]
-    if "gyro_cubic" in settings:
-        gyro[2] += settings["gyro_cubic"]["z"] * at[2] ** 3
-    if "gyro_warmup" in settings:
-        warm = settings["gyro_warmup"]
-        gyro += _vector(warm)[:, None] * -np.expm1(-taken / warm["time_constant"])
-    if "gyro_temperature" in settings:
-        gyro += _vector(settings["gyro_temperature"])[:, None] * (warmth - ZERO_TEMPERATURE)
-    if "gyro_g_sensitivity" in settings:
-        gyro[2] += _vector(settings["gyro_g_sensitivity"]) @ true_force
+    if "node_misalignment" in effect_parameters:
+        mounting_rotation = Rotation.from_rotvec(
+            _axis_vector(effect_parameters["node_misalignment"])
+        ).as_matrix()
+        rate, force = mounting_rotation.T @ rate, mounting_rotation.T @ force
+    if "gyro_lag" in effect_parameters:
+        rate = apply_low_pass(rate, effect_parameters["gyro_lag"]["time_constant"], channels.motion.step)
+    interpolated = interpolate_cubic(
+        np.vstack([rate, force, temperature]), channels.motion.step, sample_times
+    )
+    true_force, node_temperature = interpolated[3:6], interpolated[6]
+    gyro = (
+        _scale_axes(interpolated[0:3], effect_parameters, "gyro")
+        + _axis_vector(effect_parameters.get("gyro_bias", {}))[:, None]
+    )
+    force = (
+        _scale_axes(true_force, effect_parameters, "accel")
+        + _axis_vector(effect_parameters.get("accel_bias", {}))[:, None]
+    )
+    if "gyro_cubic" in effect_parameters:
+        gyro[2] += effect_parameters["gyro_cubic"]["z"] * interpolated[2] ** 3
+    if "gyro_warmup" in effect_parameters:
+        warmup = effect_parameters["gyro_warmup"]
+        gyro += _axis_vector(warmup)[:, None] * -np.expm1(-sample_times / warmup["time_constant"])
+    if "gyro_temperature" in effect_parameters:
+        gyro += _axis_vector(effect_parameters["gyro_temperature"])[:, None] * (
+            node_temperature - ZERO_TEMPERATURE
+        )
+    if "gyro_g_sensitivity" in effect_parameters:
+        gyro[2] += _axis_vector(effect_parameters["gyro_g_sensitivity"]) @ true_force
     return np.vstack([gyro, force]).T
 
 
-def accel_sigma(noise: Noise, speed: Array) -> Array:
-    """Return the true noise of the accelerometer, (n,) m/s², at a speed."""
+def compute_accel_sigma(noise: Noise, speed: Array) -> Array:
+    """Return the true 1 sigma of the accelerometer, (n,) m/s², at a speed."""
     return noise.accel * (1.0 + noise.vibration * np.abs(speed))
 
 
-def read(
-    channels: Channels,
-    settings: Settings,
-    taken: Array,
+def simulate_record(
+    channels: IdealReadings,
+    effect_parameters: EffectParameters,
+    sample_times: Array,
     temperature: Array,
     noise: Noise,
     rng: np.random.Generator,
     added: Array | float = 0.0,
 ) -> Record:
-    """Return the record of a node; added: (n, 6), added before the noise.
+    """Return the record of a node.
 
-    Outliers and stale samples come in the number their probability says, at random places, so that a weak
-    effect is never absent by luck; each channel has its own outliers.
+    added: change (n, 6) of the readings before the noise
+
+    Outliers and stale samples occur in the expected number at random positions, so that a weak effect is
+    never absent by chance; each channel has its own outliers.
     """
-    values = clean(channels, settings, taken, temperature) + added
+    values = compute_clean_readings(channels, effect_parameters, sample_times, temperature) + added
     step = channels.motion.step
-    speed, warmth = sampled(np.vstack([channels.motion.speed, temperature]), step, taken)
-    count = len(taken)
-    white = rng.standard_normal((count, 6))
-    walk = np.cumsum(rng.standard_normal((count, 3)) * np.sqrt(np.diff(taken, prepend=0.0))[:, None], axis=0)
-    values[:, :3] += settings.get("gyro_rate_random_walk", {}).get("k", 0.0) * walk
-    values[:, :3] += noise.gyro * white[:, :3]
-    values[:, 3:] += accel_sigma(noise, speed)[:, None] * white[:, 3:]
-    if "outliers" in settings:
-        hit = rng.permutation(values.size)[: chosen(settings["outliers"]["probability"], values.size)]
-        jump = settings["outliers"]["sigma"] * rng.standard_normal(len(hit))
-        values.flat[hit] += jump * np.where(hit % 6 < 3, noise.gyro, noise.accel)
-    for name, part in (("gyro_saturation", slice(0, 3)), ("accel_saturation", slice(3, 6))):
-        limit = settings.get(name, {}).get("limit", np.inf)
-        values[:, part] = np.clip(values[:, part], -limit, limit)
-    gyro_step = settings.get("gyro_quantization", {}).get("step", GYRO_LSB)
+    speed, node_temperature = interpolate_cubic(
+        np.vstack([channels.motion.speed, temperature]), step, sample_times
+    )
+    count = len(sample_times)
+    white_noise = rng.standard_normal((count, 6))
+    random_walk = np.cumsum(
+        rng.standard_normal((count, 3)) * np.sqrt(np.diff(sample_times, prepend=0.0))[:, None], axis=0
+    )
+    values[:, :3] += effect_parameters.get("gyro_rate_random_walk", {}).get("k", 0.0) * random_walk
+    values[:, :3] += noise.gyro * white_noise[:, :3]
+    values[:, 3:] += compute_accel_sigma(noise, speed)[:, None] * white_noise[:, 3:]
+    if "outliers" in effect_parameters:
+        outlier_indices = rng.permutation(values.size)[
+            : count_hits(effect_parameters["outliers"]["probability"], values.size)
+        ]
+        outlier_sizes = effect_parameters["outliers"]["sigma"] * rng.standard_normal(len(outlier_indices))
+        values.flat[outlier_indices] += outlier_sizes * np.where(
+            outlier_indices % 6 < 3, noise.gyro, noise.accel
+        )
+    for name, axes in (("gyro_saturation", slice(0, 3)), ("accel_saturation", slice(3, 6))):
+        limit = effect_parameters.get(name, {}).get("limit", np.inf)
+        values[:, axes] = np.clip(values[:, axes], -limit, limit)
+    gyro_step = effect_parameters.get("gyro_quantization", {}).get("step", GYRO_LSB)
     values = np.round(values / np.repeat([gyro_step, ACCEL_LSB], 3)) * np.repeat([gyro_step, ACCEL_LSB], 3)
-    if "sample_repeat" in settings:
-        stale = 1 + rng.permutation(count - 1)[: chosen(settings["sample_repeat"]["probability"], count)]
-        source = np.arange(count)
-        source[stale] = 0
-        values = values[np.maximum.accumulate(source)]
-    written = np.round((warmth + 0.02 * rng.standard_normal(count)) / TEMPERATURE_LSB) * TEMPERATURE_LSB
-    return Record(stamps(taken, settings), values, written)
+    if "sample_repeat" in effect_parameters:
+        stale_indices = (
+            1
+            + rng.permutation(count - 1)[
+                : count_hits(effect_parameters["sample_repeat"]["probability"], count)
+            ]
+        )
+        source_indices = np.arange(count)
+        source_indices[stale_indices] = 0
+        values = values[np.maximum.accumulate(source_indices)]
+    temperature_reading = (
+        np.round((node_temperature + 0.02 * rng.standard_normal(count)) / TEMPERATURE_LSB) * TEMPERATURE_LSB
+    )
+    return Record(compute_time_stamps(sample_times, effect_parameters), values, temperature_reading)
 
 
-def chosen(probability: float, count: int) -> int:
-    """Return the number of hits among `count` samples, at least one."""
+def count_hits(probability: float, count: int) -> int:
+    """Return the expected number of hits among `count` samples, rounded, at least one."""
     return max(1, round(probability * count))
 
 
-def one_pole(value: Array, time_constant: float, step: float) -> Array:
-    """Return the low-pass along the last axis, exact for piecewise linear input, starting settled."""
+def apply_low_pass(value: Array, time_constant: float, step: float) -> Array:
+    """Return a low-pass along the last axis, exact for piecewise linear input, initially settled."""
     x = step / time_constant
     decay = np.exp(-x)
-    new = 1.0 - (1.0 - decay) / x
-    old = (1.0 - decay) / x - decay
-    state = (value[..., :1] * (old + decay))[..., :1]
-    return lfilter([new, old], [1.0, -decay], value, axis=-1, zi=state)[0]
+    weight_of_new = 1.0 - (1.0 - decay) / x
+    weight_of_old = (1.0 - decay) / x - decay
+    state = (value[..., :1] * (weight_of_old + decay))[..., :1]
+    return lfilter([weight_of_new, weight_of_old], [1.0, -decay], value, axis=-1, zi=state)[0]
 
 
-def sampled(rows: Array, step: float, at: Array) -> Array:
-    """Return rows, (k, N) on the even grid, at the times `at`, by the cubic through four neighbours."""
-    position = at / step
-    first = np.clip(position.astype(int) - 1, 0, rows.shape[1] - 4)
-    u = position - first
+def interpolate_cubic(rows: Array, step: float, times: Array) -> Array:
+    """Return rows, (k, N) on an even grid, at other times by cubic interpolation of four neighbours."""
+    position = times / step
+    first_index = np.clip(position.astype(int) - 1, 0, rows.shape[1] - 4)
+    u = position - first_index
     weights = (
         (u - 1.0) * (u - 2.0) * (u - 3.0) / -6.0,
         u * (u - 2.0) * (u - 3.0) / 2.0,
         u * (u - 1.0) * (u - 3.0) / -2.0,
         u * (u - 1.0) * (u - 2.0) / 6.0,
     )
-    return sum(weight * rows[:, first + k] for k, weight in enumerate(weights))
+    return sum(weight * rows[:, first_index + k] for k, weight in enumerate(weights))
 
 
-def _scaled(value, settings, sensor):
-    made = value * (1.0 + _vector(settings.get(f"{sensor}_scale_factor", {}))[:, None])
-    if f"{sensor}_nonorthogonality" in settings:
-        d = settings[f"{sensor}_nonorthogonality"]
-        cross = [[0.0, d["xz"], -d["xy"]], [-d["yz"], 0.0, d["yx"]], [d["zy"], -d["zx"], 0.0]]
-        made = made + np.array(cross) @ value
-    return made
+def _scale_axes(value, effect_parameters, sensor):
+    """Return rates or forces (3, n) with scale factor and cross-axis errors of `gyro` or `accel`."""
+    scaled = value * (1.0 + _axis_vector(effect_parameters.get(f"{sensor}_scale_factor", {}))[:, None])
+    if f"{sensor}_nonorthogonality" in effect_parameters:
+        cross_axis = effect_parameters[f"{sensor}_nonorthogonality"]
+        matrix = [
+            [0.0, cross_axis["xz"], -cross_axis["xy"]],
+            [-cross_axis["yz"], 0.0, cross_axis["yx"]],
+            [cross_axis["zy"], -cross_axis["zx"], 0.0],
+        ]
+        scaled = scaled + np.array(matrix) @ value
+    return scaled
 
 
-def _vector(parameters):
+def _axis_vector(parameters):
+    """Return the parameters x, y and z as a vector, zeros if absent."""
     return np.array([parameters.get(axis, 0.0) for axis in "xyz"])

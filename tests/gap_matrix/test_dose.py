@@ -1,4 +1,4 @@
-"""Doses against dense likelihoods, drawn likelihood ratios and their own targets."""
+"""Gains of effects against dense likelihoods, drawn likelihood ratios and target gains."""
 
 from dataclasses import replace
 
@@ -13,13 +13,13 @@ SEED = 7
 
 
 @pytest.fixture(scope="module")
-def minute():
-    return cases.setup(SEED, duration=60.0)
+def setup():
+    return cases.draw_setup(SEED, duration=60.0)
 
 
 @pytest.fixture(scope="module")
-def meter(minute):
-    return dose.Meter(minute)
+def meter(setup):
+    return dose.GainMeter(setup)
 
 
 @pytest.mark.parametrize(
@@ -28,82 +28,99 @@ def meter(minute):
         (name, target)
         for name in effects.KINDS
         for target in dose.STRENGTHS.values()
-        if name not in ("sample_repeat", "outliers") or target == dose.STRONG
+        if name not in ("sample_repeat", "outliers") or target == dose.STRONG_NATS
     ],
 )
-def test_a_dose_reaches_its_target(minute, meter, name, target):
-    made, gain = meter.dose(cases.hidden_effect(minute, name), target)
+def test_a_scaled_effect_reaches_its_target_gain(setup, meter, name, target):
+    scaled_effect, gain = meter.scale_to_gain(cases.draw_hidden_effect(setup, name), target)
     assert gain == pytest.approx(target, rel=0.03)
-    assert effects.possible(made)
+    assert effects.is_possible(scaled_effect)
 
 
 @pytest.mark.parametrize("name", ["wheel_radius", "accel_bias", "time_offset", "lever_arm", "gyro_lag"])
-def test_what_a_record_really_gains_is_the_dose_within_its_chance(minute, meter, name):
-    """The log-likelihood ratio of a record with noise is normal with mean G and variance 2 G."""
-    effect, gain = meter.dose(cases.hidden_effect(minute, name, "left"), dose.MEDIUM)
-    record, taken, warmth = (
-        cases.record(minute, "left", [effect]),
-        minute.taken["left"],
-        minute.drive.temperature,
+def test_the_log_likelihood_ratio_of_a_record_agrees_with_the_expected_gain(setup, meter, name):
+    """The log-likelihood ratio of a noisy record is Gaussian with mean G and variance 2 G."""
+    effect, gain = meter.scale_to_gain(cases.draw_hidden_effect(setup, name, "left"), dose.MEDIUM_NATS)
+    record, sample_times, temperature = (
+        cases.simulate_node_record(setup, "left", [effect]),
+        setup.sample_times["left"],
+        setup.drive.temperature,
     )
-    base = meter._nodes["left"]
-    found = effects.settings([effect], "left")
-    true = sensor.clean(cases.channels(minute, "left", [effect]), found, taken, warmth)
-    without = sensor.clean(cases.channels(minute, "left", []), {}, record.t, warmth)
-    misses = [
-        dose.angle_free_gain(record.values - expected, base.turning, base.sigma, base.drift)
-        for expected in (without, true)
+    node_data = meter._nodes["left"]
+    parameters = effects.parameters_on_node([effect], "left")
+    readings_with_effect = sensor.compute_clean_readings(
+        cases.compute_node_readings(setup, "left", [effect]), parameters, sample_times, temperature
+    )
+    readings_without_effect = sensor.compute_clean_readings(
+        cases.compute_node_readings(setup, "left", []), {}, record.t, temperature
+    )
+    square_sums = [
+        dose.gain_with_free_angle(
+            record.values - expected,
+            node_data.angle_derivative,
+            node_data.sigma,
+            node_data.angle_walk_variance,
+        )
+        for expected in (readings_without_effect, readings_with_effect)
     ]
-    assert misses[0] - misses[1] == pytest.approx(gain, abs=4.0 * np.sqrt(2.0 * gain))
+    assert square_sums[0] - square_sums[1] == pytest.approx(gain, abs=4.0 * np.sqrt(2.0 * gain))
 
 
-def test_a_drive_that_cannot_show_an_effect_says_so():
-    bench = dose.Meter(cases.setup(SEED, "bench", 60.0))
+def test_an_effect_that_the_drive_cannot_show_is_refused():
+    bench = dose.GainMeter(cases.draw_setup(SEED, "bench", 60.0))
     with pytest.raises(ValueError, match="track_width: this drive shows 0"):
-        bench.dose(cases.hidden_effect(bench.setup, "track_width"), dose.FAINT)
+        bench.scale_to_gain(cases.draw_hidden_effect(bench.setup, "track_width"), dose.FAINT_NATS)
 
 
-def test_what_a_shift_of_the_wheel_angle_imitates_gains_nothing(meter):
-    turn = Effect("node_misalignment", "left", {"x": 0.0, "y": 0.0, "z": 1e-3})
-    assert meter.gain(turn) < 0.01
-    assert meter.gain(replace(turn, parameters={"x": 1e-3, "y": 0.0, "z": 0.0})) > 100.0
+def test_an_effect_equal_to_a_shift_of_the_wheel_angle_gains_nothing(meter):
+    misalignment = Effect("node_misalignment", "left", {"x": 0.0, "y": 0.0, "z": 1e-3})
+    assert meter.gain(misalignment) < 0.01
+    assert meter.gain(replace(misalignment, parameters={"x": 1e-3, "y": 0.0, "z": 0.0})) > 100.0
 
 
-def test_the_gain_without_the_angle_is_the_gaussian_quadratic_form():
+def test_the_gain_with_a_free_angle_is_the_quadratic_form_of_the_dense_gaussian():
     rng = np.random.default_rng(5)
     n = 30
-    difference, turning = rng.normal(size=(2, n, 6))
-    sigma, drift = rng.uniform(0.5, 2.0, (n, 6)), rng.uniform(0.0, 0.1, n)
-    walk = np.cumsum(drift)
+    difference, angle_derivative = rng.normal(size=(2, n, 6))
+    sigma, angle_walk_variance = rng.uniform(0.5, 2.0, (n, 6)), rng.uniform(0.0, 0.1, n)
+    walk = np.cumsum(angle_walk_variance)
     angle = 1e4 + np.minimum.outer(walk, walk)
-    by = np.repeat(np.arange(n), 6)
+    sample_index = np.repeat(np.arange(n), 6)
     covariance = (
-        np.diag(sigma.ravel() ** 2) + np.outer(turning.ravel(), turning.ravel()) * angle[np.ix_(by, by)]
+        np.diag(sigma.ravel() ** 2)
+        + np.outer(angle_derivative.ravel(), angle_derivative.ravel())
+        * angle[np.ix_(sample_index, sample_index)]
     )
     dense = 0.5 * difference.ravel() @ np.linalg.solve(covariance, difference.ravel())
-    assert dose.angle_free_gain(difference, turning, sigma, drift) == pytest.approx(dense, rel=1e-6)
+    assert dose.gain_with_free_angle(
+        difference, angle_derivative, sigma, angle_walk_variance
+    ) == pytest.approx(dense, rel=1e-6)
 
 
-def test_the_gain_of_a_random_walk_is_that_of_its_dense_covariance():
+def test_the_gain_of_a_random_walk_matches_its_dense_covariance():
     n, k, sigma, dt = 80, 0.3, 0.7, 0.01
-    steps = np.arange(1, n + 1)
-    ratio = np.eye(n) + k**2 * dt / sigma**2 * np.minimum.outer(steps, steps)
+    indices = np.arange(1, n + 1)
+    ratio = np.eye(n) + k**2 * dt / sigma**2 * np.minimum.outer(indices, indices)
     dense = 0.5 * (np.trace(ratio) - n - np.linalg.slogdet(ratio)[1])
     assert dose.random_walk_gain(k, np.full(n, sigma), dt) == pytest.approx(dense, rel=1e-9)
 
 
-def test_the_gain_of_outliers_and_of_clipping_is_the_mean_of_drawn_likelihood_ratios():
+def test_gains_of_outliers_and_clipping_match_drawn_likelihood_ratios():
     rng = np.random.default_rng(11)
     count, p, size = 2_000_000, 0.01, 4.0
     noise = rng.standard_normal(count)
     y = noise + size * rng.standard_normal(count) * (rng.random(count) < p)
-    mixed = (1 - p) * norm.pdf(y) + p * norm.pdf(y, scale=np.hypot(1, size))
-    drawn = np.log(mixed / norm.pdf(y))
-    doubt = 3.0 * np.std(drawn) * np.sqrt(count)
-    assert dose.outlier_gain(p, size, count) == pytest.approx(np.sum(drawn), abs=doubt)
+    mixture = (1 - p) * norm.pdf(y) + p * norm.pdf(y, scale=np.hypot(1, size))
+    log_ratios = np.log(mixture / norm.pdf(y))
+    tolerance = 3.0 * np.std(log_ratios) * np.sqrt(count)
+    assert dose.outlier_gain(p, size, count) == pytest.approx(np.sum(log_ratios), abs=tolerance)
 
-    lsb, sigma, true, limit = 0.1, 1.0, 1.5, 2.0
-    clipped = true + sigma * noise > limit
-    each = norm.logsf(limit, true, sigma) - np.log(lsb * norm.pdf(limit, true, sigma))
-    gain = dose.clipping_gain(limit, np.full((count, 1), true), np.full((count, 1), sigma), lsb)
-    assert gain == pytest.approx(np.sum(clipped) * each, rel=0.02)
+    lsb, sigma, readings_with_effect, limit = 0.1, 1.0, 1.5, 2.0
+    clipped = readings_with_effect + sigma * noise > limit
+    nats_per_sample = norm.logsf(limit, readings_with_effect, sigma) - np.log(
+        lsb * norm.pdf(limit, readings_with_effect, sigma)
+    )
+    gain = dose.clipping_gain(
+        limit, np.full((count, 1), readings_with_effect), np.full((count, 1), sigma), lsb
+    )
+    assert gain == pytest.approx(np.sum(clipped) * nats_per_sample, rel=0.02)

@@ -1,64 +1,67 @@
-"""The limit of what a drive tells: thresholds, curves, and an effect that is named above it and not below."""
+"""The detection limit: thresholds, curves, selection of names, and `gap` above and below the limit."""
 
 import numpy as np
 import pytest
 from scipy.stats import norm
 
 from gap_matrix import cases, effects
-from gap_matrix.dose import Meter
+from gap_matrix.dose import GainMeter
 from gap_matrix.limit import chance, curve, gap_limit, table
-from gap_matrix.limit.choice import Choice, Option
-from gap_matrix.limit.oracle import CANDIDATES, SHARED, SPREAD, oracle
-from gap_matrix.limit.trial import tried
+from gap_matrix.limit.choice import NameOption, NameSelection
+from gap_matrix.limit.oracle import N_CANDIDATES, SHARED_FALSE_ALARM, SIZE_GRID, compute_powers
+from gap_matrix.limit.trial import run_trial
 
 # Development seeds; half a minute at the usual rate.
-SEEDS, SECONDS, NAME = (12_900, 12_901), 33.0, "wheel_slip"
+SEEDS, DURATION, NAME = (12_900, 12_901), 33.0, "wheel_slip"
 
 
-def test_a_rare_false_alarm_needs_no_rare_draws():
+def test_thresholds_of_rare_false_alarms_are_accurate_with_few_draws():
     nats, rng = 6.0, np.random.default_rng(1)
-    drawn = nats + np.sqrt(2.0 * nats) * rng.standard_normal(chance.DRAWS)
+    drawn = nats + np.sqrt(2.0 * nats) * rng.standard_normal(chance.N_DRAWS)
     for alarm in (1e-2, 1e-4):
         exact = -nats + np.sqrt(2.0 * nats) * norm.isf(alarm)
-        assert chance.threshold(drawn, alarm) == pytest.approx(exact, abs=0.35), alarm
+        assert chance.detection_threshold(drawn, alarm) == pytest.approx(exact, abs=0.35), alarm
 
 
-def test_a_curve_is_found_from_trials_that_it_places_itself():
-    rng, off = np.random.default_rng(2), []
+def test_a_detection_curve_is_estimated_without_bias_by_adaptive_trials():
+    rng, normalised_errors = np.random.default_rng(2), []
     for _ in range(40):
         x: list[float] = []
-        seen: list[bool] = []
+        is_detected: list[bool] = []
         for _ in range(3):
-            asked = curve.next_look(x, seen, 6)
-            seen += (rng.standard_normal(6) < (np.array(asked) - 0.6) / 0.25).tolist()
-            x += asked
-        made = curve.fitted(x, seen)
-        off.append((made.middle - 0.6) / made.spread(0.5))
-    print(f"seed 2, 40 curves: error over its sigma {np.mean(off):.2f} ± {np.std(off):.2f}")
-    assert abs(np.mean(off)) < 0.5
-    assert 0.6 < np.std(off) < 1.4
+            ln_sizes = curve.choose_next_sizes(x, is_detected, 6)
+            is_detected += (rng.standard_normal(6) < (np.array(ln_sizes) - 0.6) / 0.25).tolist()
+            x += ln_sizes
+        result = curve.fit_curve(x, is_detected)
+        normalised_errors.append((result.middle - 0.6) / result.ln_size_sigma(0.5))
+    print(
+        f"seed 2, 40 curves: error over its sigma {np.mean(normalised_errors):.2f} "
+        f"± {np.std(normalised_errors):.2f}"
+    )
+    assert abs(np.mean(normalised_errors)) < 0.5
+    assert 0.6 < np.std(normalised_errors) < 1.4
 
 
-def test_the_price_is_that_of_all_names_in_their_scopes():
-    assert CANDIDATES == 26 * 3 + 2
-    assert pytest.approx(0.01) == SHARED * CANDIDATES
+def test_the_false_alarm_is_shared_by_all_names_in_their_scopes():
+    assert N_CANDIDATES == 26 * 3 + 2
+    assert pytest.approx(0.01) == SHARED_FALSE_ALARM * N_CANDIDATES
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_an_effect_is_named_above_the_limit_and_gains_what_the_oracle_counts_on(seed):
-    setup = cases.setup(seed, duration=SECONDS)
-    power = oracle(setup, [NAME])[NAME]
-    assert power.one[0] < 0.2
-    assert power.priced[-1] > 0.95
-    assert np.all(power.one >= power.priced)
-    hidden = cases.hidden_effect(setup, NAME)
-    above = tried(setup, effects.scaled(hidden, 3.0 * power.half))
-    below = tried(setup, effects.scaled(hidden, 0.3 * power.half))
-    assert power.seen is not None
-    # Choosing has a price, which is that of nothing where the effect is large.
-    assert np.all(power.told <= power.priced + 0.12)
-    assert power.told[-1] > 0.95
-    expected = 0.5 * power.seen.centre * (3.0 * power.half) ** 2
+def test_an_effect_is_named_above_the_limit_with_the_gain_expected_by_the_oracle(seed):
+    setup = cases.draw_setup(seed, duration=DURATION)
+    power = compute_powers(setup, [NAME])[NAME]
+    assert power.detected_alone[0] < 0.2
+    assert power.detected[-1] > 0.95
+    assert np.all(power.detected_alone >= power.detected)
+    hidden = cases.draw_hidden_effect(setup, NAME)
+    above = run_trial(setup, effects.scale_effect(hidden, 3.0 * power.half_size))
+    below = run_trial(setup, effects.scale_effect(hidden, 0.3 * power.half_size))
+    assert power.mean_shift is not None
+    # Selection reduces the probability of small effects and leaves that of large ones.
+    assert np.all(power.identified <= power.detected + 0.12)
+    assert power.identified[-1] > 0.95
+    expected = 0.5 * power.mean_shift.noncentrality * (3.0 * power.half_size) ** 2
     print(
         f"seed {seed}: {above['found']}, {above['screened']} nats of {expected:.1f}; below: {below['found']}"
     )
@@ -68,72 +71,90 @@ def test_an_effect_is_named_above_the_limit_and_gains_what_the_oracle_counts_on(
 
 
 @pytest.mark.parametrize("size", [0.5, 2.0, 6.0])
-def test_of_two_names_that_look_alike_the_one_that_is_there_is_chosen_as_often_as_it_fits_better(size):
-    """One coordinate each, cosine 0.9: the squares of two correlated normals."""
+def test_of_two_correlated_names_the_true_one_is_selected_with_the_analytic_probability(size):
+    """Each name has one coordinate; their scores are Gaussian with a correlation of 0.9."""
     cosine = 0.9
     gram = np.array([[1.0, cosine], [cosine, 1.0]])
-    one, other = np.eye(2)
-    options = [Option(name, "left", of[:, None], np.ones(1)) for name, of in (("a", one), ("b", other))]
-    told, rival = Choice(gram, options, np.random.default_rng(4)).told(one, size, "a", "left")
-    less, more = size * np.sqrt((1.0 - cosine) / 2.0), size * np.sqrt((1.0 + cosine) / 2.0)
-    exact = norm.cdf(less) * norm.cdf(more) + norm.cdf(-less) * norm.cdf(-more)
-    print(f"seed 4, size {size}: {np.mean(told):.2f}, exactly {exact:.2f}")
-    assert rival == "b"
-    assert np.mean(told) == pytest.approx(exact, abs=4.0 * np.sqrt(0.25 / len(told)))
+    first, second = np.eye(2)
+    options = [
+        NameOption(name, "left", direction[:, None], np.ones(1))
+        for name, direction in (("a", first), ("b", second))
+    ]
+    is_selected, alternative = NameSelection(gram, options, np.random.default_rng(4)).select(
+        first, size, "a", "left"
+    )
+    small, large = size * np.sqrt((1.0 - cosine) / 2.0), size * np.sqrt((1.0 + cosine) / 2.0)
+    exact = norm.cdf(small) * norm.cdf(large) + norm.cdf(-small) * norm.cdf(-large)
+    print(f"seed 4, size {size}: {np.mean(is_selected):.2f}, exactly {exact:.2f}")
+    assert alternative == "b"
+    assert np.mean(is_selected) == pytest.approx(exact, abs=4.0 * np.sqrt(0.25 / len(is_selected)))
 
 
-def test_where_two_names_fit_alike_their_usual_sizes_do_not_choose():
-    """One is found at a thousandth of its usual size, the other at a fiftieth."""
+def test_the_typical_size_does_not_select_between_names_that_fit_equally():
+    """The size is a thousandth of the typical size of one name and a fiftieth of that of the other."""
     gram, size = np.array([[1.0, 0.99], [0.99, 1.0]]) * 1e8, 1e-3
     options = [
-        Option(name, "left", one[:, None], np.array([usual]))
-        for name, one, usual in (("a", np.eye(2)[0], 1.0), ("b", np.eye(2)[1], 0.05))
+        NameOption(name, "left", first[:, None], np.array([typical_sigma]))
+        for name, first, typical_sigma in (("a", np.eye(2)[0], 1.0), ("b", np.eye(2)[1], 0.05))
     ]
-    choice = Choice(gram, options, np.random.default_rng(5))
-    shares = [np.mean(choice.told(np.eye(2)[k], size, name, "left")[0]) for k, name in enumerate("ab")]
+    choice = NameSelection(gram, options, np.random.default_rng(5))
+    shares = [np.mean(choice.select(np.eye(2)[k], size, name, "left")[0]) for k, name in enumerate("ab")]
     print(f"seed 5: {shares}")
     assert abs(shares[0] - shares[1]) < 0.3
 
 
-def test_the_scope_of_what_is_clipped_is_known_where_every_node_shows_it():
-    setup = cases.setup(SEEDS[0], duration=SECONDS)
-    hidden = cases.hidden_effect(setup, "accel_saturation", "left")
+def test_the_scope_of_a_saturation_is_known_if_every_node_exceeds_the_limit():
+    setup = cases.draw_setup(SEEDS[0], duration=DURATION)
+    hidden = cases.draw_hidden_effect(setup, "accel_saturation", "left")
     rng = np.random.default_rng(6)
-    chosen = [
-        np.mean(chance.statistic(setup, Meter(setup), effects.scaled(hidden, factor), rng)[1])
+    share_selected = [
+        np.mean(chance.draw_statistic(setup, GainMeter(setup), effects.scale_effect(hidden, factor), rng)[1])
         for factor in (0.5, 1.3)
     ]
-    print(f"seed 6: {chosen}")
-    assert chosen[0] < 0.05
-    assert chosen[1] > 0.95
+    print(f"seed 6: {share_selected}")
+    assert share_selected[0] < 0.05
+    assert share_selected[1] > 0.95
 
 
-def test_what_comes_in_hits_comes_in_whole_ones():
-    setup = cases.setup(SEEDS[0], duration=SECONDS)
-    hidden = cases.hidden_effect(setup, "sample_repeat", "left")
-    made = gap_limit.in_whole_hits(setup, hidden, 1e-6)
-    assert made * hidden.parameters["probability"] * len(setup.taken["left"]) == pytest.approx(1.0)
+def test_the_smallest_effect_with_hits_is_one_hit():
+    setup = cases.draw_setup(SEEDS[0], duration=DURATION)
+    hidden = cases.draw_hidden_effect(setup, "sample_repeat", "left")
+    result = gap_limit.round_to_hits(setup, hidden, 1e-6)
+    assert result * hidden.parameters["probability"] * len(setup.sample_times["left"]) == pytest.approx(1.0)
 
 
-def test_the_ratio_is_that_of_the_curves():
-    """Two drives, of which one shows half as much; `gap` needs 1.4 times what the oracle does."""
+def test_the_ratio_to_the_oracle_is_that_of_the_curves():
+    """`gap` needs 1.4 times the size of the oracle, in two drives of different sensitivity."""
     powers = []
     for half in (0.1, 0.2):
-        share = norm.cdf(np.log(SPREAD) / 0.25)
-        told = norm.cdf(np.log(SPREAD / 2.0) / 0.25)
+        detected = norm.cdf(np.log(SIZE_GRID) / 0.25)
+        is_selected = norm.cdf(np.log(SIZE_GRID / 2.0) / 0.25)
         powers.append(
-            {"factors": SPREAD * half, "one": share, "priced": share, "told": told, "rival": "wheel_camber"}
+            {
+                "factors": SIZE_GRID * half,
+                "one": detected,
+                "priced": detected,
+                "told": is_selected,
+                "rival": "wheel_camber",
+            }
         )
     rng = np.random.default_rng(3)
     x = rng.uniform(-0.5, 1.2, 400)
-    seen = rng.standard_normal(400) < (x - np.log(1.4)) / 0.25
+    is_detected = rng.standard_normal(400) < (x - np.log(1.4)) / 0.25
     trials = [
-        {"key": "track_width/1", "x": at, "named": bool(hit), "found": [], "screened": 1.0, "expected": 1.0}
-        for at, hit in zip(x, seen, strict=True)
+        {
+            "key": "track_width/1",
+            "x": ln_size,
+            "named": bool(is_named),
+            "found": [],
+            "screened": 1.0,
+            "expected": 1.0,
+        }
+        for ln_size, is_named in zip(x, is_detected, strict=True)
     ]
-    made = table.limit("track_width", trials, powers, 0.02)
-    print(f"seed 3, 400 trials: {made.over_seen}, {made.over_told}")
-    assert made.over_seen == pytest.approx((1.4, 1.4), rel=0.1)
-    assert made.over_told == pytest.approx((0.7, 0.7), rel=0.1)
-    assert made.rival == "wheel_camber"
-    assert made.named[0] == pytest.approx(1.4 * 0.02 * np.sqrt(0.1 * 0.2), rel=0.1)
+    result = table.compute_limit("track_width", trials, powers, 0.02)
+    print(f"seed 3, 400 trials: {result.named_over_detected}, {result.named_over_identified}")
+    assert result.named_over_detected == pytest.approx((1.4, 1.4), rel=0.1)
+    assert result.named_over_identified == pytest.approx((0.7, 0.7), rel=0.1)
+    assert result.nearest_alternative == "wheel_camber"
+    assert result.named[0] == pytest.approx(1.4 * 0.02 * np.sqrt(0.1 * 0.2), rel=0.1)

@@ -1,4 +1,4 @@
-"""What no list has is given a name: the formula is the true one, and the next run finds it by that name."""
+"""Scaffolding of effects outside the vocabulary: the formula is correct and found by the next run."""
 
 import io
 import json
@@ -9,20 +9,20 @@ from pathlib import Path
 
 import pytest
 
-from gap_matrix.judge.scaffolded import Score, hidden, scaffolded, tried
+from gap_matrix.judge.scaffolded import Score, run_case, scaffold_log, write_hidden_case
 from gap_matrix.make_case import write_case
 from gap_runs import run_gap
 from hubodo.cli import main
 from hubodo.effects import BY_NAME
 
-# The shortest drive that the generator makes, at a third of the usual rate: as many nats show as much in less
-# time.
-SEED, NATS, SECONDS, RATE_HZ = 20, 2000.0, 33.0, 30.0
+# The shortest drive of the generator at a third of the usual rate: the gain in nats is the same, the search
+# is faster.
+SEED, NATS, DURATION, RATE_HZ = 20, 2000.0, 33.0, 30.0
 
 
 @pytest.fixture(autouse=True)
-def the_list_as_it_was():
-    """What a run has loaded is forgotten after it."""
+def restore_effect_list():
+    """Remove effects that a test has loaded."""
     known = dict(BY_NAME)
     yield
     BY_NAME.clear()
@@ -30,50 +30,50 @@ def the_list_as_it_was():
 
 
 @pytest.mark.parametrize("name", ["steered_wheel", "road_camber", "slipping_clock", "cross_talk"])
-def test_an_effect_that_nobody_listed_gets_its_formula_and_is_found_again_by_its_name(name):
+def test_an_effect_outside_the_vocabulary_is_scaffolded_and_found_again_by_its_name(name):
     score = Score()
-    tried(score, name, SEED, NATS, SECONDS, RATE_HZ)
-    assert (score.named, score.again) == (1, 1), score
-    # One in 370 of right values lies farther off.
-    assert max(map(abs, score.pulls)) < 3.0, score.pulls
+    run_case(score, name, SEED, NATS, DURATION, RATE_HZ)
+    assert (score.n_named, score.n_found_again) == (1, 1), score
+    # Of correct estimates with Gaussian errors, one in 370 exceeds 3 sigma.
+    assert max(map(abs, score.normalised_errors)) < 3.0, score.normalised_errors
 
 
-@pytest.mark.parametrize("listed", ["lever_arm", "gyro_nonorthogonality"])
-def test_no_effect_is_made_of_a_log_that_the_list_explains(listed, tmp_path):
-    write_case(tmp_path / "case", SEED, [listed], "strong", duration=SECONDS, rate_hz=RATE_HZ)
-    assert scaffolded(tmp_path / "case", "nothing") is None
+@pytest.mark.parametrize("name", ["lever_arm", "gyro_nonorthogonality"])
+def test_no_effect_is_scaffolded_from_a_log_that_the_vocabulary_explains(name, tmp_path):
+    write_case(tmp_path / "case", SEED, [name], "strong", duration=DURATION, rate_hz=RATE_HZ)
+    assert scaffold_log(tmp_path / "case", "nothing") is None
 
 
 @pytest.fixture(scope="module")
-def bent(tmp_path_factory):
-    """(case, what is hidden, the run that gave it a name)."""
+def bent_axle_case(tmp_path_factory):
+    """Return a case folder, its hidden effect, and the run that scaffolded it."""
     folder = tmp_path_factory.mktemp("bent")
     case = folder / "case"
-    truth = hidden(case, "bent_axle", SEED, NATS, SECONDS, RATE_HZ)
+    truth = write_hidden_case(case, "bent_axle", SEED, NATS, DURATION, RATE_HZ)
     return case, truth, run_gap(folder / "out", case / "model.toml", case, "--scaffold", "bent_axle")
 
 
-def test_the_verb_writes_the_class_and_the_next_runs_know_it(bent, tmp_path):
-    case, truth, first = bent
-    assert first.code == 0, first.err
-    written = first.folder / "bent_axle.py"
-    again = run_gap(tmp_path / "again", case / "model.toml", case, "--effects", str(written))
-    assert again.names == [("bent_axle", truth.node)]
-    for name, value in again.result["found"][0]["parameters"].items():
+def test_the_verb_writes_a_class_that_the_next_runs_load(bent_axle_case, tmp_path):
+    case, truth, first_run = bent_axle_case
+    assert first_run.code == 0, first_run.err
+    source = first_run.folder / "bent_axle.py"
+    second_run = run_gap(tmp_path / "again", case / "model.toml", case, "--effects", str(source))
+    assert second_run.names == [("bent_axle", truth.node)]
+    for name, value in second_run.result["found"][0]["parameters"].items():
         assert abs(value["value"] - truth.truth[name]) < 3.0 * value["sigma"], name
-    found = (again.folder / "model.toml").read_text("utf-8")
-    assert f"[nodes.{truth.node}.effects.bent_axle]" in found
+    model_text = (second_run.folder / "model.toml").read_text("utf-8")
+    assert f"[nodes.{truth.node}.effects.bent_axle]" in model_text
     out = io.StringIO()
-    words = ["--effects", str(written), "--duration", "20", "-o", str(tmp_path / "sim.mcap"), "--json"]
+    arguments = ["--effects", str(source), "--duration", "20", "-o", str(tmp_path / "sim.mcap"), "--json"]
     with redirect_stdout(out):
-        assert main(["simulate", str(again.folder / "model.toml"), *words]) == 0
+        assert main(["simulate", str(second_run.folder / "model.toml"), *arguments]) == 0
     assert json.loads(out.getvalue())["effects"][truth.node] == ["bent_axle"]
-    left = run_gap(tmp_path / "left", again.folder / "model.toml", case, "--effects", str(written))
-    assert left.result["verdict"] == "no_gap"
+    third_run = run_gap(tmp_path / "left", second_run.folder / "model.toml", case, "--effects", str(source))
+    assert third_run.result["verdict"] == "no_gap"
 
 
-def test_a_model_with_it_says_what_to_load(bent, tmp_path):
-    case, truth, _ = bent
+def test_a_model_with_an_effect_that_is_not_loaded_is_refused_with_the_option(bent_axle_case, tmp_path):
+    case, truth, _ = bent_axle_case
     model = tmp_path / "model.toml"
     text = (case / "model.toml").read_text("utf-8")
     model.write_text(f"{text}[nodes.{truth.node}.effects.bent_axle]\naz_cos = 0.001\n", "utf-8")
@@ -84,37 +84,50 @@ def test_a_model_with_it_says_what_to_load(bent, tmp_path):
     assert err.getvalue().count("\n") == 1
 
 
-def test_the_written_file_is_tested_against_its_log_by_pytest(bent):
-    """An effect that does nothing does not pass it."""
-    _, _, first = bent
-    written, broken = (first.folder / name for name in ("bent_axle.py", "broken_axle.py"))
-    text = written.read_text("utf-8")
-    broken.write_text(text.replace("chain.spin**2", "0.0 * chain.spin"), "utf-8")
-    words = [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "-rA", "--rootdir", str(first.folder)]
-    made = subprocess.run(
-        [*words, str(written), str(broken)], capture_output=True, text=True, timeout=300, cwd=first.folder
+def test_the_written_file_contains_a_test_on_its_log(bent_axle_case):
+    """The same test fails for an effect that has been made ineffective."""
+    _, _, first_run = bent_axle_case
+    source, broken_source = (first_run.folder / name for name in ("bent_axle.py", "broken_axle.py"))
+    text = source.read_text("utf-8")
+    broken_source.write_text(text.replace("chain.spin**2", "0.0 * chain.spin"), "utf-8")
+    arguments = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-p",
+        "no:cacheprovider",
+        "-rA",
+        "--rootdir",
+        str(first_run.folder),
+    ]
+    process = subprocess.run(
+        [*arguments, str(source), str(broken_source)],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        cwd=first_run.folder,
     )
-    told = [line.partition("::")[0] for line in made.stdout.splitlines() if "::" in line]
-    assert "PASSED bent_axle.py" in told and "FAILED broken_axle.py" in told, made.stdout
-    assert "1 failed, 1 passed" in made.stdout, made.stdout
+    outcomes = [line.partition("::")[0] for line in process.stdout.splitlines() if "::" in line]
+    assert "PASSED bent_axle.py" in outcomes and "FAILED broken_axle.py" in outcomes, process.stdout
+    assert "1 failed, 1 passed" in process.stdout, process.stdout
 
 
-def test_the_written_file_is_as_ruff_has_it(bent):
-    _, _, first = bent
+def test_the_written_file_passes_ruff(bent_axle_case):
+    _, _, first_run = bent_axle_case
     ruff = Path(sys.executable).with_name("ruff")
-    written = str(first.folder / "bent_axle.py")
-    made = subprocess.run([ruff, "check", "--isolated", "--line-length", "110", "--select", "E,F", written])
-    assert made.returncode == 0
+    source = str(first_run.folder / "bent_axle.py")
+    process = subprocess.run([ruff, "check", "--isolated", "--line-length", "110", "--select", "E,F", source])
+    assert process.returncode == 0
 
 
-def test_with_nothing_left_the_verb_says_so_and_fails(nothing_hidden, tmp_path):
-    made = run_gap(tmp_path / "out", nothing_hidden / "model.toml", nothing_hidden, "--scaffold", "ghost")
-    assert made.code == 1
-    assert "no new effect is needed" in made.out
-    assert not (made.folder / "ghost.py").exists()
+def test_scaffolding_fails_if_no_new_effect_is_needed(clean_case, tmp_path):
+    process = run_gap(tmp_path / "out", clean_case / "model.toml", clean_case, "--scaffold", "ghost")
+    assert process.code == 1
+    assert "no new effect is needed" in process.out
+    assert not (process.folder / "ghost.py").exists()
 
 
 @pytest.fixture
-def nothing_hidden(tmp_path):
-    write_case(tmp_path / "case", SEED, [], duration=SECONDS, rate_hz=RATE_HZ)
+def clean_case(tmp_path):
+    write_case(tmp_path / "case", SEED, [], duration=DURATION, rate_hz=RATE_HZ)
     return tmp_path / "case"

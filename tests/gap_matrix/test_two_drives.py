@@ -1,4 +1,4 @@
-"""Two logs of one vehicle: a change is named with its size, and no change is none."""
+"""Two logs of one vehicle: a change is found with its size, and none if nothing changed."""
 
 import io
 import json
@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 
 from gap_matrix import cases, recording
-from gap_matrix.dose import STRENGTHS, Meter
-from gap_matrix.judge.two_drives import changed, null, pair
+from gap_matrix.dose import STRENGTHS, GainMeter
+from gap_matrix.judge.two_drives import compare_changed, compare_unchanged, draw_two_setups
 from hubodo.cli import main
 
-# A third of the usual rate: as many nats show as much in a third of the time. Few seconds leave few blocks of
-# them to tell a change by, and as many to see that there is none.
-SEED, SECONDS, RATE_HZ, NULL_S = 7, 66.0, 30.0, 33.0
+# A third of the usual rate: the gain in nats is the same, the search takes a third of the time. A change
+# needs more blocks of samples than its absence.
+SEED, DURATION, RATE_HZ, NULL_DURATION = 7, 66.0, 30.0, 33.0
 
 
-def test_a_knocked_sensor_is_named_and_by_how_much_it_moved(tmp_path):
-    hidden, result = changed("lever_arm", SEED, SECONDS, tmp_path, RATE_HZ)
+def test_a_displaced_sensor_is_found_with_its_displacement(tmp_path):
+    hidden, result = compare_changed("lever_arm", SEED, DURATION, tmp_path, RATE_HZ)
     assert result.p_value < 1e-3
     assert (result.changes[0].effect, result.changes[0].scope) == ("lever_arm", hidden.scope)
     for name, (before, after, change) in result.changes[0].values.items():
@@ -27,50 +27,50 @@ def test_a_knocked_sensor_is_named_and_by_how_much_it_moved(tmp_path):
 
 
 @pytest.mark.parametrize("seed", [SEED, SEED + 1])
-def test_what_is_alike_in_both_is_no_change(seed, tmp_path):
-    result = null(seed, NULL_S, tmp_path, RATE_HZ)
+def test_an_effect_of_both_drives_is_no_change(seed, tmp_path):
+    result = compare_unchanged(seed, NULL_DURATION, tmp_path, RATE_HZ)
     assert not result.has_changed
     assert result.changes == ()
 
 
-def test_the_gap_matrix_of_two_drives_has_one_vehicle_and_two_roads():
-    first, second = pair(SEED, SECONDS)
+def test_two_drives_have_one_vehicle_and_different_motions():
+    first, second = draw_two_setups(SEED, DURATION)
     assert (first.radius, first.track, first.facing) == (second.radius, second.track, second.facing)
     assert not np.allclose(first.drive.motion.speed, second.drive.motion.speed)
 
 
-def verb(*words):
+def run_gap_verb(*arguments):
     out, err = io.StringIO(), io.StringIO()
     with redirect_stdout(out), redirect_stderr(err):
-        code = main(["gap", *map(str, words)])
+        code = main(["gap", *map(str, arguments)])
     return code, out.getvalue(), err.getvalue()
 
 
-def test_the_verb_compares_two_logs(tmp_path):
-    setups = pair(SEED, SECONDS, RATE_HZ)
-    worn = Meter(setups[1]).dose(cases.hidden_effect(setups[1], "wheel_radius", "all"), STRENGTHS["strong"])[
-        0
-    ]
-    recording.write(setups[0], [], tmp_path / "a", {})
-    recording.write(setups[1], [worn], tmp_path / "b", {})
+def test_the_verb_compares_two_logs_in_either_order(tmp_path):
+    setups = draw_two_setups(SEED, DURATION, RATE_HZ)
+    worn_tyre = GainMeter(setups[1]).scale_to_gain(
+        cases.draw_hidden_effect(setups[1], "wheel_radius", "all"), STRENGTHS["strong"]
+    )[0]
+    recording.write_case_files(setups[0], [], tmp_path / "a", {})
+    recording.write_case_files(setups[1], [worn_tyre], tmp_path / "b", {})
     logs = ("--before", tmp_path / "a", "--after", tmp_path / "b", "-o", tmp_path / "out")
-    code, out, err = verb(tmp_path / "a" / "model.toml", *logs)
+    code, out, err = run_gap_verb(tmp_path / "a" / "model.toml", *logs)
     assert code == 0, err
     assert "the wheel radius differs from the model (all nodes)" in out
-    told = json.loads((tmp_path / "out" / "change.json").read_text("utf-8"))
-    error = told["changes"][0]["parameters"]["error"]
-    assert abs(error["change"]["value"] - worn.parameters["error"]) < 3.0 * error["change"]["sigma"]
-    assert told["p_value"] < 1e-3
-    # The other way round it is as much smaller.
+    result = json.loads((tmp_path / "out" / "change.json").read_text("utf-8"))
+    error = result["changes"][0]["parameters"]["error"]
+    assert abs(error["change"]["value"] - worn_tyre.parameters["error"]) < 3.0 * error["change"]["sigma"]
+    assert result["p_value"] < 1e-3
+    # In the reverse order the change has the opposite sign.
     logs = ("--before", tmp_path / "b", "--after", tmp_path / "a", "-o", tmp_path / "back")
-    assert verb(tmp_path / "a" / "model.toml", *logs)[0] == 0
-    back = json.loads((tmp_path / "back" / "change.json").read_text("utf-8"))
-    error = back["changes"][0]["parameters"]["error"]
-    assert abs(error["change"]["value"] + worn.parameters["error"]) < 3.0 * error["change"]["sigma"]
+    assert run_gap_verb(tmp_path / "a" / "model.toml", *logs)[0] == 0
+    reverse_result = json.loads((tmp_path / "back" / "change.json").read_text("utf-8"))
+    error = reverse_result["changes"][0]["parameters"]["error"]
+    assert abs(error["change"]["value"] + worn_tyre.parameters["error"]) < 3.0 * error["change"]["sigma"]
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("arguments", "message"),
     [
         (("m.toml", "--before", "a"), "go together"),
         (
@@ -81,8 +81,8 @@ def test_the_verb_compares_two_logs(tmp_path):
         (("--before", "a", "--after", "b"), "MODEL"),
     ],
 )
-def test_words_that_do_not_go_together_are_refused(words, says, tmp_path):
-    code, _, err = verb(*words, "-o", tmp_path / "out")
+def test_incompatible_arguments_are_refused(arguments, message, tmp_path):
+    code, _, err = run_gap_verb(*arguments, "-o", tmp_path / "out")
     assert code == 2
-    assert says in err
+    assert message in err
     assert not (tmp_path / "out").exists()

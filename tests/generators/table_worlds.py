@@ -36,11 +36,11 @@ def odd(seed):
 
 
 def warming(seed):
-    node, *rest = recorded(seed, even())
+    node, *truth = recorded(seed, even())
     columns = dict(node.columns)
     for name, size in (("gx", 0.3), ("gy", -0.2), ("gz", 0.4)):
         columns[name] = columns[name] + np.radians(size) * np.exp(-node.t / 120)
-    return Table(columns), *rest
+    return Table(columns), *truth
 
 
 WORLDS = {

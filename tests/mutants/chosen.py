@@ -1,7 +1,7 @@
-"""A pytest plugin: runs the tests listed in `MUTANTS_CHOSEN`, in that order; writes `MUTANTS_FAILED`.
+"""A pytest plugin that runs the tests of `MUTANTS_CHOSEN` in order and writes `MUTANTS_FAILED`.
 
-After `MUTANTS_SECONDS` of processor time it is killed by SIGPROF. What it starts has no limit of its own: a
-board that is killed would look like a test that fails.
+The process is killed by SIGPROF after `MUTANTS_SECONDS` of CPU time. Child processes have no limit: a killed
+emulated board would look like a failed test.
 """
 
 from __future__ import annotations
@@ -13,16 +13,19 @@ from pathlib import Path
 
 import pytest
 
-_listed = json.loads(Path(os.environ["MUTANTS_CHOSEN"]).read_text("utf-8"))
-_chosen = {nodeid: place for place, nodeid in enumerate(_listed)}
+_test_ids = json.loads(Path(os.environ["MUTANTS_CHOSEN"]).read_text("utf-8"))
+_position_by_test = {nodeid: position for position, nodeid in enumerate(_test_ids)}
 _failed: list[str] = []
 signal.setitimer(signal.ITIMER_PROF, float(os.environ["MUTANTS_SECONDS"]))
 
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items):
-    if _chosen:
-        items[:] = sorted((item for item in items if item.nodeid in _chosen), key=lambda i: _chosen[i.nodeid])
+    if _position_by_test:
+        items[:] = sorted(
+            (item for item in items if item.nodeid in _position_by_test),
+            key=lambda item: _position_by_test[item.nodeid],
+        )
 
 
 def pytest_runtest_logreport(report):

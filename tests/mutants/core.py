@@ -1,4 +1,4 @@
-"""What is mutated: the folders of the core by name, and when two files are the same."""
+"""Folders of the core that are mutated, and digests of files."""
 
 from __future__ import annotations
 
@@ -19,5 +19,5 @@ CORE = {
 
 
 def digest(path: Path) -> str:
-    """Of what a file says; "" where there is none."""
+    """Return a digest of the content of a file, or "" if there is no file."""
     return hashlib.sha256(path.read_bytes()).hexdigest()[:16] if path.exists() else ""

@@ -1,4 +1,4 @@
-"""A copy of the project in which tests run, and in which one mutant at a time lives."""
+"""A copy of the project in which tests are run with one mutant at a time."""
 
 from __future__ import annotations
 
@@ -16,27 +16,31 @@ from pathlib import Path
 from mutants.operators import Mutant
 
 ROOT = Path(__file__).resolve().parents[2]
-WALL = 10.0
-"""Times its processor time that a run may take; then it hangs."""
+MAX_WALL_TIME_FACTOR = 10.0
+"""A run is killed after this many times its limit of CPU time."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """code: what pytest ended with, negative where it was killed for its time. seconds: of the processor."""
+    """The result of a run of pytest.
+
+    code: exit code, negative if it was killed at its time limit
+    seconds: CPU time
+    """
 
     code: int
     seconds: float
 
 
 class ProjectCopy:
-    """All files that git knows of, as they are in the working tree."""
+    """A copy of all files tracked by git, as in the working tree."""
 
     def __init__(self, folder: Path) -> None:
         self.root = folder / "hubodo"
-        listed = subprocess.run(
+        git_listing = subprocess.run(
             ["git", "ls-files", "-z"], cwd=ROOT, check=True, capture_output=True, text=True
         )
-        for name in filter(None, listed.stdout.split("\0")):
+        for name in filter(None, git_listing.stdout.split("\0")):
             target = self.root / name
             target.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, target)
@@ -51,24 +55,28 @@ class ProjectCopy:
         self._environment.pop("PYTHONDONTWRITEBYTECODE", None)
 
     @contextmanager
-    def having(self, mutant: Mutant) -> Iterator[None]:
-        """With the mutant in its file.
+    def apply_mutant(self, mutant: Mutant) -> Iterator[None]:
+        """Apply a mutant to its file within a `with` block.
 
-        Each version of the file has a time of its own, so that byte code is never that of another one.
+        Each version of the file has its own modification time, so that byte code of another version is never
+        used.
         """
         file = self.root / mutant.path
-        sound, as_before = file.read_bytes(), file.stat().st_mtime_ns
+        original, modification_time = file.read_bytes(), file.stat().st_mtime_ns
         self._versions += 1
-        file.write_bytes(sound[: mutant.start] + mutant.new.encode() + sound[mutant.end :])
+        file.write_bytes(original[: mutant.start] + mutant.new.encode() + original[mutant.end :])
         os.utime(file, (self._versions, self._versions))
         try:
             yield
         finally:
-            file.write_bytes(sound)
-            os.utime(file, ns=(as_before, as_before))
+            file.write_bytes(original)
+            os.utime(file, ns=(modification_time, modification_time))
 
     def pytest(self, arguments: Sequence[str], limit: float, **environment: str) -> Run:
-        """Tests that do not wait for the clock. limit: seconds of processor time, see `chosen.py`."""
+        """Run pytest without tests marked `real_time`.
+
+        limit: CPU time, s, enforced by `chosen.py`
+        """
         run = subprocess.Popen(
             [sys.executable, "-m", "pytest", "-m", "not real_time", "-p", "no:cacheprovider", *arguments],
             cwd=self.root,
@@ -77,9 +85,9 @@ class ProjectCopy:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
-        hangs = threading.Timer(WALL * limit, os.killpg, (run.pid, signal.SIGKILL))
-        hangs.start()
-        _, status, used = os.wait4(run.pid, 0)
-        hangs.cancel()
+        kill_timer = threading.Timer(MAX_WALL_TIME_FACTOR * limit, os.killpg, (run.pid, signal.SIGKILL))
+        kill_timer.start()
+        _, status, usage = os.wait4(run.pid, 0)
+        kill_timer.cancel()
         run.returncode = os.waitstatus_to_exitcode(status)
-        return Run(run.returncode, used.ru_utime + used.ru_stime)
+        return Run(run.returncode, usage.ru_utime + usage.ru_stime)

@@ -1,7 +1,7 @@
-"""A black-box model of the residual, which reduces the gap without naming any effect.
+"""A black-box model of the residuals, which reduces the gap without naming any effect.
 
-Each channel of each node by ridge regression on smooth functions of what drives the wheel: harmonics of its
-angle, times powers of speed and turning, plus temperature and time. Fitted to what is not held out.
+Each channel is a ridge regression on harmonics of the wheel angle times powers of spin and yaw rate, and on
+temperature and time. It is fitted to the samples that are not held out.
 """
 
 from __future__ import annotations
@@ -19,48 +19,70 @@ from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 
 Array = np.ndarray
-RIDGE = 1e-4  # of the samples' number, with columns of unit size
-HARMONICS = 3
+RIDGE_PER_SAMPLE = 1e-4  # times the number of samples, for columns of unit rms
+N_HARMONICS = 3
 
 
-def held_out(folder: Path) -> dict[str, float]:
+def compute_held_out_gaps(folder: Path) -> dict[str, float]:
     """Return the held-out gap before and after fitting the black box."""
     recording, model = read_folder(folder), read_model(folder / "model.toml")
-    everything = _Everything()
-    residuals = find_gap(recording, model, reject=everything).residual_steps[0]
-    inside = split_held_out(build_problem(recording, model)).masks
-    before = compute_gap(residuals, inside)
+    all_names = _AllNames()
+    residuals = find_gap(recording, model, reject=all_names).residual_steps[0]
+    held_out_masks = split_held_out(build_problem(recording, model)).masks
+    before = compute_gap(residuals, held_out_masks)
     for name, residual in residuals.items():
         columns = _columns(residual.node)
-        fitted = ~inside[name]
-        scaled = residual.value / residual.declared_sigma
-        part = columns[fitted]
-        normal = part.T @ part + RIDGE * len(part) * np.eye(part.shape[1])
-        weight = np.linalg.solve(normal, part.T @ scaled[:, fitted].T)
-        residual.value[:] = (scaled - (columns @ weight).T) * residual.declared_sigma
-    return {"before": before, "after": compute_gap(residuals, inside)}
+        is_fitted = ~held_out_masks[name]
+        scaled_residuals = residual.value / residual.declared_sigma
+        fitted_columns = columns[is_fitted]
+        normal_matrix = fitted_columns.T @ fitted_columns + RIDGE_PER_SAMPLE * len(fitted_columns) * np.eye(
+            fitted_columns.shape[1]
+        )
+        weights = np.linalg.solve(normal_matrix, fitted_columns.T @ scaled_residuals[:, is_fitted].T)
+        residual.value[:] = (scaled_residuals - (columns @ weights).T) * residual.declared_sigma
+    return {"before": before, "after": compute_gap(residuals, held_out_masks)}
 
 
-class _Everything(frozenset[str]):
+class _AllNames(frozenset[str]):
+    """A set that contains every name."""
+
     def __contains__(self, name: object) -> bool:
         return True
 
 
 def _columns(node: NodeData) -> Array:
-    """Return regressors, (N, k), of unit size."""
-    body = node.forward.inputs.at(node.t)
+    """Return the regressors, (N, k), of unit rms."""
+    inputs = node.forward.inputs.at(node.t)
     side = {"left": 0.5, "right": -0.5}.get(node.mount.side or "", 0.0)
-    angle = (body.distance - side * node.forward.track_width * body.heading) / node.forward.wheel_radius
+    angle = (inputs.distance - side * node.forward.track_width * inputs.heading) / node.forward.wheel_radius
     spin = np.gradient(angle, node.t)
-    pull = np.gradient(spin, node.t)
-    slow = [np.ones(len(spin)), spin, spin**2, spin**3, body.yaw_rate, body.yaw_rate * spin, pull]
-    turning = [
-        f(k * angle) * one
-        for k in range(1, HARMONICS + 1)
-        for f in (np.cos, np.sin)
-        for one in (slow[0], spin, spin**2, body.yaw_rate, pull)
+    spin_acceleration = np.gradient(spin, node.t)
+    slow_terms = [
+        np.ones(len(spin)),
+        spin,
+        spin**2,
+        spin**3,
+        inputs.yaw_rate,
+        inputs.yaw_rate * spin,
+        spin_acceleration,
     ]
-    u = np.linspace(-1.0, 1.0, len(spin))
-    warm = body.temperature - np.mean(body.temperature)
-    made = np.column_stack([*slow, *turning, u, u**2, u**3, warm, warm * spin])
-    return made / np.maximum(np.sqrt(np.mean(made**2, 0)), 1e-9)
+    harmonic_terms = [
+        function(k * angle) * factor
+        for k in range(1, N_HARMONICS + 1)
+        for function in (np.cos, np.sin)
+        for factor in (slow_terms[0], spin, spin**2, inputs.yaw_rate, spin_acceleration)
+    ]
+    relative_time = np.linspace(-1.0, 1.0, len(spin))
+    temperature_change = inputs.temperature - np.mean(inputs.temperature)
+    columns = np.column_stack(
+        [
+            *slow_terms,
+            *harmonic_terms,
+            relative_time,
+            relative_time**2,
+            relative_time**3,
+            temperature_change,
+            temperature_change * spin,
+        ]
+    )
+    return columns / np.maximum(np.sqrt(np.mean(columns**2, 0)), 1e-9)

@@ -10,74 +10,80 @@ from gap_matrix.judge import score
 Row = dict[str, Any]
 
 
-def answer(result: Any) -> str:
+def format_result(result: Any) -> str:
     """Return a result as one line."""
-    found = [
-        f"{it['effect']} ({it['scope']}) {it['confidence']:.3g}"
-        + (f" = {'/'.join(it['inseparable_from'])}" if it["inseparable_from"] else "")
-        for it in result["found"]
+    findings = [
+        f"{finding['effect']} ({finding['scope']}) {finding['confidence']:.3g}"
+        + (f" = {'/'.join(finding['inseparable_from'])}" if finding["inseparable_from"] else "")
+        for finding in result["found"]
     ]
-    return f"{result['verdict']}: {', '.join(found) or 'nothing'}"
+    return f"{result['verdict']}: {', '.join(findings) or 'nothing'}"
 
 
-def line(row: Row) -> str:
+def format_row(row: Row) -> str:
     """Return a row as one line."""
-    text = row.get("unmade") or (row["error"].splitlines()[-1] if "error" in row else answer(row["result"]))
-    return f"{'ok' if right(row) else '!!'} {row['key']} -> {text}"
+    text = row.get("unmade") or (
+        row["error"].splitlines()[-1] if "error" in row else format_result(row["result"])
+    )
+    return f"{'ok' if is_correct(row) else '!!'} {row['key']} -> {text}"
 
 
-def right(row: Row) -> bool:
-    """Return True if a row needs no attention."""
+def is_correct(row: Row) -> bool:
+    """Return True if the result of a row is as expected for its table."""
     if "result" not in row or "error" in row:
         return False
     result, truth = row["result"], row["truth"]
     match row["table"]:
         case "open":
-            return not score.sure_and_wrong(result, truth) and all(score.described(result, truth))
+            return not score.confident_wrong_names(result, truth) and all(
+                score.matches_description(result, truth)
+            )
         case "nulls":
             return result["verdict"] == "no_gap"
         case "alike" if row["variant"] == "blunt":
-            return score.admits_doubt(result, truth)
+            return score.admits_ambiguity(result, truth)
         case "singles" if row["variant"] == "faint" and not result["found"]:
             return True
         case _:
-            return score.exact(result, truth)
+            return score.is_exact(result, truth)
 
 
-def failures(rows: Sequence[Row]) -> str:
+def format_failures(rows: Sequence[Row]) -> str:
     """Return the details of rows with a wrong name or a parameter off by more than 3 sigma."""
-    return "\n".join(_failure(row) for row in rows if not right(row) or _off(row))
+    return "\n".join(_format_failure(row) for row in rows if not is_correct(row) or _large_errors(row))
 
 
-def _off(row: Row) -> list[float]:
-    return [z for z in score.deviations(row["result"], row["truth"])[0] if abs(z) > 3]
+def _large_errors(row: Row) -> list[float]:
+    """Return the parameter errors above 3 sigma, in sigma."""
+    return [z for z in score.parameter_errors(row["result"], row["truth"])[0] if abs(z) > 3]
 
 
-def _failure(row: Row) -> str:
-    out = [line(row)]
-    if right(row):
-        out.append(f"    parameters off by {', '.join(f'{z:.1f}' for z in _off(row))} sigma")
+def _format_failure(row: Row) -> str:
+    """Return the details of one row."""
+    lines = [format_row(row)]
+    if is_correct(row):
+        lines.append(f"    parameters off by {', '.join(f'{z:.1f}' for z in _large_errors(row))} sigma")
     if "truth" in row:
-        out.append(f"    truth {row['truth']}")
-    for found in row.get("result", {}).get("found", []):
-        values = {key: (it["value"], it["sigma"]) for key, it in found["parameters"].items()}
-        out.append(f"    found {found['effect']} {found['scope']} {values}")
-        out.append(f"        where {found['where']}")
-        out.append(f"        runner-up {found['runner_up']}; held out {found['held_out_gap']}")
-    for left in row.get("result", {}).get("remaining", []):
-        out.append(f"    remaining {left['channel']}: {left['where']}; {left['looks_like']}")
+        lines.append(f"    truth {row['truth']}")
+    for finding in row.get("result", {}).get("found", []):
+        values = {key: (it["value"], it["sigma"]) for key, it in finding["parameters"].items()}
+        lines.append(f"    found {finding['effect']} {finding['scope']} {values}")
+        lines.append(f"        where {finding['where']}")
+        lines.append(f"        runner-up {finding['runner_up']}; held out {finding['held_out_gap']}")
+    for residual in row.get("result", {}).get("remaining", []):
+        lines.append(f"    remaining {residual['channel']}: {residual['where']}; {residual['looks_like']}")
     if "error" in row:
-        out.append(row["error"])
-    return "\n".join(out)
+        lines.append(row["error"])
+    return "\n".join(lines)
 
 
-def head_of(result: Any) -> str:
-    """Return the first name with its confidence and the number of others."""
+def format_first_finding(result: Any) -> str:
+    """Return the first name with its inseparable alternatives, doubt and the number of further findings."""
     if not result["found"]:
         return "nothing"
-    head = result["found"][0]
-    doubt = " = ".join(["", *head["inseparable_from"]]) + (
-        "" if head["confidence"] > score.SURE else " (unsure)"
+    first = result["found"][0]
+    alternatives = " = ".join(["", *first["inseparable_from"]]) + (
+        "" if first["confidence"] > score.CONFIDENCE_THRESHOLD else " (unsure)"
     )
-    more = len(result["found"]) - 1
-    return head["effect"] + doubt + (f" and {more} more" if more else "")
+    n_others = len(result["found"]) - 1
+    return first["effect"] + alternatives + (f" and {n_others} more" if n_others else "")

@@ -1,4 +1,4 @@
-"""Resumable long runs: rows in a file of JSON lines; missing ones are computed in a few processes."""
+"""Resumable long runs: rows in a file of JSON lines; missing rows are computed in parallel processes."""
 
 from __future__ import annotations
 
@@ -12,32 +12,34 @@ Row = dict[str, Any]
 Item = TypeVar("Item")
 
 
-def rows(
+def compute_rows(
     path: Path,
-    plan: Sequence[Item],
+    items: Sequence[Item],
     key: Callable[[Item], str],
-    make: Callable[[Item], Row],
+    compute_row: Callable[[Item], Row],
     jobs: int,
-    say: Callable[[int, int, Row], None] = lambda done, of, row: None,
+    report_progress: Callable[[int, int, Row], None] = lambda finished, total, row: None,
 ) -> list[Row]:
-    """Return the row of each item, in the order of the plan.
+    """Return the row of each item, in the order of the items.
 
-    path: where they are kept, each with its `key`. make: a function of a module, as processes need it. say:
-        gets how many of those that were missing are made, and the last one.
+    path: file of finished rows, each with its `key`
+    key: returns the key of an item
+    compute_row: computes a row; a picklable function if `jobs` is above 1
+    report_progress: called after each computed row with its number, the number of missing rows, and the row
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    done = {row["key"]: row for row in kept(path)}
-    missing = [item for item in plan if key(item) not in done]
+    finished = {row["key"]: row for row in read_rows(path)}
+    missing = [item for item in items if key(item) not in finished]
     with path.open("a", encoding="utf-8") as file:
-        for k, row in enumerate(_made(missing, make, jobs)):
-            done[row["key"]] = row
+        for index, row in enumerate(_compute_missing(missing, compute_row, jobs)):
+            finished[row["key"]] = row
             print(json.dumps(row), file=file, flush=True)
-            say(k + 1, len(missing), row)
-    return [done[key(item)] for item in plan]
+            report_progress(index + 1, len(missing), row)
+    return [finished[key(item)] for item in items]
 
 
-def kept(path: Path) -> list[Row]:
-    """Return the rows of an earlier run, without an incomplete last line."""
+def read_rows(path: Path) -> list[Row]:
+    """Return the rows of an earlier run; an incomplete last line is removed from the file."""
     if not path.exists():
         return []
     lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
@@ -47,10 +49,11 @@ def kept(path: Path) -> list[Row]:
     return [json.loads(line) for line in lines]
 
 
-def _made(missing: Sequence[Item], make: Callable[[Item], Row], jobs: int) -> Iterator[Row]:
+def _compute_missing(missing: Sequence[Item], compute_row: Callable[[Item], Row], jobs: int) -> Iterator[Row]:
+    """Yield the rows of the missing items as they are finished."""
     if jobs == 1:
-        yield from map(make, missing)
+        yield from map(compute_row, missing)
         return
     with ProcessPoolExecutor(jobs) as pool:
-        for row in as_completed([pool.submit(make, item) for item in missing]):
+        for row in as_completed([pool.submit(compute_row, item) for item in missing]):
             yield row.result()

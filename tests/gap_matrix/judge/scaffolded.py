@@ -1,13 +1,15 @@
-"""Kinds of effect outside the list: hidden, scaffolded and searched again under their new name.
+"""Effects outside the vocabulary: hidden, scaffolded and searched again under their new name.
 
     python tests/gap_matrix/judge/scaffolded.py [--seeds 0:5] [--nats 2000] [--seconds 90]
 
-named: `--scaffold` made an effect of the right formula on the right node. within 3 σ: of its parameters.
-    again: with it loaded, the next search finds it first, by that name, and leaves no gap. Logs in which
-    nothing, or an effect of the list, is hidden may give no name.
+named: `--scaffold` returned the correct formula on the correct node
+within 3 σ: its parameters whose error is within 3 sigma
+again: with the new effect loaded, the next search finds it first and leaves no gap
+
+From logs without a hidden effect, or with one of the vocabulary, no effect may be scaffolded.
 """
 
-# ruff: noqa: E402 (BLAS must know its threads before numpy is loaded)
+# ruff: noqa: E402 (the number of BLAS threads is set before numpy is imported)
 
 from __future__ import annotations
 
@@ -19,7 +21,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# The package is found from its parent; this folder itself must not stand on the path, or its names would.
+# gap_matrix is imported from the folder above it; with its own folder on the path, its modules shadow others.
 sys.path[:0] = [str(Path(__file__).resolve().parents[2])]
 
 import numpy as np
@@ -33,133 +35,154 @@ from hubodo.gap.workflow import find_gap
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 
-LISTED = (None, "lever_arm", "gyro_nonorthogonality", "node_misalignment", "clock_skew")
-# A gap so near to that of noise alone is none.
+LISTED_EFFECTS = (None, "lever_arm", "gyro_nonorthogonality", "node_misalignment", "clock_skew")
+# Difference from the noise floor up to which a gap counts as closed.
 _NO_GAP = 0.003
 
 
 @dataclass
 class Score:
-    """Score of one kind; pulls: (estimate - truth) / sigma of every parameter with a known truth."""
+    """Score of one kind of effect.
 
-    runs: int = 0
-    named: int = 0
-    again: int = 0
-    pulls: list[float] = field(default_factory=list)
+    n_runs: number of cases
+    n_named: cases with the correct formula on the correct node
+    n_found_again: cases in which the next search finds the effect first and leaves no gap
+    normalised_errors: (estimate - truth) / sigma of every parameter with a sigma
+    gaps: gap before and after the next search
+    """
+
+    n_runs: int = 0
+    n_named: int = 0
+    n_found_again: int = 0
+    normalised_errors: list[float] = field(default_factory=list)
     gaps: list[tuple[float, float]] = field(default_factory=list)
 
-    def row(self, name: str) -> str:
-        within = sum(abs(pull) <= 3.0 for pull in self.pulls)
-        spread = (sum(pull**2 for pull in self.pulls) / max(len(self.pulls), 1)) ** 0.5
+    def format_row(self, name: str) -> str:
+        """Return the score as a line of the table."""
+        n_within = sum(abs(error) <= 3.0 for error in self.normalised_errors)
+        rms = (sum(error**2 for error in self.normalised_errors) / max(len(self.normalised_errors), 1)) ** 0.5
         before, after = (
             sum(gaps) / max(len(self.gaps), 1) for gaps in zip(*self.gaps or [(0.0, 0.0)], strict=True)
         )
         return (
-            f"{name:18}{self.named:4} of {self.runs}{within:7} of {len(self.pulls):2}{spread:9.2f}"
-            f"{self.again:7} of {self.runs}   {before:.3f} → {after:.3f}"
+            f"{name:18}{self.n_named:4} of {self.n_runs}"
+            f"{n_within:7} of {len(self.normalised_errors):2}{rms:9.2f}"
+            f"{self.n_found_again:7} of {self.n_runs}   {before:.3f} → {after:.3f}"
         )
 
 
-def hidden(
-    folder: Path, name: str, seed: int, nats: float, seconds: float, rate_hz: float | None = None
-) -> beyond.Beyond:
-    """Write the case; `rate_hz`: of both nodes, default drawn."""
-    setup = cases.setup(seed, duration=seconds)
+def write_hidden_case(
+    folder: Path, name: str, seed: int, nats: float, duration: float, rate_hz: float | None = None
+) -> beyond.UnlistedEffect:
+    """Write a case with a hidden effect and return the effect.
+
+    rate_hz: sample rate of both nodes, default drawn
+    """
+    setup = cases.draw_setup(seed, duration=duration)
     if rate_hz is not None:
-        setup = cases.sampled_at(setup, rate_hz, np.random.default_rng(seed))
-    made = beyond.hide(setup, name, nats)
-    recording.write(setup, [], folder, {}, made.records)
-    return made
+        setup = cases.resample_nodes(setup, rate_hz, np.random.default_rng(seed))
+    scaffold = beyond.hide_effect(setup, name, nats)
+    recording.write_case_files(setup, [], folder, {}, scaffold.records)
+    return scaffold
 
 
-def scaffolded(folder: Path, name: str) -> Scaffold | None:
-    """Return the scaffold of a log under that name."""
-    found = find_gap(read_folder(folder), read_model(folder / "model.toml"))
-    return build_scaffold(found.search, name, folder)
+def scaffold_log(folder: Path, name: str) -> Scaffold | None:
+    """Return the effect scaffolded from a log under that name, None if no new effect is needed."""
+    result = find_gap(read_folder(folder), read_model(folder / "model.toml"))
+    return build_scaffold(result.search, name, folder)
 
 
-def found_again(folder: Path, made: Scaffold) -> tuple[bool, float, float]:
-    """Return True if the next search finds that name first, and the gap before and after."""
-    path = folder / f"{made.name}.py"
-    path.write_text(made.source, "utf-8")
+def search_again(folder: Path, scaffold: Scaffold) -> tuple[bool, float, float]:
+    """Return whether the next search finds the effect and leaves no gap, and the gap before and after."""
+    path = folder / f"{scaffold.name}.py"
+    path.write_text(scaffold.source, "utf-8")
     use_effects([path])
     try:
         result = find_gap(read_folder(folder), read_model(folder / "model.toml"))
     finally:
-        del BY_NAME[made.name]
-    first = bool(result.found) and (result.found[0].effect, result.found[0].scope) == (made.name, made.scope)
+        del BY_NAME[scaffold.name]
+    is_first = bool(result.found) and (result.found[0].effect, result.found[0].scope) == (
+        scaffold.name,
+        scaffold.scope,
+    )
     gap = result.gap
-    return first and gap.after < (gap.floor or 1.0) + _NO_GAP, gap.before, gap.after
+    return is_first and gap.after < (gap.floor or 1.0) + _NO_GAP, gap.before, gap.after
 
 
-def tried(
-    score: Score, name: str, seed: int, nats: float, seconds: float, rate_hz: float | None = None
+def run_case(
+    score: Score, name: str, seed: int, nats: float, duration: float, rate_hz: float | None = None
 ) -> None:
-    """Run one case of a kind."""
+    """Run one case of a kind and add it to the score."""
     with tempfile.TemporaryDirectory() as folder:
         case = Path(folder) / "case"
-        truth = hidden(case, name, seed, nats, seconds, rate_hz)
-        made = scaffolded(case, name)
-        score.runs += 1
-        if made is None or made.scope != truth.node or not set(made.parameters) <= set(truth.truth):
+        truth = write_hidden_case(case, name, seed, nats, duration, rate_hz)
+        scaffold = scaffold_log(case, name)
+        score.n_runs += 1
+        if (
+            scaffold is None
+            or scaffold.scope != truth.node
+            or not set(scaffold.parameters) <= set(truth.truth)
+        ):
             print(
                 f"  {name}, seed {seed}: "
-                f"{'nothing' if made is None else (made.scope, sorted(made.parameters))}"
+                f"{'nothing' if scaffold is None else (scaffold.scope, sorted(scaffold.parameters))}"
             )
             return
-        score.named += 1
-        score.pulls += [
+        score.n_named += 1
+        score.normalised_errors += [
             (it.value - truth.truth[key]) / it.sigma
-            for key, it in made.parameters.items()
+            for key, it in scaffold.parameters.items()
             if it.sigma is not None
         ]
-        again, before, after = found_again(case, made)
-        score.again += again
+        n_found_again, before, after = search_again(case, scaffold)
+        score.n_found_again += n_found_again
         score.gaps.append((before, after))
 
 
-def made_of_nothing(seed: int, seconds: float) -> list[str]:
-    """Return the names scaffolded from logs without hidden effects."""
-    wrong = []
-    for listed in LISTED:
+def scaffold_listed_effects(seed: int, duration: float) -> list[str]:
+    """Return the effects scaffolded in error from logs without a hidden effect or with a listed one."""
+    false_names = []
+    for listed in LISTED_EFFECTS:
         with tempfile.TemporaryDirectory() as folder:
             case = Path(folder) / "case"
-            write_case(case, seed, [] if listed is None else [listed], "strong", duration=seconds)
-            made = scaffolded(case, "nothing")
-            if made is not None:
-                wrong.append(f"{listed or 'nothing'}, seed {seed}: {sorted(made.parameters)} ({made.scope})")
-    return wrong
+            write_case(case, seed, [] if listed is None else [listed], "strong", duration=duration)
+            scaffold = scaffold_log(case, "nothing")
+            if scaffold is not None:
+                false_names.append(
+                    f"{listed or 'nothing'}, seed {seed}: {sorted(scaffold.parameters)} ({scaffold.scope})"
+                )
+    return false_names
 
 
 def main() -> int:
-    """Print a row for each kind."""
+    """Print a line for each kind."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--seeds", default="0:5", help="first:last")
+    parser.add_argument("--seeds", default="0:5", help="first:last, without the last")
     parser.add_argument("--nats", type=float, default=2000.0)
     parser.add_argument("--seconds", type=float, default=90.0)
-    parser.add_argument("--kinds", default=",".join(beyond.NAMES))
+    parser.add_argument("--kinds", default=",".join(beyond.EFFECT_NAMES))
     args = parser.parse_args()
     seeds = range(*map(int, args.seeds.split(":")))
-    print(f"{'kind':18}{'named':>8}{'within 3 σ':>14}{'rms pull':>9}{'again':>10}   gap")
+    print(f"{'kind':18}{'named':>8}{'within 3 σ':>14}{'rms z':>9}{'again':>10}   gap")
     total = Score()
     for name in args.kinds.split(","):
         score = Score()
         for seed in seeds:
-            tried(score, name, seed, args.nats, args.seconds)
-        print(score.row(name), flush=True)
-        total.runs, total.named, total.again = (
-            total.runs + score.runs,
-            total.named + score.named,
-            total.again + score.again,
+            run_case(score, name, seed, args.nats, args.seconds)
+        print(score.format_row(name), flush=True)
+        total.n_runs, total.n_named, total.n_found_again = (
+            total.n_runs + score.n_runs,
+            total.n_named + score.n_named,
+            total.n_found_again + score.n_found_again,
         )
-        total.pulls += score.pulls
+        total.normalised_errors += score.normalised_errors
         total.gaps += score.gaps
-    print(total.row("all"))
-    wrong = [line for seed in seeds for line in made_of_nothing(seed, args.seconds)]
-    print(f"nothing to name: {len(wrong)} of {len(seeds) * len(LISTED)} logs gave a name all the same")
-    for line in wrong:
+    print(total.format_row("all"))
+    false_names = [line for seed in seeds for line in scaffold_listed_effects(seed, args.seconds)]
+    print(f"no new effect needed: {len(false_names)} of {len(seeds) * len(LISTED_EFFECTS)} logs gave a name")
+    for line in false_names:
         print(f"  {line}")
     return 0
 

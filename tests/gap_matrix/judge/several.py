@@ -1,12 +1,12 @@
-"""Three to five effects hidden at once: names found, false names, and dependence on the order.
+"""Three to five effects hidden at once: effects found, false names, and dependence on the search order.
 
     python tests/gap_matrix/judge/several.py [--sets 40] [--orders 5] [--seeds test]
 
-Each is hidden at a size between medium and strong. Of the first sets the search is done again with each name
-that was found, and one that was not, forced to be the first: the same names have to be left at the end.
+Each effect has a size between medium and strong. For the first sets the search is repeated with each found
+effect, and with an absent one, forced to be added first; the final effects must be the same.
 """
 
-# ruff: noqa: E402 (BLAS must know its threads before numpy is loaded)
+# ruff: noqa: E402 (the number of BLAS threads is set before numpy is imported)
 
 from __future__ import annotations
 
@@ -18,97 +18,109 @@ from collections.abc import Sequence
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-# The package is found from its parent; this folder itself must not stand on the path, or its names would.
+# gap_matrix is imported from the folder above it; with its own folder on the path, its modules shadow others.
 sys.path[:0] = [str(Path(__file__).resolve().parents[2])]
 
-from gap_matrix.judge.diagnoses import fingerprint
-from gap_matrix.judge.reliability import FIRST, right
-from gap_matrix.judge.resumed import Row, rows
-from gap_matrix.judge.tables import share
-from gap_matrix.judge.trial_rows import judged
-from gap_matrix.judge.trials import trial
+from gap_matrix.judge.diagnoses import compute_fingerprint
+from gap_matrix.judge.reliability import FIRST_SEED, is_correct
+from gap_matrix.judge.resumed import Row, compute_rows
+from gap_matrix.judge.tables import format_share
+from gap_matrix.judge.trial_rows import judge_trial
+from gap_matrix.judge.trials import draw_trial
 from hubodo.gap.judge.reconsider import drop_chance_effects, reconsider_effects
 from hubodo.gap.judge.search import build_initial_state, search_effects
 from hubodo.gap.problem.build import build_problem
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 
-# Not those of single names: these sets begin elsewhere.
-_BEGIN = 10_000
-Names = frozenset[tuple[str, str]]
+# Offset of the seeds, so that the sets differ from the trials of single effects.
+_FIRST_SET_OFFSET = 10_000
+ScopedNames = frozenset[tuple[str, str]]
 """Effects with their scopes."""
 
 
-def named_from(folder: Path, first: str | None = None) -> Names:
-    """Return the names at the end of a search; `first`: a name added first, which may be removed again."""
+def search_names(folder: Path, first: str | None = None) -> ScopedNames:
+    """Return the effects at the end of a search.
+
+    first: an effect that is added first; the search may remove it again
+    """
     problem = build_problem(read_folder(folder), read_model(folder / "model.toml"))
-    found = search_effects(build_initial_state(problem), [] if first is None else [first])
-    last, _ = drop_chance_effects(*reconsider_effects(found))
-    return frozenset(term.key for term in last.final.state.terms if term.is_fitted)
+    result = search_effects(build_initial_state(problem), [] if first is None else [first])
+    reduced, _ = drop_chance_effects(*reconsider_effects(result))
+    return frozenset(term.key for term in reduced.final.state.terms if term.is_fitted)
 
 
-def orders(seed: int, kind: str = "several", stranger: str = "accel_bias") -> dict[str, Names]:
-    """Return the final names by the name that was added first."""
+def search_in_all_orders(
+    seed: int, kind: str = "several", absent_effect: str = "accel_bias"
+) -> dict[str, ScopedNames]:
+    """Return the final effects by the effect that was added first."""
     with tempfile.TemporaryDirectory(prefix="gap_orders_") as folder:
-        trial(seed, kind).write(Path(folder))
-        made = {"as it comes": named_from(Path(folder))}
-        for name in sorted({name for name, _ in made["as it comes"]} | {stranger}):
-            made[name] = named_from(Path(folder), name)
-    return made
+        draw_trial(seed, kind).write(Path(folder))
+        result_rows = {"as it comes": search_names(Path(folder))}
+        for name in sorted({name for name, _ in result_rows["as it comes"]} | {absent_effect}):
+            result_rows[name] = search_names(Path(folder), name)
+    return result_rows
 
 
-def ordered(seed: int) -> Row:
-    """Return the row of a set in all orders."""
-    made = {first: sorted(map(list, names)) for first, names in orders(seed).items()}
-    return {"key": f"orders/{seed}", "seed": seed, "orders": made}
+def compute_order_row(seed: int) -> Row:
+    """Return the row of a set of effects in all orders."""
+    result_rows = {first: sorted(map(list, names)) for first, names in search_in_all_orders(seed).items()}
+    return {"key": f"orders/{seed}", "seed": seed, "orders": result_rows}
 
 
-def told(made: Sequence[Row]) -> str:
+def format_table(result_rows: Sequence[Row]) -> str:
     """Return the table of all sets."""
-    whole = [row for row in made if "error" not in row]
-    hits, false, sure, exact, lines = [], 0, 0, [], []
-    for row in whole:
-        given = {it["name"] for it in row["found"]}
-        hidden = {it["name"]: it for it in row["hidden"]}
-        hits += [name in given for name in hidden]
-        strange = [it for it in row["found"] if it["name"] not in hidden]
-        elsewhere = [it for it in row["found"] if it["name"] in hidden and not right(it)]
-        false += len(strange)
-        sure += sum(it["confidence"] > 0.5 for it in strange)
-        exact.append(given == set(hidden))
-        if exact[-1] and not elsewhere:
+    valid_rows = [row for row in result_rows if "error" not in row]
+    is_found, n_false, n_false_confident, is_exact, detail_lines = [], 0, 0, [], []
+    for row in valid_rows:
+        found_names = {finding["name"] for finding in row["found"]}
+        hidden = {finding["name"]: finding for finding in row["hidden"]}
+        is_found += [name in found_names for name in hidden]
+        false_findings = [finding for finding in row["found"] if finding["name"] not in hidden]
+        wrong_scope = [
+            finding for finding in row["found"] if finding["name"] in hidden and not is_correct(finding)
+        ]
+        n_false += len(false_findings)
+        n_false_confident += sum(finding["confidence"] > 0.5 for finding in false_findings)
+        is_exact.append(found_names == set(hidden))
+        if is_exact[-1] and not wrong_scope:
             continue
         missed = [
-            f"-{it['name']} {it['scope']} {it['nats']:.0f}" for n, it in hidden.items() if n not in given
+            f"-{finding['name']} {finding['scope']} {finding['nats']:.0f}"
+            for name, finding in hidden.items()
+            if name not in found_names
         ]
-        more = [f"+{it['name']} {it['scope']} {it['confidence']:.2f}" for it in (*strange, *elsewhere)]
-        lines.append(f"  {row['key']} of {', '.join(hidden)}: {', '.join([*missed, *more])}")
-    cpu = sum(row["cpu"] for row in whole) / max(len(whole), 1)
+        extra = [
+            f"+{finding['name']} {finding['scope']} {finding['confidence']:.2f}"
+            for finding in (*false_findings, *wrong_scope)
+        ]
+        detail_lines.append(f"  {row['key']} of {', '.join(hidden)}: {', '.join([*missed, *extra])}")
+    seconds_per_set = sum(row["cpu"] for row in valid_rows) / max(len(valid_rows), 1)
     return "\n".join(
         [
-            f"{len(made)} sets, {len(made) - len(whole)} broken (95 % intervals, exact)",
-            f"  hidden names that are named   {share(hits)}",
-            f"  names that are not hidden     {false}: {false / max(len(whole), 1):.3f} a set",
-            f"  of these, confidence above 0.5 {sure}",
-            f"  all named and nothing else    {share(exact)}",
-            f"  processor a set               {cpu:.2f} s",
-            *lines,
+            f"{len(result_rows)} sets, {len(result_rows) - len(valid_rows)} failed (95 % intervals, exact)",
+            f"  hidden effects found          {format_share(is_found)}",
+            f"  false names                   {n_false}: {n_false / max(len(valid_rows), 1):.3f} per set",
+            f"  of these, confidence > 0.5    {n_false_confident}",
+            f"  all found and nothing else    {format_share(is_exact)}",
+            f"  CPU time per set              {seconds_per_set:.2f} s",
+            *detail_lines,
         ]
     )
 
 
-def told_orders(made: Sequence[Row]) -> str:
-    """Return the number of sets whose result does not depend on the order, and the others in detail."""
-    out, same = [], []
-    for row in made:
-        usual = row["orders"]["as it comes"]
-        other = {first: names for first, names in row["orders"].items() if names != usual}
-        same.append(not other)
-        for first, names in other.items():
-            gone = [" ".join(it) for it in usual if it not in names]
-            come = [" ".join(it) for it in names if it not in usual]
-            out.append(f"  {row['seed']}, {first} first: -{gone} +{come}")
-    return "\n".join([f"the same names whichever comes first: {share(same)} sets", *out])
+def format_order_table(result_rows: Sequence[Row]) -> str:
+    """Return the share of sets whose result does not depend on the order, and the others in detail."""
+    lines, is_same = [], []
+    for row in result_rows:
+        default = row["orders"]["as it comes"]
+        differing = {first: names for first, names in row["orders"].items() if names != default}
+        is_same.append(not differing)
+        for first, names in differing.items():
+            missing = [" ".join(finding) for finding in default if finding not in names]
+            added = [" ".join(finding) for finding in names if finding not in default]
+            lines.append(f"  {row['seed']}, {first} first: -{missing} +{added}")
+    return "\n".join([f"the same effects in every order: {format_share(is_same)} sets", *lines])
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -117,21 +129,30 @@ def main(argv: list[str] | None = None) -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--sets", type=int, default=40)
-    parser.add_argument("--orders", type=int, default=5, help="sets that are searched in all orders")
-    parser.add_argument("--seeds", choices=list(FIRST), default="development")
+    parser.add_argument(
+        "--orders", type=int, default=5, help="number of sets that are searched in all orders"
+    )
+    parser.add_argument("--seeds", choices=list(FIRST_SEED), default="development")
     parser.add_argument("--jobs", type=int, default=2, choices=(1, 2), help="processes")
     parser.add_argument("-o", dest="out", type=Path, default=Path("out/gap-several"))
     args = parser.parse_args(argv)
-    first = FIRST[args.seeds] + _BEGIN
-    path = args.out / f"{args.seeds}-{fingerprint()}.jsonl"
+    first = FIRST_SEED[args.seeds] + _FIRST_SET_OFFSET
+    path = args.out / f"{args.seeds}-{compute_fingerprint()}.jsonl"
     print(
         f"{args.sets} sets, {args.seeds} seeds {first}..{first + args.sets - 1}; rows in {path}", flush=True
     )
     plan = [(first + k, "several") for k in range(args.sets)]
-    print(told(rows(path, plan, lambda item: f"{item[1]}/{item[0]}", judged, args.jobs)), flush=True)
+    print(
+        format_table(compute_rows(path, plan, lambda item: f"{item[1]}/{item[0]}", judge_trial, args.jobs)),
+        flush=True,
+    )
     if args.orders:
-        some = [seed for seed, _ in plan[: args.orders]]
-        print(told_orders(rows(path, some, lambda seed: f"orders/{seed}", ordered, args.jobs)))
+        ordered_seeds = [seed for seed, _ in plan[: args.orders]]
+        print(
+            format_order_table(
+                compute_rows(path, ordered_seeds, lambda seed: f"orders/{seed}", compute_order_row, args.jobs)
+            )
+        )
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Printed tables of results: shares with intervals, confusions, reductions of the gap."""
+"""Printed tables of results: shares with intervals, confusions, and reductions of the gap."""
 
 from __future__ import annotations
 
@@ -13,238 +13,301 @@ from gap_matrix.judge import lines, score
 from gap_matrix.judge.cells import TABLES
 
 Row = dict[str, Any]
-Test = Callable[[Any, Any], bool]
+Criterion = Callable[[Any, Any], bool]
 
 
-def all_tables(rows: Sequence[Row]) -> Iterator[str]:
+def format_tables(rows: Sequence[Row]) -> Iterator[str]:
     """Return the text of each table that has rows."""
-    makers = {
+    formatters = {
         "singles": _singles,
         "nulls": _nulls,
         "pairs": _pairs,
-        "open": _open,
-        "alike": _alike,
+        "open": _open_set,
+        "alike": _confusable,
         "controls": _controls,
         "long": _long,
     }
     for table in TABLES:
-        here = [row for row in rows if row["table"] == table]
-        if here:
-            good = [row for row in here if "result" in row and "error" not in row]
-            lost = [row for row in here if row not in good]
-            text = [makers[table](good)] if good else []
-            text += [f"  not judged: {lines.line(row)}" for row in lost]
-            if good:
-                seconds = [row["seconds"] for row in good]
+        group = [row for row in rows if row["table"] == table]
+        if group:
+            valid_rows = [row for row in group if "result" in row and "error" not in row]
+            failed_rows = [row for row in group if row not in valid_rows]
+            text = [formatters[table](valid_rows)] if valid_rows else []
+            text += [f"  not judged: {lines.format_row(row)}" for row in failed_rows]
+            if valid_rows:
+                seconds = [row["seconds"] for row in valid_rows]
                 text.append(
                     f"  time of a diagnosis: median {np.median(seconds):.1f} s, at most {max(seconds):.1f} s"
                 )
             yield "\n".join(text)
 
 
-def share(hits: Sequence[bool]) -> str:
+def format_share(hits: Sequence[bool]) -> str:
     """Return `7/10 70 % (35..93)`, with the Clopper-Pearson 95 % interval."""
     if not hits:
         return "0/0"
-    found = binomtest(int(sum(hits)), len(hits)).proportion_ci(0.95, "exact")
+    interval = binomtest(int(sum(hits)), len(hits)).proportion_ci(0.95, "exact")
     percent = 100 * np.mean(hits)
-    return f"{sum(hits)}/{len(hits)} {percent:.1f} % ({100 * found.low:.1f}..{100 * found.high:.1f})"
+    return f"{sum(hits)}/{len(hits)} {percent:.1f} % ({100 * interval.low:.1f}..{100 * interval.high:.1f})"
 
 
-def _share(rows: Sequence[Row], test: Test) -> str:
-    return share([test(row["result"], row["truth"]) for row in rows])
+def _format_score_share(rows: Sequence[Row], is_hit: Criterion) -> str:
+    """Return the share of rows that meet a criterion on result and truth."""
+    return format_share([is_hit(row["result"], row["truth"]) for row in rows])
 
 
-def _groups(rows: Sequence[Row], *keys: str) -> Iterator[tuple[str, list[Row]]]:
-    order: dict[str, list[Row]] = {}
+def _group_rows(rows: Sequence[Row], *keys: str) -> Iterator[tuple[str, list[Row]]]:
+    """Yield the rows with equal values of the keys, and these values, in order of first appearance."""
+    groups: dict[str, list[Row]] = {}
     for row in rows:
-        order.setdefault(", ".join(row[key] for key in keys), []).append(row)
-    yield from order.items()
+        groups.setdefault(", ".join(row[key] for key in keys), []).append(row)
+    yield from groups.items()
 
 
 def _singles(rows: Sequence[Row]) -> str:
-    out = ["Singles: one hidden effect (95 % intervals, exact)"]
-    for strength, here in _groups(rows, "variant"):
-        out.append(f" {strength}, {len(here)} logs")
-        out.append(f"  named first                 {_share(here, score.named_first)}")
-        out.append(f"  named, and nothing else     {_share(here, score.exact)}")
-        out.append(f"  named first, scope right    {_share(here, score.scope_right)}")
-        out.append(f"  nothing named               {share([not row['result']['found'] for row in here])}")
-        empirical = [score.first(row["result"]).startswith(score.EMPIRICAL) for row in here]
-        out.append(f"  an empirical term first     {share(empirical)}")
-        wrong = [bool(score.sure_and_wrong(row["result"], row["truth"])) for row in here]
-        out.append(f"  wrong, confidence > {score.SURE}     {share(wrong)}")
-        out.append(f"  parameters                  {_parameters(here)}")
-        out.append(f"  held-out gap closed         {_closed(here, 'oracle')}")
-    out.append(" by effect: named first of logs, by strength")
+    """Return the table of logs with one hidden effect."""
+    table_lines = ["Singles: one hidden effect (95 % intervals, exact)"]
+    for strength, group in _group_rows(rows, "variant"):
+        table_lines.append(f" {strength}, {len(group)} logs")
+        table_lines.append(
+            f"  named first                 {_format_score_share(group, score.is_named_first)}"
+        )
+        table_lines.append(f"  named, and nothing else     {_format_score_share(group, score.is_exact)}")
+        table_lines.append(
+            f"  named first, correct scope  {_format_score_share(group, score.is_scope_correct)}"
+        )
+        table_lines.append(
+            f"  nothing named               {format_share([not row['result']['found'] for row in group])}"
+        )
+        empirical = [score.first_name(row["result"]).startswith(score.EMPIRICAL) for row in group]
+        table_lines.append(f"  an empirical term first     {format_share(empirical)}")
+        has_confident_error = [
+            bool(score.confident_wrong_names(row["result"], row["truth"])) for row in group
+        ]
+        table_lines.append(
+            f"  wrong, confidence > {score.CONFIDENCE_THRESHOLD}     {format_share(has_confident_error)}"
+        )
+        table_lines.append(f"  parameters                  {_parameters(group)}")
+        table_lines.append(f"  held-out gap closed         {_format_gap_closure(group, 'oracle')}")
+    table_lines.append(" by effect: named first of logs, by strength")
     strengths = list(dict.fromkeys(row["variant"] for row in rows))
-    for name, here in _groups(rows, "name"):
+    for name, group in _group_rows(rows, "name"):
         cells = []
         for strength in strengths:
-            hits = [score.named_first(r["result"], r["truth"]) for r in here if r["variant"] == strength]
+            hits = [score.is_named_first(r["result"], r["truth"]) for r in group if r["variant"] == strength]
             cells.append(f"{sum(hits)}/{len(hits)}".rjust(7))
-        errors = [score.deviations(row["result"], row["truth"])[0] for row in here]
-        flat = [abs(z) for one in errors for z in one]
-        largest = f"   largest |z| {max(flat):.1f}" if flat else ""
-        out.append(f"  {name:24s}{''.join(cells)}{largest}")
-    out.append(" confusions: truth -> first name (logs)")
+        errors = [score.parameter_errors(row["result"], row["truth"])[0] for row in group]
+        z_scores = [abs(z) for row_errors in errors for z in row_errors]
+        largest = f"   largest |z| {max(z_scores):.1f}" if z_scores else ""
+        table_lines.append(f"  {name:24s}{''.join(cells)}{largest}")
+    table_lines.append(" confusions: truth -> first name (logs)")
     pairs = Counter(
-        (row["variant"], row["name"], score.first(row["result"]))
+        (row["variant"], row["name"], score.first_name(row["result"]))
         for row in rows
-        if not score.named_first(row["result"], row["truth"])
+        if not score.is_named_first(row["result"], row["truth"])
     )
-    out += [f"  {a}: {b} -> {c} ({n})" for (a, b, c), n in sorted(pairs.items())]
-    return "\n".join(out)
+    table_lines += [f"  {a}: {b} -> {c} ({n})" for (a, b, c), n in sorted(pairs.items())]
+    return "\n".join(table_lines)
 
 
 def _parameters(rows: Sequence[Row]) -> str:
-    made = [score.deviations(row["result"], row["truth"]) for row in rows]
-    z = np.abs([value for found, _ in made for value in found])
+    """Return the shares of parameter errors within 3 and within 1 sigma."""
+    errors_and_skipped = [score.parameter_errors(row["result"], row["truth"]) for row in rows]
+    z = np.abs([value for errors, _ in errors_and_skipped for value in errors])
     if not len(z):
         return "none to compare"
     return (
-        f"within 3 sigma {share((z < 3).tolist())}, within 1 sigma {100 * np.mean(z < 1):.0f} %; "
-        f"without a sigma {sum(skipped for _, skipped in made)}"
+        f"within 3 sigma {format_share((z < 3).tolist())}, within 1 sigma {100 * np.mean(z < 1):.0f} %; "
+        f"without a sigma {sum(skipped for _, skipped in errors_and_skipped)}"
     )
 
 
-def _closed(rows: Sequence[Row], key: str) -> str:
-    """Return shares of the rows in which the oracle reduces the gap."""
-    shares = []
+def _format_gap_closure(rows: Sequence[Row], key: str) -> str:
+    """Return the reduction of the held-out gap relative to the oracle, where the oracle reduces it."""
+    closures = []
     for row in rows:
         gap = row["result"]["held_out_gap"] if key == "oracle" else row[key]["held_out_gap"]
-        value = score.closed(gap, row["oracle"]["held_out_gap"])
+        value = score.gap_closure(gap, row["oracle"]["held_out_gap"])
         if value is not None:
-            shares.append(value)
-    return _spread(shares, len(rows))
+            closures.append(value)
+    return _format_closures(closures, len(rows))
 
 
-def _spread(shares: Sequence[float], count: int) -> str:
-    if not shares:
-        return "the oracle closes nothing in any"
-    low, middle = np.percentile(shares, [10, 50])
-    worse = 100 * np.mean(np.array(shares) < 0)
+def _format_closures(closures: Sequence[float], count: int) -> str:
+    """Return median and 10th percentile of relative reductions of the gap."""
+    if not closures:
+        return "the oracle reduces no gap"
+    low, median = np.percentile(closures, [10, 50])
+    percent_worse = 100 * np.mean(np.array(closures) < 0)
     return (
-        f"median {middle:.3f} of the oracle's, 10th percentile {low:.3f}, worse than before {worse:.1f} % "
-        f"(oracle closes something in {len(shares)} of {count})"
+        f"median {median:.3f} of the oracle's, 10th percentile {low:.3f}, "
+        f"gap increased in {percent_worse:.1f} % (oracle reduces the gap in {len(closures)} of {count})"
     )
 
 
 def _nulls(rows: Sequence[Row]) -> str:
-    out = ["Nulls: nothing hidden (95 % intervals, exact)"]
-    for variant, here in [*_groups(rows, "variant"), ("all", list(rows))]:
-        out.append(f"  {variant:28s} false alarms {share([bool(row['result']['found']) for row in here])}")
-    structure = [row["result"]["verdict"] == "unexplained" for row in rows]
-    out.append(f"  {'all':28s} called unexplained {share(structure)}")
-    return "\n".join(out)
+    """Return the table of logs without hidden effects."""
+    table_lines = ["Nulls: nothing hidden (95 % intervals, exact)"]
+    for variant, group in [*_group_rows(rows, "variant"), ("all", list(rows))]:
+        table_lines.append(
+            f"  {variant:28s} false alarms {format_share([bool(row['result']['found']) for row in group])}"
+        )
+    is_unexplained = [row["result"]["verdict"] == "unexplained" for row in rows]
+    table_lines.append(f"  {'all':28s} called unexplained {format_share(is_unexplained)}")
+    return "\n".join(table_lines)
 
 
 def _pairs(rows: Sequence[Row]) -> str:
-    weaker = []
+    """Return the table of logs with two hidden effects."""
+    is_weaker_named = []
     for row in rows:
         gains = row["truth"]["gain_nats"]
         name = row["truth"]["effects"][int(np.argmin(gains))]["name"]
-        weaker.append(name in score.names(row["result"]))
-    both = [{e["name"] for e in row["truth"]["effects"]} <= set(score.names(row["result"])) for row in rows]
-    wrong = [bool(score.sure_and_wrong(row["result"], row["truth"])) for row in rows]
-    overlap = np.mean([score.jaccard(row["result"], row["truth"]) for row in rows])
+        is_weaker_named.append(name in score.effect_names(row["result"]))
+    are_both_named = [
+        {e["name"] for e in row["truth"]["effects"]} <= set(score.effect_names(row["result"])) for row in rows
+    ]
+    has_confident_error = [bool(score.confident_wrong_names(row["result"], row["truth"])) for row in rows]
+    mean_jaccard = np.mean([score.jaccard(row["result"], row["truth"]) for row in rows])
     return "\n".join(
         [
             "Pairs: two hidden effects, medium to strong (95 % intervals, exact)",
-            f"  both named, nothing else    {_share(rows, score.exact)}",
-            f"  both named                  {share(both)}",
-            f"  weaker one named            {share(weaker)}",
-            f"  wrong, confidence > {score.SURE}     {share(wrong)}",
-            f"  Jaccard, mean               {overlap:.3f}",
+            f"  both named, nothing else    {_format_score_share(rows, score.is_exact)}",
+            f"  both named                  {format_share(are_both_named)}",
+            f"  weaker one named            {format_share(is_weaker_named)}",
+            f"  wrong, confidence > {score.CONFIDENCE_THRESHOLD}     {format_share(has_confident_error)}",
+            f"  Jaccard, mean               {mean_jaccard:.3f}",
             f"  parameters                  {_parameters(rows)}",
         ]
     )
 
 
-def _open(rows: Sequence[Row]) -> str:
-    """Return counts by kind, and totals with intervals."""
-    out = ["Open set: one hidden effect that is outside the vocabulary (95 % intervals, exact)"]
-    out.append(f"  {'kind, of logs':34s}{'wrong, sure':>12s}{'channel':>9s}{'and dependence':>16s}   sure of")
-    for name, here in _groups(rows, "name", "variant"):
-        wrong, told, names = _outside(here)
-        most = ", ".join(f"{given} ({n})" for given, n in names.most_common(3))
-        counts = [sum(wrong), sum(c for c, _ in told), sum(d for _, d in told)]
-        cells = [f"{n}/{len(here)}" for n in counts]
-        out.append(f"  {name:34s}{cells[0]:>12s}{cells[1]:>9s}{cells[2]:>16s}   {most or '-'}")
-    for strength, here in [*_groups(rows, "variant"), ("all", list(rows))]:
-        wrong, told, _ = _outside(here)
-        silent = [not row["result"]["found"] and not row["result"]["remaining"] for row in here]
-        out.append(f" {strength}, {len(here)} logs")
-        out.append(f"  wrong, confidence > {score.SURE}     {share(wrong)}")
-        out.append(f"  described: right channel    {share([channel for channel, _ in told])}")
-        out.append(f"   and the right dependence   {share([dependence for _, dependence in told])}")
-        out.append(f"  not a word                  {share(silent)}")
-    return "\n".join(out)
+def _open_set(rows: Sequence[Row]) -> str:
+    """Return the table of effects outside the vocabulary: counts by kind, and totals with intervals."""
+    table_lines = ["Open set: one hidden effect that is outside the vocabulary (95 % intervals, exact)"]
+    table_lines.append(
+        f"  {'kind, of logs':34s}{'wrong':>12s}{'channel':>9s}{'and dependence':>16s}   confident wrong names"
+    )
+    for name, group in _group_rows(rows, "name", "variant"):
+        has_confident_error, descriptions, name_counts = _score_outside(group)
+        most_frequent = ", ".join(f"{wrong_name} ({n})" for wrong_name, n in name_counts.most_common(3))
+        counts = [sum(has_confident_error), sum(c for c, _ in descriptions), sum(d for _, d in descriptions)]
+        cells = [f"{n}/{len(group)}" for n in counts]
+        table_lines.append(
+            f"  {name:34s}{cells[0]:>12s}{cells[1]:>9s}{cells[2]:>16s}   {most_frequent or '-'}"
+        )
+    for strength, group in [*_group_rows(rows, "variant"), ("all", list(rows))]:
+        has_confident_error, descriptions, _ = _score_outside(group)
+        is_silent = [not row["result"]["found"] and not row["result"]["remaining"] for row in group]
+        table_lines.append(f" {strength}, {len(group)} logs")
+        table_lines.append(
+            f"  wrong, confidence > {score.CONFIDENCE_THRESHOLD}     {format_share(has_confident_error)}"
+        )
+        table_lines.append(
+            f"  described: correct channel  {format_share([channel for channel, _ in descriptions])}"
+        )
+        table_lines.append(
+            f"   and correct dependence     {format_share([dependence for _, dependence in descriptions])}"
+        )
+        table_lines.append(f"  nothing reported            {format_share(is_silent)}")
+    return "\n".join(table_lines)
 
 
-def _outside(rows: Sequence[Row]) -> tuple[list[bool], list[tuple[bool, bool]], Counter[str]]:
-    wrong = [score.sure_and_wrong(row["result"], row["truth"]) for row in rows]
-    told = [score.described(row["result"], row["truth"]) for row in rows]
-    return [bool(names) for names in wrong], told, Counter(name for names in wrong for name in names)
+def _score_outside(rows: Sequence[Row]) -> tuple[list[bool], list[tuple[bool, bool]], Counter[str]]:
+    """Return which rows have a confident wrong name, how they describe the effect, and the wrong names."""
+    wrong_names = [score.confident_wrong_names(row["result"], row["truth"]) for row in rows]
+    descriptions = [score.matches_description(row["result"], row["truth"]) for row in rows]
+    return (
+        [bool(names) for names in wrong_names],
+        descriptions,
+        Counter(name for names in wrong_names for name in names),
+    )
 
 
-def _alike(rows: Sequence[Row]) -> str:
-    out = ["Look-alikes: one of a pair hidden, on a drive that tells them apart (strong) and on a blunt one"]
-    for where, here in _groups(rows, "variant"):
-        wrong = [bool(score.sure_and_wrong(row["result"], row["truth"])) for row in here]
-        out.append(f" {where}, {len(here)} logs")
-        out.append(f"  named first                 {_share(here, score.named_first)}")
-        out.append(f"  in the set that is given    {_share(here, score.in_the_set)}")
-        out.append(f"  wrong, confidence > {score.SURE}     {share(wrong)}")
-        if where == "blunt":
-            out.append(f"  doubt admitted              {_share(here, score.admits_doubt)}")
-    for name, pair in _groups(rows, "name"):
-        out.append(f" {name}; blunt: {next((r['truth']['why'] for r in pair if r['truth']['why']), '-')}")
-        order: dict[tuple[str, str], Counter[str]] = {}
-        for row in pair:
+def _confusable(rows: Sequence[Row]) -> str:
+    """Return the table of confusable pairs."""
+    table_lines = [
+        "Confusable pairs: one effect hidden, on a distinguishable (strong) and on an ambiguous drive (blunt)"
+    ]
+    for variant, group in _group_rows(rows, "variant"):
+        has_confident_error = [
+            bool(score.confident_wrong_names(row["result"], row["truth"])) for row in group
+        ]
+        table_lines.append(f" {variant}, {len(group)} logs")
+        table_lines.append(
+            f"  named first                 {_format_score_share(group, score.is_named_first)}"
+        )
+        table_lines.append(
+            f"  in the candidate set        {_format_score_share(group, score.is_in_candidate_set)}"
+        )
+        table_lines.append(
+            f"  wrong, confidence > {score.CONFIDENCE_THRESHOLD}     {format_share(has_confident_error)}"
+        )
+        if variant == "blunt":
+            table_lines.append(
+                f"  ambiguity admitted          {_format_score_share(group, score.admits_ambiguity)}"
+            )
+    for name, pair_rows in _group_rows(rows, "name"):
+        table_lines.append(
+            f" {name}; blunt: {next((r['truth']['why'] for r in pair_rows if r['truth']['why']), '-')}"
+        )
+        answers_by_truth: dict[tuple[str, str], Counter[str]] = {}
+        for row in pair_rows:
             key = row["variant"], row["truth"]["effects"][0]["name"]
-            order.setdefault(key, Counter())[lines.head_of(row["result"])] += 1
-        for (where, hidden), answers in order.items():
-            given = ", ".join(f"{n} x {text}" for text, n in answers.most_common())
-            out.append(f"  {where:12s}{hidden:22s} -> {given}")
-    return "\n".join(out)
+            answers_by_truth.setdefault(key, Counter())[lines.format_first_finding(row["result"])] += 1
+        for (variant, hidden), answers in answers_by_truth.items():
+            counts = ", ".join(f"{n} x {text}" for text, n in answers.most_common())
+            table_lines.append(f"  {variant:12s}{hidden:22s} -> {counts}")
+    return "\n".join(table_lines)
 
 
 def _controls(rows: Sequence[Row]) -> str:
+    """Return the table of comparisons: wrong names, a black box, permuted temperatures."""
     hidden = [row for row in rows if "oracle" in row]
-    out = [
-        f"Controls: strong effects, {len(hidden)} logs; held-out gap closed, relative to the true name fitted"
+    table_lines = [
+        f"Controls: strong effects, {len(hidden)} logs; reduction of the held-out gap, true effect = 1"
     ]
     if hidden:
-        out.append(f"  what was found          {_closed(hidden, 'oracle')}")
-        for key, words in (("runner_up", "runner-up forced in"), ("random", "random name forced in")):
-            out.append(f"  {words:24s}{_closed(hidden, key)}")
-        less = [
+        table_lines.append(f"  effects found           {_format_gap_closure(hidden, 'oracle')}")
+        for key, label in (("runner_up", "runner-up forced"), ("random", "random name forced")):
+            table_lines.append(f"  {label:24s}{_format_gap_closure(hidden, key)}")
+        is_gap_larger = [
             row["runner_up"]["held_out_gap"]["after"] > row["result"]["held_out_gap"]["after"]
             for row in hidden
         ]
-        out.append(f"  runner-up leaves a larger held-out gap than what was found: {share(less)}")
-        boxed = [row for row in hidden if "black_box" in row]
-        if boxed:
-            made = [score.closed(row["black_box"], row["oracle"]["held_out_gap"]) for row in boxed]
-            words = _spread([value for value in made if value is not None], len(boxed))
-            out.append(f"  regression, no names    {words}")
-    permuted = [row["permuted"]["found"] for row in hidden if "permuted" in row]
-    if permuted:
-        named = [("gyro_temperature" in found) for found in permuted]
-        out.append(f"  temperature permuted in blocks, gyro_temperature hidden: named {share(named)}")
-    nulls = [bool(row["result"]["found"]) for row in rows if row["variant"] == "permuted temperature"]
-    if nulls:
-        out.append(f"  temperature permuted in blocks, nothing hidden: false alarms {share(nulls)}")
-    return "\n".join(out)
+        table_lines.append(
+            f"  runner-up leaves a larger held-out gap than the effects found: {format_share(is_gap_larger)}"
+        )
+        black_box_rows = [row for row in hidden if "black_box" in row]
+        if black_box_rows:
+            closures = [
+                score.gap_closure(row["black_box"], row["oracle"]["held_out_gap"]) for row in black_box_rows
+            ]
+            label = _format_closures([value for value in closures if value is not None], len(black_box_rows))
+            table_lines.append(f"  regression, no names    {label}")
+    permuted_names = [row["permuted"]["found"] for row in hidden if "permuted" in row]
+    if permuted_names:
+        is_named = ["gyro_temperature" in names for names in permuted_names]
+        table_lines.append(
+            f"  temperature permuted in blocks, gyro_temperature hidden: named {format_share(is_named)}"
+        )
+    has_false_alarm = [
+        bool(row["result"]["found"]) for row in rows if row["variant"] == "permuted temperature"
+    ]
+    if has_false_alarm:
+        table_lines.append(
+            f"  temperature permuted in blocks, nothing hidden: false alarms {format_share(has_false_alarm)}"
+        )
+    return "\n".join(table_lines)
 
 
 def _long(rows: Sequence[Row]) -> str:
+    """Return the table of long logs."""
     return "\n".join(
         [
             f"Long: {', '.join(sorted({row['name'] + ', ' + row['variant'] for row in rows}))}",
-            f"  named, and nothing else     {_share(rows, score.exact)}",
-            f"  named first, scope right    {_share(rows, score.scope_right)}",
+            f"  named, and nothing else     {_format_score_share(rows, score.is_exact)}",
+            f"  named first, correct scope  {_format_score_share(rows, score.is_scope_correct)}",
             f"  parameters                  {_parameters(rows)}",
         ]
     )

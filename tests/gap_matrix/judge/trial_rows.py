@@ -1,4 +1,4 @@
-"""Trials from start to end: make the log, run `gap` in this process, return the answer as a row."""
+"""Run of one trial: simulate the log, run `gap` in this process, and return the result as a row."""
 
 from __future__ import annotations
 
@@ -9,43 +9,47 @@ from pathlib import Path
 from typing import Any
 
 from gap_matrix.judge.resumed import Row
-from gap_matrix.judge.trials import Trial, trial
+from gap_matrix.judge.trials import Trial, draw_trial
 from hubodo.gap.explain.result import Finding
 from hubodo.gap.workflow import find_gap
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 
 
-def judged(item: tuple[int, str]) -> Row:
-    """Return the row of a trial; a diagnosis that fails gives a row with `error`."""
+def judge_trial(item: tuple[int, str]) -> Row:
+    """Return the row of a trial (seed, kind); it has `error` if the diagnosis failed."""
     seed, kind = item
-    begin = time.process_time()
-    made = trial(seed, kind)
-    row: Row = {"key": f"{kind}/{seed}", "kind": kind, "seed": seed, "words": made.words}
-    row["hidden"] = [{"name": it.name, "scope": it.scope, "nats": made.meter.gain(it)} for it in made.hidden]
-    row["seconds"] = made.setup.drive.duration
+    start_time = time.process_time()
+    trial = draw_trial(seed, kind)
+    row: Row = {"key": f"{kind}/{seed}", "kind": kind, "seed": seed, "words": trial.description}
+    row["hidden"] = [
+        {"name": effect.name, "scope": effect.scope, "nats": trial.meter.gain(effect)}
+        for effect in trial.hidden
+    ]
+    row["seconds"] = trial.setup.drive.duration
     with tempfile.TemporaryDirectory(prefix="gap_trial_") as folder:
-        made.write(Path(folder))
-        row["made_cpu"] = round(time.process_time() - begin, 3)
-        begin = time.process_time()
+        trial.write(Path(folder))
+        row["made_cpu"] = round(time.process_time() - start_time, 3)
+        start_time = time.process_time()
         try:
             result = find_gap(read_folder(Path(folder)), read_model(Path(folder) / "model.toml"))
-        except Exception:  # noqa: BLE001 (a diagnosis that breaks is a failure to be counted, not the end)
+        except Exception:  # noqa: BLE001 (a failed diagnosis is counted and does not end the run)
             return {**row, "error": traceback.format_exc(limit=-4)}
-    row["cpu"] = round(time.process_time() - begin, 3)
+    row["cpu"] = round(time.process_time() - start_time, 3)
     row["verdict"] = result.verdict
-    row["found"] = [_found(made, it) for it in result.found]
+    row["found"] = [_describe_finding(trial, finding) for finding in result.found]
     return row
 
 
-def _found(made: Trial, it: Finding) -> dict[str, Any]:
-    hidden = next((one for one in made.hidden if one.name == it.effect), None)
+def _describe_finding(trial: Trial, finding: Finding) -> dict[str, Any]:
+    """Return a finding as part of a row; `lost` is the advantage of the true scope over the stated one."""
+    hidden = next((effect for effect in trial.hidden if effect.name == finding.effect), None)
     return {
-        "name": it.effect,
-        "scope": it.scope,
-        "confidence": it.confidence,
-        "p_value": it.p_value,
-        "lost": None if hidden is None else made.lost(hidden, it.scope),
-        "alike": list(it.inseparable_from),
-        "rivals": [list(rival) for rival in it.rivals[:12]],
+        "name": finding.effect,
+        "scope": finding.scope,
+        "confidence": finding.confidence,
+        "p_value": finding.p_value,
+        "lost": None if hidden is None else trial.scope_advantage(hidden, finding.scope),
+        "alike": list(finding.inseparable_from),
+        "rivals": [list(alternative) for alternative in finding.rivals[:12]],
     }

@@ -1,6 +1,6 @@
-"""Trials of reliability: short logs of many kinds by the independent simulator, from one seed each.
+"""Trials of reliability: short logs of many kinds by the independent simulator, each drawn from one seed.
 
-What is hidden is drawn from faint to strong, on drives that show everything and on blunt ones that do not.
+The hidden effects are faint to strong, on informative drives and on ambiguous ("blunt") ones.
 """
 
 from __future__ import annotations
@@ -14,146 +14,175 @@ import numpy as np
 
 from gap_matrix import alike, cases, effects, outside, recording
 from gap_matrix.cases import Setup
-from gap_matrix.dose import Meter
+from gap_matrix.dose import GainMeter
 from gap_matrix.drives import Drive
 from gap_matrix.effects import SIDES, Effect
 from gap_matrix.world import Motion
 
-# Of a hundred trials, how many are of each kind.
-MIX = {"single": 44, "pair": 12, "null": 12, "outside": 8, "alike": 6, "blunt alike": 6, "blunt": 12}
-KINDS = (*MIX, "several")
-SECONDS = (33.0, 46.0)
-# Half of what nodes mostly sample at: as much is hidden in it, in half the time.
-RATE_HZ = (48.0, 52.0)
-FAINTEST, STRONGEST = 8.0, 3000.0  # nats
-BLUNT = ("straight", "constant speed", "straight at constant speed", "circle", "short")
-_SHORT = (21.0, 28.0)  # s
-# Effects of which no seed of a drive shows enough are drawn again so often.
-_DRAWS = 30
+# Number of trials of each kind in a hundred.
+PERCENT_BY_KIND = {
+    "single": 44,
+    "pair": 12,
+    "null": 12,
+    "outside": 8,
+    "alike": 6,
+    "blunt alike": 6,
+    "blunt": 12,
+}
+KINDS = (*PERCENT_BY_KIND, "several")
+DURATION_RANGE_S = (33.0, 46.0)
+# Half the usual sample rate: with the same gain in nats, a trial takes half the time.
+RATE_RANGE_HZ = (48.0, 52.0)
+MIN_NATS, MAX_NATS = 8.0, 3000.0  # nats
+AMBIGUOUS_DRIVES = ("straight", "constant speed", "straight at constant speed", "circle", "short")
+_SHORT_RANGE_S = (21.0, 28.0)  # s
+# Largest number of draws of an effect that the drive shows.
+_MAX_DRAWS = 30
 
 
 @dataclass(frozen=True)
 class Trial:
-    """The hidden effects of a log, and the form of the log.
+    """A log with hidden effects.
 
-    hidden: of the vocabulary; outsider: what is not. dead: as in `alike.Pair`.
+    description: of the drive or of the effect, as printed
+    hidden: effects of the vocabulary
+    outside_effect: an effect outside the vocabulary
+    dead_sensor: as in `alike.ConfusablePair`
     """
 
     kind: str
     setup: Setup
-    words: str
+    description: str
     hidden: tuple[Effect, ...] = ()
-    outsider: outside.Outsider | None = None
-    dead: str = ""
+    outside_effect: outside.OutsideEffect | None = None
+    dead_sensor: str = ""
 
     @cached_property
-    def meter(self) -> Meter:
-        return Meter(self.setup, dead=self.dead)
+    def meter(self) -> GainMeter:
+        """Return the meter of gains in this log."""
+        return GainMeter(self.setup, dead_sensor=self.dead_sensor)
 
-    def lost(self, effect: Effect, scope: str) -> float:
-        """Nats by which a hidden effect stays ahead of itself in another scope."""
-        return lost(self.meter, effect, scope)
+    def scope_advantage(self, effect: Effect, scope: str) -> float:
+        """Return the gain of a hidden effect over the same effect in another scope, in nats."""
+        return compute_scope_advantage(self.meter, effect, scope)
 
     def write(self, folder: Path) -> None:
-        """The files of the log, as `recording.write`."""
-        records = alike.records(self.setup, self.hidden, self.dead)
-        if self.outsider is not None:
-            records = outside.records(self.setup, self.outsider)
-        recording.write(self.setup, self.hidden, folder, {}, records)
+        """Write the files of the log, as `recording.write_case_files`."""
+        records = alike.simulate_records(self.setup, self.hidden, self.dead_sensor)
+        if self.outside_effect is not None:
+            records = outside.simulate_records(self.setup, self.outside_effect)
+        recording.write_case_files(self.setup, self.hidden, folder, {}, records)
 
 
-def kinds(count: int, mix: Mapping[str, int] = MIX) -> list[str]:
-    """Return the kinds of `count` trials, evenly mixed also in the first trials."""
+def mix_kinds(count: int, mix: Mapping[str, int] = PERCENT_BY_KIND) -> list[str]:
+    """Return the kinds of `count` trials, mixed evenly from the first trial on."""
     share = {kind: weight / sum(mix.values()) for kind, weight in mix.items()}
-    made: list[str] = []
+    kinds: list[str] = []
     for k in range(count):
-        made.append(max(share, key=lambda kind: share[kind] * (k + 1) - made.count(kind)))
-    return made
+        kinds.append(max(share, key=lambda kind: share[kind] * (k + 1) - kinds.count(kind)))
+    return kinds
 
 
-def trial(seed: int, kind: str) -> Trial:
+def draw_trial(seed: int, kind: str) -> Trial:
     """Return the trial of a seed. Raises ValueError if kind is not one of KINDS."""
     rng = np.random.default_rng((seed, 20))
     if kind == "null":
-        form = str(rng.choice(["drive", "drive", "drive", "bench", "turntable"]))
+        drive_kind = str(rng.choice(["drive", "drive", "drive", "bench", "turntable"]))
         known = ["lever_arm", "gyro_scale_factor"] if rng.random() < 0.25 else []
-        return Trial(kind, _setup(seed, rng, form, known), form)
+        return Trial(kind, _draw_trial_setup(seed, rng, drive_kind, known), drive_kind)
     if kind == "outside":
-        setup, name = _setup(seed, rng), str(rng.choice(list(outside.KINDS)))
+        setup, name = _draw_trial_setup(seed, rng), str(rng.choice(list(outside.KINDS)))
         strength = str(rng.choice(list(outside.NATS)))
-        return Trial(kind, setup, f"{name}, {strength}", outsider=outside.hide(setup, name, strength))
+        return Trial(
+            kind, setup, f"{name}, {strength}", outside_effect=outside.hide_effect(setup, name, strength)
+        )
     if kind in ("alike", "blunt alike"):
-        return _alike(seed, rng, kind)
-    setup, words = _setup(seed, rng), ""
+        return _draw_confusable(seed, rng, kind)
+    setup, description = _draw_trial_setup(seed, rng), ""
     if kind == "blunt":
-        words = str(rng.choice(BLUNT))
-        setup = _blunt(setup, rng, words)
+        description = str(rng.choice(AMBIGUOUS_DRIVES))
+        setup = _make_ambiguous(setup, rng, description)
     elif kind not in KINDS:
         raise ValueError(f"kind {kind!r}: one of {', '.join(KINDS)}")
     count = {"pair": 2, "several": int(rng.integers(3, 6))}.get(kind, 1)
-    made = Trial(kind, setup, words)
-    return replace(made, hidden=_drawn(made, rng, count))
+    trial = Trial(kind, setup, description)
+    return replace(trial, hidden=_draw_effects(trial, rng, count))
 
 
-def _setup(seed, rng, form="drive", known: Sequence[str] = ()) -> Setup:
-    made = cases.setup(seed, form, rng.uniform(*SECONDS), known)
-    return cases.sampled_at(made, rng.uniform(*RATE_HZ), rng)
+def _draw_trial_setup(seed, rng, drive_kind="drive", known: Sequence[str] = ()) -> Setup:
+    """Return a setup of random duration and sample rate."""
+    setup = cases.draw_setup(seed, drive_kind, rng.uniform(*DURATION_RANGE_S), known)
+    return cases.resample_nodes(setup, rng.uniform(*RATE_RANGE_HZ), rng)
 
 
-def _blunt(setup: Setup, rng: np.random.Generator, words: str) -> Setup:
-    """Return the same log on a less informative drive."""
+def _make_ambiguous(setup: Setup, rng: np.random.Generator, description: str) -> Setup:
+    """Return the same setup on an ambiguous drive, one of AMBIGUOUS_DRIVES."""
     motion = setup.drive.motion
-    still, speed = np.zeros(len(motion.t)), np.full(len(motion.t), rng.uniform(1.5, 4.0))
-    turn = still + rng.choice([-1.0, 1.0]) * rng.uniform(0.2, 0.5)
-    end = round(rng.uniform(*_SHORT) / motion.step)
-    moved = {
-        "straight": Motion(motion.speed, still),
+    zeros, speed = np.zeros(len(motion.t)), np.full(len(motion.t), rng.uniform(1.5, 4.0))
+    yaw_rate = zeros + rng.choice([-1.0, 1.0]) * rng.uniform(0.2, 0.5)
+    end = round(rng.uniform(*_SHORT_RANGE_S) / motion.step)
+    ambiguous_motion = {
+        "straight": Motion(motion.speed, zeros),
         "constant speed": Motion(speed, motion.yaw_rate),
-        "straight at constant speed": Motion(speed, still),
-        "circle": Motion(speed, turn),
+        "straight at constant speed": Motion(speed, zeros),
+        "circle": Motion(speed, yaw_rate),
         "short": Motion(motion.speed[:end], motion.yaw_rate[:end]),
-    }[words]
-    warmth = setup.drive.temperature[: len(moved.t)]
-    return cases.sampled_at(replace(setup, drive=Drive(moved, warmth, "drive")), rng.uniform(*RATE_HZ), rng)
+    }[description]
+    temperature = setup.drive.temperature[: len(ambiguous_motion.t)]
+    return cases.resample_nodes(
+        replace(setup, drive=Drive(ambiguous_motion, temperature, "drive")), rng.uniform(*RATE_RANGE_HZ), rng
+    )
 
 
-def _drawn(made: Trial, rng: np.random.Generator, count: int) -> tuple[Effect, ...]:
-    """Draw effects, each at a visible size; those that the drive cannot show are drawn again."""
-    low = {"several": np.log(150.0)}.get(made.kind, np.log(FAINTEST))
+def _draw_effects(trial: Trial, rng: np.random.Generator, count: int) -> tuple[Effect, ...]:
+    """Return random effects, each at a visible size; an effect that the drive cannot show is drawn again."""
+    log_min_nats = {"several": np.log(150.0)}.get(trial.kind, np.log(MIN_NATS))
     hidden: list[Effect] = []
-    for _ in range(_DRAWS):
-        name = str(rng.choice([it for it in effects.KINDS if it not in [one.name for one in hidden]]))
-        nats = float(np.exp(rng.uniform(low, np.log(STRONGEST))))
+    for _ in range(_MAX_DRAWS):
+        name = str(
+            rng.choice([name for name in effects.KINDS if name not in [effect.name for effect in hidden]])
+        )
+        nats = float(np.exp(rng.uniform(log_min_nats, np.log(MAX_NATS))))
         try:
-            hidden.append(made.meter.dose(cases.hidden_effect(made.setup, name), nats)[0])
+            hidden.append(trial.meter.scale_to_gain(cases.draw_hidden_effect(trial.setup, name), nats)[0])
         except ValueError:
             continue
         if len(hidden) == count:
             return tuple(hidden)
-    raise RuntimeError(f"seed {made.setup.seed}: no drive of this kind shows {count} effects")
+    raise RuntimeError(f"seed {trial.setup.seed}: no drive of this kind shows {count} effects")
 
 
-def _alike(seed: int, rng: np.random.Generator, kind: str) -> Trial:
-    pair = alike.PAIRS[int(rng.integers(len(alike.PAIRS)))]
-    hidden, other = (pair.one, pair.other)[:: int(rng.choice([-1, 1]))]
+def _draw_confusable(seed: int, rng: np.random.Generator, kind: str) -> Trial:
+    """Return a trial with one effect of a confusable pair."""
+    pair = alike.CONFUSABLE_PAIRS[int(rng.integers(len(alike.CONFUSABLE_PAIRS)))]
+    hidden, alternative = (pair.first, pair.second)[:: int(rng.choice([-1, 1]))]
     nats = float(np.exp(rng.uniform(np.log(30.0), np.log(600.0))))
     if kind == "blunt alike":
-        setup = alike.blunt(seed, pair, rng.uniform(*SECONDS))
-        made = Trial(kind, cases.sampled_at(setup, rng.uniform(*RATE_HZ), rng), pair.why, dead=pair.dead)
+        setup = alike.draw_ambiguous_setup(seed, pair, rng.uniform(*DURATION_RANGE_S))
+        trial = Trial(
+            kind,
+            cases.resample_nodes(setup, rng.uniform(*RATE_RANGE_HZ), rng),
+            pair.reason,
+            dead_sensor=pair.dead_sensor,
+        )
     else:
-        made = Trial(kind, _setup(seed, rng), f"beside {other.name}")
-        hidden = cases.hidden_effect(made.setup, hidden.name, hidden.scope)
-    return replace(made, hidden=(made.meter.dose(hidden, nats)[0],))
+        trial = Trial(kind, _draw_trial_setup(seed, rng), f"beside {alternative.name}")
+        hidden = cases.draw_hidden_effect(trial.setup, hidden.name, hidden.scope)
+    return replace(trial, hidden=(trial.meter.scale_to_gain(hidden, nats)[0],))
 
 
-def lost(meter: Meter, effect: Effect, scope: str) -> float:
-    """Return the nats by which an effect beats itself in another scope of the same size."""
+def compute_scope_advantage(meter: GainMeter, effect: Effect, scope: str) -> float:
+    """Return the gain of an effect over the same effect in another scope, in nats."""
     if scope == effect.scope or "vehicle" in (scope, effect.scope):
         return 0.0
-    gain = {node: meter.gain(replace(effect, scope=node)) for node in SIDES}
+    gain_by_node = {node: meter.gain(replace(effect, scope=node)) for node in SIDES}
     if effect.scope == "all":
-        return gain[next(node for node in SIDES if node != scope)]
-    other = next(node for node in SIDES if node != effect.scope)
+        return gain_by_node[next(node for node in SIDES if node != scope)]
+    other_node = next(node for node in SIDES if node != effect.scope)
     if scope != "all":
-        return gain[effect.scope]
-    return gain[effect.scope] * gain[other] / max(gain[effect.scope] + gain[other], 1e-12)
+        return gain_by_node[effect.scope]
+    return (
+        gain_by_node[effect.scope]
+        * gain_by_node[other_node]
+        / max(gain_by_node[effect.scope] + gain_by_node[other_node], 1e-12)
+    )

@@ -1,8 +1,8 @@
-"""Cost of selection: probability of the true name among all others, in draws of the noise.
+"""Selection among all names: probability of the true name and scope, in draws of the noise.
 
-Close to nothing a drive is a linear model with Gaussian noise. Of each name in each scope the marginal
-likelihood is known in closed form then, its coordinates integrated over their prior: any direction, any size
-within decades. All names are equally probable beforehand, the scopes of one share alike.
+For small effects a drive is a linear model with Gaussian noise. The marginal likelihood of each name in each
+scope is then known in closed form: its coordinates have a Gaussian prior whose width is uniform over decades.
+All names have the same prior probability, shared equally by their scopes.
 """
 
 from __future__ import annotations
@@ -17,97 +17,101 @@ from scipy.stats import ncx2, norm
 
 from gap_matrix.world import Array
 
-DRAWS = 200
-# Prior widths, times what is usual, each as likely as the others. The narrowest lies below all sizes that a
-# drive shows: where the widths end, of two names that fit alike the one that is usually smaller would win.
-WIDTHS = np.geomspace(1e-4, 10.0, 11)
-# Eigenvalues of the information about a name's own coordinates from which on they are seen at all.
-_VISIBLE = 1e-3
+N_DRAWS = 200
+# Prior widths in units of the typical size, equally probable. The narrowest is below all detectable sizes;
+# otherwise, of two names that fit equally well, the one with the smaller typical size would win.
+PRIOR_WIDTHS = np.geomspace(1e-4, 10.0, 11)
+# Smallest eigenvalue of the information about the coordinates of a name that counts as observable.
+_MIN_EIGENVALUE = 1e-3
 
 
 @dataclass(frozen=True)
-class Option:
-    """A name in a scope, or one of several forms of it.
+class NameOption:
+    """A name in a scope, or one of several variants of it.
 
-    basis: (D, k) the directions that it moves. usual: (k,) prior 1 sigma along each, at width 1.
+    basis: (D, k) directions of the k coordinates of the effect
+    typical_sigma: (k,) prior 1 sigma of each coordinate, at a width of 1
     """
 
     name: str
     scope: str
     basis: Array
-    usual: Array
+    typical_sigma: Array
 
 
-class Choice:
-    """All options of a drive, with noise drawn for them once.
+class NameSelection:
+    """Selection among all options of a drive by marginal likelihood, with fixed draws of the noise.
 
-    gram: (D, D) information about the directions, everything that is always free taken out.
+    gram: (D, D) information about the directions, nuisances marginalised
     """
 
-    def __init__(self, gram: Array, options: Sequence[Option], rng: np.random.Generator) -> None:
+    def __init__(self, gram: Array, options: Sequence[NameOption], rng: np.random.Generator) -> None:
         self._gram = gram
         values, vectors = np.linalg.eigh(gram)
-        half = vectors * np.sqrt(np.maximum(values, 0.0))
-        self.noise = rng.standard_normal((DRAWS, len(gram))) @ half.T
-        self._keys = list(dict.fromkeys((it.name, it.scope) for it in options))
-        forms = Counter(it.name for it in options)
-        projections, occam, prior, owner = [], [], [], []
-        for it in options:
-            for width in WIDTHS:
-                scaled = it.basis * (width * it.usual)
-                spread, axes = np.linalg.eigh(scaled.T @ gram @ scaled)
-                spread = np.maximum(spread, 0.0)
-                projections.append(scaled @ axes / np.sqrt(1.0 + spread))
-                occam.append(0.5 * float(np.sum(np.log1p(spread))))
-                prior.append(-np.log(forms[it.name] * len(WIDTHS)))
-                owner.append(self._keys.index((it.name, it.scope)))
+        root = vectors * np.sqrt(np.maximum(values, 0.0))
+        self.noise = rng.standard_normal((N_DRAWS, len(gram))) @ root.T
+        self._keys = list(dict.fromkeys((option.name, option.scope) for option in options))
+        n_forms = Counter(option.name for option in options)
+        projections, occam_terms, log_priors, owners = [], [], [], []
+        for option in options:
+            for width in PRIOR_WIDTHS:
+                scaled_basis = option.basis * (width * option.typical_sigma)
+                eigenvalues, axes = np.linalg.eigh(scaled_basis.T @ gram @ scaled_basis)
+                eigenvalues = np.maximum(eigenvalues, 0.0)
+                projections.append(scaled_basis @ axes / np.sqrt(1.0 + eigenvalues))
+                occam_terms.append(0.5 * float(np.sum(np.log1p(eigenvalues))))
+                log_priors.append(-np.log(n_forms[option.name] * len(PRIOR_WIDTHS)))
+                owners.append(self._keys.index((option.name, option.scope)))
         self._project = np.concatenate(projections, axis=1)
-        self._starts = np.cumsum([0, *(one.shape[1] for one in projections[:-1])])
-        self._offset = np.array(prior) - np.array(occam)
-        self._owner = np.array(owner)
-        self._drawn = self.noise @ self._project
+        self._starts = np.cumsum([0, *(projection.shape[1] for projection in projections[:-1])])
+        self._offset = np.array(log_priors) - np.array(occam_terms)
+        self._owner = np.array(owners)
+        self._projected_noise = self.noise @ self._project
 
-    def scores(self, along: Array) -> Array:
-        """(DRAWS, D), what is measured where the truth is `along`: (D,), or (DRAWS, D) of each draw."""
-        return np.asarray(along @ self._gram + self.noise)
+    def scores(self, direction: Array) -> Array:
+        """Return the scores (N_DRAWS, D) for a true direction (D,), or (N_DRAWS, D) by draw."""
+        return np.asarray(direction @ self._gram + self.noise)
 
-    def told(self, along: Array, factor: float, name: str, scope: str) -> tuple[Array, str]:
-        """(DRAWS,) whether name and scope are chosen there, at `factor` times the truth; the nearest rival.
+    def select(self, direction: Array, factor: float, name: str, scope: str) -> tuple[Array, str]:
+        """Return for each draw whether name and scope are selected, and the most frequent alternative.
 
-        Chosen: the name, in all of its scopes, is more probable than all others together, and of its scopes
-        this one is the most probable.
+        The truth is `factor` times the direction. A name is selected if it is more probable, over all its
+        scopes, than all other names together; its most probable scope is selected.
         """
-        made = self._drawn + factor * (along @ self._gram) @ self._project
-        each = 0.5 * np.add.reduceat(made**2, self._starts, axis=1) + self._offset
-        shares = np.stack(
-            [logsumexp(each[:, self._owner == k], axis=1) for k in range(len(self._keys))], axis=1
+        projected = self._projected_noise + factor * (direction @ self._gram) @ self._project
+        log_evidence = 0.5 * np.add.reduceat(projected**2, self._starts, axis=1) + self._offset
+        probabilities = np.stack(
+            [logsumexp(log_evidence[:, self._owner == k], axis=1) for k in range(len(self._keys))], axis=1
         )
-        shares = np.exp(shares - logsumexp(shares, axis=1, keepdims=True))
-        own = self._keys.index((name, scope))
-        family = [k for k, key in enumerate(self._keys) if key[0] == name]
-        named = shares[:, family].sum(axis=1) > 0.5
-        placed = shares[:, own] >= shares[:, family].max(axis=1)
-        beside = shares.copy()
-        beside[:, own] = 0.0
-        return named & placed, self._rival(beside, own)
+        probabilities = np.exp(probabilities - logsumexp(probabilities, axis=1, keepdims=True))
+        own_index = self._keys.index((name, scope))
+        same_name = [k for k, key in enumerate(self._keys) if key[0] == name]
+        is_name_selected = probabilities[:, same_name].sum(axis=1) > 0.5
+        is_scope_selected = probabilities[:, own_index] >= probabilities[:, same_name].max(axis=1)
+        others = probabilities.copy()
+        others[:, own_index] = 0.0
+        return is_name_selected & is_scope_selected, self._find_alternative(others, own_index)
 
-    def _rival(self, shares: Array, own: int) -> str:
-        """The name, or the scope of the own name, that most often comes next."""
-        first = Counter(np.argmax(shares, axis=1).tolist()).most_common(1)[0][0]
-        name, scope = self._keys[first]
-        return f"scope {scope}" if name == self._keys[own][0] else name
+    def _find_alternative(self, probabilities: Array, own_index: int) -> str:
+        """Return the name, or scope of the true name, that is the best alternative in most draws."""
+        most_frequent = Counter(np.argmax(probabilities, axis=1).tolist()).most_common(1)[0][0]
+        name, scope = self._keys[most_frequent]
+        return f"scope {scope}" if name == self._keys[own_index][0] else name
 
 
-def seen(scores: Array, gram: Array, basis: Array, value: Array, alarm: float) -> Array:
-    """Return whether a test of one name alone detects it, (R,); value: (k,) of its coordinates.
+def is_detected(scores: Array, gram: Array, basis: Array, coordinates: Array, false_alarm: float) -> Array:
+    """Return for each of R draws whether a test of one name alone detects it.
 
-    Scores (R, D). Its coordinates are fitted freely; of a single one the sign is known.
+    scores: (R, D)
+    coordinates: (k,) true coordinates
+
+    The coordinates are fitted freely; the sign of a single coordinate is known.
     """
-    spread, axes = np.linalg.eigh(basis.T @ gram @ basis)
-    visible = spread > _VISIBLE
-    along = scores @ basis @ axes[:, visible] / np.sqrt(spread[visible])
-    freedom = int(np.count_nonzero(visible))
-    if freedom == 1:
-        sign = np.sign(float((value @ axes[:, visible])[0]))
-        return np.asarray(sign * along[:, 0] > norm.isf(alarm))
-    return np.asarray(np.sum(along**2, axis=1) > ncx2.isf(alarm, freedom, 0.0))
+    eigenvalues, axes = np.linalg.eigh(basis.T @ gram @ basis)
+    is_visible = eigenvalues > _MIN_EIGENVALUE
+    direction = scores @ basis @ axes[:, is_visible] / np.sqrt(eigenvalues[is_visible])
+    dof = int(np.count_nonzero(is_visible))
+    if dof == 1:
+        sign = np.sign(float((coordinates @ axes[:, is_visible])[0]))
+        return np.asarray(sign * direction[:, 0] > norm.isf(false_alarm))
+    return np.asarray(np.sum(direction**2, axis=1) > ncx2.isf(false_alarm, dof, 0.0))

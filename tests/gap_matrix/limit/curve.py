@@ -1,4 +1,4 @@
-"""Detection probability over the logarithm of size: a probit curve, and the next sizes to try."""
+"""Detection probability over the logarithm of size: a probit curve and the next sizes to test."""
 
 from __future__ import annotations
 
@@ -11,59 +11,62 @@ from scipy.stats import norm
 
 from gap_matrix.world import Array
 
-# Of ln size: where a stage that knows nothing looks, and what is thought of the curve beforehand. A test of
-# known power rises from 16 to 84 % within 0.5 at this false alarm, and nothing can be much steeper.
-FIRST_LOOK = (-0.1, 0.15, 0.4, 0.65, 0.9, 1.2)
-_MIDDLE, _MIDDLE_SIGMA = 0.4, 0.8
-_WIDTH, _WIDTH_SIGMA = np.log(0.25), 0.5
-_MIDDLES, _WIDTHS = np.linspace(-1.5, 3.5, 201), np.exp(np.linspace(np.log(0.05), np.log(2.0), 60))
-_LOOKS = (-1.2, -0.5, 0.0, 0.4, 0.9, 1.5)
+# Sizes of the first stage, and the prior of middle and width of the curve, in ln size. A test of known power
+# rises from 16 to 84 % within 0.5 at this rate of false alarms; no curve can be much steeper.
+FIRST_LN_SIZES = (-0.1, 0.15, 0.4, 0.65, 0.9, 1.2)
+_PRIOR_MIDDLE, _PRIOR_MIDDLE_SIGMA = 0.4, 0.8
+_PRIOR_LN_WIDTH, _PRIOR_LN_WIDTH_SIGMA = np.log(0.25), 0.5
+_MIDDLE_GRID, _WIDTH_GRID = np.linspace(-1.5, 3.5, 201), np.exp(np.linspace(np.log(0.05), np.log(2.0), 60))
+_NEXT_SIZES_IN_WIDTHS = (-1.2, -0.5, 0.0, 0.4, 0.9, 1.5)
 
 
 @dataclass(frozen=True)
-class Curve:
+class DetectionCurve:
     """A probit curve: detection probability Φ((x - middle) / width) at ln size x.
 
-    weight: (M, W) how likely each middle and width of the grid is.
+    weight: (M, W) posterior probability of each middle and width of the grid
     """
 
     middle: float
     width: float
     weight: Array
 
-    def seen(self, x: Array) -> Array:
+    def detection_probability(self, x: Array) -> Array:
+        """Return the detection probability at ln sizes x."""
         return np.asarray(norm.cdf((x - self.middle) / self.width))
 
-    def spread(self, share: float) -> float:
-        """1 sigma of the ln size that is seen with chance `share`."""
-        at = _MIDDLES[:, None] + norm.ppf(share) * _WIDTHS
-        mean = float(np.sum(self.weight * at))
-        return float(np.sqrt(np.sum(self.weight * (at - mean) ** 2)))
+    def ln_size_sigma(self, share: float) -> float:
+        """Return the posterior 1 sigma of the ln size that is detected with probability `share`."""
+        ln_sizes = _MIDDLE_GRID[:, None] + norm.ppf(share) * _WIDTH_GRID
+        mean = float(np.sum(self.weight * ln_sizes))
+        return float(np.sqrt(np.sum(self.weight * (ln_sizes - mean) ** 2)))
 
 
-def fitted(x: Sequence[float], seen: Sequence[bool]) -> Curve:
-    """Return the posterior mean of all curves, given trials and prior."""
-    z = (np.asarray(x)[:, None, None] - _MIDDLES[:, None]) / _WIDTHS
-    hit = np.asarray(seen, bool)[:, None, None]
-    logs = np.where(hit, norm.logcdf(z), norm.logsf(z)).sum(axis=0)
-    logs -= 0.5 * ((_MIDDLES[:, None] - _MIDDLE) / _MIDDLE_SIGMA) ** 2
-    logs = logs - 0.5 * ((np.log(_WIDTHS) - _WIDTH) / _WIDTH_SIGMA) ** 2
-    weight = np.exp(logs - logs.max())
+def fit_curve(x: Sequence[float], is_detected: Sequence[bool]) -> DetectionCurve:
+    """Return the posterior mean curve of trials at ln sizes x, detected or not."""
+    z = (np.asarray(x)[:, None, None] - _MIDDLE_GRID[:, None]) / _WIDTH_GRID
+    detected = np.asarray(is_detected, bool)[:, None, None]
+    log_weights = np.where(detected, norm.logcdf(z), norm.logsf(z)).sum(axis=0)
+    log_weights -= 0.5 * ((_MIDDLE_GRID[:, None] - _PRIOR_MIDDLE) / _PRIOR_MIDDLE_SIGMA) ** 2
+    log_weights = log_weights - 0.5 * ((np.log(_WIDTH_GRID) - _PRIOR_LN_WIDTH) / _PRIOR_LN_WIDTH_SIGMA) ** 2
+    weight = np.exp(log_weights - log_weights.max())
     weight /= weight.sum()
-    middle = float(np.sum(weight * _MIDDLES[:, None]))
-    return Curve(middle, float(np.exp(np.sum(weight * np.log(_WIDTHS)))), weight)
+    middle = float(np.sum(weight * _MIDDLE_GRID[:, None]))
+    return DetectionCurve(middle, float(np.exp(np.sum(weight * np.log(_WIDTH_GRID)))), weight)
 
 
-def next_look(x: Sequence[float], seen: Sequence[bool], count: int) -> list[float]:
-    """Return the `count` most informative ln sizes for further trials, in an unbiased order."""
+def choose_next_sizes(x: Sequence[float], is_detected: Sequence[bool], count: int) -> list[float]:
+    """Return the ln sizes of the next `count` trials, spread over the curve in random order."""
     if not len(x):
-        asked = np.interp(np.linspace(0, 5, count), range(6), FIRST_LOOK)
+        sizes = np.interp(np.linspace(0, 5, count), range(6), FIRST_LN_SIZES)
     else:
-        curve = fitted(x, seen)
-        asked = curve.middle + curve.width * np.interp(np.linspace(0, 5, count), range(6), _LOOKS)
-    return [float(asked[k]) for k in np.random.default_rng(count + len(x)).permutation(count)]
+        curve = fit_curve(x, is_detected)
+        sizes = curve.middle + curve.width * np.interp(
+            np.linspace(0, 5, count), range(6), _NEXT_SIZES_IN_WIDTHS
+        )
+    return [float(sizes[k]) for k in np.random.default_rng(count + len(x)).permutation(count)]
 
 
-def size_seen(share: Callable[[float], float], wanted: float) -> float:
-    """Return the size at which `share`, which increases with size, equals `wanted`."""
-    return float(np.exp(brentq(lambda x: share(float(np.exp(x))) - wanted, np.log(1e-6), np.log(1e6))))
+def solve_size(share: Callable[[float], float], target: float) -> float:
+    """Return the size at which an increasing function of the size equals `target`."""
+    return float(np.exp(brentq(lambda x: share(float(np.exp(x))) - target, np.log(1e-6), np.log(1e6))))

@@ -1,7 +1,7 @@
-"""Table of limits: sizes named, detected and distinguished in 50 and 90 % of the drives, and their ratios.
+"""Table of limits: sizes named, detected and identified in 50 and 90 % of the drives, and their ratios.
 
-Seen: by an oracle that knows name, scope and sign, at false alarms that all names share. Told: by one that
-    has to choose, too: seen, and name and scope more probable than all others together.
+Named: by `gap`. Detected: by an oracle that knows name, scope and sign, at a false alarm shared by all names.
+Identified: detected, and name and scope more probable than all others together.
 """
 
 from __future__ import annotations
@@ -14,100 +14,115 @@ from typing import Any
 import numpy as np
 
 from gap_matrix.effects import KINDS
-from gap_matrix.limit.curve import Curve, fitted, size_seen
-from gap_matrix.limit.oracle import CANDIDATES, FALSE_ALARM, half_seen
+from gap_matrix.limit.curve import DetectionCurve, fit_curve, solve_size
+from gap_matrix.limit.oracle import FALSE_ALARM, N_CANDIDATES, interpolate_half_size
 from hubodo.effects import BY_NAME
 
-SHARES = (0.5, 0.9)
-# What more than this separates from the oracle has a reason of its own.
-WANTED = 1.5
+DETECTION_SHARES = (0.5, 0.9)
+# Largest ratio to the oracle that needs no explanation.
+MAX_RATIO = 1.5
 Row = Mapping[str, Any]
 
 
 @dataclass(frozen=True)
-class Limit:
-    """One effect. named, priced, told, alone: sizes at SHARES, of `gap` and of the oracle: seen at the shared
-    price, chosen as well, seen without the price.
+class EffectLimit:
+    """Limits of one effect; sizes and ratios are those at DETECTION_SHARES.
 
-    over_seen, over_told: what is named over what is seen, and over what is told. curve: of `gap`, over ln of
-    size over the size that is seen in the drive. instead: what was said beyond the middle. screened: gain in
-    the logs over what the oracle counts on, median; nan for what is of chance. rival: what the oracle takes
-    it for most often, where half of its logs are told.
+    named: sizes that `gap` names
+    detected, identified: sizes that the oracle detects and identifies, with a shared false alarm
+    detected_alone: sizes that the oracle detects with a false alarm for this effect alone
+    named_over_detected, named_over_identified: named size over the detected and over the identified one
+    curve: of `gap`, over ln of the size relative to the size detected in the drive
+    trials: ln of the relative size of each trial, and whether it was named
+    alternatives: most frequent answers of missed trials above the middle of the curve
+    gain_ratio: median gain in the logs over that expected by the oracle; nan for random effects
+    nearest_alternative: most frequent alternative of the oracle
     """
 
     name: str
     unit: str
     named: tuple[float, float]
-    priced: tuple[float, float]
-    told: tuple[float, float]
-    alone: tuple[float, float]
-    over_seen: tuple[float, float]
-    over_told: tuple[float, float]
-    curve: Curve
+    detected: tuple[float, float]
+    identified: tuple[float, float]
+    detected_alone: tuple[float, float]
+    named_over_detected: tuple[float, float]
+    named_over_identified: tuple[float, float]
+    curve: DetectionCurve
     trials: tuple[tuple[float, bool], ...]
-    instead: str
-    screened: float
-    rival: str
+    alternatives: str
+    gain_ratio: float
+    nearest_alternative: str
 
     @property
-    def told_over_seen(self) -> float:
-        """What choosing costs, at 50 %."""
-        return self.over_seen[0] / self.over_told[0]
+    def identified_over_detected(self) -> float:
+        """Return the identified size over the detected one, at 50 %."""
+        return self.named_over_detected[0] / self.named_over_identified[0]
 
 
-def limit(name: str, trials: Sequence[Row], powers: Sequence[Row], typical: float) -> Limit:
+def compute_limit(name: str, trials: Sequence[Row], powers: Sequence[Row], typical: float) -> EffectLimit:
     """Return the limits of one effect.
 
-    trials: of that effect
+    trials: rows of this effect
     powers: of the oracle, one per drive
     typical: size at factor 1
     """
-    curve = fitted([row["x"] for row in trials], [row["named"] for row in trials])
-    halves = np.log([half_seen(own["factors"], own["priced"]) for own in powers])
+    curve = fit_curve([row["x"] for row in trials], [row["named"] for row in trials])
+    ln_half_sizes = np.log([interpolate_half_size(power["factors"], power["priced"]) for power in powers])
 
-    def by_gap(factor: float) -> float:
-        return float(np.mean(curve.seen(np.log(factor) - halves)))
+    def share_of_gap(factor: float) -> float:
+        return float(np.mean(curve.detection_probability(np.log(factor) - ln_half_sizes)))
 
-    def by_oracle(factor: float, kind: str) -> float:
+    def share_of_oracle(factor: float, kind: str) -> float:
         x = np.log(factor)
-        shares = [np.interp(x, np.log(own["factors"]), own[kind], left=0.0, right=1.0) for own in powers]
+        shares = [
+            np.interp(x, np.log(power["factors"]), power[kind], left=0.0, right=1.0) for power in powers
+        ]
         return float(np.mean(shares))
 
-    least = float(np.median([own.get("least", 0.0) for own in powers]))
-    named = [max(size_seen(by_gap, share), least) for share in SHARES]
-    priced = [size_seen(lambda f: by_oracle(f, "priced"), share) for share in SHARES]
-    told = [size_seen(lambda f: by_oracle(f, "told"), share) for share in SHARES]
-    alone = [size_seen(lambda f: by_oracle(f, "one"), share) for share in SHARES]
+    min_factor = float(np.median([power.get("least", 0.0) for power in powers]))
+    named = [max(solve_size(share_of_gap, share), min_factor) for share in DETECTION_SHARES]
+    detected = [
+        solve_size(lambda factor: share_of_oracle(factor, "priced"), share) for share in DETECTION_SHARES
+    ]
+    identified = [
+        solve_size(lambda factor: share_of_oracle(factor, "told"), share) for share in DETECTION_SHARES
+    ]
+    detected_alone = [
+        solve_size(lambda factor: share_of_oracle(factor, "one"), share) for share in DETECTION_SHARES
+    ]
 
     def sizes(factors: Sequence[float]) -> tuple[float, float]:
-        made = [typical / one if KINDS[name].limit else typical * one for one in factors]
-        return made[0], made[1]
+        scaled = [typical / factor if KINDS[name].is_limit else typical * factor for factor in factors]
+        return scaled[0], scaled[1]
 
-    parameter = next(key for key in KINDS[name].draw(np.random.default_rng(0)) if key != KINDS[name].lasting)
-    return Limit(
+    parameter = next(
+        key for key in KINDS[name].draw(np.random.default_rng(0)) if key != KINDS[name].shape_parameter
+    )
+    return EffectLimit(
         name,
         BY_NAME[name].unit(parameter),
         sizes(named),
-        sizes(priced),
-        sizes(told),
-        sizes(alone),
-        (named[0] / priced[0], named[1] / priced[1]),
-        (named[0] / told[0], named[1] / told[1]),
+        sizes(detected),
+        sizes(identified),
+        sizes(detected_alone),
+        (named[0] / detected[0], named[1] / detected[1]),
+        (named[0] / identified[0], named[1] / identified[1]),
         curve,
         tuple((row["x"], row["named"]) for row in trials),
-        _instead([row for row in trials if not row["named"] and row["x"] > curve.middle - 0.2]),
-        _as_promised(trials),
-        Counter(own["rival"] for own in powers).most_common(1)[0][0],
+        _list_alternatives([row for row in trials if not row["named"] and row["x"] > curve.middle - 0.2]),
+        _median_gain_ratio(trials),
+        Counter(power["rival"] for power in powers).most_common(1)[0][0],
     )
 
 
-def _instead(missed: Sequence[Row]) -> str:
-    """Return the names given instead, the most frequent first."""
-    said = Counter(_said(row) for row in missed)
-    return ", ".join(f"{words} {count}" for words, count in said.most_common(3))
+def _list_alternatives(missed: Sequence[Row]) -> str:
+    """Return the answers of missed trials, the most frequent first."""
+    counts = Counter(_describe_answer(row) for row in missed)
+    return ", ".join(f"{answer} {count}" for answer, count in counts.most_common(3))
 
 
-def _said(row: Row) -> str:
+def _describe_answer(row: Row) -> str:
+    """Return the first finding of a missed trial: name, wrong scope, low confidence, or nothing."""
     if not row["found"]:
         return "nothing"
     name, scope, confidence = row["found"][0][:3]
@@ -116,52 +131,59 @@ def _said(row: Row) -> str:
     return str(name).partition(" ~ ")[0]
 
 
-def _as_promised(trials: Sequence[Row]) -> float:
-    """Return the median gain in the logs over the oracle's; nan for effects of chance."""
-    made = [row["screened"] / row["expected"] for row in trials if row.get("expected") and row["screened"]]
-    return float(np.median(made)) if made else float("nan")
+def _median_gain_ratio(trials: Sequence[Row]) -> float:
+    """Return the median gain in the logs over that expected by the oracle; nan for random effects."""
+    ratios = [row["screened"] / row["expected"] for row in trials if row.get("expected") and row["screened"]]
+    return float(np.median(ratios)) if ratios else float("nan")
 
 
-def text(limits: Sequence[Limit], rows: Mapping[str, Row], seeds: Sequence[int]) -> str:
+def format_table(limits: Sequence[EffectLimit], rows: Mapping[str, Row], seeds: Sequence[int]) -> str:
     """Return the table as text."""
     lines = [
         "",
-        "named: first, in its scope, confidence above 0.5. seen: by an oracle that knows name, scope, sign,",
-        f"at {FALSE_ALARM:.0%} false alarms a log, shared by the {CANDIDATES} names in their scopes; alone: "
-        "not shared. told: seen so,",
-        "and more probable than all other names together, in its scope. over: named over seen, or over told",
+        "named: first, in its scope, confidence above 0.5. detected: by an oracle that knows name, scope and",
+        f"sign, at {FALSE_ALARM:.0%} false alarms per log, shared by the {N_CANDIDATES} names in their "
+        "scopes; alone: not shared.",
+        "identified: detected, and more probable than all other names together, in its scope.",
+        "ratios: named over detected, named over identified.",
         "",
-        f"{'':22} {'unit':>13} {'named':>19} {'seen':>19} {'told':>19} {'alone':>9} {'over seen':>11} "
-        f"{'over told':>17}",
+        f"{'':22} {'unit':>13} {'named':>19} {'detected':>19} {'identified':>19} {'alone':>9} "
+        f"{'/ detected':>11} {'/ identified':>17}",
         " " * 36
         + "".join(f"{share:>10}" for share in ("50 %", "90 %") * 3)
-        + "      50 %   50 %  90 %   50 %   ±   90 %  seen, said instead; nearest rival",
+        + "      50 %   50 %  90 %   50 %   ±   90 %  named, other answers; nearest alternative",
     ]
-    for it in limits:
-        sizes = "".join(f" {size:9.3g}" for size in (*it.named, *it.priced, *it.told, it.alone[0]))
-        hits = sum(seen for _, seen in it.trials)
-        lines.append(
-            f"{it.name:22} {it.unit:>13}{sizes} {it.over_seen[0]:5.2f} {it.over_seen[1]:5.2f}  "
-            f"{it.over_told[0]:5.2f} {it.curve.spread(0.5):4.2f} {it.over_told[1]:5.2f}  "
-            f"{hits:2}/{len(it.trials):2} {it.instead}; {it.rival}"
+    for limit in limits:
+        sizes = "".join(
+            f" {size:9.3g}"
+            for size in (*limit.named, *limit.detected, *limit.identified, limit.detected_alone[0])
         )
-    alarms = [seed for seed in seeds if rows[f"nothing/{seed}"]["found"]]
+        n_named = sum(is_named for _, is_named in limit.trials)
+        over_detected, over_identified = limit.named_over_detected, limit.named_over_identified
+        lines.append(
+            f"{limit.name:22} {limit.unit:>13}{sizes} {over_detected[0]:5.2f} {over_detected[1]:5.2f}  "
+            f"{over_identified[0]:5.2f} {limit.curve.ln_size_sigma(0.5):4.2f} {over_identified[1]:5.2f}  "
+            f"{n_named:2}/{len(limit.trials):2} {limit.alternatives}; {limit.nearest_alternative}"
+        )
+    alarm_seeds = [seed for seed in seeds if rows[f"nothing/{seed}"]["found"]]
     lines += [
         "",
-        _summary("seen", [(it.name, it.over_seen) for it in limits]),
-        _summary("told", [(it.name, it.over_told) for it in limits]),
-        "gain over what the oracle counts on, median of all: "
-        f"{np.nanmedian([it.screened for it in limits]):.2f}",
-        f"nothing hidden in the same drives: something named in {len(alarms)} of {len(seeds)}",
+        _summary("detected", [(limit.name, limit.named_over_detected) for limit in limits]),
+        _summary("identified", [(limit.name, limit.named_over_identified) for limit in limits]),
+        "gain over that expected by the oracle, median of all: "
+        f"{np.nanmedian([limit.gain_ratio for limit in limits]):.2f}",
+        f"same drives without a hidden effect: false alarms in {len(alarm_seeds)} of {len(seeds)}",
     ]
     return "\n".join(lines)
 
 
-def _summary(what: str, ratios: Sequence[tuple[str, tuple[float, float]]]) -> str:
+def _summary(criterion: str, ratios: Sequence[tuple[str, tuple[float, float]]]) -> str:
     """Return the number of effects near the oracle, and the others by name."""
-    beyond = [f"{name} {half:.2f}" for name, (half, _) in ratios if half > WANTED]
+    median = np.median([half for _, (half, _) in ratios])
+    exceeding = [f"{name} {half:.2f}" for name, (half, _) in ratios if half > MAX_RATIO]
     return (
-        f"at most {WANTED} times what is {what}, at 50 %: {len(ratios) - len(beyond)} of {len(ratios)}; "
-        f"beyond: {', '.join(beyond) or 'none'}; median {np.median([half for _, (half, _) in ratios]):.2f}; "
-        f"at 90 %: {sum(most <= WANTED for _, (_, most) in ratios)} of {len(ratios)}"
+        f"at most {MAX_RATIO} times the size {criterion}, at 50 %: "
+        f"{len(ratios) - len(exceeding)} of {len(ratios)}; "
+        f"above: {', '.join(exceeding) or 'none'}; median {median:.2f}; "
+        f"at 90 %: {sum(ratio_90 <= MAX_RATIO for _, (_, ratio_90) in ratios)} of {len(ratios)}"
     )

@@ -1,4 +1,4 @@
-"""Trial of one effect of a given size in a drive, and whether `gap` names it first in its scope."""
+"""Trials of one effect of a given size in one drive, and whether `gap` names it first in its scope."""
 
 from __future__ import annotations
 
@@ -11,75 +11,88 @@ import numpy as np
 
 from gap_matrix import cases, effects, recording, sensor
 from gap_matrix.cases import Setup
-from gap_matrix.effects import KINDS, Effect, scaled
+from gap_matrix.effects import KINDS, Effect, scale_effect
 from hubodo.gap.explain.result import GapResult
 from hubodo.gap.workflow import find_gap
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
 
-# Beyond this confidence a name counts as given.
-CONFIDENT = 0.5
+# A name counts as given above this confidence.
+MIN_CONFIDENCE = 0.5
 RATE_HZ = 50.0
 
 
-def typical(effect: Effect) -> float:
-    """Return its magnitude at factor 1: the length of the scaled parameters."""
+def typical_size(effect: Effect) -> float:
+    """Return the size of an effect at factor 1: the norm of its scaled parameters."""
     kind = KINDS[effect.name]
-    return float(np.linalg.norm([v for key, v in effect.parameters.items() if key != kind.lasting]))
+    return float(np.linalg.norm([v for key, v in effect.parameters.items() if key != kind.shape_parameter]))
 
 
-def largest_possible(effect: Effect, factor: float) -> float:
-    """Return the factor, reduced where no real wheel could have it."""
-    while not effects.possible(scaled(effect, factor)):
+def reduce_to_possible(effect: Effect, factor: float) -> float:
+    """Return the factor, reduced until the effect is plausible for a real wheel."""
+    while not effects.is_possible(scale_effect(effect, factor)):
         factor *= 0.9
     return factor
 
 
-def in_whole_hits(setup: Setup, effect: Effect, factor: float) -> float:
-    """Return the factor of the integer number of hits, for effects that occur as hits."""
+def round_to_hits(setup: Setup, effect: Effect, factor: float) -> float:
+    """Return the factor of the nearest whole number of hits, for outliers and stale samples."""
     probability = effect.parameters.get("probability")
     if probability is None:
         return factor
-    node = next(node for node in effects.SIDES if effect.concerns(node))
-    count = len(setup.taken[node]) * (6 if effect.name == "outliers" else 1)
-    return sensor.chosen(probability * factor, count) / count / probability
+    node = next(node for node in effects.SIDES if effect.applies_to(node))
+    count = len(setup.sample_times[node]) * (6 if effect.name == "outliers" else 1)
+    return sensor.count_hits(probability * factor, count) / count / probability
 
 
-def tried(setup: Setup, effect: Effect | None) -> dict[str, Any]:
-    """Return the result of `gap` for the drive; named: first, in its scope, and with confidence."""
-    begin = time.process_time()
-    result = _diagnosed(setup, [] if effect is None else [effect])
-    found = [[it.effect, it.scope, round(it.confidence, 4), list(it.inseparable_from)] for it in result.found]
-    row: dict[str, Any] = {"found": found, "cpu": round(time.process_time() - begin, 2)}
+def run_trial(setup: Setup, effect: Effect | None) -> dict[str, Any]:
+    """Return the row of a trial with one hidden effect, or none.
+
+    `named` is True if the effect is found first, in its scope, with a confidence above MIN_CONFIDENCE.
+    """
+    start_time = time.process_time()
+    result = _diagnose(setup, [] if effect is None else [effect])
+    findings = [
+        [finding.effect, finding.scope, round(finding.confidence, 4), list(finding.inseparable_from)]
+        for finding in result.found
+    ]
+    row: dict[str, Any] = {"found": findings, "cpu": round(time.process_time() - start_time, 2)}
     if effect is None:
         return row
-    head = found[0] if found else ["", "", 0.0]
-    right = (head[0], head[1]) == (effect.name, effect.scope)
-    first = result.search.rounds[0]
-    screened = [it.gain for it in first.screened if it.candidate.term.key == (effect.name, effect.scope)]
-    own = first.find_hypothesis((effect.name, effect.scope))
+    first = findings[0] if findings else ["", "", 0.0]
+    is_correct = (first[0], first[1]) == (effect.name, effect.scope)
+    first_round = result.search.rounds[0]
+    screened_gains = [
+        finding.gain
+        for finding in first_round.screened
+        if finding.candidate.term.key == (effect.name, effect.scope)
+    ]
+    hypothesis = first_round.find_hypothesis((effect.name, effect.scope))
     return row | {
         "scope": effect.scope,
         "parameters": {key: float(value) for key, value in effect.parameters.items()},
-        "named": bool(right and head[2] > CONFIDENT),
-        "screened": round(max(screened), 2) if screened else None,
-        "gain": None if own is None else round(own.gain, 2),
-        "evidence": None if own is None else round(own.evidence, 2),
+        "named": bool(is_correct and first[2] > MIN_CONFIDENCE),
+        "screened": round(max(screened_gains), 2) if screened_gains else None,
+        "gain": None if hypothesis is None else round(hypothesis.gain, 2),
+        "evidence": None if hypothesis is None else round(hypothesis.evidence, 2),
         "rivals": [
-            [it.term.effect.name, it.term.scope, round(it.gain, 2), round(it.evidence, 2),
-             round(it.probability, 4)]
-            for it in first.hypotheses[:4]
+            [finding.term.effect.name, finding.term.scope, round(finding.gain, 2), round(finding.evidence, 2),
+             round(finding.probability, 4)]
+            for finding in first_round.hypotheses[:4]
         ],
-        "nothing": round(first.null_probability, 5),
+        "nothing": round(first_round.null_probability, 5),
     }  # fmt: skip
 
 
-def _diagnosed(setup: Setup, hidden: list[Effect]) -> GapResult:
+def _diagnose(setup: Setup, hidden: list[Effect]) -> GapResult:
+    """Write the log of a setup and return the result of `gap`."""
     with tempfile.TemporaryDirectory(prefix="gap_limit_") as folder:
-        recording.write(setup, hidden, Path(folder), {})
+        recording.write_case_files(setup, hidden, Path(folder), {})
         return find_gap(read_folder(Path(folder)), read_model(Path(folder) / "model.toml"))
 
 
-def drive(seed: int, seconds: float) -> Setup:
-    """Return a drive of this length with nodes at half their usual rate."""
-    return cases.sampled_at(cases.setup(seed, duration=seconds), RATE_HZ, np.random.default_rng(seed))
+def draw_drive_setup(seed: int, duration: float) -> Setup:
+    """Return the setup of a drive with nodes at half their usual rate."""
+    return cases.resample_nodes(
+        cases.draw_setup(seed, duration=duration), RATE_HZ, np.random.default_rng(seed)
+    )

@@ -118,9 +118,9 @@ def test_each_effect_names_confusable_effects_and_manoeuvres(kind):
 
 
 def test_a_steered_wheel_of_an_independent_simulator_is_identified_on_request(tmp_path):
-    setup = cases.setup(SEED, duration=60.0)
-    hidden = beyond.hide(setup, "steered_wheel", 2000.0)
-    recording.write(setup, [], tmp_path / "case", {}, hidden.records)
+    setup = cases.draw_setup(SEED, duration=60.0)
+    hidden = beyond.hide_effect(setup, "steered_wheel", 2000.0)
+    recording.write_case_files(setup, [], tmp_path / "case", {}, hidden.records)
     gap_run = run_gap(
         tmp_path / "out", tmp_path / "case/model.toml", tmp_path / "case", "--candidates", "field"
     )
@@ -133,7 +133,7 @@ def test_a_steered_wheel_of_an_independent_simulator_is_identified_on_request(tm
 def foreign(tmp_path_factory):
     """A log of foreign make, of a minute."""
     path = tmp_path_factory.mktemp("foreign") / "case"
-    recording.write(cases.setup(SEED, duration=60.0), [], path, {})
+    recording.write_case_files(cases.draw_setup(SEED, duration=60.0), [], path, {})
     return path
 
 

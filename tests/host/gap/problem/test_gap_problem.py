@@ -14,14 +14,14 @@ SEED, DURATION = 9, 33.0  # s
 
 def write_sampled_case(folder, rate_hz):
     """Write a case with a lever arm and repeated samples on the left node."""
-    setup = cases.setup(SEED, duration=DURATION)
-    setup = cases.sampled_at(setup, rate_hz, np.random.default_rng(SEED), jitter=0.02)
+    setup = cases.draw_setup(SEED, duration=DURATION)
+    setup = cases.resample_nodes(setup, rate_hz, np.random.default_rng(SEED), jitter=0.02)
     hidden = [
-        cases.hidden_effect(setup, "lever_arm", "left"),
-        cases.hidden_effect(setup, "sample_repeat", "left"),
+        cases.draw_hidden_effect(setup, "lever_arm", "left"),
+        cases.draw_hidden_effect(setup, "sample_repeat", "left"),
     ]
-    hidden[1] = effects.scaled(hidden[1], 5.0)
-    recording.write(setup, hidden, folder, {})
+    hidden[1] = effects.scale_effect(hidden[1], 5.0)
+    recording.write_case_files(setup, hidden, folder, {})
     return folder
 
 

@@ -83,10 +83,12 @@ def test_the_delay_column_is_the_time_derivative_of_the_readings(late_clock_case
 
 def test_the_phase_steps_of_both_wheels_share_the_noise_of_the_speed_input(tmp_path):
     """Phase steps integrate the noise of speed and yaw rate; that of the yaw rate has opposite signs."""
-    setup = cases.setup(31, duration=40.0)
+    setup = cases.draw_setup(31, duration=40.0)
     motion = setup.drive.motion
     straight_motion = Motion(0.0 * motion.speed + 3.0, 0.0 * motion.yaw_rate)
-    recording.write(replace(setup, drive=replace(setup.drive, motion=straight_motion)), [], tmp_path, {})
+    recording.write_case_files(
+        replace(setup, drive=replace(setup.drive, motion=straight_motion)), [], tmp_path, {}
+    )
     problem = build_problem(read_folder(tmp_path), read_model(tmp_path / "model.toml"))
     assert problem.speed_noise == setup.speed_noise
     walks = {node.name: declared_wheel_walk(problem, node) for node in problem.nodes}
