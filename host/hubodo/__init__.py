@@ -12,9 +12,7 @@ if TYPE_CHECKING:
     from hubodo.api.files import load_vehicle, read_calibration, read_model, write_calibration, write_model
     from hubodo.api.log import LoadedLog
     from hubodo.api.missing_effects import MissingEffects
-    from hubodo.api.plot import Plot
     from hubodo.api.read import open
-    from hubodo.api.sensor import AllanResult, WarmupResult
     from hubodo.api.simulate import simulate
     from hubodo.api.track import FusedTrack
     from hubodo.calibration.file import Calibration
@@ -22,8 +20,11 @@ if TYPE_CHECKING:
     from hubodo.fuse.track import Score
     from hubodo.gap.explain.result import Finding
     from hubodo.model.model_file import Model
+    from hubodo.pages.plot import Plot
     from hubodo.recording import Event, Recording, Table
     from hubodo.sensors.allan.fit import NoiseTerm
+    from hubodo.sensors.allan.result import AllanResult
+    from hubodo.sensors.warmup.result import WarmupResult
     from hubodo.vehicle import NodeMount, Vehicle
 
 _NAMES_OF_MODULE = {
@@ -36,9 +37,7 @@ _NAMES_OF_MODULE = {
     ),
     "hubodo.api.log": ("LoadedLog",),
     "hubodo.api.missing_effects": ("MissingEffects",),
-    "hubodo.api.plot": ("Plot",),
     "hubodo.api.read": ("open",),
-    "hubodo.api.sensor": ("AllanResult", "WarmupResult"),
     "hubodo.api.simulate": ("simulate",),
     "hubodo.api.track": ("FusedTrack",),
     "hubodo.calibration.file": ("Calibration",),
@@ -46,8 +45,11 @@ _NAMES_OF_MODULE = {
     "hubodo.fuse.track": ("Score",),
     "hubodo.gap.explain.result": ("Finding",),
     "hubodo.model.model_file": ("Model",),
+    "hubodo.pages.plot": ("Plot",),
     "hubodo.recording": ("Event", "Recording", "Table"),
     "hubodo.sensors.allan.fit": ("NoiseTerm",),
+    "hubodo.sensors.allan.result": ("AllanResult",),
+    "hubodo.sensors.warmup.result": ("WarmupResult",),
     "hubodo.vehicle": ("NodeMount", "Vehicle"),
 }
 _MODULE_OF_NAME = {name: module for module, names in _NAMES_OF_MODULE.items() for name in names}

@@ -15,6 +15,8 @@ from pathlib import Path
 
 from hubodo.errors import InputError
 
+StrPath = str | os.PathLike[str]
+
 
 def require_free_path(path: Path) -> Path:
     """Return the path; raise InputError where it exists already, or its folder does not exist."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
-from hubodo.html_table import html_table
+from hubodo.html_table import html_lines, html_table
 from hubodo.safe_text import printable
 
 if TYPE_CHECKING:
@@ -209,6 +209,19 @@ class Recording:
 
     def __repr__(self) -> str:
         return f"Recording({', '.join(f'{name}: {len(table)}' for name, table in self.files().items())})"
+
+    def _repr_html_(self) -> str:
+        rows = [
+            (
+                name,
+                str(len(table)),
+                f"{(len(table) - 1) / (table.t[-1] - table.t[0]):.4g}" if len(table) > 1 else "",
+                f"{table.t[0]:.3f} to {table.t[-1]:.3f}",
+                " ".join(table),
+            )
+            for name, table in self.files().items()
+        ]
+        return html_table(("", "rows", "Hz", "t, s", "columns"), rows) + html_lines(self.warnings)
 
 
 TABLE_FILE_COLUMNS: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {

@@ -21,8 +21,9 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 from generators import wheel_drives  # noqa: E402
 from generators.external_positions import Receiver, positions  # noqa: E402
 from hubodo.errors import CalibrationError  # noqa: E402
-from hubodo.fuse.wheel.calibration.calibrate import WheelCalibration, calibrate_wheels  # noqa: E402
+from hubodo.fuse.wheel.calibration.calibrate import calibrate_wheels  # noqa: E402
 from hubodo.fuse.wheel.calibration.positions import Positions  # noqa: E402
+from hubodo.fuse.wheel.calibration.result import WheelCalibration  # noqa: E402
 from wheel_runs import config, tables  # noqa: E402
 
 ERRORS = replace(wheel_drives.Errors(), radius=0.01, track=0.015)

@@ -6,13 +6,12 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hubodo.atomic_files import StrPath as StrPath
 from hubodo.vehicle import Vehicle, load_vehicle
 
 if TYPE_CHECKING:
     from hubodo.calibration.file import Calibration
     from hubodo.model.model_file import Model
-
-StrPath = str | os.PathLike[str]
 
 
 def as_vehicle(vehicle: StrPath | Vehicle) -> Vehicle:

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from hubodo.errors import InputError
-from hubodo.html_table import html_lines, html_table
 from hubodo.recording import NODE_COLUMNS, Event, Recording, Table
 
 # The rest is imported by the methods that need it: importing everything takes four times as long.
@@ -19,13 +18,14 @@ if TYPE_CHECKING:
 
     from hubodo.api.arguments import StrPath
     from hubodo.api.missing_effects import MissingEffects
-    from hubodo.api.plot import Plot
-    from hubodo.api.sensor import AllanResult, WarmupResult
     from hubodo.api.track import FusedTrack
     from hubodo.calibration.file import Calibration
     from hubodo.fuse.wheel_odometry import Method
     from hubodo.model.model_file import Model
+    from hubodo.pages.plot import Plot
+    from hubodo.sensors.allan.result import AllanResult
     from hubodo.sensors.standstill_channel import StandstillRecord
+    from hubodo.sensors.warmup.result import WarmupResult
     from hubodo.vehicle import Vehicle
 
 
@@ -74,12 +74,9 @@ class LoadedLog:
         """The vehicle given on opening, else the one stored in the log, else None."""
         if self._vehicle is not None or not self.path.exists():
             return self._vehicle
-        from hubodo.ingest.replay.odometry_setup import read_odometry_setup
-        from hubodo.log.any_log import open_source
-        from hubodo.log.logfile import Log
+        from hubodo.api.stored_log import read_stored_vehicle
 
-        with open_source(self.path) as source:
-            return read_odometry_setup(source).vehicle if isinstance(source, Log) else None
+        return read_stored_vehicle(self.path)
 
     def __getitem__(self, name: str) -> Table:
         tables = self.recording.files()
@@ -235,14 +232,19 @@ class LoadedLog:
         >>> f"{allan.terms['N'].value:.1e} rad/√s"
         '1.4e-04 rad/√s'
         """
-        from hubodo.api.sensor import analyse_allan
+        from hubodo.sensors.allan.characterise import characterise_standstill_noise
 
-        return analyse_allan(
-            self._standstill(node, channel, start, end, trust_units, keep_disturbed=as_is, cut=True),
-            str(self.path),
-            turn=turn,
-            per_octave=per_octave,
-            every_sample=as_is,
+        standstill = self._standstill(
+            node,
+            channel,
+            start=start,
+            end=end,
+            trust_units=trust_units,
+            trust_still=as_is,
+            cut_disturbances=True,
+        )
+        return characterise_standstill_noise(
+            standstill, turn=turn, per_octave=per_octave, keep_all_samples=as_is
         )
 
     def warmup(
@@ -283,12 +285,12 @@ class LoadedLog:
         InputError
             If there is no such node or axis, the sensor moved, or unit or duration do not suit.
         """
-        from hubodo.api.sensor import analyse_warmup
+        from hubodo.sensors.warmup.characterise import characterise_standstill_warmup
 
         if channel not in NODE_COLUMNS[1:4]:
             raise InputError(f"channel {channel!r}: choose from {', '.join(NODE_COLUMNS[1:4])}")
-        standstill = self._standstill(node, channel, start, end, trust_units)
-        return analyse_warmup(standstill, str(self.path), age=age)
+        standstill = self._standstill(node, channel, start=start, end=end, trust_units=trust_units)
+        return characterise_standstill_warmup(standstill, age=age)
 
     def gap(
         self,
@@ -364,42 +366,16 @@ class LoadedLog:
         InputError
             If the path exists.
         """
-        from hubodo.log.csv_folder import write_folder
-        from hubodo.log.recording_writer import write_recording
+        from hubodo.api.stored_log import write_log
 
-        target = Path(path)
-        if target.exists():
-            raise InputError(f"{target}: exists already; choose another name, nothing is overwritten")
-        if target.suffix == ".mcap":
-            write_recording(self.recording, target, vehicle=self._vehicle)
-        else:
-            write_folder(self.recording, target)
-        return target
+        return write_log(self.recording, Path(path), self._vehicle)
 
-    def _standstill(
-        self,
-        node: str | None,
-        channel: str,
-        start: float | None,
-        end: float | None,
-        trust_units: bool,
-        *,
-        keep_disturbed: bool = False,
-        cut: bool = False,
-    ) -> StandstillRecord:
-        """Return one checked channel of a stationary node; parameters as in `read_standstill_channel`."""
+    def _standstill(self, node: str | None, channel: str, **options: Any) -> StandstillRecord:
+        """Return one checked channel of a stationary node; options as in `read_standstill_channel`."""
         from hubodo.sensors.standstill_channel import read_standstill_channel
 
         return read_standstill_channel(
-            self.recording,
-            self._node(node),
-            channel,
-            log=str(self.path),
-            start=start,
-            end=end,
-            trust_units=trust_units,
-            trust_still=keep_disturbed,
-            cut_disturbances=cut,
+            self.recording, self._node(node), channel, log=str(self.path), **options
         )
 
     def _node(self, name: str | None) -> str:
@@ -416,14 +392,4 @@ class LoadedLog:
         return f"LoadedLog({str(self.path)!r}: {', '.join(self) or 'empty'}; {self.duration:.1f} s)"
 
     def _repr_html_(self) -> str:
-        rows = [
-            (
-                name,
-                str(len(table)),
-                f"{(len(table) - 1) / (table.t[-1] - table.t[0]):.4g}" if len(table) > 1 else "",
-                f"{table.t[0]:.3f} to {table.t[-1]:.3f}",
-                " ".join(table),
-            )
-            for name, table in self.recording.files().items()
-        ]
-        return html_table(("", "rows", "Hz", "t, s", "columns"), rows) + html_lines(self.warnings)
+        return self.recording._repr_html_()

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hubodo.api.arguments import StrPath, as_model
-from hubodo.api.plot import Plot
 from hubodo.effects import BY_NAME
 from hubodo.errors import InputError
 from hubodo.gap.explain.result import Finding, GapResult
@@ -19,10 +18,11 @@ from hubodo.gap.problem.assumed import assume_model
 from hubodo.gap.workflow import find_gap
 from hubodo.html_table import html_lines, html_table
 from hubodo.model.model_file import Model
+from hubodo.pages.drawing import new_figure
+from hubodo.pages.page import COLOURS
+from hubodo.pages.plot import Plot
 from hubodo.progress import progress_line
-from hubodo.report.drawing import new_figure
 from hubodo.report.gap_files import check_gap_folder, gap_file_contents, gap_json, write_files
-from hubodo.report.page import COLOURS
 from hubodo.toml_file import suggest_spelling
 
 if TYPE_CHECKING:

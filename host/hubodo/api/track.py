@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from hubodo.api.arguments import StrPath, as_calibration, as_vehicle
-from hubodo.api.plot import Plot
 from hubodo.errors import InputError
 from hubodo.fuse.fusion import (
     FusedRecording,
@@ -20,9 +19,10 @@ from hubodo.fuse.fusion import (
 )
 from hubodo.fuse.track import Score, Track
 from hubodo.html_table import html_lines, html_table
+from hubodo.pages.curves import Curve, plot_curves
+from hubodo.pages.page import COLOURS
+from hubodo.pages.plot import Plot
 from hubodo.recording import Table
-from hubodo.report.curves import Curve, plot_curves
-from hubodo.report.page import COLOURS
 
 if TYPE_CHECKING:
     import pandas as pd

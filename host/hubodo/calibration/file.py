@@ -26,11 +26,14 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hubodo.atomic_files import write_atomically
 from hubodo.effects import Effect, effect_of, in_order
 from hubodo.effects.base import Level
 from hubodo.errors import CalibrationError, ConfigError
 from hubodo.model.effect_tables import check_value, effect_heading, read_effect_tables
+from hubodo.recording import Table
 from hubodo.toml_file import (
     as_table,
     check_known_keys,
@@ -215,6 +218,14 @@ def find_node_serial(metadata: Mapping[str, str], node: str) -> str:
     A recorded log has it in the record of the node, other logs may state it as `serial.<node>`.
     """
     return metadata.get(f"node.{node}.serial") or metadata.get(f"serial.{node}", "")
+
+
+def find_temperature_span(table: Table) -> tuple[float, float] | None:
+    """Return the lowest and highest temperature of a node's table, °C, or None without any reading."""
+    if "temperature" not in table:
+        return None
+    known = table["temperature"][np.isfinite(table["temperature"])]
+    return (float(known.min()), float(known.max())) if len(known) else None
 
 
 def hash_source(path: Path) -> str:

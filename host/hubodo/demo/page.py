@@ -7,8 +7,8 @@ import numpy as np
 import plotly.graph_objects as go
 
 from hubodo.fuse.track import Track
+from hubodo.pages.page import COLOURS, PageTable, Section, new_plotly_figure, render_page
 from hubodo.recording import Recording, Table
-from hubodo.report.page import COLOURS, PageTable, Section, new_plotly_figure, render_page
 
 _MAX_PLOT_POINTS = 4000
 

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from hubodo.report.drawing import Drawing, new_figure, render_drawing
-from hubodo.report.page import COLOURS
+from hubodo.pages.drawing import Drawing, new_figure, render_drawing
+from hubodo.pages.page import COLOURS
 
 _N_HISTOGRAM_BINS = 40
 _EXTRA_COLOURS = ("#8e5ea2", "#c78a1e", "#2e7d5b", "#5d646c")

@@ -12,8 +12,8 @@ from hubodo.fleet.figures import effect_map, spread_figure
 from hubodo.fleet.missing_effects import GAP_VERB, MAX_FALSE_EFFECT_SHARE, list_missing_effects, weekly_shares
 from hubodo.fleet.quantities import FOUND_PREFIX
 from hubodo.fleet.spread import find_drifts, find_outliers
-from hubodo.report.drawing import Drawing
-from hubodo.report.page import PageTable, Section, render_page
+from hubodo.pages.drawing import Drawing
+from hubodo.pages.page import PageTable, Section, render_page
 
 _MAX_TABLE_ROWS = 40
 _MAX_FIGURES = 12

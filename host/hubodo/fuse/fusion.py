@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hubodo.atomic_files import atomic_files
 from hubodo.calibration.file import Calibration
@@ -22,9 +22,13 @@ from hubodo.fuse.track import Score, Track, find_gnss_outages, format_error, sco
 from hubodo.fuse.wheel_odometry import Method, WheelOdometry, compute_wheel_odometry, read_start_heading
 from hubodo.log.csv_table import write_table
 from hubodo.log.units import check_units
+from hubodo.pages.console import print_table
 from hubodo.recording import Recording, Table
 from hubodo.safe_text import json_text
 from hubodo.vehicle import Vehicle
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 TRACK_COLUMNS = ("t", "x", "y", "heading", "speed", "sigma_x", "sigma_y", "sigma_heading")
 SAMPLES_BY_TABLE: Mapping[str, Callable[[Table], SensorSamples]] = {
@@ -53,6 +57,7 @@ class FusedRecording:
     calibration : file and SHA-256 of the calibration that was applied, None without one.
     score : error against truth, None where the log has no truth.
     warnings : one line each.
+    output : folder of the results, None if they are not written.
     """
 
     log: str
@@ -64,12 +69,13 @@ class FusedRecording:
     calibration: Mapping[str, str] | None
     score: Score | None
     warnings: tuple[str, ...]
+    output: str | None = None
 
-    def as_json(self, output: str | None = None) -> dict[str, Any]:
-        """Return the content of fuse.json; output: the folder it is written to, None if it is not written."""
+    def as_json(self) -> dict[str, Any]:
+        """Return the content of fuse.json."""
         content: dict[str, Any] = {
             "log": self.log,
-            **({} if output is None else {"output": output}),
+            **({} if self.output is None else {"output": self.output}),
             "methods": list(self.methods),
             "wheel_nodes": list(self.nodes),
             "smoothing": _describe_smoothing(self.lag),
@@ -109,6 +115,12 @@ class FusedRecording:
             if score.heading_rms is not None:
                 rows.append(("heading rms", f"{math.degrees(score.heading_rms):.2f}°"))
         return rows
+
+    def render(self, console: Console) -> None:
+        """Print the main results, then the warnings."""
+        print_table(console, (), self.summary_rows(), f"{self.log} → {self.output}")
+        for text in self.warnings:
+            console.print(f"warning: {text}", highlight=False, markup=False, soft_wrap=True)
 
 
 def fuse_recording(
@@ -232,12 +244,17 @@ def check_no_results(folder: Path) -> None:
         raise InputError(f"{existing}: exists; name another folder or say --force")
 
 
-def write_results(fused: FusedRecording, folder: Path) -> None:
-    """Write track.csv and fuse.json atomically; the folder is created where it is missing."""
+def write_results(fused: FusedRecording, folder: Path) -> FusedRecording:
+    """Write track.csv and fuse.json atomically, and return the result with its folder.
+
+    The folder is created where it is missing.
+    """
+    written = replace(fused, output=str(folder))
     with atomic_files(*(folder / name for name in RESULT_FILES), create_folder=True) as (track, report):
         write_table(track, track_to_table(fused.track))
-        text = json_text(fused.as_json(str(folder)), indent=2)
+        text = json_text(written.as_json(), indent=2)
         report.write_text(text + "\n", "utf-8")
+    return written
 
 
 def parse_smoothing_lag(smooth: float | str | None, method: str, option: str, hint: str = "") -> float:

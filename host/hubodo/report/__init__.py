@@ -1,1 +1,1 @@
-"""Reports: self-contained HTML pages with text, tables and figures, and figure files."""
+"""Reports: the pages of a log and of a gap search."""

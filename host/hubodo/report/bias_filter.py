@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from hubodo.ingest.node.bias_filter import describe_filter_row
+from hubodo.pages.curves import Curve, draw_curves
+from hubodo.pages.drawing import Drawing
+from hubodo.pages.page import COLOURS, Section
 from hubodo.recording import Table
-from hubodo.report.curves import Curve, draw_curves
-from hubodo.report.drawing import Drawing
-from hubodo.report.page import COLOURS, Section
 from hubowire.messages import FilterState
 
 _DEG = math.degrees(1.0)

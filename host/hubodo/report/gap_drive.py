@@ -11,8 +11,8 @@ from plotly.subplots import make_subplots
 from hubodo.arrays import Array
 from hubodo.effects import distinguishing_manoeuvre
 from hubodo.gap.explain.result import GapResult
+from hubodo.pages.page import COLOURS
 from hubodo.report.gap_figures import Channel, envelope, format_channel
-from hubodo.report.page import COLOURS
 
 # Duration (s), speed (m/s) and yaw rate (rad/s) of one segment of a drive; transitions are smoothed.
 DriveSegment = tuple[float, float, float]

@@ -17,7 +17,7 @@ from hubodo.gap.explain.result import Finding, GapResult
 from hubodo.gap.explain.summary import format_probability
 from hubodo.gap.problem.problem import CHANNELS
 from hubodo.gap.process_noise.residual import Residual
-from hubodo.report.page import COLOURS, new_plotly_figure
+from hubodo.pages.page import COLOURS, new_plotly_figure
 
 BEFORE, AFTER, NOISE = COLOURS["right"], COLOURS["left"], COLOURS["truth"]
 _BAND_COLOURS = {BEFORE: "rgba(209,73,91,0.30)", AFTER: "rgba(27,108,168,0.45)"}

@@ -22,6 +22,7 @@ from hubodo.gap.explain.summary import (
     list_advice,
 )
 from hubodo.gap.problem.problem import CHANNELS
+from hubodo.pages.page import PageTable, Section, render_page
 from hubodo.report.gap_drive import drive_figure, recommend_drives, slider_figure
 from hubodo.report.gap_figures import (
     Channel,
@@ -32,7 +33,6 @@ from hubodo.report.gap_figures import (
     select_channels,
     steps_figure,
 )
-from hubodo.report.page import PageTable, Section, render_page
 
 _GAP_STYLE = """<style>
 .cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(15rem, 1fr)); gap: 0.9rem; }

@@ -15,12 +15,12 @@ from hubodo.errors import InputError
 from hubodo.fuse.track import format_error, score_track
 from hubodo.fuse.wheel_odometry import WheelOdometry, compute_wheel_odometry
 from hubodo.log.summary import Summary
+from hubodo.pages.curves import Curve, draw_curves
+from hubodo.pages.drawing import Drawing
+from hubodo.pages.page import COLOURS, PageTable, Section, render_page
 from hubodo.recording import Recording
 from hubodo.report.bias_filter import bias_filter_section
-from hubodo.report.curves import Curve, draw_curves
-from hubodo.report.drawing import Drawing
 from hubodo.report.log_sensors import report_sensors
-from hubodo.report.page import COLOURS, PageTable, Section, render_page
 from hubodo.vehicle import Vehicle
 
 _MAX_PAGE_ROWS = 40

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from hubodo.arrays import Array
 from hubodo.calibration.apply import find_starts
 from hubodo.errors import CalibrationError, InputError
+from hubodo.pages.page import PageTable, Section
 from hubodo.recording import Event, Table
-from hubodo.report.allan import allan_sections, format_duration, format_value, summarise_allan
-from hubodo.report.imu import format_held_out, imu_sections
-from hubodo.report.page import PageTable, Section
-from hubodo.report.warmup import summarise_warmup, warmup_sections
 from hubodo.sensors.allan.characterise import characterise_noise
 from hubodo.sensors.allan.ieee952 import term_units
+from hubodo.sensors.allan.page import allan_sections, format_duration, format_value, summarise_allan
 from hubodo.sensors.imu.calibrate import calibrate_imu
+from hubodo.sensors.imu.page import format_held_out, imu_sections
 from hubodo.sensors.imu.standstills import find_standstills
+from hubodo.sensors.standstill_channel import interpolate_temperature
 from hubodo.sensors.standstill_checks import (
     TemperatureStep,
     check_units,
@@ -26,6 +26,7 @@ from hubodo.sensors.standstill_checks import (
     first_disturbance,
 )
 from hubodo.sensors.warmup.characterise import characterise_warmup
+from hubodo.sensors.warmup.page import summarise_warmup, warmup_sections
 
 Mask = NDArray[np.bool_]
 
@@ -73,7 +74,7 @@ def report_sensors(
     else:
         facts.append(f"{name}: {remark}")
         stationary = np.column_stack([gyro, accel])[span]
-        temperature = _temperature(table, finite, span)
+        temperature = interpolate_temperature(table, np.flatnonzero(finite)[span])
         try:
             check_units(stationary[:, :3], stationary[:, 3:])
         except InputError as error:
@@ -121,9 +122,7 @@ def _select_standstill(t: Array, gyro: Array, accel: Array) -> tuple[slice | Non
     longest = int(np.argmax(standstills.duration))
     remark = (
         f"standstills: {len(standstills)}; the noise is evaluated in the longest, "
-        f"{standstills.duration[longest]:.1f} s "
-        "from "
-        f"{standstills.t[longest, 0]:.1f} s on"
+        f"{standstills.duration[longest]:.1f} s from {standstills.t[longest, 0]:.1f} s on"
     )
     return slice(int(standstills.start[longest]), int(standstills.end[longest])), remark
 
@@ -143,7 +142,7 @@ def _allan(
         if channel not in measured:
             continue
         try:
-            analysis = characterise_noise(
+            result = characterise_noise(
                 t, stationary[:, k].copy(), channel, temperature_step=temperature_step
             )
         except InputError as error:
@@ -151,7 +150,7 @@ def _allan(
             continue
         shown = []
         for term in _SHOWN_TERMS:
-            noise_term, unit = analysis.fit.terms[term], term_units(channel)[term]
+            noise_term, unit = result.fit.terms[term], term_units(channel)[term]
             if noise_term.value is None or noise_term.sigma is None:
                 limit = (
                     "" if noise_term.limit is None else f", below {format_value(noise_term.limit, unit.si)}"
@@ -162,9 +161,9 @@ def _allan(
                 shown.append(f"{noise_term.value:.3g} ± {noise_term.sigma:.1g} {unit.si} ({common})")
         rows.append((channel, *shown))
         if channel == "gz":
-            facts.append(f"{name} gz: {summarise_allan(analysis)}")
+            facts.append(f"{name} gz: {summarise_allan(result)}")
             detail = [
-                replace(section, title=f"{name} gz: {section.title}") for section in allan_sections(analysis)
+                replace(section, title=f"{name} gz: {section.title}") for section in allan_sections(result)
             ]
     if not rows:
         return []
@@ -189,26 +188,27 @@ def _warmup(
         if channel not in measured:
             continue
         try:
-            analysis = characterise_warmup(
+            result = characterise_warmup(
                 t,
                 stationary[:, k].copy(),
                 channel,
                 temperature=temperature,
                 age=age or 0.0,
                 temperature_step=temperature_step,
+                node=name,
             )
         except InputError as error:
             missing.append(f"{name} {channel}: warm-up: {error}")
             continue
-        if analysis.accepted is None:
-            missing.append(f"{name} {channel}: warm-up: {analysis.reason}")
+        if result.accepted is None:
+            missing.append(f"{name} {channel}: warm-up: {result.reason}")
         else:
-            facts.append(f"{name} {channel}: {summarise_warmup(analysis)}")
+            facts.append(f"{name} {channel}: {summarise_warmup(result)}")
             detail += [
                 replace(section, title=f"{name} {channel}: {section.title}")
-                for section in warmup_sections(analysis, name)
+                for section in warmup_sections(result)
             ]
-        rows.append((channel, summarise_warmup(analysis)))
+        rows.append((channel, summarise_warmup(result)))
     if not rows:
         return []
     text = (
@@ -241,17 +241,6 @@ def _poses(
         Section(f"{name}: {section.title}", section.text, section.tables, section.figures)
         for section in imu_sections(result)
     ]
-
-
-def _temperature(table: Table, finite: Mask, span: slice) -> Array | None:
-    if "temperature" not in table:
-        return None
-    values = table["temperature"][finite][span]
-    known = np.isfinite(values)
-    if not known.any():
-        return None
-    rows = np.arange(len(values))
-    return np.asarray(np.interp(rows, rows[known], values[known]))
 
 
 def _age(events: tuple[Event, ...], name: str, t: float, t_zero_ns: int) -> float | None:

@@ -26,6 +26,7 @@ class StandstillRecord:
     """One channel of a stationary node.
 
     Attributes:
+        source: log, node and channel, for errors.
         node, channel: name of the node and of its column.
         t: (N,) s.
         values: (N,) rad/s or m/s².
@@ -36,6 +37,7 @@ class StandstillRecord:
         disturbances: (start, end) in s of the spans to be excluded.
     """
 
+    source: str
     node: str
     channel: str
     t: Array
@@ -97,6 +99,7 @@ def read_standstill_channel(
     temperature_step = None if temperature is None else find_temperature_step(t, temperature)
     serial = find_node_serial(recording.metadata, node)
     return StandstillRecord(
+        f"{log}, node {node}, {channel}",
         node,
         channel,
         t,

@@ -3,97 +3,39 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
 from hubodo.atomic_files import write_atomically
 from hubodo.errors import InputError
 from hubodo.log.any_log import read_log
+from hubodo.pages.console import print_lines, print_table
+from hubodo.pages.drawing import save_figure
 from hubodo.progress import progress_line
 from hubodo.recording import Recording
-from hubodo.report.allan import (
-    NamedAnalysis,
-    allan_page,
-    comparison_table,
-    explain_term,
-    format_duration,
-    format_value,
-    summarise_allan,
-)
-from hubodo.report.allan_figure import allan_figure
-from hubodo.report.drawing import parse_drawing_path, save_figure
-from hubodo.sensors.allan.characterise import AllanAnalysis, characterise_noise
+from hubodo.sensors.allan.characterise import characterise_standstill_noise
 from hubodo.sensors.allan.datasheet import CHIP_DATASHEETS, Datasheet, read_datasheet
-from hubodo.sensors.allan.ieee952 import is_gyro, term_units
+from hubodo.sensors.allan.figure import allan_figure
+from hubodo.sensors.allan.ieee952 import is_gyro
+from hubodo.sensors.allan.page import NamedResult, allan_page, comparison_table
+from hubodo.sensors.allan.result import AllanResult
 from hubodo.sensors.standstill_channel import IMU_CHANNELS
 from hubodo.verbs.log_options import LOG_HELP, check_nodes, log_form
 from hubodo.verbs.numbers import positive_number
-from hubodo.verbs.standstill import add_selection_arguments, select_standstill
+from hubodo.verbs.standstill import add_page_options, add_selection_arguments, select_standstill
 
 EXAMPLE = "hubodo allan night.mcap --node left --channel gz --figure gz.png --report gz.html"
 
 
 @dataclass(frozen=True)
-class ChannelAllanResult:
-    """The Allan analysis of one channel of a node.
-
-    Attributes
-    ----------
-    log
-        Path of the log.
-    node
-        Name of the node.
-    report
-        Allan deviation, fitted noise terms and best averaging time.
-    """
-
-    log: str
-    node: str
-    report: AllanAnalysis
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the documented JSON result, with the log and the node."""
-        return {"log": self.log, "node": self.node, **self.report.as_json()}
-
-    def render(self, console: Console) -> None:
-        """Print the noise terms with their meaning, then the best averaging time."""
-        report = self.report
-        title = f"{self.node} {report.channel}"
-        table = Table("", "term", "value", "± 1σ", "common unit", "meaning", title=title)
-        for name, unit in term_units(report.channel).items():
-            term = report.fit.terms[name]
-            if term.value is None or term.sigma is None:
-                limit = "" if term.limit is None else f"below {format_value(term.limit, unit.si)} (95 %); "
-                needed = (
-                    ""
-                    if term.needed is None
-                    else f"; a record of {format_duration(term.needed)} would show it"
-                )
-                table.add_row(name, unit.name, "not observable", "", "", f"{limit}{term.reason}{needed}")
-            else:
-                table.add_row(
-                    name,
-                    unit.name,
-                    format_value(term.value, unit.si),
-                    f"{100 * term.sigma / term.value:.2g} %",
-                    format_value(term.value * unit.factor, unit.common),
-                    explain_term(name),
-                )
-        console.print(table)
-        console.print(summarise_allan(report), highlight=False)
-        for note in report.notes:
-            console.print(f"note: {note}", highlight=False)
-
-
-@dataclass(frozen=True)
 class AllanComparison:
-    """The Allan analyses of several channels, with data sheets for comparison."""
+    """The Allan deviations of several channels, with data sheets for comparison."""
 
-    sensors: tuple[ChannelAllanResult, ...]
+    sensors: tuple[AllanResult, ...]
     sheets: tuple[Datasheet, ...]
 
     def as_json(self) -> dict[str, Any]:
@@ -107,14 +49,10 @@ class AllanComparison:
 
     def render(self, console: Console) -> None:
         """Print one row for each channel and each data sheet."""
-        grid = comparison_table(_named(self.sensors), self.sheets)
-        table = Table(*grid.headings, title="common units, ± 1σ")
-        for row in grid.rows:
-            table.add_row(*row)
-        console.print(table)
+        table = comparison_table(_named(self.sensors), self.sheets)
+        print_table(console, table.headings, table.rows, "common units, ± 1σ")
         for sensor in self.sensors:
-            for note in sensor.report.notes:
-                console.print(f"note: {sensor.node} {sensor.report.channel}: {note}", highlight=False)
+            print_lines(console, sensor.notes, label=f"note: {sensor.name}")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -155,18 +93,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="1..12",
         help="averaging times per octave (default 1)",
     )
-    parser.add_argument(
-        "--figure", type=parse_drawing_path, metavar="PNG", help="write the log-log plot: .png, .svg or .pdf"
-    )
-    parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
+    add_page_options(parser, "write the log-log plot: .png, .svg or .pdf")
 
 
-def run(args: argparse.Namespace) -> ChannelAllanResult | AllanComparison:
+def run(args: argparse.Namespace) -> AllanResult | AllanComparison:
     """Compute the Allan deviation of each requested channel; write page and figure where asked.
 
     Returns
     -------
-    ChannelAllanResult or AllanComparison
+    AllanResult or AllanComparison
         The analysis of the only channel, or of several channels side by side.
 
     Raises
@@ -183,7 +118,7 @@ def run(args: argparse.Namespace) -> ChannelAllanResult | AllanComparison:
             recording = read_log(log, input_format=form, progress=show)
         for node in _nodes(log, recording, args.node):
             sensors += [_characterised(args, log, recording, node, channel) for channel in channels]
-    result: ChannelAllanResult | AllanComparison = (
+    result: AllanResult | AllanComparison = (
         sensors[0] if len(sensors) == 1 else AllanComparison(tuple(sensors), sheets)
     )
     named = _named(sensors)
@@ -198,24 +133,14 @@ def run(args: argparse.Namespace) -> ChannelAllanResult | AllanComparison:
 
 def _characterised(
     args: argparse.Namespace, log: Path, recording: Recording, node: str, channel: str
-) -> ChannelAllanResult:
+) -> AllanResult:
     if args.as_is:
         args.trust_still = True
-    data = select_standstill(args, log, recording, node, channel, cut=True)
-    try:
-        report = characterise_noise(
-            data.t,
-            data.values,
-            channel,
-            turn=args.turn,
-            per_octave=args.per_octave,
-            temperature_step=data.temperature_step,
-            excluded=data.disturbances,
-            keep_all_samples=args.as_is,
-        )
-    except InputError as error:
-        raise InputError(f"{log}, node {node}, {channel}: {error}") from None
-    return ChannelAllanResult(str(log), node, report)
+    standstill = select_standstill(args, log, recording, node, channel, cut=True)
+    result = characterise_standstill_noise(
+        standstill, turn=args.turn, per_octave=args.per_octave, keep_all_samples=args.as_is
+    )
+    return replace(result, log=str(log))
 
 
 def _channels(text: str) -> list[str]:
@@ -250,10 +175,7 @@ def _nodes(log: Path, recording: Recording, asked: str | None) -> list[str]:
     return chosen
 
 
-def _named(sensors: list[ChannelAllanResult] | tuple[ChannelAllanResult, ...]) -> list[NamedAnalysis]:
+def _named(sensors: Sequence[AllanResult]) -> list[NamedResult]:
     """Label each result with node and channel, and with the log where there are several."""
     logs = len({sensor.log for sensor in sensors}) > 1
-    return [
-        (f"{Path(sensor.log).name} " * logs + f"{sensor.node} {sensor.report.channel}", sensor.report)
-        for sensor in sensors
-    ]
+    return [(f"{Path(sensor.log or '').name} " * logs + sensor.name, sensor) for sensor in sensors]

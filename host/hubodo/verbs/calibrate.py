@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 
+from hubodo.fuse.wheel.calibration.result import WheelCalibration
+from hubodo.sensors.imu.result import ImuCalibration
 from hubodo.verbs import calibrate_imu, calibrate_wheels
 
 EXAMPLE = calibrate_wheels.EXAMPLE
@@ -24,14 +26,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             kind.add_argument(option, action="store_true", default=argparse.SUPPRESS, help=argparse.SUPPRESS)
 
 
-def run(
-    args: argparse.Namespace,
-) -> calibrate_wheels.WheelCalibrationResult | calibrate_imu.ImuCalibrationResult:
+def run(args: argparse.Namespace) -> WheelCalibration | ImuCalibration:
     """Run the requested kind of calibration.
 
     Returns
     -------
-    WheelCalibrationResult or ImuCalibrationResult
+    WheelCalibration or ImuCalibration
         The calibration and the file that it was added to.
 
     Raises

@@ -33,9 +33,9 @@ from hubodo.fuse.track import Score, format_error
 from hubodo.fuse.wheel_odometry import WheelOdometry, compute_wheel_odometry
 from hubodo.log.recording_reader import read_recording
 from hubodo.log.summary import Summary, summarise
+from hubodo.pages.page import PageTable
 from hubodo.recording import Recording, Table
 from hubodo.report.log_page import log_page
-from hubodo.report.page import PageTable
 from hubodo.safe_text import json_text
 from hubodo.terminal import SafeConsole
 from hubodo.vehicle import load_vehicle

@@ -1,12 +1,7 @@
 """`hubodo fuse`: estimate the track of a vehicle from a log, with its uncertainty."""
 
 import argparse
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-from rich.console import Console
-from rich.table import Table as TextTable
 
 from hubodo.calibration.file import hash_source, read_calibration
 from hubodo.fuse.fusion import (
@@ -25,27 +20,6 @@ from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import bounded_number
 
 EXAMPLE = "hubodo fuse drive.mcap --vehicle vehicle.toml -o out/"
-
-
-@dataclass(frozen=True)
-class FusionResult:
-    """A fused track, and the folder that it was written to."""
-
-    fused: FusedRecording
-    output: str
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the JSON result, the content of fuse.json."""
-        return self.fused.as_json(self.output)
-
-    def render(self, console: Console) -> None:
-        """Print the main results, then the warnings."""
-        table = TextTable(title=f"{self.fused.log} → {self.output}", show_header=False)
-        for label, value in self.fused.summary_rows():
-            table.add_row(label, value)
-        console.print(table)
-        for text in self.fused.warnings:
-            console.print(f"warning: {text}", highlight=False, markup=False, soft_wrap=True)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,12 +55,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--force", action="store_true", help="replace existing results")
 
 
-def run(args: argparse.Namespace) -> FusionResult:
+def run(args: argparse.Namespace) -> FusedRecording:
     """Estimate the track and write track.csv and fuse.json.
 
     Returns
     -------
-    FusionResult
+    FusedRecording
         The track and the folder that it was written to.
 
     Raises
@@ -117,5 +91,4 @@ def run(args: argparse.Namespace) -> FusionResult:
         graph=not args.no_graph,
         antenna=tuple(args.antenna) if args.antenna else None,
     )
-    write_results(fused, args.output)
-    return FusionResult(fused, str(args.output))
+    return write_results(fused, args.output)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import argparse
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table as TextTable
+from numpy.typing import NDArray
 
 from hubodo.atomic_files import atomic_files, write_atomically
 from hubodo.calibration.file import CalibratedEffect, NodeCalibration, read_calibration
@@ -19,12 +17,11 @@ from hubodo.errors import InputError
 from hubodo.fuse.heading_filter import BiasNoise
 from hubodo.log.csv_table import write_table
 from hubodo.log.units import check_node_units
+from hubodo.pages.page import render_page
 from hubodo.recording import Recording, Table
-from hubodo.report.drawing import parse_drawing_path
-from hubodo.report.heading import heading_sections, save_heading_figure, score_rows, summarise_heading
-from hubodo.report.page import render_page
+from hubodo.sensors.heading.page import heading_sections, save_heading_figure, summarise_heading
 from hubodo.sensors.heading.prior import axis_direction, read_bias_noise, vertical_axis_warmup
-from hubodo.sensors.heading.result import HeadingAnalysis
+from hubodo.sensors.heading.result import HeadingResult
 from hubodo.sensors.heading.score import read_true_heading, score_heading
 from hubodo.sensors.heading.standstill import (
     Spans,
@@ -36,7 +33,7 @@ from hubodo.sensors.heading.track import VerticalAxis, estimate_heading
 from hubodo.sensors.standstill_channel import IMU_CHANNELS, interpolate_temperature
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import UNCALIBRATED_SCALE_SIGMA, bounded_number, non_negative_number
-from hubodo.verbs.standstill import read_node
+from hubodo.verbs.standstill import add_page_options, read_node
 
 EXAMPLE = "hubodo heading drive.mcap --node frame --calibration calibration.toml -o heading.csv"
 
@@ -44,42 +41,6 @@ TYPICAL_GYRO_LAG = 0.005  # s
 """Group delay of a gyro with 30 Hz bandwidth, a common setting of MEMS gyros in vehicles."""
 TYPICAL_BIAS_INSTABILITY = math.radians(30.0) / 3600.0
 """B of IEEE 952, rad/s: data sheets of commercial MEMS gyros state 10 to 40 degrees per hour."""
-
-
-@dataclass(frozen=True)
-class HeadingResult:
-    """The heading of one axis over time.
-
-    Attributes
-    ----------
-    log
-        Path of the log.
-    output
-        Path of the CSV file, or None.
-    report
-        Heading with sigma, noise model, standstills and score.
-    """
-
-    log: str
-    output: str | None
-    report: HeadingAnalysis
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the JSON result: rates in rad/s, times in s, angles in rad unless the key says degrees."""
-        return {"log": self.log, "output": self.output, **self.report.as_json()}
-
-    def render(self, console: Console) -> None:
-        """Print the final heading, compared with simpler estimates and with the truth."""
-        report = self.report
-        console.print(summarise_heading(report), highlight=False)
-        table = TextTable("estimate", *score_rows(report)[0][1:], title=f"{report.node} {report.axis}")
-        for row in score_rows(report)[1:]:
-            table.add_row(*row)
-        console.print(table)
-        for note in report.notes:
-            console.print(f"note: {note}", highlight=False)
-        if self.output:
-            console.print(f"written to {self.output}", highlight=False)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -127,13 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="time step of the output, s (default 0.1)",
     )
     parser.add_argument("-o", "--output", type=Path, metavar="CSV", help="write t,heading,sigma")
-    parser.add_argument(
-        "--figure",
-        type=parse_drawing_path,
-        metavar="PNG",
-        help="write the heading with its sigma as .png, .svg or .pdf",
-    )
-    parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
+    add_page_options(parser, "write the heading with its sigma as .png, .svg or .pdf")
 
 
 def run(args: argparse.Namespace) -> HeadingResult:
@@ -153,35 +108,27 @@ def run(args: argparse.Namespace) -> HeadingResult:
     recording, node = read_node(args.log, args.node, log_form(args, needed=()))
     check_node_units(recording.nodes[node], f"{args.log}, node {node}")
     try:
-        report = _estimate_heading(args, recording, node)
+        result = _estimate_heading(args, recording, node)
     except InputError as error:
         raise InputError(f"{args.log}, node {node}, {args.axis}: {error}") from None
     if args.output is not None:
-        track = report.track
-        columns = {"t": track.t, "heading": track.heading + report.start, "sigma": track.sigma}
+        track = result.track
+        columns = {"t": track.t, "heading": track.heading + result.start, "sigma": track.sigma}
         with atomic_files(args.output) as (part,):
             write_table(part, Table(columns))
     title = f"Heading of {node} {args.axis}"
     if args.report is not None:
-        write_atomically(args.report, render_page(title, summarise_heading(report), heading_sections(report)))
+        write_atomically(args.report, render_page(title, summarise_heading(result), heading_sections(result)))
     if args.figure is not None:
-        save_heading_figure(report, args.figure, title)
-    return HeadingResult(str(args.log), None if args.output is None else str(args.output), report)
+        save_heading_figure(result, args.figure, title)
+    return result
 
 
-def _estimate_heading(args: argparse.Namespace, recording: Recording, node: str) -> HeadingAnalysis:
+def _estimate_heading(args: argparse.Namespace, recording: Recording, node: str) -> HeadingResult:
     notes = list(recording.warnings)
     table = recording.nodes[node]
-    gyro, accel = table.gyro, table.accel
-    rows = np.flatnonzero(np.isfinite(gyro).all(axis=1) & np.isfinite(accel).all(axis=1))
-    missing = [name for name in IMU_CHANNELS if not np.isfinite(table[name]).any()]
-    if missing:
-        raise InputError(
-            f"it has no {', '.join(missing)}; a heading needs all axes of gyro and accelerometer"
-        )
-    if len(rows) < 100:
-        raise InputError(f"{len(rows)} samples are too few for a heading; record several seconds at least")
-    t, gyro, accel = table.t[rows], gyro[rows], accel[rows]
+    rows = _complete_rows(table)
+    t, gyro, accel = table.t[rows], table.gyro[rows], table.accel[rows]
     up, note = axis_direction(accel, args.axis)
     notes += [note] if note else []
     effects = _effects(args.calibration, node)
@@ -220,9 +167,34 @@ def _estimate_heading(args: argparse.Namespace, recording: Recording, node: str)
     truth = read_true_heading(recording)
     scored = None if truth is None else score_heading(track, truth)
     rests = tuple((float(t[i]), float(t[j - 1])) for i, j in spans)
-    return HeadingAnalysis(
-        node, args.axis, up > 0, rests, model, noise, scale_sigma, lag, track, scored, tuple(notes)
+    return HeadingResult(
+        str(args.log),
+        None if args.output is None else str(args.output),
+        node,
+        args.axis,
+        up > 0,
+        rests,
+        model,
+        noise,
+        scale_sigma,
+        lag,
+        track,
+        scored,
+        tuple(notes),
     )
+
+
+def _complete_rows(table: Table) -> NDArray[np.int64]:
+    """Return the rows with all axes of gyro and accelerometer; raise InputError if there are too few."""
+    missing = [name for name in IMU_CHANNELS if not np.isfinite(table[name]).any()]
+    if missing:
+        raise InputError(
+            f"it has no {', '.join(missing)}; a heading needs all axes of gyro and accelerometer"
+        )
+    rows = np.flatnonzero(np.isfinite(table.gyro).all(axis=1) & np.isfinite(table.accel).all(axis=1))
+    if len(rows) < 100:
+        raise InputError(f"{len(rows)} samples are too few for a heading; record several seconds at least")
+    return rows
 
 
 def _effects(path: Path | None, node: str) -> dict[str, CalibratedEffect]:

@@ -6,6 +6,7 @@ import argparse
 import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,22 +19,22 @@ from hubodo.errors import InputError
 from hubodo.fuse.ranges import determine_ranges, node_metadata
 from hubodo.log.any_log import read_log
 from hubodo.log.units import check_units
+from hubodo.pages.drawing import save_figure
+from hubodo.pages.page import render_page
 from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
-from hubodo.report.drawing import parse_drawing_path, save_figure
-from hubodo.report.north import north_figure, north_sections, summarise_north
-from hubodo.report.page import render_page
 from hubodo.sensors.north.axis_record import AxisRecord, GyroAngleOptions, axis_mount, build_axis_record
 from hubodo.sensors.north.circular import fuse_azimuths
 from hubodo.sensors.north.measurements import METHODS
 from hubodo.sensors.north.north_estimate import NorthEstimate, find_north, horizontal_earth_rate
-from hubodo.sensors.north.plan import read_drift_noise
+from hubodo.sensors.north.page import north_figure, north_sections, summarise_north
+from hubodo.sensors.north.plan import StopPlan, read_drift_noise
+from hubodo.sensors.north.result import NorthResult
 from hubodo.sensors.north.simulated_table import SimulatedTable, simulate_stops
 from hubodo.vehicle import NodeMount
 from hubodo.verbs.log_options import add_log_options, log_form
 from hubodo.verbs.north_live import check_live_options, record_live
-from hubodo.verbs.north_plan import StopPlanResult, run_plan
-from hubodo.verbs.north_result import NorthResult
+from hubodo.verbs.north_plan import run_plan
 from hubodo.verbs.numbers import (
     UNCALIBRATED_SCALE_SIGMA,
     bounded_integer,
@@ -41,6 +42,7 @@ from hubodo.verbs.numbers import (
     non_negative_number,
     positive_number,
 )
+from hubodo.verbs.standstill import add_page_options
 
 EXAMPLE = "hubodo north table.mcap --node imu --axis x --latitude-deg 48.1 --method maytag4"
 
@@ -84,13 +86,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_detection_arguments(parser.add_argument_group("stops and angles from the gyro, without table.csv"))
     _add_live_arguments(parser.add_argument_group("live, instead of a LOG"))
     _add_planning_arguments(parser.add_argument_group("gyro noise and planning"))
-    parser.add_argument(
-        "--figure",
-        type=parse_drawing_path,
-        metavar="PNG",
-        help="write fit and residuals of the first gyro as .png, .svg or .pdf",
-    )
-    parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
+    add_page_options(parser, "write fit and residuals of the first gyro as .png, .svg or .pdf")
     _add_simulation_arguments(parser.add_argument_group("simulated and live stops"))
 
 
@@ -168,12 +164,12 @@ def _add_live_arguments(group: argparse._ArgumentGroup) -> None:
     )
 
 
-def run(args: argparse.Namespace) -> NorthResult | StopPlanResult:
+def run(args: argparse.Namespace) -> NorthResult | StopPlan:
     """Read or record, estimate north with each axis, and combine the axes.
 
     Returns
     -------
-    NorthResult or StopPlanResult
+    NorthResult or StopPlan
         The azimuth of table zero with its sigma, or with --plan the stops to make.
 
     Raises
@@ -202,19 +198,13 @@ def run(args: argparse.Namespace) -> NorthResult | StopPlanResult:
     with progress_line() as show:
         nodes = args.node or ([live.node] if live is not None else _only_node(args, recordings[0]))
         gyros, warnings, used = _estimate_gyros(args, recordings, nodes, calibration, show)
-    azimuth, sigma = gyros[0][2].azimuth, gyros[0][2].sigma
+    azimuth, sigma = gyros[0].azimuth, gyros[0].sigma
     if len(gyros) > 1:
-        estimates = [north for *_, north in gyros]
-        angle_sigma = max(north.angle_sigma for north in estimates)
         azimuth, sigma = fuse_azimuths(
-            [(north.posterior, north.horizontal_rate) for north in estimates], angle_sigma
+            [(north.posterior, north.horizontal_rate) for north in gyros],
+            max(north.angle_sigma for north in gyros),
         )
-    if args.report is not None:
-        lead = summarise_north(azimuth, sigma)
-        write_atomically(args.report, render_page("North", lead, north_sections(gyros, warnings)))
-    if args.figure is not None:
-        save_figure(north_figure(gyros[0][2], " ".join(gyros[0][:2])), args.figure)
-    return NorthResult(
+    result = NorthResult(
         args.latitude_deg,
         azimuth,
         sigma,
@@ -226,6 +216,12 @@ def run(args: argparse.Namespace) -> NorthResult | StopPlanResult:
         None if live is None else live.east,
         None if live is None else live.east_table_angle,
     )
+    if args.report is not None:
+        page = render_page("North", summarise_north(result), north_sections(result))
+        write_atomically(args.report, page)
+    if args.figure is not None:
+        save_figure(north_figure(gyros[0], gyros[0].name), args.figure)
+    return result
 
 
 def _check_arguments(args: argparse.Namespace) -> None:
@@ -252,7 +248,7 @@ def _previous_estimates(
     except InputError as error:
         print(f"{args.resume[0]}: used, but not yet sufficient by itself: {error}", file=sys.stderr)
         return {}
-    return {axis: north for _, axis, north in gyros}
+    return {north.axis: north for north in gyros}
 
 
 def _only_node(args: argparse.Namespace, recording: Recording) -> list[str]:
@@ -262,19 +258,16 @@ def _only_node(args: argparse.Namespace, recording: Recording) -> list[str]:
     return nodes
 
 
-GyroEstimates = tuple[tuple[str, str, NorthEstimate], ...]
-
-
 def _estimate_gyros(
     args: argparse.Namespace,
     recordings: Sequence[Recording],
     nodes: Sequence[str],
     calibration: Calibration | None,
     show: Callable[[str, float], None],
-) -> tuple[GyroEstimates, tuple[str, ...], Mapping[str, Any]]:
-    """Return (node, axis, estimate) of each requested axis, the warnings, and the calibration as applied."""
+) -> tuple[tuple[NorthEstimate, ...], tuple[str, ...], Mapping[str, Any]]:
+    """Return the estimate of each requested axis, the warnings, and the calibration as applied."""
     requested = [(node, axis) for node in nodes for axis in args.axis or ["x"]]
-    gyros: list[tuple[str, str, NorthEstimate]] = []
+    gyros: list[NorthEstimate] = []
     warnings: list[str] = []
     corrected: list[Mapping[str, Table]] = []
     used: dict[str, Any] = {}
@@ -295,7 +288,7 @@ def _estimate_gyros(
         near = None if args.near_deg is None else math.radians(args.near_deg)
         latitude = math.radians(args.latitude_deg)
         estimate = find_north(records, latitude, args.method, settle=args.settle, near=near, drift=drift)
-        gyros.append((node, axis, estimate))
+        gyros.append(replace(estimate, node=node, axis=axis))
         warnings += [f"{node} {axis}: {text}" for text in estimate.warnings]
     return tuple(gyros), tuple(dict.fromkeys(warnings)), used
 

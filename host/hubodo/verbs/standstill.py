@@ -1,4 +1,4 @@
-"""Options and checks that `hubodo allan` and `hubodo warmup` share: one channel of a stationary node."""
+"""Options and checks that the verbs of sensors share: a stationary channel, a figure and a page."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from pathlib import Path
 from hubodo.errors import InputError
 from hubodo.log.any_log import read_log
 from hubodo.log.number_recording import InputFormat
+from hubodo.pages.drawing import parse_drawing_path
 from hubodo.progress import progress_line
 from hubodo.recording import Recording
 from hubodo.sensors.standstill_channel import IMU_CHANNELS, StandstillRecord, read_standstill_channel
@@ -35,6 +36,12 @@ def add_selection_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--trust-units", action="store_true", help="do not check the unit by the magnitude")
     parser.add_argument("--trust-still", action="store_true", help="do not check for movement")
     add_log_options(parser)
+
+
+def add_page_options(parser: argparse.ArgumentParser, figure_help: str) -> None:
+    """Add --figure and --report."""
+    parser.add_argument("--figure", type=parse_drawing_path, metavar="PNG", help=figure_help)
+    parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
 
 
 def read_standstill(args: argparse.Namespace) -> StandstillRecord:

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
-
-from rich.console import Console
-from rich.table import Table
 
 from hubodo.atomic_files import write_atomically
 from hubodo.calibration.file import (
@@ -24,84 +20,17 @@ from hubodo.calibration.file import (
     write_calibration,
 )
 from hubodo.errors import InputError
-from hubodo.report.drawing import parse_drawing_path, save_figure
-from hubodo.report.page import render_page
-from hubodo.report.warmup import (
-    forecast_rows,
-    parameter_rows,
-    summarise_warmup,
-    warmup_advice,
-    warmup_sections,
-    whiteness_rows,
-)
-from hubodo.report.warmup_figure import warmup_figure
-from hubodo.sensors.standstill_channel import IMU_CHANNELS
-from hubodo.sensors.warmup.characterise import characterise_warmup
-from hubodo.sensors.warmup.result import WarmupAnalysis
+from hubodo.pages.drawing import save_figure
+from hubodo.pages.page import render_page
+from hubodo.sensors.standstill_channel import IMU_CHANNELS, StandstillRecord
+from hubodo.sensors.warmup.characterise import characterise_standstill_warmup
+from hubodo.sensors.warmup.figure import warmup_figure
+from hubodo.sensors.warmup.page import summarise_warmup, warmup_sections
+from hubodo.sensors.warmup.result import WarmupResult
 from hubodo.verbs.numbers import non_negative_number
-from hubodo.verbs.standstill import add_standstill_arguments, read_standstill
+from hubodo.verbs.standstill import add_page_options, add_standstill_arguments, read_standstill
 
 EXAMPLE = "hubodo warmup cold_start.mcap --node left --channel gz -o calibration.toml"
-
-
-@dataclass(frozen=True)
-class WarmupModelResult:
-    """The warm-up model of one gyro axis.
-
-    Attributes
-    ----------
-    log
-        Path of the log.
-    node
-        Name of the node.
-    output
-        Path of the calibration file, or None.
-    report
-        Models, whiteness tests and forecasts.
-    ages
-        Times since power-on to forecast, s.
-    """
-
-    log: str
-    node: str
-    output: str | None
-    report: WarmupAnalysis
-    ages: tuple[float, ...]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the documented JSON result, with the log and the node."""
-        summary = {"log": self.log, "node": self.node, "output": self.output}
-        return summary | self.report.as_json(self.ages)
-
-    def render(self, console: Console) -> None:
-        """Print the accepted model, the whiteness tests and the forecast bias."""
-        report = self.report
-        rows = parameter_rows(report.accepted, report.sigma) if report.accepted is not None else []
-        tests = ("test", "result", "verdict")
-        kind = "" if report.accepted is None else report.accepted.fit.kind
-        _print_table(
-            console, f"{self.node} {report.channel}: {kind}", ("parameter", "SI", "common unit"), rows
-        )
-        _print_table(console, "exponential", tests, whiteness_rows(report.exponential))
-        if report.next_model is not None:
-            _print_table(console, report.next_model.fit.kind, tests, whiteness_rows(report.next_model))
-        headings = ("since power-on", "all models, deg/s", "accepted model, deg/s")
-        _print_table(console, "forecast bias", headings, forecast_rows(report, self.ages))
-        console.print(summarise_warmup(report), highlight=False)
-        for line in (*(f"note: {note}" for note in report.notes), *warmup_advice(report, self.node)):
-            console.print(line, highlight=False)
-        if self.output:
-            console.print(f"written to {self.output}", highlight=False)
-
-
-def _print_table(
-    console: Console, title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]
-) -> None:
-    table = Table(*headings, title=title)
-    for row in rows:
-        table.add_row(*row)
-    if rows:
-        console.print(table)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -124,21 +53,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="AGE",
         help="time since power-on to forecast the bias for, s; repeatable (default: several)",
     )
-    parser.add_argument(
-        "--figure",
-        type=parse_drawing_path,
-        metavar="PNG",
-        help="write record, models and forecast as .png, .svg or .pdf",
-    )
-    parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
+    add_page_options(parser, "write record, models and forecast as .png, .svg or .pdf")
 
 
-def run(args: argparse.Namespace) -> WarmupModelResult:
+def run(args: argparse.Namespace) -> WarmupResult:
     """Fit the warm-up models; extend the calibration file and write page and figure where asked.
 
     Returns
     -------
-    WarmupModelResult
+    WarmupResult
         Models, whiteness tests and forecasts.
 
     Raises
@@ -146,43 +69,42 @@ def run(args: argparse.Namespace) -> WarmupModelResult:
     InputError
         If the sensor moved, the record does not suffice, or no model is accepted for the calibration file.
     """
-    data = read_standstill(args)
-    try:
-        report = characterise_warmup(
-            data.t,
-            data.values,
-            data.channel,
-            temperature=data.temperature,
-            age=args.age,
-            temperature_step=data.temperature_step,
-        )
-        if args.output is not None:
-            before = read_calibration(args.output) if args.output.exists() else Calibration()
-            node = before.nodes.get(data.node, NodeCalibration())
-            span = None
-            if data.temperature is not None:
-                span = (float(data.temperature.min()), float(data.temperature.max()))
-            date, source = datetime.now(UTC).date().isoformat(), hash_source(args.log)
-            effects = {
-                name: merge_effects(
-                    node.effects.get(name), replace(e, date=date, source_sha256=source, temperature=span)
-                )
-                for name, e in report.calibrated_effects().items()
-            }
-            calibration = before.with_node(data.node, effects, data.serial)
-            write_calibration(
-                _remove_superseded(calibration, data.node, effects, data.channel[1]), args.output
-            )
-    except InputError as error:
-        raise InputError(f"{args.log}, node {data.node}, {data.channel}: {error}") from None
-    title = f"Warm-up of {data.node} {data.channel}"
+    standstill = read_standstill(args)
+    result = replace(
+        characterise_standstill_warmup(standstill, age=args.age),
+        ages=tuple(args.at),
+        log=str(args.log),
+        output=None if args.output is None else str(args.output),
+    )
+    if args.output is not None:
+        try:
+            _extend_calibration(args.output, result, standstill, hash_source(args.log))
+        except InputError as error:
+            raise InputError(f"{standstill.source}: {error}") from None
+    title = f"Warm-up of {result.name}"
     if args.report is not None:
-        sections = warmup_sections(report, data.node)
-        write_atomically(args.report, render_page(title, summarise_warmup(report), sections))
+        write_atomically(args.report, render_page(title, summarise_warmup(result), warmup_sections(result)))
     if args.figure is not None:
-        save_figure(warmup_figure(report, title), args.figure)
-    output = None if args.output is None else str(args.output)
-    return WarmupModelResult(str(args.log), data.node, output, report, tuple(args.at))
+        save_figure(warmup_figure(result, title), args.figure)
+    return result
+
+
+def _extend_calibration(
+    path: Path, result: WarmupResult, standstill: StandstillRecord, source_sha256: str
+) -> None:
+    """Add the accepted model to a calibration file, which is created if it does not exist."""
+    before = read_calibration(path) if path.exists() else Calibration()
+    node = before.nodes.get(result.node, NodeCalibration())
+    temperature, date = standstill.temperature, datetime.now(UTC).date().isoformat()
+    span = None if temperature is None else (float(temperature.min()), float(temperature.max()))
+    effects = {
+        name: merge_effects(
+            node.effects.get(name), replace(e, date=date, source_sha256=source_sha256, temperature=span)
+        )
+        for name, e in result.calibrated_effects().items()
+    }
+    calibration = before.with_node(result.node, effects, standstill.serial)
+    write_calibration(_remove_superseded(calibration, result.node, effects, result.channel[1]), path)
 
 
 def _remove_superseded(

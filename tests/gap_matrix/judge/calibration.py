@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import binomtest
 
-from hubodo.report.drawing import new_figure, save_figure
+from hubodo.pages.drawing import new_figure, save_figure
 
 CONFIDENCE_EDGES = (0.0, 0.3, 0.5, 0.7, 0.8, 0.9, 0.99, 0.999, 1.0)
 _INTERVAL_PROBABILITY = 0.9

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from gap_matrix.limit.table import MAX_RATIO, EffectLimit
-from hubodo.report.drawing import new_figure, save_figure
+from hubodo.pages.drawing import new_figure, save_figure
 
 
 def draw_figure(limits: Sequence[EffectLimit], path: Path) -> None:

@@ -19,13 +19,13 @@ from hubodo.errors import CalibrationError
 from hubodo.fuse.wheel.calibration.aided_filter import run_aided_filter
 from hubodo.fuse.wheel.calibration.alignment import align_heading
 from hubodo.fuse.wheel.calibration.calibrate import (
-    WheelCalibration,
     WheelPriors,
     _CalibrationDrive,
     calibrate_wheels,
 )
 from hubodo.fuse.wheel.calibration.held_out import ErrorSummary, HeldOutErrors, measure_held_out_errors
 from hubodo.fuse.wheel.calibration.positions import Positions, estimate_white_sigma
+from hubodo.fuse.wheel.calibration.result import WheelCalibration
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.entries import X, Y
 from hubodo.fuse.wheel.track import run_wheel_filter

@@ -3,7 +3,7 @@
 import re
 from html.parser import HTMLParser
 
-from hubodo.report.page import PageTable, Section, new_plotly_figure, render_page
+from hubodo.pages.page import PageTable, Section, new_plotly_figure, render_page
 
 
 class Links(HTMLParser):

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from hubodo.errors import InputError
-from hubodo.report.allan import explain_term, format_duration, format_value
-from hubodo.report.curves import Curve, plot_curves
+from hubodo.pages.curves import Curve, plot_curves
 from hubodo.report.gap_figures import bin_means, envelope
 from hubodo.report.gap_files import check_gap_folder, replace_non_finite
-from hubodo.report.north import summarise_north
+from hubodo.sensors.allan.page import explain_term, format_duration, format_value
+from hubodo.sensors.north.page import summarise_north
 
 
 def test_the_envelope_contains_all_values():

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import chdtri
@@ -13,101 +12,33 @@ from hubodo.errors import InputError
 from hubodo.sensors.allan.covariance import TERMS, covariance_tensor, design_matrix
 from hubodo.sensors.allan.deviation import AllanPoints, allan_deviation, averaging_factors
 from hubodo.sensors.allan.fit import NoiseFit, NoiseTerm, fit_noise
-from hubodo.sensors.allan.ieee952 import rate_unit, term_units
+from hubodo.sensors.allan.result import AllanResult
 from hubodo.sensors.even_grid import EvenGrid, Spans, grid_all_samples, place_on_grid
+from hubodo.sensors.standstill_channel import StandstillRecord
 from hubodo.sensors.standstill_checks import TemperatureStep
 
 # With fewer samples the error bars of neighbouring octaves overlap.
 _MIN_SAMPLES = 256
 
 
-@dataclass(frozen=True)
-class AllanAnalysis:
-    """The Allan deviation and the noise terms of one channel.
-
-    Attributes:
-        channel: gx, gy, gz, ax, ay or az.
-        points: overlapping Allan deviation at P averaging times.
-        edf: (P,) equivalent degrees of freedom.
-        sigma: (P,) standard deviation of the Allan deviation, rad/s or m/s².
-        low, high: (P,) 95 % confidence interval of the deviation (chi-square).
-        fit: fitted noise terms.
-        best_tau, best_deviation: averaging time (s) of the smallest fitted deviation, and that deviation;
-            None if the record is too short to show a minimum.
-        maytag_stop: recommended length of a stop in maytagging, s; None if no drift is visible.
-        maytag_turn: duration of a turn between stops for which `maytag_stop` was computed, s.
-        record: the samples on an even grid, with gaps and outliers.
-        notes: remarks for the user.
-    """
-
-    channel: str
-    points: AllanPoints
-    edf: Array
-    sigma: Array
-    low: Array
-    high: Array
-    fit: NoiseFit
-    best_tau: float | None
-    best_deviation: float | None
-    maytag_stop: float | None
-    maytag_turn: float
-    record: EvenGrid
-    notes: tuple[str, ...] = field(default=())
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the result as in `hubodo allan --json`."""
-        units_by_term = term_units(self.channel)
-        coefficients = {}
-        for name, term in self.fit.terms.items():
-            unit = units_by_term[name]
-            coefficients[name] = {
-                "value": term.value,
-                "sigma": term.sigma,
-                "unit": unit.si,
-                "name": unit.name,
-                f"value_{_unit_as_key(unit.common)}": None
-                if term.value is None
-                else term.value * unit.factor,
-            }
-            if term.value is None:
-                coefficients[name] |= {
-                    "reason": term.reason,
-                    "limit_95": term.limit,
-                    "record_needed_s": term.needed,
-                }
-            else:
-                coefficients[name] |= {"low_95": term.low, "high_95": term.high}
-        return {
-            "tau": self.points.tau.tolist(),
-            "adev": self.points.adev.tolist(),
-            "sigma": self.sigma.tolist(),
-            "low_95": self.low.tolist(),
-            "high_95": self.high.tolist(),
-            "edf": self.edf.tolist(),
-            "coefficients": coefficients,
-            "unit": rate_unit(self.channel).si,
-            "channel": self.channel,
-            "optimum_averaging_time": self.best_tau,
-            "smallest_deviation": self.best_deviation,
-            "maytag": {"stop": self.maytag_stop, "turn": self.maytag_turn},
-            "fit": {
-                "chi2": self.fit.chi2,
-                "dof": self.fit.dof,
-                "relative_misfit": self.fit.misfit,
-                "tau": (self.fit.factors * self.points.dt).tolist(),
-                "band": self.fit.band,
-            },
-            "record": {
-                "samples": int(np.count_nonzero(self.record.present)),
-                "interval": self.record.dt,
-                "duration": self.record.duration,
-                "gaps": [{"t": t, "missing": missing} for t, missing in self.record.gaps],
-                "outliers": self.record.outliers.tolist(),
-                "jitter_intervals": None if np.isnan(self.record.jitter) else self.record.jitter,
-            },
-            "excluded": [{"start": start, "end": end} for start, end in self.record.excluded],
-            "notes": list(self.notes),
-        }
+def characterise_standstill_noise(
+    standstill: StandstillRecord, *, turn: float = 2.0, per_octave: int = 1, keep_all_samples: bool = False
+) -> AllanResult:
+    """Compute the Allan deviation of a checked channel, as `characterise_noise`; errors name the log."""
+    try:
+        return characterise_noise(
+            standstill.t,
+            standstill.values,
+            standstill.channel,
+            turn=turn,
+            per_octave=per_octave,
+            temperature_step=standstill.temperature_step,
+            excluded=standstill.disturbances,
+            keep_all_samples=keep_all_samples,
+            node=standstill.node,
+        )
+    except InputError as error:
+        raise InputError(f"{standstill.source}: {error}") from None
 
 
 def characterise_noise(
@@ -120,15 +51,16 @@ def characterise_noise(
     temperature_step: TemperatureStep | None = None,
     excluded: Spans = (),
     keep_all_samples: bool = False,
-) -> AllanAnalysis:
+    node: str = "",
+) -> AllanResult:
     """Compute the Allan deviation and the noise terms of one channel of a stationary sensor.
 
     t: (N,) s, strictly increasing. values: (N,) rad/s or m/s². turn: time that a maytagging table needs
     from stop to stop, s. per_octave: averaging times per octave. temperature_step: a temperature step in
     the record; B, K and R are then not given, because they would measure the room. excluded: (start, end)
     of disturbances in s, treated as gaps. keep_all_samples: use every sample and assume no gaps, outliers
-    or disturbances (the plain deviation). Raises InputError if the record is too short, constant or not
-    finite.
+    or disturbances (the plain deviation). node: name of the node. Raises InputError if the record is too
+    short, constant or not finite.
     """
     record = grid_all_samples(t, values) if keep_all_samples else place_on_grid(t, values, excluded=excluded)
     count = len(record.values)
@@ -156,8 +88,8 @@ def characterise_noise(
     notes = _write_notes(record, points, fit, temperature_step, still_falling=best_tau is None)
     stop = None if temperature_step is not None else _optimal_maytag_stop(fit, turn, points)
     sigma = points.adev / np.sqrt(2.0 * edf)
-    return AllanAnalysis(
-        channel, points, edf, sigma, low, high, fit, best_tau, best_deviation, stop, turn, record, notes
+    return AllanResult(
+        channel, points, edf, sigma, low, high, fit, best_tau, best_deviation, stop, turn, record, notes, node
     )
 
 
@@ -259,8 +191,3 @@ def _without_slow_terms(fit: NoiseFit, temperature_step: TemperatureStep) -> Noi
 
 def _count_stretches(count: int) -> str:
     return "one stretch" if count == 1 else f"{count} stretches"
-
-
-def _unit_as_key(unit: str) -> str:
-    """Return a unit as part of a JSON key: deg/√h becomes deg_per_sqrt_h."""
-    return unit.replace("/√", "_per_sqrt_").replace("/", "_per_").replace("µ", "micro_").replace("²", "2")

@@ -1,22 +1,28 @@
-"""Result of a heading measurement: track, standstills, noise, baselines, score and JSON form."""
+"""Result of a heading measurement: track, standstills, noise, baselines and score, as JSON and as text."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hubodo.effects.warmup import WarmupModel
 from hubodo.fuse.heading_filter import BiasNoise
+from hubodo.pages.console import print_lines, print_table
+from hubodo.sensors.heading.page import score_rows, summarise_heading
 from hubodo.sensors.heading.score import HeadingScore
 from hubodo.sensors.heading.track import HeadingTrack
 
+if TYPE_CHECKING:
+    from rich.console import Console
+
 
 @dataclass(frozen=True)
-class HeadingAnalysis:
+class HeadingResult:
     """The heading of one gyro axis.
 
     Attributes:
+        log, output: path of the log, and of the CSV file or None.
         node, axis: name of the node and of the axis.
         upwards: True if the axis points up.
         standstills: (from, to) of each standstill, s.
@@ -28,6 +34,8 @@ class HeadingAnalysis:
         notes: remarks for the user.
     """
 
+    log: str
+    output: str | None
     node: str
     axis: str
     upwards: bool
@@ -63,6 +71,8 @@ class HeadingAnalysis:
             warmup |= {"c1_second": model.c1_second, "time_constant_second": model.time_constant_second}
         warmup["sigma"] = dict(noise.warmup)
         return {
+            "log": self.log,
+            "output": self.output,
             "node": self.node,
             "axis": self.axis,
             "upwards": self.upwards,
@@ -81,6 +91,15 @@ class HeadingAnalysis:
             "score": None if self.score is None else self._score_json(self.score),
             "notes": list(self.notes),
         }
+
+    def render(self, console: Console) -> None:
+        """Print the final heading, compared with simpler estimates and with the truth."""
+        headings, *rows = score_rows(self)
+        print_lines(console, [summarise_heading(self)])
+        print_table(console, headings, rows, f"{self.node} {self.axis}")
+        print_lines(console, self.notes, label="note")
+        if self.output:
+            print_lines(console, [f"written to {self.output}"])
 
     def _score_json(self, score: HeadingScore) -> dict[str, Any]:
         result: dict[str, Any] = {"against": score.source, "end_in_sigma": score.final_error_in_sigma}

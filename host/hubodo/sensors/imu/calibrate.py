@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from hubodo.arrays import Array
-from hubodo.calibration.file import Quantity
-from hubodo.calibration.triad import Triad, effects_from_triad
+from hubodo.calibration.triad import Triad
 from hubodo.earth import EARTH_RATE
-from hubodo.effects.gyro import GyroGSensitivity
 from hubodo.errors import CalibrationError, InputError
 from hubodo.sensors.imu.accel_frame import accel_frame_covariance
-from hubodo.sensors.imu.held_out import CrossValidation, cross_validate_accel, cross_validate_turns
+from hubodo.sensors.imu.held_out import cross_validate_accel, cross_validate_turns
 from hubodo.sensors.imu.misalignment import align_by_earth_rate, rotate_triad
+from hubodo.sensors.imu.result import GyroCalibration, ImuCalibration
 from hubodo.sensors.imu.scalar_calibration import Convention, ScalarCalibration, fit_scalar_calibration
 from hubodo.sensors.imu.standstills import Standstills, find_standstills, find_steady_turns
-from hubodo.sensors.imu.turns import TurnCalibration, Turns, calibrate_from_turns, collect_turns
+from hubodo.sensors.imu.turns import Turns, calibrate_from_turns, collect_turns
 
 MIN_EARTH_RATE_SNR = 10.0
 """Minimum ratio of Earth rate to its sigma in a standstill.
@@ -29,71 +26,6 @@ Below it the directions in eq. 5 are mostly noise, and the bias of their squares
 cent.
 """
 MAX_G_SENSITIVITY_P_VALUE = 1e-3
-
-
-@dataclass(frozen=True)
-class GyroCalibration:
-    """The calibration of the gyro triad.
-
-    Attributes:
-        triad: bias at zero specific force, rad/s, and M in the accelerometer's frame unless `method`
-            differs.
-        covariance: (12, 12) of the bias and of M row by row.
-        is_observable: (9,) True for the elements of M that were determined.
-        method: reference and data used.
-        g_sensitivity, g_sensitivity_sigma: (3, 3) (rad/s)/(m/s²), one row per gyro; None if not
-            significant.
-        turns: calibration by turns, if used.
-        held_out: errors on turns that were not fitted, if available.
-    """
-
-    triad: Triad
-    covariance: Array
-    is_observable: NDArray[np.bool_]
-    method: str
-    g_sensitivity: Array | None = None
-    g_sensitivity_sigma: Array | None = None
-    turns: TurnCalibration | None = None
-    held_out: CrossValidation | None = None
-
-
-@dataclass(frozen=True)
-class ImuCalibration:
-    """The calibration of both triads of one node.
-
-    Attributes:
-        standstills: the standstills used.
-        gravity: reference of the accelerometers, m/s².
-        accel: calibration of the accelerometer triad.
-        accel_held_out: errors on standstills that were not fitted, or None.
-        gyro: calibration of the gyro triad.
-        notes: remarks for the user.
-    """
-
-    standstills: Standstills
-    gravity: float
-    accel: ScalarCalibration
-    accel_held_out: CrossValidation | None
-    gyro: GyroCalibration
-    notes: tuple[str, ...]
-
-    def effect_parameters(self) -> Mapping[str, Mapping[str, Quantity]]:
-        """Return the parameters by effect name, for calibration and model files."""
-        calibration = effects_from_triad(
-            self.accel.triad, self.accel.sigma, "accel", self.accel.is_observable
-        )
-        sigma = np.sqrt(np.diag(self.gyro.covariance))
-        is_observable = np.append(np.ones(3, bool), self.gyro.is_observable)
-        calibration.update(effects_from_triad(self.gyro.triad, sigma, "gyro", is_observable))
-        g_sensitivity, g_sigma = self.gyro.g_sensitivity, self.gyro.g_sensitivity_sigma
-        if g_sensitivity is not None and g_sigma is not None:
-            names = GyroGSensitivity.rows
-            calibration[GyroGSensitivity.name] = {
-                names[i][j]: Quantity(float(g_sensitivity[i, j]), float(g_sigma[i, j]))
-                for i in (2, 0, 1)
-                for j in range(3)
-            }
-        return calibration
 
 
 def calibrate_imu(

@@ -50,7 +50,8 @@ class NorthEstimate:
             these stops, rad. white_bound: the same for white noise only, rad. posterior: posterior of
             Earth rate and azimuth. filters: estimates of the classical filters, for one record. stops: of
             each record.
-        averages: data of the likelihood, one per record. warnings: one line each.
+        averages: data of the likelihood, one per record. warnings: one line each. node, axis: name of the
+            node and of its gyro axis.
     """
 
     method: Method
@@ -71,6 +72,13 @@ class NorthEstimate:
     stops: tuple[Stops, ...]
     averages: tuple[Averages, ...]
     warnings: tuple[str, ...] = ()
+    node: str = ""
+    axis: str = ""
+
+    @property
+    def name(self) -> str:
+        """Return node and axis."""
+        return f"{self.node} {self.axis}"
 
     def rate_components(self) -> tuple[Array, Array]:
         """Return rate and sigma of the likelihood, rad/s, in the components of the classical filters."""

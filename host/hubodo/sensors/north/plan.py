@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.errors import InputError
+from hubodo.pages.console import print_lines, print_table
 from hubodo.sensors.allan.characterise import characterise_noise
 from hubodo.sensors.heading.prior import read_bias_noise
 from hubodo.sensors.north.drift import DriftNoise
+from hubodo.sensors.north.north_estimate import horizontal_earth_rate
 from hubodo.sensors.north.programme import (
     StopProgramme,
     find_best_programme,
     find_shortest_programme,
     white_noise_azimuth_bound,
 )
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 PLAN_TIMES_S = (120.0, 300.0, 600.0, 1200.0, 2400.0, 3600.0, 7200.0)
 """Durations, s, for which the best programme is listed."""
@@ -28,15 +35,57 @@ class StopPlan:
     """Four-point programmes for one gyro.
 
     Attributes:
+        latitude_deg: latitude, degrees.
+        sigma_deg: requested sigma of the azimuth, degrees.
+        turn: duration of a turn of the table, s.
         drift: noise of the gyro.
         programmes: for each of `PLAN_TIMES_S` the best programme and the white-noise bound of that time,
             rad.
         target_programme: shortest programme that reaches the requested sigma; None if a day is too short.
     """
 
+    latitude_deg: float
+    sigma_deg: float
+    turn: float
     drift: DriftNoise
     programmes: tuple[tuple[StopProgramme, float], ...]
     target_programme: StopProgramme | None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the JSON result: times in s, angles in degrees, N, B, K in SI units."""
+        return {
+            "latitude_deg": self.latitude_deg,
+            "turn": self.turn,
+            "drift": {"N": self.drift.n, "B": self.drift.b, "K": self.drift.k},
+            "best": [
+                {**programme.as_json(), "white_noise_bound_deg": math.degrees(bound)}
+                for programme, bound in self.programmes
+            ],
+            "wanted_sigma_deg": self.sigma_deg,
+            "wanted": None if self.target_programme is None else self.target_programme.as_json(),
+        }
+
+    def render(self, console: Console) -> None:
+        """Print the plan for the requested sigma, then the best plan for each duration."""
+        wanted = self.target_programme
+        line = (
+            f"{self.sigma_deg:g}° cannot be reached within a day with this gyro"
+            if wanted is None
+            else f"{self.sigma_deg:g}° takes {wanted.time / 60:.0f} minutes: {wanted.count} stops of "
+            f"{wanted.stop:g} s at 0, 180, 90, 270 degrees (sigma {math.degrees(wanted.sigma):.2f}°)"
+        )
+        print_lines(console, [line])
+        rows = [
+            (
+                f"{programme.time / 60:.0f}",
+                str(programme.count),
+                f"{programme.stop:g}",
+                f"{math.degrees(programme.sigma):.2f}",
+                f"{math.degrees(bound):.2f}",
+            )
+            for programme, bound in self.programmes
+        ]
+        print_table(console, ("minutes", "stops", "stop, s", "sigma, °", "white noise alone, °"), rows)
 
 
 def read_drift_noise(path: Path) -> DriftNoise:
@@ -57,11 +106,16 @@ def drift_noise_from_standstill(t: Array, values: Array, channel: str) -> DriftN
     return DriftNoise(n, b, k)
 
 
-def plan_stops(drift: DriftNoise, horizontal: float, sigma: float, turn: float) -> StopPlan:
-    """Return the plan for a requested sigma, rad; turn: time from stop to stop including settling, s."""
+def plan_stops(drift: DriftNoise, latitude_deg: float, sigma_deg: float, turn: float) -> StopPlan:
+    """Return the plan for a requested sigma; turn: time from stop to stop including settling, s.
+
+    Raises InputError for an impossible latitude.
+    """
+    horizontal = horizontal_earth_rate(math.radians(latitude_deg))
     programmes = []
     for time in PLAN_TIMES_S:
         programme = find_best_programme(drift, time, turn, horizontal)
         if programme is not None and programme.sigma < np.pi / 4:
             programmes.append((programme, white_noise_azimuth_bound(drift.n, time, horizontal)))
-    return StopPlan(drift, tuple(programmes), find_shortest_programme(drift, sigma, turn, horizontal))
+    target = find_shortest_programme(drift, math.radians(sigma_deg), turn, horizontal)
+    return StopPlan(latitude_deg, sigma_deg, turn, drift, tuple(programmes), target)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -63,6 +64,15 @@ class StopProgramme:
     count: int
     time: float
     sigma: float
+
+    def as_json(self) -> dict[str, float]:
+        """Return the programme as in `hubodo north --json`: times in s, sigma in degrees."""
+        return {
+            "stop": self.stop,
+            "stops": self.count,
+            "time": self.time,
+            "sigma_deg": math.degrees(self.sigma),
+        }
 
 
 def fit_ergodicity(rates: Array, *, neighbours_overlap: bool = True) -> Ergodicity | None:

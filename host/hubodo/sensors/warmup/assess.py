@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from hubodo.sensors.warmup.whiteness import AutocorrelationTest, LjungBox, autoc
 _SEQUENCES, _SEQUENCE_S, _MAX_SEQUENCE_SAMPLES = 10, 10.0, 2000
 # °C: smaller changes do not show a temperature coefficient.
 _MIN_TEMPERATURE_SPAN = 1.0
+_PARAMETER_UNITS = {"time_constant": "s", "time_constant_second": "s", "temperature_coefficient": "rad/s/°C"}
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,51 @@ class AssessedFit:
     def is_white(self) -> bool:
         """Return True if both tests pass: samples over seconds, and means over the whole record."""
         return self.autocorrelation.is_white and self.ljung_box.is_white
+
+    def as_json(self) -> dict[str, Any]:
+        """Return parameters and tests as in `next_model` of `hubodo warmup --json`."""
+        parameters = {
+            name: {
+                "value": self.fit.values[name],
+                "sigma": self.fit.sigma[name],
+                "unit": parameter_unit(name),
+            }
+            for name in WARMUP_PARAMETERS[self.fit.kind]
+        }
+        return {
+            "kind": self.fit.kind,
+            "parameters": parameters,
+            "white": self.is_white,
+            "whiteness": self.whiteness_json(),
+        }
+
+    def whiteness_json(self) -> dict[str, Any]:
+        """Return both tests as in `whiteness` of `hubodo warmup --json`."""
+        test, box = self.autocorrelation, self.ljung_box
+        return {
+            "autocorrelation": {
+                "white": test.is_white,
+                "p_value": test.p_value,
+                "sequences": test.sequences,
+                "length": test.length,
+                "standard_error": test.standard_error,
+                "inside_one": test.share_within_one_sigma,
+                "inside_two": test.share_within_two_sigma,
+                "expected_one": test.expected_share_within_one_sigma,
+                "expected_two": test.expected_share_within_two_sigma,
+            },
+            "ljung_box": {
+                "white": box.is_white,
+                "p_value": box.p_value,
+                "statistic": box.statistic,
+                "lags": box.lags,
+            },
+        }
+
+
+def parameter_unit(name: str) -> str:
+    """Return the SI unit of a warm-up parameter."""
+    return _PARAMETER_UNITS.get(name, "rad/s")
 
 
 def assess_fit(fit: WarmupFit, record: EvenGrid, age: float, temperature: Array | None) -> AssessedFit:

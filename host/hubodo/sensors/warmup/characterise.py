@@ -9,15 +9,32 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.errors import InputError
 from hubodo.sensors.even_grid import EvenGrid, place_on_grid
+from hubodo.sensors.standstill_channel import StandstillRecord
 from hubodo.sensors.standstill_checks import TemperatureStep
 from hubodo.sensors.warmup.assess import assess_fit, describe_next_model, select_next_model
 from hubodo.sensors.warmup.fit import WarmupFit, fit_warmup
-from hubodo.sensors.warmup.result import WarmupAnalysis, next_model_reason
+from hubodo.sensors.warmup.result import WarmupResult, next_model_reason
 
 # A warm-up is slow, so a few thousand block means contain all information about it.
 _MAX_BLOCK_MEANS, _MIN_BLOCK_MEANS = 4000, 64
 _MIN_DURATION_S = 60.0
 _MIN_SIGNIFICANCE_SIGMA = 4.0
+
+
+def characterise_standstill_warmup(standstill: StandstillRecord, *, age: float = 0.0) -> WarmupResult:
+    """Model the warm-up of a checked gyro axis, as `characterise_warmup`; errors name the log."""
+    try:
+        return characterise_warmup(
+            standstill.t,
+            standstill.values,
+            standstill.channel,
+            temperature=standstill.temperature,
+            age=age,
+            temperature_step=standstill.temperature_step,
+            node=standstill.node,
+        )
+    except InputError as error:
+        raise InputError(f"{standstill.source}: {error}") from None
 
 
 def characterise_warmup(
@@ -28,11 +45,13 @@ def characterise_warmup(
     temperature: Array | None = None,
     age: float = 0.0,
     temperature_step: TemperatureStep | None = None,
-) -> WarmupAnalysis:
+    node: str = "",
+) -> WarmupResult:
     """Fit C1 (1 - e^(-t/T)) + C2 to a stationary gyro axis and test it (Barshan, Durrant-Whyte, eq. 1 to 4).
 
     t: (N,) s. values: (N,) rad/s. temperature: (N,) °C or None. age: time since power-on at the first
-    sample, s. Raises InputError if the record is too short or constant, or contains a temperature step.
+    sample, s. node: name of the node. Raises InputError if the record is too short or constant, or contains
+    a temperature step.
     """
     if temperature_step is not None:
         raise InputError(
@@ -67,7 +86,7 @@ def characterise_warmup(
     if next_model is not None and (next_model.ljung_box.is_white or not reason):
         accepted = next_model
         reason = next_model_reason(next_model.fit)
-    return WarmupAnalysis(
+    return WarmupResult(
         channel,
         exponential,
         reason,
@@ -79,6 +98,7 @@ def characterise_warmup(
         mean_temperatures,
         record,
         tuple(notes),
+        node,
     )
 
 

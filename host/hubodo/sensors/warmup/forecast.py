@@ -19,6 +19,8 @@ from scipy.linalg import cho_solve
 from hubodo.arrays import Array
 from hubodo.sensors.warmup.forms import WARMUP_FORMS, CholeskyFactor, FittedForm, factorise, fit_form
 
+SIGMA_HORIZON_S = 3.0 * 3600.0
+"""The sigmas of an accepted model hold up to this time beyond the record, s."""
 _FORECAST_MEANS = 160
 """Number of means that are fitted; the run time grows with its third power."""
 _MIN_RELATIVE_WEIGHT = 1e-3

@@ -1,12 +1,12 @@
-"""Result of the warm-up analysis of one gyro axis: accepted model, its sigmas, forecast and JSON form."""
+"""Result of the warm-up analysis of one gyro axis: model, forecast, JSON, figure, and text."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,32 +14,62 @@ from hubodo.arrays import Array
 from hubodo.calibration.file import CalibratedEffect, Quantity
 from hubodo.effects.warmup import WARMUP_PARAMETERS, warmup_fraction
 from hubodo.errors import InputError
+from hubodo.html_table import html_lines, html_table
+from hubodo.pages.console import print_lines, print_table
+from hubodo.pages.plot import Plot
 from hubodo.sensors.even_grid import EvenGrid
-from hubodo.sensors.warmup.assess import AssessedFit
+from hubodo.sensors.warmup.assess import AssessedFit, parameter_unit
 from hubodo.sensors.warmup.bias_method import BiasMethodChoice, choose_bias_method
+from hubodo.sensors.warmup.figure import warmup_figure
 from hubodo.sensors.warmup.fit import WarmupFit
-from hubodo.sensors.warmup.forecast import BiasForecast, fit_forecast
+from hubodo.sensors.warmup.forecast import SIGMA_HORIZON_S, BiasForecast, fit_forecast
+from hubodo.sensors.warmup.page import (
+    FORECAST_HEADINGS,
+    PARAMETER_HEADINGS,
+    TEST_HEADINGS,
+    forecast_rows,
+    parameter_rows,
+    summarise_warmup,
+    warmup_advice,
+    whiteness_rows,
+)
 
-SIGMA_HORIZON_S = 3.0 * 3600.0
-"""The sigmas of an accepted model hold up to this time beyond the record, s."""
-_PARAMETER_UNITS = {"time_constant": "s", "time_constant_second": "s", "temperature_coefficient": "rad/s/°C"}
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
-@dataclass(frozen=True)
-class WarmupAnalysis:
-    """The warm-up of one gyro axis as shown by a record.
+@dataclass(frozen=True, eq=False, repr=False)
+class WarmupResult:
+    """The bias of one gyro axis after power-on.
 
-    Attributes:
-        channel: gx, gy or gz.
-        exponential: the single exponential of the paper, with its tests.
-        reason: reason why c1 and time constant of the exponential are not given, empty if they are.
-        next_model: the next model, None if the exponential is white or no other model is better.
-        accepted: the model that the record supports, or None.
-        age: time since power-on at the first sample, s.
-        t, means: (M,) times since power-on (s) and block means (rad/s) that were fitted.
-        mean_temperatures: (M,) °C or None.
-        record: the samples on an even grid, with gaps and outliers.
-        notes: remarks for the user.
+    Attributes
+    ----------
+    channel : str
+        Name of the channel, `gx`, `gy` or `gz`.
+    exponential : AssessedFit
+        The single exponential, with its whiteness tests.
+    reason : str
+        Reason why c1 and time constant of the exponential are not given, empty if they are.
+    next_model : AssessedFit or None
+        The next model; None if the exponential is white or no other model is better.
+    accepted : AssessedFit or None
+        The model that the record supports.
+    age : float
+        Time since power-on at the first sample, s.
+    t, means : (M,) array
+        Times since power-on (s) and block means (rad/s) that were fitted.
+    mean_temperatures : (M,) array or None
+        Temperatures of the block means, °C.
+    record : EvenGrid
+        The samples on an even grid, with gaps and outliers.
+    notes : tuple of str
+        Remarks for the user.
+    node : str
+        Name of the node.
+    ages : tuple of float
+        Times since power-on to forecast, s; by default within and after the record.
+    log, output : str or None
+        Path of the log and of the calibration file in the result of the verb.
     """
 
     channel: str
@@ -53,6 +83,46 @@ class WarmupAnalysis:
     mean_temperatures: Array | None
     record: EvenGrid
     notes: tuple[str, ...]
+    node: str = ""
+    ages: tuple[float, ...] = ()
+    log: str | None = None
+    output: str | None = None
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Parameters (c1, c2, time_constant, ...) of the accepted model, rad/s and s; empty without one."""
+        return {} if self.accepted is None else self.accepted.fit.values
+
+    @property
+    def white(self) -> bool:
+        """True if the residual of the accepted model is white."""
+        return self.accepted is not None and self.accepted.is_white
+
+    @property
+    def report(self) -> WarmupResult:
+        """The result itself, for programs that read its parts through `report`."""
+        return self
+
+    @property
+    def name(self) -> str:
+        """Node and channel."""
+        return f"{self.node} {self.channel}".strip()
+
+    def bias(self, age: float) -> tuple[float, float]:
+        """Forecast the bias, averaged over the candidate models.
+
+        Parameters
+        ----------
+        age : float
+            Time since power-on, s.
+
+        Returns
+        -------
+        tuple of float
+            The bias and its 1σ, rad/s.
+        """
+        row = self.predict([age])[0]
+        return row["bias"], row["sigma"]
 
     @cached_property
     def forecast(self) -> BiasForecast:
@@ -117,7 +187,18 @@ class WarmupAnalysis:
         return choose_bias_method(values[record.present], record.dt)
 
     def predict(self, ages: Sequence[float] = ()) -> list[dict[str, float]]:
-        """Return bias, sigma and accepted model at ages (s), by default within and after the record."""
+        """Return the forecast bias with its sigma, and the accepted model, at several ages.
+
+        Parameters
+        ----------
+        ages : sequence of float
+            Times since power-on, s; by default within and after the record.
+
+        Returns
+        -------
+        list of dict
+            `age`, `bias`, `sigma`, and `accepted`, `accepted_sigma` if there is an accepted model.
+        """
         t = np.asarray(ages, np.float64)
         if not len(t):
             initial, end = float(self.t[0]), float(self.t[-1])
@@ -140,7 +221,15 @@ class WarmupAnalysis:
     def calibrated_effects(self) -> dict[str, CalibratedEffect]:
         """Return the accepted model as effects of the calibration file, for this axis.
 
-        Raises InputError without an accepted model.
+        Returns
+        -------
+        dict
+            The effects by name.
+
+        Raises
+        ------
+        InputError
+            If no model is accepted.
         """
         axis = self.channel[1]
         if self.accepted is None:
@@ -163,23 +252,31 @@ class WarmupAnalysis:
             result["gyro_temperature"] = CalibratedEffect({axis: quantity("temperature_coefficient")}, method)
         return result
 
-    def as_json(self, ages: Sequence[float] = ()) -> dict[str, Any]:
-        """Return the result as in `hubodo warmup --json`; ages: s, as in `predict`.
+    def as_json(self) -> dict[str, Any]:
+        """Return the JSON result of `hubodo warmup`.
 
         c1, c2 and time_constant are those of the accepted model if it has one exponential, with sigmas
         that include the uncertainty of its form. Without an accepted model, only c2 of the exponential is
         given.
+
+        Returns
+        -------
+        dict
+            The JSON object.
         """
         fit = (self.accepted or self.exponential).fit
         sigma = self.sigma or fit.sigma
         single = self.accepted is not None and "c1" in fit.values and "c1_second" not in fit.values
-        result: dict[str, Any] = {}
+        result: dict[str, Any] = {} if self.log is None else {"log": self.log}
+        result["node"] = self.node
+        if self.log is not None:
+            result["output"] = self.output
         for name in WARMUP_PARAMETERS["exponential"]:
             is_given = single or name == "c2"
             result[name] = {
                 "value": fit.values[name] if is_given else None,
                 "sigma": sigma[name] if is_given else None,
-                "unit": _PARAMETER_UNITS.get(name, "rad/s"),
+                "unit": parameter_unit(name),
             }
             if is_given and name != "time_constant":
                 result[name] |= {"value_deg_per_s": math.degrees(fit.values[name])}
@@ -187,10 +284,10 @@ class WarmupAnalysis:
                 result[name] |= {"reason": self.reason or next_model_reason(fit)}
         return result | {
             "white": self.exponential.is_white,
-            "whiteness": _whiteness_json(self.exponential),
-            "next_model": None if self.next_model is None else _model_json(self.next_model),
+            "whiteness": self.exponential.whiteness_json(),
+            "next_model": None if self.next_model is None else self.next_model.as_json(),
             "accepted": None if self.accepted is None else fit.kind,
-            "prediction": self.predict(ages),
+            "prediction": self.predict(self.ages),
             "bias_filter": None if self.bias_method is None else asdict(self.bias_method),
             "channel": self.channel,
             "age_at_start": self.age,
@@ -199,50 +296,50 @@ class WarmupAnalysis:
             "notes": list(self.notes),
         }
 
+    def plot(self) -> Plot:
+        """Plot record, models, residual and forecast.
+
+        Returns
+        -------
+        Plot
+            The figure.
+        """
+        return Plot(warmup_figure(self, f"Warm-up of {self.name}"))
+
+    def render(self, console: Console) -> None:
+        """Print the accepted model, the whiteness tests and the forecast bias.
+
+        Parameters
+        ----------
+        console : rich.console.Console
+            The console to print to.
+        """
+        if self.accepted is not None:
+            title = f"{self.name}: {self.accepted.fit.kind}"
+            print_table(console, PARAMETER_HEADINGS, parameter_rows(self.accepted, self.sigma), title)
+        print_table(console, TEST_HEADINGS, whiteness_rows(self.exponential), "exponential")
+        if self.next_model is not None:
+            print_table(console, TEST_HEADINGS, whiteness_rows(self.next_model), self.next_model.fit.kind)
+        print_table(console, FORECAST_HEADINGS, forecast_rows(self, self.ages), "forecast bias")
+        print_lines(console, [summarise_warmup(self)])
+        print_lines(console, self.notes, label="note")
+        print_lines(console, warmup_advice(self))
+        if self.output:
+            print_lines(console, [f"written to {self.output}"])
+
+    def __repr__(self) -> str:
+        values = ", ".join(f"{name} {value:.3g}" for name, value in self.values.items())
+        return f"WarmupResult({self.name}: {values or self.reason})"
+
+    def _repr_html_(self) -> str:
+        html = html_lines((summarise_warmup(self),))
+        if self.accepted is not None:
+            html += html_table(PARAMETER_HEADINGS, parameter_rows(self.accepted, self.sigma))
+        return html + html_table(FORECAST_HEADINGS, forecast_rows(self)) + html_lines(self.notes)
+
 
 def next_model_reason(fit: WarmupFit) -> str:
     """Return the reason why a single exponential is not given; empty if the next model contains it."""
     if fit.kind == "exponential and temperature":
         return ""
     return f"a single exponential does not describe this record; see next model: {fit.kind}"
-
-
-def _whiteness_json(assessed: AssessedFit) -> dict[str, Any]:
-    test, box = assessed.autocorrelation, assessed.ljung_box
-    return {
-        "autocorrelation": {
-            "white": test.is_white,
-            "p_value": test.p_value,
-            "sequences": test.sequences,
-            "length": test.length,
-            "standard_error": test.standard_error,
-            "inside_one": test.share_within_one_sigma,
-            "inside_two": test.share_within_two_sigma,
-            "expected_one": test.expected_share_within_one_sigma,
-            "expected_two": test.expected_share_within_two_sigma,
-        },
-        "ljung_box": {
-            "white": box.is_white,
-            "p_value": box.p_value,
-            "statistic": box.statistic,
-            "lags": box.lags,
-        },
-    }
-
-
-def _model_json(assessed: AssessedFit) -> dict[str, Any]:
-    fit = assessed.fit
-    parameters = {
-        name: {
-            "value": fit.values[name],
-            "sigma": fit.sigma[name],
-            "unit": _PARAMETER_UNITS.get(name, "rad/s"),
-        }
-        for name in WARMUP_PARAMETERS[fit.kind]
-    }
-    return {
-        "kind": fit.kind,
-        "parameters": parameters,
-        "white": assessed.is_white,
-        "whiteness": _whiteness_json(assessed),
-    }

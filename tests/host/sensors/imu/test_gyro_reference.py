@@ -12,7 +12,8 @@ from scipy.stats import f as f_distribution
 from hubodo.calibration.triad import Triad
 from hubodo.errors import CalibrationError, InputError
 from hubodo.sensors.imu import calibrate as room
-from hubodo.sensors.imu.calibrate import GyroCalibration, ImuCalibration, calibrate_imu, estimate_static_bias
+from hubodo.sensors.imu.calibrate import calibrate_imu, estimate_static_bias
+from hubodo.sensors.imu.result import GyroCalibration, ImuCalibration
 from hubodo.sensors.imu.standstills import Standstills
 
 EARTH = 2 * np.pi / 86164.0905

@@ -7,14 +7,16 @@ import pytest
 
 from hubodo.errors import InputError
 from hubodo.sensors.north.drift import DriftNoise
+from hubodo.sensors.north.north_estimate import horizontal_earth_rate
 from hubodo.sensors.north.plan import drift_noise_from_standstill, plan_stops, read_drift_noise
 from hubodo.sensors.north.programme import programme_sigma
 
-NOISE, HORIZONTAL = DriftNoise(3e-5, 1e-6, 0.0), 5e-5
+NOISE, LATITUDE_DEG = DriftNoise(3e-5, 1e-6, 0.0), 46.7
+HORIZONTAL = horizontal_earth_rate(np.radians(LATITUDE_DEG))
 
 
 def test_the_target_reaches_its_sigma_and_longer_programmes_are_better():
-    plan = plan_stops(NOISE, HORIZONTAL, np.radians(3.0), turn=2.0)
+    plan = plan_stops(NOISE, LATITUDE_DEG, 3.0, turn=2.0)
     sigmas = [programme.sigma for programme, _ in plan.programmes]
     assert sigmas == sorted(sigmas, reverse=True) and len(sigmas) > 2
     target = plan.target_programme

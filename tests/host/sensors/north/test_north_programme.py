@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hubodo.sensors.north import result_json
+from hubodo.sensors.north import advice
 from hubodo.sensors.north.drift import DriftNoise
 from hubodo.sensors.north.likelihood import _refine_grid
 from hubodo.sensors.north.programme import (
@@ -41,7 +41,7 @@ def test_what_a_minute_can_do_at_best_is_the_bound_of_its_white_noise():
     result = SimpleNamespace(
         posterior=SimpleNamespace(drift=drift), horizontal_rate=horizontal, elapsed=600.0
     )
-    bound = result_json.programme_json(result)["one_minute_white_noise_bound_deg"]
+    bound = advice.programme_json(result)["one_minute_white_noise_bound_deg"]
     assert bound == pytest.approx(np.degrees(np.sqrt(2.0 / 60.0) * 1e-5 / horizontal))
 
 

@@ -8,14 +8,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hubodo.calibration.file import CalibratedEffect, Quantity
+from hubodo.calibration.file import Quantity
 from hubodo.errors import CalibrationError
 from hubodo.fuse.track import Track
 from hubodo.fuse.wheel.calibration.aided_filter import AidedRun, run_aided_filter
 from hubodo.fuse.wheel.calibration.alignment import align_heading, check_axes, rotated_track_at
-from hubodo.fuse.wheel.calibration.held_out import Antenna, HeldOutErrors, measure_held_out_errors
-from hubodo.fuse.wheel.calibration.learnt_parameters import LearntParameters, extract_parameters
+from hubodo.fuse.wheel.calibration.held_out import Antenna, measure_held_out_errors
+from hubodo.fuse.wheel.calibration.learnt_parameters import (
+    LearntParameters,
+    extract_parameters,
+    quantities_as_effects,
+)
 from hubodo.fuse.wheel.calibration.positions import Positions, estimate_white_sigma
+from hubodo.fuse.wheel.calibration.result import WheelCalibration
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode, priors_from_calibration
 from hubodo.fuse.wheel.drive_report import build_report
 from hubodo.fuse.wheel.entries import (
@@ -64,47 +69,6 @@ class WheelPriors:
     radius: float = 0.02
     track: float = 0.03
     scale: float = 0.01
-
-
-@dataclass(frozen=True)
-class WheelCalibration:
-    """Result of a calibration drive.
-
-    Attributes
-    ----------
-    nodes : name -> effect -> parameter -> value and sigma, names of the model file, node axes.
-    vehicle : effect -> parameter -> value and sigma.
-    not_observable : one line for each parameter the drive did not determine, and which manoeuvre would.
-    antenna : x and y on the vehicle, m.
-    rms : m, between the positions and the track before calibration.
-    held_out : errors on held-out segments.
-    white_sigma, slow_sigma : m, 1 sigma of the positions' errors, as estimated.
-    n_positions, n_jumps : positions used, and jumps of the positions.
-    warnings : of the filter.
-    """
-
-    nodes: Mapping[str, Mapping[str, Mapping[str, Quantity]]]
-    vehicle: Mapping[str, Mapping[str, Quantity]]
-    not_observable: tuple[str, ...]
-    antenna: tuple[Quantity, Quantity]
-    rms: float
-    held_out: HeldOutErrors
-    white_sigma: float
-    slow_sigma: float
-    n_positions: int
-    n_jumps: int
-    warnings: tuple[str, ...]
-
-    def effects(self, name: str, **provenance: object) -> dict[str, CalibratedEffect]:
-        """Return the effects of one node for a calibration file.
-
-        provenance: other fields of CalibratedEffect.
-        """
-        return _effects(self.nodes[name], provenance)
-
-    def vehicle_effects(self, **provenance: object) -> dict[str, CalibratedEffect]:
-        """Return the effects of the vehicle for a calibration file."""
-        return _effects(self.vehicle, provenance)
 
 
 def calibrate_wheels(
@@ -243,10 +207,12 @@ class _CalibrationDrive:
         core = self.run_aided(positions_used, slow).core
         parameters = self.findings(core)
         nodes = {
-            name: priors_from_calibration(WHEEL_ENTRIES, _effects(parameters.nodes[name], {}), node.facing)
+            name: priors_from_calibration(
+                WHEEL_ENTRIES, quantities_as_effects(parameters.nodes[name]), node.facing
+            )
             for name, node in self._plain.nodes.items()
         }
-        vehicle = priors_from_calibration(VEHICLE_ENTRIES, _effects(parameters.vehicle, {}), "left")
+        vehicle = priors_from_calibration(VEHICLE_ENTRIES, quantities_as_effects(parameters.vehicle), "left")
         learnt = FilterCore(_with_priors(self._plain, nodes, vehicle), self.slips)
         learnt.align([step.windows for step in self.steps if not step.realign])
         poses: list[Pose] = []
@@ -281,9 +247,3 @@ def _with_priors(
 
 def _values(antenna: tuple[Quantity, Quantity]) -> Antenna:
     return antenna[0].value, antenna[1].value
-
-
-def _effects(
-    quantities: Mapping[str, Mapping[str, Quantity]], provenance: Mapping[str, object]
-) -> dict[str, CalibratedEffect]:
-    return {name: CalibratedEffect(parameters, **provenance) for name, parameters in quantities.items()}  # type: ignore[arg-type]

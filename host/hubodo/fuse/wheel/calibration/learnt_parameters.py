@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from hubodo.calibration.file import Quantity
+from hubodo.calibration.file import CalibratedEffect, Quantity
 from hubodo.errors import CalibrationError
 from hubodo.fuse.wheel.entries import (
     ANTENNA_X,
@@ -139,3 +139,10 @@ def quantities_as_json(
         effect: {name: {"value": q.value, "sigma": q.sigma} for name, q in parameters.items()}
         for effect, parameters in found_effects.items()
     }
+
+
+def quantities_as_effects(
+    quantities: Mapping[str, Mapping[str, Quantity]], **provenance: object
+) -> dict[str, CalibratedEffect]:
+    """Return the quantities as effects of a calibration file; provenance: other fields of each effect."""
+    return {name: CalibratedEffect(parameters, **provenance) for name, parameters in quantities.items()}  # type: ignore[arg-type]

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hubodo.report.curves import Curve, draw_curves
-from hubodo.report.drawing import Drawing, new_figure, save_figure
-from hubodo.report.page import PageTable, Section
-from hubodo.sensors.heading.result import HeadingAnalysis
+from hubodo.pages.curves import Curve, draw_curves
+from hubodo.pages.drawing import Drawing, new_figure, save_figure
+from hubodo.pages.page import PageTable, Section
 from hubodo.sensors.heading.score import HeadingScore
+
+if TYPE_CHECKING:
+    from hubodo.sensors.heading.result import HeadingResult
 
 _DEG = math.degrees(1.0)
 _FILTER_COLOUR = "#1b6ca8"
@@ -21,27 +24,27 @@ _MAX_BIAS_SIGMA_RATIO = 10.0
 """The bias is plotted where its sigma is below this multiple of the median, as larger bands hide the rest."""
 
 
-def summarise_heading(analysis: HeadingAnalysis) -> str:
+def summarise_heading(result: HeadingResult) -> str:
     """Return the result in one or two sentences."""
-    turned, sigma = analysis.track.heading[-1] * _DEG, analysis.track.sigma[-1] * _DEG
-    lead = f"Turned by {turned:+.2f}° ± {sigma:.2f}° in {analysis.duration:.0f} s."
-    if analysis.score is not None:
-        filter_error = analysis.score.errors["heading"]
+    turned, sigma = result.track.heading[-1] * _DEG, result.track.sigma[-1] * _DEG
+    lead = f"Turned by {turned:+.2f}° ± {sigma:.2f}° in {result.duration:.0f} s."
+    if result.score is not None:
+        filter_error = result.score.errors["heading"]
         lead += (
-            f" Error against {analysis.score.source}: {filter_error.final * _DEG:+.2f}° at the end "
-            f"({analysis.score.final_error_in_sigma:+.1f}σ), {filter_error.rms * _DEG:.2f}° rms."
+            f" Error against {result.score.source}: {filter_error.final * _DEG:+.2f}° at the end "
+            f"({result.score.final_error_in_sigma:+.1f}σ), {filter_error.rms * _DEG:.2f}° rms."
         )
     return lead
 
 
-def score_rows(analysis: HeadingAnalysis) -> list[tuple[str, ...]]:
+def score_rows(result: HeadingResult) -> list[tuple[str, ...]]:
     """Return a header row, then one row per estimate: total turn, and its errors if truth is available."""
-    score = analysis.score
+    score = result.score
     head: tuple[str, ...] = ("estimate", "turned, °")
     if score is not None:
         head += ("error rms, °", "at the end, °", "largest, °")
     rows = [head]
-    for name, end in analysis.final_headings().items():
+    for name, end in result.final_headings().items():
         row: tuple[str, ...] = (name, f"{end * _DEG:+.3f}")
         if score is not None:
             error = score.errors[name]
@@ -50,48 +53,48 @@ def score_rows(analysis: HeadingAnalysis) -> list[tuple[str, ...]]:
     return rows
 
 
-def heading_sections(analysis: HeadingAnalysis) -> list[Section]:
+def heading_sections(result: HeadingResult) -> list[Section]:
     """Return the sections of a page: heading, errors, inputs and bias."""
-    noise, track = analysis.noise, analysis.track
+    noise, track = result.noise, result.track
     inputs = [
-        ("standstills", f"{len(analysis.standstills)}, {sum(b - a for a, b in analysis.standstills):.1f} s"),
+        ("standstills", f"{len(result.standstills)}, {sum(b - a for a, b in result.standstills):.1f} s"),
         ("angle random walk N", f"{noise.angle_random_walk:.3g} rad/√s"),
         ("bias instability B", f"{noise.bias_instability:.3g} rad/s"),
         ("rate random walk K", f"{noise.rate_random_walk:.3g} rad/s/√s"),
-        ("warm-up C1", f"{analysis.warmup.c1:+.3g} rad/s"),
-        ("warm-up time constant", f"{analysis.warmup.time_constant:.4g} s"),
-        ("scale factor, 1σ", f"{analysis.scale_sigma:.3g}"),
-        ("lag", f"{analysis.lag:.3g} s"),
+        ("warm-up C1", f"{result.warmup.c1:+.3g} rad/s"),
+        ("warm-up time constant", f"{result.warmup.time_constant:.4g} s"),
+        ("scale factor, 1σ", f"{result.scale_sigma:.3g}"),
+        ("lag", f"{result.lag:.3g} s"),
         ("gaps", str(len(track.gaps))),
     ]
-    rows = score_rows(analysis)
+    rows = score_rows(result)
     sections = [
         Section(
             "Heading",
-            " ".join(f"{note}." for note in analysis.notes),
+            " ".join(f"{note}." for note in result.notes),
             [PageTable(rows[0], rows[1:])],
-            [_heading_plot(analysis)],
+            [_heading_plot(result)],
         )
     ]
-    if analysis.score is not None:
+    if result.score is not None:
         sections.append(
-            Section("Error", "The band is the estimated sigma (1σ).", figures=[_error_plot(analysis.score)])
+            Section("Error", "The band is the estimated sigma (1σ).", figures=[_error_plot(result.score)])
         )
-    sections.append(Section("Inputs and bias", "", [PageTable(("", ""), inputs)], [_bias_plot(analysis)]))
+    sections.append(Section("Inputs and bias", "", [PageTable(("", ""), inputs)], [_bias_plot(result)]))
     return sections
 
 
-def save_heading_figure(analysis: HeadingAnalysis, path: Path, title: str) -> None:
+def save_heading_figure(result: HeadingResult, path: Path, title: str) -> None:
     """Write a figure of heading and sigma, or of the error if truth is available.
 
     Raises OSError if it cannot be written, InputError without matplotlib.
     """
-    track, score = analysis.track, analysis.score
+    track, score = result.track, result.score
     plot = new_figure(8.0, 6.0)
     upper, lower = plot.subplots(2, 1, sharex=True)
-    upper.plot(track.t, (track.heading + analysis.start) * _DEG, color=_FILTER_COLOUR, label="heading")
+    upper.plot(track.t, (track.heading + result.start) * _DEG, color=_FILTER_COLOUR, label="heading")
     for (name, values), colour in zip(track.baselines.items(), _BASELINE_COLOURS, strict=False):
-        upper.plot(track.t, (values + analysis.start) * _DEG, color=colour, lw=0.8, label=name)
+        upper.plot(track.t, (values + result.start) * _DEG, color=colour, lw=0.8, label=name)
     upper.set_ylabel("heading, °")
     upper.set_title(title)
     upper.legend(fontsize=8)
@@ -114,11 +117,11 @@ def save_heading_figure(analysis: HeadingAnalysis, path: Path, title: str) -> No
     save_figure(plot, path)
 
 
-def _heading_plot(analysis: HeadingAnalysis) -> Drawing:
-    track = analysis.track
+def _heading_plot(result: HeadingResult) -> Drawing:
+    track = result.track
     headings = {"heading": track.heading, **track.baselines}
     plotted = [
-        Curve(track.t, (values + analysis.start) * _DEG, name, colour)
+        Curve(track.t, (values + result.start) * _DEG, name, colour)
         for (name, values), colour in zip(
             headings.items(), (_FILTER_COLOUR, *_BASELINE_COLOURS), strict=False
         )
@@ -138,8 +141,8 @@ def _error_plot(score: HeadingScore) -> Drawing:
     return draw_curves([band, *plotted[::-1]], "t, s", "error, °")
 
 
-def _bias_plot(analysis: HeadingAnalysis) -> Drawing:
-    track = analysis.track
+def _bias_plot(result: HeadingResult) -> Drawing:
+    track = result.track
     usable = track.sigma_bias <= _MAX_BIAS_SIGMA_RATIO * np.median(track.sigma_bias)
     t, values, sigma = (column[usable] for column in (track.t, track.bias, track.sigma_bias))
     bias = Curve(t, values * _DEG, "bias", _FILTER_COLOUR, sigma=sigma * _DEG)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from hubodo.html_table import html_table
-from hubodo.report.drawing import Drawing
+from hubodo.pages.drawing import Drawing
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go

@@ -1,4 +1,4 @@
-"""JSON form of the north estimate of one gyro, and recommendations for the next record."""
+"""Recommendations for the next north measurement, from the noise that the last one showed."""
 
 from __future__ import annotations
 
@@ -12,61 +12,10 @@ from hubodo.sensors.north.programme import (
     fit_ergodicity,
     white_noise_azimuth_bound,
 )
-from hubodo.sensors.north.stops import Stops
 
 ADVICE_TURN_S = 2.0
 MAX_AZIMUTH_SIGMA = math.radians(45)
 """Largest azimuth sigma that is reported; beyond it the small-angle prediction does not hold."""
-
-
-def gyro_json(node: str, axis: str, estimate: NorthEstimate) -> dict[str, Any]:
-    """Return the JSON form of one gyro's result; angles in degrees, rates in rad/s, N, B, K in SI."""
-    drift, ergodicity = (
-        estimate.posterior.drift,
-        fit_ergodicity(estimate.rates, neighbours_overlap=bool(estimate.stops)),
-    )
-    components, sigmas = estimate.rate_components()
-    return {
-        "node": node,
-        "axis": axis,
-        "method": estimate.method,
-        "azimuth_deg": math.degrees(estimate.azimuth) % 360,
-        "sigma_deg": math.degrees(estimate.sigma),
-        "candidates_deg": [math.degrees(c) % 360 for c in estimate.candidates],
-        "bound_deg": _finite(math.degrees(estimate.bound)),
-        "white_noise_bound_deg": _finite(math.degrees(estimate.white_bound)),
-        "rate": [float(r) for r in estimate.rates],
-        "rate_across": [float(r) for r in estimate.rates_across],
-        "rate_direction_deg": math.degrees(estimate.direction),
-        "components": {"rate": components.tolist(), "sigma": sigmas.tolist()},
-        "filters": {
-            name: {
-                "rate": list(f.rate),
-                "sigma": list(f.sigma),
-                "azimuth_deg": None if f.azimuth is None else math.degrees(f.azimuth) % 360,
-            }
-            for name, f in estimate.filters.items()
-        },
-        "drift": {"N": drift.n, "B": drift.b, "K": drift.k},
-        "ergodicity": None
-        if ergodicity is None
-        else {"slope": ergodicity.slope, "sigma": ergodicity.sigma, "ergodic": ergodicity.is_ergodic},
-        "angle_sigma_deg": math.degrees(estimate.angle_sigma),
-        "stops": _stops_json(estimate.stops),
-    }
-
-
-def _stops_json(records: tuple[Stops, ...]) -> dict[str, Any] | None:
-    """Return all stops of the records in order, with angles from the table or from the gyro."""
-    if not records:
-        return None
-    return {
-        "count": sum(map(len, records)),
-        "cut": list(records[0].cut),
-        "mean": [float(mean) for stops in records for mean in stops.mean],
-        "t": [[float(a), float(b)] for stops in records for a, b in stops.t],
-        "angle_deg": [math.degrees(angle) for stops in records for angle in stops.angle],
-    }
 
 
 def programme_json(estimate: NorthEstimate) -> dict[str, Any]:
@@ -78,14 +27,7 @@ def programme_json(estimate: NorthEstimate) -> dict[str, Any]:
     return {
         "turn": ADVICE_TURN_S,
         **{
-            name: None
-            if programme is None or programme.sigma > MAX_AZIMUTH_SIGMA
-            else {
-                "stop": programme.stop,
-                "stops": programme.count,
-                "time": programme.time,
-                "sigma_deg": math.degrees(programme.sigma),
-            }
+            name: None if programme is None or programme.sigma > MAX_AZIMUTH_SIGMA else programme.as_json()
             for name, programme in (("same_time", same), ("one_minute", minute), ("one_degree", degree))
         },
         "one_minute_white_noise_bound_deg": math.degrees(
@@ -131,7 +73,3 @@ def describe_programmes(estimate: NorthEstimate) -> list[str]:
             )
         )
     return lines
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -8,7 +8,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from hubodo.report.drawing import Drawing, new_figure, render_drawing
+from hubodo.pages.drawing import Drawing, new_figure, render_drawing
 
 Values = NDArray[Any]
 _MAX_CURVE_POINTS = 2000

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hubodo.report.drawing import new_figure
-from hubodo.sensors.warmup.result import SIGMA_HORIZON_S, WarmupAnalysis
+from hubodo.pages.drawing import new_figure
+from hubodo.sensors.warmup.forecast import SIGMA_HORIZON_S
+
+if TYPE_CHECKING:
+    from hubodo.sensors.warmup.result import WarmupResult
 
 _DEG = math.degrees(1.0)
 _CURVE_POINTS, _MAX_DOTS = 200, 1000
@@ -16,13 +19,13 @@ _CURVE_POINTS, _MAX_DOTS = 200, 1000
 _MODEL_COLOURS = ("#1b6ca8", "#d1495b")
 
 
-def warmup_figure(analysis: WarmupAnalysis, title: str) -> Any:
+def warmup_figure(result: WarmupResult, title: str) -> Any:
     """Return a matplotlib figure; raise InputError if matplotlib cannot be loaded."""
     figure = new_figure(8.0, 8.0)
     bias_axes, residual_axes, lag_axes = figure.subplots(3, 1, height_ratios=(3, 1.3, 1.3))
-    _plot_bias(bias_axes, analysis)
-    assessed = analysis.accepted or analysis.exponential
-    t, residual = _averaged(analysis.t, assessed.fit.residual)
+    _plot_bias(bias_axes, result)
+    assessed = result.accepted or result.exponential
+    t, residual = _averaged(result.t, assessed.fit.residual)
     residual_axes.plot(t / 60.0, residual * _DEG, ".", ms=2, color="#8a8d91")
     residual_axes.set_xlim(bias_axes.get_xlim())
     residual_axes.set_ylabel("residual, °/s")
@@ -39,21 +42,19 @@ def warmup_figure(analysis: WarmupAnalysis, title: str) -> Any:
     return figure
 
 
-def _plot_bias(axes: Any, analysis: WarmupAnalysis) -> None:
-    t, means = _averaged(analysis.t, analysis.means)
+def _plot_bias(axes: Any, result: WarmupResult) -> None:
+    t, means = _averaged(result.t, result.means)
     axes.plot(t / 60.0, means * _DEG, ".", ms=2, color="#8a8d91", label="means")
-    for assessed, colour in zip((analysis.exponential, analysis.next_model), _MODEL_COLOURS, strict=True):
+    for assessed, colour in zip((result.exponential, result.next_model), _MODEL_COLOURS, strict=True):
         if assessed is not None:
-            fitted = analysis.means - assessed.fit.residual
-            axes.plot(analysis.t / 60.0, fitted * _DEG, lw=1.0, color=colour, label=assessed.fit.kind)
-    end = float(analysis.t[-1])
-    ages = np.linspace(float(analysis.t[0]), end + min(SIGMA_HORIZON_S, 2.0 * end), _CURVE_POINTS)
+            fitted = result.means - assessed.fit.residual
+            axes.plot(result.t / 60.0, fitted * _DEG, lw=1.0, color=colour, label=assessed.fit.kind)
+    end = float(result.t[-1])
+    ages = np.linspace(float(result.t[0]), end + min(SIGMA_HORIZON_S, 2.0 * end), _CURVE_POINTS)
     temperatures = (
-        None
-        if analysis.mean_temperatures is None
-        else np.interp(ages, analysis.t, analysis.mean_temperatures)
+        None if result.mean_temperatures is None else np.interp(ages, result.t, result.mean_temperatures)
     )
-    bias, sigma = analysis.forecast.predict(ages, temperatures)
+    bias, sigma = result.forecast.predict(ages, temperatures)
     axes.fill_between(
         ages / 60.0,
         (bias - sigma) * _DEG,

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hubodo.report.curves import Curve, Values, draw_curves
-from hubodo.report.page import COLOURS, PageTable, Section
-from hubodo.sensors.imu.calibrate import ImuCalibration
+from hubodo.pages.curves import Curve, Values, draw_curves
+from hubodo.pages.page import COLOURS, PageTable, Section
 from hubodo.sensors.imu.held_out import CrossValidation
+
+if TYPE_CHECKING:
+    from hubodo.sensors.imu.result import ImuCalibration
+
+PARAMETER_HEADINGS = ("effect", "parameter", "value", "1σ")
 
 
 def imu_sections(result: ImuCalibration) -> Sequence[Section]:
@@ -27,18 +32,22 @@ def format_held_out(held_out: CrossValidation | None, unit: str, factor: float =
     )
 
 
-def _parameters(result: ImuCalibration) -> Section:
-    rows = [
-        [effect, name, f"{q.value:+.6g}", f"{q.sigma:.2g}"]
+def parameter_rows(result: ImuCalibration) -> list[tuple[str, ...]]:
+    """Return effect, parameter, value and sigma of each parameter."""
+    return [
+        (effect, name, f"{q.value:+.6g}", f"{q.sigma:.2g}")
         for effect, parameters in result.effect_parameters().items()
         for name, q in parameters.items()
     ]
+
+
+def _parameters(result: ImuCalibration) -> Section:
     poses = result.accel.poses
     text = (
         f"true = (I + diag(e) + N)^-1 (raw - b), SI units. The {poses.count} poses have condition number "
         f"{poses.condition:.3g}. " + " ".join(f"{note[0].upper()}{note[1:]}." for note in result.notes)
     )
-    return Section("Calibration of the IMU", text, [PageTable(["effect", "parameter", "value", "1σ"], rows)])
+    return Section("Calibration of the IMU", text, [PageTable(PARAMETER_HEADINGS, parameter_rows(result))])
 
 
 def _residuals(result: ImuCalibration) -> Section:

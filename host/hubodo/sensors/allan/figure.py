@@ -6,16 +6,18 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from itertools import cycle
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.report.drawing import new_figure
-from hubodo.sensors.allan.characterise import AllanAnalysis
+from hubodo.pages.drawing import new_figure
 from hubodo.sensors.allan.covariance import TERMS, design_matrix
 from hubodo.sensors.allan.datasheet import Datasheet
 from hubodo.sensors.allan.ieee952 import rate_unit, term_units
+
+if TYPE_CHECKING:
+    from hubodo.sensors.allan.result import AllanResult
 
 _POINT_COLOUR, _GRID_COLOUR = "#1d2126", "#d8dce0"
 _TERM_COLOURS = {"Q": "#8a6d3b", "N": "#1b6ca8", "B": "#2e7d5b", "K": "#d1495b", "R": "#7a4fa3"}
@@ -25,30 +27,30 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def allan_figure(
-    analyses: Sequence[tuple[str, AllanAnalysis]], title: str, sheets: Sequence[Datasheet] = ()
+    results: Sequence[tuple[str, AllanResult]], title: str, sheets: Sequence[Datasheet] = ()
 ) -> Any:
     """Return a matplotlib figure of one channel with its terms, or of several channels of one kind of sensor.
 
-    analyses: label and analysis of each channel. sheets: data sheets for comparison. Raises InputError if
+    results: label and result of each channel. sheets: data sheets for comparison. Raises InputError if
     matplotlib cannot be loaded.
     """
-    unit = rate_unit(analyses[0][1].channel)
+    unit = rate_unit(results[0][1].channel)
     plot = new_figure(8.0, 7.0)
     upper, lower = plot.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-    several = len(analyses) > 1
-    for (name, analysis), colour, marker in zip(
-        analyses, cycle(_CHANNEL_COLOURS), cycle(_CHANNEL_MARKERS), strict=False
+    several = len(results) > 1
+    for (name, result), colour, marker in zip(
+        results, cycle(_CHANNEL_COLOURS), cycle(_CHANNEL_MARKERS), strict=False
     ):
         colour = colour if several else _POINT_COLOUR
-        _points(upper, analysis, name if several else "measured, 95 %", colour, marker)
-        _residuals(lower, analysis, colour, marker)
+        _points(upper, result, name if several else "measured, 95 %", colour, marker)
+        _residuals(lower, result, colour, marker)
     if not several:
-        _terms(upper, analyses[0][1])
-    tau = _tau_range([analysis for _, analysis in analyses])
+        _terms(upper, results[0][1])
+    tau = _tau_range([result for _, result in results])
     for sheet, dash in zip(sheets, cycle((":", "-.", (0, (1, 3)))), strict=False):
         upper.plot(
             tau,
-            sheet.deviation(analyses[0][1].channel, tau),
+            sheet.deviation(results[0][1].channel, tau),
             ls=dash,
             color="#5d646c",
             lw=1.5,
@@ -57,8 +59,8 @@ def allan_figure(
     upper.set_xscale("log")
     upper.set_yscale("log")
     upper.set_ylim(
-        min(_lower_limit(analysis) for _, analysis in analyses),
-        max(float(analysis.points.adev.max()) for _, analysis in analyses) * 1.5,
+        min(_lower_limit(result) for _, result in results),
+        max(float(result.points.adev.max()) for _, result in results) * 1.5,
     )
     upper.set_ylabel(f"Allan deviation, {unit.si}")
     right = upper.secondary_yaxis("right", functions=(_scale_by(unit.factor), _scale_by(1.0 / unit.factor)))
@@ -93,33 +95,33 @@ def _plain_powers(formula: str) -> str:
     return re.sub(r"\^\{(-?\d+)\}", lambda match: match[1].translate(_SUPERSCRIPTS), text)
 
 
-def _points(axes: Any, analysis: AllanAnalysis, label: str, colour: str, marker: str) -> None:
-    points = analysis.points
-    bars = [points.adev - analysis.low, analysis.high - points.adev]
+def _points(axes: Any, result: AllanResult, label: str, colour: str, marker: str) -> None:
+    points = result.points
+    bars = [points.adev - result.low, result.high - points.adev]
     axes.errorbar(points.tau, points.adev, bars, fmt=marker, ms=4, lw=1, color=colour, label=label)
-    tau = _tau_range([analysis])
-    axes.plot(tau, np.sqrt(analysis.fit.variance(tau)), color=colour, lw=1.3)
+    tau = _tau_range([result])
+    axes.plot(tau, np.sqrt(result.fit.variance(tau)), color=colour, lw=1.3)
 
 
-def _terms(axes: Any, analysis: AllanAnalysis) -> None:
+def _terms(axes: Any, result: AllanResult) -> None:
     """Plot the asymptotes of the significant terms, and the best averaging time."""
-    tau = _tau_range([analysis])
+    tau = _tau_range([result])
     for column, name in zip(design_matrix(tau).T, TERMS, strict=True):
-        term, unit = analysis.fit.terms[name], term_units(analysis.channel)[name]
+        term, unit = result.fit.terms[name], term_units(result.channel)[name]
         if term.value is not None:
             line = term.value * np.sqrt(column)
             label = f"{name} = {term.value * unit.factor:.3g} {unit.common}"
             axes.plot(tau, line, "--", color=_TERM_COLOURS[name], lw=1, label=label)
-    if analysis.best_tau is not None:
-        axes.axvline(analysis.best_tau, color="#8a8d91", lw=0.8)
+    if result.best_tau is not None:
+        axes.axvline(result.best_tau, color="#8a8d91", lw=0.8)
 
 
-def _residuals(axes: Any, analysis: AllanAnalysis, colour: str, marker: str) -> None:
+def _residuals(axes: Any, result: AllanResult, colour: str, marker: str) -> None:
     """Plot the relative residuals in %; hollow markers for points that were not fitted."""
-    points = analysis.points
-    fitted = np.sqrt(analysis.fit.variance(points.tau))
-    used = np.isin(points.factors, analysis.fit.factors)
-    y, error = 100.0 * (points.adev / fitted - 1.0), 100.0 * analysis.sigma / fitted
+    points = result.points
+    fitted = np.sqrt(result.fit.variance(points.tau))
+    used = np.isin(points.factors, result.fit.factors)
+    y, error = 100.0 * (points.adev / fitted - 1.0), 100.0 * result.sigma / fitted
     axes.errorbar(points.tau[used], y[used], error[used], fmt=marker, ms=4, lw=1, color=colour)
     axes.plot(points.tau[~used], y[~used], marker, ms=4, color=colour, mfc="none")
     limit = float(np.max(np.abs(y[used]) + error[used], initial=1.0))
@@ -127,9 +129,9 @@ def _residuals(axes: Any, analysis: AllanAnalysis, colour: str, marker: str) -> 
     axes.set_ylim(min(low, -limit), max(high, limit))
 
 
-def _tau_range(analyses: Sequence[AllanAnalysis]) -> Array:
-    first = min(float(analysis.points.tau[0]) for analysis in analyses)
-    last = max(float(analysis.points.tau[-1]) for analysis in analyses)
+def _tau_range(results: Sequence[AllanResult]) -> Array:
+    first = min(float(result.points.tau[0]) for result in results)
+    last = max(float(result.points.tau[-1]) for result in results)
     return np.geomspace(first, last, 200)
 
 
@@ -138,7 +140,7 @@ def _scale_by(factor: float) -> Callable[[Any], Any]:
     return lambda y: y * factor
 
 
-def _lower_limit(analysis: AllanAnalysis) -> float:
+def _lower_limit(result: AllanResult) -> float:
     """Return the lower limit of the figure: below all points and below the bias instability."""
-    floor = math.sqrt(2.0 * math.log(2.0) / math.pi) * (analysis.fit.terms["B"].value or math.inf)
-    return 0.7 * min(float(analysis.low.min()), floor)
+    floor = math.sqrt(2.0 * math.log(2.0) / math.pi) * (result.fit.terms["B"].value or math.inf)
+    return 0.7 * min(float(result.low.min()), floor)

@@ -5,17 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from rich.console import Console
-from rich.table import Table
-
-from hubodo.arrays import Array
+from hubodo.pages.console import print_lines, print_table
+from hubodo.sensors.north.advice import describe_programmes, programme_json
 from hubodo.sensors.north.circular import wrap_angle
 from hubodo.sensors.north.east import EastSeekResult
 from hubodo.sensors.north.north_estimate import NorthEstimate
-from hubodo.sensors.north.result_json import describe_programmes, gyro_json, programme_json
+from hubodo.sensors.north.page import RATE_HEADINGS, estimate_rows
+from hubodo.sensors.north.programme import fit_ergodicity
+from hubodo.sensors.north.stops import Stops
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 
 @dataclass(frozen=True)
@@ -29,7 +31,7 @@ class NorthResult:
     azimuth, sigma
         Azimuth of table zero clockwise from north and its sigma, rad.
     gyros
-        Node, axis and north estimate of each gyro.
+        North estimate of each gyro axis.
     warnings
         One line each.
     calibration
@@ -45,7 +47,7 @@ class NorthResult:
     latitude_deg: float
     azimuth: float
     sigma: float
-    gyros: tuple[tuple[str, str, NorthEstimate], ...]
+    gyros: tuple[NorthEstimate, ...]
     warnings: tuple[str, ...]
     calibration: Mapping[str, Mapping[str, Any]]
     simulated_azimuth: float | None = None
@@ -55,7 +57,7 @@ class NorthResult:
 
     def as_json(self) -> dict[str, Any]:
         """Return the JSON result: angles in degrees, rates in rad/s, times in s."""
-        first = self.gyros[0][2]
+        first = self.gyros[0]
         summary: dict[str, Any] = {
             "azimuth_deg": math.degrees(self.azimuth) % 360,
             "sigma_deg": math.degrees(self.sigma),
@@ -64,7 +66,7 @@ class NorthResult:
             "measured": first.duration,
             "latitude_deg": self.latitude_deg,
             "horizontal_rate": first.horizontal_rate,
-            "gyros": [gyro_json(*gyro) for gyro in self.gyros],
+            "gyros": [_gyro_json(gyro) for gyro in self.gyros],
             "warnings": list(self.warnings),
             "advice": programme_json(first),
         }
@@ -102,36 +104,71 @@ class NorthResult:
                 f"the axis points east with the table at {math.degrees(self.east_table_angle) % 360:.2f}°, "
                 "its present position"
             )
-        for node, axis, north in self.gyros:
+        for north in self.gyros:
             drift = north.posterior.drift
-            table = Table("", "rate, °/h", "sigma, °/h", "azimuth, °", title=f"{node} {axis}, {north.method}")
-            rate, spread = north.rate_components()
-            table.add_row("maximum likelihood", _deg_h(rate), _deg_h(spread), _degrees(north.azimuth))
-            for name, filtered in north.filters.items():
-                cells = (
-                    _deg_h(np.array(filtered.rate)),
-                    _deg_h(np.array(filtered.sigma)),
-                    _degrees(filtered.azimuth),
-                )
-                table.add_row(name.replace("_", " "), *cells)
-            console.print(table)
+            title = f"{north.name}, {north.method}"
+            print_table(console, ("", *RATE_HEADINGS), estimate_rows(north, 3), title)
             console.print(
                 f"{north.duration:.0f} s measured in {north.elapsed:.0f} s; white noise alone would give "
                 f"{math.degrees(north.white_bound):.3f}°; fitted N {math.degrees(drift.n) * 60:.3g} °/√h, "
                 f"B {math.degrees(drift.b) * 3600:.3g} °/h, K {math.degrees(drift.k) * 3600 * 60:.3g} °/h/√h",
                 highlight=False,
             )
-        for line in describe_programmes(self.gyros[0][2]):
-            console.print(line, highlight=False)
-        for text in self.warnings:
-            console.print(f"warning: {text}", highlight=False)
+        print_lines(console, describe_programmes(self.gyros[0]))
+        print_lines(console, self.warnings, label="warning")
         if self.output is not None:
-            console.print(f"recorded to {self.output}", highlight=False)
+            print_lines(console, [f"recorded to {self.output}"])
 
 
-def _deg_h(values: Array) -> str:
-    return ", ".join(f"{math.degrees(v) * 3600:.3f}" for v in values)
+def _gyro_json(estimate: NorthEstimate) -> dict[str, Any]:
+    """Return the JSON form of one gyro's result; angles in degrees, rates in rad/s, N, B, K in SI."""
+    drift, ergodicity = (
+        estimate.posterior.drift,
+        fit_ergodicity(estimate.rates, neighbours_overlap=bool(estimate.stops)),
+    )
+    components, sigmas = estimate.rate_components()
+    return {
+        "node": estimate.node,
+        "axis": estimate.axis,
+        "method": estimate.method,
+        "azimuth_deg": math.degrees(estimate.azimuth) % 360,
+        "sigma_deg": math.degrees(estimate.sigma),
+        "candidates_deg": [math.degrees(c) % 360 for c in estimate.candidates],
+        "bound_deg": _finite(math.degrees(estimate.bound)),
+        "white_noise_bound_deg": _finite(math.degrees(estimate.white_bound)),
+        "rate": [float(r) for r in estimate.rates],
+        "rate_across": [float(r) for r in estimate.rates_across],
+        "rate_direction_deg": math.degrees(estimate.direction),
+        "components": {"rate": components.tolist(), "sigma": sigmas.tolist()},
+        "filters": {
+            name: {
+                "rate": list(f.rate),
+                "sigma": list(f.sigma),
+                "azimuth_deg": None if f.azimuth is None else math.degrees(f.azimuth) % 360,
+            }
+            for name, f in estimate.filters.items()
+        },
+        "drift": {"N": drift.n, "B": drift.b, "K": drift.k},
+        "ergodicity": None
+        if ergodicity is None
+        else {"slope": ergodicity.slope, "sigma": ergodicity.sigma, "ergodic": ergodicity.is_ergodic},
+        "angle_sigma_deg": math.degrees(estimate.angle_sigma),
+        "stops": _stops_json(estimate.stops),
+    }
 
 
-def _degrees(angle: float | None) -> str:
-    return "" if angle is None else f"{math.degrees(angle) % 360:.2f}"
+def _stops_json(records: tuple[Stops, ...]) -> dict[str, Any] | None:
+    """Return all stops of the records in order, with angles from the table or from the gyro."""
+    if not records:
+        return None
+    return {
+        "count": sum(map(len, records)),
+        "cut": list(records[0].cut),
+        "mean": [float(mean) for stops in records for mean in stops.mean],
+        "t": [[float(a), float(b)] for stops in records for a, b in stops.t],
+        "angle_deg": [math.degrees(angle) for stops in records for angle in stops.angle],
+    }
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -3,41 +3,44 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hubodo.report.drawing import new_figure, render_drawing
-from hubodo.report.page import PageTable, Section
+from hubodo.pages.drawing import new_figure, render_drawing
+from hubodo.pages.page import PageTable, Section
+from hubodo.sensors.north.advice import describe_programmes
 from hubodo.sensors.north.north_estimate import NorthEstimate
 from hubodo.sensors.north.residuals import NorthResiduals, compute_residuals
-from hubodo.sensors.north.result_json import describe_programmes
 
+if TYPE_CHECKING:
+    from hubodo.sensors.north.result import NorthResult
+
+RATE_HEADINGS = ("rate, °/h", "sigma, °/h", "azimuth, °")
 _DEG, _DEG_H = math.degrees(1.0), math.degrees(1.0) * 3600.0
 _MEAN_COLOUR, _GRID_COLOUR, _FIT_COLOUR, _POINT_COLOUR = "#1d2126", "#d8dce0", "#1b6ca8", "#8a8d91"
 
-Gyros = Sequence[tuple[str, str, NorthEstimate]]
+
+def summarise_north(result: NorthResult) -> str:
+    """Return the result in one sentence."""
+    azimuth = f"{result.azimuth * _DEG % 360:.2f}° ± {result.sigma * _DEG:.2f}°"
+    return f"Table zero points {azimuth} (1σ) clockwise from north."
 
 
-def summarise_north(azimuth: float, sigma: float) -> str:
-    """Return the result in one sentence; azimuth, sigma: rad."""
-    return f"Table zero points {azimuth * _DEG % 360:.2f}° ± {sigma * _DEG:.2f}° (1σ) clockwise from north."
-
-
-def north_sections(gyros: Gyros, warnings: Sequence[str]) -> list[Section]:
+def north_sections(result: NorthResult) -> list[Section]:
     """Return the sections of a page: recommendations, then estimates, fit and record of each gyro."""
-    advice = describe_programmes(gyros[0][2])
-    sections = [Section("What to do", advice=[f"{line}." for line in (*warnings, *advice)])]
-    for node, axis, estimate in gyros:
-        name = f"{node} {axis}"
+    advice = describe_programmes(result.gyros[0])
+    sections = [Section("What to do", advice=[f"{line}." for line in (*result.warnings, *advice)])]
+    for estimate in result.gyros:
+        name = estimate.name
         figures = [render_drawing(lambda estimate=estimate, name=name: north_figure(estimate, name))]  # type: ignore[misc]
-        sections.append(Section(f"{name}: estimates", _bound_text(estimate), [_estimate_table(estimate)]))
-        sections.append(
-            Section(
-                f"{name}: fit", _fit_text(compute_residuals(estimate)), [_record_table(estimate)], figures
-            )
-        )
+        table = PageTable(("estimate", *RATE_HEADINGS), estimate_rows(estimate, 2))
+        fit = _fit_text(compute_residuals(estimate))
+        sections += [
+            Section(f"{name}: estimates", _bound_text(estimate), [table]),
+            Section(f"{name}: fit", fit, [_record_table(estimate)], figures),
+        ]
     return sections
 
 
@@ -96,29 +99,26 @@ def _by_direction(residuals: NorthResiduals, angle: Any) -> list[tuple[float, fl
 
 def _bound_text(estimate: NorthEstimate) -> str:
     text = (
-        f"Sigma is {estimate.sigma * _DEG:.2f}°, including the uncertainty of the noise parameters. The "
-        "Cramér-Rao "
-        f"bound for this noise and these stops is {estimate.bound * _DEG:.2f}°, for white noise only "
-        f"{estimate.white_bound * _DEG:.2f}°."
+        f"Sigma is {estimate.sigma * _DEG:.2f}°, including the uncertainty of the noise parameters. "
+        f"The Cramér-Rao bound for this noise and these stops is {estimate.bound * _DEG:.2f}°, "
+        f"for white noise only {estimate.white_bound * _DEG:.2f}°."
     )
     if estimate.angle_sigma:
         text += f" {estimate.angle_sigma * _DEG:.2f}° of sigma are due to angles measured by the gyro itself."
     return text
 
 
-def _estimate_table(estimate: NorthEstimate) -> PageTable:
-    rate, sigmas = estimate.rate_components()
-    rows = [("maximum likelihood", _rates(rate), _rates(sigmas), f"{estimate.azimuth * _DEG % 360:.2f}")]
-    for name, filter_estimate in estimate.filters.items():
-        azimuth = "" if filter_estimate.azimuth is None else f"{filter_estimate.azimuth * _DEG % 360:.2f}"
-        rows.append(
-            (name.replace("_", " "), _rates(filter_estimate.rate), _rates(filter_estimate.sigma), azimuth)
-        )
-    return PageTable(("estimate", "rate, °/h", "sigma, °/h", "azimuth, °"), rows)
+def estimate_rows(estimate: NorthEstimate, digits: int) -> list[tuple[str, str, str, str]]:
+    """Return name, rates and sigmas (°/h, with that many digits) and azimuth by each estimator."""
 
+    def row(name: str, rates: Iterable[float], sigmas: Iterable[float], azimuth: float | None) -> Any:
+        cells = (", ".join(f"{v * _DEG_H:.{digits}f}" for v in values) for values in (rates, sigmas))
+        return name, *cells, "" if azimuth is None else f"{azimuth * _DEG % 360:.2f}"
 
-def _rates(values: Sequence[float] | Any) -> str:
-    return ", ".join(f"{value * _DEG_H:.2f}" for value in values)
+    return [
+        row("maximum likelihood", *estimate.rate_components(), estimate.azimuth),
+        *(row(name.replace("_", " "), f.rate, f.sigma, f.azimuth) for name, f in estimate.filters.items()),
+    ]
 
 
 def _fit_text(residuals: NorthResiduals) -> str:
@@ -129,9 +129,8 @@ def _fit_text(residuals: NorthResiduals) -> str:
         "consistent with white noise" if abs(neighbours) < limit else "significant: the model is incomplete"
     )
     return (
-        f"Variance of the whitened residuals: {variance:.2f} (1 if the model holds). Correlation of "
-        "neighbours: "
-        f"{neighbours:+.2f}, {verdict}."
+        f"Variance of the whitened residuals: {variance:.2f} (1 if the model holds). "
+        f"Correlation of neighbours: {neighbours:+.2f}, {verdict}."
     )
 
 

@@ -4,23 +4,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 from hubodo.effects.warmup import WARMUP_PARAMETERS
-from hubodo.report.drawing import render_drawing
-from hubodo.report.page import PageTable, Section
-from hubodo.report.warmup_figure import warmup_figure
+from hubodo.pages.drawing import render_drawing
+from hubodo.pages.page import PageTable, Section
 from hubodo.sensors.warmup.assess import AssessedFit
-from hubodo.sensors.warmup.result import WarmupAnalysis
+from hubodo.sensors.warmup.figure import warmup_figure
 
+if TYPE_CHECKING:
+    from hubodo.sensors.warmup.result import WarmupResult
+
+PARAMETER_HEADINGS = ("parameter", "SI", "common unit")
+TEST_HEADINGS = ("test", "result", "verdict")
+FORECAST_HEADINGS = ("since power-on", "all models, deg/s", "accepted model, deg/s")
 _DEG = math.degrees(1.0)
 
 
-def summarise_warmup(analysis: WarmupAnalysis) -> str:
+def summarise_warmup(result: WarmupResult) -> str:
     """Return the result in one sentence."""
-    if analysis.accepted is None:
-        return f"{analysis.reason[0].upper()}{analysis.reason[1:]}."
-    fit = analysis.accepted.fit
-    white = "white" if analysis.accepted.is_white else "not white"
+    if result.accepted is None:
+        return f"{result.reason[0].upper()}{result.reason[1:]}."
+    fit = result.accepted.fit
+    white = "white" if result.accepted.is_white else "not white"
     text = f"The bias starts at {fit.values['c2'] * _DEG:+.4g} deg/s"
     if "temperature_coefficient" in fit.values:
         text = (
@@ -78,10 +84,10 @@ def whiteness_rows(assessed: AssessedFit) -> list[tuple[str, str, str]]:
     ]
 
 
-def forecast_rows(analysis: WarmupAnalysis, ages: Sequence[float] = ()) -> list[tuple[str, str, str]]:
+def forecast_rows(result: WarmupResult, ages: Sequence[float] = ()) -> list[tuple[str, str, str]]:
     """Return rows of age, forecast over all forms with sigma, and accepted model with its rms error."""
     rows = []
-    for row in analysis.predict(ages):
+    for row in result.predict(ages):
         accepted = "-"
         if "accepted" in row:
             accepted = f"{row['accepted'] * _DEG:+.4f} ± {row['accepted_sigma'] * _DEG:.4f}"
@@ -90,15 +96,15 @@ def forecast_rows(analysis: WarmupAnalysis, ages: Sequence[float] = ()) -> list[
     return rows
 
 
-def warmup_advice(analysis: WarmupAnalysis, node: str) -> list[str]:
+def warmup_advice(result: WarmupResult) -> list[str]:
     """Return recommendations, one line each."""
-    method = [] if analysis.bias_method is None else [f"After a standstill: {analysis.bias_method.why}."]
-    return [*_advice(analysis, node), *method]
+    method = [] if result.bias_method is None else [f"After a standstill: {result.bias_method.why}."]
+    return [*_advice(result), *method]
 
 
-def _advice(analysis: WarmupAnalysis, node: str) -> list[str]:
-    span = float(analysis.t[-1] - analysis.t[0])
-    if analysis.accepted is None:
+def _advice(result: WarmupResult) -> list[str]:
+    span = float(result.t[-1] - result.t[0])
+    if result.accepted is None:
         return [
             "Do not write a calibration: correcting a warm-up that does not exist adds a drift.",
             "Keep the node stationary for ten seconds before each drive and subtract that mean; at stops "
@@ -106,51 +112,49 @@ def _advice(analysis: WarmupAnalysis, node: str) -> list[str]:
             "To measure a warm-up, record from a cold start, several times as long as these "
             f"{span / 60.0:.3g} min.",
         ]
-    end = analysis.predict([float(analysis.t[-1]) + 3600.0])[0]
+    end = result.predict([float(result.t[-1]) + 3600.0])[0]
     lines = [
-        f"hubodo warmup LOG --node {node} --channel {analysis.channel} -o calibration.toml writes the "
-        f"{analysis.accepted.fit.kind}; hubodo fuse, record, heading and flash use that file.",
+        f"hubodo warmup LOG --node {result.node} --channel {result.channel} -o calibration.toml writes the "
+        f"{result.accepted.fit.kind}; hubodo fuse, record, heading and flash use that file.",
         "Still start with a standstill: the turn-on bias varies, the warm-up after it far less.",
-        f"One hour beyond this record the error of the model is {end['accepted_sigma'] * _DEG * 3600.0:.2g} "
-        "°/h "
-        "(1σ).",
+        "One hour beyond this record the error of the model is "
+        f"{end['accepted_sigma'] * _DEG * 3600.0:.2g} °/h (1σ).",
     ]
-    if not analysis.accepted.ljung_box.is_white:
+    if not result.accepted.ljung_box.is_white:
         lines.append("The residual is not white: hubodo allan shows the bias instability and random walk.")
     return lines
 
 
-def warmup_sections(analysis: WarmupAnalysis, node: str) -> list[Section]:
+def warmup_sections(result: WarmupResult) -> list[Section]:
     """Return the sections of a page: recommendations, parameters, figure, forecast and whiteness."""
-    heads = ("parameter", "SI", "common unit")
     tables = []
-    if analysis.accepted is not None:
-        tables.append(PageTable(heads, parameter_rows(analysis.accepted, analysis.sigma)))
-    notes = " ".join(f"{note}." for note in analysis.notes)
-    if analysis.accepted is not None:
+    if result.accepted is not None:
+        tables.append(PageTable(PARAMETER_HEADINGS, parameter_rows(result.accepted, result.sigma)))
+    notes = " ".join(f"{note}." for note in result.notes)
+    if result.accepted is not None:
         notes += (
-            f" Accepted model: {analysis.accepted.fit.kind}; its sigmas include the uncertainty of its form."
+            f" Accepted model: {result.accepted.fit.kind}; its sigmas include the uncertainty of its form."
         )
-    tests = [PageTable(("test", "result", "verdict"), whiteness_rows(analysis.exponential))]
+    tests = [PageTable(TEST_HEADINGS, whiteness_rows(result.exponential))]
     sections = [
-        Section("What to do", advice=warmup_advice(analysis, node)),
-        Section("Warm-up", notes, tables, [render_drawing(lambda: warmup_figure(analysis, ""))]),
+        Section("What to do", advice=warmup_advice(result)),
+        Section("Warm-up", notes, tables, [render_drawing(lambda: warmup_figure(result, ""))]),
         Section(
             "Forecast of the bias",
             "Averaged over one exponential, two, and mixtures of many, each weighted by its evidence in the "
             "record; includes flicker and random walk of the bias.",
             [
                 PageTable(
-                    ("since power-on", "all forms, deg/s", "accepted model, deg/s"), forecast_rows(analysis)
+                    ("since power-on", "all forms, deg/s", "accepted model, deg/s"), forecast_rows(result)
                 )
             ],
         ),
         Section("Whiteness of the residual of the exponential", tables=tests),
     ]
-    if analysis.next_model is not None:
+    if result.next_model is not None:
         tables = [
-            PageTable(heads, parameter_rows(analysis.next_model)),
-            PageTable(("test", "result", "verdict"), whiteness_rows(analysis.next_model)),
+            PageTable(PARAMETER_HEADINGS, parameter_rows(result.next_model)),
+            PageTable(TEST_HEADINGS, whiteness_rows(result.next_model)),
         ]
-        sections.append(Section(f"Next model: {analysis.next_model.fit.kind}", "", tables))
+        sections.append(Section(f"Next model: {result.next_model.fit.kind}", "", tables))
     return sections

@@ -1,0 +1,150 @@
+"""Result of the calibration of both triads of a node: effects with sigmas, as JSON and as text."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hubodo.arrays import Array
+from hubodo.calibration.file import Quantity
+from hubodo.calibration.triad import Triad, effects_from_triad
+from hubodo.effects.gyro import GyroGSensitivity
+from hubodo.pages.console import print_lines, print_table
+from hubodo.sensors.imu.held_out import CrossValidation
+from hubodo.sensors.imu.page import PARAMETER_HEADINGS, format_held_out, parameter_rows
+from hubodo.sensors.imu.scalar_calibration import ScalarCalibration
+from hubodo.sensors.imu.standstills import Standstills
+from hubodo.sensors.imu.turns import TurnCalibration
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+@dataclass(frozen=True)
+class GyroCalibration:
+    """The calibration of the gyro triad.
+
+    Attributes:
+        triad: bias at zero specific force, rad/s, and M in the accelerometer's frame unless `method`
+            differs.
+        covariance: (12, 12) of the bias and of M row by row.
+        is_observable: (9,) True for the elements of M that were determined.
+        method: reference and data used.
+        g_sensitivity, g_sensitivity_sigma: (3, 3) (rad/s)/(m/s²), one row per gyro; None if not
+            significant.
+        turns: calibration by turns, if used.
+        held_out: errors on turns that were not fitted, if available.
+    """
+
+    triad: Triad
+    covariance: Array
+    is_observable: NDArray[np.bool_]
+    method: str
+    g_sensitivity: Array | None = None
+    g_sensitivity_sigma: Array | None = None
+    turns: TurnCalibration | None = None
+    held_out: CrossValidation | None = None
+
+
+@dataclass(frozen=True)
+class ImuCalibration:
+    """The calibration of both triads of one node.
+
+    Attributes:
+        standstills: the standstills used.
+        gravity: reference of the accelerometers, m/s².
+        accel: calibration of the accelerometer triad.
+        accel_held_out: errors on standstills that were not fitted, or None.
+        gyro: calibration of the gyro triad.
+        notes: remarks for the user.
+        node, output: name of the node and path of the calibration file, in the result of the verb.
+    """
+
+    standstills: Standstills
+    gravity: float
+    accel: ScalarCalibration
+    accel_held_out: CrossValidation | None
+    gyro: GyroCalibration
+    notes: tuple[str, ...]
+    node: str = ""
+    output: str = ""
+
+    def effect_parameters(self) -> Mapping[str, Mapping[str, Quantity]]:
+        """Return the parameters by effect name, for calibration and model files."""
+        calibration = effects_from_triad(
+            self.accel.triad, self.accel.sigma, "accel", self.accel.is_observable
+        )
+        sigma = np.sqrt(np.diag(self.gyro.covariance))
+        is_observable = np.append(np.ones(3, bool), self.gyro.is_observable)
+        calibration.update(effects_from_triad(self.gyro.triad, sigma, "gyro", is_observable))
+        g_sensitivity, g_sigma = self.gyro.g_sensitivity, self.gyro.g_sensitivity_sigma
+        if g_sensitivity is not None and g_sigma is not None:
+            names = GyroGSensitivity.rows
+            calibration[GyroGSensitivity.name] = {
+                names[i][j]: Quantity(float(g_sensitivity[i, j]), float(g_sigma[i, j]))
+                for i in (2, 0, 1)
+                for j in range(3)
+            }
+        return calibration
+
+    def as_json(self) -> dict[str, Any]:
+        """Return effects with sigmas, residuals before and after, static poses and notes for `--json`."""
+        effects = {
+            name: {p: {"value": q.value, "sigma": q.sigma} for p, q in parameters.items()}
+            for name, parameters in self.effect_parameters().items()
+        }
+        result: dict[str, Any] = {
+            "node": self.node,
+            "output": self.output,
+            "gravity": self.gravity,
+            "effects": effects,
+            "covariance": {
+                "order": "b_x b_y b_z, then M row by row",
+                "accel": self.accel.full_covariance.tolist(),
+                "gyro": self.gyro.covariance.tolist(),
+            },
+            "poses": {"count": self.accel.poses.count, "condition": self.accel.poses.condition},
+            "rests": [
+                {"t": list(map(float, t)), "accel": list(map(float, a)), "residual": float(r)}
+                for t, a, r in zip(
+                    self.standstills.t,
+                    self.standstills.accel,
+                    self.accel.residual,
+                    strict=True,
+                )
+            ],
+            "accel_norm": {
+                "before_rms": _rms(self.accel.residual_before),
+                "after_rms": _rms(self.accel.residual),
+            },
+            "notes": list(self.notes),
+        }
+        if self.accel_held_out is not None:
+            held = self.accel_held_out
+            result["accel_norm_held_out"] = {"before_rms": held.rms_before, "after_rms": held.rms}
+        if self.gyro.held_out is not None:
+            turns = self.gyro.held_out
+            result["turns_held_out_deg"] = {
+                "before_rms": math.degrees(turns.rms_before),
+                "after_rms": math.degrees(turns.rms),
+                "after_maximum": math.degrees(float(turns.error.max())),
+            }
+        return result
+
+    def render(self, console: Console) -> None:
+        """Print the parameters, then the residuals before and after self."""
+        print_table(console, PARAMETER_HEADINGS, parameter_rows(self), f"{self.node} → {self.output}")
+        print_lines(console, [f"length of gravity: {format_held_out(self.accel_held_out, 'm/s²')}"])
+        if self.gyro.turns is not None:
+            words = format_held_out(self.gyro.held_out, "degrees", 180 / math.pi)
+            print_lines(console, [f"turns: {words}"])
+        print_lines(console, self.notes, label="note")
+
+
+def _rms(values: np.ndarray[Any, np.dtype[np.float64]]) -> float:
+    return float(np.sqrt(np.mean(values**2)))
