@@ -1,5 +1,6 @@
 """The Python interface: results equal those of the verbs, short representations, errors of one line."""
 
+import io
 import json
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 
 import hubodo
 import wanted
+from hubodo.terminal import SafeConsole
 from in_process import hubodo as run
 
 
@@ -61,6 +63,14 @@ def test_allan_and_warmup_equal_those_of_the_verbs(night):
         done = run(verb, night.path, "--node", "left", "--channel", "gy", "--json")
         verb_result = json.loads(done.out)
         assert {key: verb_result[key] for key in result.as_json()} == json.loads(json.dumps(result.as_json()))
+
+
+def test_a_result_prints_the_text_of_its_verb(night):
+    for verb, result in (("allan", night.allan("left", "gx")), ("warmup", night.warmup("left", "gx"))):
+        console = SafeConsole(file=io.StringIO(), width=160)
+        result.render(console)
+        printed = run(verb, night.path, "--node", "left", "--channel", "gx").out
+        assert console.file.getvalue() == printed and len(printed) > 500
 
 
 def test_gap_equals_that_of_the_verb(drive, examples, tmp_path):
