@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from hubodo.errors import InputError
-from hubodo.report import drawing
-from hubodo.report.allan_figure import _plain_powers
-from hubodo.report.drawing import figure_to_svg, new_figure, parse_drawing_path, render_drawing, save_figure
+from hubodo.pages import drawing
+from hubodo.pages.drawing import figure_to_svg, new_figure, parse_drawing_path, render_drawing, save_figure
+from hubodo.sensors.allan.figure import _plain_powers
 
 
 def _figure(title: str = "bias & drift") -> object:
