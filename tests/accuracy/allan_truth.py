@@ -2,7 +2,7 @@
 
     python tests/accuracy/allan_truth.py [SEEDS]
 
-Per term: in how many records it was claimed; of those the mean error, rms and the sigma that was said; how
+Per term: in how many records it was claimed; of those the mean error, rms and the reported sigma; how
 many hold the truth within one and two sigma; of the records where it was not claimed, in how many the truth
 is below the limit. A term that is not there must not be claimed. The bound is Whittle's, of the record
 without electronics: a record of length T holds T df independent exponential values of its spectrum S(f), so

@@ -1,10 +1,10 @@
-"""A real car with wheel nodes and an RTK truth: calibrated on one drive, driven on the others.
+"""Wheel odometry of a real car with an RTK reference: calibrated on one drive, tested on the others.
 
     python tests/accuracy/car.py
 
-The largest distance from the truth, in % of the path, of a track that begins where the truth does and is
-turned so that it lies on it as well as it can (the truth knows no heading of a car that stands). The rival is
-a tape measure: radius and track of the vehicle file.
+The error is the largest distance from the reference, in % of the path. The track starts at the reference
+position and is rotated to the best fit, because the heading of a stationary car is not known. The baseline is
+the vehicle file with a radius and a track width measured by tape.
 """
 
 from __future__ import annotations
@@ -35,13 +35,15 @@ SETS = (("left",), ("right",), ("left", "right"))
 
 
 def drives() -> dict[str, Recording]:
-    """Return the recordings of sensors near the rear axle, by name: rims and front wheels are others."""
+    """Return the recordings of sensors near the rear axle, by name; those of rims and front wheels are
+    left out.
+    """
     folders = sorted(wanted.recording("car").glob("drive-[0-9]"))
     return {path.name: read_folder(path) for path in folders}
 
 
 def truth_of(log: Recording) -> Table:
-    """Return the truth, which every drive has."""
+    """Return the reference trajectory, which every drive has."""
     assert log.truth is not None
     return log.truth
 
@@ -58,47 +60,56 @@ def calibration_from(log: Recording, names: tuple[str, ...]) -> Calibration:
 
 
 def largest_percent(log: Recording, names: tuple[str, ...], calibration: Calibration | None) -> float:
-    """Return the largest distance from the truth in % of the path."""
+    """Return the largest distance from the reference in % of the path."""
     track = run_wheel_filter(wheel_config(with_nodes(names), list(names), calibration), log.nodes).track
     return _largest(track, truth_of(log))
 
 
 def with_nodes(names: tuple[str, ...]) -> Vehicle:
+    """Return the car with these nodes only."""
     return replace(CAR, nodes={name: CAR.nodes[name] for name in names})
 
 
 def _largest(track: Track, truth: Table) -> float:
     inside = (track.t >= truth.t[0]) & (track.t <= truth.t[-1])
     t = track.t[inside]
-    ours = (track.x + 1j * track.y)[inside]
-    theirs = np.interp(t, truth.t, truth["x"]) + 1j * np.interp(t, truth.t, truth["y"])
-    ours, theirs = ours - ours[0], theirs - theirs[0]
-    turn = np.exp(1j * np.angle(np.sum(theirs * ours.conj())))
-    return float(100.0 * np.abs(ours * turn - theirs).max() / np.sum(np.abs(np.diff(theirs))))
+    track_positions = (track.x + 1j * track.y)[inside]
+    truth_positions = np.interp(t, truth.t, truth["x"]) + 1j * np.interp(t, truth.t, truth["y"])
+    track_positions, truth_positions = (
+        track_positions - track_positions[0],
+        truth_positions - truth_positions[0],
+    )
+    rotation = np.exp(1j * np.angle(np.sum(truth_positions * track_positions.conj())))
+    return float(
+        100.0
+        * np.abs(track_positions * rotation - truth_positions).max()
+        / np.sum(np.abs(np.diff(truth_positions)))
+    )
 
 
 def main() -> int:
     """Print a line for each drive, and each pair of drives."""
     logs = drives()
     for names in SETS:
-        target = {name: log for name, log in logs.items() if set(names) <= set(log.nodes)}
-        tape = {name: largest_percent(log, names, None) for name, log in target.items()}
+        usable_logs = {name: log for name, log in logs.items() if set(names) <= set(log.nodes)}
+        tape_errors = {name: largest_percent(log, names, None) for name, log in usable_logs.items()}
         print(" and ".join(names))
-        for name, value in tape.items():
+        for name, value in tape_errors.items():
             print(f"  tape measure           on {name}: {value:.2f} %")
         calibrated = []
-        for first, log in target.items():
+        for first, log in usable_logs.items():
             try:
                 calibration = calibration_from(log, names)
             except CalibrationError as error:
                 print(f"  calibrated on {first}: {error}")
                 continue
-            for name in target:
+            for name in usable_logs:
                 if name != first:
-                    calibrated.append(largest_percent(target[name], names, calibration))
+                    calibrated.append(largest_percent(usable_logs[name], names, calibration))
                     print(f"  calibrated on {first}  on {name}: {calibrated[-1]:.2f} %")
         print(
-            f"  median: tape {np.median(list(tape.values())):.2f} %, calibrated {np.median(calibrated):.2f} %"
+            f"  median: tape {np.median(list(tape_errors.values())):.2f} %, "
+            f"calibrated {np.median(calibrated):.2f} %"
         )
     return 0
 

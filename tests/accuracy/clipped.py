@@ -2,8 +2,8 @@
 
 python tests/accuracy/clipped.py [--drives 20] [--seed 100] [--cases "20 m/s" ...]
 
-NEES: squared error of x, y, heading over their covariance, mean over the drives, 3 where it is honest. The
-rival is plain differential odometry from the same two gyros, which stand at their ends.
+NEES: squared error of x, y and heading over their covariance, mean over the drives, 3 if consistent. The
+baseline is plain differential odometry from the same two saturated gyros.
 """
 
 # ruff: noqa: E402 (BLAS must know its threads before numpy is loaded)
@@ -20,7 +20,7 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
 
 import numpy as np
 
-from accuracy.mixed import plain
+from accuracy.mixed import differential_odometry_error
 from generators.clipped_drives import CASES, clipped_drive
 from hubodo.fuse.wheel.track import run_wheel_filter
 from wheel_runs import BOTH, config, end_error, nees, tables
@@ -38,28 +38,26 @@ def main() -> int:
     parser.add_argument("--cases", nargs="+", default=list(CASES), choices=list(CASES))
     args = parser.parse_args()
     print(f"seeds {args.seed} to {args.seed + args.drives - 1}; error at the end, % of the distance")
-    print(f"{'':28}{'wheels':>7}{'median':>9}{'largest':>9}{'way':>8}{'NEES of 3':>11}{'largest':>9}")
+    print(f"{'':28}{'wheels':>7}{'median':>9}{'largest':>9}{'dist.':>8}{'NEES of 3':>11}{'largest':>9}")
     for name in args.cases:
         rows: dict[str, list[tuple[float, float, float]]] = {key: [] for key in WHEELS}
-        reference_filter = []
+        baseline = []
         for seed in range(args.seed, args.seed + args.drives):
             drive = clipped_drive(CASES[name], seed)
-            reference_filter.append(100.0 * plain(drive, not CASES[name].begins) / drive.length)
+            baseline.append(100.0 * differential_odometry_error(drive, not CASES[name].begins) / drive.length)
             for key, names in WHEELS.items():
                 result = run_wheel_filter(config(drive, names, limits=CASES[name].limits), tables(drive))
                 distance = abs(result.report.distance / drive.length - 1.0)
                 error = end_error(drive, result) / drive.length
                 rows[key].append((100.0 * error, 100.0 * distance, nees(drive, result)))
-        for key, row in rows.items():
-            error, distance, honest = np.array(row).T
+        for key, results in rows.items():
+            error, distance, nees_values = np.array(results).T
             print(
                 f"{name:28}{key:>7}{np.median(error):9.2f}{error.max():9.2f}{np.median(distance):8.2f}"
-                f"{honest.mean():11.2f}{honest.max():9.1f}",
+                f"{nees_values.mean():11.2f}{nees_values.max():9.1f}",
                 flush=True,
             )
-        print(
-            f"{name:28}{'plain':>7}{np.median(reference_filter):9.2f}{max(reference_filter):9.2f}", flush=True
-        )
+        print(f"{name:28}{'plain':>7}{np.median(baseline):9.2f}{max(baseline):9.2f}", flush=True)
     return 0
 
 

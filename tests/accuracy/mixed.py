@@ -2,8 +2,8 @@
 
     python tests/accuracy/mixed.py [--drives 200] [--first-seed 5000]
 
-The drives are those of tests/generators/mixed_drives.py, which shares no code with the filter; the filter is
-told nominal values only. NEES of x, y and heading at the end: 3 is true. The rival is plain differential
+The drives come from tests/generators/mixed_drives.py, which shares no code with the filter; the filter only
+has nominal values. NEES of x, y and heading at the end: 3 if consistent. The baseline is plain differential
 odometry from the same two gyros.
 """
 
@@ -31,16 +31,16 @@ NAMES = {"left": ("left",), "two": ("left", "right")}
 DEGREES = 3
 
 
-def plain(drive: wheel_drives.WheelDrive, rests: bool = True) -> float:
-    """Return the final error, m, of differential odometry from the spin gyros less their initial mean.
+def differential_odometry_error(drive: wheel_drives.WheelDrive, starts_at_standstill: bool = True) -> float:
+    """Return the final error, m, of differential odometry from the spin gyros minus their initial mean.
 
-    rests: whether the vehicle stands then; else they are taken as they are.
+    starts_at_standstill: True if the vehicle starts at standstill; otherwise the gyros are used uncorrected.
     """
     t = np.arange(0.5, drive.t[-1] - 0.2, 0.01)
     speed = {}
     for name, node in drive.nodes.items():
-        still = node.gyro[node.t < node.t[0] + 0.5, 2].mean() if rests else 0.0
-        speed[name] = np.interp(t, node.t, node.gyro[:, 2] - still) * drive.radius
+        bias = node.gyro[node.t < node.t[0] + 0.5, 2].mean() if starts_at_standstill else 0.0
+        speed[name] = np.interp(t, node.t, node.gyro[:, 2] - bias) * drive.radius
     heading = np.cumsum((speed["right"] - speed["left"]) / drive.track) * 0.01
     distance = 0.5 * (speed["left"] + speed["right"]) * 0.01
     x, y = np.sum(distance * np.cos(heading)), np.sum(distance * np.sin(heading))
@@ -61,16 +61,18 @@ def main() -> int:
     rows = []
     alarms = dict.fromkeys(NAMES, 0)
     for seed in seeds:
-        it = drawn(seed)
-        numbers = [plain(it.drive) / it.drive.length]
+        random_drive = drawn(seed)
+        numbers = [differential_odometry_error(random_drive.drive) / random_drive.drive.length]
         for name, nodes in NAMES.items():
-            result = run_wheel_filter(wheel_runs.config(it.drive, nodes), wheel_runs.tables(it.drive))
-            numbers.append(wheel_runs.end_error(it.drive, result) / it.drive.length)
-            numbers.append(wheel_runs.nees(it.drive, result))
-            reported = any(wheel.slip_detector.slips for wheel in result.filter.core.wheels)
-            alarms[name] += reported and not it.slips
+            result = run_wheel_filter(
+                wheel_runs.config(random_drive.drive, nodes), wheel_runs.tables(random_drive.drive)
+            )
+            numbers.append(wheel_runs.end_error(random_drive.drive, result) / random_drive.drive.length)
+            numbers.append(wheel_runs.nees(random_drive.drive, result))
+            has_slips = any(wheel.slip_detector.slips for wheel in result.filter.core.wheels)
+            alarms[name] += has_slips and not random_drive.slips
         rows.append(numbers)
-        kinds.append(["all", *_kinds(it)])
+        kinds.append(["all", *_kinds(random_drive)])
         if args.each:
             cells = " ".join(f"{100 * numbers[k]:8.2f} % NEES {numbers[k + 1]:8.1f}" for k in (1, 3))
             print(f"{seed} {cells}  {', '.join(kinds[-1][1:])}", flush=True)
@@ -81,9 +83,9 @@ def main() -> int:
     )
     for kind in dict.fromkeys(name for row in kinds for name in row):
         _print(kind, table[[kind in row for row in kinds]])
-    gripping = sum("grips" in row for row in kinds)
-    reported = ", ".join(f"{name} {count}" for name, count in alarms.items())
-    print(f"of {gripping} drives that grip, said to have slipped: {reported}")
+    n_without_slip = sum("grips" in row for row in kinds)
+    alarm_counts = ", ".join(f"{name} {count}" for name, count in alarms.items())
+    print(f"of {n_without_slip} drives that grip, slip detected in: {alarm_counts}")
     means = table[:, [2, 4]].mean(axis=0)
     held = bool(((means >= 0.7 * DEGREES) & (means <= 2.0 * DEGREES)).all())
     bounds = f"{0.7 * DEGREES:.1f} and {2 * DEGREES:.1f}"

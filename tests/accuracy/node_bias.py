@@ -30,7 +30,7 @@ FLOOR = config._MIN_CALIBRATION_SIGMA["gyro_bias"]
 PRIORS = {"none": None, "with the floor": FLOOR, "with its own sigma": NODE_SIGMA}
 
 
-def reported(bias):
+def filter_table(bias):
     """Return the `Filter` table of a node that estimated this bias (x, y, z), rad/s."""
     table = {name: np.zeros(2) for name in BIAS_FILTER_COLUMNS}
     table["t"][:], table["state"][:] = (0.0, 0.2), FilterState.TRACKING
@@ -50,15 +50,15 @@ def errors(vehicle, standstill, seed):
         node = drive.nodes[name]
         nodes[name] = Table(dict(zip(COLUMNS, [node.t, *node.gyro.T, *node.accel.T], strict=True)))
         truth = np.array([node.truth[f"bias_{axis}"] for axis in "xyz"])
-        filters[name] = reported(truth + rng.normal(0.0, NODE_SIGMA, 3))
+        filters[name] = filter_table(truth + rng.normal(0.0, NODE_SIGMA, 3))
     result = []
     for floor in PRIORS.values():
         config._MIN_CALIBRATION_SIGMA["gyro_bias"] = floor or FLOOR
         recording = Recording(nodes, bias_filters={} if floor is None else filters)
         track = compute_wheel_odometry(recording, vehicle, log="drive").track
         x, y = (np.interp(drive.t, track.t, values) for values in (track.x, track.y))
-        off = np.hypot(x - drive.x, y - drive.y)
-        result.append((off[np.searchsorted(drive.t, standstill + 10.0)], off[-1]))
+        position_errors = np.hypot(x - drive.x, y - drive.y)
+        result.append((position_errors[np.searchsorted(drive.t, standstill + 10.0)], position_errors[-1]))
     config._MIN_CALIBRATION_SIGMA["gyro_bias"] = FLOOR
     return result
 

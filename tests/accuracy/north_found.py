@@ -34,13 +34,15 @@ def main():
             node, azimuth, *_ = world(seed)
             record, _ = build_axis_record(node, "x", None, LATITUDE, GyroAngleOptions(0.01))
             result = find_north([record], LATITUDE, "maytag4")
-            theirs = wrap_angle(result.filters["nearest"].azimuth - azimuth)
-            rows.append([wrap_angle(result.azimuth - azimuth), result.sigma, result.angle_sigma, theirs])
-        error, sigma, angles, theirs = np.degrees(np.array(rows, float)).T
+            nearest_error = wrap_angle(result.filters["nearest"].azimuth - azimuth)
+            rows.append(
+                [wrap_angle(result.azimuth - azimuth), result.sigma, result.angle_sigma, nearest_error]
+            )
+        error, sigma, angles, nearest_error = np.degrees(np.array(rows, float)).T
         z = np.abs(error / sigma)
         print(
             f"{name:9s} {rms(error):4.1f} {rms(sigma):6.1f} {rms(angles):8.1f} {np.mean(z**2):8.2f} "
-            f"{np.mean(z < 1):9.2f} {np.mean(z < 2):5.2f} {rms(theirs):15.1f}",
+            f"{np.mean(z < 1):9.2f} {np.mean(z < 2):5.2f} {rms(nearest_error):15.1f}",
             flush=True,
         )
     print(f"processor {time.process_time() - start:.0f} s")

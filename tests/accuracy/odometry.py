@@ -3,8 +3,8 @@
     python tests/accuracy/odometry.py [--drives 200] [--first-seed 1000]
 
 The drives come from tests/generators/wheel_drives.py, which shares no code with the filter. Nothing is
-calibrated beforehand: radius, track and all sensor errors are off by what `Errors` says, and the filter is
-with the nominal values.
+calibrated beforehand: radius, track width and sensors have the errors of `Errors`, and the filter has nominal
+values.
 """
 
 # ruff: noqa: E402 (BLAS must know its threads before numpy is loaded)
@@ -30,7 +30,7 @@ from hubodo.fuse.wheel.track import run_wheel_filter
 from hubodo.log.csv_folder import read_folder
 from hubodo.recording import Table
 
-REST = 7.0
+STANDSTILL_S = 7.0
 NAMES = {"one node, left": ("left",), "one node, right": ("right",), "two nodes": ("left", "right")}
 
 
@@ -52,7 +52,7 @@ def simulated(drives: int, first_seed: int) -> None:
         rng = np.random.default_rng(seed)
         drive = wheel_drives.drive(wheel_drives.loop(rng), rng)
         for name, nodes in NAMES.items():
-            rows.setdefault(f"wheel filter, {name}", []).append(_filtered(drive, nodes))
+            rows.setdefault(f"wheel filter, {name}", []).append(_run_filter(drive, nodes))
         rows.setdefault("plain differential odometry", []).append(_differential(drive))
         rows.setdefault("the same, with each gyro's true scale", []).append(
             _differential(drive, with_true_scale=True)
@@ -82,7 +82,7 @@ def simulated(drives: int, first_seed: int) -> None:
     print(f"run time {time.monotonic() - start:.0f} s")
 
 
-def _filtered(drive: wheel_drives.WheelDrive, names: tuple[str, ...]) -> tuple[float, ...]:
+def _run_filter(drive: wheel_drives.WheelDrive, names: tuple[str, ...]) -> tuple[float, ...]:
     nodes = {name: WheelNode(name, "left") for name in names}  # type: ignore[arg-type]
     track = run_wheel_filter(WheelConfig(drive.radius, drive.track, nodes), _tables(drive)).track
     error = _error(drive, float(track.t[-1]), track.x[-1], track.y[-1], track.heading[-1])
@@ -100,43 +100,43 @@ def _tables(drive: wheel_drives.WheelDrive) -> dict[str, Table]:
 
 
 def _differential(drive: wheel_drives.WheelDrive, with_true_scale: bool = False) -> tuple[float, ...]:
-    """Compute odometry from both spin gyros less their standstill mean, heading from the wheels' difference.
+    """Return the errors of odometry from both spin gyros minus their standstill mean.
 
     with_true_scale: rates are divided by the true scale, as if gravity had counted the turns.
     """
     t = np.arange(0.2, drive.t[-1] - 0.2, 0.01)
     speed = {}
     for name, node in drive.nodes.items():
-        spin = node.gyro[:, 2] - node.gyro[node.t < REST, 2].mean()
+        spin = node.gyro[:, 2] - node.gyro[node.t < STANDSTILL_S, 2].mean()
         spin = spin / (1.0 + node.truth["spin_scale"]) if with_true_scale else spin
         speed[name] = np.interp(t, node.t, spin) * drive.radius
     yaw_rate = (speed["right"] - speed["left"]) / drive.track
-    return _reckoned(drive, t, 0.5 * (speed["left"] + speed["right"]), yaw_rate)
+    return _dead_reckon(drive, t, 0.5 * (speed["left"] + speed["right"]), yaw_rate)
 
 
 def _raw_gyro(drive: wheel_drives.WheelDrive) -> tuple[float, ...]:
-    """Compute odometry from one node, gyros less their standstill mean.
+    """Return the errors of odometry from one node, gyros minus their standstill mean.
 
-    The wheel angle is summed from the spin, and the yaw turned back by it.
+    The wheel angle is integrated from the spin rate and used to rotate the yaw rate back.
     """
     node = drive.nodes["left"]
-    remaining = node.t < REST
-    gyro = node.gyro - node.gyro[remaining].mean(axis=0)
-    start = -np.arctan2(*node.accel[remaining, 1::-1].mean(axis=0))
+    at_standstill = node.t < STANDSTILL_S
+    gyro = node.gyro - node.gyro[at_standstill].mean(axis=0)
+    start = -np.arctan2(*node.accel[at_standstill, 1::-1].mean(axis=0))
     step = np.diff(node.t, prepend=node.t[0])
     theta = start + np.cumsum(gyro[:, 2] * step)
     yaw_rate = gyro[:, 0] * np.cos(theta) - gyro[:, 1] * np.sin(theta)
     speed = gyro[:, 2] * drive.radius + yaw_rate * 0.5 * drive.track
-    return _reckoned(drive, node.t, speed, yaw_rate)
+    return _dead_reckon(drive, node.t, speed, yaw_rate)
 
 
-def _reckoned(
+def _dead_reckon(
     drive: wheel_drives.WheelDrive, t: np.ndarray, speed: np.ndarray, yaw_rate: np.ndarray
 ) -> tuple[float, ...]:
     step = np.diff(t, prepend=t[0])
     heading = np.cumsum(yaw_rate * step)
-    course = heading - 0.5 * yaw_rate * step
-    x, y = np.sum(speed * step * np.cos(course)), np.sum(speed * step * np.sin(course))
+    mean_heading = heading - 0.5 * yaw_rate * step
+    x, y = np.sum(speed * step * np.cos(mean_heading)), np.sum(speed * step * np.sin(mean_heading))
     error = _error(drive, float(t[-1]), x, y, heading[-1])
     return _percent(drive, error), float(error[2]), np.nan, np.nan, np.nan
 
@@ -160,7 +160,7 @@ def wheelchair() -> None:
     recording = read_folder(folder)
     frame = recording.nodes["frame"]
     rate = frame["gz"]
-    summed = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(frame.t))])
+    frame_heading = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(frame.t))])
     print(f"\nWheelchair: {frame.t[-1]:.1f} s, heading against the frame's gz as recorded, degrees")
     print(f"{'':34s}{'rms':>9s}{'final':>9s}{'max':>9s}{'1 sigma at the end':>21s}")
     for name, names in NAMES.items():
@@ -169,7 +169,7 @@ def wheelchair() -> None:
         track = run_wheel_filter(
             WheelConfig(0.31, 0.92, nodes, priors={TRACK_WIDTH: Quantity(0.0, 0.05)}), recording.nodes
         ).track
-        error = np.degrees(track.heading - np.interp(track.t, frame.t, summed))
+        error = np.degrees(track.heading - np.interp(track.t, frame.t, frame_heading))
         error -= error[0]
         numbers = (np.sqrt(np.mean(error**2)), abs(error[-1]), np.abs(error).max())
         sigma = np.degrees(np.sqrt(track.covariance[-1, 2, 2]))

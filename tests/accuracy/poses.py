@@ -33,27 +33,27 @@ POSES = {
 KINDS = {"bias": range(3), "scale": (3, 7, 11), "angles": (4, 5, 6, 8, 9, 10)}
 
 
-def drawn(rng, bias):
+def draw_errors(rng, bias):
     """Return errors of one triad, 1 % of scale and angles."""
     names = ("xz", "xy", "yz", "yx", "zy", "zx")
     angles = {name: 0.01 * rng.standard_normal() for name in names}
     return Errors(tuple(bias * rng.standard_normal(3)), tuple(0.01 * rng.standard_normal(3)), angles)
 
 
-def matrix(errors):
+def triad_matrix(errors):
     """Return the (3, 3) matrix of a triad, from its measurements of unit vectors."""
     return errors.measure(np.eye(3)).T - np.array(errors.b)[:, None]
 
 
-def trial(rng, poses):
+def run_trial(rng, poses):
     """Return (12,) error, sigma, and uncalibrated error of both triads; NaN without an estimate."""
-    accel, gyro = drawn(rng, 0.3), drawn(rng, 0.02)
+    accel, gyro = draw_errors(rng, 0.3), draw_errors(rng, 0.02)
     data = carry(rng, gyro, accel, attitudes=poses(rng))
     result = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY)
     # By convention the accelerometer matrix is symmetric; the gyros refer to that frame.
-    symmetric = np.real(sqrtm(matrix(accel) @ matrix(accel).T))
-    frame = np.linalg.solve(symmetric, matrix(accel))
-    truth = {"accel": (accel.b, symmetric), "gyro": (gyro.b, matrix(gyro) @ frame.T)}
+    symmetric = np.real(sqrtm(triad_matrix(accel) @ triad_matrix(accel).T))
+    frame = np.linalg.solve(symmetric, triad_matrix(accel))
+    truth = {"accel": (accel.b, symmetric), "gyro": (gyro.b, triad_matrix(gyro) @ frame.T)}
     observed = {
         "accel": result.accel.is_observable,
         "gyro": np.append(np.ones(3, bool), result.gyro.is_observable),
@@ -81,7 +81,7 @@ def main():
         trials, refused = [], 0
         for seed in range(args.first, args.first + args.seeds):
             try:
-                trials.append(trial(np.random.default_rng(seed), poses))
+                trials.append(run_trial(np.random.default_rng(seed), poses))
             except CalibrationError:
                 refused += 1
         print_rows(name, trials, refused)

@@ -1,4 +1,4 @@
-"""Standstill: error accumulated in a rest of any length, with a noisy gyro or an idling engine.
+"""Standstill: error after a standstill of any length, with a noisy gyro or an idling engine.
 
 python tests/accuracy/rests.py [--drives 4] [--seed 40] [--rests 5 60 600 1800]
 """
@@ -35,16 +35,16 @@ def main() -> int:
     )
     for kind, (noise, idling) in KINDS.items():
         for where in ("start", "middle"):
-            for remaining in args.rests:
-                result = []
+            for duration in args.rests:
+                results = []
                 for seed in range(args.seed, args.seed + args.drives):
-                    drive = drive_with_standstill(seed, LENGTH, remaining, where, noise, idling)
-                    output = run_wheel_filter(config(drive), tables(drive))
-                    result.append((100.0 * end_error(drive, output) / drive.length, nees(drive, output)))
-                errors, honest = np.array(result).T
+                    drive = drive_with_standstill(seed, LENGTH, duration, where, noise, idling)
+                    run = run_wheel_filter(config(drive), tables(drive))
+                    results.append((100.0 * end_error(drive, run) / drive.length, nees(drive, run)))
+                errors, nees_values = np.array(results).T
                 print(
-                    f"  {kind:22} {where:7} {remaining:6.0f} s: median {np.median(errors):5.2f} %, largest "
-                    f"{errors.max():5.2f} %, NEES {honest.mean():5.2f} of 3",
+                    f"  {kind:22} {where:7} {duration:6.0f} s: median {np.median(errors):5.2f} %, largest "
+                    f"{errors.max():5.2f} %, NEES {nees_values.mean():5.2f} of 3",
                     flush=True,
                 )
     return 0

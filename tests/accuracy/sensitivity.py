@@ -59,7 +59,7 @@ UNUSED = ("calibration.", "node_screening", "surface_speeds", "smoother", "fixed
 """Modules that these drives do not use."""
 
 MAX_NEES = 30.0
-"""Largest NEES of one drive in a mean, so that a track that is wrong altogether does not hide all others."""
+"""Cap on the NEES of one drive in a mean, so that one diverged track does not hide all others."""
 
 SLIPS = (
     "one wheel, lifted 6 s, stopped by something",
@@ -207,8 +207,8 @@ def compare(result: Result, usual: Result) -> str:
     if not changed:
         return "none"
     error = float(np.mean(result.errors) - np.mean(usual.errors))
-    honest = np.mean(np.minimum(result.nees, MAX_NEES)) - np.mean(np.minimum(usual.nees, MAX_NEES))
-    return f"{error:+.2f}, {honest:+.2f} ({changed})"
+    mean_nees = np.mean(np.minimum(result.nees, MAX_NEES)) - np.mean(np.minimum(usual.nees, MAX_NEES))
+    return f"{error:+.2f}, {mean_nees:+.2f} ({changed})"
 
 
 def main() -> int:
@@ -236,10 +236,10 @@ def main() -> int:
 
     usual = {name: result_of(f"{name} {args.seeds}", drives) for name, drives in sets.items()}
     for name, result in usual.items():
-        honest = np.mean(np.minimum(result.nees, MAX_NEES))
+        mean_nees = np.mean(np.minimum(result.nees, MAX_NEES))
         print(
             f"{name}: {len(result.errors)} drives, seeds {seeds[0]} to {seeds[-1]}: "
-            f"error {np.mean(result.errors):.2f} %, NEES {honest:.2f}"
+            f"error {np.mean(result.errors):.2f} %, NEES {mean_nees:.2f}"
         )
     columns = " | ".join(f"{name}, {size}" for name in sets for size in ("half", "twice"))
     print(f"change of error in %, of NEES (drives that change)\n| constant | value | {columns} |")

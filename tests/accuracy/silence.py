@@ -36,58 +36,59 @@ def main() -> int:
     print(f"both nodes silent at 1.2 m/s, seeds {seeds[0]} to {seeds[-1]}; rms; NEES of 3:")
     for names in (BOTH, ("left",)):
         for seconds in args.silences:
-            honest = [_silence(names, seconds, meanwhile, seeds) for meanwhile in MEANWHILE]
-            soon, late = np.mean(honest, axis=0)
-            print(f"  {seconds:5.0f} s, all: NEES {soon:5.2f}, {late:5.2f} at the end", flush=True)
+            nees_pairs = [_run_outage(names, seconds, meanwhile, seeds) for meanwhile in MEANWHILE]
+            nees_after, nees_end = np.mean(nees_pairs, axis=0)
+            print(f"  {seconds:5.0f} s, all: NEES {nees_after:5.2f}, {nees_end:5.2f} at the end", flush=True)
     print(f"pauses at rest, seeds {seeds[0]} to {seeds[-1]}; heading and its sigma at the end, degrees:")
     for pause in args.pauses:
-        _pause(pause, seeds)
+        _run_pause(pause, seeds)
     return 0
 
 
-def _silence(names: tuple[str, ...], seconds: float, meanwhile: str, seeds: range) -> tuple[float, float]:
+def _run_outage(names: tuple[str, ...], seconds: float, meanwhile: str, seeds: range) -> tuple[float, float]:
     rows = []
     for seed in seeds:
         drive, outage_end = drive_with_outage(seed, seconds, meanwhile)
         track = run_wheel_filter(config(drive, names), tables(drive)).track
         row = []
-        for place in (int(np.searchsorted(track.t, outage_end)), -1):
-            error, covariance = pose_error(drive, track, place)
+        for pose_index in (int(np.searchsorted(track.t, outage_end)), -1):
+            error, covariance = pose_error(drive, track, pose_index)
             row += [np.sum(error[:2] ** 2), np.trace(covariance[:2, :2]), error[2] ** 2, covariance[2, 2]]
             row.append(float(error @ np.linalg.solve(covariance, error)))
         rows.append(row)
     mean = np.mean(rows, axis=0)
-    off, sigma, turned, unsure = np.sqrt(mean[:4])
+    error_xy, sigma, heading_error, heading_sigma = np.sqrt(mean[:4])
     print(
-        f"  {seconds:5.0f} s, {'+'.join(names):10} {meanwhile:9}: {off:6.2f} m off, sigma {sigma:6.2f} m; "
-        f"{np.degrees(turned):6.1f}°, sigma {np.degrees(unsure):6.1f}°; NEES {mean[4]:5.2f}; "
+        f"  {seconds:5.0f} s, {'+'.join(names):10} {meanwhile:9}: {error_xy:6.2f} m, sigma {sigma:6.2f} m; "
+        f"{np.degrees(heading_error):6.1f}°, sigma {np.degrees(heading_sigma):6.1f}°; NEES {mean[4]:5.2f}; "
         f"at the end {np.sqrt(mean[5]):6.2f} m, sigma {np.sqrt(mean[6]):6.2f} m, NEES {mean[9]:5.2f}",
         flush=True,
     )
     return mean[4], mean[9]
 
 
-def _pause(seconds: float, seeds: range) -> None:
-    error, unsure, far, worst, spent = [], [], [], 0.0, 0.0
+def _run_pause(seconds: float, seeds: range) -> None:
+    error, heading_variances, position_sigmas, max_call_time, cpu_seconds = [], [], [], 0.0, 0.0
     for seed in seeds:
         drive, _, _ = paused_drive(seed, seconds)
         start = time.process_time()
         track = run_wheel_filter(config(drive), tables(drive)).track
-        spent = max(spent, time.process_time() - start)
+        cpu_seconds = max(cpu_seconds, time.process_time() - start)
         covariance = track.covariance[-1]
         error.append(track.heading[-1] - drive.heading[-1])
-        unsure.append(covariance[2, 2])
-        far.append(np.sqrt(np.trace(covariance[:2, :2])))
-        worst = max(worst, _worst_call(drive)) if seed == seeds[0] else worst
+        heading_variances.append(covariance[2, 2])
+        position_sigmas.append(np.sqrt(np.trace(covariance[:2, :2])))
+        max_call_time = max(max_call_time, _largest_call_time(drive)) if seed == seeds[0] else max_call_time
     print(
         f"  {seconds:8.1f} s: {np.degrees(np.sqrt(np.mean(np.square(error)))):5.2f}°, sigma "
-        f"{np.degrees(np.sqrt(np.mean(unsure))):5.2f}°; position sigma {np.mean(far):7.1f} m; the log in "
-        f"{spent:.2f} s of CPU, live {1e3 * worst:.2f} ms for a sample at most",
+        f"{np.degrees(np.sqrt(np.mean(heading_variances))):5.2f}°; position sigma "
+        f"{np.mean(position_sigmas):7.1f} m; the log in {cpu_seconds:.2f} s of CPU, "
+        f"live {1e3 * max_call_time:.2f} ms for a sample at most",
         flush=True,
     )
 
 
-def _worst_call(drive: WheelDrive, times: int = 3) -> float:
+def _largest_call_time(drive: WheelDrive, times: int = 3) -> float:
     """Return the largest CPU time of a sample, s: the minimum over several runs for each sample."""
     samples = sorted(
         (

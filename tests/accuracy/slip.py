@@ -2,9 +2,8 @@
 
     python tests/accuracy/slip.py [--drives 16] [--first-seed 100]
 
-Loops of 120 m on a hilly, rough road with noise that is not white, made by tests/generators, which shares no
-code with the filter. Nothing is calibrated beforehand. `quiet` drives contain no slip: each detection is a
-false alarm.
+Loops of 120 m on a hilly, rough road with coloured noise from tests/generators, which shares no code with the
+filter. Nothing is calibrated beforehand. In drives where nothing happens each detection is a false alarm.
 """
 
 # ruff: noqa: E402 (BLAS must know its threads before numpy is loaded)
@@ -36,10 +35,10 @@ from hubodo.vehicle import NodeMount, Vehicle
 from wheel_runs import BOTH, config, end_error, nees, pose_error, tables
 
 ERRORS = replace(wheel_drives.Errors(), flicker=1e-4, accel_flicker=3e-3)
-"""Errors as of other drives, and bias instability: 20 deg/h of gyros, 0.3 mg of accelerometers."""
+"""The usual errors, with bias instability: 20 deg/h of the gyros, 0.3 mg of the accelerometers."""
 
-_SLACK = 0.5
-"""s; tolerance of start and end of a detected slip."""
+_TIME_TOLERANCE = 0.5
+"""Tolerance of start and end of a detected slip, s."""
 
 Change = Callable[[Plan, tuple[str, ...], float], Plan]
 
@@ -91,7 +90,7 @@ class Outcome:
 
 
 def make_drive(case: Case, seed: int) -> tuple[WheelDrive, tuple[str, ...], float]:
-    """A drive, the nodes that record it, and the time of its event, s."""
+    """Return a drive, the nodes that record it, and the time of its event, s."""
     rng = np.random.default_rng(seed)
     plan = slip_drives.driven_loop(rng)
     names = BOTH if case.wheels == 2 else (BOTH[seed % 2],)
@@ -105,25 +104,28 @@ def outcome(case: Case, seed: int) -> Outcome:
     result = run_wheel_filter(config(drive, names), tables(drive))
     hits = alarms = 0
     for slips in result.report.slips.values():
-        inside = [slip.start < start + case.duration + _SLACK and slip.end > start - _SLACK for slip in slips]
+        inside = [
+            slip.start < start + case.duration + _TIME_TOLERANCE and slip.end > start - _TIME_TOLERANCE
+            for slip in slips
+        ]
         hits += any(inside)
         alarms += inside.count(False)
     return Outcome(100.0 * end_error(drive, result) / drive.length, nees(drive, result), hits, alarms)
 
 
-def line(name: str, case: Case, outcomes: Sequence[Outcome]) -> str:
-    """Print a row of the table."""
-    error = np.percentile([one.error for one in outcomes], [50, 90])
-    honest = np.mean([one.nees for one in outcomes])
+def table_row(name: str, case: Case, outcomes: Sequence[Outcome]) -> str:
+    """Return a row of the table."""
+    error = np.percentile([result.error for result in outcomes], [50, 90])
+    mean_nees = np.mean([result.nees for result in outcomes])
     wheels = case.wheels * len(outcomes)
-    hits, alarms = sum(one.detected for one in outcomes), sum(one.false for one in outcomes)
+    hits, alarms = sum(result.detected for result in outcomes), sum(result.false for result in outcomes)
     if "nothing" in name:
         hits, alarms = 0, hits + alarms
-    messages = f"found {hits:3d} of {0 if 'nothing' in name else wheels:3d}, false alarms {alarms}"
-    return f"{name:46s}{error[0]:7.2f}{error[1]:7.2f} %  NEES {honest:7.2f} of 3  {messages}"
+    detections = f"detected {hits:3d} of {0 if 'nothing' in name else wheels:3d}, false alarms {alarms}"
+    return f"{name:46s}{error[0]:7.2f}{error[1]:7.2f} %  NEES {mean_nees:7.2f} of 3  {detections}"
 
 
-def way_through(case: Case, seed: int, lag: float) -> tuple[float, float]:
+def error_in_slip(case: Case, seed: int, lag: float) -> tuple[float, float]:
     """Return error, m, and NEES in the middle of an event, of a track smoothed with `lag` s."""
     drive, names, start = make_drive(case, seed)
     track = run_wheel_filter(config(drive, names), tables(drive), lag).track
@@ -131,7 +133,7 @@ def way_through(case: Case, seed: int, lag: float) -> tuple[float, float]:
     return float(np.hypot(*error[:2])), float(error @ np.linalg.solve(covariance, error))
 
 
-def with_fixes(case: Case, seed: int, sigma: float = 1.0) -> tuple[float, float]:
+def fuse_with_fixes(case: Case, seed: int, sigma: float = 1.0) -> tuple[float, float]:
     """Return largest error, m, and mean NEES of x and y during an event, with fixes at 2 Hz."""
     drive, names, start = make_drive(case, seed)
     rng = np.random.default_rng([seed, 71])
@@ -155,51 +157,64 @@ def with_fixes(case: Case, seed: int, sigma: float = 1.0) -> tuple[float, float]
 
 
 def steered_outcome(seed: int, side: str) -> tuple[Outcome, bool]:
-    """Return whether the fixed wheel was chosen of two declared as an axle, one of them steered.
+    """Return the outcome of two nodes declared as an axle of which one is steered, and whether the fixed one
+    is used.
 
-    detected: 1 where the user is warned that the two are no axle.
+    `detected` is 1 if a warning says that the two wheels are not an axle.
     """
     drive = slip_drives.steered(np.random.default_rng(seed), ERRORS, side)
     run = run_wheel_filter(config(drive), tables(drive))
-    messages = any("steers" in line or "not those of an axle" in line for line in run.report.warnings)
-    right = [wheel.name for wheel in run.filter.core.wheels] == [BOTH[1] if side == BOTH[0] else BOTH[0]]
+    is_warned = any(
+        "steers" in table_row or "not those of an axle" in table_row for table_row in run.report.warnings
+    )
+    fixed_wheel_used = [wheel.name for wheel in run.filter.core.wheels] == [
+        BOTH[1] if side == BOTH[0] else BOTH[0]
+    ]
     error = 100.0 * end_error(drive, run) / drive.length
-    return Outcome(error, nees(drive, run), int(messages), 0), right
+    return Outcome(error, nees(drive, run), int(is_warned), 0), fixed_wheel_used
 
 
-def exchanged_outcome(seed: int) -> Outcome:
-    """Swap the nodes of the two sides."""
+def swapped_sides_outcome(seed: int) -> Outcome:
+    """Return the outcome of a drive whose nodes have swapped sides; `detected` is 1 if a warning says so."""
     drive, _, _ = make_drive(CASES["two wheels, nothing happens"], seed)
     recorded = tables(drive)
     result = run_wheel_filter(config(drive), {"left": recorded["right"], "right": recorded["left"]})
-    messages = any("exchanged" in line for line in result.report.warnings)
-    return Outcome(100.0 * end_error(drive, result) / drive.length, nees(drive, result), int(messages), 0)
+    is_warned = any("exchanged" in table_row for table_row in result.report.warnings)
+    return Outcome(100.0 * end_error(drive, result) / drive.length, nees(drive, result), int(is_warned), 0)
 
 
 def careless_outcome(seed: int) -> Outcome:
-    """Radii and track width with errors of 2 % and 3 % (1σ); false: 1 where they are rejected as an axle."""
+    """Return the outcome for radii and a track width with errors of 2 % and 3 % (1σ).
+
+    `false` is 1 if the wheels are rejected as an axle.
+    """
     rng = np.random.default_rng(seed)
     errors = replace(wheel_drives.Errors(), radius=0.02, track=0.03)
     drive = wheel_drives.drive(wheel_drives.loop(rng, 130.0, 6.0), rng, errors)
     result = run_wheel_filter(config(drive), tables(drive))
-    single = len(result.filter.core.wheels) == 1
-    return Outcome(100.0 * end_error(drive, result) / drive.length, nees(drive, result), 0, int(single))
+    is_single_wheel = len(result.filter.core.wheels) == 1
+    return Outcome(
+        100.0 * end_error(drive, result) / drive.length, nees(drive, result), 0, int(is_single_wheel)
+    )
 
 
-def pair_errors(seeds: Sequence[int], tape: float) -> dict[str, np.ndarray]:
-    """Return final errors in % of the path, of each wheel and of both; tape: 1 sigma of the track width."""
+def pair_errors(seeds: Sequence[int], tape_sigma: float) -> dict[str, np.ndarray]:
+    """Return the final errors in % of the path of each wheel and of both.
+
+    tape_sigma: 1σ of the track width, relative.
+    """
     errors: dict[str, list[float]] = {}
     for seed in seeds:
         rng = np.random.default_rng(seed)
-        drive = wheel_drives.drive(wheel_drives.loop(rng, 150.0, 6.0), rng, replace(ERRORS, track=tape))
+        drive = wheel_drives.drive(wheel_drives.loop(rng, 150.0, 6.0), rng, replace(ERRORS, track=tape_sigma))
         for names in (("left",), ("right",), BOTH):
             result = run_wheel_filter(config(drive, names), tables(drive))
             errors.setdefault(" and ".join(names), []).append(100.0 * end_error(drive, result) / drive.length)
     return {name: np.array(result) for name, result in errors.items()}
 
 
-def real_alarms() -> dict[str, int]:
-    """Print slips detected on real drives, in which none was observed."""
+def count_real_alarms() -> dict[str, int]:
+    """Return the number of slips detected on each real drive; none of the drives has one."""
     runs: dict[str, WheelRun] = {}
     for name, log in car.drives().items():
         for names in car.SETS:
@@ -227,44 +242,48 @@ def main() -> int:
     seeds = range(args.first_seed, args.first_seed + args.drives)
     print(f"loops of 120 m, seeds {seeds[0]} to {seeds[-1]}; error at the end in % of the path: median, 90 %")
     for name, case in CASES.items():
-        print("  " + line(name, case, [outcome(case, seed) for seed in seeds]), flush=True)
-    print("  in the middle of the slip, by how much of what follows is known: median m off, median NEES of 3")
+        print("  " + table_row(name, case, [outcome(case, seed) for seed in seeds]), flush=True)
+    print("  in the middle of the slip, by smoothing lag: median error, median NEES of 3")
     for name, case in CASES.items():
         if "lifted" in name:
-            through = {lag: [way_through(case, seed, lag) for seed in seeds] for lag in (0.0, 10.0, np.inf)}
+            errors_by_lag = {
+                lag: [error_in_slip(case, seed, lag) for seed in seeds] for lag in (0.0, 10.0, np.inf)
+            }
             text = "".join(
                 "   {:4g} s {:5.2f} m {:8.2f}".format(lag, *np.median(errors, axis=0))
-                for lag, errors in through.items()
+                for lag, errors in errors_by_lag.items()
             )
             print(f"    {name:44s}{text}", flush=True)
-    print("  beside fixes of 1 m at 2 Hz: largest m off, median and 90 %; mean NEES of 2 while it happens")
+    print("  with fixes of 1 m at 2 Hz: largest error, median and 90 %; mean NEES of 2 during the event")
     for name, case in CASES.items():
         if case.wheels == 1:
-            error, honest = np.array([with_fixes(case, seed) for seed in seeds]).T
-            median, most = np.percentile(error, [50, 90])
-            print(f"    {name:44s}{median:6.2f}{most:6.2f} m  NEES {np.mean(honest):6.2f}", flush=True)
+            error, nees_values = np.array([fuse_with_fixes(case, seed) for seed in seeds]).T
+            median, upper = np.percentile(error, [50, 90])
+            print(f"    {name:44s}{median:6.2f}{upper:6.2f} m  NEES {np.mean(nees_values):6.2f}", flush=True)
     for side in BOTH:
         result = [steered_outcome(seed, side) for seed in seeds]
-        retained = sum(right for _, right in result)
+        n_fixed_used = sum(fixed_used for _, fixed_used in result)
         name = f"two wheels, the {side} one steered"
-        text = line(
-            name, Case(1, 0.0, CASES["two wheels, nothing happens"].change), [one for one, _ in result]
+        text = table_row(
+            name, Case(1, 0.0, CASES["two wheels, nothing happens"].change), [each for each, _ in result]
         )
-        print(f"  {text}, the fixed one kept {retained}", flush=True)
-    text = line("two wheels, exchanged", CASES[LIFTED], [exchanged_outcome(seed) for seed in seeds])
+        print(f"  {text}, the fixed one used in {n_fixed_used}", flush=True)
+    text = table_row("two wheels, exchanged", CASES[LIFTED], [swapped_sides_outcome(seed) for seed in seeds])
     print("  " + text, flush=True)
     careless = [careless_outcome(seed) for seed in seeds]
-    print("  " + line("two wheels, careless tape (nothing happens)", CASES[LIFTED], careless), flush=True)
-    print("  a pair beside each of its wheels, loops of 150 m: median, 90 %, rms")
+    print(
+        "  " + table_row("two wheels, careless tape (nothing happens)", CASES[LIFTED], careless), flush=True
+    )
+    print("  both wheels and each of them alone, loops of 150 m: median, 90 %, rms")
     for tape in (0.005, 0.03):
         for name, errors in pair_errors(seeds, tape).items():
-            median, most = np.percentile(errors, [50, 90])
+            median, upper = np.percentile(errors, [50, 90])
             rms = np.sqrt(np.mean(errors**2))
             print(
-                f"    track measured to {tape:5.1%}, {name:15s}{median:6.2f}{most:6.2f}{rms:6.2f} %",
+                f"    track measured to {tape:5.1%}, {name:15s}{median:6.2f}{upper:6.2f}{rms:6.2f} %",
                 flush=True,
             )
-    for name, alarms in real_alarms().items():
+    for name, alarms in count_real_alarms().items():
         print(f"  {name}: {alarms} false alarms")
     return 0
 

@@ -2,8 +2,8 @@
 
     python tests/accuracy/wheel_calibration.py [--drives 20] [--length 200] [--seed 1000]
 
-Drives and receivers are made without the model under test. The rival is the tape measure: stretches that were
-left out, with its radius and track.
+The generator shares no code with the model under test. The baseline are radius and track width measured by
+tape, compared on held-out segments.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ TRUTH_OF = {
     ("gyro_scale_factor", "z"): "spin_scale",
     ("gyro_scale_factor", "x"): "yaw_scale",
 }
-Sigmas = dict[str, list[float]]
+NormalisedErrors = dict[str, list[float]]
 
 
 def main() -> int:
@@ -57,45 +57,52 @@ def main() -> int:
     args = parser.parse_args()
     print(f"{args.drives} drives of {args.length:g} m, seeds from {args.seed}")
     for kind, (receiver, declared) in RECEIVERS.items():
-        errors: Sigmas = defaultdict(list)
-        shares, refused = [], 0
+        errors: NormalisedErrors = defaultdict(list)
+        rms_ratios, refused = [], 0
         for seed in range(args.seed, args.seed + args.drives):
             rng = np.random.default_rng(seed)
             drive = wheel_drives.drive(wheel_drives.loop(rng, args.length, 6.0), rng, ERRORS)
             t, x, y = positions(drive, receiver, seed)
-            reported = Positions(t, x, y, np.full(len(t), declared))
+            measured = Positions(t, x, y, np.full(len(t), declared))
             try:
-                result = calibrate_wheels(config(drive), tables(drive), reported)
+                result = calibrate_wheels(config(drive), tables(drive), measured)
             except CalibrationError:
                 refused += 1
                 continue
-            shares.append(result.held_out.after.rms / result.held_out.before.rms)
-            _add(errors, drive, result, receiver)
-        median = f"{np.median(shares):.2f}" if shares else "-"
-        print(f"{kind}: {refused} refused; left-out stretches, rms beside a tape measure's: median {median}")
+            rms_ratios.append(result.held_out.after.rms / result.held_out.before.rms)
+            _add_normalised_errors(errors, drive, result, receiver)
+        median = f"{np.median(rms_ratios):.2f}" if rms_ratios else "-"
+        print(f"{kind}: {refused} refused; held-out segments, rms relative to tape measure: median {median}")
         for name, values in errors.items():
             rms, largest = np.sqrt(np.mean(np.square(values))), np.abs(values).max()
             print(
-                f"  {name:24} seen {len(values):3} times, error in sigmas: rms {rms:4.2f}, "
+                f"  {name:24} observable {len(values):3} times, error / sigma: rms {rms:4.2f}, "
                 f"largest {largest:.1f}"
             )
     return 0
 
 
-def _add(
-    errors: Sigmas, drive: wheel_drives.WheelDrive, calibration: WheelCalibration, receiver: Receiver
+def _add_normalised_errors(
+    errors: NormalisedErrors,
+    drive: wheel_drives.WheelDrive,
+    calibration: WheelCalibration,
+    receiver: Receiver,
 ) -> None:
-    """Return the errors of observable parameters, in sigmas."""
+    """Add the errors of the observable parameters in units of their sigma."""
     for name, effects in calibration.nodes.items():
         for (effect, parameter), truth in TRUTH_OF.items():
             if parameter in effects.get(effect, {}):
-                q = effects[effect][parameter]
-                errors[f"{effect}.{parameter}"].append((q.value - drive.nodes[name].truth[truth]) / q.sigma)
+                estimate = effects[effect][parameter]
+                errors[f"{effect}.{parameter}"].append(
+                    (estimate.value - drive.nodes[name].truth[truth]) / estimate.sigma
+                )
     if "track_width" in calibration.vehicle:
-        q = calibration.vehicle["track_width"]["error"]
-        errors["track_width.error"].append((q.value - drive.nodes["left"].truth["track"]) / q.sigma)
-    for q, value in zip(calibration.antenna, receiver.antenna, strict=True):
-        errors["antenna"].append((q.value - value) / q.sigma)
+        estimate = calibration.vehicle["track_width"]["error"]
+        errors["track_width.error"].append(
+            (estimate.value - drive.nodes["left"].truth["track"]) / estimate.sigma
+        )
+    for estimate, value in zip(calibration.antenna, receiver.antenna, strict=True):
+        errors["antenna"].append((estimate.value - value) / estimate.sigma)
 
 
 if __name__ == "__main__":

@@ -296,7 +296,7 @@ def test_heading_drift_is_covered_by_sigma_with_fixes_of_five_metres():
 def test_on_a_real_car_errors_agree_with_sigma_for_fixes_of_five_metres():
     wanted.recording("car")
     for path, constants, truth in car_gnss.paths([("right",)]).values():
-        rows = [car_gnss.one(path, constants, truth, seed, 0.0) for seed in range(3)]
+        rows = [car_gnss.fuse_drive(path, constants, truth, seed, 0.0) for seed in range(3)]
         error, nees, fixes = np.mean(rows, axis=0)
         assert error < 0.7 < 0.1 * fixes
         assert nees < 4.0

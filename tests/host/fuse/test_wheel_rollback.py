@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from accuracy.slip import CASES, make_drive, with_fixes
+from accuracy.slip import CASES, fuse_with_fixes, make_drive
 from hubodo.fuse.wheel.entries import HEADING, SPEED, X, Y
 from hubodo.fuse.wheel.slip_monitor import SlipMonitor
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
@@ -119,7 +119,8 @@ def test_smoothing_reconstructs_the_path_during_a_late_slip(
 def test_with_fixes_a_late_slip_costs_no_more_than_the_error_of_the_fixes() -> None:
     """Fixes of 1 m at 2 Hz. Without inflated odometry covariance the graph had errors of 6 to 21 m."""
     outcomes = [
-        with_fixes(CASES["one wheel, lifted 6 s, runs out in 3 s"], seed) for seed in (110, 111, 300, 302)
+        fuse_with_fixes(CASES["one wheel, lifted 6 s, runs out in 3 s"], seed)
+        for seed in (110, 111, 300, 302)
     ]
     print(outcomes)
     assert all(error < 2.0 and 0.1 < nees < 4.0 for error, nees in outcomes)

@@ -7,7 +7,7 @@ import pytest
 
 import wanted
 from accuracy import slip
-from accuracy.slip import CASES, careless_outcome, make_drive, outcome, real_alarms
+from accuracy.slip import CASES, careless_outcome, count_real_alarms, make_drive, outcome
 from generators import mixed_drives
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
@@ -105,7 +105,7 @@ def test_carelessly_measured_wheels_are_still_used_as_one_axle():
 
 def test_no_slip_is_detected_on_real_drives():
     wanted.recording("car")
-    alarms = real_alarms()
+    alarms = count_real_alarms()
     assert len(alarms) == 10 and not any(alarms.values()), alarms
 
 
@@ -131,7 +131,7 @@ def test_each_slip_is_reported_live_once_after_its_end():
 
 def test_the_result_table_counts_false_alarms():
     case = CASES["one wheel, nothing happens"]
-    assert "found   0 of   0, false alarms 2" in slip.line(
+    assert "detected   0 of   0, false alarms 2" in slip.table_row(
         "one wheel, nothing happens", case, [slip.Outcome(1.0, 3.0, 1, 1)]
     )
 
@@ -147,7 +147,7 @@ def test_a_steered_wheel_is_excluded_and_named(side):
 
 def test_swapped_sides_cost_no_more_than_a_single_wheel():
     """Seed 100: the node declared left sits on the right wheel and is used as such."""
-    result = slip.exchanged_outcome(100)
+    result = slip.swapped_sides_outcome(100)
     drive, _, _ = make_drive(CASES["two wheels, nothing happens"], 100)
     right_only = run_wheel_filter(config(drive, ("right",)), tables(drive))
     assert result.detected == 1
