@@ -66,7 +66,7 @@ CASES: dict[
 ] = {
     "centripetal": (centripetal.STATES, centripetal.UNCORRECTED_STATES, _centripetal),
     "position": (position.STATES, (), lambda view: position.measure(view.x, AT, POSITION)),
-    "steady": (steady.STATES, (), lambda view: steady.measure(view.x, AT, NODE_FIXED_TERMS)),
+    "steady": (steady.STATES, (), lambda view: steady.measure(view.x, AT, NODE_FIXED_TERMS, WheelNoise())),
     "zero velocity": (
         zero_velocity.STATES,
         (),

@@ -141,7 +141,8 @@ class WindowProcessor(StateVector):
         terms, wheel.steady_terms = wheel.steady_terms, None
         if terms is not None:
             for row in range(steady.N_ROWS):
-                self.update_with_row(steady.measure(self.x, wheel.columns, terms)[row], wheel.columns)
+                rows = steady.measure(self.x, wheel.columns, terms, self.config.noise)
+                self.update_with_row(rows[row], wheel.columns)
 
     def _update_with_centripetal(self, wheel: Wheel, window: Window) -> None:
         """Update with the centripetal force of a clipped window."""

@@ -110,9 +110,6 @@ STANDSTILL_FORCE_VARIANCE = (0.02 * WINDOW_S) ** 2
 Estimated.
 """
 
-_MIN_WINDOW_ANGLE = 1e-6
-"""rad; the double-angle integral of a wheel that turns less is that of a stationary one."""
-
 _LINEARISED_ENTRIES = (
     *(YAW_RATE, WHEEL_ANGLE, GYRO_SCALE_Z, GYRO_BIAS_Z, RATE_BEYOND_RANGE, CAMBER),
     *(GYRO_BIAS_X, GYRO_BIAS_Y, MISALIGNMENT_X, MISALIGNMENT_Y),
@@ -186,9 +183,7 @@ class LinearisedWindow:
         self.rate_by_camber, self.rate_by_yaw_rate = -side * r * cos, -side * sin
         self.rotation = turn = cmath.exp(1j * (angle + self.rolling_rate * (0.5 * WINDOW_S)))
         spin = window.spin
-        self.double_carrier = (
-            turn * turn * (WINDOW_S if abs(spin) < _MIN_WINDOW_ANGLE else WINDOW_S * math.sin(spin) / spin)
-        )
+        self.double_carrier = turn * turn * (WINDOW_S * math.sin(spin) / spin if spin else WINDOW_S)
         self.carrier, self.rate_carrier = carrier, rate_carrier = (
             window.carrier * turn,
             window.rate_carrier * turn,

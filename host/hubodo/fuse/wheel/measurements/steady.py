@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from hubodo.fuse.wheel.config import WheelNoise
 from hubodo.fuse.wheel.entries import (
     ACCEL_BIAS_X,
     ACCEL_BIAS_Y,
@@ -39,11 +40,6 @@ GRAVITY_SPEED_SIGMA = 0.15
 Estimated.
 """
 
-_FORCE_SIGMA, _RATE_SIGMA = 0.3, 0.02
-"""m/s² and rad/s, 1 sigma of other terms that do not rotate for a second: bumps and starting turns.
-Estimated.
-"""
-
 
 class NodeFixedTerms(NamedTuple):
     """Means over samples of the terms fixed in the node: force, m/s², and rate, rad/s, x + iy.
@@ -65,10 +61,13 @@ class NodeFixedTerms(NamedTuple):
     radius: float
 
 
-def measure(x: list[float], columns: Mapping[Entry, int], terms: NodeFixedTerms) -> tuple[Row, Row, Row, Row]:
+def measure(
+    x: list[float], columns: Mapping[Entry, int], terms: NodeFixedTerms, noise: WheelNoise
+) -> tuple[Row, Row, Row, Row]:
     """Return four rows: force x, y (m/s²) and rate x, y (rad/s).
 
-    Variance: effect of a spin error, and the residual noise.
+    Variance: effect of a spin error, the residual noise, and other terms that do not rotate for a second,
+    bumps and starting turns: the unmodelled force and roll rate of `noise`.
     """
     arm = complex(x[columns[LEVER_ARM_X]], x[columns[LEVER_ARM_Y]])
     tilt = complex(-x[columns[MISALIGNMENT_Y]], x[columns[MISALIGNMENT_X]])
@@ -77,8 +76,8 @@ def measure(x: list[float], columns: Mapping[Entry, int], terms: NodeFixedTerms)
     )
     rate = terms.rate - complex(x[columns[GYRO_BIAS_X]], x[columns[GYRO_BIAS_Y]]) - tilt * terms.spin
     share = (GRAVITY_SPEED_SIGMA / (terms.radius * terms.spin)) ** 2
-    force_variance_total = _FORCE_SIGMA**2 + terms.force_variance + 4.0 * share * abs(terms.force) ** 2
-    rate_variance_total = _RATE_SIGMA**2 + terms.rate_variance + share * abs(terms.rate) ** 2
+    force_variance_total = noise.lateral_force**2 + terms.force_variance + 4.0 * share * abs(terms.force) ** 2
+    rate_variance_total = noise.roll_rate**2 + terms.rate_variance + share * abs(terms.rate) ** 2
     by_arm = terms.lever_factor
     return (
         (
