@@ -189,8 +189,8 @@ def test_an_inertial_speed_far_beyond_the_maximum_is_discarded_for_the_wheel_spe
     agreeing = ForwardResidual(0.0, 1e-4, 0.0, 1e-6, 0.0, 0.0)
     assert not detector.detect_end(101, agreeing, slip=-1.0, variance=0.01, inertial_speed=2.0, max_speed=2.0)
     assert detector.is_slipping
-    # The wheel speed is usual; the inertial speed is twice the maximum so far.
-    assert detector.detect_end(102, agreeing, slip=-3.0, variance=0.01, inertial_speed=4.0, max_speed=2.0)
+    # The wheel speed is usual; the inertial speed is beyond twice the maximum so far.
+    assert detector.detect_end(102, agreeing, slip=-3.0, variance=0.01, inertial_speed=4.1, max_speed=2.0)
     assert not detector.is_slipping and detector.slips[-1].last == 101
 
 

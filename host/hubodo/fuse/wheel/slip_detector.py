@@ -43,21 +43,13 @@ _AGREEMENT_WINDOWS, _STANDSTILL_LIMIT_WINDOWS = MANOEUVRE_WINDOWS, 300
 the wheel before it may contradict it; windows of standstill (30 s), in which learnt parameters of a noisy
 node drift, after which it must agree again. Estimated."""
 
-_NEAR_WINDOWS = 5
-"""Windows near the vehicle speed after which a slip ends: longer than a wheel that spins down takes to pass
-through that speed. Estimated."""
+_NEAR_WINDOWS, _SLOW_END_WINDOWS = 5, MANOEUVRE_WINDOWS
+"""Windows near the vehicle speed after which a slip ends: with a jump, longer than a wheel that spins down
+takes to pass through that speed; and without one, as when the vehicle stops. Estimated."""
 
-_AGREEMENT_SPEED = 0.05
-"""m/s, in addition to `GATE_SIGMA` sigmas, within which a speed agrees. Estimated."""
-
-_NEAR_SHARE, _JUMP_SHARE = 0.35, 0.5
-"""Shares of the largest slip: a wheel that rolls again is nearer than the first to the vehicle speed, as an
-inertial speed is hardly wrong by more; one that touched the road lost more than the second at once.
-Estimated."""
-
-_SLOW_END_WINDOWS = 30
-"""Windows near the vehicle speed after which a slip ends without such a jump, as when the vehicle stops.
-Estimated."""
+_SLIP_SHARE = 0.5
+"""Share of the largest slip: a wheel that rolls again is nearer to the vehicle speed, as an inertial speed is
+hardly wrong by more; one that touched the road lost more at once. Estimated."""
 
 _FOLLOWING_LOG_RATIO = 20.0
 """Log likelihood ratio "follows the vehicle's changes of speed" against "spins freely" above which a wheel is
@@ -68,8 +60,8 @@ _MAX_CONSISTENT_WINDOWS, MAX_SLIP_WINDOWS = 100, 200
 wheel in the air spins so steadily); windows after which any slip ends (20 s: nothing is left of an inertial
 speed). Estimated."""
 
-_MAX_SPEED_FACTOR, _MAX_SPEED_MARGIN = 1.5, 0.5
-"""Factor on the maximum speed so far, and m/s in addition, beyond which an inertial speed is discarded."""
+_MAX_SPEED_FACTOR = 2.0
+"""Factor on the maximum speed so far, beyond which an inertial speed is discarded. Estimated."""
 
 
 class ForwardResidual(NamedTuple):
@@ -239,8 +231,7 @@ class SlipDetector:
             return True
         if abs(slip) > abs(current.speed):
             current.speed = slip
-        limit = min(GATE_SIGMA * math.sqrt(variance), _NEAR_SHARE * abs(current.speed))
-        is_near = abs(slip) < limit + _AGREEMENT_SPEED
+        is_near = abs(slip) <= min(GATE_SIGMA * math.sqrt(variance), _SLIP_SHARE * abs(current.speed))
         if (
             forward is None
             or forward.residual**2 > GATE_SIGMA**2 * forward.variance + (_RESIDUAL_DRIFT * WINDOW_S) ** 2
@@ -267,7 +258,7 @@ class SlipDetector:
 
     def _end_slip(self, current: Slip, number: int, is_consistent: bool) -> bool:
         """End the slip if the wheel was near for long enough or is consistent; return True if it ended."""
-        jumped = self._lost_speed > _JUMP_SHARE * abs(current.speed)
+        jumped = self._lost_speed > _SLIP_SHARE * abs(current.speed)
         if self._near_windows < (_NEAR_WINDOWS if jumped else _SLOW_END_WINDOWS) and not is_consistent:
             return False
         self.ended_by_jump = jumped
@@ -293,5 +284,5 @@ class SlipDetector:
 
 def _is_implausible(inertial_speed: float, slip: float, variance: float, max_speed: float) -> bool:
     """Return True if an inertial speed is less plausible than that of a wheel that may slip."""
-    limit = _MAX_SPEED_FACTOR * max_speed + _MAX_SPEED_MARGIN
+    limit = _MAX_SPEED_FACTOR * max_speed
     return abs(inertial_speed) > limit > abs(inertial_speed + slip) or variance > limit * limit
