@@ -21,39 +21,29 @@ _MIN_CHECK_SPEED = 0.1
 _MAX_CHECK_WINDOWS = 3000
 """Windows after which the mounting counts as confirmed, 5 min. Estimated."""
 
-_MAX_YAW_RMS, _YAW_RMS_FLOOR = 0.2, 0.02
-"""rad/s, rms yaw-rate residual up to which a mounting explains the gyros; and 1 % of brisk turns, the
-residual of a correct mounting. Estimated.
+_MAX_YAW_RMS = 0.2
+"""rad/s, rms yaw-rate residual up to which a mounting explains the gyros. Estimated."""
+
+_AXLE_YAW_RMS, _GYRO_YAW_SHARE, _SPEED_YAW_SHARE = 0.03, 0.1, 0.2
+"""Yaw-rate difference on one axle: rms in rad/s, and as a share of the yaw rate, of two gyros and of the
+wheels' speeds against the gyros.
+
+On real drives nodes on one axle differ by 0.005 rad/s (a car) and 0.03 at 0.6 rad/s (a wheelchair). Tape
+measures are off by a tenth at most. Estimated.
 """
 
-_STEERING_YAW_RMS, _MIN_STEERING_SHARE = (0.03, 0.1), 0.5
-"""Yaw-rate difference of two nodes on one axle: rms in rad/s, and as a share of the yaw rate; share of its
-square by which one wheel must turn more than the other to be named.
+_MIN_STEERING_SHARE, _MIN_TURNED_ANGLE = 0.5, 3.0
+"""Share of the squared difference by which one wheel must turn more than the other to be named as steered;
+rad turned before speeds are judged.
 
-On real drives nodes on one axle differ by 0.005 rad/s (a car) and 0.03 at 0.6 rad/s (a wheelchair). A
-steered wheel turns more than the vehicle in the long run, because its own steering is not correlated with
+A steered wheel turns more than the vehicle in the long run, because its own steering is not correlated with
 the vehicle's turning. Estimated.
-"""
-
-_AXLE_YAW_RMS, _MIN_TURNED_ANGLE = (0.04, 0.2), 3.0
-"""The same for the yaw rate from the wheels' speeds against the gyros: rms in rad/s, and share; rad turned
-before it is judged. Tape measures are off by a tenth at most. Estimated.
 """
 
 _MAX_SIZE_RATIO = 0.05
 """Half of the relative difference of the two wheels' rolling radii up to which they belong to one axle.
 Tapes and uncalibrated gyros differ by a few hundredths; wheels of two axles differ by their steering.
 Estimated.
-"""
-
-_MAX_WINDOW_SIGMA = 4.0
-"""Largest contribution of one window, in units of the tolerance: seconds of slip are no other axle.
-Estimated.
-"""
-
-_MIN_SQUARES_RATIO = 6.0
-"""Ratio of the squared residuals of the declared mounting to those of another one, 2.5 times its rms.
-Estimated; one curve makes it hundreds.
 """
 
 _CAREFUL_TAPE_SIGMA, _MAX_DRIVE_SIGMA = 0.005, 0.01
@@ -197,11 +187,12 @@ class MountingCheck:
     def _compare_sizes(self, residual: float, turned_rate: float, yaw_rate_square: float) -> None:
         """Accumulate the yaw-rate residual of the wheels' speeds, less that of unequal wheels.
 
-        residual: rad/s; turned_rate: 1/s times twice the speed over the track; yaw_rate_square: (rad/s)².
+        residual: rad/s; turned_rate: 1/s times twice the speed over the track; yaw_rate_square: (rad/s)². A
+        window counts at most as `GATE_SIGMA` tolerances, so seconds of slip are no other axle.
         """
-        tolerance = _AXLE_YAW_RMS[0] ** 2 + _AXLE_YAW_RMS[1] ** 2 * yaw_rate_square
+        tolerance = _AXLE_YAW_RMS**2 + _SPEED_YAW_SHARE**2 * yaw_rate_square
         regression = self.size_regression
-        if residual * residual < _MAX_WINDOW_SIGMA**2 * (tolerance + (_MAX_SIZE_RATIO * turned_rate) ** 2):
+        if residual * residual < GATE_SIGMA**2 * (tolerance + (_MAX_SIZE_RATIO * turned_rate) ** 2):
             regression[0] += turned_rate * turned_rate
             regression[1] += turned_rate * residual
         size_ratio = (
@@ -210,7 +201,7 @@ class MountingCheck:
             else 0.0
         )
         self.axle_misfit += (
-            min((residual - size_ratio * turned_rate) ** 2, _MAX_WINDOW_SIGMA**2 * tolerance) - tolerance
+            min((residual - size_ratio * turned_rate) ** 2, GATE_SIGMA**2 * tolerance) - tolerance
         )
 
     def _check_steering(self) -> float | None:
@@ -219,7 +210,7 @@ class MountingCheck:
             abs(self.yaw_rate_squares[0] - self.yaw_rate_squares[1]),
             self.yaw_rate_squares[2],
         )
-        if difference_square < _STEERING_YAW_RMS[0] ** 2 * self.count + _STEERING_YAW_RMS[1] ** 2 * min(
+        if difference_square < _AXLE_YAW_RMS**2 * self.count + _GYRO_YAW_SHARE**2 * min(
             self.yaw_rate_squares[:2]
         ):
             return None
@@ -252,7 +243,7 @@ class MountingCheck:
             best_mounting == 0
             or not is_explained
             or self.yaw_residual_squares[0]
-            < _MIN_SQUARES_RATIO * (self.yaw_residual_squares[best_mounting] + _YAW_RMS_FLOOR**2 * self.count)
+            < GATE_SIGMA**2 * (self.yaw_residual_squares[best_mounting] + _AXLE_YAW_RMS**2 * self.count)
         ):
             return None
         if best_mounting == 3:
