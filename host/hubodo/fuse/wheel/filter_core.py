@@ -33,7 +33,7 @@ from hubodo.fuse.wheel.slip_monitor import HISTORY_WINDOWS, SlipMonitor
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 from hubodo.fuse.wheel.state_vector import ExternalCorrection, StateReset, initial_state
 from hubodo.fuse.wheel.wheel import WheelMode
-from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
+from hubodo.fuse.wheel.window import EMPTY_WINDOW, SECOND_WINDOWS, WINDOW_S, Window
 from hubodo.fuse.wheel.window_processor import WindowProcessor
 
 _SYMMETRISATION_STEPS = 16
@@ -42,9 +42,9 @@ _SYMMETRISATION_STEPS = 16
 _MIN_ROLLING_START_SPEED = GATE_SIGMA * SPEED.prior
 """m/s; a first window that is faster is not a start from standstill."""
 
-_STANDSTILL_MEMORY_WINDOWS = 5
+_STANDSTILL_MEMORY_WINDOWS = SECOND_WINDOWS
 """Windows after the last standstill in which an outage still counts as starting at standstill: one wheel may
-be lost so long before the other. Estimated."""
+be lost so long before the other."""
 
 
 class FilterCore(WindowProcessor):

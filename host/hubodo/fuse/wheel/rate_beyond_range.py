@@ -22,15 +22,11 @@ from hubodo.fuse.wheel.entries import (
 )
 from hubodo.fuse.wheel.measurements.steady import GRAVITY_SPEED_SIGMA
 from hubodo.fuse.wheel.spin_search import rederotate_window
-from hubodo.fuse.wheel.wheel import Wheel, reset_state
+from hubodo.fuse.wheel.wheel import MAX_ANGLE_ERROR, Wheel, reset_state
 from hubodo.fuse.wheel.window import BUMP_WINDOWS, WINDOW_S, Window
 
 _RATE_STEP_ACCELERATION = 3.0
 """m/s², hard driving, by which the rate beyond range may change from window to window. Estimated."""
-
-_MAX_ANGLE_SIGMA = 1.0
-"""rad, 1 sigma of the wheel angle in a clipped window above which the phase of gravity is ambiguous; also the
-phase error of gravity that counts as misaligned."""
 
 _MIN_ARM_SIGMA = 0.004
 """m, 1 sigma below which the lever arm is not learnt while gravity is searched: the arm that was assumed is
@@ -77,7 +73,7 @@ def derotate_window(x: list[float], p: Array, wheel: Wheel, window: Window) -> t
     # an angle half a turn off as firmly, with the opposite yaw rate.
     is_blind = window.force_clipped > 0.0 and not tracker.is_observed
     is_unobserved = wheel.slip_detector.is_slipping and (is_blind or not was_tracking)
-    if wheel.angle_initialised and (is_unobserved or angle_variance > _MAX_ANGLE_SIGMA**2):
+    if wheel.angle_initialised and (is_unobserved or angle_variance > MAX_ANGLE_ERROR**2):
         wheel.angle_losses += 1
         wheel.drop_angle()
     return rederotate_window(window, x[beyond], tracker.slope), reset_columns
@@ -112,7 +108,7 @@ def reset_misaligned_angle(x: list[float], p: Array, wheel: Wheel, window: Windo
     columns, change = wheel.columns, wheel.spin_tracker.slope * wheel.geometry.radius
     wheel.view.linearise(x, window, is_stationary=False)
     phase = cmath.phase(wheel.view.force / complex(STANDARD_GRAVITY, change))
-    is_misaligned = wheel.spin_tracker.is_observed and abs(phase) > _MAX_ANGLE_SIGMA
+    is_misaligned = wheel.spin_tracker.is_observed and abs(phase) > MAX_ANGLE_ERROR
     wheel.misaligned_windows = wheel.misaligned_windows + 1 if is_misaligned else 0
     if wheel.misaligned_windows < BUMP_WINDOWS:
         return []

@@ -25,11 +25,11 @@ from hubodo.fuse.wheel.window import WINDOW_S, Window
 _MAX_RATE_BEYOND = 240.0
 """rad/s beyond range that is searched, 8 times a gyro of 2000 deg/s."""
 
-_MAX_ACCELERATION = 10.0
-"""m/s², acceleration limit of a tyre on a dry road, 1 g."""
+_MAX_ACCELERATION = STANDARD_GRAVITY
+"""m/s², acceleration limit of a tyre on a dry road: its coefficient of friction is 1."""
 
-_GRAVITY_SHARE_BOUNDS = (0.6, 1.5)
-"""Amplitude of the rotating force in units of gravity within which it is accepted as gravity. Estimated."""
+_MAX_GRAVITY_RATIO = 1.5
+"""Ratio of the rotating force and gravity up to which it is accepted as gravity, either way. Estimated."""
 
 _MIN_SEARCH_SAMPLES = 25
 """Samples for a search, a quarter of a second at 104 Hz; fewer do not separate gravity from the lever arm."""
@@ -154,7 +154,7 @@ class _Chirp(NamedTuple):
 
     @property
     def is_gravity(self) -> bool:
-        return _GRAVITY_SHARE_BOUNDS[0] < abs(self.amplitude) / STANDARD_GRAVITY < _GRAVITY_SHARE_BOUNDS[1]
+        return 1.0 / _MAX_GRAVITY_RATIO < abs(self.amplitude) / STANDARD_GRAVITY < _MAX_GRAVITY_RATIO
 
 
 class _Samples(NamedTuple):

@@ -10,10 +10,10 @@ from enum import Enum
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.fuse.wheel.axle_rate import MIN_ROLLING_RATE
-from hubodo.fuse.wheel.config import WheelNode
+from hubodo.fuse.wheel.config import GATE_SIGMA, WheelNode
 from hubodo.fuse.wheel.entries import CAMBER, RATE_BEYOND_RANGE, WHEEL_ANGLE, Entry
 from hubodo.fuse.wheel.measurements import LinearisedWindow, WheelGeometry
-from hubodo.fuse.wheel.measurements.steady import NodeFixedTerms
+from hubodo.fuse.wheel.measurements.steady import GRAVITY_SPEED_SIGMA, NodeFixedTerms
 from hubodo.fuse.wheel.motion_state import StandstillDetector
 from hubodo.fuse.wheel.slip_detector import SlipDetector
 from hubodo.fuse.wheel.spin_search import SpinTracker, find_spin
@@ -22,14 +22,9 @@ from hubodo.fuse.wheel.window import BUMP_WINDOWS, EMPTY_WINDOW, WINDOW_S, Windo
 MAX_MISSING_SHARE = 0.5
 """Share of a window without samples from which on the window is not used at all. Estimated."""
 
-_MAX_GRAVITY_JUMP = 0.7
-"""rad of change in the direction of gravity across a gap, beyond which the wheel angle is reinitialised.
-
-Twice the tilt by hard braking (prior of WHEEL_ANGLE). Estimated.
-"""
-
-_SEARCHED_RATE_SIGMA = 1.0
-"""rad/s, 1 sigma of a searched spin; the vehicle may brake unevenly meanwhile. Estimated."""
+MAX_ANGLE_ERROR = GATE_SIGMA * WHEEL_ANGLE.prior
+"""rad; a wheel angle is unknown beyond it, as change of the direction of gravity or as sigma: the prior is
+the tilt by hard braking."""
 
 _GRAVITY_UPDATE = 0.2
 """Weight of a window in the exponential smoothing of the direction of gravity before a gap: half a second of
@@ -205,7 +200,7 @@ class Wheel:
             return
         jump = abs(cmath.phase(self._gravity_after_gap * self._gravity_before_gap.conjugate()))
         self._gravity_before_gap, self._n_after_gap = self._gravity_after_gap / BUMP_WINDOWS, None
-        if jump > _MAX_GRAVITY_JUMP:
+        if jump > MAX_ANGLE_ERROR:
             self.angle_losses += 1
             self.drop_angle()
 
@@ -234,7 +229,7 @@ class Wheel:
             x[columns[RATE_BEYOND_RANGE]] = spin.excess if at_start else spin.excess_end
             self.spin_tracker.initialise(x[columns[RATE_BEYOND_RANGE]], 0.0)
             self.steady_terms = spin.steady
-            reset_state(p, columns[RATE_BEYOND_RANGE], _SEARCHED_RATE_SIGMA**2)
+            reset_state(p, columns[RATE_BEYOND_RANGE], (GRAVITY_SPEED_SIGMA / self.geometry.radius) ** 2)
             reset_columns = [columns[WHEEL_ANGLE], columns[RATE_BEYOND_RANGE]]
         else:
             carrier = self.alignment_start_angle if at_start else self.alignment_end_angle
