@@ -1,58 +1,58 @@
-# Every target does its own set-up; the only thing to bring is Python 3.11 or newer.
+# Every target does its own set-up; only Python 3.11 or newer is required.
 PYTHON ?= python3
 BIN := .venv/bin
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
-# The matrices here are small: threads of a matrix library cost more than they bring.
+# The matrices here are small: threads of a matrix library cost more time than they save.
 export OPENBLAS_NUM_THREADS := 1
-# Hundreds of processes import the same files: they are compiled once.
+# Hundreds of processes import the same files, so their bytecode is cached.
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test quick check docs package chip bench soak papers accuracy road sensitivity gap-matrix gap-limit gap-reliability gap-several gap-beyond gap-rides mutants faults fuzz load fleet audit browser compiler setup clean
 .DEFAULT_GOAL := demo
 
-demo: setup          ## the main job, end to end, with no hardware
+demo: setup          ## the main job end to end, without hardware
 	$(BIN)/hubodo demo -o out/demo
 
-test: setup browser compiler  ## everything that can be proven without hardware
+test: setup browser compiler  ## all tests that need no hardware
 	$(BIN)/python -m pytest --numprocesses 5 --dist loadfile --no-loadscope-reorder
 
 QUICK := tests/protocol tests/host/effects tests/host/model tests/host/log tests/host/gap tests/host/fuse
-# Left out: the graph, many noisy drives, whole recordings and recipes, which take most of the time.
+# Excluded: tests of the graph, of many noisy drives and complete recordings, and recipes, which take most of the time.
 SLOW := graph_* wheel_calibration* wheel_car* wheel_clipped* wheel_consistency* wheel_honest* wheel_rollback* \
 	surface_speeds* ranges* node_bias* gap_watch* gap_null_distribution* gap_explanation* gap_process_noise* *add_* field*
-quick: setup         ## what a change of protocol, effects, model, log, gap or wheel filter needs first; a minute
+quick: setup         ## the core in a minute: protocol, effects, model, log, gap, wheel filter
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder -m "not real_time" \
 		$(foreach name,$(SLOW),--ignore-glob='*/test_$(name)') $(QUICK)
 
 check: setup         ## format, lint, types, generated files, firmware for both boards
 	tools/check
 
-docs: setup          ## the documentation's site, with the notebook run, into out/docs: open index.html
+docs: setup          ## build the documentation, and run its notebook, into out/docs: open index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet --config-file host/mkdocs.yml
 
-package: setup       ## the package built, installed from wheels alone into a new environment, and tried there
+package: setup       ## build the package, install it from wheels into a new environment, and run the demo there
 	tools/try_package
 
-chip: setup          ## the firmware on an emulated Pico: losses, processor, heap, time stamps; some three minutes
+chip: setup          ## the firmware on an emulated Pico: losses, processor, heap, time stamps; about three minutes
 	$(BIN)/python tests/chip/chip.py --seconds 60
 
 BENCHES := decoder reading recording import filters hour fuse live allan gap web
-bench: setup         ## speed and memory beside the peers, in the same run; the table of all, and what has become slower
+bench: setup         ## speed and memory compared with other packages in the same run; a table, and what has become slower
 	@missed=0; for name in $(BENCHES); do $(BIN)/python tests/bench/bench_$$name.py || missed=1; done; \
 		$(BIN)/python tests/bench/table.py || missed=1; exit $$missed
 
 HOURS := 3
-soak: setup          ## hours of recording in virtual time, memory at each; some five minutes (HOURS=24: forty)
+soak: setup          ## memory during hours of recording in virtual time; about five minutes (HOURS=24: forty)
 	$(BIN)/python tests/soak/soak.py --hours $(HOURS) $(SOAK)
 
-papers: setup        ## four papers, their figures beside ours
+papers: setup        ## results of four papers compared with ours
 	$(BIN)/python tests/papers/shah.py
 	$(BIN)/python tests/papers/barshan.py
 	$(BIN)/python tests/papers/avrutov.py
 	$(BIN)/python tests/papers/avrutov_separation.py
 	$(BIN)/python tests/papers/robert.py
 
-accuracy: setup      ## accuracy over many seeded drives and records; some fifteen minutes
+accuracy: setup      ## accuracy over many seeded drives and records; about fifteen minutes
 	$(BIN)/python tests/accuracy/odometry.py
 	$(BIN)/python tests/accuracy/mixed.py
 	$(BIN)/python tests/accuracy/gnss.py
@@ -63,7 +63,7 @@ accuracy: setup      ## accuracy over many seeded drives and records; some fifte
 	$(BIN)/python tests/accuracy/poses.py
 	$(BIN)/python tests/accuracy/node_bias.py
 
-road: setup          ## a real car, rests, silences, slip, sensors at their ends, calibration; some forty minutes
+road: setup          ## a real car, standstills, outages, slip, saturated sensors, calibration; about forty minutes
 	$(BIN)/python tests/accuracy/car.py
 	$(BIN)/python tests/accuracy/car_gnss.py
 	$(BIN)/python tests/accuracy/rests.py
@@ -72,7 +72,7 @@ road: setup          ## a real car, rests, silences, slip, sensors at their ends
 	$(BIN)/python tests/accuracy/slip.py
 	$(BIN)/python tests/accuracy/wheel_calibration.py
 
-sensitivity: setup   ## each constant of the wheel filter at half and twice its value; hours, continues where it stopped
+sensitivity: setup   ## each constant of the wheel filter at half and twice its value; takes hours, resumes after an interruption
 	$(BIN)/python tests/accuracy/sensitivity.py
 
 gap-matrix: setup    ## hidden effects found, missed and falsely named, on the test seeds; about seventy minutes
@@ -98,30 +98,30 @@ gap-rides: setup     ## five effects hidden in virtual nodes, and a recording of
 mutants: setup       ## mutation testing of the core: the share of mutants that the tests kill; an interrupted run continues
 	$(BIN)/python tests/mutants/score.py --seed 1 --count 125 --demand 0.85
 
-faults: setup        ## the table of faults, each done and judged, two hundred kills among them, floods and a thousand changed files; some twenty minutes
+faults: setup        ## the table of faults, all tested, including two hundred kills, floods and a thousand mutated files; about twenty minutes
 	$(BIN)/python tests/faults/faults.py --kills 200
 
 SECONDS ?= 600
-fuzz: setup          ## each reader on changed files, SECONDS each (600), within limits of memory and time (FUZZ="--reader hdf5 --files 1000")
+fuzz: setup          ## each reader on mutated files for SECONDS (600), within limits of memory and time (FUZZ="--reader hdf5 --files 1000")
 	$(BIN)/python tests/fuzz/fuzz.py --seconds $(SECONDS) $(FUZZ)
 
-load: setup          ## 64 nodes on one recorder for five minutes, then more until it breaks; wants a quiet machine
+load: setup          ## 64 nodes on one recorder for five minutes, then more until one fails; requires a quiet machine
 	$(BIN)/python tests/load/load.py
 	$(BIN)/python tests/load/idle_connections.py
 	$(BIN)/python tests/load/idle_connections.py --slow --connections 100
 
-audit: setup         ## known holes in what is installed, asked of PyPI's and npm's advisories
+audit: setup         ## known vulnerabilities of the installed packages, from the advisories of PyPI and npm
 	$(PYTHON) -m venv out/audit && out/audit/bin/pip install --quiet --disable-pip-version-check pip-audit
 	out/audit/bin/pip-audit --requirement requirements.lock --no-deps --disable-pip
 	npm audit
 
-fleet: setup         ## two thousand logs of five minutes through hubodo batch, a second worker, a year's index; some twenty minutes, 6 GB
+fleet: setup         ## two thousand logs of five minutes through hubodo batch, a second worker, an index of a year; about twenty minutes, 6 GB
 	$(BIN)/python tests/batch/fleet.py
 
-browser:             ## what opens the pages in tests; only where it is missing and can be installed
+browser:             ## Chromium for the tests of pages, installed if missing and possible
 	@command -v chromium >/dev/null && command -v chromedriver >/dev/null || tools/debian_packages chromium chromium-driver || true
 
-compiler:            ## what builds the foreign decoder in tests; likewise
+compiler:            ## C compiler for the independent decoder in tests; likewise
 	@command -v cc >/dev/null || tools/debian_packages gcc libc6-dev || true
 
 setup:

@@ -1,4 +1,4 @@
-"""A node at rest: slow after its time, awake within two slow samples of a motion, no gap told for it."""
+"""Slow sampling at standstill: starts after the configured time, ends within two samples of a motion."""
 
 from types import SimpleNamespace
 
