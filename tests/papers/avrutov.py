@@ -36,24 +36,21 @@ AVERAGES = (1, 100, 10_000)
 
 
 def gravity(order, every_combination=False):
-    """(R, 3) unit vectors of gravity (0, 0, -g) in the node for the paper's angles.
-
-    Their order is not in the paper.
-    """
+    """Return unit vectors of gravity (0, 0, -g) in the node for the angles of the paper, (R, 3)."""
     combine = itertools.product if every_combination else zip
     angles = np.radians(np.array(list(combine(ALPHA, BETA, GAMMA)), float))
     return Rotation.from_euler(order, angles).inv().apply([0.0, 0.0, -1.0])
 
 
 def as_in_the_paper(u, g):
-    """Eq. 6: one linear solution with the true direction cosines."""
+    """Return eq. 6: one linear solution with the true direction cosines."""
     x, y, z = g.T
     rows = np.column_stack([x, y, z, x * x, y * y, z * z, x * y, x * z, y * z])
     return np.linalg.lstsq(rows, ((u**2).sum(axis=1) - 1) / 2, rcond=None)[0], np.linalg.cond(rows)
 
 
 def worst_bias_error(p):
-    """% of the largest relative error of the three biases, the quantity of Figure 2."""
+    """Return the largest relative error of the three biases, %, the quantity of Figure 2."""
     return 100 * float(np.abs(p[:3] / np.array(TRUTH.b) - 1).max())
 
 
@@ -65,7 +62,7 @@ def ours(u, sigma):
 
 
 def knee(errors):
-    """First number of decimals from which on the error stays below WORKS."""
+    """Return the first number of decimals from which on the error stays below WORKS."""
     for d in DECIMALS:
         if all(errors[k] is not None and errors[k] < WORKS for k in DECIMALS if k >= d):
             return d

@@ -30,18 +30,20 @@ OFF_DIAGONAL = [1, 2, 3, 5, 6, 7]
 
 
 def drawn(rng, bias):
-    """A triad with six unequal angles of 1 %."""
+    """Return a triad with six unequal angles of 1 %."""
     angles = {name: 0.01 * rng.standard_normal() for name in NAMES}
     return Errors(tuple(bias * rng.standard_normal(3)), tuple(0.003 * rng.standard_normal(3)), angles)
 
 
 def matrix(errors):
-    """(3, 3) of a triad, from what it measures of unit vectors."""
+    """Return the (3, 3) matrix of a triad from its measurements of unit vectors."""
     return errors.measure(np.eye(3)).T - np.array(errors.b)[:, None]
 
 
 def bound(attitudes, gyro_noise):
-    """rad, Cramér-Rao 1 sigma of the off-diagonal elements of the gyros' matrix, rms, for small errors."""
+    """Return the rms Cramér-Rao 1σ, rad, of the off-diagonal elements of the gyro matrix, for small
+    errors.
+    """
     count = round(REST * RATE)
     earth = np.array([0.0, np.cos(LATITUDE), np.sin(LATITUDE)])
     parts = []
@@ -61,7 +63,7 @@ def bound(attitudes, gyro_noise):
 
 
 def trial(seed, gyro_noise, bias, latitude):
-    """(6,) errors of the paper's angles, of ours, and our sigmas, rad."""
+    """Return the errors, (6,), of the paper's angles and of ours, and our sigmas, rad."""
     rng = np.random.default_rng(seed)
     gyro, accel = drawn(rng, bias), drawn(rng, 0.1)
     attitudes = Rotation.random(POSES, rng=rng)

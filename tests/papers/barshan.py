@@ -69,7 +69,7 @@ def taught(seed: int) -> Known:
 
 
 def ours(known: Known, t: np.ndarray, output: np.ndarray, age: float, stationary: float, step: float):
-    """The track by what `hubodo heading` calls, with its own defaults; output in deg/s."""
+    """Return the track by the functions behind `hubodo heading`, with its defaults; output in deg/s."""
     rate = output * DEG
     axis = VerticalAxis(t, rate, rate)
     spans = standstills_from_user(t, [(0.0, stationary)])
@@ -86,7 +86,9 @@ def generator(case: str, seed: int) -> np.random.Generator:
 
 
 def one_run(case: str, seed: int, known: Known) -> tuple[dict[str, np.ndarray], float, float]:
-    """Errors of each way over time (deg), raw at the end, and what ours says of its end; five minutes."""
+    """Return the errors of each method over five minutes (deg), the raw error at the end, and our sigma at
+    the end.
+    """
     t, rate, output, day = start_day.run(case, generator(case, seed))
     age, stationary = start_gyro.AGES[case], start_day.REST
     moving = round(stationary / start_day.DT)
@@ -148,7 +150,9 @@ def hours(stationary: float, cold: bool, seeds: range, nights: list[Known]) -> d
 
 
 def by_the_verbs(case: str, seed: int) -> tuple[float, float]:
-    """(degrees turned, sigma) by `hubodo warmup -o` of the night's log and `hubodo heading` of the run's."""
+    """Return (degrees turned, sigma) by `hubodo warmup -o` on the night's log and `hubodo heading` on the
+    run.
+    """
     with tempfile.TemporaryDirectory() as folder:
         night, drive, file = (Path(folder) / name for name in ("night", "drive", "c.toml"))
         t, output = start_day.overnight(np.random.default_rng([seed % NIGHTS, 7]))

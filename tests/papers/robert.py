@@ -45,11 +45,7 @@ DEG_H = np.pi / 180 / 3600
 
 
 def with_minimum(n, lowest, at):
-    """Sensor whose Allan deviation is lowest, `lowest` deg/h, at `at` s, with n in deg/sqrt(h).
-
-    At the minimum random walk and white noise contribute alike: K² tau / 3 = N² / tau; flicker makes up the
-    rest.
-    """
+    """Return a sensor whose Allan deviation has a minimum of `lowest`, deg/h, at `at` s; n in deg/√h."""
     white = (60 * n) / np.sqrt(at)
     flicker = np.sqrt(max(lowest**2 - 2 * white**2, 0)) / np.sqrt(2 * np.log(2) / np.pi)
     return Sensor(n, flicker, np.sqrt(3) * (60 * n) / at * 60)
@@ -64,7 +60,7 @@ STIM210 = with_minimum(0.15, 0.57, 1000.0)
 
 @dataclass(frozen=True)
 class Noise:
-    """A gyro's noise made without any code of hubodo; N, B, K, R in SI."""
+    """Gyro noise generated without any code of hubodo; N, B, K, R in SI units."""
 
     n: float
     b: float = 0.0
@@ -111,7 +107,7 @@ def oracle_of(a, sensor):
 
 
 def azimuth_oracle(result, sensor, azimuth):
-    """Error of azimuth and its bound, rad, of the oracle, which knows the length of Earth rate."""
+    """Return the azimuth error and its bound, rad, of the oracle, which knows the Earth rate."""
     return azimuth_oracle_of(result.averages[0], sensor, azimuth)
 
 
@@ -203,7 +199,7 @@ def maytag_rows(seeds):
 
 
 def several(retained, four):
-    """Four gyros on one table: their mean as the thesis has it, and ours."""
+    """Compare the mean of four gyros on one table, as in the thesis, with ours."""
     rows = []
     for k in range(0, len(retained) - 3, 4):
         result = [north for north, _ in retained[k : k + 4]]
@@ -273,7 +269,9 @@ def noise_rows(seeds):
 
 
 def row(what, paper, theirs, ours, bound, reported=None):
-    """One line of the table; reported: errors of who knows the noise, on the same records."""
+    """Print one line of the table; reported: errors of an estimator that knows the noise, on the same
+    records.
+    """
     bound = rms(np.atleast_1d(bound))
     line = f"{what:56s} | {paper:28s} | {rms(theirs):7.2f} | {rms(ours):6.2f} | {bound:6.2f} |"
     if reported is not None:
@@ -293,7 +291,7 @@ def sigma(errors, sigmas):
 
 
 def ergodic(name, sensor, seed, stop=34.0, stops=1800):
-    """1,799 estimates as in the thesis."""
+    """Return 1,799 estimates as in the thesis."""
     rng = np.random.default_rng(seed)
     width, gap = int(stop / DT), int(TURN / DT)
     error = sensor.error(stops * (width + gap), DT, rng).reshape(stops, width + gap)[:, :width].mean(axis=1)
@@ -323,7 +321,7 @@ def minute(name, sensor):
 
 
 def real_noise(folder, parts):
-    """The recorded error of an ADIS16405 at rest, cut into runs, as a gyro on a simulated table."""
+    """Use the recorded error of an ADIS16405 at standstill, cut into runs, as a gyro on a simulated table."""
     node = read_folder(folder).nodes["node"]
     dt = float(np.median(np.diff(node.t)))
     rows = []
@@ -346,7 +344,7 @@ def rms(values):
 
 
 def paired(theirs, ours):
-    """Ratio of both rms and its standard deviation, by the jackknife over seeds."""
+    """Return the ratio of both rms values and its standard deviation by the jackknife over seeds."""
     ratio = rms(theirs) / rms(ours)
     a, b = np.square(theirs), np.square(ours)
     left = np.sqrt((a.sum() - a) / (b.sum() - b))

@@ -28,7 +28,7 @@ NAMES = ("Kalman", *(f"RLS {factor}" for factor in FACTORS))
 PAPER_MS = dict(zip(NAMES, (0.163, 0.0955, 0.0848), strict=True))
 PAPER_RMSE = dict(zip(NAMES, (0.154, 0.167, 0.215), strict=True))
 TRAINING_SEED = 1000
-"""The Kalman filter's rate step is chosen on this drive; the drives of the table have other seeds."""
+"""Seed of the drive on which the rate step of the Kalman filter is tuned; the table uses other seeds."""
 BIAS_STEP = 1e-6
 """rad/s a sample: the random walk that the generator puts into the bias."""
 DRIVES = {
@@ -65,10 +65,7 @@ def kalman(built, rate_step, noise):
 
 
 def tuned_step(acceleration, noise):
-    """rad/s a sample: the best on the training drive.
-
-    A random walk is not what a driver does, so no value can be computed.
-    """
+    """Return the best rate step on the training drive, rad/s per sample."""
     built = drive(TRAINING_SEED, acceleration, noise)
     steps = np.geomspace(1e-3, 30.0, 60) * noise
     return min(steps, key=lambda step: rmse(kalman(built, step, noise), built))
@@ -80,7 +77,9 @@ def row(name, raw, result, chosen="-", bound="-"):
 
 
 def chosen(built, step, noise):
-    """(way, its estimate's error in rad/s) by the smallest held-out error, which needs no truth."""
+    """Return (method, error of its estimate in rad/s) with the smallest held-out error, which needs no
+    truth.
+    """
     reported = held_out(built.z, DT)
     direction = min(reported, key=reported.get)
     if direction == "raw":
@@ -92,7 +91,7 @@ def chosen(built, step, noise):
 
 
 def bound(built, noise):
-    """rad/s: the best gain for this very drive, with its truth in hand."""
+    """Return the rmse, rad/s, of the best gain for this drive, chosen with its truth."""
     return min(rmse(kalman(built, step, noise), built) for step in np.geomspace(1e-3, 30.0, 60) * noise)
 
 
@@ -167,7 +166,7 @@ def held_out(values, dt):
 
 
 def table_real():
-    """Recordings of real wheels and of a gyro at rest."""
+    """Print the table of recordings of real wheels and of a static gyro."""
     print("Real recordings: rms of each second sample as told from those before, mrad/s (no paper figure)")
     print(f"  {'':34}" + "".join(f"{name:>10}" for name in ("raw", *NAMES)))
     gains, losses = [], []
@@ -202,7 +201,7 @@ def per_update_us(update, values):
 
 
 def kalman_in_matrices():
-    """Eq. 6-8 and 12 with numpy 2 x 2 matrices at each sample, as the paper prints them."""
+    """Return an update by eq. 6-8 and 12 with numpy 2 x 2 matrices per sample, as printed in the paper."""
     x, p, h = np.zeros((2, 1)), np.eye(2), np.array([[1.0, 1.0]])
     f, q, r, one = np.eye(2), np.diag([1e-4, 1e-12]), np.array([[0.09]]), np.eye(2)
 
@@ -220,7 +219,7 @@ def kalman_in_matrices():
 
 
 def rls_in_matrices(factor):
-    """Eq. 13-14 with numpy matrices."""
+    """Return an update by eq. 13-14 with numpy matrices."""
     b, p, n, estimate = np.zeros((2, 1)), 1e6 * np.eye(2), 0, 0.0
 
     def update(z):
@@ -263,7 +262,7 @@ def table_run_time():
 
 
 def figure_3(seed, png):
-    """Still data before and after the bias found by eq. 1-3 is taken off, in bins of 1e-5 rad/s."""
+    """Print static data before and after removing the bias of eq. 1-3, in bins of 1e-5 rad/s."""
     rng = np.random.default_rng(seed)
     sigma, bias = 9e-4, rng.normal(0.0, 0.02, 3)
     z = bias + rng.normal(0.0, sigma, (20_000, 3))

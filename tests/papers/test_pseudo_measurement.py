@@ -83,7 +83,9 @@ def motion(kind, count=3000):
 
 @cache
 def ensemble(kind, spread, as_printed=False, seed=20):
-    """Errors (M, 3) and covariances (M, 3, 3) at the end, biases drawn from the filter's own prior."""
+    """Return errors (M, 3) and covariances (M, 3, 3) at the end, biases drawn from the prior of the
+    filter.
+    """
     rate, errors, covariances = motion(kind), [], []
     known = np.linalg.norm(rate, axis=1)
     for run in range(RUNS):
@@ -102,7 +104,7 @@ def nees(errors, covariances):
 
 
 @pytest.mark.parametrize(("kind", "spread"), [("rest", 0.01), ("turning", 0.005), ("wheel", 0.002)])
-def test_the_errors_are_as_large_as_the_covariance_says(kind, spread):
+def test_the_nees_is_consistent(kind, spread):
     errors, covariances = ensemble(kind, spread)
     low, high = chi2.ppf([0.001, 0.999], 3 * RUNS) / RUNS
     result = nees(errors, covariances)
@@ -110,7 +112,7 @@ def test_the_errors_are_as_large_as_the_covariance_says(kind, spread):
     assert low < result < high
 
 
-def test_at_rest_the_printed_filter_is_sure_of_a_wrong_bias():
+def test_at_standstill_the_printed_filter_is_overconfident():
     """Eq. 3 is not the default, because its errors on the same samples are larger."""
     printed, ours = ensemble("rest", 0.02, as_printed=True), ensemble("rest", 0.02)
     rms = [float(np.sqrt(np.mean(errors**2))) for errors, _ in (printed, ours)]
@@ -118,7 +120,7 @@ def test_at_rest_the_printed_filter_is_sure_of_a_wrong_bias():
     assert nees(*printed) > 100 and rms[0] > 5 * rms[1]
 
 
-def test_at_rest_it_has_two_sevenths_of_the_information_of_the_mean():
+def test_at_standstill_the_information_is_two_sevenths_of_that_of_the_mean():
     """Isotropic noise: 4 s^2 / (14 s^4) a sample and axis."""
     rng, count = np.random.default_rng(9), 4000
     filter_ = PseudoMeasurementFilter(SIGMA**2 * np.eye(3), sigma=SIGMA)
@@ -127,13 +129,13 @@ def test_at_rest_it_has_two_sevenths_of_the_information_of_the_mean():
     assert SIGMA**2 / count / each == pytest.approx(np.full(3, 2 / 7), rel=0.1)
 
 
-def test_a_wheel_shows_its_bias_along_the_axle_alone():
+def test_on_a_wheel_only_the_bias_along_the_axle_is_observable():
     errors, covariances = ensemble("wheel", 0.002)
     assert np.sqrt(np.mean(errors[:, 2] ** 2)) < 5e-5
     assert np.sqrt(covariances[:, 0, 0].mean()) > 0.9 * 0.002
 
 
-def test_what_is_wrong_across_the_axle_appears_along_it_as_the_docstring_says():
+def test_bias_errors_across_the_axle_cause_the_documented_error_along_it():
     across = 0.05
     rate = motion("wheel")
     rate[:, 2] = 5.0
@@ -155,7 +157,7 @@ def test_what_is_wrong_across_the_axle_appears_along_it_as_the_docstring_says():
         ("turning", (0.0, 0.0, -0.1), 0.1),
     ],
 )
-def test_it_comes_back_from_a_start_that_is_a_hundred_sigma_wrong(kind, start, sigma):
+def test_the_filter_converges_from_an_initial_error_of_a_hundred_sigma(kind, start, sigma):
     rate = motion(kind, 6000)
     bias = np.array([0.02, -0.01, 0.015])
     gyro = rate + bias + np.random.default_rng(3).multivariate_normal(np.zeros(3), NOISE, len(rate))
@@ -167,7 +169,7 @@ def test_it_comes_back_from_a_start_that_is_a_hundred_sigma_wrong(kind, start, s
     assert squared < chi2.ppf(0.9999, 3)
 
 
-def test_a_start_beyond_the_rate_ends_in_the_mirror_until_the_wheel_turns_back():
+def test_an_initial_bias_above_the_rate_converges_to_the_mirror_solution_until_the_wheel_reverses():
     rng, bias, rate = np.random.default_rng(4), 0.02, 0.5
     noise = rng.normal(0.0, SIGMA, (2000, 3))
     forwards = np.array([0.0, 0.0, rate + bias]) + noise
@@ -187,8 +189,10 @@ def test_a_start_beyond_the_rate_ends_in_the_mirror_until_the_wheel_turns_back()
         assert turned.bias[2] == pytest.approx(bias, abs=1.5e-3)
 
 
-def test_while_driving_gravity_gives_the_rate_and_so_the_bias():
-    """Starts, stops, vibration, tilted axle; lever arm known to 3 mm, radius to 0.4 %, both taken out."""
+def test_while_driving_the_rate_from_gravity_determines_the_bias():
+    """Starts, stops, vibration, tilted axle; the lever arm is known to 3 mm, the radius to 0.4 %, both
+    corrected.
+    """
     z, sigmas, gyro_noise = [], [], 9e-4
     for seed in range(24):
         rng = np.random.default_rng([30, seed])
@@ -210,7 +214,7 @@ def test_while_driving_gravity_gives_the_rate_and_so_the_bias():
     assert low < np.sum(np.square(z)) < high
 
 
-def test_a_scale_that_is_not_known_is_in_what_it_tells_of_itself():
+def test_the_reported_sigma_includes_an_unknown_scale_error():
     """One percent at 0.3 to 1 m/s is some 0.03 rad/s, in 24 drives; the covariance alone is far too small."""
     z, alone = [], []
     for seed in range(24):
@@ -249,7 +253,7 @@ def test_the_rate_from_gravity_is_the_weighted_mean_of_a_rate_that_changes():
     assert right.rate == pytest.approx(known.rate, rel=1e-12)
 
 
-def test_a_bulk_run_is_the_live_filter_bit_for_bit():
+def test_bulk_equals_live_bit_by_bit():
     rng = np.random.default_rng(6)
     gyro, rates = rng.normal(0.0, 1.0, (200, 3)), rng.uniform(0.0, 2.0, 200)
     live, bulk = (PseudoMeasurementFilter(NOISE, walk=1e-6) for _ in range(2))
@@ -258,13 +262,13 @@ def test_a_bulk_run_is_the_live_filter_bit_for_bit():
     assert np.array_equal(bulk.covariance, live.covariance)
 
 
-def test_a_sample_equal_to_the_bias_says_nothing_and_breaks_nothing():
+def test_a_sample_equal_to_the_bias_changes_nothing():
     filter_ = PseudoMeasurementFilter(NOISE, [0.1, 0.2, 0.3], 0.01)
     assert filter_.update((0.1, 0.2, 0.3), 1.0) == (0.1, 0.2, 0.3)
 
 
 @pytest.mark.parametrize("noise", [np.zeros((3, 3)), np.eye(2), -np.eye(3), np.triu(np.ones((3, 3)))])
-def test_noise_that_is_no_covariance_is_refused(noise):
+def test_an_invalid_noise_covariance_is_refused(noise):
     with pytest.raises(ValueError, match="noise"):
         PseudoMeasurementFilter(noise)
 

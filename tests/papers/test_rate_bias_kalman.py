@@ -65,7 +65,7 @@ def test_the_steady_gain_solves_the_riccati_equation_of_the_sum(rate_step, bias_
     assert on_bias * q_w == pytest.approx(on_rate * q_b, rel=1e-9, abs=1e-30)
 
 
-def test_the_filter_is_the_matrix_recursion_of_filterpy_once_the_gain_has_settled():
+def test_the_filter_equals_the_matrix_recursion_of_filterpy_at_steady_gain():
     rate_step, bias_step, noise, dt = 0.02, 1e-3, 0.1, 0.01
     z = np.random.default_rng(5).normal(2.0, 0.3, 600)
     theirs = KalmanFilter(2, 1)
@@ -87,7 +87,7 @@ def test_the_filter_is_the_matrix_recursion_of_filterpy_once_the_gain_has_settle
     assert theirs.P[1, 1] > 500 * growth
 
 
-def test_what_a_sample_adds_is_what_the_riccati_recursion_says():
+def test_the_gain_per_sample_satisfies_the_riccati_recursion():
     for value, wanted in zip(
         steady_state_gain(0.02, 1e-3, 0.1, 0.01).per_sample(0.01), riccati_gain(4e-4, 1e-6, 1e-2), strict=True
     ):
@@ -95,7 +95,7 @@ def test_what_a_sample_adds_is_what_the_riccati_recursion_says():
 
 
 @given(st.integers(0, 400), st.integers(0, 2**32 - 1))
-def test_a_batch_is_the_live_filter(cut, seed):
+def test_a_batch_equals_the_live_filter(cut, seed):
     """Two multiplications, one addition a sample in both; a compiler that fuses them rounds once less."""
     z = np.random.default_rng(seed).normal(3.0, 1.0, 400)
     gain = KalmanGain(7.0, 0.01)
@@ -111,7 +111,7 @@ def test_a_batch_is_the_live_filter(cut, seed):
 
 
 @pytest.mark.parametrize("gain", [(0.0, 1.0), (-1.0, 0.0), (1.0, -1e-9), (math.nan, 0.0), (math.inf, 0.0)])
-def test_a_gain_that_learns_nothing_is_refused(gain):
+def test_an_invalid_gain_is_refused(gain):
     with pytest.raises(ValueError, match="gain"):
         KalmanGain(*gain)
 

@@ -37,7 +37,7 @@ def test_the_coefficients_are_those_of_weighted_least_squares(forgetting, lagged
     assert ours.covariance == pytest.approx(np.linalg.inv(rows.T @ rows), rel=1e-8)
 
 
-def test_it_is_the_fading_filter_of_filterpy():
+def test_the_filter_equals_the_fading_filter_of_filterpy():
     """A Kalman filter with F = I, Q = 0, R = 1 and P / lambda ahead of each update is eq. 13-14."""
     z = np.random.default_rng(4).normal(5.0, 0.2, 200)
     theirs = KalmanFilter(2, 1)
@@ -75,7 +75,7 @@ def test_the_line_through_zero_leads_a_constant_by_its_memory():
     assert rates[-1] / 5.0 - 1.0 == pytest.approx(1000 / count, rel=0.1)
 
 
-def test_one_update_after_another_or_all_at_once_is_the_same():
+def test_single_updates_equal_a_batch():
     z = np.random.default_rng(6).normal(3.0, 0.3, 500)
     live, batch = RecursiveLeastSquares(0.92), RecursiveLeastSquares(0.92)
     assert [live.update(v) for v in z.tolist()] == [*batch.run(z[:123]), *batch.run(z[123:])]
@@ -83,7 +83,7 @@ def test_one_update_after_another_or_all_at_once_is_the_same():
 
 
 @pytest.mark.parametrize("rate", [0.0, 0.25])
-def test_hours_of_equal_samples_do_not_wind_it_up(rate):
+def test_hours_of_equal_samples_cause_no_overflow(rate):
     """lambda^-n overflows after 8,500 samples at 0.92; what follows must still be followed."""
     filter_ = RecursiveLeastSquares(0.92)
     filter_.run(np.full(50_000, rate))
@@ -102,7 +102,7 @@ def test_hours_of_equal_samples_do_not_wind_it_up(rate):
     st.booleans(),
     st.integers(0, 2**32 - 1),
 )
-def test_the_spread_stays_positive_whatever_comes(legs, forgetting, lagged, seed):
+def test_the_covariance_stays_positive_for_any_input(legs, forgetting, lagged, seed):
     rng = np.random.default_rng(seed)
     z = np.concatenate([np.round(rng.normal(rate, noise, n), 3) for rate, noise, n in legs])
     filter_ = RecursiveLeastSquares(forgetting, lagged=lagged)
