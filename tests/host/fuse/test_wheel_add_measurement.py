@@ -9,8 +9,8 @@ import pytest
 from package_copy import ROOT, PackageCopy
 
 TESTS_OF_ROWS = (
-    "host/fuse/test_wheel_model.py",
-    "host/fuse/test_wheel_update.py",
+    "host/fuse/test_wheel_measurements.py",
+    "host/fuse/test_wheel_measurement_update.py",
     "host/fuse/test_wheel_mode.py",
 )
 """Tests that differentiate every measurement, and tests that count rows."""
@@ -84,5 +84,5 @@ def test_the_tests_of_measurements_cover_an_added_one_and_pass(
     copy: PackageCopy,
 ) -> None:
     # Two sides, two facings, four seeds.
-    assert copy.run_tests("host/fuse/test_wheel_model.py", "-k", "vertical") == 16
+    assert copy.run_tests("host/fuse/test_wheel_measurements.py", "-k", "vertical") == 16
     copy.run_tests(*TESTS_OF_ROWS)

@@ -28,9 +28,18 @@ def test_the_number_of_lost_samples_is_exact_far_beyond_the_range_of_their_numbe
 
 
 def test_after_an_overrun_sample_numbers_that_contradict_the_time_are_not_used() -> None:
-    tail = BatchTail(5000, 0, PERIOD_NS, 0)
-    assert count_lost_samples(tail, 0, 300 * PERIOD_NS, PERIOD_NS, True) is None
-    assert count_lost_samples(tail, 5300, 300 * PERIOD_NS, PERIOD_NS, True) == 300
+    """They may differ by 16 samples and 5 % of the silence."""
+    start_ns = 40_000_000_000
+
+    def lost(by_index: int, by_time: int) -> int | None:
+        tail = BatchTail(5000, start_ns, PERIOD_NS, 0)
+        index = (5000 + by_index) & 0xFFFF
+        return count_lost_samples(tail, index, start_ns + by_time * PERIOD_NS, PERIOD_NS, True)
+
+    assert lost(-5000, 300) is None
+    assert lost(300, 300) == 300
+    assert (lost(300, 331), lost(300, 334)) == (300, None)
+    assert (lost(10_000, 10_500), lost(10_000, 10_600)) == (10_000, None)
 
 
 def test_a_batch_that_overlaps_the_one_before_loses_no_negative_number_of_samples() -> None:
