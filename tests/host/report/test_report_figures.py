@@ -1,5 +1,7 @@
 """Data of figures and texts of pages: bins, envelopes, formats, and files of a gap result."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,7 @@ from hubodo.errors import InputError
 from hubodo.pages.curves import Curve, plot_curves
 from hubodo.report.gap_figures import bin_means, envelope
 from hubodo.report.gap_files import check_gap_folder, replace_non_finite
-from hubodo.sensors.allan.page import explain_term, format_duration, format_value
+from hubodo.sensors.allan.page import TERM_MEANINGS, format_duration, format_value
 from hubodo.sensors.north.page import summarise_north
 
 
@@ -34,8 +36,9 @@ def test_durations_are_given_in_a_suitable_unit(seconds, text):
 
 def test_values_are_given_with_their_unit():
     assert format_value(1.23456e-4, "rad/s") == "0.0001235 rad/s"
-    assert "white noise" in explain_term("N")
-    assert summarise_north(np.radians(-10.0), np.radians(0.5)).startswith("Table zero points 350.00° ± 0.50°")
+    assert "white noise" in TERM_MEANINGS["N"]
+    north = SimpleNamespace(azimuth=np.radians(-10.0), sigma=np.radians(0.5))
+    assert summarise_north(north).startswith("Table zero points 350.00° ± 0.50°")
 
 
 def test_non_finite_numbers_are_null():

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 NamedResult = tuple[str, "AllanResult"]
 """Label of a channel, and its result."""
 
-_TERM_MEANINGS = {
+TERM_MEANINGS = {
     "Q": "quantisation of the converter; negligible after a fraction of a second",
     "N": "white noise: the mean over t has a standard deviation of N/√t, the integral one of N·√t",
     "B": "floor of the deviation: averaging does not go below about 0.664 B",
@@ -147,7 +147,7 @@ def terms_table(result: AllanResult) -> PageTable:
             f"{key} {unit.name}",
             f"{term.value:.4g} ± {term.sigma:.2g} {unit.si}",
             format_value(term.value * unit.factor, unit.common),
-            _TERM_MEANINGS[key],
+            TERM_MEANINGS[key],
         )
         for key, unit, term in _terms(result)
         if term.value is not None and term.sigma is not None
@@ -169,7 +169,7 @@ def all_term_rows(result: AllanResult) -> list[tuple[str, ...]]:
             share = f"{100 * term.sigma / term.value:.2g} %"
             values = format_value(term.value, unit.si), share
             common = format_value(term.value * unit.factor, unit.common)
-            rows.append((key, unit.name, *values, common, _TERM_MEANINGS[key]))
+            rows.append((key, unit.name, *values, common, TERM_MEANINGS[key]))
     return rows
 
 
