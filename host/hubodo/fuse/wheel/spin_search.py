@@ -25,9 +25,6 @@ from hubodo.fuse.wheel.window import WINDOW_S, Window
 _MAX_RATE_BEYOND = 240.0
 """rad/s beyond range that is searched, 8 times a gyro of 2000 deg/s."""
 
-_MAX_ACCELERATION = STANDARD_GRAVITY
-"""m/s², acceleration limit of a tyre on a dry road: its coefficient of friction is 1."""
-
 _MAX_GRAVITY_RATIO = 1.5
 """Ratio of the rotating force and gravity up to which it is accepted as gravity, either way. Estimated."""
 
@@ -48,11 +45,6 @@ _SEARCH_GRID = np.linspace(-1.0, 1.0, 9)
 _RATE_TOLERANCE = 2.0
 """rad/s by which a spin may lie below the saturation limit: a few percent of scale, bias and search error. A
 saturated gyro bounds the rate from below. Estimated.
-"""
-
-_VIBRATION_TIME_S = WINDOW_S
-"""s of correlation of a wheel bouncing on its tyre: a cycle of 10 Hz, which rotates like a wheel at 20 m/s
-and so hardly averages out.
 """
 
 _TRACKING_RANGE = 8.0
@@ -114,7 +106,8 @@ def find_spin(windows: Sequence[Window], radius: float) -> SpinEstimate | None:
     if sample_set is None:
         return None
     sign = math.copysign(1.0, sum(w.spin for w in windows))
-    max_slope = _MAX_ACCELERATION / radius
+    # A tyre on a dry road accelerates by 1 g at most.
+    max_slope = STANDARD_GRAVITY / radius
     rates, slopes = (
         sign * np.arange(-_RATE_TOLERANCE, _MAX_RATE_BEYOND, 1.0),
         np.linspace(-max_slope, max_slope, 21),
@@ -220,8 +213,9 @@ class _Samples(NamedTuple):
         basis = np.column_stack([np.ones(len(t)), rotation])
         signals = np.column_stack([self.force, self.across])
         fit = np.linalg.lstsq(basis, signals, rcond=None)[0]
+        # A wheel bounces on its tyre at some 10 Hz, a cycle per window, so windows count as independent.
         residual_variance = (
-            0.5 * np.mean(np.abs(signals - basis @ fit) ** 2, axis=0) * _VIBRATION_TIME_S / (t[-1] - t[0])
+            0.5 * np.mean(np.abs(signals - basis @ fit) ** 2, axis=0) * WINDOW_S / (t[-1] - t[0])
         )
         lever_factor = complex(-float(np.mean(spin * spin)), chirp.slope)
         force, rate = (complex(value) for value in fit[0])
@@ -284,7 +278,7 @@ class SpinTracker:
             self.slope *= 0.5
             return
         newest = (window.number + 0.5) * WINDOW_S - sample_set.centre
-        max_slope, sign = _MAX_ACCELERATION / self.radius, math.copysign(1.0, window.spin)
+        max_slope, sign = STANDARD_GRAVITY / self.radius, math.copysign(1.0, window.spin)
         chirp = _Chirp(self.excess - self.slope * newest, self.slope, 0j)
         for rate_range, fine_step in (
             (_TRACKING_RANGE, max_slope),
