@@ -11,7 +11,7 @@ from hubodo.recording import Table
 T = np.linspace(0.0, 10.0, 101)
 
 
-def _track(error: np.ndarray, sigma: float) -> Track:
+def _track(error: np.ndarray, sigma: float | np.ndarray) -> Track:
     """Return a straight track at 2 m/s with an error to the left; sigma: m in each direction."""
     zero = np.zeros(len(T))
     return Track(
@@ -35,6 +35,13 @@ def test_the_limit_is_five_sigmas_of_both_directions_and_two_centimetres() -> No
     text = str(error.value)
     assert text.startswith(f"the track is {1.001 * limit:.2f} m from the truth at t = 7.1 s")
     assert text.endswith("see hubodo info log.mcap")
+
+
+def test_the_error_that_exceeds_its_sigma_most_is_reported_and_not_the_largest_one() -> None:
+    error = np.where(T > 7.0, 3.0, np.where(T > 2.0, 0.5, 0.0))
+    sigma = np.where(T > 7.0, 1.0, 0.01)
+    with pytest.raises(HubodoError, match=r"is 0\.50 m from the truth at t = 2\.1 s"):
+        check_sigmas(_track(error, sigma), TRUTH, "log.mcap")
 
 
 def test_poses_outside_the_time_of_the_truth_are_not_compared() -> None:

@@ -100,6 +100,7 @@ def test_the_node_runs_until_its_files_are_copied_and_is_identified_afterwards(f
     reports = flash(board)
     assert board.steps == ["interrupt", "identify", "copy", "reset", "hello", "close"]
     assert CONFIG not in board.image
+    assert f"{PORT}: compiling for armv6m" in reports
     assert reports[-2:] == [f"{PORT}: copying 1 of 1 files: main.py", f"{PORT}: starting"]
     result = flash.result.as_json()
     assert (result["files"], result["copied"], result["node"], result["went_away"]) == (2, ["main.py"], 2, 0)

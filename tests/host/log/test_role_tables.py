@@ -94,6 +94,12 @@ def test_right_is_interpolated_at_the_times_of_left_where_both_were_received() -
     assert columns["right"] == pytest.approx(0.5 * np.array([10.5, 11.5, 12.5, 13.5]))
 
 
+def test_the_first_and_last_common_time_count() -> None:
+    speeds = JointSpeeds()
+    speeds.rows = {"l": [(T0 + k, 1.0) for k in range(4)], "r": [(T0 + k, 2.0) for k in range(1, 3)]}
+    assert (wheel_speed_columns(speeds, ("l", "r"), 1.0)[0] - T0).tolist() == [1, 2]
+
+
 def test_wheels_that_were_never_received_together_give_no_rows() -> None:
     speeds = JointSpeeds()
     speeds.rows = {"l": [(T0, 1.0), (T0 + 1, 1.0)], "r": [(T0 + 5, 1.0)]}
