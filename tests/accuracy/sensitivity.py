@@ -25,6 +25,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NamedTuple
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -58,7 +59,7 @@ LAYOUT = {
 UNUSED = ("calibration.", "node_screening", "surface_speeds", "smoother", "fixed_lag")
 """Modules that these drives do not use."""
 
-MAX_NEES = 30.0
+MAX_NEES = 100.0
 """Cap on the NEES of one drive in a mean, so that one diverged track does not hide all others."""
 
 SLIPS = (
@@ -143,17 +144,25 @@ def scaled(number: Number, factor: float) -> Iterator[None]:
     else:
         after = tuple(scale(item) if k == number.index else item for k, item in enumerate(before))
     users = [
-        it
-        for key, it in list(sys.modules.items())
-        if key.startswith("hubodo.fuse.wheel") and getattr(it, number.name, None) is before
+        (user, name, getattr(user, name))
+        for key, user in list(sys.modules.items())
+        if key.startswith("hubodo.fuse.wheel")
+        for name in (number.name, *_aliases(user, number.name))
+        if getattr(user, name, None) == before
     ]
-    for user in users:
-        setattr(user, number.name, after)
+    for user, name, _ in users:
+        setattr(user, name, after)
     try:
         yield
     finally:
-        for user in users:
-            setattr(user, number.name, before)
+        for user, name, value in users:
+            setattr(user, name, value)
+
+
+def _aliases(module: ModuleType, name: str) -> list[str]:
+    """Return the constants of a module that are defined as another constant, `ALIAS = name`."""
+    source = Path(str(module.__file__)).read_text("utf-8")
+    return re.findall(rf"^(_?[A-Z][A-Z0-9_]*) = {name}$", source, re.MULTILINE)
 
 
 def make_drives(seeds: range) -> dict[str, list[FaultDrive]]:

@@ -38,14 +38,20 @@ _ACCEL_RIPPLE, _SLOPE_TIME_S = 0.15, 2.0
 gravity) and once by a bias; s in which the slope state follows a ripple. On a wheel that turns slower than
 that, the ripple looks like a slope that ends. Estimated."""
 
-_AGREEMENT_WINDOWS, _STANDSTILL_LIMIT_WINDOWS = MANOEUVRE_WINDOWS, 300
+_AGREEMENT_WINDOWS = MANOEUVRE_WINDOWS
 """Consecutive windows, of a wheel faster than `MIN_ROLLING_RATE`, in which the accelerometer must agree with
-the wheel before it may contradict it; windows of standstill (30 s), in which learnt parameters of a noisy
-node drift, after which it must agree again. Estimated."""
+the wheel before it may contradict it."""
 
-_NEAR_WINDOWS, _SLOW_END_WINDOWS = 5, MANOEUVRE_WINDOWS
-"""Windows near the vehicle speed after which a slip ends: with a jump, longer than a wheel that spins down
-takes to pass through that speed; and without one, as when the vehicle stops. Estimated."""
+_STANDSTILL_LIMIT_WINDOWS = 300
+"""Windows of standstill (30 s), in which learnt parameters of a noisy node drift, after which the
+accelerometer must agree again. Estimated."""
+
+_NEAR_WINDOWS = 5
+"""Windows near the vehicle speed after which a slip ends that lost speed in a jump: longer than a wheel that
+spins down takes to pass through that speed. Estimated."""
+
+_SLOW_END_WINDOWS = MANOEUVRE_WINDOWS
+"""The same without such a jump, as when the vehicle stops."""
 
 _SLIP_SHARE = 0.5
 """Share of the largest slip: a wheel that rolls again is nearer to the vehicle speed, as an inertial speed is
