@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the same files, so their bytecode is cached.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test quick check docs package chip bench soak papers accuracy road sensitivity gap-matrix gap-limit gap-reliability gap-several gap-beyond gap-rides mutants faults fuzz load fleet audit browser compiler setup clean
+.PHONY: demo test quick check docs package chip bench soak papers accuracy road sensitivity gap-matrix gap-limit gap-reliability gap-several gap-beyond gap-rides gap-real mutants faults fuzz load fleet audit browser compiler setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job end to end, without hardware
@@ -87,9 +87,12 @@ gap-reliability: setup ## share of correct names by stated confidence in two tho
 gap-several: setup   ## three to five effects hidden at once, searched in several orders, on the test seeds; about ten minutes
 	$(BIN)/python tests/gap_matrix/judge/several.py --seeds test
 
-gap-beyond: setup    ## scaffolding of nine effects outside the vocabulary, and comparison of two drives of one vehicle; about fifteen minutes
+gap-beyond: setup    ## scaffolding of eight effects outside the vocabulary, and comparison of two drives of one vehicle; about fifteen minutes
 	$(BIN)/python tests/gap_matrix/judge/scaffolded.py --seeds 20:23
 	$(BIN)/python tests/gap_matrix/judge/two_drives.py --first 100 --seconds 60
+
+gap-real: setup      ## effects injected into the samples of real drives of a car, with a model learnt on the other drive; about an hour
+	$(BIN)/python tests/gap_real/real.py
 
 gap-rides: setup     ## five effects hidden in virtual nodes, and a recording of a real wheelchair; about four minutes
 	$(BIN)/python tests/signal_path/hidden.py

@@ -16,7 +16,7 @@ from gap_matrix import cases, sensor
 from gap_matrix.cases import Setup
 from gap_matrix.dose import GainMeter
 from gap_matrix.effects import SIDES
-from gap_matrix.world import Array, IdealReadings, differentiate, integrate
+from gap_matrix.world import Array, IdealReadings, differentiate
 
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 CLOCK_SLIP_S = 0.004
@@ -64,25 +64,16 @@ def hide_effect(setup: Setup, name: str, nats: float) -> UnlistedEffect:
     if name == "slipping_clock":
         return _slipping_clock(rng, setup, node)
     meter, draw_unit = GainMeter(setup), KINDS[name]
-    nodes = SIDES if name in KINDS_ON_BOTH_NODES else (node,)
-    state = rng.bit_generator.state
-    units = {}
-    for side in nodes:
-        # All nodes draw the same parameters.
-        rng.bit_generator.state = state
-        units[side] = draw_unit(
-            rng, setup, cases.compute_node_readings(setup, side, setup.known), setup.sample_times[side]
-        )
-    scale = float(
-        np.sqrt(nats / sum(meter.gain_of_difference(side, unit.added) for side, unit in units.items()))
+    unit = draw_unit(
+        rng, setup, cases.compute_node_readings(setup, node, setup.known), setup.sample_times[node]
     )
+    scale = float(np.sqrt(nats / meter.gain_of_difference(node, unit.added)))
     records = {
-        side: cases.simulate_node_record(setup, side, [], scale * units[side].added if side in units else 0.0)
+        side: cases.simulate_node_record(setup, side, [], scale * unit.added if side == node else 0.0)
         for side in SIDES
     }
-    unit = units[nodes[0]]
     truth = {key: scale * value for key, value in unit.truth.items()} | dict(unit.fixed_parameters)
-    return UnlistedEffect(name, "all" if len(nodes) > 1 else node, records, truth)
+    return UnlistedEffect(name, node, records, truth)
 
 
 def _steered_wheel(rng, setup, ideal, sample_times) -> UnitEffect:
@@ -114,17 +105,6 @@ def _supply_ripple(rng, setup, ideal, sample_times) -> UnitEffect:
     tone_term = np.cos(2.0 * np.pi * frequency * sample_times - phase)
     truth = {f"{axis}_cos": np.cos(phase), f"{axis}_sin": np.sin(phase)}
     return UnitEffect(_stack_channels(**{axis: tone_term}), truth, {"frequency": frequency})
-
-
-def _road_camber(rng, setup, ideal, sample_times) -> UnitEffect:
-    """Return road camber: the road is banked in a fixed direction, so the lean depends on the heading."""
-    heading, phase = integrate(ideal.motion.yaw_rate, ideal.motion.step), rng.uniform(-np.pi, np.pi)
-    (lean_term,) = _interpolate(ideal, sample_times, np.cos(heading - phase))
-    return UnitEffect(
-        _stack_channels(az=_facing_sign(ideal) * lean_term),
-        {"left_cos": np.cos(phase), "left_sin": np.sin(phase)},
-        {},
-    )
 
 
 def _bent_axle(rng, setup, ideal, sample_times) -> UnitEffect:
@@ -185,13 +165,11 @@ KINDS: Mapping[str, DrawFunction] = {
     "steered_wheel": _steered_wheel,
     "unbalanced_wheel": _unbalanced_wheel,
     "supply_ripple": _supply_ripple,
-    "road_camber": _road_camber,
     "bent_axle": _bent_axle,
     "tyre_flat_spot": _flat_spot,
     "cross_talk": _cross_talk,
     "magnet": _magnet,
 }
-KINDS_ON_BOTH_NODES = ("road_camber",)
 EFFECT_NAMES = (*KINDS, "slipping_clock")
 
 

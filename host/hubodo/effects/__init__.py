@@ -19,13 +19,14 @@ from hubodo.effects.gyro import (
 )
 from hubodo.effects.mounting import LeverArm, NodeMisalignment
 from hubodo.effects.timing import ClockSkew, Outliers, SampleRepeat, TimeOffset
-from hubodo.effects.vehicle import RoadGrade, TrackWidth
+from hubodo.effects.vehicle import RoadBank, RoadGrade, TrackWidth
 from hubodo.effects.warmup import GyroWarmup
 from hubodo.effects.wheel import TyreGrowth, WheelCamber, WheelEccentricity, WheelRadius, WheelSlip
 
 EFFECTS: tuple[type[Effect], ...] = (
     TrackWidth,
     RoadGrade,
+    RoadBank,
     WheelRadius,
     TyreGrowth,
     WheelSlip,

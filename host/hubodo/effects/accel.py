@@ -29,11 +29,16 @@ class AccelBias(Effect):
     """The accelerometer has a constant bias."""
 
     name: ClassVar[str] = "accel_bias"
+    varies_between_drives: ClassVar[bool] = True
     is_invertible: ClassVar[bool] = True
     meaning: ClassVar[str] = "the accelerometer reads an offset"
-    x: float = parameter("m/s²", 0.1, odometry_prior=_ACCEL_BIAS_ACROSS_PRIOR)
-    y: float = parameter("m/s²", 0.1, flips_with_facing=True, odometry_prior=_ACCEL_BIAS_ACROSS_PRIOR)
-    z: float = parameter("m/s²", 0.1, flips_with_facing=True, odometry_prior=_ACCEL_BIAS_ALONG_PRIOR)
+    x: float = parameter("m/s²", 0.1, max_plausible=5.0, odometry_prior=_ACCEL_BIAS_ACROSS_PRIOR)
+    y: float = parameter(
+        "m/s²", 0.1, max_plausible=5.0, flips_with_facing=True, odometry_prior=_ACCEL_BIAS_ACROSS_PRIOR
+    )
+    z: float = parameter(
+        "m/s²", 0.1, max_plausible=5.0, flips_with_facing=True, odometry_prior=_ACCEL_BIAS_ALONG_PRIOR
+    )
 
     def add_offsets(self, chain: SensorChain) -> None:
         chain.accel += np.array([[self.x], [self.y], [self.z]])
@@ -58,8 +63,10 @@ class AccelNonorthogonality(CrossAxis):
     name: ClassVar[str] = "accel_nonorthogonality"
     sensor: ClassVar[Sensor] = "accel"
     meaning: ClassVar[str] = "the axes of the accelerometer are not orthogonal"
-    zy: float = parameter("rad", 0.01, flips_with_facing=True, odometry_prior=_CROSS_AXIS_PRIOR)
-    zx: float = parameter("rad", 0.01, odometry_prior=_CROSS_AXIS_PRIOR)
+    zy: float = parameter(
+        "rad", 0.01, max_plausible=0.15, flips_with_facing=True, odometry_prior=_CROSS_AXIS_PRIOR
+    )
+    zx: float = parameter("rad", 0.01, max_plausible=0.15, odometry_prior=_CROSS_AXIS_PRIOR)
 
 
 @dataclass(frozen=True)

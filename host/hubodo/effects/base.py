@@ -26,6 +26,12 @@ REFERENCE_CELSIUS = 25.0
 REFERENCE_VOLTS = 3.7
 """Supply voltage in V at which effects of the supply are zero."""
 
+_AT_LIMIT = 0.98
+"""Share of the plausible magnitude from which on a fitted parameter counts as at its limit."""
+
+_PLAUSIBLE_SCALES = 20.0
+"""Largest plausible magnitude of a parameter that states none, in its scales."""
+
 _MAX_PARAMETER_MAGNITUDE = 1e12
 """Bound on any parameter in its own unit: no real value is larger, and its square stays finite."""
 
@@ -159,6 +165,7 @@ def parameter(
     positive: bool = False,
     default: float = 0.0,
     max_magnitude: float = math.inf,
+    max_plausible: float | None = None,
     flips_with_facing: bool = False,
     fitted: bool = True,
     odometry_prior: OdometryPrior | None = None,
@@ -172,12 +179,17 @@ def parameter(
     positive : True if negative values are invalid.
     default : value that makes the effect absent.
     max_magnitude : largest valid magnitude.
+    max_plausible : largest magnitude of a working sensor, mounting or vehicle; a fit beyond it shows another
+        cause. By default 20 times the scale, and infinite for a positive parameter.
     flips_with_facing : True if the parameter changes sign on a node that faces right. The y and z axes of
         such a node are negated, and so is a parameter with an odd number of indices y and z.
     fitted : False if a fit to a drive must not move the parameter.
     odometry_prior : prior of a parameter that the odometry estimates online.
     """
+    if max_plausible is None:
+        max_plausible = math.inf if positive else _PLAUSIBLE_SCALES * scale
     metadata = {"unit": unit, "scale": scale, "positive": positive, "max_magnitude": max_magnitude}
+    metadata["max_plausible"] = max_plausible
     metadata |= {"flips_with_facing": flips_with_facing, "fitted": fitted, "odometry_prior": odometry_prior}
     return field(default=default, metadata=metadata)
 
@@ -198,6 +210,8 @@ class Effect:
     has_memory : True if a reading depends on earlier samples, as with a filter. Without memory a long log is
         evaluated in blocks.
     is_linear : True if the change of a reading is proportional to the coordinates.
+    varies_between_drives : True if the value belongs to one drive rather than to the vehicle, as an offset, a
+        clock or the road does.
     affects_reference : True if the effect concerns the speed reference rather than a node.
     confusable_with : name of an effect that a drive may not distinguish from this one -> manoeuvre that does.
         Each pair is listed in one of its two classes.
@@ -211,6 +225,7 @@ class Effect:
     is_invertible: ClassVar[bool] = False
     has_memory: ClassVar[bool] = False
     is_linear: ClassVar[bool] = False
+    varies_between_drives: ClassVar[bool] = False
     affects_reference: ClassVar[bool] = False
     confusable_with: ClassVar[Mapping[str, str]] = {}
 
@@ -272,6 +287,24 @@ class Effect:
     def _metadata(cls, parameter: str) -> Mapping[str, Any]:
         return cls.__dataclass_fields__[parameter].metadata
 
+    def implausible_parameters(self) -> dict[str, float]:
+        """Return the fitted parameters at or beyond their plausible magnitude, with that magnitude."""
+        bounds = {name: float(self._metadata(name)["max_plausible"]) for name in self.fitted_parameters()}
+        return {
+            name: bound for name, bound in bounds.items() if abs(getattr(self, name)) >= _AT_LIMIT * bound
+        }
+
+    def limited_to_plausible(self) -> Self:
+        """Return the effect with implausible parameters moved to their plausible limit."""
+        beyond = self.implausible_parameters()
+        if not beyond:
+            return self
+        limits = {
+            name: math.copysign(min(bound, abs(getattr(self, name))), getattr(self, name))
+            for name, bound in beyond.items()
+        }
+        return replace(self, **limits)
+
     def values(self) -> dict[str, float]:
         """Return all parameters by name."""
         return {name: getattr(self, name) for name in self.parameters()}
@@ -283,6 +316,14 @@ class Effect:
     def random_walk_variance_rate(self) -> float:
         """Return the growth of the variance of each gyro bias, (rad/s)² per second."""
         return 0.0
+
+    def bank_process(self) -> tuple[float, float]:
+        """Return 1σ, rad, and correlation length, m, of a random bank of the road along the path."""
+        return 0.0, math.inf
+
+    def is_process(self) -> bool:
+        """Return True if the effect is a random process that a filter follows, such as a drift."""
+        return self.random_walk_variance_rate() > 0.0 or self.bank_process()[0] > 0.0
 
     def describe(self) -> str:
         """Return a sentence with the size of the effect; "" where `meaning` and the numbers suffice."""

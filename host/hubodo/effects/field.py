@@ -121,10 +121,10 @@ class GyroSupply(Effect):
 
 
 @dataclass(frozen=True)
-class RoadBank(Effect):
+class MeanRoadBank(Effect):
     """The road is banked at a constant angle, positive where the left side is higher."""
 
-    name: ClassVar[str] = "road_bank"
+    name: ClassVar[str] = "mean_road_bank"
     level: ClassVar[Level] = "vehicle"
     meaning: ClassVar[str] = "the road is banked"
     confusable_with: ClassVar[Mapping[str, str]] = {
@@ -188,7 +188,7 @@ FIELD: tuple[type[Effect], ...] = (
     AccelRectification,
     AccelTemperature,
     GyroSupply,
-    RoadBank,
+    MeanRoadBank,
     ReferenceLatency,
     ReferenceArm,
 )

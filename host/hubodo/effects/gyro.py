@@ -87,9 +87,9 @@ class GyroScaleFactor(ScaleFactor):
         "gyro_cubic": _TWO_SPEEDS_ADVICE,
         "clock_skew": "change speed briskly: a clock skew delays every change",
     }
-    x: float = parameter("1", 0.01, odometry_prior=_YAW_SCALE_PRIOR)
-    y: float = parameter("1", 0.01, odometry_prior=_YAW_SCALE_PRIOR)
-    z: float = parameter("1", 0.01, odometry_prior=_SPIN_SCALE_PRIOR)
+    x: float = parameter("1", 0.01, max_plausible=0.15, odometry_prior=_YAW_SCALE_PRIOR)
+    y: float = parameter("1", 0.01, max_plausible=0.15, odometry_prior=_YAW_SCALE_PRIOR)
+    z: float = parameter("1", 0.01, max_plausible=0.15, odometry_prior=_SPIN_SCALE_PRIOR)
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class GyroCubic(Effect):
     name: ClassVar[str] = "gyro_cubic"
     is_invertible: ClassVar[bool] = True
     meaning: ClassVar[str] = "the gyro is nonlinear at high rates"
-    z: float = parameter("1/(rad/s)²", 1e-5)
+    z: float = parameter("1/(rad/s)²", 1e-5, max_plausible=1e-3)
 
     def add_scale_errors(self, chain: SensorChain) -> None:
         chain.gyro[2] += self.z * chain.rate[2] ** 3
@@ -134,11 +134,16 @@ class GyroBias(Effect):
     """The gyro has a constant bias."""
 
     name: ClassVar[str] = "gyro_bias"
+    varies_between_drives: ClassVar[bool] = True
     is_invertible: ClassVar[bool] = True
     meaning: ClassVar[str] = "the gyro reads an offset"
-    x: float = parameter("rad/s", 0.01, odometry_prior=_GYRO_BIAS_ACROSS_PRIOR)
-    y: float = parameter("rad/s", 0.01, flips_with_facing=True, odometry_prior=_GYRO_BIAS_ACROSS_PRIOR)
-    z: float = parameter("rad/s", 0.01, flips_with_facing=True, odometry_prior=_GYRO_BIAS_ALONG_PRIOR)
+    x: float = parameter("rad/s", 0.01, max_plausible=1.0, odometry_prior=_GYRO_BIAS_ACROSS_PRIOR)
+    y: float = parameter(
+        "rad/s", 0.01, max_plausible=1.0, flips_with_facing=True, odometry_prior=_GYRO_BIAS_ACROSS_PRIOR
+    )
+    z: float = parameter(
+        "rad/s", 0.01, max_plausible=1.0, flips_with_facing=True, odometry_prior=_GYRO_BIAS_ALONG_PRIOR
+    )
 
     def add_offsets(self, chain: SensorChain) -> None:
         chain.gyro += np.array([[self.x], [self.y], [self.z]])
@@ -149,15 +154,16 @@ class GyroTemperature(Effect):
     """The gyro bias is proportional to the temperature difference from 25 °C."""
 
     name: ClassVar[str] = "gyro_temperature"
+    varies_between_drives: ClassVar[bool] = True
     depends_on: ClassVar[Dependency | None] = "temperature"
     is_invertible: ClassVar[bool] = True
     meaning: ClassVar[str] = "the gyro's offset follows the temperature"
     confusable_with: ClassVar[Mapping[str, str]] = {
         "gyro_bias": "let the temperature change by several degrees",
     }
-    x: float = parameter("rad/s/°C", 1e-3)
-    y: float = parameter("rad/s/°C", 1e-3, flips_with_facing=True)
-    z: float = parameter("rad/s/°C", 1e-3, flips_with_facing=True)
+    x: float = parameter("rad/s/°C", 1e-3, max_plausible=0.1)
+    y: float = parameter("rad/s/°C", 1e-3, max_plausible=0.1, flips_with_facing=True)
+    z: float = parameter("rad/s/°C", 1e-3, max_plausible=0.1, flips_with_facing=True)
 
     def add_offsets(self, chain: SensorChain) -> None:
         chain.gyro += np.array([[self.x], [self.y], [self.z]]) * (chain.temperature - REFERENCE_CELSIUS)
@@ -181,9 +187,9 @@ class GyroGSensitivity(Effect):
         ),
         "gyro_bias": "turn at speed: the force across the wheel changes, a bias does not",
     }
-    x: float = parameter(_G_SENSITIVITY_UNIT, 1e-3, flips_with_facing=True)
-    y: float = parameter(_G_SENSITIVITY_UNIT, 1e-3)
-    z: float = parameter(_G_SENSITIVITY_UNIT, 1e-3)
+    x: float = parameter(_G_SENSITIVITY_UNIT, 1e-3, max_plausible=0.05, flips_with_facing=True)
+    y: float = parameter(_G_SENSITIVITY_UNIT, 1e-3, max_plausible=0.05)
+    z: float = parameter(_G_SENSITIVITY_UNIT, 1e-3, max_plausible=0.05)
     xx: float = parameter(_G_SENSITIVITY_UNIT, 1e-3, fitted=False, odometry_prior=_G_SENSITIVITY_PRIOR)
     xy: float = parameter(_G_SENSITIVITY_UNIT, 1e-3, fitted=False, flips_with_facing=True)
     xz: float = parameter(_G_SENSITIVITY_UNIT, 1e-3, fitted=False, flips_with_facing=True)
@@ -207,6 +213,7 @@ class GyroRateRandomWalk(Effect):
     """The bias of each gyro axis is a random walk of k per square root of a second."""
 
     name: ClassVar[str] = "gyro_rate_random_walk"
+    varies_between_drives: ClassVar[bool] = True
     visible_in: ClassVar[Visibility] = "scatter"
     meaning: ClassVar[str] = "the gyro's offset drifts at random"
     confusable_with: ClassVar[Mapping[str, str]] = {

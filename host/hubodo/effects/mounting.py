@@ -39,9 +39,9 @@ class NodeMisalignment(Effect):
         "accel_nonorthogonality": "drive fast: a misaligned node shows spin in gx and gy",
         "wheel_camber": "turn both ways at speed: camber shows in gz",
     }
-    x: float = parameter("rad", 0.02, odometry_prior=_TILT_PRIOR)
-    y: float = parameter("rad", 0.02, flips_with_facing=True, odometry_prior=_TILT_PRIOR)
-    z: float = parameter("rad", 0.02, flips_with_facing=True)
+    x: float = parameter("rad", 0.02, max_plausible=0.4, odometry_prior=_TILT_PRIOR)
+    y: float = parameter("rad", 0.02, max_plausible=0.4, flips_with_facing=True, odometry_prior=_TILT_PRIOR)
+    z: float = parameter("rad", 0.02, max_plausible=0.4, flips_with_facing=True)
 
     @cached_property
     def rotation(self) -> Array:
@@ -71,9 +71,11 @@ class LeverArm(Effect):
         "accel_bias": _TWO_SPEEDS_ARM_ADVICE,
         "accel_scale_factor": _TWO_SPEEDS_ARM_ADVICE,
     }
-    x: float = parameter("m", 0.01, odometry_prior=_LEVER_ARM_PRIOR)
-    y: float = parameter("m", 0.01, flips_with_facing=True, odometry_prior=_LEVER_ARM_PRIOR)
-    z: float = parameter("m", 0.01, flips_with_facing=True)
+    x: float = parameter("m", 0.01, max_plausible=0.5, odometry_prior=_LEVER_ARM_PRIOR)
+    y: float = parameter(
+        "m", 0.01, max_plausible=0.5, flips_with_facing=True, odometry_prior=_LEVER_ARM_PRIOR
+    )
+    z: float = parameter("m", 0.01, max_plausible=0.1, flips_with_facing=True)
 
     def describe(self) -> str:
         return f"the IMU sits {math.hypot(self.x, self.y):.2g} m off the hub"

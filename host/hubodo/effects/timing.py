@@ -15,10 +15,12 @@ class TimeOffset(Effect):
     """A sample taken at t is stamped t + delay."""
 
     name: ClassVar[str] = "time_offset"
+    varies_between_drives: ClassVar[bool] = True
     meaning: ClassVar[str] = "the samples are stamped late or early"
     delay: float = parameter(
         "s",
         0.01,
+        max_plausible=0.5,
         odometry_prior=OdometryPrior(
             0.01,
             5e-5,
@@ -35,11 +37,12 @@ class ClockSkew(Effect):
     """A sample taken at t is stamped t (1 + ppm 1e-6), with t from the start of the log."""
 
     name: ClassVar[str] = "clock_skew"
+    varies_between_drives: ClassVar[bool] = True
     meaning: ClassVar[str] = "the node's clock runs fast or slow"
     confusable_with: ClassVar[Mapping[str, str]] = {
         "time_offset": "record longer: the effect of a clock skew grows with time",
     }
-    ppm: float = parameter("1e-6", 100.0, max_magnitude=5e5)
+    ppm: float = parameter("1e-6", 100.0, max_plausible=1e4, max_magnitude=5e5)
 
     def true_time(self, t: Array) -> Array:
         return t / (1.0 + 1e-6 * self.ppm)

@@ -53,12 +53,12 @@ class CrossAxis(LinearEffect):
     }
     """Row, column and sign of each angle in the matrix [0, δxz, -δxy], [-δyz, 0, δyx], [δzy, -δzx, 0]."""
 
-    xz: float = parameter("rad", 0.01, flips_with_facing=True)
-    xy: float = parameter("rad", 0.01, flips_with_facing=True)
-    yz: float = parameter("rad", 0.01, flips_with_facing=True)
-    yx: float = parameter("rad", 0.01)
-    zy: float = parameter("rad", 0.01, flips_with_facing=True)
-    zx: float = parameter("rad", 0.01)
+    xz: float = parameter("rad", 0.01, max_plausible=0.15, flips_with_facing=True)
+    xy: float = parameter("rad", 0.01, max_plausible=0.15, flips_with_facing=True)
+    yz: float = parameter("rad", 0.01, max_plausible=0.15, flips_with_facing=True)
+    yx: float = parameter("rad", 0.01, max_plausible=0.15)
+    zy: float = parameter("rad", 0.01, max_plausible=0.15, flips_with_facing=True)
+    zx: float = parameter("rad", 0.01, max_plausible=0.15)
 
     def matrix(self) -> Array:
         """Return the (3, 3) matrix of the angles, with a zero diagonal."""
@@ -77,9 +77,9 @@ class CrossAxis(LinearEffect):
 class ScaleFactor(LinearEffect):
     """Each axis reads (1 + e) times the true value, with its own scale error e."""
 
-    x: float = parameter("1", 0.01)
-    y: float = parameter("1", 0.01)
-    z: float = parameter("1", 0.01)
+    x: float = parameter("1", 0.01, max_plausible=0.15)
+    y: float = parameter("1", 0.01, max_plausible=0.15)
+    z: float = parameter("1", 0.01, max_plausible=0.15)
 
     def matrix(self) -> Array:
         """Return diag(e), (3, 3)."""

@@ -5,8 +5,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+import numpy as np
+
+from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.effects.base import Effect, Geometry, Level, OdometryPrior, parameter
+from hubodo.effects.base import Effect, Geometry, Level, OdometryPrior, SensorChain, Visibility, parameter
 
 _TRACK_WIDTH_PRIOR = OdometryPrior(
     0.03,
@@ -22,6 +25,8 @@ _ROAD_GRADE_PRIOR = OdometryPrior(
     "a grade of 1.5 % with a correlation time of ten seconds",
     correlation_time=_ROAD_GRADE_TIME,
 )
+
+_ROAD_SEED = 29  # of the simulated road, which all nodes and runs share
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,7 @@ class RoadGrade(Effect):
     """The road climbs at a constant angle, positive uphill."""
 
     name: ClassVar[str] = "road_grade"
+    varies_between_drives: ClassVar[bool] = True
     level: ClassVar[Level] = "vehicle"
     meaning: ClassVar[str] = "the road is not level"
     confusable_with: ClassVar[Mapping[str, str]] = dict.fromkeys(
@@ -57,3 +63,53 @@ class RoadGrade(Effect):
 
     def adjust_geometry(self, geometry: Geometry) -> Geometry:
         return replace(geometry, grade=geometry.grade + self.angle)
+
+
+@dataclass(frozen=True)
+class RoadBank(Effect):
+    """The road leans across the path at a varying angle, positive where the left side is higher.
+
+    The angle is a first-order Gauss-Markov process of the distance: variance sigma², correlation
+    exp(-distance / length). A banked vehicle measures g sin(angle) to the left.
+    """
+
+    name: ClassVar[str] = "road_bank"
+    varies_between_drives: ClassVar[bool] = True
+    level: ClassVar[Level] = "vehicle"
+    visible_in: ClassVar[Visibility] = "scatter"
+    meaning: ClassVar[str] = "the road leans to the side"
+    confusable_with: ClassVar[Mapping[str, str]] = {
+        "accel_bias": "drive the same road in both directions: the bank changes sign, a bias does not",
+        "lever_arm": "drive the same turns on level ground: a lever arm along the axle shows there too",
+        "wheel_camber": "drive the same road in both directions: camber does not change sign",
+    }
+    sigma: float = parameter("rad", 0.02, positive=True, max_magnitude=0.5)
+    length: float = parameter("m", 50.0, positive=True, default=50.0)
+
+    def bank_process(self) -> tuple[float, float]:
+        return self.sigma, self.length
+
+    def describe(self) -> str:
+        return f"the road leans to the side by {math.degrees(self.sigma):.1f}° rms"
+
+    def add_random_walk(self, chain: SensorChain, rng: np.random.Generator) -> None:
+        """Add the force of a bank that is the same for all nodes at the same distance."""
+        speed = np.broadcast_to(np.abs(chain.speed), chain.t.shape)
+        distance = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(chain.t))])
+        force = STANDARD_GRAVITY * np.sin(_bank_profile(distance, self.sigma, self.length))
+        if np.ndim(chain.spin):
+            chain.accel[2] += chain.facing * force
+        else:
+            chain.accel[1] += force
+
+
+def _bank_profile(distance: Array, sigma: float, length: float) -> Array:
+    """Return the bank, (N,) rad, of one fixed road at each distance in m: exact steps between metres."""
+    grid = np.arange(0.0, float(distance[-1]) + 2.0)
+    draws = np.random.default_rng(_ROAD_SEED).standard_normal(len(grid)) * sigma
+    decay = math.exp(-1.0 / length)
+    profile = np.empty_like(grid)
+    profile[0] = draws[0]
+    for k in range(1, len(grid)):
+        profile[k] = decay * profile[k - 1] + math.sqrt(1.0 - decay**2) * draws[k]
+    return np.interp(distance, grid, profile)

@@ -28,6 +28,7 @@ class GyroWarmup(Effect):
     """
 
     name: ClassVar[str] = "gyro_warmup"
+    varies_between_drives: ClassVar[bool] = True
     depends_on: ClassVar[Dependency | None] = "age"
     is_invertible: ClassVar[bool] = True
     meaning: ClassVar[str] = "the gyro's offset settles after power-on"

@@ -90,7 +90,7 @@ class WheelEccentricity(Effect):
     level: ClassVar[Level] = "wheel"
     meaning: ClassVar[str] = "the axle is not at the centre of the wheel"
     amplitude: float = parameter("1", 0.01, max_magnitude=0.9)
-    phase: float = parameter("rad", 2.0)
+    phase: float = parameter("rad", 2.0, max_plausible=math.inf)
 
     @classmethod
     def coordinate_scales(cls) -> Array:
@@ -119,7 +119,7 @@ class WheelCamber(Effect):
     confusable_with: ClassVar[Mapping[str, str]] = {
         "accel_bias": "turn both ways at speed: camber shows in gz, a bias does not",
     }
-    angle: float = parameter("rad", 0.05, max_magnitude=1.5, odometry_prior=_CAMBER_PRIOR)
+    angle: float = parameter("rad", 0.05, max_plausible=0.6, max_magnitude=1.5, odometry_prior=_CAMBER_PRIOR)
 
     def adjust_geometry(self, geometry: Geometry) -> Geometry:
         return replace(geometry, camber=geometry.camber + self.angle)

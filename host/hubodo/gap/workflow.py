@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
+from hubodo.effects import BY_NAME, Effect
 from hubodo.effects.empirical import PREFIX
 from hubodo.gap.explain.finding import build_finding
-from hubodo.gap.explain.result import BeforeAfter, GapResult, Verdict, split_by_channel
+from hubodo.gap.explain.result import BeforeAfter, Finding, GapResult, Verdict, split_by_channel
 from hubodo.gap.explain.unexplained import list_unexplained
 from hubodo.gap.judge.held_out import HeldOutSplit, split_held_out
 from hubodo.gap.judge.journal import Journal
@@ -18,12 +19,16 @@ from hubodo.gap.problem.build import build_problem
 from hubodo.gap.problem.problem import Problem
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.process_noise.residual import compute_gap, compute_gap_floor
+from hubodo.gap.refit.prune import prune_coordinates
 from hubodo.gap.refit.refit import refit
 from hubodo.gap.state.state import State
 from hubodo.gap.state.terms import ALL, VEHICLE, ModelTerm
 from hubodo.model.model_file import Model, ScopedEffect
 from hubodo.recording import Recording
 
+# Change of an effect of the model, in its usual size, up to which it is no finding where residuals
+# are so correlated.
+_MAX_MINOR_CHANGE, _MIN_CORRELATED_TEMPERING = 0.15, 2.0
 # Ratio of the final gap to that of noise alone, from which on the log is not fully explained.
 _MAX_EXPLAINED_GAP_RATIO = 1.5
 
@@ -72,7 +77,7 @@ def find_problem_gap(
         results.append(search_effects(initial_state, accept, reject, observer))
         result, rounds = reconsider_effects(results[-1], accept, reject, observer)
         result, rounds = drop_chance_effects(result, rounds, accept)
-        result = replace(result, final=result.final.without_cache())
+        result = replace(result, final=prune_coordinates(result.final).without_cache())
     except KeyboardInterrupt:
         if journal is None or not results:
             raise
@@ -116,26 +121,48 @@ def _build_unfinished_result(
 def _build_result(
     initial_state: State, search_result: SearchResult, rounds: RoundsByKey, warnings: tuple[str, ...]
 ) -> GapResult:
-    """Build the result: gaps and held-out gaps after each added effect, findings, unexplained residuals."""
+    """Build the result: gaps and held-out gaps after each added effect, findings, unexplained residuals.
+
+    If the gap grew, on all or on held-out samples, only the first effects are kept, up to the best gap.
+    """
     problem, final = initial_state.problem, search_result.final.evaluation.without_cache()
     held_out_split = split_held_out(problem)
     terms = [term for term in final.state.terms if term.is_fitted]
+    stages = [*(_refit_stage(initial_state, terms[:k], final) for k in range(len(terms))), final]
+    held_out_gaps = [_held_out_gap(stage.without_cache(), held_out_split) for stage in stages]
+    residuals = [stage.without_cache().residuals for stage in stages]
+    best = _best_stage([compute_gap(one) for one in residuals], held_out_gaps)
+    if best < len(terms):
+        left_out = ", ".join(term.label for term in terms[best:])
+        warnings = (*warnings, f"left out, as the gap would grow: {left_out}")
+        terms, final = terms[:best], stages[best].without_cache()
+        stages, held_out_gaps, residuals = (
+            stages[: best + 1],
+            held_out_gaps[: best + 1],
+            residuals[: best + 1],
+        )
+        search_result = replace(search_result, final=refit(final, rounds=0))
+        final = search_result.final.evaluation
     given = [term for term in final.state.terms if not term.is_fitted]
-    stages = [_refit_stage(initial_state, terms[:k], final) for k in range(len(terms))]
-    held_out_gaps = [_held_out_gap(stage.without_cache(), held_out_split) for stage in (*stages, final)]
-    residuals = [*(stage.without_cache().residuals for stage in stages), final.residuals]
     unexplained_items, has_structure = list_unexplained(final, residuals[-1])
     del final  # Free the cached results of the final evaluation, which are large.
     findings = []
     for k, term in enumerate(terms):
-        finding = build_finding(term, search_result, rounds, residuals[k : k + 2], held_out_gaps[k : k + 2])
+        finding = build_finding(
+            term,
+            search_result,
+            rounds,
+            residuals[k : k + 2],
+            held_out_gaps[k : k + 2],
+            _given_effect(initial_state, term),
+        )
         findings += split_by_channel(finding) if finding.effect.startswith(PREFIX) else [finding]
-    total = BeforeAfter(
-        compute_gap(residuals[0]), compute_gap(residuals[-1]), compute_gap_floor(residuals[-1])
-    )
-    is_unexplained = has_structure or total.after > _MAX_EXPLAINED_GAP_RATIO * compute_gap_floor(
-        residuals[-1]
-    )
+    is_correlated = search_result.final.tempering > _MIN_CORRELATED_TEMPERING
+    refined = tuple(finding for finding in findings if is_correlated and _is_minor(finding))
+    findings = [finding for finding in findings if finding not in refined]
+    floor = compute_gap_floor(residuals[0])
+    total = BeforeAfter(compute_gap(residuals[0]), compute_gap(residuals[-1]), floor)
+    is_unexplained = has_structure or total.after > _MAX_EXPLAINED_GAP_RATIO * floor
     verdict: Verdict
     if findings:
         verdict = "partly_explained" if is_unexplained else "explained"
@@ -152,7 +179,36 @@ def _build_result(
         _model_with(problem.model, [*given, *terms]),
         search_result,
         tuple(residuals),
+        refined=refined,
     )
+
+
+def _is_minor(finding: Finding) -> bool:
+    """Return True if an effect of the model changes by less than a drive differs from the next."""
+    if finding.effect.startswith(PREFIX) or any(one.was is None for one in finding.parameters.values()):
+        return False
+    kind = BY_NAME[finding.effect]
+    return all(
+        abs(one.value - (one.was or 0.0)) < _MAX_MINOR_CHANGE * kind.scale(name)
+        for name, one in finding.parameters.items()
+    )
+
+
+def _best_stage(gaps: Sequence[float], held_out_gaps: Sequence[float]) -> int:
+    """Return how many effects to keep: all, unless the gap grew; then those up to the smallest held-out gap.
+
+    gaps, held_out_gaps: (K + 1,) with the first k effects
+    """
+    allowed = [k for k in range(len(gaps)) if gaps[k] <= gaps[0] and not held_out_gaps[k] > held_out_gaps[0]]
+    last = len(gaps) - 1
+    return last if last in allowed else min(allowed, key=lambda k: held_out_gaps[k])
+
+
+def _given_effect(initial_state: State, term: ModelTerm) -> Effect | None:
+    """Return the effect of the model file that a term refines, or None."""
+    nodes = [node for node in initial_state.problem.nodes if term.acts_on(node)]
+    given = {initial_state.effects[node.name].get(type(term.effect)) for node in nodes}
+    return next(iter(given)) if len(given) == 1 else None
 
 
 def _refit_stage(initial_state: State, terms: Sequence[ModelTerm], final: Evaluation) -> Evaluation:

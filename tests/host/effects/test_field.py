@@ -90,7 +90,7 @@ def test_the_supply_above_3_7_volts_shifts_the_gyro():
 
 @pytest.mark.parametrize("facing", [1.0, -1.0])
 def test_on_a_banked_road_gravity_has_a_lateral_component(facing):
-    _, accel = added("road_bank", facing, angle=0.1)
+    _, accel = added("mean_road_bank", facing, angle=0.1)
     # Beside a level road, where it is (0, 0, 1) in the body: (0, sin, cos).
     change = 9.80665 * np.array([0.0, np.sin(0.1), np.cos(0.1) - 1.0])
     c, s = np.cos(5.0 * T), np.sin(5.0 * T)

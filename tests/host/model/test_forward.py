@@ -345,4 +345,4 @@ def test_the_table_of_effects_in_the_readme_is_the_list_of_effects():
     assert list(documented) == [kind.name for kind in EFFECTS]
     for kind in EFFECTS:
         assert documented[kind.name] == (kind.level, list(kind.parameters())), kind.name
-    assert len(BY_NAME) == len(EFFECTS) == 28
+    assert len(BY_NAME) == len(EFFECTS) == 29

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from hubodo.effects import Effect
 from hubodo.effects.empirical import PREFIX
 from hubodo.gap.explain.descriptions import describe_manoeuvre, describe_where
 from hubodo.gap.explain.result import BeforeAfter, Estimate, Finding
@@ -35,10 +37,12 @@ def build_finding(
     rounds: RoundsByKey,
     residuals: Sequence[Mapping[str, Residual]],
     held_out_gaps: Sequence[float],
+    given: Effect | None = None,
 ) -> Finding:
     """Build the finding of a term.
 
     residuals, held_out_gaps: before and after it was added
+    given: the effect of the model file that the term refines
     """
     judged, name = rounds.get(term.key), term.effect.name
     hypotheses: Sequence[Hypothesis] = () if judged is None else judged.hypotheses
@@ -67,7 +71,7 @@ def build_finding(
     return Finding(
         name,
         term.scope,
-        _list_parameters(term, result.final, own),
+        _add_given_values(_list_parameters(term, result.final, own), given),
         BeforeAfter(compute_gap(residuals[0]), compute_gap(residuals[1])),
         BeforeAfter(held_out_gaps[0], held_out_gaps[1]),
         1.0 if own is None else own.p_value(result.rounds[-1].null_distribution),
@@ -80,6 +84,13 @@ def build_finding(
             for hypothesis in hypotheses
         ),
     )
+
+
+def _add_given_values(parameters: dict[str, Estimate], given: Effect | None) -> dict[str, Estimate]:
+    if given is None:
+        return parameters
+    was = given.values()
+    return {name: replace(estimate, was=was[name]) for name, estimate in parameters.items()}
 
 
 def _limit_confidence(

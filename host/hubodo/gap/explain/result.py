@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from hubodo.effects import BY_NAME
 from hubodo.effects.empirical import PREFIX
 from hubodo.gap.judge.search import SearchResult
 from hubodo.gap.process_noise.residual import Residual
@@ -32,11 +33,17 @@ class BeforeAfter:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A parameter: value, 1 sigma (None if unobservable), unit."""
+    """A parameter: value, 1 sigma (None if unobservable), unit, and the value of the model file, if any."""
 
     value: float
     sigma: float | None
     unit: str
+    was: float | None = None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the entry of `parameters` in `gap.json`."""
+        fields = {"value": self.value, "sigma": self.sigma, "unit": self.unit}
+        return fields if self.was is None else {**fields, "was": self.was, "change": self.value - self.was}
 
 
 @dataclass(frozen=True)
@@ -79,6 +86,11 @@ class Finding:
     inseparable_from: tuple[str, ...]
     rivals: tuple[tuple[str, str, float, float], ...]
 
+    @property
+    def belongs_to_drive(self) -> bool:
+        """True for an offset, a clock or the road: its value holds for this drive, not for the vehicle."""
+        return not self.effect.startswith(PREFIX) and BY_NAME[self.effect].varies_between_drives
+
     def as_json(self) -> dict[str, Any]:
         """Return the entry of `found` in `gap.json`.
 
@@ -91,10 +103,8 @@ class Finding:
         return {
             "effect": self.effect,
             "scope": self.scope,
-            "parameters": {
-                name: {"value": estimate.value, "sigma": estimate.sigma, "unit": estimate.unit}
-                for name, estimate in self.parameters.items()
-            },
+            "parameters": {name: estimate.as_json() for name, estimate in self.parameters.items()},
+            "of_this_drive": self.belongs_to_drive,
             "gap": self.gap.as_json(),
             "held_out_gap": self.held_out_gap.as_json(),
             "p_value": self.p_value,
@@ -129,6 +139,7 @@ class GapResult:
     search: all rounds
     residual_steps: residuals at first and after each added effect
     is_finished: False if the search was interrupted
+    refined: effects of the given model whose values changed by less than drives differ
     """
 
     verdict: Verdict
@@ -142,6 +153,7 @@ class GapResult:
     search: SearchResult
     residual_steps: tuple[Mapping[str, Residual], ...]
     is_finished: bool = True
+    refined: tuple[Finding, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of `gap.json`."""
@@ -153,6 +165,7 @@ class GapResult:
             "held_out_gap": self.held_out_gap.as_json(),
             "held_out": self.held_out_kind,
             "found": [finding.as_json() for finding in self.found],
+            "refined": [finding.as_json() for finding in self.refined],
             "remaining": [left.as_json() for left in self.remaining],
             "warnings": list(self.warnings),
         }

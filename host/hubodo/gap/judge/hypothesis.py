@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hubodo.arrays import Array
+from hubodo.gap.refit.cross_validation import HeldOutGain, compute_held_out_gain
 from hubodo.gap.refit.refit import Refit, compute_gain
 from hubodo.gap.scatter import Proposal
 from hubodo.gap.screen.evidence import USUAL_SCALE, compute_log_evidence
@@ -19,6 +20,15 @@ from hubodo.gap.state.terms import ModelTerm
 # Gain of a refit is limited to this many times that of the linear model plus this ln likelihood: more comes
 # from another optimum than the candidate's own. Chosen; judged by `make gap-matrix`.
 _MAX_GAIN_RATIO, _MAX_EXTRA_GAIN = 20.0, 20.0
+# Held-out gain, in sigma and as a share of the gain, that a hypothesis needs where residuals are correlated;
+# in white noise the likelihood suffices.
+_MIN_HELD_OUT_Z, _MIN_HELD_OUT_SHARE = 2.5, 0.3
+# The same in sigma of noise whose level differs from stretch to stretch: less is within what roads do.
+_MIN_LEVEL_SIGMAS = 1.3
+# Share of the gain that the plausible coordinates of an effect have alone.
+_MIN_PLAUSIBLE_SHARE = 0.5
+# ln Bayes factor of a hypothesis with an objection: too little for any prior.
+_OBJECTION_EVIDENCE = -50.0
 
 
 @dataclass(frozen=True)
@@ -30,6 +40,8 @@ class Hypothesis:
     probability: posterior among all hypotheses of its round and the null hypothesis
     state: at the end of its refit
     proposal: of a scatter detector
+    held_out_gain: cross-validated over folds of time; None for effects on scatter
+    objection: why it cannot be added despite its gain; "" if nothing speaks against it
     """
 
     term: ModelTerm
@@ -38,6 +50,8 @@ class Hypothesis:
     probability: float
     state: State | None = None
     proposal: Proposal | None = None
+    held_out_gain: HeldOutGain | None = None
+    objection: str = ""
 
     @property
     def key(self) -> tuple[str, str]:
@@ -62,7 +76,7 @@ def judge_effect(before: Refit, screened: ScreenedCandidate, after: Refit, tempe
     evidence = (
         _refit_evidence(screened, after.information(term), gain, tempering) - term.effect.neg_log_prior()
     )
-    return Hypothesis(term, gain, evidence, 0.0, after.evaluation.without_cache().state)
+    return _weigh_objections(before, term, after, gain, evidence, tempering)
 
 
 def judge_proposal(
@@ -82,7 +96,69 @@ def judge_unnamed_term(before: Refit, unnamed: UnnamedTerm, after: Refit, temper
     term = next(term for term in after.free_terms if term.key == unnamed.term.key)
     gain = _limit_gain(compute_gain(before, after), unnamed.gain)
     evidence = gain / tempering - (unnamed.gain - unnamed.evidence)
-    return Hypothesis(term, gain, evidence, 0.0, after.evaluation.without_cache().state)
+    return _weigh_objections(before, term, after, gain, evidence, tempering)
+
+
+def _weigh_objections(
+    before: Refit, term: ModelTerm, after: Refit, gain: float, evidence: float, tempering: float
+) -> Hypothesis:
+    """Return the hypothesis, with little evidence if it is implausible or gains nothing if held out."""
+    held_out_gain = compute_held_out_gain(before.fold_deviances, after.fold_deviances)
+    objection = ""
+    if _plausible_share(term, after.information(term)) < _MIN_PLAUSIBLE_SHARE:
+        objection = _describe_implausible(term)
+    elif not _helps_held_out(term, gain, held_out_gain, tempering):
+        objection = "does not help on samples to which it was not fitted"
+    if objection:
+        evidence = min(evidence, _OBJECTION_EVIDENCE)
+    state = after.evaluation.without_cache().state
+    return Hypothesis(term, gain, evidence, 0.0, state, None, held_out_gain, objection)
+
+
+def _plausible_share(term: ModelTerm, information: Array) -> float:
+    """Return the share of an effect's gain that its plausible coordinates have alone.
+
+    information: (k, k) about its coordinates, everything else fitted
+    """
+    implausible = term.effect.implausible_parameters()
+    if not implausible:
+        return 1.0
+    value = term.effect.coordinates() / term.effect.coordinate_scales()
+    names = term.effect.fitted_parameters()
+    if len(names) != len(value) or len(value) == len(implausible):
+        return 0.0
+    is_plausible = np.array([name not in implausible for name in names])
+    slope = information @ value
+    own = (
+        slope[is_plausible]
+        @ np.linalg.pinv(information[np.ix_(is_plausible, is_plausible)], hermitian=True)
+        @ slope[is_plausible]
+    )
+    return float(own / max(value @ slope, 1e-12))
+
+
+def _describe_implausible(term: ModelTerm) -> str:
+    name, bound = next(iter(term.effect.implausible_parameters().items()))
+    value, unit = term.effect.values()[name], term.effect.unit(name)
+    limit = f"{name} = {value:.2g} {unit} at its limit of ±{bound:.2g}"
+    return f"not physical: {limit}; another cause looks like this"
+
+
+def _helps_held_out(term: ModelTerm, gain: float, held_out_gain: HeldOutGain, tempering: float) -> bool:
+    """Return True if a term gains on held-out samples, beyond what correlated residuals make of it by chance.
+
+    A property of the vehicle also has to gain more than the level of the noise leaves in doubt; offsets and
+    clocks differ from drive to drive anyway.
+    """
+    correlated_share = 1.0 - 1.0 / tempering
+    return (
+        held_out_gain.z >= _MIN_HELD_OUT_Z * correlated_share
+        and held_out_gain.total >= _MIN_HELD_OUT_SHARE * correlated_share * gain
+        and (
+            term.effect.varies_between_drives
+            or held_out_gain.total >= _MIN_LEVEL_SIGMAS * held_out_gain.level_sigma
+        )
+    )
 
 
 def _limit_gain(gain: float, promised: float) -> float:

@@ -10,6 +10,7 @@ import base64
 import hashlib
 import json
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from hubodo.errors import InputError
 from hubodo.gap.judge.hypothesis import Hypothesis
 from hubodo.gap.judge.round import ReportProgress, Round, judge_round
 from hubodo.gap.process_noise.evaluation import Evaluation
+from hubodo.gap.refit.cross_validation import HeldOutGain
 from hubodo.gap.scatter import Proposal
 from hubodo.gap.screen.candidates import Candidate
 from hubodo.gap.screen.null_distribution import NullDistribution
@@ -146,6 +148,8 @@ def _hypothesis_to_json(hypothesis: Hypothesis) -> dict[str, Any]:
         "term": _term_to_json(hypothesis.term),
         "numbers": [hypothesis.gain, hypothesis.evidence, hypothesis.probability],
         "state": None if hypothesis.state is None else _state_to_json(hypothesis.state),
+        "held_out": None if hypothesis.held_out_gain is None else list(astuple(hypothesis.held_out_gain)),
+        "objection": hypothesis.objection,
         "proposal": None
         if proposal is None
         else [proposal.gain, proposal.evidence, dict(proposal.sigmas), proposal.where],
@@ -180,6 +184,7 @@ def _round_from_json(entry: Mapping[str, Any], point: Evaluation) -> Round:
 
 def _hypothesis_from_json(entry: Mapping[str, Any], point: Evaluation) -> Hypothesis:
     term, state, proposal = _term_from_json(entry["term"]), entry["state"], entry["proposal"]
+    held_out = entry["held_out"]
     gain, evidence, probability = entry["numbers"]
     return Hypothesis(
         term,
@@ -188,6 +193,8 @@ def _hypothesis_from_json(entry: Mapping[str, Any], point: Evaluation) -> Hypoth
         probability,
         None if state is None else _state_from_json(state, point),
         None if proposal is None else Proposal(term, *proposal),
+        None if held_out is None else HeldOutGain(*held_out),
+        entry["objection"],
     )
 
 

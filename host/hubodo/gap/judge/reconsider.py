@@ -79,10 +79,8 @@ class _EffectSet:
         return [term for term in self.final.state.terms if term.is_fitted]
 
     def without(self, term: ModelTerm) -> State:
-        """Return the model without one effect."""
-        return self.final.state.reset_with_terms(
-            [other for other in self.final.state.terms if other.key != term.key]
-        )
+        """Return the model without one effect; a refined one returns to its value in the model file."""
+        return self.final.state.without_terms([term.key])
 
     def replaced_by(self, final: Refit, rounds: RoundsByKey) -> _EffectSet:
         """Return the set with one effect replaced: its fit, and the rounds that found the new effects."""
@@ -155,9 +153,9 @@ class _Reconsideration:
             return None
         if best.key != term.key:
             without = effects.without(term)
-            final = refit_with_weights(without.with_terms([*without.terms, best.term]))
+            final = refit_with_weights(without.with_term(best.term))
             return effects.replaced_by(final, {best.key: judged})
-        if best.term.effect.random_walk_variance_rate() <= 0.0:
+        if not best.term.effect.is_process():
             return None
         replacement = _replace_walk(judged, best, {*self.reject, term.effect.name, EMPIRICAL}, self.observer)
         return None if replacement is None else effects.replaced_by(*replacement)
@@ -226,9 +224,11 @@ def drop_chance_effects(
             and hypothesis.p_value(null_distribution) >= 1.0 - MIN_ADD_PROBABILITY
         ):
             by_chance.add(key)
-    remaining = [
-        term for term in result.final.state.terms if term.key not in by_chance or term.effect.name in accept
+    dropped = [
+        term.key
+        for term in result.final.state.terms
+        if term.is_fitted and term.key in by_chance and term.effect.name not in accept
     ]
-    if len(remaining) == len(result.final.state.terms):
+    if not dropped:
         return result, rounds
-    return replace(result, final=refit_with_weights(result.final.state.reset_with_terms(remaining))), rounds
+    return replace(result, final=refit_with_weights(result.final.state.without_terms(dropped))), rounds

@@ -32,6 +32,10 @@ _HOPELESS_DEVIANCE = 100.0
 _LOST_WHEEL_RATIO, _MAX_STRICT_REFITS = 3.0, 3
 # Unnamed terms to refit; share of the best gain, and evidence as ln Bayes factor, that each has to reach.
 _MAX_UNNAMED_REFITS, _MIN_UNNAMED_SHARE, _MIN_UNNAMED_EVIDENCE = 2, 0.25, 3.0
+# Ratio of the gain of an unnamed term to that of the best listed effect, below which it is that effect.
+_MIN_UNNAMED_ADVANTAGE = 1.2
+# Gain in ln likelihood, tempered, that a simpler hypothesis may lack, where residuals are so correlated.
+_MAX_SIMILAR_LOSS, _MIN_CORRELATED_TEMPERING = 10.0, 3.0
 # ln Bayes factor for independent samples, from which on an effect is added provisionally.
 _PROVISIONAL_EVIDENCE = 20.0
 # Progress of a round after screening, refits, and comparison under common weights.
@@ -144,7 +148,8 @@ def judge_round(
         judge_unnamed_term(before, item, fit, tempering)
         for item, fit in zip(unnamed, unnamed_refits, strict=True)
     ]
-    ordered, nothing = compute_posterior(hypotheses)
+    ordered, nothing = compute_posterior(_drop_similar_unnamed(hypotheses))
+    ordered = _prefer_simple(ordered, tempering)
     stored = (*ordered[:1], *(hypothesis.without_tracking() for hypothesis in ordered[1:]))
     return Round(before.evaluation.without_cache(), stored, nothing, tuple(screened), null, tempering)
 
@@ -157,6 +162,44 @@ def _refit_with_common_weights(before: Refit, refits: Sequence[Refit]) -> tuple[
         fit_tracked(Evaluation(replace(state), weights), rounds=1).without_cache() for state, _ in tracked
     ]
     return refit(Evaluation(before.state, weights), rounds=0), common
+
+
+def _prefer_simple(ordered: tuple[Hypothesis, ...], tempering: float) -> tuple[Hypothesis, ...]:
+    """Put a hypothesis with fewer coordinates first if it gains almost as much as the most probable one.
+
+    Where residuals are correlated, any further coordinate takes something from the road. The two hypotheses
+    exchange their probabilities.
+    """
+    if len(ordered) < 2 or tempering < _MIN_CORRELATED_TEMPERING:
+        return ordered
+    first = ordered[0]
+    similar = [
+        k
+        for k, one in enumerate(ordered)
+        if not one.objection
+        and one.state is not None
+        and one.gain >= first.gain - _MAX_SIMILAR_LOSS * tempering
+        and len(one.term.effect.coordinates()) < len(first.term.effect.coordinates())
+    ]
+    if first.state is None or not similar:
+        return ordered
+    chosen = min(similar, key=lambda k: (len(ordered[k].term.effect.coordinates()), -ordered[k].gain))
+    result = list(ordered)
+    result[0] = replace(ordered[chosen], probability=first.probability)
+    result[chosen] = replace(first, probability=ordered[chosen].probability)
+    return tuple(result)
+
+
+def _drop_similar_unnamed(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Leave out unnamed terms that gain hardly more than a listed effect.
+
+    On a road no model fits exactly, and of two that fit almost equally the more flexible one gains more.
+    """
+    named = [
+        one.gain for one in hypotheses if not one.objection and not one.term.effect.name.startswith(PREFIX)
+    ]
+    minimum = _MIN_UNNAMED_ADVANTAGE * max(named, default=0.0)
+    return [one for one in hypotheses if not one.term.effect.name.startswith(PREFIX) or one.gain > minimum]
 
 
 def _select_unnamed_terms(before: Refit, best_gain: float) -> list[UnnamedTerm]:
@@ -237,7 +280,7 @@ def _detect_scatter(
         for proposal in detect(residuals)
         if proposal.term.effect.name not in reject
     ]
-    walks = [proposal for proposal in proposals if proposal.term.effect.random_walk_variance_rate() > 0.0]
+    walks = [proposal for proposal in proposals if proposal.term.effect.is_process()]
     return proposals, {proposal.term.key: _refit_with(before, proposal, rounds=0) for proposal in walks}
 
 

@@ -15,7 +15,7 @@ from hubodo.gap.problem.problem import NodeData, Problem
 from hubodo.gap.process_noise.residual import compute_gap
 from hubodo.gap.refit.refit import Refit, refit_with_weights
 from hubodo.gap.state.state import State
-from hubodo.gap.state.terms import ModelTerm
+from hubodo.gap.state.terms import terms_of_model
 from hubodo.model.forward import NodeInitialState
 
 # Effects added at most, one per round, which bounds the duration.
@@ -146,14 +146,8 @@ def _is_worse(before: Refit, after: Refit) -> bool:
 
 def build_initial_state(problem: Problem) -> State:
     """Return the state of the model file's own effects, with nodes on the body aligned to gravity."""
-    terms = []
-    for item in problem.model.effects:
-        level = item.effect.level
-        terms.append(
-            ModelTerm(item.effect, item.node or ("vehicle" if level == "vehicle" else "all"), is_fitted=False)
-        )
     starts = {node.name: _initial_attitude(node) for node in problem.nodes if not node.on_wheel}
-    return State(problem, tuple(terms), starts)
+    return State(problem, terms_of_model(problem.model), starts)
 
 
 def _initial_attitude(node: NodeData) -> NodeInitialState:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,12 +24,17 @@ def build_basis(count: int, groups: Sequence[Sequence[int]]) -> Array:
     return matrix
 
 
-def directions_of_terms(problem: Problem, terms: Sequence[ModelTerm]) -> tuple[list[Direction], Array]:
-    """Return the directions of terms, and a basis, (D, K), over all their coordinates in order."""
+def directions_of_terms(
+    problem: Problem, terms: Sequence[ModelTerm], others: Sequence[ModelTerm] = ()
+) -> tuple[list[Direction], Array]:
+    """Return the directions of terms, and a basis, (D, K), over all their coordinates in order.
+
+    others: further terms of the model; on a node with a term of its own, that of all nodes has no effect
+    """
     directions: list[Direction] = []
     blocks: list[tuple[list[list[int]], int]] = []
     for term in terms:
-        scopes = {t.scope for t in terms if t.key[0] == term.key[0]}
+        scopes = {t.scope for t in (*terms, *others) if t.key[0] == term.key[0]}
         nodes = [""] if term.scope == VEHICLE else [n.name for n in problem.nodes if term.acts_on(n)]
         if term.scope == ALL:
             nodes = [name for name in nodes if name not in scopes]
@@ -58,6 +64,7 @@ def move_terms(terms: Sequence[ModelTerm], steps: Sequence[Array]) -> list[Model
             candidate = term.with_coordinates(
                 term.effect.coordinates() + step * term.effect.coordinate_scales()
             )
+            candidate = replace(candidate, effect=candidate.effect.limited_to_plausible())
             if candidate.effect.is_valid():
                 break
             step = 0.5 * step

@@ -99,12 +99,16 @@ class _DirectionColumns:
         return np.concatenate([columns, turns.astype(np.float32)])
 
 
-def invert_information(information: Array, raw_squares: Array) -> Array:
+def invert_information(
+    information: Array, raw_squares: Array, prior_information: Array | float = 0.0
+) -> Array:
     """Return the inverse of an information matrix, (k, k); zero for unobservable coordinates.
 
     The information left after eliminating walks and other columns may be rounding error only. A Cholesky
     factorisation with pivoting takes the most informative coordinates first; those without remaining
     information are frozen.
+
+    prior_information: (k,) added to the diagonal of the observable part
     """
     remaining, observed = information.copy(), list[int]()
     rounding = _MIN_INFORMATION_SHARE * np.maximum(raw_squares, 1e-12)
@@ -117,5 +121,6 @@ def invert_information(information: Array, raw_squares: Array) -> Array:
         observed.append(pivot)
         remaining -= remaining[pivot][:, None] * remaining[pivot] / remaining[pivot, pivot]
     covariance = np.zeros_like(information)
-    covariance[np.ix_(observed, observed)] = np.linalg.inv(information[np.ix_(observed, observed)])
+    prior = np.diag(np.broadcast_to(prior_information, len(information))[observed])
+    covariance[np.ix_(observed, observed)] = np.linalg.inv(information[np.ix_(observed, observed)] + prior)
     return covariance

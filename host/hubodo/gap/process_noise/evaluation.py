@@ -110,6 +110,17 @@ class Evaluation:
             shared_walk_covariance(self.problem, noises),
         )
 
+    def samples_per_block(self) -> Array:
+        """Return how many readings take part in each block of windows, (B,)."""
+        grid = window_grid(self.problem)
+        edges = np.append(grid[::BLOCK_WINDOWS], np.inf)
+        counts = np.zeros(len(edges) - 1)
+        for node in self.problem.nodes:
+            is_used = (self._weight(node, slice(None)) > 0.0).sum(axis=0)
+            block = np.searchsorted(edges, node.t, side="right") - 1
+            counts += np.bincount(np.maximum(block, 0), is_used, len(counts))
+        return counts
+
     def _node_segments(
         self, noises: Sequence[ProcessNoise], columns: NodeColumns | None
     ) -> Iterator[Iterator[NodeSegment]]:

@@ -11,7 +11,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg.lapack import dgesv
 
 from hubodo.arrays import Array
@@ -96,8 +95,8 @@ def filter_innovations(
     raw_squares = np.zeros(n_columns + 1)
     for node in window_sums:
         raw_squares[node.column_indices] += node.raw_squares
-    is_white = np.array([walk.is_white for walk in walks], bool)
-    mean = _smooth(walk_filter.steps, is_white, len(walks))
+    decay = np.array([walk.decay(window) for walk in walks])
+    mean = _smooth(walk_filter.steps, decay, len(walks))
     return Innovations(grams, walk_filter.log_determinant, raw_squares, mean)
 
 
@@ -141,13 +140,13 @@ class _WalkFilter:
     ) -> None:
         is_white = np.array([walk.is_white for walk in walks], bool)
         start, count = np.array([walk.start_variance for walk in walks]), len(walks)
-        intensities = np.diag([0.0 if walk.is_white else walk.intensity for walk in walks])
-        self._growth = (intensities + step_covariance) * window
+        self._growth = np.diag([walk.growth(window) for walk in walks]) + np.multiply(step_covariance, window)
         self._walk_mask, self._white_variance = (
             np.outer(~is_white, ~is_white),
             np.diag(np.where(is_white, start, 0.0)),
         )
-        self._transition = np.where(is_white, 0.0, 1.0)[:, None]
+        self._transition = np.array([walk.decay(window) for walk in walks])[:, None]
+        self._decay = self._transition * self._transition.T
         self._estimate, self._variance = np.zeros((count, size + 1)), np.diag(start)
         self._smooth, self._is_started = smooth, False
         self.log_determinant, self.steps = 0.0, list[_FilterStep]()
@@ -168,7 +167,7 @@ class _WalkFilter:
             np.subtract(after, step, out=predicted)
             predicted *= self._transition
             if self._is_started:
-                variance = (variance + self._growth) * self._walk_mask + self._white_variance
+                variance = variance * self._decay + self._growth * self._walk_mask + self._white_variance
             self._is_started = True
             np.subtract(cross_product, g @ predicted, out=u)
             np.add(identity, variance @ g, out=spread)
@@ -199,7 +198,7 @@ def _solve(matrix: Array, right_side: Array) -> Array:
     return np.asarray(solution)
 
 
-def _smooth(steps: Sequence[_FilterStep], is_white: NDArray[np.bool_], count: int) -> Array:
+def _smooth(steps: Sequence[_FilterStep], decay: Array, count: int) -> Array:
     """Return the smoothed walks, (K, C), by Rauch, Tung and Striebel's smoother (1965)."""
     means = np.empty((len(steps), count))
     for k in range(len(steps) - 1, -1, -1):
@@ -209,5 +208,5 @@ def _smooth(steps: Sequence[_FilterStep], is_white: NDArray[np.bool_], count: in
             scale = np.sqrt(later.expected_covariance.diagonal())
             correction = (means[k + 1] - later.expected) / scale
             correction = _solve(later.expected_covariance / (scale[:, None] * scale), correction) / scale
-            means[k] += steps[k].covariance @ np.where(is_white, 0.0, correction)
+            means[k] += steps[k].covariance @ (decay * correction)
     return means

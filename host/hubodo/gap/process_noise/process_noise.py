@@ -8,25 +8,30 @@ from itertools import permutations
 from typing import Literal
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from hubodo.arrays import Array
+from hubodo.earth import STANDARD_GRAVITY
 from hubodo.gap.problem.problem import NodeData, Problem
 from hubodo.gap.process_noise.segments import window_indices
 from hubodo.gap.process_noise.weights import shared_wheel_walk
 from hubodo.gap.process_noise.wheel_phase import WINDOW_DURATION
 from hubodo.gap.process_noise.window_sums import RandomWalk
 from hubodo.gap.state.state import State
-from hubodo.vehicle import side_sign
+from hubodo.vehicle import facing_sign, side_sign
 
 # s in which a repeatedly corrected clock drifts by clock_sigma.
 _CLOCK_WALK_TIME = 10.0
+
+# m/s; a shorter distance has no bank that could be told from a bias.
+_MIN_MEAN_SPEED = 0.1
 
 # Largest correlation between the steps of two wheels: no two roll identically, and a nearly singular
 # covariance would amplify rounding errors.
 _MAX_WALK_CORRELATION = 0.9
 
 NoiseSource = Literal[
-    "speed", "speed slope", "yaw rate", "yaw rate slope", "wheel", "clock", "gx", "gy", "gz"
+    "speed", "speed slope", "yaw rate", "yaw rate slope", "bank", "wheel", "clock", "gx", "gy", "gz"
 ]
 
 
@@ -47,6 +52,7 @@ class ProcessNoise:
 def list_process_noise(state: State, wheel_walks: Mapping[str, float]) -> list[ProcessNoise]:
     """Return the process noise of a state; `wheel_walks`: rad²/s, intensity of each wheel's angle."""
     noises = list(_list_input_noise(state.problem))
+    noises += [ProcessNoise(walk, "bank") for walk in _list_bank_walks(state)]
     for node in state.problem.nodes:
         if node.on_wheel:
             noises.append(ProcessNoise(RandomWalk(wheel_walks[node.name]), "wheel", node.name))
@@ -94,9 +100,36 @@ def compute_noise_columns(
             column[:] = state.delay_columns[node.name]
         elif source in input_columns:
             column[:] = input_columns[source]
+        elif source == "bank":
+            column[:] = bank_column(state, node)
         else:
             column[("gx", "gy", "gz").index(source)] = 1.0
     return columns
+
+
+def _list_bank_walks(state: State) -> Iterator[RandomWalk]:
+    """Yield the process of a banked road, once for the vehicle; its length is passed at the mean speed."""
+    effects = state.effects[state.problem.nodes[0].name].values()
+    for sigma, length in (effect.bank_process() for effect in effects):
+        if sigma > 0.0:
+            yield RandomWalk(0.0, sigma**2, correlation_time=length / mean_speed(state.problem))
+
+
+def mean_speed(problem: Problem) -> float:
+    """Return the mean speed of the vehicle while the log lasts, m/s, at least 0.1."""
+    t = problem.nodes[0].t
+    return max(float(np.mean(np.abs(problem.inputs.at(t).speed))), _MIN_MEAN_SPEED)
+
+
+def bank_column(state: State, node: NodeData) -> Array:
+    """Return the change of a node's channels, (6, N), per rad of bank: gravity to the left."""
+    column = np.zeros_like(node.y)
+    if node.on_wheel:
+        column[5] = facing_sign(node.mount.facing or "left") * STANDARD_GRAVITY
+        return column
+    left = Rotation.from_rotvec(state.start_of(node).attitude).inv().apply([0.0, STANDARD_GRAVITY, 0.0])
+    column[3:] = left[:, None]
+    return column
 
 
 def stamp_delay_walk(problem: Problem) -> RandomWalk:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -26,11 +27,26 @@ class RandomWalk:
     intensity: unit² per second
     start_variance: variance at the start; from FREE_WALK_VARIANCE on the start is free
     is_white: True for white noise with variance `start_variance` in each window
+    correlation_time: s, of a first-order Gauss-Markov process with variance `start_variance`; infinite for a
+        random walk
     """
 
     intensity: float
     start_variance: float = FREE_WALK_VARIANCE
     is_white: bool = False
+    correlation_time: float = math.inf
+
+    def decay(self, duration: float) -> float:
+        """Return the correlation of values that are `duration` s apart."""
+        return 0.0 if self.is_white else math.exp(-duration / self.correlation_time)
+
+    def growth(self, duration: float) -> float:
+        """Return the variance that is added within `duration` s."""
+        if self.is_white:
+            return 0.0
+        if math.isinf(self.correlation_time):
+            return self.intensity * duration
+        return self.start_variance * (1.0 - self.decay(duration) ** 2)
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,8 @@ from hubodo.gap.linear.linearisation import Linearisation, invert_information, l
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.process_noise.tracking import estimate_weights, track_wheel_phase
 from hubodo.gap.process_noise.weights import weights_from_residuals
+from hubodo.gap.refit.cross_validation import FoldDeviances, cross_validate
+from hubodo.gap.refit.prior import CoordinatePrior, build_prior
 from hubodo.gap.state.state import ATTITUDE_SCALE, State
 from hubodo.gap.state.terms import ModelTerm
 from hubodo.model.forward import NodeInitialState
@@ -49,6 +51,8 @@ class Refit:
     block_scores: (B, K), score of each block
     full_covariance: of coordinates and nuisances
     gram: information about coordinates and nuisances, and the row of the residual
+    fold_deviances: of folds of time, for held-out gains
+    prior: pseudo-observations of the coordinates, of their usual size
     """
 
     evaluation: Evaluation
@@ -59,6 +63,8 @@ class Refit:
     block_scores: Array
     full_covariance: Array
     gram: Array
+    fold_deviances: FoldDeviances
+    prior: CoordinatePrior
 
     @property
     def state(self) -> State:
@@ -67,7 +73,12 @@ class Refit:
     @property
     def step(self) -> Array:
         """Return the Gauss-Newton step of coordinates and nuisances, (K + nuisances,), in scales."""
-        return np.asarray(self.full_covariance @ self.gram[:-1, -1])
+        return np.asarray(self.full_covariance @ (self.gram[:-1, -1] - self.prior.gradient))
+
+    @property
+    def objective(self) -> float:
+        """Return the deviance with the penalty of the prior, which a fit minimises."""
+        return self.deviance + self.prior.penalty(self.step)
 
     def without_cache(self) -> Refit:
         """Return a copy without cached results; see `Evaluation.without_cache`."""
@@ -106,14 +117,16 @@ class Refit:
 
         Few blocks scatter by chance; the excess that one in six such logs would show is deducted.
         """
-        n_observed = int(np.count_nonzero(np.diag(self.covariance)))
-        if not n_observed:
-            return 1.0
-        ratio = np.trace(self.block_scores.T @ self.block_scores @ self.covariance) / n_observed
-        degrees_of_freedom = n_observed * max(len(self.block_scores) - 1.0, 1.0)
-        return max(
-            1.0, float(ratio * degrees_of_freedom / chdtri(degrees_of_freedom, _CHANCE_SCATTER_P_VALUE))
-        )
+        return _compute_tempering(self.block_scores, self.covariance)
+
+
+def _compute_tempering(block_scores: Array, covariance: Array) -> float:
+    n_observed = int(np.count_nonzero(np.diag(covariance)))
+    if not n_observed:
+        return 1.0
+    ratio = np.trace(block_scores.T @ block_scores @ covariance) / n_observed
+    degrees_of_freedom = n_observed * max(len(block_scores) - 1.0, 1.0)
+    return max(1.0, float(ratio * degrees_of_freedom / chdtri(degrees_of_freedom, _CHANCE_SCATTER_P_VALUE)))
 
 
 def compute_gain(before: Refit, after: Refit) -> float:
@@ -144,14 +157,15 @@ def continue_fit(start: Refit, rounds: int = _MAX_ITERATIONS, max_deviance: floa
         # The deviance already includes the step; if it grows, the step left the linear range.
         for fraction in _STEP_FRACTIONS if rounds > 1 else _STEP_FRACTIONS[:1]:
             state, _walks = track_wheel_phase(_apply_step(start, fraction * start.step))
-            attempt = begin_fit(start.evaluation.with_state(state))
-            if attempt.deviance < start.deviance + tolerance + _MIN_PROMISED_SHARE * step_size**2:
+            attempt = begin_fit(start.evaluation.with_state(state), tempering=start.prior.tempering)
+            if attempt.objective < start.objective + tolerance + _MIN_PROMISED_SHARE * step_size**2:
                 break
         else:
             break
-        previous_deviance, previous_size = start.deviance, step_size
+        previous_objective, previous_size = start.objective, step_size
         start, step_size = attempt, _step_sigmas(attempt)
-        if start.deviance > previous_deviance - tolerance and step_size > _STALLED_STEP_RATIO * previous_size:
+        is_better = start.objective < previous_objective - tolerance
+        if not is_better and step_size > _STALLED_STEP_RATIO * previous_size:
             break
     return start
 
@@ -177,13 +191,16 @@ def refit_with_weights(state: State) -> Refit:
     return fit
 
 
-def begin_fit(evaluation: Evaluation, linearisation: Linearisation | None = None) -> Refit:
+def begin_fit(
+    evaluation: Evaluation, linearisation: Linearisation | None = None, tempering: float | None = None
+) -> Refit:
     """Linearise a fit at one evaluation, before any step.
 
     linearisation: if already computed, along the terms of the fit and possibly more
+    tempering: of the prior; None to take that of this fit
     """
     free_terms = [term for term in evaluation.state.terms if term.is_refittable]
-    directions, basis = directions_of_terms(evaluation.problem, free_terms)
+    directions, basis = directions_of_terms(evaluation.problem, free_terms, evaluation.state.terms)
     linearised = (
         linearise(evaluation, directions)
         if linearisation is None
@@ -196,13 +213,20 @@ def begin_fit(evaluation: Evaluation, linearisation: Linearisation | None = None
     n_tail = linearised.n_nuisances + 1
     transform[-n_tail:, -n_tail:] = np.eye(n_tail)
     blocks = np.einsum("dk,bde,ef->bkf", transform, linearised.block_grams.unpack(), transform, optimize=True)
-    gram = blocks.sum(axis=0)
-    covariance = invert_information(gram[:-1, :-1], (transform.T**2 @ linearised.raw_squares)[:-1])
-    step = covariance @ gram[:-1, -1]
+    gram, raw_squares = blocks.sum(axis=0), (transform.T**2 @ linearised.raw_squares)[:-1]
+    covariance, k = invert_information(gram[:-1, :-1], raw_squares), basis.shape[1]
+    score = blocks[:, :-1, -1] - blocks[:, :-1, :-1] @ (covariance @ gram[:-1, -1])
+    if tempering is None:
+        tempering = _compute_tempering(score[:, :k], covariance[:k, :k])
+    prior = build_prior(free_terms, len(gram) - 1, tempering)
+    covariance = invert_information(gram[:-1, :-1], raw_squares, prior.information)
+    step = covariance @ (gram[:-1, -1] - prior.gradient)
     score = blocks[:, :-1, -1] - blocks[:, :-1, :-1] @ step
     robust_covariance = covariance @ (score.T @ score) @ covariance
-    deviance = float(gram[-1, -1] - gram[:-1, -1] @ step) + linearised.log_determinant
-    k = basis.shape[1]
+    deviance = (
+        float(gram[-1, -1] - 2.0 * step @ gram[:-1, -1] + step @ gram[:-1, :-1] @ step)
+        + linearised.log_determinant
+    )
     return Refit(
         evaluation,
         tuple(free_terms),
@@ -212,6 +236,8 @@ def begin_fit(evaluation: Evaluation, linearisation: Linearisation | None = None
         score[:, :k],
         covariance,
         gram,
+        cross_validate(blocks, raw_squares, prior, evaluation.samples_per_block()),
+        prior,
     )
 
 

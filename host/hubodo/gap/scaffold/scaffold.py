@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from math import log
 from pathlib import Path
 from typing import Any
@@ -70,7 +70,7 @@ class Scaffold:
         return {
             "effect": self.name,
             "scope": self.scope,
-            "parameters": {key: asdict(estimate) for key, estimate in self.parameters.items()},
+            "parameters": {key: estimate.as_json() for key, estimate in self.parameters.items()},
             "where": self.where,
             "gap": {"before": self.gap_before, "after": self.gap_after},
             "replaced": list(self.replaced),

@@ -50,7 +50,7 @@ def screen_candidates(evaluation: Evaluation) -> Screening:
     """Screen every candidate beside the terms of the current model."""
     free_terms = [term for term in evaluation.state.terms if term.is_refittable]
     directions = list_directions(evaluation.state)
-    term_directions, basis = directions_of_terms(evaluation.problem, free_terms)
+    term_directions, basis = directions_of_terms(evaluation.problem, free_terms, evaluation.state.terms)
     linearisation = linearise(evaluation, [*directions, *term_directions])
     gram = linearisation.gram
     fitted_basis = np.zeros((len(gram), basis.shape[1] + linearisation.n_nuisances))

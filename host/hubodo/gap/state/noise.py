@@ -19,6 +19,11 @@ from hubodo.vehicle import facing_sign, side_sign
 
 _MAX_SPIN_GROUPS = 6
 _MIN_GROUP_SAMPLES = 400
+# s, samples and windows for the roughness of the road, and groups of it.
+_ROUGHNESS_WINDOW, _MIN_ROUGHNESS_SAMPLES, _MIN_ROUGHNESS_WINDOWS, _MAX_ROUGHNESS_GROUPS = 1.0, 20, 20, 16
+# 1 sigma of ln scatter from second to second from which on the road is rough: chance makes 0.03 to 0.08 of
+# constant noise, a paved road 0.4 to 0.8. Ratio of a step to the usual one beyond which it is an outlier.
+_MIN_ROUGHNESS_SCATTER, _MAX_ROUGHNESS_RATIO = 0.2, 8.0
 # Trimmed mean of |x| for a unit Gaussian without its largest 2.5 %: robust against outliers, and nonzero on a
 # coarse lattice, where a median would vanish.
 _TRIMMED_FRACTION = 0.975
@@ -61,10 +66,16 @@ class ChannelNoise:
 def estimate_channel_noise(
     problem: Problem, node: NodeData, reading: NodeReading, residual: Array
 ) -> ChannelNoise:
-    """Estimate the noise of a node's channels from their residual, (6, N), in groups of similar spin."""
+    """Estimate the noise of a node's channels from their residual, (6, N), in groups of similar noise.
+
+    On a road the noise varies from second to second with the surface: then groups are of similar roughness,
+    otherwise of similar spin.
+    """
     is_new = np.concatenate([[True], (np.diff(node.y, axis=1) != 0.0).any(axis=0)])
     spin = np.zeros(len(node.t)) if reading.rolling is None else np.abs(reading.rolling.spin)
-    bins, usable = _group_by_spin(spin), is_new & ~node.is_saturated
+    usable = is_new & ~node.is_saturated
+    roughness = _measure_roughness(node, residual, usable)
+    bins = _group_by_spin(spin) if roughness is None else _group_in_order(roughness, _MAX_ROUGHNESS_GROUPS)
     levels, group = np.empty((6, len(bins))), np.empty(len(node.t), np.uint8)
     overall = _estimate_white_sigma(residual, np.flatnonzero(usable.all(axis=0)))
     for k, members in enumerate(bins):
@@ -153,10 +164,39 @@ def _smoothed_sigmas(source: SmoothingSpline, declared: float) -> tuple[float, f
 
 
 def _group_by_spin(spin: Array) -> list[NDArray[np.intp]]:
-    """Return samples in order of their spin, in up to six groups of equal size."""
-    count = int(np.clip(len(spin) // _MIN_GROUP_SAMPLES, 1, _MAX_SPIN_GROUPS))
-    order = np.argsort(spin, kind="stable")
+    return _group_in_order(spin, _MAX_SPIN_GROUPS)
+
+
+def _group_in_order(value: Array, max_groups: int) -> list[NDArray[np.intp]]:
+    """Return samples in order of a value, (N,), in groups of equal size."""
+    count = int(np.clip(len(value) // _MIN_GROUP_SAMPLES, 1, max_groups))
+    order = np.argsort(value, kind="stable")
     return [np.sort(part) for part in np.array_split(order, count)]
+
+
+def _measure_roughness(node: NodeData, residual: Array, usable: NDArray[np.bool_]) -> Array | None:
+    """Return ln of the scatter about each sample, (N,), relative to the usual one; None if it hardly varies.
+
+    The scatter is that of differences of neighbours within a second, of all channels together.
+    """
+    complete = np.asarray(usable.all(axis=0))
+    inside = complete[1:] & complete[:-1]
+    second = ((node.t[1:] - node.t[0]) / _ROUGHNESS_WINDOW).astype(np.intp)
+    count = np.bincount(second, inside)
+    is_known = np.asarray(count >= _MIN_ROUGHNESS_SAMPLES)
+    if np.count_nonzero(is_known) < _MIN_ROUGHNESS_WINDOWS:
+        return None
+    logs = np.zeros(len(count))
+    for row in np.flatnonzero(node.used):
+        step = np.abs(np.diff(residual[row])) * inside
+        usual = float(np.mean(step[inside]))
+        step = np.minimum(step, _MAX_ROUGHNESS_RATIO * usual)
+        logs += np.log(np.maximum(np.bincount(second, step) / np.maximum(count, 1.0), 1e-3 * usual))
+    logs /= max(int(np.count_nonzero(node.used)), 1)
+    if np.std(logs[is_known]) < _MIN_ROUGHNESS_SCATTER:
+        return None
+    logs = np.interp(np.arange(len(logs)), np.flatnonzero(is_known), logs[is_known])
+    return np.asarray(logs[((node.t - node.t[0]) / _ROUGHNESS_WINDOW).astype(np.intp).clip(0, len(logs) - 1)])
 
 
 def _min_sigma(problem: Problem, node: NodeData) -> Array:

@@ -14,7 +14,7 @@ from hubodo.effects.base import SensorChain
 from hubodo.gap.problem.problem import NodeData, Problem
 from hubodo.gap.state.measured_speed import SpeedError, average_speed_errors, compute_speed_error
 from hubodo.gap.state.noise import InputSensitivity, compute_input_sensitivity
-from hubodo.gap.state.terms import ModelTerm, effects_on_node
+from hubodo.gap.state.terms import ModelTerm, effects_on_node, terms_of_model
 from hubodo.model.forward import NodeInitialState, NodeReading
 from hubodo.model.inputs import DelayedMotion, MotionCorrection, SpeedCorrection
 
@@ -52,6 +52,14 @@ class State:
     def with_term(self, term: ModelTerm) -> State:
         """Return a copy with one more term; it replaces a given one of the same effect and scope."""
         return self.with_terms([*(other for other in self.terms if other.key != term.key), term])
+
+    def without_terms(self, keys: Collection[tuple[str, str]]) -> State:
+        """Return a copy without some terms, given by effect and scope, and with untracked wheels and clocks.
+
+        Where a term refined an effect of the model file, the value of the file returns.
+        """
+        given = [term for term in terms_of_model(self.problem.model) if term.key in keys]
+        return self.reset_with_terms([*(term for term in self.terms if term.key not in keys), *given])
 
     def reset_with_terms(self, terms: Sequence[ModelTerm]) -> State:
         """Return a copy with other terms and untracked wheels and clocks.

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from hubodo.arrays import Array
 from hubodo.effects import Effect, in_order
 from hubodo.gap.problem.problem import NodeData
+from hubodo.model.model_file import Model
 
 ALL = "all"
 VEHICLE = "vehicle"
@@ -19,11 +20,13 @@ class ModelTerm:
 
     scope: name of a node, `all` nodes, or the `vehicle`
     is_fitted: True if the search added it and later fits may change it; False if the model file gave it
+    frozen: coordinates that a fit does not move
     """
 
     effect: Effect
     scope: str
     is_fitted: bool = True
+    frozen: tuple[int, ...] = ()
 
     @property
     def key(self) -> tuple[str, str]:
@@ -47,6 +50,16 @@ class ModelTerm:
         if self.effect.level == "wheel" and not node.on_wheel:
             return False
         return self.scope in (ALL, VEHICLE, node.name)
+
+
+def terms_of_model(model: Model) -> tuple[ModelTerm, ...]:
+    """Return the effects of a model file as terms that no fit changes."""
+    return tuple(
+        ModelTerm(
+            item.effect, item.node or (VEHICLE if item.effect.level == "vehicle" else ALL), is_fitted=False
+        )
+        for item in model.effects
+    )
 
 
 def effects_on_node(node: NodeData, terms: Iterable[ModelTerm]) -> dict[type[Effect], Effect]:

@@ -10,14 +10,15 @@ from hubodo.gap.process_noise.walk_likelihood import smooth_walk, walk_log_likel
 from hubodo.gap.process_noise.window_sums import NodeSegment, RandomWalk
 
 WINDOW_S, WINDOWS_PER_BLOCK, N_COLUMNS = 0.5, 3, 2
-# A wheel phase of unknown start, a slow walk, and white noise drawn once per window.
+# A wheel phase of unknown start, a slow walk, white noise drawn once per window, and a process that forgets.
 WALKS = (
     RandomWalk(0.02, start_variance=1e5),
     RandomWalk(0.1, start_variance=0.01),
     RandomWalk(0.0, start_variance=0.3, is_white=True),
+    RandomWalk(0.0, start_variance=0.2, correlation_time=1.2),
 )
 # Covariance of the steps of the first two walks, per second.
-STEP_COVARIANCE = np.zeros((3, 3))
+STEP_COVARIANCE = np.zeros((4, 4))
 STEP_COVARIANCE[0, 1] = STEP_COVARIANCE[1, 0] = 0.03
 SEEDS = (1, 2, 3)
 
@@ -27,8 +28,8 @@ def draw_segments(seed):
     rng = np.random.default_rng(seed)
     segments = []
     for counts, column_indices, noise_indices in (
-        ((4, 3, 5, 4, 2, 4, 3), (0, 1), (0, 2)),
-        ((3, 0, 2, 4, 4, 0, 5), (1,), (1, 2)),
+        ((4, 3, 5, 4, 2, 4, 3), (0, 1), (0, 2, 3)),
+        ((3, 0, 2, 4, 4, 0, 5), (1,), (1, 2, 3)),
     ):
         edges = np.concatenate([[0], np.cumsum(counts)])
         n = edges[-1]
@@ -82,6 +83,10 @@ def build_dense_gaussian(segments, stacked_offsets):
     prior = np.zeros((windows, count, windows, count))
     for c, walk in enumerate(WALKS):
         later = np.minimum.outer(np.arange(windows), np.arange(windows))
+        apart = WINDOW_S * np.abs(np.subtract.outer(np.arange(windows), np.arange(windows)))
+        if np.isfinite(walk.correlation_time):
+            prior[:, c, :, c] = walk.start_variance * np.exp(-apart / walk.correlation_time)
+            continue
         walk_prior = (
             np.eye(windows) * walk.start_variance
             if walk.is_white

@@ -1,0 +1,101 @@
+"""Cross-validation of a linearised fit over folds of time, from the gram matrices of its blocks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.gap.linear.linearisation import invert_information
+from hubodo.gap.refit.prior import CoordinatePrior
+
+# Folds of consecutive blocks: each longer than the correlation of roads and manoeuvres, some ten seconds, and
+# as many as a log of two minutes has of them.
+_BLOCKS_PER_FOLD, _MIN_FOLDS, _MAX_FOLDS = 3, 4, 12
+
+
+@dataclass(frozen=True)
+class FoldDeviances:
+    """Deviances of F folds of time.
+
+    held_out: (F,), of each fold under the fit to all other folds
+    own: (F,), of each fold under the fit to all folds
+    samples: (F,) readings in each fold
+    """
+
+    held_out: Array
+    own: Array
+    samples: Array
+
+    @property
+    def level_scatter(self) -> float:
+        """Return 1 sigma of the total deviance due to noise whose level differs from fold to fold.
+
+        In white noise of the assumed level a fold of n samples scatters by √(2 n); twice that variance is
+        left to chance. What exceeds it is road, engine and manoeuvres that no model describes.
+        """
+        count = len(self.samples)
+        level = float(self.own.sum() / max(self.samples.sum(), 1.0))
+        scatter = self.own - level * self.samples
+        variance = float(scatter @ scatter) * count / max(count - 1, 1)
+        return float(np.sqrt(max(variance - 4.0 * level**2 * self.samples.sum(), 0.0)))
+
+
+@dataclass(frozen=True)
+class HeldOutGain:
+    """Gain in log-likelihood on samples that a fit has not seen.
+
+    total: sum over all folds
+    sigma: 1 sigma of the total, from the scatter of the folds about a constant share of their own gains
+    level_sigma: 1 sigma of the log-likelihood due to noise whose level differs from fold to fold
+    """
+
+    total: float
+    sigma: float
+    level_sigma: float
+
+    @property
+    def z(self) -> float:
+        """Return the gain in sigma."""
+        return self.total / self.sigma if self.sigma > 0.0 else 0.0
+
+
+def cross_validate(
+    blocks: Array, raw_squares: Array, prior: CoordinatePrior, samples: Array
+) -> FoldDeviances:
+    """Return the deviances of folds of consecutive blocks.
+
+    blocks: (B, P+1, P+1) gram matrices of coordinates and residual, whose row is the last
+    raw_squares: (P,) squares of the columns, below a share of which information is rounding error
+    prior: of the coordinates
+    samples: (B,) readings in each block
+
+    For a linear model with information A and score b the other folds give the step d = A⁻¹ b, and the
+    deviance of the fold is r'r - 2 d'b_f + d'A_f d (Stone 1974).
+    """
+    count = int(np.clip(len(blocks) // _BLOCKS_PER_FOLD, min(_MIN_FOLDS, len(blocks)), _MAX_FOLDS))
+    folds = np.array([part.sum(axis=0) for part in np.array_split(blocks, count)])
+    total, deviances = folds.sum(axis=0), np.empty((2, count))
+    for k, fold in enumerate(folds):
+        for row, training in enumerate((total - fold, total)):
+            covariance = invert_information(training[:-1, :-1], raw_squares, prior.information)
+            step = covariance @ (training[:-1, -1] - prior.gradient)
+            deviances[row, k] = fold[-1, -1] - 2.0 * step @ fold[:-1, -1] + step @ fold[:-1, :-1] @ step
+    fold_samples = np.array([part.sum() for part in np.array_split(samples, count)])
+    return FoldDeviances(deviances[0], deviances[1], fold_samples)
+
+
+def compute_held_out_gain(before: FoldDeviances, after: FoldDeviances) -> HeldOutGain:
+    """Return the gain of one fit over another, from their deviances of the same folds.
+
+    A fold whose fit without it is far off would dominate: no fold counts more than twice its own gain. A true
+    effect gains about the same share of each fold's own gain, however unevenly a drive shows it.
+    """
+    own = 0.5 * (before.own - after.own)
+    held_out = np.minimum(0.5 * (before.held_out - after.held_out), 2.0 * np.maximum(own, 0.0))
+    total = float(held_out.sum())
+    share = total / max(float(own.sum()), 1e-9)
+    scatter = held_out - share * own
+    sigma = float(np.sqrt(scatter @ scatter * len(own) / max(len(own) - 1, 1)))
+    return HeldOutGain(total, sigma, 0.5 * after.level_scatter)

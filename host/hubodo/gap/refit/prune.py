@@ -1,0 +1,101 @@
+"""Pruning of coordinates that a log with correlated residuals does not determine."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import replace
+
+import numpy as np
+
+from hubodo.arrays import Array
+from hubodo.effects.empirical import PREFIX
+from hubodo.gap.process_noise.residual import compute_gap
+from hubodo.gap.refit.refit import Refit, refit
+from hubodo.gap.state.terms import ModelTerm, terms_of_model
+
+# Total loss in ln likelihood that pruning may cost, in sigma of noise whose level differs between stretches.
+_MAX_LOSS_LEVEL_SIGMAS = 0.3
+# Ratio of the gap after pruning to that before it, at most.
+_MAX_GAP_RATIO = 1.01
+
+
+def prune_coordinates(fit: Refit) -> Refit:
+    """Return the fit with undetermined coordinates at zero, or as in the model file, all others fitted again.
+
+    An effect of several parameters, such as a lever arm, often shows in some of them only. The others follow
+    what no effect describes, such as the road, and would be wrong on the next drive. In white noise nothing
+    is pruned. First go coordinates at their plausible limit, then those that cost least (backward
+    elimination).
+    """
+    correlated_share = 1.0 - 1.0 / fit.tempering
+    budget = 0.5 * _MAX_LOSS_LEVEL_SIGMAS * fit.fold_deviances.level_scatter * correlated_share
+    if budget <= 0.0:
+        return fit
+    candidates, at_limit = _list_candidates(fit)
+    covariance, value = fit.covariance.copy(), _relative_coordinates(fit)
+    pruned: list[int] = []
+    while candidates:
+        variance = covariance[candidates, candidates]
+        loss = np.where(variance > 0.0, 0.5 * value[candidates] ** 2 / np.maximum(variance, 1e-300), 0.0)
+        loss[[k in at_limit for k in candidates]] = 0.0
+        weakest = int(np.argmin(loss))
+        budget -= float(loss[weakest])
+        if budget <= 0.0:
+            break
+        k = candidates.pop(weakest)
+        pruned.append(k)
+        if covariance[k, k] > 0.0:
+            gain = covariance[:, k] / covariance[k, k]
+            value = value - gain * value[k]
+            covariance = covariance - np.outer(gain, covariance[k])
+    max_gap = _MAX_GAP_RATIO * compute_gap(fit.without_cache().evaluation.residuals)
+    for selected in (pruned, [k for k in pruned if k in at_limit]):
+        terms = [_freeze(term, fit, selected) for term in fit.state.terms]
+        if selected:
+            result = refit(fit.evaluation.with_state(fit.state.with_terms(terms)))
+            if compute_gap(result.without_cache().evaluation.residuals) <= max_gap:
+                return result
+    return fit
+
+
+def _list_candidates(fit: Refit) -> tuple[list[int], set[int]]:
+    """Return the coordinates that may be pruned, of effects with several parameters, and those at a limit."""
+    indices: list[int] = []
+    at_limit: set[int] = set()
+    for term in fit.free_terms:
+        effect, names = term.effect, term.effect.fitted_parameters()
+        is_plain = len(names) == len(effect.coordinates()) > 1
+        starts_at_zero = not any(guess.coordinates().any() for guess in effect.initial_guesses())
+        if is_plain and starts_at_zero and not effect.name.startswith(PREFIX):
+            place = fit.coordinate_slice(term)
+            indices += range(place.start, place.stop)
+            at_limit |= {place.start + names.index(name) for name in effect.implausible_parameters()}
+    return indices, at_limit
+
+
+def _relative_coordinates(fit: Refit) -> Array:
+    """Return the coordinates of all free terms, (K,), less those of the model file, in scales."""
+    values = [
+        (term.effect.coordinates() - _given_coordinates(fit, term)) / term.effect.coordinate_scales()
+        for term in fit.free_terms
+    ]
+    return np.concatenate(values) if values else np.empty(0)
+
+
+def _given_coordinates(fit: Refit, term: ModelTerm) -> Array:
+    """Return the coordinates of an effect in the model file; zeros if it has none."""
+    given = {one.key: one for one in terms_of_model(fit.state.problem.model)}.get(term.key)
+    return np.zeros(len(term.effect.coordinates())) if given is None else given.effect.coordinates()
+
+
+def _freeze(term: ModelTerm, fit: Refit, pruned: Collection[int]) -> ModelTerm:
+    """Return a term with its pruned coordinates frozen; a new effect keeps at least one."""
+    if not term.is_refittable:
+        return term
+    place = fit.coordinate_slice(term)
+    frozen = tuple(k - place.start for k in range(place.start, place.stop) if k in pruned)
+    coordinates, given = term.effect.coordinates(), _given_coordinates(fit, term)
+    if not frozen or (len(frozen) == len(coordinates) and not given.any()):
+        return term
+    coordinates[list(frozen)] = given[list(frozen)]
+    return replace(term.with_coordinates(coordinates), frozen=frozen)

@@ -1,0 +1,223 @@
+"""Effects put into real drives of a car: learnt on one drive, injected into the other, named by `gap`.
+
+    python tests/gap_real/real.py [--pairs drive-1:drive-2] [--effects gyro_bias,...] [--seed 1]
+
+A model is learnt on each drive from the geometry and the noise of the vehicle alone. With it `gap` judges the
+other drive as it is, and with each effect in the samples of one node. The trivial rival names nothing.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+sys.path[:0] = [str(Path(__file__).resolve().parents[1]), str(Path(__file__).resolve().parent)]
+
+from sample_effects import Injection, injections  # noqa: E402
+
+import wanted  # noqa: E402
+from hubodo.gap.explain.result import Finding, GapResult  # noqa: E402
+from hubodo.gap.workflow import find_gap  # noqa: E402
+from hubodo.log.csv_folder import read_folder  # noqa: E402
+from hubodo.model.model_file import read_model, write_model  # noqa: E402
+from hubodo.recording import Recording  # noqa: E402
+
+CAR = """
+[vehicle]
+wheel_radius = 0.2924
+track_width = 1.42
+[imu]
+gyro_noise = 0.025
+accel_noise = 1.2
+[nodes.left]
+side = "left"
+facing = "left"
+[nodes.right]
+side = "right"
+facing = "right"
+[inputs]
+speed = "nodes"
+yaw_rate = "frame.gz"
+"""
+DRIVES = ("drive-1", "drive-2")
+# Largest error of a value: share of the injected size, or sigmas.
+MAX_ERROR_SHARE, MAX_ERROR_SIGMA = 0.25, 3.0
+HIGH_CONFIDENCE = 0.9
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run: the drive the model was learnt on, the drive judged, and the effect in one node's samples."""
+
+    learnt_on: str
+    drive: str
+    effect: str = ""
+    strength: str = ""
+    node: str = ""
+
+
+@dataclass(frozen=True)
+class Row:
+    """Result of one case.
+
+    is_named, is_accurate: the effect was found on its node, and with its size
+    wrong: names that are neither the effect nor of this drive
+    sure_right, sure: names above 0.9 that are right, and all of them, drive's own left out
+    """
+
+    case: Case
+    is_named: bool
+    is_accurate: bool
+    wrong: tuple[str, ...]
+    sure_right: int
+    sure: int
+    gap_before: float
+    gap_after: float
+    floor: float
+    seconds: float
+
+
+def read_drive(name: str) -> Recording:
+    """Return a recording of the car."""
+    return read_folder(wanted.recording("car") / name)
+
+
+def list_cases(pairs: Sequence[tuple[str, str]], effects: Sequence[str]) -> Iterator[Case]:
+    """Yield the drives as they are, and each effect: medium on one side, strong on both."""
+    names = list(dict.fromkeys(one.effect for one in injections(30.0, 1.0, 1.0)))
+    for learnt_on, drive in pairs:
+        yield Case(learnt_on, drive)
+        for k, effect in enumerate(names):
+            if effects and effect not in effects:
+                continue
+            sides = ("left", "right") if k % 2 else ("right", "left")
+            yield Case(learnt_on, drive, effect, "medium", sides[0])
+            for side in sides:
+                yield Case(learnt_on, drive, effect, "strong", side)
+
+
+def learn(drive: str, folder: Path) -> GapResult:
+    """Learn the model of the car on a drive, and write it."""
+    path = folder / f"{drive}.toml"
+    (folder / "car.toml").write_text(CAR, "utf-8")
+    result = find_gap(read_drive(drive), read_model(folder / "car.toml"))
+    write_model(result.model, path)
+    return result
+
+
+def run_case(case: Case, folder: Path, seed: int) -> Row:
+    """Judge a drive with the model of the other one."""
+    recording, model = read_drive(case.drive), read_model(folder / f"{case.learnt_on}.toml")
+    injection = None
+    if case.effect:
+        top_rate = max(float(np.abs(recording.nodes[name]["gz"]).max()) for name in ("left", "right"))
+        injection = next(
+            one
+            for one in injections(top_rate, model.noise.gyro, model.noise.accel)
+            if (one.effect, one.strength) == (case.effect, case.strength)
+        )
+        recording = injection.apply(recording, case.node, seed)
+    start = time.monotonic()
+    result = find_gap(recording, model)
+    right = [] if injection is None else [one for one in result.found if _is_right(one, injection, case.node)]
+    others = [one for one in result.found if one not in right and not one.belongs_to_drive]
+    sure = [one for one in (*right, *others) if one.confidence > HIGH_CONFIDENCE]
+    return Row(
+        case,
+        bool(right),
+        injection is not None and any(_is_accurate(one, injection) for one in right),
+        tuple(f"{one.effect}/{one.scope}" for one in others),
+        sum(one in right for one in sure),
+        len(sure),
+        result.gap.before,
+        result.gap.after,
+        float(result.gap.floor or np.nan),
+        time.monotonic() - start,
+    )
+
+
+def _is_right(finding: Finding, injection: Injection, node: str) -> bool:
+    return finding.effect == injection.effect and finding.scope == node
+
+
+def _is_accurate(finding: Finding, injection: Injection) -> bool:
+    size = max(abs(value) for value in injection.parameters.values())
+    for name, injected in injection.parameters.items():
+        estimate = finding.parameters.get(name)
+        if estimate is None:
+            return False
+        error = abs(estimate.value - (estimate.was or 0.0) - injected)
+        tolerance = MAX_ERROR_SHARE * (abs(injected) if len(injection.parameters) == 1 else size)
+        if error > max(tolerance, MAX_ERROR_SIGMA * (estimate.sigma or 0.0)) and name != "time_constant":
+            return False
+    return True
+
+
+def print_summary(rows: Sequence[Row]) -> None:
+    """Print the figures of all cases."""
+    effects = [row for row in rows if row.case.effect]
+    plain = [row for row in rows if not row.case.effect]
+    sure = sum(row.sure for row in rows)
+    print(f"effects named on the right node:        {sum(row.is_named for row in effects)} of {len(effects)}")
+    print(
+        f"  and within 25 % or 3 sigma:           {sum(row.is_accurate for row in effects)} of {len(effects)}"
+    )
+    print(f"drives as they are, names not of it:    {sum(len(row.wrong) for row in plain)} in {len(plain)}")
+    print(
+        f"wrong names beside an effect:           {sum(len(row.wrong) for row in effects)} in {len(effects)}"
+    )
+    print(f"gap larger than before:                 {sum(row.gap_after > row.gap_before for row in rows)}")
+    print(f"names above 0.9 that are right:         {sum(row.sure_right for row in rows)} of {sure}")
+    print(f"seconds a run, median:                  {np.median([row.seconds for row in rows]):.0f}")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run all cases in two processes; rows that a file has already are not run again."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--pairs", default=",".join(f"{a}:{b}" for a in DRIVES for b in DRIVES if a != b))
+    parser.add_argument("--effects", default="", help="only these")
+    parser.add_argument("--seed", type=int, default=1, help="of repeats, outliers")
+    parser.add_argument("--output", type=Path, default=Path("out/gap-real"))
+    options = parser.parse_args(arguments)
+    pairs = [tuple(pair.split(":", 1)) for pair in options.pairs.split(",")]
+    options.output.mkdir(parents=True, exist_ok=True)
+    print(f"seed {options.seed}")
+    for drive in sorted({first for first, _ in pairs}):
+        result = learn(drive, options.output)
+        names = ", ".join(f"{one.effect}/{one.scope}" for one in result.found)
+        print(
+            f"learnt on {drive}: gap {result.gap.before:.2f} -> {result.gap.after:.2f} "
+            f"(noise {result.gap.floor:.2f}): {names}",
+            flush=True,
+        )
+    effects = [name for name in options.effects.split(",") if name]
+    cases = list(list_cases([(a, b) for a, b in pairs], effects))
+    run, rows = partial(run_case, folder=options.output, seed=options.seed), []
+    with ProcessPoolExecutor(2) as pool, (options.output / "rows.jsonl").open("w") as file:
+        for row in pool.map(run, cases):
+            rows.append(row)
+            file.write(json.dumps(asdict(row)) + "\n")
+            file.flush()
+            case = row.case
+            label = f"{case.effect or 'as it is'} {case.strength} {case.node}".strip()
+            verdict = "right" if row.is_accurate else "named" if row.is_named else "-"
+            print(
+                f"{case.learnt_on} on {case.drive}, {label:38} {verdict:6} "
+                f"gap {row.gap_before:.3f} -> {row.gap_after:.3f}  {' '.join(row.wrong)}",
+                flush=True,
+            )
+    print_summary(rows)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,91 @@
+"""Effects that a model has already: their values are refined, and the gap never grows."""
+
+import numpy as np
+import pytest
+
+import wanted
+from gap_matrix.make_case import write_case
+from gap_runs import run_gap
+from hubodo.gap.workflow import _best_stage, find_gap
+from hubodo.log.csv_folder import read_folder
+from hubodo.model.model_file import read_model
+
+# Learnt by `gap` on drive-1 from geometry and noise alone.
+CAR = """
+[vehicle]
+wheel_radius = 0.2924
+track_width = 1.42
+[imu]
+gyro_noise = 0.025
+accel_noise = 1.2
+[inputs]
+speed = "nodes"
+yaw_rate = "frame.gz"
+[effects.road_bank]
+sigma = 0.0267
+length = 158.0
+[effects.wheel_camber]
+angle = 0.0165
+[effects.lever_arm]
+x = 0.00375
+y = -0.00828
+z = -0.1
+[nodes.left]
+side = "left"
+facing = "left"
+[nodes.left.effects.node_misalignment]
+x = 0.00418
+y = 0.01875
+z = -0.152
+[nodes.left.effects.gyro_bias]
+x = -0.0554
+y = -0.0513
+z = -0.0439
+[nodes.right]
+side = "right"
+facing = "right"
+[nodes.right.effects.node_misalignment]
+x = -0.01334
+y = -0.00518
+[nodes.right.effects.gyro_bias]
+x = 0.0387
+y = 0.0071
+z = 0.054
+"""
+
+
+@pytest.mark.parametrize(("scope", "heading"), (("all", "effects"), ("left", "nodes.left.effects")))
+def test_a_wrong_value_in_the_model_file_is_refined_and_the_old_one_given(scope, heading, tmp_path):
+    seed = 11
+    (hidden,) = write_case(tmp_path / "log", seed, ["gyro_bias"], "strong", scope=scope, duration=60.0)
+    model = tmp_path / "log" / "model.toml"
+    wrong = {axis: 0.4 * value for axis, value in hidden.parameters.items()}
+    values = "\n".join(f"{axis} = {value}" for axis, value in wrong.items())
+    model.write_text(f"{model.read_text('utf-8')}\n[{heading}.gyro_bias]\n{values}\n", "utf-8")
+    run = run_gap(tmp_path / "out", model, tmp_path / "log")
+    assert run.names == [("gyro_bias", scope)], run.out
+    for axis, estimate in run.result["found"][0]["parameters"].items():
+        assert estimate["was"] == pytest.approx(wrong[axis])
+        assert estimate["change"] == pytest.approx(estimate["value"] - estimate["was"])
+        assert abs(estimate["value"] - hidden.parameters[axis]) < 4.0 * estimate["sigma"] + 1e-4
+    again = run_gap(tmp_path / "again", tmp_path / "out" / "model.toml", tmp_path / "log")
+    assert again.names == []
+
+
+def test_of_a_search_whose_gap_grew_the_best_part_remains():
+    assert _best_stage([3.0, 2.0, 1.0], [3.0, 2.0, 1.0]) == 2
+    assert _best_stage([3.0, 2.0, 3.1], [3.0, 2.0, 1.0]) == 1
+    assert _best_stage([3.0, 2.0, 1.0], [3.0, 2.5, 3.2]) == 1
+    assert _best_stage([3.0, 3.5], [3.0, 3.5]) == 0
+    assert _best_stage([3.0, 2.0], [np.nan, np.nan]) == 1
+
+
+def test_the_model_of_one_real_drive_holds_on_the_next(tmp_path):
+    """Every further name is of the drive, such as its road, or a refinement within what drives differ by."""
+    (tmp_path / "model.toml").write_text(CAR, "utf-8")
+    result = find_gap(read_folder(wanted.recording("car") / "drive-2"), read_model(tmp_path / "model.toml"))
+    names = [f"{one.effect} {one.scope}" for one in result.found if not one.belongs_to_drive]
+    print(f"gap {result.gap.before:.3f} -> {result.gap.after:.3f}, floor {result.gap.floor:.3f}; {names}")
+    assert names == []
+    assert result.gap.after <= result.gap.before
+    assert result.held_out_gap.after <= result.held_out_gap.before
