@@ -18,7 +18,7 @@ test: setup browser compiler  ## all tests that need no hardware
 
 QUICK := tests/protocol tests/host/effects tests/host/model tests/host/log tests/host/gap tests/host/fuse
 # Excluded: tests of the graph, of many noisy drives and complete recordings, and recipes, which take most of the time.
-SLOW := graph_* wheel_calibration* wheel_car* wheel_clipped* wheel_consistency* wheel_honest* wheel_rollback* \
+SLOW := graph_* wheel_calibration* wheel_car* wheel_clipped* wheel_consistency* wheel_overconfidence* wheel_rollback* \
 	surface_speeds* ranges* node_bias* gap_watch* gap_refinement* gap_null_distribution* gap_explanation* gap_process_noise* *add_* field*
 quick: setup         ## the core in a minute: protocol, effects, model, log, gap, wheel filter
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder -m "not real_time" \
