@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -91,6 +92,19 @@ def _list_rows(judged: Round, number: int, name: str) -> list[ExplanationRow]:
     return rows
 
 
+def _find_objection(rounds: Sequence[Round], name: str) -> str:
+    """Return why an effect was not added in the last round that refitted it; "" without an objection."""
+    for judged in reversed(rounds):
+        hypotheses = [one for one in judged.hypotheses if one.term.effect.name == name]
+        if hypotheses:
+            best = max(hypotheses, key=lambda one: one.gain)
+            would = f"{name} ({best.term.scope}) would gain {best.gain:.1f} in log-likelihood, but"
+            if best.objection.startswith("not physical"):
+                return f"{would} is {best.objection}"
+            return f"{would} {best.objection}" if best.objection else ""
+    return ""
+
+
 def _summarise(result: GapResult, name: str, rows: list[ExplanationRow], is_rejected: bool) -> str:
     """Return one sentence on what became of the effect."""
     for finding in result.found:
@@ -98,8 +112,14 @@ def _summarise(result: GapResult, name: str, rows: list[ExplanationRow], is_reje
             return f"{name} was found ({finding.scope}), probability {format_probability(finding.confidence)}"
     if is_rejected:
         return f"{name} was not considered: --reject {name}"
+    for finding in result.refined:
+        if finding.effect == name:
+            return f"{name} ({finding.scope}) of the model file changed by less than drives differ"
     if any(item.effect.name == name for item in result.model.effects):
-        return f"{name} is in the model file already; its values there stay as they are"
+        return f"{name} is in the model file already; this log requires no other value"
+    objection = _find_objection(result.search.rounds, name)
+    if objection:
+        return objection
     for finding in result.found:
         for effect, scope, gain, probability in finding.rivals:
             if effect == name:

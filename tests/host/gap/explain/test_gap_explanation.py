@@ -9,7 +9,9 @@ import pytest
 from gap_matrix.make_case import write_case
 from gap_runs import run_gap
 from hubodo.effects import BY_NAME
-from hubodo.gap.explain.explanation import explain_effect
+from hubodo.gap.explain.explanation import _find_objection, explain_effect
+from hubodo.gap.judge.hypothesis import Hypothesis
+from hubodo.gap.state.terms import ModelTerm
 
 SEED = 3
 
@@ -79,7 +81,7 @@ def test_every_effect_has_a_meaning_of_its_own():
 def build_candidate(name, scope="all", **values):
     """Return a stand-in for a candidate of a round, refitted or only screened."""
     term = SimpleNamespace(effect=SimpleNamespace(name=name), scope=scope)
-    scores = {"gain": 20.0, "evidence": 9.0, "probability": 0.25, **values}
+    scores = {"gain": 20.0, "evidence": 9.0, "probability": 0.25, "objection": "", **values}
     return SimpleNamespace(term=term, candidate=SimpleNamespace(term=term), key=f"{name} {scope}", **scores)
 
 
@@ -92,7 +94,10 @@ def explain(*rounds, name="gyro_bias", findings=(), model=("wheel_camber",), rej
     """Return what `--explain name` reports after these rounds, for a model with these effects."""
     effects = [SimpleNamespace(effect=SimpleNamespace(name=effect)) for effect in model]
     result = SimpleNamespace(
-        search=SimpleNamespace(rounds=rounds), found=findings, model=SimpleNamespace(effects=effects)
+        search=SimpleNamespace(rounds=rounds),
+        found=findings,
+        refined=(),
+        model=SimpleNamespace(effects=effects),
     )
     return explain_effect(result, name, rejected)
 
@@ -173,3 +178,17 @@ def test_each_round_has_one_row_per_scope_with_the_effect_that_beat_it():
         (2, "all", 20.0, 0.25, ""),
         (3, "all", 20.0, 0.25, "no effect was significant"),
     ]
+
+
+def test_an_objection_is_stated_instead_of_a_probability():
+    def hypothesis(objection, gain):
+        term = ModelTerm(BY_NAME["lever_arm"](), "left")
+        return Hypothesis(term, gain, -50.0, 0.0, objection=objection)
+
+    judged = SimpleNamespace(hypotheses=[hypothesis("not physical: z = -0.1 m at its limit", 812.3)])
+    assert _find_objection([judged], "lever_arm") == (
+        "lever_arm (left) would gain 812.3 in log-likelihood, but is not physical: z = -0.1 m at its limit"
+    )
+    supported = SimpleNamespace(hypotheses=[hypothesis("", 900.0)])
+    assert _find_objection([judged, supported], "lever_arm") == ""
+    assert _find_objection([judged], "gyro_bias") == ""
