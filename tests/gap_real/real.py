@@ -30,24 +30,16 @@ from hubodo.gap.workflow import find_gap  # noqa: E402
 from hubodo.log.csv_folder import read_folder  # noqa: E402
 from hubodo.model.model_file import read_model, write_model  # noqa: E402
 from hubodo.recording import Recording  # noqa: E402
+from vehicles import model_toml  # noqa: E402
 
-CAR = """
-[vehicle]
-wheel_radius = 0.2924
-track_width = 1.42
-[imu]
-gyro_noise = 0.025
-accel_noise = 1.2
-[nodes.left]
-side = "left"
-facing = "left"
-[nodes.right]
-side = "right"
-facing = "right"
-[inputs]
-speed = "nodes"
-yaw_rate = "frame.gz"
-"""
+CAR = model_toml(
+    0.2924,
+    1.42,
+    gyro_noise=0.025,
+    accel_noise=1.2,
+    inputs='speed = "nodes"\nyaw_rate = "frame.gz"\n',
+    facing={"left": "left", "right": "right"},
+)
 DRIVES = ("drive-1", "drive-2")
 # Largest error of a value: share of the injected size, or sigmas.
 MAX_ERROR_SHARE, MAX_ERROR_SIGMA = 0.25, 3.0

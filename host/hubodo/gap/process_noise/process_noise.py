@@ -112,13 +112,12 @@ def _list_bank_walks(state: State) -> Iterator[RandomWalk]:
     effects = state.effects[state.problem.nodes[0].name].values()
     for sigma, length in (effect.bank_process() for effect in effects):
         if sigma > 0.0:
-            yield RandomWalk(0.0, sigma**2, correlation_time=length / mean_speed(state.problem))
+            yield RandomWalk(0.0, sigma**2, correlation_time=length / mean_speed(state.problem.nodes[0]))
 
 
-def mean_speed(problem: Problem) -> float:
-    """Return the mean speed of the vehicle while the log lasts, m/s, at least 0.1."""
-    t = problem.nodes[0].t
-    return max(float(np.mean(np.abs(problem.inputs.at(t).speed))), _MIN_MEAN_SPEED)
+def mean_speed(node: NodeData) -> float:
+    """Return the mean speed of the vehicle while a node sampled, m/s, at least 0.1."""
+    return max(float(np.mean(np.abs(node.forward.inputs.at(node.t).speed))), _MIN_MEAN_SPEED)
 
 
 def bank_column(state: State, node: NodeData) -> Array:

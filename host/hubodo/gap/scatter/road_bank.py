@@ -10,6 +10,7 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.effects import BY_NAME
+from hubodo.gap.process_noise.process_noise import mean_speed
 from hubodo.gap.process_noise.residual import Residual
 from hubodo.gap.process_noise.wheel_phase import WINDOW_DURATION
 from hubodo.gap.process_noise.window_sums import winsorise
@@ -32,8 +33,8 @@ def detect_road_bank(residuals: Sequence[Residual]) -> list[Proposal]:
     if not wheels or BY_NAME[EFFECT_NAME] in wheels[0].effects:
         return []
     bank, variance = _measure_bank(wheels)
-    speed = float(np.mean(np.abs(wheels[0].node.forward.inputs.at(wheels[0].node.t).speed)))
-    decays = np.exp(-WINDOW_DURATION * max(speed, 0.1) / _LENGTHS)
+    speed = mean_speed(wheels[0].node)
+    decays = np.exp(-WINDOW_DURATION * speed / _LENGTHS)
     grid = np.array([(sigma, decay) for sigma in _SIGMAS for decay in decays])
     likelihoods = _log_likelihoods(bank, variance, np.vstack([[0.0, 0.0], grid]))
     gains = (likelihoods[1:] - likelihoods[0]).reshape(len(_SIGMAS), len(_LENGTHS))
