@@ -32,8 +32,9 @@ _HOPELESS_DEVIANCE = 100.0
 _LOST_WHEEL_RATIO, _MAX_STRICT_REFITS = 3.0, 3
 # Unnamed terms to refit; share of the best gain, and evidence as ln Bayes factor, that each has to reach.
 _MAX_UNNAMED_REFITS, _MIN_UNNAMED_SHARE, _MIN_UNNAMED_EVIDENCE = 2, 0.25, 3.0
-# Ratio of the gain of an unnamed term to that of the best listed effect, below which it is that effect.
-_MIN_UNNAMED_ADVANTAGE = 1.2
+# Ratio of the gain of an unnamed term to that of the best listed effect, below which it is that effect: in
+# independent and in correlated residuals.
+_MIN_UNNAMED_ADVANTAGE = (1.2, 2.0)
 # Gain in ln likelihood, tempered, that a simpler hypothesis may lack, where residuals are so correlated.
 _MAX_SIMILAR_LOSS, _MIN_CORRELATED_TEMPERING = 10.0, 3.0
 # ln Bayes factor for independent samples, from which on an effect is added provisionally.
@@ -148,7 +149,7 @@ def judge_round(
         judge_unnamed_term(before, item, fit, tempering)
         for item, fit in zip(unnamed, unnamed_refits, strict=True)
     ]
-    ordered, nothing = compute_posterior(_drop_similar_unnamed(hypotheses))
+    ordered, nothing = compute_posterior(_drop_similar_unnamed(hypotheses, tempering))
     ordered = _prefer_simple(ordered, tempering)
     stored = (*ordered[:1], *(hypothesis.without_tracking() for hypothesis in ordered[1:]))
     return Round(before.evaluation.without_cache(), stored, nothing, tuple(screened), null, tempering)
@@ -190,15 +191,18 @@ def _prefer_simple(ordered: tuple[Hypothesis, ...], tempering: float) -> tuple[H
     return tuple(result)
 
 
-def _drop_similar_unnamed(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+def _drop_similar_unnamed(hypotheses: Sequence[Hypothesis], tempering: float) -> list[Hypothesis]:
     """Leave out unnamed terms that gain hardly more than a listed effect.
 
     On a road no model fits exactly, and of two that fit almost equally the more flexible one gains more.
     """
+    is_correlated = tempering > _MIN_CORRELATED_TEMPERING
     named = [
-        one.gain for one in hypotheses if not one.objection and not one.term.effect.name.startswith(PREFIX)
+        one.gain
+        for one in hypotheses
+        if (is_correlated or not one.objection) and not one.term.effect.name.startswith(PREFIX)
     ]
-    minimum = _MIN_UNNAMED_ADVANTAGE * max(named, default=0.0)
+    minimum = _MIN_UNNAMED_ADVANTAGE[is_correlated] * max(named, default=0.0)
     return [one for one in hypotheses if not one.term.effect.name.startswith(PREFIX) or one.gain > minimum]
 
 
