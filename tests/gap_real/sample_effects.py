@@ -24,17 +24,12 @@ class Injection:
     effect, parameters: as `hubodo gap` should name them; values in SI units
     strength: medium or strong
     change: function from the (7, N) rows t, gyro, accel to changed rows
-    aliases: effects that a drive cannot distinguish from this one, which count as right
     """
 
     effect: str
     strength: str
     parameters: Mapping[str, float]
     change: Callable[[Array, np.random.Generator], Array]
-
-    @property
-    def label(self) -> str:
-        return f"{self.effect}, {self.strength}"
 
     def apply(self, recording: Recording, node: str, seed: int) -> Recording:
         """Return a copy of the recording in which one node has the effect."""

@@ -22,13 +22,13 @@ from hubodo.gap.process_noise.residual import compute_gap, compute_gap_floor
 from hubodo.gap.refit.prune import prune_coordinates
 from hubodo.gap.refit.refit import refit
 from hubodo.gap.state.state import State
-from hubodo.gap.state.terms import ALL, VEHICLE, ModelTerm
-from hubodo.model.model_file import Model, ScopedEffect
+from hubodo.gap.state.terms import ModelTerm, model_of_terms
+from hubodo.model.model_file import Model
 from hubodo.recording import Recording
 
 # Change of an effect of the model, in its usual size, up to which it is no finding where residuals
 # are so correlated.
-_MAX_MINOR_CHANGE, _MIN_CORRELATED_TEMPERING = 0.15, 2.0
+_MAX_MINOR_CHANGE, _MIN_REFINEMENT_TEMPERING = 0.15, 2.0
 # Ratio of the final gap to that of noise alone, from which on the log is not fully explained.
 _MAX_EXPLAINED_GAP_RATIO = 1.5
 
@@ -157,7 +157,7 @@ def _build_result(
             _given_effect(initial_state, term),
         )
         findings += split_by_channel(finding) if finding.effect.startswith(PREFIX) else [finding]
-    is_correlated = search_result.final.tempering > _MIN_CORRELATED_TEMPERING
+    is_correlated = search_result.final.tempering > _MIN_REFINEMENT_TEMPERING
     refined = tuple(finding for finding in findings if is_correlated and _is_minor(finding))
     findings = [finding for finding in findings if finding not in refined]
     floor = compute_gap_floor(residuals[0])
@@ -176,7 +176,7 @@ def _build_result(
         tuple(findings),
         tuple(unexplained_items),
         warnings,
-        _model_with(problem.model, [*given, *terms]),
+        model_of_terms(problem.model, [*given, *terms]),
         search_result,
         tuple(residuals),
         refined=refined,
@@ -226,10 +226,3 @@ def _held_out_gap(evaluation: Evaluation, held_out_split: HeldOutSplit) -> float
         replace(evaluation, weights=held_out_split.exclude_from(evaluation.weights)), rounds=2
     ).without_cache()
     return compute_gap(evaluation.with_state(trained.state).residuals, held_out_split.masks)
-
-
-def _model_with(model: Model, terms: Sequence[ModelTerm]) -> Model:
-    scoped = [
-        ScopedEffect(term.effect, None if term.scope in (ALL, VEHICLE) else term.scope) for term in terms
-    ]
-    return replace(model, effects=()).with_effects(*scoped)

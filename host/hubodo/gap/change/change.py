@@ -20,7 +20,7 @@ from hubodo.gap.problem.problem import Problem
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.refit.refit import Refit, refit_with_weights
 from hubodo.gap.screen.null_distribution import NullDistribution
-from hubodo.gap.state.terms import ALL, VEHICLE, ModelTerm
+from hubodo.gap.state.terms import ALL, VEHICLE, ModelTerm, model_of_terms, scope_of
 from hubodo.gap.workflow import find_gap
 from hubodo.model.model_file import Model, ScopedEffect
 from hubodo.recording import Recording
@@ -142,7 +142,7 @@ def find_change(
         else []
     )
     changes = tuple(item for item in all_changes if item.p_value < CHANGE_P_VALUE)
-    models = [_build_model(model, fit) for fit in fits]
+    models = [model_of_terms(model, fit.state.terms) for fit in fits]
     warnings = tuple(dict.fromkeys([*result_before.warnings, *result_after.warnings]))
     return ChangeResult(
         p_value, changes, unnamed if p_value < CHANGE_P_VALUE else (), models[0], models[1], warnings
@@ -165,9 +165,8 @@ def _free_terms(items: Sequence[ScopedEffect]) -> list[ModelTerm]:
     """Return free terms; of two for the same effect and scope the last."""
     terms = {}
     for item in items:
-        level = item.effect.level
-        scope = item.node or (VEHICLE if level == "vehicle" else ALL)
-        terms[item.effect.name, scope] = ModelTerm(item.effect, scope)
+        term = ModelTerm(item.effect, scope_of(item))
+        terms[term.key] = term
     return list(terms.values())
 
 
@@ -241,11 +240,3 @@ def _larger_covariance(fit: Refit, place: slice) -> np.ndarray[Any, np.dtype[np.
     """Return the larger covariance, (k, k) in scales: for independent samples or from block scores."""
     robust, plain = fit.robust_covariance[place, place], fit.covariance[place, place]
     return robust if np.trace(robust) > np.trace(plain) else plain
-
-
-def _build_model(model: Model, fit: Refit) -> Model:
-    scoped = [
-        ScopedEffect(term.effect, None if term.scope in (ALL, VEHICLE) else term.scope)
-        for term in fit.state.terms
-    ]
-    return replace(model, effects=()).with_effects(*scoped)

@@ -141,10 +141,7 @@ class _WalkFilter:
         is_white = np.array([walk.is_white for walk in walks], bool)
         start, count = np.array([walk.start_variance for walk in walks]), len(walks)
         self._growth = np.diag([walk.growth(window) for walk in walks]) + np.multiply(step_covariance, window)
-        self._walk_mask, self._white_variance = (
-            np.outer(~is_white, ~is_white),
-            np.diag(np.where(is_white, start, 0.0)),
-        )
+        self._white_variance = np.diag(np.where(is_white, start, 0.0))
         self._transition = np.array([walk.decay(window) for walk in walks])[:, None]
         self._decay = self._transition * self._transition.T
         self._estimate, self._variance = np.zeros((count, size + 1)), np.diag(start)
@@ -167,7 +164,7 @@ class _WalkFilter:
             np.subtract(after, step, out=predicted)
             predicted *= self._transition
             if self._is_started:
-                variance = variance * self._decay + self._growth * self._walk_mask + self._white_variance
+                variance = variance * self._decay + self._growth + self._white_variance
             self._is_started = True
             np.subtract(cross_product, g @ predicted, out=u)
             np.add(identity, variance @ g, out=spread)

@@ -23,7 +23,7 @@ from hubodo.vehicle import facing_sign, side_sign
 # s in which a repeatedly corrected clock drifts by clock_sigma.
 _CLOCK_WALK_TIME = 10.0
 
-# m/s; a shorter distance has no bank that could be told from a bias.
+# m/s; over a shorter distance a bank cannot be distinguished from a bias.
 _MIN_MEAN_SPEED = 0.1
 
 # Largest correlation between the steps of two wheels: no two roll identically, and a nearly singular

@@ -77,13 +77,18 @@ def cross_validate(
     count = int(np.clip(len(blocks) // _BLOCKS_PER_FOLD, min(_MIN_FOLDS, len(blocks)), _MAX_FOLDS))
     folds = np.array([part.sum(axis=0) for part in np.array_split(blocks, count)])
     total, deviances = folds.sum(axis=0), np.empty((2, count))
+    fit_to_all = _fit_step(total, raw_squares, prior)
     for k, fold in enumerate(folds):
-        for row, training in enumerate((total - fold, total)):
-            covariance = invert_information(training[:-1, :-1], raw_squares, prior.information)
-            step = covariance @ (training[:-1, -1] - prior.gradient)
+        for row, step in enumerate((_fit_step(total - fold, raw_squares, prior), fit_to_all)):
             deviances[row, k] = fold[-1, -1] - 2.0 * step @ fold[:-1, -1] + step @ fold[:-1, :-1] @ step
     fold_samples = np.array([part.sum() for part in np.array_split(samples, count)])
     return FoldDeviances(deviances[0], deviances[1], fold_samples)
+
+
+def _fit_step(gram: Array, raw_squares: Array, prior: CoordinatePrior) -> Array:
+    """Return the step, (P,), of a fit to the samples of a gram matrix."""
+    covariance = invert_information(gram[:-1, :-1], raw_squares, prior.information)
+    return np.asarray(covariance @ (gram[:-1, -1] - prior.gradient))
 
 
 def compute_held_out_gain(before: FoldDeviances, after: FoldDeviances) -> HeldOutGain:

@@ -181,8 +181,8 @@ def _measure_roughness(node: NodeData, residual: Array, usable: NDArray[np.bool_
     """
     complete = np.asarray(usable.all(axis=0))
     inside = complete[1:] & complete[:-1]
-    second = ((node.t[1:] - node.t[0]) / _ROUGHNESS_WINDOW).astype(np.intp)
-    count = np.bincount(second, inside)
+    window = ((node.t - node.t[0]) / _ROUGHNESS_WINDOW).astype(np.intp)
+    count = np.bincount(window[1:], inside)
     is_known = np.asarray(count >= _MIN_ROUGHNESS_SAMPLES)
     if np.count_nonzero(is_known) < _MIN_ROUGHNESS_WINDOWS:
         return None
@@ -191,12 +191,12 @@ def _measure_roughness(node: NodeData, residual: Array, usable: NDArray[np.bool_
         step = np.abs(np.diff(residual[row])) * inside
         usual = float(np.mean(step[inside]))
         step = np.minimum(step, _MAX_ROUGHNESS_RATIO * usual)
-        logs += np.log(np.maximum(np.bincount(second, step) / np.maximum(count, 1.0), 1e-3 * usual))
+        logs += np.log(np.maximum(np.bincount(window[1:], step) / np.maximum(count, 1.0), 1e-3 * usual))
     logs /= max(int(np.count_nonzero(node.used)), 1)
     if np.std(logs[is_known]) < _MIN_ROUGHNESS_SCATTER:
         return None
     logs = np.interp(np.arange(len(logs)), np.flatnonzero(is_known), logs[is_known])
-    return np.asarray(logs[((node.t - node.t[0]) / _ROUGHNESS_WINDOW).astype(np.intp).clip(0, len(logs) - 1)])
+    return np.asarray(logs[window])
 
 
 def _min_sigma(problem: Problem, node: NodeData) -> Array:

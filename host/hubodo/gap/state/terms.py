@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from hubodo.arrays import Array
 from hubodo.effects import Effect, in_order
 from hubodo.gap.problem.problem import NodeData
-from hubodo.model.model_file import Model
+from hubodo.model.model_file import Model, ScopedEffect
 
 ALL = "all"
 VEHICLE = "vehicle"
@@ -54,12 +54,20 @@ class ModelTerm:
 
 def terms_of_model(model: Model) -> tuple[ModelTerm, ...]:
     """Return the effects of a model file as terms that no fit changes."""
-    return tuple(
-        ModelTerm(
-            item.effect, item.node or (VEHICLE if item.effect.level == "vehicle" else ALL), is_fitted=False
-        )
-        for item in model.effects
-    )
+    return tuple(ModelTerm(item.effect, scope_of(item), is_fitted=False) for item in model.effects)
+
+
+def scope_of(item: ScopedEffect) -> str:
+    """Return the scope of an effect of a model file: its node, the vehicle or all nodes."""
+    return item.node or (VEHICLE if item.effect.level == "vehicle" else ALL)
+
+
+def model_of_terms(model: Model, terms: Iterable[ModelTerm]) -> Model:
+    """Return a model file with these terms as its effects; the inverse of `terms_of_model`."""
+    scoped = [
+        ScopedEffect(term.effect, None if term.scope in (ALL, VEHICLE) else term.scope) for term in terms
+    ]
+    return replace(model, effects=()).with_effects(*scoped)
 
 
 def effects_on_node(node: NodeData, terms: Iterable[ModelTerm]) -> dict[type[Effect], Effect]:
