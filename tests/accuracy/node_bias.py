@@ -1,6 +1,6 @@
 """Effect of the node's own bias estimate as a prior of the odometry: none, floor, own sigma.
 
-    python tests/accuracy/node_bias.py [SEEDS]
+    python tests/accuracy/node_bias.py [SEEDS [FIRST_SEED]]
 
 Position error (rms over the seeds) 10 s after the start and at the end of drives of 60 m, with standstills of
 0 to 8 s before, by one wheel and by two. The simulator of the drives shares no code with the filter.
@@ -64,8 +64,9 @@ def errors(vehicle, standstill, seed):
 
 
 def main():
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 16
-    seeds = range(FIRST_SEED, FIRST_SEED + count)
+    arguments = [int(argument) for argument in sys.argv[1:]]
+    count, first_seed = (*arguments, *(16, FIRST_SEED)[len(arguments) :])
+    seeds = range(first_seed, first_seed + count)
     print(
         f"seeds {seeds.start} to {seeds.stop - 1}; position error, rms, cm: 10 s after the start / at the end"
     )

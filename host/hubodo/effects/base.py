@@ -26,9 +26,6 @@ REFERENCE_CELSIUS = 25.0
 REFERENCE_VOLTS = 3.7
 """Supply voltage in V at which effects of the supply are zero."""
 
-_AT_LIMIT = 0.98
-"""Share of the plausible magnitude from which on a fitted parameter counts as at its limit."""
-
 _PLAUSIBLE_SCALES = 20.0
 """Largest plausible magnitude of a parameter that states none, in its scales."""
 
@@ -250,6 +247,11 @@ class Effect:
         return float(cls._metadata(parameter)["scale"])
 
     @classmethod
+    def max_plausible(cls, parameter: str) -> float:
+        """Return the largest magnitude of a parameter that a working sensor, mounting or vehicle has."""
+        return float(cls._metadata(parameter)["max_plausible"])
+
+    @classmethod
     def default(cls, parameter: str) -> float:
         """Return the value of a parameter that is not given; it makes the effect absent."""
         return float(cls.__dataclass_fields__[parameter].default)  # type: ignore[arg-type]
@@ -286,24 +288,6 @@ class Effect:
     @classmethod
     def _metadata(cls, parameter: str) -> Mapping[str, Any]:
         return cls.__dataclass_fields__[parameter].metadata
-
-    def implausible_parameters(self) -> dict[str, float]:
-        """Return the fitted parameters at or beyond their plausible magnitude, with that magnitude."""
-        bounds = {name: float(self._metadata(name)["max_plausible"]) for name in self.fitted_parameters()}
-        return {
-            name: bound for name, bound in bounds.items() if abs(getattr(self, name)) >= _AT_LIMIT * bound
-        }
-
-    def limited_to_plausible(self) -> Self:
-        """Return the effect with implausible parameters moved to their plausible limit."""
-        beyond = self.implausible_parameters()
-        if not beyond:
-            return self
-        limits = {
-            name: math.copysign(min(bound, abs(getattr(self, name))), getattr(self, name))
-            for name, bound in beyond.items()
-        }
-        return replace(self, **limits)
 
     def values(self) -> dict[str, float]:
         """Return all parameters by name."""

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hubodo.arrays import Array
+from hubodo.effects.plausibility import implausible_parameters
 from hubodo.gap.refit.cross_validation import HeldOutGain, compute_held_out_gain
 from hubodo.gap.refit.refit import Refit, compute_gain
 from hubodo.gap.scatter import Proposal
@@ -120,7 +121,7 @@ def _plausible_share(term: ModelTerm, information: Array) -> float:
 
     information: (k, k) about its coordinates, everything else fitted
     """
-    implausible = term.effect.implausible_parameters()
+    implausible = implausible_parameters(term.effect)
     if not implausible:
         return 1.0
     value = term.effect.coordinates() / term.effect.coordinate_scales()
@@ -138,7 +139,7 @@ def _plausible_share(term: ModelTerm, information: Array) -> float:
 
 
 def _describe_implausible(term: ModelTerm) -> str:
-    name, bound = next(iter(term.effect.implausible_parameters().items()))
+    name, bound = next(iter(implausible_parameters(term.effect).items()))
     value, unit = term.effect.values()[name], term.effect.unit(name)
     limit = f"{name} = {value:.2g} {unit} at its limit of ±{bound:.2g}"
     return f"not physical: {limit}; another cause looks like this"

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from hubodo.arrays import Array
+from hubodo.effects.plausibility import limit_to_plausible
 from hubodo.gap.linear.sensitivity import Direction
 from hubodo.gap.problem.problem import Problem
 from hubodo.gap.state.terms import ALL, VEHICLE, ModelTerm
@@ -64,7 +65,7 @@ def move_terms(terms: Sequence[ModelTerm], steps: Sequence[Array]) -> list[Model
             candidate = term.with_coordinates(
                 term.effect.coordinates() + step * term.effect.coordinate_scales()
             )
-            candidate = replace(candidate, effect=candidate.effect.limited_to_plausible())
+            candidate = replace(candidate, effect=limit_to_plausible(candidate.effect))
             if candidate.effect.is_valid():
                 break
             step = 0.5 * step

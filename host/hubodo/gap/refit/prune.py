@@ -9,6 +9,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.effects.empirical import PREFIX
+from hubodo.effects.plausibility import implausible_parameters
 from hubodo.gap.process_noise.residual import compute_gap
 from hubodo.gap.refit.refit import Refit, refit
 from hubodo.gap.state.terms import ModelTerm, terms_of_model
@@ -69,7 +70,7 @@ def _list_candidates(fit: Refit) -> tuple[list[int], set[int]]:
         if is_plain and starts_at_zero and not effect.name.startswith(PREFIX):
             place = fit.coordinate_slice(term)
             indices += range(place.start, place.stop)
-            at_limit |= {place.start + names.index(name) for name in effect.implausible_parameters()}
+            at_limit |= {place.start + names.index(name) for name in implausible_parameters(effect)}
     return indices, at_limit
 
 
