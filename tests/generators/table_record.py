@@ -50,6 +50,43 @@ class Programme:
         return sum(self.stops) + sum(2 * abs(a) / r for a, r in zip(self.turns, self.rates, strict=True))
 
 
+@dataclass
+class Carousel:
+    """A table that stands `before` s, turns at `rate` deg/s for `turning` s, and stands `after` s.
+
+    It speeds up and slows down within 2 s each. ripple: relative, of the rate, at 0.3 Hz.
+    """
+
+    before: float
+    turning: float
+    after: float
+    rate: float
+    ripple: float = 0.0
+
+    def angle(self, t):
+        """(N,) rad, and the two spans in which the table stood, as of `Programme.angle`."""
+        fine = np.arange(0.0, self.duration + 0.02, 0.01)
+        start, end = self.before, self.before + self.turning
+        ramp = np.clip((fine - start) / 2, 0, 1) * np.clip((end - fine) / 2, 0, 1)
+        rate = self.rate * ramp * (1 + self.ripple * np.sin(2 * np.pi * 0.3 * fine))
+        turned = np.concatenate([[0.0], np.cumsum(0.005 * (rate[1:] + rate[:-1]))])
+        spans = [(0.0, start, 0.0), (end, self.duration, np.radians(turned[-1]))]
+        stood = np.array([span for span in spans if span[1] > span[0]]).reshape(-1, 3)
+        return np.radians(np.interp(t, fine, turned)), stood
+
+    @property
+    def duration(self):
+        return self.before + self.turning + self.after
+
+
+def table_rows(programme, *, step=0.1, lag=0.0):
+    """Return t, angle (rad) and moving of a table that writes a row every `step` s, `lag` s late."""
+    t = np.arange(0.0, programme.duration, step)
+    angle, stood = programme.angle(t)
+    moving = ~((t[:, None] >= stood[:, 0] - 1e-9) & (t[:, None] < stood[:, 1] - 1e-9)).any(axis=1)
+    return t + lag, angle, moving.astype(float)
+
+
 def about(axis, angle):
     """(N, 3, 3) rotation matrices by angle (N,) about a coordinate axis."""
     c, s = np.cos(angle), np.sin(angle)
@@ -74,12 +111,16 @@ def table_record(
     lean=(0.0, 0.0),
     vibration=0.0,
     bias=(0.01, -0.006, 0.008),
+    cross_axis=0.0,
+    kick=None,
 ):
     """t, gyro (N, 3), accel (N, 3), stops as of `Programme.angle`.
 
     azimuth: rad, of x at table zero, clockwise from north. noise: n, b, k, r of each axis, of `gyro_noise`.
     scale: relative error of the gyro. elevation: rad by which x looks up. lean: rad by which the table's axis
     leans, about east and north. vibration: rad/s amplitude of a shaking at 23.7 Hz, one axis after the other.
+    cross_axis: share of each rate that the two other axes feel. kick: (from s, length s, rad/s) of a blow on
+    all axes.
     """
     dt = 1 / hz
     t = np.arange(0, programme.duration, dt)
@@ -93,7 +134,10 @@ def table_record(
     earth = EARTH_RATE * np.array([0.0, np.cos(latitude), np.sin(latitude)])
     turning = spin[:, None] * (base @ [0.0, 0.0, 1.0])
     gyro = np.einsum("nij,nj->ni", world.transpose(0, 2, 1), earth + turning)
-    gyro = (1 + scale) * gyro + np.array(bias)
+    gyro = (1 + scale) * gyro + cross_axis * gyro[:, [1, 2, 0]] + cross_axis * gyro[:, [2, 0, 1]]
+    gyro = gyro + np.array(bias)
+    if kick is not None:
+        gyro[(t >= kick[0]) & (t < kick[0] + kick[1])] += kick[2]
     accel = np.einsum("nij,j->ni", world.transpose(0, 2, 1), [0.0, 0.0, 9.80665])
     accel = accel + 0.02 * rng.standard_normal(accel.shape) + [0.05, -0.08, 0.1]
     for axis in range(3):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from hubodo.sensors.north.likelihood import UNIFORM_AZIMUTH_SIGMA
 from hubodo.sensors.north.north_estimate import NorthEstimate
 from hubodo.sensors.north.programme import (
     find_best_programme,
@@ -30,10 +31,13 @@ def programme_json(estimate: NorthEstimate) -> dict[str, Any]:
             name: None if programme is None or programme.sigma > MAX_AZIMUTH_SIGMA else programme.as_json()
             for name, programme in (("same_time", same), ("one_minute", minute), ("one_degree", degree))
         },
-        "one_minute_white_noise_bound_deg": math.degrees(
-            white_noise_azimuth_bound(drift.n, 60.0, horizontal)
-        ),
+        "one_minute_white_noise_bound_deg": _bound_deg(white_noise_azimuth_bound(drift.n, 60.0, horizontal)),
     }
+
+
+def _bound_deg(bound: float) -> float | None:
+    """Return a bound in degrees, or None if a guess would be as good."""
+    return math.degrees(bound) if bound < UNIFORM_AZIMUTH_SIGMA else None
 
 
 def describe_programmes(estimate: NorthEstimate) -> list[str]:
@@ -52,7 +56,8 @@ def describe_programmes(estimate: NorthEstimate) -> list[str]:
         )
     else:
         lines.append(
-            f"one minute is too short to find north: white noise alone gives {bound:.0f}°, without drift"
+            "one minute is too short to find north"
+            + ("" if bound is None else f": white noise alone gives {bound:.0f}°, without drift")
         )
     one_degree = programmes["one_degree"]
     lines.append(

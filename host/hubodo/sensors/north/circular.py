@@ -9,37 +9,76 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.sensors.north.likelihood import UNMEASURED_VARIANCE, EarthRatePosterior
 
+_FLAT_TOP = 0.999
+"""Density on the line of the stops, relative to the maximum, from which the maximum is on the line."""
+_MAX_VALLEY_RATIO = 0.6
+"""Density between two maxima, relative to the lower one, below which they are two candidates."""
+_MIN_CANDIDATE_SHARE = 0.03
+"""Smallest probability of a second candidate."""
+
 
 def summarise_azimuth(
     posterior: EarthRatePosterior, near: float | None = None
 ) -> tuple[float, float, tuple[float, ...]]:
     """Return azimuth, sigma and candidates, rad, of a posterior on the circle.
 
-    sigma is the rms of the wrapped deviation; with two candidates it is that of the selected one, over its
-    half of the circle. near: rad; directions more than 90 degrees from it are excluded.
+    With one maximum the azimuth is the mean, with several the highest one, or the candidate next to `near`.
+    sigma is the rms of the wrapped deviation; for stops along one line, whose two candidates mirror each
+    other, it is that within the half of the circle of the azimuth. near: rad; directions more than 90 degrees
+    from it are excluded.
     """
     azimuth, density = posterior.azimuth, posterior.density
     axis = single_measured_direction(posterior)
-    if axis is None:
-        if near is not None and (density[abs(wrap_angle(azimuth - near)) < np.pi / 2] > 0).any():
-            density = np.where(abs(wrap_angle(azimuth - near)) < np.pi / 2, density, 0.0)
-        mean = _circular_mean(azimuth, density)
-        return mean, _circular_sigma(azimuth, density, mean), (mean,)
-    # The posterior is symmetric about the line of the stops: evaluate the half with the peak, and mirror it.
+    if axis is not None:
+        return _summarise_mirrored(azimuth, density, axis, near)
+    if near is not None and (density[abs(wrap_angle(azimuth - near)) < np.pi / 2] > 0).any():
+        density = np.where(abs(wrap_angle(azimuth - near)) < np.pi / 2, density, 0.0)
+    candidates = _separate_maxima(azimuth, density)
+    if len(candidates) == 1:
+        candidates = (_circular_mean(azimuth, density),)
+    return candidates[0], _circular_sigma(azimuth, density, candidates[0]), candidates
+
+
+def _summarise_mirrored(
+    azimuth: Array, density: Array, axis: float, near: float | None
+) -> tuple[float, float, tuple[float, ...]]:
+    """Return azimuth, sigma and both candidates of a posterior that is symmetric about a line.
+
+    If its maximum is on the line, the line is the azimuth and the candidates are the means of both halves.
+    axis: direction of the line, rad.
+    """
     half_sign = np.sign(np.sin(azimuth[density.argmax()] - axis)) or 1.0
-    half_density = np.where(np.sin(azimuth - axis) * half_sign >= 0, density, 0.0)
+    half_density = np.where(np.sin(azimuth - axis) * half_sign >= -1e-9, density, 0.0)
     mean = _circular_mean(azimuth, half_density)
-    sigma = _circular_sigma(azimuth, half_density, mean)
-    mirror = float(wrap_angle(2 * axis - mean))
-    separation = abs(float(wrap_angle(mean - mirror)))
-    line_direction = axis if np.cos(mean - axis) > 0 else float(wrap_angle(axis + np.pi))
-    if _density_at(line_direction, azimuth, density) > np.exp(-2.0) * density.max():
-        # The dip between the candidates is less than two sigma: the line points to north or south within
-        # its sigma.
-        return line_direction, float(np.hypot(sigma, separation / 2)), (line_direction,)
+    highest = _highest_azimuth(azimuth, density, int(half_density.argmax()))
+    line_direction = axis if np.cos(highest - axis) > 0 else float(wrap_angle(axis + np.pi))
+    is_on_line = _density_at(line_direction, azimuth, density) > _FLAT_TOP * density.max()
+    candidate = mean if is_on_line else highest
+    mirror = float(wrap_angle(2 * axis - candidate))
     target = np.pi / 2 if near is None else near
-    first, second = sorted((mean, mirror), key=lambda candidate: abs(wrap_angle(candidate - target)))
-    return first, sigma, (first, second)
+    first, second = sorted((candidate, mirror), key=lambda one: abs(wrap_angle(one - target)))
+    answer = line_direction if is_on_line and near is None else first
+    # The density is known about one candidate; that of the other one is its mirror image.
+    centre = answer if answer in (line_direction, candidate) else candidate
+    return answer, _circular_sigma(azimuth, half_density, centre), (first, second)
+
+
+def _separate_maxima(azimuth: Array, density: Array) -> tuple[float, ...]:
+    """Return the maxima, the highest first, that are separated by a valley and hold enough probability."""
+    top = int(density.argmax())
+    maxima = [_highest_azimuth(azimuth, density, top)]
+    if np.ptp(azimuth) < np.pi:
+        return tuple(maxima)
+    ordered = np.roll(density, -top)
+    angles = np.roll(azimuth, -top)
+    # Walking away from the maximum on both sides, the valleys separate its own part of the circle.
+    rising = np.minimum.accumulate(ordered)
+    falling = np.minimum.accumulate(ordered[::-1])[::-1]
+    valley = np.maximum(rising, falling)
+    outside = ordered > valley / _MAX_VALLEY_RATIO
+    if outside.any() and ordered[outside].sum() > _MIN_CANDIDATE_SHARE * ordered.sum():
+        maxima.append(float(angles[int(np.where(outside, ordered, 0.0).argmax())]))
+    return tuple(maxima)
 
 
 def fuse_azimuths(
@@ -74,6 +113,16 @@ def single_measured_direction(posterior: EarthRatePosterior) -> float | None:
     if values[1] < UNMEASURED_VARIANCE / 2:
         return None
     return float(np.arctan2(vectors[1, 0], vectors[0, 0]))
+
+
+def _highest_azimuth(azimuth: Array, density: Array, top: int) -> float:
+    """Return the maximum, rad, of a parabola through the log density at index `top` and its neighbours."""
+    if not 0 < top < len(density) - 1 or not density[top - 1 : top + 2].all():
+        return float(azimuth[top])
+    before, at, after = np.log(density[top - 1 : top + 2])
+    curvature = before - 2 * at + after
+    shift = 0.5 * (before - after) / curvature if curvature < 0 else 0.0
+    return float(azimuth[top] + np.clip(shift, -0.5, 0.5) * (azimuth[top + 1] - azimuth[top]))
 
 
 def _density_at(angle: float, azimuth: Array, density: Array) -> float:

@@ -44,6 +44,8 @@ UNMEASURED_VARIANCE = 1e-2
 """Variance of an unmeasured component, (rad/s)²: far above Earth rate, yet small enough to avoid rounding
 errors.
 """
+UNIFORM_AZIMUTH_SIGMA = float(np.pi / np.sqrt(3.0))
+"""Sigma, rad, of an azimuth of which nothing is known."""
 _MIN_BEND_GAIN = 6.0
 """Gain of log likelihood per piece that justifies two more polynomial terms."""
 _MIN_VIBRATION_GAIN = 4.0

@@ -34,6 +34,7 @@ class Measurements:
         direction: angle of the first stop, rad.
         rates, rates_across: single estimates along `direction` and a quarter turn from it, rad/s.
         duration, elapsed: time of measurement, and time including turns, s.
+        notes: one line for each part that is excluded or corrected.
     """
 
     averages: tuple[Averages, ...]
@@ -43,6 +44,7 @@ class Measurements:
     rates_across: Array
     duration: float
     elapsed: float
+    notes: tuple[str, ...] = ()
 
 
 def collect_measurements(records: Sequence[AxisRecord], method: Method, settle: float | None) -> Measurements:
@@ -71,13 +73,18 @@ def _merge(parts: Sequence[Measurements]) -> Measurements:
         rates_across=np.concatenate([part.rates_across for part in parts]),
         duration=sum(part.duration for part in parts),
         elapsed=sum(part.elapsed for part in parts),
+        notes=tuple(note for part in parts for note in part.notes),
     )
 
 
 def _measure_carousel(record: AxisRecord) -> Measurements:
-    averages, turn, duration = average_carousel(record)
-    rates, cross = fit_each_turn(averages, turn)
-    return Measurements((averages,), (), record.mounting_angle, rates, cross, duration, duration)
+    turns = average_carousel(record)
+    fits = [fit_each_turn(averages, turn) for averages, turn in zip(turns.averages, turns.turn, strict=True)]
+    rates, cross = (np.concatenate([fit[k] for fit in fits]) for k in (0, 1))
+    elapsed = float(turns.averages[-1].end[-1] - turns.averages[0].start[0])
+    return Measurements(
+        turns.averages, (), record.mounting_angle, rates, cross, turns.duration, elapsed, turns.notes
+    )
 
 
 def _measure_stops(record: AxisRecord, method: Method, settle: float | None) -> Measurements:

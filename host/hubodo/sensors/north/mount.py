@@ -14,6 +14,8 @@ from hubodo.sensors.north.stops import TableMotion
 MAX_ELEVATION = np.radians(30)
 WARN_ELEVATION = np.radians(2)
 MIN_CHECKED_TURN = np.radians(60)
+_MIN_UNAMBIGUOUS_RATE = np.radians(5)
+"""Turn rate, rad/s, whose sign the bias of a gyro cannot hide if the table never stands."""
 
 
 @dataclass(frozen=True)
@@ -87,9 +89,14 @@ def check_turn_direction(mount: AxisMount, t: Array, table: TableMotion) -> None
     step = np.gradient(t)
     steps = np.diff(angle, append=angle[-1])
     turning = np.abs(steps) > 1e-9
-    if float(np.abs(steps).sum()) < MIN_CHECKED_TURN or not (~turning).any():
+    if float(np.abs(steps).sum()) < MIN_CHECKED_TURN:
         return
-    measured = (mount.vertical_rate - np.median(mount.vertical_rate[~turning])) * step
+    bias = 0.0
+    if np.count_nonzero(~turning) > 1:
+        bias = float(np.median(mount.vertical_rate[~turning]))
+    elif float(np.median(np.abs(steps[turning] / step[turning]))) < _MIN_UNAMBIGUOUS_RATE:
+        return
+    measured = (mount.vertical_rate - bias) * step
     ratio = float((measured * np.sign(steps))[turning].sum() / np.abs(steps)[turning].sum())
     if 40 < abs(ratio) < 80:
         raise InputError(

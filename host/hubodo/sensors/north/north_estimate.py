@@ -20,8 +20,14 @@ from hubodo.sensors.north.averages import Averages
 from hubodo.sensors.north.axis_record import AxisRecord
 from hubodo.sensors.north.circular import single_measured_direction, summarise_azimuth
 from hubodo.sensors.north.drift import DriftNoise
+from hubodo.sensors.north.earth_rate_test import EarthRateTest, check_earth_rate, describe_earth_rate
 from hubodo.sensors.north.filters import ClassicalEstimate, apply_classical_filters
-from hubodo.sensors.north.likelihood import EarthRatePosterior, azimuth_cramer_rao_bound, estimate_earth_rate
+from hubodo.sensors.north.likelihood import (
+    UNIFORM_AZIMUTH_SIGMA,
+    EarthRatePosterior,
+    azimuth_cramer_rao_bound,
+    estimate_earth_rate,
+)
 from hubodo.sensors.north.measurements import Measurements, Method, collect_measurements, direction_tolerance
 from hubodo.sensors.north.stops import Stops
 
@@ -39,6 +45,7 @@ class NorthEstimate:
     Attributes:
         method: "maytag", "maytag4", "carousel" or "east".
         azimuth, sigma: of table zero, clockwise from north, rad.
+        earth_rate: test of the measured Earth rate against that of the latitude.
         angle_sigma: part of sigma that is due to angles measured by the gyro itself, rad.
         candidates: azimuths that the records cannot distinguish (two if all stops are along one line),
             rad.
@@ -67,6 +74,7 @@ class NorthEstimate:
     horizontal_rate: float
     bound: float
     white_bound: float
+    earth_rate: EarthRateTest
     posterior: EarthRatePosterior
     filters: Mapping[str, ClassicalEstimate]
     stops: tuple[Stops, ...]
@@ -134,6 +142,9 @@ def find_north(
     scale_sigma = max((stops.scale_sigma for stops in measurements.stops), default=0.0)
     posterior = estimate_earth_rate(measurements.averages, horizontal, drift, scale_sigma)
     azimuth, sigma, candidates = summarise_azimuth(posterior, near)
+    test = check_earth_rate(posterior, horizontal)
+    if test.is_contradicted and (test.depends_on_latitude or not test.is_earth_rate):
+        raise InputError(describe_earth_rate(test, latitude, level))
     angle_variance, turn_variance = _angle_variances(posterior, measurements, azimuth, horizontal)
     filters = {}
     if len(measurements.stops) == 1 and method != "east":
@@ -143,7 +154,7 @@ def find_north(
             posterior.drift,
             direction_tolerance(measurements.stops),
         )
-    sigma = float(np.hypot(sigma, np.sqrt(turn_variance)))
+    sigma = float(min(np.sqrt(sigma**2 + turn_variance + test.excess_sigma**2), UNIFORM_AZIMUTH_SIGMA))
     angle_sigma = float(np.sqrt(angle_variance + turn_variance))
     return NorthEstimate(
         method=method,
@@ -157,32 +168,55 @@ def find_north(
         duration=measurements.duration,
         elapsed=measurements.elapsed,
         horizontal_rate=horizontal,
-        bound=azimuth_cramer_rao_bound(measurements.averages, posterior, azimuth, horizontal),
-        white_bound=_white_bound(measurements.averages, posterior.drift.n, azimuth, horizontal),
+        bound=_finite_bound(azimuth_cramer_rao_bound(measurements.averages, posterior, azimuth, horizontal)),
+        white_bound=_finite_bound(
+            _white_bound(measurements.averages, posterior.drift.n, azimuth, horizontal)
+        ),
+        earth_rate=test,
         posterior=posterior,
         filters=filters,
         stops=measurements.stops,
         averages=measurements.averages,
         warnings=(
+            *measurements.notes,
             *(note for stops in measurements.stops for note in stops.notes),
-            *_describe_ambiguity(candidates, sigma, near),
+            *([describe_earth_rate(test, latitude, level)] if test.is_contradicted else []),
+            *_describe_ambiguity(posterior, candidates, azimuth, sigma, near),
             *_describe_excess_noise(drift, posterior),
             *_describe_angle_sigma(angle_sigma, sigma),
         ),
     )
 
 
-def _describe_ambiguity(candidates: tuple[float, ...], sigma: float, near: float | None) -> tuple[str, ...]:
+def _describe_ambiguity(
+    posterior: EarthRatePosterior,
+    candidates: tuple[float, ...],
+    azimuth: float,
+    sigma: float,
+    near: float | None,
+) -> tuple[str, ...]:
     """Return a line if two azimuths remain, and a line if the uncertainty is as large as the answer."""
     warnings = []
-    if len(candidates) > 1:
-        azimuths = " and ".join(f"{np.degrees(c):.2f}" for c in candidates)
+    azimuths = " and ".join(f"{np.degrees(c) % 360:.2f}" for c in candidates)
+    if single_measured_direction(posterior) is not None:
         choice = (
-            "add stops in a perpendicular direction, or give an approximate azimuth"
+            "add stops in a perpendicular direction, or give an approximate azimuth with --near-deg"
             if near is None
             else "the one closer to the given azimuth was selected"
         )
-        warnings.append(f"stops along one line allow two azimuths: {azimuths} degrees; {choice}")
+        text = f"stops along one line allow two azimuths: {azimuths} degrees; {choice}"
+        if near is None and azimuth not in candidates:
+            text = (
+                f"stops along one line allow two azimuths, one on either side of "
+                f"{np.degrees(azimuth) % 360:.2f} degrees, where the probability is highest; each side alone "
+                f"gives {azimuths} degrees; {choice}"
+            )
+        warnings.append(text)
+    elif len(candidates) > 1:
+        warnings.append(
+            f"the record allows two azimuths, the more probable one first: {azimuths} degrees; record more "
+            "stops, or give an approximate azimuth with --near-deg"
+        )
     if sigma > np.radians(45):
         warnings.append("this record does not determine north: the uncertainty is as large as the answer")
     return tuple(warnings)
@@ -237,3 +271,12 @@ def _white_bound(records: Sequence[Averages], n: float, azimuth: float, horizont
         across = across - np.average(across, weights=duration)
         information += float((across**2 * duration).sum()) / n**2 if n > 0 else np.inf
     return float(1 / np.sqrt(information)) if information > 0 else float("inf")
+
+
+def _finite_bound(bound: float) -> float:
+    """Return an azimuth bound, rad, or infinity if a guess would be as good.
+
+    The cosine of stops along a line to north or south is flat, so there its information is zero but for
+    rounding.
+    """
+    return bound if bound < UNIFORM_AZIMUTH_SIGMA else float("inf")

@@ -97,12 +97,39 @@ def _by_direction(residuals: NorthResiduals, angle: Any) -> list[tuple[float, fl
     return plot
 
 
-def _bound_text(estimate: NorthEstimate) -> str:
-    text = (
-        f"Sigma is {estimate.sigma * _DEG:.2f}°, including the uncertainty of the noise parameters. "
-        f"The Cramér-Rao bound for this noise and these stops is {estimate.bound * _DEG:.2f}°, "
-        f"for white noise only {estimate.white_bound * _DEG:.2f}°."
+def describe_white_bound(estimate: NorthEstimate) -> str:
+    """Return the azimuth sigma that white noise alone would give, in words."""
+    if not math.isfinite(estimate.white_bound):
+        return "with stops along a line to north or south there is no Cramér-Rao bound"
+    return f"white noise alone would give {estimate.white_bound * _DEG:.3f}°"
+
+
+def explain_sigma_below_bound(estimate: NorthEstimate) -> str:
+    """Return why sigma is below the Cramér-Rao bound, or "" if it is not."""
+    if not estimate.sigma < estimate.bound < math.inf:
+        return ""
+    ratio = estimate.earth_rate.measured / estimate.earth_rate.demanded
+    cause = "the bound holds for the most probable noise only, sigma for all that the record allows"
+    if ratio > 1.0 and not estimate.earth_rate.depends_on_latitude:
+        cause = (
+            f"noise made the measured Earth rate {ratio:.2f} times the true one in this record, which "
+            "determines its direction better"
+        )
+    elif estimate.earth_rate.depends_on_latitude:
+        cause = "the probability near north and south is not Gaussian: the size of Earth rate limits it"
+    return (
+        f"sigma is that of this record, {estimate.sigma * _DEG:.2f}°, the bound of "
+        f"{estimate.bound * _DEG:.2f}° that of the average record: {cause}"
     )
+
+
+def _bound_text(estimate: NorthEstimate) -> str:
+    text = f"Sigma is {estimate.sigma * _DEG:.2f}°, including the uncertainty of the noise parameters. "
+    if math.isfinite(estimate.bound):
+        text += f"The Cramér-Rao bound for this noise and these stops is {estimate.bound * _DEG:.2f}°; "
+    text += f"{describe_white_bound(estimate)}."
+    if explanation := explain_sigma_below_bound(estimate):
+        text += f" {explanation[0].upper()}{explanation[1:]}."
     if estimate.angle_sigma:
         text += f" {estimate.angle_sigma * _DEG:.2f}° of sigma are due to angles measured by the gyro itself."
     return text

@@ -12,7 +12,12 @@ from hubodo.sensors.north.advice import describe_programmes, programme_json
 from hubodo.sensors.north.circular import wrap_angle
 from hubodo.sensors.north.east import EastSeekResult
 from hubodo.sensors.north.north_estimate import NorthEstimate
-from hubodo.sensors.north.page import RATE_HEADINGS, estimate_rows
+from hubodo.sensors.north.page import (
+    RATE_HEADINGS,
+    describe_white_bound,
+    estimate_rows,
+    explain_sigma_below_bound,
+)
 from hubodo.sensors.north.programme import fit_ergodicity
 from hubodo.sensors.north.stops import Stops
 
@@ -109,11 +114,21 @@ class NorthResult:
             title = f"{north.name}, {north.method}"
             print_table(console, ("", *RATE_HEADINGS), estimate_rows(north, 3), title)
             console.print(
-                f"{north.duration:.0f} s measured in {north.elapsed:.0f} s; white noise alone would give "
-                f"{math.degrees(north.white_bound):.3f}°; fitted N {math.degrees(drift.n) * 60:.3g} °/√h, "
+                f"{north.duration:.0f} s measured in {north.elapsed:.0f} s; {describe_white_bound(north)}; "
+                f"fitted N {math.degrees(drift.n) * 60:.3g} °/√h, "
                 f"B {math.degrees(drift.b) * 3600:.3g} °/h, K {math.degrees(drift.k) * 3600 * 60:.3g} °/h/√h",
                 highlight=False,
             )
+            test = north.earth_rate
+            console.print(
+                f"measured Earth rate {math.degrees(test.measured) * 3600:.2f} ± "
+                f"{math.degrees(test.sigma) * 3600:.2f} °/h, at this latitude "
+                f"{math.degrees(test.demanded) * 3600:.2f} °/h: chi-square {test.chi_square:.1f}, "
+                f"probability {test.probability:.2g}",
+                highlight=False,
+            )
+            if explanation := explain_sigma_below_bound(north):
+                print_lines(console, [explanation], label="note")
         print_lines(console, describe_programmes(self.gyros[0]))
         print_lines(console, self.warnings, label="warning")
         if self.output is not None:
@@ -136,6 +151,14 @@ def _gyro_json(estimate: NorthEstimate) -> dict[str, Any]:
         "candidates_deg": [math.degrees(c) % 360 for c in estimate.candidates],
         "bound_deg": _finite(math.degrees(estimate.bound)),
         "white_noise_bound_deg": _finite(math.degrees(estimate.white_bound)),
+        "bound_note": explain_sigma_below_bound(estimate) or None,
+        "earth_rate": {
+            "measured": estimate.earth_rate.measured,
+            "sigma": estimate.earth_rate.sigma,
+            "demanded": estimate.earth_rate.demanded,
+            "chi_square": estimate.earth_rate.chi_square,
+            "probability": estimate.earth_rate.probability,
+        },
         "rate": [float(r) for r in estimate.rates],
         "rate_across": [float(r) for r in estimate.rates_across],
         "rate_direction_deg": math.degrees(estimate.direction),

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.errors import InputError
+from hubodo.sensors.north.disturbances import find_disturbed_spans
 
 MIN_STOP_CUT_S = 0.2
 """Minimum time cut at both ends of each stop, because the clocks of table and node agree only to that."""
@@ -19,6 +20,8 @@ _TRANSIENT_SIGMA = 5.0
 STANDSTILL_ANGLE_TOLERANCE = np.radians(0.1)
 TABLE_MOTION_SIGMA = 8.0
 TABLE_MOTION_ANGLE = np.radians(0.5)
+BLOW_ANGLE = np.radians(1.0)
+"""Rotation up to which a short deviation is a blow; the table may have turned by so much."""
 MAX_STOP_NOISE_RATIO = 4.0
 """Noise of a stop, relative to the median, above which the table was disturbed."""
 
@@ -49,6 +52,11 @@ class TableMotion:
         if len(angle) and float(np.abs(angle).max()) <= 2 * np.pi + 1e-9:
             angle = np.unwrap(angle)
         return np.asarray(np.interp(t, self.t, angle))
+
+    def moving_at(self, t: Array) -> NDArray[np.bool_]:
+        """Return (N,) True where the table moves at times t (N,) s."""
+        row = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 1)
+        return np.asarray(self.moving[row], bool)
 
 
 @dataclass(frozen=True)
@@ -119,9 +127,12 @@ def split_stops(
             "stops"
         )
     notes: list[str] = []
+    nudge = 0.0
     if vertical is not None:
+        stops, notes, nudge = _drop_disturbed(t, channels, vertical, stops, step)
         _check_stationary(t, vertical, stops, step)
-        stops, notes = _drop_noisy(t, vertical, stops)
+        stops, noisy = _drop_noisy(t, vertical, stops)
+        notes += noisy
     starts, ends = (np.array([k[c] for k in stops]) for c in (0, 1))
     return Stops(
         starts,
@@ -131,7 +142,7 @@ def split_stops(
         np.array([rate[i:j].mean() for i, j, _ in stops]),
         cut,
         table.scale_sigma,
-        table.turn_sigma,
+        float(np.hypot(table.turn_sigma, nudge)),
         tuple(notes),
     )
 
@@ -211,6 +222,33 @@ def _check_stationary(
             f"rate is {np.degrees(swept_angle[k]):.1f} degrees; correct table.csv, or derive stops and "
             "angles from the gyro with --find-stops"
         )
+
+
+def _drop_disturbed(
+    t: Array,
+    channels: Sequence[Array],
+    vertical: Array,
+    spans: Sequence[tuple[int, int, float]],
+    step: float,
+) -> tuple[list[tuple[int, int, float]], list[str], float]:
+    """Return the stops in which the node was not hit, a line for each other, and the angle turned by blows.
+
+    The angle, rad, is the largest by which a blow turned the table; more than BLOW_ANGLE is motion, which
+    `_check_stationary` reports.
+    """
+    disturbed: dict[int, str] = {}
+    nudge = 0.0
+    for k, a, b, size in find_disturbed_spans(channels, [(i, j) for i, j, _ in spans], step):
+        i, j, _ = spans[k]
+        turned = abs(float((vertical[a:b] - np.median(vertical[i:j])).sum())) * step
+        if turned > BLOW_ANGLE:
+            continue
+        nudge = max(nudge, turned)
+        disturbed[k] = (
+            f"the stop at {t[i]:.1f}..{t[j - 1]:.1f} s is excluded: a blow at {t[a]:.1f}..{t[b - 1]:.1f} s, "
+            f"{size:.0f} times the usual noise"
+        )
+    return [span for k, span in enumerate(spans) if k not in disturbed], list(disturbed.values()), nudge
 
 
 def _drop_noisy(

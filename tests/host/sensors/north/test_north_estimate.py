@@ -157,10 +157,18 @@ def test_stops_along_one_line_say_that_two_azimuths_remain():
     assert west.azimuth == pytest.approx(-result.azimuth)
 
 
-def test_pointing_north_two_points_give_one_azimuth_with_the_sigma_of_the_flat_cosine():
+def test_pointing_north_two_points_give_north_with_the_sigma_of_the_flat_cosine():
     run = built(2, "maytag", 0.0)
     result = find_north([record_of(run)], LATITUDE, "maytag", settle=1.0)
-    assert len(result.candidates) == 1 and abs(result.azimuth) < 1e-9
+    # The maximum is north itself; both sides of it are reported, and --near-deg selects one.
+    assert abs(result.azimuth) < 1e-9 and result.candidates[0] == pytest.approx(-result.candidates[1])
+    east, west = (
+        find_north([record_of(run)], LATITUDE, "maytag", settle=1.0, near=near).azimuth
+        for near in (0.5, -0.5)
+    )
+    assert east == pytest.approx(-west) and 0 < east < 2 * result.sigma
+    # No bound exists where the cosine is flat, so none is printed.
+    assert result.white_bound == np.inf and result.bound == np.inf
     rate, sigma = result.rate_components()
     assert abs(rate[0] - horizontal_earth_rate(LATITUDE)) < 4 * sigma[0]
     # cos is flat there: a rate known to 1 % leaves 8 degrees.

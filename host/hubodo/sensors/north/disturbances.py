@@ -1,0 +1,73 @@
+"""Blows and bumps within stops of a turntable, from short means that deviate from the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from hubodo.arrays import Array
+
+BLOW_WIDTHS_S = (0.1, 0.3, 1.0)
+BLOW_SIGMA = 8.0
+"""Deviation of a short mean, in its usual deviation, from which it is a blow.
+
+The largest of 10,000 means of white noise deviates by four sigma. A blow that stays below eight sigma for
+0.3 s moves the mean of a stop of 20 s by less than its own sigma.
+"""
+_MARGIN_S = 0.5
+_NEIGHBOURHOOD = 11
+"""Means whose median is the level about each mean, so that drift is no blow."""
+
+
+def find_disturbed_spans(
+    channels: Sequence[Array], spans: Sequence[tuple[int, int]], step: float
+) -> list[tuple[int, int, int, float]]:
+    """Return (index of the span, first sample, one past the last, size in sigmas) of each blow.
+
+    channels: (N,) rates. spans: index ranges [i, j) in which the rate is constant up to drift. step: sample
+    interval, s.
+    """
+    blows: list[tuple[int, int, int, float]] = []
+    for channel in channels:
+        for width_s in BLOW_WIDTHS_S:
+            width = max(1, round(width_s / step))
+            deviations = [_deviation_of_means(channel[i:j], width) for i, j in spans]
+            pooled = np.abs(np.concatenate([*deviations, np.zeros(0)]))
+            usual = 1.4826 * float(np.median(pooled)) if len(pooled) > 8 else 0.0
+            if usual <= 0.0:
+                continue
+            margin = round(_MARGIN_S / step)
+            for k, ((i, j), deviation) in enumerate(zip(spans, deviations, strict=True)):
+                for block in np.flatnonzero(np.abs(deviation) > BLOW_SIGMA * usual).tolist():
+                    start, end = i + block * width, i + (block + 1) * width
+                    size = float(abs(deviation[block])) / usual
+                    blows.append((k, max(i, start - margin), min(j, end + margin), size))
+    return _merge(blows)
+
+
+def _deviation_of_means(values: Array, width: int) -> Array:
+    """Return the deviations of means of `width` samples from the median of their neighbourhood.
+
+    The first and the last mean count as undisturbed: there the table may still settle.
+    """
+    count = len(values) // width
+    if count < _NEIGHBOURHOOD:
+        return np.zeros(0)
+    means = values[: count * width].reshape(count, width).mean(axis=1)
+    deviations = means - median_filter(means, _NEIGHBOURHOOD, mode="nearest")
+    deviations[[0, -1]] = 0.0
+    return np.asarray(deviations)
+
+
+def _merge(blows: list[tuple[int, int, int, float]]) -> list[tuple[int, int, int, float]]:
+    """Return the blows in order, with overlapping ones of one span merged."""
+    merged: list[tuple[int, int, int, float]] = []
+    for k, a, b, size in sorted(blows):
+        if merged and merged[-1][0] == k and a <= merged[-1][2]:
+            _, first, last, largest = merged[-1]
+            merged[-1] = (k, first, max(last, b), max(largest, size))
+        else:
+            merged.append((k, a, b, size))
+    return merged
