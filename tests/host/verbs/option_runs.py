@@ -211,6 +211,9 @@ RUNS: tuple[Run, ...] = (
 def create_files(folder: Path) -> None:
     """Create the files that the command lines name."""
     (folder / "model.toml").write_text(DRIVE_MODEL + LOW_INPUT_NOISE)
+    (folder / "uncalibrated.toml").write_text(
+        DRIVE_MODEL + LOW_INPUT_NOISE + "[effects.accel_bias]\nx = 0.3\ny = -0.2\nz = 0.3\n"
+    )
     (folder / "vehicle.toml").write_text(vehicle_toml())
     rng, count = np.random.default_rng(1), 2000
     gyro, accel = rng.normal(0.01, 0.002, (count, 3)), rng.normal([0.0, 0.0, 9.81], 0.02, (count, 3))
@@ -219,7 +222,7 @@ def create_files(folder: Path) -> None:
     for command_lines in (
         "model.toml --duration 24 --seed 3 -o drive.mcap",
         "model.toml --drive rest --duration 20 --rate 100 -o rest.mcap",
-        "model.toml --drive poses --duration 80 --rate 50 -o poses.mcap",
+        "uncalibrated.toml --drive poses --duration 80 --rate 50 -o poses.mcap",
         "model.toml --drive turntable --duration 80 --rate 50 --latitude-deg 48 -o table.mcap",
     ):
         _run("simulate", command_lines, folder)

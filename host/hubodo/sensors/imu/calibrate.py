@@ -12,8 +12,10 @@ from hubodo.calibration.triad import Triad
 from hubodo.earth import EARTH_RATE
 from hubodo.errors import CalibrationError, InputError
 from hubodo.sensors.imu.accel_frame import accel_frame_covariance
+from hubodo.sensors.imu.axis_signs import check_axis_signs
 from hubodo.sensors.imu.held_out import cross_validate_accel, cross_validate_turns
 from hubodo.sensors.imu.misalignment import align_by_earth_rate, rotate_triad
+from hubodo.sensors.imu.outlier_poses import drop_outlier_poses
 from hubodo.sensors.imu.result import GyroCalibration, ImuCalibration
 from hubodo.sensors.imu.scalar_calibration import Convention, ScalarCalibration, fit_scalar_calibration
 from hubodo.sensors.imu.standstills import Standstills, find_standstills, find_steady_turns
@@ -56,14 +58,22 @@ def calibrate_imu(
         raise InputError(
             f"latitude {np.degrees(latitude):.4g} degrees is out of range; give -90 to 90 degrees"
         )
-    standstills = find_standstills(t, gyro, accel, min_duration=min_standstill)
+    _check_finite(t, gyro, accel)
+    standstills = drop_outlier_poses(find_standstills(t, gyro, accel, min_duration=min_standstill), gravity)
     notes = list(standstills.rejected)
     accelerometers = fit_scalar_calibration(
         standstills.accel, gravity, standstills.accel_sigma, convention=convention, allow_partial=True
     )
     held_out = cross_validate_accel(standstills, gravity, convention)
+    if held_out is not None and held_out.rms > held_out.rms_before:
+        raise CalibrationError(
+            "the calibration makes the length of gravity worse in static poses that were not fitted "
+            f"({held_out.rms_before:.2g} m/s² before, {held_out.rms:.2g} after): the accelerometers are "
+            "better than these poses show; stand still longer, in more poses"
+        )
     force = accelerometers.triad.apply(standstills.accel)
     all_force = np.asarray(accelerometers.triad.apply(accel))
+    check_axis_signs(collect_turns(t, gyro, standstills.gyro.mean(axis=0), standstills, force))
     if table_rate is None:
         calibrated = _calibrate_gyro(t, gyro, all_force, standstills, accelerometers, latitude, notes)
     else:
@@ -77,6 +87,19 @@ def calibrate_imu(
     if not accelerometers.poses.is_sufficient:
         notes.insert(2, f"left out: {accelerometers.poses.describe_deficit('accel')}")
     return ImuCalibration(standstills, gravity, accelerometers, held_out, calibrated, tuple(notes))
+
+
+def _check_finite(t: Array, gyro: Array, accel: Array) -> None:
+    """Raise InputError with the first time at which a sample is not a number."""
+    for name, values in (("gyro", gyro), ("accelerometer", accel)):
+        missing = ~np.isfinite(values).all(axis=1)
+        if missing.all():
+            raise InputError(f"the {name} is not measured: every sample lacks an axis")
+        if missing.any():
+            raise InputError(
+                f"the {name} has {np.count_nonzero(missing)} samples that are not numbers, the first at "
+                f"{t[int(np.argmax(missing))]:.6g} s; remove them (hubodo import --repair)"
+            )
 
 
 def estimate_static_bias(

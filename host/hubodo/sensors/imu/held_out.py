@@ -13,6 +13,8 @@ from hubodo.sensors.imu.standstills import Standstills
 from hubodo.sensors.imu.turns import Turns, calibrate_from_turns, turn_errors
 
 FOLD_COUNT = 5
+_MAX_LEAVE_ONE_OUT = 30
+"""Up to this number of poses each one is a fold: without a fifth of twelve, nine parameters hardly follow."""
 
 
 @dataclass(frozen=True)
@@ -44,8 +46,9 @@ def cross_validate_accel(
     """Return the errors of each standstill under the calibration of the other folds; None if those fail."""
     count = len(standstills)
     error = np.full(count, np.nan)
-    for fold in range(FOLD_COUNT):
-        held = np.arange(count) % FOLD_COUNT == fold
+    folds = count if count <= _MAX_LEAVE_ONE_OUT else FOLD_COUNT
+    for fold in range(folds):
+        held = np.arange(count) % folds == fold
         training = standstills.select(~held)
         try:
             calibration = fit_scalar_calibration(

@@ -6,19 +6,23 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from hubodo.arrays import Array
 from hubodo.errors import CalibrationError
+from hubodo.sensors.imu.quantisation import find_quantisation_steps, undithered_sigma
 
 QUIET_WINDOW_S = 0.5
 """Length of the sliding window in which all channels must be quiet."""
-QUIET_THRESHOLD = 3.0
-"""Largest standard deviation of a quiet window, relative to the noise floor.
+QUIET_THRESHOLD_SIGMA = 2.5
+"""Largest standard deviation of a quiet window, relative to the noise; a turn exceeds it by far.
 
-The 5 % quantile of the window deviation is 0.84 sigma for 50 samples, so 3 times it is 2.5 sigma: white noise
-practically never exceeds it, and a turn exceeds it by orders of magnitude.
+Short windows of white noise may exceed it, so the threshold is at least the value that one window in ten
+million exceeds: 2.8 sigma for 5 samples.
 """
+_QUIET_FALSE_ALARM = 1e-7
 NOISE_FLOOR_QUANTILE = 0.05
+"""Quantile of the window deviations that shows the noise: at least this part of a record has to be static."""
 STANDSTILL_MARGIN_S = 0.1
 """Time cut at each end of a standstill, because the hand that releases the node moves it below the threshold.
 """
@@ -84,10 +88,13 @@ def find_standstills(t: Array, gyro: Array, accel: Array, *, min_duration: float
     the record is too short, constant in all channels of a triad, or never stationary.
     """
     step, width = _sample_window(t, gyro, accel, min_duration)
+    gyro_steps, accel_steps = find_quantisation_steps(gyro), find_quantisation_steps(accel)
     starts, ends = _find_segments(
-        _find_quiet_windows(gyro, width) & _find_quiet_windows(accel, width), width, np.diff(t) > 5 * step
+        _find_quiet_windows(gyro, width, gyro_steps) & _find_quiet_windows(accel, width, accel_steps),
+        width,
+        np.diff(t) > 5 * step,
     )
-    margin = round(STANDSTILL_MARGIN_S / step)
+    margin = max(1, round(STANDSTILL_MARGIN_S / step))
     starts, ends = starts + margin, ends - margin
     long_enough = (ends - starts) * step >= min_duration
     starts, ends = starts[long_enough], ends[long_enough]
@@ -106,10 +113,17 @@ def find_standstills(t: Array, gyro: Array, accel: Array, *, min_duration: float
         np.column_stack([t[starts], t[ends - 1]]),
         np.array([gyro[i:j].mean(axis=0) for i, j in pairs]),
         np.array([accel[i:j].mean(axis=0) for i, j in pairs]),
-        np.array([standard_error(gyro[i:j], width) for i, j in pairs]),
-        np.array([standard_error(accel[i:j], width) for i, j in pairs]),
+        _mean_sigma(gyro, pairs, width, gyro_steps),
+        _mean_sigma(accel, pairs, width, accel_steps),
         tuple(rejected),
     )
+
+
+def _mean_sigma(values: Array, pairs: list[tuple[int, int]], width: int, steps: Array) -> Array:
+    """Return the (R, 3) standard errors of the means, including the undithered quantisation."""
+    scatter = np.sqrt(np.mean([values[i:j].var(axis=0) for i, j in pairs], axis=0))
+    random = np.array([standard_error(values[i:j], width) for i, j in pairs])
+    return np.asarray(np.hypot(random, undithered_sigma(scatter, steps)))
 
 
 def _sample_window(t: Array, gyro: Array, accel: Array, min_duration: float) -> tuple[float, int]:
@@ -167,8 +181,11 @@ def find_steady_turns(
     """
     step = float(np.median(np.diff(t)))
     width = max(4, round(QUIET_WINDOW_S / step))
-    starts, ends = _find_segments(_find_quiet_windows(gyro, width), width, np.diff(t) > 5 * step)
-    margin = round(STANDSTILL_MARGIN_S / step)
+    quantisation = find_quantisation_steps(gyro)
+    starts, ends = _find_segments(
+        _find_quiet_windows(gyro, width, quantisation), width, np.diff(t) > 5 * step
+    )
+    margin = max(1, round(STANDSTILL_MARGIN_S / step))
     spans = [(i + margin, j - margin) for i, j in zip(starts, ends, strict=True)]
     spans = [(i, j) for i, j in spans if (j - i) * step >= min_duration]
     spans = [
@@ -180,7 +197,7 @@ def find_steady_turns(
             "table's rate (rad/s) and turn the node steadily in nine or more poses"
         )
     means = np.array([gyro[i:j].mean(axis=0) for i, j in spans])
-    return means, np.array([standard_error(gyro[i:j], width) for i, j in spans])
+    return means, _mean_sigma(gyro, spans, width, quantisation)
 
 
 def standard_error(values: Array, width: int) -> Array:
@@ -197,25 +214,42 @@ def standard_error(values: Array, width: int) -> Array:
     return np.asarray(np.maximum(white, means.std(axis=0, ddof=1) / np.sqrt(blocks)))
 
 
-def _find_quiet_windows(values: Array, width: int) -> NDArray[np.bool_]:
-    """Return (N - width + 1,) True where the window of `width` samples starting here is quiet."""
-    centred = values - values.mean(axis=0)
-    sums = np.vstack([np.zeros(3), np.cumsum(centred, axis=0)])
-    squares = np.vstack([np.zeros(3), np.cumsum(centred**2, axis=0)])
-    mean = (sums[width:] - sums[:-width]) / width
-    deviation = np.sqrt(np.maximum((squares[width:] - squares[:-width]) / width - mean**2, 0.0))
-    floor = np.maximum(
-        np.quantile(deviation, NOISE_FLOOR_QUANTILE, axis=0), _quantisation_steps(values) / np.sqrt(12)
-    )
-    return np.asarray((deviation < QUIET_THRESHOLD * floor).all(axis=1))
+def _find_quiet_windows(values: Array, width: int, steps: Array) -> NDArray[np.bool_]:
+    """Return (N - width + 1,) True where the window of `width` samples starting here is quiet.
+
+    steps: (3,) quantisation steps.
+    """
+    deviation = _window_deviations(values, width)
+    dof = width - 1
+    low = np.sqrt(chdtri(dof, 1.0 - NOISE_FLOOR_QUANTILE) / width)
+    high = max(QUIET_THRESHOLD_SIGMA, float(np.sqrt(chdtri(dof, _QUIET_FALSE_ALARM) / width)))
+    floor = np.maximum(np.quantile(deviation, NOISE_FLOOR_QUANTILE, axis=0) / low, steps / np.sqrt(12))
+    rounding = np.finfo(float).eps * np.abs(values).max(axis=0)
+    return np.asarray((deviation <= high * floor + rounding).all(axis=1))
 
 
-def _quantisation_steps(values: Array) -> Array:
-    """Return the (3,) quantisation steps: the smallest change of each channel."""
-    steps = np.abs(np.diff(values, axis=0))
-    return np.asarray(np.where(steps > 0, steps, np.inf).min(axis=0, initial=np.inf, where=True)).clip(
-        max=np.ptp(values, axis=0)
-    )
+def _window_deviations(values: Array, width: int) -> Array:
+    """Return the (N - width + 1, C) standard deviations of all windows of `width` samples.
+
+    Windows of 1, 2, 4, ... samples are merged (Chan, Golub, LeVeque 1983). Differences of running sums would
+    hide deviations below 1e-7 of the largest value.
+    """
+    total = len(values) - width + 1
+    mean, squares, count = np.zeros((total, values.shape[1])), np.zeros((total, values.shape[1])), 0
+    block_mean, block_squares, block = values, np.zeros_like(values), 1
+    while count < width:
+        if width & block:
+            new_mean, new_squares = block_mean[count : count + total], block_squares[count : count + total]
+            difference = new_mean - mean
+            squares += new_squares + difference**2 * (count * block / (count + block))
+            mean += difference * (block / (count + block))
+            count += block
+        if count < width:
+            difference = block_mean[block:] - block_mean[:-block]
+            block_squares = block_squares[:-block] + block_squares[block:] + difference**2 * (block / 2)
+            block_mean = (block_mean[:-block] + block_mean[block:]) / 2
+            block *= 2
+    return np.asarray(np.sqrt(squares / width))
 
 
 def _find_segments(

@@ -134,7 +134,7 @@ def collect_turns(t: Array, gyro: Array, bias: Array, standstills: Standstills, 
     """
     unit = gravity / np.linalg.norm(gravity, axis=1)[:, None]
     step = float(np.median(np.diff(t)))
-    pad = round(_TURN_PADDING_S / step)
+    pad = max(1, round(_TURN_PADDING_S / step))
     extreme = np.abs(gyro).max(axis=0)
     spans = [
         (int(standstills.end[k]) - 1 - pad, int(standstills.start[k + 1]) + 1 + pad)

@@ -294,6 +294,9 @@ def test_notes_start_with_the_methods_of_both_triads_and_unobservable_parameters
         return SimpleNamespace(triad=Triad(np.zeros(3), np.eye(3)), poses=poses)
 
     monkeypatch.setattr(room, "find_standstills", lambda *_, **__: at)
+    monkeypatch.setattr(room, "drop_outlier_poses", lambda standstills, _: standstills)
+    monkeypatch.setattr(room, "collect_turns", lambda *_: None)
+    monkeypatch.setattr(room, "check_axis_signs", lambda _: None)
     monkeypatch.setattr(room, "fit_scalar_calibration", solve)
     monkeypatch.setattr(room, "cross_validate_accel", lambda *_: None)
     monkeypatch.setattr(room, "_calibrate_gyro", lambda *_: SimpleNamespace(method="some turns"))

@@ -107,7 +107,7 @@ def test_poses_unsuited_for_earth_rate_still_determine_the_gyro_bias():
     latitude = np.radians(50)
     rng = np.random.default_rng(7)
     attitudes = Rotation.from_rotvec(np.outer(np.linspace(0, 2 * np.pi, 12, endpoint=False), [1.0, 0, 0]))
-    data = carry(rng, Errors(), Errors(), attitudes=attitudes, gyro_noise=1e-6, latitude=latitude)
+    data = carry(rng, Errors(), ACCEL, attitudes=attitudes, gyro_noise=1e-6, latitude=latitude)
     result = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY, latitude=latitude)
     assert any("Earth rate cannot be used" in note and "bias x" in note for note in result.notes)
     assert "turns between standstills" in result.gyro.method and {"gyro_bias"} <= set(
@@ -181,7 +181,7 @@ def test_drifting_and_rotating_standstills_are_left_out_with_a_warning():
 
 
 def test_gyros_in_degrees_per_second_are_detected_by_the_rotations():
-    data = carry(np.random.default_rng(11), Errors(), Errors(), poses=14, gyro_noise=0.001)
+    data = carry(np.random.default_rng(11), Errors(), ACCEL, poses=14, gyro_noise=0.001)
     result = calibrate_imu(data.t, np.degrees(data.gyro), data.accel, gravity=GRAVITY)
     assert any("degrees per second" in note for note in result.notes)
     assert set(result.effect_parameters()) == {

@@ -1,0 +1,95 @@
+"""Records as laboratories bring them: rounded, at any rate, with one pose knocked, with a wrong axis."""
+
+import numpy as np
+import pytest
+
+from generators.poses import GRAVITY, Errors, carry
+from hubodo.errors import CalibrationError, HubodoError
+from hubodo.sensors.imu.calibrate import calibrate_imu
+from hubodo.sensors.imu.quantisation import find_quantisation_steps, undithered_sigma
+from hubodo.sensors.imu.standstills import find_standstills
+
+ACCEL = Errors((0.2, -0.3, 0.1), (0.01, -0.02, 0.005))
+"""Its matrix is diagonal, so it is symmetric as the convention demands."""
+
+
+def calibrate(data, **options):
+    return calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY, **options)
+
+
+@pytest.mark.parametrize("digits", [3, 4, 8, 10])
+def test_sigmas_of_accelerometers_without_noise_cover_the_rounding(digits):
+    pulls = []
+    for seed in range(4):
+        rng = np.random.default_rng([3302, digits, seed])
+        data = carry(rng, Errors(), ACCEL, poses=16, dt=0.05, standstill_s=3.0, turn=2.0, accel_noise=0.0)
+        result = calibrate_imu(data.t, data.gyro, np.round(data.accel, digits), gravity=GRAVITY)
+        assert len(result.standstills) == 16
+        error = np.append(result.accel.triad.bias - ACCEL.b, np.diag(result.accel.triad.matrix) - 1 - ACCEL.e)
+        pulls.append(error / result.accel.sigma[[0, 1, 2, 3, 7, 11]])
+    # Of 24 pulls, 18 or more are within 1.96 sigma with a probability above 0.999 if nine of ten are.
+    assert np.sum(np.abs(pulls) < 1.96) >= 18 and np.sqrt(np.mean(np.square(pulls))) < 1.6
+
+
+@pytest.mark.parametrize("dither", [0.0, 0.2, 0.4, 1.0])
+def test_the_error_of_a_mean_after_a_quantiser_is_as_widrow_has_it(dither):
+    rng, step = np.random.default_rng(5), 0.03
+    truth = rng.uniform(-5, 5, (4000, 1))
+    samples = step * np.round((truth + dither * step * rng.standard_normal((4000, 200))) / step)
+    scatter = np.sqrt(samples.var(axis=1).mean())
+    common = undithered_sigma(np.array([scatter]), np.array([step]))[0]
+    expected = np.hypot(common, scatter / np.sqrt(200))
+    assert np.std(samples.mean(axis=1) - truth[:, 0]) == pytest.approx(expected, rel=0.15)
+
+
+def test_steps_are_found_in_counts_decimals_and_single_precision_but_not_in_other_numbers():
+    rng = np.random.default_rng(6)
+    sparse = rng.uniform(-10, 10, 24)
+    columns = [np.round(sparse, 4), np.round(sparse, 3) * 9.80665, np.float32(sparse), sparse]
+    steps = find_quantisation_steps(np.column_stack(columns))
+    assert steps[:2] == pytest.approx([1e-4, 9.80665e-3])
+    assert steps[2] == pytest.approx(np.spacing(np.float32(9.0))) and steps[3] == 0.0
+    counts = 0.00239 * np.round(rng.uniform(-10, 10, (3000, 1)) / 0.00239)
+    assert find_quantisation_steps(counts) == pytest.approx([0.00239])
+
+
+@pytest.mark.parametrize("rate_hz", [5, 10, 1000])
+def test_standstills_are_those_simulated_at_any_rate(rate_hz):
+    data = carry(np.random.default_rng(7), Errors(), ACCEL, poses=10, dt=1 / rate_hz, turn=2.4)
+    standstills = find_standstills(data.t, data.gyro, data.accel)
+    assert len(standstills) == 10
+    assert np.abs(standstills.t[:, 0] - np.arange(10) * 8.4).max() < 0.6
+
+
+def test_a_knocked_pose_is_named_and_left_out():
+    data = carry(np.random.default_rng(8), Errors(), ACCEL, poses=20, dt=0.04)
+    start = round(8 * 8.5 / 0.04)
+    data.accel[start : start + 150] *= 1.005
+    result = calibrate(data)
+    assert len(result.standstills) == 19
+    (line,) = [note for note in result.notes if "rejected" in note]
+    assert "67.9" in line and "gravity is +0.0456" in line and "4.7 mg" in line
+    assert np.abs(result.accel.triad.bias - ACCEL.b).max() < 4 * result.accel.sigma[:3].max() < 0.01
+
+
+@pytest.mark.parametrize(
+    "change, words",
+    [
+        (lambda gyro, accel: (gyro * [1, -1, 1], accel), "if gyro y is reversed"),
+        (lambda gyro, accel: (gyro, accel * [1, 1, -1]), "if accelerometer z is reversed"),
+        (lambda gyro, accel: (-gyro, accel), "if gyro x and y and z are reversed"),
+        (lambda gyro, accel: (gyro[:, [1, 0, 2]], accel), "gx, gy, gz are in truth gy, gx, gz"),
+        (lambda gyro, accel: (gyro, np.where(accel == accel[900], np.nan, accel)), "the first at 36 s"),
+    ],
+    ids=["gyro y", "accel z", "left-handed", "x for y", "not a number"],
+)
+def test_a_wrong_axis_is_named(change, words):
+    data = carry(np.random.default_rng(9), Errors(), ACCEL, poses=12, dt=0.04)
+    with pytest.raises(HubodoError, match=words):
+        calibrate_imu(data.t, *change(data.gyro, data.accel), gravity=GRAVITY)
+
+
+def test_a_calibration_that_makes_other_poses_worse_is_refused():
+    data = carry(np.random.default_rng(10), Errors(), Errors((1e-4, 0, 0)), poses=14, dt=0.04)
+    with pytest.raises(CalibrationError, match="makes the length of gravity worse"):
+        calibrate(data)
