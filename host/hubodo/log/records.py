@@ -103,6 +103,19 @@ class ImuRun:
         log.write_temperature(self.node, self.t_ns[self.first_rows], self.t_log_ns, self.temperature)
 
 
+@dataclass(frozen=True, slots=True)
+class ImuNoise:
+    """White noise of the samples of a node, 1 sigma per sample; gyro: rad/s; accel: m/s²."""
+
+    node: str
+    gyro: float
+    accel: float
+
+    def write_to(self, log: LogWriter) -> None:
+        """Set the covariances of the samples that follow."""
+        log.set_imu_noise(self.node, self.gyro, self.accel)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Battery:
     """Supply of a node; voltage: V; charge: 0 to 1, NaN if unknown."""
@@ -309,6 +322,7 @@ class Metadata:
 LogRecord = (
     ImuBlock
     | ImuRun
+    | ImuNoise
     | Battery
     | MagneticField
     | BiasFilterRow

@@ -31,10 +31,28 @@ STRING = "std_msgs/msg/String"
 TWIST_STAMPED = "geometry_msgs/msg/TwistStamped"
 TWIST_WITH_COVARIANCE_STAMPED = "geometry_msgs/msg/TwistWithCovarianceStamped"
 JOINT_STATE = "sensor_msgs/msg/JointState"
+DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+PARTICIPANT_ENTITIES = "rmw_dds_common/ParticipantEntitiesInfo"
+HUMBLE_PARTICIPANT_ENTITIES = "rmw_dds_common/humble/ParticipantEntitiesInfo"
 
 UNKNOWN_VARIANCE = 1e6
 """m² or rad²: variance of a pose coordinate that was not measured; zero would mean exact."""
 ENCAPSULATION = b"\x00\x01\x00\x00"
+
+
+def _graph_definitions(package: str, id_bytes: int) -> dict[str, str]:
+    """Return the definitions of the messages by which nodes announce their readers and writers."""
+    return {
+        f"{package}/Gid": f"char[{id_bytes}] data",
+        f"{package}/NodeEntitiesInfo": (
+            "string node_namespace\nstring node_name\n"
+            f"{package}/Gid[] reader_gid_seq\n{package}/Gid[] writer_gid_seq"
+        ),
+        f"{package}/ParticipantEntitiesInfo": (
+            f"{package}/Gid gid\n{package}/NodeEntitiesInfo[] node_entities_info_seq"
+        ),
+    }
+
 
 # Fields as in the .msg files of common_interfaces, geometry2 and rcl_interfaces (ROS 2 Humble).
 _DEFINITIONS: Mapping[str, str] = {
@@ -102,6 +120,18 @@ _DEFINITIONS: Mapping[str, str] = {
     STRING: "string data",
     TWIST_STAMPED: "std_msgs/Header header\ngeometry_msgs/Twist twist",
     TWIST_WITH_COVARIANCE_STAMPED: "std_msgs/Header header\ngeometry_msgs/TwistWithCovariance twist",
+    JOINT_STATE: (
+        "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
+    ),
+    "diagnostic_msgs/KeyValue": "string key\nstring value",
+    "diagnostic_msgs/DiagnosticStatus": (
+        "byte OK=0\nbyte WARN=1\nbyte ERROR=2\nbyte STALE=3\n"
+        "byte level\nstring name\nstring message\nstring hardware_id\ndiagnostic_msgs/KeyValue[] values"
+    ),
+    DIAGNOSTICS: "std_msgs/Header header\ndiagnostic_msgs/DiagnosticStatus[] status",
+    **_graph_definitions("rmw_dds_common", 16),
+    # ROS 2 Humble has the same type names with longer identifiers.
+    **_graph_definitions("rmw_dds_common/humble", 24),
 }
 
 STAMPED_TYPES = frozenset(
@@ -112,6 +142,8 @@ STAMPED_TYPES = frozenset(
 
 _PRIMITIVES: Mapping[str, str] = {
     "bool": "b1",
+    "byte": "u1",
+    "char": "u1",
     "int8": "i1",
     "uint8": "u1",
     "uint16": "u2",

@@ -11,11 +11,12 @@ from rich.console import Console
 
 from hubodo.errors import ConfigError, InputError
 from hubodo.ingest.live.record_config import RecordConfig, load_record_config
+from hubodo.ros2.config import Ros2Config, load_ros2_config
 from hubodo.settings_table import format_example_toml
 from hubodo.web.config import WebConfig, load_web_config
 
 EXAMPLE = "hubodo config example > hubodo.toml; hubodo config check hubodo.toml"
-SETTINGS: dict[str, type] = {"record": RecordConfig, "web": WebConfig}
+SETTINGS: dict[str, type] = {"record": RecordConfig, "web": WebConfig, "ros2": Ros2Config}
 """Settings class of each table of hubodo.toml."""
 _EXAMPLE_HEADER = """hubodo.toml: settings for `hubodo record --config hubodo.toml`; options override it.
 Commented-out lines show what can be set; `hubodo config check hubodo.toml` checks the file.
@@ -99,7 +100,7 @@ def _check_file(path: Path) -> ConfigCheck:
         file = getattr(config, key)
         if file is not None and not (path.parent / file).is_file():
             raise ConfigError(f"{path}: [record] {key} = {file!r}: no such file beside it; check the path")
-    tables = {"record": config, "web": load_web_config(path)}
+    tables = {"record": config, "web": load_web_config(path), "ros2": load_ros2_config(path)}
     return ConfigCheck(
         str(path), {name: _non_default_settings(settings) for name, settings in tables.items()}
     )

@@ -13,6 +13,7 @@ from hubodo.ingest.live.record_config import RecordConfig, check_record_config, 
 from hubodo.listening.descriptors import raise_descriptor_limit
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.effect_options import add_effects_option, register_effects
+from hubodo.verbs.ros2_options import add_ros2_arguments, ros2_config
 from hubodo.verbs.setting_options import add_setting_option, setting_help
 from hubodo.verbs.udp_options import add_udp_arguments, udp_settings
 from hubodo.verbs.watch_gap import run_gap_watch
@@ -44,6 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for name in _FIRST_OPTIONS:
         add_setting_option(parser, RecordConfig, name)
     add_web_arguments(parser)
+    add_ros2_arguments(parser)
     add_udp_arguments(parser)
     for name in _LOG_OPTIONS:
         add_setting_option(parser, RecordConfig, name)
@@ -99,6 +101,7 @@ def run(args: argparse.Namespace) -> RecordResult:
     if calibration_path is not None:
         calibration = read_calibration(calibration_path)
         attachments["calibration.toml"] = calibration_path.read_bytes()
+    ros2 = ros2_config(args)
     with (
         program_log("record", config.log_format),
         live_views(args, output, vehicle) as audience,
@@ -113,6 +116,7 @@ def run(args: argparse.Namespace) -> RecordResult:
             attachments=attachments,
             watch=watch,
             audience=audience,
+            ros2=ros2,
         )
 
 

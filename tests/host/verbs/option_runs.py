@@ -197,6 +197,7 @@ RUNS: tuple[Run, ...] = (
         "record {port} -o out-{n}.mcap --duration 1 --foxglove 127.0.0.1:0 --metrics 127.0.0.1:0 --wait "
         "--log-format json"
     ),
+    Run("record {port} -o out-{n}.mcap --duration 1 --ros2"),
     Run(
         "record {port} -o out-{n}.mcap --duration 1 --rotate-after 60 --rotate-at-mb 5 --disk-budget-mb 50",
     ),

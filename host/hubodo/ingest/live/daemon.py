@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
 from types import TracebackType
 
@@ -19,6 +19,7 @@ from hubodo.ingest.live.localizer_thread import LocalizerThread
 from hubodo.ingest.live.loop import Loop
 from hubodo.ingest.live.loop import stop_links as stop_links
 from hubodo.ingest.live.record_config import RecordConfig
+from hubodo.ingest.live.record_output import RecordOutput
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.snapshot import Audience, LogStatus, SnapshotObserver, SnapshotPublisher
 from hubodo.ingest.live.status import RecordResult, build_result
@@ -29,6 +30,7 @@ from hubodo.ingest.node.naming import unique_name
 from hubodo.ingest.stop_signals import stop_on_signals
 from hubodo.log.log_series import LogSeries
 from hubodo.log.log_writer import LogWriter
+from hubodo.ros2.config import Ros2Config
 from hubodo.units import NS_PER_S
 from hubodo.vehicle import Vehicle
 
@@ -47,11 +49,13 @@ def record(
     console: Console | None = None,
     watch: Mapping[str, SnapshotObserver] | None = None,
     audience: Audience | None = None,
+    ros2: Ros2Config | None = None,
 ) -> RecordResult:
     """Record until SIGINT, SIGTERM, `stop` or the end of `config.duration`; the log is complete in each case.
 
     computer: None for this one. console: output for the user, None for stderr. watch: called with a snapshot
     each second, in this thread; must return at once. audience: the live page, polled fifty times per second.
+    ros2: completed settings of the ROS 2 node; it publishes if they name a transport.
     Unless `config.wait` is set, every port must open at the start; later a link may be reopened. Raises
     InputError (a port cannot be opened, `out` exists, foreign data on all links) and CalibrationError (nodes
     with other serials), which leave no log, and WireMismatch (nodes of another version), which leaves one.
@@ -67,7 +71,11 @@ def record(
         log = stack.enter_context(_open_log(config, series, zero, now_ns, metadata, attachments, vehicle))
         bulkheads = Bulkheads(now_ns)
         localizer = _start_localizer(vehicle, zero, computer, bulkheads, stack) if gnss else None
-        listeners = {} if audience is None else audience.attach(log, series, bulkheads)
+        listeners = {} if audience is None else dict(audience.attach(log, series, bulkheads))
+        outputs: dict[str, RecordOutput] = {}
+        if ros2 is not None and ros2.publish is not None:
+            outputs["ros2"] = stack.enter_context(_open_ros2_output(ros2, vehicle, now_ns()))
+        listeners |= {part: output.attach(bulkheads) for part, output in outputs.items()}
         recorder = Recorder(
             names,
             TeeSink(log, listeners, bulkheads),
@@ -83,7 +91,8 @@ def record(
             bulkheads=bulkheads,
         )
         view = stack.enter_context(ViewThread(create_view(config, now_ns, console), bulkheads))
-        observers = {**(watch or {}), "terminal": view.show}
+        shown = {part: output.show for part, output in outputs.items()}
+        observers = {**(watch or {}), "terminal": view.show, **shown}
         publisher = _build_publisher(config, recorder, log, series, observers, audience, now_ns, stack)
         rotate = threading.Event()
         ending = stack.enter_context(stop_on_signals(stop or threading.Event(), rotate))
@@ -104,6 +113,15 @@ def _start_localizer(
     localizer = LocalizerThread(zero_ns, computer.put, vehicle.antenna, bulkheads=bulkheads)
     stack.callback(localizer.stop)
     return localizer
+
+
+def _open_ros2_output(
+    config: Ros2Config, vehicle: Vehicle | None, now_ns: int
+) -> AbstractContextManager[RecordOutput]:
+    # Imported here: other recordings need no ROS 2.
+    from hubodo.ingest.live.ros2_output import ros2_output
+
+    return ros2_output(config, vehicle, now_ns)
 
 
 def _open_log(

@@ -13,7 +13,7 @@ from hubodo.settings_table import check_bounds, setting
 from hubodo.toml_file import check_known_keys, load_toml, read_table
 from hubowire.budget import CONSOLE_BAUD, UART_BAUD
 
-CONFIG_TABLES = ("record", "web")
+CONFIG_TABLES = ("record", "web", "ros2")
 """Tables of hubodo.toml."""
 
 MAX_BAUD = 50_000_000

@@ -16,6 +16,7 @@ from hubodo.ingest.node.decoder import DecoderOutput
 from hubodo.ingest.node.gaps import GapGroup, LinkCounts
 from hubodo.ingest.node.health import SupplyHistory, read_supply
 from hubodo.ingest.node.identity import hello_metadata
+from hubodo.ingest.node.imu_noise import sample_noise
 from hubodo.ingest.node.life_events import final_clock_event, final_health_event, power_on_event
 from hubodo.ingest.node.log_times import LogTimeSequence, RateWindow
 from hubodo.ingest.node.node_frames import NodeFrames
@@ -39,6 +40,7 @@ from hubodo.log.records import (
     Columns,
     EventRecord,
     ImuBlock,
+    ImuNoise,
     ImuRun,
     LogRecord,
     MagneticField,
@@ -251,6 +253,7 @@ class NodeSession:
                     self._exchanges.start_burst()
                     self._start_request_ns = output.received_ns + _START_DELAY_NS
                     self._sink.write_record(Metadata(f"node.{self.name}", hello_metadata(output.hello)))
+                    self._sink.write_record(ImuNoise(self.name, *sample_noise(output.hello)))
                 case ImuBlock():
                     yield from self._handle_block(output)
                 case ImuRun():

@@ -1,0 +1,195 @@
+"""A ROS 2 node over DDS, by Cyclone DDS: what rmw_cyclonedds and rmw_fastrtps send and expect.
+
+Messages are encoded by the caller: the classes that Cyclone DDS needs for its types pass bytes through.
+"""
+
+from __future__ import annotations
+
+import functools
+import os
+import threading
+from typing import Any
+
+from cyclonedds.core import DDSException, Listener
+from cyclonedds.domain import Domain, DomainParticipant
+from cyclonedds.idl import make_idl_struct, types
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
+from cyclonedds.sub import DataReader
+from cyclonedds.topic import Topic
+from cyclonedds.util import duration
+
+from hubodo.errors import InputError
+from hubodo.log import ros2
+from hubodo.ros2.cdr import encode_message
+from hubodo.ros2.config import Ros2Config
+from hubodo.ros2.names import LATCHED, QosProfile, dds_topic, dds_type
+from hubodo.ros2.transport import OnMessage
+from hubodo.ros2.type_hash import type_hash
+
+_DISCOVERY_TOPIC = "ros_discovery_info"
+_MAX_BLOCKING_MS = 5
+"""Time for which a reliable writer may wait for a slow subscriber; then the message is dropped."""
+_MAX_TAKE = 256
+_ELEMENT_TYPES: dict[str, Any] = {
+    "bool": bool,
+    "byte": types.uint8,
+    "char": types.uint8,
+    "int8": types.int8,
+    "uint8": types.uint8,
+    "uint16": types.uint16,
+    "int32": types.int32,
+    "uint32": types.uint32,
+    "float32": types.float32,
+    "float64": types.float64,
+    "string": str,
+}
+# The node is found by its unicast announcements to this computer's own ports, as ROS 2 does it: there is no
+# multicast, so other computers neither learn of the node nor are heard.
+_LOCALHOST = """<CycloneDDS><Domain Id="any">
+<General><AllowMulticast>false</AllowMulticast></General>
+<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>100</MaxAutoParticipantIndex>
+<Peers><Peer Address="localhost"/></Peers></Discovery></Domain></CycloneDDS>"""
+
+
+class DdsPublisher:
+    """A publisher of one topic; `dropped` counts messages that a slow subscriber did not take in time."""
+
+    def __init__(self, writer: Any, message_class: Any) -> None:
+        self.dropped = 0
+        self._writer, self._message = writer, object.__new__(message_class)
+
+    def publish(self, payload: bytes) -> None:
+        """Send one message."""
+        self._message.payload = payload
+        try:
+            self._writer.write(self._message)
+        except DDSException as error:
+            if error.code != DDSException.DDS_RETCODE_TIMEOUT:
+                raise
+            self.dropped += 1
+
+
+class _MessageListener(Listener):  # type: ignore[misc]
+    """Passes the messages of a reader on."""
+
+    def __init__(self, on_message: OnMessage) -> None:
+        super().__init__()
+        self._on_message = on_message
+
+    def on_data_available(self, reader: Any) -> None:
+        """Take all messages."""
+        while samples := reader.take(N=_MAX_TAKE):
+            for sample in samples:
+                payload = getattr(sample, "payload", None)
+                if payload is not None:  # absent when a writer ends
+                    self._on_message(payload)
+
+
+class DdsNode:
+    """A participant that ROS 2 lists as a node."""
+
+    def __init__(self, config: Ros2Config) -> None:
+        """Join the domain; raise InputError if that is not possible."""
+        assert config.domain is not None
+        self._config = config
+        self._graph_type = ros2.HUMBLE_PARTICIPANT_ENTITIES if config.is_humble else ros2.PARTICIPANT_ENTITIES
+        self._lock = threading.Lock()
+        self._entities: list[Any] = []
+        self._writer_ids: list[bytes] = []
+        self._reader_ids: list[bytes] = []
+        is_local = config.network == "localhost" and "CYCLONEDDS_URI" not in os.environ
+        try:
+            self._domain = Domain(config.domain, _LOCALHOST if is_local else None)
+            self._participant = DomainParticipant(config.domain, Qos(Policy.Userdata(b"enclave=/;")))
+            self._graph = self._create_writer(_DISCOVERY_TOPIC, self._graph_type, LATCHED)
+            self._announce()
+        except DDSException as error:
+            raise InputError(f"ROS domain {config.domain}: {error}") from None
+
+    def create_publisher(self, topic: str, message_type: str, qos: QosProfile) -> DdsPublisher:
+        """Return a publisher of a topic; see `Node`."""
+        publisher = self._create_writer(dds_topic(topic), message_type, qos)
+        with self._lock:
+            self._writer_ids.append(self._entities[-1].guid.bytes)
+            self._announce()
+        return publisher
+
+    def subscribe(self, topic: str, message_type: str, qos: QosProfile, on_message: OnMessage) -> None:
+        """Pass on the messages of a topic; see `Node`."""
+        dds = Topic(self._participant, dds_topic(topic), _message_class(message_type))
+        listener = _MessageListener(on_message)
+        reader = DataReader(self._participant, dds, _make_qos(qos, message_type), listener)
+        with self._lock:
+            self._entities += [dds, listener, reader]
+            self._reader_ids.append(reader.guid.bytes)
+            self._announce()
+
+    def close(self) -> None:
+        """Leave the domain."""
+        self._entities.clear()
+        del self._graph, self._participant, self._domain
+
+    def _create_writer(self, name: str, message_type: str, qos: QosProfile) -> DdsPublisher:
+        message_class = _message_class(message_type)
+        topic = Topic(self._participant, name, message_class)
+        writer = DataWriter(self._participant, topic, _make_qos(qos, message_type))
+        self._entities += [topic, writer]
+        return DdsPublisher(writer, message_class)
+
+    def _announce(self) -> None:
+        """Publish which readers and writers belong to the node, for `ros2 node list` and `node info`."""
+        node = {
+            "node_namespace": "/",
+            "node_name": self._config.node,
+            "reader_gid_seq": [self._gid(guid) for guid in self._reader_ids],
+            "writer_gid_seq": [self._gid(guid) for guid in self._writer_ids],
+        }
+        values = {"gid": self._gid(self._participant.guid.bytes), "node_entities_info_seq": [node]}
+        self._graph.publish(encode_message(self._graph_type, values))
+
+    def _gid(self, guid: bytes) -> dict[str, list[int]]:
+        return {"data": list(guid.ljust(24 if self._config.is_humble else 16, b"\0"))}
+
+
+def _make_qos(qos: QosProfile, message_type: str) -> Any:
+    """Return the policies of a reader or writer; ROS 2 uses the first version of the encoding."""
+    reliable = Policy.Reliability.Reliable(duration(milliseconds=_MAX_BLOCKING_MS))
+    return Qos(
+        reliable if qos.is_reliable else Policy.Reliability.BestEffort,
+        Policy.Durability.TransientLocal if qos.is_transient_local else Policy.Durability.Volatile,
+        Policy.History.KeepLast(qos.depth),
+        Policy.DataRepresentation(use_cdrv0_representation=True),
+        Policy.Userdata(f"typehash={type_hash(message_type)};".encode()),
+    )
+
+
+@functools.cache
+def _message_class(message_type: str) -> Any:
+    """Return a class with the DDS type of a message whose instances hold its bytes as `payload`."""
+    message_class = _type_class(message_type)
+
+    def serialize(self: Any, *_: object, **__: object) -> bytes:
+        payload: bytes = self.payload
+        return payload
+
+    def deserialize(cls: Any, data: bytes, /, *_: object, **__: object) -> Any:
+        message = object.__new__(cls)
+        message.payload = bytes(data)
+        return message
+
+    message_class.serialize, message_class.deserialize = serialize, classmethod(deserialize)
+    return message_class
+
+
+@functools.cache
+def _type_class(message_type: str) -> Any:
+    """Return the DDS type of a message."""
+    members = {}
+    for field in ros2.message_fields(message_type):
+        member = _ELEMENT_TYPES.get(field.type) or _type_class(field.type)
+        if field.is_array:
+            member = types.sequence[member] if field.count is None else types.array[member, field.count]
+        members[field.name] = member
+    name = dds_type(message_type)
+    return make_idl_struct(name.replace("::", "_"), name, members)

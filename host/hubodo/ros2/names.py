@@ -1,0 +1,79 @@
+"""Names of ROS 2 topics and types on the wire, and the quality of service of each topic."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from hubodo.errors import InputError
+from hubodo.log import ros2, topics
+
+_TOPIC = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
+
+
+@dataclass(frozen=True, slots=True)
+class QosProfile:
+    """Quality of service; depth: number of messages that a queue holds."""
+
+    is_reliable: bool
+    is_transient_local: bool
+    depth: int
+
+
+SENSOR_DATA = QosProfile(is_reliable=False, is_transient_local=False, depth=5)
+"""`rmw_qos_profile_sensor_data`: lost messages are not repeated."""
+RELIABLE = QosProfile(is_reliable=True, is_transient_local=False, depth=10)
+"""`rmw_qos_profile_default`, which subscribers of either kind of reliability accept."""
+LATCHED = QosProfile(is_reliable=True, is_transient_local=True, depth=1)
+"""For /tf_static: a subscriber that joins later receives the last message."""
+
+_SENSOR_TYPES = frozenset(
+    {ros2.IMU, ros2.MAGNETIC_FIELD, ros2.TEMPERATURE, ros2.BATTERY, ros2.NAV_SAT_FIX, ros2.JOINT_STATE}
+    | {ros2.TWIST_STAMPED}
+)
+PUBLISHED_TYPES = frozenset(
+    {ros2.IMU, ros2.MAGNETIC_FIELD, ros2.TEMPERATURE, ros2.BATTERY, ros2.NAV_SAT_FIX}
+    | {ros2.ODOMETRY, ros2.TF, ros2.DIAGNOSTICS}
+)
+"""Message types of the log that a live node publishes."""
+
+
+def topic_qos(topic: str, message_type: str) -> QosProfile:
+    """Return the quality of service that ROS 2 expects of a topic."""
+    if topic == topics.TF_STATIC:
+        return LATCHED
+    return SENSOR_DATA if message_type in _SENSOR_TYPES else RELIABLE
+
+
+def check_topic(topic: str) -> str:
+    """Return a valid absolute topic name; raise InputError for any other text."""
+    if not _TOPIC.fullmatch(topic):
+        raise InputError(
+            f"topic {topic!r}: write an absolute ROS 2 name of letters, digits and _, such as /left_wheel/imu"
+        )
+    return topic
+
+
+def dds_topic(topic: str) -> str:
+    """Return the DDS name of a topic: `rt/odom` for /odom."""
+    return f"rt{topic}"
+
+
+def dds_type(message_type: str) -> str:
+    """Return the DDS name of a type: `nav_msgs::msg::dds_::Odometry_` for nav_msgs/msg/Odometry."""
+    return f"{package_of(message_type)}::msg::dds_::{base_name(message_type)}_"
+
+
+def full_name(message_type: str) -> str:
+    """Return a type with its interface kind, as `std_msgs/msg/Header` for std_msgs/Header."""
+    return f"{package_of(message_type)}/msg/{base_name(message_type)}"
+
+
+def package_of(message_type: str) -> str:
+    """Return the package of a type."""
+    return message_type.partition("/")[0]
+
+
+def base_name(message_type: str) -> str:
+    """Return the name of a type without its package."""
+    return message_type.rpartition("/")[2]

@@ -1,0 +1,164 @@
+"""A recording as a ROS 2 node over DDS, received by another process whose types were written by hand."""
+
+import json
+import os
+import subprocess
+import sys
+import threading
+import time
+from contextlib import ExitStack
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import wanted
+from fakes.fake_node import FakeNode
+from generators.fake_drive import VEHICLE_TOML, raw_rows, short_drive
+from hubodo.ingest.live.bulkheads import Bulkheads
+from hubodo.log import ros2
+from hubodo.log.recording_reader import open_log, read_recording
+from hubodo.log.records import Odometry
+from in_process import hubodo
+
+wanted.module("cyclonedds")
+TESTS = Path(__file__).resolve().parents[2]
+DOMAIN = 100 + os.getpid() % 100
+SECONDS = 3.0
+
+pytestmark = pytest.mark.real_time
+
+
+def start_subscriber(seconds):
+    """Start the other process; return it once it listens."""
+    command = [sys.executable, str(TESTS / "fakes/ros2_subscriber.py"), str(DOMAIN), str(seconds)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "ready\n"
+    return process
+
+
+@pytest.fixture(scope="module")
+def ride(tmp_path_factory):
+    """A recorded drive of two nodes: folder, result of the verb, and what the other process received."""
+    folder, drive = tmp_path_factory.mktemp("ride"), short_drive(5)
+    (folder / "vehicle.toml").write_text(VEHICLE_TOML)
+    with ExitStack() as stack, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
+        subscriber = start_subscriber(SECONDS + 1.0)
+        nodes = {
+            name: stack.enter_context(FakeNode(node_id=number, rows=raw_rows(drive, name)))
+            for number, name in ((1, "left"), (2, "right"))
+        }
+        ports = [f"{name}={node.path}" for name, node in nodes.items()]
+        options = ("--vehicle", folder / "vehicle.toml", "--duration", SECONDS, "--ros2", "--quiet", "--json")
+        done = hubodo("record", *ports, "-o", folder / "ride.mcap", *options)
+        assert done.code == 0, done.err
+        return folder, json.loads(done.out), json.loads(subscriber.communicate()[0])
+
+
+def stamp_ns(message):
+    stamp = message["header"]["stamp"]
+    return stamp["sec"] * 10**9 + stamp["nanosec"]
+
+
+def logged_stamps(folder, topic):
+    log = open_log(folder / "ride.mcap")
+    return [message.publish_time for message in log.messages() if message.topic == topic]
+
+
+def test_odometry_arrives_reliably_in_order_and_equal_to_the_log(ride):
+    folder, _, other = ride
+    received = [message for _, message in other["received"]["rt/odom"]]
+    log = read_recording(folder / "ride.mcap")
+    stamps = np.array([stamp_ns(message) for message in received])
+    assert len(received) > 250 and np.all(np.diff(stamps) > 0)
+    rows = np.searchsorted(np.round(log.odometry["t"] * 1e9).astype(np.int64) + log.t_zero_ns, stamps - 500)
+    for name, axis in (("x", "x"), ("y", "y")):
+        sent = [message["pose"]["pose"]["position"][axis] for message in received]
+        np.testing.assert_allclose(sent, log.odometry[name][rows], rtol=0, atol=1e-12)
+    # Nothing is lost between the first and the last message that the subscriber received.
+    assert len(received) == rows[-1] - rows[0] + 1
+    covariance = np.reshape(received[-1]["pose"]["covariance"], (6, 6))
+    assert np.all(np.linalg.eigvalsh(covariance) > 0)
+    assert covariance[2, 2] == covariance[3, 3] == ros2.UNKNOWN_VARIANCE
+    assert {(m["header"]["frame_id"], m["child_frame_id"]) for m in received} == {("odom", "base_link")}
+
+
+def test_samples_carry_the_noise_of_the_chip_and_no_orientation(ride):
+    folder, _, other = ride
+    received = [message for _, message in other["received"]["rt/left/imu"]]
+    # Best effort: a busy computer loses samples, but none is altered.
+    assert len(received) > 100
+    assert {stamp_ns(message) for message in received} <= set(logged_stamps(folder, "/left/imu"))
+    message = received[-1]
+    assert message["orientation_covariance"][0] == -1
+    # LSM6DS33 at 208 Hz: 7 mdeg/s/√Hz and 90 µg/√Hz over 104 Hz.
+    gyro, accel = np.radians(7e-3) * np.sqrt(104), 90e-6 * 9.80665 * np.sqrt(104)
+    for name, sigma in (("angular_velocity", gyro), ("linear_acceleration", accel)):
+        covariance = np.reshape(message[f"{name}_covariance"], (3, 3))
+        np.testing.assert_allclose(covariance, sigma**2 * np.eye(3), rtol=1e-12)
+
+
+def test_frames_reach_a_subscriber_and_name_every_sensor(ride):
+    _, _, other = ride
+    ((_, static),) = other["received"]["rt/tf_static"]
+    assert {item["child_frame_id"] for item in static["transforms"]} == {"left", "right"}
+    transforms = [message["transforms"][0] for _, message in other["received"]["rt/tf"]]
+    assert len(transforms) > 250
+    assert {(t["header"]["frame_id"], t["child_frame_id"]) for t in transforms} == {("odom", "base_link")}
+
+
+def test_the_graph_lists_the_node_and_all_its_writers_with_the_hash_of_their_types(ride):
+    _, _, other = ride
+    info = other["received"]["ros_discovery_info"][-1][1]
+    (node,) = info["node_entities_info_seq"]
+    assert (node["node_namespace"], node["node_name"]) == ("/", "hubodo")
+    listed = {bytes(gid["data"]).hex() for gid in node["writer_gid_seq"]}
+    writers = {name: row for name, row in other["writers"].items() if name.startswith("rt/")}
+    # /tf and /tf_static are two writers; each key of `writers` is one topic.
+    assert {gid for _, _, gid in writers.values()} == listed
+    assert {"rt/odom", "rt/tf", "rt/tf_static", "rt/diagnostics", "rt/left/imu", "rt/right/battery"} <= set(
+        writers
+    )
+    # As `ros2 topic info -v /odom` prints it in ROS 2 Jazzy.
+    odometry_hash = "RIHS01_3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0"
+    assert writers["rt/odom"][:2] == ["nav_msgs::msg::dds_::Odometry_", f"typehash={odometry_hash};"]
+
+
+def test_diagnostics_report_nodes_links_and_the_log(ride):
+    _, _, other = ride
+    status = {item["name"]: item for item in other["received"]["rt/diagnostics"][-1][1]["status"]}
+    assert {"hubodo: log", "hubodo: node left", "hubodo: link right", "hubodo: odometry"} <= set(status)
+    assert status["hubodo: node left"]["level"] == 0
+    values = {pair["key"]: pair["value"] for pair in status["hubodo: node left"]["values"]}
+    assert float(values["rate Hz"]) == pytest.approx(208, rel=0.05)
+
+
+class HangingNode:
+    """A node whose publishers never return, as with a driver that hangs."""
+
+    def __init__(self):
+        self.release = threading.Event()
+
+    def create_publisher(self, topic, message_type, qos):
+        return self
+
+    def publish(self, payload):
+        self.release.wait(60)
+
+
+def test_a_subscriber_that_hangs_delays_nothing_and_only_old_messages_are_dropped():
+    from hubodo.ingest.live.ros2_output import Ros2Output
+
+    node, bulkheads = HangingNode(), Bulkheads(time.monotonic_ns)
+    output = Ros2Output(node, None, 0)
+    listener = output.attach(bulkheads)
+    rows = np.zeros((1, 2)), np.zeros(1), np.zeros(1), np.zeros(1)
+    start = time.thread_time()
+    for n in range(5000):
+        listener(Odometry(np.array([n], np.int64), 0, *rows))
+    assert time.thread_time() - start < 0.5
+    assert output.waiting_count <= 2048
+    assert output.dropped >= 5000 - 2048 - 1
+    node.release.set()
+    output.close()
