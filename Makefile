@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the same files, so their bytecode is cached.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test quick check docs package chip bench soak papers accuracy road sensitivity gap-matrix gap-limit gap-reliability gap-several gap-beyond gap-rides gap-real mutants faults fuzz load fleet audit browser compiler setup clean
+.PHONY: demo test quick check docs package chip bench soak papers accuracy road sensitivity gap-matrix gap-limit gap-reliability gap-several gap-beyond gap-rides gap-real gap-semi mutants faults fuzz load fleet audit browser compiler setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job end to end, without hardware
@@ -94,6 +94,9 @@ gap-beyond: setup    ## scaffolding of eight effects outside the vocabulary, and
 
 gap-real: setup      ## effects injected into the samples of real drives of a car, with a model learnt on the other drive; about an hour
 	$(BIN)/python tests/gap_real/real.py
+
+gap-semi: setup      ## effects hidden in simulated drives with the residuals of real drives as noise; about twenty minutes
+	$(BIN)/python tests/gap_real/semi_real.py
 
 gap-rides: setup     ## five effects hidden in virtual nodes, and a recording of a real wheelchair; about four minutes
 	$(BIN)/python tests/signal_path/hidden.py

@@ -119,10 +119,12 @@ def simulate_record(
     noise: Noise,
     rng: np.random.Generator,
     added: Array | float = 0.0,
+    noise_samples: Array | None = None,
 ) -> Record:
     """Return the record of a node.
 
     added: change (n, 6) of the readings before the noise
+    noise_samples: (n, 6) noise in place of white noise
 
     Outliers and stale samples occur in the expected number at random positions, so that a weak effect is
     never absent by chance; each channel has its own outliers.
@@ -138,8 +140,10 @@ def simulate_record(
         rng.standard_normal((count, 3)) * np.sqrt(np.diff(sample_times, prepend=0.0))[:, None], axis=0
     )
     values[:, :3] += effect_parameters.get("gyro_rate_random_walk", {}).get("k", 0.0) * random_walk
-    values[:, :3] += noise.gyro * white_noise[:, :3]
-    values[:, 3:] += compute_accel_sigma(noise, speed)[:, None] * white_noise[:, 3:]
+    if noise_samples is None:
+        noise_samples = white_noise * noise.gyro
+        noise_samples[:, 3:] = compute_accel_sigma(noise, speed)[:, None] * white_noise[:, 3:]
+    values += noise_samples
     if "outliers" in effect_parameters:
         outlier_indices = rng.permutation(values.size)[
             : count_hits(effect_parameters["outliers"]["probability"], values.size)

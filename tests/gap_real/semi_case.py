@@ -1,0 +1,168 @@
+"""Semi-real cases: drives of the independent simulator with the residuals of real drives as noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from residual_noise import REAL_FACING, DriveNoise, turn_over
+from semi_gain import NodesGainMeter
+
+from gap_matrix import cases, effects, sensor
+from gap_matrix.cases import Setup
+from gap_matrix.dose import STRENGTHS
+from gap_matrix.effects import SIDES, Effect
+from gap_matrix.world import GRAVITY, Array, differentiate, integrate
+from hubodo.recording import Recording, Table
+from vehicles import model_toml
+
+ROAD_BANK = "road_bank"
+EFFECT_NAMES = (*effects.KINDS, ROAD_BANK)
+# Bank of real roads, rad and m; it is scaled with the accelerometer noise of the car, m/s².
+_BANK_SIGMA, _BANK_LENGTH_M, _CAR_ACCEL_NOISE = {"medium": 0.012, "strong": 0.036}, 80.0, 1.2
+_SPARE_SEEDS, _SPARE_SEED_STEP = 5, 100_000
+_CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
+
+
+@dataclass(frozen=True)
+class SemiCase:
+    """A simulated drive with an effect, or none, in the noise of a real drive.
+
+    gain_nats: by knowing the effect; nan for a road's bank and for no effect
+    """
+
+    setup: Setup
+    noise: DriveNoise
+    effect: Effect | None
+    gain_nats: float = np.nan
+
+    def write_model(self) -> str:
+        """Return the text of the model file: nominal vehicle and declared noise."""
+        noise = self.setup.noise["left"]
+        return model_toml(
+            self.setup.radius,
+            self.setup.track,
+            gyro_noise=noise.gyro,
+            accel_noise=noise.accel,
+            inputs='speed = "nodes"\nyaw_rate = "frame.gz"\n',
+            facing=self.setup.facing,
+        )
+
+    def record(self) -> Recording:
+        """Return the recording: both wheel nodes, and a node on the body that measures the yaw rate."""
+        bank = draw_bank(self.setup, self.effect)
+        nodes = {side: self._record_wheel(side, bank) for side in SIDES}
+        return Recording({**nodes, "frame": self._record_body(bank)})
+
+    def _record_wheel(self, side: str, bank: Array) -> Table:
+        setup = self.setup
+        hidden = [one for one in [self.effect] if one and one.name != ROAD_BANK and one.applies_to(side)]
+        t, step = setup.sample_times[side], setup.drive.motion.step
+        facing = 1.0 if setup.facing[side] == "left" else -1.0
+        added = np.zeros((len(t), 6))
+        added[:, 5] = facing * GRAVITY * sensor.interpolate_cubic(bank[None], step, t)[0]
+        record = sensor.simulate_record(
+            cases.compute_node_readings(setup, side, hidden),
+            effects.parameters_on_node(hidden, side),
+            t,
+            setup.drive.temperature,
+            setup.noise[side],
+            np.random.default_rng((setup.seed, 3, SIDES.index(side))),
+            added,
+            draw_wheel_noise(setup, self.noise, side),
+        )
+        columns = dict(zip(_CHANNELS, record.values.T, strict=True))
+        return Table({"t": record.t, **columns, "temperature": record.temperature})
+
+    def _record_body(self, bank: Array) -> Table:
+        """Return a node on the body origin, x forward, y left, z up."""
+        setup, motion = self.setup, self.setup.drive.motion
+        grade = self.effect.parameters["angle"] if self.effect and self.effect.name == "road_grade" else 0.0
+        zero = np.zeros_like(motion.speed)
+        force = (
+            differentiate(motion.speed, motion.step) + GRAVITY * np.sin(grade),
+            motion.speed * motion.yaw_rate + GRAVITY * bank,
+            zero + GRAVITY * np.cos(grade),
+        )
+        stride = round(cases.REFERENCE_STEP / motion.step)
+        readings = np.stack([zero, zero, motion.yaw_rate, *force], axis=1)[::stride]
+        spin = np.abs(motion.speed[::stride]) / setup.radius
+        rng = np.random.default_rng((setup.seed, 12))
+        noise = self.noise.body.resample(spin, 1.0 / cases.REFERENCE_STEP, rng)
+        readings = readings + noise * _declared_sigma(setup)
+        return Table({"t": motion.t[::stride], **dict(zip(_CHANNELS, readings.T, strict=True))})
+
+
+def draw_case(
+    noise: DriveNoise, name: str, strength: str, seed: int, size: float = 1.0, duration: float | None = None
+) -> SemiCase:
+    """Return a case; the first seed is used whose drive shows the effect.
+
+    name: one of EFFECT_NAMES, or empty
+    size: factor on the parameters of the effect beside its strength
+
+    Raises ValueError if the drive of no seed shows the effect.
+    """
+    reason = ""
+    for spare in range(_SPARE_SEEDS):
+        setup = cases.draw_setup(seed + spare * _SPARE_SEED_STEP, duration=duration)
+        if not name:
+            return SemiCase(setup, noise, None)
+        if name == ROAD_BANK:
+            sigma = size * _BANK_SIGMA[strength] * setup.noise["left"].accel / _CAR_ACCEL_NOISE
+            return SemiCase(setup, noise, Effect(name, "vehicle", {"sigma": sigma, "length": _BANK_LENGTH_M}))
+        meter = NodesGainMeter(setup, {side: wheel_sigma(setup, noise, side) for side in SIDES})
+        try:
+            effect, gain = meter.scale_to_gain(cases.draw_hidden_effect(setup, name), STRENGTHS[strength])
+        except ValueError as error:
+            reason = str(error)
+            continue
+        return SemiCase(setup, noise, effects.scale_effect(effect, size), gain * size**2)
+    raise ValueError(reason)
+
+
+def _declared_sigma(setup: Setup) -> Array:
+    noise = setup.noise["left"]
+    return np.repeat([noise.gyro, noise.accel], 3)
+
+
+def wheel_spin(setup: Setup, side: str) -> Array:
+    """Return the nominal spin rate, (n,) rad/s, of a wheel at the samples of its node."""
+    motion, sign = setup.drive.motion, 1.0 if side == "left" else -1.0
+    spin = (motion.speed - 0.5 * sign * setup.track * motion.yaw_rate) / setup.radius
+    return np.abs(np.interp(setup.sample_times[side], motion.t, spin))
+
+
+def draw_wheel_noise(setup: Setup, noise: DriveNoise, side: str) -> Array:
+    """Return the noise of a wheel node, (n, 6), scaled to the declared noise."""
+    rng = np.random.default_rng((setup.seed, 11, SIDES.index(side)))
+    drawn = noise.nodes[side].resample(wheel_spin(setup, side), setup.noise[side].rate_hz, rng)
+    if setup.facing[side] != REAL_FACING[side]:
+        drawn = turn_over(drawn)
+    return drawn * _declared_sigma(setup)
+
+
+def wheel_sigma(setup: Setup, noise: DriveNoise, side: str) -> Array:
+    """Return the rms of the noise of a wheel node, (n, 6)."""
+    spin, rate_hz = wheel_spin(setup, side), setup.noise[side].rate_hz
+    rounding = np.repeat([sensor.GYRO_LSB, sensor.ACCEL_LSB], 3) / np.sqrt(12.0)
+    return np.hypot(noise.nodes[side].sigma(spin, rate_hz) * _declared_sigma(setup), rounding)
+
+
+def draw_bank(setup: Setup, effect: Effect | None) -> Array:
+    """Return the bank of the road, (N,) rad at the times of the motion: a Gauss-Markov process along it."""
+    motion = setup.drive.motion
+    if effect is None or effect.name != ROAD_BANK:
+        return np.zeros_like(motion.speed)
+    sigma, length = effect.parameters["sigma"], effect.parameters["length"]
+    path = integrate(np.abs(motion.speed), motion.step)
+    spacing = 0.1  # m
+    knots = np.arange(0.0, path[-1] + 2.0 * spacing, spacing)
+    rng, decay = np.random.default_rng((setup.seed, 13)), np.exp(-spacing / length)
+    steps = sigma * np.sqrt(1.0 - decay**2) * rng.standard_normal(len(knots))
+    steps[0] = sigma * rng.standard_normal()
+    values, value = np.empty(len(knots)), 0.0
+    for k, noise_step in enumerate(steps.tolist()):
+        value = decay * value + noise_step
+        values[k] = value
+    return np.interp(path, knots, values)
