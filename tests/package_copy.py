@@ -20,7 +20,8 @@ class PackageCopy:
 
     def __init__(self, folder: Path) -> None:
         self.package = folder / "hubodo"
-        shutil.copytree(ROOT / "host/hubodo", self.package, ignore=shutil.ignore_patterns("__pycache__"))
+        # With times of change and bytecode, so that only changed files are compiled again.
+        shutil.copytree(ROOT / "host/hubodo", self.package)
         paths = (folder, ROOT / "protocol", ROOT / "tests")
         self._environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, paths)), "COLUMNS": "200"}
 

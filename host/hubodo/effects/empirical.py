@@ -15,7 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from hubodo.arrays import Array
+from hubodo.arrays import Array, sin_cos
 from hubodo.effects.base import Effect, SensorChain, parameter
 from hubodo.effects.dependence import temperature_rate
 
@@ -82,14 +82,17 @@ def columns(expression: str, chain: SensorChain) -> list[Array]:
             real = real * FACTORS[factor](chain)
         elif match := _HARMONIC_PATTERN.fullmatch(factor):
             angle = int(match[1]) * _per_sample(chain, chain.angle)
-            periodic = [np.cos(angle), np.sin(angle)]
+            sin, cos = sin_cos(angle)
+            periodic = [cos, sin]
         elif match := _TONE_PATTERN.fullmatch(factor):
             angle = 2.0 * math.pi * float(match[1]) * chain.t
-            periodic = [np.cos(angle), np.sin(angle)]
+            sin, cos = sin_cos(angle)
+            periodic = [cos, sin]
         elif match := _STEP_PATTERN.fullmatch(factor):
             real = real * (chain.t >= float(match[1]))
         elif factor == ALL_HARMONICS:
-            fundamental = harmonic = np.exp(1j * _per_sample(chain, chain.angle))
+            sin, cos = sin_cos(_per_sample(chain, chain.angle))
+            fundamental = harmonic = cos + 1j * sin
             periodic = [harmonic.real.copy(), harmonic.imag.copy()]
             while len(periodic) < 2 * HARMONICS:
                 harmonic = harmonic * fundamental

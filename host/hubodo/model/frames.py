@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hubodo.arrays import Array
+from hubodo.arrays import Array, sin_cos
 from hubodo.vehicle import Facing, Side, facing_sign, side_sign
 
 
@@ -24,7 +24,7 @@ def node_from_body(theta: Array, side: Side, facing: Facing, camber: float = 0.0
     y_s and z_s negated.
     """
     u, f, a = hub_axes(side, camber)
-    cos, sin = np.cos(theta)[:, None], np.sin(theta)[:, None]
+    sin, cos = (part[:, None] for part in sin_cos(theta))
     sign = facing_sign(facing)
     rows = [cos * u + sin * f, sign * (cos * f - sin * u), np.broadcast_to(sign * a, (len(theta), 3))]
     return np.stack(rows, axis=1)

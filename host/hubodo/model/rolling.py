@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hubodo.arrays import Array
+from hubodo.arrays import Array, sin_cos
 from hubodo.effects.base import Geometry
 from hubodo.model.inputs import BodyMotion
 from hubodo.vehicle import side_sign
@@ -85,12 +85,12 @@ def _unrolled(k: float, c: float, s: float, arc: Array, ideal: WheelRotation) ->
     """
     theta = arc
     for _ in range(6 if c or s else 0):
-        cos, sin = np.cos(theta), np.sin(theta)
+        sin, cos = sin_cos(theta)
         error = theta + c * sin - s * cos - arc
         theta = theta - error / (1.0 + c * cos + s * sin)
         if np.abs(error).max(initial=0.0) < 1e-8:
             break
-    cos, sin = np.cos(theta), np.sin(theta)
+    sin, cos = sin_cos(theta)
     radius, radius_slope = 1.0 + c * cos + s * sin, s * cos - c * sin
     spin = centred_spin = ideal.spin / radius
     for _ in range(4 if k else 0):

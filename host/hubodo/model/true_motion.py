@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from hubodo.arrays import Array
+from hubodo.arrays import Array, sin_cos
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.effects.base import Geometry
 from hubodo.model.inputs import BodyMotion, EarthRotation
@@ -25,7 +25,7 @@ def motion_on_wheel(
     """
     side = side_sign(geometry.side or "left")
     lean, upright = side * np.sin(geometry.camber), np.cos(geometry.camber)
-    cos, sin = np.cos(rolling.angle), np.sin(rolling.angle)
+    sin, cos = sin_cos(rolling.angle)
     r, yaw_acceleration = body.yaw_rate, body.yaw_acceleration
     rate, rate_derivative, force = (np.empty((3, len(r))) for _ in range(3))
     horizontal, horizontal_derivative = upright * r, upright * yaw_acceleration

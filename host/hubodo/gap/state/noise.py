@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from hubodo.arrays import Array
+from hubodo.arrays import Array, sin_cos
 from hubodo.effects import Effect
 from hubodo.gap.problem.problem import NodeData, Problem
 from hubodo.model.forward import NodeInitialState, NodeReading
@@ -125,7 +125,7 @@ def compute_input_sensitivity(
         return InputSensitivity(turn @ speed, turn @ acceleration, turn @ yaw_rate)
     facing = facing_sign(node.mount.facing or "left")
     y = side_sign(node.mount.side or "left") * node.forward.track_width / 2.0
-    cos, sin = np.cos(rolling.angle), np.sin(rolling.angle)
+    sin, cos = sin_cos(rolling.angle)
     speed[2], speed[5] = facing / node.forward.wheel_radius, facing * body.yaw_rate
     acceleration[3], acceleration[4] = sin, facing * cos
     yaw_rate[0], yaw_rate[1], yaw_rate[2] = cos, -facing * sin, -facing * y / node.forward.wheel_radius
