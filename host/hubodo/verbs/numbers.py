@@ -52,6 +52,16 @@ def bounded_integer(low: int, high: int) -> Callable[[str], int]:
 
 positive_number = bounded_number(above=0.0)
 non_negative_number = bounded_number(0.0)
-latitude = bounded_number(-90.0, 90.0)
+_latitude = bounded_number(-90.0, 90.0)
+
+
+def latitude(text: str) -> float:
+    """Return the value of an option that takes a latitude, degrees."""
+    try:
+        return _latitude(text)
+    except argparse.ArgumentTypeError as error:
+        raise argparse.ArgumentTypeError(f"{error}; latitude and longitude may be swapped") from None
+
+
 baud_rate = bounded_integer(1, MAX_BAUD)
 seed = bounded_integer(0, 2**63 - 1)

@@ -9,11 +9,13 @@ from scipy.special import fdtrc
 
 from hubodo.arrays import Array
 from hubodo.calibration.triad import Triad
-from hubodo.earth import EARTH_RATE
+from hubodo.earth import EARTH_RATE, STANDARD_GRAVITY
 from hubodo.errors import CalibrationError, InputError
 from hubodo.sensors.imu.accel_frame import accel_frame_covariance
 from hubodo.sensors.imu.axis_signs import check_axis_signs
+from hubodo.sensors.imu.earth_in_turns import estimate_earth_in_turns
 from hubodo.sensors.imu.held_out import cross_validate_accel, cross_validate_turns
+from hubodo.sensors.imu.latitude_check import check_horizontal_rate, check_latitude
 from hubodo.sensors.imu.misalignment import align_by_earth_rate, rotate_triad
 from hubodo.sensors.imu.outlier_poses import drop_outlier_poses
 from hubodo.sensors.imu.result import GyroCalibration, ImuCalibration
@@ -55,9 +57,8 @@ def calibrate_imu(
             f"gravity {gravity} m/s² does not occur on Earth's surface (9.76 to 9.84); give the local value"
         )
     if latitude is not None and abs(latitude) > np.pi / 2:
-        raise InputError(
-            f"latitude {np.degrees(latitude):.4g} degrees is out of range; give -90 to 90 degrees"
-        )
+        degrees = "; it is given in degrees, radians are expected" if abs(latitude) <= 90 else ""
+        raise InputError(f"latitude {np.degrees(latitude):.4g} degrees is out of range{degrees}")
     _check_finite(t, gyro, accel)
     standstills = drop_outlier_poses(find_standstills(t, gyro, accel, min_duration=min_standstill), gravity)
     notes = list(standstills.rejected)
@@ -167,9 +168,28 @@ def _calibrate_gyro(
         )
     total_bias = np.asarray(bias if g_sensitivity is None else bias + all_force @ g_sensitivity.T)
     turns = collect_turns(t, gyro, total_bias, standstills, force)
-    # The direction of Earth rate in each standstill is unknown here, so it adds to the uncertainty of the
-    # bias.
-    bias_covariance = bias_covariance + np.eye(3) * EARTH_RATE**2 / 3 / len(standstills)
+    # The direction of Earth rate in each standstill is unknown, so it adds to the uncertainty of the bias.
+    unknown_earth = np.eye(3) * EARTH_RATE**2 / 3 / len(standstills)
+    try:
+        earth = estimate_earth_in_turns(turns, np.sqrt(np.diag(bias_covariance + unknown_earth)), latitude)
+    except CalibrationError:
+        bias_covariance = bias_covariance + unknown_earth
+    else:
+        if latitude is not None:
+            check_horizontal_rate(*earth.horizontal, latitude)
+        bias, bias_covariance, g_sensitivity, g_sigma = estimate_static_bias(
+            standstills.gyro - earth.rates, standstills.gyro_sigma, force
+        )
+        bias_covariance = bias_covariance + earth.mean_covariance
+        if g_sigma is not None and latitude is None:
+            # The vertical Earth rate is in proportion to gravity, as an equal g-sensitivity of all axes.
+            g_sigma = np.hypot(g_sigma, np.eye(3) * EARTH_RATE / np.sqrt(3) / STANDARD_GRAVITY)
+        total_bias = np.asarray(bias if g_sensitivity is None else bias + all_force @ g_sensitivity.T)
+        turns = replace(
+            collect_turns(t, gyro, total_bias, standstills, force),
+            earth_slopes=earth.turns.earth_slopes,
+            earth_sigma=earth.turns.earth_sigma,
+        )
     static = GyroCalibration(
         Triad(bias),
         np.pad(bias_covariance, (0, 9)),
@@ -226,8 +246,9 @@ def _calibrate_by_earth_rate(
     calibration = fit_scalar_calibration(standstills.gyro, EARTH_RATE, standstills.gyro_sigma, name="gyro")
     method = f"Earth rate in {len(standstills)} standstills by the scalar method"
     rate = calibration.triad.apply(standstills.gyro)
+    noise = np.sqrt((standstills.gyro_sigma**2).mean(axis=1))
+    check_latitude(force, rate, float(np.sqrt(np.mean(noise**2))), latitude)
     try:
-        noise = np.sqrt((standstills.gyro_sigma**2).mean(axis=1))
         alignment = align_by_earth_rate(force, rate, noise, latitude)
     except CalibrationError as error:
         notes.append(f"gyro misalignments by the symmetric convention alone: {error}")

@@ -72,7 +72,9 @@ def cross_validate_turns(turns: Turns, bias_sigma: Array) -> CrossValidation | N
             calibration = calibrate_from_turns(turns.select(~held), bias_sigma)
         except CalibrationError:
             continue
-        error[held] = turn_errors(turns.select(held), calibration.matrix, calibration.bias_change)
+        error[held] = turn_errors(
+            turns.select(held), calibration.matrix, calibration.bias_change, calibration.earth_rate
+        )
     finite = np.isfinite(error)
     if not finite.any():
         return None

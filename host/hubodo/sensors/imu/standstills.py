@@ -26,6 +26,9 @@ NOISE_FLOOR_QUANTILE = 0.05
 STANDSTILL_MARGIN_S = 0.1
 """Time cut at each end of a standstill, because the hand that releases the node moves it below the threshold.
 """
+TRIM_SIGMA = 5.0
+"""Deviation of a window's mean from the median of its standstill that counts as slow motion, in sigma."""
+_MIN_TRIM_BLOCKS = 5
 CREEP_SIGMA = 6.0
 MAX_STANDSTILL_RATE = 0.02
 """Largest deviation of the mean rate from the median of all standstills, rad/s: more is slow rotation, not
@@ -96,6 +99,10 @@ def find_standstills(t: Array, gyro: Array, accel: Array, *, min_duration: float
     )
     margin = max(1, round(STANDSTILL_MARGIN_S / step))
     starts, ends = starts + margin, ends - margin
+    floor = np.concatenate([gyro_steps, accel_steps]) / np.sqrt(12)
+    samples = np.hstack([gyro, accel])
+    spans = [_trim_slow_motion(samples, i, j, width, floor) for i, j in zip(starts, ends, strict=True)]
+    starts, ends = np.array(spans, np.int64).reshape(-1, 2).T
     long_enough = (ends - starts) * step >= min_duration
     starts, ends = starts[long_enough], ends[long_enough]
     accepted, rejected = _select_standstills(t, gyro, accel, starts, ends)
@@ -146,6 +153,33 @@ def _sample_window(t: Array, gyro: Array, accel: Array, min_duration: float) -> 
             f"the record has only {len(t)} samples at {1 / step:.1f} Hz; record longer or faster"
         )
     return step, width
+
+
+def _trim_slow_motion(samples: Array, start: int, end: int, width: int, floor: Array) -> tuple[int, int]:
+    """Return the span without the parts in which a slow turn begins or ends.
+
+    A turn that begins gently passes as quiet at first, within windows of `width` samples, but the means of
+    the windows leave their median. samples: (N, 6). floor: (6,) smallest noise of a channel.
+    """
+    blocks = (end - start) // width
+    if blocks < _MIN_TRIM_BLOCKS:
+        return int(start), int(end)
+    part = samples[start : start + blocks * width]
+    means = part.reshape(blocks, width, -1).mean(axis=1)
+    deviation = np.abs(means - np.median(means, axis=0))
+    # White noise from successive differences: a drift does not raise its own threshold.
+    white = np.diff(part, axis=0).std(axis=0) / np.sqrt(2.0 * width)
+    scale = np.maximum(np.maximum(white, 1.4826 * np.median(deviation, axis=0)), floor)
+    at_rest = np.concatenate([[0], (deviation <= TRIM_SIGMA * scale).all(axis=1).astype(np.int8), [0]])
+    edges = np.diff(at_rest)
+    first, last = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    if not len(first):
+        return int(start), int(end)
+    longest = int(np.argmax(last - first))
+    # The neighbour of a moving block moves too, below the threshold.
+    left = 0 if first[longest] == 0 else (first[longest] + 1) * width
+    right = end - start if last[longest] == blocks else (last[longest] - 1) * width
+    return int(start + left), int(start + max(right, left))
 
 
 def _select_standstills(

@@ -9,7 +9,7 @@ over the turn.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,9 @@ _MATRIX_ELEMENTS = ("scale x", "xz", "xy", "yz", "scale y", "yx", "zy", "zx", "s
 _RATE_UNIT_OF_RATIO = {57.29578: "degrees per second", 57295.78: "mdps", 1000.0: "mrad/s"}
 
 
+_NO_VALUES: Array = np.zeros(0)
+
+
 @dataclass(frozen=True)
 class TurnCalibration:
     """The calibration of a gyro triad from T turns.
@@ -51,6 +54,7 @@ class TurnCalibration:
             from gravity measured by the accelerometers to gravity propagated by the gyros.
         is_observable: (9,) True for the elements of M that the turns determine; the others follow the
             prior.
+        earth_rate, earth_covariance: (E,) and (E, E) horizontal Earth rates, rad/s, if modelled.
         used: (T,) number of each turn, from 0.
         angle: (T,) angle by which gravity turned, rad.
         error: (T,) angle between propagated and measured gravity after calibration, rad.
@@ -68,6 +72,8 @@ class TurnCalibration:
     error: Array
     error_before: Array
     dropped: tuple[str, ...] = ()
+    earth_rate: Array = field(default_factory=lambda: _NO_VALUES)
+    earth_covariance: Array = field(default_factory=lambda: _NO_VALUES)
 
     @property
     def deficit(self) -> str:
@@ -97,6 +103,9 @@ class Turns:
         start, end: (T, 3) unit vectors of gravity in node axes before and after the turn.
         number: (T,) number of the turn in the record.
         clipped: (T,) True if a channel was saturated.
+        earth_slopes: (T, 3, E) derivatives of the misclosures by horizontal Earth rates, or None; see
+            `earth_in_turns`.
+        earth_sigma: prior sigma of these rates, rad/s.
     """
 
     rate: Array
@@ -106,6 +115,8 @@ class Turns:
     end: Array
     number: NDArray[np.int64]
     clipped: NDArray[np.bool_]
+    earth_slopes: Array | None = None
+    earth_sigma: float = 0.0
 
     def select(self, which: NDArray[np.bool_] | NDArray[np.int64]) -> Turns:
         """Return the selected turns, by index or mask."""
@@ -117,6 +128,8 @@ class Turns:
             self.end[which],
             self.number[which],
             self.clipped[which],
+            None if self.earth_slopes is None else self.earth_slopes[which],
+            self.earth_sigma,
         )
 
     @property
@@ -152,6 +165,12 @@ def collect_turns(t: Array, gyro: Array, bias: Array, standstills: Standstills, 
         dt[k, : j - i - 1] = np.diff(t[i:j])
         clipped[k] = bool(((np.abs(gyro[i:j]) >= extreme * 0.9999).sum(axis=0) >= 4).any())
     return Turns(rate, change, dt, unit[:-1], unit[1:], np.arange(len(spans)), clipped)
+
+
+def turn_rotations(turns: Turns, matrix: Array, bias_change: Array | float = 0.0) -> Array:
+    """Return the (T, 3, 3) rotations of the turns: node axes after the turn to those before."""
+    total = chain_product(quaternions_from_vectors(_rotation_vectors(turns, matrix, bias_change))).T
+    return np.stack([rotate_inverse(total, np.broadcast_to(e, turns.start.shape)) for e in np.eye(3)], axis=1)
 
 
 def propagate_gravity(turns: Turns, matrix: Array, bias_change: Array | float = 0.0) -> Array:
@@ -205,9 +224,14 @@ def _rotation_vectors(turns: Turns, matrix: Array, bias_change: Array | float) -
     return np.asarray(rate * dt + cross(rate, turns.change @ inverse.T) * dt**2 / 12)
 
 
-def turn_errors(turns: Turns, matrix: Array, bias_change: Array | float = 0.0) -> Array:
-    """Return the (T,) angles between propagated and measured gravity, rad."""
-    return _angle_between(propagate_gravity(turns, matrix, bias_change), turns.end)
+def turn_errors(
+    turns: Turns, matrix: Array, bias_change: Array | float = 0.0, earth_rate: Array = _NO_VALUES
+) -> Array:
+    """Return the (T,) angles between propagated and measured gravity, rad, less the effect of Earth rate."""
+    end = propagate_gravity(turns, matrix, bias_change)
+    if turns.earth_slopes is not None and len(earth_rate):
+        end = end - turns.earth_slopes @ earth_rate
+    return _angle_between(end, turns.end)
 
 
 def calibrate_from_turns(turns: Turns, bias_sigma: Array) -> TurnCalibration:
@@ -237,7 +261,7 @@ def calibrate_from_turns(turns: Turns, bias_sigma: Array) -> TurnCalibration:
         ]
         usable = usable.select(~is_outlier)
         p, covariance, response = _fit_turns(usable, bias_sigma)
-    matrix, change = _split_parameters(p)
+    matrix, change, earth_rate = _split_parameters(p)
     is_observable = np.sqrt(np.diag(covariance)[:9]) <= MAX_OBSERVABLE_SIGMA
     order = [9, 10, 11, *range(9)]
     calibration = TurnCalibration(
@@ -248,39 +272,52 @@ def calibrate_from_turns(turns: Turns, bias_sigma: Array) -> TurnCalibration:
         is_observable,
         usable.number,
         usable.angle,
-        turn_errors(usable, matrix, change),
+        turn_errors(usable, matrix, change, earth_rate),
         turn_errors(usable, np.eye(3)),
         tuple(dropped),
+        earth_rate,
+        covariance[12:, 12:],
     )
     if not is_observable.any():
         raise CalibrationError(calibration.deficit)
     return calibration
 
 
-def _split_parameters(p: Array) -> tuple[Array, Array]:
-    return np.eye(3) + p[:9].reshape(3, 3), p[9:]
+def _split_parameters(p: Array) -> tuple[Array, Array, Array]:
+    """Return M, the change of the bias, and the horizontal Earth rates."""
+    return np.eye(3) + p[:9].reshape(3, 3), p[9:12], p[12:]
 
 
 def _fit_turns(turns: Turns, bias_sigma: Array) -> tuple[Array, Array, Array]:
     """Minimise the misclosures of all turns and the prior by Gauss-Newton, with an estimated noise level.
 
-    Returns the parameters (12,), their covariance, and their response (12, 3 T) to the misclosures.
+    Returns the parameters (P,), their covariance, and their response (P, 3 T) to the misclosures. P is 12,
+    and one more for each horizontal Earth rate.
     """
-    p, scatter = np.zeros(12), 0.01
-    prior_precision = np.concatenate([np.full(9, WIDE_TOLERANCE.scale_and_angle), bias_sigma]) ** -2
-    end, slopes = propagate_gravity_jacobian(turns, *_split_parameters(p))
-    misclosure = end - turns.end
+    earth_slopes = np.zeros((len(turns.dt), 3, 0)) if turns.earth_slopes is None else turns.earth_slopes
+    unknown_rates = earth_slopes.shape[2]
+    p, scatter = np.zeros(12 + unknown_rates), 0.01
+    prior_sigma = [np.full(9, WIDE_TOLERANCE.scale_and_angle), bias_sigma]
+    prior_precision = np.concatenate([*prior_sigma, np.full(unknown_rates, turns.earth_sigma)]) ** -2
+
+    def linearise(p: Array) -> tuple[Array, Array]:
+        matrix, change, earth_rate = _split_parameters(p)
+        end, slopes = propagate_gravity_jacobian(turns, matrix, change)
+        return end - turns.end - earth_slopes @ earth_rate, np.concatenate([slopes, -earth_slopes], axis=2)
+
+    misclosure, slopes = linearise(p)
     for _ in range(12):
-        jacobian = slopes.reshape(-1, 12) / scatter
+        jacobian = slopes.reshape(-1, len(p)) / scatter
         information = jacobian.T @ jacobian + np.diag(prior_precision)
         response = -np.linalg.solve(information, jacobian.T) / scatter
         step = response @ misclosure.ravel() - np.linalg.solve(information, prior_precision * p)
         p = p + step
         if np.abs(step).max() > _RELINEARISE_CHANGE:
-            end, slopes = propagate_gravity_jacobian(turns, *_split_parameters(p))
+            misclosure, slopes = linearise(p)
         else:
-            end = propagate_gravity(turns, *_split_parameters(p))
-        misclosure = end - turns.end
+            matrix, change, earth_rate = _split_parameters(p)
+            end = propagate_gravity(turns, matrix, change)
+            misclosure = end - turns.end - earth_slopes @ earth_rate
         # A misclosure has two components, because gravity is a unit vector.
         parameters_used = -float(np.trace(response @ jacobian)) * scatter
         dof = max(1.0, 2 * len(misclosure) - parameters_used)

@@ -124,8 +124,10 @@ def parts(monkeypatch):
 
     monkeypatch.setattr(room, "collect_turns", collect_turns)
     monkeypatch.setattr(room, "calibrate_from_turns", refuse)
+    monkeypatch.setattr(room, "estimate_earth_in_turns", refuse)
     monkeypatch.setattr(room, "fit_scalar_calibration", scalar_calibration)
     monkeypatch.setattr(room, "align_by_earth_rate", refuse)
+    monkeypatch.setattr(room, "check_latitude", lambda *_: None)
     observed.set = lambda name, built: monkeypatch.setattr(room, name, built)
     return observed
 
