@@ -1,6 +1,6 @@
 """Calibration of an IMU from records that are not ideal: coverage of the sigmas, or a refusal with its cause.
 
-    python tests/accuracy/imu_records.py [--seeds 20] [--first 0] [--only quantised|rates|faults]
+    python tests/accuracy/imu_records.py [--seeds 20] [--first 0] [--only quantised|rates|earth|faults]
 
 Coverage: share of errors within 1.96 of their sigma, with its binomial 95 % interval (Clopper and Pearson).
 "plain" is Avrutov's eq. 6 solved once, "bound" the Cramér-Rao 1σ for the rounding and noise simulated.
@@ -20,6 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from generators.poses import GRAVITY, Errors, carry
 from hubodo.errors import HubodoError
 from hubodo.sensors.imu.calibrate import calibrate_imu
+from hubodo.sensors.imu.turns import calibrate_from_turns, collect_turns
 
 FREE = [0, 1, 2, 3, 4, 5, 7, 8, 11]
 """Bias, and the six elements of a symmetric matrix."""
@@ -155,6 +156,54 @@ def pulls_of(result, accel, gyro):
     }
 
 
+def earth(seeds):
+    print(
+        f"\nEarth rate at 57 degrees, gyros of 2e-4 rad/s a sample, 16 poses, seeds {seeds[0]} to {seeds[-1]}"
+    )
+    print(f"{'':34s} {'coverage, bias':>20s} {'coverage, scale':>20s} {'scale':>7s} {'plain':>7s}  refused")
+    for turn in (2.5, 30.0):
+        for given in (None, 1.0, -1.0, 0.5):
+            rows, plain, refused = [], [], 0
+            for seed in seeds:
+                rng = np.random.default_rng([seed, round(turn)])
+                accel, gyro = draw_errors(rng, 0.3), draw_errors(rng, 0.02)
+                kinds = {"gyro_noise": 2e-4, "standstill_s": 8.0, "latitude": 1.0}
+                data = carry(rng, gyro, accel, poses=16, dt=0.05, turn=turn, **kinds)
+                try:
+                    result = calibrate_imu(data.t, data.gyro, data.accel, gravity=GRAVITY, latitude=given)
+                except HubodoError:
+                    refused += 1
+                    continue
+                rows.append(gyro_errors(result, accel, gyro))
+                force = result.accel.triad.apply(result.standstills.accel)
+                without = collect_turns(data.t, data.gyro, result.gyro.triad.bias, result.standstills, force)
+                matrix = calibrate_from_turns(without, np.full(3, 1e-5)).matrix
+                plain.append(rows[-1][0][[3, 7, 11]] + np.diag(matrix - result.gyro.triad.matrix))
+            name = (
+                f"turns of {turn:g} s, latitude {'unknown' if given is None else f'{np.degrees(given):.0f}'}"
+            )
+            if not rows:
+                print(f"{name:34s} {'':58s} {refused}", flush=True)
+                continue
+            error, sigma = (np.array([row[k] for row in rows]) for k in (0, 1))
+            pulls, scale = error / sigma, [3, 7, 11]
+            print(
+                f"{name:34s} {coverage(pulls[:, :3].ravel())} {coverage(pulls[:, scale].ravel())} "
+                f"{100 * rms(error[:, scale]):6.3f}% {100 * rms(plain):6.3f}%  {refused}",
+                flush=True,
+            )
+
+
+def gyro_errors(result, accel, gyro):
+    """Return the (12,) errors of bias and matrix in the frame of the accelerometers, and their sigmas."""
+    matrix = triad_matrix(accel)
+    frame = np.linalg.solve(np.real(sqrtm(matrix @ matrix.T)), matrix)
+    error = np.append(
+        result.gyro.triad.bias - gyro.b, result.gyro.triad.matrix - triad_matrix(gyro) @ frame.T
+    )
+    return error, np.sqrt(np.diag(result.gyro.covariance))
+
+
 def nothing(gyro, accel):
     return gyro, accel
 
@@ -210,7 +259,7 @@ def rms(values):
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-PARTS = {"quantised": quantised, "rates": rates, "faults": faults}
+PARTS = {"quantised": quantised, "rates": rates, "earth": earth, "faults": faults}
 
 
 def main():

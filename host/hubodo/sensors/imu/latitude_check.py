@@ -19,8 +19,9 @@ _MAX_CONDITION_NUMBER = 300.0
 def check_latitude(force: Array, rate: Array, rate_sigma: float, latitude: float) -> None:
     """Raise InputError if gravity and Earth rate enclose another angle than the latitude demands.
 
-    force, rate: (R, 3) calibrated means of the poses. rate_sigma: standard error of a rate, rad/s. latitude:
-    rad. The rotation between both triads is unknown, so its three angles are estimated together with the latitude.
+    force, rate: (R, 3) calibrated means of the poses. rate_sigma: standard error of a rate, rad/s.
+    latitude: rad. The rotation between both triads is unknown, so its three angles are estimated together
+    with the latitude.
     Poses that do not separate them are accepted.
     """
     up = force / np.linalg.norm(force, axis=1)[:, None]
