@@ -58,12 +58,14 @@ def read_standstill_channel(
     start: float | None = None,
     end: float | None = None,
     trust_units: bool = False,
+    stated_units: frozenset[str] = frozenset(),
     trust_still: bool = False,
     cut_disturbances: bool = False,
 ) -> StandstillRecord:
     """Return a channel of a node between two times of the log (s), checked for units and motion.
 
-    log: name of the log for errors. cut_disturbances: report motion in `disturbances` instead of raising
+    log: name of the log for errors. stated_units: "gyro", "accel" where the user gave their unit, which is
+    then believed. cut_disturbances: report motion in `disturbances` instead of raising
     an error. Raises InputError for an unmeasured channel, an empty span, a wrong unit or a sensor that was
     moved.
     """
@@ -88,7 +90,11 @@ def read_standstill_channel(
     disturbances: list[tuple[float, float]] = []
     try:
         if not trust_units:
-            check_units(gyro, accel, float(np.median(np.diff(t))))
+            check_units(
+                None if "gyro" in stated_units else gyro,
+                None if "accel" in stated_units else accel,
+                float(np.median(np.diff(t))),
+            )
         if not trust_still and cut_disturbances:
             disturbances = find_cuts(t, columns, values)
         elif not trust_still:

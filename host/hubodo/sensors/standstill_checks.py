@@ -15,6 +15,8 @@ from hubodo.errors import InputError
 _MAX_GYRO_NOISE, _MAX_GYRO_OFFSET = 0.03, 0.35
 # rad/√s, 10 °/√h: three times the white noise of the noisiest MEMS parts on sale (0.05 °/s/√Hz).
 _MAX_ANGLE_RANDOM_WALK = 3e-3
+# s: shortest and longest sample interval of gyros, and the shortest one that may be in another unit.
+_MIN_INTERVAL, _MAX_INTERVAL, _MIN_SUSPECT_INTERVAL = 5e-5, 0.2, 0.5
 _GRAVITY_RANGE = (8.5, 11.2)
 _MOTION_BLOCK_S = 1.0
 _MOTION_SIGMA = 10.0
@@ -67,6 +69,10 @@ def _check_gyro(gyro: Array, interval: float | None) -> None:
     white = 0.0 if interval is None else angle_random_walk(gyro, interval)
     if noise <= _MAX_GYRO_NOISE and offset <= _MAX_GYRO_OFFSET and white <= _MAX_ANGLE_RANDOM_WALK:
         return
+    if interval is not None:
+        _check_rest(gyro, interval, noise)
+        if noise <= _MAX_GYRO_NOISE and offset <= _MAX_GYRO_OFFSET:
+            _check_time_unit(gyro, interval)
     if _are_whole_numbers(gyro):
         guess = "these are whole numbers, raw counts"
     elif (
@@ -80,6 +86,41 @@ def _check_gyro(gyro: Array, interval: float | None) -> None:
         f"the stationary gyro has offset {offset:.3g} and noise {noise:.3g} per sample{walk}: too much for "
         f"rad/s, {guess}; give its unit (--unit deg/s), keep the sensor still, or use --trust-units"
     )
+
+
+def _check_rest(gyro: Array, interval: float, noise: float) -> None:
+    """Raise InputError if the rate changes from second to second, in any unit: the sensor turns.
+
+    noise: standard deviation of one sample, in the unit of the record.
+    """
+    size = max(1, round(_MOTION_BLOCK_S / interval))
+    blocks = len(gyro) // size
+    if blocks < 4:
+        return
+    means = gyro[: blocks * size].reshape(blocks, size, gyro.shape[1]).mean(axis=1)
+    change = float(np.max(np.median(np.abs(np.diff(means, axis=0)), axis=0)))
+    expected = noise * math.sqrt(2.0 / size)
+    if size > 1 and change > _MOTION_SIGMA * expected:
+        raise InputError(
+            f"this record is not at rest: the rate changes by {change:.3g} from one second to the next, "
+            f"noise makes {expected:.2g}; select a stationary part with --start and --end"
+        )
+
+
+def _check_time_unit(gyro: Array, interval: float) -> None:
+    """Raise InputError if the noise is that of a gyro sampled a thousand (million, ...) times faster."""
+    if interval < _MIN_SUSPECT_INTERVAL:
+        return
+    for name, factor in (("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9)):
+        true_interval = interval * factor
+        if not _MIN_INTERVAL <= true_interval <= _MAX_INTERVAL:
+            continue
+        if angle_random_walk(gyro, true_interval) <= _MAX_ANGLE_RANDOM_WALK:
+            raise InputError(
+                f"the samples are {interval:.4g} s apart, too much for noise that small: the times look like "
+                f"{name}; name their column t_{name} (--columns t_{name},gz), or give the unit of the rate "
+                "with --unit if the times are in s"
+            )
 
 
 def angle_random_walk(gyro: Array, interval: float) -> float:

@@ -9,6 +9,7 @@ from pathlib import Path
 from hubodo.errors import InputError
 from hubodo.log.any_log import read_log
 from hubodo.log.number_recording import InputFormat
+from hubodo.log.units import si_factor
 from hubodo.pages.drawing import parse_drawing_path
 from hubodo.progress import progress_line
 from hubodo.recording import Recording
@@ -65,6 +66,7 @@ def select_standstill(
         start=args.start,
         end=args.end,
         trust_units=args.trust_units,
+        stated_units=frozenset(si_factor(unit)[0] for unit in args.unit),
         trust_still=args.trust_still,
         cut_disturbances=cut,
     )
