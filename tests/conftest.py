@@ -34,7 +34,8 @@ LONGEST_FILES = (
         "host/sensors/heading/test_heading.py",
         "host/fuse/test_wheel_slip.py",
     ),
-    *("signal_path", "firmware", "host/fuse", "host/sensors", "host/gap"),
+    *("signal_path", "host/test_package.py", "host/verbs/test_verb_node.py", "host/api"),
+    *("firmware", "host/fuse", "host/sensors", "host/gap"),
 )
 """The longest files run first, so that no process is left with one of them at the end.
 

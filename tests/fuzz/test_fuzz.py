@@ -12,7 +12,7 @@ from fuzz.judge import judge
 from fuzz.targets import TARGETS
 
 EXAMPLES = {
-    "mcap": 70, "rosbag1": 25, "rosbag2": 45, "csv": 50, "parquet": 10, "text": 12,
+    "mcap": 40, "rosbag1": 15, "rosbag2": 25, "csv": 30, "parquet": 6, "text": 12,
     "npy": 20, "npz": 12,
     "mat": 4, "hdf5": 4, "toml": 50, "frames": 25, "nmea": 60, "options": 15, "http": 10,
 }  # fmt: skip
