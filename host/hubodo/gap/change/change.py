@@ -2,31 +2,43 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-
+from hubodo.effects import BY_NAME
 from hubodo.effects.empirical import PREFIX
 from hubodo.errors import InputError
+from hubodo.gap.change.estimates import estimate_change
+from hubodo.gap.change.joint import EffectKey
 from hubodo.gap.change.score_test import compare_logs
-from hubodo.gap.explain.finding import estimate_parameters
-from hubodo.gap.explain.result import Estimate, Finding
+from hubodo.gap.change.search import SearchedPair, search_changes
+from hubodo.gap.explain.descriptions import describe_where
+from hubodo.gap.explain.result import Estimate
+from hubodo.gap.judge.hypothesis import Hypothesis
 from hubodo.gap.judge.round import ReportProgress
-from hubodo.gap.judge.search import build_initial_state
+from hubodo.gap.judge.search import SearchObserver, build_initial_state, search_effects
 from hubodo.gap.problem.build import build_problem
 from hubodo.gap.problem.problem import Problem
-from hubodo.gap.process_noise.evaluation import Evaluation
-from hubodo.gap.refit.refit import Refit, refit_with_weights
+from hubodo.gap.refit.prune import prune_coordinates
 from hubodo.gap.screen.null_distribution import NullDistribution
-from hubodo.gap.state.terms import ALL, VEHICLE, ModelTerm, model_of_terms, scope_of
-from hubodo.gap.workflow import find_gap
-from hubodo.model.model_file import Model, ScopedEffect
+from hubodo.gap.screen.unnamed_terms import find_unnamed_terms
+from hubodo.gap.state.state import State
+from hubodo.gap.state.terms import ModelTerm, model_of_terms
+from hubodo.model.model_file import Model
 from hubodo.recording import Recording
 
 # P-value below which a change is reported.
 CHANGE_P_VALUE = 0.01
+# Tempering from which on residuals are so correlated that only held-out samples are evidence.
+_MIN_CORRELATED_TEMPERING = 3.0
+# ln Bayes factor of an unnamed term, tempered, and ratio of its gain in the second log to that in the first.
+_MIN_UNNAMED_EVIDENCE, _MIN_UNNAMED_GAIN_RATIO = 6.0, 4.0
+# Difference of a value of each drive, in sigma, that is reported.
+_MIN_DRIVE_CHANGE_SIGMA = 5.0
+# Shares of the search of the first log, and of the comparison, in the reported progress.
+_SEARCH_SHARE, _COMPARISON_SHARE = 0.55, 0.35
 
 
 @dataclass(frozen=True)
@@ -44,6 +56,11 @@ class Change:
     p_value: float
     where: str
 
+    @property
+    def belongs_to_drive(self) -> bool:
+        """Return True for an offset, a clock or the road: it differs between drives of one vehicle."""
+        return BY_NAME[self.effect].varies_between_drives
+
     def as_json(self) -> dict[str, Any]:
         """Return the entry of `changes` in `change.json`."""
         keys = ("before", "after", "change")
@@ -52,12 +69,13 @@ class Change:
             "scope": self.scope,
             "parameters": {
                 name: {
-                    key: {"value": estimate.value, "sigma": estimate.sigma}
+                    key: {"value": _finite(estimate.value), "sigma": _finite(estimate.sigma)}
                     for key, estimate in zip(keys, three, strict=True)
                 }
                 | {"unit": three[0].unit}
                 for name, three in self.values.items()
             },
+            "of_this_drive": self.belongs_to_drive,
             "p_value": self.p_value,
             "where": self.where,
         }
@@ -71,6 +89,7 @@ class ChangeResult:
     changes: in order of discovery
     unnamed_terms: needed by the second log only
     model_before, model_after: the vehicle in the first and in the second log
+    is_correlated: True if residuals are so correlated, as on real roads, that the p-value is no evidence
     """
 
     p_value: float
@@ -79,11 +98,19 @@ class ChangeResult:
     model_before: Model
     model_after: Model
     warnings: tuple[str, ...]
+    is_correlated: bool = False
+
+    @property
+    def vehicle_changes(self) -> tuple[Change, ...]:
+        """Return the changes of the vehicle, without offsets, clocks and the road."""
+        return tuple(change for change in self.changes if not change.belongs_to_drive)
 
     @property
     def has_changed(self) -> bool:
-        """Return True if the logs differ significantly."""
-        return self.p_value < CHANGE_P_VALUE
+        """Return True if the vehicle has changed, or the logs differ by what no known effect explains."""
+        if self.is_correlated:
+            return bool(self.vehicle_changes)
+        return self.p_value < CHANGE_P_VALUE and (not self.changes or bool(self.vehicle_changes))
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of `change.json`."""
@@ -92,8 +119,13 @@ class ChangeResult:
             "p_value": self.p_value,
             "changes": [change.as_json() for change in self.changes],
             "unnamed": list(self.unnamed_terms),
+            "correlated": self.is_correlated,
             "warnings": list(self.warnings),
         }
+
+
+def _finite(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else value
 
 
 def find_change(
@@ -106,6 +138,9 @@ def find_change(
 ) -> ChangeResult:
     """Find what differs in the second log from the first.
 
+    The first log is searched for what the model lacks. Then each effect that the model has, or might have, is
+    tried with another value in the second log.
+
     Raises InputError if a log does not belong to the model, or the logs have different nodes.
     """
     problems = [build_problem(log, model, name) for log, name in zip((before, after), log_names, strict=True)]
@@ -115,128 +150,112 @@ def find_change(
             f"{log_names[0]} has {', '.join(names[0])}, {log_names[1]} has {', '.join(names[1])}: "
             "compare logs with the same nodes"
         )
-    result_before = find_gap(
-        before,
-        model,
-        log_name=log_names[0],
-        report_progress=lambda words, share: report_progress(words, 0.45 * share),
-    )
-    model_before = _drop_unnamed(result_before.model)
-    result_after = find_gap(
-        after,
-        model_before,
-        log_name=log_names[1],
-        report_progress=lambda words, share: report_progress(words, 0.45 + 0.45 * share),
-    )
-    report_progress("comparing", 0.92)
-    found_before = [item for item in model_before.effects if item not in model.effects]
-    p_value = compare_logs(*_with_common_values(problems, found_before)).p_value
-    found_after = [item for item in result_after.found if not item.effect.startswith(PREFIX)]
-    unnamed = tuple(item.effect for item in result_after.found if item.effect.startswith(PREFIX))
-    free_terms = [*found_before, *(_scoped_effect(item, result_after.model) for item in found_after)]
-    fits = [_fit_log(problem, free_terms) for problem in problems]
-    null_distribution = compare_logs(fits[0].evaluation, fits[1].evaluation).null_distribution
-    all_changes = (
-        [_build_change(item, fits, null_distribution) for item in found_after]
-        if p_value < CHANGE_P_VALUE
-        else []
-    )
-    changes = tuple(item for item in all_changes if item.p_value < CHANGE_P_VALUE)
-    models = [model_of_terms(model, fit.state.terms) for fit in fits]
-    warnings = tuple(dict.fromkeys([*result_before.warnings, *result_after.warnings]))
-    return ChangeResult(
-        p_value, changes, unnamed if p_value < CHANGE_P_VALUE else (), models[0], models[1], warnings
-    )
-
-
-def _drop_unnamed(model: Model) -> Model:
-    """Return the model without unnamed terms."""
-    return replace(
-        model, effects=tuple(item for item in model.effects if not item.effect.name.startswith(PREFIX))
-    )
-
-
-def _scoped_effect(finding: Finding, model: Model) -> ScopedEffect:
-    node = None if finding.scope in (ALL, VEHICLE) else finding.scope
-    return next(item for item in model.effects if (item.effect.name, item.node) == (finding.effect, node))
-
-
-def _free_terms(items: Sequence[ScopedEffect]) -> list[ModelTerm]:
-    """Return free terms; of two for the same effect and scope the last."""
-    terms = {}
-    for item in items:
-        term = ModelTerm(item.effect, scope_of(item))
-        terms[term.key] = term
-    return list(terms.values())
-
-
-def _fit_log(problem: Problem, items: Sequence[ScopedEffect]) -> Refit:
-    """Fit a log with these effects free, beside those of the model file."""
-    terms = _free_terms(items)
-    initial_state = build_initial_state(problem)
-    keys = {term.key for term in terms}
-    return refit_with_weights(
-        initial_state.with_terms([*(term for term in initial_state.terms if term.key not in keys), *terms])
-    )
-
-
-def _with_common_values(
-    problems: Sequence[Problem], items: Sequence[ScopedEffect]
-) -> tuple[Evaluation, Evaluation]:
-    """Return evaluations of both logs with common values, each under its own weights."""
-    fits = [_fit_log(problem, items) for problem in problems]
-    common = {term.key: _average_term(term, fits) for term in fits[0].free_terms}
-    states = [fit.state.with_terms([common.get(term.key, term) for term in fit.state.terms]) for fit in fits]
-    return fits[0].evaluation.with_state(states[0]), fits[1].evaluation.with_state(states[1])
-
-
-def _average_term(term: ModelTerm, fits: Sequence[Refit]) -> ModelTerm:
-    """Return a term with each coordinate averaged over both fits by inverse variance."""
-    coordinates, weights = [], []
-    for fit in fits:
-        own = next(free_term for free_term in fit.free_terms if free_term.key == term.key)
-        variance = np.diag(_larger_covariance(fit, fit.coordinate_slice(own)))
-        coordinates.append(own.effect.coordinates())
-        weights.append(np.where(variance > 0.0, 1.0 / np.where(variance > 0.0, variance, 1.0), 1e-12))
-    return term.with_coordinates(np.average(coordinates, axis=0, weights=weights))
-
-
-def _build_change(finding: Finding, fits: Sequence[Refit], null_distribution: NullDistribution) -> Change:
-    """Build the change of an effect that the second log requires beside the first one's model."""
-    key = (finding.effect, finding.scope)
-    terms = [next(term for term in fit.free_terms if term.key == key) for fit in fits]
-    values = [estimate_parameters(term, fit) for term, fit in zip(terms, fits, strict=True)]
-    slices = [fit.coordinate_slice(term) for term, fit in zip(terms, fits, strict=True)]
-    covariance = sum(_larger_covariance(fit, place) for fit, place in zip(fits, slices, strict=True))
-    difference = (terms[1].effect.coordinates() - terms[0].effect.coordinates()) / terms[
-        0
-    ].effect.coordinate_scales()
-    is_observed = np.diag(np.asarray(covariance)) > 0.0
-    observed_covariance = np.asarray(covariance)[np.ix_(is_observed, is_observed)]
-    gain = 0.5 * float(
-        difference[is_observed]
-        @ np.linalg.pinv(observed_covariance, hermitian=True)
-        @ difference[is_observed]
-    )
-    values_by_name = {}
-    for name, before in values[0].items():
-        after = values[1][name]
-        sigma = (
-            None
-            if before.sigma is None or after.sigma is None
-            else float(np.hypot(before.sigma, after.sigma))
+    observer = SearchObserver(
+        report_progress=lambda words, share: report_progress(
+            f"{log_names[0]}, {words}", _SEARCH_SHARE * share
         )
-        values_by_name[name] = (before, after, Estimate(after.value - before.value, sigma, before.unit))
-    return Change(
-        finding.effect,
-        finding.scope,
-        values_by_name,
-        null_distribution.p_value(gain, int(is_observed.sum())),
-        finding.where,
     )
+    found = prune_coordinates(search_effects(build_initial_state(problems[0]), observer=observer).final)
+    states = _build_states(problems, found.state)
+    searched = search_changes(
+        states,
+        [term.key for term in states[0].terms if _is_of_drive(term)],
+        found.tempering,
+        lambda words, share: report_progress(
+            f"comparing the logs, {words}", _SEARCH_SHARE + _COMPARISON_SHARE * share
+        ),
+    )
+    report_progress("comparing the logs by chance", _SEARCH_SHARE + _COMPARISON_SHARE)
+    is_correlated = max(fit.tempering for fit in searched.last.fits) > _MIN_CORRELATED_TEMPERING
+    separate = searched.first.separate
+    comparison = compare_logs(*searched.first.evaluations, separate)
+    null_distribution = comparison.null_distribution
+    if searched.changes:
+        null_distribution = compare_logs(*searched.last.evaluations, separate).null_distribution
+    is_significant = comparison.p_value < CHANGE_P_VALUE
+    changes = _list_changes(searched, null_distribution) if is_significant else ()
+    unnamed = _list_unnamed(searched) if is_significant and not is_correlated else ()
+    warnings = tuple(dict.fromkeys(warning for problem in problems for warning in problem.warnings))
+    models = [model_of_terms(model, fit.state.terms) for fit in searched.last.fits]
+    return ChangeResult(comparison.p_value, changes, unnamed, models[0], models[1], warnings, is_correlated)
 
 
-def _larger_covariance(fit: Refit, place: slice) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Return the larger covariance, (k, k) in scales: for independent samples or from block scores."""
-    robust, plain = fit.robust_covariance[place, place], fit.covariance[place, place]
-    return robust if np.trace(robust) > np.trace(plain) else plain
+def _build_states(problems: Sequence[Problem], found: State) -> tuple[State, State]:
+    """Return the states of both logs with the effects that were found in the first, without unnamed terms."""
+    terms = [term for term in found.terms if not term.effect.name.startswith(PREFIX)]
+    first = replace(found, problem=problems[0]).reset_with_terms(terms)
+    return first, build_initial_state(problems[1]).with_terms(terms)
+
+
+def _is_of_drive(term: ModelTerm) -> bool:
+    """Return True for a term of the channel means that differs between drives of one vehicle."""
+    return term.effect.varies_between_drives and term.effect.visible_in == "mean"
+
+
+def _list_changes(searched: SearchedPair, null_distribution: NullDistribution) -> tuple[Change, ...]:
+    """Return the changes, those of the vehicle first."""
+    changes = [_build_change(one, searched, null_distribution) for one in searched.changes]
+    found = {one.key for one in searched.changes}
+    of_drive = [key for key in sorted(searched.first.separate) if key not in found]
+    changes += [change for key in of_drive for change in _list_drive_changes(key, searched)]
+    return tuple(sorted(changes, key=lambda change: change.belongs_to_drive))
+
+
+def _build_change(one: Hypothesis, searched: SearchedPair, null_distribution: NullDistribution) -> Change:
+    """Build a change that the search found."""
+    p_value = one.p_value(null_distribution)
+    if one.proposal is not None:
+        sigmas = one.proposal.sigmas
+        before = next((term for term in searched.last.fits[0].state.terms if term.key == one.key), None)
+        values = {
+            name: _subtract(
+                Estimate(
+                    before.effect.values()[name] if before else type(one.term.effect).default(name),
+                    None,
+                    unit,
+                ),
+                Estimate(value, sigmas.get(name), unit),
+            )
+            for name, value in one.term.effect.values().items()
+            for unit in (one.term.effect.unit(name),)
+        }
+        return Change(*one.key, values, p_value, one.proposal.where)
+    return Change(*one.key, estimate_change(searched.last, one.key), p_value, _where(one.key, searched))
+
+
+def _subtract(before: Estimate, after: Estimate) -> tuple[Estimate, Estimate, Estimate]:
+    return before, after, Estimate(after.value - before.value, after.sigma, before.unit)
+
+
+def _where(key: EffectKey, searched: SearchedPair) -> str:
+    """Return channels and regimes of the second log that show a change."""
+    fits = searched.last.fits
+    old = [term for term in fits[0].state.terms if term.key == key]
+    evaluation = fits[1].without_cache().evaluation
+    terms = [*(term for term in evaluation.state.terms if term.key != key), *old]
+    unchanged = evaluation.with_state(evaluation.state.with_terms(terms))
+    return describe_where(unchanged.residuals, evaluation.residuals)
+
+
+def _list_drive_changes(key: EffectKey, searched: SearchedPair) -> list[Change]:
+    """Return the change of an effect that belongs to each drive, if its value differs clearly."""
+    values = estimate_change(searched.last, key)
+    ratios = [
+        abs(change.value) / change.sigma for _, _, change in values.values() if change.sigma is not None
+    ]
+    if not any(ratio > _MIN_DRIVE_CHANGE_SIGMA for ratio in ratios):
+        return []
+    p_value = math.erfc(max(ratios) / math.sqrt(2.0))
+    return [Change(*key, values, p_value, "each drive has a value of its own")]
+
+
+def _list_unnamed(searched: SearchedPair) -> tuple[str, ...]:
+    """Return the unnamed terms that only the second log requires."""
+    before, after = (find_unnamed_terms(one) for one in searched.last.evaluations)
+    earlier = {one.term.key: one.gain for one in before}
+    return tuple(
+        one.term.effect.name
+        for one in after
+        if one.evidence > _MIN_UNNAMED_EVIDENCE
+        and one.gain > _MIN_UNNAMED_GAIN_RATIO * earlier.get(one.term.key, 0.0)
+    )

@@ -7,7 +7,7 @@ bootstrap as in `screen/null_distribution.py`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +22,7 @@ from hubodo.gap.screen.null_distribution import (
     compute_surprise,
     draw_null_distribution,
 )
+from hubodo.gap.state.terms import ALL, VEHICLE
 
 
 @dataclass(frozen=True)
@@ -47,14 +48,20 @@ class Comparison:
         return self.null_distribution.p_value(best.gain, best.degrees_of_freedom)
 
 
-def compare_logs(evaluation_before: Evaluation, evaluation_after: Evaluation) -> Comparison:
-    """Test every candidate for a change, given evaluations of the same model and the same nodes."""
+def compare_logs(
+    evaluation_before: Evaluation, evaluation_after: Evaluation, separate: Collection[tuple[str, str]] = ()
+) -> Comparison:
+    """Test every candidate for a change, given evaluations of the same model and the same nodes.
+
+    separate: effects and scopes with a value for each log, which are not tested
+    """
     directions = list_directions(evaluation_before.state)
     logs = [
-        _eliminate_nuisances(linearise(evaluation_before, directions)),
-        _eliminate_nuisances(linearise(evaluation_after, list_directions(evaluation_after.state))),
+        _eliminate_nuisances(linearise(one, list_directions(one.state)), separate)
+        for one in (evaluation_before, evaluation_after)
     ]
     all_candidates = list_candidates(evaluation_before.problem, directions)
+    all_candidates = [item for item in all_candidates if item.term.key not in separate]
     known = {term.key for term in evaluation_before.state.terms if term.effect.visible_in == "mean"}
     common = [item.basis for item in all_candidates if item.term.key in known]
     differences, tests, columns = [], [], list[Array]()
@@ -88,19 +95,27 @@ class _ReducedLog:
         return np.asarray(self.blocks.sum(axis=0))
 
 
-def _eliminate_nuisances(linearisation: Linearisation) -> _ReducedLog:
-    """Return the log with the nuisances at their optimum."""
+def _eliminate_nuisances(
+    linearisation: Linearisation, separate: Collection[tuple[str, str]] = ()
+) -> _ReducedLog:
+    """Return the log with the nuisances, and the effects with a value for each log, at their optimum."""
     count = len(linearisation.directions)
+    own = [
+        k
+        for k, one in enumerate(linearisation.directions)
+        if (one.effect.name, one.node or VEHICLE) in separate or (one.effect.name, ALL) in separate
+    ]
+    nuisances = [*own, *linearisation.nuisance_indices]
     remaining = [*range(count), len(linearisation.gram) - 1]
-    if not linearisation.n_nuisances:
+    if not nuisances:
         return _ReducedLog(linearisation.block_grams.unpack(), linearisation.raw_squares[:-1])
-    gram, nuisances = linearisation.gram, linearisation.nuisance_indices
+    gram = linearisation.gram
     regression = np.linalg.pinv(gram[np.ix_(nuisances, nuisances)], hermitian=True) @ gram[nuisances]
     transform = np.eye(len(gram))
     transform[nuisances] -= regression
     transform = transform[:, remaining]
     return _ReducedLog(
-        np.einsum("dk,bde,ef->bkf", transform, linearisation.block_grams.unpack(), transform, optimize=True),
+        np.asarray(transform.T @ linearisation.block_grams.unpack() @ transform),
         linearisation.raw_squares[:count],
     )
 
