@@ -1,8 +1,9 @@
-"""Progress of a long verb: one line on stderr with the time left, only on a terminal."""
+"""Progress of a long verb on stderr: a bar on a terminal, else a line every ten seconds."""
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -10,12 +11,15 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from hubodo.terminal import SafeConsole
 
+# s between two lines where stderr is no terminal.
+_LINE_INTERVAL = 10.0
+
 
 @contextmanager
 def progress_line() -> Iterator[Callable[[str, float], None]]:
-    """Yield `show(text, fraction)`, which does nothing where stderr is no terminal."""
+    """Yield `show(text, fraction)`, which updates a bar, or in a pipe prints a line every ten seconds."""
     if not sys.stderr.isatty():
-        yield lambda text, fraction: None
+        yield _show_lines()
         return
     bar = Progress(
         TextColumn("{task.description}"),
@@ -28,3 +32,17 @@ def progress_line() -> Iterator[Callable[[str, float], None]]:
     with bar:
         task = bar.add_task("", total=1.0)
         yield lambda text, fraction: bar.update(task, description=text, completed=fraction)
+
+
+def _show_lines() -> Callable[[str, float], None]:
+    """Return `show(text, fraction)`, which prints a line every ten seconds; a short verb prints none."""
+    last = time.monotonic()
+
+    def show(text: str, fraction: float) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last >= _LINE_INTERVAL:
+            last = now
+            print(f"{100.0 * fraction:3.0f} %  {text}", file=sys.stderr, flush=True)
+
+    return show

@@ -1,6 +1,6 @@
 """Effects put into real drives of a car: learnt on one drive, injected into the other, named by `gap`.
 
-    python tests/gap_real/real.py [--pairs drive-1:drive-2] [--effects gyro_bias,...] [--seed 1]
+    python tests/gap_real/real.py [--pairs drive-1:drive-2] [--effects gyro_bias] [--seed 1] [--two-drives]
 
 A model is learnt on each drive from the geometry and the noise of the vehicle alone. With it `gap` judges the
 other drive as it is, and with each effect in the samples of one node. The trivial rival names nothing.
@@ -22,27 +22,15 @@ import numpy as np
 
 sys.path[:0] = [str(Path(__file__).resolve().parents[1]), str(Path(__file__).resolve().parent)]
 
+from car import CAR, MAX_ERROR_SHARE, MAX_ERROR_SIGMA, read_drive  # noqa: E402
 from sample_effects import Injection, injections  # noqa: E402
+from two_drives import compare_pairs  # noqa: E402
 
-import wanted  # noqa: E402
 from hubodo.gap.explain.result import Finding, GapResult  # noqa: E402
 from hubodo.gap.workflow import find_gap  # noqa: E402
-from hubodo.log.csv_folder import read_folder  # noqa: E402
 from hubodo.model.model_file import read_model, write_model  # noqa: E402
-from hubodo.recording import Recording  # noqa: E402
-from vehicles import model_toml  # noqa: E402
 
-CAR = model_toml(
-    0.2924,
-    1.42,
-    gyro_noise=0.025,
-    accel_noise=1.2,
-    inputs='speed = "nodes"\nyaw_rate = "frame.gz"\n',
-    facing={"left": "left", "right": "right"},
-)
 DRIVES = ("drive-1", "drive-2")
-# Largest error of a value: share of the injected size, or sigmas.
-MAX_ERROR_SHARE, MAX_ERROR_SIGMA = 0.25, 3.0
 HIGH_CONFIDENCE = 0.9
 
 
@@ -76,11 +64,6 @@ class Row:
     gap_after: float
     floor: float
     seconds: float
-
-
-def read_drive(name: str) -> Recording:
-    """Return a recording of the car."""
-    return read_folder(wanted.recording("car") / name)
 
 
 def list_cases(pairs: Sequence[tuple[str, str]], effects: Sequence[str]) -> Iterator[Case]:
@@ -179,10 +162,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--effects", default="", help="only these")
     parser.add_argument("--seed", type=int, default=1, help="of repeats, outliers")
     parser.add_argument("--output", type=Path, default=Path("out/gap-real"))
+    parser.add_argument("--two-drives", action="store_true", help="compare the drives of each pair instead")
     options = parser.parse_args(arguments)
     pairs = [tuple(pair.split(":", 1)) for pair in options.pairs.split(",")]
     options.output.mkdir(parents=True, exist_ok=True)
+    effects = [name for name in options.effects.split(",") if name]
     print(f"seed {options.seed}")
+    if options.two_drives:
+        return compare_pairs(options.pairs.split(","), effects, options.seed, options.output)
     for drive in sorted({first for first, _ in pairs}):
         result = learn(drive, options.output)
         names = ", ".join(f"{one.effect}/{one.scope}" for one in result.found)
@@ -191,7 +178,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"(noise {result.gap.floor:.2f}): {names}",
             flush=True,
         )
-    effects = [name for name in options.effects.split(",") if name]
     cases = list(list_cases([(a, b) for a, b in pairs], effects))
     run, rows = partial(run_case, folder=options.output, seed=options.seed), []
     with ProcessPoolExecutor(2) as pool, (options.output / "rows.jsonl").open("w") as file:

@@ -1,4 +1,4 @@
-"""Progress of a long verb, on a terminal only."""
+"""Progress of a long verb: a bar on a terminal, else a line every ten seconds."""
 
 import io
 
@@ -14,7 +14,18 @@ class Terminal(io.StringIO):
         return True
 
 
-def test_without_a_terminal_nothing_is_printed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_in_a_pipe_a_line_is_printed_every_ten_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream, now = io.StringIO(), [0.0]
+    monkeypatch.setattr("sys.stderr", stream)
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    with progress.progress_line() as show:
+        for second in range(25):
+            now[0] = float(second)
+            show(f"round {second}", second / 25.0)
+    assert stream.getvalue() == " 40 %  round 10\n 80 %  round 20\n"
+
+
+def test_a_short_verb_prints_nothing_in_a_pipe(monkeypatch: pytest.MonkeyPatch) -> None:
     stream = io.StringIO()
     monkeypatch.setattr("sys.stderr", stream)
     with progress.progress_line() as show:

@@ -12,7 +12,7 @@ from hubodo.api.arguments import StrPath, as_model
 from hubodo.effects import BY_NAME
 from hubodo.errors import InputError
 from hubodo.gap.explain.result import Finding, GapResult
-from hubodo.gap.explain.summary import describe_verdict, format_probability, format_with_sigma, list_advice
+from hubodo.gap.explain.summary import describe_verdict, format_parameter, format_probability, list_advice
 from hubodo.gap.judge.round import EMPIRICAL
 from hubodo.gap.problem.assumed import assume_model
 from hubodo.gap.workflow import find_gap
@@ -136,11 +136,7 @@ class MissingEffects:
             (
                 finding.effect,
                 finding.scope,
-                ", ".join(
-                    f"{name} {format_with_sigma(value.value, value.sigma)} "
-                    f"{'' if value.unit == '1' else value.unit}"
-                    for name, value in finding.parameters.items()
-                ),
+                ", ".join(format_parameter(name, value) for name, value in finding.parameters.items()),
                 format_probability(finding.confidence),
                 f"{finding.gap.before:.3f} → {finding.gap.after:.3f}",
             )

@@ -19,8 +19,9 @@ from hubodo.gap.problem.problem import CHANNELS
 from hubodo.gap.process_noise.residual import Residual
 from hubodo.pages.page import COLOURS, new_plotly_figure
 
-BEFORE, AFTER, NOISE = COLOURS["right"], COLOURS["left"], COLOURS["truth"]
-_BAND_COLOURS = {BEFORE: "rgba(209,73,91,0.30)", AFTER: "rgba(27,108,168,0.45)"}
+# Not red: a residual is a result, not a warning.
+BEFORE, AFTER, NOISE = "#b7791f", COLOURS["left"], COLOURS["truth"]
+_BAND_COLOURS = {BEFORE: "rgba(183,121,31,0.30)", AFTER: "rgba(27,108,168,0.45)"}
 _MAX_BINS, _REGIME_BINS = 500, 30
 _INTERVAL_S = 5.0
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from hubodo.gap.explain.indistinguishable import INDISTINGUISHABLE_CAUSES
 from hubodo.gap.explain.regimes import compute_trajectory
+from hubodo.gap.explain.reliability import RELIABILITY
 from hubodo.gap.explain.result import BeforeAfter, Finding, GapResult
 from hubodo.gap.explain.summary import (
     describe_confidence,
@@ -16,9 +17,8 @@ from hubodo.gap.explain.summary import (
     describe_reduction,
     describe_runner_up,
     describe_verdict,
-    format_estimate,
+    format_parameter,
     format_probability,
-    format_with_sigma,
     list_advice,
 )
 from hubodo.gap.problem.problem import CHANNELS
@@ -44,7 +44,8 @@ _GAP_STYLE = """<style>
 .meter { height: 0.55rem; border-radius: 99px; background: var(--line); margin-top: 0.5rem;
   overflow: hidden; }
 .meter i { display: block; height: 100%; border-radius: 99px; background: #1b6ca8; }
-.missing { border-left: 5px solid #d1495b; margin: 0.9rem 0; } .missing.fine { border-left-color: #2e7d5b; }
+.missing { border-left: 5px solid #1b6ca8; margin: 0.9rem 0; } .missing.fine { border-left-color: #2e7d5b; }
+.missing.warning { border-left-color: #a66a00; }
 .missing b { font-size: 1.12rem; } code { font-size: 0.92em; }
 .badge { display: inline-block; border-radius: 99px; padding: 0.1rem 0.8rem; font-size: 0.85rem;
   font-weight: 650; color: #fff; margin-bottom: 0.6rem; }
@@ -55,8 +56,8 @@ ul.todo { margin: 0.3rem 0 0; padding-left: 1.2rem; }
 _BADGES = {
     "no_gap": ("no gap", "#2e7d5b"),
     "explained": ("explained", "#1b6ca8"),
-    "partly_explained": ("partly explained", "#a66a00"),
-    "unexplained": ("unexplained", "#b3261e"),
+    "partly_explained": ("partly explained", "#4a6a8a"),
+    "unexplained": ("unexplained", "#5d5480"),
 }
 
 
@@ -106,6 +107,12 @@ def gap_page(result: GapResult, *, log: str, model: str, written: str) -> str:
         _remaining(result),
         *_drive_this(result),
         Section(
+            "How far to trust a name",
+            "Effects of known size were put into logs by code that shares nothing with the model. Real roads "
+            "are harder than simulated ones.",
+            [PageTable(("logs", "result", "not good yet"), RELIABILITY)],
+        ),
+        Section(
             "Indistinguishable causes",
             "Two causes with the same effect on every channel cannot be distinguished by any drive. An "
             "effect named on "
@@ -153,12 +160,14 @@ def _hero(result: GapResult) -> str:
         _confidence_card(result),
     ]
     parts.append(f'<div class="cards">{"".join(cards)}</div>')
-    parts += [_effect_card(finding) for finding in result.found]
     advice = "".join(f"<li>{html.escape(line)}</li>" for line in list_advice(result))
     parts.append(f'<div class="card missing fine"><h3>What to do</h3><ul class="todo">{advice}</ul></div>')
+    parts += [_effect_card(finding) for finding in result.found]
     if result.warnings:
         lines = "".join(f"<li>{html.escape(line)}</li>" for line in result.warnings)
-        parts.append(f'<div class="card missing"><h3>Warnings</h3><ul class="todo">{lines}</ul></div>')
+        parts.append(
+            f'<div class="card missing warning"><h3>Warnings</h3><ul class="todo">{lines}</ul></div>'
+        )
     return "".join(parts)
 
 
@@ -201,7 +210,7 @@ def _confidence_card(result: GapResult) -> str:
 
 
 def _effect_card(finding: Finding) -> str:
-    values = ", ".join(f"{name} {format_estimate(estimate)}" for name, estimate in finding.parameters.items())
+    values = ", ".join(format_parameter(name, one) for name, one in finding.parameters.items())
     indistinguishable = ""
     if finding.inseparable_from:
         indistinguishable = (
@@ -212,7 +221,7 @@ def _effect_card(finding: Finding) -> str:
         f'<div class="card missing"><b>{html.escape(words[:1].upper() + words[1:])}</b> '
         f"<code>{html.escape(finding.effect)}</code><p>{html.escape(values)}</p>"
         f'<p class="dim">{html.escape(describe_confidence(finding.confidence))} '
-        f"({format_probability(finding.confidence)}); visible in "
+        f"({format_probability(finding.confidence)}); {html.escape(describe_runner_up(finding))}; visible in "
         f"{html.escape(finding.where)}</p>{indistinguishable}</div>"
     )
 
@@ -220,11 +229,7 @@ def _effect_card(finding: Finding) -> str:
 def _steps_table(result: GapResult) -> PageTable:
     rows = [("model as given", "", _figure(result.gap.before), _figure(result.held_out_gap.before), "")]
     for finding in result.found:
-        values = ", ".join(
-            f"{name} {format_with_sigma(estimate.value, estimate.sigma)} "
-            f"{estimate.unit if estimate.unit != '1' else ''}".rstrip()
-            for name, estimate in finding.parameters.items()
-        )
+        values = ", ".join(format_parameter(name, one) for name, one in finding.parameters.items())
         rows.append(
             (
                 f"+ {finding.effect} ({finding.scope})",

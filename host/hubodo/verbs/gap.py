@@ -21,8 +21,8 @@ from hubodo.gap.explain.summary import (
     describe_reduction,
     describe_runner_up,
     describe_verdict,
+    format_parameter,
     format_probability,
-    format_with_sigma,
     list_advice,
 )
 from hubodo.gap.judge.journal import Journal, compute_fingerprint
@@ -48,6 +48,7 @@ from hubodo.report.gap_files import (
 from hubodo.toml_file import suggest_spelling
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.effect_options import add_effects_option, register_effects
+from hubodo.verbs.gap_arguments import check_argument_order
 from hubodo.verbs.gap_change import ChangeReport, ReplacePositional, compare_logs
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.version import __version__
@@ -97,13 +98,15 @@ class GapReport:
         return summary
 
     def render(self, console: Console) -> None:
-        """Print the verdict, the gap, the detected effects, the remaining residual, and what to do."""
+        """Print the verdict, what to do next, the gap, the detected effects, and the remaining residual."""
         result = self.result
 
         def print_line(text: str) -> None:
             console.print(text, highlight=False, markup=False, soft_wrap=True)
 
         print_line(describe_verdict(result))
+        for line in list_advice(result):
+            print_line(f"→ {line}")
         gap, held_out = result.gap, result.held_out_gap
         noise_floor = "" if gap.floor is None else f" (noise alone: {gap.floor:.3f})"
         words = describe_reduction(gap.before, gap.after, gap.floor)
@@ -121,8 +124,6 @@ class GapReport:
                 print_line(f"  not separable in this log from {', '.join(finding.inseparable_from)}")
         for residual in result.remaining:
             print_line(f"residual in {residual.channel}, {residual.where}: {residual.looks_like}")
-        for line in list_advice(result):
-            print_line(f"→ {line}")
         for explanation in self.explanations:
             print_line(explanation.summary)
             if explanation.rows:
@@ -201,6 +202,7 @@ def run(args: argparse.Namespace) -> GapReport | ChangeReport:
         If the search was interrupted; the intermediate result is written first.
     """
     register_effects(args)
+    check_argument_order(args)
     if args.before is not None or args.after is not None:
         return compare_logs(args)
     objection = "" if args.scaffold is None else name_problem(args.scaffold)
@@ -280,10 +282,7 @@ def _check_effect_names(option: str, names: Iterable[str]) -> None:
 def _detected_effects_table(result: GapResult) -> TextTable:
     table = TextTable("effect", "scope", "parameters", "confidence", "gap", "held out")
     for finding in result.found:
-        values = "\n".join(
-            f"{name} {format_with_sigma(p.value, p.sigma)} {'' if p.unit == '1' else p.unit}".rstrip()
-            for name, p in finding.parameters.items()
-        )
+        values = "\n".join(format_parameter(name, one) for name, one in finding.parameters.items())
         table.add_row(
             finding.effect,
             finding.scope,
@@ -297,7 +296,13 @@ def _detected_effects_table(result: GapResult) -> TextTable:
 
 def _explain_table(explanation: Explanation) -> TextTable:
     table = TextTable(
-        "round", "scope", "gain", "ln Bayes factor", "probability", "beaten by", title=explanation.effect
+        "round",
+        "scope",
+        "gain",
+        "ln Bayes factor",
+        "probability in the round",
+        "beaten by",
+        title=explanation.effect,
     )
     for row in explanation.rows:
         share = "not refitted" if row.probability is None else format_probability(row.probability)

@@ -15,7 +15,7 @@ from hubodo.atomic_files import atomic_files
 from hubodo.effects import BY_NAME
 from hubodo.errors import InputError
 from hubodo.gap.change.change import Change, ChangeResult, find_change
-from hubodo.gap.explain.summary import format_probability, format_with_sigma
+from hubodo.gap.explain.summary import format_angle, format_probability, format_with_sigma
 from hubodo.gap.problem.assumed import assume_model
 from hubodo.gap.state.terms import ALL, VEHICLE
 from hubodo.log.any_log import read_log
@@ -27,14 +27,16 @@ from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import log_form
 
 CHANGE_FILES = ("change.json", "before.toml", "after.toml")
-# Effects that differ between drives of an unchanged vehicle, and why.
+# Effects that differ between drives of an unchanged vehicle, and why; for the others the generic reason.
 _DRIVE_DEPENDENT_EFFECTS = {
     "road_grade": "another road has another grade",
+    "road_bank": "another road has another bank",
     "gyro_bias": "the turn-on bias differs at each power-on",
     "gyro_warmup": "a warm start differs from a cold one",
     "gyro_rate_random_walk": "the bias random walk differs at each drive",
     "time_offset": "clock offsets may differ at each power-on",
 }
+_GENERIC_DRIVE_REASON = "it differs from drive to drive"
 
 
 @dataclass(frozen=True)
@@ -68,11 +70,10 @@ class ChangeReport:
                 )
             console.print(table)
         for change in result.changes:
-            print_line(f"{change.effect}: {change.where}")
-            if change.effect in _DRIVE_DEPENDENT_EFFECTS:
-                print_line(
-                    f"  {_DRIVE_DEPENDENT_EFFECTS[change.effect]}: not necessarily a change of the vehicle"
-                )
+            print_line(f"{change.effect} ({change.scope}): {change.where}")
+            if change.belongs_to_drive:
+                reason = _DRIVE_DEPENDENT_EFFECTS.get(change.effect, _GENERIC_DRIVE_REASON)
+                print_line(f"  of the drive: {reason}, which is no change of the vehicle")
         for name in result.unnamed_terms:
             print_line(f"change that no known effect explains: {name}")
         for line in result.warnings:
@@ -85,11 +86,14 @@ def change_verdict(result: ChangeResult) -> str:
     p_value = (
         f"an unchanged vehicle gives such a difference in {format_probability(result.p_value)} of all pairs"
     )
+    if result.is_correlated:
+        p_value = "judged on samples to which it was not fitted: the residuals are correlated"
     if not result.has_changed:
-        return f"No significant change ({p_value})."
-    if not result.changes:
+        of_drive = "; what differs is of the drives" if result.changes else ""
+        return f"No significant change of the vehicle ({p_value}){of_drive}."
+    if not result.vehicle_changes:
         return f"Something has changed that no known effect explains ({p_value})."
-    meanings = [_effect_meaning(change) for change in result.changes]
+    meanings = [_effect_meaning(change) for change in result.vehicle_changes]
     return f"Changed: {'; '.join(meanings)} ({p_value})."
 
 
@@ -103,7 +107,9 @@ def _parameter_cells(change: Change, name: str) -> tuple[str, str, str]:
         f"{format_with_sigma(value.value, value.sigma)}" for value in change.values[name]
     )
     unit = change.values[name][0].unit
-    return f"{name} {before}", after, f"{difference} {'' if unit == '1' else unit}".rstrip()
+    angle = format_angle(change.values[name][2])
+    parts = (difference, "" if unit == "1" else unit, f"({angle})" if angle else "")
+    return f"{name} {before}", after, " ".join(part for part in parts if part)
 
 
 class ReplacePositional(argparse.Action):

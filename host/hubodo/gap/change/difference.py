@@ -42,7 +42,7 @@ _OBJECTION_EVIDENCE = -50.0
 _MIN_HELD_OUT_Z, _MIN_HELD_OUT_SHARE, _MIN_LEVEL_SIGMAS = 5.0, 0.3, 0.2
 # Change in usual sizes, and in sigma from the scatter of blocks, up to which a property of the vehicle
 # differs between drives anyway, where residuals are correlated.
-_MIN_CHANGE_SCALES, _MIN_CHANGE_SIGMA, _CORRELATED_TEMPERING = 0.15, 3.0, 2.0
+_MIN_CHANGE_SCALES, _MIN_CHANGE_SIGMA, _CORRELATED_TEMPERING = 0.15, 5.0, 2.0
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,8 @@ def _freeze_implausible(term: ModelTerm) -> ModelTerm:
     names, effect = term.effect.fitted_parameters(), term.effect
     if len(names) != len(effect.coordinates()):
         return term
-    return replace(term, frozen=tuple(names.index(name) for name in effect.implausible_parameters()))
+    at_limit = {names.index(name) for name in effect.implausible_parameters()}
+    return replace(term, frozen=tuple(sorted({*term.frozen, *at_limit})))
 
 
 def fit_separate(
@@ -252,10 +253,8 @@ def _judge_change(
     fits: with a common value, and with a value for each log
     """
     effect = terms[1].effect
-    covariances = [
-        _difference_covariance(c, *places) for c in (fits[1].covariance, fits[1].robust_covariance)
-    ]
-    evidence = _evidence(gain, change, covariances[0], tempering) - effect.neg_log_prior()
+    covariance = _difference_covariance(fits[1].covariance, *places)
+    evidence = _evidence(gain, change, covariance, tempering) - effect.neg_log_prior()
     held_out_gain = compute_held_out_gain(fits[0].folds, fits[1].folds)
     objection = ""
     if _newly_implausible(terms):
@@ -265,7 +264,7 @@ def _judge_change(
     elif (
         not effect.varies_between_drives
         and tempering > _CORRELATED_TEMPERING
-        and _is_minor(change, np.sqrt(np.max([np.diag(c) for c in covariances], axis=0)))
+        and _is_minor(change, _change_sigma(fits[1], places))
     ):
         objection = "differs by no more than drives differ"
     if objection:
@@ -315,6 +314,16 @@ def _difference_covariance(covariance: Array, before: Indices, after: Indices) -
     variance = np.minimum(np.diag(covariance)[before], np.diag(covariance)[after])
     is_observed = variance > FROZEN_VARIANCE
     return np.asarray((total - cross - cross.T) * np.outer(is_observed, is_observed))
+
+
+def _change_sigma(fit: JointFit, places: Sequence[Indices]) -> Array:
+    """Return 1 sigma of each coordinate of a change, (k,), as reported; zero for unobservable ones."""
+    variances = [
+        np.max([np.diag(one)[place] for one in (fit.covariance, fit.robust_covariance)], axis=0)
+        for place in places
+    ]
+    is_observed = np.min([np.diag(fit.covariance)[place] for place in places], axis=0) > FROZEN_VARIANCE
+    return np.asarray(np.sqrt(variances[0] + variances[1]) * is_observed)
 
 
 def _newly_implausible(terms: Sequence[ModelTerm]) -> bool:

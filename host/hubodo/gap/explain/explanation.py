@@ -120,14 +120,14 @@ def _summarise(result: GapResult, name: str, rows: list[ExplanationRow], is_reje
     objection = _find_objection(result.search.rounds, name)
     if objection:
         return objection
-    for finding in result.found:
-        for effect, scope, gain, probability in finding.rivals:
-            if effect == name:
-                return (
-                    f"{name} ({scope}) lost to {finding.effect} ({finding.scope}) when each name was "
-                    f"reconsidered: gain {gain:.1f}, probability {format_probability(probability)} against "
-                    f"{format_probability(finding.confidence)}"
-                )
+    lost = [(row, finding) for finding in result.found for row in finding.rivals if row[0] == name]
+    if lost:
+        (_, scope, gain, probability), finding = max(lost, key=lambda item: item[0][3])
+        return (
+            f"{name} ({scope}) lost to {finding.effect} ({finding.scope}) when each name was "
+            f"reconsidered: gain {gain:.1f}, probability {format_probability(probability)} against "
+            f"{format_probability(finding.confidence)}"
+        )
     if not rows:
         if BY_NAME[name].visible_in == "scatter":
             return f"{name} was tested on the scatter of the samples; there is no sign of it"

@@ -79,11 +79,22 @@ def build_finding(
         where,
         (others[0][1], float(others[0][0])) if others else None,
         inseparable,
-        tuple(
-            (hypothesis.term.effect.name, hypothesis.term.scope, hypothesis.gain, hypothesis.probability)
-            for hypothesis in hypotheses
-        ),
+        _list_rivals(hypotheses, {**probabilities, name: float(min(confidence, 1.0))}, own),
     )
+
+
+def _list_rivals(
+    hypotheses: Sequence[Hypothesis], probabilities: Mapping[str, float], own: Hypothesis | None
+) -> tuple[tuple[str, str, float, float], ...]:
+    """Return effect, scope, gain and probability of each effect, the most probable first.
+
+    probabilities: of each effect over all its scopes, as stated for the finding and its runner-up
+    """
+    best: dict[str, Hypothesis] = {} if own is None else {own.term.effect.name: own}
+    for hypothesis in hypotheses:
+        best.setdefault(hypothesis.term.effect.name, hypothesis)
+    rows = [(name, one.term.scope, one.gain, probabilities.get(name, 0.0)) for name, one in best.items()]
+    return tuple(sorted(rows, key=lambda row: -row[3]))
 
 
 def _add_given_values(parameters: dict[str, Estimate], given: Effect | None) -> dict[str, Estimate]:

@@ -71,7 +71,7 @@ class Finding:
     inseparable_from : tuple of str
         Effects that this log cannot separate from it.
     rivals : tuple
-        Effect, scope, gain and probability of all hypotheses, the most probable first.
+        Effect, best scope, gain and probability over all scopes of every effect, the most probable first.
     """
 
     effect: str

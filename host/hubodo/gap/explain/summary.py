@@ -21,7 +21,11 @@ _DISPLAY_UNITS: Mapping[str, tuple[float, str]] = {
     "s": (1e3, "ms"),
     "1e-6": (1.0, "ppm"),
 }
+# Factor and unit of an angle or its rate beside the SI value.
+_ANGLE_UNITS = {unit: _DISPLAY_UNITS[unit] for unit in ("rad", "rad/s", "rad/s/°C")}
 _SURE_CONFIDENCE = 0.9
+# Growth of the held-out gap that counts as none.
+_MAX_HELD_OUT_GROWTH = 1e-3
 # Ratio of estimated to declared noise, or its inverse, from which on advice is given.
 _MIN_NOISE_RATIO_FOR_ADVICE = 1.3
 _CONFIDENCE_WORDS = (
@@ -87,6 +91,23 @@ def format_estimate(estimate: Estimate) -> str:
     return f"{format_with_sigma(factor * estimate.value, sigma)} {unit}"
 
 
+def format_parameter(name: str, estimate: Estimate) -> str:
+    """Return name and value of a parameter in its SI unit, angles also in degrees."""
+    text = format_with_sigma(estimate.value, estimate.sigma)
+    unit = "" if estimate.unit == "1" else estimate.unit
+    angle = f"({format_angle(estimate)})" if estimate.unit in _ANGLE_UNITS else ""
+    return " ".join(part for part in (name, text, unit, angle) if part)
+
+
+def format_angle(estimate: Estimate) -> str:
+    """Return an angle, or its rate, in degrees; "" for another quantity."""
+    factor, unit = _ANGLE_UNITS.get(estimate.unit, (1.0, ""))
+    if not unit:
+        return ""
+    sigma = None if estimate.sigma is None else factor * estimate.sigma
+    return f"{format_with_sigma(factor * estimate.value, sigma).partition(' ±')[0]}{unit}"
+
+
 def format_with_sigma(value: float, sigma: float | None) -> str:
     """Return a number with as many digits as its sigma justifies."""
     if sigma is None or not sigma > 0.0:
@@ -100,9 +121,9 @@ def _exponent(value: float) -> int:
 
 
 def list_advice(result: GapResult) -> list[str]:
-    """Return advice, one sentence each."""
-    lines = []
+    """Return advice, one sentence each: what to measure next, then what to do with the model."""
     listed = [finding for finding in result.found if not finding.effect.startswith(PREFIX)]
+    lines = _advise_measurements(result)
     for finding in result.found:
         if finding not in listed:
             lines.append(
@@ -110,8 +131,20 @@ def list_advice(result: GapResult) -> list[str]:
                 "in model.toml: look for its cause there. --reject empirical shows the nearest known effect."
             )
     if listed:
-        names = ", ".join(dict.fromkeys(finding.effect for finding in listed))
-        lines.append(f"Use the model that was written beside this page from now on: it has {names}.")
+        lines += [_advise_model(result, listed)]
+        lines.append(
+            f"If you know better, run again with --reject {listed[0].effect}; "
+            f"--explain NAME shows why an effect was not chosen."
+        )
+    lines += list_noise_advice(result)
+    if not result.found and not lines:
+        lines.append("Keep the model. A longer or livelier drive would show smaller effects.")
+    return lines
+
+
+def _advise_measurements(result: GapResult) -> list[str]:
+    """Return what to measure next, one sentence each."""
+    lines = []
     for finding in result.found:
         if finding.inseparable_from:
             lines.append(
@@ -122,23 +155,32 @@ def list_advice(result: GapResult) -> list[str]:
             lines.append(
                 f"{finding.effect} is not sure: record longer, with more changes of speed and turns."
             )
-        if finding.held_out_gap.after > finding.held_out_gap.before + 1e-3:
+        if not helps_held_out(finding):
             lines.append(
                 f"{finding.effect} does not help on held-out data: record again before you trust it."
             )
-    if listed:
-        lines.append(
-            f"If you know better, run again with --reject {listed[0].effect}; "
-            f"--explain NAME shows why an effect was not chosen."
-        )
-    lines += list_noise_advice(result)
     channels = list(dict.fromkeys(item.channel for item in result.remaining))
     if channels:
         place = join_words(channels) if len(channels) <= 4 else f"{len(channels)} channels"
         lines.append(f"Inspect the residual of {place}.")
-    if not result.found and not lines:
-        lines.append("Keep the model. A longer or livelier drive would show smaller effects.")
     return lines
+
+
+def helps_held_out(finding: Finding) -> bool:
+    """Return True if the gap on held-out data does not grow with an effect."""
+    return not finding.held_out_gap.after > finding.held_out_gap.before + _MAX_HELD_OUT_GROWTH
+
+
+def _advise_model(result: GapResult, listed: Sequence[Finding]) -> str:
+    """Return whether to use the written model, which held-out data decide."""
+    doubtful = [finding.effect for finding in listed if not helps_held_out(finding)]
+    if doubtful:
+        rejected = " ".join(f"--reject {name}" for name in dict.fromkeys(doubtful))
+        return f"Do not use model.toml as it is: on held-out data it is no better. Run again with {rejected}."
+    names = ", ".join(dict.fromkeys(finding.effect for finding in listed))
+    of_drive = list(dict.fromkeys(finding.effect for finding in listed if finding.belongs_to_drive))
+    remark = f"; {join_words(of_drive)}: of this drive, estimated again on the next one" if of_drive else ""
+    return f"Use the model that was written, model.toml, from now on: it has {names}{remark}."
 
 
 def list_noise_advice(result: GapResult) -> list[str]:
@@ -187,11 +229,7 @@ def list_model_comments(result: GapResult, log_name: str) -> dict[tuple[str, str
         if finding.effect.startswith(PREFIX):
             continue
         node = None if finding.scope in (ALL, VEHICLE) else finding.scope
-        values = ", ".join(
-            f"{name} {format_with_sigma(estimate.value, estimate.sigma)} "
-            f"{estimate.unit if estimate.unit != '1' else ''}".rstrip()
-            for name, estimate in finding.parameters.items()
-        )
+        values = ", ".join(format_parameter(name, one) for name, one in finding.parameters.items())
         confidence = format_probability(finding.confidence)
         text = f"Added by hubodo gap from {log_name}: {values}; confidence {confidence}."
         if finding.inseparable_from:

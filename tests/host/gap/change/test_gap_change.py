@@ -14,5 +14,6 @@ def test_a_p_value_below_the_threshold_means_that_the_logs_differ(p_value, has_c
         "p_value": p_value,
         "changes": [],
         "unnamed": [],
+        "correlated": False,
         "warnings": ["a warning"],
     }

@@ -19,7 +19,7 @@ SEED = 3
 def test_camber_is_found_and_the_written_model_leaves_no_gap(camber_case, camber_run, tmp_path):
     folder, hidden = camber_case
     assert camber_run.code == 0, camber_run.err
-    assert camber_run.err == ""
+    assert all(" %  " in line for line in camber_run.err.splitlines()), camber_run.err
     assert camber_run.names == [("wheel_camber", "right")]
     finding = camber_run.result["found"][0]
     angle = finding["parameters"]["angle"]

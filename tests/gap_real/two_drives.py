@@ -1,0 +1,156 @@
+"""Comparison of two drives of a real car: unchanged, with an effect in the second, and from hub to rim.
+
+    python tests/gap_real/real.py --two-drives [--pairs drive-1:drive-2] [--effects gyro_bias,...] [--seed 1]
+
+The model has the geometry and the noise of the vehicle alone. What belongs to a drive, such as a bias, counts
+as named if it is among what differs of the drive.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+sys.path[:0] = [str(Path(__file__).resolve().parents[1]), str(Path(__file__).resolve().parent)]
+
+import numpy as np  # noqa: E402
+from car import CAR, MAX_ERROR_SHARE, MAX_ERROR_SIGMA, read_drive  # noqa: E402
+from sample_effects import Injection, injections  # noqa: E402
+
+from hubodo.effects import BY_NAME  # noqa: E402
+from hubodo.gap.change.change import Change, ChangeResult, find_change  # noqa: E402
+from hubodo.model.model_file import Model, read_model  # noqa: E402
+
+# Length of the lever arm of the sensors on the rims, m.
+RIM_ARM = (0.13, 0.18)
+
+
+@dataclass(frozen=True)
+class Row:
+    """Result of one comparison.
+
+    names: of changes of the vehicle, in order
+    of_drive: names of what differs of the drives
+    is_first, is_accurate: the injected effect is named first, and with its size
+    """
+
+    before: str
+    after: str
+    effect: str
+    strength: str
+    node: str
+    names: tuple[str, ...]
+    of_drive: tuple[str, ...]
+    is_first: bool
+    is_accurate: bool
+    processor_seconds: float
+
+
+def list_cases(effects: Sequence[str]) -> Iterator[tuple[str, str, str]]:
+    """Yield the unchanged case, and effect, strength and node: medium and strong on alternate sides."""
+    yield "", "", ""
+    for k, one in enumerate(injections(30.0, 1.0, 1.0)):
+        if not effects or one.effect in effects:
+            yield one.effect, one.strength, ("left", "right")[k % 2]
+
+
+def compare(
+    before: str, after: str, model: Model, case: tuple[str, str, str], seed: int
+) -> tuple[Row, ChangeResult]:
+    """Compare two drives, with an effect in the samples of the second unless the case is unchanged."""
+    effect, strength, node = case
+    logs, injection = [read_drive(before), read_drive(after)], None
+    if effect:
+        top_rate = max(float(np.abs(logs[1].nodes[name]["gz"]).max()) for name in ("left", "right"))
+        choices = injections(top_rate, model.noise.gyro, model.noise.accel)
+        injection = next(one for one in choices if (one.effect, one.strength) == (effect, strength))
+        logs[1] = injection.apply(logs[1], node, seed)
+    start = time.process_time()
+    result = find_change(logs[0], logs[1], model, log_names=(before, after))
+    seconds = time.process_time() - start
+    is_of_drive = bool(effect) and BY_NAME[effect].varies_between_drives
+    own = [change for change in result.changes if change.belongs_to_drive]
+    pool = own if is_of_drive else list(result.vehicle_changes)
+    named = [change for change in pool if (change.effect, change.scope) == (effect, node)]
+    is_first = bool(named) and (is_of_drive or named[0] is pool[0])
+    is_accurate = bool(injection and named) and _is_accurate(named[0], injection)
+    labels = [
+        tuple(f"{change.effect}/{change.scope}" for change in changes)
+        for changes in (result.vehicle_changes, own)
+    ]
+    return Row(
+        before, after, effect, strength, node, labels[0], labels[1], is_first, is_accurate, seconds
+    ), result
+
+
+def _is_accurate(change: Change, injection: Injection) -> bool:
+    """Return True if each injected parameter changed by its size within 25 % or 3 sigma."""
+    size = max(abs(value) for value in injection.parameters.values())
+    for name, injected in injection.parameters.items():
+        estimate = change.values[name][2]
+        if name == "time_constant" and len(injection.parameters) > 1:
+            continue
+        value = estimate.value if np.isfinite(estimate.value) else change.values[name][1].value
+        tolerance = MAX_ERROR_SHARE * (abs(injected) if len(injection.parameters) == 1 else size)
+        if abs(value - injected) > max(tolerance, MAX_ERROR_SIGMA * (estimate.sigma or 0.0)):
+            return False
+    return True
+
+
+def print_row(row: Row) -> None:
+    """Print one comparison."""
+    label = f"{row.effect or 'as it is'} {row.strength} {row.node}".strip()
+    verdict = "right" if row.is_accurate and row.is_first else "named" if row.is_first else "-"
+    print(
+        f"{row.before} to {row.after}, {label:38} {verdict:6} {row.processor_seconds:3.0f} s  "
+        f"{' '.join(row.names) or 'no change'}; of the drive: {' '.join(row.of_drive) or 'nothing'}",
+        flush=True,
+    )
+
+
+def print_summary(rows: Sequence[Row]) -> None:
+    """Print the figures of all comparisons."""
+    unchanged, changed = ([row for row in rows if bool(row.effect) is flag] for flag in (False, True))
+    n_false = sum(bool(row.names) for row in unchanged)
+    print(f"unchanged pairs with a change named:  {n_false} of {len(unchanged)}")
+    print(f"effects named first on their node:    {sum(row.is_first for row in changed)} of {len(changed)}")
+    print(
+        f"  and within 25 % or 3 sigma:         {sum(row.is_accurate for row in changed)} of {len(changed)}"
+    )
+    print(f"processor seconds, largest:           {max(row.processor_seconds for row in rows):.0f}")
+
+
+def compare_hub_to_rim(model: Model) -> bool:
+    """Print what changed from the hubs to the rims; return True if both lever arms have the known length."""
+    row, result = compare("drive-1", "drive-1-rim", model, ("", "", ""), 0)
+    print_row(row)
+    lengths = {
+        change.scope: float(np.hypot(change.values["x"][1].value, change.values["y"][1].value))
+        for change in result.vehicle_changes
+        if change.effect == "lever_arm"
+    }
+    print("lever arms on the rims: " + ", ".join(f"{name} {value:.3f} m" for name, value in lengths.items()))
+    return bool(lengths) and all(RIM_ARM[0] <= value <= RIM_ARM[1] for value in lengths.values())
+
+
+def compare_pairs(pairs: Sequence[str], effects: Sequence[str], seed: int, output: Path) -> int:
+    """Run all comparisons and write each to a file; return 1 if the change from hub to rim is not right."""
+    (output / "car.toml").write_text(CAR, "utf-8")
+    model = read_model(output / "car.toml")
+    is_rim_right = compare_hub_to_rim(model)
+    rows = []
+    with (output / "pairs.jsonl").open("w") as file:
+        for pair in pairs:
+            before, after = pair.split(":", 1)
+            for case in list_cases(effects):
+                rows.append(compare(before, after, model, case, seed)[0])
+                file.write(json.dumps(asdict(rows[-1])) + "\n")
+                file.flush()
+                print_row(rows[-1])
+    if rows:
+        print_summary(rows)
+    return 0 if is_rim_right else 1
