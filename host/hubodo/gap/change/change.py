@@ -108,9 +108,8 @@ class ChangeResult:
     @property
     def has_changed(self) -> bool:
         """Return True if the vehicle has changed, or the logs differ by what no known effect explains."""
-        if self.is_correlated:
-            return bool(self.vehicle_changes)
-        return self.p_value < CHANGE_P_VALUE and (not self.changes or bool(self.vehicle_changes))
+        is_unexplained = not self.changes and not self.is_correlated and self.p_value < CHANGE_P_VALUE
+        return is_unexplained or bool(self.vehicle_changes)
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of `change.json`."""
@@ -173,7 +172,10 @@ def find_change(
     if searched.changes:
         null_distribution = compare_logs(*searched.last.evaluations, separate).null_distribution
     is_significant = comparison.p_value < CHANGE_P_VALUE
-    changes = _list_changes(searched, null_distribution) if is_significant else ()
+    changes = _list_changes(searched, null_distribution)
+    if not is_significant and not is_correlated:
+        # The p-value is that of the channel means.
+        changes = tuple(one for one in changes if BY_NAME[one.effect].visible_in == "scatter")
     unnamed = _list_unnamed(searched) if is_significant and not is_correlated else ()
     warnings = tuple(dict.fromkeys(warning for problem in problems for warning in problem.warnings))
     models = [model_of_terms(model, fit.state.terms) for fit in searched.last.fits]

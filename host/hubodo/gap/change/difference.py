@@ -79,7 +79,7 @@ def _freeze_implausible(term: ModelTerm) -> ModelTerm:
     names, effect = term.effect.fitted_parameters(), term.effect
     if len(names) != len(effect.coordinates()):
         return term
-    at_limit = {names.index(name) for name in effect.implausible_parameters()}
+    at_limit = {names.index(name) for name in implausible_parameters(effect)}
     return replace(term, frozen=tuple(sorted({*term.frozen, *at_limit})))
 
 
@@ -328,7 +328,7 @@ def _change_sigma(fit: JointFit, places: Sequence[Indices]) -> Array:
 
 def _newly_implausible(terms: Sequence[ModelTerm]) -> bool:
     """Return True if a parameter is at its plausible limit in the second log only."""
-    before, after = (set(term.effect.implausible_parameters()) for term in terms)
+    before, after = (set(implausible_parameters(term.effect)) for term in terms)
     return bool(after - before)
 
 
