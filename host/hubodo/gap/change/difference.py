@@ -13,6 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from hubodo.arrays import Array
+from hubodo.effects.plausibility import implausible_parameters
 from hubodo.gap.change.joint import (
     FROZEN_VARIANCE,
     EffectKey,
