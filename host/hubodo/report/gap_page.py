@@ -106,6 +106,21 @@ def gap_page(result: GapResult, *, log: str, model: str, written: str) -> str:
         ),
         _remaining(result),
         *_drive_this(result),
+        *_limits_of_names(),
+        Section(
+            "Resulting model",
+            "The file model.toml in the folder of this page; it can be used as any model file.",
+            listing=written,
+        ),
+    ]
+    return render_page(
+        f"The gap between {model} and {log}", describe_verdict(result), sections, _hero(result)
+    )
+
+
+def _limits_of_names() -> list[Section]:
+    """Return how far to trust a name: measured reliability, and causes that no drive distinguishes."""
+    return [
         Section(
             "How far to trust a name",
             "Effects of known size were put into logs by code that shares nothing with the model. Real roads "
@@ -119,15 +134,7 @@ def gap_page(result: GapResult, *, log: str, model: str, written: str) -> str:
             "this page may be the other one of its pair.",
             [PageTable(("effect", "indistinguishable from", "reason"), INDISTINGUISHABLE_CAUSES)],
         ),
-        Section(
-            "Resulting model",
-            "The file model.toml in the folder of this page; it can be used as any model file.",
-            listing=written,
-        ),
     ]
-    return render_page(
-        f"The gap between {model} and {log}", describe_verdict(result), sections, _hero(result)
-    )
 
 
 def _step_by_step(result: GapResult, channels: Sequence[Channel]) -> list[Section]:

@@ -35,7 +35,7 @@ from hubodo.gap.state.terms import ALL, ModelTerm, list_scopes
 # Candidates that are fitted fully in each round.
 _MAX_REFITS = 5
 # Iterations of a fit of one log.
-_MAX_ITERATIONS = 4
+_MAX_CANDIDATE_ITERATIONS = 4
 # ln Bayes factor of a change with an objection: too little for any prior.
 _OBJECTION_EVIDENCE = -50.0
 # Held-out gain that a change needs where residuals are correlated: in sigma, as a share of the gain, and in
@@ -99,7 +99,7 @@ def _fit_log(evaluation: Evaluation, separate: Collection[EffectKey], rounds: in
 
 
 @dataclass(frozen=True)
-class Difference:
+class ChangeCandidate:
     """A candidate for a change.
 
     hypothesis: its gain of a value for each log over a common value, and its posterior
@@ -146,7 +146,7 @@ def separate_keys(separate: Collection[EffectKey], state: State, key: EffectKey)
     )
 
 
-def list_differences(pair: LogPair) -> list[Difference]:
+def list_differences(pair: LogPair) -> list[ChangeCandidate]:
     """Return the most promising candidates visible in the mean, fitted in both logs."""
     joint = pair.joint
     known = {term.key for term in joint.logs[0].terms}
@@ -223,7 +223,7 @@ def _fit_candidate(pair: LogPair, candidate: Candidate, is_known: bool) -> _Fitt
         one.with_state(one.state if is_known else add_term(one.state, term)) for one in pair.evaluations
     ]
     separate = separate_keys(pair.separate, evaluations[0].state, term.key)
-    fitted = fit_separate(evaluations, separate, pair.tempering, _MAX_ITERATIONS)
+    fitted = fit_separate(evaluations, separate, pair.tempering, _MAX_CANDIDATE_ITERATIONS)
     logs = [linearise_log(free_all(one), with_candidates=False) for one in fitted.evaluations]
     joint = join_logs(logs[0], logs[1], separate, pair.tempering)
     places = [place[_own_slice(log.terms, term)] for place, log in zip(joint.places, logs, strict=True)]
@@ -232,11 +232,11 @@ def _fit_candidate(pair: LogPair, candidate: Candidate, is_known: bool) -> _Fitt
     return _FittedCandidate(fitted, common, joint.fit(), (terms[0], terms[1]), (places[0], places[1]))
 
 
-def _judge(one: _FittedCandidate, tempering: float) -> Difference:
+def _judge(one: _FittedCandidate, tempering: float) -> ChangeCandidate:
     """Judge a candidate by its gain over a value common to both logs."""
     gain = 0.5 * (one.common.objective - one.best.objective)
     hypothesis = _judge_change(one.terms, one.change, one.places, gain, (one.common, one.best), tempering)
-    return Difference(hypothesis, one.pair)
+    return ChangeCandidate(hypothesis, one.pair)
 
 
 def _judge_change(

@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from hubodo.gap.change.difference import Difference, LogPair
+from hubodo.gap.change.difference import ChangeCandidate, LogPair
 from hubodo.gap.judge.hypothesis import judge_proposal
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.refit.refit import begin_fit
 from hubodo.gap.scatter import SCATTER_DETECTORS, Proposal
 from hubodo.gap.state.terms import ModelTerm
 
-# Difference of a parameter between two logs, relative and in sigma, that is none.
+# ChangeCandidate of a parameter between two logs, relative and in sigma, that is none.
 _MAX_RELATIVE_DIFFERENCE, _MAX_DIFFERENCE_SIGMA = 0.2, 5.0
 
 
-def list_scatter_differences(pair: LogPair) -> Iterator[Difference]:
+def list_scatter_differences(pair: LogPair) -> Iterator[ChangeCandidate]:
     """Yield the effects on scatter that the second log shows and the first does not, or otherwise."""
     before, after = (_detect(evaluation) for evaluation in pair.evaluations)
     given = {term.key: term for term in pair.evaluations[1].state.terms}
@@ -30,7 +30,7 @@ def list_scatter_differences(pair: LogPair) -> Iterator[Difference]:
         with_term = begin_fit(fits[1].evaluation.with_state(state))
         walk_fit = with_term if proposal.term.effect.is_process() else None
         hypothesis = judge_proposal(fits[1], proposal, walk_fit, pair.tempering)
-        yield Difference(hypothesis, replace(pair, fits=(fits[0], with_term.without_cache())))
+        yield ChangeCandidate(hypothesis, replace(pair, fits=(fits[0], with_term.without_cache())))
 
 
 def _detect(evaluation: Evaluation) -> dict[tuple[str, str], Proposal]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from hubodo.effects import BY_NAME
 from hubodo.gap.change.difference import (
-    Difference,
+    ChangeCandidate,
     LogPair,
     add_term,
     fit_separate,
@@ -27,12 +27,12 @@ from hubodo.gap.state.terms import ALL, ModelTerm
 
 # Changes at most, which bounds the duration.
 _MAX_CHANGES = 6
-# Iterations of the fits of the separate terms at the start of a round, and of a sensor that was mounted anew.
+# Iterations of the fits of the separate terms at the start of a round, and of a remounted sensor.
 _START_ITERATIONS, _REMOUNTED_ITERATIONS = 3, 8
 # Scatter of the block scores beside the best single change, relative to independent noise, from which on
 # several things have changed at once. Roads reach 15.
 _MIN_SEVERAL_TEMPERING = 50.0
-# Effects that change together when a sensor is mounted anew.
+# Effects that change together when a sensor is remounted.
 _MOUNTING_EFFECTS = ("node_misalignment", "lever_arm")
 
 
@@ -68,7 +68,7 @@ def search_changes(
         best = _find_best(pair, changes)
         if best is None:
             break
-        several = None if changes else _mount_anew(pair, best)
+        several = None if changes else _remount_nodes(pair, best)
         if several is not None:
             pair = several
             changes = {key: _judge_key(pair, key) for key in pair.separate - first.separate}
@@ -98,10 +98,10 @@ def _start(states: Sequence[State], separate: Collection[EffectKey], tempering: 
     return fit_separate(evaluations, separate, tempering, _START_ITERATIONS)
 
 
-def _find_best(pair: LogPair, found: Collection[EffectKey]) -> Difference | None:
+def _find_best(pair: LogPair, excluded: Collection[EffectKey]) -> ChangeCandidate | None:
     """Return the most probable change, or None if there may be none."""
     differences = [*list_differences(pair), *list_scatter_differences(pair)]
-    candidates = {one.key: one for one in differences if one.key not in found}
+    candidates = {one.key: one for one in differences if one.key not in excluded}
     ordered, nothing = compute_posterior([one.hypothesis for one in candidates.values()])
     if not ordered or nothing > 1.0 - MIN_ADD_PROBABILITY:
         return None
@@ -113,7 +113,7 @@ def _is_replaced(key: EffectKey, by: EffectKey) -> bool:
     return key[0] == by[0] and ALL in (key[1], by[1])
 
 
-def _mount_anew(pair: LogPair, best: Difference) -> LogPair | None:
+def _remount_nodes(pair: LogPair, best: ChangeCandidate) -> LogPair | None:
     """Return both logs with the nodes mounted in another way, if that explains more than the best change."""
     if max(fit.tempering for fit in best.pair.fits) < _MIN_SEVERAL_TEMPERING:
         return None

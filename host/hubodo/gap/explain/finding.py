@@ -79,11 +79,11 @@ def build_finding(
         where,
         (others[0][1], float(others[0][0])) if others else None,
         inseparable,
-        _list_rivals(hypotheses, {**probabilities, name: float(min(confidence, 1.0))}, own),
+        _list_alternatives(hypotheses, {**probabilities, name: float(min(confidence, 1.0))}, own),
     )
 
 
-def _list_rivals(
+def _list_alternatives(
     hypotheses: Sequence[Hypothesis], probabilities: Mapping[str, float], own: Hypothesis | None
 ) -> tuple[tuple[str, str, float, float], ...]:
     """Return effect, scope, gain and probability of each effect, the most probable first.
