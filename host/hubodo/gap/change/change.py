@@ -154,12 +154,12 @@ def find_change(
             f"{log_names[0]}, {words}", _SEARCH_SHARE * share
         )
     )
-    found = prune_coordinates(search_effects(build_initial_state(problems[0]), observer=observer).final)
-    states = _build_states(problems, found.state)
+    first_fit = prune_coordinates(search_effects(build_initial_state(problems[0]), observer=observer).final)
+    states = _build_states(problems, first_fit.state)
     searched = search_changes(
         states,
         [term.key for term in states[0].terms if _is_of_drive(term)],
-        found.tempering,
+        first_fit.tempering,
         lambda words, share: report_progress(
             f"comparing the logs, {words}", _SEARCH_SHARE + _COMPARISON_SHARE * share
         ),
@@ -182,10 +182,10 @@ def find_change(
     return ChangeResult(comparison.p_value, changes, unnamed, models[0], models[1], warnings, is_correlated)
 
 
-def _build_states(problems: Sequence[Problem], found: State) -> tuple[State, State]:
+def _build_states(problems: Sequence[Problem], estimate: State) -> tuple[State, State]:
     """Return the states of both logs with the effects that were found in the first, without unnamed terms."""
-    terms = [term for term in found.terms if not term.effect.name.startswith(PREFIX)]
-    first = replace(found, problem=problems[0]).reset_with_terms(terms)
+    terms = [term for term in estimate.terms if not term.effect.name.startswith(PREFIX)]
+    first = replace(estimate, problem=problems[0]).reset_with_terms(terms)
     return first, build_initial_state(problems[1]).with_terms(terms)
 
 
@@ -197,8 +197,8 @@ def _is_of_drive(term: ModelTerm) -> bool:
 def _list_changes(searched: SearchedPair, null_distribution: NullDistribution) -> tuple[Change, ...]:
     """Return the changes, those of the vehicle first."""
     changes = [_build_change(one, searched, null_distribution) for one in searched.changes]
-    found = {one.key for one in searched.changes}
-    of_drive = [key for key in sorted(searched.first.separate) if key not in found]
+    searched_keys = {one.key for one in searched.changes}
+    of_drive = [key for key in sorted(searched.first.separate) if key not in searched_keys]
     changes += [change for key in of_drive for change in _list_drive_changes(key, searched)]
     return tuple(sorted(changes, key=lambda change: change.belongs_to_drive))
 

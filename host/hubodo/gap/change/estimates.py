@@ -24,8 +24,8 @@ def estimate_change(pair: LogPair, key: EffectKey) -> dict[str, tuple[Estimate, 
         fit = _refit_of_log(joint, best, number)
         term = next(one for one in fit.free_terms if one.key == key)
         step = best.step[joint.places[number]][fit.coordinate_slice(term)]
-        (moved,) = move_terms([term], [step])
-        estimates.append(estimate_parameters(moved, fit))
+        (shifted,) = move_terms([term], [step])
+        estimates.append(estimate_parameters(shifted, fit))
     return {
         name: (before, after, _subtract(before, after))
         for (name, before), after in zip(estimates[0].items(), estimates[1].values(), strict=True)

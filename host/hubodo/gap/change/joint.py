@@ -163,8 +163,8 @@ class JointGrams:
 
     def fit(self) -> JointFit:
         """Return the fit of the joint coordinates alone."""
-        kept = slice(self.n_directions, None)
-        return self._fit(self.blocks[:, kept, kept], self.raw_squares, self.prior)
+        remaining = slice(self.n_directions, None)
+        return self._fit(self.blocks[:, remaining, remaining], self.raw_squares, self.prior)
 
     def fit_candidate(self, candidate: Candidate, is_known: bool) -> tuple[JointFit, JointFit]:
         """Return the fits with a value of a candidate common to both logs, and with a value for each.
@@ -175,12 +175,12 @@ class JointGrams:
         """
         rows = np.flatnonzero(candidate.basis.any(axis=1))
         basis, k = candidate.basis[rows], candidate.basis.shape[1]
-        kept = [*range(self.n_directions, self.blocks.shape[1] - 1)]
-        columns = np.zeros((self.blocks.shape[1], len(kept) + (1 if is_known else 2) * k + 1))
-        columns[kept, range(len(kept))] = 1.0
+        remaining = [*range(self.n_directions, self.blocks.shape[1] - 1)]
+        columns = np.zeros((self.blocks.shape[1], len(remaining) + (1 if is_known else 2) * k + 1))
+        columns[remaining, range(len(remaining))] = 1.0
         columns[-1, -1] = 1.0
         if not is_known:
-            columns[rows, len(kept) : len(kept) + k] = basis
+            columns[rows, len(remaining) : len(remaining) + k] = basis
         used = np.append(rows, np.arange(self.n_directions, self.blocks.shape[1]))
         common = _transform(self.blocks, used, np.delete(columns, np.s_[-k - 1 : -1], axis=1))
         columns[rows, -k - 1 : -1] = basis
@@ -214,12 +214,12 @@ class JointGrams:
         transform = np.eye(size)
         transform[after, before] = 1.0
         transform[after, -1] = difference
-        kept = np.delete(np.arange(size), after)
+        remaining = np.delete(np.arange(size), after)
         columns = slice(self.n_directions, None)
-        blocks = transform[:, kept].T @ self.blocks[:, columns, columns] @ transform[:, kept]
-        raw_squares = (transform[:-1, :-1].T ** 2 @ self.raw_squares)[kept[:-1]]
+        blocks = transform[:, remaining].T @ self.blocks[:, columns, columns] @ transform[:, remaining]
+        raw_squares = (transform[:-1, :-1].T ** 2 @ self.raw_squares)[remaining[:-1]]
         prior = CoordinatePrior(
-            self.prior.information[kept[:-1]], self.prior.value[kept[:-1]], self.tempering
+            self.prior.information[remaining[:-1]], self.prior.value[remaining[:-1]], self.tempering
         )
         return self._fit(blocks, raw_squares, prior)
 

@@ -35,12 +35,12 @@ def list_scatter_differences(pair: LogPair) -> Iterator[ChangeCandidate]:
 
 def _detect(evaluation: Evaluation) -> dict[tuple[str, str], Proposal]:
     """Return the proposals of all detectors, for a model without effects on scatter."""
-    kept = [
+    remaining = [
         term
         for term in evaluation.state.terms
         if term.effect.visible_in == "mean" or term.effect.is_process()
     ]
-    bare = evaluation.with_state(evaluation.state.with_terms(kept))
+    bare = evaluation.with_state(evaluation.state.with_terms(remaining))
     residuals = list(bare.mean_residuals.values())
     proposals: Sequence[Proposal] = [one for detect in SCATTER_DETECTORS for one in detect(residuals)]
     return {one.term.key: one for one in proposals}
