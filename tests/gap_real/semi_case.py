@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from residual_noise import REAL_FACING, DriveNoise, turn_over
@@ -20,6 +20,7 @@ ROAD_BANK = "road_bank"
 EFFECT_NAMES = (*effects.KINDS, ROAD_BANK)
 # Bank of real roads, rad and m; it is scaled with the accelerometer noise of the car, m/s².
 _BANK_SIGMA, _BANK_LENGTH_M, _CAR_ACCEL_NOISE = {"medium": 0.012, "strong": 0.036}, 80.0, 1.2
+_MIN_VISIBLE_NATS = 0.5 * 3.0**2
 _SPARE_SEEDS, _SPARE_SEED_STEP = 5, 100_000
 _CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 
@@ -29,12 +30,14 @@ class SemiCase:
     """A simulated drive with an effect, or none, in the noise of a real drive.
 
     gain_nats: by knowing the effect; nan for a road's bank and for no effect
+    visible: parameters that the drive shows, of which a result is expected
     """
 
     setup: Setup
     noise: DriveNoise
     effect: Effect | None
     gain_nats: float = np.nan
+    visible: tuple[str, ...] = ()
 
     def write_model(self) -> str:
         """Return the text of the model file: nominal vehicle and declared noise."""
@@ -110,15 +113,27 @@ def draw_case(
             return SemiCase(setup, noise, None)
         if name == ROAD_BANK:
             sigma = size * _BANK_SIGMA[strength] * setup.noise["left"].accel / _CAR_ACCEL_NOISE
-            return SemiCase(setup, noise, Effect(name, "vehicle", {"sigma": sigma, "length": _BANK_LENGTH_M}))
+            effect = Effect(name, "vehicle", {"sigma": sigma, "length": _BANK_LENGTH_M})
+            return SemiCase(setup, noise, effect, visible=("sigma",))
         meter = NodesGainMeter(setup, {side: wheel_sigma(setup, noise, side) for side in SIDES})
         try:
             effect, gain = meter.scale_to_gain(cases.draw_hidden_effect(setup, name), STRENGTHS[strength])
         except ValueError as error:
             reason = str(error)
             continue
-        return SemiCase(setup, noise, effects.scale_effect(effect, size), gain * size**2)
+        effect = effects.scale_effect(effect, size)
+        return SemiCase(setup, noise, effect, gain * size**2, list_visible_parameters(meter, effect))
     raise ValueError(reason)
+
+
+def list_visible_parameters(meter: NodesGainMeter, effect: Effect) -> tuple[str, ...]:
+    """Return the parameters, except one of shape, that an oracle would see at 3 sigma without the others."""
+    names = [name for name in effect.parameters if name != effects.KINDS[effect.name].shape_parameter]
+    if len(names) == 1:
+        return tuple(names)
+    others = {name: dict.fromkeys(set(names) - {name}, 0.0) for name in names}
+    alone = {name: replace(effect, parameters={**effect.parameters, **others[name]}) for name in names}
+    return tuple(name for name in names if meter.gain(alone[name]) > _MIN_VISIBLE_NATS)
 
 
 def _declared_sigma(setup: Setup) -> Array:

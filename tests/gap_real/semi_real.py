@@ -30,9 +30,9 @@ sys.path[:0] = [str(Path(__file__).resolve().parents[1]), str(Path(__file__).res
 import numpy as np
 from real import CAR, DRIVES, HIGH_CONFIDENCE, MAX_ERROR_SHARE, MAX_ERROR_SIGMA, read_drive
 from residual_noise import extract_noise, load_noise
-from semi_case import EFFECT_NAMES, ROAD_BANK, draw_case
+from semi_case import EFFECT_NAMES, draw_case
 
-from gap_matrix.effects import KINDS, Effect
+from gap_matrix.effects import Effect
 from gap_matrix.judge.diagnoses import compute_fingerprint
 from gap_matrix.judge.resumed import Row, compute_rows, read_rows
 from hubodo.gap.explain.result import Finding, GapResult
@@ -103,17 +103,21 @@ def run_cell(cell: Cell, folder: Path, size: float, duration: float | None) -> R
         return {**row, "unmade": str(error)}
     row |= {"seed": case.setup.seed, "seconds": case.setup.drive.duration, "gain_nats": case.gain_nats}
     if case.effect is not None:
-        row |= {"scope": case.effect.scope, "parameters": dict(case.effect.parameters)}
+        parameters = dict(case.effect.parameters)
+        row |= {"scope": case.effect.scope, "parameters": parameters, "visible": case.visible}
     try:
         result = _find_gap_of_text(case.write_model(), case.record())
     except Exception:  # noqa: BLE001 (a failed search is counted and does not end the run)
         return {**row, "error": traceback.format_exc(limit=-4)}
-    row |= score_result(result, case.effect)
+    row |= score_result(result, case.effect, case.visible)
     return {**row, "cpu": round(time.process_time() - start, 1)}
 
 
-def score_result(result: GapResult, effect: Effect | None) -> Row:
-    """Return the scores of a result: right name, right node, accurate value, other names."""
+def score_result(result: GapResult, effect: Effect | None, visible: Sequence[str]) -> Row:
+    """Return the scores of a result: right name, right node, accurate value, other names.
+
+    visible: parameters that are judged
+    """
     named = [one for one in result.found if effect is not None and one.effect == effect.name]
     right = [one for one in named if effect is not None and one.scope == effect.scope]
     others = [one for one in result.found if one not in right]
@@ -137,7 +141,8 @@ def score_result(result: GapResult, effect: Effect | None) -> Row:
     return {
         "named": bool(named),
         "right_node": bool(right),
-        "accurate": effect is not None and any(is_accurate(one, effect) for one in right),
+        "accurate": effect is not None and any(is_accurate(one, effect, visible) for one in right),
+        "admitted": any(effect is not None and effect.name in one.inseparable_from for one in result.found),
         "others": [f"{one.effect}/{one.scope}" for one in others],
         "sure": len(sure),
         "sure_right": sum(one in right for one in sure),
@@ -158,10 +163,9 @@ def _list_held_out_gain(gain: HeldOutGain | None) -> list[float]:
     return [] if gain is None else [round(value, 1) for value in (gain.total, gain.z, gain.level_sigma)]
 
 
-def is_accurate(finding: Finding, effect: Effect) -> bool:
-    """Return True if each parameter is within a share of the effect's size, or within some sigmas."""
-    shape = {"length"} if effect.name == ROAD_BANK else {KINDS[effect.name].shape_parameter}
-    sizes = {name: value for name, value in effect.parameters.items() if name not in shape}
+def is_accurate(finding: Finding, effect: Effect, visible: Sequence[str]) -> bool:
+    """Return True if each visible parameter is within a share of the effect's size, or within some sigmas."""
+    sizes = {name: effect.parameters[name] for name in visible}
     tolerance = MAX_ERROR_SHARE * float(np.linalg.norm(list(sizes.values())))
     return all(
         (estimate := finding.parameters.get(name)) is not None
@@ -175,7 +179,12 @@ def format_row(row: Row) -> str:
     if "unmade" in row or "error" in row:
         return f"?? {row['key']} {row.get('unmade') or row['error'].splitlines()[-1]}"
     if row["name"]:
-        steps = ("right", row["accurate"]), ("value wrong", row["right_node"]), ("node wrong", row["named"])
+        steps = (
+            ("right", row["accurate"]),
+            ("value wrong", row["right_node"]),
+            ("node wrong", row["named"]),
+            ("inseparable", row["admitted"]),
+        )
         verdict = next((word for word, is_so in steps if is_so), "missed")
     else:
         verdict = "false" if row["others"] else "right"
@@ -191,10 +200,12 @@ def print_summary(rows: Sequence[Row]) -> None:
         group = [row for row in judged if row["strength"] == strength]
         names = list(dict.fromkeys(row["name"] for row in group))
         all_right = [name for name in names if all(row["accurate"] for row in group if row["name"] == name)]
+        n_admitted = sum(row["admitted"] and not row["named"] for row in group)
         counts = [sum(row[key] for row in group) for key in ("named", "right_node", "accurate")]
         print(
             f"{strength}: named {counts[0]}, on the right node {counts[1]}, with the right value {counts[2]} "
-            f"of {len(group)} cases; {len(all_right)} of {len(names)} effects right in all; "
+            f"of {len(group)} cases, {n_admitted} more stated as inseparable; "
+            f"{len(all_right)} of {len(names)} effects right in all; "
             f"further names in {sum(bool(row['others']) for row in group)}"
         )
     nulls = [row for row in judged if not row["name"]]
