@@ -127,10 +127,11 @@ def fit_interpolating_spline(t: Array, value: Array) -> SmoothingSpline:
     return SmoothingSpline(spline, float(t[0]), float(t[-1]), 0.0, 0.0, 0.0, 0.0)
 
 
-def fit_smoothing_spline(t: Array, value: Array) -> SmoothingSpline:
+def fit_smoothing_spline(t: Array, value: Array, max_frequency: float = np.inf) -> SmoothingSpline:
     """Return the smooth function behind noisy samples; t: (N,) s, increasing; value: (N,).
 
-    Raises ValueError for fewer than 10 samples.
+    Noise that is not white looks like signal to cross-validation; `max_frequency`, Hz, is the frequency at
+    which the smoother passes half at most. Raises ValueError for fewer than 10 samples.
     """
     if len(t) < 10:
         raise ValueError(f"{len(t)} samples: at least 10 are needed")
@@ -162,7 +163,7 @@ def fit_smoothing_spline(t: Array, value: Array) -> SmoothingSpline:
             * np.log((residual @ residual / len(t) + 1e-18 * value_range_squared) / (1.0 - freedom) ** 2)
         )
 
-    best = _minimise(score)
+    best = max(_minimise(score), _log_weight_at(2.0 * np.pi * max_frequency * step))
     weights = fit_coefficients(best)
     residual = value - design @ weights
     gain = _smoother_gain(best)
@@ -192,6 +193,15 @@ def _banded_penalty(size: int) -> Array:
 def _smoother_gain(log_weight: float) -> Array:
     """Return the gain of the smoother at _ANGULAR_FREQUENCIES, (M,)."""
     return np.asarray(_BASIS_POWER / (_BASIS_POWER + np.exp(log_weight) * _PENALTY_POWER))
+
+
+def _log_weight_at(angular_frequency: float) -> float:
+    """Return the logarithm of the weight at which the smoother passes half; -inf beyond all frequencies."""
+    k = int(np.searchsorted(_ANGULAR_FREQUENCIES, angular_frequency))
+    if k == len(_ANGULAR_FREQUENCIES):
+        return -np.inf
+    power: Array = np.asarray(_BASIS_POWER)
+    return float(np.log(power[k] / _PENALTY_POWER[k]))
 
 
 def _minimise(score: Callable[[float], float], low: float = -12.0, high: float = 24.0) -> float:

@@ -117,3 +117,17 @@ def test_a_constant_is_known_and_does_not_change():
 def test_too_few_samples_are_refused():
     with pytest.raises(ValueError, match="9 samples: at least 10"):
         fit_smoothing_spline(np.arange(9.0), np.zeros(9))
+
+
+@pytest.mark.parametrize("cutoff", [1.0, 4.0, 20.0])
+def test_a_tone_at_the_largest_frequency_passes_half(cutoff):
+    t = np.arange(0.0, 20.0, 0.01)
+    tone = np.sin(2.0 * np.pi * cutoff * t)
+    passed = fit_smoothing_spline(t, tone, max_frequency=cutoff)(t)
+    inside = slice(500, 1500)
+    assert passed[inside] @ tone[inside] / (tone[inside] @ tone[inside]) == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_largest_frequency_beyond_the_band_of_white_noise_changes_nothing():
+    t, value = noisy_samples(3, 0.05)
+    assert np.array_equal(fit_smoothing_spline(t, value, 20.0)(t), fit_smoothing_spline(t, value)(t))

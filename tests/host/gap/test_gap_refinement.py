@@ -27,35 +27,36 @@ accel_noise = 1.2
 speed = "nodes"
 yaw_rate = "frame.gz"
 [effects.road_bank]
-sigma = 0.0267
-length = 158.0
-[effects.wheel_camber]
-angle = 0.0165
-[effects.lever_arm]
-x = 0.00375
-y = -0.00828
-z = -0.1
+sigma = 0.0189
+length = 500.0
+[effects.accel_bias]
+z = 0.332
 [nodes.left]
 side = "left"
 facing = "left"
+[nodes.left.effects.lever_arm]
+x = 0.00683
+y = -0.01028
 [nodes.left.effects.node_misalignment]
-x = 0.00418
-y = 0.01875
-z = -0.152
+x = 0.00275
+y = 0.01911
 [nodes.left.effects.gyro_bias]
-x = -0.0554
-y = -0.0513
-z = -0.0439
+x = -0.0549
+y = -0.0512
+z = -0.043
 [nodes.right]
 side = "right"
 facing = "right"
+[nodes.right.effects.lever_arm]
+x = 0.00214
+y = -0.00545
 [nodes.right.effects.node_misalignment]
-x = -0.01334
-y = -0.00518
+x = -0.01324
+y = -0.00526
 [nodes.right.effects.gyro_bias]
-x = 0.0387
-y = 0.0071
-z = 0.054
+x = 0.0389
+y = 0.0072
+z = 0.0577
 """
 
 

@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hubodo.arrays import Array
+from hubodo.effects.empirical import PREFIX
 from hubodo.effects.plausibility import implausible_parameters
 from hubodo.gap.refit.cross_validation import HeldOutGain, compute_held_out_gain
+from hubodo.gap.refit.prune import count_determined
 from hubodo.gap.refit.refit import Refit, compute_gain
 from hubodo.gap.scatter import Proposal
 from hubodo.gap.screen.evidence import USUAL_SCALE, compute_log_evidence
@@ -24,12 +26,14 @@ _MAX_GAIN_RATIO, _MAX_EXTRA_GAIN = 20.0, 20.0
 # Held-out gain, in sigma and as a share of the gain, that a hypothesis needs where residuals are correlated;
 # in white noise the likelihood suffices.
 _MIN_HELD_OUT_Z, _MIN_HELD_OUT_SHARE = 2.5, 0.3
-# The same in sigma of noise whose level differs from stretch to stretch: less is within what roads do.
-_MIN_LEVEL_SIGMAS = 1.3
+# The same in sigma of noise whose level differs from stretch to stretch, for a property of the vehicle: less
+# is within what roads do. Offsets and clocks differ from drive to drive anyway. More for unnamed terms.
+_MIN_LEVEL_SIGMAS, _MIN_LEVEL_SIGMAS_UNNAMED = 0.4, 1.3
 # Share of the gain that the plausible coordinates of an effect have alone.
 _MIN_PLAUSIBLE_SHARE = 0.5
 # ln Bayes factor of a hypothesis with an objection: too little for any prior.
 _OBJECTION_EVIDENCE = -50.0
+DOUBTFUL_LEVEL = "gains no more on held-out samples than the level of the noise leaves in doubt"
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,7 @@ class Hypothesis:
     proposal: of a scatter detector
     held_out_gain: cross-validated over folds of time; None for effects on scatter
     objection: why it cannot be added despite its gain; "" if nothing speaks against it
+    n_determined, determined_gain: coordinates that the log determines, and the gain that they have alone
     """
 
     term: ModelTerm
@@ -53,10 +58,29 @@ class Hypothesis:
     proposal: Proposal | None = None
     held_out_gain: HeldOutGain | None = None
     objection: str = ""
+    n_determined: int = 0
+    determined_gain: float = 0.0
 
     @property
     def key(self) -> tuple[str, str]:
         return self.term.key
+
+    @property
+    def held_out_total(self) -> float:
+        """Return the held-out gain; 0 if it was not computed."""
+        return 0.0 if self.held_out_gain is None else self.held_out_gain.total
+
+    @property
+    def is_within_level(self) -> bool:
+        """Return True if the held-out gain is within what the level of the noise leaves in doubt."""
+        gain = self.held_out_gain
+        is_unnamed = self.term.effect.name.startswith(PREFIX)
+        sigmas = _MIN_LEVEL_SIGMAS_UNNAMED if is_unnamed else _MIN_LEVEL_SIGMAS
+        return gain is not None and gain.total < sigmas * gain.level_sigma
+
+    def with_objection(self, objection: str) -> Hypothesis:
+        """Return a copy with an objection, and so with little evidence."""
+        return replace(self, objection=objection, evidence=min(self.evidence, _OBJECTION_EVIDENCE))
 
     def without_tracking(self) -> Hypothesis:
         """Return a copy without tracked wheels and clocks, which take much memory."""
@@ -105,15 +129,18 @@ def _weigh_objections(
 ) -> Hypothesis:
     """Return the hypothesis, with little evidence if it is implausible or gains nothing if held out."""
     held_out_gain = compute_held_out_gain(before.fold_deviances, after.fold_deviances)
-    objection = ""
-    if _plausible_share(term, after.information(term)) < _MIN_PLAUSIBLE_SHARE:
-        objection = _describe_implausible(term)
-    elif not _helps_held_out(term, gain, held_out_gain, tempering):
-        objection = "does not help on samples to which it was not fitted"
-    if objection:
-        evidence = min(evidence, _OBJECTION_EVIDENCE)
     state = after.evaluation.without_cache().state
-    return Hypothesis(term, gain, evidence, 0.0, state, None, held_out_gain, objection)
+    count, loss = count_determined(after, term, tempering)
+    hypothesis = Hypothesis(
+        term, gain, evidence, 0.0, state, None, held_out_gain, n_determined=count, determined_gain=gain - loss
+    )
+    if _plausible_share(term, after.information(term)) < _MIN_PLAUSIBLE_SHARE:
+        return hypothesis.with_objection(_describe_implausible(term))
+    if not _helps_held_out(gain, held_out_gain, tempering):
+        return hypothesis.with_objection("does not help on samples to which it was not fitted")
+    if hypothesis.is_within_level and not term.effect.varies_between_drives:
+        return hypothesis.with_objection(DOUBTFUL_LEVEL)
+    return hypothesis
 
 
 def _plausible_share(term: ModelTerm, information: Array) -> float:
@@ -145,20 +172,12 @@ def _describe_implausible(term: ModelTerm) -> str:
     return f"not physical: {limit}; another cause looks like this"
 
 
-def _helps_held_out(term: ModelTerm, gain: float, held_out_gain: HeldOutGain, tempering: float) -> bool:
-    """Return True if a term gains on held-out samples, beyond what correlated residuals make of it by chance.
-
-    A property of the vehicle also has to gain more than the level of the noise leaves in doubt; offsets and
-    clocks differ from drive to drive anyway.
-    """
+def _helps_held_out(gain: float, held_out_gain: HeldOutGain, tempering: float) -> bool:
+    """Return True if a term gains on held-out samples beyond what correlated residuals make by chance."""
     correlated_share = 1.0 - 1.0 / tempering
     return (
         held_out_gain.z >= _MIN_HELD_OUT_Z * correlated_share
         and held_out_gain.total >= _MIN_HELD_OUT_SHARE * correlated_share * gain
-        and (
-            term.effect.varies_between_drives
-            or held_out_gain.total >= _MIN_LEVEL_SIGMAS * held_out_gain.level_sigma
-        )
     )
 
 

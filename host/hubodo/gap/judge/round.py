@@ -7,7 +7,13 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from hubodo.effects.empirical import PREFIX
-from hubodo.gap.judge.hypothesis import Hypothesis, judge_effect, judge_proposal, judge_unnamed_term
+from hubodo.gap.judge.hypothesis import (
+    DOUBTFUL_LEVEL,
+    Hypothesis,
+    judge_effect,
+    judge_proposal,
+    judge_unnamed_term,
+)
 from hubodo.gap.judge.posterior import compute_posterior
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.process_noise.tracking import track_wheel_phase
@@ -23,8 +29,8 @@ EMPIRICAL = "empirical"
 # Settings of the search; chosen, and judged together by `make gap-matrix`.
 # Posterior probability that anything is missing, from which on an effect is added.
 MIN_ADD_PROBABILITY = 0.99
-# Candidates to refit; the duration of a round is proportional to it.
-_MAX_REFITS = 5
+# Candidates to refit, the first of them of different effects; the duration of a round is proportional to it.
+_MAX_REFITS, _MIN_REFITTED_EFFECTS = 6, 4
 # Half of the best gain, in deviance per tempering, from which on candidates with less are abandoned.
 _HOPELESS_DEVIANCE = 100.0
 # Ratio of a wheel's walk to the declared one, from which on its angle counts as lost; additional candidates
@@ -35,8 +41,9 @@ _MAX_UNNAMED_REFITS, _MIN_UNNAMED_SHARE, _MIN_UNNAMED_EVIDENCE = 2, 0.25, 3.0
 # Ratio of the gain of an unnamed term to that of the best listed effect, below which it is that effect: in
 # independent and in correlated residuals.
 _MIN_UNNAMED_ADVANTAGE = (1.2, 2.0)
-# Gain in ln likelihood, tempered, that a simpler hypothesis may lack, where residuals are so correlated.
-_MAX_SIMILAR_LOSS, _MIN_CORRELATED_TEMPERING = 10.0, 3.0
+# Gain in ln likelihood, tempered, that a hypothesis has to have for each of its coordinates, where residuals
+# are so correlated.
+_COORDINATE_PENALTY, _MIN_CORRELATED_TEMPERING = 10.0, 3.0
 # ln Bayes factor for independent samples, from which on an effect is added provisionally.
 _PROVISIONAL_EVIDENCE = 20.0
 # Progress of a round after screening, refits, and comparison under common weights.
@@ -149,7 +156,8 @@ def judge_round(
         judge_unnamed_term(before, item, fit, tempering)
         for item, fit in zip(unnamed, unnamed_refits, strict=True)
     ]
-    ordered, nothing = compute_posterior(_drop_similar_unnamed(hypotheses, tempering))
+    hypotheses = _object_to_substitutes(_drop_similar_unnamed(hypotheses, tempering))
+    ordered, nothing = compute_posterior(hypotheses)
     ordered = _prefer_simple(ordered, tempering)
     stored = (*ordered[:1], *(hypothesis.without_tracking() for hypothesis in ordered[1:]))
     return Round(before.evaluation.without_cache(), stored, nothing, tuple(screened), null, tempering)
@@ -166,29 +174,36 @@ def _refit_with_common_weights(before: Refit, refits: Sequence[Refit]) -> tuple[
 
 
 def _prefer_simple(ordered: tuple[Hypothesis, ...], tempering: float) -> tuple[Hypothesis, ...]:
-    """Put a hypothesis with fewer coordinates first if it gains almost as much as the most probable one.
+    """Put the hypothesis first whose determined coordinates gain most, less a penalty for their number.
 
     Where residuals are correlated, any further coordinate takes something from the road. The two hypotheses
     exchange their probabilities.
     """
-    if len(ordered) < 2 or tempering < _MIN_CORRELATED_TEMPERING:
+    if not ordered or ordered[0].state is None or tempering < _MIN_CORRELATED_TEMPERING:
         return ordered
+
+    def penalised_gain(k: int) -> float:
+        return ordered[k].determined_gain - _COORDINATE_PENALTY * tempering * ordered[k].n_determined
+
     first = ordered[0]
-    similar = [
-        k
-        for k, one in enumerate(ordered)
-        if not one.objection
-        and one.state is not None
-        and one.gain >= first.gain - _MAX_SIMILAR_LOSS * tempering
-        and len(one.term.effect.coordinates()) < len(first.term.effect.coordinates())
-    ]
-    if first.state is None or not similar:
-        return ordered
-    chosen = min(similar, key=lambda k: (len(ordered[k].term.effect.coordinates()), -ordered[k].gain))
+    rivals = [k for k, one in enumerate(ordered) if not one.objection and one.state is not None]
+    chosen = max(rivals, key=penalised_gain, default=0)
     result = list(ordered)
     result[0] = replace(ordered[chosen], probability=first.probability)
-    result[chosen] = replace(first, probability=ordered[chosen].probability)
+    if chosen:
+        result[chosen] = replace(first, probability=ordered[chosen].probability)
     return tuple(result)
+
+
+def _object_to_substitutes(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Object to offsets and clocks that gain less than a doubtful property of the vehicle."""
+    doubtful = [one.held_out_total for one in hypotheses if one.objection == DOUBTFUL_LEVEL]
+    return [
+        one.with_objection("gains less than an effect that is in doubt")
+        if one.is_within_level and not one.objection and one.held_out_total < max(doubtful, default=0.0)
+        else one
+        for one in hypotheses
+    ]
 
 
 def _drop_similar_unnamed(hypotheses: Sequence[Hypothesis], tempering: float) -> list[Hypothesis]:
@@ -235,16 +250,19 @@ def _select_for_refit(
 
 
 def _shortlist(screened: list[ScreenedCandidate], count: int) -> list[ScreenedCandidate]:
-    """Return the best few with positive evidence, with the best seed of each effect and scope."""
-    best: list[ScreenedCandidate] = []
-    keys: set[tuple[str, str]] = set()
+    """Return the best few with positive evidence, with the best seed of each effect and scope.
+
+    The best scopes of some effects come first: one that is not linear gains more than its score promises.
+    """
+    best: dict[tuple[str, str], ScreenedCandidate] = {}
     for item in screened:
-        if item.evidence < 0.0 or len(best) == count:
-            break
-        if item.candidate.term.key not in keys:
-            keys.add(item.candidate.term.key)
-            best.append(item)
-    return best
+        if item.evidence >= 0.0:
+            best.setdefault(item.candidate.term.key, item)
+    first_scopes: dict[str, ScreenedCandidate] = {}
+    for item in best.values():
+        first_scopes.setdefault(item.candidate.name, item)
+    leading = list(first_scopes.values())[:_MIN_REFITTED_EFFECTS]
+    return [*leading, *(item for item in best.values() if item not in leading)][:count]
 
 
 def _screen_strictly(before: Refit, reject: Collection[str]) -> list[ScreenedCandidate]:

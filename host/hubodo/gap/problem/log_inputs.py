@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,11 +12,12 @@ from hubodo.effects.base import REFERENCE_CELSIUS
 from hubodo.errors import InputError
 from hubodo.fuse.wheel.window import WINDOW_S
 from hubodo.fuse.wheel_odometry import compute_wheel_odometry
+from hubodo.gap.problem.motion_band import estimate_motion_band
 from hubodo.model.inputs import Trace
 from hubodo.model.model_file import Model, split_input
 from hubodo.recording import Recording, Table
 from hubodo.smoothing_spline import SmoothingSpline, constant_spline, fit_smoothing_spline
-from hubodo.vehicle import facing_sign
+from hubodo.vehicle import facing_sign, side_sign
 
 # Ratio of the standard deviation to the sample-to-sample noise up to which an input is taken for constant.
 _MAX_CONSTANT_RATIO = 1.04
@@ -49,8 +50,10 @@ def read_inputs(recording: Recording, model: Model, origin: float, log_name: str
 
     Raises InputError if one is missing.
     """
-    speed, first, last, speed_sources = _read_speed(recording, model, origin, log_name)
+    if isinstance(model.inputs.speed, str) and not model.inputs.speed.startswith("nodes"):
+        _find_input(recording, model.inputs.speed, log_name)
     yaw_rate, yaw_first, yaw_last = _read_yaw_rate(recording, model, origin, log_name)
+    speed, first, last, speed_sources = _read_speed(recording, model, origin, log_name, yaw_rate)
     period = _sample_period(recording, model.inputs.speed)
     yaw_period = (
         WINDOW_S if model.inputs.yaw_rate == "nodes" else _sample_period(recording, model.inputs.yaw_rate)
@@ -111,8 +114,12 @@ def _choose_input_noise(
 
 
 def _read_speed(
-    recording: Recording, model: Model, origin: float, log_name: str
+    recording: Recording, model: Model, origin: float, log_name: str, yaw_rate: SmoothingSpline | None
 ) -> tuple[SmoothingSpline | None, float, float, tuple[str, ...]]:
+    """Return the speed, the span in which it is known, and the nodes whose gyros measured it.
+
+    yaw_rate: of the vehicle, rad/s; None for a constant
+    """
     name = model.inputs.speed
     if not isinstance(name, str):
         return None, -np.inf, np.inf, ()
@@ -141,8 +148,21 @@ def _read_speed(
         parts.append((table.t - origin, sign * model.vehicle.wheel_radius * table["gz"]))
     first, last = max(p[0][0] for p in parts), min(p[0][-1] for p in parts)
     t = parts[0][0][(parts[0][0] >= first) & (parts[0][0] <= last)]
-    mean = np.mean([np.interp(t, *part) for part in parts], axis=0)
-    return fit_smoothing_spline(t, mean), float(first), float(last), tuple(sources)
+    speeds = [np.interp(t, *part) for part in parts]
+    mean = np.mean(speeds, axis=0)
+    band = estimate_motion_band(t, *_speeds_of_midpoint(model, sources, speeds, yaw_rate, t)[:2])
+    return fit_smoothing_spline(t, mean, band), float(first), float(last), tuple(sources)
+
+
+def _speeds_of_midpoint(
+    model: Model, sources: Sequence[str], speeds: Sequence[Array], yaw_rate: SmoothingSpline | None, t: Array
+) -> list[Array]:
+    """Return the speed of the midpoint between the wheels, (N,) m/s, as each wheel shows it."""
+    if yaw_rate is None:
+        return list(speeds)
+    turn = 0.5 * model.vehicle.track_width * yaw_rate(t)
+    sides = (model.vehicle.nodes[source].side or "left" for source in sources)
+    return [speed + side_sign(side) * turn for speed, side in zip(speeds, sides, strict=True)]
 
 
 def _read_yaw_rate(
@@ -153,7 +173,21 @@ def _read_yaw_rate(
         return None, -np.inf, np.inf
     if name == "nodes":
         return _yaw_rate_from_wheels(recording, model, origin, log_name)
-    return _read_column(recording, name, origin, log_name)
+    return _read_column(recording, name, origin, log_name, _wheel_difference(recording, model))
+
+
+def _wheel_difference(recording: Recording, model: Model) -> tuple[Array, Array] | None:
+    """Return times, s, and the yaw rate, rad/s, that the speeds of two wheels show; None without two."""
+    wheels = {
+        mount.side: (recording.nodes[name], facing_sign(mount.facing or "left"))
+        for name, mount in model.vehicle.nodes.items()
+        if name in recording.nodes and mount.side is not None
+    }
+    if len(wheels) < 2:
+        return None
+    (left, left_sign), (right, right_sign) = wheels["left"], wheels["right"]
+    difference = right_sign * np.interp(left.t, right.t, right["gz"]) - left_sign * left["gz"]
+    return left.t, difference * model.vehicle.wheel_radius / model.vehicle.track_width
 
 
 def _yaw_rate_from_wheels(
@@ -171,9 +205,26 @@ def _yaw_rate_from_wheels(
 
 
 def _read_column(
-    recording: Recording, name: str, origin: float, log_name: str
+    recording: Recording,
+    name: str,
+    origin: float,
+    log_name: str,
+    witness: tuple[Array, Array] | None = None,
 ) -> tuple[SmoothingSpline, float, float]:
-    """Return a smoothed column of the log by its name, `reference.speed` or `frame.gz`, and its time span."""
+    """Return a smoothed column of the log by its name, `reference.speed` or `frame.gz`, and its time span.
+
+    witness: times, s, and samples of another sensor of the same motion, if there is one
+    """
+    table, column = _find_input(recording, name, log_name)
+    if len(table) < 10:
+        raise InputError(f"{log_name}: the model's input {name!r} has {len(table)} rows; too few")
+    t = table.t - origin
+    other = None if witness is None else np.interp(table.t, *witness)
+    return _smooth_input(t, table[column], other), float(t[0]), float(t[-1])
+
+
+def _find_input(recording: Recording, name: str, log_name: str) -> tuple[Table, str]:
+    """Return the table and the column of an input of the model. Raises InputError if the log has none."""
     stem, _, column = name.removeprefix("nodes.").partition(".")
     table = recording.files().get(stem)
     if table is None or column not in table:
@@ -181,14 +232,14 @@ def _read_column(
         raise InputError(
             f"{log_name}: the model's input {name!r} is not in it (it has {has}); change [inputs] or the log"
         )
-    if len(table) < 10:
-        raise InputError(f"{log_name}: the model's input {name!r} has {len(table)} rows; too few")
-    t = table.t - origin
-    return _smooth_input(t, table[column]), float(t[0]), float(t[-1])
+    return table, column
 
 
-def _smooth_input(t: Array, values: Array) -> SmoothingSpline:
-    """Return the smooth function behind an input; a constant level in white noise becomes its mean."""
+def _smooth_input(t: Array, values: Array, witness: Array | None = None) -> SmoothingSpline:
+    """Return the smooth function behind an input; a constant level in white noise becomes its mean.
+
+    witness: (N,) another sensor's samples of the same motion, if there is one
+    """
     white = float(np.median(np.abs(np.diff(values)))) / 0.6745 / np.sqrt(2.0)
     if float(np.std(values)) <= _MAX_CONSTANT_RATIO * white or not np.ptp(values):
         mean = float(np.mean(values))
@@ -201,7 +252,7 @@ def _smooth_input(t: Array, values: Array) -> SmoothingSpline:
         return replace(
             level, noise=white, value_noise=white / np.sqrt(len(t)), correlation_time=float(np.ptp(t))
         )
-    return fit_smoothing_spline(t, values)
+    return fit_smoothing_spline(t, values, estimate_motion_band(t, values, witness))
 
 
 def _sample_period(recording: Recording, name: str | float) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,27 +28,11 @@ def prune_coordinates(fit: Refit) -> Refit:
     is pruned. First go coordinates at their plausible limit, then those that cost least (backward
     elimination).
     """
-    correlated_share = 1.0 - 1.0 / fit.tempering
-    budget = 0.5 * _MAX_LOSS_LEVEL_SIGMAS * fit.fold_deviances.level_scatter * correlated_share
+    budget = _max_loss(fit, fit.tempering)
     if budget <= 0.0:
         return fit
-    candidates, at_limit = _list_candidates(fit)
-    covariance, value = fit.covariance.copy(), _relative_coordinates(fit)
-    pruned: list[int] = []
-    while candidates:
-        variance = covariance[candidates, candidates]
-        loss = np.where(variance > 0.0, 0.5 * value[candidates] ** 2 / np.maximum(variance, 1e-300), 0.0)
-        loss[[k in at_limit for k in candidates]] = 0.0
-        weakest = int(np.argmin(loss))
-        budget -= float(loss[weakest])
-        if budget <= 0.0:
-            break
-        k = candidates.pop(weakest)
-        pruned.append(k)
-        if covariance[k, k] > 0.0:
-            gain = covariance[:, k] / covariance[k, k]
-            value = value - gain * value[k]
-            covariance = covariance - np.outer(gain, covariance[k])
+    candidates, at_limit = _list_candidates(fit, fit.free_terms)
+    pruned, _loss = _eliminate(candidates, at_limit, fit.covariance, _relative_coordinates(fit), budget)
     max_gap = _MAX_GAP_RATIO * compute_gap(fit.without_cache().evaluation.residuals)
     for selected in (pruned, [k for k in pruned if k in at_limit]):
         terms = [_freeze(term, fit, selected) for term in fit.state.terms]
@@ -59,11 +43,53 @@ def prune_coordinates(fit: Refit) -> Refit:
     return fit
 
 
-def _list_candidates(fit: Refit) -> tuple[list[int], set[int]]:
+def count_determined(fit: Refit, term: ModelTerm, tempering: float) -> tuple[int, float]:
+    """Return how many coordinates of a free term would not be pruned, and the loss of pruning the others.
+
+    tempering: by which correlated residuals exaggerate likelihoods
+    """
+    candidates, at_limit = _list_candidates(fit, [term])
+    budget = _max_loss(fit, tempering)
+    pruned, loss = _eliminate(candidates, at_limit, fit.covariance, _relative_coordinates(fit), budget)
+    return len(term.effect.coordinates()) - len(pruned), loss
+
+
+def _max_loss(fit: Refit, tempering: float) -> float:
+    """Return the loss in ln likelihood that pruning may cost."""
+    return 0.5 * _MAX_LOSS_LEVEL_SIGMAS * fit.fold_deviances.level_scatter * (1.0 - 1.0 / tempering)
+
+
+def _eliminate(
+    candidates: Sequence[int], at_limit: Collection[int], covariance: Array, value: Array, budget: float
+) -> tuple[list[int], float]:
+    """Return the coordinates that cost least, up to a budget, and their total loss (backward elimination).
+
+    candidates: indices of the coordinates that may go; those in `at_limit` go first, at no cost
+    covariance: (K, K), and value: (K,), of all coordinates
+    """
+    remaining, pruned, total = list(candidates), list[int](), 0.0
+    while remaining:
+        variance = covariance[remaining, remaining]
+        loss = np.where(variance > 0.0, 0.5 * value[remaining] ** 2 / np.maximum(variance, 1e-300), 0.0)
+        loss[[k in at_limit for k in remaining]] = 0.0
+        weakest = int(np.argmin(loss))
+        if total + float(loss[weakest]) >= budget:
+            break
+        total += float(loss[weakest])
+        k = remaining.pop(weakest)
+        pruned.append(k)
+        if covariance[k, k] > 0.0:
+            gain = covariance[:, k] / covariance[k, k]
+            value = value - gain * value[k]
+            covariance = covariance - np.outer(gain, covariance[k])
+    return pruned, total
+
+
+def _list_candidates(fit: Refit, terms: Sequence[ModelTerm]) -> tuple[list[int], set[int]]:
     """Return the coordinates that may be pruned, of effects with several parameters, and those at a limit."""
     indices: list[int] = []
     at_limit: set[int] = set()
-    for term in fit.free_terms:
+    for term in terms:
         effect, names = term.effect, term.effect.fitted_parameters()
         is_plain = len(names) == len(effect.coordinates()) > 1
         starts_at_zero = not any(guess.coordinates().any() for guess in effect.initial_guesses())

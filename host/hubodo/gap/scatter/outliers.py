@@ -23,6 +23,8 @@ _MIN_SPIKE_GAIN = 15.0
 # Evidence deducted because sensor noise is never exactly Gaussian.
 _NON_GAUSSIAN_PENALTY = 2.0
 _OUTLYING_SIGMA, _MIN_UNIFORM_P_VALUE = 5.0, 1e-5
+# Share of the outliers that may come close together: bursts of bumps, of which a road has its own.
+_MAX_CLOSE_SHARE = 0.12
 
 
 @dataclass(frozen=True)
@@ -130,14 +132,14 @@ def _are_uniform(channels: Sequence[_Channel]) -> bool:
 
 
 def _are_isolated(channels: Sequence[_Channel]) -> bool:
-    """Return True if outliers come one by one: not more of them close together than expected by chance."""
+    """Return True if outliers come one by one: hardly more of them close together than expected by chance."""
     close, hits, total = 0, 0, 0
     for one in channels:
         is_outlier = np.abs(one.z) > 4.5
         hits, total = hits + int(is_outlier.sum()), total + len(is_outlier)
         close += int((is_outlier[2:] & is_outlier[:-2]).sum()) + int((is_outlier[3:] & is_outlier[:-3]).sum())
     expected = 2.0 * hits * hits / max(total, 1)
-    return bool(close < 3.0 * expected + 4.0 * np.sqrt(expected) + 4.0)
+    return bool(close < 3.0 * expected + 4.0 * np.sqrt(expected) + 4.0 + _MAX_CLOSE_SHARE * hits)
 
 
 def _gain_table(residual: Residual, one: _Channel) -> Array:

@@ -46,6 +46,10 @@ def compute_speed_error(
     turning = np.abs(rolling.spin) > 1e-2
     radius = np.where(turning, contact / np.where(turning, rolling.spin, 1.0), nominal)
     error = (radius / nominal - 1.0) * contact - radius * gyro_error
+    if not np.array_equal(body.t, node.t):
+        # The gyro measured at other times than its stamps say.
+        stamped = node.forward.inputs.at(node.t)
+        error += stamped.speed - stamped.yaw_rate * y - contact
     return SpeedError(error + body.yaw_rate * y if is_only_source else error, -facing * radius)
 
 

@@ -16,3 +16,15 @@ def test_a_bias_corrects_the_speed_by_bias_times_radius_and_by_half_of_it_with_t
     error = compute_speed_error(nodes[0], {type(bias): bias}, False).correction
     np.testing.assert_allclose(np.abs(error), 0.1 * nodes[0].forward.wheel_radius, rtol=1e-6)
     np.testing.assert_allclose(average_speed_errors(nodes, {nodes[0].name: error}), 0.5 * error)
+
+
+def test_a_late_clock_corrects_the_speed_by_delay_times_acceleration(problem):
+    node, delay = problem.nodes[0], 0.01
+    offset = BY_NAME["time_offset"](delay=delay)
+    error = compute_speed_error(node, {type(offset): offset}, is_only_source=False)
+    body = node.forward.inputs.at(node.t)
+    y = 0.5 * (1.0 if node.mount.side == "left" else -1.0) * node.forward.track_width
+    expected = delay * (body.acceleration - y * body.yaw_acceleration)
+    scale = np.abs(expected).max()
+    assert scale > 0.0
+    assert np.abs(error.correction - expected).max() < 0.05 * scale

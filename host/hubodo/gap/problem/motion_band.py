@@ -1,0 +1,62 @@
+"""The band of frequencies in which a measured speed or yaw rate is motion of the vehicle, not vibration."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from scipy.signal import csd
+
+from hubodo.arrays import Array
+
+# Spectra are means over at least this many half overlapping segments, and over bands of this ratio.
+_MIN_SEGMENTS, _BAND_RATIO = 12, 2.0 ** (1.0 / 3.0)
+_MAX_SEGMENT_DURATION, _MIN_SEGMENT_SAMPLES = 10.0, 64  # s, and samples
+# Power at which motion and noise are equal, relative to the noise alone; share of the power that two sensors
+# have in common at which both are equal.
+_EQUAL_POWER, _EQUAL_COHERENCE = 2.0, 0.5
+
+
+def estimate_motion_band(t: Array, value: Array, witness: Array | None = None) -> float:
+    """Return the frequency, Hz, up to which samples show motion; infinite if all of it may be motion.
+
+    Motion ends where a witness of the same motion is no longer coherent. Without a witness: a spectrum of
+    motion falls, so where it rises again beyond a valley, there is vibration, and motion ends where the
+    spectrum first comes down to the power in the deepest valley.
+
+    t: (N,) s; value: (N,); witness: (N,) another sensor's samples of the same motion, up to a factor
+    """
+    step = float(np.median(np.diff(t)))
+    grid = np.arange(t[0], t[-1], step)
+    segment = min(int(_MAX_SEGMENT_DURATION / step), 2 * len(grid) // _MIN_SEGMENTS)
+    if segment < _MIN_SEGMENT_SAMPLES:
+        return np.inf
+    samples = np.interp(grid, t, value)
+    others = samples if witness is None else np.interp(grid, t, witness)
+
+    def band_powers(a: Array, b: Array) -> Array:
+        power = csd(a, b, 1.0 / step, nperseg=segment)[1].real
+        return np.array([power[i:j].mean() for i, j in pairwise(edges)])
+
+    edges = _band_edges(segment // 2 + 1)
+    power = band_powers(samples, samples)
+    if witness is None:
+        rise = np.maximum.accumulate(power[::-1])[::-1] / np.maximum(power, np.finfo(float).tiny)
+        valley = int(np.argmax(rise))
+        if rise[valley] < _EQUAL_POWER:
+            return np.inf
+        is_noise = power <= _EQUAL_POWER * power[valley]
+    else:
+        common = band_powers(samples, others)
+        is_noise = common <= _EQUAL_COHERENCE * np.sqrt(power * band_powers(others, others))
+        if not is_noise.any():
+            return np.inf
+    return edges[int(np.argmax(is_noise))] / (segment * step)
+
+
+def _band_edges(count: int) -> list[int]:
+    """Return the first index of each band of `count` frequencies, without zero, and the end."""
+    edges = [1]
+    while edges[-1] < count:
+        edges.append(max(edges[-1] + 1, int(np.ceil(edges[-1] * _BAND_RATIO))))
+    return [*edges[:-1], count]

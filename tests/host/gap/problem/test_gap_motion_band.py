@@ -1,0 +1,53 @@
+"""The band of motion of a speed input: vibration beyond it is not followed."""
+
+import numpy as np
+import pytest
+
+from hubodo.gap.problem.motion_band import estimate_motion_band
+
+RATE, DURATION = 120.0, 120.0
+SEEDS = range(5)
+
+
+def drive(rng):
+    """Return times, s, and a speed, m/s, whose acceleration is white below 1 Hz and little above."""
+    t = np.arange(0.0, DURATION, 1.0 / RATE)
+    frequency = np.fft.rfftfreq(len(t), 1.0 / RATE)
+    spectrum = np.array([1.0, 1.0j]) @ rng.normal(size=(2, len(frequency)))
+    spectrum = spectrum / np.maximum(frequency, 0.05) / (1.0 + frequency**4)
+    speed = np.fft.irfft(spectrum, len(t))
+    return t, speed / np.std(speed)
+
+
+def vibration(rng, t, sigma):
+    """Return white noise with a resonance at 15 Hz."""
+    tone = np.sin(2.0 * np.pi * 15.0 * t + np.cumsum(rng.normal(size=len(t))) * 0.2)
+    return sigma * (rng.normal(size=len(t)) + 3.0 * tone)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_two_sensors_with_vibration_of_their_own_agree_up_to_the_end_of_the_motion(seed):
+    rng = np.random.default_rng(seed)
+    t, speed = drive(rng)
+    left, right = (speed + vibration(rng, t, 0.003) for _ in range(2))
+    band = estimate_motion_band(t, left, right)
+    assert 1.0 < band < 10.0
+    assert estimate_motion_band(t, left, 3.0 * right) == band, "a factor of the witness does not matter"
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_one_sensor_shows_the_end_of_the_motion_by_the_valley_before_its_vibration(seed):
+    rng = np.random.default_rng(seed)
+    t, speed = drive(rng)
+    assert 1.0 < estimate_motion_band(t, speed + vibration(rng, t, 0.003)) < 10.0
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_white_noise_of_one_sensor_is_left_to_the_smoother(seed):
+    rng = np.random.default_rng(seed)
+    t, speed = drive(rng)
+    assert estimate_motion_band(t, speed + 0.01 * rng.normal(size=len(t))) == np.inf
+
+
+def test_a_short_record_shows_no_band():
+    assert estimate_motion_band(np.arange(20.0), np.arange(20.0)) == np.inf
