@@ -186,8 +186,8 @@ def _prefer_simple(ordered: tuple[Hypothesis, ...], tempering: float) -> tuple[H
         return ordered[k].determined_gain - _COORDINATE_PENALTY * tempering * ordered[k].n_determined
 
     first = ordered[0]
-    rivals = [k for k, one in enumerate(ordered) if not one.objection and one.state is not None]
-    chosen = max(rivals, key=penalised_gain, default=0)
+    candidates = [k for k, one in enumerate(ordered) if not one.objection and one.state is not None]
+    chosen = max(candidates, key=penalised_gain, default=0)
     result = list(ordered)
     result[0] = replace(ordered[chosen], probability=first.probability)
     if chosen:
