@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the same files, so their bytecode is cached.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test quick check docs package chip bench soak papers accuracy road sensitivity gap-matrix gap-limit gap-reliability gap-several gap-beyond gap-rides gap-real gap-semi mutants faults fuzz load fleet audit browser compiler setup clean
+.PHONY: demo test quick check docs package chip bench soak papers accuracy road sensitivity gap-matrix gap-limit gap-reliability gap-several gap-beyond gap-rides gap-real gap-semi mutants faults fuzz load fleet interop audit browser compiler setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job end to end, without hardware
@@ -116,6 +116,13 @@ load: setup          ## 64 nodes on one recorder for five minutes, then more unt
 	$(BIN)/python tests/load/load.py
 	$(BIN)/python tests/load/idle_connections.py
 	$(BIN)/python tests/load/idle_connections.py --slow --connections 100
+
+interop: setup       ## hubodo as a ROS 2 node, received by Fast DDS in C++: content, quality of service, rate; latency at four nodes
+	@command -v g++ >/dev/null && test -e /usr/include/fastdds || tools/debian_packages g++ libfastrtps-dev
+	@mkdir -p out/interop
+	g++ -std=c++17 -O1 -o out/interop/subscriber tests/interop/subscriber.cpp -lfastrtps -lfastcdr
+	$(BIN)/python tests/interop/interop.py
+	$(BIN)/python tests/interop/latency.py
 
 audit: setup         ## known vulnerabilities of the installed packages, from the advisories of PyPI and npm
 	$(PYTHON) -m venv out/audit && out/audit/bin/pip install --quiet --disable-pip-version-check pip-audit

@@ -2,8 +2,8 @@
 
     python tests/fakes/ros2_subscriber.py DOMAIN SECONDS
 
-Prints what it received as one JSON object. The participant has the settings of a default ROS 2 node on this
-computer (ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST), with the quality of service of robot_localization and tf2.
+Prints what it received as one JSON object. The participant uses the loopback interface, as
+rmw_cyclonedds does with ROS_LOCALHOST_ONLY=1, and the quality of service of robot_localization and tf2.
 """
 
 import json
@@ -20,8 +20,9 @@ from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 from cyclonedds.util import duration
 
-CONFIG = """<CycloneDDS><Domain Id="any"><General><AllowMulticast>false</AllowMulticast></General><Discovery>
-<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>100</MaxAutoParticipantIndex>
+CONFIG = """<CycloneDDS><Domain Id="any"><General><Interfaces>
+<NetworkInterface address="127.0.0.1"/></Interfaces><AllowMulticast>false</AllowMulticast></General>
+<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>100</MaxAutoParticipantIndex>
 <Peers><Peer Address="localhost"/></Peers></Discovery></Domain></CycloneDDS>"""
 
 

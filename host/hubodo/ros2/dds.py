@@ -44,11 +44,15 @@ _ELEMENT_TYPES: dict[str, Any] = {
     "float64": types.float64,
     "string": str,
 }
-# The node is found by its unicast announcements to this computer's own ports, as ROS 2 does it: there is no
-# multicast, so other computers neither learn of the node nor are heard.
+# The node is found by its announcements to the ports of this computer: there is no multicast, so other
+# computers neither learn of the node nor are heard. It uses the loopback interface, because Fast DDS answers
+# a node of its own computer there, whatever its address.
 _LOCALHOST = """<CycloneDDS><Domain Id="any">
-<General><AllowMulticast>false</AllowMulticast></General>
-<Discovery><ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>100</MaxAutoParticipantIndex>
+<General>
+<Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces>
+<AllowMulticast>false</AllowMulticast></General>
+<Discovery><SPDPInterval>1s</SPDPInterval>
+<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>100</MaxAutoParticipantIndex>
 <Peers><Peer Address="localhost"/></Peers></Discovery></Domain></CycloneDDS>"""
 
 
