@@ -85,15 +85,42 @@ def explain_suspect_units(gyro: NDArray[np.float64], accel: NDArray[np.float64])
     return None
 
 
-def check_node_units(table: Table, table_name: str) -> None:
-    """Raise InputError if the data of a node are probably not in SI units."""
-    problem = explain_suspect_units(table.gyro, table.accel)
+def explain_suspect_times(t: NDArray[np.float64]) -> str | None:
+    """Return why times are probably not in seconds; None if they are plausible.
+
+    t: (N,). An IMU is sampled several times a second, and times in ms, µs or ns are whole numbers.
+    """
+    interval = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
+    if not bool((t - t[:1] == np.rint(t - t[:1])).all()):
+        return None
+    for low, unit, column in ((1e6, "ns", "t_ns"), (1e3, "µs", "t_us"), (2.0, "ms", "t_ms")):
+        if interval >= low:
+            return (
+                f"its samples are {interval:.4g} s apart: the times look like {unit}; name their column "
+                f"{column}, as in --columns {column},gx,gy,gz,ax,ay,az, or write them in s"
+            )
+    return None
+
+
+def check_node_units(table: Table, table_name: str, stated: Iterable[str] = ()) -> None:
+    """Raise InputError if the data of a node are probably not in SI units.
+
+    stated: "gyro" and "accel" if the user stated the unit, which is believed.
+    """
+    gyro, accel = (
+        np.full((0, 3), np.nan) if sensor in stated else values
+        for sensor, values in (("gyro", table.gyro), ("accel", table.accel))
+    )
+    problem = explain_suspect_units(gyro, accel) or explain_suspect_times(table.t)
     if problem is not None:
         raise InputError(f"{table_name}: {problem}")
 
 
-def check_units(recording: Recording, nodes: Iterable[str], log: str) -> None:
-    """Raise InputError if one of the given nodes of a recording is probably not in SI units."""
+def check_units(recording: Recording, nodes: Iterable[str], log: str, stated: Iterable[str] = ()) -> None:
+    """Raise InputError if one of the given nodes of a recording is probably not in SI units.
+
+    stated: as in `check_node_units`.
+    """
     for node in nodes:
         if node in recording.nodes:
-            check_node_units(recording.nodes[node], f"{log}, node {node}")
+            check_node_units(recording.nodes[node], f"{log}, node {node}", stated)

@@ -24,12 +24,13 @@ from hubodo.sensors.heading.prior import axis_direction, read_bias_noise, vertic
 from hubodo.sensors.heading.result import HeadingResult
 from hubodo.sensors.heading.score import read_true_heading, score_heading
 from hubodo.sensors.heading.standstill import (
-    Spans,
+    DetectedStandstills,
     detect_standstills,
     estimate_angle_random_walk,
     standstills_from_user,
 )
-from hubodo.sensors.heading.track import VerticalAxis, estimate_heading
+from hubodo.sensors.heading.track import estimate_heading
+from hubodo.sensors.heading.vertical_axis import Spans, VerticalAxis
 from hubodo.sensors.standstill_channel import IMU_CHANNELS, interpolate_temperature
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import UNCALIBRATED_SCALE_SIGMA, bounded_number, non_negative_number
@@ -105,8 +106,9 @@ def run(args: argparse.Namespace) -> HeadingResult:
         If the node or an axis is missing, the axis is not vertical, or neither standstill nor calibration
         gives the bias.
     """
-    recording, node = read_node(args.log, args.node, log_form(args, needed=()))
-    check_node_units(recording.nodes[node], f"{args.log}, node {node}")
+    form = log_form(args, needed=())
+    recording, node = read_node(args.log, args.node, form)
+    check_node_units(recording.nodes[node], f"{args.log}, node {node}", form.si_factors())
     try:
         result = _estimate_heading(args, recording, node)
     except InputError as error:
@@ -127,28 +129,32 @@ def run(args: argparse.Namespace) -> HeadingResult:
 def _estimate_heading(args: argparse.Namespace, recording: Recording, node: str) -> HeadingResult:
     notes = list(recording.warnings)
     table = recording.nodes[node]
-    rows = _complete_rows(table)
+    rows = _complete_rows(table, args.axis, notes)
     t, gyro, accel = table.t[rows], table.gyro[rows], table.accel[rows]
     up, note = axis_direction(accel, args.axis)
     notes += [note] if note else []
     effects = _effects(args.calibration, node)
     index = "xyz".index(args.axis)
-    rate = triad_from_effects(effects, "gyro").apply(gyro)[:, index]
+    rate = triad_from_effects(effects, "gyro").apply(np.nan_to_num(gyro))[:, index]
     axis = VerticalAxis(t, up * rate, up * gyro[:, index], interpolate_temperature(table, rows))
+    model, sigmas = vertical_axis_warmup(effects, args.axis, up, thermometer=axis.temperature is not None)
     if args.rest:
-        spans = standstills_from_user(t, args.rest)
+        detected = DetectedStandstills(standstills_from_user(t, args.rest))
     else:
-        spans = detect_standstills(t, gyro, accel, axis.rate, recording.table)
+        expected_bias = model.bias(t - t[0] + (args.age or 0.0), axis.temperature)
+        detected = detect_standstills(t, gyro, accel, axis, index, expected_bias, recording.table)
+    spans = detected.spans
+    notes += detected.notes
     if not spans and "gyro_bias" not in effects:
         raise InputError(
-            "neither a standstill nor a calibration gives the bias; begin with a standstill of about ten "
+            detected.problem
+            or "neither a standstill nor a calibration gives the bias; begin with a standstill of about ten "
             "seconds, mark one with --rest, or give --calibration"
         )
     if not spans:
         notes.append(
             "no standstill: the bias is that of the calibration, with the day-to-day change as its sigma"
         )
-    model, sigmas = vertical_axis_warmup(effects, args.axis, up, thermometer=axis.temperature is not None)
     if args.age is None and model.c1:
         notes.append("power-on is assumed at the first sample; if it was earlier, give --age")
     if not model.c1:
@@ -184,14 +190,24 @@ def _estimate_heading(args: argparse.Namespace, recording: Recording, node: str)
     )
 
 
-def _complete_rows(table: Table) -> NDArray[np.int64]:
-    """Return the rows with all axes of gyro and accelerometer; raise InputError if there are too few."""
+def _complete_rows(table: Table, axis: str, notes: list[str]) -> NDArray[np.int64]:
+    """Return the rows with all measured channels; raise InputError without the axis or for too few rows.
+
+    Add a remark for channels that are missing.
+    """
     missing = [name for name in IMU_CHANNELS if not np.isfinite(table[name]).any()]
-    if missing:
+    if f"g{axis}" in missing:
+        measured = [name for name in IMU_CHANNELS if name not in missing and name[0] == "g"]
         raise InputError(
-            f"it has no {', '.join(missing)}; a heading needs all axes of gyro and accelerometer"
+            f"it has no g{axis}; choose the vertical axis with --axis"
+            + (f" {measured[0][1]}" if len(measured) == 1 else "")
         )
-    rows = np.flatnonzero(np.isfinite(table.gyro).all(axis=1) & np.isfinite(table.accel).all(axis=1))
+    if missing:
+        notes.append(
+            f"it has no {', '.join(missing)}: gravity and the other axes cannot confirm a standstill"
+        )
+    measured_columns = np.column_stack([table[name] for name in IMU_CHANNELS if name not in missing])
+    rows = np.flatnonzero(np.isfinite(measured_columns).all(axis=1))
     if len(rows) < 100:
         raise InputError(f"{len(rows)} samples are too few for a heading; record several seconds at least")
     return rows

@@ -272,7 +272,7 @@ def _estimate_gyros(
     corrected: list[Mapping[str, Table]] = []
     used: dict[str, Any] = {}
     for index, recording in enumerate(recordings):
-        check_units(recording, nodes, _log_name(args, index))
+        check_units(recording, nodes, _log_name(args, index), log_form(args, needed=()).si_factors())
         tables, applied, notes = _calibrated_tables(_log_name(args, index), recording, nodes, calibration)
         corrected.append(tables)
         used |= applied

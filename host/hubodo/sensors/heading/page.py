@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -37,6 +38,14 @@ def summarise_heading(result: HeadingResult) -> str:
     return lead
 
 
+def describe_spans(spans: Sequence[tuple[float, float]]) -> str:
+    """Return the times of all spans, s, with their number and total duration."""
+    if not spans:
+        return "none"
+    listed = ", ".join(f"{a:.1f}..{b:.1f}" for a, b in spans)
+    return f"{listed} s ({len(spans)}, together {sum(b - a for a, b in spans):.1f} s)"
+
+
 def score_rows(result: HeadingResult) -> list[tuple[str, ...]]:
     """Return a header row, then one row per estimate: total turn, and its errors if truth is available."""
     score = result.score
@@ -57,7 +66,7 @@ def heading_sections(result: HeadingResult) -> list[Section]:
     """Return the sections of a page: heading, errors, inputs and bias."""
     noise, track = result.noise, result.track
     inputs = [
-        ("standstills", f"{len(result.standstills)}, {sum(b - a for a, b in result.standstills):.1f} s"),
+        ("standstills", describe_spans(result.standstills)),
         ("angle random walk N", f"{noise.angle_random_walk:.3g} rad/√s"),
         ("bias instability B", f"{noise.bias_instability:.3g} rad/s"),
         ("rate random walk K", f"{noise.rate_random_walk:.3g} rad/s/√s"),

@@ -26,6 +26,8 @@ def axis_direction(accel: Array, axis: str) -> tuple[float, str]:
     accel: (N, 3) m/s². axis: "x", "y" or "z". Raises InputError if the axis is tilted by more than 30
     degrees.
     """
+    if not np.isfinite(accel).all():
+        return 1.0, f"without accelerometer {axis} is assumed to point upwards"
     force = accel.mean(axis=0)
     parameters = float(np.linalg.norm(force))
     axis_force = float(force["xyz".index(axis)])

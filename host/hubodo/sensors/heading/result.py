@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from hubodo.effects.warmup import WarmupModel
 from hubodo.fuse.heading_filter import BiasNoise
 from hubodo.pages.console import print_lines, print_table
-from hubodo.sensors.heading.page import score_rows, summarise_heading
+from hubodo.sensors.heading.page import describe_spans, score_rows, summarise_heading
 from hubodo.sensors.heading.score import HeadingScore
 from hubodo.sensors.heading.track import HeadingTrack
 
@@ -97,6 +97,7 @@ class HeadingResult:
         headings, *rows = score_rows(self)
         print_lines(console, [summarise_heading(self)])
         print_table(console, headings, rows, f"{self.node} {self.axis}")
+        print_lines(console, [f"standstills: {describe_spans(self.standstills)}"])
         print_lines(console, self.notes, label="note")
         if self.output:
             print_lines(console, [f"written to {self.output}"])

@@ -3,25 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hubodo.arrays import Array
+from hubodo.earth import EARTH_RATE, STANDARD_GRAVITY
 from hubodo.errors import CalibrationError, InputError
 from hubodo.recording import Table
-from hubodo.sensors.imu.standstills import Standstills, find_standstills
+from hubodo.sensors.heading.quiet_segments import QuietSegments, divide_quiet_segments
+from hubodo.sensors.heading.standstill_choice import SURE_ODDS, StandstillChoice, choose_standstills
+from hubodo.sensors.heading.turn_evidence import turn_evidence
+from hubodo.sensors.heading.vertical_axis import Spans, VerticalAxis
+from hubodo.sensors.imu.standstills import find_standstills
 from hubodo.sensors.north.stops import TableMotion, split_stops
 
-Spans = tuple[tuple[int, int], ...]
-"""Index of the first sample and one past the last of each standstill."""
-
 _MIN_MEANS = 16
-_MAX_BIAS_STEP, _MAX_BIAS_DRIFT_RATE, _BIAS_CHANGE_SIGMA = np.radians(0.02), np.radians(0.002), 6.0
-"""Largest bias change between standstills: constant part, rad/s, per time, rad/s², and in sigmas.
-
-A MEMS gyro of 0.05 deg/s/K that warms up by 10 degrees in five minutes drifts by 0.0017 deg/s².
-"""
+MAX_BIAS = np.radians(12.0)
+"""rad/s; offsets of MEMS gyros are smaller."""
+_START_S = 2.0
+"""A standstill that begins within this time, s, is the beginning of the record."""
+_TABLE_TILT = np.radians(0.1)
+"""Usual tilt of a table's axis, rad."""
+_LARGEST_RATE_QUANTILE = 0.995
+"""Quantile of the rate that counts as its largest, so that a blow does not."""
 
 
 def standstills_from_user(t: Array, standstills: Sequence[Sequence[float]]) -> Spans:
@@ -40,43 +47,131 @@ def standstills_from_user(t: Array, standstills: Sequence[Sequence[float]]) -> S
     return tuple(spans)
 
 
-def detect_standstills(t: Array, gyro: Array, accel: Array, rate: Array, table: Table | None) -> Spans:
-    """Return the standstills from the table file, else those with all six channels near their noise floor.
+@dataclass(frozen=True)
+class DetectedStandstills:
+    """Standstills found in a record.
 
-    t: (N,) s. gyro: (N, 3) rad/s. accel: (N, 3) m/s². rate: (N,) rate about the vertical, rad/s, to check
-    the stops of the table. Empty if there is no standstill. Raises InputError if the table moved during a
-    stop, or if the bias jumps between standstills.
+    Attributes:
+        spans: index range of each.
+        notes: one line each about segments that are left out, or about doubt.
+        problem: why there is none, or "".
+    """
+
+    spans: Spans
+    notes: tuple[str, ...] = ()
+    problem: str = ""
+
+
+def detect_standstills(
+    t: Array,
+    gyro: Array,
+    accel: Array,
+    axis: VerticalAxis,
+    index: int,
+    expected_bias: Array,
+    table: Table | None,
+) -> DetectedStandstills:
+    """Return the standstills from the table file, else the quiet segments that share one bias.
+
+    t: (N,) s. gyro: (N, 3) rad/s. accel: (N, 3) m/s²; channels that were not measured are NaN. axis: the
+    vertical one, column `index` of gyro. expected_bias: (N,) rad/s, by the warm-up model. Raises
+    InputError if the table moved during a stop.
     """
     if table is not None and bool((table["moving"] < 0.5).any()):
         motion = TableMotion(table.t, table["angle"], table["moving"] > 0.5)
-        stops = split_stops(t, rate, motion, vertical=rate)
-        return tuple(zip(map(int, stops.start), map(int, stops.end), strict=True))
+        stops = split_stops(t, axis.rate, motion, vertical=axis.rate)
+        spans = tuple(zip(map(int, stops.start), map(int, stops.end), strict=True))
+        return DetectedStandstills(spans, stops.notes)
     try:
-        standstills = find_standstills(t, gyro, accel)
+        quiet = find_standstills(t, *_fill_channels(axis.raw, gyro, accel), max_rate=np.inf)
     except CalibrationError:
-        return ()
-    _check_bias_steps(t, rate, standstills)
-    return tuple(zip(map(int, standstills.start), map(int, standstills.end), strict=True))
+        return DetectedStandstills(())
+    rate = axis.rate - expected_bias
+    found = list(zip(map(int, quiet.start), map(int, quiet.end), strict=True))
+    segments = divide_quiet_segments(t, rate, found)
+    evidence = None
+    others = gyro[:, np.isfinite(gyro).all(axis=0) & (np.arange(3) != index)]
+    biases = np.array([float(np.median(values)) for values in others.T if np.ptp(values) > 0.0])
+    if len(segments) > 1:
+        spans_of_rate = list(zip(segments.start.tolist(), segments.end.tolist(), strict=True))
+        horizontal = _horizontal_channels(index, gyro, accel)
+        evidence = turn_evidence(t, rate, horizontal, spans_of_rate, MAX_BIAS)
+    largest_rate = float(np.quantile(np.abs(rate - np.median(rate)), _LARGEST_RATE_QUANTILE))
+    largest_rate = max([largest_rate, *np.abs(segments.rate)])
+    latest_start = int(np.searchsorted(t, t[0] + _START_S))
+    choice = choose_standstills(segments, largest_rate, latest_start, biases, evidence)
+    return _describe_choice(t, segments, choice)
 
 
-def _check_bias_steps(t: Array, rate: Array, standstills: Standstills) -> None:
-    """Raise InputError if the bias jumps between standstills: steady motion can look like standstill."""
-    spans = list(zip(map(int, standstills.start), map(int, standstills.end), strict=True))
-    means = [float(rate[i:j].mean()) for i, j in spans]
-    sigma = np.linalg.norm(standstills.gyro_sigma, axis=1)
-    for k, ((_, end), (start, _)) in enumerate(pairwise(spans)):
-        max_step = (
-            _MAX_BIAS_STEP
-            + _MAX_BIAS_DRIFT_RATE * (t[start] - t[end - 1])
-            + _BIAS_CHANGE_SIGMA * float(np.hypot(sigma[k], sigma[k + 1]))
+def _describe_choice(t: Array, segments: QuietSegments, choice: StandstillChoice) -> DetectedStandstills:
+    """Return the accepted standstills with remarks, or why none is accepted."""
+
+    def times(which: NDArray[np.bool_]) -> str:
+        parts = [f"{t[i]:.1f}..{t[j - 1]:.1f}" for i, j in _merge_segments(segments, which)]
+        return f"{', '.join(parts[:3])}{' and others' if len(parts) > 3 else ''} s"
+
+    if not len(segments):
+        return DetectedStandstills(())
+    rates = np.degrees(segments.rate)
+    if not choice.is_accepted:
+        best = (
+            f"; the most probable one is {times(choice.is_standstill)}" if choice.is_standstill.any() else ""
         )
-        bias_step = abs(means[k + 1] - means[k])
-        if bias_step > max_step:
-            raise InputError(
-                f"the standstills at {t[end - 1]:.1f} and {t[start]:.1f} s differ by "
-                f"{np.degrees(bias_step):.2g} deg/s, more than a bias drifts: the node turned in one of "
-                "them; give the true standstills with --rest FROM TO"
-            )
+        rival = f", but {times(choice.rival)} may be one as well" if best and choice.rival.any() else ""
+        return DetectedStandstills(
+            (),
+            problem=f"{len(segments)} segments have a constant rate ({rates.min():.2f} to {rates.max():.2f} "
+            f"deg/s), and a steady turn looks like a standstill{best}{rival}; give the true standstills with "
+            "--rest FROM TO",
+        )
+    notes = []
+    spans = _merge_segments(segments, choice.is_standstill)
+    if choice.odds < SURE_ODDS and len(spans) == 1:
+        notes.append(
+            f"only its small rate ({np.degrees(choice.bias):+.3f} deg/s) distinguishes the standstill at "
+            f"{times(choice.is_standstill)} from a steady turn (odds {choice.odds:.0f} to 1), as there is no "
+            "other standstill and neither gravity nor Earth rate confirms it"
+        )
+    turns = ~choice.is_standstill
+    if turns.any():
+        notes.append(
+            f"{len(_merge_segments(segments, turns))} segments with a constant rate are turns: {times(turns)}"
+        )
+    return DetectedStandstills(tuple(spans), tuple(notes))
+
+
+def _merge_segments(segments: QuietSegments, which: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the index ranges of these segments, with adjacent ones merged."""
+    spans: list[tuple[int, int]] = []
+    for k in np.flatnonzero(which).tolist():
+        i, j = int(segments.start[k]), int(segments.end[k])
+        if spans and spans[-1][1] == i:
+            spans[-1] = (spans[-1][0], j)
+        else:
+            spans.append((i, j))
+    return spans
+
+
+def _fill_channels(rate: Array, gyro: Array, accel: Array) -> tuple[Array, Array]:
+    """Return gyro and accelerometer (N, 3), with the vertical gyro in place of missing or stuck channels."""
+
+    def fill(values: Array) -> Array:
+        usable = np.isfinite(values).all(axis=0) & (np.ptp(values, axis=0) > 0.0)
+        return np.where(usable, values, rate[:, None])
+
+    return fill(gyro), fill(accel)
+
+
+def _horizontal_channels(index: int, gyro: Array, accel: Array) -> list[tuple[Array, float]]:
+    """Return the measured horizontal channels of gyro and accelerometer with the amplitudes to expect.
+
+    index: of the vertical axis.
+    """
+    triads = []
+    for values, amplitude in ((gyro, EARTH_RATE), (accel, STANDARD_GRAVITY * _TABLE_TILT)):
+        measured = np.isfinite(values).all(axis=0) & (np.arange(3) != index)
+        triads.append((values[:, measured], float(amplitude)))
+    return triads
 
 
 def estimate_angle_random_walk(t: Array, rate: Array, spans: Spans) -> float | None:

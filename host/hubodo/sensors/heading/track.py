@@ -11,26 +11,9 @@ from numpy.typing import NDArray
 from hubodo.arrays import Array
 from hubodo.effects.warmup import WarmupModel
 from hubodo.fuse.heading_filter import BiasNoise, HeadingFilter
-from hubodo.sensors.heading.standstill import Spans
+from hubodo.sensors.heading.vertical_axis import Spans, VerticalAxis
 
 _GAP_STEPS = 5.0
-
-
-@dataclass(frozen=True)
-class VerticalAxis:
-    """The record of one vertical gyro axis.
-
-    Attributes:
-        t: (N,) s.
-        rate: (N,) anticlockwise seen from above, rad/s, calibrated except for warm-up and turn-on bias.
-        raw: (N,) the same without calibration, rad/s.
-        temperature: (N,) °C or None.
-    """
-
-    t: Array
-    rate: Array
-    raw: Array
-    temperature: Array | None = None
 
 
 @dataclass(frozen=True)

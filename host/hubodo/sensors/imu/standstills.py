@@ -83,8 +83,17 @@ class Standstills:
         )
 
 
-def find_standstills(t: Array, gyro: Array, accel: Array, *, min_duration: float = 1.0) -> Standstills:
+def find_standstills(
+    t: Array,
+    gyro: Array,
+    accel: Array,
+    *,
+    min_duration: float = 1.0,
+    max_rate: float = MAX_STANDSTILL_RATE,
+) -> Standstills:
     """Find standstills of at least `min_duration` s, with all six channels near their noise floor.
+
+    max_rate: largest deviation of the mean rate from the median of all standstills, rad/s.
 
     t: (N,) s, increasing. gyro: (N, 3) rad/s. accel: (N, 3) m/s². A gap in time ends a standstill. A
     standstill in which gravity creeps is rejected with a line in `rejected`. Raises CalibrationError if
@@ -105,7 +114,7 @@ def find_standstills(t: Array, gyro: Array, accel: Array, *, min_duration: float
     starts, ends = np.array(spans, np.int64).reshape(-1, 2).T
     long_enough = (ends - starts) * step >= min_duration
     starts, ends = starts[long_enough], ends[long_enough]
-    accepted, rejected = _select_standstills(t, gyro, accel, starts, ends)
+    accepted, rejected = _select_standstills(t, gyro, accel, starts, ends, max_rate)
     if not accepted:
         details = f" ({rejected[0]})" if rejected else ""
         raise CalibrationError(
@@ -183,7 +192,12 @@ def _trim_slow_motion(samples: Array, start: int, end: int, width: int, floor: A
 
 
 def _select_standstills(
-    t: Array, gyro: Array, accel: Array, starts: NDArray[np.int64], ends: NDArray[np.int64]
+    t: Array,
+    gyro: Array,
+    accel: Array,
+    starts: NDArray[np.int64],
+    ends: NDArray[np.int64],
+    max_rate: float,
 ) -> tuple[list[int], list[str]]:
     """Return the indices of true standstills, and a line for each with creeping gravity or rotation."""
     rejected, accepted = [], []
@@ -200,9 +214,9 @@ def _select_standstills(
     rejected += [
         f"standstill at {t[starts[k]]:.1f}..{t[ends[k] - 1]:.1f} s rejected: the node turned at {r:.3f} rad/s"
         for k, r in zip(accepted, rate, strict=True)
-        if r > MAX_STANDSTILL_RATE
+        if r > max_rate
     ]
-    return [k for k, r in zip(accepted, rate, strict=True) if r <= MAX_STANDSTILL_RATE], rejected
+    return [k for k, r in zip(accepted, rate, strict=True) if r <= max_rate], rejected
 
 
 def find_steady_turns(

@@ -1,0 +1,209 @@
+"""Which of the quiet segments are standstills: the rates of standstills are one slowly drifting bias.
+
+A vertical gyro that turns at a steady rate measures a constant, as one at standstill does. Each hypothesis
+names the segments that are standstills (or none). Standstills share one bias, whose prior is narrow; the rate
+of a steady turn is any up to the largest of the record. Gravity and Earth rate contribute the likelihood of
+each bias, because on a table that is not exactly level they turn with the heading (module `turn_evidence`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import betaln, logsumexp
+
+from hubodo.arrays import Array
+from hubodo.sensors.heading.quiet_segments import QuietSegments
+
+MIN_ODDS = 20.0
+"""Odds against all other hypotheses from which a standstill is accepted."""
+SURE_ODDS = 1000.0
+"""Odds from which it needs no remark."""
+_BIAS_SIGMAS, _BIAS_WEIGHTS = np.radians([0.1, 0.3, 1.0, 4.0]), np.array([0.05, 0.2, 0.5, 0.25])
+"""Prior of the bias: 1σ, rad/s, from the offset of a tactical to that of a cheap MEMS gyro, and weights.
+
+The other axes of the gyro are further examples of its bias and change the weights.
+"""
+_MIN_TURN_RATE = np.radians(2.0)
+"""Steady turns are at least as fast as this, rad/s, in some part of a record."""
+_STANDSTILL_COUNT, _TURN_COUNT = 8.0, 0.4
+"""Parameters of the beta prior of the share of quiet segments that are standstills."""
+_START_ODDS = 25.0
+"""Odds that a record which begins with a constant rate begins with a standstill."""
+_RATE_JITTER, _RATE_WALK = np.radians(0.01), np.radians(0.002)
+"""Bias instability between standstills, rad/s, and rate random walk, rad/s/√s, of a MEMS gyro."""
+_MAX_DRIFT_RATE, _MIN_DRIFT_RATE = np.radians(0.002), np.radians(1e-5)
+"""Largest and smallest 1σ of the drift rate, rad/s². 0.05 deg/s/K and 10 K in five minutes are 0.0017."""
+_SAME_BIAS = np.radians(0.1)
+"""Hypotheses whose biases differ by less lead to the same heading."""
+_MAX_SEGMENTS = 80
+"""Longest segments that take part in the decision."""
+
+
+@dataclass(frozen=True)
+class StandstillChoice:
+    """The segments that are standstills.
+
+    Attributes:
+        is_standstill: (K,) for each segment.
+        bias: rad/s, mean of theirs.
+        odds: against all hypotheses with another bias.
+        rival: indices of the most probable other hypothesis; empty if that is a record without standstill.
+    """
+
+    is_standstill: NDArray[np.bool_]
+    bias: float
+    odds: float
+    rival: NDArray[np.bool_]
+
+    @property
+    def is_accepted(self) -> bool:
+        """Return True if the standstills are probable enough."""
+        return bool(self.is_standstill.any()) and self.odds >= MIN_ODDS
+
+
+def choose_standstills(
+    segments: QuietSegments,
+    largest_rate: float,
+    latest_start: int,
+    other_biases: Array,
+    log_evidence: Callable[[Array], Array] | None = None,
+) -> StandstillChoice:
+    """Return the most probable set of standstills, with its odds.
+
+    largest_rate: of the record, rad/s. latest_start: index of the last sample at which a segment that begins
+    the record starts. other_biases: rad/s, of the other gyro axes. log_evidence: log likelihood of biases
+    (M,) rad/s from gravity and Earth rate.
+    """
+    count = len(segments)
+    none = np.zeros(count, bool)
+    if not count:
+        return StandstillChoice(none, 0.0, 0.0, none)
+    log_turn = -np.log(2.0 * max(largest_rate, _MIN_TURN_RATE))
+    drift_rate, drift_sigma = _drift_rate(segments)
+    considered = np.argsort(segments.start - segments.end)[:_MAX_SEGMENTS]
+    weights = _bias_weights(other_biases)
+    normal = _normalisation(log_evidence, weights)
+    hypotheses, scores, biases = [none], [len(considered) * log_turn + _log_prior(0, len(considered))], [0.0]
+    for candidate in _candidate_sets(segments, considered, drift_rate):
+        members = np.flatnonzero(candidate)
+        log_likelihood, bias = _log_marginal(segments, members, (drift_rate, drift_sigma), weights)
+        score = log_likelihood + (len(considered) - len(members)) * log_turn
+        score += _log_prior(len(members), len(considered))
+        if segments.start[members[0]] <= latest_start:
+            score += np.log(_START_ODDS)
+        if log_evidence is not None:
+            score += float(log_evidence(np.array([bias]))[0]) - normal
+        hypotheses.append(candidate)
+        scores.append(score)
+        biases.append(bias)
+    return _decide(hypotheses, np.array(scores), np.array(biases))
+
+
+def _decide(hypotheses: list[NDArray[np.bool_]], scores: Array, biases: Array) -> StandstillChoice:
+    best = int(scores.argmax())
+    if not best:
+        rival = int(scores[1:].argmax()) + 1 if len(scores) > 1 else 0
+        return StandstillChoice(hypotheses[0], 0.0, 0.0, hypotheses[rival])
+    same = np.abs(biases - biases[best]) < _SAME_BIAS
+    same[0] = False
+    others = np.flatnonzero(~same)
+    rival = int(others[scores[others].argmax()])
+    log_odds = float(logsumexp(scores[same]) - logsumexp(scores[~same]))
+    return StandstillChoice(
+        hypotheses[best], float(biases[best]), float(np.exp(min(log_odds, 50.0))), hypotheses[rival]
+    )
+
+
+def _log_prior(standstills: int, count: int) -> float:
+    """Return the log probability that these and no others of `count` segments are standstills."""
+    return float(
+        betaln(standstills + _STANDSTILL_COUNT, count - standstills + _TURN_COUNT)
+        - betaln(_STANDSTILL_COUNT, _TURN_COUNT)
+    )
+
+
+def _drift_rate(segments: QuietSegments) -> tuple[float, float]:
+    """Return the drift rate of the bias and its sigma, rad/s², from the slopes within the segments."""
+    known = np.isfinite(segments.slope_sigma)
+    if not known.any():
+        return 0.0, float(_MAX_DRIFT_RATE / 2)
+    weight = 1.0 / (segments.slope_sigma[known] ** 2 + _MIN_DRIFT_RATE**2)
+    order = np.argsort(segments.slope[known])
+    cumulative = np.cumsum(weight[order])
+    middle = int(np.searchsorted(cumulative, 0.5 * cumulative[-1]))
+    slope = float(np.clip(segments.slope[known][order][middle], -_MAX_DRIFT_RATE, _MAX_DRIFT_RATE))
+    sigma = 1.25 / float(np.sqrt(weight.sum()))
+    # A warm-up slows down, so the slope holds for the time about the segments that show it.
+    sigma = float(np.hypot(sigma, 0.3 * slope))
+    return slope, float(np.clip(sigma, _MIN_DRIFT_RATE, _MAX_DRIFT_RATE / 2))
+
+
+def _candidate_sets(
+    segments: QuietSegments, considered: NDArray[np.int64], drift_rate: float
+) -> list[NDArray[np.bool_]]:
+    """Return sets of segments whose rates agree with one bias: about each segment, and each alone."""
+    sets: dict[bytes, NDArray[np.bool_]] = {}
+    drift_free = segments.rate - drift_rate * (segments.t - segments.t.mean())
+    for k in considered:
+        difference = np.abs(drift_free - drift_free[k])
+        sigma = np.hypot(segments.sigma, segments.sigma[k])
+        distance = np.abs(segments.t - segments.t[k])
+        for limit in (
+            3.0 * sigma + _RATE_JITTER,
+            6.0 * np.sqrt(sigma**2 + _RATE_JITTER**2 + _RATE_WALK**2 * distance),
+            6.0 * sigma + _RATE_JITTER + _MAX_DRIFT_RATE * distance,
+        ):
+            members = np.zeros(len(segments), bool)
+            members[considered] = difference[considered] <= limit[considered]
+            sets.setdefault(members.tobytes(), members)
+        alone = np.arange(len(segments)) == k
+        sets.setdefault(alone.tobytes(), alone)
+    return list(sets.values())
+
+
+def _log_marginal(
+    segments: QuietSegments, members: NDArray[np.int64], drift: tuple[float, float], weights: Array
+) -> tuple[float, float]:
+    """Return the log likelihood of the rates of standstills with their bias integrated out, and the bias."""
+    drift_rate, drift_sigma = drift
+    t = segments.t[members] - segments.t[members].mean()
+    y = segments.rate[members] - drift_rate * t
+    from_first = segments.t[members] - segments.t[members].min()
+    covariance = np.diag(segments.sigma[members] ** 2 + _RATE_JITTER**2)
+    covariance = covariance + drift_sigma**2 * np.outer(t, t)
+    covariance = covariance + _RATE_WALK**2 * np.minimum.outer(from_first, from_first)
+    inverse = np.linalg.inv(covariance)
+    ones = np.ones(len(y))
+    bias = float(ones @ inverse @ y) / float(ones @ inverse @ ones)
+    parts = []
+    for sigma, weight in zip(_BIAS_SIGMAS, weights, strict=True):
+        full = covariance + sigma**2
+        _, logdet = np.linalg.slogdet(full)
+        misfit = float(y @ np.linalg.solve(full, y))
+        parts.append(np.log(weight) - 0.5 * (misfit + logdet + len(y) * np.log(2.0 * np.pi)))
+    return float(logsumexp(parts)), bias
+
+
+def _bias_weights(other_biases: Array) -> Array:
+    """Return the weights of `_BIAS_SIGMAS` after the biases of other axes, rad/s, were seen."""
+    log = np.log(_BIAS_WEIGHTS)
+    for bias in other_biases:
+        log = log - 0.5 * (bias / _BIAS_SIGMAS) ** 2 - np.log(_BIAS_SIGMAS)
+    weights = np.exp(log - log.max())
+    return np.asarray(weights / weights.sum())
+
+
+def _normalisation(log_evidence: Callable[[Array], Array] | None, weights: Array) -> float:
+    """Return the log of the mean likelihood of gravity and Earth rate over the prior of the bias."""
+    if log_evidence is None:
+        return 0.0
+    biases = np.linspace(-3.0, 3.0, 2401) * _BIAS_SIGMAS[-1]
+    prior = sum(
+        weight / sigma * np.exp(-0.5 * (biases / sigma) ** 2)
+        for sigma, weight in zip(_BIAS_SIGMAS, weights, strict=True)
+    )
+    return float(logsumexp(log_evidence(biases), b=prior / np.sum(prior)))

@@ -1,0 +1,122 @@
+"""What gravity and Earth rate say about the bias of a vertical gyro.
+
+    y_i = y0 + y1 t_i + c1 w_i + c2 w_i² + C cos(h_i) + S sin(h_i) + noise_i,  h_i = integral of (rate - b)
+
+y is a horizontal accelerometer or gyro axis, w the rate, h the heading. On a table that is not exactly level
+the horizontal part of gravity turns with the heading, as the horizontal Earth rate always does. c1 is the
+cross-axis sensitivity, c2 the distance from the turning axis. Only the true bias b gives the true heading.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from hubodo.arrays import Array
+
+_BLOCK_S = 1.0
+_MAX_DURATION_S = 600.0
+"""The bias drifts too far in a longer record to give one heading."""
+_MIN_BLOCKS = 20
+_PHASE_STEP = 0.03
+"""Step of the heading at the end of the record, rad, between neighbouring biases."""
+_BIAS_SMOOTHING = np.radians(0.01)
+"""Bias instability, rad/s, by which the likelihood is smoothed."""
+_CHUNK = 500
+
+
+def turn_evidence(
+    t: Array,
+    rate: Array,
+    triads: Sequence[tuple[Array, float]],
+    spans: list[tuple[int, int]],
+    max_bias: float,
+) -> Callable[[Array], Array] | None:
+    """Return the log likelihood of a bias as a function of (M,) biases, rad/s; None for a short record.
+
+    t: (N,) s. rate: (N,) about the vertical, rad/s. triads: the horizontal channels (N, C) of gyro and
+    accelerometer, with the usual amplitude of what turns with the heading. spans: index ranges with a
+    constant rate. max_bias: rad/s.
+    """
+    step = float(np.median(np.diff(t)))
+    width = max(1, round(_BLOCK_S / step))
+    starts = np.array(
+        [a for i, j in spans for a in range(i, j - width + 1, width) if t[a] - t[0] <= _MAX_DURATION_S], int
+    )
+    if len(starts) < _MIN_BLOCKS:
+        return None
+    turned = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * np.diff(t))])
+    times = _block_means(t, starts, width) - t[0]
+    angle, spin = _block_means(turned, starts, width), _block_means(rate, starts, width)
+    scaled_spin = spin / max(float(np.abs(spin).max()), 1e-9)
+    fixed = np.column_stack([np.ones(len(times)), times / times[-1], scaled_spin, scaled_spin**2])
+    basis = np.linalg.qr(fixed)[0]
+    duration = float(times[-1])
+    biases = np.arange(-max_bias, max_bias, _PHASE_STEP / duration)
+    total = np.zeros(len(biases))
+    for channels, amplitude in triads:
+        log_factor = np.zeros(len(biases))
+        for channel in channels.T:
+            y = _block_means(channel, starts, width)
+            y = y - basis @ (basis.T @ y)
+            if float(y @ y) > 1e-20 * float(channel @ channel):
+                log_factor += _log_bayes_factor(y, basis, angle, times, biases, amplitude)
+        # Half of all tables are level enough that nothing turns visibly: then no bias is preferred.
+        total += np.logaddexp(0.0, log_factor) - np.log(2.0)
+    smoothed = _smooth(total, float(biases[1] - biases[0]))
+    return lambda values: np.interp(values, biases, smoothed)
+
+
+def _block_means(values: Array, starts: Array, width: int) -> Array:
+    sums = np.concatenate([[0.0], np.cumsum(values - values.mean())])
+    return np.asarray((sums[starts + width] - sums[starts]) / width + values.mean())
+
+
+def _log_bayes_factor(
+    y: Array, basis: Array, angle: Array, times: Array, biases: Array, amplitude: float
+) -> Array:
+    """Return the (M,) log Bayes factors of a wave that turns with the heading, against none, at each bias.
+
+    The amplitude of the wave has a Gaussian prior, so that noise alone prefers no wave.
+    """
+    explained = _explained_power(y, basis, angle, times, biases)
+    count, variance = _residual_noise(y, basis, angle, times, float(biases[explained.argmax()]))
+    prior_ratio = amplitude**2 * 0.5 * count / variance
+    shrinkage = prior_ratio / (1.0 + prior_ratio)
+    signal = explained / variance * count / len(y)
+    return np.asarray(0.5 * shrinkage * signal - np.log1p(prior_ratio))
+
+
+def _explained_power(y: Array, basis: Array, angle: Array, times: Array, biases: Array) -> Array:
+    """Return the (M,) sums of squares that cosine and sine of the heading explain at each bias."""
+    explained = np.empty(len(biases))
+    for first in range(0, len(biases), _CHUNK):
+        heading = angle[:, None] - times[:, None] * biases[first : first + _CHUNK]
+        cos, sin = (wave - basis @ (basis.T @ wave) for wave in (np.cos(heading), np.sin(heading)))
+        cc, ss = (np.einsum("nm,nm->m", wave, wave) + 1e-3 for wave in (cos, sin))
+        cs = np.einsum("nm,nm->m", cos, sin)
+        cy, sy = y @ cos, y @ sin
+        power = (ss * cy**2 - 2 * cs * cy * sy + cc * sy**2) / np.maximum(cc * ss - cs**2, 1e-9)
+        explained[first : first + _CHUNK] = power
+    return np.minimum(explained, float(y @ y))
+
+
+def _residual_noise(y: Array, basis: Array, angle: Array, times: Array, bias: float) -> tuple[float, float]:
+    """Return number and variance of independent residuals, at the bias that explains most."""
+    heading = angle - times * bias
+    design = np.column_stack([basis, np.cos(heading), np.sin(heading)])
+    residual = y - design @ np.linalg.lstsq(design, y, rcond=None)[0]
+    power = float(residual @ residual)
+    correlation = max(0.0, float(residual[1:] @ residual[:-1]) / power) if power else 0.0
+    count = len(y) * (1.0 - correlation) / (1.0 + correlation)
+    return max(count, 1.0), max(power / max(1, len(y) - design.shape[1]), 1e-300)
+
+
+def _smooth(log_likelihood: Array, step: float) -> Array:
+    """Return the log of the likelihood convolved with the Gaussian of the bias instability."""
+    half = max(1, round(4.0 * _BIAS_SMOOTHING / step))
+    kernel = np.exp(-0.5 * (np.arange(-half, half + 1) * step / _BIAS_SMOOTHING) ** 2)
+    top = float(log_likelihood.max())
+    likelihood = np.convolve(np.exp(log_likelihood - top), kernel / kernel.sum(), mode="same")
+    return np.asarray(np.log(likelihood + 1e-300) + top)
