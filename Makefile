@@ -60,6 +60,7 @@ accuracy: setup      ## accuracy over many seeded drives and records; about fift
 	$(BIN)/python tests/accuracy/allan_truth.py 40
 	$(BIN)/python tests/accuracy/warmup_forms.py
 	$(BIN)/python tests/accuracy/north_found.py
+	$(BIN)/python tests/accuracy/heading_rests.py
 	$(BIN)/python tests/accuracy/poses.py
 	$(BIN)/python tests/accuracy/imu_records.py
 	$(BIN)/python tests/accuracy/node_bias.py

@@ -91,7 +91,7 @@ def explain_suspect_times(t: NDArray[np.float64]) -> str | None:
     t: (N,). An IMU is sampled several times a second, and times in ms, µs or ns are whole numbers.
     """
     interval = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
-    if not bool((t - t[:1] == np.rint(t - t[:1])).all()):
+    if not bool((np.abs(t - t[:1] - np.rint(t - t[:1])) < 1e-3).all()):
         return None
     for low, unit, column in ((1e6, "ns", "t_ns"), (1e3, "µs", "t_us"), (2.0, "ms", "t_ms")):
         if interval >= low:

@@ -146,11 +146,9 @@ def _estimate_heading(args: argparse.Namespace, recording: Recording, node: str)
     spans = detected.spans
     notes += detected.notes
     if not spans and "gyro_bias" not in effects:
-        raise InputError(
-            detected.problem
-            or "neither a standstill nor a calibration gives the bias; begin with a standstill of about ten "
-            "seconds, mark one with --rest, or give --calibration"
-        )
+        advice = "; begin with a standstill of about ten seconds, mark one with --rest, or give --calibration"
+        problem = f": {detected.problem}" if detected.problem else advice
+        raise InputError(f"neither a standstill nor a calibration gives the bias{problem}")
     if not spans:
         notes.append(
             "no standstill: the bias is that of the calibration, with the day-to-day change as its sigma"

@@ -14,15 +14,18 @@ from hubodo.earth import EARTH_RATE, STANDARD_GRAVITY
 from hubodo.errors import CalibrationError, InputError
 from hubodo.recording import Table
 from hubodo.sensors.heading.quiet_segments import QuietSegments, divide_quiet_segments
-from hubodo.sensors.heading.standstill_choice import SURE_ODDS, StandstillChoice, choose_standstills
+from hubodo.sensors.heading.standstill_choice import (
+    MAX_BIAS,
+    SURE_ODDS,
+    StandstillChoice,
+    choose_standstills,
+)
 from hubodo.sensors.heading.turn_evidence import turn_evidence
 from hubodo.sensors.heading.vertical_axis import Spans, VerticalAxis
 from hubodo.sensors.imu.standstills import find_standstills
 from hubodo.sensors.north.stops import TableMotion, split_stops
 
 _MIN_MEANS = 16
-MAX_BIAS = np.radians(12.0)
-"""rad/s; offsets of MEMS gyros are smaller."""
 _START_S = 2.0
 """A standstill that begins within this time, s, is the beginning of the record."""
 _TABLE_TILT = np.radians(0.1)

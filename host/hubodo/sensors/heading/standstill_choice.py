@@ -9,7 +9,7 @@ each bias, because on a table that is not exactly level they turn with the headi
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,8 @@ The other axes of the gyro are further examples of its bias and change the weigh
 """
 _MIN_TURN_RATE = np.radians(2.0)
 """Steady turns are at least as fast as this, rad/s, in some part of a record."""
+_MAX_SLOW_RATE = np.radians(5.0)
+"""Largest rate, rad/s, of a record whose steady turns are as slow as the bias of a gyro: none is accepted."""
 _STANDSTILL_COUNT, _TURN_COUNT = 8.0, 0.4
 """Parameters of the beta prior of the share of quiet segments that are standstills."""
 _START_ODDS = 25.0
@@ -39,6 +41,10 @@ _MAX_DRIFT_RATE, _MIN_DRIFT_RATE = np.radians(0.002), np.radians(1e-5)
 """Largest and smallest 1σ of the drift rate, rad/s². 0.05 deg/s/K and 10 K in five minutes are 0.0017."""
 _SAME_BIAS = np.radians(0.1)
 """Hypotheses whose biases differ by less lead to the same heading."""
+_SAME_TURN_RATE = 0.1
+"""Probability that a steady turn repeats the rate of another one, as the programmes of tables do."""
+MAX_BIAS = np.radians(12.0)
+"""rad/s; offsets of MEMS gyros are smaller."""
 _MAX_SEGMENTS = 80
 """Longest segments that take part in the decision."""
 
@@ -51,13 +57,15 @@ class StandstillChoice:
         is_standstill: (K,) for each segment.
         bias: rad/s, mean of theirs.
         odds: against all hypotheses with another bias.
-        rival: indices of the most probable other hypothesis; empty if that is a record without standstill.
+        rival: the most probable other hypothesis; no segment if that is a record without standstill.
+        needed_odds: from which the standstills are accepted.
     """
 
     is_standstill: NDArray[np.bool_]
     bias: float
     odds: float
     rival: NDArray[np.bool_]
+    needed_odds: float = MIN_ODDS
 
     @property
     def is_accepted(self) -> bool:
@@ -87,11 +95,13 @@ def choose_standstills(
     considered = np.argsort(segments.start - segments.end)[:_MAX_SEGMENTS]
     weights = _bias_weights(other_biases)
     normal = _normalisation(log_evidence, weights)
-    hypotheses, scores, biases = [none], [len(considered) * log_turn + _log_prior(0, len(considered))], [0.0]
+    hypotheses, scores, biases = [none], [_log_prior(0, len(considered))], [0.0]
     for candidate in _candidate_sets(segments, considered, drift_rate):
         members = np.flatnonzero(candidate)
         log_likelihood, bias = _log_marginal(segments, members, (drift_rate, drift_sigma), weights)
-        score = log_likelihood + (len(considered) - len(members)) * log_turn
+        if abs(bias) > MAX_BIAS:
+            continue
+        score = log_likelihood - _log_turns(log_likelihood, bias, len(members), log_turn, weights)
         score += _log_prior(len(members), len(considered))
         if segments.start[members[0]] <= latest_start:
             score += np.log(_START_ODDS)
@@ -100,7 +110,10 @@ def choose_standstills(
         hypotheses.append(candidate)
         scores.append(score)
         biases.append(bias)
-    return _decide(hypotheses, np.array(scores), np.array(biases))
+    choice = _decide(hypotheses, np.array(scores), np.array(biases))
+    if largest_rate < _MAX_SLOW_RATE and not choice.is_standstill.all():
+        return replace(choice, needed_odds=float("inf"))
+    return choice
 
 
 def _decide(hypotheses: list[NDArray[np.bool_]], scores: Array, biases: Array) -> StandstillChoice:
@@ -186,6 +199,18 @@ def _log_marginal(
         misfit = float(y @ np.linalg.solve(full, y))
         parts.append(np.log(weight) - 0.5 * (misfit + logdet + len(y) * np.log(2.0 * np.pi)))
     return float(logsumexp(parts)), bias
+
+
+def _log_turns(log_likelihood: float, bias: float, count: int, log_turn: float, weights: Array) -> float:
+    """Return the log likelihood of the same rates if all of them are turns: at any rates, or at one rate.
+
+    log_likelihood: of their rates as standstills.
+    """
+    log_bias = logsumexp(
+        np.log(weights) - 0.5 * (bias / _BIAS_SIGMAS) ** 2 - np.log(_BIAS_SIGMAS * np.sqrt(2.0 * np.pi))
+    )
+    agreement = log_likelihood - float(log_bias)
+    return float(max(count * log_turn, log_turn + (count - 1) * np.log(_SAME_TURN_RATE) + agreement))
 
 
 def _bias_weights(other_biases: Array) -> Array:

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from scipy.special import logsumexp
 
 from hubodo.arrays import Array
 
@@ -19,11 +20,16 @@ _BLOCK_S = 1.0
 _MAX_DURATION_S = 600.0
 """The bias drifts too far in a longer record to give one heading."""
 _MIN_BLOCKS = 20
-_PHASE_STEP = 0.03
+_SCALE_ERRORS = np.linspace(-0.02, 0.02, 9)
+_SCALE_SIGMA = 0.01
+"""Errors of the gyro's scale that are tried, and their 1σ: 1 % of a turn of 700 degrees is 7 degrees."""
+_PHASE_STEP = 0.1
 """Step of the heading at the end of the record, rad, between neighbouring biases."""
 _BIAS_SMOOTHING = np.radians(0.01)
 """Bias instability, rad/s, by which the likelihood is smoothed."""
 _CHUNK = 500
+_LEAST_POWER = 1e-18
+"""Sum of squares, in SI units, below which a channel is constant."""
 
 
 def turn_evidence(
@@ -54,18 +60,34 @@ def turn_evidence(
     basis = np.linalg.qr(fixed)[0]
     duration = float(times[-1])
     biases = np.arange(-max_bias, max_bias, _PHASE_STEP / duration)
-    total = np.zeros(len(biases))
-    for channels, amplitude in triads:
-        log_factor = np.zeros(len(biases))
-        for channel in channels.T:
-            y = _block_means(channel, starts, width)
-            y = y - basis @ (basis.T @ y)
-            if float(y @ y) > 1e-20 * float(channel @ channel):
-                log_factor += _log_bayes_factor(y, basis, angle, times, biases, amplitude)
+    columns = [
+        (_project(_block_means(channel, starts, width), basis), amplitude, triad)
+        for triad, (channels, amplitude) in enumerate(triads)
+        for channel in channels.T
+    ]
+    columns = [column for column in columns if float(column[0] @ column[0]) > _LEAST_POWER]
+    if not columns:
+        return None
+    y = np.column_stack([column[0] for column in columns])
+    parts = []
+    for scale_error in _SCALE_ERRORS:
+        factors = np.zeros((len(triads), len(biases)))
+        scaled = angle / (1.0 + scale_error)
+        explained = _explained_power(y, basis, scaled, times, biases)
+        for k, (values, amplitude, triad) in enumerate(columns):
+            best = float(biases[explained[k].argmax()])
+            noise = _residual_noise(values, basis, scaled, times, best)
+            factors[triad] += _log_bayes_factor(explained[k], len(times), noise, amplitude)
         # Half of all tables are level enough that nothing turns visibly: then no bias is preferred.
-        total += np.logaddexp(0.0, log_factor) - np.log(2.0)
-    smoothed = _smooth(total, float(biases[1] - biases[0]))
+        visible = np.sum(np.logaddexp(0.0, factors) - np.log(2.0), axis=0)
+        parts.append(visible - 0.5 * (scale_error / _SCALE_SIGMA) ** 2)
+    smoothed = _smooth(np.asarray(logsumexp(parts, axis=0)), float(biases[1] - biases[0]))
     return lambda values: np.interp(values, biases, smoothed)
+
+
+def _project(values: Array, basis: Array) -> Array:
+    """Return the values without the parts that the columns of an orthonormal basis explain."""
+    return np.asarray(values - basis @ (basis.T @ values))
 
 
 def _block_means(values: Array, starts: Array, width: int) -> Array:
@@ -73,33 +95,30 @@ def _block_means(values: Array, starts: Array, width: int) -> Array:
     return np.asarray((sums[starts + width] - sums[starts]) / width + values.mean())
 
 
-def _log_bayes_factor(
-    y: Array, basis: Array, angle: Array, times: Array, biases: Array, amplitude: float
-) -> Array:
+def _log_bayes_factor(explained: Array, rows: int, noise: tuple[float, float], amplitude: float) -> Array:
     """Return the (M,) log Bayes factors of a wave that turns with the heading, against none, at each bias.
 
-    The amplitude of the wave has a Gaussian prior, so that noise alone prefers no wave.
+    The amplitude of the wave has a Gaussian prior, so noise alone prefers no wave. explained: (M,) sums of
+    squares of `rows` values that a wave explains. noise: number and variance of independent residuals.
     """
-    explained = _explained_power(y, basis, angle, times, biases)
-    count, variance = _residual_noise(y, basis, angle, times, float(biases[explained.argmax()]))
+    count, variance = noise
     prior_ratio = amplitude**2 * 0.5 * count / variance
-    shrinkage = prior_ratio / (1.0 + prior_ratio)
-    signal = explained / variance * count / len(y)
-    return np.asarray(0.5 * shrinkage * signal - np.log1p(prior_ratio))
+    signal = explained / variance * count / rows
+    return np.asarray(0.5 * prior_ratio / (1.0 + prior_ratio) * signal - np.log1p(prior_ratio))
 
 
 def _explained_power(y: Array, basis: Array, angle: Array, times: Array, biases: Array) -> Array:
-    """Return the (M,) sums of squares that cosine and sine of the heading explain at each bias."""
-    explained = np.empty(len(biases))
+    """Return the (C, M) sums of squares of y (N, C) that a wave with the heading explains at each bias."""
+    explained = np.empty((y.shape[1], len(biases)))
     for first in range(0, len(biases), _CHUNK):
         heading = angle[:, None] - times[:, None] * biases[first : first + _CHUNK]
-        cos, sin = (wave - basis @ (basis.T @ wave) for wave in (np.cos(heading), np.sin(heading)))
+        cos, sin = (_project(wave, basis) for wave in (np.cos(heading), np.sin(heading)))
         cc, ss = (np.einsum("nm,nm->m", wave, wave) + 1e-3 for wave in (cos, sin))
         cs = np.einsum("nm,nm->m", cos, sin)
-        cy, sy = y @ cos, y @ sin
+        cy, sy = y.T @ cos, y.T @ sin
         power = (ss * cy**2 - 2 * cs * cy * sy + cc * sy**2) / np.maximum(cc * ss - cs**2, 1e-9)
-        explained[first : first + _CHUNK] = power
-    return np.minimum(explained, float(y @ y))
+        explained[:, first : first + _CHUNK] = power
+    return np.minimum(explained, np.sum(y**2, axis=0)[:, None])
 
 
 def _residual_noise(y: Array, basis: Array, angle: Array, times: Array, bias: float) -> tuple[float, float]:
