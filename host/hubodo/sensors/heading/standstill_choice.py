@@ -70,7 +70,7 @@ class StandstillChoice:
     @property
     def is_accepted(self) -> bool:
         """Return True if the standstills are probable enough."""
-        return bool(self.is_standstill.any()) and self.odds >= MIN_ODDS
+        return bool(self.is_standstill.any()) and self.odds >= self.needed_odds
 
 
 def choose_standstills(
