@@ -118,7 +118,7 @@ def _explained_power(y: Array, basis: Array, angle: Array, times: Array, biases:
         cy, sy = y.T @ cos, y.T @ sin
         power = (ss * cy**2 - 2 * cs * cy * sy + cc * sy**2) / np.maximum(cc * ss - cs**2, 1e-9)
         explained[:, first : first + _CHUNK] = power
-    return np.minimum(explained, np.sum(y**2, axis=0)[:, None])
+    return np.asarray(np.minimum(explained, np.sum(y**2, axis=0)[:, None]))
 
 
 def _residual_noise(y: Array, basis: Array, angle: Array, times: Array, bias: float) -> tuple[float, float]:
