@@ -89,10 +89,10 @@ def run(t, gyro, accel):
 def plain_error(t, gyro, accel, heading):
     """Return the error at the end with the bias from all segments that are near the median rate, degrees."""
     try:
-        found = find_standstills(t, gyro, accel)
+        quiet = find_standstills(t, gyro, accel)
     except CalibrationError:
         return float("nan")
-    bias = np.average(found.gyro[:, 2], weights=found.end - found.start)
+    bias = np.average(quiet.gyro[:, 2], weights=quiet.end - quiet.start)
     return float(np.degrees(np.trapezoid(gyro[:, 2] - bias, t) - heading[-1]))
 
 

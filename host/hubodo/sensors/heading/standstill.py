@@ -90,8 +90,8 @@ def detect_standstills(
     except CalibrationError:
         return DetectedStandstills(())
     rate = axis.rate - expected_bias
-    found = list(zip(map(int, quiet.start), map(int, quiet.end), strict=True))
-    segments = divide_quiet_segments(t, rate, found)
+    quiet_spans = list(zip(map(int, quiet.start), map(int, quiet.end), strict=True))
+    segments = divide_quiet_segments(t, rate, quiet_spans)
     evidence = None
     others = gyro[:, np.isfinite(gyro).all(axis=0) & (np.arange(3) != index)]
     biases = np.array([float(np.median(values)) for values in others.T if np.ptp(values) > 0.0])
@@ -120,11 +120,15 @@ def _describe_choice(t: Array, segments: QuietSegments, choice: StandstillChoice
         best = (
             f"; the most probable one is {times(choice.is_standstill)}" if choice.is_standstill.any() else ""
         )
-        rival = f", but {times(choice.rival)} may be one as well" if best and choice.rival.any() else ""
+        alternative = (
+            f", but {times(choice.alternative)} may be one as well"
+            if best and choice.alternative.any()
+            else ""
+        )
         return DetectedStandstills(
             (),
             problem=f"{len(segments)} segments have a constant rate ({rates.min():.2f} to {rates.max():.2f} "
-            f"deg/s), and a steady turn looks like a standstill{best}{rival}; give the true standstills with "
+            f"deg/s), and a steady turn looks like a standstill{best}{alternative}; give the true standstills with "
             "--rest FROM TO",
         )
     notes = []

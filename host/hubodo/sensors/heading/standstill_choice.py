@@ -1,4 +1,4 @@
-"""Which of the quiet segments are standstills: the rates of standstills are one slowly drifting bias.
+"""Selection of the standstills among quiet segments: their rates are one slowly drifting bias.
 
 A vertical gyro that turns at a steady rate measures a constant, as one at standstill does. Each hypothesis
 names the segments that are standstills (or none). Standstills share one bias, whose prior is narrow; the rate
@@ -57,14 +57,14 @@ class StandstillChoice:
         is_standstill: (K,) for each segment.
         bias: rad/s, mean of theirs.
         odds: against all hypotheses with another bias.
-        rival: the most probable other hypothesis; no segment if that is a record without standstill.
+        alternative: the most probable other hypothesis; no segment if that is a record without standstill.
         needed_odds: from which the standstills are accepted.
     """
 
     is_standstill: NDArray[np.bool_]
     bias: float
     odds: float
-    rival: NDArray[np.bool_]
+    alternative: NDArray[np.bool_]
     needed_odds: float = MIN_ODDS
 
     @property
@@ -119,15 +119,15 @@ def choose_standstills(
 def _decide(hypotheses: list[NDArray[np.bool_]], scores: Array, biases: Array) -> StandstillChoice:
     best = int(scores.argmax())
     if not best:
-        rival = int(scores[1:].argmax()) + 1 if len(scores) > 1 else 0
-        return StandstillChoice(hypotheses[0], 0.0, 0.0, hypotheses[rival])
+        alternative = int(scores[1:].argmax()) + 1 if len(scores) > 1 else 0
+        return StandstillChoice(hypotheses[0], 0.0, 0.0, hypotheses[alternative])
     same = np.abs(biases - biases[best]) < _SAME_BIAS
     same[0] = False
     others = np.flatnonzero(~same)
-    rival = int(others[scores[others].argmax()])
+    alternative = int(others[scores[others].argmax()])
     log_odds = float(logsumexp(scores[same]) - logsumexp(scores[~same]))
     return StandstillChoice(
-        hypotheses[best], float(biases[best]), float(np.exp(min(log_odds, 50.0))), hypotheses[rival]
+        hypotheses[best], float(biases[best]), float(np.exp(min(log_odds, 50.0))), hypotheses[alternative]
     )
 
 

@@ -1,4 +1,4 @@
-"""What gravity and Earth rate say about the bias of a vertical gyro.
+"""Likelihood of the bias of a vertical gyro from gravity and Earth rate.
 
     y_i = y0 + y1 t_i + c1 w_i + c2 w_i² + C cos(h_i) + S sin(h_i) + noise_i,  h_i = integral of (rate - b)
 
