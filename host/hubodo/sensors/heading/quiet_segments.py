@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 
-_BLOCK_S = 0.5
+_SEGMENT_BLOCK_S = 0.5
 _CHANGE_SIGMA = 6.0
 """Sigmas of a change of the mean rate that divides a segment."""
 _MIN_SEGMENT_BLOCKS = 2
@@ -48,7 +48,7 @@ def divide_quiet_segments(t: Array, rate: Array, spans: list[tuple[int, int]]) -
     several of them. t: (N,) s. rate: (N,) rad/s.
     """
     step = float(np.median(np.diff(t)))
-    width = max(1, round(_BLOCK_S / step))
+    width = max(1, round(_SEGMENT_BLOCK_S / step))
     parts = []
     for i, j in spans:
         count = (j - i) // width

@@ -128,8 +128,8 @@ def _describe_choice(t: Array, segments: QuietSegments, choice: StandstillChoice
         return DetectedStandstills(
             (),
             problem=f"{len(segments)} segments have a constant rate ({rates.min():.2f} to {rates.max():.2f} "
-            f"deg/s), and a steady turn looks like a standstill{best}{alternative}; give the true standstills with "
-            "--rest FROM TO",
+            f"deg/s), and a steady turn looks like a standstill{best}{alternative}; give the true "
+            "standstills with --rest FROM TO",
         )
     notes = []
     spans = _merge_segments(segments, choice.is_standstill)

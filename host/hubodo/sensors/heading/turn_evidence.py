@@ -16,18 +16,18 @@ from scipy.special import logsumexp
 
 from hubodo.arrays import Array
 
-_BLOCK_S = 1.0
+_EVIDENCE_BLOCK_S = 1.0
 _MAX_DURATION_S = 600.0
 """The bias drifts too far in a longer record to give one heading."""
 _MIN_BLOCKS = 20
 _SCALE_ERRORS = np.linspace(-0.02, 0.02, 9)
-_SCALE_SIGMA = 0.01
+_SCALE_ERROR_SIGMA = 0.01
 """Errors of the gyro's scale that are tried, and their 1σ: 1 % of a turn of 700 degrees is 7 degrees."""
 _PHASE_STEP = 0.1
 """Step of the heading at the end of the record, rad, between neighbouring biases."""
 _BIAS_SMOOTHING = np.radians(0.01)
 """Bias instability, rad/s, by which the likelihood is smoothed."""
-_CHUNK = 500
+_BIAS_CHUNK = 500
 _LEAST_POWER = 1e-18
 """Sum of squares, in SI units, below which a channel is constant."""
 
@@ -46,7 +46,7 @@ def turn_evidence(
     constant rate. max_bias: rad/s.
     """
     step = float(np.median(np.diff(t)))
-    width = max(1, round(_BLOCK_S / step))
+    width = max(1, round(_EVIDENCE_BLOCK_S / step))
     starts = np.array(
         [a for i, j in spans for a in range(i, j - width + 1, width) if t[a] - t[0] <= _MAX_DURATION_S], int
     )
@@ -80,7 +80,7 @@ def turn_evidence(
             factors[triad] += _log_bayes_factor(explained[k], len(times), noise, amplitude)
         # Half of all tables are level enough that nothing turns visibly: then no bias is preferred.
         visible = np.sum(np.logaddexp(0.0, factors) - np.log(2.0), axis=0)
-        parts.append(visible - 0.5 * (scale_error / _SCALE_SIGMA) ** 2)
+        parts.append(visible - 0.5 * (scale_error / _SCALE_ERROR_SIGMA) ** 2)
     smoothed = _smooth(np.asarray(logsumexp(parts, axis=0)), float(biases[1] - biases[0]))
     return lambda values: np.interp(values, biases, smoothed)
 
@@ -110,14 +110,14 @@ def _log_bayes_factor(explained: Array, rows: int, noise: tuple[float, float], a
 def _explained_power(y: Array, basis: Array, angle: Array, times: Array, biases: Array) -> Array:
     """Return the (C, M) sums of squares of y (N, C) that a wave with the heading explains at each bias."""
     explained = np.empty((y.shape[1], len(biases)))
-    for first in range(0, len(biases), _CHUNK):
-        heading = angle[:, None] - times[:, None] * biases[first : first + _CHUNK]
+    for first in range(0, len(biases), _BIAS_CHUNK):
+        heading = angle[:, None] - times[:, None] * biases[first : first + _BIAS_CHUNK]
         cos, sin = (_project(wave, basis) for wave in (np.cos(heading), np.sin(heading)))
         cc, ss = (np.einsum("nm,nm->m", wave, wave) + 1e-3 for wave in (cos, sin))
         cs = np.einsum("nm,nm->m", cos, sin)
         cy, sy = y.T @ cos, y.T @ sin
         power = (ss * cy**2 - 2 * cs * cy * sy + cc * sy**2) / np.maximum(cc * ss - cs**2, 1e-9)
-        explained[:, first : first + _CHUNK] = power
+        explained[:, first : first + _BIAS_CHUNK] = power
     return np.asarray(np.minimum(explained, np.sum(y**2, axis=0)[:, None]))
 
 
