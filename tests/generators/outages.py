@@ -82,3 +82,26 @@ def driven_during_outage(seed: int, seconds: float = 60.0) -> tuple[WheelDrive, 
         keep = (node.t < start) | (node.t > start + seconds)
         drive.nodes[name] = replace(node, t=node.t[keep], gyro=node.gyro[keep], accel=node.accel[keep])
     return drive, start + seconds
+
+
+def random_outage(seed: int) -> tuple[WheelDrive, float, float]:
+    """Return a drive with an outage of all nodes of 0.5 to 5 s at 0.3 to 3 m/s, its start and its end, s."""
+    rng = np.random.default_rng([seed, 34])
+    speed = float(np.exp(rng.uniform(np.log(0.3), np.log(3.0))))
+    seconds = float(rng.uniform(0.5, 5.0))
+    # No more than 1.5 m/s² sideways, nor than 0.5 rad/s.
+    sharpest = min(0.5, 1.5 / speed)
+    turn = float(rng.choice([0.0, rng.uniform(-sharpest, sharpest)]))
+    other = (speed, turn)
+    if rng.uniform() < 0.5:
+        other = speed * float(rng.uniform(0.7, 1.3)), float(rng.uniform(-sharpest, sharpest))
+    driven = max(15.0, 12.0 / speed)
+    parts = [(5.0, 0.0, 0.0), (4.0, speed, 0.5 * sharpest), (4.0, speed, -0.5 * sharpest)]
+    parts += [(driven + 0.5 * seconds, speed, turn), (0.5 * seconds + 8.0, *other), (2.0, 0.0, 0.0)]
+    drive = wheel_drives.drive(wheel_drives.legs(parts), rng)
+    start = 13.0 + driven
+    for name, node in drive.nodes.items():
+        own = start + float(rng.uniform(0.0, 0.05))
+        keep = (node.t < own) | (node.t > own + seconds)
+        drive.nodes[name] = replace(node, t=node.t[keep], gyro=node.gyro[keep], accel=node.accel[keep])
+    return drive, start, start + seconds + 0.05

@@ -29,7 +29,8 @@ ACCEL_DENSITY = 90e-6 * GRAVITY
 class Errors:
     """1 sigma of the errors drawn for each drive and node; all zero: perfect sensors on a flat road.
 
-    radius, track: fractions. scale: of each gyro and accelerometer axis (accel_scale). bias, warmup: rad/s.
+    radius, track: fractions. scale: of each gyro and accelerometer axis (accel_scale); scale_correlation: of
+    the scale errors of gx and gy with that of gz, as on the chips of a real car. bias, warmup: rad/s.
     tilt: rad of the spin axis. arm: m in each direction. accel_bias: m/s². g_sensitivity: (rad/s)/(m/s²).
     clock: s between the nodes. roll: rad/s of the vehicle
     while it moves. vibration: m/s² per sample. road: m per square root of
@@ -57,6 +58,7 @@ class Errors:
     bumps: float = 0.0
     flicker: float = 0.0
     accel_flicker: float = 0.0
+    scale_correlation: float = 0.5
 
 
 PERFECT = Errors(*([0.0] * 16))
@@ -310,6 +312,8 @@ def _sensor(t, rate, force, rng, errors, rate_hz, ends, rotations) -> Node:
     sample_times = np.arange(t[0] + rng.uniform(0.0, period) * (errors.noise > 0), t[-1], period)
     late = errors.clock * normal()
     gyro_scale, accel_scale = errors.scale * normal(3), errors.accel_scale * normal(3)
+    shared = errors.scale_correlation
+    gyro_scale[:2] = shared * gyro_scale[2] + np.sqrt(1.0 - shared**2) * gyro_scale[:2]
     bias, warm, constant = errors.bias * normal(3), errors.warmup * normal(3), rng.uniform(60.0, 200.0)
     gravity_in_gyro = errors.g_sensitivity * normal((3, 3))
     at = np.stack([np.interp(sample_times, t, column) for column in np.hstack([rate, force]).T], 1)

@@ -51,6 +51,8 @@ class FusedTrack(Track):
         1σ of the position, m; it grows from zero at the start.
     sigma_heading : (N,) array
         1σ of the heading, rad.
+    cov_xy, cov_x_heading, cov_y_heading : (N,) array
+        Covariances of x with y, m², and of x and y with the heading, m rad.
     yaw_rate : array
         Yaw rate, rad/s; empty where GNSS or headings were used.
     step_inflation : array

@@ -31,15 +31,25 @@ _TWO_SPEEDS_ADVICE = "drive slowly and fast for the same time each"
 _TURN_WHEEL_ADVICE = "drive on: the wheel must turn many multiply"
 _CURVES_ADVICE = "drive curves: turns that add up to well over 180 degrees, to both sides"
 _STANDSTILL_ADVICE = "stand still for ten seconds, and drive at several speeds"
+COMMON_SCALE_SIGMA = 0.01
+"""1 sigma of the scale error that the three gyros of a chip share: reference voltage and drive amplitude."""
+
+_AXIS_SCALE_SIGMA = 0.007
+"""1 sigma of the scale error of each axis beside the common one."""
+
+_SCALE_ORIGIN = (
+    "1 % common to the three axes of a chip and 0.7 % of each axis, together 40 % of the MPU-6050's "
+    "tolerance; random walk: temperature, 0.012 % in an hour"
+)
 _SPIN_SCALE_PRIOR = OdometryPrior(
-    0.015,
-    2e-6,
-    "half of the MPU-6050's scale tolerance, 3 %; random walk: temperature, 0.012 % in an hour",
-    _TURN_WHEEL_ADVICE,
+    math.hypot(COMMON_SCALE_SIGMA, _AXIS_SCALE_SIGMA), 2e-6, _SCALE_ORIGIN, _TURN_WHEEL_ADVICE
 )
 # The yaw rate alternates between x and y as the wheel turns: a drive shows the mean of both scales.
 _YAW_SCALE_PRIOR = OdometryPrior(
-    0.0075, 2e-6, "mean of x and y, 1 % each; random walk: temperature, 0.012 % in an hour", _CURVES_ADVICE
+    math.hypot(COMMON_SCALE_SIGMA, _AXIS_SCALE_SIGMA / math.sqrt(2.0)),
+    2e-6,
+    f"mean of x and y: {_SCALE_ORIGIN}",
+    _CURVES_ADVICE,
 )
 _ZERO_RATE_ORIGIN = (
     "a third of the MPU-6050's zero-rate tolerance, 20 deg/s; random walk: temperature, 0.3 deg/s in an hour"

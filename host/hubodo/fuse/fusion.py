@@ -30,7 +30,10 @@ from hubodo.vehicle import Vehicle
 if TYPE_CHECKING:
     from rich.console import Console
 
-TRACK_COLUMNS = ("t", "x", "y", "heading", "speed", "sigma_x", "sigma_y", "sigma_heading")
+TRACK_COLUMNS = (
+    *("t", "x", "y", "heading", "speed", "sigma_x", "sigma_y", "sigma_heading"),
+    *("cov_xy", "cov_x_heading", "cov_y_heading"),
+)
 SAMPLES_BY_TABLE: Mapping[str, Callable[[Table], SensorSamples]] = {
     "heading": Headings.from_table,
 }

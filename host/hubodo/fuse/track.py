@@ -28,6 +28,7 @@ class Track:
     sigma_x, sigma_y : m, 1 sigma, growing from zero at the start.
     sigma_heading : rad, 1 sigma.
     yaw_rate : rad/s, mean over the step that ends at t.
+    cov_xy, cov_x_heading, cov_y_heading : m² and m rad, covariances of x, y and heading.
     step_inflation : (N - 1,) m², variance of each step in any direction beyond that of rolling wheels.
     """
 
@@ -40,6 +41,9 @@ class Track:
     sigma_y: Array = field(default_factory=_empty)
     sigma_heading: Array = field(default_factory=_empty)
     yaw_rate: Array = field(default_factory=_empty)
+    cov_xy: Array = field(default_factory=_empty)
+    cov_x_heading: Array = field(default_factory=_empty)
+    cov_y_heading: Array = field(default_factory=_empty)
     step_inflation: Array = field(default_factory=_empty)
 
     @property
@@ -79,11 +83,21 @@ def track_from_states(states: Sequence[OdometryState], heading: float = 0.0) -> 
     covariance = np.array([s.covariance for s in states])
     cos, sin = np.cos(heading), np.sin(heading)
     turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    sigma = np.sqrt(np.maximum(np.einsum("ij,njk,ik->ni", turn, covariance, turn), 0.0))
+    covariance = turn @ covariance @ turn.T
+    sigma = np.sqrt(np.maximum(np.einsum("nii->ni", covariance), 0.0))
     x, y = cos * pose[:, 1] - sin * pose[:, 2], sin * pose[:, 1] + cos * pose[:, 2]
     t, _, _, odometry_heading, speed, yaw_rate = pose.T
     sigma_x, sigma_y, sigma_heading = sigma.T
-    return Track(t, x, y, odometry_heading + heading, speed, sigma_x, sigma_y, sigma_heading, yaw_rate)
+    heading_at_pose = odometry_heading + heading
+    return Track(
+        *(t, x, y, heading_at_pose, speed, sigma_x, sigma_y, sigma_heading, yaw_rate),
+        *cross_covariances(covariance),
+    )
+
+
+def cross_covariances(covariance: Array) -> tuple[Array, Array, Array]:
+    """Return the covariances of x with y, x with heading and y with heading, from (N, 3, 3) or larger."""
+    return covariance[:, 0, 1], covariance[:, 0, 2], covariance[:, 1, 2]
 
 
 def score_track(track: Track, t: Array, x: Array, y: Array, heading: Array | None) -> Score | None:

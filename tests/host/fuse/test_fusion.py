@@ -20,7 +20,7 @@ from hubodo.fuse.track import Track
 from hubodo.recording import Recording, Table
 
 T = np.arange(4.0)
-TRACK = Track(T, 2.0 * T, 0.0 * T, 0.0 * T, 0.0 * T + 2.0, *np.full((3, 4), 0.1))
+TRACK = Track(T, 2.0 * T, 0.0 * T, 0.0 * T, 0.0 * T + 2.0, *np.full((7, 4), 0.1))
 
 
 def fused_recording(lag=0.0, methods=("wheel filter",)):

@@ -32,6 +32,7 @@ def warnings_of(
     refused: int = 0,
     verdict: str = "",
     windows: int = 1000,
+    ground_rate_sigma: float = 0.0,
     **changes: Any,
 ) -> list[str]:
     """Return the warnings of a drive of that many windows with one wheel; changes: its unusual values."""
@@ -49,12 +50,21 @@ def warnings_of(
         outages=OutageLog(seconds=0.1 * changes.pop("outage_windows", 0)),
         windows=windows,
     )
-    wheel_filter = SimpleNamespace(core=core, refused={"left": refused})
+    config = SimpleNamespace(ground_rate_sigma=ground_rate_sigma)
+    wheel_filter = SimpleNamespace(core=core, refused={"left": refused}, config=config)
     return list_warnings(wheel_filter, np.array(motion_states))  # type: ignore[arg-type]
 
 
 def test_a_drive_without_fault_has_no_warnings() -> None:
     assert warnings_of() == []
+
+
+@pytest.mark.parametrize("windows", [2072, 2074])
+def test_the_rotation_of_the_earth_is_reported_from_half_a_degree_on(windows: int) -> None:
+    """The sine of an unknown latitude has an rms of 1/√3: half a degree in 207.3 s."""
+    lines = warnings_of(windows=windows, ground_rate_sigma=7.2921159e-5 / math.sqrt(3.0))
+    assert [line for line in lines if "latitude_deg" in line] == lines
+    assert len(lines) == (windows == 2074)
 
 
 @pytest.mark.parametrize(

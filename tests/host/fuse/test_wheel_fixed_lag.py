@@ -32,9 +32,9 @@ def test_a_lag_of_zero_is_the_filter_and_one_of_the_log_length_is_full_smoothing
     forward, full = run_wheel_filter(settings, recorded), run_wheel_filter(settings, recorded, lag=np.inf)
     steps = run_wheel_filter(settings, recorded, lag=1.0).filter.recorded_steps
     assert steps is not None
-    zero_lag = track_from_poses(smooth_with_lag(settings, steps, ALIGNMENT_WINDOWS, 0, SlipSchedule(2)))
+    zero_lag = track_from_poses(smooth_with_lag(settings, steps, ALIGNMENT_WINDOWS, 0, SlipSchedule(2), {}))
     longest_lag = track_from_poses(
-        smooth_with_lag(settings, steps, ALIGNMENT_WINDOWS, len(steps), SlipSchedule(2))
+        smooth_with_lag(settings, steps, ALIGNMENT_WINDOWS, len(steps), SlipSchedule(2), {})
     )
     for name in ("t", "x", "y", "heading", "speed", "yaw_rate", "covariance"):
         np.testing.assert_array_equal(getattr(zero_lag, name), getattr(forward.track, name))

@@ -8,6 +8,8 @@ from hubodo.fuse.wheel.config import GATE_SIGMA, WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import (
     ANTENNA_X,
     GYRO_BIAS_Z,
+    GYRO_SCALE_ACROSS,
+    GYRO_SCALE_Z,
     HEADING,
     SLOPE,
     SPEED,
@@ -15,6 +17,8 @@ from hubodo.fuse.wheel.entries import (
     TRACK_WIDTH,
     WHEEL_ANGLE,
     YAW_RATE,
+    YAW_RATE_FROM_GRAVITY,
+    Entry,
     X,
     Y,
 )
@@ -111,7 +115,19 @@ def test_the_state_starts_at_standstill_at_the_origin_with_the_priors_of_the_ent
         assert state.estimate(None, entry) == Quantity(0.0, pytest.approx(entry.prior)), entry
     for name in ("left", "right"):
         assert state.estimate(name, WHEEL_ANGLE).sigma == pytest.approx(WHEEL_ANGLE.prior)
+    for wheel in state.wheels:
+        z, across = wheel.columns[GYRO_SCALE_Z], wheel.columns[GYRO_SCALE_ACROSS]
+        assert state.p[z, across] > 0.0
+        state.p[z, across] = state.p[across, z] = 0.0
     assert np.array_equal(state.p, np.diag(np.diag(state.p)))
+
+
+def test_the_rotation_of_the_ground_at_an_unknown_place_is_common_to_both_wheels() -> None:
+    known, unknown = _state(), _state(ground_rate_sigma=4e-5)
+    columns = [wheel.columns[YAW_RATE_FROM_GRAVITY] for wheel in known.wheels]
+    added = unknown.p - known.p
+    assert added[np.ix_(columns, columns)] == pytest.approx(np.full((2, 2), 1.6e-9))
+    assert np.count_nonzero(added) == 4
 
 
 def test_priors_of_a_calibration_and_the_start_heading_replace_those_of_the_entries() -> None:
@@ -136,3 +152,32 @@ def test_a_steered_wheel_has_its_contact_at_the_body_origin() -> None:
     wheels = initial_state(WheelConfig(0.15, 0.5, nodes)).wheels
     assert [wheel.geometry.contact_y for wheel in wheels] == [0.25, 0.0]
     assert [wheel.geometry.side for wheel in wheels] == [1.0, -1.0]
+
+
+def test_the_scale_about_the_axle_predicts_the_scale_across_it() -> None:
+    """Each gyro has 1 % of common and 0.7 % of own scale error; x and y count as their mean."""
+    rng = np.random.default_rng(5)
+    axes = 0.01 * rng.standard_normal((200_000, 1)) + 0.007 * rng.standard_normal((200_000, 3))
+    expected = np.cov(axes[:, 2], axes[:, :2].mean(axis=1))
+    state = _state()
+    for wheel in state.wheels:
+        columns = [wheel.columns[entry] for entry in (GYRO_SCALE_Z, GYRO_SCALE_ACROSS)]
+        assert state.p[np.ix_(columns, columns)] == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.parametrize("known", [(GYRO_SCALE_Z,), (GYRO_SCALE_ACROSS,), (GYRO_SCALE_Z, GYRO_SCALE_ACROSS)])
+def test_a_calibrated_gyro_scale_is_the_prior(known: tuple[Entry, ...]) -> None:
+    """A calibrated scale keeps its value and sigma; it predicts the one across the axle that is not."""
+    calibrated = Quantity(-0.006, 0.0005)
+    node = WheelNode("left", "left", dict.fromkeys(known, calibrated))
+    state = StateVector(initial_state(WheelConfig(0.15, 0.5, {"left": node})), History(5))
+    for entry in known:
+        assert state.estimate("left", entry).value == calibrated.value
+        assert state.estimate("left", entry).sigma == pytest.approx(calibrated.sigma)
+    across = state.estimate("left", GYRO_SCALE_ACROSS)
+    if GYRO_SCALE_ACROSS not in known:
+        # E[(x + y) / 2 | z] and its variance, of the sizes in the test above.
+        gain = 1e-4 / (1e-4 + 0.49e-4)
+        assert across.value == pytest.approx(gain * calibrated.value)
+        assert across.sigma**2 == pytest.approx(1e-4 + 0.245e-4 - gain * 1e-4 + (gain * 0.0005) ** 2)
+    assert np.linalg.eigvalsh(state.p).min() >= 0.0

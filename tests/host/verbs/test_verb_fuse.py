@@ -126,7 +126,7 @@ def test_one_node_gives_neither_track_width_nor_clock_offset(folder, capsys, nod
 def test_the_track_begins_at_the_origin_with_the_heading_of_the_truth(folder):
     assert run_fuse(folder) == 0
     lines = (folder / "out" / "track.csv").read_text().splitlines()
-    assert lines[0] == "t,x,y,heading,speed,sigma_x,sigma_y,sigma_heading"
+    assert lines[0] == "t,x,y,heading,speed,sigma_x,sigma_y,sigma_heading,cov_xy,cov_x_heading,cov_y_heading"
     first = [float(cell) for cell in lines[1].split(",")]
     assert first[1:3] == pytest.approx([0.0, 0.0], abs=1e-9)
     assert first[3] == pytest.approx(0.3)

@@ -14,7 +14,7 @@ from hubodo.fuse.graph.factors.position import PositionFactors
 from hubodo.fuse.graph.odometry_steps import SegmentedOdometry, StepNoise
 from hubodo.fuse.graph.solver import Solution
 from hubodo.fuse.projection import LocalFrame
-from hubodo.fuse.track import Track
+from hubodo.fuse.track import Track, cross_covariances
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,13 +91,15 @@ def build_result(
             zip(CONSTANT_NAMES, solution.constants, constant_sigma, strict=True)
         )
     }
-    variance = np.einsum("kii->ki", solution.covariance)
-    variance = np.maximum(variance, 0.0)
-    cross = np.einsum("kii->ki", solution.start_covariance)
-    variance_since_start = np.maximum(variance + variance[0] - 2.0 * cross, 0.0)
-    variance_since_start[:, 2] = variance[:, 2]
-    track = _interpolate_track(path, odometry, graph, solution, variance)
-    from_start = _interpolate_track(path, odometry, graph, solution, variance_since_start)
+    covariance, with_start = solution.covariance, solution.start_covariance
+    since_start = covariance.copy()
+    # Only the position counts from the start; the heading is that of the map.
+    since_start[:, :2, :2] += covariance[0, :2, :2] - with_start[:, :2, :2]
+    since_start[:, :2, :2] -= with_start[:, :2, :2].transpose(0, 2, 1)
+    since_start[:, :2, 2] -= with_start[:, 2, :2]
+    since_start[:, 2, :2] = since_start[:, :2, 2]
+    track = _interpolate_track(path, odometry, graph, solution, covariance)
+    from_start = _interpolate_track(path, odometry, graph, solution, since_start)
     from_start = replace(from_start, x=from_start.x - track.x[0], y=from_start.y - track.y[0])
     fix_t, weight = path.t[:0], np.zeros(0)
     positions = graph.find_group(PositionFactors)
@@ -121,7 +123,7 @@ def build_result(
 
 
 def _interpolate_track(
-    path: Track, odometry: SegmentedOdometry, graph: FactorGraph, solution: Solution, variance: Array
+    path: Track, odometry: SegmentedOdometry, graph: FactorGraph, solution: Solution, covariance: Array
 ) -> Track:
     """Return poses at the odometry's times, from its steps corrected by the estimated constants.
 
@@ -161,5 +163,9 @@ def _interpolate_track(
         np.diff(x) * np.cos(heading_at_pose[1:]) + np.diff(y) * np.sin(heading_at_pose[1:]) < 0.0, -1.0, 1.0
     )
     speed = np.append(speed[0], speed)
-    sigma = [np.sqrt(np.interp(path.t, odometry.pose_t, column)) for column in variance.T]
-    return Track(path.t, x, y, heading_at_pose, speed, *sigma)
+    variance = np.maximum(np.einsum("kii->ik", covariance), 0.0)
+    sigma = [np.sqrt(np.interp(path.t, odometry.pose_t, column)) for column in variance]
+    crossed = [np.interp(path.t, odometry.pose_t, column) for column in cross_covariances(covariance)]
+    names = ("cov_xy", "cov_x_heading", "cov_y_heading")
+    track = Track(path.t, x, y, heading_at_pose, speed, *sigma)
+    return replace(track, **dict(zip(names, crossed, strict=True)))

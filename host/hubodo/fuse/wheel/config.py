@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from hubodo.calibration.file import CalibratedEffect, Calibration, Quantity
-from hubodo.earth import vertical_earth_rate
+from hubodo.earth import UNKNOWN_PLACE_EARTH_RATE_SIGMA, vertical_earth_rate
 from hubodo.effects.gyro import GyroBias
 from hubodo.effects.triad import XYZ
 from hubodo.effects.wheel import WheelRadius
@@ -97,6 +97,7 @@ class WheelConfig:
     start_heading, heading_sigma : rad, initial heading and its 1 sigma.
     position_aided : True if positions are processed as measurements; adds the states of `POSITION_ENTRIES`.
     ground_rate : rad/s, rotation of the ground about the vertical with the Earth.
+    ground_rate_sigma : rad/s, its 1 sigma, of an unknown latitude.
     encoder_aided : True if another odometer reports surface speeds; adds the states of `ENCODER_ENTRIES`.
     """
 
@@ -110,6 +111,7 @@ class WheelConfig:
     heading_sigma: float = 0.0
     position_aided: bool = False
     ground_rate: float = 0.0
+    ground_rate_sigma: float = 0.0
     encoder_aided: bool = False
 
     def __post_init__(self) -> None:
@@ -143,9 +145,16 @@ def wheel_config(
             limits = ranges[name].clipping_limits if ranges and name in ranges else {}
             nodes[name] = WheelNode(mount.side, mount.facing, known, steered=mount.steered, **limits)
     known = priors_from_calibration(VEHICLE_ENTRIES, calibration.vehicle if calibration else {}, "left")
-    ground_rate = 0.0 if vehicle.latitude_deg is None else vertical_earth_rate(vehicle.latitude_deg)
+    ground_rate, ground_rate_sigma = 0.0, UNKNOWN_PLACE_EARTH_RATE_SIGMA
+    if vehicle.latitude_deg is not None:
+        ground_rate, ground_rate_sigma = vertical_earth_rate(vehicle.latitude_deg), 0.0
     return WheelConfig(
-        vehicle.wheel_radius, vehicle.track_width, nodes, priors=known, ground_rate=ground_rate
+        vehicle.wheel_radius,
+        vehicle.track_width,
+        nodes,
+        priors=known,
+        ground_rate=ground_rate,
+        ground_rate_sigma=ground_rate_sigma,
     )
 
 

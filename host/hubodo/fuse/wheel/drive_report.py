@@ -23,6 +23,9 @@ from hubodo.fuse.wheel.window import WINDOW_S
 START_WINDOWS = int(3.0 / WINDOW_S)
 """Windows at the start in which a standstill is expected; later it counts only if there was one at all."""
 _FULL_TURN = 2.0 * math.pi
+_MIN_EARTH_TURN = math.radians(0.5)
+"""rad, 1 sigma of the heading by an unknown rotation of the Earth from which on it is reported: as much as a
+good gyro leaves in a drive."""
 
 
 @dataclass(frozen=True)
@@ -170,6 +173,11 @@ def list_warnings(wheel_filter: WheelFilter, motion_states: Array) -> list[str]:
         )
     elif not np.any(start == MotionState.STANDSTILL) and not np.any(motion_states == MotionState.STANDSTILL):
         lines.append("the vehicle was rocked at the start, never quite still: gyro biases are less sure")
+    if wheel_filter.config.ground_rate_sigma * wheel_filter.core.windows * WINDOW_S > _MIN_EARTH_TURN:
+        lines.append(
+            "the latitude is unknown: the heading keeps the rotation of the Earth, up to 0.25° a minute, and "
+            "its sigma counts it; set latitude_deg under [vehicle]"
+        )
     if wheel_filter.core.mounting_check.verdict:
         lines.append(f"{wheel_filter.core.mounting_check.verdict}; until then its speed is not used")
     lines += wheel_filter.core.outages.list_warnings(

@@ -14,7 +14,7 @@ from typing import Any, Literal
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.effects.accel import AccelBias, AccelNonorthogonality
 from hubodo.effects.base import Effect
-from hubodo.effects.gyro import GyroBias, GyroGSensitivity, GyroScaleFactor
+from hubodo.effects.gyro import COMMON_SCALE_SIGMA, GyroBias, GyroGSensitivity, GyroScaleFactor
 from hubodo.effects.mounting import LeverArm, NodeMisalignment
 from hubodo.effects.timing import TimeOffset
 from hubodo.effects.vehicle import RoadGrade, TrackWidth
@@ -135,6 +135,11 @@ ACCEL_BIAS_Y = _effect_entry("wheel", AccelBias, "y")
 ACCEL_BIAS_Z = _effect_entry("wheel", AccelBias, "z")
 CAMBER = _effect_entry("wheel", WheelCamber, "angle")
 GYRO_SCALE_ACROSS = _effect_entry("wheel", GyroScaleFactor, "x", "y")
+GYRO_SCALE_COVARIANCE = COMMON_SCALE_SIGMA**2
+"""Prior covariance of GYRO_SCALE_Z and GYRO_SCALE_ACROSS. Gravity shows the scale about the axle on every
+metre, and through this covariance most of the scale across it, which the drive itself shows in turns only.
+"""
+
 GYRO_SCALE_DIFFERENCE = Entry("wheel", "gyro_across", "scale_difference", 0.0075, 2e-6)
 """Half of the scale error of gx minus that of gy; the prior belongs to scale errors of 1 % each.
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from operator import itemgetter
 
 import numpy as np
 
+from hubodo.arrays import Array
 from hubodo.fuse.wheel.axle_rate import remove_tilt_rate
 from hubodo.fuse.wheel.config import GATE_SIGMA, WheelConfig
 from hubodo.fuse.wheel.entries import HEADING, RATE_BEYOND_RANGE, SPEED, WHEEL_ANGLE, X, Y
@@ -17,8 +19,10 @@ from hubodo.fuse.wheel.motion_model import HeadingErrorInflation
 from hubodo.fuse.wheel.motion_prediction import detect_wheel_motion, vehicle_motion
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.mounting_check import BOTH_WHEELS, MountingCheck
+from hubodo.fuse.wheel.outage_bridge import OutageBridge, OutageEnd
 from hubodo.fuse.wheel.outage_log import OutageLog
-from hubodo.fuse.wheel.outage_model import OutageModel, vehicle_agility
+from hubodo.fuse.wheel.outage_model import Agility, OutageModel, vehicle_agility
+from hubodo.fuse.wheel.outage_recovery import OutageRecovery
 from hubodo.fuse.wheel.rate_beyond_range import derotate_window
 from hubodo.fuse.wheel.records import (
     POSE_ENTRIES,
@@ -55,14 +59,21 @@ class FilterCore(WindowProcessor):
     windows, steps : numbers of windows so far, and of received ones.
     mounting_check, outages : what they have seen of the drive.
     pose_columns : columns of the states of a pose.
+    outage_ends : ends of outages whose motion the wheel angles determined, by number of the last window.
     """
 
     def __init__(
-        self, config: WheelConfig, slips: SlipSchedule | None = None, *, smoothing: bool = False
+        self,
+        config: WheelConfig,
+        slips: SlipSchedule | None = None,
+        outage_ends: Mapping[int, OutageEnd] | None = None,
+        *,
+        smoothing: bool = False,
     ) -> None:
         """Start at standstill.
 
-        slips: slip schedule of a previous pass; None: slips are detected. smoothing: record smoothing terms.
+        slips, outage_ends: of a previous pass; None: slips are detected, and ends of outages determined.
+        smoothing: record smoothing terms.
         """
         initial = initial_state(config)
         super().__init__(config, initial, slips, History(HISTORY_WINDOWS if slips is None else 1))
@@ -71,6 +82,9 @@ class FilterCore(WindowProcessor):
         self.steps = self.windows = 0
         self._keeps_prior = smoothing
         self._slip_monitor = SlipMonitor() if slips is None else None
+        self.outage_ends = dict(outage_ends or {})
+        self._recovery: OutageRecovery | None = None
+        self._recovers_outages = slips is None and not config.position_aided and not config.encoder_aided
         self._heading_inflation = HeadingErrorInflation()
         self._outage_model = OutageModel(config, initial)
         self._last_standstill = -_STANDSTILL_MEMORY_WINDOWS
@@ -119,12 +133,16 @@ class FilterCore(WindowProcessor):
         windows: WheelWindows = tuple(zip(self.wheels, step.windows, strict=True))
         if step.realign:
             self._realign(windows, alignment_windows)
-        windows = self._derotate(windows)
+        if self._recovery is not None:
+            self._recover_outage(self._recovery)
+        received_windows, windows = windows, self._derotate(windows)
         motion_states = detect_wheel_motion(windows, self.x, self.p)
         if self._slip_monitor is not None:
             for index, wheel in enumerate(self.wheels):
                 if wheel.slip_detector.is_slipping:
                     self.slip_schedule.mark(index, range(step.number, step.number + 1))
+        if self._recovery is not None:
+            self._recovery.add(step.number, received_windows, motion_states)
         if self.outages.may_have_been_stationary:
             self._check_standstill(step.number, windows, motion_states)
         self.history.append(StepRecord(step.number, windows, motion_states, list(self.x), self.p.copy()))
@@ -183,9 +201,20 @@ class FilterCore(WindowProcessor):
         """Propagate the states over an outage of all wheels that ends with window `number`."""
         was_stationary = self.windows - spans - self._last_standstill < _STANDSTILL_MEMORY_WINDOWS
         end, seconds = (number + 1) * WINDOW_S, spans * WINDOW_S
-        transition, heading_variance = self._outage_model.advance(
-            self.x, self.p, seconds, vehicle_agility(self.max_speed), was_stationary
-        )
+        agility, end_of_outage = vehicle_agility(self.max_speed), self.outage_ends.get(number)
+        self._recovery = None
+        if end_of_outage is not None:
+            transition = self._bridge_outage(seconds, agility, end_of_outage)
+            heading_variance = 0.0
+        else:
+            can_recover = self._recovers_outages and not was_stationary
+            if can_recover and OutageRecovery.is_possible(self.wheels, seconds):
+                self._recovery = OutageRecovery(
+                    number, seconds, agility, list(self.x), self.p.copy(), replace(self._heading_inflation)
+                )
+            transition, heading_variance = self._outage_model.advance(
+                self.x, self.p, seconds, agility, was_stationary
+            )
         forces = [wheel.standstill.force for wheel in self.wheels]
         self.outages.add_outage(end - seconds, end, heading_variance, forces if was_stationary else None)
         self.apply(StateReset(()))
@@ -196,6 +225,8 @@ class FilterCore(WindowProcessor):
             wheel.mark_missing(spans)
             wheel.standstill.clear()
             wheel.slip_detector.end_by_outage(number)
+            if end_of_outage is not None:
+                wheel.resume_angle()
         pose = self._pose(number, MotionState.MOVING, 0.0, 0)
         if self._keeps_prior:
             x, p = list(self.x), self.p.copy()
@@ -204,6 +235,39 @@ class FilterCore(WindowProcessor):
             self.history.append(StepRecord(number, (), (), x, p, pose, terms))
             self.history.set_barrier()
         return pose
+
+    def _bridge_outage(self, seconds: float, agility: Agility, end: OutageEnd) -> Array:
+        """Propagate the states over an outage whose end is known; return the transition (n, n)."""
+        noise = self.config.noise
+        bridge = OutageBridge(self.x, self._at, self.wheels, seconds, agility, end)
+        after = bridge.solve(noise.road_roughness, noise.lateral_slip)
+        self._outage_model.bridge(self.x, self.p, seconds, after.x, after.transition, after.noise)
+        return after.transition
+
+    def _recover_outage(self, recovery: OutageRecovery) -> None:
+        """Return to an outage once all wheel angles are known, and process the windows since then again."""
+        if recovery.is_over():
+            self._recovery = None
+            return
+        end = recovery.outage_end(self.x) if all(it.angle_initialised for it in self.wheels) else None
+        if end is None:
+            return
+        self._recovery, self.outage_ends[recovery.number] = None, end
+        self.x, self.p, self._heading_inflation = recovery.x, recovery.p, recovery.inflation
+        self._bridge_outage(recovery.seconds, recovery.agility, end)
+        # Earlier records of these windows belong to the states without the wheel angles.
+        self.apply(StateReset(()))
+        self._prediction.clear_force()
+        self.inertial_speed = False
+        self._inflate_heading_error()
+        for number, received_windows, motion_states in recovery.steps:
+            windows = tuple(
+                (wheel, remove_tilt_rate(self.x, wheel.columns, window)) for wheel, window in received_windows
+            )
+            self.history.append(StepRecord(number, windows, motion_states, list(self.x), self.p.copy()))
+            self.process_window(number, windows, motion_states)
+            self.advance(windows)
+            self._inflate_heading_error()
 
     def _realign(self, windows: WheelWindows, alignment_windows: int) -> None:
         """Initialise wheel angles that are unknown, once enough gravity was gathered."""
@@ -214,6 +278,7 @@ class FilterCore(WindowProcessor):
                 if columns:
                     self.apply(StateReset(columns))
             wheel.gather_gravity(window)
+            wheel.windows_without_angle = 0 if wheel.angle_initialised else wheel.windows_without_angle + 1
 
     def _derotate(self, windows: WheelWindows) -> WheelWindows:
         """Return the windows with the estimated spin about the axle."""

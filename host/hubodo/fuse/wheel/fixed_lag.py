@@ -8,7 +8,7 @@ Only the five rows of A that belong to a pose are computed, so a longer lag cost
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -16,6 +16,7 @@ from scipy.linalg import cho_factor, cho_solve
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.filter_core import FilterCore
+from hubodo.fuse.wheel.outage_bridge import OutageEnd
 from hubodo.fuse.wheel.records import POSE_ENTRIES, Pose, SmoothingTerms, StepInput
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 
@@ -97,13 +98,18 @@ def smoother_gain(before: SmoothingTerms, after: SmoothingTerms) -> Array:
 
 
 def smooth_with_lag(
-    config: WheelConfig, steps: Sequence[StepInput], alignment_windows: int, lag: int, slips: SlipSchedule
+    config: WheelConfig,
+    steps: Sequence[StepInput],
+    alignment_windows: int,
+    lag: int,
+    slips: SlipSchedule,
+    outage_ends: Mapping[int, OutageEnd],
 ) -> list[Pose]:
     """Return the poses of all steps, each from the log up to `lag` steps after it.
 
-    alignment_windows: as in the first pass; slips: slip schedule of the first pass.
+    alignment_windows: as in the first pass; slips, outage_ends: of the first pass.
     """
-    core = FilterCore(config, slips, smoothing=True)
+    core = FilterCore(config, slips, outage_ends, smoothing=True)
     smoother = FixedLagSmoother(lag, core.pose_columns)
     core.align([step.windows for step in steps if not step.realign])
     poses = []

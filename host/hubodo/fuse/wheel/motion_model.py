@@ -24,7 +24,9 @@ from hubodo.fuse.wheel.entries import (
     HEADING,
     RATE_BEYOND_RANGE,
     SPEED,
+    TRACK_WIDTH,
     WHEEL_ANGLE,
+    WHEEL_RADIUS,
     YAW_RATE,
     Entry,
     StateLayout,
@@ -34,7 +36,7 @@ from hubodo.fuse.wheel.entries import (
 from hubodo.fuse.wheel.records import WheelWindows
 from hubodo.fuse.wheel.state_vector import InitialState
 from hubodo.fuse.wheel.wheel import Wheel
-from hubodo.fuse.wheel.window import WINDOW_S, Window
+from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
 
 _VEHICLE_ROWS = (
     (X, (HEADING, SPEED, YAW_RATE)),
@@ -45,6 +47,12 @@ _VEHICLE_ROWS = (
 
 _WHEEL_ROW = (WHEEL_ANGLE, (GYRO_SCALE_Z, GYRO_BIAS_Z, RATE_BEYOND_RANGE, CAMBER, YAW_RATE))
 """The same for each wheel."""
+
+
+_FOLLOWED_RATE_SIGMA = 0.2
+"""rad/s, 1 sigma of the rate of a wheel that is not received for a window while the other one is received.
+Estimated.
+"""
 
 
 class MotionModel:
@@ -117,7 +125,8 @@ class MotionModel:
             angle = wheel.columns[WHEEL_ANGLE]
             p[angle, angle] += max(0.0, wheel.standstill.noise * t * t - self._walk[angle])
             if window.missing > 0.0:
-                p[angle, angle] += (window.missing * t) ** 2
+                rate_sigma = _FOLLOWED_RATE_SIGMA if window is EMPTY_WINDOW else 1.0
+                p[angle, angle] += (rate_sigma * window.missing * t) ** 2
 
     def transition(self) -> Array:
         """Return the derivatives of the states at the end of the last window by those before, (n, n)."""
@@ -131,6 +140,13 @@ def _turn_wheel(x: list[float], wheel: Wheel, window: Window, yaw_rate: float) -
     t, columns, side = WINDOW_S, wheel.columns, wheel.geometry.side
     about_axle = mean_axle_rate(x, columns, window)
     camber, angle = x[columns[CAMBER]], columns[WHEEL_ANGLE]
+    if window is EMPTY_WINDOW:
+        # It follows the vehicle, which another wheel measures.
+        contact = wheel.geometry.contact_y * (1.0 + x[columns[TRACK_WIDTH]])
+        radius = wheel.geometry.radius * (1.0 + x[columns[WHEEL_RADIUS]])
+        turned = (x[columns[SPEED]] - yaw_rate * contact) / radius * t
+        x[angle] = math.remainder(x[angle] + turned, 2.0 * math.pi)
+        return 0.0, 0.0, 0.0, 0.0, -contact / radius * t
     sin = math.sin(camber)
     rate = about_axle.rate - side * yaw_rate * sin
     x[angle] = math.remainder(x[angle] + rate * t, 2.0 * math.pi)

@@ -65,6 +65,30 @@ def free_motion_variances(agility: Agility) -> tuple[float, float]:
     )
 
 
+class RateProcess(NamedTuple):
+    """An Ornstein-Uhlenbeck process: stationary sigma, and time constant in s."""
+
+    sigma: float
+    time: float
+
+    def covariance(self, t: Array) -> Array:
+        """Return the covariance (N, N) at times t (N,), s, given the value at time 0."""
+        share = np.exp(-t / self.time)
+        return np.asarray(
+            self.sigma**2 * (np.exp(-np.abs(t[:, None] - t) / self.time) - share[:, None] * share)
+        )
+
+
+def speed_process(agility: Agility) -> RateProcess:
+    """Return the process of the speed, m/s."""
+    return RateProcess(agility.speed, _SPEED_TIME_S)
+
+
+def yaw_rate_process(agility: Agility) -> RateProcess:
+    """Return the process of the yaw rate, rad/s."""
+    return RateProcess(agility.yaw_rate, _YAW_TIME_S)
+
+
 class FreeMotion(NamedTuple):
     """Motion of a vehicle during an outage, in axes of its heading at the start.
 
@@ -250,11 +274,31 @@ class OutageModel:
         if is_stationary:
             # Whether the vehicle has turned may show later: uncorrelated, so that it can be removed again.
             noise = np.diag(noise.diagonal())
-        self._spread(p, transition, seconds)
+        self.spread(p, transition, seconds)
         p[np.ix_(at, at)] += noise
         return transition, float(noise[2, 2])
 
-    def _spread(self, p: Array, transition: Array, seconds: float) -> None:
+    def bridge(
+        self, x: list[float], p: Array, seconds: float, after: list[float], transition: Array, noise: Array
+    ) -> None:
+        """Propagate x and p in place over an outage whose motion is known from elsewhere.
+
+        after: states after it. transition (n, n), which this completes in place, and noise (n, n) as in
+        `outage_bridge.py`.
+        """
+        x[:] = after
+        for index, correlation_time_s, _ in self._gauss_markov:
+            transition[index, index] = math.exp(-seconds / correlation_time_s)
+            x[index] *= transition[index, index]
+        for _, excess in self._wheels:
+            transition[excess, excess] = x[excess] = 0.0
+        self.spread(p, transition, seconds)
+        for angle, _ in self._wheels:
+            p[angle, angle] = 0.0
+        p += noise
+
+    def spread(self, p: Array, transition: Array, seconds: float) -> None:
+        """Propagate the covariance of all states but the pose over `seconds`, in place."""
         p[:] = transition @ p @ transition.T
         diagonal = p.ravel()[:: len(p) + 1]
         room = np.maximum(self._max_variance - diagonal, 0.0)

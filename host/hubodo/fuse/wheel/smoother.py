@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import WHEEL_ANGLE
 from hubodo.fuse.wheel.filter_core import FilterCore
 from hubodo.fuse.wheel.fixed_lag import smoother_gain
+from hubodo.fuse.wheel.outage_bridge import OutageEnd
 from hubodo.fuse.wheel.records import Pose, SmoothingTerms, StepInput
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 
@@ -25,13 +26,17 @@ _STEPS_IN_MEMORY = 200
 
 
 def smooth_whole_log(
-    config: WheelConfig, steps: Sequence[StepInput], alignment_windows: int, slips: SlipSchedule
+    config: WheelConfig,
+    steps: Sequence[StepInput],
+    alignment_windows: int,
+    slips: SlipSchedule,
+    outage_ends: Mapping[int, OutageEnd],
 ) -> list[Pose]:
     """Return the poses of all steps, each from the whole log.
 
-    alignment_windows: as in the first pass; slips: slip schedule of the first pass.
+    alignment_windows: as in the first pass; slips, outage_ends: of the first pass.
     """
-    core = FilterCore(config, slips, smoothing=True)
+    core = FilterCore(config, slips, outage_ends, smoothing=True)
     core.align([step.windows for step in steps if not step.realign])
     copies = []
     for index, step in enumerate(steps):

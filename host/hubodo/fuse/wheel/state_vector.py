@@ -12,7 +12,18 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
 from hubodo.fuse.wheel.config import GATE_SIGMA, WheelConfig
-from hubodo.fuse.wheel.entries import HEADING, TIME_OFFSET, WHEEL_ANGLE, WHEEL_ENTRIES, Entry, StateLayout
+from hubodo.fuse.wheel.entries import (
+    GYRO_SCALE_ACROSS,
+    GYRO_SCALE_COVARIANCE,
+    GYRO_SCALE_Z,
+    HEADING,
+    TIME_OFFSET,
+    WHEEL_ANGLE,
+    WHEEL_ENTRIES,
+    YAW_RATE_FROM_GRAVITY,
+    Entry,
+    StateLayout,
+)
 from hubodo.fuse.wheel.measurements import LinearisedWindow, Row, WheelGeometry, position
 from hubodo.fuse.wheel.measurements.position import Position
 from hubodo.fuse.wheel.motion_state import StandstillDetector
@@ -93,7 +104,12 @@ def initial_state(config: WheelConfig) -> InitialState:
         initial.wheels.append(Wheel(name, node, geometry, detector, columns, view, tracker))
         for entry in WHEEL_ENTRIES:
             _set_prior(initial, columns[entry], entry, node.priors.get(entry))
+        if GYRO_SCALE_ACROSS not in node.priors:
+            _tie_gyro_scales(initial, columns)
         initial.walk_variances[columns[WHEEL_ANGLE]] = config.noise.gyro * config.noise.gyro
+    # Both wheels measure the same unknown rotation of the ground, as a constant yaw rate.
+    constant_rates = [columns[YAW_RATE_FROM_GRAVITY] for columns in layout.wheels]
+    initial.p[np.ix_(constant_rates, constant_rates)] += config.ground_rate_sigma**2
     return initial
 
 
@@ -106,6 +122,16 @@ def _set_prior(initial: InitialState, column: int, entry: Entry, calibrated: Qua
     initial.walk_variances[column] = (
         entry.random_walk * entry.random_walk if math.isinf(entry.correlation_time) else 0.0
     )
+
+
+def _tie_gyro_scales(initial: InitialState, columns: Mapping[Entry, int]) -> None:
+    """Set the scale of the gyros across the axle to its prior given that of the gyro about the axle."""
+    z, across = columns[GYRO_SCALE_Z], columns[GYRO_SCALE_ACROSS]
+    variance = initial.p.item(z, z)
+    gain = GYRO_SCALE_COVARIANCE / GYRO_SCALE_Z.prior**2
+    initial.x[across] = gain * initial.x[z]
+    initial.p[z, across] = initial.p[across, z] = gain * variance
+    initial.p[across, across] = GYRO_SCALE_ACROSS.prior**2 - gain**2 * (GYRO_SCALE_Z.prior**2 - variance)
 
 
 class Innovation(NamedTuple):

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.fuse.track import Track
+from hubodo.fuse.track import Track, cross_covariances
 from hubodo.fuse.wheel import smoother
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.drive_report import WheelReport, build_report, rolled_mostly_backwards
@@ -47,9 +47,13 @@ class WheelTrack(Track):
     def with_covariance(self, covariance: Array) -> WheelTrack:
         """Return the track with another covariance, and the sigmas and step inflations of it."""
         sigma_x, sigma_y, sigma_heading = np.sqrt(np.maximum(np.einsum("nii->in", covariance), 0.0))[:3]
+        cov_xy, cov_x_heading, cov_y_heading = cross_covariances(covariance)
         return replace(
             self,
             covariance=covariance,
+            cov_xy=cov_xy,
+            cov_x_heading=cov_x_heading,
+            cov_y_heading=cov_y_heading,
             sigma_x=sigma_x,
             sigma_y=sigma_y,
             sigma_heading=sigma_heading,
@@ -116,11 +120,12 @@ def run_wheel_filter(
     if corrected_run is not None:
         return corrected_run
     steps = wheel_filter.recorded_steps or []
+    first_pass = wheel_filter.core.slip_schedule, wheel_filter.core.outage_ends
     if lag >= len(steps) * WINDOW_S > 0.0:
-        poses = smoother.smooth_whole_log(config, steps, ALIGNMENT_WINDOWS, wheel_filter.core.slip_schedule)
+        poses = smoother.smooth_whole_log(config, steps, ALIGNMENT_WINDOWS, *first_pass)
     elif lag > 0.0:
         ahead = math.ceil(lag / WINDOW_S - 1e-9)
-        poses = smooth_with_lag(config, steps, ALIGNMENT_WINDOWS, ahead, wheel_filter.core.slip_schedule)
+        poses = smooth_with_lag(config, steps, ALIGNMENT_WINDOWS, ahead, *first_pass)
     track = track_from_poses(poses)
     if len(wheel_filter.core.wheels) == 1 and rolled_mostly_backwards(wheel_filter.core.wheels[0]):
         track = track.with_covariance(_mirrored_covariance(track))

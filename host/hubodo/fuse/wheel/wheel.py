@@ -35,6 +35,10 @@ _UPRIGHT_WINDOWS = 300
 """
 
 
+_MAX_LATE_WINDOWS = 3
+"""Windows by which a wheel may be received later than the other one after an outage. Estimated."""
+
+
 class WheelMode(Enum):
     """Use of a wheel in one window; the diagram is in the README of this folder.
 
@@ -84,6 +88,7 @@ class Wheel:
     best_mode : mode that the mounting check allows.
     is_slipping : True if it slips in the present window, by the slip schedule.
     angle_initialised : True if its wheel angle is known.
+    windows_without_angle : windows since the wheel angle was last known.
     misaligned_windows : consecutive windows with gravity elsewhere, see `rate_beyond_range.py`.
     arm_variances : m², of the lever arm before a gyro clipped, see `rate_beyond_range.py`.
     steady_terms : node-fixed terms of a spin search, to be processed.
@@ -106,6 +111,7 @@ class Wheel:
     best_mode: WheelMode = WheelMode.ROLLING
     is_slipping: bool = False
     angle_initialised: bool = False
+    windows_without_angle: int = 0
     misaligned_windows: int = 0
     steady_terms: NodeFixedTerms | None = None
     arm_variances: tuple[float, float] | None = None
@@ -126,6 +132,7 @@ class Wheel:
     _gravity_before_gap: complex = 0j
     _gravity_after_gap: complex = 0j
     _n_after_gap: int | None = None
+    _late_windows: int = 0
 
     def mode(self, window: Window) -> WheelMode:
         """Return what may be used of the wheel in a window."""
@@ -156,6 +163,12 @@ class Wheel:
 
     def gather_gravity(self, window: Window) -> None:
         """Sum gravity, derotated by the spin, until the wheel angle can be initialised from it."""
+        if window is EMPTY_WINDOW and self._late_windows > 0:
+            # The wheel angle at the end of the outage is known, and this wheel is received a little later.
+            self._late_windows -= 1
+            self.missing_windows += 1
+            return
+        self._late_windows = 0
         if window is EMPTY_WINDOW:
             self.mark_missing(1)
             return
@@ -179,6 +192,12 @@ class Wheel:
         self.missing_windows += windows
         self.spin_tracker.pause()
         self.drop_angle()
+
+    def resume_angle(self) -> None:
+        """Take the wheel angle of the state as known after an outage."""
+        self.drop_angle()
+        self.angle_initialised = True
+        self._late_windows = _MAX_LATE_WINDOWS
 
     def _check_gravity(self, window: Window) -> None:
         """Drop the angle if gravity points elsewhere after a gap.
