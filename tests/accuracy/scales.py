@@ -3,8 +3,8 @@
     python tests/accuracy/scales.py [--drives 20] [--seed 900]
 
 The filter expects that the three gyros of a chip share a part of their scale error. Nodes of three kinds
-drive loops that turn once: scale errors of 1 % that are strongly, half and not correlated. NEES of x, y and heading at the end: 3 if
-consistent.
+drive loops that turn once: scale errors of 1 % that are strongly, half and not correlated. NEES of
+x, y and heading at the end: 3 if consistent.
 """
 
 # ruff: noqa: E402 (BLAS must know its threads before numpy is loaded)

@@ -50,7 +50,9 @@ def _truth() -> tuple[np.ndarray, tuple[float, ...]]:
     t = (np.arange(20_000) + 0.5) * SECONDS / 20_000
     dt = SECONDS / 20_000
     heading = HEADING_0 + np.cumsum(_yaw_rate(t)) * dt
-    change = np.array([*(np.sum(_speed(t) * way(heading)) * dt for way in (np.cos, np.sin)), 0.2 * SECONDS])
+    change = np.array(
+        [*(np.sum(_speed(t) * component(heading)) * dt for component in (np.cos, np.sin)), 0.2 * SECONDS]
+    )
     contacts = (0.5 * TRACK, -0.5 * TRACK)
     rolled = [np.sum(_speed(t) - _yaw_rate(t) * y) * dt / RADIUS for y in contacts]
     wrapped = [math.remainder(a + turn, 2.0 * math.pi) for a, turn in zip(ANGLES_0, rolled, strict=True)]
@@ -74,12 +76,14 @@ def test_derivatives_agree_with_differences(names: tuple[str, ...]) -> None:
     after = _bridge(initial, initial.x, angles[: len(names)])
     step = 1e-5
     for column in range(len(initial.x)):
-        moved = []
+        shifted = []
         for sign in (1.0, -1.0):
             x = list(initial.x)
             x[column] += sign * step
-            moved.append(np.array(_bridge(initial, x, angles[: len(names)]).x))
-        assert after.transition[:, column] == pytest.approx((moved[0] - moved[1]) / (2.0 * step), abs=1e-5)
+            shifted.append(np.array(_bridge(initial, x, angles[: len(names)]).x))
+        assert after.transition[:, column] == pytest.approx(
+            (shifted[0] - shifted[1]) / (2.0 * step), abs=1e-5
+        )
 
 
 def test_a_turn_of_both_wheels_more_or_less_is_part_of_the_covariance() -> None:
@@ -94,7 +98,7 @@ def test_a_turn_of_both_wheels_more_or_less_is_part_of_the_covariance() -> None:
 
 
 @pytest.mark.parametrize("meanwhile", ["turns", "speeds up"])
-def test_the_heading_is_kept_over_three_seconds(meanwhile: str) -> None:
+def test_the_heading_error_stays_below_three_degrees(meanwhile: str) -> None:
     drive, end = drive_with_outage(71, 3.0, meanwhile)
     run = run_wheel_filter(config(drive, BOTH), tables(drive))
     error, covariance = pose_error(drive, run.track, int(np.searchsorted(run.track.t, end + 2.0)))
