@@ -242,6 +242,8 @@ class FilterCore(WindowProcessor):
         bridge = OutageBridge(self.x, self._at, self.wheels, seconds, agility, end)
         after = bridge.solve(noise.road_roughness, noise.lateral_slip)
         self._outage_model.bridge(self.x, self.p, seconds, after.x, after.transition, after.noise)
+        for wheel in self.wheels:
+            wheel.view.yaw_change = 0.0
         return after.transition
 
     def _recover_outage(self, recovery: OutageRecovery) -> None:
