@@ -8,12 +8,12 @@ class NotSmall(AssertionError):
 
 
 class SmallInt(int):
-    """An int whose arithmetic returns SmallInt or raises NotSmall; `widest`: largest value passed to `of`."""
+    """An int whose arithmetic returns SmallInt or raises NotSmall; `widest`: largest value recorded."""
 
     widest = 0
 
     @classmethod
-    def of(cls, value):
+    def record(cls, value):
         """Return a SmallInt and update `widest`."""
         cls.widest = max(cls.widest, value)
         return SmallInt(value) + 0

@@ -60,27 +60,27 @@ class FlashPlan:
     ----------
     slot
         Destination of the firmware; None if the node has it already.
-    remove
+    removed_paths
         Obsolete paths in the slot.
-    copy
+    copies
         (source, destination) of copies on the node.
-    send
+    uploads
         Content by path.
-    swap
-        Names at the root that are replaced.
+    replaced_names
+        Names at the root whose new files replace the old ones.
     expected_hashes
         Hash by path, to verify before the swap.
-    obsolete
+    obsolete_paths
         Paths of an older installation at the root, to delete.
     """
 
     slot: str | None
-    remove: tuple[str, ...]
-    copy: tuple[tuple[str, str], ...]
-    send: dict[str, bytes]
-    swap: tuple[str, ...]
+    removed_paths: tuple[str, ...]
+    copies: tuple[tuple[str, str], ...]
+    uploads: dict[str, bytes]
+    replaced_names: tuple[str, ...]
     expected_hashes: dict[str, str]
-    obsolete: tuple[str, ...]
+    obsolete_paths: tuple[str, ...]
 
 
 def plan_flash(

@@ -79,8 +79,8 @@ class UdpDevice:
         return len(buf)
 
 
-class Bytes:
-    """Binary standard streams: sys.stdin.buffer and sys.stdout.buffer."""
+class BinaryStream:
+    """A binary standard stream: sys.stdin.buffer or sys.stdout.buffer."""
 
     def write(self, buf, *part):
         return board.write_port(0, _part(buf, part))
@@ -102,13 +102,13 @@ class Bytes:
         pass
 
 
-class Text:
-    """Text standard streams: sys.stdin and sys.stdout."""
+class TextStream:
+    """A text standard stream: sys.stdin or sys.stdout."""
 
     encoding = "utf-8"
 
     def __init__(self):
-        self.buffer = Bytes()
+        self.buffer = BinaryStream()
 
     def write(self, text):
         self.buffer.write(text.encode())
