@@ -32,7 +32,7 @@ _FIELD_TYPES = {
     "string": 17,
 }
 """Numbers of type_description_interfaces/msg/FieldType; rosidl describes char as uint8."""
-_ARRAY, _UNBOUNDED_SEQUENCE = 48, 144
+_ARRAY_TYPE, _UNBOUNDED_SEQUENCE = 48, 144
 """Added to the number of an element type."""
 
 
@@ -62,7 +62,7 @@ def _describe(message_type: str, nested: dict[str, Any]) -> dict[str, Any]:
             if nested_name not in nested:
                 nested[nested_name] = _describe(field.type, nested)
         if field.is_array:
-            number += _UNBOUNDED_SEQUENCE if field.count is None else _ARRAY
+            number += _UNBOUNDED_SEQUENCE if field.count is None else _ARRAY_TYPE
         field_type = {
             "type_id": number,
             "capacity": field.count if field.is_array and field.count is not None else 0,

@@ -34,7 +34,7 @@ CHANGE_P_VALUE = 0.01
 # Tempering from which on residuals are so correlated that only held-out samples are evidence.
 _MIN_CORRELATED_TEMPERING = 3.0
 # ln Bayes factor of an unnamed term, tempered, and ratio of its gain in the second log to that in the first.
-_MIN_UNNAMED_EVIDENCE, _MIN_UNNAMED_GAIN_RATIO = 6.0, 4.0
+_MIN_UNNAMED_CHANGE_EVIDENCE, _MIN_UNNAMED_CHANGE_GAIN_RATIO = 6.0, 4.0
 # Difference of a value of each drive, in sigma, that is reported.
 _MIN_DRIVE_CHANGE_SIGMA = 5.0
 # Shares of the search of the first log, and of the comparison, in the reported progress.
@@ -258,6 +258,6 @@ def _list_unnamed(searched: SearchedPair) -> tuple[str, ...]:
     return tuple(
         one.term.effect.name
         for one in after
-        if one.evidence > _MIN_UNNAMED_EVIDENCE
-        and one.gain > _MIN_UNNAMED_GAIN_RATIO * earlier.get(one.term.key, 0.0)
+        if one.evidence > _MIN_UNNAMED_CHANGE_EVIDENCE
+        and one.gain > _MIN_UNNAMED_CHANGE_GAIN_RATIO * earlier.get(one.term.key, 0.0)
     )

@@ -33,14 +33,14 @@ from hubodo.gap.state.state import State
 from hubodo.gap.state.terms import ALL, ModelTerm, list_scopes
 
 # Candidates that are fitted fully in each round.
-_MAX_REFITS = 5
+_MAX_REFITTED_CHANGES = 5
 # Iterations of a fit of one log.
 _MAX_CANDIDATE_ITERATIONS = 4
 # ln Bayes factor of a change with an objection: too little for any prior.
 _OBJECTION_EVIDENCE = -50.0
 # Held-out gain that a change needs where residuals are correlated: in sigma, as a share of the gain, and in
-# sigma of noise whose level differs. Drives of an unchanged car (`make gap-real`) reach 0.13 of the last.
-_MIN_HELD_OUT_Z, _MIN_HELD_OUT_SHARE, _MIN_LEVEL_SIGMAS = 5.0, 0.3, 0.2
+# sigma of noise whose level differs. One pair of drives of an unchanged car reached 0.13 of the last.
+_MIN_CHANGE_HELD_OUT_Z, _MIN_CHANGE_HELD_OUT_SHARE, _MIN_CHANGE_LEVEL_SIGMAS = 5.0, 0.3, 0.2
 # Change in usual sizes, and in sigma from the scatter of blocks, up to which a property of the vehicle
 # differs between drives anyway, where residuals are correlated.
 _MIN_CHANGE_SCALES, _MIN_CHANGE_SIGMA, _CORRELATED_TEMPERING = 0.15, 5.0, 2.0
@@ -158,7 +158,7 @@ def list_differences(pair: LogPair) -> list[ChangeCandidate]:
     screened.sort(key=lambda item: -item[0])
     selected: dict[EffectKey, Candidate] = {}
     for evidence, candidate in screened:
-        if evidence < 0.0 or len(selected) == _MAX_REFITS:
+        if evidence < 0.0 or len(selected) == _MAX_REFITTED_CHANGES:
             break
         selected.setdefault(candidate.term.key, candidate)
     fitted = [_fit_candidate(pair, candidate, key in known) for key, candidate in selected.items()]
@@ -276,9 +276,9 @@ def _judge_change(
 def _helps_held_out(gain: float, held_out_gain: HeldOutGain, tempering: float) -> bool:
     """Return True if a change gains on held-out folds beyond what correlated residuals make of it."""
     correlated_share = 1.0 - 1.0 / tempering
-    minimum = max(_MIN_HELD_OUT_SHARE * gain, _MIN_LEVEL_SIGMAS * held_out_gain.level_sigma)
+    minimum = max(_MIN_CHANGE_HELD_OUT_SHARE * gain, _MIN_CHANGE_LEVEL_SIGMAS * held_out_gain.level_sigma)
     return (
-        held_out_gain.z >= _MIN_HELD_OUT_Z * correlated_share
+        held_out_gain.z >= _MIN_CHANGE_HELD_OUT_Z * correlated_share
         and held_out_gain.total >= minimum * correlated_share
     )
 

@@ -31,6 +31,11 @@ _MIN_TURN_RATE = np.radians(2.0)
 """Steady turns are at least as fast as this, rad/s, in some part of a record."""
 _MAX_SLOW_RATE = np.radians(5.0)
 """Largest rate, rad/s, of a record whose steady turns are as slow as the bias of a gyro: none is accepted."""
+_MAX_TURN_LENGTH_RATIO = 3.0
+"""A steady turn is at most this much longer than the longest standstill, else none is accepted.
+
+Straight stretches of a drive last a second or two and share the rate of a slight curve of the road.
+"""
 _STANDSTILL_COUNT, _TURN_COUNT = 8.0, 0.4
 """Parameters of the beta prior of the share of quiet segments that are standstills."""
 _START_ODDS = 25.0
@@ -111,7 +116,11 @@ def choose_standstills(
         scores.append(score)
         biases.append(bias)
     choice = _decide(hypotheses, np.array(scores), np.array(biases))
-    if largest_rate < _MAX_SLOW_RATE and not choice.is_standstill.all():
+    counts = segments.end - segments.start
+    longest = int(counts[choice.is_standstill].max(initial=0))
+    longest_turn = int(counts[~choice.is_standstill].max(initial=0))
+    is_slow = largest_rate < _MAX_SLOW_RATE and longest_turn > 0
+    if is_slow or longest_turn > _MAX_TURN_LENGTH_RATIO * longest:
         return replace(choice, needed_odds=float("inf"))
     return choice
 
