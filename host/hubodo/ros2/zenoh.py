@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import struct
 import threading
 import time
@@ -16,6 +15,7 @@ from hubodo.ros2.config import Ros2Config
 from hubodo.ros2.names import QosProfile, dds_type
 from hubodo.ros2.transport import OnMessage
 from hubodo.ros2.type_hash import type_hash
+from hubodo.safe_text import json_text
 
 _ADMIN_SPACE = "@ros2_lv"
 _NODE_ID = 0
@@ -129,5 +129,5 @@ def _session_config(config: Ros2Config) -> Any:
         "timestamping/enabled": True,
     }
     for key, value in values.items():
-        settings.insert_json5(key, json.dumps(value))
+        settings.insert_json5(key, json_text(value))
     return settings

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import tomllib
 from pathlib import Path
 
 from hubodo.errors import InputError
+from hubodo.toml_file import load_toml
 
 
 def check_argument_order(args: argparse.Namespace) -> None:
@@ -38,7 +38,7 @@ def _is_toml(path: Path) -> bool:
 def _describes_vehicle_only(path: Path) -> bool:
     """Return True for a TOML file with a vehicle and without sensor noise."""
     try:
-        table = tomllib.loads(path.read_text("utf-8"))
-    except (OSError, ValueError):
+        table = load_toml(path)
+    except (OSError, InputError):
         return False
     return "vehicle" in table and "imu" not in table

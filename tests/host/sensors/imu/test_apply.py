@@ -196,7 +196,10 @@ def test_correcting_samples_or_passing_the_calibration_to_the_filter_gives_the_s
     for name, node in built.nodes.items():
         k = node.truth
         bias = {axis: Quantity(k[f"bias_{axis}"], 1e-3) for axis in "xyz"}
-        scale = {"z": Quantity(k["spin_scale"], 1e-3)}
+        # All axes: one that is not given would be predicted from the others, with the calibration alone.
+        scale = {axis: Quantity(k["yaw_scale"], 1e-3) for axis in "xy"} | {
+            "z": Quantity(k["spin_scale"], 1e-3)
+        }
         effects[name] = NodeCalibration(
             {
                 "gyro_bias": CalibratedEffect(bias),
