@@ -80,7 +80,7 @@ def bench(tmp_path):
 
 
 def north(capsys, port, *words):
-    common = ["--latitude-deg", "48", "--method", "maytag4", "--stop", "2", "--settle", "0.8", "--json"]
+    common = ["--latitude-deg", "48", "--method", "maytag4", "--stop", "2", "--settle", "1.6", "--json"]
     status = main(["north", "--live", str(port), *common, *map(str, words)])
     out, err = capsys.readouterr()
     assert status == 0, err
