@@ -72,7 +72,7 @@ class Commands:
         elif request == PING:
             self.ack(request, seq)
         elif request == GET_HELLO:
-            reports.queue_hello(node)
+            reports.hello(node)
         elif request == START:
             node.start()
             if node.parts.chip is None:
@@ -104,7 +104,7 @@ class Commands:
         struct.pack_into(NACK_FORMAT, outbox.note(), PAYLOAD, request, seq, reason, detail)
         outbox.post(NACK, NACK_SIZE)
 
-    def answer_bias_init(self, refused):
+    def bias_done(self, refused):
         """Answer the pending BiasInit: the initialisation has ended, or was refused for a Reason."""
         seq, self._bias_seq = self._bias_seq, -1
         if seq < 0:

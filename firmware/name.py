@@ -32,8 +32,8 @@ class Name:
             if self._socket is None:
                 self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
                 self._socket.setblocking(False)
-                self._query = encode_query(self._host, ticks_diff(ticks_ms(), 0) & 0xFFFF)
-            address = parse_reply(self._socket.recv(512), self._query)
+                self._query = question(self._host, ticks_diff(ticks_ms(), 0) & 0xFFFF)
+            address = answer(self._socket.recv(512), self._query)
             if address is not None:
                 self.cancel()
                 return address
@@ -67,7 +67,7 @@ def is_address(host):
     return len(parts) == 4 and all(part.isdigit() for part in parts)
 
 
-def encode_query(host, number):
+def question(host, number):
     """Return a query for the IPv4 address of `host`."""
     query = bytearray((number >> 8, number & 0xFF, 1, 0, 0, 1, 0, 0, 0, 0, 0, 0))
     for label in host.split("."):
@@ -77,7 +77,7 @@ def encode_query(host, number):
     return bytes(query)
 
 
-def parse_reply(reply, query):
+def answer(reply, query):
     """Return the first IPv4 address in a reply to that query, None if it is no such reply."""
     try:
         if reply[:2] != query[:2] or not reply[2] & 0x80:

@@ -113,7 +113,7 @@ class Node:
         gc.collect()
         self.free_heap = gc.mem_free()
         """bytes; measured here alone, as that walks the heap. Nothing is allocated from here on."""
-        reports.queue_hello(self)
+        reports.hello(self)
 
     def stop(self):
         """Stop sampling; requests are still answered."""
@@ -153,7 +153,7 @@ class Node:
         if init.state == FILTER_STATE_INITIALISING:
             if init.update(values, first, count):
                 self._reset_filter()
-                self.commands.answer_bias_init(init.refused)
+                self.commands.bias_done(init.refused)
         elif init.state == FILTER_STATE_TRACKING and estimator is not None:
             estimator.update(values, first, count)
         if self.slow is not None:
@@ -205,19 +205,19 @@ class Node:
         if self.estimator is not None and ticks_diff(ms, self._filter_ms) >= 0:
             tracking = self.init.state == FILTER_STATE_TRACKING
             self._filter_ms = ticks_add(ms, self.settings["filter_period_ms"] if tracking else _HEALTH_MS)
-            reports.queue_filter_state(self)
+            reports.filter_state(self)
         if ticks_diff(ms, self._health_ms) >= 0:
             self._health_ms = ticks_add(ms, _HEALTH_MS)
-            reports.queue_health(self)
+            reports.health(self)
             self.link.step()
         if ticks_diff(ms, self._hello_ms) >= 0:
             self._hello_ms = ticks_add(ms, _HELLO_MS)
-            reports.queue_hello(self)
+            reports.hello(self)
 
     def _on_search(self):
         if self.parts.chip is not None:
             self._set_bias()
-        reports.queue_hello(self)
+        reports.hello(self)
 
     def _read_mag(self, ms):
         words, mag = self._mag_words, self.parts.mag

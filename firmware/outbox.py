@@ -24,7 +24,7 @@ class Slot:
     """Buffer for one frame.
 
     raw: its bytes; values: the same memory as int16; rows: the bytes of the samples of a full batch, only
-    after `set_batch_size`; end: end of the sealed frame in raw.
+    after `shape`; end: end of the sealed frame in raw.
     """
 
     rows = None
@@ -33,7 +33,7 @@ class Slot:
         self.raw, self.values = shared(SLOT_WORDS)
         self.end = START
 
-    def set_batch_size(self, batch):
+    def shape(self, batch):
         """Set the length of `rows` to a batch of `batch` samples."""
         first = 2 * FIRST_ROW
         self.rows = memoryview(self.raw)[first : first + 2 * ROW * batch]
@@ -56,11 +56,11 @@ class Outbox:
         self._seqs = array("H", bytes(2 * _TYPES))
         self._note = Slot()
 
-    def set_batch_size(self, batch):
+    def shape(self, batch):
         """Set the length of `rows` of every slot to a batch of `batch` samples."""
-        self._note.set_batch_size(batch)
+        self._note.shape(batch)
         for slot in self._ring:
-            slot.set_batch_size(batch)
+            slot.shape(batch)
 
     def note(self):
         """Return the buffer to pack a small message into, from PAYLOAD on, for `post`."""

@@ -39,7 +39,7 @@ _SEARCH_MS = const(1000)
 _SETTINGS_MS = const(1000)
 _CHECK_US = const(1500)
 _POSTPONE_MS = const(50)
-_MIN_SILENCE_US = const(100000)
+_SILENT_LEAST_US = const(100000)
 _SILENT_PERIODS = const(10)
 _RECONFIGURE_US = const(1000000)
 _FAILURES_BEFORE_RECOVERY = const(3)
@@ -155,9 +155,9 @@ class Parts:
         self.batch = self._board.settings["batch"] or default_batch(chip.rate_mhz)
         if self.batch != self._shape:
             self._shape = self.batch
-            self._outbox.set_batch_size(self.batch)
+            self._outbox.shape(self.batch)
         now = ticks_us()
-        self._check_us = ticks_add(now, _MIN_SILENCE_US)
+        self._check_us = ticks_add(now, _SILENT_LEAST_US)
         self._sampler.start(now, chip, self.batch, lost)
 
     def bus_error(self, error, now):
@@ -217,7 +217,7 @@ class Parts:
                     self._search()
                 else:
                     if not always:
-                        # The chip has lost its settings, as after a drop of its supply.
+                        # A setting was lost.
                         self.i2c_errors += 1
                     chip.configure()
                     self.start(True)
@@ -263,7 +263,7 @@ class Parts:
         self.faults |= FAULT_IMU_SILENT
         if ticks_diff(now, self._check_us) < 0:
             return
-        self._check_us = ticks_add(now, _MIN_SILENCE_US)
+        self._check_us = ticks_add(now, _SILENT_LEAST_US)
         always = ticks_diff(now, self._since_us) > _RECONFIGURE_US
         if always:
             self._since_us = now
@@ -271,8 +271,8 @@ class Parts:
 
     def _silent(self, now):
         limit_us = _SILENT_PERIODS * self._sampler.clock.period_us
-        if limit_us < _MIN_SILENCE_US:
-            limit_us = _MIN_SILENCE_US
+        if limit_us < _SILENT_LEAST_US:
+            limit_us = _SILENT_LEAST_US
         return ticks_diff(now, self._sampler.last_us) >= limit_us
 
 

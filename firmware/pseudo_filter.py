@@ -27,7 +27,7 @@ _QUARTER = const((1 << 18) << 8 | (128 - 20))
 _TWO = const((1 << 18) << 8 | (128 - 17))
 
 
-def norm_square_difference(d, rate_q12):
+def difference(d, rate_q12):
     """Return |d|^2 - |w|^2, steps^2, as a small float. d: (3,), rate_q12 < 2^28, Q12 steps."""
     high, low = rate_q12 >> 14, rate_q12 & _LOW_14
     top, middle, bottom = -high * high, -high * low, -low * low
@@ -86,7 +86,7 @@ class PseudoFilter:
         rate = number(rate_q14, -14)
         r = plus(r, times(times(rate, rate), plus(self._noise, doubt)))
         y = plus(plus(p11, plus(p22, d3)), minus(times(number(3, 0), self._noise)))
-        y = times(_ONE_HALF, plus(norm_square_difference(d, rate_q14 + 2 >> 2), plus(y, doubt)))
+        y = times(_ONE_HALF, plus(difference(d, rate_q14 + 2 >> 2), plus(y, doubt)))
         # Measurement update by Bierman.
         f2 = plus(times(u12, h1), h2)
         f3 = plus(plus(times(u13, h1), times(u23, h2)), h3)

@@ -29,7 +29,7 @@ _EXTERNAL_MV = const(4300)
 _HALF_MV = const(3840)
 
 
-def queue_hello(node):
+def hello(node):
     """Queue Hello."""
     parts, board = node.parts, node.board
     chip, mag = parts.chip, parts.mag
@@ -66,7 +66,7 @@ def queue_hello(node):
     node.outbox.post(HELLO, at - PAYLOAD)
 
 
-def queue_filter_state(node):
+def filter_state(node):
     """Queue Filter."""
     f, init = node.estimator, node.init
     struct.pack_into(
@@ -102,7 +102,7 @@ def _charge(mv):
     return max(0, min(share, 100))
 
 
-def queue_health(node):
+def health(node):
     """Queue Health; the maximum turn duration is reset."""
     parts, battery_mv = node.parts, node.board.battery_mv()
     if 0 < battery_mv < node.settings["low_battery_mv"]:

@@ -47,7 +47,7 @@ _BIAS_AT = const(7)  # Q14, followed by four more bits
 _STATE_WORDS = const(9)
 _B_LIMIT = const(1 << 28)
 _START_ENERGY = ONE
-_MIN_ENERGY = const((1 << 18) << 8 | (128 - 28))  # 2^-10
+_LEAST_ENERGY = const((1 << 18) << 8 | (128 - 28))  # 2^-10
 
 
 class RlsFilter:
@@ -137,7 +137,7 @@ class RlsFilter:
             self.saturations = self.saturations + 1 & 0xFFFF
         state[_B] = b
         state[_RATE_AT] = y - integer(times(times(share, over(past, energy)), left), 8)
-        state[_E] = energy if energy > 0 and (energy & 255) > 100 else _MIN_ENERGY
+        state[_E] = energy if energy > 0 and (energy & 255) > 100 else _LEAST_ENERGY
 
     def _held(self, value):
         if -_LIMIT <= value <= _LIMIT:

@@ -87,7 +87,7 @@ class Sampler:
         self.chip = chip
         self._rate_mhz = chip.rate_mhz
         self.batch = batch
-        self.slot.set_batch_size(batch)
+        self.slot.shape(batch)
         self.last_us = self.due_us = now
         self._reader = _reader(self, chip)
         self._reader.start(now, resume)

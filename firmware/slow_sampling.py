@@ -112,4 +112,4 @@ class SlowSampling:
         self._in_motion = False
         self._compared = self._still_ms = 0
         self._since_ms = ticks_ms()
-        reports.queue_hello(node)
+        reports.hello(node)

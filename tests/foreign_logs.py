@@ -107,37 +107,37 @@ def message(store: Any, it: RosMessage, stamp: int, *, ros1: bool = False, array
     """Return the message as an object of the typestore. array: constructor of its arrays."""
     types = store.types
 
-    def construct(name: str, *values: Any) -> Any:
+    def of(name: str, *values: Any) -> Any:
         return types[name](*values)
 
-    vector = lambda x, y, z: construct("geometry_msgs/msg/Vector3", x, y, z)  # noqa: E731
-    time = construct("builtin_interfaces/msg/Time", stamp // 10**9, stamp % 10**9)
-    header = construct("std_msgs/msg/Header", *((7,) if ros1 else ()), time, "some_frame")
+    vector = lambda x, y, z: of("geometry_msgs/msg/Vector3", x, y, z)  # noqa: E731
+    time = of("builtin_interfaces/msg/Time", stamp // 10**9, stamp % 10**9)
+    header = of("std_msgs/msg/Header", *((7,) if ros1 else ()), time, "some_frame")
     kind, none, unknown = TOPICS[it.topic], array([0.0] * 9), array([0.0] * 36)
-    turn = construct("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0)
+    turn = of("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0)
     if kind.endswith("Imu"):
         values = list(map(float, it.values))
         no_turn = array([-1.0, *none[1:]])
-        return construct(kind, header, turn, no_turn, vector(*values[:3]), none, vector(*values[3:]), none)
+        return of(kind, header, turn, no_turn, vector(*values[:3]), none, vector(*values[3:]), none)
     if kind.endswith("Odometry"):
         x, y, speed, yaw_rate = map(float, it.values)
-        pose = construct("geometry_msgs/msg/Pose", construct("geometry_msgs/msg/Point", x, y, 0.0), turn)
-        twist = construct("geometry_msgs/msg/Twist", vector(speed, 0.0, 0.0), vector(0.0, 0.0, yaw_rate))
-        return construct(
+        pose = of("geometry_msgs/msg/Pose", of("geometry_msgs/msg/Point", x, y, 0.0), turn)
+        twist = of("geometry_msgs/msg/Twist", vector(speed, 0.0, 0.0), vector(0.0, 0.0, yaw_rate))
+        return of(
             kind,
             header,
             "base_footprint",
-            construct("geometry_msgs/msg/PoseWithCovariance", pose, unknown),
-            construct("geometry_msgs/msg/TwistWithCovariance", twist, unknown),
+            of("geometry_msgs/msg/PoseWithCovariance", pose, unknown),
+            of("geometry_msgs/msg/TwistWithCovariance", twist, unknown),
         )
     if kind.endswith("NavSatFix"):
-        status = construct("sensor_msgs/msg/NavSatStatus", 0, 1)
+        status = of("sensor_msgs/msg/NavSatStatus", 0, 1)
         covariance = array([0.25, 0, 0, 0, 0.25, 0, 0, 0, 1.0])
-        return construct(kind, header, status, *map(float, it.values), 40.0, covariance, 2)
+        return of(kind, header, status, *map(float, it.values), 40.0, covariance, 2)
     if kind.endswith("JointState"):
         names = ["steering", "wheel_left_joint", "wheel_right_joint"]
-        return construct(kind, header, names, array([0.0] * 3), array([0.0, *it.values]), array([]))
-    return construct(kind, it.values)
+        return of(kind, header, names, array([0.0] * 3), array([0.0, *it.values]), array([]))
+    return of(kind, it.values)
 
 
 def _rosbag2(path: Path, sent: list[RosMessage]) -> Path:

@@ -28,27 +28,14 @@ Definitions = dict[str, dict[str, list[str]]]
 def constants(tree: ast.Module) -> Iterator[tuple[int, str, str]]:
     """Yield line, name and value of each private constant of a module."""
     for node in tree.body:
-        targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
+        target = node.targets[0] if isinstance(node, ast.Assign) else getattr(node, "target", None)
         value = getattr(node, "value", None)
-        for name, text in (pair for target in targets for pair in _assignments(target, value)):
-            if name.startswith("_") and name.isupper():
-                yield node.lineno, name, text
-
-
-def _assignments(target: ast.AST | None, value: ast.expr | None) -> Iterator[tuple[str, str]]:
-    """Yield names and values as source text of one assignment; `_A, _B = 1, 2` gives each its own value."""
-    if value is None:
-        return
-    if isinstance(target, ast.Name):
-        is_const = isinstance(value, ast.Call) and ast.unparse(value.func) == "const"
-        yield target.id, ast.unparse(value.args[0] if is_const and isinstance(value, ast.Call) else value)
-    elif isinstance(target, ast.Tuple | ast.List):
-        is_parallel = isinstance(value, ast.Tuple | ast.List) and len(value.elts) == len(target.elts)
-        for index, item in enumerate(target.elts):
-            if is_parallel and isinstance(value, ast.Tuple | ast.List):
-                yield from _assignments(item, value.elts[index])
-            elif isinstance(item, ast.Name):
-                yield item.id, f"{ast.unparse(value)}, item {index}"
+        if not isinstance(target, ast.Name) or value is None:
+            continue
+        if target.id.startswith("_") and target.id.isupper():
+            if isinstance(value, ast.Call) and ast.unparse(value.func) == "const":
+                value = value.args[0]
+            yield node.lineno, target.id, ast.unparse(value)
 
 
 def definitions() -> Definitions:

@@ -51,9 +51,7 @@ _RATES = {250: 0x26, 1000: 0x06, 2000: 0x0E}
 
 
 class Nrf24:
-    """The radio.
-
-    out: a command and up to 32 bytes for `write` and `queue_acknowledgement`; came: status and bytes read.
+    """The radio. out: a command and up to 32 bytes for `write` and `answer`; came: status and bytes read.
 
     Raises OSError when no such chip answers, ValueError for a rate that it does not have.
     """
@@ -114,7 +112,7 @@ class Nrf24:
         """Queue out[1:1 + size] for transmission; acknowledged: with acknowledgement."""
         self._payload(_WRITE_PAYLOAD if acknowledged else _WRITE_UNSURE, size)
 
-    def queue_acknowledgement(self, pipe, size):
+    def answer(self, pipe, size):
         """Queue out[1:1 + size] as payload of the next acknowledgement on a pipe."""
         self._payload(_WRITE_ANSWER | pipe, size)
 

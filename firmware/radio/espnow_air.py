@@ -6,18 +6,7 @@ from framing import START
 from micropython import const
 from outbox import Slot
 
-from radio.espnow_link import (
-    ANSWER,
-    HEAD,
-    LAST_NUMBER,
-    MAX_PACKET,
-    NODE,
-    NUMBER,
-    START_NUMBER,
-    TO_ALL,
-    is_ours,
-    open_radio,
-)
+from radio.espnow_link import ANSWER, FIRST, HEAD, LAST, MAX_PACKET, NODE, NUMBER, TO_ALL, is_ours, open_radio
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -44,13 +33,13 @@ class Reception:
         """Return True if a packet of that number is new; count those missing before it."""
         self.received += 1
         last = self.number
-        ahead = (number - last) % LAST_NUMBER
-        if number == START_NUMBER and ticks_diff(ms, self.new_ms) > _DUPLICATE_MS:
+        ahead = (number - last) % LAST
+        if number == FIRST and ticks_diff(ms, self.new_ms) > _DUPLICATE_MS:
             # The node has restarted.
             ahead = 1
         elif last < 0:
             ahead = 1
-        elif not 0 < ahead <= LAST_NUMBER - _PER_TURN or number == START_NUMBER:
+        elif not 0 < ahead <= LAST - _PER_TURN or number == FIRST:
             # A duplicate, or overtaken by others.
             self.repeated += 1
             return False
@@ -116,7 +105,7 @@ class EspNowAir:
     def step(self, ms):
         """Do nothing: packets are whole frames."""
 
-    def send_request(self, k, raw, end):
+    def answer(self, k, raw, end):
         """Send raw[START:end] to the node ids[k]."""
         node, size = self.nodes[k], end - START
         if node.address is None or size > MAX_PACKET - ANSWER:

@@ -25,9 +25,9 @@ NUMBER = ANSWER = const(5)
 """Offset of the number in a node's packet, and of the bytes in a receiver's."""
 TO_ALL = const(0x80)
 """Flag in the number of a packet: it was broadcast."""
-LAST_NUMBER = const(127)
-START_NUMBER = const(0)
-"""Packets are numbered from START_NUMBER after a start, then from 1 to LAST_NUMBER repeatedly."""
+LAST = const(127)
+FIRST = const(0)
+"""The first number after a start; then 1 to LAST repeatedly."""
 BROADCAST = b"\xff" * 6
 _REQUEST_BYTES = const(526)
 _AGAIN_MS = const(5)
@@ -75,7 +75,7 @@ class EspNowLink(Link):
         self._came: Any = [None, bytearray(MAX_PACKET)]
         self._at = self._end = 0
         self._to = BROADCAST
-        self._number = START_NUMBER
+        self._number = FIRST
         self._in_flight = False
         self._sent = self._failed = 0
         self._size = 0
@@ -122,7 +122,7 @@ class EspNowLink(Link):
         self._in_flight = False
         if failed == self._failed and answered == sent:
             self._good_ms = ms
-            self._number = self._number + 1 if self._number < LAST_NUMBER else 1
+            self._number = self._number + 1 if self._number < LAST else 1
             outbox.advance(self._size)
             return True
         self._failed = failed

@@ -53,7 +53,7 @@ class Nrf24Air:
         for pieces in self.nodes:
             pieces.step(ms)
 
-    def send_request(self, k, raw, end):
+    def answer(self, k, raw, end):
         """Queue raw[START:end] for the next acknowledgements to the node ids[k], in packets."""
         radio, ms = self._radio, ticks_ms()
         if radio.status() & TX_FULL and ticks_diff(ms, self._unfetched_ms) >= 0:
@@ -67,5 +67,5 @@ class Nrf24Air:
             size = end - at if end - at < MAX_PACKET else MAX_PACKET
             for i in range(size):
                 radio.out[1 + i] = raw[at + i]
-            radio.queue_acknowledgement(k + 1, size)
+            radio.answer(k + 1, size)
             at += size

@@ -46,7 +46,7 @@ class Receiver:
         self._air = open_air(board, self.outbox)
         self._request = Slot()
         self._hello_ms = self._health_ms = ticks_ms()
-        reports.queue_hello(self)
+        reports.hello(self)
 
     def step(self):
         """Run the loop once: receive, forward, handle requests, report every second."""
@@ -86,7 +86,7 @@ class Receiver:
     def _report(self, ms):
         self.board.feed()
         self._health_ms = ticks_add(ms, _HEALTH_MS)
-        reports.queue_health(self)
+        reports.health(self)
         air = self._air
         air.step(ms)
         for k in range(len(air.ids)):
@@ -109,7 +109,7 @@ class Receiver:
         self.link.step()
         if ticks_diff(ms, self._hello_ms) >= 0:
             self._hello_ms = ticks_add(ms, _HELLO_MS)
-            reports.queue_hello(self)
+            reports.hello(self)
 
     def _requested(self, frame: FrameReader, received_us):
         """Answer requests to this board; forward those to its nodes."""
@@ -123,4 +123,4 @@ class Receiver:
             end = seal(raw, PAYLOAD + frame.size)
             for k in range(len(ids)):
                 if not frame.node or ids[k] == frame.node:
-                    self._air.send_request(k, raw, end)
+                    self._air.answer(k, raw, end)

@@ -2,9 +2,9 @@
 
     python tests/accuracy/allan_truth.py [SEEDS]
 
-Per term: in how many records it was reported; of those the mean error, rms and the reported sigma; how
-many hold the truth within one and two sigma; of the records where it was not reported, in how many the truth
-is below the limit. A term that is not there must not be reported. The bound is Whittle's, of the record
+Per term: in how many records it was claimed; of those the mean error, rms and the reported sigma; how
+many hold the truth within one and two sigma; of the records where it was not claimed, in how many the truth
+is below the limit. A term that is not there must not be claimed. The bound is Whittle's, of the record
 without electronics: a record of length T holds T df independent exponential values of its spectrum S(f), so
 the information on log-parameters is T times the integral of dlnS dlnS df. No estimator without bias does
 better.
@@ -37,7 +37,7 @@ RECORDS = {
     "relaxations for flicker, 40 Hz": (MIDDLE, MEMS, ["relaxing", partial(one_pole, dt=1 / HZ, corner=40.0)]),
     "a MEMS gyro, walk only just, 2.9 h": (LONG, {"n": 1e-3, "b": 3e-3, "k": 6e-4}, []),
     "flicker too faint to claim": (MIDDLE, {"n": 1e-3, "b": 1e-4}, ["relaxing"]),
-    "a walk at the detection limit, 5 min": (SHORT, {"n": 1e-3, "k": 4.5e-5}, []),
+    "a walk about to be claimed, 5 min": (SHORT, {"n": 1e-3, "k": 4.5e-5}, []),
     "5 min behind 20 Hz": (SHORT, {"n": 1e-3, "b": 5e-4}, [partial(one_pole, dt=1 / HZ, corner=20.0)]),
     "a ramp of 4 mrad/s an hour": (MIDDLE, {"n": 1e-3, "b": 1e-4, "r": 1e-6}, []),
     "steps of one sigma": (MIDDLE, {"n": 1e-3}, [lambda x: np.rint(x / 0.01) * 0.01]),
@@ -80,7 +80,7 @@ def main(argv=None):
     arguments = sys.argv[1:] if argv is None else argv
     seeds = int(arguments[0]) if arguments else 40
     began = time.monotonic()
-    sums = {"inside": 0, "reported": 0, "below": 0, "limits": 0, "false": 0, "absent": 0}
+    sums = {"inside": 0, "claimed": 0, "below": 0, "limits": 0, "false": 0, "absent": 0}
     print(f"seeds 0 to {seeds - 1}; {HZ:g} Hz; {SHORT}, {MIDDLE} or {LONG} samples")
     for title, (samples, truth, electronics) in RECORDS.items():
         result = {name: [] for name in "QNBKR"}
@@ -90,38 +90,38 @@ def main(argv=None):
             for name, term in terms.items():
                 result[name].append(term)
         print(
-            f"{title}\n{'':8}truth reported    mean     rms   sigma   bound  in 1 σ  in 2 σ  below its limit"
+            f"{title}\n{'':8}truth  claimed    mean     rms    said   bound  in 1 σ  in 2 σ  below its limit"
         )
         low = bounds(samples, true)
         for name, terms in result.items():
             print_term(name, terms, true.get(name.lower(), 0.0), low.get(name.lower()), sums)
     print(
         f"{time.monotonic() - began:.0f} s. "
-        f"Reported and present: within 2 sigma {sums['inside']} of {sums['reported']}. "
-        f"Present but not reported: below the limit of 95 % {sums['below']} of {sums['limits']}. "
-        f"Reported but absent: {sums['false']} of {sums['absent']}."
+        f"Claimed and true: within 2 sigma {sums['inside']} of {sums['claimed']}. "
+        f"Not claimed but there: below the limit of 95 % {sums['below']} of {sums['limits']}. "
+        f"Claimed but not there: {sums['false']} of {sums['absent']}."
     )
-    held = sums["inside"] > 0.9 * sums["reported"] and sums["below"] > 0.9 * sums["limits"]
+    held = sums["inside"] > 0.9 * sums["claimed"] and sums["below"] > 0.9 * sums["limits"]
     return not (held and sums["false"] < 0.01 * sums["absent"])
 
 
 def print_term(name, terms, true, bound, sums):
     """Print a line for a term that is present, or falsely detected, and add it to the sums."""
-    reported = [term for term in terms if term.value is not None]
+    claimed = [term for term in terms if term.value is not None]
     limits = [term.limit for term in terms if term.value is None and term.limit is not None]
     if not true:
         sums["absent"] += len(terms)
-        sums["false"] += len(reported)
-        if reported:
-            print(f"  {name}  absent {len(reported):>5}/{len(terms)}")
+        sums["false"] += len(claimed)
+        if claimed:
+            print(f"  {name}  absent {len(claimed):>5}/{len(terms)}")
         return
-    words = f"  {name}{true:>10.3g}{f'{len(reported)}/{len(terms)}':>9}"
-    if reported:
-        errors = np.array([term.value / true - 1.0 for term in reported])
-        messages = np.array([term.sigma / true for term in reported])
+    words = f"  {name}{true:>10.3g}{f'{len(claimed)}/{len(terms)}':>9}"
+    if claimed:
+        errors = np.array([term.value / true - 1.0 for term in claimed])
+        messages = np.array([term.sigma / true for term in claimed])
         inside = [np.mean(np.abs(errors) < n * messages) for n in (1, 2)]
         sums["inside"] += int(np.sum(np.abs(errors) < 2 * messages))
-        sums["reported"] += len(reported)
+        sums["claimed"] += len(claimed)
         for share in (errors.mean(), np.sqrt(np.mean(errors**2)), np.median(messages)):
             words += f"{100 * share:>7.2f}%"
         words += f"{'':>8}" if bound is None else f"{100 * bound:>7.2f}%"

@@ -83,9 +83,9 @@ def main() -> int:
     )
     for kind in dict.fromkeys(name for row in kinds for name in row):
         _print(kind, table[[kind in row for row in kinds]])
-    n_without_slip = sum("no slip" in row for row in kinds)
+    n_without_slip = sum("grips" in row for row in kinds)
     alarm_counts = ", ".join(f"{name} {count}" for name, count in alarms.items())
-    print(f"of {n_without_slip} drives without slip, slip was detected in: {alarm_counts}")
+    print(f"of {n_without_slip} drives that grip, slip detected in: {alarm_counts}")
     means = table[:, [2, 4]].mean(axis=0)
     held = bool(((means >= 0.7 * DEGREES) & (means <= 2.0 * DEGREES)).all())
     bounds = f"{0.7 * DEGREES:.1f} and {2 * DEGREES:.1f}"
@@ -98,7 +98,7 @@ def _kinds(it: Drawn) -> list[str]:
     fast = next(words for limit, words in speeds if it.top_speed < limit)
     noisy = "noise above 3 times" if it.noise > 3.0 else "noise below 3 times"
     rested = "rests above 60 s" if it.rested > 60.0 else "rests below 60 s"
-    return [fast, noisy, rested, "slips" if it.slips else "no slip", "hilly" if it.hilly else "level"]
+    return [fast, noisy, rested, "slips" if it.slips else "grips", "hilly" if it.hilly else "level"]
 
 
 def _print(kind: str, table: np.ndarray) -> None:

@@ -1,7 +1,6 @@
 """Sensitivity of the wheel filter to its constants: each at half and at twice its value.
 
-    python tests/accuracy/sensitivity.py [--seeds 1] [--first-seed 100] [--only PART ...]
-        [--results out/sensitivity.jsonl]
+    python tests/accuracy/sensitivity.py [--seeds 1] [--only PART ...] [--results out/sensitivity.jsonl]
 
 Constants are found by walking the modules of `hubodo.fuse.wheel`. For each the tool runs two sets of seeded
 drives: five usual ones (loops with slip, one wheel and two, a clipped gyro, an outage), and the short ones
@@ -227,7 +226,6 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--first-seed", type=int, default=100)
     parser.add_argument("--only", nargs="*", default=[""], help="parts of names; all without it")
     parser.add_argument("--sets", nargs="+", default=["usual", "faults"], choices=["usual", "faults"])
     parser.add_argument("--results", type=Path, default=Path("out/sensitivity.jsonl"))
@@ -235,8 +233,7 @@ def main() -> int:
     args.results.parent.mkdir(parents=True, exist_ok=True)
     lines = args.results.read_text("utf-8").splitlines() if args.results.exists() else []
     done = {row["key"]: Result(*row["result"]) for row in map(json.loads, lines)}
-    seeds = range(args.first_seed, args.first_seed + args.seeds)
-    drawn = f"{args.first_seed} {args.seeds}"
+    seeds = range(100, 100 + args.seeds)
     sets = {name: drives for name, drives in make_drives(seeds).items() if name in args.sets}
 
     def result_of(key: str, drives: list[FaultDrive]) -> Result:
@@ -246,7 +243,7 @@ def main() -> int:
                 file.write(json.dumps({"key": key, "result": list(done[key])}) + "\n")
         return done[key]
 
-    usual = {name: result_of(f"{name} {drawn}", drives) for name, drives in sets.items()}
+    usual = {name: result_of(f"{name} {args.seeds}", drives) for name, drives in sets.items()}
     for name, result in usual.items():
         mean_nees = np.mean(np.minimum(result.nees, MAX_NEES))
         print(
@@ -263,7 +260,7 @@ def main() -> int:
         for name, drives in sets.items():
             for factor in FACTORS:
                 with scaled(number, factor):
-                    result = result_of(f"{name} {drawn} {number} {factor}", drives)
+                    result = result_of(f"{name} {args.seeds} {number} {factor}", drives)
                 cells.append(compare(result, usual[name]))
         print(f"| `{number}` | {number.value:g} | {' | '.join(cells)} |", flush=True)
     return 0

@@ -8,12 +8,12 @@ class NotSmall(AssertionError):
 
 
 class SmallInt(int):
-    """An int whose arithmetic returns SmallInt or raises NotSmall; `widest`: largest value recorded."""
+    """An int whose arithmetic returns SmallInt or raises NotSmall; `widest`: largest value passed to `of`."""
 
     widest = 0
 
     @classmethod
-    def record(cls, value):
+    def of(cls, value):
         """Return a SmallInt and update `widest`."""
         cls.widest = max(cls.widest, value)
         return SmallInt(value) + 0

@@ -191,7 +191,7 @@ def test_packets_are_sent_and_received_completely():
         radio.out[1 : 1 + size] = packet
         radio.write(size)
         radio.write(size, acknowledged=False)
-        radio.queue_acknowledgement(2, size)
+        radio.answer(2, size)
         assert chip.commands[-3:] == [bytes([command]) + packet for command in (0xA0, 0xB0, 0xAA)]
     chip.waiting = [b"x", bytes(range(32))]
     assert (radio.read(), bytes(radio.came[1:2])) == (1, b"x")

@@ -203,7 +203,7 @@ def test_after_the_initialisation_the_filter_starts_with_its_bias_and_the_host_g
     node.slow = FakeCommands()
     node._batch_done("samples", 0, 4)
     assert node.estimator.calls == [("reset", axis, 10 + axis) for axis in range(3)]
-    assert node.commands.calls == [("answer_bias_init", 7)]
+    assert node.commands.calls == [("bias_done", 7)]
     assert node.slow.calls == [("use", "samples", 0, 4)]
     node.sampler.first_index = 105
     node._batch_done("samples", 0, 4)

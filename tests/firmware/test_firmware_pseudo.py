@@ -217,7 +217,7 @@ NUMBERS = st.integers(-(1 << 29) + 1, (1 << 29) - 1)
 @hypothesis_settings(max_examples=200)
 @given(st.tuples(*[st.integers(-(1 << 27), 1 << 27)] * 3), st.integers(0, (1 << 27) - 1))
 def test_the_difference_of_squares_is_exact_to_its_own_precision(d, rate):
-    result = value(pseudo_filter.norm_square_difference([SmallInt(x) for x in d], SmallInt(rate)))
+    result = value(pseudo_filter.difference([SmallInt(x) for x in d], SmallInt(rate)))
     exact = (sum(x * x for x in d) - rate * rate) / 2**24
     # Tolerance: 2^-13 of truncation, and the rounding of a small float.
     assert result == pytest.approx(exact, rel=2e-4, abs=1e-9)

@@ -42,7 +42,7 @@ def take_message(reporting):
 
 def test_without_a_chip_hello_has_zeros_for_it():
     reporting = create_node(chips=((0x6B, 0x33, 0),))
-    reports.queue_hello(reporting)
+    reports.hello(reporting)
     hello = take_message(reporting)
     chip_fields = (
         hello.rate_mhz, hello.gyro_range_dps, hello.accel_range_g, hello.gyro_lsb_ndps, hello.accel_lsb_ng,
@@ -61,7 +61,7 @@ def test_the_filter_report_has_the_axes_in_order():
         state=2, samples=2000, variance_q8=[300, 301, 302], sigma_q12=[400, 401, 402]
     )
     reporting.sampler.newest_us = 77
-    reports.queue_filter_state(reporting)
+    reports.filter_state(reporting)
     assert take_message(reporting) == Filter(
         77, 2, 4, 2000, (-100, -101, -102), (200, 201, 202), (300, 301, 302), (400, 401, 402)
     )
@@ -69,7 +69,7 @@ def test_the_filter_report_has_the_axes_in_order():
 
 def test_counters_in_health_saturate_and_the_longest_loop_is_reset():
     reporting = create_node(i2c_errors=65534, recoveries=1 << 20)
-    reports.queue_health(reporting)
+    reports.health(reporting)
     health = take_message(reporting)
     assert (health.i2c_errors, health.bus_recoveries, health.fifo_overruns) == (65534, 65535, 65535)
     assert (health.samples_missed, health.frames_damaged, health.worst_loop_us) == (65535, 3, 1234)
@@ -80,6 +80,6 @@ def test_low_battery_is_a_fault_only_below_the_limit_and_only_if_measured():
     reporting = create_node()
     for millivolts, fault in ((3499, Fault.LOW_BATTERY), (3500, 0), (0, 0)):
         reporting.board.battery_mv = lambda volts=millivolts: volts
-        reports.queue_health(reporting)
+        reports.health(reporting)
         health = take_message(reporting)
         assert (health.battery_mv, health.faults) == (millivolts, fault)

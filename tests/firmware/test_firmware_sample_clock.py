@@ -180,7 +180,7 @@ def test_every_intermediate_of_the_clock_is_a_small_integer(monkeypatch):
     """Slowest and fastest periods, polls up to a full FIFO apart, and two wraps of the ticks are tested."""
 
     def small(function):
-        return lambda *arguments: SmallInt.record(function(*(int(argument) for argument in arguments)))
+        return lambda *arguments: SmallInt.of(function(*(int(argument) for argument in arguments)))
 
     monkeypatch.setattr(sample_clock, "ticks_add", small(fake_port.ticks_add))
     monkeypatch.setattr(sample_clock, "ticks_diff", small(fake_port.ticks_diff))

@@ -40,7 +40,7 @@ class SamplerRun:
         self.outbox = Outbox(24, 1)
         self.driver = driver(self.bus, odr_hz=rate, fifo=fifo)
         batch = 16 if rate > 250 else 8
-        self.outbox.set_batch_size(batch)
+        self.outbox.shape(batch)
         self.sampler = sampler.Sampler(self.outbox, lambda *_: None)
         self.sampler.start(self.bus.ticks_us(), self.driver, batch, False)
         self.sent = []

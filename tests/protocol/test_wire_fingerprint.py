@@ -13,7 +13,7 @@ from hubowire.messages import ENUMS, wire_fields
 FIELDS = [(kind, row.name) for kind in MESSAGES for row in wire_fields(kind)]
 
 
-def fingerprint_of(messages: tuple, enums: tuple = ENUMS) -> int:
+def of(messages: tuple, enums: tuple = ENUMS) -> int:
     return fingerprint(canonical_text(messages, enums))
 
 
@@ -34,7 +34,7 @@ def swapped(old: type[Message], new: type[Message]) -> tuple:
 
 
 def test_an_unchanged_table_has_the_same_fingerprint():
-    assert fingerprint_of(tuple(rebuilt(kind) for kind in MESSAGES)) == FINGERPRINT
+    assert of(tuple(rebuilt(kind) for kind in MESSAGES)) == FINGERPRINT
 
 
 @pytest.mark.parametrize(
@@ -42,12 +42,12 @@ def test_an_unchanged_table_has_the_same_fingerprint():
 )
 @pytest.mark.parametrize(("kind", "field"), FIELDS, ids=lambda value: getattr(value, "__name__", value))
 def test_any_name_type_scale_or_unit_changes_it(kind: type[Message], field: str, change: dict):
-    assert fingerprint_of(swapped(kind, rebuilt(kind, **{field: change}))) != FINGERPRINT
+    assert of(swapped(kind, rebuilt(kind, **{field: change}))) != FINGERPRINT
 
 
 def test_descriptions_do_not_change_the_fingerprint():
     kind, field = FIELDS[0]
-    assert fingerprint_of(swapped(kind, rebuilt(kind, **{field: {"doc": "said otherwise"}}))) == FINGERPRINT
+    assert of(swapped(kind, rebuilt(kind, **{field: {"doc": "said otherwise"}}))) == FINGERPRINT
 
 
 @pytest.mark.parametrize("kind", MESSAGES, ids=lambda kind: kind.__name__)
@@ -57,8 +57,8 @@ def test_the_code_the_name_the_presence_and_the_field_order_of_a_message_change_
     other_name = rebuilt(kind)
     other_name.__name__ = "Other"
     for changed in (other_code, other_name):
-        assert fingerprint_of(swapped(kind, changed)) != FINGERPRINT
-    assert fingerprint_of(tuple(item for item in MESSAGES if item is not kind)) != FINGERPRINT
+        assert of(swapped(kind, changed)) != FINGERPRINT
+    assert of(tuple(item for item in MESSAGES if item is not kind)) != FINGERPRINT
 
 
 @pytest.mark.parametrize("enum", ENUMS, ids=lambda enum: enum.__name__)
@@ -69,8 +69,7 @@ def test_any_code_of_an_enum_changes_it(enum: type[IntEnum]):
         for changed in (codes | {name: 99}, codes | {"NEW": 98}, renamed):
             changed_class = IntEnum(enum.__name__, changed)
             assert (
-                fingerprint_of(MESSAGES, tuple(changed_class if item is enum else item for item in ENUMS))
-                != FINGERPRINT
+                of(MESSAGES, tuple(changed_class if item is enum else item for item in ENUMS)) != FINGERPRINT
             )
 
 

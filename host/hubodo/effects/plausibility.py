@@ -9,7 +9,7 @@ from typing import TypeVar
 from hubodo.effects.base import Effect
 
 _AT_LIMIT = 0.98
-"""Share of the plausible magnitude above which a fitted parameter counts as at its limit."""
+"""Share of the plausible magnitude from which on a fitted parameter counts as at its limit."""
 
 AnyEffect = TypeVar("AnyEffect", bound=Effect)
 

@@ -188,11 +188,9 @@ class FlashBoard:
         folders = _folders(image)
         if flash_plan.slot is not None:
             slot_folders = [flash_plan.slot, *(flash_plan.slot + folder for folder in folders)]
-            self.run(
-                PREPARE.format(folders=slot_folders, remove=flash_plan.removed_paths, copy=flash_plan.copies)
-            )
-        if flash_plan.uploads:
-            self._copy(flash_plan.uploads, progress)
+            self.run(PREPARE.format(folders=slot_folders, remove=flash_plan.remove, copy=flash_plan.copy))
+        if flash_plan.send:
+            self._copy(flash_plan.send, progress)
             held, _ = self.list_hashes(image)
             damaged = [
                 path
@@ -201,13 +199,9 @@ class FlashBoard:
             ]
             if damaged:
                 raise FlashError(f"{self.port}: {', '.join(damaged)} differ from what was sent; flash again")
-        if flash_plan.replaced_names or flash_plan.obsolete_paths:
-            self.run(
-                SWAP.format(
-                    swap=flash_plan.replaced_names, new=NEW, forget=flash_plan.obsolete_paths, folders=folders
-                )
-            )
-        return sorted(_name(path, flash_plan.slot) for path in flash_plan.uploads)
+        if flash_plan.swap or flash_plan.obsolete:
+            self.run(SWAP.format(swap=flash_plan.swap, new=NEW, forget=flash_plan.obsolete, folders=folders))
+        return sorted(_name(path, flash_plan.slot) for path in flash_plan.send)
 
     def _copy(self, files: dict[str, bytes], progress: Callable[[str], None]) -> None:
         self.run(RECEIVE_FILE.format(piece=_CHUNK_BYTES, wanted=repr(NEXT_CHUNK.decode())))

@@ -19,7 +19,7 @@ from hubowire.messages import Board
 
 MIN_MICROPYTHON = (1, 24)
 """Oldest MicroPython that the firmware supports."""
-_RECEPTION_TIMEOUT_S, _SETTLING_S = 10.0, 1.0
+_PORT_RETURN_TIMEOUT_S, _SETTLING_S = 10.0, 1.0
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ def _listen_to_started(port: str, baud: int, seconds: float) -> Reception:
 
     A board that is at its prompt again runs no firmware.
     """
-    reception, end = Reception(), time.monotonic() + _RECEPTION_TIMEOUT_S
+    reception, end = Reception(), time.monotonic() + _PORT_RETURN_TIMEOUT_S
     while time.monotonic() < end:
         try:
             is_settled = reception.n_frames > 0

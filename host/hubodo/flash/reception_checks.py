@@ -17,7 +17,7 @@ _MAX_STATIC_GYRO_STD, _MAX_STATIC_ACCEL_STD = np.radians(3.0), 0.6  # rad/s, m/s
 _MAX_ZERO_RATE = np.radians(25.0)  # rad/s; data sheets: 10 to 20 deg/s, plus noise
 _TEMPERATURE_RANGE_DEGC = (-20.0, 70.0)
 _MAX_CLOCK_ERROR_PPM = 500.0
-_MIN_EXCHANGES, _MIN_RECEIVED_SAMPLES = 8, 50
+_MIN_EXCHANGES, _MIN_SAMPLES = 8, 50
 
 
 def check_reception(reception: Reception, baud: int) -> list[CheckResult]:
@@ -46,7 +46,7 @@ def check_reception(reception: Reception, baud: int) -> list[CheckResult]:
     if health is not None:
         results.append(_power(hello, health))
     results.append(_samples(reception, hello, health))
-    if sum(len(block.gyro) for block in reception.blocks) >= _MIN_RECEIVED_SAMPLES:
+    if sum(len(block.gyro) for block in reception.blocks) >= _MIN_SAMPLES:
         results.append(_standstill(reception))
     return [*results, _clock(reception), _link(reception, health)]
 
@@ -130,7 +130,7 @@ def _power(hello: Hello, health: Health) -> CheckResult:
 def _samples(reception: Reception, hello: Hello, health: Health | None) -> CheckResult:
     count = sum(len(block.gyro) for block in reception.blocks)
     nominal = hello.rate_mhz / 1000
-    if count < _MIN_RECEIVED_SAMPLES:
+    if count < _MIN_SAMPLES:
         return failed_check(
             "samples", f"{count} samples", "see 'sensor'; a stopped node continues after reset"
         )

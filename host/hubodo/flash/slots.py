@@ -60,27 +60,27 @@ class FlashPlan:
     ----------
     slot
         Destination of the firmware; None if the node has it already.
-    removed_paths
+    remove
         Obsolete paths in the slot.
-    copies
+    copy
         (source, destination) of copies on the node.
-    uploads
+    send
         Content by path.
-    replaced_names
-        Names at the root whose new files replace the old ones.
+    swap
+        Names at the root that are replaced.
     expected_hashes
         Hash by path, to verify before the swap.
-    obsolete_paths
+    obsolete
         Paths of an older installation at the root, to delete.
     """
 
     slot: str | None
-    removed_paths: tuple[str, ...]
-    copies: tuple[tuple[str, str], ...]
-    uploads: dict[str, bytes]
-    replaced_names: tuple[str, ...]
+    remove: tuple[str, ...]
+    copy: tuple[tuple[str, str], ...]
+    send: dict[str, bytes]
+    swap: tuple[str, ...]
     expected_hashes: dict[str, str]
-    obsolete_paths: tuple[str, ...]
+    obsolete: tuple[str, ...]
 
 
 def plan_flash(

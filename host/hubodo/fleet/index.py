@@ -19,14 +19,11 @@ _LOG_QUANTITIES = ("duration", "gaps")
 
 @dataclass(frozen=True)
 class IndexQuery:
-    """A filter of logs.
-
-    first_day, last_day: UTC, both included. text: part of the path or of the result of `info`.
-    """
+    """A filter of logs. first, last: days, UTC. text: part of the path or of the result of `info`."""
 
     vehicle: str | None = None
-    first_day: date | None = None
-    last_day: date | None = None
+    first: date | None = None
+    last: date | None = None
     text: str | None = None
 
 
@@ -61,10 +58,10 @@ def summarise_months(logs: pd.DataFrame) -> Iterable[tuple[str, int, float, int]
 def _filter_logs(logs: pd.DataFrame, query: IndexQuery, output: str) -> pd.DataFrame:
     if query.vehicle is not None:
         logs = logs[logs.vehicle == query.vehicle]
-    if query.first_day is not None:
-        logs = logs[logs.start.dt.date >= query.first_day]
-    if query.last_day is not None:
-        logs = logs[logs.start.dt.date <= query.last_day]
+    if query.first is not None:
+        logs = logs[logs.start.dt.date >= query.first]
+    if query.last is not None:
+        logs = logs[logs.start.dt.date <= query.last]
     if query.text is not None:
         is_in_path = logs.log.str.contains(query.text, case=False, regex=False)
         logs = logs[is_in_path | logs.log.isin(find_logs_mentioning(output, _INDEXED_VERB, query.text))]

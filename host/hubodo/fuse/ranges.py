@@ -22,7 +22,7 @@ _MIN_RANGES = {"gyro": math.radians(120.0), "accel": 1.9 * STANDARD_GRAVITY}
 """rad/s and m/s²; smaller ranges are not considered: inertial sensors have at least 125 deg/s and 2 g."""
 
 _CLIPPING_FRACTION, _CORRECTED_CLIPPING_FRACTION = 0.995, 0.97
-"""Fraction of the range above which a sample counts as clipped.
+"""Fraction of the range from which on a sample counts as clipped.
 
 Half a percent below for quantisation; three percent where a calibration has corrected the samples, which
 moves the limit by scale and bias. A sample that is wrongly taken as clipped only increases a sigma.
@@ -65,7 +65,7 @@ class NodeRanges:
 
     @property
     def clipping_limits(self) -> dict[str, float]:
-        """Return the values above which samples count as clipped, by the names of `WheelNode`."""
+        """Return the values from which on samples count as clipped, by the names of `WheelNode`."""
         share = _CORRECTED_CLIPPING_FRACTION if self.corrected else _CLIPPING_FRACTION
         return {"gyro_limit": share * self.gyro.value, "accel_limit": share * self.accel.value}
 

@@ -157,12 +157,12 @@ def _open_mcap_parts(
     streams = _number_streams((s.topic, s.schema, s.encoding) for log in logs for s in log.streams.values())
 
     def rows() -> Iterator[BagRow]:
-        def numbered_rows(log: Log) -> Iterator[BagRow]:
+        def of(log: Log) -> Iterator[BagRow]:
             ids = {s.id: streams[s.topic, s.schema, s.encoding].id for s in log.streams.values()}
             for message in log.messages():
                 yield ids[message.channel], message.log_time, message.data
 
-        for channel, t_ns, payload in heapq.merge(*map(numbered_rows, logs), key=lambda row: row[1]):
+        for channel, t_ns, payload in heapq.merge(*map(of, logs), key=lambda row: row[1]):
             yield channel, t_ns, payload if expand is None else expand(payload)
 
     def close_all() -> None:

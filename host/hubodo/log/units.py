@@ -13,7 +13,7 @@ from hubodo.recording import Recording, Table
 
 STANDARD_GRAVITY = 9.80665
 _GRAVITY_RANGE_IN_G = (0.7, 1.4)
-# rad/s; the widest range of available gyros is 4000 deg/s.
+# rad/s; the widest range of the gyros that there are ends at 4000 deg/s.
 _MAX_GYRO_RATE = 72.0
 GYRO_UNITS = {
     "rad/s": 1.0,

@@ -152,7 +152,7 @@ class ExtraSpeed:
     inner: MotionCorrection | None = None
 
     def apply(self, body: BodyMotion) -> BodyMotion:
-        """Return the motion with speed and acceleration increased; the distance is unchanged."""
+        """Return the motion with the increase; the distance is unchanged."""
         if self.inner is not None:
             body = self.inner.apply(body)
         return replace(

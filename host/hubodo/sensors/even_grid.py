@@ -25,7 +25,7 @@ _MAX_OUTLIER_RUN = 3
 # A grid larger than this many indices per sample comes from a corrupt time stamp and might not fit into
 # memory; grids up to the second number always do.
 _MAX_INDICES_PER_SAMPLE, _ALWAYS_ALLOWED_INDICES = 20, 4_000_000
-# Bounds on the span of the values in their unit: its fourth power stays within the range of float64.
+# Span of the samples in any unit, such that variances of variances stay within the range of float64.
 _MIN_SPAN, _MAX_SPAN = 1e-70, 1e70
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from hubodo.errors import InputError
+from hubodo.errors import ConfigError, InputError
 from hubodo.toml_file import load_toml
 
 
@@ -39,6 +39,6 @@ def _describes_vehicle_only(path: Path) -> bool:
     """Return True for a TOML file with a vehicle and without sensor noise."""
     try:
         table = load_toml(path)
-    except (OSError, InputError):
+    except ConfigError:
         return False
     return "vehicle" in table and "imu" not in table

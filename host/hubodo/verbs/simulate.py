@@ -47,7 +47,7 @@ from hubowire.messages import NODE_IDS
 EXAMPLE = "hubodo simulate model.toml --drive random --duration 120 --seed 7 -o drive.mcap"
 
 DRIVES = (*experiments.DRIVES, "reference", "gnss")
-_MIN_DRIVE_S, _MAX_DRIVE_S = 5.0, 36000.0
+_MIN_DURATION_S, _MAX_DURATION_S = 5.0, 36000.0
 _RATE_BOUNDS_HZ = (1.0, 10000.0)
 _VIRTUAL_NODE_RATES_HZ = (52, 104, 208, 416)
 
@@ -131,7 +131,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_topic_option(parser)
     parser.add_argument(
         "--duration",
-        type=bounded_number(_MIN_DRIVE_S, _MAX_DRIVE_S),
+        type=bounded_number(_MIN_DURATION_S, _MAX_DURATION_S),
         default=120.0,
         help="duration, s (default: 120)",
     )
@@ -205,13 +205,13 @@ def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--stop",
-        type=bounded_number(1.0, _MAX_DRIVE_S),
+        type=bounded_number(1.0, _MAX_DURATION_S),
         default=20.0,
         help="duration of a stop, s (default: 20)",
     )
     parser.add_argument(
         "--turn",
-        type=bounded_number(0.1, _MAX_DRIVE_S),
+        type=bounded_number(0.1, _MAX_DURATION_S),
         default=2.0,
         help="duration of a turn, s (default: 2)",
     )

@@ -180,7 +180,7 @@ class FoxgloveReplay:
     def __init__(self, clients: FoxgloveClients, log: Log, start_ns: int) -> None:
         self._clients = clients
         self._pending = log.messages(start=start_ns)
-        # Read one message ahead: some writers announce channels only inside chunks.
+        # Some writers announce channels only inside chunks, so the first message comes first.
         self._next: LogMessage | None = next(self._pending, None)
         schemas = {
             schema.id: clients.add_schema(schema.name, schema.encoding, bytes(schema.data))

@@ -24,7 +24,7 @@ class RecordingFile:
     Attributes
     ----------
     name
-        Path relative to the folder, with slashes, as written by `printable_name`.
+        Path relative to the folder, with slashes, as written by `shown_name`.
     path
         Path of the file.
     parts
@@ -54,7 +54,7 @@ class RecordingLibrary:
     def list_recordings(self) -> list[RecordingFile]:
         """Return the recordings, the newest first."""
         recordings = [
-            RecordingFile(printable_name("/".join(parts)), path, parts, info.st_size, info.st_mtime)
+            RecordingFile(shown_name("/".join(parts)), path, parts, info.st_size, info.st_mtime)
             for parts, path, info in self._files(".mcap", self.folder, (), _MAX_FOLDER_DEPTH)
         ]
         return sorted(recordings, key=lambda entry: (-entry.changed, entry.name))
@@ -67,11 +67,7 @@ class RecordingLibrary:
         """Return possible model files by name."""
         files = self._files(".toml", self.folder, (), 1)
         return {
-            **{
-                printable_name(parts[0]): path
-                for parts, path, info in files
-                if info.st_size < _MAX_MODEL_BYTES
-            },
+            **{shown_name(parts[0]): path for parts, path, info in files if info.st_size < _MAX_MODEL_BYTES},
             **self._models,
         }
 
@@ -79,7 +75,7 @@ class RecordingLibrary:
         """Return the JSON form for the page; `current` is the file that is being written."""
         current_path = None if current is None else current.resolve()
         return {
-            "folder": printable_name(self.folder.resolve().name),
+            "folder": shown_name(self.folder.resolve().name),
             "models": sorted(self.list_models()),
             "recordings": [
                 {
@@ -113,7 +109,7 @@ class RecordingLibrary:
                 continue
 
 
-def printable_name(name: str) -> str:
+def shown_name(name: str) -> str:
     """Return a file name as printable text; bytes other than UTF-8 are written as in `\\xff`.
 
     Unprintable characters are escaped too, and backslashes doubled, so that different names stay different.

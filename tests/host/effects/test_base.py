@@ -92,15 +92,15 @@ def shaken(effects, power_on=-30.0):
         fit_interpolating_spline(t, 0.0 * t), fit_interpolating_spline(t, 0.0 * t), Trace(t, 20.0 + 3.0 * t)
     )
 
-    def motion_at(at):
+    def carried(at):
         rate = np.stack([3.0 * np.sin(at), 20.0 * np.cos(0.7 * at), 25.0 * np.sin(1.3 * at)])
         slope = np.stack([3.0 * np.cos(at), -14.0 * np.sin(0.7 * at), 32.5 * np.cos(1.3 * at)])
         force = np.stack([5.0 * np.cos(at), 9.8 * np.sin(0.3 * at), 30.0 * np.cos(2.0 * at)])
         return rate, slope, force
 
-    node = NodeModel(still, t, NodeMount(), 0.31, 0.92, power_on, motion_at)
+    node = NodeModel(still, t, NodeMount(), 0.31, 0.92, power_on, carried)
     read = node.mean_reading(effects, NodeInitialState())
-    rate, _, force = motion_at(t)
+    rate, _, force = carried(t)
     return (rate, force), (read.gyro, read.accel), t - power_on, 20.0 + 3.0 * t
 
 

@@ -60,7 +60,7 @@ def read_as_arithmetic(expression, chain):
     return eval(expression.replace("^", "**"), names) * np.ones_like(chain.t)
 
 
-def added_reading(name, values, chain):
+def added(name, values, chain):
     kind = empirical(name)
     kind(**values).add_offsets(chain)
     return np.vstack([chain.gyro, chain.accel])
@@ -72,7 +72,7 @@ def added_reading(name, values, chain):
 )
 def test_a_term_is_the_arithmetic_that_it_says(expression, channel):
     chain = make_chain()
-    got = added_reading(f"empirical:{channel} ~ {expression}", {channel: 0.7}, chain)
+    got = added(f"empirical:{channel} ~ {expression}", {channel: 0.7}, chain)
     wanted = np.zeros_like(got)
     wanted[CHANNELS.index(channel)] = 0.7 * read_as_arithmetic(expression, chain)
     clear = np.abs(chain.acceleration) > 0.3 if "sign" in expression else np.ones(len(T), bool)
@@ -83,9 +83,7 @@ def test_a_term_is_the_arithmetic_that_it_says(expression, channel):
 @pytest.mark.parametrize("expression", ["cos(2*theta)", "spin*cos(3*theta)", "cos(2*pi*1.25*t)"])
 def test_a_periodic_term_has_a_cosine_and_a_sine(expression):
     chain = make_chain()
-    got = added_reading(
-        f"empirical:gz,ax ~ {expression}", {"gz_cos": 0.3, "gz_sin": -0.2, "ax_sin": 2.0}, chain
-    )
+    got = added(f"empirical:gz,ax ~ {expression}", {"gz_cos": 0.3, "gz_sin": -0.2, "ax_sin": 2.0}, chain)
     cosine = read_as_arithmetic(expression, chain)
     sine = read_as_arithmetic(expression.replace("cos(", "cos(-pi/2+"), chain)
     np.testing.assert_allclose(got[2], 0.3 * cosine - 0.2 * sine, atol=1e-9)
@@ -97,7 +95,7 @@ def test_all_harmonics_are_six_of_each():
     chain = make_chain()
     amplitudes = {f"gy_{turn}{k}": k + (turn == "sin") / 2 for k in range(1, 7) for turn in ("cos", "sin")}
     assert empirical(f"empirical:gy ~ {ALL_HARMONICS}").parameters() == tuple(amplitudes)
-    got = added_reading(f"empirical:gy ~ {ALL_HARMONICS}", amplitudes, chain)
+    got = added(f"empirical:gy ~ {ALL_HARMONICS}", amplitudes, chain)
     wanted = sum(k * np.cos(k * chain.angle) + (k + 0.5) * np.sin(k * chain.angle) for k in range(1, 7))
     np.testing.assert_allclose(got[1], wanted, atol=1e-9)
 

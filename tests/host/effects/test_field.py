@@ -36,7 +36,7 @@ def chain(facing=1.0):
     return result
 
 
-def added_readings(name, facing=1.0, **values):
+def added(name, facing=1.0, **values):
     kind = next(kind for kind in FIELD if kind.name == name)
     result = chain(facing)
     kind(**values).add_offsets(result)
@@ -45,7 +45,7 @@ def added_readings(name, facing=1.0, **values):
 
 @pytest.mark.parametrize("facing", [1.0, -1.0])
 def test_a_steered_wheel_turns_at_the_rate_of_its_angle(facing):
-    gyro, accel = added_readings("wheel_steering", facing, arm=0.4)
+    gyro, accel = added("wheel_steering", facing, arm=0.4)
     on = chain()
     angle = 0.4 * on.speed * on.yaw_rate / (on.speed**2 + 0.25)
     rate = np.gradient(angle, T, edge_order=2)
@@ -56,7 +56,7 @@ def test_a_steered_wheel_turns_at_the_rate_of_its_angle(facing):
 
 
 def test_play_tilts_the_node_by_the_sign_of_the_torque():
-    gyro, accel = added_readings("axle_play", x=1e-3, y=-2e-3)
+    gyro, accel = added("axle_play", x=1e-3, y=-2e-3)
     on = chain()
     for k in (100, 500, 900):
         end = np.tanh(on.acceleration[k] / 0.05)
@@ -66,11 +66,11 @@ def test_play_tilts_the_node_by_the_sign_of_the_torque():
 
 
 def test_vibration_and_temperature_shift_the_accelerometer():
-    gyro, accel = added_readings("accel_rectification", x=0.01, z=-0.02)
+    gyro, accel = added("accel_rectification", x=0.01, z=-0.02)
     np.testing.assert_allclose(accel[0], 0.01 * chain().speed ** 2)
     np.testing.assert_allclose(accel[2], -0.02 * chain().speed ** 2)
     assert not accel[1].any() and not gyro.any()
-    _, accel = added_readings("accel_temperature", y=0.02)
+    _, accel = added("accel_temperature", y=0.02)
     np.testing.assert_allclose(accel[1], 0.02 * 0.3 * T)
 
 
@@ -90,7 +90,7 @@ def test_the_supply_above_3_7_volts_shifts_the_gyro():
 
 @pytest.mark.parametrize("facing", [1.0, -1.0])
 def test_on_a_banked_road_gravity_has_a_lateral_component(facing):
-    _, accel = added_readings("mean_road_bank", facing, angle=0.1)
+    _, accel = added("mean_road_bank", facing, angle=0.1)
     # Beside a level road, where it is (0, 0, 1) in the body: (0, sin, cos).
     change = 9.80665 * np.array([0.0, np.sin(0.1), np.cos(0.1) - 1.0])
     c, s = np.cos(5.0 * T), np.sin(5.0 * T)

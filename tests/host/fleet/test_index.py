@@ -39,8 +39,8 @@ def test_there_is_one_row_per_log_newest_first_and_months_are_summed(output):
     ("query", "logs"),
     [
         (IndexQuery(vehicle="van-2"), ["/b/three.mcap"]),
-        (IndexQuery(first_day=date(2026, 6, 2)), ["/a/two.mcap"]),
-        (IndexQuery(last_day=date(2026, 6, 1)), ["/a/one.mcap"]),
+        (IndexQuery(first=date(2026, 6, 2)), ["/a/two.mcap"]),
+        (IndexQuery(last=date(2026, 6, 1)), ["/a/one.mcap"]),
         (IndexQuery(text="THREE"), ["/b/three.mcap"]),
     ],
 )

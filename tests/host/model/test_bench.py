@@ -1,4 +1,4 @@
-"""Nodes on a bench: a turntable with stops, and a node that is pose_sequences from pose to pose."""
+"""Nodes on a bench: a turntable with stops, and a node that is carried from pose to pose."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ T = np.linspace(0.0, 4 * (REST + ROUND) + 2.0, 12001)
 
 
 @pytest.fixture(scope="module")
-def pose_sequences():
+def carried():
     """(without, with the Earth): rate, slope and force at T."""
     return [PoseSequence(POSES, REST, ROUND, latitude)(T) for latitude in (None, LATITUDE)]
 
@@ -66,8 +66,8 @@ def test_the_duration_is_that_of_all_poses_and_of_the_turns_between():
 
 
 @pytest.mark.parametrize("earth", [0, 1])
-def test_at_standstill_a_node_measures_gravity_and_earth_rate_in_the_axes_of_its_pose(pose_sequences, earth):
-    rate, slope, force = pose_sequences[earth]
+def test_at_standstill_a_node_measures_gravity_and_earth_rate_in_the_axes_of_its_pose(carried, earth):
+    rate, slope, force = carried[earth]
     turning = earth * EARTH_RATE * np.array([0.0, np.cos(LATITUDE), np.sin(LATITUDE)])
     for number, pose in enumerate(POSES):
         still = resting() == number
@@ -77,10 +77,10 @@ def test_at_standstill_a_node_measures_gravity_and_earth_rate_in_the_axes_of_its
             assert np.abs(motions[:, still] - expected[:, None]).max() < 1e-9
 
 
-def test_rate_and_force_during_a_turn_are_consistent(pose_sequences):
+def test_rate_and_force_during_a_turn_are_consistent(carried):
     """A world-fixed vector f rotates against the rate w, f' = -w x f; the rate integrates its derivative."""
     step = T[1] - T[0]
-    (rate, slope, force), (with_earth, with_slope, same) = pose_sequences
+    (rate, slope, force), (with_earth, with_slope, same) = carried
     moving = np.abs(rate).max(axis=0) > 0.0
     assert (resting() == -1)[moving].all()
     turned = np.gradient(force, step, axis=1) + np.cross(rate, force, axis=0)
@@ -96,8 +96,8 @@ def test_rate_and_force_during_a_turn_are_consistent(pose_sequences):
     assert own == pytest.approx(-np.cross(rate, earth, axis=0), abs=1e-12)
 
 
-def test_a_turn_is_about_one_axis_by_the_smallest_angle(pose_sequences):
-    rate, *_ = pose_sequences[0]
+def test_a_turn_is_about_one_axis_by_the_smallest_angle(carried):
+    rate, *_ = carried[0]
     for number in range(3):
         start_angle = number * (REST + ROUND) + REST
         turn = (start_angle <= T) & (start_angle + ROUND >= T)

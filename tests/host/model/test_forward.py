@@ -240,30 +240,30 @@ def test_each_effect_alone_changes_the_readings(kind):
 def slow_chain(values, w, f, age, warm):
     """One sample through the whole chain, in its order; values: effect name -> its parameters."""
 
-    def parameter_vector(name, axes):
+    def of(name, axes):
         return np.array([values[name][a] for a in axes])
 
-    turn = Rotation.from_rotvec(parameter_vector("node_misalignment", "xyz")).inv()
+    turn = Rotation.from_rotvec(of("node_misalignment", "xyz")).inv()
     w, f = turn.apply(w), turn.apply(f)
     shown = w.copy()
     for triad, vector in (("gyro", w), ("accel", f)):
         n = values[f"{triad}_nonorthogonality"]
         matrix = np.array([[0, n["xz"], -n["xy"]], [-n["yz"], 0, n["yx"]], [n["zy"], -n["zx"], 0]])
-        result = vector + parameter_vector(f"{triad}_scale_factor", "xyz") * vector + matrix @ vector
+        result = vector + of(f"{triad}_scale_factor", "xyz") * vector + matrix @ vector
         if triad == "gyro":
             shown = result
             shown[2] += values["gyro_cubic"]["z"] * vector[2] ** 3
         else:
             read = result
     warmup = values["gyro_warmup"]
-    shown = shown + parameter_vector("gyro_bias", "xyz")
-    shown = shown + parameter_vector("gyro_warmup", "xyz") * (1 - np.exp(-age / warmup["time_constant"]))
-    second = parameter_vector("gyro_warmup", ("x_second", "y_second", "z_second"))
+    shown = shown + of("gyro_bias", "xyz")
+    shown = shown + of("gyro_warmup", "xyz") * (1 - np.exp(-age / warmup["time_constant"]))
+    second = of("gyro_warmup", ("x_second", "y_second", "z_second"))
     shown = shown + second * (1 - np.exp(-age / warmup["time_constant_second"]))
-    shown = shown + parameter_vector("gyro_temperature", "xyz") * (warm - 25.0)
+    shown = shown + of("gyro_temperature", "xyz") * (warm - 25.0)
     for axis, names in enumerate((("xx", "xy", "xz"), ("yx", "yy", "yz"), "xyz")):
-        shown[axis] += parameter_vector("gyro_g_sensitivity", names) @ f
-    read = read + parameter_vector("accel_bias", "xyz")
+        shown[axis] += of("gyro_g_sensitivity", names) @ f
+    read = read + of("accel_bias", "xyz")
     limit, step = values["gyro_saturation"]["limit"], values["gyro_quantization"]["step"]
     shown = np.round(np.clip(shown, -limit, limit) / step) * step
     return shown, np.clip(read, -values["accel_saturation"]["limit"], values["accel_saturation"]["limit"])

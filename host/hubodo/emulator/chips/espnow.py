@@ -22,7 +22,7 @@ MAX_PACKET_BYTES, MAX_PEERS, BUFFER_HEADER_BYTES = 250, 20, 13
 NOT_INIT, ARG, NO_MEM, FULL, NOT_FOUND, EXIST = 1, 2, 3, 4, 5, 7
 """Errors, as offsets from ESP_ERR_ESPNOW_BASE."""
 
-_MAX_SEND_ATTEMPTS, _SEND_QUEUE_PACKETS = 7, 6
+_MAX_ATTEMPTS, _SEND_QUEUE_PACKETS = 7, 6
 _PREAMBLE_NS, _BYTE_NS, _OVERHEAD_BYTES_80211 = 192e3, 8e3, 43
 _DIFS_NS, _SLOT_NS, _SLOTS, _ACK_NS = 50e3, 20e3, 32, 314e3
 _RSSI_DBM = -50
@@ -159,7 +159,7 @@ class EspNow:
             if not medium.draw_loss("answers"):
                 self._complete_packet(t + _ACK_NS, ok=True)
                 return
-        if attempt < _MAX_SEND_ATTEMPTS:
+        if attempt < _MAX_ATTEMPTS:
             self._send(t + _ACK_NS, attempt + 1, delivered=delivered)
         else:
             self._complete_packet(t + _ACK_NS, ok=False)

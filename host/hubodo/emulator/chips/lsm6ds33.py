@@ -62,7 +62,7 @@ REGISTERS: dict[int, Register] = {
     **{address: Register(name) for address, name in _READ_ONLY.items()},
 }
 _SW_RESET, _BOOT, _BDU, _IF_INC = 0x01, 0x80, 0x40, 0x04
-_BYPASS_MODE, _FIFO_MODE = 0, 1
+_BYPASS_MODE, _FIFO_MODE, _CONTINUOUS = 0, 1, 6
 _TIMESTAMP_TICK_S = 6.4e-3
 
 

@@ -29,7 +29,7 @@ _UNKNOWN_HEADING_SIGMA = math.pi / math.sqrt(3.0)
 _MAP_ORIGIN_SIGMA = 1e-3
 """m; without fixes the first pose defines the origin of the map."""
 _MIN_ODOMETRY_OUTAGE = 2.0
-"""s between odometry poses above which the wheels count as not received. Estimated."""
+"""s between odometry poses from which on the wheels count as not received. Estimated."""
 
 
 def build_graph(

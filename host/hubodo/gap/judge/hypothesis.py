@@ -25,7 +25,7 @@ from hubodo.gap.state.terms import ModelTerm
 _MAX_GAIN_RATIO, _MAX_EXTRA_GAIN = 20.0, 20.0
 # Held-out gain, in sigma and as a share of the gain, that a hypothesis needs where residuals are correlated;
 # in white noise the likelihood suffices.
-_MIN_HELD_OUT_Z, _MIN_HELD_OUT_GAIN_SHARE = 2.5, 0.3
+_MIN_HELD_OUT_Z, _MIN_HELD_OUT_SHARE = 2.5, 0.3
 # The same in sigma of noise whose level differs from stretch to stretch, for a property of the vehicle: less
 # is within what roads do. Offsets and clocks differ from drive to drive anyway. More for unnamed terms.
 _MIN_LEVEL_SIGMAS, _MIN_LEVEL_SIGMAS_UNNAMED = 0.4, 1.3
@@ -177,7 +177,7 @@ def _helps_held_out(gain: float, held_out_gain: HeldOutGain, tempering: float) -
     correlated_share = 1.0 - 1.0 / tempering
     return (
         held_out_gain.z >= _MIN_HELD_OUT_Z * correlated_share
-        and held_out_gain.total >= _MIN_HELD_OUT_GAIN_SHARE * correlated_share * gain
+        and held_out_gain.total >= _MIN_HELD_OUT_SHARE * correlated_share * gain
     )
 
 

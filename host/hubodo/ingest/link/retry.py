@@ -57,7 +57,7 @@ class Backoff:
 
     @property
     def is_first(self) -> bool:
-        """True if no attempt to open has failed since the last connection."""
+        """True until an attempt to open has failed since the last connection."""
         return not self._failed_opens
 
     def pause_after_failed_open(self) -> float:

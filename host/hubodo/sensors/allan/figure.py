@@ -19,7 +19,7 @@ from hubodo.sensors.allan.ieee952 import rate_unit, term_units
 if TYPE_CHECKING:
     from hubodo.sensors.allan.result import AllanResult
 
-_INK_COLOUR, _GRID_COLOUR = "#1d2126", "#d8dce0"
+_POINT_COLOUR, _GRID_COLOUR = "#1d2126", "#d8dce0"
 _TERM_COLOURS = {"Q": "#8a6d3b", "N": "#1b6ca8", "B": "#2e7d5b", "K": "#d1495b", "R": "#7a4fa3"}
 _CHANNEL_COLOURS = ("#1b6ca8", "#d1495b", "#2e7d5b", "#7a4fa3", "#8a6d3b", "#1d2126", "#c2570c", "#0e7490")
 _CHANNEL_MARKERS = "osD^vPX*"
@@ -41,7 +41,7 @@ def allan_figure(
     for (name, result), colour, marker in zip(
         results, cycle(_CHANNEL_COLOURS), cycle(_CHANNEL_MARKERS), strict=False
     ):
-        colour = colour if several else _INK_COLOUR
+        colour = colour if several else _POINT_COLOUR
         _points(upper, result, name if several else "measured, 95 %", colour, marker)
         _residuals(lower, result, colour, marker)
     if not several:
@@ -67,7 +67,7 @@ def allan_figure(
     right.set_ylabel(unit.common)
     upper.legend(fontsize=8)
     upper.set_title(title)
-    lower.axhline(0.0, color=_INK_COLOUR, lw=0.8)
+    lower.axhline(0.0, color=_POINT_COLOUR, lw=0.8)
     lower.set_ylabel("residual, %")
     lower.set_xlabel("averaging time, s")
     for axes in (upper, lower):

@@ -12,7 +12,7 @@ from hubodo.arrays import Array
 CostFunction = Callable[[Array], tuple[Array, Array]]
 
 _DIFFERENCE_STEP = 1e-4
-_MAX_GAUSS_NEWTON_STEPS, _MAX_DAMPING_TRIALS = 40, 12
+_MAX_ITERATIONS, _MAX_DAMPING_TRIALS = 40, 12
 _COST_TOLERANCE = 1e-5
 
 
@@ -48,7 +48,7 @@ def minimise(evaluate: CostFunction, x: Array, low: Array, high: Array) -> tuple
 
     current = linearise(np.minimum(np.maximum(x, low), high))
     damping = 1e-3
-    for _ in range(_MAX_GAUSS_NEWTON_STEPS):
+    for _ in range(_MAX_ITERATIONS):
         scaling = np.diag(current.normal.diagonal() + 1e-3)
         previous_cost = current.cost
         for _ in range(_MAX_DAMPING_TRIALS):

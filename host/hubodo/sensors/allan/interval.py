@@ -49,7 +49,7 @@ def upper_limit(
 ) -> float:
     """Return the 95 % upper limit of a term in the fit that is not significant; for a ramp, of its magnitude.
 
-    cost_without: increase of -2 ln likelihood without the term. claim_cost: increase above which a term
+    cost_without: increase of -2 ln likelihood without the term. claim_cost: increase from which on a term
     counts as significant.
     """
     rise = _limit_cost_rise(float(np.sqrt(max(cost_without, 0.0))), float(np.sqrt(claim_cost)))

@@ -25,7 +25,7 @@ def accel_frame_covariance(
     It is to be added to that of the turns. turns: all turns between the standstills. The effect is
     computed to first order for each principal direction of the accelerometers' covariance.
     """
-    turns_used = turns.select(calibration.turn_numbers)
+    turns_used = turns.select(calibration.used)
     misclosure = propagate_gravity(turns_used, calibration.matrix, calibration.bias_change) - turns_used.end
     values, vectors = np.linalg.eigh(accel.full_covariance)
     covariance = np.zeros((12, 12))
@@ -33,9 +33,7 @@ def accel_frame_covariance(
         triad = Triad(accel.triad.bias + direction[:3], accel.triad.matrix + direction[3:].reshape(3, 3))
         up = np.asarray(triad.apply(standstills.accel))
         up /= np.linalg.norm(up, axis=1)[:, None]
-        changed = replace(
-            turns_used, start=up[calibration.turn_numbers], end=up[calibration.turn_numbers + 1]
-        )
+        changed = replace(turns_used, start=up[calibration.used], end=up[calibration.used + 1])
         misclosure_change = (
             propagate_gravity(changed, calibration.matrix, calibration.bias_change) - changed.end - misclosure
         )

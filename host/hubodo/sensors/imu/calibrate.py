@@ -224,7 +224,7 @@ def _add_turns(
         else "what they show of scale and misalignments"
     )
     method = (
-        f"turns between standstills, {len(calibration.turn_numbers)} of them, gyro against accelerometer: "
+        f"turns between standstills, {len(calibration.used)} of them, gyro against accelerometer: "
         f"{determined} in "
         f"the accelerometer's frame; bias{'' if static.g_sensitivity is None else ' and g-sensitivity'} from "
         f"{len(standstills)} standstills"
@@ -236,7 +236,7 @@ def _add_turns(
         is_observable=calibration.is_observable,
         method=method,
         turns=calibration,
-        held_out=cross_validate_turns(turns.select(calibration.turn_numbers), bias_sigma),
+        held_out=cross_validate_turns(turns.select(calibration.used), bias_sigma),
     )
 
 

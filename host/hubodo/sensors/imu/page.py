@@ -57,9 +57,7 @@ def _residuals(result: ImuCalibration) -> Section:
     text = f"Norm of the accelerometer: {format_held_out(result.accel_held_out, 'm/s²')}."
     turns = result.gyro.turns
     if turns is not None:
-        angles = _before_and_after(
-            turns.turn_numbers + 1, np.degrees(turns.error_before), np.degrees(turns.error)
-        )
+        angles = _before_and_after(turns.used + 1, np.degrees(turns.error_before), np.degrees(turns.error))
         figures.append(draw_curves(angles, "turn", "angle error against gravity, °"))
         text += f" Gyro turns: {format_held_out(result.gyro.held_out, 'degrees', 180 / np.pi)}."
     return Section("Before and after", text, figures=figures)

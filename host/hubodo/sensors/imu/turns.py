@@ -55,7 +55,7 @@ class TurnCalibration:
         is_observable: (9,) True for the elements of M that the turns determine; the others follow the
             prior.
         earth_rate, earth_covariance: (E,) and (E, E) horizontal Earth rates, rad/s, if modelled.
-        turn_numbers: (T,) number of each turn, from 0.
+        used: (T,) number of each turn, from 0.
         angle: (T,) angle by which gravity turned, rad.
         error: (T,) angle between propagated and measured gravity after calibration, rad.
         error_before: (T,) the same with only the bias subtracted.
@@ -67,7 +67,7 @@ class TurnCalibration:
     covariance: Array
     response: Array
     is_observable: NDArray[np.bool_]
-    turn_numbers: NDArray[np.int64]
+    used: NDArray[np.int64]
     angle: Array
     error: Array
     error_before: Array

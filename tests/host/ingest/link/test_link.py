@@ -87,13 +87,13 @@ class Reports:
     def __init__(self, news):
         self._news, self._items = news, []
 
-    def from_link(self, link, kind):
+    def of(self, link, kind):
         while not self._news.empty():
             self._items.append(self._news.get())
         return [item for item in self._items if item.link == link.label and isinstance(item, kind)]
 
     def numbers(self, link):
-        return [int(n) for item in self.from_link(link, Chunk) for n in item.data.split()]
+        return [int(n) for item in self.of(link, Chunk) for n in item.data.split()]
 
 
 def goes_on(link, reports):
@@ -110,14 +110,14 @@ def test_an_unexpected_exception_ends_that_attempt_and_the_link_is_retried(links
     good.start()
     bad.start()
     if call in ("write", "close"):
-        until(lambda: reports.from_link(bad, LinkUp))
+        until(lambda: reports.of(bad, LinkUp))
         bad.send(b"x")
         if call == "close":
             bad._writer.error = RuntimeError("ends the connection")
-    until(lambda: any(item.unexpected for item in reports.from_link(bad, LinkLost)))
-    assert "RuntimeError" in reports.from_link(bad, LinkLost)[0].text
+    until(lambda: any(item.unexpected for item in reports.of(bad, LinkLost)))
+    assert "RuntimeError" in reports.of(bad, LinkLost)[0].text
     ways["bad"] = Script
-    until(lambda: reports.from_link(bad, LinkUp) and reports.from_link(bad, Chunk) and bad.send(b"y"))
+    until(lambda: reports.of(bad, LinkUp) and reports.of(bad, Chunk) and bad.send(b"y"))
     goes_on(good, reports)
 
 

@@ -42,7 +42,7 @@ class BoardCalls:
         return self.t if STEPPED else real_time.monotonic_ns() - self.t0
 
     def pace(self, max_lead_ns):
-        """Sleep while virtual time is ahead of wall time by more than `max_lead_ns` ns."""
+        """Sleep while virtual time is ahead of wall time by chunk than `max_lead_ns` ns."""
         ahead = self.t - (real_time.monotonic_ns() - self.t0) / CONFIG["pace"] if PACED else 0
         if ahead > max_lead_ns:
             real_time.sleep(ahead * CONFIG["pace"] / 1e9)
@@ -194,8 +194,7 @@ class BoardCalls:
     def udp_from(self, handle, timeout_ms):
         self.socket, self.timeout, self.status = handle, timeout_ms, 0
 
-    def udp_peer_field(self, k):
-        """Return byte k of the address of the last sender, or with k = 4 its port."""
+    def udp_peer(self, k):
         return self.peer[k] if k < 4 else struct.unpack_from("<H", self.peer, 4)[0]
 
     def unique_id(self):

@@ -79,8 +79,8 @@ class UdpDevice:
         return len(buf)
 
 
-class BinaryStream:
-    """A binary standard stream: sys.stdin.buffer or sys.stdout.buffer."""
+class Bytes:
+    """Binary standard streams: sys.stdin.buffer and sys.stdout.buffer."""
 
     def write(self, buf, *part):
         return board.write_port(0, _part(buf, part))
@@ -102,13 +102,13 @@ class BinaryStream:
         pass
 
 
-class TextStream:
-    """A text standard stream: sys.stdin or sys.stdout."""
+class Text:
+    """Text standard streams: sys.stdin and sys.stdout."""
 
     encoding = "utf-8"
 
     def __init__(self):
-        self.buffer = BinaryStream()
+        self.buffer = Bytes()
 
     def write(self, text):
         self.buffer.write(text.encode())

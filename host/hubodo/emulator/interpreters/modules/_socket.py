@@ -106,7 +106,7 @@ class socket(io.IOBase):
         n = _into(buf)
         if _result() < 0:
             raise OSError(-_result())
-        peer = _board.udp_peer_field
+        peer = _board.udp_peer
         return bytes(buf[:n]), ("%d.%d.%d.%d" % (peer(0), peer(1), peer(2), peer(3)), peer(4))
 
     def recv(self, size):

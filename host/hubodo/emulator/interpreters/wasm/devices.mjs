@@ -155,7 +155,7 @@ export class Devices {
         this.armed = true;
         this.result = 0;
       },
-      udp_peer_field: (k) => (k < 4 ? peer[k] : peer.readUInt16LE(4)),
+      udp_peer: (k) => (k < 4 ? peer[k] : peer.readUInt16LE(4)),
     };
   }
 }
