@@ -1,4 +1,4 @@
-"""Encode and decode single ROS 2 messages of any length; batches of one layout use `hubodo.log.ros2`."""
+"""Encode single ROS 2 messages of any length; batches of one layout use `hubodo.log.ros2`."""
 
 from __future__ import annotations
 
@@ -32,17 +32,6 @@ def encode_message(message_type: str, values: Mapping[str, Any]) -> bytes:
     return ros2.ENCAPSULATION + bytes(out)
 
 
-def decode_message(message_type: str, payload: bytes) -> dict[str, Any]:
-    """Decode a message in plain CDR of either byte order; ValueError if it is not one of this type."""
-    if payload[:2] not in (b"\x00\x00", b"\x00\x01"):
-        raise ValueError(f"encapsulation {payload[:4].hex()} is not plain CDR")
-    reader = _Reader(payload[4:], "<" if payload[1] else ">")
-    try:
-        return reader.read_fields(message_type)
-    except struct.error:
-        raise ValueError(f"{message_type} of {len(payload)} bytes is truncated") from None
-
-
 def _encode_fields(message_type: str, values: Mapping[str, Any], out: bytearray) -> None:
     for field in ros2.message_fields(message_type):
         value = values.get(field.name)
@@ -73,39 +62,3 @@ def _append(code: str, value: Any, out: bytearray) -> None:
     """Append a number, aligned to its size."""
     out += bytes(-len(out) % struct.calcsize(code))
     out += struct.pack("<" + code, value)
-
-
-class _Reader:
-    """A cursor in the body of a message."""
-
-    def __init__(self, body: bytes, order: str) -> None:
-        self._body, self._order, self._position = body, order, 0
-
-    def read_fields(self, message_type: str) -> dict[str, Any]:
-        values: dict[str, Any] = {}
-        for field in ros2.message_fields(message_type):
-            if not field.is_array:
-                values[field.name] = self._read_value(field.type)
-                continue
-            count = self._read_number("I") if field.count is None else field.count
-            if count > len(self._body):
-                raise ValueError(f"{field.name} claims {count} elements in {len(self._body)} bytes")
-            values[field.name] = [self._read_value(field.type) for _ in range(count)]
-        return values
-
-    def _read_value(self, field_type: str) -> Any:
-        if field_type == "string":
-            length = self._read_number("I")
-            start, self._position = self._position, self._position + length
-            if self._position > len(self._body):
-                raise ValueError(f"a text of {length} bytes exceeds the message")
-            return self._body[start : self._position].rstrip(b"\0").decode("utf-8", "replace")
-        if field_type in _CODES:
-            return self._read_number(_CODES[field_type])
-        return self.read_fields(field_type)
-
-    def _read_number(self, code: str) -> Any:
-        size = struct.calcsize(code)
-        start = self._position + -self._position % size
-        self._position = start + size
-        return struct.unpack_from(self._order + code, self._body, start)[0]

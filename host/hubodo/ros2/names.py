@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 
-from hubodo.errors import InputError
 from hubodo.log import ros2, topics
-
-_TOPIC = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,15 +39,6 @@ def topic_qos(topic: str, message_type: str) -> QosProfile:
     if topic == topics.TF_STATIC:
         return LATCHED
     return SENSOR_DATA if message_type in _SENSOR_TYPES else RELIABLE
-
-
-def check_topic(topic: str) -> str:
-    """Return a valid absolute topic name; raise InputError for any other text."""
-    if not _TOPIC.fullmatch(topic):
-        raise InputError(
-            f"topic {topic!r}: write an absolute ROS 2 name of letters, digits and _, such as /left_wheel/imu"
-        )
-    return topic
 
 
 def dds_topic(topic: str) -> str:
