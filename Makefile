@@ -14,7 +14,8 @@ demo: setup          ## the main job end to end, without hardware
 	$(BIN)/hubodo demo -o out/demo
 
 test: setup browser compiler  ## all tests that need no hardware
-	$(BIN)/python -m pytest --numprocesses 5 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest --numprocesses 5 --dist loadfile --no-loadscope-reorder -m "not alone"
+	$(BIN)/python -m pytest -m alone tests/signal_path/test_north_table.py
 
 QUICK := tests/protocol tests/host/effects tests/host/model tests/host/log tests/host/gap tests/host/fuse
 # Excluded: tests of the graph, of many noisy drives and complete recordings, and recipes, which take most of the time.

@@ -80,13 +80,14 @@ def bench(tmp_path):
 
 
 def north(capsys, port, *words):
-    common = ["--latitude-deg", "48", "--method", "maytag4", "--stop", "2", "--settle", "1.6", "--json"]
+    common = ["--latitude-deg", "48", "--method", "maytag4", "--stop", "2", "--settle", "0.8", "--json"]
     status = main(["north", "--live", str(port), *common, *map(str, words)])
     out, err = capsys.readouterr()
     assert status == 0, err
     return json.loads(out), err
 
 
+@pytest.mark.alone
 @pytest.mark.real_time
 def test_a_real_node_is_turned_and_feels_the_turns_that_the_table_tells(bench, tmp_path, capsys):
     port, table = bench
