@@ -6,7 +6,10 @@ import sys
 from functools import cache
 from pathlib import Path
 
+import pytest
 from hypothesis import HealthCheck, settings
+
+from hubodo.effects import BY_NAME
 
 TESTS = Path(__file__).parent
 LONGEST_FILES = (
@@ -81,3 +84,12 @@ def pytest_collection_finish():
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)
     gc.enable()
+
+
+@pytest.fixture(scope="module", autouse=True)
+def restore_effects():
+    """Forget the effects that a file of tests has loaded, such as `--candidates field`."""
+    before = dict(BY_NAME)
+    yield
+    BY_NAME.clear()
+    BY_NAME.update(before)

@@ -27,9 +27,13 @@ def add_ros2_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def ros2_config(args: argparse.Namespace) -> Ros2Config:
-    """Return `[ros2]` of the file of `--config`, with the options and the environment applied."""
+    """Return `[ros2]` of the file of `--config`, with the options applied.
+
+    The environment of ROS is read only if something is published: it cannot stop any other recording.
+    """
     config = Ros2Config() if args.config is None else load_ros2_config(args.config)
     config = config if args.ros2 is None else replace(config, publish=args.ros2)
-    if config.publish is not None:
-        require_transport(config.publish)
+    if config.publish is None:
+        return config
+    require_transport(config.publish)
     return complete_config(config)

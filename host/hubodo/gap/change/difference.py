@@ -36,8 +36,6 @@ from hubodo.gap.state.terms import ALL, ModelTerm, list_scopes
 _MAX_REFITTED_CHANGES = 5
 # Iterations of a fit of one log.
 _MAX_CANDIDATE_ITERATIONS = 4
-# ln Bayes factor of a change with an objection: too little for any prior.
-_OBJECTION_EVIDENCE = -50.0
 # Held-out gain that a change needs where residuals are correlated: in sigma, as a share of the gain, and in
 # sigma of noise whose level differs. One pair of drives of an unchanged car reached 0.13 of the last.
 _MIN_CHANGE_HELD_OUT_Z, _MIN_CHANGE_HELD_OUT_SHARE, _MIN_CHANGE_LEVEL_SIGMAS = 5.0, 0.3, 0.2
@@ -268,9 +266,8 @@ def _judge_change(
         and _is_minor(change, _change_sigma(fits[1], places))
     ):
         objection = "differs by no more than drives differ"
-    if objection:
-        evidence = min(evidence, _OBJECTION_EVIDENCE)
-    return Hypothesis(terms[1], gain, evidence, 0.0, None, None, held_out_gain, objection)
+    hypothesis = Hypothesis(terms[1], gain, evidence, 0.0, None, None, held_out_gain)
+    return hypothesis.with_objection(objection) if objection else hypothesis
 
 
 def _helps_held_out(gain: float, held_out_gain: HeldOutGain, tempering: float) -> bool:

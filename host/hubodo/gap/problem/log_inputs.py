@@ -50,6 +50,7 @@ def read_inputs(recording: Recording, model: Model, origin: float, log_name: str
 
     Raises InputError if one is missing.
     """
+    # The speed of the wheels needs the yaw rate; of two missing inputs the speed is the one to be named.
     if isinstance(model.inputs.speed, str) and not model.inputs.speed.startswith("nodes"):
         _find_input(recording, model.inputs.speed, log_name)
     yaw_rate, yaw_first, yaw_last = _read_yaw_rate(recording, model, origin, log_name)
