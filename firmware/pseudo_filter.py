@@ -2,7 +2,7 @@
 
 The samples are averaged over intervals; G is such a mean, b the bias, S = s^2 I the covariance of G, |w| the
 known magnitude and c^2 its variance. With d = G - b and P the covariance of b, the corrected filter of
-tests/papers/filters/pseudo_measurement.py (which shows why eq. 3 fails at standstill), halved on both sides:
+sensors/filters/pseudo_measurement.py (which shows why eq. 3 fails at standstill), halved on both sides:
     H = d'                                          eq. 2
     y = (|d|^2 - |w|^2 - tr S + tr P + c^2) / 2
     R = |w|^2 (s^2 + c^2) + (14 s^4 + 2 c^4 + 2 tr P^2) / 4        eq. 3, which has 4 d' S d + 2 tr S^2

@@ -21,9 +21,9 @@ from speedups import record_speedup
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from hubodo.sensors.warmup.rate_bias_kalman import RateBiasKalman, steady_state_gain
-from hubodo.sensors.warmup.recursive_least_squares import RecursiveLeastSquares
-from papers.filters.pseudo_measurement import PseudoMeasurementFilter
+from hubodo.sensors.filters.pseudo_measurement import PseudoMeasurementFilter
+from hubodo.sensors.filters.rate_bias_kalman import RateBiasKalman, steady_state_gain
+from hubodo.sensors.filters.recursive_least_squares import RecursiveLeastSquares
 
 ROUNDS = 9
 AIMED = {"Kalman": 200, "RLS": 40}

@@ -15,7 +15,8 @@ from scipy.stats import chi2
 from small_int import SmallInt
 
 from generators import spin_drives
-from papers.filters.pseudo_measurement import PseudoMeasurementFilter, rate_from_gravity
+from hubodo.sensors.filters.pseudo_measurement import PseudoMeasurementFilter
+from papers.filters.gravity_rate import rate_from_gravity
 
 LSB_NDPS, ACCEL_LSB_NG = 70_000_000, 488_000
 STEP = math.radians(LSB_NDPS * 1e-9)

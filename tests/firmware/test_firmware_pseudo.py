@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from scipy.stats import chi2
 from small_int import SmallInt
 
-from papers.filters.pseudo_measurement import PseudoMeasurementFilter
+from hubodo.sensors.filters.pseudo_measurement import PseudoMeasurementFilter
 
 LSB_NDPS = 70_000_000
 ACCEL_LSB_NG = 488_000

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from small_int import SmallInt
 from test_firmware_bias_filter import SAMPLES, hour_of_signals
 
-from hubodo.sensors.warmup.recursive_least_squares import RecursiveLeastSquares
+from hubodo.sensors.filters.recursive_least_squares import RecursiveLeastSquares
 
 FORGETTING = [1_027_604, 964_690]
 """Forgetting factors 0.98 and 0.92 as Q20."""

@@ -16,10 +16,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from generators import spin_drives
 from hubodo.log.csv_folder import read_folder
+from hubodo.sensors.filters.pseudo_measurement import PseudoMeasurementFilter
+from hubodo.sensors.filters.rate_bias_kalman import KalmanGain, RateBiasKalman, steady_state_gain
+from hubodo.sensors.filters.recursive_least_squares import RecursiveLeastSquares
 from hubodo.sensors.warmup.bias_method import choose_bias_method
-from hubodo.sensors.warmup.rate_bias_kalman import KalmanGain, RateBiasKalman, steady_state_gain
-from hubodo.sensors.warmup.recursive_least_squares import RecursiveLeastSquares
-from papers.filters.pseudo_measurement import PseudoMeasurementFilter
 from wanted import SHARED
 
 DT = 0.01

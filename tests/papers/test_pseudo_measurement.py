@@ -9,7 +9,8 @@ from filterpy.kalman import ExtendedKalmanFilter
 from scipy.stats import chi2
 
 from generators import spin_drives
-from papers.filters.pseudo_measurement import PseudoMeasurementFilter, rate_from_gravity
+from hubodo.sensors.filters.pseudo_measurement import PseudoMeasurementFilter
+from papers.filters.gravity_rate import rate_from_gravity
 
 SIGMA = 1e-3
 NOISE = np.diag([1.0, 1.3, 0.8]) ** 2 * SIGMA**2

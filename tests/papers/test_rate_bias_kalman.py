@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm, solve_discrete_are
 
-from hubodo.sensors.warmup.rate_bias_kalman import (
+from hubodo.sensors.filters.rate_bias_kalman import (
     KalmanGain,
     RateBiasKalman,
     discretise,

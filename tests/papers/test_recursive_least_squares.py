@@ -8,7 +8,7 @@ from filterpy.kalman import KalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hubodo.sensors.warmup.recursive_least_squares import _INITIAL_VARIANCE, RecursiveLeastSquares
+from hubodo.sensors.filters.recursive_least_squares import _INITIAL_VARIANCE, RecursiveLeastSquares
 
 
 def regressors(y, rates, lagged):

@@ -9,7 +9,7 @@ from filterpy.kalman import KalmanFilter
 from scipy.linalg import block_diag, expm
 
 from generators import start_gyro as start
-from papers.filters.six_state import SixState
+from hubodo.sensors.filters.six_state import SixState
 
 DEG = math.pi / 180.0
 NOISE, DT, AVERAGED = 0.2 * DEG, 0.05, 2000

@@ -12,7 +12,7 @@ from hubodo.calibration.file import CalibratedEffect, NodeCalibration, Quantity
 from hubodo.errors import CalibrationError
 from hubodo.flash import node_settings as module
 from hubodo.flash.node_settings import FROM_CALIBRATION, apply_calibration_to_config, node_settings
-from hubodo.sensors.warmup.rate_bias_kalman import steady_state_gain
+from hubodo.sensors.filters.rate_bias_kalman import steady_state_gain
 
 FIRMWARE = Path(__file__).parents[3] / "firmware"
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.sensors.warmup.rate_bias_kalman import KalmanGain, RateBiasKalman
-from hubodo.sensors.warmup.recursive_least_squares import RecursiveLeastSquares
+from hubodo.sensors.filters.rate_bias_kalman import KalmanGain, RateBiasKalman
+from hubodo.sensors.filters.recursive_least_squares import RecursiveLeastSquares
 
 _MAX_COMPARED_SAMPLES = 120_000
 """Only the last samples of a record are used, because recursive least squares runs sample by sample."""

@@ -1,4 +1,4 @@
-"""The Kalman filter of Barshan and Durrant-Whyte: orientation to its third derivative, and bias."""
+"""Six-state Kalman filter of Barshan and Durrant-Whyte: orientation with three derivatives, and bias."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from hubodo.arrays import Array
 
 @dataclass(frozen=True)
 class SixState:
-    """The filter of eq. (7) to (12), as the paper states it: a constant third derivative but for white noise.
+    """The filter of eq. (7) to (12), with white noise on the third derivative of the orientation.
 
-    c1, c2: rad/s and time_constant: s, of the warm-up model. noise: 1 sigma of a rate sample, rad/s.
-    highest_derivative: the paper's sigma_a = 0.05 deg/s^3, in rad/s^3. dt: s. bias_noise: spectral density
-    root of the bias state, rad/s per sqrt(s); the paper writes its sigma_w there, which None stands for.
+    c1, c2: parameters of the warm-up model, rad/s; time_constant: s. noise: 1 sigma of a rate sample, rad/s.
+    highest_derivative: noise of the third derivative, rad/s^3 (sigma_a of the paper, 0.05 deg/s^3). dt: s.
+    bias_noise: root spectral density of the bias state, rad/s per sqrt(s); None uses `noise`, as printed.
     """
 
     c1: float
@@ -28,10 +28,10 @@ class SixState:
     bias_noise: float | None = None
 
     def run(self, rates: Array, bias: Array, averaged: int) -> tuple[Array, Array, Array]:
-        """Orientation (rad), rate and bias (rad/s), each (N,) or (M, N), for rates of the same shape.
+        """Return orientation (rad), rate and bias (rad/s), each (N,) or (M, N), for rates of that shape.
 
-        bias: (M,) or scalar: the mean of `averaged` samples at standstill, which starts the bias. The gains
-        do not depend on the data, so M runs are filtered at once.
+        bias: (M,) or scalar initial bias, the mean of `averaged` samples at standstill. The gains do not
+        depend on the data, so M runs are filtered at once.
         """
         runs = np.atleast_2d(rates)
         transition, drive = self._transition()
@@ -47,7 +47,7 @@ class SixState:
         return shaped[0], shaped[1], shaped[2]
 
     def _transition(self) -> tuple[Array, float]:
-        """F of eq. (9), and the constant input of eq. (10) on the bias."""
+        """Return F of eq. (9), and the constant input of eq. (10) on the bias."""
         dt, constant = self.dt, self.time_constant
         matrix = np.zeros((6, 6))
         for row in range(4):
@@ -57,7 +57,7 @@ class SixState:
         return matrix, dt / (constant + dt) * (self.c1 + self.c2)
 
     def _process_noise(self) -> Array:
-        """Eq. (11), discretised: white noise on the derivative above the highest state of each chain."""
+        """Return Q of eq. (11): white noise on the derivative above the highest state of each chain."""
         built = np.zeros((6, 6))
         built[:4, :4] = self.highest_derivative**2 * _white_noise(4, self.dt)
         built[4:, 4:] = (self.noise if self.bias_noise is None else self.bias_noise) ** 2 * _white_noise(
@@ -66,10 +66,10 @@ class SixState:
         return built
 
     def _gains(self, transition: Array, count: int, averaged: int) -> Array:
-        """(N, 6) Kalman gains."""
+        """Return the (N, 6) Kalman gains."""
         observed = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
         process = self._process_noise()
-        # At rest when it starts, and known to be so to within the noise of one sample.
+        # Stationary at first, to within the noise of one sample.
         spread = np.diag([0.0, self.noise**2, math.radians(1.0) ** 2, math.radians(1.0) ** 2, 0.0, 0.0])
         spread[5, 5] = self.noise**2 / averaged
         gains = np.empty((count, 6))
@@ -83,7 +83,7 @@ class SixState:
 
 
 def _white_noise(order: int, dt: float) -> Array:
-    """(order, order) covariance after dt of a chain of integrators driven by unit continuous white noise."""
+    """Return the (order, order) covariance after dt of integrators driven by unit continuous white noise."""
     powers = order - 1 - np.arange(order)
     factorials = np.array([math.factorial(p) for p in powers], float)
     total = powers[:, None] + powers[None, :] + 1

@@ -1,0 +1,1 @@
+"""Filters of one gyro axis, and their comparison on a log."""
