@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from hubodo.errors import ConfigError
 from hubodo.toml_file import as_table, check_known_keys, check_positive, load_toml, quote_value, read_table
 
 Side = Literal["left", "right"]
 Facing = Literal["left", "right"]
+RadiusSource = Literal["tape", "rolled", "nominal"]
+"""How the wheel radius was determined: by tape, from a rolled distance, or from a label or data sheet."""
 
+RADIUS_SOURCES: tuple[RadiusSource, ...] = get_args(RadiusSource)
 RANGE_KEYS = ("gyro_range", "accel_range")
 _KNOWN_TABLES = ("vehicle", "imu", "nodes", "inputs", "effects", "topics")
 _MAX_NAME_LENGTH = 80
@@ -51,6 +54,8 @@ class Vehicle:
     latitude_deg : where on Earth it drives; None if unknown.
     topics : topics in logs of other programs, by node or file (`[topics]`).
     name : of the vehicle.
+    radius_from : how the wheel radius was determined (`radius_from`): "nominal", the default, "tape" or
+    "rolled". It sets the prior sigma of the radius.
     """
 
     wheel_radius: float
@@ -60,6 +65,7 @@ class Vehicle:
     latitude_deg: float | None = None
     topics: Mapping[str, str] = field(default_factory=dict)
     name: str = ""
+    radius_from: RadiusSource = "nominal"
 
     def on(self, side: Side) -> str | None:
         """Return the name of the first node on a wheel.
@@ -102,7 +108,9 @@ def parse_vehicle(table: Mapping[str, Any], path: Path | str) -> Vehicle:
         raise ConfigError(f"{path}: [vehicle] is missing; give wheel_radius and track_width in metres")
     body = as_table(table["vehicle"], f"{path}: [vehicle]")
     size_keys = [item.name for item in fields(_RequiredSizes)]
-    check_known_keys(body, (*size_keys, "antenna", "latitude_deg", "name"), f"{path}: [vehicle]")
+    check_known_keys(
+        body, (*size_keys, "radius_from", "antenna", "latitude_deg", "name"), f"{path}: [vehicle]"
+    )
     sizes = read_table({k: body[k] for k in body if k in size_keys}, _RequiredSizes, f"{path}: [vehicle]")
     for item in fields(sizes):
         check_positive(getattr(sizes, item.name), f"{path}: [vehicle] {item.name}")
@@ -123,13 +131,27 @@ def parse_vehicle(table: Mapping[str, Any], path: Path | str) -> Vehicle:
         raise ConfigError(
             f'{path}: [vehicle] name: write a text of {_MAX_NAME_LENGTH} letters at most, as "van 7"'
         )
+    radius_from = body.get("radius_from", "nominal")
+    if radius_from not in RADIUS_SOURCES:
+        choices = ", ".join(f'"{source}"' for source in RADIUS_SOURCES)
+        raise ConfigError(
+            f"{path}: [vehicle] radius_from = {quote_value(radius_from)}: how the radius was determined; "
+            f"write one of {choices}"
+        )
     topics = as_table(table.get("topics", {}), f"{path}: [topics]")
     for name, topic in topics.items():
         if not isinstance(topic, str) or not topic:
             place = f"{path}: [topics] {quote_value(name)} = {quote_value(topic)}"
             raise ConfigError(f'{place}: write a topic, such as "/imu/left"')
     return Vehicle(
-        sizes.wheel_radius, sizes.track_width, nodes, antenna, latitude_deg, dict(topics), vehicle_name
+        sizes.wheel_radius,
+        sizes.track_width,
+        nodes,
+        antenna,
+        latitude_deg,
+        dict(topics),
+        vehicle_name,
+        radius_from,
     )
 
 

@@ -30,7 +30,12 @@ from hubodo.recording import Recording, Table  # noqa: E402
 from hubodo.vehicle import NodeMount, Vehicle  # noqa: E402
 from hubodo.verbs.calibrate_wheels import TRUTH_SIGMA  # noqa: E402
 
-CAR = Vehicle(0.2924, 1.42, {"left": NodeMount("left", "left"), "right": NodeMount("right", "right")})
+CAR = Vehicle(
+    0.2924,
+    1.42,
+    {"left": NodeMount("left", "left"), "right": NodeMount("right", "right")},
+    radius_from="tape",
+)
 SETS = (("left",), ("right",), ("left", "right"))
 
 

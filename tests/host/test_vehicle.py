@@ -23,6 +23,11 @@ def test_a_node_inherits_ranges_that_it_does_not_have_itself():
     assert parsed.on("left") == "a" and parsed.on("right") is None
 
 
+def test_a_radius_of_unknown_origin_is_a_nominal_one():
+    assert vehicle(SIZES).radius_from == "nominal"
+    assert vehicle(f'{SIZES}radius_from = "rolled"\n').radius_from == "rolled"
+
+
 def test_left_is_positive():
     assert side_sign("left") == facing_sign("left") == 1.0
     assert side_sign("right") == facing_sign("right") == -1.0
@@ -36,6 +41,7 @@ def test_left_is_positive():
         (f'{SIZES}[nodes.a]\nside = "left"\n', r"\[nodes.a\]: facing is missing"),
         (f"{SIZES}antenna = [1.0]\n", r"antenna: give \[forward, left\] in metres"),
         (f"{SIZES}latitude_deg = 91.0\n", "degrees north, from -90 to 90"),
+        (f'{SIZES}radius_from = "guess"\n', 'radius_from = .guess.: .* "tape", "rolled", "nominal"'),
         (f"{SIZES}wheel_radios = 1.0\n", "did you mean 'wheel_radius'"),
     ],
 )

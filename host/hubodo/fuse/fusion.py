@@ -42,6 +42,9 @@ SAMPLES_BY_TABLE: Mapping[str, Callable[[Table], SensorSamples]] = {
 _MAX_SIGMA_RATIO = 0.9
 """Of the prior's sigma: a constant whose sigma the drive has not reduced by a tenth is not reported."""
 
+_MAX_RADIUS_SIGMAS = 3.0
+"""Sigmas of the prior beyond which the radius that fixes show is reported: one in 370 by chance."""
+
 RESULT_FILES = ("track.csv", "fuse.json")
 
 
@@ -174,7 +177,7 @@ def fuse_recording(
         track = result.from_start
         methods.append(f"factor graph with {' and '.join(_outside_sensors(recording, result))}")
         details["graph"] = _graph_details(recording, odometry, result)
-        warnings += result.warnings
+        warnings += result.warnings + _radius_warnings(vehicle, odometry, result)
     return FusedRecording(
         log,
         track,
@@ -207,6 +210,18 @@ def fuse_outside_sensors(
     if heading is not None and fixes is None:
         config = replace(config, start_heading=heading)
     return fuse_graph(odometry.track, fixes, config=config, other_samples=samples)
+
+
+def _radius_warnings(vehicle: Vehicle, odometry: WheelOdometry, result: GraphResult) -> tuple[str, ...]:
+    """Return a warning where the fixes show another wheel radius than the vehicle file or the calibration."""
+    error, prior = result.constants["wheel_radius"], odometry.constant_sigmas.wheel_radius
+    if abs(error.value) < _MAX_RADIUS_SIGMAS * math.hypot(prior, error.sigma):
+        return ()
+    return (
+        f"gnss: the fixes show a wheel radius of {vehicle.wheel_radius * (1.0 + error.value):.4g} m "
+        f"({error.value:+.1%}), more than its 1σ of {prior:.1%} explains; correct wheel_radius in the "
+        "vehicle file, and state radius_from",
+    )
 
 
 def _outside_sensors(recording: Recording, result: GraphResult) -> list[str]:

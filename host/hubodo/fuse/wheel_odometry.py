@@ -219,11 +219,9 @@ def _run_wheel_filter(
 def graph_constant_sigmas(result: WheelRun) -> ConstantSigmas:
     """Return the prior sigmas of the constant errors in a track of the wheel filter."""
     core = result.filter.core
-    radius, scale, rate = (
-        [core.estimate(wheel.name, entry).sigma for wheel in core.wheels]
-        for entry in (WHEEL_RADIUS, GYRO_SCALE_ACROSS, YAW_RATE_FROM_GRAVITY)
-    )
-    return sigmas_for_wheel_filter(radius, scale, rate)
+    scale = [core.estimate(wheel.name, GYRO_SCALE_ACROSS).sigma for wheel in core.wheels]
+    radius = math.hypot(core.mean_sigma(WHEEL_RADIUS), core.common_scale_sigma)
+    return sigmas_for_wheel_filter(radius, scale, core.mean_sigma(YAW_RATE_FROM_GRAVITY))
 
 
 def _with_start_pose(track: Track, heading: float, sigma: float) -> Track:

@@ -276,6 +276,7 @@ def model_toml(model: Model, comments: Mapping[tuple[str, str | None], str] | No
         "[vehicle]",
         *([f"name = {toml_text(vehicle.name)}"] if vehicle.name else []),
         _number_line("wheel_radius", vehicle.wheel_radius, "m"),
+        *([f'radius_from = "{vehicle.radius_from}"'] if vehicle.radius_from != "nominal" else []),
         _number_line("track_width", vehicle.track_width, "m, between contacts"),
         *_antenna_lines(vehicle),
         "",

@@ -31,7 +31,7 @@ from hubodo.log.roles import NODES_ROLE
 from hubodo.log.units import check_units
 from hubodo.recording import Recording
 from hubodo.vehicle import Vehicle, load_vehicle
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
+from hubodo.verbs.log_options import LOG_HELP, VEHICLE_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import bounded_number
 
 HELP = "wheel radius, lever arm, spin-axis tilt, biases, scales and track, from a drive with truth or GNSS"
@@ -51,7 +51,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `hubodo calibrate wheels`."""
     parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
     add_log_options(parser)
-    parser.add_argument("--vehicle", type=Path, required=True, metavar="TOML", help="[vehicle] and [nodes.*]")
+    parser.add_argument("--vehicle", type=Path, required=True, metavar="TOML", help=VEHICLE_HELP)
     parser.add_argument(
         "-o",
         "--output",

@@ -16,7 +16,7 @@ from hubodo.log.any_log import read_log
 from hubodo.log.roles import NODES_ROLE
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.effect_options import add_effects_option, register_effects
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
+from hubodo.verbs.log_options import LOG_HELP, VEHICLE_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import bounded_number
 
 EXAMPLE = "hubodo fuse drive.mcap --vehicle vehicle.toml -o out/"
@@ -26,7 +26,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `hubodo fuse`."""
     parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
     add_log_options(parser)
-    parser.add_argument("--vehicle", type=Path, required=True, metavar="TOML", help="[vehicle] and [nodes.*]")
+    parser.add_argument("--vehicle", type=Path, required=True, metavar="TOML", help=VEHICLE_HELP)
     parser.add_argument("--calibration", type=Path, metavar="TOML", help="from `hubodo calibrate`")
     add_effects_option(parser)
     parser.add_argument(

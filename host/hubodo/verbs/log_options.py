@@ -15,6 +15,11 @@ from hubodo.verbs.numbers import positive_number
 
 LOG_HELP = "MCAP, rosbag or rosbag2, CSV folder, or one numeric file (CSV, MATLAB, HDF5, NumPy)"
 
+VEHICLE_HELP = (
+    "vehicle file: [vehicle] with wheel_radius, radius_from (tape, rolled or nominal: its sigma) and "
+    "track_width, and [nodes.*]"
+)
+
 
 def add_log_options(parser: argparse.ArgumentParser) -> None:
     """Add --topic, --max-memory, --rate, --unit, --columns and --variable."""

@@ -151,6 +151,10 @@ def test_a_long_drive_with_a_metre_level_receiver_determines_the_radius(
     [
         (lambda measured: replace(measured, y=-measured.y), "mirrored axes"),
         (lambda measured: replace(measured, x=1.2 * measured.x, y=1.2 * measured.y), "another wheel_radius"),
+        (
+            lambda measured: replace(measured, x=0.5 * measured.x, y=0.5 * measured.y),
+            "the wheels rolled (1.9|2.0). times .*diameter",
+        ),
     ],
 )
 def test_impossible_positions_are_refused_with_the_likely_reason(

@@ -81,6 +81,14 @@ def test_a_value_beyond_four_prior_sigmas_is_refused_with_its_likely_cause() -> 
         extract_parameters(core, before, 1.0, 1.0)
 
 
+def test_a_refused_radius_is_given_in_metres() -> None:
+    core, before = _core(), _core()
+    _learn(core, WHEEL_RADIUS, 0.1, 0.1)
+    radius = 1.1 * core.config.radius
+    with pytest.raises(CalibrationError, match=f"a radius of {radius:.4g} m"):
+        extract_parameters(core, before, 1.0, 1.0)
+
+
 def test_a_single_node_cannot_show_the_track_width() -> None:
     core = _core("left", "left")
     learnt = extract_parameters(core, _core("left", "left"), 1.0, 1.0)

@@ -22,7 +22,7 @@ from hubodo.model.model_file import (
     split_input,
     write_model,
 )
-from hubodo.vehicle import NodeMount, Vehicle, load_vehicle
+from hubodo.vehicle import RADIUS_SOURCES, NodeMount, Vehicle, load_vehicle
 
 TEXT = """
 [vehicle]
@@ -183,7 +183,8 @@ def models(draw):
     noise = st.floats(0, 1)
     inputs = InputSources(draw(speed), draw(speed), draw(noise), draw(noise))
     antenna = draw(st.one_of(st.none(), st.tuples(st.floats(-9, 9), st.floats(-9, 9))))
-    vehicle = Vehicle(draw(positive), draw(positive), nodes, antenna)
+    source = draw(st.sampled_from(RADIUS_SOURCES))
+    vehicle = Vehicle(draw(positive), draw(positive), nodes, antenna, radius_from=source)
     return Model(
         vehicle, Noise(draw(positive), draw(positive)), inputs, tuple(draw(st.permutations(effects)))
     )

@@ -12,15 +12,44 @@ from hubodo.effects.gyro import GyroBias
 from hubodo.effects.triad import XYZ
 from hubodo.effects.wheel import WheelRadius
 from hubodo.fuse.ranges import NodeRanges
-from hubodo.fuse.wheel.entries import VEHICLE_ENTRIES, WHEEL_ENTRIES, Entry
+from hubodo.fuse.wheel.entries import VEHICLE_ENTRIES, WHEEL_ENTRIES, WHEEL_RADIUS, Entry
 from hubodo.fuse.wheel.motion_state import StandstillLimits
 from hubodo.recording import Recording, Table
-from hubodo.vehicle import Facing, Side, Vehicle
+from hubodo.vehicle import Facing, RadiusSource, Side, Vehicle
 from hubowire.messages import FilterState
 
 GATE_SIGMA = 3.0
 """Sigmas beyond which an innovation loses weight, a residual disagrees or a speed error is significant: one
 in 370 Gaussian values.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class RadiusSigmas:
+    """Prior 1 sigma of wheel radii, as fractions: the part that all wheels share, and the part of each.
+
+    Tyres of one kind, measured in one way, are wrong alike; pressure, load and wear make them unequal.
+    """
+
+    common: float
+    own: float
+
+    @property
+    def total(self) -> float:
+        """Return the 1 sigma of the radius of one wheel."""
+        return math.hypot(self.common, self.own)
+
+
+RADIUS_SIGMAS: Mapping[RadiusSource, RadiusSigmas] = {
+    "rolled": RadiusSigmas(0.0025, 0.0017),
+    "tape": RadiusSigmas(0.009, 0.004),
+    "nominal": RadiusSigmas(0.025, 0.004),
+}
+"""Prior 1 sigma of the radii by how they were determined: in all 0.3, 1 and 2.5 %.
+
+rolled: ten metres or more rolled in a straight line, with turns counted. tape: around or up to the axle of a
+tyre, which deflects under load. nominal: the size on a tyre or in a data sheet; the tyres of a real car of
+nominally 0.300 m roll 2.6 % less.
 """
 
 _MIN_CALIBRATION_SIGMA = {GyroBias.name: 0.005, WheelRadius.name: 0.001}
@@ -99,6 +128,7 @@ class WheelConfig:
     ground_rate : rad/s, rotation of the ground about the vertical with the Earth.
     ground_rate_sigma : rad/s, its 1 sigma, of an unknown latitude.
     encoder_aided : True if another odometer reports surface speeds; adds the states of `ENCODER_ENTRIES`.
+    radius_sigmas : prior 1 sigma of the radii of wheels that are not calibrated.
     """
 
     radius: float
@@ -113,6 +143,13 @@ class WheelConfig:
     ground_rate: float = 0.0
     ground_rate_sigma: float = 0.0
     encoder_aided: bool = False
+    radius_sigmas: RadiusSigmas = RadiusSigmas(0.0, WHEEL_RADIUS.prior)
+
+    @property
+    def common_radius_sigma(self) -> float:
+        """Return the 1 sigma of the relative radius error that all wheels share; 0 after a calibration."""
+        is_calibrated = any(WHEEL_RADIUS in node.priors for node in self.nodes.values())
+        return 0.0 if is_calibrated else self.radius_sigmas.common
 
     def __post_init__(self) -> None:
         sides = [node.side for node in self.nodes.values()]
@@ -155,6 +192,7 @@ def wheel_config(
         priors=known,
         ground_rate=ground_rate,
         ground_rate_sigma=ground_rate_sigma,
+        radius_sigmas=RADIUS_SIGMAS[vehicle.radius_from],
     )
 
 

@@ -12,7 +12,13 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
 from hubodo.fuse.track import Track
-from hubodo.fuse.wheel.entries import OBSERVABLE_WITH_TWO_WHEELS, VEHICLE_ENTRIES, WHEEL_ENTRIES, Entry
+from hubodo.fuse.wheel.entries import (
+    OBSERVABLE_WITH_TWO_WHEELS,
+    VEHICLE_ENTRIES,
+    WHEEL_ENTRIES,
+    WHEEL_RADIUS,
+    Entry,
+)
 from hubodo.fuse.wheel.filter import WheelFilter
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.outage_log import WheelOutage
@@ -155,6 +161,9 @@ def _quantities(
     for entry in entries:
         if entry.is_learnable:
             quantity = wheel_filter.core.estimate(None if wheel is None else wheel.name, entry)
+            if entry is WHEEL_RADIUS:
+                sigma = math.hypot(quantity.sigma, wheel_filter.core.common_scale_sigma)
+                quantity = Quantity(quantity.value, sigma)
             factor = (1.0 if wheel is None else entry.sign(wheel.node.facing)) / entry.factor
             for parameter in entry.parameters:
                 scaled = Quantity(quantity.value * factor, quantity.sigma * abs(factor))

@@ -32,6 +32,7 @@ from hubodo.fuse.wheel.records import (
     StepInput,
     StepRecord,
     WheelWindows,
+    add_common_scale,
 )
 from hubodo.fuse.wheel.slip_monitor import HISTORY_WINDOWS, SlipMonitor
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
@@ -86,6 +87,8 @@ class FilterCore(WindowProcessor):
         self._recovery: OutageRecovery | None = None
         self._recovers_outages = slips is None and not config.position_aided and not config.encoder_aided
         self._heading_inflation = HeadingErrorInflation()
+        is_aided = config.position_aided or config.encoder_aided
+        self.common_scale_sigma = 0.0 if is_aided else config.common_radius_sigma
         self._outage_model = OutageModel(config, initial)
         self._last_standstill = -_STANDSTILL_MEMORY_WINDOWS
         self.pose_columns = [self._at[entry] for entry in POSE_ENTRIES]
@@ -193,9 +196,10 @@ class FilterCore(WindowProcessor):
         if not self.inertial_speed:
             self.max_speed = max(self.max_speed, abs(speed))
         covariance[:2, :2] += self._heading_inflation.covariance
-        return Pose(
+        pose = Pose(
             end, x, y, heading, speed, yaw_rate, covariance, motion_state, nis, dof, self.inertial_speed
         )
+        return add_common_scale(pose, self.common_scale_sigma)
 
     def _step_over_outage(self, number: int, spans: int) -> Pose:
         """Propagate the states over an outage of all wheels that ends with window `number`."""

@@ -17,7 +17,7 @@ from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.filter_core import FilterCore
 from hubodo.fuse.wheel.outage_bridge import OutageEnd
-from hubodo.fuse.wheel.records import POSE_ENTRIES, Pose, SmoothingTerms, StepInput
+from hubodo.fuse.wheel.records import POSE_ENTRIES, Pose, SmoothingTerms, StepInput, add_common_scale
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 
 _CORRELATION_REGULARISATION = 1e-10
@@ -119,4 +119,4 @@ def smooth_with_lag(
         assert terms is not None
         smoothed = smoother.add(pose, terms)
         poses += [] if smoothed is None else [smoothed]
-    return poses + smoother.finish()
+    return [add_common_scale(pose, core.common_scale_sigma) for pose in poses + smoother.finish()]

@@ -6,6 +6,8 @@ from collections import deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from hubodo.arrays import Array
 from hubodo.fuse.wheel.entries import HEADING, SPEED, YAW_RATE, X, Y
 from hubodo.fuse.wheel.motion_state import MotionState
@@ -63,6 +65,17 @@ class Pose(NamedTuple):
     nis: float
     dof: int
     inertial_speed: bool = False
+
+
+def add_common_scale(pose: Pose, sigma: float) -> Pose:
+    """Return the pose with the covariance of a scale error common to all wheels, 1 sigma as a fraction.
+
+    It scales the track about its start, the origin, and the speed: no measurement of the filter shows it.
+    """
+    if not sigma:
+        return pose
+    scaled = sigma * np.array([pose.x, pose.y, 0.0, pose.speed, 0.0])
+    return pose._replace(covariance=pose.covariance + np.outer(scaled, scaled))
 
 
 class SmoothingTerms(NamedTuple):

@@ -18,7 +18,7 @@ from hubodo.fuse.wheel.entries import WHEEL_ANGLE
 from hubodo.fuse.wheel.filter_core import FilterCore
 from hubodo.fuse.wheel.fixed_lag import smoother_gain
 from hubodo.fuse.wheel.outage_bridge import OutageEnd
-from hubodo.fuse.wheel.records import Pose, SmoothingTerms, StepInput
+from hubodo.fuse.wheel.records import Pose, SmoothingTerms, StepInput, add_common_scale
 from hubodo.fuse.wheel.slip_schedule import SlipSchedule
 
 _STEPS_IN_MEMORY = 200
@@ -54,7 +54,8 @@ def smooth_whole_log(
                 x, p = np.array(terms.x), terms.p
             else:
                 x, p = step_back(terms, later, x, p, angles)
-            poses.append(smoothed_pose(pose, terms, x, p, core.pose_columns))
+            smoothed = smoothed_pose(pose, terms, x, p, core.pose_columns)
+            poses.append(add_common_scale(smoothed, core.common_scale_sigma))
             later = terms
     return poses[::-1]
 

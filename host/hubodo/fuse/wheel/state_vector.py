@@ -20,6 +20,7 @@ from hubodo.fuse.wheel.entries import (
     TIME_OFFSET,
     WHEEL_ANGLE,
     WHEEL_ENTRIES,
+    WHEEL_RADIUS,
     YAW_RATE_FROM_GRAVITY,
     Entry,
     StateLayout,
@@ -107,6 +108,7 @@ def initial_state(config: WheelConfig) -> InitialState:
         if GYRO_SCALE_ACROSS not in node.priors:
             _tie_gyro_scales(initial, columns)
         initial.walk_variances[columns[WHEEL_ANGLE]] = config.noise.gyro * config.noise.gyro
+    _set_radius_priors(initial, config)
     # Both wheels measure the same unknown rotation of the ground, as a constant yaw rate.
     constant_rates = [columns[YAW_RATE_FROM_GRAVITY] for columns in layout.wheels]
     initial.p[np.ix_(constant_rates, constant_rates)] += config.ground_rate_sigma**2
@@ -122,6 +124,18 @@ def _set_prior(initial: InitialState, column: int, entry: Entry, calibrated: Qua
     initial.walk_variances[column] = (
         entry.random_walk * entry.random_walk if math.isinf(entry.correlation_time) else 0.0
     )
+
+
+def _set_radius_priors(initial: InitialState, config: WheelConfig) -> None:
+    """Set the priors of the radii that no calibration gives.
+
+    The part that all wheels share is a state only if positions or another odometer measure it. Otherwise the
+    filter would take a wrong track width for it, and the poses add its covariance (`add_common_scale`).
+    """
+    columns = [it.columns[WHEEL_RADIUS] for it in initial.wheels if WHEEL_RADIUS not in it.node.priors]
+    initial.p[columns, columns] = config.radius_sigmas.own**2
+    if config.position_aided or config.encoder_aided:
+        initial.p[np.ix_(columns, columns)] += config.common_radius_sigma**2
 
 
 def _tie_gyro_scales(initial: InitialState, columns: Mapping[Entry, int]) -> None:
@@ -181,6 +195,11 @@ class StateVector:
         columns = self._at if node is None else next(it.columns for it in self.wheels if it.name == node)
         column = columns[entry]
         return Quantity(self.x[column], math.sqrt(max(0.0, self.p[column, column])))
+
+    def mean_sigma(self, entry: Entry) -> float:
+        """Return the 1 sigma of the mean of an entry over the wheels."""
+        columns = [wheel.columns[entry] for wheel in self.wheels]
+        return math.sqrt(max(0.0, float(self.p[np.ix_(columns, columns)].mean())))
 
     def apply(self, change: Correction | StateReset) -> None:
         """Apply a correction, or register a reset; set a barrier if a replay would not reproduce it."""

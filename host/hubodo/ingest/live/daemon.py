@@ -110,7 +110,7 @@ def _start_localizer(
     """Start the localizer; return None without a vehicle, because there is no odometry."""
     if vehicle is None:
         return None
-    localizer = LocalizerThread(zero_ns, computer.put, vehicle.antenna, bulkheads=bulkheads)
+    localizer = LocalizerThread(zero_ns, computer.put, vehicle, bulkheads=bulkheads)
     stack.callback(localizer.stop)
     return localizer
 

@@ -16,14 +16,17 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.fuse.graph.config import GraphConfig
+from hubodo.fuse.graph.factors.constants import ConstantSigmas
 from hubodo.fuse.graph.live import LiveGraph, LiveState
 from hubodo.fuse.projection import LocalFrame
+from hubodo.fuse.wheel.config import RADIUS_SIGMAS
 from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.track import track_from_poses
 from hubodo.log import topics
 from hubodo.log.records import Odometry, Sink, Transform
 from hubodo.log.timebase import to_seconds
 from hubodo.units import NS_PER_S
+from hubodo.vehicle import Vehicle
 
 _HEADING_BASELINE_M = 1.0
 """Distance ahead of the vehicle of a second point that gives its heading in another frame."""
@@ -86,17 +89,21 @@ class MapPose:
         sink.write_record(transform)
 
 
-AntennaOffset = tuple[float, float]
-
-
 class Localizer:
     """A factor graph over the last minute, in the map frame of its start."""
 
-    def __init__(self, t_zero_ns: int, antenna: AntennaOffset | None = None) -> None:
-        """Start without a map; t_zero_ns: host time of t = 0; antenna: m forward, left of the body origin."""
+    def __init__(self, t_zero_ns: int, vehicle: Vehicle | None = None) -> None:
+        """Start without a map.
+
+        t_zero_ns: host time of t = 0; vehicle: provides the antenna and how the wheel radius was determined.
+        """
         self._t_zero_ns = t_zero_ns
-        self._antenna = antenna
-        self._graph = LiveGraph(GraphConfig(antenna=antenna or (0.0, 0.0)))
+        self._vehicle = vehicle
+        config = GraphConfig()
+        if vehicle is not None:
+            constants = ConstantSigmas(wheel_radius=RADIUS_SIGMAS[vehicle.radius_from].total)
+            config = GraphConfig(antenna=vehicle.antenna or (0.0, 0.0), constants=constants)
+        self._graph = LiveGraph(config)
         self._map: LocalFrame | None = None
         self._reported_kinds: set[str] = set()
         self._warnings_read = 0
@@ -104,7 +111,7 @@ class Localizer:
 
     def successor(self) -> Localizer:
         """Return a localizer without history, in the same map frame."""
-        successor = Localizer(self._t_zero_ns, self._antenna)
+        successor = Localizer(self._t_zero_ns, self._vehicle)
         successor._map, successor._reported_kinds = self._map, set(self._reported_kinds)
         return successor
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 from hubodo.fuse.wheel.records import Pose
 from hubodo.ingest.live.bulkheads import Bulkheads
-from hubodo.ingest.live.localizer import AntennaOffset, FixSample, Localizer, MapPose
+from hubodo.ingest.live.localizer import FixSample, Localizer, MapPose
 from hubodo.ingest.live.output_thread import OutputThread
+from hubodo.vehicle import Vehicle
 
 MAP_PART = "map"
 _MAX_WAITING_ITEMS = 50_000
@@ -36,12 +37,12 @@ class LocalizerThread:
         self,
         t_zero_ns: int,
         on_output: Callable[[LocalizerOutput], None],
-        antenna: AntennaOffset | None = None,
+        vehicle: Vehicle | None = None,
         *,
         bulkheads: Bulkheads,
     ) -> None:
-        """Start the thread; t_zero_ns, antenna: as for `Localizer`."""
-        self._localizer = Localizer(t_zero_ns, antenna)
+        """Start the thread; t_zero_ns, vehicle: as for `Localizer`."""
+        self._localizer = Localizer(t_zero_ns, vehicle)
         self._is_new = True
         self._on_output = on_output
         self._thread: OutputThread[tuple[Pose | FixSample, int]] = OutputThread(

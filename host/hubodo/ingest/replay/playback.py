@@ -82,8 +82,7 @@ class Playback:
 
     def publications(self) -> Iterator[OdometryRows | MapPose]:
         """Return `odometry_rows` and, if the log has fixes, the poses of the localizer on the map."""
-        antenna = self.vehicle.antenna if self.vehicle is not None else None
-        return self._play(Localizer(self.t_zero_ns, antenna) if self.has_fixes else None)
+        return self._play(Localizer(self.t_zero_ns, self.vehicle) if self.has_fixes else None)
 
     def _play(self, localizer: Localizer | None) -> Iterator[OdometryRows | MapPose]:
         odometer = self.odometer

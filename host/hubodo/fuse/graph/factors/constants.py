@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
@@ -20,8 +19,7 @@ class ConstantSigmas:
 
     Attributes
     ----------
-    wheel_radius : fraction of the distance; the effect of that name, common to both wheels. A tyre measured
-        by tape is known to half a percent.
+    wheel_radius : fraction of the distance; the effect of that name, common to both wheels.
     yaw_scale : fraction of the heading's increments: minus gyro_scale_factor across the axle, 1 % by data
         sheets of MEMS gyros, or minus track_width where the heading comes from the difference of the wheels.
     yaw_rate : rad/s, minus gyro_bias about the vertical: 40 deg/h, what a filter leaves of it after a
@@ -31,7 +29,7 @@ class ConstantSigmas:
     compass_offset : rad by which headings read too much: a compass mounted by eye, 2 deg.
     """
 
-    wheel_radius: float = 0.005
+    wheel_radius: float = 0.025
     yaw_scale: float = 0.01
     yaw_rate: float = 2e-4
     curvature: float = 3e-4
@@ -63,18 +61,15 @@ def sigmas_for_wheel_speeds() -> ConstantSigmas:
     return ConstantSigmas(wheel_radius=0.01, yaw_scale=0.02, yaw_rate=1e-3, curvature=2e-3)
 
 
-def sigmas_for_wheel_filter(
-    radius: Sequence[float], yaw_scale: Sequence[float], yaw_rate: Sequence[float]
-) -> ConstantSigmas:
-    """Return the priors for the track of the wheel filter, from its final 1 sigma for each wheel.
+def sigmas_for_wheel_filter(radius: float, yaw_scale: Sequence[float], yaw_rate: float) -> ConstantSigmas:
+    """Return the priors for the track of the wheel filter, from its final 1 sigma.
 
-    radius, yaw_scale: fractions. yaw_rate: rad/s. The yaw scale that two wheels agree on is one number, known
-    as well as by the better of them; other errors are independent between the wheels.
+    radius: fraction, mean of the wheels; yaw_rate: rad/s, mean of the wheels. yaw_scale: fraction of each
+    wheel: the yaw scale that two wheels agree on is one number, known as well as by the better of them.
     """
-    wheel_weight = 1.0 / len(radius)
     return ConstantSigmas(
-        wheel_radius=max(wheel_weight * math.hypot(*radius), _MIN_SIGMAS.wheel_radius),
+        wheel_radius=max(radius, _MIN_SIGMAS.wheel_radius),
         yaw_scale=max(min(yaw_scale), _MIN_SIGMAS.yaw_scale),
-        yaw_rate=max(wheel_weight * math.hypot(*yaw_rate), _MIN_SIGMAS.yaw_rate),
+        yaw_rate=max(yaw_rate, _MIN_SIGMAS.yaw_rate),
         curvature=_MIN_SIGMAS.curvature,
     )

@@ -16,6 +16,12 @@ _MAX_MIRRORED_SHARE = 0.1
 """Ratio of squared errors below which the mirror image is taken as true: a third of the distance. Estimated.
 """
 
+_MAX_CHORD_RATIO = 1.4
+"""Ratio of distances beyond which no radius error explains them: a diameter in place of a radius makes 2."""
+
+_CHORD_S = 5.0
+"""s of a chord whose length is compared: long against the noise of positions, short against the drift."""
+
 _ALIGNMENT_DISTANCE = 5.0
 """m of the drive used for alignment if positions are exact.
 
@@ -54,6 +60,22 @@ def check_axes(track: Track, target: Positions) -> None:
             f"the track lies {math.sqrt(declared):.1f} m rms from the positions, {math.sqrt(mirrored):.1f} m "
             "from their mirror image: they are in mirrored axes (want x east, y north), or a side or facing "
             "is wrong"
+        )
+
+
+def check_distance(track: Track, target: Positions) -> None:
+    """Raise CalibrationError if the positions cover far more or less distance than the track."""
+    starts = np.arange(target.t[0], target.t[-1] - _CHORD_S, _CHORD_S)
+    if len(starts) == 0:
+        return
+    edges = np.append(starts, starts[-1] + _CHORD_S)
+    position_points = np.interp(edges, target.t, target.x) + 1j * np.interp(edges, target.t, target.y)
+    rolled = float(np.sum(np.abs(np.diff(_track_points(track, edges)))))
+    covered = float(np.sum(np.abs(np.diff(position_points))))
+    if covered > 0.0 and not 1.0 / _MAX_CHORD_RATIO < rolled / covered < _MAX_CHORD_RATIO:
+        raise CalibrationError(
+            f"the wheels rolled {rolled / covered:.2f} times the distance between the positions: a diameter "
+            "in place of wheel_radius, or positions in another unit; nothing is written"
         )
 
 

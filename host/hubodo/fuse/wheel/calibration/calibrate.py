@@ -12,7 +12,12 @@ from hubodo.calibration.file import Quantity
 from hubodo.errors import CalibrationError
 from hubodo.fuse.track import Track
 from hubodo.fuse.wheel.calibration.aided_filter import AidedRun, run_aided_filter
-from hubodo.fuse.wheel.calibration.alignment import align_heading, check_axes, rotated_track_at
+from hubodo.fuse.wheel.calibration.alignment import (
+    align_heading,
+    check_axes,
+    check_distance,
+    rotated_track_at,
+)
 from hubodo.fuse.wheel.calibration.held_out import Antenna, measure_held_out_errors
 from hubodo.fuse.wheel.calibration.learnt_parameters import (
     LearntParameters,
@@ -143,6 +148,7 @@ class _CalibrationDrive:
         self.warnings = build_report(plain_filter, track, track.motion_state).warnings
         check_axes(self.track, positions_used)
         heading = align_heading(self.track, positions_used)
+        check_distance(self.track, positions_used)
         track_points = rotated_track_at(self.track, positions_used, heading)
         error = positions_used.x + 1j * positions_used.y - track_points
         self._origin = complex(error[0])

@@ -104,9 +104,13 @@ def _extract_entry(
     quantity, prior = core.estimate(node, entry), before.estimate(node, entry)
     deviation = abs(quantity.value - prior.value)
     if deviation > _MAX_PRIOR_SIGMAS * prior.sigma:
+        meaning = ""
+        if entry is WHEEL_RADIUS and wheel is not None:
+            meaning = f" (a radius of {wheel.geometry.radius * (1.0 + quantity.value):.4g} m)"
         raise CalibrationError(
-            f"{name}.{entry} comes out as {quantity.value:+.3g}, {deviation / prior.sigma:.1f} of the "
-            f"{prior.sigma:.2g} it may be off: {_LIKELY_CAUSES.get(entry, _OTHER_CAUSES)}; nothing is written"
+            f"{name}.{entry} comes out as {quantity.value:+.3g}{meaning}, {deviation / prior.sigma:.1f} of "
+            f"the {prior.sigma:.2g} it may be off: {_LIKELY_CAUSES.get(entry, _OTHER_CAUSES)}; nothing is "
+            "written"
         )
     for parameter in entry.parameters:
         if quantity.sigma > _MAX_SIGMA_SHARE * prior.sigma:
