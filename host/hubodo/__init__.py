@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from hubodo.recording import Event, Recording, Table
     from hubodo.sensors.allan.fit import NoiseTerm
     from hubodo.sensors.allan.result import AllanResult
+    from hubodo.sensors.filters.result import FilterComparison
     from hubodo.sensors.warmup.result import WarmupResult
     from hubodo.vehicle import NodeMount, Vehicle
 
@@ -49,6 +50,7 @@ _NAMES_OF_MODULE = {
     "hubodo.recording": ("Event", "Recording", "Table"),
     "hubodo.sensors.allan.fit": ("NoiseTerm",),
     "hubodo.sensors.allan.result": ("AllanResult",),
+    "hubodo.sensors.filters.result": ("FilterComparison",),
     "hubodo.sensors.warmup.result": ("WarmupResult",),
     "hubodo.vehicle": ("NodeMount", "Vehicle"),
 }
@@ -66,6 +68,7 @@ __all__ = [  # noqa: RUF022 - in the order of the reference
     "AllanResult",
     "NoiseTerm",
     "WarmupResult",
+    "FilterComparison",
     "MissingEffects",
     "Finding",
     "Plot",

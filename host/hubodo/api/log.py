@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from hubodo.model.model_file import Model
     from hubodo.pages.plot import Plot
     from hubodo.sensors.allan.result import AllanResult
+    from hubodo.sensors.filters.result import FilterComparison
     from hubodo.sensors.standstill_channel import StandstillRecord
     from hubodo.sensors.warmup.result import WarmupResult
     from hubodo.vehicle import Vehicle
@@ -291,6 +292,65 @@ class LoadedLog:
             raise InputError(f"channel {channel!r}: choose from {', '.join(NODE_COLUMNS[1:4])}")
         standstill = self._standstill(node, channel, start=start, end=end, trust_units=trust_units)
         return characterise_standstill_warmup(standstill, age=age)
+
+    def filters(
+        self,
+        node: str | None = None,
+        channel: str = "gz",
+        *,
+        reference: str | None = None,
+        standstills: Sequence[tuple[float, float]] = (),
+        start: float | None = None,
+        end: float | None = None,
+    ) -> FilterComparison:
+        """Compare filters of a gyro axis, as `hubodo filters` does.
+
+        Parameters
+        ----------
+        node : str, optional
+            Name of the node; by default the only one.
+        channel : str
+            `gx`, `gy` or `gz`.
+        reference : str, optional
+            Table, or table and column, with the true rate, angle or wheel speed: `wheels`, `table`,
+            `frame.gz`. By default filters are judged by the prediction of the next sample.
+        standstills : sequence of (float, float)
+            Start and end of each standstill, s; by default detected.
+        start, end : float, optional
+            Span of the log to use, s.
+
+        Returns
+        -------
+        FilterComparison
+            Errors, delays and run times of all filters, and the settings of the best one for the node.
+
+        Raises
+        ------
+        InputError
+            If there is no such node, axis or reference, or the samples do not suffice.
+
+        References
+        ----------
+        Shah et al., Ground vehicle odometry using a non-intrusive inertial speed sensor, eq. 1-14.
+        Barshan, Durrant-Whyte, Evaluation of a solid-state gyroscope for robotics applications, eq. 7-12.
+        """
+        from hubodo.sensors.filters.compare import compare_filters
+
+        if channel not in NODE_COLUMNS[1:4]:
+            raise InputError(f"channel {channel!r}: choose from {', '.join(NODE_COLUMNS[1:4])}")
+        name = self._node(node)
+        try:
+            return compare_filters(
+                self.recording,
+                name,
+                channel,
+                reference=reference,
+                standstills=standstills,
+                start=start,
+                end=end,
+            )
+        except InputError as error:
+            raise InputError(f"{self.path}, node {name}: {error}") from None
 
     def gap(
         self,

@@ -22,6 +22,7 @@ VERBS: dict[str, str] = {
     "calibrate": "calibrate wheels from a drive with known positions, or a node's sensors from static poses",
     "north": "find north from Earth rate: maytagging, carouselling, east-seeking",
     "heading": "estimate the heading from one vertical gyro axis, corrected for warm-up, with its sigma",
+    "filters": "compare filters of a gyro axis on a log, with the settings of the best one for the node",
     "simulate": "simulate a log from a model file: a drive, a turntable or a bench test",
     "gap": "find the effects that a model lacks to explain a log, and write the model with them added",
     "serve": "show the recordings of a folder in the browser, with their reports and `gap` on a click",

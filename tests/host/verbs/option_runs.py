@@ -107,6 +107,12 @@ RUNS: tuple[Run, ...] = (
     Run(
         "heading rest.mcap --node left --axis x --calibration calibration.toml -o out-{n}.csv", 2, "vertical"
     ),
+    *_logs("filters"),
+    Run(
+        "filters drive.mcap --node left --reference reference.speed --rest 0 1 --start 0 --end 20 "
+        "--figure out-{n}.svg --report out-{n}.html"
+    ),
+    Run("filters rest.mcap --node left --channel gx"),
     *_logs("fuse", "--vehicle vehicle.toml -o out-{n}", 2, bag=0),
     Run(
         "fuse drive.mcap --vehicle vehicle.toml --calibration calibration.toml --effects hum.py "

@@ -86,7 +86,7 @@ def detect_standstills(
         spans = tuple(zip(map(int, stops.start), map(int, stops.end), strict=True))
         return DetectedStandstills(spans, stops.notes)
     try:
-        quiet = find_standstills(t, *_fill_channels(axis.raw, gyro, accel), max_rate=np.inf)
+        quiet = find_standstills(t, *fill_channels(axis.raw, gyro, accel), max_rate=np.inf)
     except CalibrationError:
         return DetectedStandstills(())
     rate = axis.rate - expected_bias
@@ -159,7 +159,7 @@ def _merge_segments(segments: QuietSegments, which: NDArray[np.bool_]) -> list[t
     return spans
 
 
-def _fill_channels(rate: Array, gyro: Array, accel: Array) -> tuple[Array, Array]:
+def fill_channels(rate: Array, gyro: Array, accel: Array) -> tuple[Array, Array]:
     """Return gyro and accelerometer (N, 3), with the vertical gyro in place of missing or stuck channels."""
 
     def fill(values: Array) -> Array:
