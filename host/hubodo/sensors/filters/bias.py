@@ -17,7 +17,7 @@ from hubodo.sensors.imu.standstills import find_standstills
 
 Spans = tuple[tuple[int, int], ...]
 """Index of the first sample and one past the last of each standstill."""
-_MIN_SAMPLES = 32
+_MIN_STANDSTILL_SAMPLES = 32
 _MIN_HELD_OUT_SAMPLES = 64
 _BLOCKS = 8
 _MAX_FILTERED_SAMPLES = 20_000
@@ -60,9 +60,9 @@ def spans_of_times(t: Array, times: Sequence[Sequence[float]]) -> Spans:
     spans = []
     for first, last in times:
         i, j = np.searchsorted(t, [first, last]).tolist()
-        if j - i < _MIN_SAMPLES:
+        if j - i < _MIN_STANDSTILL_SAMPLES:
             raise InputError(
-                f"--rest {first:g} {last:g}: holds {max(j - i, 0)} samples; give at least {_MIN_SAMPLES}, "
+                f"--rest {first:g} {last:g}: holds {max(j - i, 0)} samples; give at least {_MIN_STANDSTILL_SAMPLES}, "
                 f"between {t[0]:.6g} and {t[-1]:.6g} s"
             )
         spans.append((i, j))

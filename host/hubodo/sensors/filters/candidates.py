@@ -33,7 +33,7 @@ Settings = dict[str, int]
 
 
 @dataclass(frozen=True)
-class InitialState:
+class StaticState:
     """Sample interval, static bias and noise, common to all filters.
 
     Attributes:
@@ -50,7 +50,7 @@ class InitialState:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class FilterCandidate:
     """A filter with its constants.
 
     Attributes:
@@ -92,13 +92,13 @@ class Candidate:
         return min(elapsed) / len(values)
 
 
-def raw(initial: InitialState) -> Candidate:
+def raw(initial: StaticState) -> FilterCandidate:
     """Return the candidate that subtracts the static bias only."""
     bias = initial.bias
-    return Candidate("raw", {}, lambda z: z - bias, {"filter_kind": 0}, lambda: lambda z: z - bias)
+    return FilterCandidate("raw", {}, lambda z: z - bias, {"filter_kind": 0}, lambda: lambda z: z - bias)
 
 
-def moving_average(initial: InitialState, width: int) -> Candidate:
+def moving_average(initial: StaticState, width: int) -> FilterCandidate:
     """Return the mean of the last `width` samples, the trivial rival of every filter."""
 
     def run(z: Array) -> Array:
@@ -118,10 +118,10 @@ def moving_average(initial: InitialState, width: int) -> Candidate:
 
         return update
 
-    return Candidate("moving average", {"width_samples": float(width)}, run, None, new_update)
+    return FilterCandidate("moving average", {"width_samples": float(width)}, run, None, new_update)
 
 
-def kalman(initial: InitialState, rate_gain: float, bias_gain: float | None = None) -> Candidate:
+def kalman(initial: StaticState, rate_gain: float, bias_gain: float | None = None) -> FilterCandidate:
     """Return the constant-gain Kalman filter [rate, bias] with the gains that the node can hold.
 
     rate_gain, bias_gain: k1 g and k2 g per sample; without the latter, the default of the node.
@@ -143,7 +143,7 @@ def kalman(initial: InitialState, rate_gain: float, bias_gain: float | None = No
     settings = {"filter_kind": 1, "gain_rate_q20": rate_q20}
     if bias_gain is not None:
         settings["gain_bias_q30"] = bias_q30
-    return Candidate(
+    return FilterCandidate(
         "Kalman",
         {"rate_gain": k1, "bias_gain": k2},
         run,
@@ -152,7 +152,7 @@ def kalman(initial: InitialState, rate_gain: float, bias_gain: float | None = No
     )
 
 
-def recursive_least_squares(initial: InitialState, forgetting: float) -> Candidate:
+def recursive_least_squares(initial: StaticState, forgetting: float) -> FilterCandidate:
     """Return the RLS filter with a forgetting factor that the node can hold."""
     low, high = _FORGETTING_Q20_RANGE
     forgetting_q20 = min(max(round(forgetting * _FORGETTING_UNIT), low), high)
@@ -161,7 +161,7 @@ def recursive_least_squares(initial: InitialState, forgetting: float) -> Candida
     def run(z: Array) -> Array:
         return RecursiveLeastSquares(quantised, bias=initial.bias).run(z)
 
-    return Candidate(
+    return FilterCandidate(
         "RLS",
         {"forgetting": quantised},
         run,
@@ -170,7 +170,7 @@ def recursive_least_squares(initial: InitialState, forgetting: float) -> Candida
     )
 
 
-def six_state(initial: InitialState, highest_derivative: float) -> Candidate:
+def six_state(initial: StaticState, highest_derivative: float) -> FilterCandidate:
     """Return Barshan's six-state filter; its bias follows eq. 6 alone, without noise.
 
     highest_derivative: noise of the third derivative of the orientation, rad/s^3. With the printed noise a
@@ -184,4 +184,4 @@ def six_state(initial: InitialState, highest_derivative: float) -> Candidate:
         rate = model.run(z, np.array(initial.bias), initial.averaged)[1]
         return np.asarray(rate)
 
-    return Candidate("six-state", {"highest_derivative": highest_derivative}, run)
+    return FilterCandidate("six-state", {"highest_derivative": highest_derivative}, run)

@@ -23,8 +23,8 @@ from hubodo.sensors.filters.bias import (
     spans_of_times,
 )
 from hubodo.sensors.filters.candidates import (
-    Candidate,
-    InitialState,
+    FilterCandidate,
+    StaticState,
     kalman,
     moving_average,
     raw,
@@ -34,14 +34,14 @@ from hubodo.sensors.filters.candidates import (
 from hubodo.sensors.filters.reference import Reference, align_reference, measure_delay, read_reference
 from hubodo.sensors.filters.result import FilterComparison, FilterScore
 
-_MIN_SAMPLES = 400
+_MIN_COMPARED_SAMPLES = 400
 _MAX_SAMPLES = 60_000
 """The six-state filter and RLS run sample by sample; a longer record hardly changes the errors."""
 _MAX_GAP_INTERVALS = 10.0
 _RATE_GAINS = np.geomspace(0.003, 0.95, 24).tolist()
 _BIAS_GAIN_RATIOS = (0.0, 1e-6, 1e-5, 1e-4, 1e-3)
 """Gain of the bias relative to that of the rate; it needs a reference, since only rate + bias is observed."""
-_FORGETTING_FACTORS = (0.5, 0.7, 0.8, 0.9, 0.95, 0.97, 0.99, 0.995, 0.999)
+_FORGETTING_GRID = (0.5, 0.7, 0.8, 0.9, 0.95, 0.97, 0.99, 0.995, 0.999)
 _PAPER_FORGETTING_FACTORS = (0.98, 0.92)
 _WIDTHS = (2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 100, 200)
 _HIGHEST_DERIVATIVES = np.geomspace(1e-3, 1e7, 11).tolist()  # rad/s^3
@@ -89,7 +89,7 @@ def compare_filters(
         unaligned = read_reference(recording, reference, node, channel)
         aligned = align_reference(unaligned, t[:half], samples[:half], dt)
         truth = np.interp(t, aligned.t, aligned.rate, left=np.nan, right=np.nan)
-        if np.isfinite(truth[half:]).sum() < _MIN_SAMPLES // 4:
+        if np.isfinite(truth[half:]).sum() < _MIN_COMPARED_SAMPLES // 4:
             raise InputError(
                 f"{aligned.name} ends in the first half of the samples; the second half is judged"
             )
@@ -154,9 +154,9 @@ def _usable_rows(
             f"compared on the first {_MAX_SAMPLES} of {len(longest)} samples; choose others by --start"
         )
         longest = longest[:_MAX_SAMPLES]
-    if len(longest) < _MIN_SAMPLES:
+    if len(longest) < _MIN_COMPARED_SAMPLES:
         raise InputError(
-            f"{len(longest)} samples without a gap are too few; at least {_MIN_SAMPLES} are needed"
+            f"{len(longest)} samples without a gap are too few; at least {_MIN_COMPARED_SAMPLES} are needed"
         )
     return Table({name: table[name][longest] for name in table})
 
@@ -167,16 +167,16 @@ def _initial_state(
     spans: Spans,
     biases: Sequence[BiasEstimate],
     reference: Reference | None,
-) -> InitialState:
+) -> StaticState:
     """Return bias and noise: from standstills, else bias from the reference and noise from differences."""
     if spans:
         pieces = [samples[i:j] - samples[i:j].mean() for i, j in spans]
         count = sum(map(len, pieces))
         noise = math.sqrt(sum(float(piece @ piece) for piece in pieces) / count)
-        return InitialState(dt, biases[0].bias, max(noise, 1e-12), count)
+        return StaticState(dt, biases[0].bias, max(noise, 1e-12), count)
     # Second differences remove a rate that changes linearly; white noise has a variance of 6 in them.
     noise = float(np.median(np.abs(np.diff(samples, 2)))) / 0.6745 / math.sqrt(6.0)
-    return InitialState(dt, 0.0 if reference is None else reference.offset, max(noise, 1e-12), 1)
+    return StaticState(dt, 0.0 if reference is None else reference.offset, max(noise, 1e-12), 1)
 
 
 class _Bench:
@@ -186,14 +186,14 @@ class _Bench:
     """
 
     def __init__(
-        self, initial: InitialState, samples: Array, truth: Array | None, half: int, is_moving: bool
+        self, initial: StaticState, samples: Array, truth: Array | None, half: int, is_moving: bool
     ) -> None:
         self.initial, self.samples, self.truth, self.half = initial, samples, truth, half
         self.is_moving = is_moving
         self.tuned = slice(min(_SETTLED_SAMPLES, half // 4), half)
         self.judged = slice(half, len(samples) - 1)
 
-    def tuned_candidates(self) -> list[Candidate]:
+    def tuned_candidates(self) -> list[FilterCandidate]:
         """Return every filter, with constants that minimise the error of the first half."""
         initial = self.initial
         averages = [moving_average(initial, width) for width in _WIDTHS]
@@ -204,7 +204,7 @@ class _Bench:
             best_gain = self._best(
                 [best_gain, *(kalman(initial, rate_gain, rate_gain * ratio) for ratio in _BIAS_GAIN_RATIOS)]
             )
-        forgetting = [recursive_least_squares(initial, factor) for factor in _FORGETTING_FACTORS]
+        forgetting = [recursive_least_squares(initial, factor) for factor in _FORGETTING_GRID]
         derivatives = [six_state(initial, value) for value in _HIGHEST_DERIVATIVES]
         return [
             raw(initial),
@@ -215,7 +215,7 @@ class _Bench:
             self._best(derivatives, self._tuning_part()),
         ]
 
-    def score(self, candidates: Iterable[Candidate]) -> tuple[FilterScore, ...]:
+    def score(self, candidates: Iterable[FilterCandidate]) -> tuple[FilterScore, ...]:
         """Return the errors of each candidate on the second half, with its delay and run time."""
         scores = []
         for candidate in candidates:
@@ -255,7 +255,7 @@ class _Bench:
                 best = score
         return best
 
-    def _best(self, candidates: Iterable[Candidate], part: slice | None = None) -> Candidate:
+    def _best(self, candidates: Iterable[FilterCandidate], part: slice | None = None) -> FilterCandidate:
         """Return the candidate with the smallest error in the first half, or in a part of it."""
         if part is None:
             return min(
@@ -263,7 +263,7 @@ class _Bench:
             )
         settled = slice(part.start + min(_SETTLED_SAMPLES, (part.stop - part.start) // 4), part.stop)
 
-        def error(candidate: Candidate) -> float:
+        def error(candidate: FilterCandidate) -> float:
             rates = np.full(part.stop, np.nan)
             rates[part] = candidate.run(self.samples[part])
             return _rms(self._errors(rates)[settled])

@@ -13,7 +13,7 @@ from hubodo.recording import Recording, Table
 
 MAX_DELAY_S = 1.0
 """Largest delay searched for, s; clocks of one log agree better."""
-_SMOOTHING_S = 0.1
+_DELAY_SMOOTHING_S = 0.1
 """Standard deviation of the smoothing before delays are measured, s; vehicles change speed slowly."""
 _ANGLE_COLUMNS = ("angle", "heading")
 """Columns in rad, whose slope is the rate."""
@@ -125,7 +125,7 @@ def measure_delay(delayed: Array, source: Array, dt: float) -> float:
 
     count = len(source)
     reach = min(max(2, round(MAX_DELAY_S / dt)), count // 4)
-    width = max(_SMOOTHING_S / dt, 3.0)
+    width = max(_DELAY_SMOOTHING_S / dt, 3.0)
     delayed, source = gaussian_filter1d(delayed, width), gaussian_filter1d(source, width)
     # The interior of the source against equally long parts of the other, each relative to its own spread.
     part = source[reach : count - reach]

@@ -11,7 +11,7 @@ from hubodo.html_table import html_lines, html_table
 from hubodo.pages.console import print_lines, print_table
 from hubodo.pages.plot import Plot
 from hubodo.sensors.filters.bias import BiasEstimate
-from hubodo.sensors.filters.candidates import Candidate, InitialState
+from hubodo.sensors.filters.candidates import FilterCandidate, StaticState
 from hubodo.sensors.filters.page import (
     BIAS_HEADINGS,
     bias_rows,
@@ -33,7 +33,7 @@ class FilterScore:
 
     Attributes
     ----------
-    candidate : Candidate
+    candidate : FilterCandidate
         Kind and constants of the filter.
     rates : numpy.ndarray
         (N,) estimated rates, rad/s.
@@ -47,7 +47,7 @@ class FilterScore:
         Run time on this computer per sample, s.
     """
 
-    candidate: Candidate
+    candidate: FilterCandidate
     rates: Array = field(repr=False)
     errors: Array = field(repr=False)
     tuning_error: float
@@ -90,7 +90,7 @@ class FilterComparison:
         Raw samples in them, rad/s.
     biases : tuple of BiasEstimate
         Static bias by each method.
-    initial : InitialState
+    initial : StaticState
         Bias and noise that all filters start from.
     scores : tuple of FilterScore
         One for each filter, raw first.
@@ -114,7 +114,7 @@ class FilterComparison:
     standstills: tuple[tuple[float, float], ...]
     standstill_samples: Array = field(repr=False)
     biases: tuple[BiasEstimate, ...]
-    initial: InitialState
+    initial: StaticState
     scores: tuple[FilterScore, ...]
     is_moving: bool
     chosen: FilterScore | None

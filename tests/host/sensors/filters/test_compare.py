@@ -100,7 +100,7 @@ def test_the_settings_are_within_the_bounds_of_the_firmware(drive_and_result):
 
 
 def test_quiet_samples_stay_raw():
-    """With the noise of a real chip a filter gains nothing against a wheel that accelerates."""
+    """At the noise of a real chip a filter gains nothing against a wheel that accelerates."""
     _, recording = recorded(noise=1e-5)
     result = compare_filters(recording, "left", "gz", reference="wheels", standstills=[(0.0, 17.0)])
     assert result.chosen.candidate.kind == "raw"
