@@ -62,8 +62,8 @@ def spans_of_times(t: Array, times: Sequence[Sequence[float]]) -> Spans:
         i, j = np.searchsorted(t, [first, last]).tolist()
         if j - i < _MIN_STANDSTILL_SAMPLES:
             raise InputError(
-                f"--rest {first:g} {last:g}: holds {max(j - i, 0)} samples; give at least {_MIN_STANDSTILL_SAMPLES}, "
-                f"between {t[0]:.6g} and {t[-1]:.6g} s"
+                f"--rest {first:g} {last:g}: holds {max(j - i, 0)} samples, which are too few; the samples are "
+                f"from {t[0]:.6g} to {t[-1]:.6g} s"
             )
         spans.append((i, j))
     return tuple(spans)
