@@ -62,7 +62,7 @@ def spans_of_times(t: Array, times: Sequence[Sequence[float]]) -> Spans:
         i, j = np.searchsorted(t, [first, last]).tolist()
         if j - i < _MIN_STANDSTILL_SAMPLES:
             raise InputError(
-                f"--rest {first:g} {last:g}: holds {max(j - i, 0)} samples, which are too few; the samples are "
+                f"--rest {first:g} {last:g}: holds {max(j - i, 0)} samples, which are too few; the log is "
                 f"from {t[0]:.6g} to {t[-1]:.6g} s"
             )
         spans.append((i, j))
