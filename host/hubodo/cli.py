@@ -21,6 +21,7 @@ from hubodo.ingest.stop_signals import exit_after_timeout, exit_on_ctrl_c
 from hubodo.log.input_limits import memory_limit
 from hubodo.safe_text import json_text, printable
 from hubodo.verbs import VERBS, load_verb
+from hubodo.verbs.outputs import replace_outputs
 from hubodo.verbs.parser import EXIT_REFUSED, Parser, UsageError
 from hubodo.version import __version__
 
@@ -50,6 +51,13 @@ def _normalise_option(word: str) -> str:
     return option.replace("_", "-") + equals + value if word.startswith("--") else word
 
 
+def _expand_help(words: list[str]) -> list[str]:
+    """Return the words with --help for an empty command line and for `help`, `help VERB`."""
+    if not words:
+        return ["--help"]
+    return [*words[1:], "--help"] if words[0] == "help" else words
+
+
 def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
     """Return the parser for a command line: all verbs by name, and the options of the verb it names.
 
@@ -60,8 +68,10 @@ def build_parser(words: Sequence[str]) -> argparse.ArgumentParser:
     common.add_argument("--json", action="store_true", help="print the result as one JSON object")
     common.add_argument("--debug", action="store_true", help="show the traceback of an error")
     parser = Parser(prog="hubodo", description="Odometry from inertial sensors on wheel hubs.")
-    parser.add_argument("--version", action="version", version=f"hubodo {__version__}")
-    commands = parser.add_subparsers(dest="verb", metavar="VERB", required=True)
+    parser.add_argument("-V", "--version", action="version", version=f"hubodo {__version__}")
+    commands = parser.add_subparsers(
+        title="verbs", dest="verb", metavar="VERB", required=True, help="hubodo VERB --help shows its options"
+    )
     for verb, summary in VERBS.items():
         if verb != requested:
             commands.add_parser(verb, help=summary)
@@ -94,6 +104,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         complete_command(build_parser(typed_words()))
     try:
         words = [_normalise_option(word) for word in (sys.argv[1:] if argv is None else argv)]
+        words = _expand_help(words)
         with exit_on_ctrl_c():
             args = build_parser(words).parse_args(words)
     except UsageError as error:
@@ -102,7 +113,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else EXIT_REFUSED
     try:
-        with memory_limit(getattr(args, "max_memory", None)):
+        with memory_limit(getattr(args, "max_memory", None)), replace_outputs(args):
             result: Result | None = args.run(args)
         code = EXIT_FAILED if _reports_failure(result) else EXIT_OK
         if result is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 import stat
@@ -14,10 +13,12 @@ from types import NoneType
 from typing import Any, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from hubodo.errors import ConfigError
+from hubodo.spelling import suggest_spelling
 
 _T = TypeVar("_T")
 _MAX_TABLE_DEPTH = 20
 _MAX_FILE_BYTES = 1 << 20  # a thousand nodes with all effects need half of it
+_MCAP_MAGIC = b"\x89MCAP0\r\n"
 _MAX_QUOTED_LENGTH = 60  # characters of a value in an error
 
 MAX_TOML_NUMBER = 1e12
@@ -105,6 +106,11 @@ def load_toml(path: Path) -> dict[str, Any]:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
             raise ConfigError(f"{path}: is a folder, a pipe or a device; name a TOML file")
+        with path.open("rb") as stream:
+            if stream.read(len(_MCAP_MAGIC)) == _MCAP_MAGIC:
+                raise ConfigError(
+                    f"{path}: is a log, and a TOML file is due here; check the order of the arguments"
+                )
         if status.st_size > _MAX_FILE_BYTES:
             raise ConfigError(
                 f"{path}: has {status.st_size} bytes, settings {_MAX_FILE_BYTES} at most; check the path"
@@ -178,9 +184,3 @@ def check_positive(value: float, where: str) -> None:
         raise ConfigError(f"{where} = {value}: must be a finite number above 0")
     if not 1.0 / MAX_TOML_NUMBER <= value <= MAX_TOML_NUMBER:
         raise ConfigError(f"{where} = {value}: must be from {1.0 / MAX_TOML_NUMBER:g} to {MAX_TOML_NUMBER:g}")
-
-
-def suggest_spelling(word: str, known: Iterable[str]) -> str:
-    """Return ", did you mean ...?" for an error about an unknown word; "" where no known word is similar."""
-    close = difflib.get_close_matches(word[:_MAX_QUOTED_LENGTH], list(known), 1, 0.5)
-    return f", did you mean {close[0]!r}?" if close else ""

@@ -19,6 +19,12 @@ RADIUS_SOURCES: tuple[RadiusSource, ...] = get_args(RadiusSource)
 RANGE_KEYS = ("gyro_range", "accel_range")
 _KNOWN_TABLES = ("vehicle", "imu", "nodes", "inputs", "effects", "topics")
 _MAX_NAME_LENGTH = 80
+PLAUSIBLE_SIZES = {
+    "wheel_radius": (0.01, 1.0, "a wheel with a radius"),
+    "track_width": (0.05, 10.0, "a track"),
+}
+"""Least and largest plausible size, m, and its name in errors; `unusual_size = true` allows others."""
+_LENGTH_UNITS = {"cm": 0.01, "mm": 0.001, "in": 0.0254}
 _MAX_ANTENNA_OFFSET = 1000.0  # m, of an antenna from the axle
 
 
@@ -104,16 +110,22 @@ def load_vehicle(path: Path) -> Vehicle:
 def parse_vehicle(table: Mapping[str, Any], path: Path | str) -> Vehicle:
     """Return the vehicle of a parsed document as `load_vehicle` does; path: its file, for errors."""
     check_known_keys(table, _KNOWN_TABLES, str(path))
-    if "vehicle" not in table:
-        raise ConfigError(f"{path}: [vehicle] is missing; give wheel_radius and track_width in metres")
-    body = as_table(table["vehicle"], f"{path}: [vehicle]")
+    body = _vehicle_table(table, path)
     size_keys = [item.name for item in fields(_RequiredSizes)]
     check_known_keys(
-        body, (*size_keys, "radius_from", "antenna", "latitude_deg", "name"), f"{path}: [vehicle]"
+        body,
+        (*size_keys, "radius_from", "antenna", "latitude_deg", "name", "unusual_size"),
+        f"{path}: [vehicle]",
     )
     sizes = read_table({k: body[k] for k in body if k in size_keys}, _RequiredSizes, f"{path}: [vehicle]")
+    allows_any_size = body.get("unusual_size", False)
+    if not isinstance(allows_any_size, bool):
+        raise ConfigError(f"{path}: [vehicle] unusual_size: write true or false")
     for item in fields(sizes):
-        check_positive(getattr(sizes, item.name), f"{path}: [vehicle] {item.name}")
+        value, where = getattr(sizes, item.name), f"{path}: [vehicle] {item.name}"
+        check_positive(value, where)
+        if not allows_any_size:
+            check_plausible_size(item.name, value, where)
     imu = as_table(table.get("imu", {}), f"{path}: [imu]")
     common_ranges = _read_ranges(imu, f"{path}: [imu]")
     nodes: dict[str, NodeMount] = {}
@@ -155,10 +167,47 @@ def parse_vehicle(table: Mapping[str, Any], path: Path | str) -> Vehicle:
     )
 
 
+def _vehicle_table(document: Mapping[str, Any], path: Path | str) -> dict[str, Any]:
+    """Return [vehicle]; raise ConfigError if it is missing, or if the document is a calibration."""
+    if "vehicle" not in document:
+        raise ConfigError(f"{path}: [vehicle] is missing; give wheel_radius and track_width in metres")
+    body = as_table(document["vehicle"], f"{path}: [vehicle]")
+    if set(body) == {"effects"}:
+        raise ConfigError(
+            f"{path}: is a calibration, and a vehicle file is due here; give it with --calibration"
+        )
+    return body
+
+
 @dataclass(frozen=True, slots=True)
 class _RequiredSizes:
     wheel_radius: float
     track_width: float
+
+
+def check_plausible_size(name: str, value: float, where: str) -> None:
+    """Raise ConfigError for a size in metres that hardly any vehicle has, with the unit that fits better.
+
+    name: wheel_radius or track_width.
+    """
+    low, high, quantity = PLAUSIBLE_SIZES[name]
+    if low <= value <= high:
+        return
+    units = [
+        f"{value:g} {unit} are {factor * value:.4g}"
+        for unit, factor in _LENGTH_UNITS.items()
+        if 3.0 * low <= factor * value <= high
+    ]
+    hint = f" ({' or '.join(units[:2])})" if value > high and units else ""
+    raise ConfigError(
+        f"{where} = {value:g}: {quantity} of {value:g} m is hardly meant; write metres{hint}, "
+        "or add unusual_size = true"
+    )
+
+
+def has_unusual_size(vehicle: Vehicle) -> bool:
+    """Return True if a vehicle file has to say `unusual_size = true` for these sizes."""
+    return any(not low <= getattr(vehicle, name) <= high for name, (low, high, _) in PLAUSIBLE_SIZES.items())
 
 
 def _read_antenna(body: Mapping[str, Any], where: str) -> tuple[float, float] | None:

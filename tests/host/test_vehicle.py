@@ -1,5 +1,6 @@
 """Vehicle files: geometry and mounting, and errors that name file, table and key."""
 
+import re
 import tomllib
 
 import pytest
@@ -48,3 +49,19 @@ def test_left_is_positive():
 def test_an_invalid_value_is_named_with_file_and_key(text, message):
     with pytest.raises(ConfigError, match=f"v.toml: .*{message}"):
         vehicle(text)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "hint"),
+    [
+        ("wheel_radius = 16.5\ntrack_width = 0.5", "16.5 cm are 0.165"),
+        ("wheel_radius = 165\ntrack_width = 0.5", "165 mm are 0.165"),
+        ("wheel_radius = 0.16\ntrack_width = 55", "55 cm are 0.55"),
+        ("wheel_radius = 0.16\ntrack_width = 0.03", "a track of 0.03 m"),
+        ("wheel_radius = 1.2\ntrack_width = 2.5", "unusual_size = true"),
+    ],
+)
+def test_a_size_in_another_unit_is_asked_back(sizes: str, hint: str) -> None:
+    with pytest.raises(ConfigError, match=re.escape(hint)):
+        parse_vehicle(tomllib.loads(f"[vehicle]\n{sizes}"), "v.toml")
+    assert parse_vehicle(tomllib.loads(f"[vehicle]\n{sizes}\nunusual_size = true"), "v.toml").track_width > 0

@@ -23,7 +23,7 @@ from hubodo.pages.page import COLOURS
 from hubodo.pages.plot import Plot
 from hubodo.progress import progress_line
 from hubodo.report.gap_files import check_gap_folder, gap_file_contents, gap_json, write_files
-from hubodo.toml_file import suggest_spelling
+from hubodo.spelling import suggest_spelling
 
 if TYPE_CHECKING:
     from hubodo.api.log import LoadedLog

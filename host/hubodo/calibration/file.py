@@ -176,6 +176,11 @@ def parse_calibration(text: str, path: Path) -> Calibration:
 
 
 def _parse_document(document: Mapping[str, Any], path: Path) -> Calibration:
+    body = document.get("vehicle", {})
+    if isinstance(body, dict) and "wheel_radius" in body:
+        raise ConfigError(
+            f"{path}: describes a vehicle, and a calibration is due here; hubodo calibrate writes one"
+        )
     check_known_keys(document, ("nodes", "vehicle"), str(path))
     nodes = {}
     for name, body in as_table(document.get("nodes", {}), f"{path}: [nodes]").items():

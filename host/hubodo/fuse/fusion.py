@@ -259,7 +259,7 @@ def check_no_results(folder: Path) -> None:
     """Raise InputError for a folder that already holds a result."""
     existing = next((folder / name for name in RESULT_FILES if (folder / name).exists()), None)
     if existing is not None:
-        raise InputError(f"{existing}: exists; name another folder or say --force")
+        raise InputError(f"{existing}: exists already; choose another name, or give --force to replace it")
 
 
 def write_results(fused: FusedRecording, folder: Path) -> FusedRecording:

@@ -79,6 +79,8 @@ def _read_any(path: Path, input_format: InputFormat, progress: Progress | None) 
 @contextmanager
 def open_source(path: Path) -> Iterator[MessageSource | None]:
     """Open a log as a source of messages; yields None for a CSV folder or a number file, which have none."""
+    if path.suffix == ".toml" and path.is_file():
+        raise InputError(f"{path}: is a TOML file, and a log is due here; check the order of the arguments")
     file = find_mcap_file(path)
     if file is not None:
         with open_log(file) as log:

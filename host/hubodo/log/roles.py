@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from hubodo.errors import InputError
 from hubodo.log import ros2, topics
 from hubodo.recording import TABLE_FILE_COLUMNS
-from hubodo.toml_file import suggest_spelling
+from hubodo.spelling import suggest_spelling
 
 NODES_ROLE = "nodes"
 ROLE_TYPES: Mapping[str, tuple[str, ...]] = {

@@ -9,7 +9,8 @@ from hubodo.effects import BY_NAME, Effect, effect_of
 from hubodo.effects.base import Level
 from hubodo.effects.empirical import PREFIX
 from hubodo.errors import ConfigError
-from hubodo.toml_file import as_table, suggest_spelling, toml_key
+from hubodo.spelling import suggest_spelling
+from hubodo.toml_file import as_table, toml_key
 
 
 def read_effect_tables(

@@ -13,6 +13,7 @@ from hubodo.effects import EFFECTS, Effect, Noise, effect_of, in_order
 from hubodo.effects.base import Level
 from hubodo.errors import ConfigError
 from hubodo.model.effect_tables import check_value, effect_heading, read_effect_tables
+from hubodo.spelling import suggest_spelling
 from hubodo.toml_file import (
     MAX_TOML_NUMBER,
     as_table,
@@ -20,12 +21,11 @@ from hubodo.toml_file import (
     check_positive,
     load_toml,
     read_table,
-    suggest_spelling,
     toml_key,
     toml_number,
     toml_text,
 )
-from hubodo.vehicle import RANGE_KEYS, NodeMount, Vehicle, parse_vehicle
+from hubodo.vehicle import RANGE_KEYS, NodeMount, Vehicle, has_unusual_size, parse_vehicle
 
 _EFFECT_ORDER = {effect.name: place for place, effect in enumerate(EFFECTS)}
 _GYRO_CHANNELS = ("gx", "gy", "gz")
@@ -278,6 +278,7 @@ def model_toml(model: Model, comments: Mapping[tuple[str, str | None], str] | No
         _number_line("wheel_radius", vehicle.wheel_radius, "m"),
         *([f'radius_from = "{vehicle.radius_from}"'] if vehicle.radius_from != "nominal" else []),
         _number_line("track_width", vehicle.track_width, "m, between contacts"),
+        *(["unusual_size = true"] if has_unusual_size(vehicle) else []),
         *_antenna_lines(vehicle),
         "",
         "[imu]",

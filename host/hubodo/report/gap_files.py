@@ -34,8 +34,11 @@ def replace_non_finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def check_gap_folder(output: Path, model: Path | None) -> None:
-    """Raise InputError for a folder whose model.toml is not an earlier result; model: input file, or None."""
+def check_gap_folder(output: Path, model: Path | None, *, replace: bool = True) -> None:
+    """Raise InputError for a folder whose model.toml is not an earlier result; model: input file, or None.
+
+    replace: an earlier result may be replaced.
+    """
     if output.exists() and not output.is_dir():
         raise InputError(f"{output}: is a file; name a folder for {', '.join(GAP_FILES)}")
     model_file = output / "model.toml"
@@ -43,6 +46,8 @@ def check_gap_folder(output: Path, model: Path | None) -> None:
         raise InputError(f"{model_file}: is the input model; choose another folder with -o")
     if model_file.exists() and not (output / "gap.json").exists():
         raise InputError(f"{model_file}: exists and is not a result of gap; choose another folder with -o")
+    if model_file.exists() and not replace:
+        raise InputError(f"{model_file}: exists already; choose another name, or give --force to replace it")
 
 
 def gap_file_contents(result: GapResult, *, log: str, model: str) -> dict[str, str]:

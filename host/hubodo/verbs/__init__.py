@@ -7,6 +7,8 @@ VERBS: dict[str, str] = {
     "demo": "show the whole product without hardware: two virtual nodes, a drive, a log, a track, a page",
     "record": "record nodes into a log until ctrl-C, with live odometry",
     "service": "run the recorder as a service of the computer: install, status, uninstall",
+    "vehicle": "write a vehicle file by answering questions, or check one by a push over a tape",
+    "example": "write the files that the documents use: vehicle, models, a drive, a night at standstill",
     "config": "print a commented hubodo.toml, or check one",
     "play": "replay a log: in a live view, or as frames on a pseudo serial port for `hubodo record`",
     "import": "convert a folder of CSV files or a rosbag into a log, or decode the raw frames of a log again",

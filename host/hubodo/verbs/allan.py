@@ -24,6 +24,7 @@ from hubodo.sensors.allan.ieee952 import is_gyro
 from hubodo.sensors.allan.page import NamedResult, allan_page, comparison_table
 from hubodo.sensors.allan.result import AllanResult
 from hubodo.sensors.standstill_channel import IMU_CHANNELS
+from hubodo.spelling import suggest_spelling
 from hubodo.verbs.log_options import LOG_HELP, check_nodes, log_form
 from hubodo.verbs.numbers import positive_number
 from hubodo.verbs.standstill import add_page_options, add_selection_arguments, select_standstill
@@ -151,7 +152,8 @@ def _channels(text: str) -> list[str]:
     channels = [name.strip() for name in text.split(",")]
     for name in channels:
         if name not in IMU_CHANNELS:
-            raise InputError(f"--channel {name!r}: choose from {', '.join(IMU_CHANNELS)}")
+            hint = suggest_spelling(name if len(name) > 1 else f"g{name}", IMU_CHANNELS)
+            raise InputError(f"--channel {name!r}: choose from {', '.join(IMU_CHANNELS)}{hint}")
     if len({is_gyro(name) for name in channels}) > 1:
         raise InputError(
             f"--channel {text}: gyro and accelerometer have different units; analyse them one after the other"

@@ -43,7 +43,10 @@ class BoardDiagnosis:
     def render(self, console: Console) -> None:
         """Print one row for each check, with the remedy."""
         table = Table("", "check", "", "observation and remedy", title=f"board on {self.examination.port}")
-        for step, result in enumerate(self.examination.results, 1):
+        results = self.examination.results
+        if results[0].verdict == "wrong":  # without a port nothing else could be checked
+            results = results[:1]
+        for step, result in enumerate(results, 1):
             colour = _VERDICT_COLOURS[result.verdict]
             remedy = f"\n→ {result.remedy}" if result.remedy else ""
             table.add_row(

@@ -17,6 +17,7 @@ from hubodo.log.rosbag2_folder import write_rosbag2
 from hubodo.progress import progress_line
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, add_vehicle_option, log_form
+from hubodo.verbs.outputs import add_force_option
 
 EXAMPLE = "hubodo export drive.mcap -o drive/\n  hubodo export drive.mcap --format rosbag2 -o bag/"
 
@@ -64,6 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="csv",
         help="parquet needs pyarrow (hubodo[parquet]); rosbag2 holds every message, in SQLite, for ros2 bag",
     )
+    add_force_option(parser, "output")
 
 
 def run(args: argparse.Namespace) -> ExportResult:

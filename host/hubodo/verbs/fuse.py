@@ -16,17 +16,30 @@ from hubodo.log.any_log import read_log
 from hubodo.log.roles import NODES_ROLE
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.effect_options import add_effects_option, register_effects
-from hubodo.verbs.log_options import LOG_HELP, VEHICLE_HELP, add_log_options, log_form
+from hubodo.verbs.log_options import (
+    LOG_HELP,
+    VEHICLE_HELP,
+    add_log_options,
+    check_node_names,
+    log_form,
+    stored_vehicle,
+)
 from hubodo.verbs.numbers import bounded_number
 
-EXAMPLE = "hubodo fuse drive.mcap --vehicle vehicle.toml -o out/"
+EXAMPLE = """hubodo fuse drive.mcap -o out/                        # with the vehicle that the log carries
+  hubodo fuse drive.mcap --vehicle vehicle.toml -o out/"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `hubodo fuse`."""
     parser.add_argument("log", type=Path, metavar="LOG", help=LOG_HELP)
     add_log_options(parser)
-    parser.add_argument("--vehicle", type=Path, required=True, metavar="TOML", help=VEHICLE_HELP)
+    parser.add_argument(
+        "--vehicle",
+        type=Path,
+        metavar="TOML",
+        help=f"{VEHICLE_HELP}; default: the vehicle that the log carries",
+    )
     parser.add_argument("--calibration", type=Path, metavar="TOML", help="from `hubodo calibrate`")
     add_effects_option(parser)
     parser.add_argument(
@@ -69,13 +82,14 @@ def run(args: argparse.Namespace) -> FusedRecording:
         If options contradict each other, results exist, or the log holds no node of the vehicle.
     """
     register_effects(args)
-    vehicle = load_vehicle(args.vehicle)
+    vehicle = load_vehicle(args.vehicle) if args.vehicle else stored_vehicle(args.log)
     calibration = read_calibration(args.calibration) if args.calibration else None
     if not args.force:
         check_no_results(args.output)
     lag = parse_smoothing_lag(args.smooth, args.method, "--smooth", "; put LOG before --smooth")
     needed = (NODES_ROLE, "wheels") if args.no_graph else (NODES_ROLE, "wheels", "gnss")
     recording = read_log(args.log, input_format=log_form(args, vehicle, needed=needed))
+    check_node_names(vehicle, recording, str(args.vehicle or args.log))
     calibration_source = None
     if args.calibration:
         calibration_source = {"file": str(args.calibration), "sha256": hash_source(args.calibration)}

@@ -45,12 +45,13 @@ from hubodo.report.gap_files import (
     replace_non_finite,
     write_files,
 )
-from hubodo.toml_file import suggest_spelling
+from hubodo.spelling import suggest_spelling
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.effect_options import add_effects_option, register_effects
 from hubodo.verbs.gap_arguments import check_argument_order
 from hubodo.verbs.gap_change import ChangeReport, ReplacePositional, compare_logs
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_node_names, log_form
+from hubodo.verbs.outputs import add_force_option
 from hubodo.version import __version__
 
 EXAMPLE = "hubodo gap model.toml drive.mcap -o gap/"
@@ -184,6 +185,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="continue the interrupted search in OUT; log, model and options must be the same",
     )
+    add_force_option(parser)
 
 
 def run(args: argparse.Namespace) -> GapReport | ChangeReport:
@@ -219,7 +221,7 @@ def run(args: argparse.Namespace) -> GapReport | ChangeReport:
                 f"{args.model} and --vehicle {args.vehicle}: both describe the vehicle; give one"
             )
         args.model, args.log = args.vehicle, args.model
-    check_gap_folder(args.output, args.model)
+    check_gap_folder(args.output, args.model, replace=args.force or args.resume)
     with progress_line() as show:
         problem, journal = _read_problem(args, show)
         result = find_problem_gap(
@@ -257,6 +259,7 @@ def _read_problem(args: argparse.Namespace, show: ReportProgress) -> tuple[Probl
     inputs = () if model is None else (model.inputs.speed, model.inputs.yaw_rate)
     needed = (NODES_ROLE, *("reference" for name in inputs if str(name).startswith("reference.")))
     recording = read_log(args.log, input_format=log_form(args, vehicle, needed=needed), progress=show)
+    check_node_names(vehicle, recording, str(args.vehicle or args.model))
     model = model or assume_model(recording, vehicle, str(args.log))
     journal = _journal(args, recording, model)
     return build_problem(recording, model, str(args.log)), journal

@@ -145,6 +145,10 @@ def compare_logs(args: argparse.Namespace) -> ChangeReport:
     earlier_result = args.output / "before.toml"
     if earlier_result.exists() and not (args.output / "change.json").exists():
         raise InputError(f"{earlier_result}: exists and is no result of gap; name another folder with -o")
+    if earlier_result.exists() and not args.force:
+        raise InputError(
+            f"{earlier_result}: exists already; choose another name, or give --force to replace it"
+        )
     model = None if args.model is None else read_model(args.model)
     vehicle = load_vehicle(args.vehicle) if model is None else model.vehicle
     with progress_line() as show:

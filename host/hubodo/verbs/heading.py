@@ -89,7 +89,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="time step of the output, s (default 0.1)",
     )
     parser.add_argument("-o", "--output", type=Path, metavar="CSV", help="write t,heading,sigma")
-    add_page_options(parser, "write the heading with its sigma as .png, .svg or .pdf")
+    add_page_options(parser, "write the heading with its sigma as .png, .svg or .pdf", "output")
 
 
 def run(args: argparse.Namespace) -> HeadingResult:

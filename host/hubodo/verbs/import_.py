@@ -22,6 +22,7 @@ from hubodo.progress import progress_line
 from hubodo.recording import Recording
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import add_log_options, add_vehicle_option, log_form
+from hubodo.verbs.outputs import add_force_option
 
 EXAMPLE = "hubodo import drive/ -o drive.mcap\n  hubodo import drive.mcap -o again.mcap"
 
@@ -122,6 +123,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="drop invalid rows instead of refusing the file, and record how many",
     )
+    add_force_option(parser, "output")
 
 
 def run(args: argparse.Namespace) -> ImportResult | DecodeResult:

@@ -19,12 +19,12 @@ from hubodo.ingest.node.bias_filter import describe_filter_row
 from hubodo.log.any_log import open_as_mcap, open_source
 from hubodo.log.summary import SampleGap, StreamSummary, Summary, summarise, summarise_source
 from hubodo.progress import progress_line
+from hubodo.verbs.info_lines import health_line, metadata_lines, node_lines
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 
 EXAMPLE = "hubodo info drive.mcap"
 
 _MAX_SHOWN_EVENTS = 20
-_MAX_VALUE_LENGTH = 100
 
 
 @dataclass(frozen=True)
@@ -86,19 +86,14 @@ class LogInfo:
         _print_gaps(s, print_line)
         _print_losses(s, print_line)
         _print_events(s, print_line)
+        for line in node_lines(s.metadata):
+            print_line(line)
         for node, values in s.health.items():
-            print_line(
-                f"health of {node}: " + ", ".join(f"{k} {v}" for k, v in values.items() if k != "node")
-            )
+            print_line(health_line(node, values))
         for node, row in s.bias_filters.items():
             print_line(f"bias filter of {node} at t = {row['t']:.3f} s: {describe_filter_row(row)}")
-        for key, text in s.metadata.items():
-            shown = (
-                text
-                if len(text) <= _MAX_VALUE_LENGTH
-                else f"{text[:_MAX_VALUE_LENGTH]}... (--json shows all)"
-            )
-            print_line(f"{key}: {shown}")
+        for line in metadata_lines(s.metadata):
+            print_line(line)
         for name, size in s.attachments.items():
             print_line(f"attachment {name}: {size} bytes")
         for line in s.warnings:
@@ -176,7 +171,8 @@ def _print_events(s: Summary, print_line: Any) -> None:
         f"{len(shown_events)} events: " + ", ".join(f"{count} {kind}" for kind, count in kinds.most_common())
     )
     for event in shown_events[:_MAX_SHOWN_EVENTS]:
-        source = f"{event.source}: " if event.source else ""
+        is_named = event.text.startswith(f"{event.source}:")
+        source = f"{event.source}: " if event.source and not is_named else ""
         print_line(f"  t = {s.seconds(event.t_ns):.3f} s {event.kind}: {source}{event.text}")
     if len(shown_events) > _MAX_SHOWN_EVENTS:
         print_line(f"  and {len(shown_events) - _MAX_SHOWN_EVENTS} later ones (--json shows all)")

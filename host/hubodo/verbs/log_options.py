@@ -10,9 +10,13 @@ from hubodo.errors import InputError
 from hubodo.log.number_recording import InputFormat
 from hubodo.log.roles import ALL_ROLES, NODES_ROLE, ROLE_TYPES, TopicSelection
 from hubodo.recording import Recording
-from hubodo.vehicle import Vehicle
+from hubodo.spelling import suggest_spelling
+from hubodo.vehicle import Vehicle, load_vehicle
 from hubodo.verbs.numbers import positive_number
 
+_BODY_NODES = ("frame",)
+"""Names of nodes beside those of a vehicle file; a model may use the yaw rate of one on the body."""
+VEHICLE_FILE = "vehicle.toml"
 LOG_HELP = "MCAP, rosbag or rosbag2, CSV folder, or one numeric file (CSV, MATLAB, HDF5, NumPy)"
 
 VEHICLE_HELP = (
@@ -114,8 +118,41 @@ def topic_choice(args: argparse.Namespace, vehicle: Vehicle | None, needed: Iter
             raise InputError(f"--topic {name}: is {given[name]} and {topic}; give one")
     if vehicle is None:
         return TopicSelection(given, required_roles=frozenset(needed))
+    known = (*vehicle.nodes, *ROLE_TYPES, *_BODY_NODES)
+    for name in given if vehicle.nodes else ():
+        if name not in known:
+            raise InputError(
+                f"--topic {name}=: no node of the vehicle has this name{suggest_spelling(name, known)}; "
+                f"known are {', '.join(known)}"
+            )
     on_wheels = {name: mount.side is not None for name, mount in vehicle.nodes.items()}
     return TopicSelection(given, vehicle.topics, on_wheels, vehicle.wheel_radius, frozenset(needed))
+
+
+def stored_vehicle(log: Path) -> Vehicle:
+    """Return the vehicle that a log carries, or `vehicle.toml` of a folder. Raises InputError without one."""
+    from hubodo.ingest.replay.odometry_setup import read_odometry_setup  # loads the calibration
+    from hubodo.log.any_log import open_source
+    from hubodo.log.logfile import Log
+
+    with open_source(log) as source:
+        vehicle = read_odometry_setup(source).vehicle if isinstance(source, Log) else None
+    if vehicle is None and (log / VEHICLE_FILE).is_file():
+        vehicle = load_vehicle(log / VEHICLE_FILE)
+    if vehicle is None:
+        raise InputError(f"{log}: carries no vehicle; give --vehicle TOML, which `hubodo vehicle new` writes")
+    return vehicle
+
+
+def check_node_names(vehicle: Vehicle, recording: Recording, where: str) -> None:
+    """Raise InputError where a node of the vehicle and one of the log differ by a spelling.
+
+    where: the vehicle file, for the error.
+    """
+    unmatched = [name for name in recording.nodes if name not in vehicle.nodes]
+    for name in vehicle.nodes:
+        if name not in recording.nodes and (hint := suggest_spelling(name, unmatched)):
+            raise InputError(f"{where}: [nodes.{name}]: the log has no such node{hint}")
 
 
 def check_nodes(recording: Recording, log: Path) -> None:

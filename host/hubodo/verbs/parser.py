@@ -1,11 +1,31 @@
-"""The command-line parser, which reports errors in one line with exit code 2."""
+"""The command-line parser, which reports errors in one line with exit code 2 and suggests what was meant."""
 
 from __future__ import annotations
 
 import argparse
-from typing import NoReturn
+from collections.abc import Sequence
+from typing import Any, NoReturn
+
+from hubodo.spelling import suggest_spelling
 
 EXIT_REFUSED = 2
+
+_MAX_LISTED_CHOICES = 15
+_SYNONYMS: dict[str, tuple[str, str]] = {
+    "--axis": ("--channel", "g{}"),
+    "--channel": ("--axis", "{}"),
+    "--overwrite": ("--force", ""),
+    "--yes": ("--force", ""),
+    "--out": ("--output", "{}"),
+    "--output-dir": ("--output", "{}"),
+    "--model": ("--vehicle", "{}"),
+    "--config": ("--vehicle", "{}"),
+    "--sensor": ("--node", "{}"),
+    "--frequency": ("--rate", "{}"),
+    "--hz": ("--rate", "{}"),
+    "--time": ("--duration", "{}"),
+}
+"""Option that people try: the option of other verbs that does it, and how its value is written there."""
 
 
 class UsageError(SystemExit):
@@ -20,6 +40,85 @@ class Parser(argparse.ArgumentParser):
     """An ArgumentParser that raises UsageError instead of printing the usage."""
 
     def error(self, message: str) -> NoReturn:
-        """Raise UsageError with the message and a hint at --help."""
+        """Raise UsageError with the message and a hint at --help.
+
+        A misspelt option is reported instead of the required argument that is missing because of it.
+        """
+        if message.startswith("the following arguments are required"):
+            known = [option for action in self._actions for option in action.option_strings]
+            unknown = [word for word in self._words if word.startswith("--") and not _is_known(word, known)]
+            if unknown:
+                message = _describe_unknown(
+                    self, argparse.Namespace(), self._words[self._words.index(unknown[0]) :]
+                )
         line = " ".join(message.split())
         raise UsageError(f"{self.prog}: {line}; see {self.prog} --help")
+
+    _words: Sequence[str] = ()
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse as ArgumentParser does; the words are remembered for errors."""
+        self._words = [] if args is None else list(args)
+        return super().parse_known_args(args, namespace)
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Return the parsed arguments; the error for an unknown one suggests the option that was meant."""
+        parsed, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            verb = _innermost_parser(self, parsed)
+            verb.error(_describe_unknown(verb, parsed, unknown))
+        return parsed
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Raise ArgumentError for a value that is no choice, with the nearest one."""
+        if action.choices is None or value in action.choices:
+            return
+        choices = [str(choice) for choice in action.choices]
+        text = f"unknown {value!r}{suggest_spelling(str(value), choices)}"
+        if len(choices) <= _MAX_LISTED_CHOICES:
+            text += f"; choose from {', '.join(choices)}"
+        raise argparse.ArgumentError(action, text)
+
+
+def _innermost_parser(parser: argparse.ArgumentParser, parsed: argparse.Namespace) -> argparse.ArgumentParser:
+    """Return the parser of the verb, and of its kind, that a command line names."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            below = action.choices.get(getattr(parsed, action.dest, ""))
+            if below is not None:
+                return _innermost_parser(below, parsed)
+    return parser
+
+
+def _is_known(word: str, known: Sequence[str]) -> bool:
+    """Return True for an option or the beginning of one."""
+    return any(option.startswith(word.partition("=")[0]) for option in known)
+
+
+def _describe_unknown(
+    parser: argparse.ArgumentParser, parsed: argparse.Namespace, unknown: Sequence[str]
+) -> str:
+    """Return the error for arguments that a verb does not have, with the argument that was meant."""
+    known = [option for action in parser._actions for option in action.option_strings]
+    option = next((word for word in unknown if word.startswith("-")), None)
+    if option is None:
+        return f"unexpected argument {unknown[0]!r}{_suggest_order(known, parsed, unknown[0])}"
+    name, _, value = option.partition("=")
+    following = unknown[unknown.index(option) + 1 :]
+    value = value or (following[0] if following and not following[0].startswith("-") else "")
+    if not value and name == "--axis":  # argparse has taken its value for LOG
+        log = getattr(parsed, "log", "")
+        log = str(log[0] if isinstance(log, list) and log else log)
+        value = log if log in ("x", "y", "z") else "z"
+    replacement, template = _SYNONYMS.get(name, ("", ""))
+    if replacement in known:
+        return f"unknown option {name}, write {f'{replacement} {template.format(value)}'.rstrip()}"
+    return f"unknown option {name}{suggest_spelling(name, known)}"
+
+
+def _suggest_order(known: Sequence[str], parsed: argparse.Namespace, extra: str) -> str:
+    """Return the command line to write where a vehicle file stands in the place of the log."""
+    log = str(getattr(parsed, "log", ""))
+    if "--vehicle" in known and log.endswith(".toml") and getattr(parsed, "vehicle", None) is None:
+        return f": {log} is no log, write {extra} --vehicle {log}"
+    return ""

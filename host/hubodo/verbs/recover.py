@@ -12,6 +12,7 @@ from rich.console import Console
 from hubodo.log import recover as log_recover
 from hubodo.progress import progress_line
 from hubodo.verbs.log_options import add_memory_option
+from hubodo.verbs.outputs import add_force_option
 
 EXAMPLE = "hubodo recover drive.mcap -o repaired.mcap"
 
@@ -64,6 +65,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("log", metavar="FILE.mcap", type=Path, help="damaged log; it is not modified")
     parser.add_argument("-o", "--output", metavar="OUT.mcap", type=Path, required=True, help="log to write")
     add_memory_option(parser)
+    add_force_option(parser, "output")
 
 
 def run(args: argparse.Namespace) -> RecoverResult:

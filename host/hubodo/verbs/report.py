@@ -22,6 +22,7 @@ from hubodo.report.log_page import log_page
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import positive_number
+from hubodo.verbs.outputs import add_force_option
 
 EXAMPLE = "hubodo report drive.mcap --vehicle vehicle.toml -o report.html"
 
@@ -81,7 +82,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--gravity", type=positive_number, default=9.80665, help="local gravity, m/s² (default 9.80665)"
     )
-    parser.add_argument("--force", action="store_true", help="replace an existing page")
+    add_force_option(parser, "output")
 
 
 def run(args: argparse.Namespace) -> ReportResult:
@@ -97,8 +98,6 @@ def run(args: argparse.Namespace) -> ReportResult:
     InputError
         If the page exists, or the timestamps of the nodes do not belong to one drive.
     """
-    if args.output.exists() and not args.force:
-        raise InputError(f"{args.output}: exists; name another file or give --force")
     if not args.output.absolute().parent.is_dir():
         raise InputError(f"{args.output}: its folder does not exist; create it first")
     with progress_line() as show:

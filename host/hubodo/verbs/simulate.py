@@ -42,6 +42,7 @@ from hubodo.vehicle import Vehicle
 from hubodo.verbs.effect_options import add_effects_option, register_effects
 from hubodo.verbs.log_options import add_topic_option, topic_choice
 from hubodo.verbs.numbers import bounded_number, latitude, seed
+from hubodo.verbs.outputs import add_force_option
 from hubowire.messages import NODE_IDS
 
 EXAMPLE = "hubodo simulate model.toml --drive random --duration 120 --seed 7 -o drive.mcap"
@@ -118,6 +119,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="OUT",
         help="log to write (.mcap), or a folder for CSV files",
     )
+    add_force_option(parser, "output")
     parser.add_argument(
         "--drive", choices=DRIVES, default="random", help="drive or bench test (default: random)"
     )
@@ -274,8 +276,6 @@ def run(args: argparse.Namespace) -> SimulationResult:
 
 def _check_arguments(args: argparse.Namespace, model: Model) -> None:
     """Raise InputError for options that contradict each other, before anything is computed."""
-    if args.output.exists():
-        raise InputError(f"{args.output}: exists already; choose another name, nothing is overwritten")
     if not args.output.absolute().parent.is_dir():
         raise InputError(f"{args.output}: its folder does not exist; create it first")
     if args.temperature and len(args.temperature) > 2:

@@ -16,6 +16,7 @@ from hubodo.recording import Recording
 from hubodo.sensors.standstill_channel import IMU_CHANNELS, StandstillRecord, read_standstill_channel
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_nodes, log_form
 from hubodo.verbs.numbers import bounded_number
+from hubodo.verbs.outputs import add_force_option
 
 _DEFAULT_FORM = InputFormat()
 
@@ -39,10 +40,11 @@ def add_selection_arguments(parser: argparse.ArgumentParser) -> None:
     add_log_options(parser)
 
 
-def add_page_options(parser: argparse.ArgumentParser, figure_help: str) -> None:
-    """Add --figure and --report."""
+def add_page_options(parser: argparse.ArgumentParser, figure_help: str, *outputs: str) -> None:
+    """Add --figure, --report and --force; outputs: further options of files that --force replaces."""
     parser.add_argument("--figure", type=parse_drawing_path, metavar="PNG", help=figure_help)
     parser.add_argument("--report", type=Path, metavar="HTML", help="write a self-contained page")
+    add_force_option(parser, "figure", "report", *outputs)
 
 
 def read_standstill(args: argparse.Namespace) -> StandstillRecord:

@@ -160,6 +160,11 @@ def test_a_table_without_rows_or_numbers_has_a_representation():
     assert "<tr><td>gx</td><td></td>" in empty._repr_html_()
 
 
+def open_bare(log, folder):
+    """Return a log of the same samples that carries no vehicle."""
+    return hubodo.open(log.save(folder))
+
+
 @pytest.mark.parametrize(
     ("invalid_call", "error", "message"),
     [
@@ -172,11 +177,11 @@ def test_a_table_without_rows_or_numbers_has_a_representation():
         (lambda log, folder: log.fuse(smooth=1.0, method="differential"), hubodo.InputError, "filter"),
         (lambda log, folder: log.gap(folder / "vehicle.toml"), hubodo.ConfigError, "imu"),
         (lambda log, folder: log.gap(folder / "model.toml", accept=["cambre"]), hubodo.InputError, "accept"),
-        (lambda log, folder: hubodo.open(log.path).gap(), hubodo.InputError, "give a model file"),
+        (lambda log, folder: open_bare(log, folder / "a").gap(), hubodo.InputError, "give a model file"),
         (lambda log, folder: log.plot("mx"), hubodo.InputError, "'mx'"),
         (lambda log, folder: log.save(folder / "drive.mcap"), hubodo.InputError, "exists already"),
         (lambda log, folder: hubodo.simulate(folder / "model.toml", "fly"), hubodo.InputError, "'fly'"),
-        (lambda log, folder: hubodo.open(log.path).fuse(), hubodo.InputError, "holds no vehicle"),
+        (lambda log, folder: open_bare(log, folder / "b").fuse(), hubodo.InputError, "holds no vehicle"),
     ],
 )
 def test_invalid_calls_are_refused_in_one_line(invalid_call, error, message, drive, examples):

@@ -58,13 +58,13 @@ RUNS: tuple[Run, ...] = (
     *_logs("info"),
     *_logs("allan"),
     Run(
-        f"allan rest.mcap --node left --channel gx {_STILL} --datasheet MPU-6050 --turn 3 --per-octave 2 "
-        "--figure out-{n}.svg --report out-{n}.html"
+        f"allan rest.mcap --node left --channel gx --force {_STILL} --datasheet MPU-6050 --turn 3 "
+        "--per-octave 2 --figure out-{n}.svg --report out-{n}.html"
     ),
     Run("allan rest.mcap --node left --as-is"),
     *_logs("warmup", "", 2, "too short for a warm-up"),
     Run(
-        f"warmup rest.mcap --node left --channel gx {_STILL} --age 1 --at 60 -o out-{{n}}.toml "
+        f"warmup rest.mcap --node left --channel gx --force {_STILL} --age 1 --at 60 -o out-{{n}}.toml "
         "--figure out-{n}.svg --report out-{n}.html",
         2,
         "too short for a warm-up",
@@ -72,7 +72,7 @@ RUNS: tuple[Run, ...] = (
     *_logs("calibrate imu", "--node left -o out-{n}.toml", 2),
     Run(
         "calibrate imu poses.mcap --node left --gravity 9.81 --latitude-deg 48 --convention x-first "
-        "--min-rest 0.5 --report out-{n}.html -o out-{n}.toml"
+        "--min-rest 0.5 --force --report out-{n}.html -o out-{n}.toml"
     ),
     Run(
         "calibrate imu poses.mcap --node left --table-rate-deg-s 10 -o out-{n}.toml",
@@ -87,7 +87,7 @@ RUNS: tuple[Run, ...] = (
     *_logs("north", "--latitude-deg 48", 2),
     Run(
         "north table.mcap --latitude-deg 48 --node left --axis y --method east --near-deg 10 --settle 1 "
-        "--find-stops --step-deg 90 --scale-sigma 0.02 --calibration calibration.toml "
+        "--find-stops --force --step-deg 90 --scale-sigma 0.02 --calibration calibration.toml "
         "--figure out-{n}.svg --report out-{n}.html",
     ),
     Run("north rest.mcap --latitude-deg 48 --node left --plan --sigma-deg 2 --turn 3"),
@@ -101,8 +101,8 @@ RUNS: tuple[Run, ...] = (
     ),
     *_logs("heading", "-o out-{n}.csv", bag=2),
     Run(
-        "heading upright.mcap --node numbers --allan allan.json --age 10 --rest 0 1 --scale-sigma 0.02 "
-        "--lag 0.01 --step 0.2 -o out-{n}.csv --figure out-{n}.svg --report out-{n}.html"
+        "heading upright.mcap --force --node numbers --allan allan.json --age 10 --rest 0 1 "
+        "--scale-sigma 0.02 --lag 0.01 --step 0.2 -o out-{n}.csv --figure out-{n}.svg --report out-{n}.html"
     ),
     Run(
         "heading rest.mcap --node left --axis x --calibration calibration.toml -o out-{n}.csv", 2, "vertical"
@@ -112,7 +112,7 @@ RUNS: tuple[Run, ...] = (
         "filters drive.mcap --node left --reference reference.speed --rest 0 1 --start 0 --end 20 "
         "--figure out-{n}.svg --report out-{n}.html"
     ),
-    Run("filters rest.mcap --node left --channel gx"),
+    Run("filters rest.mcap --node left --channel gx --force"),
     *_logs("fuse", "--vehicle vehicle.toml -o out-{n}", 2, bag=0),
     Run(
         "fuse drive.mcap --vehicle vehicle.toml --calibration calibration.toml --effects hum.py "
@@ -124,7 +124,7 @@ RUNS: tuple[Run, ...] = (
         "gap model.toml drive.mcap -o out-{n} --accept wheel_camber --reject empirical "
         "--explain wheel_radius",
     ),
-    Run("gap drive.mcap --vehicle vehicle.toml -o out-{n} --resume --scaffold hiss", 2),
+    Run("gap drive.mcap --vehicle vehicle.toml -o out-{n} --force --resume --scaffold hiss", 2),
     Run(
         "gap model.toml --before drive.mcap --after missing.mcap --candidates field "
         "--effects hum.py -o out-{n}",
@@ -140,12 +140,28 @@ RUNS: tuple[Run, ...] = (
     Run("play drive.mcap --speed 0 --end 1 --foxglove 127.0.0.1:0"),
     Run("play drive.mcap --to pty --link file --only left", 2),
     *_logs("import", "-o out-{n}.mcap"),
-    Run("import csv --repair --vehicle vehicle.toml -o out-{n}.mcap"),
+    Run("import csv --force --repair --vehicle vehicle.toml -o out-{n}.mcap"),
     *_logs("export", "-o out-{n}"),
-    Run("export rest.mcap --format parquet --vehicle vehicle.toml -o out-{n}"),
-    Run("recover rest.mcap -o out-{n}.mcap --max-memory 900 --json --debug"),
+    Run("export rest.mcap --force --format parquet --vehicle vehicle.toml -o out-{n}"),
     Run(
-        "simulate model.toml --duration 6 --rate 50 --reference-rate 20 --seed 2 --temperature 10 20 "
+        "vehicle new --diameter 33cm --track 55cm --left-facing outwards --right-facing none "
+        "--antenna 50cm 0 --latitude-deg 48 --force -o out-{n}.toml ; "
+        "vehicle check out-{n}.toml rest.mcap --push 2m",
+        2,
+        "push further",
+    ),
+    Run(
+        "vehicle new --radius 2m --radius-from tape --track 3cm --unusual-size --log rest.mcap "
+        "--push 2m -o out-{n}.toml --right-facing none",
+        2,
+        "push further",
+    ),
+    Run("vehicle new --radius 2m --track 3cm -o out-{n}.toml", 2, "unusual"),
+    *_logs("vehicle check vehicle.toml", "--push 2m", 2),
+    Run("example rest.mcap --force", 2, "is a file"),
+    Run("recover rest.mcap --force -o out-{n}.mcap --max-memory 900 --json --debug"),
+    Run(
+        "simulate model.toml --force --duration 6 --rate 50 --reference-rate 20 --seed 2 --temperature 10 20 "
         "--settle 5 --supply 3.3 --calibration calibration.toml --effects hum.py --candidates field "
         "-o out-{n}.mcap --json --debug"
     ),

@@ -3,6 +3,8 @@
 import pytest
 
 from hubodo.verbs.parser import EXIT_REFUSED, Parser, UsageError
+from hubodo.version import __version__
+from in_process import hubodo
 
 
 def test_an_invalid_command_line_is_one_line_with_a_hint_and_exit_code_2(
@@ -19,3 +21,27 @@ def test_an_invalid_command_line_is_one_line_with_a_hint_and_exit_code_2(
         assert error.value.text.endswith("; see hubodo fuse --help")
         assert "\n" not in error.value.text
     assert capsys.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        ("infoo", "did you mean 'info'"),
+        ("allan night.mcap --axis x", "write --channel gx"),
+        ("allan --axis x", "write --channel gx"),
+        ("fuse vehicle.toml drive.mcap -o out", "write drive.mcap --vehicle vehicle.toml"),
+        ("calibrate wheels drive.mcap --vehicel v.toml -o c.toml", "did you mean '--vehicle'"),
+        ("simulate model.toml --drive tabel -o a.mcap", "unknown 'tabel', did you mean 'turntable'"),
+    ],
+)
+def test_an_unknown_word_is_answered_by_what_was_meant(words: str, text: str) -> None:
+    done = hubodo(*words.split())
+    assert (done.code, done.out, text in done.err) == (EXIT_REFUSED, "", True), done.err
+    assert done.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("words", ["", "help", "help fuse", "-V"])
+def test_help_and_version_are_given_in_every_way_that_people_ask(words: str) -> None:
+    done = hubodo(*words.split())
+    assert (done.code, done.err) == (0, "")
+    assert "usage: hubodo" in done.out or done.out == f"hubodo {__version__}\n"

@@ -11,7 +11,8 @@ from generators.gnss_drives import geodetic
 from hubodo.cli import main
 from hubodo.log.recording_writer import write_recording
 from hubodo.recording import Recording, Table
-from vehicles import vehicle_toml
+from in_process import hubodo
+from vehicles import DRIVE_MODEL, vehicle_toml
 
 VEHICLE = vehicle_toml(0.25, 0.8, facing={"left": "left", "right": "right"})
 G = 9.80665
@@ -242,3 +243,37 @@ def test_a_calibration_is_applied_and_named(tmp_path, capsys):
     calibration.write_text(calibration.read_text().replace("aa01", "bb02"))
     assert run_fuse(tmp_path, "--force", "--calibration", str(calibration)) == 2
     assert "bb02" in capsys.readouterr().err
+
+
+def test_without_a_vehicle_file_the_vehicle_of_the_log_is_used(tmp_path):
+    (tmp_path / "model.toml").write_text(DRIVE_MODEL)
+    log = tmp_path / "drive.mcap"
+    assert hubodo("simulate", tmp_path / "model.toml", "--duration", "8", "-o", log).code == 0
+    for words in ((), ("--vehicle", tmp_path / "model.toml")):
+        done = hubodo("fuse", log, *words, "-o", tmp_path / f"out{len(words)}")
+        assert done.code == 0, done.err
+    assert (tmp_path / "out0/track.csv").read_text() == (tmp_path / "out2/track.csv").read_text()
+    assert hubodo("export", log, "-o", tmp_path / "csv").code == 0
+    done = hubodo("fuse", tmp_path / "csv", "-o", tmp_path / "out3")
+    assert (done.code, "carries no vehicle; give --vehicle" in done.err) == (2, True)
+    (tmp_path / "csv/vehicle.toml").write_text(DRIVE_MODEL)
+    assert hubodo("fuse", tmp_path / "csv", "-o", tmp_path / "out3").code == 0
+
+
+def test_a_node_misspelt_in_the_vehicle_file_is_named_with_the_one_of_the_log(tmp_path):
+    (tmp_path / "model.toml").write_text(DRIVE_MODEL)
+    log = tmp_path / "drive.mcap"
+    assert hubodo("simulate", tmp_path / "model.toml", "--duration", "5", "-o", log).code == 0
+    wrong = tmp_path / "wrong.toml"
+    wrong.write_text(DRIVE_MODEL.replace("nodes.right", "nodes.rigth"))
+    done = hubodo("fuse", log, "--vehicle", wrong, "-o", tmp_path / "out")
+    assert done.code == 2 and "[nodes.rigth]: the log has no such node, did you mean 'right'?" in done.err
+    done = hubodo("fuse", log, "--vehicle", tmp_path / "model.toml", "--topic", "links=/left/imu", "-o", "o")
+    assert done.code == 2 and "no node of the vehicle has this name" in done.err
+    for arguments, text in (
+        ((log, "--vehicle", log), "is a log, and a TOML file is due"),
+        ((wrong, "--vehicle", wrong), "is a TOML file, and a log is due"),
+        ((log, "--vehicle", wrong, "--calibration", wrong), "describes a vehicle, and a calibration is due"),
+    ):
+        done = hubodo("fuse", *arguments, "-o", tmp_path / "out")
+        assert (done.code, text in done.err) == (2, True), done.err

@@ -67,7 +67,7 @@ def test_an_existing_output_exits_2_and_stays(folder: Path, tmp_path: Path, caps
 
 @pytest.mark.parametrize(
     "argv",
-    [["import"], ["import", "x"], ["export", "x", "-o", "y", "--format", "xml"], ["nonsense"], []],
+    [["import"], ["import", "x"], ["export", "x", "-o", "y", "--format", "xml"], ["nonsense"]],
 )
 def test_wrong_usage_exits_2_with_one_line(argv: list[str], capsys) -> None:
     assert main(argv) == 2

@@ -98,7 +98,7 @@ def test_the_table_has_the_content_of_the_json(log: Path, capsys) -> None:
     for stream in result["streams"]:
         assert stream["topic"] in text
         assert str(stream["messages"]) in text
-    for part in ("USB unplugged", "not explained by any event", "battery_mv 3700", "firmware.left: 1.2.3"):
+    for part in ("USB unplugged", "not explained by any event", "battery 3.70 V", "firmware.left: 1.2.3"):
         assert part in text
     assert "[" not in text.split("\n")[1]
 
@@ -126,3 +126,20 @@ def test_an_empty_but_valid_log_is_described(tmp_path: Path, capsys) -> None:
     result = info(tmp_path / "empty.mcap", capsys)
     assert (result["messages"], result["streams"], result["duration"], result["warnings"]) == (0, [], 0.0, [])
     assert main(["info", str(tmp_path / "empty.mcap")]) == 0
+
+
+def test_a_node_is_described_once_and_a_model_in_one_line(tmp_path: Path, capsys) -> None:
+    path = tmp_path / "a.mcap"
+    metadata = {
+        "node.left.firmware": "1.2.3",
+        "node.left.rate_hz": "416",
+        "simulated.model": "[vehicle]\n" * 40,
+    }
+    with LogWriter(path, t_zero_ns=T0, metadata=metadata) as writer:
+        writer.write_event(Event(T0, "connected", "left", "left: connected at tty", {}))
+    assert main(["info", str(path)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert "node left: firmware 1.2.3, 416 Hz" in lines
+    assert "  t = 0.000 s connected: left: connected at tty" in lines
+    assert sum("simulated.model" in line for line in lines) == 1 and "wheel" not in lines[-1]
+    assert not any("t_zero_ns" in line for line in lines)

@@ -15,6 +15,7 @@ from hubodo.calibration.file import (
     Quantity,
     format_calibration,
 )
+from hubodo.cli import main
 from hubodo.errors import CalibrationError, InputError
 from hubodo.log.csv_folder import write_folder
 from hubodo.log.recording_writer import write_recording
@@ -135,15 +136,15 @@ def test_the_calibration_of_another_node_is_refused(tmp_path):
     assert not (tmp_path / "r.html").exists()
 
 
-def test_a_page_is_not_overwritten_unless_asked(tmp_path):
+def test_a_page_is_not_overwritten_unless_asked(tmp_path, capsys):
     recording = Recording({"left": static_node(np.random.default_rng(1), 10.0)})
     write_folder(recording, tmp_path / "csv")
     page = tmp_path / "r.html"
     page.write_text("mine", "utf-8")
-    with pytest.raises(InputError, match="--force"):
-        report(tmp_path / "csv", "-o", page)
+    assert main(["report", str(tmp_path / "csv"), "-o", str(page)]) == 2
+    assert "--force" in capsys.readouterr().err
     assert page.read_text("utf-8") == "mine"
-    report(tmp_path / "csv", "-o", page, "--force")
+    assert main(["report", str(tmp_path / "csv"), "-o", str(page), "--force"]) == 0
     assert "Findings" in page.read_text("utf-8")
     shutil.rmtree(tmp_path / "csv")
     with pytest.raises(InputError, match="folder"):

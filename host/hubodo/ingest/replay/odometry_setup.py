@@ -12,6 +12,9 @@ from hubodo.log.logfile import Log
 from hubodo.toml_file import parse_toml
 from hubodo.vehicle import Vehicle, parse_vehicle
 
+_SIMULATED_MODEL = "simulated.model"
+"""Metadata of a simulated log: the model file, whose vehicle it drove."""
+
 
 @dataclass(frozen=True, eq=False)
 class OdometrySetup:
@@ -32,6 +35,9 @@ def read_odometry_setup(log: Log) -> OdometrySetup:
             vehicle = parse_vehicle(parse_toml(files["vehicle.toml"].decode(), Path(where)), where)
         except UnicodeDecodeError as error:
             raise ConfigError(f"{where}: not TOML: {error}; give --vehicle") from None
+    elif _SIMULATED_MODEL in log.metadata:
+        where = f"{log.path}: {_SIMULATED_MODEL}"
+        vehicle = parse_vehicle(parse_toml(log.metadata[_SIMULATED_MODEL], Path(where)), where)
     if "calibration.toml" in files:
         text = files["calibration.toml"].decode("utf-8", "replace")
         calibration = parse_calibration(text, Path(f"{log.path}: calibration.toml"))

@@ -1,0 +1,83 @@
+"""The one rule for existing outputs: refused without --force, replaced with it when the verb succeeds."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from hubodo.errors import InputError
+
+_OUTPUT_DESTINATIONS = "output_destinations"
+_TABLE_SUFFIXES = (".csv", ".gz", ".parquet", ".mcap", ".db3", ".yaml")
+"""Suffixes of the files in a folder that `export` and `simulate` write; no other folder is replaced."""
+
+
+def add_force_option(parser: argparse.ArgumentParser, *destinations: str) -> None:
+    """Add --force; destinations: names of the options whose existing file or folder it replaces."""
+    parser.add_argument("--force", action="store_true", help="replace existing results")
+    parser.set_defaults(**{_OUTPUT_DESTINATIONS: destinations})
+
+
+@contextmanager
+def replace_outputs(args: argparse.Namespace) -> Iterator[None]:
+    """Apply the rule to the outputs of a verb while it runs; after a failure the earlier ones are back.
+
+    Raises InputError for an existing output without --force, and for one that is an input of the verb.
+    """
+    names = getattr(args, _OUTPUT_DESTINATIONS, ())
+    inputs = [value for name, value in vars(args).items() if name not in names]
+    existing = [path for name in names if (path := _as_regular(getattr(args, name, None))) is not None]
+    for path in existing:
+        if not args.force:
+            raise InputError(f"{path}: exists already; choose another name, or give --force to replace it")
+        _check_replaceable(path, inputs)
+    aside = [(path, _move_aside(path)) for path in existing]
+    try:
+        yield
+    except BaseException:
+        for path, old in aside:
+            if not path.exists():
+                old.rename(path)
+        raise
+    finally:
+        for _, old in aside:
+            shutil.rmtree(old.parent, ignore_errors=True)
+
+
+def _as_regular(path: Path | None) -> Path | None:
+    """Return the path of an existing file or folder with content; /dev/null and an empty folder are free."""
+    if path is None or not (path.is_file() or path.is_dir()):
+        return None
+    return None if path.is_dir() and not any(path.iterdir()) else path
+
+
+def _check_replaceable(path: Path, inputs: Sequence[Any]) -> None:
+    """Raise InputError for a link, an input of the verb, and a folder that holds other files."""
+    if path.is_symlink():
+        raise InputError(f"{path}: is a link; remove it or name another")
+    for value in inputs:
+        for given in value if isinstance(value, list) else [value]:
+            if not isinstance(given, Path) or not given.exists():
+                continue
+            if given.samefile(path) or path.resolve() in given.resolve().parents:
+                raise InputError(f"{path}: is or holds the input {given}; name another output")
+    if path.is_dir():
+        foreign = next((p for p in path.iterdir() if p.is_dir() or p.suffix not in _TABLE_SUFFIXES), None)
+        if foreign is not None:
+            raise InputError(f"{path}: holds {foreign.name}, which hubodo did not write; name another folder")
+
+
+def _move_aside(path: Path) -> Path:
+    """Move a file or folder into a private folder beside it, and return where it is now."""
+    folder = Path(tempfile.mkdtemp(prefix=".hubodo-", suffix=".part", dir=path.absolute().parent))
+    try:
+        return path.rename(folder / path.name)
+    except OSError:
+        with suppress(OSError):
+            folder.rmdir()
+        raise
