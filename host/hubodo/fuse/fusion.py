@@ -44,6 +44,8 @@ _MAX_SIGMA_RATIO = 0.9
 
 _MAX_RADIUS_SIGMAS = 3.0
 """Sigmas of the prior beyond which the radius that fixes show is reported: one in 370 by chance."""
+_TRUTH_HEADING_SIGMA = 2e-3
+"""rad; a reference system with two antennas or a survey of the start."""
 
 RESULT_FILES = ("track.csv", "fuse.json")
 
@@ -205,10 +207,11 @@ def fuse_outside_sensors(
     tables = ((getattr(recording, name), from_table) for name, from_table in SAMPLES_BY_TABLE.items())
     samples = [from_table(table) for table, from_table in tables if table is not None]
     config = GraphConfig(antenna=antenna, constants=odometry.constant_sigmas)
-    heading = read_start_heading(recording, odometry.track.t[0])
+    # A compass is a sample of the graph; only a truth gives the start's heading itself.
+    heading = read_start_heading(replace(recording, heading=None), odometry.track.t[0])
     # Fixes determine the heading themselves; the heading of a truth that stands still may be anything.
     if heading is not None and fixes is None:
-        config = replace(config, start_heading=heading)
+        config = replace(config, start_heading=heading, start_heading_sigma=_TRUTH_HEADING_SIGMA)
     return fuse_graph(odometry.track, fixes, config=config, other_samples=samples)
 
 

@@ -77,7 +77,7 @@ def test_every_jacobian_is_the_derivative_of_its_residual(kind, seed):
     rng = np.random.default_rng([seed, 47])
     factors = FACTORS[kind](rng)
     poses = rng.normal(0, 1, (POSES, 3)) * [5.0, 5.0, 2.0]
-    constants = rng.normal(0, 1, N_CONSTANTS) * [0.02, 0.02, 0.01, 0.01, 0.3, 0.1]
+    constants = rng.normal(0, 1, N_CONSTANTS) * [0.02, 0.02, 0.01, 0.01, 0.3, 0.1, 0.2, 0.2, 0.1, 0.1]
     item = factors.linearise(poses, constants)
     width = item.residual.shape[1]
 

@@ -95,7 +95,7 @@ def solved_graph():
     graph = FactorGraph(tuple(factors))
     result = solve_graph(graph, drive.initial_poses, np.zeros(N_CONSTANTS))
     # Constants are far from zero, except for the delay, which would couple position and heading of a fix.
-    constants = np.array([0.02, -0.03, 0.004, 0.002, 0.0, 0.05])
+    constants = np.array([0.02, -0.03, 0.004, 0.002, 0.0, 0.05, 0.0, 0.0, 0.0, 0.0])
     assert GNSS_DELAY == 4
     return graph, replace(result, constants=constants), drive.odometry.pose_t
 
@@ -105,7 +105,7 @@ def test_the_components_are_the_covariance_of_odometry_noise_at_the_fixes(solved
     graph, solution, state_t = solved_graph
     between, fixes = graph.find_group(BetweenFactors), graph.find_group(PositionFactors)
     rows, observed = (item.linearise(solution.poses, solution.constants) for item in (between, fixes))
-    chosen, prior = np.arange(10, 95), np.array([0.01, 0.02, 1e-3, 2e-3, 0.3, 0.4])
+    chosen, prior = np.arange(10, 95), np.array([0.01, 0.02, 1e-3, 2e-3, 0.3, 0.4, 0.1, 0.1, 0.1, 0.1])
     result = odometry_noise._model_section(
         chosen, observed, fixes.sigma, rows, between, solution, state_t, prior
     )

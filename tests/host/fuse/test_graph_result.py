@@ -92,7 +92,7 @@ def invented_solution(rng):
     full = (root @ root.T).reshape(3, 3, 3, 3)
     return SimpleNamespace(
         poses=np.array([[5.0, -2.0, 0.1], [7.2, -1.7, 0.3], [9.0, -1.0, -0.2]]),
-        constants=np.array([0.02, 0.0, 0.0, 0.0, 0.3, 0.0]),
+        constants=np.array([0.02, 0.0, 0.0, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0]),
         covariance=np.array([full[k, :, k] for k in range(3)]),
         start_covariance=np.array([full[k, :, 0] for k in range(3)]),
         constants_covariance=np.diag(np.arange(1.0, 1.0 + N_CONSTANTS) ** 2),
@@ -143,7 +143,7 @@ def test_with_constants_a_steady_turn_stays_steady_and_passes_through_the_poses(
     path = Track(t, 1.1 * t, np.zeros(len(t)), np.zeros(len(t)))
     segments = segment_odometry(path, np.array([0.0, 1.5, 4.0]), StepNoise())
     result = invented_solution(np.random.default_rng(33))
-    result.constants = np.array([0.02, -0.03, 0.2, 0.1, 0.0, 0.0])
+    result.constants = np.array([0.02, -0.03, 0.2, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     output = build_result(
         path,
         DriveGraph(FactorGraph(()), result.poses, segments, True),

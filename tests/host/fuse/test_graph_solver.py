@@ -14,7 +14,7 @@ from hubodo.fuse.graph.build import build_graph
 from hubodo.fuse.graph.chain import solve_chain
 from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.factor_graph import FactorGraph
-from hubodo.fuse.graph.factors.constants import N_CONSTANTS
+from hubodo.fuse.graph.factors.constants import CONSTANT_NAMES, N_CONSTANTS, ConstantSigmas
 from hubodo.fuse.graph.factors.heading import HeadingFactors
 from hubodo.fuse.graph.factors.loss import QUADRATIC
 from hubodo.fuse.graph.factors.position import PositionFactors
@@ -72,14 +72,19 @@ def test_the_chain_solver_is_accurate_for_steps_of_0_1_mm_and_fixes_of_five_metr
 
 @pytest.mark.parametrize("seed", [4, 5])
 def test_the_optimum_and_its_covariance_equal_those_of_scipy(seed):
-    drive = small_drive_graph(np.random.default_rng(seed))
+    constants = replace(
+        ConstantSigmas(), **{name: 0.1 for name in CONSTANT_NAMES if name.startswith("compass")}
+    )
+    drive = small_drive_graph(
+        np.random.default_rng(seed), config=GraphConfig(antenna=(0.4, -0.2), constants=constants)
+    )
     graph, n = drive.graph.with_losses(lambda factor: QUADRATIC), len(drive.initial_poses)
 
     def residuals(z):
         poses, constants = z[: 3 * n].reshape(n, 3), z[3 * n :]
         return np.concatenate([item.residual.ravel() for item, _ in graph.linearise(poses, constants)])
 
-    scale = np.append(np.tile([1.0, 1.0, 0.1], n), GraphConfig().constants.to_array())
+    scale = np.append(np.tile([1.0, 1.0, 0.1], n), constants.to_array())
     first = np.append(drive.initial_poses.ravel(), np.zeros(N_CONSTANTS))
     theirs = least_squares(
         residuals, first, jac="2-point", x_scale=scale, xtol=1e-15, ftol=1e-15, gtol=1e-12, max_nfev=60

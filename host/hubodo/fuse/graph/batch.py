@@ -10,6 +10,7 @@ import numpy as np
 
 from hubodo.errors import InputError
 from hubodo.fuse.graph.build import build_constants_prior, build_graph
+from hubodo.fuse.graph.compass import assess_compass
 from hubodo.fuse.graph.config import GraphConfig
 from hubodo.fuse.graph.factor_graph import FactorGraph
 from hubodo.fuse.graph.factors.constants import GNSS_DELAY, N_CONSTANTS
@@ -56,8 +57,10 @@ def fuse_graph(
     """
     check_odometry(path)
     config = config or GraphConfig()
-    non_gnss_samples = ([headings] if headings is not None else []) + list(other_samples)
+    samples_of_drive = ([headings] if headings is not None else []) + list(other_samples)
+    non_gnss_samples, config, compass_warnings = _assess_headings(path, samples_of_drive, fixes, config)
     local_fixes, scatter_growth, warnings = _prepare_fixes(path, fixes, config)
+    warnings += compass_warnings
     search_config = config
     if config.estimate_delay:
         constants = replace(config.constants, gnss_delay=_DELAY_SEARCH_SIGMA)
@@ -96,6 +99,29 @@ def fuse_graph(
     return build_result(
         path, drive, solution, map_frame, scatter_growth * sigma_growth, config.noise, shift, tuple(warnings)
     )
+
+
+def _assess_headings(
+    path: Track, samples: Sequence[SensorSamples], fixes: Fixes | None, config: GraphConfig
+) -> tuple[list[SensorSamples], GraphConfig, list[str]]:
+    """Return the samples with the headings of a compass assessed, the settings for them, and warnings.
+
+    Without fixes, the track of a drive with a rejected compass starts at the odometry's heading.
+    """
+    used: list[SensorSamples] = []
+    warnings: list[str] = []
+    for sensor in samples:
+        if not isinstance(sensor, Headings) or not config.inflate_sigmas:
+            used.append(sensor)
+            continue
+        assessment = assess_compass(path, sensor, config)
+        warnings += assessment.warnings
+        config = replace(config, constants=assessment.constants)
+        if assessment.headings is not None:
+            used.append(assessment.headings)
+        elif fixes is None and config.start_heading is None:
+            config = replace(config, start_heading=float(path.heading[0]))
+    return used, config, warnings
 
 
 def _prepare_fixes(

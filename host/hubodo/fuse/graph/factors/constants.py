@@ -27,6 +27,10 @@ class ConstantSigmas:
     curvature : rad/m, difference of the wheels' radii over radius and track: 0.015 % on half a metre.
     gnss_delay : s by which GNSS time stamps precede the time of the position: a quarter of an epoch at 5 Hz.
     compass_offset : rad by which headings read too much: a compass mounted by eye, 2 deg.
+    compass_hard_iron_forward, compass_hard_iron_left : field of the vehicle's iron at the compass, as a
+        fraction of the horizontal field of the Earth. 0: none, until `compass.py` has assessed the headings.
+    compass_soft_iron_forward, compass_soft_iron_diagonal : half the difference of the gains of two
+        perpendicular directions, forward and left, or their diagonals, as a fraction; likewise 0.
     """
 
     wheel_radius: float = 0.025
@@ -35,6 +39,10 @@ class ConstantSigmas:
     curvature: float = 3e-4
     gnss_delay: float = 0.05
     compass_offset: float = 0.03
+    compass_hard_iron_forward: float = 0.0
+    compass_hard_iron_left: float = 0.0
+    compass_soft_iron_forward: float = 0.0
+    compass_soft_iron_diagonal: float = 0.0
 
     def to_array(self) -> Array:
         """Return the sigmas as (N_CONSTANTS,), in the order of the indices below."""
@@ -43,7 +51,10 @@ class ConstantSigmas:
 
 CONSTANT_NAMES: tuple[str, ...] = tuple(item.name for item in fields(ConstantSigmas))
 N_CONSTANTS = len(CONSTANT_NAMES)
-WHEEL_RADIUS, YAW_SCALE, YAW_RATE, CURVATURE, GNSS_DELAY, COMPASS_OFFSET = range(N_CONSTANTS)
+WHEEL_RADIUS, YAW_SCALE, YAW_RATE, CURVATURE, GNSS_DELAY, COMPASS_OFFSET = range(6)
+HARD_IRON_FORWARD, HARD_IRON_LEFT, SOFT_IRON_FORWARD, SOFT_IRON_DIAGONAL = range(6, N_CONSTANTS)
+COMPASS_IRON = slice(HARD_IRON_FORWARD, N_CONSTANTS)
+"""The constants of the iron near a compass."""
 
 _MIN_SIGMAS = ConstantSigmas(wheel_radius=5e-4, yaw_scale=1e-3, yaw_rate=5e-5, curvature=1e-4)
 """Change of tyres and road from hour to hour, whatever was measured before.

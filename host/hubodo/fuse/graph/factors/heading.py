@@ -1,4 +1,4 @@
-"""Heading from a compass or a two-antenna receiver, with an offset that is constant over the drive."""
+"""Heading from a compass or a two-antenna receiver, with a constant offset and the deviation by iron."""
 
 from __future__ import annotations
 
@@ -8,7 +8,14 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.fuse.graph.config import GraphConfig
-from hubodo.fuse.graph.factors.constants import COMPASS_OFFSET, N_CONSTANTS
+from hubodo.fuse.graph.factors.constants import (
+    COMPASS_OFFSET,
+    HARD_IRON_FORWARD,
+    HARD_IRON_LEFT,
+    N_CONSTANTS,
+    SOFT_IRON_DIAGONAL,
+    SOFT_IRON_FORWARD,
+)
 from hubodo.fuse.graph.factors.factor import FactorGroup, LinearisedFactors
 from hubodo.fuse.graph.factors.loss import Loss
 from hubodo.fuse.graph.odometry_steps import SegmentedOdometry
@@ -16,6 +23,10 @@ from hubodo.recording import Table
 
 _MIN_HEADING_SIGMA = 1e-4
 """rad; no compass or antenna pair is more accurate, and a sigma of 0 is a mistake."""
+HEADING_LOSS = Loss("bounded", 9.0)
+"""Beyond three sigma the weight of a heading falls, to nothing at six."""
+_MIN_SQUARED_FIELD = 1e-2
+"""Fraction of the squared horizontal field below which iron cancels it, and a compass has no direction."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,9 +84,14 @@ class Headings:
 
 @dataclass(frozen=True, eq=False)
 class HeadingFactors(FactorGroup):
-    """Factors z = heading + compass_offset + noise, modulo a turn.
+    """Factors z = offset + arg(exp(i h) + left + i forward - (a - i b) exp(-i h)) + noise, modulo a turn.
 
-    Near iron a compass is off by any angle, so the weight of a factor falls beyond three sigma.
+    h is the heading of the pose, offset is compass_offset. A compass of a vehicle at heading h reads the
+    horizontal field exp(-i h) in axes of the vehicle, plus that of its hard iron, forward and left, plus (a +
+    i b) times the conjugate field by its soft iron, a along the vehicle and b along its diagonal (Poisson's
+    equations of the compass, in two dimensions). All are fractions of the horizontal field, and constants of
+    the drive. Beside foreign iron a compass is off by any angle, so the weight of a factor falls beyond three
+    sigma.
 
     Attributes
     ----------
@@ -84,13 +100,24 @@ class HeadingFactors(FactorGroup):
 
     heading: Array
     sigma: Array
-    loss: Loss = field(default=Loss("bounded", 9.0), kw_only=True)
+    loss: Loss = field(default=HEADING_LOSS, kw_only=True)
 
     def linearise(self, poses: Array, constants: Array) -> LinearisedFactors:
         """Return whitened residuals and derivatives at poses (n, 3) and constants (N_CONSTANTS,)."""
-        error = poses[self.pose_index, 2] + constants[COMPASS_OFFSET] - self.heading
+        direction = np.exp(1j * poses[self.pose_index, 2])
+        mirrored = np.conj(direction)
+        hard_iron = constants[HARD_IRON_LEFT] + 1j * constants[HARD_IRON_FORWARD]
+        soft_iron = constants[SOFT_IRON_FORWARD] - 1j * constants[SOFT_IRON_DIAGONAL]
+        reading = direction + hard_iron - soft_iron * mirrored
+        inverse = np.conj(reading) / np.maximum(np.abs(reading) ** 2, _MIN_SQUARED_FIELD)
+        error = np.angle(reading) + constants[COMPASS_OFFSET] - self.heading
         residual = (np.mod(error + np.pi, 2.0 * np.pi) - np.pi) / self.sigma
         by_state = np.zeros((len(error), 1, 3))
         by_constants = np.zeros((len(error), 1, N_CONSTANTS))
-        by_state[:, 0, 2] = by_constants[:, 0, COMPASS_OFFSET] = 1.0 / self.sigma
+        by_state[:, 0, 2] = ((direction + soft_iron * mirrored) * inverse).real / self.sigma
+        by_constants[:, 0, COMPASS_OFFSET] = 1.0 / self.sigma
+        by_constants[:, 0, HARD_IRON_LEFT] = inverse.imag / self.sigma
+        by_constants[:, 0, HARD_IRON_FORWARD] = inverse.real / self.sigma
+        by_constants[:, 0, SOFT_IRON_FORWARD] = -(mirrored * inverse).imag / self.sigma
+        by_constants[:, 0, SOFT_IRON_DIAGONAL] = (mirrored * inverse).real / self.sigma
         return LinearisedFactors(self.pose_index, residual[:, None], by_state, None, by_constants)

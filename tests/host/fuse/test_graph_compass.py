@@ -1,0 +1,104 @@
+"""A compass on a vehicle with iron: estimated beside the odometry, left out where disturbed, or rejected."""
+
+import numpy as np
+import pytest
+
+from generators import compass
+from generators.compass import Iron
+from graph_drives import odometry_path, simulate_drive
+from hubodo.fuse.graph.batch import fuse_graph
+from hubodo.fuse.graph.config import GraphConfig
+from hubodo.fuse.graph.factors.heading import Headings
+
+
+def true_heading(drive, t):
+    return np.interp(t, drive.t, drive.heading)
+
+
+def fuse_with_compass(seed, iron, heading_of=None, start_sigma=2e-3):
+    """Return the drive and its fused track; heading_of: what turns the shown headings into others."""
+    drive = simulate_drive(seed, length=150.0)
+    rng = np.random.default_rng([seed, 73])
+    t = np.arange(0.5, drive.t[-1], 0.2)
+    shown = compass.headings(rng, t, true_heading(drive, t), iron)
+    shown = shown if heading_of is None else heading_of(rng, t, shown)
+    config = GraphConfig(start_heading=float(drive.heading[0]), start_heading_sigma=start_sigma)
+    headings = Headings(t, shown, np.full(len(t), 0.05))
+    return drive, fuse_graph(odometry_path(drive), None, headings, config)
+
+
+def heading_errors(drive, result):
+    truth = true_heading(drive, result.track.t)
+    return np.mod(result.track.heading - truth + np.pi, 2.0 * np.pi) - np.pi
+
+
+def test_iron_is_estimated_and_the_heading_stays_within_its_sigma():
+    """Mean squares of the heading in units of its variance at the end of 8 drives, seeds 0 to 7."""
+    squares, without = [], []
+    for seed in range(8):
+        drive, result = fuse_with_compass(seed, Iron(hard=0.05 + 0.07 * seed, soft=0.1))
+        squares.append((heading_errors(drive, result)[-1] / result.track.sigma_heading[-1]) ** 2)
+        odometry = (
+            drive.odo_heading - drive.odo_heading[0] + drive.heading[0] - true_heading(drive, drive.odo_t)
+        )
+        without.append((odometry[-1] / result.track.sigma_heading[-1]) ** 2)
+    assert np.mean(squares) < 2.0, squares
+    assert np.mean(squares) < np.mean(without)
+
+
+@pytest.mark.parametrize("hard", [0.2, 0.6])
+def test_the_size_of_hard_iron_is_reported(hard):
+    """The hard iron of the generator is a vector of that length."""
+    _, result = fuse_with_compass(3, Iron(hard=hard))
+    parts = [result.constants[f"compass_hard_iron_{name}"] for name in ("forward", "left")]
+    assert np.hypot(*(part.value for part in parts)) == pytest.approx(hard, abs=0.06)
+    (warning,) = result.warnings
+    assert "of the field (hard)" in warning
+    assert all(0.001 < part.sigma < 0.1 for part in parts)
+
+
+def test_a_compensated_compass_has_no_warning():
+    drive, result = fuse_with_compass(5, Iron())
+    assert result.warnings == ()
+    assert np.sqrt(np.mean(heading_errors(drive, result) ** 2)) < 0.03
+
+
+def test_iron_beside_the_road_does_not_bend_the_track():
+    for seed in (1, 2, 4):
+        drive, result = fuse_with_compass(seed, Iron(hard=0.1, disturbance=0.5, share=0.25))
+        assert np.max(np.abs(heading_errors(drive, result))) < 0.12, seed
+
+
+@pytest.mark.parametrize(
+    ("heading_of", "reason"),
+    [
+        (lambda rng, t, shown: rng.uniform(-np.pi, np.pi, len(t)), "contradict the gyros|scatter by"),
+        (
+            lambda rng, t, shown: np.full(len(t), 0.7),
+            "contradict the gyros|scatter by|turn differently|would be",
+        ),
+        (lambda rng, t, shown: -shown, "contradict the gyros|scatter by|turn differently|would be"),
+        (lambda rng, t, shown: shown + 0.02 * t, "scatter by|turn differently"),
+    ],
+)
+def test_headings_that_are_none_are_not_used(heading_of, reason):
+    """Noise, a compass that stands still, one that counts clockwise, one that drifts by a degree a second."""
+    drive, result = fuse_with_compass(7, Iron(), heading_of)
+    (warning,) = [text for text in result.warnings if text.startswith("compass")]
+    assert "its headings are not used" in warning
+    assert any(part in warning for part in reason.split("|")), warning
+    plain = fuse_graph(
+        odometry_path(drive),
+        None,
+        None,
+        GraphConfig(start_heading=float(drive.heading[0]), start_heading_sigma=2e-3),
+    )
+    assert result.track.heading == pytest.approx(plain.track.heading)
+
+
+def test_without_another_start_the_track_of_a_rejected_compass_starts_at_the_odometry():
+    drive = simulate_drive(7, length=150.0)
+    t = np.arange(0.5, drive.t[-1], 0.2)
+    noise = np.random.default_rng(8).uniform(-np.pi, np.pi, len(t))
+    result = fuse_graph(odometry_path(drive), None, Headings(t, noise))
+    assert result.track.heading[0] == pytest.approx(drive.odo_heading[0], abs=1e-6)
