@@ -44,6 +44,8 @@ _MAX_SIGMA_RATIO = 0.9
 
 _MAX_RADIUS_SIGMAS = 3.0
 """Sigmas of the prior beyond which the radius that fixes show is reported: one in 370 by chance."""
+_HELD_SIGMA = 1e-6
+"""Sigma of a constant that the graph held at zero; those of a compass are held without headings."""
 _TRUTH_HEADING_SIGMA = 2e-3
 """rad; a reference system with two antennas or a survey of the start."""
 
@@ -239,7 +241,7 @@ def _graph_details(recording: Recording, odometry: WheelOdometry, result: GraphR
     observed = {
         name: {"value": q.value, "sigma": q.sigma}
         for name, q in result.constants.items()
-        if q.sigma < _MAX_SIGMA_RATIO * prior.get(name, float("inf"))
+        if _HELD_SIGMA < q.sigma < _MAX_SIGMA_RATIO * (prior.get(name) or float("inf"))
     }
     truth = None
     if recording.truth is not None:
