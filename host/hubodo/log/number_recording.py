@@ -1,23 +1,32 @@
-"""Read a number file as a recording, with the metadata (rate, unit, columns) that it lacks."""
+"""Read a table of numbers as a recording, with the metadata (rate, unit, columns) that it lacks."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.errors import InputError
+from hubodo.log.column_names import (
+    TIME_UNITS_S,
+    NamedColumn,
+    is_epoch,
+    is_node_header,
+    parse_heading,
+    time_factor,
+)
 from hubodo.log.number_file import FileKind, NumberTable, format_names, read_numbers
 from hubodo.log.roles import SELECT_BY_TYPE, TopicSelection
 from hubodo.log.units import si_factor
 from hubodo.recording import NODE_COLUMNS, NODE_OPTIONAL_COLUMNS, Recording, Table
+from hubodo.units import NS_PER_S
 
 IMU_CHANNELS = NODE_COLUMNS[1:]
-_TIME_UNITS_S = {"t": 1.0, "t_ms": 1e-3, "t_us": 1e-6, "t_ns": 1e-9}
-_KNOWN_COLUMNS = (*_TIME_UNITS_S, *IMU_CHANNELS, *NODE_OPTIONAL_COLUMNS)
+_TIME_COLUMNS = ("t", *(f"t_{unit}" for unit in ("ms", "us", "ns")), "time", "timestamp")
+_KNOWN_COLUMNS = (*_TIME_COLUMNS, *IMU_CHANNELS, *NODE_OPTIONAL_COLUMNS)
 
 
 @dataclass(frozen=True)
@@ -32,6 +41,8 @@ class InputFormat:
     variable : names of the arrays to read from a MATLAB or HDF5 file, comma-separated.
     channel : channel that a single column contains.
     topic_selection : which topic is which node or table.
+    zeros : value of each channel at zero, in the numbers of the file, by channel.
+    scales : units per number of the file, by channel.
     """
 
     rate: float | None = None
@@ -40,10 +51,16 @@ class InputFormat:
     variable: str | None = None
     channel: str = "gz"
     topic_selection: TopicSelection = SELECT_BY_TYPE
+    zeros: Mapping[str, float] = field(default_factory=dict)
+    scales: Mapping[str, float] = field(default_factory=dict)
 
     def si_factors(self) -> dict[str, float]:
         """Return the factors to SI of "gyro" and "accel" given by `units`. Raises InputError if unknown."""
         return dict(si_factor(unit) for unit in self.units)
+
+    def apply_zero_and_scale(self, channel: str, values: Array) -> Array:
+        """Return the values of a channel with its zero subtracted and its scale applied."""
+        return np.asarray((values - self.zeros.get(channel, 0.0)) * self.scales.get(channel, 1.0))
 
 
 def read_number_file(path: Path, kind: FileKind, input_format: InputFormat) -> Recording:
@@ -52,34 +69,46 @@ def read_number_file(path: Path, kind: FileKind, input_format: InputFormat) -> R
     Raises InputError if columns, rate or unit are neither in the file nor in `input_format`.
     """
     numbers = read_numbers(path, kind, input_format.variable)
-    names = _assign_columns(path, numbers, input_format)
-    # A text file with the header of the CSV folder is in SI units; any other needs a unit.
-    is_node_csv = kind == "text" and not input_format.columns and len(names) > 1
-    columns: dict[str, Array] = {"t": _read_times(path, numbers, names, input_format)}
-    factors = _channel_factors(path, numbers, names, input_format, is_node_csv)
-    for column, name in enumerate(names):
-        if name in IMU_CHANNELS:
-            columns[name] = numbers.values[:, column] * factors[name]
-        elif name in NODE_OPTIONAL_COLUMNS:
-            columns[name] = numbers.values[:, column]
+    is_si = kind == "text" and len(numbers.names) > 1 and is_node_header(numbers.names)
+    return recording_from_numbers(str(path), path.name.split(".")[0], numbers, input_format, is_si=is_si)
+
+
+def recording_from_numbers(
+    source: str, node: str, numbers: NumberTable, input_format: InputFormat, *, is_si: bool = False
+) -> Recording:
+    """Return a table of numbers as a recording of one node; channels that it lacks are NaN.
+
+    source: for errors. is_si: True if columns without a unit are in SI units. Raises InputError if columns,
+    rate or unit are neither in the table nor in `input_format`.
+    """
+    columns = _assign_columns(source, numbers, input_format)
+    is_si = is_si and not input_format.columns
+    t, t_zero_ns = _read_times(source, numbers, columns, input_format)
+    table: dict[str, Array] = {"t": t}
+    for index, column in enumerate(columns):
+        values = numbers.values[:, index]
+        if column.name in IMU_CHANNELS:
+            factor = _channel_factor(source, numbers, column, input_format, is_si)
+            table[column.name] = input_format.apply_zero_and_scale(column.name, values) * factor
+        elif column.name in NODE_OPTIONAL_COLUMNS:
+            table[column.name] = values
     for name in IMU_CHANNELS:
-        columns.setdefault(name, np.full(len(columns["t"]), np.nan))
-    left_out = [
-        label for label, name in zip(numbers.names, names, strict=False) if name not in _KNOWN_COLUMNS
-    ]
-    warnings = (f"{path}: left out: {format_names(left_out)}",) if left_out else ()
-    return Recording({path.name.split(".")[0]: Table(columns)}, warnings=warnings)
+        table.setdefault(name, np.full(len(t), np.nan))
+    left_out = [column.heading for column in columns if not column.name and column.heading]
+    warnings = (f"{source}: left out: {format_names(left_out)}",) if left_out else ()
+    return Recording({node: Table(table)}, warnings=warnings, t_zero_ns=t_zero_ns)
 
 
 def convert_to_si(recording: Recording, input_format: InputFormat) -> Recording:
-    """Convert gyro and accelerometer columns from the units of `input_format` to SI."""
+    """Convert gyro and accelerometer columns to SI by zero, scale and units of `input_format`."""
     factors = input_format.si_factors()
-    if not factors:
+    if not factors and not input_format.zeros and not input_format.scales:
         return recording
     nodes = {}
     for name, table in recording.nodes.items():
         columns = {
-            column: values * factors.get("gyro" if column[0] == "g" else "accel", 1.0)
+            column: input_format.apply_zero_and_scale(column, values)
+            * factors.get("gyro" if column[0] == "g" else "accel", 1.0)
             if column in IMU_CHANNELS
             else values
             for column, values in table.columns.items()
@@ -88,69 +117,117 @@ def convert_to_si(recording: Recording, input_format: InputFormat) -> Recording:
     return Recording(**{**vars(recording), "nodes": nodes})
 
 
-def _assign_columns(path: Path, numbers: NumberTable, input_format: InputFormat) -> tuple[str, ...]:
-    """Return the name of each column."""
+def _assign_columns(source: str, numbers: NumberTable, input_format: InputFormat) -> list[NamedColumn]:
+    """Return the meaning of each column: as given, else by its heading."""
     width = numbers.values.shape[1]
+    headings = numbers.names or ("",) * width
     if input_format.columns:
         if (count := len(input_format.columns)) != width:
-            raise InputError(f"{path}: has {width} columns, --columns names {count}; name each, or use -")
-        for name in input_format.columns:
-            if name not in _KNOWN_COLUMNS and name != "-":
-                raise InputError(f"--columns: {name!r} is none of {', '.join(_KNOWN_COLUMNS)}, -")
-        return input_format.columns
-    last = tuple(name.replace("/", ".").rpartition(".")[2] for name in numbers.names)
-    if any(name in IMU_CHANNELS for name in last):
-        return last
+            raise InputError(f"{source}: has {width} columns, --columns names {count}; name each, or use -")
+        return [
+            _column_of_user(name, heading)
+            for name, heading in zip(input_format.columns, headings, strict=True)
+        ]
+    columns = [parse_heading(heading) for heading in headings]
+    if any(column.name in IMU_CHANNELS for column in columns):
+        return _without_repetitions(source, columns)
     if width == 1:
-        return (input_format.channel,)
+        return [NamedColumn(input_format.channel, columns[0].unit, headings[0])]
+    if width == 2 and [column.name for column in columns].count("t") == 1:
+        return [
+            column if column.name == "t" else NamedColumn(input_format.channel, column.unit, column.heading)
+            for column in columns
+        ]
     named = f" ({format_names(numbers.names)})" if numbers.names else ""
     raise InputError(
-        f"{path}: has {width} columns{named}; name them, as in --columns t,gx,gy,gz,ax,ay,az; - omits one"
+        f"{source}: has {width} columns{named}; name them, as in --columns t,gx,gy,gz,ax,ay,az; - omits one"
     )
 
 
-def _read_times(path: Path, numbers: NumberTable, names: tuple[str, ...], input_format: InputFormat) -> Array:
-    time_column = next((k for k, name in enumerate(names) if name in _TIME_UNITS_S), None)
-    if time_column is None:
+def _column_of_user(name: str, heading: str) -> NamedColumn:
+    """Return a column as named by the user; raise InputError for an unknown name."""
+    if name == "-":
+        return NamedColumn("", "", heading)
+    if name not in _KNOWN_COLUMNS:
+        raise InputError(f"--columns: {name!r} is none of {', '.join(_KNOWN_COLUMNS)}, -")
+    unit = parse_heading(heading).unit
+    if name not in _TIME_COLUMNS:
+        return NamedColumn(name, unit, heading)
+    stated = name.partition("_")[2] or ("s" if name == "t" and not unit else unit)
+    return NamedColumn("t", stated, heading)
+
+
+def _without_repetitions(source: str, columns: Sequence[NamedColumn]) -> list[NamedColumn]:
+    """Return the columns with one time: that in seconds, else the first.
+
+    Raises InputError for a channel that appears twice.
+    """
+    times = [index for index, column in enumerate(columns) if column.name == "t"]
+    used = next((index for index in times if columns[index].unit == "s"), times[0] if times else None)
+    kept = [
+        column if column.name != "t" or index == used else NamedColumn("", "", "")
+        for index, column in enumerate(columns)
+    ]
+    for name in (*IMU_CHANNELS, *NODE_OPTIONAL_COLUMNS):
+        same = [column.heading for column in kept if column.name == name]
+        if len(same) > 1:
+            raise InputError(f"{source}: both {same[0]} and {same[1]} are {name}; choose with --columns")
+    return kept
+
+
+def _read_times(
+    source: str, numbers: NumberTable, columns: Sequence[NamedColumn], input_format: InputFormat
+) -> tuple[Array, int]:
+    """Return the times in s, and the date of their zero, ns since 1970, or 0 if they are no dates."""
+    index = next((k for k, column in enumerate(columns) if column.name == "t"), None)
+    if index is None:
         if input_format.rate is None:
-            raise InputError(f"{path}: has no time column; give its samples per second with --rate")
-        return np.arange(len(numbers.values)) / input_format.rate
+            raise InputError(f"{source}: has no time column; give its samples per second with --rate")
+        return np.arange(len(numbers.values)) / input_format.rate, 0
+    column, values = columns[index], numbers.values[:, index]
     if input_format.rate is not None:
-        raise InputError(f"{path}: has times in column {names[time_column]}; omit --rate")
-    t = numbers.values[:, time_column] * _TIME_UNITS_S[names[time_column]]
-    if not np.isfinite(t).all():
+        raise InputError(f"{source}: has times in column {column.heading or 't'}; omit --rate")
+    if not np.isfinite(values).all():
         raise InputError(
-            f"{path}: row {int(np.argmin(np.isfinite(t))) + 1} of its numbers has no finite time"
+            f"{source}: row {int(np.argmin(np.isfinite(values))) + 1} of its numbers has no finite time"
         )
+    if column.unit and column.unit not in TIME_UNITS_S:
+        raise InputError(
+            f"{source}: {column.heading} is in {column.unit}; times must be in {', '.join(TIME_UNITS_S)}"
+        )
+    factor = time_factor(column.unit, float(values[0]) if len(values) else 0.0)
+    t_zero = 0
+    if column.heading != "t" and len(values) and is_epoch(float(values[0]) * factor):
+        t_zero = int(float(values[0]) * factor)
+    t = (values - t_zero / factor) * factor
     non_increasing = np.flatnonzero(np.diff(t) <= 0.0)
     if len(non_increasing):
         raise InputError(
-            f"{path}: time does not increase at row {int(non_increasing[0]) + 2} of its numbers; remove it"
+            f"{source}: time does not increase at row {int(non_increasing[0]) + 2} of its numbers; remove it"
         )
-    return t
+    return t, t_zero * NS_PER_S
 
 
-def _channel_factors(
-    path: Path, numbers: NumberTable, names: tuple[str, ...], input_format: InputFormat, is_node_csv: bool
-) -> Mapping[str, float]:
-    """Return the factor to SI for each channel."""
+def _channel_factor(
+    source: str, numbers: NumberTable, column: NamedColumn, input_format: InputFormat, is_si: bool
+) -> float:
+    """Return the factor to SI of a channel."""
     stated = input_format.si_factors()
-    factors = {}
-    for column, name in enumerate(names):
-        if name not in IMU_CHANNELS:
-            continue
-        sensor = "gyro" if name[0] == "g" else "accel"
-        label = numbers.names[column].partition("[")[0] if numbers.names else ""
-        if sensor in stated:
-            factors[name] = stated[sensor]
-        elif label in numbers.units and si_factor(numbers.units[label])[0] == sensor:
-            factors[name] = si_factor(numbers.units[label])[1]
-        elif is_node_csv:
-            factors[name] = 1.0
-        else:
-            known = "rad/s, deg/s, mdeg/s, deg/h" if sensor == "gyro" else "m/s^2, g, mg"
-            raise InputError(
-                f"{path}: the unit of {name} is missing; give --unit with one of {known}, or the "
-                "value of one count, as in --unit '0.00875 deg/s'"
-            )
-    return factors
+    sensor = "gyro" if column.name[0] == "g" else "accel"
+    if sensor in stated:
+        return stated[sensor]
+    unit = column.unit or numbers.units.get(column.heading.partition("[")[0], "")
+    if unit:
+        try:
+            unit_sensor, factor = si_factor(unit)
+        except InputError:
+            unit_sensor = ""
+        if unit_sensor == sensor:
+            return factor
+    if is_si:
+        return 1.0
+    known = "rad/s, deg/s, mdeg/s, deg/h" if sensor == "gyro" else "m/s^2, g, mg"
+    raise InputError(
+        f"{source}: the unit of {column.name} is missing; give --unit with one of {known}, or the "
+        "value of one count, as in --unit '0.00875 deg/s'"
+    )

@@ -1,4 +1,7 @@
-"""Read numbers in rows of text, gzipped or not, within the memory limit."""
+"""Read numbers in rows of text, gzipped or not, within the memory limit.
+
+Decimal commas, dates in ISO 8601 and a row of units below the header are recognised by the first rows.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import cast
 
@@ -15,10 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.errors import InputError
+from hubodo.log.column_names import is_unit
 from hubodo.log.input_limits import READ_BLOCK_BYTES, MemoryBudget, open_regular
 
 _GZIP_MAGIC = b"\x1f\x8b"
-_DELIMITERS = (",", ";", "\t")
+_DELIMITERS = (";", "\t", ",")
+"""A comma may be a decimal comma where a row has another delimiter."""
+_EPOCH, _MICROSECOND = datetime(1970, 1, 1, tzinfo=UTC), timedelta(microseconds=1)
 _MAX_ROW_CHARS = 1 << 20  # a longer row does not consist of numbers
 _BYTES_PER_CELL = 16  # a float64, and its copy while numpy joins blocks of rows
 NumberedRow = tuple[int, str]
@@ -30,16 +37,29 @@ class _TextFormat:
     """The format of a text file.
 
     delimiter: None for white space. names: of the columns, or empty. first_row: row number of the first data.
+    decimal_comma: True for numbers such as 0,5. dates: indices of columns with dates in ISO 8601.
     """
 
     delimiter: str | None
     width: int
     names: tuple[str, ...]
     first_row: int
+    decimal_comma: bool = False
+    dates: tuple[int, ...] = ()
+
+    def cells(self, row: str) -> list[str]:
+        """Return the cells of a row with decimal points, and dates as seconds since 1970 in UTC."""
+        cells = [cell.strip().strip('"') for cell in row.split(self.delimiter)]
+        for column in self.dates:
+            if column < len(cells):
+                cells[column] = _seconds_of_date(cells[column])
+        return [cell.replace(",", ".") for cell in cells] if self.decimal_comma else cells
 
 
 def read_text_table(path: Path) -> tuple[NDArray[np.float64], tuple[str, ...]]:
     """Read rows of numbers; return (N, C) values and the column names, () without a header.
+
+    A row of units is added to the names, as in `gx (deg/s)`. Dates become seconds since 1970.
 
     Raises InputError for a file without numbers, a malformed row, text that is not UTF-8 or a table beyond
     the memory limit; OSError.
@@ -48,8 +68,11 @@ def read_text_table(path: Path) -> tuple[NDArray[np.float64], tuple[str, ...]]:
         text_format = _detect_format(path)
         _claim_table(path, text_format.width)
         rows = (text for _, text in _iterate_rows(path, text_format.first_row))
+        delimiter = text_format.delimiter
+        if text_format.decimal_comma or text_format.dates:
+            rows, delimiter = (" ".join(text_format.cells(text)) for text in rows), None
         try:
-            values = np.loadtxt(rows, delimiter=text_format.delimiter, ndmin=2, comments=None)
+            values = np.loadtxt(rows, delimiter=delimiter, ndmin=2, comments=None)
         except ValueError:
             raise InputError(_describe_fault(path, text_format)) from None
         if values.shape[1] != text_format.width:  # all rows differ from the header in the same way
@@ -76,13 +99,59 @@ def _detect_format(path: Path) -> _TextFormat:
     if not number:
         raise InputError(f"{path}: holds no numbers")
     delimiter = next((mark for mark in _DELIMITERS if mark in first), None)
-    cells = [cell.strip().strip('"') for cell in first.split(delimiter)]
-    if all(_is_number(cell) for cell in cells):
-        return _TextFormat(delimiter, len(cells), (), number)
-    number, _ = next(rows, (0, ""))
+    cells = _split(first, delimiter)
+    if (without_names := _recognise(cells, delimiter, number, ())) is not None:
+        return without_names
+    number, row = next(rows, (0, ""))
     if not number:
         raise InputError(f"{path}: no row below the header")
-    return _TextFormat(delimiter, len(cells), tuple(cells), number)
+    names, units = tuple(cells), _split(row, delimiter)
+    if len(units) == len(names) and any(units) and all(is_unit(it) and not _is_number(it) for it in units):
+        names = tuple(
+            f"{name} ({unit.strip('[]() ')})" if unit.strip("[]()- ") else name
+            for name, unit in zip(names, units, strict=True)
+        )
+        number, row = next(rows, (0, ""))
+        if not number:
+            raise InputError(f"{path}: no row below the units")
+    recognised = _recognise(_split(row, delimiter), delimiter, number, names)
+    return recognised or _TextFormat(delimiter, len(names), names, number)
+
+
+def _split(row: str, delimiter: str | None) -> list[str]:
+    return [cell.strip().strip('"') for cell in row.split(delimiter)]
+
+
+def _recognise(
+    cells: list[str], delimiter: str | None, number: int, names: tuple[str, ...]
+) -> _TextFormat | None:
+    """Return the format by the cells of the first row of data; None if they are neither numbers nor dates."""
+    dates = tuple(column for column, cell in enumerate(cells) if not _is_number(cell) and _is_date(cell))
+    others = [cell for column, cell in enumerate(cells) if column not in dates]
+    decimal_comma = delimiter != "," and not all(_is_number(cell) for cell in others)
+    if decimal_comma and not all(_is_number(cell.replace(",", ".", 1)) for cell in others):
+        return None
+    if not decimal_comma and not all(_is_number(cell) for cell in others):
+        return None
+    return _TextFormat(delimiter, len(names) or len(cells), names, number, decimal_comma, dates)
+
+
+def _is_date(cell: str) -> bool:
+    try:
+        datetime.fromisoformat(cell)
+    except ValueError:
+        return False
+    return not cell.isdigit()
+
+
+def _seconds_of_date(cell: str) -> str:
+    """Return an ISO date as seconds since 1970; a date without a zone is in UTC. Other text is unchanged."""
+    try:
+        date = datetime.fromisoformat(cell)
+    except ValueError:
+        return cell
+    elapsed = (date if date.tzinfo else date.replace(tzinfo=UTC)) - _EPOCH
+    return f"{elapsed // _MICROSECOND}e-6"
 
 
 def _iterate_rows(path: Path, first: int = 1) -> Iterator[NumberedRow]:
@@ -122,7 +191,7 @@ def _open_stream(path: Path) -> Iterator[gzip.GzipFile | io.BufferedReader]:
 def _describe_fault(path: Path, text_format: _TextFormat) -> str:
     """Describe the first malformed row."""
     for number, row in _iterate_rows(path, text_format.first_row):
-        cells = row.split(text_format.delimiter)
+        cells = text_format.cells(row)
         if len(cells) != text_format.width:
             width = text_format.width
             return f"{path}: row {number} has {len(cells)} columns, the first {width}; correct the row"

@@ -72,6 +72,11 @@ def read_standstill_channel(
     table = recording.nodes[node]
     bounds = -np.inf if start is None else start, np.inf if end is None else end
     span = slice(*np.searchsorted(table.t, bounds))
+    if len(table) and span.start >= span.stop:
+        raise InputError(
+            f"{log}: node {node} has no samples between --start and --end; they are from {table.t[0]:.6g} to "
+            f"{table.t[-1]:.6g} s"
+        )
     measured = [name for name in IMU_CHANNELS if np.isfinite(table[name][span]).any()]
     if channel not in measured:
         raise InputError(

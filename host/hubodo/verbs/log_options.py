@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Iterable
 from pathlib import Path
 
 from hubodo.errors import InputError
-from hubodo.log.number_recording import InputFormat
+from hubodo.log.number_recording import IMU_CHANNELS, InputFormat
 from hubodo.log.roles import ALL_ROLES, NODES_ROLE, ROLE_TYPES, TopicSelection
 from hubodo.recording import Recording
 from hubodo.spelling import suggest_spelling
@@ -42,7 +43,23 @@ def add_log_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--columns",
         metavar="NAMES",
-        help="meaning of each column, such as t,gx,gy,gz,-,temperature",
+        help="meaning of each column, such as t,gx,gy,gz,-,temperature; - ignores one (default: by a header "
+        "such as timestamp_us, gx, acc_z or `Gyroscope x (rad/s)`)",
+    )
+    group.add_argument(
+        "--zero",
+        action="append",
+        default=[],
+        metavar="[CHANNEL=]COUNTS",
+        help="counts of an A/D converter at zero, of all channels or of one, such as gx=2045; repeatable",
+    )
+    group.add_argument(
+        "--scale",
+        action="append",
+        default=[],
+        metavar="[CHANNEL=]FACTOR",
+        help="value of one count in the unit of --unit, of all channels or of one, such as gx=0.13; "
+        "repeatable",
     )
     group.add_argument("--variable", metavar="NAMES", help="arrays of a MATLAB, HDF5 or NumPy file")
 
@@ -98,13 +115,42 @@ def log_form(
     columns = () if args.columns is None else tuple(name.strip() for name in args.columns.split(","))
     channel = getattr(args, "channel", None) or "gz"
     form = InputFormat(
-        args.rate, tuple(args.unit), columns, args.variable, channel, topic_choice(args, vehicle, needed)
+        args.rate,
+        tuple(args.unit),
+        columns,
+        args.variable,
+        channel,
+        topic_choice(args, vehicle, needed),
+        channel_numbers("--zero", args.zero),
+        channel_numbers("--scale", args.scale),
     )
     if len(form.si_factors()) < len(form.units):
         raise InputError(
             f"--unit {', '.join(form.units)}: at most one for the gyro and one for the accelerometer"
         )
     return form
+
+
+def channel_numbers(option: str, texts: Iterable[str]) -> dict[str, float]:
+    """Return the number of each channel from texts such as `gx=2045`, `accel=2048`, or `2048` for all.
+
+    Raises InputError for an unknown channel, another text, or a scale of zero.
+    """
+    groups = {"gyro": IMU_CHANNELS[:3], "accel": IMU_CHANNELS[3:], "": IMU_CHANNELS}
+    numbers: dict[str, float] = {}
+    for text in texts:
+        name, _, number = text.rpartition("=")
+        channels = groups.get(name.strip(), (name.strip(),))
+        try:
+            value = float(number)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value) or (option == "--scale" and value == 0.0):
+            raise InputError(f"{option} {text}: write a number, or CHANNEL=NUMBER, such as gx=2045")
+        if not set(channels) <= set(IMU_CHANNELS):
+            raise InputError(f"{option} {text}: the channel is one of {', '.join(IMU_CHANNELS)}, gyro, accel")
+        numbers |= dict.fromkeys(channels, value)
+    return numbers
 
 
 def topic_choice(args: argparse.Namespace, vehicle: Vehicle | None, needed: Iterable[str]) -> TopicSelection:

@@ -39,6 +39,10 @@ class UsageError(SystemExit):
 class Parser(argparse.ArgumentParser):
     """An ArgumentParser that raises UsageError instead of printing the usage."""
 
+    def _parse_optional(self, arg_string: str) -> Any:
+        """Treat `-,gx`, a list that begins with an ignored column, as a value and not as an option."""
+        return None if arg_string.startswith("-,") else super()._parse_optional(arg_string)
+
     def error(self, message: str) -> NoReturn:
         """Raise UsageError with the message and a hint at --help.
 

@@ -36,3 +36,5 @@ def test_motion_is_refused_or_cut():
         read_standstill_channel(recording_of(gz=rate), "left", "gz", log="night")
     record = read_standstill_channel(recording_of(gz=rate), "left", "gz", log="night", cut_disturbances=True)
     assert record.disturbances[0][0] < 9.0 and record.disturbances[-1][1] > 11.0
+    with pytest.raises(InputError, match="no samples between --start and --end; they are from 0 to 19"):
+        read_standstill_channel(recording_of(), "left", "gz", log="night", start=100.0)

@@ -39,7 +39,8 @@ def _logs(
     bag: the exit code for the foreign log, if different.
     """
     numbers = (
-        "numbers.npz --variable gyro,accel --rate 100 --unit rad/s --unit m/s^2 --columns gx,gy,gz,ax,ay,az"
+        "numbers.npz --variable gyro,accel --rate 100 --unit rad/s --unit m/s^2 --columns gx,gy,gz,ax,ay,az "
+        "--zero 0 --scale gyro=1"
     )
     return (
         Run(f"{verb} {numbers} {needs} --max-memory 900 --json --debug", code, message),

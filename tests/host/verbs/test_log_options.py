@@ -6,9 +6,11 @@ from pathlib import Path
 import pytest
 
 from hubodo.errors import InputError
+from hubodo.log.number_recording import IMU_CHANNELS
 from hubodo.recording import Recording
 from hubodo.vehicle import Vehicle, load_vehicle
-from hubodo.verbs.log_options import add_log_options, check_nodes, log_form
+from hubodo.verbs.log_options import add_log_options, channel_numbers, check_nodes, log_form
+from hubodo.verbs.parser import Parser
 from vehicles import vehicle_toml
 
 
@@ -87,3 +89,29 @@ def test_a_memory_limit_is_a_positive_number_of_megabytes(word: str) -> None:
 def test_a_log_without_nodes_is_refused_with_its_name() -> None:
     with pytest.raises(InputError, match=r"ride\.bag: holds no samples of an IMU"):
         check_nodes(Recording({}), Path("ride.bag"))
+
+
+@pytest.mark.parametrize(
+    ("texts", "numbers"),
+    [
+        (["2048"], dict.fromkeys(IMU_CHANNELS, 2048.0)),
+        (["gyro=1", "gx=2"], {"gx": 2.0, "gy": 1.0, "gz": 1.0}),
+        (["accel=-0.5"], {"ax": -0.5, "ay": -0.5, "az": -0.5}),
+    ],
+)
+def test_a_zero_is_that_of_all_channels_of_a_sensor_or_of_one(
+    texts: list[str], numbers: dict[str, float]
+) -> None:
+    assert channel_numbers("--zero", texts) == numbers
+
+
+@pytest.mark.parametrize("text", ["mx=1", "gx", "gx=inf", "0"])
+def test_another_channel_or_number_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="--scale"):
+        channel_numbers("--scale", [text])
+
+
+def test_a_list_that_begins_with_an_ignored_column_is_a_value() -> None:
+    parser = Parser()
+    add_log_options(parser)
+    assert parser.parse_args(["--columns", "-,gx"]).columns == "-,gx"
