@@ -164,15 +164,15 @@ def _without_repetitions(source: str, columns: Sequence[NamedColumn]) -> list[Na
     """
     times = [index for index, column in enumerate(columns) if column.name == "t"]
     used = next((index for index in times if columns[index].unit == "s"), times[0] if times else None)
-    kept = [
+    with_one_time = [
         column if column.name != "t" or index == used else NamedColumn("", "", "")
         for index, column in enumerate(columns)
     ]
     for name in (*IMU_CHANNELS, *NODE_OPTIONAL_COLUMNS):
-        same = [column.heading for column in kept if column.name == name]
+        same = [column.heading for column in with_one_time if column.name == name]
         if len(same) > 1:
             raise InputError(f"{source}: both {same[0]} and {same[1]} are {name}; choose with --columns")
-    return kept
+    return with_one_time
 
 
 def _read_times(

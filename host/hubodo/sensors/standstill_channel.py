@@ -70,13 +70,7 @@ def read_standstill_channel(
     moved.
     """
     table = recording.nodes[node]
-    bounds = -np.inf if start is None else start, np.inf if end is None else end
-    span = slice(*np.searchsorted(table.t, bounds))
-    if len(table) and span.start >= span.stop:
-        raise InputError(
-            f"{log}: node {node} has no samples between --start and --end; they are from {table.t[0]:.6g} to "
-            f"{table.t[-1]:.6g} s"
-        )
+    span = _select_span(table, start, end, f"{log}: node {node}")
     measured = [name for name in IMU_CHANNELS if np.isfinite(table[name][span]).any()]
     if channel not in measured:
         raise InputError(
@@ -121,6 +115,18 @@ def read_standstill_channel(
         recording.warnings,
         tuple(disturbances),
     )
+
+
+def _select_span(table: Table, start: float | None, end: float | None, source: str) -> slice:
+    """Return the rows between two times, s; raise InputError if there are none in a table with rows."""
+    bounds = -np.inf if start is None else start, np.inf if end is None else end
+    span = slice(*np.searchsorted(table.t, bounds))
+    if len(table) and span.start >= span.stop:
+        raise InputError(
+            f"{source} has no samples between --start and --end; they are from {table.t[0]:.6g} to "
+            f"{table.t[-1]:.6g} s"
+        )
+    return span
 
 
 def interpolate_temperature(table: Table, rows: NDArray[np.int64]) -> Array | None:
