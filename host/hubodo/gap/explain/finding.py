@@ -190,6 +190,8 @@ def estimate_parameters(term: ModelTerm, fit: Refit) -> dict[str, Estimate]:
             shift @ shift.T * np.outer(scales[observed], scales[observed])
         )
     sigmas = np.sqrt(np.diag(jacobian @ covariance @ jacobian.T))
+    # Pruned coordinates are assumed, not estimated. Effects that are pruned have one parameter for each.
+    sigmas[list(term.frozen)] = 0.0
     return {
         name: Estimate(value, float(sigma) if sigma > 0.0 else None, effect.unit(name))
         for (name, value), sigma in zip(values.items(), sigmas, strict=True)

@@ -15,8 +15,8 @@ from hubodo.gap.refit.refit import Refit, compute_gain, refit, refit_with_weight
 from hubodo.gap.state.state import State
 from hubodo.gap.state.terms import ModelTerm
 
-# Replacements at most; two effects that replace each other would loop forever.
-_MAX_REPLACEMENTS = 3
+# Replacements at most; each costs a round for every effect.
+_MAX_REPLACEMENTS = 6
 # With more effects than this, only those are reconsidered that were added provisionally, lost half of their
 # gain, were found beside an effect since removed, or are library terms: each costs one round.
 _MAX_FULL_RECONSIDERATION, _MIN_GAIN_SHARE = 4, 0.5
@@ -67,12 +67,20 @@ class _EffectSet:
 
     final: fit of all effects
     original_rounds: the round that found each effect
-    n_replaced: replacements so far
+    earlier: keys of the sets that it replaced
     """
 
     final: Refit
     original_rounds: RoundsByKey
-    n_replaced: int = 0
+    earlier: tuple[frozenset[tuple[str, str]], ...] = ()
+
+    @property
+    def n_replaced(self) -> int:
+        return len(self.earlier)
+
+    @property
+    def keys(self) -> frozenset[tuple[str, str]]:
+        return frozenset(term.key for term in self.terms)
 
     @property
     def terms(self) -> list[ModelTerm]:
@@ -84,7 +92,7 @@ class _EffectSet:
 
     def replaced_by(self, final: Refit, rounds: RoundsByKey) -> _EffectSet:
         """Return the set with one effect replaced: its fit, and the rounds that found the new effects."""
-        return _EffectSet(final, {**self.original_rounds, **rounds}, self.n_replaced + 1)
+        return _EffectSet(final, {**self.original_rounds, **rounds}, (*self.earlier, self.keys))
 
     def settled_rounds(self) -> dict[tuple[str, str], Round]:
         """Return the original rounds of the effects that need no reconsideration."""
@@ -152,6 +160,9 @@ class _Reconsideration:
             # The round only determines the probability of the effect.
             return None
         if best.key != term.key:
+            if (effects.keys - {term.key}) | {best.key} in effects.earlier:
+                # Two effects that replace each other would loop forever.
+                return None
             without = effects.without(term)
             final = refit_with_weights(without.with_term(best.term))
             return effects.replaced_by(final, {best.key: judged})

@@ -19,13 +19,16 @@ from hubodo.gap.state.terms import terms_of_model
 from hubodo.model.forward import NodeInitialState
 
 # Effects added at most, one per round, which bounds the duration.
-_MAX_EFFECTS = 8
+_MAX_EFFECTS = 10
 # Effects added provisionally at most, while other missing effects hide their gain.
 _MAX_PROVISIONAL = 3
 # Effects between consecutive samples are not visible after decimation.
 _NEEDS_EVERY_SAMPLE = ("sample_repeat",)
 # Largest growth of the gap by adding an effect, as other missing effects may interfere.
 _MAX_GAP_GROWTH = 1.25
+
+# Ratio of a wheel's walk with its trend to that without, from which on the trend is searched for a cause.
+_MIN_TREND_RATIO = 2.0
 
 # Share of the search in the reported progress.
 _SEARCH_PROGRESS_SHARE = 0.75
@@ -115,6 +118,11 @@ def _search_rounds(
         if best is None and n_provisional < _MAX_PROVISIONAL:
             # Its gain becomes visible beside later effects; otherwise it is removed again.
             best, n_provisional = judged.provisional, n_provisional + 1
+        if best is None and number < _MAX_EFFECTS:
+            steady = _with_steady_wheels(fit)
+            if steady is not None:
+                fit = steady
+                continue
         if best is None or number == _MAX_EFFECTS:
             break
         state = (best.state or fit.state).with_term(best.term)
@@ -129,6 +137,20 @@ def _search_rounds(
             continue
         observer.on_effect_added(SearchResult((*earlier_rounds, *rounds), fit))
     return SearchResult((*earlier_rounds, *rounds), fit)
+
+
+def _with_steady_wheels(fit: Refit) -> Refit | None:
+    """Return the fit in which trends of the wheels' phases are no part of their walks; None if none has one.
+
+    While a wheel's phase drifts steadily because of a wrong scale or bias, its walk is so large that neither
+    the cause of the drift nor the wheel that has a small error can be identified.
+    """
+    if fit.state.has_steady_wheels:
+        return None
+    steady = refit_with_weights(replace(fit.state, has_steady_wheels=True)).without_cache()
+    walks, steady_walks = fit.evaluation.weights.wheel_walks, steady.evaluation.weights.wheel_walks
+    is_smaller = any(walk > _MIN_TREND_RATIO * steady_walks[name] for name, walk in walks.items())
+    return steady if is_smaller else None
 
 
 def _report_round(report_progress: ReportProgress, number: int, words: str, share: float) -> None:

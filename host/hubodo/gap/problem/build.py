@@ -9,7 +9,13 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.errors import InputError
-from hubodo.gap.problem.log_inputs import estimate_input_noise, read_inputs, read_temperature, read_trace
+from hubodo.gap.problem.log_inputs import (
+    estimate_input_noise,
+    read_inputs,
+    read_temperature,
+    read_trace,
+    yaw_rate_offset_sigma,
+)
 from hubodo.gap.problem.plausibility import check_plausibility
 from hubodo.gap.problem.problem import CHANNELS, MIN_NODE_SAMPLES, NodeData, Problem
 from hubodo.model.forward import NodeModel
@@ -77,6 +83,7 @@ def build_problem(recording: Recording, model: Model, log_name: str = "log") -> 
         last - first,
         log_inputs.speed_sources,
         tuple(warnings),
+        yaw_rate_offset_sigma(model),
     )
 
 

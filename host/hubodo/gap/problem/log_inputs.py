@@ -24,6 +24,8 @@ _MAX_CONSTANT_RATIO = 1.04
 # Ratio of measured to declared noise of an input above which the measured one is used; input noise below this
 # share of a gyro's noise is negligible.
 _MAX_NOISE_RATIO, _NEGLIGIBLE_NOISE_SHARE = 1.5, 0.1
+# rad/s; usual bias of a MEMS gyro.
+_GYRO_BIAS_SIGMA = 0.01
 
 
 @dataclass(frozen=True)
@@ -82,6 +84,11 @@ def estimate_input_noise(
         model.inputs.yaw_rate, "rad/s", yaw_rate, declared, _NEGLIGIBLE_NOISE_SHARE * gyro, warnings
     )
     return speed_noise, yaw_noise
+
+
+def yaw_rate_offset_sigma(model: Model) -> float:
+    """Return 1 sigma of a constant error of the yaw rate, rad/s: the bias of a gyro that measured it."""
+    return _GYRO_BIAS_SIGMA if _is_gyro(model.inputs.yaw_rate) else 0.0
 
 
 def _is_gyro(name: str | float) -> bool:

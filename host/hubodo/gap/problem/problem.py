@@ -87,6 +87,7 @@ class Problem:
     speed_period, yaw_rate_period: s between samples of the inputs
     speed_sources: names of the nodes whose z gyro is the speed input; () with a reference
     warnings: one line each
+    yaw_rate_offset_sigma: rad/s, 1 sigma of a constant error of the yaw rate input
     """
 
     model: Model
@@ -99,6 +100,7 @@ class Problem:
     duration: float
     speed_sources: tuple[str, ...]
     warnings: tuple[str, ...]
+    yaw_rate_offset_sigma: float = 0.0
 
     @cached_property
     def speed_source_nodes(self) -> tuple[NodeData, ...]:

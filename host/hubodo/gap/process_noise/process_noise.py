@@ -31,7 +31,17 @@ _MIN_MEAN_SPEED = 0.1
 _MAX_WALK_CORRELATION = 0.9
 
 NoiseSource = Literal[
-    "speed", "speed slope", "yaw rate", "yaw rate slope", "bank", "wheel", "clock", "gx", "gy", "gz"
+    "speed",
+    "speed slope",
+    "yaw rate",
+    "yaw rate slope",
+    "yaw rate offset",
+    "bank",
+    "wheel",
+    "clock",
+    "gx",
+    "gy",
+    "gz",
 ]
 
 
@@ -158,12 +168,15 @@ def _list_input_noise(problem: Problem) -> Iterator[ProcessNoise]:
         if variance > 0.0:
             yield ProcessNoise(RandomWalk(0.0, variance, is_white=True), level)
             yield ProcessNoise(RandomWalk(0.0, 12.0 * variance / WINDOW_DURATION**2, is_white=True), slope)
+    if problem.yaw_rate_offset_sigma > 0.0:
+        yield ProcessNoise(RandomWalk(0.0, problem.yaw_rate_offset_sigma**2), "yaw rate offset")
 
 
 def _input_noise_columns(state: State, node: NodeData, window_starts: Array) -> dict[NoiseSource, Array]:
     """Return the change of a node's channels, (6, N), per unit of mean and slope of each input's noise.
 
-    The noise also turns the wheel within the window; its walk from window to window is modelled separately.
+    The noise also turns the wheel within the window; its walk from window to window is modelled separately. A
+    constant error turns the wheel from the start of the log on.
     """
     sensitivity = state.input_sensitivity(node)
     offset = node.t - (window_starts[window_indices(window_starts, node.t)] + 0.5 * WINDOW_DURATION)
@@ -175,4 +188,5 @@ def _input_noise_columns(state: State, node: NodeData, window_starts: Array) -> 
         "speed slope": offset * sensitivity.speed + sensitivity.acceleration + quadratic * phase,
         "yaw rate": sensitivity.yaw_rate - y * offset * phase,
         "yaw rate slope": offset * sensitivity.yaw_rate - y * quadratic * phase,
+        "yaw rate offset": sensitivity.yaw_rate - y * (node.t - node.forward.inputs.yaw_rate.start) * phase,
     }

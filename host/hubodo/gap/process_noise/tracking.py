@@ -38,7 +38,9 @@ def track_wheel_phase(state: State) -> tuple[State, dict[str, float]]:
             if node.on_wheel:
                 sigma = _accel_noise(problem, node)
                 phases = estimate_phases(node, state.predictions[node.name], offsets.get(node.name), sigma)
-                offset, walks[node.name] = smooth_phases(phases, declared_wheel_walk(problem, node))
+                offset, walks[node.name] = smooth_phases(
+                    phases, declared_wheel_walk(problem, node), state.has_steady_wheels
+                )
                 offsets[node.name] = interpolate_phases(node, phases, offset)
         state = replace(state, phase_offsets=offsets)
     return state, walks

@@ -16,7 +16,12 @@ DIFFUSE_VARIANCE = 1e6
 
 
 def walk_log_likelihoods(
-    observed: Array, variance: Array, steps: Array, intensities: Array, starts: Array
+    observed: Array,
+    variance: Array,
+    steps: Array,
+    intensities: Array,
+    starts: Array,
+    trends: Array | None = None,
 ) -> Array:
     """Return ln likelihood, (G,), up to a constant, of random walks given noisy observations.
 
@@ -24,26 +29,54 @@ def walk_log_likelihoods(
     steps: (K-1,) s between them
     intensities: (G,) unit² per second
     starts: (G,) variance about zero before the first value
+    trends: (M, K) curves of unknown size that the observations contain; their sizes are integrated out
+        under a flat prior (restricted likelihood, Patterson and Thompson 1971)
     """
-    likelihoods, increments = [], np.diff(observed, prepend=0.0)
+    rows, likelihoods = _increments(observed, trends), []
     for intensity, start in zip(intensities.tolist(), starts.tolist(), strict=True):
-        variances, solved = _solve_steps(increments, variance, steps, intensity, start)
-        likelihoods.append(-0.5 * (float(increments @ solved) + float(np.log(variances).sum())))
+        variances, solved = _solve_steps(rows.T, variance, steps, intensity, start)
+        products = rows @ solved
+        explained = float(products[1:, 0] @ _trend_sizes(products))
+        log_determinants = float(np.log(variances).sum()) + float(np.linalg.slogdet(products[1:, 1:])[1])
+        likelihoods.append(-0.5 * (float(products[0, 0]) - explained + log_determinants))
     return np.array(likelihoods)
 
 
 def smooth_walk(
-    observed: Array, variance: Array, steps: Array, intensity: float, start: float = DIFFUSE_VARIANCE
+    observed: Array,
+    variance: Array,
+    steps: Array,
+    intensity: float,
+    start: float = DIFFUSE_VARIANCE,
+    trends: Array | None = None,
 ) -> Array:
-    """Return the smoothed walk, (K,); parameters as in `walk_log_likelihoods`."""
-    _, solved = _solve_steps(np.diff(observed, prepend=0.0), variance, steps, intensity, start)
-    return observed + variance * np.diff(solved, append=0.0)
+    """Return the smoothed walk with its trends, (K,); parameters as in `walk_log_likelihoods`."""
+    rows = _increments(observed, trends)
+    _, solved = _solve_steps(rows.T, variance, steps, intensity, start)
+    without_trends = solved[:, 0] - solved[:, 1:] @ _trend_sizes(rows @ solved)
+    return observed + variance * np.diff(without_trends, append=0.0)
+
+
+def _increments(observed: Array, trends: Array | None) -> Array:
+    """Return the increments of the observations and of the trends, (1 + M, K), from zero before the first."""
+    return np.diff(observed[None] if trends is None else np.vstack([observed, trends]), prepend=0.0)
+
+
+def _trend_sizes(products: Array) -> Array:
+    """Return the sizes of the trends, (M,), by generalised least squares.
+
+    products: (1 + M, 1 + M), increments times their inverse covariance times increments
+    """
+    return np.asarray(np.linalg.solve(products[1:, 1:], products[1:, 0]))
 
 
 def _solve_steps(
     increments: Array, variance: Array, steps: Array, intensity: float, start: float
 ) -> tuple[Array, Array]:
-    """Return the variances of the innovations, (K,), and the increments divided by their covariance, (K,)."""
+    """Return the variances of the innovations, (K,), and the increments divided by their covariance.
+
+    increments: (K,) or (K, M)
+    """
     diagonal = variance + np.concatenate([[start], intensity * steps + variance[:-1]])
     variances, below, _ = dpttrf(diagonal, -variance[:-1])
     solved, _ = dpttrs(variances, below, increments)

@@ -20,6 +20,8 @@ WINDOW_DURATION = 0.5
 _MAX_UNWRAP_VARIANCE = 0.05
 # ln likelihood by which another walk has to beat the declared one.
 _MIN_WALK_GAIN = 4.0
+# Size of a normalised trend beside the others, below which it is one of them.
+_MIN_TREND_SIZE = 0.01
 
 
 @dataclass(frozen=True)
@@ -29,11 +31,14 @@ class WindowPhases:
     t: s, centre of the window
     phase: rad, measured minus modelled wheel angle, unwrapped
     variance: rad²
+    wheel_angle, heading: rad, of the model, means of the window
     """
 
     t: Array
     phase: Array
     variance: Array
+    wheel_angle: Array
+    heading: Array
 
 
 def window_boundaries(t: Array, width: float = WINDOW_DURATION) -> NDArray[np.intp]:
@@ -76,7 +81,13 @@ def estimate_phases(
     variance = accel_sigma**2 / np.maximum(information * np.maximum(np.abs(factor), 0.05) ** 2, 1e-9)
     middle = summed(node.t) / total
     previous = np.zeros(len(total)) if phase_offset is None else summed(phase_offset) / total
-    return WindowPhases(middle, previous + _unwrap(phase, variance), np.maximum(variance, 1e-8))
+    return WindowPhases(
+        middle,
+        previous + _unwrap(phase, variance),
+        np.maximum(variance, 1e-8),
+        summed(reading.rolling.angle) / total,
+        summed(reading.body.heading) / total,
+    )
 
 
 def _unwrap(phase: Array, variance: Array) -> Array:
@@ -95,22 +106,42 @@ def _unwrap(phase: Array, variance: Array) -> Array:
     return unwrapped
 
 
-def smooth_phases(phases: WindowPhases, walk: float) -> tuple[Array, float]:
+def smooth_phases(phases: WindowPhases, walk: float, is_steady: bool = False) -> tuple[Array, float]:
     """Return the smoothed phase offset, (K,) rad, and the intensity of its walk, rad²/s.
 
     The intensity is the most likely one, at least `walk`.
+    is_steady: True if what a wrong radius, bias or track width adds to the phase, a trend with the wheel's
+        angle, time and heading, is no part of the walk. It stays in the smoothed offset, where an effect that
+        explains it gains.
     """
     steps = np.diff(phases.t)
+    trends = _trends(phases) if is_steady else None
     grid = walk * np.geomspace(1.0, 1e10, 21)
     likelihoods = walk_log_likelihoods(
-        phases.phase, phases.variance, steps, grid, np.full_like(grid, DIFFUSE_VARIANCE)
+        phases.phase,
+        phases.variance,
+        steps,
+        grid,
+        np.full_like(grid, DIFFUSE_VARIANCE),
+        trends,
     )
     best = int(np.argmax(likelihoods))
     # The declared walk is kept unless another is clearly more likely.
     if likelihoods[best] <= likelihoods[0] + _MIN_WALK_GAIN:
         best = 0
     likeliest = float(grid[best])
-    return walk_smoothed(phases.phase, phases.variance, steps, likeliest), likeliest
+    smoothed = walk_smoothed(phases.phase, phases.variance, steps, likeliest, DIFFUSE_VARIANCE, trends)
+    return smoothed, likeliest
+
+
+def _trends(phases: WindowPhases) -> Array:
+    """Return the trends that a phase may have, (M, K), as orthonormal curves without mean."""
+    curves = np.stack([phases.t, phases.wheel_angle, phases.heading])
+    centred = curves - curves.mean(axis=1, keepdims=True)
+    scale = np.sqrt((centred**2).sum(axis=1, keepdims=True))
+    shapes = centred[scale[:, 0] > 1e-9] / scale[scale[:, 0] > 1e-9]
+    _, sizes, directions = np.linalg.svd(shapes, full_matrices=False)
+    return np.asarray(directions[sizes > _MIN_TREND_SIZE])
 
 
 def interpolate_phases(node: NodeData, phases: WindowPhases, offsets: Array) -> Array:

@@ -38,6 +38,7 @@ class State:
     phase_offsets: for each wheel node (N,) rad, the tracked wheel angle minus the angle integrated from the
         inputs
     stamp_delays: for each node (N,) s, the delay of its time stamps, if clocks are declared to differ
+    has_steady_wheels: True if a trend of a wheel's phase is an error of the model and no random walk
     """
 
     problem: Problem
@@ -45,6 +46,7 @@ class State:
     starts: Mapping[str, NodeInitialState] = field(default_factory=dict)
     phase_offsets: Mapping[str, Array] = field(default_factory=dict)
     stamp_delays: Mapping[str, Array] = field(default_factory=dict)
+    has_steady_wheels: bool = False
 
     def with_terms(self, terms: Sequence[ModelTerm]) -> State:
         return replace(self, terms=tuple(terms))

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import BSpline
 
 from gap_matrix import cases, recording
 from gap_matrix.make_case import write_case
@@ -13,10 +14,17 @@ from gap_runs import run_gap, write_changed_model
 from hubodo.effects import BY_NAME
 from hubodo.gap.judge.search import build_initial_state
 from hubodo.gap.problem.build import build_problem
-from hubodo.gap.process_noise.process_noise import list_process_noise, shared_walk_covariance
+from hubodo.gap.process_noise.process_noise import (
+    compute_noise_columns,
+    list_process_noise,
+    noise_indices,
+    shared_walk_covariance,
+)
+from hubodo.gap.process_noise.segments import window_grid
 from hubodo.gap.process_noise.weights import declared_wheel_walk
 from hubodo.gap.state.state import stack_channels
 from hubodo.log.csv_folder import read_folder, write_folder
+from hubodo.model.forward import NodeInitialState, NodeModel
 from hubodo.model.model_file import read_model
 from hubodo.recording import Recording, Table
 
@@ -104,3 +112,31 @@ def test_the_phase_steps_of_both_wheels_share_the_noise_of_the_speed_input(tmp_p
     np.testing.assert_allclose(
         step_covariance, variance_per_second * np.array([[1.0, 0.9], [0.9, 1.0]]), rtol=0.05
     )
+
+
+def test_the_column_of_a_yaw_rate_offset_is_the_change_of_the_readings(problem):
+    """The reference is the model with another yaw rate; wheels turn by the integral of the offset."""
+    offset = 1e-4
+    changed = replace(problem, yaw_rate_offset_sigma=0.01)
+    state = build_initial_state(changed)
+    walks = {node.name: declared_wheel_walk(changed, node) for node in changed.nodes if node.on_wheel}
+    noises = list_process_noise(state, walks)
+    (index,) = [k for k, noise in enumerate(noises) if noise.source == "yaw rate offset"]
+    assert noises[index].walk.start_variance == pytest.approx(0.01**2)
+    grid = window_grid(changed)
+    for node in changed.nodes:
+        column = compute_noise_columns(state, node, noises, grid)[noise_indices(noises, node).index(index)]
+        readings = [_predict_with_yaw_offset(node, sign * offset) for sign in (1.0, -1.0)]
+        expected = (readings[0] - readings[1]) / (2.0 * offset)
+        np.testing.assert_allclose(column, expected, atol=1e-3 * np.abs(expected).max())
+
+
+def _predict_with_yaw_offset(node, offset):
+    inputs = node.forward.inputs
+    spline = inputs.yaw_rate.spline
+    moved = replace(inputs.yaw_rate, spline=BSpline(spline.t, spline.c + offset, spline.k))
+    full = node.forward
+    forward = NodeModel(
+        replace(inputs, yaw_rate=moved), node.t, node.mount, full.wheel_radius, full.track_width
+    )
+    return stack_channels(forward.mean_reading((), NodeInitialState()))
