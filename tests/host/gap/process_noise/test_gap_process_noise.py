@@ -134,9 +134,9 @@ def test_the_column_of_a_yaw_rate_offset_is_the_change_of_the_readings(problem):
 def _predict_with_yaw_offset(node, offset):
     inputs = node.forward.inputs
     spline = inputs.yaw_rate.spline
-    moved = replace(inputs.yaw_rate, spline=BSpline(spline.t, spline.c + offset, spline.k))
+    shifted = replace(inputs.yaw_rate, spline=BSpline(spline.t, spline.c + offset, spline.k))
     full = node.forward
     forward = NodeModel(
-        replace(inputs, yaw_rate=moved), node.t, node.mount, full.wheel_radius, full.track_width
+        replace(inputs, yaw_rate=shifted), node.t, node.mount, full.wheel_radius, full.track_width
     )
     return stack_channels(forward.mean_reading((), NodeInitialState()))
