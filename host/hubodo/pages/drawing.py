@@ -57,6 +57,7 @@ def render_drawing(draw: Callable[[], Any]) -> Drawing:
 
 def save_figure(figure: Any, path: Path) -> None:
     """Write a matplotlib figure in the format of its suffix; raise OSError if it cannot be written."""
+    _fix_layout(figure)
     with atomic_files(path) as (part,):
         figure.savefig(part, dpi=150, format=path.suffix[1:].lower())
 
@@ -70,6 +71,7 @@ def figure_to_svg(figure: Any) -> str:
     # Element ids must differ between the figures of a page but be reproducible from run to run.
     salt = repr([axes.get_ylabel() + axes.get_title() for axes in figure.axes])
     with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": salt, "font.family": "sans-serif"}):
+        _fix_layout(figure)
         figure.savefig(out, format="svg", metadata={"Date": None, "Creator": None})
     text = out.getvalue()
     body = text[text.index("<svg") :]
@@ -77,6 +79,14 @@ def figure_to_svg(figure: Any) -> str:
     return (
         f'<svg viewBox="0 0 {72 * size[0]:g} {72 * size[1]:g}" role="img"{_namespaces(head)}>{body_after_tag}'
     )
+
+
+def _fix_layout(figure: Any) -> None:
+    """Place the axes of a figure once; with a layout engine, each file would be drawn twice."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine(None)
 
 
 def _namespaces(head: str) -> str:

@@ -77,14 +77,17 @@ import json, sys
 import hubodo.verbs.flash
 loaded = [sorted(sys.modules)]
 import hubodo.verbs.fuse, hubodo.verbs.play, hubodo.verbs.record
+loaded.append(sorted(sys.modules))
+import hubodo.verbs.gap, hubodo.verbs.north
 print(json.dumps([*loaded, sorted(sys.modules)]))
 """
 
 
 def test_verbs_do_not_load_the_parts_of_scipy_that_they_seldom_need(tmp_path):
-    _, (flash, driving) = loaded_modules(MODULES_OF_VERBS, tmp_path)
+    _, (flash, driving, gap) = loaded_modules(MODULES_OF_VERBS, tmp_path)
     assert "hubodo.effects" in flash and "scipy" not in flash
     seldom = {
         f"scipy.{part}" for part in ("interpolate", "optimize", "signal", "spatial", "special", "stats")
     }
     assert "scipy.linalg" in driving and not driving & (seldom | {"pyproj"})
+    assert "scipy.interpolate" in gap and not gap & {"scipy.signal", "scipy.stats"}

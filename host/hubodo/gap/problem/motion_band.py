@@ -5,7 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import numpy as np
-from scipy.signal import csd
+from numpy.lib.stride_tricks import sliding_window_view
 
 from hubodo.arrays import Array
 
@@ -35,7 +35,7 @@ def estimate_motion_band(t: Array, value: Array, witness: Array | None = None) -
     others = samples if witness is None else np.interp(grid, t, witness)
 
     def band_powers(a: Array, b: Array) -> Array:
-        power = csd(a, b, 1.0 / step, nperseg=segment)[1].real
+        power = _cross_power(a, b, segment)
         return np.array([power[i:j].mean() for i, j in pairwise(edges)])
 
     edges = _band_edges(segment // 2 + 1)
@@ -52,6 +52,25 @@ def estimate_motion_band(t: Array, value: Array, witness: Array | None = None) -
         if not is_noise.any():
             return np.inf
     return edges[int(np.argmax(is_noise))] / (segment * step)
+
+
+def _cross_power(a: Array, b: Array, segment: int) -> Array:
+    """Return the real part of the one-sided cross spectrum, (segment // 2 + 1,), unit² times sample interval.
+
+    Average over half overlapping segments, each without its mean and with a Hann window (Welch 1967).
+    `scipy.signal` computes the same, but importing it takes a third of the start-up time of `hubodo gap`.
+    """
+    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(segment) / segment)
+
+    def spectra(samples: Array) -> Array:
+        pieces = sliding_window_view(samples, segment)[:: segment - segment // 2]
+        return np.asarray(np.fft.rfft((pieces - pieces.mean(axis=1, keepdims=True)) * window))
+
+    of_a = spectra(a)
+    of_b = of_a if b is a else spectra(b)
+    power: Array = (of_a.real * of_b.real + of_a.imag * of_b.imag).mean(axis=0) / (window @ window)
+    power[1 : (segment + 1) // 2] *= 2.0
+    return power
 
 
 def _band_edges(count: int) -> list[int]:

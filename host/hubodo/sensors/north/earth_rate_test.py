@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from hubodo.arrays import Array
 from hubodo.earth import EARTH_RATE
@@ -69,7 +69,7 @@ def check_earth_rate(posterior: EarthRatePosterior, horizontal: float) -> EarthR
         sigma = float(np.hypot(np.sqrt(along @ covariance @ along), _SCALE_SIGMA * horizontal))
         chi_square = (max(0.0, measured - horizontal) / sigma) ** 2
         return EarthRateTest(
-            measured, sigma, horizontal, chi_square, float(chi2.sf(chi_square, 1)), depends_on_latitude=True
+            measured, sigma, horizontal, chi_square, float(chdtrc(1, chi_square)), depends_on_latitude=True
         )
     size = float(np.linalg.norm(rate))
     along = rate / max(size, 1e-300)
@@ -78,7 +78,7 @@ def check_earth_rate(posterior: EarthRatePosterior, horizontal: float) -> EarthR
     chi_square = _least_misfit(rate, covariance, horizontal)
     dof = 1 if horizontal > _SINGLE_DOF_RATIO * sigma else 2
     return EarthRateTest(
-        size, sigma, horizontal, chi_square, float(chi2.sf(chi_square, dof)), depends_on_latitude=False
+        size, sigma, horizontal, chi_square, float(chdtrc(dof, chi_square)), depends_on_latitude=False
     )
 
 

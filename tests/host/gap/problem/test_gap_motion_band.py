@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.signal import csd
 
-from hubodo.gap.problem.motion_band import estimate_motion_band
+from hubodo.gap.problem.motion_band import _cross_power, estimate_motion_band
 
 RATE, DURATION = 120.0, 120.0
 SEEDS = range(5)
@@ -51,3 +52,13 @@ def test_white_noise_of_one_sensor_is_left_to_the_smoother(seed):
 
 def test_a_short_record_shows_no_band():
     assert estimate_motion_band(np.arange(20.0), np.arange(20.0)) == np.inf
+
+
+@pytest.mark.parametrize(("count", "segment"), [(1000, 64), (1003, 65), (1003, 90)])
+def test_cross_spectra_equal_those_of_scipy(count, segment):
+    seed = 9
+    print(f"seed {seed}")
+    a, b = np.random.default_rng(seed).normal(3.0, 1.0, (2, count))
+    for first, second in ((a, b), (a, a)):
+        expected = csd(first, second, nperseg=segment)[1].real
+        np.testing.assert_allclose(_cross_power(first, second, segment), expected, rtol=1e-9, atol=1e-12)

@@ -69,8 +69,10 @@ export function mirrorFlash(FS, config) {
   };
 }
 
-/** Mounts the modules of the board at /rom. */
+/** Mounts the modules of the board at /rom; an installed package also has their bytecode, in a folder. */
 export function layRom(FS, rom) {
   FS.mkdir("/rom");
-  for (const name of fs.readdirSync(rom)) FS.writeFile(`/rom/${name}`, fs.readFileSync(path.join(rom, name)));
+  for (const name of fs.readdirSync(rom).filter((file) => file.endsWith(".py"))) {
+    FS.writeFile(`/rom/${name}`, fs.readFileSync(path.join(rom, name)));
+  }
 }
