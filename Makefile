@@ -72,6 +72,7 @@ road: setup          ## a real car, standstills, outages, slip, saturated sensor
 	$(BIN)/python tests/accuracy/car_gnss.py
 	$(BIN)/python tests/accuracy/scales.py
 	$(BIN)/python tests/accuracy/rests.py
+	$(BIN)/python tests/accuracy/idling.py
 	$(BIN)/python tests/accuracy/silence.py
 	$(BIN)/python tests/accuracy/dropouts.py
 	$(BIN)/python tests/accuracy/clipped.py

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from generators import wheel_drives
+from generators.idling import idling_drive
 from generators.standstills import drive_with_standstill
-from hubodo.fuse.wheel.motion_state import MotionState, StandstillDetector
+from hubodo.fuse.wheel.motion_state import MotionState, StandstillDetector, long_run_variance
 from hubodo.fuse.wheel.track import WheelRun, run_wheel_filter
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 from wheel_runs import config, end_error, nees, tables
@@ -164,3 +166,20 @@ def test_initial_noise_is_estimated_only_if_all_first_windows_are_quiet() -> Non
         detector = StandstillDetector()
         detector.estimate_initial_noise(windows)
         assert detector.noise == pytest.approx(noise)
+
+
+def test_the_variance_of_correlated_forces_is_that_of_their_sum():
+    """An autoregressive process of correlation r has the long-run variance σ² (1 + r) / (1 - r)."""
+    rng, r, n = np.random.default_rng(11), 0.6, 4000
+    innovations = np.sqrt(1.0 - r * r) * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
+    forces = lfilter([1.0], [1.0, -r], innovations)
+    assert long_run_variance(forces.tolist()) == pytest.approx((1.0 + r) / (1.0 - r), rel=0.3)
+    assert long_run_variance((innovations / np.sqrt(1.0 - r * r)).tolist()) == pytest.approx(1.0, rel=0.3)
+
+
+def test_a_shaking_engine_leaves_neither_false_biases_nor_false_slips():
+    """Seed 7029 with 1.8 m/s²: 144 % of the distance when the resting accelerometers were trusted."""
+    _, drive = idling_drive(7029)
+    run = run_wheel_filter(config(drive), tables(drive))
+    assert end_error(drive, run) < 0.02 * drive.length
+    assert not any(wheel.slip_detector.slips for wheel in run.filter.core.wheels)

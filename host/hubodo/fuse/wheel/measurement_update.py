@@ -181,7 +181,9 @@ class MeasurementUpdate:
         noise, measures, append = self._noise, self._measures, values.extend
         for index, (wheel, window) in enumerate(windows):
             view = wheel.view
-            view.linearise(x, window, is_stationary, wheel.standstill.noise)
+            view.linearise(
+                x, window, is_stationary, wheel.standstill.noise, wheel.standstill.force_noise_of(window)
+            )
             if wheel.geometry.delay_factor:
                 view.update_yaw_change()
             residuals: list[float] = []

@@ -161,7 +161,13 @@ class MotionPrediction:
         for wheel, window in windows:
             if not wheel.mode(window).knows_angle or window.missing > 0.0 or not forward.usable(window):
                 continue
-            wheel.view.linearise(x, window, is_stationary=False, gyro_noise=wheel.standstill.noise)
+            wheel.view.linearise(
+                x,
+                window,
+                is_stationary=False,
+                gyro_noise=wheel.standstill.noise,
+                force_noise=wheel.standstill.force_noise_of(window),
+            )
             residual, noise, by_entry = forward.measure(wheel.view, self._noise)
             change += residual + wheel.geometry.radius * wheel.view.axle_rate_change
             variance += noise

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import cmath
 import itertools
 import math
+import statistics
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -17,6 +19,10 @@ _STANDSTILL_WINDOWS = SECOND_WINDOWS
 
 _ROCKING_WINDOWS = MANOEUVRE_WINDOWS
 """Windows in which rocking is detected: hands that rock a wheel move it to and fro in them."""
+
+
+_SHAKING_SIGMAS = 3.0
+"""Sigmas of a force that shakes by which it may change while rocking, one in 370."""
 
 
 class MotionState(IntEnum):
@@ -69,20 +75,31 @@ class StandstillDetector:
     A steadily rolling wheel rotates gravity. A wheel on the spot about which the vehicle pivots does not,
     but shows a rate across the axle, which is distinguished from a bias as far as the bias is known. An
     engine that shakes the vehicle, or a noisy gyro, changes no mean. `noise` is the variance of a window's
-    mean rate of one axis, (rad/s)², as measured at the last standstill.
+    mean rate of one axis, (rad/s)², as measured at the last standstill, `force_noise` that of its mean
+    force, (m/s²)², counted as if windows were independent.
     """
 
     limits: StandstillLimits = field(default_factory=StandstillLimits)
     noise: float = 0.0
+    force_noise: float = 0.0
     _quiet_windows: deque[_QuietWindow] = field(default_factory=lambda: deque(maxlen=_ROCKING_WINDOWS))
     _standstill_windows: list[_QuietWindow] = field(default_factory=list)
     _noise_history: deque[float] = field(default_factory=lambda: deque(maxlen=_STANDSTILL_WINDOWS))
+    _shaking_history: deque[tuple[float, float]] = field(
+        default_factory=lambda: deque(maxlen=_STANDSTILL_WINDOWS)
+    )
 
     def estimate_initial_noise(self, windows: Sequence[Window]) -> None:
         """Estimate the noise from the first windows if they look like a standstill."""
         it = [w for w in windows if w.missing == 0.0 and w.gyro_variance < self.limits.gyro_spread**2]
         if len(it) == len(windows) > 1:
             self.noise = _rate_noise([(w.spin / WINDOW_S, w.raw_across / WINDOW_S) for w in it])
+            self.force_noise = long_run_variance([w.raw_force / WINDOW_S for w in it])
+
+    def force_noise_of(self, window: Window) -> float:
+        """Return the variance of the mean specific force of a window by shaking, (m/s²)²; 0 if it rolls."""
+        is_slow = abs(window.spin) < self.limits.max_rocking_rate * WINDOW_S
+        return self.force_noise if is_slow else 0.0
 
     @property
     def force(self) -> complex:
@@ -96,6 +113,7 @@ class StandstillDetector:
         """Discard the history after a gap."""
         self._quiet_windows.clear()
         self._noise_history.clear()
+        self._shaking_history.clear()
         self._standstill_windows = []
 
     def detect(self, window: Window, spin_bias: float, across_bias: complex, sigma: float) -> MotionState:
@@ -108,6 +126,7 @@ class StandstillDetector:
         if window.missing > 0.0 or abs(spin) >= limits.max_rocking_rate + margin:
             # Early exit, taken in most windows of a drive.
             self._quiet_windows.clear()
+            self._shaking_history.clear()
             return MotionState.MOVING
         across = window.raw_across / WINDOW_S - across_bias
         if (
@@ -115,6 +134,7 @@ class StandstillDetector:
             or window.gyro_variance >= limits.rocking_gyro_spread**2
         ):
             self._quiet_windows.clear()
+            self._shaking_history.clear()
             return MotionState.MOVING
         self._quiet_windows.append(
             _QuietWindow(spin, across, window.raw_force / WINDOW_S, window.gyro_variance)
@@ -127,6 +147,7 @@ class StandstillDetector:
             _mean_force(last[: _STANDSTILL_WINDOWS // 2]) - _mean_force(last[_STANDSTILL_WINDOWS // 2 :])
         )
         is_zero, noise = _is_rate_zero(last, limits.rate + margin)
+        self._measure_shaking(noise)
         if is_zero and gravity_change < limits.force_change and spread < limits.gyro_spread**2:
             self._standstill_windows = last
             self._noise_history.append(noise)
@@ -139,9 +160,24 @@ class StandstillDetector:
             and _is_rate_zero(list(self._quiet_windows), limits.rocking_rate + margin)[0]
         )
         first = self._quiet_windows[0].force
-        if rocking and all(abs(it.force - first) < limits.rocking_force_change for it in self._quiet_windows):
+        force_change = limits.rocking_force_change + _SHAKING_SIGMAS * math.sqrt(_force_scatter(last))
+        if rocking and all(abs(it.force - first) < force_change for it in self._quiet_windows):
             return MotionState.ROCKING
         return MotionState.MOVING
+
+    def _measure_shaking(self, rate_noise: float) -> None:
+        """Update the noise by an engine that shakes a wheel which hardly turns.
+
+        Values of a second ago are used: the newest windows may contain the start of a drive.
+        """
+        # A wheel that creeps rotates gravity, which is no shaking.
+        angles = itertools.accumulate(it.spin * WINDOW_S for it in self._quiet_windows)
+        force_noise = long_run_variance(
+            [it.force * cmath.exp(1j * angle) for it, angle in zip(self._quiet_windows, angles, strict=True)]
+        )
+        self._shaking_history.append((rate_noise, force_noise))
+        self.noise = max(self.noise, self._shaking_history[0][0])
+        self.force_noise = self._shaking_history[0][1]
 
 
 def _is_rate_zero(past: Sequence[_QuietWindow], limit: float) -> tuple[bool, float]:
@@ -170,6 +206,35 @@ def _rate_noise(rates: Sequence[tuple[float, complex]]) -> float:
         for (spin_before, across_before), (spin, across) in pairs
     )
     return squares / (6.0 * (len(rates) - 1))
+
+
+def _force_scatter(past: Sequence[_QuietWindow]) -> float:
+    """Return the variance of one axis of the force from successive differences, (m/s²)².
+
+    The median is not affected by a single step. Squared differences of two axes are exponential: their median
+    is their mean times ln 2.
+    """
+    squares = [abs(it.force - before.force) ** 2 for before, it in itertools.pairwise(past)]
+    return statistics.median(squares) / (4.0 * math.log(2.0))
+
+
+def long_run_variance(forces: Sequence[complex]) -> float:
+    """Return the variance of one axis that independent windows with the same sum would have, (m/s²)².
+
+    An engine whose shaking is aliased to a low frequency moves many successive windows alike: the variance of
+    a window times 1 + 2 sum of the autocorrelations, summed while they are positive (Geyer 1992).
+    """
+    count = len(forces)
+    mean = sum(forces) / count
+    centred = [force - mean for force in forces]
+    total = sum(abs(it) ** 2 for it in centred)
+    growth = 1.0
+    for lag in range(1, count // 2):
+        product = sum((a * b.conjugate()).real for a, b in zip(centred, centred[lag:], strict=False))
+        if product <= 0.0:
+            break
+        growth += 2.0 * product / total
+    return 0.5 * growth * total / (count - 1)
 
 
 def _mean_force(past: list[_QuietWindow]) -> complex:

@@ -62,7 +62,7 @@ def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
     by_rate = force.real * (0.5 * WINDOW_S)
     return (
         force.imag - w.geometry.radius * w.axle_rate_change - w.x[w.columns[SLOPE]] * WINDOW_S,
-        variance,
+        variance + w.force_noise,
         {
             YAW_RATE: -by_rate * w.rate_by_yaw_rate,
             SLOPE: WINDOW_S,

@@ -125,6 +125,7 @@ class LinearisedWindow:
     window : the integrals.
     is_stationary : True if the vehicle stands still.
     gyro_noise : rad², noise of the angle of a window, as measured at the last standstill.
+    force_noise : (m/s)², noise of the force of a window by an engine that shakes a wheel which hardly turns.
     x, columns : states, and the columns of this wheel's and the vehicle's entries.
     yaw_rate : rad/s.
     camber_sin, camber_cos : of the camber angle.
@@ -145,6 +146,7 @@ class LinearisedWindow:
             "across",
             "axle_rate",
             "axle_rate_change",
+            "force_noise",
             "camber_cos",
             "camber_sin",
             "carrier",
@@ -168,8 +170,19 @@ class LinearisedWindow:
         self.yaw_change = self.yaw_change_step = 0.0
         self._pick = itemgetter(*(at[entry] for entry in _LINEARISED_ENTRIES))
 
-    def linearise(self, x: list[float], window: Window, is_stationary: bool, gyro_noise: float = 0.0) -> None:
-        """Evaluate a window at the states x; gyro_noise: (rad/s)², see `StandstillDetector`."""
+    def linearise(
+        self,
+        x: list[float],
+        window: Window,
+        is_stationary: bool,
+        gyro_noise: float = 0.0,
+        force_noise: float = 0.0,
+    ) -> None:
+        """Evaluate a window at the states x.
+
+        gyro_noise, force_noise: (rad/s)² and (m/s²)², see `StandstillDetector`.
+        """
+        self.force_noise = force_noise * (WINDOW_S * WINDOW_S)
         self.gyro_noise = gyro_noise * (WINDOW_S * WINDOW_S)
         r, angle, scale_error, bias, beyond, camber, *errors = self._pick(x)
         bias_x, bias_y, tilt_x, tilt_y, force_x, force_y, arm_x, arm_y = errors

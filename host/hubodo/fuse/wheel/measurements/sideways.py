@@ -76,7 +76,7 @@ def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
     residual -= (level * w.camber_sin + lateral * about_axle + x[columns[ACCEL_BIAS_Z]]) * WINDOW_S
     return (
         residual,
-        variance,
+        variance + w.force_noise,
         {
             YAW_RATE: w.camber_cos * radius * about_axle * WINDOW_S,
             GYRO_SCALE_Z: lateral * w.rate_by_scale * WINDOW_S,
