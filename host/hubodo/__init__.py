@@ -10,6 +10,7 @@ from hubodo.version import __version__
 
 if TYPE_CHECKING:
     from hubodo.api.files import load_vehicle, read_calibration, read_model, write_calibration, write_model
+    from hubodo.api.from_numbers import from_arrays, from_frame
     from hubodo.api.log import LoadedLog
     from hubodo.api.missing_effects import MissingEffects
     from hubodo.api.read import open
@@ -36,6 +37,7 @@ _NAMES_OF_MODULE = {
         "write_calibration",
         "write_model",
     ),
+    "hubodo.api.from_numbers": ("from_arrays", "from_frame"),
     "hubodo.api.log": ("LoadedLog",),
     "hubodo.api.missing_effects": ("MissingEffects",),
     "hubodo.api.read": ("open",),
@@ -58,6 +60,8 @@ _MODULE_OF_NAME = {name: module for module, names in _NAMES_OF_MODULE.items() fo
 
 __all__ = [  # noqa: RUF022 - in the order of the reference
     "open",
+    "from_frame",
+    "from_arrays",
     "simulate",
     "LoadedLog",
     "Table",

@@ -129,6 +129,11 @@ class Table:
         self.__post_init__()
 
 
+def missing_channels(table: Table) -> tuple[str, ...]:
+    """Return the channels of a node that hold no finite value."""
+    return tuple(name for name in NODE_COLUMNS[1:] if not np.isfinite(table[name]).any())
+
+
 def _column_summary(table: Table, name: str) -> tuple[str, ...]:
     """Return name, first, lowest and highest value of a column as texts."""
     column = table[name]

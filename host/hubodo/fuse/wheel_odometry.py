@@ -27,7 +27,7 @@ from hubodo.fuse.wheel.node_screening import check_times, screen_samples
 from hubodo.fuse.wheel.surface_speeds import average_surface_speeds
 from hubodo.fuse.wheel.track import WheelRun, run_wheel_filter
 from hubodo.fuse.wheel.window import WINDOW_S
-from hubodo.recording import Recording, Table
+from hubodo.recording import Recording, Table, missing_channels
 from hubodo.vehicle import Side, Vehicle
 
 Method = Literal["filter", "differential"]
@@ -81,6 +81,11 @@ def select_wheel_nodes(
             f"(there: {in_log}); name the nodes in the vehicle file as in the log, or say which "
             "topic is which with --topic"
         )
+    for name in selected:
+        if missing := missing_channels(recording.nodes[name]):
+            raise InputError(
+                f"{log}: node {name} has no {', '.join(missing)}; the wheel filter needs all six channels"
+            )
     return selected
 
 

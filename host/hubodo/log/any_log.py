@@ -15,13 +15,19 @@ from hubodo.log.csv_folder import Progress, read_files, read_folder
 from hubodo.log.input_limits import check_regular
 from hubodo.log.logfile import open_log
 from hubodo.log.number_file import detect_file_kind
-from hubodo.log.number_recording import InputFormat, convert_to_si, read_number_file
-from hubodo.log.parquet_table import is_parquet
+from hubodo.log.number_recording import (
+    InputFormat,
+    convert_to_si,
+    read_number_file,
+    read_parquet_numbers,
+)
+from hubodo.log.parquet_table import has_columns, is_parquet
+from hubodo.log.phone_folder import is_phone_folder, read_phone_folder
 from hubodo.log.recording_reader import build_recording
 from hubodo.log.recording_writer import write_recording
 from hubodo.log.row_checks import drop_implausible_rows
 from hubodo.log.source import MessageSource, is_hubodo_log
-from hubodo.recording import TABLE_FILE_COLUMNS, Recording
+from hubodo.recording import NODE_COLUMNS, TABLE_FILE_COLUMNS, Recording
 
 _DEFAULT_FORMAT = InputFormat()
 
@@ -70,8 +76,11 @@ def _read_any(path: Path, input_format: InputFormat, progress: Progress | None) 
     if input_format.topic_selection.explicit:
         raise InputError(f"{path}: has no topics; omit --topic")
     if path.is_dir():
-        return convert_to_si(read_folder(path, progress=progress), input_format)
+        folder = read_phone_folder(path) if is_phone_folder(path) else read_folder(path, progress=progress)
+        return convert_to_si(folder, input_format)
     if is_parquet(path):
+        if input_format.columns or not has_columns(path, NODE_COLUMNS):
+            return read_parquet_numbers(path, input_format)
         return convert_to_si(read_files({path.name.split(".")[0]: path}, progress=progress), input_format)
     return read_number_file(path, detect_file_kind(path), input_format)
 

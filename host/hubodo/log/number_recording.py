@@ -19,6 +19,7 @@ from hubodo.log.column_names import (
     time_factor,
 )
 from hubodo.log.number_file import FileKind, NumberTable, format_names, read_numbers
+from hubodo.log.parquet_table import read_numeric_columns
 from hubodo.log.roles import SELECT_BY_TYPE, TopicSelection
 from hubodo.log.units import si_factor
 from hubodo.recording import NODE_COLUMNS, NODE_OPTIONAL_COLUMNS, Recording, Table
@@ -71,6 +72,13 @@ def read_number_file(path: Path, kind: FileKind, input_format: InputFormat) -> R
     numbers = read_numbers(path, kind, input_format.variable)
     is_si = kind == "text" and len(numbers.names) > 1 and is_node_header(numbers.names)
     return recording_from_numbers(str(path), path.name.split(".")[0], numbers, input_format, is_si=is_si)
+
+
+def read_parquet_numbers(path: Path, input_format: InputFormat) -> Recording:
+    """Read a Parquet file of another program as a recording of one node, as `read_number_file` does."""
+    names, values = read_numeric_columns(path)
+    numbers = NumberTable(values, names, {})
+    return recording_from_numbers(str(path), path.name.split(".")[0], numbers, input_format)
 
 
 def recording_from_numbers(

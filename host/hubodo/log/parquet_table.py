@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import importlib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,50 @@ def read_table(path: Path, required: Sequence[str], *, repair: bool = False) -> 
     Raises InputError with file, row and remedy if the file is unreadable, lacks a numeric column or exceeds
     the memory limit; and, unless `repair` drops such rows, for NaN, infinity and time that does not increase.
     """
+    with _open_file(path) as (arrow, file):
+        names = _numeric_columns(path, arrow, file.schema_arrow, required)
+        n_rows = file.metadata.num_rows
+        MemoryBudget(path).claim(TABLE_COPIES * 8 * len(names) * n_rows, "the table")
+        table = file.read(columns=list(names), use_threads=False)
+        columns = [_to_float_array(table.column(name)) for name in names]
+    return _check_rows(path, dict(zip(names, columns, strict=True)), required, repair)
+
+
+def has_columns(path: Path, names: Sequence[str]) -> bool:
+    """Return True if a Parquet file has all these columns. Raises InputError if it is unreadable."""
+    with _open_file(path) as (_, file):
+        return set(names) <= set(file.schema_arrow.names)
+
+
+def read_numeric_columns(path: Path) -> tuple[tuple[str, ...], np.ndarray[Any, np.dtype[np.float64]]]:
+    """Return the names of the columns with numbers or dates, and their values (N, C); missing ones are NaN.
+
+    Dates become seconds since 1970. Raises InputError for an unreadable file, a file without numbers, or one
+    beyond the memory limit.
+    """
+    with _open_file(path) as (arrow, file):
+        schema = file.schema_arrow
+        dates = {field.name for field in schema if arrow.types.is_timestamp(field.type)}
+        names = tuple(
+            name for name in schema.names if name in {*_numeric_columns(path, arrow, schema, ()), *dates}
+        )
+        if not names:
+            raise InputError(f"{path}: holds no column of numbers")
+        MemoryBudget(path).claim(TABLE_COPIES * 8 * len(names) * file.metadata.num_rows, "the table")
+        table = file.read(columns=list(names), use_threads=False)
+        columns = []
+        for name in names:
+            column = table.column(name)
+            if name in dates:
+                column = column.cast(arrow.timestamp("ns")).cast(arrow.int64())
+            values = _to_float_array(column)
+            columns.append(values * 1e-9 if name in dates else values)
+    return names, np.column_stack(columns)
+
+
+@contextmanager
+def _open_file(path: Path) -> Iterator[tuple[Any, Any]]:
+    """Open a Parquet file; yield pyarrow and the file. Raises InputError if it is unreadable."""
     arrow, parquet = _import_pyarrow(f"{path}: a Parquet file")
     try:
         with open_regular(path) as stream:
@@ -50,16 +95,10 @@ def read_table(path: Path, required: Sequence[str], *, repair: bool = False) -> 
                 "thrift_string_size_limit": _MAX_THRIFT_BYTES,
                 "thrift_container_size_limit": _MAX_THRIFT_BYTES,
             }
-            file = parquet.ParquetFile(stream, **limits)
-            names = _numeric_columns(path, arrow, file.schema_arrow, required)
-            n_rows = file.metadata.num_rows
-            MemoryBudget(path).claim(TABLE_COPIES * 8 * len(names) * n_rows, "the table")
-            table = file.read(columns=list(names), use_threads=False)
-            columns = [_to_float_array(table.column(name)) for name in names]
+            yield arrow, parquet.ParquetFile(stream, **limits)
     except (arrow.ArrowException, ValueError, OSError, MemoryError, OverflowError) as error:
         reason = str(error).partition("\n")[0][:200]
         raise InputError(f"{path}: cannot be read as Parquet ({reason}); write it again") from None
-    return _check_rows(path, dict(zip(names, columns, strict=True)), required, repair)
 
 
 def write_table(path: Path, table: Table) -> None:

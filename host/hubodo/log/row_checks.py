@@ -7,21 +7,24 @@ from itertools import chain
 
 import numpy as np
 
-from hubodo.recording import NODE_COLUMNS, NODE_OPTIONAL_COLUMNS, TABLE_FILE_COLUMNS, Table
+from hubodo.recording import NODE_COLUMNS, NODE_OPTIONAL_COLUMNS, TABLE_FILE_COLUMNS, Table, missing_channels
 
 
 def drop_non_finite_rows(tables: Mapping[str, Table]) -> tuple[dict[str, Table], list[str]]:
     """Return the tables without rows that hold NaN or infinity in a required column, and a note for each.
 
     A table without any finite row or without a required column is dropped. Optional columns (temperature,
-    sigma) may be NaN.
+    sigma) may be NaN, and so may channels that a node never measured if no node of the log measures all.
     """
     valid, notes = {}, []
+    partial = _partial_nodes(tables)
     for name, table in tables.items():
         needed = TABLE_FILE_COLUMNS.get(name, (NODE_COLUMNS,))[0]
         if missing := [column for column in needed if column not in table]:
             notes.append(f"{name}: its columns {', '.join(missing)} are missing; left out")
             continue
+        if name in partial:
+            needed = _measured_columns(table)
         finite = np.isfinite(np.stack([table[column] for column in needed])).all(axis=0)
         n_bad = len(table) - int(np.count_nonzero(finite))
         if not n_bad:
@@ -35,6 +38,26 @@ def drop_non_finite_rows(tables: Mapping[str, Table]) -> tuple[dict[str, Table],
             rows = {column: values[finite] for column, values in table.columns.items()}
             valid[name] = Table(rows, None if table.t_ns is None else table.t_ns[finite])
     return valid, notes
+
+
+def _partial_nodes(tables: Mapping[str, Table]) -> set[str]:
+    """Return the nodes that lack channels, if there is no complete one, as in a log of one gyro."""
+    nodes = {
+        name: table
+        for name, table in tables.items()
+        if name not in TABLE_FILE_COLUMNS and set(NODE_COLUMNS) <= set(table)
+    }
+    return set() if any(not missing_channels(table) for table in nodes.values()) else set(nodes)
+
+
+def _measured_columns(table: Table) -> tuple[str, ...]:
+    """Return time and the channels that a node measures: all, or those of a node with fewer axes.
+
+    A node that measures no gyro axis has no valid row.
+    """
+    missing = missing_channels(table)
+    measured = tuple(name for name in NODE_COLUMNS if name not in missing)
+    return measured if set(measured) & set(NODE_COLUMNS[1:4]) else NODE_COLUMNS
 
 
 _MAX_PLAUSIBLE_VALUE = 1e12

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.console import Console
 
 from hubodo.atomic_files import require_free_path
@@ -15,11 +14,12 @@ from hubodo.errors import InputError
 from hubodo.ingest.replay.redecode import RedecodedLog, redecode_log
 from hubodo.log.any_log import find_mcap_file, is_hubodo_mcap, is_rosbag, read_log
 from hubodo.log.csv_folder import read_folder
-from hubodo.log.number_recording import IMU_CHANNELS, convert_to_si
+from hubodo.log.number_recording import convert_to_si
+from hubodo.log.phone_folder import is_phone_folder, read_phone_folder
 from hubodo.log.recording_writer import write_recording
 from hubodo.log.units import explain_suspect_units
 from hubodo.progress import progress_line
-from hubodo.recording import Recording
+from hubodo.recording import Recording, missing_channels
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import add_log_options, add_vehicle_option, log_form
 from hubodo.verbs.outputs import add_force_option
@@ -150,29 +150,35 @@ def run(args: argparse.Namespace) -> ImportResult | DecodeResult:
             return DecodeResult(str(args.source), redecode_log(file, args.output, progress=show))
     with progress_line() as show:
         if args.source.is_dir() and not is_rosbag(args.source):
-            recording = convert_to_si(read_folder(args.source, repair=args.repair, progress=show), form)
+            folder = (
+                read_phone_folder(args.source)
+                if is_phone_folder(args.source)
+                else read_folder(args.source, repair=args.repair, progress=show)
+            )
+            recording = convert_to_si(folder, form)
         else:
             recording = read_log(args.source, input_format=form, progress=show, keep_empty=True)
-        _check_complete(args.source, recording)
         messages = write_recording(recording, args.output, vehicle=vehicle, progress=show)
     return ImportResult(
         log=str(args.output),
         rows={name: len(table) for name, table in recording.files().items()},
         messages=messages,
         dropped={event.source: dict(event.data["dropped"]) for event in recording.events},
-        warnings=(*recording.warnings, *_unit_warnings(recording)),
+        warnings=(*recording.warnings, *_unit_warnings(recording), *_missing_channels(recording)),
     )
 
 
-def _check_complete(source: Path, recording: Recording) -> None:
-    """Raise InputError for a node that lacks a channel: a log holds all six."""
+def _missing_channels(recording: Recording) -> list[str]:
+    """Return a warning for each node that lacks a channel."""
+    warnings = []
     for name, table in recording.nodes.items():
-        missing = [channel for channel in IMU_CHANNELS if not np.isfinite(table[channel]).any()]
+        missing = missing_channels(table)
         if missing and len(table):
-            raise InputError(
-                f"{source}: {name} has no {', '.join(missing)}, and a log holds all six; give the file "
-                "itself to hubodo allan or warmup"
+            warnings.append(
+                f"{name} has no {', '.join(missing)}: allan, warmup, filters and heading use the other "
+                "channels, fuse and calibrate imu need all six"
             )
+    return warnings
 
 
 def _unit_warnings(recording: Recording) -> list[str]:

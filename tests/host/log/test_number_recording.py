@@ -164,9 +164,7 @@ def test_the_unit_of_a_log_that_is_not_in_si_is_given_by_the_same_option(tmp_pat
     assert "/left/imu" in capsys.readouterr().out
 
 
-def test_an_import_in_other_units_is_converted_or_causes_a_warning_and_one_channel_is_refused(
-    tmp_path, capsys
-):
+def test_an_import_in_other_units_is_converted_or_causes_a_warning(tmp_path, capsys):
     t = np.arange(600) / 100.0
     rows = np.column_stack([t, *np.full((3, 600), 90.0), *np.full((2, 600), 0.0), np.ones(600)])
     (tmp_path / "log").mkdir()
@@ -179,9 +177,18 @@ def test_an_import_in_other_units_is_converted_or_causes_a_warning_and_one_chann
     assert main([*words, str(tmp_path / "b.mcap"), "--unit", "g", "--unit", "deg/s"]) == 0
     assert json.loads(capsys.readouterr().out)["warnings"] == []
     assert read_log(tmp_path / "b.mcap").nodes["left"]["gz"][0] == pytest.approx(np.pi / 2)
+
+
+def test_an_import_of_one_gyro_is_a_log_for_allan_and_refused_by_fuse(tmp_path, capsys):
     lone = write_text(tmp_path / "gyro.csv", "\n".join(map(repr, RATES.tolist())))
-    assert (
-        main(["import", str(lone), "--rate", "100", "--unit", "deg/s", "-o", str(tmp_path / "c.mcap")]) == 2
+    log = str(tmp_path / "c.mcap")
+    assert main(["import", str(lone), "--rate", "100", "--unit", "deg/s", "--json", "-o", log]) == 0
+    (warning,) = json.loads(capsys.readouterr().out)["warnings"]
+    assert "has no gx, gy, ax, ay, az" in warning
+    assert read_log(tmp_path / "c.mcap").nodes["gyro"]["gz"] == pytest.approx(RATES * DEG, rel=1e-15)
+    assert main(["allan", log, "--json"]) == 0
+    (tmp_path / "v.toml").write_text(
+        "[vehicle]\nwheel_radius = 0.3\ntrack_width = 0.5\n[nodes.gyro]\nside = 'left'\nfacing = 'left'\n"
     )
-    assert "has no gx, gy, ax, ay, az" in capsys.readouterr().err
-    assert not (tmp_path / "c.mcap").exists()
+    assert main(["fuse", log, "--vehicle", str(tmp_path / "v.toml"), "-o", str(tmp_path / "out")]) == 2
+    assert "node gyro has no gx, gy, ax, ay, az; the wheel filter needs all six" in capsys.readouterr().err

@@ -5,6 +5,8 @@ import random
 from pathlib import Path
 
 import numpy as np
+import pyarrow
+import pyarrow.parquet as parquet
 import pytest
 
 import wanted
@@ -100,3 +102,16 @@ def test_randomly_changed_bytes_cause_no_internal_error(folder):
         done = hubodo("export", folder, "-o", folder.parent / f"out{case}")
         assert done.code in (0, 2), f"seed {seed}, case {case}: {done.err}"
         assert "defect" not in done.err, f"seed {seed}, case {case}: {done.err}"
+
+
+def test_a_file_of_another_program_is_read_by_its_headings_and_dates(tmp_path):
+    stamps = np.datetime64("2026-03-01T12:00:00.25") + np.arange(50) * np.timedelta64(10, "ms")
+    columns = {"timestamp": stamps.astype("datetime64[us]"), "gyro_x [deg/s]": np.arange(50.0)}
+    columns |= {"note": ["x"] * 50}
+    path = tmp_path / "lab.parquet"
+    parquet.write_table(pyarrow.table(columns), path)
+    recording = read_log(path)
+    table = recording.nodes["lab"]
+    assert table.t == pytest.approx(0.25 + 0.01 * np.arange(50), abs=1e-6)
+    assert recording.t_zero_ns == 1772366400 * 10**9
+    assert table["gx"] == pytest.approx(np.radians(np.arange(50.0)))

@@ -20,8 +20,19 @@ def test_rows_with_nan_in_a_required_column_are_dropped_and_nan_in_others_is_all
 
 def test_a_table_without_a_required_column_or_a_finite_row_is_dropped():
     incomplete = Table({"t": np.arange(2.0), "gx": np.arange(2.0)})
-    tables, notes = drop_non_finite_rows({"left": incomplete, "right": node(ax=np.full(4, np.nan))})
+    missing = np.full(4, np.nan)
+    tables, notes = drop_non_finite_rows(
+        {"left": incomplete, "right": node(gx=missing, gy=missing, gz=missing)}
+    )
     assert tables == {} and "gy, gz, ax, ay, az are missing" in notes[0] and "4 of 4 rows" in notes[1]
+
+
+def test_a_node_without_an_accelerometer_is_dropped_only_beside_a_complete_one():
+    gyro_only = node(ax=np.full(4, np.nan), gy=np.array([0, np.nan, 2, 3]))
+    tables, notes = drop_non_finite_rows({"left": gyro_only})
+    assert tables["left"].t.tolist() == [0, 2, 3] and "1 of 4 rows" in notes[0]
+    tables, notes = drop_non_finite_rows({"left": gyro_only, "right": node()})
+    assert list(tables) == ["right"] and "4 of 4 rows" in notes[0]
 
 
 def test_implausibly_large_values_are_dropped_but_not_large_times():
