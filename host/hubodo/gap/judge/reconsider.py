@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import log
 
 from hubodo.effects import BY_NAME
@@ -68,11 +68,13 @@ class _EffectSet:
     final: fit of all effects
     original_rounds: the round that found each effect
     earlier: keys of the sets that it replaced
+    confirmed_rounds: rounds in which an earlier set confirmed an effect that is still there
     """
 
     final: Refit
     original_rounds: RoundsByKey
     earlier: tuple[frozenset[tuple[str, str]], ...] = ()
+    confirmed_rounds: RoundsByKey = field(default_factory=dict)
 
     @property
     def n_replaced(self) -> int:
@@ -92,23 +94,43 @@ class _EffectSet:
 
     def replaced_by(self, final: Refit, rounds: RoundsByKey) -> _EffectSet:
         """Return the set with one effect replaced: its fit, and the rounds that found the new effects."""
-        return _EffectSet(final, {**self.original_rounds, **rounds}, (*self.earlier, self.keys))
+        return replace(
+            self,
+            final=final,
+            original_rounds={**self.original_rounds, **rounds},
+            earlier=(*self.earlier, self.keys),
+        )
+
+    def confirmed_by(self, rounds: RoundsByKey) -> _EffectSet:
+        """Return the set with the rounds of this pass, for the effects that each of them put first."""
+        confirmed = {
+            key: judged
+            for key, judged in rounds.items()
+            if judged.best is not None and judged.best.key == key
+        }
+        return replace(self, confirmed_rounds={**self.confirmed_rounds, **confirmed})
 
     def settled_rounds(self) -> dict[tuple[str, str], Round]:
-        """Return the original rounds of the effects that need no reconsideration."""
+        """Return the rounds of the effects that need no reconsideration."""
         if len(self.terms) <= _MAX_FULL_RECONSIDERATION:
             return {}
-        return {term.key: self.original_rounds[term.key] for term in self.terms if self._is_settled(term)}
+        rounds = {**self.original_rounds, **self.confirmed_rounds}
+        return {term.key: rounds[term.key] for term in self.terms if self._is_settled(term)}
 
     def _is_settled(self, term: ModelTerm) -> bool:
-        """Return True if an effect retains its gain, and all effects present when it was found remain."""
-        original = self.original_rounds.get(term.key)
-        own = None if original is None else original.find_hypothesis(term.key)
-        if original is None or own is None or not term.is_refittable or term.effect.name.startswith(PREFIX):
+        """Return True if an effect retains its gain, and all effects present when it was found remain.
+
+        An effect that an earlier pass confirmed only has to retain its gain.
+        """
+        judged = self.confirmed_rounds.get(term.key) or self.original_rounds.get(term.key)
+        own = None if judged is None else judged.find_hypothesis(term.key)
+        if judged is None or own is None or not term.is_refittable or term.effect.name.startswith(PREFIX):
             return False
-        if not {other.key for other in original.evaluation.state.terms} <= {
-            other.key for other in self.final.state.terms
-        }:
+        present = {other.key for other in self.final.state.terms}
+        if (
+            term.key not in self.confirmed_rounds
+            and not {other.key for other in judged.evaluation.state.terms} <= present
+        ):
             # It was judged beside an effect that has been removed since.
             return False
         gain = compute_gain(refit(self.final.evaluation.with_state(self.without(term)), rounds=2), self.final)
@@ -139,7 +161,7 @@ class _Reconsideration:
             rounds[term.key] = judged = self._judge_without(term, effects)
             revised = self._revise(term, effects, judged)
             if revised is not None:
-                return rounds, revised
+                return rounds, revised.confirmed_by(rounds)
         return rounds, None
 
     def _judge_without(self, term: ModelTerm, effects: _EffectSet) -> Round:
