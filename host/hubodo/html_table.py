@@ -3,15 +3,47 @@
 from __future__ import annotations
 
 import html
+import re
 from collections.abc import Sequence
+
+_NUMBER = re.compile(
+    r"[-+−±<>≤≥]? ?[\d.][\d.,]*(e[-+]?\d+)?( ?%)?( ± [\d.e+-]+)?|\([-+\d.]+ ± [\d.]+\)e[-+]?\d+",
+    re.IGNORECASE,
+)
+"""A number, with its sigma or a percent sign."""
+_WIDE_COLUMNS = 5  # columns from which a narrow screen shows a row as lines of label and value
 
 
 def html_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table with a row of headings, then the rows."""
-    head = "".join(f"<th>{html.escape(text)}</th>" for text in headings)
-    lines = ("".join(f"<td>{html.escape(text)}</td>" for text in row) for row in rows)
+    """Return a table with a row of headings, if any has a text, then the rows; text is left-aligned."""
+    n_columns = max([len(headings), *map(len, rows)])
+    kinds = [
+        "number" if any(headings) and _is_numeric([row[k] for row in rows if k < len(row)]) else "text"
+        for k in range(n_columns)
+    ]
+    is_wide = n_columns >= _WIDE_COLUMNS and any(headings)
+    labels = [f' data-label="{html.escape(text)}"' if is_wide else "" for text in headings]
+    labels += [""] * (n_columns - len(labels))
+    head = "".join(
+        f'<th class="{kind}">{html.escape(text)}</th>' for kind, text in zip(kinds, headings, strict=False)
+    )
+    lines = (
+        "".join(
+            f'<td class="{kind}"{label}>{html.escape(text)}</td>'
+            for kind, label, text in zip(kinds, labels, row, strict=False)
+        )
+        for row in rows
+    )
     body = "".join(f"<tr>{line}</tr>" for line in lines)
-    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    top = f"<thead><tr>{head}</tr></thead>" if any(headings) else ""
+    tag = '<table class="wide">' if is_wide else "<table>"
+    return f"{tag}{top}<tbody>{body}</tbody></table>"
+
+
+def _is_numeric(column: Sequence[str]) -> bool:
+    """Return True for a column of numbers, which are right-aligned; empty cells do not count."""
+    texts = [text for text in column if text.strip()]
+    return bool(texts) and all(_NUMBER.fullmatch(text.strip()) for text in texts)
 
 
 def html_lines(lines: Sequence[str]) -> str:

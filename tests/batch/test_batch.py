@@ -92,3 +92,23 @@ def test_finished_logs_are_skipped_and_new_changed_or_renamed_ones_analysed(flee
     changed.replace(paths[2])
     assert run() == 1
     assert run("--rate", 100) == 4
+
+
+def test_a_few_small_logs_are_processed_without_worker_processes(fleet, tmp_path, here, monkeypatch):
+    def refuse(*arguments):
+        raise AssertionError("a cluster was started")
+
+    folder, _ = fleet
+    shared = hubodo("batch", "info", folder, "-o", tmp_path / "shared", *here, "--json")
+    monkeypatch.setattr("hubodo.fleet.engine.connect_client", refuse)
+    alone = hubodo("batch", "info", folder, "-o", tmp_path / "alone", "--json")
+    counts = [
+        {key: json.loads(done.out)[key] for key in ("logs", "done", "refused")} for done in (shared, alone)
+    ]
+    assert counts[0] == counts[1] and counts[0]["done"] > 0
+    columns = ["log", "node", "quantity", "value", "unit"]
+    first, second = (
+        table(tmp_path / name)[columns].sort_values(columns[:3]).reset_index(drop=True)
+        for name in ("shared", "alone")
+    )
+    pd.testing.assert_frame_equal(first, second)

@@ -6,3 +6,19 @@ from hubodo.html_table import html_lines, html_table
 def test_cells_and_lines_are_escaped():
     assert html_table(("a",), [("<b>",)]).count("<b>") == 0
     assert html_lines(["<b>", "x"]) == "<p>&lt;b&gt;</p><p>x</p>"
+
+
+def test_numbers_are_right_aligned_and_words_left():
+    text = html_table(("name", "value", "note"), [("a", "+0.12 ± 0.03", "1 of 2"), ("b", "", "3 m")])
+    assert text.count('<td class="number">') == 2
+    assert '<td class="text">3 m</td>' in text and "data-label" not in text
+
+
+def test_a_table_without_headings_has_no_empty_row_and_text_on_the_left():
+    text = html_table(("", ""), [("seed", "1")])
+    assert "<thead>" not in text and '<td class="text">1</td>' in text
+
+
+def test_each_cell_of_a_wide_table_names_its_column_for_narrow_screens():
+    text = html_table("abcde", ["12345"])
+    assert text.startswith('<table class="wide">') and '<td class="number" data-label="e">5</td>' in text

@@ -64,12 +64,16 @@ def connect_client(scheduler: str | None, workers: int, memory_limit: str) -> It
 
 
 def examine_each(
-    client: Client, examine: Callable[[LogLocation], dict[str, Any]], locations: Sequence[LogLocation]
+    client: Client | None, examine: Callable[[LogLocation], dict[str, Any]], locations: Sequence[LogLocation]
 ) -> Iterator[tuple[LogLocation, dict[str, Any]]]:
     """Yield each log with its row as they finish; a log whose worker died repeatedly has a row, too.
 
-    Raises LinkError if the scheduler is lost.
+    client: None examines the logs in this process, one after the other. Raises LinkError if the scheduler is
+    lost.
     """
+    if client is None:
+        yield from ((location, examine(location)) for location in locations)
+        return
     from distributed import as_completed
 
     run = uuid.uuid4().hex

@@ -25,6 +25,15 @@ _SUBJECT_PATTERNS = (
     ("Odometry", ("truth.", "distance")),
     ("Gap to the model", ("gap.",)),
 )
+_MIN_FIGURE_VALUES = 10
+_DRIVE_COLUMNS = (
+    ("distance", "distance", "m"),
+    ("truth.final_error", "final error", "m"),
+    ("truth.final_percent", "final error", "% of the path"),
+    ("truth.rms_error", "rms error", "m"),
+    ("truth.maximum_error", "largest error", "m"),
+)
+"""Quantity, heading and unit of the table of drives."""
 _OTHER_SUBJECT = "Other quantities"
 
 
@@ -32,7 +41,12 @@ def build_fleet_page(table: pd.DataFrame) -> str:
     """Return the HTML page of a fleet. table: as `table.parquet`."""
     logs = table.drop_duplicates(["verb", "log"])
     numbers = table[np.isfinite(table.value) & ~table.quantity.str.startswith(FOUND_PREFIX, na=False)]
-    sections = [_vehicle_section(logs), *_without_result_section(logs), *_outlier_section(table)]
+    sections = [
+        _vehicle_section(logs),
+        *_drives_section(table),
+        *_without_result_section(logs),
+        *_outlier_section(table),
+    ]
     sections += [*_missing_effects_section(table), *_drift_section(table)]
     subject = numbers.quantity.map(_subject_of)
     for title in (*(name for name, _ in _SUBJECT_PATTERNS), _OTHER_SUBJECT):
@@ -140,15 +154,48 @@ def _spread_section(title: str, numbers: pd.DataFrame) -> Iterator[Section]:
     figures: list[Drawing] = []
     for (verb, quantity), group in numbers.groupby(["verb", "quantity"]):
         unit = group.unit.iloc[0]
-        if len(figures) < _MAX_FIGURES and group.value.nunique() > 1:
+        if len(figures) < _MAX_FIGURES and _deserves_figure(group):
             figures.append(spread_figure(group, f"{quantity}, {unit}" if unit else quantity))
         for node, part in group.groupby("node"):
             shares_of = np.percentile(part.value, [5, 50, 95])
             rows.append(
-                (f"{verb} {quantity}", node, unit, str(len(part)), *(f"{value:.4g}" for value in shares_of))
+                (
+                    f"{verb} {quantity}",
+                    node or "log",
+                    unit or "1",
+                    str(len(part)),
+                    *(f"{value:.4g}" for value in shares_of),
+                )
             )
     heads = ("quantity", "node", "unit", "logs", "5 %", "median", "95 %")
-    yield Section(title, _describe_truncation(rows), [PageTable(heads, rows[:_MAX_TABLE_ROWS])], figures)
+    yield Section(
+        title,
+        _describe_truncation(rows),
+        [PageTable(heads, rows[:_MAX_TABLE_ROWS])],
+        figures,
+        is_folded=title == _OTHER_SUBJECT,
+    )
+
+
+def _deserves_figure(group: pd.DataFrame) -> bool:
+    """Return True if a quantity has enough different values for a histogram and a curve over days."""
+    return group.value.nunique() > 2 and len(group) >= _MIN_FIGURE_VALUES
+
+
+def _drives_section(table: pd.DataFrame) -> Iterator[Section]:
+    """Yield a table of the distance and the errors of each log that `fuse` has processed."""
+    drives = table[(table.verb == "fuse") & np.isfinite(table.value)]
+    if drives.empty:
+        return
+    by_log = drives.pivot_table(index="log", columns="quantity", values="value", aggfunc="first")
+    columns = [name for name, _, _ in _DRIVE_COLUMNS if name in by_log]
+    rows = [(str(log), *(_format_cell(row[name]) for name in columns)) for log, row in by_log.iterrows()]
+    heads = ("log", *(f"{title}, {unit}" for name, title, unit in _DRIVE_COLUMNS if name in columns))
+    yield Section("Drives", _describe_truncation(rows), [PageTable(heads, rows[:_MAX_TABLE_ROWS])])
+
+
+def _format_cell(value: float) -> str:
+    return f"{value:.3f}" if math.isfinite(value) else ""
 
 
 def _subject_of(quantity: str) -> str:

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from hubodo.effects import BY_NAME
+
 Result = Mapping[str, Any]
 
 FOUND_PREFIX = "found."
@@ -58,7 +60,8 @@ def _info(result: Result) -> Iterator[LogQuantity]:
 def _fuse(result: Result) -> Iterator[LogQuantity]:
     yield LogQuantity("", "distance", result["distance"], unit="m")
     for name, value in result.get("truth", {}).items():
-        yield LogQuantity("", f"truth.{name}", value, unit="%" if name.endswith("percent") else "")
+        unit = "%" if name.endswith("percent") else "rad" if name.startswith("heading") else "m"
+        yield LogQuantity("", f"truth.{name}", value, unit=unit)
     yield from _effects("", result.get("vehicle", {}))
     for node, effects in result.get("nodes", {}).items():
         yield from _effects(node, effects)
@@ -118,7 +121,9 @@ def _export(result: Result) -> Iterator[LogQuantity]:
 def _effects(node: str, effects: Mapping[str, Any]) -> Iterator[LogQuantity]:
     for effect, parameters in effects.items():
         for name, it in parameters.items():
-            yield LogQuantity(node, f"{effect}.{name}", it["value"], it["sigma"], it.get("unit", ""))
+            known = BY_NAME.get(effect)
+            unit = it.get("unit") or ("" if known is None else known.unit(name))
+            yield LogQuantity(node, f"{effect}.{name}", it["value"], it["sigma"], unit)
 
 
 _EXTRACTORS: Mapping[str, Callable[[Result], Iterator[LogQuantity]]] = {

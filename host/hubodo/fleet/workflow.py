@@ -65,7 +65,7 @@ class BatchOutcome:
 
 
 def run_batch(
-    connect: Callable[[], Any],
+    connect: Callable[[Sequence[LogLocation]], Any],
     locations: Sequence[LogLocation],
     analysis: Analysis,
     output: str,
@@ -73,7 +73,8 @@ def run_batch(
 ) -> BatchOutcome:
     """Examine each log without a result; on KeyboardInterrupt the table contains the finished logs.
 
-    connect: returns a context manager of a Dask client; not called if every log is finished.
+    connect: returns a context manager of a Dask client for the unfinished logs, or of None to examine them in
+    this process; not called if every log is finished.
     """
     store = ResultStore(output, analysis)
     with report_store_errors(output):
@@ -82,7 +83,7 @@ def run_batch(
     try:
         if unfinished:
             report_progress(f"starting, {len(unfinished)} of {len(locations)} logs to do", 0.0)
-            with connect() as client:
+            with connect(unfinished) as client:
                 _examine_all(client, unfinished, analysis, store, output, report_progress)
     finally:
         rows = pa.concat_tables([store.rows(locations), store.failures(locations)])
@@ -94,7 +95,7 @@ def run_batch(
 
 
 def _examine_all(
-    client: Client,
+    client: Client | None,
     locations: Sequence[LogLocation],
     analysis: Analysis,
     store: ResultStore,

@@ -51,10 +51,13 @@ def draw_curves(
     height: float = 3.2,
     equal: bool = False,
     right: Scale | None = None,
+    from_zero: bool = False,
 ) -> Drawing:
     """Return `plot_curves` as a drawing for a page."""
     return render_drawing(
-        lambda: plot_curves(plotted, x_label, y_label, height=height, equal=equal, right=right)
+        lambda: plot_curves(
+            plotted, x_label, y_label, height=height, equal=equal, right=right, from_zero=from_zero
+        )
     )
 
 
@@ -66,10 +69,12 @@ def plot_curves(
     height: float = 3.2,
     equal: bool = False,
     right: Scale | None = None,
+    from_zero: bool = False,
 ) -> Any:
     """Return a matplotlib figure of curves.
 
-    height: inches. equal: equal scale of both axes, as for a map. right: second y axis. Raises InputError if
+    height: inches. equal: equal scale of both axes, as for a map. right: second y axis.
+    from_zero: the y axis begins at 0. Raises InputError if
     matplotlib cannot be loaded.
     """
     figure = new_figure(_FIGURE_WIDTH_IN, height)
@@ -83,6 +88,8 @@ def plot_curves(
         scale.set_ylabel(label)
     axes.set_xlabel(x_label)
     axes.grid(True, lw=0.3, color="#d8dce0")
+    if from_zero:
+        axes.set_ylim(bottom=0.0)
     if equal:
         axes.set_aspect("equal", adjustable="datalim")
     handles = [handle for scale, _, _ in scales for handle in scale.get_legend_handles_labels()[0]]
@@ -94,7 +101,7 @@ def plot_curves(
 def _plot_curve(axes: Any, curve: Curve) -> None:
     stride = slice(None, None, max(1, len(curve.x) // _MAX_CURVE_POINTS))
     x, y = curve.x[stride], curve.y[stride]
-    style = {"ls": "", "marker": ".", "ms": 3} if curve.dots else {"lw": curve.width}
+    style = {"ls": "", "marker": ".", "ms": 6} if curve.dots else {"lw": curve.width}
     if curve.sigma is not None:
         sigma, name = curve.sigma[stride], None if curve.width else curve.name
         axes.fill_between(x, y - sigma, y + sigma, color=curve.colour, alpha=0.18, lw=0, label=name)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import html
 import io
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,31 @@ from hubodo.errors import InputError
 
 _FIGURE_SUFFIXES = (".png", ".svg", ".pdf")
 _MATPLOTLIB_MISSING = "a figure needs matplotlib, which cannot be loaded here: pip install 'matplotlib>=3.8'"
+
+
+_COLOUR_IN_STYLE = re.compile(r"\b(fill|stroke): #([0-9a-f]{6})")
+DARK_COLOURS = {
+    "000000": "#e6e8ea",
+    "1d2126": "#e6e8ea",
+    "ffffff": "#16191d",
+    "d8dce0": "#3a4047",
+    "b0b0b0": "#3a4047",
+    "cccccc": "#4a5057",
+    "5d646c": "#9aa2aa",
+    "1b6ca8": "#62aee8",
+    "d1495b": "#f0808f",
+    "2e7d5b": "#5fc294",
+    "7a4fa3": "#b48be0",
+    "7d3c98": "#c08ad8",
+    "8e5ea2": "#c49ad6",
+    "4a6a8a": "#8fb0d0",
+    "5d5480": "#a79fd0",
+    "8a6d3b": "#c9a86a",
+    "0e7490": "#4bb8d4",
+    "a66a00": "#e0a340",
+    "c2570c": "#f08a48",
+}
+"""Colour of a figure on a dark page, for each colour that would be too dark there."""
 
 
 @dataclass(frozen=True)
@@ -50,9 +76,14 @@ def render_drawing(draw: Callable[[], Any]) -> Drawing:
     If matplotlib cannot be loaded, the drawing is a line that says what to install.
     """
     try:
-        return Drawing(figure_to_svg(draw()))
+        return Drawing(_follow_page_colours(figure_to_svg(draw())))
     except InputError as error:
         return Drawing(f'<p class="dim">{html.escape(str(error))}</p>')
+
+
+def _follow_page_colours(svg: str) -> str:
+    """Return an SVG whose colours are variables of the page, so that a dark page has dark figures."""
+    return _COLOUR_IN_STYLE.sub(lambda match: f"{match[1]}: var(--c{match[2]}, #{match[2]})", svg)
 
 
 def save_figure(figure: Any, path: Path) -> None:

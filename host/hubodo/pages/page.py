@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from hubodo.html_table import html_table
-from hubodo.pages.drawing import Drawing
+from hubodo.pages.drawing import DARK_COLOURS, Drawing
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -24,7 +24,7 @@ COLOURS = {"left": "#1b6ca8", "right": "#d1495b", "truth": "#8a8d91", "fused": "
 _PAGE_STYLE = """
 :root { color-scheme: light dark; --ink: #1d2126; --dim: #5d646c; --line: #d8dce0; --paper: #ffffff; }
 @media (prefers-color-scheme: dark) {
-  :root { --ink: #e6e8ea; --dim: #9aa2aa; --line: #3a4047; --paper: #16191d; }
+  :root { --ink: #e6e8ea; --dim: #9aa2aa; --line: #3a4047; --paper: #16191d; %s }
 }
 body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); background: var(--paper);
   max-width: 60rem; margin: 2rem auto; padding: 0 1rem; }
@@ -33,15 +33,41 @@ p.lead { font-size: 1.1rem; } p { color: var(--ink); } .dim { color: var(--dim);
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; }
 th, td { text-align: right; padding: 0.25rem 0.9rem 0.25rem 0; border-bottom: 1px solid var(--line); }
-th:first-child, td:first-child { text-align: left; }
+th:first-child, td:first-child, th.text, td.text { text-align: left; } td.number { white-space: nowrap; }
+details { margin-top: 1rem; border-top: 1px solid var(--line); } details h2 { margin-top: 1rem; }
+summary { cursor: pointer; padding: 0.5rem 0; } summary h2 { display: inline; margin: 0; }
+@media (max-width: 40rem) { body { margin: 1rem auto; } table { font-size: 0.85rem; }
+  th, td { padding-right: 0.6rem; } .figure svg text { font-size: 12px !important; }
+  table.wide, table.wide tbody { display: block; } table.wide thead { display: none; }
+  table.wide tr { display: flex; flex-wrap: wrap; gap: 0 0.9rem; padding: 0.35rem 0;
+    border-bottom: 1px solid var(--line); }
+  table.wide td { border: 0; padding: 0; text-align: left; white-space: normal; }
+  table.wide td:empty { display: none; }
+  table.wide td::before { content: attr(data-label) " "; color: var(--dim); }
+  table.wide td:first-child { font-weight: 600; flex-basis: 100%%; }
+  table.wide td:first-child::before { content: ""; }
+}
+@media print { details > * { display: block; } }
 th { color: var(--dim); font-weight: 600; }
 ul.todo { padding-left: 1.2rem; } ul.todo li { margin: 0.3rem 0; }
-.figure svg { display: block; width: 100%; height: auto; } .figure p { color: #5d646c; margin: 0.5rem; }
-.figure { margin-top: 0.8rem; background: #ffffff; border: 1px solid var(--line);
+.figure svg { display: block; width: 100%%; height: auto; } .figure svg text { fill: var(--ink); }
+.figure p { color: var(--dim); margin: 0.5rem; }
+.figure { margin-top: 0.8rem; background: var(--paper); border: 1px solid var(--line);
   border-radius: 6px; padding: 4px; }
 pre { font-size: 0.85rem; border: 1px solid var(--line); border-radius: 6px; padding: 0.8rem;
   overflow-x: auto; }
 """
+_DARK_VARIABLES = " ".join(f"--c{light}: {dark};" for light, dark in DARK_COLOURS.items())
+_DARK_PLOTLY = """
+<script>if (matchMedia("(prefers-color-scheme: dark)").matches) {
+  document.querySelectorAll(".plotly-graph-div").forEach((plot) => {
+    const axes = Object.keys(plot.layout).filter((name) => /^[xy]axis/.test(name));
+    const look = { "font.color": "#e6e8ea", paper_bgcolor: "#16191d", plot_bgcolor: "#16191d" };
+    for (const axis of axes) { look[axis + ".gridcolor"] = look[axis + ".zerolinecolor"] = "#3a4047"; }
+    Plotly.relayout(plot, look);
+  });
+}</script>"""
+"""Plotly has no colours of the page; they are set when the page is opened."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +80,10 @@ class PageTable:
 
 @dataclass(frozen=True)
 class Section:
-    """A section of a page: title, text, advice, tables, figures, and `listing` (preformatted text)."""
+    """A section of a page: title, text, advice, tables, figures, and `listing` (preformatted text).
+
+    is_folded: the reader opens it by a click on its title.
+    """
 
     title: str
     text: str = ""
@@ -62,6 +91,7 @@ class Section:
     figures: Sequence[go.Figure | Drawing] = ()
     listing: str = ""
     advice: Sequence[str] = ()
+    is_folded: bool = False
 
 
 def new_plotly_figure(x_title: str, y_title: str, *, height: int = 320, equal: bool = False) -> go.Figure:
@@ -108,7 +138,8 @@ def render_page(title: str, lead: str, sections: Sequence[Section], hero: str = 
     """
     parts = [f"<h1>{html.escape(title)}</h1>", f'<p class="lead">{html.escape(lead)}</p>', hero]
     for number, section in enumerate(sections, 1):
-        parts.append(f"<h2>{html.escape(section.title)}</h2>")
+        heading = f"<h2>{html.escape(section.title)}</h2>"
+        parts.append(f"<details><summary>{heading}</summary>" if section.is_folded else heading)
         if section.text:
             parts.append(f"<p>{html.escape(section.text)}</p>")
         if section.advice:
@@ -121,10 +152,15 @@ def render_page(title: str, lead: str, sections: Sequence[Section], hero: str = 
         ]
         if section.listing:
             parts.append(f"<pre>{html.escape(section.listing)}</pre>")
+        if section.is_folded:
+            parts.append("</details>")
+    plotly = _plotly(sections)
+    parts.append(_DARK_PLOTLY if plotly else "")
+    style = _PAGE_STYLE % _DARK_VARIABLES
     return (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{html.escape(title)}</title><style>{_PAGE_STYLE}</style>{_plotly(sections)}</head><body>{''.join(parts)}</body></html>\n"
+        f"<title>{html.escape(title)}</title><style>{style}</style>{plotly}</head><body>{''.join(parts)}</body></html>\n"
     )
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -14,6 +14,7 @@ from hubodo.calibration.file import Calibration, find_node_serial
 from hubodo.errors import InputError
 from hubodo.fuse.track import format_error, score_track
 from hubodo.fuse.wheel_odometry import WheelOdometry, compute_wheel_odometry
+from hubodo.log.health_quantities import describe_health
 from hubodo.log.summary import Summary
 from hubodo.pages.curves import Curve, draw_curves
 from hubodo.pages.drawing import Drawing
@@ -22,6 +23,7 @@ from hubodo.recording import Recording
 from hubodo.report.bias_filter import bias_filter_section
 from hubodo.report.log_sensors import report_sensors
 from hubodo.vehicle import Vehicle
+from hubodo.vehicle_sketch import draw_vehicle
 
 _MAX_PAGE_ROWS = 40
 
@@ -58,13 +60,17 @@ def log_page(
     """
     facts: list[str] = []
     missing: list[str] = []
-    sections = [_content(recording, summary, missing), *_losses(summary, facts, missing)]
-    sections += _events(recording, summary)
+    losses = _losses(summary, facts, missing)
+    sections = [
+        _folded(section) for section in (_content(recording, summary, missing), *_events(recording, summary))
+    ]
     applied = _applied(recording, calibration)
     sections.append(_calibration(recording, calibration, calibration_from, applied, missing))
+    drive = _drive(name, recording, vehicle, calibration, applied, facts, missing)
+    drive_facts = list(facts)
     for node, table in recording.nodes.items():
         report = report_sensors(node, table, recording.events, recording.t_zero_ns, gravity)
-        sections += report.sections
+        sections += [_folded(section) for section in report.sections]
         facts += report.facts
         missing += report.missing
         if node not in recording.bias_filters:
@@ -72,27 +78,36 @@ def log_page(
             continue
         section, line = bias_filter_section(node, recording.bias_filters[node])
         (missing if section is None else facts).append(line)
-        sections += [] if section is None else [section]
-    sections += _drive(name, recording, vehicle, calibration, applied, facts, missing)
+        sections += [] if section is None else [_folded(section)]
     missing.append(
         "north: the log contains a turntable record, which hubodo north evaluates"
         if recording.table is not None
         else "north: no turntable record (table.csv); see hubodo north"
     )
-    findings = Section("Findings", tables=[PageTable(("",), [(line,) for line in facts])])
+    findings = Section("Findings", advice=facts)
     absent = Section(
         "Not available from this log",
         "Each with the reason; everything else was evaluated.",
-        [PageTable(("",), [(line,) for line in missing])],
+        advice=missing,
+        is_folded=True,
     )
     return LogPage(
-        render_page(f"Log {name}", _lead(recording, summary), [findings, *sections, absent]),
+        render_page(
+            f"Log {name}",
+            _lead(recording, summary, drive_facts),
+            [*drive, findings, *losses, *sections, absent],
+        ),
         tuple(facts),
         tuple(missing),
     )
 
 
-def _lead(recording: Recording, summary: Summary | None) -> str:
+def _folded(section: Section) -> Section:
+    return replace(section, is_folded=True)
+
+
+def _lead(recording: Recording, summary: Summary | None, drive_facts: Sequence[str]) -> str:
+    """Return the answer in one paragraph: the drive and its error if there is one, duration, gaps."""
     tables = [table.t for table in recording.nodes.values() if len(table)]
     duration = max((t[-1] for t in tables), default=0.0) - min((t[0] for t in tables), default=0.0)
     names = ", ".join(recording.nodes) or "no node"
@@ -102,7 +117,10 @@ def _lead(recording: Recording, summary: Summary | None) -> str:
     if summary is not None:
         text += f"; {gaps} gaps with {losses} samples missing" if gaps else "; no gap"
         text += "" if summary.complete else "; the file was not closed"
-    return text + "."
+    drive = [
+        line[0].upper() + line[1:] + ". " for line in drive_facts if line.startswith(("drive of", "position"))
+    ]
+    return "".join(drive) + text + "."
 
 
 def _content(recording: Recording, summary: Summary | None, missing: list[str]) -> Section:
@@ -179,14 +197,20 @@ def _losses(summary: Summary | None, facts: list[str], missing: list[str]) -> li
         ]
         tables.append(PageTable(("node", "stream", "cause", "gaps", "frames lost", "samples lost"), losses))
     if summary.health:
-        rows_of = [
-            (node, ", ".join(f"{key} {value}" for key, value in values.items() if key != "node"))
-            for node, values in summary.health.items()
-        ]
-        tables.append(PageTable(("node", "last health report"), rows_of))
+        tables.append(_health_table(summary.health))
     else:
         missing.append("health of the nodes: the log contains no health report")
     return [Section("Gaps and losses", text, tables)]
+
+
+def _health_table(health: Mapping[str, Mapping[str, Any]]) -> PageTable:
+    """Return the last health report of each node, one column per node, values with units."""
+    described = {
+        node: {name: text for _, name, text in describe_health(values)} for node, values in health.items()
+    }
+    names = dict.fromkeys(name for values in described.values() for name in values)
+    rows = [(name, *(values.get(name, "") for values in described.values())) for name in names]
+    return PageTable(("last health report", *described), rows)
 
 
 def _events(recording: Recording, summary: Summary | None) -> list[Section]:
@@ -288,7 +312,12 @@ def _drive(
             "position error at the end "
             f"{format_error(report.final_error, report.final_percent, ' of the path')}"
         )
-    return [Section("Drive", text, [grid], [_path(odometry, recording), _speed(odometry)])]
+    estimated = Section("Estimated parameters", "Of the wheel filter, at the end of the log.", [grid])
+    return [
+        Section("Drive", text, figures=[_path(odometry, recording), _speed(odometry)]),
+        _folded(Section("Vehicle", listing="\n".join(draw_vehicle(vehicle)))),
+        _folded(estimated),
+    ]
 
 
 def _with_nodes(recording: Recording, applied: AppliedCalibration) -> Recording:

@@ -32,6 +32,7 @@ Mask = NDArray[np.bool_]
 
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
 _SHOWN_TERMS = ("N", "B", "K")
+_MIN_PLOTTED_STANDSTILL = 60.0  # s
 _MAX_STATIONARY_RATE = 0.35
 """rad/s; exceeds the zero-rate offset of any MEMS gyro."""
 
@@ -162,6 +163,8 @@ def _allan(
         rows.append((channel, *shown))
         if channel == "gz":
             facts.append(f"{name} gz: {summarise_allan(result)}")
+            if t[-1] - t[0] < _MIN_PLOTTED_STANDSTILL:
+                continue  # a deviation from a few seconds is mostly uncertainty
             detail = [
                 replace(section, title=f"{name} gz: {section.title}") for section in allan_sections(result)
             ]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,11 @@ EXAMPLE = (
     "  hubodo batch allan 's3://logs/2026-*/*.mcap' --node all -o fleet/ --scheduler tcp://cluster:8786"
 )
 ANALYSES = ("info", "fuse", "allan", "warmup", "calibrate", "gap", "report", "export")
+_NEEDED_MODULES = ("fsspec", "pandas", "pyarrow")
+"""Modules needed with or without worker processes; Dask takes seconds to load."""
+_QUICK_ANALYSES = ("info", "fuse", "allan", "export")
+_MAX_SIZE_WITHOUT_WORKERS = 50_000_000
+"""Bytes that `_QUICK_ANALYSES` process in some seconds, as long as worker processes take to start."""
 _BATCH_OPTIONS = ("logs", "output", "priors", "scheduler", "workers", "memory_limit")
 _COMMON_DESTINATIONS = ("verb", "analysis", "json", "debug", "run")
 _COMMON_OPTIONS = ("--json", "--debug")
@@ -156,13 +162,12 @@ def _add_batch_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--scheduler", metavar="URL", help="Dask scheduler, such as tcp://host:8786 (default: this computer)"
     )
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = _count_cores()
     group.add_argument(
         "--workers",
         type=bounded_integer(1, 1024),
-        default=cores,
         metavar="N",
-        help="worker processes on this computer (default: %(default)s)",
+        help=f"worker processes on this computer (default: {cores}; none for a few small logs)",
     )
     group.add_argument(
         "--memory-limit",
@@ -196,7 +201,7 @@ def run(args: argparse.Namespace) -> BatchResult:
     InputError
         If no log is found, or --priors is given with a verb that writes no calibration.
     """
-    require_extra("batch", "hubodo batch")
+    require_extra("batch", "hubodo batch", _NEEDED_MODULES)
     from hubodo.fleet.engine import connect_client
     from hubodo.fleet.listing import find_logs
     from hubodo.fleet.priors import write_priors
@@ -219,7 +224,11 @@ def run(args: argparse.Namespace) -> BatchResult:
     places = find_logs(args.logs, output)
     with progress_line() as show:
         outcome = run_batch(
-            lambda: connect_client(args.scheduler, args.workers, args.memory_limit),
+            lambda unfinished: (
+                nullcontext()
+                if _needs_no_workers(args, [place.size for place in unfinished])
+                else connect_client(args.scheduler, args.workers or _count_cores(), args.memory_limit)
+            ),
             places,
             analysis,
             output,
@@ -240,6 +249,20 @@ def run(args: argparse.Namespace) -> BatchResult:
         sum(rows["size"]),
         errors,
     )
+
+
+def _count_cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _needs_no_workers(args: argparse.Namespace, sizes: Sequence[int]) -> bool:
+    """Return True if the logs are done sooner in this process than worker processes take to start.
+
+    sizes: of the logs to do, bytes. Options about workers are always obeyed.
+    """
+    if args.scheduler is not None or args.workers is not None or args.memory_limit != "auto":
+        return False
+    return len(sizes) == 1 or (args.analysis in _QUICK_ANALYSES and sum(sizes) <= _MAX_SIZE_WITHOUT_WORKERS)
 
 
 def run_on_log(verb: str, options: Mapping[str, Any], log: Path, folder: Path) -> Mapping[str, Any]:

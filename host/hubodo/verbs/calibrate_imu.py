@@ -25,7 +25,7 @@ from hubodo.pages.page import render_page
 from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
 from hubodo.sensors.imu.calibrate import calibrate_imu
-from hubodo.sensors.imu.page import format_held_out, imu_sections
+from hubodo.sensors.imu.page import format_held_out, imu_sections, imu_verdict
 from hubodo.sensors.imu.result import ImuCalibration
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import latitude, positive_number
@@ -111,7 +111,7 @@ def run(args: argparse.Namespace) -> ImuCalibration:
     serial = find_node_serial(recording.metadata, args.node)
     write_calibration(before.with_node(args.node, effects, serial), args.output)
     if args.report is not None:
-        lead = f"Length of gravity: {format_held_out(result.accel_held_out, 'm/s²')}."
+        lead = f"{imu_verdict(result)} Length of gravity: {format_held_out(result.accel_held_out, 'm/s²')}."
         write_atomically(args.report, render_page(f"Calibration of {args.node}", lead, imu_sections(result)))
     return result
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from hubodo.atomic_files import write_atomically
 from hubodo.calibration.file import (
     Calibration,
     find_node_serial,
@@ -21,6 +22,7 @@ from hubodo.calibration.file import (
 from hubodo.errors import InputError
 from hubodo.fuse.projection import make_local_frame
 from hubodo.fuse.wheel.calibration.calibrate import WheelPriors, calibrate_wheels
+from hubodo.fuse.wheel.calibration.page import wheel_calibration_page
 from hubodo.fuse.wheel.calibration.positions import Positions
 from hubodo.fuse.wheel.calibration.result import WheelCalibration
 from hubodo.fuse.wheel.config import wheel_config
@@ -33,6 +35,7 @@ from hubodo.recording import Recording
 from hubodo.vehicle import Vehicle, load_vehicle
 from hubodo.verbs.log_options import LOG_HELP, VEHICLE_HELP, add_log_options, log_form
 from hubodo.verbs.numbers import bounded_number
+from hubodo.verbs.outputs import add_force_option
 
 HELP = "wheel radius, lever arm, spin-axis tilt, biases, scales and track, from a drive with truth or GNSS"
 EXAMPLE = "hubodo calibrate wheels drive.mcap --vehicle vehicle.toml -o calibration.toml"
@@ -72,6 +75,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             metavar="SHARE",
             help=f"prior of {quantity}, relative, 1σ (default %(default)s)",
         )
+    parser.add_argument(
+        "--report", type=Path, metavar="HTML", help="write a page with held-out errors and parameters"
+    )
+    add_force_option(parser, "report")
 
 
 def run(args: argparse.Namespace) -> WheelCalibration:
@@ -123,6 +130,8 @@ def run(args: argparse.Namespace) -> WheelCalibration:
         updated = updated.with_node(name, effects, find_node_serial(recording.metadata, name))
     updated = updated.with_vehicle(calibration.vehicle_effects(**provenance))
     write_calibration(updated, args.output)
+    if args.report is not None:
+        write_atomically(args.report, wheel_calibration_page(calibration, args.log.name))
     return calibration
 
 

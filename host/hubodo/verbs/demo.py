@@ -110,7 +110,7 @@ class DemoResult:
                     str(node["samples"]),
                     str(node["samples_lost"]),
                     str(link["frames_damaged"]),
-                    f"{clock['drift_ppm']:+.0f} ± {clock['drift_sigma_ppm']:.0f}",
+                    f"{round(clock['drift_ppm']) or 0:+d} ± {max(clock['drift_sigma_ppm'], 1.0):.0f}",
                     f"{clock['sigma'] * 1e3:.2f}",
                 )
             )

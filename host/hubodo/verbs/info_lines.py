@@ -5,18 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from hubodo.log.health_quantities import COUNTERS, describe_health
+
 _MAX_VALUE_LENGTH = 100
 _SHOWN_ELSEWHERE = ("t_zero_ns", "hubodo", "fingerprint", "ports")
 """Keys whose content the heading, the streams or the lines of the nodes show."""
 _HIDDEN_PREFIXES = ("hubodo.csv.", "node.")
-_COUNTERS = {
-    "i2c_errors": "I²C errors",
-    "bus_recoveries": "bus recoveries",
-    "fifo_overruns": "FIFO overruns",
-    "samples_missed": "samples missed",
-    "frames_dropped": "frames dropped",
-    "frames_damaged": "frames damaged",
-}
 
 
 def node_lines(metadata: Mapping[str, str]) -> Iterator[str]:
@@ -46,20 +40,14 @@ def node_lines(metadata: Mapping[str, str]) -> Iterator[str]:
 
 def health_line(node: str, values: Mapping[str, Any]) -> str:
     """Return the last health report of a node in words; counters that are zero are not listed."""
-    facts = []
-    if "battery_mv" in values:
-        facts.append(f"battery {int(values['battery_mv']) / 1000:.2f} V")
-    counted = [
-        f"{values[key]} {words}" for key, words in _COUNTERS.items() if int(values.get(key, 0) or 0) > 0
-    ]
-    facts += counted or ["no errors, overruns or losses"]
-    if int(values.get("faults", 0) or 0):
-        facts.append(f"faults {int(values['faults']):#x}")
-    if "queue_high_water" in values:
-        facts.append(f"longest queue {values['queue_high_water']} frames")
-    shown = {"node", "t_us", "battery_mv", "faults", "queue_high_water", *_COUNTERS}
-    facts += [f"{key} {value}" for key, value in values.items() if key not in shown]
-    at = f" at {int(values['t_us']) / 1e6:.1f} s of its clock" if "t_us" in values else ""
+    facts, at = [], ""
+    for key, name, value in describe_health(values):
+        if key == "t_us":
+            at = f" at {value} of its clock"
+        elif not (key in (*COUNTERS, "faults") and values[key] == 0):
+            facts.append(f"{name} {value}")
+    if not any(values.get(key) for key in COUNTERS):
+        facts.insert(0, "no errors, overruns or losses")
     return f"health of {node}{at}: {', '.join(facts)}"
 
 

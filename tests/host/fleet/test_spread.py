@@ -137,3 +137,10 @@ def test_a_missing_effect_is_listed_with_its_vehicles_and_its_first_week():
     assert "wheel_camber in 1, wheel_radius in 1" in page and page.count("<svg") >= 2
     assert f"<td>{WEEKS - 9} of {WEEKS}</td><td>2026-08-03</td>" in page
     assert f"<td>2 of {WEEKS}</td><td></td>" in page
+
+
+def test_drives_have_a_table_with_units_and_few_values_no_figure():
+    table = rows(4, verb="fuse", quantity="distance", unit="m", value=[10.0, 20.0, 30.0, 40.0])
+    page = build_fleet_page(table)
+    assert "<h2>Drives</h2>" in page and "distance, m" in page and "40.000" in page
+    assert "<svg" not in page

@@ -3,7 +3,10 @@
 import re
 from html.parser import HTMLParser
 
-from hubodo.pages.page import PageTable, Section, new_plotly_figure, render_page
+import numpy as np
+
+from hubodo.pages.curves import Curve, draw_curves
+from hubodo.pages.page import COLOURS, PageTable, Section, new_plotly_figure, render_page
 
 
 class Links(HTMLParser):
@@ -31,3 +34,11 @@ def test_nothing_is_fetched_and_text_is_escaped():
     assert "<title>A &lt;title&gt;</title>" in text
     assert "&lt;script&gt;x&lt;/script&gt;" in text
     assert not re.search(r"@import|url\(http", text.split("<script>")[0])
+
+
+def test_a_folded_section_opens_by_its_title_and_figures_follow_the_colours_of_the_page():
+    figure = draw_curves([Curve(np.arange(3.0), np.arange(3.0), "a", COLOURS["left"])], "x", "y")
+    page = render_page("t", "l", [Section("closed", "text", figures=[figure], is_folded=True)])
+    start, end = page.index("<details><summary><h2>closed</h2></summary>"), page.index("</details>")
+    assert start < page.index("<svg") < end
+    assert "stroke: var(--c1b6ca8, #1b6ca8)" in page and "--c1b6ca8: #62aee8" in page

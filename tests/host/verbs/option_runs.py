@@ -83,7 +83,7 @@ RUNS: tuple[Run, ...] = (
     *_logs("calibrate wheels", "--vehicle vehicle.toml -o out-{n}.toml", 2),
     Run(
         "calibrate wheels drive.mcap --vehicle vehicle.toml -o out-{n}.toml --radius-sigma 0.03 "
-        "--track-sigma 0.04 --scale-sigma 0.02"
+        "--track-sigma 0.04 --scale-sigma 0.02 --report out-{n}.html --force"
     ),
     *_logs("north", "--latitude-deg 48", 2),
     Run(

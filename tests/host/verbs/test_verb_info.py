@@ -98,7 +98,7 @@ def test_the_table_has_the_content_of_the_json(log: Path, capsys) -> None:
     for stream in result["streams"]:
         assert stream["topic"] in text
         assert str(stream["messages"]) in text
-    for part in ("USB unplugged", "not explained by any event", "battery 3.70 V", "firmware.left: 1.2.3"):
+    for part in ("USB unplugged", "not explained by any event", "battery 3.7 V", "firmware.left: 1.2.3"):
         assert part in text
     assert "[" not in text.split("\n")[1]
 

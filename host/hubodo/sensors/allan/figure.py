@@ -65,7 +65,13 @@ def allan_figure(
     upper.set_ylabel(f"Allan deviation, {unit.si}")
     right = upper.secondary_yaxis("right", functions=(_scale_by(unit.factor), _scale_by(1.0 / unit.factor)))
     right.set_ylabel(unit.common)
-    upper.legend(fontsize=8)
+    plot.legend(
+        handles=upper.get_legend_handles_labels()[0],
+        loc="outside upper left",
+        ncols=4,
+        fontsize=8,
+        frameon=False,
+    )
     upper.set_title(title)
     lower.axhline(0.0, color=_POINT_COLOUR, lw=0.8)
     lower.set_ylabel("residual, %")
@@ -98,6 +104,7 @@ def _plain_powers(formula: str) -> str:
 def _points(axes: Any, result: AllanResult, label: str, colour: str, marker: str) -> None:
     points = result.points
     bars = [points.adev - result.low, result.high - points.adev]
+    axes.fill_between(points.tau, result.low, result.high, color=colour, alpha=0.12, lw=0)
     axes.errorbar(points.tau, points.adev, bars, fmt=marker, ms=4, lw=1, color=colour, label=label)
     tau = _tau_range([result])
     axes.plot(tau, np.sqrt(result.fit.variance(tau)), color=colour, lw=1.3)
@@ -112,8 +119,23 @@ def _terms(axes: Any, result: AllanResult) -> None:
             line = term.value * np.sqrt(column)
             label = f"{name} = {term.value * unit.factor:.3g} {unit.common}"
             axes.plot(tau, line, "--", color=_TERM_COLOURS[name], lw=1, label=label)
+            _mark_term(axes, name, term.value, tau)
     if result.best_tau is not None:
         axes.axvline(result.best_tau, color="#8a8d91", lw=0.8)
+
+
+def _mark_term(axes: Any, name: str, value: float, tau: Array) -> None:
+    """Write the letter of a term where its value is read: N at 1 s, K at 3 s, B at its floor."""
+    at, height = {
+        "N": (1.0, value),
+        "K": (3.0, value),
+        "B": (float(np.sqrt(tau[0] * tau[-1])), value * math.sqrt(2.0 * math.log(2.0) / math.pi)),
+    }.get(name, (0.0, 0.0))
+    if tau[0] <= at <= tau[-1]:
+        axes.plot([at], [height], "o", ms=7, mfc="none", mew=1.5, color=_TERM_COLOURS[name])
+        axes.annotate(
+            name, (at, height), (6, 6), textcoords="offset points", color=_TERM_COLOURS[name], weight="bold"
+        )
 
 
 def _residuals(axes: Any, result: AllanResult, colour: str, marker: str) -> None:

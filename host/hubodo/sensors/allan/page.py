@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -73,7 +74,7 @@ def allan_page(results: Sequence[NamedResult], title: str, sheets: Sequence[Data
         [render_drawing(lambda: allan_figure(results, title, sheets))],
     )
     each = [
-        Section(f"{name}: {part.title}", part.text, part.tables, part.figures, advice=part.advice)
+        replace(part, title=f"{name}: {part.title}", is_folded=True)
         for name, result in results
         for part in allan_sections(result, name, sheets)
     ]
@@ -213,12 +214,16 @@ def allan_sections(
         Section("What to do", advice=allan_advice(result)),
         Section(
             "Allan deviation",
-            "Points with 95 % intervals; the line is the sum of the terms, the dashed lines are their "
-            "asymptotes. Below: residuals with 1σ; hollow points were not fitted.",
+            "The band and the bars are 95 % intervals; the line is the sum of the terms, the dashed lines "
+            "are their asymptotes, and N, B and K stand where their value is read. Below: residuals with "
+            "1σ; hollow points were not fitted.",
             figures=[render_drawing(lambda: allan_figure([(name, result)], name, sheets))],
         ),
         *([Section("Not observable in this record", "", [missing])] if missing.rows else []),
         Section(
-            "The record", " ".join(f"{note}." for note in result.notes), [PageTable(("", ""), record_rows)]
+            "The record",
+            " ".join(f"{note}." for note in result.notes),
+            [PageTable(("", ""), record_rows)],
+            is_folded=True,
         ),
     ]

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hubodo.calibration.parameter_table import PARAMETER_HEADINGS, SIGNIFICANT_SIGMA
+from hubodo.calibration.parameter_table import parameter_rows as table_rows
 from hubodo.pages.curves import Curve, Values, draw_curves
 from hubodo.pages.page import COLOURS, PageTable, Section
 from hubodo.sensors.imu.held_out import CrossValidation
@@ -14,12 +16,23 @@ from hubodo.sensors.imu.held_out import CrossValidation
 if TYPE_CHECKING:
     from hubodo.sensors.imu.result import ImuCalibration
 
-PARAMETER_HEADINGS = ("effect", "parameter", "value", "1σ")
+__all__ = ["PARAMETER_HEADINGS", "format_held_out", "imu_sections", "parameter_rows"]
 
 
 def imu_sections(result: ImuCalibration) -> Sequence[Section]:
     """Return the page sections of a calibration."""
-    return (_parameters(result), _residuals(result), _standstills(result))
+    return (_residuals(result), _parameters(result), _standstills(result))
+
+
+def imu_verdict(result: ImuCalibration) -> str:
+    """Return in one sentence whether the calibration helps on data that it did not see."""
+    held_out = result.accel_held_out
+    if held_out is None:
+        return "Too few poses for a held-out check: the gain is not verified."
+    ratio = held_out.rms_before / held_out.rms if held_out.rms > 0.0 else np.inf
+    if ratio > 1.0:
+        return f"Calibrated: the error of gravity is {ratio:.3g} times smaller."
+    return "Not better than the raw samples: the sensor is as good as this check."
 
 
 def format_held_out(held_out: CrossValidation | None, unit: str, factor: float = 1.0) -> str:
@@ -33,21 +46,18 @@ def format_held_out(held_out: CrossValidation | None, unit: str, factor: float =
 
 
 def parameter_rows(result: ImuCalibration) -> list[tuple[str, ...]]:
-    """Return effect, parameter, value and sigma of each parameter."""
-    return [
-        (effect, name, f"{q.value:+.6g}", f"{q.sigma:.2g}")
-        for effect, parameters in result.effect_parameters().items()
-        for name, q in parameters.items()
-    ]
+    """Return a row of PARAMETER_HEADINGS for each parameter."""
+    return list(table_rows(result.effect_parameters()))
 
 
 def _parameters(result: ImuCalibration) -> Section:
     poses = result.accel.poses
     text = (
-        f"true = (I + diag(e) + N)^-1 (raw - b), SI units. The {poses.count} poses have condition number "
+        f"Significant are values beyond {SIGNIFICANT_SIGMA:.0f} of their own sigma. "
+        f"true = (I + diag(e) + N)⁻¹ (raw − b), SI units. The {poses.count} poses have condition number "
         f"{poses.condition:.3g}. " + " ".join(f"{note[0].upper()}{note[1:]}." for note in result.notes)
     )
-    return Section("Calibration of the IMU", text, [PageTable(PARAMETER_HEADINGS, parameter_rows(result))])
+    return Section("Parameters", text, [PageTable(PARAMETER_HEADINGS, parameter_rows(result))])
 
 
 def _residuals(result: ImuCalibration) -> Section:
@@ -84,6 +94,7 @@ def _standstills(result: ImuCalibration) -> Section:
         for k in range(len(standstills))
     ]
     headings = [
-        "standstill", "from, s", "duration, s", "ax", "ay", "az", "norm error before, m/s²", "after, m/s²",
+        "standstill", "from, s", "duration, s", "ax, m/s²", "ay, m/s²", "az, m/s²",
+        "norm error before, m/s²", "after, m/s²",
     ]  # fmt: skip
-    return Section(f"{len(standstills)} standstills", tables=[PageTable(headings, rows)])
+    return Section(f"{len(standstills)} standstills", tables=[PageTable(headings, rows)], is_folded=True)

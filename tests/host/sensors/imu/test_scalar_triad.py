@@ -91,7 +91,7 @@ def test_the_file_keeps_every_digit_the_provenance_and_what_was_in_it_before(tmp
             "move it to [vehicle.effects.track_width]",
         ),
         ("[nodes.a.effects.gyro_bias]\nmethod = 3", "must be a text"),
-        ("[vehicle]\nwheel_radius = 0.3", "unknown key 'wheel_radius'"),
+        ("[vehicle]\nwheel_radius = 0.3", "describes a vehicle, and a calibration is due"),
         ("[node.a]", "did you mean 'nodes'"),
         ("nodes = [", "not TOML"),
     ],

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from hubodo.calibration.file import CalibratedEffect, Quantity
+from hubodo.calibration.parameter_table import PARAMETER_HEADINGS, parameter_rows
 from hubodo.fuse.wheel.calibration.held_out import HeldOutErrors
 from hubodo.fuse.wheel.calibration.learnt_parameters import quantities_as_effects, quantities_as_json
 from hubodo.pages.console import print_table
@@ -79,12 +80,11 @@ class WheelCalibration:
     def render(self, console: Console) -> None:
         """Print the parameters, the residuals, then the parameters that were not observable."""
         rows = [
-            (name, effect, parameter, f"{q.value:+.6g}", f"{q.sigma:.2g}")
+            (name, *row)
             for name, effects in (*self.nodes.items(), ("vehicle", self.vehicle))
-            for effect, parameters in effects.items()
-            for parameter, q in parameters.items()
+            for row in parameter_rows(effects)
         ]
-        print_table(console, ("scope", "effect", "parameter", "value", "1σ"), rows, f"→ {self.output}")
+        print_table(console, ("scope", *PARAMETER_HEADINGS), rows, f"→ {self.output}")
         for line in self._summary_lines():
             console.print(line, highlight=False, soft_wrap=True)
         for line in self.not_observable:
