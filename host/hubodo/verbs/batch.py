@@ -33,7 +33,7 @@ _QUICK_ANALYSES = ("info", "fuse", "allan", "export")
 _MAX_SIZE_WITHOUT_WORKERS = 50_000_000
 """Bytes that `_QUICK_ANALYSES` process in some seconds, as long as worker processes take to start."""
 _BATCH_OPTIONS = ("logs", "output", "priors", "scheduler", "workers", "memory_limit")
-_COMMON_DESTINATIONS = ("verb", "analysis", "json", "debug", "run")
+_COMMON_DESTINATIONS = ("verb", "analysis", "json", "debug", "run", "output_destinations")
 _COMMON_OPTIONS = ("--json", "--debug")
 _HIDDEN_OPTIONS = ("-o", "--output", "--force", "--figure", "--report", "--datasheet")
 """Options of verbs that `batch` hides: outputs of a single log, and comparisons with other files."""
@@ -125,6 +125,7 @@ class _VerbParser(Parser):
         if self._pending_verb is not None:
             verb, self._pending_verb = self._pending_verb, None
             load_verb(verb).add_arguments(self)
+            self.set_defaults(output_destinations=())  # files of single logs are written by the workers
         return super().parse_known_args(args, namespace)
 
     def add_argument(self, *names: Any, **settings: Any) -> argparse.Action:
@@ -275,6 +276,7 @@ def run_on_log(verb: str, options: Mapping[str, Any], log: Path, folder: Path) -
     args.log = [log] if options["log"] else log
     # Without an accepted model warmup refuses to write a file, but its JSON result is still useful.
     writes = name in _OUTPUT_OF_VERB and (name != "warmup" or options["calibration"])
+    args.force = True  # a result of earlier options is replaced
     args.output = folder / _OUTPUT_OF_VERB[name] if writes else None
     with memory_limit(options.get("max_memory")):
         result = load_verb(name).run(args)

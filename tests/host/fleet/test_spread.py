@@ -1,5 +1,7 @@
 """Outliers, drifts and missing effects of a fleet, in generated tables with fixed seeds."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -135,8 +137,9 @@ def test_a_missing_effect_is_listed_with_its_vehicles_and_its_first_week():
     assert share.loc["van-2"].tolist() == [0.0] * 9 + [1.0] * (WEEKS - 9)
     page = build_fleet_page(table)
     assert "wheel_camber in 1, wheel_radius in 1" in page and page.count("<svg") >= 2
-    assert f"<td>{WEEKS - 9} of {WEEKS}</td><td>2026-08-03</td>" in page
-    assert f"<td>2 of {WEEKS}</td><td></td>" in page
+    cells = re.sub("<td[^>]*>", "<td>", page)
+    assert f"<td>{WEEKS - 9} of {WEEKS}</td><td>2026-08-03</td>" in cells
+    assert f"<td>2 of {WEEKS}</td><td></td>" in cells
 
 
 def test_drives_have_a_table_with_units_and_few_values_no_figure():
