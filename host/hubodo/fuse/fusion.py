@@ -174,7 +174,8 @@ def fuse_recording(
         lag=lag,
         for_graph=graph,
     )
-    track, methods, details = odometry.track, [odometry.method], dict(odometry.details)
+    track, methods = odometry.track, [odometry.method]
+    details = {**odometry.details, "t_zero_ns": recording.t_zero_ns}
     warnings = recording.warnings + odometry.warnings
     if graph:
         result = fuse_outside_sensors(recording, odometry, antenna or vehicle.antenna or (0.0, 0.0))
@@ -236,7 +237,7 @@ def _outside_sensors(recording: Recording, result: GraphResult) -> list[str]:
 
 
 def _graph_details(recording: Recording, odometry: WheelOdometry, result: GraphResult) -> dict[str, Any]:
-    """Return the entry `graph` of fuse.json: number of fixes, observed constants, GNSS outages."""
+    """Return the entry `graph` of fuse.json: origin, number of fixes, observed constants, GNSS outages."""
     prior = asdict(odometry.constant_sigmas)
     observed = {
         name: {"value": q.value, "sigma": q.sigma}
@@ -249,10 +250,19 @@ def _graph_details(recording: Recording, odometry: WheelOdometry, result: GraphR
     used = result.fix_t[result.fix_weight > MIN_USED_WEIGHT]
     gaps = find_gnss_outages(result.from_start, used, truth) if len(used) else ()
     return {
+        **_origin_entry(result),
         "fixes": len(result.fix_t),
         "constants": observed,
         "outages": [{key: value for key, value in asdict(gap).items() if value is not None} for gap in gaps],
     }
+
+
+def _origin_entry(result: GraphResult) -> dict[str, Any]:
+    """Return latitude and longitude of the start of the track, if there are fixes."""
+    if result.frame is None:
+        return {}
+    latitude, longitude = result.frame.to_geodetic(result.track.x[:1], result.track.y[:1])
+    return {"origin": {"latitude_deg": float(latitude[0]), "longitude_deg": float(longitude[0])}}
 
 
 def track_to_table(track: Track) -> Table:

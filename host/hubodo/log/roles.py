@@ -198,9 +198,9 @@ class _RoleAssigner:
         joints = self.candidates[topic].joints
         if len(stated) == 2 and set(stated) <= set(joints):
             return stated[0], stated[1]
+        if not stated and (recognised := recognise_wheel_joints(joints)) is not None:
+            return recognised
         sides = [_joints_on_side(joints, side) for side in ("left", "right")]
-        if not stated and all(len(side) == 1 for side in sides):
-            return sides[0][0], sides[1][0]
         option = f"--topic wheels={topic}:{','.join(side[0] if side else 'JOINT' for side in sides)}"
         self._report_ambiguity(
             "wheels",
@@ -280,6 +280,13 @@ def node_name_of_topic(topic: str) -> str:
 def _split_words(text: str) -> set[str]:
     """Split a name into lower-case words: `/imu/leftWheel2` into imu, left, wheel, 2."""
     return {part.lower() for part in re.findall(r"[A-Z]?[a-z]+|[A-Z]+|\d+", text)}
+
+
+def recognise_wheel_joints(joints: Iterable[str]) -> tuple[str, str] | None:
+    """Return the joints of the left and the right wheel by their names; None unless one fits each side."""
+    known = tuple(joints)
+    left, right = (_joints_on_side(known, side) for side in ("left", "right"))
+    return (left[0], right[0]) if len(left) == len(right) == 1 else None
 
 
 def _joints_on_side(joints: Iterable[str], side: str) -> tuple[str, ...]:

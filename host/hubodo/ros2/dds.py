@@ -10,7 +10,8 @@ import os
 import threading
 from typing import Any
 
-from cyclonedds.core import DDSException, Listener
+from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
+from cyclonedds.core import DDSException, InstanceState, Listener, ReadCondition, SampleState, ViewState
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.idl import make_idl_struct, types
 from cyclonedds.pub import DataWriter
@@ -23,7 +24,7 @@ from hubodo.errors import InputError
 from hubodo.log import ros2
 from hubodo.ros2.cdr import encode_message
 from hubodo.ros2.config import Ros2Config
-from hubodo.ros2.names import LATCHED, QosProfile, dds_topic, dds_type
+from hubodo.ros2.names import LATCHED, QosProfile, dds_topic, dds_type, message_type_of
 from hubodo.ros2.transport import OnMessage
 from hubodo.ros2.type_hash import type_hash
 
@@ -31,6 +32,8 @@ _DISCOVERY_TOPIC = "ros_discovery_info"
 _MAX_BLOCKING_MS = 5
 """Time for which a reliable writer may wait for a slow subscriber; then the message is dropped."""
 _MAX_TAKE = 256
+_MAX_PUBLICATIONS = 10_000
+_TOPIC_PREFIX = dds_topic("")
 _ELEMENT_TYPES: dict[str, Any] = {
     "bool": bool,
     "byte": types.uint8,
@@ -106,6 +109,10 @@ class DdsNode:
         try:
             self._domain = Domain(config.domain, _LOCALHOST if is_local else None)
             self._participant = DomainParticipant(config.domain, Qos(Policy.Userdata(b"enclave=/;")))
+            self._publications = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
+            self._present = ReadCondition(
+                self._publications, ViewState.Any | SampleState.Any | InstanceState.Alive
+            )
             self._graph = self._create_writer(_DISCOVERY_TOPIC, self._graph_type, LATCHED)
             self._announce()
         except DDSException as error:
@@ -123,16 +130,32 @@ class DdsNode:
         """Pass on the messages of a topic; see `Node`."""
         dds = Topic(self._participant, dds_topic(topic), _message_class(message_type))
         listener = _MessageListener(on_message)
-        reader = DataReader(self._participant, dds, _make_qos(qos, message_type), listener)
+        # What this process publishes is not received by itself.
+        own = Qos(Policy.IgnoreLocal.Process, base=_make_qos(qos, message_type))
+        reader = DataReader(self._participant, dds, own, listener)
         with self._lock:
             self._entities += [dds, listener, reader]
             self._reader_ids.append(reader.guid.bytes)
             self._announce()
 
+    def published_types(self) -> dict[str, frozenset[str]]:
+        """Return the types published by other participants; see `Node`."""
+        types: dict[str, frozenset[str]] = {}
+        with self._lock:
+            publications = self._publications.read(_MAX_PUBLICATIONS, self._present)
+        for publication in publications:
+            message_type = message_type_of(publication.type_name)
+            is_own = publication.participant_key == self._participant.guid
+            if is_own or message_type is None or not publication.topic_name.startswith(_TOPIC_PREFIX):
+                continue
+            topic = publication.topic_name.removeprefix(_TOPIC_PREFIX)
+            types[topic] = types.get(topic, frozenset()) | {message_type}
+        return types
+
     def close(self) -> None:
         """Leave the domain."""
         self._entities.clear()
-        del self._graph, self._participant, self._domain
+        del self._present, self._publications, self._graph, self._participant, self._domain
 
     def _create_writer(self, name: str, message_type: str, qos: QosProfile) -> DdsPublisher:
         message_class = _message_class(message_type)

@@ -51,6 +51,12 @@ def dds_type(message_type: str) -> str:
     return f"{package_of(message_type)}::msg::dds_::{base_name(message_type)}_"
 
 
+def message_type_of(dds_name: str) -> str | None:
+    """Return the message type of a DDS type, the inverse of `dds_type`; None for other types."""
+    package, kind, name = [*dds_name.partition("::msg::dds_::")]
+    return f"{package}/msg/{name.removesuffix('_')}" if kind and name.endswith("_") else None
+
+
 def full_name(message_type: str) -> str:
     """Return a type with its interface kind, as `std_msgs/msg/Header` for std_msgs/Header."""
     return f"{package_of(message_type)}/msg/{base_name(message_type)}"

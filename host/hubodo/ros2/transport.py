@@ -34,6 +34,10 @@ class Node(Protocol):
         """Call `on_message` with each message of a topic until the node is closed."""
         ...
 
+    def published_types(self) -> dict[str, frozenset[str]]:
+        """Return the message types that other nodes publish at present, by topic."""
+        ...
+
     def close(self) -> None:
         """Leave the graph."""
         ...

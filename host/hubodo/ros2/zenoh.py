@@ -12,7 +12,7 @@ import zenoh
 
 from hubodo.errors import InputError
 from hubodo.ros2.config import Ros2Config
-from hubodo.ros2.names import QosProfile, dds_type
+from hubodo.ros2.names import QosProfile, dds_type, message_type_of
 from hubodo.ros2.transport import OnMessage
 from hubodo.ros2.type_hash import type_hash
 from hubodo.safe_text import json_text
@@ -52,6 +52,11 @@ class ZenohNode:
         except zenoh.ZError as error:
             raise InputError(f"Zenoh router {config.router}: {error}") from None
         self._declare_token("NN", _NODE_ID, "")
+        self._publications: dict[str, tuple[str, str]] = {}
+        watched = f"{_ADMIN_SPACE}/{config.domain}/*/*/*/MP/**"
+        self._entities.append(
+            self._session.liveliness().declare_subscriber(watched, self._note_publication, history=True)
+        )
 
     def create_publisher(self, topic: str, message_type: str, qos: QosProfile) -> ZenohPublisher:
         """Return a publisher of a topic; see `Node`."""
@@ -78,11 +83,32 @@ class ZenohNode:
         """Pass on the messages of a topic, of any version of their type; see `Node`."""
         key = f"{self._config.domain}/{topic.strip('/')}/{dds_type(message_type)}/*"
         subscriber = self._session.declare_subscriber(
-            key, lambda sample: on_message(sample.payload.to_bytes())
+            key,
+            lambda sample: on_message(sample.payload.to_bytes()),
+            # What this process publishes is not received by itself.
+            allowed_origin=zenoh.Locality.REMOTE,
         )
         with self._lock:
             self._entities.append(subscriber)
             self._announce("MS", topic, message_type, qos)
+
+    def published_types(self) -> dict[str, frozenset[str]]:
+        """Return the types published by other sessions; see `Node`."""
+        types: dict[str, frozenset[str]] = {}
+        for topic, message_type in list(self._publications.values()):
+            types[topic] = types.get(topic, frozenset()) | {message_type}
+        return types
+
+    def _note_publication(self, token: Any) -> None:
+        """Note that a publisher of another session has appeared or gone, by its liveliness token."""
+        key = str(token.key_expr)
+        if token.kind == zenoh.SampleKind.DELETE:
+            self._publications.pop(key, None)
+            return
+        session, *_, topic, dds_name, _, _ = key.removeprefix(f"{_ADMIN_SPACE}/").split("/")[1:]
+        message_type = message_type_of(dds_name)
+        if message_type is not None and session != str(self._session.info.zid()):
+            self._publications[key] = topic.replace(_ROOT_NAMESPACE, "/"), message_type
 
     def close(self) -> None:
         """Close the session, which withdraws all tokens."""

@@ -1,4 +1,4 @@
-"""`hubodo export`: convert a log into a folder of CSV or Parquet files, or into a rosbag2."""
+"""`hubodo export`: convert a log into CSV or Parquet files or a rosbag2, or a track into a file for maps."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import Any
 
 from rich.console import Console
 
+from hubodo.atomic_files import require_free_path, write_atomically
+from hubodo.fuse.track_files import TRACK_FORMATS, is_fused, live_track, read_fused_track
 from hubodo.log.any_log import open_as_mcap, read_log
 from hubodo.log.csv_folder import write_folder
 from hubodo.log.logfile import open_log
@@ -17,9 +19,17 @@ from hubodo.log.rosbag2_folder import write_rosbag2
 from hubodo.progress import progress_line
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.log_options import LOG_HELP, add_log_options, add_vehicle_option, log_form
+from hubodo.verbs.numbers import bounded_number
 from hubodo.verbs.outputs import add_force_option
 
-EXAMPLE = "hubodo export drive.mcap -o drive/\n  hubodo export drive.mcap --format rosbag2 -o bag/"
+EXAMPLE = (
+    "hubodo export drive.mcap -o drive/\n  hubodo export drive.mcap --format rosbag2 -o bag/\n"
+    "  hubodo fuse drive.mcap --vehicle vehicle.toml -o out/ && hubodo export out/ --format gpx -o drive.gpx"
+)
+
+
+TRACK_ENTRY = "track"
+"""Key of the number of poses in `rows` of a result."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +39,7 @@ class ExportResult:
     Attributes
     ----------
     folder
-        The folder that was written.
+        The folder or file that was written.
     rows
         Rows by file, or messages by topic.
     warnings
@@ -49,21 +59,41 @@ class ExportResult:
         for line in self.warnings:
             console.print(f"warning: {line}", highlight=False, markup=False, soft_wrap=True)
         for name, count in self.rows.items():
+            if name == TRACK_ENTRY:
+                console.print(f"{self.folder}: {count} poses", highlight=False, markup=False, soft_wrap=True)
+                continue
             line = f"{name}: {count} messages" if name.startswith("/") else f"{name}: {count} rows"
             console.print(f"{self.folder}/{line.lstrip('/')}", highlight=False, markup=False, soft_wrap=True)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `hubodo export`."""
-    parser.add_argument("log", metavar="LOG", type=Path, help=LOG_HELP)
+    parser.add_argument(
+        "log", metavar="LOG", type=Path, help=f"{LOG_HELP}; for a track also a folder written by hubodo fuse"
+    )
     add_log_options(parser)
     add_vehicle_option(parser)
-    parser.add_argument("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to create")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="DIR",
+        type=Path,
+        required=True,
+        help="folder to create, for a track the file",
+    )
     parser.add_argument(
         "--format",
-        choices=("csv", "parquet", "rosbag2"),
+        choices=("csv", "parquet", "rosbag2", *TRACK_FORMATS),
         default="csv",
-        help="parquet needs pyarrow (hubodo[parquet]); rosbag2 holds every message, in SQLite, for ros2 bag",
+        help="parquet needs pyarrow (hubodo[parquet]); rosbag2 holds every message, in SQLite, for ros2 bag; "
+        "the others hold the track, of a log the odometry recorded live",
+    )
+    parser.add_argument(
+        "--origin",
+        nargs=2,
+        type=bounded_number(),
+        metavar=("LATITUDE", "LONGITUDE"),
+        help="start of the track in degrees, with x to the east, for gpx, kml and geojson without GNSS",
     )
     add_force_option(parser, "output")
 
@@ -82,6 +112,8 @@ def run(args: argparse.Namespace) -> ExportResult:
         If the log cannot be read or the folder exists.
     """
     vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
+    if args.format in TRACK_FORMATS:
+        return _export_track(args, log_form(args, vehicle))
     if args.format == "rosbag2":
         return _export_rosbag2(args, log_form(args, vehicle))
     with progress_line() as show:
@@ -89,6 +121,19 @@ def run(args: argparse.Namespace) -> ExportResult:
         names = write_folder(recording, args.output, table_format=args.format, progress=show)
     counts = [len(table) for table in recording.files().values()]
     return ExportResult(str(args.output), dict(zip(names, counts, strict=True)), recording.warnings)
+
+
+def _export_track(args: argparse.Namespace, form: InputFormat) -> ExportResult:
+    require_free_path(args.output)
+    origin = tuple(args.origin) if args.origin else None
+    if is_fused(args.log):
+        track = read_fused_track(args.log, origin)
+    else:
+        with progress_line() as show:
+            recording = read_log(args.log, input_format=form, progress=show)
+        track = live_track(recording, str(args.log), origin)
+    write_atomically(args.output, TRACK_FORMATS[args.format](track))
+    return ExportResult(str(args.output), {TRACK_ENTRY: len(track.t)}, ())
 
 
 def _export_rosbag2(args: argparse.Namespace, form: InputFormat) -> ExportResult:

@@ -101,7 +101,7 @@ def run(args: argparse.Namespace) -> RecordResult:
     if calibration_path is not None:
         calibration = read_calibration(calibration_path)
         attachments["calibration.toml"] = calibration_path.read_bytes()
-    ros2 = ros2_config(args)
+    ros2 = ros2_config(args, has_topics=bool(config.topic_ports()))
     with (
         program_log("record", config.log_format),
         live_views(args, output, vehicle) as audience,

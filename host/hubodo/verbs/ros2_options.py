@@ -26,14 +26,15 @@ def add_ros2_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def ros2_config(args: argparse.Namespace) -> Ros2Config:
+def ros2_config(args: argparse.Namespace, *, has_topics: bool = False) -> Ros2Config:
     """Return `[ros2]` of the file of `--config`, with the options applied.
 
-    The environment of ROS is read only if something is published: it cannot stop any other recording.
+    has_topics: a port is a ROS 2 topic. The environment of ROS is read only if something is received or
+    published: it cannot stop any other recording.
     """
     config = Ros2Config() if args.config is None else load_ros2_config(args.config)
     config = config if args.ros2 is None else replace(config, publish=args.ros2)
-    if config.publish is None:
+    if config.publish is None and not has_topics:
         return config
-    require_transport(config.publish)
+    require_transport(config.publish or config.transport)
     return complete_config(config)

@@ -16,6 +16,7 @@ from hubodo.ingest.live.odometer import Odometer
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.snapshot import NodeStatus, Snapshot
 from hubodo.ingest.node.bias_filter import filter_report_json
+from hubodo.ingest.node.clock import ClockSync
 from hubodo.ingest.node.session import NodeSession
 from hubodo.recording import Event
 from hubodo.vehicle import facing_sign
@@ -67,7 +68,7 @@ def slow_frame(recorder: Recorder, snapshot: Snapshot) -> Frame:
     return {
         "seconds": round(snapshot.seconds, 1),
         "nodes": {
-            node.name: _node(node, sessions[node.name], biases.get(node.name)) for node in snapshot.nodes
+            node.name: _node(node, sessions.get(node.name), biases.get(node.name)) for node in snapshot.nodes
         },
         "links": {
             link.label: {
@@ -93,9 +94,11 @@ def slow_frame(recorder: Recorder, snapshot: Snapshot) -> Frame:
 
 
 def _node(
-    now: NodeStatus, session: NodeSession, bias: tuple[Sequence[float], Sequence[float]] | None
+    now: NodeStatus, session: NodeSession | None, bias: tuple[Sequence[float], Sequence[float]] | None
 ) -> Frame:
-    clock, health = session.clock.estimate(), session.health
+    # A node that is a ROS 2 topic has neither a clock of its own nor health reports.
+    clock = ClockSync().estimate() if session is None else session.clock.estimate()
+    health = None if session is None else session.health
     return {
         "link": now.link,
         "rate": round(now.rate, 1),
@@ -114,7 +117,7 @@ def _node(
         "battery": now.battery,
         "faults": [] if health is None else [f.name.lower() for f in Fault if f & health.faults],
         "temperature": None if now.temperature is None else round(now.temperature, 2),
-        "bias": _rounded(filter_report_json(session.filter_report)),
+        "bias": None if session is None else _rounded(filter_report_json(session.filter_report)),
         "host_bias": None if bias is None else {"bias": _round_6(bias[0]), "sigma": _round_6(bias[1])},
     }
 

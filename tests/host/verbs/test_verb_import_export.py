@@ -97,3 +97,27 @@ def test_export_to_a_folder_without_permission_exits_1_with_one_line(
     capsys.readouterr()
     assert main(["export", str(tmp_path / "a.mcap"), "-o", "/proc/nowhere"]) in (1, 2)
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_a_fused_track_is_exported_with_the_origin_of_its_fixes(tmp_path: Path, capsys) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "track.csv").write_text("t,x,y,heading\n1,0,0,0\n2,100,0,0.5\n")
+    origin = {"latitude_deg": 47.0, "longitude_deg": 8.0}
+    report = {"t_zero_ns": 1_790_000_000_000_000_000, "graph": {"origin": origin}}
+    (tmp_path / "out" / "fuse.json").write_text(json.dumps(report))
+    command = ["export", str(tmp_path / "out"), "--format", "geojson", "-o", str(tmp_path / "a.geojson")]
+    assert main([*command, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["rows"] == {"track": 2}
+    (feature,) = json.loads((tmp_path / "a.geojson").read_text())["features"]
+    assert feature["geometry"]["coordinates"][0] == [8.0, 47.0]
+    # 100 m to the east at 47 degrees north.
+    assert feature["geometry"]["coordinates"][1][0] == pytest.approx(8.0 + 100 / 76_056, abs=1e-5)
+    assert feature["properties"]["coordTimes"][0] == "2026-09-21T14:13:21.000Z"
+    assert main(command) == 2
+    assert "nothing is overwritten" in capsys.readouterr().err
+
+
+def test_a_log_without_odometry_has_no_track(folder: Path, tmp_path: Path, capsys) -> None:
+    assert main(["export", str(folder), "--format", "tum", "-o", str(tmp_path / "a.tum")]) == 2
+    error = capsys.readouterr().err
+    assert "holds no live odometry" in error and error.count("\n") == 1

@@ -61,7 +61,18 @@ class RefusedDatagrams:
     refused: dict[str, int]
 
 
-LinkReport = LinkUp | LinkLost | Chunk | RefusedDatagrams
+@dataclass(frozen=True, slots=True)
+class TopicMessage:
+    """A message of a ROS 2 topic, received at host time `t_ns`; wall_offset_ns: host minus wall clock."""
+
+    link: str
+    t_ns: int
+    wall_offset_ns: int
+    message_type: str
+    payload: bytes
+
+
+LinkReport = LinkUp | LinkLost | Chunk | RefusedDatagrams | TopicMessage
 
 
 class Inbox(Protocol):

@@ -18,7 +18,11 @@ from hubodo.errors import InputError, LinkError
 from hubodo.ingest.link.keys import KeyRing
 
 _BY_ID_FOLDER = Path("/dev/serial/by-id")
+TOPIC_KIND = "ros2"
+"""Kind of a port that is a ROS 2 topic."""
+_TOPIC_PREFIX = f"{TOPIC_KIND}:"
 _NAMED_PORT = re.compile(r"(?P<name>[A-Za-z][\w-]*)=(?P<port>.+)")
+_TOPIC_NAME = re.compile(r"(/[A-Za-z_]\w*)+(:[^:]*)?", re.ASCII)
 _SERIAL_NUMBER = re.compile(r"[\w.:-]+")
 _WINDOWS_PORT = re.compile(r"(\\\\\.\\)?COM\d+", re.IGNORECASE)
 
@@ -40,7 +44,7 @@ def list_devices() -> list[PortInfo]:
 
 @dataclass(frozen=True, slots=True)
 class PortName:
-    """A port as given by the user: ``[NAME=]`` and a device, USB serial number, socket:// or udp:// address.
+    """A port as given by the user: ``[NAME=]`` and a device, USB serial number, address or ROS 2 topic.
 
     Attributes
     ----------
@@ -49,9 +53,9 @@ class PortName:
     name
         Name of the node on this port; None to derive it from the node id.
     kind
-        "device", "serial number", "tcp" or "udp".
+        "device", "serial number", "tcp", "udp" or "ros2".
     where
-        Path, serial number, or "host:port".
+        Path, serial number, "host:port" or topic.
     keys
         Keys that authenticate the datagrams of nodes on UDP; None to accept datagrams without keys.
     """
@@ -80,16 +84,24 @@ class PortName:
 def parse_port(text: str) -> PortName:
     """Parse a port argument.
 
-    Raises InputError when it is none of the four kinds.
+    Raises InputError when it is none of these kinds.
     """
     match = _NAMED_PORT.fullmatch(text)
     name, port = (match["name"], match["port"]) if match else (None, text)
+    if port.startswith(_TOPIC_PREFIX):
+        topic = port.removeprefix(_TOPIC_PREFIX)
+        if not _TOPIC_NAME.fullmatch(topic):
+            raise InputError(
+                f"port {text!r}: write ros2:/TOPIC with a name that ROS 2 allows, such as /left/imu"
+            )
+        return PortName(text, name, TOPIC_KIND, topic)
     scheme, has_scheme, _ = port.partition("://")
     if has_scheme:
         kind = {"socket": "tcp", "udp": "udp"}.get(scheme)
         if kind is None:
             raise InputError(
-                f"port {text!r}: unknown scheme {scheme}://; write socket://HOST:PORT or udp://HOST:PORT"
+                f"port {text!r}: unknown scheme {scheme}://; write socket://HOST:PORT, udp://HOST:PORT or "
+                "ros2:/TOPIC"
             )
         try:
             parts = urlsplit(port)
@@ -104,8 +116,15 @@ def parse_port(text: str) -> PortName:
     if port and _SERIAL_NUMBER.fullmatch(port):
         return PortName(text, name, "serial number", port)
     raise InputError(
-        f"port {text!r}: write a device such as /dev/ttyACM0 or COM3, a USB serial number, socket:// or udp://"
+        f"port {text!r}: write a device such as /dev/ttyACM0 or COM3, a USB serial number, socket://, udp:// "
+        "or ros2:/TOPIC"
     )
+
+
+def is_topic(text: str) -> bool:
+    """Return True if a port argument is a ROS 2 topic, or meant to be one."""
+    match = _NAMED_PORT.fullmatch(text)
+    return (match["port"] if match else text).startswith(_TOPIC_PREFIX)
 
 
 def attach_keys(port: PortName, key_file: Path | None, *, insecure: bool) -> PortName:

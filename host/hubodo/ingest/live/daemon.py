@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 
 from rich.console import Console
 
 from hubodo.calibration.file import Calibration
-from hubodo.errors import CalibrationError, InputError, LinkError
-from hubodo.ingest.link.ports import DeviceLister, attach_keys, list_devices, parse_port
+from hubodo.errors import CalibrationError, InputError
+from hubodo.ingest.link.ports import DeviceLister, list_devices
 from hubodo.ingest.live.bulkheads import Bulkheads
-from hubodo.ingest.live.computer import Computer, Link, ThisComputer
+from hubodo.ingest.live.computer import Computer, ThisComputer
 from hubodo.ingest.live.localizer_thread import LocalizerThread
 from hubodo.ingest.live.loop import Loop
 from hubodo.ingest.live.loop import stop_links as stop_links
 from hubodo.ingest.live.record_config import RecordConfig
+from hubodo.ingest.live.record_links import create_links, open_links
 from hubodo.ingest.live.record_output import RecordOutput
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.snapshot import Audience, LogStatus, SnapshotObserver, SnapshotPublisher
@@ -26,7 +27,6 @@ from hubodo.ingest.live.status import RecordResult, build_result
 from hubodo.ingest.live.tee_sink import TeeSink
 from hubodo.ingest.live.view import create_view
 from hubodo.ingest.live.view_thread import ViewThread
-from hubodo.ingest.node.naming import unique_name
 from hubodo.ingest.stop_signals import stop_on_signals
 from hubodo.log.log_series import LogSeries
 from hubodo.log.log_writer import LogWriter
@@ -55,33 +55,33 @@ def record(
 
     computer: None for this one. console: output for the user, None for stderr. watch: called with a snapshot
     each second, in this thread; must return at once. audience: the live page, polled fifty times per second.
-    ros2: completed settings of the ROS 2 node; it publishes if they name a transport.
+    ros2: completed settings of the ROS 2 node; it publishes if they name a transport. Required for ports that
+    are topics.
     Unless `config.wait` is set, every port must open at the start; later a link may be reopened. Raises
     InputError (a port cannot be opened, `out` exists, foreign data on all links) and CalibrationError (nodes
     with other serials), which leave no log, and WireMismatch (nodes of another version), which leaves one.
     """
     computer = computer or ThisComputer(config.time_scale)
-    links, names, gnss = _create_links(config, computer, lister)
+    ports = create_links(config, computer, lister, vehicle, ros2)
     with ExitStack() as stack:
-        stack.callback(stop_links, links)
-        _open_all({} if config.wait else links)
+        stack.callback(stop_links, ports.links)
+        open_links({} if config.wait else ports.links)
         now_ns, zero = computer.now_ns, computer.now_ns() // NS_PER_S * NS_PER_S
         series = LogSeries(out, config.rules(), now_ns, wait=config.wait)
         stack.push(_remove_refused_logs(series))
         log = stack.enter_context(_open_log(config, series, zero, now_ns, metadata, attachments, vehicle))
         bulkheads = Bulkheads(now_ns)
-        localizer = _start_localizer(vehicle, zero, computer, bulkheads, stack) if gnss else None
+        localizer = _start_localizer(vehicle, zero, computer, bulkheads, stack) if ports.has_gnss else None
         listeners = {} if audience is None else dict(audience.attach(log, series, bulkheads))
-        outputs: dict[str, RecordOutput] = {}
-        if ros2 is not None and ros2.publish is not None:
-            outputs["ros2"] = stack.enter_context(_open_ros2_output(ros2, vehicle, now_ns()))
+        outputs = _open_outputs(ros2, vehicle, now_ns(), ports.received_topics, stack)
         listeners |= {part: output.attach(bulkheads) for part, output in outputs.items()}
         recorder = Recorder(
-            names,
+            ports.names,
             TeeSink(log, listeners, bulkheads),
-            lambda label, data, to: links[label].send(data, to),
+            lambda label, data, to: ports.links[label].send(data, to),
             now_ns,
-            gnss=gnss,
+            gnss=ports.nmea,
+            topic_ports=ports.topics,
             vehicle=vehicle,
             calibration=calibration,
             t_zero_ns=zero,
@@ -96,7 +96,7 @@ def record(
         publisher = _build_publisher(config, recorder, log, series, observers, audience, now_ns, stack)
         rotate = threading.Event()
         ending = stack.enter_context(stop_on_signals(stop or threading.Event(), rotate))
-        loop = Loop(links, computer, recorder, localizer, log, series, view, publisher, ending, rotate)
+        loop = Loop(ports.links, computer, recorder, localizer, log, series, view, publisher, ending, rotate)
         error, duration = loop.run(config.duration, check_fatal=not config.wait)
         if error is not None:
             raise error
@@ -115,13 +115,21 @@ def _start_localizer(
     return localizer
 
 
-def _open_ros2_output(
-    config: Ros2Config, vehicle: Vehicle | None, now_ns: int
-) -> AbstractContextManager[RecordOutput]:
-    # Imported here: other recordings need no ROS 2.
-    from hubodo.ingest.live.ros2_output import ros2_output
+def _open_outputs(
+    ros2: Ros2Config | None,
+    vehicle: Vehicle | None,
+    now_ns: int,
+    received: frozenset[str],
+    stack: ExitStack,
+) -> dict[str, RecordOutput]:
+    """Open the outputs that are configured; received: ports that are ROS 2 topics."""
+    outputs: dict[str, RecordOutput] = {}
+    if ros2 is not None and ros2.publish is not None:
+        # Imported here: other recordings need no ROS 2.
+        from hubodo.ingest.live.ros2_output import ros2_output
 
-    return ros2_output(config, vehicle, now_ns)
+        outputs["ros2"] = stack.enter_context(ros2_output(ros2, vehicle, now_ns, received))
+    return outputs
 
 
 def _open_log(
@@ -189,32 +197,3 @@ def _read_log_status(log: LogWriter, series: LogSeries) -> LogStatus:
         free,
         disk_size,
     )
-
-
-def _create_links(
-    config: RecordConfig, computer: Computer, lister: DeviceLister
-) -> tuple[dict[str, Link], dict[str, str | None], list[str]]:
-    links: dict[str, Link] = {}
-    names: dict[str, str | None] = {}
-    gnss = ["gnss"] if config.gnss is not None else []
-    wanted = [(text, config.baud, False) for text in config.ports]
-    wanted += [(config.gnss, config.gnss_baud, True)] if config.gnss is not None else []
-    used_ports: set[tuple[str, str]] = set()
-    for text, baud, is_gnss in wanted:
-        port = attach_keys(parse_port(text), config.key_path, insecure=config.insecure_udp)
-        if (port.kind, port.where) in used_ports:
-            raise InputError(f"port {text!r}: given twice; give each port once")
-        used_ports.add((port.kind, port.where))
-        label = "gnss" if is_gnss else unique_name(port.label, {*links, "gnss"})
-        links[label] = computer.link(port, label, baud, lister)
-        if not is_gnss:
-            names[label] = port.name
-    return links, names, gnss
-
-
-def _open_all(links: Mapping[str, Link]) -> None:
-    for link in links.values():
-        try:
-            link.open_now()
-        except LinkError as error:
-            raise InputError(f"{error} (or use --wait)") from None

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from hubodo.errors import ConfigError
+from hubodo.ingest.link.ports import is_topic
 from hubodo.log.disk_space import BYTES_PER_MB, RotationRules
 from hubodo.settings_table import check_bounds, setting
 from hubodo.toml_file import check_known_keys, load_toml, read_table
@@ -29,7 +30,8 @@ class RecordConfig:
 
     ports: tuple[str, ...] = setting(
         (),
-        "Nodes: [NAME=]/dev/..., a USB serial number, socket://HOST:PORT or udp://HOST:PORT (to listen on).",
+        "Nodes: [NAME=]/dev/..., a USB serial number, socket://HOST:PORT, udp://HOST:PORT (to listen on) or "
+        "ros2:/TOPIC.",
         example=("left=/dev/hubodo/E66058388366A231", "right=/dev/hubodo/E66058388355B142"),
         metavar="PORT",
     )
@@ -137,6 +139,10 @@ class RecordConfig:
     def key_path(self) -> Path | None:
         """Path of the key file; None without one."""
         return None if self.key_file is None else Path(self.key_file)
+
+    def topic_ports(self) -> list[str]:
+        """Return the ports that are ROS 2 topics."""
+        return [text for text in (*self.ports, self.gnss) if text is not None and is_topic(text)]
 
     def rules(self) -> RotationRules:
         """Return the rules for rotation of logs and disk space."""

@@ -12,7 +12,8 @@ from hubodo.calibration.file import Calibration
 from hubodo.errors import CalibrationError, InputError, WireMismatch
 from hubodo.fuse.wheel.records import Pose
 from hubodo.ingest.gnss.session import GnssSession
-from hubodo.ingest.link.link import Chunk, LinkLost, LinkReport, LinkUp, RefusedDatagrams
+from hubodo.ingest.link.connection import Connection
+from hubodo.ingest.link.link import Chunk, LinkLost, LinkReport, LinkUp, RefusedDatagrams, TopicMessage
 from hubodo.ingest.link.session import DAMAGED_SUFFIX, LinkSession
 from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.latency import LatencyHistogram
@@ -27,6 +28,9 @@ from hubodo.ingest.node.naming import assign_name
 from hubodo.ingest.node.request_encoder import identification_request
 from hubodo.ingest.node.senders import Route
 from hubodo.ingest.node.session import NodeSession
+from hubodo.ingest.topic.handlers import TopicItem, create_handler
+from hubodo.ingest.topic.port import TopicPort
+from hubodo.ingest.topic.session import TopicSession
 from hubodo.log.records import EventRecord, ImuBlock, Metadata, RawFrame, Sink
 from hubodo.recording import Event
 from hubodo.vehicle import Vehicle
@@ -39,6 +43,7 @@ class Recorder:
     """Routes the reports of links to nodes, odometry and log.
 
     links: node name by link label, None to derive it from the node id. gnss: labels of links with NMEA.
+    topic_ports: ROS 2 topics that are recorded.
     send(link, bytes, to): writes to a link. vehicle: enables odometry; calibration: applied to its samples.
     clock_period: interval of clock requests, s. localizer: receives odometry and fixes; its outputs are to be
     passed to `handle`. bulkheads: count the faults of parts.
@@ -52,6 +57,7 @@ class Recorder:
         now_ns: Callable[[], int],
         *,
         gnss: Iterable[str] = (),
+        topic_ports: Iterable[TopicPort] = (),
         vehicle: Vehicle | None = None,
         calibration: Calibration | None = None,
         t_zero_ns: int = 0,
@@ -64,6 +70,10 @@ class Recorder:
         self.links = {label: LinkSession(label, sink) for label in links}
         self._log_times = LogTimeSequence()
         self.gnss = {label: GnssSession(label, sink, self._log_times) for label in gnss}
+        self.topics = {
+            port.label: TopicSession(port, create_handler(port, sink, self._log_times, vehicle), sink)
+            for port in topic_ports
+        }
         self.nodes: dict[tuple[str, int, int], NodeSession] = {}
         """Nodes by link label, node id and number of the board with this id (0 on a serial line)."""
         self.odometer: Odometer | None = None
@@ -93,11 +103,15 @@ class Recorder:
             cause = report.data if isinstance(report, Chunk) else b""
             gnss = self.gnss[report.link]
             self.bulkheads.run(f"receiver {report.link}", self._handle_gnss, gnss, report, cause=cause)
-        elif not isinstance(report, Chunk):
+        elif report.link in self.topics:
+            message = report.payload if isinstance(report, TopicMessage) else b""
+            topic = self.topics[report.link]
+            self.bulkheads.run(f"topic {report.link}", self._handle_topic, topic, report, cause=message)
+        elif not isinstance(report, Chunk | TopicMessage):
             self.bulkheads.run(
                 f"link {report.link}", self._handle_link_change, self.links[report.link], report
             )
-        else:
+        elif isinstance(report, Chunk):
             self._handle_chunk(self._decode_chunk, report)
 
     def _handle_chunk(self, action: Callable[[Chunk], None], chunk: Chunk) -> None:
@@ -124,14 +138,30 @@ class Recorder:
 
     def _handle_gnss(self, gnss: GnssSession, report: LinkReport) -> None:
         """Handle a report of the link of a GNSS receiver."""
+        self._handle_connection(gnss.connection, report)
+        if isinstance(report, Chunk):
+            self._forward_to_map(gnss.handle_bytes(report.data, report.t_ns), report.t_ns)
+
+    def _handle_topic(self, topic: TopicSession, report: LinkReport) -> None:
+        """Handle a report of the link of a ROS 2 topic."""
+        self._handle_connection(topic.connection, report)
+        if isinstance(report, TopicMessage):
+            for item in topic.handle_message(report):
+                self._handle_topic_item(item, report.t_ns)
+
+    def _handle_topic_item(self, item: TopicItem, arrived_ns: int) -> None:
+        if isinstance(item, ImuBlock):
+            self._update_odometry([item], arrived_ns)
+        else:
+            self._forward_to_map([item], arrived_ns)
+
+    def _handle_connection(self, connection: Connection, report: LinkReport) -> None:
         match report:
             case LinkUp():
-                gnss.connection.handle_up(report)
+                connection.handle_up(report)
             case LinkLost():
-                gnss.connection.handle_lost(report)
-            case Chunk():
-                self._forward_to_map(gnss.handle_bytes(report.data, report.t_ns), report.t_ns)
-        self.notices += gnss.connection.take_notices()
+                connection.handle_lost(report)
+        self.notices += connection.take_notices()
 
     def tick(self, now_ns: int) -> None:
         """Run the periodic tasks; to be called about every 0.1 s or more often."""
@@ -139,6 +169,8 @@ class Recorder:
             self.bulkheads.run(f"link {link.label}", self._tick_link, link, now_ns)
         for node in list(self.nodes.values()):
             self.bulkheads.run(_part_name(node), self._tick_node, node, now_ns)
+        for label, topic in self.topics.items():
+            self.bulkheads.run(f"topic {label}", lambda topic=topic: self.notices.extend(topic.tick(now_ns)))
         self.bulkheads.run("status", self._compare_firmware)
         self.bulkheads.run("odometry", self._report_odometry_warnings, now_ns)
         for event in self.bulkheads.due_reports():
@@ -209,6 +241,8 @@ class Recorder:
             run(_part_name(node), self._close_node, node, now_ns)
         for gnss in self.gnss.values():
             run(f"receiver {gnss.label}", lambda gnss=gnss: self._forward_to_map(gnss.close(), now_ns))
+        for label, topic in self.topics.items():
+            run(f"topic {label}", topic.close, now_ns)
         run("odometry", self._close_odometry, now_ns)
         if self._undecoded_pieces:
             text = f"{self._undecoded_pieces} frames were logged raw, not decoded: hubodo import decodes them"
@@ -305,7 +339,7 @@ class Recorder:
         return node
 
     def _choose_name(self, label: str, node_id: int) -> str:
-        used_names = {node.name for node in self.nodes.values()}
+        used_names = {*(node.name for node in self.nodes.values()), *self.topics}
         unique, has_clash = assign_name(self._names[label], node_id, used_names)
         if not has_clash:
             return unique

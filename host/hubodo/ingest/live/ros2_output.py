@@ -85,8 +85,14 @@ class _PublishedTopics:
 class Ros2Output:
     """A `RecordOutput` that publishes from its own thread; its topics are those of the log."""
 
-    def __init__(self, node: Node, vehicle: Vehicle | None, start_ns: int) -> None:
-        """Publish the frames of the vehicle; start_ns: host time, for their stamps."""
+    def __init__(
+        self, node: Node, vehicle: Vehicle | None, start_ns: int, received: frozenset[str] = frozenset()
+    ) -> None:
+        """Publish the frames of the vehicle.
+
+        start_ns: host time, for their stamps. received: ports that are ROS 2 topics; not published again.
+        """
+        self._received = received
         self._log = LogWriter(_PublishedTopics(node), clock=None)
         self._diagnostics = node.create_publisher(
             DIAGNOSTICS_TOPIC, ros2.DIAGNOSTICS, topic_qos(DIAGNOSTICS_TOPIC, ros2.DIAGNOSTICS)
@@ -122,7 +128,10 @@ class Ros2Output:
             self._thread.close()
 
     def _queue(self, record: LogRecord) -> None:
-        if self._thread is not None and isinstance(record, _PUBLISHED_RECORDS):
+        if self._thread is None or not isinstance(record, _PUBLISHED_RECORDS):
+            return
+        source = "gnss" if isinstance(record, GnssFix) else getattr(record, "node", None)
+        if source not in self._received:
             self._thread.put(record)
 
     def _publish(self, item: LogRecord | Snapshot) -> None:
@@ -135,11 +144,13 @@ class Ros2Output:
 
 
 @contextmanager
-def ros2_output(config: Ros2Config, vehicle: Vehicle | None, start_ns: int) -> Iterator[Ros2Output]:
-    """Provide the output to ROS 2; config: completed, with a transport to publish on."""
+def ros2_output(
+    config: Ros2Config, vehicle: Vehicle | None, start_ns: int, received: frozenset[str] = frozenset()
+) -> Iterator[Ros2Output]:
+    """Provide the output to ROS 2; config: completed, with a transport to publish on; see `Ros2Output`."""
     assert config.publish is not None
     with shared_node(config.publish, config) as node:
-        output = Ros2Output(node, vehicle, start_ns)
+        output = Ros2Output(node, vehicle, start_ns, received)
         try:
             yield output
         finally:

@@ -17,6 +17,8 @@ from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.tee_sink import RecordListener
 from hubodo.ingest.node.session import NodeSession
+from hubodo.ingest.topic.handlers import FixHandler, ImuHandler
+from hubodo.ingest.topic.session import TopicSession
 from hubodo.log.log_series import LogSeries
 from hubodo.log.log_writer import LogWriter
 from hubodo.recording import Event
@@ -211,22 +213,39 @@ class SnapshotPublisher:
 
 def take_snapshot(recorder: Recorder, log: LogStatus, started_ns: int, now_ns: int) -> Snapshot:
     """Return the present status; to be called in the recorder's thread."""
-    located = recorder.map.latest
+    located, topics = recorder.map.latest, list(recorder.topics.values())
     return Snapshot(
         now_ns,
         started_ns,
         log,
-        tuple(_link_status(link) for link in recorder.links.values()),
-        tuple(_node_status(node, now_ns) for node in recorder.nodes.values()),
-        tuple(
-            GnssStatus(
-                label,
-                session.decoder.counts.fixes,
-                session.decoder.counts.checksum_errors,
-                session.last_fix.latitude_deg if session.last_fix is not None else None,
-                session.last_fix.longitude_deg if session.last_fix is not None else None,
-            )
-            for label, session in recorder.gnss.items()
+        (
+            *(_link_status(link) for link in recorder.links.values()),
+            *(_topic_link_status(topic) for topic in topics),
+        ),
+        (
+            *(_node_status(node, now_ns) for node in recorder.nodes.values()),
+            *(
+                _topic_node_status(topic, topic.handler, now_ns)
+                for topic in topics
+                if isinstance(topic.handler, ImuHandler)
+            ),
+        ),
+        (
+            *(
+                GnssStatus(
+                    label,
+                    session.decoder.counts.fixes,
+                    session.decoder.counts.checksum_errors,
+                    session.last_fix.latitude_deg if session.last_fix is not None else None,
+                    session.last_fix.longitude_deg if session.last_fix is not None else None,
+                )
+                for label, session in recorder.gnss.items()
+            ),
+            *(
+                _topic_gnss_status(topic, topic.handler)
+                for topic in topics
+                if isinstance(topic.handler, FixHandler)
+            ),
         ),
         _odometry_status(recorder),
         None if located is None else (float(located.position[0, 0]), float(located.position[0, 1])),
@@ -281,6 +300,58 @@ def _node_status(node: NodeSession, now_ns: int) -> NodeStatus:
         _mean_vector(newest.gyro) if newest is not None else None,
         _mean_vector(newest.accel) if newest is not None else None,
         node.decoder.mismatch_text,
+    )
+
+
+def _topic_link_status(topic: TopicSession) -> LinkStatus:
+    connection = topic.connection
+    return LinkStatus(
+        topic.port.label,
+        connection.where,
+        topic.messages,
+        topic.bytes,
+        0,
+        topic.damage.total(),
+        connection.disconnections,
+        None,
+        connection.faults,
+    )
+
+
+def _topic_node_status(topic: TopicSession, samples: ImuHandler, now_ns: int) -> NodeStatus:
+    """Return the status of a node whose samples are messages of a topic."""
+    clock, newest = topic.clock.sync.estimate(), samples.newest_block
+    return NodeStatus(
+        topic.port.label,
+        topic.port.label,
+        0,
+        topic.rate(now_ns),
+        (now_ns - topic.last_message_ns) / NS_PER_S,
+        topic.messages,
+        topic.samples_lost,
+        topic.samples,
+        topic.samples_lost,
+        0,
+        clock.offset_ns / NS_PER_S,
+        clock.drift,
+        clock.sigma_ns / NS_PER_S if clock.source != "none" else None,
+        None,
+        None,
+        None,
+        _mean_vector(newest.gyro) if newest is not None else None,
+        _mean_vector(newest.accel) if newest is not None else None,
+        None,
+    )
+
+
+def _topic_gnss_status(topic: TopicSession, receiver: FixHandler) -> GnssStatus:
+    fix = receiver.last_fix
+    return GnssStatus(
+        topic.port.label,
+        receiver.fixes,
+        topic.damage.total(),
+        None if fix is None else fix.latitude_deg,
+        None if fix is None else fix.longitude_deg,
     )
 
 

@@ -13,6 +13,8 @@ from rich.table import Table
 from hubodo.ingest.link.session import LinkSession
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.node.bias_filter import filter_report_json
+from hubodo.ingest.topic.handlers import FixHandler, ImuHandler
+from hubodo.ingest.topic.session import OUT_OF_ORDER, UNDECODABLE, TopicSession
 from hubodo.log.log_series import LogSeries
 
 
@@ -186,6 +188,12 @@ def build_result(recorder: Recorder, series: LogSeries, *, duration: float, mess
         }
         for label, session in recorder.gnss.items()
     }
+    for label, topic in recorder.topics.items():
+        links[label] = _topic_link_json(topic)
+        if isinstance(topic.handler, ImuHandler):
+            nodes[label] = _topic_node_json(topic)
+        elif isinstance(topic.handler, FixHandler):
+            gnss[label] = _topic_gnss_json(topic, topic.handler.fixes)
     return RecordResult(
         file=str(series.path),
         files=tuple(map(str, series.paths)),
@@ -238,6 +246,47 @@ def _map_json(recorder: Recorder) -> dict[str, Any] | None:
             "sigma": math.sqrt(float(np.trace(located.pose_covariance[0, :2, :2]))),
         }
     return fields
+
+
+def _topic_node_json(topic: TopicSession) -> dict[str, Any]:
+    return {
+        "link": topic.port.label,
+        "node_id": None,
+        "frames": topic.messages,
+        "frames_lost": topic.samples_lost,
+        "frames_late": topic.damage[OUT_OF_ORDER],
+        "frames_unread": topic.damage[UNDECODABLE],
+        "samples": topic.samples,
+        "samples_lost": topic.samples_lost,
+        "rate_hz": topic.mean_rate(),
+        "saturated_batches": 0,
+        "gaps": dict(topic.gaps),
+        "restarts": 0,
+        "refused": None,
+        "bias_filter": None,
+        "battery_mv": None,
+        "clock": topic.clock.sync.estimate().as_json(),
+    }
+
+
+def _topic_gnss_json(topic: TopicSession, fixes: int) -> dict[str, Any]:
+    damaged = topic.damage.total()
+    return {"fixes": fixes, "sentences": topic.messages, "checksum_errors": 0, "unread": damaged}
+
+
+def _topic_link_json(topic: TopicSession) -> dict[str, Any]:
+    return {
+        "where": topic.connection.where,
+        "frames": topic.messages,
+        "bytes": topic.bytes,
+        "frames_damaged": topic.damage.total(),
+        "damage": dict(topic.damage),
+        "frames_cut": 0,
+        "disconnections": topic.connection.disconnections,
+        "faults": topic.connection.faults,
+        "refused": 0,
+        "senders_evicted": 0,
+    }
 
 
 def _link_json(link: LinkSession) -> dict[str, Any]:

@@ -103,7 +103,7 @@ class GapGroup:
 
     def to_events(self) -> Iterator[Event]:
         """Return the event of each gap."""
-        return (_gap_event(self.node, gap, self.cause) for gap in self.gaps)
+        return (gap_event(self.node, gap, self.cause) for gap in self.gaps)
 
 
 @dataclass(slots=True, eq=False)
@@ -139,18 +139,18 @@ class GapClassifier:
     ) -> Iterator[Event]:
         """Add a gap and yield its event if the cause is already known."""
         if restart:
-            yield _gap_event(self._node, gap, NODE_RESTARTED)
+            yield gap_event(self._node, gap, NODE_RESTARTED)
         elif now.disconnections != before.disconnections:
-            yield _gap_event(self._node, gap, LINK_DOWN)
+            yield gap_event(self._node, gap, LINK_DOWN)
         elif now.damaged_frames != before.damaged_frames and gap.frames_lost:
             cause = f"{DAMAGED_BYTES}, {CHIP_OVERRUN}" if overrun else DAMAGED_BYTES
             if gap.duration_ns < _MIN_SUSPENSION_GAP_NS:
-                yield _gap_event(self._node, gap, cause)
+                yield gap_event(self._node, gap, cause)
             else:
                 # A line that overflows during a suspension of the host cuts a frame in two.
                 self._pending.append(_PendingGaps((gap,), cause=cause))
         elif overrun:
-            yield _gap_event(self._node, gap, CHIP_OVERRUN)
+            yield gap_event(self._node, gap, CHIP_OVERRUN)
         else:
             self._pending.append(_PendingGaps((gap,)))
 
@@ -198,7 +198,7 @@ class GapClassifier:
                 young = np.flatnonzero(now_ns - first.gaps.end_ns <= _MAX_WAIT_NS)
                 if len(young):
                     yield from (
-                        _gap_event(self._node, gap, LOST_IN_TRANSIT)
+                        gap_event(self._node, gap, LOST_IN_TRANSIT)
                         for gap in first.gaps.select(slice(young[0]))
                     )
                     first.gaps = first.gaps.select(slice(young[0], None))
@@ -217,10 +217,11 @@ class GapClassifier:
         begin_ns, end_ns = self._suspension_ns
         for gap in waiting.gaps:
             was_suspended = gap.start_ns < end_ns + _BACKLOG_NS and gap.end_ns > begin_ns
-            yield _gap_event(self._node, gap, HOST_SUSPENDED if was_suspended else waiting.cause or cause)
+            yield gap_event(self._node, gap, HOST_SUSPENDED if was_suspended else waiting.cause or cause)
 
 
-def _gap_event(node: str, gap: WireGap, cause: str) -> Event:
+def gap_event(node: str, gap: WireGap, cause: str) -> Event:
+    """Return the event of a gap."""
     seconds = gap.duration_ns * 1e-9
     if gap.stream == "ImuBatch":
         lost = "an unknown number of samples" if gap.samples_lost is None else f"{gap.samples_lost} samples"
