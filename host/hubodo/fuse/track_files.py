@@ -154,7 +154,7 @@ def format_geojson(track: ExportedTrack) -> str:
     return json_text({"type": "FeatureCollection", "features": [feature]}) + "\n"
 
 
-TRACK_FORMATS: Mapping[str, Callable[[ExportedTrack], str]] = {
+TRACK_WRITERS: Mapping[str, Callable[[ExportedTrack], str]] = {
     "tum": format_tum,
     "kitti": format_kitti,
     "gpx": format_gpx,

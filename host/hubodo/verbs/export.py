@@ -9,8 +9,7 @@ from typing import Any
 
 from rich.console import Console
 
-from hubodo.atomic_files import require_free_path, write_atomically
-from hubodo.fuse.track_files import TRACK_FORMATS, is_fused, live_track, read_fused_track
+from hubodo.atomic_files import write_atomically
 from hubodo.log.any_log import open_as_mcap, read_log
 from hubodo.log.csv_folder import write_folder
 from hubodo.log.logfile import open_log
@@ -28,6 +27,8 @@ EXAMPLE = (
 )
 
 
+TRACK_FORMATS = ("tum", "kitti", "gpx", "kml", "geojson")
+"""Formats of a track; see `hubodo.fuse.track_files`."""
 TRACK_ENTRY = "track"
 """Key of the number of poses in `rows` of a result."""
 
@@ -124,7 +125,9 @@ def run(args: argparse.Namespace) -> ExportResult:
 
 
 def _export_track(args: argparse.Namespace, form: InputFormat) -> ExportResult:
-    require_free_path(args.output)
+    # Imported here: other exports need no odometry.
+    from hubodo.fuse.track_files import TRACK_WRITERS, is_fused, live_track, read_fused_track
+
     origin = tuple(args.origin) if args.origin else None
     if is_fused(args.log):
         track = read_fused_track(args.log, origin)
@@ -132,7 +135,7 @@ def _export_track(args: argparse.Namespace, form: InputFormat) -> ExportResult:
         with progress_line() as show:
             recording = read_log(args.log, input_format=form, progress=show)
         track = live_track(recording, str(args.log), origin)
-    write_atomically(args.output, TRACK_FORMATS[args.format](track))
+    write_atomically(args.output, TRACK_WRITERS[args.format](track))
     return ExportResult(str(args.output), {TRACK_ENTRY: len(track.t)}, ())
 
 

@@ -10,7 +10,7 @@ from pyproj import Geod
 from scipy.spatial.transform import Rotation
 
 from hubodo.errors import InputError
-from hubodo.fuse.track_files import TRACK_FORMATS, ExportedTrack
+from hubodo.fuse.track_files import TRACK_WRITERS, ExportedTrack
 
 START = 1_790_000_000.25
 N = 200
@@ -30,7 +30,7 @@ def table(text):
 
 
 def test_tum_has_times_positions_and_unit_quaternions():
-    rows = table(TRACK_FORMATS["tum"](TRACK))
+    rows = table(TRACK_WRITERS["tum"](TRACK))
     assert rows.shape == (N, 8)
     np.testing.assert_allclose(rows[:, 0], TRACK.t, rtol=0, atol=1e-6)
     np.testing.assert_allclose(rows[:, 1:4], np.column_stack([TRACK.x, TRACK.y, 0 * TRACK.x]), atol=1e-8)
@@ -39,7 +39,7 @@ def test_tum_has_times_positions_and_unit_quaternions():
 
 
 def test_kitti_has_the_matrix_of_each_pose():
-    rows = table(TRACK_FORMATS["kitti"](TRACK)).reshape(N, 3, 4)
+    rows = table(TRACK_WRITERS["kitti"](TRACK)).reshape(N, 3, 4)
     np.testing.assert_allclose(
         rows[:, :, :3], Rotation.from_euler("z", HEADING[:, None]).as_matrix(), atol=1e-11
     )
@@ -48,7 +48,7 @@ def test_kitti_has_the_matrix_of_each_pose():
 
 def positions(name):
     """Return latitudes, longitudes and ISO times of a map file, None where it has no times."""
-    text = TRACK_FORMATS[name](TRACK)
+    text = TRACK_WRITERS[name](TRACK)
     if name == "geojson":
         (feature,) = json.loads(text)["features"]
         assert feature["geometry"]["type"] == "LineString"
@@ -82,4 +82,4 @@ def test_map_files_have_the_position_on_the_ellipsoid(name):
 def test_map_files_need_a_position_on_earth():
     track = ExportedTrack("drive", TRACK.t, TRACK.x, TRACK.y, HEADING)
     with pytest.raises(InputError, match="--origin"):
-        TRACK_FORMATS["gpx"](track)
+        TRACK_WRITERS["gpx"](track)

@@ -30,7 +30,7 @@ def plain(value):
 
 
 @pytest.mark.parametrize("message_type", MESSAGES)
-def test_messages_of_another_encoder_are_decoded_and_encoded_alike(message_type):
+def test_messages_of_another_encoder_are_decoded_and_encoded_equally(message_type):
     kind, values = MESSAGES[message_type]
     message = build(kind, values, 1_700_000_000_123_456_789)
     payload = message.serialize(use_version_2=False)

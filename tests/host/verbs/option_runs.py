@@ -145,6 +145,10 @@ RUNS: tuple[Run, ...] = (
     *_logs("export", "-o out-{n}"),
     Run("export rest.mcap --force --format parquet --vehicle vehicle.toml -o out-{n}"),
     Run(
+        "fuse drive.mcap --vehicle vehicle.toml -o out-{n} ; "
+        "export out-{n} --format gpx --origin 47 8 -o out-{n}.gpx"
+    ),
+    Run(
         "vehicle new --diameter 33cm --track 55cm --left-facing outwards --right-facing none "
         "--antenna 50cm 0 --latitude-deg 48 --force -o out-{n}.toml ; "
         "vehicle check out-{n}.toml rest.mcap --push 2m",

@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from hubodo.cli import main
+from hubodo.fuse.track_files import TRACK_WRITERS
+from hubodo.verbs.export import TRACK_FORMATS
 
 GOOD = "t,gx,gy,gz,ax,ay,az,left wheel\n" + "".join(f"{i / 8},{i},2,3,4,5,6,-0.0\n" for i in range(10))
 
@@ -114,7 +116,11 @@ def test_a_fused_track_is_exported_with_the_origin_of_its_fixes(tmp_path: Path, 
     assert feature["geometry"]["coordinates"][1][0] == pytest.approx(8.0 + 100 / 76_056, abs=1e-5)
     assert feature["properties"]["coordTimes"][0] == "2026-09-21T14:13:21.000Z"
     assert main(command) == 2
-    assert "nothing is overwritten" in capsys.readouterr().err
+    assert "give --force to replace it" in capsys.readouterr().err
+
+
+def test_the_option_offers_every_format_of_a_track() -> None:
+    assert tuple(TRACK_WRITERS) == TRACK_FORMATS
 
 
 def test_a_log_without_odometry_has_no_track(folder: Path, tmp_path: Path, capsys) -> None:

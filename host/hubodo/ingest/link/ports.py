@@ -16,13 +16,10 @@ from serial.tools import list_ports
 
 from hubodo.errors import InputError, LinkError
 from hubodo.ingest.link.keys import KeyRing
+from hubodo.ingest.link.topic_name import TOPIC_KIND, is_topic, is_valid_topic
 
 _BY_ID_FOLDER = Path("/dev/serial/by-id")
-TOPIC_KIND = "ros2"
-"""Kind of a port that is a ROS 2 topic."""
-_TOPIC_PREFIX = f"{TOPIC_KIND}:"
 _NAMED_PORT = re.compile(r"(?P<name>[A-Za-z][\w-]*)=(?P<port>.+)")
-_TOPIC_NAME = re.compile(r"(/[A-Za-z_]\w*)+(:[^:]*)?", re.ASCII)
 _SERIAL_NUMBER = re.compile(r"[\w.:-]+")
 _WINDOWS_PORT = re.compile(r"(\\\\\.\\)?COM\d+", re.IGNORECASE)
 
@@ -88,9 +85,9 @@ def parse_port(text: str) -> PortName:
     """
     match = _NAMED_PORT.fullmatch(text)
     name, port = (match["name"], match["port"]) if match else (None, text)
-    if port.startswith(_TOPIC_PREFIX):
-        topic = port.removeprefix(_TOPIC_PREFIX)
-        if not _TOPIC_NAME.fullmatch(topic):
+    if is_topic(port):
+        topic = port.removeprefix(f"{TOPIC_KIND}:")
+        if not is_valid_topic(topic):
             raise InputError(
                 f"port {text!r}: write ros2:/TOPIC with a name that ROS 2 allows, such as /left/imu"
             )
@@ -119,12 +116,6 @@ def parse_port(text: str) -> PortName:
         f"port {text!r}: write a device such as /dev/ttyACM0 or COM3, a USB serial number, socket://, udp:// "
         "or ros2:/TOPIC"
     )
-
-
-def is_topic(text: str) -> bool:
-    """Return True if a port argument is a ROS 2 topic, or meant to be one."""
-    match = _NAMED_PORT.fullmatch(text)
-    return (match["port"] if match else text).startswith(_TOPIC_PREFIX)
 
 
 def attach_keys(port: PortName, key_file: Path | None, *, insecure: bool) -> PortName:

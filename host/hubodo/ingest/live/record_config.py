@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from hubodo.errors import ConfigError
-from hubodo.ingest.link.ports import is_topic
+from hubodo.ingest.link.topic_name import is_topic
 from hubodo.log.disk_space import BYTES_PER_MB, RotationRules
 from hubodo.settings_table import check_bounds, setting
 from hubodo.toml_file import check_known_keys, load_toml, read_table

@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from hubodo.errors import InputError, LinkError
-from hubodo.ingest.link.ports import TOPIC_KIND, DeviceLister, PortName, attach_keys, is_topic, parse_port
+from hubodo.ingest.link.ports import DeviceLister, PortName, attach_keys, parse_port
+from hubodo.ingest.link.topic_name import TOPIC_KIND, is_topic
 from hubodo.ingest.live.computer import Computer, Link
 from hubodo.ingest.live.record_config import RecordConfig
 from hubodo.ingest.node.naming import unique_name

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from hubodo.errors import InputError
-from hubodo.ingest.link.ports import TOPIC_KIND, PortName
+from hubodo.ingest.link.ports import PortName
+from hubodo.ingest.link.topic_name import TOPIC_KIND
 from hubodo.log import ros2
 from hubodo.log.roles import TopicCandidate, TopicSelection, assign_roles, node_name_of_topic
 from hubodo.vehicle import Vehicle

@@ -3,7 +3,8 @@
 import pytest
 
 from hubodo.errors import InputError
-from hubodo.ingest.link.ports import is_topic, parse_port
+from hubodo.ingest.link.ports import parse_port
+from hubodo.ingest.link.topic_name import is_topic
 from hubodo.ingest.topic.port import TopicPort, match_vehicle_nodes, parse_topic_port
 from hubodo.vehicle import load_vehicle
 from vehicles import vehicle_toml

@@ -16,9 +16,9 @@ def count_lost(stamps_ns):
 def test_losses_of_a_regular_topic_are_counted(share, jitter):
     random = np.random.default_rng(4)
     stamps = 5e6 * (np.arange(4000) + jitter * random.uniform(-1, 1, 4000))
-    kept = random.uniform(size=4000) >= share
-    kept[:40] = kept[-1] = True
-    assert count_lost(stamps[kept]) == pytest.approx(np.count_nonzero(~kept), rel=0.1)
+    received = random.uniform(size=4000) >= share
+    received[:40] = received[-1] = True
+    assert count_lost(stamps[received]) == pytest.approx(np.count_nonzero(~received), rel=0.1)
 
 
 @pytest.mark.parametrize("size", [2, 4, 8, 10])
