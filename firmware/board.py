@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
 _BUS_HZ = const(400000)
 _WATCHDOG_MS = const(8000)
-_UART_BUFFER = const(512)
 
 
 class Hardware:
@@ -78,43 +77,10 @@ class Hardware:
 
     def open_link(self):
         """Return the link that the settings name."""
-        import link
+        from link_choice import open_link
 
-        kind = self.settings["link"]
-        if kind == "uart":
-            return self._open_uart()
-        if kind in ("nrf24", "espnow"):
-            import radio
-
-            return radio.open_link(self)
-        if kind == "udp":
-            if self.settings["key"]:
-                import sealed
-
-                return sealed.SealedUdpLink(self.settings)
-            import wifi
-
-            return wifi.UdpLink(self.settings)
-        if sys.platform == "esp32":
-            import uart
-
-            return uart.ConsoleLink()
-        return link.UsbLink()
-
-    def _open_uart(self):
-        import uart
-
-        baud, pins = self.settings["baud"], self.pins
-        port = machine.UART(
-            pins["uart"],
-            baud,
-            tx=machine.Pin(pins["tx"]),
-            rx=machine.Pin(pins["rx"]),
-            txbuf=_UART_BUFFER,
-            rxbuf=_UART_BUFFER,
-            timeout=0,
-        )
-        return uart.UartLink(port, baud, _UART_BUFFER)
+        del sys.modules["link_choice"]
+        return open_link(self)
 
     def _bus(self):
         pins = self.pins

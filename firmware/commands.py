@@ -4,9 +4,7 @@ import struct
 from time import ticks_us
 
 import reports
-import settings
 from bias_initialiser import MIN_SAMPLES
-from drivers.chip import nearest
 from framing import PAYLOAD
 from wire import (
     ACK,
@@ -14,13 +12,6 @@ from wire import (
     ACK_SIZE,
     BIAS_INIT,
     BIAS_INIT_SIZE,
-    CONFIG_KEY_ACCEL_RANGE_G,
-    CONFIG_KEY_FILTER_KIND,
-    CONFIG_KEY_FORGETTING_Q20,
-    CONFIG_KEY_GAIN_BIAS_Q30,
-    CONFIG_KEY_GAIN_RATE_Q20,
-    CONFIG_KEY_GYRO_RANGE_DPS,
-    CONFIG_KEY_RATE_HZ,
     FILTER_STATE_INITIALISING,
     GET_HELLO,
     NACK,
@@ -30,7 +21,6 @@ from wire import (
     REASON_BAD_VALUE,
     REASON_BUSY,
     REASON_NO_IMU,
-    REASON_NOT_STORED,
     REASON_UNKNOWN_MESSAGE,
     REBOOT,
     REBOOT_MODE_REPL,
@@ -44,13 +34,6 @@ from wire import (
     TIME_REPLY_SIZE,
     TIME_REQUEST,
     TIME_REQUEST_SIZE,
-)
-
-_OF_FILTER = (
-    CONFIG_KEY_FILTER_KIND,
-    CONFIG_KEY_GAIN_RATE_Q20,
-    CONFIG_KEY_GAIN_BIAS_Q30,
-    CONFIG_KEY_FORGETTING_Q20,
 )
 
 
@@ -86,7 +69,9 @@ class Commands:
             self._start_bias(seq, raw[PAYLOAD] | raw[PAYLOAD + 1] << 8)
         elif request == SET_CONFIG and size >= SET_CONFIG_SIZE:
             key, value = struct.unpack_from(SET_CONFIG_FORMAT, raw, PAYLOAD)
-            self._set(seq, key, value)
+            import set_config
+
+            set_config.set_config(node, seq, key, value)
         elif request == REBOOT and size >= REBOOT_SIZE:
             self._reboot(seq, raw[PAYLOAD])
         elif request in (TIME_REQUEST, BIAS_INIT, SET_CONFIG, REBOOT):
@@ -141,39 +126,6 @@ class Commands:
             chip = node.parts.chip
             node.new_init()
             node.init.start(samples, chip.gyro_lsb_ndps, chip.accel_lsb_ng)
-
-    def _set(self, seq, key, value):
-        node = self._node
-        row = settings.remote(key)
-        if row is None:
-            self.nack(SET_CONFIG, seq, REASON_BAD_VALUE, key)
-            return
-        _, name, least, most = row
-        choices = self._choices(key)
-        if not least <= value <= most or (choices is not None and nearest(choices, value)[0] != value):
-            self.nack(SET_CONFIG, seq, REASON_BAD_VALUE, value)
-            return
-        node.settings[name] = value
-        try:
-            settings.store(node.settings)
-        except OSError:
-            self.nack(SET_CONFIG, seq, REASON_NOT_STORED, value)
-        else:
-            self.ack(SET_CONFIG, seq)
-        node.outbox.node_id = node.settings["node_id"]
-        if key in _OF_FILTER:
-            node.new_filter()
-
-    def _choices(self, key):
-        """Return the table of the chip that lists the allowed values of a ConfigKey, or None."""
-        chip = self._node.parts.chip
-        if chip is None:
-            return None
-        if key == CONFIG_KEY_RATE_HZ:
-            return chip.RATES_HZ
-        if key == CONFIG_KEY_GYRO_RANGE_DPS:
-            return chip.RANGES_DPS
-        return chip.RANGES_G if key == CONFIG_KEY_ACCEL_RANGE_G else None
 
     def _reboot(self, seq, mode):
         if mode > REBOOT_MODE_REPL:

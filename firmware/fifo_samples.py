@@ -131,8 +131,12 @@ class FifoSamples:
         self._torn = True
         sampler.missed += level
         self.left = 0
-        chip.fifo_read_into(sampler.slot.rows)
+        broken = chip.fifo_read_into(sampler.slot.rows)
         self._torn = False
+        if broken:
+            # The chip's own counters or time stamps show that it skipped samples among these.
+            self._empty(now, BATCH_FLAG_GAP_BEFORE)
+            return False
         if ticks_diff(ticks_us(), start_us) > (chip.FIFO_SAMPLES - 1 - level) * clock.period_us:
             # It has overflowed since the poll: the burst may begin within a sample.
             sampler.overruns += 1

@@ -10,7 +10,6 @@ import bias_choice
 import machine
 import micropython
 import reports
-import settings as configuration
 from bias_initialiser import BiasInitialiser
 from board import Hardware
 from buffers import shared
@@ -263,7 +262,11 @@ def main():
             return
     except OSError:
         pass
-    board = Hardware(configuration.load())
+    # The table of settings is loaded for a moment, as its names cost heap.
+    import settings
+
+    board = Hardware(settings.load())
+    del sys.modules["settings"], settings
     link = board.open_link()
     if not link.ON_CONSOLE:
         # No frames arrive on the console: a ctrl-C there is a user's.

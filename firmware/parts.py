@@ -1,39 +1,23 @@
 """The chips on the bus: search, configuration, supervision and recovery, with their faults."""
 
 import gc
+import sys
 from time import ticks_add, ticks_diff, ticks_ms, ticks_us
 
 # Loaded with the firmware: a slot that lacks the file must not load.
 import drivers.lis3mdl  # noqa: F401
-from drivers.chip import acknowledges, nearest, read_register
+from drivers.chip import read_register
 from micropython import const
 from wire import (
     FAULT_BUS_STUCK,
-    FAULT_IMU_MISSING,
     FAULT_IMU_SILENT,
     FAULT_POLLED_TOO_FAST,
-    FAULT_WRONG_WHO_AM_I,
     IMU_BATCH_MAX_ROWS,
-    RESET_CAUSE_BROWN_OUT,
-    RESET_CAUSE_HARD,
-    RESET_CAUSE_POWER_ON,
-    RESET_CAUSE_UNKNOWN,
 )
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from typing import Any
-
-IMU_DRIVERS = (
-    ("drivers.lsm6ds33", "LSM6DS33", (0x6B, 0x6A)),
-    ("drivers.mpu6050", "MPU6050", (0x68, 0x69)),
-)
-"""(module, class, I2C addresses) in the order of the search; a module is loaded when a chip acknowledges.
-
-MPU6050 accepts clones with any WHO_AM_I: other chips at its addresses come before it.
-"""
-
-MAG_DRIVERS = (("drivers.lis3mdl", "LIS3MDL", (0x1E, 0x1C)),)
 
 _SEARCH_MS = const(1000)
 _SETTINGS_MS = const(1000)
@@ -45,7 +29,6 @@ _RECONFIGURE_US = const(1000000)
 _FAILURES_BEFORE_RECOVERY = const(3)
 _RETRY_US = const(2000)
 _PAUSE_US = const(250000)
-_WITHOUT_POWER = (RESET_CAUSE_UNKNOWN, RESET_CAUSE_POWER_ON, RESET_CAUSE_BROWN_OUT)
 _DISCARD_RATIO = const(16)
 """Polling that discards more than one sample in this many is too fast for this board and bus."""
 _ETIMEDOUT = (110, 116)
@@ -82,72 +65,13 @@ class Parts:
 
     def find(self):
         """Search for an IMU and a magnetometer and configure them."""
-        i2c, s = self._board.i2c, self._board.settings
+        from chip_search import open_chips
+
         self._search_ms = ticks_ms()
-        self.chips = []
-        self.chip = self.mag = None
-        self.faults &= ~(FAULT_IMU_MISSING | FAULT_WRONG_WHO_AM_I | FAULT_IMU_SILENT)
-        imu = self._probe(IMU_DRIVERS)
-        if imu is None:
-            self.faults |= FAULT_WRONG_WHO_AM_I if self.chips else FAULT_IMU_MISSING
-        else:
-            driver, address, who_am_i = imu
-            try:
-                self.chip = driver(
-                    i2c,
-                    address,
-                    odr_hz=nearest(driver.RATES_HZ, s["rate_hz"])[0],
-                    range_dps=nearest(driver.RANGES_DPS, s["gyro_range_dps"])[0],
-                    range_g=nearest(driver.RANGES_G, s["accel_range_g"])[0],
-                    fifo=self._wants_fifo(),
-                )
-                if self.chip.uses_fifo and not self._wants_fifo():
-                    self.faults |= FAULT_POLLED_TOO_FAST
-                self.chips.append((address, who_am_i, self.chip.PART))
-                self._correct_cause()
-            except OSError:
-                self.i2c_errors += 1
-                self.faults |= FAULT_IMU_MISSING
-        mag = self._probe(MAG_DRIVERS)
-        if mag is not None:
-            driver, address, who_am_i = mag
-            part, rate_hz = 0, s["mag_rate_hz"]
-            try:
-                if rate_hz:
-                    self.mag = driver(i2c, address, odr_hz=nearest(driver.RATES_HZ, rate_hz)[0])
-                    part = driver.PART
-            except OSError:
-                self.i2c_errors += 1
-            self.chips.append((address, who_am_i, part))
+        open_chips(self, self._board, self._too_fast)
+        if self.chip is not None:
+            del sys.modules["chip_search"]
         gc.collect()
-
-    def _probe(self, drivers):
-        """Return (driver, address, WHO_AM_I) of the first chip that a driver recognises, else None.
-
-        Every other chip that acknowledges at one of the addresses goes into `chips` with Part 0.
-        """
-        i2c, chosen = self._board.i2c, None
-        for module, name, addresses in drivers:
-            for address in addresses:
-                if (chosen is not None and chosen[1] == address) or not acknowledges(i2c, address):
-                    continue
-                driver = getattr(__import__(module, None, None, (name,)), name)
-                who_am_i = driver.probe(i2c, address)
-                for row in self.chips:
-                    if row[0] == address:
-                        # A driver before this one did not recognise it.
-                        self.chips.remove(row)
-                        break
-                if chosen is None and who_am_i >= 0:
-                    chosen = (driver, address, who_am_i)
-                else:
-                    self.chips.append((address, read_register(i2c, address, driver.WHO_AM_I_REGISTER), 0))
-        return chosen
-
-    def _wants_fifo(self):
-        """Return True if samples must come through the FIFO: by setting, with Wi-Fi, or if polling failed."""
-        s = self._board.settings
-        return s["fifo"] or s["link"] == "udp" or self._too_fast
 
     def start(self, lost):
         """Start sampling the IMU; lost: samples were missed meanwhile."""
@@ -192,14 +116,6 @@ class Parts:
                     self._check_settings(ms)
         elif running and ticks_diff(ms, self._search_ms) >= _SEARCH_MS:
             self._search()
-
-    def _correct_cause(self):
-        """Correct the reset cause: an IMU that was running kept its power, so it was no power-on."""
-        if self.was_running is not None:
-            return
-        self.was_running = self.chip.was_running
-        if self.was_running and self._board.reset_cause in _WITHOUT_POWER:
-            self._board.reset_cause = RESET_CAUSE_HARD
 
     def _configure(self, always):
         """Configure the chip again if it lost its settings, or always; return False if it does not answer.

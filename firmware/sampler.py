@@ -88,6 +88,7 @@ class Sampler:
         self._rate_mhz = chip.rate_mhz
         self.batch = batch
         self.slot.shape(batch)
+        chip.shape(batch)
         self.last_us = self.due_us = now
         self._reader = _reader(self, chip)
         self._reader.start(now, resume)

@@ -82,10 +82,14 @@ class Chip:
                     break
             else:
                 raise OSError("reset does not end")
+        self._after_reset()
         for register, value in self._settings:
             self._write(register, value)
         if self.uses_fifo:
             self.fifo_flush()  # type: ignore[attr-defined]
+
+    def _after_reset(self):
+        """Prepare a chip that needs more than settings."""
 
     def intact(self):
         """Return True while WHO_AM_I and settings persist in the chip: a supply dip resets them."""
@@ -93,6 +97,9 @@ class Chip:
             if self.read(register) != value:
                 return False
         return True
+
+    def shape(self, batch):
+        """Set the number of samples of a burst, where the driver needs a buffer for them."""
 
     def read(self, register):
         """Return the byte in a register."""

@@ -6,11 +6,11 @@ if chip.read_into(words, 0):
     print(words)  # gyro x, y, z, acceleration x, y, z in steps of chip.gyro_lsb_ndps, chip.accel_lsb_ng
 """
 
-from buffers import shared
 from micropython import const
 from wire import PART_LSM6DS33
 
-from drivers.chip import Chip, setting
+from drivers.chip import setting
+from drivers.st_imu import StImu
 
 _FIFO_CTRL3 = const(0x08)
 _FIFO_CTRL5 = const(0x0A)
@@ -19,8 +19,6 @@ _CTRL1_XL = const(0x10)
 _CTRL2_G = const(0x11)
 _CTRL3_C = const(0x12)
 _WAKE_UP_SRC = const(0x1B)
-_STATUS = const(0x1E)
-_OUT_TEMP = const(0x20)
 _FIFO_STATUS1 = const(0x3A)
 _FIFO_DATA_OUT = const(0x3E)
 _TAP_CFG = const(0x58)
@@ -30,7 +28,6 @@ _MD1_CFG = const(0x5E)
 
 _SW_RESET = const(0x01)
 _BDU_IF_INC = const(0x44)
-_XLDA_GDA = const(0x03)
 _NO_DECIMATION = const(0x09)
 _BYPASS = const(0)
 _CONTINUOUS = const(6)
@@ -43,7 +40,7 @@ _WAKE_SETTINGS = ((_TAP_CFG, 0x01), (_WAKE_UP_DUR, 0), (_MD1_CFG, 0x20))
 _THRESHOLD_STEPS = const(64)  # of WAKE_UP_THS, over the full scale of the accelerometer
 
 
-class LSM6DS33(Chip):
+class LSM6DS33(StImu):
     """fifo: sample through the FIFO at 208 Hz and below too; above, always.
 
     wake_mg: step of the acceleration that sets MOTION_FLAG; 0: the detector is off.
@@ -85,7 +82,6 @@ class LSM6DS33(Chip):
         self.temperature_offset_udegc = 25000000
         super().__init__(i2c, address)
         self.uses_fifo = fifo or odr > 208
-        self.temperature_raw = self.realigned = 0
         self.was_running = self.read(_CTRL2_G) != 0
         """True if the gyro was already running: after power-on it is off, so the chip has kept its power."""
         self._settings = (
@@ -100,33 +96,8 @@ class LSM6DS33(Chip):
         self._fifo_on = odr_code << 3 | _CONTINUOUS
         fifo_mode = self._fifo_on if self.uses_fifo else 0
         self._standing = ((_WHO_AM_I, self.who_am_i), (_FIFO_CTRL5, fifo_mode)) + self._settings
-        self._burst, self._burst_words = shared(8)
-        self._status = bytearray(4)
         self._level = memoryview(self._status)[:2]
         self.configure()
-
-    def ready(self):
-        """Return True if a new sample of both triads is available.
-
-        Polling with `read_into` instead may lose a sample: one that arrives during the burst clears the flag.
-        """
-        self.i2c.readfrom_mem_into(self.address, _STATUS, self._byte)
-        return self._byte[0] & _XLDA_GDA == _XLDA_GDA
-
-    def read_into(self, words, at):
-        """Read a sample of six words to words[at] in one burst; return 0 if there is no new one, else 1."""
-        self.i2c.readfrom_mem_into(self.address, _STATUS, self._burst)
-        if self._burst[0] & _XLDA_GDA != _XLDA_GDA:
-            return 0
-        burst = self._burst_words
-        self.temperature_raw = burst[1]
-        words[at] = burst[2]
-        words[at + 1] = burst[3]
-        words[at + 2] = burst[4]
-        words[at + 3] = burst[5]
-        words[at + 4] = burst[6]
-        words[at + 5] = burst[7]
-        return 1
 
     def fifo_level(self):
         """Return the number of whole samples in the FIFO; -1 if it has overflowed."""
@@ -173,10 +144,3 @@ class LSM6DS33(Chip):
         """Flush the FIFO and restart it at a whole sample."""
         self._write(_FIFO_CTRL5, _BYPASS)
         self._write(_FIFO_CTRL5, self._fifo_on)
-
-    def read_temperature(self):
-        """Update `temperature_raw`, which samples in the FIFO do not contain."""
-        raw = self._status
-        self.i2c.readfrom_mem_into(self.address, _OUT_TEMP, raw)
-        value = raw[0] | raw[1] << 8
-        self.temperature_raw = value - 65536 if value & 0x8000 else value

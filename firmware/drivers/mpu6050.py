@@ -1,4 +1,4 @@
-"""MPU-6050, MPU-6500 and their clones: gyro and accelerometer (InvenSense).
+"""MPU-6050 and its clones: gyro and accelerometer (InvenSense).
 
 chip = MPU6050(i2c, odr_hz=200, range_dps=2000, range_g=16)
 words = array("h", bytes(12))
@@ -7,7 +7,7 @@ if chip.read_into(words, 0):
 """
 
 from micropython import const
-from wire import PART_MPU6050, PART_MPU6500
+from wire import PART_MPU6050
 
 from drivers.chip import Chip, read_register, setting
 
@@ -35,7 +35,10 @@ _GYRO_AND_ACCEL = const(0x78)
 _FIFO_ON = const(0x40)
 _FIFO_RESET = const(0x04)
 _SAMPLE = const(12)
-_FIFO_SIZE = const(1024)
+_WHO_AM_I_OF_OTHERS = (0x47, 0x70, 0x71, 0x73)
+"""ICM-42688-P, MPU-6500, MPU-9250 and MPU-9255, which have drivers of their own."""
+_OTHER_CHIPS = (0x24, 0xEA, 0x0F)
+"""Register 0 of a BMI270, an ICM-20948 and a BMI088, where they have their identity."""
 
 
 class MPU6050(Chip):
@@ -66,18 +69,29 @@ class MPU6050(Chip):
     )
     RANGES_G = ((2, 61035, 0x00), (4, 122070, 0x08), (8, 244141, 0x10), (16, 488281, 0x18))
     RESET = (_PWR_MGMT_1, _DEVICE_RESET, 10000)
+    FIFO_BYTES = 1024
     FIFO_SAMPLES = 85
     """Capacity of the FIFO in whole samples."""
     WHO_AM_I_REGISTER = _WHO_AM_I
-    WHO_AM_I = (0x68, 0x70, 0x71, 0x72, 0x73, 0x98)
+    WHO_AM_I = (0x68, 0x72, 0x98)
+    CLONES = True
+    """True if an unknown WHO_AM_I is accepted where PWR_MGMT_1 has the value of an MPU."""
+    TEMPERATURE = (2941, 36530000)
+    """Step and offset of the thermometer, 1e-6 degC."""
 
     @classmethod
     def probe(cls, i2c, address):
         """Return the WHO_AM_I of the chip at `address` if it is an MPU or behaves like one, else -1."""
         who_am_i = read_register(i2c, address, _WHO_AM_I)
-        if who_am_i in cls.WHO_AM_I or read_register(i2c, address, _PWR_MGMT_1) in _PWR_MGMT_1_VALUES:
+        if who_am_i in cls.WHO_AM_I:
             return who_am_i
-        return -1
+        if (
+            not cls.CLONES
+            or who_am_i in _WHO_AM_I_OF_OTHERS
+            or read_register(i2c, address, 0) in _OTHER_CHIPS
+        ):
+            return -1
+        return who_am_i if read_register(i2c, address, _PWR_MGMT_1) in _PWR_MGMT_1_VALUES else -1
 
     def __init__(self, i2c, address=0x68, *, odr_hz=200, range_dps=2000, range_g=16, fifo=False, wake_mg=0):
         odr, self.rate_mhz, divider, low_pass = setting(self.RATES_HZ, odr_hz)
@@ -86,15 +100,9 @@ class MPU6050(Chip):
         super().__init__(i2c, address)
         self.uses_fifo = fifo or odr > 250
         self.temperature_raw = self.realigned = 0
-        if self.who_am_i in (0x70, 0x71, 0x73):
-            self.PART = PART_MPU6500
-            self.temperature_lsb_udegc = 2995
-            self.temperature_offset_udegc = 21000000
-        else:
-            if self.who_am_i not in self.WHO_AM_I:
-                self.PART = 0
-            self.temperature_lsb_udegc = 2941
-            self.temperature_offset_udegc = 36530000
+        self.temperature_lsb_udegc, self.temperature_offset_udegc = self.TEMPERATURE
+        if self.who_am_i not in self.WHO_AM_I:
+            self.PART = 0
         self._settings = (
             (_PWR_MGMT_1, _CLOCK_OF_GYRO),
             (_SMPLRT_DIV, divider),
@@ -103,7 +111,7 @@ class MPU6050(Chip):
             (_ACCEL_CONFIG, accel_code),
             (_FIFO_EN, _GYRO_AND_ACCEL if self.uses_fifo else 0),
             (_INT_ENABLE, _DATA_READY),
-        )
+        ) + self._more_settings(low_pass)
         user_control = _FIFO_ON if self.uses_fifo else 0
         self._standing = ((_WHO_AM_I, self.who_am_i), (_USER_CTRL, user_control)) + self._settings
         self.was_running = self.read(_INT_ENABLE) != 0
@@ -112,6 +120,10 @@ class MPU6050(Chip):
         self._count = bytearray(2)
         self._ready = 0
         self.configure()
+
+    def _more_settings(self, low_pass):
+        """Return the settings of a variant."""
+        return ()
 
     def ready(self):
         """Return True if a new sample is available."""
@@ -141,7 +153,7 @@ class MPU6050(Chip):
         self.i2c.readfrom_mem_into(self.address, _FIFO_COUNT, count)
         size = count[0] << 8 | count[1]
         # The flag is read only when the FIFO is full: another transfer would blur the time of this poll.
-        if size > _FIFO_SIZE - _SAMPLE and self.read(_INT_STATUS) & _FIFO_OVERFLOW:
+        if size > self.FIFO_BYTES - _SAMPLE and self.read(_INT_STATUS) & _FIFO_OVERFLOW:
             return -1
         return size // _SAMPLE
 

@@ -68,6 +68,7 @@ class TOY6(Chip):
 CTRL, STATUS, OUT = 0x01, 0x02, 0x10
 REGISTERS = {
     0x00: Register("WHO_AM_I"),
+    0x75: Register("RESERVED"),
     CTRL: Register("CTRL", 0x00, 0x8F),
     STATUS: Register("STATUS"),
     **{OUT + i: Register(f"OUT_{i}") for i in range(14)},
@@ -111,7 +112,7 @@ class Toy6(Imu):
         self._sync(t)
         if register == STATUS:
             return int(self._is_new)
-        if register >= OUT:
+        if OUT <= register < OUT + 14:
             self._is_new = False
             return self._sample[register - OUT]
         return self.values[register]
@@ -121,11 +122,11 @@ def test_a_new_driver_is_one_file_and_one_row(tmp_path, monkeypatch):
     firmware = tmp_path / "firmware"
     shutil.copytree(FIRMWARE, firmware, ignore=shutil.ignore_patterns("__pycache__"))
     (firmware / "drivers" / "toy6.py").write_text(DRIVER)
-    parts = firmware / "parts.py"
-    row = '    ("drivers.mpu6050", "MPU6050", (0x68, 0x69)),\n'
-    text = parts.read_text()
+    search = firmware / "chip_search.py"
+    row = '    ("drivers.mpu6050", "MPU6050", (0x68, 0x69), 0x75, ()),\n'
+    text = search.read_text()
     assert row in text
-    parts.write_text(text.replace(row, '    ("drivers.toy6", "TOY6", (0x68, 0x69)),\n' + row))
+    search.write_text(text.replace(row, '    ("drivers.toy6", "TOY6", (0x68, 0x69), 0x00, (0xA5,)),\n' + row))
     monkeypatch.setattr(catalogue, "IMU_CHIPS", (*catalogue.IMU_CHIPS, Toy6))
     node = VirtualNode(
         unique_motion(5),

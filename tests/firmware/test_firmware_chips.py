@@ -8,6 +8,7 @@ import pytest
 from drivers.lis3mdl import LIS3MDL
 from drivers.lsm6ds33 import LSM6DS33
 from drivers.mpu6050 import MPU6050
+from drivers.mpu9250 import MPU9250
 from drivers.nrf24 import Nrf24
 from emulated_bus import EmulatedBus
 
@@ -22,27 +23,33 @@ from virtual_runs import unique_motion
 
 
 @pytest.mark.parametrize(
-    ("silicon", "identity", "part", "per_degree", "at_zero"),
+    ("driver", "silicon", "identity", "part", "per_degree", "at_zero"),
     [
-        (Mpu6050, 0x68, Part.MPU6050, 340.0, 36.53),  # PS-MPU-6000A
-        (Mpu6500, 0x70, Part.MPU6500, 333.87, 21.0),  # RM-MPU-6500A
-        (Mpu6500, 0x71, Part.MPU6500, 333.87, 21.0),
-        (Mpu6500, 0x73, Part.MPU6500, 333.87, 21.0),
+        (MPU6050, Mpu6050, 0x68, Part.MPU6050, 340.0, 36.53),  # PS-MPU-6000A
+        (MPU9250, Mpu6500, 0x70, Part.MPU6500, 333.87, 21.0),  # RM-MPU-6500A
+        (MPU9250, Mpu6500, 0x71, Part.MPU6500, 333.87, 21.0),
+        (MPU9250, Mpu6500, 0x73, Part.MPU6500, 333.87, 21.0),
     ],
 )
 def test_an_mpu_is_recognised_by_its_id_with_its_own_temperature_scale(
-    silicon, identity, part, per_degree, at_zero
+    driver, silicon, identity, part, per_degree, at_zero
 ):
-    chip = MPU6050(EmulatedBus(silicon(unique_motion(1), Specimen(who_am_i=identity))))
+    chip = driver(EmulatedBus(silicon(unique_motion(1), Specimen(who_am_i=identity))))
     assert (chip.who_am_i, part) == (identity, chip.PART)
     assert chip.temperature_lsb_udegc == pytest.approx(1e6 / per_degree, abs=0.5)
     assert chip.temperature_offset_udegc == at_zero * 1e6
 
 
-@pytest.mark.parametrize(("samples", "level"), [(40, 40), (85, 85), (86, -1), (300, -1)])
-def test_the_fifo_of_an_mpu_holds_85_samples_and_reports_an_overrun(samples, level):
-    """The FIFO has 1024 bytes, a sample 12."""
-    chip = MPU6050(EmulatedBus(Mpu6050(unique_motion(4)), call_us=0), odr_hz=100, fifo=True)
+@pytest.mark.parametrize(
+    ("driver", "silicon", "samples", "level"),
+    [
+        *((MPU6050, Mpu6050, n, level) for n, level in ((40, 40), (85, 85), (86, -1), (300, -1))),
+        *((MPU9250, Mpu6500, n, level) for n, level in ((40, 40), (42, 42), (43, -1), (300, -1))),
+    ],
+)
+def test_the_fifo_of_an_mpu_holds_1024_or_512_bytes_and_reports_an_overrun(driver, silicon, samples, level):
+    """A sample has 12 bytes."""
+    chip = driver(EmulatedBus(silicon(unique_motion(4)), call_us=0), odr_hz=100, fifo=True)
     PORT_TICKS.now_us += samples * 10_000 + 5_000
     assert chip.fifo_level() == level
     chip.fifo_flush()

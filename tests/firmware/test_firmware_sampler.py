@@ -11,6 +11,7 @@ import polled_samples
 import pytest
 import sampler
 from drivers.lsm6ds33 import LSM6DS33
+from drivers.lsm6dso import LSM6DSO
 from drivers.mpu6050 import MPU6050
 from emulated_bus import EmulatedBus
 from outbox import Outbox
@@ -20,11 +21,12 @@ from fakes import fake_port
 from fakes.fake_port import PORT_TICKS
 from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.chips.lsm6ds33 import Lsm6ds33
+from hubodo.emulator.chips.lsm6dso import Lsm6dso
 from hubodo.emulator.chips.mpu6050 import Mpu6050
 from hubowire import messages as m
 from virtual_runs import match_samples, unique_motion
 
-CHIPS = {"lsm6ds33": (Lsm6ds33, LSM6DS33), "mpu6050": (Mpu6050, MPU6050)}
+CHIPS = {"lsm6ds33": (Lsm6ds33, LSM6DS33), "lsm6dso": (Lsm6dso, LSM6DSO), "mpu6050": (Mpu6050, MPU6050)}
 
 
 class SamplerRun:
@@ -131,6 +133,13 @@ def test_stalls_of_the_processor_never_shift_a_sample_number(monkeypatch, chip, 
     np.testing.assert_array_equal(jump, missing)
     assert jump.sum() == sampler_run.missed_before_last_batch(jump)
     assert np.abs(error[len(error) // 2 :]).max() < 500
+
+
+@pytest.mark.parametrize(
+    ("chip", "rate", "stalls"), [("lsm6dso", 208, (0.5, 0.2)), ("lsm6dso", 833, (0.05, 0.1))]
+)
+def test_stalls_never_shift_a_sample_number_of_the_other_chips(monkeypatch, chip, rate, stalls):
+    test_stalls_of_the_processor_never_shift_a_sample_number(monkeypatch, chip, rate, stalls, 1)
 
 
 @pytest.mark.parametrize(("chip", "rate", "turn_us"), [("lsm6ds33", 1660, 12_000), ("mpu6050", 1000, 20_000)])

@@ -50,6 +50,7 @@ KNOWN_CHIPS = {
     (0x0F, 0x6C): "LSM6DSO or LSM6DSOX, used on later Pololu boards",
     (0x0F, 0x3D): "LIS3MDL",
     (0x75, 0x68): "MPU-6050",
+    (0x75, 0x47): "ICM-42688-P",
     (0x75, 0x70): "MPU-6500",
     (0x75, 0x71): "MPU-9250",
     (0x75, 0x73): "MPU-9255",

@@ -14,7 +14,7 @@ SPIN = 1094
 
 
 class FakeBus:
-    """period_us: of the IMU's samples; imu: "lsm6ds33" or "mpu6050". Other addresses do not answer."""
+    """period_us: of the IMU's samples; imu: name of a driver file. Other addresses do not answer."""
 
     def __init__(self, imu, period_us, spins=False):
         self.imu = imu
@@ -23,7 +23,8 @@ class FakeBus:
         for i in range(100 if spins else 0):
             self.gravity[2 * i] = round(2049 * math.cos(0.02 * math.pi * i))
             self.gravity[2 * i + 1] = round(-2049 * math.sin(0.02 * math.pi * i))
-        self.address = 0x6B if imu == "lsm6ds33" else 0x68
+        self.is_st = imu in ("lsm6ds33", "lsm6dso")
+        self.address = 0x6B if self.is_st else 0x68
         self.period_us = period_us
         self.registers = {}
         self.read = 0
@@ -49,11 +50,11 @@ class FakeBus:
             raise OSError(5)
         value = buffer[0]
         if address == self.address:
-            if self.imu == "lsm6ds33" and register == 0x12:
+            if self.is_st and register == 0x12:
                 value &= ~0x81
             elif self.imu == "mpu6050" and register == 0x6B:
                 value &= ~0x80
-            if (self.imu == "lsm6ds33" and register == 0x0A) or (self.imu == "mpu6050" and register == 0x6A):
+            if (self.is_st and register == 0x0A) or (self.imu == "mpu6050" and register == 0x6A):
                 self.read = self.samples()
         self.registers[address << 8 | register] = value
 
@@ -65,6 +66,8 @@ class FakeBus:
             raise OSError(5)
         elif self.imu == "lsm6ds33":
             self._lsm6ds33(register, buffer)
+        elif self.imu == "lsm6dso":
+            self._lsm6dso(register, buffer)
         else:
             self._mpu6050(register, buffer)
 
@@ -104,6 +107,25 @@ class FakeBus:
         else:
             buffer[0] = self.registers.get(address_of(self.address, register), 0)
 
+    def _lsm6dso(self, register, buffer):
+        """Three tagged words a sample: gyro, accelerometer, time stamp."""
+        if register == 0x0F:
+            buffer[0] = 0x6C
+        elif register == 0x3A:
+            words = 3 * (self.samples() - self.read)
+            buffer[0], buffer[1] = words & 0xFF, words >> 8
+        elif register == 0x78:
+            for at in range(0, len(buffer), 21):
+                tag = (self.read & 3) << 1
+                ticks = self.read * self.period_us // 25
+                self._sample(buffer, at + 1, 7)
+                for i in range(3):
+                    buffer[at + 7 * i] = (1 << i) << 3 | tag
+                buffer[at + 15], buffer[at + 16] = ticks & 0xFF, ticks >> 8 & 0xFF
+                self.read += 1
+        else:
+            self._lsm6ds33(register, buffer)
+
     def _mpu6050(self, register, buffer):
         if register == 0x75:
             buffer[0] = 0x68
@@ -134,6 +156,9 @@ class FakeBus:
             i = k // 10 % 100 * 2
             ax, ay = self.gravity[i], self.gravity[i + 1]
             struct.pack_into("<6h", buffer, at, k & 31, -(k & 31), SPIN + k % 7, ax, ay, 0)
+        elif gyro_after and self.is_st:
+            struct.pack_into("<3h", buffer, at, k & 31, -(k & 31), k % 7)
+            struct.pack_into("<3h", buffer, at + gyro_after, -(k % 5), 700, 1900)
         elif gyro_after:
             struct.pack_into(">3h", buffer, at, -(k % 5), 700, 1900)
             struct.pack_into(">3h", buffer, at + gyro_after, k & 31, -(k & 31), k % 7)

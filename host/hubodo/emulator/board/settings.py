@@ -131,7 +131,8 @@ class BoardSettings:
     interpreter : "micropython" (needs node and an npm package), "cpython", or "rp2040": an emulated Pico with
         its own MicroPython (needs node, an npm package and an image, see `rp2040.image`).
     pico : settings of an emulated Pico.
-    heap_bytes : size of the MicroPython heap, without the modules of the board; an emulated Pico has its own.
+    heap_bytes : size of the MicroPython heap, without the modules of the board; that in WebAssembly collects
+        no garbage while its program runs. An emulated Pico has its own.
     unique_id : identity of the processor, hexadecimal.
     random_seed : seed of os.urandom of the board; None for true randomness; an emulated RP2040 has its own
         source.
@@ -143,7 +144,7 @@ class BoardSettings:
     model: ModelName = "pico"
     interpreter: InterpreterKind = "micropython"
     pico: PicoSettings = field(default_factory=PicoSettings)
-    heap_bytes: int = 192 * 1024
+    heap_bytes: int = 256 * 1024
     unique_id: str = "e6614103e7452d2f"
     random_seed: int | None = None
     uart_link: int | None = None

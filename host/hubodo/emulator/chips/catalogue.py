@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from hubodo.emulator.chips.bmi270 import Bmi270
+from hubodo.emulator.chips.icm20948 import Icm20948
+from hubodo.emulator.chips.icm42688 import Icm42688
 from hubodo.emulator.chips.imu import Imu, Specimen
 from hubodo.emulator.chips.lsm6ds33 import Lsm6ds33
-from hubodo.emulator.chips.mpu6050 import Mpu6050, Mpu6500
+from hubodo.emulator.chips.lsm6dso import Lsm6dso, Lsm6dsr
+from hubodo.emulator.chips.mpu6050 import Mpu6050, Mpu6500, Mpu9250
 from hubodo.emulator.motion import Motion
 
 
@@ -19,7 +23,17 @@ class ImuKind(Protocol):
         """Return a chip that is moved by `motion`."""
 
 
-IMU_CHIPS: tuple[ImuKind, ...] = (Lsm6ds33, Mpu6050, Mpu6500)
+IMU_CHIPS: tuple[ImuKind, ...] = (
+    Lsm6ds33,
+    Lsm6dso,
+    Lsm6dsr,
+    Mpu6050,
+    Mpu6500,
+    Mpu9250,
+    Icm20948,
+    Icm42688,
+    Bmi270,
+)
 
 
 def imu_by_name(name: str) -> ImuKind:

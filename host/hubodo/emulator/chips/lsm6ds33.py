@@ -76,6 +76,9 @@ class Lsm6ds33(Imu):
     """
 
     chip_name = "lsm6ds33"
+    IDENTITY = 0x69
+    REGISTERS = REGISTERS
+    ODR_HZ = ODR_HZ
 
     def __init__(self, motion: Motion, specimen: Specimen | None = None, *, address: int = 0x6B) -> None:
         specimen = specimen or Specimen()
@@ -88,7 +91,9 @@ class Lsm6ds33(Imu):
         self._fifo_tick = 0
         self._hold_ticks = (1, 1)
         self._wake_up_count = 0
-        super().__init__(motion, specimen, address, REGISTERS, (WHO_AM_I, specimen.who_am_i or 0x69))
+        super().__init__(
+            motion, specimen, address, self.REGISTERS, (WHO_AM_I, specimen.who_am_i or self.IDENTITY)
+        )
 
     def temperature_word(self, degrees: Array) -> RawWords:
         """Return temperature words, 16 LSB/°C and 0 at 25 °C."""
@@ -148,7 +153,7 @@ class Lsm6ds33(Imu):
             1 << (clock_code - accel_code) if accel_code else 0,
         )
         self._clock_code, self._sample_count = clock_code, 0
-        self.start_sampling(t, ODR_HZ[clock_code], self.gyro_lsb, self.accel_lsb, *self._hold_ticks)
+        self.start_sampling(t, self.ODR_HZ[clock_code], self.gyro_lsb, self.accel_lsb, *self._hold_ticks)
 
     @property
     def gyro_lsb(self) -> float:
@@ -205,6 +210,10 @@ class Lsm6ds33(Imu):
             if mode != _BYPASS_MODE:
                 self._store(mode, tick)
 
+    def _is_latched(self) -> bool:
+        """Return True if the wake-up event persists until it is read."""
+        return bool(self.values[TAP_CFG] & _LIR)
+
     def _detect_wake_up(self, previous: bytes) -> None:
         """Detect a wake-up event: half the step of an axis exceeds the threshold (AN4650, 5.4)."""
         slope = (
@@ -223,7 +232,7 @@ class Lsm6ds33(Imu):
             self.values[WAKE_UP_SRC] |= (
                 0x08 | int(exceeded[0]) << 2 | int(exceeded[1]) << 1 | int(exceeded[2])
             )
-        elif not self.values[TAP_CFG] & _LIR:
+        elif not self._is_latched():
             self.values[WAKE_UP_SRC] = 0
 
     def _store(self, mode: int, tick: int) -> None:
@@ -313,7 +322,7 @@ class Lsm6ds33(Imu):
             return self._fifo_status(register - FIFO_STATUS1)
         if register == WAKE_UP_SRC:
             source = self.values[WAKE_UP_SRC]
-            if self.values[TAP_CFG] & _LIR:
+            if self._is_latched():
                 self.values[WAKE_UP_SRC] = 0
             return source
         if register == FIFO_DATA_L:

@@ -13,7 +13,6 @@ FIFO_EN, INT_PIN_CFG, INT_ENABLE, INT_STATUS = 0x23, 0x37, 0x38, 0x3A
 OUT, USER_CTRL, PWR_MGMT_1, PWR_MGMT_2 = 0x3B, 0x6A, 0x6B, 0x6C
 FIFO_COUNT_H, FIFO_COUNT_L, FIFO_R_W, WHO_AM_I = 0x72, 0x73, 0x74, 0x75
 
-FIFO_BYTES = 1024
 GYRO_LSB_PER_DPS = (131.0, 65.5, 32.8, 16.4)
 ACCEL_LSB_PER_G = (16384.0, 8192.0, 4096.0, 2048.0)
 _DEVICE_RESET, _SLEEP = 0x80, 0x40
@@ -22,6 +21,7 @@ _INT_DATA_READY, _INT_FIFO_OVERFLOW = 0x01, 0x10
 _FIFO_EN_ACCEL, _FIFO_EN_TEMPERATURE, _FIFO_EN_GYRO = 0x08, 0x80, (0x40, 0x20, 0x10)
 
 _COMMON_REGISTERS: dict[int, Register] = {
+    0x00: Register("RESERVED"),
     **{register: Register(f"SELF_TEST_{register:02X}", 0x00, 0xFF) for register in range(0x0D, 0x11)},
     **{0x13 + i: Register(f"OFFSET_{i}", 0x00, 0xFF) for i in range(6)},
     SMPLRT_DIV: Register("SMPLRT_DIV", 0x00, 0xFF),
@@ -56,6 +56,7 @@ class Mpu6050(Imu):
     chip_name = "mpu6050"
     IDENTITY = 0x68
     LSB_PER_DEGREE, DEGREES_AT_ZERO = 340.0, 36.53
+    FIFO_BYTES = 1024
     EXTRA_REGISTERS: dict[int, Register] = {}
 
     def __init__(self, motion: Motion, specimen: Specimen | None = None, *, address: int = 0x68) -> None:
@@ -152,7 +153,7 @@ class Mpu6050(Imu):
                 words += gyro[2 * axis : 2 * axis + 2]
         fifo = self._fifo
         fifo += words
-        excess = len(fifo) - FIFO_BYTES
+        excess = len(fifo) - self.FIFO_BYTES
         if excess > 0:
             del fifo[:excess]
             self.fifo_dropped += (excess + 1) // 2
@@ -205,16 +206,21 @@ class Mpu6050(Imu):
 
 
 class Mpu6500(Mpu6050):
-    """An MPU-6500, with another thermometer.
-
-    Identity 0x70; 0x71 and 0x73 are the MPU-9250 and 9255, and 0x98 occurs on the market.
-    """
+    """An MPU-6500 (RM-MPU-6500A): a FIFO of 512 bytes, another thermometer, one more low-pass."""
 
     chip_name = "mpu6500"
     IDENTITY = 0x70
+    FIFO_BYTES = 512
     LSB_PER_DEGREE, DEGREES_AT_ZERO = 333.87, 21.0
     PWR_MGMT_1_RESET = 0x01
     EXTRA_REGISTERS = {
         ACCEL_CONFIG2: Register("ACCEL_CONFIG2", 0x00, 0x0F),
         0x1E: Register("LP_ACCEL_ODR", 0x00, 0x0F),
     }
+
+
+class Mpu9250(Mpu6500):
+    """An MPU-9250 without its magnetometer, which is a chip of its own behind it."""
+
+    chip_name = "mpu9250"
+    IDENTITY = 0x71

@@ -49,6 +49,8 @@ class RegisterChip:
         reads 0, a read-only or unknown one ignores a write. Both are counted in `anomalies` in any case.
     """
 
+    N_VALUES = 256
+
     def __init__(
         self,
         name: str,
@@ -68,7 +70,7 @@ class RegisterChip:
         )
         self._pending_nacks = 0
         self._next_fault_time = self._bit_faults[0].t if self._bit_faults else float("inf")
-        self.values = bytearray(256)
+        self.values = bytearray(self.N_VALUES)
         self.pointer = 0
         self.writes: list[RegisterWrite] = []
         self.anomalies: Counter[str] = Counter()
@@ -76,7 +78,7 @@ class RegisterChip:
 
     def power_on(self, t: float) -> None:
         """Set the registers to their power-on values at t."""
-        self.values[:] = bytes(256)
+        self.values[:] = bytes(self.N_VALUES)
         for register, definition in self.map.items():
             self.values[register] = definition.reset
         self.values[self._who_am_i[0]] = self._who_am_i[1]

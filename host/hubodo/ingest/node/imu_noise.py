@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 
 from hubodo.earth import STANDARD_GRAVITY
+from hubodo.ingest.node.chip_identities import IMU_BY_WHO_AM_I
 from hubowire.messages import Hello, Part
 
 # Noise densities of the data sheets: mdeg/s/√Hz and µg/√Hz.
@@ -24,7 +25,13 @@ def sample_noise(hello: Hello) -> tuple[float, float]:
     A sample at rate f of white noise with the one-sided density N of a data sheet has a standard deviation
     of N √(f/2).
     """
-    parts = (part for _, _, part in hello.parts if part in _DENSITIES)
-    gyro, accel = _DENSITIES.get(next(parts, 0), _UNKNOWN_DENSITIES)
+    gyro, accel = next(filter(None, map(_densities, hello.parts)), _UNKNOWN_DENSITIES)
     root_bandwidth = math.sqrt(hello.rate_mhz / 1000 / 2)
     return math.radians(gyro * 1e-3) * root_bandwidth, accel * 1e-6 * STANDARD_GRAVITY * root_bandwidth
+
+
+def _densities(row: tuple[int, ...]) -> tuple[float, float] | None:
+    """Return the noise densities of a chip on the bus, None if it is no IMU that is known."""
+    _, who_am_i, part = row
+    chip = None if part else IMU_BY_WHO_AM_I.get(who_am_i)
+    return _DENSITIES.get(part) if chip is None else (chip.gyro_density, chip.accel_density)

@@ -1,7 +1,12 @@
 """Identification of a node as text."""
 
+import math
+
+import pytest
+
 from fakes.node_messages import hello
 from hubodo.ingest.node.identity import code_name, describe_firmware_difference, hello_metadata
+from hubodo.ingest.node.imu_noise import sample_noise
 from hubowire.messages import Part, ResetCause
 
 
@@ -21,6 +26,17 @@ def test_a_chip_that_the_host_does_not_know_is_unknown_and_no_error() -> None:
     assert hello_metadata(hello(parts=((0x10, 0x20, 200), (0x6B, 0x69, 1))))["parts"] == (
         "0x10 who_am_i 0x20 unknown; 0x6b who_am_i 0x69 LSM6DS33"
     )
+
+
+def test_a_chip_without_a_part_is_known_by_its_identity_with_the_noise_of_its_data_sheet() -> None:
+    """LSM6DSO: 3.8 mdeg/s/√Hz and 70 µg/√Hz (ST DS12140); white noise in half the rate."""
+    node = hello(rate_mhz=416_000, parts=((0x1E, 0x3D, Part.LIS3MDL), (0x6B, 0x6C, 0)))
+    assert hello_metadata(node)["parts"].endswith("0x6b who_am_i 0x6c LSM6DSO")
+    gyro, accel = sample_noise(node)
+    assert math.degrees(gyro) == pytest.approx(3.8e-3 * 208**0.5)
+    assert accel == pytest.approx(70e-6 * 9.80665 * 208**0.5)
+    unknown_gyro, unknown_accel = sample_noise(hello(rate_mhz=416_000, parts=((0x6B, 0x11, 0),)))
+    assert unknown_gyro > gyro and unknown_accel > accel
 
 
 def test_equal_firmware_is_no_warning() -> None:

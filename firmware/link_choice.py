@@ -1,0 +1,50 @@
+"""Opens the link that the settings name; loaded at the start alone."""
+
+import sys
+
+import machine
+from micropython import const
+
+_UART_BUFFER = const(512)
+
+
+def open_link(board):
+    """Return the link of the board's settings; other links are not loaded."""
+    settings = board.settings
+    kind = settings["link"]
+    if kind == "uart":
+        return _open_uart(settings["baud"], board.pins)
+    if kind in ("nrf24", "espnow"):
+        import radio
+
+        return radio.open_link(board)
+    if kind == "udp":
+        if settings["key"]:
+            import sealed
+
+            return sealed.SealedUdpLink(settings)
+        import wifi
+
+        return wifi.UdpLink(settings)
+    if sys.platform == "esp32":
+        import uart
+
+        return uart.ConsoleLink()
+    import link
+
+    return link.UsbLink()
+
+
+def _open_uart(baud, pins):
+    import uart
+
+    port = machine.UART(
+        pins["uart"],
+        baud,
+        tx=machine.Pin(pins["tx"]),
+        rx=machine.Pin(pins["rx"]),
+        txbuf=_UART_BUFFER,
+        rxbuf=_UART_BUFFER,
+        timeout=0,
+    )
+    return uart.UartLink(port, baud, _UART_BUFFER)

@@ -1,0 +1,24 @@
+"""IMUs that a node reports without a `Part`: name and data-sheet noise by WHO_AM_I."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ImuChip:
+    """An IMU: name, and one-sided noise densities of its data sheet in mdeg/s/√Hz and µg/√Hz."""
+
+    name: str
+    gyro_density: float
+    accel_density: float
+
+
+IMU_BY_WHO_AM_I = {
+    0x6C: ImuChip("LSM6DSO", 3.8, 70.0),
+    0x6B: ImuChip("LSM6DSR", 5.0, 60.0),
+    0x47: ImuChip("ICM42688", 2.8, 70.0),
+    0xEA: ImuChip("ICM20948", 15.0, 230.0),
+    0x24: ImuChip("BMI270", 7.0, 160.0),
+}
+"""By WHO_AM_I: the codes of `Part` are part of the wire format, which these chips do not change."""
