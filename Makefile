@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the same files, so their bytecode is cached.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test quick check docs package chip bench soak papers accuracy road sensitivity gap-matrix gap-limit gap-reliability gap-several gap-beyond gap-rides gap-real gap-semi mutants faults fuzz load fleet interop audit browser compiler setup clean
+.PHONY: demo test quick check docs package chip power bench soak papers accuracy road sensitivity gap-matrix gap-limit gap-reliability gap-several gap-beyond gap-rides gap-real gap-semi mutants faults fuzz load fleet interop audit browser compiler setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job end to end, without hardware
@@ -36,6 +36,9 @@ package: setup       ## build the package, install it from wheels into a new env
 
 chip: setup          ## the firmware on an emulated Pico: losses, processor, heap, time stamps; about three minutes
 	$(BIN)/python tests/chip/chip.py --seconds 60
+
+power: setup         ## battery life: time awake on the emulated Pico, currents with their sources, two cells
+	$(BIN)/python tests/chip/power.py
 
 BENCHES := decoder reading recording import filters hour fuse live allan gap web
 bench: setup         ## speed and memory compared with other packages in the same run; a table, and what has become slower

@@ -93,7 +93,11 @@ class Chip:
 
     def intact(self):
         """Return True while WHO_AM_I and settings persist in the chip: a supply dip resets them."""
-        for register, value in self._standing:
+        return self._holds(self._standing)
+
+    def _holds(self, settings):
+        """Return True if each register of ((register, value), ..) has its value."""
+        for register, value in settings:
             if self.read(register) != value:
                 return False
         return True

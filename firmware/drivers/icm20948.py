@@ -113,17 +113,13 @@ class ICM20948(Chip):
 
     def intact(self):
         """Return True while WHO_AM_I and settings persist in the chip: a supply dip resets them."""
-        if not super().intact():
+        if not self._holds(self._standing):
             return False
-        same = True
         try:
             self._write(_REG_BANK_SEL, _BANK_2)
-            for register, value in self._bank_2:
-                if self.read(register) != value:
-                    same = False
+            return self._holds(self._bank_2)
         finally:
             self._write(_REG_BANK_SEL, 0)
-        return same
 
     def ready(self):
         """Return True if a new sample is available."""

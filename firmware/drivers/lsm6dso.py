@@ -59,7 +59,8 @@ class LSM6DSO(StImu):
     """
 
     PART = 0
-    # (public value, nominal rate in mHz, code): 6667 Hz / 512, / 256, .. / 4
+    # (public value, nominal rate in mHz, code): 6667 Hz / 512, / 256, .. / 8. At / 4 two tagged words
+    # a sample fill an I2C bus of 400 kHz and the processor of a Pico.
     RATES_HZ = (
         (13, 13021, 1),
         (26, 26043, 2),
@@ -68,7 +69,6 @@ class LSM6DSO(StImu):
         (208, 208344, 5),
         (416, 416688, 6),
         (833, 833375, 7),
-        (1660, 1666750, 8),
     )
     # (public value, scale in 1e-9 deg/s per step, code)
     RANGES_DPS: tuple = (

@@ -1,0 +1,172 @@
+"""Print how long a battery lasts: share of time awake on an emulated Pico, and currents of data sheets.
+
+    python tests/chip/power.py [--seconds 3] [--settings default,104] [--awake 0.26]
+
+Awake: not waiting for an event. A Pico that waits keeps its clocks, which the firmware does not stop yet:
+"asleep" is what `machine.lightsleep` would give, with the accelerometer of the IMU waiting for motion.
+"""
+
+import argparse
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+SETTINGS = {
+    "default": {},
+    "104": {"rate_hz": 104},
+    "208": {"rate_hz": 208},
+    "833": {"rate_hz": 833},
+    "parked": {"rate_hz": 26, "fifo": False, "mag_rate_hz": 0},
+}
+"""parked: as `rest_after_s` sets it."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """A load: mA at `volts`, and the source of the figure. supplied: through the regulator of the Pico."""
+
+    name: str
+    milliamps: float
+    volts: float
+    source: str
+    supplied: bool = False
+
+
+AWAKE = Load("Pico, computing", 26.0, 5.0, "assumed: 5 mA more than waiting")
+WAITING = Load("Pico, waiting for an event", 21.0, 5.0, "measured, micropython issue 8770")
+ASLEEP = Load("Pico, machine.lightsleep(ms)", 0.99, 5.0, "measured, micropython pull request 8832")
+IMUS = (
+    Load("LSM6DS33", 1.25, 3.3, "ST DocID026899, both, high performance", True),
+    Load("LSM6DSO", 0.55, 3.3, "ST DS12140, both, high performance", True),
+    Load("ICM-42688-P", 0.88, 3.3, "TDK DS-000347, both, low noise", True),
+    Load("BMI270", 0.685, 3.3, "Bosch BST-BMI270-DS000, both", True),
+    Load("MPU-6050", 3.8, 3.3, "InvenSense PS-MPU-6000A, both", True),
+)
+ACCEL_ONLY = Load("LSM6DSO, accelerometer alone, 52 Hz", 0.026, 3.3, "ST DS12140, low power", True)
+MAGNETOMETER = Load("LIS3MDL", 0.27, 3.3, "ST DocID024204, ultra-high performance at 20 Hz", True)
+RADIO = Load(
+    "nRF24L01+, sending a tenth of the time",
+    1.15,
+    3.3,
+    "specification 1.0: 11.3 mA at 0 dBm, 26 µA in standby",
+    True,
+)
+REGULATOR = 0.85
+"""Assumed efficiency of the Pico's regulator at some 10 mA."""
+USABLE = 0.9
+"""Share of a cell's charge above the node's limit of 3.3 V, in the cold and when aged: assumed."""
+CELL_VOLTS = 3.6
+CELLS = {"18650, 3 Ah": 3.0, "500 mAh": 0.5}
+DRIVING_H = 2.0
+
+
+def milliwatts(load: Load) -> float:
+    """Return the power of a load at the cell; a board's figure includes its regulator."""
+    return load.milliamps * load.volts / (REGULATOR if load.supplied else 1.0)
+
+
+def node_milliwatts(awake: float, *loads: Load) -> float:
+    """Return the power of a Pico that computes for the share `awake` of the time, and of the other loads."""
+    board = awake * milliwatts(AWAKE) + (1.0 - awake) * milliwatts(WAITING)
+    return board + sum(map(milliwatts, loads))
+
+
+def hours(amp_hours: float, power: float) -> float:
+    """Return the hours that a cell lasts at a power in mW."""
+    return amp_hours * CELL_VOLTS * USABLE * 1000.0 / power
+
+
+def daily_mean(driving: float, parked: float) -> float:
+    """Return the mean power of a day with DRIVING_H hours of driving, mW."""
+    return (DRIVING_H * driving + (24.0 - DRIVING_H) * parked) / 24.0
+
+
+def measure(names: list[str], seconds: float, seed: int) -> dict[str, float]:
+    """Return the share of time awake of each of SETTINGS, on an emulated Pico; raise ImageMissing."""
+    from chip_run import run_chip
+
+    from chip import flashed
+    from hubodo.emulator.interpreters.rp2040.image import find_image
+    from hubodo.emulator.interpreters.rp2040.pico import PicoSettings
+
+    image = find_image(None, None)
+    pico = PicoSettings(image.firmware, image.bootrom)
+    with tempfile.TemporaryDirectory() as scratch:
+        firmware = Path(scratch) / "flash"
+        flashed(firmware, pico)
+        return {
+            name: 1.0 - run_chip(name, SETTINGS[name], firmware, seconds, seed=seed, pico=pico).cpu_left
+            for name in names
+        }
+
+
+def life_table(shares: dict[str, float]) -> Table:
+    """Return the battery life by settings and cell, with LSM6DS33, LIS3MDL and nRF24L01+."""
+    shown = Table("settings", "awake", "power", *CELLS)
+    for name, share in shares.items():
+        power = node_milliwatts(share, IMUS[0], *(() if name == "parked" else (MAGNETOMETER, RADIO)))
+        shown.add_row(
+            name, f"{share:.1%}", f"{power:.0f} mW", *(f"{hours(c, power):.0f} h" for c in CELLS.values())
+        )
+    if {"default", "parked"} <= set(shares):
+        driving = node_milliwatts(shares["default"], IMUS[0], MAGNETOMETER, RADIO)
+        asleep = milliwatts(ASLEEP) + milliwatts(ACCEL_ONLY)
+        for name, parked in (
+            ("2 h driving a day, parked at 26 Hz", node_milliwatts(shares["parked"], IMUS[0])),
+            ("2 h driving a day, parked asleep (not in the firmware)", asleep),
+        ):
+            power = daily_mean(driving, parked)
+            shown.add_row(
+                name, "", f"{power:.0f} mW", *(f"{hours(c, power) / 24:.1f} days" for c in CELLS.values())
+            )
+        lives = (f"{hours(c, asleep) / 24:.0f} days" for c in CELLS.values())
+        shown.add_row("parked asleep (not in the firmware)", "", f"{asleep:.1f} mW", *lives)
+    return shown
+
+
+def load_table() -> Table:
+    """Return the currents, at the voltage of their source and as power of the cell."""
+    shown = Table("load", "current", "power at the cell", "source")
+    for load in (AWAKE, WAITING, ASLEEP, *IMUS, ACCEL_ONLY, MAGNETOMETER, RADIO):
+        current = f"{load.milliamps:g} mA at {load.volts:g} V"
+        shown.add_row(load.name, current, f"{milliwatts(load):.2f} mW", load.source)
+    return shown
+
+
+def main(argv=None):
+    """Print both tables; return 1 if an emulated Pico is missing."""
+    parser = argparse.ArgumentParser(
+        prog="power.py", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seconds", type=float, default=6.0, help="emulated, of each run (default: 6)")
+    parser.add_argument("--seed", type=int, default=1, help="of the chip's rate (default: 1)")
+    parser.add_argument("--settings", default=",".join(SETTINGS), help=f"some of: {', '.join(SETTINGS)}")
+    parser.add_argument("--awake", type=float, help="share of time awake, instead of emulating a Pico")
+    args = parser.parse_args(argv)
+    names = args.settings.split(",")
+    if unknown := sorted(set(names) - set(SETTINGS)):
+        parser.error(f"--settings {unknown[0]}: none of {', '.join(SETTINGS)}")
+    if args.awake is not None:
+        shares = dict.fromkeys(names, args.awake)
+    else:
+        from hubodo.emulator.interpreters.rp2040.image import ImageMissing
+
+        try:
+            shares = measure(names, args.seconds, args.seed)
+        except ImageMissing as missing:
+            print(missing, file=sys.stderr)
+            return 1
+    console = Console(width=max(Console().width, 130))
+    console.print(load_table())
+    console.print(life_table(shares))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
