@@ -8,7 +8,7 @@ from generators.wheel_drives import ACCEL_STEP, GYRO_STEP, Errors, WheelDrive, d
 from vehicles import vehicle_toml
 
 RADIUS, TRACK = 0.15, 0.5
-VEHICLE_TOML = vehicle_toml(RADIUS, TRACK)
+VEHICLE_TOML = vehicle_toml(RADIUS, TRACK, more='radius_from = "rolled"\n')
 
 
 def short_drive(seed: int, rate_hz: float = 208.0, errors: Errors | None = None) -> WheelDrive:

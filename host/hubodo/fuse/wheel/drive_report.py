@@ -14,6 +14,7 @@ from hubodo.calibration.file import Quantity
 from hubodo.fuse.track import Track
 from hubodo.fuse.wheel.entries import (
     OBSERVABLE_WITH_TWO_WHEELS,
+    TRACK_WIDTH,
     VEHICLE_ENTRIES,
     WHEEL_ENTRIES,
     WHEEL_RADIUS,
@@ -28,6 +29,8 @@ from hubodo.fuse.wheel.window import WINDOW_S
 
 START_WINDOWS = int(3.0 / WINDOW_S)
 """Windows at the start in which a standstill is expected; later it counts only if there was one at all."""
+_MAX_TRACK_SIGMAS = 3.0
+"""Sigmas of its prior beyond which a track width is reported: one in 370 by chance."""
 _FULL_TURN = 2.0 * math.pi
 _MIN_EARTH_TURN = math.radians(0.5)
 """rad, 1 sigma of the heading by an unknown rotation of the Earth from which on it is reported: as much as a
@@ -189,6 +192,7 @@ def list_warnings(wheel_filter: WheelFilter, motion_states: Array) -> list[str]:
         )
     if wheel_filter.core.mounting_check.verdict:
         lines.append(f"{wheel_filter.core.mounting_check.verdict}; until then its speed is not used")
+    lines += _track_width_warnings(wheel_filter)
     lines += wheel_filter.core.outages.list_warnings(
         " and ".join(wheel.name for wheel in wheel_filter.core.wheels)
     )
@@ -196,6 +200,20 @@ def list_warnings(wheel_filter: WheelFilter, motion_states: Array) -> list[str]:
     for wheel in wheel_filter.core.wheels:
         lines += _wheel_warnings(wheel, windows, outage_windows, wheel_filter.refused[wheel.name])
     return lines
+
+
+def _track_width_warnings(wheel_filter: WheelFilter) -> list[str]:
+    """Return a warning if the drive shows another track width than the vehicle file."""
+    if len(wheel_filter.core.wheels) < 2:
+        return []
+    error, declared = wheel_filter.core.estimate(None, TRACK_WIDTH), wheel_filter.config.track_width
+    prior = wheel_filter.config.priors.get(TRACK_WIDTH, Quantity(0.0, TRACK_WIDTH.prior))
+    if abs(error.value - prior.value) < _MAX_TRACK_SIGMAS * prior.sigma:
+        return []
+    return [
+        f"track_width: speeds and gyros show {declared * (1.0 + error.value):.3g} m instead of {declared:g} m"
+        f" ({error.value:+.0%} ± {error.sigma:.1%}); see to the vehicle file"
+    ]
 
 
 def _wheel_warnings(wheel: Wheel, windows: int, outage_windows: int, refused: int) -> list[str]:

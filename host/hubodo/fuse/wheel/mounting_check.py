@@ -46,6 +46,9 @@ Tapes and uncalibrated gyros differ by a few hundredths; wheels of two axles dif
 Estimated.
 """
 
+_MAX_WIDTH_RATIO = 2.0
+"""Ratio of shown and declared track width up to which it is mentioned: beyond, another fault is likely."""
+
 _CAREFUL_TAPE_SIGMA, _MAX_DRIVE_SIGMA = 0.005, 0.01
 """Relative 1 sigma of a carefully measured track width (between the tyre centres), and the 1 sigma that a
 drive must reach before that hypothesis is tested: half-circle turns do. Estimated.
@@ -120,6 +123,8 @@ class MountingCheck:
     size_regression : sums for the size ratio: squares of twice the speed over the track, and its product
     with the residual.
     axle_misfit : (rad/s)², excess of the residual over the tolerance.
+    track_regression : sums for the track width: squares of the yaw rate, and its product with the difference
+    of the wheels' speeds.
     turned_angle : rad.
     count : windows.
     verdict : sentence for the user, empty if there is none.
@@ -133,6 +138,7 @@ class MountingCheck:
     wheel_distances: list[float] = field(default_factory=lambda: [0.0, 0.0])
     yaw_rate_squares: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     size_regression: list[float] = field(default_factory=lambda: [0.0, 0.0])
+    track_regression: list[float] = field(default_factory=lambda: [0.0, 0.0])
     axle_misfit: float = 0.0
     turned_angle: float = 0.0
     count: int = 0
@@ -174,6 +180,8 @@ class MountingCheck:
         residual_squares[1] += (yaw_rate - turned_rate) ** 2
         residual_squares[2] += (yaw_rate + turned_rate) ** 2
         residual_squares[3] += (yaw_rate + declared) ** 2
+        self.track_regression[0] += yaw_rate * yaw_rate
+        self.track_regression[1] += yaw_rate * (right_speed - left_speed)
         self._compare_sizes(yaw_rate - declared, turned_rate, 0.5 * (first * first + second * second))
         if self.count < SECOND_WINDOWS:
             return None
@@ -230,10 +238,18 @@ class MountingCheck:
             return None
         self.usable_side, self.other_wheel_steers = 1.0, True
         self.verdict = (
-            f"the speeds of the two wheels are not those of an axle of {self.track_width:g} m: nodes of two "
-            "axles, or another track_width; see to the vehicle file"
+            f"the speeds of the two wheels are not those of an axle of {self.track_width:g} m"
+            f"{self._describe_width()}: nodes of two axles, or another track_width; see to the vehicle file"
         )
         return -1.0
+
+    def _describe_width(self) -> str:
+        """Return the track width that speeds and gyros show, as text; empty if they show no plausible one."""
+        squares, product = self.track_regression
+        width = product / squares if squares > 0.0 else 0.0
+        if not 1.0 / _MAX_WIDTH_RATIO < width / self.track_width < _MAX_WIDTH_RATIO:
+            return ""
+        return f", they fit {width:.2g} m better"
 
     def _check_mounting(self) -> float | None:
         """Return the side to distrust if another mounting explains the yaw rate much better."""

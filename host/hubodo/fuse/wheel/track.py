@@ -15,6 +15,7 @@ from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.drive_report import WheelReport, build_report, rolled_mostly_backwards
 from hubodo.fuse.wheel.filter import ALIGNMENT_WINDOWS, WheelFilter
 from hubodo.fuse.wheel.fixed_lag import smooth_with_lag
+from hubodo.fuse.wheel.mirrored_axes import correct_mirrored_axes
 from hubodo.fuse.wheel.node_screening import find_own_gaps
 from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.surface_speeds import SurfaceSpeeds
@@ -101,6 +102,10 @@ def run_wheel_filter(
     config is encoder-aided. Raise ValueError if there is no complete window: less than a fifth of a second
     of samples.
     """
+    nodes, mirror_warnings = correct_mirrored_axes(config, nodes)
+    if mirror_warnings:
+        run = run_wheel_filter(config, nodes, lag, speeds)
+        return replace(run, report=replace(run.report, warnings=(*mirror_warnings, *run.report.warnings)))
     wheel_filter = WheelFilter(config, speeds)
     if lag > 0.0:
         wheel_filter.recorded_steps = []

@@ -41,6 +41,7 @@ from hubodo.fuse.wheel.entries import (
 )
 from hubodo.fuse.wheel.filter import ALIGNMENT_WINDOWS, WheelFilter
 from hubodo.fuse.wheel.filter_core import FilterCore
+from hubodo.fuse.wheel.mirrored_axes import is_mirrored
 from hubodo.fuse.wheel.records import Pose, StepInput
 from hubodo.fuse.wheel.track import track_from_poses
 from hubodo.recording import Table
@@ -131,6 +132,12 @@ class _CalibrationDrive:
                 "none of the vehicle's wheel nodes is in the log; check the names in [nodes]"
             )
         config = replace(config, nodes=used_nodes)
+        for name, node in used_nodes.items():
+            if is_mirrored(node, nodes[name]):
+                raise CalibrationError(
+                    f"{name}: gravity rotates against gz: x and y of the node are exchanged, or one of them "
+                    "is negated; correct its axes; nothing is written"
+                )
         blocks = {name: (nodes[name].t, nodes[name].gyro, nodes[name].accel) for name in used_nodes}
         plain_filter = WheelFilter(config)
         plain_filter.recorded_steps = []
