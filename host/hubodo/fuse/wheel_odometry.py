@@ -18,6 +18,7 @@ from hubodo.fuse.graph.factors.constants import (
     sigmas_for_wheel_filter,
     sigmas_for_wheel_speeds,
 )
+from hubodo.fuse.latitude import add_latitude, latitude_warnings
 from hubodo.fuse.ranges import NodeRanges, determine_ranges, node_metadata
 from hubodo.fuse.rolling_wheel import WheelSamples, WheelSpec
 from hubodo.fuse.track import Track, track_from_states
@@ -95,14 +96,6 @@ def read_start_heading(recording: Recording, t: float) -> float | None:
         if table is not None and "heading" in table:
             return float(np.interp(t, table.t, np.unwrap(table["heading"])))
     return None
-
-
-def add_latitude(vehicle: Vehicle, recording: Recording) -> Vehicle:
-    """Return the vehicle with the latitude of its log's fixes, if its file gives none."""
-    if vehicle.latitude_deg is not None or recording.gnss is None or not len(recording.gnss):
-        return vehicle
-    latitude_deg = float(np.median(recording.gnss["latitude_deg"]))
-    return replace(vehicle, latitude_deg=latitude_deg) if abs(latitude_deg) <= 90.0 else vehicle
 
 
 def compute_wheel_odometry(
@@ -195,9 +188,9 @@ def _run_wheel_filter(
         config = replace(config, start_heading=read_start_heading(recording, first) or 0.0)
         speeds = None if recording.wheels is None else average_surface_speeds(recording.wheels)
         config = replace(config, encoder_aided=bool(speeds))
-        result = run_wheel_filter(config, used_nodes, lag, speeds)
-        if for_graph and lag == 0.0 and result.filter.core.slip_schedule.speed_variance:
-            result = run_wheel_filter(config, used_nodes, math.inf, speeds)
+        # Steps of the forward filter correct earlier steps, which a graph would take for motion.
+        filter_lag = math.inf if for_graph and lag == 0.0 else lag
+        result = run_wheel_filter(config, used_nodes, filter_lag, speeds)
     except ValueError as error:
         raise InputError(f"{log}: {error}") from None
     report = result.report.as_json()
@@ -205,6 +198,7 @@ def _run_wheel_filter(
     range_warnings = tuple(f"{name}: {line}" for name in names for line in ranges[name].warnings)
     warnings = (
         screenings
+        + latitude_warnings(vehicle, recording)
         + range_warnings
         + _steering_warnings(vehicle, names, config.nodes)
         + tuple(report.pop("warnings"))

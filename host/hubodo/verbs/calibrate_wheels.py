@@ -20,6 +20,7 @@ from hubodo.calibration.file import (
     write_calibration,
 )
 from hubodo.errors import InputError
+from hubodo.fuse.latitude import add_latitude
 from hubodo.fuse.projection import make_local_frame
 from hubodo.fuse.wheel.calibration.calibrate import WheelPriors, calibrate_wheels
 from hubodo.fuse.wheel.calibration.page import wheel_calibration_page
@@ -27,7 +28,7 @@ from hubodo.fuse.wheel.calibration.positions import Positions
 from hubodo.fuse.wheel.calibration.result import WheelCalibration
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.node_screening import check_times
-from hubodo.fuse.wheel_odometry import add_latitude, determine_log_ranges
+from hubodo.fuse.wheel_odometry import determine_log_ranges
 from hubodo.log.any_log import read_log
 from hubodo.log.roles import NODES_ROLE
 from hubodo.log.units import check_units

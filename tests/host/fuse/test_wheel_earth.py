@@ -5,9 +5,9 @@ import pytest
 
 from generators import wheel_drives
 from hubodo.errors import ConfigError
+from hubodo.fuse.latitude import add_latitude
 from hubodo.fuse.wheel.config import wheel_config
 from hubodo.fuse.wheel.track import run_wheel_filter
-from hubodo.fuse.wheel_odometry import add_latitude
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import NodeMount, Vehicle, parse_vehicle
 from wheel_runs import tables

@@ -1,11 +1,10 @@
-"""Odometry of a recording: the choice of nodes, the start heading, the latitude, wheel speeds alone."""
+"""Odometry of a recording: the choice of nodes, the start heading, wheel speeds alone."""
 
 import numpy as np
 import pytest
 
 from hubodo.errors import InputError
 from hubodo.fuse.wheel_odometry import (
-    add_latitude,
     compute_wheel_odometry,
     read_start_heading,
     select_wheel_nodes,
@@ -35,13 +34,6 @@ def test_the_start_heading_is_that_of_truth_before_that_of_a_compass():
     assert read_start_heading(Recording({}), 0.0) is None
     assert read_start_heading(Recording({}, heading=compass), 5.0) == pytest.approx(0.5)
     assert read_start_heading(Recording({}, heading=compass, truth=truth), 5.0) == 2.0
-
-
-def test_the_latitude_of_fixes_is_used_where_the_vehicle_file_has_none():
-    fixes = Table({"t": T, "latitude_deg": 0.0 * T + 47.0, "longitude_deg": T, "altitude": T})
-    assert add_latitude(VEHICLE, Recording({}, gnss=fixes)).latitude_deg == 47.0
-    known = Vehicle(0.2, 0.5, NODES, latitude_deg=10.0)
-    assert add_latitude(known, Recording({}, gnss=fixes)).latitude_deg == 10.0
 
 
 def test_wheel_speeds_alone_give_a_track():

@@ -12,6 +12,7 @@ from hubodo.errors import InputError
 from hubodo.fuse.graph.build import build_constants_prior, build_graph
 from hubodo.fuse.graph.compass import assess_compass
 from hubodo.fuse.graph.config import GraphConfig
+from hubodo.fuse.graph.exchanged_axes import check_exchanged_axes
 from hubodo.fuse.graph.factor_graph import FactorGraph
 from hubodo.fuse.graph.factors.constants import GNSS_DELAY, N_CONSTANTS
 from hubodo.fuse.graph.factors.factor import SensorSamples
@@ -130,6 +131,7 @@ def _prepare_fixes(
     """Return usable fixes in a local frame, the factor on their sigmas by scatter, and warnings."""
     if fixes is None:
         return None, 1.0, []
+    check_exchanged_axes(path, fixes)
     local_fixes = localise_fixes(fixes, path.t[0], path.t[-1], config.gnss_sigma, config.use_declared_sigmas)
     if not config.inflate_sigmas:
         return local_fixes, 1.0, list(local_fixes.warnings)

@@ -128,11 +128,13 @@ def localise_fixes(fixes: Fixes, start: float, end: float, sigma: float, use_dec
     latitude, longitude = np.asarray(fixes.latitude_deg), np.asarray(fixes.longitude_deg)
     # NaN and infinity fail this test, too.
     on_earth = (np.abs(latitude) <= 90.0) & (np.abs(longitude) <= 360.0)
+    exchanged = ~on_earth & (np.abs(longitude) <= 90.0) & (np.abs(latitude) <= 180.0)
     _add_warning(
         warnings,
         fixes,
         ~on_earth,
-        "are not on Earth (latitude beyond 90 or longitude beyond 360 degrees)",
+        "are not on Earth (latitude beyond 90 or longitude beyond 360 degrees)"
+        + ("; latitude and longitude look exchanged" if exchanged.any() else ""),
     )
     in_time = (fixes.t >= start) & (fixes.t <= end)
     _add_warning(

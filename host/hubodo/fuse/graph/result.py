@@ -9,7 +9,14 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
 from hubodo.fuse.graph.factor_graph import FactorGraph
-from hubodo.fuse.graph.factors.constants import CONSTANT_NAMES, CURVATURE, GNSS_DELAY, YAW_RATE, YAW_SCALE
+from hubodo.fuse.graph.factors.constants import (
+    CONSTANT_NAMES,
+    CURVATURE,
+    GNSS_DELAY,
+    WHEEL_RADIUS,
+    YAW_RATE,
+    YAW_SCALE,
+)
 from hubodo.fuse.graph.factors.position import PositionFactors
 from hubodo.fuse.graph.odometry_steps import SegmentedOdometry, StepNoise
 from hubodo.fuse.graph.solver import Solution
@@ -122,6 +129,19 @@ def build_result(
     )
 
 
+def _odometry_speed(path: Track) -> Array:
+    """Return the odometry's own speed, (N,) m/s, or the rate of its steps where it has none.
+
+    Differences of fused positions would contain their corrections, also at standstill.
+    """
+    if len(path.speed):
+        return path.speed
+    step = np.diff(path.x) + 1j * np.diff(path.y)
+    mean_heading = np.unwrap(path.heading)
+    forward = (step * np.exp(-0.5j * (mean_heading[1:] + mean_heading[:-1]))).real / np.diff(path.t)
+    return np.append(forward[0], forward)
+
+
 def _interpolate_track(
     path: Track, odometry: SegmentedOdometry, graph: FactorGraph, solution: Solution, covariance: Array
 ) -> Track:
@@ -158,11 +178,7 @@ def _interpolate_track(
         np.append(poses[0, 1], position.imag[step_index]),
     )
     heading_at_pose = np.append(poses[0, 2], heading[step_index])
-    speed = np.hypot(np.diff(x), np.diff(y)) / np.diff(path.t)
-    speed *= np.where(
-        np.diff(x) * np.cos(heading_at_pose[1:]) + np.diff(y) * np.sin(heading_at_pose[1:]) < 0.0, -1.0, 1.0
-    )
-    speed = np.append(speed[0], speed)
+    speed = (1.0 + constants[WHEEL_RADIUS]) * _odometry_speed(path)
     variance = np.maximum(np.einsum("kii->ik", covariance), 0.0)
     sigma = [np.sqrt(np.interp(path.t, odometry.pose_t, column)) for column in variance]
     crossed = [np.interp(path.t, odometry.pose_t, column) for column in cross_covariances(covariance)]
