@@ -23,7 +23,7 @@ def add_latitude(vehicle: Vehicle, recording: Recording) -> Vehicle:
 
 
 def latitude_warnings(vehicle: Vehicle, recording: Recording) -> tuple[str, ...]:
-    """Return a warning where the vehicle file has another latitude than the fixes, with the likely mistake."""
+    """Return a warning where the vehicle file has another latitude than the fixes, and the mistake."""
     fixes = _median_fix(recording)
     if (
         vehicle.latitude_deg is None
