@@ -29,8 +29,8 @@ def test_correct_fixes_pass_with_any_drift_of_the_odometry():
         path = odometry_path(drive)
         for drift in (0.0, 0.01, -0.02):
             turn = np.exp(1j * drift * path.t)
-            moved = np.cumsum(np.append(0.0, np.diff(path.x + 1j * path.y)) * turn)
-            check_exchanged_axes(replace(path, x=moved.real, y=moved.imag), drive_fixes(drive))
+            drifting = np.cumsum(np.append(0.0, np.diff(path.x + 1j * path.y)) * turn)
+            check_exchanged_axes(replace(path, x=drifting.real, y=drifting.imag), drive_fixes(drive))
 
 
 def test_latitudes_beyond_the_pole_are_named():
