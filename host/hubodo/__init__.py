@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from hubodo.sensors.allan.fit import NoiseTerm
     from hubodo.sensors.allan.result import AllanResult
     from hubodo.sensors.filters.result import FilterComparison
+    from hubodo.sensors.heading.result import HeadingResult
+    from hubodo.sensors.imu.result import ImuCalibration
     from hubodo.sensors.warmup.result import WarmupResult
     from hubodo.vehicle import NodeMount, Vehicle
 
@@ -53,6 +55,8 @@ _NAMES_OF_MODULE = {
     "hubodo.sensors.allan.fit": ("NoiseTerm",),
     "hubodo.sensors.allan.result": ("AllanResult",),
     "hubodo.sensors.filters.result": ("FilterComparison",),
+    "hubodo.sensors.heading.result": ("HeadingResult",),
+    "hubodo.sensors.imu.result": ("ImuCalibration",),
     "hubodo.sensors.warmup.result": ("WarmupResult",),
     "hubodo.vehicle": ("NodeMount", "Vehicle"),
 }
@@ -73,6 +77,8 @@ __all__ = [  # noqa: RUF022 - in the order of the reference
     "NoiseTerm",
     "WarmupResult",
     "FilterComparison",
+    "HeadingResult",
+    "ImuCalibration",
     "MissingEffects",
     "Finding",
     "Plot",

@@ -31,10 +31,10 @@ from hubodo.fuse.heading_filter import BiasNoise
 from hubodo.log.csv_folder import write_folder
 from hubodo.recording import Recording, Table
 from hubodo.sensors.filters.six_state import SixState
+from hubodo.sensors.heading.estimate import TYPICAL_BIAS_INSTABILITY, TYPICAL_GYRO_LAG
 from hubodo.sensors.heading.standstill import estimate_angle_random_walk, standstills_from_user
 from hubodo.sensors.heading.track import VerticalAxis, estimate_heading
 from hubodo.sensors.warmup.characterise import characterise_warmup
-from hubodo.verbs.heading import TYPICAL_BIAS_INSTABILITY, TYPICAL_GYRO_LAG
 from papers.start_fit import print_fit
 
 DEG = math.pi / 180.0

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from hubodo.pages.plot import Plot
     from hubodo.sensors.allan.result import AllanResult
     from hubodo.sensors.filters.result import FilterComparison
+    from hubodo.sensors.heading.result import HeadingResult
+    from hubodo.sensors.imu.result import ImuCalibration
+    from hubodo.sensors.imu.scalar_calibration import Convention
     from hubodo.sensors.standstill_channel import StandstillRecord
     from hubodo.sensors.warmup.result import WarmupResult
     from hubodo.vehicle import Vehicle
@@ -351,6 +354,117 @@ class LoadedLog:
             )
         except InputError as error:
             raise InputError(f"{self.path}, node {name}: {error}") from None
+
+    def heading(
+        self,
+        node: str | None = None,
+        axis: Literal["x", "y", "z"] = "z",
+        *,
+        calibration: StrPath | Calibration | None = None,
+        allan: StrPath | None = None,
+        age: float | None = None,
+        standstills: Sequence[tuple[float, float]] = (),
+        scale_sigma: float | None = None,
+        lag: float | None = None,
+        step: float = 0.1,
+    ) -> HeadingResult:
+        """Estimate the heading from one vertical gyro axis, as `hubodo heading` does.
+
+        Parameters
+        ----------
+        node : str, optional
+            Name of the node; by default the only one.
+        axis : {"x", "y", "z"}
+            Vertical axis.
+        calibration : str, path-like or Calibration, optional
+            Warm-up and scale of the node.
+        allan : str or path-like, optional
+            Noise of the axis: output of `hubodo allan --json`.
+        age : float, optional
+            Time since power-on at the first sample, s.
+        standstills : sequence of (float, float)
+            Start and end of each standstill, s; by default detected.
+        scale_sigma : float, optional
+            Relative 1σ of the scale; by default from the calibration, else 0.01.
+        lag : float, optional
+            Delay of the gyro, s; by default from the calibration, else 0.005.
+        step : float
+            Time step of the result, s.
+
+        Returns
+        -------
+        HeadingResult
+            Heading over time with sigma, and its score if the log holds a true heading.
+
+        Raises
+        ------
+        InputError
+            If the axis is missing or not vertical, or neither standstill nor calibration gives the bias.
+
+        References
+        ----------
+        Barshan, Durrant-Whyte, Evaluation of a solid-state gyroscope for robotics applications.
+        """
+        from hubodo.api.sensors import estimate_log_heading
+
+        return estimate_log_heading(
+            self, self._node(node), axis, calibration, allan, age, standstills, scale_sigma, lag, step
+        )
+
+    def calibrate_imu(
+        self,
+        node: str | None = None,
+        *,
+        gravity: float = 9.80665,
+        latitude_deg: float | None = None,
+        table_rate_deg_s: float | None = None,
+        convention: Convention = "symmetric",
+        min_standstill: float = 1.0,
+    ) -> ImuCalibration:
+        """Calibrate accelerometer and gyro from nine or more static poses, as `hubodo calibrate imu` does.
+
+        Parameters
+        ----------
+        node : str, optional
+            Name of the node; by default the only one.
+        gravity : float
+            Local gravity, m/s².
+        latitude_deg : float, optional
+            Latitude; makes Earth rate the reference of precise gyros.
+        table_rate_deg_s : float, optional
+            Constant rate of a rate table, as the reference of the gyro.
+        convention : {"symmetric", "x-first"}
+            Accelerometer frame: symmetric cross-axis matrix, or x axis along sensor x.
+        min_standstill : float
+            Shortest standstill that counts as a pose, s.
+
+        Returns
+        -------
+        ImuCalibration
+            Bias, scale and cross-axis terms of both triads with sigmas.
+
+        Raises
+        ------
+        InputError
+            If there is no such node, or its units are doubtful.
+        CalibrationError
+            If the poses do not suffice, or held-out poses become worse.
+
+        References
+        ----------
+        Avrutov, scalar calibration of accelerometers and gyros, eq. 5.
+        """
+        from hubodo.api.sensors import calibrate_log_imu
+
+        return calibrate_log_imu(
+            self,
+            self._node(node),
+            gravity=gravity,
+            latitude_deg=latitude_deg,
+            table_rate_deg_s=table_rate_deg_s,
+            convention=convention,
+            min_standstill=min_standstill,
+        )
 
     def gap(
         self,

@@ -23,6 +23,7 @@ from hubodo.pages.drawing import save_figure
 from hubodo.pages.page import render_page
 from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
+from hubodo.sensors.heading.estimate import UNCALIBRATED_SCALE_SIGMA
 from hubodo.sensors.north.axis_record import AxisRecord, GyroAngleOptions, axis_mount, build_axis_record
 from hubodo.sensors.north.circular import fuse_azimuths
 from hubodo.sensors.north.measurements import METHODS
@@ -36,7 +37,6 @@ from hubodo.verbs.log_options import add_log_options, log_form
 from hubodo.verbs.north_live import check_live_options, record_live
 from hubodo.verbs.north_plan import run_plan
 from hubodo.verbs.numbers import (
-    UNCALIBRATED_SCALE_SIGMA,
     bounded_integer,
     bounded_number,
     non_negative_number,

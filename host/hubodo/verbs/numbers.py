@@ -9,9 +9,6 @@ from collections.abc import Callable
 from hubodo.ingest.live.record_config import MAX_BAUD
 from hubodo.toml_file import MAX_TOML_NUMBER
 
-UNCALIBRATED_SCALE_SIGMA = 0.01
-"""1σ of the relative scale error of an uncalibrated MEMS gyro; data sheets state 1 to 3 % tolerance."""
-
 
 def bounded_number(
     low: float = -MAX_TOML_NUMBER, high: float = MAX_TOML_NUMBER, *, above: float | None = None

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from hubodo.effects.warmup import WarmupModel
 from hubodo.fuse.heading_filter import BiasNoise
+from hubodo.html_table import html_lines, html_table
 from hubodo.pages.console import print_lines, print_table
 from hubodo.sensors.heading.page import describe_spans, score_rows, summarise_heading
 from hubodo.sensors.heading.score import HeadingScore
@@ -21,17 +22,28 @@ if TYPE_CHECKING:
 class HeadingResult:
     """The heading of one gyro axis.
 
-    Attributes:
-        log, output: path of the log, and of the CSV file or None.
-        node, axis: name of the node and of the axis.
-        upwards: True if the axis points up.
-        standstills: (from, to) of each standstill, s.
-        warmup, noise: warm-up model and bias noise of the axis.
-        scale_sigma: relative sigma of the scale factor.
-        lag: delay of the gyro, s.
-        track: heading over time.
-        score: errors against the truth, or None.
-        notes: remarks for the user.
+    Attributes
+    ----------
+    log, output : str, str or None
+        Path of the log, and of the CSV file.
+    node, axis : str
+        Name of the node and of the axis.
+    upwards : bool
+        True if the axis points up.
+    standstills : tuple
+        (from, to) of each standstill, s.
+    warmup, noise : WarmupModel, BiasNoise
+        Warm-up model and bias noise of the axis.
+    scale_sigma : float
+        Relative sigma of the scale factor.
+    lag : float
+        Delay of the gyro, s.
+    track : HeadingTrack
+        Heading over time: `t`, `heading`, `sigma`, `bias` and `sigma_bias`, (N,) each, in s, rad and rad/s.
+    score : HeadingScore or None
+        Errors against the truth.
+    notes : tuple of str
+        Remarks.
     """
 
     log: str
@@ -59,12 +71,24 @@ class HeadingResult:
         return float(self.track.t[-1] - self.track.t[0])
 
     def final_headings(self) -> dict[str, float]:
-        """Return the total turn, rad, by each estimate."""
+        """Return the total turn by each estimate.
+
+        Returns
+        -------
+        dict
+            Turn in rad by name; `heading` is that of the filter, the others are simpler estimates.
+        """
         turns = {"heading": float(self.track.heading[-1])}
         return turns | {name: float(values[-1]) for name, values in self.track.baselines.items()}
 
     def as_json(self) -> dict[str, Any]:
-        """Return the JSON form: rates in rad/s, times in s, angles in rad unless the key says degrees."""
+        """Return the JSON result of `hubodo heading`.
+
+        Returns
+        -------
+        dict
+            The JSON object: rates in rad/s, times in s, angles in rad unless the key says degrees.
+        """
         track, noise, model = self.track, self.noise, self.warmup
         warmup: dict[str, Any] = {"c1": model.c1, "time_constant": model.time_constant}
         if model.c1_second:
@@ -93,7 +117,13 @@ class HeadingResult:
         }
 
     def render(self, console: Console) -> None:
-        """Print the final heading, compared with simpler estimates and with the truth."""
+        """Print the final heading, compared with simpler estimates and with the truth.
+
+        Parameters
+        ----------
+        console : rich.console.Console
+            The console to print to.
+        """
         headings, *rows = score_rows(self)
         print_lines(console, [summarise_heading(self)])
         print_table(console, headings, rows, f"{self.node} {self.axis}")
@@ -101,6 +131,14 @@ class HeadingResult:
         print_lines(console, self.notes, label="note")
         if self.output:
             print_lines(console, [f"written to {self.output}"])
+
+    def __repr__(self) -> str:
+        turned, sigma = math.degrees(self.track.heading[-1]), math.degrees(self.track.sigma[-1])
+        return f"HeadingResult({self.node} {self.axis}: turned by {turned:+.2f}° ± {sigma:.2f}°)"
+
+    def _repr_html_(self) -> str:
+        headings, *rows = score_rows(self)
+        return html_lines((summarise_heading(self),)) + html_table(headings, rows) + html_lines(self.notes)
 
     def _score_json(self, score: HeadingScore) -> dict[str, Any]:
         result: dict[str, Any] = {"against": score.source, "end_in_sigma": score.final_error_in_sigma}

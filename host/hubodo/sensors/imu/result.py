@@ -14,6 +14,7 @@ from hubodo.arrays import Array
 from hubodo.calibration.file import Quantity
 from hubodo.calibration.triad import Triad, effects_from_triad
 from hubodo.effects.gyro import GyroGSensitivity
+from hubodo.html_table import html_lines, html_table
 from hubodo.pages.console import print_lines, print_table
 from hubodo.sensors.imu.held_out import CrossValidation
 from hubodo.sensors.imu.page import PARAMETER_HEADINGS, format_held_out, parameter_rows
@@ -55,14 +56,22 @@ class GyroCalibration:
 class ImuCalibration:
     """The calibration of both triads of one node.
 
-    Attributes:
-        standstills: the standstills used.
-        gravity: reference of the accelerometers, m/s².
-        accel: calibration of the accelerometer triad.
-        accel_held_out: errors on standstills that were not fitted, or None.
-        gyro: calibration of the gyro triad.
-        notes: remarks for the user.
-        node, output: name of the node and path of the calibration file, in the result of the verb.
+    Attributes
+    ----------
+    standstills : Standstills
+        The standstills used.
+    gravity : float
+        Reference of the accelerometers, m/s².
+    accel : ScalarCalibration
+        Calibration of the accelerometer triad.
+    accel_held_out : CrossValidation or None
+        Errors on standstills that were not fitted.
+    gyro : GyroCalibration
+        Calibration of the gyro triad.
+    notes : tuple of str
+        Remarks.
+    node, output : str
+        Name of the node, and path of the calibration file in the result of the verb.
     """
 
     standstills: Standstills
@@ -75,7 +84,13 @@ class ImuCalibration:
     output: str = ""
 
     def effect_parameters(self) -> Mapping[str, Mapping[str, Quantity]]:
-        """Return the parameters by effect name, for calibration and model files."""
+        """Return the parameters by effect name, for calibration and model files.
+
+        Returns
+        -------
+        mapping
+            Value and sigma of each parameter, by effect and parameter name.
+        """
         calibration = effects_from_triad(
             self.accel.triad, self.accel.sigma, "accel", self.accel.is_observable
         )
@@ -93,7 +108,13 @@ class ImuCalibration:
         return calibration
 
     def as_json(self) -> dict[str, Any]:
-        """Return effects with sigmas, residuals before and after, static poses and notes for `--json`."""
+        """Return the JSON result of `hubodo calibrate imu`.
+
+        Returns
+        -------
+        dict
+            Effects with sigmas, residuals before and after, static poses and notes.
+        """
         effects = {
             name: {p: {"value": q.value, "sigma": q.sigma} for p, q in parameters.items()}
             for name, parameters in self.effect_parameters().items()
@@ -137,13 +158,27 @@ class ImuCalibration:
         return result
 
     def render(self, console: Console) -> None:
-        """Print the parameters, then the residuals before and after self."""
-        print_table(console, PARAMETER_HEADINGS, parameter_rows(self), f"{self.node} → {self.output}")
+        """Print the parameters, then the residuals before and after the calibration.
+
+        Parameters
+        ----------
+        console : rich.console.Console
+            The console to print to.
+        """
+        title = f"{self.node} → {self.output}" if self.output else self.node
+        print_table(console, PARAMETER_HEADINGS, parameter_rows(self), title)
         print_lines(console, [f"length of gravity: {format_held_out(self.accel_held_out, 'm/s²')}"])
         if self.gyro.turns is not None:
             words = format_held_out(self.gyro.held_out, "degrees", 180 / math.pi)
             print_lines(console, [f"turns: {words}"])
         print_lines(console, self.notes, label="note")
+
+    def __repr__(self) -> str:
+        effects = ", ".join(self.effect_parameters())
+        return f"ImuCalibration({self.node}: {len(self.standstills)} poses, {effects})"
+
+    def _repr_html_(self) -> str:
+        return html_table(PARAMETER_HEADINGS, parameter_rows(self)) + html_lines(self.notes)
 
 
 def _rms(values: np.ndarray[Any, np.dtype[np.float64]]) -> float:

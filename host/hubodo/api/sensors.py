@@ -1,0 +1,86 @@
+"""Heading and IMU calibration of a log in memory."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hubodo.api.arguments import StrPath, as_calibration
+from hubodo.errors import InputError
+from hubodo.log.units import check_node_units
+from hubodo.sensors.heading.estimate import HeadingOptions, effects_of_node, heading_from_recording
+from hubodo.sensors.heading.prior import read_bias_noise
+from hubodo.sensors.heading.result import HeadingResult
+from hubodo.sensors.imu.calibrate import calibrate_imu
+from hubodo.sensors.imu.result import ImuCalibration
+from hubodo.sensors.imu.scalar_calibration import Convention
+
+if TYPE_CHECKING:
+    from hubodo.api.log import LoadedLog
+    from hubodo.calibration.file import Calibration
+
+
+def estimate_log_heading(
+    log: LoadedLog,
+    node: str,
+    axis: str,
+    calibration: StrPath | Calibration | None,
+    allan: StrPath | None,
+    age: float | None,
+    standstills: Sequence[tuple[float, float]],
+    scale_sigma: float | None,
+    lag: float | None,
+    step: float,
+) -> HeadingResult:
+    """Return the heading of a node; parameters as in `LoadedLog.heading`."""
+    if axis not in ("x", "y", "z"):
+        raise InputError(f"axis {axis!r}: choose from x, y, z")
+    if not 1e-3 <= step <= 60.0:
+        raise InputError(f"step = {step}: give 0.001 to 60 s")
+    read, file = as_calibration(calibration)
+    source = "the calibration" if file is None else file["file"]
+    where = f"{log.path}, node {node}"
+    check_node_units(log.nodes[node], where)
+    try:
+        options = HeadingOptions(
+            axis=axis,
+            effects={} if read is None else effects_of_node(read, node, source),
+            noise=None if allan is None else read_bias_noise(Path(allan)),
+            age=age,
+            standstills=standstills,
+            scale_sigma=scale_sigma,
+            lag=lag,
+            step=step,
+        )
+        return heading_from_recording(log.recording, node, options, log=str(log.path))
+    except InputError as error:
+        raise InputError(f"{where}, {axis}: {error}") from None
+
+
+def calibrate_log_imu(
+    log: LoadedLog,
+    node: str,
+    *,
+    gravity: float,
+    latitude_deg: float | None,
+    table_rate_deg_s: float | None,
+    convention: Convention,
+    min_standstill: float,
+) -> ImuCalibration:
+    """Return the calibration of a node; parameters as in `LoadedLog.calibrate_imu`."""
+    table = log.nodes[node]
+    check_node_units(table, f"{log.path}, node {node}")
+    calibration = calibrate_imu(
+        table.t,
+        table.gyro,
+        table.accel,
+        gravity=gravity,
+        latitude=None if latitude_deg is None else math.radians(latitude_deg),
+        table_rate=None if table_rate_deg_s is None else math.radians(table_rate_deg_s),
+        convention=convention,
+        min_standstill=min_standstill,
+    )
+    return replace(calibration, node=node)

@@ -1,0 +1,81 @@
+"""Sensor analyses from Python equal those of the verbs, and are refused by errors of hubodo in one line."""
+
+import json
+
+import numpy as np
+import pytest
+
+import hubodo
+from in_process import hubodo as run
+from vehicles import DRIVE_MODEL, LOW_INPUT_NOISE
+
+
+def verb_result(*words):
+    done = run(*words, "--json")
+    assert done.code == 0, done.err
+    return json.loads(done.out)
+
+
+def as_printed(result):
+    return json.loads(json.dumps(result.as_json()))
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sensors")
+    model = folder / "model.toml"
+    model.write_text(DRIVE_MODEL + LOW_INPUT_NOISE + "[effects.accel_bias]\nx = 0.3\ny = -0.2\nz = 0.3\n")
+    for drive, options in (("poses", ("--duration", 80, "--rate", 50)), ("random", ("--duration", 24))):
+        words = ("simulate", model, "--drive", drive, *options, "--seed", 3, "-o", folder / f"{drive}.mcap")
+        assert run(*words).code == 0
+    return folder
+
+
+def test_an_imu_calibration_equals_that_of_the_verb(logs, tmp_path):
+    result = hubodo.open(logs / "poses.mcap").calibrate_imu("left", gravity=9.81)
+    words = ("calibrate", "imu", logs / "poses.mcap", "--node", "left", "--gravity", 9.81)
+    printed = verb_result(*words, "-o", tmp_path / "c.toml")
+    assert {**printed, "output": ""} == as_printed(result)
+    assert {"accel_bias", "gyro_bias"} <= set(result.effect_parameters())
+    assert repr(result).startswith("ImuCalibration(left: ") and "<table>" in result._repr_html_()
+
+
+def test_filters_equal_those_of_the_verb_but_for_the_run_time(logs):
+    path = logs / "random.mcap"
+    result = as_printed(hubodo.open(path).filters("left", reference="reference.speed"))
+    printed = verb_result("filters", path, "--node", "left", "--reference", "reference.speed")
+    for it in (*result["filters"], *printed["filters"]):
+        assert it.pop("run_time_us") > 0.0
+    assert {**printed, "log": None} == result
+    assert result["reference"]["scale_unit"] == "rad/m"
+
+
+def test_a_heading_equals_that_of_the_verb(tmp_path):
+    """Ten seconds at rest, then a turn of 90 degrees; the bias is that of the rest."""
+    rng = np.random.default_rng(4)
+    t = np.arange(3000) * 0.01
+    rate = np.where((t > 15.0) & (t < 20.0), np.pi / 10.0, 0.0)
+    gyro = rng.normal(0.01, 1e-3, (3000, 3)) + np.outer(rate, [0.0, 0.0, 1.0])
+    accel = rng.normal([0.0, 0.0, 9.81], 0.02, (3000, 3))
+    path = hubodo.from_arrays(gyro, accel, t=t).save(tmp_path / "turn.mcap")
+    result = hubodo.open(path).heading(standstills=[(0.0, 10.0)], scale_sigma=0.02)
+    assert verb_result("heading", path, "--rest", 0, 10, "--scale-sigma", 0.02) == as_printed(result)
+    assert result.track.heading[-1] == pytest.approx(np.pi / 2.0, abs=0.01)
+    assert repr(result).startswith("HeadingResult(imu z: turned by +") and "<table>" in result._repr_html_()
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "message"),
+    [
+        (lambda log: log.heading("left", "w"), hubodo.InputError, "axis 'w': choose from x, y, z"),
+        (lambda log: log.heading("left", step=0.0), hubodo.InputError, "step = 0.0"),
+        (lambda log: log.calibrate_imu("middle"), hubodo.InputError, "no node 'middle'"),
+        (lambda log: log.calibrate_imu("left", gravity=1.0), hubodo.InputError, "gravity 1.0"),
+        (lambda log: log.filters("left", "ax"), hubodo.InputError, "gx, gy, gz"),
+        (lambda log: log.filters("left", reference="gnss"), hubodo.InputError, "--reference gnss"),
+    ],
+)
+def test_invalid_calls_are_refused_in_one_line(call, error, message, logs):
+    with pytest.raises(error, match=message) as caught:
+        call(hubodo.open(logs / "random.mcap"))
+    assert "\n" not in str(caught.value)
