@@ -37,7 +37,7 @@ def test_an_imu_calibration_equals_that_of_the_verb(logs, tmp_path):
     printed = verb_result(*words, "-o", tmp_path / "c.toml")
     assert {**printed, "output": ""} == as_printed(result)
     assert {"accel_bias", "gyro_bias"} <= set(result.effect_parameters())
-    assert repr(result).startswith("ImuCalibration(left: ") and "<table>" in result._repr_html_()
+    assert repr(result).startswith("ImuCalibration(left: ") and "<table" in result._repr_html_()
 
 
 def test_filters_equal_those_of_the_verb_but_for_the_run_time(logs):
@@ -61,7 +61,7 @@ def test_a_heading_equals_that_of_the_verb(tmp_path):
     result = hubodo.open(path).heading(standstills=[(0.0, 10.0)], scale_sigma=0.02)
     assert verb_result("heading", path, "--rest", 0, 10, "--scale-sigma", 0.02) == as_printed(result)
     assert result.track.heading[-1] == pytest.approx(np.pi / 2.0, abs=0.01)
-    assert repr(result).startswith("HeadingResult(imu z: turned by +") and "<table>" in result._repr_html_()
+    assert repr(result).startswith("HeadingResult(imu z: turned by +") and "<table" in result._repr_html_()
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ UNCALIBRATED_SCALE_SIGMA = 0.01
 
 @dataclass(frozen=True)
 class HeadingOptions:
-    """What the user states about a vertical gyro axis.
+    """Statements of the user about a vertical gyro axis.
 
     Attributes:
         axis: x, y or z.
@@ -94,14 +94,8 @@ def heading_from_recording(
         detected = detect_standstills(t, gyro, accel, axis, index, expected_bias, recording.table)
     spans = detected.spans
     notes += detected.notes
-    if not spans and "gyro_bias" not in effects:
-        advice = "; begin with a standstill of about ten seconds, mark one with --rest, or give --calibration"
-        problem = f": {detected.problem}" if detected.problem else advice
-        raise InputError(f"neither a standstill nor a calibration gives the bias{problem}")
     if not spans:
-        notes.append(
-            "no standstill: the bias is that of the calibration, with the day-to-day change as its sigma"
-        )
+        notes.append(_bias_from_calibration(effects, detected))
     if options.age is None and model.c1:
         notes.append("power-on is assumed at the first sample; if it was earlier, give --age")
     if not model.c1:
@@ -135,6 +129,15 @@ def heading_from_recording(
         scored,
         tuple(notes),
     )
+
+
+def _bias_from_calibration(effects: Mapping[str, CalibratedEffect], detected: DetectedStandstills) -> str:
+    """Return a remark on the bias without a standstill; raise InputError if the calibration lacks it too."""
+    if "gyro_bias" not in effects:
+        advice = "; begin with a standstill of about ten seconds, mark one with --rest, or give --calibration"
+        problem = f": {detected.problem}" if detected.problem else advice
+        raise InputError(f"neither a standstill nor a calibration gives the bias{problem}")
+    return "no standstill: the bias is that of the calibration, with the day-to-day change as its sigma"
 
 
 def _complete_rows(table: Table, axis: str, notes: list[str]) -> NDArray[np.int64]:
