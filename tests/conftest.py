@@ -13,7 +13,13 @@ from hubodo.effects import BY_NAME
 
 TESTS = Path(__file__).parent
 LONGEST_FILES = (
-    *("host/web/test_page_in_browser.py", "host/fuse/test_wheel_calibration.py", "gap_matrix"),
+    *("host/web/test_recordings_in_browser.py", "host/fuse/test_wheel_calibration.py"),
+    *("host/web/test_web_library.py", "host/gap/test_gap_watch.py", "gap_matrix"),
+    *(
+        "host/web/test_page_in_browser.py",
+        "host/fuse/test_wheel_slip.py",
+        "host/sensors/heading/test_heading.py",
+    ),
     *(
         "signal_path/test_doctor_node.py",
         "firmware/test_firmware_boards.py",
@@ -32,11 +38,7 @@ LONGEST_FILES = (
         "host/fuse/test_wheel_outage_model.py",
     ),
     *("signal_path/test_doctor.py", "firmware/test_firmware_bias_filter.py", "host/fuse/test_wheel_car.py"),
-    *(
-        "signal_path/test_north_table.py",
-        "host/sensors/heading/test_heading.py",
-        "host/fuse/test_wheel_slip.py",
-    ),
+    *("signal_path/test_radio.py", "signal_path/test_north_table.py"),
     *("signal_path", "host/test_package.py", "host/verbs/test_verb_node.py", "host/api"),
     *("firmware", "host/fuse", "host/sensors", "host/gap"),
 )

@@ -47,12 +47,10 @@ class PackageCopy:
         assert completed.returncode == 0, completed.stdout[-3000:] + completed.stderr[-3000:]
         return completed.stdout
 
-    def run_tests(self, *arguments: str) -> int:
-        """Run tests, whose paths are relative to the folder of the tests, and return how many passed.
+    def run_tests(self, *arguments: str) -> list[str]:
+        """Run tests, whose paths are relative to the folder of the tests, and return those that passed.
 
         None may fail.
         """
-        options = ("-o", "addopts=", "-p", "no:cacheprovider", "-p", "no:xdist", "-p", "no:anyio")
-        output = self.run("-m", "pytest", *options, *arguments)
-        passed = re.search(r"(\d+) passed", output)
-        return int(passed[1]) if passed else 0
+        options = ("-o", "addopts=", "-p", "no:cacheprovider", "-p", "no:xdist", "-p", "no:anyio", "-rp")
+        return re.findall(r"^PASSED (.+)$", self.run("-m", "pytest", *options, *arguments), re.MULTILINE)

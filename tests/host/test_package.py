@@ -8,7 +8,7 @@ import subprocess
 import sys
 import sysconfig
 import tomllib
-from importlib.metadata import PackageNotFoundError, files
+from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 import pytest
@@ -120,14 +120,25 @@ def _normalised_name(name):
 def _importable_names(package):
     """Return the importable top-level names of a package; if it is not installed, its own name."""
     try:
-        paths = files(package) or ()
+        installed = distribution(package)
     except PackageNotFoundError:
         return {package.replace("-", "_")}
-    return {file.parts[0].removesuffix(".py") for file in paths}
+    listed = installed.read_text("top_level.txt")
+    names = listed.split() if listed else [file.parts[0] for file in installed.files or ()]
+    return {name.removesuffix(".py") for name in names}
+
+
+def _statements(node):
+    """Yield the statements in a node, at any depth; most nodes of a file are expressions."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.stmt):
+            yield child
+        if isinstance(child, ast.stmt | ast.excepthandler | ast.match_case):
+            yield from _statements(child)
 
 
 def _imported_names(path):
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+    for node in _statements(ast.parse(path.read_text("utf-8"))):
         if isinstance(node, ast.Import):
             yield from (alias.name.partition(".")[0] for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and not node.level:

@@ -54,4 +54,4 @@ def test_a_factor_added_by_the_recipe_is_fused_and_reported(copy: PackageCopy) -
 
 
 def test_the_tests_of_the_touched_parts_pass_with_an_added_factor(copy: PackageCopy) -> None:
-    assert copy.run_tests(*GUARDS) > 0
+    assert copy.run_tests(*GUARDS)

@@ -1,6 +1,7 @@
 """The wheel filter as users call it: bulk and live odometry, slip, mounting errors, damaged logs."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from generators import wheel_drives
 from hubodo.calibration.file import Quantity
 from hubodo.fuse.wheel.entries import TIME_OFFSET
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample
-from hubodo.fuse.wheel.track import run_wheel_filter, track_from_poses
+from hubodo.fuse.wheel.track import WheelTrack, run_wheel_filter, track_from_poses
 from wheel_runs import (
     BOTH,
     config,
@@ -24,17 +25,20 @@ from wheel_runs import (
 )
 
 SHORT = short_loop(3)
-_bulk_filter = WheelFilter(config(SHORT))
-SHORT_BULK = track_from_poses(
-    [*_bulk_filter.handle_many(sample_columns(SHORT)).poses, *_bulk_filter.finish().poses]
-)
+
+
+@cache
+def _short_bulk() -> WheelTrack:
+    """Return the bulk odometry of SHORT."""
+    bulk = WheelFilter(config(SHORT))
+    return track_from_poses([*bulk.handle_many(sample_columns(SHORT)).poses, *bulk.finish().poses])
 
 
 def _assert_equal_bits(poses: list[object]) -> None:
     """Assert that the track of these poses equals the bulk odometry of SHORT bit by bit."""
     track = track_from_poses(poses)  # type: ignore[arg-type]
     for field in ("t", "x", "y", "heading", "speed", "yaw_rate", "covariance"):
-        assert getattr(track, field).tobytes() == getattr(SHORT_BULK, field).tobytes(), field
+        assert getattr(track, field).tobytes() == getattr(_short_bulk(), field).tobytes(), field
 
 
 def test_live_odometry_equals_bulk_bit_by_bit() -> None:
@@ -184,7 +188,7 @@ def test_wheels_that_never_turn_stay_at_the_origin_with_a_warning() -> None:
 def test_without_one_node_the_other_gives_a_track_with_larger_sigma_and_a_warning() -> None:
     run = run_wheel_filter(config(SHORT), {"left": tables(SHORT)["left"]})
     assert any("right: no samples" in line for line in run.report.warnings)
-    assert run.track.covariance[-1, 2, 2] > SHORT_BULK.covariance[-1, 2, 2]
+    assert run.track.covariance[-1, 2, 2] > _short_bulk().covariance[-1, 2, 2]
     assert end_error(SHORT, run) < 0.02 * SHORT.length
 
 
