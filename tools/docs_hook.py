@@ -1,7 +1,7 @@
 """Hook of mkdocs: draw equations, insert the help of the verbs and READMEs of the tree.
 
-On a page `$$ … $$` becomes a drawing, `<!-- verbs -->` the help of every verb, `<!-- include PATH -->` the
-README of that path, without its links into the tree, which is not on the site.
+On a page `$$ … $$` becomes a drawing, `<!-- verbs -->` the help of every verb, `<!-- effects -->` the
+meaning of every effect, `<!-- include PATH -->` the README of that path, without its links into the tree, which is not on the site.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
     """Return the Markdown of a page with equations, verbs and READMEs inserted."""
     markdown = _INCLUDE.sub(lambda match: _readme(ROOT / match[1]), markdown)
     markdown = _EQUATION.sub(lambda match: _equations(match[1]), markdown)
+    if "<!-- effects -->" in markdown:
+        markdown = markdown.replace("<!-- effects -->", _effects())
     return markdown.replace("<!-- verbs -->", _verbs() if "<!-- verbs -->" in markdown else "")
 
 
@@ -57,6 +59,19 @@ def _drawing(tex: str) -> str:
     # No empty line, as that would end the element in Markdown.
     body = re.sub(r"\n\s*\n", "\n", body.replace("#010203", "currentColor"))
     return body.replace("<svg ", f'<svg role="img" aria-label="{html.escape(tex)}" ', 1).strip()
+
+
+def _effects() -> str:
+    """Return a table of all effects: name, meaning, and how to tell it from one that looks alike."""
+    from hubodo.effects import EFFECTS
+
+    rows = []
+    for effect in EFFECTS:
+        advice = "; ".join(dict.fromkeys(effect.confusable_with.values()))
+        rows.append(f"| `{effect.name}` | {effect.meaning} | {advice} |")
+    return "\n".join(
+        ["| effect | what it means | how to tell it from what looks alike |", "|---|---|---|", *rows]
+    )
 
 
 def _verbs() -> str:

@@ -50,6 +50,12 @@ def test_after_login_gap_runs_on_a_click_with_progress_and_its_page_opens(folder
         until(lambda: page.run("return document.querySelectorAll('.recording').length") == 1)
         assert page.run("return document.getElementById('view-live').hidden")
         page.run(
+            "const order = document.querySelector('select'); order.value = 'size';"
+            "order.dispatchEvent(new Event('change'))"
+        )
+        assert page.run("return document.querySelector('select').value") == "size"
+        assert page.run("return document.querySelectorAll('.recording').length") == 1
+        page.run(
             "[...document.querySelectorAll('.recording button')].find((b) => b.innerText === 'Gap').click()"
         )
         progress_texts = set()

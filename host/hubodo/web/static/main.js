@@ -3,13 +3,14 @@
 import { colour, resetColours, colourNameOfNode } from "./canvas.js";
 import { Feed } from "./feed.js";
 import { drawCompass, PathMap } from "./map.js";
-import { element, NodeCards, setText, signed } from "./nodes.js";
+import { element, NodeCards, setText, signed, unsignedZero } from "./nodes.js";
 import { Recordings } from "./recordings.js";
 import { logOut, replaceCsrfSecret, send, toast } from "./server.js";
 import { drawStrip } from "./strip.js";
 import { theme } from "./theme.js";
 
 const DEG = 180 / Math.PI, GB = 1e9, MB = 1e6, MAX_EVENTS = 200;
+const SMOOTHING_S = 0.5;  // over which speed and yaw rate are averaged, so that the digits can be read
 const byId = (id) => document.getElementById(id);
 const isLive = document.documentElement.dataset.live === "yes";
 const map = new PathMap(byId("map"));
@@ -110,12 +111,14 @@ function showPosition() {
     ? `The path of the vehicle; it is at x ${pose.x.toFixed(1)}, y ${pose.y.toFixed(1)} m` : "No path yet");
   drawCompass(byId("compass"), pose ? pose.heading : null, north);
   if (!pose || !odometry) { return; }
-  setText(byId("now-speed"), odometry[3].toFixed(2).replace("-", "−"));
+  const recent = feed.frames.filter((frame) => frame.o && feed.now - frame.t < SMOOTHING_S).map((frame) => frame.o);
+  const mean = (column) => (recent.length ? recent.reduce((sum, o) => sum + o[column], 0) / recent.length : odometry[column]);
+  setText(byId("now-speed"), unsignedZero(mean(3), 2));
   setText(byId("now-distance"), odometry[7].toFixed(odometry[7] < 1000 ? 1 : 0));
   const wrappedHeading = Math.atan2(Math.sin(pose.heading), Math.cos(pose.heading)) * DEG;
   setText(byId("now-heading"), signed(wrappedHeading));
   setText(byId("now-heading-sigma"), odometry[6] === null ? "" : `± ${(odometry[6] * DEG).toFixed(1)}°`);
-  setText(byId("now-yaw"), signed(odometry[4] * DEG));
+  setText(byId("now-yaw"), signed(mean(4) * DEG));
   setText(byId("now-place"), `${pose.x.toFixed(2)}, ${pose.y.toFixed(2)} m`.replaceAll("-", "−"));
   setText(byId("now-place-sigma"), pose.sigma === null ? "" : `± ${pose.sigma.toFixed(2)} m`);
 }

@@ -186,12 +186,16 @@ export function drawCompass(canvas, heading, north) {
     pen.lineTo(x + r * 0.97 * Math.cos(a), y + r * 0.97 * Math.sin(a));
     pen.stroke();
   }
-  if (north) {
-    pen.font = font(11, 700);
-    pen.fillStyle = colour("dim");
-    pen.textAlign = "center";
-    pen.fillText("N", x, y - r * 0.58);
-  }
+  pen.font = font(north ? 11 : 9, north ? 700 : 400);
+  pen.fillStyle = colour("dim");
+  pen.textAlign = "center";
+  pen.textBaseline = "middle";
+  // Headings are anticlockwise from east on the map, else from the direction at the start.
+  (north ? ["E", "N", "W", "S"] : ["0°", "90°", "180°", "−90°"]).forEach((label, k) => {
+    const a = (k * Math.PI) / 2;
+    pen.fillText(label, x + r * 0.62 * Math.cos(a), y - r * 0.62 * Math.sin(a));
+  });
+  pen.textBaseline = "alphabetic";
   if (heading === null) { return; }
   pen.save();
   pen.translate(x, y);

@@ -67,7 +67,8 @@ export class NodeCards {
     setValue(parts.rate, node.rate.toFixed(1), "Hz");
     setValue(parts.lost, total ? ((100 * node.lost) / total).toFixed(2) : "–", `% (${node.lost})`);
     const clock = node.clock;
-    setValue(parts.clock, clock.sigma === null ? "–" : `± ${(clock.sigma * 1e3).toFixed(2)}`, clock.sigma === null ? "" : "ms");
+    setValue(parts.clock, clock.offset === null ? "–" : `${clock.offset.toFixed(3).replace("-", "−")} s`,
+      clock.sigma === null ? "" : `± ${(clock.sigma * 1e3).toFixed(2)} ms`);
     parts.clock.value.title = clock.offset === null ? "" : `host minus node: ${clock.offset.toFixed(6)} s, ${clock.source}`;
     setValue(parts.ppm, clock.ppm === null ? "–" : signed(clock.ppm), clock.ppm === null ? "" : `± ${clock.ppm_sigma.toFixed(1)} ppm`);
     setValue(parts.battery, node.battery === null ? "–" : node.battery.toFixed(2), node.battery === null ? "" : "V");
@@ -118,7 +119,14 @@ function legendEntry(text, tone) {
 }
 
 export function signed(number, digits = 1) {
-  return (number < 0 ? "−" : "+") + Math.abs(number).toFixed(digits);
+  const text = Math.abs(number).toFixed(digits);
+  return Number(text) === 0 ? text : (number < 0 ? "−" : "+") + text;
+}
+
+// Returns a number without the sign of a rounded zero.
+export function unsignedZero(number, digits) {
+  const text = number.toFixed(digits);
+  return Number(text) === 0 ? text.replace("-", "") : text.replace("-", "−");
 }
 
 export function setText(target, text) {

@@ -4,6 +4,12 @@ import { call, toast } from "./server.js";
 import { element } from "./nodes.js";
 
 const POLL_MS = 500;
+const ORDERS = {
+  newest: ["newest first", (a, b) => b.changed - a.changed],
+  oldest: ["oldest first", (a, b) => a.changed - b.changed],
+  name: ["by name", (a, b) => a.name.localeCompare(b.name, undefined, { numeric: true })],
+  size: ["largest first", (a, b) => b.size - a.size],
+};
 
 export class Recordings {
   constructor(container) {
@@ -21,9 +27,21 @@ export class Recordings {
     }
     this.models = listing.models;
     this.cards.clear();
-    this.container.replaceChildren(element("h2", {}, `Recordings in ${listing.folder}`));
+    this.listing = listing;
+    this.show();
+  }
+
+  // Shows the cards in the order that the visitor has chosen.
+  show() {
+    const listing = this.listing;
+    const order = element("select", { "aria-label": "Order of the recordings" },
+      ...Object.entries(ORDERS).map(([value, [text]]) => element("option", { value }, text)));
+    order.value = this.order ?? "newest";
+    order.addEventListener("change", () => { this.order = order.value; this.show(); });
+    this.container.replaceChildren(element("div", { class: "head" },
+      element("h2", {}, `Recordings in ${listing.folder}`), element("div", { class: "row" }, order)));
     if (!listing.recordings.length) { this.container.append(element("p", { class: "card" }, "No recording yet.")); }
-    for (const recording of listing.recordings) { this.container.append(this.card(recording)); }
+    for (const recording of [...listing.recordings].sort(ORDERS[order.value][1])) { this.container.append(this.card(recording)); }
   }
 
   card(recording) {
