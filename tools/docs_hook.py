@@ -1,7 +1,8 @@
 """Hook of mkdocs: draw equations, insert the help of the verbs and READMEs of the tree.
 
 On a page `$$ … $$` becomes a drawing, `<!-- verbs -->` the help of every verb, `<!-- effects -->` the
-meaning of every effect, `<!-- include PATH -->` the README of that path, without its links into the tree, which is not on the site.
+meaning of every effect, `<!-- include PATH -->` the README of that path,
+without its links into the tree, which is not on the site.
 """
 
 from __future__ import annotations
