@@ -93,8 +93,9 @@ def _largest(track: Track, truth: Table) -> float:
 
 
 def main() -> int:
-    """Print a line for each drive, and each pair of drives."""
+    """Print a line for each drive, and each pair of drives; then the medians of one wheel and of two."""
     logs = drives()
+    by_wheels: dict[int, tuple[list[float], list[float]]] = {1: ([], []), 2: ([], [])}
     for names in SETS:
         usable_logs = {name: log for name, log in logs.items() if set(names) <= set(log.nodes)}
         tape_errors = {name: largest_percent(log, names, None) for name, log in usable_logs.items()}
@@ -115,6 +116,13 @@ def main() -> int:
         print(
             f"  median: tape {np.median(list(tape_errors.values())):.2f} %, "
             f"calibrated {np.median(calibrated):.2f} %"
+        )
+        by_wheels[len(names)][0].extend(tape_errors.values())
+        by_wheels[len(names)][1].extend(calibrated)
+    for count, (tape, calibrated) in by_wheels.items():
+        print(
+            f"wheels: {count}; medians: tape {np.median(tape):.2f} % of {len(tape)} runs, calibrated on "
+            f"another drive {np.median(calibrated):.2f} % of {len(calibrated)}"
         )
     return 0
 

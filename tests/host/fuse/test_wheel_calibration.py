@@ -165,6 +165,18 @@ def test_impossible_positions_are_refused_with_the_likely_reason(
         calibrate_wheels(config(drive), tables(drive), corrupt(_exact_positions(drive, 76)))
 
 
+def test_positions_that_jump_again_and_again_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    skip_held_out_segments(monkeypatch)
+    drive = _loop_drive(77, 60.0)
+    exact = _exact_positions(drive, 77)
+    jump = np.cumsum(2.0 * np.random.default_rng(77).standard_normal((2, len(exact) // 20 + 1)), axis=1)
+    error = np.repeat(jump, 20, axis=1)[:, : len(exact)]
+    with pytest.raises(CalibrationError, match=r"jumped [0-9]+ times among .*nothing is written"):
+        calibrate_wheels(
+            config(drive), tables(drive), replace(exact, x=exact.x + error[0], y=exact.y + error[1])
+        )
+
+
 def test_a_tight_prior_keeps_the_track_width_fixed(monkeypatch: pytest.MonkeyPatch) -> None:
     """A track width known to 1 mm is not estimated; one with the default prior is."""
     skip_held_out_segments(monkeypatch)

@@ -1,0 +1,65 @@
+"""Fast cars with ±2000 °/s and ±16 g, by speed and by how far off the axle the sensor is.
+
+    python tests/accuracy/fast_cars.py [--drives 6] [--seed 300] [--speeds 10 20 35] [--arms 0 0.05]
+
+Wheels of 0.3 m, track 1.4 m: the gyro about the axle is beyond its range from 10.5 m/s on, an accelerometer
+across the axle on an arm a from 0.3 m √(147 m/s² / a) on. Error at the end in % of the distance; NEES of x, y
+and heading, 3 if consistent.
+"""
+
+# ruff: noqa: E402 (BLAS must know its threads before numpy is loaded)
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+sys.path[:0] = [str(Path(__file__).resolve().parents[1])]
+
+import numpy as np
+
+from generators.clipped_drives import Clipped, clipped_drive
+from hubodo.fuse.wheel.track import run_wheel_filter
+from wheel_runs import BOTH, config, end_error, nees, tables
+
+WHEELS = {"one": ("left",), "two": BOTH}
+SPEEDS, ARMS = (10.0, 15.0, 20.0, 25.0, 35.0), (0.0, 0.02, 0.05, 0.15)
+
+
+def main() -> int:
+    """Print a line for each speed and arm, with one wheel and with two."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--drives", type=int, default=6)
+    parser.add_argument("--seed", type=int, default=300)
+    parser.add_argument("--speeds", type=float, nargs="+", default=SPEEDS, help="m/s")
+    parser.add_argument("--arms", type=float, nargs="+", default=ARMS, help="m off the axle")
+    args = parser.parse_args()
+    print(f"seeds {args.seed} to {args.seed + args.drives - 1}; error at the end, % of the distance")
+    print(f"{'m/s':>5}{'arm, m':>8}{'wheels':>8}{'median':>9}{'largest':>9}{'NEES of 3':>11}{'largest':>9}")
+    for speed in args.speeds:
+        for arm in args.arms:
+            rows: dict[str, list[tuple[float, float]]] = {key: [] for key in WHEELS}
+            for seed in range(args.seed, args.seed + args.drives):
+                # The arm has no size of zero for the generator: a tenth of a millimetre.
+                case = Clipped(speed, radius=0.3, track=1.4, rate_hz=208.0, arm=(max(arm, 1e-4), 0.0))
+                drive = clipped_drive(case, seed)
+                for key, names in WHEELS.items():
+                    run = run_wheel_filter(config(drive, names, limits=case.limits), tables(drive))
+                    rows[key].append((100.0 * end_error(drive, run) / drive.length, nees(drive, run)))
+            for key, results in rows.items():
+                error, nees_values = np.array(results).T
+                print(
+                    f"{speed:5.0f}{arm:8.2f}{key:>8}{np.median(error):9.2f}{error.max():9.2f}"
+                    f"{nees_values.mean():11.1f}{nees_values.max():9.1f}",
+                    flush=True,
+                )
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
