@@ -152,7 +152,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             kind.add_argument(option, action="store_true", default=argparse.SUPPRESS, help=argparse.SUPPRESS)
     add_force_option(new, "output")
     add_log_options(check)
-    new.set_defaults(topic=[], rate=None, unit=[], columns=None, variable=None)
+    new.set_defaults(topic=[], rate=None, unit=[], columns=None, zero=[], scale=[], variable=None)
 
 
 def run(args: argparse.Namespace) -> VehicleResult:
