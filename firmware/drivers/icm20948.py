@@ -113,13 +113,14 @@ class ICM20948(Chip):
 
     def intact(self):
         """Return True while WHO_AM_I and settings persist in the chip: a supply dip resets them."""
+        # A failed transfer may have left another bank.
+        self._write(_REG_BANK_SEL, 0)
         if not self._holds(self._standing):
             return False
-        try:
-            self._write(_REG_BANK_SEL, _BANK_2)
-            return self._holds(self._bank_2)
-        finally:
-            self._write(_REG_BANK_SEL, 0)
+        self._write(_REG_BANK_SEL, _BANK_2)
+        same = self._holds(self._bank_2)
+        self._write(_REG_BANK_SEL, 0)
+        return same
 
     def ready(self):
         """Return True if a new sample is available."""

@@ -49,6 +49,14 @@ LARGE = {
     "gravity": {"rate_hz": 208, "fifo": True, "bias_kind": int(m.BiasKind.GRAVITY)},
     "rls": {"rate_hz": 208, "fifo": True, "filter_kind": int(m.FilterKind.RLS)},
 }
+# Other chips, by the name of the emulated one; only when named.
+CHIPS = {
+    "lsm6dso": {},
+    "lsm6dso 833": {"rate_hz": 833},
+    "icm42688 1000": {"rate_hz": 1000},
+    "icm20948 225": {"rate_hz": 225},
+    "mpu9250 200": {"rate_hz": 200},
+}
 PARALLEL_RUNS = 2
 
 
@@ -75,7 +83,7 @@ def parse(argv):
     )
     parser.add_argument("--seconds", type=float, default=6.0, help="emulated, of each run (default: 6)")
     parser.add_argument("--seed", type=int, default=1, help="of the chip's rate (default: 1)")
-    names = ", ".join([*SETTINGS, *LARGE])
+    names = ", ".join([*SETTINGS, *LARGE, *CHIPS])
     parser.add_argument("--settings", default=",".join(SETTINGS), help=f"some of: {names}")
     parser.add_argument(
         "--image", type=Path, help=f".uf2 or .bin, or a folder (default: {default_image_folder()})"
@@ -87,7 +95,7 @@ def parse(argv):
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
     args = parser.parse_args(argv)
     args.settings = [name.strip() for name in args.settings.split(",")]
-    unknown = [name for name in args.settings if name not in SETTINGS | LARGE]
+    unknown = [name for name in args.settings if name not in SETTINGS | LARGE | CHIPS]
     if unknown:
         parser.error(f"--settings {unknown[0]}: use some of {names}")
     if args.seconds <= STARTED:
@@ -116,8 +124,9 @@ def main(argv=None):
         took = flashed(firmware, pico)
 
         def one(name):
-            config = (SETTINGS | LARGE)[name]
-            run = run_chip(name, config, firmware, args.seconds, seed=args.seed, pico=pico)
+            config = (SETTINGS | LARGE | CHIPS)[name]
+            chip = name.split()[0] if name in CHIPS else "lsm6ds33"
+            run = run_chip(name, config, firmware, args.seconds, seed=args.seed, pico=pico, chip=chip)
             status.update(f"{name} is done, at {run.speed:.2f} of real time")
             return run
 

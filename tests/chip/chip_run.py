@@ -63,8 +63,11 @@ def run_chip(
     *,
     seed: int = 1,
     pico: PicoSettings = USUAL,
+    chip: str = "lsm6ds33",
 ) -> ChipRun:
     """Run `seconds` of emulated time from power-on with `config`; the seed makes the chip up to 2 % fast.
+
+    The times of bursts are those of an LSM6DS33 only.
 
     Raise ImageMissing and the errors of a virtual node.
     """
@@ -74,7 +77,7 @@ def run_chip(
     node = VirtualNode(
         unique_motion(seconds),
         Flash(firmware, config),
-        sensors=SensorBoard(specimen=Specimen(odr_error), log=True),
+        sensors=SensorBoard(chip, specimen=Specimen(odr_error), log=True),
         board=BoardSettings(
             interpreter="rp2040",
             pico=dataclasses.replace(pico, meter_from=STARTED if symbols is not None else None),
