@@ -157,7 +157,7 @@ def test_a_log_is_a_mapping_of_its_tables(drive):
 def test_a_table_without_rows_or_numbers_has_a_representation():
     assert repr(hubodo.Table({"t": np.array([])})) == "Table(0 rows, t)"
     empty = hubodo.Table({"t": np.arange(3.0), "gx": np.full(3, np.nan)})
-    assert "<tr><td>gx</td><td></td>" in empty._repr_html_()
+    assert '>gx</td><td class="number"></td>' in empty._repr_html_()
 
 
 def open_bare(log, folder):
