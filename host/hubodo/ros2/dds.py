@@ -50,13 +50,15 @@ _ELEMENT_TYPES: dict[str, Any] = {
 # The node is found by its announcements to the ports of this computer: there is no multicast, so other
 # computers neither learn of the node nor are heard. It uses the loopback interface, because Fast DDS answers
 # a node of its own computer there, whatever its address.
-_LOCALHOST = """<CycloneDDS><Domain Id="any">
-<General>
+_LOCALHOST = """<General>
 <Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces>
 <AllowMulticast>false</AllowMulticast></General>
 <Discovery><SPDPInterval>1s</SPDPInterval>
 <ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>100</MaxAutoParticipantIndex>
-<Peers><Peer Address="localhost"/></Peers></Discovery></Domain></CycloneDDS>"""
+<Peers><Peer Address="localhost"/></Peers></Discovery>"""
+# A subscriber that hangs delays the end of each reliable publisher by this time; the default is a second.
+_SETTINGS = """<CycloneDDS><Domain Id="any">%s
+<Internal><WriterLingerDuration>100ms</WriterLingerDuration></Internal></Domain></CycloneDDS>"""
 
 
 class DdsPublisher:
@@ -105,9 +107,10 @@ class DdsNode:
         self._entities: list[Any] = []
         self._writer_ids: list[bytes] = []
         self._reader_ids: list[bytes] = []
-        is_local = config.network == "localhost" and "CYCLONEDDS_URI" not in os.environ
+        settings = _SETTINGS % (_LOCALHOST if config.network == "localhost" else "")
+        has_own_settings = "CYCLONEDDS_URI" in os.environ
         try:
-            self._domain = Domain(config.domain, _LOCALHOST if is_local else None)
+            self._domain = Domain(config.domain, None if has_own_settings else settings)
             self._participant = DomainParticipant(config.domain, Qos(Policy.Userdata(b"enclave=/;")))
             self._publications = BuiltinDataReader(self._participant, BuiltinTopicDcpsPublication)
             self._present = ReadCondition(

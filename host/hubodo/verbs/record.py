@@ -28,7 +28,10 @@ EXAMPLE = "hubodo record left=/dev/ttyACM0 right=/dev/ttyACM1 --vehicle wheelcha
 
 
 _FIRST_OPTIONS = ("gnss", "baud", "gnss_baud", "duration", "time_scale")
-_LOG_OPTIONS = ("rotate_after", "rotate_at_mb", "disk_budget_mb", "metrics", "wait", "quiet", "log_format")
+_LOG_OPTIONS = (
+    *("rotate_after", "rotate_at_mb", "disk_budget_mb", "metrics", "mavlink"),
+    *("wait", "quiet", "log_format"),
+)
 """Settings that are options as well, in the order of `--help`; the others are in hubodo.toml alone."""
 
 

@@ -225,6 +225,7 @@ RUNS: tuple[Run, ...] = (
         "--log-format json"
     ),
     Run("record {port} -o out-{n}.mcap --duration 1 --ros2"),
+    Run("record {port} -o out-{n}.mcap --duration 1 --mavlink udpout:127.0.0.1:9", 2, "--vehicle"),
     Run(
         "record {port} -o out-{n}.mcap --duration 1 --rotate-after 60 --rotate-at-mb 5 --disk-budget-mb 50",
     ),

@@ -73,7 +73,7 @@ def record(
         bulkheads = Bulkheads(now_ns)
         localizer = _start_localizer(vehicle, zero, computer, bulkheads, stack) if ports.has_gnss else None
         listeners = {} if audience is None else dict(audience.attach(log, series, bulkheads))
-        outputs = _open_outputs(ros2, vehicle, now_ns(), ports.received_topics, stack)
+        outputs = _open_outputs(config, ros2, vehicle, now_ns(), ports.received_topics, stack)
         listeners |= {part: output.attach(bulkheads) for part, output in outputs.items()}
         recorder = Recorder(
             ports.names,
@@ -116,6 +116,7 @@ def _start_localizer(
 
 
 def _open_outputs(
+    config: RecordConfig,
     ros2: Ros2Config | None,
     vehicle: Vehicle | None,
     now_ns: int,
@@ -129,6 +130,10 @@ def _open_outputs(
         from hubodo.ingest.live.ros2_output import ros2_output
 
         outputs["ros2"] = stack.enter_context(ros2_output(ros2, vehicle, now_ns, received))
+    if config.mavlink is not None:
+        from hubodo.ingest.live.mavlink_output import mavlink_output
+
+        outputs["mavlink"] = stack.enter_context(mavlink_output(config.mavlink, vehicle))
     return outputs
 
 

@@ -130,6 +130,12 @@ class RecordConfig:
         example="127.0.0.1:9464",
         metavar="HOST:PORT",
     )
+    mavlink: str | None = setting(
+        None,
+        "Address to which the odometry is sent as MAVLink (ODOMETRY, WHEEL_DISTANCE), for ArduPilot and PX4.",
+        example="udpout:127.0.0.1:14550",
+        metavar="udpout:HOST:PORT",
+    )
     quiet: bool = setting(False, "No live view; notices are still shown.", example=True)
     log_format: Literal["text", "json"] = setting(
         "text", 'Format of messages on stderr: "text", or "json", one object per line, for services.'
