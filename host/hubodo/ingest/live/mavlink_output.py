@@ -23,9 +23,9 @@ from hubodo.units import NS_PER_S
 from hubodo.vehicle import Vehicle
 
 _SCHEME = "udpout:"
-_MIN_INTERVAL_NS = NS_PER_S // 50
+_SEND_INTERVAL_NS = NS_PER_S // 50
 """Between two messages of odometry; autopilots use 20 to 50 per second."""
-_MAX_QUEUED_RECORDS = 512
+_MAX_QUEUED_POSES = 512
 _SYSTEM_ID = 1
 """That of the vehicle, as autopilots have by default; the component tells it apart."""
 _FORWARD_RIGHT_DOWN = np.array([1.0, -1.0, -1.0])
@@ -45,9 +45,10 @@ class MavlinkOutput:
         self._dialect = common
         self._half_track = 0.5 * vehicle.track_width
         try:
-            family, _, _, _, self._peer = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
+            family, _, _, _, peer = socket.getaddrinfo(*address, type=socket.SOCK_DGRAM)[0]
         except OSError as error:
             raise InputError(f"--mavlink {_SCHEME}{address[0]}:{address[1]}: {error.strerror}") from None
+        self._peer: Any = peer
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._link: Any = common.MAVLink(
@@ -60,7 +61,7 @@ class MavlinkOutput:
 
     def attach(self, bulkheads: Bulkheads) -> RecordListener:
         """Start the thread; see `RecordOutput`."""
-        self._thread = OutputThread("mavlink", lambda: self._send, bulkheads, capacity=_MAX_QUEUED_RECORDS)
+        self._thread = OutputThread("mavlink", lambda: self._send, bulkheads, capacity=_MAX_QUEUED_POSES)
         return self._queue
 
     def show(self, snapshot: Snapshot) -> None:
@@ -92,7 +93,7 @@ class MavlinkOutput:
             return
         self._add_distance(item)
         t_ns = int(item.t_ns[-1])
-        if t_ns - self._sent_ns >= _MIN_INTERVAL_NS:
+        if t_ns - self._sent_ns >= _SEND_INTERVAL_NS:
             self._sent_ns = t_ns
             self._send_odometry(item, t_ns // 1000)
             distances = [*self._distance.tolist(), *[0.0] * 14]
