@@ -43,7 +43,13 @@ def warnings_of(
         "net_angle": 50.0,
         "upright_count": 100,
     }
-    unremarkable |= {"upright_sum": 100.0, "clipped_windows": 0, "outlier_windows": 0, "name": "left"}
+    unremarkable |= {
+        "upright_sum": 100.0,
+        "clipped_windows": 0,
+        "blind_windows": 0,
+        "outlier_windows": 0,
+        "name": "left",
+    }
     core = SimpleNamespace(
         wheels=[SimpleNamespace(**{**unremarkable, **changes})],
         mounting_check=SimpleNamespace(verdict=verdict),

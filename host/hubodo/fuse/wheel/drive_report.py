@@ -250,6 +250,12 @@ def _wheel_warnings(wheel: Wheel, windows: int, outage_windows: int, refused: in
         wheel_lines.append(
             f"gz at its limit for {clipped_time:.1f} s; spin there is from gravity and centripetal force"
         )
+    if wheel.blind_windows:
+        wheel_lines.append(
+            "gz and the accelerometers across the axle at their limits together for "
+            f"{wheel.blind_windows * WINDOW_S:.1f} s: nothing measures the spin there, and the track may be "
+            "wrong by far more than its sigma; mount the node nearer to the axle, or use wider ranges"
+        )
     if wheel.outlier_windows > max(5, 0.05 * windows):
         outlier_time = wheel.outlier_windows * WINDOW_S
         wheel_lines.append(f"disagreed with the other wheel for {outlier_time:.1f} s and lost weight: slip?")

@@ -98,6 +98,7 @@ class Wheel:
     upright_sum, upright_count : sum over windows of the force that points up, in units of g, and their
         number.
     outlier_windows, clipped_windows, missing_windows, angle_losses : counts.
+    blind_windows : count of windows in which the gyro about the axle and the accelerometers across it clip.
     """
 
     name: str
@@ -126,6 +127,7 @@ class Wheel:
     upright_count: int = 0
     outlier_windows: int = 0
     clipped_windows: int = 0
+    blind_windows: int = 0
     missing_windows: int = 0
     angle_losses: int = 0
     _gathered: list[Window] = field(default_factory=list)
@@ -151,6 +153,7 @@ class Wheel:
         self.turned_angle += abs(rate) * WINDOW_S
         self.net_angle += rate * WINDOW_S
         self.clipped_windows += window.spin_clipped > 0.0
+        self.blind_windows += window.spin_clipped > 0.0 and window.force_clipped > 0.0
         if (
             self.upright_count < _UPRIGHT_WINDOWS
             and abs(rate) > MIN_ROLLING_RATE
