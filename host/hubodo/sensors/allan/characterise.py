@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,8 @@ from hubodo.sensors.standstill_checks import TemperatureStep
 
 # With fewer samples the error bars of neighbouring octaves overlap.
 _MIN_SAMPLES = 256
+_MAX_PLAUSIBLE_RANDOM_WALK = math.radians(10.0 / 60.0)
+"""rad/√s, 10 deg/√h; gyros of the 1990s had 5, the MEMS gyros of today have 0.1 to 1."""
 
 
 def characterise_standstill_noise(
@@ -85,7 +88,7 @@ def characterise_noise(
     low = points.adev * np.sqrt(edf / chdtri(edf, 0.025))
     high = points.adev * np.sqrt(edf / chdtri(edf, 0.975))
     best_tau, best_deviation = _find_minimum(points, fit, edf)
-    notes = _write_notes(record, points, fit, temperature_step, still_falling=best_tau is None)
+    notes = _write_notes(channel, record, points, fit, temperature_step, still_falling=best_tau is None)
     stop = None if temperature_step is not None else _optimal_maytag_stop(fit, turn, points)
     sigma = points.adev / np.sqrt(2.0 * edf)
     return AllanResult(
@@ -94,6 +97,7 @@ def characterise_noise(
 
 
 def _write_notes(
+    channel: str,
     record: EvenGrid,
     points: AllanPoints,
     fit: NoiseFit,
@@ -114,6 +118,12 @@ def _write_notes(
         notes.append(
             f"temperature steps by {temperature_step.change:+.2f} °C at {temperature_step.t:.6g} s: "
             "B, K and R are not given"
+        )
+    random_walk = fit.terms["N"].value
+    if channel.startswith("g") and random_walk is not None and random_walk > _MAX_PLAUSIBLE_RANDOM_WALK:
+        notes.append(
+            f"an angle random walk of {math.degrees(random_walk) * 60.0:.3g} deg/√h is far beyond MEMS gyros "
+            "(0.1 to 5): data in deg/s that are read as rad/s are 57 times too large; check --unit"
         )
     if fit.factors[0] > 1:
         notes.append(

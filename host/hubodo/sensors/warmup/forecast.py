@@ -25,6 +25,10 @@ _FORECAST_MEANS = 160
 """Number of means that are fitted; the run time grows with its third power."""
 _MIN_RELATIVE_WEIGHT = 1e-3
 """Forms with a smaller weight, relative to the largest, are dropped."""
+_QUIET_LOG_PRIOR = 3.0
+"""Logarithm of the prior odds of no slow noise: it changes the bias only where the record shows it."""
+_SIMPLICITY_WEIGHTS = {"none": 0.1, "exponential": 1.0, "two exponentials": 0.5, "relaxation": 0.03}
+"""Further prior weights of the forms in the bias, not in its sigma: simple forms are preferred."""
 _FORM_PRIOR_WEIGHTS = {"relaxation": 3.0}
 """Prior weight, 1 for other forms: few warm-ups are exactly one or two exponentials."""
 
@@ -36,7 +40,9 @@ class BiasForecast:
     Attributes:
         t, means, temperature: (N,) s since power-on, rad/s, and °C or None, of the record.
         forms: fitted forms.
-        weights: (F,) weights of the forms, with sum 1.
+        weights: (F,) weights of the forms in the sigma, with sum 1.
+        mean_weights: (F,) weights of the forms in the bias, with sum 1: slow noise that the record does not
+            show widens the sigma, and leaves the bias as it would be without.
     """
 
     t: Array
@@ -44,6 +50,7 @@ class BiasForecast:
     temperature: Array | None
     forms: tuple[FittedForm, ...]
     weights: Array
+    mean_weights: Array
 
     def predict(self, age: Array, temperature: Array | None = None) -> tuple[Array, Array]:
         """Return bias and sigma, (M,) rad/s, at ages (M,) s since power-on.
@@ -55,7 +62,7 @@ class BiasForecast:
         pairs = zip(self.forms, self._factors, strict=True)
         predictions = [self._predict_form(form, factor, age, temperature) for form, factor in pairs]
         means, variances = (np.array(row) for row in zip(*predictions, strict=True))
-        mean = self.weights @ means
+        mean = self.mean_weights @ means
         return mean, np.sqrt(self.weights @ (variances + (means - mean) ** 2))
 
     def model_error(self, age: Array, bias: Array, temperature: Array | None = None) -> Array:
@@ -112,14 +119,32 @@ def fit_forecast(
     temperatures = None if temperature is None else block_means(temperature)
     fitted = [fit_form(name, t, means, temperatures, initial_constants) for name in WARMUP_FORMS]
     # The prior weight of a form does not depend on the number of noise levels it was fitted with.
-    evidence = np.array(
+    forms = tuple(itertools.chain(*fitted))
+    log_weights = np.array(
         [
-            form.evidence + math.log(_FORM_PRIOR_WEIGHTS.get(form.name, 1.0) / len(fits))
+            form.evidence
+            + math.log(_FORM_PRIOR_WEIGHTS.get(form.name, 1.0) / (1 if form.is_quiet else len(fits) - 1))
             for fits in fitted
             for form in fits
         ]
     )
-    weights = np.exp(evidence - evidence.max())
-    used = weights > _MIN_RELATIVE_WEIGHT
-    forms = tuple(form for form, is_used in zip(itertools.chain(*fitted), used, strict=True) if is_used)
-    return BiasForecast(t, means, temperatures, forms, weights[used] / weights[used].sum())
+    quiet = np.array([form.is_quiet for form in forms])
+    weights = _normalised(np.where(quiet, -np.inf, log_weights))
+    simplicity = np.array([math.log(_SIMPLICITY_WEIGHTS[form.name]) for form in forms])
+    mean_weights = _normalised(log_weights + simplicity + np.where(quiet, _QUIET_LOG_PRIOR, 0.0))
+    used = np.maximum(weights / weights.max(), mean_weights / mean_weights.max()) > _MIN_RELATIVE_WEIGHT
+    weights, mean_weights = weights[used], mean_weights[used]
+    return BiasForecast(
+        t,
+        means,
+        temperatures,
+        tuple(form for form, is_used in zip(forms, used, strict=True) if is_used),
+        weights / weights.sum(),
+        mean_weights / mean_weights.sum(),
+    )
+
+
+def _normalised(log_weights: Array) -> Array:
+    """Return weights with sum 1 from their logarithms."""
+    weights = np.exp(log_weights - log_weights.max())
+    return np.asarray(weights / weights.sum())

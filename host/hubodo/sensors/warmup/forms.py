@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -46,6 +47,8 @@ Of ln T about half the record.
 """
 _MIN_LOG_NOISE, _MAX_LOG_NOISE = math.log(1e-4), math.log(30.0)
 """Bounds of the logarithms of noise levels and of s, in standard deviations of the means."""
+_QUIET_LOG_NOISE_RATIO = math.log(0.01)
+"""Logarithm of the ratio of slow to white noise that stands for none: some hundred means do not show it."""
 _MIN_LOG_NOISE_RATIO, _LOG_NOISE_OFFSETS = math.log(0.2), (-1.1, 0.0, 1.1)
 """Logarithms: slow noise is unobservable below this ratio to white noise.
 
@@ -111,6 +114,7 @@ class FittedForm:
         mean, covariance: posterior of the coefficients of `columns`.
         noise: noise levels.
         evidence: logarithm of the marginal likelihood.
+        is_quiet: whether the form was fitted without slow noise.
     """
 
     name: str
@@ -120,6 +124,7 @@ class FittedForm:
     covariance: Array
     noise: RecordNoise
     evidence: float
+    is_quiet: bool = False
 
     def columns(self, t: Array, temperature: Array | None) -> Array:
         """Return the (M, P) design matrix at ages t (M,) s and temperatures (M,) °C."""
@@ -166,7 +171,7 @@ class _ScaledRecord:
 def fit_form(
     name: str, t: Array, values: Array, temperature: Array | None, initial_constants: tuple[float, ...]
 ) -> list[FittedForm]:
-    """Fit one of `WARMUP_FORMS` to means (N,) rad/s at ages t (N,) s, once per candidate noise level.
+    """Fit one of `WARMUP_FORMS` to means (N,) rad/s at ages t (N,) s, without and with slow noise.
 
     temperature: (N,) °C or None. initial_constants: initial time constants, s, one per exponential. The noise
     levels are those of the largest marginal likelihood and their neighbours, because a record determines the
@@ -196,12 +201,40 @@ def fit_form(
     ).x
     best[1:3] = np.maximum(best[1:3], best[0] + _MIN_LOG_NOISE_RATIO)
     uncertain = (1, 2, 3) if name == "relaxation" else (1, 2)
-    fits = []
+    fits = [_fit_quiet(name, record, best, likelihood, factor, bounds)]
     for steps in itertools.product(_LOG_NOISE_OFFSETS, repeat=len(uncertain)):
         p = best.copy()
         p[list(uncertain)] += steps
         fits.append(_posterior_form(name, record, p, factor(*p[:3]), likelihood(p)))
     return fits
+
+
+def _fit_quiet(
+    name: str,
+    record: _ScaledRecord,
+    start: Array,
+    likelihood: Callable[[Array], float],
+    factor: Callable[[float, float, float], CholeskyFactor],
+    bounds: list[tuple[float, float]],
+) -> FittedForm:
+    """Return the form fitted without slow noise, from the parameters `start` of the form with it."""
+    free = [0, *range(3, len(start))]
+
+    def with_slow_noise_removed(p: Array) -> Array:
+        complete = start.copy()
+        complete[free] = p
+        complete[1:3] = max(complete[0] + _QUIET_LOG_NOISE_RATIO, _MIN_LOG_NOISE)
+        return complete
+
+    best = minimize(
+        lambda p: -likelihood(with_slow_noise_removed(p)),
+        start[free],
+        method="L-BFGS-B",
+        bounds=[bounds[k] for k in free],
+        options={"maxiter": 40},
+    ).x
+    p = with_slow_noise_removed(best)
+    return replace(_posterior_form(name, record, p, factor(*p[:3]), likelihood(p)), is_quiet=True)
 
 
 def _scale_record(t: Array, values: Array, temperature: Array | None) -> _ScaledRecord:

@@ -11,6 +11,7 @@ from hubodo.pages.drawing import render_drawing
 from hubodo.pages.page import PageTable, Section
 from hubodo.sensors.warmup.assess import AssessedFit
 from hubodo.sensors.warmup.figure import warmup_figure
+from hubodo.sensors.warmup.profile_interval import describe_intervals
 
 if TYPE_CHECKING:
     from hubodo.sensors.warmup.result import WarmupResult
@@ -24,7 +25,10 @@ _DEG = math.degrees(1.0)
 def summarise_warmup(result: WarmupResult) -> str:
     """Return the result in one sentence."""
     if result.accepted is None:
-        return f"{result.reason[0].upper()}{result.reason[1:]}."
+        return (
+            f"{result.reason[0].upper()}{result.reason[1:]}. As an exponential: "
+            f"{describe_intervals(result.intervals)}."
+        )
     fit = result.accepted.fit
     white = "white" if result.accepted.is_white else "not white"
     text = f"The bias starts at {fit.values['c2'] * _DEG:+.4g} deg/s"

@@ -33,6 +33,7 @@ from hubodo.sensors.warmup.page import (
     warmup_advice,
     whiteness_rows,
 )
+from hubodo.sensors.warmup.profile_interval import ProfileIntervals, profile_intervals
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -123,6 +124,12 @@ class WarmupResult:
         """
         row = self.predict([age])[0]
         return row["bias"], row["sigma"]
+
+    @cached_property
+    def intervals(self) -> ProfileIntervals:
+        """Return 95 % intervals of c1 and time constant of the exponential by its profile likelihood."""
+        fit = self.exponential.fit
+        return profile_intervals(self.t, self.means, fit.noise**2 * fit.variance_inflation)
 
     @cached_property
     def forecast(self) -> BiasForecast:
@@ -256,8 +263,8 @@ class WarmupResult:
         """Return the JSON result of `hubodo warmup`.
 
         c1, c2 and time_constant are those of the accepted model if it has one exponential, with sigmas
-        that include the uncertainty of its form. Without an accepted model, only c2 of the exponential is
-        given.
+        that include the uncertainty of its form. Without an accepted model, c2 of the exponential is given,
+        and 95 % intervals of c1 and time_constant, an open end as null.
 
         Returns
         -------
@@ -282,6 +289,8 @@ class WarmupResult:
                 result[name] |= {"value_deg_per_s": math.degrees(fit.values[name])}
             if not is_given:
                 result[name] |= {"reason": self.reason or next_model_reason(fit)}
+            if self.accepted is None and name != "c2":
+                result[name] |= {"interval": self.intervals.of(name)}
         return result | {
             "white": self.exponential.is_white,
             "whiteness": self.exponential.whiteness_json(),
