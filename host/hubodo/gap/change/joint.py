@@ -15,6 +15,7 @@ from hubodo.gap.linear.linearisation import invert_information, linearise
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.refit.cross_validation import FoldDeviances, cross_validate
 from hubodo.gap.refit.prior import CoordinatePrior, build_prior
+from hubodo.gap.refit.refit import MAX_STEP_SCALES
 from hubodo.gap.screen.candidates import Candidate, list_candidates, list_directions
 from hubodo.gap.state.terms import ModelTerm
 
@@ -209,6 +210,8 @@ class JointGrams:
 
         before, after: its coordinates
         difference: (k,) its present value in the second log less that in the first, in scales
+
+        Other coordinates that would leave the range in which the model is linear stay as they are.
         """
         size = len(self.raw_squares) + 1
         transform = np.eye(size)
@@ -221,7 +224,13 @@ class JointGrams:
         prior = CoordinatePrior(
             self.prior.information[remaining[:-1]], self.prior.value[remaining[:-1]], self.tempering
         )
-        return self._fit(blocks, raw_squares, prior)
+        is_own = np.isin(remaining[:-1], before)
+        while True:
+            fit = self._fit(blocks, raw_squares, prior)
+            is_far = ~is_own & (np.abs(fit.step) > MAX_STEP_SCALES)
+            if not is_far.any():
+                return fit
+            prior = prior.freeze(is_far)
 
     def _fit(self, blocks: Array, raw_squares: Array, prior: CoordinatePrior) -> JointFit:
         log_determinant = sum(log.log_determinant for log in self.logs)

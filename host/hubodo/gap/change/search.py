@@ -32,6 +32,8 @@ _START_ITERATIONS, _REMOUNTED_ITERATIONS = 3, 8
 # Scatter of the block scores beside the best single change, relative to independent noise, from which on
 # several things have changed at once. Roads reach 15.
 _MIN_SEVERAL_TEMPERING = 50.0
+# Share of the gain of a remounted sensor below which another change is within how exactly it is modelled.
+_MIN_SHARE_BESIDE_REMOUNT = 1e-3
 # Effects that change together when a sensor is remounted.
 _MOUNTING_EFFECTS = ("node_misalignment", "lever_arm")
 
@@ -63,14 +65,16 @@ def search_changes(
     """
     first = pair = _start(states, separate, tempering)
     changes: dict[EffectKey, Hypothesis] = {}
+    min_gain = 0.0
     while len(changes) < _MAX_CHANGES:
         report_progress(f"round {len(changes) + 1}", len(changes) / _MAX_CHANGES)
-        best = _find_best(pair, changes)
+        best = _find_best(pair, changes, min_gain)
         if best is None:
             break
         several = None if changes else _remount_nodes(pair, best)
         if several is not None:
-            pair = several
+            min_gain = _MIN_SHARE_BESIDE_REMOUNT * 0.5 * (_deviance(pair) - _deviance(several))
+            pair = _start(_states_of(several), several.separate, tempering)
             changes = {key: _judge_key(pair, key) for key in pair.separate - first.separate}
             continue
         changes = {key: one for key, one in changes.items() if not _is_replaced(key, best.key)}
@@ -98,10 +102,16 @@ def _start(states: Sequence[State], separate: Collection[EffectKey], tempering: 
     return fit_separate(evaluations, separate, tempering, _START_ITERATIONS)
 
 
-def _find_best(pair: LogPair, excluded: Collection[EffectKey]) -> ChangeCandidate | None:
-    """Return the most probable change, or None if there may be none."""
+def _deviance(pair: LogPair) -> float:
+    return sum(fit.deviance for fit in pair.fits)
+
+
+def _find_best(pair: LogPair, excluded: Collection[EffectKey], min_gain: float) -> ChangeCandidate | None:
+    """Return the most probable change that gains enough, or None if there may be none."""
     differences = [*list_differences(pair), *list_scatter_differences(pair)]
-    candidates = {one.key: one for one in differences if one.key not in excluded}
+    candidates = {
+        one.key: one for one in differences if one.key not in excluded and one.hypothesis.gain >= min_gain
+    }
     ordered, nothing = compute_posterior([one.hypothesis for one in candidates.values()])
     if not ordered or nothing > 1.0 - MIN_ADD_PROBABILITY:
         return None
@@ -124,10 +134,7 @@ def _remount_nodes(pair: LogPair, best: ChangeCandidate) -> LogPair | None:
             separate = separate_keys(separate, states[0], (name, node.name))
     evaluations = [one.with_state(state) for one, state in zip(pair.evaluations, states, strict=True)]
     several = fit_separate(evaluations, separate, pair.tempering, _REMOUNTED_ITERATIONS)
-    deviance, best_deviance = (sum(fit.deviance for fit in one.fits) for one in (several, best.pair))
-    if deviance >= best_deviance:
-        return None
-    return _start(_states_of(several), separate, pair.tempering)
+    return several if _deviance(several) < _deviance(best.pair) else None
 
 
 def _with_own(state: State, name: str, node: str) -> State:

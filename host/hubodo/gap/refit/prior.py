@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.effects import Effect
@@ -35,6 +36,11 @@ class CoordinatePrior:
     def gradient(self) -> Array:
         """Return half of the slope of the penalty at the current coordinates, (K,)."""
         return self.information * self.value
+
+    def freeze(self, selected: NDArray[np.bool_]) -> CoordinatePrior:
+        """Return a prior that keeps some coordinates, (K,), where they are."""
+        information = np.where(selected, _FROZEN_INFORMATION, self.information)
+        return replace(self, information=information, value=np.where(selected, 0.0, self.value))
 
     def penalty(self, step: Array) -> float:
         """Return the penalty after a step, in units of the deviance."""

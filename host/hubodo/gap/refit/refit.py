@@ -22,7 +22,7 @@ from hubodo.model.forward import NodeInitialState
 
 _MAX_ITERATIONS = 6
 # Largest step of a coordinate in scales; the model is not linear beyond that.
-_MAX_STEP_SCALES = 8.0
+MAX_STEP_SCALES = 8.0
 # Step in sigma and increase of the deviance that count as none, both relative to the scatter of the block
 # scores: a log that no model fits is not fitted to the last nat.
 _CONVERGED_SIGMAS, _DEVIANCE_TOLERANCE = 0.2, 3.0
@@ -244,7 +244,7 @@ def begin_fit(
 def _apply_step(fit: Refit, step: Array) -> State:
     count = len(fit.covariance)
     coordinate_step = step[:count] * min(
-        1.0, _MAX_STEP_SCALES / max(float(np.abs(step[:count]).max(initial=0.0)), 1e-9)
+        1.0, MAX_STEP_SCALES / max(float(np.abs(step[:count]).max(initial=0.0)), 1e-9)
     )
     steps = [coordinate_step[fit.coordinate_slice(term)] for term in fit.free_terms]
     refitted = iter(move_terms(fit.free_terms, steps))
