@@ -28,7 +28,7 @@ from hubodo.recording import Recording
 
 # Change of an effect of the model, in its usual size, up to which it is no finding where residuals
 # are so correlated.
-_MAX_MINOR_CHANGE, _MIN_REFINEMENT_TEMPERING = 0.15, 2.0
+_MAX_MINOR_CHANGE, _MIN_REFINEMENT_TEMPERING = 0.25, 2.0
 # Ratio of the final gap to that of noise alone, from which on the log is not fully explained.
 _MAX_EXPLAINED_GAP_RATIO = 1.5
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,8 +28,9 @@ _MAX_GAIN_RATIO, _MAX_EXTRA_GAIN = 20.0, 20.0
 # in white noise the likelihood suffices.
 _MIN_HELD_OUT_Z, _MIN_HELD_OUT_SHARE = 2.5, 0.3
 # The same in sigma of noise whose level differs from stretch to stretch, for a property of the vehicle: less
-# is within what roads do. Offsets and clocks differ from drive to drive anyway. More for unnamed terms.
-_MIN_LEVEL_SIGMAS, _MIN_LEVEL_SIGMAS_UNNAMED = 0.4, 1.3
+# is within what roads do. Offsets and clocks differ from drive to drive anyway. More for unnamed terms, and for
+# effects of more coordinates than a triad has.
+_MIN_LEVEL_SIGMAS, _MIN_LEVEL_SIGMAS_UNNAMED, _TRIAD_SIZE = 0.4, 1.3, 3
 # Share of the gain that the plausible coordinates of an effect have alone.
 _MIN_PLAUSIBLE_SHARE = 0.5
 # ln Bayes factor of a hypothesis with an objection: too little for any prior.
@@ -75,7 +77,8 @@ class Hypothesis:
         """Return True if the held-out gain is within what the level of the noise leaves in doubt."""
         gain = self.held_out_gain
         is_unnamed = self.term.effect.name.startswith(PREFIX)
-        sigmas = _MIN_LEVEL_SIGMAS_UNNAMED if is_unnamed else _MIN_LEVEL_SIGMAS
+        size_ratio = max(len(self.term.effect.coordinates()) / _TRIAD_SIZE, 1.0)
+        sigmas = _MIN_LEVEL_SIGMAS_UNNAMED if is_unnamed else _MIN_LEVEL_SIGMAS * math.sqrt(size_ratio)
         return gain is not None and gain.total < sigmas * gain.level_sigma
 
     def with_objection(self, objection: str) -> Hypothesis:

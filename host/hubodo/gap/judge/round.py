@@ -176,8 +176,9 @@ def _refit_with_common_weights(before: Refit, refits: Sequence[Refit]) -> tuple[
 def _prefer_simple(ordered: tuple[Hypothesis, ...], tempering: float) -> tuple[Hypothesis, ...]:
     """Put the hypothesis first whose determined coordinates gain most, less a penalty for their number.
 
-    Where residuals are correlated, any further coordinate takes something from the road. The two hypotheses
-    exchange their probabilities.
+    Where residuals are correlated, any further coordinate takes something from the road. Of several scopes of
+    that effect, the one with the largest gain on held-out samples is preferred. The two hypotheses exchange
+    their probabilities.
     """
     if not ordered or ordered[0].state is None or tempering < _MIN_CORRELATED_TEMPERING:
         return ordered
@@ -188,6 +189,13 @@ def _prefer_simple(ordered: tuple[Hypothesis, ...], tempering: float) -> tuple[H
     first = ordered[0]
     candidates = [k for k, one in enumerate(ordered) if not one.objection and one.state is not None]
     chosen = max(candidates, key=penalised_gain, default=0)
+    scopes = [
+        k
+        for k in candidates
+        if ordered[k].term.effect.name == ordered[chosen].term.effect.name
+        and ordered[k].n_determined == ordered[chosen].n_determined
+    ]
+    chosen = max(scopes, key=lambda k: ordered[k].held_out_total, default=0)
     result = list(ordered)
     result[0] = replace(ordered[chosen], probability=first.probability)
     if chosen:
@@ -252,7 +260,8 @@ def _select_for_refit(
 def _shortlist(screened: list[ScreenedCandidate], count: int) -> list[ScreenedCandidate]:
     """Return the best few with positive evidence, with the best seed of each effect and scope.
 
-    The best scopes of some effects come first: one that is not linear gains more than its score promises.
+    The best scopes of some effects come first, as one that is not linear gains more than its score promises;
+    then other scopes of the first effect.
     """
     best: dict[tuple[str, str], ScreenedCandidate] = {}
     for item in screened:
@@ -262,7 +271,10 @@ def _shortlist(screened: list[ScreenedCandidate], count: int) -> list[ScreenedCa
     for item in best.values():
         first_scopes.setdefault(item.candidate.name, item)
     leading = list(first_scopes.values())[:_MIN_REFITTED_EFFECTS]
-    return [*leading, *(item for item in best.values() if item not in leading)][:count]
+    others = [item for item in best.values() if item not in leading]
+    # Which clock or gyro of two is wrong is decided by refits of both.
+    others.sort(key=lambda item: item.candidate.name != leading[0].candidate.name)
+    return [*leading, *others][:count]
 
 
 def _screen_strictly(before: Refit, reject: Collection[str]) -> list[ScreenedCandidate]:
