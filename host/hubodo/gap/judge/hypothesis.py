@@ -30,7 +30,7 @@ _MIN_HELD_OUT_Z, _MIN_HELD_OUT_SHARE = 2.5, 0.3
 # The same in sigma of noise whose level differs from stretch to stretch, for a property of the vehicle: less
 # is within what roads do. Offsets and clocks differ from drive to drive anyway. More for unnamed terms, and
 # for effects of more coordinates than a triad has.
-_MIN_LEVEL_SIGMAS, _MIN_LEVEL_SIGMAS_UNNAMED, _TRIAD_SIZE = 0.4, 1.3, 3
+_MIN_LEVEL_SIGMAS, _MIN_LEVEL_SIGMAS_UNNAMED, _TRIAD_SIZE = 0.45, 1.3, 3
 # Share of the gain that the plausible coordinates of an effect have alone.
 _MIN_PLAUSIBLE_SHARE = 0.5
 # ln Bayes factor of a hypothesis with an objection: too little for any prior.
