@@ -27,7 +27,8 @@ FIFO_SHARE = 0.5
 ALLOCATIONS = 0.0
 BEGIN_US = 500.0
 LATER_US = 100.0
-HELLO_S = 0.7
+# Modules that are needed once are loaded and freed one by one, which leaves 8 kB of heap and takes 0.03 s.
+HELLO_S = 0.75
 
 
 def armv6m(folder):

@@ -30,9 +30,9 @@ NODES = {
         "no IMU answers; nothing on the bus",
     ),
     "another chip": (
-        {"sensors": SensorBoard(specimen=Specimen(who_am_i=0x6C))},
+        {"sensors": SensorBoard(specimen=Specimen(who_am_i=0x6A))},
         "sensor",
-        "0x6B answers 0x6C: LSM6DSO or LSM6DSOX",
+        "0x6B answers 0x6A: LSM6DSL, LSM6DSM or LSM6DS3TR-C",
     ),
     "flat battery": ({"board": BoardSettings(battery_mv=3000)}, "power", "3.00 V: low"),
     "brown-out": (

@@ -7,7 +7,7 @@ import pytest
 
 from graph_drives import small_drive_graph
 from hubodo.fuse.graph import solver
-from hubodo.fuse.graph.factors.constants import N_CONSTANTS
+from hubodo.fuse.graph.factors.constants import N_CONSTANTS, ConstantSigmas
 from hubodo.fuse.graph.factors.factor import LinearisedFactors
 from hubodo.fuse.graph.factors.loss import QUADRATIC
 from hubodo.fuse.graph.solver import solve_graph
@@ -38,7 +38,9 @@ def dense_equations(linear, n):
 @pytest.mark.parametrize("damping", [0.0, 0.3, 10.0])
 def test_a_damped_step_is_that_of_the_dense_equations_with_an_increased_diagonal(drive, damping):
     n = len(drive.initial_poses)
-    linear = drive.graph.linearise(drive.initial_poses, np.full(N_CONSTANTS, 0.01))
+    # Constants that are fixed at zero stay there.
+    constants = np.where(ConstantSigmas().to_array() > 0.0, 0.01, 0.0)
+    linear = drive.graph.linearise(drive.initial_poses, constants)
     h, slope = dense_equations(linear, n)
     expected = np.linalg.solve(h + damping * np.diag(np.diag(h)), -slope)
     step, change = solver._solve_step(linear, n, damping)

@@ -25,6 +25,10 @@ _SHAKING_SIGMAS = 3.0
 """Sigmas of a force that shakes by which it may change while rocking, one in 370."""
 
 
+_MIN_SHAKING = 0.3
+"""m/s², 1 sigma of a window's mean force. Less is within the declared noise of a vehicle at rest."""
+
+
 class MotionState(IntEnum):
     """Motion of a wheel or of the vehicle.
 
@@ -94,7 +98,8 @@ class StandstillDetector:
         it = [w for w in windows if w.missing == 0.0 and w.gyro_variance < self.limits.gyro_spread**2]
         if len(it) == len(windows) > 1:
             self.noise = _rate_noise([(w.spin / WINDOW_S, w.raw_across / WINDOW_S) for w in it])
-            self.force_noise = long_run_variance([w.raw_force / WINDOW_S for w in it])
+            force_noise = long_run_variance([w.raw_force / WINDOW_S for w in it])
+            self.force_noise = force_noise if force_noise > _MIN_SHAKING**2 else 0.0
 
     def force_noise_of(self, window: Window) -> float:
         """Return the variance of the mean specific force of a window by shaking, (m/s²)²; 0 if it rolls."""
@@ -176,8 +181,11 @@ class StandstillDetector:
             [it.force * cmath.exp(1j * angle) for it, angle in zip(self._quiet_windows, angles, strict=True)]
         )
         self._shaking_history.append((rate_noise, force_noise))
-        self.noise = max(self.noise, self._shaking_history[0][0])
-        self.force_noise = self._shaking_history[0][1]
+        rate_noise, force_noise = self._shaking_history[0]
+        is_shaking = force_noise > _MIN_SHAKING**2
+        self.force_noise = force_noise if is_shaking else 0.0
+        if is_shaking:
+            self.noise = max(self.noise, rate_noise)
 
 
 def _is_rate_zero(past: Sequence[_QuietWindow], limit: float) -> tuple[bool, float]:

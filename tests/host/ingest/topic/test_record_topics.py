@@ -47,7 +47,7 @@ def samples_of(drive, seconds):
     """Return the plan of two topics with the samples of a drive."""
     plan = []
     for name, table in drive.nodes.items():
-        table.accel[:, 0] += 1e-9 * np.arange(len(table))  # no two samples are equal, at standstill neither
+        table.accel[:, 0] += 1e-9 * np.arange(len(table.t))  # no two samples are equal, at standstill neither
         for t, gyro, accel in zip(table.t.tolist(), table.gyro.tolist(), table.accel.tolist(), strict=True):
             if t < seconds:
                 values = {"gyro": gyro, "accel": accel, "variances": [1e-4, 0.01]}
@@ -67,7 +67,7 @@ def test_two_topics_become_a_log_and_a_track(tmp_path, domain):
     for name in ("left", "right"):
         node, truth = result["nodes"][name], drive.nodes[name]
         # Best effort: a busy computer loses messages, but none is altered and each loss is a gap.
-        assert 200 < node["samples"] == len(log.nodes[name])
+        assert 200 < node["samples"] == len(log.nodes[name].t)
         sent = {tuple(row): n for n, row in enumerate(np.hstack([truth.gyro, truth.accel]).tolist())}
         logged = np.hstack([log.nodes[name].gyro, log.nodes[name].accel]).tolist()
         rows = [sent[tuple(row)] for row in logged]

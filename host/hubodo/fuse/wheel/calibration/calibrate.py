@@ -54,6 +54,9 @@ of the first one tried.
 _LIKELIHOOD_DROP = 6.0
 """Increase of -2 log likelihood above its minimum at which a size is rejected (1 in 70)."""
 
+_MAX_JUMPS = 10
+"""Jumps that any reference may have; from a short drive fewer positions are used."""
+
 _MAX_JUMP_SHARE = 0.2
 """Share of the positions that may jump. On a real car a reference with 10 % gives the radii of its other
 drives within 0.3 %, one with 38 % is 0.7 % off. Estimated."""
@@ -127,7 +130,7 @@ def calibrate_wheels(
 
 def _check_jumps(aided: AidedRun) -> None:
     """Raise CalibrationError if the positions jump again and again: they calibrate nothing."""
-    if aided.n_jumps > _MAX_JUMP_SHARE * aided.n_used:
+    if aided.n_jumps > max(_MAX_JUMPS, _MAX_JUMP_SHARE * aided.n_used):
         raise CalibrationError(
             f"the positions jumped {aided.n_jumps} times among {aided.n_used}; use a part of the drive with "
             "a steady reference, or fixes with their own sigma; nothing is written"
