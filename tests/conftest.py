@@ -14,7 +14,7 @@ from hubodo.effects import BY_NAME
 TESTS = Path(__file__).parent
 LONGEST_FILES = (
     *("host/web/test_recordings_in_browser.py", "host/fuse/test_wheel_calibration.py"),
-    *("host/web/test_web_library.py", "host/gap/test_gap_watch.py", "gap_matrix"),
+    *("host/gap/test_gap_watch.py", "gap_matrix"),
     *(
         "host/web/test_page_in_browser.py",
         "host/fuse/test_wheel_slip.py",
