@@ -26,10 +26,10 @@ class Iron:
     share: float = 0.0
 
 
-def headings(rng, t, heading, iron, noise=0.02, wander=0.02):
+def headings(rng, t, heading, iron, noise=0.02, slow_error=0.02):
     """Return what a compass shows at times t (N,) s on a vehicle with the true heading (N,), rad from east.
 
-    noise: 1 sigma of a sample, as a fraction of the field. wander: rad, 1 sigma of a slow error (tilt of the
+    noise: 1 sigma of a sample, as a fraction of the field. slow_error: rad, 1 sigma of a slow error (tilt of the
     vehicle) with a time constant of 5 s.
     """
     cos, sin = np.cos(heading), np.sin(heading)
@@ -53,9 +53,9 @@ def headings(rng, t, heading, iron, noise=0.02, wander=0.02):
     drive = rng.standard_normal(len(t))
     for k in range(len(t)):
         slow[k] = (
-            decay[k] * slow[k - 1] + wander * np.sqrt(1.0 - decay[k] ** 2) * drive[k]
+            decay[k] * slow[k - 1] + slow_error * np.sqrt(1.0 - decay[k] ** 2) * drive[k]
             if k
-            else wander * drive[0]
+            else slow_error * drive[0]
         )
     shown = 0.5 * np.pi - np.arctan2(body[1], body[0]) + slow
     return np.mod(shown + np.pi, 2.0 * np.pi) - np.pi
