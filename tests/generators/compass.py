@@ -29,8 +29,8 @@ class Iron:
 def headings(rng, t, heading, iron, noise=0.02, slow_error=0.02):
     """Return what a compass shows at times t (N,) s on a vehicle with the true heading (N,), rad from east.
 
-    noise: 1 sigma of a sample, as a fraction of the field. slow_error: rad, 1 sigma of a slow error (tilt of the
-    vehicle) with a time constant of 5 s.
+    noise: 1 sigma of a sample, as a fraction of the field
+    slow_error: rad, 1 sigma of a slow error (tilt of the vehicle) with a time constant of 5 s
     """
     cos, sin = np.cos(heading), np.sin(heading)
     north = np.array([[0.0], [HORIZONTAL_FIELD]]) * np.ones(len(t))
