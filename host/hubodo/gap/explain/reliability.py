@@ -14,8 +14,8 @@ RELIABILITY: tuple[tuple[str, str, str], ...] = (
     (
         "real drives of a car, effects put into their samples, model of another drive (make gap-real)",
         "named less often than in simulated logs; the figures are printed by the command",
-        "lags, time offsets and clock skews are not found; misalignment and non-orthogonality are mixed up; "
-        "a lever arm along the axle follows the noise of the yaw rate",
+        "time offsets, g-sensitivity and scales of accelerometers are often missed; "
+        "a lag brings further names",
     ),
 )
 """Logs, measured result, and what is not good yet."""
