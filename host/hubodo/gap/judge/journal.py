@@ -205,6 +205,8 @@ def _state_from_json(entry: Mapping[str, Any], point: Evaluation) -> State:
         {name: NodeInitialState(angle, (x, y, z)) for name, (angle, (x, y, z)) in entry["starts"].items()},
         {name: _array_from_text(values) for name, values in entry["paths"].items()},
         {name: _array_from_text(values) for name, values in entry["late"].items()},
+        # A round does not change it.
+        point.state.has_steady_wheels,
     )
 
 

@@ -186,3 +186,12 @@ def test_progress_names_each_step_and_its_share_increases(uninterrupted):
     assert search_shares == sorted(search_shares)
     assert all(0.0 <= share <= 1.0 for _, share in uninterrupted.progress)
     assert json.loads((uninterrupted.run.folder / "gap.json").read_text("utf-8"))["finished"] is True
+
+
+def test_a_stored_round_of_steady_wheels_is_read_back_with_steady_wheels(evaluation, tmp_path):
+    steady = evaluation.with_state(replace(evaluation.state, has_steady_wheels=True))
+    refitted = [("wheel_radius", "left")]
+    judged = journal.Journal(tmp_path / "rounds", "log").judge_round(steady, (), refitted)
+    stored = journal.Journal(tmp_path / "rounds", "log", resume=True).judge_round(steady, (), refitted)
+    for one in (judged, stored):
+        assert one.find_hypothesis(refitted[0]).state.has_steady_wheels
