@@ -59,7 +59,7 @@ class Parts:
         self._sampler = sampler
         self._on_search = searched
         self._search_ms = self._settings_ms = ticks_ms()
-        self._pause_us = self._check_us = self._since_us = ticks_us()
+        self._pause_us = self._check_us = self._since_us = self._start_us = ticks_us()
         self._discarded = 0
         self._too_fast = False
 
@@ -80,7 +80,7 @@ class Parts:
         if self.batch != self._shape:
             self._shape = self.batch
             self._outbox.shape(self.batch)
-        now = ticks_us()
+        self._start_us = now = ticks_us()
         self._check_us = ticks_add(now, _SILENT_LEAST_US)
         self._sampler.start(now, chip, self.batch, lost)
 
@@ -170,11 +170,12 @@ class Parts:
             self._configure(False)
 
     def _watch_imu(self, now):
-        """Configure a chip again that acknowledges but delivers no samples."""
+        """Configure a chip again that delivers no samples; the fault lasts until one arrives."""
         if not self._silent(now):
-            self.faults &= ~FAULT_IMU_SILENT
-            self.failures = 0
-            self._since_us = now
+            if self._sampler.last_us != self._start_us:
+                self.faults &= ~FAULT_IMU_SILENT
+                self.failures = 0
+                self._since_us = now
             return
         self.faults |= FAULT_IMU_SILENT
         if ticks_diff(now, self._check_us) < 0:

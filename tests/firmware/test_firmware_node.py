@@ -132,6 +132,14 @@ def test_another_chip_at_the_address_is_refused_and_named():
     assert (0x6B, 0x6A, 0) in messages_of(sent, m.Hello)[-1].parts
 
 
+@pytest.mark.parametrize(("chip", "who_am_i"), [("lsm6ds33", 0x6C), ("mpu6050", 0x47), ("lsm6dso", 0x69)])
+def test_a_chip_with_the_identity_of_another_is_reported_as_silent_for_as_long_as_it_is(chip, who_am_i):
+    """The driver of that other chip reads a FIFO where there is none; each Health has to say so."""
+    sent, _, _ = run(4, sensors=SensorBoard(chip, specimen=Specimen(who_am_i=who_am_i)))
+    assert not messages_of(sent, m.ImuBatch)
+    assert [health.faults for health in messages_of(sent, m.Health)] == 4 * [m.Fault.IMU_SILENT]
+
+
 def test_an_unknown_mpu_is_used_and_its_id_reported():
     sent, truth, _ = run(3, sensors=SensorBoard("mpu6050", specimen=Specimen(who_am_i=0x34)))
     assert len(match_samples(sent, truth)) > 500

@@ -108,7 +108,7 @@ def parts_that_sample(period_us=4800, discarded=0):
     )
     fake.chip = SimpleNamespace(uses_fifo=False, rate_mhz=208_000)
     fake.faults = fake.failures = fake._discarded = fake._check_us = fake._settings_ms = fake._search_ms = 0
-    fake._since_us, fake._check_us = 10_000_000, 10_000_000
+    fake._since_us, fake._check_us, fake._start_us = 10_000_000, 10_000_000, 9_000_000
     fake._pause_us, fake.paused, fake._too_fast = 0, False, False
     fake._configure = lambda always: actions.append(("revive", always))
     fake._search = lambda: actions.append("search")
@@ -123,6 +123,17 @@ def test_a_chip_without_samples_for_a_tenth_of_a_second_or_ten_periods_is_silent
     assert (actions, fake.faults, fake.failures) == ([], FAULT_BUS_STUCK, 0)
     fake._watch_imu(10_000_000 + limit_us)
     assert actions == [("revive", False)] and fake.faults == FAULT_BUS_STUCK | FAULT_IMU_SILENT
+
+
+def test_a_chip_that_was_configured_again_stays_silent_until_its_next_sample():
+    fake, _ = parts_that_sample()
+    fake._watch_imu(10_100_000)
+    fake._sampler.last_us = fake._start_us = 10_100_000
+    fake._watch_imu(10_150_000)
+    assert fake.faults == FAULT_IMU_SILENT
+    fake._sampler.last_us = 10_150_000
+    fake._watch_imu(10_150_000)
+    assert not fake.faults
 
 
 def test_a_silent_chip_is_polled_ten_times_per_second_and_reconfigured_every_second():

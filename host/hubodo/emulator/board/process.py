@@ -21,7 +21,7 @@ from hubodo.emulator.board.radio import RadioModule
 from hubodo.emulator.board.radio_medium import RadioMedium
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
 from hubodo.emulator.chips.catalogue import imu_by_name
-from hubodo.emulator.chips.faults import ScriptedFault
+from hubodo.emulator.chips.faults import ScriptedFault, WrongWhoAmI
 from hubodo.emulator.chips.lis3mdl import Lis3mdl
 from hubodo.emulator.chips.registers import RegisterChip
 from hubodo.emulator.motion import Motion
@@ -47,7 +47,11 @@ class NodeSpec:
 def build_board(spec: NodeSpec) -> tuple[VirtualBoard, dict[str, RegisterChip]]:
     """Build a board and its chips by name."""
     sensors, host = spec.sensors, spec.host
-    specimen = replace(sensors.specimen, seed=spec.seed, faults=spec.faults, strict=True)
+    # A chip with the identity of another is accessed by that one's driver, and answers as silicon does.
+    has_own_identity = sensors.specimen.who_am_i is None and not any(
+        isinstance(fault, WrongWhoAmI) for fault in spec.faults
+    )
+    specimen = replace(sensors.specimen, seed=spec.seed, faults=spec.faults, strict=has_own_identity)
     chips: dict[str, RegisterChip] = {"imu": imu_by_name(sensors.chip)(spec.motion, specimen)}
     if sensors.magnetometer:
         chips["mag"] = Lis3mdl(spec.motion, specimen)

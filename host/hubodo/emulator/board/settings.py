@@ -43,7 +43,7 @@ class SensorBoard:
     chip : name of the IMU, see `chips.catalogue`.
     magnetometer : True if a LIS3MDL is on the bus as well.
     specimen : deviations of the chips from their data sheets; seed and faults are set by the node, and
-        register access is strict.
+        register access is strict unless a chip has the identity of another one.
     wiring : wiring of the bus. "no_pull_ups": lines without pull-up resistors (or nothing connected); too
         slow for 400 kHz, so no chip responds. "no_power": the pull-ups pull both lines to the unpowered
         supply.
