@@ -150,7 +150,10 @@ def _name_requested_file(error: BaseException, temporary: Mapping[Path, Path]) -
 
 
 def _check_folder_exists(path: Path) -> None:
-    if not path.absolute().parent.is_dir():
+    folder = path.absolute().parent
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{path.parent}: is a file, and a folder is due here; name another folder")
+    if not folder.is_dir():
         raise InputError(f"{path}: its folder does not exist; create it first")
 
 

@@ -52,9 +52,11 @@ def _normalise_option(word: str) -> str:
 
 
 def _expand_help(words: list[str]) -> list[str]:
-    """Return the words with --help for an empty command line and for `help`, `help VERB`."""
+    """Return the words with --help for an empty command line and for `help`, `help VERB`; also `version`."""
     if not words:
         return ["--help"]
+    if words == ["version"]:
+        return ["--version"]
     return [*words[1:], "--help"] if words[0] == "help" else words
 
 

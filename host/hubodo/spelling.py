@@ -6,9 +6,16 @@ import difflib
 from collections.abc import Iterable
 
 _MAX_COMPARED_LENGTH = 60  # characters; comparison takes quadratic time
+_MIN_SIMILARITY = 0.55
+_MIN_SIMILARITY_OF_SHORT_WORDS = 0.5
+_SHORT_WORD_LENGTH = 3
 
 
 def suggest_spelling(word: str, known: Iterable[str]) -> str:
     """Return ", did you mean ...?" for an error about an unknown word; "" where no known word is similar."""
-    close = difflib.get_close_matches(word[:_MAX_COMPARED_LENGTH], list(known), 1, 0.5)
-    return f", did you mean {close[0]!r}?" if close else ""
+    known_by_text = {text.lstrip("-"): text for text in known}  # hyphens of options make nothing similar
+    text = word[:_MAX_COMPARED_LENGTH].lstrip("-")
+    is_short = len(text) <= _SHORT_WORD_LENGTH
+    similarity = _MIN_SIMILARITY_OF_SHORT_WORDS if is_short else _MIN_SIMILARITY
+    close = difflib.get_close_matches(text, list(known_by_text), 1, similarity)
+    return f", did you mean {known_by_text[close[0]]!r}?" if close else ""

@@ -97,6 +97,8 @@ def _convert_value(value: object, hint: Any, where: str) -> Any:
         return value
     names = {"float": "a number", "int": "a whole number", "bool": "true or false", "str": "a text"}
     expected = next(words for name, words in names.items() if name in text)
+    if isinstance(value, str) and "float" in text:
+        expected += " in SI units (m, rad, s), without quotation marks"
     raise ConfigError(f"{where} = {quote_value(value)}: must be {expected}")
 
 
@@ -118,10 +120,12 @@ def load_toml(path: Path) -> dict[str, Any]:
         text = path.read_text("utf-8-sig")
     except FileNotFoundError:
         raise ConfigError(f"{path}: no such file; check the path") from None
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
         raise ConfigError(
-            f"{path}: cannot be read ({error}); check the path and that it is UTF-8 text"
+            f"{path}: cannot be read ({error.strerror}); check the path and its rights"
         ) from None
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: is not UTF-8 text ({error}); check the path") from None
     return parse_toml(text, path)
 
 

@@ -70,7 +70,8 @@ def read_effects(path: Path) -> list[type[Effect]]:
     try:
         text = path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read: {error}") from None
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise ConfigError(f"{path}: cannot be read ({reason}); check the path") from None
     return run_effects(text, path)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import contextlib
+import errno
 import json
 import termios
 import time
@@ -107,6 +108,10 @@ class FlashBoard:
         try:
             link = self._open()
         except (serial.SerialException, OSError) as error:
+            if error.errno == errno.ENOENT:
+                raise FlashError(
+                    f"{self.port}: no such device; plug it in, `hubodo doctor` lists the ports"
+                ) from None
             reason = "is busy: stop the program that uses it" if "lock" in str(error) else "cannot be opened"
             raise FlashError(f"{self.port}: {reason} ({error})") from None
         with contextlib.suppress(*_LINK_GONE), link:

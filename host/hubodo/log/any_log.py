@@ -30,6 +30,8 @@ from hubodo.log.source import MessageSource, is_hubodo_log
 from hubodo.recording import NODE_COLUMNS, TABLE_FILE_COLUMNS, Recording
 
 _DEFAULT_FORMAT = InputFormat()
+_TEXT_SUFFIXES = (".csv", ".tsv", ".txt")
+_FUSE_RESULT = "fuse.json"
 
 
 def read_log(
@@ -74,7 +76,10 @@ def _read_any(path: Path, input_format: InputFormat, progress: Progress | None) 
                 build_recording(source, input_format.topic_selection, progress=progress), input_format
             )
     if input_format.topic_selection.explicit:
-        raise InputError(f"{path}: has no topics; omit --topic")
+        raise InputError(
+            f"{path}: has no topics, so --topic does not apply; the name of a file is the name of its node: "
+            "rename it, such as left.csv"
+        )
     if path.is_dir():
         folder = read_phone_folder(path) if is_phone_folder(path) else read_folder(path, progress=progress)
         return convert_to_si(folder, input_format)
@@ -134,7 +139,12 @@ def find_mcap_file(path: Path) -> Path | None:
     """
     check_regular(path)
     if not path.is_dir():
-        return path if detect_file_kind(path) in ("mcap", "unknown") and not is_parquet(path) else None
+        kind = detect_file_kind(path)
+        is_mcap = kind in ("mcap", "unknown") and not is_parquet(path)
+        if kind == "unknown" and path.suffix in _TEXT_SUFFIXES and path.is_file() and path.stat().st_size:
+            raise InputError(f"{path}: holds no table of numbers; it needs a row of numbers for each sample")
+        return path if is_mcap else None
+    _check_folder_of_one_log(path)
     if not is_rosbag(path):
         return None
     files = sorted(path.glob("*.mcap"))
@@ -145,6 +155,18 @@ def find_mcap_file(path: Path) -> Path | None:
             f"{path}: a rosbag2 folder without an .mcap or .db3 file; give the file that holds the messages"
         )
     return None
+
+
+def _check_folder_of_one_log(path: Path) -> None:
+    """Raise InputError for a folder of several logs, and for one that `hubodo fuse` wrote."""
+    if (path / _FUSE_RESULT).is_file() and not (path / METADATA_FILE).exists():
+        raise InputError(
+            f"{path}: holds the result of `hubodo fuse`, and a log is due here; "
+            "`hubodo export` converts its track with --format tum, kitti, gpx, kml or geojson"
+        )
+    logs = sorted(path.glob("*.mcap"))
+    if len(logs) > 1 and not is_rosbag(path) and not any(path.glob("*.csv*")):
+        raise InputError(f"{path}: holds several logs; name one, such as {logs[0]}, or see `hubodo batch`")
 
 
 def is_rosbag(path: Path) -> bool:

@@ -105,6 +105,8 @@ def scan_file(path: Path, *, lenient: bool = False) -> FileScan:
     try:
         with open_regular(path) as stream:
             return _Scanner(path, stream.fileno()).run(lenient)
+    except IsADirectoryError:
+        raise LogError(f"{path}: is a folder, and an MCAP file is due here; name the file") from None
     except OSError as error:
         raise LogError(f"{path}: cannot be read ({error.strerror}); check the path and its rights") from error
 

@@ -133,11 +133,14 @@ def summarise_source(
     contents = _read_contents(source, progress)
     events, notes = parse_events(contents.event_payloads)
     roles, role_notes = _suggest_roles(source, contents, selection)
+    message_counts: Counter[str] = Counter()
+    for id, (log_ns, _) in contents.times.items():
+        message_counts[source.streams[id].topic] += len(log_ns)
     notes = (
         *notes,
         *role_notes,
         *(
-            f"{topic}: {count} messages hold NaN or infinity"
+            _describe_non_finite(topic, count, message_counts[topic])
             for topic, count in contents.non_finite_counts.items()
         ),
     )
@@ -273,6 +276,12 @@ _MEASURED_FIELDS: Mapping[str, tuple[str, ...]] = {
     ros2.FLOAT64_ARRAY: ("data",),
 }
 """Fields that must be finite in messages of samples."""
+
+
+def _describe_non_finite(topic: str, count: int, message_count: int) -> str:
+    if count == message_count:
+        return f"{topic}: every message holds NaN or infinity; NaN marks a channel that was not measured"
+    return f"{topic}: {count} messages hold NaN or infinity"
 
 
 def _count_non_finite(kind: str, messages: ChunkMessages, chosen: NDArray[np.intp]) -> int:

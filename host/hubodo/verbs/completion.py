@@ -10,7 +10,12 @@ EXAMPLE = """eval "$(hubodo completion bash)"                              # in 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `hubodo completion`."""
-    parser.add_argument("shell", choices=SHELLS, help="the shell that the script is for")
+    parser.add_argument(
+        "shell",
+        metavar="SHELL",
+        choices=SHELLS,
+        help=f"the shell that the script is for: {', '.join(SHELLS)}",
+    )
 
 
 def run(args: argparse.Namespace) -> None:

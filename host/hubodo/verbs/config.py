@@ -61,6 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `hubodo config`."""
     parser.add_argument(
         "does",
+        metavar="ACTION",
         choices=("example", "check"),
         help="example: print a hubodo.toml with every setting explained; check: check the keys, types and "
         "bounds of FILE, and that the files it names exist",

@@ -236,4 +236,7 @@ def run(args: argparse.Namespace) -> LogInfo:
         if source is not None:
             return LogInfo(summarise_source(source, form.topic_selection, progress=show))
     with progress_line() as show, open_as_mcap(args.log, form) as file:
-        return LogInfo(replace(summarise(file, progress=show), path=args.log))
+        summary = summarise(file, progress=show)
+    # A converted log is a temporary file, which the user never named.
+    warnings = tuple(line.replace(f"{file}: ", f"{args.log}: ") for line in summary.warnings)
+    return LogInfo(replace(summary, path=args.log, warnings=warnings))

@@ -127,6 +127,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "action",
+        metavar="ACTION",
         choices=("info", "set", "bias", "reboot"),
         help="info: show identification and health; set: store settings; bias: initialise the gyro bias by "
         "the method of --kind; reboot: restart the node",
@@ -134,6 +135,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "settings",
         nargs="*",
+        default=[],
         metavar="KEY=VALUE",
         help="with set: " + ", ".join(key.name.lower() for key in ConfigKey),
     )

@@ -26,7 +26,9 @@ def bounded_number(
         except ValueError:
             value = math.nan
         if not low <= value <= high or (above is not None and value < above + 1.0 / MAX_TOML_NUMBER):
-            raise argparse.ArgumentTypeError(f"{text[:40]}: write a number {bounds}".rstrip())
+            has_unit = text[:1].isdigit() and text[-1:].isalpha()
+            hint = ", without a unit (see --help for it)" if has_unit else ""
+            raise argparse.ArgumentTypeError(f"{text[:40]}: write a number {bounds}".rstrip() + hint)
         return value
 
     return parse

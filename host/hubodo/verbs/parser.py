@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NoReturn
 
 from hubodo.spelling import suggest_spelling
@@ -11,21 +12,29 @@ from hubodo.spelling import suggest_spelling
 EXIT_REFUSED = 2
 
 _MAX_LISTED_CHOICES = 15
-_SYNONYMS: dict[str, tuple[str, str]] = {
-    "--axis": ("--channel", "g{}"),
-    "--channel": ("--axis", "{}"),
-    "--overwrite": ("--force", ""),
-    "--yes": ("--force", ""),
-    "--out": ("--output", "{}"),
-    "--output-dir": ("--output", "{}"),
-    "--model": ("--vehicle", "{}"),
-    "--config": ("--vehicle", "{}"),
-    "--sensor": ("--node", "{}"),
-    "--frequency": ("--rate", "{}"),
-    "--hz": ("--rate", "{}"),
-    "--time": ("--duration", "{}"),
+_SYNONYMS: dict[str, tuple[str, ...]] = {
+    "--axis": ("--channel g{}",),
+    "--channel": ("--axis {}",),
+    "--overwrite": ("--force",),
+    "--yes": ("--force",),
+    "-f": ("--force",),
+    "-o": ("--report {}",),
+    "--output": ("--report {}",),
+    "--out": ("--output {}", "--report {}"),
+    "--output-dir": ("--output {}",),
+    "--model": ("--vehicle {}",),
+    "--config": ("--vehicle {}",),
+    "--sensor": ("--node {}",),
+    "--frequency": ("--rate {}",),
+    "--hz": ("--rate {}",),
+    "--time": ("--duration {}", "--moving {}"),
+    "--seconds": ("--duration {}", "--moving {}"),
+    "--duration": ("--moving {}",),
+    "--port": ("--at 127.0.0.1:{}",),
+    "--verbose": ("--debug",),
+    "-v": ("--version", "--debug"),
 }
-"""Option that people try: the option of other verbs that does it, and how its value is written there."""
+"""Option that people try: the options that do it in the verbs, with how its value is written there."""
 
 
 class UsageError(SystemExit):
@@ -50,7 +59,7 @@ class Parser(argparse.ArgumentParser):
         """
         if message.startswith("the following arguments are required"):
             known = [option for action in self._actions for option in action.option_strings]
-            unknown = [word for word in self._words if word.startswith("--") and not _is_known(word, known)]
+            unknown = [word for word in self._words if _is_option(word) and not _is_known(word, known)]
             if unknown:
                 message = _describe_unknown(
                     self, argparse.Namespace(), self._words[self._words.index(unknown[0]) :]
@@ -73,6 +82,12 @@ class Parser(argparse.ArgumentParser):
             verb.error(_describe_unknown(verb, parsed, unknown))
         return parsed
 
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        """Return the value of an argument; raise ArgumentError for a path that is empty, as of a script."""
+        if action.type is Path and not arg_string:
+            raise argparse.ArgumentError(action, "is empty; name a file or folder")
+        return super()._get_value(action, arg_string)
+
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         """Raise ArgumentError for a value that is no choice, with the nearest one."""
         if action.choices is None or value in action.choices:
@@ -81,6 +96,8 @@ class Parser(argparse.ArgumentParser):
         text = f"unknown {value!r}{suggest_spelling(str(value), choices)}"
         if len(choices) <= _MAX_LISTED_CHOICES:
             text += f"; choose from {', '.join(choices)}"
+        if not action.option_strings and any(word in choices for word in self._words):
+            text += "; check the order of the arguments"
         raise argparse.ArgumentError(action, text)
 
 
@@ -92,6 +109,11 @@ def _innermost_parser(parser: argparse.ArgumentParser, parsed: argparse.Namespac
             if below is not None:
                 return _innermost_parser(below, parsed)
     return parser
+
+
+def _is_option(word: str) -> bool:
+    """Return True for a word that can only be an option: no negative number, and no list such as `-,gx`."""
+    return word.startswith("--") or (len(word) == 2 and word[0] == "-" and word[1].isalpha())
 
 
 def _is_known(word: str, known: Sequence[str]) -> bool:
@@ -114,15 +136,17 @@ def _describe_unknown(
         log = getattr(parsed, "log", "")
         log = str(log[0] if isinstance(log, list) and log else log)
         value = log if log in ("x", "y", "z") else "z"
-    replacement, template = _SYNONYMS.get(name, ("", ""))
-    if replacement in known:
-        return f"unknown option {name}, write {f'{replacement} {template.format(value)}'.rstrip()}"
+    for synonym in _SYNONYMS.get(name, ()):
+        if synonym.split()[0] in known:
+            return f"unknown option {name}, write {synonym.format(value).rstrip()}"
     return f"unknown option {name}{suggest_spelling(name, known)}"
 
 
 def _suggest_order(known: Sequence[str], parsed: argparse.Namespace, extra: str) -> str:
     """Return the command line to write where a vehicle file stands in the place of the log."""
-    log = str(getattr(parsed, "log", ""))
+    log = str(getattr(parsed, "log", getattr(parsed, "source", "")))
     if "--vehicle" in known and log.endswith(".toml") and getattr(parsed, "vehicle", None) is None:
         return f": {log} is no log, write {extra} --vehicle {log}"
+    if log and Path(extra).exists():
+        return "; one log at a time: `hubodo batch` takes several, `hubodo import FOLDER` joins one drive"
     return ""

@@ -117,6 +117,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `hubodo service`."""
     parser.add_argument(
         "does",
+        metavar="ACTION",
         choices=("install", "status", "uninstall"),
         help="install: write unit, udev rules and settings, and start; status: show state and health; "
         "uninstall: stop and remove; settings and logs are kept",

@@ -1,5 +1,7 @@
 """Read logs in any format: the content of a file decides, not its name."""
 
+import shutil
+
 import numpy as np
 import pytest
 
@@ -42,3 +44,24 @@ def test_an_empty_table_is_omitted_and_reported_unless_requested(tmp_path):
     recording = read_log(tmp_path / "log.mcap")
     assert recording.gnss is None and "gnss has no rows" in recording.warnings[0]
     assert read_log(tmp_path / "log.mcap", keep_empty=True).gnss is not None
+
+
+def test_a_table_without_a_row_of_numbers_is_named_as_such(tmp_path):
+    for name, content in (("header.csv", b"t,gx,gy,gz,ax,ay,az\n"), ("noise.csv", bytes(range(128, 256)))):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(InputError, match=rf"{name}: holds no table of numbers"):
+            read_log(tmp_path / name)
+
+
+def test_a_folder_of_several_logs_and_a_result_of_fuse_are_named_as_such(log, tmp_path):
+    logs, result = tmp_path / "logs", tmp_path / "result"
+    logs.mkdir()
+    for name in ("a.mcap", "b.mcap"):
+        shutil.copy(log, logs / name)
+    with pytest.raises(InputError, match=r"logs: holds several logs; name one, such as .*a\.mcap"):
+        read_log(logs)
+    result.mkdir()
+    (result / "fuse.json").write_text("{}")
+    (result / "track.csv").write_text("t,x,y\n0,0,0\n")
+    with pytest.raises(InputError, match="holds the result of `hubodo fuse`"):
+        read_log(result)

@@ -32,6 +32,17 @@ def test_an_invalid_command_line_is_one_line_with_a_hint_and_exit_code_2(
         ("fuse vehicle.toml drive.mcap -o out", "write drive.mcap --vehicle vehicle.toml"),
         ("calibrate wheels drive.mcap --vehicel v.toml -o c.toml", "did you mean '--vehicle'"),
         ("simulate model.toml --drive tabel -o a.mcap", "unknown 'tabel', did you mean 'turntable'"),
+        ("simulate model.toml --drive circles -o a.mcap", "unknown 'circles'; choose from random,"),
+        ("info drive.mcap /", "one log at a time: `hubodo batch` takes several"),
+        ("-v", "write --version"),
+        ("info drive.mcap --verbose", "write --debug"),
+        ("fuse drive.mcap -o out --start 3", "unknown option --start; see"),
+        ("allan night.mcap -o allan.html", "write --report allan.html"),
+        ("serve . --port 8000", "write --at 127.0.0.1:8000"),
+        ("demo --seconds 10", "write --moving 10"),
+        ("node info /dev/ttyACM0", "check the order of the arguments"),
+        ("node /dev/ttyACM0", "required: ACTION; see"),
+        ("record udp://127.0.0.1:1 --duration 1m", "write a number above 0, without a unit"),
     ],
 )
 def test_an_unknown_word_is_answered_by_what_was_meant(words: str, text: str) -> None:
@@ -40,7 +51,14 @@ def test_an_unknown_word_is_answered_by_what_was_meant(words: str, text: str) ->
     assert done.err.count("\n") == 1
 
 
-@pytest.mark.parametrize("words", ["", "help", "help fuse", "-V"])
+def test_an_empty_path_is_refused_instead_of_meaning_the_current_folder() -> None:
+    for words in (("info", ""), ("fuse", "drive.mcap", "-o", "")):
+        done = hubodo(*words)
+        assert (done.code, done.out) == (EXIT_REFUSED, "")
+        assert "is empty; name a file or folder" in done.err
+
+
+@pytest.mark.parametrize("words", ["", "help", "help fuse", "-V", "version"])
 def test_help_and_version_are_given_in_every_way_that_people_ask(words: str) -> None:
     done = hubodo(*words.split())
     assert (done.code, done.err) == (0, "")

@@ -165,6 +165,11 @@ class DeviceFinder:
             if path is not None:
                 return path
             if self._port.kind == "serial number":
+                if Path(self._serial_number).exists():
+                    raise LinkError(
+                        f"{self._serial_number}: is a file, and a port is due here; "
+                        "`hubodo play FILE.mcap` replays a log"
+                    )
                 raise LinkError(
                     f"no device with serial number {self._serial_number!r}; plug it in, "
                     f"or choose one of the devices present: {self._devices_text()}"

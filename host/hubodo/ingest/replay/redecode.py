@@ -77,7 +77,9 @@ def redecode_log(path: Path, out: Path, *, progress: Progress | None = None) -> 
                     progress(f"decoding {path.name}", log.progress)
             nodes = redecoder.finish()
         if not redecoder.links:
-            raise InputError(f"{path}: holds no raw frames; only what `hubodo record` wrote does")
+            raise InputError(
+                f"{path}: holds no raw frames, so nothing can be decoded; it is a log that every verb reads"
+            )
         mismatches = [text for session in redecoder.sessions() if (text := session.decoder.mismatch_text)]
         if mismatches and len(mismatches) == len(nodes):
             raise WireMismatch("; ".join(mismatches))
