@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from hubodo.arrays import Array
 from hubodo.fuse.graph.build import build_graph
 from hubodo.fuse.graph.config import GraphConfig
+from hubodo.fuse.graph.disturbed_field import DisturbedSpan, find_disturbed_span
 from hubodo.fuse.graph.factors.between import BetweenFactors
 from hubodo.fuse.graph.factors.constants import COMPASS_IRON, N_CONSTANTS, ConstantSigmas
 from hubodo.fuse.graph.factors.heading import HEADING_LOSS, HeadingFactors, Headings
@@ -35,6 +37,10 @@ _MAD_TO_SIGMA = 1.4826
 """Standard deviation of a normal distribution over its median absolute deviation."""
 _DISTURBED_MARGIN = 3.0
 """s before and after an outlier, left out as well: the field of iron beside the road grows gradually."""
+_MAX_DISTURBED_SPANS = 3
+"""Spans of a disturbed field that are left out; more are many short ones, left to the robust loss."""
+_MAX_DISTURBED_SHARE = 0.42
+"""Share of the headings of one span, or of all left out, above which nothing says which part is disturbed."""
 _MIN_CORRELATION_SIGMAS = 2.0
 """Sigmas of chance up to which the autocorrelation of residuals is summed."""
 _MIN_HEADINGS = 10
@@ -82,10 +88,19 @@ def assess_compass(path: Track, headings: Headings, config: GraphConfig) -> Comp
     wide = _with_iron(config.constants, _HARD_IRON_SIGMA, _SOFT_IRON_SIGMA)
     if config.start_heading is not None:
         wide = replace(wide, compass_offset=_OFFSET_SIGMA)
-    widened, drive, solution, residual = _widen_to_scatter(path, headings, replace(config, constants=wide))
-    if len(residual) < _MIN_HEADINGS:
-        return CompassAssessment(headings, narrow, ())
-    reason = _find_contradiction(drive, solution, wide)
+    spans: list[DisturbedSpan] = []
+    while True:
+        widened, drive, solution, residual = _widen_to_scatter(
+            path, headings, replace(config, constants=wide)
+        )
+        if len(residual) < _MIN_HEADINGS:
+            return CompassAssessment(headings, narrow, ())
+        span = find_disturbed_span(drive, solution, replace(config, constants=wide))
+        if span is None or len(spans) == _MAX_DISTURBED_SPANS:
+            break
+        spans.append(span)
+        headings = _drop_span(headings, span)
+    reason = _find_ambiguity(spans) or _find_contradiction(drive, solution, wide)
     if reason:
         return CompassAssessment(None, config.constants, (f"compass: {reason}; its headings are not used",))
     factors = drive.graph.find_group(HeadingFactors)
@@ -97,9 +112,10 @@ def assess_compass(path: Track, headings: Headings, config: GraphConfig) -> Comp
     grown = replace(undisturbed, sigma=np.asarray(undisturbed.sigma) * growth)
     drive, solution, _ = _solve(path, grown, replace(config, constants=wide))
     solution = solve_graph(drive.graph, solution.poses, solution.constants, "constants")
+    disturbed = _describe_spans(spans)
     if _log_evidence_of_iron(solution, narrow, wide) < _MIN_LOG_EVIDENCE:
-        return CompassAssessment(grown, narrow, ())
-    return CompassAssessment(grown, wide, _describe_iron(solution))
+        return CompassAssessment(grown, narrow, disturbed)
+    return CompassAssessment(grown, wide, (*_describe_iron(solution), *disturbed))
 
 
 def _with_iron(constants: ConstantSigmas, hard: float, soft: float) -> ConstantSigmas:
@@ -156,6 +172,41 @@ def _drop_disturbed(headings: Headings, disturbed_t: Array) -> Headings:
     distance = np.minimum(np.abs(disturbed_t[after] - headings.t), np.abs(disturbed_t[before] - headings.t))
     keep = distance > _DISTURBED_MARGIN
     return Headings(headings.t[keep], headings.heading[keep], np.asarray(headings.sigma)[keep])
+
+
+def _drop_span(headings: Headings, span: DisturbedSpan) -> Headings:
+    """Return the headings outside a span, or those inside where it holds the larger part of the drive."""
+    margin = _DISTURBED_MARGIN
+    if span.share <= 0.5:
+        keep = (headings.t < span.start - margin) | (headings.t > span.end + margin)
+    else:
+        keep = (headings.t > span.start + margin) & (headings.t < span.end - margin)
+    return Headings(headings.t[keep], headings.heading[keep], np.asarray(headings.sigma)[keep])
+
+
+def _find_ambiguity(spans: Sequence[DisturbedSpan]) -> str:
+    """Return why it is unknown which of the headings are disturbed, or an empty text."""
+    undisturbed_share = 1.0
+    for span in spans:
+        share = min(span.share, 1.0 - span.share)
+        undisturbed_share *= 1.0 - share
+        if share > _MAX_DISTURBED_SHARE or 1.0 - undisturbed_share > _MAX_DISTURBED_SHARE:
+            return (
+                f"its headings from {span.start:.0f} to {span.end:.0f} s contradict the others, and nothing "
+                "says which of them a field beside the road has turned"
+            )
+    return ""
+
+
+def _describe_spans(spans: Sequence[DisturbedSpan]) -> tuple[str, ...]:
+    """Return a line on the spans of a disturbed field."""
+    times = (
+        f"{s.start:.0f} to {s.end:.0f} s" if s.share <= 0.5 else f"outside {s.start:.0f} to {s.end:.0f} s"
+        for s in spans
+    )
+    if not spans:
+        return ()
+    return (f"compass: a field beside the road turned the headings, {', '.join(times)}; they are left out",)
 
 
 def _count_correlated(residual: Array) -> float:
