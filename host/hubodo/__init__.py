@@ -12,13 +12,13 @@ if TYPE_CHECKING:
     from hubodo.api.files import load_vehicle, read_calibration, read_model, write_calibration, write_model
     from hubodo.api.from_numbers import from_arrays, from_frame
     from hubodo.api.log import LoadedLog
-    from hubodo.api.missing_effects import MissingEffects
     from hubodo.api.read import open
     from hubodo.api.simulate import simulate
     from hubodo.api.track import FusedTrack
     from hubodo.calibration.file import Calibration
     from hubodo.errors import CalibrationError, ConfigError, HubodoError, InputError, LogError
     from hubodo.fuse.track import Score
+    from hubodo.gap.explain.missing_effects import MissingEffects
     from hubodo.gap.explain.result import Finding
     from hubodo.model.model_file import Model
     from hubodo.pages.plot import Plot
@@ -41,7 +41,7 @@ _NAMES_OF_MODULE = {
     ),
     "hubodo.api.from_numbers": ("from_arrays", "from_frame"),
     "hubodo.api.log": ("LoadedLog",),
-    "hubodo.api.missing_effects": ("MissingEffects",),
+    "hubodo.gap.explain.missing_effects": ("MissingEffects",),
     "hubodo.api.read": ("open",),
     "hubodo.api.simulate": ("simulate",),
     "hubodo.api.track": ("FusedTrack",),

@@ -33,7 +33,7 @@ def json_text(
     """
     separators = (",", ":") if compact else None
     return json.dumps(
-        _plain(value),
+        json_value(value),
         indent=indent,
         ensure_ascii=ascii_only,
         separators=separators,
@@ -42,7 +42,8 @@ def json_text(
     )
 
 
-def _plain(value: Any) -> Any:
+def json_value(value: Any) -> Any:
+    """Return a value as JSON can hold it: numbers that are not finite become None, other types their text."""
     if value is None or isinstance(value, bool | int):
         return value
     if isinstance(value, float):
@@ -50,12 +51,12 @@ def _plain(value: Any) -> Any:
     if isinstance(value, str):
         return _LONE_SURROGATE.sub(_escaped, value)
     if isinstance(value, Mapping):
-        return {_key(key): _plain(item) for key, item in value.items()}
+        return {_key(key): json_value(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [json_value(item) for item in value]
     if hasattr(value, "tolist"):  # a scalar or an array of numpy
-        return _plain(value.tolist())
-    return _plain(str(value))
+        return json_value(value.tolist())
+    return json_value(str(value))
 
 
 def _key(key: object) -> str:

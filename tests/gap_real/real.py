@@ -26,7 +26,8 @@ from car import CAR, MAX_ERROR_SHARE, MAX_ERROR_SIGMA, read_drive  # noqa: E402
 from sample_effects import Injection, injections  # noqa: E402
 from two_drives import compare_pairs  # noqa: E402
 
-from hubodo.gap.explain.result import Finding, GapResult  # noqa: E402
+from hubodo.gap.explain.missing_effects import MissingEffects  # noqa: E402
+from hubodo.gap.explain.result import Finding  # noqa: E402
 from hubodo.gap.workflow import find_gap  # noqa: E402
 from hubodo.model.model_file import read_model, write_model  # noqa: E402
 
@@ -80,7 +81,7 @@ def list_cases(pairs: Sequence[tuple[str, str]], effects: Sequence[str]) -> Iter
                 yield Case(learnt_on, drive, effect, "strong", side)
 
 
-def learn(drive: str, folder: Path) -> GapResult:
+def learn(drive: str, folder: Path) -> MissingEffects:
     """Learn the model of the car on a drive, and write it."""
     path = folder / f"{drive}.toml"
     (folder / "car.toml").write_text(CAR, "utf-8")

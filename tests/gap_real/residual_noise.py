@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from gap_matrix.effects import SIDES
-from hubodo.gap.explain.result import GapResult
+from hubodo.gap.explain.missing_effects import MissingEffects
 from hubodo.recording import Recording
 
 Array = NDArray[np.float64]
@@ -108,7 +108,7 @@ def load_noise(path: Path) -> DriveNoise:
     return DriveNoise(path.stem, {side: nodes[side] for side in SIDES}, nodes["body"])
 
 
-def extract_noise(name: str, recording: Recording, result: GapResult) -> DriveNoise:
+def extract_noise(name: str, recording: Recording, result: MissingEffects) -> DriveNoise:
     """Return the residuals of a drive beside the model that was learnt on it.
 
     Residuals are centred at each spin rate: a mean that persists is an effect that the learnt model lacks,

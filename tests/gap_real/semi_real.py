@@ -35,7 +35,8 @@ from semi_case import EFFECT_NAMES, draw_case
 from gap_matrix.effects import Effect
 from gap_matrix.judge.diagnoses import compute_fingerprint
 from gap_matrix.judge.resumed import Row, compute_rows, read_rows
-from hubodo.gap.explain.result import Finding, GapResult
+from hubodo.gap.explain.missing_effects import MissingEffects
+from hubodo.gap.explain.result import Finding
 from hubodo.gap.refit.cross_validation import HeldOutGain
 from hubodo.gap.workflow import find_gap
 from hubodo.model.model_file import read_model
@@ -84,7 +85,7 @@ def learn_noise(folder: Path) -> None:
         extract_noise(name, recording, result).save(path)
 
 
-def _find_gap_of_text(text: str, recording: Any) -> GapResult:
+def _find_gap_of_text(text: str, recording: Any) -> MissingEffects:
     with tempfile.TemporaryDirectory(prefix="gap_semi_") as folder:
         path = Path(folder) / "model.toml"
         path.write_text(text, "utf-8")
@@ -113,7 +114,7 @@ def run_cell(cell: Cell, folder: Path, size: float, duration: float | None) -> R
     return {**row, "cpu": round(time.process_time() - start, 1)}
 
 
-def score_result(result: GapResult, effect: Effect | None, visible: Sequence[str]) -> Row:
+def score_result(result: MissingEffects, effect: Effect | None, visible: Sequence[str]) -> Row:
     """Return the scores of a result: right name, right node, accurate value, other names.
 
     visible: parameters that are judged

@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from hubodo.api.arguments import StrPath
-    from hubodo.api.missing_effects import MissingEffects
     from hubodo.api.track import FusedTrack
     from hubodo.calibration.file import Calibration
     from hubodo.fuse.wheel_odometry import Method
+    from hubodo.gap.explain.missing_effects import MissingEffects
     from hubodo.model.model_file import Model
     from hubodo.pages.plot import Plot
     from hubodo.sensors.allan.result import AllanResult
@@ -496,7 +496,7 @@ class LoadedLog:
         ConfigError
             If the model file is invalid.
         """
-        from hubodo.api.missing_effects import search_gap
+        from hubodo.api.gap_search import search_gap
 
         return search_gap(self, model, accept, reject)
 

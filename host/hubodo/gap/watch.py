@@ -8,7 +8,8 @@ import numpy as np
 
 from hubodo.effects.empirical import PREFIX
 from hubodo.errors import InputError
-from hubodo.gap.explain.result import Finding, GapResult
+from hubodo.gap.explain.missing_effects import MissingEffects
+from hubodo.gap.explain.result import Finding
 from hubodo.gap.explain.summary import format_estimate
 from hubodo.gap.problem.assumed import assume_model
 from hubodo.gap.problem.build import MIN_DURATION
@@ -83,7 +84,7 @@ def describe_finding(finding: Finding, model: Model) -> str:
     return f"{place}: {description}"
 
 
-def _is_reportable(finding: Finding, result: GapResult) -> bool:
+def _is_reportable(finding: Finding, result: MissingEffects) -> bool:
     floor = result.gap.floor or 1.0
     excess = result.gap.before**2 - floor**2
     explained_share = (finding.gap.before**2 - finding.gap.after**2) / excess if excess > 0.0 else 0.0

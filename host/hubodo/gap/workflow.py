@@ -8,7 +8,8 @@ from dataclasses import replace
 from hubodo.effects import BY_NAME, Effect
 from hubodo.effects.empirical import PREFIX
 from hubodo.gap.explain.finding import build_finding
-from hubodo.gap.explain.result import BeforeAfter, Finding, GapResult, Verdict, split_by_channel
+from hubodo.gap.explain.missing_effects import MissingEffects
+from hubodo.gap.explain.result import BeforeAfter, Finding, Verdict, split_by_channel
 from hubodo.gap.explain.unexplained import list_unexplained
 from hubodo.gap.judge.held_out import HeldOutSplit, split_held_out
 from hubodo.gap.judge.journal import Journal
@@ -42,7 +43,7 @@ def find_gap(
     log_name: str = "log",
     report_progress: ReportProgress = lambda words, share: None,
     journal: Journal | None = None,
-) -> GapResult:
+) -> MissingEffects:
     """Find the effects missing in a model to explain a log; see `find_problem_gap`.
 
     Raises InputError if the log lacks an input of the model.
@@ -60,7 +61,7 @@ def find_problem_gap(
     reject: Collection[str] = (),
     report_progress: ReportProgress = lambda words, share: None,
     journal: Journal | None = None,
-) -> GapResult:
+) -> MissingEffects:
     """Find the effects missing in the model of a problem.
 
     accept: effects added before the search starts
@@ -106,7 +107,7 @@ def _hold_share(report_progress: ReportProgress) -> ReportProgress:
 
 def _build_unfinished_result(
     initial_state: State, result: SearchResult, report_progress: ReportProgress
-) -> GapResult:
+) -> MissingEffects:
     """Return the result of an interrupted search, without reconsideration."""
     report_progress("interrupted; measuring the effects found so far", 0.9)
     rounds = {judged.best.key: judged for judged in result.rounds if judged.best is not None}
@@ -120,7 +121,7 @@ def _build_unfinished_result(
 
 def _build_result(
     initial_state: State, search_result: SearchResult, rounds: RoundsByKey, warnings: tuple[str, ...]
-) -> GapResult:
+) -> MissingEffects:
     """Build the result: gaps and held-out gaps after each added effect, findings, unexplained residuals.
 
     If the gap grew, on all or on held-out samples, only the first effects are kept, up to the best gap.
@@ -168,7 +169,7 @@ def _build_result(
         verdict = "partly_explained" if is_unexplained else "explained"
     else:
         verdict = "unexplained" if is_unexplained else "no_gap"
-    return GapResult(
+    return MissingEffects(
         verdict,
         total,
         BeforeAfter(held_out_gaps[0], held_out_gaps[-1]),

@@ -25,3 +25,8 @@ def print_lines(console: Console, lines: Iterable[str], *, label: str = "") -> N
     """Print lines without highlighting numbers, each after a label, such as `note`."""
     for line in lines:
         console.print(f"{label}: {line}" if label else line, highlight=False)
+
+
+def print_text(console: Console, text: str) -> None:
+    """Print text as it is: without markup and highlighted numbers, its long lines unbroken."""
+    console.print(text, highlight=False, markup=False, soft_wrap=True)

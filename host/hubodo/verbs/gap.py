@@ -4,47 +4,28 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
-
-from rich.console import Console
-from rich.table import Table as TextTable
 
 from hubodo.effects import BY_NAME
 from hubodo.effects.loaded import name_problem
 from hubodo.errors import InputError
-from hubodo.gap.explain.explanation import Explanation, explain_effect
-from hubodo.gap.explain.result import GapResult
-from hubodo.gap.explain.summary import (
-    describe_confidence,
-    describe_reduction,
-    describe_runner_up,
-    describe_verdict,
-    format_parameter,
-    format_probability,
-    list_advice,
-)
+from hubodo.gap.explain.explanation import explain_effect
+from hubodo.gap.explain.files import check_gap_folder, gap_file_contents, write_files
+from hubodo.gap.explain.missing_effects import MissingEffects
+from hubodo.gap.explain.terminal import GAP_FILES
 from hubodo.gap.judge.journal import Journal, compute_fingerprint
 from hubodo.gap.judge.round import EMPIRICAL, ReportProgress
 from hubodo.gap.problem.assumed import assume_model
 from hubodo.gap.problem.build import build_problem
 from hubodo.gap.problem.problem import Problem
-from hubodo.gap.scaffold.scaffold import Scaffold, build_scaffold
+from hubodo.gap.scaffold.scaffold import build_scaffold
 from hubodo.gap.workflow import find_problem_gap
 from hubodo.log.any_log import read_log
 from hubodo.log.roles import NODES_ROLE
 from hubodo.model.model_file import Model, read_model
 from hubodo.progress import progress_line
 from hubodo.recording import Recording
-from hubodo.report.gap_files import (
-    GAP_FILES,
-    check_gap_folder,
-    gap_file_contents,
-    gap_json,
-    replace_non_finite,
-    write_files,
-)
 from hubodo.spelling import suggest_spelling
 from hubodo.vehicle import load_vehicle
 from hubodo.verbs.effect_options import add_effects_option, register_effects
@@ -56,89 +37,6 @@ from hubodo.version import __version__
 
 EXAMPLE = "hubodo gap model.toml drive.mcap -o gap/"
 JOURNAL_FILE = "unfinished.jsonl"
-
-
-@dataclass(frozen=True)
-class GapReport:
-    """The result of a gap search, and the folder that it was written to.
-
-    Attributes
-    ----------
-    result
-        The gap before and after, and the effects that were detected.
-    output
-        Folder of gap.json, model.toml and report.html.
-    explanations
-        Explanations for the effects of --explain.
-    scaffold
-        The effect written for --scaffold, if one was needed.
-    scaffold_name
-        The name given with --scaffold.
-    """
-
-    result: GapResult
-    output: str
-    explanations: tuple[Explanation, ...]
-    scaffold: Scaffold | None = None
-    scaffold_name: str | None = None
-
-    @property
-    def failed(self) -> bool:
-        """Return True if --scaffold was given and no unexplained dependence was found."""
-        return self.scaffold_name is not None and self.scaffold is None
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the content of gap.json, with the explanations of --explain and the scaffold."""
-        summary = gap_json(self.result)
-        if self.explanations:
-            summary["explain"] = replace_non_finite(
-                [explanation.as_json() for explanation in self.explanations]
-            )
-        if self.scaffold is not None:
-            summary["scaffold"] = replace_non_finite(self.scaffold.as_json())
-        return summary
-
-    def render(self, console: Console) -> None:
-        """Print the verdict, what to do next, the gap, the detected effects, and the remaining residual."""
-        result = self.result
-
-        def print_line(text: str) -> None:
-            console.print(text, highlight=False, markup=False, soft_wrap=True)
-
-        print_line(describe_verdict(result))
-        for line in list_advice(result):
-            print_line(f"→ {line}")
-        gap, held_out = result.gap, result.held_out_gap
-        noise_floor = "" if gap.floor is None else f" (noise alone: {gap.floor:.3f})"
-        words = describe_reduction(gap.before, gap.after, gap.floor)
-        print_line(f"gap {gap.before:.3f} → {gap.after:.3f}{noise_floor}{'; ' + words if words else ''}")
-        print_line(f"held out {held_out.before:.3f} → {held_out.after:.3f}; {result.held_out_kind}")
-        if result.found:
-            console.print(_detected_effects_table(result))
-        for finding in result.found:
-            print_line(f"{finding.effect}: {finding.where}")
-            confidence = (
-                f"{describe_confidence(finding.confidence)} ({format_probability(finding.confidence)})"
-            )
-            print_line(f"  {confidence}; {describe_runner_up(finding)}")
-            if finding.inseparable_from:
-                print_line(f"  not separable in this log from {', '.join(finding.inseparable_from)}")
-        for residual in result.remaining:
-            print_line(f"residual in {residual.channel}, {residual.where}: {residual.looks_like}")
-        for explanation in self.explanations:
-            print_line(explanation.summary)
-            if explanation.rows:
-                console.print(_explain_table(explanation))
-        for line in result.warnings:
-            print_line(f"warning: {line}")
-        if self.scaffold is not None:
-            for line in self.scaffold.describe():
-                print_line(line)
-        elif self.scaffold_name is not None:
-            print_line(
-                f"--scaffold {self.scaffold_name}: the known effects explain the log; no new effect is needed"
-            )
-        print_line(", ".join(str(Path(self.output) / name) for name in GAP_FILES))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -188,12 +86,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_force_option(parser)
 
 
-def run(args: argparse.Namespace) -> GapReport | ChangeReport:
+def run(args: argparse.Namespace) -> MissingEffects | ChangeReport:
     """Search for missing effects and write the three result files; or compare two logs.
 
     Returns
     -------
-    GapReport or ChangeReport
+    MissingEffects or ChangeReport
         The gap and the detected effects, or the changes between two logs.
 
     Raises
@@ -232,7 +130,8 @@ def run(args: argparse.Namespace) -> GapReport | ChangeReport:
             show(f"searching a dependence for {args.scaffold}", 0.95)
             new_effect = build_scaffold(result.search, args.scaffold, args.log)
         show("writing the report", 0.97)
-        contents = gap_file_contents(result, log=args.log.name, model=args.model.name)
+        result = replace(result, log=args.log.name, given=args.model.name, output=str(args.output))
+        contents = gap_file_contents(result)
     if new_effect is not None:
         contents[f"{new_effect.name}.py"] = new_effect.source
     write_files(args.output, contents)
@@ -240,13 +139,8 @@ def run(args: argparse.Namespace) -> GapReport | ChangeReport:
         # The user pressed ctrl-C: exit as interrupted, now that the intermediate result is written.
         raise KeyboardInterrupt(f"{args.output} holds the intermediate result; --resume continues")
     journal.delete()
-    return GapReport(
-        result,
-        str(args.output),
-        tuple(explain_effect(result, name, name in args.reject) for name in dict.fromkeys(args.explain)),
-        new_effect,
-        args.scaffold,
-    )
+    explained = (explain_effect(result, name, name in args.reject) for name in dict.fromkeys(args.explain))
+    return replace(result, explanations=tuple(explained), scaffold=new_effect, scaffold_name=args.scaffold)
 
 
 def _read_problem(args: argparse.Namespace, show: ReportProgress) -> tuple[Problem, Journal]:
@@ -280,36 +174,3 @@ def _check_effect_names(option: str, names: Iterable[str]) -> None:
         if name not in known:
             hint = suggest_spelling(name, known) or f"; they are {', '.join(known)}"
             raise InputError(f"--{option} {name}: no such effect{hint}")
-
-
-def _detected_effects_table(result: GapResult) -> TextTable:
-    table = TextTable("effect", "scope", "parameters", "confidence", "gap", "held out")
-    for finding in result.found:
-        values = "\n".join(format_parameter(name, one) for name, one in finding.parameters.items())
-        table.add_row(
-            finding.effect,
-            finding.scope,
-            values,
-            format_probability(finding.confidence),
-            f"{finding.gap.before:.3f} → {finding.gap.after:.3f}",
-            f"{finding.held_out_gap.before:.3f} → {finding.held_out_gap.after:.3f}",
-        )
-    return table
-
-
-def _explain_table(explanation: Explanation) -> TextTable:
-    table = TextTable(
-        "round",
-        "scope",
-        "gain",
-        "ln Bayes factor",
-        "probability in the round",
-        "beaten by",
-        title=explanation.effect,
-    )
-    for row in explanation.rows:
-        share = "not refitted" if row.probability is None else format_probability(row.probability)
-        table.add_row(
-            str(row.round), row.scope, f"{row.gain:.1f}", f"{row.evidence:.1f}", share, row.beaten_by
-        )
-    return table

@@ -21,6 +21,7 @@ from hubodo.gap.state.terms import ALL, VEHICLE
 from hubodo.log.any_log import read_log
 from hubodo.log.roles import NODES_ROLE
 from hubodo.model.model_file import model_toml, read_model
+from hubodo.pages.console import print_text
 from hubodo.progress import progress_line
 from hubodo.safe_text import json_text
 from hubodo.vehicle import load_vehicle
@@ -54,10 +55,7 @@ class ChangeReport:
         """Print the verdict, then one row for each change."""
         result = self.result
 
-        def print_line(text: str) -> None:
-            console.print(text, highlight=False, markup=False, soft_wrap=True)
-
-        print_line(change_verdict(result))
+        print_text(console, change_verdict(result))
         if result.changes:
             table = TextTable("effect", "scope", "before", "after", "change", "p-value")
             for change in result.changes:
@@ -70,15 +68,15 @@ class ChangeReport:
                 )
             console.print(table)
         for change in result.changes:
-            print_line(f"{change.effect} ({change.scope}): {change.where}")
+            print_text(console, f"{change.effect} ({change.scope}): {change.where}")
             if change.belongs_to_drive:
                 reason = _DRIVE_DEPENDENT_EFFECTS.get(change.effect, _GENERIC_DRIVE_REASON)
-                print_line(f"  of the drive: {reason}, which is no change of the vehicle")
+                print_text(console, f"  of the drive: {reason}, which is no change of the vehicle")
         for name in result.unnamed_terms:
-            print_line(f"change that no known effect explains: {name}")
+            print_text(console, f"change that no known effect explains: {name}")
         for line in result.warnings:
-            print_line(f"warning: {line}")
-        print_line(", ".join(str(Path(self.output) / name) for name in CHANGE_FILES))
+            print_text(console, f"warning: {line}")
+        print_text(console, ", ".join(str(Path(self.output) / name) for name in CHANGE_FILES))
 
 
 def change_verdict(result: ChangeResult) -> str:

@@ -30,7 +30,8 @@ from gap_matrix import beyond, cases, recording
 from gap_matrix.make_case import write_case
 from hubodo.effects import BY_NAME
 from hubodo.effects.loaded import use_effects
-from hubodo.gap.scaffold.scaffold import Scaffold, build_scaffold
+from hubodo.gap.explain.scaffold import Scaffold
+from hubodo.gap.scaffold.scaffold import build_scaffold
 from hubodo.gap.workflow import find_gap
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model

@@ -12,7 +12,7 @@ import numpy as np
 from gap_matrix import cases, effects, recording, sensor
 from gap_matrix.cases import Setup
 from gap_matrix.effects import KINDS, Effect, scale_effect
-from hubodo.gap.explain.result import GapResult
+from hubodo.gap.explain.missing_effects import MissingEffects
 from hubodo.gap.workflow import find_gap
 from hubodo.log.csv_folder import read_folder
 from hubodo.model.model_file import read_model
@@ -84,7 +84,7 @@ def run_trial(setup: Setup, effect: Effect | None) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _diagnose(setup: Setup, hidden: list[Effect]) -> GapResult:
+def _diagnose(setup: Setup, hidden: list[Effect]) -> MissingEffects:
     """Write the log of a setup and return the result of `gap`."""
     with tempfile.TemporaryDirectory(prefix="gap_limit_") as folder:
         recording.write_case_files(setup, hidden, Path(folder), {})

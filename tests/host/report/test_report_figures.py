@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from hubodo.errors import InputError
+from hubodo.gap.explain.figures import bin_means, envelope
+from hubodo.gap.explain.files import check_gap_folder
 from hubodo.pages.curves import Curve, plot_curves
-from hubodo.report.gap_figures import bin_means, envelope
-from hubodo.report.gap_files import check_gap_folder, replace_non_finite
+from hubodo.safe_text import json_value
 from hubodo.sensors.allan.page import TERM_MEANINGS, format_duration, format_value
 from hubodo.sensors.north.page import summarise_north
 
@@ -42,7 +43,7 @@ def test_values_are_given_with_their_unit():
 
 
 def test_non_finite_numbers_are_null():
-    assert replace_non_finite({"a": [1.0, float("nan")], "b": float("inf")}) == {"a": [1.0, None], "b": None}
+    assert json_value({"a": [1.0, float("nan")], "b": float("inf")}) == {"a": [1.0, None], "b": None}
 
 
 def test_a_folder_with_another_model_is_refused(tmp_path):

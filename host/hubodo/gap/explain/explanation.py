@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hubodo.effects import BY_NAME
-from hubodo.gap.explain.result import GapResult
 from hubodo.gap.explain.summary import format_probability
 from hubodo.gap.judge.round import Round
+
+if TYPE_CHECKING:
+    from hubodo.gap.explain.missing_effects import MissingEffects
 
 _NO_WINNER = "no effect was significant"
 
@@ -54,7 +56,7 @@ class Explanation:
         return {"effect": self.effect, "summary": self.summary, "rows": [row.as_json() for row in self.rows]}
 
 
-def explain_effect(result: GapResult, name: str, is_rejected: bool = False) -> Explanation:
+def explain_effect(result: MissingEffects, name: str, is_rejected: bool = False) -> Explanation:
     """Explain why the effect `name` was or was not added; `is_rejected`: it was excluded by the user."""
     rows = [
         row
@@ -105,7 +107,7 @@ def _find_objection(rounds: Sequence[Round], name: str) -> str:
     return ""
 
 
-def _summarise(result: GapResult, name: str, rows: list[ExplanationRow], is_rejected: bool) -> str:
+def _summarise(result: MissingEffects, name: str, rows: list[ExplanationRow], is_rejected: bool) -> str:
     """Return one sentence on what became of the effect."""
     for finding in result.found:
         if finding.effect == name:

@@ -1,4 +1,4 @@
-"""Result of a search, as `gap.json`, terminal, page and Python API need it."""
+"""Parts of the result of a gap search: findings, estimates and unexplained structure."""
 
 from __future__ import annotations
 
@@ -8,13 +8,8 @@ from typing import Any, Literal
 
 from hubodo.effects import BY_NAME
 from hubodo.effects.empirical import PREFIX
-from hubodo.gap.judge.search import SearchResult
-from hubodo.gap.process_noise.residual import Residual
-from hubodo.model.model_file import Model
 
 Verdict = Literal["no_gap", "explained", "partly_explained", "unexplained"]
-# Version of gap.json; its schema is gap.schema.json beside this file.
-SCHEMA_VERSION = 1
 
 
 @dataclass(frozen=True)
@@ -126,49 +121,6 @@ class Unexplained:
     def as_json(self) -> dict[str, str]:
         """Return the entry of `remaining` in `gap.json`."""
         return {"channel": self.channel, "where": self.where, "looks_like": self.looks_like}
-
-
-@dataclass(frozen=True)
-class GapResult:
-    """The result of a search.
-
-    held_out_kind: the driving condition that was held out, in words
-    found: the added effects in order of discovery
-    remaining: what no effect explains
-    model: the given model with the added effects
-    search: all rounds
-    residual_steps: residuals at first and after each added effect
-    is_finished: False if the search was interrupted
-    refined: effects of the given model whose values changed by less than drives differ
-    """
-
-    verdict: Verdict
-    gap: BeforeAfter
-    held_out_gap: BeforeAfter
-    held_out_kind: str
-    found: tuple[Finding, ...]
-    remaining: tuple[Unexplained, ...]
-    warnings: tuple[str, ...]
-    model: Model
-    search: SearchResult
-    residual_steps: tuple[Mapping[str, Residual], ...]
-    is_finished: bool = True
-    refined: tuple[Finding, ...] = ()
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the content of `gap.json`."""
-        return {
-            "version": SCHEMA_VERSION,
-            "finished": self.is_finished,
-            "verdict": self.verdict,
-            "gap": self.gap.as_json(),
-            "held_out_gap": self.held_out_gap.as_json(),
-            "held_out": self.held_out_kind,
-            "found": [finding.as_json() for finding in self.found],
-            "refined": [finding.as_json() for finding in self.refined],
-            "remaining": [left.as_json() for left in self.remaining],
-            "warnings": list(self.warnings),
-        }
 
 
 def split_by_channel(finding: Finding) -> list[Finding]:

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hubodo.effects import BY_NAME
 from hubodo.effects.empirical import PREFIX
 from hubodo.gap.explain.descriptions import describe_manoeuvre
-from hubodo.gap.explain.result import Estimate, Finding, GapResult
+from hubodo.gap.explain.result import Estimate, Finding
 from hubodo.gap.state.terms import ALL, VEHICLE
+
+if TYPE_CHECKING:
+    from hubodo.gap.explain.missing_effects import MissingEffects
 
 _DISPLAY_UNITS: Mapping[str, tuple[float, str]] = {
     "rad": (57.29577951308232, "°"),
@@ -36,7 +40,7 @@ _CONFIDENCE_WORDS = (
 )
 
 
-def describe_verdict(result: GapResult) -> str:
+def describe_verdict(result: MissingEffects) -> str:
     """Return the verdict as one sentence."""
     missing = ", and ".join(describe_effect(finding) for finding in result.found)
     noise = list_noise_advice(result)
@@ -120,7 +124,7 @@ def _exponent(value: float) -> int:
     return int(f"{abs(value):e}".partition("e")[2])
 
 
-def list_advice(result: GapResult) -> list[str]:
+def list_advice(result: MissingEffects) -> list[str]:
     """Return advice, one sentence each: what to measure next, then what to do with the model."""
     listed = [finding for finding in result.found if not finding.effect.startswith(PREFIX)]
     lines = _advise_measurements(result)
@@ -142,7 +146,7 @@ def list_advice(result: GapResult) -> list[str]:
     return lines
 
 
-def _advise_measurements(result: GapResult) -> list[str]:
+def _advise_measurements(result: MissingEffects) -> list[str]:
     """Return what to measure next, one sentence each."""
     lines = []
     for finding in result.found:
@@ -171,7 +175,7 @@ def helps_held_out(finding: Finding) -> bool:
     return not finding.held_out_gap.after > finding.held_out_gap.before + _MAX_HELD_OUT_GROWTH
 
 
-def _advise_model(result: GapResult, listed: Sequence[Finding]) -> str:
+def _advise_model(result: MissingEffects, listed: Sequence[Finding]) -> str:
     """Return whether to use the written model, which held-out data decide."""
     doubtful = [finding.effect for finding in listed if not helps_held_out(finding)]
     if doubtful:
@@ -183,7 +187,7 @@ def _advise_model(result: GapResult, listed: Sequence[Finding]) -> str:
     return f"Use the model that was written, model.toml, from now on: it has {names}{remark}."
 
 
-def list_noise_advice(result: GapResult) -> list[str]:
+def list_noise_advice(result: MissingEffects) -> list[str]:
     """Return advice where the noise of a triad clearly differs from its declaration, with the estimate."""
     lines = []
     noise = result.model.noise
@@ -222,7 +226,7 @@ def format_probability(value: float) -> str:
     return f"{100.0 * value:.1f} %" if value >= 0.001 else f"{value:.0e}" if value > 0.0 else "< 1e-300"
 
 
-def list_model_comments(result: GapResult, log_name: str) -> dict[tuple[str, str | None], str]:
+def list_model_comments(result: MissingEffects, log_name: str) -> dict[tuple[str, str | None], str]:
     """Return the comment above each added effect in `model.toml`."""
     comments = {}
     for finding in result.found:

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import log
 from pathlib import Path
-from typing import Any
 
 from hubodo.effects import BY_NAME
 from hubodo.effects.empirical import PREFIX
 from hubodo.gap.explain.descriptions import describe_where
 from hubodo.gap.explain.finding import estimate_parameters
-from hubodo.gap.explain.result import Estimate
+from hubodo.gap.explain.scaffold import Scaffold
 from hubodo.gap.explain.summary import format_with_sigma
 from hubodo.gap.judge.search import SearchResult
 from hubodo.gap.process_noise.evaluation import Evaluation
@@ -30,51 +29,6 @@ _MAX_SUMMANDS, _MAX_FITTED, _MIN_FIRST_EVIDENCE, _MIN_FURTHER_EVIDENCE = 3, 8, 1
 _CLEAR_SIGMAS = 3.0
 # Existing effects that may imitate it, and dependences tried instead of each.
 _MAX_REPLACEABLE, _MAX_INSTEAD = 3, 4
-
-
-@dataclass(frozen=True)
-class Scaffold:
-    """A scaffolded effect.
-
-    source: text of its file
-    where: channels and regimes that show it, in words
-    parameters: fitted to the log
-    replaced: effects that it makes unnecessary
-    """
-
-    name: str
-    scope: str
-    source: str
-    where: str
-    parameters: Mapping[str, Estimate]
-    gap_before: float
-    gap_after: float
-    replaced: tuple[str, ...]
-
-    def describe(self) -> list[str]:
-        """Return the result, one line each."""
-        values = ", ".join(
-            f"{key} {format_with_sigma(estimate.value, estimate.sigma)} {estimate.unit}"
-            for key, estimate in self.parameters.items()
-        )
-        lines = [f"{self.name} ({self.scope}): {values}", f"  {self.where}"]
-        lines.append(
-            f"  gap {self.gap_before:.3f} → {self.gap_after:.3f}; use it with --effects {self.name}.py"
-        )
-        if self.replaced:
-            lines.append(f"  it replaces {', '.join(self.replaced)}")
-        return lines
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the result as JSON."""
-        return {
-            "effect": self.name,
-            "scope": self.scope,
-            "parameters": {key: estimate.as_json() for key, estimate in self.parameters.items()},
-            "where": self.where,
-            "gap": {"before": self.gap_before, "after": self.gap_after},
-            "replaced": list(self.replaced),
-        }
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ import pytest
 from gap_runs import run_gap
 from gap_schema import read_schema, validate_result
 from hubodo.effects import BY_NAME
-from hubodo.gap.explain.result import SCHEMA_VERSION
+from hubodo.gap.explain.missing_effects import SCHEMA_VERSION
 
 
 def test_the_schema_is_valid_and_has_the_current_version():

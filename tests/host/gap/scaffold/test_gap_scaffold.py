@@ -1,7 +1,7 @@
 """Scaffolding of a new effect."""
 
 from hubodo.gap.explain.result import Estimate
-from hubodo.gap.scaffold.scaffold import Scaffold
+from hubodo.gap.explain.scaffold import Scaffold
 
 
 def test_text_and_json_of_a_scaffold_list_its_parameters():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -13,11 +13,14 @@ from plotly.subplots import make_subplots
 
 from hubodo.arrays import Array
 from hubodo.gap.explain.regimes import Trajectory
-from hubodo.gap.explain.result import Finding, GapResult
+from hubodo.gap.explain.result import Finding
 from hubodo.gap.explain.summary import format_probability
 from hubodo.gap.problem.problem import CHANNELS
 from hubodo.gap.process_noise.residual import Residual
 from hubodo.pages.page import COLOURS, new_plotly_figure
+
+if TYPE_CHECKING:
+    from hubodo.gap.explain.missing_effects import MissingEffects
 
 # Not red: a residual is a result, not a warning.
 BEFORE, AFTER, NOISE = "#b7791f", COLOURS["left"], COLOURS["truth"]
@@ -29,7 +32,7 @@ Channel = tuple[str, int]
 """Name of a node, and row of CHANNELS."""
 
 
-def steps_figure(result: GapResult) -> go.Figure:
+def steps_figure(result: MissingEffects) -> go.Figure:
     """Return a figure of the gap after each effect, on fitted and held-out data."""
     labels = ["model as given", *(f"+ {finding.effect}<br>{finding.scope}" for finding in result.found)]
     plot = new_plotly_figure("", "gap, in units of the declared noise", height=300)
@@ -67,7 +70,7 @@ def steps_figure(result: GapResult) -> go.Figure:
     return plot
 
 
-def select_channels(result: GapResult, max_rows: int = 6) -> list[Channel]:
+def select_channels(result: MissingEffects, max_rows: int = 6) -> list[Channel]:
     """Return the channels that each effect changed most.
 
     Without effects, those with the largest residuals.
@@ -96,7 +99,7 @@ def _measured(residuals: Mapping[str, Residual]) -> Iterator[tuple[str, int, Res
             yield name, int(row), residual
 
 
-def residual_figure(result: GapResult, channels: Sequence[Channel]) -> go.Figure:
+def residual_figure(result: MissingEffects, channels: Sequence[Channel]) -> go.Figure:
     """Return a figure of residuals before and after: range and mean of each bin."""
     plot = make_subplots(len(channels), 1, shared_xaxes=True, vertical_spacing=0.35 / (2.5 * len(channels)))
     for position, (name, row) in enumerate(channels, 1):
@@ -120,7 +123,7 @@ def residual_figure(result: GapResult, channels: Sequence[Channel]) -> go.Figure
 
 
 def regime_figure(
-    result: GapResult, channels: Sequence[Channel], trajectories: Mapping[str, Trajectory]
+    result: MissingEffects, channels: Sequence[Channel], trajectories: Mapping[str, Trajectory]
 ) -> go.Figure:
     """Return a figure of the mean residuals over the quantity on which they depend most, per channel."""
     columns = min(2, len(channels))
@@ -142,7 +145,7 @@ def regime_figure(
     return _apply_layout(plot, 100 + 270 * rows)
 
 
-def gap_over_time_figure(result: GapResult) -> go.Figure:
+def gap_over_time_figure(result: MissingEffects) -> go.Figure:
     """Return a figure of the gap in each five-second interval, before and after."""
     plot = new_plotly_figure("time, s", "gap in 5 s", height=260)
     for label, residuals, colour in _before_and_after(result):
@@ -243,7 +246,7 @@ def gap_over_time(residuals: Mapping[str, Residual]) -> tuple[Array, Array]:
     return _round_digits(middle[occupied]), _round_digits(sizes)
 
 
-def _before_and_after(result: GapResult) -> list[tuple[str, Mapping[str, Residual], str]]:
+def _before_and_after(result: MissingEffects) -> list[tuple[str, Mapping[str, Residual], str]]:
     """Return label, residuals and colour before and, if an effect was found, after."""
     plot = [("before", result.residual_steps[0], BEFORE)]
     return [*plot, ("after", result.residual_steps[-1], AFTER)] if result.found else plot

@@ -7,7 +7,7 @@ import pytest
 
 from hubodo.effects import EFFECTS
 from hubodo.gap.explain.indistinguishable import INDISTINGUISHABLE_CAUSES
-from hubodo.report.gap_drive import _SEGMENTS_BY_KEYWORD, drive_figure, parse_manoeuvre
+from hubodo.gap.explain.recommended_drive import _SEGMENTS_BY_KEYWORD, drive_figure, parse_manoeuvre
 
 WAYS = sorted({direction for effect in EFFECTS for direction in effect.confusable_with.values()})
 
@@ -45,6 +45,6 @@ def test_every_described_manoeuvre_is_used():
 
 
 def test_the_readme_lists_the_indistinguishable_effects():
-    readme = (Path(__file__).parents[3] / "host/hubodo/gap/README.md").read_text("utf-8")
+    readme = (Path(__file__).parents[4] / "host/hubodo/gap/README.md").read_text("utf-8")
     for one, other, why in INDISTINGUISHABLE_CAUSES:
         assert f"| {one} | {other} | {why} |" in readme

@@ -4,13 +4,24 @@ from __future__ import annotations
 
 import html
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hubodo.gap.explain.figures import (
+    Channel,
+    evidence_figure,
+    gap_over_time_figure,
+    regime_figure,
+    residual_figure,
+    select_channels,
+    steps_figure,
+)
 from hubodo.gap.explain.indistinguishable import INDISTINGUISHABLE_CAUSES
+from hubodo.gap.explain.recommended_drive import drive_figure, recommend_drives, slider_figure
 from hubodo.gap.explain.regimes import compute_trajectory
 from hubodo.gap.explain.reliability import RELIABILITY
-from hubodo.gap.explain.result import BeforeAfter, Finding, GapResult
+from hubodo.gap.explain.result import BeforeAfter, Finding
 from hubodo.gap.explain.summary import (
     describe_confidence,
     describe_effect,
@@ -23,16 +34,9 @@ from hubodo.gap.explain.summary import (
 )
 from hubodo.gap.problem.problem import CHANNELS
 from hubodo.pages.page import PageTable, Section, render_page
-from hubodo.report.gap_drive import drive_figure, recommend_drives, slider_figure
-from hubodo.report.gap_figures import (
-    Channel,
-    evidence_figure,
-    gap_over_time_figure,
-    regime_figure,
-    residual_figure,
-    select_channels,
-    steps_figure,
-)
+
+if TYPE_CHECKING:
+    from hubodo.gap.explain.missing_effects import MissingEffects
 
 _GAP_STYLE = """<style>
 .cards { display: grid; grid-template-columns: repeat(auto-fit, minmax(15rem, 1fr)); gap: 0.9rem; }
@@ -61,11 +65,8 @@ _BADGES = {
 }
 
 
-def gap_page(result: GapResult, *, log: str, model: str, written: str) -> str:
-    """Return the page as HTML.
-
-    log, model: names of log and model. written: text of the model file with the added effects.
-    """
+def gap_page(result: MissingEffects, written: str) -> str:
+    """Return the page as HTML; written: text of the model file with the added effects."""
     channels = select_channels(result)
     trajectories = {
         name: compute_trajectory(residual.node) for name, residual in result.residual_steps[0].items()
@@ -113,9 +114,8 @@ def gap_page(result: GapResult, *, log: str, model: str, written: str) -> str:
             listing=written,
         ),
     ]
-    return render_page(
-        f"The gap between {model} and {log}", describe_verdict(result), sections, _hero(result)
-    )
+    title = f"The gap between {result.given} and {result.log}"
+    return render_page(title, describe_verdict(result), sections, _hero(result))
 
 
 def _limits_of_names() -> list[Section]:
@@ -137,7 +137,7 @@ def _limits_of_names() -> list[Section]:
     ]
 
 
-def _step_by_step(result: GapResult, channels: Sequence[Channel]) -> list[Section]:
+def _step_by_step(result: MissingEffects, channels: Sequence[Channel]) -> list[Section]:
     if not result.found or not channels:
         return []
     words = (
@@ -146,7 +146,7 @@ def _step_by_step(result: GapResult, channels: Sequence[Channel]) -> list[Sectio
     return [Section("Effect by effect", words, figures=[slider_figure(result, channels)])]
 
 
-def _drive_this(result: GapResult) -> list[Section]:
+def _drive_this(result: MissingEffects) -> list[Section]:
     """Return one section for each manoeuvre that would distinguish two effects."""
     return [
         Section(
@@ -158,7 +158,7 @@ def _drive_this(result: GapResult) -> list[Section]:
     ]
 
 
-def _hero(result: GapResult) -> str:
+def _hero(result: MissingEffects) -> str:
     words, colour = _BADGES[result.verdict]
     parts = [_GAP_STYLE, f'<span class="badge" style="background:{colour}">{words}</span>']
     cards = [
@@ -198,7 +198,7 @@ def _figure(value: float) -> str:
     return f"{value:.1f}" if value >= 20.0 else f"{value:.2f}" if value >= 1.5 else f"{value:.3f}"
 
 
-def _confidence_card(result: GapResult) -> str:
+def _confidence_card(result: MissingEffects) -> str:
     if not result.found:
         rounds = result.search.rounds
         nothing = rounds[-1].null_probability if rounds else 1.0
@@ -233,7 +233,7 @@ def _effect_card(finding: Finding) -> str:
     )
 
 
-def _steps_table(result: GapResult) -> PageTable:
+def _steps_table(result: MissingEffects) -> PageTable:
     rows = [("model as given", "", _figure(result.gap.before), _figure(result.held_out_gap.before), "")]
     for finding in result.found:
         values = ", ".join(format_parameter(name, one) for name, one in finding.parameters.items())
@@ -259,7 +259,7 @@ def _evidence(finding: Finding) -> Section:
     )
 
 
-def _channel_table(result: GapResult) -> PageTable:
+def _channel_table(result: MissingEffects) -> PageTable:
     first, last = result.residual_steps[0], result.residual_steps[-1]
     rows: list[tuple[str, ...]] = []
     for name, residual in first.items():
@@ -277,7 +277,7 @@ def _channel_table(result: GapResult) -> PageTable:
     return PageTable(("channel", "before", "after", "noise"), rows)
 
 
-def _remaining(result: GapResult) -> Section:
+def _remaining(result: MissingEffects) -> Section:
     if not result.remaining:
         return Section("Unexplained residuals", "None above the noise.")
     rows = [(remaining.channel, remaining.where, remaining.looks_like) for remaining in result.remaining]

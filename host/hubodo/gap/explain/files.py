@@ -2,36 +2,20 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from hubodo.atomic_files import atomic_files
 from hubodo.errors import InputError
-from hubodo.gap.explain.result import GapResult
+from hubodo.gap.explain.page import gap_page
 from hubodo.gap.explain.summary import describe_verdict, list_model_comments
+from hubodo.gap.explain.terminal import GAP_FILES
 from hubodo.model.model_file import model_toml
-from hubodo.report.gap_page import gap_page
 from hubodo.safe_text import json_text
 
-GAP_FILES = ("gap.json", "model.toml", "report.html")
-
-
-def gap_json(result: GapResult) -> dict[str, Any]:
-    """Return the content of `gap.json`; non-finite numbers are null."""
-    content = replace_non_finite(result.as_json())
-    assert isinstance(content, dict)
-    return content
-
-
-def replace_non_finite(value: Any) -> Any:
-    """Return the value with None in place of non-finite numbers."""
-    if isinstance(value, dict):
-        return {key: replace_non_finite(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [replace_non_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+if TYPE_CHECKING:
+    from hubodo.gap.explain.missing_effects import MissingEffects
 
 
 def check_gap_folder(output: Path, model: Path | None, *, replace: bool = True) -> None:
@@ -50,16 +34,16 @@ def check_gap_folder(output: Path, model: Path | None, *, replace: bool = True) 
         raise InputError(f"{model_file}: exists already; choose another name, or give --force to replace it")
 
 
-def gap_file_contents(result: GapResult, *, log: str, model: str) -> dict[str, str]:
-    """Return the text of each of `GAP_FILES`; log, model: names for the text."""
+def gap_file_contents(result: MissingEffects) -> dict[str, str]:
+    """Return the text of each of `GAP_FILES`."""
     before, after = result.gap.before, result.gap.after
     head = [
-        f"# {model} with what hubodo gap found in {log}: gap {before:.3f} → {after:.3f}.",
+        f"# {result.given} with what hubodo gap found in {result.log}: gap {before:.3f} → {after:.3f}.",
         f"# {describe_verdict(result)}",
     ]
-    written = "\n".join(head) + "\n\n" + model_toml(result.model, list_model_comments(result, log))
-    text = json_text(gap_json(result), indent=1, ascii_only=False)
-    page = gap_page(result, log=log, model=model, written=written)
+    written = "\n".join(head) + "\n\n" + model_toml(result.model, list_model_comments(result, result.log))
+    text = json_text(result.as_json(), indent=1, ascii_only=False)
+    page = gap_page(result, written)
     return dict(zip(GAP_FILES, (text + "\n", written, page), strict=True))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import plotly.graph_objects as go
@@ -10,9 +11,11 @@ from plotly.subplots import make_subplots
 
 from hubodo.arrays import Array
 from hubodo.effects import distinguishing_manoeuvre
-from hubodo.gap.explain.result import GapResult
+from hubodo.gap.explain.figures import Channel, envelope, format_channel
 from hubodo.pages.page import COLOURS
-from hubodo.report.gap_figures import Channel, envelope, format_channel
+
+if TYPE_CHECKING:
+    from hubodo.gap.explain.missing_effects import MissingEffects
 
 # Duration (s), speed (m/s) and yaw rate (rad/s) of one segment of a drive; transitions are smoothed.
 DriveSegment = tuple[float, float, float]
@@ -39,7 +42,7 @@ _SMOOTHING_S = 1.0
 _PROFILE_STEP_S = 0.05
 
 
-def slider_figure(result: GapResult, channels: Sequence[Channel]) -> go.Figure:
+def slider_figure(result: MissingEffects, channels: Sequence[Channel]) -> go.Figure:
     """Return a figure of the mean residual of each second, grey for the given model, with a slider.
 
     In print it shows the initial slider position, with all effects.
@@ -90,7 +93,7 @@ def slider_figure(result: GapResult, channels: Sequence[Channel]) -> go.Figure:
     return plot
 
 
-def recommend_drives(result: GapResult) -> list[tuple[str, tuple[DriveSegment, ...]]]:
+def recommend_drives(result: MissingEffects) -> list[tuple[str, tuple[DriveSegment, ...]]]:
     """Return description and segments of a drive for each pair of effects not distinguished by this log."""
     plot: dict[str, tuple[DriveSegment, ...]] = {}
     for finding in result.found:
