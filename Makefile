@@ -7,7 +7,7 @@ export OPENBLAS_NUM_THREADS := 1
 # Hundreds of processes import the same files, so their bytecode is cached.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test quick check docs package chip power bench soak papers accuracy road sensitivity gap-matrix gap-limit gap-reliability gap-several gap-beyond gap-rides gap-real gap-semi mutants faults fuzz load fleet interop audit browser compiler setup clean
+.PHONY: demo test quick check docs package chip power bench soak papers accuracy road sensitivity gap-matrix gap-limit gap-reliability gap-several gap-beyond gap-rides gap-real gap-semi mutants faults fuzz load fleet interop audit screenshots browser compiler setup clean
 .DEFAULT_GOAL := demo
 
 demo: setup          ## the main job end to end, without hardware
@@ -141,6 +141,9 @@ audit: setup         ## known vulnerabilities of the installed packages, from th
 
 fleet: setup         ## two thousand logs of five minutes through hubodo batch, a second worker, an index of a year; about twenty minutes, 6 GB
 	$(BIN)/python tests/batch/fleet.py
+
+screenshots: setup browser ## every page in Chromium, wide and narrow, light and dark, and the images of the README; about two minutes
+	$(BIN)/python tests/pages/screenshots.py --update
 
 browser:             ## Chromium for the tests of pages, installed if missing and possible
 	@command -v chromium >/dev/null && command -v chromedriver >/dev/null || tools/debian_packages chromium chromium-driver || true

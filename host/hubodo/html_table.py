@@ -11,6 +11,8 @@ _NUMBER = re.compile(
     re.IGNORECASE,
 )
 """A number, with its sigma or a percent sign."""
+_QUANTITY = re.compile(r"[-+−<>]? ?[\d.][\d.,e+-]*( ± [\d.e+-]+)? \S{1,12}")
+"""A number with its unit, which stays on one line on a wide screen."""
 _WIDE_COLUMNS = 5  # columns from which a narrow screen shows a row as lines of label and value
 
 
@@ -29,7 +31,7 @@ def html_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     )
     lines = (
         "".join(
-            f'<td class="{kind}"{label}>{html.escape(text)}</td>'
+            f'<td class="{_cell_class(kind, text)}"{label}>{html.escape(text)}</td>'
             for kind, label, text in zip(kinds, labels, row, strict=False)
         )
         for row in rows
@@ -38,6 +40,10 @@ def html_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     top = f"<thead><tr>{head}</tr></thead>" if any(headings) else ""
     tag = '<table class="wide">' if is_wide else "<table>"
     return f"{tag}{top}<tbody>{body}</tbody></table>"
+
+
+def _cell_class(kind: str, text: str) -> str:
+    return f"{kind} quantity" if _QUANTITY.fullmatch(text) else kind
 
 
 def _is_numeric(column: Sequence[str]) -> bool:

@@ -11,7 +11,9 @@ def test_cells_and_lines_are_escaped():
 def test_numbers_are_right_aligned_and_words_left():
     text = html_table(("name", "value", "note"), [("a", "+0.12 ± 0.03", "1 of 2"), ("b", "", "3 m")])
     assert text.count('<td class="number">') == 2
-    assert '<td class="text">3 m</td>' in text and "data-label" not in text
+    assert '<td class="text">1 of 2</td>' in text and "data-label" not in text
+    # A number with its unit is text that stays on one line on a wide screen.
+    assert '<td class="text quantity">3 m</td>' in text
 
 
 def test_a_table_without_headings_has_no_empty_row_and_text_on_the_left():

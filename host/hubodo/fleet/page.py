@@ -58,8 +58,12 @@ def _overview_text(logs: pd.DataFrame) -> str:
     dates = logs.start.dropna()
     span = f", {dates.min():%Y-%m-%d} to {dates.max():%Y-%m-%d}" if len(dates) else ""
     without = int((logs.status != "done").sum())
-    text = f"{logs.log.nunique()} logs of {logs.vehicle.nunique()} vehicles{span}; "
+    text = f"{_count(logs.log.nunique(), 'log')} of {_count(logs.vehicle.nunique(), 'vehicle')}{span}; "
     return text + (f"{without} analyses without a result." if without else "each has its result.")
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}" + ("s" if number != 1 else "")
 
 
 def _vehicle_section(logs: pd.DataFrame) -> Section:
@@ -69,7 +73,9 @@ def _vehicle_section(logs: pd.DataFrame) -> Section:
         span = (f"{dates.min():%Y-%m-%d}", f"{dates.max():%Y-%m-%d}") if len(dates) else ("", "")
         counts = [str(int((group.status == status).sum())) for status in ("done", "refused", "failed")]
         rows.append((vehicle, verb, *counts, f"{group['size'].sum() / 1e9:.3f}", *span))
-    heads = ("vehicle", "verb", "done", "refused", "failed", "GB", "first", "last")
+    heads: tuple[str, ...] = ("vehicle", "verb", "done", "refused", "failed", "GB", "first", "last")
+    if not any(row[-1] for row in rows):  # no log has a date
+        heads, rows = heads[:-2], [row[:-2] for row in rows]
     return Section("Vehicles", _describe_truncation(rows), [PageTable(heads, rows[:_MAX_TABLE_ROWS])])
 
 
@@ -164,7 +170,7 @@ def _spread_section(title: str, numbers: pd.DataFrame) -> Iterator[Section]:
                     node or "log",
                     unit or "1",
                     str(len(part)),
-                    *(f"{value:.4g}" for value in shares_of),
+                    *(f"{value:.3g}" for value in shares_of),
                 )
             )
     heads = ("quantity", "node", "unit", "logs", "5 %", "median", "95 %")

@@ -70,6 +70,14 @@ def new_figure(width_inches: float, height_inches: float) -> Any:
     return figure
 
 
+def add_legend_above(axes: Any, *, columns: int = 4) -> None:
+    """Add the legend of axes above all axes of their figure, where it hides no data."""
+    handles, labels = axes.get_legend_handles_labels()
+    axes.figure.legend(
+        handles, labels, loc="outside upper left", ncols=columns, fontsize=8, frameon=False, markerscale=2.0
+    )
+
+
 def render_drawing(draw: Callable[[], Any]) -> Drawing:
     """Return the matplotlib figure made by draw() as a drawing for a page.
 

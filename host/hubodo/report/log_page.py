@@ -28,6 +28,10 @@ from hubodo.vehicle_sketch import draw_vehicle
 _MAX_PAGE_ROWS = 40
 
 
+_LEAD_FACTS = ("drive of", "position", "no gap")
+"""Beginnings of the findings that the first paragraph of a page states."""
+
+
 @dataclass(frozen=True)
 class LogPage:
     """The page of one log.
@@ -84,7 +88,7 @@ def log_page(
         if recording.table is not None
         else "north: no turntable record (table.csv); see hubodo north"
     )
-    findings = Section("Findings", advice=facts)
+    findings = Section("Findings", advice=[line for line in facts if not line.startswith(_LEAD_FACTS)])
     absent = Section(
         "Not available from this log",
         "Each with the reason; everything else was evaluated.",
@@ -117,9 +121,7 @@ def _lead(recording: Recording, summary: Summary | None, drive_facts: Sequence[s
     if summary is not None:
         text += f"; {gaps} gaps with {losses} samples missing" if gaps else "; no gap"
         text += "" if summary.complete else "; the file was not closed"
-    drive = [
-        line[0].upper() + line[1:] + ". " for line in drive_facts if line.startswith(("drive of", "position"))
-    ]
+    drive = [line[0].upper() + line[1:] + ". " for line in drive_facts if line.startswith(_LEAD_FACTS)]
     return "".join(drive) + text + "."
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hubodo.calibration.parameter_table import format_with_sigma
 from hubodo.pages.drawing import render_drawing
 from hubodo.pages.page import PageTable, Section, render_page
 from hubodo.sensors.allan.datasheet import Datasheet
@@ -47,12 +48,13 @@ def format_duration(seconds: float) -> str:
 
 def summarise_allan(result: AllanResult) -> str:
     """Return the result in one or two sentences."""
-    unit = rate_unit(result.channel)
+    unit, white = rate_unit(result.channel), _white_noise_text(result)
     if result.best_tau is None or result.best_deviation is None:
-        best = "The record is too short to show the best averaging time."
+        best = f"{white}The record is too short to show the best averaging time."
     else:
         best = (
-            f"The smallest deviation is {format_value(result.best_deviation * unit.factor, unit.common)} "
+            f"{white}The smallest deviation is "
+            f"{format_value(result.best_deviation * unit.factor, unit.common)} "
             f"({format_value(result.best_deviation, unit.si)}), at an averaging time of "
             f"{format_duration(result.best_tau)}."
         )
@@ -60,6 +62,20 @@ def summarise_allan(result: AllanResult) -> str:
         best += f" For maytagging, stops of {format_duration(result.maytag_stop)}"
         best += f" (turns of {result.maytag_turn:g} s)."
     return best
+
+
+def _white_noise_text(result: AllanResult) -> str:
+    """Return the white noise as a sentence; "" where the record does not show it."""
+    white, unit = result.fit.terms["N"], term_units(result.channel)["N"]
+    if white.value is None or white.sigma is None:
+        return ""
+    value = _format_with_sigma(white.value * unit.factor, white.sigma * unit.factor)
+    return f"White noise N = {value} {unit.common} ({format_value(white.value, unit.si)}). "
+
+
+def _format_with_sigma(value: float, sigma: float) -> str:
+    """Return value and sigma of a positive quantity."""
+    return format_with_sigma(value, sigma).replace("+", "", 1)
 
 
 def allan_page(results: Sequence[NamedResult], title: str, sheets: Sequence[Datasheet] = ()) -> str:
@@ -146,14 +162,14 @@ def terms_table(result: AllanResult) -> PageTable:
     rows = [
         (
             f"{key} {unit.name}",
-            f"{term.value:.4g} ± {term.sigma:.2g} {unit.si}",
-            format_value(term.value * unit.factor, unit.common),
+            f"{_format_with_sigma(term.value * unit.factor, term.sigma * unit.factor)} {unit.common}",
+            format_value(term.value, unit.si),
             TERM_MEANINGS[key],
         )
         for key, unit, term in _terms(result)
         if term.value is not None and term.sigma is not None
     ]
-    return PageTable(("term", "SI", "common unit", "meaning"), rows)
+    return PageTable(("term", "value ± 1σ", "in SI units", "meaning"), rows)
 
 
 def all_term_rows(result: AllanResult) -> list[tuple[str, ...]]:
@@ -179,7 +195,7 @@ def hidden_terms_table(result: AllanResult) -> PageTable:
     rows = [
         (
             f"{key} {unit.name}",
-            "" if term.limit is None else format_value(term.limit, unit.si),
+            "" if term.limit is None else f"{term.limit:.2g} {unit.si}",
             "" if term.needed is None else format_duration(term.needed),
             term.reason,
         )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hubodo.pages.curves import Curve, draw_curves
-from hubodo.pages.drawing import Drawing, new_figure, save_figure
+from hubodo.pages.drawing import Drawing, add_legend_above, new_figure, save_figure
 from hubodo.pages.page import PageTable, Section
 from hubodo.sensors.heading.score import HeadingScore
 
@@ -106,7 +106,7 @@ def save_heading_figure(result: HeadingResult, path: Path, title: str) -> None:
         upper.plot(track.t, (values + result.start) * _DEG, color=colour, lw=0.8, label=name)
     upper.set_ylabel("heading, °")
     upper.set_title(title)
-    upper.legend(fontsize=8)
+    add_legend_above(upper)
     if score is None:
         lower.plot(track.t, track.sigma * _DEG, color=_FILTER_COLOUR)
         lower.set_ylabel("sigma, °")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hubodo.pages.drawing import new_figure, render_drawing
+from hubodo.pages.drawing import add_legend_above, new_figure, render_drawing
 from hubodo.pages.page import PageTable, Section
 from hubodo.sensors.north.advice import describe_programmes
 from hubodo.sensors.north.north_estimate import NorthEstimate
@@ -62,7 +62,7 @@ def north_figure(estimate: NorthEstimate, title: str) -> Any:
     upper.plot(turn * _DEG, model, color=_FIT_COLOUR, label="fit")
     upper.set_xlabel("angle of the axis from table zero, °")
     upper.set_ylabel("Earth rate, °/h")
-    upper.legend(fontsize=8)
+    add_legend_above(upper)
     upper.set_title(title)
     middle.plot(residuals.t / 60, residuals.residual * _DEG_H, ".-", ms=3, lw=0.6, color=_MEAN_COLOUR)
     middle.set_xlabel("t, min")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hubodo.pages.drawing import new_figure
+from hubodo.pages.drawing import add_legend_above, new_figure
 from hubodo.sensors.warmup.forecast import SIGMA_HORIZON_S
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def _plot_bias(axes: Any, result: WarmupResult) -> None:
         label="forecast over all forms, 1 sigma",
     )
     axes.set_ylabel("bias, °/s")
-    axes.legend(fontsize=8)
+    add_legend_above(axes)
 
 
 def _averaged(t: np.ndarray[Any, Any], values: np.ndarray[Any, Any]) -> tuple[Any, Any]:
