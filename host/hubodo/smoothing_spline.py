@@ -20,6 +20,9 @@ from hubodo.arrays import Array
 
 _SPLINE_DEGREE = 5
 _PENALTY_ORDER = 3
+# s; a time at an end may be rounded beyond it, or moved by the step of a numerical derivative. There the
+# slope must not jump to zero.
+_END_TOLERANCE = 1e-6
 # Angular frequencies per step in (0, pi); at them, the power of a sampled B-spline including aliases, and of
 # its penalised differences.
 _ANGULAR_FREQUENCIES = (np.arange(512) + 0.5) * np.pi / 512
@@ -93,8 +96,7 @@ class SmoothingSpline:
         integral = integral * s + integral_before
         beyond = t - inside
         if beyond.any():
-            # A tolerance of one nanosecond: a time at the end may be rounded beyond it.
-            at_end = np.abs(beyond) < 1e-9
+            at_end = np.abs(beyond) < _END_TOLERANCE
             slope, second_derivative = np.where(at_end, slope, 0.0), np.where(at_end, second_derivative, 0.0)
             integral += value * beyond
         return SplineValues(value, slope, second_derivative, integral)

@@ -103,8 +103,10 @@ def test_outside_the_samples_the_end_values_hold_and_slopes_are_zero():
     np.testing.assert_allclose(
         spline.integral(np.array([1.0, 2.0, 4.0, 5.0])), [-4.0, 0.0, 56 / 3, 56 / 3 + 16]
     )
-    # The slope at an end is that of the spline, even if rounding puts the time just outside.
+    # The slope at an end is that of the spline, even if rounding, or the step of a numerical derivative, puts
+    # the time just outside.
     np.testing.assert_allclose(spline(np.array([np.nextafter(2.0, 0.0), 4.0]), 1), [4.0, 8.0])
+    np.testing.assert_allclose(spline(np.array([2.0 - 1e-8, 4.0 + 1e-7]), 1), [4.0, 8.0])
 
 
 def test_a_constant_is_known_and_does_not_change():

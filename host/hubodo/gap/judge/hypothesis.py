@@ -76,10 +76,7 @@ class Hypothesis:
     def is_within_level(self) -> bool:
         """Return True if the held-out gain is within what the level of the noise leaves in doubt."""
         gain = self.held_out_gain
-        is_unnamed = self.term.effect.name.startswith(PREFIX)
-        size_ratio = max(len(self.term.effect.coordinates()) / _TRIAD_SIZE, 1.0)
-        sigmas = _MIN_LEVEL_SIGMAS_UNNAMED if is_unnamed else _MIN_LEVEL_SIGMAS * math.sqrt(size_ratio)
-        return gain is not None and gain.total < sigmas * gain.level_sigma
+        return gain is not None and is_within_level(self.term, gain)
 
     def with_objection(self, objection: str) -> Hypothesis:
         """Return a copy with an objection, and so with little evidence."""
@@ -95,6 +92,14 @@ class Hypothesis:
     def p_value(self, null_distribution: NullDistribution) -> float:
         """Return how often the best candidate would gain as much by chance."""
         return null_distribution.p_value(self.gain, len(self.term.effect.coordinates()))
+
+
+def is_within_level(term: ModelTerm, gain: HeldOutGain) -> bool:
+    """Return True if the held-out gain of a term is within what the level of the noise leaves in doubt."""
+    is_unnamed = term.effect.name.startswith(PREFIX)
+    size_ratio = max(len(term.effect.coordinates()) / _TRIAD_SIZE, 1.0)
+    sigmas = _MIN_LEVEL_SIGMAS_UNNAMED if is_unnamed else _MIN_LEVEL_SIGMAS * math.sqrt(size_ratio)
+    return gain.total < sigmas * gain.level_sigma
 
 
 def judge_effect(before: Refit, screened: ScreenedCandidate, after: Refit, tempering: float) -> Hypothesis:

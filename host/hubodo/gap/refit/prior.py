@@ -50,7 +50,8 @@ class CoordinatePrior:
 def build_prior(terms: Sequence[ModelTerm], size: int, tempering: float) -> CoordinatePrior:
     """Return the prior of the coordinates of terms, followed by free nuisances, `size` in total.
 
-    Coordinates with several initial guesses, such as a time constant, and those of a limit have none.
+    Coordinates with several initial guesses, such as a time constant, and those of a limit have none. The
+    prior of a term with a repeatability is about its current value.
     """
     information, value = np.zeros(size), np.zeros(size)
     first = 0
@@ -59,6 +60,9 @@ def build_prior(terms: Sequence[ModelTerm], size: int, tempering: float) -> Coor
         inside = slice(first, first + len(scales))
         information[inside] = _has_prior(type(term.effect)) * tempering / _PRIOR_SCALES**2
         value[inside] = term.effect.coordinates() / scales
+        if term.repeatability:
+            information[inside] = tempering / term.repeatability**2
+            value[inside] = 0.0
         frozen = [first + k for k in term.frozen]
         information[frozen], value[frozen] = _FROZEN_INFORMATION, 0.0
         first += len(scales)

@@ -21,12 +21,14 @@ class ModelTerm:
     scope: name of a node, `all` nodes, or the `vehicle`
     is_fitted: True if the search added it and later fits may change it; False if the model file gave it
     frozen: coordinates that a fit does not move
+    repeatability: 1 sigma, in usual sizes, by which a fit may change it; 0 for the prior of its usual size
     """
 
     effect: Effect
     scope: str
     is_fitted: bool = True
     frozen: tuple[int, ...] = ()
+    repeatability: float = 0.0
 
     @property
     def key(self) -> tuple[str, str]:

@@ -110,3 +110,12 @@ def test_columns_of_a_slice_are_a_slice_of_the_columns(state, name):
         sizes = np.abs(expected).max(axis=(1, 2), keepdims=True) + 1e-6
         columns_of_part = sensitivities.columns(node, part, samples)
         np.testing.assert_allclose(columns_of_part / sizes, expected / sizes, atol=1e-4)
+
+
+def test_a_delay_moves_no_sample_at_the_ends_of_the_log_more_than_others(state):
+    """Inputs begin with the first node that measured the speed: no derivative steps out of them."""
+    directions = [d for d in list_directions(state) if d.effect.name in ("time_offset", "clock_skew")]
+    for columns in compute_columns(state, directions).values():
+        for column in columns:
+            inner = np.abs(column[:, 5:-5]).max(axis=1)
+            assert (np.abs(column[:, [0, -1]]).max(axis=1) <= 10.0 * inner).all()
