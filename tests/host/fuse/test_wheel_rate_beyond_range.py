@@ -28,6 +28,8 @@ class FakeSpinTracker:
         self, observed: bool, tracking: bool = True, excess: float = 12.0, slope: float = -4.0
     ) -> None:
         self.is_observed, self.is_tracking, self.excess, self.slope = observed, tracking, excess, slope
+        self.gravity_angle: float | None = None
+        self.unobserved_windows = 0
         self.calls: list[str] = []
         self.last_arguments: tuple[Any, ...] = ()
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hubodo.fuse.wheel.preintegration import WindowBuilder
-from hubodo.fuse.wheel.spin_search import SpinTracker, _Samples, find_spin, rederotate_window
+from hubodo.fuse.wheel.spin_search import SpinTracker, find_spin, rederotate_window
 from hubodo.fuse.wheel.window import WINDOW_S, Window
 from wheel_windows import LIMIT, G, R, rolling_windows
 
@@ -81,20 +81,6 @@ def test_the_search_needs_a_quarter_of_a_second_of_valid_samples() -> None:
     # One window with enough samples is sufficient.
     estimate = find_spin(rolling_windows(80.0, rate_hz=416.0)[4:5], R)
     assert estimate is not None and estimate.excess == pytest.approx(80.0 - LIMIT, abs=1.0)
-
-
-@pytest.mark.parametrize("spin", [35.0, 60.0])
-def test_the_chirp_amplitude_equals_the_least_squares_fit_with_bias_and_lever_arm(spin: float) -> None:
-    """The rotation may be so small that a polynomial of time absorbs a part of it."""
-    samples = _Samples.of(rolling_windows(spin, rate_hz=208.0, bias=BIAS, arm=ARM)[3:5])
-    assert samples is not None
-    chirp = samples.without(3).best(np.array([spin - LIMIT]), np.zeros(1))
-    columns = np.column_stack(
-        [np.exp(-1j * (samples.carried + (spin - LIMIT) * samples.t)), samples.t[:, None] ** np.arange(3)]
-    )
-    fitted = np.linalg.lstsq(columns, samples.force, rcond=None)[0][0]
-    assert abs(fitted) == pytest.approx(G)
-    assert chirp.amplitude == pytest.approx(fitted)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

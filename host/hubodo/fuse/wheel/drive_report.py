@@ -25,7 +25,7 @@ from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.outage_log import WheelOutage
 from hubodo.fuse.wheel.slip_detector import Slip
 from hubodo.fuse.wheel.wheel import Wheel
-from hubodo.fuse.wheel.window import WINDOW_S
+from hubodo.fuse.wheel.window import SECOND_WINDOWS, WINDOW_S
 
 START_WINDOWS = int(3.0 / WINDOW_S)
 """Windows at the start in which a standstill is expected; later it counts only if there was one at all."""
@@ -250,11 +250,11 @@ def _wheel_warnings(wheel: Wheel, windows: int, outage_windows: int, refused: in
         wheel_lines.append(
             f"gz at its limit for {clipped_time:.1f} s; spin there is from gravity and centripetal force"
         )
-    if wheel.blind_windows:
+    if wheel.blind_windows > SECOND_WINDOWS:
         wheel_lines.append(
             "gz and the accelerometers across the axle at their limits together for "
-            f"{wheel.blind_windows * WINDOW_S:.1f} s: nothing measures the spin there, and the track may be "
-            "wrong by far more than its sigma; mount the node nearer to the axle, or use wider ranges"
+            f"{wheel.blind_windows * WINDOW_S:.1f} s: nothing measures the spin there; mount the node nearer "
+            "to the axle, or with its x or y axis pointing to the axle, or use wider ranges"
         )
     if wheel.outlier_windows > max(5, 0.05 * windows):
         outlier_time = wheel.outlier_windows * WINDOW_S

@@ -17,7 +17,7 @@ GZ, WR, WI, ER, EI, FR, FI, AZ, GX, GY, AX, AY = range(12)
 GG, ZZ, SR, SI, QR, QI, CS, CA, CF, CZ = range(12, 22)
 MISSING = CZ + 1
 """Row of the time without samples. Behind it are gz and both parts of gx + i gy at the edges."""
-SAMPLE_ROWS = (GZ, GX, GY, AX, AY, CF)
+SAMPLE_ROWS = (GZ, GX, GY, AX, AY)
 """Rows that `WindowSamples` are built from."""
 _ROTATED_REAL_ROWS, _ROTATED_IMAGINARY_ROWS = (WR, ER, FR, SR, QR), (WI, EI, FI, SI, QI)
 """Real and imaginary parts of the rotated terms."""
@@ -87,6 +87,8 @@ def differences(first: int, edge_values: Array) -> list[Window]:
         "across_change": ((across_at_edge[1:] - across_at_edge[:-1]) * rotation_back).tolist(),
         "rate_carrier": rotated[SR],
         "samples": [None] * count,
+        "gravity_angle": [None] * count,
+        "blind_windows": [0] * count,
         "lever": [1j * a * c - q for a, c, q in zip(change, rotated[ER], rotated[QR], strict=True)],
     }
     rows = zip(*(columns[name] for name in Window._fields), strict=True)

@@ -23,6 +23,7 @@ from hubodo.fuse.wheel.entries import (
     RATE_BEYOND_RANGE,
     SLOPE,
     WHEEL_ANGLE,
+    WHEEL_RADIUS,
     YAW_RATE,
     StateLayout,
 )
@@ -162,9 +163,11 @@ class MeasurementUpdate:
                 whitened = whitening.dot(z)
                 nis = float(whitened.dot(whitened))
         gain_root = whitening.dot(hp)
+        unobservable = _unobservable_states(x, p, windows)
         x = list(map(add, x, whitened.dot(gain_root).tolist()))
         # p - root' root in one call. BLAS is column-major, so `.T` passes the array without a copy.
         p = dgemm(-1.0, gain_root.T, gain_root.T, beta=1.0, c=p.T, trans_b=1, overwrite_c=1).T
+        _restore_states(x, p, unobservable)
         return UpdateResult(
             x, p, nis, len(z), rolling_rates, yaw_rates, forward_residuals, outlier_wheel, motion_state
         )
@@ -261,6 +264,35 @@ def _usage_by_mode(every: Sequence[Measurement]) -> dict[WheelMode, tuple[bool, 
         WheelMode.OUTAGE: nothing,
         WheelMode.DISABLED: nothing,
     }
+
+
+class _States(NamedTuple):
+    """Columns, values and covariance block of some states."""
+
+    columns: list[int]
+    values: list[float]
+    block: Array
+
+
+def _unobservable_states(x: list[float], p: Array, windows: WheelWindows) -> _States | None:
+    """Return the radii of wheels with a saturated gyro, None without any.
+
+    Their rate is searched in each window, so rolling shows nothing about the radius; acceleration that no
+    force predicts moved it by 5 sigma.
+    """
+    columns = [wheel.columns[WHEEL_RADIUS] for wheel, window in windows if window.all_clipped]
+    if not columns:
+        return None
+    return _States(columns, [x[column] for column in columns], p[np.ix_(columns, columns)])
+
+
+def _restore_states(x: list[float], p: Array, states: _States | None) -> None:
+    """Restore states that measurements depend on but must not correct (Schmidt-Kalman update), in place."""
+    if states is None:
+        return
+    for column, value in zip(states.columns, states.values, strict=True):
+        x[column] = value
+    p[np.ix_(states.columns, states.columns)] = states.block
 
 
 def _clipped(window: Window) -> bool:

@@ -23,7 +23,7 @@ from hubodo.fuse.wheel.entries import (
 )
 from hubodo.fuse.wheel.measurements import WindowNoise, forward, zero_velocity
 from hubodo.fuse.wheel.motion_state import MotionState
-from hubodo.fuse.wheel.outage_model import free_motion_variances, vehicle_agility
+from hubodo.fuse.wheel.outage_model import HARD_ACCELERATION, free_motion_variances, vehicle_agility
 from hubodo.fuse.wheel.records import WheelWindows
 from hubodo.fuse.wheel.wheel import MAX_MISSING_SHARE, reset_state
 from hubodo.fuse.wheel.window import WINDOW_S
@@ -124,6 +124,14 @@ class MotionPrediction:
         if not measures_yaw:
             free_speed_variance, yaw_variance = free_motion_variances(vehicle_agility(max_speed))
             speed_variance = speed_variance if received or has_surface_speeds else free_speed_variance
+        blind = min((window.blind_windows for _, window in windows), default=0)
+        if (
+            blind > 0
+            and not has_surface_speeds
+            and p.item(speed, speed) < vehicle_agility(max_speed).speed ** 2
+        ):
+            # Braking lasts for seconds, so the changes of all windows add up: k² - (k - 1)² squared changes.
+            speed_variance += 2.0 * blind * (HARD_ACCELERATION * WINDOW_S) ** 2
         p[speed, speed] += speed_variance
         p[yaw_rate, yaw_rate] += yaw_variance
 

@@ -33,6 +33,9 @@ _YAW_RATE_SIGMA, _LATERAL_ACCELERATION, _YAW_TIME_S = 0.35, 2.0, 2.0
 T_r: 2 s. Estimated.
 """
 
+HARD_ACCELERATION = 3.0
+"""m/s² of hard driving, for seconds on end. Estimated."""
+
 _TRANSIENT_S = 60.0
 """s after which the start is forgotten and position variance grows linearly: many times T_v and T_r."""
 

@@ -193,7 +193,9 @@ class WindowBuilder:
             if window.spin_clipped > 0.0:
                 window_start = self.start + window.number * WINDOW_S
                 windows[index] = window._replace(
-                    samples=slice_samples(time, sample_rows, window_start, window_start + WINDOW_S)
+                    samples=slice_samples(
+                        time, sample_rows, window_start, window_start + WINDOW_S, self.accel_limit
+                    )
                 )
         edge = self.start + (self._edge - 1) * WINDOW_S
         first = max(0, int(np.searchsorted(time, edge, side="right")) - 1) if windows else 0

@@ -21,17 +21,22 @@ from hubodo.fuse.wheel.entries import (
     Y,
 )
 from hubodo.fuse.wheel.measurements.steady import GRAVITY_SPEED_SIGMA
+from hubodo.fuse.wheel.outage_model import HARD_ACCELERATION
 from hubodo.fuse.wheel.spin_search import rederotate_window
 from hubodo.fuse.wheel.wheel import MAX_ANGLE_ERROR, Wheel, reset_state
 from hubodo.fuse.wheel.window import BUMP_WINDOWS, WINDOW_S, Window
-
-_RATE_STEP_ACCELERATION = 3.0
-"""m/s², hard driving, by which the rate beyond range may change from window to window. Estimated."""
 
 _MIN_ARM_SIGMA = 0.004
 """m, 1 sigma below which the lever arm is not learnt while gravity is searched: the arm that was assumed is
 removed from the force before the search, so a wrong arm passes for a wrong spin. From 24 wheels whose drives
 start clipped: errors of 1 to 6 mm, where the covariance claims 0.6."""
+
+_MAX_BLIND_SIGMA = 70.0
+"""rad/s, 1 sigma of a uniform distribution over the 240 rad/s that are searched."""
+
+_MAX_BLIND_WINDOWS = 5
+"""Consecutive windows without gravity in any axis after which the wheel angle is unknown: at 3 m/s² of
+braking the angle of a wheel of 0.3 m is then off by 1.3 rad."""
 
 
 def derotate_window(x: list[float], p: Array, wheel: Wheel, window: Window) -> tuple[Window, list[int]]:
@@ -42,7 +47,7 @@ def derotate_window(x: list[float], p: Array, wheel: Wheel, window: Window) -> t
     """
     columns, tracker = wheel.columns, wheel.spin_tracker
     beyond, angle = columns[RATE_BEYOND_RANGE], columns[WHEEL_ANGLE]
-    step = _RATE_STEP_ACCELERATION * WINDOW_S / wheel.geometry.radius
+    step = HARD_ACCELERATION * WINDOW_S / wheel.geometry.radius
     if not window.all_clipped:
         _restore_arm_variance(p, wheel)
         _track_unclipped(wheel, window)
@@ -68,15 +73,32 @@ def derotate_window(x: list[float], p: Array, wheel: Wheel, window: Window) -> t
         is_estimated = p[beyond, beyond] > 0.0
         x[beyond] = x[beyond] + tracker.slope * WINDOW_S if is_estimated else tracker.excess
         p[beyond, beyond] += step * step
+        if window.force_clipped > 0.0:
+            _widen_blind_rate(p, wheel, step)
     angle_variance = p[angle, angle] + WINDOW_S * p[angle, beyond] + 0.25 * WINDOW_S**2 * p[beyond, beyond]
-    # The rate of a slipping wheel is arbitrary while nothing measures it, and yaw and roll alone would hold
-    # an angle half a turn off as firmly, with the opposite yaw rate.
+    # The rate is arbitrary while nothing measures it, and yaw and roll alone would hold a wrong rate, or an
+    # angle half a turn off, as firmly, with the opposite yaw rate.
     is_blind = window.force_clipped > 0.0 and not tracker.is_observed
     is_unobserved = wheel.slip_detector.is_slipping and (is_blind or not was_tracking)
+    is_unobserved |= is_blind and tracker.unobserved_windows > _MAX_BLIND_WINDOWS
     if wheel.angle_initialised and (is_unobserved or angle_variance > MAX_ANGLE_ERROR**2):
         wheel.angle_losses += 1
         wheel.drop_angle()
+    window = window._replace(
+        gravity_angle=tracker.gravity_angle, blind_windows=tracker.unobserved_windows if is_blind else 0
+    )
     return rederotate_window(window, x[beyond], tracker.slope), reset_columns
+
+
+def _widen_blind_rate(p: Array, wheel: Wheel, step: float) -> None:
+    """Add variance to a rate that nothing measures, in place; step: rad/s, the change in a window.
+
+    Braking lasts for seconds, so the changes of all windows add up: (k + 1)² - k² = 2 k + 1 squared steps
+    after k windows.
+    """
+    beyond = wheel.columns[RATE_BEYOND_RANGE]
+    growth = 2.0 * step * step * wheel.spin_tracker.unobserved_windows
+    p[beyond, beyond] += min(growth, max(0.0, _MAX_BLIND_SIGMA**2 - p.item(beyond, beyond)))
 
 
 def _track_unclipped(wheel: Wheel, window: Window) -> None:
@@ -107,7 +129,10 @@ def reset_misaligned_angle(x: list[float], p: Array, wheel: Wheel, window: Windo
     """
     columns, change = wheel.columns, wheel.spin_tracker.slope * wheel.geometry.radius
     wheel.view.linearise(x, window, is_stationary=False)
-    phase = cmath.phase(wheel.view.force / complex(STANDARD_GRAVITY, change))
+    if window.gravity_angle is None:
+        phase = cmath.phase(wheel.view.force / complex(STANDARD_GRAVITY, change))
+    else:
+        phase = cmath.phase(wheel.view.rotation * cmath.exp(-1j * window.gravity_angle))
     is_misaligned = wheel.spin_tracker.is_observed and abs(phase) > MAX_ANGLE_ERROR
     wheel.misaligned_windows = wheel.misaligned_windows + 1 if is_misaligned else 0
     if wheel.misaligned_windows < BUMP_WINDOWS:

@@ -98,7 +98,8 @@ class Wheel:
     upright_sum, upright_count : sum over windows of the force that points up, in units of g, and their
         number.
     outlier_windows, clipped_windows, missing_windows, angle_losses : counts.
-    blind_windows : count of windows in which the gyro about the axle and the accelerometers across it clip.
+    blind_windows : count of windows in which the gyro about the axle is saturated and the accelerometers
+        across it are, too, so that no axis shows gravity.
     """
 
     name: str
@@ -153,7 +154,7 @@ class Wheel:
         self.turned_angle += abs(rate) * WINDOW_S
         self.net_angle += rate * WINDOW_S
         self.clipped_windows += window.spin_clipped > 0.0
-        self.blind_windows += window.spin_clipped > 0.0 and window.force_clipped > 0.0
+        self.blind_windows += window.blind_windows > 0
         if (
             self.upright_count < _UPRIGHT_WINDOWS
             and abs(rate) > MIN_ROLLING_RATE

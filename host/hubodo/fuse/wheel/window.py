@@ -42,7 +42,7 @@ class WindowSamples(NamedTuple):
     angle : rad, integral of the rate from the middle of the window in angle.
     across : rad/s, gx + i gy.
     force : m/s², ax + i ay.
-    force_in_range : False where ax or ay is saturated.
+    x_in_range, y_in_range : False where ax, ay is saturated.
     """
 
     weight: tuple[float, ...]
@@ -51,7 +51,8 @@ class WindowSamples(NamedTuple):
     angle: tuple[float, ...]
     across: tuple[complex, ...]
     force: tuple[complex, ...]
-    force_in_range: tuple[bool, ...]
+    x_in_range: tuple[bool, ...]
+    y_in_range: tuple[bool, ...]
 
 
 class Window(NamedTuple):
@@ -80,6 +81,10 @@ class Window(NamedTuple):
     lever : rad/s, difference of i gz e^(ic) between the edges.
     across_change : rad/s, difference of (gx + i gy) e^(ic) between the edges.
     samples : the samples themselves if gz was clipped, else None.
+    gravity_angle : rad, wheel angle at the middle of the window as gravity shows it in one axis of a
+    saturated accelerometer, see `spin_search.py`; None where no axis was saturated or gravity was not found.
+    blind_windows : consecutive windows, up to this one, in which gz and the accelerometers were saturated and
+    nothing showed the spin.
     """
 
     number: int = 0
@@ -104,6 +109,8 @@ class Window(NamedTuple):
     lever: complex = 0j
     across_change: complex = 0j
     samples: WindowSamples | None = None
+    gravity_angle: float | None = None
+    blind_windows: int = 0
 
     @property
     def all_clipped(self) -> bool:
@@ -115,8 +122,11 @@ EMPTY_WINDOW = Window(missing=1.0)
 """A window without any sample, too long a gap for interpolation."""
 
 
-def slice_samples(t: Array, rows: Array, start: float, end: float) -> WindowSamples:
-    """Return the samples between two times, s; rows (6, N): gz, gx, gy, ax, ay, force clipped (0 or 1)."""
+def slice_samples(t: Array, rows: Array, start: float, end: float, accel_limit: float) -> WindowSamples:
+    """Return the samples between two times, s.
+
+    rows: (5, N) gz, gx, gy in rad/s, ax, ay in m/s². accel_limit: m/s², from which on ax or ay is saturated.
+    """
     first = max(0, int(np.searchsorted(t, start, side="right")) - 1)
     last = min(len(t), int(np.searchsorted(t, end, side="left")) + 1)
     t, rows = t[first:last], rows[:, first:last]
@@ -132,7 +142,7 @@ def slice_samples(t: Array, rows: Array, start: float, end: float) -> WindowSamp
     angle -= 0.5 * (_angle_at(start, t, rate, angle) + _angle_at(end, t, rate, angle))
     time = t - 0.5 * (start + end)
     across, force = rows[1] + 1j * rows[2], rows[3] + 1j * rows[4]
-    columns = (weight, time, rate, angle, across, force, rows[5] == 0.0)
+    columns = (weight, time, rate, angle, across, force, *(np.abs(rows[3:5]) < accel_limit))
     return WindowSamples(*(tuple(column.tolist()) for column in columns))
 
 

@@ -12,7 +12,7 @@ from hubodo.arrays import Array
 from hubodo.fuse.wheel.config import WheelConfig
 from hubodo.fuse.wheel.entries import SPEED, TRACK_WIDTH
 from hubodo.fuse.wheel.measurement_update import MeasurementUpdate, UpdateResult
-from hubodo.fuse.wheel.measurements import WindowNoise, centripetal, steady
+from hubodo.fuse.wheel.measurements import WindowNoise, centripetal, gravity_phase, steady
 from hubodo.fuse.wheel.motion_model import MotionModel
 from hubodo.fuse.wheel.motion_prediction import MotionPrediction, vehicle_motion
 from hubodo.fuse.wheel.motion_state import MotionState
@@ -97,6 +97,9 @@ class WindowProcessor(StateVector):
             self._update_with_steady_terms(wheel)
             if window.all_clipped and window.force_clipped == 0.0 and not wheel.spin_tracker.is_observed:
                 self._update_with_centripetal(wheel, window)
+            if window.gravity_angle is not None and wheel.angle_initialised:
+                wheel.view.linearise(self.x, window, is_stationary=False)
+                self.update_with_row(gravity_phase.measure(wheel.view, window.gravity_angle), wheel.columns)
             if window.all_clipped and wheel.angle_initialised:
                 self._reset_columns += reset_misaligned_angle(self.x, self.p, wheel, window)
         if self._tests_track_width:

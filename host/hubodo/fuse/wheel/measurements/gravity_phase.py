@@ -1,0 +1,31 @@
+"""Phase of gravity in one axis: measures the wheel angle while the other accelerometer axis is saturated.
+
+    θ_g = θ + p T / 2
+
+θ_g is the wheel angle at the middle of the window at which the rotation of gravity passes it, fitted over the
+last windows by `single_axis_gravity.py`; θ the wheel angle at the start, p the rate about the axle, T the
+length of the window.
+"""
+
+from __future__ import annotations
+
+import cmath
+
+from hubodo.fuse.wheel.entries import RATE_BEYOND_RANGE, WHEEL_ANGLE
+from hubodo.fuse.wheel.measurements.shared import LinearisedWindow, Row
+from hubodo.fuse.wheel.window import WINDOW_S
+
+STATES = (WHEEL_ANGLE, RATE_BEYOND_RANGE)
+
+_PHASE_SIGMA = 0.3
+"""rad; braking by 2 m/s² that the slope of the spin does not show tilts the force by 0.2 rad, for the four
+windows that share a fit. Estimated."""
+
+
+def measure(w: LinearisedWindow, gravity_angle: float) -> Row:
+    """Return residual (rad), variance and derivatives; gravity_angle: rad, θ_g."""
+    return (
+        cmath.phase(cmath.exp(1j * gravity_angle) * w.rotation.conjugate()),
+        _PHASE_SIGMA**2,
+        {WHEEL_ANGLE: 1.0, RATE_BEYOND_RANGE: 0.5 * WINDOW_S},
+    )
