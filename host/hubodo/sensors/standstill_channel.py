@@ -12,6 +12,7 @@ from hubodo.calibration.file import find_node_serial
 from hubodo.errors import InputError
 from hubodo.log.number_recording import IMU_CHANNELS as IMU_CHANNELS
 from hubodo.recording import Recording, Table
+from hubodo.sensors.saturation import check_saturation
 from hubodo.sensors.standstill_checks import (
     TemperatureStep,
     check_standstill,
@@ -86,7 +87,6 @@ def read_standstill_channel(
     gyro = columns[:, [k for k, name in enumerate(measured) if name[0] == "g"]]
     accel = columns[:, [k for k, name in enumerate(measured) if name[0] == "a"]]
     values = columns[:, measured.index(channel)].copy()
-    disturbances: list[tuple[float, float]] = []
     try:
         if not trust_units:
             check_units(
@@ -94,10 +94,7 @@ def read_standstill_channel(
                 None if "accel" in stated_units else accel,
                 float(np.median(np.diff(t))),
             )
-        if not trust_still and cut_disturbances:
-            disturbances = find_cuts(t, columns, values)
-        elif not trust_still:
-            check_standstill(t, columns)
+        disturbances = [] if trust_still else _check_quiet(t, columns, values, channel, cut_disturbances)
     except InputError as error:
         raise InputError(f"{log}, node {node}: {error}") from None
     temperature = interpolate_temperature(table, np.flatnonzero(finite) + span.start)
@@ -115,6 +112,17 @@ def read_standstill_channel(
         recording.warnings,
         tuple(disturbances),
     )
+
+
+def _check_quiet(
+    t: Array, columns: Array, values: Array, channel: str, cut: bool
+) -> list[tuple[float, float]]:
+    """Return the disturbances to cut out; raise InputError for a saturated channel or a moved sensor."""
+    check_saturation(values, channel)
+    if cut:
+        return find_cuts(t, columns, values)
+    check_standstill(t, columns)
+    return []
 
 
 def _select_span(table: Table, start: float | None, end: float | None, source: str) -> slice:

@@ -33,6 +33,7 @@ from hubodo.sensors.filters.candidates import (
 )
 from hubodo.sensors.filters.reference import Reference, align_reference, measure_delay, read_reference
 from hubodo.sensors.filters.result import FilterComparison, FilterScore
+from hubodo.sensors.saturation import saturated_value
 
 _MIN_COMPARED_SAMPLES = 400
 _MAX_SAMPLES = 60_000
@@ -125,6 +126,20 @@ def compare_filters(
     )
 
 
+def _check_samples(samples: Array, channel: str, notes: list[str]) -> None:
+    """Raise InputError for a gyro that never changes; add a remark for a saturated one."""
+    if np.ptp(samples) == 0.0:
+        raise InputError(
+            f"all samples of {channel} equal {samples[0]:.6g}: the sensor is stuck or not connected"
+        )
+    saturated = saturated_value(samples)
+    if saturated is not None:
+        notes.append(
+            f"{saturated[1]:.0%} of the samples equal {math.degrees(saturated[0]):.4g} deg/s, like those of "
+            "a saturated gyro: errors beyond the end of its range are not judged"
+        )
+
+
 def _usable_rows(
     table: Table, channel: str, start: float | None, end: float | None, notes: list[str]
 ) -> Table:
@@ -158,6 +173,7 @@ def _usable_rows(
         raise InputError(
             f"{len(longest)} samples without a gap are too few; at least {_MIN_COMPARED_SAMPLES} are needed"
         )
+    _check_samples(table[channel][longest], channel, notes)
     return Table({name: table[name][longest] for name in table})
 
 

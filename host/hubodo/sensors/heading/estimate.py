@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from hubodo.arrays import Array
 from hubodo.calibration.file import CalibratedEffect, Calibration
 from hubodo.calibration.triad import triad_from_effects
 from hubodo.errors import InputError
@@ -25,6 +26,7 @@ from hubodo.sensors.heading.standstill import (
 )
 from hubodo.sensors.heading.track import estimate_heading
 from hubodo.sensors.heading.vertical_axis import Spans, VerticalAxis
+from hubodo.sensors.saturation import check_saturation, saturated_value
 from hubodo.sensors.standstill_channel import IMU_CHANNELS, interpolate_temperature
 
 TYPICAL_GYRO_LAG = 0.005  # s
@@ -94,6 +96,7 @@ def heading_from_recording(
         detected = detect_standstills(t, gyro, accel, axis, index, expected_bias, recording.table)
     spans = detected.spans
     notes += detected.notes
+    _check_saturation(axis.raw, spans, options.axis, notes)
     if not spans:
         notes.append(_bias_from_calibration(effects, detected))
     if options.age is None and model.c1:
@@ -129,6 +132,18 @@ def heading_from_recording(
         scored,
         tuple(notes),
     )
+
+
+def _check_saturation(rate: Array, spans: Spans, axis: str, notes: list[str]) -> None:
+    """Raise InputError for a gyro saturated in the standstills; add a remark for one saturated in turns."""
+    if spans:
+        check_saturation(np.concatenate([rate[i:j] for i, j in spans]), f"g{axis} at standstill")
+    saturated = saturated_value(rate)
+    if saturated is not None:
+        notes.append(
+            f"{saturated[1]:.1%} of the samples of g{axis} equal {math.degrees(saturated[0]):.4g} deg/s: if "
+            "that is the end of its range, the rotation beyond it is missing, and sigma does not contain it"
+        )
 
 
 def _bias_from_calibration(effects: Mapping[str, CalibratedEffect], detected: DetectedStandstills) -> str:
