@@ -12,9 +12,9 @@ from fuzz.judge import judge
 from fuzz.targets import TARGETS
 
 EXAMPLES = {
-    "mcap": 40, "rosbag1": 15, "rosbag2": 25, "csv": 30, "parquet": 6, "text": 12,
-    "npy": 20, "npz": 12,
-    "mat": 4, "hdf5": 4, "toml": 50, "frames": 25, "nmea": 60, "options": 15, "http": 10,
+    "mcap": 16, "rosbag1": 8, "rosbag2": 10, "csv": 12, "parquet": 4, "text": 6,
+    "npy": 10, "npz": 6,
+    "mat": 3, "hdf5": 3, "toml": 25, "frames": 12, "nmea": 30, "options": 8, "http": 6,
 }  # fmt: skip
 
 

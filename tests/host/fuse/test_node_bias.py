@@ -64,9 +64,12 @@ def test_other_calibrated_effects_are_preserved():
 
 @pytest.mark.parametrize("standstill_s", [8.0, 0.3])
 def test_reported_biases_do_not_degrade_the_track(standstill_s):
-    """The generator shares no code with the filter; the nodes report their bias at power-on."""
+    """The generator shares no code with the filter; the nodes report their bias at power-on.
+
+    `make accuracy` has more drives.
+    """
     errors = {True: [], False: []}
-    seeds = range(4)
+    seeds = range(2)
     for seed in seeds:
         rng = np.random.default_rng(seed)
         plan = wheel_drives.loop(rng, length=60.0, standstill_s=standstill_s)

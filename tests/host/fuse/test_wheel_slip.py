@@ -162,7 +162,7 @@ def test_a_declared_steered_wheel_is_used_only_if_it_is_the_only_one():
     assert initial_state(alone).wheels[0].geometry.contact_y == 0.0
 
 
-@pytest.mark.parametrize("seed", [5068, 5092, 5126, 5133])
+@pytest.mark.parametrize("seed", [5068, 5126])
 def test_accelerometer_errors_on_a_slow_wheel_are_not_detected_as_slip(seed):
     # Scale errors and biases of the two axes rotate with the wheel; below one turn in 10 s that looks like a
     # slope.

@@ -219,7 +219,7 @@ def with_clock_step(table, at, step):
     return Table({name: (t if name == "t" else v)[order] for name, v in table.columns.items()})
 
 
-@pytest.mark.parametrize("step", [-5.0, -0.3, 0.3, 5.0])
+@pytest.mark.parametrize("step", [-5.0, 0.3])
 def test_a_clock_step_of_one_node_is_reported_and_the_other_wheel_is_used(
     folder, valid_recording, step, valid_result
 ):
@@ -231,7 +231,7 @@ def test_a_clock_step_of_one_node_is_reported_and_the_other_wheel_is_used(
     assert result.is_within_3_sigma
 
 
-@pytest.mark.parametrize("step", [-5.0, -0.3, 0.3, 5.0])
+@pytest.mark.parametrize("step", [-0.3, 5.0])
 def test_a_clock_step_of_both_nodes_is_an_outage_that_increases_sigma(
     folder, valid_recording, step, valid_result
 ):

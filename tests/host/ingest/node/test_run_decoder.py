@@ -206,7 +206,7 @@ def test_bulk_decoding_equals_decoding_one_by_one(seed, actions, sizes, datagram
     check(node.came, sizes, datagrams=datagrams)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_long_recording_with_all_that_happens_is_the_same_and_mostly_runs(seed):
     print(f"seed {seed}")
     rng = np.random.default_rng(seed)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import wanted
-from generators.noise import bartlett, gyro_noise, one_pole, two_pole
+from generators.noise import bartlett, gyro_noise, one_pole
 from hubodo.errors import InputError
 from hubodo.sensors.allan.characterise import characterise_noise
 from hubodo.sensors.allan.covariance import TERMS, avar_covariance, covariance_tensor, design_matrix
@@ -87,7 +87,7 @@ def test_the_slope_of_noise_has_the_stated_sigma():
         assert np.std(slopes) == pytest.approx(slope_sigma(theta, samples), rel=0.12), (truth, seed)
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_known_terms_come_back_within_their_sigmas_and_the_stated_percent(seed):
     """K 5 %, N 5 %, B 20 %, Q 5 % of a truth that the record shows.
 
@@ -145,15 +145,16 @@ def test_points_that_a_late_start_leaves_out_are_no_degrees_of_freedom():
 @pytest.mark.parametrize(
     ("electronics", "text_part"),
     [
-        (lambda x: one_pole(x, DT, 40.0), 0.006),
         (lambda x: one_pole(x, DT, 5.0), 0.018),
-        (lambda x: two_pole(x, DT, 30.0), 0.009),
         (lambda x: bartlett(x, 8), 0.013),
     ],
-    ids=["one pole at 40 Hz", "one pole at 5 Hz", "two poles at 30 Hz", "sixteen taps"],
+    ids=["one pole at 5 Hz", "sixteen taps"],
 )
 def test_white_noise_before_a_low_pass_is_estimated_within_sigma(electronics, text_part):
-    """At most two of six records are beyond two sigma; three would occur once in 500."""
+    """At most two of six records are beyond two sigma; three would occur once in 500.
+
+    `make accuracy` has more records of more electronics.
+    """
     samples, beyond = 1 << 18, []
     for seed in range(6):
         noise = electronics(gyro_noise(samples, DT, np.random.default_rng([seed, 18]), n=1e-3))
