@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.fuse.wheel.config import WheelConfig, WheelNode
-from hubodo.fuse.wheel.entries import CAMBER, GYRO_BIAS_X, SPEED, YAW_RATE
+from hubodo.fuse.wheel.entries import CAMBER, GYRO_BIAS_X, RATE_BEYOND_RANGE, SPEED, WHEEL_RADIUS, YAW_RATE
 from hubodo.fuse.wheel.measurement_update import MeasurementUpdate, UpdateResult
 from hubodo.fuse.wheel.measurements import BETWEEN_WHEELS, MEASUREMENTS
 from hubodo.fuse.wheel.motion_state import MotionState
@@ -235,3 +235,18 @@ def test_an_angle_is_dropped_if_gravity_turned_over_a_gap_by_more_than_braking_t
         assert wheel.angle_initialised and wheel.angle_losses == 0
         wheel.gather_gravity(window_with(number, turned))
     assert (wheel.angle_losses, wheel.angle_initialised) == (losses, not losses)
+
+
+@pytest.mark.parametrize("is_clipped", [False, True])
+def test_a_saturated_gyro_leaves_the_radius_and_its_covariance_with_other_states(is_clipped: bool) -> None:
+    """Schmidt-Kalman update: the speed is corrected as before and keeps its correlation with the radius."""
+    update, initial = _make_update("left")
+    columns = initial.wheels[0].columns
+    radius, speed = columns[WHEEL_RADIUS], columns[SPEED]
+    initial.x[speed] = 0.9
+    initial.p[columns[RATE_BEYOND_RANGE], columns[RATE_BEYOND_RANGE]] = 0.25
+    result = _update_windows(update, initial, VALID_WINDOW._replace(spin_clipped=float(is_clipped)))
+    assert (result.x[radius] == initial.x[radius]) == is_clipped
+    assert (result.p[radius, radius] == initial.p[radius, radius]) == is_clipped
+    assert result.x[speed] < 0.9 and abs(result.p[radius, speed]) > 0.0
+    assert np.linalg.eigvalsh(result.p).min() > -1e-12

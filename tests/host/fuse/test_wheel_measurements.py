@@ -32,6 +32,7 @@ from hubodo.fuse.wheel.measurements import (
     WheelGeometry,
     WindowNoise,
     centripetal,
+    gravity_phase,
     position,
     steady,
     zero_velocity,
@@ -66,6 +67,11 @@ CASES: dict[
 ] = {
     "centripetal": (centripetal.STATES, centripetal.UNCORRECTED_STATES, _centripetal),
     "position": (position.STATES, (), lambda view: position.measure(view.x, AT, POSITION)),
+    "gravity_phase": (
+        gravity_phase.STATES,
+        gravity_phase.UNCORRECTED_STATES,
+        lambda view: (gravity_phase.measure(view, 0.7),),
+    ),
     "steady": (steady.STATES, (), lambda view: steady.measure(view.x, AT, NODE_FIXED_TERMS, WheelNoise())),
     "zero velocity": (
         zero_velocity.STATES,

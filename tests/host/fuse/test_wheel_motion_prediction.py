@@ -261,3 +261,19 @@ def test_the_vehicle_moves_as_its_most_moving_wheel_that_does_not_slip() -> None
     assert vehicle_motion([moving, resting], [False, True]) is moving
     assert vehicle_motion([resting, resting], [True, True]) is moving
     assert EMPTY_WINDOW.missing == 1.0
+
+
+def test_the_speed_spreads_like_lasting_braking_only_while_no_wheel_shows_its_spin() -> None:
+    _, initial, pairs = make_vehicle(*BOTH)
+    x, p = random_state(initial, 5)
+    speed = initial.columns.vehicle[SPEED]
+    growth = []
+    for blind in ((0, 0), (20, 0), (20, 30)):
+        windows = tuple(
+            (wheel, window._replace(force_clipped=1.0, blind_windows=count))
+            for (wheel, window), count in zip(pairs, blind, strict=True)
+        )
+        _, after, _ = predict(windows, initial, x, p, propagate_speed=False)
+        growth.append(after[speed, speed] - p[speed, speed])
+    assert growth[0] == growth[1]
+    assert growth[2] - growth[0] == pytest.approx(2.0 * 20 * (3.0 * T) ** 2)

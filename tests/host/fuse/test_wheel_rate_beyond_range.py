@@ -112,6 +112,28 @@ def test_an_unobserved_excess_rate_is_extrapolated_or_set_to_that_of_the_search(
         assert p[column, column] == pytest.approx(variance + MAX_RATE_CHANGE**2)
 
 
+def test_a_rate_that_no_axis_shows_spreads_like_braking_that_lasts() -> None:
+    """The sigma after k windows is k steps of hard braking, not √k, up to 70 rad/s."""
+    wheel, x, p = make_wheel(FakeSpinTracker(False))
+    column = wheel.columns[RATE_BEYOND_RANGE]
+    for count in range(1, 401):
+        wheel.spin_tracker.unobserved_windows = count
+        derotated, _ = derotate_window(x, p, wheel, CLIPPED._replace(force_clipped=1.0))
+        assert derotated.blind_windows == count
+        if count == 30:
+            # Each window adds (2 k + 1) squared steps.
+            assert math.sqrt(p[column, column]) == pytest.approx(MAX_RATE_CHANGE * math.sqrt(30 * 32))
+    assert 70.0 <= math.sqrt(p[column, column]) < 73.0
+
+
+@pytest.mark.parametrize(("count", "losses"), [(5, 0), (6, 1)])
+def test_the_angle_is_lost_after_half_a_second_without_gravity_in_any_axis(count: int, losses: int) -> None:
+    wheel, x, p = make_wheel(FakeSpinTracker(False))
+    wheel.spin_tracker.unobserved_windows = count
+    derotate_window(x, p, wheel, CLIPPED._replace(force_clipped=1.0))
+    assert (wheel.angle_losses, wheel.angle_initialised) == (losses, not losses)
+
+
 @pytest.mark.parametrize(("variance", "losses"), [(0.79, 0), (0.83, 1)])
 @pytest.mark.parametrize("cross", [0.2, -0.2])
 def test_an_angle_sigma_of_three_priors_at_mid_window_drops_the_angle(

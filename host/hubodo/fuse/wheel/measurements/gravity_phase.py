@@ -11,11 +11,21 @@ from __future__ import annotations
 
 import cmath
 
-from hubodo.fuse.wheel.entries import RATE_BEYOND_RANGE, WHEEL_ANGLE
+from hubodo.fuse.wheel.entries import (
+    CAMBER,
+    GYRO_BIAS_Z,
+    GYRO_SCALE_Z,
+    RATE_BEYOND_RANGE,
+    WHEEL_ANGLE,
+    YAW_RATE,
+)
 from hubodo.fuse.wheel.measurements.shared import LinearisedWindow, Row
 from hubodo.fuse.wheel.window import WINDOW_S
 
 STATES = (WHEEL_ANGLE, RATE_BEYOND_RANGE)
+
+UNCORRECTED_STATES = (GYRO_SCALE_Z, GYRO_BIAS_Z, CAMBER, YAW_RATE)
+"""Entries that the residual depends on but that it does not correct, beside the free RATE_BEYOND_RANGE."""
 
 _PHASE_SIGMA = 0.3
 """rad; braking by 2 m/s² that the slope of the spin does not show tilts the force by 0.2 rad, for the four
