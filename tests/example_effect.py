@@ -5,7 +5,8 @@ HUM = '''"""An effect."""
 from dataclasses import dataclass
 from typing import ClassVar
 
-from hubodo.effects.base import Effect, SensorChain, parameter
+from hubodo.effects.base import Effect, parameter
+from hubodo.effects.sensor_chain import SensorChain
 
 
 @dataclass(frozen=True)

@@ -1,16 +1,17 @@
-"""A log in memory: arrays by name, and methods for fusion, sensor analysis and gap search."""
+"""A log in memory: tables by name, fusion, gap search, plot and file."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from hubodo.api.sensor_methods import SensorMethods
 from hubodo.errors import InputError
-from hubodo.recording import NODE_COLUMNS, Event, Recording, Table
+from hubodo.recording import Event, Recording, Table
 
 # The rest is imported by the methods that need it: importing everything takes four times as long.
 if TYPE_CHECKING:
@@ -23,17 +24,10 @@ if TYPE_CHECKING:
     from hubodo.gap.explain.missing_effects import MissingEffects
     from hubodo.model.model_file import Model
     from hubodo.pages.plot import Plot
-    from hubodo.sensors.allan.result import AllanResult
-    from hubodo.sensors.filters.result import FilterComparison
-    from hubodo.sensors.heading.result import HeadingResult
-    from hubodo.sensors.imu.result import ImuCalibration
-    from hubodo.sensors.imu.scalar_calibration import Convention
-    from hubodo.sensors.standstill_channel import StandstillRecord
-    from hubodo.sensors.warmup.result import WarmupResult
     from hubodo.vehicle import Vehicle
 
 
-class LoadedLog:
+class LoadedLog(SensorMethods):
     """A log in memory, as returned by `hubodo.open` and `hubodo.simulate`.
 
     Tables are accessed by name, as in `log["left"]["gz"]`: one for each node, and `reference`, `wheels`,
@@ -184,288 +178,6 @@ class LoadedLog:
             antenna=antenna,
         )
 
-    def allan(
-        self,
-        node: str | None = None,
-        channel: str = "gz",
-        *,
-        start: float | None = None,
-        end: float | None = None,
-        per_octave: int = 1,
-        turn: float = 2.0,
-        as_is: bool = False,
-        trust_units: bool = False,
-    ) -> AllanResult:
-        """Compute the Allan deviation and noise terms of a stationary sensor, as `hubodo allan` does.
-
-        Parameters
-        ----------
-        node : str, optional
-            Name of the node; by default the only one.
-        channel : str
-            `gx` to `gz` or `ax` to `az`.
-        start, end : float, optional
-            Span of the log to use, s.
-        per_octave : int
-            Averaging times per octave.
-        turn : float
-            Time a turntable takes between stops, s, for the advice on maytagging.
-        as_is : bool
-            Use every sample, also disturbed ones, as allantools does.
-        trust_units : bool
-            Do not check the unit by the magnitude.
-
-        Returns
-        -------
-        AllanResult
-            Allan deviation with sigma, and the fitted noise terms.
-
-        Raises
-        ------
-        InputError
-            If there is no such node or channel, the sensor moved, or unit or duration do not suit.
-
-        References
-        ----------
-        IEEE Std 952-1997, annex C (noise terms from the Allan variance).
-
-        Examples
-        --------
-        >>> import hubodo
-        >>> allan = hubodo.open("night.mcap").allan("left", "gz")
-        >>> f"{allan.terms['N'].value:.1e} rad/√s"
-        '1.4e-04 rad/√s'
-        """
-        from hubodo.sensors.allan.characterise import characterise_standstill_noise
-
-        standstill = self._standstill(
-            node,
-            channel,
-            start=start,
-            end=end,
-            trust_units=trust_units,
-            trust_still=as_is,
-            cut_disturbances=True,
-        )
-        return characterise_standstill_noise(
-            standstill, turn=turn, per_octave=per_octave, keep_all_samples=as_is
-        )
-
-    def warmup(
-        self,
-        node: str | None = None,
-        channel: str = "gz",
-        *,
-        age: float = 0.0,
-        start: float | None = None,
-        end: float | None = None,
-        trust_units: bool = False,
-    ) -> WarmupResult:
-        """Model the bias of a gyro axis after power-on, as `hubodo warmup` does.
-
-        The model is b(t) = C1 (1 - exp(-t/T)) + C2 with the time t since power-on, or an extension of it if
-        its residual is not white.
-
-        Parameters
-        ----------
-        node : str, optional
-            Name of the node; by default the only one.
-        channel : str
-            `gx`, `gy` or `gz`.
-        age : float
-            Time since power-on at the first sample, s.
-        start, end : float, optional
-            Span of the log to use, s.
-        trust_units : bool
-            Do not check the unit by the magnitude.
-
-        Returns
-        -------
-        WarmupResult
-            The accepted model with sigmas, its whiteness tests, and forecasts.
-
-        Raises
-        ------
-        InputError
-            If there is no such node or axis, the sensor moved, or unit or duration do not suit.
-        """
-        from hubodo.sensors.warmup.characterise import characterise_standstill_warmup
-
-        if channel not in NODE_COLUMNS[1:4]:
-            raise InputError(f"channel {channel!r}: choose from {', '.join(NODE_COLUMNS[1:4])}")
-        standstill = self._standstill(node, channel, start=start, end=end, trust_units=trust_units)
-        return characterise_standstill_warmup(standstill, age=age)
-
-    def filters(
-        self,
-        node: str | None = None,
-        channel: str = "gz",
-        *,
-        reference: str | None = None,
-        standstills: Sequence[tuple[float, float]] = (),
-        start: float | None = None,
-        end: float | None = None,
-    ) -> FilterComparison:
-        """Compare filters of a gyro axis, as `hubodo filters` does.
-
-        Parameters
-        ----------
-        node : str, optional
-            Name of the node; by default the only one.
-        channel : str
-            `gx`, `gy` or `gz`.
-        reference : str, optional
-            Table, or table and column, with the true rate, angle or wheel speed: `wheels`, `table`,
-            `frame.gz`. By default filters are judged by the prediction of the next sample.
-        standstills : sequence of (float, float)
-            Start and end of each standstill, s; by default detected.
-        start, end : float, optional
-            Span of the log to use, s.
-
-        Returns
-        -------
-        FilterComparison
-            Errors, delays and run times of all filters, and the settings of the best one for the node.
-
-        Raises
-        ------
-        InputError
-            If there is no such node, axis or reference, or the samples do not suffice.
-
-        References
-        ----------
-        Shah et al., Ground vehicle odometry using a non-intrusive inertial speed sensor, eq. 1-14.
-        Barshan, Durrant-Whyte, Evaluation of a solid-state gyroscope for robotics applications, eq. 7-12.
-        """
-        from hubodo.sensors.filters.compare import compare_filters
-
-        if channel not in NODE_COLUMNS[1:4]:
-            raise InputError(f"channel {channel!r}: choose from {', '.join(NODE_COLUMNS[1:4])}")
-        name = self._node(node)
-        try:
-            return compare_filters(
-                self.recording,
-                name,
-                channel,
-                reference=reference,
-                standstills=standstills,
-                start=start,
-                end=end,
-            )
-        except InputError as error:
-            raise InputError(f"{self.path}, node {name}: {error}") from None
-
-    def heading(
-        self,
-        node: str | None = None,
-        axis: Literal["x", "y", "z"] = "z",
-        *,
-        calibration: StrPath | Calibration | None = None,
-        allan: StrPath | None = None,
-        age: float | None = None,
-        standstills: Sequence[tuple[float, float]] = (),
-        scale_sigma: float | None = None,
-        lag: float | None = None,
-        step: float = 0.1,
-    ) -> HeadingResult:
-        """Estimate the heading from one vertical gyro axis, as `hubodo heading` does.
-
-        Parameters
-        ----------
-        node : str, optional
-            Name of the node; by default the only one.
-        axis : {"x", "y", "z"}
-            Vertical axis.
-        calibration : str, path-like or Calibration, optional
-            Warm-up and scale of the node.
-        allan : str or path-like, optional
-            Noise of the axis: output of `hubodo allan --json`.
-        age : float, optional
-            Time since power-on at the first sample, s.
-        standstills : sequence of (float, float)
-            Start and end of each standstill, s; by default detected.
-        scale_sigma : float, optional
-            Relative 1σ of the scale; by default from the calibration, else 0.01.
-        lag : float, optional
-            Delay of the gyro, s; by default from the calibration, else 0.005.
-        step : float
-            Time step of the result, s.
-
-        Returns
-        -------
-        HeadingResult
-            Heading over time with sigma, and its score if the log holds a true heading.
-
-        Raises
-        ------
-        InputError
-            If the axis is missing or not vertical, or neither standstill nor calibration gives the bias.
-
-        References
-        ----------
-        Barshan, Durrant-Whyte, Evaluation of a solid-state gyroscope for robotics applications.
-        """
-        from hubodo.api.sensors import estimate_log_heading
-
-        return estimate_log_heading(
-            self, self._node(node), axis, calibration, allan, age, standstills, scale_sigma, lag, step
-        )
-
-    def calibrate_imu(
-        self,
-        node: str | None = None,
-        *,
-        gravity: float = 9.80665,
-        latitude_deg: float | None = None,
-        table_rate_deg_s: float | None = None,
-        convention: Convention = "symmetric",
-        min_standstill: float = 1.0,
-    ) -> ImuCalibration:
-        """Calibrate accelerometer and gyro from nine or more static poses, as `hubodo calibrate imu` does.
-
-        Parameters
-        ----------
-        node : str, optional
-            Name of the node; by default the only one.
-        gravity : float
-            Local gravity, m/s².
-        latitude_deg : float, optional
-            Latitude; makes Earth rate the reference of precise gyros.
-        table_rate_deg_s : float, optional
-            Constant rate of a rate table, as the reference of the gyro.
-        convention : {"symmetric", "x-first"}
-            Accelerometer frame: symmetric cross-axis matrix, or x axis along sensor x.
-        min_standstill : float
-            Shortest standstill that counts as a pose, s.
-
-        Returns
-        -------
-        ImuCalibration
-            Bias, scale and cross-axis terms of both triads with sigmas.
-
-        Raises
-        ------
-        InputError
-            If there is no such node, or its units are doubtful.
-        CalibrationError
-            If the poses do not suffice, or held-out poses become worse.
-
-        References
-        ----------
-        Avrutov, scalar calibration of accelerometers and gyros, eq. 5.
-        """
-        from hubodo.api.sensors import calibrate_log_imu
-
-        return calibrate_log_imu(
-            self,
-            self._node(node),
-            gravity=gravity,
-            latitude_deg=latitude_deg,
-            table_rate_deg_s=table_rate_deg_s,
-            convention=convention,
-            min_standstill=min_standstill,
-        )
-
     def gap(
         self,
         model: StrPath | Model | None = None,
@@ -543,24 +255,6 @@ class LoadedLog:
         from hubodo.api.stored_log import write_log
 
         return write_log(self.recording, Path(path), self._vehicle)
-
-    def _standstill(self, node: str | None, channel: str, **options: Any) -> StandstillRecord:
-        """Return one checked channel of a stationary node; options as in `read_standstill_channel`."""
-        from hubodo.sensors.standstill_channel import read_standstill_channel
-
-        return read_standstill_channel(
-            self.recording, self._node(node), channel, log=str(self.path), **options
-        )
-
-    def _node(self, name: str | None) -> str:
-        """Return the named node, or the only one; raise InputError if there is none."""
-        nodes = tuple(self.nodes)
-        if name is None and len(nodes) == 1:
-            return nodes[0]
-        if name is None or name not in nodes:
-            problem = "which node?" if name is None else f"no node {name!r}"
-            raise InputError(f"{self.path}: {problem} It has {', '.join(nodes) or 'none'}")
-        return name
 
     def __repr__(self) -> str:
         return f"LoadedLog({str(self.path)!r}: {', '.join(self) or 'empty'}; {self.duration:.1f} s)"

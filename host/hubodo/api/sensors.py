@@ -19,12 +19,12 @@ from hubodo.sensors.imu.result import ImuCalibration
 from hubodo.sensors.imu.scalar_calibration import Convention
 
 if TYPE_CHECKING:
-    from hubodo.api.log import LoadedLog
+    from hubodo.api.sensor_methods import SensorMethods
     from hubodo.calibration.file import Calibration
 
 
 def estimate_log_heading(
-    log: LoadedLog,
+    log: SensorMethods,
     node: str,
     axis: str,
     calibration: StrPath | Calibration | None,
@@ -61,7 +61,7 @@ def estimate_log_heading(
 
 
 def calibrate_log_imu(
-    log: LoadedLog,
+    log: SensorMethods,
     node: str,
     *,
     gravity: float,

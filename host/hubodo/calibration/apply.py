@@ -29,7 +29,8 @@ from hubodo.calibration.file import (
 )
 from hubodo.calibration.triad import triad_matrix
 from hubodo.effects import BY_NAME, Effect, SensorChain, effect_of
-from hubodo.effects.base import REFERENCE_CELSIUS, REFERENCE_VOLTS, Dependency
+from hubodo.effects.base import Dependency
+from hubodo.effects.sensor_chain import REFERENCE_CELSIUS, REFERENCE_VOLTS
 from hubodo.effects.triad import Sensor, multiply
 from hubodo.errors import CalibrationError
 from hubodo.recording import Event, Table

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from hubodo.effects.accel import AccelBias, AccelNonorthogonality, AccelSaturation, AccelScaleFactor
-from hubodo.effects.base import Effect, Geometry, Noise, SensorChain
+from hubodo.effects.base import Effect
 from hubodo.effects.empirical import empirical
 from hubodo.effects.gyro import (
     GyroBias,
@@ -18,6 +18,7 @@ from hubodo.effects.gyro import (
     GyroTemperature,
 )
 from hubodo.effects.mounting import LeverArm, NodeMisalignment
+from hubodo.effects.sensor_chain import Geometry, Noise, SensorChain
 from hubodo.effects.timing import ClockSkew, Outliers, SampleRepeat, TimeOffset
 from hubodo.effects.vehicle import RoadBank, RoadGrade, TrackWidth
 from hubodo.effects.warmup import GyroWarmup

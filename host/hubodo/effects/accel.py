@@ -7,7 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from hubodo.effects.base import Effect, OdometryPrior, SensorChain, Visibility, parameter
+from hubodo.effects.base import Effect, OdometryPrior, Visibility, parameter
+from hubodo.effects.sensor_chain import SensorChain
 from hubodo.effects.triad import CrossAxis, ScaleFactor, Sensor
 
 _ZERO_G_ORIGIN = "zero-g tolerance of the MPU-6050, 50 mg"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.base import SensorChain
+from hubodo.effects.sensor_chain import SensorChain
 
 _CURVATURE_SPEED2 = 0.25  # (m/s)², c below: keeps the curvature finite near standstill
 

@@ -16,8 +16,9 @@ from typing import ClassVar
 import numpy as np
 
 from hubodo.arrays import Array, sin_cos
-from hubodo.effects.base import Effect, SensorChain, parameter
+from hubodo.effects.base import Effect, parameter
 from hubodo.effects.dependence import temperature_rate
+from hubodo.effects.sensor_chain import SensorChain
 
 PREFIX = "empirical:"
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")

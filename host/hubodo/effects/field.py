@@ -11,17 +11,9 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.effects.base import (
-    REFERENCE_CELSIUS,
-    REFERENCE_VOLTS,
-    Dependency,
-    Effect,
-    Geometry,
-    Level,
-    SensorChain,
-    parameter,
-)
+from hubodo.effects.base import Dependency, Effect, Level, parameter
 from hubodo.effects.dependence import steering_rate
+from hubodo.effects.sensor_chain import REFERENCE_CELSIUS, REFERENCE_VOLTS, Geometry, SensorChain
 
 _TORQUE_REVERSAL_ACCEL = 0.05  # m/s², width of the transition between the two ends of the play
 

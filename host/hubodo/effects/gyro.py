@@ -11,17 +11,9 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.effects.base import (
-    REFERENCE_CELSIUS,
-    Dependency,
-    Effect,
-    Noise,
-    OdometryPrior,
-    SensorChain,
-    Visibility,
-    parameter,
-)
+from hubodo.effects.base import Dependency, Effect, OdometryPrior, Visibility, parameter
 from hubodo.effects.one_pole import one_pole
+from hubodo.effects.sensor_chain import REFERENCE_CELSIUS, Noise, SensorChain
 from hubodo.effects.triad import XYZ, CrossAxis, ScaleFactor, Sensor, multiply
 
 _CUBIC_RATE_RANGE = 36.0  # rad/s, just beyond the widest range of the gyros, 2000 deg/s

@@ -13,8 +13,8 @@ from types import ModuleType
 import numpy as np
 
 from hubodo.effects import BY_NAME, EFFECTS, Effect, SensorChain
-from hubodo.effects.base import REFERENCE_VOLTS
 from hubodo.effects.field import FIELD
+from hubodo.effects.sensor_chain import REFERENCE_VOLTS
 from hubodo.errors import ConfigError
 
 ENTRY_POINT_GROUP = "hubodo.effects"

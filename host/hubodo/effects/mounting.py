@@ -9,7 +9,8 @@ from typing import ClassVar
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.base import Effect, Geometry, OdometryPrior, SensorChain, parameter
+from hubodo.effects.base import Effect, OdometryPrior, parameter
+from hubodo.effects.sensor_chain import Geometry, SensorChain
 from hubodo.effects.triad import multiply
 
 _TWO_SPEEDS_ARM_ADVICE = "drive at two speeds: a lever arm grows with the square of the spin"

@@ -7,7 +7,8 @@ from typing import ClassVar
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.base import Effect, Noise, OdometryPrior, SensorChain, Visibility, parameter
+from hubodo.effects.base import Effect, OdometryPrior, Visibility, parameter
+from hubodo.effects.sensor_chain import Noise, SensorChain
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,8 @@ from typing import ClassVar, Literal, Self
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.base import Effect, SensorChain, parameter
+from hubodo.effects.base import Effect, parameter
+from hubodo.effects.sensor_chain import SensorChain
 
 Sensor = Literal["gyro", "accel"]
 XYZ = ("x", "y", "z")

@@ -9,7 +9,8 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.effects.base import Effect, Geometry, Level, OdometryPrior, SensorChain, Visibility, parameter
+from hubodo.effects.base import Effect, Level, OdometryPrior, Visibility, parameter
+from hubodo.effects.sensor_chain import Geometry, SensorChain
 
 _TRACK_WIDTH_PRIOR = OdometryPrior(
     0.03,

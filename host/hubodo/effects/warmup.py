@@ -10,7 +10,8 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.base import REFERENCE_CELSIUS, Dependency, Effect, SensorChain, parameter
+from hubodo.effects.base import Dependency, Effect, parameter
+from hubodo.effects.sensor_chain import REFERENCE_CELSIUS, SensorChain
 
 
 def warmup_fraction(age: Array, time_constant: float) -> Array:

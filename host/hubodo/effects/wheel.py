@@ -13,7 +13,8 @@ from typing import ClassVar
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.base import Effect, Geometry, Level, OdometryPrior, parameter
+from hubodo.effects.base import Effect, Level, OdometryPrior, parameter
+from hubodo.effects.sensor_chain import Geometry
 
 _COUNT_TURNS_ADVICE = "drive long and fast: gravity in ax and ay counts the turns of the wheel"
 _RADIUS_PRIOR = OdometryPrior(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hubodo.arrays import Array
-from hubodo.effects.base import REFERENCE_CELSIUS
+from hubodo.effects.sensor_chain import REFERENCE_CELSIUS
 from hubodo.effects.warmup import WarmupModel
 
 DAY_TO_DAY_BIAS_SIGMA = math.radians(1.0)

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.base import Effect, Geometry, Noise, SensorChain
+from hubodo.effects.base import Effect
+from hubodo.effects.sensor_chain import Geometry, Noise, SensorChain
 from hubodo.model.inputs import BodyMotion, MotionCorrection, MotionInputs
 from hubodo.model.rolling import WheelRotation, wheel_rotation
 from hubodo.model.true_motion import lever_arm_force, motion_on_body, motion_on_wheel

@@ -10,7 +10,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.earth import EARTH_RATE
-from hubodo.effects.base import REFERENCE_CELSIUS, REFERENCE_VOLTS
+from hubodo.effects.sensor_chain import REFERENCE_CELSIUS, REFERENCE_VOLTS
 from hubodo.smoothing_spline import SmoothingSpline
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hubodo.arrays import Array, sin_cos
-from hubodo.effects.base import Geometry
+from hubodo.effects.sensor_chain import Geometry
 from hubodo.model.inputs import BodyMotion
 from hubodo.vehicle import side_sign
 

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from hubodo.arrays import Array, sin_cos
 from hubodo.earth import STANDARD_GRAVITY
-from hubodo.effects.base import Geometry
+from hubodo.effects.sensor_chain import Geometry
 from hubodo.model.inputs import BodyMotion, EarthRotation
 from hubodo.model.rolling import WheelRotation
 from hubodo.vehicle import side_sign

@@ -27,7 +27,8 @@ def public_lines():
 def members(kind):
     for name in getattr(kind, "__dataclass_fields__", ()):
         yield name
-    for name, member in vars(kind).items():
+    own = [base for base in reversed(kind.__mro__) if base.__module__.startswith("hubodo.")]
+    for name, member in {name: member for base in own for name, member in vars(base).items()}.items():
         if name.startswith("_") or name in getattr(kind, "__dataclass_fields__", ()):
             continue
         yield f"{name}{inspect.signature(member)}" if inspect.isfunction(member) else name

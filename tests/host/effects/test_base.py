@@ -11,8 +11,8 @@ import pytest
 from hubodo.calibration.apply import SampleCorrection
 from hubodo.calibration.file import CalibratedEffect, NodeCalibration, Quantity
 from hubodo.effects import EFFECTS, Noise, distinguishing_manoeuvre
-from hubodo.effects.base import SensorChain
 from hubodo.effects.gyro import GyroQuantization, GyroRateRandomWalk
+from hubodo.effects.sensor_chain import SensorChain
 from hubodo.effects.timing import Outliers
 from hubodo.model.forward import NodeInitialState, NodeModel
 from hubodo.model.inputs import BodyMotion, MotionInputs, SpeedCorrection, Trace

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hubodo.effects.base import SensorChain
 from hubodo.effects.dependence import pulse, steering_rate, temperature_rate
+from hubodo.effects.sensor_chain import SensorChain
 
 T = np.linspace(2.0, 42.0, 4001)
 

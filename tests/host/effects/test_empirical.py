@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hubodo.effects.base import SensorChain
 from hubodo.effects.empirical import ALL_HARMONICS, CHANNELS, FACTORS, empirical
+from hubodo.effects.sensor_chain import SensorChain
 
 SEED = 20260
 BLUNT = {"sign(acceleration)": 1e-5, "temperature_rate": 2e-3}

@@ -8,9 +8,9 @@ import pytest
 from gap_matrix import beyond, cases, recording
 from gap_runs import run_gap
 from hubodo.effects import BY_NAME, EFFECTS
-from hubodo.effects.base import SensorChain
 from hubodo.effects.field import FIELD
 from hubodo.effects.loaded import use_effects
+from hubodo.effects.sensor_chain import SensorChain
 
 SEED = 20
 T = np.linspace(0.0, 20.0, 2001)

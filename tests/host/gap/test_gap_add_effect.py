@@ -14,7 +14,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from hubodo.effects.base import Effect, Level, SensorChain, parameter
+from hubodo.effects.base import Effect, Level, parameter
+from hubodo.effects.sensor_chain import SensorChain
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hubodo.effects.base import Geometry
+from hubodo.effects.sensor_chain import Geometry
 from hubodo.model.inputs import BodyMotion
 from hubodo.model.rolling import wheel_rotation
 

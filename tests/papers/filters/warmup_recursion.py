@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from hubodo.effects.base import REFERENCE_CELSIUS
+from hubodo.effects.sensor_chain import REFERENCE_CELSIUS
 from hubodo.effects.warmup import WarmupModel
 
 

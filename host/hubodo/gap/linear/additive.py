@@ -9,7 +9,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.effects import Effect
-from hubodo.effects.base import SensorChain
+from hubodo.effects.sensor_chain import SensorChain
 
 _NON_ADDITIVE_STAGES = ("true_time", "adjust_geometry", "rotate_into_node", "low_pass_rate")
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hubodo.arrays import Array
 from hubodo.effects import Effect, in_order
-from hubodo.effects.base import SensorChain
+from hubodo.effects.sensor_chain import SensorChain
 from hubodo.gap.linear.additive import AdditiveEffects
 from hubodo.gap.linear.shared_speed import SpeedCoupling, SpeedSensitivity
 from hubodo.gap.problem.problem import NodeData

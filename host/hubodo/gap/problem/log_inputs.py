@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.base import REFERENCE_CELSIUS
+from hubodo.effects.sensor_chain import REFERENCE_CELSIUS
 from hubodo.errors import InputError
 from hubodo.fuse.wheel.window import WINDOW_S
 from hubodo.fuse.wheel_odometry import compute_wheel_odometry

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from hubodo.arrays import Array
-from hubodo.effects.base import SensorChain
 from hubodo.effects.dependence import pulse, steering_rate, temperature_rate
+from hubodo.effects.sensor_chain import SensorChain
 
 HELPERS = {"pulse": pulse, "steering_rate": steering_rate, "temperature_rate": temperature_rate}
 HELPERS_WITH_MEMORY = ("temperature_rate",)

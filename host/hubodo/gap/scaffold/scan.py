@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.arrays import Array
-from hubodo.effects.base import SensorChain
 from hubodo.effects.dependence import pulse
+from hubodo.effects.sensor_chain import SensorChain
 from hubodo.gap.problem.problem import NodeData
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.process_noise.window_sums import winsorise

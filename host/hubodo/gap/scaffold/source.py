@@ -61,9 +61,10 @@ def render_source(name: str, summands: Sequence[Summand], observation: Observati
     imports = ["from dataclasses import dataclass", *(["from pathlib import Path"] if observation else [])]
     imports += ["from typing import ClassVar", "", "import numpy as np", ""]
     imports += ["from hubodo.arrays import Array"] if any("Array" in line for line in body) else []
-    imports += ["from hubodo.effects.base import Effect, Level, SensorChain, parameter"]
+    imports += ["from hubodo.effects.base import Effect, Level, parameter"]
     if helpers:
         imports.append(f"from hubodo.effects.dependence import {', '.join(helpers)}")
+    imports.append("from hubodo.effects.sensor_chain import SensorChain")
     lines = [*_render_head(name, observation), "", "from __future__ import annotations", "", *imports]
     if observation:
         lines += ["", f"LOG = Path({str(observation.log)!r})"]

@@ -16,8 +16,8 @@ from scipy.fft import next_fast_len
 from scipy.optimize import minimize_scalar
 
 from hubodo.arrays import Array
-from hubodo.effects.base import SensorChain
 from hubodo.effects.empirical import ALL_HARMONICS, FACTORS, PREFIX, columns, empirical
+from hubodo.effects.sensor_chain import SensorChain
 from hubodo.gap.problem.problem import CHANNELS, NodeData
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.process_noise.window_sums import winsorise

@@ -9,7 +9,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.effects import Effect
-from hubodo.effects.base import SensorChain
+from hubodo.effects.sensor_chain import SensorChain
 from hubodo.gap.problem.problem import NodeData
 from hubodo.model.forward import NodeInitialState
 from hubodo.vehicle import facing_sign

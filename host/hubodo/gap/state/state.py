@@ -10,7 +10,7 @@ import numpy as np
 
 from hubodo.arrays import Array
 from hubodo.effects import Effect
-from hubodo.effects.base import SensorChain
+from hubodo.effects.sensor_chain import SensorChain
 from hubodo.gap.problem.problem import NodeData, Problem
 from hubodo.gap.state.measured_speed import SpeedError, average_speed_errors, compute_speed_error
 from hubodo.gap.state.noise import InputSensitivity, compute_input_sensitivity

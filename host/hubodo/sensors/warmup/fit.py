@@ -10,7 +10,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from hubodo.arrays import Array
-from hubodo.effects.base import REFERENCE_CELSIUS
+from hubodo.effects.sensor_chain import REFERENCE_CELSIUS
 from hubodo.effects.warmup import WARMUP_PARAMETERS, WarmupKind, WarmupModel, warmup_fraction
 from hubodo.sensors.warmup.whiteness import ljung_box
 

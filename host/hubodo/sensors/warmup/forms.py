@@ -27,7 +27,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import minimize
 
 from hubodo.arrays import Array
-from hubodo.effects.base import REFERENCE_CELSIUS
+from hubodo.effects.sensor_chain import REFERENCE_CELSIUS
 from hubodo.effects.warmup import warmup_fraction
 
 CholeskyFactor = tuple[Array, bool]

@@ -8,7 +8,7 @@ from gap_matrix.recording import write_case_files
 from gap_matrix.world import GRAVITY
 from gap_runs import run_gap
 from hubodo.effects import BY_NAME
-from hubodo.effects.base import SensorChain
+from hubodo.effects.sensor_chain import SensorChain
 
 
 def draw_bank(distance, sigma, length, seed):
