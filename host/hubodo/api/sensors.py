@@ -43,7 +43,7 @@ def estimate_log_heading(
     read, file = as_calibration(calibration)
     source = "the calibration" if file is None else file["file"]
     where = f"{log.path}, node {node}"
-    check_node_units(log.nodes[node], where)
+    check_node_units(log.recording.nodes[node], where)
     try:
         options = HeadingOptions(
             axis=axis,
@@ -71,7 +71,7 @@ def calibrate_log_imu(
     min_standstill: float,
 ) -> ImuCalibration:
     """Return the calibration of a node; parameters as in `LoadedLog.calibrate_imu`."""
-    table = log.nodes[node]
+    table = log.recording.nodes[node]
     check_node_units(table, f"{log.path}, node {node}")
     calibration = calibrate_imu(
         table.t,

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 
-from hubodo.calibration.apply import check_serial
 from hubodo.calibration.file import Calibration
 from hubodo.errors import CalibrationError, InputError, WireMismatch
 from hubodo.fuse.wheel.records import Pose
@@ -16,13 +15,14 @@ from hubodo.ingest.link.connection import Connection
 from hubodo.ingest.link.link import Chunk, LinkLost, LinkReport, LinkUp, RefusedDatagrams, TopicMessage
 from hubodo.ingest.link.session import DAMAGED_SUFFIX, LinkSession
 from hubodo.ingest.live.bulkheads import Bulkheads
+from hubodo.ingest.live.calibration_check import CalibrationCheck
 from hubodo.ingest.live.latency import LatencyHistogram
 from hubodo.ingest.live.live_map import LiveMap
 from hubodo.ingest.live.localizer import FixSample
 from hubodo.ingest.live.localizer_thread import LocalizerOutput, LocalizerThread
 from hubodo.ingest.live.odometer import Odometer, OdometryRows
 from hubodo.ingest.node.gaps import LinkCounts
-from hubodo.ingest.node.identity import describe_firmware_difference, hello_metadata
+from hubodo.ingest.node.identity import describe_firmware_difference
 from hubodo.ingest.node.log_times import LogTimeSequence
 from hubodo.ingest.node.naming import assign_name
 from hubodo.ingest.node.request_encoder import identification_request
@@ -83,10 +83,7 @@ class Recorder:
         self.notices: list[Event] = []
         """Events for the user; the view removes them once shown."""
         self.map = LiveMap(localizer, sink, now_ns, self.notices)
-        self._calibration = calibration or Calibration()
-        self._serial_matches: dict[tuple[str, str], bool] = {}
-        self._nodes_with_ranges: set[str] = set()
-        self._calibration_error: CalibrationError | None = None
+        self._calibration_check = CalibrationCheck(calibration or Calibration(), sink, self.notices)
         self._names = dict(links)
         self._sink = sink
         self._send = send
@@ -186,7 +183,7 @@ class Recorder:
 
     def request(self, node: str, message: Message, description: str) -> bool:
         """Send a request of a user to a node; return False if there is no such node."""
-        session = next((session for session in self.nodes.values() if session.name == node), None)
+        session = self._find_node(node)
         if session is not None:
             session.request(message, description)
         return session is not None
@@ -266,8 +263,8 @@ class Recorder:
         WireMismatch: the nodes of every link use another protocol version. InputError: no link has carried a
         frame, and all carry foreign data. CalibrationError: the calibration belongs to other nodes.
         """
-        if self._calibration_error is not None:
-            return self._calibration_error
+        if self._calibration_check.error is not None:
+            return self._calibration_check.error
         nodes = list(self.nodes.values())
         refusals = [node.decoder.mismatch_text for node in nodes if node.decoder.mismatch_text is not None]
         if refusals and len(refusals) == len(nodes) and {node.link for node in nodes} == set(self.links):
@@ -281,6 +278,9 @@ class Recorder:
 
     def _notify(self, t_ns: int, kind: str, source: str, text: str) -> None:
         self.notices.append(Event(t_ns, kind, source, text))
+
+    def _find_node(self, name: str) -> NodeSession | None:
+        return next((node for node in self.nodes.values() if node.name == name), None)
 
     def _nodes_on(self, label: str) -> list[NodeSession]:
         return [node for (link, _, _), node in self.nodes.items() if link == label]
@@ -357,7 +357,7 @@ class Recorder:
                 self.bulkheads.run("odometry", self._handle_samples, self.odometer, block, arrived_ns)
 
     def _handle_samples(self, odometer: Odometer, block: ImuBlock, arrived_ns: int) -> None:
-        if not self._calibration_matches(block.node, arrived_ns):
+        if not self._calibration_check.can_use(odometer, self._find_node(block.node), block.node, arrived_ns):
             return
         self._publish_odometry(odometer.handle(block), arrived_ns)
 
@@ -389,33 +389,6 @@ class Recorder:
         for line in self.odometer.warnings(end=end):
             self._notify(now_ns, "warning", "odometry", f"odometry: {line}")
             self._sink.write_record(EventRecord(Event(now_ns, "warning", "odometry", line)))
-
-    def _calibration_matches(self, name: str, now_ns: int) -> bool:
-        """Return True if the calibration belongs to this node, so that its samples can be used."""
-        calibrated = self._calibration.nodes.get(name)
-        node = next((node for node in self.nodes.values() if node.name == name), None)
-        hello = None if node is None else node.decoder.hello
-        if hello is not None and name not in self._nodes_with_ranges and self.odometer is not None:
-            self._nodes_with_ranges.add(name)
-            self.odometer.update_ranges(name, hello_metadata(hello))
-        if calibrated is None or node is None or node.decoder.hello is None:
-            return True
-        serial = node.decoder.hello.serial.hex()
-        is_match = self._serial_matches.get((name, serial))
-        if is_match is None:
-            try:
-                check_serial(name, calibrated, serial)
-                is_match = True
-            except CalibrationError as error:
-                is_match = False
-                if self.odometer is not None and not self.odometer.pose_count:
-                    self._calibration_error = error
-                data = {"node": name, "serial": serial, "calibrated": calibrated.serial}
-                text = f"{error}; its samples are recorded but not used for odometry"
-                self._notify(now_ns, "mismatch", name, text)
-                self._sink.write_record(EventRecord(Event(now_ns, "mismatch", name, str(error), data)))
-            self._serial_matches[name, serial] = is_match
-        return is_match
 
 
 def _part_name(node: NodeSession) -> str:

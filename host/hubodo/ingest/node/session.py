@@ -30,9 +30,10 @@ from hubodo.ingest.node.outputs import (
     TimeReplyReceived,
     WireMismatchReport,
 )
-from hubodo.ingest.node.request_encoder import RequestEncoder, describe_reason
+from hubodo.ingest.node.request_encoder import RequestEncoder
 from hubodo.ingest.node.run_decoder import RunDecoder
 from hubodo.ingest.node.slewed_times import SlewedTimes
+from hubodo.ingest.node.user_requests import SendBytes, UserRequests
 from hubodo.log.records import (
     Battery,
     BiasFilterRow,
@@ -65,10 +66,8 @@ _MAX_CLOCK_WAIT_NS = NS_PER_S // 2  # samples are held for the first clock repli
 _MIN_CLOCK_REPLIES = 6  # a single reply may be late by a scheduling delay of a busy host
 _HELLO_INTERVAL_NS = NS_PER_S // 2
 _START_DELAY_NS = 2 * NS_PER_S
-_MAX_OPEN_REQUESTS = 16
 
 _REPORTS: tuple[type, ...] = (MagSample, BiasFilterReport, HealthReceived)
-SendBytes = Callable[[bytes], bool]
 TimedOutput = ImuBlock | MagSample | BiasFilterReport | HealthReceived  # logged at the time of measurement
 
 
@@ -122,9 +121,7 @@ class NodeSession:
         self._held: list[TimedOutput] = []
         self._held_since_ns = 0
         self._request_encoder = RequestEncoder(node_id)
-        self._requests: dict[
-            tuple[int, int], str
-        ] = {}  # open requests of users: description by type and sequence number
+        self._user_requests = UserRequests(name, self._request_encoder, send, sink, now_ns)
         self._exchanges = ClockExchanges(node_id, int(clock_period * NS_PER_S))
         self._next_hello_ns = 0
         self._start_request_ns: int | None = None
@@ -179,18 +176,7 @@ class NodeSession:
 
     def request(self, message: Message, description: str) -> None:
         """Send a request of a user; the request and its answer become events with this description."""
-        seq, data = self._request_encoder.encode_request(message)
-        if not self._send(data):
-            self._log_event("request", f"{description}: not sent, the link is down")
-            return
-        while len(self._requests) >= _MAX_OPEN_REQUESTS:
-            self._requests.pop(next(iter(self._requests)))
-        self._requests[message.type_id, seq] = description
-        self._log_event("request", f"{description}: sent")
-
-    def _log_event(self, kind: str, text: str) -> None:
-        event = Event(self._now_ns(), kind, self.name, f"{self.name}: {text}", {"node": self.name})
-        self._sink.write_record(EventRecord(event))
+        self._user_requests.send(message, description)
 
     def note_host_suspension(self, start_ns: int, end_ns: int) -> None:
         """Note a suspension of the host, after which the clock offset may have changed."""
@@ -273,11 +259,7 @@ class NodeSession:
                     if output.health.battery_mv:
                         yield from self._hold_or_publish(output)
                 case AnswerReceived():
-                    description = self._requests.pop((output.request, output.request_seq), None)
-                    if description is not None:
-                        done = output.reason is None
-                        answer = "done" if done else f"refused: {describe_reason(output.reason or 0)}"
-                        self._log_event("answer", f"{description}: {answer}")
+                    self._user_requests.handle_answer(output)
                 case SignalReceived():
                     self._log_signal(output.signal, output.received_ns)
                 case WireMismatchReport():
