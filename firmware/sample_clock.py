@@ -75,7 +75,7 @@ class SampleClock:
         return at_us if half_ns > _NARROW_NS else ticks_add(at_us, (half_ns + _JITTER_NS) // 1000)
 
     def is_wide(self):
-        """Return True while the window is so wide that the next sample deserves a poll of its own."""
+        """Return True while the window is so wide that the next sample should be polled separately."""
         return self._no_phase or self.half_ahead_ns(1) > 2 * _NARROW_NS
 
     def bound_us(self):

@@ -71,7 +71,7 @@ class Session:
         return _same(tag, view, end) and self._fresh(struct.unpack_from("<I", view, 1 + _ID)[0])
 
     def _fresh(self, count):
-        """Return True when this number is new; datagrams may overtake each other by some."""
+        """Return True when this number is new; datagrams may arrive out of order within the replay window."""
         ahead = count - self._newest
         if ahead > 0:
             self._window = (

@@ -13,7 +13,7 @@ from hubodo.toml_file import as_table, check_known_keys, check_positive, load_to
 Side = Literal["left", "right"]
 Facing = Literal["left", "right"]
 RadiusSource = Literal["tape", "rolled", "nominal"]
-"""How the wheel radius was determined: by tape, from a rolled distance, or from a label or data sheet."""
+"""Origin of the wheel radius: measured by tape, from a rolled distance, or from a label or data sheet."""
 
 RADIUS_SOURCES: tuple[RadiusSource, ...] = get_args(RadiusSource)
 RANGE_KEYS = ("gyro_range", "accel_range")

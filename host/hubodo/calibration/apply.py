@@ -64,7 +64,7 @@ class SampleCorrection:
         return SampleCorrection(effects, _invert_triad(effects, "gyro"), _invert_triad(effects, "accel"))
 
     def depends_on(self, condition: Dependency) -> bool:
-        """Return whether any corrected effect depends on the age, the temperature, or the supply."""
+        """Return True if a corrected effect depends on this condition: age, temperature or supply."""
         return any(effect.depends_on == condition for effect in self.effects)
 
     def apply(

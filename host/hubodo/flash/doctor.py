@@ -70,7 +70,7 @@ def examine(
 
 
 def _check_over_prompt(board: FlashBoard) -> tuple[list[CheckResult], bool]:
-    """Return the results over the prompt, and whether the board has firmware; it is then started."""
+    """Return the results over the prompt, and True if the board has firmware, which is then started."""
     board.interrupt()
     identity, config = board.identify(), board.config()
     kind, pins = find_board_pins(identity.machine, config)
@@ -95,7 +95,7 @@ def _interpreter(identity: BoardIdentity, kind: Board, *, has_pin_setting: bool)
 
 
 def _files(board: FlashBoard, identity: BoardIdentity) -> tuple[CheckResult, bool]:
-    """Return whether the board has the firmware of this host, and whether it has any."""
+    """Return the check of the board's firmware against this host's, and True if the board has any."""
     image = build_image(firmware_folder(), identity.architecture)
     held, running = board.list_hashes(image)
     if not any(path.endswith(("/node.mpy", "/node.py")) for path in held):

@@ -40,7 +40,7 @@ SAMPLES_BY_TABLE: Mapping[str, Callable[[Table], SensorSamples]] = {
 """Sensors beside wheels and GNSS: the table of a recording, and how it becomes samples of the graph."""
 
 _MAX_SIGMA_RATIO = 0.9
-"""Of the prior's sigma: a constant whose sigma the drive has not reduced by a tenth is not reported."""
+"""Ratio of sigma to prior sigma: a constant whose sigma fell by less than a tenth is not reported."""
 
 _MAX_RADIUS_SIGMAS = 3.0
 """Sigmas of the prior beyond which the radius that fixes show is reported: one in 370 by chance."""

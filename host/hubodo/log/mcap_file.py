@@ -214,7 +214,7 @@ class McapFile:
         self.append_records(end, *self._encode_summary(self.size + len(end)))
 
     def file_state(self) -> FileState:
-        """Return whether another program has moved, deleted or modified the open file."""
+        """Return the state of the open file: unchanged, or moved, deleted or modified by another program."""
         opened = os.fstat(self._fd)
         if opened.st_size != self.size:
             return "modified"

@@ -22,7 +22,7 @@ HELD_PER_ADDRESS = 64
 ALLOWANCE, ALLOWANCE_PER_S = 8.0, 2.0
 """Invalid secrets that an address may send before it is delayed, and their recovery per second."""
 TOTAL_ALLOWANCE, TOTAL_ALLOWANCE_PER_S = 64.0, 4.0
-"""The same for all addresses together, against distributed guessing."""
+"""Invalid secrets from all addresses together, and their recovery per second; limits distributed guessing."""
 _MAX_HELD = 256
 _MAX_ADDRESSES = 1024
 """Remembered addresses; the least recently used one is forgotten first."""

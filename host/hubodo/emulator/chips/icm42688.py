@@ -35,7 +35,7 @@ GYRO_RANGE_DPS = (2000.0, 1000.0, 500.0, 250.0, 125.0, 62.5, 31.25, 15.625)
 ACCEL_RANGE_G = (16.0, 8.0, 4.0, 2.0)
 LSB_PER_DEGREE, DEGREES_AT_ZERO = 132.48, 25.0
 TICK_S = 32 / 30 * 1e-6
-"""Of the time stamp, by the chip's own oscillator."""
+"""Unit of the time stamp, by the chip's own oscillator."""
 _DATA_RDY, _FIFO_FULL, _RESET_DONE, _FIFO_FLUSH = 0x08, 0x02, 0x10, 0x02
 _BOTH_LOW_NOISE, _COUNT_PACKETS, _STREAM, _PACKET_3 = 0x0F, 0x40, 1, 0x0F
 

@@ -24,7 +24,7 @@ from hubodo.fuse.track import Track
 _HARD_IRON_SIGMA, _SOFT_IRON_SIGMA = 0.4, 0.1
 """Fractions of the horizontal field, prior 1 sigma of an uncompensated compass on a steel vehicle."""
 _COMPENSATED_IRON_SIGMA = 0.03
-"""The same for a compensated compass, 1.7 deg."""
+"""Fraction of the horizontal field, prior 1 sigma of a compensated compass: 1.7 deg."""
 _MIN_COMPASS_SIGMA, _NO_IRON_SIGMA = 0.015, 1e-3
 """rad and fraction: headings with a smaller sigma are those of two antennas, which iron does not disturb."""
 _OFFSET_SIGMA = 0.5

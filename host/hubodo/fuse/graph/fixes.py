@@ -29,13 +29,13 @@ _JUMP_SIGMAS = 6.0
 _MAX_DISTANCE_RATIO = 1.05
 """Actual distance over that of the wheels: a radius by tape measure, and growth of a tyre."""
 _MAX_RUNS = 400
-"""With more jumps than that the sigmas are wrong, not the fixes, and comparing all pairs would take long."""
+"""Runs between jumps; more indicate wrong sigmas, not wrong fixes, and all pairs would take long."""
 _RAYLEIGH_MEDIAN = 1.1774
 """sqrt(2 ln 2), the median norm of a pair of standard normal variables."""
 _MIN_FIXES_FOR_SCATTER = 30
 """Fixes; the median change of this many has a standard deviation of an eighth."""
 _MIN_SCATTER = 1.3
-"""More than twice that standard deviation."""
+"""Ratio of scatter to sigma; the excess is more than twice the standard deviation of the median change."""
 
 
 @dataclass(frozen=True, eq=False)

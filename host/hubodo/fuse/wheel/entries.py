@@ -156,7 +156,7 @@ AXIAL_LEAK_X = _effect_entry("wheel", AccelNonorthogonality, "zy", alone=False)
 """Share of the force along x in the reading of the axial accelerometer; a tilted node has the same effect."""
 
 AXIAL_LEAK_Y = _effect_entry("wheel", AccelNonorthogonality, "zx", alone=False)
-"""The same share of the force along y, negated."""
+"""Negated share of the force along y in the reading of the axial accelerometer."""
 
 RATE_BEYOND_RANGE = Entry("wheel", "clipping", "excess", 0.0, 0.0)
 """rad/s, rate about the axle beyond the range of a saturated gyro; zero while the gyro is in range."""

@@ -46,7 +46,7 @@ _VEHICLE_ROWS = (
 """Vehicle entries that change within a window, and the entries they depend on besides themselves."""
 
 _WHEEL_ROW = (WHEEL_ANGLE, (GYRO_SCALE_Z, GYRO_BIAS_Z, RATE_BEYOND_RANGE, CAMBER, YAW_RATE))
-"""The same for each wheel."""
+"""Wheel entry that changes within a window, and the entries it depends on besides itself."""
 
 
 _FOLLOWED_RATE_SIGMA = 0.2

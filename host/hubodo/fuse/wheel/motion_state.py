@@ -189,7 +189,7 @@ class StandstillDetector:
 
 
 def _is_rate_zero(past: Sequence[_QuietWindow], limit: float) -> tuple[bool, float]:
-    """Return whether the mean rates are zero, and the noise variance, (rad/s)².
+    """Return True if the mean rates are zero, and the noise variance, (rad/s)².
 
     Zero means within `limit`, rad/s, and 3 sigma of noise; the newest window is tested too. Noise is
     estimated from successive differences, so that a wheel that starts to turn does not count as noise.

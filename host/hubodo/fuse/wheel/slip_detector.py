@@ -51,7 +51,7 @@ _NEAR_WINDOWS = 5
 spins down takes to pass through that speed. Estimated."""
 
 _SLOW_END_WINDOWS = MANOEUVRE_WINDOWS
-"""The same without such a jump, as when the vehicle stops."""
+"""Windows near the vehicle speed after which a slip without a jump ends, as when the vehicle stops."""
 
 _SLIP_SHARE = 0.5
 """Share of the largest slip: a wheel that rolls again is nearer to the vehicle speed, as an inertial speed is

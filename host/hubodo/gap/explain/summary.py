@@ -176,7 +176,7 @@ def helps_held_out(finding: Finding) -> bool:
 
 
 def _advise_model(result: MissingEffects, listed: Sequence[Finding]) -> str:
-    """Return whether to use the written model, which held-out data decide."""
+    """Return advice for or against the written model, depending on held-out data."""
     doubtful = [finding.effect for finding in listed if not helps_held_out(finding)]
     if doubtful:
         rejected = " ".join(f"--reject {name}" for name in dict.fromkeys(doubtful))

@@ -44,7 +44,7 @@ class Journal:
     def __init__(self, path: Path | None = None, search_fingerprint: str = "", resume: bool = False) -> None:
         """Open a journal.
 
-        search_fingerprint: of everything that the rounds depend on
+        search_fingerprint: hash of everything that the rounds depend on
         resume: continue with the rounds of the file
 
         Raises InputError if there is no file to resume, or it belongs to another search.

@@ -27,7 +27,8 @@ _NEEDS_EVERY_SAMPLE = ("sample_repeat",)
 # Largest growth of the gap by adding an effect, as other missing effects may interfere.
 _MAX_GAP_GROWTH = 1.25
 
-# Ratio of a wheel's walk with its trend to that without, from which on the trend is searched for a cause.
+# Ratio of a wheel's random walk with its trend to the walk without it, above which the cause of the trend is
+# searched.
 _MIN_TREND_RATIO = 2.0
 
 # Share of the search in the reported progress.

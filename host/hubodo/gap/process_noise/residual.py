@@ -15,7 +15,7 @@ from hubodo.gap.problem.problem import NodeData
 from hubodo.gap.state.noise import ChannelNoise
 
 SampleMasks = Mapping[str, NDArray[np.bool_]]
-"""For each node a mask of its samples, (N,)."""
+"""Mask of the samples, (N,), by node."""
 
 
 @dataclass(frozen=True)

@@ -138,7 +138,7 @@ class WindowSums:
                 part = rows[first : first + self._block].reshape(-1, rows.shape[2])[:, :count]
                 column_grams[(chunk.start + first) // self._block] = part.T @ part
         if not self._begun:
-            # The start of a free walk costs nothing.
+            # The first value of a walk with a free start has no prior term.
             shift[0] = 0.0
         self._begun = True
         self.raw_squares += np.einsum("bkk->k", column_grams)

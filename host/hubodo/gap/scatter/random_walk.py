@@ -125,7 +125,7 @@ def _is_random_walk(residual: Residual, k: float) -> bool:
 def _step_evidence(residual: Residual) -> float:
     """Return the evidence, in nats, of one common step of all gyro axes at the best time, without a walk.
 
-    The time is one of all windows; each axis pays for its amplitude as in BIC.
+    The time is one of all windows; the amplitude of each axis is penalised as in BIC.
     """
     gains, count = np.zeros(1), 0
     for mean, variance, _ in _window_means(residual):

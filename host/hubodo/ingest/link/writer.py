@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from hubodo.ingest.link.open_link import LinkDown, Transport
 
 _MAX_WRITE_WAIT_S = 0.25
-"""Longer than WRITE_TIMEOUT_S, after which a transport gives up by itself."""
+"""Longest wait for a write; longer than WRITE_TIMEOUT_S, after which a transport ends a write itself."""
 
 
 @dataclass(slots=True, eq=False)

@@ -27,7 +27,7 @@ _SEND_INTERVAL_NS = NS_PER_S // 50
 """Between two messages of odometry; autopilots use 20 to 50 per second."""
 _MAX_QUEUED_POSES = 512
 _SYSTEM_ID = 1
-"""That of the vehicle, as autopilots have by default; the component tells it apart."""
+"""System id of the vehicle, the default of autopilots; the component id identifies this program."""
 _FORWARD_RIGHT_DOWN = np.array([1.0, -1.0, -1.0])
 """Signs of x, y and heading from forward, left, up to the axes of MAVLink."""
 

@@ -21,4 +21,4 @@ IMU_BY_WHO_AM_I = {
     0xEA: ImuChip("ICM20948", 15.0, 230.0),
     0x24: ImuChip("BMI270", 7.0, 160.0),
 }
-"""By WHO_AM_I: the codes of `Part` are part of the wire format, which these chips do not change."""
+"""Chips by WHO_AM_I, without a code of their own in `Part`, which is part of the wire format."""

@@ -18,7 +18,7 @@ from hubodo.vehicle import Vehicle
 
 Values = Mapping[str, Any]
 TopicItem = ImuBlock | FixSample
-"""What odometry and map use of a message."""
+"""Content of a message that odometry and map use."""
 
 
 class TopicHandler(Protocol):

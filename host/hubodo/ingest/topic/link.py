@@ -26,7 +26,7 @@ _CLOCK_STEP_NS = 50_000
 
 
 _OPTIONS: Mapping[TopicRole, str] = {"node": "NAME=", "wheels": "wheels=", "gnss": "--gnss "}
-"""How a port of each role is written on the command line."""
+"""Prefix of a port of each role on the command line."""
 
 
 class TopicLink:

@@ -14,7 +14,7 @@ from hubodo.sensors.imu.turns import Turns, calibrate_from_turns, turn_errors
 
 FOLD_COUNT = 5
 _MAX_LEAVE_ONE_OUT = 30
-"""Up to this number of poses each one is a fold: without a fifth of twelve, nine parameters hardly follow."""
+"""Poses up to which each is a fold: four fifths of twelve poses hardly determine nine parameters."""
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ class BoardCalls:
         return self.t if STEPPED else real_time.monotonic_ns() - self.t0
 
     def pace(self, max_lead_ns):
-        """Sleep while virtual time is ahead of wall time by chunk than `max_lead_ns` ns."""
+        """Sleep while virtual time is ahead of wall time by more than `max_lead_ns` ns."""
         ahead = self.t - (real_time.monotonic_ns() - self.t0) / CONFIG["pace"] if PACED else 0
         if ahead > max_lead_ns:
             real_time.sleep(ahead * CONFIG["pace"] / 1e9)

@@ -24,7 +24,7 @@ from hubodo.recording import Table
 _MIN_HEADING_SIGMA = 1e-4
 """rad; no compass or antenna pair is more accurate, and a sigma of 0 is a mistake."""
 HEADING_LOSS = Loss("bounded", 9.0)
-"""Beyond three sigma the weight of a heading falls, to nothing at six."""
+"""Loss of a heading residual: the weight falls beyond three sigma, to zero at six."""
 _MIN_SQUARED_FIELD = 1e-2
 """Fraction of the squared horizontal field below which iron cancels it, and a compass has no direction."""
 
