@@ -43,6 +43,10 @@ class Link:
         else:
             self._readable(ms)
 
+    def sleep(self, ms):
+        """Wait for `ms`, or less, with the processor asleep where the link allows that."""
+        self.wait(ms)
+
     def send(self, outbox):
         """Offer frames of the queue to the stream, four per call at most."""
         turns = _SENDS_PER_TURN

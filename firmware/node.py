@@ -70,11 +70,14 @@ class Node:
         self._next_index = self._lsb_ndps = 0
         self.longest_us = self._mag_waits = 0
         _, self._mag_words = shared(3)
-        # Sampling has the processor to itself for the first 0.2 s, when the sample clock locks.
-        self._duty_ms = ticks_add(ticks_ms(), _QUIET_START_MS)
-        self._hello_ms = self._health_ms = self._filter_ms = self._mag_ms = self._duty_ms
+        self.restart_duties()
         self.new_filter()
         self.start()
+
+    def restart_duties(self):
+        """Make all periodic duties due in 0.2 s; until then sampling locks its clock undisturbed."""
+        self._duty_ms = ticks_add(ticks_ms(), _QUIET_START_MS)
+        self._hello_ms = self._health_ms = self._filter_ms = self._mag_ms = self._duty_ms
 
     def step(self):
         """Run the loop once: sample, send, receive, then the periodic duties."""
@@ -178,7 +181,7 @@ class Node:
                 self.init.give(axis, known >> 4)
         self._reset_filter()
 
-    def _drift(self, warm):
+    def drift(self, warm):
         """Apply a step of a warm-up to the estimator and to the bias for the next one."""
         for axis in range(_N_AXES):
             step_q18 = warm.step_q18[axis]
@@ -200,7 +203,7 @@ class Node:
                 self._duty_ms = self._mag_ms
         for warm in self.warm:
             while warm.step(ms):
-                self._drift(warm)
+                self.drift(warm)
         if self.estimator is not None and ticks_diff(ms, self._filter_ms) >= 0:
             tracking = self.init.state == FILTER_STATE_TRACKING
             self._filter_ms = ticks_add(ms, self.settings["filter_period_ms"] if tracking else _HEALTH_MS)
@@ -296,7 +299,11 @@ def _run(board, link):
         node: Any = receiver.Receiver(board, link)
     else:
         node = Node(board, link)
-        if board.settings.get("rest_after_s"):
+        if board.settings.get("park_after_s") and board.settings["link"] != "udp" and sys.platform == "rp2":
+            import parking
+
+            node.slow = parking.Parking(node)
+        elif board.settings.get("rest_after_s"):
             import slow_sampling
 
             node.slow = slow_sampling.SlowSampling(node)

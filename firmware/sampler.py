@@ -67,7 +67,8 @@ class Sampler:
         """newest_us: time of the last sample of the latest batch passed to `use`."""
         self._outbox = outbox
         self._use = use
-        self._reader: Any = None
+        self.reader: Any = None
+        """`FifoSamples` or `PolledSamples`."""
         self._rate_mhz = 0
 
     def start(self, now, chip, batch, lost):
@@ -75,8 +76,8 @@ class Sampler:
         self.flush()
         clock = self.clock
         known = clock.locked and self._rate_mhz == chip.rate_mhz
-        if lost and self._reader is not None:
-            self.missed += self._reader.left
+        if lost and self.reader is not None:
+            self.missed += self.reader.left
         resume = known and lost and ticks_diff(now, clock.t_us) < _COUNTED_GAP_US
         if resume:
             clock.rephase()
@@ -90,8 +91,8 @@ class Sampler:
         self.slot.shape(batch)
         chip.shape(batch)
         self.last_us = self.due_us = now
-        self._reader = _reader(self, chip)
-        self._reader.start(now, resume)
+        self.reader = _reader(self, chip)
+        self.reader.start(now, resume)
 
     def end(self):
         """Stop sampling; the open batch is sent."""
@@ -110,7 +111,7 @@ class Sampler:
             return
         if wait > 0:
             sleep_us(wait)
-        self._reader.step(ticks_us())
+        self.reader.step(ticks_us())
 
     def open_batch(self, first_us, first_index):
         """Set time and index of the first sample of the open batch; time stamps never run backward."""

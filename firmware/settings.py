@@ -106,7 +106,8 @@ def load(path=PATH):
     except (OSError, ValueError):
         return values
     if isinstance(stored, dict):
-        if stored.get("link") in ("nrf24", "espnow") or stored.get("receiver") or stored.get("rest_after_s"):
+        more = stored.get("receiver") or stored.get("rest_after_s") or stored.get("park_after_s")
+        if more or stored.get("link") in ("nrf24", "espnow"):
             import settings_more
 
             values.update(settings_more.DEFAULTS)

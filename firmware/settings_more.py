@@ -9,6 +9,7 @@ DEFAULTS = {
     "radio_address": "e8b7d6a5",  # of the network; a byte for the node follows
     "espnow_channel": 1,  # of Wi-Fi, 1 to 13
     "rest_after_s": 0,  # after this time at standstill: samples at rest_rate_hz; 0 = never
+    "park_after_s": 0,  # after this time at standstill: asleep until motion; 0 = never
     "rest_rate_hz": 26,
     "rest_mg": 60,  # change of acceleration that counts as motion
     "rest_dps": 3,  # change of angular rate that counts as motion
@@ -20,6 +21,7 @@ BOUNDS = (
     (0, "radio_tries", 0, 15),
     (0, "espnow_channel", 1, 13),
     (0, "rest_after_s", 0, 86400),
+    (0, "park_after_s", 0, 86400),
     (0, "rest_rate_hz", 13, 104),
     (0, "rest_mg", 10, 1000),
     (0, "rest_dps", 1, 100),

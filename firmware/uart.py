@@ -4,8 +4,9 @@ A port blocks a write until all of it is in the send buffer, and an ESP32 does n
 is computed from the time that has passed.
 """
 
-from time import ticks_add, ticks_diff, ticks_us
+from time import sleep_ms, ticks_add, ticks_diff, ticks_us
 
+import machine
 from link import Link, UsbLink, _write
 from micropython import const
 from wire import CONSOLE_BAUD
@@ -33,6 +34,10 @@ class Pace:
             return self._size
         return self._size - left_us * 1000 // self._byte_ns - 1
 
+    def is_empty(self):
+        """Return True if the buffer is empty."""
+        return self.room() == self._size
+
     def wrote(self, count):
         """Count `count` bytes as written; call `room` before."""
         self._empty_us = ticks_add(self._empty_us, count * self._byte_ns // 1000 + 1)
@@ -47,7 +52,7 @@ class UartLink(Link):
     def __init__(self, uart, baud, size):
         super().__init__()
         self.limit = _CHUNK
-        self._uart = uart
+        self._uart, self._baud = uart, baud
         self._one = bytearray(1)
         self._pace = Pace(baud, size // 2)
 
@@ -58,6 +63,13 @@ class UartLink(Link):
         if accepted:
             self._pace.wrote(accepted)
         return accepted
+
+    def sleep(self, ms):
+        """Sleep once everything is sent; the sleep changes the clock of the UART, which is set again."""
+        while not self._pace.is_empty():
+            sleep_ms(1)
+        machine.lightsleep(ms)
+        self._uart.init(self._baud)
 
     def _byte(self):
         if self._uart.any() and self._uart.readinto(self._one):

@@ -2,7 +2,7 @@
 
 from micropython import const
 
-FINGERPRINT = const(0xE291F6F8)
+FINGERPRINT = const(0x03B8EB07)
 
 HEADER_FORMAT = "<BBH"
 HEADER_SIZE = const(4)
@@ -185,3 +185,4 @@ FAULT_BUS_STUCK = const(4)
 FAULT_IMU_SILENT = const(8)
 FAULT_LOW_BATTERY = const(16)
 FAULT_POLLED_TOO_FAST = const(32)
+FAULT_ASLEEP = const(64)

@@ -116,9 +116,9 @@ class BMI270(Chip):
         """Upload the configuration and wait until the chip has accepted it."""
         if os.stat(CONFIGURATION)[6] != _CONFIGURATION_BYTES:
             raise OSError("{} has not {} bytes".format(CONFIGURATION, _CONFIGURATION_BYTES))
-        self._write(_PWR_CONF, 0)
+        self.write(_PWR_CONF, 0)
         time.sleep_us(450)
-        self._write(_INIT_CTRL, 0)
+        self.write(_INIT_CTRL, 0)
         chunk, word = bytearray(_CHUNK), bytearray(2)
         with open(CONFIGURATION, "rb") as file:
             for at in range(0, _CONFIGURATION_BYTES, _CHUNK):
@@ -127,7 +127,7 @@ class BMI270(Chip):
                 word[0], word[1] = at >> 1 & 0x0F, at >> 5
                 self.i2c.writeto_mem(self.address, _INIT_ADDR_0, word)
                 self.i2c.writeto_mem(self.address, _INIT_DATA, chunk)
-        self._write(_INIT_CTRL, 1)
+        self.write(_INIT_CTRL, 1)
         for _ in range(20):
             time.sleep_us(10000)
             if self.read(_INTERNAL_STATUS) & 0x0F == _READY:
@@ -162,7 +162,7 @@ class BMI270(Chip):
 
     def fifo_flush(self):
         """Flush the FIFO and restart it at a whole sample."""
-        self._write(_CMD, _FIFO_FLUSH)
+        self.write(_CMD, _FIFO_FLUSH)
 
     def read_temperature(self):
         """Update `temperature_raw`, which samples do not contain."""

@@ -71,11 +71,11 @@ class Chip:
         if self.who_am_i < 0:
             raise OSError("no chip of this driver at 0x{:02x}".format(address))
 
-    def configure(self):
-        """Reset the chip and write every setting; sampling starts."""
-        if self.RESET:
+    def configure(self, *, reset=True):
+        """Reset the chip, unless it is to sample on, and write every setting; sampling starts."""
+        if reset and self.RESET:
             register, bit, wait_us = self.RESET
-            self._write(register, bit)
+            self.write(register, bit)
             for _ in range(20):
                 time.sleep_us(wait_us)
                 if not self.read(register) & bit:
@@ -84,7 +84,7 @@ class Chip:
                 raise OSError("reset does not end")
         self._after_reset()
         for register, value in self._settings:
-            self._write(register, value)
+            self.write(register, value)
         if self.uses_fifo:
             self.fifo_flush()  # type: ignore[attr-defined]
 
@@ -110,6 +110,6 @@ class Chip:
         self.i2c.readfrom_mem_into(self.address, register, self._byte)
         return self._byte[0]
 
-    def _write(self, register, value):
+    def write(self, register, value):
         self._byte[0] = value
         self.i2c.writeto_mem(self.address, register, self._byte)

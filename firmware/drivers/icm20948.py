@@ -114,12 +114,12 @@ class ICM20948(Chip):
     def intact(self):
         """Return True while WHO_AM_I and settings persist in the chip: a supply dip resets them."""
         # A failed transfer may have left another bank.
-        self._write(_REG_BANK_SEL, 0)
+        self.write(_REG_BANK_SEL, 0)
         if not self._holds(self._standing):
             return False
-        self._write(_REG_BANK_SEL, _BANK_2)
+        self.write(_REG_BANK_SEL, _BANK_2)
         same = self._holds(self._bank_2)
-        self._write(_REG_BANK_SEL, 0)
+        self.write(_REG_BANK_SEL, 0)
         return same
 
     def ready(self):
@@ -162,10 +162,10 @@ class ICM20948(Chip):
 
     def fifo_flush(self):
         """Flush the FIFO and restart it at a whole sample."""
-        self._write(_USER_CTRL, 0)
-        self._write(_FIFO_RST, _ALL_FIFOS)
-        self._write(_FIFO_RST, 0)
-        self._write(_USER_CTRL, _FIFO_ON)
+        self.write(_USER_CTRL, 0)
+        self.write(_FIFO_RST, _ALL_FIFOS)
+        self.write(_FIFO_RST, 0)
+        self.write(_USER_CTRL, _FIFO_ON)
         # Reading the flag of an overflow clears it.
         self.read(_INT_STATUS_2)
 

@@ -185,7 +185,7 @@ class ICM42688(Chip):
         # After the sensors are switched on no register may be written for this time.
         time.sleep_us(_START_US)
         self._ticks = -1
-        self._write(_SIGNAL_PATH_RESET, _FIFO_FLUSH)
+        self.write(_SIGNAL_PATH_RESET, _FIFO_FLUSH)
         self.read(_INT_STATUS)
 
     def read_temperature(self):

@@ -44,6 +44,7 @@ class LSM6DS33(StImu):
     """fifo: sample through the FIFO at 208 Hz and below too; above, always.
 
     wake_mg: step of the acceleration that sets MOTION_FLAG; 0: the detector is off.
+    settings: written in place of a reset, for a chip that has been configured before.
     Raises ValueError for a setting outside the tables, OSError when the chip is absent or another one.
     """
 
@@ -74,7 +75,9 @@ class LSM6DS33(StImu):
     WHO_AM_I = (0x69,)
     MOTION_FLAG = (_WAKE_UP_SRC, _WU_IA)
 
-    def __init__(self, i2c, address=0x6B, *, odr_hz=208, range_dps=2000, range_g=16, fifo=False, wake_mg=0):
+    def __init__(
+        self, i2c, address=0x6B, *, odr_hz=208, range_dps=2000, range_g=16, fifo=False, wake_mg=0, settings=()
+    ):
         odr, self.rate_mhz, odr_code = setting(self.RATES_HZ, odr_hz)
         self.range_dps, self.gyro_lsb_ndps, gyro_code = setting(self.RANGES_DPS, range_dps)
         self.range_g, self.accel_lsb_ng, accel_code = setting(self.RANGES_G, range_g)
@@ -90,6 +93,7 @@ class LSM6DS33(StImu):
             (_CTRL1_XL, odr_code << 4 | accel_code),
             (_CTRL2_G, odr_code << 4 | gyro_code),
         )
+        self._settings += settings
         if wake_mg:
             steps = wake_mg * _THRESHOLD_STEPS // (1000 * self.range_g)
             self._settings += _WAKE_SETTINGS + ((_WAKE_UP_THS, steps if steps else 1),)
@@ -97,7 +101,7 @@ class LSM6DS33(StImu):
         fifo_mode = self._fifo_on if self.uses_fifo else 0
         self._standing = ((_WHO_AM_I, self.who_am_i), (_FIFO_CTRL5, fifo_mode)) + self._settings
         self._level = memoryview(self._status)[:2]
-        self.configure()
+        self.configure(reset=not settings)
 
     def fifo_level(self):
         """Return the number of whole samples in the FIFO; -1 if it has overflowed."""
@@ -109,7 +113,7 @@ class LSM6DS33(StImu):
             return -1
         words = status[0] | (status[1] & 0x0F) << 8
         if words % _PATTERN:
-            return self._realign(words)
+            return self.realign(words)
         return words // _PATTERN
 
     def _reread(self):
@@ -120,12 +124,13 @@ class LSM6DS33(StImu):
             last = status[1] << 8 | status[0]
             self.i2c.readfrom_mem_into(self.address, _FIFO_STATUS1, status)
 
-    def _realign(self, words):
-        """Discard the torn of a torn sample, so that the next word is a gyro x; return the whole samples."""
+    def realign(self, words):
+        """Discard words of a torn sample, so that the next is a gyro x; return the whole samples."""
         status = self._status
         self.i2c.readfrom_mem_into(self.address, _FIFO_STATUS1, status)
         pattern = (status[2] | (status[3] & 0x03) << 8) % _PATTERN
-        words = status[0] | (status[1] & 0x0F) << 8
+        # The level has twelve bits: that of a full FIFO reads zero.
+        words = status[0] | (status[1] & 0x0F) << 8 or words
         torn = _PATTERN - pattern
         if not pattern:
             return words // _PATTERN
@@ -142,5 +147,5 @@ class LSM6DS33(StImu):
 
     def fifo_flush(self):
         """Flush the FIFO and restart it at a whole sample."""
-        self._write(_FIFO_CTRL5, _BYPASS)
-        self._write(_FIFO_CTRL5, self._fifo_on)
+        self.write(_FIFO_CTRL5, _BYPASS)
+        self.write(_FIFO_CTRL5, self._fifo_on)

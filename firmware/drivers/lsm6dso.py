@@ -45,7 +45,12 @@ _TAG_ACCEL = const(2)
 _TAG_TIMESTAMP = const(4)
 _WU_IA = const(0x08)
 # The interrupt latched, enabled, without a duration, on INT1.
-_WAKE_SETTINGS = ((_TAP_CFG0, 0x01), (_TAP_CFG2, 0x80), (_WAKE_UP_DUR, 0), (_MD1_CFG, 0x20))
+_WAKE_SETTINGS = (
+    (_TAP_CFG0, 0x01),
+    (_TAP_CFG2, 0x80),
+    (_WAKE_UP_DUR, 0),
+    (_MD1_CFG, 0x20),
+)
 _THRESHOLD_STEPS = const(64)  # of WAKE_UP_THS, over the full scale of the accelerometer
 _TICKS_PER_KS = const(40000000)
 """Time stamps advance 40,000 times a second."""
@@ -55,6 +60,7 @@ class LSM6DSO(StImu):
     """fifo: sample through the FIFO at 208 Hz and below too; above, always.
 
     wake_mg: step of the acceleration that sets MOTION_FLAG; 0: the detector is off.
+    settings: written in place of a reset, for a chip that has been configured before.
     Raises ValueError for a setting outside the tables, OSError when the chip is absent or another one.
     """
 
@@ -79,11 +85,14 @@ class LSM6DSO(StImu):
         (2000, 70000000, 0x0C),
     )
     RANGES_G = ((2, 61000, 0x00), (4, 122000, 0x08), (8, 244000, 0x0C), (16, 488000, 0x04))
+    IS_TAGGED = True
     RESET = (_CTRL3_C, _SW_RESET, 100)
     WHO_AM_I = (0x6C,)
     MOTION_FLAG = (_WAKE_UP_SRC, _WU_IA)
 
-    def __init__(self, i2c, address=0x6B, *, odr_hz=208, range_dps=2000, range_g=16, fifo=False, wake_mg=0):
+    def __init__(
+        self, i2c, address=0x6B, *, odr_hz=208, range_dps=2000, range_g=16, fifo=False, wake_mg=0, settings=()
+    ):
         odr, rate_mhz, odr_code = setting(self.RATES_HZ, odr_hz)
         self.range_dps, self.gyro_lsb_ndps, gyro_code = setting(self.RANGES_DPS, range_dps)
         self.range_g, self.accel_lsb_ng, accel_code = setting(self.RANGES_G, range_g)
@@ -109,15 +118,16 @@ class LSM6DSO(StImu):
             (_CTRL1_XL, odr_code << 4 | accel_code),
             (_CTRL2_G, odr_code << 4 | gyro_code),
         )
+        self._settings += settings
         if wake_mg:
             steps = wake_mg * _THRESHOLD_STEPS // (1000 * self.range_g)
             self._settings += _WAKE_SETTINGS + ((_WAKE_UP_THS, steps if steps else 1),)
         fifo_mode = self._fifo_on if self.uses_fifo else 0
         self._standing = ((_WHO_AM_I, self.who_am_i), (_FIFO_CTRL4, fifo_mode)) + self._settings
         self._level = memoryview(self._status)[:2]
-        self._count = self._ticks = -1
+        self.forget_counters()
         self.shape(1)
-        self.configure()
+        self.configure(reset=not settings)
 
     def shape(self, batch):
         """Set the number of samples that `fifo_read_into` reads."""
@@ -167,11 +177,15 @@ class LSM6DSO(StImu):
                 at += _WORD
         return torn
 
+    def forget_counters(self):
+        """Accept any counter and time stamp with the next sample."""
+        self._count = self._ticks = -1
+
     def fifo_flush(self):
         """Flush the FIFO and restart it at a whole sample."""
-        self._count = self._ticks = -1
-        self._write(_FIFO_CTRL4, _BYPASS)
-        self._write(_FIFO_CTRL4, self._fifo_on)
+        self.forget_counters()
+        self.write(_FIFO_CTRL4, _BYPASS)
+        self.write(_FIFO_CTRL4, self._fifo_on)
 
 
 class LSM6DSR(LSM6DSO):

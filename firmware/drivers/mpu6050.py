@@ -171,8 +171,8 @@ class MPU6050(Chip):
 
     def fifo_flush(self):
         """Flush the FIFO and restart it at a whole sample."""
-        self._write(_USER_CTRL, _FIFO_RESET)
-        self._write(_USER_CTRL, _FIFO_ON)
+        self.write(_USER_CTRL, _FIFO_RESET)
+        self.write(_USER_CTRL, _FIFO_ON)
         # Reading the flag of an overflow clears it.
         self.read(_INT_STATUS)
 

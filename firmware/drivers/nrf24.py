@@ -23,6 +23,7 @@ _STATUS = const(0x07)
 _RPD = const(0x09)
 _RX_ADDR_P0 = const(0x0A)
 _TX_ADDR = const(0x10)
+_FIFO_STATUS = const(0x17)
 _DYNPD = const(0x1C)
 _FEATURE = const(0x1D)
 _WRITE = const(0x20)
@@ -37,6 +38,8 @@ _NOP = const(0xFF)
 
 _POWERED = const(0x0E)  # CRC of two bytes, powered
 _LISTENS = const(0x01)
+_TX_EMPTY = const(0x10)  # of FIFO_STATUS
+_DRAIN_MS = const(100)
 _ALL_PIPES = const(0x3F)
 _WIDTH_5 = const(0x03)
 _DYNAMIC = const(0x07)  # dynamic length, payloads in acknowledgements, packets without them
@@ -96,6 +99,20 @@ class Nrf24:
             self._set(_RX_ADDR_P0 + 1 + pipe, addresses[pipe][0])
         self._set(_EN_RXADDR, ((1 << len(addresses)) - 1) << 1)
         self._start(_POWERED | _LISTENS)
+
+    def halt(self):
+        """Switch the transmitter off once its FIFO is empty, or has not been acknowledged."""
+        for _ in range(_DRAIN_MS):
+            if self._get(_FIFO_STATUS) & _TX_EMPTY or self.status() & MAX_RT:
+                break
+            sleep_ms(1)
+        self._ce.value(0)
+        self._set(_CONFIG, 0)
+
+    def resume(self):
+        """Switch a transmitter on again; the clock of SPI may have changed meanwhile."""
+        self._spi.init(baudrate=_SPI_HZ)
+        self._start(_POWERED)
 
     def status(self):
         """Return the status register."""

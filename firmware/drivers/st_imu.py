@@ -13,6 +13,9 @@ _XLDA_GDA = const(0x03)
 class StImu(Chip):
     """Reads one sample, polled, and the temperature; a subclass adds settings and FIFO."""
 
+    IS_TAGGED = False
+    """True if each word of the FIFO has a tag."""
+
     def __init__(self, i2c, address):
         super().__init__(i2c, address)
         self.temperature_raw = self.realigned = 0

@@ -6,6 +6,7 @@ until acknowledged; frames wait in the outbox meanwhile, as on every link.
 
 from time import ticks_add, ticks_diff, ticks_ms
 
+import machine
 from drivers.nrf24 import MAX_PACKET, MAX_RT, NONE, RX_DR, TX_DS, TX_FULL, address_of, open_radio
 from framing import START
 from link import Link
@@ -52,6 +53,12 @@ class RadioLink(Link):
             turns -= 1
             status = self._send_piece(outbox)
             self._poll_ms = ticks_add(ms, _POLL_MS)
+
+    def sleep(self, ms):
+        """Sleep with the radio off; packets that it has not sent by then wait in its FIFO."""
+        self._radio.halt()
+        machine.lightsleep(ms)
+        self._radio.resume()
 
     def _send_piece(self, outbox):
         """Queue the next piece of the oldest frame; return the status register."""

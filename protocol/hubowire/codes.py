@@ -111,7 +111,7 @@ class BatchFlag(IntEnum):
 
 
 class Fault(IntEnum):
-    """Bits of `Health.faults`: current faults."""
+    """Bits of `Health.faults`: current faults. ASLEEP is none: the node is parked and waits for motion."""
 
     IMU_MISSING = 1
     WRONG_WHO_AM_I = 2
@@ -119,3 +119,4 @@ class Fault(IntEnum):
     IMU_SILENT = 8
     LOW_BATTERY = 16
     POLLED_TOO_FAST = 32
+    ASLEEP = 64

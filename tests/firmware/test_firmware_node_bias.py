@@ -212,7 +212,7 @@ def test_after_the_initialisation_the_filter_starts_with_its_bias_and_the_host_g
 
 def test_a_warm_up_changes_the_bias_of_initialisation_and_filter():
     node = node_in_state(m.FilterState.TRACKING)
-    node._drift(SimpleNamespace(step_q18=[1, -2, 3]))
+    node.drift(SimpleNamespace(step_q18=[1, -2, 3]))
     drifts = [("drift", 0, 1), ("drift", 1, -2), ("drift", 2, 3)]
     assert node.init.calls == node.estimator.calls == drifts
 

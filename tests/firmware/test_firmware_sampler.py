@@ -65,7 +65,7 @@ class SamplerRun:
         """Return the count of missed samples without those after the last batch."""
         last = self.sent[0][1].index + len(jump) + jump.sum()
         assert (last - self.sent[-1][1].index) % 65536 == len(self.sent[-1][1].samples) - 1
-        waiting = self.sampler.count + self.sampler._reader.left
+        waiting = self.sampler.count + self.sampler.reader.left
         return self.sampler.missed - (self.sampler.clock.index - last - waiting)
 
     def gaps(self):
@@ -159,7 +159,7 @@ def test_a_failed_fifo_read_loses_at_most_the_affected_samples(monkeypatch, word
     at = [1.5, 2.5]
 
     def misread(t):
-        if at and t > at[0] and sampler_run.sampler._reader.left:
+        if at and t > at[0] and sampler_run.sampler.reader.left:
             at.pop(0)
             sampler_run.bus.bus.read_mem(t, 0x6B, b"\x3e", 2 * words)
 

@@ -6,8 +6,9 @@ import json
 import select
 import time
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any
 
 from hubodo.emulator.board.bus import I2cBus
@@ -57,6 +58,7 @@ class VirtualBoard:
         noise: LineNoise,
         *,
         wiring: Wiring = "good",
+        interrupts: Mapping[int, Callable[[float], int]] = MappingProxyType({}),
         wait_for_host: bool = False,
         faults: Sequence[ScriptedFault] = (),
         radio: RadioModule | None = None,
@@ -71,7 +73,15 @@ class VirtualBoard:
         self._clock = BoardClock(clock)
         self._schedule = EventSchedule(faults, clock.run_for)
         refusal = EIO if model.platform == "rp2" else ENODEV
-        self.bus = I2cBus(chips, faults, sda=model.sda, scl=model.scl, wiring=wiring, refusal=refusal)
+        self.bus = I2cBus(
+            chips,
+            faults,
+            sda=model.sda,
+            scl=model.scl,
+            wiring=wiring,
+            refusal=refusal,
+            interrupts=interrupts,
+        )
         self._poll = select.poll()
         self.processor = Processor(settings, self._clock, flash, self._poll)
         self._network = BoardNetwork(model, settings.wifi, self._clock, self.counts)
@@ -82,7 +92,13 @@ class VirtualBoard:
         self.lockstep = LockstepControl(self._clock, link)
         self._radio = radio
         self._peripherals = Peripherals(
-            model, self.bus, settings.battery_mv, self._network.is_radio_on, radio
+            model,
+            self.bus,
+            settings.battery_mv,
+            self._network.is_radio_on,
+            radio,
+            now=self._clock.now,
+            counts=self.counts,
         )
         self._handlers = self._own_handlers()
         for component in (self._schedule, self._peripherals, self.streams, self._network):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from hubodo.emulator.board.hypercall import EIO, ETIMEDOUT
 from hubodo.emulator.board.settings import Wiring
@@ -32,7 +33,7 @@ class I2cBus:
 
     A missing acknowledgement returns -`nack_errno` after the address byte (EIO on the rp2 port); SDA held low
     returns -ETIMEDOUT after 50 ms. MicroPython raises both as OSError. The chips are connected to the pins
-    `sda` and `scl` only; wiring: see `SensorBoard`.
+    `sda` and `scl` only; wiring: see `SensorBoard`. interrupts: by pin, the level of an interrupt at t s.
     """
 
     def __init__(
@@ -44,9 +45,10 @@ class I2cBus:
         scl: int = 1,
         wiring: Wiring = "good",
         refusal: int = EIO,
+        interrupts: Mapping[int, Callable[[float], int]] = MappingProxyType({}),
     ) -> None:
         self.chips = {chip.address: chip for chip in chips}
-        self.wiring, self.nack_errno = wiring, refusal
+        self.wiring, self.nack_errno, self.interrupts = wiring, refusal, interrupts
         self.sda_wire, self.scl_wire = (scl, sda) if wiring == "swapped" else (sda, scl)
         self.bit_time = 1.0 / DEFAULT_HZ
         self.counts: Counter[str] = Counter()
@@ -221,6 +223,8 @@ class Pins:
 
     def get_level(self, t: float, pin: int) -> int:
         """Return the level at a pin; bus lines are pulled up, and a stuck slave pulls SDA low."""
+        if pin in self._bus.interrupts:
+            return self._bus.interrupts[pin](t)
         mode, level = self.modes.get(pin), self.levels.get(pin, 1)
         if mode == _OUTPUT or (mode == _OPEN_DRAIN and not level):
             return self.levels.get(pin, 0)

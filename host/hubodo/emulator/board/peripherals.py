@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import struct
+from collections import Counter
 from collections.abc import Callable
 from typing import Protocol
 
 from hubodo.emulator.board.bus import I2cBus, Pins
-from hubodo.emulator.board.hypercall import Handler, Op, Reply
+from hubodo.emulator.board.hypercall import Deferred, Handler, Op, Reply
 from hubodo.emulator.board.models import RADIO_SELECT_PIN, BoardModel
 from hubodo.units import NS_PER_S
 
 RP2_ADC_PIN, RP2_CORE_TEMP = 26, 4
 FLOATING_PIN_V = 0.4
+EDGE_STEP_NS = 1e6
+"""A sleeping processor notices an edge within this time."""
+WAKE_UP_NS = 1e6
+"""Assumed time from the end of a sleep until the clocks run again."""
 SPI_BYTE_NS = 1000.0
 """Duration of a byte at 8 MHz, ns."""
 _CORE_V = 0.706 - 0.001721 * (25.0 - 27.0)
@@ -35,7 +40,7 @@ class RadioPins(Protocol):
 class Peripherals:
     """Peripherals of one board.
 
-    radio_on: returns True while the radio uses the pins of the battery divider.
+    radio_on: returns True while the radio uses the pins of the battery divider. now: returns the time, ns.
     """
 
     def __init__(
@@ -45,8 +50,12 @@ class Peripherals:
         battery_mv: float,
         radio_on: Callable[[], bool],
         radio: RadioPins | None = None,
+        *,
+        now: Callable[[], float] = lambda: 0.0,
+        counts: Counter[str] | None = None,
     ) -> None:
         self._radio = radio
+        self._now, self.counts = now, Counter() if counts is None else counts
         self._model, self._bus, self._battery_mv, self._radio_on = model, bus, battery_mv, radio_on
         self.pins = Pins(bus)
 
@@ -74,6 +83,7 @@ class Peripherals:
             Op.ADC_READ: self._adc_read,
             Op.SPI: self._spi_transfer,
             Op.ESPNOW: self._espnow,
+            Op.LIGHT_SLEEP: self._light_sleep,
         }
 
     def _i2c_init(self, argument: int, payload: bytes, t: float) -> Reply:
@@ -126,6 +136,26 @@ class Peripherals:
 
     def _pin_get(self, argument: int, payload: bytes, t: float) -> Reply:
         return Reply(t, self.pins.get_level(t * 1e-9, argument))
+
+    def _light_sleep(self, argument: int, payload: bytes, t: float) -> Deferred:
+        """Sleep until a rising edge of the pin, or for the time in the payload."""
+        end = t + struct.unpack("<I", payload)[0] * 1e6
+        pin, checked = argument - 1, t
+        level = self.pins.get_level(t * 1e-9, pin) if argument else 0
+
+        def poll_reply(late: bool) -> Reply | None:
+            nonlocal checked, level
+            now = min(self._now(), end)
+            while argument and checked < now:
+                checked = min(checked + EDGE_STEP_NS, now)
+                before, level = level, self.pins.get_level(checked * 1e-9, pin)
+                if level > before:
+                    self.counts["woken_by_pin"] += 1
+                    return Reply(checked + WAKE_UP_NS, 1)
+            return Reply(end + WAKE_UP_NS) if late else None
+
+        self.counts["light_sleeps"] += 1
+        return Deferred(end - t, poll_reply)
 
     def _adc_read(self, argument: int, payload: bytes, t: float) -> Reply:
         counts = max(0, min(65535, round(self._volts(argument) / 3.3 * 65535)))

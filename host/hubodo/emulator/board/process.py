@@ -52,7 +52,8 @@ def build_board(spec: NodeSpec) -> tuple[VirtualBoard, dict[str, RegisterChip]]:
         isinstance(fault, WrongWhoAmI) for fault in spec.faults
     )
     specimen = replace(sensors.specimen, seed=spec.seed, faults=spec.faults, strict=has_own_identity)
-    chips: dict[str, RegisterChip] = {"imu": imu_by_name(sensors.chip)(spec.motion, specimen)}
+    imu = imu_by_name(sensors.chip)(spec.motion, specimen)
+    chips: dict[str, RegisterChip] = {"imu": imu}
     if sensors.magnetometer:
         chips["mag"] = Lis3mdl(spec.motion, specimen)
     link: HostLink = (
@@ -66,6 +67,7 @@ def build_board(spec: NodeSpec) -> tuple[VirtualBoard, dict[str, RegisterChip]]:
         link,
         LineNoise(host.corrupt, host.lose, spec.seed),
         wiring=sensors.wiring,
+        interrupts={} if sensors.interrupt_pin is None else {sensors.interrupt_pin: imu.interrupt_level},
         wait_for_host=host.wait,
         faults=spec.faults,
         radio=None

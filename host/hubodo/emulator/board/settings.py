@@ -48,6 +48,7 @@ class SensorBoard:
         slow for 400 kHz, so no chip responds. "no_power": the pull-ups pull both lines to the unpowered
         supply.
     log : True to record every read of the bus.
+    interrupt_pin : pin of the board that is wired to INT1 of the IMU, or None.
     """
 
     chip: str = "lsm6ds33"
@@ -55,6 +56,7 @@ class SensorBoard:
     specimen: Specimen = field(default_factory=Specimen)
     wiring: Wiring = "good"
     log: bool = False
+    interrupt_pin: int | None = None
 
 
 @dataclass(frozen=True)

@@ -130,6 +130,10 @@ class Imu(RegisterChip):
         self._row += len(raw)
         return raw
 
+    def interrupt_level(self, t: float) -> int:
+        """Return the level of INT1 at t, s; 0 for a chip whose interrupts are not emulated."""
+        return 0
+
     def truth(self) -> ChipTruth:
         """Return all samples so far."""
         return self.clock.truth(self.fifo_dropped)

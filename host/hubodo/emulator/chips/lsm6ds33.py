@@ -70,9 +70,9 @@ class Lsm6ds33(Imu):
     """An LSM6DS33 that is moved by `motion`.
 
     Register map, codes and FIFO layout: ST DocID026899 and AN4650. The wake-up event appears in WAKE_UP_SRC
-    only. Not modelled: interrupt pins, other embedded functions, filters, self-test, axis enables, and the
-    third and fourth FIFO data set; enabling those sets counts as an anomaly, and raises ChipAccessError when
-    strict.
+    and on INT1. Not modelled: other interrupts and embedded functions, filters, self-test, axis enables, and
+    the third and fourth FIFO data set; enabling those sets counts as an anomaly, and raises ChipAccessError
+    when strict.
     """
 
     chip_name = "lsm6ds33"
@@ -234,6 +234,11 @@ class Lsm6ds33(Imu):
             )
         elif not self._is_latched():
             self.values[WAKE_UP_SRC] = 0
+
+    def interrupt_level(self, t: float) -> int:
+        """Return 1 while a wake-up event that is routed to INT1 persists."""
+        self._measure_until(t)
+        return int(bool(self.values[MD1_CFG] & _INT1_WU and self.values[WAKE_UP_SRC] & 0x08))
 
     def _store(self, mode: int, tick: int) -> None:
         """Append a sample to the FIFO, with decimation; when it is full, drop the oldest or newest words."""

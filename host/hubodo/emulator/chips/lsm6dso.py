@@ -81,8 +81,9 @@ class Lsm6dso(Lsm6ds33):
     """An LSM6DSO that is moved by `motion`.
 
     Register map, codes and FIFO: ST DS12140 and AN5192. Not modelled: compression, batch rates that differ
-    from each other or from the sample rate, embedded functions, interrupt pins; batch rates that differ count
-    as an anomaly. Assumed: the words of one sample are gyro, accelerometer, time stamp, in this order.
+    from each other or from the sample rate, embedded functions, interrupts but the wake-up on INT1; batch
+    rates that differ count as an anomaly. Assumed: the words of one sample are gyro, accelerometer, time
+    stamp, in this order.
     """
 
     chip_name = "lsm6dso"

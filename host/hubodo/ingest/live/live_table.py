@@ -13,9 +13,10 @@ from rich.text import Text
 from hubodo.ingest.live.snapshot import LinkStatus, LogStatus, NodeStatus, OdometryStatus, Snapshot
 from hubodo.safe_text import printable
 
-State = Literal["up", "silent", "down", "waiting", "no node", "foreign", "refused"]
+State = Literal["up", "asleep", "silent", "down", "waiting", "no node", "foreign", "refused"]
 _STATE_COLOURS: dict[State, str] = {
     "up": "green",
+    "asleep": "blue",
     "silent": "yellow",
     "no node": "yellow",
     "waiting": "yellow",
@@ -23,7 +24,7 @@ _STATE_COLOURS: dict[State, str] = {
     "down": "red",
     "refused": "red",
 }
-_SILENCE_TIMEOUT_S = 2.0
+_SILENCE_TIMEOUT_S, _SLEEP_TIMEOUT_S = 2.0, 20.0  # an asleep node reports every 4 s
 _MAX_SHOWN_REMAINING_S, _LOW_REMAINING_S, _MIN_RATE_DURATION_S = 48 * 3600.0, 600.0, 5.0
 _SIZE_UNITS = ((1e12, "TB"), (1e9, "GB"), (1e6, "MB"), (1e3, "kB"))
 
@@ -43,12 +44,14 @@ def link_state(link: LinkStatus) -> State:
 
 
 def node_state(node: NodeStatus, snapshot: Snapshot) -> State:
-    """Return the state of a node; silent: link open but no frames; refused: wire mismatch."""
+    """Return the state of a node; silent: link open but no frames; refused: wire mismatch; asleep: parked."""
     link = next((link for link in snapshot.links if link.label == node.link), None)
     if link is None or link.where is None:
         return "down"
     if node.refused is not None:
         return "refused"
+    if node.asleep and node.age <= _SLEEP_TIMEOUT_S:
+        return "asleep"
     return "silent" if node.age > _SILENCE_TIMEOUT_S else "up"
 
 

@@ -11,8 +11,8 @@ from hubodo.units import NS_PER_S
 
 DIAGNOSTICS_TOPIC = "/diagnostics"
 _OK, _WARN, _ERROR, _STALE = range(4)
-_STALE_AGE_S = 2.0
-"""Age of the last frame beyond which a node counts as silent."""
+_STALE_AGE_S, _SLEEP_AGE_S = 2.0, 20.0
+"""Ages of the last frame beyond which a node counts as silent, the second for one that is asleep."""
 
 
 def encode_diagnostics(snapshot: Snapshot, dropped: int) -> bytes:
@@ -68,6 +68,8 @@ def _node_status(node: NodeStatus) -> dict[str, Any]:
     level, text = _OK, "sampling"
     if node.refused is not None:
         level, text = _ERROR, node.refused
+    elif node.asleep and node.age <= _SLEEP_AGE_S:
+        text = "asleep until motion"
     elif node.age > _STALE_AGE_S:
         level, text = _STALE, f"silent for {node.age:.0f} s"
     elif node.samples_lost:

@@ -16,6 +16,7 @@ from hubodo.ingest.link.session import LinkSession
 from hubodo.ingest.live.bulkheads import Bulkheads
 from hubodo.ingest.live.recorder import Recorder
 from hubodo.ingest.live.tee_sink import RecordListener
+from hubodo.ingest.node.health import is_asleep
 from hubodo.ingest.node.session import NodeSession
 from hubodo.ingest.topic.handlers import FixHandler, ImuHandler
 from hubodo.ingest.topic.session import TopicSession
@@ -54,6 +55,7 @@ class NodeStatus:
     rate: Hz over two seconds. age: s since its last frame. clock_offset, clock_sigma: s; clock_drift:
     dimensionless; sigma is None while unknown. gyro, accel: (3,) means of the newest block, rad/s and m/s²,
     node axes. bias: (3,) rad/s by the node's own filter, None before its first. temperature: °C. battery: V.
+    asleep: the node is parked and waits for motion, by its newest health report.
     """
 
     name: str
@@ -75,6 +77,7 @@ class NodeStatus:
     gyro: tuple[float, float, float] | None
     accel: tuple[float, float, float] | None
     refused: str | None
+    asleep: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -300,6 +303,7 @@ def _node_status(node: NodeSession, now_ns: int) -> NodeStatus:
         _mean_vector(newest.gyro) if newest is not None else None,
         _mean_vector(newest.accel) if newest is not None else None,
         node.decoder.mismatch_text,
+        asleep=is_asleep(health),
     )
 
 

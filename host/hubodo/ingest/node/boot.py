@@ -69,14 +69,17 @@ def unwrap_first_sample(boot: BootState, batch: WireBatch, t_ns: int, frames_los
 
 
 def count_lost_samples(
-    tail: BatchTail, index: int, first_ns: int, period_ns: int, overrun: bool
+    tail: BatchTail, index: int, first_ns: int, period_ns: int, overrun: bool, rate_changed: bool = False
 ) -> int | None:
     """Return the number of samples lost between two batches.
 
-    The sample numbers give it modulo 2^16, the device time the multiple of 2^16. Return None where the two
-    disagree after an overrun of the chip's FIFO, because the node restarted its sample numbers.
+    The sample numbers give it modulo 2^16, the device time the multiple of 2^16; at a change of the rate the
+    time between is none of lost samples, as of a node that was asleep. Return None where the two disagree
+    after an overrun of the chip's FIFO, because the node restarted its sample numbers.
     """
     by_index = (index - tail.next_index) & 0xFFFF
+    if rate_changed:
+        return by_index
     by_time = (first_ns - tail.next_device_ns) / period_ns
     lost = by_index + 0x10000 * round((by_time - by_index) / 0x10000)
     if overrun and abs(by_time - lost) > 16 + 0.05 * abs(by_time):

@@ -306,7 +306,8 @@ class NodeDecoder:
         first_ns = unwrap_first_sample(boot, batch, t_ns, frames_lost)
         if tail is not None and stream is not None:
             overrun = bool(batch.flags & _OVERRUN_FLAGS)
-            missing = count_lost_samples(tail, batch.first_index, first_ns, period, overrun)
+            changed = bool(batch.flags & _RATE_CHANGED)
+            missing = count_lost_samples(tail, batch.first_index, first_ns, period, overrun, changed)
             if missing or overrun or frames_lost:
                 self.counts.samples_lost += missing or 0
                 self.counts.gaps += 1

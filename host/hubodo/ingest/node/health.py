@@ -36,6 +36,11 @@ def report_worsening(name: str, before: Health | None, now: Health, t_ns: int) -
     yield Event(t_ns, "health", name, f"{name}: {', '.join(parts)}", health_json(name, now))
 
 
+def is_asleep(health: Health | None) -> bool:
+    """Return True if a node is parked and waits for motion, by its newest report."""
+    return health is not None and bool(health.faults & Fault.ASLEEP)
+
+
 def read_supply(health: Health) -> tuple[float, float]:
     """Return the supply voltage, V, and the remaining charge, 0 to 1; NaN where the node does not know it."""
     known = health.battery_percent <= 100

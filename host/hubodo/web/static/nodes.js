@@ -101,6 +101,7 @@ export class NodeCards {
 function health(node, link) {
   if (node.refused) { return ["bad", "version mismatch"]; }
   if (!link?.up) { return ["bad", "link down"]; }
+  if (node.faults.includes("asleep") && node.silent < 20) { return ["good", "asleep until motion"]; }
   if (node.silent > 3) { return ["bad", `silent for ${node.silent.toFixed(0)} s`]; }
   if (node.faults.length) { return ["warn", node.faults.join(", ").replaceAll("_", " ")]; }
   return ["good", "streaming"];

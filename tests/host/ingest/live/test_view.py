@@ -120,6 +120,15 @@ def test_no_line_of_the_table_is_wider_than_the_terminal(width):
     assert "heading +156°" in words
 
 
+@pytest.mark.parametrize(("age", "state"), [(0.1, "asleep"), (19.9, "asleep"), (20.1, "silent")])
+def test_a_parked_node_is_shown_as_asleep_while_it_reports_every_few_seconds(age, state):
+    node = NodeStatus(
+        "left", "ttyACM0", 1, 0.0, age, 9, 0, 9, 0, 0, 0.0, 0.0, None, 25.3, 3.7, None, None, None, None,
+        asleep=True,
+    )  # fmt: skip
+    assert re.search(rf"left +(ttyACM0 )?{state}", render(snapshot(60, (node,)), 100))
+
+
 def test_a_disk_that_is_almost_full_is_shown_with_the_remaining_time():
     shown = render(snapshot(100, size=10_000_000, free=30_000_000), 100, colours=True)
     assert re.search(r"\x1b\[31m[^\x1b]*30 MB free on disk, enough for 0:05:00", shown)

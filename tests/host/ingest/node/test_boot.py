@@ -46,6 +46,12 @@ def test_a_batch_that_overlaps_the_one_before_loses_no_negative_number_of_sample
     assert count_lost_samples(BatchTail(100, 0, PERIOD_NS, 0), 90, -10 * PERIOD_NS, PERIOD_NS, False) == 0
 
 
+def test_the_time_in_which_a_node_was_asleep_is_none_of_lost_samples() -> None:
+    tail, ten_hours_ns = BatchTail(100, 0, PERIOD_NS, 0), 36_000 * 10**9
+    assert count_lost_samples(tail, 100, ten_hours_ns, PERIOD_NS, False, rate_changed=True) == 0
+    assert count_lost_samples(tail, 116, ten_hours_ns, PERIOD_NS, False, rate_changed=True) == 16
+
+
 def test_the_first_batch_of_a_boot_has_the_device_time_that_it_states() -> None:
     assert unwrap_first_sample(BootState(hello()), _batch(123_456), 0, 0) == 123_456_000
 

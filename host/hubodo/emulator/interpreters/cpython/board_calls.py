@@ -154,6 +154,9 @@ class BoardCalls:
     def pin_get(self, pin):
         return self.ask("PIN_GET", pin)[0]
 
+    def light_sleep(self, pin, ms):
+        return self.ask("LIGHT_SLEEP", pin, struct.pack("<I", ms))[0]
+
     def adc(self, channel):
         return struct.unpack("<H", self.ask("ADC_READ", channel)[1])[0]
 

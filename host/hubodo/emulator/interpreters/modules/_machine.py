@@ -76,6 +76,16 @@ def idle():
     pass
 
 
+def lightsleep(ms=None):
+    """Sleep for `ms`, or until an edge of a pin with a handler; without `ms` nothing ends it."""
+    while ms is None or ms > 0:
+        left = _board.light_sleep(Pin._edges, 60000 if ms is None else min(ms, 60000))
+        if Pin._edges and left:
+            return
+        if ms is not None:
+            ms -= 60000
+
+
 def disable_irq():
     return 0
 
@@ -94,6 +104,8 @@ class Pin:
     PULL_DOWN = 2
     IRQ_RISING = 8
     IRQ_FALLING = 4
+    _edges = 0
+    """Number of the pin with a handler, plus one; only one has a handler here."""
 
     def __init__(self, id, mode=-1, pull=-1, value=None):
         self._id = id._id if isinstance(id, Pin) else _pin_number(id)
@@ -113,6 +125,10 @@ class Pin:
 
     def __call__(self, level=None):
         return self.value(level)
+
+    def irq(self, handler=None, trigger=IRQ_FALLING | IRQ_RISING):
+        """Let a rising edge of this pin end `lightsleep`; the handler is not called."""
+        Pin._edges = self._id + 1 if handler is not None and trigger & Pin.IRQ_RISING else 0
 
     def on(self):
         _pin_set(self._id, 1)
@@ -226,6 +242,9 @@ class SPI:
                     _check_pin(number & 3 == remainder and (number & 8) >> 3 == id, function)
         self._id = id
 
+    def init(self, baudrate=1000000):
+        pass
+
     def write_readinto(self, out, into):
         _board.spi_to(self._id)
         _spi_out(out)
@@ -299,11 +318,16 @@ class UART(io.IOBase):
                     _check_pin(number & 3 == remainder and (number + 4 & 8) >> 3 == id, function.upper())
         self._port = id + 1
         self._timeout = 0
+        self._buffers = (256, 256)
         self.init(baudrate, **options)
 
-    def init(self, baudrate=115200, bits=8, parity=None, stop=1, *, timeout=0, txbuf=256, rxbuf=256, **pins):
-        self._timeout = timeout
-        _uart_init(self._port, baudrate, txbuf, rxbuf)
+    def init(
+        self, baudrate=115200, bits=8, parity=None, stop=1, *, timeout=None, txbuf=None, rxbuf=None, **pins
+    ):
+        # As in ports/rp2/machine_uart.c, what is not given stays as it is.
+        self._timeout = self._timeout if timeout is None else timeout
+        self._buffers = (txbuf or self._buffers[0], rxbuf or self._buffers[1])
+        _uart_init(self._port, baudrate, *self._buffers)
 
     def deinit(self):
         pass

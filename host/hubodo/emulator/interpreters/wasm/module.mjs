@@ -41,6 +41,10 @@ function machine(board, clock, config) {
       return board.ask(op.PIN_SET, pin, 1);
     },
     pin_get: (pin) => board.ask(op.PIN_GET, pin),
+    light_sleep(pin, ms) {
+      view.setUint32(HEADER, ms, true);
+      return board.ask(op.LIGHT_SLEEP, pin, 4);
+    },
     adc(channel) {
       board.ask(op.ADC_READ, channel);
       return board.payload.readUInt16LE(0);

@@ -1,0 +1,43 @@
+"""Nodes that are parked: asleep until motion; no sample is lost while falling asleep or waking up."""
+
+import numpy as np
+import pytest
+
+from hubodo.emulator.board.settings import BoardSettings, SensorBoard
+from hubowire import messages as m
+from parking_runs import PARK_AFTER_S, park
+from virtual_runs import run
+
+
+@pytest.mark.parametrize(("chip", "wired"), [("lsm6dso", True), ("lsm6ds33", False)])
+def test_a_parked_node_sleeps_and_loses_no_sample_from_before_its_wake_up(chip, wired):
+    result = park(2, chip=chip, wired=wired)
+    assert result.falls_asleep >= 2 and result.lost == 0
+    # Time to notice: an edge at once, the register every 0.1 s; then up to two samples at 26 Hz.
+    assert np.all(result.delays < (0.18 if wired else 0.28))
+    # The newest sample is polled every 0.1 ms and more; the period comes from the full rate.
+    assert np.abs(result.stamp_errors).max() < 1000
+    assert result.light_sleeps > (3 if wired else 50)
+    assert result.decoder.counts.samples_lost == result.decoder.counts.gaps == 0
+    assert np.all(np.diff(result.device_s) > 0)
+    assert {health.faults for health in result.healths} == {0, m.Fault.ASLEEP}
+    assert {hello.accel_range_g for hello in result.hellos if hello.rate_mhz} == {2, 16}
+
+
+def test_a_parked_node_reports_that_it_is_asleep_every_four_seconds():
+    result = park(1)
+    asleep = [health.t_us for health in result.healths if health.faults & m.Fault.ASLEEP]
+    assert len(asleep) > 1
+    between = np.diff(asleep) / 1e6
+    assert np.all(between[between < 5.0] > 3.9)
+
+
+@pytest.mark.parametrize("chip", ["icm42688", "mpu6050"])
+def test_a_node_whose_chip_detects_no_motion_does_not_sleep(chip):
+    sent, _, stats = run(
+        PARK_AFTER_S + 2.0,
+        config={"link": "uart", "park_after_s": PARK_AFTER_S},
+        board=BoardSettings(uart_link=0),
+        sensors=SensorBoard(chip),
+    )
+    assert "light_sleeps" not in stats["counts"] and sent
