@@ -21,7 +21,7 @@ from wire import BATCH_FLAG_RATE_CHANGED, FAULT_ASLEEP, GET_HELLO, PING, TIME_RE
 
 _REPORT_MS = const(4000)
 """Interval of Health; half of the watchdog's time."""
-_POLL_MS = const(100)
+_DETECTOR_MS = const(100)
 """Without a wire from INT1 the motion detector is read at this interval."""
 _HISTORY = const(120)
 """Samples from before the end of the sleep: at 26 Hz those since the last report of a node at rest."""
@@ -151,7 +151,7 @@ class Parking(SlowSampling):
                 node.commands.handle(link.reader, ticks_us())
                 node.farewell()
             left = ticks_diff(report_ms, ticks_ms())
-            link.sleep(left if self._pin is not None or left < _POLL_MS else _POLL_MS)
+            link.sleep(left if self._pin is not None or left < _DETECTOR_MS else _POLL_MS)
 
     def _has_turned(self, chip):
         """Return True if the chip differs from the last sample, as after a slow motion, which is no jolt."""

@@ -125,7 +125,7 @@ class LSM6DSO(StImu):
         fifo_mode = self._fifo_on if self.uses_fifo else 0
         self._standing = ((_WHO_AM_I, self.who_am_i), (_FIFO_CTRL4, fifo_mode)) + self._settings
         self._level = memoryview(self._status)[:2]
-        self.forget_counters()
+        self._count = self._ticks = -1
         self.shape(1)
         self.configure(reset=not settings)
 

@@ -1,4 +1,4 @@
-"""What `parking` needs of the chips of ST; a module of its own, as it costs heap."""
+"""Functions and settings of `parking` for the chips of ST; a module of its own, as it costs heap."""
 
 from micropython import const
 
