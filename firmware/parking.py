@@ -151,7 +151,7 @@ class Parking(SlowSampling):
                 node.commands.handle(link.reader, ticks_us())
                 node.farewell()
             left = ticks_diff(report_ms, ticks_ms())
-            link.sleep(left if self._pin is not None or left < _DETECTOR_MS else _POLL_MS)
+            link.sleep(left if self._pin is not None or left < _DETECTOR_MS else _DETECTOR_MS)
 
     def _has_turned(self, chip):
         """Return True if the chip differs from the last sample, as after a slow motion, which is no jolt."""
