@@ -21,6 +21,7 @@ from hubodo.sensors.allan.characterise import characterise_standstill_noise
 from hubodo.sensors.allan.datasheet import CHIP_DATASHEETS, Datasheet, read_datasheet
 from hubodo.sensors.allan.figure import allan_figure
 from hubodo.sensors.allan.ieee952 import is_gyro
+from hubodo.sensors.allan.noise_files import NOISE_CHANNELS, imu_filter_yaml, kalibr_yaml
 from hubodo.sensors.allan.page import NamedResult, allan_page, comparison_table
 from hubodo.sensors.allan.result import AllanResult
 from hubodo.sensors.standstill_channel import IMU_CHANNELS
@@ -29,7 +30,10 @@ from hubodo.verbs.log_options import LOG_HELP, check_nodes, log_form
 from hubodo.verbs.numbers import positive_number
 from hubodo.verbs.standstill import add_page_options, add_selection_arguments, select_standstill
 
-EXAMPLE = "hubodo allan night.mcap --node left --channel gz --figure gz.png --report gz.html"
+EXAMPLE = (
+    "hubodo allan night.mcap --node left --channel gz --figure gz.png --report gz.html\n"
+    "  hubodo allan night.mcap --node left --kalibr imu.yaml --imu-filter imu_filter.yaml"
+)
 
 
 @dataclass(frozen=True)
@@ -94,7 +98,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="1..12",
         help="averaging times per octave (default 1)",
     )
-    add_page_options(parser, "write the log-log plot: .png, .svg or .pdf")
+    parser.add_argument(
+        "--kalibr",
+        type=Path,
+        metavar="YAML",
+        help="write imu.yaml for kalibr from all six channels of one node: N and K, rms of three axes",
+    )
+    parser.add_argument(
+        "--imu-filter",
+        type=Path,
+        metavar="YAML",
+        help="write gain and zeta of the ROS filter imu_filter_madgwick, likewise",
+    )
+    add_page_options(parser, "write the log-log plot: .png, .svg or .pdf", "kalibr", "imu_filter")
 
 
 def run(args: argparse.Namespace) -> AllanResult | AllanComparison:
@@ -117,8 +133,13 @@ def run(args: argparse.Namespace) -> AllanResult | AllanComparison:
     for log in args.log:
         with progress_line() as show:
             recording = read_log(log, input_format=form, progress=show)
-        for node in _nodes(log, recording, args.node):
+        nodes = _nodes(log, recording, args.node)
+        if (args.kalibr or args.imu_filter) and len(nodes) * len(args.log) > 1:
+            raise InputError("--kalibr and --imu-filter describe one node; name one log, and one with --node")
+        for node in nodes:
             sensors += [_characterised(args, log, recording, node, channel) for channel in channels]
+            last = log, recording, node
+    _write_noise_files(args, sensors, *last)
     result: AllanResult | AllanComparison = (
         sensors[0] if len(sensors) == 1 else AllanComparison(tuple(sensors), sheets)
     )
@@ -130,6 +151,23 @@ def run(args: argparse.Namespace) -> AllanResult | AllanComparison:
     if args.figure is not None:
         save_figure(allan_figure(named, title, sheets), args.figure)
     return result
+
+
+def _write_noise_files(
+    args: argparse.Namespace, sensors: Sequence[AllanResult], log: Path, recording: Recording, node: str
+) -> None:
+    """Write the files for other programs, from all channels of the only node; see `noise_files`."""
+    outputs = ((args.kalibr, kalibr_yaml), (args.imu_filter, imu_filter_yaml))
+    if not any(path for path, _ in outputs):
+        return
+    known = {sensor.channel: sensor for sensor in sensors}
+    results = [
+        known.get(channel) or _characterised(args, log, recording, node, channel)
+        for channel in NOISE_CHANNELS
+    ]
+    for path, write in outputs:
+        if path is not None:
+            write_atomically(path, write(results))
 
 
 def _characterised(

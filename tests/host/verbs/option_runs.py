@@ -63,6 +63,7 @@ RUNS: tuple[Run, ...] = (
         "--per-octave 2 --figure out-{n}.svg --report out-{n}.html"
     ),
     Run("allan rest.mcap --node left --as-is"),
+    Run("allan rest.mcap --node left --kalibr out-{n}.yaml --imu-filter out-{n}-filter.yaml"),
     *_logs("warmup", "", 2, "too short for a warm-up"),
     Run(
         f"warmup rest.mcap --node left --channel gx --force {_STILL} --age 1 --at 60 -o out-{{n}}.toml "
