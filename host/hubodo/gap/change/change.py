@@ -186,7 +186,8 @@ def _build_states(problems: Sequence[Problem], estimate: State) -> tuple[State, 
     """Return the states of both logs with the effects that were found in the first, without unnamed terms."""
     terms = [term for term in estimate.terms if not term.effect.name.startswith(PREFIX)]
     first = replace(estimate, problem=problems[0]).reset_with_terms(terms)
-    return first, build_initial_state(problems[1]).with_terms(terms)
+    second = replace(build_initial_state(problems[1]), has_steady_wheels=estimate.has_steady_wheels)
+    return first, second.with_terms(terms)
 
 
 def _is_of_drive(term: ModelTerm) -> bool:
