@@ -4,8 +4,11 @@ BIN := .venv/bin
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 # The matrices here are small: threads of a matrix library cost more time than they save.
 export OPENBLAS_NUM_THREADS := 1
-# Hundreds of processes import the same files, so their bytecode is cached.
+# Hundreds of processes import the same files, so their bytecode is cached; a new checkout is compiled by one
+# process, instead of by five that start at the same time.
 unexport PYTHONDONTWRITEBYTECODE
+# Hypothesis would import the plugins of other packages, such as trio, into every process.
+export HYPOTHESIS_NO_PLUGINS := 1
 
 .PHONY: demo test quick check docs package chip power bench soak papers accuracy road sensitivity gap-matrix gap-limit gap-reliability gap-several gap-beyond gap-rides gap-real gap-semi mutants faults fuzz load fleet interop audit screenshots browser compiler setup clean
 .DEFAULT_GOAL := demo
@@ -14,6 +17,7 @@ demo: setup          ## the main job end to end, without hardware
 	$(BIN)/hubodo demo -o out/demo
 
 test: setup browser compiler  ## all tests that need no hardware
+	@test -d tests/host/fuse/__pycache__ || $(BIN)/python -m pytest --collect-only --quiet >/dev/null
 	$(BIN)/python -m pytest --numprocesses 5 --dist loadfile --no-loadscope-reorder -m "not alone"
 	$(BIN)/python -m pytest -m alone tests/signal_path/test_north_table.py
 

@@ -111,9 +111,9 @@ def _nees_and_nis(
 
 @pytest.mark.parametrize("source", ["nominal", "tape", "rolled"])
 def test_the_distance_is_consistent_with_radii_as_wrong_as_their_origin_says(source: RadiusSource) -> None:
-    """20 drives of 15 m straight on, seeds 640..659: relative radius errors of 2.5, 1 and 0.3 %."""
+    """10 drives of 15 m straight on, seeds 640..649: relative radius errors of 2.5, 1 and 0.3 %."""
     sigmas, values = RADIUS_SIGMAS[source], []
-    for seed in range(640, 660):
+    for seed in range(640, 650):
         rng = np.random.default_rng(seed)
         errors = wheel_drives.Errors(radius=sigmas.own)
         plan = wheel_drives.ramps([(2.0, 0.0, 0.0), (9.0, 2.0, 0.0)])
