@@ -1,4 +1,4 @@
-"""Methods of a log in memory that analyse one sensor: noise, warm-up, filters, heading, IMU calibration."""
+"""Methods of a log in memory that analyse one sensor: noise, warm-up, filters, heading, IMU, north."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from hubodo.sensors.heading.result import HeadingResult
     from hubodo.sensors.imu.result import ImuCalibration
     from hubodo.sensors.imu.scalar_calibration import Convention
+    from hubodo.sensors.north.measurements import Method as NorthMethod
+    from hubodo.sensors.north.result import NorthResult
     from hubodo.sensors.standstill_channel import StandstillRecord
     from hubodo.sensors.warmup.result import WarmupResult
 
@@ -310,6 +312,75 @@ class SensorMethods:
             table_rate_deg_s=table_rate_deg_s,
             convention=convention,
             min_standstill=min_standstill,
+        )
+
+    def north(
+        self,
+        node: str | None = None,
+        axis: Literal["x", "y", "z"] = "x",
+        *,
+        latitude_deg: float,
+        method: NorthMethod = "maytag",
+        near_deg: float | None = None,
+        calibration: StrPath | Calibration | None = None,
+        allan: StrPath | None = None,
+        settle: float | None = None,
+        find_stops: bool = False,
+        scale_sigma: float | None = None,
+    ) -> NorthResult:
+        """Find the azimuth of a turntable's zero from Earth rate, as `hubodo north` does.
+
+        Parameters
+        ----------
+        node : str, optional
+            Name of the node; by default the only one.
+        axis : {"x", "y", "z"}
+            Gyro axis, level on the table.
+        latitude_deg : float
+            Latitude, degrees, north positive.
+        method : {"maytag", "maytag4", "carousel", "east"}
+            How the table was moved.
+        near_deg : float, optional
+            Approximate azimuth of table zero, degrees, to resolve an ambiguity.
+        calibration : str, path-like or Calibration, optional
+            Calibration to apply.
+        allan : str or path-like, optional
+            Noise of the axis: output of `hubodo allan --json`.
+        settle : float, optional
+            Time cut off at both ends of each stop, s; by default detected.
+        find_stops : bool
+            Detect the stops even if the log has a table.
+        scale_sigma : float, optional
+            Relative 1σ of the scale; by default from the calibration, else 0.01.
+
+        Returns
+        -------
+        NorthResult
+            Azimuth of table zero, clockwise from north, with its sigma, rad.
+
+        Raises
+        ------
+        InputError
+            If the axis is missing or not level, units are doubtful, or the stops do not suffice.
+
+        References
+        ----------
+        Prikhodko et al., What is MEMS gyrocompassing? Comparative analysis of maytagging and carouseling.
+        """
+        from hubodo.api.sensors import find_log_north
+
+        return find_log_north(
+            self,
+            self._node(node),
+            axis,
+            latitude_deg=latitude_deg,
+            method=method,
+            near_deg=near_deg,
+            calibration=calibration,
+            allan=allan,
+            settle=settle,
+            find_stops=find_stops,
+            scale_sigma=scale_sigma,
         )
 
     def _standstill(self, node: str | None, channel: str, **options: Any) -> StandstillRecord:

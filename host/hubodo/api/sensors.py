@@ -1,4 +1,4 @@
-"""Heading and IMU calibration of a log in memory."""
+"""Heading, IMU calibration and north of a log in memory."""
 
 from __future__ import annotations
 
@@ -17,6 +17,11 @@ from hubodo.sensors.heading.result import HeadingResult
 from hubodo.sensors.imu.calibrate import calibrate_imu
 from hubodo.sensors.imu.result import ImuCalibration
 from hubodo.sensors.imu.scalar_calibration import Convention
+from hubodo.sensors.north.from_recordings import NorthOptions, north_from_recordings
+from hubodo.sensors.north.measurements import METHODS
+from hubodo.sensors.north.measurements import Method as NorthMethod
+from hubodo.sensors.north.plan import read_drift_noise
+from hubodo.sensors.north.result import NorthResult
 
 if TYPE_CHECKING:
     from hubodo.api.sensor_methods import SensorMethods
@@ -84,3 +89,39 @@ def calibrate_log_imu(
         min_standstill=min_standstill,
     )
     return replace(calibration, node=node)
+
+
+def find_log_north(
+    log: SensorMethods,
+    node: str,
+    axis: str,
+    *,
+    latitude_deg: float,
+    method: NorthMethod,
+    near_deg: float | None,
+    calibration: StrPath | Calibration | None,
+    allan: StrPath | None,
+    settle: float | None,
+    find_stops: bool,
+    scale_sigma: float | None,
+) -> NorthResult:
+    """Return the azimuth of table zero from a node; parameters as in `LoadedLog.north`."""
+    if axis not in ("x", "y", "z"):
+        raise InputError(f"axis {axis!r}: choose from x, y, z")
+    if method not in METHODS:
+        raise InputError(f"method {method!r}: choose from {', '.join(METHODS)}")
+    if scale_sigma is not None and not 0.0 < scale_sigma <= 0.2:
+        raise InputError(f"scale_sigma = {scale_sigma}: give a fraction above 0, up to 0.2")
+    options = NorthOptions(
+        latitude_deg,
+        (axis,),
+        method,
+        near_deg,
+        settle,
+        find_stops,
+        None,
+        scale_sigma,
+        as_calibration(calibration)[0],
+        None if allan is None else read_drift_noise(Path(allan)),
+    )
+    return north_from_recordings([(str(log.path), log.recording)], [node], options)

@@ -8,31 +8,25 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from hubodo.atomic_files import write_atomically
-from hubodo.calibration.apply import apply_calibration
 from hubodo.calibration.file import Calibration, read_calibration
 from hubodo.errors import InputError
-from hubodo.fuse.ranges import determine_ranges, node_metadata
 from hubodo.log.any_log import read_log
-from hubodo.log.units import check_units
 from hubodo.pages.drawing import save_figure
 from hubodo.pages.page import render_page
 from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
-from hubodo.sensors.heading.estimate import UNCALIBRATED_SCALE_SIGMA
-from hubodo.sensors.north.axis_record import AxisRecord, GyroAngleOptions, axis_mount, build_axis_record
-from hubodo.sensors.north.circular import fuse_azimuths
+from hubodo.sensors.north.axis_record import AxisRecord, axis_mount
+from hubodo.sensors.north.from_recordings import NorthOptions, north_from_recordings
 from hubodo.sensors.north.measurements import METHODS
-from hubodo.sensors.north.north_estimate import NorthEstimate, find_north, horizontal_earth_rate
+from hubodo.sensors.north.north_estimate import NorthEstimate, horizontal_earth_rate
 from hubodo.sensors.north.page import north_figure, north_sections, summarise_north
 from hubodo.sensors.north.plan import StopPlan, read_drift_noise
 from hubodo.sensors.north.result import NorthResult
 from hubodo.sensors.north.simulated_table import SimulatedTable, simulate_stops
-from hubodo.vehicle import NodeMount
 from hubodo.verbs.log_options import add_log_options, log_form
 from hubodo.verbs.north_live import check_live_options, record_live
 from hubodo.verbs.north_plan import run_plan
@@ -197,30 +191,20 @@ def run(args: argparse.Namespace) -> NorthResult | StopPlan:
         recordings.append(live.recording)
     with progress_line() as show:
         nodes = args.node or ([live.node] if live is not None else _only_node(args, recordings[0]))
-        gyros, warnings, used = _estimate_gyros(args, recordings, nodes, calibration, show)
-    azimuth, sigma = gyros[0].azimuth, gyros[0].sigma
-    if len(gyros) > 1:
-        azimuth, sigma = fuse_azimuths(
-            [(north.posterior, north.horizontal_rate) for north in gyros],
-            max(north.angle_sigma for north in gyros),
-        )
-    result = NorthResult(
-        args.latitude_deg,
-        azimuth,
-        sigma,
-        gyros,
-        warnings,
-        used,
-        None if args.simulate_azimuth_deg is None else math.radians(args.simulate_azimuth_deg),
-        None if args.output is None else str(args.output),
-        None if live is None else live.east,
-        None if live is None else live.east_table_angle,
+        result = _estimate(args, recordings, nodes, calibration, show)
+    simulated = args.simulate_azimuth_deg
+    result = replace(
+        result,
+        simulated_azimuth=None if simulated is None else math.radians(simulated),
+        output=None if args.output is None else str(args.output),
+        east=None if live is None else live.east,
+        east_table_angle=None if live is None else live.east_table_angle,
     )
     if args.report is not None:
         page = render_page("North", summarise_north(result), north_sections(result))
         write_atomically(args.report, page)
     if args.figure is not None:
-        save_figure(north_figure(gyros[0], gyros[0].name), args.figure)
+        save_figure(north_figure(result.gyros[0], result.gyros[0].name), args.figure)
     return result
 
 
@@ -244,11 +228,11 @@ def _previous_estimates(
         return {}
     nodes = args.node or _only_node(args, recordings[0])
     try:
-        gyros, *_ = _estimate_gyros(args, recordings, nodes, calibration, lambda text, share: None)
+        result = _estimate(args, recordings, nodes, calibration, lambda text, share: None)
     except InputError as error:
         print(f"{args.resume[0]}: used, but not yet sufficient by itself: {error}", file=sys.stderr)
         return {}
-    return {north.axis: north for north in gyros}
+    return {north.axis: north for north in result.gyros}
 
 
 def _only_node(args: argparse.Namespace, recording: Recording) -> list[str]:
@@ -258,103 +242,39 @@ def _only_node(args: argparse.Namespace, recording: Recording) -> list[str]:
     return nodes
 
 
-def _estimate_gyros(
+def _estimate(
     args: argparse.Namespace,
     recordings: Sequence[Recording],
     nodes: Sequence[str],
     calibration: Calibration | None,
     show: Callable[[str, float], None],
-) -> tuple[tuple[NorthEstimate, ...], tuple[str, ...], Mapping[str, Any]]:
-    """Return the estimate of each requested axis, the warnings, and the calibration as applied."""
-    requested = [(node, axis) for node in nodes for axis in args.axis or ["x"]]
-    gyros: list[NorthEstimate] = []
-    warnings: list[str] = []
-    corrected: list[Mapping[str, Table]] = []
-    used: dict[str, Any] = {}
-    for index, recording in enumerate(recordings):
-        check_units(recording, nodes, _log_name(args, index), log_form(args, needed=()).si_factors())
-        tables, applied, notes = _calibrated_tables(_log_name(args, index), recording, nodes, calibration)
-        corrected.append(tables)
-        used |= applied
-        warnings += notes
-    drift = None if args.allan is None else read_drift_noise(args.allan)
-    for node, axis in requested:
-        show(f"{node} {axis}", len(gyros) / len(requested))
-        records = []
-        for recording, tables in zip(recordings, corrected, strict=True):
-            record, notes = _axis_record(args, recording, tables[node], axis, calibration, node)
-            records.append(record)
-            warnings += [f"{node} {axis}: {text}" for text in notes]
-        near = None if args.near_deg is None else math.radians(args.near_deg)
-        latitude = math.radians(args.latitude_deg)
-        estimate = find_north(records, latitude, args.method, settle=args.settle, near=near, drift=drift)
-        gyros.append(replace(estimate, node=node, axis=axis))
-        warnings += [f"{node} {axis}: {text}" for text in estimate.warnings]
-    return tuple(gyros), tuple(dict.fromkeys(warnings)), used
+) -> NorthResult:
+    """Return the azimuth from each requested axis, and from all of them together."""
+
+    def simulate(node: Table, axis: str) -> tuple[AxisRecord, list[str]]:
+        return _simulated_record(args, node, axis)
+
+    options = NorthOptions(
+        args.latitude_deg,
+        args.axis or ["x"],
+        args.method,
+        args.near_deg,
+        args.settle,
+        args.find_stops,
+        args.step_deg,
+        args.scale_sigma,
+        calibration,
+        None if args.allan is None else read_drift_noise(args.allan),
+        tuple(log_form(args, needed=()).si_factors()),
+        None if args.simulate_azimuth_deg is None else simulate,
+    )
+    named = [(_log_name(args, index), recording) for index, recording in enumerate(recordings)]
+    return north_from_recordings(named, nodes, options, show)
 
 
 def _log_name(args: argparse.Namespace, index: int) -> str:
     logs = args.log or args.resume
     return str(logs[index]) if index < len(logs) else "the recording"
-
-
-def _calibrated_tables(
-    log: str, recording: Recording, nodes: Sequence[str], calibration: Calibration | None
-) -> tuple[Mapping[str, Table], Mapping[str, Any], list[str]]:
-    """Return the calibrated tables of the nodes, the calibration as applied, and warnings."""
-    for node in nodes:
-        if node not in recording.nodes:
-            raise InputError(f"{log}: holds no node {node!r}; it has {', '.join(recording.nodes) or 'none'}")
-        if calibration is not None and node not in calibration.nodes:
-            known = ", ".join(calibration.nodes) or "none"
-            raise InputError(f"--calibration holds no node {node!r}; it has {known}")
-    tables = {node: recording.nodes[node] for node in nodes}
-    if calibration is None:
-        return tables, {}, []
-    applied = apply_calibration(
-        tables,
-        calibration,
-        metadata=recording.metadata,
-        events=recording.events,
-        t_zero_ns=recording.t_zero_ns,
-    )
-    return applied.nodes, applied.summaries, list(applied.warnings)
-
-
-def _axis_record(
-    args: argparse.Namespace,
-    recording: Recording,
-    node: Table,
-    axis: str,
-    calibration: Calibration | None,
-    name: str,
-) -> tuple[AxisRecord, list[str]]:
-    """Return the record of one axis: with the given table angles, with detected ones, or simulated."""
-    if args.simulate_azimuth_deg is not None:
-        return _simulated_record(args, node, axis)
-    latitude = math.radians(args.latitude_deg)
-    table = None if args.find_stops else recording.table
-    if table is None and args.method == "carousel":
-        raise InputError(
-            "a carousel needs table.csv (t,angle,moving): the gyro alone does not give its angle"
-        )
-    if table is None and len(args.log or args.resume) + (args.live is not None) > 1:
-        raise InputError("several logs can be combined only if table.csv gives their angles")
-    step = None if args.step_deg is None else math.radians(args.step_deg)
-    ranges = determine_ranges(NodeMount(), node_metadata(recording.metadata, name), recording.nodes[name])
-    limit = ranges.clipping_limits["gyro_limit"]
-    detection = GyroAngleOptions(_scale_sigma(args, calibration, name), step, limit)
-    return build_axis_record(node, axis, table, latitude, detection)
-
-
-def _scale_sigma(args: argparse.Namespace, calibration: Calibration | None, node: str) -> float:
-    """Return the relative 1σ of the gyro scale: as given, else calibrated, else typical of MEMS gyros."""
-    if args.scale_sigma is not None:
-        return float(args.scale_sigma)
-    if calibration is not None and "gyro_scale_factor" in calibration.nodes[node].effects:
-        known = calibration.nodes[node].effects["gyro_scale_factor"].parameters.values()
-        return max(quantity.sigma for quantity in known)
-    return UNCALIBRATED_SCALE_SIGMA
 
 
 def _simulated_record(args: argparse.Namespace, node: Table, axis: str) -> tuple[AxisRecord, list[str]]:

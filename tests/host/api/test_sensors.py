@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import hubodo
+from generators.table_folders import write_record
+from generators.table_record import DEG_H, Programme
 from in_process import hubodo as run
 from vehicles import DRIVE_MODEL, LOW_INPUT_NOISE
 
@@ -79,3 +81,25 @@ def test_invalid_calls_are_refused_in_one_line(call, error, message, logs):
     with pytest.raises(error, match=message) as caught:
         call(hubodo.open(logs / "random.mcap"))
     assert "\n" not in str(caught.value)
+
+
+def test_north_equals_that_of_the_verb(tmp_path):
+    """A tactical gyro on a table at 45 degrees of latitude, with table.csv; the azimuth is 30 degrees."""
+    programme = Programme([180, -90, 180, -270, 180, -90, 180], [15.0] * 8, [60.0] * 7)
+    world = {"azimuth": np.radians(30.0), "latitude": np.radians(45.0), "hz": 10.0}
+    noise = {"n": np.radians(0.002), "b": 0.5 * DEG_H, "k": 1e-8}
+    folder = tmp_path / "table"
+    write_record(folder, programme, np.random.default_rng(1), noise=noise, **world)
+    log = hubodo.open(folder)
+    result = log.north(latitude_deg=45.0, method="maytag4", near_deg=20.0)
+    words = ("north", folder, "--latitude-deg", 45, "--method", "maytag4", "--near-deg", 20)
+    assert verb_result(*words) == as_printed(result)
+    assert abs(np.degrees(result.azimuth) - 30.0) < 4.0 * np.degrees(result.sigma) < 40.0
+    for options, message in (
+        ({"axis": "up"}, "axis 'up': choose from x, y, z"),
+        ({"method": "spin"}, "method 'spin': choose from maytag"),
+        ({"scale_sigma": 2.0}, "scale_sigma = 2.0"),
+        ({"latitude_deg": 95.0}, "latitude"),
+    ):
+        with pytest.raises(hubodo.InputError, match=message):
+            log.north(**{"latitude_deg": 45.0, **options})
