@@ -60,11 +60,11 @@ def draw_from_priors(rng):
 
 
 def test_nees_of_poses_and_constants_is_inside_the_chi_square_band():
-    """NEES of one pose (3 dof) and of four constants for each of 30 drives, seeds 0 to 29.
+    """NEES of one pose (3 dof) and of four constants for each of 20 drives, seeds 0 to 19.
 
     Both means lie within the 99.9 % band.
     """
-    pose_nees, constants_nees, drives = [], [], 30
+    pose_nees, constants_nees, drives = [], [], 20
     for seed in range(drives):
         errors, corrections = draw_from_priors(np.random.default_rng([seed, 45]))
         drive = simulate_drive(seed, length=100.0, errors=errors, rate_hz=10.0, fix_hz=2.0)
