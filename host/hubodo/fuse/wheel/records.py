@@ -52,6 +52,7 @@ class Pose(NamedTuple):
     motion_state : moving, rocking or standstill.
     nis, dof : normalised innovation squared of the step and its degrees of freedom.
     inertial_speed : True if no wheel but only accelerometers measured the speed.
+    published : x, y, heading on /odom at the same time, where corrections are slewed; None in bulk.
     """
 
     t: float
@@ -65,6 +66,7 @@ class Pose(NamedTuple):
     nis: float
     dof: int
     inertial_speed: bool = False
+    published: tuple[float, float, float] | None = None
 
 
 def add_common_scale(pose: Pose, sigma: float) -> Pose:

@@ -132,8 +132,10 @@ class Localizer:
             return None
         x, y, heading = self._to_map_frame(state)
         self._map = self._map or state.frame
-        rotation = heading - pose.heading
-        rotated = cmath.exp(1j * rotation) * complex(pose.x, pose.y)
+        # A correction that /odom has not followed yet belongs to map → odom.
+        odom_x, odom_y, odom_heading = pose.published or (pose.x, pose.y, pose.heading)
+        rotation = heading - odom_heading
+        rotated = cmath.exp(1j * rotation) * complex(odom_x, odom_y)
         return MapPose(
             np.array([self._t_zero_ns + round(pose.t * NS_PER_S)], np.int64),
             np.array([[x, y]]),

@@ -27,6 +27,7 @@ from hubodo.fuse.wheel.filter import WheelFilter, WheelSample, WheelState
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.records import Pose
 from hubodo.fuse.wheel.window import WINDOW_S
+from hubodo.ingest.live.continuous_odom import ContinuousOdom
 from hubodo.log.records import ImuBlock, Odometry, Sink, Transform
 from hubodo.log.timebase import to_seconds
 from hubodo.units import NS_PER_S
@@ -112,6 +113,7 @@ class Odometer:
         self._filter: WheelFilter | None = None
         self._last_ns: int | None = None
         self._state: WheelState | None = None
+        self._continuous = ContinuousOdom()
         self._initial_states = bytearray()  # of the beginning only: a drive may last for weeks
         self._was_stationary = False
         self._window_count = 0
@@ -285,11 +287,22 @@ class Odometer:
             if self._last_ns is not None and state_ns - self._last_ns < min_interval_ns:
                 continue
             self._last_ns = state_ns
-            published.append((state_ns, state))
+            published.append((state_ns, self._slew(state)))
         return self._build_rows(published) if published else None
 
+    def _slew(self, state: WheelState) -> WheelState:
+        """Return the state to publish, without jumps."""
+        x, y, heading = self._continuous.update(
+            state.t, state.x, state.y, state.heading, state.speed, state.yaw_rate
+        )
+        covariance = self._continuous.covariance(state.covariance)
+        return replace(state, x=x, y=y, heading=heading, covariance=covariance)
+
     def _add_poses(self, poses: tuple[Pose, ...]) -> None:
-        self._new_poses += poses
+        self._new_poses += [
+            pose._replace(published=self._continuous.offset_pose(pose.x, pose.y, pose.heading))
+            for pose in poses
+        ]
         for pose in poses:
             self._window_count += 1
             if len(self._initial_states) < START_WINDOWS:
