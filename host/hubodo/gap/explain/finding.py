@@ -56,6 +56,8 @@ def build_finding(
     gains_below = {other: own.gain - gain for other, gain in gains.items()} if own is not None else {}
     is_overshadowed = _is_overshadowed(term, result, rounds)
     confidence = _limit_confidence(probabilities.get(name, 0.0), own, gains_below, is_overshadowed)
+    scopes = _list_equal_scopes(hypotheses, own)
+    confidence /= max(len(scopes), 1)
     others = sorted(
         ((probability, other) for other, probability in probabilities.items() if other != name), reverse=True
     )
@@ -66,6 +68,8 @@ def build_finding(
     )
     where = own.proposal.where if own is not None and own.proposal is not None else ""
     where = where or describe_where(*residuals)
+    if len(scopes) > 1:
+        where += f"; which of {', '.join(scopes)} it is remains in doubt"
     if inseparable:
         where += "; " + describe_manoeuvre(name, inseparable)
     return Finding(
@@ -81,6 +85,17 @@ def build_finding(
         inseparable,
         _list_alternatives(hypotheses, {**probabilities, name: float(min(confidence, 1.0))}, own),
     )
+
+
+def _list_equal_scopes(hypotheses: Sequence[Hypothesis], own: Hypothesis | None) -> list[str]:
+    """Return the scopes that share the probability of the effect: the log does not distinguish them."""
+    if own is None or own.probability <= 0.0:
+        return []
+    return [
+        one.term.scope
+        for one in hypotheses
+        if one.term.effect.name == own.term.effect.name and one.probability == own.probability
+    ]
 
 
 def _list_alternatives(

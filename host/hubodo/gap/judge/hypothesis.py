@@ -78,6 +78,12 @@ class Hypothesis:
         gain = self.held_out_gain
         return gain is not None and is_within_level(self.term, gain)
 
+    @property
+    def doubtful_gain(self) -> float:
+        """Return the held-out gain that the level of the noise leaves in doubt; 0 if it was not computed."""
+        gain = self.held_out_gain
+        return 0.0 if gain is None else doubtful_gain(self.term, gain)
+
     def with_objection(self, objection: str) -> Hypothesis:
         """Return a copy with an objection, and so with little evidence."""
         return replace(self, objection=objection, evidence=min(self.evidence, _OBJECTION_EVIDENCE))
@@ -96,10 +102,15 @@ class Hypothesis:
 
 def is_within_level(term: ModelTerm, gain: HeldOutGain) -> bool:
     """Return True if the held-out gain of a term is within what the level of the noise leaves in doubt."""
+    return gain.total < doubtful_gain(term, gain)
+
+
+def doubtful_gain(term: ModelTerm, gain: HeldOutGain) -> float:
+    """Return the held-out gain of a term that the level of the noise leaves in doubt."""
     is_unnamed = term.effect.name.startswith(PREFIX)
     size_ratio = max(len(term.effect.coordinates()) / _TRIAD_SIZE, 1.0)
     sigmas = _MIN_LEVEL_SIGMAS_UNNAMED if is_unnamed else _MIN_LEVEL_SIGMAS * math.sqrt(size_ratio)
-    return gain.total < sigmas * gain.level_sigma
+    return sigmas * gain.level_sigma
 
 
 def judge_effect(before: Refit, screened: ScreenedCandidate, after: Refit, tempering: float) -> Hypothesis:

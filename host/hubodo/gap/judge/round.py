@@ -200,7 +200,29 @@ def _prefer_simple(ordered: tuple[Hypothesis, ...], tempering: float) -> tuple[H
     result[0] = replace(ordered[chosen], probability=first.probability)
     if chosen:
         result[chosen] = replace(first, probability=ordered[chosen].probability)
-    return tuple(result)
+    return share_between_scopes(result)
+
+
+def share_between_scopes(ordered: Sequence[Hypothesis]) -> tuple[Hypothesis, ...]:
+    """Divide the probability of the first hypothesis among the scopes that gain as much on held-out samples.
+
+    As much: within what the level of the noise leaves in doubt. The speed that two wheels measure together
+    shows the difference of their clocks alone, so that which clock is late remains in doubt.
+    """
+    first = ordered[0]
+    scopes = [
+        k
+        for k, one in enumerate(ordered)
+        if one.term.effect.name == first.term.effect.name
+        and one.state is not None
+        and not one.objection
+        and first.held_out_total - one.held_out_total <= first.doubtful_gain
+    ]
+    share = sum(ordered[k].probability for k in scopes) / max(len(scopes), 1)
+    return tuple(
+        replace(one, probability=share) if k in scopes and len(scopes) > 1 else one
+        for k, one in enumerate(ordered)
+    )
 
 
 def _object_to_substitutes(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from hubodo.effects import BY_NAME
-from hubodo.gap.judge.round import judge_round
+from hubodo.gap.judge.hypothesis import Hypothesis
+from hubodo.gap.judge.round import judge_round, share_between_scopes
 from hubodo.gap.judge.search import build_initial_state
 from hubodo.gap.problem.build import build_problem
 from hubodo.gap.process_noise.evaluation import Evaluation
 from hubodo.gap.process_noise.symmetric import SymmetricStack
 from hubodo.gap.process_noise.tracking import estimate_weights, track_wheel_phase
+from hubodo.gap.refit.cross_validation import HeldOutGain
 from hubodo.gap.state.noise import ChannelNoise
 from hubodo.gap.state.terms import ALL, ModelTerm
 from hubodo.log.csv_folder import read_folder
@@ -84,3 +86,30 @@ def test_a_symmetric_stack_of_any_length_computes_like_full_matrices(count):
         stack.multiply(vector), np.einsum("bij,j->bi", full, vector), rtol=1e-9, atol=1e-12
     )
     np.testing.assert_array_equal(stack.select(columns).unpack(), full[:, columns][:, :, columns])
+
+
+@pytest.mark.parametrize(
+    ("name", "other_total", "shares"),
+    [
+        ("time_offset", 4000.0, (0.5, 0.5)),
+        ("time_offset", 2000.0, (1.0, 0.0)),
+        ("clock_skew", 4000.0, (1.0, 0.0)),
+    ],
+)
+def test_scopes_within_the_level_of_the_noise_share_the_probability(evaluation, name, other_total, shares):
+    """The level of 3,000 leaves a held-out gain of 1,350 in doubt."""
+    hypotheses = [
+        Hypothesis(
+            ModelTerm(BY_NAME[effect](), node),
+            total,
+            1.0,
+            probability,
+            evaluation.state,
+            held_out_gain=HeldOutGain(total, 1.0, 3000.0),
+        )
+        for effect, node, total, probability in (
+            ("time_offset", "left", 4300.0, 1.0),
+            (name, "right", other_total, 0.0),
+        )
+    ]
+    assert tuple(one.probability for one in share_between_scopes(hypotheses)) == shares
