@@ -85,7 +85,7 @@ def _open_imu(parts, board, imu, wants_fifo):
     if parts.was_running is None:
         parts.was_running = chip.was_running
         if chip.was_running and board.reset_cause in _WITHOUT_POWER:
-            # An IMU that was running kept its power: it was no power-on.
+            # An IMU that is still configured was not without power: the board restarted alone.
             board.reset_cause = RESET_CAUSE_HARD
 
 

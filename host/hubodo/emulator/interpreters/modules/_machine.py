@@ -235,7 +235,7 @@ class SPI:
 
     def __init__(self, id, baudrate=1000000, *, polarity=0, phase=0, sck=None, mosi=None, miso=None):
         if _IS_RP2:
-            # ports/rp2/machine_spi.c: four functions in turn on the pins, the two units in eights.
+            # ports/rp2/machine_spi.c: pin n has function n modulo 4, of unit n // 8 modulo 2.
             for function, remainder, pin in (("SCK", 2, sck), ("MOSI", 3, mosi), ("MISO", 0, miso)):
                 if pin is not None:
                     number = _number(pin, 0)
