@@ -111,8 +111,9 @@ class Node:
             self.sampler.end()
         else:
             self._set_bias()
+            # Before sampling starts, as the clock of the samples needs its first poll at once.
+            gc.collect()
             self.parts.start(False)
-        gc.collect()
         self.free_heap = gc.mem_free()
         """bytes; measured here alone, as that walks the heap. Nothing is allocated from here on."""
         reports.hello(self)

@@ -162,9 +162,9 @@ def _allan(
                 shown.append(f"{noise_term.value:.3g} ± {noise_term.sigma:.1g} {unit.si} ({common})")
         rows.append((channel, *shown))
         if channel == "gz":
+            facts.append(f"{name} gz: {summarise_allan(result)}")
             if t[-1] - t[0] < _MIN_PLOTTED_STANDSTILL:
                 continue  # a deviation from a few seconds is mostly uncertainty
-            facts.append(f"{name} gz: {summarise_allan(result)}")
             detail = [
                 replace(section, title=f"{name} gz: {section.title}") for section in allan_sections(result)
             ]

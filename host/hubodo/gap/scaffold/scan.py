@@ -128,7 +128,7 @@ def _try_shape(shape: Shape, target_data: Sequence[_TargetData], nodes: int) -> 
             total = sum(evidence for _, evidence in targets_and_evidence)
             yield Dependence(shape, tuple(target for target, _ in targets_and_evidence), node, total)
     for target, entries in by_target.items():
-        # A dependence common to all nodes has its cause in the vehicle; az is excluded, as nodes face both ways.
+        # A dependence common to all nodes has its cause in the vehicle; not in az, as nodes face both ways.
         if shape.is_shareable and nodes > 1 and len(entries) == nodes and target.name != "az":
             score, information = (
                 np.sum([entry[1] for entry in entries], 0),
