@@ -16,7 +16,7 @@ _MIN_LEVELS = 5
 
 
 def saturated_value(values: Array) -> tuple[float, float] | None:
-    """Return the value at which samples (N,) are saturated and the share of those that have it, or None."""
+    """Return the value at which samples (N,) are saturated, and the share that equals it; else None."""
     levels, counts = np.unique(values[np.isfinite(values)], return_counts=True)
     if len(levels) < _MIN_LEVELS:
         return None

@@ -22,7 +22,7 @@ from hubodo.gap.state.terms import ModelTerm
 REPEATABILITY = 0.1
 # Largest change that still is repeatability, in its sigma.
 _MAX_CHANGE_SIGMA = 2.0
-# Tempering from which on residuals are so correlated that small changes cannot be told from new effects.
+# Tempering from which on residuals are so correlated that a small change looks like a new effect.
 _MIN_TEMPERING = 2.0
 
 

@@ -207,7 +207,7 @@ def share_between_scopes(ordered: Sequence[Hypothesis]) -> tuple[Hypothesis, ...
     """Divide the probability of the first hypothesis among the scopes that gain as much on held-out samples.
 
     As much: within what the level of the noise leaves in doubt. The speed that two wheels measure together
-    shows the difference of their clocks alone, so that which clock is late remains in doubt.
+    shows the difference of their clocks alone, and either may be the late one.
     """
     first = ordered[0]
     scopes = [
