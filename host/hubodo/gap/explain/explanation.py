@@ -111,7 +111,7 @@ def _summarise(result: MissingEffects, name: str, rows: list[ExplanationRow], is
     """Return one sentence on what became of the effect."""
     for finding in result.found:
         if finding.effect == name:
-            return f"{name} was found ({finding.scope}), probability {format_probability(finding.confidence)}"
+            return f"{name} is named ({finding.scope}), probability {format_probability(finding.confidence)}"
     if is_rejected:
         return f"{name} was not considered: --reject {name}"
     for finding in result.refined:

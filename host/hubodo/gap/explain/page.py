@@ -207,11 +207,11 @@ def _confidence_card(result: MissingEffects) -> str:
             f"<p>that no known effect is missing</p></div>"
         )
     weakest = min(result.found, key=lambda finding: finding.confidence)
-    others = " for each name" if len(result.found) > 1 else ""
+    remark = ", the lowest of all names" if len(result.found) > 1 else ""
     return (
         f'<div class="card"><h3>Confidence</h3>'
         f'<div class="big">{format_probability(weakest.confidence)}</div>'
-        f"<p>{'at least, ' if others else ''}{describe_confidence(weakest.confidence)}{others}</p>"
+        f"<p>{describe_confidence(weakest.confidence)}{remark}</p>"
         f'<p class="dim">{html.escape(describe_runner_up(weakest))}</p></div>'
     )
 

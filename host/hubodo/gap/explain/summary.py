@@ -33,7 +33,7 @@ _MAX_HELD_OUT_GROWTH = 1e-3
 # Ratio of estimated to declared noise, or its inverse, from which on advice is given.
 _MIN_NOISE_RATIO_FOR_ADVICE = 1.3
 _CONFIDENCE_WORDS = (
-    (0.999, "practically certain"),
+    (0.999, "almost certain"),
     (0.99, "very sure"),
     (_SURE_CONFIDENCE, "sure"),
     (0.6, "likely"),
@@ -157,11 +157,11 @@ def _advise_measurements(result: MissingEffects) -> list[str]:
             )
         elif finding.confidence < _SURE_CONFIDENCE:
             lines.append(
-                f"{finding.effect} is not sure: record longer, with more changes of speed and turns."
+                f"{finding.effect} is uncertain: record longer, with more turns and changes of speed."
             )
         if not helps_held_out(finding):
             lines.append(
-                f"{finding.effect} does not help on held-out data: record again before you trust it."
+                f"{finding.effect} does not reduce the gap on held-out data: confirm it on another record."
             )
     channels = list(dict.fromkeys(item.channel for item in result.remaining))
     if channels:
@@ -181,10 +181,15 @@ def _advise_model(result: MissingEffects, listed: Sequence[Finding]) -> str:
     if doubtful:
         rejected = " ".join(f"--reject {name}" for name in dict.fromkeys(doubtful))
         return f"Do not use model.toml as it is: on held-out data it is no better. Run again with {rejected}."
-    names = ", ".join(dict.fromkeys(finding.effect for finding in listed))
+    names = list(dict.fromkeys(finding.effect for finding in listed))
     of_drive = list(dict.fromkeys(finding.effect for finding in listed if finding.belongs_to_drive))
-    remark = f"; {join_words(of_drive)}: of this drive, estimated again on the next one" if of_drive else ""
-    return f"Use the model that was written, model.toml, from now on: it has {names}{remark}."
+    remark = ""
+    if of_drive:
+        belongs = "belongs" if len(of_drive) == 1 else "belong"
+        remark = (
+            f" {join_words(of_drive)} {belongs} to this drive and will be estimated again on the next one."
+        )
+    return f"Use the written model.toml on the next drive: it contains {join_words(names)}.{remark}"
 
 
 def list_noise_advice(result: MissingEffects) -> list[str]:
@@ -214,16 +219,16 @@ def list_noise_advice(result: MissingEffects) -> list[str]:
 def describe_runner_up(finding: Finding) -> str:
     """Return the second most probable effect, in words."""
     if finding.runner_up is None:
-        return "nothing else came near"
+        return "no other effect comes near"
     other, share = finding.runner_up
-    return f"next best: {other}, {format_probability(share)}"
+    return f"runner-up: {other}, probability {format_probability(share)}"
 
 
 def format_probability(value: float) -> str:
-    """Return a probability; small ones in scientific notation."""
+    """Return a probability in per cent; beyond 0.05 % from either end a bound."""
     if value >= 0.995:
         return "> 99.9 %" if value >= 0.9995 else f"{100.0 * value:.1f} %"
-    return f"{100.0 * value:.1f} %" if value >= 0.001 else f"{value:.0e}" if value > 0.0 else "< 1e-300"
+    return f"{100.0 * value:.1f} %" if value >= 0.0005 else "< 0.1 %"
 
 
 def list_model_comments(result: MissingEffects, log_name: str) -> dict[tuple[str, str | None], str]:

@@ -112,7 +112,7 @@ FINDING = SimpleNamespace(
     ("explanation", "expected_text"),
     [
         (explain(model=("gyro_bias", "wheel_camber")), "is in the model file already"),
-        (explain(findings=[FINDING], name="wheel_camber"), "wheel_camber was found (right)"),
+        (explain(findings=[FINDING], name="wheel_camber"), "wheel_camber is named (right)"),
         (explain(model=("gyro_bias",), rejected=True), "--reject gyro_bias"),
         (
             explain(findings=[FINDING]),

@@ -35,7 +35,7 @@ def build_advice(before, after, confidence):
 )
 def test_a_finding_that_increases_the_held_out_gap_is_to_be_recorded_again(before, after, repeat_advised):
     text = build_advice(before, after, confidence=0.99)
-    assert ("record again before you trust it" in text) == repeat_advised
+    assert ("confirm it on another record" in text) == repeat_advised
     assert "gyro_lag" in text and "--reject gyro_lag" in text
 
 
