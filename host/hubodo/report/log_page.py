@@ -28,10 +28,6 @@ from hubodo.vehicle_sketch import draw_vehicle
 _MAX_PAGE_ROWS = 40
 
 
-_LEAD_FACTS = ("drive of", "position", "no gap")
-"""Beginnings of the findings that the first paragraph of a page states."""
-
-
 @dataclass(frozen=True)
 class LogPage:
     """The page of one log.
@@ -64,14 +60,14 @@ def log_page(
     """
     facts: list[str] = []
     missing: list[str] = []
-    losses = _losses(summary, facts, missing)
+    losses = _losses(summary, missing)
     sections = [
         _folded(section) for section in (_content(recording, summary, missing), *_events(recording, summary))
     ]
     applied = _applied(recording, calibration)
     sections.append(_calibration(recording, calibration, calibration_from, applied, missing))
-    drive = _drive(name, recording, vehicle, calibration, applied, facts, missing)
-    drive_facts = list(facts)
+    drive_facts: list[str] = []
+    drive = _drive(name, recording, vehicle, calibration, applied, drive_facts, missing)
     for node, table in recording.nodes.items():
         report = report_sensors(node, table, recording.events, recording.t_zero_ns, gravity)
         sections += [_folded(section) for section in report.sections]
@@ -88,7 +84,7 @@ def log_page(
         if recording.table is not None
         else "north: no turntable record (table.csv); see hubodo north"
     )
-    findings = Section("Findings", advice=[line for line in facts if not line.startswith(_LEAD_FACTS)])
+    findings = Section("Findings", advice=facts)
     absent = Section(
         "Not available from this log",
         "Each with the reason; everything else was evaluated.",
@@ -101,7 +97,7 @@ def log_page(
             _lead(recording, summary, drive_facts),
             [*drive, findings, *losses, *sections, absent],
         ),
-        tuple(facts),
+        (*drive_facts, *facts),
         tuple(missing),
     )
 
@@ -114,14 +110,14 @@ def _lead(recording: Recording, summary: Summary | None, drive_facts: Sequence[s
     """Return the answer in one paragraph: the drive and its error if there is one, duration, gaps."""
     tables = [table.t for table in recording.nodes.values() if len(table)]
     duration = max((t[-1] for t in tables), default=0.0) - min((t[0] for t in tables), default=0.0)
-    names = ", ".join(recording.nodes) or "no node"
+    names = " and ".join(recording.nodes) or "no node"
     gaps = 0 if summary is None else len(summary.gaps)
     losses = 0 if summary is None else sum(gap.missing for gap in summary.gaps)
-    text = f"{duration:.1f} s of {names}"
+    text = f"{duration:.1f} s of samples from {names}"
     if summary is not None:
-        text += f"; {gaps} gaps with {losses} samples missing" if gaps else "; no gap"
+        text += f", {gaps} gaps with {losses} samples missing" if gaps else ", no gap"
         text += "" if summary.complete else "; the file was not closed"
-    drive = [line[0].upper() + line[1:] + ". " for line in drive_facts if line.startswith(_LEAD_FACTS)]
+    drive = [line[0].upper() + line[1:] + ". " for line in drive_facts]
     return "".join(drive) + text + "."
 
 
@@ -176,11 +172,9 @@ def _content(recording: Recording, summary: Summary | None, missing: list[str]) 
     return Section("Content of the log", text, tables)
 
 
-def _losses(summary: Summary | None, facts: list[str], missing: list[str]) -> list[Section]:
+def _losses(summary: Summary | None, missing: list[str]) -> list[Section]:
     if summary is None:
         return []
-    if not summary.gaps:
-        facts.append("no gap in any sampled stream")
     longest = sorted(summary.gaps, key=lambda gap: -gap.duration)[:_MAX_PAGE_ROWS]
     rows = [
         (f"{gap.t:.3f}", gap.topic, f"{gap.duration:.4f}", str(gap.missing), gap.cause)

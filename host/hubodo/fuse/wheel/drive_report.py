@@ -108,10 +108,10 @@ def build_report(
     """
     wheels = wheel_filter.core.wheels
     names = " and ".join(wheel.name for wheel in wheels)
-    causality = "filtered, each pose from the past alone"
+    causality = "forward filter: each pose from past samples only"
     if lag > 0.0:
-        ahead = f"what came up to {lag:g} s after it" if math.isfinite(lag) else "the whole log"
-        causality = f"smoothed, each pose from {ahead}: not causal"
+        ahead = f"samples up to {lag:g} s after it" if math.isfinite(lag) else "the whole log"
+        causality = f"smoothed: each pose from {ahead}, not causal"
     observable = [
         entry for entry in VEHICLE_ENTRIES if len(wheels) == 2 or entry not in OBSERVABLE_WITH_TWO_WHEELS
     ]
