@@ -86,12 +86,12 @@ class DifferentialOdometry:
     """Differential odometry, Shah et al. eq. 16: ds = (dsl + dsr) / 2, dtheta = (dsr - dsl) / b.
 
     dsl and dsr are the distances rolled by the left and the right wheel in a step, b the track width; the
-    step ds leads along the heading halfway through it. Each wheel's speed is its radius times the rate about
-    its axle, with the signs of the model's README; distances are integrated by the trapezoid rule at the
-    samples' own times and interpolated at common times every `step_ns`. Missing samples are bridged by the
-    chord of the speed, at the cost of a variance of q dt^3 / 12 (integral of a Brownian bridge, q the power
-    density of the speed's random walk). Errors that are constant over a drive (radii, track, gyro biases)
-    enter through the pose's Jacobian by them, not as noise.
+    step ds points along the heading in the middle of the step. Each wheel's speed is its radius times the
+    rate about its axle, with the signs of the model's README; distances are integrated by the trapezoid rule
+    at the samples' own times and interpolated at common times every `step_ns`. Across missing samples the
+    speed is interpolated linearly, at the cost of a variance of q dt^3 / 12 (integral of a Brownian bridge, q
+    the power density of the speed's random walk). Errors that are constant over a drive (radii, track, gyro
+    biases) enter through the derivatives of the pose with respect to them, not as noise.
     """
 
     def __init__(self, config: OdometryConfig) -> None:
@@ -105,7 +105,8 @@ class DifferentialOdometry:
         self._last_distances: tuple[tuple[float, float], tuple[float, float]] = ((0.0, 0.0), (0.0, 0.0))
         self._x = self._y = self._heading = self._distance = 0.0
         self._covariance = [[0.0] * 3 for _ in range(3)]
-        # Columns: both radii, left radius, right radius, track width, left bias, right bias.
+        # Derivatives of the pose by the errors of: both radii, left radius, right radius, track width, left
+        # bias, right bias.
         self._jacobian = [[0.0] * 6 for _ in range(3)]
         self._bias_sigmas = [config.left.gyro_bias_sigma, config.right.gyro_bias_sigma]
         self._state: OdometryState | None = None
@@ -128,7 +129,7 @@ class DifferentialOdometry:
         return {side: (wheel.bias, wheel.bias_sigma) for side, wheel in self._wheels.items()}
 
     def finish(self) -> tuple[OdometryState, ...]:
-        """Process the samples that wait for a first bias estimate, once no more samples will come."""
+        """Process the samples that still wait for a first bias estimate; called after the last sample."""
         for wheel in self._wheels.values():
             wheel.is_initialised = True
         return tuple(self._advance())
@@ -216,9 +217,9 @@ class DifferentialOdometry:
         self._covariance = [[xx, xy, xh], [xy, yy, yh], [xh, yh, hh]]
 
     def _absorb_old_bias_errors(self) -> None:
-        """Add the effect of old bias errors to the covariance where a bias has a new estimate.
+        """Add the effect of the old bias error to the covariance where a bias has been re-estimated.
 
-        The error of the new estimate is another one, so its Jacobian starts from zero.
+        The error of the new estimate is a different random variable, so its Jacobian starts from zero.
         """
         for k, side in ((4, "left"), (5, "right")):
             wheel = self._wheels["left" if side == "left" else "right"]
@@ -259,9 +260,9 @@ class DifferentialOdometry:
 
 
 def integrate_wheels(config: OdometryConfig, wheels: Sequence[WheelSamples]) -> list[OdometryState]:
-    """Return all poses of recorded wheels, bit by bit those of a live run.
+    """Return all poses of recorded wheels, bit-identical to those of a live run.
 
-    Raises InputError for a wild time stamp.
+    Raises InputError for time stamps that cannot belong to one recording.
     """
     for wheel in wheels:
         check_time_gaps(np.asarray(wheel.t_ns, np.float64) * 1e-9, f"{wheel.side} wheel", _MAX_PAUSE)
@@ -273,7 +274,7 @@ def integrate_wheels(config: OdometryConfig, wheels: Sequence[WheelSamples]) -> 
 
 
 def _split_by_second(wheels: Sequence[WheelSamples]) -> Iterator[WheelSamples]:
-    """Yield batches of all wheels in turn, so that no wheel gets far ahead of the others."""
+    """Yield batches of the wheels in turn, so that no wheel gets far ahead of the other."""
     starts = [int(wheel.t_ns[0]) for wheel in wheels if len(wheel.t_ns)]
     ends = [int(wheel.t_ns[-1]) for wheel in wheels if len(wheel.t_ns)]
     if not starts:

@@ -23,7 +23,7 @@ _MIN_COURSE_SPEED = 0.2
 def read_reference_drive(recording: Recording, log: str) -> MotionInputs:
     """Return speed and yaw rate of reference.csv, smoothed and starting at 0 s.
 
-    Raises InputError when the log has no reference, or fewer than 20 rows of it.
+    Raises InputError when the log has no reference, or one of fewer than 20 rows.
     """
     table = _require_rows(recording.reference, "reference", log)
     t = table.t - table.t[0]
@@ -55,7 +55,7 @@ def estimate_drive_from_fixes(recording: Recording, log: str) -> MotionInputs:
 
 
 def _require_rows(table: Table | None, name: str, log: str) -> Table:
-    """Return the table, or raise InputError where it is missing, too short or has a wild time stamp."""
+    """Return the table; raise InputError if it is missing, too short, or not from one recording."""
     if table is None or len(table) < _MIN_DRIVE_ROWS:
         count = "none" if table is None else str(len(table))
         raise InputError(

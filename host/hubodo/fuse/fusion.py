@@ -61,7 +61,8 @@ class FusedRecording:
     log : name of the log.
     track : the fused track.
     methods : names of the estimators, in the order in which they ran.
-    lag : s after a pose whose samples the wheel filter used for it; inf for the whole log.
+    lag : s by which the samples that the wheel filter used for a pose may be later than it; inf for the whole
+        log.
     nodes : names of the nodes used.
     details : further entries of fuse.json, such as distance, estimated parameters and slips.
     calibration : file and SHA-256 of the calibration that was applied, None without one.
@@ -152,8 +153,9 @@ def fuse_recording(
     ----------
     log : name of the log, for errors and the result.
     nodes : names of the nodes to use, all that sit on wheels by default.
-    calibration, calibration_from : applied to the samples or used as prior; its file and hash.
-    lag : s of the log after a pose that may be used for it, inf for all of it.
+    calibration : applied to the samples, or used as a prior where it cannot be.
+    calibration_from : file and hash of the calibration.
+    lag : s by which the samples used for a pose may be later than it; inf for the whole log.
     graph : whether GNSS fixes and headings of the log are used.
     antenna : m forward and left of midway between the wheels; None: the vehicle's.
 
@@ -210,16 +212,16 @@ def fuse_outside_sensors(
     tables = ((getattr(recording, name), from_table) for name, from_table in SAMPLES_BY_TABLE.items())
     samples = [from_table(table) for table, from_table in tables if table is not None]
     config = GraphConfig(antenna=antenna, constants=odometry.constant_sigmas)
-    # A compass is a sample of the graph; only a truth gives the start's heading itself.
+    # Compass headings enter the graph as samples; only a ground truth sets the start heading directly.
     heading = read_start_heading(replace(recording, heading=None), odometry.track.t[0])
-    # Fixes determine the heading themselves; the heading of a truth that stands still may be anything.
+    # Fixes determine the heading themselves, and the heading of a stationary truth may be arbitrary.
     if heading is not None and fixes is None:
         config = replace(config, start_heading=heading, start_heading_sigma=_TRUTH_HEADING_SIGMA)
     return fuse_graph(odometry.track, fixes, config=config, other_samples=samples)
 
 
 def _radius_warnings(vehicle: Vehicle, odometry: WheelOdometry, result: GraphResult) -> tuple[str, ...]:
-    """Return a warning where the fixes show another wheel radius than the vehicle file or the calibration."""
+    """Return a warning if the fixes imply a wheel radius other than that of vehicle file or calibration."""
     error, prior = result.constants["wheel_radius"], odometry.constant_sigmas.wheel_radius
     if abs(error.value) < _MAX_RADIUS_SIGMAS * math.hypot(prior, error.sigma):
         return ()
@@ -231,7 +233,7 @@ def _radius_warnings(vehicle: Vehicle, odometry: WheelOdometry, result: GraphRes
 
 
 def _outside_sensors(recording: Recording, result: GraphResult) -> list[str]:
-    """Return the names of the sensors beside the wheels, for the name of the method."""
+    """Return the names of the sensors other than wheels, for the name of the method."""
     fixes = [] if recording.gnss is None else [f"{len(result.fix_t)} fixes"]
     return fixes + [f"{name}s" for name in SAMPLES_BY_TABLE if getattr(recording, name) is not None]
 
@@ -293,7 +295,8 @@ def write_results(fused: FusedRecording, folder: Path) -> FusedRecording:
 def parse_smoothing_lag(smooth: float | str | None, method: str, option: str, hint: str = "") -> float:
     """Return the lag of the smoother, s: 0 for the forward filter, infinity for the whole log.
 
-    smooth: seconds, "full" or None. option, hint: its name and a remedy in errors. Raises InputError.
+    smooth: seconds, "full", or None for 0. option, hint: name of the option and a remedy, for the error.
+    Raises InputError for any other text.
     """
     try:
         lag = math.inf if smooth == "full" else float(smooth or 0.0)

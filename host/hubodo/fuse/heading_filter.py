@@ -23,7 +23,7 @@ _HEADING_INDEX, _OFFSET_INDEX = 0, 1
 
 @dataclass(frozen=True)
 class BiasNoise:
-    """Noise of a gyro rate beside its warm-up, in the terms of IEEE 952.
+    """Noise of a gyro rate in addition to its warm-up, in the terms of IEEE 952.
 
     Attributes
     ----------
@@ -104,8 +104,9 @@ class HeadingFilter:
     ) -> None:
         """Process the mean rate, rad/s, over the next dt, s.
 
-        is_stationary: whether the sensor is known not to turn. temperature: degrees C, if the model needs it.
-        sigma: rad/s, of this mean beside the gyro's noise, for example where samples are missing.
+        is_stationary: whether the sensor is known not to rotate. temperature: degrees C, if the model needs
+        it. sigma: rad/s, error of this mean in addition to the gyro's noise, for example where samples are
+        missing.
         """
         warmup_bias, h = self._warmup_bias(self._age + 0.5 * dt, temperature)
         self._age += dt
@@ -133,7 +134,7 @@ class HeadingFilter:
         return HeadingState(self._x[_HEADING_INDEX].copy(), self._bias, sigma, self._sigma_bias)
 
     def _propagate_bias(self, dt: float) -> None:
-        """Propagate the bias to the next sample: the offset walks, flicker noise decays and is driven."""
+        """Propagate offset (random walk) and flicker noise (Markov processes) to the next sample."""
         self._p[_OFFSET_INDEX, _OFFSET_INDEX] += self._noise.rate_random_walk**2 * dt
         if self._noise.bias_instability:
             decay_factor = np.exp(-self._decay * dt)
@@ -142,7 +143,7 @@ class HeadingFilter:
             self._p.flat[:: len(decay_factor) + 1] += self._steady_variance * (1.0 - decay_factor**2)
 
     def _warmup_bias(self, age: float, temperature: float | None) -> tuple[float, Array]:
-        """Return the bias of the warm-up model, rad/s, and its derivatives by each state."""
+        """Return the bias of the warm-up model, rad/s, and its derivatives by the states."""
         model = self._model
         temperatures = None if temperature is None else np.array([temperature])
         warmup_bias = float(model.bias(np.array([age]), temperatures)[0])

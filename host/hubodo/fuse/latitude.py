@@ -23,7 +23,7 @@ def add_latitude(vehicle: Vehicle, recording: Recording) -> Vehicle:
 
 
 def latitude_warnings(vehicle: Vehicle, recording: Recording) -> tuple[str, ...]:
-    """Return a warning where the vehicle file has another latitude than the fixes, and the mistake."""
+    """Return a warning where vehicle file and fixes differ in latitude; it names the likely mistake."""
     fixes = _median_fix(recording)
     if (
         vehicle.latitude_deg is None

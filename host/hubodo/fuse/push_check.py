@@ -21,7 +21,7 @@ _MIN_ANGLE = 0.5  # rad; a smaller turn of the wheel shows no radius
 
 @dataclass(frozen=True)
 class WheelPush:
-    """The push as one node saw it.
+    """Result of the push for one wheel, from the gyro of its node.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class WheelPush:
     angle : rad by which the wheel turned, positive forwards.
     radius : m, the distance over the angle.
     sigma : m, 1 sigma of the radius.
-    problem : what the vehicle file has wrong, "" if it agrees within 3 sigma.
+    problem : error of the vehicle file as text; empty if the file agrees within 3 sigma.
     """
 
     node: str
@@ -40,7 +40,11 @@ class WheelPush:
 
 
 def check_push(recording: Recording, vehicle: Vehicle, distance: float, log: str) -> tuple[WheelPush, ...]:
-    """Return the radius that each wheel with a node implies; distance: m pushed. Raises InputError."""
+    """Return the radius of each wheel with a node, from the angle by which it turned.
+
+    distance: m, length of the push. log: name of the log, for errors. Raises InputError if a wheel moves at
+    the start or end, turns too little, or no wheel has a node.
+    """
     pushes = []
     for name, mount in vehicle.nodes.items():
         if mount.side is None or mount.facing is None or name not in recording.nodes:
@@ -72,12 +76,12 @@ def _wheel_angle(table: Table, where: str) -> tuple[float, float]:
 
 
 def _spread(rate: Array) -> float:
-    """Return the standard deviation, infinite without samples."""
+    """Return the standard deviation of gyro rates; infinite without samples."""
     return float(np.std(rate)) if len(rate) else math.inf
 
 
 def _problem(vehicle: Vehicle, angle: float, radius: float, sigma: float) -> str:
-    """Return what the file has wrong, "" if it agrees with the push within 3 sigma."""
+    """Return the error of the vehicle file as text; empty if the push agrees with it within 3 sigma."""
     if angle < 0.0:
         return "turned backwards: its facing is wrong, or the vehicle was pushed backwards"
     if abs(radius - vehicle.wheel_radius) <= 3.0 * sigma:

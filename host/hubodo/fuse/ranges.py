@@ -41,7 +41,7 @@ samples equal to their predecessor: a channel without noise repeats itself at an
 
 @dataclass(frozen=True, slots=True)
 class SensorRange:
-    """A range in rad/s or m/s², and where it comes from, in words."""
+    """A range in rad/s or m/s², and its source as text."""
 
     value: float
     source: str
@@ -77,10 +77,10 @@ class NodeRanges:
 def determine_ranges(
     mount: NodeMount, metadata: Mapping[str, str], samples: Table | None = None, *, corrected: bool = False
 ) -> NodeRanges:
-    """Return the ranges of a node: of the vehicle file, else as the node reported, else the default.
+    """Return the ranges of a node: from the vehicle file, else as reported by the node, else the defaults.
 
     metadata: the metadata `node.NAME` of a log, or what a node reports when it starts. samples: as recorded;
-    where they clip at another value, that value is the range. corrected: whether they will be calibrated.
+    a value at which they clip takes precedence. corrected: whether they will be calibrated.
     """
     ranges, warnings = {}, []
     for kind, given, key, unit in (
@@ -118,7 +118,7 @@ def _declared_range(given: float | None, text: str, unit: float) -> SensorRange 
 
 
 def _check_against_samples(kind: str, magnitudes: Array, declared: SensorRange) -> tuple[SensorRange, str]:
-    """Return the range that samples |(N, 3)| show, or the declared one, and a warning where they differ."""
+    """Return the range at which magnitudes (N, 3) of samples clip, else the declared one, and a warning."""
     unit = "rad/s" if kind == "gyro" else "m/s²"
     largest = max(magnitudes[np.isfinite(magnitudes)].tolist(), default=0.0)
     clipping_level = _find_clipping_level(magnitudes, kind)
@@ -140,7 +140,7 @@ def _check_against_samples(kind: str, magnitudes: Array, declared: SensorRange) 
 def _find_clipping_level(magnitudes: Array, kind: str) -> float | None:
     """Return the value at which samples of a channel clip, None where no channel clips.
 
-    Two's complement words reach one step further on the negative side.
+    The negative limit of a two's complement word is one step larger, so values near the maximum count too.
     """
     clipping_levels = []
     for channel in magnitudes.T:

@@ -42,7 +42,7 @@ class WheelSpec:
     ----------
     radius : m.
     facing : side to which the node's z axis points.
-    gyro_bias : rad/s, of the z axis.
+    gyro_bias : rad/s, initial bias of the z axis.
     gyro_bias_sigma : rad/s, 1 sigma; by default a third of the LSM6DS33's zero-rate level of 10 deg/s.
     """
 
@@ -59,8 +59,8 @@ class OdometryNoise:
     Attributes
     ----------
     gyro : rad/s per sample, of an MPU-6050 at its largest bandwidth.
-    road, lateral : m per √m rolled, along and across; estimated, for tyres on ordinary ground.
-    speed_walk : m/s per √s, random walk of the speed where samples are missing; estimated.
+    road, lateral : m per √m rolled, along and across the path; assumed for tyres on ordinary ground.
+    speed_walk : m/s per √s, random walk of the speed where samples are missing; assumed.
     radius, radius_each, track : constant errors as fractions: radius common to both wheels, radius of each
         wheel, track width.
     """
@@ -135,7 +135,7 @@ class RollingWheel:
             if self._standstill is not None and self._standstill.add_sample(t_ns, rate, ax, ay):
                 self._update_bias(self._standstill)
         if len(self.knots) > _MAX_KNOTS:
-            # Without the other wheel for minutes the track in between cannot be computed anyway.
+            # If the other wheel is missing for minutes, no track can be computed for that time anyway.
             self.knots = deque([*list(self.knots)[:-1:2], self.knots[-1]])
         return late
 

@@ -66,7 +66,9 @@ def is_fused(path: Path) -> bool:
 
 
 def read_fused_track(folder: Path, origin_deg: tuple[float, float] | None = None) -> ExportedTrack:
-    """Return the track in the results of `hubodo fuse`; origin_deg: of its start, if they hold none.
+    """Return the track in the results of `hubodo fuse`.
+
+    origin_deg: latitude and longitude of the start, used if the results hold none.
 
     Raises InputError if they are not readable.
     """

@@ -40,7 +40,7 @@ SIDES: tuple[Side, Side] = ("left", "right")
 
 @dataclass(frozen=True)
 class WheelOdometry:
-    """A track from wheel nodes, with what a graph and fuse.json need of its estimator.
+    """A track from wheel nodes, with the estimator's results that a graph and fuse.json need.
 
     Attributes
     ----------
@@ -114,11 +114,11 @@ def compute_wheel_odometry(
     A recording without the vehicle's nodes but with wheel speeds of another sensor gives the track of those
     speeds; beside nodes the wheel filter uses them as measurements.
 
-    lag: s of the log after a pose that the filter may use for it, inf for all of it. for_graph: whether a
-    graph uses the whole log anyway; a slip that was detected late is then smoothed. calibration: applied to
-    the samples; what only the filter can use becomes its prior, as does the bias that a node's firmware
-    reported where the calibration has none. Raises InputError for missing nodes, two nodes on one wheel, and
-    a log that is too short, CalibrationError for a calibration of another node.
+    lag: s by which the samples used for a pose may be later than it; inf for the whole log. for_graph:
+    whether a graph uses the whole log anyway; a slip that was detected late is then smoothed. calibration:
+    applied to the samples; what only the filter can use becomes its prior, as does the bias that a node's
+    firmware reported where the calibration has none. Raises InputError for missing nodes, two nodes on one
+    wheel, and a log that is too short, CalibrationError for a calibration of another node.
     """
     if (
         recording.wheels is not None
@@ -157,7 +157,7 @@ def compute_wheel_odometry(
 def determine_log_ranges(
     recording: Recording, vehicle: Vehicle, names: Sequence[str], *, corrected: bool = False
 ) -> dict[str, NodeRanges]:
-    """Return the ranges of all nodes of a recording; corrected: whether they will be calibrated."""
+    """Return the ranges of all nodes of a recording; corrected: whether their samples will be calibrated."""
     metadata = recording.metadata
     return {
         name: determine_ranges(
@@ -188,7 +188,8 @@ def _run_wheel_filter(
         config = replace(config, start_heading=read_start_heading(recording, first) or 0.0)
         speeds = None if recording.wheels is None else average_surface_speeds(recording.wheels)
         config = replace(config, encoder_aided=bool(speeds))
-        # Steps of the forward filter correct earlier steps, which a graph would take for motion.
+        # A step of the forward filter may contain a correction of earlier steps, which a graph would take for
+        # motion.
         filter_lag = math.inf if for_graph and lag == 0.0 else lag
         result = run_wheel_filter(config, used_nodes, filter_lag, speeds)
     except ValueError as error:

@@ -114,7 +114,7 @@ def test_estimates_are_within_their_sigmas_for_each_kind_of_receiver(
         receiver = RECEIVERS[kind]
         settings = config(drive, facing={"right": right_facing})
         calibration = calibrate_wheels(settings, tables(drive), _receiver_positions(drive, seed, receiver))
-        assert calibration.held_out.stretches == (4 if seed == 70 and kind == "worse than declared" else 0)
+        assert calibration.held_out.n_segments == (4 if seed == 70 and kind == "worse than declared" else 0)
         skip_held_out_segments(monkeypatch)
         for name, values in _normalised_errors(drive, calibration).items():
             errors.setdefault(name, []).extend(values)
@@ -194,7 +194,7 @@ def test_held_out_segments_show_whether_a_calibration_improves() -> None:
     measured = _exact_positions(drive, 78)
     calibration = calibrate_wheels(config(drive), tables(drive), measured)
     assert (
-        calibration.held_out.stretches == 4
+        calibration.held_out.n_segments == 4
         and calibration.held_out.after.rms < 0.5 * calibration.held_out.before.rms
     )
     track = run_wheel_filter(config(drive), tables(drive)).track
@@ -208,7 +208,7 @@ def test_held_out_segments_show_whether_a_calibration_improves() -> None:
     assert (
         measure_held_out_errors(
             first_positions, track, lambda *_: (scaled_track, (0.0, 0.0)), (0.0, 0.0)
-        ).stretches
+        ).n_segments
         == 0
     )
 

@@ -57,7 +57,7 @@ def warnings_of(
         windows=windows,
     )
     config = SimpleNamespace(ground_rate_sigma=ground_rate_sigma)
-    wheel_filter = SimpleNamespace(core=core, refused={"left": refused}, config=config)
+    wheel_filter = SimpleNamespace(core=core, rejected_samples={"left": refused}, config=config)
     return list_warnings(wheel_filter, np.array(motion_states))  # type: ignore[arg-type]
 
 

@@ -201,7 +201,7 @@ def test_samples_after_a_backward_clock_jump_are_refused_and_counted() -> None:
     poses = wheel_filter.handle_many(
         {"left": (left.t, left.gyro, left.accel), "right": (t, node.gyro, node.accel)}
     ).poses
-    assert wheel_filter.refused["right"] == pytest.approx(3.0 * 104, rel=0.05)
+    assert wheel_filter.rejected_samples["right"] == pytest.approx(3.0 * 104, rel=0.05)
     assert len(poses) > 200
 
 
@@ -216,7 +216,7 @@ def test_a_wrong_time_stamp_costs_one_sample_in_bulk_and_live() -> None:
     for stamp, gyro, accel in zip(t.tolist(), node.gyro.tolist(), node.accel.tolist(), strict=True):
         live_poses += live.handle(WheelSample("left", stamp, tuple(gyro), tuple(accel))).poses
     live_poses += live.finish().poses
-    assert bulk.refused["left"] == live.refused["left"] == 2
+    assert bulk.rejected_samples["left"] == live.rejected_samples["left"] == 2
     assert (
         track_from_poses(bulk_poses).covariance.tobytes() == track_from_poses(live_poses).covariance.tobytes()
     )

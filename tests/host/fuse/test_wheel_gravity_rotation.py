@@ -21,14 +21,14 @@ def test_the_chirp_amplitude_equals_the_least_squares_fit_with_bias_and_lever_ar
     spin: float, axes: tuple[bool, bool]
 ) -> None:
     """The rotation may be so small that a polynomial of time absorbs a part of it."""
-    collected = GravitySamples.of(rolling_windows(spin, rate_hz=208.0, bias=BIAS, arm=ARM)[3:5])
+    collected = GravitySamples.from_windows(rolling_windows(spin, rate_hz=208.0, bias=BIAS, arm=ARM)[3:5])
     assert collected is not None
     complete, in_range = collected
     in_range = in_range & np.array(axes)
-    samples = complete if all(axes) else SingleAxisSamples.of(complete, in_range)
+    samples = complete if all(axes) else SingleAxisSamples.from_samples(complete, in_range)
     assert samples is not None
-    chirp = samples.without(3).best(np.array([spin - LIMIT]), np.zeros(1))
-    phase = complete.carried + (spin - LIMIT) * complete.t
+    chirp = samples.remove_polynomial(3).fit_chirp(np.array([spin - LIMIT]), np.zeros(1))
+    phase = complete.carrier_angle + (spin - LIMIT) * complete.t
     cos, sin, powers = np.cos(phase), np.sin(phase), complete.t[:, None] ** np.arange(3)
     rows, values = [], []
     for used, by_a, by_b, value, place in (

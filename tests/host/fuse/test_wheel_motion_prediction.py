@@ -26,7 +26,7 @@ from hubodo.fuse.wheel.entries import (
 from hubodo.fuse.wheel.measurements import WindowNoise
 from hubodo.fuse.wheel.motion_prediction import MotionPrediction, detect_wheel_motion, vehicle_motion
 from hubodo.fuse.wheel.motion_state import MotionState
-from hubodo.fuse.wheel.outage_model import free_motion_variances, vehicle_agility
+from hubodo.fuse.wheel.outage_model import free_motion_variances, vehicle_motion_sigmas
 from hubodo.fuse.wheel.state_vector import InitialState
 from hubodo.fuse.wheel.wheel import WheelMode
 from hubodo.fuse.wheel.window import EMPTY_WINDOW, WINDOW_S, Window
@@ -156,7 +156,7 @@ def added_variances(initial: InitialState, pairs: Pairs, **options: bool) -> tup
 
 def test_process_noise_depends_on_whether_speed_and_yaw_rate_are_measured() -> None:
     _, initial, pairs = make_vehicle(*BOTH)
-    unmeasured = free_motion_variances(vehicle_agility(MAX_SPEED))
+    unmeasured = free_motion_variances(vehicle_motion_sigmas(MAX_SPEED))
     measured, missing_window = 0.25, Window(missing=0.5)
     assert max(unmeasured) < 0.5 * measured
     one_received = (pairs[0], (initial.wheels[1], missing_window))

@@ -12,12 +12,12 @@ from hubodo.fuse.wheel.config import WheelConfig, WheelNode
 from hubodo.fuse.wheel.entries import HEADING, SPEED, WHEEL_ANGLE, YAW_RATE, X, Y
 from hubodo.fuse.wheel.filter import WheelFilter
 from hubodo.fuse.wheel.outage_bridge import BridgedState, OutageBridge, OutageEnd
-from hubodo.fuse.wheel.outage_model import Agility
+from hubodo.fuse.wheel.outage_model import MotionSigmas
 from hubodo.fuse.wheel.state_vector import InitialState, initial_state
 from hubodo.fuse.wheel.track import run_wheel_filter
 from wheel_runs import BOTH, config, pose_error, sample_columns, samples_in_time_order, tables
 
-RADIUS, TRACK, SECONDS, AGILITY = 0.3, 0.6, 2.0, Agility(2.0, 0.35)
+RADIUS, TRACK, SECONDS, MOTION_SIGMAS = 0.3, 0.6, 2.0, MotionSigmas(2.0, 0.35)
 HEADING_0, ANGLES_0 = 0.7, (2.5, -1.0)
 
 
@@ -41,7 +41,7 @@ def _state(names: tuple[str, ...]) -> InitialState:
 
 def _bridge(initial: InitialState, x: list[float], angles: tuple[float, ...]) -> BridgedState:
     end = OutageEnd(angles, float(_speed(np.array(SECONDS))), float(_yaw_rate(np.array(SECONDS))))
-    bridge = OutageBridge(x, initial.columns.vehicle, initial.wheels, SECONDS, AGILITY, end)
+    bridge = OutageBridge(x, initial.columns.vehicle, initial.wheels, SECONDS, MOTION_SIGMAS, end)
     return bridge.solve(roughness=0.002, lateral_slip=0.001)
 
 

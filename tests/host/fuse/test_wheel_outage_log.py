@@ -48,7 +48,7 @@ def test_an_unchanged_gravity_direction_in_the_wheels_keeps_the_heading(sign: fl
             ]
             outages, variance = check_after_outage(*forces)
             assert variance == pytest.approx(STATIONARY_VARIANCE if stationary else 2.0)
-            assert [outage.was_stationary for outage in outages.listed] == [stationary]
+            assert [outage.was_stationary for outage in outages.listed_outages] == [stationary]
 
 
 def test_wheels_not_received_at_standstill_are_ignored() -> None:
@@ -69,10 +69,10 @@ def test_all_outages_are_counted_and_the_first_hundred_listed() -> None:
     outages = OutageLog()
     for number in range(102):
         outages.add_outage(10.0 * number, 10.0 * number + 2.5, HEADING_VARIANCE, FORCES_BEFORE)
-    assert (outages.count, outages.windows, len(outages.listed)) == (102, 102 * 25, 100)
+    assert (outages.count, outages.windows, len(outages.listed_outages)) == (102, 102 * 25, 100)
     outages.check_standstill(wheel_windows(*FORCES_BEFORE), MotionState.STANDSTILL)
     # That concerns the last outage, which is not listed.
-    assert not any(outage.was_stationary for outage in outages.listed)
+    assert not any(outage.was_stationary for outage in outages.listed_outages)
     lines = outages.list_warnings("left and right")
     assert len(lines) == 101 and lines[-1] == "left and right: not heard 2 more times"
     assert "from t = 0.0 to 2.5 s (2.5 s)" in lines[0] and "where it went is not known" in lines[0]

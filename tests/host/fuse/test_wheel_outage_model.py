@@ -17,7 +17,7 @@ from hubodo.fuse.wheel.outage_model import (
     OutageModel,
     free_motion_variances,
     predict_free_motion,
-    vehicle_agility,
+    vehicle_motion_sigmas,
 )
 from hubodo.fuse.wheel.state_vector import initial_state
 from hubodo.fuse.wheel.track import run_wheel_filter, track_from_poses
@@ -28,15 +28,19 @@ MAX_CPU_S = 2e-3
 """CPU time that one sample may take, s."""
 
 
-def simulate_free_motion(speed, yaw_rate, seconds, agility, seed=1, runs=6000, step=0.02):
+def simulate_free_motion(speed, yaw_rate, seconds, motion_sigmas, seed=1, runs=6000, step=0.02):
     """Return forward, left, heading, speed and yaw rate, (runs, 5), simulated by Euler's method."""
     rng = np.random.default_rng(seed)
     v, r = np.full(runs, speed), np.full(runs, yaw_rate)
     x, y, heading = np.zeros((3, runs))
     for _ in range(round(seconds / step)):
         x, y, heading = x + v * np.cos(heading) * step, y + v * np.sin(heading) * step, heading + r * step
-        v = v - v * step / 16.0 + agility.speed * np.sqrt(2.0 * step / 16.0) * rng.standard_normal(runs)
-        r = r - r * step / 2.0 + agility.yaw_rate * np.sqrt(2.0 * step / 2.0) * rng.standard_normal(runs)
+        v = v - v * step / 16.0 + motion_sigmas.speed * np.sqrt(2.0 * step / 16.0) * rng.standard_normal(runs)
+        r = (
+            r
+            - r * step / 2.0
+            + motion_sigmas.yaw_rate * np.sqrt(2.0 * step / 2.0) * rng.standard_normal(runs)
+        )
     return np.column_stack([x, y, heading, v, r])
 
 
@@ -45,13 +49,16 @@ def simulate_free_motion(speed, yaw_rate, seconds, agility, seed=1, runs=6000, s
     [(1.2, 0.3, 3.0, 0.02), (1.2, -0.2, 12.0, 0.02), (0.0, 0.0, 100.0, 0.05)],
 )
 def test_mean_and_covariance_equal_a_monte_carlo_simulation(speed, yaw_rate, seconds, step):
-    agility = vehicle_agility(1.0)
-    motion = predict_free_motion(speed, yaw_rate, seconds, agility)
-    samples = simulate_free_motion(speed, yaw_rate, seconds, agility, step=step)
+    motion_sigmas = vehicle_motion_sigmas(1.0)
+    motion = predict_free_motion(speed, yaw_rate, seconds, motion_sigmas)
+    samples = simulate_free_motion(speed, yaw_rate, seconds, motion_sigmas, step=step)
     mean, covariance = samples.mean(axis=0), np.cov(samples.T)
     sigmas = np.sqrt(covariance.diagonal())
-    assert np.abs(mean[:2] - [motion.path.real, motion.path.imag]).max() < 0.06 * sigmas[:2].max()
-    assert mean[2] == pytest.approx(motion.turn * yaw_rate, abs=0.06 * sigmas[2])
+    assert (
+        np.abs(mean[:2] - [motion.displacement.real, motion.displacement.imag]).max()
+        < 0.06 * sigmas[:2].max()
+    )
+    assert mean[2] == pytest.approx(motion.heading_by_yaw_rate * yaw_rate, abs=0.06 * sigmas[2])
     # The heading sigma is capped at that of a uniform angle.
     heading_cap = min(1.0, UNIFORM_ANGLE_SIGMA / sigmas[2])
     scale = np.array([1.0, 1.0, heading_cap, 1.0, 1.0]) * sigmas
@@ -62,24 +69,24 @@ def test_mean_and_covariance_equal_a_monte_carlo_simulation(speed, yaw_rate, sec
 
 def test_a_missed_window_adds_the_variance_of_the_processes():
     """An Ornstein-Uhlenbeck process of sigma s and correlation time T adds s² (1 - exp(-2 t / T)) in t."""
-    agility = vehicle_agility(1.0)
+    motion_sigmas = vehicle_motion_sigmas(1.0)
     variances = [
         sigma**2 * -np.expm1(-2.0 * 0.1 / correlation_time)
-        for sigma, correlation_time in ((agility.speed, 16.0), (agility.yaw_rate, 2.0))
+        for sigma, correlation_time in ((motion_sigmas.speed, 16.0), (motion_sigmas.yaw_rate, 2.0))
     ]
-    assert free_motion_variances(agility) == pytest.approx(variances, rel=0.06)
+    assert free_motion_variances(motion_sigmas) == pytest.approx(variances, rel=0.06)
 
 
 def test_path_derivatives_equal_central_differences():
-    agility, step = vehicle_agility(1.0), 1e-5
-    motion = predict_free_motion(1.2, 0.3, 5.0, agility)
+    motion_sigmas, step = vehicle_motion_sigmas(1.0), 1e-5
+    motion = predict_free_motion(1.2, 0.3, 5.0, motion_sigmas)
     by_speed = (
-        predict_free_motion(1.2 + step, 0.3, 5.0, agility).path
-        - predict_free_motion(1.2 - step, 0.3, 5.0, agility).path
+        predict_free_motion(1.2 + step, 0.3, 5.0, motion_sigmas).displacement
+        - predict_free_motion(1.2 - step, 0.3, 5.0, motion_sigmas).displacement
     ) / (2 * step)
     by_rate = (
-        predict_free_motion(1.2, 0.3 + step, 5.0, agility).path
-        - predict_free_motion(1.2, 0.3 - step, 5.0, agility).path
+        predict_free_motion(1.2, 0.3 + step, 5.0, motion_sigmas).displacement
+        - predict_free_motion(1.2, 0.3 - step, 5.0, motion_sigmas).displacement
     ) / (2 * step)
     assert motion.by_speed == pytest.approx(by_speed, abs=1e-8)
     assert motion.by_yaw_rate == pytest.approx(by_rate, abs=1e-8)
@@ -106,10 +113,10 @@ def advance_over_outage(values, sigmas, seconds, is_stationary=False):
     before = list(x), p.copy()
     speed, yaw_rate = (0.0, 0.0) if is_stationary else values[3:]
     _, heading_variance = OutageModel(config(drive), initial).advance(
-        x, p, seconds, vehicle_agility(1.0), is_stationary
+        x, p, seconds, vehicle_motion_sigmas(1.0), is_stationary
     )
     assert heading_variance == pytest.approx(
-        predict_free_motion(speed, yaw_rate, seconds, vehicle_agility(1.0)).noise[2, 2], rel=1e-9
+        predict_free_motion(speed, yaw_rate, seconds, vehicle_motion_sigmas(1.0)).noise[2, 2], rel=1e-9
     )
     return np.array(x), p, vehicle_columns, initial, before
 
@@ -123,7 +130,7 @@ def test_prior_uncertainty_is_propagated_through_an_outage():
         1.2 + deviations[:, 3],
         0.3 + deviations[:, 4],
         3.0,
-        vehicle_agility(1.0),
+        vehicle_motion_sigmas(1.0),
         runs=len(deviations),
         step=0.05,
     )
@@ -292,12 +299,14 @@ def test_smoothing_across_an_outage_leaves_the_last_pose_unchanged():
 @pytest.mark.parametrize("seconds", [0.5, 4.0, 30.0, 55.0])
 def test_free_motion_equals_the_closed_form_of_ornstein_uhlenbeck_processes(seconds):
     """Correlation times: 16 s for the speed, 2 s for the yaw rate, whose integral is the heading."""
-    agility = vehicle_agility(1.0)
-    motion = predict_free_motion(1.2, 0.3, seconds, agility)
-    assert (motion.speed, motion.yaw_rate) == pytest.approx((np.exp(-seconds / 16.0), np.exp(-seconds / 2.0)))
+    motion_sigmas = vehicle_motion_sigmas(1.0)
+    motion = predict_free_motion(1.2, 0.3, seconds, motion_sigmas)
+    assert (motion.speed_decay, motion.yaw_rate_decay) == pytest.approx(
+        (np.exp(-seconds / 16.0), np.exp(-seconds / 2.0))
+    )
     decay = np.exp(-seconds / 2.0)
-    assert motion.turn == pytest.approx(2.0 * (1.0 - decay))
-    speed_variance, yaw_variance = agility.speed**2, agility.yaw_rate**2
+    assert motion.heading_by_yaw_rate == pytest.approx(2.0 * (1.0 - decay))
+    speed_variance, yaw_variance = motion_sigmas.speed**2, motion_sigmas.yaw_rate**2
     assert motion.noise[3, 3] == pytest.approx(-speed_variance * np.expm1(-2.0 * seconds / 16.0))
     assert motion.noise[4, 4] == pytest.approx(yaw_variance * (1.0 - decay**2))
     heading_variance = yaw_variance * 2.0**2 * (2.0 * seconds / 2.0 - 3.0 + 4.0 * decay - decay**2)
@@ -314,5 +323,5 @@ def test_free_motion_equals_the_closed_form_of_ornstein_uhlenbeck_processes(seco
     ("max_speed", "speed", "yaw_rate"),
     [(0.0, 2.0, 0.35), (1.3, 2.0, 0.35), (1.4, 2.1, 0.35), (10.0, 15.0, 2.0 / 15.0)],
 )
-def test_agility_follows_the_largest_speed_but_is_at_least_that_of_walking(max_speed, speed, yaw_rate):
-    assert vehicle_agility(max_speed) == pytest.approx((speed, yaw_rate))
+def test_motion_sigmas_follow_the_largest_speed_but_is_at_least_that_of_walking(max_speed, speed, yaw_rate):
+    assert vehicle_motion_sigmas(max_speed) == pytest.approx((speed, yaw_rate))

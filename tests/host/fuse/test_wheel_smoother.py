@@ -8,7 +8,7 @@ import pytest
 from hubodo.fuse.wheel.fixed_lag import FixedLagSmoother
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.records import Pose, SmoothingTerms
-from hubodo.fuse.wheel.smoother import smoothed_pose, step_back
+from hubodo.fuse.wheel.smoother import smooth_step, smoothed_pose
 
 SIZE, STEPS = 7, 6
 POSE_COLUMNS = [1, 0, 2, 4, 6]
@@ -137,7 +137,7 @@ def test_backward_steps_give_the_joint_estimate_of_all_measurements(linear_chain
     x, p = np.array(records[-1][1].x), records[-1][1].p
     for step in reversed(range(STEPS)):
         if step < STEPS - 1:
-            x, p = step_back(records[step][1], records[step + 1][1], x, p, [])
+            x, p = smooth_step(records[step][1], records[step + 1][1], x, p, [])
             assert np.array_equal(p, p.T)
         block = slice(SIZE * step, SIZE * (step + 1))
         np.testing.assert_allclose(x, mean[block], atol=1e-7)
@@ -155,9 +155,9 @@ def test_backward_steps_ignore_full_turns_of_a_wheel_angle(linear_chain: LinearC
     x, p = np.array(later.x), later.p
     turned = x.copy()
     turned[4] += 2.0 * np.pi * n_turns
-    states = step_back(earlier, later, turned, p, [4])[0]
-    assert states == pytest.approx(step_back(earlier, later, x, p, [4])[0])
-    assert np.abs(states - step_back(earlier, later, turned, p, [])[0]).max() > 0.01
+    states = smooth_step(earlier, later, turned, p, [4])[0]
+    assert states == pytest.approx(smooth_step(earlier, later, x, p, [4])[0])
+    assert np.abs(states - smooth_step(earlier, later, turned, p, [])[0]).max() > 0.01
 
 
 def test_a_state_of_zero_variance_does_not_change_the_past() -> None:
@@ -169,6 +169,6 @@ def test_a_state_of_zero_variance_does_not_change_the_past() -> None:
     singular_terms = later._replace(prior_p=singular, p=posterior)
     x = np.array(later.prior_x)
     x[4] += 100.0
-    smoothed, covariance = step_back(earlier, singular_terms, x, posterior, [])
+    smoothed, covariance = smooth_step(earlier, singular_terms, x, posterior, [])
     np.testing.assert_allclose(smoothed, earlier.x, atol=1e-9)
     np.testing.assert_allclose(covariance, earlier.p, atol=1e-9)

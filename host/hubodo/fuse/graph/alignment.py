@@ -88,7 +88,7 @@ def align_odometry(odometry: ComplexArray, fixes: ComplexArray, sigma: Array) ->
 
 
 def _find_section_end(odometry: ComplexArray, sigma: Array, start: int) -> int:
-    """Return the first end, in growing steps, at which the rotation is determined well enough."""
+    """Return the end of a section that starts at `start` and is long enough to determine its rotation."""
     n, count = len(odometry), 8
     while start + count < n:
         section = odometry[start : start + count]
@@ -102,7 +102,7 @@ def _find_section_end(odometry: ComplexArray, sigma: Array, start: int) -> int:
 def _find_inliers(
     odometry: ComplexArray, fixes: ComplexArray, sigma: Array
 ) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Return which fixes agree with the rotation and shift that most fixes agree with."""
+    """Return a flag (n,) for each fix that agrees with the rotation and shift of the majority."""
     n = len(odometry)
     if n < 3:
         return np.ones(n, np.bool_)

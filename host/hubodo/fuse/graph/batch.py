@@ -105,7 +105,7 @@ def fuse_graph(
 def _assess_headings(
     path: Track, samples: Sequence[SensorSamples], fixes: Fixes | None, config: GraphConfig
 ) -> tuple[list[SensorSamples], GraphConfig, list[str]]:
-    """Return the samples with the headings of a compass assessed, the settings for them, and warnings.
+    """Assess the headings of a compass; return all samples, settings adapted to them, and warnings.
 
     Without fixes, the track of a drive with a rejected compass starts at the odometry's heading.
     """
@@ -128,7 +128,7 @@ def _assess_headings(
 def _prepare_fixes(
     path: Track, fixes: Fixes | None, config: GraphConfig
 ) -> tuple[LocalFixes | None, float, list[str]]:
-    """Return usable fixes in a local frame, the factor on their sigmas by scatter, and warnings."""
+    """Return usable fixes in a local frame, the inflation of their sigmas by scatter, and warnings."""
     if fixes is None:
         return None, 1.0, []
     check_exchanged_axes(path, fixes)
@@ -152,9 +152,9 @@ def _adapt_noise(
     drive: DriveGraph,
     solution: Solution,
 ) -> tuple[GraphConfig, DriveGraph, Solution]:
-    """Return settings, graph and solution with the odometry noise that this drive's fixes show.
+    """Return settings, graph and solution with the odometry noise estimated from this drive's fixes.
 
-    They are returned unchanged where the fixes do not show another noise.
+    They are returned unchanged where the fixes agree with the configured noise.
     """
     factors = estimate_noise_factors(
         drive.graph, solution, drive.odometry.pose_t, config.constants.to_array()

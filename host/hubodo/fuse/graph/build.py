@@ -41,8 +41,8 @@ def build_graph(
     """Build the graph of a drive from its odometry and the samples measured along it.
 
     It has a pose at each time that the samples ask for, at both ends of the odometry and of its outages, and
-    further poses at most `max_pose_spacing` apart except in outages. solution: of a graph with the same
-    poses, in place of an initial guess.
+    further poses at most `max_pose_spacing` apart except in outages. solution: solution of a graph with the
+    same poses, used in place of an initial guess.
     """
     times = np.concatenate([path.t[:0], *(sensor.pose_times for sensor in samples)])
     times = times[(times >= path.t[0]) & (times <= path.t[-1])]

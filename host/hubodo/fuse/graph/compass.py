@@ -1,4 +1,4 @@
-"""Assessment of a compass beside the odometry: its iron, the sigma of its headings, or its rejection."""
+"""Assessment of a compass against the odometry: deviation by iron, sigma of its headings, or rejection."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class CompassAssessment:
     Attributes
     ----------
     headings : with sigmas that cover their scatter and correlation; None where the compass is rejected.
-    constants : prior sigmas of the constants, with those of iron and offset that the drive calls for.
+    constants : prior sigmas of the constants; those of iron and offset are adapted to the drive.
     warnings : one line each.
     """
 
@@ -74,10 +74,11 @@ class CompassAssessment:
 
 
 def assess_compass(path: Track, headings: Headings, config: GraphConfig) -> CompassAssessment:
-    """Return the headings of a compass as the odometry's own turns confirm them.
+    """Assess the headings of a compass against the turns that the odometry measured.
 
-    The gyros' heading drifts slowly, so over a drive with turns it shows the deviation by iron, which returns
-    with the heading, and the disturbances beside the road, which do not.
+    The heading of the gyros drifts slowly. Over a drive with turns it separates the deviation by the
+    vehicle's iron, which depends on the heading, from disturbances beside the road, which depend on the
+    place.
     """
     headings = replace(headings, sigma=_declared_sigma(headings, config))
     if not len(headings.t):
@@ -119,7 +120,7 @@ def assess_compass(path: Track, headings: Headings, config: GraphConfig) -> Comp
 
 
 def _with_iron(constants: ConstantSigmas, hard: float, soft: float) -> ConstantSigmas:
-    """Return prior sigmas with those of hard and soft iron, fractions of the horizontal field."""
+    """Return the prior sigmas with those of hard and soft iron, fractions of the horizontal field, set."""
     return replace(
         constants,
         compass_hard_iron_forward=hard,
@@ -146,7 +147,7 @@ def _solve(path: Track, headings: Headings, config: GraphConfig) -> tuple[DriveG
 
 
 def _is_used(residual: Array) -> NDArray[np.bool_]:
-    """Return a flag for each residual, in sigma, that its robust loss does not treat as an outlier."""
+    """Return a flag that is set for each residual, in sigma, to which the robust loss gives enough weight."""
     return np.asarray(HEADING_LOSS.weight(residual**2) > MIN_USED_WEIGHT)
 
 
@@ -185,7 +186,7 @@ def _drop_span(headings: Headings, span: DisturbedSpan) -> Headings:
 
 
 def _find_ambiguity(spans: Sequence[DisturbedSpan]) -> str:
-    """Return why it is unknown which of the headings are disturbed, or an empty text."""
+    """Return the reason why the disturbed headings cannot be identified, or an empty text."""
     undisturbed_share = 1.0
     for span in spans:
         share = min(span.share, 1.0 - span.share)
@@ -249,7 +250,7 @@ def _find_contradiction(drive: DriveGraph, solution: Solution, sigmas: ConstantS
 
 
 def _log_evidence_of_iron(solution: Solution, narrow: ConstantSigmas, wide: ConstantSigmas) -> float:
-    """Return the logarithm of the Bayes factor of uncompensated against compensated iron.
+    """Return the logarithm of the Bayes factor of iron that was not compensated against compensated iron.
 
     solution: with the wide prior. Likelihood and priors of the iron are normal, so both marginal likelihoods
     have a closed form.
@@ -261,7 +262,7 @@ def _log_evidence_of_iron(solution: Solution, narrow: ConstantSigmas, wide: Cons
     wide_variance, narrow_variance = (
         np.diag(sigmas.to_array()[COMPASS_IRON] ** 2) for sigmas in (wide, narrow)
     )
-    # The likelihood alone: the posterior with its own prior taken out.
+    # The likelihood alone: the prior is divided out of the posterior.
     information = np.linalg.inv(covariance) - np.linalg.inv(wide_variance)
     vector = np.linalg.inv(covariance) @ estimate
 

@@ -1,4 +1,4 @@
-"""Detection of a disturbed magnetic field: a span of a drive with another compass error than the rest."""
+"""Detection of a disturbed magnetic field: a span of a drive whose compass error differs from the rest."""
 
 from __future__ import annotations
 
@@ -45,13 +45,13 @@ _MIN_SIGMA = 1e-3
 
 @dataclass(frozen=True)
 class DisturbedSpan:
-    """The part of a drive whose headings are off.
+    """A span of a drive in which the compass headings are disturbed.
 
     Attributes
     ----------
     start, end : s, of the first and the last pose in it.
-    share : of all headings.
-    log_evidence : twice the logarithm of the Bayes factor of its own offset and iron.
+    share : fraction of all headings that lie in the span.
+    log_evidence : twice the logarithm of the Bayes factor of a separate offset and iron for the span.
     """
 
     start: float
@@ -61,13 +61,12 @@ class DisturbedSpan:
 
 
 def find_disturbed_span(drive: DriveGraph, solution: Solution, config: GraphConfig) -> DisturbedSpan | None:
-    """Return the span whose headings differ most from those of the rest of the drive, None if none does.
+    """Return the span whose headings differ most from the rest of the drive; None if there is none.
 
-    A field of constant direction beside the road turns the horizontal field by a constant angle as long as
-    it lasts, and changes its size, to which iron of the vehicle is a fraction. So a span has its own offset
-    and hard iron. Drift of the gyros and constants of the drive are one normal distribution of the
-    deviations; noise of the compass has a white and a slow part, chosen by its marginal likelihood with
-    and without the span.
+    A disturbance beside the road rotates the horizontal field by a constant angle and changes its strength,
+    in units of which the vehicle's hard iron is stated. So a span gets its own offset and hard iron. Gyro
+    drift and constants of the drive together give the deviations a normal distribution. Noise of the compass
+    has a white and a slow part; their shares maximise the marginal likelihood, with and without the span.
     """
     factors = drive.graph.find_group(HeadingFactors)
     between = drive.graph.find_group(BetweenFactors)
@@ -109,9 +108,9 @@ def _deviations(
     factors: HeadingFactors,
     between: BetweenFactors,
 ) -> tuple[Array, Array, Array]:
-    """Return the deviation of each heading from the gyros' alone, rad, and its covariance without noise.
+    """Return the deviation (N,) of headings from those of the gyros, rad, and its covariance without noise.
 
-    The third value is its derivatives (N, 3) by offset and hard iron.
+    The third value holds the derivatives (N, 3) of the deviation by offset and hard iron.
 
     The factors are linearised at the solution, and both the drift of the gyros and the constants are
     taken back to their prior mean, zero.
@@ -135,7 +134,7 @@ def _deviations(
 
 
 def _noise_candidates(deviation: Array, t: Array) -> Iterator[Array]:
-    """Yield covariances of a compass's own errors, rad²: white, and partly slow."""
+    """Yield candidate covariances of the compass noise, rad²: white noise alone, then with a slow part."""
     scatter = _MAD_TO_SIGMA * float(np.median(np.abs(np.diff(deviation)))) / math.sqrt(2.0)
     scatter = max(scatter, _MIN_SIGMA)
     distance = np.abs(t[:, None] - t)

@@ -1,4 +1,4 @@
-"""Fixes whose latitude and longitude are exchanged, recognised by the wheels' path, which they mirror."""
+"""Detection of fixes with exchanged latitude and longitude: they mirror the path of the wheels."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ _MIN_FIXES = 10
 def check_exchanged_axes(path: Track, fixes: Fixes) -> None:
     """Raise InputError where the fixes agree with the wheels' path once latitude and longitude are exchanged.
 
-    An exchange mirrors the drive at the diagonal, and changes its scale by the cosines of both angles. The
-    misfit is that of a rotation and a shift.
+    An exchange mirrors the drive at the diagonal and scales it by the cosines of both angles, so no rotation
+    and shift of the path fits the fixes any more.
     """
     latitude, longitude = np.asarray(fixes.latitude_deg), np.asarray(fixes.longitude_deg)
     usable = (np.abs(latitude) <= 90.0) & (np.abs(longitude) <= 90.0)

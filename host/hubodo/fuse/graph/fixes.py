@@ -180,7 +180,7 @@ def _add_warning(warnings: list[str], fixes: Fixes, rejected: NDArray[np.bool_],
 
 
 def screen_fixes(path: Track, fixes: LocalFixes) -> tuple[LocalFixes, float, list[str]]:
-    """Return the fixes that did not jump further than the wheels rolled, with sigmas that fit their scatter.
+    """Return the fixes that moved no further than the wheels rolled, with sigmas inflated to their scatter.
 
     The second value is the factor on the sigmas, the third holds the warnings.
     """
@@ -205,11 +205,11 @@ def screen_fixes(path: Track, fixes: LocalFixes) -> tuple[LocalFixes, float, lis
 
 
 def estimate_scatter(position: ComplexArray, distance: Array, sigma: Array) -> float:
-    """Return how many times their sigma the fixes scatter, from changes between successive fixes; at least 1.
+    """Return the ratio of the scatter of the fixes to their sigma, from successive differences; at least 1.
 
     position: (M,) m; distance: (M,) m rolled until then; sigma: (M,) m. The median norm of the change of two
-    white errors is 1.18 sqrt(2) sigma; the distance rolled in between is subtracted. An excess below 30 %
-    counts as chance.
+    white errors is 1.18 sqrt(2) sigma; the distance rolled in between is subtracted. A ratio below 1.3 is
+    attributed to chance and returned as 1.
     """
     if len(position) < _MIN_FIXES_FOR_SCATTER:
         return 1.0

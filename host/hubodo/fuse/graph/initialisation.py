@@ -105,7 +105,7 @@ def _bound_heading_information(path: Track, fixes: Fixes, config: GraphConfig) -
 
 
 def _drop_late_fixes(fixes: Fixes) -> Fixes:
-    """Return the fixes whose time exceeds all before."""
+    """Return the fixes that are later than all fixes before them in the record."""
     keep = fixes.t > np.append(-np.inf, np.maximum.accumulate(fixes.t)[:-1])
     assert fixes.sigma is not None
     return Fixes(fixes.t[keep], fixes.latitude_deg[keep], fixes.longitude_deg[keep], fixes.sigma[keep])

@@ -109,7 +109,7 @@ class SegmentedOdometry:
 def segment_odometry(path: Track, pose_t: Array, noise: StepNoise) -> SegmentedOdometry:
     """Cut odometry at increasing times pose_t (n,) within its duration.
 
-    Between odometry poses it interpolates linearly (Shah et al. Fig. 5).
+    Between odometry poses the path is interpolated linearly (Shah et al. Fig. 5).
     """
     inner_t = path.t[(path.t > pose_t[0]) & (path.t < pose_t[-1])]
     t = np.union1d(inner_t, pose_t)
@@ -237,7 +237,7 @@ class OdometryBuffer:
         self._inflation.append(step_inflation)
 
     def drop_before(self, before: float) -> None:
-        """Drop older poses, but keep one pose before that time."""
+        """Drop the poses older than `before`, except for the newest of them."""
         while len(self._poses) > 2 and self._poses[1][0] <= before:
             self._poses.popleft()
             self._inflation.popleft()

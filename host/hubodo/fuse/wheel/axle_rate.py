@@ -28,8 +28,8 @@ class AxleRate(NamedTuple):
     """Rate about the axle, rad/s, and its derivatives by scale error and bias of the gyro."""
 
     rate: float
-    by_scale: float
-    by_bias: float
+    scale_derivative: float
+    bias_derivative: float
 
 
 def correct_axle_rate(
@@ -37,7 +37,7 @@ def correct_axle_rate(
 ) -> AxleRate:
     """Return the rate about the axle: (measured - bias) / (1 + scale error) + rate beyond range, rad/s.
 
-    The limit of a saturated gyro has neither scale error nor bias.
+    A saturated gyro reports its limit, to which neither scale error nor bias applies.
     """
     if is_saturated:
         return AxleRate(measured + beyond, 0.0, 0.0)

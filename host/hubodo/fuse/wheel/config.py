@@ -28,7 +28,7 @@ in 370 Gaussian values.
 class RadiusSigmas:
     """Prior 1 sigma of wheel radii, as fractions: the part that all wheels share, and the part of each.
 
-    Tyres of one kind, measured in one way, are wrong alike; pressure, load and wear make them unequal.
+    Tyres of one kind, measured in one way, share an error; pressure, load and wear make them unequal.
     """
 
     common: float
@@ -75,7 +75,8 @@ class WheelNoise:
     roll_rate : rad/s, roll rate of the vehicle about its forward axis.
     axle_flex : (rad/s)/(m/s²), rate across the axle per unit of axial vibration.
     forward_force : m/s², forward specific force that the wheel's own acceleration does not explain.
-    vibration_share : share of the spread of the axial accelerometer that is added to the force variances.
+    vibration_share : fraction of the standard deviation of the axial accelerometer that counts as force
+        noise.
     lateral_force : m/s², unmodelled specific force along the axle.
     road_roughness : m/√m, along the path.
     lateral_slip : m/√m, across the path.
@@ -102,7 +103,7 @@ class WheelNode:
     priors : calibrated values that replace the default priors of the node and its wheel, as for a node
     facing left.
     gyro_limit, accel_limit : rad/s and m/s² at which channels saturate; the defaults are just below 2000
-    deg/s and 16 g, the ranges of the firmware. `fuse/ranges.py` finds other ones.
+    deg/s and 16 g, the ranges of the firmware; `fuse/ranges.py` determines those of a log.
     steered : True if the wheel steers; the track is then that of its contact point, and the heading its own.
     """
 
@@ -201,7 +202,7 @@ def priors_from_calibration(
 ) -> dict[Entry, Quantity]:
     """Return priors for `entries` from calibrated effects, with the sign of a node facing left.
 
-    Sigmas are raised to what a parameter may change by until another drive.
+    Sigmas are raised to the change that is possible between two drives.
     """
     known = {}
     for entry in entries:

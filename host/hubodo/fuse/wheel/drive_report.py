@@ -49,7 +49,7 @@ class WheelReport:
     vehicle, nodes : effect -> parameter -> value and sigma as in a calibration file, nodes by name and in
     their own axes. Entries that one wheel cannot observe are left out; a mean of two parameters is listed
     for both.
-    counts : by node, windows slipping, clipped and missing, samples refused.
+    counts : by node, numbers of windows slipping, clipped and missing, and of samples rejected.
     slips : by node, the periods in which its wheel slipped.
     warnings : one line each, except for slips.
     outages : periods without any wheel, s, and whether the vehicle was stationary.
@@ -122,7 +122,7 @@ def build_report(
             "windows_slipping": wheel.outlier_windows + wheel_filter.core.slip_schedule.count_windows(index),
             "windows_clipped": wheel.clipped_windows,
             "windows_unheard": wheel.missing_windows,
-            "samples_refused": wheel_filter.refused[wheel.name],
+            "samples_refused": wheel_filter.rejected_samples[wheel.name],
         }
         for index, wheel in enumerate(wheels)
     }
@@ -131,7 +131,7 @@ def build_report(
     }
     duration, end = float(track.t[-1] - track.t[0]) + WINDOW_S, float(track.t[-1])
     warning_lines = tuple(list_warnings(wheel_filter, motion_states))
-    outages = tuple(wheel_filter.core.outages.listed)
+    outages = tuple(wheel_filter.core.outages.listed_outages)
     encoder_note = " with the surface speeds of another odometer" if wheel_filter.config.encoder_aided else ""
     method = f"wheel filter on {names}{encoder_note}, {causality}"
     return WheelReport(
@@ -149,7 +149,7 @@ def build_report(
 
 
 def _path_length(track: Track) -> float:
-    """Return the length of the track, m, backwards too; the chord across an outage."""
+    """Return the length of the track, m; driving backwards counts too, an outage as a straight line."""
     chord = np.hypot(np.diff(track.x), np.diff(track.y))
     rolled_distance = np.abs(track.speed) * WINDOW_S
     is_outage = np.diff(track.t) > 1.5 * WINDOW_S
@@ -198,12 +198,12 @@ def list_warnings(wheel_filter: WheelFilter, motion_states: Array) -> list[str]:
     )
     windows, outage_windows = wheel_filter.core.windows, wheel_filter.core.outages.windows
     for wheel in wheel_filter.core.wheels:
-        lines += _wheel_warnings(wheel, windows, outage_windows, wheel_filter.refused[wheel.name])
+        lines += _wheel_warnings(wheel, windows, outage_windows, wheel_filter.rejected_samples[wheel.name])
     return lines
 
 
 def _track_width_warnings(wheel_filter: WheelFilter) -> list[str]:
-    """Return a warning if the drive shows another track width than the vehicle file."""
+    """Return a warning if the track width of the drive differs from that of the vehicle file."""
     if len(wheel_filter.core.wheels) < 2:
         return []
     error, declared = wheel_filter.core.estimate(None, TRACK_WIDTH), wheel_filter.config.track_width
@@ -216,7 +216,7 @@ def _track_width_warnings(wheel_filter: WheelFilter) -> list[str]:
     ]
 
 
-def _wheel_warnings(wheel: Wheel, windows: int, outage_windows: int, refused: int) -> list[str]:
+def _wheel_warnings(wheel: Wheel, windows: int, outage_windows: int, n_rejected: int) -> list[str]:
     duration = windows * WINDOW_S
     if wheel.missing_windows >= windows:
         return [f"{wheel.name}: no samples; the track comes from the other wheel alone"]
@@ -229,9 +229,9 @@ def _wheel_warnings(wheel: Wheel, windows: int, outage_windows: int, refused: in
             f"the wheel angle was lost over a gap and reinitialised ({wheel.angle_losses} times): "
             "its clock jumped, or it turned on while it was not heard"
         )
-    if refused:
+    if n_rejected:
         wheel_lines.append(
-            f"{refused} samples left out because their time went back, or jumped ahead for one of them"
+            f"{n_rejected} samples left out because their time went back, or jumped ahead for one of them"
         )
     if wheel.turned_angle < _FULL_TURN:
         turns = wheel.turned_angle / _FULL_TURN
@@ -263,5 +263,5 @@ def _wheel_warnings(wheel: Wheel, windows: int, outage_windows: int, refused: in
 
 
 def rolled_mostly_backwards(wheel: Wheel) -> bool:
-    """Return True if a wheel rolled backwards nearly all the way, as with a wrong facing."""
+    """Return True if a wheel rolled backwards on nearly the whole path, as with a wrong facing."""
     return wheel.turned_angle >= _FULL_TURN and wheel.net_angle < -0.8 * wheel.turned_angle

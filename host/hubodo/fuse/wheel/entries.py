@@ -26,7 +26,7 @@ Scope = Literal["vehicle", "wheel"]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Entry:
-    """One number of the state, of the vehicle or of each wheel with its node.
+    """One component of the state vector, of the vehicle or of each wheel with its node.
 
     Instances compare by identity, which makes dictionary lookups cheap.
 

@@ -1,8 +1,8 @@
-"""Odometer of one or two wheels: samples in, poses out, with the same bits live and in bulk.
+"""Odometer of one or two wheels: samples in, poses out, bit-identical live and in bulk.
 
 Samples are integrated over windows of 0.1 s (`preintegration.py`), independently of all estimates. The
-filter takes one step per window (`filter_core.py`). So a whole log and a stream of single samples give the
-same bits. No clock, file or thread.
+filter takes one step per window (`filter_core.py`). So a whole log and a stream of single samples give
+bit-identical poses. No clock, file or thread.
 """
 
 from __future__ import annotations
@@ -71,11 +71,11 @@ class FilterOutput:
     Attributes
     ----------
     poses : of the windows they completed.
-    refused : number of samples left out because their time did not increase or their node is on no wheel.
+    n_rejected : number of samples left out because their time did not increase or their node is on no wheel.
     """
 
     poses: tuple[Pose, ...] = ()
-    refused: int = 0
+    n_rejected: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,37 +139,37 @@ class WheelFilter:
         """Process one sample; samples of different nodes may come in any order."""
         builder = self._builders.get(sample.node)
         if builder is None:
-            return FilterOutput(refused=1)
-        refused_before = builder.refused
+            return FilterOutput(n_rejected=1)
+        n_rejected_before = builder.n_rejected
         windows = builder.add(sample.t, sample.gyro, sample.accel)
-        refused = builder.refused - refused_before
+        n_rejected = builder.n_rejected - n_rejected_before
         if builder.newest == sample.t:
             self._last_samples[sample.node] = sample
             self._sample_rates.pop(sample.node, None)
         if windows:
             self._queues[sample.node].extend(windows)
             self._collect_steps(_MAX_NODE_DELAY_WINDOWS)
-        return FilterOutput(self._take_steps(_MAX_STEPS_PER_SAMPLE) if windows else (), refused)
+        return FilterOutput(self._take_steps(_MAX_STEPS_PER_SAMPLE) if windows else (), n_rejected)
 
     def handle_many(self, blocks: Mapping[str, tuple[Array, Array, Array]]) -> FilterOutput:
         """Process a block of each node over the same time.
 
         blocks: by name, t (N,) s, gyro (N, 3) rad/s, accel (N, 3) m/s².
         """
-        refused = 0
+        n_rejected = 0
         for name, (t, gyro, accel) in blocks.items():
             builder = self._builders.get(name)
             if builder is None:
-                refused += len(t)
+                n_rejected += len(t)
                 continue
-            refused_before = builder.refused
+            n_rejected_before = builder.n_rejected
             self._queues[name].extend(builder.add_many(t, gyro, accel))
-            refused += builder.refused - refused_before
+            n_rejected += builder.n_rejected - n_rejected_before
         self._collect_steps(_MAX_NODE_DELAY_WINDOWS)
-        return FilterOutput(self._take_steps(), refused)
+        return FilterOutput(self._take_steps(), n_rejected)
 
     def finish(self) -> FilterOutput:
-        """Process the windows that still wait for another node or for the alignment."""
+        """Process the windows that still wait for a node or the alignment; called after the last sample."""
         self._collect_steps(0)
         self._align()
         return FilterOutput(self._take_steps())
@@ -197,9 +197,9 @@ class WheelFilter:
         return WheelState(t, x, y, pose.heading + turn, speed, yaw_rate, pose.covariance, pose.motion_state)
 
     @property
-    def refused(self) -> dict[str, int]:
+    def rejected_samples(self) -> dict[str, int]:
         """Return the number of samples left out, by node."""
-        return {name: builder.refused for name, builder in self._builders.items()}
+        return {name: builder.n_rejected for name, builder in self._builders.items()}
 
     def _rates_from_sample(self, wheel: Wheel, pose: Pose) -> _SampleRates:
         """Return speed and yaw rate from the last sample of a wheel, by `yaw.py` and `rolling.py`."""
@@ -225,7 +225,7 @@ class WheelFilter:
         return _SampleRates(sample.t, speed + yaw_rate * contact_y, yaw_rate)
 
     def _collect_steps(self, max_delay: int) -> None:
-        """Combine the windows of all nodes to steps; a node may lag by `max_delay` windows."""
+        """Combine the windows of all nodes into steps; a node may lag by `max_delay` windows."""
         queues = list(self._queues.values())
         while any(queues):
             if self._next_number is not None:

@@ -21,7 +21,7 @@ from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.mounting_check import BOTH_WHEELS, MountingCheck
 from hubodo.fuse.wheel.outage_bridge import OutageBridge, OutageEnd
 from hubodo.fuse.wheel.outage_log import OutageLog
-from hubodo.fuse.wheel.outage_model import Agility, OutageModel, vehicle_agility
+from hubodo.fuse.wheel.outage_model import MotionSigmas, OutageModel, vehicle_motion_sigmas
 from hubodo.fuse.wheel.outage_recovery import OutageRecovery
 from hubodo.fuse.wheel.rate_beyond_range import derotate_window
 from hubodo.fuse.wheel.records import (
@@ -57,8 +57,8 @@ class FilterCore(WindowProcessor):
 
     Attributes
     ----------
-    windows, steps : numbers of windows so far, and of received ones.
-    mounting_check, outages : what they have seen of the drive.
+    windows, steps : number of windows so far, and of those with samples.
+    mounting_check, outages : accumulated evidence on the mounting, and the outages so far.
     pose_columns : columns of the states of a pose.
     outage_ends : ends of outages whose motion the wheel angles determined, by number of the last window.
     """
@@ -110,7 +110,7 @@ class FilterCore(WindowProcessor):
             )
             if wheel.alignment_count > 0 and wheel.gravity_sum != 0j and not has_pause:
                 wheel.initialise_angle(self.x, self.p, at_start=True)
-                self._update_with_steady_terms(wheel)
+                self._update_with_fixed_terms(wheel)
         self._initialise_speed(windows)
 
     def _initialise_speed(self, windows: Sequence[Sequence[Window]]) -> None:
@@ -205,19 +205,24 @@ class FilterCore(WindowProcessor):
         """Propagate the states over an outage of all wheels that ends with window `number`."""
         was_stationary = self.windows - spans - self._last_standstill < _STANDSTILL_MEMORY_WINDOWS
         end, seconds = (number + 1) * WINDOW_S, spans * WINDOW_S
-        agility, end_of_outage = vehicle_agility(self.max_speed), self.outage_ends.get(number)
+        motion_sigmas, end_of_outage = vehicle_motion_sigmas(self.max_speed), self.outage_ends.get(number)
         self._recovery = None
         if end_of_outage is not None:
-            transition = self._bridge_outage(seconds, agility, end_of_outage)
+            transition = self._bridge_outage(seconds, motion_sigmas, end_of_outage)
             heading_variance = 0.0
         else:
             can_recover = self._recovers_outages and not was_stationary
             if can_recover and OutageRecovery.is_possible(self.wheels, seconds):
                 self._recovery = OutageRecovery(
-                    number, seconds, agility, list(self.x), self.p.copy(), replace(self._heading_inflation)
+                    number,
+                    seconds,
+                    motion_sigmas,
+                    list(self.x),
+                    self.p.copy(),
+                    replace(self._heading_inflation),
                 )
             transition, heading_variance = self._outage_model.advance(
-                self.x, self.p, seconds, agility, was_stationary
+                self.x, self.p, seconds, motion_sigmas, was_stationary
             )
         forces = [wheel.standstill.force for wheel in self.wheels]
         self.outages.add_outage(end - seconds, end, heading_variance, forces if was_stationary else None)
@@ -240,10 +245,10 @@ class FilterCore(WindowProcessor):
             self.history.set_barrier()
         return pose
 
-    def _bridge_outage(self, seconds: float, agility: Agility, end: OutageEnd) -> Array:
+    def _bridge_outage(self, seconds: float, motion_sigmas: MotionSigmas, end: OutageEnd) -> Array:
         """Propagate the states over an outage whose end is known; return the transition (n, n)."""
         noise = self.config.noise
-        bridge = OutageBridge(self.x, self._at, self.wheels, seconds, agility, end)
+        bridge = OutageBridge(self.x, self._at, self.wheels, seconds, motion_sigmas, end)
         after = bridge.solve(noise.road_roughness, noise.lateral_slip)
         self._outage_model.bridge(self.x, self.p, seconds, after.x, after.transition, after.noise)
         for wheel in self.wheels:
@@ -251,7 +256,7 @@ class FilterCore(WindowProcessor):
         return after.transition
 
     def _recover_outage(self, recovery: OutageRecovery) -> None:
-        """Return to an outage once all wheel angles are known, and process the windows since then again."""
+        """Bridge a past outage once all wheel angles are known, and reprocess the windows since then."""
         if recovery.is_over():
             self._recovery = None
             return
@@ -260,7 +265,7 @@ class FilterCore(WindowProcessor):
             return
         self._recovery, self.outage_ends[recovery.number] = None, end
         self.x, self.p, self._heading_inflation = recovery.x, recovery.p, recovery.inflation
-        self._bridge_outage(recovery.seconds, recovery.agility, end)
+        self._bridge_outage(recovery.seconds, recovery.motion_sigmas, end)
         # Earlier records of these windows belong to the states without the wheel angles.
         self.apply(StateReset(()))
         self._prediction.clear_force()
@@ -276,7 +281,7 @@ class FilterCore(WindowProcessor):
             self._inflate_heading_error()
 
     def _realign(self, windows: WheelWindows, alignment_windows: int) -> None:
-        """Initialise wheel angles that are unknown, once enough gravity was gathered."""
+        """Initialise unknown wheel angles once enough windows of gravity are gathered."""
         for wheel, window in windows:
             is_ready = wheel.alignment_count >= alignment_windows and wheel.gravity_sum != 0j
             if not wheel.angle_initialised and is_ready:
@@ -323,7 +328,7 @@ class FilterCore(WindowProcessor):
             wheel.count_window(window, rate, self.x[wheel.columns[WHEEL_ANGLE]])
 
     def _check_mounting(self, windows: WheelWindows, result: UpdateResult) -> None:
-        """Test whether two undisturbed wheels are the declared axle."""
+        """Test whether two undisturbed wheels form the declared axle."""
         if (
             len(windows) < 2
             or not self.mounting_check.is_undecided
@@ -349,7 +354,8 @@ class FilterCore(WindowProcessor):
     def _apply_verdict(self, distrusted: float) -> None:
         """Restrict the wheels by the verdict of the mounting check.
 
-        distrusted: side, +1 or -1, or BOTH_WHEELS. The wrong wheel may have been trusted so far.
+        distrusted: side of the wheel, +1 or -1, or BOTH_WHEELS. Its errors may already be in the state, which
+        is inflated.
         """
         check = self.mounting_check
         distance = 2.0 * max(abs(distance) for distance in check.wheel_distances)

@@ -25,7 +25,7 @@ _CORRELATION_REGULARISATION = 1e-10
 
 
 class FixedLagSmoother:
-    """Delays poses by `lag` steps and corrects them meanwhile; a lag of 0 returns them unchanged."""
+    """Smoother that delays poses by `lag` steps, to correct them; a lag of 0 leaves them unchanged."""
 
     def __init__(self, lag: int, pose_columns: list[int]) -> None:
         self._lag, self._pose_columns = lag, pose_columns

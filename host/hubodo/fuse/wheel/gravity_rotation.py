@@ -1,6 +1,6 @@
 """Rotation of gravity in the samples of a few windows: rate, slope and phase by maximum likelihood.
 
-The force across the axle is g e^(-iθ) and terms that hardly change: bias and the force on the lever arm.
+The force across the axle is g e^(-iθ) plus terms that hardly change: bias and the force on the lever arm.
 """
 
 from __future__ import annotations
@@ -42,12 +42,12 @@ class Chirp(NamedTuple):
 class GravitySamples(NamedTuple):
     """Samples of consecutive windows.
 
-    t: s from `centre`, (N,); carried: rad, measured carrier angle; rate, across: rad/s; force: m/s². basis:
-    (N, k) orthonormal polynomials already removed from the force.
+    t: s from `centre`, (N,); carrier_angle: rad, integral of the measured gz; rate: rad/s, gz; across: rad/s,
+    gx + i gy; force: m/s², ax + i ay. basis: (N, k) orthonormal polynomials already removed from the force.
     """
 
     t: Array
-    carried: Array
+    carrier_angle: Array
     rate: Array
     across: Array
     force: Array
@@ -55,10 +55,10 @@ class GravitySamples(NamedTuple):
     basis: Array
 
     @staticmethod
-    def of(windows: Sequence[Window]) -> tuple[GravitySamples, Array] | None:
-        """Return the samples of windows with a clipped gyro and which of ax and ay are in range.
+    def from_windows(windows: Sequence[Window]) -> tuple[GravitySamples, Array] | None:
+        """Return the samples of windows with a clipped gyro, and flags (N, 2) of ax and ay in range.
 
-        The latter: bool (N, 2). None if there are too few samples.
+        Returns None if there are too few samples.
         """
         clipped = [(w, w.samples) for w in windows if w.samples is not None and w.missing == 0.0]
         in_range = np.array(
@@ -68,28 +68,31 @@ class GravitySamples(NamedTuple):
             return None
         centre = 0.5 * (clipped[0][0].number + clipped[-1][0].number + 1) * WINDOW_S
         t = np.concatenate([np.array(s.time) + ((w.number + 0.5) * WINDOW_S - centre) for w, s in clipped])
-        carried = np.concatenate([np.array(s.angle) + w.clock_angle for w, s in clipped])
+        carrier_angle = np.concatenate([np.array(s.angle) + w.clock_angle for w, s in clipped])
         rate, across, force = (np.concatenate([s[row] for _, s in clipped]) for row in (2, 4, 5))
-        return GravitySamples(t, carried, rate, across, force, centre, np.empty(0)), in_range
+        return GravitySamples(t, carrier_angle, rate, across, force, centre, np.empty(0)), in_range
 
-    def subtract(self, force: Any) -> GravitySamples:
-        """Return the samples without a known force, complex, of one or of all samples, m/s²."""
+    def subtract_force(self, force: Any) -> GravitySamples:
+        """Return the samples with a known force subtracted.
+
+        force: m/s², ax + i ay; one number or (N,).
+        """
         return self._replace(force=self.force - force)
 
-    def without(self, order: int) -> GravitySamples:
+    def remove_polynomial(self, order: int) -> GravitySamples:
         """Remove a polynomial of time with `order` coefficients, for bias and lever arm."""
         basis, _ = np.linalg.qr(self.t[:, None] ** np.arange(order))
         return self._replace(force=self.force - basis @ (basis.T @ self.force), basis=basis)
 
-    def best(self, rates: Array, slopes: Array, sign: float = 0.0) -> Chirp:
-        """Return the chirp with the smallest residual among all these rates and slopes.
+    def fit_chirp(self, rates: Array, slopes: Array, sign: float = 0.0) -> Chirp:
+        """Return the chirp with the smallest residual among candidate rates, rad/s, and slopes, rad/s².
 
-        sign: of the limit at which the gyro was saturated all the time; rates inside of it are no
-        candidates. 0.0 otherwise. The force across the axle is g e^(-iθ): maximum-likelihood estimate of a
-        complex chirp in white noise (Abatzoglou 1986).
+        sign: of the limit at which the gyro was saturated all the time, which excludes slower rates; else
+        0.0. The force across the axle is g e^(-iθ): maximum-likelihood estimate of a complex chirp in white
+        noise (Abatzoglou 1986).
         """
         t, count = self.t, len(self.t)
-        derotation = np.exp(-1j * (self.carried + 0.5 * slopes[:, None] * t * t))
+        derotation = np.exp(-1j * (self.carrier_angle + 0.5 * slopes[:, None] * t * t))
         # The basis is already removed from the force, so the overlap of a tone with it only reduces its
         # size.
         projections = np.column_stack([self.basis, self.force.conj()])
@@ -104,10 +107,10 @@ class GravitySamples(NamedTuple):
         rate, slope = np.unravel_index(int(np.argmax(power)), power.shape)
         return Chirp(float(rates[rate]), float(slopes[slope]), complex(fit[rate, slope]))
 
-    def steady(self, chirp: Chirp, radius: float) -> NodeFixedTerms:
-        """Return the means of force and rates after removing what rotates with the chirp; radius: m."""
+    def average_fixed_terms(self, chirp: Chirp, radius: float) -> NodeFixedTerms:
+        """Return the mean force and rates that do not rotate with the chirp; radius: m, of the wheel."""
         t, spin = self.t, self.rate + chirp.excess + chirp.slope * self.t
-        rotation = np.exp(-1j * (self.carried + chirp.excess * t + 0.5 * chirp.slope * t * t))
+        rotation = np.exp(-1j * (self.carrier_angle + chirp.excess * t + 0.5 * chirp.slope * t * t))
         basis = np.column_stack([np.ones(len(t)), rotation])
         signals = np.column_stack([self.force, self.across])
         fit = np.linalg.lstsq(basis, signals, rcond=None)[0]

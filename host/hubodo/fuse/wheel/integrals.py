@@ -98,7 +98,7 @@ def differences(first: int, edge_values: Array) -> list[Window]:
 def _rotate_back(d: Array, cos: Array, sin: Array) -> dict[int, list[complex]]:
     """Return the rotated pairs of rows times e^(-i middle), keyed by their first row.
 
-    So angles count from the middle of the window.
+    Angles then count from the middle of the window.
     """
     real, imaginary = d[_ROTATED_REAL_ROWS, :], d[_ROTATED_IMAGINARY_ROWS, :]
     pairs = _complex(real * cos + imaginary * sin, imaginary * cos - real * sin)
@@ -114,8 +114,8 @@ def _complex(real: Array, imaginary: Array) -> list[Any]:
 def cosine_and_sine(angle: Array) -> tuple[Array, Array]:
     """Return cosine and sine of angles (N,), rad, computed angle by angle.
 
-    One sample and a million then give the same bits. numpy may treat the ends of an array with other
-    instructions than its middle, so the last bit would depend on how samples are split into blocks.
+    The result is then bit-identical however samples are split into blocks; numpy may process the ends of an
+    array with other instructions than its middle, which changes the last bit.
     """
     values = angle.tolist()
     cosine = np.fromiter(map(math.cos, values), np.float64, len(values))

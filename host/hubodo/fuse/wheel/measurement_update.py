@@ -122,8 +122,8 @@ class MeasurementUpdate:
         for index, (wheel, window) in enumerate(windows):
             if window.all_clipped:
                 self._add_products(p, h, r, wheel, index)
-        # At standstill these columns are noise times noise, which minutes of data would turn into false
-        # knowledge.
+        # At standstill these derivatives are pure noise, which minutes of data would turn into false
+        # certainty.
         is_stationary = motion_state is not MotionState.MOVING
         for index, (wheel, _) in enumerate(windows):
             if is_stationary or rolling_rates[index] ** 2 < _MIN_ROLLING_SNR * wheel.standstill.noise:
@@ -175,7 +175,7 @@ class MeasurementUpdate:
     def _collect_rows(
         self, x: list[float], windows: WheelWindows, is_stationary: bool
     ) -> tuple[list[float], list[float], list[float], list[bool], list[int]]:
-        """Return row values, rolling rates, yaw rates, undisturbed windows, and silent rows."""
+        """Return row values, rolling rates, yaw rates, undisturbed windows, and unused rows."""
         values: list[float] = []
         rolling_rates: list[float] = []
         yaw_rates: list[float] = []
@@ -253,7 +253,7 @@ class MeasurementUpdate:
 
 
 def _usage_by_mode(every: Sequence[Measurement]) -> dict[WheelMode, tuple[bool, ...]]:
-    """Return for each mode of a wheel which measurements it allows; rolling does not need the wheel angle."""
+    """Return the measurements that each mode of a wheel allows; rolling does not need the wheel angle."""
     nothing = (False,) * len(every)
     return {
         WheelMode.ROLLING: (True,) * len(every),
@@ -267,7 +267,7 @@ def _usage_by_mode(every: Sequence[Measurement]) -> dict[WheelMode, tuple[bool, 
 
 
 class _States(NamedTuple):
-    """Columns, values and covariance block of some states."""
+    """Columns, values and covariance block of a subset of the states."""
 
     columns: list[int]
     values: list[float]
@@ -275,10 +275,10 @@ class _States(NamedTuple):
 
 
 def _unobservable_states(x: list[float], p: Array, windows: WheelWindows) -> _States | None:
-    """Return the radii of wheels with a saturated gyro, None without any.
+    """Return the columns of the radii of wheels with a saturated gyro; None if there are none.
 
-    Their rate is searched in each window, so rolling shows nothing about the radius; acceleration that no
-    force predicts moved it by 5 sigma.
+    Their rate is searched in each window, so rolling carries no information about the radius; unmodelled
+    acceleration would move it by 5 sigma.
     """
     columns = [wheel.columns[WHEEL_RADIUS] for wheel, window in windows if window.all_clipped]
     if not columns:

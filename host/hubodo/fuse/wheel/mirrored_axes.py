@@ -29,7 +29,7 @@ units of the force that rotates with the gyro. Estimated."""
 def correct_mirrored_axes(
     config: WheelConfig, nodes: Mapping[str, Table]
 ) -> tuple[dict[str, Table], tuple[str, ...]]:
-    """Return the nodes with y negated where their axes are mirrored, and a warning for each of these.
+    """Return the nodes, with y negated where axes are mirrored, and a warning for each mirrored node.
 
     Exchanged x and y, or one of them negated, are the same mirror image up to the wheel angle, which is
     initialised from gravity.

@@ -56,7 +56,7 @@ Estimated.
 
 
 class MotionModel:
-    """Propagates states and covariance; remembers the transition of the last window."""
+    """Propagation of states and covariance; the transition of the last window is stored."""
 
     def __init__(self, config: WheelConfig, initial: InitialState) -> None:
         layout = initial.columns
@@ -129,7 +129,7 @@ class MotionModel:
                 p[angle, angle] += (rate_sigma * window.missing * t) ** 2
 
     def transition(self) -> Array:
-        """Return the derivatives of the states at the end of the last window by those before, (n, n)."""
+        """Return the derivatives (n, n) of the states after the last propagation by those before it."""
         transition = np.eye(self._rows.shape[1])
         transition[self._changing] = self._rows
         return transition
@@ -141,7 +141,7 @@ def _turn_wheel(x: list[float], wheel: Wheel, window: Window, yaw_rate: float) -
     about_axle = mean_axle_rate(x, columns, window)
     camber, angle = x[columns[CAMBER]], columns[WHEEL_ANGLE]
     if window is EMPTY_WINDOW:
-        # It follows the vehicle, which another wheel measures.
+        # The wheel follows the vehicle, whose motion another wheel measures.
         contact = wheel.geometry.contact_y * (1.0 + x[columns[TRACK_WIDTH]])
         radius = wheel.geometry.radius * (1.0 + x[columns[WHEEL_RADIUS]])
         turned = (x[columns[SPEED]] - yaw_rate * contact) / radius * t
@@ -151,7 +151,7 @@ def _turn_wheel(x: list[float], wheel: Wheel, window: Window, yaw_rate: float) -
     rate = about_axle.rate - side * yaw_rate * sin
     x[angle] = math.remainder(x[angle] + rate * t, 2.0 * math.pi)
     by_camber, by_yaw_rate = -side * yaw_rate * math.cos(camber) * t, -side * sin * t
-    return about_axle.by_scale * t, about_axle.by_bias * t, t, by_camber, by_yaw_rate
+    return about_axle.scale_derivative * t, about_axle.bias_derivative * t, t, by_camber, by_yaw_rate
 
 
 def _variable_elements(layout: StateLayout, vehicle_rows: Sequence[tuple[Entry, tuple[Entry, ...]]]) -> Array:
@@ -170,7 +170,7 @@ def relative_length_loss(variance: float) -> float:
     moves the path sideways.
     """
     mean_square = 1.5 - 2.0 * math.exp(-0.5 * variance) + 0.5 * math.exp(-2.0 * variance)
-    # Rounding makes the square negative below a microradian.
+    # Below a microradian rounding can make the square negative.
     return math.sqrt(max(mean_square, 0.0))
 
 

@@ -23,7 +23,7 @@ from hubodo.fuse.wheel.entries import (
 )
 from hubodo.fuse.wheel.measurements import WindowNoise, forward, zero_velocity
 from hubodo.fuse.wheel.motion_state import MotionState
-from hubodo.fuse.wheel.outage_model import HARD_ACCELERATION, free_motion_variances, vehicle_agility
+from hubodo.fuse.wheel.outage_model import HARD_ACCELERATION, free_motion_variances, vehicle_motion_sigmas
 from hubodo.fuse.wheel.records import WheelWindows
 from hubodo.fuse.wheel.wheel import MAX_MISSING_SHARE, reset_state
 from hubodo.fuse.wheel.window import WINDOW_S
@@ -37,7 +37,7 @@ _MAX_VEHICLE_ACCELERATION = 5.0
 
 
 def detect_wheel_motion(windows: WheelWindows, x: list[float], p: Array) -> list[MotionState]:
-    """Return the motion state of each wheel; x, p provide the gyro biases and their sigma."""
+    """Return the motion state of each wheel; x and p are states and covariance, for the gyro biases."""
     states = []
     for wheel, window in windows:
         columns = wheel.columns
@@ -57,7 +57,7 @@ def vehicle_motion(wheel_states: Sequence[MotionState], is_slipping: Sequence[bo
 
 
 class _SpeedChange(NamedTuple):
-    """Speed change over a window from accelerometers: m/s, (m/s)², derivatives (n,) by the states."""
+    """Speed change over a window from accelerometers, m/s; its variance; its derivatives (n,)."""
 
     change: float
     variance: float
@@ -65,7 +65,7 @@ class _SpeedChange(NamedTuple):
 
 
 class MotionPrediction:
-    """Predicts states and covariance for a window, both in place.
+    """Prediction of states and covariance for a window, both in place.
 
     Attributes
     ----------
@@ -122,13 +122,13 @@ class MotionPrediction:
         )
         speed_variance, yaw_variance = _SPEED_STEP_SIGMA**2, _YAW_RATE_STEP_SIGMA**2
         if not measures_yaw:
-            free_speed_variance, yaw_variance = free_motion_variances(vehicle_agility(max_speed))
+            free_speed_variance, yaw_variance = free_motion_variances(vehicle_motion_sigmas(max_speed))
             speed_variance = speed_variance if received or has_surface_speeds else free_speed_variance
         blind = min((window.blind_windows for _, window in windows), default=0)
         if (
             blind > 0
             and not has_surface_speeds
-            and p.item(speed, speed) < vehicle_agility(max_speed).speed ** 2
+            and p.item(speed, speed) < vehicle_motion_sigmas(max_speed).speed ** 2
         ):
             # Braking lasts for seconds, so the changes of all windows add up: k² - (k - 1)² squared changes.
             speed_variance += 2.0 * blind * (HARD_ACCELERATION * WINDOW_S) ** 2
@@ -160,7 +160,9 @@ class MotionPrediction:
             wheel.angle_initialised and window.missing < MAX_MISSING_SHARE for wheel, window in windows
         )
         p[yaw_rate, yaw_rate] += (
-            _YAW_RATE_STEP_SIGMA**2 if measures_yaw else free_motion_variances(vehicle_agility(max_speed))[1]
+            _YAW_RATE_STEP_SIGMA**2
+            if measures_yaw
+            else free_motion_variances(vehicle_motion_sigmas(max_speed))[1]
         )
 
     def _speed_change(self, x: list[float], windows: WheelWindows) -> _SpeedChange | None:
@@ -187,7 +189,7 @@ class MotionPrediction:
     def _stand(self, x: list[float], p: Array, motion_state: MotionState) -> None:
         """Reset speed and yaw rate of a stationary vehicle in each window.
 
-        So the measurements of the window replace the previous estimate.
+        The measurements of the window then replace the previous estimate.
         """
         self._last_change = None
         for residual, variance, derivatives in zero_velocity.measure(x, self._columns, motion_state):

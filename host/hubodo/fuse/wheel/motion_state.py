@@ -32,7 +32,7 @@ _MIN_SHAKING = 0.3
 class MotionState(IntEnum):
     """Motion of a wheel or of the vehicle.
 
-    ROCKING: to and fro about one place, as with hands on the rims. STANDSTILL: nothing moves.
+    MOVING: driving. ROCKING: to and fro about one place, as with hands on the rims. STANDSTILL: no motion.
     """
 
     MOVING = 0
@@ -42,12 +42,12 @@ class MotionState(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class StandstillLimits:
-    """Limits of standstill detection, estimated: between idle hands and engines and the slowest drive.
+    """Limits of standstill detection: above an idle engine or idle hands, below the slowest drive.
 
     Attributes
     ----------
     rate : rad/s, mean rate over 1 s less bias, in addition to 3 sigma of bias and mean.
-    force_change : m/s², change of the mean specific force from half a second to the next.
+    force_change : m/s², change of the mean specific force between successive half seconds.
     gyro_spread : rad/s, standard deviation of the gyro within a window; its noise and a shaking engine
     included.
     rocking_rate, rocking_force_change, rocking_gyro_spread : the same for rocking, over 2 s.
@@ -74,13 +74,13 @@ class _QuietWindow(NamedTuple):
 
 @dataclass
 class StandstillDetector:
-    """Detect standstill: 1 s without rotation of gravity and without a mean rate beyond bias and noise.
+    """Standstill detector: 1 s without rotation of gravity and without a mean rate beyond bias and noise.
 
     A steadily rolling wheel rotates gravity. A wheel on the spot about which the vehicle pivots does not,
-    but shows a rate across the axle, which is distinguished from a bias as far as the bias is known. An
-    engine that shakes the vehicle, or a noisy gyro, changes no mean. `noise` is the variance of a window's
-    mean rate of one axis, (rad/s)², as measured at the last standstill, `force_noise` that of its mean
-    force, (m/s²)², counted as if windows were independent.
+    but shows a rate across the axle, which is distinguished from a bias as far as the bias is known. Engine
+    vibration and gyro noise do not change the means. `noise` is the variance of a window's mean rate of one
+    axis, (rad/s)², as measured at the last standstill, `force_noise` that of its mean force, (m/s²)², counted
+    as if windows were independent.
     """
 
     limits: StandstillLimits = field(default_factory=StandstillLimits)
@@ -102,7 +102,7 @@ class StandstillDetector:
             self.force_noise = force_noise if force_noise > _MIN_SHAKING**2 else 0.0
 
     def force_noise_of(self, window: Window) -> float:
-        """Return the variance of the mean specific force of a window by shaking, (m/s²)²; 0 if it rolls."""
+        """Return the variance of a window's mean force from engine vibration, (m/s²)²; 0 while rolling."""
         is_slow = abs(window.spin) < self.limits.max_rocking_rate * WINDOW_S
         return self.force_noise if is_slow else 0.0
 
@@ -156,7 +156,7 @@ class StandstillDetector:
         if is_zero and gravity_change < limits.force_change and spread < limits.gyro_spread**2:
             self._standstill_windows = last
             self._noise_history.append(noise)
-            # From a second ago: the newest windows may contain the start of a drive.
+            # Values of a second ago, because the newest windows may contain the start of a drive.
             self.noise = self._noise_history[0]
             return MotionState.STANDSTILL
         self._noise_history.clear()
@@ -171,11 +171,11 @@ class StandstillDetector:
         return MotionState.MOVING
 
     def _measure_shaking(self, rate_noise: float) -> None:
-        """Update the noise by an engine that shakes a wheel which hardly turns.
+        """Update the force noise from engine vibration while the wheel hardly turns.
 
         Values of a second ago are used: the newest windows may contain the start of a drive.
         """
-        # A wheel that creeps rotates gravity, which is no shaking.
+        # Gravity that rotates on a creeping wheel is not vibration.
         angles = itertools.accumulate(it.spin * WINDOW_S for it in self._quiet_windows)
         force_noise = long_run_variance(
             [it.force * cmath.exp(1j * angle) for it, angle in zip(self._quiet_windows, angles, strict=True)]
@@ -229,8 +229,8 @@ def _force_scatter(past: Sequence[_QuietWindow]) -> float:
 def long_run_variance(forces: Sequence[complex]) -> float:
     """Return the variance of one axis that independent windows with the same sum would have, (m/s²)².
 
-    An engine whose shaking is aliased to a low frequency moves many successive windows alike: the variance of
-    a window times 1 + 2 sum of the autocorrelations, summed while they are positive (Geyer 1992).
+    Engine vibration aliased to a low frequency correlates successive windows. So this is the variance of a
+    window times 1 + 2 sum of the autocorrelations, summed while they are positive (Geyer 1992).
     """
     count = len(forces)
     mean = sum(forces) / count

@@ -1,4 +1,4 @@
-"""Checks between two wheels: outlier rows, wrong mounting, steered wheels, track width."""
+"""Checks of two wheels against each other: outlier rows, wrong mounting, steered wheels, track width."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ class MountingCheck:
     axle_misfit : (rad/s)², excess of the residual over the tolerance.
     track_regression : sums for the track width: squares of the yaw rate, and its product with the difference
     of the wheels' speeds.
-    turned_angle : rad.
+    turned_angle : rad, sum of the magnitudes of all heading changes.
     count : windows.
     verdict : sentence for the user, empty if there is none.
     usable_side : side, +1 or -1, of the wheel that remains usable after a verdict; 0.0 for neither.
@@ -193,10 +193,10 @@ class MountingCheck:
         return distrusted_side
 
     def _compare_sizes(self, residual: float, turned_rate: float, yaw_rate_square: float) -> None:
-        """Accumulate the yaw-rate residual of the wheels' speeds, less that of unequal wheels.
+        """Accumulate the yaw-rate residual of the wheel speeds that unequal wheel sizes do not explain.
 
         residual: rad/s; turned_rate: 1/s times twice the speed over the track; yaw_rate_square: (rad/s)². A
-        window counts at most as `GATE_SIGMA` tolerances, so seconds of slip are no other axle.
+        window counts at most as `GATE_SIGMA` tolerances, so seconds of slip are not taken for a wrong axle.
         """
         tolerance = _AXLE_YAW_RMS**2 + _SPEED_YAW_SHARE**2 * yaw_rate_square
         regression = self.size_regression
@@ -244,7 +244,7 @@ class MountingCheck:
         return -1.0
 
     def _describe_width(self) -> str:
-        """Return the track width that speeds and gyros show, as text; empty if they show no plausible one."""
+        """Return the track width estimated from speeds and gyros, as text; empty if it is implausible."""
         squares, product = self.track_regression
         width = product / squares if squares > 0.0 else 0.0
         if not 1.0 / _MAX_WIDTH_RATIO < width / self.track_width < _MAX_WIDTH_RATIO:

@@ -1,4 +1,4 @@
-"""Checks of wheel nodes before filtering: times in seconds that overlap, frozen sensors, clocks set back."""
+"""Checks of wheel nodes before filtering: units and overlap of times, frozen sensors, clocks set back."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def _find_interleaved(t: Array) -> NDArray[np.bool_]:
     """Return a mask (N,) of interleaved samples.
 
     These are runs of `_CROWDED_RUN_SAMPLES` or more that follow each other much faster than most do.
-    After a clock went back, a log sorted by time interleaves the samples from before and after.
+    After a clock was set back, a log sorted by time interleaves the samples from before and after.
     """
     mask = np.zeros(len(t), np.bool_)
     if len(t) < 4 * _CROWDED_RUN_SAMPLES:

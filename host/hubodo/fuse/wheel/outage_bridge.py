@@ -32,7 +32,7 @@ from hubodo.fuse.wheel.entries import (
     X,
     Y,
 )
-from hubodo.fuse.wheel.outage_model import Agility, RateProcess, speed_process, yaw_rate_process
+from hubodo.fuse.wheel.outage_model import MotionSigmas, RateProcess, speed_process, yaw_rate_process
 from hubodo.fuse.wheel.wheel import Wheel
 
 MAX_BRIDGED_OUTAGE_S = 6.0
@@ -51,7 +51,7 @@ _POSE = (X, Y, HEADING)
 
 
 class OutageEnd(NamedTuple):
-    """Wheels and vehicle at the end of an outage, as the windows after it show them.
+    """Wheels and vehicle at the end of an outage, estimated from the windows after it.
 
     Attributes
     ----------
@@ -72,7 +72,7 @@ class BridgedState(NamedTuple):
     x : states.
     transition : (n, n), their derivatives by the states before.
     noise : (n, n), covariance that the outage adds.
-    probability : of the numbers of turns that were chosen.
+    probability : probability of the numbers of turns that were chosen.
     """
 
     x: list[float]
@@ -82,11 +82,11 @@ class BridgedState(NamedTuple):
 
 
 class _Rate(NamedTuple):
-    """A rate during the outage given its ends; K times, the first and last of which are the ends.
+    """A rate at K times during an outage, given its values at the first and the last of them.
 
     Attributes
     ----------
-    shape : (K,), mean for a start of 1 and nothing else known.
+    shape : (K,), mean given a value of 1 at the start and no value at the end.
     covariance : (K, K), for a known start.
     weights : (K,) s, of the integral over time.
     start, end : the known ends.
@@ -131,7 +131,7 @@ class _Path(NamedTuple):
 
 
 class OutageBridge:
-    """One outage: the states before it, x (n,), and what is known of its end.
+    """One outage: the states x (n,) before it, and estimates of wheels and vehicle at its end.
 
     The inputs of all derivatives are the n states before, then speed, yaw rate and wheel angles after, then
     one noise for each wheel and, for a single wheel, one for the change of heading.
@@ -143,7 +143,7 @@ class OutageBridge:
         columns: Mapping[Entry, int],
         wheels: Sequence[Wheel],
         seconds: float,
-        agility: Agility,
+        motion_sigmas: MotionSigmas,
         end: OutageEnd,
     ) -> None:
         self._x, self._at, self._wheels, self._end = np.array(x), columns, wheels, end
@@ -151,8 +151,8 @@ class OutageBridge:
         self._angles_end = len(x) + 2
         self._noises = self._angles_end + len(wheels)
         self._n_inputs = self._noises + len(wheels) + (len(wheels) == 1)
-        self._speed = _Rate.of(speed_process(agility), seconds, x[columns[SPEED]], end.speed)
-        self._yaw = _Rate.of(yaw_rate_process(agility), seconds, x[columns[YAW_RATE]], end.yaw_rate)
+        self._speed = _Rate.of(speed_process(motion_sigmas), seconds, x[columns[SPEED]], end.speed)
+        self._yaw = _Rate.of(yaw_rate_process(motion_sigmas), seconds, x[columns[YAW_RATE]], end.yaw_rate)
 
     def solve(self, roughness: float, lateral_slip: float) -> BridgedState:
         """Return the states after the outage; roughness, lateral_slip: m/√m, along and across the path."""

@@ -29,9 +29,9 @@ _MAX_LISTED_OUTAGES = 100
 
 @dataclass(frozen=True, slots=True)
 class WheelOutage:
-    """An outage: start and end, s, and whether the vehicle was stationary.
+    """An outage of all wheels: start and end, s, and whether the vehicle was stationary.
 
-    A vehicle is taken as stationary if it stood still before and after with unmoved wheels.
+    A vehicle is assumed stationary if it stood still before and after and its wheel angles are unchanged.
     """
 
     start: float
@@ -43,7 +43,7 @@ class WheelOutage:
 class OutageLog:
     """The outages of a drive, oldest first; only the first `_MAX_LISTED_OUTAGES` are listed."""
 
-    listed: list[WheelOutage] = field(default_factory=list)
+    listed_outages: list[WheelOutage] = field(default_factory=list)
     count: int = 0
     seconds: float = 0.0
     may_have_been_stationary: bool = False
@@ -65,8 +65,8 @@ class OutageLog:
         """
         self.count += 1
         self.seconds += end - start
-        if len(self.listed) < _MAX_LISTED_OUTAGES:
-            self.listed.append(WheelOutage(start, end))
+        if len(self.listed_outages) < _MAX_LISTED_OUTAGES:
+            self.listed_outages.append(WheelOutage(start, end))
         self._heading_variance = heading_variance
         self.may_have_been_stationary, self._windows = forces is not None, 0
         self._forces = list(forces or ())
@@ -88,8 +88,8 @@ class OutageLog:
                 abs(cmath.phase(after * before.conjugate())) < _MAX_GRAVITY_TURN for before, after in received
             ):
                 change = _STATIONARY_HEADING_SIGMA**2 - self._heading_variance
-                if self.count == len(self.listed):
-                    self.listed[-1] = replace(self.listed[-1], was_stationary=True)
+                if self.count == len(self.listed_outages):
+                    self.listed_outages[-1] = replace(self.listed_outages[-1], was_stationary=True)
         elif self._windows >= _CONFIRMATION_WINDOWS:
             self.may_have_been_stationary = False
         return change
@@ -97,7 +97,7 @@ class OutageLog:
     def list_warnings(self, names: str) -> list[str]:
         """Return one line for each listed outage; names: of the nodes."""
         lines = []
-        for outage in self.listed:
+        for outage in self.listed_outages:
             duration = outage.end - outage.start
             text = (
                 f"{names}: not heard from t = {outage.start:.1f} to {outage.end:.1f} s ({duration:.1f} s): "
@@ -107,11 +107,11 @@ class OutageLog:
             else:
                 text += "where it went is not known; "
             lines.append(text + "position as far as a vehicle can go, sigmas grow there")
-        if self.count > len(self.listed):
-            lines.append(f"{names}: not heard {self.count - len(self.listed)} more times")
+        if self.count > len(self.listed_outages):
+            lines.append(f"{names}: not heard {self.count - len(self.listed_outages)} more times")
         return lines
 
     @property
     def windows(self) -> int:
-        """Return the number of windows in all outages."""
+        """Return the total number of windows in outages."""
         return round(self.seconds / WINDOW_S)

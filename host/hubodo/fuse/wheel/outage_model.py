@@ -6,7 +6,8 @@ Speed v and yaw rate r revert to zero as Ornstein-Uhlenbeck processes,
 
 and the displacement is the integral of v e^(iθ), θ' = r. Mean and covariance of these processes follow by
 Gauss-Legendre quadrature (θ is Gaussian: E e^(iθ) = e^(im - s²/2) with mean m and variance s²). The cost is
-the same for a second and a day, and a vehicle with unknown heading does not run away on the tangent.
+the same for a second and a day, and the mean of a vehicle with unknown heading does not run away along a
+tangent.
 """
 
 from __future__ import annotations
@@ -47,24 +48,24 @@ _QUADRATURE_NODES, _QUADRATURE_WEIGHTS = 0.5 * (_LEGENDRE_NODES + 1.0), 0.5 * _L
 _POSE_ORDER = (X, Y, HEADING, SPEED, YAW_RATE)
 
 
-class Agility(NamedTuple):
+class MotionSigmas(NamedTuple):
     """Stationary standard deviations of speed, V in m/s, and yaw rate, R in rad/s, of a vehicle."""
 
     speed: float
     yaw_rate: float
 
 
-def vehicle_agility(max_speed: float) -> Agility:
-    """Return the agility of a vehicle that has reached `max_speed`, m/s."""
+def vehicle_motion_sigmas(max_speed: float) -> MotionSigmas:
+    """Return the motion sigmas of a vehicle that has reached `max_speed`, m/s."""
     speed = max(_SPEED_SIGMA, _SPEED_SIGMA_FACTOR * max_speed)
-    return Agility(speed, min(_YAW_RATE_SIGMA, _LATERAL_ACCELERATION / speed))
+    return MotionSigmas(speed, min(_YAW_RATE_SIGMA, _LATERAL_ACCELERATION / speed))
 
 
-def free_motion_variances(agility: Agility) -> tuple[float, float]:
+def free_motion_variances(motion_sigmas: MotionSigmas) -> tuple[float, float]:
     """Return the growth of variance per window of an unmeasured speed, (m/s)², and yaw rate, (rad/s)²."""
     return (
-        2.0 * agility.speed**2 * WINDOW_S / _SPEED_TIME_S,
-        2.0 * agility.yaw_rate**2 * WINDOW_S / _YAW_TIME_S,
+        2.0 * motion_sigmas.speed**2 * WINDOW_S / _SPEED_TIME_S,
+        2.0 * motion_sigmas.yaw_rate**2 * WINDOW_S / _YAW_TIME_S,
     )
 
 
@@ -82,14 +83,14 @@ class RateProcess(NamedTuple):
         )
 
 
-def speed_process(agility: Agility) -> RateProcess:
+def speed_process(motion_sigmas: MotionSigmas) -> RateProcess:
     """Return the process of the speed, m/s."""
-    return RateProcess(agility.speed, _SPEED_TIME_S)
+    return RateProcess(motion_sigmas.speed, _SPEED_TIME_S)
 
 
-def yaw_rate_process(agility: Agility) -> RateProcess:
+def yaw_rate_process(motion_sigmas: MotionSigmas) -> RateProcess:
     """Return the process of the yaw rate, rad/s."""
-    return RateProcess(agility.yaw_rate, _YAW_TIME_S)
+    return RateProcess(motion_sigmas.yaw_rate, _YAW_TIME_S)
 
 
 class FreeMotion(NamedTuple):
@@ -97,48 +98,50 @@ class FreeMotion(NamedTuple):
 
     Attributes
     ----------
-    path : m, mean displacement, forward + i left.
-    by_speed, by_yaw_rate : its derivatives by speed and yaw rate at the start, s and m s/rad.
-    turn : s, derivative of the final heading by the yaw rate at the start.
-    speed, yaw_rate : shares of both that remain at the end.
+    displacement : m, mean, forward + i left.
+    by_speed, by_yaw_rate : derivatives of the displacement by speed and yaw rate at the start, s and m s/rad.
+    heading_by_yaw_rate : s, derivative of the final heading by the yaw rate at the start.
+    speed_decay, yaw_rate_decay : fractions of speed and yaw rate that remain at the end.
     noise : (5, 5), process noise of forward, left, heading, speed, yaw rate.
     """
 
-    path: complex
+    displacement: complex
     by_speed: complex
     by_yaw_rate: complex
-    turn: float
-    speed: float
-    yaw_rate: float
+    heading_by_yaw_rate: float
+    speed_decay: float
+    yaw_rate_decay: float
     noise: Array
 
 
-def predict_free_motion(speed: float, yaw_rate: float, seconds: float, agility: Agility) -> FreeMotion:
+def predict_free_motion(
+    speed: float, yaw_rate: float, seconds: float, motion_sigmas: MotionSigmas
+) -> FreeMotion:
     """Return the motion over `seconds` of a vehicle at `speed`, m/s, and `yaw_rate`, rad/s."""
     t = min(seconds, _TRANSIENT_S)
     s, weight = t * _QUADRATURE_NODES, t * _QUADRATURE_WEIGHTS
     speed_share, yaw_share = np.exp(-s / _SPEED_TIME_S), np.exp(-s / _YAW_TIME_S)
     final_speed_share, final_yaw_share = math.exp(-t / _SPEED_TIME_S), math.exp(-t / _YAW_TIME_S)
     mean_turn = _YAW_TIME_S * (1.0 - yaw_share)
-    heading_covariance = _heading_covariance(s[:, None], s[None, :], agility)
+    heading_covariance = _heading_covariance(s[:, None], s[None, :], motion_sigmas)
     heading_variance = heading_covariance.diagonal()
     mean_direction = np.exp(1j * yaw_rate * mean_turn - 0.5 * heading_variance)
     by_speed = complex(np.sum(weight * speed_share * mean_direction))
     by_turn = 1j * speed * weight * speed_share * mean_direction
     by_yaw_rate = complex(np.sum(by_turn * mean_turn))
     noise = np.zeros((5, 5))
-    noise[:2, :2] = _path_covariance(s, weight, speed, mean_direction, heading_covariance, agility)
-    noise[:2, :2] += np.eye(2) * _asymptotic_growth(agility) * (seconds - t)
+    noise[:2, :2] = _path_covariance(s, weight, speed, mean_direction, heading_covariance, motion_sigmas)
+    noise[:2, :2] += np.eye(2) * _asymptotic_growth(motion_sigmas) * (seconds - t)
     # Covariances of heading, speed and yaw rate at the end with the displacement.
     yaw_turn_covariance = (
-        agility.yaw_rate**2
+        motion_sigmas.yaw_rate**2
         * _YAW_TIME_S
         * (final_yaw_share / yaw_share - 2.0 * final_yaw_share + final_yaw_share * yaw_share)
     )
-    speed_covariance = agility.speed**2 * final_speed_share * (1.0 / speed_share - speed_share)
+    speed_covariance = motion_sigmas.speed**2 * final_speed_share * (1.0 / speed_share - speed_share)
     for index, covariance in enumerate(
         (
-            np.sum(by_turn * _heading_covariance(s, np.full_like(s, t), agility)),
+            np.sum(by_turn * _heading_covariance(s, np.full_like(s, t), motion_sigmas)),
             np.sum(weight * speed_covariance * mean_direction),
             np.sum(by_turn * yaw_turn_covariance),
         ),
@@ -146,10 +149,10 @@ def predict_free_motion(speed: float, yaw_rate: float, seconds: float, agility: 
     ):
         noise[:2, index] = noise[index, :2] = covariance.real, covariance.imag
     last = np.array([seconds])
-    noise[2, 2] = float(_heading_covariance(last, last, agility)[0])
-    noise[3, 3] = agility.speed**2 * (1.0 - final_speed_share**2)
-    noise[4, 4] = agility.yaw_rate**2 * (1.0 - final_yaw_share**2)
-    noise[2, 4] = noise[4, 2] = agility.yaw_rate**2 * _YAW_TIME_S * (1.0 - final_yaw_share) ** 2
+    noise[2, 2] = float(_heading_covariance(last, last, motion_sigmas)[0])
+    noise[3, 3] = motion_sigmas.speed**2 * (1.0 - final_speed_share**2)
+    noise[4, 4] = motion_sigmas.yaw_rate**2 * (1.0 - final_yaw_share**2)
+    noise[2, 4] = noise[4, 2] = motion_sigmas.yaw_rate**2 * _YAW_TIME_S * (1.0 - final_yaw_share) ** 2
     scale_to_uniform = min(1.0, UNIFORM_ANGLE_SIGMA / math.sqrt(noise[2, 2]))
     noise[2, :] *= scale_to_uniform
     noise[:, 2] *= scale_to_uniform
@@ -164,12 +167,12 @@ def predict_free_motion(speed: float, yaw_rate: float, seconds: float, agility: 
     )
 
 
-def _heading_covariance(s: Array, u: Array, agility: Agility) -> Array:
+def _heading_covariance(s: Array, u: Array, motion_sigmas: MotionSigmas) -> Array:
     """Return the covariance of the headings at times s and u (s), rad².
 
     The heading is an integrated Ornstein-Uhlenbeck process that starts at zero.
     """
-    scale = (agility.yaw_rate * _YAW_TIME_S) ** 2
+    scale = (motion_sigmas.yaw_rate * _YAW_TIME_S) ** 2
     decay_s, decay_u = np.exp(-s / _YAW_TIME_S), np.exp(-u / _YAW_TIME_S)
     decay_between = np.exp(-np.abs(s - u) / _YAW_TIME_S)
     headings_covariance: Array = scale * (
@@ -183,7 +186,12 @@ def _heading_covariance(s: Array, u: Array, agility: Agility) -> Array:
 
 
 def _path_covariance(
-    s: Array, weight: Array, speed: float, mean_direction: Array, heading_covariance: Array, agility: Agility
+    s: Array,
+    weight: Array,
+    speed: float,
+    mean_direction: Array,
+    heading_covariance: Array,
+    motion_sigmas: MotionSigmas,
 ) -> Array:
     """Return the covariance of the displacement, (2, 2) m².
 
@@ -191,7 +199,7 @@ def _path_covariance(
     """
     speed_share = np.exp(-s / _SPEED_TIME_S)
     mean_product = speed_share[:, None] * speed_share[None, :]
-    speed_covariance = agility.speed**2 * (
+    speed_covariance = motion_sigmas.speed**2 * (
         np.exp(-np.abs(s[:, None] - s[None, :]) / _SPEED_TIME_S) - mean_product
     )
     speed_covariance += speed * speed * mean_product
@@ -205,7 +213,7 @@ def _path_covariance(
     return np.array([[xx - mean.real**2, xy], [xy, yy - mean.imag**2]])
 
 
-def _asymptotic_growth(agility: Agility) -> float:
+def _asymptotic_growth(motion_sigmas: MotionSigmas) -> float:
     """Return the asymptotic growth of the position variance in each direction, m²/s.
 
     Green-Kubo: the integral of the autocorrelation of v e^(iθ).
@@ -213,8 +221,8 @@ def _asymptotic_growth(agility: Agility) -> float:
     s = _TRANSIENT_S * _QUADRATURE_NODES**2
     weight = 2.0 * _TRANSIENT_S * _QUADRATURE_NODES * _QUADRATURE_WEIGHTS
     ratio = s / _YAW_TIME_S
-    mean_turn = (agility.yaw_rate * _YAW_TIME_S) ** 2 * (ratio - 1.0 + np.exp(-ratio))
-    return float(np.sum(weight * agility.speed**2 * np.exp(-s / _SPEED_TIME_S - mean_turn)))
+    mean_turn = (motion_sigmas.yaw_rate * _YAW_TIME_S) ** 2 * (ratio - 1.0 + np.exp(-ratio))
+    return float(np.sum(weight * motion_sigmas.speed**2 * np.exp(-s / _SPEED_TIME_S - mean_turn)))
 
 
 class OutageModel:
@@ -236,7 +244,7 @@ class OutageModel:
                 self._gauss_markov.append((index, entry.correlation_time, initial.p[index, index]))
 
     def advance(
-        self, x: list[float], p: Array, seconds: float, agility: Agility, is_stationary: bool
+        self, x: list[float], p: Array, seconds: float, motion_sigmas: MotionSigmas, is_stationary: bool
     ) -> tuple[Array, float]:
         """Propagate x and p in place to the end of an outage of `seconds`.
 
@@ -246,27 +254,27 @@ class OutageModel:
         at = [self._at[entry] for entry in _POSE_ORDER]
         if is_stationary:
             x[at[3]] = x[at[4]] = 0.0
-        motion = predict_free_motion(x[at[3]], x[at[4]], seconds, agility)
+        motion = predict_free_motion(x[at[3]], x[at[4]], seconds, motion_sigmas)
         direction = complex(math.cos(x[at[2]]), math.sin(x[at[2]]))
         transition = np.eye(len(x))
         for column, change in (
-            (at[2], 1j * motion.path * direction),
+            (at[2], 1j * motion.displacement * direction),
             (at[3], motion.by_speed * direction),
             (at[4], motion.by_yaw_rate * direction),
         ):
             transition[at[0], column], transition[at[1], column] = change.real, change.imag
-        transition[at[2], at[4]] = motion.turn
-        transition[at[3], at[3]], transition[at[4], at[4]] = motion.speed, motion.yaw_rate
+        transition[at[2], at[4]] = motion.heading_by_yaw_rate
+        transition[at[3], at[3]], transition[at[4], at[4]] = motion.speed_decay, motion.yaw_rate_decay
         for index, correlation_time_s, _ in self._gauss_markov:
             transition[index, index] = math.exp(-seconds / correlation_time_s)
         for angle, excess in self._wheels:
             transition[angle, angle] = transition[excess, excess] = 0.0
-        displacement = motion.path * direction
-        x[at[2]] += motion.turn * x[at[4]]
+        displacement = motion.displacement * direction
+        x[at[2]] += motion.heading_by_yaw_rate * x[at[4]]
         x[at[0]] += displacement.real
         x[at[1]] += displacement.imag
-        x[at[3]] *= motion.speed
-        x[at[4]] *= motion.yaw_rate
+        x[at[3]] *= motion.speed_decay
+        x[at[4]] *= motion.yaw_rate_decay
         for index, _, _ in self._gauss_markov:
             x[index] *= transition[index, index]
         for angle, excess in self._wheels:
@@ -275,7 +283,8 @@ class OutageModel:
         rotation[:2, :2] = [[direction.real, -direction.imag], [direction.imag, direction.real]]
         noise = rotation @ motion.noise @ rotation.T
         if is_stationary:
-            # Whether the vehicle has turned may show later: uncorrelated, so that it can be removed again.
+            # Later windows may show that the vehicle did not turn: this variance is uncorrelated with all
+            # states, so that it can be removed again.
             noise = np.diag(noise.diagonal())
         self.spread(p, transition, seconds)
         p[np.ix_(at, at)] += noise
@@ -284,7 +293,7 @@ class OutageModel:
     def bridge(
         self, x: list[float], p: Array, seconds: float, after: list[float], transition: Array, noise: Array
     ) -> None:
-        """Propagate x and p in place over an outage whose motion is known from elsewhere.
+        """Propagate x and p in place over an outage whose motion `outage_bridge.py` has determined.
 
         after: states after it. transition (n, n), which this completes in place, and noise (n, n) as in
         `outage_bridge.py`.

@@ -1,4 +1,4 @@
-"""Return to an outage of all wheels once their angles after it are known, and replay of the windows since."""
+"""Recovery from an outage of all wheels: rollback once their angles are known, then replay."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hubodo.fuse.wheel.entries import GYRO_SCALE_ACROSS, WHEEL_ANGLE
 from hubodo.fuse.wheel.motion_model import HeadingErrorInflation
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.outage_bridge import MAX_BRIDGED_OUTAGE_S, OutageEnd
-from hubodo.fuse.wheel.outage_model import Agility
+from hubodo.fuse.wheel.outage_model import MotionSigmas
 from hubodo.fuse.wheel.records import WheelWindows
 from hubodo.fuse.wheel.wheel import Wheel, WheelMode
 from hubodo.fuse.wheel.window import SECOND_WINDOWS, WINDOW_S, Window
@@ -25,7 +25,7 @@ _MAX_RECOVERY_WINDOWS = 2 * SECOND_WINDOWS + SECOND_WINDOWS
 
 
 class _Step(NamedTuple):
-    """A step since the outage, with windows as received."""
+    """A step after the outage, with windows as received."""
 
     number: int
     windows: WheelWindows
@@ -38,17 +38,17 @@ class OutageRecovery:
 
     Attributes
     ----------
-    number : of its last window.
-    seconds : its length.
-    agility : of the vehicle at its start.
-    x, p : states and covariance at its start.
-    inflation : of the heading error at its start.
-    steps : since its end.
+    number : number of its last window.
+    seconds : length of the outage.
+    motion_sigmas : of the vehicle at the start of the outage.
+    x, p : states and covariance at the start of the outage.
+    inflation : heading error inflation at the start of the outage.
+    steps : steps since the end of the outage.
     """
 
     number: int
     seconds: float
-    agility: Agility
+    motion_sigmas: MotionSigmas
     x: list[float]
     p: Array
     inflation: HeadingErrorInflation

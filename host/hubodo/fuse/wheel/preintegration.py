@@ -30,7 +30,7 @@ _Row = tuple[float, ...]
 
 @dataclass
 class WindowBuilder:
-    """Cut the samples of one node into windows, independently of how samples are split into blocks.
+    """A cutter of one node's samples into windows that do not depend on how samples are split into blocks.
 
     Integrals run over the linear interpolation from the first sample after a pause; a window is the
     difference of two of them. Sums are made sequentially, as in a live run. No windows cover a pause (a gap
@@ -42,14 +42,14 @@ class WindowBuilder:
     facing : direction of the node's z axis.
     start : s, time of the first edge.
     gyro_limit, accel_limit : rad/s and m/s², beyond which a sample counts as clipped.
-    refused : number of samples left out.
+    n_rejected : number of samples left out.
     """
 
     facing: Facing
     start: float
     gyro_limit: float = np.inf
     accel_limit: float = np.inf
-    refused: int = 0
+    n_rejected: int = 0
     _edge: int = 0
     _time: list[float] = field(default_factory=list)
     _rows: list[_Row] = field(default_factory=list)
@@ -73,17 +73,17 @@ class WindowBuilder:
         row = (*gyro, *accel)
         if self._newest is None or 0.0 < t - self._newest <= MAX_BRIDGED_GAP:
             # The pending sample that jumped ahead has no successor.
-            self.refused += self._pending_sample is not None
+            self.n_rejected += self._pending_sample is not None
             self._pending_sample = None
             return self._append_sample(t, row)
         if t <= self._newest:
-            self.refused += 1
+            self.n_rejected += 1
             return []
         if self._pending_sample is not None and 0.0 < t - self._pending_sample[0] <= MAX_BRIDGED_GAP:
             pending, self._pending_sample = self._pending_sample, None
             self._restart()
             return [*self._append_sample(*pending), *self._append_sample(t, row)]
-        self.refused += self._pending_sample is not None
+        self.n_rejected += self._pending_sample is not None
         self._pending_sample = t, row
         return []
 
@@ -100,7 +100,7 @@ class WindowBuilder:
                 block = slice(position, position + n_unbroken)
                 windows += self._append_samples(t[block], gyro[block], accel[block])
                 position += n_unbroken
-            # Samples after a gap take the path of single samples.
+            # Samples after a gap are processed one by one.
             while position < count and not self._is_continuous(float(t[position])):
                 windows += self.add(
                     float(t[position]), tuple(gyro[position].tolist()), tuple(accel[position].tolist())
@@ -218,7 +218,7 @@ class WindowBuilder:
         edge_values = np.empty((CZ + 5, len(edges)))
         edge_values[: CZ + 1] = totals[:-1, left] + step * fraction * (y0 + 0.5 * fraction * (y1 - y0))
         edge_values[MISSING] = totals[-1, left] + fraction * (totals[-1, right] - totals[-1, left])
-        # Values at the edge, interpolated.
+        # Interpolate the values at the edge.
         rows_at_edge = [GZ, WR, WI]
         edge_values[MISSING + 1 :] = y0[rows_at_edge] + fraction * (y1[rows_at_edge] - y0[rows_at_edge])
         first = self._edge - (self._edge_values is not None)

@@ -42,8 +42,8 @@ braking the angle of a wheel of 0.3 m is then off by 1.3 rad."""
 def derotate_window(x: list[float], p: Array, wheel: Wheel, window: Window) -> tuple[Window, list[int]]:
     """Return the window derotated by its estimated spin, and the columns that were reset.
 
-    The rate beyond range is a state only while the gyro clips. It is reset in each window to what gravity
-    shows, in place.
+    The rate beyond range is a state only while the gyro clips. In each window it is reset, in place, to the
+    rate at which gravity rotates.
     """
     columns, tracker = wheel.columns, wheel.spin_tracker
     beyond, angle = columns[RATE_BEYOND_RANGE], columns[WHEEL_ANGLE]
@@ -91,7 +91,7 @@ def derotate_window(x: list[float], p: Array, wheel: Wheel, window: Window) -> t
 
 
 def _widen_blind_rate(p: Array, wheel: Wheel, step: float) -> None:
-    """Add variance to a rate that nothing measures, in place; step: rad/s, the change in a window.
+    """Add variance, in place, to a rate that nothing measures; step: rad/s, its change in a window.
 
     Braking lasts for seconds, so the changes of all windows add up: (k + 1)² - k² = 2 k + 1 squared steps
     after k windows.
@@ -114,7 +114,7 @@ def _track_unclipped(wheel: Wheel, window: Window) -> None:
 
 
 def _restore_arm_variance(p: Array, wheel: Wheel) -> None:
-    """Restore the variance of the lever arm from before the search, at most `_MIN_ARM_SIGMA`, in place."""
+    """Restore, in place, the lever arm's variance from before the search, if not above `_MIN_ARM_SIGMA`²."""
     if wheel.arm_variances is not None:
         for entry, variance in zip((LEVER_ARM_X, LEVER_ARM_Y), wheel.arm_variances, strict=True):
             column = wheel.columns[entry]
@@ -123,7 +123,7 @@ def _restore_arm_variance(p: Array, wheel: Wheel) -> None:
 
 
 def reset_misaligned_angle(x: list[float], p: Array, wheel: Wheel, window: Window) -> list[int]:
-    """Reset the wheel angle in place once gravity has pointed elsewhere, and return the reset columns.
+    """Reset the wheel angle in place if gravity contradicts it for some windows; return the reset columns.
 
     The position may be off by one turn of the wheel.
     """

@@ -22,14 +22,14 @@ WheelWindows = Sequence[tuple[Wheel, Window]]
 
 
 class StepInput(NamedTuple):
-    """Input of one step: the windows with one number of all wheels, in the order of the nodes.
+    """Input of one step: the windows of all wheels with one number, in the order of the nodes.
 
     Attributes
     ----------
-    windows : empty in an outage of all wheels of `spans` windows up to this number.
+    windows : empty in an outage of all wheels.
     number : number of the (last) window.
     realign : True if wheels with unknown angle gather gravity in this step.
-    spans : number of windows.
+    spans : number of windows that the step covers; above 1 only in an outage.
     surface_speeds : m/s of the left and right wheel from another odometer, or None.
     """
 
@@ -72,7 +72,7 @@ class Pose(NamedTuple):
 def add_common_scale(pose: Pose, sigma: float) -> Pose:
     """Return the pose with the covariance of a scale error common to all wheels, 1 sigma as a fraction.
 
-    It scales the track about its start, the origin, and the speed: no measurement of the filter shows it.
+    The error scales speed and track about its start, the origin; no measurement of the filter shows it.
     """
     if not sigma:
         return pose
@@ -92,7 +92,7 @@ class SmoothingTerms(NamedTuple):
     speed_row : column of the speed and its derivatives (n,) by the states at the end of the previous step, if
         the accelerometers propagated it.
     outage_transition : (n, n), derivatives of prior_x by the states at the end of the previous step; None if
-        no outage lies between.
+        no outage lies between the two.
     heading_inflation : (2, 2) m², second-order covariance of x and y beyond p.
     """
 

@@ -33,13 +33,13 @@ of pure noise reaches 4."""
 class SingleAxisSamples(NamedTuple):
     """Samples of consecutive windows with the validity of each accelerometer axis.
 
-    t, carried, rate, across, centre: as in `GravitySamples`. force: m/s², (N, 2), x and y; in_range: (N, 2),
-    1.0 where the axis is in range, else 0.0. basis: (2, N, k) orthonormal polynomials of each axis already
-    removed from the force.
+    t, carrier_angle, rate, across, centre: see `GravitySamples`. force: m/s², (N, 2), x and y; in_range: (N,
+    2), 1.0 where the axis is in range, else 0.0. basis: (2, N, k) orthonormal polynomials of each axis
+    already removed from the force.
     """
 
     t: Array
-    carried: Array
+    carrier_angle: Array
     rate: Array
     across: Array
     centre: float
@@ -48,8 +48,11 @@ class SingleAxisSamples(NamedTuple):
     basis: Array
 
     @staticmethod
-    def of(samples: GravitySamples, in_range: Array) -> SingleAxisSamples | None:
-        """Return the samples of the axes in range, None if there are too few; in_range: bool (N, 2)."""
+    def from_samples(samples: GravitySamples, in_range: Array) -> SingleAxisSamples | None:
+        """Return the samples of the axes in range; None if there are too few.
+
+        in_range: (N, 2), True where an axis of a sample is in range.
+        """
         is_used = in_range & (np.mean(in_range, axis=0) >= _MIN_AXIS_SHARE)
         if np.count_nonzero(is_used) < MIN_SEARCH_SAMPLES:
             return None
@@ -59,15 +62,18 @@ class SingleAxisSamples(NamedTuple):
 
     @property
     def n_values(self) -> float:
-        """Return the number of values in range of both axes."""
+        """Return the number of values in range, of both axes together."""
         return float(np.sum(self.in_range))
 
-    def subtract(self, force: Any) -> SingleAxisSamples:
-        """Return the samples without a known force, complex, of one or of all samples, m/s²."""
+    def subtract_force(self, force: Any) -> SingleAxisSamples:
+        """Return the samples with a known force subtracted.
+
+        force: m/s², ax + i ay; one number or (N,).
+        """
         components = np.stack([np.real(force), np.imag(force)], axis=-1)
         return self._replace(force=self.force - components * self.in_range)
 
-    def without(self, order: int) -> SingleAxisSamples:
+    def remove_polynomial(self, order: int) -> SingleAxisSamples:
         """Remove a polynomial of time with `order` coefficients from each axis, for bias and lever arm."""
         powers, force, basis = self.t[:, None] ** np.arange(order), self.force.copy(), []
         for axis in range(2):
@@ -77,13 +83,13 @@ class SingleAxisSamples(NamedTuple):
             basis.append(functions)
         return self._replace(force=force, basis=np.array(basis))
 
-    def best(self, rates: Array, slopes: Array, sign: float = 0.0) -> Chirp:
-        """Return the chirp with the smallest residual among all these rates and slopes.
+    def fit_chirp(self, rates: Array, slopes: Array, sign: float = 0.0) -> Chirp:
+        """Return the chirp with the smallest residual among candidate rates, rad/s, and slopes, rad/s².
 
-        sign: see `GravitySamples.best`. An amplitude that is not significant is returned as zero.
+        sign: see `GravitySamples.fit_chirp`. An amplitude that is not significant is returned as zero.
         """
         t, order = self.t, self.basis.shape[2]
-        phase = self.carried + 0.5 * slopes[:, None] * t * t
+        phase = self.carrier_angle + 0.5 * slopes[:, None] * t * t
         signals = np.column_stack([self.force, self.basis[0], self.basis[1]])
         sums = _derotated_sums(rates, t, np.exp(-1j * phase), signals)
         double = _derotated_sums(
@@ -110,14 +116,20 @@ class SingleAxisSamples(NamedTuple):
             amplitude = 0j
         return Chirp(float(rates[rate]), float(slopes[slope]), amplitude)
 
-    def steady(self, chirp: Chirp, radius: float) -> NodeFixedTerms:
-        """Return the mean rates after removing what rotates with the chirp; radius: m.
+    def average_fixed_terms(self, chirp: Chirp, radius: float) -> NodeFixedTerms:
+        """Return the mean rates that do not rotate with the chirp; radius: m, of the wheel.
 
         The mean force of a saturated axis is unknown, so the force has an infinite variance.
         """
         terms = GravitySamples(
-            self.t, self.carried, self.rate, self.across, np.zeros(len(self.t), complex), self.centre, self.t
-        ).steady(chirp, radius)
+            self.t,
+            self.carrier_angle,
+            self.rate,
+            self.across,
+            np.zeros(len(self.t), complex),
+            self.centre,
+            self.t,
+        ).average_fixed_terms(chirp, radius)
         return terms._replace(force_variance=math.inf)
 
 

@@ -135,7 +135,7 @@ class Slip:
 
 @dataclass
 class SlipDetector:
-    """Detects start and end of the slips of one wheel.
+    """Detector of start and end of the slips of one wheel.
 
     slips: oldest first. consistent_windows: consecutive windows of a slipping wheel that agreed with its
     accelerometer. ended_by_jump: True if the last slip ended by a sudden loss of the slip speed.
@@ -158,7 +158,7 @@ class SlipDetector:
         return bool(self.slips) and self.slips[-1].last is None
 
     def record_standstill(self) -> None:
-        """Process a window at standstill, in which vibration and gyro noise are no slip."""
+        """Process a window at standstill, in which vibration and gyro noise do not count as slip."""
         self.clear_sums()
         self._standstill_windows += 1
         if self._standstill_windows >= _STANDSTILL_LIMIT_WINDOWS:
@@ -194,7 +194,7 @@ class SlipDetector:
             start = sums[-length]
             span = length * WINDOW_S
             slip = residual - start.residual - span * start.slope
-            # Early exit: most sums are far below.
+            # Early exit: most sums are far below the threshold.
             if -_MIN_SLIP_SPEED <= slip <= _MIN_SLIP_SPEED:
                 continue
             correlated = (
@@ -208,7 +208,7 @@ class SlipDetector:
         return onset
 
     def start_slip(self, number: int) -> None:
-        """Start a slip with that window."""
+        """Start a slip with window `number`."""
         self.slips.append(Slip(number))
         self.clear_sums()
         self._near_windows, self.consistent_windows = 0, 0
@@ -225,8 +225,9 @@ class SlipDetector:
     ) -> bool:
         """Process a window of a slipping wheel; return True if it rolls again.
 
-        slip: m/s by which the wheel is faster than the vehicle; variance: (m/s)² of that. inertial_speed: m/s
-        if only accelerometers measure the speed; None if another wheel does. max_speed: m/s reached before.
+        slip: m/s by which the wheel is faster than the vehicle; variance: its variance, (m/s)².
+        inertial_speed: m/s if only accelerometers measure the speed; None if another wheel does. max_speed:
+        m/s reached before.
         """
         current = self.slips[-1]
         if number - current.first >= MAX_SLIP_WINDOWS or (
@@ -243,7 +244,7 @@ class SlipDetector:
             or forward.residual**2 > GATE_SIGMA**2 * forward.variance + (_RESIDUAL_DRIFT * WINDOW_S) ** 2
         ):
             self.consistent_windows, self._log_ratio = 0, 0.0
-            # A wheel that keeps to the speed of another wheel need not agree with its accelerometer.
+            # A wheel whose speed agrees with that of another wheel need not agree with its accelerometer.
             self._near_windows = self._near_windows + 1 if is_near and inertial_speed is None else 0
             if forward is not None:
                 self._lost_speed = max(0.0, self._lost_speed - forward.speed_gain * math.copysign(1.0, slip))
@@ -256,14 +257,14 @@ class SlipDetector:
         log_ratio = 0.5 * (measured_gain**2 - forward.residual**2) / forward.variance
         # One window alone never decides: both changes may coincide by chance.
         self._log_ratio = max(0.0, self._log_ratio + min(log_ratio, _FOLLOWING_LOG_RATIO / _NEAR_WINDOWS))
-        # Against another wheel's measurement, agreement with the accelerometer is no argument.
+        # If another wheel measures the speed, agreement with the accelerometer alone does not end a slip.
         is_consistent = inertial_speed is not None and (
             self._log_ratio >= _FOLLOWING_LOG_RATIO or self.consistent_windows >= _MAX_CONSISTENT_WINDOWS
         )
         return self._end_slip(current, number, is_consistent)
 
     def _end_slip(self, current: Slip, number: int, is_consistent: bool) -> bool:
-        """End the slip if the wheel was near for long enough or is consistent; return True if it ended."""
+        """End the slip if it was small for long enough, or the wheel is consistent; return True if so."""
         jumped = self._lost_speed > _SLIP_SHARE * abs(current.speed)
         if self._near_windows < (_NEAR_WINDOWS if jumped else _SLOW_END_WINDOWS) and not is_consistent:
             return False
@@ -289,6 +290,6 @@ class SlipDetector:
 
 
 def _is_implausible(inertial_speed: float, slip: float, variance: float, max_speed: float) -> bool:
-    """Return True if an inertial speed is less plausible than that of a wheel that may slip."""
+    """Return True if an inertial speed is less plausible than the speed of a wheel that may slip."""
     limit = _MAX_SPEED_FACTOR * max_speed
     return abs(inertial_speed) > limit > abs(inertial_speed + slip) or variance > limit * limit

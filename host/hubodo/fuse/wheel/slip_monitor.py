@@ -1,4 +1,4 @@
-"""Slips of all wheels: detects them late, then returns to their start and processes the windows again."""
+"""Slips of all wheels: late detection, then rollback to slip onset and replay of the windows since."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ HISTORY_WINDOWS = MAX_SLIP_WINDOWS + SUM_LENGTHS_WINDOWS[-1]
 
 
 class _SlipSpeed(NamedTuple):
-    """m/s by which a wheel is faster than the vehicle, and its variance, (m/s)²."""
+    """Slip speed, m/s by which a wheel is faster than the vehicle, and its variance, (m/s)²."""
 
     slip: float
     variance: float
 
 
 class _OpenSlip(NamedTuple):
-    """A slip that lasts: earliest window in which it may have begun, slip speed when it became consistent."""
+    """A slip in progress: earliest window of its onset, and slip speed when the wheel became consistent."""
 
     earliest: int
     consistent: _SlipSpeed = _SlipSpeed(0.0, 0.0)
 
 
 class SlipMonitor:
-    """Detects slips after each window and replays the windows since a slip began."""
+    """A monitor that detects slips after each window and replays the windows since their onset."""
 
     def __init__(self) -> None:
         self._headings: deque[float] = deque(maxlen=HISTORY_WINDOWS)
@@ -73,7 +73,7 @@ class SlipMonitor:
             wheel.slip_detector.record_standstill()
             return None
         if window.spin_clipped > 0.0:
-            # The wheel angle has just been measured by gravity alone.
+            # The wheel angle has just been determined from gravity alone.
             wheel.slip_detector.require_agreement()
             return None
         now, first_replayable = core.history.newest.number, core.history.first_replayable
@@ -100,9 +100,9 @@ class SlipMonitor:
         """Return the window from which on the speed is in doubt, if a slip ends and the speed was wrong.
 
         A wheel that rolls again at another speed than the inertial one shows that the latter was wrong during
-        the slip. If the error is significant, it began before the slip was detected: a wheel that touches the
-        road again shows what it lost while it ran out in the air. A wheel that rolls again without having
-        jumped back has been rolling since it became consistent with its accelerometer.
+        the slip. If the error is significant, it began before the slip was detected: a wheel in the air slows
+        down gradually, and its loss of speed shows when it touches the road again. A wheel that rolls again
+        without having jumped back has been rolling since it became consistent with its accelerometer.
         """
         detector, now = wheel.slip_detector, core.history.newest.number
         slip, variance = self._slip_speed(core, wheel, window)
@@ -117,7 +117,7 @@ class SlipMonitor:
             ended.last = max(ended.first, now - detector.consistent_windows)
             slip, variance = open_slip.consistent
             if not detector.ended_by_jump:
-                # The wheel rolls, however well the inertial speed was known.
+                # The wheel is taken as rolling even if the inertial speed was more certain.
                 variance = 0.0
         assert ended.last is not None
         end = ended.last + 1

@@ -53,7 +53,7 @@ def smooth_whole_log(
             if later is None:
                 x, p = np.array(terms.x), terms.p
             else:
-                x, p = step_back(terms, later, x, p, angles)
+                x, p = smooth_step(terms, later, x, p, angles)
             smoothed = smoothed_pose(pose, terms, x, p, core.pose_columns)
             poses.append(add_common_scale(smoothed, core.common_scale_sigma))
             later = terms
@@ -73,13 +73,13 @@ def _rerun(
     return records
 
 
-def step_back(
+def smooth_step(
     terms: SmoothingTerms, later: SmoothingTerms, x: Array, p: Array, angles: Sequence[int]
 ) -> tuple[Array, Array]:
     """Return the smoothed states after the measurements of a step.
 
     x, p: smoothed states after the measurements of the `later` step. angles: columns of the wheel angles,
-    which are equal modulo one turn.
+    which are defined modulo one turn.
     """
     gain = smoother_gain(terms, later)
     correction = x - np.array(later.prior_x)

@@ -53,14 +53,14 @@ def rederotate_window(window: Window, excess: float, slope: float = 0.0) -> Wind
     across = carrier = force = rate_carrier = lever = 0j
     for weight, time, rate, angle, w, f in zip(*samples[:6], strict=True):
         rate += excess + slope * time
-        # Both ends of the window are equally far from its middle in angle.
+        # In angle, both ends of the window are equally far from its middle.
         angle += excess * time + 0.5 * slope * (time * time - 0.25 * WINDOW_S * WINDOW_S)
         weighted_rotation = weight * cmath.exp(1j * angle)
         across += weighted_rotation * w
         carrier += weighted_rotation
         force += weighted_rotation * f
         rate_carrier += weighted_rotation * rate
-        # The same sum as for the force: with few samples a turn it differs from the integral.
+        # A sum like that of the force, not the integral: with few samples a turn the two differ.
         lever += weighted_rotation * complex(-rate * rate, rate_change)
     return window._replace(
         across=across,
@@ -74,29 +74,29 @@ def rederotate_window(window: Window, excess: float, slope: float = 0.0) -> Wind
 
 
 class SpinEstimate(NamedTuple):
-    """Spin found in consecutive clipped windows.
+    """Spin of a wheel over consecutive clipped windows.
 
     Attributes
     ----------
     start_angle, end_angle : rad, wheel angle at the start of the first and the end of the last window.
     excess, excess_end : rad/s beyond range, means over the first and the last window.
-    steady : mean of the terms that are fixed in the node.
+    fixed_terms : means of force and rate that are fixed in the node.
     """
 
     start_angle: float
     end_angle: float
     excess: float
     excess_end: float
-    steady: NodeFixedTerms
+    fixed_terms: NodeFixedTerms
 
 
 def _collect_samples(windows: Sequence[Window]) -> GravitySamples | SingleAxisSamples | None:
-    """Return the samples of windows with a clipped gyro; by axis where an accelerometer is saturated too."""
-    collected = GravitySamples.of(windows)
+    """Return the samples of windows with a clipped gyro, by axis if an accelerometer is saturated too."""
+    collected = GravitySamples.from_windows(windows)
     if collected is None:
         return None
     samples, in_range = collected
-    return samples if in_range.all() else SingleAxisSamples.of(samples, in_range)
+    return samples if in_range.all() else SingleAxisSamples.from_samples(samples, in_range)
 
 
 def _gravity_angle(chirp: Chirp, radius: float) -> float:
@@ -116,11 +116,11 @@ def find_spin(windows: Sequence[Window], radius: float) -> SpinEstimate | None:
         sign * np.arange(-RATE_TOLERANCE, _MAX_RATE_BEYOND, 1.0),
         np.linspace(-max_slope, max_slope, 21),
     )
-    all_samples, sample_set = sample_set, sample_set.without(3)
-    chirp = sample_set.best(rates, slopes)
+    all_samples, sample_set = sample_set, sample_set.remove_polynomial(3)
+    chirp = sample_set.fit_chirp(rates, slopes)
     for fine_step in (0.25, 0.05):
         offsets = np.arange(-5.0, 6.0) * fine_step
-        chirp = sample_set.best(chirp.excess + offsets, chirp.slope + 0.1 * max_slope * offsets)
+        chirp = sample_set.fit_chirp(chirp.excess + offsets, chirp.slope + 0.1 * max_slope * offsets)
     if not chirp.is_gravity:
         return None
     first, last = windows[0], windows[-1]
@@ -138,13 +138,13 @@ def find_spin(windows: Sequence[Window], radius: float) -> SpinEstimate | None:
         theta(end_time, last.clock_angle + 0.5 * last.spin),
         chirp.excess + chirp.slope * (start_time + 0.5 * WINDOW_S),
         chirp.excess + chirp.slope * (end_time - 0.5 * WINDOW_S),
-        all_samples.steady(chirp, radius),
+        all_samples.average_fixed_terms(chirp, radius),
     )
 
 
 @dataclass
 class SpinTracker:
-    """Tracks the rate beyond range of one wheel from window to window.
+    """A tracker of the rate beyond range of one wheel from window to window.
 
     radius: m. excess: rad/s, mean over the newest window; slope: rad/s². is_observed: True if gravity showed
     it. gravity_angle: rad, wheel angle at the middle of the newest window if gravity showed it in one axis
@@ -178,7 +178,7 @@ class SpinTracker:
         self.is_observed = False
 
     def initialise(self, excess: float, slope: float) -> None:
-        """Start from a search, for the window before the next."""
+        """Set rate and slope from a search that ended with the previous window."""
         self.excess, self.slope, self._min_windows = excess, slope, _TRACKED_WINDOWS
 
     def track_window(self, window: Window, arm: complex, bias: complex) -> None:
@@ -191,7 +191,7 @@ class SpinTracker:
             return
         sample_set = _collect_samples(self._windows)
         if sample_set is None:
-            # Accelerations do not grow without bound.
+            # The slope decays, because accelerations do not grow without bound.
             self.slope *= 0.5
             return
         newest = (window.number + 0.5) * WINDOW_S - sample_set.centre
@@ -205,10 +205,12 @@ class SpinTracker:
             rate = sample_set.rate + chirp.excess + chirp.slope * sample_set.t
             lever = arm * (1j * chirp.slope - rate * rate)
             chirp = (
-                sample_set.subtract(bias)
-                .subtract(lever)
-                .without(2)
-                .best(chirp.excess + rate_range * _SEARCH_GRID, chirp.slope + fine_step * _SEARCH_GRID, sign)
+                sample_set.subtract_force(bias)
+                .subtract_force(lever)
+                .remove_polynomial(2)
+                .fit_chirp(
+                    chirp.excess + rate_range * _SEARCH_GRID, chirp.slope + fine_step * _SEARCH_GRID, sign
+                )
             )
         if chirp.is_gravity:
             self.is_observed, self.slope, self.unobserved_windows = True, chirp.slope, 0

@@ -129,8 +129,9 @@ def _set_prior(initial: InitialState, column: int, entry: Entry, calibrated: Qua
 def _set_radius_priors(initial: InitialState, config: WheelConfig) -> None:
     """Set the priors of the radii that no calibration gives.
 
-    The part that all wheels share is a state only if positions or another odometer measure it. Otherwise the
-    filter would take a wrong track width for it, and the poses add its covariance (`add_common_scale`).
+    The error that all wheels share is a state only if positions or another odometer measure it. Otherwise a
+    wrong track width would be attributed to it, so it is no state and `add_common_scale` adds its covariance
+    to the poses.
     """
     columns = [it.columns[WHEEL_RADIUS] for it in initial.wheels if WHEEL_RADIUS not in it.node.priors]
     initial.p[columns, columns] = config.radius_sigmas.own**2
@@ -226,7 +227,7 @@ class StateVector:
         self.apply(ExternalCorrection(innovation.z @ weight, innovation.ph @ weight))
 
     def derivatives(self, row: Row, columns: Mapping[Entry, int]) -> Array:
-        """Return a row of the Jacobian, (n,)."""
+        """Return a row of the Jacobian, (n,), from its nonzero derivatives."""
         h = np.zeros(len(self.x))
         for entry, value in row[2].items():
             h[columns[entry]] = value
@@ -235,7 +236,7 @@ class StateVector:
     def update_with_row(
         self, row: Row, columns: Mapping[Entry, int], kind: type[Correction] = WindowCorrection
     ) -> None:
-        """Update the state with a single row; an outlier gets the weight of one at the gate."""
+        """Update the state with a single row; an outlier is down-weighted to the gate."""
         residual, variance, _ = row
         h = self.derivatives(row, columns)
         ph = self.p @ h
@@ -243,7 +244,7 @@ class StateVector:
         self.apply(kind(ph * (residual / s), np.outer(ph, ph / s)))
 
     def inflate(self, variances: Mapping[Entry, float]) -> None:
-        """Add variances to entries of the vehicle, from outside the windows."""
+        """Add variances to entries of the vehicle for an error that the windows do not show."""
         reduction = np.zeros_like(self.p)
         for entry, variance in variances.items():
             reduction[self._at[entry], self._at[entry]] = -variance

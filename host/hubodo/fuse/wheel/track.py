@@ -46,7 +46,7 @@ class WheelTrack(Track):
     inertial_speed: Array
 
     def with_covariance(self, covariance: Array) -> WheelTrack:
-        """Return the track with another covariance, and the sigmas and step inflations of it."""
+        """Return the track with another covariance, and with its sigmas and step inflations updated."""
         sigma_x, sigma_y, sigma_heading = np.sqrt(np.maximum(np.einsum("nii->in", covariance), 0.0))[:3]
         cov_xy, cov_x_heading, cov_y_heading = cross_covariances(covariance)
         return replace(
@@ -65,8 +65,8 @@ class WheelTrack(Track):
 def _step_inflation(track: WheelTrack, covariance: Array) -> Array:
     """Return the variance of each step beyond that of rolling wheels, (N - 1,) m² in any direction.
 
-    While only accelerometers measure the speed, it is the growth of the position variance. A step that does
-    not agree with its speed is a correction of earlier steps, so it may be wrong by its whole length.
+    While only accelerometers measure the speed, it is the growth of the position variance. A step whose
+    length disagrees with its speed corrects earlier steps, so its whole length counts as error.
     """
     dt = np.diff(track.t)
     course = 0.5 * (track.heading[:-1] + track.heading[1:])
@@ -141,10 +141,10 @@ def run_wheel_filter(
 def _rerun_without_clock_jump(
     nodes: Mapping[str, Table], wheel_filter: WheelFilter, rerun: Callable[..., WheelRun]
 ) -> WheelRun | None:
-    """Return a run without what follows a gap in one node alone, if the wheels disagree since then.
+    """Return a run that ends at a gap in one node alone, if the wheels disagree after the gap.
 
-    In that case its clock jumped by an unknown amount. Return None if all is well: after lost samples the
-    wheels still agree.
+    In that case the node's clock jumped by an unknown amount. Returns None if the wheels still agree, as
+    after lost samples.
     """
     outlier_windows = sum(wheel.outlier_windows for wheel in wheel_filter.core.wheels)
     gaps = find_own_gaps([nodes[name] for name in wheel_filter.config.nodes if name in nodes])
@@ -183,7 +183,7 @@ def _rerun_single_wheel(
         for wheel in wheels
         if check.other_wheel_steers or side_sign(wheel.node.side) == check.usable_side
     }
-    # Each measures its own yaw rate; a steered wheel adds its steering to the vehicle's turning.
+    # Each node measures the yaw rate of its own wheel, which for a steered wheel includes the steering rate.
     name = min(runs, key=lambda one: float(np.sum(runs[one].track.yaw_rate ** 2)))
     comparison = "".join(f"; {one} turns more than {name}" for one in runs if one != name)
     return runs[name].with_warning(f"{check.verdict}{comparison}; the track comes from {name} alone")
@@ -197,7 +197,7 @@ def _on_side(node: WheelNode, sides_swapped: bool) -> WheelNode:
 
 
 def _mirrored_covariance(track: WheelTrack) -> Array:
-    """Return the covariance (N, 5, 5) of a track that may as well be its own mirror image.
+    """Return the covariance (N, 5, 5) of a track whose direction of travel is ambiguous.
 
     With the other facing, the vehicle would drive forwards with the same headings: every position would be
     the start minus its displacement.

@@ -40,7 +40,7 @@ _MAX_LATE_WINDOWS = 3
 
 
 class WheelMode(Enum):
-    """Use of a wheel in one window; the diagram is in the README of this folder.
+    """Mode of a wheel in one window, which decides the measurements used; diagram in the README of `fuse`.
 
     ROLLING: all measurements. DISTRUSTED_SPEED: all but its speed, after the mounting check. SLIPPING: yaw
     and roll rate only. UNKNOWN_ANGLE: its speed only, until gravity has shown the wheel angle. LOST:
@@ -91,10 +91,10 @@ class Wheel:
     windows_without_angle : windows since the wheel angle was last known.
     misaligned_windows : consecutive windows with gravity elsewhere, see `rate_beyond_range.py`.
     arm_variances : m², of the lever arm before a gyro clipped, see `rate_beyond_range.py`.
-    steady_terms : node-fixed terms of a spin search, to be processed.
+    fixed_terms : node-fixed terms of a spin search, to be processed.
     alignment_count, gravity_sum, axial_sum : windows, derotated force and axial force gathered for the angle.
     alignment_start_angle, alignment_end_angle : rad, carrier angle at the start and end of the gathering.
-    turned_angle, net_angle : rad, total and net.
+    turned_angle, net_angle : rad by which the wheel turned: sum of magnitudes, and net.
     upright_sum, upright_count : sum over windows of the force that points up, in units of g, and their
         number.
     outlier_windows, clipped_windows, missing_windows, angle_losses : counts.
@@ -115,7 +115,7 @@ class Wheel:
     angle_initialised: bool = False
     windows_without_angle: int = 0
     misaligned_windows: int = 0
-    steady_terms: NodeFixedTerms | None = None
+    fixed_terms: NodeFixedTerms | None = None
     arm_variances: tuple[float, float] | None = None
     alignment_count: int = 0
     gravity_sum: complex = 0j
@@ -138,7 +138,7 @@ class Wheel:
     _late_windows: int = 0
 
     def mode(self, window: Window) -> WheelMode:
-        """Return what may be used of the wheel in a window."""
+        """Return the mode of the wheel in a window."""
         return select_mode(self.best_mode, self.angle_initialised, self.is_slipping, window.missing)
 
     def swap_side(self) -> None:
@@ -168,7 +168,8 @@ class Wheel:
     def gather_gravity(self, window: Window) -> None:
         """Sum gravity, derotated by the spin, until the wheel angle can be initialised from it."""
         if window is EMPTY_WINDOW and self._late_windows > 0:
-            # The wheel angle at the end of the outage is known, and this wheel is received a little later.
+            # The angle at the end of the outage is known; samples of this wheel arrive a little later than
+            # the others.
             self._late_windows -= 1
             self.missing_windows += 1
             return
@@ -206,10 +207,10 @@ class Wheel:
     def _check_gravity(self, window: Window) -> None:
         """Drop the angle if gravity points elsewhere after a gap.
 
-        Then the clock jumped, or the wheel did not turn as interpolated across the gap.
+        In that case the clock jumped, or the interpolation across the gap missed a turn of the wheel.
         """
         if window.spin_clipped > 0.0 or window.force_clipped > 0.0:
-            # The carrier does not follow gravity, or gravity is cut off.
+            # The carrier does not follow gravity, or the accelerometer clips gravity.
             self._n_after_gap, self._gravity_before_gap = None, 0j
             return
         gravity = window.force * cmath.exp(1j * window.clock_angle)
@@ -251,7 +252,7 @@ class Wheel:
             vertical = self.alignment_count * STANDARD_GRAVITY * WINDOW_S
             x[columns[RATE_BEYOND_RANGE]] = spin.excess if at_start else spin.excess_end
             self.spin_tracker.initialise(x[columns[RATE_BEYOND_RANGE]], 0.0)
-            self.steady_terms = spin.steady
+            self.fixed_terms = spin.fixed_terms
             reset_state(p, columns[RATE_BEYOND_RANGE], (GRAVITY_SPEED_SIGMA / self.geometry.radius) ** 2)
             reset_columns = [columns[WHEEL_ANGLE], columns[RATE_BEYOND_RANGE]]
         else:
@@ -260,7 +261,7 @@ class Wheel:
             reset_columns = [columns[WHEEL_ANGLE]]
         x[columns[WHEEL_ANGLE]] = math.remainder(angle, 2.0 * math.pi)
         # On a fast wheel a tilt causes a far larger axial force than a camber.
-        if x[columns[CAMBER]] == 0.0 and self.steady_terms is None:
+        if x[columns[CAMBER]] == 0.0 and self.fixed_terms is None:
             x[columns[CAMBER]] = self.geometry.side * math.atan2(self.axial_sum, vertical)
         reset_state(p, columns[WHEEL_ANGLE], WHEEL_ANGLE.prior**2)
         self.angle_initialised = True

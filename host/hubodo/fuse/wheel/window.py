@@ -32,7 +32,7 @@ _FULL_SHARE = 1.0 - 1e-9
 class WindowSamples(NamedTuple):
     """The samples of one window and their neighbours outside it.
 
-    They are kept if the gyro was clipped, so that the integrals of the window can be recomputed.
+    They are stored if the gyro was clipped, so that the integrals of the window can be recomputed.
 
     Attributes
     ----------

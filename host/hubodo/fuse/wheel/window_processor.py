@@ -1,4 +1,4 @@
-"""Processing of one window: prediction, measurement update, and what else the window tells."""
+"""Processing of one window: prediction, measurement update, spin beyond the gyro's range, track width."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class _Prior(NamedTuple):
 
 
 class WindowProcessor(StateVector):
-    """States with the operations of one window, which a replay repeats.
+    """The states, and the operations of one window, which a replay repeats.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class WindowProcessor(StateVector):
         if number in self.slip_schedule.speed_variance:
             speed = self._at[SPEED]
             self.p[speed, speed] += self.slip_schedule.speed_variance[number]
-        # The first window of a wheel that rolls again measures the error of the inertial speed until then.
+        # The first window in which a wheel rolls again measures the error of the inertial speed up to then.
         is_inertial, self.inertial_speed = inertial_now or self.inertial_speed, inertial_now
         state = MotionState.MOVING if is_inertial else vehicle_motion(motion_states, is_slipping)
         self._prediction.predict(
@@ -94,7 +94,7 @@ class WindowProcessor(StateVector):
         result = self._update.update(self.x, self.p, windows, state)
         self.x, self.p = result.x, result.p
         for wheel, window in windows:
-            self._update_with_steady_terms(wheel)
+            self._update_with_fixed_terms(wheel)
             if window.all_clipped and window.force_clipped == 0.0 and not wheel.spin_tracker.is_observed:
                 self._update_with_centripetal(wheel, window)
             if window.gravity_angle is not None and wheel.angle_initialised:
@@ -111,7 +111,7 @@ class WindowProcessor(StateVector):
         self._motion.advance(self.x, self.p, windows)
 
     def replay(self, number: int) -> UpdateResult:
-        """Return to the start of window `number` and process the windows since then again.
+        """Restore the states at the start of window `number` and process the windows since then again.
 
         They are processed with the present slip schedule. Poses already returned do not change.
         """
@@ -127,7 +127,7 @@ class WindowProcessor(StateVector):
         return result
 
     def _test_track_width(self) -> None:
-        """Update the track width once with the declared one, if the drive makes a careful tape likely."""
+        """Update the track width once with the declared one, if the drive confirms a careful measurement."""
         column = self._at[TRACK_WIDTH]
         error, variance = self.x[column], self.p.item(column, column)
         noise = track_width_test(error, variance, TRACK_WIDTH.prior)
@@ -139,9 +139,9 @@ class WindowProcessor(StateVector):
             s = variance + noise
             self.apply(ExternalCorrection(ph * (-error / s), np.outer(ph, ph / s)))
 
-    def _update_with_steady_terms(self, wheel: Wheel) -> None:
+    def _update_with_fixed_terms(self, wheel: Wheel) -> None:
         """Update with the node-fixed terms of a spin search, if there are any."""
-        terms, wheel.steady_terms = wheel.steady_terms, None
+        terms, wheel.fixed_terms = wheel.fixed_terms, None
         if terms is not None:
             for row in range(steady.N_ROWS):
                 rows = steady.measure(self.x, wheel.columns, terms, self.config.noise)

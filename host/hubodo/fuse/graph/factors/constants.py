@@ -75,8 +75,8 @@ def sigmas_for_wheel_speeds() -> ConstantSigmas:
 def sigmas_for_wheel_filter(radius: float, yaw_scale: Sequence[float], yaw_rate: float) -> ConstantSigmas:
     """Return the priors for the track of the wheel filter, from its final 1 sigma.
 
-    radius: fraction, mean of the wheels; yaw_rate: rad/s, mean of the wheels. yaw_scale: fraction of each
-    wheel: the yaw scale that two wheels agree on is one number, known as well as by the better of them.
+    radius: fraction, mean of the wheels. yaw_rate: rad/s, mean of the wheels. yaw_scale: fraction, one for
+    each wheel; both estimate the same yaw scale, so the smallest counts.
     """
     return ConstantSigmas(
         wheel_radius=max(radius, _MIN_SIGMAS.wheel_radius),

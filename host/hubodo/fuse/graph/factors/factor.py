@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hubodo.arrays import Array
 from hubodo.fuse.graph.factors.loss import QUADRATIC, Loss
 
-if TYPE_CHECKING:  # both are built from factors
+if TYPE_CHECKING:  # both modules import this one
     from hubodo.fuse.graph.config import GraphConfig
     from hubodo.fuse.graph.odometry_steps import SegmentedOdometry
 
@@ -119,11 +119,11 @@ class SensorSamples(Protocol):
 
     @property
     def pose_times(self) -> Array:
-        """Return times at which the graph must have a pose, s; none for samples moved to the nearest pose."""
+        """Return times at which the graph must have a pose, s; empty if samples move to the nearest pose."""
         ...
 
     def build_factors(self, odometry: SegmentedOdometry, config: GraphConfig) -> FactorGroup | None:
-        """Return the factors of these samples for the poses at odometry.pose_t; None without any.
+        """Return the factors of these samples for the poses at odometry.pose_t; None if there are none.
 
         All are of one kind, at most one on each pose. Samples before the first pose or after the last are
         dropped.

@@ -51,7 +51,7 @@ class Headings:
 
     @property
     def pose_times(self) -> Array:
-        """Return no times: at ten samples a second, one pose a second is enough for a compass."""
+        """Return no times: the poses of the graph, one a second or more, are enough for a compass."""
         return self.t[:0]
 
     def build_factors(self, odometry: SegmentedOdometry, config: GraphConfig) -> HeadingFactors | None:

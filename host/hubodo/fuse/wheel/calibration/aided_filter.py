@@ -1,4 +1,4 @@
-"""Wheel filter aided by positions."""
+"""Run of the wheel filter aided by measured positions."""
 
 from __future__ import annotations
 
@@ -36,9 +36,10 @@ _JUMP_COST = 2.0 * math.log(1e4)
 
 @dataclass(frozen=True)
 class AidedRun:
-    """A filter after its aided drive.
+    """Result of a filter run aided by positions.
 
-    cost: -2 log likelihood of the positions; n_used, n_jumps: positions used, and jumps among them.
+    core: the filter after the last step. cost: -2 log likelihood of the positions. n_used, n_jumps: numbers
+    of positions used and of jumps among them.
     """
 
     core: FilterCore

@@ -32,8 +32,8 @@ An uncalibrated filter drifts by less than a centimetre in it. Estimated.
 def align_heading(track: Track, target: Positions) -> float:
     """Return the start heading that aligns the track with the positions, rad.
 
-    Only the first part of the drive is used, long against the position noise: later the track has drifted.
-    Raise CalibrationError if the positions stay too near to the start.
+    Only the first part of the drive is used, which is long compared with the position noise: later the track
+    has drifted. Raise CalibrationError if the positions stay too near to the start.
     """
     distance = np.hypot(target.x - target.x[0], target.y - target.y[0])
     min_distance = max(_ALIGNMENT_DISTANCE, 10.0 * float(np.median(target.sigma)))

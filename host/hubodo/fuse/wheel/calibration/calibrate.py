@@ -87,7 +87,7 @@ class WheelPriors:
 def calibrate_wheels(
     config: WheelConfig, nodes: Mapping[str, Table], positions: Positions, priors: WheelPriors | None = None
 ) -> WheelCalibration:
-    """Run the filter with wide priors over the log, aided by the positions.
+    """Calibrate wheels and nodes: run the filter over the log with wide priors, aided by the positions.
 
     A parameter counts as determined if its sigma fell below half of its prior. Only the mean scale of the
     two gyros across the axle is observable; x and y both get it.
@@ -129,7 +129,7 @@ def calibrate_wheels(
 
 
 def _check_jumps(aided: AidedRun) -> None:
-    """Raise CalibrationError if the positions jump again and again: they calibrate nothing."""
+    """Raise CalibrationError if the positions jump too often to calibrate anything."""
     if aided.n_jumps > max(_MAX_JUMPS, _MAX_JUMP_SHARE * aided.n_used):
         raise CalibrationError(
             f"the positions jumped {aided.n_jumps} times among {aided.n_used}; use a part of the drive with "
@@ -268,7 +268,7 @@ def _wide_priors(
 def _with_priors(
     config: WheelConfig, nodes: Mapping[str, Mapping[Entry, Quantity]], vehicle: Mapping[Entry, Quantity]
 ) -> WheelConfig:
-    """Return the config with other priors."""
+    """Return the config with the wide priors of a calibration."""
     wheels = {
         name: replace(node, priors={**node.priors, **nodes[name]}) for name, node in config.nodes.items()
     }

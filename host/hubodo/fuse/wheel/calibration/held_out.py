@@ -25,7 +25,7 @@ Antenna = tuple[float, float]
 
 @dataclass(frozen=True)
 class ErrorSummary:
-    """Distances of a track from positions, m: median (robust to one bad segment) and rms."""
+    """Errors of a track against positions, m: median (robust to one bad segment) and rms."""
 
     median: float
     rms: float
@@ -35,18 +35,18 @@ class ErrorSummary:
 class HeldOutErrors:
     """Errors on held-out segments before and after calibration on the others.
 
-    Each segment is aligned with its positions. stretches: number of segments; 0 if the drive is too short.
+    Each segment is aligned with its positions. n_segments: 0 if the drive is too short.
     """
 
     before: ErrorSummary
     after: ErrorSummary
-    stretches: int
+    n_segments: int
 
     @property
     def is_improved(self) -> bool:
         """Return True if calibration reduced the median or the rms, or if there are no segments."""
         better = self.after.median < self.before.median or self.after.rms < self.before.rms
-        return self.stretches == 0 or better
+        return self.n_segments == 0 or better
 
     @property
     def description(self) -> str:
@@ -66,8 +66,8 @@ def measure_held_out_errors(
 ) -> HeldOutErrors:
     """Return the errors on each of four segments, calibrated on the other three.
 
-    plain: track without calibration; fitted: returns track (until a time, s) and antenna of a filter
-    calibrated on other positions; antenna: m, for the plain track.
+    plain: track without calibration. fitted: function that calibrates on given positions and returns the
+    track (until a time, s) and the antenna. antenna: m, for the plain track.
     """
     distance = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(positions.x), np.diff(positions.y)))])
     if distance[-1] < _HELD_OUT_SEGMENTS * _MIN_SEGMENT_LENGTH or len(positions) < 10 * _HELD_OUT_SEGMENTS:

@@ -67,7 +67,7 @@ class LearntParameters:
 def extract_parameters(
     core: FilterCore, before: FilterCore, turned: float, distance: float
 ) -> LearntParameters:
-    """Return what `core` knows better than `before`, the same filter without a drive.
+    """Return the parameters that `core` knows better than `before`, the same filter without a drive.
 
     turned: rad between the extremes of the heading; distance: m. Raise CalibrationError with the likely
     cause if a value deviates from its prior by four sigmas.
@@ -92,11 +92,11 @@ def _extract_entry(
     before: FilterCore,
     wheel: Wheel | None,
     entry: Entry,
-    found_effects: dict[str, dict[str, Quantity]],
+    effects: dict[str, dict[str, Quantity]],
     not_observable: list[str],
     drive_extent: str,
 ) -> None:
-    """Add an entry to the found effects if it was determined, else a line to `not_observable`."""
+    """Add an entry to the effects if the drive determined it, else a line to `not_observable`."""
     if not entry.excitation:
         return
     name, facing = ("vehicle", None) if wheel is None else (wheel.name, wheel.node.facing)
@@ -121,7 +121,7 @@ def _extract_entry(
             continue
         sign = 1.0 if facing is None else entry.sign(facing)
         sigma = math.hypot(quantity.sigma, _model_sigma(entry.effect, quantity.value))
-        found_effects.setdefault(entry.effect, {})[parameter] = Quantity(sign * quantity.value, sigma)
+        effects.setdefault(entry.effect, {})[parameter] = Quantity(sign * quantity.value, sigma)
 
 
 def _model_sigma(effect: str, value: float) -> float:
@@ -136,12 +136,12 @@ def _model_sigma(effect: str, value: float) -> float:
 
 
 def quantities_as_json(
-    found_effects: Mapping[str, Mapping[str, Quantity]],
+    effects: Mapping[str, Mapping[str, Quantity]],
 ) -> dict[str, dict[str, dict[str, float]]]:
     """Return the quantities as JSON."""
     return {
         effect: {name: {"value": q.value, "sigma": q.sigma} for name, q in parameters.items()}
-        for effect, parameters in found_effects.items()
+        for effect, parameters in effects.items()
     }
 
 

@@ -1,4 +1,4 @@
-"""Page of a wheel calibration: verdict and held-out errors first, then parameters, then what was not seen."""
+"""Page of a wheel calibration: verdict and held-out errors, then parameters, then those not observable."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 def wheel_calibration_page(result: WheelCalibration, log: str) -> str:
     """Return the page; log: name of the drive."""
     check = result.held_out
-    if check.stretches:
+    if check.n_segments:
         lead = (
             f"On segments that it did not see, the calibration changes the error from "
-            f"{check.before.median:.3f} m to {check.after.median:.3f} m (median of {check.stretches})."
+            f"{check.before.median:.3f} m to {check.after.median:.3f} m (median of {check.n_segments})."
         )
         rows = [
             ("median", f"{check.before.median:.3f} m", f"{check.after.median:.3f} m"),

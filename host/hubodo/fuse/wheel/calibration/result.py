@@ -104,8 +104,8 @@ class WheelCalibration:
         forward, left = (f"{q.value:+.2f} ± {q.sigma:.2f} m" for q in self.antenna)
         yield f"antenna {forward} forward, {left} to the left"
         check = self.held_out
-        if check.stretches:
-            segments = f"{check.stretches} segments, each predicted from the others"
+        if check.n_segments:
+            segments = f"{check.n_segments} segments, each predicted from the others"
             yield f"held out: {segments}: {check.description}"
         else:
             yield "held out: the drive is too short for a held-out check; the gain is not verified"

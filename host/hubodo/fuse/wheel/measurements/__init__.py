@@ -13,7 +13,7 @@ class Measurement(Protocol):
 
     @property
     def STATES(self) -> tuple[Entry, ...]:
-        """Return the entries it depends on, in the order of its derivatives."""
+        """Return the entries that the measurement depends on, in the order of its derivatives."""
 
     def usable(self, window: Window) -> bool:
         """Return True if a window with saturated channels is still usable."""

@@ -53,7 +53,7 @@ def measure(w: LinearisedWindow, noise: WheelNoise) -> Row | None:
     gravity = STANDARD_GRAVITY * w.camber_cos * w.rotation.conjugate() * w.window.carrier.conjugate()
     steady = gravity + complex(x[columns[ACCEL_BIAS_X]], x[columns[ACCEL_BIAS_Y]]) * WINDOW_S
     arm_force = w.window.raw_force - steady
-    # The direction of the arm matters for the residual perpendicular to it.
+    # A change of the arm's direction acts on the residual through the force perpendicular to the arm.
     across = (arm_force * along).imag / length
     spin = 2.0 * rate * length * WINDOW_S
     by_angle = (-1j * gravity * along).real

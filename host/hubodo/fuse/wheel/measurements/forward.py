@@ -58,7 +58,7 @@ def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
         force_variance = noise.forward_force if window.spin_clipped == 0.0 else _CLIPPED_FORCE_VARIANCE
         variance = noise.accel + noise.vibration * window.axial_variance + force_variance
     force, lever, carrier = w.force, w.lever, w.carrier
-    # A faster wheel is half a window further at the middle.
+    # A rate change d of the wheel changes its angle at the middle of the window by d T / 2.
     by_rate = force.real * (0.5 * WINDOW_S)
     return (
         force.imag - w.geometry.radius * w.axle_rate_change - w.x[w.columns[SLOPE]] * WINDOW_S,

@@ -47,7 +47,7 @@ def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
         w.x[w.columns[GYRO_SCALE_DIFFERENCE]],
     )
     by_angle = 2.0 * scale_difference * level_yaw_rate * w.double_carrier.real - w.across.real
-    # A faster wheel is half a window further at the middle.
+    # A rate change d of the wheel changes its angle at the middle of the window by d T / 2.
     by_rate = -by_angle * (0.5 * WINDOW_S)
     return (
         w.across.imag - scale_difference * level_yaw_rate * w.double_carrier.imag,

@@ -4,8 +4,8 @@
 
 Contact speed (README of the model): R is the wheel radius, e its relative error, p the mean rolling rate, v
 and r speed and yaw rate of the vehicle, y the lateral position of the contact, T the length of the window. A
-node whose time stamps are late by d shows the rate of d earlier: R (w_1 - w_0) d is added for the second
-node, w_0 and w_1 being its rates at the edges.
+node whose time stamps are late by d shows the rate at a time d earlier: R (w_1 - w_0) d is added for the
+second node, w_0 and w_1 being its rates at the edges.
 """
 
 from hubodo.fuse.wheel.entries import (
@@ -48,7 +48,7 @@ def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
     geometry = w.geometry
     rolling_radius = geometry.radius * (1.0 + x[columns[WHEEL_RADIUS]])
     contact = geometry.contact_y * (1.0 + x[columns[TRACK_WIDTH]])
-    # The change of a searched spin is no measurement; it would look like a clock delay.
+    # The change of a spin from a search is not measured; used here it would look like a clock delay.
     rate_change = (
         geometry.delay_factor * geometry.radius * w.axle_rate_change if w.window.spin_clipped == 0.0 else 0.0
     )

@@ -125,10 +125,10 @@ class LinearisedWindow:
     window : the integrals.
     is_stationary : True if the vehicle stands still.
     gyro_noise : rad², noise of the angle of a window, as measured at the last standstill.
-    force_noise : (m/s)², noise of the force of a window by an engine that shakes a wheel which hardly turns.
+    force_noise : (m/s)², noise of the force of a window from engine vibration while the wheel hardly turns.
     x, columns : states, and the columns of this wheel's and the vehicle's entries.
     yaw_rate : rad/s.
-    camber_sin, camber_cos : of the camber angle.
+    camber_sin, camber_cos : sine and cosine of the camber angle.
     axle_rate : rad/s, rate about the axle relative to the vehicle's axes.
     rolling_rate : rad/s, rate at which the wheel rolls; rate_by_...: its derivatives (by RATE_BEYOND_RANGE:
     1).
@@ -202,7 +202,7 @@ class LinearisedWindow:
             window.rate_carrier * turn,
         )
         self.lever = lever = window.lever * turn
-        # A node rotated by the small vector m reads Ω - m x Ω: gx gains -m_y, gy gains m_x of the spin.
+        # A node rotated by the small vector m reads Ω - m x Ω: gx contains -m_y and gy m_x times the spin.
         self.across = (
             window.across * turn - complex(bias_x, bias_y) * carrier - complex(-tilt_y, tilt_x) * rate_carrier
         )

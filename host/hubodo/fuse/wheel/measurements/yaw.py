@@ -7,8 +7,8 @@ length T: W = ∫ (gx + i gy) e^(ic), E = ∫ e^(ic), G = ∫ gz e^(ic), c the a
 wheel angle at the middle. b is the bias of the gyros across the axle, tau the tilt by which the spin leaks
 into them, s their scale error, d half of the difference of the scale errors of x and y, which rotates twice
 as fast as the wheel: E_2 = e^(2iθ_m) ∫ e^(2ic). r is the yaw rate, g the rotation of the ground with the
-Earth, b_r the constant yaw rate caused by g-sensitivity. Time stamps late by d_t show the yaw rate of d_t
-earlier; r' is its derivative.
+Earth, b_r the constant yaw rate caused by g-sensitivity. Time stamps late by d_t show the yaw rate at a time
+d_t earlier; r' is its derivative.
 """
 
 from hubodo.fuse.wheel.entries import (
@@ -59,7 +59,7 @@ def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
     """
     x, columns, r = w.x, w.columns, w.yaw_rate + w.geometry.ground_rate
     level_yaw_rate, scale_difference = w.camber_cos * r, x[columns[GYRO_SCALE_DIFFERENCE]]
-    # Derivative by the yaw rate, s.
+    # Derivative of the integral by the yaw rate, s.
     scale = (1.0 + x[columns[GYRO_SCALE_ACROSS]]) * WINDOW_S + scale_difference * w.double_carrier.real
     # During a spin search an angle error changes the yaw rate as well.
     yaw_change = w.geometry.delay_factor * w.yaw_change if w.window.spin_clipped == 0.0 else 0.0
@@ -71,7 +71,7 @@ def measure(w: LinearisedWindow, noise: WindowNoise) -> Row:
         variance += (
             0.5 * x[columns[TIME_OFFSET]] ** 2 * w.geometry.delay_factor * w.yaw_change_step / WINDOW_S
         ) ** 2
-    # A faster wheel is half a window further at the middle.
+    # A rate change d of the wheel changes its angle at the middle of the window by d T / 2.
     by_angle = w.across.imag - 2.0 * scale_difference * level_yaw_rate * w.double_carrier.imag
     by_rate = -by_angle * (0.5 * WINDOW_S)
     return (
