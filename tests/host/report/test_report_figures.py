@@ -12,6 +12,7 @@ from hubodo.pages.curves import Curve, plot_curves
 from hubodo.safe_text import json_value
 from hubodo.sensors.allan.page import TERM_MEANINGS, format_duration, format_value
 from hubodo.sensors.north.page import summarise_north
+from hubodo.sensors.north.result import NorthResult
 
 
 def test_the_envelope_contains_all_values():
@@ -38,8 +39,22 @@ def test_durations_are_given_in_a_suitable_unit(seconds, text):
 def test_values_are_given_with_their_unit():
     assert format_value(1.23456e-4, "rad/s") == "0.0001235 rad/s"
     assert "white noise" in TERM_MEANINGS["N"]
-    north = SimpleNamespace(azimuth=np.radians(-10.0), sigma=np.radians(0.5))
-    assert summarise_north(north).startswith("Table zero points 350.00° ± 0.50°")
+
+
+@pytest.mark.parametrize(
+    ("other_deg", "gyros", "text"),
+    [
+        (None, 1, "350.00° ± 0.50°"),
+        (190.0, 1, "either 350.00° or 190.00°, each ± 0.50°"),
+        (190.0, 2, "350.00° ± 0.50°"),  # two axes decide together
+    ],
+)
+def test_the_summary_of_north_states_both_azimuths_if_the_record_allows_two(other_deg, gyros, text):
+    other = None if other_deg is None else np.radians(other_deg)
+    north = NorthResult(
+        48.0, np.radians(-10.0), np.radians(0.5), (SimpleNamespace(other_azimuth=other),) * gyros, (), {}
+    )
+    assert summarise_north(north) == f"Table zero points {text} (1σ) clockwise from north."
 
 
 def test_non_finite_numbers_are_null():

@@ -49,6 +49,8 @@ class NorthEstimate:
         angle_sigma: part of sigma that is due to angles measured by the gyro itself, rad.
         candidates: azimuths that the records cannot distinguish (two if all stops are along one line),
             rad.
+        other_azimuth: the candidate that is as probable as `azimuth`, or nearly, rad; None if there is none,
+            or an approximate azimuth was given.
         direction: angle of the first stop, rad.
         rates: single estimates of Earth rate along `direction`, rad/s (east seeking: each along its own
             stop). rates_across: single estimates a quarter turn anticlockwise from it, rad/s. duration,
@@ -82,6 +84,7 @@ class NorthEstimate:
     warnings: tuple[str, ...] = ()
     node: str = ""
     axis: str = ""
+    other_azimuth: float | None = None
 
     @property
     def name(self) -> str:
@@ -177,6 +180,7 @@ def find_north(
         filters=filters,
         stops=measurements.stops,
         averages=measurements.averages,
+        other_azimuth=None if near is not None else _find_other_candidate(azimuth, candidates),
         warnings=(
             *measurements.notes,
             *(note for stops in measurements.stops for note in stops.notes),
@@ -186,6 +190,12 @@ def find_north(
             *_describe_angle_sigma(angle_sigma, sigma),
         ),
     )
+
+
+def _find_other_candidate(azimuth: float, candidates: tuple[float, ...]) -> float | None:
+    """Return the candidate that is not the answer; None if the answer is the only one or between both."""
+    others = [candidate for candidate in candidates if candidate != azimuth]
+    return others[0] if len(others) == 1 and len(candidates) == 2 else None
 
 
 def _describe_ambiguity(

@@ -11,6 +11,7 @@ import numpy as np
 from hubodo.pages.drawing import add_legend_above, new_figure, render_drawing
 from hubodo.pages.page import PageTable, Section
 from hubodo.sensors.north.advice import describe_programmes
+from hubodo.sensors.north.circular import wrap_angle
 from hubodo.sensors.north.north_estimate import NorthEstimate
 from hubodo.sensors.north.residuals import NorthResiduals, compute_residuals
 
@@ -24,8 +25,7 @@ _MEAN_COLOUR, _GRID_COLOUR, _FIT_COLOUR, _POINT_COLOUR = "#1d2126", "#d8dce0", "
 
 def summarise_north(result: NorthResult) -> str:
     """Return the result in one sentence."""
-    azimuth = f"{result.azimuth * _DEG % 360:.2f}° ± {result.sigma * _DEG:.2f}°"
-    return f"Table zero points {azimuth} (1σ) clockwise from north."
+    return f"Table zero points {result.describe_azimuth(2)} (1σ) clockwise from north."
 
 
 def north_sections(result: NorthResult) -> list[Section]:
@@ -68,9 +68,18 @@ def north_figure(estimate: NorthEstimate, title: str) -> Any:
     middle.set_xlabel("t, min")
     middle.set_ylabel("residual, °/h")
     density = estimate.posterior.density / np.gradient(estimate.posterior.azimuth) / _DEG
-    lower.plot(estimate.posterior.azimuth * _DEG, density, color=_FIT_COLOUR)
-    peak = float(estimate.posterior.azimuth[estimate.posterior.density.argmax()]) * _DEG
-    lower.set_xlim(peak - 6 * estimate.sigma * _DEG, peak + 6 * estimate.sigma * _DEG)
+    centre = estimate.azimuth
+    half_width = min(6.0 * estimate.sigma, math.pi)
+    if estimate.other_azimuth is not None:
+        # The whole circle, with the middle between both maxima at the centre.
+        centre = (
+            estimate.azimuth + float(wrap_angle(estimate.other_azimuth - estimate.azimuth)) / 2.0
+        ) % math.tau
+        half_width = math.pi
+    offset = wrap_angle(estimate.posterior.azimuth - centre)
+    order = np.argsort(offset)
+    lower.plot((centre + offset[order]) * _DEG, density[order], color=_FIT_COLOUR)
+    lower.set_xlim((centre - half_width) * _DEG, (centre + half_width) * _DEG)
     lower.set_xlabel("azimuth of table zero, °")
     lower.set_ylabel("probability density, 1/°")
     for axes in (upper, middle, lower):

@@ -60,12 +60,28 @@ class NorthResult:
     east: EastSeekResult | None = None
     east_table_angle: float | None = None
 
+    @property
+    def other_azimuth(self) -> float | None:
+        """Second azimuth that the records allow, rad; None if there is none. Several axes decide together."""
+        return self.gyros[0].other_azimuth if len(self.gyros) == 1 else None
+
+    def describe_azimuth(self, decimals: int) -> str:
+        """Return the azimuth and its sigma in degrees, or both azimuths if the records allow two."""
+        sigma = f"± {math.degrees(self.sigma):.{decimals}f}°"
+        first = f"{math.degrees(self.azimuth) % 360:.{decimals}f}°"
+        if self.other_azimuth is None:
+            return f"{first} {sigma}"
+        return f"either {first} or {math.degrees(self.other_azimuth) % 360:.{decimals}f}°, each {sigma}"
+
     def as_json(self) -> dict[str, Any]:
         """Return the JSON result: angles in degrees, rates in rad/s, times in s."""
         first = self.gyros[0]
         summary: dict[str, Any] = {
             "azimuth_deg": math.degrees(self.azimuth) % 360,
             "sigma_deg": math.degrees(self.sigma),
+            "other_azimuth_deg": None
+            if self.other_azimuth is None
+            else math.degrees(self.other_azimuth) % 360,
             "rate": [float(r) for r in first.rates],
             "duration": first.elapsed,
             "measured": first.duration,
@@ -95,9 +111,7 @@ class NorthResult:
     def render(self, console: Console) -> None:
         """Print the azimuth, each gyro with the classical filters, and advice for the next measurement."""
         console.print(
-            f"azimuth of table zero {math.degrees(self.azimuth) % 360:.3f}° ± "
-            f"{math.degrees(self.sigma):.3f}° "
-            "clockwise from north"
+            f"azimuth of table zero {self.describe_azimuth(3)} clockwise from north", soft_wrap=True
         )
         if self.simulated_azimuth is not None:
             error = math.degrees(float(wrap_angle(self.azimuth - self.simulated_azimuth)))
