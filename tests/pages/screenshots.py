@@ -49,7 +49,8 @@ COMMANDS: dict[str, tuple[str, ...]] = {
         "hubodo north table.mcap --latitude-deg 48 --node left --axis y --report north.html --force",
     ),
     "filters": (
-        "hubodo filters drive.mcap --node left --channel gz --reference right --report filters.html --force",
+        f"hubodo simulate {TABLE_MODEL} --duration 400 --azimuth-deg 30 -o table.mcap",
+        "hubodo filters table.mcap --node left --channel gz --reference table --report filters.html --force",
     ),
     "fleet": ("hubodo batch fuse drive.mcap night.mcap -o fleet",),
 }

@@ -154,3 +154,15 @@ def test_an_unmeasured_axis_and_a_foreign_reference_are_refused():
     columns = {**recording.nodes["left"].columns, "gz": np.full(len(drive.t), np.nan)}
     with pytest.raises(InputError, match="has no gz; use --channel with gx, gy"):
         compare_filters(Recording({"left": Table(columns)}), "left", "gz")
+
+
+def test_a_reference_that_turns_differently_is_named():
+    drive, recording = recorded(duration=60.0)
+    turning = 1.0 + 0.2 * np.sin(0.4 * drive.t)  # another wheel, in curves
+    other = Table({"t": drive.t, "left": RADIUS * drive.rate * turning, "right": drive.rate})
+    result = compare_filters(Recording(recording.nodes, wheels=other), "left", "gz", reference="wheels")
+    assert any("wheels.left turns differently" in note for note in result.notes)
+
+
+def test_the_right_reference_is_not_doubted(drive_and_result):
+    assert not any("turns differently" in note for note in drive_and_result[1].notes)
