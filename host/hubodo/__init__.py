@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from hubodo.sensors.filters.result import FilterComparison
     from hubodo.sensors.heading.result import HeadingResult
     from hubodo.sensors.imu.result import ImuCalibration
+    from hubodo.sensors.north.result import NorthResult
     from hubodo.sensors.warmup.result import WarmupResult
     from hubodo.vehicle import NodeMount, Vehicle
 
@@ -57,6 +58,7 @@ _NAMES_OF_MODULE = {
     "hubodo.sensors.filters.result": ("FilterComparison",),
     "hubodo.sensors.heading.result": ("HeadingResult",),
     "hubodo.sensors.imu.result": ("ImuCalibration",),
+    "hubodo.sensors.north.result": ("NorthResult",),
     "hubodo.sensors.warmup.result": ("WarmupResult",),
     "hubodo.vehicle": ("NodeMount", "Vehicle"),
 }
@@ -79,6 +81,7 @@ __all__ = [  # noqa: RUF022 - in the order of the reference
     "FilterComparison",
     "HeadingResult",
     "ImuCalibration",
+    "NorthResult",
     "MissingEffects",
     "Finding",
     "Plot",

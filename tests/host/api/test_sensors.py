@@ -95,6 +95,7 @@ def test_north_equals_that_of_the_verb(tmp_path):
     words = ("north", folder, "--latitude-deg", 45, "--method", "maytag4", "--near-deg", 20)
     assert verb_result(*words) == as_printed(result)
     assert abs(np.degrees(result.azimuth) - 30.0) < 4.0 * np.degrees(result.sigma) < 40.0
+    assert isinstance(result, hubodo.NorthResult) and result.describe_azimuth(2) in repr(result)
     for options, message in (
         ({"axis": "up"}, "axis 'up': choose from x, y, z"),
         ({"method": "spin"}, "method 'spin': choose from maytag"),

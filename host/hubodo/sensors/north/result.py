@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from hubodo.html_table import html_lines, html_table
 from hubodo.pages.console import print_lines, print_table
 from hubodo.sensors.north.advice import describe_programmes, programme_json
 from hubodo.sensors.north.circular import wrap_angle
@@ -31,21 +32,21 @@ class NorthResult:
 
     Attributes
     ----------
-    latitude_deg
+    latitude_deg : float
         Latitude, degrees.
-    azimuth, sigma
+    azimuth, sigma : float
         Azimuth of table zero clockwise from north and its sigma, rad.
-    gyros
+    gyros : tuple of NorthEstimate
         North estimate of each gyro axis.
-    warnings
+    warnings : tuple of str
         One line each.
-    calibration
+    calibration : mapping
         Calibration that was applied, by node.
-    simulated_azimuth
+    simulated_azimuth : float or None
         True azimuth of a simulated table, rad.
-    output
+    output : str or None
         Path of the log of a live run.
-    east, east_table_angle
+    east, east_table_angle : EastSeekResult and float, or None
         Steps of the east-seeking loop, and its final table angle, rad.
     """
 
@@ -66,7 +67,18 @@ class NorthResult:
         return self.gyros[0].other_azimuth if len(self.gyros) == 1 else None
 
     def describe_azimuth(self, decimals: int) -> str:
-        """Return the azimuth and its sigma in degrees, or both azimuths if the records allow two."""
+        """Return the azimuth and its sigma in degrees, or both azimuths if the records allow two.
+
+        Parameters
+        ----------
+        decimals : int
+            Number of decimals.
+
+        Returns
+        -------
+        str
+            Words for a sentence about table zero.
+        """
         sigma = f"± {math.degrees(self.sigma):.{decimals}f}°"
         first = f"{math.degrees(self.azimuth) % 360:.{decimals}f}°"
         if self.other_azimuth is None:
@@ -74,7 +86,13 @@ class NorthResult:
         return f"either {first} or {math.degrees(self.other_azimuth) % 360:.{decimals}f}°, each {sigma}"
 
     def as_json(self) -> dict[str, Any]:
-        """Return the JSON result: angles in degrees, rates in rad/s, times in s."""
+        """Return the JSON result of `hubodo north`.
+
+        Returns
+        -------
+        dict
+            The JSON object: angles in degrees, rates in rad/s, times in s.
+        """
         first = self.gyros[0]
         summary: dict[str, Any] = {
             "azimuth_deg": math.degrees(self.azimuth) % 360,
@@ -109,7 +127,13 @@ class NorthResult:
         return summary
 
     def render(self, console: Console) -> None:
-        """Print the azimuth, each gyro with the classical filters, and advice for the next measurement."""
+        """Print the azimuth, each gyro with the classical filters, and advice for the next measurement.
+
+        Parameters
+        ----------
+        console : rich.console.Console
+            The console to print to.
+        """
         console.print(
             f"azimuth of table zero {self.describe_azimuth(3)} clockwise from north", soft_wrap=True
         )
@@ -147,6 +171,13 @@ class NorthResult:
         print_lines(console, self.warnings, label="warning")
         if self.output is not None:
             print_lines(console, [f"recorded to {self.output}"])
+
+    def __repr__(self) -> str:
+        return f"NorthResult(table zero at {self.describe_azimuth(2)})"
+
+    def _repr_html_(self) -> str:
+        tables = [html_table(("", *RATE_HEADINGS), estimate_rows(gyro, 3)) for gyro in self.gyros]
+        return html_lines((repr(self),)) + "".join(tables) + html_lines(self.warnings)
 
 
 def _gyro_json(estimate: NorthEstimate) -> dict[str, Any]:
