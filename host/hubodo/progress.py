@@ -11,7 +11,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from hubodo.terminal import SafeConsole
 
-# s between two lines where stderr is no terminal.
+# Seconds between two lines if stderr is not a terminal.
 _LINE_INTERVAL = 10.0
 
 

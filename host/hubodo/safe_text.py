@@ -14,7 +14,7 @@ _LONE_SURROGATE = re.compile("[\ud800-\udfff]")
 
 
 def printable(text: str) -> str:
-    """Return the text with terminal control characters and what UTF-8 lacks escaped as in ``\x1b``."""
+    r"""Return the text with control characters and lone surrogates escaped as in ``\x1b``."""
     return text if text.isprintable() else _UNSAFE.sub(_escaped, text)
 
 

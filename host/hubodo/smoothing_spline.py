@@ -1,4 +1,4 @@
-"""A smooth function of time through noisy samples: value, slope, integral, and the noise that remains.
+"""A smooth function of time through noisy samples: value, slope, integral, and residual noise.
 
 A spline of degree 5 with a knot at every sample, penalised on its third differences; the weight of the
 penalty is chosen by generalised cross-validation (Craven and Wahba 1979; P-splines: Eilers and Marx 1996).
@@ -20,11 +20,11 @@ from hubodo.arrays import Array
 
 _SPLINE_DEGREE = 5
 _PENALTY_ORDER = 3
-# s; a time at an end may be rounded beyond it, or moved by the step of a numerical derivative. There the
-# slope must not jump to zero.
+# Extension of the spline at both ends, s: times at an end may be rounded beyond it, or shifted by the step of
+# a numerical derivative, and there the slope must not jump to zero.
 _END_TOLERANCE = 1e-6
-# Angular frequencies per step in (0, pi); at them, the power of a sampled B-spline including aliases, and of
-# its penalised differences.
+# Angular frequencies in (0, pi) rad per sample, and at each of them the power of a sampled B-spline including
+# its aliases and the power of its penalised differences.
 _ANGULAR_FREQUENCIES = (np.arange(512) + 0.5) * np.pi / 512
 _BASIS_POWER = (
     sum(
@@ -52,10 +52,10 @@ class SmoothingSpline:
     Attributes
     ----------
     spline : the function.
-    start, end : s.
+    start, end : times between which the spline is defined, s.
     noise : 1 sigma of one sample, estimated from the residual.
-    value_noise, slope_noise : 1 sigma of the noise that remains in the value and, per second, in the slope.
-    correlation_time : s, of the noise that remains.
+    value_noise, slope_noise : 1 sigma of the residual noise of the value and, per second, of the slope.
+    correlation_time : correlation time of the residual noise, s.
     """
 
     spline: BSpline

@@ -25,7 +25,7 @@ PLAUSIBLE_SIZES = {
 }
 """Least and largest plausible size, m, and its name in errors; `unusual_size = true` allows others."""
 _LENGTH_UNITS = {"cm": 0.01, "mm": 0.001, "in": 0.0254}
-_MAX_ANTENNA_OFFSET = 1000.0  # m, of an antenna from the axle
+_MAX_ANTENNA_OFFSET = 1000.0  # m, largest distance of an antenna from the axle
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,10 +34,10 @@ class NodeMount:
 
     Attributes
     ----------
-    side : its wheel, None on the body.
-    facing : side to which its z axis points.
-    gyro_range, accel_range : rad/s and m/s², where its samples clip; None where the file does not say.
-    steered : whether that wheel is steered, or turns by itself as a castor does.
+    side : wheel that carries the node; None on the body.
+    facing : side to which the z axis of the node points.
+    gyro_range, accel_range : rad/s and m/s², at which its samples clip; None if the file does not state them.
+    steered : True for a wheel that is steered, or that swivels as a castor does.
     """
 
     side: Side | None = None
@@ -54,14 +54,15 @@ class Vehicle:
     Attributes
     ----------
     wheel_radius : m.
-    track_width : m, between the contact points.
+    track_width : distance between the contact points of the wheels, m.
     nodes : mounting by node name.
-    antenna : m forward and left of midway between the wheels, of the GNSS antenna; None if unknown.
-    latitude_deg : where on Earth it drives; None if unknown.
+    antenna : position of the GNSS antenna, m forward and left of the midpoint between the wheels; None if
+        unknown.
+    latitude_deg : latitude of the drives; None if unknown.
     topics : topics in logs of other programs, by node or file (`[topics]`).
-    name : of the vehicle.
-    radius_from : how the wheel radius was determined (`radius_from`): "nominal", the default, "tape" or
-    "rolled". It sets the prior sigma of the radius.
+    name : name of the vehicle.
+    radius_from : how the wheel radius was determined: "nominal", the default, "tape" or "rolled". It sets the
+        prior sigma of the radius.
     """
 
     wheel_radius: float
@@ -73,7 +74,7 @@ class Vehicle:
     name: str = ""
     radius_from: RadiusSource = "nominal"
 
-    def on(self, side: Side) -> str | None:
+    def node_on_wheel(self, side: Side) -> str | None:
         """Return the name of the first node on a wheel.
 
         Parameters

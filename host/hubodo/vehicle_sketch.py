@@ -41,7 +41,7 @@ def vehicle_toml(vehicle: Vehicle) -> str:
 
 def draw_vehicle(vehicle: Vehicle) -> list[str]:
     """Return the lines of a sketch from above: wheels, nodes, the directions of their z axes, sizes."""
-    left, right, radius = vehicle.on("left"), vehicle.on("right"), vehicle.wheel_radius
+    left, right, radius = vehicle.node_on_wheel("left"), vehicle.node_on_wheel("right"), vehicle.wheel_radius
     middle = format_length(vehicle.track_width).center(_WIDTH, "─")
     edges = f"      ┌───┐{' ' * _WIDTH}┌───┐"
     lines = [

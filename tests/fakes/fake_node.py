@@ -191,7 +191,7 @@ class FakeNode:
                 select.select([self._master], [], [])
                 self._listen()
 
-    def sent(self) -> SentBytes:
+    def wait_for_writes(self) -> SentBytes:
         sent, self._on_port = self._on_port, []
         return sent
 

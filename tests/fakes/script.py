@@ -24,5 +24,5 @@ class Script:
         while self._steps and self._steps[0][0] <= t_ns:
             self._steps.pop(0)[1]()
 
-    def sent(self) -> SentBytes:
+    def wait_for_writes(self) -> SentBytes:
         return []

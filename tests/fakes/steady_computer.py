@@ -146,7 +146,7 @@ class SteadyComputer:
     def put(self, item: Any) -> None:
         self._news.append(item)
 
-    def link(self, port: PortName, label: str, baud: int, lister: DeviceLister) -> SteadyLink:
+    def create_link(self, port: PortName, label: str, baud: int, lister: DeviceLister) -> SteadyLink:
         return SteadyLink(label, self.nodes[label], self)
 
     def start(self, label: str, node: SteadyNode) -> None:

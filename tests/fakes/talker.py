@@ -51,6 +51,6 @@ class Talker:
                 self._on_port.append((self._due_ns + self._late_ns, os.write(self._master, data)))
             self._due_ns += self._period_ns
 
-    def sent(self) -> SentBytes:
+    def wait_for_writes(self) -> SentBytes:
         sent, self._on_port = self._on_port, []
         return sent

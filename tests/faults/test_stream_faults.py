@@ -229,7 +229,7 @@ def test_a_port_that_fails_or_is_ready_without_data_is_down_with_a_reason(port, 
 def test_a_second_hubodo_reader_of_a_port_is_refused(port):
     master, transport = port
     with pytest.raises(Exception, match="busy"):
-        SerialTransport(transport.where, 115200)
+        SerialTransport(transport.endpoint, 115200)
     os.close(master)
 
 

@@ -21,7 +21,7 @@ def test_a_node_inherits_ranges_that_it_does_not_have_itself():
     )
     parsed = vehicle(f"{text}gyro_range = 35.0\n")
     assert parsed.nodes["a"] == NodeMount("left", "right", 35.0, 80.0)
-    assert parsed.on("left") == "a" and parsed.on("right") is None
+    assert parsed.node_on_wheel("left") == "a" and parsed.node_on_wheel("right") is None
 
 
 def test_a_radius_of_unknown_origin_is_a_nominal_one():

@@ -10,7 +10,7 @@ import numpy as np
 from hubodo.demo.attached_node import AttachedNode
 from hubodo.emulator.board.settings import Clock, Flash, Host, SensorBoard
 from hubodo.emulator.chips.imu import Specimen
-from hubodo.emulator.chips.sampling import ChipTruth
+from hubodo.emulator.chips.sampling import ChipSamples
 from hubodo.emulator.motion import RecordedMotion
 from hubodo.emulator.virtual_node import VirtualNode
 from hubodo.flash.image import build_image, firmware_folder
@@ -46,7 +46,7 @@ class Ride:
     """Results of one run through the complete signal path."""
 
     folder: Path
-    truth: dict[str, ChipTruth]
+    truth: dict[str, ChipSamples]
     result: dict
     stats: dict[str, dict]
 

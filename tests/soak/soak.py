@@ -136,7 +136,7 @@ def main() -> int:
             page = stack.enter_context(
                 live_audience(Site(Address("127.0.0.1", 0)), None, folder, vehicle=VEHICLE)
             )
-            port = int(re.search(r":(\d+)/", page.greetings[0])[1])
+            port = int(re.search(r":(\d+)/", page.startup_lines[0])[1])
             follower = stack.enter_context(Follower(port, metrics))
         result = record(
             config,

@@ -19,6 +19,6 @@ class AttachedNode:
         """Run the node until `t_ns`; see `Device`."""
         self._node.run_until((t_ns - self._zero_ns) * 1e-9, sent_count or 0)
 
-    def sent(self) -> SentBytes:
-        """Return the bytes sent with their times; raise HubodoError if the board failed. See `Device`."""
-        return [(self._zero_ns + t_ns, count) for t_ns, count in self._node.await_limit()]
+    def wait_for_writes(self) -> SentBytes:
+        """Wait for the node and return its writes; raise HubodoError if the board failed. See `Device`."""
+        return [(self._zero_ns + t_ns, count) for t_ns, count in self._node.wait_for_limit()]

@@ -97,7 +97,7 @@ class Scenario:
 
 
 def make_scenario(seed: int, drive_duration: float) -> Scenario:
-    """Return a demo drawn from a seed, with `moving` s of drive between two standstills."""
+    """Return a demo drawn from a seed, with a drive of `drive_duration` s between two standstills."""
     rng = np.random.default_rng(seed)
     drive = loop_drive(rng, rest_time=8.0, driving_time=drive_duration)
     size_errors = (

@@ -24,7 +24,7 @@ from hubodo.emulator.board.radio_medium import RadioMedium
 from hubodo.emulator.board.settings import BoardSettings, Clock, Flash, Host, SensorBoard
 from hubodo.emulator.chips.catalogue import imu_by_name
 from hubodo.emulator.chips.faults import ScriptedFault
-from hubodo.emulator.chips.sampling import ChipTruth
+from hubodo.emulator.chips.sampling import ChipSamples
 from hubodo.emulator.interpreters.interpreter import check_available
 from hubodo.emulator.motion import Motion
 from hubodo.errors import HubodoError
@@ -52,9 +52,9 @@ class ChipView:
     _node: VirtualNode
     _name: str
 
-    def truth(self) -> ChipTruth:
+    def truth(self) -> ChipSamples:
         """Return all samples of the chip so far."""
-        truth: ChipTruth = self._node.command("truth", self._name)
+        truth: ChipSamples = self._node.command("truth", self._name)
         return truth
 
 
@@ -257,7 +257,7 @@ class VirtualNode:
         """Let a board with a lockstep clock run until t, s, with the next `host_bytes` bytes of its host."""
         self._send("run_until", t * 1e9, host_bytes)
 
-    def await_limit(self) -> list[tuple[int, int]]:
+    def wait_for_limit(self) -> list[tuple[int, int]]:
         """Wait until the board has reached its limit; return (ns, bytes) of its output.
 
         Raise HubodoError if the board failed.
@@ -327,9 +327,9 @@ class VirtualNode:
         meter: dict[str, Any] = self.command("meter")
         return meter
 
-    def link_log(self) -> list[tuple[int, bytes, bytes, bool]]:
+    def link_writes(self) -> list[tuple[int, bytes, bytes, bool]]:
         """Return (host ns, bytes written, bytes after line noise, host was listening), with `Host.log`."""
-        log: list[tuple[int, bytes, bytes, bool]] = self.command("link_log")
+        log: list[tuple[int, bytes, bytes, bool]] = self.command("link_writes")
         return log
 
     def unplug(self) -> None:

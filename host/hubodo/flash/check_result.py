@@ -41,7 +41,7 @@ class CheckResult:
     verdict
         ok, wrong or unknown.
     observation
-        The observation.
+        What was observed, in one line.
     remedy
         What to do, or "".
     """

@@ -38,7 +38,7 @@ class ComputerCheck:
     verdict
         ok, warn or bad.
     observation
-        The observation.
+        What was observed, in one line.
     remedy
         What to do, or "".
     """

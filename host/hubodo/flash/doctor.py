@@ -36,14 +36,19 @@ class Examination:
 
 
 def examine(
-    port: str, *, baud: int, seconds: float, repl: bool, note: Callable[[str], None] = lambda text: None
+    port: str,
+    *,
+    baud: int,
+    seconds: float,
+    repl: bool,
+    report_step: Callable[[str], None] = lambda text: None,
 ) -> Examination:
     """Diagnose the board on a port.
 
     repl: interrupt a running node to check it over its prompt; a board at its prompt is always checked
-    so, and started afterwards if it has firmware. note: called with each step.
+    so, and started afterwards if it has firmware. report_step: called with each step.
     """
-    note("listening")
+    report_step("listening")
     try:
         reception = listen(port, baud, seconds, briefly=repl)
     except LinkError as error:
@@ -52,7 +57,7 @@ def examine(
     results = [passed_check("port", f"{port} opens")]
     if not reception.prompt and not (repl and reception.n_frames):
         return _complete(port, results + check_reception(reception, baud))
-    note("checking over the prompt")
+    report_step("checking over the prompt")
     try:
         with FlashBoard(port) as board:
             prompt_results, has_firmware = _check_over_prompt(board)
@@ -63,7 +68,7 @@ def examine(
         )
     if not has_firmware:
         return _complete(port, [*results, check_protocol(reception, baud), *prompt_results])
-    note("listening to the node")
+    report_step("listening to the node")
     return _complete(
         port, results + prompt_results + check_reception(_listen_to_started(port, baud, seconds), baud)
     )

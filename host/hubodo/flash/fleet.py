@@ -34,7 +34,7 @@ class BoardNotListed(HubodoError):
 
 @dataclass(frozen=True)
 class FailedBoard:
-    """A board that was not flashed; `left` is True if it was skipped because no table names it."""
+    """A board that was not flashed; is_skipped: True because the fleet table does not name it."""
 
     port: str
     error: str
@@ -96,7 +96,7 @@ def read_fleet(path: Path) -> dict[str, int]:
 
 
 def orders_by_serial(order: SettingsOrder, fleet: dict[str, int] | None) -> Callable[[str], SettingsOrder]:
-    """Return a function from serial number to the order of that board; it raises NotInTable."""
+    """Return a function that gives a board's order by its serial number, or raises BoardNotListed."""
 
     def order_for(serial: str) -> SettingsOrder:
         if fleet is None:

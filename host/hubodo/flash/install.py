@@ -46,7 +46,7 @@ class FlashedBoard:
     node, hello
         Id and identification of the running node.
     calibrated
-        Settings from the calibration.
+        Settings that were derived from the calibration.
     keyed
         True if the node has a key for UDP.
     n_disconnections

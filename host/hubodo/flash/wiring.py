@@ -78,8 +78,8 @@ class WiringState:
         GPIO numbers.
     sda_levels, scl_levels
         Levels with pull-down and with pull-up.
-    found, swapped
-        (address, identity) of the devices, as wired and with the lines exchanged.
+    devices, swapped_devices
+        (address, identity) of the devices that answer, as wired and with SDA and SCL exchanged.
     """
 
     sda: int

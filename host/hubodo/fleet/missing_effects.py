@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from hubodo.fleet.quantities import FOUND_PREFIX
+from hubodo.fleet.quantities import MISSING_EFFECT_PREFIX
 from hubodo.fleet.spread import benjamini_hochberg
 
 MAX_FALSE_EFFECT_SHARE = 0.05
@@ -52,7 +52,7 @@ def significant_effects(table: pd.DataFrame) -> pd.DataFrame:
     """Return the rows of significant effects, with `effect` and `week` (its Monday)."""
     effects = table[table.q_value <= MAX_FALSE_EFFECT_SHARE]
     return effects.assign(
-        effect=effects.quantity.str.removeprefix(FOUND_PREFIX), week=_monday_of(effects.start)
+        effect=effects.quantity.str.removeprefix(MISSING_EFFECT_PREFIX), week=_monday_of(effects.start)
     )
 
 

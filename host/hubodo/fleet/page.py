@@ -10,7 +10,7 @@ import pandas as pd
 
 from hubodo.fleet.figures import effect_map, spread_figure
 from hubodo.fleet.missing_effects import GAP_VERB, MAX_FALSE_EFFECT_SHARE, list_missing_effects, weekly_shares
-from hubodo.fleet.quantities import FOUND_PREFIX
+from hubodo.fleet.quantities import MISSING_EFFECT_PREFIX
 from hubodo.fleet.spread import find_drifts, find_outliers
 from hubodo.pages.drawing import Drawing
 from hubodo.pages.page import PageTable, Section, render_page
@@ -40,7 +40,9 @@ _OTHER_SUBJECT = "Other quantities"
 def build_fleet_page(table: pd.DataFrame) -> str:
     """Return the HTML page of a fleet. table: as `table.parquet`."""
     logs = table.drop_duplicates(["verb", "log"])
-    numbers = table[np.isfinite(table.value) & ~table.quantity.str.startswith(FOUND_PREFIX, na=False)]
+    numbers = table[
+        np.isfinite(table.value) & ~table.quantity.str.startswith(MISSING_EFFECT_PREFIX, na=False)
+    ]
     sections = [
         _vehicle_section(logs),
         *_drives_section(table),

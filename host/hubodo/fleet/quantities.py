@@ -10,7 +10,7 @@ from hubodo.effects import BY_NAME
 
 Result = Mapping[str, Any]
 
-FOUND_PREFIX = "found."
+MISSING_EFFECT_PREFIX = "found."
 """Prefix of the quantity that reports an effect found by `gap`; its value is the confidence."""
 
 
@@ -18,7 +18,7 @@ FOUND_PREFIX = "found."
 class LogQuantity:
     """One number of a log. node: "" for the whole log. sigma: None if unknown.
 
-    p_value: of an effect found by `gap`, None for other quantities.
+    p_value: p value of an effect found by `gap`; None for other quantities.
     """
 
     node: str
@@ -103,7 +103,7 @@ def _gap(result: Result) -> Iterator[LogQuantity]:
     for finding in result["found"]:
         node, effect = finding["scope"], finding["effect"]
         p_value = finding["p_value"]
-        yield LogQuantity(node, FOUND_PREFIX + effect, finding["confidence"], p_value=p_value)
+        yield LogQuantity(node, MISSING_EFFECT_PREFIX + effect, finding["confidence"], p_value=p_value)
         for name, it in finding["parameters"].items():
             yield LogQuantity(node, f"{effect}.{name}", it["value"], it["sigma"], it["unit"])
 

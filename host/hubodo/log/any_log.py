@@ -125,7 +125,7 @@ def open_as_mcap(path: Path, input_format: InputFormat = _DEFAULT_FORMAT) -> Ite
 
 
 def is_hubodo_mcap(file: Path) -> bool:
-    """Return True if hubodo wrote the MCAP file, or if the file has no channels to tell by."""
+    """Return True if hubodo wrote the MCAP file, or if it has no channels that reveal its writer."""
     with open_log(file) as log:
         if not log.streams:
             next(log.chunks(), None)  # some writers announce channels inside the chunks only

@@ -68,7 +68,7 @@ class DiskSpace:
         if (budget := self._budget) is not None:
             self._remove_oldest(in_use, lambda total: total + expected - budget)
 
-    def free_bytes(self, n_bytes: int, in_use: Collection[Path]) -> None:
+    def make_room(self, n_bytes: int, in_use: Collection[Path]) -> None:
         """Remove the oldest logs until `n_bytes` are free; does nothing without a budget."""
         disk = self.free_and_total()
         if self._budget is not None and disk is not None and (excess := n_bytes - disk[0]) > 0:

@@ -17,7 +17,8 @@ class SensorFrame:
 
 
 _IDENTITY_QUATERNION = (0.0, 0.0, 0.0, 1.0)
-# x up, y forward, z left; and x up, y backward, z right: a wheel's node at wheel angle 0.
+# Rotations base_link from node at wheel angle 0. A node that faces left has x up, y forward, z left; one that
+# faces right has x up, y backward, z right.
 _FACING_QUATERNIONS = {"left": (-0.5, -0.5, -0.5, 0.5), "right": (0.5, -0.5, 0.5, 0.5)}
 GNSS_FRAME = "gnss"
 

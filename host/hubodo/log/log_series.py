@@ -346,7 +346,7 @@ class LogSeries:
         if state != "in place":
             self._handle_displaced_file(file, state)
             return
-        self.disk_space.free_bytes(self.rules.reserve, self._in_use)
+        self.disk_space.make_room(self.rules.reserve, self._in_use)
         shortage = self.disk_space.describe_shortage(self.rules.reserve)
         if shortage is not None:
             self._pause(shortage)

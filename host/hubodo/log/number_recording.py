@@ -126,7 +126,7 @@ def convert_to_si(recording: Recording, input_format: InputFormat) -> Recording:
 
 
 def _assign_columns(source: str, numbers: NumberTable, input_format: InputFormat) -> list[NamedColumn]:
-    """Return the meaning of each column: as given, else by its heading."""
+    """Return the meaning of each column: as stated by the user, else by its heading."""
     width = numbers.values.shape[1]
     headings = numbers.names or ("",) * width
     if input_format.columns:

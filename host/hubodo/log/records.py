@@ -35,7 +35,7 @@ class ImuBlock:
     gyro, accel
         (N, 3) rad/s and (N, 3) m/s² specific force, uncalibrated, node axes.
     temperature
-        Of the sensor, °C; None if unknown.
+        Temperature of the sensor, °C; None if unknown.
     received_ns
         Host time of arrival.
     device_ns

@@ -34,10 +34,8 @@ _CHUNK_HEADER_PATTERN = re.compile(
     rb"(?=\x06.{5}\x00\x00\x00.{28}(?:\x00\x00\x00\x00|\x03\x00\x00\x00lz4|\x04\x00\x00\x00zstd))", re.DOTALL
 )
 _MIN_SEARCH_BYTES, _MAX_SEARCH_BYTES = 1 << 12, 1 << 22
-_DATA_MEMORY_RATIO, _TEXT_MEMORY_RATIO = (
-    2,
-    16,
-)  # bytes of memory per byte of a data record, and of one with short texts
+_DATA_MEMORY_RATIO, _TEXT_MEMORY_RATIO = 2, 16
+"""Bytes of memory per byte of a record with data, and of a record with many short texts."""
 
 
 @dataclass(frozen=True)

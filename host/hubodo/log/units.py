@@ -13,7 +13,7 @@ from hubodo.recording import Recording, Table
 
 STANDARD_GRAVITY = 9.80665
 _GRAVITY_RANGE_IN_G = (0.7, 1.4)
-# rad/s; the widest range of the gyros that there are ends at 4000 deg/s.
+# Largest plausible rate, rad/s: the widest range of available gyros ends at 4000 deg/s (69.8 rad/s).
 _MAX_GYRO_RATE = 72.0
 GYRO_UNITS = {
     "rad/s": 1.0,
@@ -105,7 +105,7 @@ def explain_suspect_times(t: NDArray[np.float64]) -> str | None:
 def check_node_units(table: Table, table_name: str, stated: Iterable[str] = ()) -> None:
     """Raise InputError if the data of a node are probably not in SI units.
 
-    stated: "gyro" and "accel" if the user stated the unit, which is believed.
+    stated: "gyro" and "accel" if the user stated the unit, which is then not checked.
     """
     gyro, accel = (
         np.full((0, 3), np.nan) if sensor in stated else values

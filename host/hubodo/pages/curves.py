@@ -24,7 +24,7 @@ class Curve:
     Attributes:
         x, y: (N,) coordinates.
         name: label in the legend.
-        colour: of line and band.
+        colour: colour of line and band.
         width: line width in points; 0 for the band only.
         sigma: (N,) half width of a band about the curve, or None.
         dots: True for markers instead of a line.
@@ -53,7 +53,7 @@ def draw_curves(
     right: Scale | None = None,
     from_zero: bool = False,
 ) -> Drawing:
-    """Return `plot_curves` as a drawing for a page."""
+    """Return the figure of `plot_curves` as a drawing for a page."""
     return render_drawing(
         lambda: plot_curves(
             plotted, x_label, y_label, height=height, equal=equal, right=right, from_zero=from_zero

@@ -25,7 +25,7 @@ _CODES = {
 def encode_message(message_type: str, values: Mapping[str, Any]) -> bytes:
     """Encode a message as little-endian CDR; fields without a value are zero or empty.
 
-    values: by field name; of a message within it another mapping, of an array a sequence.
+    values: by field name: a number or text, a mapping for a nested message, or a sequence for an array.
     """
     out = bytearray()
     _encode_fields(message_type, values, out)

@@ -73,7 +73,7 @@ def load_ros2_config(path: Path) -> Ros2Config:
 def complete_config(config: Ros2Config, environment: Mapping[str, str] = os.environ) -> Ros2Config:
     """Return the settings with domain, network and distribution from the environment where not given.
 
-    Raises ConfigError for a domain that is none, or an invalid node name.
+    Raises ConfigError for an invalid domain or node name.
     """
     domain = config.domain
     if domain is None:

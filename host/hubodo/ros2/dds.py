@@ -47,16 +47,17 @@ _ELEMENT_TYPES: dict[str, Any] = {
     "float64": types.float64,
     "string": str,
 }
-# The node is found by its announcements to the ports of this computer: there is no multicast, so other
-# computers neither learn of the node nor are heard. It uses the loopback interface, because Fast DDS answers
-# a node of its own computer there, whatever its address.
+# The node announces itself to the ports of this computer only. Without multicast other computers neither
+# discover the node nor can send to it. It uses the loopback interface, because Fast DDS answers nodes of the
+# same computer there, whatever their address.
 _LOCALHOST = """<General>
 <Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces>
 <AllowMulticast>false</AllowMulticast></General>
 <Discovery><SPDPInterval>1s</SPDPInterval>
 <ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>100</MaxAutoParticipantIndex>
 <Peers><Peer Address="localhost"/></Peers></Discovery>"""
-# A subscriber that hangs delays the end of each reliable publisher by this time; the default is a second.
+# WriterLingerDuration: a subscriber that hangs delays the end of each reliable publisher by this time, by
+# default one second.
 _SETTINGS = """<CycloneDDS><Domain Id="any">%s
 <Internal><WriterLingerDuration>100ms</WriterLingerDuration></Internal></Domain></CycloneDDS>"""
 

@@ -26,7 +26,7 @@ from hubodo.sensors.allan.page import NamedResult, allan_page, comparison_table
 from hubodo.sensors.allan.result import AllanResult
 from hubodo.sensors.standstill_channel import IMU_CHANNELS
 from hubodo.spelling import suggest_spelling
-from hubodo.verbs.log_options import LOG_HELP, check_nodes, log_form
+from hubodo.verbs.log_options import LOG_HELP, check_nodes, stated_input_format
 from hubodo.verbs.numbers import positive_number
 from hubodo.verbs.standstill import add_page_options, add_selection_arguments, select_standstill
 
@@ -129,7 +129,7 @@ def run(args: argparse.Namespace) -> AllanResult | AllanComparison:
     channels = _channels(args.channel)
     sheets = tuple(read_datasheet(name) for name in args.datasheet)
     args.channel = channels[0]
-    form, sensors = log_form(args, needed=()), []
+    form, sensors = stated_input_format(args, needed=()), []
     for log in args.log:
         with progress_line() as show:
             recording = read_log(log, input_format=form, progress=show)

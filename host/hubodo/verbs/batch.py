@@ -257,9 +257,9 @@ def _count_cores() -> int:
 
 
 def _needs_no_workers(args: argparse.Namespace, sizes: Sequence[int]) -> bool:
-    """Return True if the logs are done sooner in this process than worker processes take to start.
+    """Return True if this process analyses the logs sooner than worker processes would start.
 
-    sizes: of the logs to do, bytes. Options about workers are always obeyed.
+    sizes: sizes of the pending logs, bytes. An option about workers always starts them.
     """
     if args.scheduler is not None or args.workers is not None or args.memory_limit != "auto":
         return False
@@ -269,7 +269,7 @@ def _needs_no_workers(args: argparse.Namespace, sizes: Sequence[int]) -> bool:
 def run_on_log(verb: str, options: Mapping[str, Any], log: Path, folder: Path) -> Mapping[str, Any]:
     """Run a verb on one log inside a worker process, and return its JSON result.
 
-    verb: name of the verb, with its kind for `calibrate`. options: as parsed. folder: for its files.
+    verb: name of the verb, with its kind for `calibrate`. options: its parsed options. folder: for its files.
     """
     name = verb.partition(" ")[0]
     args = argparse.Namespace(**options)

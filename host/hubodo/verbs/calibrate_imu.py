@@ -27,7 +27,7 @@ from hubodo.recording import Recording, Table
 from hubodo.sensors.imu.calibrate import calibrate_imu
 from hubodo.sensors.imu.page import format_held_out, imu_sections, imu_verdict
 from hubodo.sensors.imu.result import ImuCalibration
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, stated_input_format
 from hubodo.verbs.numbers import latitude, positive_number
 from hubodo.verbs.outputs import add_force_option
 
@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> ImuCalibration:
         If the node does not exist, its units are doubtful, or its poses do not suffice.
     """
     with progress_line() as show:
-        recording = read_log(args.log, input_format=log_form(args, needed=()), progress=show)
+        recording = read_log(args.log, input_format=stated_input_format(args, needed=()), progress=show)
         show("detecting static poses and turns", 0.5)
         table = node_table(recording, args.node, str(args.log))
         check_node_units(table, f"{args.log}, node {args.node}")

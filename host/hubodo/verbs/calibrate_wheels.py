@@ -34,7 +34,7 @@ from hubodo.log.roles import NODES_ROLE
 from hubodo.log.units import check_units
 from hubodo.recording import Recording
 from hubodo.vehicle import Vehicle, load_vehicle
-from hubodo.verbs.log_options import LOG_HELP, VEHICLE_HELP, add_log_options, log_form
+from hubodo.verbs.log_options import LOG_HELP, VEHICLE_HELP, add_log_options, stated_input_format
 from hubodo.verbs.numbers import bounded_number
 from hubodo.verbs.outputs import add_force_option
 
@@ -96,7 +96,9 @@ def run(args: argparse.Namespace) -> WheelCalibration:
         If the log has neither truth nor GNSS, or no node of the vehicle file.
     """
     vehicle = load_vehicle(args.vehicle)
-    recording = read_log(args.log, input_format=log_form(args, vehicle, needed=(NODES_ROLE, "gnss")))
+    recording = read_log(
+        args.log, input_format=stated_input_format(args, vehicle, needed=(NODES_ROLE, "gnss"))
+    )
     check_units(recording, vehicle.nodes, str(args.log))
     before = read_calibration(args.output) if args.output.exists() else Calibration()
     kind, positions = _positions(recording, vehicle, str(args.log))

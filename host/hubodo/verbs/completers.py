@@ -98,7 +98,7 @@ class _Files(BaseCompleter):
 
 
 def _ports(prefix: str, **_more: object) -> list[str]:
-    """Return serial ports and USB serial numbers, behind a name that ends in `=`."""
+    """Return serial ports and USB serial numbers, each with the prefix `NAME=` if one was typed."""
     before, equals, _ = prefix.rpartition("=")
     ports: list[str] = []
     for info in list_devices():

@@ -137,6 +137,6 @@ def run(args: argparse.Namespace) -> BoardDiagnosis | ComputerDiagnosis:
                 baud=args.baud,
                 seconds=args.seconds,
                 repl=args.repl,
-                note=lambda text: status.update(f"{args.port}: {text}"),
+                report_step=lambda text: status.update(f"{args.port}: {text}"),
             )
         )

@@ -17,7 +17,7 @@ from hubodo.log.number_recording import InputFormat
 from hubodo.log.rosbag2_folder import write_rosbag2
 from hubodo.progress import progress_line
 from hubodo.vehicle import load_vehicle
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, add_vehicle_option, log_form
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, add_vehicle_option, stated_input_format
 from hubodo.verbs.numbers import bounded_number
 from hubodo.verbs.outputs import add_force_option
 
@@ -114,11 +114,13 @@ def run(args: argparse.Namespace) -> ExportResult:
     """
     vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
     if args.format in TRACK_FORMATS:
-        return _export_track(args, log_form(args, vehicle))
+        return _export_track(args, stated_input_format(args, vehicle))
     if args.format == "rosbag2":
-        return _export_rosbag2(args, log_form(args, vehicle))
+        return _export_rosbag2(args, stated_input_format(args, vehicle))
     with progress_line() as show:
-        recording = read_log(args.log, input_format=log_form(args, vehicle), progress=show, keep_empty=True)
+        recording = read_log(
+            args.log, input_format=stated_input_format(args, vehicle), progress=show, keep_empty=True
+        )
         names = write_folder(recording, args.output, table_format=args.format, progress=show)
     counts = [len(table) for table in recording.files().values()]
     return ExportResult(str(args.output), dict(zip(names, counts, strict=True)), recording.warnings)

@@ -15,7 +15,7 @@ from hubodo.sensors.filters.compare import compare_filters
 from hubodo.sensors.filters.page import filter_figure, filter_sections, summarise_comparison
 from hubodo.sensors.filters.result import FilterComparison
 from hubodo.sensors.standstill_channel import IMU_CHANNELS
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, stated_input_format
 from hubodo.verbs.numbers import bounded_number
 from hubodo.verbs.standstill import add_page_options, read_node
 
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> FilterComparison:
     InputError
         If node, channel or reference are missing, or the samples do not suffice.
     """
-    form = log_form(args, needed=())
+    form = stated_input_format(args, needed=())
     recording, node = read_node(args.log, args.node, form)
     source = f"{args.log}, node {node}"
     check_node_units(recording.nodes[node], source, form.si_factors())

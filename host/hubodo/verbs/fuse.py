@@ -21,7 +21,7 @@ from hubodo.verbs.log_options import (
     VEHICLE_HELP,
     add_log_options,
     check_node_names,
-    log_form,
+    stated_input_format,
     stored_vehicle,
 )
 from hubodo.verbs.numbers import bounded_number
@@ -88,7 +88,7 @@ def run(args: argparse.Namespace) -> FusedRecording:
         check_no_results(args.output)
     lag = parse_smoothing_lag(args.smooth, args.method, "--smooth", "; put LOG before --smooth")
     needed = (NODES_ROLE, "wheels") if args.no_graph else (NODES_ROLE, "wheels", "gnss")
-    recording = read_log(args.log, input_format=log_form(args, vehicle, needed=needed))
+    recording = read_log(args.log, input_format=stated_input_format(args, vehicle, needed=needed))
     check_node_names(vehicle, recording, str(args.vehicle or args.log))
     calibration_source = None
     if args.calibration:

@@ -31,7 +31,7 @@ from hubodo.vehicle import load_vehicle
 from hubodo.verbs.effect_options import add_effects_option, register_effects
 from hubodo.verbs.gap_arguments import check_argument_order
 from hubodo.verbs.gap_change import ChangeReport, ReplacePositional, compare_logs
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_node_names, log_form
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_node_names, stated_input_format
 from hubodo.verbs.outputs import add_force_option
 from hubodo.version import __version__
 
@@ -152,7 +152,9 @@ def _read_problem(args: argparse.Namespace, show: ReportProgress) -> tuple[Probl
     vehicle = load_vehicle(args.vehicle) if model is None else model.vehicle
     inputs = () if model is None else (model.inputs.speed, model.inputs.yaw_rate)
     needed = (NODES_ROLE, *("reference" for name in inputs if str(name).startswith("reference.")))
-    recording = read_log(args.log, input_format=log_form(args, vehicle, needed=needed), progress=show)
+    recording = read_log(
+        args.log, input_format=stated_input_format(args, vehicle, needed=needed), progress=show
+    )
     check_node_names(vehicle, recording, str(args.vehicle or args.model))
     model = model or assume_model(recording, vehicle, str(args.log))
     journal = _journal(args, recording, model)

@@ -25,10 +25,10 @@ from hubodo.pages.console import print_text
 from hubodo.progress import progress_line
 from hubodo.safe_text import json_text
 from hubodo.vehicle import load_vehicle
-from hubodo.verbs.log_options import log_form
+from hubodo.verbs.log_options import stated_input_format
 
 CHANGE_FILES = ("change.json", "before.toml", "after.toml")
-# Effects that differ between drives of an unchanged vehicle, and why; for the others the generic reason.
+# Reasons why effects differ between drives of an unchanged vehicle; other such effects have the generic one.
 _DRIVE_DEPENDENT_EFFECTS = {
     "road_grade": "another road has another grade",
     "road_bank": "another road has another bank",
@@ -150,7 +150,7 @@ def compare_logs(args: argparse.Namespace) -> ChangeReport:
     model = None if args.model is None else read_model(args.model)
     vehicle = load_vehicle(args.vehicle) if model is None else model.vehicle
     with progress_line() as show:
-        form = log_form(args, vehicle, needed=(NODES_ROLE,))
+        form = stated_input_format(args, vehicle, needed=(NODES_ROLE,))
         logs = [read_log(path, input_format=form, progress=show) for path in (args.before, args.after)]
         # Both logs use the noise of the first: otherwise a sensor that has become noisier would go unnoticed.
         model = model or assume_model(logs[0], vehicle, str(args.before))

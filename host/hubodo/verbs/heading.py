@@ -16,7 +16,7 @@ from hubodo.sensors.heading.estimate import HeadingOptions, effects_of_node, hea
 from hubodo.sensors.heading.page import heading_sections, save_heading_figure, summarise_heading
 from hubodo.sensors.heading.prior import read_bias_noise
 from hubodo.sensors.heading.result import HeadingResult
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, stated_input_format
 from hubodo.verbs.numbers import bounded_number, non_negative_number
 from hubodo.verbs.standstill import add_page_options, read_node
 
@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> HeadingResult:
         If the node or an axis is missing, the axis is not vertical, or neither standstill nor calibration
         gives the bias.
     """
-    form = log_form(args, needed=())
+    form = stated_input_format(args, needed=())
     recording, node = read_node(args.log, args.node, form)
     check_node_units(recording.nodes[node], f"{args.log}, node {node}", form.si_factors())
     try:

@@ -21,7 +21,7 @@ from hubodo.log.units import explain_suspect_units
 from hubodo.progress import progress_line
 from hubodo.recording import Recording, missing_channels
 from hubodo.vehicle import load_vehicle
-from hubodo.verbs.log_options import add_log_options, add_vehicle_option, log_form
+from hubodo.verbs.log_options import add_log_options, add_vehicle_option, stated_input_format
 from hubodo.verbs.outputs import add_force_option
 
 EXAMPLE = "hubodo import drive/ -o drive.mcap\n  hubodo import drive.mcap -o again.mcap"
@@ -141,7 +141,7 @@ def run(args: argparse.Namespace) -> ImportResult | DecodeResult:
     """
     require_free_path(args.output)
     vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
-    form = log_form(args, vehicle)
+    form = stated_input_format(args, vehicle)
     file = find_mcap_file(args.source)
     if file is not None and is_hubodo_mcap(file):
         if args.repair:

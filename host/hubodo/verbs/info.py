@@ -20,7 +20,7 @@ from hubodo.log.any_log import open_as_mcap, open_source
 from hubodo.log.summary import SampleGap, StreamSummary, Summary, summarise, summarise_source
 from hubodo.progress import progress_line
 from hubodo.verbs.info_lines import health_line, metadata_lines, node_lines
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, stated_input_format
 
 EXAMPLE = "hubodo info drive.mcap"
 
@@ -231,7 +231,7 @@ def run(args: argparse.Namespace) -> LogInfo:
     LogError
         If the file is no log that can be read.
     """
-    form = log_form(args, needed=())
+    form = stated_input_format(args, needed=())
     with progress_line() as show, open_source(args.log) as source:
         if source is not None:
             return LogInfo(summarise_source(source, form.topic_selection, progress=show))

@@ -104,10 +104,10 @@ def add_vehicle_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def log_form(
+def stated_input_format(
     args: argparse.Namespace, vehicle: Vehicle | None = None, *, needed: Iterable[str] = ALL_ROLES
 ) -> InputFormat:
-    """Return the options and `[topics]` as instructions for reading a log.
+    """Return the format of a log as stated by the options and by `[topics]` of the vehicle.
 
     needed: roles (node, gnss, ...) that the verb cannot do without. Raises InputError for two units of one
     sensor and for an invalid --topic.
@@ -120,7 +120,7 @@ def log_form(
         columns,
         args.variable,
         channel,
-        topic_choice(args, vehicle, needed),
+        select_topics(args, vehicle, needed),
         channel_numbers("--zero", args.zero),
         channel_numbers("--scale", args.scale),
     )
@@ -153,8 +153,8 @@ def channel_numbers(option: str, texts: Iterable[str]) -> dict[str, float]:
     return numbers
 
 
-def topic_choice(args: argparse.Namespace, vehicle: Vehicle | None, needed: Iterable[str]) -> TopicSelection:
-    """Return the topic of each role from --topic and `[topics]`; parameters as in `log_form`."""
+def select_topics(args: argparse.Namespace, vehicle: Vehicle | None, needed: Iterable[str]) -> TopicSelection:
+    """Return the topic of each role from --topic and `[topics]`; parameters as in `stated_input_format`."""
     given: dict[str, str] = {}
     for text in args.topic:
         name, _, topic = (part.strip() for part in text.partition("="))

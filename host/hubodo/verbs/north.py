@@ -27,7 +27,7 @@ from hubodo.sensors.north.page import north_figure, north_sections, summarise_no
 from hubodo.sensors.north.plan import StopPlan, read_drift_noise
 from hubodo.sensors.north.result import NorthResult
 from hubodo.sensors.north.simulated_table import SimulatedTable, simulate_stops
-from hubodo.verbs.log_options import add_log_options, log_form
+from hubodo.verbs.log_options import add_log_options, stated_input_format
 from hubodo.verbs.north_live import check_live_options, record_live
 from hubodo.verbs.north_plan import run_plan
 from hubodo.verbs.numbers import (
@@ -181,7 +181,7 @@ def run(args: argparse.Namespace) -> NorthResult | StopPlan:
     live = None
     with progress_line() as show:
         recordings = [
-            read_log(log, input_format=log_form(args, needed=()), progress=show)
+            read_log(log, input_format=stated_input_format(args, needed=()), progress=show)
             for log in args.log or args.resume
         ]
     if args.live is not None:
@@ -265,7 +265,7 @@ def _estimate(
         args.scale_sigma,
         calibration,
         None if args.allan is None else read_drift_noise(args.allan),
-        tuple(log_form(args, needed=()).si_factors()),
+        tuple(stated_input_format(args, needed=()).si_factors()),
         None if args.simulate_azimuth_deg is None else simulate,
     )
     named = [(_log_name(args, index), recording) for index, recording in enumerate(recordings)]
@@ -278,7 +278,7 @@ def _log_name(args: argparse.Namespace, index: int) -> str:
 
 
 def _simulated_record(args: argparse.Namespace, node: Table, axis: str) -> tuple[AxisRecord, list[str]]:
-    """Return a simulated record: the static record as gyro error on a table that makes the stops."""
+    """Return the record of a simulated table that makes the stops, with the static record as gyro error."""
     if args.method not in STOP_ANGLES_DEG:
         raise InputError(f"--simulate-azimuth-deg makes stops; it cannot be used with --method {args.method}")
     angles = np.resize(np.radians(STOP_ANGLES_DEG[args.method]), max(0, args.stops))

@@ -212,10 +212,10 @@ class _Session:
         if angle == self._target:
             return
         if not math.isnan(self._angle):
-            self._stream.table(self._angle, moving=True)
+            self._stream.log_table_angle(self._angle, moving=True)
         self._angle = self._table.turn_to(angle)
         self._target = angle
-        self._stream.table(self._angle, moving=False)
+        self._stream.log_table_angle(self._angle, moving=False)
         self._stream.measure(self._settle)
 
     def _measure(self, duration: float, *, count: bool = True) -> tuple[Array, Array, Array]:
@@ -248,7 +248,7 @@ class _Session:
         )
 
     def _node_correction(self) -> SampleCorrection:
-        """Return the calibration of the node; raise InputError or CalibrationError if it is another's."""
+        """Return the node's calibration; raise InputError or CalibrationError if it is for another node."""
         if self._calibration is None:
             return SampleCorrection.from_calibration(NodeCalibration())
         name, nodes = self._stream.node or "", self._calibration.nodes

@@ -12,7 +12,7 @@ from hubodo.progress import progress_line
 from hubodo.sensors.north.drift import DriftNoise
 from hubodo.sensors.north.plan import StopPlan, drift_noise_from_standstill, plan_stops, read_drift_noise
 from hubodo.sensors.standstill_checks import check_standstill, check_units
-from hubodo.verbs.log_options import log_form
+from hubodo.verbs.log_options import stated_input_format
 
 
 def run_plan(args: argparse.Namespace) -> StopPlan:
@@ -27,7 +27,7 @@ def run_plan(args: argparse.Namespace) -> StopPlan:
 def _drift_from_log(args: argparse.Namespace) -> DriftNoise:
     log = args.log[0]
     with progress_line() as show:
-        nodes = read_log(log, input_format=log_form(args, needed=()), progress=show).nodes
+        nodes = read_log(log, input_format=stated_input_format(args, needed=()), progress=show).nodes
     name = str(args.node[0]) if args.node else next(iter(nodes)) if len(nodes) == 1 else ""
     if name not in nodes:
         raise InputError(f"{log}: give --node with one of: {', '.join(nodes) or 'none'}")

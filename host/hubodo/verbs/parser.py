@@ -83,7 +83,7 @@ class Parser(argparse.ArgumentParser):
         return parsed
 
     def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
-        """Return the value of an argument; raise ArgumentError for a path that is empty, as of a script."""
+        """Return the value of an argument; raise ArgumentError for an empty path."""
         if action.type is Path and not arg_string:
             raise argparse.ArgumentError(action, "is empty; name a file or folder")
         return super()._get_value(action, arg_string)

@@ -27,7 +27,7 @@ from hubodo.log.any_log import open_as_mcap
 from hubodo.log.recording_reader import open_log, read_recording
 from hubodo.log.roles import NODES_ROLE
 from hubodo.vehicle import load_vehicle
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, stated_input_format
 from hubodo.verbs.numbers import bounded_number, non_negative_number
 from hubodo.verbs.play_view import OdometryReplay, replay_in_terminal
 from hubodo.verbs.web_options import add_foxglove_argument
@@ -171,7 +171,7 @@ def run(args: argparse.Namespace) -> PlayResult:
     if args.to == "pty" and args.foxglove is not None:
         raise InputError("--foxglove belongs to the view; remove --to pty")
     vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
-    form = log_form(args, vehicle, needed=(NODES_ROLE,))
+    form = stated_input_format(args, vehicle, needed=(NODES_ROLE,))
     play = _play_to_pty if args.to == "pty" else _play_to_view
     with stop_on_signals(threading.Event()) as stopping, open_as_mcap(args.log, form) as file:
         played = play(argparse.Namespace(**{**vars(args), "log": file, "named": args.log}), stopping.is_set)

@@ -20,7 +20,7 @@ from hubodo.log.summary import summarise_source
 from hubodo.progress import progress_line
 from hubodo.report.log_page import log_page
 from hubodo.vehicle import load_vehicle
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, stated_input_format
 from hubodo.verbs.numbers import positive_number
 from hubodo.verbs.outputs import add_force_option
 
@@ -102,7 +102,9 @@ def run(args: argparse.Namespace) -> ReportResult:
         raise InputError(f"{args.output}: its folder does not exist; create it first")
     with progress_line() as show:
         given_vehicle = None if args.vehicle is None else load_vehicle(args.vehicle)
-        recording = read_log(args.log, input_format=log_form(args, given_vehicle, needed=()), progress=show)
+        recording = read_log(
+            args.log, input_format=stated_input_format(args, given_vehicle, needed=()), progress=show
+        )
         summary, setup = None, OdometrySetup(None, None, None)
         with open_source(args.log) as source:
             if source is not None:

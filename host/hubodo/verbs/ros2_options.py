@@ -29,8 +29,8 @@ def add_ros2_arguments(parser: argparse.ArgumentParser) -> None:
 def ros2_config(args: argparse.Namespace, *, has_topics: bool = False) -> Ros2Config:
     """Return `[ros2]` of the file of `--config`, with the options applied.
 
-    has_topics: a port is a ROS 2 topic. The environment of ROS is read only if something is received or
-    published: it cannot stop any other recording.
+    has_topics: True if a port is a ROS 2 topic. The environment of ROS is read only if something is received
+    or published, so that an invalid one cannot stop other recordings.
     """
     config = Ros2Config() if args.config is None else load_ros2_config(args.config)
     config = config if args.ros2 is None else replace(config, publish=args.ros2)

@@ -40,7 +40,7 @@ from hubodo.progress import progress_line
 from hubodo.recording import Recording, Table
 from hubodo.vehicle import Vehicle
 from hubodo.verbs.effect_options import add_effects_option, register_effects
-from hubodo.verbs.log_options import add_topic_option, topic_choice
+from hubodo.verbs.log_options import add_topic_option, select_topics
 from hubodo.verbs.numbers import bounded_number, latitude, seed
 from hubodo.verbs.outputs import add_force_option
 from hubowire.messages import NODE_IDS
@@ -330,7 +330,7 @@ def _inputs_from_log(args: argparse.Namespace, vehicle: Vehicle) -> MotionInputs
     """Return the inputs of a drive that follows the log of --from."""
     needed = ("reference",) if args.drive == "reference" else ("gnss",)
     recording = read_log(
-        args.source, input_format=InputFormat(topic_selection=topic_choice(args, vehicle, needed))
+        args.source, input_format=InputFormat(topic_selection=select_topics(args, vehicle, needed))
     )
     convert = read_reference_drive if args.drive == "reference" else estimate_drive_from_fixes
     return convert(recording, str(args.source))

@@ -14,7 +14,7 @@ from hubodo.pages.drawing import parse_drawing_path
 from hubodo.progress import progress_line
 from hubodo.recording import Recording
 from hubodo.sensors.standstill_channel import IMU_CHANNELS, StandstillRecord, read_standstill_channel
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_nodes, log_form
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, check_nodes, stated_input_format
 from hubodo.verbs.numbers import bounded_number
 from hubodo.verbs.outputs import add_force_option
 
@@ -52,7 +52,7 @@ def read_standstill(args: argparse.Namespace) -> StandstillRecord:
 
     Raises InputError for an unknown node, an empty span, a wrong unit, or movement.
     """
-    recording, node = read_node(args.log, args.node, log_form(args, needed=()))
+    recording, node = read_node(args.log, args.node, stated_input_format(args, needed=()))
     return select_standstill(args, args.log, recording, node, args.channel)
 
 

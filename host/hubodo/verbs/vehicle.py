@@ -28,7 +28,7 @@ from hubodo.vehicle import (
     load_vehicle,
 )
 from hubodo.vehicle_sketch import draw_vehicle, vehicle_toml
-from hubodo.verbs.log_options import LOG_HELP, add_log_options, log_form
+from hubodo.verbs.log_options import LOG_HELP, add_log_options, stated_input_format
 from hubodo.verbs.numbers import latitude
 from hubodo.verbs.outputs import add_force_option
 
@@ -183,7 +183,7 @@ def run(args: argparse.Namespace) -> VehicleResult:
 
 def _check(args: argparse.Namespace, vehicle: Vehicle) -> tuple[WheelPush, ...]:
     distance = parse_length(args.push, "--push")
-    recording = read_log(args.log, input_format=log_form(args, vehicle, needed=(NODES_ROLE,)))
+    recording = read_log(args.log, input_format=stated_input_format(args, vehicle, needed=(NODES_ROLE,)))
     return check_push(recording, vehicle, distance, str(args.log))
 
 
@@ -197,7 +197,10 @@ def _prompt(question: str) -> str:
 
 
 def _ask_vehicle(args: argparse.Namespace, ask: Callable[[str], str] | None) -> Vehicle:
-    """Return the vehicle of the options; ask: asks for those that are missing, None if nobody can answer."""
+    """Return the vehicle of the options.
+
+    ask: asks the user for a missing option and returns the answer; None if nobody can answer.
+    """
     check = _accept_any_size if args.unusual_size else check_plausible_size
     if args.radius is not None:
         radius = _size(check, "wheel_radius", args.radius, "--radius")

@@ -122,7 +122,7 @@ class FoxgloveLive:
     def __init__(self, address: Address) -> None:
         """Start the server; raise InputError if that is not possible."""
         self.clients = FoxgloveClients(address)
-        self.greetings: list[str] = []
+        self.startup_lines: list[str] = []
         """Lines that the recorder prints once for the user."""
         self._log = LogWriter(self.clients, clock=None)
         self._thread: OutputThread[LogRecord | None] | None = None
@@ -144,9 +144,9 @@ class FoxgloveLive:
         return {"foxglove": self.queue_write}
 
     def poll(self, recorder: Recorder, now_ns: int) -> None:
-        """Publish the greetings and flush; see `Audience`."""
-        recorder.notices += [Event(now_ns, "served", "web", line) for line in self.greetings]
-        self.greetings = []
+        """Report the startup lines and flush; see `Audience`."""
+        recorder.notices += [Event(now_ns, "served", "web", line) for line in self.startup_lines]
+        self.startup_lines = []
         if self._thread is not None:
             self._thread.put(None)
 

@@ -39,21 +39,23 @@ def live_audience(
     """
     with contextlib.ExitStack() as stack:
         live: FoxgloveLive | None = None
-        greetings: list[str] = []
+        startup_lines: list[str] = []
         if foxglove is not None:
             live = stack.enter_context(FoxgloveLive(foxglove))
-            greetings.append(f"Foxglove: open connection ws://{replace(foxglove, port=live.clients.port)}")
+            startup_lines.append(
+                f"Foxglove: open connection ws://{replace(foxglove, port=live.clients.port)}"
+            )
         if site is None:
             if live is not None:
-                live.greetings = greetings
+                live.startup_lines = startup_lines
             yield live
             return
         hub, faults = FrameHub(_about(vehicle)), ServerFaults()
         page = LivePage(hub.put, live, faults)
         app = make_app(site, RecordingLibrary(folder, models), hub, Actions(page))
         port = stack.enter_context(serve_in_thread(app, site, faults))
-        greetings.append(f"live page at {replace(site, address=replace(site.address, port=port)).url}")
-        page.greetings = greetings
+        startup_lines.append(f"live page at {replace(site, address=replace(site.address, port=port)).url}")
+        page.startup_lines = startup_lines
         yield page
 
 

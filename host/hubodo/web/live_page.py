@@ -35,10 +35,13 @@ class LivePage:
     def __init__(
         self, put: Callable[[Frame], None], other: Audience | None = None, server: ServerFaults | None = None
     ) -> None:
-        """Create the audience: `put` gets each frame, `other` also watches, `server` holds faults."""
+        """Start without a log.
+
+        put: called with each frame. other: another audience to serve as well. server: faults of the server.
+        """
         self.latest_snapshot: Snapshot | None = None
         self._shown = 0.0  # s, by the monotonic clock
-        self.greetings: list[str] = []
+        self.startup_lines: list[str] = []
         """Lines that the recorder prints once for the user."""
         self._put = put
         self._log: LogWriter | None = None
@@ -46,7 +49,7 @@ class LivePage:
         self._other = other
         self._server = server or ServerFaults()
         self._observer = LogObserver(_MAX_PENDING_EVENTS)
-        self._wishes: queue.Queue[RecorderTask] = queue.Queue(_MAX_PENDING_REQUESTS)
+        self._tasks: queue.Queue[RecorderTask] = queue.Queue(_MAX_PENDING_REQUESTS)
         self._start_ns: int | None = None
         self._next_ns = 0
         self._slow: Snapshot | None = None
@@ -66,7 +69,7 @@ class LivePage:
     def submit_task(self, task: RecorderTask) -> bool:
         """Queue a task for the thread of the recording; return False if too many are waiting."""
         try:
-            self._wishes.put_nowait(task)
+            self._tasks.put_nowait(task)
         except queue.Full:
             return False
         return True
@@ -99,10 +102,10 @@ class LivePage:
         """Run queued tasks and send a frame when it is due; see `Audience`."""
         if self._other is not None:
             self._other.poll(recorder, now_ns)
-        recorder.notices += [Event(now_ns, "served", "web", line) for line in self.greetings]
-        self.greetings = []
-        while not self._wishes.empty():
-            self._wishes.get()(recorder)
+        recorder.notices += [Event(now_ns, "served", "web", line) for line in self.startup_lines]
+        self.startup_lines = []
+        while not self._tasks.empty():
+            self._tasks.get()(recorder)
         if now_ns < self._next_ns:
             return
         start_ns = self._start_ns = now_ns if self._start_ns is None else self._start_ns

@@ -36,7 +36,7 @@ def run_in_steps(node, step, asked=b""):
     for number in range(round(SECONDS / step)):
         host_bytes = os.write(host, asked) if number == round(1.0 / step) else 0
         node.run_until((number + 1) * step, host_bytes)
-        for t_ns, count in node.await_limit():
+        for t_ns, count in node.wait_for_limit():
             data = b""
             while len(data) < count:
                 data += os.read(host, count - len(data))
@@ -78,8 +78,8 @@ def test_the_board_never_runs_past_its_limit(tmp_path):
 def test_a_failure_of_the_board_is_raised_by_the_caller(tmp_path):
     with lockstep_node(tmp_path) as node:
         node.run_until(0.5, 0)
-        node.await_limit()
+        node.wait_for_limit()
         os.kill(node.stats["interpreter_pid"], 9)
         with pytest.raises(InterpreterDied, match="ended"):
             node.run_until(1.0, 0)
-            node.await_limit()
+            node.wait_for_limit()

@@ -207,7 +207,7 @@ def test_line_noise_keeps_its_promised_rate() -> None:
     assert noise.counts["corrupted"] == pytest.approx(2000, abs=5 * np.sqrt(2000))
 
 
-def test_the_link_log_has_bytes_written_and_received(tmp_path: Path) -> None:
+def test_link_writes_have_bytes_written_and_received(tmp_path: Path) -> None:
     with (
         node(tmp_path, CHATTER, Host(wait=True, corrupt=0.05, log=True), seed=5) as board,
         Terminal(board.port) as host,
@@ -215,7 +215,7 @@ def test_the_link_log_has_bytes_written_and_received(tmp_path: Path) -> None:
         end = time.monotonic() + 300
         while len(host.data) < 3000 and time.monotonic() < end:
             host.pump()
-        log = board.link_log()
+        log = board.link_writes()
         sent = b"".join(after for _, _, after, listening in log if listening)
         assert sent.startswith(host.data[:2900]) and b"".join(clean for _, clean, _, _ in log).startswith(
             b"000000\n"

@@ -1,6 +1,6 @@
 """Quantities of a verb's result."""
 
-from hubodo.fleet.quantities import FOUND_PREFIX, LogQuantity, extract_quantities
+from hubodo.fleet.quantities import MISSING_EFFECT_PREFIX, LogQuantity, extract_quantities
 
 
 def test_an_effect_found_by_gap_is_a_quantity_with_its_p_value_and_parameters():
@@ -13,7 +13,7 @@ def test_an_effect_found_by_gap_is_a_quantity_with_its_p_value_and_parameters():
     }
     result = {"gap": {"before": 3.0, "after": 1.1}, "found": [finding]}
     quantities = extract_quantities("gap", result)
-    assert LogQuantity("left", FOUND_PREFIX + "gyro_bias", 0.99, p_value=1e-4) in quantities
+    assert LogQuantity("left", MISSING_EFFECT_PREFIX + "gyro_bias", 0.99, p_value=1e-4) in quantities
     assert LogQuantity("left", "gyro_bias.z", 0.02, 1e-3, "rad/s") in quantities
     assert LogQuantity("", "gap.after", 1.1) in quantities
 

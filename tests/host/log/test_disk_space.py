@@ -25,7 +25,7 @@ def test_the_oldest_unused_logs_are_removed_until_the_budget_holds(logs, tmp_pat
 def test_without_a_budget_nothing_is_removed_even_on_a_full_disk(logs, tmp_path):
     space = DiskSpace(LogNames(tmp_path / "drive.mcap", plain=False), None, pytest.fail)
     space.enforce_budget([])
-    space.free_bytes(1 << 62, [])
+    space.make_room(1 << 62, [])
     assert all(path.exists() for path in logs)
     assert space.describe_shortage(0) is None and "MB are left" in space.describe_shortage(1 << 62)
 

@@ -9,7 +9,7 @@ from hubodo.errors import InputError
 from hubodo.log.number_recording import IMU_CHANNELS
 from hubodo.recording import Recording
 from hubodo.vehicle import Vehicle, load_vehicle
-from hubodo.verbs.log_options import add_log_options, channel_numbers, check_nodes, log_form
+from hubodo.verbs.log_options import add_log_options, channel_numbers, check_nodes, stated_input_format
 from hubodo.verbs.parser import Parser
 from vehicles import vehicle_toml
 
@@ -29,13 +29,13 @@ def vehicle(tmp_path: Path) -> Vehicle:
 
 
 def test_without_options_the_log_speaks_for_itself() -> None:
-    form = log_form(_parse())
+    form = stated_input_format(_parse())
     assert (form.rate, form.units, form.columns, form.channel) == (None, (), (), "gz")
     assert dict(form.topic_selection.explicit) == {}
 
 
 def test_options_are_passed_on_with_blanks_around_names_removed() -> None:
-    form = log_form(
+    form = stated_input_format(
         _parse(
             "--rate",
             "208",
@@ -55,25 +55,25 @@ def test_options_are_passed_on_with_blanks_around_names_removed() -> None:
 
 def test_two_units_of_one_sensor_are_refused() -> None:
     with pytest.raises(InputError, match="--unit deg/s, rad/s: at most one for the gyro"):
-        log_form(_parse("--unit", "deg/s", "--unit", "rad/s"))
+        stated_input_format(_parse("--unit", "deg/s", "--unit", "rad/s"))
 
 
 @pytest.mark.parametrize("text", ["left", "=/imu", "left=", "nodes=/imu"])
 def test_a_topic_without_name_or_value_is_refused_with_an_example(text: str) -> None:
     with pytest.raises(InputError, match=f"--topic {text}: write NAME=/TOPIC, such as left=/imu/left_wheel"):
-        log_form(_parse("--topic", text))
+        stated_input_format(_parse("--topic", text))
 
 
 def test_one_name_has_one_topic_and_repeating_it_is_harmless() -> None:
-    assert dict(log_form(_parse("--topic", "left=/a", "--topic", "left=/a")).topic_selection.explicit) == {
-        "left": "/a"
-    }
+    assert dict(
+        stated_input_format(_parse("--topic", "left=/a", "--topic", "left=/a")).topic_selection.explicit
+    ) == {"left": "/a"}
     with pytest.raises(InputError, match="--topic left: is /a and /b; give one"):
-        log_form(_parse("--topic", "left=/a", "--topic", "left=/b"))
+        stated_input_format(_parse("--topic", "left=/a", "--topic", "left=/b"))
 
 
 def test_the_vehicle_adds_its_topics_the_wheels_and_their_radius(vehicle: Vehicle) -> None:
-    selection = log_form(_parse("--topic", "left=/given"), vehicle).topic_selection
+    selection = stated_input_format(_parse("--topic", "left=/given"), vehicle).topic_selection
     assert dict(selection.explicit) == {"left": "/given"}
     assert dict(selection.configured) == {"left": "/imu/configured"}
     assert selection.wheel_radius == 0.165

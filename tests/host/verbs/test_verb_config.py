@@ -38,7 +38,7 @@ def test_a_model_file_is_also_a_vehicle_file(tmp_path):
     vehicle = load_vehicle(write_file(tmp_path, VEHICLE))
     assert isinstance(vehicle, Vehicle)
     assert (vehicle.wheel_radius, vehicle.track_width) == (0.31, 0.92)
-    assert vehicle.on("left") == "left"
+    assert vehicle.node_on_wheel("left") == "left"
     assert vehicle.nodes["right"].facing == "right"
     assert vehicle.nodes["frame"].side is None
 

@@ -18,9 +18,9 @@ class ByteStream:
     received, to_send : bytes not yet read by the firmware, and not yet accepted by the link.
     link : link to the host, or None.
     byte_ns : ns per byte of a UART; 0 for a stream without timing.
-    send_buffer, receive_buffer : bytes.
-    on_wire : (ns, bytes) of transmissions and their ends.
-    wire_free : ns, end of the last transmission.
+    send_buffer, receive_buffer : capacities, bytes.
+    on_wire : transmissions in progress as (time of their end in ns, bytes).
+    wire_free : time of the end of the last transmission, ns.
     """
 
     received: bytearray = field(default_factory=bytearray)

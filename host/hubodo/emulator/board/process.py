@@ -47,7 +47,8 @@ class NodeSpec:
 def build_board(spec: NodeSpec) -> tuple[VirtualBoard, dict[str, RegisterChip]]:
     """Build a board and its chips by name."""
     sensors, host = spec.sensors, spec.host
-    # A chip with the identity of another is accessed by that one's driver, and answers as silicon does.
+    # A chip that reports the identity of another is accessed by the driver of the other; its undocumented
+    # accesses are then answered as silicon does, and raise no error.
     has_own_identity = sensors.specimen.who_am_i is None and not any(
         isinstance(fault, WrongWhoAmI) for fault in spec.faults
     )
@@ -133,7 +134,7 @@ class BoardService:
             self._reply(failure)
 
     def _report_limit_reached(self) -> None:
-        """Reply once that the board has reached its time limit, or has ended."""
+        """Reply that the board has reached its time limit or has ended; later calls do nothing."""
         if self._awaiting_limit:
             self._awaiting_limit = False
             self._reply(self._failure or self.board.lockstep.pop_output())
@@ -180,7 +181,7 @@ class BoardService:
     def _do_mirror_flash(self) -> None:
         self.board.processor.mirror_flash()
 
-    def _do_link_log(self) -> object:
+    def _do_link_writes(self) -> object:
         return self.board.streams.log
 
     def _do_stats(self) -> dict[str, Any]:

@@ -191,10 +191,10 @@ class Processor:
         self._poll.unregister(interpreter.requests)
         self._cpu += self._own_cpu()
         interpreter.process.wait()
-        last_words = interpreter.last_words()
+        last_log_lines = interpreter.last_log_lines()
         status = interpreter.close()
         self._interpreter = None
         raise InterpreterDied(
             f"{self._settings.interpreter} ended with status {status} "
-            f"at {self._clock.now() / NS_PER_S:.3f} s: {last_words or 'no message'}"
+            f"at {self._clock.now() / NS_PER_S:.3f} s: {last_log_lines or 'no message'}"
         )

@@ -40,7 +40,7 @@ class BoardStreams:
 
     Parameters
     ----------
-    settings, model : of the board.
+    settings, model : settings and model of the board.
     link, noise : link to the host, and noise on it.
     clock : clock of the board.
     poll : poll object on which the terminal of the link is registered while a host has it open.

@@ -108,7 +108,7 @@ class Icm20948(BankedImu):
             return
         divider = self.values[GYRO_SMPLRT_DIV]
         if divider != self.values[ACCEL_SMPLRT_DIV_1] << 8 | self.values[ACCEL_SMPLRT_DIV_2]:
-            # Between the two writes of a driver; the samples of that time are those of the gyro's rate.
+            # A driver sets the two rates one after the other; in between both sensors have the gyro's rate.
             self.anomalies["rates differ"] += 1
         self.start_sampling(t, BASE_HZ / (1 + divider), self.gyro_lsb, self.accel_lsb)
 

@@ -12,7 +12,7 @@ from hubodo.arrays import Array
 from hubodo.earth import STANDARD_GRAVITY
 from hubodo.emulator.chips.faults import ScriptedFault
 from hubodo.emulator.chips.registers import Register, RegisterChip
-from hubodo.emulator.chips.sampling import ChipTruth, RawWords, SampleClock, quantise
+from hubodo.emulator.chips.sampling import ChipSamples, RawWords, SampleClock, quantise
 from hubodo.emulator.motion import Motion
 
 Disturbance = Callable[[Array, Array, Array, np.random.Generator], tuple[Array, Array]]
@@ -134,7 +134,7 @@ class Imu(RegisterChip):
         """Return the level of INT1 at t, s; 0 for a chip whose interrupts are not emulated."""
         return 0
 
-    def truth(self) -> ChipTruth:
+    def truth(self) -> ChipSamples:
         """Return all samples so far."""
         return self.clock.truth(self.fifo_dropped)
 

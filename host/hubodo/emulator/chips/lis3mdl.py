@@ -7,7 +7,7 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.emulator.chips.imu import Specimen
 from hubodo.emulator.chips.registers import Register, RegisterChip
-from hubodo.emulator.chips.sampling import ChipTruth, MeasureFunction, RawWords, SampleClock, quantise
+from hubodo.emulator.chips.sampling import ChipSamples, MeasureFunction, RawWords, SampleClock, quantise
 from hubodo.emulator.motion import Motion
 
 WHO_AM_I, CTRL1, CTRL2, CTRL3, CTRL4, CTRL5 = 0x0F, 0x20, 0x21, 0x22, 0x23, 0x24
@@ -135,7 +135,7 @@ class Lis3mdl(RegisterChip):
             return self._temperature.to_bytes(2, "little", signed=True)[register - TEMP_OUT]
         return self.values[register]
 
-    def truth(self) -> ChipTruth:
+    def truth(self) -> ChipSamples:
         """Return all samples so far."""
         return self.clock.truth()
 

@@ -27,7 +27,7 @@ def quantise(value: Array, lsb: float) -> RawWords:
 
 
 @dataclass(frozen=True)
-class ChipTruth:
+class ChipSamples:
     """All samples of a chip, in the order in which they were measured.
 
     Attributes
@@ -197,15 +197,15 @@ class SampleClock:
         size = 2 * self.columns
         return when, self._raw_bytes[index * size : (index + 1) * size], int(self._temperature_words[index])
 
-    def truth(self, fifo_dropped: int = 0) -> ChipTruth:
+    def truth(self, fifo_dropped: int = 0) -> ChipSamples:
         """Return all samples so far."""
         self._record_block()
         if not self._recorded_blocks:
             no_times, no_rows = np.zeros(0), np.zeros((0, self.columns))
-            return ChipTruth(
+            return ChipSamples(
                 no_times, no_rows.astype(np.int16), no_times.astype(np.int16), no_rows, np.array(self._missed)
             )
         t, raw, temperature_raw, lsb = (
             np.concatenate(parts) for parts in zip(*self._recorded_blocks, strict=True)
         )
-        return ChipTruth(t, raw, temperature_raw, lsb, np.array(self._missed), fifo_dropped)
+        return ChipSamples(t, raw, temperature_raw, lsb, np.array(self._missed), fifo_dropped)

@@ -47,7 +47,7 @@ def find_micropython(start: Path = _INTERPRETERS) -> Path:
     return path
 
 
-def find_rp2040js() -> None:
+def require_rp2040js() -> None:
     """Raise InterpreterMissing if the npm package of the RP2040 emulator is not installed."""
     if _in_node_modules("rp2040js", "package.json", _INTERPRETERS) is None:
         raise InterpreterMissing("npm package rp2040js is not installed: run `npm ci` in the repository")

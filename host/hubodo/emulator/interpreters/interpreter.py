@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Literal
 
-from hubodo.emulator.interpreters.find import find_micropython, find_node, find_rp2040js
+from hubodo.emulator.interpreters.find import find_micropython, find_node, require_rp2040js
 from hubodo.emulator.interpreters.rp2040.image import find_image
 from hubodo.errors import HubodoError
 from hubodo.safe_text import json_text
@@ -92,7 +92,7 @@ class Interpreter:
         used = float(int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
         return used - self._cpu_before
 
-    def last_words(self) -> str:
+    def last_log_lines(self) -> str:
         """Return the last lines of its log."""
         self.log.seek(0)
         lines = self.log.read().decode("utf-8", "replace").strip().splitlines()
@@ -114,7 +114,7 @@ def check_available(kind: InterpreterKind, image: Path | None = None, bootrom: P
         find_micropython()
     elif kind == "rp2040":
         find_node()
-        find_rp2040js()
+        require_rp2040js()
         find_image(image, bootrom)
 
 

@@ -58,7 +58,7 @@ class NmeaCounts:
 
 @dataclass(slots=True)
 class _Epoch:
-    """Sentences with the same time of day."""
+    """The sentences of one epoch, which carry the same time of day."""
 
     time_of_day: time
     received_ns: int
@@ -151,7 +151,7 @@ class NmeaDecoder:
         utc_date = _read_field(sentence, "datestamp")
         if not isinstance(utc_date, date):
             return
-        # After a GPS week rollover a receiver's dates are 1024 weeks early; none can precede the recording.
+        # After a GPS week rollover, old receivers report dates that are 1024 weeks too early.
         today = datetime.fromtimestamp(t_ns * 1e-9, UTC).date()
         while utc_date + _GPS_WEEK_ROLLOVER / 2 < today:
             utc_date += _GPS_WEEK_ROLLOVER
@@ -180,7 +180,7 @@ class NmeaDecoder:
         )
 
     def _utc_ns(self, time_of_day: time) -> int | None:
-        """Return a time of day as ns since 1970, with the date of the newest RMC or across midnight."""
+        """Return a time of day as ns since 1970, on the date that brings it closest to the newest RMC."""
         if self._date is None or self._date_time_of_day is None:
             return None
         moment = datetime.combine(self._date, time_of_day, UTC)

@@ -23,7 +23,10 @@ class GnssSession:
     """
 
     def __init__(self, label: str, sink: Sink, order: LogTimeSequence | None = None) -> None:
-        """Start without fixes; order: log times, shared with the samples of all nodes."""
+        """Start without fixes.
+
+        order: source of unique log times, shared by all nodes and receivers of the recording.
+        """
         self.label = label
         self.connection = Connection(label, sink)
         self.decoder = NmeaDecoder()
@@ -35,7 +38,7 @@ class GnssSession:
         self._newest_ns = 0
 
     def handle_bytes(self, data: bytes, t_ns: int) -> list[FixSample]:
-        """Log bytes of the receiver and return the fixes they complete, as playback does."""
+        """Log bytes of the receiver and return the fixes that they complete."""
         self._sink.write_record(NmeaBytes(t_ns, data))
         sentences_before = self.decoder.counts.sentences
         fixes = list(self._log_fixes(self.decoder.feed(data, t_ns)))

@@ -16,8 +16,8 @@ class Connection:
 
     def __init__(self, label: str, sink: Sink) -> None:
         self.label = label
-        self.where: str | None = None
-        """Current name of the device; None while the port is not open."""
+        self.endpoint: str | None = None
+        """Name of the open device or address; None while the port is not open."""
         self.disconnections = 0
         self.faults = 0
         """Unexpected exceptions of the port's driver."""
@@ -32,9 +32,11 @@ class Connection:
 
     def handle_up(self, report: LinkUp) -> None:
         """Handle the opening of the port."""
-        self.where, self.is_valid = report.where, False
-        text = f"{self.label}: connected at {report.where}"
-        event = Event(report.t_ns, "connected", self.label, text, {"link": self.label, "where": report.where})
+        self.endpoint, self.is_valid = report.endpoint, False
+        text = f"{self.label}: connected at {report.endpoint}"
+        event = Event(
+            report.t_ns, "connected", self.label, text, {"link": self.label, "where": report.endpoint}
+        )
         if self._is_withheld:
             self._withheld_up = event
         else:
@@ -51,7 +53,7 @@ class Connection:
 
     def handle_lost(self, report: LinkLost) -> None:
         """Handle the loss of the port, or a failed attempt to open it."""
-        was_open, self.where, self.is_valid = self.where is not None, None, False
+        was_open, self.endpoint, self.is_valid = self.endpoint is not None, None, False
         self.disconnections += was_open
         self.faults += report.unexpected
         self._was_lost, self._withheld_up = True, None

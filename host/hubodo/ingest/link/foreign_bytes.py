@@ -36,7 +36,10 @@ def is_recognised(data: bytes) -> bool:
 
 
 def describe_foreign_bytes(data: bytes, count: int) -> str:
-    """Return what `count` bytes without a frame look like and what to do; `data`: the first of them."""
+    """Return what `count` bytes without a frame look like and what to do.
+
+    data: the first of these bytes.
+    """
     for pattern, what, remedy in _KNOWN_PATTERNS:
         if pattern.search(data):
             return f"{what}; {remedy}"

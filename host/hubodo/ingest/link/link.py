@@ -21,11 +21,11 @@ _REFUSAL_REPORT_INTERVAL_NS = 10_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class LinkUp:
-    """Report that the link is open; `where`: current name of the device."""
+    """Report that the link is open; endpoint: name of the opened device or address."""
 
     link: str
     t_ns: int
-    where: str
+    endpoint: str
     datagrams: bool
 
 
@@ -158,7 +158,7 @@ class PortLink:
         with self._transport_lock:
             self._transport, self._writer = transport, LinkWriter(transport, self.label)
         self._check = ValidityCheck(self._now_ns())
-        self._reports.put(LinkUp(self.label, self._now_ns(), transport.where, transport.datagrams))
+        self._reports.put(LinkUp(self.label, self._now_ns(), transport.endpoint, transport.datagrams))
 
     def _close(self) -> None:
         with self._transport_lock:

@@ -29,7 +29,7 @@ class Transport(Protocol):
 
     Attributes
     ----------
-    where
+    endpoint
         Name of the device or address that is open.
     datagrams
         True where each read returns one datagram of one of several senders.
@@ -37,7 +37,7 @@ class Transport(Protocol):
         Number of datagrams that were not accepted, by cause.
     """
 
-    where: str
+    endpoint: str
     datagrams: bool
     refused: Counter[str]
 
@@ -55,7 +55,7 @@ class Transport(Protocol):
 
 
 @contextlib.contextmanager
-def link_down_on_error(where: str) -> Iterator[None]:
+def link_down_on_error(endpoint: str) -> Iterator[None]:
     """Raise LinkDown for every exception by which a port reports that it is lost.
 
     Besides its own SerialException, pyserial raises OSError (EIO from in_waiting), termios.error, and
@@ -66,4 +66,4 @@ def link_down_on_error(where: str) -> Iterator[None]:
     except (serial.SerialTimeoutException, BlockingIOError, TimeoutError):
         raise
     except (OSError, TerminalError, TypeError, ValueError) as error:
-        raise LinkDown(f"{where}: {error}") from error
+        raise LinkDown(f"{endpoint}: {error}") from error

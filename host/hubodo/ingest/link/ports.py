@@ -51,7 +51,7 @@ class PortName:
         Name of the node on this port; None to derive it from the node id.
     kind
         "device", "serial number", "tcp", "udp" or "ros2".
-    where
+    target
         Path, serial number, "host:port" or topic.
     keys
         Keys that authenticate the datagrams of nodes on UDP; None to accept datagrams without keys.
@@ -60,7 +60,7 @@ class PortName:
     text: str
     name: str | None
     kind: str
-    where: str
+    target: str
     keys: KeyRing | None = None
 
     @property
@@ -68,13 +68,13 @@ class PortName:
         """Short name for status lines and topics: letters, digits, ``_`` and ``-``."""
         if self.name:
             return self.name
-        tail = re.split(r"[/\\]", self.where)[-1] if self.kind == "device" else self.where
+        tail = re.split(r"[/\\]", self.target)[-1] if self.kind == "device" else self.target
         return re.sub(r"[^\w-]+", "_", tail).strip("_") or "link"
 
     @property
     def address(self) -> tuple[str, int]:
         """Host and port number of a tcp or udp address."""
-        host, _, port = self.where.rpartition(":")
+        host, _, port = self.target.rpartition(":")
         return host, int(port)
 
 
@@ -152,7 +152,7 @@ class DeviceFinder:
     def __init__(self, port: PortName, lister: DeviceLister = list_devices) -> None:
         self._port = port
         self._lister = lister
-        self._serial_number = port.where if port.kind == "serial number" else None
+        self._serial_number = port.target if port.kind == "serial number" else None
         self._listing_error = ""
 
     def find_device(self) -> str:
@@ -174,7 +174,7 @@ class DeviceFinder:
                     f"no device with serial number {self._serial_number!r}; plug it in, "
                     f"or choose one of the devices present: {self._devices_text()}"
                 )
-        path = self._port.where
+        path = self._port.target
         if not self._is_present(path):
             raise LinkError(f"{path}: no such device; plug it in, or choose one of: {self._devices_text()}")
         if self._serial_number is None:

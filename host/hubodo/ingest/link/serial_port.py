@@ -35,20 +35,20 @@ def open_serial(path: str, baud: int, *, portable: bool = termios is None) -> Tr
 
 
 class _SerialBase:
-    """Opening, writing and closing, shared by both ways of reading a port."""
+    """Base class of serial ports: opening, writing and closing."""
 
     datagrams = False
     refused: Counter[str] = Counter()
 
-    def __init__(self, open_port: Callable[..., serial.Serial], where: str, baud: int) -> None:
-        self.where = where
+    def __init__(self, open_port: Callable[..., serial.Serial], endpoint: str, baud: int) -> None:
+        self.endpoint = endpoint
         try:
-            self._port = open_port(where, baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
+            self._port = open_port(endpoint, baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
         except (OSError, TerminalError, ValueError) as error:
-            raise _open_error(where, error) from error
+            raise _open_error(endpoint, error) from error
 
     def write(self, data: bytes, to: str = "") -> None:
-        with contextlib.suppress(serial.SerialTimeoutException), link_down_on_error(self.where):
+        with contextlib.suppress(serial.SerialTimeoutException), link_down_on_error(self.endpoint):
             self._port.write(data)
 
     def close(self) -> None:
@@ -76,7 +76,7 @@ class SerialTransport(_SerialBase):
             self._port.set_low_latency_mode(True)
 
     def read(self, timeout: float) -> tuple[bytes, str]:
-        with link_down_on_error(self.where):
+        with link_down_on_error(self.endpoint):
             if not can_read(self._fd, timeout):
                 return b"", ""
             try:
@@ -98,7 +98,7 @@ class PortableSerial(_SerialBase):
         super().__init__(serial.serial_for_url, url, baud)
 
     def read(self, timeout: float) -> tuple[bytes, str]:
-        with link_down_on_error(self.where):
+        with link_down_on_error(self.endpoint):
             if self._port.timeout != timeout:
                 self._port.timeout = timeout  # reconfigures the port, so not on each read
             data = self._port.read(1)

@@ -24,9 +24,8 @@ _SILENCE_TIMEOUT_NS = 5 * NS_PER_S
 _DAMAGE_REPORT_INTERVAL_NS = 10 * NS_PER_S
 _FOREIGN_SAMPLE_BYTES = 512
 _MAX_DAMAGED_BYTES_PER_S = 200_000
-_MAX_SENDER_TOPICS = (
-    15  # of the first senders of a datagram port; the others share one until they are identified
-)
+_MAX_SENDER_TOPICS = 15
+"""Number of senders on a datagram port with a log topic each; later ones share one until identified."""
 _DAMAGE_CAUSES = ("crc", "cobs", "short", "oversize")
 
 
@@ -74,9 +73,9 @@ class LinkSession:
         return LinkCounts(sum(self.damage.values()), self.connection.disconnections)
 
     @property
-    def where(self) -> str | None:
-        """Current name of the device; None while the link is down."""
-        return self.connection.where
+    def endpoint(self) -> str | None:
+        """Name of the open device or address; None while the link is down."""
+        return self.connection.endpoint
 
     def handle_up(self, report: LinkUp) -> None:
         """Handle the opening of the link."""
@@ -150,18 +149,18 @@ class LinkSession:
         """Report foreign data, silence and damage; yield the events to show to the user."""
         if self.foreign is None and self._is_foreign(now_ns):
             self.foreign = describe_foreign_bytes(bytes(self._foreign_bytes), self._foreign_count)
-            text = f"{self.label} ({self.where}): bytes but no frame for 3 s: {self.foreign}"
+            text = f"{self.label} ({self.endpoint}): bytes but no frame for 3 s: {self.foreign}"
             event = Event(now_ns, "foreign", self.label, text, {"link": self.label})
             self._sink.write_record(EventRecord(event))
             yield event
         is_silent = (
-            self.where is not None
+            self.endpoint is not None
             and self._last_received_ns is not None
             and now_ns - self._last_received_ns > _SILENCE_TIMEOUT_NS
         )
         if is_silent and not self._silence_reported:
             self._silence_reported = True
-            text = f"{self.label} ({self.where}): open, but no data for 5 s; is the node powered?"
+            text = f"{self.label} ({self.endpoint}): open, but no data for 5 s; is the node powered?"
             event = Event(now_ns, "silent", self.label, text, {"link": self.label})
             self._sink.write_record(EventRecord(event))
             yield event

@@ -26,18 +26,18 @@ class TcpTransport:
 
     def __init__(self, host: str, port: int) -> None:
         """Connect to the server; raise LinkError when it does not answer."""
-        self.where = f"socket://{host}:{port}"
+        self.endpoint = f"socket://{host}:{port}"
         try:
             self._socket = socket.create_connection((host, port), _CONNECT_TIMEOUT_S)
         except (OSError, UnicodeError) as error:
             raise LinkError(
-                f"{self.where}: {_error_text(error)}; check host and port, and that the server is running"
+                f"{self.endpoint}: {_error_text(error)}; check host and port, and that the server is running"
             ) from error
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
 
     def read(self, timeout: float) -> tuple[bytes, str]:
-        with link_down_on_error(self.where):
+        with link_down_on_error(self.endpoint):
             if not can_read(self._socket.fileno(), timeout):
                 return b"", ""
             data = self._socket.recv(MAX_READ_BYTES)
@@ -46,7 +46,7 @@ class TcpTransport:
             return data, ""
 
     def write(self, data: bytes, to: str = "") -> None:
-        with contextlib.suppress(TimeoutError), link_down_on_error(self.where):
+        with contextlib.suppress(TimeoutError), link_down_on_error(self.endpoint):
             self._socket.settimeout(WRITE_TIMEOUT_S)
             self._socket.sendall(data)
 
@@ -62,7 +62,7 @@ class UdpTransport:
 
     def __init__(self, host: str, port: int) -> None:
         """Bind the address; raise LinkError when it is in use or not of this machine."""
-        self.where = f"udp://{host}:{port}"
+        self.endpoint = f"udp://{host}:{port}"
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
@@ -72,12 +72,12 @@ class UdpTransport:
         except (OSError, UnicodeError) as error:
             self._socket.close()
             raise LinkError(
-                f"{self.where}: {_error_text(error)}; give a free port and an address of this machine, "
+                f"{self.endpoint}: {_error_text(error)}; give a free port and an address of this machine, "
                 "0.0.0.0 for all"
             ) from error
 
     def read(self, timeout: float) -> tuple[bytes, str]:
-        with link_down_on_error(self.where):
+        with link_down_on_error(self.endpoint):
             if not can_read(self._socket.fileno(), timeout):
                 return b"", ""
             try:
@@ -104,7 +104,7 @@ class SealedTransport:
 
     def __init__(self, plain: UdpTransport, keys: KeyRing) -> None:
         self._plain, self._sealer = plain, DatagramSealer(keys)
-        self.where, self.refused = plain.where, self._sealer.refused
+        self.endpoint, self.refused = plain.endpoint, self._sealer.refused
 
     def read(self, timeout: float) -> tuple[bytes, str]:
         data, address = self._plain.read(timeout)

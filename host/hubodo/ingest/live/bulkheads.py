@@ -32,7 +32,7 @@ class PartHung(BaseException):
     """Raised inside a part that has not returned in time; not an `Exception`, so no part catches it."""
 
 
-class Stallable(Protocol):
+class WatchedOutput(Protocol):
     """A thread of an output, checked about ten times per second."""
 
     def check_stall(self) -> None:
@@ -42,7 +42,11 @@ class Stallable(Protocol):
 
 @dataclass(slots=True)
 class _Part:
-    """State of one part; faults, skipped: totals; pause_ns: doubled by each consecutive fault."""
+    """State of one part.
+
+    faults, skipped: numbers of faults and of calls omitted during suspensions; pause_ns: duration of the
+    newest suspension, which each consecutive fault doubles.
+    """
 
     name: str
     faults: int = 0
@@ -77,8 +81,8 @@ class Bulkheads:
         self._hang_s = hang_timeout_s
         self._parts: dict[str, _Part] = {}
         self._lock = threading.Lock()
-        self._outputs: list[Stallable] = []
-        self._depth = 0  # of nested calls of `run`
+        self._outputs: list[WatchedOutput] = []
+        self._depth = 0  # number of nested calls of `run`
         self._writes_active = 0
         self._progress = 0  # increases with each start and end of a call
         self._hung_progress = -1  # progress at which the current call was detected to hang
@@ -157,7 +161,7 @@ class Bulkheads:
         finally:
             self._writes_active -= 1
 
-    def watch_output(self, output: Stallable) -> None:
+    def watch_output(self, output: WatchedOutput) -> None:
         """Check the thread of an output from now on."""
         self._outputs.append(output)
 

@@ -13,11 +13,11 @@ from hubodo.recording import Event
 
 
 class CalibrationCheck:
-    """Comparison of the serial number of each node with the calibration; a mismatch is reported."""
+    """Compares the serial number of each node with the calibration and reports a mismatch."""
 
     def __init__(self, calibration: Calibration, sink: Sink, notices: list[Event]) -> None:
         self.error: CalibrationError | None = None
-        """The mismatch that was found before the odometry gave a pose."""
+        """Mismatch detected before the odometry gave a pose; None without one."""
         self._calibration = calibration
         self._sink = sink
         self._notices = notices

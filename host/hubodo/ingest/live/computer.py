@@ -52,7 +52,7 @@ class Computer(Protocol):
         """Return the synchronisation state of the wall clock."""
         ...
 
-    def link(self, port: PortName, label: str, baud: int, lister: DeviceLister) -> Link:
+    def create_link(self, port: PortName, label: str, baud: int, lister: DeviceLister) -> Link:
         """Return a link on a port, not opened or started."""
         ...
 
@@ -66,7 +66,7 @@ class Computer(Protocol):
 
 
 class ThisComputer:
-    """The computer on which this process runs; scale: see `steady_clock`."""
+    """The computer on which this process runs; scale: slowdown of its clock, see `steady_clock`."""
 
     def __init__(self, scale: float = 1.0) -> None:
         self.now_ns = steady_clock(scale)
@@ -79,7 +79,7 @@ class ThisComputer:
         """Return the synchronisation state of the wall clock."""
         return clock_state(self.wall_ns())
 
-    def link(self, port: PortName, label: str, baud: int, lister: DeviceLister) -> PortLink:
+    def create_link(self, port: PortName, label: str, baud: int, lister: DeviceLister) -> PortLink:
         """Return a link on a port, not opened or started."""
         return PortLink(port, label, self, self.now_ns, baud=baud, lister=lister)
 

@@ -15,16 +15,19 @@ import numpy as np
 from hubodo.arrays import Array
 
 SLEW_SPEED, SLEW_YAW_RATE = 0.3, 0.15
-"""m/s and rad/s by which a correction is added at least: a controller sees a slow drift, and a typical
-correction of 0.1 m is complete after a third of a second. Estimated."""
+"""Minimum rates of a correction, m/s and rad/s, chosen so that a typical correction of 0.1 m is complete
+after a third of a second and a controller sees a slow drift instead of a jump."""
 
 SLEW_TIME = 5.0
-"""s; of a large correction a fifth is added in each second. Estimated."""
+"""Time constant of a large correction, s: a fifth of it is applied in each second, faster than SLEW_SPEED."""
 
 
 @dataclass
 class ContinuousOdom:
-    """Slews the poses of the filter; x, y, heading: m, m, rad, as published; t: s."""
+    """Slews the poses of the filter.
+
+    t: time of the newest published pose, s; x, y, heading: that pose, m and rad.
+    """
 
     t: float = 0.0
     x: float = 0.0
@@ -36,7 +39,7 @@ class ContinuousOdom:
     def update(
         self, t: float, x: float, y: float, heading: float, speed: float, yaw_rate: float
     ) -> tuple[float, float, float]:
-        """Return the pose to publish at time t, s, for a pose of the filter: m, rad, m/s and rad/s."""
+        """Return the pose x, y, heading to publish at time t, s, for the filter's state in SI units."""
         if self._has_started and t > self.t:
             step, turn = t - self.t, yaw_rate * (t - self.t)
             course = self.heading + 0.5 * turn
@@ -50,14 +53,14 @@ class ContinuousOdom:
         return self.x, self.y, self.heading
 
     def offset_pose(self, x: float, y: float, heading: float) -> tuple[float, float, float]:
-        """Return a pose of the filter in the frame as published."""
+        """Return a pose of the filter, plus the correction that has not been applied yet."""
         offset, angle = self._offset
         if offset == 0j and angle == 0.0:
             return x, y, heading
         return x + offset.real, y + offset.imag, heading + angle
 
     def covariance(self, covariance: Array) -> Array:
-        """Return the covariance (5, 5) of the published pose; the correction that remains is an error."""
+        """Return the covariance (5, 5) of the published pose; a pending correction counts as an error."""
         offset, angle = self._offset
         if offset == 0j and angle == 0.0:
             return covariance
@@ -66,6 +69,9 @@ class ContinuousOdom:
 
 
 def _share(size: float, rate: float, step: float) -> float:
-    """Return the share of a correction that is added in a step of some seconds."""
+    """Return the share of a correction that is applied in one step.
+
+    size: correction, m or rad; rate: minimum slew rate, m/s or rad/s; step: duration, s.
+    """
     limit = max(rate, size / SLEW_TIME) * step
     return 1.0 if size <= limit else min(1.0, limit / size)

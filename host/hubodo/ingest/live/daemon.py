@@ -53,13 +53,15 @@ def record(
 ) -> RecordResult:
     """Record until SIGINT, SIGTERM, `stop` or the end of `config.duration`; the log is complete in each case.
 
-    computer: None for this one. console: output for the user, None for stderr. watch: called with a snapshot
-    each second, in this thread; must return at once. audience: the live page, polled fifty times per second.
-    ros2: completed settings of the ROS 2 node; it publishes if they name a transport. Required for ports that
-    are topics.
-    Unless `config.wait` is set, every port must open at the start; later a link may be reopened. Raises
-    InputError (a port cannot be opened, `out` exists, foreign data on all links) and CalibrationError (nodes
-    with other serials), which leave no log, and WireMismatch (nodes of another version), which leaves one.
+    computer: where to record, None for the computer of this process. console: output for the user, None for
+    stderr. watch: function called with a snapshot each second, in this thread; it must return at once.
+    audience: the live page, polled fifty times per second. ros2: completed settings of the ROS 2 node, which
+    publishes if they name a transport; required for ports that are topics.
+
+    Unless `config.wait` is set, every port must open at the start; a link that is lost later is reopened.
+    Raises InputError if a port cannot be opened, `out` exists or all links carry foreign data, and
+    CalibrationError for nodes with other serials; both leave no log. Raises WireMismatch for nodes of another
+    protocol version, which leaves a log.
     """
     computer = computer or ThisComputer(config.time_scale)
     ports = create_links(config, computer, lister, vehicle, ros2)

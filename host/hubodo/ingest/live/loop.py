@@ -29,7 +29,8 @@ _MAX_REPORTS_PER_TURN = 256
 _FINAL_DECODE_S = 0.6
 """Time limit for decoding the queue at the end; with ports, graph and disk two seconds in total."""
 _MAX_DECODE_LAG_NS, _RESUME_DECODE_LAG_NS = 10 * NS_PER_S, NS_PER_S
-"""Items older than the first are logged raw, which bounds the backlog, until the lag is below the second."""
+"""Bytes that waited longer than the first are logged without decoding, which bounds the backlog, until the
+wait falls below the second."""
 _LINK_JOIN_S = 0.4
 _GRAPH_TIMEOUT_S = 0.3
 _RAW_ONLY_TEXT = "frames are logged raw, not decoded, until it has caught up; hubodo import decodes them"
@@ -38,7 +39,7 @@ FatalError = InputError | WireMismatch | CalibrationError | None
 
 
 class _Backlog:
-    """Hands reports to the recorder: decoded while it keeps up, else logged raw until it has caught up."""
+    """Passes reports to the recorder for decoding; while it is too late, they are only logged raw."""
 
     def __init__(self, recorder: Recorder) -> None:
         self.now_ns = 0
@@ -62,7 +63,11 @@ class _Backlog:
 
 @dataclass(frozen=True, eq=False)
 class Loop:
-    """One recording; stop_requested, rotate_requested: end it, start a new log; clock: s, at shutdown."""
+    """The main loop of one recording.
+
+    stop_requested ends the recording and rotate_requested starts a new log. clock: monotonic time, s, for
+    the time limits of the shutdown.
+    """
 
     links: Mapping[str, Link]
     computer: Computer
@@ -122,7 +127,7 @@ class Loop:
             self.recorder.handle_clock_event(event, host_clock.metadata)
 
     def _call_guarded(self, action: Callable[[Any], None], argument: object) -> None:
-        """Call `action`; an interruption raised just after a part returned ends only this call."""
+        """Call `action`; a `PartHung` that arrives just after its part has returned ends only this call."""
         try:
             action(argument)
         except PartHung as error:

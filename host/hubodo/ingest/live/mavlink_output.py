@@ -140,7 +140,7 @@ def parse_mavlink_address(text: str) -> tuple[str, int]:
 
 @contextmanager
 def mavlink_output(text: str, vehicle: Vehicle | None) -> Iterator[MavlinkOutput]:
-    """Provide the output to an address `udpout:HOST:PORT`; without a vehicle there is no odometry to send."""
+    """Provide the output to `udpout:HOST:PORT`; raise InputError without a vehicle (no odometry to send)."""
     address = parse_mavlink_address(text)
     if vehicle is None:
         raise InputError("--mavlink sends the odometry, which needs --vehicle")

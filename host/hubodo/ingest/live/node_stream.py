@@ -30,7 +30,10 @@ _MAX_SILENCE_S = 8.0
 
 @dataclass(frozen=True)
 class Samples:
-    """Samples of a node; t: (N,) s since the log's start; gyro, accel: (N, 3) rad/s, m/s², node axes."""
+    """Samples of a node in node axes.
+
+    t: (N,) s since the log's start; gyro: (N, 3) rad/s; accel: (N, 3) m/s².
+    """
 
     t: Array
     gyro: Array
@@ -89,7 +92,7 @@ class NodeStream:
         self._zero_ns = self._computer.now_ns() // NS_PER_S * NS_PER_S
         name = attach_keys(parse_port(port), None, insecure=False)
         self._label = name.label
-        self._link = self._computer.link(name, name.label, baud, list_devices)
+        self._link = self._computer.create_link(name, name.label, baud, list_devices)
         try:
             self._link.open_now()
         except LinkError as error:
@@ -133,7 +136,7 @@ class NodeStream:
         hello = next((node.decoder.hello for node in nodes if node.name == self.node), None)
         return "" if hello is None else hello.serial.hex()
 
-    def table(self, angle: float, *, moving: bool) -> None:
+    def log_table_angle(self, angle: float, *, moving: bool) -> None:
         """Log the present angle of the turntable, rad, and whether it is moving."""
         self._computer.put(_TurntableRow(self._computer.now_ns(), angle, moving))
 

@@ -114,7 +114,7 @@ class Odometer:
         self._last_ns: int | None = None
         self._state: WheelState | None = None
         self._continuous = ContinuousOdom()
-        self._initial_states = bytearray()  # of the beginning only: a drive may last for weeks
+        self._initial_states = bytearray()  # not beyond the beginning: a drive may last for weeks
         self._was_stationary = False
         self._window_count = 0
         self._pose: Pose | None = None

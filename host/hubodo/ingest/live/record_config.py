@@ -18,7 +18,7 @@ CONFIG_TABLES = ("record", "web", "ros2")
 """Tables of hubodo.toml."""
 
 MAX_BAUD = 50_000_000
-"""Far beyond any serial port."""
+"""Upper bound of baud rates, which no serial port reaches."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -71,13 +71,13 @@ def create_links(
     used_ports: set[tuple[str, str]] = set()
     for text, baud, is_gnss in wanted:
         port = attach_keys(parse_port(text), config.key_path, insecure=config.insecure_udp)
-        if (port.kind, port.where) in used_ports:
+        if (port.kind, port.target) in used_ports:
             raise InputError(f"port {text!r}: given twice; give each port once")
-        used_ports.add((port.kind, port.where))
+        used_ports.add((port.kind, port.target))
         if port.kind == TOPIC_KIND:
             continue
         label = "gnss" if is_gnss else unique_name(port.label, {*links, "gnss"})
-        links[label] = computer.link(port, label, baud, lister)
+        links[label] = computer.create_link(port, label, baud, lister)
         if is_gnss:
             created.nmea.append(label)
         else:

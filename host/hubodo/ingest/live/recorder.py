@@ -272,7 +272,7 @@ class Recorder:
         foreign_links = [link for link in self.links.values() if link.foreign is not None and not link.frames]
         if foreign_links and len(foreign_links) == len(self.links):
             return InputError(
-                "; ".join(f"{link.label} ({link.where}): {link.foreign}" for link in foreign_links)
+                "; ".join(f"{link.label} ({link.endpoint}): {link.foreign}" for link in foreign_links)
             )
         return None
 

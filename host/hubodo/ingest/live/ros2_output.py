@@ -88,7 +88,7 @@ class Ros2Output:
     def __init__(
         self, node: Node, vehicle: Vehicle | None, start_ns: int, received: frozenset[str] = frozenset()
     ) -> None:
-        """Publish the frames of the vehicle.
+        """Publish the static frames of the vehicle.
 
         start_ns: host time, for their stamps. received: ports that are ROS 2 topics; not published again.
         """

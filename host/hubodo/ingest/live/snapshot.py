@@ -30,9 +30,9 @@ from hubodo.units import NS_PER_S
 class LinkStatus:
     """Status of a link; counters are totals since the start.
 
-    where: current device name, None while the link is down. faults: unexpected exceptions of the port's
-    driver. refused: datagrams without a valid key, and frames of nodes beyond the limit. senders_evicted:
-    senders dropped before identification.
+    where: name of the open device or address, None while the link is down. faults: unexpected exceptions
+    of the port's driver. refused: datagrams without a valid key, and frames of nodes beyond the limit.
+    senders_evicted: senders dropped before identification.
     """
 
     label: str
@@ -52,10 +52,11 @@ class LinkStatus:
 class NodeStatus:
     """Status of a node.
 
-    rate: Hz over two seconds. age: s since its last frame. clock_offset, clock_sigma: s; clock_drift:
-    dimensionless; sigma is None while unknown. gyro, accel: (3,) means of the newest block, rad/s and m/s²,
-    node axes. bias: (3,) rad/s by the node's own filter, None before its first. temperature: °C. battery: V.
-    asleep: the node is parked and waits for motion, by its newest health report.
+    rate: samples per second over the last two seconds. age: time since its last frame, s. clock_offset,
+    clock_sigma: s, clock_drift: dimensionless; clock_sigma is None while unknown. gyro, accel: means (3,) of
+    the newest block, rad/s and m/s², node axes. bias: (3,) rad/s by the node's own filter, None before its
+    first report. temperature: °C. battery: V. asleep: True if the newest health report says that the node is
+    parked and waits for motion.
     """
 
     name: str
@@ -93,7 +94,11 @@ class GnssStatus:
 
 @dataclass(frozen=True, slots=True)
 class OdometryStatus:
-    """Odometry: m, rad, m/s, rad/s; sigma: m along the major axis of the ellipse; distance: m since start."""
+    """Newest state of the odometry.
+
+    x, y: m; heading: rad; speed: m/s; yaw_rate: rad/s. sigma: 1 sigma along the major axis of the position
+    ellipse, m. distance: path since the start, m. poses: number of poses.
+    """
 
     x: float
     y: float
@@ -268,7 +273,7 @@ def memory_in_use() -> int | None:
 def _link_status(link: LinkSession) -> LinkStatus:
     return LinkStatus(
         link.label,
-        link.where,
+        link.endpoint,
         link.frames,
         link.bytes,
         link.damage["crc"],
@@ -311,7 +316,7 @@ def _topic_link_status(topic: TopicSession) -> LinkStatus:
     connection = topic.connection
     return LinkStatus(
         topic.port.label,
-        connection.where,
+        connection.endpoint,
         topic.messages,
         topic.bytes,
         0,

@@ -276,7 +276,7 @@ def _topic_gnss_json(topic: TopicSession, fixes: int) -> dict[str, Any]:
 
 def _topic_link_json(topic: TopicSession) -> dict[str, Any]:
     return {
-        "where": topic.connection.where,
+        "where": topic.connection.endpoint,
         "frames": topic.messages,
         "bytes": topic.bytes,
         "frames_damaged": topic.damage.total(),
@@ -291,7 +291,7 @@ def _topic_link_json(topic: TopicSession) -> dict[str, Any]:
 
 def _link_json(link: LinkSession) -> dict[str, Any]:
     return {
-        "where": link.where,
+        "where": link.endpoint,
         "frames": link.frames,
         "bytes": link.bytes,
         "frames_damaged": sum(link.damage.values()),

@@ -30,15 +30,18 @@ SentBytes = list[tuple[int, int]]
 
 
 class Device(Protocol):
-    """A device on a serial port in virtual time; path: its present terminal."""
+    """A device on a serial port in virtual time; path: the terminal that it uses at present."""
 
     path: str
 
     def advance_to(self, t_ns: int, sent_count: int | None) -> None:
-        """Start to advance to `t_ns` with `sent_count` more bytes of its host; None: its port is closed."""
+        """Start to advance to `t_ns`.
+
+        sent_count: number of bytes that the host has sent since the last call; None if the port is closed.
+        """
         ...
 
-    def sent(self) -> SentBytes:
+    def wait_for_writes(self) -> SentBytes:
         """Wait for the advance to end and return the writes to a port that is open."""
         ...
 
@@ -82,16 +85,16 @@ class VirtualComputer:
         """Return the synchronisation state of the wall clock."""
         return ClockState.UNKNOWN
 
-    def device_name(self, where: str) -> str:
+    def device_name(self, endpoint: str) -> str:
         """Return the name of a device in the log."""
-        path = Path(where)
-        return path.name if self._folder is not None and path.parent == self._folder else where
+        path = Path(endpoint)
+        return path.name if self._folder is not None and path.parent == self._folder else endpoint
 
     def put(self, item: Any) -> None:
         """Append an item to the queue of `next_report`; from any thread."""
         self._reports.append(item)
 
-    def link(self, port: PortName, label: str, baud: int, lister: DeviceLister) -> VirtualLink:
+    def create_link(self, port: PortName, label: str, baud: int, lister: DeviceLister) -> VirtualLink:
         """Return a link on a port, not opened or started."""
         link = VirtualLink(port, label, self, baud, lister)
         self._links.append(link)
@@ -108,8 +111,8 @@ class VirtualComputer:
         links = {link.device_path: link for link in self._links if link.device_path}
         for device in self._devices:
             link = links.get(self._resolve(device.path))
-            device.advance_to(t_ns, None if link is None else link.take_count())
-        sent = [(links.get(self._resolve(device.path)), device.sent()) for device in self._devices]
+            device.advance_to(t_ns, None if link is None else link.take_sent_count())
+        sent = [(links.get(self._resolve(device.path)), device.wait_for_writes()) for device in self._devices]
         self._now_ns = t_ns
         chunks = [chunk for link, counts in sent if link is not None for chunk in link.read(counts)]
         for chunk in sorted(chunks, key=lambda chunk: chunk.t_ns):
@@ -119,7 +122,7 @@ class VirtualComputer:
         self._on_step(t_ns)
 
     def _resolve(self, path: str) -> str:
-        """Return the present target of a symlink, cached by the target that its last link names."""
+        """Return the real path of a symlink; it is resolved again only after the symlink has changed."""
         try:
             target = os.readlink(path)  # noqa: PTH115  thousands of times in a recording
         except OSError:
@@ -150,12 +153,12 @@ class VirtualLink:
         """Open the port; raise LinkError with a one-line reason."""
         self._transport = open_transport(self._port, self._finder, self._baud)
         self.device_path, self._written, self._loss_reported = (
-            os.path.realpath(self._transport.where),
+            os.path.realpath(self._transport.endpoint),
             0,
             False,
         )
-        where = self._computer.device_name(self._transport.where)
-        self._computer.put(LinkUp(self._label, self._computer.now_ns(), where, self._transport.datagrams))
+        endpoint = self._computer.device_name(self._transport.endpoint)
+        self._computer.put(LinkUp(self._label, self._computer.now_ns(), endpoint, self._transport.datagrams))
 
     def start(self) -> None:
         """Start reading; a port that is not open yet is waited for."""
@@ -180,7 +183,7 @@ class VirtualLink:
         self._is_started = False
         self._close()
 
-    def take_count(self) -> int:
+    def take_sent_count(self) -> int:
         """Return the number of bytes sent to the device since the last call."""
         count, self._written = self._written, 0
         return count

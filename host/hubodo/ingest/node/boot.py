@@ -73,9 +73,9 @@ def count_lost_samples(
 ) -> int | None:
     """Return the number of samples lost between two batches.
 
-    The sample numbers give it modulo 2^16, the device time the multiple of 2^16; at a change of the rate the
-    time between is none of lost samples, as of a node that was asleep. Return None where the two disagree
-    after an overrun of the chip's FIFO, because the node restarted its sample numbers.
+    Sample numbers give it modulo 2^16, and device time gives the multiple of 2^16. After a change of the rate
+    sample numbers alone count: a node that was asleep took no samples in between. Return None if numbers and
+    time disagree after an overrun of the chip's FIFO, because the node then restarts its sample numbers.
     """
     by_index = (index - tail.next_index) & 0xFFFF
     if rate_changed:

@@ -180,7 +180,7 @@ def _unstuff_in_place(stream: ByteArray, starts: IndexArray, ends: IndexArray) -
 
 
 def _gather_rows(stream: ByteArray, starts: IndexArray, size: int) -> ByteArray:
-    """Return (n, size): the `size` bytes from each start, each row copied as one item."""
+    """Return the `size` bytes from each start as an array (n, size), each row copied as one item."""
     windows: npt.NDArray[Any] = np.ndarray(
         (max(len(stream) - size + 1, 0),), dtype=f"V{size}", buffer=stream.data, strides=(1,)
     )

@@ -60,7 +60,7 @@ from hubowire.messages import (
 _HELLO_HEADER = struct.Struct("<I3B")  # fingerprint and version: the same in every message table
 _MAX_PENDING_FRAMES = 2048
 _MAX_REORDER_FRAMES = 64  # frames by which a datagram may be late
-_MAX_SERIALS = 8  # of nodes with one id; noise on the line could produce any number
+_MAX_SERIALS = 8  # serials remembered per node id: noise on the line could produce any number of them
 _SERIAL_TIMEOUT_NS = 15_000_000_000  # three periods of the unsolicited Hello of a node
 # Plain integers, because operations on enum members take as long as decoding the rest of a frame.
 _OVERRUN_FLAGS = int(BatchFlag.GAP_BEFORE | BatchFlag.FIFO_OVERRUN)

@@ -9,7 +9,7 @@ from hubodo.earth import STANDARD_GRAVITY
 from hubodo.ingest.node.chip_identities import IMU_BY_WHO_AM_I
 from hubowire.messages import Hello, Part
 
-# Noise densities of the data sheets: mdeg/s/√Hz and µg/√Hz.
+# Noise densities of gyro and accelerometer from the data sheets: mdeg/s/√Hz and µg/√Hz.
 _DENSITIES: Mapping[int, tuple[float, float]] = {
     Part.LSM6DS33: (7.0, 90.0),
     Part.MPU6050: (5.0, 400.0),
@@ -31,7 +31,7 @@ def sample_noise(hello: Hello) -> tuple[float, float]:
 
 
 def _densities(row: tuple[int, ...]) -> tuple[float, float] | None:
-    """Return the noise densities of a chip on the bus, None if it is no IMU that is known."""
+    """Return the noise densities of a chip on the bus; None unless it is a known IMU."""
     _, who_am_i, part = row
     chip = None if part else IMU_BY_WHO_AM_I.get(who_am_i)
     return _DENSITIES.get(part) if chip is None else (chip.gyro_density, chip.accel_density)

@@ -26,7 +26,7 @@ from hubowire.messages import NODE_IDS, Ack, Hello, ImuBatch, Nack, TimeReply
 _MAX_RAW_VALUE = 32767
 _TEMPERATURE_LSB_UDEGC, _TEMPERATURE_OFFSET_UDEGC = 3_906, 25_000_000
 _MAX_BATCH_SAMPLES = 16
-_MAX_SPACING_ERROR_S = 20e-6  # of evenly spaced times; a larger error starts a new batch
+_MAX_SPACING_ERROR_S = 20e-6  # deviation from evenly spaced times; a larger one starts a new batch
 _ANSWER_TYPES = (Ack.type_id, Nack.type_id, TimeReply.type_id)
 
 

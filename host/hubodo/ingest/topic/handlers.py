@@ -22,7 +22,7 @@ TopicItem = ImuBlock | FixSample
 
 
 class TopicHandler(Protocol):
-    """Converts and logs the messages of one topic; stream: name of the messages in `gap` events."""
+    """Converts and logs the messages of one topic; stream: their name in `gap` events."""
 
     stream: str
 
@@ -31,7 +31,7 @@ class TopicHandler(Protocol):
     ) -> Sequence[TopicItem] | None:
         """Log a message and return what odometry and map use; None if its values cannot be used.
 
-        t_ns: host time of its stamp; received_ns: of its arrival.
+        t_ns: host time of its stamp; received_ns: host time of its arrival.
         """
         ...
 
@@ -42,7 +42,7 @@ class ImuHandler:
     stream = "ImuBatch"
 
     def __init__(self, node: str, sink: Sink, order: LogTimeSequence) -> None:
-        """Start; order: log times, shared by all nodes."""
+        """Start without samples; order: source of unique log times, shared by all nodes."""
         self.newest_block: ImuBlock | None = None
         self._node, self._sink, self._order = node, sink, order
         self._noise: tuple[float, float] | None = None
@@ -86,7 +86,7 @@ class FixHandler:
     stream = "NavSatFix"
 
     def __init__(self, sink: Sink, order: LogTimeSequence) -> None:
-        """Start without fixes; order: log times, shared with the samples of all nodes."""
+        """Start without fixes; order: source of unique log times, shared by all nodes and receivers."""
         self.fixes = 0
         self.last_fix: GnssFix | None = None
         self._sink, self._order = sink, order
@@ -121,19 +121,19 @@ class FixHandler:
 
 
 class WheelsHandler:
-    """Logs surface speeds of the wheels: joint rates times the radius, or speed and yaw rate of a twist."""
+    """Logs surface speeds of the wheels, from joint rates times the radius or from a twist."""
 
     stream = "wheels"
 
     def __init__(self, vehicle: Vehicle, joints: tuple[str, ...], sink: Sink) -> None:
-        """Start; joints: names of the left and the right one, empty to recognise them."""
+        """Start without speeds; joints: names of left and right joint, empty to recognise them."""
         self._radius, self._half_track = vehicle.wheel_radius, 0.5 * vehicle.track_width
         self._joints, self._sink = joints, sink
 
     def handle(
         self, message_type: str, values: Values, t_ns: int, received_ns: int
     ) -> Sequence[TopicItem] | None:
-        """Log the speeds; see `TopicHandler`. A message without both wheels has none."""
+        """Log the speeds; see `TopicHandler`. A message that lacks one of the wheels cannot be used."""
         if message_type == ros2.JOINT_STATE:
             speeds = self._joint_speeds(values)
         else:

@@ -40,7 +40,7 @@ class TopicLink:
         wall_ns: Callable[[], int],
         config: Ros2Config,
     ) -> None:
-        """Start without a node; config: completed settings."""
+        """Start without a ROS 2 node; config: completed settings."""
         self.port = port
         self._reports, self._now_ns, self._wall_ns, self._config = reports, now_ns, wall_ns, config
         self._resources = ExitStack()
@@ -52,7 +52,7 @@ class TopicLink:
         self._thread = threading.Thread(target=self._run, name=f"topic {port.label}", daemon=True)
 
     def open_now(self) -> None:
-        """Subscribe; raise LinkError if nobody publishes the topic, or with another type."""
+        """Subscribe; raise LinkError if no node publishes the topic with a type that can be recorded."""
         self._join_graph()
         end = time.monotonic() + _DISCOVERY_TIMEOUT_S
         while not self._check_publisher():
@@ -98,9 +98,9 @@ class TopicLink:
         published = self._node.published_types().get(self.port.topic, frozenset())
         accepted = [kind for kind in ROLE_TYPES[self.port.role] if kind in published]
         if accepted and not self._is_up:
-            where = f"ros2:{self.port.topic} ({accepted[0]})"
+            endpoint = f"ros2:{self.port.topic} ({accepted[0]})"
             self._is_up, self._loss_reported = True, False
-            self._reports.put(LinkUp(self.port.label, self._now_ns(), where, datagrams=False))
+            self._reports.put(LinkUp(self.port.label, self._now_ns(), endpoint, datagrams=False))
         if accepted and accepted[0] not in self._subscribed:
             self._subscribed.add(accepted[0])
             on_message = functools.partial(self._pass_on, accepted[0])

@@ -51,7 +51,7 @@ def parse_topic_port(port: PortName, *, is_gnss: bool = False) -> TopicPort:
     Raises InputError for joints that are not two.
     """
     assert port.kind == TOPIC_KIND
-    topic, _, names = port.where.partition(":")
+    topic, _, names = port.target.partition(":")
     role: TopicRole = "gnss" if is_gnss or port.name == "gnss" else "node"
     role = "wheels" if port.name == "wheels" else role
     joints = tuple(part for part in names.split(",") if part)
@@ -64,9 +64,9 @@ def parse_topic_port(port: PortName, *, is_gnss: bool = False) -> TopicPort:
 def match_vehicle_nodes(
     ports: Sequence[tuple[PortName, TopicPort]], vehicle: Vehicle | None
 ) -> list[TopicPort]:
-    """Return the topics, unnamed ones with the names of the vehicle's nodes that they must be.
+    """Return the topics; those without a given name get the name of the vehicle's node that they match.
 
-    As in logs of other programs: a topic is the node `left` if no other topic contains that word.
+    The rules are those for logs of other programs: a topic is the node `left` if it alone contains that word.
     """
     nodes = {} if vehicle is None else vehicle.nodes
     unnamed = {topic.topic: topic for port, topic in ports if port.name is None and topic.role == "node"}

@@ -25,8 +25,8 @@ _DAMAGE_REPORT_INTERVAL_NS = 10 * NS_PER_S
 class TopicSession:
     """One topic: its messages become records of the log and items for odometry and map.
 
-    Messages that cannot be used are counted by cause in `damage`; they end nothing. DDS reports no losses of
-    messages that are sent with best effort, so losses are gaps of the stamps.
+    Messages that cannot be used are skipped and counted by cause in `damage`. DDS does not report the loss of
+    messages that are sent with best effort, so losses are inferred from gaps between stamps.
     """
 
     def __init__(self, port: TopicPort, handler: TopicHandler, sink: Sink) -> None:
@@ -49,7 +49,7 @@ class TopicSession:
         self._damage_reported = self._next_damage_report_ns = 0
 
     def handle_message(self, message: TopicMessage) -> Iterable[TopicItem]:
-        """Log a message and return what odometry and map need of it."""
+        """Log a message and return its content for odometry and map."""
         self.messages += 1
         self.bytes += len(message.payload)
         self.last_message_ns = message.t_ns

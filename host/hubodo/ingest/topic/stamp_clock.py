@@ -9,12 +9,12 @@ from hubodo.ingest.node.slewed_times import SlewedTimes
 from hubodo.units import NS_PER_S
 
 _MAX_OWN_CLOCK_DELAY_NS = 2 * NS_PER_S
-"""Delay of the first message up to which its stamp is taken to be by the clock of this computer."""
+"""Up to this delay of the first message, its stamp is assumed to come from the clock of this computer."""
 _MAX_EARLY_NS, _MAX_LATE_NS = NS_PER_S // 2, 30 * NS_PER_S
-"""Bounds of the delay of a message relative to the others; beyond them its stamp is wrong. On an overloaded
+"""Bounds of the delay of a message relative to the others; beyond them its stamp is invalid. On an overloaded
 computer messages wait for seconds."""
-_MESSAGES_OF_A_STEP = 20
-"""Consecutive wrong stamps that agree with each other, after which the clock counts as stepped."""
+_MIN_STEP_MESSAGES = 20
+"""Consecutive invalid stamps with the same delay after which the publisher's clock is assumed to be set."""
 
 
 class StampClock:
@@ -39,7 +39,7 @@ class StampClock:
         return self._sync or ClockSync()
 
     def to_host_ns(self, stamp_ns: int, received_ns: int, wall_offset_ns: int) -> int | None:
-        """Return the host time of a stamp; None if it is wrong.
+        """Return the host time of a stamp; None if the stamp is invalid.
 
         A stamp of 0 was not set; the time of arrival replaces it. wall_offset_ns: host minus wall clock.
         """
@@ -63,13 +63,13 @@ class StampClock:
         return int(self._times.to_host_ns(np.array([stamp_ns], np.int64))[0])
 
     def _is_step(self, delay_ns: int) -> bool:
-        """Note a wrong stamp; return True if the clock was set, and start again with the new time."""
+        """Count an invalid stamp; once enough agree that the clock was set, restart and return True."""
         if self._suspects and abs(delay_ns - self._suspect_delay_ns) < NS_PER_S:
             self._suspects += 1
         else:
             self._suspects = 1
         self._suspect_delay_ns = delay_ns
-        if self._suspects < _MESSAGES_OF_A_STEP:
+        if self._suspects < _MIN_STEP_MESSAGES:
             return False
         self.steps += 1
         self._anchor(delay_ns)

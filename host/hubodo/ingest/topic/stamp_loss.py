@@ -7,14 +7,14 @@ from collections import deque
 
 _INTERVALS, _MIN_INTERVALS = 127, 60
 _GAP_RATIO = 1.6
-"""Interval from which a message counts as lost, relative to the usual one: few stamps are half of it late."""
+"""Interval from which a message counts as lost, in usual intervals: few stamps are half an interval late."""
 _USUAL_QUANTILE = 0.92
-"""Share of intervals that are usual. Drivers that stamp on arrival send up to ten samples at once, so that
-one interval in ten is long; of a topic that loses as much, the losses are underestimated."""
+"""Quantile of the intervals that counts as usual. Drivers that stamp on arrival send up to ten samples at
+once, so that one interval in ten is long; losses of more than 8 % of the messages are underestimated."""
 
 
 class StampLoss:
-    """Counts lost messages by the intervals between stamps: best effort reports no losses."""
+    """Counts lost messages by the intervals between stamps, as DDS with best effort reports no losses."""
 
     def __init__(self) -> None:
         self._intervals: deque[int] = deque(maxlen=_INTERVALS)

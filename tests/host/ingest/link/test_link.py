@@ -31,7 +31,7 @@ class Script:
     """A transport that faults at one of its calls while `bad` is set, and counts chunks otherwise."""
 
     datagrams = False
-    where = "script"
+    endpoint = "script"
 
     def __init__(self, call="", deed=None):
         self.refused = Counter()

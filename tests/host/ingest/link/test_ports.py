@@ -41,7 +41,7 @@ class Discards:
 )  # fmt: skip
 def test_each_kind_of_port_is_understood(text, name, kind, where, label):
     port = parse_port(text)
-    assert (port.name, port.kind, port.where, port.label) == (name, kind, where, label)
+    assert (port.name, port.kind, port.target, port.label) == (name, kind, where, label)
 
 
 @pytest.mark.parametrize("text", ["", "left=", "http://x:1", "socket://x", "udp://:5", "socket://h:x", "a b"])

@@ -153,8 +153,8 @@ def test_errors_of_windows_for_a_missing_and_a_busy_port_are_recognised(monkeypa
 def test_a_windows_port_is_a_device_that_is_there_when_it_is_listed(text, name, label):
     port = parse_port(text)
     assert (port.kind, port.name, port.label) == ("device", name, label)
-    listed = [Device(port.where.removeprefix("\\\\.\\").upper(), "E661")]
-    assert DeviceFinder(port, lambda: listed).find_device() == port.where
+    listed = [Device(port.target.removeprefix("\\\\.\\").upper(), "E661")]
+    assert DeviceFinder(port, lambda: listed).find_device() == port.target
     with pytest.raises(LinkError, match="no such device"):
         DeviceFinder(port, list).find_device()
 

@@ -107,7 +107,7 @@ def recording(folder, nodes, stack, computer=None, seconds=SECONDS, log_format="
         **settings,
     )
     page = page or LivePage(lambda frame: None)
-    page.greetings = ["live page at a place"]
+    page.startup_lines = ["live page at a place"]
     result = record(
         config,
         folder / "ride.mcap",

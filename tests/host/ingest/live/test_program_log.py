@@ -81,7 +81,7 @@ def test_a_recording_with_the_page_reports_its_end_and_server_errors_in_json(tmp
     asked = []
 
     def record(*args, **named):
-        for greeting in named["audience"].greetings:
+        for greeting in named["audience"].startup_lines:
             ask(greeting.rpartition(" ")[2])
             asked.append(greeting)
         return real(*args, **named)

@@ -17,7 +17,7 @@ from hubodo.units import NS_PER_S
 
 
 def opened(computer, path, label):
-    link = computer.link(parse_port(str(path)), label, 115200, list_devices)
+    link = computer.create_link(parse_port(str(path)), label, 115200, list_devices)
     link.open_now()
     link.start()
     assert isinstance(computer.next_report(0.0), LinkUp)

@@ -28,7 +28,7 @@ GYRO_STEP, ACCEL_STEP = np.radians(0.070), 0.488e-3 * 9.80665
 def received_frames(node):
     """Return the frames that reached the host, decoded per connection from the noisy bytes."""
     decoder, listening_before = FrameDecoder(), False
-    for _, _, noisy, listening in node.link_log():
+    for _, _, noisy, listening in node.link_writes():
         if listening != listening_before:
             decoder, listening_before = FrameDecoder(), listening
         if listening:
