@@ -14,7 +14,7 @@ _LIMIT_Q18 = const((1 << 29) - 1)
 
 
 def estimator(s):
-    """Return a new estimator or None. It has begin, drift, update, rate_q8, bias_q12, saturations."""
+    """Return a new estimator (methods as of `KalmanFilter`), or None if the settings switch it off."""
     if s["filter_kind"] == FILTER_KIND_KALMAN:
         from bias_filter import KalmanFilter
 
@@ -43,10 +43,10 @@ def initialisation(s, clock):
 
 
 def warm_up(s, chip, was_running):
-    """Return a new `WarmUp` for each exponential of the settings. was_running: before the processor started.
+    """Return a new `WarmUp` for each exponential of the settings.
 
-    The time since power-on is that of the ticks, which a reset clears: a gyro that was running is taken to
-    be warm.
+    was_running: the gyro was on before the processor started. Ticks count the time since power-on and a reset
+    clears them, so a gyro that was running is assumed to be warm.
     """
     if not s["warmup_udps"]:
         return ()

@@ -29,7 +29,7 @@ from micropython import const
 GAIN_LIMIT = const(1 << 20)
 """Upper bound on both gains."""
 
-# State of one axis, array of int32.
+# Indices into the state of one axis, an array of int32.
 _KF_RATE = const(0)
 _KF_RATE_FRACTION = const(1)
 _KF_BIAS = const(2)

@@ -8,7 +8,7 @@ try:
     _ZEROS = [b""]
 
     def shared(words):
-        """(raw, values): `words` int16, little-endian as the processor is, and the same memory as bytes."""
+        """Return (raw, values): a byte view and an int16 view (little-endian) of the same `words` words."""
         if len(_ZEROS[0]) != 2 * words:
             # Cached, as two dozen slots of one size would leave as many zero strings as garbage.
             _ZEROS[0] = bytes(2 * words)
@@ -18,6 +18,6 @@ try:
 except ImportError:
 
     def shared(words):
-        """(raw, values): `words` int16, little-endian as the processor is, and the same memory as bytes."""
+        """Return (raw, values): a byte view and an int16 view (little-endian) of the same `words` words."""
         raw = bytearray(2 * words)
         return raw, memoryview(raw).cast("h")

@@ -61,7 +61,7 @@ def open_chips(parts, board, too_fast):
 
 
 def _open_imu(parts, board, imu, wants_fifo):
-    """Configure the IMU that was found, with what its tables have nearest to the settings."""
+    """Configure the detected IMU with the rate and ranges of its tables that are nearest to the settings."""
     driver, address, who_am_i = imu
     s = board.settings
     try:
@@ -106,7 +106,7 @@ def search(i2c, drivers, chips):
                 is_known = driver.probe(i2c, address) >= 0
             for row in chips:
                 if row[0] == address:
-                    # A driver before this one did not recognise it.
+                    # An earlier driver did not recognise this chip and added it with Part 0.
                     chips.remove(row)
                     break
             if chosen is None and is_known:

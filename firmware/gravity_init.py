@@ -85,7 +85,7 @@ class GravitySums:
         if not self._known:
             self._smooth = spin << 4
             self._known = True
-        # Q4; for constant w', eight times the change per sample.
+        # Difference from the smoothed rate, Q4: for constant w' it is eight times the change per sample.
         ahead = (spin << 4) - self._smooth
         self._smooth += ahead >> 3
         square = (spin >> 1) * (spin >> 1) >> 12
@@ -136,12 +136,12 @@ class GravityInit(PseudoInit):
         step = gyro_lsb_ndps * 1e-9
         rate_hz = 1e9 / self.clock.period_ns
         x, y = s["arm_mm"] or (0, 0)
-        # Accelerometer steps per 2^14 gyro steps squared and mm; Q12 in the sums.
+        # Accelerometer steps per (2^14 gyro steps)^2 and mm of lever arm; Q12 in the sums.
         arm = (step * _RAD) ** 2 * 0.001 / (accel_lsb_ng * 1e-9 * _G) * (1 << 26)
-        # 2^-16 turns per gyro step per sample; Q4 in the sums.
+        # Tilt by the radius in 2^-16 turns, per gyro step of change per sample; Q4 in the sums.
         radius = s["wheel_radius_mm"] * 0.001 / _G * rate_hz * step * _RAD / (2 * 180 * _RAD) * (1 << 20)
         sums = GravitySums(n, _clipped(x * arm), _clipped(y * arm), _clipped(radius))
-        # Gyro steps per 2^-16 turns/ns with the scale error of the gyro: 29 bits and a shift.
+        # Gyro steps per 2^-16 turns/ns, with the scale error of the gyro, as 29 bits and a shift.
         scale = 360.0e9 / 65536 / step * (1 + s["gyro_scale_ppm"] * 1e-6)
         self._shift = 0
         while scale >= 1 << 29:

@@ -17,7 +17,7 @@ _SLICES = sys.implementation.name != "micropython"
 
 
 def _write(stream, raw, at, size):
-    """Write raw[at:at + size]; return the number of bytes accepted, or None. MicroPython needs no slice."""
+    """Write raw[at:at + size], without allocation on a board; return the number of accepted bytes or None."""
     if _SLICES:
         return stream.write(memoryview(raw)[at : at + size])
     return stream.write(raw, at, size)

@@ -91,7 +91,7 @@ class Node:
             self.link.send(self.outbox)
         if self.link.receive():
             self.commands.handle(self.link.reader, ticks_us())
-            # At once: the host takes a delay here for transmission time.
+            # The answer is sent at once: the host would take a delay here for transmission time.
             self.link.send(self.outbox)
         ms = ticks_ms()
         if ticks_diff(ms, self._duty_ms) >= 0:
@@ -144,7 +144,7 @@ class Node:
             self.board.feed()
             sleep_ms(1)
 
-    # The bias.
+    # Samples and gyro bias.
 
     def _batch_done(self, values, first, count):
         """Pass a batch to bias initialiser, estimator and standstill detector before it is sealed."""

@@ -154,7 +154,7 @@ class Parking(SlowSampling):
             link.sleep(left if self._pin is not None or left < _DETECTOR_MS else _DETECTOR_MS)
 
     def _has_turned(self, chip):
-        """Return True if the chip differs from the last sample, as after a slow motion, which is no jolt."""
+        """Return True if a new sample differs from the last: slow motion does not trigger the detector."""
         self._in_motion = False
         if chip.read_into(self._words, 0):
             self._compare(self._words, 0)
@@ -174,7 +174,7 @@ class Parking(SlowSampling):
         clock.start(period_ns)
         clock.t_us = ticks_add(self._await_sample(chip, level), -(level + 1) * clock.period_us)
         self._read_rest(chip, 0)
-        # After another sample there is a period to change the rate.
+        # The rate is changed right after another sample, when a whole period remains for it.
         self._await_sample(chip, 0)
         self._read_rest(chip, 0)
 

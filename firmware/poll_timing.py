@@ -33,7 +33,7 @@ class PollTiming:
     def record(self, out_us, begun_us, done_us):
         """Record a poll from `begun_us` to `done_us` that was called at `out_us`.
 
-        Time beyond that on the wire is taken to come before it; on an RP2040 that holds nearly.
+        Whatever exceeds the transfer itself is assumed to pass before it, which is nearly true on an RP2040.
         """
         lag_us = ticks_diff(begun_us, out_us)
         if lag_us < _LAG_US:

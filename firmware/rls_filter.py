@@ -37,17 +37,17 @@ _LOW_20 = const((1 << 20) - 1)
 _LIMIT = const(1 << 26)
 """Bound on h, e and rate: 2^18 steps."""
 
-# State of one axis, array of int32.
+# Indices into the state of one axis, an array of int32.
 _LEVEL_AT = const(0)
-_M = const(2)  # each followed by its fraction
+_M = const(2)  # L, at _LEVEL_AT, and M are each followed by their fraction
 _B = const(4)
 _E = const(5)
 _RATE_AT = const(6)
-_BIAS_AT = const(7)  # Q14, followed by four more bits
+_BIAS_AT = const(7)  # Q14, followed by its fraction of four bits
 _STATE_WORDS = const(9)
 _B_LIMIT = const(1 << 28)
 _START_ENERGY = ONE
-_LEAST_ENERGY = const((1 << 18) << 8 | (128 - 28))  # 2^-10
+_LEAST_ENERGY = const((1 << 18) << 8 | (128 - 28))  # the small float 2^-10
 
 
 class RlsFilter:
@@ -99,7 +99,7 @@ class RlsFilter:
             self._n = n = n + 1
             energy -= energy // n
             energy -= energy // n
-        # (1 - lambda) E_1, both factors in two digits.
+        # Product of 1 - lambda and E_1, each in two digits, so that no intermediate exceeds 2^30.
         high, low = energy >> 15, energy & 0x7FFF
         f, g = self._forget >> 10, self._forget & _LOW_10
         energy += (1 << 18) - (high * f << 5) - ((high * g >> 5) + (low * f >> 10))

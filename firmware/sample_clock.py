@@ -27,7 +27,7 @@ _BASELINE_US = const(2000000)
 
 
 class SampleClock:
-    """Estimates time and period of samples. t_us: time of the newest one, amid its window; index: or -1.
+    """Estimates time and period of samples. t_us, index: time (amid its window) and number of the newest one.
 
     period_ns: as measured. half_ns: half the window. locked: the window is known to an eighth of a period and
     the period to 1 / 32.

@@ -59,7 +59,7 @@ DEFAULTS = {
     "password": "",
     "host": "",
     "port": 47110,
-    "key": "",  # of authenticated UDP, 64 hexadecimal digits
+    "key": "",  # key of authenticated UDP, 64 hexadecimal digits
     "pins": {},
 }
 

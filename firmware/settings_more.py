@@ -6,7 +6,7 @@ DEFAULTS = {
     "radio_channel": 76,  # MHz above 2400 MHz
     "radio_kbps": 1000,  # 250, 1000 or 2000
     "radio_tries": 15,  # repeats of a packet that is not acknowledged
-    "radio_address": "e8b7d6a5",  # of the network; a byte for the node follows
+    "radio_address": "e8b7d6a5",  # address of the network; on the air a byte for the node follows
     "espnow_channel": 1,  # of Wi-Fi, 1 to 13
     "rest_after_s": 0,  # after this time at standstill: samples at rest_rate_hz; 0 = never
     "park_after_s": 0,  # after this time at standstill: asleep until motion; 0 = never

@@ -71,7 +71,7 @@ def stream_vector(name: str, stream: bytes, origin: str) -> dict[str, Any]:
     }
 
 
-def add(file: Path, vector: dict[str, Any]) -> None:
+def add_vector(file: Path, vector: dict[str, Any]) -> None:
     """Append to a file of vectors, or replace the one of the same name."""
     vectors = json.loads(file.read_text(encoding="utf-8")) if file.exists() else []
     others = [old for old in vectors if old["name"] != vector["name"]]
@@ -139,7 +139,7 @@ def main(arguments: list[str] | None = None) -> int:
     except (ValueError, SyntaxError, struct.error) as error:
         print(f"{given.kind} {given.name!r}: {error}", file=sys.stderr)
         return 2
-    add(file, vector)
+    add_vector(file, vector)
     print(json.dumps(vector, indent=1))
     return 0
 

@@ -53,7 +53,7 @@ _READY = const(1)
 
 
 class BMI270(Chip):
-    """fifo: sample through the FIFO at 200 Hz and below too; above, always. wake_mg: not used.
+    """Driver of the BMI270. fifo: use the FIFO at 200 Hz and below, too; above, always. wake_mg: ignored.
 
     Raises ValueError for a setting outside the tables, OSError when the chip is absent or another one, and
     when its configuration is missing or the chip rejects it.
@@ -89,7 +89,7 @@ class BMI270(Chip):
         odr, self.rate_mhz, odr_code = setting(self.RATES_HZ, odr_hz)
         self.range_dps, self.gyro_lsb_ndps, gyro_code = setting(self.RANGES_DPS, range_dps)
         self.range_g, self.accel_lsb_ng, accel_code = setting(self.RANGES_G, range_g)
-        # 512 steps a degree.
+        # 512 steps per °C.
         self.temperature_lsb_udegc = 1953
         self.temperature_offset_udegc = 23000000
         super().__init__(i2c, address)

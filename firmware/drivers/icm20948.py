@@ -50,7 +50,7 @@ _FIFO_BYTES = const(512)
 
 
 class ICM20948(Chip):
-    """fifo: sample through the FIFO at 225 Hz and below too; above, always. wake_mg: not used.
+    """Driver of the ICM-20948. fifo: use the FIFO at 225 Hz and below, too; above, always. wake_mg: ignored.
 
     Raises ValueError for a setting outside the tables, OSError when the chip is absent or another one.
     """
@@ -82,7 +82,7 @@ class ICM20948(Chip):
         odr, self.rate_mhz, divider, gyro_pass, accel_pass = setting(self.RATES_HZ, odr_hz)
         self.range_dps, self.gyro_lsb_ndps, gyro_code = setting(self.RANGES_DPS, range_dps)
         self.range_g, self.accel_lsb_ng, accel_code = setting(self.RANGES_G, range_g)
-        # 333.87 steps a degree.
+        # 333.87 steps per °C.
         self.temperature_lsb_udegc = 2995
         self.temperature_offset_udegc = 21000000
         super().__init__(i2c, address)

@@ -39,7 +39,7 @@ _FIFO_FULL = const(0x02)
 _FIFO_FLUSH = const(0x02)
 # The level of the FIFO in packets; the byte order stays big-endian.
 _COUNT_PACKETS = const(0x70)
-# An adaptive full scale, on at power-on, distorts fast rates: off.
+# The adaptive full scale, on at power-on, distorts fast rates and is switched off.
 _FIXED_SCALE = const(0x51)
 _BOTH_LOW_NOISE = const(0x0F)
 _TIMESTAMP = const(0x21)
@@ -55,7 +55,7 @@ _START_US = const(200)
 
 
 class ICM42688(Chip):
-    """fifo: sample through the FIFO at 200 Hz and below too; above, always.
+    """Driver of the ICM-42688-P. fifo: use the FIFO at 200 Hz and below, too; above, always.
 
     wake_mg: step of the acceleration that sets MOTION_FLAG; 0: the detector is off.
     Raises ValueError for a setting outside the tables, OSError when the chip is absent or another one.
@@ -92,7 +92,7 @@ class ICM42688(Chip):
         odr, self.rate_mhz, odr_code = setting(self.RATES_HZ, odr_hz)
         self.range_dps, self.gyro_lsb_ndps, gyro_code = setting(self.RANGES_DPS, range_dps)
         self.range_g, self.accel_lsb_ng, accel_code = setting(self.RANGES_G, range_g)
-        # 132.48 steps a degree.
+        # 132.48 steps per °C.
         self.temperature_lsb_udegc = 7548
         self.temperature_offset_udegc = 25000000
         super().__init__(i2c, address)

@@ -29,7 +29,7 @@ _ZYXDA = const(0x08)
 
 
 class LIS3MDL(Chip):
-    """The chip. Raises ValueError for a setting outside the tables, OSError when it is not there."""
+    """Driver of the LIS3MDL. Raises ValueError for a setting outside the tables, OSError without the chip."""
 
     PART = PART_LIS3MDL
     RATES_HZ = ((5, 0x0C), (10, 0x10), (20, 0x14), (40, 0x18), (80, 0x1C))

@@ -35,13 +35,13 @@ _OVERRUN = const(0x40)
 _PATTERN = const(6)
 _NEAR_CARRY = const(250)
 _WU_IA = const(0x08)
-# The interrupt latched, without a duration, on INT1.
+# Wake-up interrupt: latched, without a minimum duration, on INT1.
 _WAKE_SETTINGS = ((_TAP_CFG, 0x01), (_WAKE_UP_DUR, 0), (_MD1_CFG, 0x20))
-_THRESHOLD_STEPS = const(64)  # of WAKE_UP_THS, over the full scale of the accelerometer
+_THRESHOLD_STEPS = const(64)  # steps of WAKE_UP_THS over the full scale of the accelerometer
 
 
 class LSM6DS33(StImu):
-    """fifo: sample through the FIFO at 208 Hz and below too; above, always.
+    """Driver of the LSM6DS33. fifo: use the FIFO at 208 Hz and below, too; above, always.
 
     wake_mg: step of the acceleration that sets MOTION_FLAG; 0: the detector is off.
     settings: written in place of a reset, for a chip that has been configured before.

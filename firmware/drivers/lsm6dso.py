@@ -44,20 +44,20 @@ _TAG_GYRO = const(1)
 _TAG_ACCEL = const(2)
 _TAG_TIMESTAMP = const(4)
 _WU_IA = const(0x08)
-# The interrupt latched, enabled, without a duration, on INT1.
+# Wake-up interrupt: enabled, latched, without a minimum duration, on INT1.
 _WAKE_SETTINGS = (
     (_TAP_CFG0, 0x01),
     (_TAP_CFG2, 0x80),
     (_WAKE_UP_DUR, 0),
     (_MD1_CFG, 0x20),
 )
-_THRESHOLD_STEPS = const(64)  # of WAKE_UP_THS, over the full scale of the accelerometer
+_THRESHOLD_STEPS = const(64)  # steps of WAKE_UP_THS over the full scale of the accelerometer
 _TICKS_PER_KS = const(40000000)
 """Time stamps advance 40,000 times a second."""
 
 
 class LSM6DSO(StImu):
-    """fifo: sample through the FIFO at 208 Hz and below too; above, always.
+    """Driver of the LSM6DSO. fifo: use the FIFO at 208 Hz and below, too; above, always.
 
     wake_mg: step of the acceleration that sets MOTION_FLAG; 0: the detector is off.
     settings: written in place of a reset, for a chip that has been configured before.

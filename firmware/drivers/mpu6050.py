@@ -42,7 +42,7 @@ _OTHER_CHIPS = (0x24, 0xEA, 0x0F)
 
 
 class MPU6050(Chip):
-    """fifo: sample through the FIFO at 250 Hz and below too; above, always. wake_mg: not used.
+    """Driver of the MPU-6050. fifo: use the FIFO at 250 Hz and below, too; above, always. wake_mg: ignored.
 
     Raises ValueError for a setting outside the tables, OSError when nothing answers.
 

@@ -12,7 +12,7 @@ _ACCEL_CONFIG_2 = const(0x1D)
 
 
 class MPU9250(MPU6050):
-    """Settings as of MPU6050. PART is that of the MPU-6500, which is the same chip without magnetometer."""
+    """Settings are those of MPU6050. PART is that of the MPU-6500, the same chip without magnetometer."""
 
     PART = PART_MPU6500
     WHO_AM_I = (0x70, 0x71, 0x73)

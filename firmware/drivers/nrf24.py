@@ -36,13 +36,13 @@ _FLUSH_TX = const(0xE1)
 _FLUSH_RX = const(0xE2)
 _NOP = const(0xFF)
 
-_POWERED = const(0x0E)  # CRC of two bytes, powered
+_POWERED = const(0x0E)  # CONFIG: CRC of two bytes, powered
 _LISTENS = const(0x01)
-_TX_EMPTY = const(0x10)  # of FIFO_STATUS
+_TX_EMPTY = const(0x10)  # bit of FIFO_STATUS
 _DRAIN_MS = const(100)
 _ALL_PIPES = const(0x3F)
 _WIDTH_5 = const(0x03)
-_DYNAMIC = const(0x07)  # dynamic length, payloads in acknowledgements, packets without them
+_DYNAMIC = const(0x07)  # dynamic length, payloads in acknowledgements, packets without acknowledgement
 RX_DR = const(0x40)
 TX_DS = const(0x20)
 MAX_RT = const(0x10)
@@ -54,7 +54,7 @@ _RATES = {250: 0x26, 1000: 0x06, 2000: 0x0E}
 
 
 class Nrf24:
-    """The radio. out: a command and up to 32 bytes for `write` and `answer`; came: status and bytes read.
+    """Driver of the radio. out: command and up to 32 bytes to send; came: status and received bytes.
 
     Raises OSError when no such chip answers, ValueError for a rate that it does not have.
     """

@@ -21,7 +21,7 @@ _DUPLICATE_MS = const(200)
 
 
 class Reception:
-    """Reception counters of one node, for `Signal`. lost: frames missing by their numbers."""
+    """Reception counters of one node, for `Signal`. lost: frames whose numbers are missing."""
 
     def __init__(self):
         self.frames = self.lost = self.received = self.repeated = self.strong = self.dropped = 0

@@ -14,7 +14,10 @@ _UNFETCHED_MS = const(2000)
 
 
 class Nrf24Air:
-    """ids: nodes that are received; nodes: the reassembly of each, with the counters of `Signal`."""
+    """Receives frames over an nRF24L01+.
+
+    ids: ids of the received nodes; nodes: their `Pieces`, with the counters of `Signal`.
+    """
 
     def __init__(self, board, outbox):
         settings = board.settings

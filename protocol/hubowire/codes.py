@@ -111,7 +111,7 @@ class BatchFlag(IntEnum):
 
 
 class Fault(IntEnum):
-    """Bits of `Health.faults`: current faults. ASLEEP is none: the node is parked and waits for motion."""
+    """Bits of `Health.faults`: current faults, and ASLEEP for a node that is parked and waits for motion."""
 
     IMU_MISSING = 1
     WRONG_WHO_AM_I = 2
