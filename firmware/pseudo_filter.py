@@ -58,7 +58,7 @@ class PseudoFilter:
         self._d1 = self._d2 = self._d3 = ONE
 
     def reset(self, variance, noise):
-        """Reset. variance: of the bias; noise: s^2 of the mean of an interval; steps^2, small floats."""
+        """Reset the filter; variance of the bias and noise of a mean (s^2): steps^2, small floats."""
         self._u12 = self._u13 = self._u23 = 0
         self._d1 = self._d2 = self._d3 = variance
         self._noise = noise

@@ -158,7 +158,7 @@ class PseudoInit(BiasInitialiser):
         return True
 
     def _doubt(self):
-        """Return the relative variance of the rate: of the scale, and of the biases across the axis.
+        """Return the relative variance of the rate due to the scale and to the biases across the axis.
 
         Biases of variance p across the axis of rotation lengthen |G| by their squares over twice the rate.
         """

@@ -29,8 +29,8 @@ _BASELINE_US = const(2000000)
 class SampleClock:
     """Estimates time and period of samples. t_us, index: time (amid its window) and number of the newest one.
 
-    period_ns: as measured. half_ns: half the window. locked: the window is known to an eighth of a period and
-    the period to 1 / 32.
+    period_ns: measured period. half_ns: half the window. locked: the window is known to an eighth of a period
+    and the period to 1 / 32.
     """
 
     def __init__(self):
@@ -69,7 +69,7 @@ class SampleClock:
         return self.half_ns + samples * self._doubt_ns
 
     def aim_us(self, samples):
-        """Return when to poll for the sample `samples` ahead: amid a wide window, after a narrow one."""
+        """Return when to poll for the sample `samples` ahead: amid a wide window, or after a narrow one."""
         half_ns = self.half_ahead_ns(samples)
         at_us = self.ahead_us(samples)
         return at_us if half_ns > _NARROW_NS else ticks_add(at_us, (half_ns + _JITTER_NS) // 1000)

@@ -126,7 +126,7 @@ class Nrf24:
         self._set(_STATUS, flags)
 
     def write(self, size, acknowledged=True):
-        """Queue out[1:1 + size] for transmission; acknowledged: with acknowledgement."""
+        """Queue out[1:1 + size] for transmission; acknowledged: True to request an acknowledgement."""
         self._payload(_WRITE_PAYLOAD if acknowledged else _WRITE_UNSURE, size)
 
     def answer(self, pipe, size):

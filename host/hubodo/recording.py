@@ -174,11 +174,11 @@ class Recording:
 
     Attributes
     ----------
-    nodes : by name, columns `t,gx,gy,gz,ax,ay,az[,temperature][,supply]` and any others of the file.
+    nodes : tables by node name, columns `t,gx,gy,gz,ax,ay,az[,temperature][,supply]` and any others.
     reference, wheels, gnss, heading, table, truth : tables of the CSV folder's files of that name, or None.
-    magnetometers : by node, `t,mx,my,mz` in tesla.
-    bias_filters : by node, gyro bias as estimated by its firmware, columns `BIAS_FILTER_COLUMNS`: rad/s, node
-        axes; state as in the wire's FilterState; NaN where the node does not know a sigma.
+    magnetometers : tables by node name, `t,mx,my,mz` in tesla.
+    bias_filters : gyro bias as estimated by the firmware, by node name, columns `BIAS_FILTER_COLUMNS`: rad/s,
+        node axes; state as in the wire's FilterState; NaN where the node does not know a sigma.
     odometry : `t,x,y,heading,speed,yaw_rate` as recorded live.
     events : oldest first.
     metadata : key -> text; keys of metadata records other than `hubodo` are written `record.key`.

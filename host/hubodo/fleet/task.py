@@ -38,10 +38,10 @@ class Analysis:
 
     Attributes
     ----------
-    options : by name.
+    options : options of the verb by name.
     files : contents of the files that the options name, by path.
     run : (verb, options, log, output folder) -> result as printed by `--json`.
-    version : of hubodo.
+    version : version of hubodo.
     """
 
     verb: str

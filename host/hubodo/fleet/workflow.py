@@ -54,7 +54,7 @@ class BatchOutcome:
 
     Attributes
     ----------
-    rows : of `result_store.SCHEMA`, one per log.
+    rows : one row of `result_store.SCHEMA` per log.
     table : the whole `OUT/table.parquet`.
     n_examined : number of logs examined in this run.
     """

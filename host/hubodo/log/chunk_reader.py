@@ -32,8 +32,8 @@ class ChunkLocation:
 
     Attributes
     ----------
-    offset, length : of the chunk record in the file, bytes.
-    data_offset, data_size : of the compressed records in the file, bytes.
+    offset, length : position and size of the chunk record in the file, bytes.
+    data_offset, data_size : position and size of the compressed records in the file, bytes.
     expanded_size : size of the decompressed records, bytes, as claimed by the header.
     crc : CRC-32 of the decompressed records; 0 if not given.
     start_ns, end_ns : log time of the first and last message.

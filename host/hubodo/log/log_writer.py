@@ -220,7 +220,10 @@ class LogWriter(ChunkWriter):
     def write_bias_filter(
         self, node: str, t_pub_ns: ArrayLike, t_log_ns: ArrayLike, table: Mapping[str, ArrayLike]
     ) -> None:
-        """Write reports of a node's gyro bias filter. table: `BIAS_FILTER_COLUMNS` but t -> (n,), rad/s."""
+        """Write reports of a node's gyro bias filter.
+
+        table: column of `BIAS_FILTER_COLUMNS`, except `t` -> (n,), rad/s.
+        """
         self._write_float_rows(topics.bias_filter_topic(node), t_pub_ns, t_log_ns, table)
 
     def _write_float_rows(

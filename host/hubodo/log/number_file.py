@@ -46,8 +46,8 @@ class NumberTable:
     Attributes
     ----------
     values : (N, C).
-    names : of the C columns, or empty.
-    units : by array name, where the file states them.
+    names : names of the C columns, or empty.
+    units : units by array name, as far as the file states them.
     """
 
     values: Array

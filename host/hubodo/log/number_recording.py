@@ -86,8 +86,8 @@ def recording_from_numbers(
 ) -> Recording:
     """Return a table of numbers as a recording of one node; channels that it lacks are NaN.
 
-    source: for errors. is_si: True if columns without a unit are in SI units. Raises InputError if columns,
-    rate or unit are neither in the table nor in `input_format`.
+    source: name for errors. is_si: True if columns without a unit are in SI units. Raises InputError if
+    columns, rate or unit are neither in the table nor in `input_format`.
     """
     columns = _assign_columns(source, numbers, input_format)
     is_si = is_si and not input_format.columns

@@ -36,7 +36,8 @@ NumberedRow = tuple[int, str]
 class _TextFormat:
     """The format of a text file.
 
-    delimiter: None for white space. names: of the columns, or empty. first_row: row number of the first data.
+    delimiter: None for white space. names: names of the columns, or empty. first_row: number of the first row
+    of data.
     decimal_comma: True for numbers such as 0,5. dates: indices of columns with dates in ISO 8601.
     """
 

@@ -31,7 +31,7 @@ class RecoveryReport:
     ----------
     messages : number of recovered messages by topic.
     start_ns, end_ns : log time of the first and last of them; None without any.
-    bytes_lost : of the input, in damaged chunks and after its last complete record.
+    bytes_lost : bytes of the input in damaged chunks and after its last complete record.
     unknown_channel_messages : messages lost because the definition of their channel is lost.
     was_complete : True if the input was closed and undamaged.
     losses : one line each.

@@ -30,9 +30,9 @@ class TopicSelection:
 
     Attributes
     ----------
-    explicit : from --topic: role or node -> topic, "-" excludes it; a missing topic is an error.
+    explicit : role or node -> topic from --topic; "-" excludes it, and a missing topic is an error.
     configured : the same from `[topics]` of the vehicle file, where a missing topic is a warning.
-    node_is_on_wheel : for each node of the vehicle.
+    node_is_on_wheel : True for each node of the vehicle that is on a wheel, by name.
     wheel_radius : m.
     required_roles : roles for which several candidates are an error instead of a warning.
     """
@@ -216,7 +216,7 @@ class _RoleAssigner:
         self.notes.append(problem)
 
     def _assign_nodes(self, stated: Mapping[str, str], claimed: set[str]) -> dict[str, str]:
-        """Return node name -> topic: as stated, then by the vehicle's node names, the rest by topic name."""
+        """Return node name -> topic, as stated, else by the vehicle's node names, else by topic name."""
         assigned = dict(stated)
         unassigned = [
             topic

@@ -297,7 +297,8 @@ def cdr_layout(
 class ReceivedLayout:
     """The layout of a received message.
 
-    dtype: of the message. lengths: value of each length field, which other messages of this layout share.
+    dtype: structure of the message. lengths: value of each length field, which other messages of this layout
+    share.
     """
 
     dtype: np.dtype[np.void]

@@ -29,7 +29,7 @@ class FileInfo:
     Attributes
     ----------
     size : bytes.
-    library, profile : of the writer.
+    library, profile : library and profile of the writer.
     complete : True if the file was closed.
     attachments : size of each attached file, bytes.
     damaged : number of damaged parts.

@@ -42,7 +42,7 @@ class SensorReport:
     """The sensor sections of one node.
 
     Attributes:
-        sections: for the page.
+        sections: sections of the page.
         missing: results that the record does not allow, with the reasons, one line each.
         facts: findings, one line each.
     """

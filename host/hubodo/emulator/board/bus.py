@@ -33,7 +33,7 @@ class I2cBus:
 
     A missing acknowledgement returns -`nack_errno` after the address byte (EIO on the rp2 port); SDA held low
     returns -ETIMEDOUT after 50 ms. MicroPython raises both as OSError. The chips are connected to the pins
-    `sda` and `scl` only; wiring: see `SensorBoard`. interrupts: by pin, the level of an interrupt at t s.
+    `sda` and `scl` only; wiring: see `SensorBoard`. interrupts: function for each pin from time, s, to level.
     """
 
     def __init__(

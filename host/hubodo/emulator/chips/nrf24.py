@@ -208,7 +208,7 @@ class Nrf24:
         self._send_next(t)
 
     def _queue(self, data: bytes, *, wants_ack: bool) -> None:
-        """Queue a payload for sending; wants_ack: with a request for an acknowledgement."""
+        """Queue a payload for sending; wants_ack: True to request an acknowledgement."""
         if len(self.tx) < _FIFO_DEPTH and data:
             self.tx.append((data[:_MAX_PAYLOAD_BYTES], wants_ack))
 

@@ -30,7 +30,7 @@ def hello_metadata(hello: Hello) -> dict[str, str]:
 
 
 def describe_firmware_difference(versions: Mapping[str, tuple[int, ...]]) -> str | None:
-    """Return a warning if nodes run different firmware; None if all run the same. versions: by node name."""
+    """Return a warning if nodes run different firmware, else None; versions: firmware by node name."""
     if len(set(versions.values())) < 2:
         return None
     named = ", ".join(f"{node} {'.'.join(map(str, version))}" for node, version in sorted(versions.items()))
