@@ -75,9 +75,9 @@ def _check(board: BoardSettings, clock: Clock, host: Host, sensors: SensorBoard)
     """Raise an error of `VirtualNode` if something is missing or the settings contradict each other."""
     imu_by_name(sensors.chip)
     check_available(board.interpreter, board.pico.image, board.pico.bootrom)
-    if board.emulated and host.link in ("uart", "udp"):
+    if board.is_emulated and host.link in ("uart", "udp"):
         raise ValueError(f"link {host.link}: an emulated Pico uses USB; choose pty or memory")
-    if board.emulated and clock.kind == "real":
+    if board.is_emulated and clock.kind == "real":
         raise ValueError("an emulated Pico has its own clock: choose clock stepped or paced")
 
 

@@ -218,7 +218,7 @@ def _board(port: UsbPort, receive: Receive) -> ComputerCheck:
         return ComputerCheck(
             check, "bad", reception.mismatch.partition(": ")[0], f"hubodo flash {port.device}"
         )
-    if reception.prompt:
+    if reception.has_prompt:
         return ComputerCheck(
             check, "warn", "MicroPython without a running node", f"hubodo flash {port.device}"
         )

@@ -55,7 +55,7 @@ def examine(
         problem, _, remedy = str(error).removeprefix(f"{port}: ").partition("; ")
         return _complete(port, [failed_check("port", problem, remedy)])
     results = [passed_check("port", f"{port} opens")]
-    if not reception.prompt and not (repl and reception.n_frames):
+    if not reception.has_prompt and not (repl and reception.n_frames):
         return _complete(port, results + check_reception(reception, baud))
     report_step("checking over the prompt")
     try:
@@ -135,7 +135,7 @@ def _listen_to_started(port: str, baud: int, seconds: float) -> Reception:
         try:
             is_settled = reception.n_frames > 0
             reception = listen(port, baud, seconds if is_settled else _SETTLING_S)
-            if is_settled or reception.prompt:
+            if is_settled or reception.has_prompt:
                 break
         except LinkError:
             time.sleep(0.2)

@@ -33,7 +33,7 @@ class Reception:
         Number of bytes.
     n_frames, n_damaged
         Number of valid and of damaged frames.
-    prompt
+    has_prompt
         True if a MicroPython prompt answered.
     disconnection
         Reason if the port disconnected.
@@ -50,7 +50,7 @@ class Reception:
     n_bytes: int = 0
     n_frames: int = 0
     n_damaged: int = 0
-    prompt: bool = False
+    has_prompt: bool = False
     disconnection: str = ""
     node: int | None = None
     hello: Hello | None = None
@@ -109,7 +109,7 @@ class _Listener:
                 token = self._seq.to_bytes(8, "little").replace(b"\x03", b"\x83")
                 self._sent_ns[token] = time.monotonic_ns()
                 self._request(TimeRequest(token))
-            if (briefly and reception.n_frames) or (reception.prompt and not reception.n_frames):
+            if (briefly and reception.n_frames) or (reception.has_prompt and not reception.n_frames):
                 break
         for item in self._node.close():
             self._store(item)
@@ -130,7 +130,7 @@ class _Listener:
             self._node.mismatch_text,
             self._damaged(),
         )
-        reception.prompt = reception.tail.endswith(_PROMPTS)
+        reception.has_prompt = reception.tail.endswith(_PROMPTS)
 
     def _store(self, item: object) -> None:
         if isinstance(item, ImuBlock):

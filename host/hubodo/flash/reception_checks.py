@@ -57,7 +57,7 @@ def check_protocol(reception: Reception, baud: int) -> CheckResult:
         return failed_check("protocol", reception.disconnection, "check plug and cable, then try again")
     if reception.n_frames:
         return passed_check("protocol", f"{reception.n_frames} frames, {reception.n_damaged} damaged")
-    if reception.prompt:
+    if reception.has_prompt:
         return passed_check("protocol", "a MicroPython prompt")
     if not reception.n_bytes:
         remedy = (

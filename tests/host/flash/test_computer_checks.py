@@ -61,7 +61,7 @@ class FakeComputer(HostComputer):
         return self.missing
 
 
-def findings_of(tmp_path, *ports, listen=lambda port: Reception(prompt=True), **facts):
+def findings_of(tmp_path, *ports, listen=lambda port: Reception(has_prompt=True), **facts):
     """Check a fake computer and return its findings by check."""
     computer = FakeComputer(folder=tmp_path, root=tmp_path, ports=lambda: ports, **facts)
     findings = {}
@@ -185,7 +185,7 @@ def listen_to_busy_port(port):
 @pytest.mark.parametrize(
     ("listen", "verdict", "observation", "remedy"),
     [
-        (lambda port: Reception(prompt=True), "warn", "without a running node", "hubodo flash /dev/ttyACM0"),
+        (lambda port: Reception(has_prompt=True), "warn", "without a running node", "hubodo flash /dev/ttyACM0"),
         (
             lambda port: Reception(n_bytes=70),
             "warn",

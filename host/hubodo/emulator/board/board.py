@@ -119,9 +119,9 @@ class VirtualBoard:
         self.streams.reset()
         self._peripherals.reset()
         self._network.reset()
-        if self._clock.stepped and not self._settings.emulated:
+        if self._clock.stepped and not self._settings.is_emulated:
             self._clock.t += BOOT_NS
-        if self.streams.usb:
+        if self.streams.is_usb:
             self.unplug(REPLUG_NS)
         self.processor.record_reset(cause)
         self._boot()
@@ -177,7 +177,7 @@ class VirtualBoard:
 
     def _await_power(self) -> None:
         """Wait for a host if required, and for the power-on time of the clock."""
-        while self._wait_for_host and self.running and not self.streams.link.host_open:
+        while self._wait_for_host and self.running and not self.streams.link.is_host_open:
             self._serve_control(10)
         power_on_ns = self._clock.settings.power_on_ns
         # With a paced clock the interpreter loads earlier and waits for the clock itself, to be on time.
@@ -332,7 +332,7 @@ class VirtualBoard:
         """Apply the visible effects of a restart of the emulated processor by itself."""
         self.resets.append((self.seconds, "machine.reset" if argument & 2 else "watchdog"))
         self.streams.clear_link()
-        if self.streams.usb:
+        if self.streams.is_usb:
             self.unplug(REPLUG_NS)
         return Reply(t)
 

@@ -40,12 +40,12 @@ class HostLink(Protocol):
         ...
 
     @property
-    def host_open(self) -> bool:
+    def is_host_open(self) -> bool:
         """True if a host has the port open."""
         ...
 
     @property
-    def plugged(self) -> bool:
+    def is_plugged(self) -> bool:
         """True if the port exists."""
         ...
 
@@ -142,12 +142,12 @@ class PtyLink:
         return self._master if self._open else -1
 
     @property
-    def plugged(self) -> bool:
+    def is_plugged(self) -> bool:
         """True if the terminal exists."""
         return self._master >= 0
 
     @property
-    def host_open(self) -> bool:
+    def is_host_open(self) -> bool:
         """True if a process has the terminal open; checked at most every 5 ms while none has."""
         if self._master < 0:
             return False
@@ -188,7 +188,7 @@ class PtyLink:
 
     def write(self, data: bytes) -> int:
         """Write as much as the terminal accepts; discard everything if no host has it open."""
-        if not self.host_open:
+        if not self.is_host_open:
             self.counts["discarded"] += len(data)
             return len(data)
         try:
@@ -220,7 +220,7 @@ class MemoryLink:
         self._script = sorted(script)
         self._read_pauses = tuple(read_pauses)
         self._unread = 0
-        self.host_open = self.plugged = True
+        self.is_host_open = self.is_plugged = True
 
     @property
     def next_script_time(self) -> float:

@@ -50,7 +50,7 @@ class Processor:
 
     def power_on(self) -> None:
         """Prepare the flash of an emulated Pico. Raise ImageMissing or FlashUnreadable, see `Pico`."""
-        if self._settings.emulated:
+        if self._settings.is_emulated:
             self._pico = Pico(self._settings.pico, self._folder)
 
     def mirror_flash(self) -> None:
@@ -92,7 +92,7 @@ class Processor:
             "clock_ppm": clock_settings.ppm,
             "call_cost_ns": clock_settings.call_cost_us * 1000,
             "tick_cost_ns": clock_settings.tick_cost_us * 1000,
-            "refresh_ns": STEPPED_REFRESH_NS if clock.stepped and not settings.emulated else USB_FRAME_NS,
+            "refresh_ns": STEPPED_REFRESH_NS if clock.stepped and not settings.is_emulated else USB_FRAME_NS,
             "pace": clock_settings.pace,
             "heap_bytes": settings.heap_bytes,
             "slack_bytes": _HEAP_SLACK_BYTES,

@@ -154,6 +154,6 @@ class BoardSettings:
     wifi: WifiEnvironment = field(default_factory=WifiEnvironment)
 
     @property
-    def emulated(self) -> bool:
+    def is_emulated(self) -> bool:
         """True if the processor is emulated as well; its own MicroPython then detects ctrl-C."""
         return self.interpreter == "rp2040"

@@ -67,7 +67,7 @@ class BoardStreams:
         """File descriptor of the terminal while it is polled, else -1."""
         self._clock, self._poll, self._counts, self._waits = clock, poll, counts, waits
         self._always_writable = model.platform == "esp32"
-        self._emulated = settings.emulated
+        self._emulated = settings.is_emulated
         self._interrupt_at = 0
         self._last_poll = 0.0
         self._on_uart = settings.uart_link is not None
@@ -117,7 +117,7 @@ class BoardStreams:
             self.link.plug()
 
     @property
-    def usb(self) -> bool:
+    def is_usb(self) -> bool:
         """True if the link is USB, which disconnects at a reset of the processor."""
         return isinstance(self.link, PtyLink) and not self._on_uart
 
@@ -129,7 +129,7 @@ class BoardStreams:
 
     def watch_terminal(self) -> None:
         """Register the terminal while a host has it open and the board can receive."""
-        if self._is_input_full or not self.link.host_open:
+        if self._is_input_full or not self.link.is_host_open:
             self.unwatch_terminal()
             return
         fd = self.link.fileno()
@@ -264,9 +264,9 @@ class BoardStreams:
         if self.interrupt_pending:
             flags |= FLAG_INTERRUPT
             self.interrupt_pending = False
-        if self.link.host_open:
+        if self.link.is_host_open:
             flags |= FLAG_OPEN
-        if self.link.plugged:
+        if self.link.is_plugged:
             flags |= FLAG_PLUGGED
         return flags
 
@@ -283,7 +283,7 @@ class BoardStreams:
             return Reply(port.put_on_wire(t, b"", len(payload)), len(payload))
         damaged = self.noise.apply(payload)
         if self.log is not None and payload:
-            self.log.append((time.time_ns(), payload, damaged, self.link.host_open))
+            self.log.append((time.time_ns(), payload, damaged, self.link.is_host_open))
         self._counts["bytes_out"] += len(payload)
         if port.byte_ns:
             return Reply(port.put_on_wire(t, damaged, len(payload)), len(payload))

@@ -23,7 +23,7 @@ class FakeLink:
     From a None in `first` on, the link is unplugged.
     """
 
-    where, datagrams = "/dev/ttyFAKE", False
+    endpoint, datagrams = "/dev/ttyFAKE", False
 
     def __init__(self, reply: Reply, *first: tuple[int, Message] | bytes | None) -> None:
         self.refused: Counter[str] = Counter()

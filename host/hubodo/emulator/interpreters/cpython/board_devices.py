@@ -79,7 +79,7 @@ class UdpDevice:
         return len(buf)
 
 
-class Bytes:
+class BinaryStream:
     """Binary standard streams: sys.stdin.buffer and sys.stdout.buffer."""
 
     def write(self, buf, *part):
@@ -102,13 +102,13 @@ class Bytes:
         pass
 
 
-class Text:
+class TextStream:
     """Text standard streams: sys.stdin and sys.stdout."""
 
     encoding = "utf-8"
 
     def __init__(self):
-        self.buffer = Bytes()
+        self.buffer = BinaryStream()
 
     def write(self, text):
         self.buffer.write(text.encode())

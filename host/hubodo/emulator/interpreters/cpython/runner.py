@@ -21,7 +21,7 @@ for _name in ("array", "binascii", "collections", "errno", "hashlib", "math", "r
 RUNNER_FOLDER = Path(__file__).parent
 sys.path.insert(0, str(RUNNER_FOLDER))
 from board_calls import CONFIG, TICKS_PERIOD, board  # noqa: E402
-from board_devices import ExchangeDevice, I2cDevice, Poll, SerialDevice, Text, UdpDevice  # noqa: E402
+from board_devices import ExchangeDevice, I2cDevice, Poll, SerialDevice, TextStream, UdpDevice  # noqa: E402
 
 sys.path.remove(str(RUNNER_FOLDER))
 
@@ -102,7 +102,7 @@ def _install():
     sys.dont_write_bytecode = True
     sys.print_exception = lambda error: sys.stdout.write("".join(traceback.format_exception(error)))
     sys.implementation._machine = CONFIG["machine"]
-    sys.stdin = sys.stdout = Text()
+    sys.stdin = sys.stdout = TextStream()
     sys.platform = CONFIG["platform"] or sys.platform
 
 
