@@ -14,9 +14,11 @@ WIDE = Ends(np.radians(2000.0))
 
 @dataclass(frozen=True)
 class Clipped:
-    """A case: speed, m/s, at which it happens; hardest: m/s², of the ramps there; ends of the sensors.
+    """A case of clipping.
 
-    radius, track: m. rate_hz. begins: whether the drive begins at that speed. bumps: see `Errors`. arm: m.
+    speed: m/s, at which sensors clip; hardest: largest acceleration of the ramps to it, m/s²; ends:
+    saturation limits of the sensors; radius, track: m; rate_hz: sample rate; begins: True if the drive begins
+    at that speed; bumps: see `Errors`; arm: lever arm, m.
     """
 
     speed: float

@@ -17,8 +17,10 @@ HORIZONTAL_FIELD = 20e-6
 
 @dataclass(frozen=True)
 class Iron:
-    """hard, soft: fractions of the horizontal field. disturbance: of a field beside the road, for `share` of
-    the time."""
+    """Iron of a vehicle, and a magnetic disturbance, as fractions of the horizontal field.
+
+    hard, soft: hard and soft iron of the vehicle. disturbance: field beside the road for `share` of the time.
+    """
 
     hard: float = 0.0
     soft: float = 0.0
@@ -27,10 +29,10 @@ class Iron:
 
 
 def headings(rng, t, heading, iron, noise=0.02, slow_error=0.02):
-    """Return what a compass shows at times t (N,) s on a vehicle with the true heading (N,), rad from east.
+    """Return the headings that a compass shows at times t (N,), s, on a vehicle with true heading (N,), rad.
 
-    noise: 1 sigma of a sample, as a fraction of the field
-    slow_error: rad, 1 sigma of a slow error (tilt of the vehicle) with a time constant of 5 s
+    Headings are anticlockwise from east. noise: 1 sigma of a sample, as a fraction of the field. slow_error:
+    1 sigma of an error with a time constant of 5 s (tilt of the vehicle), rad.
     """
     cos, sin = np.cos(heading), np.sin(heading)
     north = np.array([[0.0], [HORIZONTAL_FIELD]]) * np.ones(len(t))

@@ -14,9 +14,12 @@ from generators.wheel_drives import WheelDrive
 
 @dataclass(frozen=True)
 class Receiver:
-    """rate_hz: of positions. white, slow: m, 1 sigma of what is random and of what lasts `memory` seconds.
-    antenna: m forward and left of the axle's middle. delay: s by which stamps are late. jumps: how many, of
-    `jump` m. turned: rad, of its axes."""
+    """A receiver of positions, and its errors.
+
+    rate_hz: rate of positions. white, slow: 1 sigma of the white error and of the error with a correlation
+    time of `memory` s, m. antenna: position forward and left of the axle's middle, m. delay: latency of the
+    stamps, s. jumps: number of jumps of `jump` m. turned: rotation of the axes, rad.
+    """
 
     rate_hz: float = 10.0
     white: float = 0.01
@@ -30,7 +33,7 @@ class Receiver:
 
 
 def positions(drive: WheelDrive, receiver: Receiver, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """t, x, y of what the receiver tells, (M,) each."""
+    """Return t, x, y of the reported positions, (M,) each: s and m."""
     rng = np.random.default_rng(seed)
     t = np.arange(receiver.delay, drive.t[-1], 1.0 / receiver.rate_hz)
     at = t - receiver.delay

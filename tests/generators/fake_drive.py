@@ -1,4 +1,4 @@
-"""A seeded drive of `wheel_drives` as raw LSB of two fake nodes, and as a recording."""
+"""A seeded drive of `wheel_drives` as raw counts of two fake nodes, and as a recording."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def short_drive(seed: int, rate_hz: float = 208.0, errors: Errors | None = None)
 
 
 def raw_rows(drive_: WheelDrive, node: str) -> list[tuple[int, ...]]:
-    """Return the samples of a node in LSB of the chip, for `FakeNode.rows`."""
+    """Return the samples of a node in counts of the chip, for `FakeNode.rows`."""
     table = drive_.nodes[node]
     steps = np.hstack([np.round(table.gyro / GYRO_STEP), np.round(table.accel / ACCEL_STEP)])
     return [tuple(row) for row in np.clip(steps, -32768, 32767).astype(int).tolist()]

@@ -21,7 +21,7 @@ _ERRORS = Errors(flicker=1e-4, accel_flicker=3e-3)
 
 @dataclass(frozen=True)
 class FaultDrive:
-    """A drive, the nodes that are used, their saturation limits, and whether an encoder is recorded too."""
+    """A drive, the nodes that are used, their saturation limits, and whether an encoder is recorded."""
 
     drive: WheelDrive
     nodes: tuple[str, ...] = BOTH
@@ -106,7 +106,7 @@ def _standstill(where: str, noise: float, idling: float) -> Callable[[int], Faul
 
 
 def _rocked(rng: np.random.Generator) -> FaultDrive:
-    """Hands on the rims rock the vehicle by 5 mm for 6 s before it drives off."""
+    """Return a drive before which hands on the rims rock the vehicle by 5 mm for 6 s."""
     plan = wheel_drives.loop(rng, 20.0, 6.0)
     t = np.arange(len(plan.speed)) / RATE_HZ
     rocking = np.where(t < 5.5, 0.005 * 2.0 * np.pi * 0.4 * np.sin(2.0 * np.pi * 0.4 * t), 0.0)
@@ -114,13 +114,13 @@ def _rocked(rng: np.random.Generator) -> FaultDrive:
 
 
 def _crawl(rng: np.random.Generator) -> FaultDrive:
-    """20 mm/s in a curve, slower than any standstill limit of a speed."""
+    """The vehicle creeps through a curve at 20 mm/s, slower than any standstill limit."""
     plan = wheel_drives.legs([(5.0, 0.0, 0.0), (40.0, 0.02, 0.02), (4.0, 0.0, 0.0)])
     return FaultDrive(wheel_drives.drive(plan, rng, _ERRORS))
 
 
 def _fast_start(rng: np.random.Generator) -> FaultDrive:
-    """Recording starts at 6 m/s."""
+    """Return a drive whose recording starts at 6 m/s."""
     plan = wheel_drives.ramps([(15.0, 6.0, 0.1), (8.0, 3.0, -0.2), (6.0, 0.0, 0.0)], start_speed=6.0)
     return FaultDrive(wheel_drives.drive(plan, rng, _ERRORS, 0.3, 0.6), ("left",))
 
@@ -147,7 +147,7 @@ def _one_lost(rng: np.random.Generator) -> FaultDrive:
 
 
 def _short_gaps(rng: np.random.Generator) -> FaultDrive:
-    """One node, with twelve gaps of 0.06 to 0.7 s."""
+    """Return a drive with one node whose record has twelve gaps of 0.06 to 0.7 s."""
     drive = _drive(rng)
     node = drive.nodes["left"]
     for start in np.linspace(8.0, drive.t[-1] - 5.0, 12):
@@ -168,7 +168,7 @@ def _clock_jump(seconds: float, nodes: tuple[str, ...]) -> Callable[[np.random.G
 
 
 def _slow_node(rng: np.random.Generator) -> FaultDrive:
-    """14 samples a second, just above the slowest rate of the chip."""
+    """Return a drive sampled at 14 Hz, just above the slowest rate of the chip."""
     return FaultDrive(
         wheel_drives.drive(wheel_drives.loop(rng, 20.0, 6.0, (0.3, 0.6)), rng, _ERRORS, rate_hz=14.0)
     )

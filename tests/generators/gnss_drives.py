@@ -1,9 +1,9 @@
-"""Drives with an odometer that errs, a GNSS receiver and a compass, made without the model under test.
+"""Drives with an erroneous odometer, a GNSS receiver and a compass, generated without the model under test.
 
 The path is the integral of a smooth speed and yaw rate at 1 kHz (Simpson's rule, own code). Fixes get their
 latitude and longitude by geodesics on the WGS 84 ellipsoid (Karney 2013), never by a map projection.
-The odometer measures distance and turn per step with a scale each, a drift with time and one with the way,
-and white noise.
+The odometer measures distance and turn per step with scale errors, a yaw rate that drifts with time and with
+distance, and white noise.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ WGS84 = pyproj.Geod(ellps="WGS84")
 class Errors:
     """Errors of the odometer.
 
-    Fractions scale, turn; rate rad/s; curve rad/m; and 1 sigma of white noise: along and sideways m per
-    sqrt(m), heading rad per sqrt(s).
+    scale, turn: relative errors of distance and turn. rate: yaw drift, rad/s; curve: yaw drift, rad/m. 1
+    sigma of white noise: along, sideways: m per √m; heading: rad per √s.
     """
 
     scale: float = 0.0
@@ -45,8 +45,8 @@ def drawn(rng: np.random.Generator) -> Errors:
 class GnssDrive:
     """A drive with its odometry and its fixes.
 
-    t, x, y, heading: truth at 1 kHz, metres east and north of (latitude_deg, longitude_deg). odo_*: the
-    odometer's poses in its own frame, from 0, 0, 0. fix_*: fixes. length: m.
+    t, x, y, heading: truth at 1 kHz, metres east and north of (latitude_deg, longitude_deg). odo_*: poses of
+    the odometer in its own frame, starting at 0, 0, 0. fix_*: fixes. length: path, m.
     """
 
     t: np.ndarray
@@ -65,12 +65,12 @@ class GnssDrive:
     length: float
 
     def truth(self, t):
-        """x, y, heading at times t."""
+        """Return x, y and heading at times t."""
         return (np.interp(t, self.t, v) for v in (self.x, self.y, self.heading))
 
 
 def loop(rng, length=250.0, speed=(0.8, 1.8), laps=1, standstill_s=5.0, wiggle=0.25):
-    """(speed, yaw rate) at 1 kHz: `laps` rounds of `length` metres in random legs, from rest to rest."""
+    """Return speed, yaw rate at 1 kHz of `laps` laps of `length` metres in random legs, from rest to rest."""
     parts, done = [(standstill_s, 0.0, 0.0)], 0.0
     while done < laps * length:
         v = rng.uniform(*speed)
@@ -94,7 +94,7 @@ def drive(
     antenna=(0.0, 0.0),
     delay=0.0,
 ):
-    """Run a motion. delay: latency of fixes relative to their time stamps, s."""
+    """Return the drive of a motion; delay: latency of the fixes relative to their time stamps, s."""
     speed, yaw = motion
     errors = errors or drawn(rng)
     t = np.arange(len(speed)) * STEP
@@ -118,9 +118,9 @@ def drive(
 
 
 def geodetic(east, north, latitude_deg, longitude_deg):
-    """Latitude and longitude in degrees of points `east` and `north` metres from origins.
+    """Return latitude and longitude, degrees, of points `east` and `north` metres from their origins.
 
-    That is as far along the geodesic and in the direction that both say. All scalars or (N,).
+    A point lies on the geodesic with that direction, at that distance. All arguments are scalars or (N,).
     """
     east, north, lat, lon = np.broadcast_arrays(east, north, latitude_deg, longitude_deg)
     azimuth, distance = np.degrees(np.arctan2(east, north)), np.hypot(east, north)

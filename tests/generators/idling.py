@@ -1,8 +1,8 @@
 """Car drives with an engine that idles at standstill, at the start and in the middle of the drive.
 
-The engine's forces are sums of sines at half, one and two times its firing frequency, whose speed hunts by
-0.3 to 2 %; they shake the hub along all axes and turn it to and fro. The chip samples them with a filter of
-finite steepness, so what lies beyond half of the sample rate is aliased.
+The engine's forces are sums of sines at half, one and two times its firing frequency, whose speed fluctuates
+by 0.3 to 2 %; they shake the hub along all axes and rotate it to and fro. The chip samples them behind a
+filter of finite steepness, so frequencies beyond half of the sample rate are aliased.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def idling_drive(seed: int) -> tuple[Idle, wheel_drives.WheelDrive]:
     rate_hz, shaking = float(rng.choice(_RATES_HZ)), float(np.exp(rng.uniform(np.log(0.5), np.log(5.0))))
     rpm, hunting = float(rng.uniform(600.0, 3000.0)), float(rng.choice([0.003, 0.02]))
     if seed % 2 and rate_hz < 200.0:
-        # An order at the sample rate is aliased to a force that hardly changes.
+        # An order near the sample rate is aliased to a force that hardly changes.
         orders = [order for order, _ in _ORDERS if 600.0 <= 30.0 * rate_hz / order <= 3000.0]
         rpm = 30.0 * (rate_hz + float(rng.uniform(-0.3, 0.3))) / float(rng.choice(orders))
     idle = Idle(rpm, shaking, rate_hz, hunting)
@@ -93,7 +93,7 @@ def _shake(
         _rocking(t, rng), direction[1]
     )
     gyro += rough * np.outer(_rocking(t, rng), direction[1])
-    # The stated size is that of the hub before the chip's filter, and of all axes together.
+    # The stated size is the rms at the hub before the chip's filter, over all axes together.
     size = idle.shaking * np.sqrt(2.0 / sum(share**2 for _, share in _ORDERS))
     shaking = stands[:, None] * size
     return replace(node, accel=node.accel + shaking * accel, gyro=node.gyro + _GYRO_SHARE * shaking * gyro)

@@ -40,7 +40,7 @@ def drawn(seed: int) -> Drawn:
     while moving < 90.0:
         duration = float(rng.uniform(4.0, 15.0))
         speed = top * float(rng.uniform(0.4, 1.0)) * float(rng.choice([1.0, 1.0, 1.0, -0.3]))
-        # No more than 2 m/s² sideways, nor than 0.6 rad/s.
+        # Limit the lateral acceleration to 2 m/s² and the yaw rate to 0.6 rad/s.
         turn = min(0.6, 2.0 / max(abs(speed), 0.1)) * float(rng.uniform(-1.0, 1.0))
         parts.append((duration, speed, turn))
         moving += duration

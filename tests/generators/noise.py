@@ -1,11 +1,11 @@
 """Rate noise of known Q, N, B, K, R, filtered as by electronics, without any code of hubodo.
 
-Flicker noise by the fractional difference of Kasdin (Proc. IEEE 83(5), 1995, eq. 104..): white noise of
+Flicker noise is the fractional difference of Kasdin (Proc. IEEE 83(5), 1995, eq. 104): white noise of
 variance B^2 through h_0 = 1, h_k = h_{k-1} (k - 1/2) / k has the one-sided density B^2 / (pi f) of IEEE 952's
-bias instability, at any sample rate. `relaxing` makes nearly the same from relaxations, as semiconductors
-do. The others straight from their definition: quantisation is the difference quotient of an angle with white
-error Q, angle random walk a white rate of density N, rate random walk the sum of white steps K sqrt(dt),
-ramp R t.
+bias instability, at any sample rate. `relaxing` approximates it by a sum of relaxations, as in
+semiconductors. The others follow their definitions: quantisation is the difference quotient of an angle with
+white error Q, angle random walk a white rate of density N, rate random walk the sum of white steps K
+sqrt(dt), ramp R t.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ from scipy.signal import butter, fftconvolve, lfilter, sosfilt
 
 
 def gyro_noise(samples, dt, rng, *, q=0.0, n=0.0, b=0.0, k=0.0, r=0.0):
-    """(samples,) rates in the unit of the coefficients, from rng."""
+    """Return simulated rates, (samples,), in the units of the coefficients."""
     noise = np.zeros(samples)
     if q:
         noise += np.diff(rng.normal(0.0, q, samples + 1)) / dt
@@ -31,7 +31,7 @@ def gyro_noise(samples, dt, rng, *, q=0.0, n=0.0, b=0.0, k=0.0, r=0.0):
 
 
 def relaxing(samples, dt, rng, b, *, per_decade=3):
-    """(samples,) flicker noise of bias instability b as a sum of relaxations from dt to beyond the record.
+    """Return flicker noise (samples,) of bias instability b as relaxations from dt to beyond the record.
 
     Relaxations of equal variance v whose time constants are spaced evenly by a factor e^h add up to a
     one-sided density v / (h f) (McWhorter 1957): v = h b^2 / pi.

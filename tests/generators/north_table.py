@@ -14,14 +14,14 @@ EARTH_RATE_DEG_H = 15.041067
 
 @dataclass(frozen=True)
 class Sensor:
-    """n in deg/sqrt(h), b in deg/h (flicker coefficient of IEEE 952), k in deg/h/sqrt(h)."""
+    """A gyro with noise n in deg/sqrt(h), b in deg/h (flicker of IEEE 952) and k in deg/h/sqrt(h)."""
 
     n: float
     b: float
     k: float
 
     def error(self, count, dt, rng):
-        """(count,) rad/s."""
+        """Return simulated errors of the rate, (count,) rad/s."""
         white = self.n / 60 * np.pi / 180 / np.sqrt(dt) * rng.standard_normal(count)
         size = 1 << int(np.ceil(np.log2(4 * count)))
         f = np.fft.rfftfreq(size, dt)
@@ -37,12 +37,10 @@ class Sensor:
 
 
 def earth_in_sensor(azimuth, angle, latitude):
-    """Rate (N,) that a level axis feels on a table that is turned by `angle`.
+    """Return the Earth rate (N,) along a level axis on a table at `angle` (N,), rad.
 
-    azimuth: of table zero, clockwise from north.
-
-    East, north, up. Table zero points to (sin azimuth, cos azimuth, 0); a turn anticlockwise seen from
-    above is a right-handed turn about up.
+    azimuth: azimuth of table zero, rad clockwise from north. In axes east, north, up, table zero points to
+    (sin azimuth, cos azimuth, 0), and the table turns about up, anticlockwise seen from above.
     """
     earth = np.radians(EARTH_RATE_DEG_H) / 3600 * np.array([0.0, np.cos(latitude), np.sin(latitude)])
     zero = np.array([np.sin(azimuth), np.cos(azimuth), 0.0])
@@ -62,12 +60,10 @@ class Run:
 
 
 def maytag(error, dt, azimuth, latitude, angles, stop, turn, *, transient=0.0, rng=None):
-    """Stops of `stop` s at each of `angles`, turns of `turn` s between.
+    """Return a run with stops of `stop` s at each of `angles` and turns of `turn` s between them.
 
-    error: (N,) rad/s, is used from its start.
-
-    transient: rad/s that the axis feels from the turn itself, decaying with 0.15 s after the table has
-    stopped.
+    error: gyro error, (N,) rad/s, of which the beginning is used. transient: additional rate caused by the
+    turn, rad/s, which decays with a time constant of 0.15 s after the table has stopped.
     """
     t_table, a_table, moving = [0.0], [angles[0]], [0]
     now = 0.0
@@ -106,7 +102,7 @@ def maytag(error, dt, azimuth, latitude, angles, stop, turn, *, transient=0.0, r
 
 
 def carousel(error, dt, azimuth, latitude, period, duration):
-    """Return angles of a table that turns anticlockwise continuously, one turn per `period` s."""
+    """Return a run on a table that turns anticlockwise continuously, one turn per `period` s."""
     t = np.arange(round(duration / dt)) * dt
     angle = 2 * np.pi * t / period
     rate = earth_in_sensor(azimuth, angle, latitude) + error[: len(t)]

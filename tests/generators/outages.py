@@ -36,7 +36,7 @@ def drive_with_outage(
     drive = wheel_drives.drive(wheel_drives.legs([*parts, after, (2.0, 0.0, 0.0)]), rng)
     start = standstill_s + BEFORE + float(rng.uniform(-0.5, 0.5))
     for name, node in drive.nodes.items():
-        # A cable or a radio is lost for both at once, but for what is on its way.
+        # Both nodes are lost at once (cable or radio), apart from data in transit.
         own = start + float(rng.uniform(0.0, 0.05))
         keep = (node.t < own) | (node.t > own + seconds)
         drive.nodes[name] = replace(node, t=node.t[keep], gyro=node.gyro[keep], accel=node.accel[keep])
@@ -44,10 +44,10 @@ def drive_with_outage(
 
 
 def paused_drive(seed: int, seconds: float, length: float = 40.0) -> tuple[WheelDrive, float, float]:
-    """Once round in `length` m with a rest of ten seconds in the middle, in which the clock goes
-    on by `seconds`.
+    """Return a drive of `length` m with a standstill in its middle, in which the clock advances by `seconds`.
 
-    That is a pause in which the vehicle stands, or a jump of the clock. Also the middle, s, and the end.
+    That is a pause of the stationary vehicle, or a jump of the clock. Also return the times of the middle and
+    of the end, s.
     """
     rng = np.random.default_rng(seed)
     half = wheel_drives.loop(rng, 0.5 * length, 6.0)
@@ -89,7 +89,7 @@ def random_outage(seed: int) -> tuple[WheelDrive, float, float]:
     rng = np.random.default_rng([seed, 34])
     speed = float(np.exp(rng.uniform(np.log(0.3), np.log(3.0))))
     seconds = float(rng.uniform(0.5, 5.0))
-    # No more than 1.5 m/s² sideways, nor than 0.5 rad/s.
+    # Limit the lateral acceleration to 1.5 m/s² and the yaw rate to 0.5 rad/s.
     sharpest = min(0.5, 1.5 / speed)
     turn = float(rng.choice([0.0, rng.uniform(-sharpest, sharpest)]))
     other = (speed, turn)

@@ -1,8 +1,8 @@
-"""An IMU carried by hand from rest to rest, from first principles: scipy's attitudes, rates in closed form.
+"""An IMU carried by hand from pose to pose, from first principles: scipy's attitudes, rates in closed form.
 
-Shares nothing with the calibration under test. Between poses the node turns about one axis fixed in it, by
+It shares nothing with the calibration under test. Between poses the node turns about one axis fixed in it, by
 an angle that follows a raised cosine, so its rate is known exactly at every instant; sensor errors are
-written out line by line after eq. 1 and 2 of Avrutov.
+written out term by term after eq. 1 and 2 of Avrutov.
 """
 
 from dataclasses import dataclass, field
@@ -58,11 +58,10 @@ def carry(
     attitudes=None,
     g_sensitivity=None,
 ):
-    """Rests of `rest` s in random attitudes, turns of `turn` s between.
+    """Return a record with standstills in random attitudes and turns of `turn` s between them.
 
-    attitudes: those given, scipy Rotation from node to world.
-
-    latitude: rad, adds Earth rate. g_sensitivity: (3, 3) (rad/s)/(m/s²).
+    attitudes: scipy Rotations from node to world instead of random ones. latitude: rad; adds Earth rate.
+    g_sensitivity: (3, 3) (rad/s)/(m/s²).
     """
     if attitudes is None:
         attitudes = Rotation.random(poses, rng=rng)

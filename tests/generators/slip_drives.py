@@ -14,17 +14,17 @@ from generators.wheel_drives import RATE_HZ, Errors, Plan, WheelDrive, _smooth, 
 
 
 def hilly(plan: Plan, rng: np.random.Generator, grade: float = 0.06, rough: float = 0.002) -> Plan:
-    """The plan on a road that climbs and falls by up to some `grade` within tens of metres.
+    """Return the plan on a road that climbs and falls by up to some `grade` within tens of metres.
 
-    rough: m rms of unevenness that lasts for half a metre of the way (an exponential correlation, the decline
-    of two decades by decade that ISO 8608 has), smoothed by a tyre of 5 cm.
+    rough: unevenness, m rms, with a correlation length of half a metre (an exponential correlation, whose
+    spectrum falls by two decades per decade, as in ISO 8608), smoothed by a tyre of 5 cm.
     """
     distance = np.concatenate([[0.0], np.cumsum(np.abs(plan.speed))]) / RATE_HZ
     step = 0.01
     at = np.arange(0.0, distance[-1] + 1.0, step)
     height = np.zeros(len(at))
     for length in (30.0, 55.0, 90.0):
-        # The steepest of a sine of amplitude A and length L is 2 pi A / L.
+        # The steepest slope of a sine of amplitude A and length L is 2 pi A / L.
         amplitude = grade / 3.0 * length / (2.0 * np.pi) * rng.uniform(0.5, 1.0)
         height += amplitude * np.sin(2.0 * np.pi * (at / length + rng.uniform()))
     fade = np.exp(-step / 0.5)
@@ -45,16 +45,16 @@ def driven_loop(rng: np.random.Generator, length: float = 120.0) -> Plan:
 
 
 def moving_time(plan: Plan, rng: np.random.Generator, duration: float) -> float:
-    """s; a time from which on the vehicle moves for so long."""
+    """Return a random time, s, from which on the vehicle moves for `duration` s."""
     moves = np.flatnonzero(np.abs(plan.speed) > 0.5) / RATE_HZ
     return float(rng.uniform(moves[0] + 4.0, moves[-1] - duration - 4.0))
 
 
 def lifted(plan: Plan, node: str, start: float, duration: float, ends_at: float, lasts: float) -> Plan:
-    """The plan with one wheel in the air.
+    """Return the plan with one wheel in the air for `duration` s.
 
-    It leaves the road with the speed that it has, comes to `ends_at` times the vehicle's speed by then with a
-    time constant of `lasts` s, and is back on the road's speed within two tenths after it touches down.
+    The wheel leaves the road at its present speed and approaches `ends_at` times that speed with a time
+    constant of `lasts` s; within 0.2 s after touching down it has the speed of the road again.
     """
     t = np.arange(len(plan.speed)) / RATE_HZ
     first, last = int(start * RATE_HZ), int((start + duration) * RATE_HZ)
@@ -77,14 +77,14 @@ def spinning(plan: Plan, nodes: tuple[str, ...], start: float, duration: float, 
 def steered(
     rng: np.random.Generator, errors: Errors, side: str, wheelbase: float = 0.6, length: float = 120.0
 ) -> WheelDrive:
-    """A drive whose `side` node sits on the steered wheel in front of the other one's axle.
+    """Return a drive whose `side` node sits on a steered wheel in front of the axle of the other one.
 
-    The vehicle turns about a point on the rear axle: the front contact at (wheelbase, y) moves with
-    (v - r y, r wheelbase), and its wheel points there. Each wheel is a drive of its own along the way of its
-    contact, with the heading of the wheel; the truth is that of the rear axle's middle.
+    The vehicle turns about a point on the rear axle: the front contact point at (wheelbase, y) moves with
+    (v - r y, r wheelbase), and its wheel points in that direction. Each wheel is a drive of its own along the
+    path of its contact point; the truth is that of the middle of the rear axle.
     """
     plan = loop(rng, length, 6.0)
-    # Turning needs motion: the curvature of the way is what is steered.
+    # The steering sets the curvature of the path, so a stationary vehicle does not turn.
     curvature = np.clip(plan.yaw_rate / np.maximum(plan.speed, 0.5), -1.2, 1.2)
     plan = replace(plan, yaw_rate=curvature * plan.speed)
     whole = drive(plan, rng, errors)

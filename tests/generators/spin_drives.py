@@ -1,8 +1,8 @@
-"""A gyro on a wheel that starts, rolls and stops, made without any code of hubodo.
+"""A gyro on a wheel that starts, rolls and stops, generated without any code of hubodo.
 
-The wheel rate is a chain of random speeds with limited acceleration, from rest to rest, as a driver with a
-joystick makes it; the gyro adds a constant bias, a random walk of it, and white noise. For filters of one
-axis; `rolling_node` adds the accelerometer in the turning frame for a wheel on a level road.
+The wheel rate is a sequence of random speeds with limited acceleration, from rest to rest, as driven with a
+joystick; the gyro adds a constant bias, its random walk, and white noise. For filters of one axis;
+`rolling_node` adds the accelerometer in the rotating frame of a wheel on a level road.
 """
 
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ GRAVITY = 9.80665
 class SpinDrive:
     """A gyro on a wheel.
 
-    t: (N,) s. rate: the true wheel rate, z: the gyro, bias: what it adds, (N,) rad/s. rest: samples at the
-    start in which the wheel stands. dt: s.
+    t: (N,) s. rate: true wheel rate, z: reading of the gyro, bias: its bias, (N,) rad/s. rest: number of
+    samples at standstill at the start. dt: sample interval, s.
     """
 
     t: np.ndarray
@@ -32,10 +32,10 @@ class SpinDrive:
 
 
 def wheel_rate(rng, duration, dt, *, top=1.0, acceleration=0.5, standstill_s=20.0):
-    """(N,) rad/s: speeds of 0.3 ..
+    """Return a wheel rate, (N,) rad/s: speeds from 0.3 to `top` m/s, each held for 3 to 8 s.
 
-    `top` m/s held for 3 .. 8 s, changed at `acceleration` m/s^2, corners rounded over 0.2 s; every fifth leg
-    is a stop. It stands for the first `rest` seconds.
+    Speeds change at `acceleration` m/s² with corners rounded over 0.2 s; every fifth leg is a stop. The wheel
+    stands still for the first `rest` seconds.
     """
     wanted = [np.zeros(int(standstill_s / dt))]
     held, leg = 0.0, 0
@@ -55,10 +55,10 @@ def wheel_rate(rng, duration, dt, *, top=1.0, acceleration=0.5, standstill_s=20.
 
 
 def sensed(rng, rate, dt, *, noise=9e-4, bias=0.02, walk=1e-5, standstill_s=20.0):
-    """The gyro on that wheel.
+    """Return the record of a gyro on that wheel.
 
-    noise: rad/s per sample; bias: rad/s, 1 sigma of the constant; walk: rad/s per sqrt(s); rest: s at the
-    start in which the wheel stands, a tenth of it held back for the first corner.
+    noise: rad/s per sample; bias: 1 sigma of the constant bias, rad/s; walk: rad/s per √s; rest: duration of
+    the standstill at the start, s, of which the last tenth is left to the first rounded corner.
     """
     count = len(rate)
     drift = bias * rng.standard_normal() + np.cumsum(walk * np.sqrt(dt) * rng.standard_normal(count))
@@ -67,9 +67,10 @@ def sensed(rng, rate, dt, *, noise=9e-4, bias=0.02, walk=1e-5, standstill_s=20.0
 
 
 def rolling_node(rng, rate, dt, *, bias, noise=9e-4, vibration=0.2, arm=(0.01, 0.0), tilt=(0.0, 0.0)):
-    """(N, 3) gyro and accel in node axes for a wheel that faces left: gravity turns as (cos, -sin).
+    """Return gyro and accelerometer, (N, 3) each, in axes of a node facing left: gravity is (cos, -sin).
 
-    arm: m, lever arm of the sensing point; tilt: rad, of the axle in the node; vibration: m/s^2 a sample.
+    arm: lever arm of the sensing point, m; tilt: tilt of the axle in the node, rad; vibration: m/s² per
+    sample.
     """
     angle = rng.uniform(-np.pi, np.pi) + np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]) * dt)])
     change = np.gradient(rate, dt)

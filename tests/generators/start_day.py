@@ -1,10 +1,10 @@
-"""The START gyro of Barshan and Durrant-Whyte as it was used, with all that the paper says or shows of it.
+"""The START gyro of Barshan and Durrant-Whyte as it was used, with all that the paper states or shows.
 
-What `start_gyro.py` leaves out, without any code of hubodo; deg/s and s as in the paper. Of the paper: a room
-at 25 degrees C give or take 2, under a thermostat; drift due to heating; 2,000 samples at rest within 1 to 2
-s; a residual that is white at 50 ms, so a bandwidth of 10 Hz or more; the offset differs from day to day; a
-table that is set a new rate every 30 s, after which the orientation is 36 degrees off at worst and 3.4 at the
-end. Ours: the sizes of what follows from that.
+It adds what `start_gyro.py` omits, without any code of hubodo; deg/s and s as in the paper. From the paper: a
+room at 25 ± 2 degrees C with a thermostat; drift due to heating; 2,000 samples at rest within 1 to 2 s; a
+residual that is white at 50 ms, hence a bandwidth of 10 Hz or more; an offset that differs from day to day; a
+table with a new rate every 30 s, after which the orientation error is 36 degrees at most and 3.4 at the end.
+The sizes of the resulting effects are ours.
 """
 
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ COURSE = 0.05
 
 @dataclass(frozen=True)
 class Day:
-    """One power-on: C1, T, the offset beside C2, the swing of the room (degrees C, s, rad), the scale."""
+    """One power-on: C1, T, the offset beside C2, swing of the room (degrees C, s, rad), scale error."""
 
     c1: float
     constant: float
@@ -39,13 +39,13 @@ class Day:
     scale: float
 
     def bias(self, age):
-        """deg/s at an age of s."""
+        """Return the bias, deg/s, at an age, s."""
         room = self.swing * np.sin(2.0 * np.pi * age / self.period + self.phase)
         return start.C2 + self.offset - self.c1 * np.expm1(-age / self.constant) + PER_DEGREE * room
 
 
 def day(rng, offset=None):
-    """A power-on; offset: deg/s, drawn where None."""
+    """Draw a power-on; offset: deg/s, None to draw it."""
     return Day(
         start.C1 * (1.0 + COURSE * rng.normal()),
         start.T * (1.0 + COURSE * rng.normal()),
@@ -58,7 +58,7 @@ def day(rng, offset=None):
 
 
 def sensed(one, age, rate, rng, dt=DT, noise=start.NOISE):
-    """Output of the gyro in deg/s for the true rate (N,) at ages (N,), digitised."""
+    """Return the digitised output of the gyro, deg/s, for the true rate (N,) at ages (N,), s."""
     keep = np.exp(-2.0 * np.pi * BANDWIDTH * dt)
     scatter = lfilter([np.sqrt(1.0 - keep**2)], [1.0, -keep], rng.normal(0.0, noise, len(rate) + 50))[50:]
     late = lfilter([1.0 - keep], [1.0, -keep], rate, zi=[keep * rate[0]])[0]
@@ -66,7 +66,7 @@ def sensed(one, age, rate, rng, dt=DT, noise=start.NOISE):
 
 
 def run(case, rng, seconds=300.0):
-    """(t, true rate, output, the day) of a rest and a drive, whose offset makes it drift as the paper's."""
+    """Return (t, true rate, output, day) of a rest and a drive that drift as in the paper."""
     age = start.AGES[case] + np.arange(round((REST + seconds) / DT)) * DT
     moving = round(REST / DT)
     rate = np.zeros(len(age))
@@ -81,8 +81,8 @@ def run(case, rng, seconds=300.0):
 
 
 def overnight(rng, step=5.0, duration=12 * 3600.0):
-    """(t, output) at rest for a night from power-on: means over `step` s, on a day of its own."""
+    """Return (t, output) at rest for a night from power-on, as means over `step` s, on a day of its own."""
     age = np.arange(0.0, duration, step)
-    # Means of 5 s of a one-pole noise: its density 2 tau sigma^2 over the step, tau = 1 / (2 pi 10 Hz).
+    # The mean of a one-pole noise over 5 s has the variance 2 tau sigma^2 / 5 s, tau = 1 / (2 pi 10 Hz).
     spread = start.NOISE * np.sqrt(2.0 / (2.0 * np.pi * BANDWIDTH) / step)
     return age, day(rng).bias(age) + rng.normal(0.0, spread, len(age))

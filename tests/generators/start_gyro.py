@@ -12,8 +12,8 @@ AVERAGED = 2000
 RUN = 6000
 """Number of samples in five minutes."""
 
-# Mean rate error of the paper's three runs of five minutes (-70.8, +27.4, -84.7 deg): the offset of the day
-# is chosen so that the simulated run drifts as much, since C2 alone does not reach the warm run's sign.
+# Mean rate errors of the paper's three runs of five minutes (-70.8, +27.4, -84.7 deg): the offset of the day
+# is chosen so that the simulated run drifts as much, because C2 alone has the wrong sign for the warm run.
 DRIFTS_DEG = {"cold start": -70.8, "warmed up": 27.4, "random rates": -84.7}
 AGES = {"cold start": 0.0, "warmed up": 8 * 3600.0, "random rates": 600.0}
 
@@ -35,9 +35,9 @@ def overnight(interval, duration, rng):
 
 
 def run(case, rng, offset=None):
-    """2,000 samples at rest, then five minutes: true rate and output, (8000,) each, and the age.
+    """Return true rate and output, (8000,) each, of 2,000 samples at rest and five minutes, and the age.
 
-    offset: deg/s of the day, the paper's drift where None.
+    offset: offset of the day, deg/s; None for the one that reproduces the paper's drift.
     """
     count = AVERAGED + RUN
     t = AGES[case] + np.arange(count) * DT

@@ -1,7 +1,7 @@
 """Records of a vertical gyro that turns at a new steady rate every 30 s, with or without standstills.
 
-From first principles: the heading is the integral of the rate, gravity and Earth rate are vectors that turn
-with it. Shares nothing with the estimators.
+From first principles: the heading is the integral of the rate; gravity and Earth rate are vectors that rotate
+with it. It shares nothing with the estimators.
 """
 
 import numpy as np
@@ -27,8 +27,9 @@ def steady_turns(
 ):
     """Return t, gyro (N, 3), accel (N, 3) and the true heading (N,).
 
-    standstills: numbers of the segments that stand. first: s of the first segment. fastest: deg/s. lean:
-    degrees of the turning axis. scale_sigma: 1 sigma of the relative scale error. warmup: deg/s in all.
+    standstills: numbers of the segments without rotation. first: duration of the first segment, s. fastest:
+    largest rate, deg/s. lean: inclination of the rotation axis, degrees. scale_sigma: 1 sigma of the relative
+    scale error. warmup: total warm-up of the bias, deg/s.
     """
     rng = np.random.default_rng(seed)
     rates = rng.uniform(-fastest, fastest, segments) * DEG
@@ -37,7 +38,7 @@ def steady_turns(
     lengths[0] = first or length
     edges = np.concatenate([[0.0], np.cumsum(lengths)])
     t = np.arange(0.0, edges[-1], 1.0 / hz)
-    # Half a second at either end of a segment belongs to the change of the rate.
+    # Half a second at either end of a segment is needed for the change of the rate.
     knots = np.sort(np.concatenate([edges[:-1] + 0.5, edges[1:] - 0.5]))
     rate = np.interp(t, knots, np.repeat(rates, 2))
     heading = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1])) / hz])

@@ -1,4 +1,4 @@
-"""Folders of `table_record` as the command line reads them: node, and table.csv where there is one."""
+"""Folders of `table_record` as the command line reads them: a node, and table.csv if there is one."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from hubodo.recording import Recording, Table
 
 
 def write_record(path, programme, rng, *, table=True, row_step=0.1, lag=0.0, **world):
-    """Write the folder and return its path; lag: s by which the clock of table.csv is late."""
+    """Write the folder and return its path; lag: delay of the clock of table.csv, s."""
     t, gyro, accel, _ = table_record(programme, rng, **world)
     columns = dict(zip(("t", "gx", "gy", "gz", "ax", "ay", "az"), (t, *gyro.T, *accel.T), strict=True))
     rows = None

@@ -1,7 +1,7 @@
-"""A node with three axes on a turntable as it comes: unequal stops, nudges, lean, shaking, scale, drift.
+"""A node with three axes on an imperfect turntable: unequal stops, nudges, lean, vibration, drift.
 
 From first principles: attitudes are products of matrices, Earth rate and gravity are vectors in east, north,
-up. Shares nothing with the estimators.
+up. It shares nothing with the estimators.
 """
 
 from dataclasses import dataclass, field
@@ -16,9 +16,10 @@ DEG_H = np.pi / 180 / 3600
 
 @dataclass
 class Programme:
-    """turns: degrees of each turn, anticlockwise positive. stops: s of each stop, one more than turns.
+    """A programme of stops and turns.
 
-    rates: deg/s of each turn. nudges: (s, degrees) of sudden small turns while the table stands.
+    turns: angle of each turn, degrees, anticlockwise positive. stops: duration of each stop, s, one more than
+    turns. rates: mean rate of each turn, deg/s. nudges: (s, degrees) of sudden small turns during a stop.
     """
 
     turns: list
@@ -27,7 +28,7 @@ class Programme:
     nudges: list = field(default_factory=list)
 
     def angle(self, t):
-        """(N,) rad, and (stops, 2) s from when to when it stood, (stops,) rad there."""
+        """Return the angle at t, (N,) rad, and (stops, 3): start, end (s) and angle (rad) of each stop."""
         knots_t, knots_a, stood = [0.0], [0.0], []
         for stop, turn, rate in zip(self.stops, [*self.turns, None], [*self.rates, None], strict=True):
             start = knots_t[-1]
@@ -35,7 +36,7 @@ class Programme:
             knots_a.append(knots_a[-1])
             stood.append((start, start + stop, knots_a[-1]))
             if turn is not None:
-                # A rate that rises and falls evenly, a raised cosine.
+                # The rate of a turn rises and falls as a raised cosine.
                 length = 2 * abs(turn) / rate
                 s = np.linspace(0, 1, 60)[1:]
                 knots_a += list(knots_a[-1] + turn * (s - np.sin(2 * np.pi * s) / (2 * np.pi)))
@@ -52,9 +53,9 @@ class Programme:
 
 @dataclass
 class Carousel:
-    """A table that stands `before` s, turns at `rate` deg/s for `turning` s, and stands `after` s.
+    """A table that stands for `before` s, turns at `rate` deg/s for `turning` s, and stands for `after` s.
 
-    It speeds up and slows down within 2 s each. ripple: relative, of the rate, at 0.3 Hz.
+    It accelerates and decelerates within 2 s. ripple: relative ripple of the rate at 0.3 Hz.
     """
 
     before: float
@@ -64,7 +65,7 @@ class Carousel:
     ripple: float = 0.0
 
     def angle(self, t):
-        """(N,) rad, and the two spans in which the table stood, as of `Programme.angle`."""
+        """Return the table angle and the two stops as `Programme.angle` does."""
         fine = np.arange(0.0, self.duration + 0.02, 0.01)
         start, end = self.before, self.before + self.turning
         ramp = np.clip((fine - start) / 2, 0, 1) * np.clip((end - fine) / 2, 0, 1)
@@ -88,7 +89,7 @@ def table_rows(programme, *, step=0.1, lag=0.0):
 
 
 def about(axis, angle):
-    """(N, 3, 3) rotation matrices by angle (N,) about a coordinate axis."""
+    """Return rotation matrices (N, 3, 3) by angle (N,), rad, about a coordinate axis."""
     c, s = np.cos(angle), np.sin(angle)
     rotation = np.zeros((len(angle), 3, 3))
     i, j = (axis + 1) % 3, (axis + 2) % 3
@@ -114,20 +115,20 @@ def table_record(
     cross_axis=0.0,
     kick=None,
 ):
-    """t, gyro (N, 3), accel (N, 3), stops as of `Programme.angle`.
+    """Return t, gyro (N, 3), accel (N, 3) and the stops as in `Programme.angle`.
 
-    azimuth: rad, of x at table zero, clockwise from north. noise: n, b, k, r of each axis, of `gyro_noise`.
-    scale: relative error of the gyro. elevation: rad by which x looks up. lean: rad by which the table's axis
-    leans, about east and north. vibration: rad/s amplitude of a shaking at 23.7 Hz, one axis after the other.
-    cross_axis: share of each rate that the two other axes feel. kick: (from s, length s, rad/s) of a blow on
-    all axes.
+    azimuth: azimuth of x at table zero, rad clockwise from north. noise: n, b, k, r of each axis, see
+    `gyro_noise`. scale: relative scale error of the gyro. elevation: angle of x above the horizon, rad. lean:
+    inclination of the table's axis about east and north, rad. vibration: amplitude at 23.7 Hz on one axis
+    after the other, rad/s. cross_axis: share of each rate that appears on the two other axes. kick: (start in
+    s, duration in s, rad/s) of a blow on all axes.
     """
     dt = 1 / hz
     t = np.arange(0, programme.duration, dt)
     angle, stood = programme.angle(t)
     fine = np.arange(0, programme.duration + dt, dt / 4)
     spin = np.diff(programme.angle(fine)[0])[: 4 * len(t)].reshape(-1, 4).sum(axis=1) / dt
-    # The mean of a sample's interval, as a gyro with its low-pass gives it; table axes to east, north, up.
+    # Each sample is the mean over its interval, as behind a low-pass; from table axes to east, north, up.
     base = about(0, np.array([lean[0]]))[0] @ about(1, np.array([lean[1]]))[0]
     zero = np.pi / 2 - azimuth
     world = base @ about(2, np.full(1, zero))[0] @ about(2, angle) @ about(1, np.full(1, -elevation))[0]

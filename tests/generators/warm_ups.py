@@ -16,7 +16,7 @@ WALK, FLICKER = 1e-4, 20.0 / 3600.0
 
 
 def warm_up(form, added, seconds, rng):
-    """(t, bias, temperature) of each second; temperature None where the sensor has no thermometer."""
+    """Return (t, bias, temperature) once per second; temperature: None for a sensor without a thermometer."""
     t = np.arange(0.0, seconds)
     size = rng.choice([-1.0, 1.0]) * np.exp(rng.uniform(np.log(0.05), np.log(0.5)))
     constant = np.exp(rng.uniform(np.log(300.0), np.log(3600.0)))
@@ -42,10 +42,9 @@ def warm_up(form, added, seconds, rng):
 
 
 def heated(t, size, constant, rng):
-    """Temperature of the chip, and a bias in proportion to that of its package, which follows later.
+    """Return the temperature of the chip, and a bias proportional to that of its package, which lags.
 
-    The chip heats itself by 8 degrees; the room swings by a degree or two within hours, as one with a
-    thermostat does.
+    The chip heats itself by 8 degrees; the temperature of the room swings by 0.5 to 2 degrees within hours.
     """
     swing = rng.uniform(0.5, 2.0) * np.sin(2 * np.pi * (t / rng.uniform(3600.0, 4 * 3600.0) + rng.uniform()))
     chip = 25.0 + swing - 8.0 * np.expm1(-t / constant)

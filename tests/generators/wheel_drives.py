@@ -1,10 +1,10 @@
 """Drives as nodes on wheels record them, generated without the model under test.
 
-Positions and rotations of a rigid wheel are written down in the world at 1 kHz and differentiated
-numerically: rate from the change of the rotation, specific force from the second difference of the sensing
-point's position. Nothing is taken from hubodo. Then comes the sensor: mounting, scale, bias with warm-up,
-noise, its own clock, saturation and steps of the LSM6DS33, at 2000 deg/s and 16 g unless told otherwise (its
-16-bit words end at 2293 deg/s).
+Positions and rotations of a rigid wheel are computed in world axes at 1 kHz and differentiated numerically:
+the rate from the change of the rotation, the specific force from the second difference of the sensing point's
+position. Nothing is taken from hubodo. The sensor follows: mounting, scale, bias with warm-up, noise, its own
+clock, saturation and steps of the LSM6DS33, by default at 2000 deg/s and 16 g (its 16-bit words end at 2293
+deg/s).
 """
 
 from __future__ import annotations
@@ -29,15 +29,14 @@ ACCEL_DENSITY = 90e-6 * GRAVITY
 class Errors:
     """1 sigma of the errors drawn for each drive and node; all zero: perfect sensors on a flat road.
 
-    radius, track: fractions. scale: of each gyro and accelerometer axis (accel_scale); scale_correlation: of
-    the scale errors of gx and gy with that of gz, as on the chips of a real car. bias, warmup: rad/s.
-    tilt: rad of the spin axis. arm: m in each direction. accel_bias: m/s². g_sensitivity: (rad/s)/(m/s²).
-    clock: s between the nodes. roll: rad/s of the vehicle
-    while it moves. vibration: m/s² per sample. road: m per square root of
-    a metre that a wheel rolls too far or not far enough. noise: times the data sheet's densities. bumps: the
-    road's roughness in units of ISO 8608 class A (16e-6 m³ at 0.1 cycles/m), which a tyre lets through up to
-    10 Hz and which throws the hub up and down. flicker, accel_flicker: rad/s and m/s² of bias instability
-    (IEEE 952's B) of every axis.
+    radius, track: relative errors. scale, accel_scale: relative error of each gyro and accelerometer axis;
+    scale_correlation: correlation of the scale errors of gx and gy with that of gz, as on the chips of a real
+    car. bias, warmup: rad/s. tilt: tilt of the spin axis, rad. arm: lever arm in each direction, m.
+    accel_bias: m/s². g_sensitivity: (rad/s)/(m/s²). clock: offset between the nodes, s. roll: roll rate of
+    the moving vehicle, rad/s. vibration: m/s² per sample. road: error of the rolled distance, m per √m.
+    noise: factor on the noise densities of the data sheet. bumps: roughness of the road in units of ISO 8608
+    class A (16e-6 m³ at 0.1 cycles/m), filtered by a tyre of 10 Hz, which moves the hub up and down. flicker,
+    accel_flicker: bias instability of every axis, rad/s and m/s² (IEEE 952's B).
     """
 
     radius: float = 0.002
@@ -66,7 +65,7 @@ PERFECT = Errors(*([0.0] * 16))
 
 @dataclass(frozen=True)
 class Ends:
-    """Ranges of the sensors, rad/s and m/s²: 2**15 LSB."""
+    """Ranges of the sensors, rad/s and m/s²: 2**15 counts."""
 
     gyro: float = 2**15 * GYRO_STEP
     accel: float = 2**15 * ACCEL_STEP
@@ -87,7 +86,11 @@ class Node:
 
 @dataclass(frozen=True)
 class WheelDrive:
-    """nodes: by name. t, x, y, heading, speed: the truth, 1 kHz. length: m. radius, track: as declared, m."""
+    """A drive.
+
+    nodes: records by node name. t, x, y, heading, speed: truth at 1 kHz. length: path, m. radius, track:
+    declared values, m.
+    """
 
     nodes: dict[str, Node]
     t: np.ndarray
@@ -104,8 +107,9 @@ class WheelDrive:
 class Plan:
     """The planned motion of the vehicle.
 
-    speed, yaw_rate: m/s along the road, rad/s at 1 kHz, smooth. slip: m/s that each named wheel turns beyond
-    the road under it. height: m of the road, the same under both wheels; None where it is level.
+    speed, yaw_rate: m/s along the road and rad/s at 1 kHz, smooth. slip: surface speed of a named wheel
+    beyond the speed of the road under it, m/s. height: height of the road, m, equal under both wheels; None
+    if level.
     """
 
     speed: np.ndarray
@@ -141,8 +145,7 @@ def loop(
     standstill_s: float = 8.0,
     speed: tuple[float, float] = (0.8, 1.8),
 ) -> Plan:
-    """Once round in `length` metres with random legs between, from rest to rest; speed: m/s of the slowest
-    leg and the fastest."""
+    """Return a loop of `length` m with random legs, from rest to rest; speed: range of the legs, m/s."""
     parts, done = [(standstill_s, 0.0, 0.0)] if standstill_s > 0.0 else [], 0.0
     while done < length:
         duration, now = float(rng.uniform(3.0, 8.0)), float(rng.uniform(*speed))
@@ -155,9 +158,9 @@ def loop(
 
 
 def ramps(parts: list[tuple[float, float, float]], hardest: float = 2.5, start_speed: float = 0.0) -> Plan:
-    """Legs of (duration s, speed m/s, yaw rate rad/s), with no more than `hardest` m/s² between their speeds.
+    """Return a plan of legs (duration s, speed m/s, yaw rate rad/s), joined by ramps of `hardest` m/s².
 
-    begin: m/s before the first leg.
+    start_speed: speed before the first leg, m/s.
     """
     speeds, now = [], start_speed
     for duration, speed, _ in parts:
@@ -184,12 +187,12 @@ def drive(
     latitude_deg: float | None = None,
     rotations: bool = False,
 ) -> WheelDrive:
-    """Run a plan.
+    """Return the drive that follows a plan.
 
-    facing: where each node's z axis points, `left` unless named. arm: x, y of the lever arm, m, instead of a
-    drawn one. ends: of the sensors' words. latitude_deg: of an Earth that turns below (x east, y
-    north); None: it stands. rotations: whether a node that is tilted is turned by a rotation, instead of by
-    the small vector that stands for one.
+    facing: side to which the z axis of a node points, by name, `left` by default. arm: lever arm x, y, m,
+    instead of a random one. ends: saturation limits of the sensors. latitude_deg: latitude on a rotating
+    Earth (x east, y north); None for an Earth that does not rotate. rotations: True to tilt a node by a
+    rotation instead of by the small vector that approximates it.
     """
     errors = errors or Errors()
     latitude = np.radians(latitude_deg or 0.0)
@@ -199,7 +202,8 @@ def drive(
     t = np.arange(len(plan.speed)) * dt
     heading = _integral(plan.yaw_rate)
     height = np.zeros(len(t)) if plan.height is None else plan.height
-    # A hub goes up and down with the road: its wheel rolls along the slope, the map sees less of it.
+    # A hub follows the height of the road: its wheel rolls along the slope, and the horizontal path is
+    # shorter.
     level = np.sqrt(np.maximum(plan.speed**2 - (np.gradient(height) * RATE_HZ) ** 2, 0.0))
     level = np.copysign(level, plan.speed)
     x = _integral(level * np.cos(heading))
@@ -251,7 +255,7 @@ def _wander(rate: float, count: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def _bumps(roughness: float, speed: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(N,) m, height of a hub: white slope of the road through a tyre of 10 Hz, damped by 0.4."""
+    """Return the height of a hub, (N,) m: white slope through a tyre of 10 Hz with damping 0.4."""
     if roughness == 0.0:
         return np.zeros(len(speed))
     # Two-sided density of the slope: (2 pi 0.1)² 16e-6 / 2 per cycle/m; a metre of road takes 1/v seconds.
@@ -260,20 +264,20 @@ def _bumps(roughness: float, speed: np.ndarray, rng: np.random.Generator) -> np.
     frequency = 2.0 * np.pi * np.fft.rfftfreq(len(speed), 1.0 / RATE_HZ)
     own = 2.0 * np.pi * 10.0
     tyre = own**2 / (own**2 - frequency**2 + 2j * 0.4 * own * frequency)
-    # No slower than 0.5 Hz: the hills of a long road are no bumps.
+    # Frequencies below 0.5 Hz are excluded: they are hills, not bumps.
     tyre[frequency < np.pi] = 0.0
     through = np.fft.irfft(np.fft.rfft(np.cumsum(climb) / RATE_HZ) * tyre, len(speed))
     return through * _smooth(np.minimum(1.0, speed / 0.5))
 
 
 def _rigid_wheel(road, heading, roll, theta, side, track, radius, camber, arm, earth_rate):
-    """(N, 3) rate and specific force in node axes, by differences of rotation and position.
+    """Return rate and specific force, (N, 3) each, in node axes by differences of rotation and position.
 
     earth_rate: (3,) rad/s east, north, up.
     """
     zero, one = np.zeros_like(heading), np.ones_like(heading)
     ch, sh, cr, sr = np.cos(heading), np.sin(heading), np.cos(roll), np.sin(roll)
-    # Rotations are (3, 3, N): numpy goes along the last axis fastest.
+    # Rotations are (3, 3, N), because numpy is fastest along the last axis.
     world_from_body = np.array([[ch, -sh * cr, sh * sr], [sh, ch * cr, -ch * sr], [zero, sr, cr]])
     lean = side * camber
     up = np.array([[0.0], [-np.sin(lean)], [np.cos(lean)]])
@@ -304,8 +308,8 @@ def _sensor(t, rate, force, rng, errors, rate_hz, ends, rotations) -> Node:
         turned = Rotation.from_rotvec(turn).as_matrix()
         rate, force, longer = rate @ turned, force @ turned, turned[2, 2]
     else:
-        # Axes turned by the small vector m read v - m x v. What is turned so is longer as well: a rotation
-        # would leave gz less of the spin.
+        # Axes tilted by the small vector m measure v - m x v, which is longer than v: a rotation would leave
+        # gz less of the spin.
         rate, force = rate - np.cross(turn, rate), force - np.cross(turn, force)
         longer = np.sqrt(1.0 + turn @ turn)
     period = 1.0 / (rate_hz * (1.0 + 0.01 * rng.uniform(-1.0, 1.0))) if errors.noise else 1.0 / rate_hz

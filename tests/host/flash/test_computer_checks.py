@@ -185,7 +185,12 @@ def listen_to_busy_port(port):
 @pytest.mark.parametrize(
     ("listen", "verdict", "observation", "remedy"),
     [
-        (lambda port: Reception(has_prompt=True), "warn", "without a running node", "hubodo flash /dev/ttyACM0"),
+        (
+            lambda port: Reception(has_prompt=True),
+            "warn",
+            "without a running node",
+            "hubodo flash /dev/ttyACM0",
+        ),
         (
             lambda port: Reception(n_bytes=70),
             "warn",
