@@ -65,6 +65,7 @@ accuracy: setup      ## accuracy over many seeded drives and records; about fift
 	$(BIN)/python tests/accuracy/mixed.py
 	$(BIN)/python tests/accuracy/gnss.py
 	$(BIN)/python tests/accuracy/live_map.py
+	$(BIN)/python tests/accuracy/set_pose.py
 	$(BIN)/python tests/accuracy/compass.py
 	$(BIN)/python tests/accuracy/allan_truth.py 40
 	$(BIN)/python tests/accuracy/warmup_forms.py

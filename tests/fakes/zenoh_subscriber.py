@@ -14,8 +14,8 @@ import time
 import zenoh
 
 
-def main():
-    port = sys.argv[1]
+def router_config(port):
+    """Return the settings of a router on a port of this computer, without other routers."""
     config = zenoh.Config()
     for key, value in {
         "mode": '"router"',
@@ -23,8 +23,12 @@ def main():
         "scouting/multicast/enabled": "false",
     }.items():
         config.insert_json5(key, value)
+    return config
+
+
+def main():
     messages, tokens = [], []
-    with zenoh.open(config) as session:
+    with zenoh.open(router_config(sys.argv[1])) as session:
 
         def note_message(sample):
             attachment = sample.attachment.to_bytes().hex() if sample.attachment else ""

@@ -35,9 +35,17 @@ DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
 PARTICIPANT_ENTITIES = "rmw_dds_common/ParticipantEntitiesInfo"
 HUMBLE_PARTICIPANT_ENTITIES = "rmw_dds_common/humble/ParticipantEntitiesInfo"
 
+POSE_WITH_COVARIANCE_STAMPED = "geometry_msgs/msg/PoseWithCovarianceStamped"
+EMPTY = "std_msgs/msg/Empty"
+EMPTY_SERVICE = "std_srvs/srv/Empty"
+TRIGGER_SERVICE = "std_srvs/srv/Trigger"
+SET_POSE_SERVICE = "robot_localization/srv/SetPose"
+
 UNKNOWN_VARIANCE = 1e6
 """m² or rad²: variance of a pose coordinate that was not measured; zero would mean exact."""
 ENCAPSULATION = b"\x00\x01\x00\x00"
+_NO_FIELDS = "uint8 structure_needs_at_least_one_member"
+"""Definition of a message without fields in IDL."""
 
 
 def _graph_definitions(package: str, id_bytes: int) -> dict[str, str]:
@@ -122,6 +130,18 @@ _DEFINITIONS: Mapping[str, str] = {
     TWIST_WITH_COVARIANCE_STAMPED: "std_msgs/Header header\ngeometry_msgs/TwistWithCovariance twist",
     JOINT_STATE: (
         "std_msgs/Header header\nstring[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort"
+    ),
+    POSE_WITH_COVARIANCE_STAMPED: "std_msgs/Header header\ngeometry_msgs/PoseWithCovariance pose",
+    EMPTY: _NO_FIELDS,
+    f"{EMPTY_SERVICE}_Request": _NO_FIELDS,
+    f"{EMPTY_SERVICE}_Response": _NO_FIELDS,
+    f"{TRIGGER_SERVICE}_Request": _NO_FIELDS,
+    f"{TRIGGER_SERVICE}_Response": "bool success\nstring message",
+    f"{SET_POSE_SERVICE}_Request": f"{POSE_WITH_COVARIANCE_STAMPED} pose",
+    f"{SET_POSE_SERVICE}_Response": _NO_FIELDS,
+    "service_msgs/ServiceEventInfo": (
+        "uint8 REQUEST_SENT=0\nuint8 REQUEST_RECEIVED=1\nuint8 RESPONSE_SENT=2\nuint8 RESPONSE_RECEIVED=3\n"
+        "uint8 event_type\nbuiltin_interfaces/Time stamp\nchar[16] client_gid\nint64 sequence_number"
     ),
     "diagnostic_msgs/KeyValue": "string key\nstring value",
     "diagnostic_msgs/DiagnosticStatus": (

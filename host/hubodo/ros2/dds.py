@@ -5,15 +5,15 @@ Messages are encoded by the caller: the classes that Cyclone DDS needs for its t
 
 from __future__ import annotations
 
-import functools
 import os
 import threading
+import time
+import uuid
 from typing import Any
 
 from cyclonedds.builtin import BuiltinDataReader, BuiltinTopicDcpsPublication
 from cyclonedds.core import DDSException, InstanceState, Listener, ReadCondition, SampleState, ViewState
 from cyclonedds.domain import Domain, DomainParticipant
-from cyclonedds.idl import make_idl_struct, types
 from cyclonedds.pub import DataWriter
 from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
@@ -22,31 +22,20 @@ from cyclonedds.util import duration
 
 from hubodo.errors import InputError
 from hubodo.log import ros2
-from hubodo.ros2.cdr import encode_message
+from hubodo.ros2.cdr import decode_message, encode_message
 from hubodo.ros2.config import Ros2Config
-from hubodo.ros2.names import LATCHED, QosProfile, dds_topic, dds_type, message_type_of
-from hubodo.ros2.transport import OnMessage
-from hubodo.ros2.type_hash import type_hash
+from hubodo.ros2.dds_types import REQUEST_ID, message_class
+from hubodo.ros2.names import LATCHED, RELIABLE, QosProfile, dds_topic, message_type_of, service_topics
+from hubodo.ros2.transport import OnMessage, OnRequest
+from hubodo.ros2.type_hash import service_hash, type_hash
 
 _DISCOVERY_TOPIC = "ros_discovery_info"
 _MAX_BLOCKING_MS = 5
 """Time for which a reliable writer may wait for a slow subscriber; then the message is dropped."""
+_MAX_DISCOVERY_S = 0.3
 _MAX_TAKE = 256
 _MAX_PUBLICATIONS = 10_000
 _TOPIC_PREFIX = dds_topic("")
-_ELEMENT_TYPES: dict[str, Any] = {
-    "bool": bool,
-    "byte": types.uint8,
-    "char": types.uint8,
-    "int8": types.int8,
-    "uint8": types.uint8,
-    "uint16": types.uint16,
-    "int32": types.int32,
-    "uint32": types.uint32,
-    "float32": types.float32,
-    "float64": types.float64,
-    "string": str,
-}
 # The node announces itself to the ports of this computer only. Without multicast other computers neither
 # discover the node nor can send to it. It uses the loopback interface, because Fast DDS answers nodes of the
 # same computer there, whatever their address.
@@ -78,6 +67,12 @@ class DdsPublisher:
             if error.code != DDSException.DDS_RETCODE_TIMEOUT:
                 raise
             self.dropped += 1
+
+    def await_subscriber(self) -> None:
+        """Wait a moment for a subscriber; a client may send its request before its reader is discovered."""
+        end = time.monotonic() + _MAX_DISCOVERY_S
+        while not self._writer.get_matched_subscriptions() and time.monotonic() < end:
+            time.sleep(0.01)
 
 
 class _MessageListener(Listener):  # type: ignore[misc]
@@ -117,29 +112,65 @@ class DdsNode:
             self._present = ReadCondition(
                 self._publications, ViewState.Any | SampleState.Any | InstanceState.Alive
             )
-            self._graph = self._create_writer(_DISCOVERY_TOPIC, self._graph_type, LATCHED)
+            self._graph = self._create_writer(
+                _DISCOVERY_TOPIC, message_class(self._graph_type), _make_qos(LATCHED, self._graph_type)
+            )
             self._announce()
         except DDSException as error:
             raise InputError(f"ROS domain {config.domain}: {error}") from None
 
     def create_publisher(self, topic: str, message_type: str, qos: QosProfile) -> DdsPublisher:
         """Return a publisher of a topic; see `Node`."""
-        publisher = self._create_writer(dds_topic(topic), message_type, qos)
         with self._lock:
+            publisher = self._create_writer(
+                dds_topic(topic), message_class(message_type), _make_qos(qos, message_type)
+            )
             self._writer_ids.append(self._entities[-1].guid.bytes)
             self._announce()
         return publisher
 
     def subscribe(self, topic: str, message_type: str, qos: QosProfile, on_message: OnMessage) -> None:
         """Pass on the messages of a topic; see `Node`."""
-        dds = Topic(self._participant, dds_topic(topic), _message_class(message_type))
-        listener = _MessageListener(on_message)
-        # What this process publishes is not received by itself.
-        own = Qos(Policy.IgnoreLocal.Process, base=_make_qos(qos, message_type))
-        reader = DataReader(self._participant, dds, own, listener)
+        self._create_reader(
+            dds_topic(topic), message_class(message_type), _make_qos(qos, message_type), on_message
+        )
         with self._lock:
-            self._entities += [dds, listener, reader]
-            self._reader_ids.append(reader.guid.bytes)
+            self._announce()
+
+    def serve(self, service: str, service_type: str, on_request: OnRequest) -> None:
+        """Serve a service in the way of rmw_cyclonedds; see `Node`.
+
+        Clients with Fast DDS put the identifier of a request into the header of its DDS sample, which
+        Cyclone DDS can neither read nor write: their requests are carried out, but not answered.
+        """
+        request_topic, reply_topic = service_topics(service)
+        request_class, reply_class = (
+            message_class(f"{service_type}_{part}", is_service=True) for part in ("Request", "Response")
+        )
+        identifier = ".".join(f"{byte:x}" for byte in uuid.uuid4().bytes)
+        user_data = f"serviceid={identifier};typehash={service_hash(service_type)};"
+        qos = _qos_policies(RELIABLE, user_data)
+        with self._lock:
+            replies = self._create_writer(reply_topic, reply_class, qos)
+            self._writer_ids.append(self._entities[-1].guid.bytes)
+
+        def receive(payload: bytes) -> None:
+            request_id = payload[REQUEST_ID]
+            request = payload[: REQUEST_ID.start] + payload[REQUEST_ID.stop :]
+            try:
+                decode_message(f"{service_type}_Request", request)
+            except ValueError:
+                on_request(payload, lambda _: None)  # without an identifier
+                return
+
+            def reply(response: bytes) -> None:
+                replies.await_subscriber()
+                replies.publish(response[: REQUEST_ID.start] + request_id + response[REQUEST_ID.start :])
+
+            on_request(request, reply)
+
+        self._create_reader(request_topic, request_class, qos, receive)
+        with self._lock:
             self._announce()
 
     def published_types(self) -> dict[str, frozenset[str]]:
@@ -161,12 +192,20 @@ class DdsNode:
         self._entities.clear()
         del self._present, self._publications, self._graph, self._participant, self._domain
 
-    def _create_writer(self, name: str, message_type: str, qos: QosProfile) -> DdsPublisher:
-        message_class = _message_class(message_type)
-        topic = Topic(self._participant, name, message_class)
-        writer = DataWriter(self._participant, topic, _make_qos(qos, message_type))
+    def _create_writer(self, name: str, sent_class: Any, qos: Any) -> DdsPublisher:
+        topic = Topic(self._participant, name, sent_class)
+        writer = DataWriter(self._participant, topic, qos)
         self._entities += [topic, writer]
-        return DdsPublisher(writer, message_class)
+        return DdsPublisher(writer, sent_class)
+
+    def _create_reader(self, name: str, received_class: Any, qos: Any, on_message: OnMessage) -> None:
+        topic = Topic(self._participant, name, received_class)
+        listener = _MessageListener(on_message)
+        # What this process publishes is not received by itself.
+        reader = DataReader(self._participant, topic, Qos(Policy.IgnoreLocal.Process, base=qos), listener)
+        with self._lock:
+            self._entities += [topic, listener, reader]
+            self._reader_ids.append(reader.guid.bytes)
 
     def _announce(self) -> None:
         """Publish which readers and writers belong to the node, for `ros2 node list` and `node info`."""
@@ -184,43 +223,17 @@ class DdsNode:
 
 
 def _make_qos(qos: QosProfile, message_type: str) -> Any:
-    """Return the policies of a reader or writer; ROS 2 uses the first version of the encoding."""
+    """Return the policies of a reader or writer of a message type."""
+    return _qos_policies(qos, f"typehash={type_hash(message_type)};")
+
+
+def _qos_policies(qos: QosProfile, user_data: str) -> Any:
+    """Return policies with the user data of an endpoint; ROS 2 uses the first version of the encoding."""
     reliable = Policy.Reliability.Reliable(duration(milliseconds=_MAX_BLOCKING_MS))
     return Qos(
         reliable if qos.is_reliable else Policy.Reliability.BestEffort,
         Policy.Durability.TransientLocal if qos.is_transient_local else Policy.Durability.Volatile,
         Policy.History.KeepLast(qos.depth),
         Policy.DataRepresentation(use_cdrv0_representation=True),
-        Policy.Userdata(f"typehash={type_hash(message_type)};".encode()),
+        Policy.Userdata(user_data.encode()),
     )
-
-
-@functools.cache
-def _message_class(message_type: str) -> Any:
-    """Return a class with the DDS type of a message whose instances hold its bytes as `payload`."""
-    message_class = _type_class(message_type)
-
-    def serialize(self: Any, *_: object, **__: object) -> bytes:
-        payload: bytes = self.payload
-        return payload
-
-    def deserialize(cls: Any, data: bytes, /, *_: object, **__: object) -> Any:
-        message = object.__new__(cls)
-        message.payload = bytes(data)
-        return message
-
-    message_class.serialize, message_class.deserialize = serialize, classmethod(deserialize)
-    return message_class
-
-
-@functools.cache
-def _type_class(message_type: str) -> Any:
-    """Return the DDS type of a message."""
-    members = {}
-    for field in ros2.message_fields(message_type):
-        member = _ELEMENT_TYPES.get(field.type) or _type_class(field.type)
-        if field.is_array:
-            member = types.sequence[member] if field.count is None else types.array[member, field.count]
-        members[field.name] = member
-    name = dds_type(message_type)
-    return make_idl_struct(name.replace("::", "_"), name, members)

@@ -46,9 +46,15 @@ def dds_topic(topic: str) -> str:
     return f"rt{topic}"
 
 
+def service_topics(service: str) -> tuple[str, str]:
+    """Return the DDS names of the topics for requests and replies of a service."""
+    return f"rq{service}Request", f"rr{service}Reply"
+
+
 def dds_type(message_type: str) -> str:
     """Return the DDS name of a type: `nav_msgs::msg::dds_::Odometry_` for nav_msgs/msg/Odometry."""
-    return f"{package_of(message_type)}::msg::dds_::{base_name(message_type)}_"
+    package, kind, name = full_name(message_type).split("/")
+    return f"{package}::{kind}::dds_::{name}_"
 
 
 def message_type_of(dds_name: str) -> str | None:
@@ -59,7 +65,8 @@ def message_type_of(dds_name: str) -> str | None:
 
 def full_name(message_type: str) -> str:
     """Return a type with its interface kind, as `std_msgs/msg/Header` for std_msgs/Header."""
-    return f"{package_of(message_type)}/msg/{base_name(message_type)}"
+    kind = "srv" if "/srv/" in message_type else "msg"
+    return f"{package_of(message_type)}/{kind}/{base_name(message_type)}"
 
 
 def package_of(message_type: str) -> str:

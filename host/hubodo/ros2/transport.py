@@ -15,6 +15,12 @@ OnMessage = Callable[[bytes], None]
 """Called with each message as CDR, in a thread of the transport; must return at once."""
 
 
+Reply = Callable[[bytes], None]
+"""Sends the response to one request, CDR with encapsulation; from any thread."""
+OnRequest = Callable[[bytes, Reply], None]
+"""Called with each request as CDR and its reply, in a thread of the transport; must return at once."""
+
+
 class Publisher(Protocol):
     """A publisher of one topic."""
 
@@ -32,6 +38,10 @@ class Node(Protocol):
 
     def subscribe(self, topic: str, message_type: str, qos: QosProfile, on_message: OnMessage) -> None:
         """Call `on_message` with each message of a topic until the node is closed."""
+        ...
+
+    def serve(self, service: str, service_type: str, on_request: OnRequest) -> None:
+        """Call `on_request` with each request of a service until the node is closed."""
         ...
 
     def published_types(self) -> dict[str, frozenset[str]]:

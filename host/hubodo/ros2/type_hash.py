@@ -32,15 +32,46 @@ _FIELD_TYPES = {
     "string": 17,
 }
 """Numbers of type_description_interfaces/msg/FieldType; rosidl describes char as uint8."""
-_ARRAY_TYPE, _UNBOUNDED_SEQUENCE = 48, 144
+_ARRAY_TYPE, _BOUNDED_SEQUENCE, _UNBOUNDED_SEQUENCE = 48, 96, 144
 """Added to the number of an element type."""
+_EVENT_INFO = "service_msgs/ServiceEventInfo"
 
 
 @functools.cache
 def type_hash(message_type: str) -> str:
     """Return the hash of a message type, `RIHS01_` and 64 hexadecimal digits."""
     nested: dict[str, Any] = {}
-    main = _describe(message_type, nested)
+    return _hash(_describe(message_type, nested), nested)
+
+
+@functools.cache
+def service_hash(service_type: str) -> str:
+    """Return the hash of a service type, of which request, response and event are members."""
+    nested: dict[str, Any] = {}
+    request, response, event = (f"{service_type}_{part}" for part in ("Request", "Response", "Event"))
+    for part in (request, response, _EVENT_INFO):
+        nested[full_name(part)] = _describe(part, nested)
+    fields = [_member("info", _EVENT_INFO)]
+    fields += [
+        _member(name, part, is_optional=True) for name, part in (("request", request), ("response", response))
+    ]
+    nested[event] = {"type_name": event, "fields": fields}
+    members = (("request_message", request), ("response_message", response), ("event_message", event))
+    return _hash({"type_name": service_type, "fields": [_member(*member) for member in members]}, nested)
+
+
+def _member(name: str, nested_name: str, *, is_optional: bool = False) -> dict[str, Any]:
+    """Return the description of a field that is a message; is_optional: a sequence of one at most."""
+    field_type = {
+        "type_id": _NESTED_TYPE + (_BOUNDED_SEQUENCE if is_optional else 0),
+        "capacity": int(is_optional),
+        "string_capacity": 0,
+        "nested_type_name": full_name(nested_name),
+    }
+    return {"name": name, "type": field_type}
+
+
+def _hash(main: dict[str, Any], nested: dict[str, Any]) -> str:
     text = json.dumps(
         {
             "type_description": main,

@@ -12,9 +12,9 @@ import zenoh
 
 from hubodo.errors import InputError
 from hubodo.ros2.config import Ros2Config
-from hubodo.ros2.names import QosProfile, dds_type, message_type_of
-from hubodo.ros2.transport import OnMessage
-from hubodo.ros2.type_hash import type_hash
+from hubodo.ros2.names import RELIABLE, QosProfile, dds_type, message_type_of
+from hubodo.ros2.transport import OnMessage, OnRequest
+from hubodo.ros2.type_hash import service_hash, type_hash
 from hubodo.safe_text import json_text
 
 _ADMIN_SPACE = "@ros2_lv"
@@ -76,7 +76,7 @@ class ZenohNode:
             publisher = self._session.declare_publisher(key, **options)
         with self._lock:
             self._entities.append(publisher)
-            self._announce("MP", topic, message_type, qos)
+            self._announce("MP", topic, message_type, type_hash(message_type), qos)
         return ZenohPublisher(publisher, uuid.uuid4().bytes)
 
     def subscribe(self, topic: str, message_type: str, qos: QosProfile, on_message: OnMessage) -> None:
@@ -90,7 +90,30 @@ class ZenohNode:
         )
         with self._lock:
             self._entities.append(subscriber)
-            self._announce("MS", topic, message_type, qos)
+            self._announce("MS", topic, message_type, type_hash(message_type), qos)
+
+    def serve(self, service: str, service_type: str, on_request: OnRequest) -> None:
+        """Serve a service by a queryable; see `Node`."""
+        hash_of_type = service_hash(service_type)
+        key = f"{self._config.domain}/{service.strip('/')}/{dds_type(service_type)}/{hash_of_type}"
+
+        def receive(query: Any) -> None:
+            attached = b"" if query.attachment is None else query.attachment.to_bytes()
+            if len(attached) != _ATTACHMENT.size or query.payload is None:
+                return  # not from a ROS 2 client
+            sequence, _, *client = _ATTACHMENT.unpack(attached)
+
+            def reply(response: bytes) -> None:
+                attachment = _ATTACHMENT.pack(sequence, time.time_ns(), *client)
+                query.reply(key, response, attachment=attachment)
+                query.drop()
+
+            on_request(query.payload.to_bytes(), reply)
+
+        queryable = self._session.declare_queryable(key, receive, complete=True)
+        with self._lock:
+            self._entities.append(queryable)
+            self._announce("SS", service, service_type, hash_of_type, RELIABLE)
 
     def published_types(self) -> dict[str, frozenset[str]]:
         """Return the types published by other sessions; see `Node`."""
@@ -118,9 +141,9 @@ class ZenohNode:
     def _key(self, topic: str, message_type: str) -> str:
         return f"{self._config.domain}/{topic.strip('/')}/{dds_type(message_type)}/{type_hash(message_type)}"
 
-    def _announce(self, kind: str, topic: str, message_type: str, qos: QosProfile) -> None:
+    def _announce(self, kind: str, topic: str, message_type: str, hash_of_type: str, qos: QosProfile) -> None:
         name = topic.replace("/", _ROOT_NAMESPACE)
-        detail = f"/{name}/{dds_type(message_type)}/{type_hash(message_type)}/{format_qos(qos)}"
+        detail = f"/{name}/{dds_type(message_type)}/{hash_of_type}/{format_qos(qos)}"
         self._declare_token(kind, self._next_id, detail)
         self._next_id += 1
 

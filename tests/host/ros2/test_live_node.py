@@ -16,6 +16,7 @@ import wanted
 from fakes.fake_node import FakeNode
 from generators.fake_drive import VEHICLE_TOML, raw_rows, short_drive
 from hubodo.ingest.live.bulkheads import Bulkheads
+from hubodo.ingest.live.computer import ThisComputer
 from hubodo.log import ros2
 from hubodo.log.recording_reader import open_log, read_recording
 from hubodo.log.records import Odometry
@@ -114,7 +115,7 @@ def test_the_graph_lists_the_node_and_all_its_writers_with_the_hash_of_their_typ
     (node,) = info["node_entities_info_seq"]
     assert (node["node_namespace"], node["node_name"]) == ("/", "hubodo")
     listed = {bytes(gid["data"]).hex() for gid in node["writer_gid_seq"]}
-    writers = {name: row for name, row in other["writers"].items() if name.startswith("rt/")}
+    writers = {name: row for name, row in other["writers"].items() if name.startswith(("rt/", "rr/"))}
     # /tf and /tf_static are two writers; each key of `writers` is one topic.
     assert {gid for _, _, gid in writers.values()} == listed
     assert {"rt/odom", "rt/tf", "rt/tf_static", "rt/diagnostics", "rt/left/imu", "rt/right/battery"} <= set(
@@ -143,6 +144,12 @@ class HangingNode:
     def create_publisher(self, topic, message_type, qos):
         return self
 
+    def serve(self, service, service_type, on_request):
+        pass
+
+    def subscribe(self, topic, message_type, qos, on_message):
+        pass
+
     def publish(self, payload):
         self.release.wait(60)
 
@@ -151,7 +158,7 @@ def test_a_subscriber_that_hangs_delays_nothing_and_only_old_messages_are_droppe
     from hubodo.ingest.live.ros2_output import Ros2Output
 
     node, bulkheads = HangingNode(), Bulkheads(time.monotonic_ns)
-    output = Ros2Output(node, None, 0)
+    output = Ros2Output(node, None, ThisComputer(), name="hubodo")
     listener = output.attach(bulkheads)
     rows = np.zeros((1, 2)), np.zeros(1), np.zeros(1), np.zeros(1)
     start = time.thread_time()

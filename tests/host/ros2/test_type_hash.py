@@ -3,7 +3,7 @@
 import pytest
 
 from hubodo.log import ros2
-from hubodo.ros2.type_hash import type_hash
+from hubodo.ros2.type_hash import service_hash, type_hash
 
 PUBLISHED = {
     # From /opt/ros/jazzy/share/<package>/msg/<Type>.json of osrf/ros:jazzy-desktop, as quoted in the tests of
@@ -25,3 +25,9 @@ PUBLISHED = {
 @pytest.mark.parametrize("message_type", PUBLISHED)
 def test_hashes_of_types_equal_those_that_ros_2_installs(message_type):
     assert type_hash(message_type) == f"RIHS01_{PUBLISHED[message_type]}"
+
+
+def test_the_hash_of_a_service_equals_the_one_in_its_zenoh_key():
+    # From public code that calls a service of a ROS 2 node over Zenoh.
+    trigger = "eeff2cd6fa5ad9d27cdf4dec64818317839b62f212a91e6b5304b634b2062c5f"
+    assert service_hash(ros2.TRIGGER_SERVICE) == f"RIHS01_{trigger}"

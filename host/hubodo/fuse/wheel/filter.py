@@ -196,6 +196,14 @@ class WheelFilter:
         x, y = pose.x + distance * math.cos(course), pose.y + distance * math.sin(course)
         return WheelState(t, x, y, pose.heading + turn, speed, yaw_rate, pose.covariance, pose.motion_state)
 
+    def set_pose_exact(self) -> None:
+        """Declare position and heading of the newest pose exact; their covariance grows from here on."""
+        self.core.set_pose_exact()
+        if self._pose is not None:
+            covariance = self._pose.covariance.copy()
+            covariance[:3, :] = covariance[:, :3] = 0.0
+            self._pose = self._pose._replace(covariance=covariance)
+
     @property
     def rejected_samples(self) -> dict[str, int]:
         """Return the number of samples left out, by node."""

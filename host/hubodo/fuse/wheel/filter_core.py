@@ -89,6 +89,7 @@ class FilterCore(WindowProcessor):
         self._heading_inflation = HeadingErrorInflation()
         is_aided = config.position_aided or config.encoder_aided
         self.common_scale_sigma = 0.0 if is_aided else config.common_radius_sigma
+        self._scale_origin = (0.0, 0.0)
         self._outage_model = OutageModel(config, initial)
         self._last_standstill = -_STANDSTILL_MEMORY_WINDOWS
         self.pose_columns = [self._at[entry] for entry in POSE_ENTRIES]
@@ -180,6 +181,21 @@ class FilterCore(WindowProcessor):
             self.history.replace_newest(self.history.newest._replace(pose=pose, smoothing=terms))
         return pose
 
+    def set_pose_exact(self) -> None:
+        """Declare the present position and heading exact; their covariance grows from here on.
+
+        Nothing before is processed again: neither a slip nor an outage.
+        """
+        columns = self.pose_columns[:3]
+        self.p[columns, :] = 0.0
+        self.p[:, columns] = 0.0
+        self.apply(StateReset(columns))
+        self._recovery = None
+        x, y = (self.x[self._at[entry]] for entry in (X, Y))
+        self._heading_inflation = HeadingErrorInflation()
+        self._heading_inflation.advance(x, y, 0.0)
+        self._scale_origin = (x, y)
+
     def _inflate_heading_error(self) -> None:
         """Add the step to the second-order heading error; measured positions do not need it."""
         if not self.config.position_aided:
@@ -199,7 +215,7 @@ class FilterCore(WindowProcessor):
         pose = Pose(
             end, x, y, heading, speed, yaw_rate, covariance, motion_state, nis, dof, self.inertial_speed
         )
-        return add_common_scale(pose, self.common_scale_sigma)
+        return add_common_scale(pose, self.common_scale_sigma, self._scale_origin)
 
     def _step_over_outage(self, number: int, spans: int) -> Pose:
         """Propagate the states over an outage of all wheels that ends with window `number`."""

@@ -69,14 +69,15 @@ class Pose(NamedTuple):
     published: tuple[float, float, float] | None = None
 
 
-def add_common_scale(pose: Pose, sigma: float) -> Pose:
+def add_common_scale(pose: Pose, sigma: float, origin: tuple[float, float] = (0.0, 0.0)) -> Pose:
     """Return the pose with the covariance of a scale error common to all wheels, 1 sigma as a fraction.
 
-    The error scales speed and track about its start, the origin; no measurement of the filter shows it.
+    The error scales the speed, and the track about the origin, where the position was exact; no measurement
+    of the filter shows it.
     """
     if not sigma:
         return pose
-    scaled = sigma * np.array([pose.x, pose.y, 0.0, pose.speed, 0.0])
+    scaled = sigma * np.array([pose.x - origin[0], pose.y - origin[1], 0.0, pose.speed, 0.0])
     return pose._replace(covariance=pose.covariance + np.outer(scaled, scaled))
 
 

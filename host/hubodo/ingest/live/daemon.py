@@ -75,7 +75,7 @@ def record(
         bulkheads = Bulkheads(now_ns)
         localizer = _start_localizer(vehicle, zero, computer, bulkheads, stack) if ports.has_gnss else None
         listeners = {} if audience is None else dict(audience.attach(log, series, bulkheads))
-        outputs = _open_outputs(config, ros2, vehicle, now_ns(), ports.received_topics, stack)
+        outputs = _open_outputs(config, ros2, vehicle, computer, ports.received_topics, stack)
         listeners |= {part: output.attach(bulkheads) for part, output in outputs.items()}
         recorder = Recorder(
             ports.names,
@@ -121,7 +121,7 @@ def _open_outputs(
     config: RecordConfig,
     ros2: Ros2Config | None,
     vehicle: Vehicle | None,
-    now_ns: int,
+    computer: Computer,
     received: frozenset[str],
     stack: ExitStack,
 ) -> dict[str, RecordOutput]:
@@ -131,7 +131,7 @@ def _open_outputs(
         # Imported here: other recordings need no ROS 2.
         from hubodo.ingest.live.ros2_output import ros2_output
 
-        outputs["ros2"] = stack.enter_context(ros2_output(ros2, vehicle, now_ns, received))
+        outputs["ros2"] = stack.enter_context(ros2_output(ros2, vehicle, computer, received))
     if config.mavlink is not None:
         from hubodo.ingest.live.mavlink_output import mavlink_output
 

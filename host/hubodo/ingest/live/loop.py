@@ -11,13 +11,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hubodo.errors import CalibrationError, InputError, WireMismatch
-from hubodo.ingest.link.link import LinkReport
 from hubodo.ingest.live.bulkheads import PartHung
 from hubodo.ingest.live.computer import Computer, Link
 from hubodo.ingest.live.host_clock import HostClock
 from hubodo.ingest.live.localizer_thread import LocalizerOutput, LocalizerThread
 from hubodo.ingest.live.notify import ServiceNotifier
-from hubodo.ingest.live.recorder import Recorder
+from hubodo.ingest.live.recorder import Recorder, RecorderInput
 from hubodo.ingest.live.snapshot import SnapshotPublisher
 from hubodo.ingest.live.view import View
 from hubodo.log.log_series import LogSeries
@@ -46,7 +45,7 @@ class _Backlog:
         self._recorder = recorder
         self._is_behind = False
 
-    def handle(self, item: LinkReport | LocalizerOutput) -> None:
+    def handle(self, item: RecorderInput) -> None:
         """Handle the next report."""
         lag_ns = 0 if isinstance(item, LocalizerOutput) else self.now_ns - item.t_ns
         if lag_ns > (_RESUME_DECODE_LAG_NS if self._is_behind else _MAX_DECODE_LAG_NS):

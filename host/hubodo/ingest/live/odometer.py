@@ -184,6 +184,15 @@ class Odometer:
             self._add_poses(self._filter.finish().poses)
         return rows
 
+    def set_pose(self, x: float, y: float, heading: float, covariance: Array) -> None:
+        """Set the pose of the vehicle in the frame odom, with its covariance (3, 3): m, m, rad.
+
+        /odom jumps there with the next sample. Sensor errors that the filter knows stay known.
+        """
+        self._continuous.set_pose(x, y, heading, covariance)
+        if self._filter is not None:
+            self._filter.set_pose_exact()
+
     def take_poses(self) -> list[Pose]:
         """Return the filter's poses at the ends of windows since the last call."""
         fresh, self._new_poses = self._new_poses, []
@@ -300,7 +309,7 @@ class Odometer:
 
     def _add_poses(self, poses: tuple[Pose, ...]) -> None:
         self._new_poses += [
-            pose._replace(published=self._continuous.offset_pose(pose.x, pose.y, pose.heading))
+            pose._replace(published=self._continuous.to_published(pose.x, pose.y, pose.heading))
             for pose in poses
         ]
         for pose in poses:

@@ -21,6 +21,7 @@ from hubodo.ingest.live.live_map import LiveMap
 from hubodo.ingest.live.localizer import FixSample
 from hubodo.ingest.live.localizer_thread import LocalizerOutput, LocalizerThread
 from hubodo.ingest.live.odometer import Odometer, OdometryRows
+from hubodo.ingest.live.odometry_requests import OdometryRequest, OdometryRequests
 from hubodo.ingest.node.gaps import LinkCounts
 from hubodo.ingest.node.identity import describe_firmware_difference
 from hubodo.ingest.node.log_times import LogTimeSequence
@@ -36,6 +37,7 @@ from hubodo.recording import Event
 from hubodo.vehicle import Vehicle
 from hubowire import Frame, Message, node_name
 
+RecorderInput = LinkReport | LocalizerOutput | OdometryRequest
 SendToLink = Callable[[str, bytes, str], bool]
 
 
@@ -83,6 +85,7 @@ class Recorder:
         self.notices: list[Event] = []
         """Events for the user; the view removes them once shown."""
         self.map = LiveMap(localizer, sink, now_ns, self.notices)
+        self._requests = OdometryRequests(self.odometer, self._log_times, sink)
         self._calibration_check = CalibrationCheck(calibration or Calibration(), sink, self.notices)
         self._names = dict(links)
         self._sink = sink
@@ -92,10 +95,13 @@ class Recorder:
         self._undecoded_pieces = 0
         self._firmware_versions: dict[str, tuple[int, ...]] = {}
 
-    def handle(self, report: LinkReport | LocalizerOutput) -> None:
-        """Handle a report of a link or an output of the localizer."""
+    def handle(self, report: RecorderInput) -> None:
+        """Handle a report of a link, an output of the localizer, or a request of another program."""
         if isinstance(report, LocalizerOutput):
             self.bulkheads.run("map", self.map.handle, report)
+        elif isinstance(report, OdometryRequest):
+            if not self.bulkheads.run("odometry", self._handle_request, report):
+                report.on_outcome(False, "a fault, see the events of the recording")
         elif report.link in self.gnss:
             cause = report.data if isinstance(report, Chunk) else b""
             gnss = self.gnss[report.link]
@@ -160,6 +166,11 @@ class Recorder:
                 connection.handle_lost(report)
         self.notices += connection.take_notices()
 
+    def _handle_request(self, request: OdometryRequest) -> None:
+        event = self._requests.handle(request, self.nodes.values())
+        if event is not None:
+            self.notices.append(event)
+
     def tick(self, now_ns: int) -> None:
         """Run the periodic tasks; to be called about every 0.1 s or more often."""
         for link in self.links.values():
@@ -169,6 +180,7 @@ class Recorder:
         for label, topic in self.topics.items():
             self.bulkheads.run(f"topic {label}", lambda topic=topic: self.notices.extend(topic.tick(now_ns)))
         self.bulkheads.run("status", self._compare_firmware)
+        self.bulkheads.run("requests", self._requests.tick, now_ns)
         self.bulkheads.run("odometry", self._report_odometry_warnings, now_ns)
         for event in self.bulkheads.due_reports():
             self.report_event(event)
@@ -205,7 +217,7 @@ class Recorder:
         for node in self.nodes.values():
             node.note_host_suspension(begin_ns, event.t_ns)
 
-    def log_undecoded(self, report: LinkReport | LocalizerOutput) -> None:
+    def log_undecoded(self, report: RecorderInput) -> None:
         """Handle a report for whose decoding there is no time: log bytes of nodes raw."""
         if isinstance(report, Chunk) and report.link in self.links:
             self._handle_chunk(self._log_chunk, report)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 from hubodo.ingest.live.bulkheads import Bulkheads
+from hubodo.ingest.live.computer import Computer
 from hubodo.ingest.live.output_thread import OutputThread
 from hubodo.ingest.live.ros2_diagnostics import DIAGNOSTICS_TOPIC, encode_diagnostics
+from hubodo.ingest.live.ros2_services import Ros2Services
 from hubodo.ingest.live.snapshot import Snapshot
 from hubodo.ingest.live.tee_sink import RecordListener
 from hubodo.log import ros2, topics
@@ -86,11 +88,18 @@ class Ros2Output:
     """A `RecordOutput` that publishes from its own thread; its topics are those of the log."""
 
     def __init__(
-        self, node: Node, vehicle: Vehicle | None, start_ns: int, received: frozenset[str] = frozenset()
+        self,
+        node: Node,
+        vehicle: Vehicle | None,
+        computer: Computer,
+        *,
+        name: str,
+        received: frozenset[str] = frozenset(),
     ) -> None:
         """Publish the static frames of the vehicle.
 
-        start_ns: host time, for their stamps. received: ports that are ROS 2 topics; not published again.
+        computer: its clock, and its queue for requests to the services of the node `name`. received: ports
+        that are ROS 2 topics; not published again.
         """
         self._received = received
         self._log = LogWriter(_PublishedTopics(node), clock=None)
@@ -98,9 +107,10 @@ class Ros2Output:
             DIAGNOSTICS_TOPIC, ros2.DIAGNOSTICS, topic_qos(DIAGNOSTICS_TOPIC, ros2.DIAGNOSTICS)
         )
         if vehicle is not None:
-            self._log.write_static_frames(start_ns, vehicle)
+            self._log.write_static_frames(computer.now_ns(), vehicle)
             self._log.flush()
-        self._thread: OutputThread[LogRecord | Snapshot] | None = None
+        self._thread: OutputThread[LogRecord | Snapshot | Callable[[], None]] | None = None
+        self._services = Ros2Services(node, name, computer.put, computer.now_ns, self._defer)
 
     @property
     def waiting_count(self) -> int:
@@ -115,6 +125,7 @@ class Ros2Output:
     def attach(self, bulkheads: Bulkheads) -> RecordListener:
         """Start the thread; see `RecordOutput`."""
         self._thread = OutputThread("ros2", lambda: self._publish, bulkheads, capacity=_MAX_QUEUED_RECORDS)
+        self._services.start()
         return self._queue
 
     def show(self, snapshot: Snapshot) -> None:
@@ -134,8 +145,15 @@ class Ros2Output:
         if source not in self._received:
             self._thread.put(record)
 
-    def _publish(self, item: LogRecord | Snapshot) -> None:
-        """Publish one record at once: subscribers control vehicles with it."""
+    def _defer(self, action: Callable[[], None]) -> None:
+        if self._thread is not None:
+            self._thread.put(action)
+
+    def _publish(self, item: LogRecord | Snapshot | Callable[[], None]) -> None:
+        """Publish one record at once, because subscribers control vehicles with it, or send a reply."""
+        if callable(item):
+            item()
+            return
         if isinstance(item, Snapshot):
             self._diagnostics.publish(encode_diagnostics(item, self.dropped))
             return
@@ -145,12 +163,12 @@ class Ros2Output:
 
 @contextmanager
 def ros2_output(
-    config: Ros2Config, vehicle: Vehicle | None, start_ns: int, received: frozenset[str] = frozenset()
+    config: Ros2Config, vehicle: Vehicle | None, computer: Computer, received: frozenset[str] = frozenset()
 ) -> Iterator[Ros2Output]:
     """Provide the output to ROS 2; config: completed, with a transport to publish on; see `Ros2Output`."""
     assert config.publish is not None
     with shared_node(config.publish, config) as node:
-        output = Ros2Output(node, vehicle, start_ns, received)
+        output = Ros2Output(node, vehicle, computer, name=config.node, received=received)
         try:
             yield output
         finally:

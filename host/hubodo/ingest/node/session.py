@@ -33,7 +33,7 @@ from hubodo.ingest.node.outputs import (
 from hubodo.ingest.node.request_encoder import RequestEncoder
 from hubodo.ingest.node.run_decoder import RunDecoder
 from hubodo.ingest.node.slewed_times import SlewedTimes
-from hubodo.ingest.node.user_requests import SendBytes, UserRequests
+from hubodo.ingest.node.user_requests import OnOutcome, SendBytes, UserRequests, ignore_outcome
 from hubodo.log.records import (
     Battery,
     BiasFilterRow,
@@ -174,9 +174,9 @@ class NodeSession:
         self._sink.write_record(ClockRequest(self.link, now_ns, token))
         self._send_message(TimeRequest(token))
 
-    def request(self, message: Message, description: str) -> None:
+    def request(self, message: Message, description: str, on_outcome: OnOutcome = ignore_outcome) -> None:
         """Send a request of a user; the request and its answer become events with this description."""
-        self._user_requests.send(message, description)
+        self._user_requests.send(message, description, on_outcome)
 
     def note_host_suspension(self, start_ns: int, end_ns: int) -> None:
         """Note a suspension of the host, after which the clock offset may have changed."""

@@ -22,6 +22,7 @@ from hubodo.log.decode import ChannelDecoder, ChannelRows, normalise_type_name
 from hubodo.log.hubodo_messages import decode_string_message, parse_events
 from hubodo.log.log_writer import LogWriter
 from hubodo.log.logfile import Log, open_log
+from hubodo.log.pose_events import LoggedPose, read_poses
 from hubodo.log.records import ImuBlock
 from hubodo.vehicle import Vehicle
 
@@ -92,6 +93,9 @@ class Playback:
             if isinstance(item, FixSample):
                 if localizer is not None:
                     localizer.add_fix(item)
+                continue
+            if isinstance(item, LoggedPose):
+                odometer.set_pose(*item.pose, np.array(item.covariance, np.float64))
                 continue
             yield from odometer.finish() if item is None else odometer.handle(item)
             for pose in odometer.take_poses():
@@ -190,25 +194,30 @@ class _LoggedSamples:
                 order = np.argsort(batteries.publish_ns)
                 self._supplies[name] = batteries.publish_ns[order], volts[order]
         self.fixes = rows.get(topics.GNSS_FIX, _NO_FIXES)
+        self._poses = read_poses(events)
         self._power_on_times = {name: find_starts(events, name) for name in self.nodes}
         earliest = [int(channel.publish_ns.min()) for channel in self.nodes.values()]
         self.t_zero_ns = log.t_zero_ns if log.t_zero_ns is not None else min(earliest, default=0)
 
-    def iterate(self) -> Iterator[ImuBlock | FixSample]:
-        """Yield blocks (samples of one node with one log time) and fixes in the order of the recorder."""
-        cuts = [
+    def iterate(self) -> Iterator[ImuBlock | FixSample | LoggedPose]:
+        """Yield blocks (samples of one node with one log time), fixes and set poses, as the recorder did."""
+        cuts: list[tuple[int, str, NDArray[np.intp] | LoggedPose]] = [
             (log_ns, "", np.array([row]))
             for row, log_ns in enumerate(self.fixes.log_ns.tolist())
             if self.fixes.values["status.status"][row] >= 0.0
         ]
+        cuts += [(pose.t_ns, "", pose) for pose in self._poses]
         for name, channel in self.nodes.items():
             order = np.lexsort((channel.publish_ns, channel.log_ns))
             log_ns = channel.log_ns[order]
             edges = [0, *(np.flatnonzero(np.diff(log_ns)) + 1).tolist(), len(order)]
             for start, end in itertools.pairwise(edges):
                 cuts.append((int(log_ns[start]), name, order[start:end]))
-        for _, name, rows in sorted(cuts, key=lambda cut: cut[:2]):
-            yield self._build_block(name, rows) if name else self._build_fix(int(rows[0]))
+        for _, name, part in sorted(cuts, key=lambda cut: cut[:2]):
+            if isinstance(part, LoggedPose):
+                yield part
+            else:
+                yield self._build_block(name, part) if name else self._build_fix(int(part[0]))
 
     def _build_fix(self, row: int) -> FixSample:
         values = self.fixes.values

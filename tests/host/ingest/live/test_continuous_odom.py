@@ -51,6 +51,6 @@ def test_the_correction_that_remains_widens_the_covariance() -> None:
     x, y, heading = odom.update(STEP, 0.3, -0.1, 0.2, 0.0, 0.0)
     error = np.array([x - 0.3, y + 0.1, heading - 0.2])
     assert odom.covariance(np.zeros((5, 5)))[:3, :3] == pytest.approx(np.outer(error, error))
-    assert odom.offset_pose(1.3, -0.1, 0.2) == pytest.approx(
+    assert odom.to_published(1.3, -0.1, 0.2) == pytest.approx(
         (1.3 + error[0], -0.1 + error[1], 0.2 + error[2])
     )
