@@ -10,7 +10,7 @@ sys.path.insert(0, str(ROOT / "host"))
 
 from generated import fill, write_or_check  # noqa: E402
 from hubodo.effects import EFFECTS, Effect  # noqa: E402
-from hubodo.effects.field import FIELD  # noqa: E402
+from hubodo.effects.field import FIELD_EFFECTS  # noqa: E402
 
 README = ROOT / "host" / "hubodo" / "model" / "README.md"
 _UNITS = {"1": "", "1e-6": "ppm", "noise": "× noise"}
@@ -35,12 +35,12 @@ def readme_blocks() -> dict[str, str]:
     """Return the tables by the name of their markers."""
     return {
         "effects": _table(_EFFECT, _effects(EFFECTS)),
-        "field": _table(_EFFECT, _effects(FIELD)),
+        "field": _table(_EFFECT, _effects(FIELD_EFFECTS)),
         "estimates": _table(
             ("parameter", "prior 1σ", "random walk per √s", "origin of the numbers"), _estimates()
         ),
         "look-alikes": _table(_CONFUSABLE, _look_alikes(EFFECTS)),
-        "field look-alikes": _table(_CONFUSABLE, _look_alikes(FIELD)),
+        "field look-alikes": _table(_CONFUSABLE, _look_alikes(FIELD_EFFECTS)),
     }
 
 

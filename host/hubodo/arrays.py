@@ -1,4 +1,4 @@
-"""Type of the arrays of float64 that all modules use."""
+"""Array type that all modules use, and sine and cosine of arrays."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -19,7 +19,7 @@ StrPath = str | os.PathLike[str]
 
 
 def require_free_path(path: Path) -> Path:
-    """Return the path; raise InputError where it exists already, or its folder does not exist."""
+    """Return the path; raise InputError if it exists already or its folder is missing."""
     if path.exists():
         raise InputError(f"{path}: exists already; choose another name or remove it, nothing is overwritten")
     _check_folder_exists(path)
@@ -28,11 +28,11 @@ def require_free_path(path: Path) -> Path:
 
 @contextmanager
 def atomic_files(*paths: Path, create_folder: bool = False) -> Iterator[list[Path]]:
-    """Yield paths to write to; those written replace `paths` when the block succeeds, else they are removed.
+    """Yield temporary paths to write to; at the end of the block these files replace `paths`.
 
-    All or none: the first is moved to its name after the last was written. create_folder: create their folder
-    where it does not exist, and remove it again after a failure. Raises InputError for a missing folder,
-    OSError with the requested file's name (disk full, no rights).
+    All or none: no file is moved to its name before the last is written, and after a failure all are removed.
+    create_folder: create a missing folder, and remove it again after a failure. Raises InputError for a
+    missing folder, OSError with the requested file's name (disk full, no rights).
     """
     created_folders = _create_folders(paths[0].absolute().parent) if create_folder else []
     temporary: dict[Path, Path] = {}
@@ -62,7 +62,7 @@ def atomic_files(*paths: Path, create_folder: bool = False) -> Iterator[list[Pat
 
 @contextmanager
 def atomic_new_file(path: Path) -> Iterator[Path]:
-    """Yield a path to write a new file to; raise InputError where it exists, before or after writing."""
+    """Yield a temporary path for a new file; raise InputError if the file exists, before or after writing."""
     require_free_path(path)
     part = _temporary_path(path)
     try:
@@ -78,9 +78,9 @@ def atomic_new_file(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(folder: Path) -> Iterator[Path]:
-    """Yield a folder to fill that becomes `folder` when the block succeeds, else is removed.
+    """Yield a temporary folder that becomes `folder` when the block succeeds, and else is removed.
 
-    Raises InputError where it exists and is not empty, OSError with its name.
+    Raises InputError if the folder exists and is not empty, OSError with its name.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(
@@ -112,12 +112,12 @@ def _remove_temporary(part: Path) -> None:
 
 
 def _temporary_path(path: Path) -> Path:
-    """Return a path to write to; the path itself where it is not a regular file, as /dev/stdout."""
+    """Return a temporary path to write to, or the path itself for a device such as /dev/stdout."""
     return path if path.exists() and not path.is_file() else _path_in_private_folder(path)
 
 
 def _path_in_private_folder(path: Path) -> Path:
-    """Return a path of the same name in a new folder beside it that only its owner can enter."""
+    """Return a path of the same name in a new folder beside the target that only its owner can enter."""
     try:
         folder = tempfile.mkdtemp(prefix=".hubodo-", suffix=".part", dir=path.absolute().parent)
     except OSError as error:
@@ -128,7 +128,7 @@ def _path_in_private_folder(path: Path) -> Path:
 def _resolve_target(path: Path) -> Path:
     """Return the file to be replaced: the path itself, or the target of the user's own link.
 
-    Raises InputError for another user's link, which could point to any file of the user.
+    Raises InputError for a link of another user, which could point to any file of this user.
     """
     try:
         owner = path.lstat().st_uid if path.is_symlink() else None
@@ -140,7 +140,7 @@ def _resolve_target(path: Path) -> Path:
 
 
 def _name_requested_file(error: BaseException, temporary: Mapping[Path, Path]) -> BaseException:
-    """Return the error, with the requested file where a file system error names none, or a temporary one."""
+    """Return the error, naming the requested file if it names no file or a temporary one."""
     if not isinstance(error, OSError) or error.errno is None:
         return error
     if error.filename is not None and Path(error.filename) not in temporary:
@@ -169,7 +169,7 @@ def _create_folders(folder: Path) -> list[Path]:
 
 
 def _flush_to_disk(part: Path) -> None:
-    # The replaced content is gone: a power cut after the rename must not leave an empty file.
+    # Flush to disk first: a power cut right after the rename must not leave an empty file.
     handle = os.open(part, os.O_RDONLY)
     try:
         os.fsync(handle)
@@ -184,7 +184,7 @@ def _move_into_place(part: Path, path: Path) -> None:
     except FileExistsError:
         raise InputError(already_exists) from None
     except OSError:
-        # File systems without hard links (FAT on a memory card): check, then rename.
+        # On file systems without hard links (FAT on a memory card), check for the target, then rename.
         if path.exists():
             raise InputError(already_exists) from None
         part.rename(path)

@@ -41,18 +41,18 @@ class Result(Protocol):
 
 
 def _reports_failure(result: Result | None) -> bool:
-    """Return True if the verb succeeded but its result reports a failure."""
+    """Return True if the verb ran but its result reports a failure, which sets exit code 1."""
     return bool(getattr(result, "failed", False))
 
 
 def _normalise_option(word: str) -> str:
-    """Return an option with hyphens (`--latitude-deg` for `--latitude_deg`), other words unchanged."""
+    """Return an option with hyphens (`--latitude-deg` for `--latitude_deg`); return other words unchanged."""
     option, equals, value = word.partition("=")
     return option.replace("_", "-") + equals + value if word.startswith("--") else word
 
 
 def _expand_help(words: list[str]) -> list[str]:
-    """Return the words with --help for an empty command line and for `help`, `help VERB`; also `version`."""
+    """Return the options that an empty line, `help`, `help VERB` and `version` stand for; else the words."""
     if not words:
         return ["--help"]
     if words == ["version"]:
@@ -100,7 +100,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None and not sys.warnoptions:
         # NumPy warnings about NaN are for developers; a verb reports what it could not compute.
         warnings.simplefilter("ignore", RuntimeWarning)
-    if "_ARGCOMPLETE" in os.environ:  # the shell asks what could be typed next
+    if "_ARGCOMPLETE" in os.environ:  # the shell requests completions
         from hubodo.verbs.completers import complete_command, typed_words
 
         complete_command(build_parser(typed_words()))
@@ -170,7 +170,7 @@ def _print_unless_closed(result: Result, *, as_json: bool) -> None:
         fd = sys.stdout.fileno()
         if error.errno != errno.EIO or not stat.S_ISCHR(os.fstat(fd).st_mode):
             raise
-        # On exit the interpreter flushes the buffer, which would fail and set exit code 120.
+        # At exit the interpreter flushes the buffer, which would fail and set exit code 120.
         os.dup2(os.open(os.devnull, os.O_WRONLY), fd)
 
 
@@ -178,7 +178,7 @@ def _print_result(result: Result, *, as_json: bool) -> None:
     if as_json:
         print(json_text(result.as_json()))
     else:
-        from hubodo.terminal import SafeConsole  # takes 0.1 s to import, needed for tables only
+        from hubodo.terminal import SafeConsole  # the import takes 0.1 s, and only tables need it
 
         # Piped output has no width of its own; 80 columns would cut the tables.
         result.render(SafeConsole() if sys.stdout.isatty() else SafeConsole(width=160))

@@ -22,9 +22,10 @@ EXTRAS: Mapping[str, tuple[str, ...]] = {
 
 
 def require_extra(extra: str, feature: str, modules: Sequence[str] | None = None) -> None:
-    """Raise InputError, with the command that installs it, where a module of an extra is missing.
+    """Raise InputError if a module of an extra is missing; the error names the command that installs it.
 
-    feature: what needs it, for the error. modules: those that are needed, all of the extra by default.
+    feature: name of the feature that needs the extra, for the error. modules: modules that it needs, by
+    default all of the extra.
     """
     for module in EXTRAS[extra] if modules is None else modules:
         try:

@@ -17,7 +17,7 @@ _WIDE_COLUMNS = 5  # columns from which a narrow screen shows a row as lines of 
 
 
 def html_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table with a row of headings, if any has a text, then the rows; text is left-aligned."""
+    """Return a table of the rows below their headings, if any is not empty; text is left-aligned."""
     n_columns = max([len(headings), *map(len, rows)])
     kinds = [
         "number" if any(headings) and _is_numeric([row[k] for row in rows if k < len(row)]) else "text"

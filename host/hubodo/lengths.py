@@ -22,7 +22,10 @@ _PATTERN = re.compile(r"\s*(\d+(?:[.,]\d+)?|[.,]\d+)\s*(m|cm|mm|inches|inch|in|f
 
 
 def parse_length(text: str, what: str) -> float:
-    """Return a length in metres; what: its name in errors. Raises InputError for another text."""
+    """Return a length in metres.
+
+    what: name of the length, for errors. Raises InputError if the text is not a length.
+    """
     match = _PATTERN.fullmatch(text)
     if match is None:
         raise InputError(f"{what} {text[:40]!r}: write a number and its unit, such as 33 cm, 13 in, 0.55 m")
@@ -33,5 +36,5 @@ def parse_length(text: str, what: str) -> float:
 
 
 def format_length(metres: float) -> str:
-    """Return a length in centimetres below 1 m, else in metres."""
+    """Return a length as text: below 1 m in centimetres, else in metres."""
     return f"{100.0 * metres:.4g} cm" if metres < 1.0 else f"{metres:.4g} m"

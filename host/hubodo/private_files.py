@@ -1,4 +1,4 @@
-"""Reading of files with secrets, refused where others than their owner can read them."""
+"""Reading of files with secrets, which is refused if anyone but the owner can read them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from hubodo.errors import InputError
 
 
 def read_private(path: Path, secret: str, encoding: str = "utf-8") -> str:
-    """Return the text of a file that nobody else may read.
+    """Return the text of a file that only its owner can read.
 
     Parameters
     ----------
@@ -19,9 +19,8 @@ def read_private(path: Path, secret: str, encoding: str = "utf-8") -> str:
     Raises
     ------
     InputError
-        Where others may read the file; the message names no part of what is in it.
-    OSError, UnicodeDecodeError
-        Where it cannot be read.
+        If others can read the file; the message quotes nothing of the content. OSError, UnicodeDecodeError
+    If the file cannot be read.
     """
     with path.open(encoding=encoding) as file:
         _refuse_shared(path, file.fileno(), secret)
@@ -29,14 +28,14 @@ def read_private(path: Path, secret: str, encoding: str = "utf-8") -> str:
 
 
 def check_private(path: Path, secret: str) -> None:
-    """Raise InputError where others can read the file, OSError where it cannot be read."""
+    """Raise InputError if others can read the file, OSError if it cannot be read."""
     with path.open("rb") as file:
         _refuse_shared(path, file.fileno(), secret)
 
 
 def _refuse_shared(path: Path, descriptor: int, secret: str) -> None:
-    # Tests the open file, so that replacing the file under that name has no effect.
-    """Raise InputError where others than the owner can read an open file."""
+    # Test the open file, not its name, which another file could take in between.
+    """Raise InputError if anyone but the owner can read an open file."""
     mode = os.fstat(descriptor).st_mode
     if stat.S_IMODE(mode) & 0o077 and os.name == "posix":
         raise InputError(f"{path}: others can read {secret}; run chmod 600 {path}")

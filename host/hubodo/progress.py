@@ -17,7 +17,7 @@ _LINE_INTERVAL = 10.0
 
 @contextmanager
 def progress_line() -> Iterator[Callable[[str, float], None]]:
-    """Yield `show(text, fraction)`, which updates a bar, or in a pipe prints a line every ten seconds."""
+    """Yield a function `show(text, fraction)` that updates a bar, or prints lines where stderr is a file."""
     if not sys.stderr.isatty():
         yield _show_lines()
         return
@@ -35,7 +35,7 @@ def progress_line() -> Iterator[Callable[[str, float], None]]:
 
 
 def _show_lines() -> Callable[[str, float], None]:
-    """Return `show(text, fraction)`, which prints a line every ten seconds; a short verb prints none."""
+    """Return a function `show(text, fraction)` that prints a line every ten seconds, the first after ten."""
     last = time.monotonic()
 
     def show(text: str, fraction: float) -> None:

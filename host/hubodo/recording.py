@@ -34,14 +34,14 @@ BIAS_FILTER_COLUMNS = (
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of equal length, in the order of their file; `t`, seconds, strictly increases.
+    """Columns of equal length, in the order of their file; column `t`, in seconds, strictly increases.
 
     Raises ValueError where these conditions are not met.
 
     Attributes
     ----------
     columns : name -> (N,) float64, in SI units; read-only.
-    t_ns : (N,) exact times in ns where float64 cannot hold them (seconds since 1970 with nine decimals), else
+    t_ns : (N,) exact times in ns if float64 cannot hold them (seconds since 1970 with nine decimals), else
         None.
     """
 
@@ -79,17 +79,17 @@ class Table:
 
     @property
     def t(self) -> Column:
-        """(N,) s, strictly increasing."""
+        """Return the times, (N,) s, strictly increasing."""
         return self.columns["t"]
 
     @property
     def gyro(self) -> Column:
-        """(N, 3) rad/s, node frame; a copy. Raises KeyError when this is not a node's table."""
+        """Return a copy of the rates, (N, 3) rad/s in node axes. Raises KeyError if there are none."""
         return np.column_stack([self.columns[name] for name in ("gx", "gy", "gz")])
 
     @property
     def accel(self) -> Column:
-        """(N, 3) m/s² specific force, node frame; a copy. Raises KeyError when this is not a node's table."""
+        """Return a copy of the specific force, (N, 3) m/s² in node axes. Raises KeyError as `gyro`."""
         return np.column_stack([self.columns[name] for name in ("ax", "ay", "az")])
 
     def frame(self) -> pd.DataFrame:
@@ -135,7 +135,7 @@ def missing_channels(table: Table) -> tuple[str, ...]:
 
 
 def _column_summary(table: Table, name: str) -> tuple[str, ...]:
-    """Return name, first, lowest and highest value of a column as texts."""
+    """Return name, first, lowest and highest value of a column as text."""
     column = table[name]
     known = column[np.isfinite(column)]
     if not len(known):
@@ -145,7 +145,7 @@ def _column_summary(table: Table, name: str) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Event:
-    """An event during a recording that is worth explaining.
+    """An event during a recording, such as a gap or a reset.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ class Event:
     data: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        # Users type events and other programs write logs: control characters must not reach a terminal.
+        # Texts of events come from users and other programs, so control characters must not reach a terminal.
         for name in ("kind", "source", "text"):
             object.__setattr__(self, name, printable(getattr(self, name)))
 
@@ -183,7 +183,7 @@ class Recording:
     events : oldest first.
     metadata : key -> text; keys of metadata records other than `hubodo` are written `record.key`.
     t_zero_ns : host time of t = 0.
-    warnings : one line for each item that was damaged or left out on reading.
+    warnings : one line for each item that was damaged or left out when the log was read.
     """
 
     nodes: Mapping[str, Table]

@@ -26,7 +26,7 @@ def json_text(
     compact: bool = False,
     sort: bool = False,
 ) -> str:
-    """Return a value as JSON that any parser reads; the package writes JSON with this function alone.
+    """Return a value as JSON that any parser reads; all JSON of the package is written by this function.
 
     JSON has no NaN and no infinity: they become null. Lone surrogates are escaped, numpy scalars and arrays
     become numbers and lists, and other types, such as paths, become their text.
@@ -54,7 +54,7 @@ def json_value(value: Any) -> Any:
         return {_key(key): json_value(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [json_value(item) for item in value]
-    if hasattr(value, "tolist"):  # a scalar or an array of numpy
+    if hasattr(value, "tolist"):  # a numpy scalar or array
         return json_value(value.tolist())
     return json_value(str(value))
 

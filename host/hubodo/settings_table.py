@@ -27,7 +27,7 @@ def setting(
     """Return a field of a settings dataclass.
 
     meaning: explanation with the unit, for hubodo.toml and the command line; the default is appended to it.
-    example: a value to show where the default is not a good one. above, at_least, at_most: bounds of a
+    example: value shown in the example file in place of the default. above, at_least, at_most: bounds of a
     number, which must also be finite. metavar: placeholder of the value on the command line.
     """
     return field(
@@ -44,12 +44,15 @@ def setting(
 
 
 def describe_default(item: Field[Any]) -> str:
-    """Return " (default: ...)" for a setting; nothing if it is absent by default."""
+    """Return " (default: ...)" for a setting; "" if it has no default."""
     return "" if item.default in (None, ()) else f" (default: {_format_value(item.default)})"
 
 
 def check_bounds(settings: object, name_of: Callable[[str], str]) -> None:
-    """Raise ConfigError at the first number out of its bounds; name_of: the user's name of a setting."""
+    """Raise ConfigError for the first number beyond its bounds.
+
+    name_of: function from the name of a field to the name that the user knows, for the error.
+    """
     for item in fields(cast(Any, settings)):
         above, at_least, at_most = (item.metadata.get(bound) for bound in ("above", "least", "most"))
         value = getattr(settings, item.name)
@@ -65,7 +68,7 @@ def check_bounds(settings: object, name_of: Callable[[str], str]) -> None:
 
 
 def format_example_toml(tables: Mapping[str, type], head: str) -> str:
-    """Return the text of a TOML file with every setting explained, and commented out."""
+    """Return the text of a TOML file with every setting explained and commented out."""
     lines = [f"# {line}" for line in head.splitlines()]
     for name, shape in tables.items():
         lines += ["", f"[{name}]"]

@@ -37,7 +37,7 @@ _PENALTY_POWER = (2.0 - 2.0 * np.cos(_ANGULAR_FREQUENCIES)) ** _PENALTY_ORDER
 
 
 class SplineValues(NamedTuple):
-    """A function of time at N times, (N,) each: value, two derivatives, and the integral since the start."""
+    """Values of a spline at N times, (N,) each: value, two derivatives, and the integral since the start."""
 
     value: Array
     slope: Array
@@ -103,7 +103,9 @@ class SmoothingSpline:
 
     @cached_property
     def _polynomials(self) -> tuple[Array, Array]:
-        """Return the inner knots, (M+1,) s, and (degree + 2, M) the integral up to each, then its polynomial.
+        """Return the inner knots, (M+1,) s, and for each interval the integral before it and its polynomial.
+
+        The second array is (degree + 2, M).
 
         The lowest power comes first. Polynomials take a fifth of the time of a sum of B-splines.
         """
@@ -116,7 +118,7 @@ class SmoothingSpline:
 
 
 def constant_spline(value: float, start: float, end: float) -> SmoothingSpline:
-    """Return an exactly known constant input."""
+    """Return a spline that is a noise-free constant between two times."""
     knots = np.concatenate([np.full(_SPLINE_DEGREE + 1, start), np.full(_SPLINE_DEGREE + 1, end)])
     return SmoothingSpline(
         BSpline(knots, np.full(_SPLINE_DEGREE + 1, value), _SPLINE_DEGREE), start, end, 0.0, 0.0, 0.0, 0.0
@@ -133,7 +135,7 @@ def fit_smoothing_spline(t: Array, value: Array, max_frequency: float = np.inf) 
     """Return the smooth function behind noisy samples; t: (N,) s, increasing; value: (N,).
 
     Noise that is not white looks like signal to cross-validation; `max_frequency`, Hz, is the frequency at
-    which the smoother passes half at most. Raises ValueError for fewer than 10 samples.
+    which the gain of the smoother is at most one half. Raises ValueError for fewer than 10 samples.
     """
     if len(t) < 10:
         raise ValueError(f"{len(t)} samples: at least 10 are needed")
@@ -198,7 +200,10 @@ def _smoother_gain(log_weight: float) -> Array:
 
 
 def _log_weight_at(angular_frequency: float) -> float:
-    """Return the logarithm of the weight at which the smoother passes half; -inf beyond all frequencies."""
+    """Return the logarithm of the penalty's weight at which the gain at a frequency is one half.
+
+    It is -inf for a frequency beyond _ANGULAR_FREQUENCIES.
+    """
     k = int(np.searchsorted(_ANGULAR_FREQUENCIES, angular_frequency))
     if k == len(_ANGULAR_FREQUENCIES):
         return -np.inf
@@ -207,7 +212,7 @@ def _log_weight_at(angular_frequency: float) -> float:
 
 
 def _minimise(score: Callable[[float], float], low: float = -12.0, high: float = 24.0) -> float:
-    """Return the argument of the lowest score: a coarse grid, then a bounded search."""
+    """Return the minimiser of a score: a coarse grid, then a bounded search."""
     grid = np.arange(low, high + 1.0, 3.0)
     values = [score(x) for x in grid]
     lowest = int(np.argmin(values))

@@ -13,7 +13,7 @@ _SHORT_WORD_LENGTH = 3
 
 def suggest_spelling(word: str, known: Iterable[str]) -> str:
     """Return ", did you mean ...?" for an error about an unknown word; "" where no known word is similar."""
-    known_by_text = {text.lstrip("-"): text for text in known}  # hyphens of options make nothing similar
+    known_by_text = {text.lstrip("-"): text for text in known}  # common hyphens must not count as similarity
     text = word[:_MAX_COMPARED_LENGTH].lstrip("-")
     is_short = len(text) <= _SHORT_WORD_LENGTH
     similarity = _MIN_SIMILARITY_OF_SHORT_WORDS if is_short else _MIN_SIMILARITY

@@ -1,4 +1,4 @@
-"""A console for results on which text of logs and users cannot control the terminal."""
+"""A console for results, on which text from logs and users cannot control the terminal."""
 
 from __future__ import annotations
 
@@ -14,5 +14,5 @@ class SafeConsole(Console):
     """A rich console that escapes control characters in every text."""
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """Render a string as rich does; every string passes here, also the cells of tables."""
+        """Render a string as rich does, but escaped; rich calls this for every string and table cell."""
         return super().render_str(printable(text), **options)

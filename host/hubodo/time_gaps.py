@@ -1,4 +1,4 @@
-"""Detection of gaps in time that no single recording has, such as those of a wild time stamp."""
+"""Detection of gaps in time so large that the stamps cannot belong to one recording."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ MAX_GAP = 300_000.0
 
 
 def check_time_gaps(t: Array, where: str, max_gap: float = MAX_GAP) -> None:
-    """Raise InputError where two successive times of t (N,), s, are further apart than max_gap, s."""
+    """Raise InputError if two successive times of t (N,), s, are more than max_gap, s, apart."""
     if len(t) < 2 or t[-1] - t[0] <= max_gap:
         return
     row = int(np.argmax(np.diff(t)))

@@ -26,12 +26,12 @@ MAX_TOML_NUMBER = 1e12
 
 
 def toml_key(name: str) -> str:
-    """Return a bare key where the name allows one, else a quoted one."""
+    """Return a name as a TOML key: bare if the characters allow it, else quoted."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_text(name)
 
 
 def toml_text(text: str) -> str:
-    """Return a basic string on one line; lone surrogates, which TOML lacks, become their escapes."""
+    """Return a text as a TOML string on one line; lone surrogates, which TOML lacks, are escaped."""
     text = text.encode("utf-8", "backslashreplace").decode("utf-8")
     escaped = "".join(
         f"\\u{ord(c):04x}" if ord(c) < 32 or ord(c) == 127 else f"\\{c}" if c in '\\"' else c for c in text
@@ -40,7 +40,7 @@ def toml_text(text: str) -> str:
 
 
 def toml_number(value: float) -> str:
-    """Return a float with all its digits."""
+    """Return a float as a TOML number with all its digits."""
     return repr(float(value))
 
 
@@ -103,7 +103,7 @@ def _convert_value(value: object, hint: Any, where: str) -> Any:
 
 
 def load_toml(path: Path) -> dict[str, Any]:
-    """Return a TOML document. Raises ConfigError: no such file, not readable, not TOML."""
+    """Return the document of a TOML file. Raises ConfigError if it is missing, not readable, or not TOML."""
     try:
         status = path.stat()
         if not stat.S_ISREG(status.st_mode):
@@ -130,13 +130,13 @@ def load_toml(path: Path) -> dict[str, Any]:
 
 
 def parse_toml(text: str, path: Path) -> dict[str, Any]:
-    """Return the document in a text; path: its file, for errors. Raises ConfigError when it is not TOML."""
+    """Return the document in a TOML text; path: its file, for errors. Raises ConfigError for invalid TOML."""
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{path}: not TOML: {error}; correct that line") from None
     except (ValueError, RecursionError):
-        # A number of thousands of digits, or lists nested too deeply.
+        # The parser raises these for a number of thousands of digits and for lists nested too deeply.
         raise ConfigError(f"{path}: not usable TOML: a value is too long or nested too deeply") from None
     _check_size(document, path)
     return document
@@ -158,20 +158,20 @@ def _check_size(document: dict[str, Any], path: Path) -> None:
 
 
 def as_table(value: object, where: str) -> dict[str, Any]:
-    """Return the value, or raise ConfigError when it is not a table. where: file and table, for the error."""
+    """Return the value; raise ConfigError if it is not a table. where: file and table, for the error."""
     if isinstance(value, dict):
         return value
     raise ConfigError(f"{where} = {quote_value(value)}: must be a table")
 
 
 def quote_value(value: object) -> str:
-    """Return a value of a file as an error quotes it, shortened."""
+    """Return a value of a file as text for an error, shortened."""
     text = repr(value)
     return text if len(text) <= _MAX_QUOTED_LENGTH else f"{text[:_MAX_QUOTED_LENGTH]}..."
 
 
 def check_known_keys(table: object, known: Iterable[str], where: str) -> None:
-    """Raise ConfigError at the first unknown key, with the nearest known one."""
+    """Raise ConfigError for the first unknown key; the error names the most similar known one."""
     names = list(known)
     for key in as_table(table, where):
         if key not in names:
@@ -180,7 +180,7 @@ def check_known_keys(table: object, known: Iterable[str], where: str) -> None:
 
 
 def check_positive(value: float, where: str) -> None:
-    """Raise ConfigError for a number that is not above 0, or so extreme that its square is no number.
+    """Raise ConfigError for a number that is not positive, or whose square would overflow or vanish.
 
     where: file, table and key.
     """

@@ -109,7 +109,7 @@ def load_vehicle(path: Path) -> Vehicle:
 
 
 def parse_vehicle(table: Mapping[str, Any], path: Path | str) -> Vehicle:
-    """Return the vehicle of a parsed document as `load_vehicle` does; path: its file, for errors."""
+    """Return the vehicle of a parsed TOML document, as `load_vehicle`; path: its file, for errors."""
     check_known_keys(table, _KNOWN_TABLES, str(path))
     body = _vehicle_table(table, path)
     size_keys = [item.name for item in fields(_RequiredSizes)]
@@ -187,7 +187,7 @@ class _RequiredSizes:
 
 
 def check_plausible_size(name: str, value: float, where: str) -> None:
-    """Raise ConfigError for a size in metres that hardly any vehicle has, with the unit that fits better.
+    """Raise ConfigError for a size in metres that is implausible; the error suggests a unit that would fit.
 
     name: wheel_radius or track_width.
     """
@@ -207,7 +207,7 @@ def check_plausible_size(name: str, value: float, where: str) -> None:
 
 
 def has_unusual_size(vehicle: Vehicle) -> bool:
-    """Return True if a vehicle file has to say `unusual_size = true` for these sizes."""
+    """Return True if sizes are so unusual that a vehicle file must state `unusual_size = true`."""
     return any(not low <= getattr(vehicle, name) <= high for name, (low, high, _) in PLAUSIBLE_SIZES.items())
 
 

@@ -1,4 +1,4 @@
-"""A vehicle file written, and its mounting drawn in text, seen from above."""
+"""The text of a vehicle file, and a text sketch of the vehicle from above."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def draw_vehicle(vehicle: Vehicle) -> list[str]:
 
 
 def _letter(node: str | None, letter: str) -> str:
-    """Return the inside of a wheel; a wheel without a node is empty."""
+    """Return the text inside the outline of a wheel; a wheel without a node is empty."""
     return "   " if node is None else f" {letter} "
 
 

@@ -175,7 +175,7 @@ def earth(seeds):
                     refused += 1
                     continue
                 rows.append(gyro_errors(result, accel, gyro))
-                force = result.accel.triad.apply(result.standstills.accel)
+                force = result.accel.triad.correct(result.standstills.accel)
                 without = collect_turns(data.t, data.gyro, result.gyro.triad.bias, result.standstills, force)
                 matrix = calibrate_from_turns(without, np.full(3, 1e-5)).matrix
                 plain.append(rows[-1][0][[3, 7, 11]] + np.diag(matrix - result.gyro.triad.matrix))

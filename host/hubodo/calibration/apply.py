@@ -2,12 +2,12 @@
 
 Each stage (host/hubodo/model/README.md) is inverted by the effect that caused it: additive accelerometer
 errors are subtracted, then the matrix of that triad is inverted; with the resulting force additive gyro
-errors are subtracted, then the gyro's matrix and curvature are inverted; last the node is rotated back. A
-channel at its limit stays at the limit, so that clipping remains visible.
+errors are subtracted, then the gyro's matrix and cubic error are inverted; last, the misalignment of the node
+is removed. A channel at its limit stays at the limit, so that clipping remains visible.
 
 Effects that a calibration lacks count as zero; `lever_arm`, `wheel_radius` and `track_width` are not sensor
 errors and are left to the odometry. Each sample is processed by itself, so live batches and a whole log give
-the same bits. The raw log is never rewritten.
+bit-identical results. The raw log is never rewritten.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class SampleCorrection:
 
     Attributes
     ----------
-    effects : in the order of the chain.
+    effects : effects in the order of the sensor chain.
     gyro_inverse, accel_inverse : (3, 3) inverse of the matrix of each triad.
     """
 
@@ -55,7 +55,7 @@ class SampleCorrection:
 
     @staticmethod
     def from_calibration(node: NodeCalibration) -> SampleCorrection:
-        """Return the correction of a node. Raises CalibrationError for numbers that no sensor has."""
+        """Return the correction of a node. Raises CalibrationError for implausible numbers."""
         effects = tuple(it for it in build_effects(node.effects) if it.is_invertible and not _is_zero(it))
         for effect in effects:
             why = effect.why_irreversible()
@@ -78,8 +78,8 @@ class SampleCorrection:
     ) -> tuple[Array, Array]:
         """Return true (gyro, accel) from raw ones, (N, 3) rad/s and m/s².
 
-        age: (N,) s since power-on, for the warm-up, which is ignored without. temperature: (N,) or scalar,
-        degrees C; supply: (N,) or scalar, V; effects of either are ignored without.
+        age: (N,) s since power-on. temperature: (N,) or scalar, degrees C. supply: (N,) or scalar, V. Effects
+        that depend on one of these are ignored if it is None.
         """
         count = len(gyro)
         t = np.zeros(count) if age is None else np.maximum(age, 0.0)
@@ -99,7 +99,7 @@ class SampleCorrection:
     def _additive_errors(self, chain: SensorChain) -> SensorChain:
         """Return a chain whose gyro and accel are the additive errors of a reading.
 
-        They are those at its time, temperature, supply and force.
+        The errors are evaluated at the time, temperature, supply and force of the reading.
         """
         errors = replace(chain, gyro=np.zeros_like(chain.gyro), accel=np.zeros_like(chain.accel))
         for effect in self.effects:
@@ -179,7 +179,7 @@ def apply_calibration(
 
 
 def zero_applied_effects(calibration: Calibration) -> Calibration:
-    """Return the calibration as it holds for samples that it has been applied to.
+    """Return the calibration that remains for samples to which it has been applied.
 
     Effects that were corrected are zero, with unchanged sigmas; the others are unchanged.
     """
@@ -197,7 +197,7 @@ def zero_applied_effects(calibration: Calibration) -> Calibration:
 
 
 def check_serial(name: str, node: NodeCalibration, serial: str) -> None:
-    """Raise CalibrationError when a calibration is of another node than the one with this serial.
+    """Raise CalibrationError if a calibration belongs to another node than the one with this serial.
 
     Nothing is checked where either serial is unknown.
     """
@@ -209,7 +209,7 @@ def check_serial(name: str, node: NodeCalibration, serial: str) -> None:
 
 
 def find_starts(events: Iterable[Event], node: str) -> list[tuple[int, int]]:
-    """Return (first sample, power-on), ns, of each start of a node that the events contain, oldest first."""
+    """Return times of first sample and power-on, ns, for each start of a node in the events, oldest first."""
     return sorted(
         (event.t_ns, int(event.data["power_on_ns"]))
         for event in events
@@ -218,7 +218,7 @@ def find_starts(events: Iterable[Event], node: str) -> list[tuple[int, int]]:
 
 
 def time_since_power_on(t: Array, starts: list[tuple[int, int]], t_zero_ns: int) -> Array:
-    """Return (N,) s since power-on at t (N,) s; since the first sample without starts."""
+    """Return the s since power-on, (N,), at times t (N,), s; since the first sample if no start is known."""
     if not starts:
         return np.asarray(t - t[0]) if len(t) else np.empty(0)
     first_samples, power_on = (np.array([(start[k] - t_zero_ns) * 1e-9 for start in starts]) for k in (0, 1))
@@ -228,7 +228,7 @@ def time_since_power_on(t: Array, starts: list[tuple[int, int]], t_zero_ns: int)
 
 
 def _zero_values(name: str, effect: CalibratedEffect) -> CalibratedEffect:
-    """Return the effect with zero size; parameters that are not zero by default, as a time constant, stay."""
+    """Return the effect with zero size; parameters with another default, such as a time constant, stay."""
     kind = effect_of(name)
     parameters = {
         parameter: q if kind.default(parameter) else Quantity(0.0, q.sigma)
@@ -252,7 +252,7 @@ def _invert_triad(effects: Iterable[Effect], sensor: Sensor) -> Array:
 
 
 def _preserve_clipping(raw: Array, corrected: Array, limit: float) -> Array:
-    """Return corrected values, but at least the raw one where that is at its limit."""
+    """Return corrected values; a raw value at the range limit is not corrected to a smaller magnitude."""
     at_limit = np.abs(raw) >= limit
     if not at_limit.any():
         return corrected

@@ -1,4 +1,4 @@
-"""A calibration added to a model, to simulate a node with the errors found in it."""
+"""A calibration added to a model, to simulate a node with its calibrated errors."""
 
 from hubodo.calibration.file import Calibration, build_effects
 from hubodo.model.model_file import Model, ScopedEffect

@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 
 from hubodo.atomic_files import write_atomically
-from hubodo.effects import Effect, effect_of, in_order
+from hubodo.effects import Effect, effect_of, sort_effects
 from hubodo.effects.base import Level
 from hubodo.errors import CalibrationError, ConfigError
 from hubodo.model.effect_tables import check_value, effect_heading, read_effect_tables
@@ -75,13 +75,13 @@ class CalibratedEffect:
     temperature: tuple[float, float] | None = None
 
     def value(self, name: str) -> float:
-        """Return the parameter's value, 0 when it was not determined."""
+        """Return the value of a parameter; 0 if it was not determined."""
         return self.parameters[name].value if name in self.parameters else 0.0
 
 
 @dataclass(frozen=True)
 class NodeCalibration:
-    """All calibrated effects of one node; serial: the number of its board, "" when the log has none."""
+    """All calibrated effects of one node; serial: serial number of its board, "" if unknown."""
 
     effects: Mapping[str, CalibratedEffect] = field(default_factory=dict)
     serial: str = ""
@@ -158,20 +158,20 @@ def build_effects(calibrated: Mapping[str, CalibratedEffect]) -> list[Effect]:
                 )
         if effect.parameters:
             effects.append(kind(**values))
-    return in_order(effects)
+    return sort_effects(effects)
 
 
 def read_calibration(path: Path) -> Calibration:
     """Read a calibration file.
 
-    Raises ConfigError with file, table, key and the nearest known word: no such file, not TOML, unknown
-    tables, keys, effects or parameters, a value that its parameter cannot have.
+    Raises ConfigError if the file is missing or not TOML, for unknown tables, keys, effects or parameters,
+    and for invalid values; the error names file, table, key and the most similar known word.
     """
     return _parse_document(load_toml(path), path)
 
 
 def parse_calibration(text: str, path: Path) -> Calibration:
-    """Return the calibration in the text of a file; path: its name, for errors as of `read_calibration`."""
+    """Return the calibration in the text of a file; path: name of the file, for errors."""
     return _parse_document(parse_toml(text, path), path)
 
 
@@ -199,9 +199,9 @@ def _parse_document(document: Mapping[str, Any], path: Path) -> Calibration:
 
 
 def write_calibration(calibration: Calibration, path: Path) -> None:
-    """Write the file completely or not at all; an existing file is replaced.
+    """Write a calibration file completely or not at all; an existing file is replaced.
 
-    Merge with `with_node` before.
+    To add to an existing calibration, merge with `Calibration.with_node` first.
     """
     write_atomically(path, format_calibration(calibration))
 
@@ -220,7 +220,7 @@ def format_calibration(calibration: Calibration) -> str:
 def find_node_serial(metadata: Mapping[str, str], node: str) -> str:
     """Return the serial of a node from a log's metadata, "" when they have none.
 
-    A recorded log has it in the record of the node, other logs may state it as `serial.<node>`.
+    A recorded log has the serial in the record of the node; other logs may state it as `serial.<node>`.
     """
     return metadata.get(f"node.{node}.serial") or metadata.get(f"serial.{node}", "")
 

@@ -1,4 +1,4 @@
-"""Rows of calibrated parameters: value and sigma with unit, significance, meaning."""
+"""Table rows of calibrated parameters: value and sigma with unit, significance, meaning."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def format_with_sigma(value: float, sigma: float) -> str:
 
 
 def parameter_rows(effects: EffectParameters) -> Iterator[tuple[str, ...]]:
-    """Yield a row of PARAMETER_HEADINGS for each parameter; the meaning is in an effect's first row."""
+    """Yield a row of PARAMETER_HEADINGS for each parameter; only an effect's first has the meaning."""
     for name, parameters in effects.items():
         meaning = BY_NAME[name].meaning if name in BY_NAME else ""
         for parameter, quantity in parameters.items():

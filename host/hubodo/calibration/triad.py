@@ -1,4 +1,4 @@
-"""The error model of a triad of sensors: raw from true values, and its inverse.
+"""Error model of a sensor triad, from true to raw values, and its inverse.
 
     raw  = (I + diag(e) + N) true + b
     true = (I + diag(e) + N)^-1 (raw - b)
@@ -35,10 +35,10 @@ class Triad:
     bias: Array = field(default_factory=lambda: np.zeros(3))
     matrix: Array = field(default_factory=lambda: np.eye(3))
 
-    def apply(self, raw: Array, extra_bias: Array | float = 0.0) -> Array:
+    def correct(self, raw: Array, extra_bias: Array | float = 0.0) -> Array:
         """Return true values from raw ones, (N, 3) or (3,).
 
-        extra_bias: further bias by time or temperature.
+        extra_bias: (3,) or (N, 3), bias that depends on time or temperature, subtracted too.
         """
         return np.asarray(
             np.linalg.solve(self.matrix, np.atleast_2d(raw - self.bias - extra_bias).T).T
@@ -46,12 +46,12 @@ class Triad:
 
     @property
     def scale_error(self) -> Array:
-        """(3,) e; a sensor with 0.01 reads one per cent too much."""
+        """Return the scale errors e, (3,); a sensor with 0.01 reads one per cent too much."""
         return np.diag(self.matrix) - 1.0
 
     @property
     def nonorthogonality(self) -> Mapping[str, float]:
-        """The six angles d by name, rad."""
+        """Return the six nonorthogonality angles d by name, rad."""
         return CrossAxis.of_matrix(self.matrix).values()
 
 
@@ -70,9 +70,10 @@ def triad_from_effects(effects: Mapping[str, CalibratedEffect], sensor: Sensor) 
 def effects_from_triad(
     triad: Triad, sigma: Array, sensor: Sensor, observable: NDArray[np.bool_] | None = None
 ) -> dict[str, Mapping[str, Quantity]]:
-    """Return effect name -> parameters for the calibration file.
+    """Return the parameters of a triad by effect name, for the calibration file.
 
-    sigma: (12,) of b, then of M row by row. observable: (12,) which of them were determined; all by default.
+    sigma: (12,) 1 sigma of b, then of M row by row. observable: (12,) True for each of these values that was
+    determined; all by default.
     """
     is_observable = np.ones(12, bool) if observable is None else observable
     matrix_sigma, angles = sigma[3:].reshape(3, 3), triad.nonorthogonality

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from hubodo.effects.accel import AccelBias, AccelNonorthogonality, AccelSaturation, AccelScaleFactor
 from hubodo.effects.base import Effect
-from hubodo.effects.empirical import empirical
+from hubodo.effects.empirical import empirical_class
 from hubodo.effects.gyro import (
     GyroBias,
     GyroCubic,
@@ -63,11 +63,11 @@ def effect_of(name: str) -> type[Effect]:
     """Return the class of an effect by name, also an empirical one; raise ValueError if there is none."""
     if name in BY_NAME:
         return BY_NAME[name]
-    return empirical(name)
+    return empirical_class(name)
 
 
-def in_order(effects: Iterable[Effect]) -> list[Effect]:
-    """Return effects in the order of the sensor chain; user-defined and empirical effects come last."""
+def sort_effects(effects: Iterable[Effect]) -> list[Effect]:
+    """Return the effects in the order of the sensor chain; user-defined and empirical ones come last."""
     order = {effect: k for k, effect in enumerate(EFFECTS)}
     return sorted(effects, key=lambda effect: order.get(type(effect), len(order)))
 
@@ -89,5 +89,5 @@ __all__ = [
     "SensorChain",
     "distinguishing_manoeuvre",
     "effect_of",
-    "in_order",
+    "sort_effects",
 ]

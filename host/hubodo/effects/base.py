@@ -1,7 +1,8 @@
 """Base class of all effects, and the declaration of their parameters.
 
-An effect is one way in which a measured wheel differs from an ideal one. It is a frozen dataclass whose
-fields are its parameters, and it overrides the method of the stage of the sensor chain at which it enters.
+An effect is one cause by which readings differ from those of an ideal sensor on an ideal wheel. It is a
+frozen dataclass whose fields are its parameters, and it overrides the method of the stage of the sensor chain
+at which it enters.
 """
 
 from __future__ import annotations
@@ -96,13 +97,13 @@ class Effect:
     level : owner of the parameters: the vehicle, each wheel or each node.
     visible_in : "mean" if the effect moves the channels, "scatter" if it only changes their noise or clips
         them.
-    depends_on : record that the effect needs besides the motion.
+    depends_on : quantity that the effect needs in addition to the motion: age, temperature or supply.
     is_invertible : True if a calibration removes the effect from samples.
     has_memory : True if a reading depends on earlier samples, as with a filter. Without memory a long log is
         evaluated in blocks.
     is_linear : True if the change of a reading is proportional to the coordinates.
-    varies_between_drives : True if the value belongs to one drive rather than to the vehicle, as an offset, a
-        clock or the road does.
+    varies_between_drives : True if the value holds for one drive only, as that of an offset, a clock or the
+        road.
     affects_reference : True if the effect concerns the speed reference rather than a node.
     confusable_with : name of an effect that a drive may not distinguish from this one -> manoeuvre that does.
         Each pair is listed in one of its two classes.

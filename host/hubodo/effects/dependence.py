@@ -7,11 +7,11 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.effects.sensor_chain import SensorChain
 
-_CURVATURE_SPEED2 = 0.25  # (m/s)², c below: keeps the curvature finite near standstill
+_CURVATURE_SPEED2 = 0.25  # (m/s)², c in `steering_rate`: keeps the curvature finite near standstill
 
 
 def temperature_rate(chain: SensorChain) -> Array:
-    """Return the derivative of the temperature, °C/s, smoothed as the noise of the thermometer requires."""
+    """Return the derivative of the temperature, °C/s, smoothed according to the noise of the thermometer."""
     # Imported here: it takes 0.5 s, and every command that knows effects would wait for it.
     from hubodo.smoothing_spline import fit_smoothing_spline
 

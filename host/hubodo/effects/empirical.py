@@ -22,7 +22,7 @@ from hubodo.effects.sensor_chain import SensorChain
 
 PREFIX = "empirical:"
 CHANNELS = ("gx", "gy", "gz", "ax", "ay", "az")
-HARMONICS = 6
+N_HARMONICS = 6
 """Number of wheel harmonics in the term `harmonics(theta)`."""
 _GYRO_AMPLITUDE_SCALE, _ACCEL_AMPLITUDE_SCALE = (
     0.01,
@@ -59,8 +59,8 @@ _STEP_PATTERN = re.compile(r"step\(t-([0-9.]+)\)")
 ALL_HARMONICS = "harmonics(theta)"
 
 
-def columns(expression: str, chain: SensorChain) -> list[Array]:
-    """Evaluate a term of the library.
+def evaluate_term(expression: str, chain: SensorChain) -> list[Array]:
+    """Return the values of a term of the library, column by column.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def columns(expression: str, chain: SensorChain) -> list[Array]:
     Returns
     -------
     list of (N,) arrays
-        One column; two for a periodic term; 2 `HARMONICS` for "harmonics(theta)".
+        One column; two for a periodic term; 2 `N_HARMONICS` for "harmonics(theta)".
 
     Raises
     ------
@@ -95,7 +95,7 @@ def columns(expression: str, chain: SensorChain) -> list[Array]:
             sin, cos = sin_cos(_per_sample(chain, chain.angle))
             fundamental = harmonic = cos + 1j * sin
             periodic = [harmonic.real.copy(), harmonic.imag.copy()]
-            while len(periodic) < 2 * HARMONICS:
+            while len(periodic) < 2 * N_HARMONICS:
                 harmonic = harmonic * fundamental
                 periodic += [harmonic.real.copy(), harmonic.imag.copy()]
         else:
@@ -103,7 +103,7 @@ def columns(expression: str, chain: SensorChain) -> list[Array]:
                 f"unknown term {factor!r}; known terms: {', '.join(FACTORS)}, cos(2*theta), step(t-10)"
             )
     for wave in periodic:
-        # In place: the columns of a long log are large.
+        # Scale in place, because the columns of a long log are large.
         wave *= real
     return periodic
 
@@ -130,7 +130,7 @@ def _suffixes(expression: str) -> list[str]:
     """Return one suffix of a parameter name for each column of a term."""
     factors = _split(expression)
     if ALL_HARMONICS in factors:
-        return [f"_{wave}{k}" for k in range(1, HARMONICS + 1) for wave in ("cos", "sin")]
+        return [f"_{wave}{k}" for k in range(1, N_HARMONICS + 1) for wave in ("cos", "sin")]
     return ["_cos", "_sin"] if any("cos(" in factor for factor in factors) else [""]
 
 
@@ -143,7 +143,7 @@ class _Empirical(Effect):
 
     def add_offsets(self, chain: SensorChain) -> None:
         """Add the term, times its amplitudes, to its channels."""
-        term = chain.terms.get(self.expression) or columns(self.expression, chain)
+        term = chain.terms.get(self.expression) or evaluate_term(self.expression, chain)
         chain.terms[self.expression] = term
         amplitudes = iter(self.values().values())
         for channel in self.channels:
@@ -156,7 +156,7 @@ class _Empirical(Effect):
 
 
 @lru_cache(maxsize=256)
-def empirical(name: str) -> type[Effect]:
+def empirical_class(name: str) -> type[Effect]:
     """Return the class of an empirical effect by name, such as `empirical:gx,gy ~ temperature_rate`.
 
     Raise ValueError for a name without channels or with a term that is not in the library.
@@ -184,7 +184,7 @@ def empirical(name: str) -> type[Effect]:
             "has_memory": "temperature_rate" in _split(expression),
         },
     )
-    # Evaluated once, so that an unknown term is refused here.
+    # The term is evaluated once, so that an unknown one is refused here.
     zero = np.zeros((3, 2))
-    columns(expression, SensorChain(np.arange(2.0), zero[0], zero, zero, zero, zero, zero))
+    evaluate_term(expression, SensorChain(np.arange(2.0), zero[0], zero, zero, zero, zero, zero))
     return kind

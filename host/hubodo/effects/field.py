@@ -1,4 +1,4 @@
-"""Effects known in the literature that are candidates of `hubodo gap` only on request."""
+"""Effects from the literature that `hubodo gap` considers only on request."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class WheelSteering(Effect):
 
 @dataclass(frozen=True)
 class AxlePlay(Effect):
-    """The node tilts by a rotation vector across the axle, with a sign that follows the torque."""
+    """The node tilts across the axle by a rotation vector whose sign follows the torque on the wheel."""
 
     name: ClassVar[str] = "axle_play"
     level: ClassVar[Level] = "wheel"
@@ -134,7 +134,7 @@ class MeanRoadBank(Effect):
 
 @dataclass(frozen=True)
 class ReferenceLatency(Effect):
-    """The reference is late: it reports at t the state at t - delay."""
+    """The reference is late: at time t it reports the state at t - delay."""
 
     name: ClassVar[str] = "reference_latency"
     level: ClassVar[Level] = "vehicle"
@@ -174,7 +174,7 @@ class ReferenceArm(Effect):
         )
 
 
-FIELD: tuple[type[Effect], ...] = (
+FIELD_EFFECTS: tuple[type[Effect], ...] = (
     WheelSteering,
     AxlePlay,
     AccelRectification,

@@ -79,7 +79,7 @@ class GyroLag(Effect):
 
 @dataclass(frozen=True)
 class GyroScaleFactor(ScaleFactor):
-    """Each gyro axis reads (1 + e) multiply the rate, with its own scale error e."""
+    """Each gyro axis reads (1 + e) times the rate, with its own scale error e."""
 
     name: ClassVar[str] = "gyro_scale_factor"
     sensor: ClassVar[Sensor] = "gyro"

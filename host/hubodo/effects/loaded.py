@@ -13,7 +13,7 @@ from types import ModuleType
 import numpy as np
 
 from hubodo.effects import BY_NAME, EFFECTS, Effect, SensorChain
-from hubodo.effects.field import FIELD
+from hubodo.effects.field import FIELD_EFFECTS
 from hubodo.effects.sensor_chain import REFERENCE_VOLTS
 from hubodo.errors import ConfigError
 
@@ -33,7 +33,7 @@ _STAGES = (
     "quantize_readings",
     "repeat_samples",
 )
-_BUILT_IN_NAMES = frozenset(effect.name for effect in (*EFFECTS, *FIELD))
+_BUILT_IN_NAMES = frozenset(effect.name for effect in (*EFFECTS, *FIELD_EFFECTS))
 
 
 def use_effects(files: Iterable[Path] = (), field: bool = False) -> None:
@@ -50,7 +50,7 @@ def use_effects(files: Iterable[Path] = (), field: bool = False) -> None:
         If a file cannot be executed or defines no effect, or if an effect is incomplete.
     """
     if field:
-        BY_NAME.update({effect.name: effect for effect in FIELD})
+        BY_NAME.update({effect.name: effect for effect in FIELD_EFFECTS})
     for entry in entry_points(group=ENTRY_POINT_GROUP):
         try:
             effects = list(_effects_of_entry(entry.load()))
@@ -64,7 +64,7 @@ def use_effects(files: Iterable[Path] = (), field: bool = False) -> None:
 
 
 def read_effects(path: Path) -> list[type[Effect]]:
-    """Return the effects that a Python file defines, by executing it. Raise ConfigError as `use_effects`."""
+    """Execute a Python file and return the effects that it defines. Raise ConfigError as `use_effects`."""
     if path.suffix != ".py":
         raise ConfigError(f"{path}: name a Python file with effects, such as hubodo gap --scaffold writes")
     try:
@@ -94,7 +94,7 @@ def run_effects(text: str, path: Path) -> list[type[Effect]]:
 
 
 def name_problem(name: str) -> str:
-    """Return why a new effect cannot have this name; "" if it can."""
+    """Return the reason why a new effect cannot have this name; "" if it can."""
     if not _EFFECT_NAME_PATTERN.fullmatch(name):
         return "write a name of lower-case letters, digits and _, such as bent_axle"
     return "an effect of that name exists already" if name in _BUILT_IN_NAMES else ""
@@ -144,7 +144,7 @@ def _check(effect: type[Effect], where: str) -> None:
 
 
 def _run_stages(effect: Effect) -> None:
-    """Run each stage that a fit uses once, on one second at standstill."""
+    """Run each stage that a fit uses once, on a second of standstill, so that its errors are reported now."""
     t = np.linspace(0.0, 1.0, 20)
     zero = np.zeros_like(t)
     chain = SensorChain(t, zero + 25.0, *np.zeros((5, 3, len(t))))

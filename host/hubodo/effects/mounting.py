@@ -46,7 +46,7 @@ class NodeMisalignment(Effect):
 
     @cached_property
     def rotation(self) -> Array:
-        """Rotation matrix R(x, y, z), (3, 3)."""
+        """Return the rotation matrix R(x, y, z), (3, 3)."""
         # Imported here: it takes 0.1 s, and only simulated nodes need it.
         from scipy.spatial.transform import Rotation
 
@@ -64,7 +64,7 @@ class NodeMisalignment(Effect):
 
 @dataclass(frozen=True)
 class LeverArm(Effect):
-    """The sensing point is off the axle by a vector in nominal node axes, before `node_misalignment`."""
+    """The sensing point is off the axle by a vector in the nominal node axes, not the misaligned ones."""
 
     name: ClassVar[str] = "lever_arm"
     meaning: ClassVar[str] = "the sensor is off the axle"

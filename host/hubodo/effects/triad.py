@@ -42,7 +42,7 @@ class LinearEffect(Effect):
 
 @dataclass(frozen=True)
 class CrossAxis(LinearEffect):
-    """Six small cross-axis angles, after Avrutov, eq. 1: the x axis reads xz times y, and so on."""
+    """Six small cross-axis angles, after Avrutov, eq. 1: the reading of x gains xz times y, and so on."""
 
     matrix_entries: ClassVar[Mapping[str, tuple[int, int, float]]] = {
         "xz": (0, 1, 1.0),

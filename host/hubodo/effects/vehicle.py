@@ -1,4 +1,4 @@
-"""Effects of the vehicle and the road: track width and grade."""
+"""Effects of the vehicle and the road: track width, grade and bank."""
 
 import math
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ _ROAD_GRADE_PRIOR = OdometryPrior(
     correlation_time=_ROAD_GRADE_TIME,
 )
 
-_ROAD_SEED = 29  # of the simulated road, which all nodes and runs share
+_ROAD_SEED = 29  # seed of the simulated road, which all nodes and runs share
 
 
 @dataclass(frozen=True)

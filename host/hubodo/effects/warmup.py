@@ -65,7 +65,7 @@ class GyroWarmup(Effect):
     def neg_log_prior(self) -> float:
         """Return -ln of the two-sided tail probability of the time constant under a log-normal prior.
 
-        Median one minute, 1σ a factor of three. Without it a warm-up would fit any bias or ramp.
+        Median one minute, 1σ a factor of three. Without this prior a warm-up could fit any bias or ramp.
         """
         sigmas = abs(math.log(self.time_constant / 60.0)) / math.log(3.0)
         return -math.log(max(math.erfc(sigmas / math.sqrt(2.0)), 1e-300))

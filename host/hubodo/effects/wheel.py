@@ -65,7 +65,7 @@ class TyreGrowth(Effect):
 
 @dataclass(frozen=True)
 class WheelSlip(Effect):
-    """The wheel slips under drive and brake torque: theta' = v_w / R (1 + k v_w')."""
+    """The wheel slips under drive and brake torque: theta' = v_w / R (1 + k v_w'), with slip factor k."""
 
     name: ClassVar[str] = "wheel_slip"
     has_memory: ClassVar[bool] = True

@@ -1,1 +1,1 @@
-"""The forward model and the virtual node: what a wheel-mounted sensor measures."""
+"""The forward model: what a wheel-mounted sensor measures, from the motion of the vehicle."""

@@ -18,8 +18,8 @@ _TABLE_STEP = 0.01  # s, sampling of the motion of a turntable
 _TABLE_REPORT_STEP = 0.1  # s, sampling of the record of its angle
 
 
-def ease(progress: Array) -> tuple[Array, Array, Array]:
-    """Return a quintic smooth step of `progress`, (N,), from 0 to 1, with its first and second derivative.
+def quintic_step(progress: Array) -> tuple[Array, Array, Array]:
+    """Return a quintic polynomial from 0 to 1 over `progress`, (N,), with its first and second derivative.
 
     Both derivatives are zero at both ends.
     """
@@ -51,7 +51,7 @@ class TurntableProgramme:
         stop, progress = self._stop_and_progress(t)
         angles = np.array(self.angles)
         step = angles[(stop + 1) % len(angles)] - angles[stop % len(angles)]
-        yaw_rate = fit_interpolating_spline(t, step * ease(progress)[1] / self.turn_time)
+        yaw_rate = fit_interpolating_spline(t, step * quintic_step(progress)[1] / self.turn_time)
         report_t: Array = np.arange(0.0, duration, _TABLE_REPORT_STEP)
         angle = angles[0] + yaw_rate.integral(report_t)
         moving = (self._stop_and_progress(report_t)[1] > -1e-9).astype(np.float64)
@@ -59,7 +59,7 @@ class TurntableProgramme:
         return inputs, np.stack([report_t, angle, moving], axis=1)
 
     def _stop_and_progress(self, t: Array) -> tuple[NDArray[np.int64], Array]:
-        """Return the number of the stop, and the progress of the turn after it (negative during the stop)."""
+        """Return the index of the last stop, and the progress of the turn after it; negative at a stop."""
         period = self.stop_time + self.turn_time
         number = np.floor(t / period + 1e-9).astype(np.int64)
         return number, (t - number * period - self.stop_time) / self.turn_time
@@ -67,13 +67,13 @@ class TurntableProgramme:
 
 @dataclass(frozen=True)
 class PoseSequence:
-    """A node held still in one attitude after another; a `forward.CarriedMotion`.
+    """A node held still in one attitude after another; calling it returns a motion as `CarriedMotion` does.
 
     Attributes
     ----------
     attitudes : (P,) rotations from the node to the world (x east, y north, z up). Each turn between two of
         them is about one axis fixed in the node.
-    rest_time, turn_time : s, at standstill in each pose and for each turn.
+    rest_time, turn_time : s, duration of each standstill and of each turn.
     latitude : rad; if given, the rate includes the rotation of the Earth.
     """
 
@@ -84,12 +84,12 @@ class PoseSequence:
 
     @property
     def duration(self) -> float:
-        """Duration in s, from the first pose to the last."""
+        """Return the duration in s, from the first pose to the last."""
         return len(self.attitudes) * (self.rest_time + self.turn_time) - self.turn_time
 
     @cached_property
     def _rotation_vectors(self) -> Array:
-        """(P, 3) rotation vector of each turn in node axes, zero after the last pose."""
+        """Return the rotation vector of each turn in node axes, (P, 3); zero after the last pose."""
         between = (self.attitudes[:-1].inv() * self.attitudes[1:]).as_rotvec()
         return np.concatenate([between, np.zeros((1, 3))])
 
@@ -97,7 +97,7 @@ class PoseSequence:
         """Return angular rate, its derivative and specific force in node axes, (3, N), at t, (N,) s."""
         period = self.rest_time + self.turn_time
         number = np.clip(np.floor(t / period).astype(np.int64), 0, len(self.attitudes) - 1)
-        angle, speed, acceleration = ease((t - number * period - self.rest_time) / self.turn_time)
+        angle, speed, acceleration = quintic_step((t - number * period - self.rest_time) / self.turn_time)
         rotation = self._rotation_vectors[number]
         world = (self.attitudes[number] * Rotation.from_rotvec(angle[:, None] * rotation)).inv()
         rate = speed[:, None] / self.turn_time * rotation

@@ -39,7 +39,7 @@ def scripted_drive(legs: list[Leg], smoothing: float = _DRIVE_SMOOTHING) -> Moti
 
 
 def loop_drive(rng: np.random.Generator, rest_time: float = 8.0, driving_time: float = 60.0) -> MotionInputs:
-    """Return a drive of random legs that turns by about one revolution, with standstill at both ends.
+    """Return a drive of random legs whose heading changes by about one turn, with standstill at both ends.
 
     rest_time: s, standstill at the start. driving_time: s, between the two standstills.
     """
@@ -60,7 +60,7 @@ def random_drive(rng: np.random.Generator, duration: float, max_speed: float = 2
 
     duration: s. max_speed: m/s.
     """
-    # At least 4σ of the smoothing, so that the vehicle stands still.
+    # The standstill lasts at least 4σ of the smoothing, so that the vehicle really stands still.
     legs = [Leg(min(max(0.05 * duration, 4.0 * _DRIVE_SMOOTHING), 0.3 * duration), 0.0)]
     remaining = duration - 2.0 * legs[0].duration
     while remaining > 0.0:

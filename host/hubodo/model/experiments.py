@@ -46,12 +46,12 @@ class Experiment:
 
     @property
     def duration(self) -> float:
-        """Duration in s."""
+        """Return the duration in s."""
         return self.inputs.speed.end
 
     @property
     def has_path(self) -> bool:
-        """True if a vehicle drives, so that a path exists."""
+        """Return True if a vehicle drives, so that a path exists."""
         return not self.on_bench
 
 
@@ -267,7 +267,7 @@ def true_path(experiment: Experiment) -> Table:
 
 
 def _stamps(duration: float, rate: float) -> Array:
-    """Return time stamps in whole nanoseconds, as ROS stores them, (N,) s; rate in Hz."""
+    """Return time stamps (N,), s, rounded to nanoseconds as ROS stores them; rate in Hz."""
     return np.asarray(np.rint(np.arange(int(np.ceil(duration * rate))) * (1e9 / rate)) / 1e9)
 
 

@@ -15,8 +15,8 @@ from hubodo.model.rolling import WheelRotation, wheel_rotation
 from hubodo.model.true_motion import lever_arm_force, motion_on_body, motion_on_wheel
 from hubodo.vehicle import NodeMount, facing_sign, side_sign
 
-_CACHED_BODIES = 3  # motions of the vehicle that are kept, by time stamps
-# Samples evaluated at once by effects without memory; their arrays stay in the cache of the processor.
+_CACHED_BODIES = 3  # cached motions of the vehicle, one per set of time stamps
+# Number of samples evaluated at once if no effect has memory; their arrays fit into the processor's cache.
 _BLOCK_SAMPLES = 8192
 
 CarriedMotion = Callable[[Array], tuple[Array, Array, Array]]
@@ -38,7 +38,7 @@ class NodeInitialState:
 
 @dataclass(frozen=True, slots=True)
 class NodeReading:
-    """Readings of a node: `gyro` in rad/s and `accel` in m/s², (3, N) each, with the motion behind them.
+    """Readings of a node: `gyro` in rad/s and `accel` in m/s², (3, N) each, with the motion that caused them.
 
     rolling: rotation of the wheel; None on the body. body: motion of the vehicle.
     """
@@ -56,7 +56,7 @@ class NodeReading:
 
 @dataclass(frozen=True, slots=True)
 class TrueMotion:
-    """True motion of a node without lever arm, cached with the arguments that determine it.
+    """True motion of a node without lever arm, stored with the arguments that determine it.
 
     rate in rad/s, rate_derivative in rad/s² and specific force in m/s² are (3, N) in node axes; `geometry`
     has no lever arm.
@@ -79,7 +79,7 @@ class NodeModel:
     Attributes
     ----------
     inputs : motion of the vehicle.
-    t : (N,) s since the start of the log, time stamps.
+    stamps : (N,) s since the start of the log, time stamps of the samples.
     mount : wheel and orientation of the node.
     wheel_radius, track_width : m, nominal.
     power_on : s since the start of the log, time at which the node was switched on.
@@ -87,7 +87,7 @@ class NodeModel:
     """
 
     inputs: MotionInputs
-    t: Array
+    stamps: Array
     mount: NodeMount
     wheel_radius: float
     track_width: float
@@ -118,7 +118,7 @@ class NodeModel:
         stamp_delay : (N,) s, delay of the time stamps.
         """
         effects = list(effects)
-        if len(self.t) > 2 * _BLOCK_SAMPLES and not any(effect.has_memory for effect in effects):
+        if len(self.stamps) > 2 * _BLOCK_SAMPLES and not any(effect.has_memory for effect in effects):
             return self._mean_in_blocks(effects, start, angle_error, correction, stamp_delay)
         chain, rolling, body = self._measure(effects, start, angle_error, correction, stamp_delay)
         for effect in effects:
@@ -135,9 +135,9 @@ class NodeModel:
     ) -> NodeReading:
         """Return the same as `mean_reading`, evaluated in blocks of samples."""
         body = self._corrected_body(effects, stamp_delay, correction)
-        gyro, accel = np.empty((2, 3, len(self.t)))
-        angles = np.empty((3, len(self.t)))
-        for first in range(0, len(self.t), _BLOCK_SAMPLES):
+        gyro, accel = np.empty((2, 3, len(self.stamps)))
+        angles = np.empty((3, len(self.stamps)))
+        for first in range(0, len(self.stamps), _BLOCK_SAMPLES):
             block = slice(first, first + _BLOCK_SAMPLES)
             reading = self.select(block).mean_reading(
                 effects, start, _select(angle_error, block), correction, _select(stamp_delay, block)
@@ -177,7 +177,11 @@ class NodeModel:
             key = next((key for key, body in self._cached_bodies.items() if body is before), None)
             corrected = None if key is None else (applied, bodies[key], after.select(samples))
         return replace(
-            self, t=self.t[samples], _cached_bodies=known, _cached_correction=corrected, _cached_motion={}
+            self,
+            stamps=self.stamps[samples],
+            _cached_bodies=known,
+            _cached_correction=corrected,
+            _cached_motion={},
         )
 
     def clear_motion_cache(self) -> None:
@@ -300,7 +304,7 @@ class NodeModel:
 
     def _body(self, effects: list[Effect], stamp_delay: Array | float) -> BodyMotion:
         """Return the motion of the vehicle at the true sampling times, cached."""
-        t = self.t - stamp_delay if np.any(stamp_delay) else self.t
+        t = self.stamps - stamp_delay if np.any(stamp_delay) else self.stamps
         for effect in effects:
             t = effect.true_time(t)
         key = hash(t.tobytes())
@@ -313,7 +317,7 @@ class NodeModel:
 
 
 def _select(value: Array | float, samples: slice) -> Array | float:
-    """Return the values of a slice of samples; a scalar stays as it is."""
+    """Return the values of a slice of samples; a scalar is returned unchanged."""
     return value[samples] if isinstance(value, np.ndarray) and value.size > 1 else value
 
 

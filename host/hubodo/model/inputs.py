@@ -152,7 +152,7 @@ class ExtraSpeed:
     inner: MotionCorrection | None = None
 
     def apply(self, body: BodyMotion) -> BodyMotion:
-        """Return the motion with the increase; the distance is unchanged."""
+        """Return the motion with speed and acceleration increased; the distance is unchanged."""
         if self.inner is not None:
             body = self.inner.apply(body)
         return replace(
@@ -169,12 +169,12 @@ class SpeedCorrection:
 
     @cached_property
     def acceleration(self) -> Array:
-        """Derivative of the speed correction, (M,) m/s²."""
+        """Return the derivative of the speed correction, (M,) m/s²."""
         return np.asarray(np.gradient(self.speed, self.t))
 
     @cached_property
     def distance(self) -> Array:
-        """Integral of the speed correction, (M,) m."""
+        """Return the integral of the speed correction, (M,) m."""
         step = np.diff(self.t)
         return np.concatenate([[0.0], np.cumsum(0.5 * step * (self.speed[1:] + self.speed[:-1]))])
 
@@ -185,7 +185,7 @@ class SpeedCorrection:
         if np.array_equal(t, self.t[first : first + len(t)]):
             speed, acceleration, distance = (it[first : first + len(t)] for it in columns)
             return speed, acceleration, distance
-        # Limited to the neighbourhood of t: np.interp would search all of a long correction.
+        # Only the neighbourhood of t is passed on: np.interp would search all of a long correction.
         near = slice(max(first - 1, 0), int(np.searchsorted(self.t, t[-1], side="right")) + 1)
         speed, acceleration, distance = (np.interp(t, self.t[near], it[near]) for it in columns)
         return speed, acceleration, distance

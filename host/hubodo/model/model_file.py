@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from hubodo.atomic_files import write_atomically
-from hubodo.effects import EFFECTS, Effect, Noise, effect_of, in_order
+from hubodo.effects import EFFECTS, Effect, Noise, effect_of, sort_effects
 from hubodo.effects.base import Level
 from hubodo.errors import ConfigError
 from hubodo.model.effect_tables import check_value, effect_heading, read_effect_tables
@@ -48,7 +48,7 @@ class InputSources:
     ----------
     speed, yaw_rate : name of a channel (see `split_input`), or a constant in m/s and rad/s.
     speed_noise, yaw_rate_noise : m/s and rad/s, 1σ noise of one sample of the inputs; 0 for exact inputs.
-    clock_sigma : s, 1σ of the agreement of the stamps of each node with those of the inputs; 0 for one clock.
+    clock_sigma : s, 1σ of the offset between the clock of each node and that of the inputs; 0 for one clock.
     """
 
     speed: str | float = "reference.speed"
@@ -123,11 +123,11 @@ class Model:
         on_wheel = self.vehicle.nodes[node].side is not None
         effects = {item.effect.name: item.effect for item in self.effects if item.node is None}
         effects |= {item.effect.name: item.effect for item in self.effects if item.node == node}
-        ordered = in_order(effects.values())
+        ordered = sort_effects(effects.values())
         return tuple(effect for effect in ordered if on_wheel or effect.level != "wheel")
 
     def with_effects(self, *added: ScopedEffect) -> Model:
-        """Return the model with effects added; each replaces its namesake of the same node.
+        """Return the model with effects added; each replaces the effect of that name on the same node.
 
         Parameters
         ----------
@@ -174,7 +174,7 @@ def read_model(path: Path) -> Model:
 
 @dataclass(frozen=True, slots=True)
 class _Imu:
-    """Table `[imu]`: 1σ noise of one sample, in rad/s and m/s²."""
+    """Return the noise of table `[imu]`: 1σ of one sample, in rad/s and m/s²."""
 
     gyro_noise: float
     accel_noise: float
@@ -216,7 +216,7 @@ def _check_input(value: str | float, where: str, vehicle: Vehicle) -> None:
     known = ["reference.speed", "reference.yaw_rate", "nodes"]
     known += [f"nodes.{node}.{rate}" for node in vehicle.nodes for rate in _GYRO_CHANNELS]
     source, channel = split_input(value)
-    # A node that is not in the vehicle may still be in the log: only its channel can be checked here.
+    # A node that the model lacks may still be in the log, so only the channel is checked here.
     unlisted = source not in ("", "reference", "nodes", *vehicle.nodes) and channel in _GYRO_CHANNELS
     if value in known or (source in vehicle.nodes and channel in _GYRO_CHANNELS):
         return
@@ -237,7 +237,10 @@ def _read_all_effects(table: Mapping[str, Any], path: Path, vehicle: Vehicle) ->
 
 
 def _read_effects(table: Mapping[str, Any], where: str, mount: NodeMount | None) -> Iterator[Effect]:
-    """Yield the effects of a table; mount: of the node that owns them, None for effects of all nodes."""
+    """Yield the effects of a table.
+
+    mount: mounting of the node that owns the effects, None for effects of all nodes.
+    """
     refused: dict[Level, str] = {}
     if mount is not None:
         refused["vehicle"] = "this is an effect of the vehicle; move it to [effects.{name}]"

@@ -64,7 +64,7 @@ def wheel_rotation(
 def _with_growth_and_eccentricity(
     t: Array, geometry: Geometry, start: float, ideal: WheelRotation
 ) -> WheelRotation:
-    """Return the rotation with tyre growth k and eccentricity, from the rotation without both.
+    """Return the rotation with tyre growth k and eccentricity, given the rotation without either.
 
     spin (1 + k spin²) (1 + A cos(theta - p)) equals the spin without both. theta + A sin(theta - p) is the
     unrolled arc divided by the radius; growth shortens that arc.
@@ -103,7 +103,7 @@ def _unrolled(k: float, c: float, s: float, arc: Array, ideal: WheelRotation) ->
 
 
 def _arc_lost_to_growth(t: Array, k: float, ideal: WheelRotation, rolling: WheelRotation) -> Array:
-    """Return the arc by which a growing wheel lags behind, (N,) rad.
+    """Return the arc by which a wheel with tyre growth lags behind one without, (N,) rad.
 
     Integrated by Hermite's rule, exact for cubics between the times t.
     """

@@ -27,7 +27,7 @@ from gap_matrix.limit.trial import round_to_hits
 from gap_matrix.world import Array
 from hubodo.effects import BY_NAME
 from hubodo.effects import Effect as HubodoEffect
-from hubodo.effects.empirical import PREFIX, empirical
+from hubodo.effects.empirical import PREFIX, empirical_class
 from hubodo.effects.warmup import GyroWarmup
 from hubodo.gap.judge.search import build_initial_state
 from hubodo.gap.linear.linearisation import linearise
@@ -137,7 +137,7 @@ class _Linear:
         first_mode = len(directions)
         for node in nodes:
             for mode in range(N_MODES):
-                effect = empirical(
+                effect = empirical_class(
                     f"{PREFIX}gx,gy,gz ~ cos(2*pi*{(mode + 0.5) / 2.0 / self._length:.6f}*t)"
                 )()
                 # Each channel has a cosine and a sine coordinate; the sine is used.

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hubodo.effects.empirical import ALL_HARMONICS, CHANNELS, FACTORS, empirical
+from hubodo.effects.empirical import ALL_HARMONICS, CHANNELS, FACTORS, empirical_class
 from hubodo.effects.sensor_chain import SensorChain
 
 SEED = 20260
@@ -61,7 +61,7 @@ def read_as_arithmetic(expression, chain):
 
 
 def added(name, values, chain):
-    kind = empirical(name)
+    kind = empirical_class(name)
     kind(**values).add_offsets(chain)
     return np.vstack([chain.gyro, chain.accel])
 
@@ -94,7 +94,7 @@ def test_a_periodic_term_has_a_cosine_and_a_sine(expression):
 def test_all_harmonics_are_six_of_each():
     chain = make_chain()
     amplitudes = {f"gy_{turn}{k}": k + (turn == "sin") / 2 for k in range(1, 7) for turn in ("cos", "sin")}
-    assert empirical(f"empirical:gy ~ {ALL_HARMONICS}").parameters() == tuple(amplitudes)
+    assert empirical_class(f"empirical:gy ~ {ALL_HARMONICS}").parameters() == tuple(amplitudes)
     got = added(f"empirical:gy ~ {ALL_HARMONICS}", amplitudes, chain)
     wanted = sum(k * np.cos(k * chain.angle) + (k + 0.5) * np.sin(k * chain.angle) for k in range(1, 7))
     np.testing.assert_allclose(got[1], wanted, atol=1e-9)
@@ -106,4 +106,4 @@ def test_all_harmonics_are_six_of_each():
 )
 def test_unknown_terms_are_refused(name):
     with pytest.raises(ValueError):
-        empirical(name)
+        empirical_class(name)

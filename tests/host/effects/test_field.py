@@ -8,7 +8,7 @@ import pytest
 from gap_matrix import beyond, cases, recording
 from gap_runs import run_gap
 from hubodo.effects import BY_NAME, EFFECTS
-from hubodo.effects.field import FIELD
+from hubodo.effects.field import FIELD_EFFECTS
 from hubodo.effects.loaded import use_effects
 from hubodo.effects.sensor_chain import SensorChain
 
@@ -37,7 +37,7 @@ def chain(facing=1.0):
 
 
 def added(name, facing=1.0, **values):
-    kind = next(kind for kind in FIELD if kind.name == name)
+    kind = next(kind for kind in FIELD_EFFECTS if kind.name == name)
     result = chain(facing)
     kind(**values).add_offsets(result)
     return result.gyro, result.accel
@@ -75,7 +75,7 @@ def test_vibration_and_temperature_shift_the_accelerometer():
 
 
 def test_the_supply_above_3_7_volts_shifts_the_gyro():
-    kind = next(kind for kind in FIELD if kind.name == "gyro_supply")
+    kind = next(kind for kind in FIELD_EFFECTS if kind.name == "gyro_supply")
     result = chain()
     result.supply = 4.1 - 0.035 * T
     kind(x=0.02, y=-0.01, z=0.03).add_offsets(result)
@@ -100,17 +100,17 @@ def test_on_a_banked_road_gravity_has_a_lateral_component(facing):
 
 
 def test_a_late_reference_makes_every_node_early():
-    kind = next(kind for kind in FIELD if kind.name == "reference_latency")
+    kind = next(kind for kind in FIELD_EFFECTS if kind.name == "reference_latency")
     np.testing.assert_allclose(kind(0.1).true_time(T), T + 0.1)
 
 
 def test_further_effects_are_candidates_on_request_only():
-    assert not {kind.name for kind in FIELD} & set(BY_NAME)
+    assert not {kind.name for kind in FIELD_EFFECTS} & set(BY_NAME)
     use_effects(field=True)
-    assert list(BY_NAME) == [kind.name for kind in (*EFFECTS, *FIELD)]
+    assert list(BY_NAME) == [kind.name for kind in (*EFFECTS, *FIELD_EFFECTS)]
 
 
-@pytest.mark.parametrize("kind", FIELD, ids=lambda kind: kind.name)
+@pytest.mark.parametrize("kind", FIELD_EFFECTS, ids=lambda kind: kind.name)
 def test_each_effect_names_confusable_effects_and_manoeuvres(kind):
     assert kind.confusable_with
     assert all(other in BY_NAME and manoeuvre for other, manoeuvre in kind.confusable_with.items())

@@ -7,7 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from hubodo.earth import EARTH_RATE, STANDARD_GRAVITY
-from hubodo.model.bench import PoseSequence, TurntableProgramme, ease
+from hubodo.model.bench import PoseSequence, TurntableProgramme, quintic_step
 from hubodo.model.inputs import EarthRotation
 
 ANGLES, STOP, TURN = (0.7, 2.0, -1.0), 4.0, 2.0
@@ -108,7 +108,7 @@ def test_a_turn_is_about_one_axis_by_the_smallest_angle(carried):
 def test_the_smooth_step_has_the_returned_derivatives():
     """Compared with differences; constant at both ends, and beyond them."""
     share = np.linspace(-0.2, 1.2, 1401)
-    value, first, second = ease(share)
+    value, first, second = quintic_step(share)
     np.testing.assert_allclose(np.gradient(value, share)[2:-2], first[2:-2], atol=1e-5)
     np.testing.assert_allclose(np.gradient(first, share)[2:-2], second[2:-2], atol=0.07)
     inner = (share > 0.01) & (share < 0.99)

@@ -136,7 +136,7 @@ def test_the_lag_of_the_gyro_is_the_solution_of_its_differential_equation():
     gyro, _ = noise_free([GyroLag(0.03)])
     fine = NodeModel(drive(), np.arange(0.0, END, 0.0005), NodeMount("left", "left"), 0.31, 0.92)
     true = fine.mean_reading([], NodeInitialState(0.3)).gyro
-    signal = make_interp_spline(fine.t, true.T, 5)
+    signal = make_interp_spline(fine.stamps, true.T, 5)
     solution = solve_ivp(
         lambda x, y: (signal(x) - y) / 0.03,
         (0.0, t[-1]),

@@ -19,7 +19,7 @@ import numpy as np
 from hubodo.arrays import Array
 from hubodo.atomic_files import write_atomically
 from hubodo.effects import BY_NAME
-from hubodo.effects.empirical import PREFIX, empirical
+from hubodo.effects.empirical import PREFIX, empirical_class
 from hubodo.errors import InputError
 from hubodo.gap.judge.hypothesis import Hypothesis
 from hubodo.gap.judge.round import ReportProgress, Round, judge_round
@@ -212,7 +212,7 @@ def _state_from_json(entry: Mapping[str, Any], point: Evaluation) -> State:
 
 def _term_from_json(entry: Sequence[Any]) -> ModelTerm:
     name, values, scope, fitted = entry
-    effect_class = empirical(name) if name.startswith(PREFIX) else BY_NAME[name]
+    effect_class = empirical_class(name) if name.startswith(PREFIX) else BY_NAME[name]
     return ModelTerm(effect_class(**values), scope, fitted)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hubodo.arrays import Array
-from hubodo.effects import Effect, in_order
+from hubodo.effects import Effect, sort_effects
 from hubodo.effects.sensor_chain import SensorChain
 from hubodo.gap.linear.additive import AdditiveEffects
 from hubodo.gap.linear.shared_speed import SpeedCoupling, SpeedSensitivity
@@ -167,4 +167,4 @@ class _NodeResponse:
 
 
 def _replace_effect(effects: Mapping[type[Effect], Effect], effect: Effect) -> dict[type[Effect], Effect]:
-    return {type(effect): effect for effect in in_order({**effects, type(effect): effect}.values())}
+    return {type(effect): effect for effect in sort_effects({**effects, type(effect): effect}.values())}

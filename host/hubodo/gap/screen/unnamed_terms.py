@@ -16,7 +16,7 @@ from scipy.fft import next_fast_len
 from scipy.optimize import minimize_scalar
 
 from hubodo.arrays import Array
-from hubodo.effects.empirical import ALL_HARMONICS, FACTORS, PREFIX, columns, empirical
+from hubodo.effects.empirical import ALL_HARMONICS, FACTORS, PREFIX, empirical_class, evaluate_term
 from hubodo.effects.sensor_chain import SensorChain
 from hubodo.gap.problem.problem import CHANNELS, NodeData
 from hubodo.gap.process_noise.evaluation import Evaluation
@@ -101,7 +101,7 @@ def _fit_term(
     node: NodeData, chain: SensorChain, expression: str, z: Array, weight: Array, edges: NDArray[np.intp]
 ) -> UnnamedTerm | None:
     """Fit a term to the channels of a node whose evidence it increases; `edges`: first samples of blocks."""
-    basis = np.stack(columns(expression, chain))
+    basis = np.stack(evaluate_term(expression, chain))
     size = np.sqrt([[np.mean(column**2)] for column in basis])
     if not np.all(size > 0.0):
         return None
@@ -119,7 +119,7 @@ def _fit_term(
             net_gain += gain - cost
     if not channels:
         return None
-    effect = empirical(f"{PREFIX}{','.join(channels)} ~ {expression}")()
+    effect = empirical_class(f"{PREFIX}{','.join(channels)} ~ {expression}")()
     # Penalty for the number of terms, and of possible frequencies of a tone or times of a step.
     searched = log(len(TERM_LIBRARY) + 2.0)
     if expression.startswith(("cos(2*pi", "step")):

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from hubodo.arrays import Array
-from hubodo.effects import Effect, in_order
+from hubodo.effects import Effect, sort_effects
 from hubodo.gap.problem.problem import NodeData
 from hubodo.model.model_file import Model, ScopedEffect
 
@@ -78,7 +78,7 @@ def effects_on_node(node: NodeData, terms: Iterable[ModelTerm]) -> dict[type[Eff
     for term in sorted(terms, key=lambda term: term.scope not in (ALL, VEHICLE)):
         if term.acts_on(node):
             chosen[type(term.effect)] = term.effect
-    return {type(effect): effect for effect in in_order(chosen.values())}
+    return {type(effect): effect for effect in sort_effects(chosen.values())}
 
 
 def list_scopes(effect: type[Effect], nodes: Sequence[NodeData]) -> list[str]:

@@ -86,7 +86,7 @@ def heading_from_recording(
     notes += [note] if note else []
     effects = dict(options.effects)
     index = "xyz".index(options.axis)
-    rate = triad_from_effects(effects, "gyro").apply(np.nan_to_num(gyro))[:, index]
+    rate = triad_from_effects(effects, "gyro").correct(np.nan_to_num(gyro))[:, index]
     axis = VerticalAxis(t, up * rate, up * gyro[:, index], interpolate_temperature(table, rows))
     model, sigmas = vertical_axis_warmup(effects, options.axis, up, thermometer=axis.temperature is not None)
     if options.standstills:

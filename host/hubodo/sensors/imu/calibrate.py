@@ -72,8 +72,8 @@ def calibrate_imu(
             f"({held_out.rms_before:.2g} m/s² before, {held_out.rms:.2g} after): the accelerometers are "
             "better than these poses show; stand still longer, in more poses"
         )
-    force = accelerometers.triad.apply(standstills.accel)
-    all_force = np.asarray(accelerometers.triad.apply(accel))
+    force = accelerometers.triad.correct(standstills.accel)
+    all_force = np.asarray(accelerometers.triad.correct(accel))
     check_axis_signs(collect_turns(t, gyro, standstills.gyro.mean(axis=0), standstills, force))
     if table_rate is None:
         calibrated = _calibrate_gyro(t, gyro, all_force, standstills, accelerometers, latitude, notes)
@@ -149,7 +149,7 @@ def _calibrate_gyro(
     latitude: float | None,
     notes: list[str],
 ) -> GyroCalibration:
-    force = accel.triad.apply(standstills.accel)
+    force = accel.triad.correct(standstills.accel)
     bias, bias_covariance, g_sensitivity, g_sigma = estimate_static_bias(
         standstills.gyro, standstills.gyro_sigma, force
     )
@@ -245,7 +245,7 @@ def _calibrate_by_earth_rate(
 ) -> GyroCalibration:
     calibration = fit_scalar_calibration(standstills.gyro, EARTH_RATE, standstills.gyro_sigma, name="gyro")
     method = f"Earth rate in {len(standstills)} standstills by the scalar method"
-    rate = calibration.triad.apply(standstills.gyro)
+    rate = calibration.triad.correct(standstills.gyro)
     noise = np.sqrt((standstills.gyro_sigma**2).mean(axis=1))
     check_latitude(force, rate, float(np.sqrt(np.mean(noise**2))), latitude)
     try:

@@ -56,7 +56,7 @@ def cross_validate_accel(
             )
         except CalibrationError:
             continue
-        error[held] = np.linalg.norm(calibration.triad.apply(standstills.accel[held]), axis=1) - gravity
+        error[held] = np.linalg.norm(calibration.triad.correct(standstills.accel[held]), axis=1) - gravity
     finite = np.isfinite(error)
     if not finite.any():
         return None

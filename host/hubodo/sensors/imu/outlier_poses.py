@@ -62,7 +62,7 @@ def _misfit(standstills: Standstills, gravity: float) -> tuple[float, int]:
 def _describe(standstills: Standstills, worst: int, gravity: float) -> str:
     others = np.arange(len(standstills)) != worst
     triad = _fit(standstills.select(others), gravity).triad
-    error = float(np.linalg.norm(triad.apply(standstills.accel[worst]))) - gravity
+    error = float(np.linalg.norm(triad.correct(standstills.accel[worst]))) - gravity
     start, end = standstills.t[worst]
     return (
         f"standstill at {start:.1f}..{end:.1f} s rejected: gravity is {error:+.3g} m/s² "

@@ -5,7 +5,7 @@ import pytest
 
 from gap_runs import write_changed_model
 from hubodo.effects import BY_NAME, EFFECTS
-from hubodo.effects.empirical import empirical
+from hubodo.effects.empirical import empirical_class
 from hubodo.gap.judge.search import build_initial_state
 from hubodo.gap.linear.sensitivity import Direction, DirectionSensitivities
 from hubodo.gap.problem.build import build_problem
@@ -21,7 +21,7 @@ STEP_IN_TYPICAL_SIZES = 1e-6
 MAX_RELATIVE_DIFFERENCE = 1e-3
 """Permitted difference between the derivatives, relative to the largest value of a column."""
 EFFECTS_ON_MEAN = [effect for effect in EFFECTS if effect.visible_in == "mean"]
-EMPIRICAL_TERM = empirical("empirical:gz,ax ~ harmonics(theta)")
+EMPIRICAL_TERM = empirical_class("empirical:gz,ax ~ harmonics(theta)")
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hubodo.effects import BY_NAME
-from hubodo.effects.empirical import PREFIX, empirical
+from hubodo.effects.empirical import PREFIX, empirical_class
 from hubodo.gap.judge.hypothesis import Hypothesis
 from hubodo.gap.judge.posterior import compute_posterior, sum_by_name
 from hubodo.gap.screen.evidence import compute_log_evidence
@@ -14,7 +14,7 @@ SEED = 31
 
 
 def build_hypothesis(name, gain, evidence, scope="left"):
-    kind = empirical(name) if name.startswith(PREFIX) else BY_NAME[name]
+    kind = empirical_class(name) if name.startswith(PREFIX) else BY_NAME[name]
     return Hypothesis(ModelTerm(kind(), scope), gain, evidence, 0.0)
 
 

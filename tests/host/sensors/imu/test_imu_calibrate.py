@@ -237,7 +237,7 @@ def test_the_verb_writes_a_file_that_corrects_the_errors_and_keeps_other_entries
     assert (
         effects["accel_bias"].temperature == (20.0, 25.0) and len(effects["accel_bias"].source_sha256) == 64
     )
-    right = triad_from_effects(effects, "accel").apply(data.accel)
+    right = triad_from_effects(effects, "accel").correct(data.accel)
     assert np.abs((right - data.true_force).mean(axis=0)).max() < 0.01
     shown = json.loads(json.dumps(result.as_json(), allow_nan=False))
     assert shown["accel_norm_held_out"]["after_rms"] < 0.01
@@ -285,7 +285,7 @@ def test_angles_of_the_accelerometers_widen_the_gyros_that_were_judged_by_them()
         data.gyro,
         result.gyro.triad.bias,
         result.standstills,
-        result.accel.triad.apply(result.standstills.accel),
+        result.accel.triad.correct(result.standstills.accel),
     )
     fine, wide = (
         np.diag(accel_frame_covariance(result.gyro.turns, turns, result.standstills, it))
@@ -304,7 +304,7 @@ def test_angles_of_the_accelerometers_widen_the_gyros_that_were_judged_by_them()
         data.gyro,
         result.gyro.triad.bias,
         result.standstills,
-        shifted.apply(result.standstills.accel),
+        shifted.correct(result.standstills.accel),
     )
     again = calibrate_from_turns(
         replace(shifted_turns, earth_slopes=turns.earth_slopes, earth_sigma=turns.earth_sigma),

@@ -35,5 +35,5 @@ def test_the_first_minutes_predict_the_last_rests():
         standstills.select(standstills.t[:, 0] >= 340),
     )
     result = fit_scalar_calibration(first.accel, GRAVITY, first.accel_sigma)
-    error = np.linalg.norm(result.triad.apply(last.accel), axis=1) - GRAVITY
+    error = np.linalg.norm(result.triad.correct(last.accel), axis=1) - GRAVITY
     assert np.sqrt(np.mean(error**2)) < 0.01

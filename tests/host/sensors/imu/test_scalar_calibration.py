@@ -122,7 +122,7 @@ def test_x_first_leaves_sensor_x_on_its_axis_and_measures_the_same_lengths():
     a = fit_scalar_calibration(u, 9.8, sigma)
     b = fit_scalar_calibration(u, 9.8, sigma, convention="x-first")
     assert np.abs(b.triad.matrix[np.triu_indices(3, 1)]).max() == 0
-    lengths = [np.linalg.norm(c.triad.apply(u), axis=1) for c in (a, b)]
+    lengths = [np.linalg.norm(c.triad.correct(u), axis=1) for c in (a, b)]
     assert np.abs(lengths[0] - lengths[1]).max() < 1e-12
 
 

@@ -38,14 +38,14 @@ def test_apply_undoes_the_forward_model_written_out_by_hand(b, e, d, true):
     true = np.array(true)
     triad = triad_effects(b, e, d)
     raw = Errors(b, e, d).measure(true)
-    assert np.allclose(triad.apply(raw), true, atol=1e-12)
-    assert np.allclose(triad.apply(raw[0]), true[0], atol=1e-12)
+    assert np.allclose(triad.correct(raw), true, atol=1e-12)
+    assert np.allclose(triad.correct(raw[0]), true[0], atol=1e-12)
 
 
 def test_the_bias_is_subtracted_before_the_matrix_is_inverted():
     triad = Triad(np.array([1.0, 0, 0]), np.diag([2.0, 1, 1]))
-    assert triad.apply(np.array([5.0, 0, 0]))[0] == 2.0
-    assert triad.apply(np.array([5.5, 0, 0]), np.array([0.5, 0, 0]))[0] == 2.0
+    assert triad.correct(np.array([5.0, 0, 0]))[0] == 2.0
+    assert triad.correct(np.array([5.5, 0, 0]), np.array([0.5, 0, 0]))[0] == 2.0
 
 
 @given(three, three, angles)
