@@ -54,6 +54,14 @@ again,
 and at the first pose, ten are due; they take half a second."""
 
 
+_MAX_SPEED_DELAY_WINDOWS = 2
+"""Windows for which a step waits for surface speeds that arrive live: encoders report ten times a second or
+more often. The state at the newest sample is extrapolated meanwhile."""
+
+_MAX_SPEED_OUTAGE_WINDOWS = 5
+"""Windows without surface speeds after which no step waits for them."""
+
+
 @dataclass(frozen=True, slots=True)
 class WheelSample:
     """One sample of a node. t: s on the log's clock; gyro: rad/s, accel: m/s², node axes, finite."""
@@ -119,7 +127,8 @@ class WheelFilter:
     def __init__(self, config: WheelConfig, speeds: SurfaceSpeeds | None = None) -> None:
         """Start the filter; speeds: surface speeds of another odometer, if the config is encoder-aided."""
         self.config = config
-        self._speeds = speeds or {}
+        self._speeds = dict(speeds or {})
+        self._next_speed_number: int | None = None  # None if speeds do not arrive live
         self.core = FilterCore(config)
         self.recorded_steps: list[StepInput] | None = None
         self._builders = {
@@ -167,6 +176,14 @@ class WheelFilter:
             n_rejected += builder.n_rejected - n_rejected_before
         self._collect_steps(_MAX_NODE_DELAY_WINDOWS)
         return FilterOutput(self._take_steps(), n_rejected)
+
+    def add_surface_speeds(self, speeds: SurfaceSpeeds, next_number: int) -> FilterOutput:
+        """Add surface speeds of complete windows; next_number: first window whose speeds are due later."""
+        first = self._next_number or 0
+        self._speeds = {number: pair for number, pair in self._speeds.items() if number >= first} | speeds
+        self._next_speed_number = next_number
+        self._collect_steps(_MAX_NODE_DELAY_WINDOWS)
+        return FilterOutput(self._take_steps(_MAX_STEPS_PER_SAMPLE))
 
     def finish(self) -> FilterOutput:
         """Process the windows that still wait for a node or the alignment; called after the last sample."""
@@ -243,6 +260,8 @@ class WheelFilter:
             if not filled or (len(filled) < len(queues) and max(map(len, filled)) <= max_delay):
                 break
             number = min(queue[0].number for queue in filled)
+            if max_delay and self._should_await_speeds(number, max(queue[-1].number for queue in filled)):
+                break
             if self._next_number is not None and number > self._next_number:
                 self._align()
                 self._add_outage(self._next_number, number)
@@ -252,6 +271,15 @@ class WheelFilter:
             if len(self._unaligned) >= ALIGNMENT_WINDOWS:
                 self._align()
             self._next_number = number + 1
+
+    def _should_await_speeds(self, number: int, newest: int) -> bool:
+        """Return True if the surface speeds of window `number` are due to arrive soon."""
+        due = self._next_speed_number
+        return (
+            due is not None
+            and due <= number < due + _MAX_SPEED_OUTAGE_WINDOWS
+            and newest < number + _MAX_SPEED_DELAY_WINDOWS
+        )
 
     def _add_outage(self, first: int, end: int) -> None:
         """Add steps for windows `first` to `end` without any node, split where there are surface speeds."""

@@ -26,6 +26,7 @@ from hubodo.fuse.wheel.entries import GYRO_BIAS_X, GYRO_BIAS_Y, GYRO_BIAS_Z
 from hubodo.fuse.wheel.filter import WheelFilter, WheelSample, WheelState
 from hubodo.fuse.wheel.motion_state import MotionState
 from hubodo.fuse.wheel.records import Pose
+from hubodo.fuse.wheel.surface_speeds import SurfaceSpeedAverager, SurfaceSpeeds
 from hubodo.fuse.wheel.window import WINDOW_S
 from hubodo.ingest.live.continuous_odom import ContinuousOdom
 from hubodo.log.records import ImuBlock, Odometry, Sink, Transform
@@ -40,6 +41,15 @@ MAX_WHEEL_WAIT_NS = 3 * NS_PER_S
 
 _MIN_ADVICE_DISTANCE_M = 10.0
 _ADVICE_INTERVAL_WINDOWS = 50
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedSample:
+    """Surface speeds of the left and the right wheel, m/s, from another odometer; t_ns: host time."""
+
+    t_ns: int
+    left: float
+    right: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,10 +100,12 @@ class Odometer:
         *,
         calibration: Calibration | None = None,
         rate_hz: float | None = None,
+        encoder_aided: bool = False,
     ) -> None:
         """Start without samples.
 
-        t_zero_ns: host time of t = 0. rate_hz: maximum rate of poses, None for one per sample. Raises
+        t_zero_ns: host time of t = 0. rate_hz: maximum rate of poses, None for one per sample. encoder_aided:
+        another odometer reports surface speeds to `add_surface_speeds`. Raises
         InputError when the vehicle has no node on a wheel, or two on one wheel, CalibrationError for a
         calibration that does not fit a node.
         """
@@ -110,6 +122,8 @@ class Odometer:
         """Names of the nodes on wheels."""
         self._step_ns = 0 if rate_hz is None else round(NS_PER_S / rate_hz)
         self._waiting: deque[ImuBlock] = deque()
+        self._averager = SurfaceSpeedAverager() if encoder_aided else None
+        self._early_speeds: SurfaceSpeeds = {}
         self._filter: WheelFilter | None = None
         self._last_ns: int | None = None
         self._state: WheelState | None = None
@@ -176,6 +190,21 @@ class Odometer:
         if received != self.wheel_nodes and block.t_ns[-1] - self._waiting[0].t_ns[0] < MAX_WHEEL_WAIT_NS:
             return []
         return self._start_filter()
+
+    def add_surface_speeds(self, sample: SpeedSample) -> None:
+        """Add the surface speeds of another odometer; the next samples of the nodes publish their effect."""
+        if self._averager is None:
+            return
+        t = float(to_seconds(np.array([sample.t_ns], np.int64), self._t_zero_ns)[0])
+        speeds = self._averager.add(t, sample.left, sample.right)
+        if self._filter is None:
+            self._early_speeds |= speeds
+        else:
+            self._pass_speeds_on(self._filter, speeds)
+
+    def _pass_speeds_on(self, wheels: WheelFilter, speeds: SurfaceSpeeds) -> None:
+        if self._averager is not None and self._averager.next_number is not None:
+            self._add_poses(wheels.add_surface_speeds(speeds, self._averager.next_number).poses)
 
     def finish(self) -> list[OdometryRows]:
         """Process the blocks that waited for the other wheel, finish the filter, and return the new rows."""
@@ -254,7 +283,10 @@ class Odometer:
     def _start_filter(self) -> list[OdometryRows]:
         waiting, self._waiting = self._waiting, deque()
         config = self._config(sorted({block.node for block in waiting}))
-        self._filter = WheelFilter(replace(config, start_heading=0.0))
+        config = replace(config, start_heading=0.0, encoder_aided=self._averager is not None)
+        self._filter = WheelFilter(config)
+        self._pass_speeds_on(self._filter, self._early_speeds)
+        self._early_speeds = {}
         rows = [self._filter_block(self._filter, block) for block in waiting]
         return [motion for motion in rows if motion is not None]
 

@@ -20,7 +20,7 @@ from hubodo.ingest.live.latency import LatencyHistogram
 from hubodo.ingest.live.live_map import LiveMap
 from hubodo.ingest.live.localizer import FixSample
 from hubodo.ingest.live.localizer_thread import LocalizerOutput, LocalizerThread
-from hubodo.ingest.live.odometer import Odometer, OdometryRows
+from hubodo.ingest.live.odometer import Odometer, OdometryRows, SpeedSample
 from hubodo.ingest.live.odometry_requests import OdometryRequest, OdometryRequests
 from hubodo.ingest.node.gaps import LinkCounts
 from hubodo.ingest.node.identity import describe_firmware_difference
@@ -72,6 +72,7 @@ class Recorder:
         self.links = {label: LinkSession(label, sink) for label in links}
         self._log_times = LogTimeSequence()
         self.gnss = {label: GnssSession(label, sink, self._log_times) for label in gnss}
+        topic_ports = tuple(topic_ports)
         self.topics = {
             port.label: TopicSession(port, create_handler(port, sink, self._log_times, vehicle), sink)
             for port in topic_ports
@@ -80,7 +81,13 @@ class Recorder:
         """Nodes by link label, node id and number of the board with this id (0 on a serial line)."""
         self.odometer: Odometer | None = None
         if vehicle is not None:
-            self.odometer = Odometer(vehicle, t_zero_ns, calibration=calibration, rate_hz=odometry_rate_hz)
+            self.odometer = Odometer(
+                vehicle,
+                t_zero_ns,
+                calibration=calibration,
+                rate_hz=odometry_rate_hz,
+                encoder_aided=any(port.role == "wheels" for port in topic_ports),
+            )
         self.latency = LatencyHistogram()
         self.notices: list[Event] = []
         """Events for the user; the view removes them once shown."""
@@ -155,6 +162,9 @@ class Recorder:
     def _handle_topic_item(self, item: TopicItem, arrived_ns: int) -> None:
         if isinstance(item, ImuBlock):
             self._update_odometry([item], arrived_ns)
+        elif isinstance(item, SpeedSample):
+            if self.odometer is not None:
+                self.bulkheads.run("odometry", self._handle_speeds, self.odometer, item, arrived_ns)
         else:
             self._forward_to_map([item], arrived_ns)
 
@@ -372,6 +382,10 @@ class Recorder:
         if not self._calibration_check.can_use(odometer, self._find_node(block.node), block.node, arrived_ns):
             return
         self._publish_odometry(odometer.handle(block), arrived_ns)
+
+    def _handle_speeds(self, odometer: Odometer, speeds: SpeedSample, arrived_ns: int) -> None:
+        odometer.add_surface_speeds(speeds)
+        self._publish_odometry([], arrived_ns)
 
     def _publish_odometry(self, motions: Iterable[OdometryRows], arrived_ns: int) -> None:
         for motion in motions:

@@ -15,10 +15,10 @@ from hubodo.calibration.apply import check_serial, find_starts
 from hubodo.calibration.file import Calibration, find_node_serial
 from hubodo.fuse.ranges import node_metadata
 from hubodo.ingest.live.localizer import FixSample, Localizer, MapPose, horizontal_sigma
-from hubodo.ingest.live.odometer import Odometer, OdometryRows
+from hubodo.ingest.live.odometer import Odometer, OdometryRows, SpeedSample
 from hubodo.ingest.replay.odometry_setup import read_odometry_setup
 from hubodo.log import ros2, topics
-from hubodo.log.decode import ChannelDecoder, ChannelRows, normalise_type_name
+from hubodo.log.decode import ChannelDecoder, ChannelRows, normalise_type_name, parse_column_names
 from hubodo.log.hubodo_messages import decode_string_message, parse_events
 from hubodo.log.log_writer import LogWriter
 from hubodo.log.logfile import Log, open_log
@@ -28,6 +28,8 @@ from hubodo.vehicle import Vehicle
 
 Progress = Callable[[str, float], None]
 
+_WHEELS_TOPIC = topics.COLUMNS_PREFIX + topics.WHEELS
+_PlayedItem = ImuBlock | FixSample | LoggedPose | SpeedSample
 _PLAYED_TYPES = (ros2.IMU, ros2.TEMPERATURE, ros2.BATTERY, ros2.NAV_SAT_FIX)
 _NO_FIXES = ChannelDecoder(ros2.NAV_SAT_FIX).rows()
 # Start of the covariances in an Odometry message, bytes from its end.
@@ -65,7 +67,11 @@ class Playback:
                 if name in self._samples.nodes:
                     check_serial(name, node, find_node_serial(metadata, name))
             self.odometer = Odometer(
-                self.vehicle, self.t_zero_ns, calibration=self.calibration, rate_hz=setup.rate_hz
+                self.vehicle,
+                self.t_zero_ns,
+                calibration=self.calibration,
+                rate_hz=setup.rate_hz,
+                encoder_aided=self._samples.has_speeds,
             )
             for name in self._samples.nodes:
                 self.odometer.update_ranges(name, node_metadata(metadata, name))
@@ -93,6 +99,9 @@ class Playback:
             if isinstance(item, FixSample):
                 if localizer is not None:
                     localizer.add_fix(item)
+                continue
+            if isinstance(item, SpeedSample):
+                odometer.add_surface_speeds(item)
                 continue
             if isinstance(item, LoggedPose):
                 odometer.set_pose(*item.pose, np.array(item.covariance, np.float64))
@@ -145,12 +154,27 @@ def to_messages(
         return recorded_messages(path)
 
 
+def _read_speeds(rows: ChannelRows | None, names: list[str]) -> list[tuple[int, SpeedSample]]:
+    """Return the finite surface speeds of a channel with their log times."""
+    if rows is None or not {"left", "right"} <= set(names) or "data" not in rows.values:
+        return []
+    data = rows.values["data"].reshape(len(rows), -1)[:, [names.index("left"), names.index("right")]]
+    return [
+        (log_ns, SpeedSample(t_ns, *pair))
+        for log_ns, t_ns, pair in zip(
+            rows.log_ns.tolist(), rows.publish_ns.tolist(), data.tolist(), strict=True
+        )
+        if np.isfinite(pair).all()
+    ]
+
+
 class _LoggedSamples:
     """Samples, temperatures, supply voltages and power-on times of the nodes in a log, and its fixes."""
 
     def __init__(self, log: Log, progress: Progress | None) -> None:
         decoders: dict[str, ChannelDecoder] = {}
         payloads: list[bytes] = []
+        names: dict[str, str] = {}
         for messages in log.chunks():
             channels = messages.headers["channel"]
             for number in np.unique(channels).tolist():
@@ -163,7 +187,8 @@ class _LoggedSamples:
                     payloads += [
                         decode_string_message(stream.encoding, messages.payload(i)) for i in chosen.tolist()
                     ]
-                elif stream.encoding == "cdr" and kind in _PLAYED_TYPES:
+                elif stream.encoding == "cdr" and (kind in _PLAYED_TYPES or stream.topic == _WHEELS_TOPIC):
+                    names.setdefault(stream.topic, stream.metadata.get("columns", ""))
                     decoders.setdefault(stream.topic, ChannelDecoder(kind)).feed(messages, chosen)
             if progress is not None:
                 progress(f"reading {log.path.name}", log.progress)
@@ -195,18 +220,25 @@ class _LoggedSamples:
                 self._supplies[name] = batteries.publish_ns[order], volts[order]
         self.fixes = rows.get(topics.GNSS_FIX, _NO_FIXES)
         self._poses = read_poses(events)
+        self._speeds = _read_speeds(rows.get(_WHEELS_TOPIC), parse_column_names(names.get(_WHEELS_TOPIC, "")))
         self._power_on_times = {name: find_starts(events, name) for name in self.nodes}
         earliest = [int(channel.publish_ns.min()) for channel in self.nodes.values()]
         self.t_zero_ns = log.t_zero_ns if log.t_zero_ns is not None else min(earliest, default=0)
 
-    def iterate(self) -> Iterator[ImuBlock | FixSample | LoggedPose]:
-        """Yield blocks (samples of one node with one log time), fixes and set poses, as the recorder did."""
-        cuts: list[tuple[int, str, NDArray[np.intp] | LoggedPose]] = [
+    @property
+    def has_speeds(self) -> bool:
+        """True if another odometer reported surface speeds."""
+        return bool(self._speeds)
+
+    def iterate(self) -> Iterator[_PlayedItem]:
+        """Yield blocks (samples of one node with one log time), fixes, speeds and set poses in live order."""
+        cuts: list[tuple[int, str, NDArray[np.intp] | LoggedPose | SpeedSample]] = [
             (log_ns, "", np.array([row]))
             for row, log_ns in enumerate(self.fixes.log_ns.tolist())
             if self.fixes.values["status.status"][row] >= 0.0
         ]
         cuts += [(pose.t_ns, "", pose) for pose in self._poses]
+        cuts += [(log_ns, "", sample) for log_ns, sample in self._speeds]
         for name, channel in self.nodes.items():
             order = np.lexsort((channel.publish_ns, channel.log_ns))
             log_ns = channel.log_ns[order]
@@ -214,7 +246,7 @@ class _LoggedSamples:
             for start, end in itertools.pairwise(edges):
                 cuts.append((int(log_ns[start]), name, order[start:end]))
         for _, name, part in sorted(cuts, key=lambda cut: cut[:2]):
-            if isinstance(part, LoggedPose):
+            if isinstance(part, LoggedPose | SpeedSample):
                 yield part
             else:
                 yield self._build_block(name, part) if name else self._build_fix(int(part[0]))

@@ -9,15 +9,16 @@ from typing import Any, Protocol
 import numpy as np
 
 from hubodo.ingest.live.localizer import FixSample, horizontal_sigma
+from hubodo.ingest.live.odometer import SpeedSample
 from hubodo.ingest.node.log_times import LogTimeSequence
 from hubodo.ingest.topic.port import TopicPort
-from hubodo.log import ros2
+from hubodo.log import ros2, topics
 from hubodo.log.records import Columns, GnssFix, ImuBlock, ImuNoise, Sink
 from hubodo.log.roles import recognise_wheel_joints
 from hubodo.vehicle import Vehicle
 
 Values = Mapping[str, Any]
-TopicItem = ImuBlock | FixSample
+TopicItem = ImuBlock | FixSample | SpeedSample
 """Content of a message that odometry and map use."""
 
 
@@ -123,12 +124,15 @@ class FixHandler:
 class WheelsHandler:
     """Logs surface speeds of the wheels, from joint rates times the radius or from a twist."""
 
-    stream = "wheels"
+    stream = topics.WHEELS
 
-    def __init__(self, vehicle: Vehicle, joints: tuple[str, ...], sink: Sink) -> None:
-        """Start without speeds; joints: names of left and right joint, empty to recognise them."""
+    def __init__(self, vehicle: Vehicle, joints: tuple[str, ...], sink: Sink, order: LogTimeSequence) -> None:
+        """Start without speeds; joints: names of left and right joint, empty to recognise them.
+
+        order: log times, shared with the samples of all nodes.
+        """
         self._radius, self._half_track = vehicle.wheel_radius, 0.5 * vehicle.track_width
-        self._joints, self._sink = joints, sink
+        self._joints, self._sink, self._order = joints, sink, order
 
     def handle(
         self, message_type: str, values: Values, t_ns: int, received_ns: int
@@ -143,8 +147,8 @@ class WheelsHandler:
         if speeds is None or not all(map(math.isfinite, speeds)):
             return None
         columns = {"left": [speeds[0]], "right": [speeds[1]]}
-        self._sink.write_record(Columns("wheels", [t_ns], received_ns, columns))
-        return ()
+        self._sink.write_record(Columns(topics.WHEELS, [t_ns], self._order.next_time(received_ns), columns))
+        return (SpeedSample(t_ns, *speeds),)
 
     def _joint_speeds(self, values: Values) -> tuple[float, float] | None:
         rates = dict(zip(values["name"], values["velocity"], strict=False))
@@ -163,7 +167,7 @@ def create_handler(
     if port.role == "wheels":
         if vehicle is None:
             raise ValueError("wheel speeds need the wheel radius of a vehicle")
-        return WheelsHandler(vehicle, port.joints, sink)
+        return WheelsHandler(vehicle, port.joints, sink, order)
     return ImuHandler(port.label, sink, order)
 
 

@@ -12,6 +12,7 @@ import pytest
 
 import wanted
 from generators.fake_drive import VEHICLE_TOML, short_drive
+from hubodo.ingest.live.odometer import Odometer
 from hubodo.ingest.replay.playback import Playback, recorded_messages, to_messages
 from hubodo.log.recording_reader import read_recording
 from in_process import hubodo
@@ -55,11 +56,17 @@ def samples_of(drive, seconds):
     return sorted(plan, key=lambda row: row[0])
 
 
-def test_two_topics_become_a_log_and_a_track(tmp_path, domain):
+def test_topics_of_two_nodes_and_an_encoder_become_a_log_and_a_track(tmp_path, domain):
     (tmp_path / "vehicle.toml").write_text(VEHICLE_TOML)
     drive = short_drive(5, rate_hz=RATE_HZ)
-    plan = samples_of(drive, 4.5)
-    ports = ("ros2:/left_wheel/imu", "ros2:/right_wheel/imu", "--vehicle", tmp_path / "vehicle.toml")
+    speed = np.interp(np.arange(0.0, 4.5, 0.02), drive.t, drive.speed) / drive.radius
+    joints = [
+        [0.02 * n, "/joints", "joints", {"names": ["l_wheel", "r_wheel"], "velocity": [rate, rate]}]
+        for n, rate in enumerate(speed.tolist())
+    ]
+    plan = sorted([*samples_of(drive, 4.5), *joints], key=lambda row: row[0])
+    ports = ("ros2:/left_wheel/imu", "ros2:/right_wheel/imu", "wheels=ros2:/joints")
+    ports = (*ports, "--vehicle", tmp_path / "vehicle.toml")
     done = record_while_publishing(tmp_path, plan, *ports, "--duration", 7)
     assert done.code == 0, done.err
     result = json.loads(done.out)
@@ -74,8 +81,13 @@ def test_two_topics_become_a_log_and_a_track(tmp_path, domain):
         np.testing.assert_allclose(np.diff(log.nodes[name].t), np.diff(truth.t[rows]), atol=2e-5)
         assert result["links"][name]["frames_damaged"] == 0
     assert result["odometry"]["nodes"] == ["left", "right"] and result["odometry"]["poses"] > 100
+    assert len(log.wheels.t) > 100
+    # The odometry has used the speeds: without them playback gives other poses.
     played = to_messages(Playback(tmp_path / "ride.mcap").publications(), log.t_zero_ns)
     assert played == recorded_messages(tmp_path / "ride.mcap")
+    unaided = Playback(tmp_path / "ride.mcap")
+    unaided.odometer = Odometer(unaided.vehicle, log.t_zero_ns)
+    assert to_messages(unaided.publications(), log.t_zero_ns) != played
 
 
 def test_topics_that_cannot_be_recorded_are_refused_in_one_line(tmp_path, domain):
